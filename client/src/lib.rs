@@ -1,0 +1,1 @@
+//! Streaming client core, renderer and viewer.

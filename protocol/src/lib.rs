@@ -1,0 +1,1 @@
+//! Messages, framing, limits, sans-IO sessions, selection and scheduling.

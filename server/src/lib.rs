@@ -1,0 +1,1 @@
+//! Import, preparation, pack store and the streaming daemon.

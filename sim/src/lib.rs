@@ -1,0 +1,1 @@
+//! Links and clocks in virtual time, scenarios, reports, mesh comparison.
