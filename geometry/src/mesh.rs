@@ -95,10 +95,7 @@ impl UvGrid {
     /// The texture coordinate of an integer point.
     #[must_use]
     pub fn uv(&self, q: [i32; 2]) -> [f64; 2] {
-        [
-            self.origin[0] + self.step[0] * f64::from(q[0]),
-            self.origin[1] + self.step[1] * f64::from(q[1]),
-        ]
+        [self.origin[0] + self.step[0] * f64::from(q[0]), self.origin[1] + self.step[1] * f64::from(q[1])]
     }
 }
 
