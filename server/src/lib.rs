@@ -1,1 +1,3 @@
 //! Import, preparation, pack store and the streaming daemon.
+
+pub mod import;

@@ -1,0 +1,223 @@
+//! OBJ files to one mesh with a material per face.
+
+use std::collections::HashMap;
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+
+use lodestream_geometry::mesh::{Corner, NONE, SourceMesh};
+
+use super::mtl::{self, Library};
+use super::normalise::{Format, Normalised, logical_lines, normalise};
+use super::triangulate::triangulate;
+use super::{ImportError, Imported, MAX_FILE_BYTES, Material, read_file};
+
+/// Most materials of one asset: faces name theirs in 16 bits.
+const MAX_MATERIALS: usize = u16::MAX as usize;
+
+/// Imports an OBJ file and the MTL files that it names, relative to itself.
+///
+/// Objects and groups are merged. A missing or bad MTL file is a warning, and so is a material that
+/// no MTL file defines.
+///
+/// # Errors
+/// Whatever makes the geometry unusable, with the line; see [`ImportError`].
+pub fn import(path: &Path) -> Result<Imported, ImportError> {
+    let bytes = read_file(path, MAX_FILE_BYTES)?;
+    let normalised = normalise(path, &bytes)?;
+    let mut warnings = Vec::new();
+    let mut library = Library::new();
+    for file in libraries(path, &bytes) {
+        mtl::load(&file, &mut library, &mut warnings);
+    }
+    drop(bytes);
+    if normalised.left_out > 0 {
+        warnings.push(format!(
+            "{}: {} points, lines or faces with fewer than 3 corners were left out",
+            path.display(),
+            normalised.left_out
+        ));
+    }
+    let materials = materials(path, &normalised.material_names, &library, &mut warnings)?;
+    let mesh = build(path, normalised)?;
+    Ok(Imported { mesh, materials, warnings })
+}
+
+/// The files that the OBJ file's import reads besides itself: MTL files, then textures, each once,
+/// whether they exist or not.
+///
+/// # Errors
+/// A file that cannot be read.
+pub fn dependencies(path: &Path) -> Result<Vec<PathBuf>, ImportError> {
+    let bytes = read_file(path, MAX_FILE_BYTES)?;
+    let mut files = libraries(path, &bytes);
+    let mut library = Library::new();
+    for file in &files {
+        mtl::load(file, &mut library, &mut Vec::new());
+    }
+    for material in library.into_values() {
+        for texture in [material.color_texture, material.height_texture].into_iter().flatten() {
+            if !files.contains(&texture) {
+                files.push(texture);
+            }
+        }
+    }
+    Ok(files)
+}
+
+/// MTL files named by `mtllib` lines, in order, each once.
+fn libraries(path: &Path, bytes: &[u8]) -> Vec<PathBuf> {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let mut files = Vec::new();
+    for (_, line) in logical_lines(bytes) {
+        let Some(names) = line.strip_prefix("mtllib").filter(|rest| rest.starts_with(char::is_whitespace))
+        else {
+            continue;
+        };
+        // The rest of the line is one name with blanks in it, or several names.
+        let whole = mtl::locate(folder, names);
+        let named = if whole.exists() {
+            vec![whole]
+        } else {
+            names.split_whitespace().map(|name| mtl::locate(folder, name)).collect()
+        };
+        for file in named {
+            if !files.contains(&file) {
+                files.push(file);
+            }
+        }
+    }
+    files
+}
+
+fn materials(
+    path: &Path,
+    names: &[String],
+    library: &Library,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<Material>, ImportError> {
+    if names.len() > MAX_MATERIALS {
+        return Err(ImportError::TooManyMaterials {
+            path: path.to_owned(),
+            count: names.len(),
+            limit: MAX_MATERIALS,
+        });
+    }
+    let mut undefined = Vec::new();
+    let materials = names
+        .iter()
+        .map(|name| {
+            library.get(name).cloned().unwrap_or_else(|| {
+                if !name.is_empty() {
+                    undefined.push(name.as_str());
+                }
+                Material { name: name.clone(), ..Material::default() }
+            })
+        })
+        .collect();
+    if let Some(first) = undefined.first() {
+        warnings.push(format!(
+            "{}: {} materials are in no MTL file and become grey (the first is {first:?})",
+            path.display(),
+            undefined.len()
+        ));
+    }
+    Ok(materials)
+}
+
+/// Runs the parser on the checked text and merges its models.
+fn build(path: &Path, normalised: Normalised) -> Result<SourceMesh, ImportError> {
+    let names = normalised.material_names.len();
+    let options = tobj::LoadOptions { ignore_points: true, ignore_lines: true, ..Default::default() };
+    let mut text =
+        "mtllib names\n".as_bytes().chain(normalised.vertices.as_bytes()).chain(normalised.faces.as_bytes());
+    let (models, _) = tobj::load_obj_buf(&mut text, &options, |_| {
+        // Materials are named by their index here; what they are is none of the parser's business.
+        let materials = (0..names).map(|i| tobj::Material { name: i.to_string(), ..Default::default() });
+        Ok((materials.collect(), (0..names).map(|i| (i.to_string(), i)).collect()))
+    })
+    .map_err(|source| ImportError::Parser { path: path.to_owned(), source })?;
+    drop(normalised);
+
+    let mut merge = Merge::default();
+    for model in models {
+        merge.model(&model);
+    }
+    Ok(merge.mesh)
+}
+
+/// Merges models into one mesh, giving equal values one index: `tobj` numbers each model anew.
+#[derive(Default)]
+struct Merge {
+    mesh: SourceMesh,
+    positions: HashMap<[u64; 3], u32>,
+    uvs: HashMap<[u32; 2], u32>,
+    normals: HashMap<[u32; 3], u32>,
+}
+
+impl Merge {
+    fn model(&mut self, model: &tobj::Model) {
+        let format = Format::from_name(&model.name);
+        let mesh = &model.mesh;
+        // More than MAX_MATERIALS were refused, so the index fits.
+        let material = mesh.material_id.and_then(|id| u16::try_from(id).ok()).unwrap_or(0);
+        let positions: Vec<u32> = mesh.positions.as_chunks().0.iter().map(|p| self.position(*p)).collect();
+        let uvs: Vec<u32> = mesh.texcoords.as_chunks().0.iter().map(|t| self.uv(*t)).collect();
+        let normals: Vec<u32> = mesh.normals.as_chunks().0.iter().map(|n| self.normal(*n)).collect();
+        let corner = |i: usize| Corner {
+            position: positions[mesh.indices[i] as usize],
+            uv: if format.uv { uvs[mesh.texcoord_indices[i] as usize] } else { NONE },
+            normal: if format.normal { normals[mesh.normal_indices[i] as usize] } else { NONE },
+        };
+        // No arities are given where all faces are triangles.
+        let triangles = std::iter::repeat_n(3, mesh.indices.len() / 3);
+        let arities: Vec<usize> = if mesh.face_arities.is_empty() {
+            triangles.collect()
+        } else {
+            mesh.face_arities.iter().map(|&n| n as usize).collect()
+        };
+        let mut first = 0;
+        let mut corners: Vec<Corner> = Vec::new();
+        let mut points: Vec<[f64; 3]> = Vec::new();
+        for arity in arities {
+            corners.clear();
+            corners.extend((first..first + arity).map(corner));
+            points.clear();
+            points.extend(corners.iter().map(|c| self.mesh.positions[c.position as usize]));
+            for triangle in triangulate(&points) {
+                self.mesh.faces.push(triangle.map(|i| corners[i]));
+                self.mesh.materials.push(material);
+            }
+            first += arity;
+        }
+    }
+
+    fn position(&mut self, value: [f64; 3]) -> u32 {
+        // Adding 0 turns −0 into 0, so that they weld.
+        let value = value.map(|x| x + 0.0);
+        let positions = &mut self.mesh.positions;
+        *self.positions.entry(value.map(f64::to_bits)).or_insert_with(|| push(positions, value))
+    }
+
+    fn uv(&mut self, value: [f64; 2]) -> u32 {
+        let value = value.map(|x| x as f32 + 0.0);
+        let uvs = &mut self.mesh.uvs;
+        *self.uvs.entry(value.map(f32::to_bits)).or_insert_with(|| push(uvs, value))
+    }
+
+    /// Normals become unit length; one without a direction counts as not given.
+    fn normal(&mut self, value: [f64; 3]) -> u32 {
+        let length = value.iter().map(|x| x * x).sum::<f64>().sqrt();
+        if length < f64::MIN_POSITIVE {
+            return NONE;
+        }
+        let value = value.map(|x| (x / length) as f32 + 0.0);
+        let normals = &mut self.mesh.normals;
+        *self.normals.entry(value.map(f32::to_bits)).or_insert_with(|| push(normals, value))
+    }
+}
+
+/// Appends a value and returns its index; the counts of lines and corners were checked to fit `u32`.
+fn push<T>(values: &mut Vec<T>, value: T) -> u32 {
+    values.push(value);
+    (values.len() - 1) as u32
+}

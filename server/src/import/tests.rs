@@ -1,0 +1,210 @@
+//! What imports, and what each bad file is told.
+
+use std::path::{Path, PathBuf};
+
+use lodestream_geometry::mesh::NONE;
+use tempfile::TempDir;
+
+use super::{Imported, dependencies, import};
+
+fn write(dir: &TempDir, name: &str, bytes: impl AsRef<[u8]>) -> PathBuf {
+    let path = dir.path().join(name);
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    std::fs::write(&path, bytes).unwrap();
+    path
+}
+
+fn read(obj: &str) -> Imported {
+    let dir = TempDir::new().unwrap();
+    import(&write(&dir, "a.obj", obj)).unwrap()
+}
+
+/// The one line that a file is refused with; every fragment must be in it.
+fn refused(bytes: impl AsRef<[u8]>, fragments: &[&str]) {
+    let dir = TempDir::new().unwrap();
+    let path = write(&dir, "bad.obj", bytes);
+    let message = import(&path).unwrap_err().to_string();
+    assert!(!message.contains('\n'), "{message}");
+    assert!(message.contains("bad.obj"), "{message}");
+    for fragment in fragments {
+        assert!(message.contains(fragment), "{message:?} lacks {fragment:?}");
+    }
+}
+
+const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
+
+#[test]
+fn polygons_become_triangles_and_equal_positions_one() {
+    let mesh = read("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 1 0 -0\nv 2 0 0\nf 1 2 3 4\nf 5 6 3\n").mesh;
+    assert_eq!(mesh.faces.len(), 3);
+    assert_eq!(mesh.positions.len(), 5);
+    assert_eq!(mesh.materials, [0, 0, 0]);
+    assert!(mesh.faces.iter().flatten().all(|c| c.uv == NONE && c.normal == NONE));
+}
+
+#[test]
+fn corners_without_uv_get_none_and_not_their_neighbours() {
+    let mesh = read(&format!("{TRIANGLE}v 1 1 0\nvt 0.5 0.25\nf 1/1 2/1 3/1\nf 2 4 3\nf 1/1 2 4/1\n")).mesh;
+    let has: Vec<bool> = mesh.faces.iter().map(|f| f.iter().all(|c| c.uv != NONE)).collect();
+    assert_eq!(has, [true, false, false]);
+    assert_eq!(mesh.uvs, [[0.5, 0.25]]);
+}
+
+#[test]
+fn objects_groups_and_materials_merge() {
+    let dir = TempDir::new().unwrap();
+    write(
+        &dir,
+        "sub/m.mtl",
+        "newmtl red\nKd 1 0 0\nmap_Kd tex/red.png\nnewmtl unused\nnewmtl blue\nKd 0 0 1\n",
+    );
+    let path = write(
+        &dir,
+        "a.obj",
+        format!(
+            "mtllib sub/m.mtl\no one\n{TRIANGLE}usemtl blue\nf 1 2 3\no two\nv 0 0 1\nusemtl red\nf 1 2 4\ng x\nusemtl blue\nf -4 -2 -1\n"
+        ),
+    );
+    let Imported { mesh, materials, warnings } = import(&path).unwrap();
+    assert!(warnings.is_empty(), "{warnings:?}");
+    let names: Vec<&str> = materials.iter().map(|m| m.name.as_str()).collect();
+    assert_eq!(names, ["blue", "red"]);
+    assert_eq!(materials[1].color_texture.as_deref(), Some(dir.path().join("sub/tex/red.png").as_path()));
+    let used: Vec<&str> = mesh.materials.iter().map(|&m| names[usize::from(m)]).collect();
+    assert_eq!(used.len(), 3);
+    for (face, name) in mesh.faces.iter().zip(used) {
+        let z: f64 = face.iter().map(|c| mesh.positions[c.position as usize][2]).sum();
+        let x: f64 = face.iter().map(|c| mesh.positions[c.position as usize][0]).sum();
+        assert_eq!(name == "red", z > 0.0 && x > 0.0);
+    }
+    let files = dependencies(&path).unwrap();
+    assert_eq!(files, [dir.path().join("sub/m.mtl"), dir.path().join("sub/tex/red.png")]);
+}
+
+#[test]
+fn a_missing_mtl_is_a_warning_and_the_material_grey() {
+    let imported = read(&format!("mtllib no such.mtl\n{TRIANGLE}usemtl x\nf 1 2 3\n"));
+    assert_eq!(imported.materials.len(), 1);
+    assert_eq!(imported.materials[0].base_color, [0.8; 3]);
+    assert!(imported.warnings.iter().any(|w| w.contains("such.mtl") && w.contains("cannot be read")));
+    assert!(imported.warnings.iter().any(|w| w.contains("\"x\"")), "{:?}", imported.warnings);
+}
+
+#[test]
+fn odd_but_legal_files_are_read() {
+    // Byte-order mark, carriage returns, continued lines, weights, colours, comments at the end of
+    // lines, one-dimensional textures, vertices after the faces that use them.
+    let mesh = read(
+        "\u{feff}# x\r\nf 1/1 2/1 \\\r\n  3/1 # the face\r\no late\r\nv 0 0 0 2\r\nv 2 0 0 2 # w\r\nv 0 1 0 1 0 0\r\nvt 0.5\r\n",
+    )
+    .mesh;
+    assert_eq!(mesh.faces.len(), 1);
+    assert_eq!(mesh.positions, [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
+    assert_eq!(mesh.uvs, [[0.5, 0.0]]);
+    assert_eq!(read("v 0 0 0\rv 1 0 0\rv 0 1 0\rf 1 2 3\r").mesh.faces.len(), 1);
+}
+
+#[test]
+fn polylines_are_not_faces() {
+    let imported = read(&format!("{TRIANGLE}v 5 5 5\nl 1 2 4\nf 1 2 3\np 4\nf 1 2\n"));
+    assert_eq!(imported.mesh.faces.len(), 1);
+    assert!(imported.warnings[0].contains("3 points, lines or faces"), "{:?}", imported.warnings);
+}
+
+#[test]
+fn millimetres_survive_an_offset_of_ten_million() {
+    let mesh = read("v 10000000.001 0 0\nv 10000000.002 0 0\nv 10000000.001 1 0\nf 1 2 3\n").mesh;
+    assert_eq!(mesh.positions.len(), 3);
+    assert_eq!(mesh.positions[0][0], 10_000_000.001);
+}
+
+#[test]
+fn normals_are_made_unit_and_zero_ones_dropped() {
+    let mesh = read(&format!("{TRIANGLE}vn 0 0 4\nvn 0 0 0\nf 1//1 2//1 3//2\n")).mesh;
+    assert_eq!(mesh.normals, [[0.0, 0.0, 1.0]]);
+    assert_eq!(mesh.faces[0].map(|c| c.normal), [0, 0, NONE]);
+}
+
+#[test]
+fn a_missing_file_says_so() {
+    let message = import(Path::new("/no/such/file.obj")).unwrap_err().to_string();
+    assert!(message.contains("/no/such/file.obj: cannot be read"), "{message}");
+}
+
+#[test]
+fn a_folder_says_so() {
+    let dir = TempDir::new().unwrap();
+    let message = import(dir.path()).unwrap_err().to_string();
+    assert!(message.contains("not a regular file"), "{message}");
+}
+
+#[test]
+fn empty_files_say_so() {
+    refused("", &["is empty"]);
+    refused("# nothing\n\n", &["has no faces", "only comments"]);
+}
+
+#[test]
+fn points_and_lines_alone_say_so() {
+    refused(format!("{TRIANGLE}p 1 2\nl 1 2 3\nf 1 2\n"), &["has no faces", "only 3 points or lines"]);
+    refused(TRIANGLE, &["has no faces", "3 vertices"]);
+}
+
+#[test]
+fn nan_and_huge_values_name_their_line() {
+    refused(format!("{TRIANGLE}v 0 nan 0\nf 1 2 3\n"), &[":4: vertex", "nan", "finite"]);
+    refused(format!("{TRIANGLE}v 1e39 0 0\nf 1 2 3\n"), &[":4: vertex", "1e39"]);
+    refused(format!("{TRIANGLE}v 1 inf 0\nf 1 2 3\n"), &[":4: vertex", "inf"]);
+    refused(format!("{TRIANGLE}vt 0 -1e300\nf 1 2 3\n"), &[":4: texture coordinate", "-1e300"]);
+    refused(format!("{TRIANGLE}vn 0 0 NaN\nf 1 2 3\n"), &[":4: normal", "NaN"]);
+    refused(format!("{TRIANGLE}v 1 1 1 0\nf 1 2 3\n"), &[":4: vertex divided by its weight"]);
+    refused("v 1 2\nf 1 1 1\n", &[":1: vertex has 2 values"]);
+    refused("v 1 2 x\nf 1 1 1\n", &[":1: vertex has \"x\""]);
+}
+
+#[test]
+fn indices_out_of_range_name_their_line() {
+    refused(format!("{TRIANGLE}f 1 2 4\n"), &[":4: face refers to vertex 4, but the file has 3"]);
+    refused(format!("{TRIANGLE}f 1 2 0\n"), &[":4: face refers to vertex 0", "counts from 1"]);
+    refused(format!("{TRIANGLE}f 1 2 -4\n"), &[":4: face refers to vertex -4", "only 3"]);
+    refused(format!("{TRIANGLE}vt 0 0\nf 1/1 2/2 3/1\n"), &[":5: face refers to texture coordinate 2"]);
+    // The next two wrap around inside tobj.
+    refused(format!("{TRIANGLE}vt 0 0\nf 1/1 2/-2 3/1\n"), &[":5: face refers to texture coordinate -2"]);
+    refused(format!("{TRIANGLE}vt 0 0\nf 1/1 2/-9223372036854775808 3/1\n"), &[":5: face"]);
+    refused(format!("{TRIANGLE}vn 0 0 1\nf 1//1 2//1 3//7\n"), &[":5: face refers to normal 7"]);
+    refused(format!("{TRIANGLE}f 1 2 99999999999999999999\n"), &[":4: face has \"99999999999999999999\""]);
+    refused(format!("{TRIANGLE}f 1 2 a\n"), &[":4: face has \"a\""]);
+    refused(format!("{TRIANGLE}f 1/1/1/1 2 3\n"), &[":4: face"]);
+}
+
+#[test]
+fn random_bytes_are_refused_without_panic() {
+    let mut state = 0x2545_F491_4F6C_DD1Du64;
+    let mut bytes = Vec::new();
+    for _ in 0..1 << 13 {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        bytes.extend(state.to_le_bytes());
+    }
+    refused(&bytes, &["zero byte", "not text"]);
+    bytes.retain(|&b| b != 0);
+    refused(&bytes, &["is it an OBJ file?"]);
+    // Noise of the format's own words: an error or a mesh, never a panic.
+    let words = [
+        "v", "vt", "vn", "f", "usemtl", "\n", "\n", "\\\n", "1", "-1", "2/1", "1//1", "0.5", "nan", "#", "/",
+    ];
+    for seed in 0..500u64 {
+        let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
+        let mut text = TRIANGLE.to_owned();
+        for _ in 0..200 {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            text.push_str(words[(state >> 33) as usize % words.len()]);
+            text.push(' ');
+        }
+        let dir = TempDir::new().unwrap();
+        let _ = import(&write(&dir, "noise.obj", text));
+    }
+}
