@@ -1,3 +1,4 @@
 //! Import, preparation, pack store and the streaming daemon.
 
 pub mod import;
+pub mod texture;

@@ -1,0 +1,154 @@
+//! Halving by a box filter, exactly, for any size.
+//!
+//! The box covers what an output pixel covers, also where a side is odd (Guthe and Heckbert,
+//! "Non-power-of-two mipmapping", 2005): weights are integers, so sums are exact.
+
+use image::{DynamicImage, RgbaImage};
+
+use super::srgb;
+
+/// An image with `N` 16-bit channels, row by row.
+pub(super) struct Plane<const N: usize> {
+    pub(super) width: u32,
+    pub(super) height: u32,
+    pub(super) samples: Vec<[u16; N]>,
+}
+
+/// For each output pixel of one axis: the first input pixel and the weights from there.
+struct Taps {
+    first: usize,
+    weights: Vec<u64>,
+}
+
+fn taps(input: u32, output: u32) -> Vec<Taps> {
+    let (n, m) = (u64::from(input), u64::from(output));
+    // In units of 1/m of an input pixel, output pixel i covers i·n .. (i+1)·n.
+    (0..m)
+        .map(|i| {
+            let (start, end) = (i * n, (i + 1) * n);
+            let first = start / m;
+            let last = end.div_ceil(m);
+            let weights = (first..last).map(|k| end.min((k + 1) * m) - start.max(k * m)).collect();
+            Taps { first: first as usize, weights }
+        })
+        .collect()
+}
+
+impl<const N: usize> Plane<N> {
+    /// Folds each output pixel's input pixels with their weights.
+    fn halve_with(&self, fold: impl Fn(&mut dyn Iterator<Item = (u64, [u16; N])>) -> [u16; N]) -> Self {
+        let (width, height) = ((self.width / 2).max(1), (self.height / 2).max(1));
+        let (columns, rows) = (taps(self.width, width), taps(self.height, height));
+        let stride = self.width as usize;
+        let mut samples = Vec::with_capacity(width as usize * height as usize);
+        for row in &rows {
+            for column in &columns {
+                let mut inputs = row.weights.iter().enumerate().flat_map(|(y, wy)| {
+                    let start = (row.first + y) * stride + column.first;
+                    column.weights.iter().enumerate().map(move |(x, wx)| (wx * wy, self.samples[start + x]))
+                });
+                samples.push(fold(&mut inputs));
+            }
+        }
+        Self { width, height, samples }
+    }
+
+    /// The next coarser level: the mean of each channel.
+    pub(super) fn halve(&self) -> Self {
+        self.halve_with(|inputs| {
+            let (mut sums, mut total) = ([0u64; N], 0u64);
+            for (weight, sample) in inputs {
+                total += weight;
+                for (sum, value) in sums.iter_mut().zip(sample) {
+                    *sum += weight * u64::from(value);
+                }
+            }
+            sums.map(|sum| ((sum + total / 2) / total) as u16)
+        })
+    }
+}
+
+impl Plane<4> {
+    /// Linear light with opacity, of an sRGB image.
+    pub(super) fn from_srgb(image: &RgbaImage) -> Self {
+        let samples = image
+            .pixels()
+            .map(|p| {
+                let [r, g, b, a] = p.0;
+                [srgb::to_linear(r), srgb::to_linear(g), srgb::to_linear(b), u16::from(a) * 257]
+            })
+            .collect();
+        Self { width: image.width(), height: image.height(), samples }
+    }
+
+    /// sRGB bytes with opacity.
+    pub(super) fn to_srgb(&self) -> Vec<u8> {
+        let pixel = |s: &[u16; 4]| {
+            let alpha = (u32::from(s[3]) + 128) / 257;
+            [srgb::from_linear(s[0]), srgb::from_linear(s[1]), srgb::from_linear(s[2]), alpha as u8]
+        };
+        self.samples.iter().flat_map(pixel).collect()
+    }
+
+    /// The next coarser level: colours weighted by opacity, so that the colour of invisible pixels
+    /// does not bleed into visible ones.
+    pub(super) fn halve_premultiplied(&self) -> Self {
+        if self.samples.iter().all(|s| s[3] == u16::MAX) {
+            return self.halve();
+        }
+        self.halve_with(|inputs| {
+            let (mut weighted, mut plain, mut opacity, mut total) = ([0u128; 3], [0u128; 3], 0u128, 0u128);
+            for (weight, [r, g, b, a]) in inputs {
+                let (weight, alpha) = (u128::from(weight), u128::from(a));
+                total += weight;
+                opacity += weight * alpha;
+                for (i, value) in [r, g, b].into_iter().enumerate() {
+                    weighted[i] += weight * alpha * u128::from(value);
+                    plain[i] += weight * u128::from(value);
+                }
+            }
+            let (sums, by) = if opacity > 0 { (weighted, opacity) } else { (plain, total) };
+            let [r, g, b] = sums.map(|sum| ((sum + by / 2) / by) as u16);
+            [r, g, b, ((opacity + total / 2) / total) as u16]
+        })
+    }
+}
+
+impl Plane<1> {
+    /// Heights; 16 bits if `deep`, else values of 8 bits.
+    pub(super) fn from_heights(image: &DynamicImage, deep: bool) -> Self {
+        let samples = if deep {
+            image.to_luma16().into_raw().into_iter().map(|h| [h]).collect()
+        } else {
+            image.to_luma8().into_raw().into_iter().map(|h| [u16::from(h)]).collect()
+        };
+        Self { width: image.width(), height: image.height(), samples }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_input_pixel_counts_alike() {
+        for (input, output) in [(8, 4), (7, 3), (5, 2), (3, 1), (1, 1), (16_384, 8_192), (101, 50)] {
+            let mut weight = vec![0u64; input as usize];
+            for tap in taps(input, output) {
+                assert_eq!(tap.weights.iter().sum::<u64>(), u64::from(input));
+                for (k, w) in tap.weights.iter().enumerate() {
+                    weight[tap.first + k] += w;
+                }
+            }
+            assert!(weight.iter().all(|&w| w == u64::from(output)), "{input} to {output}");
+        }
+    }
+
+    #[test]
+    fn the_mean_is_kept() {
+        let samples: Vec<[u16; 1]> = (0..15).map(|i| [i * 1000]).collect();
+        let half = Plane { width: 5, height: 3, samples }.halve();
+        assert_eq!((half.width, half.height), (2, 1));
+        assert_eq!((half.samples[0][0] + half.samples[1][0]) / 2, 7000);
+    }
+}

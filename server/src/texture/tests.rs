@@ -1,0 +1,144 @@
+//! Sizes, formats, light and refusals.
+
+use image::{GrayImage, ImageFormat, Luma, Rgb, RgbImage, Rgba, RgbaImage};
+use tempfile::TempDir;
+
+use super::*;
+
+fn save(dir: &TempDir, name: &str, image: impl Into<DynamicImage>) -> PathBuf {
+    let path = dir.path().join(name);
+    image.into().save(&path).unwrap();
+    path
+}
+
+fn noise(x: u32, y: u32) -> u8 {
+    (x.wrapping_mul(0x9E37_79B9) ^ y.wrapping_mul(0x85EB_CA6B)).wrapping_mul(0xC2B2_AE35).to_be_bytes()[0]
+}
+
+#[test]
+fn levels_halve_from_coarse_to_fine_and_are_the_same_every_time() {
+    let dir = TempDir::new().unwrap();
+    let image = RgbImage::from_fn(100, 37, |x, y| Rgb([noise(x, y), noise(y, x), 9]));
+    let path = save(&dir, "a.png", image);
+    let texture = load(&path, TextureKind::Color).unwrap();
+    let sizes: Vec<_> = texture
+        .levels
+        .iter()
+        .map(|bytes| image::load_from_memory(bytes).map(|i| (i.width(), i.height())).unwrap())
+        .collect();
+    assert_eq!(sizes, [(6, 2), (12, 4), (25, 9), (50, 18), (100, 37)]);
+    assert_eq!((texture.width_px, texture.height_px, texture.alpha), (100, 37, false));
+    assert_eq!(load(&path, TextureKind::Color).unwrap(), texture);
+}
+
+#[test]
+fn colours_are_averaged_in_linear_light() {
+    let dir = TempDir::new().unwrap();
+    let image = RgbImage::from_fn(16, 16, |x, y| Rgb([if (x + y) % 2 == 0 { 255 } else { 0 }; 3]));
+    let texture = load(&save(&dir, "a.png", image), TextureKind::Color).unwrap();
+    let coarse = image::load_from_memory(&texture.levels[0]).unwrap().to_rgb8();
+    // Half the light is 188 in sRGB, not 128.
+    assert!(coarse.pixels().all(|p| p.0 == [188; 3]), "{:?}", coarse.get_pixel(0, 0));
+}
+
+#[test]
+fn noise_is_jpeg_flat_colour_png_and_transparency_png() {
+    let dir = TempDir::new().unwrap();
+    let format = |texture: &Texture| image::guess_format(texture.levels.last().unwrap()).unwrap();
+    let noisy = RgbImage::from_fn(64, 64, |x, y| Rgb([noise(x, y), noise(y, x), noise(x + 7, y)]));
+    let texture = load(&save(&dir, "n.png", noisy), TextureKind::Color).unwrap();
+    assert_eq!(format(&texture), ImageFormat::Jpeg);
+    let flat = load(&save(&dir, "f.png", RgbImage::new(64, 64)), TextureKind::Color).unwrap();
+    assert_eq!(format(&flat), ImageFormat::Png);
+    let clear = RgbaImage::from_fn(64, 64, |x, y| Rgba([noise(x, y), 0, 0, if x < 32 { 0 } else { 255 }]));
+    let texture = load(&save(&dir, "c.png", clear), TextureKind::Color).unwrap();
+    assert!(texture.alpha);
+    assert_eq!(format(&texture), ImageFormat::Png);
+}
+
+#[test]
+fn invisible_colours_do_not_bleed() {
+    let dir = TempDir::new().unwrap();
+    let image =
+        RgbaImage::from_fn(
+            16,
+            16,
+            |x, _| if x % 2 == 0 { Rgba([200, 0, 0, 255]) } else { Rgba([0, 255, 0, 0]) },
+        );
+    let texture = load(&save(&dir, "a.png", image), TextureKind::Color).unwrap();
+    let coarse = image::load_from_memory(&texture.levels[0]).unwrap().to_rgba8();
+    assert!(coarse.pixels().all(|p| p.0 == [200, 0, 0, 128]), "{:?}", coarse.get_pixel(0, 0));
+}
+
+#[test]
+fn heights_are_lossless_in_their_own_depth() {
+    let dir = TempDir::new().unwrap();
+    let shallow = GrayImage::from_fn(32, 32, |x, y| Luma([noise(x, y)]));
+    let texture = load(&save(&dir, "8.png", shallow.clone()), TextureKind::Height).unwrap();
+    assert_eq!(image::load_from_memory(&texture.levels[2]).unwrap(), DynamicImage::from(shallow));
+    let deep =
+        image::ImageBuffer::<Luma<u16>, _>::from_fn(32, 32, |x, y| Luma([u16::from(noise(x, y)) * 251 + 3]));
+    let texture = load(&save(&dir, "16.png", deep.clone()), TextureKind::Height).unwrap();
+    assert_eq!(image::load_from_memory(&texture.levels[2]).unwrap(), DynamicImage::from(deep));
+    assert_eq!(texture.levels.len(), 3);
+}
+
+#[test]
+fn a_normal_map_is_not_taken_for_heights() {
+    let dir = TempDir::new().unwrap();
+    let path = save(&dir, "n.png", RgbImage::from_pixel(8, 8, Rgb([128, 127, 255])));
+    let message = load(&path, TextureKind::Height).unwrap_err().to_string();
+    assert!(message.contains("normal map"), "{message}");
+}
+
+#[test]
+fn bad_files_say_what_is_wrong_in_one_line() {
+    let dir = TempDir::new().unwrap();
+    let missing = load(&dir.path().join("none.png"), TextureKind::Color).unwrap_err().to_string();
+    assert!(missing.contains("none.png: cannot be read"), "{missing}");
+    let path = dir.path().join("noise.png");
+    std::fs::write(&path, [7; 100]).unwrap();
+    let noise = load(&path, TextureKind::Color).unwrap_err().to_string();
+    assert!(noise.contains("not a readable PNG or JPEG"), "{noise}");
+    let mut truncated = Vec::new();
+    let image = DynamicImage::from(RgbImage::from_fn(64, 64, |x, y| Rgb([noise_of(x), noise_of(y), 0])));
+    image.write_to(&mut Cursor::new(&mut truncated), ImageFormat::Png).unwrap();
+    truncated.truncate(truncated.len() / 2);
+    std::fs::write(&path, truncated).unwrap();
+    let cut = load(&path, TextureKind::Color).unwrap_err().to_string();
+    assert!(cut.contains("noise.png") && !cut.contains('\n'), "{cut}");
+}
+
+fn noise_of(x: u32) -> u8 {
+    noise(x, x + 1)
+}
+
+#[test]
+fn absurd_sizes_are_refused_before_decoding() {
+    let dir = TempDir::new().unwrap();
+    for (width, height) in [(MAX_SIDE_PX + 1, 1), (MAX_SIDE_PX, MAX_SIDE_PX)] {
+        // A PNG header is enough: nothing behind it may be read.
+        let mut header = Vec::new();
+        png_header(&mut header, width, height);
+        let path = dir.path().join("huge.png");
+        std::fs::write(&path, header).unwrap();
+        let error = load(&path, TextureKind::Color).unwrap_err();
+        assert!(matches!(error, TextureError::TooLarge { .. }), "{error}");
+        assert!(error.to_string().contains("scale it down"));
+    }
+}
+
+fn png_header(out: &mut Vec<u8>, width: u32, height: u32) {
+    let tiny = RgbImage::new(1, 1);
+    DynamicImage::from(tiny).write_to(&mut Cursor::new(&mut *out), ImageFormat::Png).unwrap();
+    out[16..20].copy_from_slice(&width.to_be_bytes());
+    out[20..24].copy_from_slice(&height.to_be_bytes());
+    let crc = crc32(&out[12..29]);
+    out[29..33].copy_from_slice(&crc.to_be_bytes());
+}
+
+fn crc32(bytes: &[u8]) -> u32 {
+    let mut crc = flate2::Crc::new();
+    crc.update(bytes);
+    crc.sum()
+}
