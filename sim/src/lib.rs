@@ -1,3 +1,12 @@
 //! Links and clocks in virtual time, scenarios, reports, mesh comparison.
 
+pub mod clock;
+pub mod link;
 pub mod measure;
+pub mod stream_pipe;
+pub mod tcp;
+pub mod trace;
+pub mod udp;
+
+#[cfg(test)]
+mod udp_with_quinn;
