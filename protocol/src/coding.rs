@@ -1,0 +1,119 @@
+//! The one bincode configuration, with its limits and the check that nothing is left over.
+
+use bincode::config::{Configuration, Limit, LittleEndian, Varint};
+use bincode::de::{Decode, Decoder};
+use bincode::enc::{Encode, Encoder};
+use bincode::error::{DecodeError, EncodeError};
+
+use crate::limits::{MAX_DECODED_BYTES, MAX_DESCRIPTION_BYTES};
+
+type Limited<const N: usize> = Configuration<LittleEndian, Varint, Limit<N>>;
+
+const MESSAGE: Limited<MAX_DECODED_BYTES> = bincode::config::standard().with_limit::<MAX_DECODED_BYTES>();
+const DESCRIPTION: Limited<{ 4 * MAX_DESCRIPTION_BYTES }> =
+    bincode::config::standard().with_limit::<{ 4 * MAX_DESCRIPTION_BYTES }>();
+
+/// Why bytes are not the value they should be.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum CodingError {
+    /// The bytes end early, hold an unknown variant or exceed a limit.
+    #[error("{0}")]
+    Malformed(String),
+    /// Bytes are left over.
+    #[error("{left} bytes are left over at the end")]
+    TrailingBytes {
+        /// How many.
+        left: usize,
+    },
+    /// More bytes than allowed.
+    #[error("{bytes} bytes, but at most {limit} are allowed")]
+    TooLong {
+        /// How many.
+        bytes: usize,
+        /// How many may be.
+        limit: usize,
+    },
+    /// A value out of its range.
+    #[error("{0}")]
+    OutOfRange(&'static str),
+}
+
+impl From<DecodeError> for CodingError {
+    fn from(error: DecodeError) -> Self {
+        // The crate's own texts print whole types; a peer's operator needs the gist only.
+        Self::Malformed(match error {
+            DecodeError::UnexpectedEnd { .. } => "the bytes end too early".to_owned(),
+            DecodeError::LimitExceeded => "a length exceeds its limit".to_owned(),
+            DecodeError::UnexpectedVariant { type_name, .. } => format!("unknown variant of {type_name}"),
+            other => other.to_string(),
+        })
+    }
+}
+
+impl From<EncodeError> for CodingError {
+    fn from(error: EncodeError) -> Self {
+        Self::Malformed(error.to_string())
+    }
+}
+
+/// Appends the encoding of a control message's body.
+pub(crate) fn encode_message<T: Encode>(value: &T, out: &mut Vec<u8>) -> Result<(), CodingError> {
+    bincode::encode_into_std_write(value, out, MESSAGE)?;
+    Ok(())
+}
+
+/// Decodes a control message's body, all of it.
+pub(crate) fn decode_message<T: Decode<()>>(bytes: &[u8]) -> Result<T, CodingError> {
+    let (value, used) = bincode::decode_from_slice(bytes, MESSAGE)?;
+    consumed(value, used, bytes.len())
+}
+
+/// Encodes an asset description.
+pub(crate) fn encode_description<T: Encode>(value: &T) -> Result<Vec<u8>, CodingError> {
+    let bytes = bincode::encode_to_vec(value, DESCRIPTION)?;
+    if bytes.len() > MAX_DESCRIPTION_BYTES {
+        return Err(CodingError::TooLong { bytes: bytes.len(), limit: MAX_DESCRIPTION_BYTES });
+    }
+    Ok(bytes)
+}
+
+/// Decodes an asset description, all of it.
+pub(crate) fn decode_description<T: Decode<()>>(bytes: &[u8]) -> Result<T, CodingError> {
+    if bytes.len() > MAX_DESCRIPTION_BYTES {
+        return Err(CodingError::TooLong { bytes: bytes.len(), limit: MAX_DESCRIPTION_BYTES });
+    }
+    let (value, used) = bincode::decode_from_slice(bytes, DESCRIPTION)?;
+    consumed(value, used, bytes.len())
+}
+
+fn consumed<T>(value: T, used: usize, length: usize) -> Result<T, CodingError> {
+    // bincode accepts trailing bytes in silence.
+    if used == length { Ok(value) } else { Err(CodingError::TrailingBytes { left: length - used }) }
+}
+
+/// True where the value survives a trip through f32.
+fn fits_f32(value: f64) -> bool {
+    #[allow(clippy::cast_possible_truncation)]
+    let short = value as f32;
+    f64::from(short) == value
+}
+
+/// True where a vector survives a trip through f32; callers keep that as a flag.
+pub(crate) fn vector_fits_f32(v: &[f64; 3]) -> bool {
+    v.iter().all(|&x| fits_f32(x))
+}
+
+/// Encodes a vector in 12 bytes where `short`, else in 24.
+pub(crate) fn encode_vector<E: Encoder>(v: &[f64; 3], short: bool, e: &mut E) -> Result<(), EncodeError> {
+    if short {
+        #[allow(clippy::cast_possible_truncation)]
+        v.map(|x| x as f32).encode(e)
+    } else {
+        v.encode(e)
+    }
+}
+
+/// Inverse of [`encode_vector`].
+pub(crate) fn decode_vector<D: Decoder>(short: bool, d: &mut D) -> Result<[f64; 3], DecodeError> {
+    if short { Ok(<[f32; 3]>::decode(d)?.map(f64::from)) } else { <[f64; 3]>::decode(d) }
+}

@@ -1,0 +1,356 @@
+//! Frames: the bytes of messages and of blob pieces.
+//!
+//! A frame is `tag (1 byte) · length (QUIC variable-length integer, RFC 9000 §16) · body`. Bit 7 of the
+//! tag marks messages that a peer may skip where it does not know them; other unknown tags are refused.
+//! On WebSocket, one binary message carries exactly one frame; on QUIC control streams frames follow
+//! each other ([`FrameReader`]).
+
+use bytes::Bytes;
+
+use crate::blob::BlobId;
+pub use crate::coding::CodingError;
+use crate::coding::{decode_message, encode_message};
+use crate::limits::{MAX_BLOB_BYTES, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, MAX_PIECE_BYTES};
+use crate::message::{ClientMessage, ServerMessage};
+
+/// Bit of a tag that lets a peer skip the message if the tag is unknown to it.
+pub const OPTIONAL: u8 = 0x80;
+
+mod tag {
+    use super::OPTIONAL;
+    pub(super) const HELLO: u8 = 0x01;
+    pub(super) const WANT: u8 = 0x02;
+    pub(super) const CANCEL: u8 = 0x03;
+    pub(super) const SET_VIEW: u8 = 0x04 | OPTIONAL;
+    pub(super) const WANT_SCENE_PAGES: u8 = 0x05;
+    pub(super) const PING: u8 = 0x06;
+    pub(super) const BYE: u8 = 0x07;
+    pub(super) const WELCOME: u8 = 0x41;
+    pub(super) const SCENE_PAGE: u8 = 0x42;
+    pub(super) const REFUSED: u8 = 0x43;
+    pub(super) const BASES_SENT: u8 = 0x44 | OPTIONAL;
+    pub(super) const DONE: u8 = 0x45 | OPTIONAL;
+    pub(super) const PONG: u8 = 0x46;
+    pub(super) const CLOSE: u8 = 0x47;
+    pub(super) const PIECE: u8 = 0x48;
+}
+
+/// Why a frame is refused. The session that hears of it should be closed with
+/// [`crate::message::CloseCode::Protocol`] or [`crate::message::CloseCode::Limit`].
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum FrameError {
+    /// The frame ends early.
+    #[error("a frame ends early")]
+    Truncated,
+    /// Bytes follow the frame where there must be none.
+    #[error("{0} bytes follow a frame")]
+    TrailingBytes(usize),
+    /// A tag that is unknown and not marked optional.
+    #[error("unknown message {0:#04x}")]
+    UnknownTag(u8),
+    /// Longer than allowed.
+    #[error("a message of {bytes} bytes, but at most {limit} are allowed")]
+    TooLong {
+        /// Its length.
+        bytes: u64,
+        /// How much may be.
+        limit: usize,
+    },
+    /// The body is not what the tag says.
+    #[error("malformed {what}: {why}")]
+    Body {
+        /// Name of the message.
+        what: &'static str,
+        /// What is wrong.
+        why: CodingError,
+    },
+}
+
+impl FrameError {
+    /// The code to close with.
+    #[must_use]
+    pub fn close_code(&self) -> crate::message::CloseCode {
+        match self {
+            Self::TooLong { .. } => crate::message::CloseCode::Limit,
+            _ => crate::message::CloseCode::Protocol,
+        }
+    }
+}
+
+/// Part of a blob. Pieces of one blob are sent in order and do not overlap.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct BlobPiece {
+    /// The blob.
+    pub id: BlobId,
+    /// Offset of the piece within the blob, in bytes.
+    pub offset: u32,
+    /// Length of the whole blob, in bytes.
+    pub total: u32,
+    /// The bytes. They may be a slice of a larger buffer and keep that alive.
+    pub bytes: Bytes,
+}
+
+impl BlobPiece {
+    /// Whether this piece ends its blob.
+    #[must_use]
+    pub fn is_last(&self) -> bool {
+        u64::from(self.offset) + self.bytes.len() as u64 >= u64::from(self.total)
+    }
+
+    fn check(&self) -> Result<(), CodingError> {
+        if self.total > MAX_BLOB_BYTES {
+            return Err(CodingError::OutOfRange("the blob is too long"));
+        }
+        if self.bytes.len() > MAX_PIECE_BYTES {
+            return Err(CodingError::TooLong { bytes: self.bytes.len(), limit: MAX_PIECE_BYTES });
+        }
+        if u64::from(self.offset) + self.bytes.len() as u64 > u64::from(self.total) {
+            return Err(CodingError::OutOfRange("the piece reaches beyond its blob"));
+        }
+        if self.bytes.is_empty() && self.total > 0 {
+            return Err(CodingError::OutOfRange("the piece is empty"));
+        }
+        Ok(())
+    }
+}
+
+/// What a frame from the server holds.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ServerFrame {
+    /// A control message.
+    Message(ServerMessage),
+    /// A piece of a blob (WebSocket only; on QUIC blobs have their own streams).
+    Piece(BlobPiece),
+}
+
+/// One frame, its body not decoded yet.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Frame {
+    tag: u8,
+    body: Bytes,
+}
+
+/// Appends a length of up to 2^30 − 1 in 1, 2 or 4 bytes (RFC 9000 §16).
+pub(crate) fn put_length(length: usize, out: &mut Vec<u8>) {
+    // The bounds make the casts exact; longer bodies are refused by every caller beforehand.
+    #[allow(clippy::cast_possible_truncation)]
+    match length {
+        0..0x40 => out.push(length as u8),
+        0x40..0x4000 => out.extend_from_slice(&(length as u16 | 0x4000).to_be_bytes()),
+        _ => out.extend_from_slice(&((length as u32 & 0x3FFF_FFFF) | 0x8000_0000).to_be_bytes()),
+    }
+}
+
+/// Reads a length; gives it and the bytes it took, or `None` where more bytes are needed. The 8-byte
+/// form is read (and then refused as too long), so that the refusal can name the length.
+pub(crate) fn get_length(bytes: &[u8]) -> Option<(u64, usize)> {
+    let first = *bytes.first()?;
+    let size = 1_usize << (first >> 6);
+    let mut value = u64::from(first & 0x3F);
+    for &byte in bytes.get(1..size)? {
+        value = value << 8 | u64::from(byte);
+    }
+    Some((value, size))
+}
+
+impl Frame {
+    /// Splits the first frame off `bytes`; gives it and its length, or `None` where more are needed.
+    fn split(bytes: &[u8]) -> Result<Option<(u8, std::ops::Range<usize>)>, FrameError> {
+        let Some(&tag) = bytes.first() else { return Ok(None) };
+        let Some((length, size)) = get_length(&bytes[1..]) else { return Ok(None) };
+        let limit = MAX_MESSAGE_BYTES;
+        let length = usize::try_from(length)
+            .ok()
+            .filter(|&n| n <= limit)
+            .ok_or(FrameError::TooLong { bytes: length, limit })?;
+        let start = 1 + size;
+        Ok((bytes.len() - start >= length).then_some((tag, start..start + length)))
+    }
+
+    /// Reads a frame that fills `bytes` exactly (one WebSocket message).
+    ///
+    /// # Errors
+    /// Refuses frames that are truncated, too long or followed by more bytes.
+    pub fn parse(bytes: Bytes) -> Result<Self, FrameError> {
+        let (tag, body) = Self::split(&bytes)?.ok_or(FrameError::Truncated)?;
+        if body.end < bytes.len() {
+            return Err(FrameError::TrailingBytes(bytes.len() - body.end));
+        }
+        Ok(Self { tag, body: bytes.slice(body) })
+    }
+
+    /// Decodes a frame from a client. `None`: an unknown message that may be skipped.
+    ///
+    /// # Errors
+    /// Refuses unknown messages that are not optional, and malformed bodies.
+    pub fn into_client_message(self) -> Result<Option<ClientMessage>, FrameError> {
+        let body = &self.body;
+        let message = match self.tag {
+            tag::HELLO => ClientMessage::Hello(decode("Hello", body)?),
+            tag::WANT => ClientMessage::Want(decode("Want", body)?),
+            tag::CANCEL => ClientMessage::Cancel(decode("Cancel", body)?),
+            tag::SET_VIEW => ClientMessage::SetView(decode("SetView", body)?),
+            tag::WANT_SCENE_PAGES => ClientMessage::WantScenePages(decode("WantScenePages", body)?),
+            tag::PING => ClientMessage::Ping(decode("Ping", body)?),
+            tag::BYE => decode::<()>("Bye", body).map(|()| ClientMessage::Bye)?,
+            unknown if unknown & OPTIONAL != 0 => return Ok(None),
+            unknown => return Err(FrameError::UnknownTag(unknown)),
+        };
+        let checked = message.check();
+        checked.map_err(|why| FrameError::Body { what: "message", why: CodingError::OutOfRange(why) })?;
+        Ok(Some(message))
+    }
+
+    /// Decodes a frame from a server. `None`: an unknown message that may be skipped.
+    ///
+    /// # Errors
+    /// Refuses unknown messages that are not optional, and malformed bodies.
+    pub fn into_server_frame(self) -> Result<Option<ServerFrame>, FrameError> {
+        let body = &self.body;
+        let message = match self.tag {
+            tag::WELCOME => ServerMessage::Welcome(decode("Welcome", body)?),
+            tag::SCENE_PAGE => ServerMessage::ScenePage(decode("ScenePage", body)?),
+            tag::REFUSED => ServerMessage::Refused(decode("Refused", body)?),
+            tag::BASES_SENT => decode::<()>("BasesSent", body).map(|()| ServerMessage::BasesSent)?,
+            tag::DONE => decode::<()>("Done", body).map(|()| ServerMessage::Done)?,
+            tag::PONG => ServerMessage::Pong(decode("Pong", body)?),
+            tag::CLOSE => ServerMessage::Close(decode("Close", body)?),
+            tag::PIECE => return Self::piece(&self.body).map(|piece| Some(ServerFrame::Piece(piece))),
+            unknown if unknown & OPTIONAL != 0 => return Ok(None),
+            unknown => return Err(FrameError::UnknownTag(unknown)),
+        };
+        let checked = message.check();
+        checked.map_err(|why| FrameError::Body { what: "message", why: CodingError::OutOfRange(why) })?;
+        Ok(Some(ServerFrame::Message(message)))
+    }
+
+    /// A piece: length of the head, head, bytes. The bytes are not copied.
+    fn piece(body: &Bytes) -> Result<BlobPiece, FrameError> {
+        let head = usize::from(*body.first().ok_or(FrameError::Truncated)?);
+        let end = 1 + head;
+        let head = body.get(1..end).ok_or(FrameError::Truncated)?;
+        let (id, offset, total) = decode("piece", head)?;
+        let piece = BlobPiece { id, offset, total, bytes: body.slice(end..) };
+        piece.check().map_err(|why| FrameError::Body { what: "piece", why })?;
+        Ok(piece)
+    }
+}
+
+fn decode<T: bincode::Decode<()>>(what: &'static str, body: &[u8]) -> Result<T, FrameError> {
+    decode_message(body).map_err(|why| FrameError::Body { what, why })
+}
+
+fn frame<T: bincode::Encode>(what: &'static str, tag: u8, body: &T) -> Result<Vec<u8>, FrameError> {
+    let mut bytes = Vec::new();
+    encode_message(body, &mut bytes).map_err(|why| FrameError::Body { what, why })?;
+    wrap(tag, &bytes)
+}
+
+fn wrap(tag: u8, body: &[u8]) -> Result<Vec<u8>, FrameError> {
+    if body.len() > MAX_MESSAGE_BYTES {
+        return Err(FrameError::TooLong { bytes: body.len() as u64, limit: MAX_MESSAGE_BYTES });
+    }
+    let mut out = Vec::with_capacity(body.len() + 5);
+    out.push(tag);
+    put_length(body.len(), &mut out);
+    out.extend_from_slice(body);
+    Ok(out)
+}
+
+/// The frame of a client's message.
+///
+/// # Errors
+/// Refuses messages that [`Frame::into_client_message`] would refuse.
+pub fn encode_client(message: &ClientMessage) -> Result<Vec<u8>, FrameError> {
+    let checked = message.check();
+    checked.map_err(|why| FrameError::Body { what: "message", why: CodingError::OutOfRange(why) })?;
+    match message {
+        ClientMessage::Hello(hello) => frame("Hello", tag::HELLO, hello),
+        ClientMessage::Want(wants) => frame("Want", tag::WANT, wants),
+        ClientMessage::Cancel(ids) => frame("Cancel", tag::CANCEL, ids),
+        ClientMessage::SetView(view) => frame("SetView", tag::SET_VIEW, view),
+        ClientMessage::WantScenePages(pages) => frame("WantScenePages", tag::WANT_SCENE_PAGES, pages),
+        ClientMessage::Ping(nonce) => frame("Ping", tag::PING, nonce),
+        ClientMessage::Bye => frame("Bye", tag::BYE, &()),
+    }
+}
+
+/// The frame of a server's message.
+///
+/// # Errors
+/// Refuses messages that [`Frame::into_server_frame`] would refuse.
+pub fn encode_server(message: &ServerMessage) -> Result<Vec<u8>, FrameError> {
+    let checked = message.check();
+    checked.map_err(|why| FrameError::Body { what: "message", why: CodingError::OutOfRange(why) })?;
+    match message {
+        ServerMessage::Welcome(welcome) => frame("Welcome", tag::WELCOME, welcome),
+        ServerMessage::ScenePage(page) => frame("ScenePage", tag::SCENE_PAGE, page),
+        ServerMessage::Refused(refused) => frame("Refused", tag::REFUSED, refused),
+        ServerMessage::BasesSent => frame("BasesSent", tag::BASES_SENT, &()),
+        ServerMessage::Done => frame("Done", tag::DONE, &()),
+        ServerMessage::Pong(nonce) => frame("Pong", tag::PONG, nonce),
+        ServerMessage::Close(close) => frame("Close", tag::CLOSE, close),
+    }
+}
+
+/// The frame of a blob piece (WebSocket only).
+///
+/// # Errors
+/// Refuses pieces longer than [`MAX_PIECE_BYTES`] or beyond their blob.
+pub fn encode_piece(piece: &BlobPiece) -> Result<Vec<u8>, FrameError> {
+    piece.check().map_err(|why| FrameError::Body { what: "piece", why })?;
+    let mut body = vec![0];
+    encode_message(&(piece.id, piece.offset, piece.total), &mut body)
+        .map_err(|why| FrameError::Body { what: "piece", why })?;
+    // An id takes at most 11 bytes, the numbers 5 each.
+    #[allow(clippy::cast_possible_truncation)]
+    let head = (body.len() - 1) as u8;
+    body[0] = head;
+    body.extend_from_slice(&piece.bytes);
+    wrap(tag::PIECE, &body)
+}
+
+/// Cuts a byte stream (a QUIC control stream) into frames.
+///
+/// Holds at most one frame that is not complete yet, [`MAX_FRAME_BYTES`], beside what was last pushed.
+#[derive(Debug, Default)]
+pub struct FrameReader {
+    buffer: Vec<u8>,
+    /// Bytes at the front of the buffer that are done with.
+    used: usize,
+}
+
+impl FrameReader {
+    /// A reader at the start of a stream.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Takes bytes of the stream. Call [`FrameReader::next_frame`] until it gives `None` before pushing more.
+    pub fn push(&mut self, bytes: &[u8]) {
+        self.buffer.drain(..self.used);
+        self.used = 0;
+        self.buffer.extend_from_slice(bytes);
+    }
+
+    /// The next complete frame, if there is one.
+    ///
+    /// # Errors
+    /// Refuses frames that are too long; the stream cannot be read on after that.
+    pub fn next_frame(&mut self) -> Result<Option<Frame>, FrameError> {
+        let rest = &self.buffer[self.used..];
+        let Some((tag, body)) = Frame::split(rest)? else { return Ok(None) };
+        let end = body.end;
+        let frame = Frame { tag, body: Bytes::copy_from_slice(&rest[body]) };
+        self.used += end;
+        Ok(Some(frame))
+    }
+
+    /// Bytes that are held and belong to no complete frame. Not zero at a stream's end: it was cut.
+    #[must_use]
+    pub fn pending(&self) -> usize {
+        debug_assert!(self.buffer.len() - self.used <= MAX_FRAME_BYTES || self.used == 0);
+        self.buffer.len() - self.used
+    }
+}

@@ -1,0 +1,242 @@
+//! Control messages: what the two peers say to each other beside the blobs themselves.
+
+use bincode::{Decode, Encode};
+
+use crate::blob::BlobId;
+use crate::limits::{MAX_HAVE, MAX_IDS_PER_MESSAGE, MAX_NAME_BYTES, MAX_PAGES_PER_MESSAGE, MAX_REASON_BYTES};
+use crate::scene::{Fingerprint, SceneHeader, ScenePage};
+use crate::view::View;
+
+/// Versions of the protocol that this crate speaks.
+pub const VERSIONS: std::ops::RangeInclusive<u16> = 1..=1;
+
+/// From client to server.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ClientMessage {
+    /// Opens the session; first, once.
+    Hello(Hello),
+    /// Asks for blobs, or changes the priority of blobs asked for. Blobs already sent are not sent
+    /// again, unless a `Cancel` came between.
+    Want(Vec<Want>),
+    /// Takes requests back. What has been handed to the transport still arrives; in any case the server
+    /// forgets that it sent these blobs, so a client that evicts a blob cancels it as well.
+    Cancel(Vec<BlobId>),
+    /// The view has changed; orders what the server sends unasked.
+    SetView(View),
+    /// Asks for pages of the scene description ahead of their turn.
+    WantScenePages(Vec<u32>),
+    /// Shows that the client is alive; answered by `Pong` at once.
+    Ping(u32),
+    /// The client leaves.
+    Bye,
+}
+
+/// A client's first message.
+#[derive(Clone, Debug, PartialEq, Encode, Decode)]
+pub struct Hello {
+    /// Lowest version that the client speaks.
+    pub version_min: u16,
+    /// Highest version that the client speaks.
+    pub version_max: u16,
+    /// Name of the scene; empty for the server's default.
+    pub scene: String,
+    /// What the client looks at; `None` for the scene's start view.
+    pub view: Option<View>,
+    /// Longest blob that the client takes, in bytes.
+    pub max_blob_bytes: u32,
+    /// Bytes that the client can hold in all; the server sends no more than this unasked.
+    pub budget_bytes: u64,
+    /// Fingerprint of the scene that `have` is about.
+    pub fingerprint: Fingerprint,
+    /// Blobs that the client still has from an earlier session, which are not sent unasked.
+    pub have: Vec<BlobId>,
+}
+
+/// One request: a blob and its priority, higher first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
+pub struct Want {
+    /// The blob.
+    pub id: BlobId,
+    /// Higher is sent first; see [`crate::select::Priority`].
+    pub priority: u32,
+}
+
+/// From server to client.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ServerMessage {
+    /// Opens the session; first, once, perhaps before the `Hello` was heard.
+    Welcome(Welcome),
+    /// A page of the scene description.
+    ScenePage(ScenePage),
+    /// A blob that was asked for will not come.
+    Refused(Refused),
+    /// All visible instances' base meshes and the pages that place them have been handed over, for the
+    /// view last known. Informative: on QUIC it may overtake blobs.
+    BasesSent,
+    /// Nothing is queued: everything asked for has been handed over.
+    Done,
+    /// Answers a `Ping`.
+    Pong(u32),
+    /// The server ends the session.
+    Close(Close),
+}
+
+/// A server's first message.
+#[derive(Clone, Debug, PartialEq, Encode, Decode)]
+pub struct Welcome {
+    /// Version that the server speaks. The client closes if it cannot.
+    pub version: u16,
+    /// Number of the session, for logs.
+    pub session: u64,
+    /// Rate that the limiter admits, in bits per second; 0 for unlimited.
+    pub rate_bits_per_s: u64,
+    /// Silence after which the server closes, in milliseconds. The client pings well before that.
+    pub idle_timeout_ms: u32,
+    /// The scene.
+    pub scene: SceneHeader,
+}
+
+/// A request that is not granted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
+pub struct Refused {
+    /// The blob.
+    pub id: BlobId,
+    /// Why.
+    pub reason: RefusedReason,
+}
+
+/// Why a blob is not sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
+pub enum RefusedReason {
+    /// There is no such blob.
+    NotFound,
+    /// The server cannot read it, now.
+    Unreadable,
+    /// Too many requests are queued; ask again later.
+    QueueFull,
+    /// It is longer than the client's `max_blob_bytes`.
+    TooLong,
+}
+
+/// Why a session ends. The number is the application error code on QUIC.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Encode, Decode)]
+pub enum CloseCode {
+    /// The peer said `Bye`, or the user left.
+    Normal,
+    /// The server shuts down; connect again later.
+    ShuttingDown,
+    /// No common version.
+    Version,
+    /// No such scene.
+    NoSuchScene,
+    /// Bytes that are not a message, or a message out of turn.
+    Protocol,
+    /// A limit was exceeded.
+    Limit,
+    /// Nothing was heard for too long, or nothing could be sent for too long.
+    Timeout,
+    /// The server is full.
+    Busy,
+    /// The transport failed. Never sent.
+    Lost,
+}
+
+impl CloseCode {
+    /// All codes, in numeric order.
+    pub const ALL: [Self; 9] = [
+        Self::Normal,
+        Self::ShuttingDown,
+        Self::Version,
+        Self::NoSuchScene,
+        Self::Protocol,
+        Self::Limit,
+        Self::Timeout,
+        Self::Busy,
+        Self::Lost,
+    ];
+
+    /// The number used as QUIC application error code; add 4000 for a WebSocket close code.
+    #[must_use]
+    pub const fn number(self) -> u16 {
+        self as u16
+    }
+
+    /// The code of a number.
+    #[must_use]
+    pub fn from_number(number: u64) -> Option<Self> {
+        usize::try_from(number).ok().and_then(|n| Self::ALL.get(n).copied())
+    }
+
+    /// Whether connecting again, later, can help.
+    #[must_use]
+    pub const fn worth_retrying(self) -> bool {
+        matches!(self, Self::ShuttingDown | Self::Timeout | Self::Busy | Self::Lost)
+    }
+}
+
+/// The end of a session: a code for programs and a line for people.
+#[derive(Clone, Debug, PartialEq, Eq, Encode, Decode)]
+pub struct Close {
+    /// Why, for programs.
+    pub code: CloseCode,
+    /// Why, for people: one line.
+    pub reason: String,
+}
+
+impl Close {
+    /// A close with a reason, cut to [`MAX_REASON_BYTES`].
+    pub fn new(code: CloseCode, reason: impl Into<String>) -> Self {
+        let mut reason: String = reason.into();
+        let mut end = reason.len().min(MAX_REASON_BYTES);
+        while !reason.is_char_boundary(end) {
+            end -= 1;
+        }
+        reason.truncate(end);
+        Self { code, reason }
+    }
+}
+
+impl std::fmt::Display for Close {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} ({:?})", self.reason, self.code)
+    }
+}
+
+fn ensure(ok: bool, why: &'static str) -> Result<(), &'static str> {
+    if ok { Ok(()) } else { Err(why) }
+}
+
+impl ClientMessage {
+    /// Why the message cannot be accepted, if so; decoding calls this.
+    pub(crate) fn check(&self) -> Result<(), &'static str> {
+        match self {
+            Self::Hello(hello) => {
+                ensure(hello.scene.len() <= MAX_NAME_BYTES, "the scene's name is too long")?;
+                ensure(hello.version_min <= hello.version_max, "the range of versions is empty")?;
+                ensure(hello.have.len() <= MAX_HAVE, "the list of held blobs is too long")?;
+                hello.view.map_or(Ok(()), |view| view.check())
+            }
+            Self::Want(wants) => ensure(wants.len() <= MAX_IDS_PER_MESSAGE, "too many wants in one message"),
+            Self::Cancel(ids) => ensure(ids.len() <= MAX_IDS_PER_MESSAGE, "too many cancels in one message"),
+            Self::SetView(view) => view.check(),
+            Self::WantScenePages(pages) => {
+                ensure(pages.len() <= MAX_PAGES_PER_MESSAGE, "too many scene pages in one message")
+            }
+            Self::Ping(_) | Self::Bye => Ok(()),
+        }
+    }
+}
+
+impl ServerMessage {
+    /// Why the message cannot be accepted, if so; decoding calls this.
+    pub(crate) fn check(&self) -> Result<(), &'static str> {
+        match self {
+            Self::Welcome(welcome) => welcome.scene.check(),
+            Self::ScenePage(page) => page.check(),
+            Self::Close(close) => {
+                ensure(close.reason.len() <= MAX_REASON_BYTES, "the reason of a close is too long")
+            }
+            Self::Refused(_) | Self::BasesSent | Self::Done | Self::Pong(_) => Ok(()),
+        }
+    }
+}

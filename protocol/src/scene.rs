@@ -1,0 +1,319 @@
+//! The scene description: a header, then pages of assets and their instances.
+//!
+//! Pages are ordered nearest and largest first, as seen from the start camera, so that ten thousand
+//! instances do not delay the first frame. Assets are numbered by the order of their entries over all
+//! pages; an asset's entry never comes after its first instance.
+
+use bincode::de::Decoder;
+use bincode::enc::Encoder;
+use bincode::error::{DecodeError, EncodeError};
+use bincode::{Decode, Encode};
+use glam::{DVec3, Quat, Vec3};
+use lodestream_geometry::index::{CHUNKS_PER_PAGE, Sphere};
+
+use crate::coding::{decode_vector, encode_vector, vector_fits_f32};
+use crate::limits::{
+    MAX_ASSETS, MAX_BLOB_BYTES, MAX_CHUNKS, MAX_ENTRIES_PER_PAGE, MAX_INSTANCES, MAX_NAME_BYTES,
+    MAX_SCENE_PAGES,
+};
+use crate::view::View;
+
+/// First 16 bytes of a BLAKE3 hash: enough to name contents, short enough for the first flight.
+pub type Fingerprint = [u8; 16];
+
+/// What holds for the whole scene.
+#[derive(Clone, Debug, PartialEq, Encode, Decode)]
+pub struct SceneHeader {
+    /// Name of the scene, as a client asks for it.
+    pub name: String,
+    /// Hash of the whole description and its packs: equal fingerprints mean equal blobs.
+    pub fingerprint: Fingerprint,
+    /// Number of assets over all pages.
+    pub asset_count: u32,
+    /// Number of instances over all pages.
+    pub instance_count: u32,
+    /// Number of pages.
+    pub page_count: u32,
+    /// Light.
+    pub light: Light,
+    /// Linear red, green, blue of what no surface covers.
+    pub background: [f32; 3],
+    /// Where a viewer starts.
+    pub camera: Camera,
+}
+
+/// One directional light and an even ambient one; linear radiometric values.
+#[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
+pub struct Light {
+    /// Unit vector from the scene towards the light.
+    pub direction: [f32; 3],
+    /// Linear red, green, blue of the directional light.
+    pub color: [f32; 3],
+    /// Linear red, green, blue of the ambient light.
+    pub ambient: [f32; 3],
+}
+
+/// A camera without a viewport.
+#[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
+pub struct Camera {
+    /// Position of the eye, in world units.
+    pub eye: [f64; 3],
+    /// Point in the middle of the picture (and the centre to orbit about).
+    pub target: [f64; 3],
+    /// Roughly up.
+    pub up: [f32; 3],
+    /// Vertical field of view in radians, in (0, π).
+    pub fov_y: f32,
+}
+
+impl Camera {
+    /// The camera's view with a viewport.
+    #[must_use]
+    pub fn view(&self, viewport_px: [u32; 2], target_px: f32) -> View {
+        View { target_px, ..View::look_at(self.eye, self.target, self.up, self.fov_y, viewport_px) }
+    }
+}
+
+/// A page: some assets, then some instances. At most [`MAX_ENTRIES_PER_PAGE`] of each.
+#[derive(Clone, Debug, Default, PartialEq, Encode, Decode)]
+pub struct ScenePage {
+    /// Number of the page.
+    pub page: u32,
+    /// Number of the first asset entry; the others follow.
+    pub first_asset: u32,
+    /// Number of the first instance entry; the others follow.
+    pub first_instance: u32,
+    /// Asset entries.
+    pub assets: Vec<AssetEntry>,
+    /// Instance entries. They refer to assets of this page or an earlier one.
+    pub instances: Vec<InstanceEntry>,
+}
+
+/// What must be known of an asset before its base mesh arrives.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct AssetEntry {
+    /// Name for people.
+    pub name: String,
+    /// Hash of the pack.
+    pub fingerprint: Fingerprint,
+    /// Origin of the asset's grid, in the asset's units; spheres are relative to it.
+    pub origin: [f64; 3],
+    /// Bounds of the base and the finest mesh, relative to `origin`.
+    pub sphere: Sphere,
+    /// Geometric error of the base mesh, in the asset's units.
+    pub root_error: f32,
+    /// Length of the base blob.
+    pub base_bytes: u32,
+    /// Number of chunks.
+    pub chunk_count: u32,
+}
+
+impl AssetEntry {
+    /// Number of index pages.
+    #[must_use]
+    pub fn index_pages(&self) -> u32 {
+        // CHUNKS_PER_PAGE is a small constant.
+        #[allow(clippy::cast_possible_truncation)]
+        self.chunk_count.div_ceil(CHUNKS_PER_PAGE as u32)
+    }
+}
+
+/// One placed asset.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InstanceEntry {
+    /// Number of the asset.
+    pub asset: u32,
+    /// World position of the asset's (0, 0, 0).
+    pub translation: [f64; 3],
+    /// Unit quaternion x, y, z, w from asset axes to world axes.
+    pub rotation: [f32; 4],
+    /// World units per asset unit, above zero.
+    pub scale: f32,
+}
+
+impl InstanceEntry {
+    /// An instance that is neither turned nor scaled.
+    #[must_use]
+    pub const fn at(asset: u32, translation: [f64; 3]) -> Self {
+        Self { asset, translation, rotation: [0.0, 0.0, 0.0, 1.0], scale: 1.0 }
+    }
+
+    /// Rotation from asset axes to world axes.
+    #[must_use]
+    pub fn orientation(&self) -> Quat {
+        let q = Quat::from_array(self.rotation);
+        if q.length_squared() > 0.0 { q.normalize() } else { Quat::IDENTITY }
+    }
+
+    /// World position of a point given in asset units relative to the grid origin `origin`.
+    #[must_use]
+    pub fn to_world(&self, origin: [f64; 3], point: [f32; 3]) -> DVec3 {
+        let local = DVec3::from(origin) + Vec3::from(point).as_dvec3();
+        DVec3::from(self.translation) + self.orientation().as_dquat() * (local * f64::from(self.scale))
+    }
+}
+
+const SHORT_TRANSLATION: u8 = 1;
+const NO_ROTATION: u8 = 2;
+const ROTATION_ABOUT_Y: u8 = 4;
+const NO_SCALE: u8 = 8;
+
+// By hand, with one byte of flags: 14 bytes for an instance that is only moved, not 45. A page of 64
+// instances stays under 1 KB, which matters in the first flight.
+impl Encode for InstanceEntry {
+    fn encode<E: Encoder>(&self, e: &mut E) -> Result<(), EncodeError> {
+        let short = vector_fits_f32(&self.translation);
+        let [x, y, z, w] = self.rotation;
+        let unturned = self.rotation == [0.0, 0.0, 0.0, 1.0];
+        let about_y = !unturned && x == 0.0 && z == 0.0;
+        let unscaled = self.scale == 1.0;
+        let flags = [
+            (short, SHORT_TRANSLATION),
+            (unturned, NO_ROTATION),
+            (about_y, ROTATION_ABOUT_Y),
+            (unscaled, NO_SCALE),
+        ];
+        flags.iter().filter(|(set, _)| *set).fold(0, |all, (_, flag)| all | flag).encode(e)?;
+        self.asset.encode(e)?;
+        encode_vector(&self.translation, short, e)?;
+        if about_y {
+            [y, w].encode(e)?;
+        } else if !unturned {
+            self.rotation.encode(e)?;
+        }
+        if unscaled { Ok(()) } else { self.scale.encode(e) }
+    }
+}
+
+impl<Context> Decode<Context> for InstanceEntry {
+    fn decode<D: Decoder<Context = Context>>(d: &mut D) -> Result<Self, DecodeError> {
+        let flags = u8::decode(d)?;
+        if flags & !(SHORT_TRANSLATION | NO_ROTATION | ROTATION_ABOUT_Y | NO_SCALE) != 0 {
+            return Err(DecodeError::Other("unknown instance flags"));
+        }
+        let asset = u32::decode(d)?;
+        let translation = decode_vector(flags & SHORT_TRANSLATION != 0, d)?;
+        let rotation = if flags & NO_ROTATION != 0 {
+            [0.0, 0.0, 0.0, 1.0]
+        } else if flags & ROTATION_ABOUT_Y != 0 {
+            let [y, w] = <[f32; 2]>::decode(d)?;
+            [0.0, y, 0.0, w]
+        } else {
+            <[f32; 4]>::decode(d)?
+        };
+        let scale = if flags & NO_SCALE != 0 { 1.0 } else { f32::decode(d)? };
+        Ok(Self { asset, translation, rotation, scale })
+    }
+}
+
+impl Encode for AssetEntry {
+    fn encode<E: Encoder>(&self, e: &mut E) -> Result<(), EncodeError> {
+        let short = vector_fits_f32(&self.origin);
+        short.encode(e)?;
+        self.name.encode(e)?;
+        self.fingerprint.encode(e)?;
+        encode_vector(&self.origin, short, e)?;
+        self.sphere.center.encode(e)?;
+        self.sphere.radius.encode(e)?;
+        self.root_error.encode(e)?;
+        self.base_bytes.encode(e)?;
+        self.chunk_count.encode(e)
+    }
+}
+
+impl<Context> Decode<Context> for AssetEntry {
+    fn decode<D: Decoder<Context = Context>>(d: &mut D) -> Result<Self, DecodeError> {
+        let short = bool::decode(d)?;
+        Ok(Self {
+            name: String::decode(d)?,
+            fingerprint: Fingerprint::decode(d)?,
+            origin: decode_vector(short, d)?,
+            sphere: Sphere { center: <[f32; 3]>::decode(d)?, radius: f32::decode(d)? },
+            root_error: f32::decode(d)?,
+            base_bytes: u32::decode(d)?,
+            chunk_count: u32::decode(d)?,
+        })
+    }
+}
+
+bincode::impl_borrow_decode!(InstanceEntry);
+bincode::impl_borrow_decode!(AssetEntry);
+
+fn ensure(ok: bool, why: &'static str) -> Result<(), &'static str> {
+    if ok { Ok(()) } else { Err(why) }
+}
+
+fn finite32(v: &[f32]) -> bool {
+    v.iter().all(|x| x.is_finite())
+}
+
+impl SceneHeader {
+    /// Why the header cannot be used, if so.
+    ///
+    /// # Errors
+    /// Names what is out of range.
+    pub fn check(&self) -> Result<(), &'static str> {
+        ensure(self.name.len() <= MAX_NAME_BYTES, "the scene's name is too long")?;
+        ensure(self.asset_count <= MAX_ASSETS, "the scene has too many assets")?;
+        ensure(self.instance_count <= MAX_INSTANCES, "the scene has too many instances")?;
+        ensure(self.page_count <= MAX_SCENE_PAGES, "the scene has too many pages")?;
+        let light = &self.light;
+        ensure(
+            finite32(&light.direction) && finite32(&light.color) && finite32(&light.ambient),
+            "a light is not finite",
+        )?;
+        ensure(finite32(&self.background), "the background is not finite")?;
+        ensure(finite32(&self.camera.up), "the start camera's up is not finite")?;
+        ensure(self.camera.target.iter().all(|x| x.is_finite()), "the start camera's target is not finite")?;
+        self.camera.view([1, 1], 1.0).check()
+    }
+}
+
+impl ScenePage {
+    /// Why the page cannot be used, if so.
+    ///
+    /// # Errors
+    /// Names what is out of range.
+    pub fn check(&self) -> Result<(), &'static str> {
+        ensure(
+            self.assets.len() <= MAX_ENTRIES_PER_PAGE && self.instances.len() <= MAX_ENTRIES_PER_PAGE,
+            "a scene page has too many entries",
+        )?;
+        ensure(
+            self.page < MAX_SCENE_PAGES
+                && self.first_asset <= MAX_ASSETS
+                && self.first_instance <= MAX_INSTANCES,
+            "a scene page's numbers are out of range",
+        )?;
+        for asset in &self.assets {
+            ensure(asset.name.len() <= MAX_NAME_BYTES, "an asset's name is too long")?;
+            ensure(
+                asset.origin.iter().all(|x| x.is_finite())
+                    && finite32(&asset.sphere.center)
+                    && asset.sphere.radius.is_finite()
+                    && asset.sphere.radius >= 0.0,
+                "an asset's bounds are not finite",
+            )?;
+            ensure(
+                asset.root_error.is_finite() && asset.root_error >= 0.0,
+                "an asset's root error is not a finite positive number",
+            )?;
+            ensure(asset.base_bytes <= MAX_BLOB_BYTES, "an asset's base mesh is too long")?;
+            ensure(asset.chunk_count <= MAX_CHUNKS, "an asset has too many chunks")?;
+        }
+        // Entries are at most 64.
+        #[allow(clippy::cast_possible_truncation)]
+        let known_assets = self.first_asset + self.assets.len() as u32;
+        for instance in &self.instances {
+            ensure(instance.asset < known_assets, "an instance refers to an asset of a later page")?;
+            ensure(instance.translation.iter().all(|x| x.is_finite()), "an instance's place is not finite")?;
+            let length = instance.rotation.iter().map(|x| x * x).sum::<f32>();
+            ensure((0.9..=1.1).contains(&length), "an instance's rotation is not a unit quaternion")?;
+            ensure(
+                instance.scale.is_finite() && instance.scale > 0.0,
+                "an instance's scale is not a finite positive number",
+            )?;
+        }
+        Ok(())
+    }
+}

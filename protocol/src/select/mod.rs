@@ -1,0 +1,125 @@
+//! Which blobs a view wants, in which order, and which applied chunks it can do without.
+//!
+//! The same function orders the server's first flight, the viewer's requests and the simulator's.
+
+mod state;
+
+use crate::blob::BlobId;
+use crate::scene::InstanceEntry;
+use crate::view::View;
+
+pub use state::{AssetState, PageError, State};
+
+/// How urgent a blob is; higher is first. The numbers of all kinds of blobs compare with each other.
+pub type Priority = u32;
+
+/// Knobs of the selection.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SelectSettings {
+    /// Most faces in use, over all assets (each asset once, however many instances it has). Above it
+    /// the threshold rises.
+    pub max_faces: u64,
+    /// Most payload bytes in use. Above it the threshold rises.
+    pub max_bytes: u64,
+    /// Chunks are undone below this fraction of the error at which they are applied. Nearer to 1 saves
+    /// memory, further below it flickers less when the camera wavers.
+    pub undo_below: f32,
+    /// Chunks out of view are undone only while more than this share of `max_faces` is in use.
+    pub keep_out_of_view: f32,
+    /// Most wanted blobs that one call lists.
+    pub max_wanted: usize,
+    /// How a blurred texel counts against a geometric error of one pixel.
+    pub texture_weight: f32,
+    /// Whether base meshes of instances out of view are fetched too, last.
+    pub prefetch_bases: bool,
+}
+
+impl Default for SelectSettings {
+    fn default() -> Self {
+        Self {
+            max_faces: 8_000_000,
+            max_bytes: 512 << 20,
+            undo_below: 0.7,
+            keep_out_of_view: 0.5,
+            max_wanted: 512,
+            texture_weight: 0.25,
+            prefetch_bases: true,
+        }
+    }
+}
+
+/// One wanted blob.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Wanted {
+    /// The blob.
+    pub id: BlobId,
+    /// Higher first; never above a parent's.
+    pub priority: Priority,
+    /// Length in bytes, where known.
+    pub bytes: Option<u32>,
+    /// Where it is: absent, in flight or cached. Applied blobs are not listed.
+    pub state: State,
+}
+
+/// Counters of one call.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Counters {
+    /// Instances whose bounds reach into the frustum.
+    pub visible_instances: u32,
+    /// Of these, the ones whose base mesh is applied: all of them at the first frame.
+    pub drawable_instances: u32,
+    /// Chunk entries looked at, once per visible instance.
+    pub tested_chunks: u64,
+    /// Chunks that the view needs, applied or not.
+    pub needed_chunks: u32,
+    /// Of these, the ones that are not applied.
+    pub missing_chunks: u32,
+    /// Payload bytes of the missing ones that are not here either.
+    pub missing_bytes: u64,
+    /// Faces of the applied chunks.
+    pub applied_faces: u64,
+    /// Payload bytes of the applied chunks.
+    pub applied_bytes: u64,
+    /// Upper bound on the screen error over all visible parts with what is applied now, in pixels;
+    /// infinite while a visible instance lacks its base mesh.
+    pub max_screen_error_px: f64,
+    /// Screen error above which chunks are wanted now: the view's target, or more over budget.
+    pub threshold_px: f64,
+    /// Whether nothing is wanted: the picture is as sharp as target and budgets allow.
+    pub settled: bool,
+}
+
+/// What one call finds.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Selection {
+    /// Blobs to have, most urgent first; any prefix is closed under parents.
+    pub wanted: Vec<Wanted>,
+    /// Blobs in flight that no view needs.
+    pub cancel: Vec<BlobId>,
+    /// Applied chunks that the view does not need, in an order in which they may be undone.
+    pub undo: Vec<BlobId>,
+    /// What was counted.
+    pub counters: Counters,
+}
+
+/// Selects. Keeps buffers and the hysteresis of the threshold from call to call.
+#[derive(Debug, Default)]
+pub struct Selector {
+    settings: SelectSettings,
+    selection: Selection,
+}
+
+impl Selector {
+    /// A selector with these settings.
+    #[must_use]
+    pub fn new(settings: SelectSettings) -> Self {
+        Self { settings, selection: Selection::default() }
+    }
+
+    /// Selects for one view. `assets` are indexed by asset number; instances of assets beyond them
+    /// are skipped.
+    pub fn select(&mut self, view: &View, instances: &[InstanceEntry], assets: &[AssetState]) -> &Selection {
+        let _ = (view, instances, assets, &self.settings);
+        &self.selection
+    }
+}

@@ -1,0 +1,183 @@
+//! The camera: eye, orientation, lens and the quality asked for.
+
+use bincode::{Decode, Encode};
+use geometry::screen::scale_px;
+use glam::{DVec3, Mat3, Quat, Vec3};
+use lodestream_geometry as geometry;
+
+use crate::limits::MAX_VIEWPORT_PX;
+
+/// A perspective view of the scene.
+///
+/// View space is right-handed with x to the right, y up and the view along −z. There is no far plane.
+#[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
+pub struct View {
+    /// Position of the eye, in world units.
+    pub eye: [f64; 3],
+    /// Rotation from view space to world space: unit quaternion x, y, z, w.
+    pub rotation: [f32; 4],
+    /// Vertical field of view in radians, in (0, π).
+    pub fov_y: f32,
+    /// Width and height of the picture, in pixels.
+    pub viewport_px: [u32; 2],
+    /// Screen error to refine to, in pixels.
+    pub target_px: f32,
+}
+
+impl View {
+    /// A view from `eye` towards `target`, with `up` roughly up (any other axis where they align).
+    #[must_use]
+    pub fn look_at(eye: [f64; 3], target: [f64; 3], up: [f32; 3], fov_y: f32, viewport_px: [u32; 2]) -> Self {
+        let rotation = look_rotation(DVec3::from(eye), DVec3::from(target), Vec3::from(up));
+        Self { eye, rotation: rotation.to_array(), fov_y, viewport_px, target_px: 1.0 }
+    }
+
+    /// Why the view cannot be used, if so.
+    ///
+    /// # Errors
+    /// Names the value that is out of range.
+    pub fn check(&self) -> Result<(), &'static str> {
+        if !self.eye.iter().all(|x| x.is_finite()) {
+            return Err("the eye is not a finite point");
+        }
+        let length = self.rotation.iter().map(|x| x * x).sum::<f32>();
+        if !(0.9..=1.1).contains(&length) {
+            return Err("the view's rotation is not a unit quaternion");
+        }
+        if !(self.fov_y > 1e-4 && self.fov_y < std::f32::consts::PI - 1e-4) {
+            return Err("the field of view is not within (0, pi)");
+        }
+        if !self.viewport_px.iter().all(|x| (1..=MAX_VIEWPORT_PX).contains(x)) {
+            return Err("the viewport is empty or too large");
+        }
+        if !(self.target_px > 0.0 && self.target_px.is_finite()) {
+            return Err("the target screen error is not a positive number");
+        }
+        Ok(())
+    }
+
+    /// Rotation from view space to world space.
+    #[must_use]
+    pub fn orientation(&self) -> Quat {
+        let q = Quat::from_array(self.rotation);
+        if q.length_squared() > 0.0 { q.normalize() } else { Quat::IDENTITY }
+    }
+
+    /// Unit vector along which depth is measured.
+    #[must_use]
+    pub fn forward(&self) -> Vec3 {
+        self.orientation() * Vec3::NEG_Z
+    }
+
+    /// Width divided by height.
+    #[must_use]
+    pub fn aspect(&self) -> f32 {
+        #[allow(clippy::cast_precision_loss)]
+        let [w, h] = self.viewport_px.map(|x| x.max(1) as f32);
+        w / h
+    }
+
+    /// Pixels per unit of tangent: `height_px / (2 tan(fov_y / 2))`.
+    #[must_use]
+    pub fn scale_px(&self) -> f64 {
+        scale_px(f64::from(self.viewport_px[1]), f64::from(self.fov_y))
+    }
+
+    /// The volume that the view sees, in world axes about the eye.
+    #[must_use]
+    pub fn frustum(&self) -> Frustum {
+        let ty = (self.fov_y * 0.5).tan();
+        let tx = ty * self.aspect();
+        let to_world = Mat3::from_quat(self.orientation());
+        // Inside a side plane: x + tx·depth ≥ 0 with depth = −z, hence the normal (1, 0, −tx).
+        let plane = |x: f32, y: f32, t: f32| to_world * (Vec3::new(x, y, -t) / (1.0 + t * t).sqrt());
+        Frustum {
+            forward: self.forward(),
+            sides: [plane(1.0, 0.0, tx), plane(-1.0, 0.0, tx), plane(0.0, 1.0, ty), plane(0.0, -1.0, ty)],
+        }
+    }
+}
+
+/// Rotation of a view from `eye` towards `target`.
+fn look_rotation(eye: DVec3, target: DVec3, up: Vec3) -> Quat {
+    let forward = (target - eye).normalize_or(DVec3::NEG_Z).as_vec3();
+    let mut right = forward.cross(up);
+    if right.length_squared() < 1e-10 {
+        right = forward.cross(forward.any_orthonormal_vector());
+    }
+    let right = right.normalize();
+    let up = right.cross(forward);
+    Quat::from_mat3(&Mat3::from_cols(right, up, -forward)).normalize()
+}
+
+/// The pyramid that a view sees, from the eye to infinity: four planes through the eye.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Frustum {
+    /// Unit vector along the view axis.
+    pub forward: Vec3,
+    /// Unit normals of the left, right, bottom and top planes, pointing inwards.
+    pub sides: [Vec3; 4],
+}
+
+impl Frustum {
+    /// Whether a sphere reaches into the frustum; `center` is relative to the eye.
+    ///
+    /// Conservative: spheres near an edge of the pyramid may be taken for visible.
+    #[must_use]
+    pub fn sees(&self, center: Vec3, radius: f32) -> bool {
+        self.forward.dot(center) + radius > 0.0 && self.sides.iter().all(|n| n.dot(center) >= -radius)
+    }
+
+    /// Depth of the nearest point of a sphere along the view axis; may be negative.
+    #[must_use]
+    pub fn depth(&self, center: Vec3, radius: f32) -> f32 {
+        self.forward.dot(center) - radius
+    }
+
+    /// The same frustum in axes turned by the inverse of `rotation` (an instance's own axes).
+    #[must_use]
+    pub fn rotated_into(&self, rotation: Quat) -> Self {
+        let inverse = rotation.conjugate();
+        Self { forward: inverse * self.forward, sides: self.sides.map(|n| inverse * n) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frustum_agrees_with_projection() {
+        let view = View::look_at([3.0, -2.0, 5.0], [0.5, 1.0, -4.0], [0.0, 1.0, 0.0], 1.0, [640, 360]);
+        view.check().unwrap();
+        let frustum = view.frustum();
+        let inverse = view.orientation().conjugate();
+        let ty = 0.5_f32.tan();
+        let tx = ty * 640.0 / 360.0;
+        for i in 0..2000_i16 {
+            let f = f32::from(i);
+            let p = Vec3::new((f * 0.37).sin() * 9.0, (f * 0.73).cos() * 9.0, (f * 0.11).sin() * 9.0);
+            let v = inverse * p;
+            let inside = v.z < 0.0 && v.x.abs() <= -v.z * tx && v.y.abs() <= -v.z * ty;
+            assert_eq!(frustum.sees(p, 0.0), inside, "{p} {v}");
+        }
+    }
+
+    #[test]
+    fn straight_up_has_an_orientation() {
+        let view = View::look_at([0.0; 3], [0.0, 9.0, 0.0], [0.0, 1.0, 0.0], 1.0, [64, 64]);
+        view.check().unwrap();
+        assert!(view.forward().dot(Vec3::Y) > 0.9999);
+    }
+
+    #[test]
+    fn unusable_views_are_named() {
+        let good = View::look_at([0.0; 3], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0], 1.0, [64, 64]);
+        assert!(View { eye: [f64::NAN, 0.0, 0.0], ..good }.check().is_err());
+        assert!(View { rotation: [0.0; 4], ..good }.check().is_err());
+        assert!(View { rotation: [f32::NAN; 4], ..good }.check().is_err());
+        assert!(View { fov_y: 3.2, ..good }.check().is_err());
+        assert!(View { viewport_px: [0, 3], ..good }.check().is_err());
+        assert!(View { target_px: -1.0, ..good }.check().is_err());
+    }
+}
