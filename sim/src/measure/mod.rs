@@ -17,7 +17,7 @@ mod obj;
 mod sample;
 
 pub use distance::{Comparison, Distances, MeasureError, Settings, compare};
-pub use obj::{ObjError, read_obj};
+pub use obj::read_obj;
 pub use sample::SurfaceSampler;
 
 /// The triangles of a surface; nothing else matters here.
