@@ -3,6 +3,7 @@
 pub mod clock;
 pub mod link;
 pub mod measure;
+pub mod scenario;
 pub mod stream_pipe;
 pub mod tcp;
 pub mod trace;

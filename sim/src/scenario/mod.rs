@@ -1,0 +1,4 @@
+//! Scenarios: a plan of scenes and links, run in virtual time, and what each run came to.
+
+pub mod plan;
+pub mod report;
