@@ -1,9 +1,11 @@
 //! Scenes as people describe them: a `scene.toml`, or a list of models.
 
+mod compose;
 mod file;
 
 use std::path::{Path, PathBuf};
 
+pub use compose::{ComposeError, Composed, compose};
 pub use file::{SceneError, parse, read};
 
 /// How finely an asset's positions are kept.

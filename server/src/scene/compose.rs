@@ -1,0 +1,314 @@
+//! A scene whose models are prepared, as the description that is sent: assets and instances in
+//! pages, nearest and largest first.
+
+use std::collections::BTreeMap;
+
+use glam::{DQuat, DVec3, Quat, Vec3};
+use lodestream_protocol::limits::{MAX_ENTRIES_PER_PAGE, MAX_INSTANCES};
+use lodestream_protocol::scene::{
+    AssetEntry, Camera, Fingerprint, InstanceEntry, Light, SceneHeader, ScenePage,
+};
+
+use super::{DEFAULT_FOV_Y_DEGREES, Instance, Scene};
+
+/// Gap between models side by side, as a share of their mean radius.
+const GAP: f64 = 0.25;
+/// Distance of the start camera as a share of that at which the bounding sphere just fits the
+/// picture's height: bounding spheres are larger than what is in them.
+const FRAMING: f64 = 0.9;
+/// Direction from the scene to the start camera, where the scene file gives none.
+const START_DIRECTION: DVec3 = DVec3::new(0.4, 0.3, 1.0);
+/// Picture for which the order of pages is judged: its shape matters little.
+const ORDER_VIEWPORT_PX: [u32; 2] = [1280, 720];
+
+/// A scene description that cannot be made.
+#[derive(Debug, thiserror::Error)]
+pub enum ComposeError {
+    /// Nothing is placed.
+    #[error("scene {name:?} places nothing; add an [[instance]]")]
+    Empty {
+        /// The scene.
+        name: String,
+    },
+    /// More instances than the protocol numbers.
+    #[error("the scene has {count} instances; at most {MAX_INSTANCES} are supported")]
+    TooManyInstances {
+        /// How many.
+        count: usize,
+    },
+    /// A value that the protocol refuses.
+    #[error("the scene cannot be described: {0}")]
+    Refused(&'static str),
+}
+
+/// A scene description.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Composed {
+    /// What holds for the whole scene.
+    pub header: SceneHeader,
+    /// Pages in the order in which they are sent.
+    pub pages: Vec<ScenePage>,
+    /// For each asset number of the description, the index into [`Scene::assets`]. Assets that are
+    /// placed nowhere have no number.
+    pub asset_order: Vec<usize>,
+}
+
+/// Describes `scene`, whose asset `i` was prepared as `entries[i]`.
+///
+/// # Errors
+/// See [`ComposeError`].
+pub fn compose(scene: &Scene, entries: &[AssetEntry]) -> Result<Composed, ComposeError> {
+    let instances = match &scene.instances {
+        Some(instances) => instances.clone(),
+        None => side_by_side(entries),
+    };
+    if instances.is_empty() {
+        return Err(ComposeError::Empty { name: scene.name.clone() });
+    }
+    if instances.len() > MAX_INSTANCES as usize {
+        return Err(ComposeError::TooManyInstances { count: instances.len() });
+    }
+    let spheres: Vec<(DVec3, f64)> = instances.iter().map(|i| world_sphere(i, &entries[i.asset])).collect();
+    let camera = match scene.camera {
+        Some(camera) => Camera {
+            eye: camera.eye,
+            target: camera.target,
+            up: camera.up,
+            fov_y: camera.fov_y_degrees.to_radians(),
+        },
+        None => framing_camera(&spheres),
+    };
+    let order = first_seen_first(&camera, &spheres);
+    let (pages, asset_order) = paginate(&instances, entries, &order);
+    let mut header = SceneHeader {
+        name: scene.name.clone(),
+        fingerprint: Fingerprint::default(),
+        asset_count: asset_order.len() as u32,
+        instance_count: instances.len() as u32,
+        page_count: pages.len() as u32,
+        light: Light { direction: scene.light_direction, color: scene.light_color, ambient: scene.ambient },
+        background: scene.background,
+        camera,
+    };
+    header.fingerprint = fingerprint(&header, &pages);
+    header.check().map_err(ComposeError::Refused)?;
+    for page in &pages {
+        page.check().map_err(ComposeError::Refused)?;
+    }
+    Ok(Composed { header, pages, asset_order })
+}
+
+/// Bounding sphere of an instance, in the world.
+fn world_sphere(instance: &Instance, entry: &AssetEntry) -> (DVec3, f64) {
+    let local = DVec3::from(entry.origin) + Vec3::from(entry.sphere.center).as_dvec3();
+    let rotation: DQuat = Quat::from_array(instance.rotation).as_dquat().normalize();
+    let scale = f64::from(instance.scale);
+    let center = DVec3::from(instance.translation) + rotation * (local * scale);
+    (center, f64::from(entry.sphere.radius) * scale)
+}
+
+/// One model stays at its own origin; several stand in a row along x, their centres on one line.
+fn side_by_side(entries: &[AssetEntry]) -> Vec<Instance> {
+    let instance = |asset, translation: DVec3| Instance {
+        asset,
+        translation: translation.to_array(),
+        rotation: [0.0, 0.0, 0.0, 1.0],
+        scale: 1.0,
+    };
+    if entries.len() < 2 {
+        return (0..entries.len()).map(|i| instance(i, DVec3::ZERO)).collect();
+    }
+    let radius = |entry: &AssetEntry| f64::from(entry.sphere.radius);
+    let gap = GAP * entries.iter().map(radius).sum::<f64>() / entries.len() as f64;
+    let mut x = 0.0;
+    entries
+        .iter()
+        .enumerate()
+        .map(|(i, entry)| {
+            x += radius(entry);
+            let center = DVec3::from(entry.origin) + Vec3::from(entry.sphere.center).as_dvec3();
+            let placed = instance(i, DVec3::new(x, 0.0, 0.0) - center);
+            x += radius(entry) + gap;
+            placed
+        })
+        .collect()
+}
+
+fn framing_camera(spheres: &[(DVec3, f64)]) -> Camera {
+    let low = spheres.iter().fold(DVec3::INFINITY, |low, (c, r)| low.min(*c - DVec3::splat(*r)));
+    let high = spheres.iter().fold(DVec3::NEG_INFINITY, |high, (c, r)| high.max(*c + DVec3::splat(*r)));
+    let target = (low + high) / 2.0;
+    let radius = spheres.iter().fold(0.0f64, |radius, (c, r)| radius.max(c.distance(target) + r));
+    let fov_y = DEFAULT_FOV_Y_DEGREES.to_radians();
+    // A model of one point still needs a place to look from.
+    let radius = if radius > 0.0 { radius } else { 1.0 };
+    let distance = FRAMING * radius / (f64::from(fov_y) / 2.0).sin();
+    let eye = target + START_DIRECTION.normalize() * distance;
+    Camera { eye: eye.to_array(), target: target.to_array(), up: [0.0, 1.0, 0.0], fov_y }
+}
+
+/// Indices of instances: what the start camera sees before what it does not, then by apparent size.
+fn first_seen_first(camera: &Camera, spheres: &[(DVec3, f64)]) -> Vec<usize> {
+    let view = camera.view(ORDER_VIEWPORT_PX, 1.0);
+    let frustum = view.frustum();
+    let eye = DVec3::from(camera.eye);
+    let key = |&(center, radius): &(DVec3, f64)| {
+        let relative = center - eye;
+        let seen = frustum.sees(relative.as_vec3(), radius as f32);
+        // Inside the sphere everything is as large as can be.
+        let apparent = radius / relative.length().max(radius).max(f64::MIN_POSITIVE);
+        (!seen, -apparent)
+    };
+    let keys: Vec<(bool, f64)> = spheres.iter().map(key).collect();
+    let mut order: Vec<usize> = (0..spheres.len()).collect();
+    order.sort_by(|&a, &b| keys[a].0.cmp(&keys[b].0).then(keys[a].1.total_cmp(&keys[b].1)).then(a.cmp(&b)));
+    order
+}
+
+/// Cuts the instances into pages, each preceded by the assets that it is the first to use.
+fn paginate(instances: &[Instance], entries: &[AssetEntry], order: &[usize]) -> (Vec<ScenePage>, Vec<usize>) {
+    let mut asset_order = Vec::new();
+    let mut numbers: BTreeMap<usize, u32> = BTreeMap::new();
+    let mut pages = Vec::new();
+    for (number, group) in order.chunks(MAX_ENTRIES_PER_PAGE).enumerate() {
+        let mut page = ScenePage {
+            page: number as u32,
+            first_asset: asset_order.len() as u32,
+            first_instance: (number * MAX_ENTRIES_PER_PAGE) as u32,
+            ..ScenePage::default()
+        };
+        for &index in group {
+            let instance = &instances[index];
+            let asset = *numbers.entry(instance.asset).or_insert_with(|| {
+                asset_order.push(instance.asset);
+                page.assets.push(entries[instance.asset].clone());
+                (asset_order.len() - 1) as u32
+            });
+            page.instances.push(InstanceEntry {
+                asset,
+                translation: instance.translation,
+                rotation: instance.rotation,
+                scale: instance.scale,
+            });
+        }
+        pages.push(page);
+    }
+    (pages, asset_order)
+}
+
+/// Equal descriptions over equal packs get equal fingerprints.
+fn fingerprint(header: &SceneHeader, pages: &[ScenePage]) -> Fingerprint {
+    // Debug output of plain numbers round-trips, so it tells any two descriptions apart.
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(format!("{header:?}").as_bytes());
+    for page in pages {
+        hasher.update(format!("{page:?}").as_bytes());
+    }
+    let mut fingerprint = Fingerprint::default();
+    fingerprint.copy_from_slice(&hasher.finalize().as_bytes()[..16]);
+    fingerprint
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::PathBuf;
+
+    use lodestream_geometry::index::Sphere;
+
+    use super::*;
+
+    fn entry(name: &str, origin: [f64; 3], radius: f32) -> AssetEntry {
+        AssetEntry {
+            name: name.into(),
+            origin,
+            sphere: Sphere { center: [1.0, 0.0, 0.0], radius },
+            ..AssetEntry::default()
+        }
+    }
+
+    #[test]
+    fn one_model_stays_where_it_is_and_is_framed() {
+        let scene = Scene::of_models(&[PathBuf::from("a.obj")]);
+        let composed = compose(&scene, &[entry("a", [1e7, 0.0, 0.0], 2.0)]).unwrap();
+        assert_eq!(composed.pages[0].instances[0].translation, [0.0; 3]);
+        let camera = composed.header.camera;
+        assert_eq!(camera.target, [1e7 + 1.0, 0.0, 0.0]);
+        let view = camera.view([640, 360], 1.0);
+        let relative = DVec3::from(camera.target) - DVec3::from(camera.eye);
+        assert!(view.frustum().sees(relative.as_vec3(), 2.0));
+    }
+
+    #[test]
+    fn several_models_do_not_overlap_and_are_all_seen() {
+        let scene = Scene::of_models(&["a.obj", "b.obj", "c.obj"].map(PathBuf::from));
+        let entries = [entry("a", [0.0; 3], 2.0), entry("b", [50.0; 3], 1.0), entry("c", [-9.0; 3], 3.0)];
+        let composed = compose(&scene, &entries).unwrap();
+        let camera = composed.header.camera;
+        let frustum = camera.view([640, 360], 1.0).frustum();
+        let spheres: Vec<(DVec3, f64)> = composed.pages[0]
+            .instances
+            .iter()
+            .map(|i| {
+                let entry = &composed.pages[0].assets[i.asset as usize];
+                (i.to_world(entry.origin, entry.sphere.center), f64::from(entry.sphere.radius))
+            })
+            .collect();
+        for (i, (center, radius)) in spheres.iter().enumerate() {
+            assert!(frustum.sees((*center - DVec3::from(camera.eye)).as_vec3(), *radius as f32));
+            for (other, other_radius) in &spheres[i + 1..] {
+                assert!(center.distance(*other) >= radius + other_radius);
+            }
+        }
+    }
+
+    #[test]
+    fn pages_hold_the_near_and_the_seen_first_and_assets_before_their_instances() {
+        let mut scene = Scene::of_models(&["a.obj", "b.obj", "never.obj"].map(PathBuf::from));
+        scene.camera = Some(super::super::Camera {
+            eye: [0.0; 3],
+            target: [0.0, 0.0, -1.0],
+            up: [0.0, 1.0, 0.0],
+            fov_y_degrees: 60.0,
+        });
+        let at = |asset, z| Instance {
+            asset,
+            translation: [-1.0, 0.0, z],
+            rotation: [0.0, 0.0, 0.0, 1.0],
+            scale: 1.0,
+        };
+        // Behind the camera, then far to near: 200 of them.
+        let mut instances = vec![at(0, 5.0)];
+        instances.extend((1..=200).rev().map(|i| at(usize::from(i <= 150), -10.0 * f64::from(i))));
+        scene.instances = Some(instances);
+        let entries = ["a", "b", "never"].map(|name| entry(name, [0.0; 3], 1.0));
+        let composed = compose(&scene, &entries).unwrap();
+        assert_eq!(composed.header.page_count, 4);
+        assert_eq!(composed.header.instance_count, 201);
+        assert_eq!(composed.asset_order, [1, 0]);
+        assert_eq!(composed.pages[0].assets[0].name, "b");
+        assert_eq!(composed.pages[2].assets[0].name, "a");
+        let all: Vec<f64> =
+            composed.pages.iter().flat_map(|p| &p.instances).map(|i| i.translation[2]).collect();
+        assert_eq!(all[0], -10.0);
+        assert_eq!(all[200], 5.0);
+        assert!(all[..200].is_sorted_by(|a, b| a >= b));
+    }
+
+    #[test]
+    fn the_fingerprint_follows_content() {
+        let scene = Scene::of_models(&[PathBuf::from("a.obj")]);
+        let one = compose(&scene, &[entry("a", [0.0; 3], 2.0)]).unwrap();
+        let same = compose(&scene, &[entry("a", [0.0; 3], 2.0)]).unwrap();
+        let other = compose(&scene, &[entry("a", [0.0; 3], 2.5)]).unwrap();
+        assert_eq!(one.header.fingerprint, same.header.fingerprint);
+        assert_ne!(one.header.fingerprint, other.header.fingerprint);
+    }
+
+    #[test]
+    fn a_scene_that_places_nothing_says_so() {
+        let mut scene = Scene::of_models(&[PathBuf::from("a.obj")]);
+        scene.instances = Some(Vec::new());
+        let message = compose(&scene, &[entry("a", [0.0; 3], 2.0)]).unwrap_err().to_string();
+        assert!(message.contains("add an [[instance]]"), "{message}");
+    }
+}
