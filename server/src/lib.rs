@@ -1,5 +1,7 @@
 //! Import, preparation, pack store and the streaming daemon.
 
+pub mod export_obj;
 pub mod import;
+pub mod prepare;
 pub mod scene;
 pub mod texture;

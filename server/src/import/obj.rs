@@ -11,8 +11,8 @@ use super::normalise::{Format, Normalised, logical_lines, normalise};
 use super::triangulate::triangulate;
 use super::{ImportError, Imported, MAX_FILE_BYTES, Material, read_file};
 
-/// Most materials of one asset: faces name theirs in 16 bits.
-const MAX_MATERIALS: usize = u16::MAX as usize;
+/// Most materials of one asset, as the protocol describes them.
+const MAX_MATERIALS: usize = lodestream_protocol::asset::MAX_MATERIALS;
 
 /// Imports an OBJ file and the MTL files that it names, relative to itself.
 ///
@@ -42,14 +42,11 @@ pub fn import(path: &Path) -> Result<Imported, ImportError> {
     Ok(Imported { mesh, materials, warnings })
 }
 
-/// The files that the OBJ file's import reads besides itself: MTL files, then textures, each once,
-/// whether they exist or not.
-///
-/// # Errors
-/// A file that cannot be read.
-pub fn dependencies(path: &Path) -> Result<Vec<PathBuf>, ImportError> {
-    let bytes = read_file(path, MAX_FILE_BYTES)?;
-    let mut files = libraries(path, &bytes);
+/// The files that are read beside an OBJ file of the given content: MTL files, then textures, each
+/// once, whether they exist or not.
+#[must_use]
+pub fn dependencies(path: &Path, bytes: &[u8]) -> Vec<PathBuf> {
+    let mut files = libraries(path, bytes);
     let mut library = Library::new();
     for file in &files {
         mtl::load(file, &mut library, &mut Vec::new());
@@ -61,7 +58,7 @@ pub fn dependencies(path: &Path) -> Result<Vec<PathBuf>, ImportError> {
             }
         }
     }
-    Ok(files)
+    files
 }
 
 /// MTL files named by `mtllib` lines, in order, each once.

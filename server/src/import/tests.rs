@@ -77,7 +77,7 @@ fn objects_groups_and_materials_merge() {
         let x: f64 = face.iter().map(|c| mesh.positions[c.position as usize][0]).sum();
         assert_eq!(name == "red", z > 0.0 && x > 0.0);
     }
-    let files = dependencies(&path).unwrap();
+    let files = dependencies(&path, &std::fs::read(&path).unwrap());
     assert_eq!(files, [dir.path().join("sub/m.mtl"), dir.path().join("sub/tex/red.png")]);
 }
 

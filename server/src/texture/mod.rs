@@ -114,6 +114,14 @@ pub fn load(path: &Path, kind: TextureKind) -> Result<Texture, TextureError> {
     }
 }
 
+/// Linear light of an sRGB-encoded value in `0..=1`, in steps of 1/255 of the encoded value, so that
+/// every machine gets the same bits.
+#[must_use]
+pub fn srgb_to_linear(encoded: f32) -> f32 {
+    let byte = (encoded.clamp(0.0, 1.0) * 255.0).round() as u8;
+    f32::from(srgb::to_linear(byte)) / 65_535.0
+}
+
 fn decode(path: &Path) -> Result<DynamicImage, TextureError> {
     let bytes = crate::import::read_file(path, MAX_FILE_BYTES).map_err(|error| TextureError::Read {
         path: path.to_owned(),

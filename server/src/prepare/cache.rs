@@ -1,0 +1,103 @@
+//! The cache of prepared packs: a folder of packs named by what they were made from.
+
+use std::path::{Path, PathBuf};
+
+use crate::import::{self, ImportError};
+
+/// Changes whenever the same input would give another pack without its format version changing: a
+/// better simplifier, other texture settings.
+const RECIPE_VERSION: u32 = 1;
+
+/// Everything that a pack depends on, hashed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Key(blake3::Hash);
+
+/// Hashes an OBJ file, the MTL and texture files that it names, and the settings, with the versions of
+/// the pack format and of the recipe.
+///
+/// # Errors
+/// An OBJ file that cannot be read. Other files may be missing: that is part of the key.
+pub fn key(obj: &Path, settings: &str, format_version: u32) -> Result<Key, ImportError> {
+    let bytes = import::read_file(obj, import::MAX_FILE_BYTES)?;
+    let mut hasher = blake3::Hasher::new_derive_key("lodestream prepared pack");
+    hasher.update(&format_version.to_le_bytes());
+    hasher.update(&RECIPE_VERSION.to_le_bytes());
+    hasher.update(blake3::hash(settings.as_bytes()).as_bytes());
+    hasher.update(blake3::hash(&bytes).as_bytes());
+    for file in import::dependencies(obj, &bytes) {
+        // Where the files lie does not matter, only which names the OBJ and MTL files give them, and
+        // those are hashed already.
+        match hash_file(&file) {
+            Some(hash) => hasher.update(&[1]).update(hash.as_bytes()),
+            None => hasher.update(&[0]),
+        };
+    }
+    Ok(Key(hasher.finalize()))
+}
+
+fn hash_file(path: &Path) -> Option<blake3::Hash> {
+    let mut hasher = blake3::Hasher::new();
+    let file = std::fs::File::open(path).ok()?;
+    // Not a folder, not an endless device.
+    file.metadata().ok().filter(std::fs::Metadata::is_file)?;
+    hasher.update_reader(file).ok()?;
+    Some(hasher.finalize())
+}
+
+impl Key {
+    /// The pack's path in a cache folder; `name` helps people who look into it.
+    #[must_use]
+    pub fn path(&self, folder: &Path, name: &str) -> PathBuf {
+        let name: String = name
+            .chars()
+            .take(40)
+            .map(|c| if c.is_ascii_alphanumeric() || c == '-' || c == '_' { c } else { '_' })
+            .collect();
+        folder.join(format!("{name}-{}.lsp", &self.0.to_hex()[..32]))
+    }
+}
+
+/// `$XDG_CACHE_HOME/lodestream`, else `~/.cache/lodestream`; `None` where neither is known.
+#[must_use]
+pub fn default_folder() -> Option<PathBuf> {
+    let variable = |name| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
+    let base = variable("XDG_CACHE_HOME").or_else(|| variable("HOME").map(|home| home.join(".cache")));
+    base.map(|base| base.join("lodestream"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_key_follows_every_file_and_setting() {
+        let dir = tempfile::TempDir::new().unwrap();
+        let write = |name: &str, text: &str| std::fs::write(dir.path().join(name), text).unwrap();
+        let obj = dir.path().join("a.obj");
+        let now = || key(&obj, "bits 14", 1).unwrap();
+        write("a.obj", "mtllib a.mtl\nf 1 2 3\n");
+        let missing = now();
+        write("a.mtl", "newmtl x\nmap_Kd t.png\n");
+        let untextured = now();
+        write("t.png", "one");
+        let textured = now();
+        write("t.png", "two");
+        let retextured = now();
+        write("a.obj", "mtllib a.mtl\nf 1 2 4\n");
+        let reshaped = now();
+        let keys = [missing, untextured, textured, retextured, reshaped];
+        for (i, one) in keys.iter().enumerate() {
+            assert!(keys[i + 1..].iter().all(|other| other != one), "{i}");
+        }
+        assert_eq!(now(), reshaped);
+        assert_ne!(key(&obj, "bits 15", 1).unwrap(), reshaped);
+        assert_ne!(key(&obj, "bits 14", 2).unwrap(), reshaped);
+    }
+
+    #[test]
+    fn cache_names_are_safe() {
+        let path = Key(blake3::hash(b"x")).path(Path::new("cache"), "../é/a b");
+        assert_eq!(path.parent(), Some(Path::new("cache")));
+        assert!(path.file_name().unwrap().to_str().unwrap().starts_with("_____a_b-"));
+    }
+}
