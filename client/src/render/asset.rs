@@ -1,0 +1,186 @@
+//! One asset in GPU memory: vertices, an index list per material, materials and textures.
+
+use glam::DVec3;
+
+use super::buffer::GrowingBuffer;
+use super::gpu::{Gpu, RenderError};
+use super::material::{BoundMaterial, Material, MaterialKit};
+use super::texture::{StreamedTexture, TextureData, TextureShape};
+use super::vertex::RenderVertex;
+
+/// An asset as the renderer draws it. Made by [`super::Renderer::create_asset`].
+///
+/// Vertices are addressed by wedge slot, faces by face slot within their material; an unused face
+/// slot holds `[0, 0, 0]`, which covers no pixel.
+#[derive(Debug)]
+pub struct AssetGpu {
+    kit: MaterialKit,
+    origin: DVec3,
+    bounds: Option<(DVec3, f64)>,
+    vertices: GrowingBuffer<RenderVertex>,
+    parts: Vec<Part>,
+    textures: Vec<StreamedTexture>,
+}
+
+/// The faces of one material.
+#[derive(Debug)]
+struct Part {
+    material: Material,
+    bound: BoundMaterial,
+    indices: GrowingBuffer<[u32; 3]>,
+}
+
+/// What a draw call of one material needs.
+pub(crate) struct PartDraw<'a> {
+    pub(crate) material: &'a BoundMaterial,
+    pub(crate) indices: &'a wgpu::Buffer,
+    pub(crate) faces: u32,
+}
+
+impl AssetGpu {
+    pub(crate) fn new(
+        gpu: &Gpu,
+        kit: MaterialKit,
+        origin: DVec3,
+        materials: &[Material],
+        textures: &[TextureShape],
+    ) -> Self {
+        let textures: Vec<_> = textures.iter().map(|shape| StreamedTexture::new(gpu, *shape)).collect();
+        let parts = materials
+            .iter()
+            .map(|material| Part {
+                material: *material,
+                bound: kit.bind(gpu, material, &textures),
+                indices: GrowingBuffer::new("index buffer", wgpu::BufferUsages::INDEX),
+            })
+            .collect();
+        let vertices = GrowingBuffer::new("vertex buffer", wgpu::BufferUsages::VERTEX);
+        Self { kit, origin, bounds: None, vertices, parts, textures }
+    }
+
+    /// The point that vertex positions are relative to, in the asset's units.
+    #[must_use]
+    pub fn origin(&self) -> DVec3 {
+        self.origin
+    }
+
+    /// Tells a sphere (centre relative to the origin, asset units) that holds all vertices;
+    /// instances whose sphere lies outside the view are then left out of the frame.
+    pub fn set_bounds(&mut self, centre: DVec3, radius: f64) {
+        self.bounds = Some((centre, radius));
+    }
+
+    pub(crate) fn bounds(&self) -> Option<(DVec3, f64)> {
+        self.bounds
+    }
+
+    /// Replaces the vertices from slot `first` on. The buffer grows as needed; slots skipped over
+    /// are zero.
+    ///
+    /// # Errors
+    /// [`RenderError::TooLarge`] past the device's buffer limit; nothing is changed then.
+    pub fn update_vertices(
+        &mut self,
+        gpu: &Gpu,
+        first: usize,
+        vertices: &[RenderVertex],
+    ) -> Result<(), RenderError> {
+        self.vertices.write(gpu, first as u64, vertices)
+    }
+
+    /// Replaces faces of `material` from face slot `first` on. Every index must name a vertex slot
+    /// that has been written; faces that name a later one draw nothing sensible, but are harmless.
+    ///
+    /// # Errors
+    /// [`RenderError::NoSuch`] for an unknown material, [`RenderError::TooLarge`] past the device's
+    /// buffer limit.
+    pub fn update_indices(
+        &mut self,
+        gpu: &Gpu,
+        material: usize,
+        first: usize,
+        faces: &[[u32; 3]],
+    ) -> Result<(), RenderError> {
+        let count = self.parts.len();
+        self.parts
+            .get_mut(material)
+            .ok_or(RenderError::NoSuch { what: "material", index: material, count })?
+            .indices
+            .write(gpu, first as u64, faces)
+    }
+
+    /// Forgets the face slots of `material` from `len` on (they are not drawn any more).
+    pub fn truncate_indices(&mut self, material: usize, len: usize) {
+        if let Some(part) = self.parts.get_mut(material) {
+            part.indices.truncate(len as u64);
+        }
+    }
+
+    /// Replaces one material; the textures it names must be those given at creation.
+    ///
+    /// # Errors
+    /// [`RenderError::NoSuch`] for an unknown material.
+    pub fn set_material(&mut self, gpu: &Gpu, index: usize, material: Material) -> Result<(), RenderError> {
+        let count = self.parts.len();
+        let part = self.parts.get_mut(index).ok_or(RenderError::NoSuch { what: "material", index, count })?;
+        part.material = material;
+        part.bound = self.kit.bind(gpu, &material, &self.textures);
+        Ok(())
+    }
+
+    /// Hands in one decoded mip level (0 = finest) of a texture. Levels may come in any order;
+    /// what is drawn sharpens as far as the levels reach without a gap from the coarsest up.
+    ///
+    /// # Errors
+    /// [`RenderError::NoSuch`] or [`RenderError::LevelSize`]; nothing is changed then.
+    pub fn update_texture(
+        &mut self,
+        gpu: &Gpu,
+        texture: usize,
+        level: u32,
+        data: TextureData<'_>,
+    ) -> Result<(), RenderError> {
+        let count = self.textures.len();
+        let slot = self.textures.get_mut(texture).ok_or(RenderError::NoSuch {
+            what: "texture",
+            index: texture,
+            count,
+        })?;
+        if slot.upload(gpu, level, data)? {
+            for part in &mut self.parts {
+                let m = &part.material;
+                if m.colour_texture == Some(texture) || m.height_texture == Some(texture) {
+                    part.bound = self.kit.bind(gpu, m, &self.textures);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Finest level of a texture that is drawn with; `None` until its coarsest has arrived.
+    #[must_use]
+    pub fn finest_texture_level(&self, texture: usize) -> Option<u32> {
+        self.textures.get(texture).and_then(StreamedTexture::finest)
+    }
+
+    /// GPU memory of vertices and indices, in bytes.
+    #[must_use]
+    pub fn geometry_bytes(&self) -> u64 {
+        self.vertices.bytes() + self.parts.iter().map(|p| p.indices.bytes()).sum::<u64>()
+    }
+
+    /// The vertex buffer and the parts that have faces; nothing while there are no vertices.
+    pub(crate) fn draws(&self) -> Option<(&wgpu::Buffer, impl Iterator<Item = PartDraw<'_>>)> {
+        let parts = self.parts.iter().filter_map(|part| {
+            let faces = u32::try_from(part.indices.len()).unwrap_or(u32::MAX).min(u32::MAX / 3);
+            Some(PartDraw { material: &part.bound, indices: part.indices.buffer()?, faces })
+                .filter(|draw| draw.faces > 0)
+        });
+        Some((self.vertices.buffer()?, parts))
+    }
+
+    /// Whether any pixel could come of this asset.
+    pub(crate) fn is_drawable(&self) -> bool {
+        self.vertices.len() > 0 && self.parts.iter().any(|part| part.indices.len() > 0)
+    }
+}

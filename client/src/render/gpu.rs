@@ -1,0 +1,166 @@
+//! The device: choice of adapter, limits, and errors that stay values.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use thiserror::Error;
+
+/// What can go wrong while drawing.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum RenderError {
+    /// No graphics adapter answered.
+    #[error(
+        "no graphics adapter found ({reason}); install a Vulkan driver, without a GPU Mesa's software \
+         one (Debian and Ubuntu: apt-get install mesa-vulkan-drivers libvulkan1)"
+    )]
+    NoAdapter {
+        /// What wgpu said.
+        reason: String,
+    },
+    /// The adapter refused to open a device.
+    #[error("graphics adapter {adapter} refused to open a device: {reason}")]
+    NoDevice {
+        /// Name of the adapter.
+        adapter: String,
+        /// What wgpu said.
+        reason: String,
+    },
+    /// wgpu reported an error since the last frame: out of memory, validation or a lost device.
+    #[error("graphics device: {0}")]
+    Device(String),
+    /// A buffer or picture would exceed what the device can hold.
+    #[error("{what} needs {needed}, the graphics device allows {allowed}")]
+    TooLarge {
+        /// What was to be allocated.
+        what: &'static str,
+        /// Size asked for (bytes, or pixels on a side).
+        needed: u64,
+        /// The device's limit in the same unit.
+        allowed: u64,
+    },
+    /// A material, texture or level number that the asset does not have.
+    #[error("{what} {index} does not exist (there are {count})")]
+    NoSuch {
+        /// What was named.
+        what: &'static str,
+        /// The number given.
+        index: usize,
+        /// How many there are.
+        count: usize,
+    },
+    /// The pixels handed in do not fit the texture level.
+    #[error("texture level {level}: expected {expected} samples ({width}×{height}), got {got}")]
+    LevelSize {
+        /// Mip level, 0 = finest.
+        level: u32,
+        /// Width of that level in texels.
+        width: u32,
+        /// Height of that level in texels.
+        height: u32,
+        /// Samples expected.
+        expected: usize,
+        /// Samples handed in.
+        got: usize,
+    },
+    /// A picture could not be read back or written.
+    #[error("picture: {0}")]
+    Picture(String),
+}
+
+/// An open graphics device.
+///
+/// Cloning shares the device. Errors of wgpu (which by default abort the process) are logged and
+/// kept; [`Gpu::take_error`] hands them over, and drawing returns them as [`RenderError::Device`].
+#[derive(Clone, Debug)]
+pub struct Gpu {
+    /// The adapter behind the device.
+    pub adapter: wgpu::Adapter,
+    /// The device.
+    pub device: wgpu::Device,
+    /// Its queue.
+    pub queue: wgpu::Queue,
+    error: Arc<Mutex<Option<String>>>,
+}
+
+/// Features that the renderer uses where they exist.
+const WANTED: wgpu::Features =
+    wgpu::Features::POLYGON_MODE_LINE.union(wgpu::Features::TEXTURE_FORMAT_16BIT_NORM);
+
+impl Gpu {
+    /// Opens a device that draws into textures only; needs no display. Prefers real GPUs to
+    /// software ones; the environment variable `WGPU_BACKEND` restricts the back ends tried.
+    ///
+    /// # Errors
+    /// [`RenderError::NoAdapter`] names the package to install.
+    pub fn headless() -> Result<Self, RenderError> {
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
+            backends: wgpu::Backends::from_env().unwrap_or(wgpu::Backends::PRIMARY),
+            flags: wgpu::InstanceFlags::empty(),
+            ..wgpu::InstanceDescriptor::new_without_display_handle()
+        });
+        Self::open(&instance, None)
+    }
+
+    /// Opens a device that can present to `surface`, which must come from `instance`.
+    ///
+    /// # Errors
+    /// [`RenderError::NoAdapter`] names the package to install.
+    pub fn for_surface(instance: &wgpu::Instance, surface: &wgpu::Surface<'_>) -> Result<Self, RenderError> {
+        Self::open(instance, Some(surface))
+    }
+
+    fn open(instance: &wgpu::Instance, surface: Option<&wgpu::Surface<'_>>) -> Result<Self, RenderError> {
+        let adapter = pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions {
+            power_preference: wgpu::PowerPreference::HighPerformance,
+            compatible_surface: surface,
+            ..Default::default()
+        }))
+        .map_err(|e| RenderError::NoAdapter { reason: e.to_string() })?;
+        let info = adapter.get_info();
+        let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
+            label: Some("lodestream"),
+            required_features: WANTED & adapter.features(),
+            required_limits: adapter.limits(),
+            ..Default::default()
+        }))
+        .map_err(|e| RenderError::NoDevice { adapter: info.name.clone(), reason: e.to_string() })?;
+        tracing::info!(adapter = info.name, backend = ?info.backend, "graphics device opened");
+
+        let error = Arc::new(Mutex::new(None));
+        let keep = |slot: &Arc<Mutex<Option<String>>>| {
+            let slot = Arc::clone(slot);
+            move |text: String| {
+                tracing::error!("graphics device: {text}");
+                // The first error explains the ones that follow it.
+                slot.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(text);
+            }
+        };
+        let on_error = keep(&error);
+        device.on_uncaptured_error(Arc::new(move |e: wgpu::Error| on_error(e.to_string())));
+        let on_lost = keep(&error);
+        device.set_device_lost_callback(move |reason, text| {
+            if reason != wgpu::DeviceLostReason::Destroyed {
+                on_lost(format!("device lost: {text}"));
+            }
+        });
+        Ok(Self { adapter, device, queue, error })
+    }
+
+    /// Name and back end of the adapter, for logs and overlays.
+    #[must_use]
+    pub fn describe(&self) -> String {
+        let info = self.adapter.get_info();
+        format!("{} ({:?})", info.name, info.backend)
+    }
+
+    /// The first error that wgpu reported since the last call.
+    #[must_use]
+    pub fn take_error(&self) -> Option<String> {
+        self.error.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+
+    /// [`Gpu::take_error`] as a result.
+    pub(crate) fn check(&self) -> Result<(), RenderError> {
+        self.take_error().map_or(Ok(()), |text| Err(RenderError::Device(text)))
+    }
+}

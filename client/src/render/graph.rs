@@ -1,0 +1,156 @@
+//! The frame graph: which passes a picture needs, from what they read and write.
+//!
+//! Passes are declared in the order in which they may run. Planning walks back from what is wanted
+//! and keeps a pass only if somebody reads what it writes; textures are allocated for the planned
+//! passes only.
+
+/// A pass over the picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum PassId {
+    /// Surfaces to depth, normal and albedo.
+    GBuffer,
+    /// Ambient occlusion, 16 rotated samples.
+    Occlusion,
+    /// 4×4 blur that removes the rotation's pattern.
+    OcclusionBlur,
+    /// Sun and ambient light on the surfaces, sky elsewhere.
+    Lighting,
+    /// Sky alone, when there is no surface.
+    Sky,
+    /// Triangle edges over the lit picture.
+    Wireframe,
+    /// Radiance to display values.
+    ToneMap,
+}
+
+/// What passes hand on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub(crate) enum Resource {
+    Depth,
+    Normal,
+    Albedo,
+    OcclusionRaw,
+    Occlusion,
+    Radiance,
+    /// The caller's target; not allocated here.
+    Target,
+}
+
+/// A pass with what it reads and writes. A pass that draws over something lists it in both.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Pass {
+    pub(crate) id: PassId,
+    reads: &'static [Resource],
+    writes: &'static [Resource],
+}
+
+/// What decides about passes.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Needs {
+    pub(crate) geometry: bool,
+    pub(crate) occlusion: bool,
+    pub(crate) wireframe: bool,
+}
+
+/// The passes that could run, in order.
+pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
+    use Resource::{Albedo, Depth, Normal, Occlusion, OcclusionRaw, Radiance, Target};
+    let pass = |id, reads, writes| Pass { id, reads, writes };
+    let mut passes = Vec::new();
+    if needs.geometry {
+        passes.push(pass(PassId::GBuffer, &[], &[Depth, Normal, Albedo]));
+        passes.push(pass(PassId::Occlusion, &[Depth], &[OcclusionRaw]));
+        passes.push(pass(PassId::OcclusionBlur, &[Depth, OcclusionRaw], &[Occlusion]));
+        passes.push(if needs.occlusion {
+            pass(PassId::Lighting, &[Depth, Normal, Albedo, Occlusion], &[Radiance])
+        } else {
+            pass(PassId::Lighting, &[Depth, Normal, Albedo], &[Radiance])
+        });
+        if needs.wireframe {
+            passes.push(pass(PassId::Wireframe, &[Depth, Radiance], &[Radiance]));
+        }
+    } else {
+        passes.push(pass(PassId::Sky, &[], &[Radiance]));
+    }
+    passes.push(pass(PassId::ToneMap, &[Radiance], &[Target]));
+    passes
+}
+
+/// The candidates that `wanted` depends on, in their order.
+pub(crate) fn plan(candidates: &[Pass], wanted: &[Resource]) -> Vec<Pass> {
+    let mut needed = wanted.to_vec();
+    let mut kept: Vec<Pass> = Vec::new();
+    for pass in candidates.iter().rev() {
+        if pass.writes.iter().any(|w| needed.contains(w)) {
+            needed.retain(|r| !pass.writes.contains(r));
+            needed.extend_from_slice(pass.reads);
+            kept.push(*pass);
+        }
+    }
+    kept.reverse();
+    kept
+}
+
+/// The resources that the planned passes touch.
+pub(crate) fn resources(plan: &[Pass]) -> Vec<Resource> {
+    let mut all: Vec<_> = plan.iter().flat_map(|p| p.reads.iter().chain(p.writes)).copied().collect();
+    all.sort_unstable();
+    all.dedup();
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ids(needs: Needs, wanted: &[Resource]) -> Vec<PassId> {
+        plan(&candidates(needs), wanted).iter().map(|p| p.id).collect()
+    }
+
+    #[test]
+    fn nothing_to_draw_needs_only_the_sky() {
+        let needs = Needs { occlusion: true, wireframe: true, geometry: false };
+        assert_eq!(ids(needs, &[Resource::Target]), [PassId::Sky, PassId::ToneMap]);
+        assert_eq!(
+            resources(&plan(&candidates(needs), &[Resource::Target])),
+            [Resource::Radiance, Resource::Target]
+        );
+    }
+
+    #[test]
+    fn passes_whose_output_nobody_reads_are_dropped() {
+        let needs = Needs { geometry: true, ..Needs::default() };
+        assert_eq!(ids(needs, &[Resource::Target]), [PassId::GBuffer, PassId::Lighting, PassId::ToneMap]);
+        assert_eq!(ids(needs, &[Resource::Depth]), [PassId::GBuffer]);
+        assert_eq!(ids(needs, &[Resource::OcclusionRaw]), [PassId::GBuffer, PassId::Occlusion]);
+    }
+
+    #[test]
+    fn everything_asked_for_runs_in_order() {
+        let needs = Needs { geometry: true, occlusion: true, wireframe: true };
+        assert_eq!(
+            ids(needs, &[Resource::Target]),
+            [
+                PassId::GBuffer,
+                PassId::Occlusion,
+                PassId::OcclusionBlur,
+                PassId::Lighting,
+                PassId::Wireframe,
+                PassId::ToneMap
+            ]
+        );
+    }
+
+    #[test]
+    fn every_read_was_written_before() {
+        for bits in 0..8 {
+            let needs = Needs { geometry: bits & 1 != 0, occlusion: bits & 2 != 0, wireframe: bits & 4 != 0 };
+            let mut written = Vec::new();
+            for pass in plan(&candidates(needs), &[Resource::Target]) {
+                assert!(pass.reads.iter().all(|r| written.contains(r)), "{needs:?} {pass:?}");
+                written.extend_from_slice(pass.writes);
+            }
+            assert!(written.contains(&Resource::Target));
+        }
+    }
+}

@@ -1,0 +1,174 @@
+//! Materials and what the shaders see of them.
+
+use bytemuck::{Pod, Zeroable};
+use wgpu::util::DeviceExt;
+
+use super::gpu::Gpu;
+use super::texture::{StreamedTexture, TextureKind};
+
+/// How a surface looks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Material {
+    /// Diffuse colour, linear; multiplied with the colour texture.
+    pub base_colour: [f32; 3],
+    /// 0 = mirror-like highlights, 1 = matt.
+    pub roughness: f32,
+    /// Depth of the height map below the surface, in the asset's units; 0 = no relief.
+    pub relief_depth: f32,
+    /// Index into the asset's textures.
+    pub colour_texture: Option<usize>,
+    /// Index into the asset's textures.
+    pub height_texture: Option<usize>,
+}
+
+impl Default for Material {
+    fn default() -> Self {
+        Self {
+            base_colour: [0.7; 3],
+            roughness: 0.8,
+            relief_depth: 0.0,
+            colour_texture: None,
+            height_texture: None,
+        }
+    }
+}
+
+/// `Material` of `gbuffer.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct MaterialUniform {
+    base_colour: [f32; 3],
+    roughness: f32,
+    relief_depth: f32,
+    padding: [f32; 3],
+}
+
+/// What all materials share: layout, sampler, and textures that stand for absent ones.
+#[derive(Clone, Debug)]
+pub(crate) struct MaterialKit {
+    pub(crate) layout: wgpu::BindGroupLayout,
+    sampler: wgpu::Sampler,
+    white: wgpu::TextureView,
+    flat: wgpu::TextureView,
+}
+
+impl MaterialKit {
+    pub(crate) fn new(gpu: &Gpu) -> Self {
+        let texture = |binding| wgpu::BindGroupLayoutEntry {
+            binding,
+            visibility: wgpu::ShaderStages::FRAGMENT,
+            ty: wgpu::BindingType::Texture {
+                sample_type: wgpu::TextureSampleType::Float { filterable: true },
+                view_dimension: wgpu::TextureViewDimension::D2,
+                multisampled: false,
+            },
+            count: None,
+        };
+        let layout = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some("material"),
+            entries: &[
+                wgpu::BindGroupLayoutEntry {
+                    binding: 0,
+                    visibility: wgpu::ShaderStages::FRAGMENT,
+                    ty: wgpu::BindingType::Buffer {
+                        ty: wgpu::BufferBindingType::Uniform,
+                        has_dynamic_offset: false,
+                        min_binding_size: None,
+                    },
+                    count: None,
+                },
+                texture(1),
+                texture(2),
+                wgpu::BindGroupLayoutEntry {
+                    binding: 3,
+                    visibility: wgpu::ShaderStages::FRAGMENT,
+                    ty: wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
+                    count: None,
+                },
+            ],
+        });
+        // Anisotropic filtering sharpens floors at grazing angles but multiplies the work of a
+        // software driver, which is why only real GPUs use it.
+        let software = gpu.adapter.get_info().device_type == wgpu::DeviceType::Cpu;
+        let sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("material"),
+            address_mode_u: wgpu::AddressMode::Repeat,
+            address_mode_v: wgpu::AddressMode::Repeat,
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
+            mipmap_filter: wgpu::MipmapFilterMode::Linear,
+            anisotropy_clamp: if software { 1 } else { 8 },
+            ..Default::default()
+        });
+        let single = |format, data: &[u8]| {
+            gpu.device
+                .create_texture_with_data(
+                    &gpu.queue,
+                    &wgpu::TextureDescriptor {
+                        label: Some("absent texture"),
+                        size: wgpu::Extent3d { width: 1, height: 1, depth_or_array_layers: 1 },
+                        mip_level_count: 1,
+                        sample_count: 1,
+                        dimension: wgpu::TextureDimension::D2,
+                        format,
+                        usage: wgpu::TextureUsages::TEXTURE_BINDING,
+                        view_formats: &[],
+                    },
+                    wgpu::util::TextureDataOrder::LayerMajor,
+                    data,
+                )
+                .create_view(&Default::default())
+        };
+        Self {
+            layout,
+            sampler,
+            white: single(wgpu::TextureFormat::Rgba8UnormSrgb, &[255; 4]),
+            flat: single(wgpu::TextureFormat::R8Unorm, &[255]),
+        }
+    }
+
+    /// Makes what the shaders read for one material with its textures as they are now.
+    pub(crate) fn bind(&self, gpu: &Gpu, material: &Material, textures: &[StreamedTexture]) -> BoundMaterial {
+        let find = |index: Option<usize>, kind| {
+            index.and_then(|i| textures.get(i)).filter(|t| t.kind() == kind).and_then(StreamedTexture::view)
+        };
+        let colour = find(material.colour_texture, TextureKind::Colour);
+        let height = find(material.height_texture, TextureKind::Height);
+        let relief = height.is_some() && material.relief_depth > 0.0;
+        let uniform = gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+            label: Some("material"),
+            contents: bytemuck::bytes_of(&MaterialUniform {
+                base_colour: material.base_colour,
+                roughness: material.roughness.clamp(0.05, 1.0),
+                relief_depth: if relief { material.relief_depth } else { 0.0 },
+                padding: [0.0; 3],
+            }),
+            usage: wgpu::BufferUsages::UNIFORM,
+        });
+        let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("material"),
+            layout: &self.layout,
+            entries: &[
+                wgpu::BindGroupEntry { binding: 0, resource: uniform.as_entire_binding() },
+                wgpu::BindGroupEntry {
+                    binding: 1,
+                    resource: wgpu::BindingResource::TextureView(colour.as_ref().unwrap_or(&self.white)),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 2,
+                    resource: wgpu::BindingResource::TextureView(height.as_ref().unwrap_or(&self.flat)),
+                },
+                wgpu::BindGroupEntry { binding: 3, resource: wgpu::BindingResource::Sampler(&self.sampler) },
+            ],
+        });
+        BoundMaterial { group, relief }
+    }
+}
+
+/// A material ready to draw with.
+#[derive(Debug)]
+pub(crate) struct BoundMaterial {
+    pub(crate) group: wgpu::BindGroup,
+    /// Whether the relief pipeline has something to do.
+    pub(crate) relief: bool,
+}

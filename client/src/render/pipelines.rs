@@ -1,0 +1,165 @@
+//! Shader modules and pipelines, one per pass.
+
+use super::gpu::Gpu;
+use super::instance::{INSTANCE_ATTRIBUTES, InstanceRaw};
+use super::material::MaterialKit;
+use super::targets::{ALBEDO, DEPTH, NORMAL, OCCLUSION, RADIANCE};
+use super::vertex::{RenderVertex, VERTEX_ATTRIBUTES};
+
+const GBUFFER: &str = concat!(
+    include_str!("shaders/common.wgsl"),
+    include_str!("shaders/gbuffer.wgsl"),
+    include_str!("shaders/relief.wgsl")
+);
+const SSAO: &str = concat!(
+    include_str!("shaders/common.wgsl"),
+    include_str!("shaders/fullscreen.wgsl"),
+    include_str!("shaders/ssao.wgsl")
+);
+const LIGHTING: &str = concat!(
+    include_str!("shaders/common.wgsl"),
+    include_str!("shaders/fullscreen.wgsl"),
+    include_str!("shaders/lighting.wgsl")
+);
+const TONEMAP: &str = concat!(
+    include_str!("shaders/common.wgsl"),
+    include_str!("shaders/fullscreen.wgsl"),
+    include_str!("shaders/tonemap.wgsl")
+);
+
+/// Everything compiled for one target format.
+#[derive(Debug)]
+pub(crate) struct Pipelines {
+    /// Group 0 of the geometry passes: the frame's uniform block.
+    pub(crate) frame_layout: wgpu::BindGroupLayout,
+    pub(crate) surface: wgpu::RenderPipeline,
+    pub(crate) surface_relief: wgpu::RenderPipeline,
+    /// Absent where the device cannot draw triangles as lines.
+    pub(crate) wire: Option<wgpu::RenderPipeline>,
+    pub(crate) occlusion: wgpu::RenderPipeline,
+    pub(crate) blur: wgpu::RenderPipeline,
+    pub(crate) lighting: wgpu::RenderPipeline,
+    pub(crate) lighting_occlusion: wgpu::RenderPipeline,
+    pub(crate) sky: wgpu::RenderPipeline,
+    pub(crate) tonemap: wgpu::RenderPipeline,
+}
+
+impl Pipelines {
+    pub(crate) fn new(gpu: &Gpu, kit: &MaterialKit, target: wgpu::TextureFormat) -> Self {
+        let device = &gpu.device;
+        let module = |label, text: &'static str| {
+            device.create_shader_module(wgpu::ShaderModuleDescriptor {
+                label: Some(label),
+                source: wgpu::ShaderSource::Wgsl(text.into()),
+            })
+        };
+        let (gbuffer, ssao) = (module("gbuffer", GBUFFER), module("ssao", SSAO));
+        let (lighting, tonemap) = (module("lighting", LIGHTING), module("tonemap", TONEMAP));
+
+        let frame_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some("frame"),
+            entries: &[wgpu::BindGroupLayoutEntry {
+                binding: 0,
+                visibility: wgpu::ShaderStages::VERTEX_FRAGMENT,
+                ty: wgpu::BindingType::Buffer {
+                    ty: wgpu::BufferBindingType::Uniform,
+                    has_dynamic_offset: false,
+                    min_binding_size: None,
+                },
+                count: None,
+            }],
+        });
+        let geometry_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some("geometry"),
+            bind_group_layouts: &[Some(&frame_layout), Some(&kit.layout)],
+            immediate_size: 0,
+        });
+        let geometry = |entry: [&str; 2], targets: &[Option<wgpu::ColorTargetState>], relief: bool, wire| {
+            let constants: &[(&str, f64)] = if relief { &[("RELIEF", 1.0)] } else { &[] };
+            device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+                label: Some(entry[1]),
+                layout: Some(&geometry_layout),
+                vertex: wgpu::VertexState {
+                    module: &gbuffer,
+                    entry_point: Some(entry[0]),
+                    compilation_options: Default::default(),
+                    buffers: &[
+                        Some(wgpu::VertexBufferLayout {
+                            array_stride: size_of::<RenderVertex>() as u64,
+                            step_mode: wgpu::VertexStepMode::Vertex,
+                            attributes: &VERTEX_ATTRIBUTES,
+                        }),
+                        Some(wgpu::VertexBufferLayout {
+                            array_stride: size_of::<InstanceRaw>() as u64,
+                            step_mode: wgpu::VertexStepMode::Instance,
+                            attributes: &INSTANCE_ATTRIBUTES,
+                        }),
+                    ],
+                },
+                primitive: wgpu::PrimitiveState {
+                    cull_mode: None,
+                    polygon_mode: if wire { wgpu::PolygonMode::Line } else { wgpu::PolygonMode::Fill },
+                    ..Default::default()
+                },
+                depth_stencil: Some(wgpu::DepthStencilState {
+                    format: DEPTH,
+                    depth_write_enabled: Some(!wire),
+                    // Reversed depth: nearer is greater.
+                    depth_compare: Some(wgpu::CompareFunction::Greater),
+                    stencil: Default::default(),
+                    bias: Default::default(),
+                }),
+                multisample: Default::default(),
+                fragment: Some(wgpu::FragmentState {
+                    module: &gbuffer,
+                    entry_point: Some(entry[1]),
+                    compilation_options: wgpu::PipelineCompilationOptions { constants, ..Default::default() },
+                    targets,
+                }),
+                multiview_mask: None,
+                cache: None,
+            })
+        };
+        let full = |module: &wgpu::ShaderModule,
+                    entry,
+                    format: wgpu::TextureFormat,
+                    constants: &[(&str, f64)]| {
+            device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+                label: Some(entry),
+                layout: None,
+                vertex: wgpu::VertexState {
+                    module,
+                    entry_point: Some("vs_fullscreen"),
+                    compilation_options: Default::default(),
+                    buffers: &[],
+                },
+                primitive: Default::default(),
+                depth_stencil: None,
+                multisample: Default::default(),
+                fragment: Some(wgpu::FragmentState {
+                    module,
+                    entry_point: Some(entry),
+                    compilation_options: wgpu::PipelineCompilationOptions { constants, ..Default::default() },
+                    targets: &[Some(format.into())],
+                }),
+                multiview_mask: None,
+                cache: None,
+            })
+        };
+        let surfaces = [Some(NORMAL.into()), Some(ALBEDO.into())];
+        let lines = gpu.device.features().contains(wgpu::Features::POLYGON_MODE_LINE);
+        let encode: &[(&str, f64)] = if target.is_srgb() { &[] } else { &[("ENCODE_SRGB", 1.0)] };
+        Self {
+            surface: geometry(["vs_surface", "fs_surface"], &surfaces, false, false),
+            surface_relief: geometry(["vs_surface", "fs_surface"], &surfaces, true, false),
+            wire: lines.then(|| geometry(["vs_wire", "fs_wire"], &[Some(RADIANCE.into())], false, true)),
+            occlusion: full(&ssao, "fs_occlusion", OCCLUSION, &[]),
+            blur: full(&ssao, "fs_blur", OCCLUSION, &[]),
+            lighting: full(&lighting, "fs_lighting", RADIANCE, &[]),
+            lighting_occlusion: full(&lighting, "fs_lighting", RADIANCE, &[("OCCLUSION", 1.0)]),
+            sky: full(&lighting, "fs_sky", RADIANCE, &[]),
+            tonemap: full(&tonemap, "fs_tonemap", target, encode),
+            frame_layout,
+        }
+    }
+}

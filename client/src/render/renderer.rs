@@ -1,0 +1,265 @@
+//! The renderer: plans a frame's passes and records them.
+
+use glam::DVec3;
+
+use super::asset::AssetGpu;
+use super::buffer::GrowingBuffer;
+use super::draw::DrawList;
+use super::gpu::{Gpu, RenderError};
+use super::graph::{self, Needs, PassId, Resource};
+use super::instance::InstanceRaw;
+use super::material::{Material, MaterialKit};
+use super::pipelines::Pipelines;
+use super::scene::{Counters, Frame};
+use super::targets::Targets;
+use super::texture::TextureShape;
+use super::uniforms::FrameUniform;
+
+/// Draws frames into targets of one format.
+#[derive(Debug)]
+pub struct Renderer {
+    kit: MaterialKit,
+    pipelines: Pipelines,
+    targets: Targets,
+    frame_buffer: wgpu::Buffer,
+    frame_group: wgpu::BindGroup,
+    instances: GrowingBuffer<InstanceRaw>,
+    target_format: wgpu::TextureFormat,
+    warned_wireframe: bool,
+}
+
+impl Renderer {
+    /// A renderer for targets of `target_format`. With an sRGB format the target encodes what it
+    /// is given; with any other the shader applies the sRGB curve, so both show the same picture.
+    ///
+    /// # Errors
+    /// [`RenderError::Device`] if the device refuses a shader or pipeline.
+    pub fn new(gpu: &Gpu, target_format: wgpu::TextureFormat) -> Result<Self, RenderError> {
+        let kit = MaterialKit::new(gpu);
+        let pipelines = Pipelines::new(gpu, &kit, target_format);
+        let frame_buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("frame"),
+            size: size_of::<FrameUniform>() as u64,
+            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        let frame_group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("frame"),
+            layout: &pipelines.frame_layout,
+            entries: &[wgpu::BindGroupEntry { binding: 0, resource: frame_buffer.as_entire_binding() }],
+        });
+        gpu.check()?;
+        Ok(Self {
+            kit,
+            pipelines,
+            targets: Targets::default(),
+            frame_buffer,
+            frame_group,
+            instances: GrowingBuffer::new("instance buffer", wgpu::BufferUsages::VERTEX),
+            target_format,
+            warned_wireframe: false,
+        })
+    }
+
+    /// The format of the targets that this renderer draws into.
+    #[must_use]
+    pub fn target_format(&self) -> wgpu::TextureFormat {
+        self.target_format
+    }
+
+    /// Makes an empty asset. Positions of its vertices will be relative to `origin` (asset units);
+    /// materials refer to `textures` by index.
+    #[must_use]
+    pub fn create_asset(
+        &self,
+        gpu: &Gpu,
+        origin: DVec3,
+        materials: &[Material],
+        textures: &[TextureShape],
+    ) -> AssetGpu {
+        AssetGpu::new(gpu, self.kit.clone(), origin, materials, textures)
+    }
+
+    /// Records a frame of `size` pixels into `target`. Uploads happen at once, drawing when the
+    /// caller submits `encoder` to the device's queue; one frame must be submitted before the next
+    /// is recorded.
+    ///
+    /// # Errors
+    /// [`RenderError::TooLarge`] for a size that the device cannot draw (or 0), and
+    /// [`RenderError::Device`] with the first error that wgpu reported since the last frame.
+    pub fn record(
+        &mut self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        target: &wgpu::TextureView,
+        size: (u32, u32),
+        frame: &Frame<'_>,
+    ) -> Result<Counters, RenderError> {
+        let mut counters = Counters::default();
+        let list = DrawList::new(frame, size, &mut counters);
+        if frame.settings.wireframe && self.pipelines.wire.is_none() && !self.warned_wireframe {
+            tracing::warn!("{} cannot draw wireframes; they are left out", gpu.describe());
+            self.warned_wireframe = true;
+        }
+        let plan = graph::plan(
+            &graph::candidates(Needs {
+                geometry: !list.batches.is_empty(),
+                occlusion: frame.settings.occlusion.is_some_and(|o| o.strength > 0.0),
+                wireframe: frame.settings.wireframe && self.pipelines.wire.is_some(),
+            }),
+            &[Resource::Target],
+        );
+        self.targets.ensure(gpu, size, &graph::resources(&plan))?;
+        self.instances.write(gpu, 0, &list.instances)?;
+        let uniform = FrameUniform::new(frame, size);
+        gpu.queue.write_buffer(&self.frame_buffer, 0, bytemuck::bytes_of(&uniform));
+        for pass in &plan {
+            self.run(gpu, encoder, pass.id, target, frame, &list, &mut counters);
+            counters.passes.push(pass.id);
+        }
+        gpu.check()?;
+        Ok(counters)
+    }
+
+    /// The intermediate texture of a resource, if the last frame's plan had it.
+    pub(crate) fn intermediate(&self, resource: Resource) -> Option<&wgpu::Texture> {
+        self.targets.texture(resource)
+    }
+
+    #[expect(clippy::too_many_arguments, reason = "one call site; a struct would only rename them")]
+    fn run(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        id: PassId,
+        target: &wgpu::TextureView,
+        frame: &Frame<'_>,
+        list: &DrawList<'_>,
+        counters: &mut Counters,
+    ) {
+        use Resource::{Albedo, Depth, Normal, Occlusion, OcclusionRaw, Radiance};
+        let p = &self.pipelines;
+        match id {
+            PassId::GBuffer | PassId::Wireframe => self.geometry(encoder, id, frame, list, counters),
+            PassId::Occlusion => self.full(gpu, encoder, &p.occlusion, &[Depth], OcclusionRaw),
+            PassId::OcclusionBlur => self.full(gpu, encoder, &p.blur, &[Depth, OcclusionRaw], Occlusion),
+            PassId::Lighting if counters.passes.contains(&PassId::OcclusionBlur) => {
+                let reads = [Depth, Normal, Albedo, Occlusion];
+                self.full(gpu, encoder, &p.lighting_occlusion, &reads, Radiance);
+            }
+            PassId::Lighting => {
+                // The shader reads no occlusion then, but its slot must be filled: any will do.
+                let reads = [Depth, Normal, Albedo, Albedo];
+                self.full(gpu, encoder, &p.lighting, &reads, Radiance);
+            }
+            PassId::Sky => self.full(gpu, encoder, &p.sky, &[], Radiance),
+            PassId::ToneMap => {
+                let group = self.inputs(gpu, &p.tonemap, &[Radiance]);
+                fullscreen(encoder, &p.tonemap, &group, target);
+            }
+        }
+    }
+
+    /// A fullscreen pass from intermediate textures (bindings 1, 2, …) into another.
+    fn full(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        pipeline: &wgpu::RenderPipeline,
+        reads: &[Resource],
+        write: Resource,
+    ) {
+        if let Some(target) = self.targets.view(write) {
+            let group = self.inputs(gpu, pipeline, reads);
+            fullscreen(encoder, pipeline, &group, &target);
+        }
+    }
+
+    fn inputs(&self, gpu: &Gpu, pipeline: &wgpu::RenderPipeline, reads: &[Resource]) -> wgpu::BindGroup {
+        let views: Vec<_> = reads.iter().filter_map(|r| self.targets.view(*r)).collect();
+        let frame = wgpu::BindGroupEntry { binding: 0, resource: self.frame_buffer.as_entire_binding() };
+        let textures = views.iter().zip(1..).map(|(view, binding)| wgpu::BindGroupEntry {
+            binding,
+            resource: wgpu::BindingResource::TextureView(view),
+        });
+        gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("pass inputs"),
+            layout: &pipeline.get_bind_group_layout(0),
+            entries: &std::iter::once(frame).chain(textures).collect::<Vec<_>>(),
+        })
+    }
+
+    /// The two passes that draw triangles: surfaces, or edges over the lit picture.
+    fn geometry(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        id: PassId,
+        frame: &Frame<'_>,
+        list: &DrawList<'_>,
+        counters: &mut Counters,
+    ) {
+        let view = |r| self.targets.view(r);
+        let (Some(depth), Some(instances)) = (view(Resource::Depth), self.instances.buffer()) else { return };
+        let over = id == PassId::Wireframe;
+        let colours = if over { vec![Resource::Radiance] } else { vec![Resource::Normal, Resource::Albedo] };
+        let views: Vec<_> = colours.into_iter().filter_map(view).collect();
+        let load = if over { wgpu::LoadOp::Load } else { wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT) };
+        let attachments: Vec<_> = views.iter().map(|view| Some(attachment(view, load))).collect();
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some(if over { "wireframe" } else { "gbuffer" }),
+            color_attachments: &attachments,
+            depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+                view: &depth,
+                depth_ops: Some(wgpu::Operations {
+                    // 0 is infinitely far.
+                    load: if over { wgpu::LoadOp::Load } else { wgpu::LoadOp::Clear(0.0) },
+                    store: wgpu::StoreOp::Store,
+                }),
+                stencil_ops: None,
+            }),
+            timestamp_writes: None,
+            occlusion_query_set: None,
+            multiview_mask: None,
+        });
+        pass.set_bind_group(0, &self.frame_group, &[]);
+        match (&self.pipelines.wire, over) {
+            (Some(wire), true) => list.wires(&mut pass, wire, instances, counters),
+            (_, false) => {
+                let relief = frame.settings.relief;
+                list.surfaces(&mut pass, &self.pipelines, instances, relief, counters);
+            }
+            (None, true) => {}
+        }
+    }
+}
+
+fn attachment(
+    view: &wgpu::TextureView,
+    load: wgpu::LoadOp<wgpu::Color>,
+) -> wgpu::RenderPassColorAttachment<'_> {
+    wgpu::RenderPassColorAttachment {
+        view,
+        depth_slice: None,
+        resolve_target: None,
+        ops: wgpu::Operations { load, store: wgpu::StoreOp::Store },
+    }
+}
+
+fn fullscreen(
+    encoder: &mut wgpu::CommandEncoder,
+    pipeline: &wgpu::RenderPipeline,
+    group: &wgpu::BindGroup,
+    target: &wgpu::TextureView,
+) {
+    let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        label: Some("fullscreen"),
+        color_attachments: &[Some(attachment(target, wgpu::LoadOp::Clear(wgpu::Color::BLACK)))],
+        depth_stencil_attachment: None,
+        timestamp_writes: None,
+        occlusion_query_set: None,
+        multiview_mask: None,
+    });
+    pass.set_pipeline(pipeline);
+    pass.set_bind_group(0, group, &[]);
+    pass.draw(0..3, 0..1);
+}

@@ -1,0 +1,158 @@
+//! What a frame is made of, and what it reports.
+
+use glam::{DVec3, Vec3};
+
+use super::asset::AssetGpu;
+use super::camera::Camera;
+use super::graph::PassId;
+use super::instance::Instance;
+
+/// An asset and where it stands. Several instances make one draw call per material.
+#[derive(Clone, Copy, Debug)]
+pub struct Drawable<'a> {
+    /// The asset.
+    pub asset: &'a AssetGpu,
+    /// Its placements.
+    pub instances: &'a [Instance],
+}
+
+/// Light and sky.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Environment {
+    /// Direction towards the sun, world space; need not be normalised.
+    pub to_sun: DVec3,
+    /// Irradiance of the sun on a surface that faces it, divided by π (so 1 shows a white diffuse
+    /// surface as 1), linear.
+    pub sun: Vec3,
+    /// Up direction of the scene, for the sky.
+    pub up: DVec3,
+    /// Sky overhead, linear radiance; also the ambient light from above.
+    pub sky_zenith: Vec3,
+    /// Sky at the horizon, linear radiance.
+    pub sky_horizon: Vec3,
+    /// Light from below, linear radiance.
+    pub ground: Vec3,
+}
+
+impl Default for Environment {
+    fn default() -> Self {
+        Self {
+            to_sun: DVec3::new(0.55, 0.75, 0.45),
+            sun: Vec3::new(0.80, 0.75, 0.66),
+            up: DVec3::Y,
+            sky_zenith: Vec3::new(0.14, 0.22, 0.38),
+            sky_horizon: Vec3::new(0.42, 0.47, 0.52),
+            ground: Vec3::new(0.13, 0.12, 0.105),
+        }
+    }
+}
+
+/// Reach of ambient occlusion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum OcclusionRadius {
+    /// In world units: shading that stays put when the camera moves; needs to know the scene.
+    World(f32),
+    /// As a fraction of the view depth: works from millimetres to kilometres, but grows with
+    /// distance.
+    Depth(f32),
+}
+
+/// Screen-space ambient occlusion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AmbientOcclusion {
+    /// Reach of the samples.
+    pub radius: OcclusionRadius,
+    /// 0 = none, 1 = as sampled; more makes up for occluders thinner than the samples' spacing.
+    pub strength: f32,
+}
+
+impl Default for AmbientOcclusion {
+    fn default() -> Self {
+        Self { radius: OcclusionRadius::Depth(0.06), strength: 1.5 }
+    }
+}
+
+/// What colours the surfaces.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Shade {
+    /// Their materials.
+    #[default]
+    Material,
+    /// Their level of refinement, [`super::RenderVertex::level`].
+    Level,
+}
+
+/// How to draw.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// What colours the surfaces.
+    pub shade: Shade,
+    /// Draw the edges of the triangles over the surface. Needs a device that can (most can);
+    /// elsewhere it is left out and a warning logged.
+    pub wireframe: bool,
+    /// Ambient occlusion; `None` saves two passes.
+    pub occlusion: Option<AmbientOcclusion>,
+    /// Relief mapping for materials with a height map.
+    pub relief: bool,
+    /// Factor on radiance before tone mapping.
+    pub exposure: f32,
+    /// Seconds that a new vertex takes to its position; 0 = at once.
+    pub morph_s: f32,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            shade: Shade::Material,
+            wireframe: false,
+            occlusion: Some(AmbientOcclusion::default()),
+            relief: true,
+            exposure: 1.0,
+            morph_s: 0.25,
+        }
+    }
+}
+
+/// One picture to draw.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame<'a> {
+    /// Where from.
+    pub camera: Camera,
+    /// What.
+    pub drawables: &'a [Drawable<'a>],
+    /// In which light.
+    pub environment: Environment,
+    /// How.
+    pub settings: Settings,
+    /// Now, in seconds of the clock of [`super::RenderVertex::birth_s`].
+    pub time_s: f32,
+}
+
+impl<'a> Frame<'a> {
+    /// A frame with default light and settings, at a time when every morph is over.
+    #[must_use]
+    pub fn new(camera: Camera, drawables: &'a [Drawable<'a>]) -> Self {
+        Self {
+            camera,
+            drawables,
+            environment: Environment::default(),
+            settings: Settings::default(),
+            time_s: f32::MAX,
+        }
+    }
+}
+
+/// What a frame took.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Passes run, in order.
+    pub passes: Vec<PassId>,
+    /// Draw calls that drew geometry.
+    pub draws: u32,
+    /// Triangles submitted (instances multiplied, unused face slots included).
+    pub triangles: u64,
+    /// Instances drawn.
+    pub instances: u32,
+    /// Instances left out because their bounds lie outside the view.
+    pub instances_culled: u32,
+}

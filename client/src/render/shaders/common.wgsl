@@ -1,0 +1,54 @@
+// Shared by all passes: the frame's uniform block and small helpers.
+// Conventions: positions are relative to the eye; view space has x right, y up and looks along -z;
+// depth is reversed (near / view depth), 0 where there is no surface.
+
+struct Frame {
+    clip_from_view: mat4x4<f32>,
+    view_from_world: mat4x4<f32>, // rotation only
+    to_sun: vec4<f32>,
+    sun: vec4<f32>,
+    up: vec4<f32>,
+    sky_zenith: vec4<f32>,
+    sky_horizon: vec4<f32>,
+    ground: vec4<f32>,
+    size_px: vec2<f32>,
+    tan_half_fov: vec2<f32>,
+    near: f32,
+    time_s: f32,
+    morph_s: f32,
+    exposure: f32,
+    occlusion_radius_world: f32,
+    occlusion_radius_depth: f32,
+    occlusion_strength: f32,
+    scale_px: f32, // pixels per world unit at depth 1
+    shade: u32,
+    padding_0: u32,
+    padding_1: u32,
+    padding_2: u32,
+    kernel: array<vec4<f32>, 16>,
+}
+
+@group(0) @binding(0) var<uniform> frame: Frame;
+
+const PI: f32 = 3.14159265;
+
+// View depth where nothing was drawn.
+const FAR: f32 = 1e30;
+
+// Position on the image plane at depth 1 of a pixel's centre, view space.
+fn view_ray(pixel: vec2<i32>) -> vec3<f32> {
+    let uv = (vec2<f32>(pixel) + 0.5) / frame.size_px;
+    let ndc = vec2(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0);
+    return vec3(ndc * frame.tan_half_fov, -1.0);
+}
+
+// View depth from stored depth.
+fn view_depth(stored: f32) -> f32 {
+    return select(FAR, frame.near / stored, stored > 0.0);
+}
+
+// v turned by the unit quaternion q (x y z w).
+fn rotate(q: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
+    let t = 2.0 * cross(q.xyz, v);
+    return v + q.w * t + cross(q.xyz, t);
+}

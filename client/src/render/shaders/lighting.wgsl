@@ -1,0 +1,66 @@
+// Sun and ambient light on the G-buffer, sky where there is no surface.
+
+override OCCLUSION: bool = false;
+
+@group(0) @binding(1) var depth_map: texture_2d<f32>;
+@group(0) @binding(2) var normal_map: texture_2d<f32>;
+@group(0) @binding(3) var albedo_map: texture_2d<f32>;
+@group(0) @binding(4) var occlusion_map: texture_2d<f32>;
+
+// Reflectance of dielectrics looking straight at them.
+const F0: f32 = 0.04;
+
+fn world_ray(pixel: vec2<i32>) -> vec3<f32> {
+    return (transpose(frame.view_from_world) * vec4(normalize(view_ray(pixel)), 0.0)).xyz;
+}
+
+fn sky(direction: vec3<f32>) -> vec3<f32> {
+    let height = dot(direction, frame.up.xyz);
+    let above = mix(frame.sky_horizon.rgb, frame.sky_zenith.rgb, pow(max(height, 0.0), 0.5));
+    return mix(frame.ground.rgb, above, smoothstep(-0.12, 0.0, height));
+}
+
+// Light from the whole sky on a surface, as seen from its normal.
+fn ambient(normal: vec3<f32>) -> vec3<f32> {
+    let height = dot(normal, frame.up.xyz);
+    let above = 0.5 * (frame.sky_horizon.rgb + frame.sky_zenith.rgb);
+    return mix(frame.ground.rgb, above, 0.5 + 0.5 * height);
+}
+
+// Blinn-Phong with the exponent of a Beckmann lobe of that roughness (Walter et al., 2007:
+// n = 2/α² − 2) and normalised (n + 8) / 8 (Akenine-Möller et al., "Real-Time Rendering", 3rd ed.,
+// 7.5.1), Schlick's Fresnel term.
+fn highlight(normal: vec3<f32>, to_eye: vec3<f32>, to_sun: vec3<f32>, roughness: f32) -> f32 {
+    let half_way = normalize(to_eye + to_sun);
+    let alpha = roughness * roughness;
+    let exponent = max(2.0 / (alpha * alpha) - 2.0, 0.0);
+    let lobe = (exponent + 8.0) / 8.0 * pow(max(dot(normal, half_way), 1e-4), exponent);
+    let fresnel = F0 + (1.0 - F0) * pow(1.0 - max(dot(half_way, to_eye), 0.0), 5.0);
+    return fresnel * lobe;
+}
+
+@fragment
+fn fs_lighting(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
+    let pixel = vec2<i32>(at.xy);
+    let ray = world_ray(pixel);
+    if (textureLoad(depth_map, pixel, 0).x <= 0.0) {
+        return vec4(sky(ray), 0.0);
+    }
+    let surface = textureLoad(normal_map, pixel, 0);
+    let normal = normalize(surface.xyz);
+    let albedo = textureLoad(albedo_map, pixel, 0).rgb;
+    var open = 1.0;
+    if (OCCLUSION) {
+        open = textureLoad(occlusion_map, pixel, 0).x;
+    }
+    let to_sun = frame.to_sun.xyz;
+    let cosine = max(dot(normal, to_sun), 0.0);
+    let diffuse = albedo * (frame.sun.rgb * cosine + ambient(normal) * open);
+    let shine = frame.sun.rgb * cosine * highlight(normal, -ray, to_sun, surface.w);
+    return vec4(diffuse + shine, 1.0);
+}
+
+@fragment
+fn fs_sky(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
+    return vec4(sky(world_ray(vec2<i32>(at.xy))), 0.0);
+}

@@ -1,0 +1,84 @@
+// Relief mapping: where the eye's ray meets a height field below the surface.
+// Linear then binary search (Policarpo, Oliveira, Comba, "Real-time relief mapping on arbitrary
+// polygonal surfaces", 2005). Twin: twin/relief.rs.
+
+// Linear steps looking straight down and at grazing angles; halvings after them.
+const RELIEF_MIN_STEPS: f32 = 12.0;
+const RELIEF_MAX_STEPS: f32 = 48.0;
+const RELIEF_HALVINGS: i32 = 8;
+// Smallest cosine between ray and normal that is followed; nearer to grazing the offset would grow
+// without bound.
+const RELIEF_MIN_COSINE: f32 = 0.02;
+
+struct ReliefHit {
+    uv: vec2<f32>,
+    normal: vec3<f32>,
+}
+
+fn relief_height(uv: vec2<f32>, lod: f32) -> f32 {
+    return textureSampleLevel(height_map, map_sampler, uv, lod).r;
+}
+
+// Fraction of the way from `start` (surface) to `start + span` (full depth) at which the ray meets
+// the height field.
+fn relief_trace(start: vec2<f32>, span: vec2<f32>, lod: f32, steps: f32) -> f32 {
+    let step = 1.0 / steps;
+    var below = step;
+    for (var i = 1.0; i < steps; i += 1.0) {
+        if (below >= 1.0 - relief_height(start + span * below, lod)) {
+            break;
+        }
+        below = (i + 1.0) * step;
+    }
+    var above = below - step;
+    for (var i = 0; i < RELIEF_HALVINGS; i++) {
+        let middle = 0.5 * (above + below);
+        if (middle >= 1.0 - relief_height(start + span * middle, lod)) {
+            below = middle;
+        } else {
+            above = middle;
+        }
+    }
+    return 0.5 * (above + below);
+}
+
+fn relief(
+    uv: vec2<f32>, normal: vec3<f32>, view: vec3<f32>, view_length: f32, scale: f32,
+    dp_dx: vec3<f32>, dp_dy: vec3<f32>, duv_dx: vec2<f32>, duv_dy: vec2<f32>,
+) -> ReliefHit {
+    var hit = ReliefHit(uv, normal);
+    let cosine = -dot(view, normal);
+    // Relief thinner than half a pixel is left out; between half and one it fades in.
+    let depth_px = material.relief_depth * scale * frame.scale_px / view_length;
+    let depth = material.relief_depth * scale * smoothstep(0.5, 1.0, depth_px);
+
+    // Gradients of u and v along the surface from screen-space derivatives (Schüler, "Normal
+    // mapping without precomputed tangents", 2006, revisited 2013): grad u . dp = du for both
+    // screen directions, grad u . n = 0.
+    let across_y = cross(dp_dy, normal);
+    let across_x = cross(normal, dp_dx);
+    let det = dot(dp_dx, across_y);
+    if (depth <= 0.0 || cosine <= 0.0 || abs(det) < 1e-30) {
+        return hit;
+    }
+    let grad_u = (across_y * duv_dx.x + across_x * duv_dy.x) / det;
+    let grad_v = (across_y * duv_dx.y + across_x * duv_dy.y) / det;
+
+    let size = vec2<f32>(textureDimensions(height_map));
+    let rho = max(length(duv_dx * size), length(duv_dy * size));
+    let lod = max(log2(max(rho, 1e-6)), 0.0);
+
+    // The ray reaches full depth after depth / cosine.
+    let reach = depth / max(cosine, RELIEF_MIN_COSINE);
+    let span = vec2(dot(grad_u, view), dot(grad_v, view)) * reach;
+    let steps = ceil(mix(RELIEF_MAX_STEPS, RELIEF_MIN_STEPS, cosine));
+    hit.uv = uv + span * relief_trace(uv, span, lod, steps);
+
+    // Surface n·depth·(height − 1): its normal from central differences over one texel of that lod.
+    let texel = exp2(lod) / size;
+    let dh_du = relief_height(hit.uv + vec2(texel.x, 0.0), lod) - relief_height(hit.uv - vec2(texel.x, 0.0), lod);
+    let dh_dv = relief_height(hit.uv + vec2(0.0, texel.y), lod) - relief_height(hit.uv - vec2(0.0, texel.y), lod);
+    let slope = grad_u * (dh_du / (2.0 * texel.x)) + grad_v * (dh_dv / (2.0 * texel.y));
+    hit.normal = normalize(normal - depth * slope);
+    return hit;
+}

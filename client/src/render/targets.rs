@@ -1,0 +1,81 @@
+//! Textures that passes draw into, allocated when a plan first needs them.
+
+use std::collections::BTreeMap;
+
+use super::gpu::{Gpu, RenderError};
+use super::graph::Resource;
+
+/// Depth: reversed, 32-bit floating point.
+pub(crate) const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
+/// Albedo, linear values stored with sRGB's spacing.
+pub(crate) const ALBEDO: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8UnormSrgb;
+/// World normal in xyz, roughness in w.
+pub(crate) const NORMAL: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
+/// Ambient occlusion, 1 = open.
+pub(crate) const OCCLUSION: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
+/// Linear radiance.
+pub(crate) const RADIANCE: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
+
+/// The intermediate pictures of one size.
+#[derive(Debug, Default)]
+pub(crate) struct Targets {
+    size: (u32, u32),
+    textures: BTreeMap<Resource, wgpu::Texture>,
+}
+
+impl Targets {
+    /// Allocates what `resources` lacks; a new size drops the old textures.
+    pub(crate) fn ensure(
+        &mut self,
+        gpu: &Gpu,
+        size: (u32, u32),
+        resources: &[Resource],
+    ) -> Result<(), RenderError> {
+        let limit = gpu.device.limits().max_texture_dimension_2d;
+        let side = size.0.max(size.1);
+        if side > limit || size.0.min(size.1) == 0 {
+            return Err(RenderError::TooLarge {
+                what: "a picture's side in pixels (at least 1)",
+                needed: u64::from(side),
+                allowed: u64::from(limit),
+            });
+        }
+        if self.size != size {
+            self.textures.clear();
+            self.size = size;
+        }
+        for resource in resources {
+            let format = match resource {
+                Resource::Depth => DEPTH,
+                Resource::Normal => NORMAL,
+                Resource::Albedo => ALBEDO,
+                Resource::OcclusionRaw | Resource::Occlusion => OCCLUSION,
+                Resource::Radiance => RADIANCE,
+                Resource::Target => continue,
+            };
+            self.textures.entry(*resource).or_insert_with(|| {
+                gpu.device.create_texture(&wgpu::TextureDescriptor {
+                    label: Some("frame target"),
+                    size: wgpu::Extent3d { width: size.0, height: size.1, depth_or_array_layers: 1 },
+                    mip_level_count: 1,
+                    sample_count: 1,
+                    dimension: wgpu::TextureDimension::D2,
+                    format,
+                    usage: wgpu::TextureUsages::RENDER_ATTACHMENT
+                        | wgpu::TextureUsages::TEXTURE_BINDING
+                        | wgpu::TextureUsages::COPY_SRC,
+                    view_formats: &[],
+                })
+            });
+        }
+        Ok(())
+    }
+
+    pub(crate) fn texture(&self, resource: Resource) -> Option<&wgpu::Texture> {
+        self.textures.get(&resource)
+    }
+
+    pub(crate) fn view(&self, resource: Resource) -> Option<wgpu::TextureView> {
+        self.texture(resource).map(|t| t.create_view(&Default::default()))
+    }
+}

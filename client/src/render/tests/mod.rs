@@ -1,0 +1,29 @@
+//! Tests that need a graphics adapter; Mesa's software driver is enough.
+//!
+//! Without an adapter they fail. `LODESTREAM_SKIP_GPU=1` skips them, and says so.
+
+mod accuracy;
+mod pictures;
+mod shapes;
+mod streaming;
+
+use super::{Gpu, Headless};
+
+/// A renderer for pictures of this size, or nothing if the tests are told to skip.
+fn headless(width: u32, height: u32) -> Option<Headless> {
+    if std::env::var("LODESTREAM_SKIP_GPU").is_ok_and(|v| v == "1") {
+        eprintln!("SKIPPED, NOT PASSED: LODESTREAM_SKIP_GPU=1, a test that needs a graphics adapter");
+        return None;
+    }
+    let gpu = Gpu::headless().expect("these tests need a graphics adapter (or LODESTREAM_SKIP_GPU=1)");
+    Some(Headless::new(gpu, width, height).expect("a small picture"))
+}
+
+/// Writes a picture to `target/pictures/`, for looking at.
+fn keep(headless: &Headless, name: &str) {
+    let target = std::env::var_os("CARGO_TARGET_DIR")
+        .map_or_else(|| std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../target"), Into::into);
+    let folder = target.join("pictures");
+    std::fs::create_dir_all(&folder).unwrap();
+    headless.save_png(&folder.join(format!("{name}.png"))).unwrap();
+}

@@ -1,0 +1,138 @@
+//! Data that arrives bit by bit: growing buffers, textures by level, morphing.
+
+use glam::DVec3;
+
+use super::headless;
+use super::shapes::{asset, at, fill, quad, sphere};
+use crate::image_compare::compare;
+use crate::render::{
+    AssetGpu, Camera, Drawable, Frame, Headless, Instance, Material, RenderError, RenderVertex, TextureData,
+    TextureKind, TextureShape,
+};
+
+fn camera() -> Camera {
+    Camera::look_at(DVec3::new(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 0.8)
+}
+
+fn shoot(h: &mut Headless, asset: &AssetGpu) -> image::RgbaImage {
+    let drawables = [Drawable { asset, instances: &[Instance::default()] }];
+    h.frame(&Frame::new(camera(), &drawables)).unwrap();
+    h.picture().unwrap()
+}
+
+#[test]
+fn piecewise_uploads_equal_one_upload() {
+    let Some(mut h) = headless(64, 64) else { return };
+    let mesh = sphere(16);
+    let whole = asset(&h, &mesh, Material::default());
+    let want = shoot(&mut h, &whole);
+
+    let mut parts = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[Material::default()], &[]);
+    // Faces before vertices, ragged pieces, several growths, and a rewrite of what is there.
+    for (i, piece) in mesh.1.chunks(37).enumerate() {
+        parts.update_indices(h.gpu(), 0, i * 37, piece).unwrap();
+    }
+    for (i, piece) in mesh.0.chunks(11).enumerate() {
+        parts.update_vertices(h.gpu(), i * 11, &vec![RenderVertex::default(); piece.len()]).unwrap();
+        parts.update_vertices(h.gpu(), i * 11, piece).unwrap();
+    }
+    assert_eq!(shoot(&mut h, &parts), want);
+
+    // Unused face slots draw nothing.
+    parts.update_indices(h.gpu(), 0, mesh.1.len(), &[[0; 3]; 500]).unwrap();
+    assert_eq!(shoot(&mut h, &parts), want);
+    // Slots that are forgotten are not drawn.
+    parts.truncate_indices(0, 0);
+    shoot(&mut h, &parts);
+    assert!(h.coverage().unwrap().iter().all(|c| !c));
+}
+
+#[test]
+fn unknown_names_and_wrong_sizes_are_errors() {
+    let Some(h) = headless(8, 8) else { return };
+    let shape = TextureShape { width: 4, height: 4, kind: TextureKind::Colour };
+    let mut a = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[Material::default()], &[shape]);
+    let g = h.gpu();
+    assert!(matches!(a.update_indices(g, 1, 0, &[]), Err(RenderError::NoSuch { what: "material", .. })));
+    let texture =
+        |a: &mut AssetGpu, i, level, bytes| a.update_texture(g, i, level, TextureData::Rgba8(bytes));
+    assert!(matches!(texture(&mut a, 1, 0, &[]), Err(RenderError::NoSuch { what: "texture", .. })));
+    assert!(matches!(texture(&mut a, 0, 9, &[]), Err(RenderError::NoSuch { what: "texture level", .. })));
+    assert!(matches!(texture(&mut a, 0, 2, &[0; 5]), Err(RenderError::LevelSize { .. })));
+    let far = a.update_vertices(g, usize::MAX - 1, &[RenderVertex::default()]);
+    assert!(matches!(far, Err(RenderError::TooLarge { .. })));
+    assert!(g.take_error().is_none());
+}
+
+#[test]
+fn texture_levels_sharpen_the_picture_in_any_order() {
+    let Some(mut h) = headless(64, 64) else { return };
+    let size = 64u32;
+    let shape = TextureShape { width: size, height: size, kind: TextureKind::Colour };
+    let material = Material { base_colour: [1.0; 3], colour_texture: Some(0), ..Material::default() };
+    let mesh = quad([-1.0, -1.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], 1.0);
+    // Level 0 is a checkerboard, each coarser level a flat colour of its own.
+    let level_pixels = |level: u32| -> Vec<u8> {
+        let (w, height) = shape.level_size(level);
+        let pixel = |i: u32| match level {
+            0 if (i % w / 8 + i / w / 8).is_multiple_of(2) => [255, 255, 255, 255],
+            0 => [0, 0, 0, 255],
+            l => [0, (l * 40) as u8, 255 - (l * 40) as u8, 255],
+        };
+        (0..w * height).flat_map(pixel).collect()
+    };
+    let make = |h: &Headless| {
+        let mut a = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[material], &[shape]);
+        fill(h, &mut a, &mesh);
+        a
+    };
+    let put = |h: &Headless, a: &mut AssetGpu, level: u32| {
+        a.update_texture(h.gpu(), 0, level, TextureData::Rgba8(&level_pixels(level))).unwrap();
+    };
+    let mut coarse_first = make(&h);
+    let untextured = shoot(&mut h, &coarse_first);
+    let mut seen = vec![untextured];
+    for level in (0..shape.levels()).rev() {
+        put(&h, &mut coarse_first, level);
+        assert_eq!(coarse_first.finest_texture_level(0), Some(level));
+        seen.push(shoot(&mut h, &coarse_first));
+    }
+    // Every level that arrived changed the picture.
+    for pair in seen.windows(2) {
+        assert!(compare(&pair[0], &pair[1], None).unwrap().max_difference > 5);
+    }
+    let mut shuffled = make(&h);
+    for level in [0, 3, 6, 1, 5, 2] {
+        put(&h, &mut shuffled, level);
+    }
+    assert_eq!(shuffled.finest_texture_level(0), Some(5), "level 4 is missing");
+    put(&h, &mut shuffled, 4);
+    assert_eq!(shuffled.finest_texture_level(0), Some(0));
+    assert_eq!(&shoot(&mut h, &shuffled), seen.last().unwrap());
+}
+
+#[test]
+fn new_vertices_move_from_where_they_split() {
+    let Some(mut h) = headless(64, 64) else { return };
+    let ground = quad([-0.5, -0.5, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0);
+    let shifted = |dx: f32| {
+        let move_by = |v: &RenderVertex| {
+            RenderVertex::new([v.position[0] + dx, v.position[1], 0.0], [0.0, 0.0, 1.0], v.uv)
+        };
+        (ground.0.iter().map(move_by).collect::<Vec<_>>(), ground.1.clone())
+    };
+    let morphing: Vec<_> =
+        shifted(0.4).0.iter().zip(&ground.0).map(|(v, from)| v.morphing(from.position, 10.0)).collect();
+    let moving = asset(&h, &(morphing, ground.1.clone()), Material::default());
+    let still_assets = [0.0, 0.2, 0.4].map(|dx| asset(&h, &shifted(dx), Material::default()));
+    let mut frame_at = |asset: &AssetGpu, time_s: f32| {
+        let drawables = [Drawable { asset, instances: &[at(0.0, 0.0, 0.0, 1.0)] }];
+        let mut frame = Frame { time_s, ..Frame::new(camera(), &drawables) };
+        frame.settings.morph_s = 0.5;
+        h.frame(&frame).unwrap();
+        h.picture().unwrap()
+    };
+    let (start, middle, end) = (frame_at(&moving, 10.0), frame_at(&moving, 10.25), frame_at(&moving, 10.5));
+    let stills: Vec<_> = still_assets.iter().map(|m| frame_at(m, 0.0)).collect();
+    assert_eq!([start, middle, end].as_slice(), stills.as_slice());
+}

@@ -1,0 +1,10 @@
+//! What the shaders compute, in f64 on the CPU: the yardstick for tests.
+//!
+//! Each file mirrors one shader stage step by step, and where a stage approximates something, it
+//! also holds the exact computation.
+
+pub mod depth;
+pub mod relief;
+pub mod ssao;
+pub mod tone;
+pub mod transform;

@@ -1,0 +1,85 @@
+//! The uniform block that every pass reads: `Frame` of `common.wgsl`.
+
+use bytemuck::{Pod, Zeroable};
+use glam::{DVec3, Vec3};
+
+use super::scene::{Frame, OcclusionRadius, Shade};
+use super::twin::ssao;
+
+/// Shader twin: `struct Frame` in `common.wgsl`; keep the two in step.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub(crate) struct FrameUniform {
+    clip_from_view: [[f32; 4]; 4],
+    view_from_world: [[f32; 4]; 4],
+    to_sun: [f32; 4],
+    sun: [f32; 4],
+    up: [f32; 4],
+    sky_zenith: [f32; 4],
+    sky_horizon: [f32; 4],
+    ground: [f32; 4],
+    size_px: [f32; 2],
+    tan_half_fov: [f32; 2],
+    near: f32,
+    time_s: f32,
+    morph_s: f32,
+    exposure: f32,
+    occlusion_radius_world: f32,
+    occlusion_radius_depth: f32,
+    occlusion_strength: f32,
+    scale_px: f32,
+    shade: u32,
+    padding: [u32; 3],
+    kernel: [[f32; 4]; ssao::SAMPLES],
+}
+
+impl FrameUniform {
+    pub(crate) fn new(frame: &Frame<'_>, (width, height): (u32, u32)) -> Self {
+        let camera = &frame.camera;
+        let (tx, ty) = camera.tan_half_fov(width, height);
+        let env = &frame.environment;
+        let direction = |d: DVec3| d.try_normalize().unwrap_or(DVec3::Y).as_vec3().extend(0.0).to_array();
+        let colour = |c: Vec3| c.extend(0.0).to_array();
+        let occlusion = frame.settings.occlusion.unwrap_or_default();
+        let (radius_world, radius_depth) = match occlusion.radius {
+            OcclusionRadius::World(r) => (r, 0.0),
+            OcclusionRadius::Depth(f) => (0.0, f),
+        };
+        let kernel = ssao::kernel().map(|[x, y, z]| [x as f32, y as f32, z as f32, 0.0]);
+        Self {
+            clip_from_view: camera.clip_from_view(width, height).to_cols_array_2d(),
+            view_from_world: camera.view_from_world().to_cols_array_2d(),
+            to_sun: direction(env.to_sun),
+            sun: colour(env.sun),
+            up: direction(env.up),
+            sky_zenith: colour(env.sky_zenith),
+            sky_horizon: colour(env.sky_horizon),
+            ground: colour(env.ground),
+            size_px: [width as f32, height as f32],
+            tan_half_fov: [tx as f32, ty as f32],
+            near: camera.near as f32,
+            time_s: frame.time_s,
+            morph_s: frame.settings.morph_s.max(0.0),
+            exposure: frame.settings.exposure,
+            occlusion_radius_world: radius_world,
+            occlusion_radius_depth: radius_depth,
+            occlusion_strength: occlusion.strength,
+            scale_px: (f64::from(height) / (2.0 * ty)) as f32,
+            shade: u32::from(frame.settings.shade == Shade::Level),
+            padding: [0; 3],
+            kernel,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn size_is_what_the_shader_declares() {
+        // Two matrices, six vectors, sixteen scalars, sixteen kernel vectors; WGSL's uniform layout
+        // has no holes in that order.
+        assert_eq!(size_of::<FrameUniform>(), 2 * 64 + 6 * 16 + 16 * 4 + ssao::SAMPLES * 16);
+    }
+}

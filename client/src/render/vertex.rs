@@ -1,0 +1,77 @@
+//! The vertex as the GPU reads it: 48 bytes per wedge slot.
+
+use bytemuck::{Pod, Zeroable};
+
+/// One wedge of an asset, ready for the GPU.
+///
+/// All wedges of one vertex must carry the same `position`, `morph_from` and `birth_s`, or the
+/// surface would open along seams while it morphs.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct RenderVertex {
+    /// Position relative to the asset's origin, in the asset's units.
+    pub position: [f32; 3],
+    /// Moment at which the vertex appeared, in seconds of the clock of [`super::Frame::time_s`].
+    pub birth_s: f32,
+    /// Position from which the vertex starts to move at its birth; equal to `position` where
+    /// nothing moves.
+    pub morph_from: [f32; 3],
+    /// Level of refinement that brought the vertex (0 = base mesh), for [`super::Shade::Level`].
+    pub level: u32,
+    /// Texture coordinates, `v` up as in OBJ.
+    pub uv: [f32; 2],
+    /// Unit normal as signed 16-bit fractions, the fourth is padding.
+    pub normal: [i16; 4],
+}
+
+impl RenderVertex {
+    /// A vertex that stands still: `morph_from = position`, born at time 0, level 0.
+    #[must_use]
+    pub fn new(position: [f32; 3], normal: [f32; 3], uv: [f32; 2]) -> Self {
+        Self { position, morph_from: position, normal: pack_normal(normal), uv, ..Self::default() }
+    }
+
+    /// The same vertex, moving from `from` to its position after `birth_s`.
+    #[must_use]
+    pub fn morphing(self, from: [f32; 3], birth_s: f32) -> Self {
+        Self { morph_from: from, birth_s, ..self }
+    }
+
+    /// The same vertex, marked with a level of refinement.
+    #[must_use]
+    pub fn at_level(self, level: u32) -> Self {
+        Self { level, ..self }
+    }
+}
+
+/// A normal in signed 16-bit fractions; a direction is kept to about 0.002°. Anything that is not
+/// finite becomes 0, which the shader takes for "facing the eye".
+#[must_use]
+pub(crate) fn pack_normal(n: [f32; 3]) -> [i16; 4] {
+    // `as` saturates and maps NaN to 0.
+    let q = |x: f32| (x.clamp(-1.0, 1.0) * 32767.0).round() as i16;
+    [q(n[0]), q(n[1]), q(n[2]), 0]
+}
+
+/// Layout of [`RenderVertex`] at shader locations 0 to 5.
+pub(crate) const VERTEX_ATTRIBUTES: [wgpu::VertexAttribute; 6] = wgpu::vertex_attr_array![
+    0 => Float32x3, 1 => Float32, 2 => Float32x3, 3 => Uint32, 4 => Float32x2, 5 => Snorm16x4
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn layout_matches_the_struct() {
+        assert_eq!(size_of::<RenderVertex>(), 48);
+        let offsets: Vec<u64> = VERTEX_ATTRIBUTES.iter().map(|a| a.offset).collect();
+        assert_eq!(offsets, [0, 12, 16, 28, 32, 40]);
+    }
+
+    #[test]
+    fn normals_survive_packing() {
+        assert_eq!(pack_normal([0.0, 1.0, -1.0]), [0, 32767, -32767, 0]);
+        assert_eq!(pack_normal([f32::NAN, f32::INFINITY, 0.5]), [0, 32767, 16384, 0]);
+    }
+}
