@@ -1,5 +1,7 @@
 //! One asset in GPU memory: vertices, an index list per material, materials and textures.
 
+use std::ops::RangeInclusive;
+
 use glam::DVec3;
 
 use super::buffer::GrowingBuffer;
@@ -7,6 +9,18 @@ use super::gpu::{Gpu, RenderError};
 use super::material::{BoundMaterial, Material, MaterialKit};
 use super::texture::{StreamedTexture, TextureData, TextureShape};
 use super::vertex::RenderVertex;
+
+/// Slots between two touched ones that are sent along, because one longer upload is cheaper than
+/// two; vertices cost a star to compute each, faces nothing.
+const MAX_VERTEX_GAP: u32 = 2;
+const MAX_FACE_GAP: u32 = 64;
+
+/// Ascending numbers as ranges; gaps of at most `gap` missing numbers are bridged.
+fn runs(slots: &[u32], gap: u32) -> impl Iterator<Item = RangeInclusive<u32>> + '_ {
+    slots
+        .chunk_by(move |a, b| b.saturating_sub(*a) <= gap + 1)
+        .filter_map(|run| Some(*run.first()?..=*run.last()?))
+}
 
 /// An asset as the renderer draws it. Made by [`super::Renderer::create_asset`].
 ///
@@ -88,6 +102,49 @@ impl AssetGpu {
         self.vertices.write(gpu, first as u64, vertices)
     }
 
+    /// Replaces the vertices of single slots, in ascending order, from what `vertex` says of each.
+    /// Slots that lie close together go up in one piece, so `vertex` may also be asked for slots in
+    /// between; it must know every slot up to the largest.
+    ///
+    /// # Errors
+    /// As [`AssetGpu::update_vertices`].
+    pub fn update_vertex_slots(
+        &mut self,
+        gpu: &Gpu,
+        slots: &[u32],
+        mut vertex: impl FnMut(u32) -> RenderVertex,
+    ) -> Result<(), RenderError> {
+        for run in runs(slots, MAX_VERTEX_GAP) {
+            let first = *run.start() as usize;
+            let vertices: Vec<_> = run.map(&mut vertex).collect();
+            self.update_vertices(gpu, first, &vertices)?;
+        }
+        Ok(())
+    }
+
+    /// Replaces the face slots named (ascending) by those of `faces`, the material's whole list.
+    ///
+    /// # Errors
+    /// As [`AssetGpu::update_indices`]; [`RenderError::NoSuch`] for a slot past the list's end.
+    pub fn update_index_slots(
+        &mut self,
+        gpu: &Gpu,
+        material: usize,
+        slots: &[u32],
+        faces: &[[u32; 3]],
+    ) -> Result<(), RenderError> {
+        for run in runs(slots, MAX_FACE_GAP) {
+            let (first, last) = (*run.start() as usize, *run.end() as usize);
+            let piece = faces.get(first..=last).ok_or(RenderError::NoSuch {
+                what: "face slot",
+                index: last,
+                count: faces.len(),
+            })?;
+            self.update_indices(gpu, material, first, piece)?;
+        }
+        Ok(())
+    }
+
     /// Replaces faces of `material` from face slot `first` on. Every index must name a vertex slot
     /// that has been written; faces that name a later one draw nothing sensible, but are harmless.
     ///
@@ -128,8 +185,9 @@ impl AssetGpu {
         Ok(())
     }
 
-    /// Hands in one decoded mip level (0 = finest) of a texture. Levels may come in any order;
-    /// what is drawn sharpens as far as the levels reach without a gap from the coarsest up.
+    /// Hands in one decoded mip level (0 = coarsest, as on the wire) of a texture. Levels may come
+    /// in any order; what is drawn sharpens as far as the levels reach without a gap from the
+    /// coarsest up. Levels longer than 8192 texels or the device's limit are left out.
     ///
     /// # Errors
     /// [`RenderError::NoSuch`] or [`RenderError::LevelSize`]; nothing is changed then.
@@ -182,5 +240,18 @@ impl AssetGpu {
     /// Whether any pixel could come of this asset.
     pub(crate) fn is_drawable(&self) -> bool {
         self.vertices.len() > 0 && self.parts.iter().any(|part| part.indices.len() > 0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_bridge_small_gaps_only() {
+        let got: Vec<_> = runs(&[3, 4, 6, 10, 11, 20], 1).collect();
+        assert_eq!(got, [3..=6, 10..=11, 20..=20]);
+        assert_eq!(runs(&[], 1).count(), 0);
+        assert_eq!(runs(&[0, u32::MAX], 5).count(), 2);
     }
 }

@@ -51,7 +51,7 @@ pub enum RenderError {
     /// The pixels handed in do not fit the texture level.
     #[error("texture level {level}: expected {expected} samples ({width}×{height}), got {got}")]
     LevelSize {
-        /// Mip level, 0 = finest.
+        /// Mip level, 0 = coarsest.
         level: u32,
         /// Width of that level in texels.
         width: u32,

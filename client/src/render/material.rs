@@ -1,10 +1,11 @@
 //! Materials and what the shaders see of them.
 
 use bytemuck::{Pod, Zeroable};
+use lodestream_protocol::asset as protocol;
 use wgpu::util::DeviceExt;
 
 use super::gpu::Gpu;
-use super::texture::{StreamedTexture, TextureKind};
+use super::texture::{StreamedTexture, TextureKind, TextureShape};
 
 /// How a surface looks.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,7 +14,8 @@ pub struct Material {
     pub base_colour: [f32; 3],
     /// 0 = mirror-like highlights, 1 = matt.
     pub roughness: f32,
-    /// Depth of the height map below the surface, in the asset's units; 0 = no relief.
+    /// Depth of the height map below the surface, in units of texture coordinates (0.05 = a
+    /// twentieth of the texture's width); 0 = no relief.
     pub relief_depth: f32,
     /// Index into the asset's textures.
     pub colour_texture: Option<usize>,
@@ -30,6 +32,28 @@ impl Default for Material {
             colour_texture: None,
             height_texture: None,
         }
+    }
+}
+
+impl From<&protocol::Material> for Material {
+    fn from(m: &protocol::Material) -> Self {
+        Self {
+            base_colour: [m.base_color[0], m.base_color[1], m.base_color[2]],
+            roughness: m.roughness,
+            relief_depth: m.relief_depth,
+            colour_texture: m.base_color_texture.map(usize::from),
+            height_texture: m.height_texture.map(usize::from),
+        }
+    }
+}
+
+impl From<&protocol::TextureInfo> for TextureShape {
+    fn from(t: &protocol::TextureInfo) -> Self {
+        let kind = match t.kind {
+            protocol::TextureKind::Color => TextureKind::Colour,
+            protocol::TextureKind::Height => TextureKind::Height,
+        };
+        Self { width: t.width, height: t.height, levels: t.levels.len() as u32, kind }
     }
 }
 
@@ -140,7 +164,7 @@ impl MaterialKit {
             contents: bytemuck::bytes_of(&MaterialUniform {
                 base_colour: material.base_colour,
                 roughness: material.roughness.clamp(0.05, 1.0),
-                relief_depth: if relief { material.relief_depth } else { 0.0 },
+                relief_depth: if relief { material.relief_depth.min(1.0) } else { 0.0 },
                 padding: [0.0; 3],
             }),
             usage: wgpu::BufferUsages::UNIFORM,

@@ -23,25 +23,29 @@ pub enum TextureKind {
 /// Size and purpose of a texture, known before any of its levels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TextureShape {
-    /// Width of level 0 in texels.
+    /// Width of the finest level in texels.
     pub width: u32,
-    /// Height of level 0 in texels.
+    /// Height of the finest level in texels.
     pub height: u32,
+    /// Number of levels, each half as wide and high as the next finer one (at least 1; a chain
+    /// need not go down to 1×1).
+    pub levels: u32,
     /// Purpose.
     pub kind: TextureKind,
 }
 
 impl TextureShape {
-    /// Number of mip levels down to 1×1.
+    /// A shape with all levels down to 1×1.
     #[must_use]
-    pub fn levels(&self) -> u32 {
-        self.width.max(self.height).max(1).ilog2() + 1
+    pub fn full(width: u32, height: u32, kind: TextureKind) -> Self {
+        Self { width, height, levels: width.max(height).max(1).ilog2() + 1, kind }
     }
 
-    /// Width and height of a level; level 0 is the finest.
+    /// Width and height of a level; level 0 is the coarsest, as on the wire.
     #[must_use]
     pub fn level_size(&self, level: u32) -> (u32, u32) {
-        let side = |x: u32| x.checked_shr(level).unwrap_or(0).max(1);
+        let halvings = self.levels.saturating_sub(level.saturating_add(1));
+        let side = |x: u32| x.checked_shr(halvings).unwrap_or(0).max(1);
         (side(self.width), side(self.height))
     }
 }
@@ -90,10 +94,9 @@ impl TextureData<'_> {
     }
 }
 
-/// Where the unbroken run of levels from the coarsest ends; `None` while the coarsest is missing.
+/// The finest level of the unbroken run from the coarsest; `None` while the coarsest is missing.
 fn finest_usable(present: &[bool]) -> Option<u32> {
-    let run = present.iter().rev().take_while(|p| **p).count();
-    (run > 0).then(|| (present.len() - run) as u32)
+    (present.iter().take_while(|p| **p).count() as u32).checked_sub(1)
 }
 
 /// A texture in the making.
@@ -102,20 +105,22 @@ pub(crate) struct StreamedTexture {
     shape: TextureShape,
     format: wgpu::TextureFormat,
     present: Vec<bool>,
-    /// Finest level that may be allocated on this device.
-    limit: u32,
-    /// The texture and the level of the shape that is its own level 0.
+    /// Finest level that may be allocated on this device, if any.
+    limit: Option<u32>,
+    /// The texture and its finest level: the GPU's mip level 0.
     allocated: Option<(wgpu::Texture, u32)>,
 }
 
 impl StreamedTexture {
     pub(crate) fn new(gpu: &Gpu, shape: TextureShape) -> Self {
+        let full = TextureShape::full(shape.width, shape.height, shape.kind).levels;
+        let shape = TextureShape { levels: shape.levels.clamp(1, full), ..shape };
         let side = gpu.device.limits().max_texture_dimension_2d.min(MAX_SIDE_PX);
-        let fits = |l: &u32| {
-            let (w, h) = shape.level_size(*l);
+        let fits = |level: &u32| {
+            let (w, h) = shape.level_size(*level);
             w.max(h) <= side
         };
-        let limit = (0..shape.levels()).find(fits).unwrap_or(0);
+        let limit = (0..shape.levels).rev().find(fits);
         let format = match shape.kind {
             TextureKind::Colour => wgpu::TextureFormat::Rgba8UnormSrgb,
             TextureKind::Height
@@ -125,7 +130,7 @@ impl StreamedTexture {
             }
             TextureKind::Height => wgpu::TextureFormat::R8Unorm,
         };
-        Self { shape, format, present: vec![false; shape.levels() as usize], limit, allocated: None }
+        Self { shape, format, present: vec![false; shape.levels as usize], limit, allocated: None }
     }
 
     pub(crate) fn kind(&self) -> TextureKind {
@@ -153,7 +158,7 @@ impl StreamedTexture {
         if data.texels() != expected {
             return Err(RenderError::LevelSize { level, width, height, expected, got: data.texels() });
         }
-        if level < self.limit {
+        if self.limit.is_none_or(|limit| level > limit) {
             return Ok(false);
         }
         *slot = true;
@@ -163,7 +168,7 @@ impl StreamedTexture {
             gpu.queue.write_texture(
                 wgpu::TexelCopyTextureInfo {
                     texture,
-                    mip_level: level - top,
+                    mip_level: top - level,
                     origin: wgpu::Origin3d::ZERO,
                     aspect: wgpu::TextureAspect::All,
                 },
@@ -181,14 +186,14 @@ impl StreamedTexture {
 
     /// Makes sure that `level` is allocated, moving the coarser ones over.
     fn reach(&mut self, gpu: &Gpu, level: u32) {
-        if self.allocated.as_ref().is_some_and(|(_, top)| *top <= level) {
+        if self.allocated.as_ref().is_some_and(|(_, top)| *top >= level) {
             return;
         }
         let (width, height) = self.shape.level_size(level);
         let new = gpu.device.create_texture(&wgpu::TextureDescriptor {
             label: Some("streamed texture"),
             size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-            mip_level_count: self.shape.levels() - level,
+            mip_level_count: level + 1,
             sample_count: 1,
             dimension: wgpu::TextureDimension::D2,
             format: self.format,
@@ -199,11 +204,11 @@ impl StreamedTexture {
         });
         if let Some((old, top)) = &self.allocated {
             let mut encoder = gpu.device.create_command_encoder(&Default::default());
-            for l in *top..self.shape.levels() {
+            for l in 0..=*top {
                 let (width, height) = self.shape.level_size(l);
                 let side = |texture, base| wgpu::TexelCopyTextureInfo {
                     texture,
-                    mip_level: l - base,
+                    mip_level: base - l,
                     origin: wgpu::Origin3d::ZERO,
                     aspect: wgpu::TextureAspect::All,
                 };
@@ -224,7 +229,7 @@ impl StreamedTexture {
         let (texture, top) = self.allocated.as_ref()?;
         Some(
             texture.create_view(&wgpu::TextureViewDescriptor {
-                base_mip_level: finest - top,
+                base_mip_level: top - finest,
                 ..Default::default()
             }),
         )
@@ -238,20 +243,21 @@ mod tests {
     #[test]
     fn only_an_unbroken_run_of_levels_is_used() {
         assert_eq!(finest_usable(&[false, false, false]), None);
-        assert_eq!(finest_usable(&[true, true, false]), None);
-        assert_eq!(finest_usable(&[false, false, true]), Some(2));
-        assert_eq!(finest_usable(&[true, false, true]), Some(2));
-        assert_eq!(finest_usable(&[true, true, true]), Some(0));
+        assert_eq!(finest_usable(&[false, true, true]), None);
+        assert_eq!(finest_usable(&[true, false, false]), Some(0));
+        assert_eq!(finest_usable(&[true, false, true]), Some(0));
+        assert_eq!(finest_usable(&[true, true, true]), Some(2));
     }
 
     #[test]
     fn level_sizes_follow_the_halving_rule() {
-        let shape = TextureShape { width: 300, height: 7, kind: TextureKind::Colour };
-        assert_eq!(shape.levels(), 9);
-        assert_eq!(shape.level_size(0), (300, 7));
-        assert_eq!(shape.level_size(1), (150, 3));
-        assert_eq!(shape.level_size(8), (1, 1));
-        assert_eq!(shape.level_size(60), (1, 1));
+        let shape = TextureShape::full(300, 7, TextureKind::Colour);
+        assert_eq!(shape.levels, 9);
+        assert_eq!(shape.level_size(8), (300, 7));
+        assert_eq!(shape.level_size(7), (150, 3));
+        assert_eq!(shape.level_size(0), (1, 1));
+        let short = TextureShape { levels: 2, ..shape };
+        assert_eq!((short.level_size(0), short.level_size(1)), ((150, 3), (300, 7)));
     }
 
     #[test]

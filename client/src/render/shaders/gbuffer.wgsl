@@ -6,7 +6,7 @@ override RELIEF: bool = false;
 struct Material {
     base_colour: vec3<f32>,
     roughness: f32,
-    relief_depth: f32, // asset units
+    relief_depth: f32, // units of texture coordinates
 }
 
 @group(1) @binding(0) var<uniform> material: Material;
@@ -31,7 +31,6 @@ struct Surface {
     @location(1) normal: vec3<f32>,
     @location(2) uv: vec2<f32>, // v down, as textures are stored
     @location(3) @interpolate(flat) level: u32,
-    @location(4) @interpolate(flat) scale: f32,
 }
 
 struct GBuffer {
@@ -66,7 +65,6 @@ fn vs_surface(v: VertexIn) -> Surface {
     out.normal = rotate(v.rotation, v.normal.xyz);
     out.uv = vec2(v.uv.x, 1.0 - v.uv.y);
     out.level = v.level;
-    out.scale = abs(v.offset_scale.w);
     return out;
 }
 
@@ -95,7 +93,7 @@ fn fs_surface(s: Surface, @builtin(front_facing) front: bool) -> GBuffer {
 
     var uv = s.uv;
     if (RELIEF) {
-        let hit = relief(s.uv, normal, view, view_length, s.scale, dp_dx, dp_dy, duv_dx, duv_dy);
+        let hit = relief(s.uv, normal, view, view_length, dp_dx, dp_dy, duv_dx, duv_dy);
         uv = hit.uv;
         normal = hit.normal;
     }

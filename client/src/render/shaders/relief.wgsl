@@ -43,26 +43,31 @@ fn relief_trace(start: vec2<f32>, span: vec2<f32>, lod: f32, steps: f32) -> f32 
 }
 
 fn relief(
-    uv: vec2<f32>, normal: vec3<f32>, view: vec3<f32>, view_length: f32, scale: f32,
+    uv: vec2<f32>, normal: vec3<f32>, view: vec3<f32>, view_length: f32,
     dp_dx: vec3<f32>, dp_dy: vec3<f32>, duv_dx: vec2<f32>, duv_dy: vec2<f32>,
 ) -> ReliefHit {
     var hit = ReliefHit(uv, normal);
     let cosine = -dot(view, normal);
-    // Relief thinner than half a pixel is left out; between half and one it fades in.
-    let depth_px = material.relief_depth * scale * frame.scale_px / view_length;
-    let depth = material.relief_depth * scale * smoothstep(0.5, 1.0, depth_px);
-
     // Gradients of u and v along the surface from screen-space derivatives (Schüler, "Normal
     // mapping without precomputed tangents", 2006, revisited 2013): grad u . dp = du for both
     // screen directions, grad u . n = 0.
     let across_y = cross(dp_dy, normal);
     let across_x = cross(normal, dp_dx);
     let det = dot(dp_dx, across_y);
-    if (depth <= 0.0 || cosine <= 0.0 || abs(det) < 1e-30) {
+    if (cosine <= 0.0 || abs(det) < 1e-30) {
         return hit;
     }
     let grad_u = (across_y * duv_dx.x + across_x * duv_dy.x) / det;
     let grad_v = (across_y * duv_dx.y + across_x * duv_dy.y) / det;
+
+    // Depth in world units: what a step of relief_depth in texture coordinates is on the surface.
+    // Thinner than half a pixel it is left out; between half and one it fades in.
+    let density = sqrt(length(grad_u) * length(grad_v)); // texture widths per world unit
+    let full_depth = material.relief_depth / max(density, 1e-30);
+    let depth = full_depth * smoothstep(0.5, 1.0, full_depth * frame.scale_px / view_length);
+    if (depth <= 0.0) {
+        return hit;
+    }
 
     let size = vec2<f32>(textureDimensions(height_map));
     let rho = max(length(duv_dx * size), length(duv_dy * size));

@@ -78,7 +78,7 @@ fn relief_matches_its_twin_and_the_exact_hit() {
     let Some(mut h) = headless(width, height) else { return };
     let map = bricks(SIZE as usize);
     let relief_depth = 0.08f32;
-    let shape = |kind, size| TextureShape { width: size, height: size, kind };
+    let shape = |kind, size| TextureShape::full(size, size, kind);
     // The colour texture is a map of its own coordinates, 256 texels wide.
     let material = Material {
         base_colour: [1.0; 3],
@@ -91,7 +91,7 @@ fn relief_matches_its_twin_and_the_exact_hit() {
     let mut wall = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[material], &shapes);
     // One texture repeat over the unit square in the plane z = 0.
     fill(&h, &mut wall, &quad([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0));
-    for level in 0..shapes[0].levels() {
+    for level in 0..shapes[0].levels {
         let (w, rows) = shapes[0].level_size(level);
         // Means of the texels that a coarser one covers.
         let mean = |k: u32, n: u32| (k * (256 / n) + (256 / n - 1) / 2) as u8;

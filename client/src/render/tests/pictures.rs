@@ -33,7 +33,7 @@ fn still_life<R>(h: &mut Headless, draw: impl FnOnce(&mut Headless, &[Drawable<'
     let box_ = asset(h, &cube(), clay);
     let ball = asset(h, &sphere(32), glaze);
     let floor = asset(h, &quad([-6.0, 0.0, 4.0], [12.0, 0.0, 0.0], [0.0, 0.0, -8.0], 1.0), stone);
-    let wall = brick_asset(h, &quad([-3.0, 0.0, -1.0], [6.0, 0.0, 0.0], [0.0, 2.5, 0.0], 3.0), 0.06);
+    let wall = brick_asset(h, &quad([-3.0, 0.0, -1.0], [6.0, 0.0, 0.0], [0.0, 3.0, 0.0], 3.0), 0.03);
     let turned = Instance { rotation: DQuat::from_rotation_y(0.5), ..at(-0.8, 0.5, 0.2, 1.0) };
     let drawables = [
         Drawable { asset: &box_, instances: &[turned] },

@@ -75,7 +75,7 @@ pub(super) fn fill(h: &Headless, asset: &mut AssetGpu, mesh: &Mesh) {
     asset.update_indices(h.gpu(), 0, 0, &mesh.1).unwrap();
 }
 
-/// All mip levels of a height map, halved by averaging, as 16-bit samples, finest first.
+/// All mip levels of a height map, halved by averaging, as 16-bit samples, coarsest first.
 pub(super) fn mips16(map: &HeightMap) -> Vec<Vec<u16>> {
     let mut levels = vec![map.clone()];
     while levels.last().is_some_and(|l| l.width > 1) {
@@ -92,15 +92,15 @@ pub(super) fn mips16(map: &HeightMap) -> Vec<Vec<u16>> {
         let next = HeightMap { width: size, height: size, texels: texels.collect() };
         levels.push(next);
     }
-    levels.iter().map(|l| l.texels.iter().map(|h| (h * 65535.0).round() as u16).collect()).collect()
+    levels.iter().rev().map(|l| l.texels.iter().map(|h| (h * 65535.0).round() as u16).collect()).collect()
 }
 
-/// An asset with a brick height map and a matching colour texture; `depth` in asset units.
+/// An asset with a brick height map and a matching colour texture; `depth` in texture widths.
 pub(super) fn brick_asset(h: &Headless, mesh: &Mesh, depth: f32) -> AssetGpu {
     const SIZE: usize = 128;
     let map = bricks(SIZE);
     let heights = mips16(&map);
-    let shape = |kind| TextureShape { width: SIZE as u32, height: SIZE as u32, kind };
+    let shape = |kind| TextureShape::full(SIZE as u32, SIZE as u32, kind);
     let material = Material {
         relief_depth: depth,
         colour_texture: Some(0),
@@ -115,7 +115,7 @@ pub(super) fn brick_asset(h: &Headless, mesh: &Mesh, depth: f32) -> AssetGpu {
         &[shape(TextureKind::Colour), shape(TextureKind::Height)],
     );
     fill(h, &mut asset, mesh);
-    for (level, heights) in heights.iter().enumerate().rev() {
+    for (level, heights) in heights.iter().enumerate() {
         let colour: Vec<u8> = heights
             .iter()
             .flat_map(|height| {
