@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::asset::AssetGpu;
-use super::instance::InstanceRaw;
+use super::instance::{Instance, InstanceRaw};
 use super::pipelines::Pipelines;
 use super::scene::{Counters, Frame};
 
@@ -12,6 +12,8 @@ pub(crate) struct Batch<'a> {
     asset: &'a AssetGpu,
     first: u32,
     end: u32,
+    /// Distance of the nearest instance's bounds from the eye.
+    distance: f64,
 }
 
 /// What a frame draws.
@@ -22,32 +24,25 @@ pub(crate) struct DrawList<'a> {
 }
 
 impl<'a> DrawList<'a> {
-    /// Leaves out instances whose bounds lie outside the view, or whose place is not finite.
-    pub(crate) fn new(frame: &Frame<'a>, (width, height): (u32, u32), counters: &mut Counters) -> Self {
+    /// Leaves out instances whose bounds lie outside the view, or whose place is not finite; the
+    /// rest is drawn from near to far, so that the depth test spares what is hidden.
+    pub(crate) fn new(frame: &Frame<'a>, size: (u32, u32), counters: &mut Counters) -> Self {
         let mut list = Self::default();
-        let camera = &frame.camera;
         for drawable in frame.drawables.iter().filter(|d| d.asset.is_drawable()) {
-            let asset = drawable.asset;
+            let mut seen: Vec<_> = drawable
+                .instances
+                .iter()
+                .filter_map(|instance| place(instance, drawable.asset, frame, size))
+                .collect();
+            counters.instances_culled += (drawable.instances.len() - seen.len()) as u32;
+            seen.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let Some((distance, _)) = seen.first().copied() else { continue };
             let first = list.instances.len() as u32;
-            for instance in drawable.instances {
-                let raw = instance.relative_to(asset.origin(), camera.eye);
-                let finite = raw.offset.iter().chain(&raw.rotation).all(|x| x.is_finite());
-                let visible = asset.bounds().is_none_or(|(centre, radius)| {
-                    let turned = instance.rotation * (centre * instance.scale);
-                    let centre = turned + DVec3::from(raw.offset.map(f64::from));
-                    camera.may_see(centre, radius * instance.scale.abs(), width, height)
-                });
-                if finite && visible {
-                    list.instances.push(raw);
-                } else {
-                    counters.instances_culled += 1;
-                }
-            }
+            list.instances.extend(seen.iter().map(|(_, raw)| raw));
             let end = list.instances.len() as u32;
-            if end > first {
-                list.batches.push(Batch { asset, first, end });
-            }
+            list.batches.push(Batch { asset: drawable.asset, first, end, distance });
         }
+        list.batches.sort_by(|a, b| a.distance.total_cmp(&b.distance));
         counters.instances = list.instances.len() as u32;
         list
     }
@@ -102,4 +97,23 @@ impl<'a> DrawList<'a> {
             }
         }
     }
+}
+
+/// Distance of an instance's bounds from the eye and what the GPU gets, unless it is out of view.
+fn place(
+    instance: &Instance,
+    asset: &AssetGpu,
+    frame: &Frame<'_>,
+    (width, height): (u32, u32),
+) -> Option<(f64, InstanceRaw)> {
+    let raw = instance.relative_to(asset.origin(), frame.camera.eye);
+    if !raw.offset.iter().chain(&raw.rotation).chain([&raw.scale]).all(|x| x.is_finite()) {
+        return None;
+    }
+    let origin = DVec3::from(raw.offset.map(f64::from));
+    let Some((centre, radius)) = asset.bounds() else { return Some((origin.length(), raw)) };
+    let centre = origin + instance.rotation * (centre * instance.scale);
+    let radius = radius * instance.scale.abs();
+    let visible = frame.camera.may_see(centre, radius, width, height);
+    visible.then(|| ((centre.length() - radius).max(0.0), raw))
 }

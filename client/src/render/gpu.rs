@@ -93,8 +93,12 @@ impl Gpu {
     /// # Errors
     /// [`RenderError::NoAdapter`] names the package to install.
     pub fn headless() -> Result<Self, RenderError> {
+        Self::headless_on(wgpu::Backends::from_env().unwrap_or(wgpu::Backends::PRIMARY))
+    }
+
+    fn headless_on(backends: wgpu::Backends) -> Result<Self, RenderError> {
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
-            backends: wgpu::Backends::from_env().unwrap_or(wgpu::Backends::PRIMARY),
+            backends,
             flags: wgpu::InstanceFlags::empty(),
             ..wgpu::InstanceDescriptor::new_without_display_handle()
         });
@@ -162,5 +166,18 @@ impl Gpu {
     /// [`Gpu::take_error`] as a result.
     pub(crate) fn check(&self) -> Result<(), RenderError> {
         self.take_error().map_or(Ok(()), |text| Err(RenderError::Device(text)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn without_an_adapter_the_message_names_the_package() {
+        let error = Gpu::headless_on(wgpu::Backends::empty()).unwrap_err();
+        let text = error.to_string();
+        assert!(text.contains("apt-get install mesa-vulkan-drivers libvulkan1"), "{text}");
+        assert!(!text.contains('\n'), "{text}");
     }
 }

@@ -221,6 +221,24 @@ fn far_from_zero_the_picture_is_the_same() {
 }
 
 #[test]
+fn instances_out_of_view_are_left_out() {
+    let Some(mut h) = headless(64, 64) else { return };
+    let mut ball = asset(&h, &sphere(8), Material::default());
+    let places: Vec<_> = (0..10).map(|i| at(f64::from(i) * 4.0, 0.0, 0.0, 1.0)).collect();
+    let mut shoot = |ball: &crate::render::AssetGpu| {
+        let drawables = [Drawable { asset: ball, instances: &places }];
+        let counters = h.frame(&Frame::new(front_camera(), &drawables)).unwrap();
+        (counters.instances, counters.instances_culled, h.picture().unwrap())
+    };
+    let (drawn, culled, all) = shoot(&ball);
+    assert_eq!((drawn, culled), (10, 0), "nothing is known about bounds yet");
+    ball.set_bounds(DVec3::ZERO, 0.5);
+    let (drawn, culled, seen) = shoot(&ball);
+    assert_eq!((drawn, culled), (1, 9));
+    assert_eq!(all, seen);
+}
+
+#[test]
 fn empty_scene_is_sky_and_bad_sizes_are_errors() {
     let Some(mut h) = headless(64, 64) else { return };
     let counters = h.frame(&Frame::new(front_camera(), &[])).unwrap();

@@ -15,9 +15,36 @@ fn camera() -> Camera {
 }
 
 fn shoot(h: &mut Headless, asset: &AssetGpu) -> image::RgbaImage {
+    shoot_with(h, asset, false)
+}
+
+fn shoot_with(h: &mut Headless, asset: &AssetGpu, wireframe: bool) -> image::RgbaImage {
     let drawables = [Drawable { asset, instances: &[Instance::default()] }];
-    h.frame(&Frame::new(camera(), &drawables)).unwrap();
+    let mut frame = Frame::new(camera(), &drawables);
+    frame.settings.wireframe = wireframe;
+    h.frame(&frame).unwrap();
     h.picture().unwrap()
+}
+
+#[test]
+fn scattered_slots_are_uploaded_where_they_belong() {
+    let Some(mut h) = headless(64, 64) else { return };
+    let mesh = sphere(16);
+    let whole = asset(&h, &mesh, Material::default());
+    let want = shoot(&mut h, &whole);
+    // Start from a sphere with every seventh vertex and every fifth face wrong.
+    let mut bad = mesh.clone();
+    let wrong = |n: usize, step: usize| (0..n as u32).step_by(step).collect::<Vec<_>>();
+    let (slots, faces) = (wrong(mesh.0.len(), 7), wrong(mesh.1.len(), 5));
+    slots.iter().for_each(|s| bad.0[*s as usize].position = [0.0; 3]);
+    faces.iter().for_each(|f| bad.1[*f as usize] = [1, 1, 2]);
+    let mut mended = asset(&h, &bad, Material::default());
+    assert_ne!(shoot(&mut h, &mended), want);
+    mended.update_vertex_slots(h.gpu(), &slots, |slot| mesh.0[slot as usize]).unwrap();
+    mended.update_index_slots(h.gpu(), 0, &faces, &mesh.1).unwrap();
+    assert_eq!(shoot(&mut h, &mended), want);
+    let past = mended.update_index_slots(h.gpu(), 0, &[mesh.1.len() as u32], &mesh.1);
+    assert!(matches!(past, Err(RenderError::NoSuch { what: "face slot", .. })));
 }
 
 #[test]
@@ -38,9 +65,12 @@ fn piecewise_uploads_equal_one_upload() {
     }
     assert_eq!(shoot(&mut h, &parts), want);
 
-    // Unused face slots draw nothing.
+    // Unused face slots draw nothing, as edges neither.
+    let wires = shoot_with(&mut h, &parts, true);
+    assert_ne!(wires, want);
     parts.update_indices(h.gpu(), 0, mesh.1.len(), &[[0; 3]; 500]).unwrap();
     assert_eq!(shoot(&mut h, &parts), want);
+    assert_eq!(shoot_with(&mut h, &parts, true), wires);
     // Slots that are forgotten are not drawn.
     parts.truncate_indices(0, 0);
     shoot(&mut h, &parts);
