@@ -33,6 +33,8 @@ pub mod time;
 pub mod view;
 
 mod coding;
+#[cfg(test)]
+mod testing;
 
 pub use blob::{BlobId, BlobPart};
 pub use time::Time;

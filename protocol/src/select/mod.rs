@@ -1,13 +1,26 @@
 //! Which blobs a view wants, in which order, and which applied chunks it can do without.
 //!
 //! The same function orders the server's first flight, the viewer's requests and the simulator's.
+//!
+//! For every visible instance, every known chunk whose sphere reaches into the frustum gets the screen
+//! error that it would leave: geometric error × magnification at the sphere's nearest point. An asset's
+//! chunks are shared by its instances, so the largest over the instances counts. Chunks pass their error
+//! on to their parents, without which they cannot be applied; so the chunks above any threshold are closed
+//! under parents. Wanted are the missing ones above the threshold (the view's target, or more where
+//! the budgets are exceeded), most urgent first ([`priority`]); unneeded are the applied ones below a
+//! smaller threshold, so that nothing flickers when the camera wavers.
 
+pub mod priority;
+mod project;
+mod selector;
 mod state;
+#[cfg(test)]
+mod tests;
 
 use crate::blob::BlobId;
-use crate::scene::InstanceEntry;
-use crate::view::View;
 
+pub(crate) use project::Projection;
+pub use selector::{Selector, max_screen_error_px};
 pub use state::{AssetState, PageError, State};
 
 /// How urgent a blob is; higher is first. The numbers of all kinds of blobs compare with each other.
@@ -100,26 +113,4 @@ pub struct Selection {
     pub undo: Vec<BlobId>,
     /// What was counted.
     pub counters: Counters,
-}
-
-/// Selects. Keeps buffers and the hysteresis of the threshold from call to call.
-#[derive(Debug, Default)]
-pub struct Selector {
-    settings: SelectSettings,
-    selection: Selection,
-}
-
-impl Selector {
-    /// A selector with these settings.
-    #[must_use]
-    pub fn new(settings: SelectSettings) -> Self {
-        Self { settings, selection: Selection::default() }
-    }
-
-    /// Selects for one view. `assets` are indexed by asset number; instances of assets beyond them
-    /// are skipped.
-    pub fn select(&mut self, view: &View, instances: &[InstanceEntry], assets: &[AssetState]) -> &Selection {
-        let _ = (view, instances, assets, &self.settings);
-        &self.selection
-    }
 }

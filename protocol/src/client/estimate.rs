@@ -1,0 +1,89 @@
+//! How much to keep in flight: enough to cover bandwidth × round trip, no more, because what is queued
+//! at the server can still be reordered but what is under way cannot.
+
+use std::time::Duration;
+
+use crate::time::Time;
+
+/// Time over which throughput is averaged.
+const WINDOW: Duration = Duration::from_millis(400);
+/// Time that passes between an arrival and the request that follows it (a frame, decoding), covered in
+/// addition to the round trip.
+const REACTION: Duration = Duration::from_millis(100);
+/// Round trip assumed before one is measured.
+const FIRST_RTT: Duration = Duration::from_millis(200);
+
+/// Estimates of rate and round trip.
+#[derive(Clone, Debug)]
+pub(super) struct Estimate {
+    rtt: Option<Duration>,
+    window_start: Time,
+    window_bytes: u64,
+    /// Bytes per second: the last full window's, or the server's word before that.
+    bytes_per_s: f64,
+}
+
+impl Estimate {
+    pub(super) fn new(now: Time) -> Self {
+        Self { rtt: None, window_start: now, window_bytes: 0, bytes_per_s: 0.0 }
+    }
+
+    /// The server says how much its limiter admits.
+    #[allow(clippy::cast_precision_loss)]
+    pub(super) fn rate_hint(&mut self, bits_per_s: u64) {
+        self.bytes_per_s = self.bytes_per_s.max(bits_per_s as f64 / 8.0);
+    }
+
+    pub(super) fn measured_rtt(&mut self, rtt: Duration) {
+        // Towards lower values at once, upwards slowly: queues are not path.
+        self.rtt = Some(self.rtt.map_or(rtt, |old| if rtt < old { rtt } else { (old * 7 + rtt) / 8 }));
+    }
+
+    pub(super) fn received(&mut self, now: Time, bytes: usize) {
+        let elapsed = now.since(self.window_start);
+        if elapsed >= WINDOW {
+            #[allow(clippy::cast_precision_loss)]
+            let rate = self.window_bytes as f64 / elapsed.as_secs_f64();
+            // A window that was not full tells nothing of the link: fall slowly.
+            self.bytes_per_s = rate.max(self.bytes_per_s * 0.8);
+            self.window_start = now;
+            self.window_bytes = 0;
+        }
+        self.window_bytes += bytes as u64;
+    }
+
+    pub(super) fn rtt(&self) -> Option<Duration> {
+        self.rtt
+    }
+
+    pub(super) fn bytes_per_s(&self) -> f64 {
+        self.bytes_per_s
+    }
+
+    /// Bytes to keep in flight, within bounds.
+    pub(super) fn depth_bytes(&self, bounds: std::ops::RangeInclusive<u64>) -> u64 {
+        let covered = self.rtt.unwrap_or(FIRST_RTT) + REACTION;
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let depth = (self.bytes_per_s * covered.as_secs_f64() * 1.25) as u64;
+        depth.clamp(*bounds.start(), (*bounds.end()).max(*bounds.start()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn depth_follows_rate_and_round_trip_within_bounds() {
+        let mut estimate = Estimate::new(Time::ZERO);
+        estimate.measured_rtt(Duration::from_millis(50));
+        assert_eq!(estimate.depth_bytes(10_000..=1_000_000), 10_000);
+        for ms in 0..2000 {
+            estimate.received(Time::from_ms(ms), 2000);
+        }
+        let depth = estimate.depth_bytes(10_000..=1_000_000);
+        // 2 MB/s over 150 ms, with a quarter on top.
+        assert!((350_000..400_000).contains(&depth), "{depth}");
+        assert_eq!(estimate.depth_bytes(10_000..=100_000), 100_000);
+    }
+}

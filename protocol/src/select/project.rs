@@ -1,0 +1,108 @@
+//! One instance as the view sees it: bounds on the screen, and the view in the instance's own axes.
+
+use glam::{DVec3, Vec3};
+use lodestream_geometry::index::Sphere;
+use lodestream_geometry::screen::screen_error_px;
+
+use crate::scene::{AssetEntry, InstanceEntry};
+use crate::view::{Frustum, View};
+
+/// A view, with what all instances share computed once.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Projection {
+    eye: DVec3,
+    frustum: Frustum,
+    scale_px: f64,
+}
+
+/// Where an instance's bounding sphere lies.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Bounds {
+    /// Whether it reaches into the frustum.
+    pub(crate) visible: bool,
+    /// Depth of its nearest point, in world units; may be negative.
+    pub(crate) depth: f64,
+    /// Radius on the screen, in pixels, by distance (so it is defined out of view too).
+    pub(crate) coverage_px: f32,
+    /// 1 in the middle of the picture, falling outwards.
+    pub(crate) centrality: f32,
+}
+
+impl Projection {
+    pub(crate) fn new(view: &View) -> Self {
+        Self { eye: DVec3::from(view.eye), frustum: view.frustum(), scale_px: view.scale_px() }
+    }
+
+    /// Screen error of a world-space length at a depth, in pixels.
+    pub(crate) fn error_px(&self, error: f64, depth: f64) -> f64 {
+        screen_error_px(error, depth, self.scale_px)
+    }
+
+    pub(crate) fn bounds(&self, asset: &AssetEntry, instance: &InstanceEntry) -> Bounds {
+        let center = instance.to_world(asset.origin, asset.sphere.center) - self.eye;
+        let center = center.as_vec3();
+        let radius = asset.sphere.radius * instance.scale;
+        let distance = f64::from(center.length()).max(f64::from(radius)).max(f64::MIN_POSITIVE);
+        #[allow(clippy::cast_possible_truncation)]
+        let coverage_px = (f64::from(radius) * self.scale_px / distance) as f32;
+        Bounds {
+            visible: self.frustum.sees(center, radius),
+            depth: f64::from(self.frustum.depth(center, radius)),
+            coverage_px,
+            centrality: centrality(&self.frustum, center, radius),
+        }
+    }
+
+    /// The view in the axes and units of an instance, relative to the grid origin of its asset.
+    pub(crate) fn local(&self, asset: &AssetEntry, instance: &InstanceEntry) -> LocalView {
+        let rotation = instance.orientation();
+        let offset = self.eye - DVec3::from(instance.translation);
+        let eye = rotation.conjugate().as_dquat() * offset / f64::from(instance.scale);
+        LocalView {
+            eye: (eye - DVec3::from(asset.origin)).as_vec3(),
+            frustum: self.frustum.rotated_into(rotation),
+            scale_px: self.scale_px,
+        }
+    }
+
+    /// Pixels that one unit of the asset covers at the given world depth, which is kept from zero by
+    /// the asset's own size.
+    pub(crate) fn px_per_unit(&self, asset: &AssetEntry, instance: &InstanceEntry, depth: f64) -> f64 {
+        let scale = f64::from(instance.scale);
+        let nearest = f64::from(asset.sphere.radius) * scale * 0.02;
+        self.scale_px * scale / depth.max(nearest).max(f64::MIN_POSITIVE)
+    }
+}
+
+/// A view in an instance's own axes. The scale cancels in the screen error.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LocalView {
+    eye: Vec3,
+    frustum: Frustum,
+    scale_px: f64,
+}
+
+impl LocalView {
+    /// Screen error in pixels of an error within a sphere, and the sphere's centrality; `None` out of
+    /// view.
+    #[inline]
+    pub(crate) fn error_px(&self, sphere: &Sphere, error: f32) -> Option<(f64, f32)> {
+        let center = Vec3::from(sphere.center) - self.eye;
+        if !self.frustum.sees(center, sphere.radius) {
+            return None;
+        }
+        let depth = self.frustum.depth(center, sphere.radius);
+        let px = screen_error_px(f64::from(error), f64::from(depth), self.scale_px);
+        Some((px, centrality(&self.frustum, center, sphere.radius)))
+    }
+}
+
+/// 1 where the sphere covers the middle of the picture, falling with the tangent of the angle to its
+/// nearest point.
+#[inline]
+fn centrality(frustum: &Frustum, center: Vec3, radius: f32) -> f32 {
+    let along = frustum.forward.dot(center);
+    let across = ((center - frustum.forward * along).length() - radius).max(0.0);
+    let tangent = across / along.max(radius).max(f32::MIN_POSITIVE);
+    1.0 / (1.0 + tangent * tangent)
+}

@@ -1,0 +1,422 @@
+//! The selection itself: one pass over instances, two over chunks.
+
+use std::cmp::Reverse;
+
+use super::priority::{base_priority, index_priority, prefetch_priority, refine_priority};
+use super::{AssetState, Counters, Priority, Projection, SelectSettings, Selection, State, Wanted};
+use crate::blob::{BlobId, BlobPart};
+use crate::scene::InstanceEntry;
+use crate::view::View;
+
+/// Below this share of the budgets, the threshold falls back to the target at once.
+const RELAXED_SHARE: u64 = 10;
+/// The threshold falls only where it can fall by this factor.
+const THRESHOLD_FALL: f32 = 0.8;
+/// Bins per octave of the histogram of errors: a resolution of 1/8 octave, 9 %.
+const BIN_SHIFT: u32 = 20;
+const BINS: usize = 1 << (31 - BIN_SHIFT);
+
+/// Selects. Keeps its buffers and the hysteresis of the threshold from call to call.
+#[derive(Debug)]
+pub struct Selector {
+    settings: SelectSettings,
+    selection: Selection,
+    threshold_px: f32,
+    /// Per asset: where its chunks begin in `chunks`, and what its instances add up to.
+    seen: Vec<Seen>,
+    /// Per chunk of all assets, one after the other.
+    chunks: Vec<Seek>,
+    /// Faces and payload bytes by bin of screen error.
+    histogram: Vec<(u64, u64)>,
+}
+
+/// What the instances of one asset add up to.
+#[derive(Clone, Copy, Debug, Default)]
+struct Seen {
+    first_chunk: usize,
+    visible: bool,
+    placed: bool,
+    /// Some visible instance is so far away that its chunks were not looked at.
+    far: bool,
+    coverage_px: f32,
+    centrality: f32,
+    /// Bound on the screen error of chunks that are not known yet.
+    unknown_px: f32,
+    /// Pixels per asset unit where it is nearest.
+    px_per_unit: f32,
+}
+
+/// What is found out about one chunk.
+#[derive(Clone, Copy, Debug, Default)]
+struct Seek {
+    /// Screen error while it is missing, the largest over instances, itself and its descendants.
+    error_px: f32,
+    centrality: f32,
+    /// The largest over itself and its missing descendants; 0: not wanted.
+    priority: Priority,
+    /// Applied, and needed by something applied.
+    kept: bool,
+    /// It or an ancestor will never come, or is not known.
+    blocked: bool,
+}
+
+impl Default for Selector {
+    fn default() -> Self {
+        Self::new(SelectSettings::default())
+    }
+}
+
+/// Upper bound on the screen error over all visible parts with what is applied, in pixels: infinite while
+/// a visible instance lacks its base mesh. The measure behind TTQ.
+#[must_use]
+pub fn max_screen_error_px(view: &View, instances: &[InstanceEntry], assets: &[AssetState]) -> f64 {
+    let projection = Projection::new(view);
+    let mut worst = 0.0_f64;
+    for instance in instances {
+        let Some(asset) = assets.get(instance.asset as usize) else { continue };
+        let bounds = projection.bounds(asset.entry(), instance);
+        if !bounds.visible {
+            continue;
+        }
+        if asset.state(BlobPart::Base) != State::Applied {
+            return f64::INFINITY;
+        }
+        let scale = f64::from(instance.scale);
+        worst = worst.max(projection.error_px(f64::from(asset.unknown_error()) * scale, bounds.depth));
+        let local = projection.local(asset.entry(), instance);
+        let missing = asset.chunks().iter().zip(asset.chunk_states());
+        for (info, _) in missing.filter(|(info, state)| info.level > 0 && **state != State::Applied) {
+            worst = local.error_px(&info.sphere, info.error).map_or(worst, |(px, _)| worst.max(px));
+        }
+    }
+    worst
+}
+
+impl Selector {
+    /// A selector with these settings.
+    #[must_use]
+    pub fn new(settings: SelectSettings) -> Self {
+        Self {
+            settings,
+            selection: Selection::default(),
+            threshold_px: 0.0,
+            seen: Vec::new(),
+            chunks: Vec::new(),
+            histogram: Vec::new(),
+        }
+    }
+
+    /// The settings; changes hold from the next call.
+    pub fn settings_mut(&mut self) -> &mut SelectSettings {
+        &mut self.settings
+    }
+
+    /// What the last call found.
+    #[must_use]
+    pub const fn last(&self) -> &Selection {
+        &self.selection
+    }
+
+    /// Selects for one view. `assets` are indexed by asset number; instances of assets beyond them
+    /// are skipped.
+    ///
+    /// Costs a sphere test per known chunk and visible instance.
+    pub fn select(&mut self, view: &View, instances: &[InstanceEntry], assets: &[AssetState]) -> &Selection {
+        self.reset(assets);
+        let in_use = usage(assets);
+        self.look(view, instances, assets, in_use);
+        let threshold = self.close_and_choose_threshold(view.target_px, assets);
+        self.selection.counters.threshold_px = f64::from(threshold);
+        let keep_out_of_view = {
+            #[allow(clippy::cast_precision_loss)]
+            let share = in_use.0 as f64 / self.settings.max_faces.max(1) as f64;
+            share <= f64::from(self.settings.keep_out_of_view)
+        };
+        for (number, asset) in (0..).zip(assets) {
+            self.refine(number, asset, threshold, keep_out_of_view);
+            self.want_base_and_pages(number, asset, threshold);
+            self.want_textures(number, asset, threshold);
+        }
+        self.finish()
+    }
+
+    fn reset(&mut self, assets: &[AssetState]) {
+        self.selection.wanted.clear();
+        self.selection.cancel.clear();
+        self.selection.undo.clear();
+        self.selection.counters = Counters::default();
+        self.seen.clear();
+        let mut first_chunk = 0;
+        for asset in assets {
+            self.seen.push(Seen { first_chunk, ..Seen::default() });
+            first_chunk += asset.chunks().len();
+        }
+        self.chunks.clear();
+        self.chunks.resize(first_chunk, Seek::default());
+    }
+
+    /// The pass over instances: screen errors per chunk, and the achieved error.
+    fn look(&mut self, view: &View, instances: &[InstanceEntry], assets: &[AssetState], in_use: (u64, u64)) {
+        let projection = Projection::new(view);
+        let counters = &mut self.selection.counters;
+        (counters.applied_faces, counters.applied_bytes) = in_use;
+        let floor_px = f64::from(view.target_px * self.settings.undo_below);
+        let mut worst = 0.0_f64;
+        for instance in instances {
+            let Some(asset) = assets.get(instance.asset as usize) else { continue };
+            let seen = &mut self.seen[instance.asset as usize];
+            seen.placed = true;
+            let bounds = projection.bounds(asset.entry(), instance);
+            seen.coverage_px = seen.coverage_px.max(bounds.coverage_px);
+            if !bounds.visible {
+                continue;
+            }
+            seen.visible = true;
+            seen.centrality = seen.centrality.max(bounds.centrality);
+            counters.visible_instances += 1;
+            if asset.state(BlobPart::Base) == State::Applied {
+                counters.drawable_instances += 1;
+            } else {
+                worst = f64::INFINITY;
+            }
+            let scale = f64::from(instance.scale);
+            let px_of = |error: f32| projection.error_px(f64::from(error) * scale, bounds.depth);
+            let unknown_px = px_of(asset.unknown_error());
+            worst = worst.max(unknown_px);
+            #[allow(clippy::cast_possible_truncation)]
+            {
+                seen.unknown_px = seen.unknown_px.max(unknown_px as f32);
+                let px_per_unit = projection.px_per_unit(asset.entry(), instance, bounds.depth);
+                seen.px_per_unit = seen.px_per_unit.max(px_per_unit as f32);
+            }
+            // No chunk's error exceeds the root error, and no sphere is nearer than the asset's.
+            let root_px = px_of(asset.entry().root_error);
+            if root_px < floor_px {
+                worst = worst.max(root_px);
+                seen.far = true;
+                continue;
+            }
+            let local = projection.local(asset.entry(), instance);
+            let seeks = &mut self.chunks[seen.first_chunk..];
+            let entries = asset.chunks().iter().zip(asset.chunk_states());
+            counters.tested_chunks += asset.chunks().len() as u64;
+            for (seek, (info, state)) in seeks.iter_mut().zip(entries) {
+                let Some((px, centrality)) = local.error_px(&info.sphere, info.error) else { continue };
+                if info.level == 0 {
+                    continue;
+                }
+                if *state != State::Applied {
+                    worst = worst.max(px);
+                }
+                #[allow(clippy::cast_possible_truncation)]
+                {
+                    seek.error_px = seek.error_px.max(px as f32);
+                }
+                seek.centrality = seek.centrality.max(centrality);
+            }
+        }
+        counters.max_screen_error_px = worst;
+    }
+
+    /// Passes errors on to parents and finds the threshold at which the budgets hold.
+    fn close_and_choose_threshold(&mut self, target_px: f32, assets: &[AssetState]) -> f32 {
+        self.histogram.clear();
+        self.histogram.resize(BINS, (0, 0));
+        let (mut faces, mut bytes) = (0_u64, 0_u64);
+        for (seen, asset) in self.seen.iter().zip(assets) {
+            if !seen.visible {
+                continue;
+            }
+            let seeks = &mut self.chunks[seen.first_chunk..];
+            for (index, info) in asset.chunks().iter().enumerate().rev() {
+                let Seek { error_px, centrality, .. } = seeks[index];
+                if error_px <= 0.0 {
+                    continue;
+                }
+                for &parent in &info.parents {
+                    let parent = &mut seeks[parent as usize];
+                    parent.error_px = parent.error_px.max(error_px);
+                    parent.centrality = parent.centrality.max(centrality);
+                }
+                if error_px > target_px {
+                    let bin = &mut self.histogram[(error_px.to_bits() >> BIN_SHIFT) as usize % BINS];
+                    bin.0 += u64::from(info.faces);
+                    bin.1 += u64::from(info.payload_bytes);
+                    faces += u64::from(info.faces);
+                    bytes += u64::from(info.payload_bytes);
+                }
+            }
+        }
+        let SelectSettings { max_faces, max_bytes, .. } = self.settings;
+        let relaxed = |budget: u64| budget - budget / RELAXED_SHARE;
+        if faces <= relaxed(max_faces) && bytes <= relaxed(max_bytes) {
+            self.threshold_px = target_px;
+            return target_px;
+        }
+        let (mut faces, mut bytes) = (0_u64, 0_u64);
+        let mut needed = target_px;
+        for (bin, (more_faces, more_bytes)) in self.histogram.iter().enumerate().rev() {
+            faces += more_faces;
+            bytes += more_bytes;
+            if faces > max_faces || bytes > max_bytes {
+                // Bins fit into 11 bits.
+                #[allow(clippy::cast_possible_truncation)]
+                let above = f32::from_bits((bin as u32 + 1) << BIN_SHIFT);
+                needed = if above.is_finite() { above.max(target_px) } else { f32::MAX };
+                break;
+            }
+        }
+        if needed > self.threshold_px || needed < self.threshold_px * THRESHOLD_FALL {
+            self.threshold_px = needed;
+        }
+        self.threshold_px = self.threshold_px.max(target_px);
+        self.threshold_px
+    }
+
+    /// Lists the chunks of one asset that are wanted, no longer wanted, or to be undone.
+    fn refine(&mut self, number: u32, asset: &AssetState, threshold: f32, keep_out_of_view: bool) {
+        let infos = asset.chunks();
+        let states = asset.chunk_states();
+        let seeks = &mut self.chunks[self.seen[number as usize].first_chunk..][..infos.len()];
+        let far = self.seen[number as usize].far;
+        let counters = &mut self.selection.counters;
+        // Over budget there is no room for hysteresis.
+        let over = counters.applied_faces > self.settings.max_faces
+            || counters.applied_bytes > self.settings.max_bytes;
+        let undo_below = if over { threshold } else { threshold * self.settings.undo_below };
+        // Children before parents: priorities and what must stay are passed up.
+        for index in (0..infos.len()).rev() {
+            let info = &infos[index];
+            let seek = &mut seeks[index];
+            let applied = states[index] == State::Applied;
+            if seek.error_px > threshold && !applied {
+                let own = refine_priority(seek.error_px, info.payload_bytes, seek.centrality);
+                seek.priority = seek.priority.max(own);
+            }
+            let out_of_view = seek.error_px <= 0.0 && !far;
+            seek.kept |= applied && (seek.error_px >= undo_below || (out_of_view && keep_out_of_view));
+            let Seek { priority, kept, .. } = *seek;
+            for &parent in &info.parents {
+                let parent = &mut seeks[parent as usize];
+                parent.priority = parent.priority.max(priority);
+                parent.kept |= kept;
+            }
+            let id = BlobId::chunk(number, u32::try_from(index).unwrap_or(u32::MAX));
+            if applied && !kept {
+                self.selection.undo.push(id);
+            } else if states[index] == State::InFlight && seeks[index].error_px < undo_below {
+                self.selection.cancel.push(id);
+            }
+        }
+        // Parents before children: what can never come blocks what hangs on it.
+        for index in 0..infos.len() {
+            let info = &infos[index];
+            let blocked = info.level == 0
+                || states[index] == State::Failed
+                || info.parents.iter().any(|&parent| seeks[parent as usize].blocked);
+            let seek = &mut seeks[index];
+            seek.blocked = blocked;
+            if info.level == 0 || seek.error_px <= threshold {
+                continue;
+            }
+            counters.needed_chunks += 1;
+            if states[index] == State::Applied {
+                continue;
+            }
+            counters.missing_chunks += 1;
+            if matches!(states[index], State::Absent | State::InFlight) {
+                counters.missing_bytes += u64::from(info.payload_bytes);
+            }
+            if !blocked {
+                self.selection.wanted.push(Wanted {
+                    id: BlobId::chunk(number, u32::try_from(index).unwrap_or(u32::MAX)),
+                    priority: seek.priority,
+                    bytes: Some(info.payload_bytes),
+                    state: states[index],
+                });
+            }
+        }
+    }
+
+    fn want_base_and_pages(&mut self, number: u32, asset: &AssetState, threshold: f32) {
+        let seen = self.seen[number as usize];
+        let wanted = &mut self.selection.wanted;
+        let mut want = |part: BlobPart, priority: Priority| {
+            let state = asset.state(part);
+            if !matches!(state, State::Applied | State::Failed) {
+                let id = BlobId { asset: number, part };
+                wanted.push(Wanted { id, priority, bytes: asset.blob_bytes(part), state });
+            }
+        };
+        if seen.visible {
+            want(BlobPart::Base, base_priority(seen.coverage_px, seen.centrality));
+        } else if seen.placed && self.settings.prefetch_bases {
+            want(BlobPart::Base, prefetch_priority(seen.coverage_px));
+        }
+        let pages = asset.entry().index_pages();
+        if seen.visible && asset.state(BlobPart::Base) != State::Failed && seen.unknown_px > threshold {
+            let next = asset.known_pages();
+            // One page ahead where the error is far above the threshold: it will be needed.
+            let count = if seen.unknown_px > 2.0 * threshold { 2 } else { 1 };
+            for (page, halvings) in (next..pages).take(count).zip([1.0, 2.0]) {
+                want(BlobPart::IndexPage(page), index_priority(seen.unknown_px / halvings));
+            }
+        }
+    }
+
+    /// A texture's next level is wanted while a texel of the last one covers more than a pixel.
+    fn want_textures(&mut self, number: u32, asset: &AssetState, threshold: f32) {
+        let seen = self.seen[number as usize];
+        if !seen.visible || asset.state(BlobPart::Base) != State::Applied {
+            return;
+        }
+        for (texture, info) in (0..).zip(asset.textures()) {
+            let px_per_uv = seen.px_per_unit / info.uv_per_unit.max(f32::MIN_POSITIVE);
+            let mut texel_px = px_per_uv.min(f32::MAX);
+            let mut pending = 0;
+            for (level, (about, state)) in (0..).zip(&info.levels) {
+                if *state == State::Failed || texel_px <= threshold.max(1.0) || pending == 2 {
+                    break;
+                }
+                if *state != State::Applied {
+                    pending += 1;
+                    let blur_px = texel_px.min(256.0) * self.settings.texture_weight;
+                    self.selection.wanted.push(Wanted {
+                        id: BlobId::texture(number, texture, level),
+                        priority: refine_priority(blur_px, about.bytes, seen.centrality),
+                        bytes: Some(about.bytes),
+                        state: *state,
+                    });
+                }
+                #[allow(clippy::cast_precision_loss)]
+                let texels = about.width.max(about.height).max(1) as f32;
+                texel_px = px_per_uv / texels;
+            }
+        }
+    }
+
+    /// Puts the wanted blobs in order and cuts the list.
+    fn finish(&mut self) -> &Selection {
+        let selection = &mut self.selection;
+        selection.counters.settled = selection.wanted.is_empty();
+        let order = |w: &Wanted| (Reverse(w.priority), w.id);
+        let most = self.settings.max_wanted.max(1);
+        if selection.wanted.len() > most {
+            selection.wanted.select_nth_unstable_by_key(most, order);
+            selection.wanted.truncate(most);
+        }
+        selection.wanted.sort_unstable_by_key(order);
+        selection
+    }
+}
+
+/// Faces and payload bytes of the applied chunks of all assets.
+fn usage(assets: &[AssetState]) -> (u64, u64) {
+    assets
+        .iter()
+        .flat_map(|asset| asset.chunks().iter().zip(asset.chunk_states()))
+        .filter(|(_, state)| **state == State::Applied)
+        .fold((0, 0), |(faces, bytes), (info, _)| {
+            (faces + u64::from(info.faces), bytes + u64::from(info.payload_bytes))
+        })
+}

@@ -1,0 +1,556 @@
+//! The server's side of a session, sans-IO.
+//!
+//! A session begins to speak at once: `Welcome`, then scene pages and base meshes of the scene's start
+//! view, so that on QUIC they travel in the handshake's second flight and on WebSocket with the upgrade's
+//! answer. `Hello` brings the real view; what is not sent yet is ordered anew. Behind the base meshes go
+//! index pages and first chunks, until the client's first `Want` takes over.
+
+mod config;
+mod push;
+#[cfg(test)]
+mod tests;
+
+use std::collections::{HashSet, VecDeque};
+use std::sync::Arc;
+
+use crate::blob::{BlobId, BlobPart};
+use crate::frame::{BlobPiece, FrameError, encode_server};
+use crate::limiter::{CeilingShare, TokenBucket};
+use crate::limits::{MAX_BLOB_BYTES, MAX_PIECE_BYTES};
+use crate::message::{
+    ClientMessage, Close, CloseCode, Hello, Refused, RefusedReason, ServerMessage, VERSIONS, Want, Welcome,
+};
+use crate::scheduler::{Cancelled, Outgoing, Scheduler, Unit};
+use crate::select::Priority;
+use crate::select::priority::{index_priority, is_base};
+use crate::source::{SceneSource, SourceError};
+use crate::time::Time;
+use crate::view::View;
+
+pub use config::ServerConfig;
+
+/// Most control messages that wait to be handed over. A peer that makes more is closed.
+const MAX_CONTROL_QUEUED: usize = 4096;
+/// Pushed units that are moved to the scheduler ahead of their turn.
+const PUSH_AHEAD: usize = 16;
+/// Least time between two orderings of what is pushed.
+const REPLAN_INTERVAL: std::time::Duration = std::time::Duration::from_millis(100);
+
+/// What the driver should hand to the transport.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Transmit {
+    /// A control message.
+    Message(ServerMessage),
+    /// A piece of a blob. Pieces of a blob come in order; pieces of others may come between.
+    Piece {
+        /// The piece.
+        piece: BlobPiece,
+        /// The blob's priority, for the stream ([`crate::stream::quic_priority`]).
+        priority: Priority,
+    },
+    /// The rest of a blob will not come: reset its stream. Nothing to do on WebSocket.
+    Abandon(BlobId),
+}
+
+/// Counters of a session.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ServerStats {
+    /// Bytes on the wire, estimated as the limiter counts them.
+    pub wire_bytes: u64,
+    /// Blob bytes handed over.
+    pub blob_bytes: u64,
+    /// Blobs begun.
+    pub blobs: u64,
+    /// Control messages handed over.
+    pub messages: u64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    /// `Hello` has not been heard.
+    Greeting,
+    Open,
+    Closed,
+}
+
+/// A session with one client.
+pub struct ServerSession {
+    config: Arc<ServerConfig>,
+    source: Arc<dyn SceneSource>,
+    phase: Phase,
+    close: Option<Close>,
+    bucket: TokenBucket,
+    share: Option<CeilingShare>,
+    control: VecDeque<ServerMessage>,
+    abandoned: VecDeque<BlobId>,
+    scheduler: Scheduler,
+    /// What has begun to be handed over, or what the client says it has.
+    handed: HashSet<Unit>,
+    /// What is pushed next, least urgent first.
+    push: Vec<(Priority, Unit)>,
+    /// Units without which a visible instance cannot be drawn, not handed over yet.
+    bases_left: HashSet<Unit>,
+    bases_told: bool,
+    refinement_pushed: bool,
+    client_wants: bool,
+    done_told: bool,
+    view: View,
+    /// The view has changed since the last ordering.
+    replan_at: Option<Time>,
+    pushed_bytes: u64,
+    push_budget: u64,
+    max_blob_bytes: u32,
+    started: Time,
+    heard: Time,
+    /// Since when there is something to send that the driver could have taken.
+    offered: Time,
+    stats: ServerStats,
+}
+
+impl ServerSession {
+    /// A session that begins now: the transport is open, `Hello` has not been heard. `session` is its
+    /// number for logs.
+    #[must_use]
+    pub fn new(config: Arc<ServerConfig>, source: Arc<dyn SceneSource>, session: u64, now: Time) -> Self {
+        let header = source.header().clone();
+        let view = header.camera.view(config.start_viewport_px, 1.0);
+        let welcome = ServerMessage::Welcome(Welcome {
+            version: *VERSIONS.end(),
+            session,
+            rate_bits_per_s: config.limiter.rate_bits_per_s.unwrap_or(0),
+            idle_timeout_ms: u32::try_from(config.idle_timeout.as_millis()).unwrap_or(u32::MAX),
+            scene: header,
+        });
+        let mut this = Self {
+            bucket: TokenBucket::new(config.limiter),
+            share: None,
+            phase: Phase::Greeting,
+            close: None,
+            control: VecDeque::from([welcome]),
+            abandoned: VecDeque::new(),
+            scheduler: Scheduler::new(config.max_queued),
+            handed: HashSet::new(),
+            push: Vec::new(),
+            bases_left: HashSet::new(),
+            bases_told: false,
+            refinement_pushed: false,
+            client_wants: false,
+            done_told: true,
+            view,
+            replan_at: None,
+            pushed_bytes: 0,
+            push_budget: config.push_before_hello_bytes,
+            max_blob_bytes: MAX_BLOB_BYTES,
+            started: now,
+            heard: now,
+            offered: now,
+            stats: ServerStats::default(),
+            config,
+            source,
+        };
+        this.plan();
+        this
+    }
+
+    /// Makes the session share a ceiling with others.
+    pub fn set_ceiling(&mut self, share: CeilingShare) {
+        self.share = Some(share);
+    }
+
+    /// Takes a message of the client.
+    pub fn handle_message(&mut self, now: Time, message: ClientMessage) {
+        if self.phase == Phase::Closed {
+            return;
+        }
+        self.heard = now;
+        let had_work = self.has_work();
+        match (self.phase, message) {
+            (_, ClientMessage::Bye) => self.end(Close::new(CloseCode::Normal, "the client left"), false),
+            (_, ClientMessage::Ping(nonce)) => self.tell(ServerMessage::Pong(nonce)),
+            (Phase::Greeting, ClientMessage::Hello(hello)) => self.hello(hello),
+            (Phase::Greeting, _) => self.refuse(CloseCode::Protocol, "the first message must be Hello"),
+            (_, ClientMessage::Hello(_)) => self.refuse(CloseCode::Protocol, "a second Hello"),
+            (_, ClientMessage::Want(wants)) => self.want(&wants),
+            (_, ClientMessage::Cancel(ids)) => self.cancel(&ids),
+            (_, ClientMessage::SetView(view)) => {
+                self.view = view;
+                self.replan_at.get_or_insert(now + REPLAN_INTERVAL);
+            }
+            (_, ClientMessage::WantScenePages(pages)) => self.want_pages(&pages),
+        }
+        if !had_work {
+            self.offered = now;
+        }
+    }
+
+    /// Takes what the driver could not decode: queues a reasoned close.
+    pub fn handle_frame_error(&mut self, _now: Time, error: &FrameError) {
+        self.refuse(error.close_code(), &error.to_string());
+    }
+
+    /// The transport failed or ended: there is nobody to tell.
+    pub fn handle_lost(&mut self, _now: Time, reason: &str) {
+        self.end(Close::new(CloseCode::Lost, reason), false);
+    }
+
+    /// Ends the session with a reason; what is queued is dropped, `Close` is the last message.
+    pub fn close(&mut self, _now: Time, code: CloseCode, reason: &str) {
+        self.refuse(code, reason);
+    }
+
+    fn refuse(&mut self, code: CloseCode, reason: &str) {
+        self.end(Close::new(code, reason), true);
+    }
+
+    fn end(&mut self, close: Close, tell: bool) {
+        if self.phase == Phase::Closed {
+            return;
+        }
+        self.phase = Phase::Closed;
+        self.control.clear();
+        self.abandoned.clear();
+        self.scheduler.clear();
+        self.push = Vec::new();
+        self.handed = HashSet::new();
+        self.bases_left = HashSet::new();
+        self.share = None;
+        if tell {
+            self.control.push_back(ServerMessage::Close(close.clone()));
+        }
+        self.close = Some(close);
+    }
+
+    fn tell(&mut self, message: ServerMessage) {
+        if self.control.len() < MAX_CONTROL_QUEUED {
+            self.control.push_back(message);
+        } else {
+            self.refuse(CloseCode::Limit, "the client makes messages faster than it takes the answers");
+        }
+    }
+
+    fn hello(&mut self, hello: Hello) {
+        let version = *VERSIONS.end();
+        if !(hello.version_min..=hello.version_max).contains(&version) {
+            let Hello { version_min, version_max, .. } = hello;
+            let reason = format!(
+                "the server speaks version {version}, the client {version_min} to {version_max}; update one of them"
+            );
+            return self.refuse(CloseCode::Version, &reason);
+        }
+        let header = self.source.header();
+        if !hello.scene.is_empty() && hello.scene != header.name {
+            let reason = format!("there is no scene '{}'; this server has '{}'", hello.scene, header.name);
+            return self.refuse(CloseCode::NoSuchScene, &reason);
+        }
+        if hello.fingerprint == header.fingerprint {
+            let source = &self.source;
+            let real = hello.have.iter().filter(|id| source.blob_len(id).is_some());
+            self.handed.extend(real.map(|id| Unit::Blob(*id)));
+        }
+        self.phase = Phase::Open;
+        self.max_blob_bytes = hello.max_blob_bytes.min(MAX_BLOB_BYTES);
+        self.push_budget = hello.budget_bytes;
+        self.pushed_bytes = 0;
+        if let Some(view) = hello.view {
+            self.view = view;
+        }
+        self.plan();
+    }
+
+    /// Orders anew what is pushed for the view last known.
+    fn plan(&mut self) {
+        self.replan_at = None;
+        if !self.client_wants {
+            // Nothing but pushes is queued.
+            self.scheduler.retain(|_| false);
+            self.refinement_pushed = false;
+        }
+        self.push = push::first_flight(&*self.source, &self.view);
+        let Self { handed, scheduler, .. } = self;
+        self.push.retain(|(_, unit)| !handed.contains(unit) && !scheduler.contains(unit));
+        self.bases_left = self.push.iter().filter(|(p, _)| is_base(*p)).map(|(_, unit)| *unit).collect();
+        let half_sent = self.scheduler.begun().filter(|(priority, _)| is_base(*priority));
+        self.bases_left.extend(half_sent.map(|(_, unit)| unit));
+        self.bases_told = false;
+    }
+
+    /// Moves the most urgent pushes to the scheduler.
+    fn refill(&mut self) {
+        let open = self.phase == Phase::Open;
+        while self.scheduler.queued() < PUSH_AHEAD {
+            let Some(&(priority, unit)) = self.push.last() else { break };
+            let fits = self.fits_push_budget(unit);
+            if !fits && !open {
+                break;
+            }
+            self.push.pop();
+            if !fits || self.handed.contains(&unit) {
+                // The client has it, or no room for more than it asks for.
+                self.bases_left.remove(&unit);
+                continue;
+            }
+            self.pushed_bytes = self.pushed_bytes.saturating_add(self.estimated_bytes(unit));
+            self.scheduler.want(unit, priority);
+        }
+        if open && self.bases_left.is_empty() && !self.refinement_pushed {
+            self.refinement_pushed = true;
+            if !self.client_wants {
+                self.push_refinement();
+            }
+        }
+    }
+
+    fn estimated_bytes(&self, unit: Unit) -> u64 {
+        match unit {
+            // Typical lengths of asset and instance entries.
+            Unit::Page(page) => self
+                .source
+                .page(page)
+                .map_or(0, |page| 8 + 80 * page.assets.len() as u64 + 20 * page.instances.len() as u64),
+            Unit::Blob(id) => self.source.blob_len(&id).map_or(0, u64::from),
+        }
+    }
+
+    /// Whether a unit may be pushed. The first page always is: without it nothing can be placed; and all
+    /// pages once the client has spoken, since only they tell it what there is.
+    fn fits_push_budget(&self, unit: Unit) -> bool {
+        match unit {
+            Unit::Page(0) => true,
+            Unit::Page(_) if self.phase == Phase::Open => true,
+            _ => self.pushed_bytes.saturating_add(self.estimated_bytes(unit)) <= self.push_budget,
+        }
+    }
+
+    fn push_refinement(&mut self) {
+        let room = self.push_budget.saturating_sub(self.pushed_bytes);
+        let budget = self.config.push_after_hello_bytes.min(room);
+        for (priority, unit) in push::first_refinement(&*self.source, &self.view, budget) {
+            if !self.handed.contains(&unit) {
+                self.scheduler.want(unit, priority);
+            }
+        }
+    }
+
+    fn want(&mut self, wants: &[Want]) {
+        if !self.client_wants {
+            self.client_wants = true;
+            // The client knows better from here on; it asks again for those of the pushed chunks that
+            // it needs.
+            self.scheduler
+                .retain(|unit| !matches!(unit, Unit::Blob(BlobId { part: BlobPart::Chunk(_), .. })));
+        }
+        self.done_told = false;
+        for &Want { id, priority } in wants {
+            let unit = Unit::Blob(id);
+            if self.handed.contains(&unit) && !self.scheduler.contains(&unit) {
+                continue;
+            }
+            let refused = match self.source.blob_len(&id) {
+                None => Some(RefusedReason::NotFound),
+                Some(length) if length > self.max_blob_bytes => Some(RefusedReason::TooLong),
+                Some(_) if !self.scheduler.want(unit, priority) => Some(RefusedReason::QueueFull),
+                Some(_) => None,
+            };
+            if let Some(reason) = refused {
+                self.tell(ServerMessage::Refused(Refused { id, reason }));
+            }
+        }
+    }
+
+    fn cancel(&mut self, ids: &[BlobId]) {
+        for &id in ids {
+            self.handed.remove(&Unit::Blob(id));
+            self.bases_left.remove(&Unit::Blob(id));
+            if self.scheduler.cancel(id) == Cancelled::Begun {
+                self.abandoned.push_back(id);
+            }
+        }
+    }
+
+    fn want_pages(&mut self, pages: &[u32]) {
+        self.done_told = false;
+        for &page in pages {
+            if page < self.source.header().page_count {
+                self.handed.remove(&Unit::Page(page));
+                self.scheduler.want(Unit::Page(page), index_priority(f32::MAX));
+            }
+        }
+    }
+
+    /// Call when the moment given by [`ServerSession::poll_timeout`] has come; earlier is harmless.
+    pub fn handle_timeout(&mut self, now: Time) {
+        let ServerConfig { hello_timeout, idle_timeout, stall_timeout, .. } = *self.config;
+        if self.phase == Phase::Closed {
+            return;
+        }
+        if self.phase == Phase::Greeting && now >= self.started + hello_timeout {
+            self.refuse(CloseCode::Timeout, &format!("no Hello within {} s", hello_timeout.as_secs_f32()));
+        } else if now >= self.heard + idle_timeout {
+            self.refuse(CloseCode::Timeout, &format!("nothing heard for {} s", idle_timeout.as_secs_f32()));
+        } else if self.has_work() && now >= self.stalled_at() + stall_timeout {
+            self.refuse(CloseCode::Timeout, &format!("nothing taken for {} s", stall_timeout.as_secs_f32()));
+        } else if self.replan_at.is_some_and(|at| at <= now) {
+            let had_work = self.has_work();
+            self.plan();
+            if !had_work {
+                self.offered = now;
+            }
+        }
+    }
+
+    fn stalled_at(&self) -> Time {
+        self.offered.max(self.bucket.ready_at())
+    }
+
+    fn has_work(&self) -> bool {
+        !self.control.is_empty()
+            || !self.abandoned.is_empty()
+            || !self.scheduler.is_empty()
+            || self
+                .push
+                .last()
+                .is_some_and(|(_, unit)| self.phase == Phase::Open || self.fits_push_budget(*unit))
+            || (self.phase == Phase::Open && !(self.bases_told && self.done_told))
+    }
+
+    /// When to call [`ServerSession::handle_timeout`] and then [`ServerSession::poll_transmit`] again.
+    #[must_use]
+    pub fn poll_timeout(&self) -> Option<Time> {
+        if self.phase == Phase::Closed {
+            return None;
+        }
+        let mut next = self.heard + self.config.idle_timeout;
+        if self.phase == Phase::Greeting {
+            next = next.min(self.started + self.config.hello_timeout);
+        }
+        if let Some(at) = self.replan_at {
+            next = next.min(at);
+        }
+        if self.has_work() {
+            next = next.min(self.stalled_at() + self.config.stall_timeout);
+            // In the past once the limiter admits something: then the driver's transport is what is
+            // waited for, and there is nothing to wake up for.
+            if self.bucket.ready_at() > self.offered {
+                next = next.min(self.bucket.ready_at());
+            }
+        }
+        Some(next)
+    }
+
+    /// The next thing to send, if the limiter admits one now. Call until `None`, and only while the
+    /// transport can take it: what is handed over can no longer be overtaken.
+    pub fn poll_transmit(&mut self, now: Time) -> Option<Transmit> {
+        self.offered = now;
+        if let Some(message) = self.control.pop_front() {
+            return Some(self.transmit_message(now, message));
+        }
+        if self.phase == Phase::Closed {
+            return None;
+        }
+        if let Some(id) = self.abandoned.pop_front() {
+            return Some(Transmit::Abandon(id));
+        }
+        if self.replan_at.is_some_and(|at| at <= now) {
+            self.plan();
+        }
+        self.refill();
+        if let Some(share) = &mut self.share {
+            share.set_active(!self.scheduler.is_empty());
+            self.bucket.set_rate(Some(share.limit(self.config.limiter.rate_bits_per_s)));
+        }
+        if self.bucket.admits(now)
+            && let Some(transmit) = self.transmit_queued(now)
+        {
+            return Some(transmit);
+        }
+        self.tell_milestones(now)
+    }
+
+    /// Says that all base meshes are sent, or everything, once each.
+    fn tell_milestones(&mut self, now: Time) -> Option<Transmit> {
+        if self.phase != Phase::Open {
+            return None;
+        }
+        if !self.bases_told && self.bases_left.is_empty() {
+            self.bases_told = true;
+            return Some(self.transmit_message(now, ServerMessage::BasesSent));
+        }
+        if !self.done_told && self.scheduler.is_empty() && self.push.is_empty() {
+            self.done_told = true;
+            return Some(self.transmit_message(now, ServerMessage::Done));
+        }
+        None
+    }
+
+    fn transmit_queued(&mut self, now: Time) -> Option<Transmit> {
+        let source = Arc::clone(&self.source);
+        let longest = self.max_blob_bytes as usize;
+        let mut read = |id: &BlobId| {
+            let bytes = source.read(id)?;
+            if bytes.len() > longest {
+                let why = format!("{} bytes are more than the client takes", bytes.len());
+                return Err(SourceError::Unreadable { id: *id, why });
+            }
+            Ok(bytes)
+        };
+        let piece_bytes = self.config.piece_bytes.clamp(1, MAX_PIECE_BYTES as u32) as usize;
+        Some(match self.scheduler.next(piece_bytes, &mut read)? {
+            Outgoing::Page(page) => {
+                self.handed.insert(Unit::Page(page));
+                self.bases_left.remove(&Unit::Page(page));
+                self.done_told = false;
+                let Some(page) = self.source.page(page) else { return self.transmit_queued(now) };
+                self.transmit_message(now, ServerMessage::ScenePage((*page).clone()))
+            }
+            Outgoing::Piece { piece, priority } => {
+                if piece.offset == 0 {
+                    self.handed.insert(Unit::Blob(piece.id));
+                    self.stats.blobs += 1;
+                }
+                if piece.is_last() {
+                    self.bases_left.remove(&Unit::Blob(piece.id));
+                }
+                self.done_told = false;
+                self.stats.blob_bytes += piece.bytes.len() as u64;
+                self.stats.wire_bytes += self.bucket.spend(now, piece.bytes.len());
+                Transmit::Piece { piece, priority }
+            }
+            Outgoing::Failed { id, reason } => {
+                self.bases_left.remove(&Unit::Blob(id));
+                self.transmit_message(now, ServerMessage::Refused(Refused { id, reason }))
+            }
+        })
+    }
+
+    /// Control messages are never held back, but what they cost is.
+    fn transmit_message(&mut self, now: Time, message: ServerMessage) -> Transmit {
+        let bytes = encode_server(&message).map_or(0, |frame| frame.len());
+        self.stats.messages += 1;
+        self.stats.wire_bytes += self.bucket.spend(now, bytes);
+        Transmit::Message(message)
+    }
+
+    /// Why the session ended: set as soon as it is decided.
+    #[must_use]
+    pub const fn close_reason(&self) -> Option<&Close> {
+        self.close.as_ref()
+    }
+
+    /// Whether the session has ended and its `Close` has been handed over: close the transport.
+    #[must_use]
+    pub fn is_closed(&self) -> bool {
+        self.phase == Phase::Closed && self.control.is_empty()
+    }
+
+    /// Whether `Hello` has been heard and accepted.
+    #[must_use]
+    pub fn is_open(&self) -> bool {
+        self.phase == Phase::Open
+    }
+
+    /// What has been sent so far.
+    #[must_use]
+    pub const fn stats(&self) -> ServerStats {
+        self.stats
+    }
+}

@@ -1,0 +1,163 @@
+//! What the server sends unasked: the first flight for a view, and the first refinement behind it.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_page};
+
+use crate::blob::{BlobId, BlobPart};
+use crate::scene::{AssetEntry, InstanceEntry, ScenePage};
+use crate::scheduler::Unit;
+use crate::select::priority::{base_priority, index_priority};
+use crate::select::{AssetState, Priority, Projection, SelectSettings, Selector, State};
+use crate::source::SceneSource;
+use crate::view::View;
+
+/// Screen error as which pages without a visible instance count: what looks worse than this is refined
+/// first, but a camera that turns should not wait for long.
+const HIDDEN_PAGE_PX: f32 = 16.0;
+/// Most assets whose first refinement is pushed, the largest on the screen.
+const MAX_REFINED_ASSETS: usize = 64;
+/// Most index pages decoded for it.
+const MAX_REFINED_PAGES: usize = 64;
+
+/// The first flight for a view: scene pages and base meshes, least urgent first (so that the next is
+/// popped from the end). Base meshes out of view are left to the client.
+pub(super) fn first_flight(source: &dyn SceneSource, view: &View) -> Vec<(Priority, Unit)> {
+    let projection = Projection::new(view);
+    let pages = all_pages(source);
+    let assets: Vec<(u32, &AssetEntry)> =
+        pages.iter().flat_map(|page| page.assets.iter().map(|asset| (page.page, asset))).collect();
+    let mut best = vec![0; assets.len()];
+    let mut page_best = vec![0; pages.len()];
+    for (page, best_on_page) in pages.iter().zip(&mut page_best) {
+        for instance in &page.instances {
+            let Some((_, asset)) = assets.get(instance.asset as usize) else { continue };
+            let bounds = projection.bounds(asset, instance);
+            if bounds.visible {
+                let priority = base_priority(bounds.coverage_px, bounds.centrality);
+                let best = &mut best[instance.asset as usize];
+                *best = priority.max(*best);
+                *best_on_page = priority.max(*best_on_page);
+            }
+        }
+    }
+    // A base mesh is of no use before the page that lists its asset.
+    for (&(page, _), &priority) in assets.iter().zip(&best) {
+        if let Some(best_on_page) = page_best.get_mut(page as usize) {
+            *best_on_page = priority.max(*best_on_page);
+        }
+    }
+    let hidden = index_priority(HIDDEN_PAGE_PX);
+    let of_pages = (0..).zip(&page_best).map(|(page, &priority)| (priority.max(hidden), Unit::Page(page)));
+    let of_bases = (0..).zip(&best).filter(|(_, priority)| **priority > 0);
+    let of_bases = of_bases.map(|(asset, &priority)| (priority, Unit::Blob(BlobId::base(asset))));
+    let mut flight: Vec<_> = of_pages.chain(of_bases).collect();
+    // Pages before base meshes, low numbers first, among equals.
+    flight.sort_unstable_by_key(|&(priority, unit)| (priority, std::cmp::Reverse(unit)));
+    flight
+}
+
+fn all_pages(source: &dyn SceneSource) -> Vec<Arc<ScenePage>> {
+    (0..source.header().page_count).map_while(|page| source.page(page)).collect()
+}
+
+/// The first refinement for a view, most urgent first: index pages of what is visible and, by the same
+/// selection as the client's, the first chunks, until `budget_bytes` are used up.
+///
+/// The client takes over with its first `Want`; until that arrives, a round trip after the base meshes,
+/// the link would lie idle.
+pub(super) fn first_refinement(
+    source: &dyn SceneSource,
+    view: &View,
+    budget_bytes: u64,
+) -> Vec<(Priority, Unit)> {
+    let (numbers, instances, mut assets) = visible_assets(source, view);
+    let mut selector = Selector::new(SelectSettings {
+        max_bytes: budget_bytes,
+        prefetch_bases: false,
+        ..SelectSettings::default()
+    });
+    let mut out = Vec::new();
+    let mut left = budget_bytes;
+    let mut pages = 0;
+    // Pages make chunks and further pages known; each turn of the loop uses up bytes or ends.
+    loop {
+        let mut progress = false;
+        for wanted in selector.select(view, &instances, &assets).wanted.clone() {
+            let local = wanted.id.asset as usize;
+            let Some(&number) = numbers.get(local) else { continue };
+            let id = BlobId { asset: number, part: wanted.id.part };
+            let Some(length) = source.blob_len(&id).map(u64::from).filter(|length| *length <= left) else {
+                return out;
+            };
+            let state = match id.part {
+                BlobPart::IndexPage(page) => {
+                    // Chunks that rank below a page not read yet must wait for it.
+                    if pages == MAX_REFINED_PAGES {
+                        return out;
+                    }
+                    pages += 1;
+                    match known(source, &id, page, &mut assets[local]) {
+                        Some(()) => State::Applied,
+                        None => State::Failed,
+                    }
+                }
+                _ => State::Applied,
+            };
+            assets[local].set_state(id.part, state);
+            if state == State::Applied {
+                left -= length;
+                out.push((wanted.priority, Unit::Blob(id)));
+            }
+            progress = true;
+            if matches!(id.part, BlobPart::IndexPage(_)) {
+                break;
+            }
+        }
+        if !progress {
+            return out;
+        }
+    }
+}
+
+/// Reads an index page into the state of its asset.
+fn known(source: &dyn SceneSource, id: &BlobId, page: u32, asset: &mut AssetState) -> Option<()> {
+    let bytes = source.read(id).ok()?;
+    let first = page.checked_mul(u32::try_from(CHUNKS_PER_PAGE).ok()?)?;
+    let infos = decode_page(&bytes, first).ok()?;
+    asset.add_index_page(page, infos).ok()
+}
+
+/// The assets that cover most of the screen: their numbers, their instances (with assets renumbered) and
+/// states in which only the base is there.
+fn visible_assets(source: &dyn SceneSource, view: &View) -> (Vec<u32>, Vec<InstanceEntry>, Vec<AssetState>) {
+    let flight = first_flight(source, view);
+    let numbers: Vec<u32> = flight
+        .iter()
+        .rev()
+        .filter_map(|(_, unit)| match unit {
+            Unit::Blob(id) => Some(id.asset),
+            Unit::Page(_) => None,
+        })
+        .take(MAX_REFINED_ASSETS)
+        .collect();
+    let local: HashMap<u32, u32> = numbers.iter().copied().zip(0..).collect();
+    let pages = all_pages(source);
+    let entries: Vec<&AssetEntry> = pages.iter().flat_map(|page| &page.assets).collect();
+    let assets = numbers
+        .iter()
+        .filter_map(|&number| entries.get(number as usize))
+        .map(|&entry| {
+            let mut state = AssetState::new(entry.clone());
+            state.set_state(BlobPart::Base, State::Applied);
+            state
+        })
+        .collect();
+    let instances = pages
+        .iter()
+        .flat_map(|page| &page.instances)
+        .filter_map(|instance| local.get(&instance.asset).map(|&asset| InstanceEntry { asset, ..*instance }))
+        .collect();
+    (numbers, instances, assets)
+}

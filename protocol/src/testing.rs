@@ -1,0 +1,147 @@
+//! What the tests share: synthetic assets, scenes and a store in memory.
+
+use std::sync::Arc;
+
+use bytes::Bytes;
+use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, Sphere};
+
+use crate::blob::{BlobId, BlobPart};
+use crate::scene::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
+use crate::source::{SceneSource, SourceError};
+
+/// A square of side 2 about the origin in the xz plane, refined as a quadtree: level l has 4^l patches
+/// and errors of 0.2 / 2^l. Parents are the patch above and its neighbour to the right.
+pub(crate) fn plane(levels: u8) -> Vec<ChunkInfo> {
+    let mut chunks = Vec::new();
+    let mut first_of_level = 0;
+    for level in 0..levels {
+        let side = 1_u32 << level;
+        let first = chunks.len() as u32;
+        for row in 0..side {
+            for column in 0..side {
+                let mut parents = Vec::new();
+                if level > 0 {
+                    let above = |r: u32, c: u32| first_of_level + (r / 2) * (side / 2) + c / 2;
+                    parents.push(above(row, column));
+                    parents.push(above(row, (column + 1).min(side - 1)));
+                    parents.dedup();
+                }
+                let size = 2.0 / side as f32;
+                chunks.push(ChunkInfo {
+                    level: level + 1,
+                    sphere: Sphere {
+                        center: [(column as f32 + 0.5) * size - 1.0, 0.0, (row as f32 + 0.5) * size - 1.0],
+                        radius: size * 0.75,
+                    },
+                    error: 0.2 / side as f32,
+                    parents,
+                    payload_bytes: 700 + (row * 131 + column * 57) % 900,
+                    vertices: 300,
+                    wedges: 300,
+                    faces: 600,
+                });
+            }
+        }
+        first_of_level = first;
+    }
+    chunks
+}
+
+/// The scene's entry of a [`plane`].
+pub(crate) fn plane_entry(name: &str, chunks: &[ChunkInfo], base_bytes: u32) -> AssetEntry {
+    AssetEntry {
+        name: name.into(),
+        fingerprint: [7; 16],
+        origin: [0.0; 3],
+        sphere: Sphere { center: [0.0; 3], radius: 1.5 },
+        root_error: 0.25,
+        base_bytes,
+        chunk_count: chunks.len() as u32,
+    }
+}
+
+/// A store in memory whose blobs are filled with bytes that tell them apart.
+pub(crate) struct MemoryScene {
+    pub(crate) header: SceneHeader,
+    pub(crate) pages: Vec<Arc<ScenePage>>,
+    pub(crate) chunks: Vec<Vec<ChunkInfo>>,
+}
+
+/// Length of every index page in a [`MemoryScene`].
+pub(crate) const PAGE_BYTES: u32 = 1300;
+
+impl MemoryScene {
+    /// `assets` planes of the given depth in a row along −z, each with `instances` instances side by side.
+    pub(crate) fn new(assets: u32, instances: u32, levels: u8) -> Arc<Self> {
+        let chunks: Vec<_> = (0..assets).map(|_| plane(levels)).collect();
+        let mut entries = Vec::new();
+        for asset in 0..assets {
+            let entry = plane_entry(&format!("plane {asset}"), &chunks[asset as usize], 900 + 100 * asset);
+            for i in 0..instances {
+                let x = (f64::from(i) - f64::from(instances) / 2.0 + 0.5) * 3.0;
+                let at = InstanceEntry::at(asset, [x, 0.0, -3.0 * f64::from(asset)]);
+                entries.push((Some(entry.clone()).filter(|_| i == 0), at));
+            }
+        }
+        let mut pages = Vec::new();
+        let (mut first_asset, mut first_instance) = (0, 0);
+        for group in entries.chunks(8) {
+            let page = ScenePage {
+                page: pages.len() as u32,
+                first_asset,
+                first_instance,
+                assets: group.iter().filter_map(|(entry, _)| entry.clone()).collect(),
+                instances: group.iter().map(|(_, at)| *at).collect(),
+            };
+            first_asset += page.assets.len() as u32;
+            first_instance += page.instances.len() as u32;
+            page.check().unwrap();
+            pages.push(Arc::new(page));
+        }
+        let header = SceneHeader {
+            name: "planes".into(),
+            fingerprint: [3; 16],
+            asset_count: first_asset,
+            instance_count: first_instance,
+            page_count: pages.len() as u32,
+            light: Light { direction: [0.0, 1.0, 0.0], color: [1.0; 3], ambient: [0.1; 3] },
+            background: [0.0; 3],
+            camera: Camera { eye: [0.0, 1.0, 4.0], target: [0.0, 0.0, 0.0], up: [0.0, 1.0, 0.0], fov_y: 0.9 },
+        };
+        header.check().unwrap();
+        Arc::new(Self { header, pages, chunks })
+    }
+}
+
+impl SceneSource for MemoryScene {
+    fn header(&self) -> &SceneHeader {
+        &self.header
+    }
+
+    fn page(&self, page: u32) -> Option<Arc<ScenePage>> {
+        self.pages.get(page as usize).cloned()
+    }
+
+    fn blob_len(&self, id: &BlobId) -> Option<u32> {
+        let chunks = self.chunks.get(id.asset as usize)?;
+        match id.part {
+            BlobPart::Base => Some(900 + 100 * id.asset),
+            BlobPart::IndexPage(page) => {
+                ((page as usize) < chunks.len().div_ceil(CHUNKS_PER_PAGE)).then_some(PAGE_BYTES)
+            }
+            BlobPart::Chunk(chunk) => chunks.get(chunk as usize).map(|info| info.payload_bytes),
+            BlobPart::Texture { .. } => None,
+        }
+    }
+
+    fn read(&self, id: &BlobId) -> Result<Bytes, SourceError> {
+        let length = self.blob_len(id).ok_or(SourceError::NotFound(*id))?;
+        Ok(contents(id, length))
+    }
+}
+
+/// Bytes that differ from blob to blob and from place to place.
+pub(crate) fn contents(id: &BlobId, length: u32) -> Bytes {
+    let seed = id.to_string().bytes().fold(17_u32, |h, b| h.wrapping_mul(31) ^ u32::from(b));
+    (0..length).map(|i| (seed.wrapping_add(i).wrapping_mul(0x9E37_79B1) >> 24) as u8).collect()
+}
