@@ -37,7 +37,7 @@ pub fn prefetch_priority(coverage_px: f32) -> Priority {
 /// Whether the priority is that of something without which a visible instance cannot be drawn.
 #[must_use]
 pub const fn is_base(priority: Priority) -> bool {
-    priority >= 0x6000_0000 // 3.7e19, between MAX_ERROR_PX and every base priority
+    priority >= 0x5000_0000 // 8.6e9, between MAX_ERROR_PX and every base priority
 }
 
 /// Priority of something that removes `error_px` of screen error for `bytes`; `centrality` is 1 in the
