@@ -12,7 +12,8 @@ pub struct Camera {
     /// Vertical field of view in radians, in (0, π).
     pub fov_y: f64,
     /// Distance of the near plane in world units, > 0. Reversed floating-point depth has the same
-    /// relative precision everywhere, so this may be tiny.
+    /// relative precision everywhere, so this may be tiny: a thousandth of the smallest thing worth
+    /// looking at costs nothing.
     pub near: f64,
 }
 
@@ -29,7 +30,7 @@ impl Camera {
             .unwrap_or_else(|| forward.any_orthonormal_vector());
         let up = right.cross(forward);
         let rotation = DQuat::from_mat3(&glam::DMat3::from_cols(right, up, -forward)).normalize();
-        Self { eye, rotation, fov_y, near: 1e-3 }
+        Self { eye, rotation, fov_y, near: 1e-4 }
     }
 
     /// `(tan(fov_x / 2), tan(fov_y / 2))` for a picture of the given size. The field of view is

@@ -5,12 +5,13 @@ use glam::DVec3;
 use super::shapes::{asset, at, cube, fill, mips16, quad, sphere};
 use super::{headless, keep};
 use crate::render::graph::Resource;
+use crate::render::readback::read_texture;
 use crate::render::twin::depth::view_ray;
 use crate::render::twin::relief::{steps, tests::bricks};
 use crate::render::twin::{ssao, tone};
 use crate::render::{
-    AmbientOcclusion, Camera, Drawable, Frame, Instance, Material, OcclusionRadius, TextureData, TextureKind,
-    TextureShape,
+    AmbientOcclusion, Camera, Drawable, Frame, Instance, Material, OcclusionRadius, Renderer, TextureData,
+    TextureKind, TextureShape,
 };
 
 #[test]
@@ -142,4 +143,78 @@ fn relief_matches_its_twin_and_the_exact_hit() {
     assert!(moved * 4 > n, "relief moved only {moved} of {n} pixels");
     assert!(off_twin * 50 < n, "{off_twin} of {n} pixels off the twin");
     assert!(off_exact * 20 < n, "{off_exact} of {n} pixels off the exact hit");
+}
+
+/// IEEE 754 binary16 to f64.
+fn half(bits: u16) -> f64 {
+    let (exponent, fraction) = (i32::from(bits >> 10 & 31), f64::from(bits & 1023) / 1024.0);
+    let size =
+        if exponent == 0 { fraction * 2f64.powi(-14) } else { (1.0 + fraction) * 2f64.powi(exponent - 15) };
+    if bits >> 15 == 1 { -size } else { size }
+}
+
+#[test]
+fn relief_normals_follow_the_height_map_on_any_placement() {
+    const SIZE: u32 = 64;
+    let (width, height) = (64, 64);
+    let Some(mut h) = headless(width, height) else { return };
+    let depth = 0.25;
+    let material = Material { relief_depth: depth as f32, height_texture: Some(0), ..Material::default() };
+    let shape = TextureShape { levels: 1, ..TextureShape::full(SIZE, SIZE, TextureKind::Height) };
+    // Heights rise to the right, or downwards in the picture (v up: they fall with v).
+    for (direction, want) in [(0, [-depth, 0.0, 1.0]), (1, [0.0, depth, 1.0])] {
+        let ramp = |i: u32| (if direction == 0 { i % SIZE } else { i / SIZE }) * 65_535 / SIZE;
+        let heights: Vec<u16> = (0..SIZE * SIZE).map(|i| ramp(i) as u16).collect();
+        let mut wall = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[material], &[shape]);
+        fill(&h, &mut wall, &quad([-0.5, -0.5, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0));
+        wall.update_texture(h.gpu(), 0, 0, TextureData::R16(&heights)).unwrap();
+        for instance in [
+            Instance::default(),
+            Instance {
+                translation: DVec3::new(100.0, -3.0, 7.0),
+                rotation: glam::DQuat::from_axis_angle(DVec3::new(1.0, 2.0, -0.5).normalize(), 1.1),
+                scale: 3.0,
+            },
+        ] {
+            let drawables = [Drawable { asset: &wall, instances: &[instance] }];
+            let eye = instance.to_world(DVec3::new(0.2, -0.1, 1.3));
+            let up = instance.rotation * DVec3::Y;
+            let camera = Camera::look_at(eye, instance.to_world(DVec3::ZERO), up, 0.25);
+            h.frame(&Frame::new(camera, &drawables)).unwrap();
+            let normals = h.intermediate(Resource::Normal, 8).unwrap();
+            let pixel = &normals[((height / 2 * width + width / 2) * 8) as usize..];
+            let got = [0, 1, 2].map(|c| half(u16::from_le_bytes([pixel[2 * c], pixel[2 * c + 1]])));
+            let want = instance.rotation * DVec3::from(want).normalize();
+            assert!((DVec3::from(got) - want).length() < 0.01, "{direction}: {got:?} {want}");
+        }
+    }
+}
+
+#[test]
+fn srgb_targets_show_the_same_picture() {
+    let Some(mut h) = headless(64, 64) else { return };
+    let format = wgpu::TextureFormat::Rgba8UnormSrgb;
+    let gpu = h.gpu().clone();
+    let mut other = Renderer::new(&gpu, format).unwrap();
+    let target = gpu.device.create_texture(&wgpu::TextureDescriptor {
+        label: None,
+        size: wgpu::Extent3d { width: 64, height: 64, depth_or_array_layers: 1 },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format,
+        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
+        view_formats: &[],
+    });
+    let ball = asset(&h, &sphere(24), Material::default());
+    let drawables = [Drawable { asset: &ball, instances: &[Instance::default()] }];
+    let camera = Camera::look_at(DVec3::new(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 0.7);
+    let frame = Frame::new(camera, &drawables);
+    h.frame(&frame).unwrap();
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    other.record(&gpu, &mut encoder, &target.create_view(&Default::default()), (64, 64), &frame).unwrap();
+    gpu.queue.submit([encoder.finish()]);
+    let encoded = read_texture(&gpu, &target, 4).unwrap();
+    let worst = h.picture().unwrap().iter().zip(&encoded).map(|(a, b)| a.abs_diff(*b)).max();
+    assert!(worst <= Some(1), "{worst:?}");
 }
