@@ -1,5 +1,6 @@
 //! Import, preparation, pack store and the streaming daemon.
 
+pub mod demo_scene;
 pub mod export_obj;
 pub mod import;
 pub mod prepare;
