@@ -78,7 +78,8 @@ fn relief_matches_its_twin_and_the_exact_hit() {
     let (width, height) = (128, 96);
     let Some(mut h) = headless(width, height) else { return };
     let map = bricks(SIZE as usize);
-    let relief_depth = 0.08f32;
+    // Deep, so that a search without its binary part would be off by more than a colour step.
+    let relief_depth = 0.3f32;
     let shape = |kind, size| TextureShape::full(size, size, kind);
     // The colour texture is a map of its own coordinates, 256 texels wide.
     let material = Material {
@@ -141,7 +142,8 @@ fn relief_matches_its_twin_and_the_exact_hit() {
     }
     assert!(n > 3000, "only {n} pixels to compare");
     assert!(moved * 4 > n, "relief moved only {moved} of {n} pixels");
-    assert!(off_twin * 50 < n, "{off_twin} of {n} pixels off the twin");
+    assert!(off_twin * 500 < n, "{off_twin} of {n} pixels off the twin");
+    // Linear steps jump over some crests, which this deep a relief has at every joint.
     assert!(off_exact * 20 < n, "{off_exact} of {n} pixels off the exact hit");
 }
 
