@@ -354,3 +354,6 @@ impl FrameReader {
         self.buffer.len() - self.used
     }
 }
+
+#[cfg(test)]
+mod tests;

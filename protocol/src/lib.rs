@@ -34,6 +34,8 @@ pub mod view;
 
 mod coding;
 #[cfg(test)]
+mod pair;
+#[cfg(test)]
 mod testing;
 
 pub use blob::{BlobId, BlobPart};

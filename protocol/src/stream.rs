@@ -131,3 +131,67 @@ impl BlobStreamReader {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn stream(id: BlobId, bytes: &[u8]) -> Vec<u8> {
+        let mut stream = blob_head(id, u32::try_from(bytes.len()).unwrap()).unwrap();
+        assert!(stream.len() <= MAX_BLOB_HEAD_BYTES && stream[0] == BLOB_STREAM);
+        stream.extend_from_slice(bytes);
+        stream.split_off(1)
+    }
+
+    fn read(stream: &[u8], step: usize) -> Result<Vec<u8>, FrameError> {
+        let mut reader = BlobStreamReader::new();
+        let mut blob = Vec::new();
+        for part in stream.chunks(step) {
+            for piece in reader.push(Bytes::copy_from_slice(part))? {
+                assert_eq!(piece.offset as usize, blob.len());
+                blob.extend_from_slice(&piece.bytes);
+            }
+        }
+        reader.finish().map(|()| blob)
+    }
+
+    #[test]
+    fn blobs_come_through_however_the_stream_is_cut() {
+        for id in
+            [BlobId::base(0), BlobId::texture(u32::MAX, u16::MAX, 255), BlobId::chunk(u32::MAX, u32::MAX)]
+        {
+            for length in [0, 1, 700, 40_000] {
+                let blob: Vec<u8> = (0..length).map(|i| (i % 251) as u8).collect();
+                let stream = stream(id, &blob);
+                for step in [1, 3, 1200, 100_000] {
+                    assert_eq!(read(&stream, step).unwrap(), blob);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn cut_and_overlong_streams_are_refused() {
+        let whole = stream(BlobId::chunk(1, 2), &[5; 300]);
+        for length in 0..whole.len() {
+            assert_eq!(read(&whole[..length], 64), Err(FrameError::Truncated), "length {length}");
+        }
+        let longer: Vec<u8> = whole.iter().copied().chain([0]).collect();
+        assert_eq!(read(&longer, 1000), Err(FrameError::TrailingBytes(1)));
+        assert!(blob_head(BlobId::base(0), MAX_BLOB_BYTES + 1).is_err());
+        assert!(read(&[255, 0, 0], 9).is_err());
+    }
+
+    #[test]
+    fn priorities_keep_their_order() {
+        let order = [0, 4, 1 << 23, 1 << 30, u32::MAX].map(quic_priority);
+        assert!(order.is_sorted() && order[0] >= 0 && order[4] < i32::MAX);
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn random_streams_never_panic(bytes in proptest::collection::vec(proptest::prelude::any::<u8>(), 0..100)) {
+            let _ = read(&bytes, 7);
+        }
+    }
+}

@@ -135,14 +135,14 @@ struct Pending {
     asked: Option<Priority>,
     /// The length that scene or index announced.
     expected: Option<u32>,
-    /// The length that the pieces name.
-    total: u32,
+    /// The length that the pieces name, once the first is here.
+    total: Option<u32>,
     received: Vec<u8>,
 }
 
 impl Pending {
     fn left(&self) -> u64 {
-        let length = self.expected.unwrap_or_else(|| self.total.max(ASSUMED_BYTES));
+        let length = self.expected.or(self.total).unwrap_or(ASSUMED_BYTES);
         u64::from(length).saturating_sub(self.received.len() as u64)
     }
 }
@@ -309,12 +309,12 @@ impl ClientSession {
             // The total is the peer's word: memory is taken as bytes arrive, not in advance.
             let before = pending.left();
             pending.received.clear();
-            pending.total = total;
+            pending.total = Some(total);
             let after = pending.left();
             if pending.asked.is_some() {
                 self.in_flight_bytes = self.in_flight_bytes.saturating_sub(before).saturating_add(after);
             }
-        } else if pending.received.len() as u64 != u64::from(offset) || pending.total != total {
+        } else if pending.received.len() as u64 != u64::from(offset) || pending.total != Some(total) {
             return;
         }
         let before = pending.left();
@@ -324,7 +324,9 @@ impl ClientSession {
         }
         if end == u64::from(total) {
             let bytes = Bytes::from(std::mem::take(&mut pending.received));
-            self.forget(id);
+            // Nothing of it is left in flight.
+            self.pending.remove(&id);
+            self.wants.remove(&id);
             self.cancels.remove(&id);
             self.blobs += 1;
             self.events.push_back(ClientEvent::Blob { id, bytes });
@@ -347,8 +349,10 @@ impl ClientSession {
         if let Some(pending) = self.pending.get_mut(&id) {
             let before = pending.left();
             pending.received.clear();
+            pending.total = None;
             if pending.asked.is_some() {
-                self.in_flight_bytes = self.in_flight_bytes + pending.left() - before;
+                let in_flight = self.in_flight_bytes.saturating_sub(before);
+                self.in_flight_bytes = in_flight.saturating_add(pending.left());
             } else {
                 self.pending.remove(&id);
             }

@@ -1,1 +1,243 @@
+//! The client's books, and the client against servers that misbehave.
 
+use proptest::prelude::*;
+
+use super::*;
+use crate::message::Refused;
+use crate::source::SceneSource;
+use crate::testing::{MemoryScene, contents};
+
+fn welcome(scene: &MemoryScene) -> ServerMessage {
+    ServerMessage::Welcome(Welcome {
+        version: 1,
+        session: 1,
+        rate_bits_per_s: 8_000_000,
+        idle_timeout_ms: 30_000,
+        scene: scene.header.clone(),
+    })
+}
+
+fn connected() -> (ClientSession, std::sync::Arc<MemoryScene>) {
+    let scene = MemoryScene::new(2, 1, 4);
+    let mut client = ClientSession::new(ClientConfig::default(), None, Resume::default(), Time::ZERO);
+    client.handle_message(Time::ZERO, welcome(&scene));
+    client.handle_message(Time::ZERO, ServerMessage::ScenePage((*scene.page(0).unwrap()).clone()));
+    while client.poll_event().is_some() {}
+    assert!(matches!(client.poll_transmit(Time::ZERO), Some(ClientMessage::Hello(_))));
+    assert!(matches!(client.poll_transmit(Time::ZERO), Some(ClientMessage::Ping(_))));
+    assert_eq!(client.poll_transmit(Time::ZERO), None);
+    (client, scene)
+}
+
+fn wanted(id: BlobId, bytes: u32) -> Wanted {
+    Wanted { id, priority: 1 << 30, bytes: Some(bytes), state: State::Absent }
+}
+
+fn piece(id: BlobId, offset: u32, total: u32, length: u32) -> BlobPiece {
+    let bytes = contents(&id, total).slice(offset as usize..(offset + length) as usize);
+    BlobPiece { id, offset, total, bytes }
+}
+
+fn closed(client: &mut ClientSession) -> Option<Close> {
+    std::iter::from_fn(|| client.poll_event()).find_map(|event| match event {
+        ClientEvent::Closed(close) => Some(close),
+        _ => None,
+    })
+}
+
+#[test]
+fn requests_are_as_deep_as_bandwidth_times_round_trip() {
+    let (mut client, _) = connected();
+    client.handle_message(Time::from_ms(50), ServerMessage::Pong(1));
+    let list: Vec<_> = (0..2000).map(|c| wanted(BlobId::chunk(0, c), 1000)).collect();
+    let asked = client.set_wanted(Time::from_ms(50), &list, &[]);
+    // 1 MB/s over 50 ms and the time to react, and a quarter: about 190 KB.
+    assert!((150..230).contains(&asked.len()), "{}", asked.len());
+    assert_eq!(client.set_wanted(Time::from_ms(50), &list, &[]), []);
+    let Some(ClientMessage::Want(wants)) = client.poll_transmit(Time::from_ms(50)) else { panic!("no Want") };
+    assert_eq!(wants.len(), asked.len());
+    client.handle_piece(Time::from_ms(60), piece(asked[0], 0, 1000, 1000));
+    assert_eq!(client.set_wanted(Time::from_ms(60), &list[1..], &[]).len(), 1);
+}
+
+#[test]
+fn changed_priorities_are_told_small_changes_are_not() {
+    let (mut client, _) = connected();
+    let id = BlobId::chunk(0, 5);
+    client.set_wanted(Time::ZERO, &[wanted(id, 900)], &[]);
+    assert!(client.poll_transmit(Time::ZERO).is_some());
+    let small = Wanted { priority: (1 << 30) + 1000, ..wanted(id, 900) };
+    client.set_wanted(Time::ZERO, &[small], &[]);
+    assert_eq!(client.poll_transmit(Time::ZERO), None);
+    let large = Wanted { priority: (1 << 30) + (1 << 23), ..wanted(id, 900) };
+    client.set_wanted(Time::ZERO, &[large], &[]);
+    let want = Want { id, priority: large.priority };
+    assert_eq!(client.poll_transmit(Time::ZERO), Some(ClientMessage::Want(vec![want])));
+}
+
+#[test]
+fn cancelled_blobs_free_their_room_and_may_be_wanted_again() {
+    let (mut client, _) = connected();
+    let id = BlobId::chunk(0, 5);
+    client.set_wanted(Time::ZERO, &[wanted(id, 900)], &[]);
+    assert_eq!(client.stats().in_flight_bytes, 900);
+    client.poll_transmit(Time::ZERO);
+    client.handle_piece(Time::ZERO, piece(id, 0, 900, 300));
+    assert_eq!(client.stats().in_flight_bytes, 600);
+    client.set_wanted(Time::ZERO, &[], &[id]);
+    assert_eq!(client.stats().in_flight_bytes, 0);
+    assert_eq!(client.set_wanted(Time::ZERO, &[wanted(id, 900)], &[]), [id]);
+    assert_eq!(client.poll_transmit(Time::ZERO), Some(ClientMessage::Cancel(vec![id])));
+    assert!(matches!(client.poll_transmit(Time::ZERO), Some(ClientMessage::Want(_))));
+    // What was under way is passed over, then it comes whole.
+    client.handle_piece(Time::ZERO, piece(id, 300, 900, 300));
+    client.handle_piece(Time::ZERO, piece(id, 0, 900, 600));
+    client.handle_piece(Time::ZERO, piece(id, 600, 900, 300));
+    let bytes = contents(&id, 900);
+    assert_eq!(client.poll_event(), Some(ClientEvent::Blob { id, bytes }));
+    assert_eq!(client.stats().in_flight_bytes, 0);
+}
+
+#[test]
+fn evicted_blobs_are_taken_back_so_that_they_are_sent_again() {
+    let (mut client, _) = connected();
+    let id = BlobId::chunk(0, 5);
+    client.handle_piece(Time::ZERO, piece(id, 0, 900, 900));
+    client.evicted(Time::ZERO, &[id]);
+    client.set_wanted(Time::ZERO, &[wanted(id, 900)], &[]);
+    assert_eq!(client.poll_transmit(Time::ZERO), Some(ClientMessage::Cancel(vec![id])));
+    assert!(matches!(client.poll_transmit(Time::ZERO), Some(ClientMessage::Want(_))));
+}
+
+#[test]
+fn blobs_sent_unasked_are_taken() {
+    let (mut client, _) = connected();
+    let id = BlobId::base(1);
+    client.handle_piece(Time::ZERO, piece(id, 0, 1000, 400));
+    client.handle_piece(Time::ZERO, piece(id, 400, 1000, 600));
+    assert!(matches!(client.poll_event(), Some(ClientEvent::Blob { id: got, .. }) if got == id));
+}
+
+#[test]
+fn blobs_of_another_length_than_announced_end_the_session() {
+    for (asked, announced) in
+        [(Some(wanted(BlobId::chunk(0, 1), 900)), BlobId::chunk(0, 1)), (None, BlobId::base(0))]
+    {
+        let (mut client, _) = connected();
+        client.set_wanted(Time::ZERO, asked.as_slice(), &[]);
+        client.handle_piece(Time::ZERO, piece(announced, 0, 901, 100));
+        let close = closed(&mut client).unwrap();
+        assert_eq!(close.code, CloseCode::Protocol);
+        assert!(close.reason.contains("announced"), "{close}");
+        assert_eq!(client.poll_transmit(Time::ZERO), Some(ClientMessage::Bye));
+        assert!(client.is_closed());
+    }
+}
+
+#[test]
+fn a_total_is_not_believed_before_the_bytes_are_here() {
+    let (mut client, _) = connected();
+    let id = BlobId::index_page(0, 0);
+    client.handle_piece(Time::ZERO, piece(id, 0, MAX_BLOB_BYTES, 10));
+    assert!(client.pending[&id].received.capacity() < 1000);
+    let small = ClientConfig { max_blob_bytes: 5000, ..ClientConfig::default() };
+    let mut client = ClientSession::new(small, None, Resume::default(), Time::ZERO);
+    client.handle_piece(Time::ZERO, piece(id, 0, 5001, 10));
+    assert_eq!(closed(&mut client).unwrap().code, CloseCode::Protocol);
+}
+
+#[test]
+fn too_many_half_sent_blobs_end_the_session() {
+    let (mut client, _) = connected();
+    for chunk in 0..=MAX_PARTIAL as u32 {
+        client.handle_piece(Time::ZERO, piece(BlobId::chunk(0, chunk), 0, 20, 10));
+    }
+    assert_eq!(closed(&mut client).unwrap().code, CloseCode::Protocol);
+    assert!(client.pending.is_empty());
+}
+
+#[test]
+fn servers_out_of_turn_or_version_are_left() {
+    let scene = MemoryScene::new(1, 1, 1);
+    let ServerMessage::Welcome(good) = welcome(&scene) else { panic!("not a Welcome") };
+    let newer = ServerMessage::Welcome(Welcome { version: 9, ..good });
+    for (messages, code) in [
+        (vec![ServerMessage::Done], CloseCode::Protocol),
+        (vec![welcome(&scene), welcome(&scene)], CloseCode::Protocol),
+        (vec![newer], CloseCode::Version),
+        (vec![ServerMessage::Close(Close::new(CloseCode::Busy, "full"))], CloseCode::Busy),
+    ] {
+        let mut client = ClientSession::new(ClientConfig::default(), None, Resume::default(), Time::ZERO);
+        for message in messages {
+            client.handle_message(Time::ZERO, message);
+        }
+        assert_eq!(closed(&mut client).unwrap().code, code);
+        assert_eq!(client.poll_timeout(), None);
+    }
+}
+
+#[test]
+fn silence_counts_as_loss_and_pings_prevent_it() {
+    let mut client = ClientSession::new(ClientConfig::default(), None, Resume::default(), Time::ZERO);
+    while client.poll_transmit(Time::ZERO).is_some() {}
+    client.handle_timeout(Time::from_ms(9_999));
+    assert!(!client.is_closed());
+    client.handle_timeout(Time::from_ms(10_000));
+    assert_eq!(closed(&mut client).unwrap().code, CloseCode::Timeout);
+
+    let (mut client, _) = connected();
+    for seconds in 1..200 {
+        let now = Time::from_ms(seconds * 1000);
+        client.handle_timeout(now);
+        while let Some(message) = client.poll_transmit(now) {
+            let ClientMessage::Ping(nonce) = message else { panic!("{message:?}") };
+            client.handle_message(now, ServerMessage::Pong(nonce));
+        }
+    }
+    assert!(!client.is_closed());
+    client.handle_timeout(Time::from_ms(230_000));
+    assert_eq!(closed(&mut client).unwrap().code, CloseCode::Timeout);
+    assert!(CloseCode::Timeout.worth_retrying() && !CloseCode::Version.worth_retrying());
+}
+
+#[test]
+fn views_are_told_at_intervals_and_only_the_last() {
+    let (mut client, scene) = connected();
+    let at = |x: f64| View { eye: [x, 0.0, 0.0], ..scene.header.camera.view([64, 64], 1.0) };
+    for x in 0..50 {
+        client.set_view(Time::ZERO, at(f64::from(x)));
+    }
+    assert_eq!(client.poll_transmit(Time::from_ms(50)), None);
+    assert_eq!(client.poll_timeout(), Some(Time::from_ms(100)));
+    assert_eq!(client.poll_transmit(Time::from_ms(100)), Some(ClientMessage::SetView(at(49.0))));
+    client.set_view(Time::from_ms(101), View { fov_y: f32::NAN, ..at(1.0) });
+    assert_eq!(client.poll_transmit(Time::from_ms(300)), None);
+}
+
+proptest! {
+    /// Whatever comes, the sum of what is in flight stays right and nothing panics.
+    #[test]
+    fn the_books_balance(steps in prop::collection::vec((0..7_u8, 0..6_u32, 0..4_u32), 0..200)) {
+        let (mut client, _) = connected();
+        let total = 1000;
+        for (n, (what, chunk, part)) in steps.into_iter().enumerate() {
+            let now = Time::from_ms(n as u64);
+            let id = BlobId::chunk(0, chunk);
+            match what {
+                0 | 1 => { client.set_wanted(now, &[Wanted { bytes: (part > 0).then_some(total), ..wanted(id, total) }], &[]); }
+                2 => { client.set_wanted(now, &[], &[id]); }
+                3 | 4 => client.handle_piece(now, piece(id, part * 250, total, 250)),
+                5 => client.handle_abandoned(now, id),
+                _ => client.handle_message(now, ServerMessage::Refused(Refused { id, reason: RefusedReason::QueueFull })),
+            }
+            let left: u64 = client.pending.values().filter(|p| p.asked.is_some()).map(Pending::left).sum();
+            prop_assert_eq!(client.in_flight_bytes, left);
+            while client.poll_transmit(now).is_some() {}
+            while let Some(event) = client.poll_event() {
+                if let ClientEvent::Blob { id, bytes } = event {
+                    prop_assert_eq!(bytes, contents(&id, total));
+                }
+            }
+        }
+    }
+}

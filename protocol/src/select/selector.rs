@@ -355,11 +355,16 @@ impl Selector {
         }
         let pages = asset.entry().index_pages();
         if seen.visible && asset.state(BlobPart::Base) != State::Failed && seen.unknown_px > threshold {
-            let next = asset.known_pages();
-            // One page ahead where the error is far above the threshold: it will be needed.
-            let count = if seen.unknown_px > 2.0 * threshold { 2 } else { 1 };
-            for (page, halvings) in (next..pages).take(count).zip([1.0, 2.0]) {
-                want(BlobPart::IndexPage(page), index_priority(seen.unknown_px / halvings));
+            // On a surface, the error falls with the square root of the number of chunks. Asking for as
+            // many pages again as are known makes the number of round trips logarithmic.
+            let known = asset.known_pages();
+            for page in known..pages.min(known.saturating_mul(2).saturating_add(2)) {
+                #[allow(clippy::cast_precision_loss)]
+                let expected_px = seen.unknown_px * ((known + 1) as f32 / (page + 1) as f32).sqrt();
+                if page > known && expected_px <= threshold {
+                    break;
+                }
+                want(BlobPart::IndexPage(page), index_priority(expected_px));
             }
         }
     }

@@ -104,6 +104,8 @@ pub struct ServerSession {
     heard: Time,
     /// Since when there is something to send that the driver could have taken.
     offered: Time,
+    /// When the driver last asked what to do: the limiter's wake-up call is not repeated after that.
+    woken: Time,
     stats: ServerStats,
 }
 
@@ -144,6 +146,7 @@ impl ServerSession {
             started: now,
             heard: now,
             offered: now,
+            woken: now,
             stats: ServerStats::default(),
             config,
             source,
@@ -380,6 +383,7 @@ impl ServerSession {
     /// Call when the moment given by [`ServerSession::poll_timeout`] has come; earlier is harmless.
     pub fn handle_timeout(&mut self, now: Time) {
         let ServerConfig { hello_timeout, idle_timeout, stall_timeout, .. } = *self.config;
+        self.woken = now;
         if self.phase == Phase::Closed {
             return;
         }
@@ -428,9 +432,8 @@ impl ServerSession {
         }
         if self.has_work() {
             next = next.min(self.stalled_at() + self.config.stall_timeout);
-            // In the past once the limiter admits something: then the driver's transport is what is
-            // waited for, and there is nothing to wake up for.
-            if self.bucket.ready_at() > self.offered {
+            // Once woken for it, the driver's transport is what is waited for.
+            if self.bucket.ready_at() > self.woken {
                 next = next.min(self.bucket.ready_at());
             }
         }
@@ -441,6 +444,7 @@ impl ServerSession {
     /// transport can take it: what is handed over can no longer be overtaken.
     pub fn poll_transmit(&mut self, now: Time) -> Option<Transmit> {
         self.offered = now;
+        self.woken = now;
         if let Some(message) = self.control.pop_front() {
             return Some(self.transmit_message(now, message));
         }

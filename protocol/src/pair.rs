@@ -1,0 +1,225 @@
+//! Both sessions over a link in virtual time, for tests: a latency each way, a rate towards the client,
+//! WebSocket-like framing, and a client that selects, asks and applies at once.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+use std::time::Duration;
+
+use bytes::Bytes;
+
+use crate::blob::{BlobId, BlobPart};
+use crate::client::{ClientConfig, ClientEvent, ClientSession, Resume};
+use crate::frame::{Frame, encode_client, encode_piece, encode_server};
+use crate::message::{Close, Welcome};
+use crate::scene::InstanceEntry;
+use crate::select::{AssetState, Selection, Selector, State};
+use crate::server::{ServerConfig, ServerSession, Transmit};
+use crate::testing::{MemoryScene, contents};
+use crate::time::Time;
+use crate::view::View;
+use lodestream_geometry::index::CHUNKS_PER_PAGE;
+
+/// A direction of the link: what is under way, with its arrival.
+#[derive(Default)]
+pub(crate) struct Pipe {
+    queue: VecDeque<(Time, Vec<u8>)>,
+    free_at: Time,
+}
+
+impl Pipe {
+    /// Sends bytes at a rate (bits per second; 0: at once) behind what is queued.
+    fn send(&mut self, now: Time, bytes: Vec<u8>, rate: u64, latency: Duration) {
+        let ns = (bytes.len() as u64 * 8_000_000_000).checked_div(rate).unwrap_or(0);
+        self.free_at = self.free_at.max(now) + Duration::from_nanos(ns);
+        self.queue.push_back((self.free_at + latency, bytes));
+    }
+
+    fn receive(&mut self, now: Time) -> Option<Vec<u8>> {
+        self.queue.pop_front_if(|(at, _)| *at <= now).map(|(_, bytes)| bytes)
+    }
+
+    /// When a driver may send again: a transport takes some bytes ahead of the link, no more.
+    fn ready_at(&self) -> Time {
+        self.free_at - Duration::from_millis(5)
+    }
+}
+
+/// What the client of a [`Pair`] knows and has seen.
+#[derive(Default)]
+pub(crate) struct World {
+    pub(crate) welcome: Option<Welcome>,
+    pub(crate) instances: Vec<InstanceEntry>,
+    pub(crate) assets: Vec<AssetState>,
+    pub(crate) pages: BTreeMap<u32, Time>,
+    /// Blobs in the order of completion; more than once if it came again.
+    pub(crate) blobs: Vec<(Time, BlobId)>,
+    pub(crate) bases_sent: Option<Time>,
+    pub(crate) done: Option<Time>,
+    pub(crate) first_frame: Option<Time>,
+    pub(crate) closed: Option<Close>,
+    /// Arrival of every frame and its length.
+    pub(crate) arrivals: Vec<(Time, usize)>,
+}
+
+pub(crate) struct Pair {
+    pub(crate) now: Time,
+    pub(crate) server: ServerSession,
+    pub(crate) client: ClientSession,
+    pub(crate) world: World,
+    pub(crate) view: View,
+    pub(crate) selector: Selector,
+    /// Whether the client asks for anything by itself.
+    pub(crate) asks: bool,
+    pub(crate) latency: Duration,
+    pub(crate) link_rate: u64,
+    pub(crate) scene: Arc<MemoryScene>,
+    up: Pipe,
+    down: Pipe,
+}
+
+impl Pair {
+    /// Both ends begin at time zero. The link is a little faster than the limiter.
+    pub(crate) fn new(scene: &Arc<MemoryScene>, config: ServerConfig, resume: Resume) -> Self {
+        let rate = config.limiter.rate_bits_per_s.unwrap_or(0);
+        let source: Arc<dyn crate::source::SceneSource> = Arc::clone(scene) as _;
+        let view = scene.header.camera.view([1280, 720], 1.0);
+        let now = Time::ZERO;
+        Self {
+            now,
+            server: ServerSession::new(Arc::new(config), source, 1, now),
+            client: ClientSession::new(ClientConfig::default(), Some(view), resume, now),
+            world: World::default(),
+            view,
+            selector: Selector::default(),
+            asks: true,
+            latency: Duration::from_millis(25),
+            link_rate: rate + rate / 10,
+            scene: Arc::clone(scene),
+            up: Pipe::default(),
+            down: Pipe::default(),
+        }
+    }
+
+    /// Runs until a moment, or until nothing is left to happen before it.
+    pub(crate) fn run_until(&mut self, end: Time) {
+        loop {
+            self.work();
+            let next = [
+                self.server.poll_timeout(),
+                self.client.poll_timeout(),
+                self.up.queue.front().map(|(at, _)| *at),
+                self.down.queue.front().map(|(at, _)| *at),
+                Some(self.down.ready_at()).filter(|at| *at > self.now),
+            ];
+            match next.into_iter().flatten().min() {
+                // A timeout that lies in the past would be an endless loop in a driver.
+                Some(at) if at <= self.now && at < end => {
+                    panic!("a timeout at {at:?} is still due at {:?}", self.now)
+                }
+                Some(at) if at <= end => self.now = at,
+                _ => break,
+            }
+        }
+        self.now = end;
+    }
+
+    fn work(&mut self) {
+        let now = self.now;
+        self.server.handle_timeout(now);
+        self.client.handle_timeout(now);
+        while let Some(bytes) = self.up.receive(now) {
+            let frame = Frame::parse(Bytes::from(bytes)).unwrap();
+            let message = frame.into_client_message().unwrap().unwrap();
+            self.server.handle_message(now, message);
+        }
+        while let Some(bytes) = self.down.receive(now) {
+            self.world.arrivals.push((now, bytes.len()));
+            let frame = Frame::parse(Bytes::from(bytes)).unwrap();
+            self.client.handle_frame(now, frame.into_server_frame().unwrap().unwrap());
+        }
+        self.events();
+        if self.asks {
+            self.ask();
+        }
+        while let Some(message) = self.client.poll_transmit(now) {
+            self.up.send(now, encode_client(&message).unwrap(), 0, self.latency);
+        }
+        while self.down.ready_at() <= now {
+            let Some(transmit) = self.server.poll_transmit(now) else { break };
+            let bytes = match transmit {
+                Transmit::Message(message) => encode_server(&message).unwrap(),
+                Transmit::Piece { piece, .. } => encode_piece(&piece).unwrap(),
+                Transmit::Abandon(_) => continue,
+            };
+            self.down.send(now, bytes, self.link_rate, self.latency);
+        }
+    }
+
+    fn events(&mut self) {
+        let now = self.now;
+        let world = &mut self.world;
+        while let Some(event) = self.client.poll_event() {
+            match event {
+                ClientEvent::Connected(welcome) => world.welcome = Some(welcome),
+                ClientEvent::ScenePage(page) => {
+                    assert_eq!(page.first_asset as usize, world.assets.len(), "pages out of order");
+                    world.pages.insert(page.page, now);
+                    world.assets.extend(page.assets.into_iter().map(AssetState::new));
+                    world.instances.extend(page.instances);
+                }
+                ClientEvent::Blob { id, bytes } => {
+                    assert_eq!(bytes, contents(&id, bytes.len() as u32), "{id} is damaged");
+                    world.blobs.push((now, id));
+                    arrived(&mut world.assets[id.asset as usize], id, &self.scene);
+                }
+                ClientEvent::Refused { id, .. } => {
+                    world.assets[id.asset as usize].set_state(id.part, State::Failed);
+                }
+                ClientEvent::BasesSent => world.bases_sent = Some(now),
+                ClientEvent::Done => world.done = Some(now),
+                ClientEvent::Closed(close) => world.closed = Some(close),
+            }
+        }
+    }
+
+    fn ask(&mut self) {
+        let Selection { wanted, cancel, counters, .. } =
+            self.selector.select(&self.view, &self.world.instances, &self.world.assets).clone();
+        let all_known = self
+            .world
+            .welcome
+            .as_ref()
+            .is_some_and(|w| self.world.instances.len() == w.scene.instance_count as usize);
+        if all_known && counters.drawable_instances == counters.visible_instances {
+            self.world.first_frame.get_or_insert(self.now);
+        }
+        for id in self.client.set_wanted(self.now, &wanted, &cancel) {
+            self.world.assets[id.asset as usize].set_state(id.part, State::InFlight);
+        }
+        for id in cancel {
+            self.world.assets[id.asset as usize].set_state(id.part, State::Absent);
+        }
+    }
+}
+
+/// Takes a blob into use, as far as its parents are there; cached ones follow.
+fn arrived(asset: &mut AssetState, id: BlobId, scene: &MemoryScene) {
+    let chunks = &scene.chunks[id.asset as usize];
+    match id.part {
+        BlobPart::IndexPage(page) => {
+            let infos = chunks.chunks(CHUNKS_PER_PAGE).nth(page as usize).unwrap().to_vec();
+            asset.add_index_page(page, infos).unwrap();
+        }
+        BlobPart::Chunk(_) => {
+            asset.set_state(id.part, State::Cached);
+            for (chunk, info) in (0..).zip(chunks) {
+                let part = BlobPart::Chunk(chunk);
+                let ready = |&parent: &u32| asset.state(BlobPart::Chunk(parent)) == State::Applied;
+                if asset.state(part) == State::Cached && info.parents.iter().all(ready) {
+                    asset.set_state(part, State::Applied);
+                }
+            }
+        }
+        part => asset.set_state(part, State::Applied),
+    }
+}
