@@ -62,6 +62,12 @@ pub enum MeshError {
         /// How many are supported.
         limit: usize,
     },
+    /// Bits or a tolerance that cannot be had.
+    #[error("position precision: {why}")]
+    BadPrecision {
+        /// What is wrong with it.
+        why: String,
+    },
     /// Preparation was cancelled.
     #[error("preparation was cancelled")]
     Cancelled,

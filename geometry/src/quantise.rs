@@ -1,0 +1,268 @@
+//! From a source mesh to its grids: weld, drop what is unused, snap positions and uvs to integers.
+
+use std::collections::HashMap;
+
+use crate::error::MeshError;
+use crate::mesh::{Face, Grid, NONE, QuantisedMesh, SourceMesh, UvGrid, Wedge};
+
+/// Default bits per axis of the position grid: 1/16384 of the longest side, a tenth of a pixel for an
+/// object that fills a 1600-pixel screen.
+pub const DEFAULT_POSITION_BITS: u8 = 14;
+/// Default bits per axis of the uv grid: a texel of a 4096-texel texture.
+pub const DEFAULT_UV_BITS: u8 = 12;
+/// Fewest bits per axis that are accepted.
+pub const MIN_POSITION_BITS: u8 = 4;
+/// Most bits per axis that are accepted: differences then still fit f32 exactly.
+pub const MAX_POSITION_BITS: u8 = 24;
+/// Largest number of faces, positions or wedges: ids keep a few bits to spare.
+const MAX_ELEMENTS: usize = 1 << 30;
+/// Normals of one vertex closer than this (cosine of 1°) belong to one normal group.
+const SAME_NORMAL_COS: f32 = 0.999_847_7;
+
+/// How finely positions are kept.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Precision {
+    /// Bits per axis, [`MIN_POSITION_BITS`]`..=`[`MAX_POSITION_BITS`].
+    Bits(u8),
+    /// Largest distance, in the asset's units, between a source position and its grid point.
+    Tolerance(f64),
+}
+
+/// Settings of [`quantise`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct QuantiseSettings {
+    /// Precision of positions. More bits cost about 3 bits a vertex each.
+    pub precision: Precision,
+    /// Bits per axis of texture coordinates, `1..=16`.
+    pub uv_bits: u8,
+}
+
+impl Default for QuantiseSettings {
+    fn default() -> Self {
+        Self { precision: Precision::Bits(DEFAULT_POSITION_BITS), uv_bits: DEFAULT_UV_BITS }
+    }
+}
+
+/// Snaps a source mesh to its grids.
+///
+/// Equal positions are welded into one vertex; faces with a repeated vertex are dropped, then
+/// whatever no face uses. Distinct positions that fall on the same grid point stay distinct vertices.
+/// Normals become normal groups: the corners at a vertex whose normals agree within 1° share one.
+///
+/// # Errors
+/// Refuses indices out of range, coordinates that are not finite 32-bit numbers, meshes without a
+/// usable face and tolerances that need more than [`MAX_POSITION_BITS`].
+pub fn quantise(source: &SourceMesh, settings: &QuantiseSettings) -> Result<QuantisedMesh, MeshError> {
+    validate(source)?;
+    let (vertex_of, positions) = weld(source);
+    let mut kept = Vec::with_capacity(source.faces.len());
+    for (index, face) in source.faces.iter().enumerate() {
+        let [a, b, c] = face.map(|corner| vertex_of[corner.position as usize]);
+        if a != b && b != c && a != c {
+            kept.push(index);
+        }
+    }
+    if kept.is_empty() {
+        return Err(MeshError::NoFaces { dropped: source.faces.len() });
+    }
+    let grid = position_grid(source, &kept, &vertex_of, &positions, settings.precision)?;
+    let uv_grid = uv_grid(source, &kept, settings.uv_bits.clamp(1, 16));
+
+    let mut mesh =
+        QuantisedMesh { grid, uv_grid, positions: Vec::new(), wedges: Vec::new(), faces: Vec::new() };
+    mesh.faces.reserve_exact(kept.len());
+    let mut vertex_new = vec![NONE; positions.len()];
+    let mut groups = NormalGroups::default();
+    let mut wedge_of: HashMap<Wedge, u32> = HashMap::new();
+    for &index in &kept {
+        let wedges = source.faces[index].map(|corner| {
+            let welded = vertex_of[corner.position as usize] as usize;
+            if vertex_new[welded] == NONE {
+                vertex_new[welded] = mesh.positions.len() as u32;
+                mesh.positions.push(snap(&grid, positions[welded]));
+            }
+            let vertex = vertex_new[welded];
+            let group = groups.group(vertex, corner.normal, &source.normals);
+            let uv = if corner.uv == NONE { [0; 2] } else { snap_uv(&uv_grid, source.uvs[corner.uv as usize]) };
+            let wedge = Wedge { vertex, uv, group };
+            *wedge_of.entry(wedge).or_insert_with(|| {
+                mesh.wedges.push(wedge);
+                (mesh.wedges.len() - 1) as u32
+            })
+        });
+        mesh.faces.push(Face { wedges, material: source.materials.get(index).copied().unwrap_or(0) });
+    }
+    Ok(mesh)
+}
+
+/// The normal groups of each vertex, in order of first use: (source index, unit normal).
+#[derive(Default)]
+struct NormalGroups {
+    per_vertex: Vec<Vec<[f32; 3]>>,
+}
+
+impl NormalGroups {
+    fn group(&mut self, vertex: u32, normal: u32, normals: &[[f32; 3]]) -> u32 {
+        if self.per_vertex.len() <= vertex as usize {
+            self.per_vertex.resize(vertex as usize + 1, Vec::new());
+        }
+        let groups = &mut self.per_vertex[vertex as usize];
+        let n = if normal == NONE { [0.0; 3] } else { unit(normals[normal as usize]) };
+        let same =
+            |m: &[f32; 3]| *m == n || m[0] * n[0] + m[1] * n[1] + m[2] * n[2] >= SAME_NORMAL_COS;
+        if let Some(found) = groups.iter().position(same) {
+            return found as u32;
+        }
+        groups.push(n);
+        (groups.len() - 1) as u32
+    }
+}
+
+fn unit(n: [f32; 3]) -> [f32; 3] {
+    let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
+    if length > 0.0 && length.is_finite() { n.map(|x| x / length) } else { [0.0; 3] }
+}
+
+fn validate(source: &SourceMesh) -> Result<(), MeshError> {
+    for (kind, count) in
+        [("faces", source.faces.len()), ("positions", source.positions.len()), ("uvs", source.uvs.len())]
+    {
+        if count > MAX_ELEMENTS {
+            return Err(MeshError::TooLarge { kind, count, limit: MAX_ELEMENTS });
+        }
+    }
+    for (index, position) in source.positions.iter().enumerate() {
+        for &value in position {
+            if !value.is_finite() || value.abs() > f64::from(f32::MAX) {
+                return Err(MeshError::BadCoordinate { index, value });
+            }
+        }
+    }
+    for (index, uv) in source.uvs.iter().enumerate() {
+        if !uv.iter().all(|x| x.is_finite()) {
+            return Err(MeshError::BadUv { index });
+        }
+    }
+    for (face, corners) in source.faces.iter().enumerate() {
+        for corner in corners {
+            let checks = [
+                ("position", corner.position, source.positions.len(), false),
+                ("uv", corner.uv, source.uvs.len(), true),
+                ("normal", corner.normal, source.normals.len(), true),
+            ];
+            for (kind, index, count, optional) in checks {
+                if index as usize >= count && !(optional && index == NONE) {
+                    return Err(MeshError::BadIndex { face, kind, index, count });
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Welds equal positions: (welded vertex of each source position, welded positions).
+fn weld(source: &SourceMesh) -> (Vec<u32>, Vec<[f64; 3]>) {
+    let mut first: HashMap<[u64; 3], u32> = HashMap::with_capacity(source.positions.len());
+    let mut positions: Vec<[f64; 3]> = Vec::new();
+    let vertex_of = source
+        .positions
+        .iter()
+        .map(|p| {
+            // Adding +0.0 turns -0.0 into +0.0, so that the two are one position.
+            *first.entry(p.map(|x| (x + 0.0).to_bits())).or_insert_with(|| {
+                positions.push(*p);
+                (positions.len() - 1) as u32
+            })
+        })
+        .collect();
+    (vertex_of, positions)
+}
+
+fn position_grid(
+    source: &SourceMesh,
+    kept: &[usize],
+    vertex_of: &[u32],
+    positions: &[[f64; 3]],
+    precision: Precision,
+) -> Result<Grid, MeshError> {
+    let mut min = [f64::INFINITY; 3];
+    let mut max = [f64::NEG_INFINITY; 3];
+    for &face in kept {
+        for corner in &source.faces[face] {
+            let p = positions[vertex_of[corner.position as usize] as usize];
+            for axis in 0..3 {
+                min[axis] = min[axis].min(p[axis]);
+                max[axis] = max[axis].max(p[axis]);
+            }
+        }
+    }
+    let extent = (0..3).map(|axis| max[axis] - min[axis]).fold(0.0, f64::max);
+    let bits = match precision {
+        Precision::Bits(bits) => {
+            if !(MIN_POSITION_BITS..=MAX_POSITION_BITS).contains(&bits) {
+                return Err(MeshError::BadPrecision {
+                    why: format!("{bits} bits asked for; {MIN_POSITION_BITS} to {MAX_POSITION_BITS} are possible"),
+                });
+            }
+            bits
+        }
+        Precision::Tolerance(tolerance) => bits_for(extent, tolerance)?,
+    };
+    let cells = f64::from((1_u32 << bits) - 1);
+    Ok(Grid { origin: min, step: extent / cells, bits })
+}
+
+/// The fewest bits whose cells' half diagonal is at most `tolerance`.
+fn bits_for(extent: f64, tolerance: f64) -> Result<u8, MeshError> {
+    if !(tolerance > 0.0 && tolerance.is_finite()) {
+        return Err(MeshError::BadPrecision { why: format!("the tolerance {tolerance} is not a positive length") });
+    }
+    let half_diagonal = 3.0_f64.sqrt() * 0.5;
+    for bits in 8..=MAX_POSITION_BITS {
+        let step = extent / f64::from((1_u32 << bits) - 1);
+        if step * half_diagonal <= tolerance {
+            return Ok(bits);
+        }
+    }
+    Err(MeshError::BadPrecision {
+        why: format!(
+            "the tolerance {tolerance} needs more than {MAX_POSITION_BITS} bits for a mesh {extent} long; \
+             split the mesh or allow a larger tolerance"
+        ),
+    })
+}
+
+fn uv_grid(source: &SourceMesh, kept: &[usize], bits: u8) -> UvGrid {
+    let mut min = [f64::INFINITY; 2];
+    let mut max = [f64::NEG_INFINITY; 2];
+    for &face in kept {
+        for corner in source.faces[face].iter().filter(|c| c.uv != NONE) {
+            let uv = source.uvs[corner.uv as usize].map(f64::from);
+            for axis in 0..2 {
+                min[axis] = min[axis].min(uv[axis]);
+                max[axis] = max[axis].max(uv[axis]);
+            }
+        }
+    }
+    if min[0] > max[0] {
+        return UvGrid { origin: [0.0; 2], step: [0.0; 2], bits: 0 };
+    }
+    let cells = f64::from((1_u32 << bits) - 1);
+    UvGrid { origin: min, step: [0, 1].map(|axis| (max[axis] - min[axis]) / cells), bits }
+}
+
+fn snap(grid: &Grid, p: [f64; 3]) -> [i32; 3] {
+    let top = f64::from((1_u32 << grid.bits) - 1);
+    [0, 1, 2].map(|axis| ((p[axis] - grid.origin[axis]) / grid.step).round().clamp(0.0, top) as i32)
+}
+
+fn snap_uv(grid: &UvGrid, uv: [f32; 2]) -> [i32; 2] {
+    let top = f64::from((1_u32 << grid.bits) - 1);
+    [0, 1].map(|axis| {
+        if grid.step[axis] == 0.0 {
+            0
+        } else {
+            ((f64::from(uv[axis]) - grid.origin[axis]) / grid.step[axis]).round().clamp(0.0, top) as i32
+        }
+    })
+}

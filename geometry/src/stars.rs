@@ -1,0 +1,88 @@
+//! Vertex stars as linked lists through the corners of faces: constant memory per corner, cheap
+//! insertion, removal in the length of one star.
+
+/// Marks the end of a list.
+pub(crate) const END: u32 = u32::MAX;
+
+/// For each vertex, the corners (`face × 3 + k`) of the faces around it, in no particular order.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Stars {
+    head: Vec<u32>,
+    next: Vec<u32>,
+}
+
+impl Stars {
+    pub(crate) fn new(vertices: usize, faces: usize) -> Self {
+        Self { head: vec![END; vertices], next: vec![END; faces * 3] }
+    }
+
+    /// Makes room for at least so many vertices and faces.
+    pub(crate) fn grow(&mut self, vertices: usize, faces: usize) {
+        if self.head.len() < vertices {
+            self.head.resize(vertices, END);
+        }
+        if self.next.len() < faces * 3 {
+            self.next.resize(faces * 3, END);
+        }
+    }
+
+    pub(crate) fn insert(&mut self, vertex: u32, corner: u32) {
+        self.next[corner as usize] = self.head[vertex as usize];
+        self.head[vertex as usize] = corner;
+    }
+
+    /// Takes a corner out of a star; answers whether it was there.
+    pub(crate) fn remove(&mut self, vertex: u32, corner: u32) -> bool {
+        let after = self.next[corner as usize];
+        let mut at = self.head[vertex as usize];
+        if at == corner {
+            self.head[vertex as usize] = after;
+            return true;
+        }
+        while at != END {
+            let next = self.next[at as usize];
+            if next == corner {
+                self.next[at as usize] = after;
+                return true;
+            }
+            at = next;
+        }
+        false
+    }
+
+    /// Empties a vertex's star (its corners must be inserted elsewhere or dropped by the caller).
+    pub(crate) fn clear(&mut self, vertex: u32) {
+        self.head[vertex as usize] = END;
+    }
+
+    pub(crate) fn is_empty(&self, vertex: u32) -> bool {
+        self.head[vertex as usize] == END
+    }
+
+    pub(crate) fn corners(&self, vertex: u32) -> Corners<'_> {
+        Corners { stars: self, at: self.head[vertex as usize] }
+    }
+
+    pub(crate) fn bytes(&self) -> usize {
+        (self.head.capacity() + self.next.capacity()) * 4
+    }
+}
+
+/// Iterates over the corners at a vertex.
+pub(crate) struct Corners<'a> {
+    stars: &'a Stars,
+    at: u32,
+}
+
+impl Iterator for Corners<'_> {
+    type Item = u32;
+
+    fn next(&mut self) -> Option<u32> {
+        if self.at == END {
+            return None;
+        }
+        let corner = self.at;
+        self.at = self.stars.next[corner as usize];
+        Some(corner)
+    }
+}
