@@ -68,6 +68,12 @@ pub enum MeshError {
         /// What is wrong with it.
         why: String,
     },
+    /// A promise of the format that preparation could not keep: a defect of this program.
+    #[error("preparation failed: {why}; please report this with the mesh")]
+    Internal {
+        /// What went wrong.
+        why: String,
+    },
     /// Preparation was cancelled.
     #[error("preparation was cancelled")]
     Cancelled,

@@ -3,10 +3,26 @@
 //! The crate is pure: it opens no file and no socket, reads no clock, spawns no thread unless handed
 //! a [`pool::Pool`], and links no C.
 
+pub mod base;
+pub mod check;
+pub mod closed_set;
+mod codec;
 pub mod distance;
 pub mod error;
 pub mod index;
 pub mod mesh;
+pub mod pack;
+pub mod pool;
+pub mod prepare;
+pub mod quantise;
+pub mod random;
+mod range_coder;
+pub mod refine;
 pub mod screen;
+mod simplify;
+mod stars;
+mod symbols;
+mod vec3;
 
 pub use error::{DecodeError, MeshError};
+pub use simplify::Settings;

@@ -83,7 +83,8 @@ pub fn quantise(source: &SourceMesh, settings: &QuantiseSettings) -> Result<Quan
             }
             let vertex = vertex_new[welded];
             let group = groups.group(vertex, corner.normal, &source.normals);
-            let uv = if corner.uv == NONE { [0; 2] } else { snap_uv(&uv_grid, source.uvs[corner.uv as usize]) };
+            let uv =
+                if corner.uv == NONE { [0; 2] } else { snap_uv(&uv_grid, source.uvs[corner.uv as usize]) };
             let wedge = Wedge { vertex, uv, group };
             *wedge_of.entry(wedge).or_insert_with(|| {
                 mesh.wedges.push(wedge);
@@ -108,8 +109,7 @@ impl NormalGroups {
         }
         let groups = &mut self.per_vertex[vertex as usize];
         let n = if normal == NONE { [0.0; 3] } else { unit(normals[normal as usize]) };
-        let same =
-            |m: &[f32; 3]| *m == n || m[0] * n[0] + m[1] * n[1] + m[2] * n[2] >= SAME_NORMAL_COS;
+        let same = |m: &[f32; 3]| *m == n || m[0] * n[0] + m[1] * n[1] + m[2] * n[2] >= SAME_NORMAL_COS;
         if let Some(found) = groups.iter().position(same) {
             return found as u32;
         }
@@ -201,7 +201,9 @@ fn position_grid(
         Precision::Bits(bits) => {
             if !(MIN_POSITION_BITS..=MAX_POSITION_BITS).contains(&bits) {
                 return Err(MeshError::BadPrecision {
-                    why: format!("{bits} bits asked for; {MIN_POSITION_BITS} to {MAX_POSITION_BITS} are possible"),
+                    why: format!(
+                        "{bits} bits asked for; {MIN_POSITION_BITS} to {MAX_POSITION_BITS} are possible"
+                    ),
                 });
             }
             bits
@@ -215,7 +217,9 @@ fn position_grid(
 /// The fewest bits whose cells' half diagonal is at most `tolerance`.
 fn bits_for(extent: f64, tolerance: f64) -> Result<u8, MeshError> {
     if !(tolerance > 0.0 && tolerance.is_finite()) {
-        return Err(MeshError::BadPrecision { why: format!("the tolerance {tolerance} is not a positive length") });
+        return Err(MeshError::BadPrecision {
+            why: format!("the tolerance {tolerance} is not a positive length"),
+        });
     }
     let half_diagonal = 3.0_f64.sqrt() * 0.5;
     for bits in 8..=MAX_POSITION_BITS {

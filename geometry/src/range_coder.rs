@@ -16,7 +16,7 @@ const TOP: u32 = 1 << 24;
 
 /// An adaptive estimate of the probability that a bit is set.
 #[derive(Clone, Copy, Debug)]
-pub struct Prob {
+pub(crate) struct Prob {
     p: u16,
     seen: u8,
 }
@@ -38,13 +38,11 @@ impl Prob {
 
 /// Writes or reads symbols: a model calls it with the value it would write, and goes on with the
 /// value it gets back. An encoder returns what it was given; a decoder ignores it.
-pub trait Coder {
+pub(crate) trait Coder {
     /// Codes one bit with an adaptive probability.
     fn bit(&mut self, prob: &mut Prob, value: bool) -> bool;
     /// Codes `bits` (0 to 32) equiprobable bits.
     fn raw(&mut self, bits: u32, value: u32) -> u32;
-    /// Whether values come from a stranger.
-    fn is_decoder(&self) -> bool;
     /// An error once more bytes were consumed than there are.
     ///
     /// # Errors
@@ -54,7 +52,7 @@ pub trait Coder {
 
 /// Encodes symbols into bytes.
 #[derive(Debug)]
-pub struct Encoder {
+pub(crate) struct Encoder {
     low: u64,
     range: u32,
     cache: u8,
@@ -71,7 +69,7 @@ impl Default for Encoder {
 impl Encoder {
     /// Ends the stream and returns its bytes.
     #[must_use]
-    pub fn finish(mut self) -> Vec<u8> {
+    pub(crate) fn finish(mut self) -> Vec<u8> {
         for _ in 0..5 {
             self.shift_low();
         }
@@ -130,10 +128,6 @@ impl Coder for Encoder {
         value
     }
 
-    fn is_decoder(&self) -> bool {
-        false
-    }
-
     fn check(&self) -> Result<(), DecodeError> {
         Ok(())
     }
@@ -141,7 +135,7 @@ impl Coder for Encoder {
 
 /// Decodes symbols from bytes. Never panics; past the end it reads zeros and [`Coder::check`] fails.
 #[derive(Debug)]
-pub struct Decoder<'a> {
+pub(crate) struct Decoder<'a> {
     bytes: &'a [u8],
     next: usize,
     range: u32,
@@ -154,7 +148,7 @@ const TAIL: usize = 5;
 impl<'a> Decoder<'a> {
     /// Starts decoding.
     #[must_use]
-    pub fn new(bytes: &'a [u8]) -> Self {
+    pub(crate) fn new(bytes: &'a [u8]) -> Self {
         let mut decoder = Self { bytes, next: 0, range: u32::MAX, code: 0 };
         for _ in 0..4 {
             decoder.code = (decoder.code << 8) | u32::from(decoder.byte());
@@ -203,10 +197,6 @@ impl Coder for Decoder<'_> {
             self.normalise();
         }
         value
-    }
-
-    fn is_decoder(&self) -> bool {
-        true
     }
 
     fn check(&self) -> Result<(), DecodeError> {

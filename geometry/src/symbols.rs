@@ -32,16 +32,10 @@ const CLASS_BITS: u32 = 5;
 
 /// An unsigned integer below 2^31 by Elias-gamma classes: the bit length adapts, the top bit below the
 /// leading one adapts per class, the rest is raw.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Integer {
     class: Tree<CLASS_BITS>,
     second: [Prob; 32],
-}
-
-impl Default for Integer {
-    fn default() -> Self {
-        Self { class: Tree::default(), second: [Prob::default(); 32] }
-    }
 }
 
 impl Integer {
@@ -170,6 +164,10 @@ impl<'a> Reader<'a> {
     }
 
     pub(crate) fn end(&self) -> Result<(), DecodeError> {
-        if self.bytes.is_empty() { Ok(()) } else { Err(self.error(format!("{} bytes too many", self.bytes.len()))) }
+        if self.bytes.is_empty() {
+            Ok(())
+        } else {
+            Err(self.error(format!("{} bytes too many", self.bytes.len())))
+        }
     }
 }

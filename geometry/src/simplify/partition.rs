@@ -10,6 +10,9 @@ use crate::vec3::{Vec3, dot};
 /// Rounds of majority voting.
 const SMOOTHING_ROUNDS: usize = 3;
 
+/// Calls its second argument with every face that shares an edge with the first.
+pub(crate) type Neighbours<'a> = &'a dyn Fn(usize, &mut dyn FnMut(usize));
+
 /// Assigns each face to a region `0..count`; `centroids[i]` belongs to `faces[i]`.
 ///
 /// `neighbours(i, f)` calls `f(j)` for every face `j` (as an index into `centroids`) that shares an edge with face `i`.
@@ -17,7 +20,7 @@ pub(crate) fn partition(
     centroids: &[Vec3],
     count: usize,
     level: usize,
-    neighbours: &dyn Fn(usize, &mut dyn FnMut(usize)),
+    neighbours: Neighbours<'_>,
 ) -> Vec<u32> {
     let mut region = vec![0_u32; centroids.len()];
     if count <= 1 {
@@ -38,9 +41,17 @@ const FIRST_CUTS: [f64; 5] = [0.5, 0.38, 0.62, 0.44, 0.56];
 /// Orthogonal frames (rows) by level: multiples of rational rotations, so exact on every machine.
 const FRAMES: [[Vec3; 3]; 4] = [
     [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-    [[2.0 / 3.0, 2.0 / 3.0, 1.0 / 3.0], [-2.0 / 3.0, 1.0 / 3.0, 2.0 / 3.0], [1.0 / 3.0, -2.0 / 3.0, 2.0 / 3.0]],
+    [
+        [2.0 / 3.0, 2.0 / 3.0, 1.0 / 3.0],
+        [-2.0 / 3.0, 1.0 / 3.0, 2.0 / 3.0],
+        [1.0 / 3.0, -2.0 / 3.0, 2.0 / 3.0],
+    ],
     [[0.8, 0.0, 0.6], [0.0, 1.0, 0.0], [-0.6, 0.0, 0.8]],
-    [[6.0 / 7.0, 2.0 / 7.0, 3.0 / 7.0], [2.0 / 7.0, 3.0 / 7.0, -6.0 / 7.0], [-3.0 / 7.0, 6.0 / 7.0, 2.0 / 7.0]],
+    [
+        [6.0 / 7.0, 2.0 / 7.0, 3.0 / 7.0],
+        [2.0 / 7.0, 3.0 / 7.0, -6.0 / 7.0],
+        [-3.0 / 7.0, 6.0 / 7.0, 2.0 / 7.0],
+    ],
 ];
 
 fn bisect(points: &[Vec3], order: &mut [u32], first: u32, count: usize, cut: f64, region: &mut [u32]) {
@@ -77,7 +88,7 @@ fn longest_axis(points: &[Vec3], order: &[u32]) -> usize {
 }
 
 /// Moves a face to the region that holds most of its neighbours, in index order, a few times.
-fn smooth(region: &mut [u32], count: usize, neighbours: &dyn Fn(usize, &mut dyn FnMut(usize))) {
+fn smooth(region: &mut [u32], count: usize, neighbours: Neighbours<'_>) {
     let mut size = vec![0_usize; count];
     for &r in region.iter() {
         size[r as usize] += 1;

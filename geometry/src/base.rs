@@ -1,0 +1,140 @@
+//! The base blob: what a client needs to draw an asset at all, and to ask for more.
+
+use crate::codec::base::{self, BaseMesh};
+use crate::error::DecodeError;
+use crate::index::Sphere;
+use crate::mesh::{Face, Grid, UvGrid, Wedge};
+use crate::symbols::{Reader, put_varint};
+
+/// Version of the base blob, of index pages and of chunk payloads.
+pub const FORMAT_VERSION: u8 = 1;
+/// Most chunks of one asset.
+pub const MAX_CHUNKS: u32 = 1 << 24;
+/// Most bytes of a description.
+pub const MAX_DESCRIPTION_BYTES: usize = 1 << 20;
+
+/// Sizes of the fully refined asset.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Totals {
+    /// Vertices.
+    pub vertices: u64,
+    /// Wedges.
+    pub wedges: u64,
+    /// Faces.
+    pub faces: u64,
+}
+
+/// The base mesh of an asset and what describes the asset as a whole.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Base {
+    /// Grid of the positions.
+    pub grid: Grid,
+    /// Grid of the texture coordinates.
+    pub uv_grid: UvGrid,
+    /// Bounding sphere of the input, relative to [`Grid::origin`].
+    pub sphere: Sphere,
+    /// Length of the bounding box's diagonal, in the asset's units.
+    pub diagonal: f32,
+    /// Geometric error of the base mesh, in the asset's units.
+    pub root_error: f32,
+    /// Chunks of the asset.
+    pub chunk_count: u32,
+    /// Levels above the base.
+    pub level_count: u8,
+    /// Materials that faces may name.
+    pub material_count: u16,
+    /// Sizes of the fully refined asset.
+    pub totals: Totals,
+    /// Opaque here: materials and textures, as the protocol writes them.
+    pub description: Vec<u8>,
+    /// Positions of the base mesh.
+    pub positions: Vec<[i32; 3]>,
+    /// Its wedges.
+    pub wedges: Vec<Wedge>,
+    /// Its faces.
+    pub faces: Vec<Face>,
+}
+
+impl Base {
+    /// The blob's bytes. Vertices, wedges and faces must be in the order of
+    /// their codec's traversal, as [`crate::prepare::prepare`] and [`Base::decode`] leave them.
+    #[must_use]
+    pub fn encode(&self) -> Vec<u8> {
+        let mut out = vec![FORMAT_VERSION, self.grid.bits, self.uv_grid.bits, self.level_count];
+        for x in self.grid.origin.iter().chain([&self.grid.step]) {
+            out.extend(x.to_le_bytes());
+        }
+        if self.uv_grid.bits > 0 {
+            for x in self.uv_grid.origin.iter().chain(&self.uv_grid.step) {
+                out.extend(x.to_le_bytes());
+            }
+        }
+        for x in self.sphere.center.iter().chain([&self.sphere.radius, &self.diagonal, &self.root_error]) {
+            out.extend(x.to_le_bytes());
+        }
+        put_varint(&mut out, u64::from(self.chunk_count));
+        put_varint(&mut out, u64::from(self.material_count));
+        for total in [self.totals.vertices, self.totals.wedges, self.totals.faces] {
+            put_varint(&mut out, total);
+        }
+        put_varint(&mut out, self.description.len() as u64);
+        out.extend(&self.description);
+        let mesh = BaseMesh {
+            positions: self.positions.clone(),
+            wedges: self.wedges.clone(),
+            faces: self.faces.clone(),
+        };
+        out.extend(base::encode(&mesh, self.grid.bits, self.uv_grid.bits, self.material_count).bytes);
+        out
+    }
+
+    /// Reads a blob.
+    ///
+    /// # Errors
+    /// Refuses other versions, truncated data, and values out of range.
+    pub fn decode(bytes: &[u8]) -> Result<Self, DecodeError> {
+        let mut r = Reader::new(bytes, "base mesh");
+        let version = r.u8()?;
+        if version != FORMAT_VERSION {
+            return Err(r.error(format!("format version {version}; this program reads {FORMAT_VERSION}")));
+        }
+        let (bits, uv_bits, level_count) = (r.u8()?, r.u8()?, r.u8()?);
+        if !(1..=24).contains(&bits) || uv_bits > 16 {
+            return Err(r.error(format!("{bits} position bits and {uv_bits} uv bits are out of range")));
+        }
+        let grid = Grid { origin: [r.f64()?, r.f64()?, r.f64()?], step: r.f64()?, bits };
+        let mut uv_grid = UvGrid { origin: [0.0; 2], step: [0.0; 2], bits: uv_bits };
+        if uv_bits > 0 {
+            uv_grid.origin = [r.f64()?, r.f64()?];
+            uv_grid.step = [r.f64()?, r.f64()?];
+        }
+        let sphere = Sphere { center: [r.f32()?, r.f32()?, r.f32()?], radius: r.f32()? };
+        let (diagonal, root_error) = (r.f32()?, r.f32()?);
+        if grid.step < 0.0 || sphere.radius < 0.0 || root_error < 0.0 {
+            return Err(r.error("a length is negative"));
+        }
+        let chunk_count = r.varint(u64::from(MAX_CHUNKS))? as u32;
+        let material_count = r.varint(u64::from(u16::MAX))? as u16;
+        let limit = u64::from(u32::MAX);
+        let totals = Totals { vertices: r.varint(limit)?, wedges: r.varint(limit)?, faces: r.varint(limit)? };
+        let length = r.varint(MAX_DESCRIPTION_BYTES as u64)? as usize;
+        let description = r.take(length)?.to_vec();
+        let rest = r.remaining();
+        let mesh = base::decode(r.take(rest)?, bits, uv_bits, material_count)?;
+        Ok(Self {
+            grid,
+            uv_grid,
+            sphere,
+            diagonal,
+            root_error,
+            chunk_count,
+            level_count,
+            material_count,
+            totals,
+            description,
+            positions: mesh.positions,
+            wedges: mesh.wedges,
+            faces: mesh.faces,
+        })
+    }
+}

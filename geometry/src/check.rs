@@ -1,0 +1,169 @@
+//! Checks a prepared asset's promises: random closed sets in random orders, undone again.
+//!
+//! *Cracks.* Let π send each vertex of the input to its ancestor in the mesh at hand. The mesh is the
+//! input's image under π without the faces that collapsed, and the boundary operator commutes with π;
+//! so the sum of the mesh's directed edges (opposite ones cancel) must equal the image of the input's
+//! boundary, whatever the input is: open, closed or not a manifold. An edge where it does not is a
+//! crack. If the input is closed and manifold, an edge without exactly two faces counts as well.
+//!
+//! *Order.* Every chunk is decoded afresh against the mesh as it happens to be, and must give the
+//! same delta as when everything coarser was applied; two random orders must give the same state.
+
+use std::collections::BTreeMap;
+
+use crate::base::Base;
+use crate::closed_set;
+use crate::error::DecodeError;
+use crate::index::ChunkInfo;
+use crate::pool::{self, Pool};
+use crate::random::Random;
+use crate::refine::{ActiveMesh, ChunkDelta, Id, Snapshot};
+
+/// What a check found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CheckReport {
+    /// Sets tried.
+    pub sets: usize,
+    /// Edges at which some mesh was torn.
+    pub cracks: usize,
+    /// Chunks or sets whose result depended on the order.
+    pub order_dependent: usize,
+    /// Sets whose undoing did not give the base mesh back.
+    pub undo_errors: usize,
+}
+
+/// An asset with everything decoded once.
+struct Reference<'a> {
+    base: &'a Base,
+    infos: &'a [ChunkInfo],
+    payloads: &'a [Vec<u8>],
+    deltas: Vec<ChunkDelta>,
+    /// The input's boundary.
+    boundary: BTreeMap<(Id, Id), i64>,
+    closed_manifold: bool,
+    start: Snapshot,
+}
+
+/// Tries `sets` random closed sets.
+///
+/// # Errors
+/// If a chunk cannot be decoded even when everything coarser is applied.
+pub fn check(
+    base: &Base,
+    infos: &[ChunkInfo],
+    payloads: &[Vec<u8>],
+    sets: usize,
+    seed: u64,
+    pool: &dyn Pool,
+) -> Result<CheckReport, DecodeError> {
+    if infos.len() != payloads.len() || infos.len() != base.chunk_count as usize {
+        return Err(DecodeError::new(
+            "asset",
+            "index, payloads and base mesh disagree on the number of chunks",
+        ));
+    }
+    let mut mesh = ActiveMesh::new(base);
+    let start = mesh.snapshot();
+    let mut deltas = Vec::with_capacity(infos.len());
+    for (id, info) in infos.iter().enumerate() {
+        let delta = mesh.decode(id as u32, info, &payloads[id])?;
+        mesh.apply(&delta).map_err(|e| DecodeError::new(format!("chunk {id}"), e.to_string()))?;
+        deltas.push(delta);
+    }
+    let full = mesh.snapshot();
+    let (boundary, counts) = edges(&full);
+    let closed_manifold = boundary.is_empty() && counts.values().all(|&c| c == 2);
+    let reference = Reference { base, infos, payloads, deltas, boundary, closed_manifold, start };
+    let mut seeds = Random::new(seed);
+    let seeds: Vec<u64> = (0..sets).map(|_| seeds.next_u64()).collect();
+    let reports = pool::map(pool, sets, &|i| reference.try_set(&mut Random::new(seeds[i])));
+    Ok(reports.into_iter().fold(CheckReport::default(), |a, b| CheckReport {
+        sets: a.sets + 1,
+        cracks: a.cracks + b.cracks,
+        order_dependent: a.order_dependent + b.order_dependent,
+        undo_errors: a.undo_errors + b.undo_errors,
+    }))
+}
+
+impl Reference<'_> {
+    fn try_set(&self, random: &mut Random) -> CheckReport {
+        let mut report = CheckReport::default();
+        let set = closed_set::random(self.infos, random);
+        let mut mesh = ActiveMesh::new(self.base);
+        for &id in &closed_set::random_order(self.infos, &set, random) {
+            let known = &self.deltas[id as usize];
+            match mesh.decode(id, &self.infos[id as usize], &self.payloads[id as usize]) {
+                Ok(delta) if delta == *known => {}
+                _ => report.order_dependent += 1,
+            }
+            if mesh.apply(known).is_err() {
+                report.order_dependent += 1;
+            }
+        }
+        let state = mesh.snapshot();
+        report.cracks = self.cracks(&state);
+
+        let mut other = ActiveMesh::new(self.base);
+        let order = closed_set::random_order(self.infos, &set, random);
+        let applied = order.iter().all(|&id| other.apply(&self.deltas[id as usize]).is_ok());
+        if !applied || other.snapshot() != state {
+            report.order_dependent += 1;
+        }
+        let back = closed_set::random_order(self.infos, &set, random);
+        let undone = back.iter().rev().all(|&id| other.undo(&self.deltas[id as usize]).is_ok());
+        if !undone || other.snapshot() != self.start {
+            report.undo_errors += 1;
+        }
+        report
+    }
+
+    fn cracks(&self, state: &Snapshot) -> usize {
+        let (boundary, counts) = edges(state);
+        let mut difference = boundary;
+        for (&(a, b), &times) in &self.boundary {
+            add(&mut difference, self.ancestor(state, a), self.ancestor(state, b), -times);
+        }
+        let torn = difference.values().filter(|&&times| times != 0).count();
+        let odd = if self.closed_manifold { counts.values().filter(|&&c| c != 2).count() } else { 0 };
+        torn + odd
+    }
+
+    /// Where a vertex of the input is in this mesh.
+    fn ancestor(&self, state: &Snapshot, mut vertex: Id) -> Id {
+        while vertex.origin > 0 && state.vertices.binary_search_by_key(&vertex, |v| v.0).is_err() {
+            match self.deltas[vertex.origin as usize - 1].vertices[vertex.index as usize].parent {
+                Some(parent) => vertex = parent,
+                None => break,
+            }
+        }
+        vertex
+    }
+}
+
+type Boundary = BTreeMap<(Id, Id), i64>;
+
+/// The boundary of a mesh (signed sum of directed edges) and the number of faces at each edge.
+fn edges(state: &Snapshot) -> (Boundary, BTreeMap<(Id, Id), u32>) {
+    let mut boundary = Boundary::new();
+    let mut counts = BTreeMap::new();
+    let vertex =
+        |wedge: Id| state.wedges.binary_search_by_key(&wedge, |w| w.0).map_or(wedge, |i| state.wedges[i].1);
+    for &(_, wedges, _) in &state.faces {
+        let v = wedges.map(vertex);
+        for k in 0..3 {
+            let (a, b) = (v[k], v[(k + 1) % 3]);
+            add(&mut boundary, a, b, 1);
+            *counts.entry((a.min(b), a.max(b))).or_insert(0) += 1;
+        }
+    }
+    boundary.retain(|_, times| *times != 0);
+    (boundary, counts)
+}
+
+fn add(boundary: &mut Boundary, a: Id, b: Id, times: i64) {
+    match a.cmp(&b) {
+        std::cmp::Ordering::Less => *boundary.entry((a, b)).or_insert(0) += times,
+        std::cmp::Ordering::Greater => *boundary.entry((b, a)).or_insert(0) -= times,
+        std::cmp::Ordering::Equal => {}
+    }
+}

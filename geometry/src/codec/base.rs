@@ -1,0 +1,350 @@
+//! The base mesh: a traversal over gates (directed edges), after the idea of Edgebreaker (Rossignac,
+//! 1999) but for any triangle soup: what a gate does not reach starts anew as a seed face.
+
+use std::collections::{HashMap, HashSet, VecDeque};
+
+use crate::error::DecodeError;
+use crate::mesh::{Face, Wedge};
+use crate::range_coder::{Coder, Decoder, Encoder, Prob};
+use crate::symbols::{Integer, Signed, index};
+
+/// Most faces of a base mesh: bounds a decoder's memory.
+const MAX_FACES: usize = 1 << 22;
+
+/// A small mesh in the order of the traversal.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct BaseMesh {
+    pub(crate) positions: Vec<[i32; 3]>,
+    pub(crate) wedges: Vec<Wedge>,
+    pub(crate) faces: Vec<Face>,
+}
+
+/// An encoded base mesh, and where its elements come from in the mesh given.
+pub(crate) struct EncodedBase {
+    pub(crate) bytes: Vec<u8>,
+    pub(crate) mesh: BaseMesh,
+    pub(crate) vertices: Vec<u32>,
+    pub(crate) wedges: Vec<u32>,
+    pub(crate) faces: Vec<u32>,
+}
+
+/// Encodes a mesh, given in any order.
+pub(crate) fn encode(mesh: &BaseMesh, bits: u8, uv_bits: u8, materials: u16) -> EncodedBase {
+    let mut encoder = Encoder::default();
+    let mut walk = Walk::new(bits, uv_bits, materials);
+    let mut guide = Guide::new(mesh);
+    // An encoder's values are in range by construction, so coding cannot fail.
+    let _ = walk.run(&mut encoder, Some(&mut guide));
+    EncodedBase {
+        bytes: encoder.finish(),
+        mesh: walk.mesh,
+        vertices: guide.vertices,
+        wedges: guide.wedges,
+        faces: guide.faces,
+    }
+}
+
+/// Decodes a mesh.
+pub(crate) fn decode(bytes: &[u8], bits: u8, uv_bits: u8, materials: u16) -> Result<BaseMesh, DecodeError> {
+    let mut walk = Walk::new(bits, uv_bits, materials);
+    walk.run(&mut Decoder::new(bytes), None)?;
+    Ok(walk.mesh)
+}
+
+/// What the encoder wants said: the mesh, and the names of what was said so far.
+struct Guide<'a> {
+    mesh: &'a BaseMesh,
+    /// Faces by directed edge (vertices of `mesh`), as (face, corner that starts the edge).
+    edges: HashMap<(u32, u32), Vec<(u32, u8)>>,
+    done: Vec<bool>,
+    next_seed: usize,
+    local_vertex: HashMap<u32, u32>,
+    local_wedge: HashMap<u32, u32>,
+    vertices: Vec<u32>,
+    wedges: Vec<u32>,
+    faces: Vec<u32>,
+}
+
+impl<'a> Guide<'a> {
+    fn new(mesh: &'a BaseMesh) -> Self {
+        let mut edges: HashMap<(u32, u32), Vec<(u32, u8)>> = HashMap::new();
+        for (f, face) in mesh.faces.iter().enumerate() {
+            let v = face.wedges.map(|w| mesh.wedges[w as usize].vertex);
+            for k in 0..3 {
+                edges.entry((v[k], v[(k + 1) % 3])).or_default().push((f as u32, k as u8));
+            }
+        }
+        Self {
+            mesh,
+            edges,
+            done: vec![false; mesh.faces.len()],
+            next_seed: 0,
+            local_vertex: HashMap::new(),
+            local_wedge: HashMap::new(),
+            vertices: Vec::new(),
+            wedges: Vec::new(),
+            faces: Vec::new(),
+        }
+    }
+
+    /// The next face for a gate, as its wedges from the gate's edge on.
+    fn at_gate(&mut self, a: u32, b: u32) -> Option<(u32, [u32; 3])> {
+        let edge = (self.vertices[a as usize], self.vertices[b as usize]);
+        let (face, k) = *self.edges.get(&edge)?.iter().find(|(f, _)| !self.done[*f as usize])?;
+        Some(self.take(face, usize::from(k)))
+    }
+
+    fn seed(&mut self) -> Option<(u32, [u32; 3])> {
+        while self.next_seed < self.done.len() && self.done[self.next_seed] {
+            self.next_seed += 1;
+        }
+        (self.next_seed < self.done.len()).then(|| self.take(self.next_seed as u32, 0))
+    }
+
+    fn take(&mut self, face: u32, k: usize) -> (u32, [u32; 3]) {
+        self.done[face as usize] = true;
+        let w = self.mesh.faces[face as usize].wedges;
+        (face, [w[k], w[(k + 1) % 3], w[(k + 2) % 3]])
+    }
+
+    fn vertex_of(&self, wedge: u32) -> u32 {
+        self.mesh.wedges[wedge as usize].vertex
+    }
+}
+
+/// The traversal, with its models and the mesh so far.
+struct Walk {
+    bits: u8,
+    uv_bits: u8,
+    materials: u16,
+    mesh: BaseMesh,
+    wedges_of: Vec<Vec<u32>>,
+    more: Prob,
+    gate: Prob,
+    new_vertex: [Prob; 2],
+    axis: [[Signed; 3]; 2],
+    same_wedge: Prob,
+    new_wedge: Prob,
+    uv: [Signed; 2],
+    group: Integer,
+    same_material: Prob,
+    material: Integer,
+}
+
+/// Where a face grows from: a face there, and its corners along the shared edge and opposite.
+#[derive(Clone, Copy)]
+struct Gate {
+    face: u32,
+    k: usize,
+}
+
+impl Walk {
+    fn new(bits: u8, uv_bits: u8, materials: u16) -> Self {
+        Self {
+            bits,
+            uv_bits,
+            materials,
+            mesh: BaseMesh::default(),
+            wedges_of: Vec::new(),
+            more: Prob::default(),
+            gate: Prob::default(),
+            new_vertex: Default::default(),
+            axis: Default::default(),
+            same_wedge: Prob::default(),
+            new_wedge: Prob::default(),
+            uv: Default::default(),
+            group: Integer::default(),
+            same_material: Prob::default(),
+            material: Integer::default(),
+        }
+    }
+
+    fn run<C: Coder>(&mut self, coder: &mut C, mut guide: Option<&mut Guide<'_>>) -> Result<(), DecodeError> {
+        let mut queue: VecDeque<Gate> = VecDeque::new();
+        let mut edges: HashSet<(u32, u32)> = HashSet::new();
+        loop {
+            let Some(gate) = queue.pop_front() else {
+                let seed = guide.as_mut().and_then(|g| g.seed());
+                if !coder.bit(&mut self.more, seed.is_some()) {
+                    return coder.check();
+                }
+                self.face(coder, None, seed, &mut guide, &mut queue, &mut edges)?;
+                continue;
+            };
+            let v = self.corners(gate.face);
+            let (a, b) = (v[gate.k], v[(gate.k + 1) % 3]);
+            if edges.contains(&(b, a)) {
+                continue;
+            }
+            let face = guide.as_mut().and_then(|g| g.at_gate(b, a));
+            if coder.bit(&mut self.gate, face.is_some()) {
+                self.face(coder, Some(gate), face, &mut guide, &mut queue, &mut edges)?;
+            }
+        }
+    }
+
+    fn corners(&self, face: u32) -> [u32; 3] {
+        self.mesh.faces[face as usize].wedges.map(|w| self.mesh.wedges[w as usize].vertex)
+    }
+
+    /// One face: at a gate its first two corners are the gate's, reversed.
+    fn face<C: Coder>(
+        &mut self,
+        coder: &mut C,
+        gate: Option<Gate>,
+        want: Option<(u32, [u32; 3])>,
+        guide: &mut Option<&mut Guide<'_>>,
+        queue: &mut VecDeque<Gate>,
+        edges: &mut HashSet<(u32, u32)>,
+    ) -> Result<(), DecodeError> {
+        if self.mesh.faces.len() >= MAX_FACES {
+            return Err(DecodeError::new("base mesh", format!("more than {MAX_FACES} faces")));
+        }
+        let mut vertices = [0; 3];
+        let mut wedges = [0; 3];
+        for i in 0..3 {
+            let builder = want.map(|w| w.1[i]);
+            let known = match gate {
+                Some(gate) if i < 2 => {
+                    let k = (gate.k + 1 - i) % 3;
+                    let wedge = self.mesh.faces[gate.face as usize].wedges[k];
+                    Some((self.mesh.wedges[wedge as usize].vertex, wedge))
+                }
+                _ => None,
+            };
+            vertices[i] = match known {
+                Some((vertex, _)) => vertex,
+                None => self.vertex(coder, gate, i, &vertices, builder, guide)?,
+            };
+            if vertices[..i].contains(&vertices[i]) {
+                return Err(DecodeError::new("base mesh", "a face uses a vertex twice"));
+            }
+            let uv_guess = known.map(|k| k.1).or((i > 0).then(|| wedges[i - 1]));
+            wedges[i] = self.wedge(coder, vertices[i], known.map(|k| k.1), uv_guess, builder, guide)?;
+        }
+        let near = gate.map_or(0, |g| self.mesh.faces[g.face as usize].material);
+        let actual = match (&guide, want) {
+            (Some(g), Some((face, _))) => g.mesh.faces[face as usize].material,
+            _ => near,
+        };
+        let mut material = near;
+        if self.materials > 1 && !coder.bit(&mut self.same_material, actual == near) {
+            let got = self.material.code(coder, u32::from(actual));
+            material = u16::try_from(got).unwrap_or(u16::MAX);
+        }
+        if material >= self.materials.max(1) {
+            return Err(DecodeError::new("base mesh", format!("material {material} of {}", self.materials)));
+        }
+        let face = self.mesh.faces.len() as u32;
+        self.mesh.faces.push(Face { wedges, material });
+        if let (Some(g), Some((builder, _))) = (guide, want) {
+            g.faces.push(builder);
+        }
+        for k in 0..3 {
+            edges.insert((vertices[k], vertices[(k + 1) % 3]));
+            queue.push_back(Gate { face, k });
+        }
+        coder.check()
+    }
+
+    fn vertex<C: Coder>(
+        &mut self,
+        coder: &mut C,
+        gate: Option<Gate>,
+        corner: usize,
+        so_far: &[u32; 3],
+        builder: Option<u32>,
+        guide: &mut Option<&mut Guide<'_>>,
+    ) -> Result<u32, DecodeError> {
+        let count = self.mesh.positions.len();
+        let wanted = match (guide.as_ref(), builder) {
+            (Some(g), Some(w)) => g.local_vertex.get(&g.vertex_of(w)).copied(),
+            _ => None,
+        };
+        let context = usize::from(gate.is_some());
+        if count > 0 && !coder.bit(&mut self.new_vertex[context], wanted.is_none()) {
+            return Ok(index(coder, count, wanted.unwrap_or(0) as usize, "base mesh: vertex")? as u32);
+        }
+        let at = |v: u32| self.mesh.positions[v as usize];
+        let top = (1 << self.bits) - 1;
+        let guess = match gate {
+            // Parallelogram rule (Touma and Gotsman, 1998).
+            Some(gate) => {
+                let v = self.corners(gate.face);
+                let (a, b, c) = (at(v[gate.k]), at(v[(gate.k + 1) % 3]), at(v[(gate.k + 2) % 3]));
+                [0, 1, 2].map(|i| (a[i] + b[i] - c[i]).clamp(0, top))
+            }
+            None if corner > 0 => at(so_far[corner - 1]),
+            None => self.mesh.positions.last().copied().unwrap_or([1 << (self.bits - 1); 3]),
+        };
+        let actual = match (guide.as_ref(), builder) {
+            (Some(g), Some(w)) => Some(g.mesh.positions[g.vertex_of(w) as usize]),
+            _ => None,
+        };
+        let mut position = [0; 3];
+        for axis in 0..3 {
+            let residual = actual.map_or(0, |p| p[axis] - guess[axis]);
+            position[axis] = guess[axis].wrapping_add(self.axis[context][axis].code(coder, residual));
+            if !(0..=top).contains(&position[axis]) {
+                return Err(DecodeError::new("base mesh", "a position is off the grid"));
+            }
+        }
+        self.mesh.positions.push(position);
+        self.wedges_of.push(Vec::new());
+        if let (Some(g), Some(w)) = (guide, builder) {
+            let vertex = g.vertex_of(w);
+            g.local_vertex.insert(vertex, count as u32);
+            g.vertices.push(vertex);
+        }
+        Ok(count as u32)
+    }
+
+    fn wedge<C: Coder>(
+        &mut self,
+        coder: &mut C,
+        vertex: u32,
+        guess: Option<u32>,
+        near: Option<u32>,
+        builder: Option<u32>,
+        guide: &mut Option<&mut Guide<'_>>,
+    ) -> Result<u32, DecodeError> {
+        let own = &self.wedges_of[vertex as usize];
+        let want = match (guide.as_ref(), builder) {
+            (Some(g), Some(w)) => g.local_wedge.get(&w).copied(),
+            _ => None,
+        };
+        if let Some(guess) = guess.or(own.first().copied()) {
+            if coder.bit(&mut self.same_wedge, want == Some(guess)) {
+                return Ok(guess);
+            }
+            if !coder.bit(&mut self.new_wedge, want.is_none()) {
+                let place = own.iter().position(|&w| Some(w) == want).unwrap_or(0);
+                return Ok(own[index(coder, own.len(), place, "base mesh: wedge")?]);
+            }
+        }
+        let actual = match (guide.as_ref(), builder) {
+            (Some(g), Some(w)) => Some(g.mesh.wedges[w as usize]),
+            _ => None,
+        };
+        let mut uv = [0; 2];
+        if self.uv_bits > 0 {
+            let guess = near.map_or([0; 2], |w| self.mesh.wedges[w as usize].uv);
+            for axis in 0..2 {
+                let residual = actual.map_or(0, |w| w.uv[axis] - guess[axis]);
+                uv[axis] = guess[axis].wrapping_add(self.uv[axis].code(coder, residual));
+                if uv[axis] < 0 || uv[axis] >= 1 << self.uv_bits {
+                    return Err(DecodeError::new("base mesh", "a texture coordinate is off the grid"));
+                }
+            }
+        }
+        let group = self.group.code(coder, actual.map_or(0, |w| w.group));
+        let wedge = self.mesh.wedges.len() as u32;
+        self.mesh.wedges.push(Wedge { vertex, uv, group });
+        self.wedges_of[vertex as usize].push(wedge);
+        if let (Some(g), Some(w)) = (guide, builder) {
+            g.local_wedge.insert(w, wedge);
+            g.wedges.push(w);
+        }
+        Ok(wedge)
+    }
+}

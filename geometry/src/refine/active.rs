@@ -1,0 +1,466 @@
+//! The refined mesh: structure of arrays over slots. Chunks get slots when they are applied, so memory
+//! follows what is applied, not what exists; ids stay canonical (see [`Id`]).
+
+use std::ops::Range;
+
+use crate::base::Base;
+use crate::mesh::{Grid, UvGrid, Wedge};
+use crate::refine::delta::{ChunkDelta, Id};
+use crate::refine::render::Touched;
+use crate::refine::slots::Slots;
+use crate::stars::Stars;
+
+/// A chunk that cannot be applied or undone now. Nothing was changed.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum RefineError {
+    /// Applied already.
+    #[error("chunk {0} is applied already")]
+    AlreadyApplied(u32),
+    /// Not applied.
+    #[error("chunk {0} is not applied")]
+    NotApplied(u32),
+    /// There is no such chunk.
+    #[error("chunk {chunk} does not exist: the asset has {count}")]
+    NoSuchChunk {
+        /// The chunk.
+        chunk: u32,
+        /// How many there are.
+        count: u32,
+    },
+    /// A parent is missing.
+    #[error("chunk {chunk} needs chunk {parent}, which is not applied")]
+    MissingParent {
+        /// The chunk.
+        chunk: u32,
+        /// Its parent.
+        parent: u32,
+    },
+    /// A child is still applied.
+    #[error("chunk {chunk} cannot be undone: {children} chunks that need it are applied")]
+    HasChildren {
+        /// The chunk.
+        chunk: u32,
+        /// Applied chunks that name it as a parent.
+        children: u32,
+    },
+    /// The delta does not fit the mesh.
+    #[error("chunk {0} does not fit the mesh: its data refers to what is not there")]
+    Mismatch(u32),
+}
+
+/// Where an applied origin's elements are.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Place {
+    pub(crate) vertices: Range<u32>,
+    pub(crate) wedges: Range<u32>,
+    pub(crate) faces: Range<u32>,
+    /// Per material: slots in its index list.
+    pub(crate) draws: Vec<(u16, Range<u32>)>,
+    /// Applied chunks that name this one as a parent.
+    children: u32,
+}
+
+/// A mesh of a base and any closed set of chunks.
+#[derive(Clone, Debug)]
+pub struct ActiveMesh {
+    pub(crate) grid: Grid,
+    pub(crate) uv_grid: UvGrid,
+    /// By origin; `None` where the chunk is not applied.
+    pub(crate) places: Vec<Option<Place>>,
+    pub(crate) positions: Vec<[i32; 3]>,
+    /// Where a vertex was before its chunk was applied: the position of its oldest ancestor within
+    /// the chunk's parents.
+    pub(crate) morph_from: Vec<[i32; 3]>,
+    pub(crate) vertex_origin: Vec<u32>,
+    pub(crate) wedges: Vec<Wedge>,
+    pub(crate) wedge_origin: Vec<u32>,
+    pub(crate) faces: Vec<[u32; 3]>,
+    pub(crate) face_origin: Vec<u32>,
+    pub(crate) materials: Vec<u16>,
+    /// Slot of each face in the index list of its material.
+    draw_slots: Vec<u32>,
+    /// Index lists, one per material; unused entries are `[0, 0, 0]`.
+    pub(crate) indices: Vec<Vec<[u32; 3]>>,
+    pub(crate) stars: Stars,
+    vertex_slots: Slots,
+    wedge_slots: Slots,
+    face_slots: Slots,
+    index_slots: Vec<Slots>,
+    live_faces: usize,
+    live_vertices: usize,
+    applied_chunks: usize,
+}
+
+impl ActiveMesh {
+    /// The base mesh alone. The base must have been decoded or built by this crate.
+    #[must_use]
+    pub fn new(base: &Base) -> Self {
+        let materials = usize::from(base.material_count.max(1));
+        let mut mesh = Self {
+            grid: base.grid,
+            uv_grid: base.uv_grid,
+            places: vec![None; base.chunk_count as usize + 1],
+            positions: Vec::new(),
+            morph_from: Vec::new(),
+            vertex_origin: Vec::new(),
+            wedges: Vec::new(),
+            wedge_origin: Vec::new(),
+            faces: Vec::new(),
+            face_origin: Vec::new(),
+            materials: Vec::new(),
+            draw_slots: Vec::new(),
+            indices: vec![Vec::new(); materials],
+            stars: Stars::new(0, 0),
+            vertex_slots: Slots::default(),
+            wedge_slots: Slots::default(),
+            face_slots: Slots::default(),
+            index_slots: vec![Slots::default(); materials],
+            live_faces: 0,
+            live_vertices: 0,
+            applied_chunks: 0,
+        };
+        mesh.reserve(
+            0,
+            base.positions.len(),
+            base.wedges.len(),
+            &base.faces.iter().map(|f| f.material).collect::<Vec<_>>(),
+        );
+        for (slot, &p) in base.positions.iter().enumerate() {
+            mesh.positions[slot] = p;
+            mesh.morph_from[slot] = p;
+        }
+        mesh.wedges[..base.wedges.len()].copy_from_slice(&base.wedges);
+        for (slot, face) in base.faces.iter().enumerate() {
+            mesh.put_face(slot as u32, face.wedges);
+        }
+        mesh
+    }
+
+    /// Grid of the positions.
+    #[must_use]
+    pub fn grid(&self) -> Grid {
+        self.grid
+    }
+
+    /// Whether a chunk is applied.
+    #[must_use]
+    pub fn is_applied(&self, chunk: u32) -> bool {
+        self.places.get(chunk as usize + 1).is_some_and(Option::is_some)
+    }
+
+    /// Faces that are there now.
+    #[must_use]
+    pub fn face_count(&self) -> usize {
+        self.live_faces
+    }
+
+    /// Vertices that are there now.
+    #[must_use]
+    pub fn vertex_count(&self) -> usize {
+        self.live_vertices
+    }
+
+    /// Chunks that are applied now.
+    #[must_use]
+    pub fn applied_count(&self) -> usize {
+        self.applied_chunks
+    }
+
+    /// Memory held, in bytes, by capacity.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        self.positions.capacity() * 12
+            + self.morph_from.capacity() * 12
+            + (self.vertex_origin.capacity() + self.wedge_origin.capacity() + self.face_origin.capacity()) * 4
+            + self.wedges.capacity() * size_of::<Wedge>()
+            + self.faces.capacity() * 12
+            + self.materials.capacity() * 2
+            + self.draw_slots.capacity() * 4
+            + self.indices.iter().map(|i| i.capacity() * 12).sum::<usize>()
+            + self.stars.bytes()
+    }
+
+    /// Applies a decoded chunk whose parents are applied.
+    ///
+    /// # Errors
+    /// See [`RefineError`]; the mesh is then unchanged.
+    pub fn apply(&mut self, delta: &ChunkDelta) -> Result<Touched, RefineError> {
+        self.may_apply(delta)?;
+        let origin = delta.chunk + 1;
+        for &parent in &delta.parents {
+            if let Some(Some(place)) = self.places.get_mut(parent as usize + 1) {
+                place.children += 1;
+            }
+        }
+        let materials: Vec<u16> = delta.faces.iter().map(|f| f.material).collect();
+        self.reserve(origin, delta.vertices.len(), delta.wedges.len(), &materials);
+        let place = self.places[origin as usize].clone().unwrap_or_default();
+        for (slot, vertex) in place.vertices.clone().zip(&delta.vertices) {
+            self.positions[slot as usize] = vertex.position;
+            // A parent inside this chunk has a smaller index, so its ancestor is already known.
+            self.morph_from[slot as usize] = match vertex.parent {
+                Some(parent) if parent.origin == origin => {
+                    self.morph_from[(place.vertices.start + parent.index) as usize]
+                }
+                Some(parent) => self.positions[self.vertex_slot(parent) as usize],
+                None => vertex.position,
+            };
+        }
+        for (slot, wedge) in place.wedges.clone().zip(&delta.wedges) {
+            self.wedges[slot as usize] =
+                Wedge { vertex: self.vertex_slot(wedge.vertex), uv: wedge.uv, group: wedge.group };
+        }
+        let mut touched = Touched::default();
+        for (slot, face) in place.faces.clone().zip(&delta.faces) {
+            self.put_face(slot, face.wedges.map(|w| self.wedge_slot(w)));
+            touched.face(slot);
+        }
+        for repoint in &delta.repoints {
+            let face = self.face_slot(repoint.face);
+            self.move_corner(face, repoint.corner, self.wedge_slot(repoint.to));
+            touched.face(face);
+        }
+        self.applied_chunks += 1;
+        self.finish_touched(&mut touched);
+        Ok(touched)
+    }
+
+    /// Undoes an applied chunk none of whose children is applied.
+    ///
+    /// # Errors
+    /// See [`RefineError`]; the mesh is then unchanged.
+    pub fn undo(&mut self, delta: &ChunkDelta) -> Result<Touched, RefineError> {
+        let origin = delta.chunk as usize + 1;
+        let place = match self.places.get(origin) {
+            Some(Some(place)) => place.clone(),
+            _ => return Err(RefineError::NotApplied(delta.chunk)),
+        };
+        if place.children > 0 {
+            return Err(RefineError::HasChildren { chunk: delta.chunk, children: place.children });
+        }
+        if !self.fits(delta, true)
+            || place.faces.len() != delta.faces.len()
+            || place.wedges.len() != delta.wedges.len()
+            || place.vertices.len() != delta.vertices.len()
+        {
+            return Err(RefineError::Mismatch(delta.chunk));
+        }
+        let mut touched = Touched::default();
+        for slot in place.faces.clone() {
+            for k in 0..3 {
+                let vertex = self.wedges[self.faces[slot as usize][k] as usize].vertex;
+                self.stars.remove(vertex, slot * 3 + k as u32);
+                touched.vertex(vertex);
+            }
+            let (material, draw) = (self.materials[slot as usize], self.draw_slots[slot as usize]);
+            self.indices[usize::from(material)][draw as usize] = [0; 3];
+            touched.draws.push((material, draw));
+        }
+        for repoint in &delta.repoints {
+            let face = self.face_slot(repoint.face);
+            self.move_corner(face, repoint.corner, self.wedge_slot(repoint.from));
+            touched.face(face);
+        }
+        for &parent in &delta.parents {
+            if let Some(Some(place)) = self.places.get_mut(parent as usize + 1) {
+                place.children -= 1;
+            }
+        }
+        self.live_faces -= place.faces.len();
+        self.live_vertices -= place.vertices.len();
+        self.applied_chunks -= 1;
+        self.vertex_slots.give_back(place.vertices);
+        self.wedge_slots.give_back(place.wedges);
+        self.face_slots.give_back(place.faces);
+        for (material, range) in place.draws {
+            self.index_slots[usize::from(material)].give_back(range);
+        }
+        self.places[origin] = None;
+        self.finish_touched(&mut touched);
+        Ok(touched)
+    }
+
+    fn may_apply(&self, delta: &ChunkDelta) -> Result<(), RefineError> {
+        let chunk = delta.chunk;
+        let count = self.places.len() as u32 - 1;
+        if chunk >= count {
+            return Err(RefineError::NoSuchChunk { chunk, count });
+        }
+        if self.is_applied(chunk) {
+            return Err(RefineError::AlreadyApplied(chunk));
+        }
+        for &parent in &delta.parents {
+            if parent == chunk || !self.is_applied(parent) {
+                return Err(RefineError::MissingParent { chunk, parent });
+            }
+        }
+        if self.fits(delta, false) { Ok(()) } else { Err(RefineError::Mismatch(chunk)) }
+    }
+
+    /// Whether everything that the delta refers to is there, or is its own.
+    fn fits(&self, delta: &ChunkDelta, applied: bool) -> bool {
+        let own = delta.chunk + 1;
+        let known = |id: Id, count: usize, range: fn(&Place) -> &Range<u32>| {
+            if id.origin == own {
+                (id.index as usize) < count
+            } else {
+                self.place(id.origin).is_some_and(|p| (id.index as usize) < range(p).len())
+            }
+        };
+        let wedge = |id: Id| known(id, delta.wedges.len(), |p| &p.wedges);
+        delta.vertices.iter().enumerate().all(|(i, v)| {
+            v.parent.is_none_or(|p| {
+                known(p, delta.vertices.len(), |p| &p.vertices) && (p.origin != own || (p.index as usize) < i)
+            })
+        }) && delta.wedges.iter().all(|w| known(w.vertex, delta.vertices.len(), |p| &p.vertices))
+            && delta
+                .faces
+                .iter()
+                .all(|f| usize::from(f.material) < self.indices.len() && f.wedges.iter().all(|&w| wedge(w)))
+            && delta.repoints.iter().all(|r| {
+                let (before, after) = if applied { (r.to, r.from) } else { (r.from, r.to) };
+                r.corner < 3
+                    && r.face.origin != own
+                    && known(r.face, 0, |p| &p.faces)
+                    && wedge(after)
+                    && wedge(before)
+                    && (before.origin == own && !applied
+                        || self.faces[self.face_slot(r.face) as usize][usize::from(r.corner)]
+                            == self.wedge_slot(before))
+            })
+    }
+
+    fn reserve(&mut self, origin: u32, vertices: usize, wedges: usize, materials: &[u16]) {
+        let place = Place {
+            vertices: self.vertex_slots.take(vertices as u32),
+            wedges: self.wedge_slots.take(wedges as u32),
+            faces: self.face_slots.take(materials.len() as u32),
+            draws: Vec::new(),
+            children: 0,
+        };
+        let (v, w, f) = (
+            self.vertex_slots.high() as usize,
+            self.wedge_slots.high() as usize,
+            self.face_slots.high() as usize,
+        );
+        grow(&mut self.positions, v, [0; 3]);
+        grow(&mut self.morph_from, v, [0; 3]);
+        grow(&mut self.vertex_origin, v, 0);
+        grow(&mut self.wedges, w, Wedge { vertex: 0, uv: [0; 2], group: 0 });
+        grow(&mut self.wedge_origin, w, 0);
+        grow(&mut self.faces, f, [0; 3]);
+        grow(&mut self.face_origin, f, 0);
+        grow(&mut self.materials, f, 0);
+        grow(&mut self.draw_slots, f, 0);
+        self.stars.grow(v, f);
+        for slot in place.vertices.clone() {
+            self.vertex_origin[slot as usize] = origin;
+            self.stars.clear(slot);
+        }
+        for slot in place.wedges.clone() {
+            self.wedge_origin[slot as usize] = origin;
+        }
+        let mut order: Vec<(u16, u32)> = materials.iter().copied().zip(place.faces.clone()).collect();
+        order.sort_unstable();
+        let mut draws = Vec::new();
+        for run in order.chunk_by(|a, b| a.0 == b.0) {
+            let material = run[0].0;
+            let list = usize::from(material);
+            let range = self.index_slots[list].take(run.len() as u32);
+            let high = self.index_slots[list].high() as usize;
+            grow(&mut self.indices[list], high, [0; 3]);
+            for (&(_, face), draw) in run.iter().zip(range.clone()) {
+                self.draw_slots[face as usize] = draw;
+                self.materials[face as usize] = material;
+                self.face_origin[face as usize] = origin;
+            }
+            draws.push((material, range));
+        }
+        self.live_vertices += vertices;
+        self.live_faces += materials.len();
+        self.places[origin as usize] = Some(Place { draws, ..place });
+    }
+
+    fn put_face(&mut self, slot: u32, wedges: [u32; 3]) {
+        self.faces[slot as usize] = wedges;
+        for (k, wedge) in wedges.into_iter().enumerate() {
+            self.stars.insert(self.wedges[wedge as usize].vertex, slot * 3 + k as u32);
+        }
+        let list = usize::from(self.materials[slot as usize]);
+        self.indices[list][self.draw_slots[slot as usize] as usize] = wedges;
+    }
+
+    fn move_corner(&mut self, face: u32, corner: u8, to: u32) {
+        let k = usize::from(corner);
+        let from = self.faces[face as usize][k];
+        let (old, new) = (self.wedges[from as usize].vertex, self.wedges[to as usize].vertex);
+        self.stars.remove(old, face * 3 + k as u32);
+        self.stars.insert(new, face * 3 + k as u32);
+        self.faces[face as usize][k] = to;
+        let list = usize::from(self.materials[face as usize]);
+        self.indices[list][self.draw_slots[face as usize] as usize][k] = to;
+    }
+
+    /// Completes a list of touched faces: their index entries, and every wedge around their corners,
+    /// whose normals may have changed.
+    fn finish_touched(&self, touched: &mut Touched) {
+        let faces = std::mem::take(&mut touched.faces);
+        for &face in &faces {
+            touched.draws.push((self.materials[face as usize], self.draw_slots[face as usize]));
+            for wedge in self.faces[face as usize] {
+                touched.vertex(self.wedges[wedge as usize].vertex);
+            }
+        }
+        touched.vertices.sort_unstable();
+        touched.vertices.dedup();
+        for &vertex in &touched.vertices {
+            for corner in self.stars.corners(vertex) {
+                touched.wedges.push(self.faces[(corner / 3) as usize][(corner % 3) as usize]);
+            }
+        }
+        touched.wedges.sort_unstable();
+        touched.wedges.dedup();
+        touched.draws.sort_unstable();
+        touched.draws.dedup();
+        touched.vertices = Vec::new();
+    }
+
+    pub(crate) fn place(&self, origin: u32) -> Option<&Place> {
+        self.places.get(origin as usize).and_then(Option::as_ref)
+    }
+
+    /// Slots of ids; 0 for ids that are not there, which [`Self::fits`] has excluded.
+    pub(crate) fn vertex_slot(&self, id: Id) -> u32 {
+        self.place(id.origin).map_or(0, |p| p.vertices.start + id.index)
+    }
+
+    pub(crate) fn wedge_slot(&self, id: Id) -> u32 {
+        self.place(id.origin).map_or(0, |p| p.wedges.start + id.index)
+    }
+
+    pub(crate) fn face_slot(&self, id: Id) -> u32 {
+        self.place(id.origin).map_or(0, |p| p.faces.start + id.index)
+    }
+
+    /// Ids of slots that are in use.
+    pub(crate) fn vertex_id(&self, slot: u32) -> Id {
+        let origin = self.vertex_origin[slot as usize];
+        Id { origin, index: slot - self.place(origin).map_or(slot, |p| p.vertices.start) }
+    }
+
+    pub(crate) fn wedge_id(&self, slot: u32) -> Id {
+        let origin = self.wedge_origin[slot as usize];
+        Id { origin, index: slot - self.place(origin).map_or(slot, |p| p.wedges.start) }
+    }
+
+    pub(crate) fn face_id(&self, slot: u32) -> Id {
+        let origin = self.face_origin[slot as usize];
+        Id { origin, index: slot - self.place(origin).map_or(slot, |p| p.faces.start) }
+    }
+}
+
+fn grow<T: Clone>(list: &mut Vec<T>, count: usize, value: T) {
+    if list.len() < count {
+        list.resize(count, value);
+    }
+}

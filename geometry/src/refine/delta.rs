@@ -1,0 +1,81 @@
+//! What a decoded chunk does to a mesh, in canonical ids: independent of what else is applied.
+
+/// The id of a vertex, wedge or face: who brought it, and which of theirs it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Id {
+    /// 0 for the base mesh, chunk id + 1 for a chunk.
+    pub origin: u32,
+    /// Index among the elements of its origin.
+    pub index: u32,
+}
+
+/// A vertex that a chunk adds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NewVertex {
+    /// Position on the grid.
+    pub position: [i32; 3],
+    /// The vertex it splits from; `None` for a vertex that starts a new piece of surface.
+    pub parent: Option<Id>,
+}
+
+/// A wedge that a chunk adds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NewWedge {
+    /// Its vertex.
+    pub vertex: Id,
+    /// Texture coordinates on the uv grid.
+    pub uv: [i32; 2],
+    /// Normal group within the vertex.
+    pub group: u32,
+}
+
+/// A face that a chunk adds, as it is once the whole chunk is applied.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NewFace {
+    /// Its wedges.
+    pub wedges: [Id; 3],
+    /// Its material.
+    pub material: u16,
+}
+
+/// A corner of an older face that moves to another wedge.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Repoint {
+    /// The face.
+    pub face: Id,
+    /// Which of its corners, 0 to 2.
+    pub corner: u8,
+    /// Wedge before.
+    pub from: Id,
+    /// Wedge after.
+    pub to: Id,
+}
+
+/// A decoded chunk.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ChunkDelta {
+    /// Id of the chunk.
+    pub chunk: u32,
+    /// Ids of the chunks that must be applied first.
+    pub parents: Vec<u32>,
+    /// Vertices added.
+    pub vertices: Vec<NewVertex>,
+    /// Wedges added.
+    pub wedges: Vec<NewWedge>,
+    /// Faces added.
+    pub faces: Vec<NewFace>,
+    /// Corners moved.
+    pub repoints: Vec<Repoint>,
+}
+
+impl ChunkDelta {
+    /// Memory held, in bytes.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        self.vertices.len() * size_of::<NewVertex>()
+            + self.wedges.len() * size_of::<NewWedge>()
+            + self.faces.len() * size_of::<NewFace>()
+            + self.repoints.len() * size_of::<Repoint>()
+            + self.parents.len() * 4
+    }
+}

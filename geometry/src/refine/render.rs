@@ -1,0 +1,101 @@
+//! What a renderer needs of a refined mesh.
+
+use crate::refine::active::ActiveMesh;
+use crate::vec3::{Vec3, add, length, triangle_normal};
+
+/// What changed with a chunk: slots whose data a renderer must fetch again.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Touched {
+    /// Wedge slots, ascending.
+    pub wedges: Vec<u32>,
+    /// (material, slot in its index list), ascending.
+    pub draws: Vec<(u16, u32)>,
+    pub(crate) faces: Vec<u32>,
+    pub(crate) vertices: Vec<u32>,
+}
+
+impl Touched {
+    pub(crate) fn face(&mut self, slot: u32) {
+        self.faces.push(slot);
+    }
+
+    pub(crate) fn vertex(&mut self, slot: u32) {
+        self.vertices.push(slot);
+    }
+}
+
+/// One wedge as a renderer sees it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RenderVertex {
+    /// Position relative to [`crate::mesh::Grid::origin`], in the asset's units.
+    pub position: [f32; 3],
+    /// Unit normal, or zero where the faces around have no area.
+    pub normal: [f32; 3],
+    /// Texture coordinates, `v` up.
+    pub uv: [f32; 2],
+    /// Where the vertex was before its chunk was applied, relative like `position`.
+    pub morph_from: [f32; 3],
+}
+
+impl ActiveMesh {
+    /// One more than the highest wedge slot in use.
+    #[must_use]
+    pub fn wedge_slots(&self) -> u32 {
+        self.wedges.len() as u32
+    }
+
+    /// The number of materials.
+    #[must_use]
+    pub fn material_count(&self) -> u16 {
+        self.indices.len() as u16
+    }
+
+    /// The index list of a material: wedge slots, three a face; unused entries are `[0, 0, 0]`.
+    /// Empty for a material that does not exist.
+    #[must_use]
+    pub fn indices(&self, material: u16) -> &[[u32; 3]] {
+        self.indices.get(usize::from(material)).map_or(&[], Vec::as_slice)
+    }
+
+    /// The chunk that brought a wedge slot's vertex: `None` for the base mesh.
+    #[must_use]
+    pub fn wedge_chunk(&self, slot: u32) -> Option<u32> {
+        let vertex = self.wedges[slot as usize].vertex;
+        self.vertex_origin[vertex as usize].checked_sub(1)
+    }
+
+    /// The data of a wedge slot.
+    ///
+    /// The normal is the sum of the face normals, weighted by area, over the corners at the vertex
+    /// that share the wedge's normal group. Cost: one pass over the vertex's star.
+    ///
+    /// # Panics
+    /// If the slot is not below [`Self::wedge_slots`].
+    #[must_use]
+    pub fn render_vertex(&self, slot: u32) -> RenderVertex {
+        let wedge = self.wedges[slot as usize];
+        let mut normal = [0.0; 3];
+        for corner in self.stars.corners(wedge.vertex) {
+            let face = self.faces[(corner / 3) as usize];
+            if self.wedges[face[(corner % 3) as usize] as usize].group == wedge.group {
+                let [a, b, c] = face.map(|w| self.cell(w));
+                normal = add(normal, triangle_normal(a, b, c));
+            }
+        }
+        let size = length(normal);
+        let step = self.grid.step;
+        let place = |q: [i32; 3]| q.map(|x| (f64::from(x) * step) as f32);
+        let uv = self.uv_grid.uv(wedge.uv);
+        RenderVertex {
+            position: place(self.positions[wedge.vertex as usize]),
+            normal: if size > 0.0 { normal.map(|x| (x / size) as f32) } else { [0.0; 3] },
+            uv: [uv[0] as f32, uv[1] as f32],
+            morph_from: place(self.morph_from[wedge.vertex as usize]),
+        }
+    }
+
+    /// Position of a wedge in grid cells.
+    fn cell(&self, wedge: u32) -> Vec3 {
+        self.positions[self.wedges[wedge as usize].vertex as usize].map(f64::from)
+    }
+}

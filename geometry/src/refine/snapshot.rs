@@ -1,0 +1,81 @@
+//! A mesh's state in canonical ids: equal for equal sets of chunks, however they were applied.
+
+use crate::mesh::{Face, QuantisedMesh, Wedge};
+use crate::refine::active::ActiveMesh;
+use crate::refine::delta::Id;
+
+/// Everything that describes a refined mesh, sorted by id.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Snapshot {
+    /// Vertices and their positions.
+    pub vertices: Vec<(Id, [i32; 3])>,
+    /// Wedges: id, vertex, uv, normal group.
+    pub wedges: Vec<(Id, Id, [i32; 2], u32)>,
+    /// Faces: id, wedges, material.
+    pub faces: Vec<(Id, [Id; 3], u16)>,
+}
+
+impl ActiveMesh {
+    /// The state in canonical ids.
+    #[must_use]
+    pub fn snapshot(&self) -> Snapshot {
+        let mut snapshot = Snapshot::default();
+        for (origin, place) in self.places.iter().enumerate() {
+            let Some(place) = place else { continue };
+            let id = |start: u32, slot: u32| Id { origin: origin as u32, index: slot - start };
+            for slot in place.vertices.clone() {
+                snapshot.vertices.push((id(place.vertices.start, slot), self.positions[slot as usize]));
+            }
+            for slot in place.wedges.clone() {
+                let wedge = self.wedges[slot as usize];
+                snapshot.wedges.push((
+                    id(place.wedges.start, slot),
+                    self.vertex_id(wedge.vertex),
+                    wedge.uv,
+                    wedge.group,
+                ));
+            }
+            for slot in place.faces.clone() {
+                snapshot.faces.push((
+                    id(place.faces.start, slot),
+                    self.faces[slot as usize].map(|w| self.wedge_id(w)),
+                    self.materials[slot as usize],
+                ));
+            }
+        }
+        snapshot
+    }
+
+    /// The mesh as it is now, with unused wedges and vertices dropped and everything renumbered by
+    /// order of use.
+    #[must_use]
+    pub fn to_mesh(&self) -> QuantisedMesh {
+        let mut mesh = QuantisedMesh {
+            grid: self.grid,
+            uv_grid: self.uv_grid,
+            positions: Vec::new(),
+            wedges: Vec::new(),
+            faces: Vec::new(),
+        };
+        let mut vertex_new = vec![u32::MAX; self.positions.len()];
+        let mut wedge_new = vec![u32::MAX; self.wedges.len()];
+        for place in self.places.iter().flatten() {
+            for slot in place.faces.clone() {
+                let wedges = self.faces[slot as usize].map(|w| {
+                    let wedge = self.wedges[w as usize];
+                    if vertex_new[wedge.vertex as usize] == u32::MAX {
+                        vertex_new[wedge.vertex as usize] = mesh.positions.len() as u32;
+                        mesh.positions.push(self.positions[wedge.vertex as usize]);
+                    }
+                    if wedge_new[w as usize] == u32::MAX {
+                        wedge_new[w as usize] = mesh.wedges.len() as u32;
+                        mesh.wedges.push(Wedge { vertex: vertex_new[wedge.vertex as usize], ..wedge });
+                    }
+                    wedge_new[w as usize]
+                });
+                mesh.faces.push(Face { wedges, material: self.materials[slot as usize] });
+            }
+        }
+        mesh
+    }
+}

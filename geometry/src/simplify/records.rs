@@ -1,0 +1,125 @@
+//! What a region's simplification did, in the order it was done: enough to redo and to undo it.
+
+use crate::simplify::live::{Live, NO_VERTEX};
+
+/// A corner of a face that moved with a collapse.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Moved {
+    pub(crate) face: u32,
+    /// Wedge of the removed vertex.
+    pub(crate) from: u32,
+    /// Wedge of the vertex that stays.
+    pub(crate) to: u32,
+}
+
+/// A face that vanished with a collapse, with its corners at that time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Removed {
+    pub(crate) face: u32,
+    pub(crate) wedges: [u32; 3],
+    /// The corner that is neither the removed vertex nor its target, where a split could not find it
+    /// among the target's neighbours.
+    pub(crate) third: Option<u32>,
+}
+
+/// One half-edge collapse: `removed` goes onto `target`. Without a target: a vertex whose faces are
+/// all gone is dropped.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Collapse {
+    pub(crate) removed: u32,
+    /// [`NO_VERTEX`] for a vertex without faces.
+    pub(crate) target: u32,
+    /// Largest cost so far in this region.
+    pub(crate) cost: f64,
+    /// Collapses of one round share no face, and each conflict goes to a later round: 1 and up. 0 for
+    /// a vertex without faces.
+    pub(crate) round: u32,
+    /// Ends of this collapse's parts of the lists in [`Records`]; they start where the previous ends.
+    pub(crate) moved_end: u32,
+    pub(crate) removed_end: u32,
+    pub(crate) kept_end: u32,
+}
+
+/// The collapses of one region in one level.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Records {
+    pub(crate) collapses: Vec<Collapse>,
+    pub(crate) moved: Vec<Moved>,
+    pub(crate) removed: Vec<Removed>,
+    /// Wedges that a collapse kept: the source wedge of each. Until [`Records::commit`] they are
+    /// numbered from `first_kept` on.
+    pub(crate) kept: Vec<u32>,
+    pub(crate) first_kept: u32,
+}
+
+impl Records {
+    /// The parts of one collapse.
+    pub(crate) fn parts(&self, index: usize) -> (&Collapse, &[Moved], &[Removed]) {
+        let collapse = &self.collapses[index];
+        let (moved, removed) = match index.checked_sub(1).map(|i| &self.collapses[i]) {
+            Some(before) => (before.moved_end, before.removed_end),
+            None => (0, 0),
+        };
+        (
+            collapse,
+            &self.moved[moved as usize..collapse.moved_end as usize],
+            &self.removed[removed as usize..collapse.removed_end as usize],
+        )
+    }
+
+    /// Keeps the first `count` collapses only.
+    pub(crate) fn truncate(&mut self, count: usize) {
+        self.collapses.truncate(count);
+        let (moved, removed, kept) =
+            self.collapses.last().map_or((0, 0, 0), |c| (c.moved_end, c.removed_end, c.kept_end));
+        self.moved.truncate(moved as usize);
+        self.removed.truncate(removed as usize);
+        self.kept.truncate(kept as usize);
+    }
+
+    /// Performs the collapses on the mesh and gives the kept wedges their final ids.
+    /// `touched(face)` is called for every face that moved.
+    pub(crate) fn commit(&mut self, live: &mut Live, touched: &mut dyn FnMut(u32)) {
+        let mut ids: Vec<u32> = Vec::with_capacity(self.kept.len());
+        let first = self.first_kept;
+        let final_id = |ids: &[u32], wedge: u32| {
+            if wedge >= first { ids[(wedge - first) as usize] } else { wedge }
+        };
+        let (mut moved_at, mut removed_at) = (0, 0);
+        for collapse in &self.collapses {
+            let (u, t) = (collapse.removed, collapse.target);
+            while ids.len() < collapse.kept_end as usize {
+                let source = final_id(&ids, self.kept[ids.len()]);
+                self.kept[ids.len()] = source;
+                ids.push(live.keep_wedge(t, source));
+            }
+            for moved in &mut self.moved[moved_at..collapse.moved_end as usize] {
+                moved.from = final_id(&ids, moved.from);
+                moved.to = final_id(&ids, moved.to);
+                let face = moved.face as usize;
+                let k = live.face_vertices[face].iter().position(|&v| v == u).unwrap_or(0);
+                let corner = moved.face * 3 + k as u32;
+                live.stars.remove(u, corner);
+                live.stars.insert(t, corner);
+                live.face_vertices[face][k] = t;
+                live.face_wedges[face][k] = moved.to;
+                touched(moved.face);
+            }
+            for removed in &mut self.removed[removed_at..collapse.removed_end as usize] {
+                let face = removed.face as usize;
+                removed.wedges = live.face_wedges[face];
+                for k in 0..3 {
+                    live.stars.remove(live.face_vertices[face][k], removed.face * 3 + k as u32);
+                }
+                live.alive[face] = false;
+                live.face_count -= 1;
+            }
+            moved_at = collapse.moved_end as usize;
+            removed_at = collapse.removed_end as usize;
+            if t != NO_VERTEX {
+                let quadric = live.quadrics[u as usize];
+                live.quadrics[t as usize].add(&quadric);
+            }
+        }
+    }
+}
