@@ -8,7 +8,7 @@ use glam::{DVec2, DVec3};
 /// Side of the square of ground, in metres.
 pub(super) const SIDE: f64 = 320.0;
 /// Metres to one repeat of the ground's texture.
-const TILE: f64 = 40.0;
+const TILE: f64 = SIDE / 12.0;
 
 /// How wild the ground is at a place: 0 on the levelled site, 1 away from it.
 fn wildness(x: f64, z: f64) -> f64 {

@@ -106,12 +106,13 @@ fn ground(seed: u64, u: f64, v: f64) -> Texel {
     Texel { height: 0.5, colour }
 }
 
-/// The scene's pictures by file name; `size` texels a side for the ground, half for the others.
+/// The scene's pictures by file name; `size` texels a side for the ground, half for brick and
+/// cobble, a quarter for plain stone.
 pub(super) fn all(seed: u64, size: u32) -> Vec<(&'static str, Picture)> {
     let half = (size / 2).max(8);
     let (brick_colour, brick_height) = render(half, |u, v| brick(seed ^ 0xB1, u, v));
     let (cobble_colour, cobble_height) = render(half, |u, v| cobble(seed ^ 0xC0, u, v));
-    let (stone_colour, _) = render(half, |u, v| stone(seed ^ 0x57, u, v));
+    let (stone_colour, _) = render((size / 4).max(8), |u, v| stone(seed ^ 0x57, u, v));
     let (ground_colour, _) = render(size.max(8), |u, v| ground(seed ^ 0x67, u, v));
     vec![
         ("brick.png", brick_colour),

@@ -121,7 +121,7 @@ pub(super) fn scene_text(assets: &[AssetEntry], instances: &[Instance], seed: u6
          [light]\ndirection = [0.52, 0.62, 0.59]\ncolor = [1.0, 0.93, 0.82]\nintensity = 2.4\n\n\
          [ambient]\ncolor = [0.36, 0.42, 0.52]\n\n\
          [background]\ncolor = [0.30, 0.48, 0.74]\n\n\
-         [camera]\neye = [2.4, 2.3, 50.5]\ntarget = [-0.4, 4.0, 14.0]\nfov_y_degrees = 46.0\n"
+         [camera]\neye = [2.2, 2.4, 51.0]\ntarget = [-0.3, 4.1, 14.0]\nfov_y_degrees = 42.0\n"
     );
     // Writing to a String cannot fail.
     for asset in assets {

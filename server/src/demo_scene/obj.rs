@@ -9,6 +9,8 @@ use std::path::Path;
 pub(super) struct Material {
     pub(super) name: &'static str,
     pub(super) diffuse: [f64; 3],
+    /// Phong exponent: higher is shinier.
+    pub(super) shininess: u32,
     /// Colour texture.
     pub(super) colour: Option<&'static str>,
     /// Height map, white high.
@@ -17,25 +19,27 @@ pub(super) struct Material {
 
 /// The materials of the scene: one library for all assets.
 pub(super) const MATERIALS: &[Material] = &[
-    Material { name: "grass", diffuse: [1.0; 3], colour: Some("ground.png"), height: None },
-    Material { name: "stone", diffuse: [1.0; 3], colour: Some("stone.png"), height: None },
-    Material { name: "tile", diffuse: [0.66, 0.36, 0.25], colour: None, height: None },
+    Material { name: "grass", diffuse: [1.0; 3], shininess: 1, colour: Some("ground.png"), height: None },
+    Material { name: "stone", diffuse: [1.0; 3], shininess: 4, colour: Some("stone.png"), height: None },
+    Material { name: "tile", diffuse: [0.66, 0.36, 0.25], shininess: 6, colour: None, height: None },
     Material {
         name: "brick",
         diffuse: [1.0; 3],
+        shininess: 3,
         colour: Some("brick.png"),
         height: Some("brick_height.png"),
     },
     Material {
         name: "cobble",
         diffuse: [1.0; 3],
+        shininess: 6,
         colour: Some("cobble.png"),
         height: Some("cobble_height.png"),
     },
-    Material { name: "marble", diffuse: [0.83, 0.80, 0.74], colour: None, height: None },
-    Material { name: "bronze", diffuse: [0.36, 0.47, 0.39], colour: None, height: None },
-    Material { name: "sandstone", diffuse: [0.72, 0.58, 0.40], colour: None, height: None },
-    Material { name: "rock", diffuse: [0.45, 0.43, 0.40], colour: None, height: None },
+    Material { name: "marble", diffuse: [0.83, 0.80, 0.74], shininess: 24, colour: None, height: None },
+    Material { name: "bronze", diffuse: [0.36, 0.47, 0.39], shininess: 60, colour: None, height: None },
+    Material { name: "sandstone", diffuse: [0.72, 0.58, 0.40], shininess: 6, colour: None, height: None },
+    Material { name: "rock", diffuse: [0.45, 0.43, 0.40], shininess: 3, colour: None, height: None },
 ];
 
 /// Name of the material library beside the OBJ files.
@@ -47,7 +51,7 @@ pub(super) fn write_materials(path: &Path) -> io::Result<()> {
     let mut out = BufWriter::new(std::fs::File::create(path)?);
     for material in MATERIALS {
         let [r, g, b] = material.diffuse;
-        writeln!(out, "newmtl {}\nKd {r:.3} {g:.3} {b:.3}", material.name)?;
+        writeln!(out, "newmtl {}\nKd {r:.3} {g:.3} {b:.3}\nNs {}", material.name, material.shininess)?;
         if let Some(file) = material.colour {
             writeln!(out, "map_Kd {file}")?;
         }
