@@ -317,3 +317,56 @@ impl ScenePage {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn page() -> ScenePage {
+        let asset = AssetEntry { sphere: Sphere { center: [0.0; 3], radius: 1.0 }, ..AssetEntry::default() };
+        ScenePage {
+            page: 0,
+            first_asset: 0,
+            first_instance: 0,
+            assets: vec![asset],
+            instances: vec![InstanceEntry::at(0, [1.0, 2.0, 3.0])],
+        }
+    }
+
+    #[test]
+    fn unusable_pages_are_named() {
+        page().check().unwrap();
+        let with = |change: fn(&mut ScenePage)| {
+            let mut page = page();
+            change(&mut page);
+            page.check()
+        };
+        assert!(with(|p| p.instances[0].asset = 1).is_err());
+        assert!(with(|p| p.instances[0].translation[1] = f64::INFINITY).is_err());
+        assert!(with(|p| p.instances[0].rotation = [0.0; 4]).is_err());
+        assert!(with(|p| p.instances[0].scale = 0.0).is_err());
+        assert!(with(|p| p.instances[0].scale = f32::NAN).is_err());
+        assert!(with(|p| p.assets[0].root_error = -1.0).is_err());
+        assert!(with(|p| p.assets[0].sphere.radius = f32::INFINITY).is_err());
+        assert!(with(|p| p.assets[0].base_bytes = u32::MAX).is_err());
+        assert!(with(|p| p.assets[0].chunk_count = u32::MAX).is_err());
+        assert!(with(|p| p.assets[0].name = "x".repeat(300)).is_err());
+        assert!(with(|p| p.first_asset = u32::MAX).is_err());
+        assert!(with(|p| p.instances = vec![InstanceEntry::at(0, [0.0; 3]); 65]).is_err());
+    }
+
+    #[test]
+    fn points_are_placed_about_the_grid_origin_in_double_precision() {
+        let half_turn = [0.0, 1.0, 0.0, 0.0];
+        let instance =
+            InstanceEntry { asset: 0, translation: [1e7, 0.0, 0.0], rotation: half_turn, scale: 2.0 };
+        let world = instance.to_world([0.25, 0.0, 0.0], [0.125, 1.0, 0.0]);
+        assert!((world - DVec3::new(1e7 - 0.75, 2.0, 0.0)).length() < 1e-6, "{world}");
+    }
+
+    #[test]
+    fn index_pages_cover_all_chunks() {
+        let pages = |chunk_count| AssetEntry { chunk_count, ..AssetEntry::default() }.index_pages();
+        assert_eq!([0, 1, 64, 65].map(pages), [0, 1, 1, 2]);
+    }
+}

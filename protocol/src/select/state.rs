@@ -165,8 +165,8 @@ impl AssetState {
     }
 
     /// An unknown chunk's error is at most that of any of its parents. Chunks are numbered level by
-    /// level, and parents lie in the nearest coarser level that has one there: so the largest error
-    /// among the last two known levels bounds what follows.
+    /// level, and parents lie in the nearest coarser level that has one there, as a rule the one before:
+    /// so the largest error among the last two known levels bounds what follows.
     fn bound_of_unknown(&self) -> f32 {
         if self.known_pages as usize == self.pages.len() {
             return 0.0;

@@ -13,6 +13,8 @@ mod tests;
 use std::collections::{HashSet, VecDeque};
 use std::sync::Arc;
 
+use lodestream_geometry::index::decode_page;
+
 use crate::blob::{BlobId, BlobPart};
 use crate::frame::{BlobPiece, FrameError, encode_server};
 use crate::limiter::{CeilingShare, TokenBucket};
@@ -91,6 +93,8 @@ pub struct ServerSession {
     /// Units without which a visible instance cannot be drawn, not handed over yet.
     bases_left: HashSet<Unit>,
     bases_told: bool,
+    /// Pages among `handed`.
+    pages_handed: u32,
     refinement_pushed: bool,
     client_wants: bool,
     done_told: bool,
@@ -135,6 +139,7 @@ impl ServerSession {
             push: Vec::new(),
             bases_left: HashSet::new(),
             bases_told: false,
+            pages_handed: 0,
             refinement_pushed: false,
             client_wants: false,
             done_told: true,
@@ -177,7 +182,11 @@ impl ServerSession {
             (_, ClientMessage::Cancel(ids)) => self.cancel(&ids),
             (_, ClientMessage::SetView(view)) => {
                 self.view = view;
-                self.replan_at.get_or_insert(now + REPLAN_INTERVAL);
+                // Once the client knows all pages and asks for itself, there is nothing to order.
+                let all_pages = self.pages_handed >= self.source.header().page_count;
+                if !(self.client_wants && all_pages && self.bases_left.is_empty()) {
+                    self.replan_at.get_or_insert(now + REPLAN_INTERVAL);
+                }
             }
             (_, ClientMessage::WantScenePages(pages)) => self.want_pages(&pages),
         }
@@ -327,7 +336,8 @@ impl ServerSession {
     fn push_refinement(&mut self) {
         let room = self.push_budget.saturating_sub(self.pushed_bytes);
         let budget = self.config.push_after_hello_bytes.min(room);
-        for (priority, unit) in push::first_refinement(&*self.source, &self.view, budget) {
+        let decode = |bytes: &[u8], first| decode_page(bytes, first).ok();
+        for (priority, unit) in push::first_refinement(&*self.source, &self.view, budget, decode) {
             if !self.handed.contains(&unit) {
                 self.scheduler.want(unit, priority);
             }
@@ -374,7 +384,9 @@ impl ServerSession {
         self.done_told = false;
         for &page in pages {
             if page < self.source.header().page_count {
-                self.handed.remove(&Unit::Page(page));
+                if self.handed.remove(&Unit::Page(page)) {
+                    self.pages_handed = self.pages_handed.saturating_sub(1);
+                }
                 self.scheduler.want(Unit::Page(page), index_priority(f32::MAX));
             }
         }
@@ -500,7 +512,9 @@ impl ServerSession {
         let piece_bytes = self.config.piece_bytes.clamp(1, MAX_PIECE_BYTES as u32) as usize;
         Some(match self.scheduler.next(piece_bytes, &mut read)? {
             Outgoing::Page(page) => {
-                self.handed.insert(Unit::Page(page));
+                if self.handed.insert(Unit::Page(page)) {
+                    self.pages_handed = self.pages_handed.saturating_add(1);
+                }
                 self.bases_left.remove(&Unit::Page(page));
                 self.done_told = false;
                 let Some(page) = self.source.page(page) else { return self.transmit_queued(now) };

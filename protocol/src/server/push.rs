@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_page};
+use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo};
 
 use crate::blob::{BlobId, BlobPart};
 use crate::scene::{AssetEntry, InstanceEntry, ScenePage};
@@ -66,11 +66,12 @@ fn all_pages(source: &dyn SceneSource) -> Vec<Arc<ScenePage>> {
 /// selection as the client's, the first chunks, until `budget_bytes` are used up.
 ///
 /// The client takes over with its first `Want`; until that arrives, a round trip after the base meshes,
-/// the link would lie idle.
+/// the link would lie idle. `decode` reads an index page, given its bytes and the id of its first chunk.
 pub(super) fn first_refinement(
     source: &dyn SceneSource,
     view: &View,
     budget_bytes: u64,
+    decode: impl Fn(&[u8], u32) -> Option<Vec<ChunkInfo>>,
 ) -> Vec<(Priority, Unit)> {
     let (numbers, instances, mut assets) = visible_assets(source, view);
     let mut selector = Selector::new(SelectSettings {
@@ -98,7 +99,7 @@ pub(super) fn first_refinement(
                         return out;
                     }
                     pages += 1;
-                    match known(source, &id, page, &mut assets[local]) {
+                    match learn(source, &id, page, &mut assets[local], &decode) {
                         Some(()) => State::Applied,
                         None => State::Failed,
                     }
@@ -122,11 +123,16 @@ pub(super) fn first_refinement(
 }
 
 /// Reads an index page into the state of its asset.
-fn known(source: &dyn SceneSource, id: &BlobId, page: u32, asset: &mut AssetState) -> Option<()> {
+fn learn(
+    source: &dyn SceneSource,
+    id: &BlobId,
+    page: u32,
+    asset: &mut AssetState,
+    decode: impl Fn(&[u8], u32) -> Option<Vec<ChunkInfo>>,
+) -> Option<()> {
     let bytes = source.read(id).ok()?;
     let first = page.checked_mul(u32::try_from(CHUNKS_PER_PAGE).ok()?)?;
-    let infos = decode_page(&bytes, first).ok()?;
-    asset.add_index_page(page, infos).ok()
+    asset.add_index_page(page, decode(&bytes, first)?).ok()
 }
 
 /// The assets that cover most of the screen: their numbers, their instances (with assets renumbered) and
@@ -160,4 +166,57 @@ fn visible_assets(source: &dyn SceneSource, view: &View) -> (Vec<u32>, Vec<Insta
         .filter_map(|instance| local.get(&instance.asset).map(|&asset| InstanceEntry { asset, ..*instance }))
         .collect();
     (numbers, instances, assets)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::MemoryScene;
+    use std::collections::HashSet;
+
+    /// All assets of a [`MemoryScene`] have the same chunks, so a page's first id says it all.
+    fn refinement(scene: &MemoryScene, budget: u64) -> Vec<(Priority, Unit)> {
+        let view = scene.header.camera.view([1280, 720], 1.0);
+        first_refinement(scene, &view, budget, |_, first| {
+            scene.chunks[0].chunks(CHUNKS_PER_PAGE).nth(first as usize / CHUNKS_PER_PAGE).map(<[_]>::to_vec)
+        })
+    }
+
+    #[test]
+    fn the_first_refinement_keeps_to_its_budget_and_to_what_can_be_applied() {
+        let scene = MemoryScene::new(3, 2, 5);
+        for budget in [0, 1000, 20_000, 64_000, 400_000] {
+            let pushed = refinement(&scene, budget);
+            let mut seen = HashSet::new();
+            let mut bytes = 0;
+            for (_, unit) in &pushed {
+                let Unit::Blob(id) = unit else { panic!("a page") };
+                bytes += u64::from(scene.blob_len(id).unwrap());
+                if let BlobPart::Chunk(chunk) = id.part {
+                    let page = BlobId::index_page(id.asset, chunk / CHUNKS_PER_PAGE as u32);
+                    assert!(seen.contains(&page), "{id} before its page");
+                    for &parent in &scene.chunks[0][chunk as usize].parents {
+                        assert!(seen.contains(&BlobId::chunk(id.asset, parent)), "{id} before its parent");
+                    }
+                }
+                assert!(seen.insert(*id), "{id} twice");
+            }
+            assert!(bytes <= budget && (budget < 20_000 || bytes * 4 > budget * 3), "{bytes} of {budget}");
+        }
+    }
+
+    #[test]
+    fn the_largest_and_nearest_base_comes_first_and_behind_its_page() {
+        let scene = MemoryScene::new(20, 1, 2);
+        let view = scene.header.camera.view([1280, 720], 1.0);
+        let mut flight = first_flight(&*scene, &view);
+        flight.reverse();
+        let units: Vec<_> = flight.iter().map(|(_, unit)| *unit).collect();
+        assert_eq!(units[..2], [Unit::Page(0), Unit::Blob(BlobId::base(0))]);
+        for asset in 0..20 {
+            let base = units.iter().position(|u| *u == Unit::Blob(BlobId::base(asset))).unwrap();
+            let page = units.iter().position(|u| *u == Unit::Page(asset / 8)).unwrap();
+            assert!(page < base, "asset {asset}");
+        }
+    }
 }
