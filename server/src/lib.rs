@@ -1,8 +1,11 @@
 //! Import, preparation, pack store and the streaming daemon.
 
+pub mod cli;
 pub mod demo_scene;
 pub mod export_obj;
 pub mod import;
+pub mod inspect;
 pub mod prepare;
 pub mod scene;
+pub mod store;
 pub mod texture;

@@ -45,6 +45,12 @@ fn hash_file(path: &Path) -> Option<blake3::Hash> {
 }
 
 impl Key {
+    /// The hash.
+    #[must_use]
+    pub fn bytes(&self) -> [u8; 32] {
+        *self.0.as_bytes()
+    }
+
     /// The pack's path in a cache folder; `name` helps people who look into it.
     #[must_use]
     pub fn path(&self, folder: &Path, name: &str) -> PathBuf {

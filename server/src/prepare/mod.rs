@@ -3,3 +3,211 @@
 pub mod atomic;
 pub mod cache;
 pub mod describe;
+mod progress;
+mod threads;
+
+use std::fmt;
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use lodestream_geometry::base::FORMAT_VERSION;
+use lodestream_geometry::pack::{BlobKind, PACK_VERSION};
+use lodestream_geometry::prepare::prepare;
+use lodestream_geometry::quantise::{self, QuantiseSettings, quantise};
+use lodestream_geometry::{MeshError, Settings};
+
+use crate::import::{self, ImportError};
+use crate::scene::{Asset, Precision};
+use crate::store::{PackFile, StoreError};
+
+pub use progress::Reporter;
+pub use threads::Threads;
+
+/// How to prepare.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Options {
+    /// Precision of positions; the default of `geometry` where `None`.
+    pub precision: Option<Precision>,
+    /// Depth of relief in units of texture coordinates, instead of what the materials say.
+    pub relief_depth: Option<f32>,
+    /// Threads; as many as there are cores where `None`. The pack does not depend on it.
+    pub threads: Option<NonZeroUsize>,
+    /// Shows no progress.
+    pub quiet: bool,
+}
+
+/// A model that cannot be prepared.
+#[derive(Debug, thiserror::Error)]
+pub enum PrepareError {
+    /// The model cannot be imported.
+    #[error(transparent)]
+    Import(#[from] ImportError),
+    /// The mesh cannot be used.
+    #[error("{}: {source}", path.display())]
+    Mesh {
+        /// The model.
+        path: PathBuf,
+        /// Why.
+        source: MeshError,
+    },
+    /// Its materials cannot be used.
+    #[error("{}: {source}", path.display())]
+    Describe {
+        /// The model.
+        path: PathBuf,
+        /// Why.
+        source: describe::DescribeError,
+    },
+    /// The pack cannot be written.
+    #[error("{}: cannot be written: {source}", path.display())]
+    Write {
+        /// The pack.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The pack just written cannot be opened.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+}
+
+/// What a preparation came to.
+#[derive(Clone, Debug)]
+pub struct Report {
+    /// Faces of the quantised input.
+    pub faces: usize,
+    /// Vertices of the quantised input.
+    pub vertices: usize,
+    /// Length of the pack.
+    pub pack_bytes: u64,
+    /// Time of simplification, chunking and coding: without import and textures.
+    pub time: Duration,
+    /// What was odd, a line each.
+    pub warnings: Vec<String>,
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let seconds = self.time.as_secs_f64();
+        let bits = 8.0 * self.pack_bytes as f64 / self.vertices.max(1) as f64;
+        write!(
+            f,
+            "{} faces, {} vertices, {} bytes ({bits:.1} bits/vertex), prepared in {seconds:.2} s ({:.0} faces/s)",
+            self.faces,
+            self.vertices,
+            self.pack_bytes,
+            self.faces as f64 / seconds.max(1e-9)
+        )
+    }
+}
+
+/// Prepares a model and writes its pack, whole or not at all.
+///
+/// # Errors
+/// See [`PrepareError`].
+pub fn prepare_to(model: &Path, name: &str, options: &Options, pack: &Path) -> Result<Report, PrepareError> {
+    let key = cache::key(model, &settings_text(name, options), pack_version())?;
+    prepare_with_key(model, name, options, key, pack)
+}
+
+/// An asset's pack from the cache.
+#[derive(Debug)]
+pub struct Cached {
+    /// The pack.
+    pub pack: PackFile,
+    /// What preparing it came to; `None` where it was in the cache.
+    pub report: Option<Report>,
+}
+
+/// Opens an asset's pack in a cache folder, which is made if need be; prepares the asset where the pack
+/// is missing, of another version or damaged.
+///
+/// # Errors
+/// See [`PrepareError`].
+pub fn prepare_cached(asset: &Asset, folder: &Path, options: &Options) -> Result<Cached, PrepareError> {
+    let options = Options {
+        precision: asset.precision.or(options.precision),
+        relief_depth: asset.relief_depth.or(options.relief_depth),
+        ..*options
+    };
+    let key = cache::key(&asset.file, &settings_text(&asset.name, &options), pack_version())?;
+    let path = key.path(folder, &asset.name);
+    if let Ok(pack) = PackFile::open(&path)
+        && pack.base().is_ok()
+    {
+        return Ok(Cached { pack, report: None });
+    }
+    std::fs::create_dir_all(folder)
+        .map_err(|source| PrepareError::Write { path: folder.to_owned(), source })?;
+    let report = prepare_with_key(&asset.file, &asset.name, &options, key, &path)?;
+    Ok(Cached { pack: PackFile::open(&path)?, report: Some(report) })
+}
+
+/// Everything but the files that decides what a pack holds. Threads and progress do not.
+fn settings_text(name: &str, options: &Options) -> String {
+    let Options { precision, relief_depth, threads: _, quiet: _ } = options;
+    format!("{name:?} {precision:?} {relief_depth:?} {:?}", Settings::default())
+}
+
+fn pack_version() -> u32 {
+    u32::from(PACK_VERSION) << 8 | u32::from(FORMAT_VERSION)
+}
+
+fn prepare_with_key(
+    model: &Path,
+    name: &str,
+    options: &Options,
+    key: cache::Key,
+    pack: &Path,
+) -> Result<Report, PrepareError> {
+    let mesh_error = |source| PrepareError::Mesh { path: model.to_owned(), source };
+    let imported = import::import(model)?;
+    let mut warnings = imported.warnings;
+    let described = describe::describe(name, &imported.materials, options.relief_depth)
+        .map_err(|source| PrepareError::Describe { path: model.to_owned(), source })?;
+    warnings.extend(described.warnings);
+    let description = described
+        .description
+        .encode()
+        .map_err(|error| PrepareError::Describe { path: model.to_owned(), source: error.into() })?;
+
+    let start = Instant::now();
+    let mesh = quantise(&imported.mesh, &quantise_settings(options)).map_err(mesh_error)?;
+    drop(imported.mesh);
+    let reporter = Reporter::new(name, options.quiet);
+    let prepared = prepare(&mesh, &Settings::default(), &Threads::new(options.threads), &reporter);
+    reporter.finish();
+    let mut prepared = prepared.map_err(mesh_error)?;
+    let time = start.elapsed();
+
+    prepared.base.description = description;
+    let base = prepared.base.encode();
+    let mut blobs: Vec<(BlobKind, &[u8])> = vec![(BlobKind::Base, &base)];
+    blobs.extend(prepared.pages.iter().zip(0..).map(|(page, i)| (BlobKind::IndexPage(i), &page[..])));
+    blobs.extend(prepared.chunks.iter().zip(0..).map(|(chunk, i)| (BlobKind::Chunk(i), &chunk[..])));
+    for (levels, texture) in described.textures.iter().zip(0..) {
+        let levels = levels.iter().zip(0..);
+        blobs.extend(levels.map(|(blob, level)| (BlobKind::Texture { texture, level }, &blob[..])));
+    }
+    let write_error = |source| PrepareError::Write { path: pack.to_owned(), source };
+    let bytes = lodestream_geometry::pack::write(key.bytes(), &blobs)
+        .map_err(|error| write_error(std::io::Error::other(error)))?;
+    atomic::write_atomically(pack, |out| out.write_all(&bytes)).map_err(write_error)?;
+    Ok(Report {
+        faces: mesh.faces.len(),
+        vertices: mesh.positions.len(),
+        pack_bytes: bytes.len() as u64,
+        time,
+        warnings,
+    })
+}
+
+fn quantise_settings(options: &Options) -> QuantiseSettings {
+    let precision = match options.precision {
+        Some(Precision::Bits(bits)) => quantise::Precision::Bits(bits),
+        Some(Precision::Tolerance(length)) => quantise::Precision::Tolerance(length),
+        None => return QuantiseSettings::default(),
+    };
+    QuantiseSettings { precision, ..QuantiseSettings::default() }
+}

@@ -1,0 +1,154 @@
+//! The command line: parsed by clap, then resolved by each command.
+
+mod check;
+mod demo_scene;
+mod export;
+mod inspect;
+mod prepare;
+mod serve;
+mod units;
+
+use std::io::Write as _;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Exit code for input that cannot be used, as clap has it for arguments that cannot.
+const BAD_INPUT: u8 = 2;
+
+/// Prepares 3D models for streaming, and streams them.
+#[derive(Debug, Parser)]
+#[command(name = "lodestream-server", version, about, max_term_width = 100)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Stream a scene: prepares its models where that was not done before, then listens.
+    Serve(serve::Arguments),
+    /// Prepare one model: OBJ to pack.
+    Prepare(prepare::Arguments),
+    /// Tell what is in a pack.
+    Inspect(inspect::Arguments),
+    /// Write the best mesh within a budget as OBJ.
+    Export(export::Arguments),
+    /// Try random sets of chunks for cracks, order dependence and inexact undo.
+    Check(check::Arguments),
+    /// Generate the demo scene: models, textures and scene.toml.
+    DemoScene(demo_scene::Arguments),
+}
+
+/// What a command that ran has to say.
+#[derive(Debug, PartialEq, Eq)]
+struct Outcome {
+    /// For standard output.
+    text: String,
+    /// Whether the answer is good; exit code 1 otherwise.
+    good: bool,
+}
+
+impl Outcome {
+    fn good(text: impl Into<String>) -> Self {
+        Self { text: text.into(), good: true }
+    }
+}
+
+/// Runs the program with its command line.
+#[must_use]
+pub fn main() -> ExitCode {
+    finish(match Cli::parse().command {
+        Command::Serve(arguments) => serve::run(arguments),
+        Command::Prepare(arguments) => prepare::run(&arguments),
+        Command::Inspect(arguments) => inspect::run(&arguments),
+        Command::Export(arguments) => export::run(&arguments),
+        Command::Check(arguments) => check::run(&arguments),
+        Command::DemoScene(arguments) => demo_scene::run(&arguments),
+    })
+}
+
+fn finish(outcome: anyhow::Result<Outcome>) -> ExitCode {
+    match outcome {
+        Ok(outcome) => {
+            // A reader that goes away (`| head`) is no error of ours.
+            let _ = std::io::stdout().write_all(outcome.text.as_bytes());
+            if outcome.good { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+        }
+        Err(error) => {
+            eprintln!("error: {}", one_line(&error));
+            ExitCode::from(BAD_INPUT)
+        }
+    }
+}
+
+/// The error with its causes, in one line.
+fn one_line(error: &anyhow::Error) -> String {
+    let mut line = String::new();
+    for cause in error.chain() {
+        let text = cause.to_string();
+        // Errors that quote their cause would repeat it.
+        if !line.ends_with(&text) {
+            if !line.is_empty() {
+                line.push_str(": ");
+            }
+            line.push_str(&text);
+        }
+    }
+    line.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory as _;
+
+    use super::*;
+
+    #[test]
+    fn the_arguments_are_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn documented_command_lines_parse() {
+        for line in [
+            "serve a.obj b.obj",
+            "serve scene.toml --rate 2Mbit --listen 127.0.0.1:4433 --http 127.0.0.1:8080 --cache dir",
+            "prepare a.obj -o a.lsp",
+            "prepare a.obj -o a.lsp --position-bits 12 --threads 2",
+            "prepare a.obj -o a.lsp --tolerance 0.001",
+            "inspect a.lsp --json",
+            "export a.lsp --faces 1000 -o b.obj",
+            "export a.lsp --error 0.1 -o b.obj",
+            "export a.lsp --bytes 40kB -o b.obj",
+            "check a.lsp --random-sets 200 --seed 1",
+            "demo-scene -o dir --seed 7",
+        ] {
+            let words = std::iter::once("lodestream-server").chain(line.split(' '));
+            if let Err(error) = Cli::try_parse_from(words) {
+                panic!("{line}: {error}");
+            }
+        }
+        for line in [
+            "serve",
+            "prepare a.obj",
+            "prepare a.obj -o a.lsp --position-bits 12 --tolerance 1",
+            "prepare a.obj -o a.lsp --position-bits 25",
+            "prepare a.obj -o a.lsp --tolerance -1",
+            "prepare a.obj -o a.lsp --threads 0",
+            "export a.lsp --faces 1 --error 1 -o b.obj",
+            "serve a.obj --rate fast",
+        ] {
+            let words = std::iter::once("lodestream-server").chain(line.split(' '));
+            assert!(Cli::try_parse_from(words).is_err(), "{line}");
+        }
+    }
+
+    #[test]
+    fn causes_are_told_once_and_in_one_line() {
+        let error = anyhow::anyhow!("disk\nfull").context("a.lsp: cannot be written: disk\nfull");
+        assert_eq!(one_line(&error), "a.lsp: cannot be written: disk full");
+        let error = anyhow::anyhow!("disk full").context("a.lsp");
+        assert_eq!(one_line(&error), "a.lsp: disk full");
+    }
+}

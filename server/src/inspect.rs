@@ -1,0 +1,132 @@
+//! What is in a pack, in numbers.
+
+use std::path::Path;
+
+use serde::Serialize;
+
+use crate::store::{PackFile, StoreError};
+
+/// The numbers; lengths are in the asset's units.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Summary {
+    /// Vertices that a face uses, after welding.
+    pub vertices: u64,
+    /// Faces.
+    pub faces: u64,
+    /// Wedges.
+    pub wedges: u64,
+    /// Parts of the mesh that share no vertex with each other.
+    pub components: u64,
+    /// Materials.
+    pub materials: u64,
+    /// Textures.
+    pub textures: u64,
+    /// Bits per axis of positions.
+    pub position_bits: u8,
+    /// Bits per axis of texture coordinates; 0 without any.
+    pub uv_bits: u8,
+    /// Levels above the base mesh.
+    pub levels: u8,
+    /// Chunks.
+    pub chunks: u64,
+    /// Faces of the base mesh.
+    pub base_faces: u64,
+    /// Vertices of the base mesh.
+    pub base_vertices: u64,
+    /// Length of the base blob.
+    pub base_bytes: u64,
+    /// Length of all index pages.
+    pub index_bytes: u64,
+    /// Length of all chunks.
+    pub payload_bytes: u64,
+    /// Length of all texture levels.
+    pub texture_bytes: u64,
+    /// Length of the pack.
+    pub total_bytes: u64,
+    /// Bits of base, index and chunks per vertex: what streaming the geometry whole takes.
+    pub bits_per_vertex: f64,
+    /// Geometric error of the base mesh.
+    pub root_error: f64,
+    /// Diagonal of the bounding box.
+    pub diagonal: f64,
+    /// Size of a grid cell.
+    pub grid_step: f64,
+}
+
+/// Reads a pack whole, which checks every blob, and counts.
+///
+/// # Errors
+/// A file that is not a sound pack.
+pub fn inspect(path: &Path) -> Result<Summary, StoreError> {
+    let pack = PackFile::open(path)?;
+    let texture_bytes = pack.verify_textures()?;
+    let asset = pack.load()?;
+    let all: Vec<u32> = (0..asset.base.chunk_count).collect();
+    let mesh = asset.refined(&all).map_err(|source| pack.damaged(source))?.to_mesh();
+    let faces: Vec<[u32; 3]> =
+        mesh.faces.iter().map(|face| face.wedges.map(|w| mesh.wedges[w as usize].vertex)).collect();
+    let lengths = |blobs: &[Vec<u8>]| blobs.iter().map(|b| b.len() as u64).sum::<u64>();
+    let payload_bytes = lengths(&asset.chunks);
+    let base = &asset.base;
+    Ok(Summary {
+        vertices: base.totals.vertices,
+        faces: base.totals.faces,
+        wedges: base.totals.wedges,
+        components: components(mesh.positions.len(), &faces),
+        materials: u64::from(base.material_count),
+        textures: asset.description.textures.len() as u64,
+        position_bits: base.grid.bits,
+        uv_bits: base.uv_grid.bits,
+        levels: base.level_count,
+        chunks: u64::from(base.chunk_count),
+        base_faces: base.faces.len() as u64,
+        base_vertices: base.positions.len() as u64,
+        base_bytes: asset.base_bytes,
+        index_bytes: asset.index_bytes,
+        payload_bytes,
+        texture_bytes,
+        total_bytes: pack.total_bytes(),
+        bits_per_vertex: 8.0 * (asset.head_bytes() + payload_bytes) as f64
+            / base.totals.vertices.max(1) as f64,
+        root_error: f64::from(base.root_error),
+        diagonal: f64::from(base.diagonal),
+        grid_step: base.grid.step,
+    })
+}
+
+/// Connected components of `vertices` vertices under the faces, by union–find with path halving
+/// (Tarjan and van Leeuwen, "Worst-case analysis of set union algorithms", 1984).
+fn components(vertices: usize, faces: &[[u32; 3]]) -> u64 {
+    let mut parent: Vec<u32> = (0..vertices as u32).collect();
+    let mut count = vertices as u64;
+    fn root(parent: &mut [u32], mut v: u32) -> u32 {
+        while parent[v as usize] != v {
+            let above = parent[parent[v as usize] as usize];
+            parent[v as usize] = above;
+            v = above;
+        }
+        v
+    }
+    for &[a, b, c] in faces {
+        for (p, q) in [(a, b), (b, c)] {
+            let (p, q) = (root(&mut parent, p), root(&mut parent, q));
+            if p != q {
+                parent[p.max(q) as usize] = p.min(q);
+                count -= 1;
+            }
+        }
+    }
+    count
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn components_share_no_vertex() {
+        assert_eq!(components(7, &[[0, 1, 2], [3, 4, 5], [5, 6, 3]]), 2);
+        assert_eq!(components(7, &[[0, 1, 2], [3, 4, 5], [5, 6, 0]]), 1);
+        assert_eq!(components(3, &[[2, 1, 0]]), 1);
+    }
+}

@@ -1,0 +1,100 @@
+//! A whole asset in memory: for inspecting, checking and exporting.
+
+use lodestream_geometry::DecodeError;
+use lodestream_geometry::base::Base;
+use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, decode_page, page_count};
+use lodestream_geometry::pack::BlobKind;
+use lodestream_geometry::refine::ActiveMesh;
+use lodestream_protocol::BlobPart;
+use lodestream_protocol::asset::AssetDescription;
+
+use super::{PackFile, StoreError};
+
+/// See the module.
+#[derive(Clone, Debug)]
+pub struct LoadedAsset {
+    /// The base mesh.
+    pub base: Base,
+    /// Materials and textures.
+    pub description: AssetDescription,
+    /// The index.
+    pub infos: Vec<ChunkInfo>,
+    /// Payloads, by chunk.
+    pub chunks: Vec<Vec<u8>>,
+    /// Length of the base blob.
+    pub base_bytes: u64,
+    /// Length of all index pages.
+    pub index_bytes: u64,
+}
+
+impl PackFile {
+    /// Reads the geometry of the pack whole.
+    ///
+    /// # Errors
+    /// Whatever is missing, damaged or contradicts itself.
+    pub fn load(&self) -> Result<LoadedAsset, StoreError> {
+        let base = self.base()?;
+        let wrong = |what: &str, why: String| self.damaged(DecodeError::new(what, why));
+        let description = AssetDescription::decode(&base.description)
+            .map_err(|error| wrong("description", error.to_string()))?;
+        let count = base.chunk_count as usize;
+        let mut infos = Vec::new();
+        let mut index_bytes = 0;
+        for page in 0..page_count(count) as u32 {
+            let blob = self.read(BlobPart::IndexPage(page))?;
+            index_bytes += blob.len() as u64;
+            let first = page * CHUNKS_PER_PAGE as u32;
+            infos.extend(decode_page(&blob, first).map_err(|source| self.damaged(source))?);
+        }
+        if infos.len() != count {
+            return Err(wrong("index", format!("{} chunks, but the base mesh says {count}", infos.len())));
+        }
+        let chunks = (0..base.chunk_count)
+            .map(|chunk| Ok(self.read(BlobPart::Chunk(chunk))?.to_vec()))
+            .collect::<Result<_, StoreError>>()?;
+        let base_bytes = self.blob_len(BlobPart::Base).map_or(0, u64::from);
+        Ok(LoadedAsset { base, description, infos, chunks, base_bytes, index_bytes })
+    }
+
+    /// Reads every texture level, which checks its hash, and returns their length.
+    ///
+    /// # Errors
+    /// A damaged texture level.
+    pub fn verify_textures(&self) -> Result<u64, StoreError> {
+        let mut total = 0;
+        for entry in self.entries().iter().filter(|e| matches!(e.kind, BlobKind::Texture { .. })) {
+            total += self.read_entry(entry)?.len() as u64;
+        }
+        Ok(total)
+    }
+}
+
+impl LoadedAsset {
+    /// Bytes that every client needs: base mesh and index.
+    #[must_use]
+    pub fn head_bytes(&self) -> u64 {
+        self.base_bytes + self.index_bytes
+    }
+
+    /// The mesh of a closed set of chunks, given in an order that respects parents.
+    ///
+    /// # Errors
+    /// A chunk that cannot be decoded or applied.
+    pub fn refined(&self, chunks: &[u32]) -> Result<ActiveMesh, DecodeError> {
+        let mut mesh = ActiveMesh::new(&self.base);
+        for &id in chunks {
+            let missing = || DecodeError::new(format!("chunk {id}"), "there is no such chunk");
+            let info = self.infos.get(id as usize).ok_or_else(missing)?;
+            let payload = self.chunks.get(id as usize).ok_or_else(missing)?;
+            let delta = mesh.decode(id, info, payload)?;
+            mesh.apply(&delta).map_err(|e| DecodeError::new(format!("chunk {id}"), e.to_string()))?;
+        }
+        Ok(mesh)
+    }
+
+    /// Names of the materials, by number.
+    #[must_use]
+    pub fn material_names(&self) -> Vec<String> {
+        self.description.materials.iter().map(|m| m.name.clone()).collect()
+    }
+}

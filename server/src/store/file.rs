@@ -1,0 +1,164 @@
+//! One pack: its table in memory, its blobs on disk.
+
+use std::fs::File;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use bytes::Bytes;
+use lodestream_geometry::DecodeError;
+use lodestream_geometry::base::Base;
+use lodestream_geometry::pack::{BlobKind, Entry, HEAD_BYTES, Head, find};
+use lodestream_protocol::BlobPart;
+use lodestream_protocol::scene::{AssetEntry, Fingerprint};
+
+use super::StoreError;
+
+/// An open pack. Reading is by offset, so threads share it without a lock.
+#[derive(Debug)]
+pub struct PackFile {
+    path: PathBuf,
+    file: File,
+    entries: Vec<Entry>,
+    fingerprint: Fingerprint,
+    total_bytes: u64,
+}
+
+impl PackFile {
+    /// Opens a pack and checks its head and table.
+    ///
+    /// # Errors
+    /// A file that is missing, not a pack, of another version, truncated or damaged. Damage within a
+    /// blob shows when that is read.
+    pub fn open(path: &Path) -> Result<Self, StoreError> {
+        let read_error = |source| StoreError::Read { path: path.to_owned(), source };
+        let file = File::open(path).map_err(read_error)?;
+        let metadata = file.metadata().map_err(read_error)?;
+        if !metadata.is_file() {
+            return Err(StoreError::NotAFile { path: path.to_owned() });
+        }
+        let length = metadata.len();
+        let format = |source| StoreError::Format { path: path.to_owned(), source };
+        let mut head = vec![0; HEAD_BYTES.min(usize::try_from(length).unwrap_or(HEAD_BYTES))];
+        read_at(&file, &mut head, 0).map_err(read_error)?;
+        let head = Head::parse(&head).map_err(format)?;
+        let rest = length.saturating_sub(HEAD_BYTES as u64);
+        if head.table_bytes() as u64 > rest {
+            return Err(format(DecodeError::new("pack", "the file ends within its table: it is truncated")));
+        }
+        let mut table = vec![0; head.table_bytes()];
+        read_at(&file, &mut table, HEAD_BYTES as u64).map_err(read_error)?;
+        let entries = head.parse_table(&table, length).map_err(format)?;
+        let end = entries.iter().map(|e| e.offset + u64::from(e.length)).max();
+        if end.unwrap_or(HEAD_BYTES as u64) != length {
+            return Err(format(DecodeError::new("pack", "bytes follow the last blob: the file is damaged")));
+        }
+        // The table holds the hash of every blob, so its own hash names the contents.
+        let mut fingerprint = Fingerprint::default();
+        fingerprint.copy_from_slice(&blake3::hash(&table).as_bytes()[..16]);
+        Ok(Self { path: path.to_owned(), file, entries, fingerprint, total_bytes: length })
+    }
+
+    /// Where the pack is.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Length of the pack.
+    #[must_use]
+    pub fn total_bytes(&self) -> u64 {
+        self.total_bytes
+    }
+
+    /// Hash that names the contents of the whole pack.
+    #[must_use]
+    pub fn fingerprint(&self) -> Fingerprint {
+        self.fingerprint
+    }
+
+    pub(super) fn entries(&self) -> &[Entry] {
+        &self.entries
+    }
+
+    /// Length of a blob, or `None` where there is no such blob.
+    #[must_use]
+    pub fn blob_len(&self, part: BlobPart) -> Option<u32> {
+        find(&self.entries, kind(part)).map(|entry| entry.length)
+    }
+
+    /// Reads a blob and checks its hash.
+    ///
+    /// # Errors
+    /// A blob that is missing, unreadable or damaged.
+    pub fn read(&self, part: BlobPart) -> Result<Bytes, StoreError> {
+        let kind = kind(part);
+        let entry = find(&self.entries, kind)
+            .ok_or_else(|| StoreError::NoSuchBlob { path: self.path.clone(), what: format!("{kind:?}") })?;
+        self.read_entry(entry).map(Bytes::from)
+    }
+
+    pub(super) fn read_entry(&self, entry: &Entry) -> Result<Vec<u8>, StoreError> {
+        // The table's lengths were checked against the file's, so this reserves no more than it has.
+        let mut bytes = vec![0; entry.length as usize];
+        read_at(&self.file, &mut bytes, entry.offset)
+            .map_err(|source| StoreError::Read { path: self.path.clone(), source })?;
+        entry.verify(&bytes).map_err(|source| self.damaged(source))?;
+        Ok(bytes)
+    }
+
+    pub(crate) fn damaged(&self, source: DecodeError) -> StoreError {
+        StoreError::Format { path: self.path.clone(), source }
+    }
+
+    /// The base mesh, decoded.
+    ///
+    /// # Errors
+    /// A base blob that is missing, unreadable or damaged.
+    pub fn base(&self) -> Result<Base, StoreError> {
+        Base::decode(&self.read(BlobPart::Base)?).map_err(|source| self.damaged(source))
+    }
+
+    /// What a scene description says of the pack.
+    ///
+    /// # Errors
+    /// As [`PackFile::base`].
+    pub fn entry(&self, name: &str) -> Result<AssetEntry, StoreError> {
+        let base = self.base()?;
+        Ok(AssetEntry {
+            name: name.to_owned(),
+            fingerprint: self.fingerprint,
+            origin: base.grid.origin,
+            sphere: base.sphere,
+            root_error: base.root_error,
+            base_bytes: self.blob_len(BlobPart::Base).unwrap_or(0),
+            chunk_count: base.chunk_count,
+        })
+    }
+}
+
+fn kind(part: BlobPart) -> BlobKind {
+    match part {
+        BlobPart::Base => BlobKind::Base,
+        BlobPart::IndexPage(page) => BlobKind::IndexPage(page),
+        BlobPart::Chunk(chunk) => BlobKind::Chunk(chunk),
+        BlobPart::Texture { texture, level } => BlobKind::Texture { texture, level },
+    }
+}
+
+#[cfg(unix)]
+fn read_at(file: &File, bytes: &mut [u8], offset: u64) -> io::Result<()> {
+    std::os::unix::fs::FileExt::read_exact_at(file, bytes, offset)
+}
+
+#[cfg(windows)]
+fn read_at(file: &File, mut bytes: &mut [u8], mut offset: u64) -> io::Result<()> {
+    while !bytes.is_empty() {
+        let read = std::os::windows::fs::FileExt::seek_read(file, bytes, offset)?;
+        if read == 0 {
+            return Err(io::ErrorKind::UnexpectedEof.into());
+        }
+        bytes = &mut bytes[read..];
+        offset += read as u64;
+    }
+    Ok(())
+}

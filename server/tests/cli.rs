@@ -1,0 +1,225 @@
+//! The program as people run it: what it prints, what it refuses, and with which exit code.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use tempfile::TempDir;
+
+fn run(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_lodestream-server")).args(arguments).output().unwrap()
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+fn stdout(output: &Output) -> String {
+    String::from_utf8(output.stdout.clone()).unwrap()
+}
+
+/// Runs what must be refused: exit code 2, nothing on standard output, one line on standard error.
+fn refused(arguments: &[&str], fragments: &[&str]) {
+    let output = run(arguments);
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {message}");
+    assert!(output.stdout.is_empty(), "{arguments:?}");
+    assert!(message.starts_with("error: "), "{message}");
+    assert_eq!(message.trim_end().lines().count(), 1, "{message}");
+    for fragment in fragments {
+        assert!(message.contains(fragment), "{message:?} lacks {fragment:?}");
+    }
+}
+
+/// A closed, bumpy sphere: smooth enough to simplify, with every edge in two faces.
+fn sphere_obj(rings: usize, segments: usize) -> String {
+    let mut obj = String::from("v 0 1 0\nv 0 -1 0\n");
+    for ring in 1..rings {
+        for segment in 0..segments {
+            let theta = std::f64::consts::PI * ring as f64 / rings as f64;
+            let phi = std::f64::consts::TAU * segment as f64 / segments as f64;
+            let r = 1.0 + 0.1 * (5.0 * phi).sin() * (4.0 * theta).sin();
+            let (x, y, z) = (r * theta.sin() * phi.cos(), r * theta.cos(), r * theta.sin() * phi.sin());
+            writeln!(obj, "v {x} {y} {z}").unwrap();
+        }
+    }
+    let at = |ring: usize, segment: usize| 3 + (ring - 1) * segments + segment % segments;
+    for s in 0..segments {
+        writeln!(obj, "f 1 {} {}", at(1, s + 1), at(1, s)).unwrap();
+        writeln!(obj, "f 2 {} {}", at(rings - 1, s), at(rings - 1, s + 1)).unwrap();
+        for ring in 1..rings - 1 {
+            let (a, b) = (at(ring, s), at(ring, s + 1));
+            let (c, d) = (at(ring + 1, s), at(ring + 1, s + 1));
+            writeln!(obj, "f {a} {b} {d} {c}").unwrap();
+        }
+    }
+    obj
+}
+
+/// A folder with a model of about 8,000 faces and its pack.
+fn prepared() -> (TempDir, PathBuf, PathBuf) {
+    let dir = TempDir::new().unwrap();
+    let (obj, pack) = (dir.path().join("ball.obj"), dir.path().join("ball.lsp"));
+    std::fs::write(&obj, sphere_obj(64, 64)).unwrap();
+    let output = run(&["prepare", text(&obj), "-o", text(&pack), "--quiet"]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    (dir, obj, pack)
+}
+
+fn inspected(pack: &Path) -> serde_json::Value {
+    let output = run(&["inspect", text(pack), "--json"]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+#[test]
+fn inspect_tells_all_fields_and_they_agree() {
+    let (_dir, _, pack) = prepared();
+    let fields = inspected(&pack);
+    let number = |name: &str| fields[name].as_f64().unwrap_or_else(|| panic!("{name} in {fields}"));
+    assert_eq!(number("vertices"), 2.0 + 63.0 * 64.0);
+    assert_eq!(number("faces"), 2.0 * 63.0 * 64.0);
+    assert_eq!(number("wedges"), number("vertices"));
+    assert_eq!(number("components"), 1.0);
+    assert_eq!(number("position_bits"), 14.0);
+    assert!(number("levels") >= 1.0 && number("chunks") >= 1.0);
+    assert!(number("base_faces") < number("faces") / 4.0);
+    assert_eq!(number("total_bytes"), std::fs::metadata(&pack).unwrap().len() as f64);
+    let parts = number("base_bytes") + number("index_bytes") + number("payload_bytes");
+    assert!(parts < number("total_bytes"));
+    let bits = 8.0 * parts / number("vertices");
+    assert!((number("bits_per_vertex") - bits).abs() < 0.01);
+    assert!(number("root_error") > 0.0 && number("root_error") <= 0.05 * number("diagonal"));
+    let plain = stdout(&run(&["inspect", text(&pack)]));
+    assert!(plain.contains("base_faces"), "{plain}");
+}
+
+#[test]
+fn packs_do_not_depend_on_the_run_or_on_threads() {
+    let (dir, obj, pack) = prepared();
+    for threads in ["1", "2", "3"] {
+        let other = dir.path().join(format!("{threads}.lsp"));
+        assert!(
+            run(&["prepare", text(&obj), "-o", text(&other), "-q", "--threads", threads]).status.success()
+        );
+        assert!(std::fs::read(&other).unwrap() == std::fs::read(&pack).unwrap(), "{threads} threads");
+    }
+}
+
+#[test]
+fn check_finds_nothing_wrong_with_a_good_pack() {
+    let (_dir, _, pack) = prepared();
+    let output = run(&["check", text(&pack), "--random-sets", "30", "--seed", "7"]);
+    assert_eq!(stdout(&output), "sets 30 cracks 0 order-dependent 0 undo-errors 0\n");
+    assert!(output.status.success());
+}
+
+#[test]
+fn export_keeps_to_its_budget_and_is_a_model_again() {
+    let (dir, _, pack) = prepared();
+    let out = dir.path().join("out.obj");
+    let export = |budget: &[&str]| {
+        let mut arguments = vec!["export", text(&pack)];
+        arguments.extend(budget);
+        arguments.extend(["-o", text(&out)]);
+        let output = run(&arguments);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let faces = lodestream_server::import::import(&out).unwrap().mesh.faces.len();
+        let said = stdout(&output);
+        assert!(said.contains(&format!("{faces} faces")), "{said}");
+        faces
+    };
+    let all = export(&[]);
+    assert_eq!(all, 2 * 63 * 64);
+    let some = export(&["--faces", "3000"]);
+    assert!((300..=3000).contains(&some), "{some}");
+    let coarse = export(&["--error", "1"]);
+    assert!(coarse < some, "{coarse}");
+    let total = std::fs::metadata(&pack).unwrap().len();
+    let half = export(&["--bytes", &(total / 2).to_string()]);
+    assert!(half > coarse && half < all, "{half}");
+    refused(&["export", text(&pack), "--bytes", "10", "-o", text(&out)], &["ball.lsp", "bytes"]);
+    refused(&["export", text(&pack), "--faces", "1", "-o", text(&out)], &["ball.lsp", "faces"]);
+}
+
+#[test]
+fn bad_models_are_refused_and_leave_no_pack() {
+    let dir = TempDir::new().unwrap();
+    let (obj, pack) = (dir.path().join("bad.obj"), dir.path().join("bad.lsp"));
+    refused(&["prepare", text(&obj), "-o", text(&pack)], &["bad.obj: cannot be read"]);
+    let triangle = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
+    let cases: [(String, &str); 8] = [
+        (String::new(), "is empty"),
+        (format!("{triangle}f 1 2 9\n"), ":4: face refers to vertex 9"),
+        (format!("{triangle}f 1 2 -9\n"), ":4: face refers to vertex -9"),
+        (format!("{triangle}v nan 0 0\nf 1 2 3\n"), ":4: vertex"),
+        (format!("{triangle}v 1e39 0 0\nf 1 2 3\n"), ":4: vertex"),
+        (format!("{triangle}l 1 2\np 3\n"), "has no faces"),
+        (format!("{triangle}f 1 1 2\n"), "no usable face"),
+        ("\0\u{1}\u{2}".repeat(99), "not text"),
+    ];
+    for (content, fragment) in cases {
+        std::fs::write(&obj, content).unwrap();
+        refused(&["prepare", text(&obj), "-o", text(&pack)], &["bad.obj", fragment]);
+    }
+    std::fs::write(&obj, format!("{triangle}f 1 2 3\n")).unwrap();
+    refused(
+        &["prepare", text(&obj), "-o", text(&dir.path().join("no/a.lsp"))],
+        &["a.lsp: cannot be written"],
+    );
+    let tolerance = ["prepare", text(&obj), "-o", text(&pack), "--tolerance", "1e-30"];
+    refused(&tolerance, &["bad.obj"]);
+    let files: Vec<_> = std::fs::read_dir(dir.path()).unwrap().map(|f| f.unwrap().file_name()).collect();
+    assert_eq!(files, ["bad.obj"], "only the model is left");
+}
+
+#[test]
+fn damaged_packs_are_refused() {
+    let (dir, obj, pack) = prepared();
+    let good = std::fs::read(&pack).unwrap();
+    let bad = dir.path().join("bad.lsp");
+    let refused_as = |bytes: &[u8], fragments: &[&str]| {
+        std::fs::write(&bad, bytes).unwrap();
+        refused(&["inspect", text(&bad)], fragments);
+    };
+    refused(&["inspect", text(&dir.path().join("none.lsp"))], &["none.lsp: cannot be read"]);
+    refused(&["inspect", text(dir.path())], &["not a regular file"]);
+    refused(&["inspect", text(&obj)], &["ball.obj", "not a Lodestream pack"]);
+    refused_as(&[], &["bad.lsp"]);
+    for parts in 0..8 {
+        refused_as(&good[..good.len() * parts / 8], &["bad.lsp"]);
+    }
+    refused_as(&good[..good.len() - 1], &["bad.lsp"]);
+    let mut longer = good.clone();
+    longer.push(0);
+    refused_as(&longer, &["bad.lsp"]);
+    for i in 0..40 {
+        let mut flipped = good.clone();
+        let at = i * (good.len() - 1) / 39;
+        flipped[at] ^= 1 << (i % 8);
+        refused_as(&flipped, &["bad.lsp"]);
+    }
+    std::fs::write(&bad, &good[..good.len() / 2]).unwrap();
+    refused(&["check", text(&bad)], &["bad.lsp"]);
+    refused(&["export", text(&bad), "-o", text(&dir.path().join("x.obj"))], &["bad.lsp"]);
+}
+
+#[test]
+fn bad_scenes_are_refused() {
+    let dir = TempDir::new().unwrap();
+    let scene = dir.path().join("scene.toml");
+    let cache = dir.path().join("cache");
+    let serve = |files: &[&str], fragments: &[&str]| {
+        let mut arguments = vec!["serve"];
+        arguments.extend(files);
+        arguments.extend(["--cache", text(&cache)]);
+        refused(&arguments, fragments);
+    };
+    serve(&[text(&scene)], &["scene.toml: cannot be read"]);
+    std::fs::write(&scene, "[[asset]]\nname = \"a\"\nfile = \"a.obj\"\nsize = 3\n").unwrap();
+    serve(&[text(&scene)], &["scene.toml:4:", "size"]);
+    std::fs::write(&scene, "[[asset]]\nname = \"a\"\nfile = \"a.obj\"\n").unwrap();
+    serve(&[text(&scene)], &["a.obj: cannot be read"]);
+    serve(&[text(&scene), "b.obj"], &["stands alone"]);
+    serve(&["b.obj"], &["b.obj: cannot be read"]);
+}
