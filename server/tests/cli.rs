@@ -1,5 +1,8 @@
 //! The program as people run it: what it prints, what it refuses, and with which exit code.
 
+// Helpers of tests are tests, whatever the lint thinks of functions without #[test].
+#![allow(clippy::unwrap_used)]
+
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
