@@ -6,14 +6,20 @@
 //! every face that moved, about as dense as the input's faces, and looked up in a hierarchy over the
 //! input. The result is raised by [`MARGIN`] for what lies between the samples.
 
-use crate::distance::TriangleBvh;
+use glam::DVec3;
+
+use crate::distance::{TriangleBvh, closest_point_on_triangle};
 use crate::simplify::live::Live;
 use crate::vec3::{Vec3, add, length, scale, sub, triangle_normal};
 
 /// Safety factor for the surface between samples.
 pub(crate) const MARGIN: f64 = 1.06;
-/// Most subdivisions of an edge when points are laid over a face.
-const MAX_SUBDIVISION: usize = 24;
+/// Share of the error known so far beyond which a face is looked at closely.
+const SUSPICIOUS: f64 = 0.6;
+/// Points per input edge length on such a face, and the bounds of its subdivision.
+const DENSITY: f64 = 2.0;
+const LEAST_SUBDIVISION: usize = 6;
+const MOST_SUBDIVISION: usize = 32;
 
 /// The input surface, its samples, and where the samples are now.
 pub(crate) struct Deviation {
@@ -93,13 +99,29 @@ impl Deviation {
                 continue;
             }
             let point = self.samples[sample as usize];
-            if let Some((distance, nearest)) = coarse.nearest(point, f64::INFINITY) {
+            // The face that the sample was at has moved: it bounds the search.
+            let bound = if live.alive[face as usize] {
+                distance_to(point, live.triangle(face as usize)) * (1.0 + 1e-9)
+            } else {
+                f64::INFINITY
+            };
+            if let Some((distance, nearest)) =
+                coarse.nearest(point, bound).or_else(|| coarse.nearest(point, f64::INFINITY))
+            {
                 error = error.max(distance);
                 moved.push((sample, faces[nearest as usize], distance as f32));
             }
         }
+        // First a few points of each face that moved; then, where one is farther than half of what is
+        // known, a dense lattice.
         for &face in faces.iter().filter(|&&f| touched(f)) {
-            self.over_face(live.triangle(face as usize), &mut |point| {
+            let triangle = live.triangle(face as usize);
+            let near = over_face(triangle, 3, &mut |p| self.input.any_within(p, SUSPICIOUS * error))
+                && over_face(triangle, 2, &mut |p| self.input.any_within(p, SUSPICIOUS * error));
+            if near {
+                continue;
+            }
+            over_face(triangle, self.subdivision(triangle), &mut |point| {
                 if !self.input.any_within(point, error)
                     && let Some((distance, _)) = self.input.nearest(point, f64::INFINITY)
                 {
@@ -112,7 +134,7 @@ impl Deviation {
     }
 
     /// Whether the given triangles are within `limit` of the input's samples, and the input of them,
-    /// judged by about `budget` of the samples.
+    /// judged by about `budget` of the samples and the middles of the triangles.
     pub(crate) fn within(
         &self,
         positions: &[Vec3],
@@ -127,7 +149,8 @@ impl Deviation {
         let step = (samples.len() / budget.max(1)).max(1);
         samples.iter().step_by(step).all(|&s| coarse.any_within(self.samples[s as usize], limit))
             && triangles.iter().all(|t| {
-                self.over_face(t.map(|v| positions[v as usize]), &mut |p| self.input.any_within(p, limit))
+                let [a, b, c] = t.map(|v| positions[v as usize]);
+                self.input.any_within(scale(add(add(a, b), c), 1.0 / 3.0), limit)
             })
     }
 
@@ -158,28 +181,38 @@ impl Deviation {
         samples.iter().map(|&s| length(sub(self.samples[s as usize], center))).fold(0.0, f64::max)
     }
 
-    /// Calls `visit` for a lattice of points inside and on the edges of a triangle until it answers
-    /// false; answers whether it never did.
-    fn over_face(&self, [a, b, c]: [Vec3; 3], visit: &mut dyn FnMut(Vec3) -> bool) -> bool {
+    /// Subdivision of a face's edges that lays about as many points as input faces over it, times
+    /// [`DENSITY`] squared.
+    fn subdivision(&self, [a, b, c]: [Vec3; 3]) -> usize {
         let area = 0.5 * length(triangle_normal(a, b, c));
-        let n = if self.mean_area > 0.0 { (area / self.mean_area).sqrt().ceil() as usize } else { 1 };
-        let n = n.clamp(1, MAX_SUBDIVISION) + 1;
-        let inverse = 1.0 / n as f64;
-        for i in 0..=n {
-            for j in 0..=n - i {
-                // Corners are vertices of the input.
-                if (i == 0 && (j == 0 || j == n)) || i == n {
-                    continue;
-                }
-                let (u, v) = (i as f64 * inverse, j as f64 * inverse);
-                let point = add(add(scale(a, u), scale(b, v)), scale(c, 1.0 - u - v));
-                if !visit(point) {
-                    return false;
-                }
+        let faces = if self.mean_area > 0.0 { area / self.mean_area } else { 1.0 };
+        ((DENSITY * faces.sqrt()).ceil() as usize).clamp(LEAST_SUBDIVISION, MOST_SUBDIVISION)
+    }
+}
+
+/// Calls `visit` for a lattice of points inside and on the edges of a triangle, until it answers
+/// false; answers whether it never did. The corners are left out: they are vertices of the input.
+fn over_face([a, b, c]: [Vec3; 3], n: usize, visit: &mut dyn FnMut(Vec3) -> bool) -> bool {
+    let inverse = 1.0 / n as f64;
+    for i in 0..n {
+        for j in 0..=n - i {
+            if i == 0 && (j == 0 || j == n) {
+                continue;
+            }
+            let (u, v) = (i as f64 * inverse, j as f64 * inverse);
+            let point = add(add(scale(a, u), scale(b, v)), scale(c, 1.0 - u - v));
+            if !visit(point) {
+                return false;
             }
         }
-        true
     }
+    true
+}
+
+/// Distance of a point from a triangle.
+fn distance_to(point: Vec3, triangle: [Vec3; 3]) -> f64 {
+    let p = DVec3::from(point);
+    closest_point_on_triangle(p, triangle.map(DVec3::from)).distance(p)
 }
 
 /// Extends a box by a point.

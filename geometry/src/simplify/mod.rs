@@ -85,6 +85,8 @@ const MOST_OF_A_REGION: f64 = 0.85;
 /// Input samples by which a region is judged while a level that keeps within the base's error is
 /// searched for.
 const SEARCH_SAMPLES: usize = 4000;
+/// The least of them for one region.
+const LEAST_SEARCH_SAMPLES: usize = 200;
 /// A level that removes less than this share of the vertices ends the hierarchy.
 const LEAST_PROGRESS: f64 = 0.01;
 
@@ -236,12 +238,12 @@ fn limit_error(
     pool: &dyn Pool,
 ) {
     let samples = deviation.by_region(&level.region_of_face, level.faces.len());
+    let budget = (SEARCH_SAMPLES / records.len().max(1)).max(LEAST_SEARCH_SAMPLES);
     let keep = pool::map(pool, records.len(), &|r| {
         let whole = records[r].collapses.len();
         let good = |count: usize| {
             let triangles = faces_after(live, &level.faces[r], &records[r], count);
-            !triangles.is_empty()
-                && deviation.within(&live.positions, &triangles, &samples[r], limit, SEARCH_SAMPLES)
+            !triangles.is_empty() && deviation.within(&live.positions, &triangles, &samples[r], limit, budget)
         };
         if whole == 0 || good(whole) {
             return whole;
