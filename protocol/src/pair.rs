@@ -14,10 +14,11 @@ use crate::message::{Close, Welcome};
 use crate::scene::InstanceEntry;
 use crate::select::{AssetState, Selection, Selector, State};
 use crate::server::{ServerConfig, ServerSession, Transmit};
-use crate::testing::{MemoryScene, contents};
+use crate::source::SceneSource;
+use crate::testing::MemoryScene;
 use crate::time::Time;
 use crate::view::View;
-use lodestream_geometry::index::CHUNKS_PER_PAGE;
+use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_page};
 
 /// A direction of the link: what is under way, with its arrival.
 #[derive(Default)]
@@ -81,7 +82,7 @@ impl Pair {
     /// Both ends begin at time zero. The link is a little faster than the limiter.
     pub(crate) fn new(scene: &Arc<MemoryScene>, config: ServerConfig, resume: Resume) -> Self {
         let rate = config.limiter.rate_bits_per_s.unwrap_or(0);
-        let source: Arc<dyn crate::source::SceneSource> = Arc::clone(scene) as _;
+        let source: Arc<dyn SceneSource> = Arc::clone(scene) as _;
         let view = scene.header.camera.view([1280, 720], 1.0);
         let now = Time::ZERO;
         Self {
@@ -168,9 +169,9 @@ impl Pair {
                     world.instances.extend(page.instances);
                 }
                 ClientEvent::Blob { id, bytes } => {
-                    assert_eq!(bytes, contents(&id, bytes.len() as u32), "{id} is damaged");
+                    assert_eq!(bytes, self.scene.read(&id).unwrap(), "{id} is damaged");
                     world.blobs.push((now, id));
-                    arrived(&mut world.assets[id.asset as usize], id, &self.scene);
+                    arrived(&mut world.assets[id.asset as usize], id, &bytes);
                 }
                 ClientEvent::Refused { id, .. } => {
                     world.assets[id.asset as usize].set_state(id.part, State::Failed);
@@ -203,23 +204,20 @@ impl Pair {
 }
 
 /// Takes a blob into use, as far as its parents are there; cached ones follow.
-fn arrived(asset: &mut AssetState, id: BlobId, scene: &MemoryScene) {
-    let chunks = &scene.chunks[id.asset as usize];
+fn arrived(asset: &mut AssetState, id: BlobId, bytes: &[u8]) {
     match id.part {
         BlobPart::IndexPage(page) => {
-            let infos = chunks.chunks(CHUNKS_PER_PAGE).nth(page as usize).unwrap().to_vec();
+            let infos = decode_page(bytes, page * CHUNKS_PER_PAGE as u32).unwrap();
             asset.add_index_page(page, infos).unwrap();
         }
-        BlobPart::Chunk(_) => {
-            asset.set_state(id.part, State::Cached);
-            for (chunk, info) in (0..).zip(chunks) {
-                let part = BlobPart::Chunk(chunk);
-                let ready = |&parent: &u32| asset.state(BlobPart::Chunk(parent)) == State::Applied;
-                if asset.state(part) == State::Cached && info.parents.iter().all(ready) {
-                    asset.set_state(part, State::Applied);
-                }
-            }
-        }
+        BlobPart::Chunk(_) => asset.set_state(id.part, State::Cached),
         part => asset.set_state(part, State::Applied),
+    }
+    for chunk in 0..asset.chunks().len() as u32 {
+        let part = BlobPart::Chunk(chunk);
+        let ready = |&parent: &u32| asset.state(BlobPart::Chunk(parent)) == State::Applied;
+        if asset.state(part) == State::Cached && asset.chunks()[chunk as usize].parents.iter().all(ready) {
+            asset.set_state(part, State::Applied);
+        }
     }
 }

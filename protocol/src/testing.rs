@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use bytes::Bytes;
-use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, Sphere};
+use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, Sphere, encode_page};
 
 use crate::blob::{BlobId, BlobPart};
 use crate::scene::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
@@ -65,10 +65,9 @@ pub(crate) struct MemoryScene {
     pub(crate) header: SceneHeader,
     pub(crate) pages: Vec<Arc<ScenePage>>,
     pub(crate) chunks: Vec<Vec<ChunkInfo>>,
+    /// Real index pages, per asset.
+    index: Vec<Vec<Bytes>>,
 }
-
-/// Length of every index page in a [`MemoryScene`].
-pub(crate) const PAGE_BYTES: u32 = 1300;
 
 impl MemoryScene {
     /// `assets` planes of the given depth in a row along −z, each with `instances` instances side by side.
@@ -109,7 +108,8 @@ impl MemoryScene {
             camera: Camera { eye: [0.0, 1.0, 4.0], target: [0.0, 0.0, 0.0], up: [0.0, 1.0, 0.0], fov_y: 0.9 },
         };
         header.check().unwrap();
-        Arc::new(Self { header, pages, chunks })
+        let index = chunks.iter().map(|infos| index_pages(infos)).collect();
+        Arc::new(Self { header, pages, chunks, index })
     }
 }
 
@@ -127,7 +127,7 @@ impl SceneSource for MemoryScene {
         match id.part {
             BlobPart::Base => Some(900 + 100 * id.asset),
             BlobPart::IndexPage(page) => {
-                ((page as usize) < chunks.len().div_ceil(CHUNKS_PER_PAGE)).then_some(PAGE_BYTES)
+                self.index[id.asset as usize].get(page as usize).map(|bytes| bytes.len() as u32)
             }
             BlobPart::Chunk(chunk) => chunks.get(chunk as usize).map(|info| info.payload_bytes),
             BlobPart::Texture { .. } => None,
@@ -136,8 +136,16 @@ impl SceneSource for MemoryScene {
 
     fn read(&self, id: &BlobId) -> Result<Bytes, SourceError> {
         let length = self.blob_len(id).ok_or(SourceError::NotFound(*id))?;
-        Ok(contents(id, length))
+        Ok(match id.part {
+            BlobPart::IndexPage(page) => self.index[id.asset as usize][page as usize].clone(),
+            _ => contents(id, length),
+        })
     }
+}
+
+fn index_pages(infos: &[ChunkInfo]) -> Vec<Bytes> {
+    let pages = (0..).step_by(CHUNKS_PER_PAGE).zip(infos.chunks(CHUNKS_PER_PAGE));
+    pages.map(|(first, infos)| Bytes::from(encode_page(infos, first))).collect()
 }
 
 /// Bytes that differ from blob to blob and from place to place.

@@ -39,7 +39,7 @@ impl ServerConfig {
         Self {
             limiter: LimiterConfig::quic(rate_bits_per_s),
             push_before_hello_bytes: 3000,
-            push_after_hello_bytes: 64 * 1024,
+            push_after_hello_bytes: first_refinement_bytes(rate_bits_per_s),
             piece_bytes: 1200,
             max_queued: 4096,
             hello_timeout: Duration::from_secs(10),
@@ -59,5 +59,17 @@ impl ServerConfig {
             piece_bytes: 2800,
             ..Self::quic(rate_bits_per_s)
         }
+    }
+}
+
+/// What a limiter admits in 100 ms, a common round trip with some slack; at least 64 KiB, which costs slow
+/// links little since the same chunks would be asked for.
+const fn first_refinement_bytes(rate_bits_per_s: Option<u64>) -> u64 {
+    const LEAST: u64 = 64 * 1024;
+    const MOST: u64 = 256 * 1024;
+    match rate_bits_per_s {
+        Some(rate) if rate / 80 < LEAST => LEAST,
+        Some(rate) if rate / 80 < MOST => rate / 80,
+        _ => MOST,
     }
 }

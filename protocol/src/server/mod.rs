@@ -13,9 +13,7 @@ mod tests;
 use std::collections::{HashSet, VecDeque};
 use std::sync::Arc;
 
-use lodestream_geometry::index::decode_page;
-
-use crate::blob::{BlobId, BlobPart};
+use crate::blob::BlobId;
 use crate::frame::{BlobPiece, FrameError, encode_server};
 use crate::limiter::{CeilingShare, TokenBucket};
 use crate::limits::{MAX_BLOB_BYTES, MAX_PIECE_BYTES};
@@ -96,6 +94,8 @@ pub struct ServerSession {
     /// Pages among `handed`.
     pages_handed: u32,
     refinement_pushed: bool,
+    /// The first refinement, as far as it is not asked for.
+    unasked: HashSet<Unit>,
     client_wants: bool,
     done_told: bool,
     view: View,
@@ -141,6 +141,7 @@ impl ServerSession {
             bases_told: false,
             pages_handed: 0,
             refinement_pushed: false,
+            unasked: HashSet::new(),
             client_wants: false,
             done_told: true,
             view,
@@ -182,6 +183,9 @@ impl ServerSession {
             (_, ClientMessage::Cancel(ids)) => self.cancel(&ids),
             (_, ClientMessage::SetView(view)) => {
                 self.view = view;
+                // The client may not need any longer what it has not asked for.
+                self.scheduler.retain(|unit| !self.unasked.contains(unit));
+                self.unasked.clear();
                 // Once the client knows all pages and asks for itself, there is nothing to order.
                 let all_pages = self.pages_handed >= self.source.header().page_count;
                 if !(self.client_wants && all_pages && self.bases_left.is_empty()) {
@@ -224,6 +228,7 @@ impl ServerSession {
         self.scheduler.clear();
         self.push = Vec::new();
         self.handed = HashSet::new();
+        self.unasked = HashSet::new();
         self.bases_left = HashSet::new();
         self.share = None;
         if tell {
@@ -275,6 +280,7 @@ impl ServerSession {
         if !self.client_wants {
             // Nothing but pushes is queued.
             self.scheduler.retain(|_| false);
+            self.unasked.clear();
             self.refinement_pushed = false;
         }
         self.push = push::first_flight(&*self.source, &self.view);
@@ -336,25 +342,20 @@ impl ServerSession {
     fn push_refinement(&mut self) {
         let room = self.push_budget.saturating_sub(self.pushed_bytes);
         let budget = self.config.push_after_hello_bytes.min(room);
-        let decode = |bytes: &[u8], first| decode_page(bytes, first).ok();
-        for (priority, unit) in push::first_refinement(&*self.source, &self.view, budget, decode) {
+        for (priority, unit) in push::first_refinement(&*self.source, &self.view, budget) {
             if !self.handed.contains(&unit) {
                 self.scheduler.want(unit, priority);
+                self.unasked.insert(unit);
             }
         }
     }
 
     fn want(&mut self, wants: &[Want]) {
-        if !self.client_wants {
-            self.client_wants = true;
-            // The client knows better from here on; it asks again for those of the pushed chunks that
-            // it needs.
-            self.scheduler
-                .retain(|unit| !matches!(unit, Unit::Blob(BlobId { part: BlobPart::Chunk(_), .. })));
-        }
+        self.client_wants = true;
         self.done_told = false;
         for &Want { id, priority } in wants {
             let unit = Unit::Blob(id);
+            self.unasked.remove(&unit);
             if self.handed.contains(&unit) && !self.scheduler.contains(&unit) {
                 continue;
             }

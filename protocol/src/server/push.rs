@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo};
+use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_page};
 
 use crate::blob::{BlobId, BlobPart};
 use crate::scene::{AssetEntry, InstanceEntry, ScenePage};
@@ -66,12 +66,11 @@ fn all_pages(source: &dyn SceneSource) -> Vec<Arc<ScenePage>> {
 /// selection as the client's, the first chunks, until `budget_bytes` are used up.
 ///
 /// The client takes over with its first `Want`; until that arrives, a round trip after the base meshes,
-/// the link would lie idle. `decode` reads an index page, given its bytes and the id of its first chunk.
+/// the link would lie idle.
 pub(super) fn first_refinement(
     source: &dyn SceneSource,
     view: &View,
     budget_bytes: u64,
-    decode: impl Fn(&[u8], u32) -> Option<Vec<ChunkInfo>>,
 ) -> Vec<(Priority, Unit)> {
     let (numbers, instances, mut assets) = visible_assets(source, view);
     let mut selector = Selector::new(SelectSettings {
@@ -99,7 +98,7 @@ pub(super) fn first_refinement(
                         return out;
                     }
                     pages += 1;
-                    match learn(source, &id, page, &mut assets[local], &decode) {
+                    match learn(source, &id, page, &mut assets[local]) {
                         Some(()) => State::Applied,
                         None => State::Failed,
                     }
@@ -123,16 +122,10 @@ pub(super) fn first_refinement(
 }
 
 /// Reads an index page into the state of its asset.
-fn learn(
-    source: &dyn SceneSource,
-    id: &BlobId,
-    page: u32,
-    asset: &mut AssetState,
-    decode: impl Fn(&[u8], u32) -> Option<Vec<ChunkInfo>>,
-) -> Option<()> {
+fn learn(source: &dyn SceneSource, id: &BlobId, page: u32, asset: &mut AssetState) -> Option<()> {
     let bytes = source.read(id).ok()?;
     let first = page.checked_mul(u32::try_from(CHUNKS_PER_PAGE).ok()?)?;
-    asset.add_index_page(page, decode(&bytes, first)?).ok()
+    asset.add_index_page(page, decode_page(&bytes, first).ok()?).ok()
 }
 
 /// The assets that cover most of the screen: their numbers, their instances (with assets renumbered) and
@@ -174,12 +167,8 @@ mod tests {
     use crate::testing::MemoryScene;
     use std::collections::HashSet;
 
-    /// All assets of a [`MemoryScene`] have the same chunks, so a page's first id says it all.
     fn refinement(scene: &MemoryScene, budget: u64) -> Vec<(Priority, Unit)> {
-        let view = scene.header.camera.view([1280, 720], 1.0);
-        first_refinement(scene, &view, budget, |_, first| {
-            scene.chunks[0].chunks(CHUNKS_PER_PAGE).nth(first as usize / CHUNKS_PER_PAGE).map(<[_]>::to_vec)
-        })
+        first_refinement(scene, &scene.header.camera.view([1280, 720], 1.0), budget)
     }
 
     #[test]

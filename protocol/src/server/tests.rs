@@ -7,12 +7,13 @@ use std::time::Duration;
 use proptest::prelude::*;
 
 use super::*;
+use crate::blob::BlobPart;
 use crate::client::Resume;
 use crate::limits::MAX_IDS_PER_MESSAGE;
 use crate::pair::Pair;
 use crate::scene::SceneHeader;
 use crate::select::max_screen_error_px;
-use crate::testing::{MemoryScene, PAGE_BYTES};
+use crate::testing::MemoryScene;
 
 const MBIT: u64 = 1_000_000;
 
@@ -108,6 +109,22 @@ fn the_link_does_not_idle_while_something_is_wanted() {
         let round_trip = pair.latency * 2;
         let allowed = busy.mul_f64(1.06) + round_trip * 3;
         assert!(last.since(Time::ZERO) < allowed, "{rate} Mbit/s: {last:?} for {busy:?} of bytes");
+    }
+}
+
+#[test]
+fn refinement_begins_without_a_round_trip_of_silence() {
+    let scene = MemoryScene::new(1, 1, 6);
+    for latency in [25, 100] {
+        let mut pair = Pair::new(&scene, ServerConfig::websocket(Some(2 * MBIT)), Resume::default());
+        pair.latency = Duration::from_millis(latency);
+        pair.run_until(Time::from_ms(1500));
+        let first = pair.world.arrivals.first().unwrap().0;
+        assert!(first.since(Time::ZERO) < pair.latency + Duration::from_millis(5));
+        let gaps = pair.world.arrivals.windows(2).map(|pair| (pair[1].0.since(pair[0].0), pair[0].0));
+        let after_hello = gaps.filter(|(_, at)| at.since(Time::ZERO) > pair.latency * 3);
+        let longest = after_hello.max().unwrap();
+        assert!(longest.0 < Duration::from_millis(25), "latency {latency} ms: {longest:?}");
     }
 }
 
@@ -455,11 +472,4 @@ proptest! {
         }
         prop_assert!(!server.has_work());
     }
-}
-
-#[test]
-fn index_pages_are_as_long_as_the_store_says() {
-    let scene = MemoryScene::new(1, 1, 5);
-    let id = BlobId::index_page(0, 0);
-    assert_eq!(scene.read(&id).unwrap().len() as u32, PAGE_BYTES);
 }
