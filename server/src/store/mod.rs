@@ -4,6 +4,8 @@ mod asset;
 mod file;
 mod lru;
 mod scene;
+#[cfg(test)]
+mod tests;
 
 use std::path::PathBuf;
 

@@ -1,0 +1,154 @@
+//! From models in a folder to blobs of a scene: the cache is used, damage is noticed.
+
+use std::path::{Path, PathBuf};
+
+use image::{Rgb, RgbImage};
+use lodestream_geometry::index::decode_page;
+use lodestream_geometry::refine::ActiveMesh;
+use lodestream_protocol::asset::AssetDescription;
+use lodestream_protocol::source::{SceneSource, SourceError};
+use lodestream_protocol::{BlobId, BlobPart};
+use tempfile::TempDir;
+
+use super::*;
+use crate::prepare::{Options, prepare_cached};
+use crate::scene::{self, Scene};
+
+/// A wavy, textured sheet of 2·n² faces, and a scene of two instances of it and one of a triangle.
+fn scene(dir: &Path, n: usize) -> Scene {
+    let mut obj = String::from("mtllib sheet.mtl\nusemtl wave\n");
+    for y in 0..=n {
+        for x in 0..=n {
+            let (u, v) = (x as f64 / n as f64, y as f64 / n as f64);
+            let height = 0.1 * (9.0 * u).sin() * (7.0 * v).cos();
+            obj.push_str(&format!("v {u} {height} {v}\nvt {u} {v}\n"));
+        }
+    }
+    for y in 0..n {
+        for x in 0..n {
+            let a = y * (n + 1) + x + 1;
+            let (b, c, d) = (a + 1, a + n + 1, a + n + 2);
+            obj.push_str(&format!("f {a}/{a} {c}/{c} {d}/{d} {b}/{b}\n"));
+        }
+    }
+    std::fs::write(dir.join("sheet.obj"), obj).unwrap();
+    std::fs::write(dir.join("sheet.mtl"), "newmtl wave\nmap_Kd wave.png\n").unwrap();
+    RgbImage::from_fn(32, 32, |x, y| Rgb([x as u8 * 8, y as u8 * 8, 0])).save(dir.join("wave.png")).unwrap();
+    std::fs::write(dir.join("one.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let text = "[[asset]]\nname = 'one'\nfile = 'one.obj'\n[[asset]]\nname = 'sheet'\nfile = 'sheet.obj'\n\
+        [[instance]]\nasset = 'one'\ntranslation = [0, 0, -50]\n\
+        [[instance]]\nasset = 'sheet'\ntranslation = [0, 0, -2]\n\
+        [[instance]]\nasset = 'sheet'\ntranslation = [0, 0, -4]\nrotation = { yaw = 90 }\n\
+        [camera]\neye = [0, 1, 3]\ntarget = [0, 0, -9]\n";
+    scene::parse(&dir.join("scene.toml"), text).unwrap()
+}
+
+fn options() -> Options {
+    Options { quiet: true, ..Options::default() }
+}
+
+fn open(scene: &Scene, cache: &Path) -> (Vec<bool>, SceneStore) {
+    let cached = scene.assets.iter().map(|asset| prepare_cached(asset, cache, &options()).unwrap());
+    let (prepared, packs) = cached.map(|c| (c.report.is_some(), c.pack)).unzip();
+    (prepared, SceneStore::new(scene, packs, 1 << 20).unwrap())
+}
+
+fn packs_in(cache: &Path) -> Vec<PathBuf> {
+    let mut files: Vec<PathBuf> = std::fs::read_dir(cache).unwrap().map(|f| f.unwrap().path()).collect();
+    files.sort();
+    files
+}
+
+#[test]
+fn the_second_start_finds_the_packs_of_the_first() {
+    let dir = TempDir::new().unwrap();
+    let cache = dir.path().join("new/cache");
+    let scene = scene(dir.path(), 20);
+    let (prepared, first) = open(&scene, &cache);
+    assert_eq!(prepared, [true, true]);
+    assert_eq!(packs_in(&cache).len(), 2);
+    let (prepared, second) = open(&scene, &cache);
+    assert_eq!(prepared, [false, false]);
+    assert_eq!(first.header(), second.header());
+    // A changed texture changes one asset, and the scene's fingerprint with it.
+    RgbImage::new(32, 32).save(dir.path().join("wave.png")).unwrap();
+    let (prepared, third) = open(&scene, &cache);
+    assert_eq!(prepared, [false, true]);
+    assert_ne!(third.header().fingerprint, first.header().fingerprint);
+}
+
+#[test]
+fn a_damaged_pack_in_the_cache_is_made_again() {
+    let dir = TempDir::new().unwrap();
+    let scene = scene(dir.path(), 4);
+    open(&scene, dir.path());
+    for pack in packs_in(dir.path()).iter().filter(|p| p.extension().is_some_and(|e| e == "lsp")) {
+        let bytes = std::fs::read(pack).unwrap();
+        std::fs::write(pack, &bytes[..bytes.len() / 2]).unwrap();
+    }
+    let (prepared, _) = open(&scene, dir.path());
+    assert_eq!(prepared, [true, true]);
+}
+
+#[test]
+fn a_client_can_rebuild_the_asset_from_the_blobs_alone() {
+    let dir = TempDir::new().unwrap();
+    let scene = scene(dir.path(), 40);
+    let (_, store) = open(&scene, dir.path());
+    assert_eq!(store.header().asset_count, 2);
+    let page = store.page(0).unwrap();
+    assert!(store.page(1).is_none());
+    // The near sheet is asset 0, though the file lists it second.
+    assert_eq!(page.assets[0].name, "sheet");
+    assert_eq!(page.instances.iter().map(|i| i.asset).collect::<Vec<_>>(), [0, 0, 1]);
+    let read = |part| {
+        let id = BlobId { asset: 0, part };
+        let bytes = store.read(&id).unwrap();
+        assert_eq!(store.blob_len(&id), Some(bytes.len() as u32));
+        assert_eq!(store.read(&id).unwrap(), bytes);
+        bytes
+    };
+    let base = lodestream_geometry::base::Base::decode(&read(BlobPart::Base)).unwrap();
+    assert_eq!(page.assets[0].chunk_count, base.chunk_count);
+    let mut mesh = ActiveMesh::new(&base);
+    let infos: Vec<_> = (0..page.assets[0].index_pages())
+        .flat_map(|i| decode_page(&read(BlobPart::IndexPage(i)), i * 64).unwrap())
+        .collect();
+    for (id, info) in infos.iter().enumerate() {
+        let delta = mesh.decode(id as u32, info, &read(BlobPart::Chunk(id as u32))).unwrap();
+        mesh.apply(&delta).unwrap();
+    }
+    assert_eq!(mesh.face_count(), 2 * 40 * 40);
+    let description = AssetDescription::decode(&base.description).unwrap();
+    let texture = &description.textures[description.materials[0].base_color_texture.unwrap() as usize];
+    for (level, info) in texture.levels.iter().enumerate() {
+        let bytes = read(BlobPart::Texture { texture: 0, level: level as u8 });
+        let image = image::load_from_memory(&bytes).unwrap();
+        assert_eq!(
+            (image.width(), image.height(), bytes.len() as u32),
+            (info.width, info.height, info.bytes)
+        );
+    }
+}
+
+#[test]
+fn missing_blobs_are_not_found_and_damaged_ones_unreadable() {
+    let dir = TempDir::new().unwrap();
+    let scene = scene(dir.path(), 40);
+    let cache = dir.path().join("cache");
+    let (_, store) = open(&scene, &cache);
+    for id in [BlobId::chunk(0, 9999), BlobId::base(2), BlobId::texture(0, 1, 0), BlobId::index_page(0, 77)] {
+        assert_eq!(store.blob_len(&id), None);
+        assert_eq!(store.read(&id), Err(SourceError::NotFound(id)));
+    }
+    // Flip the last byte of each pack while it is open: the last blob's hash no longer fits.
+    for pack in packs_in(&cache) {
+        let mut bytes = std::fs::read(&pack).unwrap();
+        *bytes.last_mut().unwrap() ^= 1;
+        std::fs::write(&pack, bytes).unwrap();
+    }
+    let finest = BlobId::texture(0, 0, 2);
+    assert!(store.blob_len(&finest).is_some());
+    let error = store.read(&finest).unwrap_err().to_string();
+    assert!(error.contains("damaged"), "{error}");
+}
