@@ -76,6 +76,25 @@ fn a_scene_streams_and_settles_on_both_transports() {
 }
 
 #[test]
+fn a_camera_that_moves_on_settles_where_it_stops_without_waste() {
+    let scene = MemoryScene::new(3, 3, 6);
+    let mut pair = Pair::new(&scene, ServerConfig::websocket(Some(2 * MBIT)), Resume::default());
+    for step in 1..=10 {
+        pair.run_until(Time::from_ms(step * 300));
+        let z = 4.0 - step as f64;
+        pair.view = View::look_at([0.0, 0.4, z], [0.5, 0.0, z - 2.0], [0.0, 1.0, 0.0], 0.9, [1280, 720]);
+        pair.client.set_view(pair.now, pair.view);
+    }
+    pair.run_until(Time::from_ms(60_000));
+    let world = &pair.world;
+    assert!(world.closed.is_none() && pair.selector.last().counters.settled);
+    assert!(max_screen_error_px(&pair.view, &world.instances, &world.assets) <= 1.0);
+    let distinct: HashSet<_> = world.blobs.iter().map(|(_, id)| *id).collect();
+    let again = world.blobs.len() - distinct.len();
+    assert!(again * 20 <= world.blobs.len(), "{again} of {} came twice", world.blobs.len());
+}
+
+#[test]
 fn first_frame_comes_after_bytes_at_rate_and_little_more() {
     let scene = MemoryScene::new(5, 4, 5);
     for rate in [2, 8, 16] {
