@@ -1,0 +1,167 @@
+//! From bytes to what is drawn: what becomes of a blob that has arrived.
+
+use bytes::Bytes;
+use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_page};
+use lodestream_protocol::blob::{BlobId, BlobPart};
+use lodestream_protocol::select::State;
+use lodestream_protocol::time::Time;
+
+use super::asset::RefinedAsset;
+use super::changes::{Change, TextureChange};
+use super::client_core::ClientCore;
+use super::texture::decode_level;
+
+impl ClientCore {
+    /// A blob of a known asset has arrived. Chunks and texture levels are kept until a selection wants
+    /// them, what everything else depends on is used as soon as there is time.
+    pub(super) fn arrive(&mut self, now: Time, id: BlobId, bytes: Bytes) {
+        if self.state(id) == State::Applied {
+            return;
+        }
+        self.set_state(id, State::Cached);
+        match id.part {
+            BlobPart::Base | BlobPart::IndexPage(_) => self.arrived.push_back((id, bytes)),
+            BlobPart::Chunk(_) | BlobPart::Texture { .. } => {
+                let gone = self.cache.insert(id, bytes);
+                self.dropped(now, &gone);
+            }
+        }
+    }
+
+    /// Uses a base mesh or index page.
+    pub(super) fn take(&mut self, now: Time, id: BlobId, bytes: &[u8]) {
+        match id.part {
+            BlobPart::Base => self.take_base(now, id, bytes),
+            BlobPart::IndexPage(page) => self.take_page(now, id, page, bytes),
+            BlobPart::Chunk(_) | BlobPart::Texture { .. } => {}
+        }
+    }
+
+    fn take_base(&mut self, now: Time, id: BlobId, bytes: &[u8]) {
+        let Some(state) = self.scene.states.get_mut(id.asset as usize) else { return };
+        if state.state(BlobPart::Base) == State::Applied {
+            return;
+        }
+        match RefinedAsset::decode(bytes, state.entry().chunk_count, self.config.track_changes) {
+            Ok(refined) => {
+                let textures = refined.description.textures.iter();
+                let levels: Vec<BlobId> = (0..)
+                    .zip(textures)
+                    .flat_map(|(texture, info)| {
+                        (0..)
+                            .zip(&info.levels)
+                            .map(move |(level, _)| BlobId::texture(id.asset, texture, level))
+                    })
+                    .collect();
+                state.set_state(BlobPart::Base, State::Applied);
+                self.scene.set_base(id.asset, refined);
+                if !self.config.track_changes {
+                    self.scene.drop_changes();
+                }
+                self.failures.forget(id);
+                self.find_in_cache(levels);
+            }
+            Err(why) => self.failed(now, id, &why),
+        }
+    }
+
+    fn take_page(&mut self, now: Time, id: BlobId, page: u32, bytes: &[u8]) {
+        if self.state(id) == State::Applied {
+            return;
+        }
+        let first = page.saturating_mul(CHUNKS_PER_PAGE as u32);
+        let added = decode_page(bytes, first).map_err(|why| why.to_string()).and_then(|infos| {
+            let count = infos.len();
+            let state = self.scene.states.get_mut(id.asset as usize).ok_or("no such asset")?;
+            state.add_index_page(page, infos).map_err(|why| why.to_string())?;
+            Ok(count)
+        });
+        match added {
+            Ok(count) => {
+                self.failures.forget(id);
+                let chunks = (first..).take(count).map(|chunk| BlobId::chunk(id.asset, chunk));
+                self.find_in_cache(chunks.collect());
+                if let Some((asset, chunk)) = self.config.withhold
+                    && asset == id.asset
+                {
+                    self.set_state(BlobId::chunk(asset, chunk), State::Failed);
+                }
+            }
+            Err(why) => self.failed(now, id, &why),
+        }
+    }
+
+    /// Blobs may come before what tells that they exist.
+    fn find_in_cache(&mut self, ids: Vec<BlobId>) {
+        for id in ids {
+            if self.cache.contains(id) {
+                self.set_state(id, State::Cached);
+            }
+        }
+    }
+
+    /// Puts a chunk or texture level to use whose bytes are here, if all it needs is in place. Gives the
+    /// length of what was decoded, or `None` if it has to wait.
+    pub(super) fn apply_cached(&mut self, now: Time, id: BlobId) -> Option<u64> {
+        if !self.is_ready(id) {
+            return None;
+        }
+        let Some(bytes) = self.cache.get(id) else {
+            self.set_state(id, State::Absent);
+            return Some(0);
+        };
+        let length = bytes.len() as u64;
+        let applied = match id.part {
+            BlobPart::Chunk(chunk) => self.apply_chunk(id.asset, chunk, &bytes),
+            BlobPart::Texture { texture, level } => self.apply_texture(id.asset, texture, level, &bytes),
+            BlobPart::Base | BlobPart::IndexPage(_) => Ok(()),
+        };
+        match applied {
+            Ok(()) => {
+                self.failures.forget(id);
+                self.set_state(id, State::Applied);
+            }
+            Err(why) => self.failed(now, id, &why),
+        }
+        Some(length)
+    }
+
+    fn is_ready(&self, id: BlobId) -> bool {
+        match id.part {
+            BlobPart::Chunk(chunk) => {
+                if self.config.withhold == Some((id.asset, chunk)) {
+                    return false;
+                }
+                let Some(asset) = self.scene.states.get(id.asset as usize) else { return false };
+                let is_applied = |part| asset.state(part) == State::Applied;
+                asset.chunk(chunk).is_some_and(|info| {
+                    is_applied(BlobPart::Base) && info.parents.iter().all(|p| is_applied(BlobPart::Chunk(*p)))
+                })
+            }
+            BlobPart::Texture { .. } => self.scene.waiting_bytes() < self.config.max_waiting_bytes,
+            BlobPart::Base | BlobPart::IndexPage(_) => false,
+        }
+    }
+
+    fn apply_chunk(&mut self, asset: u32, chunk: u32, bytes: &[u8]) -> Result<(), String> {
+        let info = self.scene.states.get(asset as usize).and_then(|state| state.chunk(chunk));
+        let refined = self.scene.refined.get_mut(asset as usize).and_then(Option::as_mut);
+        let (Some(info), Some(refined)) = (info, refined) else { return Err("no such chunk".into()) };
+        if bytes.len() != info.payload_bytes as usize {
+            return Err(format!("{} bytes, but the index says {}", bytes.len(), info.payload_bytes));
+        }
+        refined.apply(chunk, info, bytes).map_err(|why| why.to_string())
+    }
+
+    fn apply_texture(&mut self, asset: u32, texture: u16, level: u8, bytes: &[u8]) -> Result<(), String> {
+        let refined = self.scene.refined.get(asset as usize).and_then(Option::as_ref);
+        let info = refined.and_then(|r| r.description.textures.get(usize::from(texture)));
+        let info = info.ok_or("no such texture")?;
+        if self.config.track_changes {
+            let pixels = decode_level(info, level, bytes).map_err(|why| why.to_string())?;
+            self.scene.push_change(Change::Texture(TextureChange { asset, texture, level, pixels }));
+        }
+        self.counts.texture_levels += 1;
+        Ok(())
+    }
+}

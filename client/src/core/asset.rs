@@ -1,0 +1,221 @@
+//! One asset as the client has it: its refined mesh, the deltas that undo needs, and what changed since a
+//! renderer last looked.
+
+use std::collections::BTreeMap;
+
+use geometry::DecodeError;
+use geometry::base::Base;
+use geometry::index::ChunkInfo;
+use geometry::mesh::NONE;
+use geometry::refine::{ActiveMesh, ChunkDelta, RefineError, Touched};
+use lodestream_geometry as geometry;
+use lodestream_protocol::asset::{AssetDescription, CodingError};
+
+use super::changes::{IndexRun, MeshChange, Vertex, runs};
+
+/// A chunk or base mesh that cannot be used.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub(crate) enum AssetError {
+    #[error(transparent)]
+    Decode(#[from] DecodeError),
+    #[error("description: {0}")]
+    Description(#[from] CodingError),
+    #[error(transparent)]
+    Refine(#[from] RefineError),
+    #[error("the base mesh tells of {base} chunks, the scene of {scene}")]
+    ChunkCount { base: u32, scene: u32 },
+    #[error("the base mesh names material {used}, but only {count} are described")]
+    Material { used: u16, count: usize },
+}
+
+/// Slots that a renderer must fetch again.
+#[derive(Debug, Default)]
+struct Dirty {
+    wedges: Vec<u32>,
+    draws: Vec<(u16, u32)>,
+    /// Length above which the lists are worth sorting out.
+    limit: usize,
+}
+
+impl Dirty {
+    fn add(&mut self, touched: Touched) {
+        self.wedges.extend(touched.wedges);
+        self.draws.extend(touched.draws);
+        // Nobody may be looking for a long time (a hidden window): the same slots are then noted again
+        // and again, and memory stays proportional to the mesh only if they are merged.
+        if self.wedges.len() + self.draws.len() > self.limit {
+            self.merge();
+            self.limit = (2 * (self.wedges.len() + self.draws.len())).max(1 << 16);
+        }
+    }
+
+    fn merge(&mut self) {
+        self.wedges.sort_unstable();
+        self.wedges.dedup();
+        self.draws.sort_unstable();
+        self.draws.dedup();
+    }
+}
+
+/// An asset whose base mesh is here.
+#[derive(Debug)]
+pub(crate) struct RefinedAsset {
+    pub(crate) description: AssetDescription,
+    pub(crate) origin: [f64; 3],
+    /// Texture coordinates per asset unit; 0 where there are none.
+    pub(crate) uv_per_unit: f32,
+    mesh: ActiveMesh,
+    deltas: BTreeMap<u32, ChunkDelta>,
+    dirty: Option<Dirty>,
+    /// When a chunk's vertices were first handed to a renderer, in seconds.
+    births: BTreeMap<u32, f32>,
+    levels: BTreeMap<u32, u8>,
+}
+
+impl RefinedAsset {
+    /// Decodes a base blob. `track_changes`: a renderer will ask for changes.
+    pub(crate) fn decode(bytes: &[u8], chunk_count: u32, track_changes: bool) -> Result<Self, AssetError> {
+        let base = Base::decode(bytes)?;
+        if base.chunk_count != chunk_count {
+            return Err(AssetError::ChunkCount { base: base.chunk_count, scene: chunk_count });
+        }
+        let description = AssetDescription::decode(&base.description)?;
+        let count = description.materials.len().max(1);
+        if let Some(face) = base.faces.iter().find(|face| usize::from(face.material) >= count) {
+            return Err(AssetError::Material { used: face.material, count });
+        }
+        let mut asset = Self {
+            description,
+            origin: base.grid.origin,
+            uv_per_unit: uv_per_unit(&base),
+            mesh: ActiveMesh::new(&base),
+            deltas: BTreeMap::new(),
+            dirty: track_changes.then(Dirty::default),
+            births: BTreeMap::new(),
+            levels: BTreeMap::new(),
+        };
+        asset.touch_all();
+        Ok(asset)
+    }
+
+    /// Notes everything as changed: a new renderer starts from nothing.
+    pub(crate) fn touch_all(&mut self) {
+        if let Some(dirty) = &mut self.dirty {
+            dirty.wedges = (0..self.mesh.wedge_slots()).collect();
+            dirty.draws.clear();
+            for material in 0..self.mesh.material_count() {
+                let slots = u32::try_from(self.mesh.indices(material).len()).unwrap_or(NONE);
+                dirty.draws.extend((0..slots).map(|slot| (material, slot)));
+            }
+        }
+    }
+
+    /// Decodes and applies a chunk whose parents are applied. On failure nothing has changed.
+    pub(crate) fn apply(&mut self, chunk: u32, info: &ChunkInfo, bytes: &[u8]) -> Result<(), AssetError> {
+        let delta = self.mesh.decode(chunk, info, bytes)?;
+        let touched = self.mesh.apply(&delta)?;
+        if let Some(dirty) = &mut self.dirty {
+            dirty.add(touched);
+        }
+        self.deltas.insert(chunk, delta);
+        self.levels.insert(chunk, info.level);
+        Ok(())
+    }
+
+    /// Undoes an applied chunk that no applied chunk needs.
+    pub(crate) fn undo(&mut self, chunk: u32) -> Result<(), AssetError> {
+        let delta = self.deltas.get(&chunk).ok_or(RefineError::NotApplied(chunk))?;
+        let touched = self.mesh.undo(delta)?;
+        if let Some(dirty) = &mut self.dirty {
+            dirty.add(touched);
+        }
+        self.deltas.remove(&chunk);
+        self.births.remove(&chunk);
+        self.levels.remove(&chunk);
+        Ok(())
+    }
+
+    /// The mesh as it is now.
+    pub(crate) const fn mesh(&self) -> &ActiveMesh {
+        &self.mesh
+    }
+
+    /// Memory of mesh and deltas, in bytes.
+    pub(crate) fn memory_bytes(&self) -> usize {
+        self.mesh.bytes() + self.deltas.values().map(ChunkDelta::bytes).sum::<usize>()
+    }
+
+    /// Whether [`RefinedAsset::take_changes`] has something.
+    pub(crate) fn has_changes(&self) -> bool {
+        self.dirty.as_ref().is_some_and(|d| !d.wedges.is_empty() || !d.draws.is_empty())
+    }
+
+    /// What changed since the last call; together with all earlier changes it is the mesh as it is now.
+    /// Vertices that appear for the first time are born at `now_s`.
+    pub(crate) fn take_changes(&mut self, asset: u32, now_s: f32) -> Option<MeshChange> {
+        let dirty = self.dirty.as_mut()?;
+        if dirty.wedges.is_empty() && dirty.draws.is_empty() {
+            return None;
+        }
+        let mut dirty = std::mem::take(dirty);
+        dirty.merge();
+        let mesh = &self.mesh;
+        let slots = mesh.wedge_slots();
+        // Slots at the end may have gone since they were noted.
+        dirty.wedges.retain(|slot| *slot < slots);
+        let mut vertices = Vec::new();
+        for run in runs(&dirty.wedges, VERTEX_GAP) {
+            let first = run.start;
+            let data = run
+                .map(|slot| {
+                    let chunk = mesh.wedge_chunk(slot).filter(|c| self.levels.contains_key(c));
+                    let (birth_s, level) = chunk.map_or((0.0, 0), |chunk| {
+                        let birth = *self.births.entry(chunk).or_insert(now_s);
+                        (birth, self.levels.get(&chunk).copied().unwrap_or(0))
+                    });
+                    Vertex { data: mesh.render_vertex(slot), birth_s, level: u32::from(level) }
+                })
+                .collect();
+            vertices.push((first, data));
+        }
+        let mut indices = Vec::new();
+        for of_material in dirty.draws.chunk_by(|a, b| a.0 == b.0) {
+            let material = of_material[0].0;
+            let list = mesh.indices(material);
+            let slots: Vec<u32> =
+                of_material.iter().map(|d| d.1).filter(|slot| (*slot as usize) < list.len()).collect();
+            for run in runs(&slots, INDEX_GAP) {
+                let faces = list[run.start as usize..run.end as usize].to_vec();
+                indices.push(IndexRun { material, first: run.start, faces });
+            }
+        }
+        Some(MeshChange { asset, vertices, indices })
+    }
+}
+
+/// Unchanged slots that are sent along rather than beginning a new upload: an upload costs about as much
+/// as computing this many normals.
+const VERTEX_GAP: u32 = 8;
+/// The same for faces, which are only copied.
+const INDEX_GAP: u32 = 64;
+
+/// Square root of uv area over surface area in the base mesh.
+fn uv_per_unit(base: &Base) -> f32 {
+    let (mut surface, mut uv) = (0.0_f64, 0.0_f64);
+    for face in &base.faces {
+        let Some([a, b, c]) = wedges_of(base, face.wedges) else { continue };
+        let p = [a, b, c].map(|w| base.positions.get(w.vertex as usize).map(|&q| base.grid.position(q)));
+        let [Some(p), Some(q), Some(r)] = p else { continue };
+        let (p, q, r) = (glam::DVec3::from(p), glam::DVec3::from(q), glam::DVec3::from(r));
+        let [s, t, u] = [a, b, c].map(|w| glam::DVec2::from(base.uv_grid.uv(w.uv)));
+        surface += (q - p).cross(r - p).length();
+        uv += (t - s).perp_dot(u - s).abs();
+    }
+    #[allow(clippy::cast_possible_truncation)] // a density, not a count
+    if surface > 0.0 { (uv / surface).sqrt() as f32 } else { 0.0 }
+}
+
+fn wedges_of(base: &Base, wedges: [u32; 3]) -> Option<[geometry::mesh::Wedge; 3]> {
+    let get = |w: u32| base.wedges.get(w as usize).copied();
+    Some([get(wedges[0])?, get(wedges[1])?, get(wedges[2])?])
+}

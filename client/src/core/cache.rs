@@ -1,0 +1,121 @@
+//! Bytes of blobs that were received: bounded, least recently used out first.
+//!
+//! What is applied to a mesh needs its bytes no longer, but a chunk that is undone and wanted again is
+//! then applied from here instead of being fetched a second time.
+
+use std::collections::{BTreeMap, HashMap};
+
+use bytes::Bytes;
+use lodestream_protocol::BlobId;
+
+#[derive(Debug)]
+struct Entry {
+    bytes: Bytes,
+    used: u64,
+}
+
+/// The cache.
+#[derive(Debug)]
+pub(crate) struct BlobCache {
+    capacity_bytes: u64,
+    held_bytes: u64,
+    entries: HashMap<BlobId, Entry>,
+    /// Moment of last use → blob; moments are unique.
+    order: BTreeMap<u64, BlobId>,
+    clock: u64,
+}
+
+impl BlobCache {
+    pub(crate) fn new(capacity_bytes: u64) -> Self {
+        Self { capacity_bytes, held_bytes: 0, entries: HashMap::new(), order: BTreeMap::new(), clock: 0 }
+    }
+
+    /// Bytes held.
+    pub(crate) const fn bytes(&self) -> u64 {
+        self.held_bytes
+    }
+
+    /// Keeps a blob; gives the blobs that had to go for it, oldest first. A blob that exceeds the whole
+    /// capacity is kept nonetheless (it is about to be applied), and is then the next to go.
+    pub(crate) fn insert(&mut self, id: BlobId, bytes: Bytes) -> Vec<BlobId> {
+        self.remove(id);
+        self.clock += 1;
+        self.held_bytes += bytes.len() as u64;
+        self.order.insert(self.clock, id);
+        self.entries.insert(id, Entry { bytes, used: self.clock });
+        let mut gone = Vec::new();
+        while self.held_bytes > self.capacity_bytes && self.entries.len() > 1 {
+            let Some((_, oldest)) = self.order.pop_first() else { break };
+            if let Some(entry) = self.entries.remove(&oldest) {
+                self.held_bytes -= entry.bytes.len() as u64;
+            }
+            gone.push(oldest);
+        }
+        gone
+    }
+
+    /// A blob's bytes; counts as a use.
+    pub(crate) fn get(&mut self, id: BlobId) -> Option<Bytes> {
+        let entry = self.entries.get_mut(&id)?;
+        self.clock += 1;
+        self.order.remove(&entry.used);
+        self.order.insert(self.clock, id);
+        entry.used = self.clock;
+        Some(entry.bytes.clone())
+    }
+
+    pub(crate) fn contains(&self, id: BlobId) -> bool {
+        self.entries.contains_key(&id)
+    }
+
+    pub(crate) fn remove(&mut self, id: BlobId) {
+        if let Some(entry) = self.entries.remove(&id) {
+            self.order.remove(&entry.used);
+            self.held_bytes -= entry.bytes.len() as u64;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn blob(length: usize) -> Bytes {
+        Bytes::from(vec![7; length])
+    }
+
+    #[test]
+    fn least_recently_used_goes_first_and_the_bound_holds() {
+        let mut cache = BlobCache::new(100);
+        let [a, b, c] = [0, 1, 2].map(|n| BlobId::chunk(0, n));
+        assert!(cache.insert(a, blob(40)).is_empty());
+        assert!(cache.insert(b, blob(40)).is_empty());
+        assert!(cache.get(a).is_some());
+        assert_eq!(cache.insert(c, blob(40)), [b]);
+        assert_eq!(cache.bytes(), 80);
+        assert!(cache.contains(a) && cache.contains(c) && !cache.contains(b));
+    }
+
+    #[test]
+    fn inserting_twice_and_removing_keeps_the_count_right() {
+        let mut cache = BlobCache::new(100);
+        let a = BlobId::base(1);
+        cache.insert(a, blob(30));
+        cache.insert(a, blob(50));
+        assert_eq!(cache.bytes(), 50);
+        cache.remove(a);
+        cache.remove(a);
+        assert_eq!(cache.bytes(), 0);
+        assert!(cache.get(a).is_none());
+    }
+
+    #[test]
+    fn a_blob_beyond_the_capacity_is_kept_alone() {
+        let mut cache = BlobCache::new(10);
+        let [a, b] = [0, 1].map(|n| BlobId::chunk(0, n));
+        cache.insert(a, blob(5));
+        assert_eq!(cache.insert(b, blob(50)), [a]);
+        assert!(cache.contains(b));
+        assert_eq!(cache.insert(a, blob(5)), [b]);
+    }
+}

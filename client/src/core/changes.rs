@@ -1,0 +1,129 @@
+//! What a renderer must fetch: the client's state in steps, each of which leaves a picture without holes.
+
+use std::ops::Range;
+
+use lodestream_geometry::refine::RenderVertex;
+use lodestream_protocol::asset::{Material, TextureInfo};
+use lodestream_protocol::scene::{InstanceEntry, SceneHeader};
+
+use super::texture::Pixels;
+
+/// One step. Steps must be taken in order; each is consistent in itself.
+#[derive(Clone, Debug)]
+pub enum Change {
+    /// A scene begins: forget everything before it.
+    Scene(Box<SceneHeader>),
+    /// More instances; they follow those that came before. Their assets may not be there yet.
+    Instances(Vec<InstanceEntry>),
+    /// An asset can be drawn from now on: a [`Change::Mesh`] with its base mesh follows at once.
+    Asset(NewAsset),
+    /// Some slots of an asset's mesh have new contents.
+    Mesh(MeshChange),
+    /// A level of a texture was decoded.
+    Texture(TextureChange),
+}
+
+/// An asset that can be drawn.
+#[derive(Clone, Debug)]
+pub struct NewAsset {
+    /// Its number.
+    pub asset: u32,
+    /// Point in asset units that vertices and the sphere are relative to.
+    pub origin: [f64; 3],
+    /// Centre, relative to `origin`, of a sphere that holds the asset.
+    pub center: [f32; 3],
+    /// Radius of that sphere, in asset units.
+    pub radius: f32,
+    /// Materials; at least one.
+    pub materials: Vec<Material>,
+    /// Textures that the materials name.
+    pub textures: Vec<TextureInfo>,
+}
+
+/// One vertex (a wedge slot).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Vertex {
+    /// Place, normal, texture coordinates.
+    pub data: RenderVertex,
+    /// When it was first seen, in seconds of the driver's clock; 0 for the base mesh.
+    pub birth_s: f32,
+    /// Level that brought it; 0 is the base mesh.
+    pub level: u32,
+}
+
+/// Consecutive entries of a material's index list.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct IndexRun {
+    /// The material.
+    pub material: u16,
+    /// First entry.
+    pub first: u32,
+    /// Wedge slots of each face; `[0, 0, 0]` where there is none.
+    pub faces: Vec<[u32; 3]>,
+}
+
+/// New contents of some slots.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MeshChange {
+    /// The asset's number.
+    pub asset: u32,
+    /// Runs of vertices: first slot, contents.
+    pub vertices: Vec<(u32, Vec<Vertex>)>,
+    /// Runs of faces.
+    pub indices: Vec<IndexRun>,
+}
+
+/// A texture level.
+#[derive(Clone, Debug)]
+pub struct TextureChange {
+    /// The asset's number.
+    pub asset: u32,
+    /// Index of the texture.
+    pub texture: u16,
+    /// The level; 0 is the coarsest.
+    pub level: u8,
+    /// The texels.
+    pub pixels: Pixels,
+}
+
+impl Change {
+    /// Memory held, in bytes, roughly.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        match self {
+            Self::Scene(_) => size_of::<SceneHeader>(),
+            Self::Instances(list) => list.len() * size_of::<InstanceEntry>(),
+            Self::Asset(asset) => (asset.materials.len() + 1) * size_of::<Material>(),
+            Self::Mesh(mesh) => {
+                mesh.vertices.iter().map(|(_, v)| v.len() * size_of::<Vertex>()).sum::<usize>()
+                    + mesh.indices.iter().map(|run| run.faces.len() * 12).sum::<usize>()
+            }
+            Self::Texture(texture) => texture.pixels.bytes(),
+        }
+    }
+}
+
+/// Consecutive runs that cover ascending `slots`, bridging gaps of up to `gap` slots.
+pub(super) fn runs(slots: &[u32], gap: u32) -> Vec<Range<u32>> {
+    let mut runs: Vec<Range<u32>> = Vec::new();
+    for &slot in slots {
+        match runs.last_mut() {
+            Some(run) if slot - run.end <= gap => run.end = slot + 1,
+            _ => runs.push(slot..slot + 1),
+        }
+    }
+    runs
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_bridge_small_gaps_only() {
+        assert_eq!(runs(&[], 3), []);
+        assert_eq!(runs(&[1, 2, 3], 0), [1..4]);
+        assert_eq!(runs(&[1, 3, 9], 0), [1..2, 3..4, 9..10]);
+        assert_eq!(runs(&[1, 3, 9], 1), [1..4, 9..10]);
+    }
+}

@@ -1,0 +1,573 @@
+//! The core: books, and the order in which things happen.
+
+use std::collections::{BTreeSet, VecDeque};
+use std::time::Duration;
+
+use bytes::Bytes;
+use lodestream_protocol::blob::{BlobId, BlobPart};
+use lodestream_protocol::client::{ClientEvent, ClientSession, Resume};
+use lodestream_protocol::frame::{BlobPiece, FrameError, ServerFrame};
+use lodestream_protocol::limits::MAX_HAVE;
+use lodestream_protocol::message::{ClientMessage, Close, CloseCode, RefusedReason, Welcome};
+use lodestream_protocol::scene::SceneHeader;
+use lodestream_protocol::select::{Counters, Selector, State, Wanted};
+use lodestream_protocol::time::Time;
+use lodestream_protocol::view::View;
+
+use super::cache::BlobCache;
+use super::changes::Change;
+use super::config::{Config, StartView};
+use super::failures::Failures;
+use super::milestones::Milestones;
+use super::scene::Scene;
+use super::stats::{Connection, Stats};
+
+/// Cost of handling a blob, beside its bytes, in units of [`ClientCore::update`]'s budget.
+const BLOB_COST: u64 = 256;
+/// Blobs kept that came before the scene page that tells what they belong to.
+const MAX_EARLY_BLOBS: usize = 256;
+
+/// What [`ClientCore::update`] leaves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Progress {
+    /// The budget is used up: call again soon.
+    More,
+    /// Nothing is left to do until something arrives, the view changes or a timeout comes.
+    Idle,
+}
+
+/// The client's state. See the [module](super) for how it is driven.
+#[derive(Debug)]
+pub struct ClientCore {
+    pub(super) config: Config,
+    session: Option<ClientSession>,
+    selector: Selector,
+    pub(super) scene: Scene,
+    pub(super) cache: BlobCache,
+    pub(super) failures: Failures,
+    /// Base meshes and index pages that arrived and are not decoded yet; bounded by what the session has
+    /// in flight.
+    pub(super) arrived: VecDeque<(BlobId, Bytes)>,
+    /// Blobs of assets whose scene page is not here yet.
+    early: Vec<(BlobId, Bytes)>,
+    /// Blobs that are asked for.
+    in_flight: BTreeSet<BlobId>,
+    view: Option<View>,
+    /// The last selection's list, states kept up to date.
+    wanted: Vec<Wanted>,
+    /// Whether something happened that the last selection did not see.
+    stale: bool,
+    selected: Option<Time>,
+    bases_sent: bool,
+    started: Option<Time>,
+    /// Transport payload of the present connection, and of earlier ones.
+    transport_bytes: u64,
+    earlier_bytes: u64,
+    closed: Option<Close>,
+    welcome: Option<Welcome>,
+    milestones: Milestones,
+    pub(super) counts: Counts,
+}
+
+/// Counters that only grow.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Counts {
+    pub(super) undone: u64,
+    pub(super) decode_failures: u64,
+    evicted: u64,
+    refused: u64,
+    selections: u64,
+    connections: u64,
+    pub(super) texture_levels: u64,
+    settled_after: Option<Duration>,
+}
+
+impl ClientCore {
+    /// A client that has not connected yet.
+    #[must_use]
+    pub fn new(config: Config) -> Self {
+        let view = match config.start {
+            StartView::Given(view) => Some(view),
+            StartView::OfScene { .. } => None,
+        };
+        Self {
+            session: None,
+            selector: Selector::new(config.select),
+            scene: Scene::default(),
+            cache: BlobCache::new(config.cache_bytes),
+            failures: Failures::default(),
+            arrived: VecDeque::new(),
+            early: Vec::new(),
+            in_flight: BTreeSet::new(),
+            view,
+            wanted: Vec::new(),
+            stale: false,
+            selected: None,
+            bases_sent: false,
+            started: None,
+            transport_bytes: 0,
+            earlier_bytes: 0,
+            closed: None,
+            welcome: None,
+            milestones: Milestones::default(),
+            counts: Counts::default(),
+            config,
+        }
+    }
+
+    /// Notes the moment of the user's connect call, from which milestones count. Without it, the first
+    /// [`ClientCore::connect`] is that moment.
+    pub fn begin(&mut self, now: Time) {
+        self.started.get_or_insert(now);
+    }
+
+    /// A transport is open: begins a session over it. What is here already is not fetched again if the
+    /// server still has the same scene.
+    pub fn connect(&mut self, now: Time) {
+        self.begin(now);
+        self.disconnect();
+        let mut resume = Resume::default();
+        if let Some(header) = &self.scene.header {
+            resume.fingerprint = header.fingerprint;
+            let held = (0..).zip(&self.scene.states).flat_map(|(asset, state)| state.held(asset));
+            resume.have = held.take(MAX_HAVE).collect();
+        }
+        self.session = Some(ClientSession::new(self.config.session.clone(), self.view, resume, now));
+        self.bases_sent = false;
+        self.closed = None;
+        self.welcome = None;
+        self.counts.connections += 1;
+        self.stale = true;
+    }
+
+    /// The session is over: what was under way will not come.
+    fn disconnect(&mut self) {
+        self.session = None;
+        self.earlier_bytes += std::mem::take(&mut self.transport_bytes);
+        for id in std::mem::take(&mut self.in_flight) {
+            if self.state(id) == State::InFlight {
+                self.set_state(id, State::Absent);
+            }
+        }
+    }
+
+    /// Takes a frame of the server.
+    pub fn handle_frame(&mut self, now: Time, frame: ServerFrame) {
+        if let Some(session) = &mut self.session {
+            session.handle_frame(now, frame);
+            self.drain(now);
+        }
+    }
+
+    /// Takes a piece of a blob.
+    pub fn handle_piece(&mut self, now: Time, piece: BlobPiece) {
+        if let Some(session) = &mut self.session {
+            session.handle_piece(now, piece);
+            self.drain(now);
+        }
+    }
+
+    /// The stream of a blob was reset.
+    pub fn handle_abandoned(&mut self, now: Time, id: BlobId) {
+        if let Some(session) = &mut self.session {
+            session.handle_abandoned(now, id);
+            self.drain(now);
+        }
+    }
+
+    /// Takes what the driver could not decode: the session ends.
+    pub fn handle_frame_error(&mut self, now: Time, error: &FrameError) {
+        if let Some(session) = &mut self.session {
+            session.handle_frame_error(now, error);
+            self.drain(now);
+        }
+    }
+
+    /// The transport failed or ended.
+    pub fn handle_lost(&mut self, now: Time, reason: &str) {
+        if let Some(session) = &mut self.session {
+            session.handle_lost(now, reason);
+            self.drain(now);
+        }
+    }
+
+    /// Leaves: the session says `Bye`.
+    pub fn leave(&mut self, now: Time) {
+        if let Some(session) = &mut self.session {
+            session.close(now, CloseCode::Normal, "the viewer left");
+            self.drain(now);
+        }
+    }
+
+    /// Transport payload received over the present connection so far, handshake included.
+    pub fn note_transport_bytes(&mut self, bytes: u64) {
+        self.transport_bytes = bytes;
+    }
+
+    /// Call when the moment given by [`ClientCore::poll_timeout`] has come, then
+    /// [`ClientCore::update`]; earlier is harmless.
+    pub fn handle_timeout(&mut self, now: Time) {
+        if let Some(session) = &mut self.session {
+            session.handle_timeout(now);
+            self.drain(now);
+        }
+        for id in self.failures.due(now) {
+            self.set_state(id, State::Absent);
+            self.stale = true;
+        }
+    }
+
+    /// When to call [`ClientCore::handle_timeout`].
+    #[must_use]
+    pub fn poll_timeout(&self) -> Option<Time> {
+        let session = self.session.as_ref().and_then(ClientSession::poll_timeout);
+        let select = (self.stale && self.view.is_some()).then(|| self.next_selection());
+        [session, self.failures.next(), select].into_iter().flatten().min()
+    }
+
+    /// The next message to send. Call until `None`, while the transport can take it.
+    pub fn poll_transmit(&mut self, now: Time) -> Option<ClientMessage> {
+        self.session.as_mut()?.poll_transmit(now)
+    }
+
+    /// Why the session ended, once it has and all its messages are sent.
+    #[must_use]
+    pub fn closed(&self) -> Option<&Close> {
+        self.session.as_ref().filter(|session| session.is_closed()).and(self.closed.as_ref())
+    }
+
+    /// Moves the camera. Views that cannot be drawn are ignored.
+    pub fn set_view(&mut self, now: Time, view: View) {
+        if self.view == Some(view) || view.check().is_err() {
+            return;
+        }
+        self.view = Some(view);
+        self.stale = true;
+        if let Some(session) = &mut self.session {
+            session.set_view(now, view);
+        }
+    }
+
+    /// The camera, once known.
+    #[must_use]
+    pub const fn view(&self) -> Option<View> {
+        self.view
+    }
+
+    /// The scene's header, once known.
+    #[must_use]
+    pub const fn scene(&self) -> Option<&SceneHeader> {
+        self.scene.header.as_ref()
+    }
+
+    /// The refined mesh of an asset whose base mesh is here.
+    #[must_use]
+    pub fn mesh(&self, asset: u32) -> Option<&lodestream_geometry::refine::ActiveMesh> {
+        self.scene.refined.get(asset as usize)?.as_ref().map(super::asset::RefinedAsset::mesh)
+    }
+
+    fn drain(&mut self, now: Time) {
+        while let Some(event) = self.session.as_mut().and_then(ClientSession::poll_event) {
+            match event {
+                ClientEvent::Connected(welcome) => self.welcomed(now, welcome),
+                ClientEvent::ScenePage(page) => match self.scene.add_page(page, self.config.max_entries) {
+                    Ok(assets) => {
+                        let (known, early): (Vec<_>, _) = std::mem::take(&mut self.early)
+                            .into_iter()
+                            .partition(|(id, _)| id.asset < assets.end);
+                        self.early = early;
+                        for (id, bytes) in known {
+                            self.arrive(now, id, bytes);
+                        }
+                    }
+                    Err(why) => {
+                        tracing::warn!("the scene description cannot be used: {why}");
+                        if let Some(session) = &mut self.session {
+                            session.close(now, CloseCode::Protocol, why);
+                        }
+                    }
+                },
+                ClientEvent::Blob { id, bytes } => {
+                    self.in_flight.remove(&id);
+                    if id.asset < self.scene.asset_count() {
+                        self.arrive(now, id, bytes);
+                    } else if self.early.len() < MAX_EARLY_BLOBS {
+                        self.early.push((id, bytes));
+                    } else if let Some(session) = &mut self.session {
+                        session.evicted(now, &[id]);
+                    }
+                }
+                ClientEvent::Refused { id, reason } => self.refused(now, id, reason),
+                ClientEvent::BasesSent => self.bases_sent = true,
+                ClientEvent::Done => {}
+                ClientEvent::Closed(close) => {
+                    tracing::debug!("session closed: {close}");
+                    self.closed = Some(close);
+                }
+            }
+            self.stale = true;
+        }
+    }
+
+    fn welcomed(&mut self, now: Time, welcome: Welcome) {
+        let header = &welcome.scene;
+        let same = self.scene.header.as_ref().is_some_and(|old| old.fingerprint == header.fingerprint);
+        if !same {
+            self.scene = Scene::new(header.clone());
+            self.cache = BlobCache::new(self.config.cache_bytes);
+            self.failures = Failures::default();
+            self.wanted.clear();
+            // What was pushed before the answer was heard stays: it belongs to the new scene.
+        }
+        if self.view.is_none()
+            && let StartView::OfScene { viewport_px, target_px } = self.config.start
+        {
+            self.set_view(now, header.camera.view(viewport_px, target_px));
+        }
+        self.welcome = Some(welcome);
+    }
+
+    fn refused(&mut self, now: Time, id: BlobId, reason: RefusedReason) {
+        self.counts.refused += 1;
+        self.in_flight.remove(&id);
+        tracing::warn!("the server refuses {id}: {reason:?}");
+        match reason {
+            RefusedReason::QueueFull => self.set_state(id, State::Absent),
+            RefusedReason::Unreadable => {
+                self.failures.note(now, id);
+                self.set_state(id, State::Failed);
+            }
+            RefusedReason::NotFound | RefusedReason::TooLong => {
+                self.failures.give_up(id);
+                self.set_state(id, State::Failed);
+            }
+        }
+    }
+
+    pub(super) fn set_state(&mut self, id: BlobId, state: State) {
+        if let Some(asset) = self.scene.states.get_mut(id.asset as usize) {
+            asset.set_state(id.part, state);
+        }
+    }
+
+    pub(super) fn state(&self, id: BlobId) -> State {
+        self.scene.states.get(id.asset as usize).map_or(State::Absent, |asset| asset.state(id.part))
+    }
+
+    /// A blob cannot be used: it is asked for again a few times, ever more slowly.
+    pub(super) fn failed(&mut self, now: Time, id: BlobId, why: &dyn std::fmt::Display) {
+        self.counts.decode_failures += 1;
+        let again = self.failures.note(now, id);
+        tracing::warn!("{id} cannot be used{}: {why}", if again { ", asking again" } else { "" });
+        self.cache.remove(id);
+        self.set_state(id, State::Failed);
+        if let Some(session) = &mut self.session {
+            session.evicted(now, &[id]);
+        }
+    }
+
+    /// Blobs are no longer here.
+    pub(super) fn dropped(&mut self, now: Time, gone: &[BlobId]) {
+        self.counts.evicted += gone.len() as u64;
+        for &id in gone {
+            // What is applied stays applied; it is only fetched again if it is undone and wanted again.
+            if self.state(id) == State::Cached {
+                self.set_state(id, State::Absent);
+            }
+        }
+        let gone: Vec<BlobId> = gone.iter().copied().filter(|id| self.state(*id) == State::Absent).collect();
+        if !gone.is_empty()
+            && let Some(session) = &mut self.session
+        {
+            session.evicted(now, &gone);
+        }
+    }
+
+    /// Selects, decodes, applies and undoes, within a budget of about `budget_bytes` of payload.
+    pub fn update(&mut self, now: Time, budget_bytes: u64) -> Progress {
+        let mut budget = budget_bytes;
+        let before = budget;
+        while budget > 0
+            && let Some((id, bytes)) = self.arrived.pop_front()
+        {
+            budget = budget.saturating_sub(BLOB_COST + bytes.len() as u64);
+            self.take(now, id, &bytes);
+        }
+        if self.stale && (now >= self.next_selection() || self.first_frame_may_be_now()) {
+            self.select(now);
+        }
+        for index in 0..self.wanted.len() {
+            let id = self.wanted[index].id;
+            if budget == 0 {
+                break;
+            }
+            if self.state(id) == State::Cached
+                && let Some(bytes) = self.apply_cached(now, id)
+            {
+                budget = budget.saturating_sub(BLOB_COST + bytes);
+                self.stale = true;
+            }
+        }
+        if budget < before && self.session.is_some() {
+            self.ask(now, &[]);
+        }
+        if budget == 0 { Progress::More } else { Progress::Idle }
+    }
+
+    /// The first frame is worth a selection of its own: its moment is measured.
+    fn first_frame_may_be_now(&self) -> bool {
+        self.milestones.first_frame.is_none()
+    }
+
+    fn next_selection(&self) -> Time {
+        self.selected.map_or(Time::ZERO, |at| at + self.config.select_interval)
+    }
+
+    fn select(&mut self, now: Time) {
+        let Some(view) = self.view else { return };
+        if self.scene.header.is_none() {
+            return;
+        }
+        self.stale = false;
+        self.selected = Some(now);
+        self.counts.selections += 1;
+        let selection = self.selector.select(&view, &self.scene.instances, &self.scene.states);
+        let (counters, cancel, undo) = (selection.counters, selection.cancel.clone(), selection.undo.clone());
+        self.wanted.clone_from(&selection.wanted);
+        let all_known = self.scene.is_complete() || self.bases_sent;
+        let started = self.started.unwrap_or(now);
+        self.milestones.note(started, now, self.received_bytes(), all_known, &counters);
+        for id in undo {
+            self.undo(now, id);
+        }
+        self.ask(now, &cancel);
+        if self.is_settled() {
+            self.counts.settled_after.get_or_insert(now.since(started));
+        }
+    }
+
+    /// Asks for what is wanted and not here.
+    fn ask(&mut self, now: Time, cancel: &[BlobId]) {
+        for wanted in &mut self.wanted {
+            wanted.state = self
+                .scene
+                .states
+                .get(wanted.id.asset as usize)
+                .map_or(State::Absent, |a| a.state(wanted.id.part));
+        }
+        let Some(session) = &mut self.session else { return };
+        let asked = session.set_wanted(now, &self.wanted, cancel);
+        for &id in cancel {
+            self.in_flight.remove(&id);
+            if self.state(id) == State::InFlight {
+                self.set_state(id, State::Absent);
+            }
+        }
+        for id in asked {
+            self.in_flight.insert(id);
+            self.set_state(id, State::InFlight);
+        }
+    }
+
+    fn received_bytes(&self) -> u64 {
+        self.earlier_bytes + self.transport_bytes
+    }
+
+    /// Whether the picture is as sharp as target and budgets allow, and nothing is under way.
+    #[must_use]
+    pub fn is_settled(&self) -> bool {
+        self.scene.is_complete()
+            && !self.stale
+            && self.counters().settled
+            && self.arrived.is_empty()
+            && self.failures.next().is_none()
+    }
+
+    /// Counters of the last selection.
+    #[must_use]
+    pub const fn counters(&self) -> &Counters {
+        &self.selector.last().counters
+    }
+
+    /// What a renderer must fetch since the last call, in order, about `max_bytes` of it. `now` is the
+    /// birth of vertices that appear for the first time.
+    pub fn take_changes(&mut self, now: Time, max_bytes: usize) -> Vec<Change> {
+        #[allow(clippy::cast_possible_truncation)] // seconds since the start: milliseconds for 4 hours
+        let now_s = Duration::from(now).as_secs_f64() as f32;
+        self.scene.take_changes(now_s, max_bytes)
+    }
+
+    /// Whether [`ClientCore::take_changes`] has something.
+    #[must_use]
+    pub fn has_changes(&self) -> bool {
+        self.scene.has_changes()
+    }
+
+    /// The milestones so far.
+    #[must_use]
+    pub const fn milestones(&self) -> &Milestones {
+        &self.milestones
+    }
+
+    /// Everything countable. Costs a pass over the assets.
+    #[must_use]
+    pub fn stats(&self) -> Stats {
+        let connection = match (&self.session, &self.closed, &self.welcome) {
+            (_, Some(close), _) => Connection::Closed(close.reason.clone()),
+            (None, None, _) => Connection::None,
+            (Some(_), None, None) => Connection::Opening,
+            (Some(_), None, Some(_)) => Connection::Open,
+        };
+        let mut stats = Stats {
+            scene: self.scene.header.as_ref().map(|h| h.name.clone()).unwrap_or_default(),
+            connection,
+            rate_bits_per_s: self.welcome.as_ref().map(|w| w.rate_bits_per_s).filter(|rate| *rate > 0),
+            counters: *self.counters(),
+            session: self.session.as_ref().map(ClientSession::stats).unwrap_or_default(),
+            milestones: self.milestones,
+            transport_bytes: self.received_bytes(),
+            assets: self.scene.asset_count(),
+            instances: u32::try_from(self.scene.instances.len()).unwrap_or(u32::MAX),
+            scene_instances: self.scene.header.as_ref().map_or(0, |h| h.instance_count),
+            wanted_chunks: u64::from(self.counters().missing_chunks),
+            texture_levels: self.counts.texture_levels,
+            cached_bytes: self.cache.bytes(),
+            undone: self.counts.undone,
+            decode_failures: self.counts.decode_failures,
+            evicted: self.counts.evicted,
+            refused: self.counts.refused,
+            selections: self.counts.selections,
+            connections: self.counts.connections,
+            settled: self.is_settled(),
+            settled_after: self.counts.settled_after,
+            ..Stats::default()
+        };
+        for refined in self.scene.refined.iter().flatten() {
+            stats.faces += refined.mesh().face_count() as u64;
+            stats.vertices += refined.mesh().vertex_count() as u64;
+            stats.applied_chunks += refined.mesh().applied_count() as u64;
+            stats.mesh_bytes += refined.memory_bytes() as u64;
+        }
+        stats
+    }
+
+    fn undo(&mut self, now: Time, id: BlobId) {
+        let BlobPart::Chunk(chunk) = id.part else { return };
+        let Some(Some(refined)) = self.scene.refined.get_mut(id.asset as usize) else { return };
+        match refined.undo(chunk) {
+            Ok(()) => {
+                self.counts.undone += 1;
+                self.stale = true;
+                if self.cache.contains(id) {
+                    self.set_state(id, State::Cached);
+                } else {
+                    self.set_state(id, State::Absent);
+                    if let Some(session) = &mut self.session {
+                        session.evicted(now, &[id]);
+                    }
+                }
+            }
+            Err(why) => tracing::error!("{id} cannot be undone: {why}"),
+        }
+    }
+}

@@ -1,0 +1,63 @@
+//! Knobs of the client.
+
+use std::time::Duration;
+
+use lodestream_protocol::client::ClientConfig;
+use lodestream_protocol::select::SelectSettings;
+use lodestream_protocol::view::View;
+
+/// Where the camera is before anybody moves it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum StartView {
+    /// The scene's own start camera, for a picture of this size and quality.
+    OfScene {
+        /// Width and height in pixels.
+        viewport_px: [u32; 2],
+        /// Screen error to refine to, in pixels.
+        target_px: f32,
+    },
+    /// This view.
+    Given(View),
+}
+
+/// Knobs of a [`super::ClientCore`].
+#[derive(Clone, Debug)]
+pub struct Config {
+    /// Scene and limits of the session.
+    pub session: ClientConfig,
+    /// What is selected.
+    pub select: SelectSettings,
+    /// The first view.
+    pub start: StartView,
+    /// Bytes of received blobs that are kept. A smaller cache fetches more often what was undone.
+    pub cache_bytes: u64,
+    /// Least time between two selections. Longer saves work, shorter reacts faster.
+    pub select_interval: Duration,
+    /// Decoded texels and vertices that may wait for the renderer before decoding of textures pauses.
+    pub max_waiting_bytes: usize,
+    /// Whether somebody takes [`super::ClientCore::take_changes`]; without, textures are not decoded.
+    pub track_changes: bool,
+    /// Most assets and instances of a scene that are taken; a scene beyond that is refused.
+    pub max_entries: u32,
+    /// A chunk (asset, number) that is never asked for nor applied: for tests that must see what a
+    /// missing chunk does to the picture.
+    pub withhold: Option<(u32, u32)>,
+}
+
+impl Config {
+    /// Defaults for a start view.
+    #[must_use]
+    pub fn new(start: StartView) -> Self {
+        Self {
+            session: ClientConfig::default(),
+            select: SelectSettings::default(),
+            start,
+            cache_bytes: 128 << 20,
+            select_interval: Duration::from_millis(10),
+            max_waiting_bytes: 64 << 20,
+            track_changes: true,
+            max_entries: 1 << 20,
+            withhold: None,
+        }
+    }
+}

@@ -1,0 +1,68 @@
+//! When the picture became drawable, and when it became sharp.
+
+use std::time::Duration;
+
+use lodestream_protocol::Time;
+use lodestream_protocol::select::Counters;
+
+/// Screen errors whose first attainment is noted, in pixels.
+pub const QUALITIES_PX: [f64; 3] = [16.0, 4.0, 1.0];
+
+/// A moment since the connect call, and the transport payload received until then.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Milestone {
+    /// Time since the connect call.
+    pub after: Duration,
+    /// Bytes that the transport had received, handshake included.
+    pub bytes: u64,
+}
+
+/// The milestones of a run. They are noted once and kept over reconnections.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Milestones {
+    /// Every visible instance could be drawn, with its base mesh at least (TTFF).
+    pub first_frame: Option<Milestone>,
+    /// Every visible part had a screen error of at most [`QUALITIES_PX`] pixels (TTQ).
+    pub quality: [Option<Milestone>; 3],
+}
+
+impl Milestones {
+    /// Notes what a selection has found. `all_known`: no instance that may be visible is still unknown.
+    pub(crate) fn note(&mut self, start: Time, now: Time, bytes: u64, all_known: bool, counters: &Counters) {
+        if !all_known || counters.drawable_instances < counters.visible_instances {
+            return;
+        }
+        let here = Milestone { after: now.since(start), bytes };
+        self.first_frame.get_or_insert(here);
+        for (slot, px) in self.quality.iter_mut().zip(QUALITIES_PX) {
+            if counters.max_screen_error_px <= px {
+                slot.get_or_insert(here);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_milestone_is_noted_once_and_only_when_everything_visible_is_known() {
+        let mut m = Milestones::default();
+        let counters = |drawable_instances, max_screen_error_px| Counters {
+            visible_instances: 2,
+            drawable_instances,
+            max_screen_error_px,
+            ..Counters::default()
+        };
+        let start = Time::from_ms(10);
+        m.note(start, Time::from_ms(20), 100, false, &counters(2, 3.0));
+        m.note(start, Time::from_ms(30), 200, true, &counters(1, f64::INFINITY));
+        assert_eq!(m, Milestones::default());
+        m.note(start, Time::from_ms(40), 300, true, &counters(2, 9.0));
+        m.note(start, Time::from_ms(50), 400, true, &counters(2, 0.5));
+        let at = |ms, bytes| Some(Milestone { after: Duration::from_millis(ms), bytes });
+        assert_eq!(m.first_frame, at(30, 300));
+        assert_eq!(m.quality, [at(30, 300), at(40, 400), at(40, 400)]);
+    }
+}

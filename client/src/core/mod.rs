@@ -1,0 +1,37 @@
+//! What a client is without network, graphics and clock: session, scene, cache, selection, refinement.
+//!
+//! [`ClientCore`] is driven in the shape of the protocol's sessions: frames and pieces go in by
+//! `handle_…`, messages come out of [`ClientCore::poll_transmit`], time comes in as an argument. The
+//! heavy part, [`ClientCore::update`], selects, decodes and applies within a budget, so that a viewer can
+//! run it in slices beside its network and a simulator in virtual time.
+//!
+//! ```text
+//! pieces -> session -> arrived -> cache -> decode -> ActiveMesh -> changes -> renderer
+//!              ^ wants, cancels                |
+//!              +------- selection <- states <--+
+//! ```
+//!
+//! What is drawn only ever goes from coarse to fine and back: an asset is drawn from its base mesh on, a
+//! chunk is applied whole or not at all, and what no view needs is undone, finest first, its bytes kept
+//! in a bounded cache.
+
+mod arrivals;
+mod asset;
+mod cache;
+mod changes;
+mod client_core;
+mod config;
+mod failures;
+mod milestones;
+mod scene;
+mod stats;
+#[cfg(test)]
+mod tests;
+mod texture;
+
+pub use changes::{Change, IndexRun, MeshChange, NewAsset, TextureChange, Vertex};
+pub use client_core::{ClientCore, Progress};
+pub use config::{Config, StartView};
+pub use milestones::{Milestone, Milestones, QUALITIES_PX};
+pub use stats::{Connection, Stats};
+pub use texture::{Pixels, Texels};

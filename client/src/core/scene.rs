@@ -1,0 +1,216 @@
+//! The scene as far as its description has arrived.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use lodestream_protocol::scene::{InstanceEntry, SceneHeader, ScenePage};
+use lodestream_protocol::select::AssetState;
+
+use super::asset::RefinedAsset;
+use super::changes::{Change, NewAsset};
+
+/// Pages kept that came ahead of their turn.
+const MAX_EARLY_PAGES: usize = 256;
+
+/// Header, pages and assets.
+#[derive(Debug, Default)]
+pub(crate) struct Scene {
+    pub(crate) header: Option<SceneHeader>,
+    pub(crate) instances: Vec<InstanceEntry>,
+    /// Where the blobs of each asset are.
+    pub(crate) states: Vec<AssetState>,
+    /// The assets whose base mesh is here; as long as `states`.
+    pub(crate) refined: Vec<Option<RefinedAsset>>,
+    next_page: u32,
+    early: BTreeMap<u32, ScenePage>,
+    /// Changes for a renderer that do not belong to a mesh, in order.
+    changes: VecDeque<Change>,
+    waiting_bytes: usize,
+}
+
+impl Scene {
+    pub(crate) fn new(header: SceneHeader) -> Self {
+        let changes = VecDeque::from([Change::Scene(Box::new(header.clone()))]);
+        Self { header: Some(header), changes, ..Self::default() }
+    }
+
+    /// Takes a page; gives the numbers of the assets that became known, or why the page does not fit.
+    pub(crate) fn add_page(
+        &mut self,
+        page: ScenePage,
+        max_entries: u32,
+    ) -> Result<std::ops::Range<u32>, &'static str> {
+        let first = self.asset_count();
+        let Some(header) = &self.header else { return Err("a scene page came before the scene") };
+        let (page_count, asset_count, instance_count) =
+            (header.page_count, header.asset_count, header.instance_count);
+        if page.page >= page_count {
+            return Err("a scene page is beyond the last");
+        }
+        if page.page < self.next_page {
+            return Ok(first..first);
+        }
+        if page.page > self.next_page && self.early.len() >= MAX_EARLY_PAGES {
+            return Err("too many scene pages came ahead of their turn");
+        }
+        self.early.insert(page.page, page);
+        while let Some(page) = self.early.remove(&self.next_page) {
+            let (assets, instances) = (self.states.len(), self.instances.len());
+            if page.first_asset as usize != assets || page.first_instance as usize != instances {
+                return Err("scene pages leave a gap");
+            }
+            let assets = assets + page.assets.len();
+            let instances = instances + page.instances.len();
+            if assets > (asset_count.min(max_entries)) as usize
+                || instances > (instance_count.min(max_entries)) as usize
+            {
+                return Err("the scene has more entries than announced or allowed");
+            }
+            if page.instances.iter().any(|i| i.asset as usize >= assets) {
+                return Err("an instance refers to an asset of a later page");
+            }
+            self.states.extend(page.assets.into_iter().map(AssetState::new));
+            self.refined.resize_with(self.states.len(), || None);
+            self.instances.extend(&page.instances);
+            self.push_change(Change::Instances(page.instances));
+            self.next_page += 1;
+        }
+        Ok(first..self.asset_count())
+    }
+
+    /// Whether all pages are here.
+    pub(crate) fn is_complete(&self) -> bool {
+        self.header.as_ref().is_some_and(|h| self.next_page >= h.page_count)
+    }
+
+    /// Number of known assets.
+    pub(crate) fn asset_count(&self) -> u32 {
+        u32::try_from(self.states.len()).unwrap_or(u32::MAX)
+    }
+
+    /// Puts a base mesh in place.
+    pub(crate) fn set_base(&mut self, asset: u32, refined: RefinedAsset) {
+        let Some(state) = self.states.get_mut(asset as usize) else { return };
+        state.set_description(&refined.description, refined.uv_per_unit);
+        let sphere = state.entry().sphere;
+        let mut materials = refined.description.materials.clone();
+        if materials.is_empty() {
+            materials.push(lodestream_protocol::asset::Material::default());
+        }
+        self.push_change(Change::Asset(NewAsset {
+            asset,
+            origin: refined.origin,
+            center: sphere.center,
+            radius: sphere.radius,
+            materials,
+            textures: refined.description.textures.clone(),
+        }));
+        self.refined[asset as usize] = Some(refined);
+    }
+
+    /// Notes a change that does not belong to a mesh.
+    pub(crate) fn push_change(&mut self, change: Change) {
+        self.waiting_bytes += change.bytes();
+        self.changes.push_back(change);
+    }
+
+    /// Drops the changes of a scene that nobody draws.
+    pub(crate) fn drop_changes(&mut self) {
+        self.changes.clear();
+        self.waiting_bytes = 0;
+    }
+
+    /// Bytes of the changes that wait to be taken, meshes not counted.
+    pub(crate) const fn waiting_bytes(&self) -> usize {
+        self.waiting_bytes
+    }
+
+    /// Whether [`Scene::take_changes`] has something.
+    pub(crate) fn has_changes(&self) -> bool {
+        !self.changes.is_empty() || self.refined.iter().flatten().any(RefinedAsset::has_changes)
+    }
+
+    /// Changes, in order, until they hold about `max_bytes`; at least one if there is any.
+    pub(crate) fn take_changes(&mut self, now_s: f32, max_bytes: usize) -> Vec<Change> {
+        let mut taken = Vec::new();
+        let mut bytes = 0;
+        while bytes < max_bytes
+            && let Some(change) = self.changes.pop_front()
+        {
+            bytes += change.bytes();
+            self.waiting_bytes = self.waiting_bytes.saturating_sub(change.bytes());
+            taken.push(change);
+        }
+        if !self.changes.is_empty() {
+            return taken;
+        }
+        for (number, refined) in (0..).zip(&mut self.refined) {
+            if bytes >= max_bytes {
+                break;
+            }
+            if let Some(change) = refined.as_mut().and_then(|r| r.take_changes(number, now_s)) {
+                let change = Change::Mesh(change);
+                bytes += change.bytes();
+                taken.push(change);
+            }
+        }
+        taken
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lodestream_protocol::scene::{AssetEntry, Camera, Light};
+
+    fn header(pages: u32) -> SceneHeader {
+        SceneHeader {
+            name: "test".into(),
+            fingerprint: [1; 16],
+            asset_count: pages,
+            instance_count: pages,
+            page_count: pages,
+            light: Light { direction: [0.0, 1.0, 0.0], color: [1.0; 3], ambient: [0.1; 3] },
+            background: [0.0; 3],
+            camera: Camera { eye: [0.0, 0.0, 5.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov_y: 1.0 },
+        }
+    }
+
+    fn page(number: u32) -> ScenePage {
+        ScenePage {
+            page: number,
+            first_asset: number,
+            first_instance: number,
+            assets: vec![AssetEntry::default()],
+            instances: vec![InstanceEntry::at(number, [0.0; 3])],
+        }
+    }
+
+    #[test]
+    fn pages_may_come_in_any_order_and_twice() {
+        let mut scene = Scene::new(header(3));
+        assert_eq!(scene.add_page(page(2), 100), Ok(0..0));
+        assert_eq!(scene.add_page(page(0), 100), Ok(0..1));
+        assert!(!scene.is_complete());
+        assert_eq!(scene.add_page(page(0), 100), Ok(1..1));
+        assert_eq!(scene.add_page(page(1), 100), Ok(1..3));
+        assert!(scene.is_complete());
+        assert_eq!(scene.instances.iter().map(|i| i.asset).collect::<Vec<_>>(), [0, 1, 2]);
+        let changes = scene.take_changes(0.0, usize::MAX);
+        assert!(matches!(changes[0], Change::Scene(_)));
+        assert_eq!(changes.len(), 4);
+    }
+
+    #[test]
+    fn pages_that_do_not_fit_are_refused() {
+        let mut scene = Scene::new(header(2));
+        assert!(scene.add_page(page(2), 100).is_err());
+        let mut gap = page(0);
+        gap.first_asset = 1;
+        assert!(scene.add_page(gap, 100).is_err());
+        let mut scene = Scene::new(header(2));
+        let mut dangling = page(0);
+        dangling.instances[0].asset = 1;
+        assert!(scene.add_page(dangling, 100).is_err());
+        assert!(Scene::new(header(2)).add_page(page(0), 0).is_err());
+    }
+}

@@ -1,0 +1,196 @@
+//! The loop that connects a core with a transport; one for both transports.
+
+use std::future::{Future, pending};
+
+use futures_util::FutureExt;
+use lodestream_protocol::blob::BlobId;
+use lodestream_protocol::frame::{BlobPiece, FrameError, ServerFrame, encode_client};
+use lodestream_protocol::message::{Close, CloseCode, ServerMessage};
+use lodestream_protocol::time::Time;
+use tokio::time::{Instant, sleep_until, timeout};
+
+use crate::core::{ClientCore, Progress};
+
+/// Things received in a row before the host gets its turn.
+const MAX_RECEIVED_IN_A_ROW: usize = 64;
+/// Time that the last words may take.
+const LAST_WORDS_TIMEOUT: std::time::Duration = std::time::Duration::from_millis(500);
+
+/// The clock of a client: tokio's, so that virtual time works, counted from a start.
+#[derive(Clone, Copy, Debug)]
+pub struct Clock {
+    start: Instant,
+}
+
+impl Clock {
+    /// A clock that starts now.
+    #[must_use]
+    pub fn start() -> Self {
+        Self { start: Instant::now() }
+    }
+
+    /// A clock that started at `start`.
+    #[must_use]
+    pub const fn since(start: Instant) -> Self {
+        Self { start }
+    }
+
+    /// Now.
+    #[must_use]
+    pub fn now(&self) -> Time {
+        Time::from(self.start.elapsed())
+    }
+
+    fn instant(&self, time: Time) -> Instant {
+        self.start + std::time::Duration::from(time)
+    }
+}
+
+/// Who owns the core while a driver runs it.
+pub trait Host {
+    /// The core.
+    fn core(&mut self) -> &mut ClientCore;
+
+    /// Called after everything that may have changed something: runs [`ClientCore::update`], and whatever
+    /// else the host does with the outcome.
+    fn turn(&mut self, now: Time) -> Progress {
+        self.core().update(now, u64::MAX)
+    }
+
+    /// Resolves when the host wants a turn although nothing came from the network. Dropped and called
+    /// again at will.
+    fn wake(&mut self) -> impl Future<Output = ()> {
+        pending()
+    }
+
+    /// Whether the session should be ended.
+    fn wants_to_leave(&self) -> bool {
+        false
+    }
+}
+
+impl Host for ClientCore {
+    fn core(&mut self) -> &mut ClientCore {
+        self
+    }
+}
+
+/// What came from the server.
+#[derive(Debug)]
+pub(super) enum Received {
+    /// A control message, or a piece on WebSocket.
+    Frame(ServerFrame),
+    /// Pieces of one blob.
+    Pieces(Vec<BlobPiece>),
+    /// The stream of a blob was reset.
+    Abandoned(BlobId),
+    /// Bytes that are no message.
+    Malformed(FrameError),
+    /// The server ended the connection with a reason.
+    Closed(Close),
+    /// The transport failed or ended.
+    Lost(String),
+    /// Something of no consequence.
+    Nothing,
+}
+
+/// The receiving half of a transport.
+pub(super) trait Receive {
+    /// The next thing from the server. May be dropped while it waits.
+    fn receive(&mut self) -> impl Future<Output = Received>;
+
+    /// Transport payload received so far, handshake included.
+    fn received_bytes(&self) -> u64;
+}
+
+/// The sending half of a transport.
+pub(super) trait Deliver {
+    /// Whether it takes another frame.
+    fn has_room(&self) -> bool;
+
+    /// Takes a frame.
+    fn put(&mut self, frame: Vec<u8>);
+
+    /// Whether frames wait to be sent.
+    fn is_idle(&self) -> bool;
+
+    /// Sends what waits. May be dropped while it waits; what was sent is then gone from the queue.
+    fn flush(&mut self) -> impl Future<Output = Result<(), String>>;
+
+    /// Ends the connection.
+    fn finish(self, close: &Close) -> impl Future<Output = ()>;
+}
+
+/// Runs one session until it ends; says why.
+pub(super) async fn drive<H: Host, R: Receive, D: Deliver>(
+    host: &mut H,
+    clock: Clock,
+    mut receiver: R,
+    mut sender: D,
+) -> Close {
+    host.core().connect(clock.now());
+    let close = loop {
+        let now = clock.now();
+        host.core().note_transport_bytes(receiver.received_bytes());
+        host.core().handle_timeout(now);
+        let progress = host.turn(now);
+        if host.wants_to_leave() {
+            host.core().leave(now);
+        }
+        let core = host.core();
+        while sender.has_room()
+            && let Some(message) = core.poll_transmit(now)
+        {
+            match encode_client(&message) {
+                Ok(frame) => sender.put(frame),
+                // Only a bug can make the core say something that it would refuse itself.
+                Err(why) => tracing::error!("a message cannot be sent: {why}"),
+            }
+        }
+        if let Some(close) = core.closed() {
+            break close.clone();
+        }
+        let deadline = core.poll_timeout().map(|time| clock.instant(time));
+        let (again, sending) = (progress == Progress::More, !sender.is_idle());
+        tokio::select! {
+            biased;
+            received = receiver.receive() => {
+                handle(host.core(), clock.now(), received);
+                for _ in 0..MAX_RECEIVED_IN_A_ROW {
+                    let Some(received) = receiver.receive().now_or_never() else { break };
+                    handle(host.core(), clock.now(), received);
+                }
+            }
+            sent = sender.flush(), if sending => {
+                if let Err(why) = sent {
+                    host.core().handle_lost(clock.now(), &why);
+                }
+            }
+            () = tokio::task::yield_now(), if again => {}
+            () = sleep_until(deadline.unwrap_or_else(Instant::now)), if deadline.is_some() => {}
+            () = host.wake() => {}
+        }
+    };
+    if close.code != CloseCode::Lost {
+        let _ = timeout(LAST_WORDS_TIMEOUT, sender.flush()).await;
+    }
+    host.core().note_transport_bytes(receiver.received_bytes());
+    let _ = timeout(LAST_WORDS_TIMEOUT, sender.finish(&close)).await;
+    close
+}
+
+fn handle(core: &mut ClientCore, now: Time, received: Received) {
+    match received {
+        Received::Frame(frame) => core.handle_frame(now, frame),
+        Received::Pieces(pieces) => {
+            for piece in pieces {
+                core.handle_piece(now, piece);
+            }
+        }
+        Received::Abandoned(id) => core.handle_abandoned(now, id),
+        Received::Malformed(why) => core.handle_frame_error(now, &why),
+        Received::Closed(close) => core.handle_frame(now, ServerFrame::Message(ServerMessage::Close(close))),
+        Received::Lost(why) => core.handle_lost(now, &why),
+        Received::Nothing => {}
+    }
+}

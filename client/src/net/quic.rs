@@ -1,0 +1,300 @@
+//! QUIC: one control stream each way, and one stream from the server for each blob.
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Duration;
+
+use bytes::{Buf, Bytes};
+use futures_util::StreamExt;
+use futures_util::future::BoxFuture;
+use futures_util::stream::FuturesUnordered;
+use lodestream_protocol::frame::{FrameError, FrameReader};
+use lodestream_protocol::message::{Close, CloseCode};
+use lodestream_protocol::stream::{ALPN, BLOB_STREAM, BlobStreamReader, CONTROL_STREAM};
+use quinn::crypto::rustls::QuicClientConfig;
+use quinn::{Chunk, Connection, ConnectionError, ReadError, RecvStream, SendStream, VarInt};
+
+use super::drive::{Clock, Deliver, Host, Receive, Received, drive};
+use super::pin::{Pin, PinVerifier};
+
+/// Streams that the server may have open at once: one for control, the others for blobs.
+const MAX_STREAMS: u32 = 256;
+/// Bytes that may be under way or unread, in all and per stream: 16 Mbit/s over 2 s.
+const RECEIVE_WINDOW_BYTES: u32 = 4 << 20;
+/// Silence after which the connection counts as lost, and how often it is broken before that.
+const IDLE_TIMEOUT: Duration = Duration::from_secs(10);
+const KEEP_ALIVE: Duration = Duration::from_secs(3);
+/// Bytes taken from a stream at once.
+const READ_BYTES: usize = 16 * 1024;
+/// Bytes of messages that may wait to be sent.
+const SEND_QUEUE_BYTES: usize = 64 * 1024;
+/// Receive buffer asked of the system: 16 Mbit/s for half a second.
+const SOCKET_BUFFER_BYTES: usize = 1 << 20;
+
+/// QUIC that cannot be set up.
+#[derive(Debug, thiserror::Error)]
+pub enum QuicSetupError {
+    /// TLS refuses its settings.
+    #[error("TLS cannot be set up: {0}")]
+    Tls(#[from] rustls::Error),
+    /// TLS has no suite for QUIC.
+    #[error("QUIC cannot be set up: {0}")]
+    Crypto(#[from] quinn::crypto::rustls::NoInitialCipherSuite),
+    /// A setting is out of range.
+    #[error("QUIC cannot be set up: {0}")]
+    Bounds(#[from] quinn::VarIntBoundsExceeded),
+    /// No socket.
+    #[error("no UDP socket can be opened: {0}")]
+    Socket(#[from] std::io::Error),
+}
+
+/// The client's settings for QUIC, for a server whose certificate has this fingerprint.
+///
+/// # Errors
+/// Fails where TLS or QUIC refuse their settings.
+pub fn client_config(pin: Pin) -> Result<quinn::ClientConfig, QuicSetupError> {
+    let provider = Arc::new(rustls::crypto::ring::default_provider());
+    let verifier = PinVerifier { pin, provider: provider.clone() };
+    let mut tls = rustls::ClientConfig::builder_with_provider(provider)
+        .with_protocol_versions(&[&rustls::version::TLS13])?
+        .dangerous()
+        .with_custom_certificate_verifier(Arc::new(verifier))
+        .with_no_client_auth();
+    tls.alpn_protocols = vec![ALPN.as_bytes().to_vec()];
+    let mut transport = quinn::TransportConfig::default();
+    transport
+        .max_concurrent_uni_streams(VarInt::from_u32(MAX_STREAMS))
+        .max_concurrent_bidi_streams(VarInt::from_u32(0))
+        .receive_window(VarInt::from_u32(RECEIVE_WINDOW_BYTES))
+        .stream_receive_window(VarInt::from_u32(RECEIVE_WINDOW_BYTES))
+        .send_window(SEND_QUEUE_BYTES as u64 * 4)
+        .datagram_receive_buffer_size(None)
+        .max_idle_timeout(Some(IDLE_TIMEOUT.try_into()?))
+        .keep_alive_interval(Some(KEEP_ALIVE));
+    let mut config = quinn::ClientConfig::new(Arc::new(QuicClientConfig::try_from(tls)?));
+    config.transport_config(Arc::new(transport));
+    Ok(config)
+}
+
+/// An endpoint on a real socket for connections to `server`.
+///
+/// # Errors
+/// Fails where the system gives no socket.
+pub fn endpoint(server: SocketAddr, config: quinn::ClientConfig) -> Result<quinn::Endpoint, QuicSetupError> {
+    let any: SocketAddr = if server.is_ipv6() { ([0_u16; 8], 0).into() } else { ([0_u8; 4], 0).into() };
+    let socket = socket2::Socket::new(socket2::Domain::for_address(any), socket2::Type::DGRAM, None)?;
+    // The system may refuse or halve it; streaming then works, with more loss at high rates.
+    let _ = socket.set_recv_buffer_size(SOCKET_BUFFER_BYTES);
+    socket.set_nonblocking(true)?;
+    socket.bind(&any.into())?;
+    let runtime = Arc::new(quinn::TokioRuntime);
+    let mut endpoint = quinn::Endpoint::new(quinn::EndpointConfig::default(), None, socket.into(), runtime)?;
+    endpoint.set_default_client_config(config);
+    Ok(endpoint)
+}
+
+/// Runs one session over an open connection until it ends; says why.
+pub async fn run_quic<H: Host>(connection: Connection, host: &mut H, clock: Clock) -> Close {
+    let sender = match connection.open_uni().await {
+        Ok(stream) => {
+            QuicSender { connection: connection.clone(), stream, queue: Bytes::new(), begun: false }
+        }
+        Err(why) => return closed_by(&why),
+    };
+    // Fails only on closed streams.
+    let _ = sender.stream.set_priority(i32::MAX);
+    drive(host, clock, QuicReceiver::new(connection), sender).await
+}
+
+/// Why the connection ended, as the server or the transport says.
+pub(super) fn closed_by(error: &ConnectionError) -> Close {
+    match error {
+        ConnectionError::ApplicationClosed(close) => {
+            let code = CloseCode::from_number(close.error_code.into_inner()).unwrap_or(CloseCode::Protocol);
+            let reason = String::from_utf8_lossy(&close.reason);
+            Close::new(code, if reason.is_empty() { "the server closed the connection" } else { &*reason })
+        }
+        ConnectionError::TimedOut => Close::new(CloseCode::Lost, "the server does not answer"),
+        other => Close::new(CloseCode::Lost, other.to_string()),
+    }
+}
+
+fn ended_by(error: &ConnectionError) -> Received {
+    let close = closed_by(error);
+    if close.code == CloseCode::Lost { Received::Lost(close.reason) } else { Received::Closed(close) }
+}
+
+/// What a stream from the server carries.
+#[derive(Debug)]
+enum Kind {
+    Unknown,
+    Control(FrameReader),
+    Blob(BlobStreamReader),
+}
+
+#[derive(Debug)]
+struct Incoming {
+    stream: RecvStream,
+    kind: Kind,
+}
+
+type Reading = BoxFuture<'static, (Incoming, Result<Option<Chunk>, ReadError>)>;
+
+fn read(mut incoming: Incoming) -> Reading {
+    Box::pin(async move {
+        let chunk = incoming.stream.read_chunk(READ_BYTES, true).await;
+        (incoming, chunk)
+    })
+}
+
+/// The receiving half: all streams of the server at once.
+struct QuicReceiver {
+    connection: Connection,
+    reading: FuturesUnordered<Reading>,
+    /// The control stream while it has frames that were not handed over.
+    control: Option<Incoming>,
+    has_control: bool,
+}
+
+impl QuicReceiver {
+    fn new(connection: Connection) -> Self {
+        Self { connection, reading: FuturesUnordered::new(), control: None, has_control: false }
+    }
+
+    /// The next frame of what the control stream has brought; then it is read on.
+    fn next_frame(&mut self) -> Option<Received> {
+        let mut incoming = self.control.take()?;
+        let Kind::Control(frames) = &mut incoming.kind else { return None };
+        let frame = match frames.next_frame() {
+            Ok(None) => {
+                self.reading.push(read(incoming));
+                return None;
+            }
+            Ok(Some(frame)) => frame.into_server_frame(),
+            Err(why) => return Some(Received::Malformed(why)),
+        };
+        self.control = Some(incoming);
+        Some(match frame {
+            Ok(Some(frame)) => Received::Frame(frame),
+            // An unknown message that may be skipped.
+            Ok(None) => Received::Nothing,
+            Err(why) => Received::Malformed(why),
+        })
+    }
+
+    fn take(&mut self, mut incoming: Incoming, chunk: Option<Chunk>) -> Received {
+        let Some(chunk) = chunk else {
+            return match incoming.kind {
+                Kind::Unknown => Received::Nothing,
+                Kind::Control(frames) if frames.pending() > 0 => Received::Malformed(FrameError::Truncated),
+                Kind::Control(_) => Received::Nothing,
+                Kind::Blob(blob) => match blob.finish() {
+                    Ok(()) => Received::Nothing,
+                    Err(why) => Received::Malformed(why),
+                },
+            };
+        };
+        let mut bytes = chunk.bytes;
+        if matches!(incoming.kind, Kind::Unknown) && !bytes.is_empty() {
+            incoming.kind = match bytes.get_u8() {
+                CONTROL_STREAM if !self.has_control => Kind::Control(FrameReader::new()),
+                BLOB_STREAM => Kind::Blob(BlobStreamReader::new()),
+                unknown => return Received::Malformed(FrameError::UnknownTag(unknown)),
+            };
+            self.has_control |= matches!(incoming.kind, Kind::Control(_));
+        }
+        match &mut incoming.kind {
+            Kind::Unknown => {
+                self.reading.push(read(incoming));
+                Received::Nothing
+            }
+            Kind::Control(frames) => {
+                frames.push(&bytes);
+                self.control = Some(incoming);
+                Received::Nothing
+            }
+            Kind::Blob(blob) => match blob.push(bytes) {
+                Ok(pieces) => {
+                    self.reading.push(read(incoming));
+                    Received::Pieces(pieces)
+                }
+                Err(why) => Received::Malformed(why),
+            },
+        }
+    }
+}
+
+impl Receive for QuicReceiver {
+    async fn receive(&mut self) -> Received {
+        if let Some(received) = self.next_frame() {
+            return received;
+        }
+        tokio::select! {
+            biased;
+            Some((incoming, chunk)) = self.reading.next() => match chunk {
+                Ok(chunk) => self.take(incoming, chunk),
+                Err(ReadError::Reset(_)) => match &incoming.kind {
+                    Kind::Blob(blob) => {
+                        blob.blob().map_or(Received::Nothing, |(id, _)| Received::Abandoned(id))
+                    }
+                    Kind::Unknown => Received::Nothing,
+                    Kind::Control(_) => Received::Lost("the server reset its control stream".into()),
+                },
+                Err(ReadError::ConnectionLost(why)) => ended_by(&why),
+                Err(why) => Received::Lost(why.to_string()),
+            },
+            accepted = self.connection.accept_uni() => match accepted {
+                Ok(stream) => {
+                    self.reading.push(read(Incoming { stream, kind: Kind::Unknown }));
+                    Received::Nothing
+                }
+                Err(why) => ended_by(&why),
+            },
+        }
+    }
+
+    fn received_bytes(&self) -> u64 {
+        self.connection.stats().udp_rx.bytes
+    }
+}
+
+/// The sending half: the control stream.
+#[derive(Debug)]
+struct QuicSender {
+    connection: Connection,
+    stream: SendStream,
+    queue: Bytes,
+    begun: bool,
+}
+
+impl Deliver for QuicSender {
+    fn has_room(&self) -> bool {
+        self.queue.len() < SEND_QUEUE_BYTES
+    }
+
+    fn put(&mut self, frame: Vec<u8>) {
+        let mut queue = Vec::with_capacity(1 + self.queue.len() + frame.len());
+        if !std::mem::replace(&mut self.begun, true) {
+            queue.push(CONTROL_STREAM);
+        }
+        queue.extend_from_slice(&self.queue);
+        queue.extend_from_slice(&frame);
+        self.queue = queue.into();
+    }
+
+    fn is_idle(&self) -> bool {
+        self.queue.is_empty()
+    }
+
+    async fn flush(&mut self) -> Result<(), String> {
+        while !self.queue.is_empty() {
+            let count = self.stream.write(&self.queue).await.map_err(|why| why.to_string())?;
+            self.queue.advance(count);
+        }
+        Ok(())
+    }
+
+    async fn finish(self, close: &Close) {
+        self.connection.close(VarInt::from(close.code.number()), close.reason.as_bytes());
+    }
+}

@@ -1,0 +1,212 @@
+//! WebSocket: one binary message is one frame.
+
+use std::collections::VecDeque;
+use std::future::poll_fn;
+use std::io;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::task::{Context, Poll, ready};
+
+use futures_util::stream::{SplitSink, SplitStream};
+use futures_util::{Sink, SinkExt, StreamExt};
+use lodestream_protocol::frame::{Frame, FrameError};
+use lodestream_protocol::limits::MAX_FRAME_BYTES;
+use lodestream_protocol::message::{Close, CloseCode};
+use lodestream_protocol::stream::ALPN;
+use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+use tokio_tungstenite::tungstenite::client::IntoClientRequest;
+use tokio_tungstenite::tungstenite::error::CapacityError;
+use tokio_tungstenite::tungstenite::http::HeaderValue;
+use tokio_tungstenite::tungstenite::http::header::SEC_WEBSOCKET_PROTOCOL;
+use tokio_tungstenite::tungstenite::protocol::{CloseFrame, WebSocketConfig};
+use tokio_tungstenite::tungstenite::{Error, Message};
+use tokio_tungstenite::{WebSocketStream, client_async_with_config};
+
+use super::drive::{Clock, Deliver, Host, Receive, Received, drive};
+
+/// Enough for two pieces.
+const READ_BUFFER_BYTES: usize = 32 * 1024;
+/// Messages that may wait to be sent.
+const MAX_QUEUED: usize = 8;
+/// WebSocket close codes are the protocol's plus this.
+const CLOSE_CODE_BASE: u16 = 4000;
+
+/// Runs one session over an open TCP connection (or what stands for one) until it ends; says why.
+/// `authority` is the `HOST:PORT` that the server is told.
+pub async fn run_websocket<S, H>(stream: S, authority: &str, host: &mut H, clock: Clock) -> Close
+where
+    S: AsyncRead + AsyncWrite + Unpin,
+    H: Host,
+{
+    let received = Arc::new(AtomicU64::new(0));
+    let stream = Counting { stream, received: received.clone() };
+    let lost = |why: String| Close::new(CloseCode::Lost, why);
+    let mut request = match format!("ws://{authority}/").into_client_request() {
+        Ok(request) => request,
+        Err(why) => return lost(why.to_string()),
+    };
+    request.headers_mut().insert(SEC_WEBSOCKET_PROTOCOL, HeaderValue::from_static(ALPN));
+    let limits = WebSocketConfig::default()
+        .read_buffer_size(READ_BUFFER_BYTES)
+        .write_buffer_size(0)
+        .max_write_buffer_size(2 * MAX_FRAME_BYTES)
+        .max_message_size(Some(MAX_FRAME_BYTES))
+        .max_frame_size(Some(MAX_FRAME_BYTES));
+    let socket = match client_async_with_config(request, stream, Some(limits)).await {
+        Ok((socket, _)) => socket,
+        Err(Error::Http(response)) => {
+            let status = response.status();
+            let code = if status.is_server_error() { CloseCode::Busy } else { CloseCode::Protocol };
+            return Close::new(code, format!("the server answers the WebSocket request with {status}"));
+        }
+        Err(why) => return lost(format!("the WebSocket handshake failed: {why}")),
+    };
+    let (sink, stream) = socket.split();
+    let receiver = WebSocketReceiver { stream, received };
+    drive(host, clock, receiver, WebSocketSender { sink, queue: VecDeque::new(), unflushed: false }).await
+}
+
+/// A stream that counts what is read from it.
+#[derive(Debug)]
+struct Counting<S> {
+    stream: S,
+    received: Arc<AtomicU64>,
+}
+
+impl<S: AsyncRead + Unpin> AsyncRead for Counting<S> {
+    fn poll_read(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        buffer: &mut ReadBuf<'_>,
+    ) -> Poll<io::Result<()>> {
+        let before = buffer.filled().len();
+        let polled = Pin::new(&mut self.stream).poll_read(context, buffer);
+        self.received.fetch_add((buffer.filled().len() - before) as u64, Ordering::Relaxed);
+        polled
+    }
+}
+
+impl<S: AsyncWrite + Unpin> AsyncWrite for Counting<S> {
+    fn poll_write(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        bytes: &[u8],
+    ) -> Poll<io::Result<usize>> {
+        Pin::new(&mut self.stream).poll_write(context, bytes)
+    }
+
+    fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.stream).poll_flush(context)
+    }
+
+    fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.stream).poll_shutdown(context)
+    }
+}
+
+struct WebSocketReceiver<S> {
+    stream: SplitStream<WebSocketStream<Counting<S>>>,
+    received: Arc<AtomicU64>,
+}
+
+impl<S: AsyncRead + AsyncWrite + Unpin> Receive for WebSocketReceiver<S> {
+    async fn receive(&mut self) -> Received {
+        let message = match self.stream.next().await {
+            None | Some(Err(Error::ConnectionClosed | Error::AlreadyClosed)) => {
+                return Received::Lost("the server closed the connection".into());
+            }
+            Some(Err(Error::Capacity(CapacityError::MessageTooLong { size, max_size }))) => {
+                return Received::Malformed(FrameError::TooLong { bytes: size as u64, limit: max_size });
+            }
+            Some(Err(why)) => return Received::Lost(why.to_string()),
+            Some(Ok(message)) => message,
+        };
+        match message {
+            Message::Binary(bytes) => match Frame::parse(bytes).and_then(Frame::into_server_frame) {
+                Ok(Some(frame)) => Received::Frame(frame),
+                // An unknown message that may be skipped.
+                Ok(None) => Received::Nothing,
+                Err(why) => Received::Malformed(why),
+            },
+            Message::Close(frame) => closed(frame),
+            Message::Text(_) => Received::Lost("the server sent a text message".into()),
+            Message::Ping(_) | Message::Pong(_) | Message::Frame(_) => Received::Nothing,
+        }
+    }
+
+    fn received_bytes(&self) -> u64 {
+        self.received.load(Ordering::Relaxed)
+    }
+}
+
+fn closed(frame: Option<CloseFrame>) -> Received {
+    let Some(frame) = frame else { return Received::Lost("the server closed the connection".into()) };
+    let number = u16::from(frame.code);
+    let code = number.checked_sub(CLOSE_CODE_BASE).and_then(|n| CloseCode::from_number(u64::from(n)));
+    let reason = frame.reason.as_str();
+    match code {
+        Some(code) => Received::Closed(Close::new(code, reason)),
+        None if number == 1000 => Received::Closed(Close::new(CloseCode::Normal, reason)),
+        None => Received::Lost(format!("the server closed the connection: {number} {reason}")),
+    }
+}
+
+struct WebSocketSender<S> {
+    sink: SplitSink<WebSocketStream<Counting<S>>, Message>,
+    queue: VecDeque<Message>,
+    unflushed: bool,
+}
+
+impl<S: AsyncRead + AsyncWrite + Unpin> WebSocketSender<S> {
+    fn poll(&mut self, context: &mut Context<'_>) -> Poll<Result<(), Error>> {
+        while !self.queue.is_empty() {
+            ready!(self.sink.poll_ready_unpin(context))?;
+            if let Some(message) = self.queue.pop_front() {
+                self.unflushed = true;
+                self.sink.start_send_unpin(message)?;
+            }
+        }
+        if self.unflushed {
+            ready!(Pin::new(&mut self.sink).poll_flush(context))?;
+            self.unflushed = false;
+        }
+        Poll::Ready(Ok(()))
+    }
+}
+
+impl<S: AsyncRead + AsyncWrite + Unpin> Deliver for WebSocketSender<S> {
+    fn has_room(&self) -> bool {
+        self.queue.len() < MAX_QUEUED
+    }
+
+    fn put(&mut self, frame: Vec<u8>) {
+        self.queue.push_back(Message::Binary(frame.into()));
+    }
+
+    fn is_idle(&self) -> bool {
+        self.queue.is_empty() && !self.unflushed
+    }
+
+    async fn flush(&mut self) -> Result<(), String> {
+        poll_fn(|context| self.poll(context)).await.map_err(|why| why.to_string())
+    }
+
+    async fn finish(mut self, close: &Close) {
+        if close.code != CloseCode::Lost {
+            let code =
+                if close.code == CloseCode::Normal { 1000 } else { CLOSE_CODE_BASE + close.code.number() };
+            let frame = CloseFrame { code: code.into(), reason: cut(&close.reason).into() };
+            let _ = self.sink.send(Message::Close(Some(frame))).await;
+        }
+    }
+}
+
+/// As much of a reason as fits into a close frame (RFC 6455 §5.5).
+fn cut(reason: &str) -> &str {
+    let mut end = reason.len().min(123);
+    while !reason.is_char_boundary(end) {
+        end -= 1;
+    }
+    &reason[..end]
+}
