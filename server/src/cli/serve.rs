@@ -5,11 +5,14 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use anyhow::Context as _;
 use clap::Args;
+use tracing_subscriber::EnvFilter;
 
 use super::Outcome;
 use super::prepare::PrecisionArguments;
 use super::units::{Rate, parse_rate};
+use crate::daemon::{self, DaemonOptions, SessionSettings};
 use crate::prepare::{Options, cache, prepare_cached};
 use crate::scene::{self, Scene};
 use crate::store::{DEFAULT_CACHE_BYTES, SceneStore};
@@ -22,15 +25,24 @@ pub(super) struct Arguments {
     /// Rate that each session is limited to: 2Mbit, 500kbit, off.
     #[arg(long, env = "LODESTREAM_RATE", value_name = "RATE", default_value = "off", value_parser = parse_rate)]
     rate: Rate,
-    /// Address for QUIC (UDP) and WebSocket (TCP).
+    /// Address for QUIC (UDP); port 0 for any free one.
     #[arg(long, env = "LODESTREAM_LISTEN", value_name = "ADDRESS", default_value = "127.0.0.1:4433")]
     listen: SocketAddr,
-    /// Address for /health and /metrics.
+    /// Address for WebSocket, /health and /metrics (TCP); port 0 for any free one.
     #[arg(long, env = "LODESTREAM_HTTP", value_name = "ADDRESS", default_value = "127.0.0.1:8080")]
     http: SocketAddr,
     /// Folder of prepared packs [default: $XDG_CACHE_HOME/lodestream or ~/.cache/lodestream].
     #[arg(long, env = "LODESTREAM_CACHE", value_name = "DIR")]
     cache: Option<PathBuf>,
+    /// Most sessions at once.
+    #[arg(long, env = "LODESTREAM_MAX_SESSIONS", value_name = "N", default_value_t = 1000)]
+    max_sessions: u64,
+    /// Certificate chain (PEM) [default: a self-signed one, kept in the cache folder].
+    #[arg(long, env = "LODESTREAM_CERT", value_name = "FILE", requires = "key")]
+    cert: Option<PathBuf>,
+    /// Private key (PEM) of the certificate.
+    #[arg(long, env = "LODESTREAM_KEY", value_name = "FILE", requires = "cert")]
+    key: Option<PathBuf>,
     #[command(flatten)]
     precision: PrecisionArguments,
     /// Threads of preparation [default: as many as there are cores].
@@ -51,8 +63,28 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<Outcome> {
         quiet: false,
     };
     let source = open_scene(&scene, &cache, &options)?;
-    let _ = (arguments.rate, arguments.listen, arguments.http, source);
-    anyhow::bail!("this build has no network listener")
+    let daemon = DaemonOptions {
+        listen: Some(arguments.listen),
+        http: Some(arguments.http),
+        certificate: arguments.cert.zip(arguments.key),
+        sessions: SessionSettings {
+            rate_bits_per_s: arguments.rate.0,
+            max_sessions: arguments.max_sessions,
+            ..SessionSettings::default()
+        },
+        ..DaemonOptions::new(cache)
+    };
+    log_to_stderr();
+    let runtime = tokio::runtime::Runtime::new().context("cannot start the network threads")?;
+    runtime.block_on(daemon::run(daemon, source))?;
+    Ok(Outcome::good(""))
+}
+
+/// Logs go to standard error; `RUST_LOG` chooses what (by default: sessions and their ends).
+fn log_to_stderr() {
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info"));
+    // Fails where a log is set up already, and then that one is as good.
+    let _ = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).try_init();
 }
 
 /// Prepares what is not in the cache and opens all packs.

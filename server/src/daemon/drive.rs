@@ -1,0 +1,228 @@
+//! The loop that connects a sans-IO session with a transport; one for both transports.
+//!
+//! A transport is two halves. [`Receive`] gives the client's messages. [`Deliver`] takes one thing at a
+//! time and is asked for the next only when the transport has taken the last, so that what waits, waits
+//! in the session's scheduler, where it can still be overtaken, and not in a socket.
+
+use std::future::Future;
+use std::time::Duration;
+
+use lodestream_protocol::Time;
+use lodestream_protocol::frame::FrameError;
+use lodestream_protocol::message::{ClientMessage, Close, CloseCode, ServerMessage};
+use lodestream_protocol::server::{ServerSession, Transmit};
+use tokio::time::{Instant, sleep_until};
+
+use super::state::{Phase, SessionGuard};
+
+/// What came from the client.
+#[derive(Debug)]
+pub(super) enum Received {
+    /// A message.
+    Message(ClientMessage),
+    /// Bytes that are no message.
+    Malformed(FrameError),
+    /// A breach of the transport's own rules.
+    Violation(String),
+    /// The client ended the session in good order.
+    Ended,
+    /// The transport failed.
+    Lost(String),
+}
+
+/// Receiving half of a transport.
+pub(super) trait Receive: Send {
+    /// The next thing that comes. Must be safe to drop before it resolves. Not called again after
+    /// `Malformed`, `Violation`, `Ended` or `Lost`.
+    fn receive(&mut self) -> impl Future<Output = Received> + Send;
+}
+
+/// Sending half of a transport.
+pub(super) trait Deliver: Send {
+    /// Takes the next thing to send and gives its length in bytes. Called only while idle.
+    fn start(&mut self, transmit: Transmit) -> Result<usize, FrameError>;
+    /// Whether the transport has taken everything.
+    fn is_idle(&self) -> bool;
+    /// Resolves when the transport has taken everything. Must be safe to drop before it resolves.
+    fn flush(&mut self) -> impl Future<Output = Result<(), String>> + Send;
+}
+
+/// Time that a session's last words may take.
+const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
+/// Least time between two looks at a session's timers while the transport takes nothing.
+const BLOCKED_TICK: Duration = Duration::from_millis(20);
+/// Least time to sleep: tokio's timers tick in milliseconds.
+const TICK: Duration = Duration::from_millis(1);
+/// Messages that a client may send at once, and per second after that.
+const MESSAGE_BURST: u32 = 2000;
+const MESSAGES_PER_S: u32 = 500;
+
+/// The session's clock: tokio's, so that it follows paused time.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Clock(Instant);
+
+impl Clock {
+    pub(super) fn start() -> Self {
+        Self(Instant::now())
+    }
+
+    pub(super) fn now(self) -> Time {
+        Time::from(self.0.elapsed())
+    }
+
+    fn instant(self, time: Time) -> Instant {
+        // Far deadlines saturate.
+        self.0.checked_add(Duration::from(time)).unwrap_or_else(|| self.0 + Duration::from_secs(1 << 30))
+    }
+}
+
+/// A client's allowance of messages, a token bucket.
+#[derive(Debug)]
+struct Allowance {
+    tokens: u32,
+    refilled: Time,
+}
+
+impl Allowance {
+    fn take(&mut self, now: Time) -> bool {
+        let earned = now.since(self.refilled).as_millis() * u128::from(MESSAGES_PER_S) / 1000;
+        if earned > 0 {
+            self.refilled = now;
+            let earned = u32::try_from(earned).unwrap_or(MESSAGE_BURST);
+            self.tokens = self.tokens.saturating_add(earned).min(MESSAGE_BURST);
+        }
+        let admitted = self.tokens > 0;
+        self.tokens = self.tokens.saturating_sub(1);
+        admitted
+    }
+}
+
+/// Drives a session until it has ended and its last words have been taken; gives the reason, also to
+/// the guard. The caller then closes the transport.
+pub(super) async fn drive<R: Receive, D: Deliver>(
+    guard: &mut SessionGuard,
+    receiver: &mut R,
+    sender: &mut D,
+) -> Close {
+    let clock = Clock::start();
+    let state = guard.state.clone();
+    let metrics = state.metrics();
+    let config = state.config(guard.transport);
+    let mut session = ServerSession::new(config, state.scene().clone(), guard.id, clock.now());
+    let mut allowance = Allowance { tokens: MESSAGE_BURST, refilled: clock.now() };
+    let mut receiving = true;
+    let mut sent_bytes = 0_u64;
+    // Everything that was asked for has been handed over.
+    let mut all_done = false;
+    let mut drain_until: Option<Time> = None;
+    let mut close_until: Option<Time> = None;
+    loop {
+        // A client that never pauses must not keep the thread from others.
+        tokio::task::consume_budget().await;
+        let now = clock.now();
+        if session.poll_timeout().is_some_and(|due| due <= now) {
+            session.handle_timeout(now);
+        }
+        if drain_until.is_some_and(|until| until <= now || (all_done && sender.is_idle())) {
+            session.close(now, CloseCode::ShuttingDown, "the server is shutting down");
+        }
+        while sender.is_idle()
+            && let Some(transmit) = session.poll_transmit(now)
+        {
+            let mut piece = None;
+            match &transmit {
+                Transmit::Piece { piece: sent, .. } => {
+                    piece = Some((sent.id, sent.is_last()));
+                    all_done = false;
+                }
+                Transmit::Message(ServerMessage::Done) => all_done = true,
+                Transmit::Message(ServerMessage::BasesSent) => metrics.bases_sent(now.since(Time::ZERO)),
+                Transmit::Message(_) | Transmit::Abandon(_) => {}
+            }
+            match sender.start(transmit) {
+                Ok(bytes) => {
+                    sent_bytes += bytes as u64;
+                    match piece {
+                        Some((id, last)) => metrics.piece_sent(&id.part, bytes, last),
+                        None => metrics.control_sent(bytes),
+                    }
+                }
+                // The scene holds what cannot be sent; the client cannot help it, nor go on.
+                Err(why) => {
+                    tracing::error!("cannot send: {why}");
+                    session.close(
+                        now,
+                        CloseCode::Limit,
+                        &format!("the server cannot send this scene: {why}"),
+                    );
+                }
+            }
+        }
+        if let Some(close) = session.close_reason() {
+            let until = *close_until.get_or_insert(now + CLOSE_TIMEOUT);
+            if (session.is_closed() && sender.is_idle()) || now >= until {
+                guard.ended = close.code;
+                tracing::debug!(sent_bytes, "session over");
+                return close.clone();
+            }
+        }
+        let earliest = now + if sender.is_idle() { TICK } else { BLOCKED_TICK };
+        let wake = [session.poll_timeout(), drain_until, close_until].into_iter().flatten().min();
+        let wake = clock.instant(wake.map_or(now + Duration::from_secs(60), |due| due.max(earliest)));
+        tokio::select! {
+            biased;
+            () = state.reached(Phase::Draining), if drain_until.is_none() => {
+                drain_until = Some(clock.now() + state.settings().drain);
+            }
+            received = receiver.receive(), if receiving => {
+                let now = clock.now();
+                receiving = matches!(received, Received::Message(_));
+                match received {
+                    Received::Message(_) if !allowance.take(now) => {
+                        receiving = false;
+                        metrics.message_rejected();
+                        session.close(now, CloseCode::Limit, "too many messages at once");
+                    }
+                    Received::Message(message) => {
+                        all_done &= matches!(message, ClientMessage::Ping(_));
+                        session.handle_message(now, message);
+                    }
+                    Received::Malformed(why) => {
+                        metrics.message_rejected();
+                        session.handle_frame_error(now, &why);
+                    }
+                    Received::Violation(why) => {
+                        metrics.message_rejected();
+                        session.close(now, CloseCode::Protocol, &why);
+                    }
+                    Received::Ended => session.handle_message(now, ClientMessage::Bye),
+                    Received::Lost(why) => {
+                        guard.ended = CloseCode::Lost;
+                        return Close::new(CloseCode::Lost, why);
+                    }
+                }
+            }
+            flushed = sender.flush(), if !sender.is_idle() => {
+                if let Err(why) = flushed {
+                    guard.ended = CloseCode::Lost;
+                    return Close::new(CloseCode::Lost, why);
+                }
+            }
+            () = sleep_until(wake) => {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn messages_are_allowed_at_their_rate() {
+        let mut allowance = Allowance { tokens: MESSAGE_BURST, refilled: Time::ZERO };
+        let burst = (0..10_000).filter(|_| allowance.take(Time::from_ms(1))).count();
+        assert_eq!(burst, MESSAGE_BURST as usize);
+        let later = (0..10_000).filter(|_| allowance.take(Time::from_ms(1001))).count();
+        assert_eq!(later, MESSAGES_PER_S as usize);
+    }
+}

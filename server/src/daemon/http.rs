@@ -1,0 +1,212 @@
+//! The HTTP port: `/health`, `/metrics`, and the upgrade to WebSocket at `/` and `/stream`.
+
+use std::convert::Infallible;
+use std::net::SocketAddr;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use bytes::Bytes;
+use http_body_util::Full;
+use hyper::body::Incoming;
+use hyper::header::{self, HeaderMap, HeaderName, HeaderValue};
+use hyper::server::conn::http1;
+use hyper::service::service_fn;
+use hyper::upgrade::OnUpgrade;
+use hyper::{Method, Request, Response, StatusCode};
+use hyper_util::rt::{TokioIo, TokioTimer};
+use lodestream_protocol::stream::ALPN;
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::task::JoinSet;
+use tokio::time::{sleep, timeout};
+use tokio_tungstenite::tungstenite::handshake::derive_accept_key;
+
+use super::metrics::Transport;
+use super::state::{Phase, ServerState, SessionGuard};
+use super::websocket;
+
+/// Time in which a request's head must be there: slow senders hold a connection no longer.
+const HEADER_TIMEOUT: Duration = Duration::from_secs(5);
+/// Time in which a request must be answered in full.
+const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
+/// Longest head of a request, in bytes.
+const MAX_HEADER_BYTES: usize = 16 * 1024;
+/// Most header fields of a request.
+const MAX_HEADERS: usize = 64;
+/// Connections beyond the sessions: requests that are being answered.
+const SPARE_CONNECTIONS: usize = 64;
+/// Bytes that the kernel may hold unsent on a connection. What lies there cannot be overtaken.
+#[cfg(any(target_os = "linux", target_os = "android"))]
+const UNSENT_BYTES: u32 = 16 * 1024;
+
+/// Takes connections of a listener until the daemon stops; while it drains, `/health` says so.
+pub async fn serve_http(listener: TcpListener, state: Arc<ServerState>) {
+    let mut connections = JoinSet::new();
+    let most = usize::try_from(state.settings().max_sessions).unwrap_or(usize::MAX);
+    let most = most.saturating_add(SPARE_CONNECTIONS);
+    loop {
+        tokio::select! {
+            biased;
+            () = state.reached(Phase::Stopped) => break,
+            Some(_) = connections.join_next() => {}
+            accepted = listener.accept() => match accepted {
+                Ok((stream, peer)) if connections.len() < most => {
+                    prepare(&stream);
+                    connections.spawn(accept_http(stream, state.clone(), peer));
+                }
+                Ok((_, peer)) => tracing::info!(%peer, "connection refused: too many"),
+                Err(why) => {
+                    // Out of file descriptors, or a client that is gone already.
+                    tracing::warn!("cannot take a connection: {why}");
+                    sleep(Duration::from_millis(100)).await;
+                }
+            }
+        }
+    }
+}
+
+/// Sets what a streaming connection needs; without it things work, only slower.
+fn prepare(stream: &TcpStream) {
+    let _ = stream.set_nodelay(true);
+    #[cfg(any(target_os = "linux", target_os = "android"))]
+    let _ = socket2::SockRef::from(stream).set_tcp_notsent_lowat(UNSENT_BYTES);
+}
+
+/// An upgrade that was granted, on its way from the request's handler to its connection.
+type Granted = Arc<Mutex<Option<(OnUpgrade, SessionGuard)>>>;
+
+/// Serves one connection: one request, and a session if it asks for a WebSocket.
+pub async fn accept_http<S>(stream: S, state: Arc<ServerState>, peer: SocketAddr)
+where
+    S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
+{
+    let granted = Granted::default();
+    let service = service_fn(|mut request: Request<Incoming>| {
+        let response = answer(&mut request, &state, peer, &granted);
+        async move { Ok::<_, Infallible>(response) }
+    });
+    let connection = http1::Builder::new()
+        .timer(TokioTimer::new())
+        .header_read_timeout(HEADER_TIMEOUT)
+        .max_headers(MAX_HEADERS)
+        .max_buf_size(MAX_HEADER_BYTES)
+        .auto_date_header(false)
+        .serve_connection(TokioIo::new(stream), service)
+        .with_upgrades();
+    match timeout(REQUEST_TIMEOUT, connection).await {
+        Ok(Ok(())) => {}
+        Ok(Err(why)) => {
+            tracing::debug!(%peer, "no proper request: {why}");
+            state.metrics().http_error();
+        }
+        Err(_) => state.metrics().http_error(),
+    }
+    let granted = granted.lock().unwrap_or_else(PoisonError::into_inner).take();
+    if let Some((upgrade, guard)) = granted
+        && let Ok(upgraded) = upgrade.await
+    {
+        websocket::run_session(TokioIo::new(upgraded), guard).await;
+    }
+}
+
+type Answer = Response<Full<Bytes>>;
+
+fn text(status: StatusCode, body: impl Into<Bytes>) -> Answer {
+    let mut response = Response::new(Full::new(body.into()));
+    *response.status_mut() = status;
+    let plain = HeaderValue::from_static("text/plain; charset=utf-8");
+    response.headers_mut().insert(header::CONTENT_TYPE, plain);
+    // One request a connection. (Turning keep-alive off in hyper would also rewrite an upgrade's answer.)
+    response.headers_mut().insert(header::CONNECTION, HeaderValue::from_static("close"));
+    response
+}
+
+fn answer(
+    request: &mut Request<Incoming>,
+    state: &Arc<ServerState>,
+    peer: SocketAddr,
+    granted: &Granted,
+) -> Answer {
+    state.metrics().http_request();
+    let path = request.uri().path();
+    if !matches!(path, "/" | "/stream" | "/health" | "/metrics") {
+        return text(StatusCode::NOT_FOUND, "not found: try /health, /metrics, or a WebSocket at /stream\n");
+    }
+    if !matches!(*request.method(), Method::GET | Method::HEAD) {
+        let mut response = text(StatusCode::METHOD_NOT_ALLOWED, "only GET is understood\n");
+        response.headers_mut().insert(header::ALLOW, HeaderValue::from_static("GET, HEAD"));
+        return response;
+    }
+    match path {
+        "/health" if state.phase() == Phase::Running => text(StatusCode::OK, "ok\n"),
+        "/health" => text(StatusCode::SERVICE_UNAVAILABLE, "draining\n"),
+        "/metrics" => {
+            let mut response = text(StatusCode::OK, state.render_metrics());
+            let version = HeaderValue::from_static("text/plain; version=0.0.4; charset=utf-8");
+            response.headers_mut().insert(header::CONTENT_TYPE, version);
+            response
+        }
+        _ => upgrade(request, state, peer, granted),
+    }
+}
+
+/// Whether a comma-separated header names `wanted`.
+fn lists(headers: &HeaderMap, name: &HeaderName, wanted: &str) -> bool {
+    headers
+        .get_all(name)
+        .iter()
+        .filter_map(|value| value.to_str().ok())
+        .flat_map(|value| value.split(','))
+        .any(|item| item.trim().eq_ignore_ascii_case(wanted))
+}
+
+/// The server's part of the opening handshake (RFC 6455 §4.2).
+fn upgrade(
+    request: &mut Request<Incoming>,
+    state: &Arc<ServerState>,
+    peer: SocketAddr,
+    granted: &Granted,
+) -> Answer {
+    let headers = request.headers();
+    let asks = *request.method() == Method::GET
+        && lists(headers, &header::CONNECTION, "upgrade")
+        && lists(headers, &header::UPGRADE, "websocket");
+    if !asks {
+        let hint = "this is a Lodestream server: open this address with a viewer, as ws://HOST:PORT\n";
+        let mut response = text(StatusCode::UPGRADE_REQUIRED, hint);
+        response.headers_mut().insert(header::UPGRADE, HeaderValue::from_static("websocket"));
+        return response;
+    }
+    if !lists(headers, &header::SEC_WEBSOCKET_VERSION, "13") {
+        let mut response = text(StatusCode::UPGRADE_REQUIRED, "only WebSocket version 13 is understood\n");
+        response.headers_mut().insert(header::SEC_WEBSOCKET_VERSION, HeaderValue::from_static("13"));
+        return response;
+    }
+    let Some(key) = headers.get(header::SEC_WEBSOCKET_KEY).filter(|key| key.len() == 24) else {
+        return text(StatusCode::BAD_REQUEST, "Sec-WebSocket-Key is missing or malformed\n");
+    };
+    let Ok(accept) = HeaderValue::from_str(&derive_accept_key(key.as_bytes())) else {
+        return text(StatusCode::BAD_REQUEST, "Sec-WebSocket-Key is malformed\n");
+    };
+    // A client may offer no subprotocol; if it offers some, ours must be among them.
+    let offers = headers.contains_key(header::SEC_WEBSOCKET_PROTOCOL);
+    if offers && !lists(headers, &header::SEC_WEBSOCKET_PROTOCOL, ALPN) {
+        return text(StatusCode::BAD_REQUEST, format!("the only subprotocol here is {ALPN}\n"));
+    }
+    let Some(guard) = state.begin_session(Transport::WebSocket, peer) else {
+        tracing::info!(%peer, "session refused: the server is full or shutting down");
+        return text(StatusCode::SERVICE_UNAVAILABLE, "the server is full or shutting down\n");
+    };
+    let pending = hyper::upgrade::on(request);
+    *granted.lock().unwrap_or_else(PoisonError::into_inner) = Some((pending, guard));
+    let mut response = Response::new(Full::default());
+    *response.status_mut() = StatusCode::SWITCHING_PROTOCOLS;
+    let headers = response.headers_mut();
+    headers.insert(header::CONNECTION, HeaderValue::from_static("upgrade"));
+    headers.insert(header::UPGRADE, HeaderValue::from_static("websocket"));
+    headers.insert(header::SEC_WEBSOCKET_ACCEPT, accept);
+    if offers {
+        headers.insert(header::SEC_WEBSOCKET_PROTOCOL, HeaderValue::from_static(ALPN));
+    }
+    response
+}

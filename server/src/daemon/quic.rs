@@ -1,0 +1,237 @@
+//! The QUIC endpoint: its settings, and the loop that takes connections.
+//!
+//! The server speaks first. [`serve_quic`] turns each incoming connection into a session before the
+//! handshake is complete (0.5-RTT), and polls the session once before it lets go of the thread, so that
+//! `Welcome`, the first scene page and base meshes ride in the handshake's second flight. Until the
+//! client's address is validated, QUIC itself bounds what is sent to three times what was received.
+
+use std::future::{Future, poll_fn};
+use std::net::{SocketAddr, UdpSocket};
+use std::pin::pin;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::task::Poll;
+use std::time::Duration;
+
+use anyhow::Context;
+use lodestream_protocol::message::CloseCode;
+use lodestream_protocol::stream::ALPN;
+use quinn::congestion::CubicConfig;
+use quinn::crypto::rustls::QuicServerConfig;
+use quinn::{Connection, IdleTimeout, Incoming, TransportConfig, VarInt, ZeroRttAccepted};
+use tokio::task::JoinSet;
+use tokio::time::timeout;
+use tracing::Instrument;
+
+use super::certificate::Certificate;
+use super::drive::drive;
+use super::metrics::Transport;
+use super::quic_stream::{QuicReceiver, QuicSender, first_send_window};
+use super::state::{Phase, ServerState, SessionGuard};
+
+/// First congestion window in bytes. The usual 14,720 would cost a round trip on the way to the first
+/// frame; 60,000 is a quarter of a second at 2 Mbit/s and fits into common router queues.
+const INITIAL_WINDOW_BYTES: u64 = 60_000;
+/// Silence after which QUIC itself gives up.
+const IDLE_TIMEOUT_MS: u32 = 20_000;
+/// Keeps bindings in address translators alive.
+const KEEP_ALIVE: Duration = Duration::from_secs(7);
+/// What a client may have in flight towards the server: control messages only.
+const RECEIVE_WINDOW_BYTES: u32 = 128 * 1024;
+/// UDP buffers asked for. The common default, 208 KiB, lost clients at 500 connections.
+const SOCKET_BUFFER_BYTES: usize = 4 * 1024 * 1024;
+/// Below this a warning is due.
+const SOCKET_BUFFER_LEAST_BYTES: usize = 2 * 1024 * 1024;
+/// Handshakes at once from addresses that are not validated. Beyond this, addresses are validated
+/// first (Retry), which costs honest clients a round trip and forged ones everything.
+const MAX_UNVALIDATED: usize = 128;
+/// How long the endpoint's last packets may take.
+const ENDPOINT_CLOSE_TIMEOUT: Duration = Duration::from_millis(500);
+
+/// The settings of the server's side of a QUIC connection.
+///
+/// # Errors
+/// Fails where the certificate's key cannot be used with TLS 1.3.
+pub fn server_config(certificate: &Certificate) -> anyhow::Result<quinn::ServerConfig> {
+    let provider = Arc::new(rustls::crypto::ring::default_provider());
+    let mut tls = rustls::ServerConfig::builder_with_provider(provider)
+        .with_protocol_versions(&[&rustls::version::TLS13])?
+        .with_no_client_auth()
+        .with_single_cert(certificate.chain().to_vec(), certificate.key())?;
+    tls.alpn_protocols = vec![ALPN.as_bytes().to_vec()];
+    // Lets clients that come back say `Hello` in their first packet. Nothing that they say changes
+    // anything on the server, so a replay does no harm.
+    tls.max_early_data_size = u32::MAX;
+    tls.send_tls13_tickets = 1;
+
+    let mut transport = TransportConfig::default();
+    let mut congestion = CubicConfig::default();
+    congestion.initial_window(INITIAL_WINDOW_BYTES);
+    transport
+        .congestion_controller_factory(Arc::new(congestion))
+        .send_window(first_send_window(INITIAL_WINDOW_BYTES))
+        .receive_window(VarInt::from_u32(RECEIVE_WINDOW_BYTES))
+        .stream_receive_window(VarInt::from_u32(RECEIVE_WINDOW_BYTES))
+        // The client's control stream.
+        .max_concurrent_uni_streams(VarInt::from_u32(1))
+        .max_concurrent_bidi_streams(VarInt::from_u32(0))
+        .datagram_receive_buffer_size(None)
+        .max_idle_timeout(Some(IdleTimeout::from(VarInt::from_u32(IDLE_TIMEOUT_MS))))
+        .keep_alive_interval(Some(KEEP_ALIVE))
+        // Streams of one priority are finished one after the other: a whole blob is of use, two halves
+        // are not.
+        .send_fairness(false);
+
+    let mut config = quinn::ServerConfig::with_crypto(Arc::new(QuicServerConfig::try_from(tls)?));
+    config
+        .transport_config(Arc::new(transport))
+        .max_incoming(1024)
+        .incoming_buffer_size(16 * 1024)
+        .incoming_buffer_size_total(4 * 1024 * 1024);
+    Ok(config)
+}
+
+/// Binds a UDP socket with large buffers. Warns where the system gives less.
+///
+/// # Errors
+/// Fails where the address cannot be had.
+pub fn bind_udp(address: SocketAddr) -> anyhow::Result<UdpSocket> {
+    let about = || format!("cannot listen on UDP {address}");
+    let socket = socket2::Socket::new(socket2::Domain::for_address(address), socket2::Type::DGRAM, None)
+        .with_context(about)?;
+    // The system may refuse or halve these; what came of it is read back.
+    let _ = socket.set_recv_buffer_size(SOCKET_BUFFER_BYTES);
+    let _ = socket.set_send_buffer_size(SOCKET_BUFFER_BYTES);
+    let got = socket.recv_buffer_size().unwrap_or(0).min(socket.send_buffer_size().unwrap_or(0));
+    if got < SOCKET_BUFFER_LEAST_BYTES {
+        tracing::warn!(
+            "UDP buffers are only {got} bytes; with hundreds of clients packets will be lost: \
+             raise net.core.rmem_max and net.core.wmem_max to {SOCKET_BUFFER_BYTES}"
+        );
+    }
+    socket.bind(&address.into()).with_context(about)?;
+    socket.set_nonblocking(true).with_context(about)?;
+    Ok(socket.into())
+}
+
+/// Takes connections of an endpoint and runs a session on each, until the daemon drains and all these
+/// sessions are over. Then the endpoint is closed.
+///
+/// Works on any endpoint with [`server_config`], also one over a simulated network in paused time.
+pub async fn serve_quic(endpoint: quinn::Endpoint, state: Arc<ServerState>) {
+    let mut sessions = JoinSet::new();
+    let unvalidated = Arc::new(AtomicUsize::new(0));
+    loop {
+        tokio::select! {
+            biased;
+            () = state.reached(Phase::Draining) => break,
+            Some(_) = sessions.join_next() => {}
+            incoming = endpoint.accept() => {
+                let Some(incoming) = incoming else { break };
+                if let Some(session) = accept(incoming, &state, &unvalidated) {
+                    // Polled once here and now: the connection's driver has not run yet, so what the
+                    // session writes shares packets with the handshake.
+                    let mut session = Box::pin(session);
+                    let polled = poll_fn(|context| Poll::Ready(session.as_mut().poll(context))).await;
+                    if polled.is_pending() {
+                        sessions.spawn(session);
+                    }
+                }
+            }
+        }
+    }
+    // New connections are refused from here on.
+    endpoint.set_server_config(None);
+    loop {
+        tokio::select! {
+            biased;
+            () = state.reached(Phase::Stopped) => break,
+            ended = sessions.join_next() => if ended.is_none() { break },
+        }
+    }
+    endpoint.close(VarInt::from(CloseCode::ShuttingDown.number()), b"the server has shut down");
+    let _ = timeout(ENDPOINT_CLOSE_TIMEOUT, endpoint.wait_idle()).await;
+}
+
+/// Counts a handshake from an address that is not validated, until dropped.
+struct Unvalidated(Arc<AtomicUsize>);
+
+impl Drop for Unvalidated {
+    fn drop(&mut self) {
+        self.0.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+/// Begins a session on an incoming connection; `None` where it is turned away.
+fn accept(
+    incoming: Incoming,
+    state: &Arc<ServerState>,
+    unvalidated: &Arc<AtomicUsize>,
+) -> Option<impl Future<Output = ()> + Send + use<>> {
+    let peer = incoming.remote_address();
+    let counted = if incoming.remote_address_validated() {
+        None
+    } else if unvalidated.load(Ordering::Relaxed) < MAX_UNVALIDATED {
+        unvalidated.fetch_add(1, Ordering::Relaxed);
+        Some(Unvalidated(unvalidated.clone()))
+    } else {
+        // Fails only for validated addresses.
+        let _ = incoming.retry();
+        return None;
+    };
+    let Some(guard) = state.begin_session(Transport::Quic, peer) else {
+        tracing::info!(%peer, "connection refused: the server is full");
+        incoming.refuse();
+        return None;
+    };
+    let opened = incoming.accept().map_err(|why| why.to_string()).and_then(|connecting| {
+        // On servers this always succeeds.
+        connecting.into_0rtt().map_err(|_| "no early data".to_owned())
+    });
+    match opened {
+        Ok((connection, handshake)) => {
+            let span = tracing::info_span!("session", id = guard.id, transport = "quic", %peer);
+            Some(run_session(connection, handshake, guard, counted).instrument(span))
+        }
+        Err(why) => {
+            tracing::info!(%peer, "handshake failed: {why}");
+            state.metrics().handshake_failed();
+            None
+        }
+    }
+}
+
+async fn run_session(
+    connection: Connection,
+    handshake: ZeroRttAccepted,
+    mut guard: SessionGuard,
+    mut counted: Option<Unvalidated>,
+) {
+    let state = guard.state.clone();
+    let started = tokio::time::Instant::now();
+    let rate_bits_per_s = state.config(Transport::Quic).limiter.rate_bits_per_s;
+    let mut receiver = QuicReceiver::new(connection.clone());
+    let mut sender = QuicSender::new(connection.clone(), rate_bits_per_s);
+    let mut validated = pin!(handshake);
+    let close = {
+        let mut session = pin!(drive(&mut guard, &mut receiver, &mut sender));
+        loop {
+            tokio::select! {
+                biased;
+                _ = &mut validated, if counted.is_some() => counted = None,
+                close = &mut session => break close,
+            }
+        }
+    };
+    if counted.is_some() {
+        state.metrics().handshake_failed();
+    }
+    tracing::info!(
+        scene = state.scene().header().name,
+        udp_bytes = connection.stats().udp_tx.bytes,
+        lost_packets = connection.stats().path.lost_packets,
+        seconds = started.elapsed().as_secs_f32(),
+        "session ended: {close}"
+    );
+    sender.finish(&close).await;
+}

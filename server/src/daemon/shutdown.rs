@@ -1,0 +1,61 @@
+//! Signals that end the daemon.
+
+use std::future::Future;
+
+use anyhow::Context;
+
+/// SIGINT and SIGTERM (on other systems than Unix: Ctrl-C). Each call of [`Signals::next`] resolves with
+/// the next one that comes.
+#[derive(Debug)]
+pub(super) struct Signals {
+    #[cfg(unix)]
+    interrupt: tokio::signal::unix::Signal,
+    #[cfg(unix)]
+    terminate: tokio::signal::unix::Signal,
+}
+
+impl Signals {
+    /// Begins to listen; from here on the signals no longer end the process by themselves.
+    pub(super) fn listen() -> anyhow::Result<Self> {
+        #[cfg(unix)]
+        {
+            use tokio::signal::unix::{SignalKind, signal};
+            let listen = |kind| signal(kind).context("cannot listen for signals");
+            Ok(Self {
+                interrupt: listen(SignalKind::interrupt())?,
+                terminate: listen(SignalKind::terminate())?,
+            })
+        }
+        #[cfg(not(unix))]
+        Ok(Self {})
+    }
+}
+
+/// Asks to end the daemon: the first time in good order, the second time at once.
+pub trait StopRequests: Send {
+    /// Resolves when the daemon is asked to end.
+    fn next(&mut self) -> impl Future<Output = ()> + Send;
+}
+
+impl StopRequests for Signals {
+    async fn next(&mut self) {
+        #[cfg(unix)]
+        tokio::select! {
+            biased;
+            _ = self.interrupt.recv() => {}
+            _ = self.terminate.recv() => {}
+        }
+        #[cfg(not(unix))]
+        if tokio::signal::ctrl_c().await.is_err() {
+            std::future::pending::<()>().await;
+        }
+    }
+}
+
+impl StopRequests for tokio::sync::mpsc::Receiver<()> {
+    async fn next(&mut self) {
+        if self.recv().await.is_none() {
+            std::future::pending::<()>().await;
+        }
+    }
+}

@@ -1,0 +1,198 @@
+//! What all sessions of a daemon share.
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use lodestream_protocol::message::CloseCode;
+use lodestream_protocol::server::ServerConfig;
+use lodestream_protocol::source::SceneSource;
+use tokio::sync::watch;
+
+use super::metrics::{Metrics, Transport};
+
+/// Knobs that all sessions share.
+#[derive(Clone, Copy, Debug)]
+pub struct SessionSettings {
+    /// Limit of each session in bits per second; `None` for no limit.
+    pub rate_bits_per_s: Option<u64>,
+    /// Most sessions at once; more are refused. Each costs about 100 kB.
+    pub max_sessions: u64,
+    /// How long sessions may go on with what they were asked for after shutdown has begun.
+    pub drain: Duration,
+}
+
+impl Default for SessionSettings {
+    fn default() -> Self {
+        Self { rate_bits_per_s: None, max_sessions: 1000, drain: Duration::from_secs(3) }
+    }
+}
+
+/// Where a daemon stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Phase {
+    /// It takes clients.
+    Running,
+    /// It takes no more clients; sessions finish what they are at.
+    Draining,
+    /// Nothing may go on.
+    Stopped,
+}
+
+/// Scene, settings and counters of a daemon; what every connection handler needs.
+pub struct ServerState {
+    scene: Arc<dyn SceneSource>,
+    settings: SessionSettings,
+    quic: Arc<ServerConfig>,
+    websocket: Arc<ServerConfig>,
+    metrics: Metrics,
+    phase: watch::Sender<Phase>,
+    sessions: watch::Sender<u64>,
+    next_session: AtomicU64,
+}
+
+impl std::fmt::Debug for ServerState {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("ServerState")
+            .field("scene", &self.scene.header().name)
+            .field("settings", &self.settings)
+            .field("phase", &self.phase())
+            .finish_non_exhaustive()
+    }
+}
+
+impl ServerState {
+    /// The state of a daemon that serves one scene, with the protocol's defaults for each transport.
+    #[must_use]
+    pub fn new(scene: Arc<dyn SceneSource>, settings: SessionSettings) -> Arc<Self> {
+        let rate = settings.rate_bits_per_s;
+        Self::with_configs(scene, settings, ServerConfig::quic(rate), ServerConfig::websocket(rate))
+    }
+
+    /// The same with configurations of one's own for the sessions.
+    #[must_use]
+    pub fn with_configs(
+        scene: Arc<dyn SceneSource>,
+        settings: SessionSettings,
+        quic: ServerConfig,
+        websocket: ServerConfig,
+    ) -> Arc<Self> {
+        Arc::new(Self {
+            scene,
+            settings,
+            quic: Arc::new(quic),
+            websocket: Arc::new(websocket),
+            metrics: Metrics::default(),
+            phase: watch::Sender::new(Phase::Running),
+            sessions: watch::Sender::new(0),
+            next_session: AtomicU64::new(1),
+        })
+    }
+
+    /// The scene.
+    #[must_use]
+    pub fn scene(&self) -> &Arc<dyn SceneSource> {
+        &self.scene
+    }
+
+    /// The settings.
+    #[must_use]
+    pub const fn settings(&self) -> &SessionSettings {
+        &self.settings
+    }
+
+    /// The counters.
+    #[must_use]
+    pub const fn metrics(&self) -> &Metrics {
+        &self.metrics
+    }
+
+    /// The counters in Prometheus' text format.
+    #[must_use]
+    pub fn render_metrics(&self) -> String {
+        self.metrics.render(self.settings.rate_bits_per_s, self.phase() != Phase::Running)
+    }
+
+    pub(super) fn config(&self, transport: Transport) -> Arc<ServerConfig> {
+        Arc::clone(match transport {
+            Transport::Quic => &self.quic,
+            Transport::WebSocket => &self.websocket,
+        })
+    }
+
+    /// Where the daemon stands.
+    #[must_use]
+    pub fn phase(&self) -> Phase {
+        *self.phase.borrow()
+    }
+
+    /// Begins to drain: new clients are refused, sessions end as soon as nothing is asked for, at the
+    /// latest after [`SessionSettings::drain`].
+    pub fn drain(&self) {
+        self.advance(Phase::Draining);
+    }
+
+    /// Ends everything.
+    pub fn stop(&self) {
+        self.advance(Phase::Stopped);
+    }
+
+    fn advance(&self, to: Phase) {
+        self.phase.send_if_modified(|phase| {
+            let later = to > *phase;
+            *phase = to.max(*phase);
+            later
+        });
+    }
+
+    /// Waits until the daemon is at `phase` or beyond.
+    pub async fn reached(&self, phase: Phase) {
+        // Fails only where the sender is gone, and that is ours.
+        let _ = self.phase.subscribe().wait_for(|now| *now >= phase).await;
+    }
+
+    /// Waits until no session is open.
+    pub async fn all_sessions_ended(&self) {
+        let _ = self.sessions.subscribe().wait_for(|open| *open == 0).await;
+    }
+
+    /// Opens a session, unless the server is full or draining.
+    pub(super) fn begin_session(
+        self: &Arc<Self>,
+        transport: Transport,
+        peer: SocketAddr,
+    ) -> Option<SessionGuard> {
+        let mut admitted = self.phase() == Phase::Running;
+        self.sessions.send_modify(|open| {
+            admitted &= *open < self.settings.max_sessions;
+            *open += u64::from(admitted);
+        });
+        if !admitted {
+            self.metrics.session_refused();
+            return None;
+        }
+        self.metrics.session_started(transport);
+        let id = self.next_session.fetch_add(1, Ordering::Relaxed);
+        Some(SessionGuard { state: Arc::clone(self), transport, id, peer, ended: CloseCode::Lost })
+    }
+}
+
+/// A session's place in the counts; given back when dropped.
+#[derive(Debug)]
+pub(super) struct SessionGuard {
+    pub(super) state: Arc<ServerState>,
+    pub(super) transport: Transport,
+    /// Number of the session, from 1.
+    pub(super) id: u64,
+    pub(super) peer: SocketAddr,
+    /// Why the session ended; "lost" until said otherwise.
+    pub(super) ended: CloseCode,
+}
+
+impl Drop for SessionGuard {
+    fn drop(&mut self) {
+        self.state.metrics.session_ended(self.transport, self.ended);
+        self.state.sessions.send_modify(|open| *open -= 1);
+    }
+}
