@@ -1,5 +1,6 @@
 //! Links and clocks in virtual time, scenarios, reports, mesh comparison.
 
+pub mod assess;
 pub mod clock;
 pub mod link;
 pub mod measure;

@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 use anyhow::Context as _;
 use clap::{Parser, Subcommand};
-use lodestream_sim::measure;
+use lodestream_sim::{assess, measure};
 
 /// Compares meshes and streams scenes over simulated links.
 #[derive(Debug, Parser)]
@@ -20,6 +20,29 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Assesses the geometry of a model: sizes, speeds, quality, honesty of errors, cost of access.
+    Assess {
+        /// The model.
+        model: PathBuf,
+        /// Bits per axis of positions.
+        #[arg(long, default_value_t = 12)]
+        position_bits: u8,
+        /// Faces per region.
+        #[arg(long, default_value_t = 1000)]
+        region_faces: usize,
+        /// Random closed sets whose stated error is compared with the measured one.
+        #[arg(long, default_value_t = 20)]
+        random_sets: usize,
+        /// Points on each surface.
+        #[arg(long, default_value = "200000")]
+        samples: NonZeroU32,
+        /// Seed of everything random.
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+        /// Prints one JSON object instead of text.
+        #[arg(long)]
+        json: bool,
+    },
     /// Measures the two-sided distance between the surfaces of two OBJ files.
     Measure {
         /// The reference; distances are divided by the diagonal of its bounding box.
@@ -40,6 +63,11 @@ enum Command {
 
 fn main() -> ExitCode {
     let result = match Arguments::parse().command {
+        Command::Assess { model, position_bits, region_faces, random_sets, samples, seed, json } => {
+            let samples = samples.get() as usize;
+            let options = assess::Options { position_bits, region_faces, random_sets, samples, seed };
+            run_assess(&model, &options, json)
+        }
         Command::Measure { a, b, samples, seed, json } => run_measure(&a, &b, samples, seed, json),
     };
     match result {
@@ -62,6 +90,16 @@ fn one_line(error: &anyhow::Error) -> String {
         }
         line
     })
+}
+
+fn run_assess(model: &std::path::Path, options: &assess::Options, json: bool) -> anyhow::Result<()> {
+    let found = assess::assess(model, options)?;
+    if json {
+        println!("{}", serde_json::to_string(&found)?);
+    } else {
+        println!("{found}");
+    }
+    Ok(())
 }
 
 fn run_measure(

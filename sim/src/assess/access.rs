@@ -1,0 +1,125 @@
+//! What random access costs: the ancestors that a spot or a view drags in.
+
+use lodestream_geometry::index::{ChunkInfo, Sphere};
+use lodestream_geometry::random::Random;
+use lodestream_geometry::screen::{scale_px, screen_error_px};
+use lodestream_protocol::View;
+use serde::Serialize;
+
+use super::Model;
+
+/// Spots and views that are averaged over.
+const TRIALS: usize = 40;
+/// Radius of a spot over the diagonal.
+const SPOT_RADIUS: f32 = 0.05;
+/// Distance of the eye from the middle, over the diagonal: the object fills the screen.
+const EYE_DISTANCE: f64 = 1.0;
+const VIEWPORT_PX: [u32; 2] = [1280, 720];
+const FOV_Y: f32 = 60.0 * std::f32::consts::PI / 180.0;
+const TARGET_PX: f64 = 1.0;
+
+/// Refining one spot fully: means over random spots on the surface.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct Spot {
+    /// Bytes of the chunks that touch a ball of 5 % of the diagonal, with all their ancestors.
+    pub bytes: f64,
+    /// The same over the bytes of those of them that are of the finest level.
+    pub ratio: f64,
+}
+
+/// What a view that the object fills needs: means over random directions.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct ViewShare {
+    /// Share of all splits.
+    pub splits: f64,
+    /// Share of all payload bytes.
+    pub bytes: f64,
+}
+
+pub(super) fn spot(model: &Model, seed: u64) -> Spot {
+    let infos = &model.prepared.infos;
+    let finest = infos.iter().map(|i| i.level).max().unwrap_or(0);
+    let mut random = Random::new(seed);
+    let radius = model.prepared.base.diagonal * SPOT_RADIUS;
+    let (mut spot, mut counted) = (Spot::default(), 0.0);
+    for _ in 0..TRIALS {
+        let q = model.mesh.positions[random.below(model.mesh.positions.len())];
+        let at = q.map(|x| (f64::from(x) * model.mesh.grid.step) as f32);
+        let set = closure(infos, |i| touches(&i.sphere, at, radius));
+        let own: u32 = (0..infos.len())
+            .filter(|&i| infos[i].level == finest && touches(&infos[i].sphere, at, radius))
+            .map(|i| infos[i].payload_bytes)
+            .sum();
+        let all: u32 = chosen(infos, &set).map(|i| i.payload_bytes).sum();
+        if own > 0 {
+            spot.bytes += f64::from(all);
+            spot.ratio += f64::from(all) / f64::from(own);
+            counted += 1.0;
+        }
+    }
+    let counted = f64::max(counted, 1.0);
+    Spot { bytes: spot.bytes / counted, ratio: spot.ratio / counted }
+}
+
+pub(super) fn view_share(model: &Model, seed: u64) -> ViewShare {
+    let infos = &model.prepared.infos;
+    let base = &model.prepared.base;
+    let diagonal = f64::from(base.diagonal);
+    let center = base.sphere.center.map(f64::from);
+    let mut random = Random::new(seed);
+    let mut share = ViewShare::default();
+    for _ in 0..TRIALS {
+        let direction = direction(&mut random);
+        let eye = [0, 1, 2].map(|k| center[k] + direction[k] * diagonal * EYE_DISTANCE);
+        let up = if direction[2].abs() < 0.9 { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] };
+        let frustum = View::look_at(eye, center, up, FOV_Y, VIEWPORT_PX).frustum();
+        let scale = scale_px(f64::from(VIEWPORT_PX[1]), f64::from(FOV_Y));
+        let set = closure(infos, |i| {
+            let from_eye =
+                glam::Vec3::from([0, 1, 2].map(|k| (f64::from(i.sphere.center[k]) - eye[k]) as f32));
+            let depth = f64::from(frustum.depth(from_eye, i.sphere.radius));
+            frustum.sees(from_eye, i.sphere.radius)
+                && screen_error_px(f64::from(i.error), depth, scale) > TARGET_PX
+        });
+        let total =
+            |count: fn(&ChunkInfo) -> u32| infos.iter().map(|i| f64::from(count(i))).sum::<f64>().max(1.0);
+        let part =
+            |count: fn(&ChunkInfo) -> u32| chosen(infos, &set).map(|i| f64::from(count(i))).sum::<f64>();
+        share.splits += part(|i| i.vertices) / total(|i| i.vertices) / TRIALS as f64;
+        share.bytes += part(|i| i.payload_bytes) / total(|i| i.payload_bytes) / TRIALS as f64;
+    }
+    share
+}
+
+/// Uniform on the sphere (Marsaglia, 1972), without trigonometry.
+fn direction(random: &mut Random) -> [f64; 3] {
+    loop {
+        let (a, b) = (random.unit() * 2.0 - 1.0, random.unit() * 2.0 - 1.0);
+        let square = a * a + b * b;
+        if square < 1.0 {
+            let root = 2.0 * (1.0 - square).sqrt();
+            return [a * root, b * root, 1.0 - 2.0 * square];
+        }
+    }
+}
+
+fn touches(sphere: &Sphere, at: [f32; 3], radius: f32) -> bool {
+    glam::Vec3::from(sphere.center).distance(glam::Vec3::from(at)) < sphere.radius + radius
+}
+
+/// The chunks that are wanted, with all their ancestors.
+fn closure(infos: &[ChunkInfo], wanted: impl Fn(&ChunkInfo) -> bool) -> Vec<bool> {
+    let mut set: Vec<bool> = infos.iter().map(wanted).collect();
+    for id in (0..infos.len()).rev() {
+        if set[id] {
+            for &parent in &infos[id].parents {
+                set[parent as usize] = true;
+            }
+        }
+    }
+    set
+}
+
+fn chosen<'a>(infos: &'a [ChunkInfo], set: &'a [bool]) -> impl Iterator<Item = &'a ChunkInfo> {
+    infos.iter().zip(set).filter(|(_, taken)| **taken).map(|(info, _)| info)
+}

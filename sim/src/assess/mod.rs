@@ -1,0 +1,233 @@
+//! Assesses the geometry of one model: sizes, speeds, quality at level ends, honesty of the stated
+//! errors, and what random access costs. The tables in BENCHMARKS.md come from here.
+//!
+//! Sizes and distances repeat exactly for the same model and settings; times are wall-clock times of
+//! this machine on one thread and are good for ratios within one run only.
+
+mod access;
+mod quality;
+
+use std::path::Path;
+use std::time::Instant;
+
+use anyhow::Context as _;
+use lodestream_geometry::Settings;
+use lodestream_geometry::base::Base;
+use lodestream_geometry::mesh::QuantisedMesh;
+use lodestream_geometry::pool::{Serial, Silent};
+use lodestream_geometry::prepare::{Prepared, prepare};
+use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
+use lodestream_geometry::refine::{ActiveMesh, ChunkDelta};
+use serde::Serialize;
+
+use crate::measure::Surface;
+pub use access::{Spot, ViewShare};
+pub use quality::{LevelEnd, RandomSets};
+
+/// What to assess, and how.
+#[derive(Clone, Copy, Debug)]
+pub struct Options {
+    /// Bits per axis of positions.
+    pub position_bits: u8,
+    /// Faces per region.
+    pub region_faces: usize,
+    /// Random closed sets whose stated error is compared with the measured distance.
+    pub random_sets: usize,
+    /// Points on each surface for every distance.
+    pub samples: usize,
+    /// Seed of everything random.
+    pub seed: u64,
+}
+
+/// Everything that was found out about a model.
+#[derive(Clone, Debug, Serialize)]
+pub struct Assessment {
+    /// Vertices after welding.
+    pub vertices: usize,
+    /// Faces of the input.
+    pub faces: usize,
+    /// Chunks, and levels above the base.
+    pub chunks: usize,
+    /// Levels above the base.
+    pub levels: u8,
+    /// Faces of the base mesh.
+    pub base_faces: usize,
+    /// Bytes of the base blob, without materials.
+    pub base_bytes: usize,
+    /// Bytes of the index.
+    pub index_bytes: usize,
+    /// Bytes of all chunks.
+    pub payload_bytes: usize,
+    /// Bits per vertex, everything counted.
+    pub bits_per_vertex: f64,
+    /// Error of the base mesh as a share of the diagonal.
+    pub root_error: f64,
+    /// Input faces prepared per second.
+    pub prepare_faces_per_s: f64,
+    /// Splits decoded per second.
+    pub decode_splits_per_s: f64,
+    /// Splits of decoded chunks applied per second.
+    pub apply_splits_per_s: f64,
+    /// Quality after each level, coarse to fine.
+    pub level_ends: Vec<LevelEnd>,
+    /// RMS distance / diagonal at 10 % of the faces, interpolated between level ends in RMS × faces.
+    pub rms_at_tenth: Option<f64>,
+    /// Stated against measured error of random closed sets.
+    pub random: RandomSets,
+    /// What refining one spot costs.
+    pub spot: Spot,
+    /// What a view that the object fills needs.
+    pub view: ViewShare,
+}
+
+/// A prepared model with everything decoded.
+struct Model {
+    mesh: QuantisedMesh,
+    input: Surface,
+    prepared: Prepared,
+    deltas: Vec<ChunkDelta>,
+}
+
+impl Model {
+    /// The surface with some chunks applied.
+    fn surface(&self, chunks: &[u32]) -> anyhow::Result<Surface> {
+        let mut active = ActiveMesh::new(&self.prepared.base);
+        for &chunk in chunks {
+            active.apply(&self.deltas[chunk as usize])?;
+        }
+        Ok(surface(&active.to_mesh()))
+    }
+
+    fn diagonal(&self) -> f64 {
+        f64::from(self.prepared.base.diagonal)
+    }
+}
+
+/// Assesses an OBJ file.
+///
+/// # Errors
+/// If the file cannot be imported or prepared.
+pub fn assess(path: &Path, options: &Options) -> anyhow::Result<Assessment> {
+    let imported = lodestream_server::import::import(path)
+        .with_context(|| format!("cannot import {}", path.display()))?;
+    let precision = Precision::Bits(options.position_bits);
+    let mesh = quantise(&imported.mesh, &QuantiseSettings { precision, ..QuantiseSettings::default() })?;
+    let settings = Settings { region_faces: options.region_faces, ..Settings::default() };
+    let (prepared, prepare_s) = timed(|| prepare(&mesh, &settings, &Serial, &Silent));
+    let prepared = prepared?;
+
+    let base_bytes = prepared.base.encode();
+    let mut active = ActiveMesh::new(&Base::decode(&base_bytes)?);
+    let mut deltas = Vec::with_capacity(prepared.chunks.len());
+    let mut decode_s = 0.0;
+    for (id, info) in prepared.infos.iter().enumerate() {
+        let (delta, seconds) = timed(|| active.decode(id as u32, info, &prepared.chunks[id]));
+        decode_s += seconds;
+        let delta = delta?;
+        active.apply(&delta)?;
+        deltas.push(delta);
+    }
+    for delta in deltas.iter().rev() {
+        active.undo(delta)?;
+    }
+    let (applied, apply_s) = timed(|| deltas.iter().try_for_each(|d| active.apply(d).map(drop)));
+    applied?;
+
+    let splits: usize = deltas.iter().map(|d| d.vertices.len()).sum();
+    let index_bytes: usize = prepared.pages.iter().map(Vec::len).sum();
+    let payload_bytes: usize = prepared.chunks.iter().map(Vec::len).sum();
+    let model = Model { input: surface(&mesh), mesh, prepared, deltas };
+    let level_ends = quality::level_ends(&model, options)?;
+    let base = &model.prepared.base;
+    Ok(Assessment {
+        vertices: model.mesh.positions.len(),
+        faces: model.mesh.faces.len(),
+        chunks: model.prepared.chunks.len(),
+        levels: base.level_count,
+        base_faces: base.faces.len(),
+        base_bytes: base_bytes.len(),
+        index_bytes,
+        payload_bytes,
+        bits_per_vertex: (base_bytes.len() + index_bytes + payload_bytes) as f64 * 8.0
+            / model.mesh.positions.len() as f64,
+        root_error: f64::from(base.root_error) / model.diagonal(),
+        prepare_faces_per_s: model.mesh.faces.len() as f64 / prepare_s,
+        decode_splits_per_s: splits as f64 / decode_s,
+        apply_splits_per_s: splits as f64 / apply_s,
+        rms_at_tenth: quality::interpolate(&level_ends, model.mesh.faces.len() as f64 * 0.1),
+        level_ends,
+        random: quality::random_sets(&model, options)?,
+        spot: access::spot(&model, options.seed),
+        view: access::view_share(&model, options.seed),
+    })
+}
+
+fn timed<T>(work: impl FnOnce() -> T) -> (T, f64) {
+    let start = Instant::now();
+    let result = work();
+    (result, start.elapsed().as_secs_f64().max(1e-9))
+}
+
+/// The triangles of a mesh, in the asset's units.
+fn surface(mesh: &QuantisedMesh) -> Surface {
+    Surface {
+        positions: mesh.positions.iter().map(|&p| mesh.grid.position(p)).collect(),
+        triangles: mesh.faces.iter().map(|f| f.wedges.map(|w| mesh.wedges[w as usize].vertex)).collect(),
+    }
+}
+
+impl std::fmt::Display for Assessment {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        writeln!(
+            f,
+            "{} vertices, {} faces; {} chunks in {} levels",
+            self.vertices, self.faces, self.chunks, self.levels
+        )?;
+        writeln!(
+            f,
+            "bytes: base {} ({} faces, error {:.2} % of the diagonal), index {}, chunks {}; {:.2} bits/vertex",
+            self.base_bytes,
+            self.base_faces,
+            self.root_error * 100.0,
+            self.index_bytes,
+            self.payload_bytes,
+            self.bits_per_vertex
+        )?;
+        writeln!(
+            f,
+            "speed on one thread: prepare {:.0} faces/s, decode {:.0} splits/s, apply {:.0} splits/s",
+            self.prepare_faces_per_s, self.decode_splits_per_s, self.apply_splits_per_s
+        )?;
+        writeln!(f, "level  faces      RMS x1e-5  max x1e-5  stated x1e-5")?;
+        for end in &self.level_ends {
+            writeln!(
+                f,
+                "{:>5}  {:<9}  {:<9.1}  {:<9.1}  {:.1}",
+                end.level,
+                end.faces,
+                end.rms * 1e5,
+                end.max * 1e5,
+                end.stated * 1e5
+            )?;
+        }
+        if let Some(rms) = self.rms_at_tenth {
+            writeln!(f, "RMS at 10 % of the faces (interpolated in RMS x faces): {:.1}e-5", rms * 1e5)?;
+        }
+        writeln!(
+            f,
+            "stated / measured error of {} random closed sets: least {:.3}, median {:.3}, greatest {:.3}",
+            self.random.sets, self.random.least, self.random.median, self.random.greatest
+        )?;
+        writeln!(
+            f,
+            "refining a ball of 5 % of the diagonal: {:.0} bytes, {:.2} x those of its finest chunks",
+            self.spot.bytes, self.spot.ratio
+        )?;
+        write!(
+            f,
+            "a view that it fills needs {:.1} % of all splits and {:.1} % of the payload at 1 px, 1280x720",
+            self.view.splits * 100.0,
+            self.view.bytes * 100.0
+        )
+    }
+}

@@ -1,0 +1,100 @@
+//! Distances of closed sets to the input, and how honest the stated errors are.
+
+use std::num::NonZeroUsize;
+
+use lodestream_geometry::closed_set;
+use lodestream_geometry::random::Random;
+use serde::Serialize;
+
+use super::{Model, Options};
+use crate::measure::{self, Comparison};
+
+/// The mesh with all chunks up to a level.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct LevelEnd {
+    /// The level; 0 is the base mesh.
+    pub level: u8,
+    /// Its faces.
+    pub faces: usize,
+    /// RMS distance, two-sided, over the diagonal.
+    pub rms: f64,
+    /// Largest distance found, over the diagonal.
+    pub max: f64,
+    /// Geometric error that the index states, over the diagonal.
+    pub stated: f64,
+}
+
+/// Stated over measured error of random closed sets.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct RandomSets {
+    /// Sets with an error.
+    pub sets: usize,
+    /// Least ratio: below 1 the statement was too low.
+    pub least: f64,
+    /// Median ratio.
+    pub median: f64,
+    /// Greatest ratio.
+    pub greatest: f64,
+}
+
+/// Measures the mesh after each level but the last.
+pub(super) fn level_ends(model: &Model, options: &Options) -> anyhow::Result<Vec<LevelEnd>> {
+    let mut ends = Vec::new();
+    let infos = &model.prepared.infos;
+    for level in 0..model.prepared.base.level_count {
+        let chunks: Vec<u32> =
+            (0..infos.len() as u32).filter(|&id| infos[id as usize].level <= level).collect();
+        let (faces, found) = distance(model, &chunks, options)?;
+        let stated = stated(model, &chunks);
+        ends.push(LevelEnd { level, faces, rms: found.rms, max: found.max, stated });
+    }
+    Ok(ends)
+}
+
+/// RMS at a number of faces: RMS × faces changes slowly, so it is interpolated linearly in faces.
+pub(super) fn interpolate(ends: &[LevelEnd], faces: f64) -> Option<f64> {
+    let pair = ends.windows(2).find(|w| w[0].faces as f64 <= faces && faces <= w[1].faces as f64)?;
+    let product = |e: &LevelEnd| e.rms * e.faces as f64;
+    let (low, high) = (pair[0].faces as f64, pair[1].faces as f64);
+    let share = if high > low { (faces - low) / (high - low) } else { 0.0 };
+    Some((product(&pair[0]) * (1.0 - share) + product(&pair[1]) * share) / faces)
+}
+
+/// Compares stated and measured errors of random closed sets.
+pub(super) fn random_sets(model: &Model, options: &Options) -> anyhow::Result<RandomSets> {
+    let mut random = Random::new(options.seed);
+    let mut ratios = Vec::new();
+    for _ in 0..options.random_sets {
+        let chunks = closed_set::random(&model.prepared.infos, &mut random);
+        let stated = stated(model, &chunks);
+        let (_, found) = distance(model, &chunks, options)?;
+        if found.max > 0.0 {
+            ratios.push(stated / found.max);
+        }
+    }
+    ratios.sort_by(f64::total_cmp);
+    Ok(RandomSets {
+        sets: ratios.len(),
+        least: ratios.first().copied().unwrap_or(0.0),
+        median: ratios.get(ratios.len() / 2).copied().unwrap_or(0.0),
+        greatest: ratios.last().copied().unwrap_or(0.0),
+    })
+}
+
+/// Error that the index states for a closed set, over the diagonal.
+fn stated(model: &Model, chunks: &[u32]) -> f64 {
+    let missing = model
+        .prepared
+        .infos
+        .iter()
+        .enumerate()
+        .filter(|(id, _)| chunks.binary_search(&(*id as u32)).is_err());
+    missing.map(|(_, info)| f64::from(info.error)).fold(0.0, f64::max) / model.diagonal()
+}
+
+fn distance(model: &Model, chunks: &[u32], options: &Options) -> anyhow::Result<(usize, Comparison)> {
+    let coarse = model.surface(chunks)?;
+    let samples = NonZeroUsize::new(options.samples).unwrap_or(NonZeroUsize::MIN);
+    let settings = measure::Settings { samples, seed: options.seed, ..Default::default() };
+    Ok((coarse.triangles.len(), measure::compare(&model.input, &coarse, &settings)?))
+}
