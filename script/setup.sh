@@ -14,7 +14,7 @@ have() { command -v "$1" >/dev/null 2>&1; }
 have_library() {
     local ldconfig
     ldconfig=$(command -v ldconfig || echo /sbin/ldconfig)
-    "$ldconfig" -p 2>/dev/null | grep -q "$1"
+    [[ $("$ldconfig" -p 2>/dev/null) = *"$1"* ]]
 }
 
 # Whether a Vulkan driver is registered: a graphics card's, or Mesa's software driver (lavapipe).

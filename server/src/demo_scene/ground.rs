@@ -18,11 +18,15 @@ fn wildness(x: f64, z: f64) -> f64 {
 }
 
 /// Height of the ground in metres; 0 is the level of the site.
+///
+/// The hills sink back to that level at the border, so that even two triangles through its corners
+/// stand for the ground without burying the site.
 pub(super) fn height(seed: u64, x: f64, z: f64) -> f64 {
     let p = DVec3::new(x, 0.0, z);
-    let wild = wildness(x, z);
-    let far = smoothstep(60.0, 150.0, (x * x + z * z).sqrt());
-    let hills = 13.0 * fractal3(seed ^ 31, p / 62.0, 5) + 11.0 * far;
+    let border = 1.0 - smoothstep(0.70, 0.99, x.abs().max(z.abs()) / (SIDE * 0.5));
+    let wild = wildness(x, z) * border;
+    let far = smoothstep(50.0, 95.0, (x * x + z * z).sqrt());
+    let hills = 13.0 * fractal3(seed ^ 31, p / 62.0, 5) + 9.0 * far;
     let mounds = 0.9 * fractal3(seed ^ 32, p / 9.0, 4);
     let bumps = 0.05 * fractal3(seed ^ 33, p / 1.3, 3);
     wild * (hills + mounds) + bumps * (0.45 + 0.55 * wild) - 0.04
@@ -60,4 +64,26 @@ pub(super) fn mesh(seed: u64, cells: usize) -> ObjMesh {
         }
     }
     mesh
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn site_and_border_lie_at_the_same_level_and_hills_between() {
+        let mut highest: f64 = 0.0;
+        for i in -40..=40 {
+            let t = f64::from(i) * 4.0;
+            for (x, z) in [(t, -160.0), (t, 160.0), (-160.0, t), (160.0, t)] {
+                assert!(height(1, x, z).abs() < 0.08, "border at {x}, {z}");
+            }
+            // What stands on the site must not be buried.
+            for z in [-19.0, 0.0, 30.0, 47.0] {
+                assert!((-0.08..0.0).contains(&height(1, t / 16.0, z)), "site at {}, {z}", t / 16.0);
+            }
+            highest = highest.max(height(1, t, -70.0));
+        }
+        assert!(highest > 5.0, "{highest}");
+    }
 }

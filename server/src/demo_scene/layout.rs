@@ -14,6 +14,8 @@ pub(super) const AVENUE: [f64; 2] = [14.2, 47.0];
 pub(super) struct AssetEntry {
     pub(super) name: &'static str,
     pub(super) file: String,
+    /// Precision of positions, in bits per axis.
+    pub(super) position_bits: u8,
     /// How deep the height maps of its materials are, in units of texture coordinates; 0 where it
     /// has none.
     pub(super) relief_depth: f64,
@@ -125,7 +127,11 @@ pub(super) fn scene_text(assets: &[AssetEntry], instances: &[Instance], seed: u6
     );
     // Writing to a String cannot fail.
     for asset in assets {
-        let _ = write!(text, "\n[[asset]]\nname = \"{}\"\nfile = \"{}\"\n", asset.name, asset.file);
+        let _ = write!(
+            text,
+            "\n[[asset]]\nname = \"{}\"\nfile = \"{}\"\nposition_bits = {}\n",
+            asset.name, asset.file, asset.position_bits
+        );
         if asset.relief_depth > 0.0 {
             let _ = writeln!(text, "relief_depth = {}", asset.relief_depth);
         }

@@ -107,8 +107,9 @@ const GROUND_CELLS: f64 = 380.0;
 /// Texels along one side of the ground's texture in the full scene.
 const TEXTURE_SIZE: f64 = 1024.0;
 
-/// An asset's name, relief depth in units of texture coordinates, and how to make it.
-type Recipe<'a> = (&'static str, f64, Box<dyn Fn() -> ObjMesh + 'a>);
+/// An asset's name, bits of position (a millimetre or two; the ground half a centimetre), relief depth
+/// in units of texture coordinates, and how to make it.
+type Recipe<'a> = (&'static str, u8, f64, Box<dyn Fn() -> ObjMesh + 'a>);
 
 fn recipes(options: &Options) -> Vec<Recipe<'_>> {
     let Options { seed, detail } = *options;
@@ -118,18 +119,23 @@ fn recipes(options: &Options) -> Vec<Recipe<'_>> {
         polygonise(&figure, cell / detail).single(name, material)
     };
     vec![
-        ("ground", 0.0, Box::new(move || ground::mesh(seed, cells))),
-        ("stylobate", 0.018, Box::new(move || temple::stylobate(seed, pitch))),
-        ("column", 0.0, Box::new(move || temple::column(pitch))),
-        ("entablature", 0.0, Box::new(move || temple::entablature(seed, pitch))),
-        ("roof", 0.0, Box::new(move || temple::roof(pitch))),
-        ("cella", 0.02, Box::new(move || temple::cella(pitch))),
-        ("plinth", 0.02, Box::new(temple::plinth)),
-        ("avenue", 0.02, Box::new(move || temple::avenue(seed, pitch, layout::AVENUE))),
-        ("lion", 0.0, Box::new(move || figure(statues::lion(seed), LION_CELL, "lion", "sandstone"))),
-        ("sage", 0.0, Box::new(move || figure(statues::sage(seed), SAGE_CELL, "sage", "marble"))),
-        ("dragon", 0.0, Box::new(move || figure(statues::dragon(seed), DRAGON_CELL, "dragon", "bronze"))),
-        ("boulder", 0.0, Box::new(move || figure(statues::boulder(seed), BOULDER_CELL, "boulder", "rock"))),
+        ("ground", 16, 0.0, Box::new(move || ground::mesh(seed, cells))),
+        ("stylobate", 14, 0.018, Box::new(move || temple::stylobate(seed, pitch))),
+        ("column", 13, 0.0, Box::new(move || temple::column(pitch))),
+        ("entablature", 14, 0.0, Box::new(move || temple::entablature(seed, pitch))),
+        ("roof", 14, 0.0, Box::new(move || temple::roof(pitch))),
+        ("cella", 14, 0.02, Box::new(move || temple::cella(pitch))),
+        ("plinth", 12, 0.02, Box::new(temple::plinth)),
+        ("avenue", 14, 0.02, Box::new(move || temple::avenue(seed, pitch, layout::AVENUE))),
+        ("lion", 13, 0.0, Box::new(move || figure(statues::lion(seed), LION_CELL, "lion", "sandstone"))),
+        ("sage", 13, 0.0, Box::new(move || figure(statues::sage(seed), SAGE_CELL, "sage", "marble"))),
+        ("dragon", 13, 0.0, Box::new(move || figure(statues::dragon(seed), DRAGON_CELL, "dragon", "bronze"))),
+        (
+            "boulder",
+            12,
+            0.0,
+            Box::new(move || figure(statues::boulder(seed), BOULDER_CELL, "boulder", "rock")),
+        ),
     ]
 }
 
@@ -162,7 +168,7 @@ pub fn generate(dir: &Path, options: &Options) -> Result<Summary, Error> {
     let instances = layout::instances(options.seed);
     let mut assets = Vec::new();
     let (mut distinct_faces, mut instanced_faces) = (0, 0);
-    for (name, relief_depth, make) in recipes(options) {
+    for (name, position_bits, relief_depth, make) in recipes(options) {
         let mesh = make();
         let file = format!("{name}.obj");
         let path = dir.join(&file);
@@ -170,7 +176,7 @@ pub fn generate(dir: &Path, options: &Options) -> Result<Summary, Error> {
         written.push(path);
         distinct_faces += mesh.faces();
         instanced_faces += mesh.faces() * instances.iter().filter(|i| i.asset == name).count();
-        assets.push(AssetEntry { name, file, relief_depth });
+        assets.push(AssetEntry { name, file, position_bits, relief_depth });
     }
 
     let scene = dir.join("scene.toml");
