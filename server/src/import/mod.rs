@@ -1,6 +1,6 @@
 //! Model files to [`SourceMesh`] and materials.
 //!
-//! OBJ and MTL, parsed by the crate `tobj` behind a pass of our own ([`normalise`]) that checks every
+//! OBJ and MTL, parsed by the crate `tobj` behind a pass of our own (`normalise`) that checks every
 //! line and reports its number: tobj 4 lets NaN and infinities through, makes up texture
 //! coordinates for corners that have none, takes polylines for faces, overflows on some negative
 //! indices and panics on a colour of one value.
