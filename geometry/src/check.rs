@@ -5,6 +5,9 @@
 //! so the sum of the mesh's directed edges (opposite ones cancel) must equal the image of the input's
 //! boundary, whatever the input is: open, closed or not a manifold. An edge where it does not is a
 //! crack. If the input is closed and manifold, an edge without exactly two faces counts as well.
+//! All this takes place in the fully refined mesh for the input. Where that has more vertices than the
+//! input had, outlines were not locked and vertices came back once for each region: such doubles are
+//! told by their equal positions and count as one vertex.
 //!
 //! *Order.* Every chunk is decoded afresh against the mesh as it happens to be, and must give the
 //! same delta as when everything coarser was applied; two random orders must give the same state.
@@ -41,6 +44,8 @@ struct Reference<'a> {
     /// The input's boundary.
     boundary: BTreeMap<(Id, Id), i64>,
     closed_manifold: bool,
+    /// Vertices that are doubles of others, and of which.
+    doubles: BTreeMap<Id, Id>,
     start: Snapshot,
 }
 
@@ -71,9 +76,10 @@ pub fn check(
         deltas.push(delta);
     }
     let full = mesh.snapshot();
-    let (boundary, counts) = edges(&full);
+    let doubles = doubles(&full, base.totals.vertices);
+    let (boundary, counts) = edges(&full, &doubles);
     let closed_manifold = boundary.is_empty() && counts.values().all(|&c| c == 2);
-    let reference = Reference { base, infos, payloads, deltas, boundary, closed_manifold, start };
+    let reference = Reference { base, infos, payloads, deltas, boundary, closed_manifold, doubles, start };
     let mut seeds = Random::new(seed);
     let seeds: Vec<u64> = (0..sets).map(|_| seeds.next_u64()).collect();
     let reports = pool::map(pool, sets, &|i| reference.try_set(&mut Random::new(seeds[i])));
@@ -118,10 +124,11 @@ impl Reference<'_> {
     }
 
     fn cracks(&self, state: &Snapshot) -> usize {
-        let (boundary, counts) = edges(state);
+        let (boundary, counts) = edges(state, &self.doubles);
         let mut difference = boundary;
         for (&(a, b), &times) in &self.boundary {
-            add(&mut difference, self.ancestor(state, a), self.ancestor(state, b), -times);
+            let [a, b] = [a, b].map(|v| single(&self.doubles, self.ancestor(state, v)));
+            add(&mut difference, a, b, -times);
         }
         let torn = difference.values().filter(|&&times| times != 0).count();
         let odd = if self.closed_manifold { counts.values().filter(|&&c| c != 2).count() } else { 0 };
@@ -142,14 +149,33 @@ impl Reference<'_> {
 
 type Boundary = BTreeMap<(Id, Id), i64>;
 
+/// Vertices that share the position of an earlier one, if there are more than there should be.
+fn doubles(full: &Snapshot, vertices: u64) -> BTreeMap<Id, Id> {
+    let mut doubles = BTreeMap::new();
+    if full.vertices.len() as u64 > vertices {
+        let mut first = BTreeMap::new();
+        for &(id, position) in &full.vertices {
+            let single = *first.entry(position).or_insert(id);
+            if single != id {
+                doubles.insert(id, single);
+            }
+        }
+    }
+    doubles
+}
+
+fn single(doubles: &BTreeMap<Id, Id>, vertex: Id) -> Id {
+    doubles.get(&vertex).copied().unwrap_or(vertex)
+}
+
 /// The boundary of a mesh (signed sum of directed edges) and the number of faces at each edge.
-fn edges(state: &Snapshot) -> (Boundary, BTreeMap<(Id, Id), u32>) {
+fn edges(state: &Snapshot, doubles: &BTreeMap<Id, Id>) -> (Boundary, BTreeMap<(Id, Id), u32>) {
     let mut boundary = Boundary::new();
     let mut counts = BTreeMap::new();
     let vertex =
         |wedge: Id| state.wedges.binary_search_by_key(&wedge, |w| w.0).map_or(wedge, |i| state.wedges[i].1);
     for &(_, wedges, _) in &state.faces {
-        let v = wedges.map(vertex);
+        let v = wedges.map(|w| single(doubles, vertex(w)));
         for k in 0..3 {
             let (a, b) = (v[k], v[(k + 1) % 3]);
             add(&mut boundary, a, b, 1);

@@ -24,5 +24,11 @@ mod stars;
 mod symbols;
 mod vec3;
 
+#[cfg(test)]
+extern crate self as lodestream_geometry;
+#[cfg(test)]
+#[path = "../tests/suite/common/mod.rs"]
+mod common;
+
 pub use error::{DecodeError, MeshError};
 pub use simplify::Settings;

@@ -11,6 +11,9 @@ use crate::pool::{self, Monitor, Pool};
 use crate::refine::ActiveMesh;
 use crate::simplify::{RegionChunk, Settings, Simplified, simplify};
 
+#[cfg(test)]
+mod reference_test;
+
 /// A prepared asset.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prepared {

@@ -60,8 +60,8 @@ pub struct Settings {
     pub base_error: f64,
     /// Fewest splits of a chunk; what falls short is left to the next level.
     pub min_splits: usize,
-    /// Lets vertices on outlines collapse, which breaks the format's promises. Only for showing that
-    /// the checks notice.
+    /// Lets each region of the finest level collapse one vertex of its outline, which tears the mesh.
+    /// Only for showing that the checks notice.
     #[doc(hidden)]
     pub unlock_outlines: bool,
 }
@@ -106,9 +106,9 @@ pub(crate) fn simplify(
     let region_faces = settings.region_faces.clamp(50, 100_000);
     loop {
         let last = live.face_count <= region_faces + region_faces / 2;
-        let level =
-            Level::new(&live, levels.len(), if last { 1 } else { live.face_count / region_faces }, settings);
-        let mut records = level.simplify(&live, last, settings, pool);
+        let level = Level::new(&live, levels.len(), if last { 1 } else { live.face_count / region_faces });
+        let tear = settings.unlock_outlines && levels.is_empty();
+        let mut records = level.simplify(&live, last, tear, settings, pool);
         if !last {
             truncate_globally(&mut records, &level, settings);
         }
@@ -154,11 +154,10 @@ struct Level {
     capacity: Vec<usize>,
     /// Live vertices.
     vertices: usize,
-    unlock_outlines: bool,
 }
 
 impl Level {
-    fn new(live: &Live, number: usize, count: usize, settings: &Settings) -> Self {
+    fn new(live: &Live, number: usize, count: usize) -> Self {
         let list: Vec<u32> = (0..live.alive.len() as u32).filter(|&f| live.alive[f as usize]).collect();
         let centroids: Vec<Vec3> = list.iter().map(|&f| live.centroid(f as usize)).collect();
         let mut place = vec![u32::MAX; live.alive.len()];
@@ -187,22 +186,26 @@ impl Level {
                 capacity[first as usize] += 1;
             }
         }
-        Self {
-            region_of_face,
-            faces,
-            interior,
-            capacity,
-            vertices,
-            unlock_outlines: settings.unlock_outlines,
-        }
+        Self { region_of_face, faces, interior, capacity, vertices }
     }
 
-    fn simplify(&self, live: &Live, last: bool, settings: &Settings, pool: &dyn Pool) -> Vec<Records> {
+    fn simplify(
+        &self,
+        live: &Live,
+        last: bool,
+        tear: bool,
+        settings: &Settings,
+        pool: &dyn Pool,
+    ) -> Vec<Records> {
         let share = MOST_OF_A_REGION.max(settings.level_share);
         pool::map(pool, self.faces.len(), &|r| {
             let limit = if last { usize::MAX } else { (self.capacity[r] as f64 * share) as usize };
-            let inside = |v: u32| self.unlock_outlines || self.interior[v as usize] == r as u32;
-            Region::new(live, self.faces[r].clone(), &inside).simplify(limit)
+            let inside = |v: u32| self.interior[v as usize] == r as u32;
+            let mut region = Region::new(live, self.faces[r].clone(), &inside);
+            if tear {
+                region.tear_outline();
+            }
+            region.simplify(limit)
         })
     }
 }
@@ -320,9 +323,6 @@ fn measure(
         if let Some(list) = interior.get_mut(r as usize) {
             list.push(v as u32);
         }
-    }
-    if level.unlock_outlines {
-        interior = vec![(0..level.interior.len() as u32).collect(); level.faces.len()];
     }
     let mut chunks = Vec::new();
     for (r, (records, measured)) in records.into_iter().zip(measured).enumerate() {

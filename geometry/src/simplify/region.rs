@@ -110,6 +110,19 @@ impl Region {
         self.records
     }
 
+    /// Collapses one outline vertex onto an interior one, although other regions keep it: see
+    /// [`crate::Settings::unlock_outlines`].
+    pub(crate) fn tear_outline(&mut self) {
+        let mut ring = Vec::new();
+        for u in (0..self.vertices.len() as u32).filter(|&u| !self.interior[u as usize]) {
+            self.ring(u, &mut ring);
+            if let Some(&t) = ring.iter().find(|&&t| self.interior[t as usize]) {
+                self.collapse(u, t, 0.0);
+                return;
+            }
+        }
+    }
+
     fn run(&mut self, limit: usize, mut rules: Rules) {
         let mut heap = BinaryHeap::new();
         let mut ring = Vec::new();

@@ -1,0 +1,184 @@
+//! Refined meshes against an independent reference: the input with the complement's collapses done
+//! again, finest level first, in the builder's ids. The decoder has no part in the reference.
+
+use std::collections::BTreeMap;
+
+use crate::closed_set;
+use crate::common;
+use crate::mesh::{QuantisedMesh, Wedge};
+use crate::pool::{Serial, Silent};
+use crate::prepare::{build_base, encode_all, parents};
+use crate::random::Random;
+use crate::refine::{ActiveMesh, ChunkDelta, Id};
+use crate::simplify::live::NO_VERTEX;
+use crate::simplify::{Settings, Simplified, simplify};
+use crate::{base::Base, index::ChunkInfo};
+
+/// Faces by the builder's ids: wedges, rotated so that the least comes first.
+type Faces = BTreeMap<u32, [u32; 3]>;
+
+/// Everything that the two sides need, with the builder's names of canonical ids.
+struct Case<'a> {
+    mesh: &'a QuantisedMesh,
+    simplified: Simplified,
+    order: Vec<(usize, usize)>,
+    infos: Vec<ChunkInfo>,
+    payloads: Vec<Vec<u8>>,
+    base: Base,
+    deltas: Vec<ChunkDelta>,
+    vertices: Vec<Vec<u32>>,
+    wedges: Vec<Vec<u32>>,
+    faces: Vec<Vec<u32>>,
+}
+
+impl<'a> Case<'a> {
+    fn new(mesh: &'a QuantisedMesh, settings: &Settings) -> Self {
+        let simplified = simplify(mesh, settings, &Serial, &Silent).unwrap();
+        let order: Vec<(usize, usize)> = simplified
+            .levels
+            .iter()
+            .enumerate()
+            .rev()
+            .flat_map(|(level, chunks)| (0..chunks.len()).map(move |c| (level, c)))
+            .collect();
+        let parents = parents(&simplified, &order, mesh.faces.len());
+        let materials = mesh.faces.iter().map(|f| f.material).max().unwrap_or(0) + 1;
+        let (base, first) = build_base(mesh, &simplified, order.len(), materials);
+        let (mut vertices, mut wedges, mut faces) =
+            (vec![first.vertices.clone()], vec![first.wedges.clone()], vec![first.faces.clone()]);
+        let encoded = encode_all(mesh, &simplified, &order, &parents, &base, first, &Serial).unwrap();
+        let (mut infos, mut payloads, mut deltas) = (Vec::new(), Vec::new(), Vec::new());
+        for (id, e) in encoded.into_iter().enumerate() {
+            infos.push(ChunkInfo {
+                parents: parents[id].clone(),
+                vertices: e.vertices.len() as u32,
+                wedges: e.wedges.len() as u32,
+                faces: e.faces.len() as u32,
+                ..ChunkInfo::default()
+            });
+            payloads.push(e.bytes);
+            deltas.push(e.delta);
+            vertices.push(e.vertices);
+            wedges.push(e.wedges);
+            faces.push(e.faces);
+        }
+        Self { mesh, simplified, order, infos, payloads, base, deltas, vertices, wedges, faces }
+    }
+
+    /// The input after the collapses of all chunks that are not in `set`.
+    fn collapsed(&self, set: &[u32]) -> Faces {
+        let all_wedges = &self.simplified.live.wedges;
+        let vertex = |w: u32| all_wedges[w as usize].vertex;
+        let mut faces: BTreeMap<u32, [u32; 3]> =
+            self.mesh.faces.iter().enumerate().map(|(i, f)| (i as u32, f.wedges)).collect();
+        let mut around: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+        for (&face, wedges) in &faces {
+            for &w in wedges {
+                around.entry(vertex(w)).or_default().push(face);
+            }
+        }
+        // Ids run from coarse to fine, so the finest level comes last.
+        for id in (0..self.order.len()).rev().filter(|&id| set.binary_search(&(id as u32)).is_err()) {
+            let records = &self.simplified.levels[self.order[id].0][self.order[id].1].records;
+            for i in 0..records.collapses.len() {
+                let (collapse, moved, removed) = records.parts(i);
+                let (u, t) = (collapse.removed, collapse.target);
+                let star: Vec<u32> = around
+                    .remove(&u)
+                    .unwrap_or_default()
+                    .into_iter()
+                    .filter(|f| faces.get(f).is_some_and(|w| w.iter().any(|&w| vertex(w) == u)))
+                    .collect();
+                if t == NO_VERTEX {
+                    assert!(star.is_empty(), "vertex {u} is dropped but has faces");
+                    continue;
+                }
+                // What happens follows from u and t alone; the lists must say the same.
+                let (gone, stay): (Vec<u32>, Vec<u32>) =
+                    star.into_iter().partition(|f| faces[f].iter().any(|&w| vertex(w) == t));
+                let mut listed: Vec<u32> = removed.iter().map(|r| r.face).collect();
+                listed.sort_unstable();
+                assert_eq!(gone, listed, "faces that vanish when {u} goes onto {t}");
+                assert_eq!(stay.len(), moved.len(), "faces that move when {u} goes onto {t}");
+                for face in gone {
+                    faces.remove(&face);
+                }
+                for m in moved {
+                    let corner =
+                        faces.get_mut(&m.face).unwrap().iter_mut().find(|w| vertex(**w) == u).unwrap();
+                    assert_eq!(*corner, m.from, "face {} is not as the builder saw it", m.face);
+                    assert_eq!(vertex(m.to), t);
+                    *corner = m.to;
+                    let list = around.entry(t).or_default();
+                    if let Err(at) = list.binary_search(&m.face) {
+                        list.insert(at, m.face);
+                    }
+                }
+            }
+        }
+        faces.into_iter().map(|(f, w)| (f, rotated(w))).collect()
+    }
+
+    /// A refined mesh in the builder's ids; wedges and vertices must be the builder's, too.
+    fn named(&self, mesh: &ActiveMesh) -> Faces {
+        let snapshot = mesh.snapshot();
+        let name = |lists: &[Vec<u32>], id: Id| lists[id.origin as usize][id.index as usize];
+        for &(id, position) in &snapshot.vertices {
+            assert_eq!(position, self.mesh.positions[name(&self.vertices, id) as usize]);
+        }
+        for &(id, vertex, uv, group) in &snapshot.wedges {
+            let expected = self.simplified.live.wedges[name(&self.wedges, id) as usize];
+            assert_eq!(Wedge { vertex: name(&self.vertices, vertex), uv, group }, expected);
+        }
+        let mut faces = Faces::new();
+        for &(id, wedges, material) in &snapshot.faces {
+            let face = name(&self.faces, id);
+            assert_eq!(material, self.mesh.faces[face as usize].material);
+            assert!(faces.insert(face, rotated(wedges.map(|w| name(&self.wedges, w)))).is_none());
+        }
+        faces
+    }
+}
+
+fn rotated(w: [u32; 3]) -> [u32; 3] {
+    [w, [w[1], w[2], w[0]], [w[2], w[0], w[1]]].into_iter().min().unwrap_or(w)
+}
+
+#[test]
+fn any_closed_set_is_the_input_collapsed_by_the_complement() {
+    for (name, source) in common::all() {
+        let mesh = common::quantised(&source);
+        for region_faces in [50, 200, 1000] {
+            let case = Case::new(&mesh, &common::regions(region_faces));
+            let mut random = Random::new(31);
+            for attempt in 0..8 {
+                let set = match attempt {
+                    0 => Vec::new(),
+                    1 => (0..case.infos.len() as u32).collect(),
+                    _ => closed_set::random(&case.infos, &mut random),
+                };
+                let mut active = ActiveMesh::new(&case.base);
+                for id in closed_set::random_order(&case.infos, &set, &mut random) {
+                    let (info, payload) = (&case.infos[id as usize], &case.payloads[id as usize]);
+                    let delta = active.decode(id, info, payload).unwrap();
+                    assert!(delta == case.deltas[id as usize], "{name}: chunk {id} is not canonical");
+                    active.apply(&delta).unwrap();
+                }
+                assert!(
+                    case.named(&active) == case.collapsed(&set),
+                    "{name}, regions of {region_faces}: {} of {} chunks",
+                    set.len(),
+                    case.infos.len()
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn the_reference_differs_when_one_chunk_is_left_out() {
+    let mesh = common::quantised(&common::shapes::torus(40, 70));
+    let case = Case::new(&mesh, &common::regions(200));
+    let all: Vec<u32> = (0..case.infos.len() as u32).collect();
+    assert!(case.collapsed(&all) != case.collapsed(&all[..all.len() - 1]));
+}

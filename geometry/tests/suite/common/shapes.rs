@@ -1,0 +1,312 @@
+//! The generators.
+
+use lodestream_geometry::mesh::{Corner, SourceMesh};
+use lodestream_geometry::random::Random;
+
+use super::bare;
+
+/// A closed sphere of `rings` × `columns`, with radial noise.
+pub(crate) fn sphere(rings: u32, columns: u32, noise: f64) -> SourceMesh {
+    let mut random = Random::new(7);
+    let mut positions = vec![[0.0, 0.0, 1.0]];
+    for ring in 1..rings {
+        for column in 0..columns {
+            let polar = std::f64::consts::PI * f64::from(ring) / f64::from(rings);
+            let around = std::f64::consts::TAU * f64::from(column) / f64::from(columns);
+            let r = 1.0 + noise * (random.unit() - 0.5);
+            positions.push([r * polar.sin() * around.cos(), r * polar.sin() * around.sin(), r * polar.cos()]);
+        }
+    }
+    positions.push([0.0, 0.0, -1.0]);
+    let south = positions.len() as u32 - 1;
+    let at = |ring: u32, column: u32| 1 + (ring - 1) * columns + column % columns;
+    let mut faces = Vec::new();
+    for column in 0..columns {
+        faces.push([0, at(1, column), at(1, column + 1)]);
+        faces.push([south, at(rings - 1, column + 1), at(rings - 1, column)]);
+        for ring in 1..rings - 1 {
+            let (a, b) = (at(ring, column), at(ring, column + 1));
+            let (c, d) = (at(ring + 1, column), at(ring + 1, column + 1));
+            faces.extend([[a, c, d], [a, d, b]]);
+        }
+    }
+    bare(positions, &faces)
+}
+
+/// A torus with a uv grid whose seams run both ways round.
+pub(crate) fn torus(around: u32, across: u32) -> SourceMesh {
+    let mut mesh = SourceMesh::default();
+    for i in 0..around {
+        for j in 0..across {
+            let (u, v) = (
+                std::f64::consts::TAU * f64::from(i) / f64::from(around),
+                std::f64::consts::TAU * f64::from(j) / f64::from(across),
+            );
+            let r = 2.0 + (0.7 + 0.05 * (5.0 * u).sin()) * v.cos();
+            mesh.positions.push([r * u.cos(), r * u.sin(), 0.7 * v.sin()]);
+        }
+    }
+    for i in 0..=around {
+        for j in 0..=across {
+            mesh.uvs.push([i as f32 / around as f32, j as f32 / across as f32]);
+        }
+    }
+    let corner = |i: u32, j: u32| Corner {
+        position: (i % around) * across + j % across,
+        uv: i * (across + 1) + j,
+        normal: u32::MAX,
+    };
+    for i in 0..around {
+        for j in 0..across {
+            let [a, b, c, d] = [corner(i, j), corner(i + 1, j), corner(i, j + 1), corner(i + 1, j + 1)];
+            mesh.faces.extend([[a, b, d], [a, d, c]]);
+        }
+    }
+    mesh.materials = vec![0; mesh.faces.len()];
+    mesh
+}
+
+/// Bumpy ground, open, with holes.
+pub(crate) fn height_field(size: u32) -> SourceMesh {
+    let mut random = Random::new(11);
+    let mut positions = Vec::new();
+    for y in 0..=size {
+        for x in 0..=size {
+            let (fx, fy) = (f64::from(x), f64::from(y));
+            let z = 2.0 * (fx * 0.3).sin() * (fy * 0.23).cos() + 0.3 * random.unit();
+            positions.push([fx, fy, z]);
+        }
+    }
+    let at = |x: u32, y: u32| y * (size + 1) + x;
+    let mut faces = Vec::new();
+    for y in 0..size {
+        for x in 0..size {
+            if (x % 13 < 3 && y % 17 < 4) || random.below(97) == 0 {
+                continue;
+            }
+            faces.extend([
+                [at(x, y), at(x + 1, y), at(x + 1, y + 1)],
+                [at(x, y), at(x + 1, y + 1), at(x, y + 1)],
+            ]);
+        }
+    }
+    bare(positions, &faces)
+}
+
+/// Boxes of a coarse grid of quads each with uvs of its own and hard edges: nearly every vertex is on
+/// a seam.
+pub(crate) fn frigate(boxes: u32) -> SourceMesh {
+    const SIDE: u32 = 4;
+    let mut mesh = SourceMesh::default();
+    for b in 0..boxes {
+        let place = [f64::from(b) * 1.4, f64::from(b % 3) * 0.9, f64::from(b % 5) * 0.3];
+        for side in 0..6 {
+            let (axis, flip) = (side / 2, side % 2 == 1);
+            let normal = mesh.normals.len() as u32;
+            let mut n = [0.0; 3];
+            n[axis] = if flip { -1.0 } else { 1.0 };
+            mesh.normals.push(n);
+            for i in 0..SIDE {
+                for j in 0..SIDE {
+                    let mut quad = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)].map(|(i, j)| {
+                        let (s, t) = (f64::from(i) / f64::from(SIDE), f64::from(j) / f64::from(SIDE));
+                        let mut p = [0.0; 3];
+                        p[axis] = f64::from(u8::from(!flip));
+                        p[(axis + 1) % 3] = s;
+                        p[(axis + 2) % 3] = t;
+                        mesh.positions.push([0, 1, 2].map(|k| p[k] + place[k]));
+                        // Charts of single quads: the uvs of neighbours never agree.
+                        let chart = ((i * 7 + j * 3 + b) % 16) as f32;
+                        mesh.uvs.push([chart * 0.06 + 0.05 * s as f32, chart * 0.03 + 0.05 * t as f32]);
+                        let index = mesh.positions.len() as u32 - 1;
+                        Corner { position: index, uv: index, normal }
+                    });
+                    if flip {
+                        quad.reverse();
+                    }
+                    mesh.faces.extend([[quad[0], quad[1], quad[2]], [quad[0], quad[2], quad[3]]]);
+                    mesh.materials.extend([(side % 2) as u16; 2]);
+                }
+            }
+        }
+    }
+    mesh
+}
+
+/// The same surface with a normal of its own for every face.
+pub(crate) fn flat_shaded(mut mesh: SourceMesh) -> SourceMesh {
+    mesh.normals.clear();
+    for face in &mut mesh.faces {
+        let [a, b, c] = face.map(|corner| mesh.positions[corner.position as usize]);
+        let (e, f) = ([0, 1, 2].map(|k| b[k] - a[k]), [0, 1, 2].map(|k| c[k] - a[k]));
+        let n = [e[1] * f[2] - e[2] * f[1], e[2] * f[0] - e[0] * f[2], e[0] * f[1] - e[1] * f[0]];
+        let size = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
+        for corner in face {
+            corner.normal = mesh.normals.len() as u32;
+        }
+        mesh.normals.push(n.map(|x| (x / size) as f32));
+    }
+    mesh
+}
+
+/// The same surface with bands of materials.
+pub(crate) fn materials(mut mesh: SourceMesh, count: u16) -> SourceMesh {
+    for (i, material) in mesh.materials.iter_mut().enumerate() {
+        *material = ((i / 37) % usize::from(count)) as u16;
+    }
+    mesh
+}
+
+/// Joins two meshes, moving the second.
+pub(crate) fn join(mut a: SourceMesh, b: &SourceMesh, by: [f64; 3]) -> SourceMesh {
+    let (p, t, n) = (a.positions.len() as u32, a.uvs.len() as u32, a.normals.len() as u32);
+    a.positions.extend(b.positions.iter().map(|q| [0, 1, 2].map(|k| q[k] + by[k])));
+    a.uvs.extend(&b.uvs);
+    a.normals.extend(&b.normals);
+    let shift = |index: u32, by: u32| if index == u32::MAX { index } else { index + by };
+    a.faces.extend(b.faces.iter().map(|f| {
+        f.map(|c| Corner { position: c.position + p, uv: shift(c.uv, t), normal: shift(c.normal, n) })
+    }));
+    a.materials.extend(&b.materials);
+    a
+}
+
+/// So many tetrahedra and cubes around one big sphere; all closed.
+pub(crate) fn components(count: usize) -> SourceMesh {
+    let mut random = Random::new(3);
+    let mut mesh = sphere(24, 30, 0.02);
+    let tetrahedron = bare(
+        vec![[0.0; 3], [0.05, 0.0, 0.0], [0.0, 0.05, 0.0], [0.0, 0.0, 0.05]],
+        &[[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
+    );
+    let cube = cube(0.04);
+    for i in 0..count {
+        let by = [0, 1, 2].map(|_| 3.0 * random.unit() - 1.5);
+        mesh = join(mesh, if i % 2 == 0 { &tetrahedron } else { &cube }, by);
+    }
+    mesh
+}
+
+/// A closed cube of twelve faces.
+pub(crate) fn cube(size: f64) -> SourceMesh {
+    let positions = (0..8).map(|i| [0, 1, 2].map(|k| f64::from((i >> k) & 1) * size)).collect();
+    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let faces: Vec<[u32; 3]> = quads.iter().flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]]).collect();
+    bare(positions, &faces)
+}
+
+/// Triangles that share nothing.
+pub(crate) fn soup(count: u32) -> SourceMesh {
+    let mut random = Random::new(5);
+    let mut positions = Vec::new();
+    for _ in 0..count {
+        let at = [0, 1, 2].map(|_| random.unit() * 10.0);
+        for _ in 0..3 {
+            positions.push(at.map(|x| x + random.unit()));
+        }
+    }
+    let faces: Vec<[u32; 3]> = (0..count).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+    bare(positions, &faces)
+}
+
+/// Books: edges with three to seven faces, their spines joined end to end and crossing.
+pub(crate) fn fans(books: u32) -> SourceMesh {
+    let mut random = Random::new(13);
+    let mut positions = Vec::new();
+    let mut faces = Vec::new();
+    for b in 0..books {
+        let z = f64::from(b);
+        positions.push([0.0, 0.0, z]);
+        let spine = positions.len() as u32 - 1;
+        let pages = 3 + random.below(5) as u32;
+        for page in 0..pages {
+            let angle = std::f64::consts::TAU * f64::from(page) / f64::from(pages) + z;
+            let r = 1.0 + random.unit();
+            positions.push([r * angle.cos(), r * angle.sin(), z + 0.5]);
+            positions.push([2.0 * r * angle.cos(), 2.0 * r * angle.sin(), z + 0.2]);
+            let leaf = positions.len() as u32 - 2;
+            if b + 1 < books {
+                faces.push([spine, leaf, spine + 2 * pages + 1]);
+            }
+            faces.push([spine, leaf + 1, leaf]);
+            if random.below(3) == 0 {
+                faces.push([spine, leaf, leaf + 1]);
+            }
+        }
+    }
+    bare(positions, &faces)
+}
+
+/// Every face twice, every third one turned over as well.
+pub(crate) fn duplicates(mut mesh: SourceMesh) -> SourceMesh {
+    for (i, face) in mesh.faces.clone().into_iter().enumerate() {
+        mesh.faces.push([face[1], face[2], face[0]]);
+        mesh.materials.push(0);
+        if i % 3 == 0 {
+            mesh.faces.push([face[0], face[2], face[1]]);
+            mesh.materials.push(0);
+        }
+    }
+    mesh
+}
+
+/// Two sheets on the same places, one of them turned over; welding joins them vertex by vertex.
+pub(crate) fn sheets(size: u32) -> SourceMesh {
+    let mut mesh = height_field(size);
+    for mut face in mesh.faces.clone() {
+        face.reverse();
+        mesh.faces.push(face);
+        mesh.materials.push(1);
+    }
+    mesh
+}
+
+/// Pairs of cones that meet in nothing but their tips, in a row where each rim touches the next.
+pub(crate) fn bow_ties(count: u32) -> SourceMesh {
+    const RIM: u32 = 6;
+    let mut positions = Vec::new();
+    let mut faces = Vec::new();
+    for i in 0..count {
+        let tip = positions.len() as u32;
+        let x = f64::from(i) * 2.0;
+        positions.push([x, 0.0, 0.0]);
+        for side in [-1.0, 1.0] {
+            let first = positions.len() as u32;
+            for j in 0..RIM {
+                let angle = std::f64::consts::TAU * f64::from(j) / f64::from(RIM);
+                positions.push([x + side, angle.cos(), angle.sin()]);
+                let (a, b) = (first + j, first + (j + 1) % RIM);
+                faces.push(if side > 0.0 { [tip, b, a] } else { [tip, a, b] });
+            }
+        }
+    }
+    bare(positions, &faces)
+}
+
+/// A strip of triangles a million times longer than wide.
+pub(crate) fn needles(count: u32) -> SourceMesh {
+    let positions =
+        (0..count + 2).map(|i| [f64::from(i % 2), f64::from(i) * 1e-6, 1e-7 * f64::from(i % 5)]).collect();
+    let faces: Vec<[u32; 3]> =
+        (0..count).map(|i| if i % 2 == 0 { [i, i + 1, i + 2] } else { [i + 1, i, i + 2] }).collect();
+    bare(positions, &faces)
+}
+
+/// A disk of so many faces around one vertex.
+pub(crate) fn hub(valence: u32) -> SourceMesh {
+    let mut positions = vec![[0.0, 0.0, 0.3]];
+    for i in 0..valence {
+        let angle = std::f64::consts::TAU * f64::from(i) / f64::from(valence);
+        positions.push([angle.cos(), angle.sin(), 0.01 * f64::from(i % 7)]);
+    }
+    let faces: Vec<[u32; 3]> = (0..valence).map(|i| [0, 1 + i, 1 + (i + 1) % valence]).collect();
+    bare(positions, &faces)
+}
+
+/// The same mesh, scaled and then moved.
+pub(crate) fn placed(mut mesh: SourceMesh, scale: f64, by: f64) -> SourceMesh {
+    for p in &mut mesh.positions {
+        *p = p.map(|x| x * scale + by);
+    }
+    mesh
+}

@@ -1,0 +1,225 @@
+//! Any closed set, any order, exact undo, the input back.
+
+use lodestream_geometry::Settings;
+use lodestream_geometry::check::check;
+use lodestream_geometry::closed_set;
+use lodestream_geometry::index::ChunkInfo;
+use lodestream_geometry::mesh::QuantisedMesh;
+use lodestream_geometry::pool::Serial;
+use lodestream_geometry::prepare::Prepared;
+use lodestream_geometry::random::Random;
+use lodestream_geometry::refine::{ActiveMesh, ChunkDelta};
+
+use crate::common::{all, closed, plain_faces, prepared, quantised, regions, shapes};
+
+/// The deltas of all chunks, decoded in order.
+pub(crate) fn deltas(prepared: &Prepared) -> (ActiveMesh, Vec<ChunkDelta>) {
+    let mut mesh = ActiveMesh::new(&prepared.base);
+    let mut deltas = Vec::new();
+    for (id, info) in prepared.infos.iter().enumerate() {
+        let delta = mesh.decode(id as u32, info, &prepared.chunks[id]).unwrap();
+        mesh.apply(&delta).unwrap();
+        deltas.push(delta);
+    }
+    (mesh, deltas)
+}
+
+fn passes_check(name: &str, mesh: &QuantisedMesh, settings: &Settings) {
+    let asset = prepared(mesh, settings);
+    let report = check(&asset.base, &asset.infos, &asset.chunks, 25, 9, &Serial).unwrap();
+    assert_eq!(
+        (report.sets, report.cracks, report.order_dependent, report.undo_errors),
+        (25, 0, 0, 0),
+        "{name}, regions of {}, {} chunks",
+        settings.region_faces,
+        asset.infos.len()
+    );
+}
+
+#[test]
+fn random_closed_sets_have_no_cracks_in_any_order() {
+    for (name, source) in all() {
+        let mesh = quantised(&source);
+        for faces in [50, 200, 1000] {
+            passes_check(name, &mesh, &regions(faces));
+        }
+    }
+}
+
+#[test]
+fn the_meshes_under_test_have_enough_chunks_to_mean_something() {
+    for (name, source) in closed() {
+        let mesh = quantised(&source);
+        for (faces, least) in [(50, 25), (200, 8)] {
+            let chunks = prepared(&mesh, &regions(faces)).infos.len();
+            assert!(chunks >= least, "{name}, regions of {faces}: {chunks} chunks");
+        }
+    }
+}
+
+#[test]
+fn closed_manifolds_keep_two_faces_at_every_edge() {
+    for (name, source) in closed() {
+        let mesh = quantised(&source);
+        let asset = prepared(&mesh, &regions(200));
+        let (_, deltas) = deltas(&asset);
+        let mut random = Random::new(4);
+        for _ in 0..15 {
+            let set = closed_set::random(&asset.infos, &mut random);
+            let mut active = ActiveMesh::new(&asset.base);
+            for id in closed_set::random_order(&asset.infos, &set, &mut random) {
+                active.apply(&deltas[id as usize]).unwrap();
+            }
+            let state = active.to_mesh();
+            let mut directed: Vec<(u32, u32)> = Vec::new();
+            for face in &state.faces {
+                let v = face.wedges.map(|w| state.wedges[w as usize].vertex);
+                directed.extend([(v[0], v[1]), (v[1], v[2]), (v[2], v[0])]);
+            }
+            directed.sort_unstable();
+            let count = |edge: (u32, u32)| {
+                directed.partition_point(|&e| e <= edge) - directed.partition_point(|&e| e < edge)
+            };
+            for &(a, b) in &directed {
+                assert_eq!((count((a, b)), count((b, a))), (1, 1), "{name}: edge {a} {b}");
+            }
+        }
+    }
+}
+
+#[test]
+fn all_chunks_applied_give_the_input_back() {
+    for (name, source) in all() {
+        let mesh = quantised(&source);
+        let expected = plain_faces(&mesh);
+        for faces in [50, 1000] {
+            let asset = prepared(&mesh, &regions(faces));
+            let active = deltas(&asset).0;
+            let full = active.to_mesh();
+            assert!(plain_faces(&full) == expected, "{name}, regions of {faces}");
+            assert_eq!(full.positions.len(), mesh.positions.len(), "{name}: vertices");
+            assert_eq!(full.wedges.len(), mesh.wedges.len(), "{name}: wedges");
+            assert_eq!(active.face_count(), mesh.faces.len());
+            assert_eq!(active.vertex_count(), mesh.positions.len());
+        }
+    }
+}
+
+/// Chunks that may be applied, and chunks that may be undone.
+fn moves(infos: &[ChunkInfo], active: &ActiveMesh) -> (Vec<u32>, Vec<u32>) {
+    let mut needed = vec![false; infos.len()];
+    for (id, info) in infos.iter().enumerate() {
+        if active.is_applied(id as u32) {
+            for &p in &info.parents {
+                needed[p as usize] = true;
+            }
+        }
+    }
+    let ids = 0..infos.len() as u32;
+    let ready = |&id: &u32| {
+        !active.is_applied(id) && infos[id as usize].parents.iter().all(|&p| active.is_applied(p))
+    };
+    let done = |&id: &u32| active.is_applied(id) && !needed[id as usize];
+    (ids.clone().filter(ready).collect(), ids.filter(done).collect())
+}
+
+#[test]
+fn random_walks_of_apply_and_undo_leave_no_trace() {
+    for (name, source) in all() {
+        let mesh = quantised(&source);
+        let asset = prepared(&mesh, &regions(200));
+        let (full, deltas) = deltas(&asset);
+        let mut active = ActiveMesh::new(&asset.base);
+        let start = active.snapshot();
+        let mut random = Random::new(21);
+        for step in 0..6 * asset.infos.len() {
+            let (up, down) = moves(&asset.infos, &active);
+            // Drifts up for a while, then down.
+            let up_first = random.below(10) < if (step / 40) % 2 == 0 { 7 } else { 3 };
+            let from = if down.is_empty() || (up_first && !up.is_empty()) { &up } else { &down };
+            if from.is_empty() {
+                break;
+            }
+            let id = from[random.below(from.len())];
+            if active.is_applied(id) {
+                active.undo(&deltas[id as usize]).unwrap();
+            } else {
+                let delta = active.decode(id, &asset.infos[id as usize], &asset.chunks[id as usize]).unwrap();
+                assert!(delta == deltas[id as usize], "{name}: chunk {id} after {step} steps");
+                active.apply(&delta).unwrap();
+            }
+            if step % 29 == 0 {
+                let mut fresh = ActiveMesh::new(&asset.base);
+                for id in (0..asset.infos.len() as u32).filter(|&id| active.is_applied(id)) {
+                    fresh.apply(&deltas[id as usize]).unwrap();
+                }
+                assert!(fresh.snapshot() == active.snapshot(), "{name}: after {step} steps");
+                assert_eq!(fresh.face_count(), active.face_count());
+                assert_eq!(fresh.applied_count(), active.applied_count());
+            }
+        }
+        loop {
+            let (_, down) = moves(&asset.infos, &active);
+            let Some(&id) = down.get(random.below(down.len())) else { break };
+            active.undo(&deltas[id as usize]).unwrap();
+        }
+        assert!(active.snapshot() == start, "{name}: not back at the base mesh");
+        assert!(
+            active.wedge_slots() <= 2 * full.wedge_slots() + 64,
+            "{name}: {} wedge slots, {} wedges: slots are not used again",
+            active.wedge_slots(),
+            full.wedge_slots()
+        );
+    }
+}
+
+#[test]
+fn a_dropped_parent_link_is_reported_as_order_dependence() {
+    let asset = prepared(&quantised(&shapes::sphere(40, 60, 0.05)), &regions(200));
+    let reported = |infos: &[ChunkInfo]| {
+        check(&asset.base, infos, &asset.chunks, 25, 17, &Serial)
+            .map_or(1, |r| r.order_dependent + r.cracks + r.undo_errors)
+    };
+    assert_eq!(reported(&asset.infos), 0);
+    let mut random = Random::new(2);
+    let (mut tried, mut noticed) = (0, 0);
+    for id in (0..asset.infos.len()).filter(|&id| !asset.infos[id].parents.is_empty()) {
+        let mut infos = asset.infos.clone();
+        let at = random.below(infos[id].parents.len());
+        let parent = infos[id].parents.remove(at);
+        // A link that another parent implies changes nothing.
+        let implied = |p: u32| ancestors(&infos, p).contains(&parent);
+        if infos[id].parents.iter().any(|&p| implied(p)) {
+            continue;
+        }
+        tried += 1;
+        noticed += usize::from(reported(&infos) > 0);
+    }
+    println!("dropped links: {tried}, noticed: {noticed}");
+    assert!(tried >= 10, "only {tried} links to drop");
+    assert!(noticed * 2 >= tried, "{noticed} of {tried} dropped links noticed");
+}
+
+fn ancestors(infos: &[ChunkInfo], id: u32) -> Vec<u32> {
+    let mut list = vec![id];
+    let mut at = 0;
+    while at < list.len() {
+        for &p in &infos[list[at] as usize].parents {
+            if !list.contains(&p) {
+                list.push(p);
+            }
+        }
+        at += 1;
+    }
+    list
+}
+
+#[test]
+fn an_unlocked_outline_is_reported_as_cracks() {
+    for (name, source) in closed() {
+        let settings = Settings { unlock_outlines: true, ..regions(200) };
+        let asset = prepared(&quantised(&source), &settings);
+        let report = check(&asset.base, &asset.infos, &asset.chunks, 10, 9, &Serial).unwrap();
+        assert!(report.cracks > 0, "{name}: {report:?}");
+    }
+}
