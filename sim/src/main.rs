@@ -1,14 +1,16 @@
-//! `lodestream-sim`: compares meshes and streams scenes over simulated links.
+//! `lodestream-sim`: assesses models, compares meshes, and streams scenes over simulated links.
 //!
 //! Exit codes: 0 done, 2 bad input (one line says what, where and what to do).
 
 use std::num::{NonZeroU32, NonZeroUsize};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
 
 use anyhow::Context as _;
 use clap::{Parser, Subcommand};
-use lodestream_sim::{assess, measure};
+use lodestream_protocol::source::SceneSource;
+use lodestream_sim::{assess, measure, scenario};
 
 /// Compares meshes and streams scenes over simulated links.
 #[derive(Debug, Parser)]
@@ -59,6 +61,23 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// Streams a scene over simulated links in virtual time.
+    Run {
+        /// The plan (TOML).
+        plan: PathBuf,
+        /// Seed of lost packets and of the endpoints' random numbers.
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+        /// Folder for results.json.
+        #[arg(short, long, value_name = "DIR")]
+        output: PathBuf,
+        /// Folder of prepared packs [default: $XDG_CACHE_HOME/lodestream or ~/.cache/lodestream].
+        #[arg(long, env = "LODESTREAM_CACHE", value_name = "DIR")]
+        cache: Option<PathBuf>,
+        /// Shows no progress.
+        #[arg(long)]
+        quiet: bool,
+    },
 }
 
 fn main() -> ExitCode {
@@ -69,6 +88,7 @@ fn main() -> ExitCode {
             run_assess(&model, &options, json)
         }
         Command::Measure { a, b, samples, seed, json } => run_measure(&a, &b, samples, seed, json),
+        Command::Run { plan, seed, output, cache, quiet } => run_plan(&plan, seed, &output, cache, quiet),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -77,6 +97,27 @@ fn main() -> ExitCode {
             ExitCode::from(2)
         }
     }
+}
+
+fn run_plan(
+    plan: &Path,
+    seed: u64,
+    output: &Path,
+    cache: Option<PathBuf>,
+    quiet: bool,
+) -> anyhow::Result<()> {
+    let plan = scenario::plan::read(plan)?;
+    let cache = cache
+        .or_else(lodestream_server::prepare::cache::default_folder)
+        .context("no cache folder is known; name one with --cache DIR")?;
+    let scene: Arc<dyn SceneSource> = scenario::scene::open(&plan.scene, &cache, quiet)?;
+    let results = scenario::run(&plan, &scene, seed, |result| {
+        if !quiet {
+            println!("{result}");
+        }
+    })?;
+    scenario::report::write(output, &results)
+        .with_context(|| format!("{}: the report cannot be written", output.display()))
 }
 
 /// The error and its causes, less causes that the text before them quotes already.
@@ -92,7 +133,7 @@ fn one_line(error: &anyhow::Error) -> String {
     })
 }
 
-fn run_assess(model: &std::path::Path, options: &assess::Options, json: bool) -> anyhow::Result<()> {
+fn run_assess(model: &Path, options: &assess::Options, json: bool) -> anyhow::Result<()> {
     let found = assess::assess(model, options)?;
     if json {
         println!("{}", serde_json::to_string(&found)?);
@@ -102,13 +143,7 @@ fn run_assess(model: &std::path::Path, options: &assess::Options, json: bool) ->
     Ok(())
 }
 
-fn run_measure(
-    a: &std::path::Path,
-    b: &std::path::Path,
-    samples: NonZeroU32,
-    seed: u64,
-    json: bool,
-) -> anyhow::Result<()> {
+fn run_measure(a: &Path, b: &Path, samples: NonZeroU32, seed: u64, json: bool) -> anyhow::Result<()> {
     let samples = NonZeroUsize::try_from(samples)?;
     let settings = measure::Settings { samples, seed, ..Default::default() };
     let found = measure::compare(&measure::read_obj(a)?, &measure::read_obj(b)?, &settings)

@@ -15,6 +15,7 @@ use tokio::time::Sleep;
 use crate::clock::VirtualClock;
 use crate::link::{LinkCounters, LinkSettings};
 use crate::tcp::{LossUnsupported, TcpDirection};
+use crate::trace::Trace;
 
 /// One direction, and who waits for it.
 #[derive(Debug)]
@@ -24,6 +25,7 @@ struct Direction {
     writer: Option<Waker>,
     reader_gone: bool,
     received_bytes: u64,
+    trace: Trace,
 }
 
 type Shared = Arc<Mutex<Direction>>;
@@ -54,6 +56,15 @@ impl StreamCounters {
     #[must_use]
     pub fn client_received_bytes(&self) -> u64 {
         lock(&self.down).received_bytes
+    }
+
+    /// Fingerprint of the time and size of every write, in both directions.
+    #[must_use]
+    pub fn trace(&self) -> u64 {
+        let mut both = Trace::default();
+        both.add(lock(&self.down).trace.value());
+        both.add(lock(&self.up).trace.value());
+        both.value()
     }
 
     /// What the links did: server to client, client to server.
@@ -96,6 +107,7 @@ pub fn open(clock: VirtualClock, down: LinkSettings, up: LinkSettings) -> Result
             writer: None,
             reader_gone: false,
             received_bytes: 0,
+            trace: Trace::default(),
         }))
     };
     let (down, up) = (share(down_tcp), share(up_tcp));
@@ -183,8 +195,11 @@ impl AsyncWrite for StreamEnd {
             if direction.reader_gone {
                 return Poll::Ready(Err(io::ErrorKind::BrokenPipe.into()));
             }
-            let sent = direction.tcp.send(this.clock.now_ns(), data);
+            let now_ns = this.clock.now_ns();
+            let sent = direction.tcp.send(now_ns, data);
             if sent > 0 || data.is_empty() {
+                direction.trace.add(now_ns);
+                direction.trace.add(sent as u64);
                 if let Some(reader) = direction.reader.take() {
                     reader.wake();
                 }

@@ -2,3 +2,10 @@
 
 pub mod plan;
 pub mod report;
+pub mod run;
+pub mod scene;
+#[cfg(test)]
+mod tests;
+mod viewer;
+
+pub use run::run;

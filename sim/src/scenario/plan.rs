@@ -3,7 +3,7 @@
 //! ```toml
 //! scene = "demo"              # "demo", "demo-small", or a scene.toml relative to this file
 //! viewport_px = [1280, 720]
-//! ttq_px = [1, 4]             # screen errors whose time is reported
+//! ttq_px = [1, 4]             # screen errors whose time is reported, of those that the client notes
 //! time_limit_s = 600          # virtual time after which a run is given up
 //!
 //! [[sweep]]                   # one run for each combination
@@ -19,6 +19,7 @@
 use std::num::NonZeroU64;
 use std::path::{Path, PathBuf};
 
+use lodestream_client::core::QUALITIES_PX;
 use serde::{Deserialize, Serialize};
 
 /// Longest plan file.
@@ -73,6 +74,17 @@ pub struct Case {
     pub loss: f64,
     /// Length of the link's queue, in each direction.
     pub queue_bytes: u64,
+}
+
+impl std::fmt::Display for Case {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let transport = match self.transport {
+            Transport::Quic => "quic",
+            Transport::Ws => "ws",
+        };
+        let mbit = self.rate_bits_per_s.get() as f64 / 1e6;
+        write!(f, "{transport}, {mbit} Mbit/s, RTT {} ms, loss {} %", self.rtt_ms, self.loss * 100.0)
+    }
 }
 
 impl Case {
@@ -193,11 +205,10 @@ pub fn parse(text: &str, path: &Path) -> Result<Plan, PlanError> {
     if file.ttq_px.is_empty() {
         return Err(fail("ttq_px".into(), "is empty; name at least one screen error".into()));
     }
-    if let Some(i) = file.ttq_px.iter().position(|x| !(*x >= 0.01 && *x <= 1e6)) {
-        return Err(fail(
-            format!("ttq_px[{i}]"),
-            format!("{} is not a screen error from 0.01", file.ttq_px[i]),
-        ));
+    if let Some(i) = file.ttq_px.iter().position(|x| !QUALITIES_PX.contains(x)) {
+        let message =
+            format!("{} is not one of the qualities that clients note: {QUALITIES_PX:?}", file.ttq_px[i]);
+        return Err(fail(format!("ttq_px[{i}]"), message));
     }
     if !(file.time_limit_s > 0.0 && file.time_limit_s <= 1e6) {
         let message = format!("{} is not a time from 0 to 1e6 seconds", file.time_limit_s);

@@ -23,6 +23,8 @@ pub struct RunResult {
     pub rtt_ms: f64,
     /// Probability that a packet was lost.
     pub loss: f64,
+    /// Length of the link's queue.
+    pub queue_bytes: u64,
     /// Seed of the run.
     pub seed: u64,
     /// Until the client core could draw every visible instance.
@@ -37,12 +39,35 @@ pub struct RunResult {
     pub total_bytes: u64,
     /// When that was.
     pub settled_ms: Option<f64>,
+    /// Why the run ended: "settled", "time limit", or why the connection was lost.
+    pub ended: String,
     /// Packets from server to client that the link lost at random.
     pub packets_lost: u64,
     /// Packets from server to client that found the link's queue full.
     pub packets_dropped: u64,
-    /// Fingerprint of all packets, where the transport is packets: equal for equal runs.
+    /// Fingerprint of times and sizes of everything sent, in hexadecimal: equal for equal runs.
     pub trace: String,
+}
+
+/// One line for people.
+impl std::fmt::Display for RunResult {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let or_never = |ms: Option<f64>| ms.map_or("never".to_owned(), |ms| format!("{ms:.0} ms"));
+        let transport = match self.transport {
+            Transport::Quic => "quic",
+            Transport::Ws => "ws",
+        };
+        let mbit = self.rate_bits_per_s as f64 / 1e6;
+        write!(f, "{transport:4} {mbit:>4} Mbit/s, RTT {} ms, loss {} %", self.rtt_ms, self.loss * 100.0)?;
+        write!(f, ": first frame {}", or_never(self.ttff_ms))?;
+        if let Some(bytes) = self.first_frame_bytes {
+            write!(f, " ({bytes} bytes)")?;
+        }
+        for (px, ms) in &self.ttq_ms {
+            write!(f, ", {px} px {}", or_never(*ms))?;
+        }
+        write!(f, ", {} bytes in all, {}", self.total_bytes, self.ended)
+    }
 }
 
 /// The name of a screen error in [`RunResult::ttq_ms`]: as short as it can be written.

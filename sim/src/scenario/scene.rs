@@ -1,0 +1,45 @@
+//! The scene of a plan: generated if need be, prepared, opened.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use anyhow::Context as _;
+use lodestream_server::demo_scene;
+use lodestream_server::prepare::{Options, prepare_cached};
+use lodestream_server::scene;
+use lodestream_server::store::{DEFAULT_CACHE_BYTES, SceneStore};
+
+use super::plan::SceneChoice;
+
+/// Seed of the demo scene: that of the demo itself, whatever the seed of the simulation.
+const DEMO_SEED: u64 = 1;
+
+/// Generates the scene if it is one of ours, prepares what the cache folder does not hold yet, and opens
+/// the packs. The demo scene's own files are generated anew each time, so that they are those of this
+/// version, and removed afterwards; its packs stay in the cache.
+///
+/// # Errors
+/// Whatever keeps the scene from being generated, read or prepared.
+pub fn open(choice: &SceneChoice, cache: &Path, quiet: bool) -> anyhow::Result<Arc<SceneStore>> {
+    let options = match choice {
+        SceneChoice::File(file) => return prepare(file, cache, quiet),
+        SceneChoice::Demo => demo_scene::Options::full(DEMO_SEED),
+        SceneChoice::DemoSmall => demo_scene::Options::small(DEMO_SEED),
+    };
+    let folder = tempfile::tempdir().context("no folder for the demo scene")?;
+    if !quiet {
+        eprintln!("generating the demo scene");
+    }
+    let made = demo_scene::generate(folder.path(), &options)?;
+    prepare(&made.scene, cache, quiet)
+}
+
+fn prepare(file: &Path, cache: &Path, quiet: bool) -> anyhow::Result<Arc<SceneStore>> {
+    let scene = scene::read(file)?;
+    let options = Options { quiet, ..Options::default() };
+    let mut packs = Vec::with_capacity(scene.assets.len());
+    for asset in &scene.assets {
+        packs.push(prepare_cached(asset, cache, &options)?.pack);
+    }
+    Ok(Arc::new(SceneStore::new(&scene, packs, DEFAULT_CACHE_BYTES)?))
+}

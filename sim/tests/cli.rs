@@ -1,0 +1,75 @@
+//! The program as a user meets it: exit codes and messages.
+
+// Helpers of tests are tests, whatever the lint thinks of functions without #[test].
+#![allow(clippy::unwrap_used)]
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn simulator(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_lodestream-sim")).args(arguments).output().unwrap()
+}
+
+fn write(folder: &Path, name: &str, text: &str) -> String {
+    let path = folder.join(name);
+    std::fs::write(&path, text).unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
+/// Asserts that bad input was refused: exit code 2 and one line that names `what`.
+fn assert_refused(output: &Output, what: &[&str]) {
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{error}");
+    assert_eq!(error.trim_end().lines().count(), 1, "{error}");
+    for what in what {
+        assert!(error.contains(what), "{what:?} is not in {error:?}");
+    }
+}
+
+#[test]
+fn measure_prints_both_directions() {
+    let folder = tempfile::tempdir().unwrap();
+    let low = write(folder.path(), "low.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n");
+    let high = write(folder.path(), "high.obj", "v 0 0 0.1\nv 1 0 0.1\nv 1 1 0.1\nv 0 1 0.1\nf 1 2 3 4\n");
+    let output = simulator(&["measure", &low, &high, "--samples", "1000", "--json"]);
+    assert!(output.status.success());
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let expected = 0.1 / 2f64.sqrt();
+    for value in [&json["rms"], &json["max"], &json["a_to_b"]["rms"], &json["b_to_a"]["max"]] {
+        assert!((value.as_f64().unwrap() - expected).abs() < 1e-9, "{json}");
+    }
+    let text = simulator(&["measure", &low, &high, "--samples", "1000"]).stdout;
+    let text = String::from_utf8(text).unwrap();
+    assert!(text.lines().any(|line| line == "rms 7.071068e-2 (7071.068e-5)"), "{text}");
+}
+
+#[test]
+fn measure_refuses_what_is_no_mesh() {
+    let folder = tempfile::tempdir().unwrap();
+    let good = write(folder.path(), "good.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+    let flat = write(folder.path(), "flat.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n");
+    assert_refused(&simulator(&["measure", &good, "missing.obj"]), &["missing.obj"]);
+    assert_refused(&simulator(&["measure", &good, &flat]), &["second mesh", "area"]);
+}
+
+#[test]
+fn run_refuses_plans_before_anything_is_prepared() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("out");
+    let run = |plan: &str| simulator(&["run", plan, "-o", output.to_str().unwrap()]);
+    let lossy = write(
+        folder.path(),
+        "lossy.toml",
+        "scene = \"demo\"\n[[sweep]]\ntransport = \"ws\"\nrate_bits_per_s = [2_000_000]\nrtt_ms = [50]\nloss = [0.01]\n",
+    );
+    assert_refused(&run(&lossy), &["lossy.toml", "sweep[0].loss[0]", "not modelled"]);
+    let typo = write(folder.path(), "typo.toml", "scene = \"demo\"\nsweeps = 1\n");
+    assert_refused(&run(&typo), &["typo.toml", "line 2", "sweeps"]);
+    let missing = write(
+        folder.path(),
+        "missing.toml",
+        "scene = \"none.toml\"\n[[sweep]]\ntransport = \"ws\"\nrate_bits_per_s = [2_000_000]\nrtt_ms = [50]\n",
+    );
+    assert_refused(&run(&missing), &["none.toml"]);
+    assert!(!output.exists());
+}
