@@ -79,7 +79,9 @@ pub struct Report {
     pub faces: usize,
     /// Vertices of the quantised input.
     pub vertices: usize,
-    /// Length of the pack.
+    /// Length of base mesh, index pages and chunks.
+    pub geometry_bytes: u64,
+    /// Length of the pack, textures included.
     pub pack_bytes: u64,
     /// Time of simplification, chunking and coding: without import and textures.
     pub time: Duration,
@@ -90,13 +92,15 @@ pub struct Report {
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let seconds = self.time.as_secs_f64();
-        let bits = 8.0 * self.pack_bytes as f64 / self.vertices.max(1) as f64;
+        let bits = 8.0 * self.geometry_bytes as f64 / self.vertices.max(1) as f64;
         write!(
             f,
-            "{} faces, {} vertices, {} bytes ({bits:.1} bits/vertex), prepared in {seconds:.2} s ({:.0} faces/s)",
+            "{} faces, {} vertices, {} bytes in all, {} of geometry ({bits:.1} bits/vertex), \
+             prepared in {seconds:.2} s ({:.0} faces/s)",
             self.faces,
             self.vertices,
             self.pack_bytes,
+            self.geometry_bytes,
             self.faces as f64 / seconds.max(1e-9)
         )
     }
@@ -186,6 +190,7 @@ fn prepare_with_key(
     let mut blobs: Vec<(BlobKind, &[u8])> = vec![(BlobKind::Base, &base)];
     blobs.extend(prepared.pages.iter().zip(0..).map(|(page, i)| (BlobKind::IndexPage(i), &page[..])));
     blobs.extend(prepared.chunks.iter().zip(0..).map(|(chunk, i)| (BlobKind::Chunk(i), &chunk[..])));
+    let geometry_bytes = blobs.iter().map(|(_, blob)| blob.len() as u64).sum();
     for (levels, texture) in described.textures.iter().zip(0..) {
         let levels = levels.iter().zip(0..);
         blobs.extend(levels.map(|(blob, level)| (BlobKind::Texture { texture, level }, &blob[..])));
@@ -197,6 +202,7 @@ fn prepare_with_key(
     Ok(Report {
         faces: mesh.faces.len(),
         vertices: mesh.positions.len(),
+        geometry_bytes,
         pack_bytes: bytes.len() as u64,
         time,
         warnings,
