@@ -11,4 +11,6 @@ pub mod trace;
 pub mod udp;
 
 #[cfg(test)]
+mod first_flight;
+#[cfg(test)]
 mod udp_with_quinn;
