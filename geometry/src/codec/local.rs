@@ -88,6 +88,7 @@ pub(crate) struct Local<'a> {
     new_faces: u32,
     /// Star areas, `None` where out of date.
     areas: Vec<Option<f64>>,
+    scratch: Vec<u32>,
 }
 
 impl<'a> Local<'a> {
@@ -106,6 +107,7 @@ impl<'a> Local<'a> {
             new_wedges: 0,
             new_faces: 0,
             areas: Vec::new(),
+            scratch: Vec::new(),
         }
     }
 
@@ -281,6 +283,18 @@ impl<'a> Local<'a> {
         star
     }
 
+    /// The distinct neighbours of a vertex, ascending.
+    pub(crate) fn ring(&self, vertex: u32, ring: &mut Vec<u32>) {
+        ring.clear();
+        for corner in self.stars.corners(vertex) {
+            let corners = self.faces[(corner / 3) as usize].corners;
+            let k = (corner % 3) as usize;
+            ring.extend([corners[(k + 1) % 3], corners[(k + 2) % 3]]);
+        }
+        ring.sort_unstable();
+        ring.dedup();
+    }
+
     pub(crate) fn fan(&self, vertex: u32) -> Fan {
         Fan::new(&self.star(vertex))
     }
@@ -308,9 +322,13 @@ impl<'a> Local<'a> {
         if let Some(area) = self.areas[vertex as usize] {
             return area;
         }
-        let mut star = self.star(vertex);
-        star.dedup_by_key(|s| s.face);
-        let area = star.iter().map(|s| self.face_area(s.face)).sum();
+        // In ascending order of faces: a sum of floats depends on its order.
+        let mut faces = std::mem::take(&mut self.scratch);
+        faces.clear();
+        faces.extend(self.stars.corners(vertex).map(|c| c / 3));
+        faces.sort_unstable();
+        let area = faces.iter().map(|&f| self.face_area(f)).sum();
+        self.scratch = faces;
         self.areas[vertex as usize] = Some(area);
         area
     }

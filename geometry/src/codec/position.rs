@@ -86,9 +86,8 @@ fn code_residual<C: Coder>(coder: &mut C, model: &mut Residual, scale_bits: i32,
 
 fn predict(local: &Local<'_>, vertex: u32) -> Prediction {
     let star = local.star(vertex);
-    let mut ring: Vec<u32> = star.iter().flat_map(|s| [s.a, s.b]).filter(|&v| v != vertex).collect();
-    ring.sort_unstable();
-    ring.dedup();
+    let mut ring = Vec::with_capacity(2 * star.len());
+    local.ring(vertex, &mut ring);
     let mean = mean_of(local, &ring);
     let mut laplacian = [0.0; 3];
     let mut counted = 0.0;
@@ -97,10 +96,8 @@ fn predict(local: &Local<'_>, vertex: u32) -> Prediction {
     for &w in &ring {
         let at = local.position(w);
         radius += length(sub(at, mean));
-        around.clear();
-        around.extend(local.star(w).iter().flat_map(|s| [s.a, s.b]).filter(|&x| x != vertex && x != w));
-        around.sort_unstable();
-        around.dedup();
+        local.ring(w, &mut around);
+        around.retain(|&x| x != vertex);
         if around.len() >= 3 {
             laplacian = add(laplacian, sub(at, mean_of(local, &around)));
             counted += 1.0;
