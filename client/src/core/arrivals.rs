@@ -9,7 +9,7 @@ use lodestream_protocol::time::Time;
 use super::asset::RefinedAsset;
 use super::changes::{Change, TextureChange};
 use super::client_core::ClientCore;
-use super::texture::decode_level;
+use crate::render::{TexturePixels, TextureShape};
 
 impl ClientCore {
     /// A blob of a known asset has arrived. Chunks and texture levels are kept until a selection wants
@@ -158,7 +158,8 @@ impl ClientCore {
         let info = refined.and_then(|r| r.description.textures.get(usize::from(texture)));
         let info = info.ok_or("no such texture")?;
         if self.config.track_changes {
-            let pixels = decode_level(info, level, bytes).map_err(|why| why.to_string())?;
+            let pixels = TexturePixels::decode(bytes, &TextureShape::from(info), u32::from(level))
+                .map_err(|why| why.to_string())?;
             self.scene.push_change(Change::Texture(TextureChange { asset, texture, level, pixels }));
         }
         self.counts.texture_levels += 1;

@@ -6,7 +6,7 @@ use lodestream_geometry::refine::RenderVertex;
 use lodestream_protocol::asset::{Material, TextureInfo};
 use lodestream_protocol::scene::{InstanceEntry, SceneHeader};
 
-use super::texture::Pixels;
+use crate::render::TexturePixels;
 
 /// One step. Steps must be taken in order; each is consistent in itself.
 #[derive(Clone, Debug)]
@@ -83,7 +83,7 @@ pub struct TextureChange {
     /// The level; 0 is the coarsest.
     pub level: u8,
     /// The texels.
-    pub pixels: Pixels,
+    pub pixels: TexturePixels,
 }
 
 impl Change {
@@ -98,7 +98,10 @@ impl Change {
                 mesh.vertices.iter().map(|(_, v)| v.len() * size_of::<Vertex>()).sum::<usize>()
                     + mesh.indices.iter().map(|run| run.faces.len() * 12).sum::<usize>()
             }
-            Self::Texture(texture) => texture.pixels.bytes(),
+            Self::Texture(texture) => match &texture.pixels {
+                TexturePixels::Rgba8(texels) | TexturePixels::R8(texels) => texels.len(),
+                TexturePixels::R16(texels) => 2 * texels.len(),
+            },
         }
     }
 }
@@ -122,7 +125,7 @@ mod tests {
     #[test]
     fn runs_bridge_small_gaps_only() {
         assert_eq!(runs(&[], 3), []);
-        assert_eq!(runs(&[1, 2, 3], 0), [1..4]);
+        assert_eq!(runs(&[1, 2, 3, 5], 0), [1..4, 5..6]);
         assert_eq!(runs(&[1, 3, 9], 0), [1..2, 3..4, 9..10]);
         assert_eq!(runs(&[1, 3, 9], 1), [1..4, 9..10]);
     }

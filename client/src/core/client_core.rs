@@ -230,6 +230,12 @@ impl ClientCore {
         self.session.as_mut()?.poll_transmit(now)
     }
 
+    /// Whether a session is open and the server has answered.
+    #[must_use]
+    pub const fn is_open(&self) -> bool {
+        self.session.is_some() && self.welcome.is_some() && self.closed.is_none()
+    }
+
     /// Why the session ended, once it has and all its messages are sent.
     #[must_use]
     pub fn closed(&self) -> Option<&Close> {
@@ -289,6 +295,7 @@ impl ClientCore {
                 },
                 ClientEvent::Blob { id, bytes } => {
                     self.in_flight.remove(&id);
+                    tracing::trace!("{id}: {} bytes", bytes.len());
                     if id.asset < self.scene.asset_count() {
                         self.arrive(now, id, bytes);
                     } else if self.early.len() < MAX_EARLY_BLOBS {

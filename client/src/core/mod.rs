@@ -27,11 +27,9 @@ mod scene;
 mod stats;
 #[cfg(test)]
 mod tests;
-mod texture;
 
 pub use changes::{Change, IndexRun, MeshChange, NewAsset, TextureChange, Vertex};
 pub use client_core::{ClientCore, Progress};
 pub use config::{Config, StartView};
 pub use milestones::{Milestone, Milestones, QUALITIES_PX};
 pub use stats::{Connection, Stats};
-pub use texture::{Pixels, Texels};

@@ -437,7 +437,8 @@ impl ClientSession {
             return std::mem::take(&mut self.bye).then_some(ClientMessage::Bye);
         }
         if let Some(hello) = self.hello.take() {
-            self.view_sent = Some(now);
+            // A view that the server has not heard of yet need not wait.
+            self.view_sent = hello.view.map(|_| now);
             return Some(ClientMessage::Hello(hello));
         }
         if now >= self.ping_due {
@@ -464,7 +465,7 @@ impl ClientSession {
         if !self.pages.is_empty() {
             return Some(ClientMessage::WantScenePages(take_first(&mut self.pages, MAX_PAGES_PER_MESSAGE)));
         }
-        if self.view_sent.is_some_and(|sent| now >= sent + VIEW_INTERVAL)
+        if self.view_sent.is_none_or(|sent| now >= sent + VIEW_INTERVAL)
             && let Some(view) = self.view.take()
         {
             self.view_sent = Some(now);

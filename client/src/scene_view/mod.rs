@@ -1,0 +1,194 @@
+//! From the core's changes to the renderer's assets: the part of a viewer that owns GPU memory.
+
+use std::collections::VecDeque;
+
+use glam::{DQuat, DVec3, Vec3};
+use lodestream_protocol::scene::{InstanceEntry, SceneHeader};
+
+use crate::core::{Change, MeshChange, NewAsset};
+use crate::render::{
+    AssetGpu, Camera, Drawable, Environment, Frame, Gpu, Instance, Material, RenderError, RenderVertex,
+    Renderer, Settings, TextureShape,
+};
+
+/// The scene in GPU memory, as far as it has arrived.
+#[derive(Debug, Default)]
+pub struct SceneView {
+    header: Option<SceneHeader>,
+    /// By asset number; `None` until the base mesh is there.
+    assets: Vec<Option<AssetGpu>>,
+    /// By asset number.
+    instances: Vec<Vec<Instance>>,
+    /// Steps that wait for a frame with time to spare; each is taken whole.
+    waiting: VecDeque<Vec<Change>>,
+    /// Last time that a mesh changed, in seconds of the core's clock.
+    changed_s: f32,
+}
+
+impl SceneView {
+    /// An empty scene.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Takes one step of the core.
+    pub fn push(&mut self, step: Vec<Change>) {
+        self.waiting.push_back(step);
+    }
+
+    /// Steps that were not uploaded yet.
+    #[must_use]
+    pub fn waiting(&self) -> usize {
+        self.waiting.len()
+    }
+
+    /// Uploads waiting steps until they came to about `budget_bytes`, at least one. A step is uploaded
+    /// whole, so that no frame shows half of it.
+    ///
+    /// # Errors
+    /// What the graphics device refuses.
+    pub fn upload(
+        &mut self,
+        gpu: &Gpu,
+        renderer: &Renderer,
+        budget_bytes: usize,
+        now_s: f32,
+    ) -> Result<usize, RenderError> {
+        let mut bytes = 0;
+        while bytes < budget_bytes
+            && let Some(step) = self.waiting.pop_front()
+        {
+            for change in step {
+                bytes += change.bytes();
+                self.apply(gpu, renderer, change, now_s)?;
+            }
+        }
+        Ok(bytes)
+    }
+
+    fn apply(
+        &mut self,
+        gpu: &Gpu,
+        renderer: &Renderer,
+        change: Change,
+        now_s: f32,
+    ) -> Result<(), RenderError> {
+        match change {
+            Change::Scene(header) => {
+                let waiting = std::mem::take(&mut self.waiting);
+                *self = Self { header: Some(*header), waiting, ..Self::default() };
+            }
+            Change::Instances(entries) => {
+                for entry in &entries {
+                    let asset = entry.asset as usize;
+                    if self.instances.len() <= asset {
+                        self.instances.resize_with(asset + 1, Vec::new);
+                    }
+                    self.instances[asset].push(place(entry));
+                }
+            }
+            Change::Asset(asset) => self.add(gpu, renderer, &asset),
+            Change::Mesh(mesh) => {
+                self.changed_s = now_s;
+                return self.refine(gpu, &mesh);
+            }
+            Change::Texture(texture) => {
+                let asset = self.assets.get_mut(texture.asset as usize).and_then(Option::as_mut);
+                if let Some(asset) = asset {
+                    let (index, level) = (usize::from(texture.texture), u32::from(texture.level));
+                    return asset.update_texture(gpu, index, level, texture.pixels.data());
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn add(&mut self, gpu: &Gpu, renderer: &Renderer, asset: &NewAsset) {
+        let materials: Vec<Material> = asset.materials.iter().map(Material::from).collect();
+        let textures: Vec<TextureShape> = asset.textures.iter().map(TextureShape::from).collect();
+        let mut new = renderer.create_asset(gpu, DVec3::from(asset.origin), &materials, &textures);
+        new.set_bounds(Vec3::from(asset.center).as_dvec3(), f64::from(asset.radius));
+        let number = asset.asset as usize;
+        if self.assets.len() <= number {
+            self.assets.resize_with(number + 1, || None);
+        }
+        self.assets[number] = Some(new);
+    }
+
+    fn refine(&mut self, gpu: &Gpu, mesh: &MeshChange) -> Result<(), RenderError> {
+        let Some(asset) = self.assets.get_mut(mesh.asset as usize).and_then(Option::as_mut) else {
+            return Ok(());
+        };
+        for (first, vertices) in &mesh.vertices {
+            let vertices: Vec<RenderVertex> = vertices
+                .iter()
+                .map(|v| {
+                    RenderVertex::new(v.data.position, v.data.normal, v.data.uv)
+                        .morphing(v.data.morph_from, v.birth_s)
+                        .at_level(v.level)
+                })
+                .collect();
+            asset.update_vertices(gpu, *first as usize, &vertices)?;
+        }
+        for run in &mesh.indices {
+            asset.update_indices(gpu, usize::from(run.material), run.first as usize, &run.faces)?;
+        }
+        Ok(())
+    }
+
+    /// The scene's header, once it has arrived.
+    #[must_use]
+    pub const fn header(&self) -> Option<&SceneHeader> {
+        self.header.as_ref()
+    }
+
+    /// When a mesh was last changed, in seconds: for `morph_s` after that, vertices move.
+    #[must_use]
+    pub const fn changed_s(&self) -> f32 {
+        self.changed_s
+    }
+
+    /// GPU memory of all meshes, in bytes.
+    #[must_use]
+    pub fn geometry_bytes(&self) -> u64 {
+        self.assets.iter().flatten().map(AssetGpu::geometry_bytes).sum()
+    }
+
+    /// Draws the scene as it is now: hands the frame to `draw`.
+    pub fn with_frame<R>(
+        &self,
+        camera: Camera,
+        settings: Settings,
+        time_s: f32,
+        draw: impl FnOnce(&Frame<'_>) -> R,
+    ) -> R {
+        let drawables: Vec<Drawable<'_>> = self
+            .assets
+            .iter()
+            .zip(&self.instances)
+            .filter_map(|(asset, instances)| Some(Drawable { asset: asset.as_ref()?, instances }))
+            .collect();
+        let environment = self.header.as_ref().map_or_else(Environment::default, environment);
+        draw(&Frame { camera, drawables: &drawables, environment, settings, time_s })
+    }
+}
+
+fn place(entry: &InstanceEntry) -> Instance {
+    let rotation: DQuat = entry.orientation().as_dquat();
+    Instance { translation: DVec3::from(entry.translation), rotation, scale: f64::from(entry.scale) }
+}
+
+/// The scene's light. The background gives the sky, which is brighter towards the horizon and lights
+/// surfaces from above; the ambient light is what comes from below.
+fn environment(header: &SceneHeader) -> Environment {
+    let background = Vec3::from(header.background);
+    Environment {
+        to_sun: Vec3::from(header.light.direction).as_dvec3(),
+        sun: Vec3::from(header.light.color),
+        up: Vec3::from(header.camera.up).as_dvec3(),
+        sky_zenith: background * 0.7,
+        sky_horizon: background * 1.3,
+        ground: Vec3::from(header.light.ambient),
+    }
+}

@@ -1,0 +1,24 @@
+//! The viewer's window: camera, overlay, and a frame whenever something has changed.
+
+mod app;
+mod camera;
+mod overlay;
+mod painter;
+
+use anyhow::Context;
+use winit::event_loop::EventLoop;
+
+use crate::viewer::Args;
+
+/// Runs the viewer in a window until it is closed.
+///
+/// # Errors
+/// One line that says what went wrong and what to do.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    let events = EventLoop::<()>::with_user_event()
+        .build()
+        .context("no window can be opened (without a display: add --headless --output FILE.png)")?;
+    let mut app = app::App::new(args.clone(), events.create_proxy(), events.owned_display_handle());
+    events.run_app(&mut app).context("the window system failed")?;
+    app.finish()
+}
