@@ -36,7 +36,7 @@ pub(super) const MATERIALS: &[Material] = &[
         colour: Some("cobble.png"),
         height: Some("cobble_height.png"),
     },
-    Material { name: "marble", diffuse: [0.83, 0.80, 0.74], shininess: 24, colour: None, height: None },
+    Material { name: "marble", diffuse: [0.80, 0.77, 0.71], shininess: 24, colour: None, height: None },
     Material { name: "bronze", diffuse: [0.36, 0.47, 0.39], shininess: 60, colour: None, height: None },
     Material { name: "sandstone", diffuse: [0.72, 0.58, 0.40], shininess: 6, colour: None, height: None },
     Material { name: "rock", diffuse: [0.45, 0.43, 0.40], shininess: 3, colour: None, height: None },
