@@ -79,14 +79,8 @@ fn listen(rate: u64, rtt_ms: u64, base_bytes: u32, until_ms: u64) -> (Vec<(What,
         network.connect(server_address, client_address, settings, 1);
         network.connect(client_address, server_address, settings, 2);
         let certificate = Certificate::self_signed(SystemTime::now()).unwrap();
-        let endpoint = |address, config, seed| {
-            let mut settings = quinn::EndpointConfig::default();
-            settings.rng_seed(Some([seed; 32]));
-            let runtime = Arc::new(quinn::TokioRuntime);
-            quinn::Endpoint::new_with_abstract_socket(settings, config, network.socket(address), runtime)
-                .unwrap()
-        };
-        let server = endpoint(server_address, Some(server_config(&certificate).unwrap()), 3);
+        let config = server_config(&certificate).unwrap();
+        let server = network.endpoint(server_address, Some(config), [3; 32]).unwrap();
         let settings = SessionSettings { rate_bits_per_s: Some(rate), ..SessionSettings::default() };
         let state = ServerState::new(Arc::new(MemoryScene::new(2, base_bytes, 100)), settings);
         tokio::spawn(serve_quic(server, state));
@@ -101,7 +95,7 @@ fn listen(rate: u64, rtt_ms: u64, base_bytes: u32, until_ms: u64) -> (Vec<(What,
                 .with_no_client_auth();
         tls.alpn_protocols = vec![lodestream_protocol::stream::ALPN.into()];
         let config = quinn::ClientConfig::new(Arc::new(QuicClientConfig::try_from(tls).unwrap()));
-        let client = endpoint(client_address, None, 4);
+        let client = network.endpoint(client_address, None, [4; 32]).unwrap();
         let connection = client.connect_with(config, server_address, "localhost").unwrap().await.unwrap();
         let connected_ms = clock.now_ns() as f64 / 1e6;
         let (sender, mut arrivals) = mpsc::channel(1000);

@@ -13,4 +13,6 @@ pub mod udp;
 #[cfg(test)]
 mod first_flight;
 #[cfg(test)]
+mod limiter_on_the_wire;
+#[cfg(test)]
 mod udp_with_quinn;

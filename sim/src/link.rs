@@ -67,6 +67,8 @@ pub struct LinkCounters {
     pub queue_full: u64,
     /// Packets above the largest size.
     pub too_big: u64,
+    /// Payload of the packets that were sent, arriving or lost, without headers.
+    pub sent_payload_bytes: u64,
     /// Payload of the packets that arrive, without headers.
     pub arrived_payload_bytes: u64,
     /// Most bytes that ever waited, headers included.
@@ -136,6 +138,7 @@ impl Link {
         }
         self.counters.longest_queue_bytes = self.counters.longest_queue_bytes.max(backlog + wire_bytes);
         self.send(now_ns, wire_bytes);
+        self.counters.sent_payload_bytes += payload_bytes as u64;
         if lost {
             self.counters.lost += 1;
             return Fate::Lost;

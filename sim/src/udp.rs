@@ -84,6 +84,23 @@ impl UdpNetwork {
         Arc::new(VirtualUdpSocket { network: self.clone(), address })
     }
 
+    /// A quinn endpoint on a new socket; a server where it has a configuration. Its random numbers, of
+    /// which packets' lengths and timers depend, follow from the seed.
+    ///
+    /// # Errors
+    /// What quinn says.
+    pub fn endpoint(
+        &self,
+        address: SocketAddr,
+        server: Option<quinn::ServerConfig>,
+        seed: [u8; 32],
+    ) -> io::Result<quinn::Endpoint> {
+        let mut config = quinn::EndpointConfig::default();
+        config.rng_seed(Some(seed));
+        let runtime = Arc::new(quinn::TokioRuntime);
+        quinn::Endpoint::new_with_abstract_socket(config, server, self.socket(address), runtime)
+    }
+
     /// What the link between two addresses has done; zeroes where there is none.
     #[must_use]
     pub fn counters(&self, from: SocketAddr, to: SocketAddr) -> LinkCounters {

@@ -63,15 +63,8 @@ fn transfer(bytes: usize, loss: f64, seed: u8) -> Outcome {
         network.connect(server_address, client_address, settings, u64::from(seed) * 2);
         network.connect(client_address, server_address, settings, u64::from(seed) * 2 + 1);
         let (server_config, client_config) = configs();
-        let endpoint = |address, config, seed| {
-            let mut settings = quinn::EndpointConfig::default();
-            settings.rng_seed(Some([seed; 32]));
-            let runtime = Arc::new(quinn::TokioRuntime);
-            quinn::Endpoint::new_with_abstract_socket(settings, config, network.socket(address), runtime)
-                .unwrap()
-        };
-        let server = endpoint(server_address, Some(server_config), seed);
-        let client = endpoint(client_address, None, !seed);
+        let server = network.endpoint(server_address, Some(server_config), [seed; 32]).unwrap();
+        let client = network.endpoint(client_address, None, [!seed; 32]).unwrap();
         let serving = tokio::spawn(async move {
             let connection = server.accept().await.unwrap().await.unwrap();
             let mut stream = connection.open_uni().await.unwrap();

@@ -12,6 +12,7 @@
 //! rtt_ms = [50]
 //! loss = [0, 0.01]            # in each direction; must be 0 for "ws"
 //! queue_bytes = 65536         # in each direction
+//! limiter_share = 0.95        # the server's limit, as a share of the link's rate; without it: no limit
 //! ```
 //!
 //! Runs are in the order of the sweeps, and within a sweep by rate, then round trip, then loss.
@@ -74,6 +75,9 @@ pub struct Case {
     pub loss: f64,
     /// Length of the link's queue, in each direction.
     pub queue_bytes: u64,
+    /// The server's limit, as a share of the link's rate; `None` for no limit. Below 1 the link's queue
+    /// stays short, so that what is urgent arrives sooner.
+    pub limiter_share: Option<f64>,
 }
 
 impl std::fmt::Display for Case {
@@ -93,6 +97,13 @@ impl Case {
     pub fn delay_ns(&self) -> u64 {
         // Checked to be below an hour.
         (self.rtt_ms * 0.5e6).round() as u64
+    }
+
+    /// The server's limit.
+    #[must_use]
+    pub fn limiter_bits_per_s(&self) -> Option<u64> {
+        // Shares are checked to be from 0.01 to 100, rates to be at most 1e12.
+        self.limiter_share.map(|share| (self.rate_bits_per_s.get() as f64 * share).round() as u64)
     }
 }
 
@@ -138,6 +149,7 @@ struct Sweep {
     loss: Vec<f64>,
     #[serde(default = "default_queue")]
     queue_bytes: u64,
+    limiter_share: Option<f64>,
 }
 
 fn default_viewport() -> [u32; 2] {
@@ -274,6 +286,9 @@ impl Sweep {
         if self.queue_bytes > 1 << 30 {
             return Err(("queue_bytes".into(), format!("{} is above 1 GiB", self.queue_bytes)));
         }
+        if let Some(share) = self.limiter_share.filter(|share| !(0.01..=100.0).contains(share)) {
+            return Err(("limiter_share".into(), format!("{share} is not a share from 0.01 to 100")));
+        }
         Ok(())
     }
 
@@ -285,8 +300,14 @@ impl Sweep {
         for rate in self.rate_bits_per_s.iter().copied().filter_map(NonZeroU64::new) {
             for &rtt_ms in &self.rtt_ms {
                 for &loss in &self.loss {
-                    let (transport, queue_bytes) = (self.transport, self.queue_bytes);
-                    cases.push(Case { transport, rate_bits_per_s: rate, rtt_ms, loss, queue_bytes });
+                    cases.push(Case {
+                        transport: self.transport,
+                        rate_bits_per_s: rate,
+                        rtt_ms,
+                        loss,
+                        queue_bytes: self.queue_bytes,
+                        limiter_share: self.limiter_share,
+                    });
                 }
             }
         }
@@ -333,6 +354,7 @@ mod tests {
             (&GOOD.replace("[50]", "[nan]"), "sweep[0].rtt_ms[0]", "NaN"),
             (&GOOD.replace("8_000_000", "0"), "sweep[0].rate_bits_per_s[1]", "0 is not"),
             (&GOOD.replace("8_000_000", "-5"), "line 4", ""),
+            (&format!("{GOOD}limiter_share = 0\n"), "sweep[0].limiter_share", "0 is not a share"),
             (&GOOD.replace("0.01", "1.5"), "sweep[0].loss[1]", "probability"),
             (&GOOD.replace("quic", "carrier-pigeon"), "line 3", "unknown variant"),
             (&format!("ttq_px = []\n{GOOD}"), "ttq_px", "is empty"),

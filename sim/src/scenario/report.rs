@@ -25,6 +25,8 @@ pub struct RunResult {
     pub loss: f64,
     /// Length of the link's queue.
     pub queue_bytes: u64,
+    /// Rate that the server limited the session to; `None` for no limit.
+    pub limiter_bits_per_s: Option<u64>,
     /// Seed of the run.
     pub seed: u64,
     /// Until the client core could draw every visible instance.

@@ -4,7 +4,7 @@
 //! core, over quinn or over WebSocket and HTTP. Simulated are the link ([`crate::udp`],
 //! [`crate::stream_pipe`]) and the clock. Selecting, decoding, applying and reading packs happen for
 //! real, but take no virtual time; drawing does not happen, and textures count as soon as they arrive.
-//! The server's limiter is off: the link is what limits.
+//! The server's limiter is off unless the plan sets it: the link is what limits.
 
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -88,7 +88,10 @@ fn run_case(
     seed: u64,
 ) -> anyhow::Result<RunResult> {
     virtual_runtime().context("no runtime for virtual time")?.block_on(async {
-        let state = ServerState::new(Arc::clone(scene), SessionSettings::default());
+        let state = ServerState::new(
+            Arc::clone(scene),
+            SessionSettings { rate_bits_per_s: case.limiter_bits_per_s(), ..SessionSettings::default() },
+        );
         let target_px = plan.ttq_px.iter().copied().fold(f64::INFINITY, f64::min);
         let limit = Duration::from_secs_f64(plan.time_limit_s);
         let mut viewer = Viewer::new(plan.viewport_px, target_px as f32, limit);
@@ -126,16 +129,13 @@ async fn run_quic(
     let network = UdpNetwork::new(VirtualClock::start());
     network.connect(SERVER, CLIENT, link(case, IP_UDP_BYTES), seeds.next_u64());
     network.connect(CLIENT, SERVER, link(case, IP_UDP_BYTES), seeds.next_u64());
-    let mut endpoint = |address, config| {
-        let mut settings = quinn::EndpointConfig::default();
+    let mut next_seed = || {
         let mut seed = [0; 32];
         seeds.fill_bytes(&mut seed);
-        settings.rng_seed(Some(seed));
-        let socket = network.socket(address);
-        quinn::Endpoint::new_with_abstract_socket(settings, config, socket, Arc::new(quinn::TokioRuntime))
+        seed
     };
-    let server = endpoint(SERVER, Some(server_config(certificate)?))?;
-    let client = endpoint(CLIENT, None)?;
+    let server = network.endpoint(SERVER, Some(server_config(certificate)?), next_seed())?;
+    let client = network.endpoint(CLIENT, None, next_seed())?;
     let serving = tokio::spawn(serve_quic(server, Arc::clone(&state)));
 
     let config = net::client_config(Pin(certificate.fingerprint()))?;
@@ -203,6 +203,7 @@ fn result(
         rtt_ms: case.rtt_ms,
         loss: case.loss,
         queue_bytes: case.queue_bytes,
+        limiter_bits_per_s: case.limiter_bits_per_s(),
         seed,
         ttff_ms: time(first),
         first_frame_bytes: bytes(first),
@@ -218,5 +219,37 @@ fn result(
         packets_lost: traffic.down.lost,
         packets_dropped: traffic.down.queue_full,
         trace: format!("{:016x}", traffic.trace),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{plan, tests::small_scene};
+    use super::*;
+
+    #[test]
+    fn the_client_counts_the_bytes_that_the_network_delivers() {
+        let text = "scene = \"demo-small\"\n[[sweep]]\ntransport = \"quic\"\n\
+                    rate_bits_per_s = [2_000_000]\nrtt_ms = [50]\nloss = [0.02]\n[[sweep]]\n\
+                    transport = \"ws\"\nrate_bits_per_s = [2_000_000]\nrtt_ms = [50]\n";
+        let plan = plan::parse(text, std::path::Path::new("test.toml")).unwrap();
+        let certificate = certificate().unwrap();
+        for case in &plan.cases {
+            let (counted, delivered) = virtual_runtime().unwrap().block_on(async {
+                let state = ServerState::new(small_scene(), SessionSettings::default());
+                let limit = Duration::from_secs(60);
+                let mut viewer = Viewer::new([640, 360], 1.0, limit);
+                let (_, traffic) = match case.transport {
+                    Transport::Quic => run_quic(case, state, &certificate, 1, limit, &mut viewer).await,
+                    Transport::Ws => run_websocket(case, state, &mut viewer).await,
+                }
+                .unwrap();
+                let delivered = traffic.down.arrived_payload_bytes;
+                (net::Host::core(&mut viewer).stats().transport_bytes, delivered)
+            });
+            // A packet or two may still be on its way when the client has left.
+            assert!(counted <= delivered && delivered - counted < 5000, "{case}: {counted} of {delivered}");
+            assert!(counted > 50_000, "{case}: {counted}");
+        }
     }
 }

@@ -10,7 +10,7 @@ use super::report::{RunResult, to_json};
 use super::{run, scene};
 
 /// The small demo scene, prepared once for all tests.
-fn small_scene() -> Arc<dyn SceneSource> {
+pub(super) fn small_scene() -> Arc<dyn SceneSource> {
     static SCENE: OnceLock<Arc<dyn SceneSource>> = OnceLock::new();
     let open = || {
         let cache = tempfile::tempdir().unwrap();
