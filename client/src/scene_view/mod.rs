@@ -11,6 +11,9 @@ use crate::render::{
     Renderer, Settings, TextureShape,
 };
 
+/// Exposed radiance of a white surface that faces the sun: near the upper end of the tone curve.
+const SUNLIT_WHITE: f32 = 1.6;
+
 /// The scene in GPU memory, as far as it has arrived.
 #[derive(Debug, Default)]
 pub struct SceneView {
@@ -170,6 +173,7 @@ impl SceneView {
             .filter_map(|(asset, instances)| Some(Drawable { asset: asset.as_ref()?, instances }))
             .collect();
         let environment = self.header.as_ref().map_or_else(Environment::default, environment);
+        let settings = Settings { exposure: settings.exposure * exposure(&environment), ..settings };
         draw(&Frame { camera, drawables: &drawables, environment, settings, time_s })
     }
 }
@@ -177,6 +181,16 @@ impl SceneView {
 fn place(entry: &InstanceEntry) -> Instance {
     let rotation: DQuat = entry.orientation().as_dquat();
     Instance { translation: DVec3::from(entry.translation), rotation, scale: f64::from(entry.scale) }
+}
+
+/// Exposure at which a white surface that faces the sun comes out just below white, however strong the
+/// scene's lights are.
+fn exposure(environment: &Environment) -> f32 {
+    // BT.709 luminance.
+    let luminance = |c: Vec3| c.dot(Vec3::new(0.2126, 0.7152, 0.0722));
+    let sky = 0.5 * (environment.sky_zenith + environment.sky_horizon);
+    let lit = luminance(environment.sun + sky);
+    if lit > 0.0 { (SUNLIT_WHITE / lit).clamp(1e-3, 1e3) } else { 1.0 }
 }
 
 /// The scene's light. The background gives the sky, which is brighter towards the horizon and lights

@@ -73,7 +73,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
                 End::Unreachable { attempts, why } => {
                     bail!("{why} ({attempts} attempts); is the server running, and is the address right?")
                 }
-                End::Closed(close) => bail!("the server ended the session: {}", close.reason),
+                End::Closed(close) => bail!("{}", close.reason),
             }
         }
         if status.settled {

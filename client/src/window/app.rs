@@ -307,9 +307,7 @@ impl ApplicationHandler<()> for App {
                 Some(format!("{why} ({attempts} attempts); is the server running, and is the address right?"))
             }
             // What is here stays on the screen.
-            Some(End::Closed(close)) if running.scene.header().is_none() => {
-                Some(format!("the server ended the session: {}", close.reason))
-            }
+            Some(End::Closed(close)) if running.scene.header().is_none() => Some(close.reason.clone()),
             Some(End::Closed(close)) => {
                 running.status.message = Some(format!("the server ended the session: {}", close.reason));
                 None
