@@ -21,13 +21,20 @@ const STACK: usize = 40;
 /// treated as a segment: its barycentric coordinates would be noise.
 const DEGENERATE: f64 = 1e-28;
 
+/// A triangle whose squared double area is below this share of its edges' squared product is thin: the
+/// determinants that tell where a point projects to lose all their digits along its length.
+const THIN: f64 = 1e-8;
+
 /// The point of the triangle `a b c` that is nearest to `p`.
 #[must_use]
 pub fn closest_point_on_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> DVec3 {
     let ab = b - a;
     let ac = c - a;
-    if ab.cross(ac).length_squared() <= DEGENERATE * ab.length_squared() * ac.length_squared() {
-        return closest_point_on_edges(p, [a, b, c]);
+    let normal = ab.cross(ac);
+    let scale = ab.length_squared() * ac.length_squared();
+    if normal.length_squared() <= THIN * scale {
+        let inside = normal.length_squared() > DEGENERATE * scale;
+        return closest_point_on_thin_triangle(p, [a, b, c], inside.then_some(normal));
     }
     // The regions are tried in Ericson's order: vertex a, vertex b, edge ab, vertex c, edge ac,
     // edge bc, inside.
@@ -63,6 +70,16 @@ pub fn closest_point_on_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> DVec3 {
     }
     let sum = va + vb + vc;
     a + ab * (vb / sum) + ac * (vc / sum)
+}
+
+/// The nearest of the edges and, where the triangle has a normal, the foot of the perpendicular if it
+/// is inside.
+fn closest_point_on_thin_triangle(p: DVec3, [a, b, c]: [DVec3; 3], normal: Option<DVec3>) -> DVec3 {
+    let edge = closest_point_on_edges(p, [a, b, c]);
+    let Some(n) = normal else { return edge };
+    let foot = p - n * (n.dot(p - a) / n.length_squared());
+    let inside = [(a, b), (b, c), (c, a)].iter().all(|&(s, e)| (e - s).cross(foot - s).dot(n) >= 0.0);
+    if inside && p.distance_squared(foot) < p.distance_squared(edge) { foot } else { edge }
 }
 
 /// The nearest point of three segments, for triangles without an inside.
@@ -317,6 +334,25 @@ mod tests {
         assert_eq!(distance([2.0, 3.0, 0.0], [a, b, b]), 3.0);
         assert_eq!(distance([2.0, 3.0, 0.0], [a, DVec3::X, b]), 3.0);
         assert_eq!(distance([7.0, 4.0, 0.0], [DVec3::X, a, b]), 5.0);
+    }
+
+    #[test]
+    fn points_of_a_needle_are_on_it() {
+        for length in [1e3, 1e6, 1.6e7] {
+            let needle = [DVec3::ZERO, DVec3::new(length, 1.0, 2.0), DVec3::new(length, 0.0, 3.0)];
+            let [a, b, c] = needle;
+            for i in 0..=40 {
+                for j in 0..=40 - i {
+                    let (u, v) = (f64::from(i) / 40.0, f64::from(j) / 40.0);
+                    let on = a * (1.0 - u - v) + b * u + c * v;
+                    let d = distance(on.to_array(), needle);
+                    assert!(d <= 1e-7, "{length} long: {d} from itself");
+                    let above = on + DVec3::new(0.0, 3.0, 3.0);
+                    let d = distance(above.to_array(), needle);
+                    assert!(d <= 18.0_f64.sqrt() + 1e-6, "{length} long: {d}");
+                }
+            }
+        }
     }
 
     #[test]
