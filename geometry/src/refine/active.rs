@@ -40,7 +40,7 @@ pub enum RefineError {
     HasChildren {
         /// The chunk.
         chunk: u32,
-        /// Applied chunks that name it as a parent.
+        /// Applied chunks that name it as a parent or refer to what it brought.
         children: u32,
     },
     /// The delta does not fit the mesh.
@@ -56,8 +56,10 @@ pub(crate) struct Place {
     pub(crate) faces: Range<u32>,
     /// Per material: slots in its index list.
     pub(crate) draws: Vec<(u16, Range<u32>)>,
-    /// Applied chunks that name this one as a parent.
+    /// Applied chunks that name this one as a parent, or refer to what it brought.
     children: u32,
+    /// Origins among whose children this one was counted.
+    needs: Vec<u32>,
 }
 
 /// A mesh of a base and any closed set of chunks.
@@ -187,8 +189,10 @@ impl ActiveMesh {
     pub fn apply(&mut self, delta: &ChunkDelta) -> Result<Touched, RefineError> {
         self.may_apply(delta)?;
         let origin = delta.chunk + 1;
-        for &parent in &delta.parents {
-            if let Some(Some(place)) = self.places.get_mut(parent as usize + 1) {
+        // Not the parents alone: an index that names too few must not make references dangle.
+        let needs = delta.needs();
+        for &need in &needs {
+            if let Some(Some(place)) = self.places.get_mut(need as usize) {
                 place.children += 1;
             }
         }
@@ -219,6 +223,9 @@ impl ActiveMesh {
             let face = self.face_slot(repoint.face);
             self.move_corner(face, repoint.corner, self.wedge_slot(repoint.to));
             touched.face(face);
+        }
+        if let Some(Some(place)) = self.places.get_mut(origin as usize) {
+            place.needs = needs;
         }
         self.applied_chunks += 1;
         self.finish_touched(&mut touched);
@@ -261,8 +268,8 @@ impl ActiveMesh {
             self.move_corner(face, repoint.corner, self.wedge_slot(repoint.from));
             touched.face(face);
         }
-        for &parent in &delta.parents {
-            if let Some(Some(place)) = self.places.get_mut(parent as usize + 1) {
+        for &need in &place.needs {
+            if let Some(Some(place)) = self.places.get_mut(need as usize) {
                 place.children -= 1;
             }
         }
@@ -337,6 +344,7 @@ impl ActiveMesh {
             faces: self.face_slots.take(materials.len() as u32),
             draws: Vec::new(),
             children: 0,
+            needs: Vec::new(),
         };
         let (v, w, f) = (
             self.vertex_slots.high() as usize,
