@@ -53,7 +53,15 @@ pub fn prepare(
         .collect();
     let chunk = |id: usize| &simplified.levels[order[id].0][order[id].1];
     let parents = parents(&simplified, &order, mesh.faces.len());
-    let materials = mesh.faces.iter().map(|f| f.material).max().unwrap_or(0) + 1;
+    let limit = usize::from(u16::MAX);
+    let materials = mesh
+        .faces
+        .iter()
+        .map(|f| f.material)
+        .max()
+        .unwrap_or(0)
+        .checked_add(1)
+        .ok_or(MeshError::TooLarge { kind: "materials", count: limit + 1, limit })?;
     let (mut base, first) = build_base(mesh, &simplified, order.len(), materials);
     let encoded = encode_all(mesh, &simplified, &order, &parents, &base, first, pool)?;
 

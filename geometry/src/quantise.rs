@@ -16,6 +16,8 @@ pub const MIN_POSITION_BITS: u8 = 4;
 pub const MAX_POSITION_BITS: u8 = 24;
 /// Largest number of faces, positions or wedges: ids keep a few bits to spare.
 const MAX_ELEMENTS: usize = 1 << 30;
+/// Longest side of a mesh: spheres and errors about it still fit an f32.
+const MAX_EXTENT: f64 = 1e38;
 /// Normals of one vertex closer than this (cosine of 1°) belong to one normal group.
 const SAME_NORMAL_COS: f32 = 0.999_847_7;
 
@@ -50,8 +52,8 @@ impl Default for QuantiseSettings {
 /// Normals become normal groups: the corners at a vertex whose normals agree within 1° share one.
 ///
 /// # Errors
-/// Refuses indices out of range, coordinates that are not finite 32-bit numbers, meshes without a
-/// usable face and tolerances that need more than [`MAX_POSITION_BITS`].
+/// Refuses indices out of range, coordinates that are not finite 32-bit numbers, meshes longer than
+/// such a number can say, material 65535, meshes without a usable face, and tolerances that need more than [`MAX_POSITION_BITS`].
 pub fn quantise(source: &SourceMesh, settings: &QuantiseSettings) -> Result<QuantisedMesh, MeshError> {
     validate(source)?;
     let (vertex_of, positions) = weld(source);
@@ -131,6 +133,10 @@ fn validate(source: &SourceMesh) -> Result<(), MeshError> {
             return Err(MeshError::TooLarge { kind, count, limit: MAX_ELEMENTS });
         }
     }
+    if source.materials.contains(&u16::MAX) {
+        let limit = usize::from(u16::MAX);
+        return Err(MeshError::TooLarge { kind: "materials", count: limit + 1, limit });
+    }
     for (index, position) in source.positions.iter().enumerate() {
         for &value in position {
             if !value.is_finite() || value.abs() > f64::from(f32::MAX) {
@@ -197,6 +203,11 @@ fn position_grid(
         }
     }
     let extent = (0..3).map(|axis| max[axis] - min[axis]).fold(0.0, f64::max);
+    if extent > MAX_EXTENT {
+        return Err(MeshError::BadPrecision {
+            why: format!("the mesh is {extent} long; at most {MAX_EXTENT} is possible"),
+        });
+    }
     let bits = match precision {
         Precision::Bits(bits) => {
             if !(MIN_POSITION_BITS..=MAX_POSITION_BITS).contains(&bits) {
