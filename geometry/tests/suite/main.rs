@@ -3,4 +3,11 @@
 
 mod common;
 
+mod determinism;
+mod errors;
+mod extremes;
+mod hostile;
+mod precision;
 mod promises;
+mod render;
+mod sets;

@@ -175,9 +175,9 @@ fn random_walks_of_apply_and_undo_leave_no_trace() {
 
 #[test]
 fn a_dropped_parent_link_is_reported_as_order_dependence() {
-    let asset = prepared(&quantised(&shapes::sphere(40, 60, 0.05)), &regions(200));
+    let asset = prepared(&quantised(&shapes::sphere(24, 40, 0.05)), &regions(100));
     let reported = |infos: &[ChunkInfo]| {
-        check(&asset.base, infos, &asset.chunks, 25, 17, &Serial)
+        check(&asset.base, infos, &asset.chunks, 20, 17, &Serial)
             .map_or(1, |r| r.order_dependent + r.cracks + r.undo_errors)
     };
     assert_eq!(reported(&asset.infos), 0);
@@ -195,9 +195,8 @@ fn a_dropped_parent_link_is_reported_as_order_dependence() {
         tried += 1;
         noticed += usize::from(reported(&infos) > 0);
     }
-    println!("dropped links: {tried}, noticed: {noticed}");
     assert!(tried >= 10, "only {tried} links to drop");
-    assert!(noticed * 2 >= tried, "{noticed} of {tried} dropped links noticed");
+    assert!(noticed * 4 >= tried * 3, "{noticed} of {tried} dropped links noticed");
 }
 
 fn ancestors(infos: &[ChunkInfo], id: u32) -> Vec<u32> {

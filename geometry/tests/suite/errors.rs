@@ -1,0 +1,150 @@
+//! Geometric errors: monotone, and never below what dense sampling finds.
+
+use lodestream_geometry::closed_set;
+use lodestream_geometry::distance::TriangleBvh;
+use lodestream_geometry::mesh::QuantisedMesh;
+use lodestream_geometry::prepare::Prepared;
+use lodestream_geometry::random::Random;
+use lodestream_geometry::refine::{ActiveMesh, ChunkDelta};
+
+use crate::common::{all, prepared, quantised, regions, shapes, with_bits};
+use crate::promises::deltas;
+
+#[test]
+fn errors_are_monotone_along_parents() {
+    for (name, source) in all() {
+        let asset = prepared(&quantised(&source), &regions(200));
+        for (id, info) in asset.infos.iter().enumerate() {
+            assert!(info.error <= asset.base.root_error, "{name}: chunk {id} and the root");
+            for &p in &info.parents {
+                assert!((p as usize) < id && asset.infos[p as usize].level <= info.level);
+                assert!(asset.infos[p as usize].error >= info.error, "{name}: chunk {id}, parent {p}");
+            }
+        }
+    }
+}
+
+/// Distances in grid cells below this are rounding errors of the sampling.
+const NOISE: f64 = 1e-6;
+
+/// A surface relative to the grid's origin, in grid cells.
+struct Surface {
+    positions: Vec<[f64; 3]>,
+    triangles: Vec<[u32; 3]>,
+    bvh: TriangleBvh,
+}
+
+impl Surface {
+    fn new(mesh: &QuantisedMesh) -> Self {
+        let positions: Vec<[f64; 3]> = mesh.positions.iter().map(|p| p.map(f64::from)).collect();
+        let triangles: Vec<[u32; 3]> =
+            mesh.faces.iter().map(|f| f.wedges.map(|w| mesh.wedges[w as usize].vertex)).collect();
+        let bvh = TriangleBvh::new(&positions, &triangles);
+        Self { positions, triangles, bvh }
+    }
+
+    fn area(&self) -> f64 {
+        self.triangles.iter().map(|&t| self.area_of(t)).sum()
+    }
+
+    fn area_of(&self, t: [u32; 3]) -> f64 {
+        let [a, b, c] = t.map(|v| self.positions[v as usize]);
+        let (e, f) = ([0, 1, 2].map(|k| b[k] - a[k]), [0, 1, 2].map(|k| c[k] - a[k]));
+        let n = [e[1] * f[2] - e[2] * f[1], e[2] * f[0] - e[0] * f[2], e[0] * f[1] - e[1] * f[0]];
+        0.5 * (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt()
+    }
+
+    /// Largest distance of a lattice on this surface to another: 15 points a face, more on faces
+    /// larger than `area`, so that every `area` gets about 15.
+    fn farthest(&self, other: &Surface, area: f64) -> f64 {
+        let mut worst = 0.0_f64;
+        for &t in &self.triangles {
+            let [a, b, c] = t.map(|v| self.positions[v as usize]);
+            let n = ((self.area_of(t) / area).sqrt().max(1.0) * 4.0).ceil().min(60.0) as usize;
+            for i in 0..=n {
+                for j in 0..=n - i {
+                    let (u, v) = (i as f64 / n as f64, j as f64 / n as f64);
+                    let p = [0, 1, 2].map(|k| u * a[k] + v * b[k] + (1.0 - u - v) * c[k]);
+                    if !other.bvh.any_within(p, worst) {
+                        worst = worst.max(other.bvh.nearest(p, f64::INFINITY).unwrap().0);
+                    }
+                }
+            }
+        }
+        worst
+    }
+}
+
+fn refined(asset: &Prepared, deltas: &[ChunkDelta], set: &[u32]) -> QuantisedMesh {
+    let mut active = ActiveMesh::new(&asset.base);
+    for &id in set {
+        active.apply(&deltas[id as usize]).unwrap();
+    }
+    active.to_mesh()
+}
+
+/// The generated meshes, and needles on a grid fine enough to show them as such.
+fn meshes() -> Vec<(&'static str, QuantisedMesh)> {
+    let mut list: Vec<_> = all().into_iter().map(|(name, source)| (name, quantised(&source))).collect();
+    list.push(("needles on a fine grid", with_bits(&shapes::needles(800), 24)));
+    list
+}
+
+#[test]
+fn errors_bound_the_sampled_distance_and_are_not_absurd() {
+    let mut random = Random::new(19);
+    let mut failures = Vec::new();
+    for (name, mesh) in meshes() {
+        let input = Surface::new(&mesh);
+        let area = input.area() / input.triangles.len() as f64;
+        let mut ratios = Vec::new();
+        for faces in [200, 1000] {
+            let asset = prepared(&mesh, &regions(faces));
+            let deltas = deltas(&asset).1;
+            for attempt in 0..5 {
+                let set =
+                    if attempt == 0 { Vec::new() } else { closed_set::random(&asset.infos, &mut random) };
+                let missing = (0..asset.infos.len() as u32).filter(|id| set.binary_search(id).is_err());
+                let mut error = missing.map(|id| asset.infos[id as usize].error).fold(0.0, f32::max);
+                if attempt == 0 {
+                    error = error.max(asset.base.root_error);
+                }
+                let coarse = Surface::new(&refined(&asset, &deltas, &set));
+                let cells = input.farthest(&coarse, area).max(coarse.farthest(&input, area));
+                let distance = cells * mesh.grid.step;
+                if cells > NOISE {
+                    ratios.push(f64::from(error) / distance);
+                } else {
+                    // Nothing to see: at most flat neighbours merged.
+                    assert!(f64::from(error) <= mesh.grid.step, "{name}: {error} for nothing");
+                }
+            }
+        }
+        ratios.sort_by(f64::total_cmp);
+        if let (Some(&least), Some(&most)) = (ratios.first(), ratios.last()) {
+            let median = ratios[ratios.len() / 2];
+            println!("{name}: reported / sampled: {least:.3} {median:.3} {most:.3}");
+            if least < 0.95 || median > 3.0 {
+                failures.push(format!("{name}: {least:.3} {median:.3}"));
+            }
+        }
+    }
+    assert!(failures.is_empty(), "{failures:?}");
+}
+
+#[test]
+fn spheres_hold_what_their_chunks_add() {
+    for (name, source) in all() {
+        let mesh = quantised(&source);
+        let asset = prepared(&mesh, &regions(200));
+        let deltas = deltas(&asset).1;
+        for (delta, info) in deltas.iter().zip(&asset.infos) {
+            for v in &delta.vertices {
+                let p = v.position.map(|x| f64::from(x) * mesh.grid.step);
+                let d: f64 = (0..3).map(|k| (p[k] - f64::from(info.sphere.center[k])).powi(2)).sum();
+                let r = f64::from(info.sphere.radius);
+                assert!(d.sqrt() <= r * (1.0 + 1e-5), "{name}: chunk {} {} > {r}", delta.chunk, d.sqrt());
+            }
+        }
+    }
+}
