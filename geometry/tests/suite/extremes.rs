@@ -12,7 +12,7 @@ use crate::common::{bare, plain_faces, prepared, quantised, regions, shapes, wit
 use crate::promises::deltas;
 
 /// Prepares, checks, and returns the asset with its fully refined mesh.
-fn survives(name: &str, mesh: &QuantisedMesh, region_faces: usize) -> Prepared {
+pub(crate) fn survives(name: &str, mesh: &QuantisedMesh, region_faces: usize) -> Prepared {
     let asset = prepared(mesh, &regions(region_faces));
     let report = check(&asset.base, &asset.infos, &asset.chunks, 10, 3, &Serial).unwrap();
     assert_eq!((report.cracks, report.order_dependent, report.undo_errors), (0, 0, 0), "{name}");

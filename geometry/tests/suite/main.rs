@@ -11,3 +11,4 @@ mod precision;
 mod promises;
 mod render;
 mod sets;
+mod tangles;

@@ -1,0 +1,74 @@
+//! Random triangles over few points: every kind of star, seam and edge that there can be.
+
+use lodestream_geometry::mesh::{Corner, NONE, SourceMesh};
+use lodestream_geometry::quantise::{QuantiseSettings, quantise};
+use lodestream_geometry::random::Random;
+
+use crate::common::with_bits;
+use crate::extremes::survives;
+
+/// A tangle: points in a cube, a ball or a plane; faces between near points or any; attributes at
+/// random, some shared.
+fn tangle(random: &mut Random) -> SourceMesh {
+    let points = 4 + random.below(400);
+    let flat = random.below(4) == 0;
+    let near = random.below(3) > 0;
+    let mut mesh = SourceMesh::default();
+    for i in 0..points {
+        let at = if near { i as f64 * 0.05 } else { 0.0 };
+        let z = if flat { 0.0 } else { random.unit() };
+        mesh.positions.push([random.unit() + at, random.unit(), z]);
+    }
+    let (uvs, normals) = (random.below(30), random.below(30));
+    mesh.uvs = (0..uvs).map(|_| [random.unit() as f32, random.unit() as f32]).collect();
+    mesh.normals = (0..normals).map(|_| [0, 1, 2].map(|_| random.unit() as f32 - 0.5)).collect();
+    let materials = 1 + random.below(4);
+    let pick = |random: &mut Random, count: usize| match count {
+        0 => NONE,
+        _ if random.below(8) == 0 => NONE,
+        _ => random.below(count) as u32,
+    };
+    let density = 1 + random.below(8);
+    for _ in 0..1 + random.below(points * density) {
+        let first = random.below(points);
+        let corner = [0, 1, 2].map(|k| {
+            let position = match (near, k) {
+                (_, 0) => first,
+                (true, _) => (first + random.below(9)) % points,
+                (false, _) => random.below(points),
+            };
+            Corner { position: position as u32, uv: pick(random, uvs), normal: pick(random, normals) }
+        });
+        mesh.faces.push(corner);
+        mesh.materials.push(random.below(materials) as u16);
+        if random.below(10) == 0 {
+            mesh.faces.push([corner[2], corner[0], corner[1]]);
+            mesh.materials.push(0);
+        }
+    }
+    mesh
+}
+
+/// `TANGLES=N` tries N of them instead of a few.
+#[test]
+fn random_tangles_survive() {
+    let seeds = std::env::var("TANGLES").ok().and_then(|n| n.parse().ok()).unwrap_or(60);
+    let mut usable = 0;
+    for seed in 0..seeds {
+        let mut random = Random::new(seed);
+        let source = tangle(&mut random);
+        if quantise(&source, &QuantiseSettings::default()).is_err() {
+            continue;
+        }
+        usable += 1;
+        let bits = [4, 8, 12, 14, 20][random.below(5)];
+        let mesh = with_bits(&source, bits);
+        let region_faces = [50, 60, 100, 300, 1000][random.below(5)];
+        survives(
+            &format!("tangle {seed}, {} faces, regions of {region_faces}", mesh.faces.len()),
+            &mesh,
+            region_faces,
+        );
+    }
+    assert!(usable * 2 > seeds);
+}
