@@ -22,10 +22,21 @@ impl ClientCore {
         match id.part {
             BlobPart::Base | BlobPart::IndexPage(_) => self.arrived.push_back((id, bytes)),
             BlobPart::Chunk(_) | BlobPart::Texture { .. } => {
-                let gone = self.cache.insert(id, bytes);
-                self.dropped(now, &gone);
+                self.cache.insert(id, bytes);
+                self.trim_cache(now);
             }
         }
+    }
+
+    /// Drops what exceeds the cache, but nothing that waits to be applied: without its bytes it would be
+    /// fetched, dropped and fetched again.
+    pub(super) fn trim_cache(&mut self, now: Time) {
+        let needed = |id: BlobId| {
+            let state = self.scene.states.get(id.asset as usize).map(|asset| asset.state(id.part));
+            state == Some(State::Cached) && self.wanted.iter().any(|wanted| wanted.id == id)
+        };
+        let gone = self.cache.trim(needed);
+        self.dropped(now, &gone);
     }
 
     /// Uses a base mesh or index page.

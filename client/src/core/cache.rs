@@ -35,21 +35,31 @@ impl BlobCache {
         self.held_bytes
     }
 
-    /// Keeps a blob; gives the blobs that had to go for it, oldest first. A blob that exceeds the whole
-    /// capacity is kept nonetheless (it is about to be applied), and is then the next to go.
-    pub(crate) fn insert(&mut self, id: BlobId, bytes: Bytes) -> Vec<BlobId> {
+    /// Keeps a blob. The cache may then hold more than its capacity until [`BlobCache::trim`].
+    pub(crate) fn insert(&mut self, id: BlobId, bytes: Bytes) {
         self.remove(id);
         self.clock += 1;
         self.held_bytes += bytes.len() as u64;
         self.order.insert(self.clock, id);
         self.entries.insert(id, Entry { bytes, used: self.clock });
+    }
+
+    /// Drops blobs until the rest fits, oldest first, and gives them. Blobs that are `needed` stay even
+    /// where that exceeds the capacity: they are about to be applied, and would only be fetched again.
+    pub(crate) fn trim(&mut self, needed: impl Fn(BlobId) -> bool) -> Vec<BlobId> {
+        let mut excess = self.held_bytes.saturating_sub(self.capacity_bytes);
         let mut gone = Vec::new();
-        while self.held_bytes > self.capacity_bytes && self.entries.len() > 1 {
-            let Some((_, oldest)) = self.order.pop_first() else { break };
-            if let Some(entry) = self.entries.remove(&oldest) {
-                self.held_bytes -= entry.bytes.len() as u64;
+        for &old in self.order.values() {
+            if excess == 0 {
+                break;
             }
-            gone.push(oldest);
+            if !needed(old) {
+                excess = excess.saturating_sub(self.entries.get(&old).map_or(0, |e| e.bytes.len() as u64));
+                gone.push(old);
+            }
+        }
+        for &old in &gone {
+            self.remove(old);
         }
         gone
     }
@@ -88,10 +98,12 @@ mod tests {
     fn least_recently_used_goes_first_and_the_bound_holds() {
         let mut cache = BlobCache::new(100);
         let [a, b, c] = [0, 1, 2].map(|n| BlobId::chunk(0, n));
-        assert!(cache.insert(a, blob(40)).is_empty());
-        assert!(cache.insert(b, blob(40)).is_empty());
+        cache.insert(a, blob(40));
+        cache.insert(b, blob(40));
+        assert!(cache.trim(|_| false).is_empty());
         assert!(cache.get(a).is_some());
-        assert_eq!(cache.insert(c, blob(40)), [b]);
+        cache.insert(c, blob(40));
+        assert_eq!(cache.trim(|_| false), [b]);
         assert_eq!(cache.bytes(), 80);
         assert!(cache.contains(a) && cache.contains(c) && !cache.contains(b));
     }
@@ -110,12 +122,15 @@ mod tests {
     }
 
     #[test]
-    fn a_blob_beyond_the_capacity_is_kept_alone() {
-        let mut cache = BlobCache::new(10);
-        let [a, b] = [0, 1].map(|n| BlobId::chunk(0, n));
-        cache.insert(a, blob(5));
-        assert_eq!(cache.insert(b, blob(50)), [a]);
-        assert!(cache.contains(b));
-        assert_eq!(cache.insert(a, blob(5)), [b]);
+    fn what_is_needed_stays() {
+        let mut cache = BlobCache::new(100);
+        let [a, b, c] = [0, 1, 2].map(|n| BlobId::chunk(0, n));
+        for (id, length) in [(a, 60), (b, 30), (c, 60)] {
+            cache.insert(id, blob(length));
+        }
+        assert_eq!(cache.trim(|id| id != b), [b]);
+        assert_eq!(cache.bytes(), 120);
+        assert_eq!(cache.trim(|_| false), [a]);
+        assert_eq!(cache.bytes(), 60);
     }
 }

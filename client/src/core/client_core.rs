@@ -54,7 +54,7 @@ pub struct ClientCore {
     in_flight: BTreeSet<BlobId>,
     view: Option<View>,
     /// The last selection's list, states kept up to date.
-    wanted: Vec<Wanted>,
+    pub(super) wanted: Vec<Wanted>,
     /// Whether something happened that the last selection did not see.
     stale: bool,
     selected: Option<Time>,
@@ -447,6 +447,7 @@ impl ClientCore {
         for id in undo {
             self.undo(now, id);
         }
+        self.trim_cache(now);
         self.ask(now, &cancel);
         if self.is_settled() {
             self.counts.settled_after.get_or_insert(now.since(started));

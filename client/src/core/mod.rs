@@ -26,6 +26,8 @@ mod milestones;
 mod scene;
 mod stats;
 #[cfg(test)]
+mod testing;
+#[cfg(test)]
 mod tests;
 
 pub use changes::{Change, IndexRun, MeshChange, NewAsset, TextureChange, Vertex};

@@ -1,1 +1,253 @@
+//! Tests of the core against a real server session, in virtual time.
 
+use lodestream_protocol::blob::{BlobId, BlobPart};
+use lodestream_protocol::scene::Camera;
+use lodestream_protocol::select::State;
+use lodestream_protocol::view::View;
+
+use super::testing::{Hills, Loopback, prepared};
+use super::{Change, Config};
+
+fn view(camera: Camera, target_px: f32) -> View {
+    camera.view([640, 360], target_px)
+}
+
+/// Everything of asset 0 in its finest form.
+fn finest() -> View {
+    view(Hills::new(1).camera(), 1e-4)
+}
+
+#[test]
+fn a_view_settles_within_its_target() {
+    let mut link = Loopback::new(Hills::new(2), |_| {});
+    link.connect();
+    link.settle();
+    let stats = link.core.stats();
+    assert!(stats.counters.max_screen_error_px <= 1.0, "{stats:?}");
+    assert!(stats.applied_chunks > 3, "{stats:?}");
+    assert!(stats.faces < 2 * prepared().0.faces.len() as u64, "more than the view needs");
+    assert_eq!(stats.decode_failures, 0);
+    assert!(link.times_sent().values().all(|n| *n == 1), "{:?}", link.times_sent());
+    let m = stats.milestones;
+    let first = m.first_frame.unwrap().after;
+    let [q16, q4, q1] = m.quality.map(|q| q.unwrap().after);
+    assert!(first <= q16 && q16 <= q4 && q4 <= q1, "{m:?}");
+}
+
+#[test]
+fn everything_applied_is_the_input() {
+    let mut link = Loopback::new(Hills::new(1), |_| {});
+    link.core.set_view(link.now, finest());
+    link.connect();
+    link.settle();
+    let mesh = link.core.mesh(0).unwrap().to_mesh();
+    let (input, prepared) = prepared();
+    assert_eq!(link.core.stats().applied_chunks, prepared.chunks.len() as u64);
+    let faces = |m: &lodestream_geometry::mesh::QuantisedMesh| {
+        let mut faces: Vec<_> = m
+            .faces
+            .iter()
+            .map(|f| {
+                let mut corners = f.wedges.map(|w| {
+                    let w = m.wedges[w as usize];
+                    (m.positions[w.vertex as usize], w.uv)
+                });
+                let least = (0..3).min_by_key(|k| corners[*k]).unwrap();
+                corners.rotate_left(least);
+                corners
+            })
+            .collect();
+        faces.sort_unstable();
+        faces
+    };
+    assert_eq!(faces(&mesh), faces(input));
+}
+
+#[test]
+fn small_slices_of_work_come_to_the_same() {
+    let mut link = Loopback::new(Hills::new(1), |_| {});
+    link.budget = 100;
+    link.core.set_view(link.now, finest());
+    link.connect();
+    link.settle();
+    assert_eq!(link.core.stats().applied_chunks, prepared().1.chunks.len() as u64);
+}
+
+#[test]
+fn what_the_camera_left_is_undone_and_comes_back_from_the_cache() {
+    let mut link = Loopback::new(Hills::new(1), |config: &mut Config| {
+        // Out of view, nothing is kept.
+        config.select.keep_out_of_view = 0.0;
+    });
+    link.connect();
+    link.settle();
+    let (near, sent) = (link.core.stats(), link.sent.len());
+    let camera = Hills::new(1).camera();
+    let away = Camera { eye: [0.0, 2.0, 300.0], ..camera };
+    link.core.set_view(link.now, view(away, 1.0));
+    link.run(200);
+    link.settle();
+    let far = link.core.stats();
+    assert!(far.applied_chunks < near.applied_chunks / 2, "{far:?}");
+    assert!(far.undone > 0 && far.faces < near.faces);
+    link.core.set_view(link.now, view(camera, 1.0));
+    link.run(200);
+    link.settle();
+    assert_eq!(link.core.stats().applied_chunks, near.applied_chunks);
+    assert_eq!(link.sent.len(), sent, "nothing is fetched twice");
+}
+
+#[test]
+fn a_cache_that_is_too_small_fetches_again_but_stays_bounded() {
+    let mut link = Loopback::new(Hills::new(1), |config: &mut Config| {
+        config.select.keep_out_of_view = 0.0;
+        config.cache_bytes = 2000;
+    });
+    link.connect();
+    link.settle();
+    let near = link.core.stats();
+    let camera = Hills::new(1).camera();
+    for eye in [300.0, 3.0] {
+        link.core.set_view(link.now, view(Camera { eye: [0.0, 2.0, eye], ..camera }, 1.0));
+        link.run(200);
+        link.settle();
+        assert!(link.core.stats().cached_bytes <= 2000);
+    }
+    assert_eq!(link.core.stats().applied_chunks, near.applied_chunks);
+    // Once for each time it was needed, and once where it was pushed before anything wanted it.
+    let most = link.times_sent().into_values().max().unwrap();
+    assert!((2..=3).contains(&most), "{most}");
+}
+
+#[test]
+fn budgets_hold() {
+    let mut link = Loopback::new(Hills::new(1), |config: &mut Config| config.select.max_faces = 1500);
+    link.core.set_view(link.now, finest());
+    link.connect();
+    link.settle();
+    let stats = link.core.stats();
+    assert!(stats.counters.applied_faces <= 1500, "{stats:?}");
+    assert!(stats.counters.threshold_px > 1e-4);
+}
+
+#[test]
+fn damaged_blobs_are_asked_for_a_few_times_and_cost_nothing_else() {
+    let mut scene = Hills::new(1);
+    let bad = BlobId::chunk(0, 1);
+    scene.damage(bad);
+    let mut link = Loopback::new(scene, |_| {});
+    link.core.set_view(link.now, finest());
+    link.connect();
+    link.run(20_000);
+    let stats = link.core.stats();
+    assert_eq!(link.times_sent()[&bad], 4, "no storm");
+    assert_eq!(stats.decode_failures, 4);
+    assert!(stats.settled, "{stats:?}");
+    assert!(!link.core.mesh(0).unwrap().is_applied(1));
+    assert!(link.core.mesh(0).unwrap().is_applied(0));
+}
+
+#[test]
+fn a_blob_that_heals_is_used() {
+    let mut scene = Hills::new(1);
+    let bad = BlobId::chunk(0, 1);
+    scene.damage(bad);
+    let mut link = Loopback::new(scene, |_| {});
+    link.core.set_view(link.now, finest());
+    link.connect();
+    while link.core.stats().decode_failures == 0 {
+        link.run(1);
+    }
+    // The server is started anew with a sound pack.
+    link.cut();
+    link.source = std::sync::Arc::new(Hills::new(1));
+    link.connect();
+    link.settle();
+    assert_eq!(link.core.stats().applied_chunks, prepared().1.chunks.len() as u64);
+}
+
+#[test]
+fn a_lost_connection_keeps_the_picture_and_fetches_only_what_is_missing() {
+    let mut link = Loopback::new(Hills::new(2), |_| {});
+    link.connect();
+    while link.core.stats().applied_chunks < 3 {
+        link.run(1);
+    }
+    let before = link.core.stats();
+    link.cut();
+    assert!(link.core.closed().is_some());
+    link.run(500);
+    assert!(link.core.stats().applied_chunks >= before.applied_chunks);
+    let first: Vec<BlobId> = link.sent.clone();
+    link.connect();
+    link.settle();
+    let stats = link.core.stats();
+    assert_eq!(stats.connections, 2);
+    assert!(stats.counters.max_screen_error_px <= 1.0);
+    let again: Vec<BlobId> = link.sent[first.len()..].to_vec();
+    let here = |id: &BlobId| matches!(id.part, BlobPart::Base) && first.contains(id);
+    assert!(!again.iter().any(here), "base meshes came again: {again:?}");
+    // What was under way when the connection was cut is all that may come twice: 20 ms at 8 Mbit/s, and
+    // the burst that the limiter allows.
+    let twice: Vec<BlobId> = again.into_iter().filter(|id| first.contains(id)).collect();
+    assert!(twice.len() < first.len() / 2, "{twice:?} of {} came again", first.len());
+}
+
+#[test]
+fn a_withheld_chunk_is_never_asked_for() {
+    let mut link = Loopback::new(Hills::new(1), |config: &mut Config| config.withhold = Some((0, 0)));
+    link.core.set_view(link.now, finest());
+    link.connect();
+    link.settle();
+    let mesh = link.core.mesh(0).unwrap();
+    assert!(!mesh.is_applied(0));
+    assert!(mesh.face_count() < prepared().0.faces.len());
+    assert_eq!(link.core.state(BlobId::chunk(0, 0)), State::Failed);
+}
+
+#[test]
+fn changes_rebuild_the_mesh_step_by_step() {
+    let mut link = Loopback::new(Hills::new(1), |_| {});
+    link.core.set_view(link.now, finest());
+    link.connect();
+    let (mut vertices, mut faces) = (Vec::new(), Vec::new());
+    let (mut textures, mut steps) = (0, 0);
+    for round in 0..3000 {
+        link.run(1);
+        for change in link.core.take_changes(link.now, 20_000) {
+            steps += 1;
+            match change {
+                Change::Mesh(mesh) => {
+                    for (first, run) in mesh.vertices {
+                        let end = first as usize + run.len();
+                        vertices.resize(vertices.len().max(end), None);
+                        for (slot, vertex) in (first as usize..).zip(run) {
+                            vertices[slot] = Some(vertex);
+                        }
+                    }
+                    for run in mesh.indices {
+                        let end = run.first as usize + run.faces.len();
+                        faces.resize(faces.len().max(end), [0; 3]);
+                        faces[run.first as usize..end].copy_from_slice(&run.faces);
+                    }
+                    // Every step can be drawn: no face names a vertex that is not there.
+                    let known = |w: &u32| vertices.get(*w as usize).is_some_and(Option::is_some);
+                    assert!(faces.iter().flatten().all(known), "round {round}");
+                }
+                Change::Texture(_) => textures += 1,
+                _ => {}
+            }
+        }
+    }
+    assert!(link.core.is_settled() && !link.core.has_changes());
+    let mesh = link.core.mesh(0).unwrap();
+    assert_eq!(faces, mesh.indices(0));
+    for face in &faces {
+        for wedge in face {
+            let vertex = vertices[*wedge as usize].unwrap();
+            assert_eq!(vertex.data, mesh.render_vertex(*wedge));
+        }
+    }
+    assert!(vertices.iter().flatten().any(|v| v.level > 1 && v.birth_s > 0.0));
+    assert!(steps > 3 && textures == 3, "{steps} {textures}");
+}

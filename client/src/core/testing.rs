@@ -1,0 +1,293 @@
+//! For tests: a scene of real prepared meshes in memory, and a core and a server session joined by a link
+//! in virtual time.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::io::Cursor;
+use std::sync::{Arc, OnceLock};
+use std::time::Duration;
+
+use bytes::Bytes;
+use geometry::mesh::{Corner, QuantisedMesh, SourceMesh};
+use geometry::pool::{Serial, Silent};
+use geometry::prepare::{Prepared, prepare};
+use geometry::quantise::{QuantiseSettings, quantise};
+use lodestream_geometry as geometry;
+use lodestream_protocol::asset::{
+    AssetDescription, Material, TextureFormat, TextureInfo, TextureKind, TextureLevel,
+};
+use lodestream_protocol::blob::{BlobId, BlobPart};
+use lodestream_protocol::frame::ServerFrame;
+use lodestream_protocol::message::ClientMessage;
+use lodestream_protocol::scene::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
+use lodestream_protocol::server::{ServerConfig, ServerSession, Transmit};
+use lodestream_protocol::source::{SceneSource, SourceError};
+use lodestream_protocol::time::Time;
+
+use super::{ClientCore, Config, Progress, StartView};
+
+/// Quads along a side of the test surface.
+const SIDE: u32 = 72;
+
+/// The test mesh and what preparation makes of it; made once.
+pub(crate) fn prepared() -> &'static (QuantisedMesh, Prepared) {
+    static PREPARED: OnceLock<(QuantisedMesh, Prepared)> = OnceLock::new();
+    PREPARED.get_or_init(|| {
+        let mesh = quantise(&hills(), &QuantiseSettings::default()).unwrap();
+        let settings = geometry::Settings { region_faces: 300, ..geometry::Settings::default() };
+        let mut prepared = prepare(&mesh, &settings, &Serial, &Silent).unwrap();
+        prepared.base.description = description().encode().unwrap();
+        (mesh, prepared)
+    })
+}
+
+/// A bumpy square, two units wide, with texture coordinates.
+fn hills() -> SourceMesh {
+    let at = |i: u32| f64::from(i) / f64::from(SIDE);
+    let mut mesh = SourceMesh::default();
+    for y in 0..=SIDE {
+        for x in 0..=SIDE {
+            let (u, v) = (at(x), at(y));
+            let height = 0.2 * (9.0 * u).sin() * (7.0 * v).cos() + 0.03 * (41.0 * u * v).sin();
+            mesh.positions.push([2.0 * u - 1.0, height, 2.0 * v - 1.0]);
+            mesh.uvs.push([u as f32, v as f32]);
+        }
+    }
+    for y in 0..SIDE {
+        for x in 0..SIDE {
+            let corner = |dx, dy| {
+                let index = (y + dy) * (SIDE + 1) + x + dx;
+                Corner { position: index, uv: index, normal: geometry::mesh::NONE }
+            };
+            mesh.faces.push([corner(0, 0), corner(0, 1), corner(1, 1)]);
+            mesh.faces.push([corner(0, 0), corner(1, 1), corner(1, 0)]);
+            mesh.materials.extend([0, 0]);
+        }
+    }
+    mesh
+}
+
+fn picture(side: u32) -> Bytes {
+    let image = image::RgbaImage::from_fn(side, side, |x, y| image::Rgba([x as u8, y as u8, 9, 255]));
+    let mut out = Cursor::new(Vec::new());
+    image.write_to(&mut out, image::ImageFormat::Png).unwrap();
+    out.into_inner().into()
+}
+
+const TEXTURE_SIDES: [u32; 3] = [8, 16, 32];
+
+fn description() -> AssetDescription {
+    let levels = TEXTURE_SIDES.map(|side| TextureLevel {
+        width: side,
+        height: side,
+        bytes: picture(side).len() as u32,
+        format: TextureFormat::Png,
+    });
+    AssetDescription {
+        name: "hills".into(),
+        materials: vec![Material { base_color_texture: Some(0), ..Material::default() }],
+        textures: vec![TextureInfo {
+            kind: TextureKind::Color,
+            width: 32,
+            height: 32,
+            levels: levels.into(),
+        }],
+    }
+}
+
+/// What the server reads: the test mesh as several assets in a row.
+#[derive(Debug)]
+pub(crate) struct Hills {
+    header: SceneHeader,
+    page: Arc<ScenePage>,
+    blobs: BTreeMap<BlobPart, Bytes>,
+    /// Served instead of the real bytes.
+    pub(crate) damaged: BTreeMap<BlobId, Bytes>,
+}
+
+impl Hills {
+    pub(crate) fn new(assets: u32) -> Self {
+        let (_, prepared) = prepared();
+        let mut blobs = BTreeMap::from([(BlobPart::Base, Bytes::from(prepared.base.encode()))]);
+        for (n, page) in (0..).zip(&prepared.pages) {
+            blobs.insert(BlobPart::IndexPage(n), page.clone().into());
+        }
+        for (n, chunk) in (0..).zip(&prepared.chunks) {
+            blobs.insert(BlobPart::Chunk(n), chunk.clone().into());
+        }
+        for (level, side) in (0..).zip(TEXTURE_SIDES) {
+            blobs.insert(BlobPart::Texture { texture: 0, level }, picture(side));
+        }
+        let base = &prepared.base;
+        let entry = AssetEntry {
+            name: "hills".into(),
+            fingerprint: [1; 16],
+            origin: base.grid.origin,
+            sphere: base.sphere,
+            root_error: base.root_error,
+            base_bytes: blobs[&BlobPart::Base].len() as u32,
+            chunk_count: base.chunk_count,
+        };
+        let place = |n: u32| InstanceEntry::at(n, [3.0 * f64::from(n), 0.0, 0.0]);
+        Self {
+            header: SceneHeader {
+                name: "hills".into(),
+                fingerprint: [7; 16],
+                asset_count: assets,
+                instance_count: assets,
+                page_count: 1,
+                light: Light { direction: [0.0, 1.0, 0.0], color: [1.0; 3], ambient: [0.2; 3] },
+                background: [0.1; 3],
+                camera: Camera { eye: [0.0, 2.0, 3.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov_y: 0.9 },
+            },
+            page: Arc::new(ScenePage {
+                assets: vec![entry; assets as usize],
+                instances: (0..assets).map(place).collect(),
+                ..ScenePage::default()
+            }),
+            blobs,
+            damaged: BTreeMap::new(),
+        }
+    }
+
+    pub(crate) fn camera(&self) -> Camera {
+        self.header.camera
+    }
+
+    /// The blob with its middle byte changed.
+    pub(crate) fn damage(&mut self, id: BlobId) {
+        let mut bytes = self.blobs[&id.part].to_vec();
+        for byte in &mut bytes {
+            *byte ^= 0x5A;
+        }
+        self.damaged.insert(id, bytes.into());
+    }
+}
+
+impl SceneSource for Hills {
+    fn header(&self) -> &SceneHeader {
+        &self.header
+    }
+
+    fn page(&self, page: u32) -> Option<Arc<ScenePage>> {
+        (page == 0).then(|| self.page.clone())
+    }
+
+    fn blob_len(&self, id: &BlobId) -> Option<u32> {
+        self.blobs.get(&id.part).filter(|_| id.asset < self.header.asset_count).map(|b| b.len() as u32)
+    }
+
+    fn read(&self, id: &BlobId) -> Result<Bytes, SourceError> {
+        let real = self.blobs.get(&id.part).ok_or(SourceError::NotFound(*id))?;
+        Ok(self.damaged.get(id).unwrap_or(real).clone())
+    }
+}
+
+/// One way of the link: what is under way, with its arrival.
+type Pipe<T> = VecDeque<(Time, T)>;
+
+/// A core and a server session, 20 ms apart.
+pub(crate) struct Loopback {
+    pub(crate) now: Time,
+    pub(crate) core: ClientCore,
+    pub(crate) source: Arc<Hills>,
+    server: Option<ServerSession>,
+    up: Pipe<ClientMessage>,
+    down: Pipe<Transmit>,
+    /// Blobs whose first piece was sent, in order, with repetitions.
+    pub(crate) sent: Vec<BlobId>,
+    /// Budget of each update.
+    pub(crate) budget: u64,
+}
+
+const LATENCY: Duration = Duration::from_millis(20);
+
+impl Loopback {
+    /// A client that looks at the scene's start view, not connected yet.
+    pub(crate) fn new(source: Hills, adapt: impl FnOnce(&mut Config)) -> Self {
+        let mut config = Config::new(StartView::OfScene { viewport_px: [640, 360], target_px: 1.0 });
+        adapt(&mut config);
+        Self {
+            now: Time::ZERO,
+            core: ClientCore::new(config),
+            source: Arc::new(source),
+            server: None,
+            up: Pipe::new(),
+            down: Pipe::new(),
+            sent: Vec::new(),
+            budget: u64::MAX,
+        }
+    }
+
+    /// Opens a connection, 8 Mbit/s towards the client.
+    pub(crate) fn connect(&mut self) {
+        // Nothing is pushed before the client has said what it holds: counts are then exact.
+        let config = ServerConfig { push_before_hello_bytes: 0, ..ServerConfig::websocket(Some(8_000_000)) };
+        self.server = Some(ServerSession::new(Arc::new(config), self.source.clone(), 1, self.now));
+        self.core.connect(self.now);
+    }
+
+    /// Cuts the connection; what is under way is lost.
+    pub(crate) fn cut(&mut self) {
+        self.server = None;
+        self.up.clear();
+        self.down.clear();
+        self.core.handle_lost(self.now, "cut");
+    }
+
+    /// Runs for so many milliseconds, in steps of one.
+    pub(crate) fn run(&mut self, ms: u64) {
+        for _ in 0..ms {
+            self.now = self.now + Duration::from_millis(1);
+            self.step();
+        }
+    }
+
+    /// Runs until settled; panics after a minute of virtual time.
+    pub(crate) fn settle(&mut self) {
+        for _ in 0..60_000 {
+            self.run(1);
+            if self.core.is_settled() && self.server.is_some() {
+                return;
+            }
+        }
+        panic!("not settled: {:?}", self.core.stats());
+    }
+
+    fn step(&mut self) {
+        let now = self.now;
+        while let Some((_, transmit)) = self.down.pop_front_if(|(at, _)| *at <= now) {
+            match transmit {
+                Transmit::Message(message) => self.core.handle_frame(now, ServerFrame::Message(message)),
+                Transmit::Piece { piece, .. } => self.core.handle_piece(now, piece),
+                Transmit::Abandon(id) => self.core.handle_abandoned(now, id),
+            }
+        }
+        self.core.handle_timeout(now);
+        while self.core.update(now, self.budget) == Progress::More {}
+        while let Some(message) = self.core.poll_transmit(now) {
+            self.up.push_back((now + LATENCY, message));
+        }
+        let Some(server) = &mut self.server else { return };
+        while let Some((_, message)) = self.up.pop_front_if(|(at, _)| *at <= now) {
+            server.handle_message(now, message);
+        }
+        server.handle_timeout(now);
+        while let Some(transmit) = server.poll_transmit(now) {
+            if let Transmit::Piece { piece, .. } = &transmit
+                && piece.offset == 0
+            {
+                self.sent.push(piece.id);
+            }
+            self.down.push_back((now + LATENCY, transmit));
+        }
+    }
+
+    /// How often each blob was sent.
+    pub(crate) fn times_sent(&self) -> BTreeMap<BlobId, usize> {
+        let mut times = BTreeMap::new();
+        for id in &self.sent {
+            *times.entry(*id).or_default() += 1;
+        }
+        times
+    }
+}
