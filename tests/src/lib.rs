@@ -1,1 +1,29 @@
-//! End-to-end tests: one crate, one module per topic.
+//! End-to-end tests: one crate, one module per topic. Everything that ships takes part: preparation,
+//! store, daemon, both transports, client core, streaming thread, renderer.
+//!
+//! | module | what it guards |
+//! |---|---|
+//! | `first_flight` | the server's push alone makes every visible instance drawable, in few bytes and round trips |
+//! | `settled` | what is streamed ends up looking like the model |
+//! | `limiter` | bytes on the wire against the rate |
+//! | `robustness` | clients and servers that die, and come back |
+//! | `hostile` | peers that break every rule |
+//!
+//! Scenes are generated and small. Tests on real sockets use loopback and give up after a bound that is
+//! far above what they take; whatever measures time runs in virtual time.
+
+// Helpers of tests are tests, whatever the lint thinks of functions without #[test].
+#![cfg_attr(test, allow(clippy::unwrap_used))]
+
+#[cfg(test)]
+mod first_flight;
+#[cfg(test)]
+mod hostile;
+#[cfg(test)]
+mod limiter;
+#[cfg(test)]
+mod robustness;
+#[cfg(test)]
+mod settled;
+#[cfg(test)]
+mod support;

@@ -1,0 +1,153 @@
+//! Clients and servers that die, and come back.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use lodestream_client::core::{Change, ClientCore};
+use lodestream_client::net::{Address, Clock, Host, Retry, stream};
+use lodestream_server::daemon::SessionSettings;
+use tokio::sync::Notify;
+
+use crate::support::LIMIT;
+use crate::support::daemon::{Server, Transport};
+use crate::support::scene::TestScene;
+use crate::support::viewer::{Viewer, config};
+
+/// Slow enough that a scene of some 40 kB takes a second or two, so that "mid-way" can be hit.
+const SLOW: SessionSettings =
+    SessionSettings { rate_bits_per_s: Some(300_000), max_sessions: 10, drain: Duration::from_secs(3) };
+
+fn number(metrics: &str, name: &str) -> u64 {
+    let line = metrics.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(' '));
+    line.unwrap_or_else(|| panic!("no {name} in {metrics}")).trim().parse().unwrap()
+}
+
+fn blobs_sent(server: &Server, kind: &str) -> u64 {
+    number(&server.get("/metrics").unwrap(), &format!("lodestream_sent_total{{kind=\"{kind}\"}}"))
+}
+
+/// A client that tells when it has its first chunk.
+struct Doomed {
+    core: ClientCore,
+    has_chunk: Arc<Notify>,
+}
+
+impl Host for Doomed {
+    fn core(&mut self) -> &mut ClientCore {
+        &mut self.core
+    }
+
+    fn turn(&mut self, now: lodestream_protocol::Time) -> lodestream_client::core::Progress {
+        let progress = self.core.update(now, u64::MAX);
+        if self.core.stats().applied_chunks > 0 {
+            self.has_chunk.notify_one();
+        }
+        progress
+    }
+}
+
+/// Runs a client until it has its first chunk, then lets it vanish: its runtime stops at once and its
+/// sockets close, but nothing more is said.
+fn run_and_kill(address: &Address) {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let has_chunk = Arc::new(Notify::new());
+    let mut host = Doomed { core: ClientCore::new(config()), has_chunk: has_chunk.clone() };
+    let retry = Retry { first_attempts: 3, reconnect: false };
+    runtime.block_on(async {
+        tokio::select! {
+            biased;
+            () = has_chunk.notified() => {}
+            end = stream(address, &mut host, Clock::start(), retry, |_, _| {}) => panic!("{end:?}"),
+            () = tokio::time::sleep(LIMIT) => panic!("no chunk came"),
+        }
+    });
+    assert!(!host.core.is_settled(), "the client must die mid-way");
+}
+
+/// Guards sessions against each other, and the server against clients that vanish.
+#[test]
+fn a_client_that_dies_mid_way_harms_nobody() {
+    let scene = TestScene::small();
+    for transport in Transport::BOTH {
+        let server = Server::start(scene.source(), SLOW);
+        let mut other = Viewer::start(&server.address(transport), config());
+        other.wait("a first frame", |s| s.stats.milestones.first_frame.is_some());
+        run_and_kill(&server.address(transport));
+        server.assert_healthy();
+        let stats = other.settle().stats;
+        assert_eq!((stats.connections, stats.decode_failures), (1, 0), "{stats:?}");
+        // And new clients are taken.
+        let mut third = Viewer::start(&server.address(transport), config());
+        third.wait("a first frame", |s| s.stats.milestones.first_frame.is_some());
+        drop((other, third));
+        if transport == Transport::WebSocket {
+            // A closed socket is noticed; what vanishes behind UDP only by its silence, later.
+            server.wait_for_sessions(0);
+        }
+        server.assert_healthy();
+    }
+}
+
+/// Guards the viewer against servers that vanish: its picture stays, it says what is going on, connects
+/// again and goes on where it was, without fetching again what it has.
+fn a_server_dies_and_comes_back(transport: Transport) {
+    let scene = TestScene::small();
+    let server = Server::start(scene.source(), SLOW);
+    let address = server.address(transport);
+    let mut viewer = Viewer::start(&address, config());
+    let before = viewer.wait("some chunks", |s| s.stats.applied_chunks >= 3).stats;
+    assert!(!before.settled, "the server must die mid-way");
+    assert!(blobs_sent(&server, "base") > 0);
+    let place = server.kill();
+
+    let lost = viewer.wait("word of the loss", |s| s.message.as_ref().is_some_and(|m| m.contains("again")));
+    let message = lost.message.unwrap();
+    assert!(!message.contains('\n') && message.contains("connecting again in"), "{message}");
+    // Nothing was taken back.
+    assert!(lost.stats.applied_chunks >= before.applied_chunks, "{:?}", lost.stats);
+    let scenes = |viewer: &Viewer| viewer.changes.iter().filter(|c| matches!(c, Change::Scene(_))).count();
+    assert_eq!(scenes(&viewer), 1);
+
+    let server = Server::start_at(place, scene.source(), SessionSettings::default());
+    assert_eq!(server.address(transport), address, "the same port and certificate");
+    let after = viewer.settle();
+    assert_eq!(after.message, None);
+    assert!(after.stats.connections >= 2, "{:?}", after.stats);
+    assert_eq!(after.stats.decode_failures, 0, "{:?}", after.stats);
+    assert_eq!(scenes(&viewer), 1, "the picture was thrown away");
+    // Base meshes may come again: the server pushes them before it can hear what the client has.
+    let chunks = blobs_sent(&server, "chunk") + lost.stats.applied_chunks;
+    let all = scene.assets.iter().map(|a| a.chunks.len() as u64).sum();
+    assert!(chunks <= all, "chunks were sent again: {chunks} of {all}");
+    server.assert_healthy();
+}
+
+#[test]
+fn a_websocket_viewer_survives_its_server() {
+    a_server_dies_and_comes_back(Transport::WebSocket);
+}
+
+#[test]
+fn a_quic_viewer_survives_its_server() {
+    a_server_dies_and_comes_back(Transport::Quic);
+}
+
+/// Guards the order of an orderly end: clients are told, the picture stays, the daemon ends by itself.
+#[test]
+fn a_server_that_ends_in_good_order_says_so() {
+    let scene = TestScene::small();
+    let server = Server::start(scene.source(), SessionSettings { drain: Duration::from_millis(300), ..SLOW });
+    let mut viewers: Vec<_> =
+        Transport::BOTH.iter().map(|t| Viewer::start(&server.address(*t), config())).collect();
+    for viewer in &mut viewers {
+        viewer.wait("a first frame", |s| s.stats.milestones.first_frame.is_some());
+    }
+    let (ended, _) = server.stop();
+    ended.unwrap();
+    for viewer in &mut viewers {
+        let status = viewer.wait("word of the end", |s| s.message.is_some());
+        let message = status.message.unwrap();
+        assert!(message.contains("shut"), "{message}");
+        assert!(status.stats.faces > 0, "{:?}", status.stats);
+    }
+}

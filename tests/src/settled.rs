@@ -1,0 +1,47 @@
+//! What is streamed ends up looking like the model.
+
+use lodestream_server::daemon::SessionSettings;
+
+use crate::support::daemon::{Server, Transport};
+use crate::support::picture::{comparison, draw, headless, keep, same};
+use crate::support::scene::TestScene;
+use crate::support::viewer::{Viewer, config};
+
+/// Guards the whole way from pack to picture: a settled client shows what the model itself would show,
+/// drawn by the same renderer with every chunk applied locally. And guards the comparison: with one chunk
+/// held back it must fail, so that it would notice a chunk lost on the way.
+#[test]
+fn the_settled_picture_is_that_of_the_whole_model() {
+    let Some(mut headless) = headless() else { return };
+    let scene = TestScene::small();
+    let server = Server::start(scene.source(), SessionSettings::default());
+    let whole = draw(&mut headless, scene.whole());
+    keep(&whole, "whole");
+    for transport in Transport::BOTH {
+        let mut viewer = Viewer::start(&server.address(transport), config());
+        let status = viewer.settle();
+        let stats = &status.stats;
+        assert_eq!((stats.decode_failures, stats.refused), (0, 0), "{stats:?}");
+        assert!(stats.applied_chunks > 0 && stats.texture_levels > 0, "{stats:?}");
+        // What is far away stays coarse: the view settles the picture, not the end of the data.
+        assert!(stats.faces < scene.faces(), "{} of {} faces", stats.faces, scene.faces());
+        let settled = draw(&mut headless, viewer.changes);
+        keep(&settled, &format!("settled-{transport:?}"));
+        let found = comparison(&settled, &whole);
+        println!("{transport:?}: {found:?}, {} bytes", stats.transport_bytes);
+        assert!(found.covered >= 0.2, "{found:?}");
+        assert!(same(&found), "{transport:?}: {found:?}");
+    }
+
+    // The ball's first chunk: without it, whatever refines its region is missing too.
+    let mut config = config();
+    config.withhold = Some((scene.asset("ball"), 0));
+    let mut viewer = Viewer::start(&server.address(Transport::WebSocket), config);
+    viewer.settle();
+    let lacking = draw(&mut headless, viewer.changes);
+    keep(&lacking, "withheld");
+    let found = comparison(&lacking, &whole);
+    println!("withheld: {found:?}");
+    assert!(!same(&found), "a missing chunk goes unnoticed: {found:?}");
+    server.assert_healthy();
+}

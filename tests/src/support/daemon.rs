@@ -1,0 +1,179 @@
+//! A daemon in this process, on a thread and ports of its own.
+
+use std::io::{Read as _, Write as _};
+use std::net::{Ipv4Addr, SocketAddr, TcpStream};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::time::{Duration, Instant};
+
+use lodestream_client::net::Address;
+use lodestream_protocol::source::SceneSource;
+use lodestream_server::daemon::{Daemon, DaemonOptions, ServerState, SessionSettings};
+use tokio::sync::mpsc;
+use tokio::task::JoinHandle;
+
+use super::LIMIT;
+
+/// How a client reaches the daemon.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Transport {
+    Quic,
+    WebSocket,
+}
+
+impl Transport {
+    pub(crate) const BOTH: [Self; 2] = [Self::Quic, Self::WebSocket];
+}
+
+/// Names of threads on which something panicked. Tasks that panic take nothing with them but a line on
+/// standard error; this is how a test hears of it.
+fn panicked_threads() -> &'static Mutex<Vec<String>> {
+    static PANICKED: OnceLock<Mutex<Vec<String>>> = OnceLock::new();
+    PANICKED.get_or_init(|| {
+        let before = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |info| {
+            let name = std::thread::current().name().unwrap_or("").to_owned();
+            panicked_threads().lock().unwrap_or_else(PoisonError::into_inner).push(name);
+            before(info);
+        }));
+        Mutex::default()
+    })
+}
+
+/// Where a daemon was, so that another can take its place: state folder (with the certificate) and ports.
+pub(crate) struct Place {
+    folder: Arc<tempfile::TempDir>,
+    quic: SocketAddr,
+    http: SocketAddr,
+}
+
+/// A running daemon.
+pub(crate) struct Server {
+    runtime: Option<tokio::runtime::Runtime>,
+    serving: Option<JoinHandle<anyhow::Result<()>>>,
+    stop: mpsc::Sender<()>,
+    threads: String,
+    folder: Arc<tempfile::TempDir>,
+    quic: SocketAddr,
+    http: SocketAddr,
+    urls: Vec<String>,
+    state: Arc<ServerState>,
+}
+
+impl Server {
+    /// Starts a daemon on any free ports of the loopback address.
+    pub(crate) fn start(scene: Arc<dyn SceneSource>, sessions: SessionSettings) -> Self {
+        let any = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
+        let place = Place { folder: Arc::new(tempfile::tempdir().unwrap()), quic: any, http: any };
+        Self::start_at(place, scene, sessions)
+    }
+
+    /// Starts a daemon where another was, with the same certificate.
+    pub(crate) fn start_at(place: Place, scene: Arc<dyn SceneSource>, sessions: SessionSettings) -> Self {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        panicked_threads();
+        let threads = format!("daemon-{}", COUNT.fetch_add(1, Ordering::Relaxed));
+        let runtime = tokio::runtime::Builder::new_multi_thread()
+            .worker_threads(1)
+            .thread_name(&threads)
+            .enable_all()
+            .build()
+            .unwrap();
+        let options = DaemonOptions {
+            listen: Some(place.quic),
+            http: Some(place.http),
+            sessions,
+            ..DaemonOptions::new(place.folder.path())
+        };
+        let daemon = runtime.block_on(Daemon::bind(options, scene)).unwrap();
+        let (quic, http) = (daemon.quic_address().unwrap(), daemon.http_address().unwrap());
+        let (urls, state) = (daemon.urls(), daemon.state().clone());
+        let (stop, stopped) = mpsc::channel(2);
+        let serving = runtime.spawn(daemon.serve(stopped));
+        let folder = place.folder;
+        Self {
+            runtime: Some(runtime),
+            serving: Some(serving),
+            stop,
+            threads,
+            folder,
+            quic,
+            http,
+            urls,
+            state,
+        }
+    }
+
+    /// What a viewer is given, as the daemon prints it.
+    pub(crate) fn address(&self, transport: Transport) -> Address {
+        let scheme = match transport {
+            Transport::Quic => "quic://",
+            Transport::WebSocket => "ws://",
+        };
+        self.urls.iter().find(|url| url.starts_with(scheme)).unwrap().parse().unwrap()
+    }
+
+    pub(crate) fn quic_address(&self) -> SocketAddr {
+        self.quic
+    }
+
+    pub(crate) fn http_address(&self) -> SocketAddr {
+        self.http
+    }
+
+    /// Asks for a path of the HTTP port; gives the whole answer.
+    pub(crate) fn get(&self, path: &str) -> std::io::Result<String> {
+        let mut stream = TcpStream::connect_timeout(&self.http, Duration::from_secs(10))?;
+        stream.set_read_timeout(Some(Duration::from_secs(10)))?;
+        write!(stream, "GET {path} HTTP/1.1\r\nHost: s\r\nConnection: close\r\n\r\n")?;
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer)?;
+        Ok(answer)
+    }
+
+    /// Fails unless the daemon is up, answers `/health` with 200, and nothing in it has panicked.
+    pub(crate) fn assert_healthy(&self) {
+        let health = self.get("/health").unwrap();
+        assert!(health.starts_with("HTTP/1.1 200"), "{health}");
+        assert!(!self.serving.as_ref().unwrap().is_finished(), "the daemon has ended");
+        let panicked = panicked_threads().lock().unwrap_or_else(PoisonError::into_inner);
+        assert!(!panicked.contains(&self.threads), "a task of the daemon has panicked");
+    }
+
+    /// Waits until so many sessions are open.
+    pub(crate) fn wait_for_sessions(&self, count: u64) {
+        let until = Instant::now() + LIMIT;
+        while self.state.metrics().active_sessions() != count {
+            assert!(
+                Instant::now() < until,
+                "{} sessions, not {count}",
+                self.state.metrics().active_sessions()
+            );
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    /// Asks the daemon to end in good order and waits for it; gives what it returns and the time it took.
+    pub(crate) fn stop(mut self) -> (anyhow::Result<()>, Duration) {
+        let started = Instant::now();
+        self.stop.try_send(()).unwrap();
+        let serving = self.serving.take().unwrap();
+        let runtime = self.runtime.as_ref().unwrap();
+        let ended = runtime.block_on(async { tokio::time::timeout(LIMIT, serving).await });
+        (ended.expect("the daemon does not end").unwrap(), started.elapsed())
+    }
+
+    /// Ends the daemon without a word to anybody, as a crash would.
+    pub(crate) fn kill(mut self) -> Place {
+        self.runtime.take().unwrap().shutdown_timeout(Duration::from_secs(10));
+        Place { folder: self.folder.clone(), quic: self.quic, http: self.http }
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        if let Some(runtime) = self.runtime.take() {
+            runtime.shutdown_background();
+        }
+    }
+}

@@ -1,0 +1,67 @@
+//! Pictures, and the comparison that decides whether two show the same.
+
+use std::io::Write as _;
+
+use glam::{DVec3, Vec3};
+use image::RgbaImage;
+use lodestream_client::core::Change;
+use lodestream_client::image_compare::{Comparison, compare};
+use lodestream_client::render::{Camera, Gpu, Headless, Settings};
+use lodestream_client::scene_view::SceneView;
+
+use super::PICTURE_PX;
+
+/// A picture and which of its pixels show a surface.
+pub(crate) struct Picture {
+    pub(crate) image: RgbaImage,
+    pub(crate) covered: Vec<bool>,
+}
+
+/// A renderer, or nothing if the tests are told to skip what needs a graphics adapter.
+pub(crate) fn headless() -> Option<Headless> {
+    if std::env::var("LODESTREAM_SKIP_GPU").is_ok_and(|v| v == "1") {
+        // Not `eprintln!`: the test runner would swallow it when the test "passes".
+        let test = std::thread::current().name().unwrap_or("a test").to_owned();
+        let _ = writeln!(std::io::stderr(), "SKIPPED, NOT PASSED (LODESTREAM_SKIP_GPU=1): {test}");
+        return None;
+    }
+    let gpu = Gpu::headless().expect("these tests need a graphics adapter (or LODESTREAM_SKIP_GPU=1)");
+    Some(Headless::new(gpu, PICTURE_PX[0], PICTURE_PX[1]).unwrap())
+}
+
+/// Draws what a renderer was told, from the scene's start camera, with all effects on, at a time when
+/// every vertex has arrived where it belongs.
+pub(crate) fn draw(headless: &mut Headless, changes: Vec<Change>) -> Picture {
+    let mut view = SceneView::new();
+    view.push(changes);
+    view.upload(headless.gpu(), headless.renderer(), usize::MAX, 0.0).unwrap();
+    let camera = view.header().expect("a scene").camera;
+    let camera = Camera::look_at(
+        DVec3::from(camera.eye),
+        DVec3::from(camera.target),
+        Vec3::from(camera.up).as_dvec3(),
+        f64::from(camera.fov_y),
+    );
+    view.with_frame(camera, Settings::default(), f32::MAX, |frame| headless.frame(frame)).unwrap();
+    Picture { image: headless.picture().unwrap(), covered: headless.coverage().unwrap() }
+}
+
+/// Compares over what either picture covers, so that a hole counts.
+pub(crate) fn comparison(a: &Picture, b: &Picture) -> Comparison {
+    let mask: Vec<bool> = a.covered.iter().zip(&b.covered).map(|(a, b)| *a || *b).collect();
+    compare(&a.image, &b.image, Some(&mask)).unwrap()
+}
+
+/// The gate: whether two pictures show the same scene.
+pub(crate) fn same(comparison: &Comparison) -> bool {
+    comparison.ssim >= 0.99
+}
+
+/// Writes a picture where a person can look at it.
+pub(crate) fn keep(picture: &Picture, name: &str) {
+    let target = std::env::var_os("CARGO_TARGET_DIR")
+        .map_or_else(|| std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../target"), Into::into);
+    let folder = target.join("pictures");
+    std::fs::create_dir_all(&folder).unwrap();
+    picture.image.save(folder.join(format!("{name}.png"))).unwrap();
+}

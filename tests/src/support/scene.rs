@@ -1,0 +1,127 @@
+//! The scene that is served, and the same scene as it should look in the end.
+
+use std::path::Path;
+use std::sync::{Arc, OnceLock};
+
+use lodestream_client::core::{Change, IndexRun, MeshChange, NewAsset, TextureChange, Vertex};
+use lodestream_client::render::{TexturePixels, TextureShape};
+use lodestream_geometry::closed_set::{Budget, lowest_error};
+use lodestream_protocol::source::SceneSource;
+use lodestream_protocol::{BlobId, BlobPart};
+use lodestream_server::prepare::{Options, prepare_cached};
+use lodestream_server::scene::{Scene, of_files};
+use lodestream_server::store::{DEFAULT_CACHE_BYTES, LoadedAsset, PackFile, SceneStore};
+
+use super::shapes::write_scene;
+
+/// A prepared scene.
+pub(crate) struct TestScene {
+    /// What a daemon serves.
+    pub(crate) store: Arc<SceneStore>,
+    /// The assets whole, by the scene's asset number.
+    pub(crate) assets: Vec<LoadedAsset>,
+}
+
+/// Quiet preparation with default settings.
+pub(crate) fn options() -> Options {
+    Options { quiet: true, ..Options::default() }
+}
+
+/// Prepares all assets of a scene into a cache folder.
+pub(crate) fn prepare_all(scene: &Scene, cache: &Path) -> Vec<PackFile> {
+    scene.assets.iter().map(|asset| prepare_cached(asset, cache, &options()).unwrap().pack).collect()
+}
+
+impl TestScene {
+    /// Opens the packs as a scene.
+    pub(crate) fn open(scene: &Scene, packs: Vec<PackFile>) -> Self {
+        let loaded: Vec<_> =
+            scene.assets.iter().zip(&packs).map(|(a, p)| (a.name.clone(), p.load().unwrap())).collect();
+        let store = Arc::new(SceneStore::new(scene, packs, DEFAULT_CACHE_BYTES).unwrap());
+        let pages = (0..store.header().page_count).map(|page| store.page(page).unwrap());
+        let names: Vec<String> = pages.flat_map(|p| p.assets.clone()).map(|entry| entry.name).collect();
+        let find = |name: &String| loaded.iter().find(|(n, _)| n == name).unwrap().1.clone();
+        let assets = names.iter().map(find).collect();
+        Self { store, assets }
+    }
+
+    /// The small scene, prepared once for all tests. Its files are gone after that; the packs stay open.
+    pub(crate) fn small() -> &'static Self {
+        static SMALL: OnceLock<TestScene> = OnceLock::new();
+        SMALL.get_or_init(|| {
+            let folder = tempfile::tempdir().unwrap();
+            let scene = of_files(&[write_scene(folder.path())]).unwrap();
+            Self::open(&scene, prepare_all(&scene, &folder.path().join("cache")))
+        })
+    }
+
+    pub(crate) fn source(&self) -> Arc<dyn SceneSource> {
+        self.store.clone()
+    }
+
+    /// Number of an asset by its name.
+    pub(crate) fn asset(&self, name: &str) -> u32 {
+        let number = self.assets.iter().position(|a| a.description.name == name).unwrap();
+        u32::try_from(number).unwrap()
+    }
+
+    /// Bytes of all blobs that a client could fetch.
+    pub(crate) fn total_bytes(&self) -> u64 {
+        let textures = |a: &LoadedAsset| {
+            a.description.textures.iter().flat_map(|t| &t.levels).map(|l| u64::from(l.bytes)).sum::<u64>()
+        };
+        let chunks = |a: &LoadedAsset| a.chunks.iter().map(|c| c.len() as u64).sum::<u64>();
+        self.assets.iter().map(|a| a.head_bytes() + chunks(a) + textures(a)).sum()
+    }
+
+    /// Faces of all assets, each counted once.
+    pub(crate) fn faces(&self) -> u64 {
+        let chunks = |a: &LoadedAsset| a.infos.iter().map(|info| u64::from(info.faces)).sum::<u64>();
+        self.assets.iter().map(|a| a.base.faces.len() as u64 + chunks(a)).sum()
+    }
+
+    /// What a renderer would be told if everything were there from the start: no network, no selection,
+    /// every chunk applied, every texture level decoded.
+    pub(crate) fn whole(&self) -> Vec<Change> {
+        let header = self.store.header();
+        let mut changes = vec![Change::Scene(Box::new(header.clone()))];
+        for page in 0..header.page_count {
+            changes.push(Change::Instances(self.store.page(page).unwrap().instances.clone()));
+        }
+        for (number, asset) in (0..).zip(&self.assets) {
+            self.whole_asset(number, asset, &mut changes);
+        }
+        changes
+    }
+
+    fn whole_asset(&self, number: u32, asset: &LoadedAsset, changes: &mut Vec<Change>) {
+        let description = &asset.description;
+        changes.push(Change::Asset(NewAsset {
+            asset: number,
+            origin: asset.base.grid.origin,
+            center: asset.base.sphere.center,
+            radius: asset.base.sphere.radius,
+            materials: description.materials.clone(),
+            textures: description.textures.clone(),
+        }));
+        let all = lowest_error(&asset.base, &asset.infos, 0, Budget::Everything);
+        assert_eq!((all.chunks.len(), all.error), (asset.infos.len(), 0.0));
+        let mesh = asset.refined(&all.chunks).unwrap();
+        let vertex = |slot| Vertex { data: mesh.render_vertex(slot), birth_s: 0.0, level: 0 };
+        let run = |material| IndexRun { material, first: 0, faces: mesh.indices(material).to_vec() };
+        changes.push(Change::Mesh(MeshChange {
+            asset: number,
+            vertices: vec![(0, (0..mesh.wedge_slots()).map(vertex).collect())],
+            indices: (0..mesh.material_count()).map(run).collect(),
+        }));
+        for (texture, info) in (0..).zip(&description.textures) {
+            for level in 0..u8::try_from(info.levels.len()).unwrap() {
+                let id = BlobId { asset: number, part: BlobPart::Texture { texture, level } };
+                let file = self.store.read(&id).unwrap();
+                let pixels =
+                    TexturePixels::decode(&file, &TextureShape::from(info), u32::from(level)).unwrap();
+                changes.push(Change::Texture(TextureChange { asset: number, texture, level, pixels }));
+            }
+        }
+    }
+}
