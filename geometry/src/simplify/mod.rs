@@ -50,7 +50,7 @@ pub(crate) struct Simplified {
 /// Knobs of the simplification.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// Faces per region, 50 to 100,000. Smaller regions follow the view more closely but lock more
+    /// Faces per region, 50 to 20,000. Smaller regions follow the view more closely but lock more
     /// outlines (worse meshes at equal size) and need more chunks and index bytes.
     pub region_faces: usize,
     /// Share of the removable vertices that one level removes, 0.1 to 0.9. More means fewer levels, so
@@ -78,6 +78,9 @@ impl Default for Settings {
     }
 }
 
+/// A level's regions hold up to twice the faces asked for, and faces that share nothing have three
+/// vertices each: one chunk then still splits fewer than its decoder accepts.
+const MAX_REGION_FACES: usize = 20_000;
 /// Marks a vertex whose star lies in several regions, or that has none.
 const OUTLINE: u32 = u32::MAX;
 /// Share of a region's interior that is tried, so that flat regions can give more than others.
@@ -103,7 +106,7 @@ pub(crate) fn simplify(
     let diagonal = diagonal(mesh);
     let faces_total = live.face_count;
     let mut collapses = 0;
-    let region_faces = settings.region_faces.clamp(50, 100_000);
+    let region_faces = settings.region_faces.clamp(50, MAX_REGION_FACES);
     loop {
         let last = live.face_count <= region_faces + region_faces / 2;
         let level = Level::new(&live, levels.len(), if last { 1 } else { live.face_count / region_faces });

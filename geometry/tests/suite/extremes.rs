@@ -1,12 +1,12 @@
 //! Meshes at the edges of what there is: each prepares and passes its check, or is refused by name.
 
-use lodestream_geometry::MeshError;
 use lodestream_geometry::base::Base;
 use lodestream_geometry::check::check;
 use lodestream_geometry::mesh::{QuantisedMesh, SourceMesh};
 use lodestream_geometry::pool::Serial;
 use lodestream_geometry::prepare::Prepared;
 use lodestream_geometry::quantise::{QuantiseSettings, quantise};
+use lodestream_geometry::{MeshError, Settings};
 
 use crate::common::{bare, plain_faces, prepared, quantised, regions, shapes, with_bits};
 use crate::promises::deltas;
@@ -166,4 +166,16 @@ fn many_tiny_components_alone() {
     for region_faces in [200, 1000] {
         survives("cubes", &quantised(&source), region_faces);
     }
+}
+
+#[test]
+fn regions_are_never_larger_than_their_decoder_accepts() {
+    // Nearly three splits a face. In one region they would be more than one chunk may have.
+    let asset = prepared(
+        &quantised(&shapes::soup(50_000)),
+        &Settings { region_faces: 1 << 30, ..Settings::default() },
+    );
+    let (mesh, _) = deltas(&asset);
+    assert_eq!(mesh.face_count(), 50_000);
+    assert!(asset.infos.iter().map(|i| i.vertices).max() > Some(40_000));
 }
