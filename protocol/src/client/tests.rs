@@ -204,6 +204,9 @@ fn silence_counts_as_loss_and_pings_prevent_it() {
 fn views_are_told_at_intervals_and_only_the_last() {
     let (mut client, scene) = connected();
     let at = |x: f64| View { eye: [x, 0.0, 0.0], ..scene.header.camera.view([64, 64], 1.0) };
+    // `Hello` named no view, so the first one is told at once.
+    client.set_view(Time::ZERO, at(-1.0));
+    assert_eq!(client.poll_transmit(Time::ZERO), Some(ClientMessage::SetView(at(-1.0))));
     for x in 0..50 {
         client.set_view(Time::ZERO, at(f64::from(x)));
     }
