@@ -7,6 +7,9 @@ use crate::time::Time;
 
 /// Time over which throughput is averaged.
 const WINDOW: Duration = Duration::from_millis(400);
+/// Time after which a window that is fuller than the last one counts already: a link that turns out to be
+/// fast is used after some tens of milliseconds, not after a whole window.
+const RISE: Duration = Duration::from_millis(50);
 /// Time that passes between an arrival and the request that follows it (a frame, decoding), covered in
 /// addition to the round trip.
 const REACTION: Duration = Duration::from_millis(100);
@@ -50,6 +53,12 @@ impl Estimate {
             self.window_bytes = 0;
         }
         self.window_bytes += bytes as u64;
+        let elapsed = now.since(self.window_start);
+        if elapsed >= RISE {
+            #[allow(clippy::cast_precision_loss)]
+            let rate = self.window_bytes as f64 / elapsed.as_secs_f64();
+            self.bytes_per_s = self.bytes_per_s.max(rate);
+        }
     }
 
     pub(super) fn rtt(&self) -> Option<Duration> {
@@ -72,6 +81,16 @@ impl Estimate {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_fast_link_is_known_before_a_window_is_over() {
+        let mut estimate = Estimate::new(Time::ZERO);
+        estimate.measured_rtt(Duration::from_millis(50));
+        for ms in 0..=60 {
+            estimate.received(Time::from_ms(ms), 2000);
+        }
+        assert!((1.9e6..2.2e6).contains(&estimate.bytes_per_s()), "{}", estimate.bytes_per_s());
+    }
 
     #[test]
     fn depth_follows_rate_and_round_trip_within_bounds() {
