@@ -386,6 +386,9 @@ mod tests {
         let first_frame = read(&folder.join("first-frame.toml")).unwrap();
         assert_eq!(first_frame.cases.len(), 9);
         assert_eq!(first_frame.scene, SceneChoice::Demo);
+        let limited = read(&folder.join("limited.toml")).unwrap();
+        assert_eq!(limited.cases[0].limiter_bits_per_s(), Some(1_900_000));
+        assert_eq!(limited.cases.len(), first_frame.cases.len());
         let short = read(&folder.join("short.toml")).unwrap();
         assert_eq!(short.scene, SceneChoice::DemoSmall);
     }
