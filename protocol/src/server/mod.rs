@@ -97,6 +97,8 @@ pub struct ServerSession {
     /// The first refinement, as far as it is not asked for.
     unasked: HashSet<Unit>,
     client_wants: bool,
+    /// The client holds parts of the scene already, so guesses at what it lacks would be wrong.
+    resumes: bool,
     done_told: bool,
     view: View,
     /// The view has changed since the last ordering.
@@ -143,6 +145,7 @@ impl ServerSession {
             refinement_pushed: false,
             unasked: HashSet::new(),
             client_wants: false,
+            resumes: false,
             done_told: true,
             view,
             replan_at: None,
@@ -263,6 +266,7 @@ impl ServerSession {
             let source = &self.source;
             let real = hello.have.iter().filter(|id| source.blob_len(id).is_some());
             self.handed.extend(real.map(|id| Unit::Blob(*id)));
+            self.resumes = !hello.have.is_empty();
         }
         self.phase = Phase::Open;
         self.max_blob_bytes = hello.max_blob_bytes.min(MAX_BLOB_BYTES);
@@ -312,7 +316,7 @@ impl ServerSession {
         }
         if open && self.bases_left.is_empty() && !self.refinement_pushed {
             self.refinement_pushed = true;
-            if !self.client_wants {
+            if !self.client_wants && !self.resumes {
                 self.push_refinement();
             }
         }
