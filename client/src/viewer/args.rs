@@ -28,7 +28,8 @@ pub struct Args {
     /// Where the picture goes (PNG)
     #[arg(long, value_name = "FILE.png")]
     pub output: Option<PathBuf>,
-    /// Where to look from: eye=X,Y,Z;target=X,Y,Z[;up=X,Y,Z][;fov=DEGREES]; the scene's own without
+    /// Where to look from: `eye=X,Y,Z;target=X,Y,Z`, then `;up=X,Y,Z` and `;fov=DEGREES` if wanted; the
+    /// scene's own camera without
     #[arg(long, value_name = "CAMERA", allow_hyphen_values = true)]
     pub camera: Option<CameraArg>,
     /// Screen error to refine to, in pixels
