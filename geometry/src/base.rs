@@ -8,6 +8,8 @@ use crate::symbols::{Reader, put_varint};
 
 /// Version of the base blob, of index pages and of chunk payloads.
 pub const FORMAT_VERSION: u8 = 1;
+/// Most faces of a base mesh: bounds a decoder's memory.
+pub const MAX_BASE_FACES: usize = 1 << 20;
 /// Most chunks of one asset.
 pub const MAX_CHUNKS: u32 = 1 << 24;
 /// Most bytes of a description.
@@ -58,8 +60,10 @@ pub struct Base {
 impl Base {
     /// The blob's bytes. Vertices, wedges and faces must be in the order of
     /// their codec's traversal, as [`crate::prepare::prepare`] and [`Base::decode`] leave them.
-    #[must_use]
-    pub fn encode(&self) -> Vec<u8> {
+    ///
+    /// # Errors
+    /// On more than [`MAX_BASE_FACES`] faces and on faces with a repeated vertex.
+    pub fn encode(&self) -> Result<Vec<u8>, DecodeError> {
         let mut out = vec![FORMAT_VERSION, self.grid.bits, self.uv_grid.bits, self.level_count];
         for x in self.grid.origin.iter().chain([&self.grid.step]) {
             out.extend(x.to_le_bytes());
@@ -84,8 +88,8 @@ impl Base {
             wedges: self.wedges.clone(),
             faces: self.faces.clone(),
         };
-        out.extend(base::encode(&mesh, self.grid.bits, self.uv_grid.bits, self.material_count).bytes);
-        out
+        out.extend(base::encode(&mesh, self.grid.bits, self.uv_grid.bits, self.material_count)?.bytes);
+        Ok(out)
     }
 
     /// Reads a blob.

@@ -1,6 +1,6 @@
 //! Preparation: from a quantised mesh to a base mesh, an index and chunk payloads.
 
-use crate::base::{Base, Totals};
+use crate::base::{Base, MAX_BASE_FACES, Totals};
 use crate::codec::base::{self as base_codec, BaseMesh};
 use crate::codec::chunk::{Encoded, Source, encode};
 use crate::codec::plan::Plan;
@@ -62,7 +62,7 @@ pub fn prepare(
         .unwrap_or(0)
         .checked_add(1)
         .ok_or(MeshError::TooLarge { kind: "materials", count: limit + 1, limit })?;
-    let (mut base, first) = build_base(mesh, &simplified, order.len(), materials);
+    let (mut base, first) = build_base(mesh, &simplified, order.len(), materials)?;
     let encoded = encode_all(mesh, &simplified, &order, &parents, &base, first, pool)?;
 
     let mut errors: Vec<f64> = (0..order.len()).map(|id| chunk(id).error).collect();
@@ -132,7 +132,7 @@ fn build_base(
     simplified: &Simplified,
     chunks: usize,
     materials: u16,
-) -> (Base, BySlot) {
+) -> Result<(Base, BySlot), MeshError> {
     let live = &simplified.live;
     let faces: Vec<u32> = (0..live.alive.len() as u32).filter(|&f| live.alive[f as usize]).collect();
     let mut wedges: Vec<u32> = faces.iter().flat_map(|&f| live.face_wedges[f as usize]).collect();
@@ -159,7 +159,11 @@ fn build_base(
             })
             .collect(),
     };
-    let encoded = base_codec::encode(&base_mesh, mesh.grid.bits, mesh.uv_grid.bits, materials);
+    if faces.len() > MAX_BASE_FACES {
+        return Err(MeshError::TooLarge { kind: "base faces", count: faces.len(), limit: MAX_BASE_FACES });
+    }
+    let encoded = base_codec::encode(&base_mesh, mesh.grid.bits, mesh.uv_grid.bits, materials)
+        .map_err(|e| MeshError::Internal { why: e.to_string() })?;
     let mut min = [i32::MAX; 3];
     let mut max = [i32::MIN; 3];
     for p in &mesh.positions {
@@ -196,7 +200,7 @@ fn build_base(
         wedges: pick(&wedges, &encoded.wedges),
         faces: pick(&faces, &encoded.faces),
     };
-    (base, by_slot)
+    Ok((base, by_slot))
 }
 
 /// Encodes all chunks, level by level: within a level each against the same mesh, at the same time.

@@ -107,7 +107,7 @@ pub(crate) struct Hills {
 impl Hills {
     pub(crate) fn new(assets: u32) -> Self {
         let (_, prepared) = prepared();
-        let mut blobs = BTreeMap::from([(BlobPart::Base, Bytes::from(prepared.base.encode()))]);
+        let mut blobs = BTreeMap::from([(BlobPart::Base, Bytes::from(prepared.base.encode().unwrap()))]);
         for (n, page) in (0..).zip(&prepared.pages) {
             blobs.insert(BlobPart::IndexPage(n), page.clone().into());
         }

@@ -3,13 +3,11 @@
 
 use std::collections::{HashMap, HashSet, VecDeque};
 
+use crate::base::MAX_BASE_FACES;
 use crate::error::DecodeError;
 use crate::mesh::{Face, Wedge};
 use crate::range_coder::{Coder, Decoder, Encoder, Prob};
 use crate::symbols::{Integer, Signed, index};
-
-/// Most faces of a base mesh: bounds a decoder's memory.
-const MAX_FACES: usize = 1 << 22;
 
 /// A small mesh in the order of the traversal.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -28,20 +26,25 @@ pub(crate) struct EncodedBase {
     pub(crate) faces: Vec<u32>,
 }
 
-/// Encodes a mesh, given in any order.
-pub(crate) fn encode(mesh: &BaseMesh, bits: u8, uv_bits: u8, materials: u16) -> EncodedBase {
+/// Encodes a mesh, given in any order. Fails on more than [`MAX_BASE_FACES`] faces and on faces with a
+/// repeated vertex.
+pub(crate) fn encode(
+    mesh: &BaseMesh,
+    bits: u8,
+    uv_bits: u8,
+    materials: u16,
+) -> Result<EncodedBase, DecodeError> {
     let mut encoder = Encoder::default();
     let mut walk = Walk::new(bits, uv_bits, materials);
     let mut guide = Guide::new(mesh);
-    // An encoder's values are in range by construction, so coding cannot fail.
-    let _ = walk.run(&mut encoder, Some(&mut guide));
-    EncodedBase {
+    walk.run(&mut encoder, Some(&mut guide))?;
+    Ok(EncodedBase {
         bytes: encoder.finish(),
         mesh: walk.mesh,
         vertices: guide.vertices,
         wedges: guide.wedges,
         faces: guide.faces,
-    }
+    })
 }
 
 /// Decodes a mesh.
@@ -197,8 +200,8 @@ impl Walk {
         queue: &mut VecDeque<Gate>,
         edges: &mut HashSet<(u32, u32)>,
     ) -> Result<(), DecodeError> {
-        if self.mesh.faces.len() >= MAX_FACES {
-            return Err(DecodeError::new("base mesh", format!("more than {MAX_FACES} faces")));
+        if self.mesh.faces.len() >= MAX_BASE_FACES {
+            return Err(DecodeError::new("base mesh", format!("more than {MAX_BASE_FACES} faces")));
         }
         let mut vertices = [0; 3];
         let mut wedges = [0; 3];

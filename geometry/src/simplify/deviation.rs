@@ -99,12 +99,17 @@ impl Deviation {
                 continue;
             }
             let point = self.samples[sample as usize];
-            // The face that the sample was at has moved: it bounds the search.
+            // The face that the sample was at has moved: it bounds the search, or makes it needless,
+            // since only the largest distance counts.
             let bound = if live.alive[face as usize] {
                 distance_to(point, live.triangle(face as usize)) * (1.0 + 1e-9)
             } else {
                 f64::INFINITY
             };
+            if bound <= error {
+                moved.push((sample, face, bound as f32));
+                continue;
+            }
             if let Some((distance, nearest)) =
                 coarse.nearest(point, bound).or_else(|| coarse.nearest(point, f64::INFINITY))
             {

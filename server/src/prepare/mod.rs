@@ -186,7 +186,7 @@ fn prepare_with_key(
     let time = start.elapsed();
 
     prepared.base.description = description;
-    let base = prepared.base.encode();
+    let base = prepared.base.encode().map_err(|e| mesh_error(MeshError::Internal { why: e.to_string() }))?;
     let mut blobs: Vec<(BlobKind, &[u8])> = vec![(BlobKind::Base, &base)];
     blobs.extend(prepared.pages.iter().zip(0..).map(|(page, i)| (BlobKind::IndexPage(i), &page[..])));
     blobs.extend(prepared.chunks.iter().zip(0..).map(|(chunk, i)| (BlobKind::Chunk(i), &chunk[..])));

@@ -72,6 +72,8 @@ pub struct Assessment {
     pub level_ends: Vec<LevelEnd>,
     /// RMS distance / diagonal at 10 % of the faces, interpolated between level ends in RMS × faces.
     pub rms_at_tenth: Option<f64>,
+    /// The lowest-error closed set within 10 % of the faces, usually between two levels.
+    pub tenth: LevelEnd,
     /// Stated against measured error of random closed sets.
     pub random: RandomSets,
     /// What refining one spot costs.
@@ -116,7 +118,7 @@ pub fn assess(path: &Path, options: &Options) -> anyhow::Result<Assessment> {
     let (prepared, prepare_s) = timed(|| prepare(&mesh, &settings, &Serial, &Silent));
     let prepared = prepared?;
 
-    let base_bytes = prepared.base.encode();
+    let base_bytes = prepared.base.encode()?;
     let mut active = ActiveMesh::new(&Base::decode(&base_bytes)?);
     let mut deltas = Vec::with_capacity(prepared.chunks.len());
     let mut decode_s = 0.0;
@@ -156,6 +158,7 @@ pub fn assess(path: &Path, options: &Options) -> anyhow::Result<Assessment> {
         apply_splits_per_s: splits as f64 / apply_s,
         rms_at_tenth: quality::interpolate(&level_ends, model.mesh.faces.len() as f64 * 0.1),
         level_ends,
+        tenth: quality::within_faces(&model, model.mesh.faces.len() as u64 / 10, options)?,
         random: quality::random_sets(&model, options)?,
         spot: access::spot(&model, options.seed),
         view: access::view_share(&model, options.seed),
@@ -213,6 +216,13 @@ impl std::fmt::Display for Assessment {
         if let Some(rms) = self.rms_at_tenth {
             writeln!(f, "RMS at 10 % of the faces (interpolated in RMS x faces): {:.1}e-5", rms * 1e5)?;
         }
+        writeln!(
+            f,
+            "closed set of lowest error within 10 % of the faces: {} faces, RMS {:.1}e-5, max {:.1}e-5",
+            self.tenth.faces,
+            self.tenth.rms * 1e5,
+            self.tenth.max * 1e5
+        )?;
         writeln!(
             f,
             "stated / measured error of {} random closed sets: least {:.3}, median {:.3}, greatest {:.3}",

@@ -2,7 +2,7 @@
 
 use std::num::NonZeroUsize;
 
-use lodestream_geometry::closed_set;
+use lodestream_geometry::closed_set::{self, Budget};
 use lodestream_geometry::random::Random;
 use serde::Serialize;
 
@@ -49,6 +49,16 @@ pub(super) fn level_ends(model: &Model, options: &Options) -> anyhow::Result<Vec
         ends.push(LevelEnd { level, faces, rms: found.rms, max: found.max, stated });
     }
     Ok(ends)
+}
+
+/// Measures the closed set of lowest error within a number of faces.
+pub(super) fn within_faces(model: &Model, faces: u64, options: &Options) -> anyhow::Result<LevelEnd> {
+    let prepared = &model.prepared;
+    let set = closed_set::lowest_error(&prepared.base, &prepared.infos, 0, Budget::Faces(faces));
+    let (faces, found) = distance(model, &set.chunks, options)?;
+    let level = set.chunks.iter().map(|&id| prepared.infos[id as usize].level).max().unwrap_or(0);
+    let stated = set.error / model.diagonal();
+    Ok(LevelEnd { level, faces, rms: found.rms, max: found.max, stated })
 }
 
 /// RMS at a number of faces: RMS × faces changes slowly, so it is interpolated linearly in faces.
