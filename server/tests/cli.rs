@@ -202,6 +202,15 @@ fn damaged_packs_are_refused() {
         flipped[at] ^= 1 << (i % 8);
         refused_as(&flipped, &["bad.lsp"]);
     }
+    // What the head says of itself: magic, version, fingerprint of what the pack was made from.
+    let with = |at: usize| {
+        let mut changed = good.clone();
+        changed[at] ^= 0x40;
+        changed
+    };
+    refused_as(&with(0), &["bad.lsp", "not a Lodestream pack"]);
+    refused_as(&with(8), &["bad.lsp", "version", "prepare the asset again"]);
+    refused_as(&with(20), &["bad.lsp", "damaged"]);
     std::fs::write(&bad, &good[..good.len() / 2]).unwrap();
     refused(&["check", text(&bad)], &["bad.lsp"]);
     refused(&["export", text(&bad), "-o", text(&dir.path().join("x.obj"))], &["bad.lsp"]);

@@ -8,6 +8,9 @@
 //! | `limiter` | bytes on the wire against the rate |
 //! | `robustness` | clients and servers that die, and come back |
 //! | `hostile` | peers that break every rule |
+//! | `packs` | the same input gives the same packs; caches; exports; checks |
+//! | `bad_input` | what users may get wrong, and what disks may do to packs |
+//! | `models` | models of your own: `LODESTREAM_MODELS=DIR` |
 //!
 //! Scenes are generated and small. Tests on real sockets use loopback and give up after a bound that is
 //! far above what they take; whatever measures time runs in virtual time.
@@ -16,11 +19,17 @@
 #![cfg_attr(test, allow(clippy::unwrap_used))]
 
 #[cfg(test)]
+mod bad_input;
+#[cfg(test)]
 mod first_flight;
 #[cfg(test)]
 mod hostile;
 #[cfg(test)]
 mod limiter;
+#[cfg(test)]
+mod models;
+#[cfg(test)]
+mod packs;
 #[cfg(test)]
 mod robustness;
 #[cfg(test)]

@@ -104,13 +104,18 @@ impl Server {
         }
     }
 
-    /// What a viewer is given, as the daemon prints it.
-    pub(crate) fn address(&self, transport: Transport) -> Address {
+    /// What the daemon prints for viewers.
+    pub(crate) fn url(&self, transport: Transport) -> String {
         let scheme = match transport {
             Transport::Quic => "quic://",
             Transport::WebSocket => "ws://",
         };
-        self.urls.iter().find(|url| url.starts_with(scheme)).unwrap().parse().unwrap()
+        self.urls.iter().find(|url| url.starts_with(scheme)).unwrap().clone()
+    }
+
+    /// The same as a viewer reads it.
+    pub(crate) fn address(&self, transport: Transport) -> Address {
+        self.url(transport).parse().unwrap()
     }
 
     pub(crate) fn quic_address(&self) -> SocketAddr {

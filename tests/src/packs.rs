@@ -1,0 +1,172 @@
+//! The same input gives the same packs; the cache; exports; checks.
+
+use std::num::NonZeroUsize;
+use std::path::Path;
+
+use lodestream_geometry::check::check;
+use lodestream_geometry::closed_set::{Budget, lowest_error};
+use lodestream_protocol::BlobPart;
+use lodestream_server::export_obj::write_obj;
+use lodestream_server::prepare::{Options, Threads, prepare_cached, prepare_to};
+use lodestream_server::scene::{Asset, of_files};
+use lodestream_server::store::PackFile;
+use lodestream_sim::measure::{Settings, compare, read_obj};
+
+use crate::support::scene::{TestScene, options};
+use crate::support::shapes::{ball, write_scene};
+
+/// Guards packs against anything but their input: no thread count, no run, no folder may show in them.
+/// All kinds of asset: closed and open, one material or textured with seams and hard edges.
+#[test]
+fn packs_depend_on_nothing_but_their_input() {
+    let (here, there) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let scenes = [&here, &there].map(|folder| of_files(&[write_scene(folder.path())]).unwrap());
+    for (first, second) in scenes[0].assets.iter().zip(&scenes[1].assets) {
+        let pack = |asset: &Asset, folder: &tempfile::TempDir, threads: usize| {
+            let path = folder.path().join(format!("{threads}.lsp"));
+            let with = Options {
+                threads: NonZeroUsize::new(threads),
+                precision: asset.precision,
+                relief_depth: asset.relief_depth,
+                ..options()
+            };
+            prepare_to(&asset.file, &asset.name, &with, &path).unwrap();
+            std::fs::read(path).unwrap()
+        };
+        let one = pack(first, &here, 1);
+        assert!(one == pack(second, &there, 2), "{}: one thread and two", first.name);
+        assert!(one == pack(first, &here, 1), "{}: once and again", first.name);
+    }
+}
+
+fn flip(path: &Path, at: usize) {
+    let mut bytes = std::fs::read(path).unwrap();
+    bytes[at] ^= 0x10;
+    std::fs::write(path, bytes).unwrap();
+}
+
+/// Guards the second start of a server: nothing is prepared again, unless a file that the pack was made
+/// from has changed, or the pack is damaged; then it is, and nothing is left lying about.
+#[test]
+fn the_cache_serves_until_its_input_changes() {
+    let folder = tempfile::tempdir().unwrap();
+    let cache = folder.path().join("cache");
+    let scene = of_files(&[write_scene(folder.path())]).unwrap();
+    let wall = scene.assets.iter().find(|a| a.name == "wall").unwrap();
+    let prepared = || prepare_cached(wall, &cache, &options()).unwrap();
+    let packs = || {
+        let mut files: Vec<_> = std::fs::read_dir(&cache).unwrap().map(|f| f.unwrap().path()).collect();
+        files.sort();
+        files
+    };
+    assert!(prepared().report.is_some());
+    let [path] = &packs()[..] else { panic!("{:?}", packs()) };
+    let good = std::fs::read(path).unwrap();
+    assert!(prepared().report.is_none(), "prepared twice");
+
+    // A texture, a material and the model itself each count.
+    for (file, from, to) in
+        [("wall.mtl", "Kd 1 1 1", "Kd 1 0 1"), ("wall.obj", "v 1.2 0.9 0.2", "v 1.3 0.9 0.2")]
+    {
+        let path = folder.path().join(file);
+        let text = std::fs::read_to_string(&path).unwrap();
+        assert!(text.contains(from), "{text}");
+        std::fs::write(&path, text.replace(from, to)).unwrap();
+        assert!(prepared().report.is_some(), "{file} has changed");
+        std::fs::write(&path, text).unwrap();
+        assert!(prepared().report.is_none(), "{file} is as it was");
+    }
+    let texture = folder.path().join("brick.png");
+    let picture = std::fs::read(&texture).unwrap();
+    image::RgbImage::from_pixel(8, 8, image::Rgb([9, 9, 9])).save(&texture).unwrap();
+    assert!(prepared().report.is_some(), "a texture has changed");
+    std::fs::write(&texture, picture).unwrap();
+
+    // Damage to the head, the table and the base mesh is noticed at once.
+    for at in [0, 9, 30, 50, 70, 100] {
+        flip(path, at);
+        assert!(prepared().report.is_some(), "byte {at} is damaged");
+        assert!(std::fs::read(path).unwrap() == good, "the pack was not mended");
+    }
+    std::fs::write(path, &good[..good.len() / 2]).unwrap();
+    assert!(prepared().report.is_some(), "half a pack");
+    assert!(std::fs::read(path).unwrap() == good);
+    assert!(packs().iter().all(|p| p.extension().is_some_and(|e| e == "lsp")), "{:?}", packs());
+}
+
+/// Guards exports: the file holds as many faces as was said, and lies no further from the model than was
+/// said.
+#[test]
+fn exports_are_as_good_as_they_say() {
+    let folder = tempfile::tempdir().unwrap();
+    let (model, out) = (folder.path().join("ball.obj"), folder.path().join("out.obj"));
+    std::fs::write(&model, ball(40, 60)).unwrap();
+    let pack = folder.path().join("ball.lsp");
+    prepare_to(&model, "ball", &options(), &pack).unwrap();
+    let asset = PackFile::open(&pack).unwrap().load().unwrap();
+    let original = read_obj(&model).unwrap();
+    let settings = Settings { samples: NonZeroUsize::new(20_000).unwrap(), ..Settings::default() };
+    // Half a cell's diagonal: what quantisation alone may cost.
+    let rounding = 0.5 * 3.0_f64.sqrt() * asset.base.grid.step;
+    let mut sizes = Vec::new();
+    let half = asset.infos.iter().map(|i| u64::from(i.payload_bytes)).sum::<u64>() / 2;
+    for budget in [
+        Budget::Faces(600),
+        Budget::Error(0.02 * original.diagonal()),
+        Budget::Bytes(asset.head_bytes() + half),
+        Budget::Error(0.01 * original.diagonal()),
+        Budget::Everything,
+    ] {
+        let set = lowest_error(&asset.base, &asset.infos, asset.head_bytes(), budget);
+        let mesh = asset.refined(&set.chunks).unwrap().to_mesh();
+        write_obj(&mut std::fs::File::create(&out).unwrap(), &mesh, &asset.material_names()).unwrap();
+        let exported = read_obj(&out).unwrap();
+        assert_eq!(exported.triangles.len() as u64, set.faces, "{budget:?}");
+        let found = compare(&original, &exported, &settings).unwrap();
+        let bound = set.error + rounding;
+        let (max, diagonal) = (found.max * found.diagonal, found.diagonal);
+        println!("{budget:?}: {} faces, {:.4} of {bound:.4}, diagonal {diagonal:.3}", set.faces, max);
+        assert!(max <= bound, "{budget:?}: {max} is beyond {bound}");
+        match budget {
+            Budget::Faces(limit) => assert!(set.faces <= limit),
+            Budget::Error(limit) => assert!(set.error <= limit),
+            Budget::Bytes(limit) => assert!(set.bytes <= limit),
+            Budget::Everything => assert_eq!(set.error, 0.0),
+        }
+        sizes.push(set.faces);
+    }
+    assert!(sizes.is_sorted() && sizes[0] < sizes[4], "larger budgets give finer meshes: {sizes:?}");
+}
+
+/// Guards every kind of asset in the small scene against cracks, order dependence and inexact undo.
+#[test]
+fn every_asset_passes_the_check() {
+    for asset in &TestScene::small().assets {
+        let threads = Threads::new(None);
+        let report = check(&asset.base, &asset.infos, &asset.chunks, 30, 3, &threads).unwrap();
+        let found = (report.sets, report.cracks, report.order_dependent, report.undo_errors);
+        assert_eq!(found, (30, 0, 0, 0), "{}", asset.description.name);
+    }
+}
+
+/// Guards the store: every blob that a pack's description promises is there, as long as promised.
+#[test]
+fn packs_hold_what_they_promise() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = of_files(&[write_scene(folder.path())]).unwrap();
+    let wall = scene.assets.iter().find(|a| a.name == "wall").unwrap();
+    let pack = prepare_cached(wall, &folder.path().join("cache"), &options()).unwrap().pack;
+    let textures = pack.load().unwrap().description.textures;
+    assert_eq!(textures.len(), 2, "colour and height");
+    for (texture, info) in (0..).zip(&textures) {
+        let widths: Vec<u32> = info.levels.iter().map(|level| level.width).collect();
+        assert!(widths.len() > 2 && widths.ends_with(&[32, 64, 128]), "coarse first: {widths:?}");
+        for (level, promised) in (0..).zip(&info.levels) {
+            let part = BlobPart::Texture { texture, level };
+            let bytes = pack.read(part).unwrap();
+            assert_eq!(bytes.len(), promised.bytes as usize);
+            let picture = image::load_from_memory(&bytes).unwrap();
+            assert_eq!((picture.width(), picture.height()), (promised.width, promised.height));
+        }
+    }
+}
