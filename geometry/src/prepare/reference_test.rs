@@ -43,7 +43,7 @@ impl<'a> Case<'a> {
             .collect();
         let parents = parents(&simplified, &order, mesh.faces.len());
         let materials = mesh.faces.iter().map(|f| f.material).max().unwrap_or(0) + 1;
-        let (base, first) = build_base(mesh, &simplified, order.len(), materials);
+        let (base, first) = build_base(mesh, &simplified, order.len(), materials).unwrap();
         let (mut vertices, mut wedges, mut faces) =
             (vec![first.vertices.clone()], vec![first.wedges.clone()], vec![first.faces.clone()]);
         let encoded = encode_all(mesh, &simplified, &order, &parents, &base, first, &Serial).unwrap();
