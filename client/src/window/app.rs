@@ -299,7 +299,9 @@ impl ApplicationHandler<()> for App {
     /// The streaming thread has something.
     fn user_event(&mut self, events: &ActiveEventLoop, (): ()) {
         let Some(running) = &mut self.running else { return };
-        if running.receive() {
+        // An idle window draws no frames, in which its time would be looked at.
+        let elapsed: Duration = running.streaming.clock().now().into();
+        if running.receive() || self.args.timeout.is_some_and(|limit| elapsed >= limit.0) {
             running.painter.window.request_redraw();
         }
         let ended = match &running.status.end {
