@@ -6,12 +6,10 @@
 use std::net::SocketAddr;
 use std::num::NonZeroU64;
 use std::sync::Arc;
-use std::time::SystemTime;
 
 use lodestream_protocol::frame::{FrameReader, ServerFrame};
 use lodestream_protocol::message::ServerMessage;
 use lodestream_protocol::stream::{BlobStreamReader, CONTROL_STREAM};
-use lodestream_server::daemon::certificate::Certificate;
 use lodestream_server::daemon::memory_scene::MemoryScene;
 use lodestream_server::daemon::quic::{serve_quic, server_config};
 use lodestream_server::daemon::{ServerState, SessionSettings};
@@ -78,7 +76,7 @@ fn listen(rate: u64, rtt_ms: u64, base_bytes: u32, until_ms: u64) -> (Vec<(What,
         };
         network.connect(server_address, client_address, settings, 1);
         network.connect(client_address, server_address, settings, 2);
-        let certificate = Certificate::self_signed(SystemTime::now()).unwrap();
+        let certificate = crate::scenario::run::certificate().unwrap();
         let config = server_config(&certificate).unwrap();
         let server = network.endpoint(server_address, Some(config), [3; 32]).unwrap();
         let settings = SessionSettings { rate_bits_per_s: Some(rate), ..SessionSettings::default() };

@@ -85,6 +85,7 @@ impl Deviation {
         live: &Live,
         faces: &[u32],
         touched: &dyn Fn(u32) -> bool,
+        inside: &dyn Fn(u32) -> bool,
         samples: &[u32],
     ) -> Measured {
         let triangles: Vec<[u32; 3]> = faces.iter().map(|&f| live.face_vertices[f as usize]).collect();
@@ -99,15 +100,12 @@ impl Deviation {
                 continue;
             }
             let point = self.samples[sample as usize];
-            // The face that the sample was at has moved: it bounds the search, or makes it needless,
+            // What became of the face that the sample was at bounds the search, or makes it needless,
             // since only the largest distance counts.
-            let bound = if live.alive[face as usize] {
-                distance_to(point, live.triangle(face as usize)) * (1.0 + 1e-9)
-            } else {
-                f64::INFINITY
-            };
+            let (bound, near) = heir(live, face, point, inside);
+            let bound = bound * (1.0 + 1e-9);
             if bound <= error {
-                moved.push((sample, face, bound as f32));
+                moved.push((sample, near, bound as f32));
                 continue;
             }
             if let Some((distance, nearest)) =
@@ -121,9 +119,11 @@ impl Deviation {
         // known, a dense lattice.
         for &face in faces.iter().filter(|&&f| touched(f)) {
             let triangle = live.triangle(face as usize);
-            let near = over_face(triangle, 3, &mut |p| self.input.any_within(p, SUSPICIOUS * error))
-                && over_face(triangle, 2, &mut |p| self.input.any_within(p, SUSPICIOUS * error));
-            if near {
+            let [a, b, c] = triangle;
+            let middle = scale(add(add(a, b), c), 1.0 / 3.0);
+            if self.input.any_within(middle, SUSPICIOUS * error)
+                && over_face(triangle, 2, &mut |p| self.input.any_within(p, SUSPICIOUS * error))
+            {
                 continue;
             }
             over_face(triangle, self.subdivision(triangle), &mut |point| {
@@ -170,7 +170,7 @@ impl Deviation {
     /// Attaches samples whose region has lost all its faces to the nearest face anywhere.
     pub(crate) fn attach_anywhere(&mut self, live: &Live, samples: &[u32]) -> f64 {
         let faces: Vec<u32> = (0..live.alive.len() as u32).filter(|&f| live.alive[f as usize]).collect();
-        let measured = self.measure(live, &faces, &|_| true, samples);
+        let measured = self.measure(live, &faces, &|_| true, &|_| true, samples);
         self.attach(&measured.moved);
         measured.moved.iter().map(|m| f64::from(m.2)).fold(0.0, f64::max) * MARGIN
     }
@@ -212,6 +212,30 @@ fn over_face([a, b, c]: [Vec3; 3], n: usize, visit: &mut dyn FnMut(Vec3) -> bool
         }
     }
     true
+}
+
+/// The nearest face at hand to a point that was at `face`: the face itself, or one around the vertices
+/// that its corners were collapsed to; infinitely far where there is none inside the region.
+fn heir(live: &Live, face: u32, point: Vec3, inside: &dyn Fn(u32) -> bool) -> (f64, u32) {
+    if live.alive[face as usize] {
+        return (distance_to(point, live.triangle(face as usize)), face);
+    }
+    let mut best = (f64::INFINITY, face);
+    for mut vertex in live.face_vertices[face as usize] {
+        while live.moved_to[vertex as usize] != vertex {
+            vertex = live.moved_to[vertex as usize];
+        }
+        for other in live.stars.corners(vertex).map(|c| c / 3).filter(|&f| inside(f)) {
+            let distance = distance_to(point, live.triangle(other as usize));
+            if distance < best.0 {
+                best = (distance, other);
+            }
+        }
+        if best.0.is_finite() {
+            break;
+        }
+    }
+    best
 }
 
 /// Distance of a point from a triangle.

@@ -27,6 +27,8 @@ pub(crate) struct Live {
     pub(crate) face_vertices: Vec<[u32; 3]>,
     pub(crate) material: Vec<u16>,
     pub(crate) alive: Vec<bool>,
+    /// Where a removed vertex was collapsed to; itself while it is there.
+    pub(crate) moved_to: Vec<u32>,
     pub(crate) stars: Stars,
     pub(crate) face_count: usize,
 }
@@ -50,6 +52,7 @@ impl Live {
             *next = (*next).max(wedge.group + 1);
         }
         let mut live = Self {
+            moved_to: (0..positions.len() as u32).collect(),
             quadrics: vec![Quadric::default(); positions.len()],
             positions,
             wedges: mesh.wedges.clone(),

@@ -316,8 +316,10 @@ fn measure(
             for p in corners() {
                 radius = radius.max(length(sub(p, center)));
             }
-            let measured = (!left.is_empty())
-                .then(|| deviation.measure(live, &left, &|f| touched[f as usize], &samples[r]));
+            let measured = (!left.is_empty()).then(|| {
+                let inside = |f: u32| level.region_of_face[f as usize] == r as u32;
+                deviation.measure(live, &left, &|f| touched[f as usize], &inside, &samples[r])
+            });
             Some((measured, center, radius))
         })
     };

@@ -119,6 +119,7 @@ impl Records {
             if t != NO_VERTEX {
                 let quadric = live.quadrics[u as usize];
                 live.quadrics[t as usize].add(&quadric);
+                live.moved_to[u as usize] = t;
             }
         }
     }
