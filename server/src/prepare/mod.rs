@@ -137,8 +137,9 @@ pub fn prepare_cached(asset: &Asset, folder: &Path, options: &Options) -> Result
     };
     let key = cache::key(&asset.file, &settings_text(&asset.name, &options), pack_version())?;
     let path = key.path(folder, &asset.name);
+    // The model itself was just read whole for its key; its pack is the smaller part.
     if let Ok(pack) = PackFile::open(&path)
-        && pack.base().is_ok()
+        && pack.verify().and_then(|()| pack.base().map(drop)).is_ok()
     {
         return Ok(Cached { pack, report: None });
     }

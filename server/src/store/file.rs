@@ -110,6 +110,14 @@ impl PackFile {
         StoreError::Format { path: self.path.clone(), source }
     }
 
+    /// Reads every blob, which checks its hash. Costs about as much as reading the file.
+    ///
+    /// # Errors
+    /// The first blob that is unreadable or damaged.
+    pub fn verify(&self) -> Result<(), StoreError> {
+        self.entries.iter().try_for_each(|entry| self.read_entry(entry).map(drop))
+    }
+
     /// The base mesh, decoded.
     ///
     /// # Errors

@@ -1,0 +1,115 @@
+//! The server as a process: what it prints, what it answers, how it ends.
+#![cfg(unix)]
+// Helpers of tests are tests, whatever the lint thinks of functions without #[test].
+#![allow(clippy::unwrap_used)]
+
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::net::TcpStream;
+use std::path::Path;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+/// Bound on everything that happens here; far above what it takes.
+const LIMIT: Duration = Duration::from_secs(60);
+
+/// A server that is killed when the test is over, however that ends.
+struct Server {
+    child: Child,
+    /// `HOST:PORT` of the HTTP port.
+    http: String,
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+impl Server {
+    fn start(folder: &Path) -> Self {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_lodestream-server"))
+            .args(["serve", "model.obj", "--listen", "127.0.0.1:0", "--http", "127.0.0.1:0"])
+            .args(["--cache", "cache"])
+            .current_dir(folder)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+        let mut url = |scheme: &str| {
+            let line = lines.next().expect("the server has ended").unwrap();
+            line.strip_prefix(scheme).unwrap_or_else(|| panic!("{line}")).to_owned()
+        };
+        let quic = url("quic://127.0.0.1:");
+        let (_, fingerprint) = quic.split_once("#sha256=").unwrap();
+        assert!(fingerprint.len() == 64 && fingerprint.bytes().all(|b| b.is_ascii_hexdigit()), "{quic}");
+        let http = url("ws://").trim_end_matches('/').to_owned();
+        Self { child, http }
+    }
+
+    fn get(&self, path: &str) -> String {
+        let mut stream = TcpStream::connect(&self.http).unwrap();
+        stream.set_read_timeout(Some(LIMIT)).unwrap();
+        write!(stream, "GET {path} HTTP/1.1\r\nHost: s\r\nConnection: close\r\n\r\n").unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        answer
+    }
+
+    fn signal(&self, name: &str) {
+        let id = self.child.id().to_string();
+        assert!(Command::new("kill").args([name, &id]).status().unwrap().success());
+    }
+
+    /// Waits for the end; gives the exit status and standard error.
+    fn ended(mut self) -> (ExitStatus, String) {
+        let until = Instant::now() + LIMIT;
+        let status = loop {
+            if let Some(status) = self.child.try_wait().unwrap() {
+                break status;
+            }
+            assert!(Instant::now() < until, "the server does not end");
+            std::thread::sleep(Duration::from_millis(10));
+        };
+        let mut errors = String::new();
+        self.child.stderr.take().unwrap().read_to_string(&mut errors).unwrap();
+        (status, errors)
+    }
+}
+
+#[test]
+fn a_server_starts_from_its_cache_and_ends_when_asked() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(
+        folder.path().join("model.obj"),
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n",
+    )
+    .unwrap();
+    for (signal, prepares) in [("-TERM", true), ("-INT", false)] {
+        let server = Server::start(folder.path());
+        assert!(server.get("/health").starts_with("HTTP/1.1 200"));
+        assert!(server.get("/metrics").contains("lodestream_sessions{transport=\"quic\"} 0"));
+        server.signal(signal);
+        let (status, errors) = server.ended();
+        assert!(status.success(), "{signal}: {status}: {errors}");
+        assert_eq!(errors.contains("prepared in"), prepares, "{signal}: {errors}");
+    }
+}
+
+#[test]
+fn an_address_that_is_taken_is_told_in_one_line() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap().to_string();
+    let output = Command::new(env!("CARGO_BIN_EXE_lodestream-server"))
+        .args(["serve", "model.obj", "--listen", "127.0.0.1:0", "--http", &address, "--cache", "cache"])
+        .current_dir(folder.path())
+        .output()
+        .unwrap();
+    let errors = String::from_utf8_lossy(&output.stderr);
+    let errors: Vec<&str> = errors.lines().filter(|line| line.starts_with("error: ")).collect();
+    assert_eq!(output.status.code(), Some(2), "{errors:?}");
+    assert!(errors.len() == 1 && errors[0].contains(&address), "{errors:?}");
+}
