@@ -15,7 +15,9 @@ impl ClientCore {
     /// A blob of a known asset has arrived. Chunks and texture levels are kept until a selection wants
     /// them, what everything else depends on is used as soon as there is time.
     pub(super) fn arrive(&mut self, now: Time, id: BlobId, bytes: Bytes) {
-        if self.state(id) == State::Applied {
+        // What is withheld may come unasked, before or after the index page that tells of it.
+        let withheld = |(asset, chunk)| id == BlobId::chunk(asset, chunk);
+        if self.state(id) == State::Applied || self.config.withhold.is_some_and(withheld) {
             return;
         }
         self.set_state(id, State::Cached);
