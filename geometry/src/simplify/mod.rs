@@ -71,7 +71,7 @@ impl Default for Settings {
         Self {
             region_faces: 1000,
             level_share: 2.0 / 3.0,
-            base_error: 0.045,
+            base_error: 0.042,
             min_splits: 32,
             unlock_outlines: false,
         }
@@ -87,9 +87,9 @@ const OUTLINE: u32 = u32::MAX;
 const MOST_OF_A_REGION: f64 = 0.85;
 /// Input samples by which a region is judged while a level that keeps within the base's error is
 /// searched for.
-const SEARCH_SAMPLES: usize = 4000;
+const SEARCH_SAMPLES: usize = 20_000;
 /// The least of them for one region.
-const LEAST_SEARCH_SAMPLES: usize = 200;
+const LEAST_SEARCH_SAMPLES: usize = 1500;
 /// A level that removes less than this share of the vertices ends the hierarchy.
 const LEAST_PROGRESS: f64 = 0.01;
 
