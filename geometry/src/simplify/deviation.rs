@@ -214,6 +214,9 @@ fn over_face([a, b, c]: [Vec3; 3], n: usize, visit: &mut dyn FnMut(Vec3) -> bool
     true
 }
 
+/// Longest chain of collapses that is followed to find what became of a vertex.
+const MOST_HOPS: usize = 10_000;
+
 /// The nearest face at hand to a point that was at `face`: the face itself, or one around the vertices
 /// that its corners were collapsed to; infinitely far where there is none inside the region.
 fn heir(live: &Live, face: u32, point: Vec3, inside: &dyn Fn(u32) -> bool) -> (f64, u32) {
@@ -222,8 +225,13 @@ fn heir(live: &Live, face: u32, point: Vec3, inside: &dyn Fn(u32) -> bool) -> (f
     }
     let mut best = (f64::INFINITY, face);
     for mut vertex in live.face_vertices[face as usize] {
-        while live.moved_to[vertex as usize] != vertex {
-            vertex = live.moved_to[vertex as usize];
+        // Bounded: outlines unlocked on purpose can make two vertices each other's heirs.
+        for _ in 0..MOST_HOPS {
+            let next = live.moved_to[vertex as usize];
+            if next == vertex {
+                break;
+            }
+            vertex = next;
         }
         for other in live.stars.corners(vertex).map(|c| c / 3).filter(|&f| inside(f)) {
             let distance = distance_to(point, live.triangle(other as usize));
