@@ -78,7 +78,8 @@ pub(super) fn random_sets(model: &Model, options: &Options) -> anyhow::Result<Ra
         let chunks = closed_set::random(&model.prepared.infos, &mut random);
         let stated = stated(model, &chunks);
         let (_, found) = distance(model, &chunks, options)?;
-        if found.max > 0.0 {
+        // Below this, rounding is measured, not distance.
+        if found.max > 1e-9 {
             ratios.push(stated / found.max);
         }
     }
