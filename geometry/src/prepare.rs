@@ -29,8 +29,8 @@ pub struct Prepared {
 
 /// Prepares a mesh for streaming.
 ///
-/// The result depends on the mesh and the settings alone, not on the pool. Cost: about 10 µs a face
-/// on one core; memory about 400 bytes a face.
+/// The result depends on the mesh and the settings alone, not on the pool. Cost: 8 to 13 µs
+/// a face on one core (BENCHMARKS.md).
 ///
 /// # Errors
 /// [`MeshError::NoFaces`] for an empty mesh, [`MeshError::Cancelled`] if the monitor says so.

@@ -2,9 +2,9 @@
 //!
 //! Connectivity comes first, so the whole one-ring is known. The prediction is the ring's mean plus a
 //! quarter of the neighbours' Laplacian; the two axes nearest the tangent plane are coded first, then
-//! the third, predicted on the ring's plane through them plus 0.7 of the Laplacian's normal part
-//! (measured on scans: 14.6 bits a vertex at 12-bit grids; least squares over more predictors gained
-//! nothing). Only + − × ÷ √ on f64 in a fixed order, so every machine predicts the same integers.
+//! the third, predicted on the ring's plane through them plus 0.7 of the Laplacian's normal part. The
+//! two shares come from a prototype on scans and have not been tuned here. Only + − × ÷ √ on f64 in a
+//! fixed order, so every machine predicts the same integers.
 
 use crate::codec::local::Local;
 use crate::codec::model::Residual;

@@ -10,8 +10,8 @@ pub struct ServerConfig {
     /// How fast to send.
     pub limiter: LimiterConfig,
     /// Blob bytes and scene pages pushed before the client's `Hello` is heard, in bytes. On QUIC before
-    /// address validation about 3 KB fit (three times the client's first packet, less the handshake);
-    /// more would only queue for a view that may be another. On WebSocket: no bound of its own.
+    /// address validation about 2.3 KB of base meshes fit (three times the client's first packet, less
+    /// the handshake); more would only queue for a view that may be another. On WebSocket: no bound of its own.
     pub push_before_hello_bytes: u64,
     /// Bytes pushed unasked after the base meshes: index pages and first chunks of what is visible, so
     /// that refinement does not wait for a round trip. More covers longer round trips; what the client

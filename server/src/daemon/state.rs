@@ -17,7 +17,7 @@ use super::metrics::{Metrics, Transport};
 pub struct SessionSettings {
     /// Limit of each session in bits per second; `None` for no limit.
     pub rate_bits_per_s: Option<u64>,
-    /// Most sessions at once; more are refused. Each costs about 100 kB.
+    /// Most sessions at once; more are refused.
     pub max_sessions: u64,
     /// How long sessions may go on with what they were asked for after shutdown has begun.
     pub drain: Duration,
