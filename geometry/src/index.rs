@@ -15,6 +15,23 @@ pub struct Sphere {
     pub radius: f32,
 }
 
+/// A stopping point inside a chunk: what is there once the first `payload_bytes` of the payload are
+/// decoded and applied. Legal only while no chunk that has this one as a parent is applied.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub struct Stop {
+    /// Bytes of the payload that suffice to decode up to here.
+    pub payload_bytes: u32,
+    /// Geometric error of the region once the chunk is applied up to here, in the asset's units:
+    /// at most the chunk's own.
+    pub error: f32,
+    /// Vertices added up to here.
+    pub vertices: u32,
+    /// Wedges added up to here.
+    pub wedges: u32,
+    /// Faces added up to here.
+    pub faces: u32,
+}
+
 /// One chunk's entry in the index. Chunks are numbered coarse to fine: parents have smaller ids.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct ChunkInfo {
@@ -25,6 +42,11 @@ pub struct ChunkInfo {
     /// Geometric error while the chunk is missing, in the asset's units. Never smaller than that of
     /// any chunk that has this one as a parent.
     pub error: f32,
+    /// How far attributes slide while the chunk is missing, as a length in the asset's units
+    /// (ARCHITECTURE.md, "Errors"): texture over the surface, and shading. Monotone like `error`.
+    pub attribute_error: f32,
+    /// Stopping points before the chunk's end, coarse to fine.
+    pub stops: Vec<Stop>,
     /// Ids of the chunks that must be applied before this one, ascending.
     pub parents: Vec<u32>,
     /// Bytes of the payload.
@@ -131,6 +153,8 @@ pub fn decode_page(bytes: &[u8], first: u32) -> Result<Vec<ChunkInfo>, DecodeErr
             level,
             sphere: Sphere { center, radius },
             error,
+            attribute_error: 0.0,
+            stops: Vec::new(),
             parents,
             payload_bytes,
             vertices,

@@ -1,7 +1,7 @@
 //! Meshes before preparation: as imported ([`SourceMesh`]) and as quantised ([`QuantisedMesh`]).
 //!
 //! Topology lives on vertices; attributes live on *wedges* (Hoppe, "Progressive Meshes", 1996, §2):
-//! a wedge is one tuple of (uv, normal group) at one vertex, and the corners of faces refer to
+//! a wedge is one tuple of ([`Attributes`]) at one vertex, and the corners of faces refer to
 //! wedges. Two faces that meet at a uv seam therefore still share their vertices, so no
 //! simplification can tear the surface open along a seam.
 
@@ -37,15 +37,38 @@ pub struct SourceMesh {
     pub materials: Vec<u16>,
 }
 
-/// One attribute tuple at a vertex.
+/// Bits per axis of an [`Attributes::normal`].
+pub const NORMAL_BITS: u8 = 10;
+/// The colour of a vertex that has none: white, opaque, so that multiplying by it changes nothing.
+pub const NO_COLOR: [u8; 4] = [255; 4];
+
+/// What the corners of a wedge share besides their vertex.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct Wedge {
-    /// The vertex that the wedge belongs to.
-    pub vertex: u32,
+pub struct Attributes {
     /// Texture coordinates on the uv grid.
     pub uv: [i32; 2],
     /// Normal group, numbered within the vertex: the corners of one group share one normal.
     pub group: u32,
+    /// Colour, linear RGBA in units of 1/255, [`NO_COLOR`] where the source has none.
+    pub color: [u8; 4],
+    /// The normal as a point of the octahedral map ([`crate::octahedral`]), [`NORMAL_BITS`] per axis,
+    /// where it differs from what the faces say; `None` where it is derived from them.
+    pub normal: Option<[u16; 2]>,
+}
+
+impl Default for Attributes {
+    fn default() -> Self {
+        Self { uv: [0; 2], group: 0, color: NO_COLOR, normal: None }
+    }
+}
+
+/// One attribute tuple at a vertex.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Wedge {
+    /// The vertex that the wedge belongs to.
+    pub vertex: u32,
+    /// Its attributes.
+    pub attributes: Attributes,
 }
 
 /// A triangle: three wedges, counter-clockwise, and a material.

@@ -82,6 +82,8 @@ pub fn prepare(
                 level: (levels - order[id].0).min(255) as u8,
                 sphere: sphere(mesh, chunk(id)),
                 error: round_up(errors[id] * mesh.grid.step),
+                attribute_error: 0.0,
+                stops: Vec::new(),
                 parents: parents[id].clone(),
                 payload_bytes: e.bytes.len() as u32,
                 vertices: e.vertices.len() as u32,

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use crate::error::MeshError;
-use crate::mesh::{Face, Grid, NONE, QuantisedMesh, SourceMesh, UvGrid, Wedge};
+use crate::mesh::{Attributes, Face, Grid, NONE, QuantisedMesh, SourceMesh, UvGrid, Wedge};
 
 /// Default bits per axis of the position grid: 1/16384 of the longest side, a tenth of a pixel for an
 /// object that fills a 1600-pixel screen.
@@ -87,7 +87,7 @@ pub fn quantise(source: &SourceMesh, settings: &QuantiseSettings) -> Result<Quan
             let group = groups.group(vertex, corner.normal, &source.normals);
             let uv =
                 if corner.uv == NONE { [0; 2] } else { snap_uv(&uv_grid, source.uvs[corner.uv as usize]) };
-            let wedge = Wedge { vertex, uv, group };
+            let wedge = Wedge { vertex, attributes: Attributes { uv, group, ..Attributes::default() } };
             *wedge_of.entry(wedge).or_insert_with(|| {
                 mesh.wedges.push(wedge);
                 (mesh.wedges.len() - 1) as u32

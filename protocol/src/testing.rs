@@ -39,6 +39,7 @@ pub(crate) fn plane(levels: u8) -> Vec<ChunkInfo> {
                     vertices: 300,
                     wedges: 300,
                     faces: 600,
+                    ..ChunkInfo::default()
                 });
             }
         }

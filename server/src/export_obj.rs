@@ -21,7 +21,7 @@ pub fn write_obj(out: &mut dyn Write, mesh: &QuantisedMesh, material_names: &[St
     let has_uv = mesh.uv_grid.bits > 0;
     if has_uv {
         for wedge in &mesh.wedges {
-            let [u, v] = mesh.uv_grid.uv(wedge.uv);
+            let [u, v] = mesh.uv_grid.uv(wedge.attributes.uv);
             writeln!(out, "vt {u} {v}")?;
         }
     }
@@ -57,7 +57,7 @@ pub fn write_obj(out: &mut dyn Write, mesh: &QuantisedMesh, material_names: &[St
 /// One normal per (vertex, group), and each wedge's index into them.
 fn group_normals(mesh: &QuantisedMesh) -> (Vec<DVec3>, Vec<u64>) {
     // Wedges sorted by (vertex, group) stand together: equal neighbours share a normal.
-    let key = |w: u32| (mesh.wedges[w as usize].vertex, mesh.wedges[w as usize].group);
+    let key = |w: u32| (mesh.wedges[w as usize].vertex, mesh.wedges[w as usize].attributes.group);
     let mut order: Vec<u32> = (0..mesh.wedges.len() as u32).collect();
     order.sort_by_key(|&w| (key(w), w));
     let mut normal_of = vec![0u64; mesh.wedges.len()];
@@ -88,14 +88,17 @@ fn group_normals(mesh: &QuantisedMesh) -> (Vec<DVec3>, Vec<u64>) {
 
 #[cfg(test)]
 mod tests {
-    use lodestream_geometry::mesh::{Face, Grid, UvGrid, Wedge};
+    use lodestream_geometry::mesh::{Attributes, Face, Grid, UvGrid, Wedge};
 
     use super::*;
 
     /// Two triangles that meet at a right angle; `smooth` puts the shared edge into one normal group.
     fn fold(smooth: bool) -> QuantisedMesh {
         let other = u32::from(!smooth);
-        let wedge = |vertex, group| Wedge { vertex, uv: [vertex as i32, 0], group };
+        let wedge = |vertex, group| Wedge {
+            vertex,
+            attributes: Attributes { uv: [vertex as i32, 0], group, ..Attributes::default() },
+        };
         QuantisedMesh {
             grid: Grid { origin: [10.0, 0.0, 0.0], step: 0.5, bits: 4 },
             uv_grid: UvGrid { origin: [0.0; 2], step: [0.25; 2], bits: 4 },

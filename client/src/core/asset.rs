@@ -207,7 +207,7 @@ fn uv_per_unit(base: &Base) -> f32 {
         let p = [a, b, c].map(|w| base.positions.get(w.vertex as usize).map(|&q| base.grid.position(q)));
         let [Some(p), Some(q), Some(r)] = p else { continue };
         let (p, q, r) = (glam::DVec3::from(p), glam::DVec3::from(q), glam::DVec3::from(r));
-        let [s, t, u] = [a, b, c].map(|w| glam::DVec2::from(base.uv_grid.uv(w.uv)));
+        let [s, t, u] = [a, b, c].map(|w| glam::DVec2::from(base.uv_grid.uv(w.attributes.uv)));
         surface += (q - p).cross(r - p).length();
         uv += (t - s).perp_dot(u - s).abs();
     }

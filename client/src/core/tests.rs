@@ -50,7 +50,7 @@ fn everything_applied_is_the_input() {
             .map(|f| {
                 let mut corners = f.wedges.map(|w| {
                     let w = m.wedges[w as usize];
-                    (m.positions[w.vertex as usize], w.uv)
+                    (m.positions[w.vertex as usize], w.attributes.uv)
                 });
                 let least = (0..3).min_by_key(|k| corners[*k]).unwrap();
                 corners.rotate_left(least);

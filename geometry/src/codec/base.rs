@@ -5,7 +5,7 @@ use std::collections::{HashMap, HashSet, VecDeque};
 
 use crate::base::MAX_BASE_FACES;
 use crate::error::DecodeError;
-use crate::mesh::{Face, Wedge};
+use crate::mesh::{Attributes, Face, Wedge};
 use crate::range_coder::{Coder, Decoder, Encoder, Prob};
 use crate::symbols::{Integer, Signed, index};
 
@@ -331,18 +331,20 @@ impl Walk {
         };
         let mut uv = [0; 2];
         if self.uv_bits > 0 {
-            let guess = near.map_or([0; 2], |w| self.mesh.wedges[w as usize].uv);
+            let guess = near.map_or([0; 2], |w| self.mesh.wedges[w as usize].attributes.uv);
             for axis in 0..2 {
-                let residual = actual.map_or(0, |w| w.uv[axis] - guess[axis]);
+                let residual = actual.map_or(0, |w| w.attributes.uv[axis] - guess[axis]);
                 uv[axis] = guess[axis].wrapping_add(self.uv[axis].code(coder, residual));
                 if uv[axis] < 0 || uv[axis] >= 1 << self.uv_bits {
                     return Err(DecodeError::new("base mesh", "a texture coordinate is off the grid"));
                 }
             }
         }
-        let group = self.group.code(coder, actual.map_or(0, |w| w.group));
+        let group = self.group.code(coder, actual.map_or(0, |w| w.attributes.group));
         let wedge = self.mesh.wedges.len() as u32;
-        self.mesh.wedges.push(Wedge { vertex, uv, group });
+        self.mesh
+            .wedges
+            .push(Wedge { vertex, attributes: Attributes { uv, group, ..Attributes::default() } });
         self.wedges_of[vertex as usize].push(wedge);
         if let (Some(g), Some(w)) = (guide, builder) {
             g.local_wedge.insert(w, wedge);

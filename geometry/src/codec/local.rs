@@ -9,6 +9,7 @@ use std::hash::{BuildHasherDefault, Hasher};
 
 use crate::codec::fan::{Fan, Spoke};
 use crate::error::DecodeError;
+use crate::mesh::Attributes;
 use crate::refine::{ActiveMesh, ChunkDelta, Id, NewFace, NewVertex, NewWedge, Repoint};
 use crate::stars::Stars;
 use crate::vec3::{length, triangle_normal};
@@ -49,8 +50,7 @@ pub(crate) struct LocalVertex {
 pub(crate) struct LocalWedge {
     pub(crate) id: Id,
     pub(crate) vertex: u32,
-    pub(crate) uv: [i32; 2],
-    pub(crate) group: u32,
+    pub(crate) attributes: Attributes,
     next: u32,
 }
 
@@ -183,7 +183,7 @@ impl<'a> Local<'a> {
             return known;
         }
         let wedge = self.mesh.wedges[slot as usize];
-        let local = self.push_wedge(self.mesh.wedge_id(slot), vertex, wedge.uv, wedge.group);
+        let local = self.push_wedge(self.mesh.wedge_id(slot), vertex, wedge.attributes);
         self.wedge_at.insert(slot, local);
         local
     }
@@ -195,10 +195,10 @@ impl<'a> Local<'a> {
         self.push_vertex(id, position, true, parent)
     }
 
-    pub(crate) fn add_wedge(&mut self, vertex: u32, uv: [i32; 2], group: u32) -> u32 {
+    pub(crate) fn add_wedge(&mut self, vertex: u32, attributes: Attributes) -> u32 {
         let id = Id { origin: self.own, index: self.new_wedges };
         self.new_wedges += 1;
-        self.push_wedge(id, vertex, uv, group)
+        self.push_wedge(id, vertex, attributes)
     }
 
     pub(crate) fn add_face(&mut self, wedges: [u32; 3], material: u16) -> u32 {
@@ -222,9 +222,9 @@ impl<'a> Local<'a> {
         (self.vertices.len() - 1) as u32
     }
 
-    fn push_wedge(&mut self, id: Id, vertex: u32, uv: [i32; 2], group: u32) -> u32 {
+    fn push_wedge(&mut self, id: Id, vertex: u32, attributes: Attributes) -> u32 {
         let local = self.wedges.len() as u32;
-        self.wedges.push(LocalWedge { id, vertex, uv, group, next: NO_WEDGE });
+        self.wedges.push(LocalWedge { id, vertex, attributes, next: NO_WEDGE });
         let owner = &mut self.vertices[vertex as usize];
         match owner.last_wedge {
             NO_WEDGE => owner.first_wedge = local,
@@ -348,11 +348,9 @@ impl<'a> Local<'a> {
             delta.vertices.push(NewVertex { position: v.position, parent: v.parent });
         }
         for w in self.wedges.iter().filter(|w| w.id.origin == own) {
-            delta.wedges.push(NewWedge {
-                vertex: self.vertices[w.vertex as usize].id,
-                uv: w.uv,
-                group: w.group,
-            });
+            delta
+                .wedges
+                .push(NewWedge { vertex: self.vertices[w.vertex as usize].id, attributes: w.attributes });
         }
         for f in &self.faces {
             if f.id.origin == own {

@@ -6,6 +6,7 @@ use crate::codec::model::{MAX_VALENCE, Model};
 use crate::codec::plan::{Names, PlannedSplit};
 use crate::codec::position::code_position;
 use crate::error::DecodeError;
+use crate::mesh::Attributes;
 use crate::range_coder::Coder;
 use crate::symbols::index;
 
@@ -324,12 +325,16 @@ fn moved_uv(local: &Local<'_>, fan: &Fan, moves: &[bool], targets: &[u32], from:
     for i in (0..fan.spokes.len()).filter(|&i| moves[i] && targets[i] == from) {
         let [_, a, b] = local.spoke_wedges(&fan.spokes[i]);
         for w in [a, b] {
-            let uv = local.wedges[w as usize].uv;
+            let uv = local.wedges[w as usize].attributes.uv;
             sum = [sum[0] + i64::from(uv[0]), sum[1] + i64::from(uv[1])];
             count += 1;
         }
     }
-    if count == 0 { local.wedges[from as usize].uv } else { sum.map(|s| (s.div_euclid(count)) as i32) }
+    if count == 0 {
+        local.wedges[from as usize].attributes.uv
+    } else {
+        sum.map(|s| (s.div_euclid(count)) as i32)
+    }
 }
 
 #[allow(clippy::too_many_arguments)]
@@ -350,7 +355,7 @@ fn new_wedge<C: Coder>(
     let mut uv = [0; 2];
     if bits.uv > 0 {
         for axis in 0..2 {
-            let residual = want.map_or(0, |w| w.uv[axis] - guess[axis]);
+            let residual = want.map_or(0, |w| w.attributes.uv[axis] - guess[axis]);
             uv[axis] = guess[axis].wrapping_add(model.uv[axis].code(coder, residual));
             if uv[axis] < 0 || uv[axis] >= 1 << bits.uv {
                 return Err(DecodeError::new("chunk", "a texture coordinate is off the grid"));
@@ -358,8 +363,8 @@ fn new_wedge<C: Coder>(
         }
     }
     let first = local.wedges_of(vertex).is_empty();
-    let group = model.group[usize::from(first)].code(coder, want.map_or(0, |w| w.group));
-    let wedge = local.add_wedge(vertex, uv, group);
+    let group = model.group[usize::from(first)].code(coder, want.map_or(0, |w| w.attributes.group));
+    let wedge = local.add_wedge(vertex, Attributes { uv, group, ..Attributes::default() });
     if let (Some(wish), Some(builder)) = (wish.as_mut(), builder) {
         wish.names.wedge(builder);
     }
@@ -420,7 +425,7 @@ fn code_face<C: Coder>(
         let own = local.wedges_of(vertex);
         if own.is_empty() || coder.bit(&mut model.new_wedge[kind], want.is_none()) {
             let near = guess.or(own.first().copied()).or(at_t);
-            let uv = near.map_or([0; 2], |w| local.wedges[w as usize].uv);
+            let uv = near.map_or([0; 2], |w| local.wedges[w as usize].attributes.uv);
             return new_wedge(coder, model, local, bits, vertex, uv, builder, wish);
         }
         let place = own.iter().position(|&w| Some(w) == want).unwrap_or(0);

@@ -126,9 +126,9 @@ impl<'a> Case<'a> {
         for &(id, position) in &snapshot.vertices {
             assert_eq!(position, self.mesh.positions[name(&self.vertices, id) as usize]);
         }
-        for &(id, vertex, uv, group) in &snapshot.wedges {
+        for &(id, vertex, attributes) in &snapshot.wedges {
             let expected = self.simplified.live.wedges[name(&self.wedges, id) as usize];
-            assert_eq!(Wedge { vertex: name(&self.vertices, vertex), uv, group }, expected);
+            assert_eq!(Wedge { vertex: name(&self.vertices, vertex), attributes }, expected);
         }
         let mut faces = Faces::new();
         for &(id, wedges, material) in &snapshot.faces {

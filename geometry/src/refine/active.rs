@@ -212,7 +212,7 @@ impl ActiveMesh {
         }
         for (slot, wedge) in place.wedges.clone().zip(&delta.wedges) {
             self.wedges[slot as usize] =
-                Wedge { vertex: self.vertex_slot(wedge.vertex), uv: wedge.uv, group: wedge.group };
+                Wedge { vertex: self.vertex_slot(wedge.vertex), attributes: wedge.attributes };
         }
         let mut touched = Touched::default();
         for (slot, face) in place.faces.clone().zip(&delta.faces) {
@@ -354,7 +354,7 @@ impl ActiveMesh {
         grow(&mut self.positions, v, [0; 3]);
         grow(&mut self.morph_from, v, [0; 3]);
         grow(&mut self.vertex_origin, v, 0);
-        grow(&mut self.wedges, w, Wedge { vertex: 0, uv: [0; 2], group: 0 });
+        grow(&mut self.wedges, w, Wedge::default());
         grow(&mut self.wedge_origin, w, 0);
         grow(&mut self.faces, f, [0; 3]);
         grow(&mut self.face_origin, f, 0);

@@ -1,5 +1,7 @@
 //! What a decoded chunk does to a mesh, in canonical ids: independent of what else is applied.
 
+use crate::mesh::Attributes;
+
 /// The id of a vertex, wedge or face: who brought it, and which of theirs it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Id {
@@ -23,10 +25,8 @@ pub struct NewVertex {
 pub struct NewWedge {
     /// Its vertex.
     pub vertex: Id,
-    /// Texture coordinates on the uv grid.
-    pub uv: [i32; 2],
-    /// Normal group within the vertex.
-    pub group: u32,
+    /// Its attributes.
+    pub attributes: Attributes,
 }
 
 /// A face that a chunk adds, as it is once the whole chunk is applied.

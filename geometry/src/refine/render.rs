@@ -77,7 +77,7 @@ impl ActiveMesh {
         let mut normal = [0.0; 3];
         for corner in self.stars.corners(wedge.vertex) {
             let face = self.faces[(corner / 3) as usize];
-            if self.wedges[face[(corner % 3) as usize] as usize].group == wedge.group {
+            if self.wedges[face[(corner % 3) as usize] as usize].attributes.group == wedge.attributes.group {
                 let [a, b, c] = face.map(|w| self.cell(w));
                 normal = add(normal, triangle_normal(a, b, c));
             }
@@ -85,7 +85,7 @@ impl ActiveMesh {
         let size = length(normal);
         let step = self.grid.step;
         let place = |q: [i32; 3]| q.map(|x| (f64::from(x) * step) as f32);
-        let uv = self.uv_grid.uv(wedge.uv);
+        let uv = self.uv_grid.uv(wedge.attributes.uv);
         RenderVertex {
             position: place(self.positions[wedge.vertex as usize]),
             normal: if size > 0.0 { normal.map(|x| (x / size) as f32) } else { [0.0; 3] },

@@ -1,6 +1,6 @@
 //! A mesh's state in canonical ids: equal for equal sets of chunks, however they were applied.
 
-use crate::mesh::{Face, QuantisedMesh, Wedge};
+use crate::mesh::{Attributes, Face, QuantisedMesh, Wedge};
 use crate::refine::active::ActiveMesh;
 use crate::refine::delta::Id;
 
@@ -9,8 +9,8 @@ use crate::refine::delta::Id;
 pub struct Snapshot {
     /// Vertices and their positions.
     pub vertices: Vec<(Id, [i32; 3])>,
-    /// Wedges: id, vertex, uv, normal group.
-    pub wedges: Vec<(Id, Id, [i32; 2], u32)>,
+    /// Wedges: id, vertex, attributes.
+    pub wedges: Vec<(Id, Id, Attributes)>,
     /// Faces: id, wedges, material.
     pub faces: Vec<(Id, [Id; 3], u16)>,
 }
@@ -31,8 +31,7 @@ impl ActiveMesh {
                 snapshot.wedges.push((
                     id(place.wedges.start, slot),
                     self.vertex_id(wedge.vertex),
-                    wedge.uv,
-                    wedge.group,
+                    wedge.attributes,
                 ));
             }
             for slot in place.faces.clone() {

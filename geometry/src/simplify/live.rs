@@ -1,6 +1,6 @@
 //! The mesh while it is being simplified: what is left of it, with adjacency and quadrics.
 
-use crate::mesh::{QuantisedMesh, Wedge};
+use crate::mesh::{Attributes, QuantisedMesh, Wedge};
 use crate::simplify::quadric::Quadric;
 use crate::stars::Stars;
 use crate::vec3::{Vec3, add, cross, dot, length, scale, sub, triangle_normal};
@@ -49,7 +49,7 @@ impl Live {
         let mut next_group = vec![0; positions.len()];
         for wedge in &mesh.wedges {
             let next: &mut u32 = &mut next_group[wedge.vertex as usize];
-            *next = (*next).max(wedge.group + 1);
+            *next = (*next).max(wedge.attributes.group + 1);
         }
         let mut live = Self {
             moved_to: (0..positions.len() as u32).collect(),
@@ -77,11 +77,12 @@ impl Live {
         scale(add(add(a, b), c), 1.0 / 3.0)
     }
 
-    /// A new wedge at `vertex` with the uv of `source` and a normal group of its own.
+    /// A new wedge at `vertex` with the attributes of `source` and a normal group of its own.
     pub(crate) fn keep_wedge(&mut self, vertex: u32, source: u32) -> u32 {
         let group = self.next_group[vertex as usize];
         self.next_group[vertex as usize] += 1;
-        self.wedges.push(Wedge { vertex, uv: self.wedges[source as usize].uv, group });
+        let attributes = Attributes { group, ..self.wedges[source as usize].attributes };
+        self.wedges.push(Wedge { vertex, attributes });
         (self.wedges.len() - 1) as u32
     }
 

@@ -1,7 +1,7 @@
 //! Quantisation: welding, dropping, snapping, normal groups, refusals.
 
 use lodestream_geometry::MeshError;
-use lodestream_geometry::mesh::{Corner, NONE, QuantisedMesh, SourceMesh};
+use lodestream_geometry::mesh::{Attributes, Corner, NONE, QuantisedMesh, SourceMesh};
 use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
 
 use crate::common::{all, bare, quantised, shapes};
@@ -109,7 +109,7 @@ fn texture_coordinates_are_within_half_a_step() {
         for (from, to) in source.faces.iter().zip(&mesh.faces) {
             for (corner, wedge) in from.iter().zip(to.wedges) {
                 let uv = source.uvs[corner.uv as usize];
-                let got = mesh.uv_grid.uv(mesh.wedges[wedge as usize].uv);
+                let got = mesh.uv_grid.uv(mesh.wedges[wedge as usize].attributes.uv);
                 for axis in 0..2 {
                     let off = (f64::from(uv[axis]) - got[axis]).abs();
                     assert!(off <= mesh.uv_grid.step[axis] * 0.5000001, "{uv_bits} bits: {off}");
@@ -123,7 +123,7 @@ fn texture_coordinates_are_within_half_a_step() {
 fn a_mesh_without_texture_coordinates_has_no_uv_grid() {
     let mesh = quantised(&shapes::cube(1.0));
     assert_eq!(mesh.uv_grid.bits, 0);
-    assert!(mesh.wedges.iter().all(|w| w.uv == [0, 0] && w.group == 0));
+    assert!(mesh.wedges.iter().all(|w| w.attributes == Attributes::default()));
 }
 
 #[test]

@@ -70,7 +70,7 @@ pub(crate) fn plain_faces(mesh: &QuantisedMesh) -> Vec<PlainFace> {
         .map(|face| {
             let corners = face.wedges.map(|w| {
                 let wedge = mesh.wedges[w as usize];
-                (mesh.positions[wedge.vertex as usize], wedge.uv, wedge.group)
+                (mesh.positions[wedge.vertex as usize], wedge.attributes.uv, wedge.attributes.group)
             });
             let turns = [0, 1, 2].map(|k| [0, 1, 2].map(|i| corners[(i + k) % 3]));
             (*turns.iter().min().unwrap(), face.material)
