@@ -6,6 +6,7 @@ use std::ops::Range;
 use crate::base::Base;
 use crate::mesh::{Grid, UvGrid, Wedge};
 use crate::refine::delta::{ChunkDelta, Id};
+use crate::refine::places::{Place, Places};
 use crate::refine::render::Touched;
 use crate::refine::slots::Slots;
 use crate::stars::Stars;
@@ -48,27 +49,12 @@ pub enum RefineError {
     Mismatch(u32),
 }
 
-/// Where an applied origin's elements are.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Place {
-    pub(crate) vertices: Range<u32>,
-    pub(crate) wedges: Range<u32>,
-    pub(crate) faces: Range<u32>,
-    /// Per material: slots in its index list.
-    pub(crate) draws: Vec<(u16, Range<u32>)>,
-    /// Applied chunks that name this one as a parent, or refer to what it brought.
-    children: u32,
-    /// Origins among whose children this one was counted.
-    needs: Vec<u32>,
-}
-
 /// A mesh of a base and any closed set of chunks.
 #[derive(Clone, Debug)]
 pub struct ActiveMesh {
     pub(crate) grid: Grid,
     pub(crate) uv_grid: UvGrid,
-    /// By origin; `None` where the chunk is not applied.
-    pub(crate) places: Vec<Option<Place>>,
+    pub(crate) places: Places,
     pub(crate) positions: Vec<[i32; 3]>,
     /// Where a vertex was before its chunk was applied: the position of its oldest ancestor within
     /// the chunk's parents.
@@ -101,7 +87,7 @@ impl ActiveMesh {
         let mut mesh = Self {
             grid: base.grid,
             uv_grid: base.uv_grid,
-            places: vec![None; base.chunk_count as usize + 1],
+            places: Places::new(base.chunk_count),
             positions: Vec::new(),
             morph_from: Vec::new(),
             vertex_origin: Vec::new(),
@@ -147,7 +133,7 @@ impl ActiveMesh {
     /// Whether a chunk is applied.
     #[must_use]
     pub fn is_applied(&self, chunk: u32) -> bool {
-        self.places.get(chunk as usize + 1).is_some_and(Option::is_some)
+        chunk.checked_add(1).is_some_and(|origin| self.places.get(origin).is_some())
     }
 
     /// Faces that are there now.
@@ -180,6 +166,7 @@ impl ActiveMesh {
             + self.draw_slots.capacity() * 4
             + self.indices.iter().map(|i| i.capacity() * 12).sum::<usize>()
             + self.stars.bytes()
+            + self.places.bytes()
     }
 
     /// Applies a decoded chunk whose parents are applied.
@@ -192,13 +179,13 @@ impl ActiveMesh {
         // Not the parents alone: an index that names too few must not make references dangle.
         let needs = delta.needs();
         for &need in &needs {
-            if let Some(Some(place)) = self.places.get_mut(need as usize) {
+            if let Some(place) = self.places.get_mut(need) {
                 place.children += 1;
             }
         }
         let materials: Vec<u16> = delta.faces.iter().map(|f| f.material).collect();
         self.reserve(origin, delta.vertices.len(), delta.wedges.len(), &materials);
-        let place = self.places[origin as usize].clone().unwrap_or_default();
+        let place = self.places.get(origin).cloned().unwrap_or_default();
         for (slot, vertex) in place.vertices.clone().zip(&delta.vertices) {
             self.positions[slot as usize] = vertex.position;
             // A parent inside this chunk has a smaller index, so its ancestor is already known.
@@ -224,7 +211,7 @@ impl ActiveMesh {
             self.move_corner(face, repoint.corner, self.wedge_slot(repoint.to));
             touched.face(face);
         }
-        if let Some(Some(place)) = self.places.get_mut(origin as usize) {
+        if let Some(place) = self.places.get_mut(origin) {
             place.needs = needs;
         }
         self.applied_chunks += 1;
@@ -237,11 +224,9 @@ impl ActiveMesh {
     /// # Errors
     /// See [`RefineError`]; the mesh is then unchanged.
     pub fn undo(&mut self, delta: &ChunkDelta) -> Result<Touched, RefineError> {
-        let origin = delta.chunk as usize + 1;
-        let place = match self.places.get(origin) {
-            Some(Some(place)) => place.clone(),
-            _ => return Err(RefineError::NotApplied(delta.chunk)),
-        };
+        let not_applied = RefineError::NotApplied(delta.chunk);
+        let origin = delta.chunk.checked_add(1).ok_or(not_applied.clone())?;
+        let place = self.places.get(origin).cloned().ok_or(not_applied)?;
         if place.children > 0 {
             return Err(RefineError::HasChildren { chunk: delta.chunk, children: place.children });
         }
@@ -269,7 +254,7 @@ impl ActiveMesh {
             touched.face(face);
         }
         for &need in &place.needs {
-            if let Some(Some(place)) = self.places.get_mut(need as usize) {
+            if let Some(place) = self.places.get_mut(need) {
                 place.children -= 1;
             }
         }
@@ -282,7 +267,7 @@ impl ActiveMesh {
         for (material, range) in place.draws {
             self.index_slots[usize::from(material)].give_back(range);
         }
-        self.places[origin] = None;
+        self.places.remove(origin);
         self.finish_touched(&mut touched);
         Ok(touched)
     }
@@ -386,7 +371,7 @@ impl ActiveMesh {
         }
         self.live_vertices += vertices;
         self.live_faces += materials.len();
-        self.places[origin as usize] = Some(Place { draws, ..place });
+        self.places.insert(origin, Place { draws, ..place });
     }
 
     fn put_face(&mut self, slot: u32, wedges: [u32; 3]) {
@@ -434,7 +419,7 @@ impl ActiveMesh {
     }
 
     pub(crate) fn place(&self, origin: u32) -> Option<&Place> {
-        self.places.get(origin as usize).and_then(Option::as_ref)
+        self.places.get(origin)
     }
 
     /// Slots of ids; 0 for ids that are not there, which [`Self::fits`] has excluded.

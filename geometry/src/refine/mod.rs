@@ -2,6 +2,7 @@
 
 mod active;
 mod delta;
+mod places;
 mod render;
 mod slots;
 mod snapshot;

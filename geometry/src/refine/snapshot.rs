@@ -20,9 +20,8 @@ impl ActiveMesh {
     #[must_use]
     pub fn snapshot(&self) -> Snapshot {
         let mut snapshot = Snapshot::default();
-        for (origin, place) in self.places.iter().enumerate() {
-            let Some(place) = place else { continue };
-            let id = |start: u32, slot: u32| Id { origin: origin as u32, index: slot - start };
+        for (origin, place) in self.places.iter() {
+            let id = |start: u32, slot: u32| Id { origin, index: slot - start };
             for slot in place.vertices.clone() {
                 snapshot.vertices.push((id(place.vertices.start, slot), self.positions[slot as usize]));
             }
@@ -58,7 +57,7 @@ impl ActiveMesh {
         };
         let mut vertex_new = vec![u32::MAX; self.positions.len()];
         let mut wedge_new = vec![u32::MAX; self.wedges.len()];
-        for place in self.places.iter().flatten() {
+        for (_, place) in self.places.iter() {
             for slot in place.faces.clone() {
                 let wedges = self.faces[slot as usize].map(|w| {
                     let wedge = self.wedges[w as usize];

@@ -1,6 +1,6 @@
 //! Bytes and deltas from strangers: errors, never panics, never half a change.
 
-use lodestream_geometry::base::Base;
+use lodestream_geometry::base::{Base, MAX_CHUNKS};
 use lodestream_geometry::index::{ChunkInfo, decode_page};
 use lodestream_geometry::pack::{BlobKind, HEAD_BYTES, Head, write};
 use lodestream_geometry::prepare::Prepared;
@@ -59,9 +59,7 @@ fn damaged_base_blobs_give_errors_or_usable_meshes() {
     for asset in samples() {
         let mut refused = 0;
         damaged(&asset.base.encode().unwrap(), &mut |bytes| match Base::decode(bytes) {
-            Ok(mut base) => {
-                // A stranger's count of chunks is only a number until chunks come.
-                base.chunk_count = base.chunk_count.min(1000);
+            Ok(base) => {
                 let mesh = ActiveMesh::new(&base);
                 assert_eq!(mesh.face_count(), base.faces.len());
                 assert_eq!(mesh.to_mesh().faces.len(), base.faces.len());
@@ -70,6 +68,22 @@ fn damaged_base_blobs_give_errors_or_usable_meshes() {
         });
         assert!(refused > 100, "only {refused} refused");
     }
+}
+
+/// A count of chunks is only a number until chunks come.
+#[test]
+fn a_claim_of_sixteen_million_chunks_holds_two_megabytes() {
+    let mut base = samples().swap_remove(0).base;
+    base.chunk_count = MAX_CHUNKS;
+    let mut mesh = ActiveMesh::new(&base);
+    let start = mesh.snapshot();
+    assert!(mesh.bytes() < 3 << 20, "{} bytes", mesh.bytes());
+    let last = ChunkDelta { chunk: MAX_CHUNKS - 1, ..ChunkDelta::default() };
+    mesh.apply(&last).unwrap();
+    assert!(mesh.is_applied(MAX_CHUNKS - 1) && !mesh.is_applied(u32::MAX));
+    assert!(mesh.bytes() < 3 << 20, "{} bytes", mesh.bytes());
+    mesh.undo(&last).unwrap();
+    assert!(mesh.snapshot() == start);
 }
 
 #[test]

@@ -1,0 +1,105 @@
+//! What is known of each applied origin: memory follows what is applied, not how many chunks the
+//! asset claims to have.
+
+use std::ops::Range;
+
+/// Where an applied origin's elements are.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Place {
+    pub(crate) vertices: Range<u32>,
+    pub(crate) wedges: Range<u32>,
+    pub(crate) faces: Range<u32>,
+    /// Per material: slots in its index list.
+    pub(crate) draws: Vec<(u16, Range<u32>)>,
+    /// Applied chunks that name this one as a parent, or refer to what it brought.
+    pub(crate) children: u32,
+    /// Origins among whose children this one was counted.
+    pub(crate) needs: Vec<u32>,
+}
+
+/// Origins per page: those of one index page, which is asked for as a whole.
+const PAGE: usize = 64;
+
+/// Places by origin, in pages that exist once one of their origins is applied. A stranger's asset may
+/// claim 2^24 chunks in a few bytes: that costs 2 MB here, and whole places would cost 2 GB.
+#[derive(Clone, Debug)]
+pub(crate) struct Places {
+    pages: Vec<Option<Box<[Option<Place>; PAGE]>>>,
+    origins: usize,
+}
+
+impl Places {
+    /// None applied, of the base mesh and so many chunks.
+    pub(crate) fn new(chunks: u32) -> Self {
+        let origins = chunks as usize + 1;
+        Self { pages: vec![None; origins.div_ceil(PAGE)], origins }
+    }
+
+    /// How many origins there may be: the chunks and the base mesh.
+    pub(crate) fn len(&self) -> usize {
+        self.origins
+    }
+
+    pub(crate) fn get(&self, origin: u32) -> Option<&Place> {
+        self.pages.get(origin as usize / PAGE)?.as_ref()?[origin as usize % PAGE].as_ref()
+    }
+
+    pub(crate) fn get_mut(&mut self, origin: u32) -> Option<&mut Place> {
+        self.pages.get_mut(origin as usize / PAGE)?.as_mut()?[origin as usize % PAGE].as_mut()
+    }
+
+    /// `origin` must be below [`Self::len`].
+    pub(crate) fn insert(&mut self, origin: u32, place: Place) {
+        let page = &mut self.pages[origin as usize / PAGE];
+        let page = page.get_or_insert_with(|| Box::new([const { None }; PAGE]));
+        page[origin as usize % PAGE] = Some(place);
+    }
+
+    pub(crate) fn remove(&mut self, origin: u32) {
+        let Some(slot) = self.pages.get_mut(origin as usize / PAGE) else { return };
+        let Some(page) = slot else { return };
+        page[origin as usize % PAGE] = None;
+        if page.iter().all(Option::is_none) {
+            *slot = None;
+        }
+    }
+
+    /// The applied origins, ascending.
+    pub(crate) fn iter(&self) -> impl Iterator<Item = (u32, &Place)> {
+        self.pages.iter().enumerate().filter_map(|(i, page)| Some((i, page.as_ref()?))).flat_map(
+            |(i, page)| {
+                let numbered = page.iter().enumerate();
+                numbered.filter_map(move |(k, place)| Some(((i * PAGE + k) as u32, place.as_ref()?)))
+            },
+        )
+    }
+
+    /// Memory held, in bytes.
+    pub(crate) fn bytes(&self) -> usize {
+        self.pages.capacity() * size_of::<Option<Box<[Option<Place>; PAGE]>>>()
+            + self.pages.iter().flatten().count() * size_of::<[Option<Place>; PAGE]>()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_come_back_in_order_and_pages_go_with_their_last() {
+        let mut places = Places::new(1 << 24);
+        let empty = places.bytes();
+        assert!(empty < 3 << 20, "{empty} bytes");
+        for origin in [1 << 24, 0, 63, 64] {
+            places.insert(origin, Place { children: origin, ..Place::default() });
+        }
+        let there: Vec<(u32, u32)> = places.iter().map(|(origin, place)| (origin, place.children)).collect();
+        assert_eq!(there, [(0, 0), (63, 63), (64, 64), (1 << 24, 1 << 24)]);
+        assert!(places.bytes() > empty);
+        for origin in [63, 1 << 24, 64, 0, 5, u32::MAX] {
+            places.remove(origin);
+            assert!(places.get(origin).is_none() && places.get_mut(origin).is_none());
+        }
+        assert_eq!((places.iter().count(), places.bytes()), (0, empty));
+    }
+}
