@@ -13,6 +13,8 @@ mod partition;
 mod quadric;
 pub(crate) mod records;
 mod region;
+#[cfg(test)]
+mod schedule_test;
 
 use crate::error::MeshError;
 use crate::mesh::QuantisedMesh;
@@ -62,6 +64,11 @@ pub struct Settings {
     pub base_error: f64,
     /// Fewest splits of a chunk; what falls short is left to the next level.
     pub min_splits: usize,
+    /// Parts of a chunk, 1 to 16: between them a client may stop. More follow the view and a limit on
+    /// faces more closely, and cost index bytes.
+    pub parts: usize,
+    /// Fewest splits of a part.
+    pub min_part_splits: usize,
     /// Lets each region of the finest level collapse one vertex of its outline, which tears the mesh.
     /// Only for showing that the checks notice.
     #[doc(hidden)]
@@ -75,6 +82,8 @@ impl Default for Settings {
             level_share: 2.0 / 3.0,
             base_error: 0.042,
             min_splits: 32,
+            parts: 4,
+            min_part_splits: 32,
             unlock_outlines: false,
         }
     }
@@ -83,6 +92,8 @@ impl Default for Settings {
 /// A level's regions hold up to twice the faces asked for, and faces that share nothing have three
 /// vertices each: one chunk then still splits fewer than its decoder accepts.
 const MAX_REGION_FACES: usize = 20_000;
+/// Most parts of a chunk.
+const MAX_PARTS: usize = 16;
 /// Marks a vertex whose star lies in several regions, or that has none.
 const OUTLINE: u32 = u32::MAX;
 /// Share of a region's interior that is tried, so that flat regions can give more than others.
@@ -122,6 +133,7 @@ pub(crate) fn simplify(
         let mut touched = vec![false; live.alive.len()];
         let mut removed = 0;
         for region in &mut records {
+            region.schedule(settings.parts.clamp(1, MAX_PARTS), settings.min_part_splits);
             region.commit(&mut live, &mut |face| touched[face as usize] = true);
             removed += region.collapses.len();
         }

@@ -17,6 +17,8 @@ use crate::vec3::{Vec3, dot, sub};
 /// Gives edges of flat areas an order: cost per fourth power of the edge length (a point quadric
 /// would do the same; this needs no memory).
 const FLAT_ORDER: f64 = 1e-9;
+/// No collapse.
+const NONE: u32 = u32::MAX;
 
 /// A region's mesh, in local indices.
 pub(crate) struct Region {
@@ -32,9 +34,9 @@ pub(crate) struct Region {
     gone: Vec<bool>,
     /// Counts the collapses onto a vertex, so that queued candidates can tell that they are stale.
     version: Vec<u32>,
-    /// Last round that used a face, and that took a face from a vertex.
-    face_round: Vec<u32>,
-    vertex_round: Vec<u32>,
+    /// Last collapse that used a face, and that took a face from a vertex, or [`NONE`].
+    face_last: Vec<u32>,
+    vertex_last: Vec<u32>,
     records: Records,
     highest_cost: f64,
 }
@@ -90,8 +92,8 @@ impl Region {
             wedges: faces.iter().map(|&f| live.face_wedges[f as usize]).collect(),
             gone: vec![false; vertices.len()],
             version: vec![0; vertices.len()],
-            face_round: vec![0; faces.len()],
-            vertex_round: vec![0; vertices.len()],
+            face_last: vec![NONE; faces.len()],
+            vertex_last: vec![NONE; vertices.len()],
             records: Records { first_kept: live.wedges.len() as u32, ..Records::default() },
             highest_cost: 0.0,
             vertices,
@@ -201,7 +203,8 @@ impl Region {
                 }
             }
         }
-        let round = self.next_round(u, t);
+        self.book(u, t);
+        let index = self.records.collapses.len() as u32;
         self.stars.clear(u);
         let mut lonely = Vec::new();
         let first_removed = self.records.removed.len();
@@ -246,39 +249,51 @@ impl Region {
         let ring: Vec<u32> = self.stars.corners(t).flat_map(|c| self.corners[(c / 3) as usize]).collect();
         for removed in &mut self.records.removed[first_removed..] {
             if let Some(x) = removed.third {
-                self.vertex_round[x as usize] = self.vertex_round[x as usize].max(round);
+                self.vertex_last[x as usize] = index;
                 removed.third = (!ring.contains(&x)).then_some(self.vertices[x as usize]);
             }
         }
-        self.record(self.vertices[u as usize], self.vertices[t as usize], round);
+        self.record(self.vertices[u as usize], self.vertices[t as usize]);
         for v in lonely {
             if self.interior[v as usize] && !self.gone[v as usize] && self.stars.is_empty(v) {
                 self.gone[v as usize] = true;
-                self.record(self.vertices[v as usize], NO_VERTEX, 0);
+                self.record(self.vertices[v as usize], NO_VERTEX);
             }
         }
     }
 
-    /// The first round in which the collapse meets none that shares a face with it; books its faces.
-    fn next_round(&mut self, u: u32, t: u32) -> u32 {
-        let mut round = self.vertex_round[u as usize].max(self.vertex_round[t as usize]);
-        for corner in self.stars.corners(u).chain(self.stars.corners(t)) {
-            round = round.max(self.face_round[(corner / 3) as usize]);
+    /// Notes the collapses that used what this one uses, and that this one has used it.
+    fn book(&mut self, u: u32, t: u32) {
+        let index = self.records.collapses.len() as u32;
+        let first = self.records.after.len();
+        for v in [u, t] {
+            let last = std::mem::replace(&mut self.vertex_last[v as usize], index);
+            self.records.after.push(last);
+            for corner in self.stars.corners(v) {
+                let last = std::mem::replace(&mut self.face_last[(corner / 3) as usize], index);
+                if !self.records.after[first..].contains(&last) {
+                    self.records.after.push(last);
+                }
+            }
         }
-        round += 1;
-        for corner in self.stars.corners(u).chain(self.stars.corners(t)) {
-            self.face_round[(corner / 3) as usize] = round;
+        let mut kept = first;
+        for i in first..self.records.after.len() {
+            let last = self.records.after[i];
+            if last != NONE && last != index {
+                self.records.after[kept] = last;
+                kept += 1;
+            }
         }
-        self.vertex_round[t as usize] = round;
-        round
+        self.records.after.truncate(kept);
     }
 
-    fn record(&mut self, removed: u32, target: u32, round: u32) {
+    fn record(&mut self, removed: u32, target: u32) {
         self.records.collapses.push(Collapse {
             removed,
             target,
             cost: self.highest_cost,
-            round,
+            round: 0,
+            after_end: self.records.after.len() as u32,
             moved_end: self.records.moved.len() as u32,
             removed_end: self.records.removed.len() as u32,
             kept_end: self.records.kept.len() as u32,
