@@ -1,5 +1,10 @@
 //! How the pure crate borrows threads and reports progress: both are handed in by the caller.
 
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use crate::error::MeshError;
+
 /// Runs independent tasks, on as many threads as the implementor likes.
 ///
 /// Implementations must call `task(i)` exactly once for each `i < count` before returning. Nothing in
@@ -21,21 +26,23 @@ impl Pool for Serial {
     }
 }
 
-/// Runs `f(i)` for all `i` and returns the results in order.
-pub(crate) fn map<T: Send>(pool: &dyn Pool, count: usize, f: &(dyn Fn(usize) -> T + Sync)) -> Vec<T> {
-    let slots: Vec<std::sync::Mutex<Option<T>>> = (0..count).map(|_| std::sync::Mutex::new(None)).collect();
-    pool.run(count, &|i| {
-        let value = f(i);
-        if let Ok(mut slot) = slots[i].lock() {
-            *slot = Some(value);
-        }
-    });
-    slots.into_iter().filter_map(|s| s.into_inner().ok().flatten()).collect()
+/// What a preparation is at. Stages alternate from level to level.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Stage {
+    /// Regions and their collapses.
+    #[default]
+    Simplify,
+    /// Distances between the input and what is left.
+    Measure,
+    /// Base mesh, chunks and index.
+    Encode,
 }
 
 /// How far a preparation has come.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Progress {
+    /// What comes next.
+    pub stage: Stage,
     /// Faces that no longer need simplification.
     pub faces_done: usize,
     /// Faces in all.
@@ -46,7 +53,8 @@ pub struct Progress {
 
 /// Receives progress; answers whether to go on.
 pub trait Monitor: Sync {
-    /// Called from time to time; `false` cancels the preparation.
+    /// Called before each stage and each region, by any thread of the pool; `false` cancels the
+    /// preparation once the regions that are being worked on are done.
     fn report(&self, progress: Progress) -> bool;
 }
 
@@ -57,5 +65,64 @@ pub struct Silent;
 impl Monitor for Silent {
     fn report(&self, _progress: Progress) -> bool {
         true
+    }
+}
+
+/// Runs `f(i)` for all `i` and returns the results in order.
+pub(crate) fn map<T: Send>(pool: &dyn Pool, count: usize, f: &(dyn Fn(usize) -> T + Sync)) -> Vec<T> {
+    let slots: Vec<Mutex<Option<T>>> = (0..count).map(|_| Mutex::new(None)).collect();
+    pool.run(count, &|i| {
+        let value = f(i);
+        if let Ok(mut slot) = slots[i].lock() {
+            *slot = Some(value);
+        }
+    });
+    slots.into_iter().filter_map(|s| s.into_inner().ok().flatten()).collect()
+}
+
+/// A pool whose tasks are skipped once the monitor has said no.
+#[derive(Clone, Copy)]
+pub(crate) struct Watched<'a> {
+    pool: &'a dyn Pool,
+    monitor: &'a dyn Monitor,
+    /// What the monitor is told before each task.
+    progress: Progress,
+}
+
+impl<'a> Watched<'a> {
+    pub(crate) fn new(pool: &'a dyn Pool, monitor: &'a dyn Monitor, faces_total: usize) -> Self {
+        Self { pool, monitor, progress: Progress { faces_total, ..Progress::default() } }
+    }
+
+    /// Begins a stage.
+    pub(crate) fn begin(&mut self, stage: Stage) -> Result<(), MeshError> {
+        self.progress.stage = stage;
+        if self.monitor.report(self.progress) { Ok(()) } else { Err(MeshError::Cancelled) }
+    }
+
+    /// Notes what is done.
+    pub(crate) fn advance(&mut self, faces_done: usize, collapses: usize) {
+        self.progress.faces_done = faces_done;
+        self.progress.collapses += collapses;
+    }
+
+    /// Runs `f(i)` for all `i`, asking the monitor before each, and returns the results in order.
+    pub(crate) fn map<T: Send>(
+        &self,
+        count: usize,
+        f: &(dyn Fn(usize) -> T + Sync),
+    ) -> Result<Vec<T>, MeshError> {
+        let cancelled = AtomicBool::new(false);
+        let results = map(self.pool, count, &|i| {
+            if cancelled.load(Ordering::Relaxed) || !self.monitor.report(self.progress) {
+                cancelled.store(true, Ordering::Relaxed);
+                return None;
+            }
+            Some(f(i))
+        });
+        if cancelled.into_inner() {
+            return Err(MeshError::Cancelled);
+        }
+        Ok(results.into_iter().flatten().collect())
     }
 }

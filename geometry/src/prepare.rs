@@ -7,7 +7,7 @@ use crate::codec::plan::Plan;
 use crate::error::MeshError;
 use crate::index::{CHUNKS_PER_PAGE, ChunkInfo, Sphere, encode_page, rounded};
 use crate::mesh::{Face, QuantisedMesh, Wedge};
-use crate::pool::{self, Monitor, Pool};
+use crate::pool::{Monitor, Pool, Stage, Watched};
 use crate::refine::ActiveMesh;
 use crate::simplify::{RegionChunk, Settings, Simplified, simplify};
 
@@ -43,7 +43,9 @@ pub fn prepare(
     if mesh.faces.is_empty() {
         return Err(MeshError::NoFaces { dropped: 0 });
     }
-    let simplified = simplify(mesh, settings, pool, monitor)?;
+    let mut pool = Watched::new(pool, monitor, mesh.faces.len());
+    let simplified = simplify(mesh, settings, &mut pool)?;
+    pool.begin(Stage::Encode)?;
     let order: Vec<(usize, usize)> = simplified
         .levels
         .iter()
@@ -63,7 +65,7 @@ pub fn prepare(
         .checked_add(1)
         .ok_or(MeshError::TooLarge { kind: "materials", count: limit + 1, limit })?;
     let (mut base, first) = build_base(mesh, &simplified, order.len(), materials)?;
-    let encoded = encode_all(mesh, &simplified, &order, &parents, &base, first, pool)?;
+    let encoded = encode_all(mesh, &simplified, &order, &parents, &base, first, &pool)?;
 
     let mut errors: Vec<f64> = (0..order.len()).map(|id| chunk(id).error).collect();
     for id in (0..order.len()).rev() {
@@ -213,7 +215,7 @@ fn encode_all(
     parents: &[Vec<u32>],
     base: &Base,
     mut by_slot: BySlot,
-    pool: &dyn Pool,
+    pool: &Watched<'_>,
 ) -> Result<Vec<Encoded>, MeshError> {
     let mut active = ActiveMesh::new(base);
     let mut slot_of_vertex = vec![u32::MAX; mesh.positions.len()];
@@ -223,7 +225,7 @@ fn encode_all(
     let mut done: Vec<Encoded> = Vec::with_capacity(order.len());
     for run in order.chunk_by(|a, b| a.0 == b.0) {
         let first = done.len();
-        let results = pool::map(pool, run.len(), &|i| {
+        let results = pool.map(run.len(), &|i| {
             let chunk: &RegionChunk = &simplified.levels[run[i].0][run[i].1];
             let source = Source {
                 plan: Plan::new(&chunk.records),
@@ -237,7 +239,7 @@ fn encode_all(
                 interior: &|v| chunk.interior.binary_search(&v).is_ok(),
             };
             encode(&active, (first + i) as u32, parents[first + i].clone(), source)
-        });
+        })?;
         for result in results {
             let encoded = result.map_err(|e| MeshError::Internal { why: e.to_string() })?;
             active.apply(&encoded.delta).map_err(|e| MeshError::Internal { why: e.to_string() })?;

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use crate::closed_set;
 use crate::common;
 use crate::mesh::{QuantisedMesh, Wedge};
-use crate::pool::{Serial, Silent};
+use crate::pool::{Serial, Silent, Watched};
 use crate::prepare::{build_base, encode_all, parents};
 use crate::random::Random;
 use crate::refine::{ActiveMesh, ChunkDelta, Id};
@@ -33,7 +33,8 @@ struct Case<'a> {
 
 impl<'a> Case<'a> {
     fn new(mesh: &'a QuantisedMesh, settings: &Settings) -> Self {
-        let simplified = simplify(mesh, settings, &Serial, &Silent).unwrap();
+        let mut pool = Watched::new(&Serial, &Silent, mesh.faces.len());
+        let simplified = simplify(mesh, settings, &mut pool).unwrap();
         let order: Vec<(usize, usize)> = simplified
             .levels
             .iter()
@@ -46,7 +47,7 @@ impl<'a> Case<'a> {
         let (base, first) = build_base(mesh, &simplified, order.len(), materials).unwrap();
         let (mut vertices, mut wedges, mut faces) =
             (vec![first.vertices.clone()], vec![first.wedges.clone()], vec![first.faces.clone()]);
-        let encoded = encode_all(mesh, &simplified, &order, &parents, &base, first, &Serial).unwrap();
+        let encoded = encode_all(mesh, &simplified, &order, &parents, &base, first, &pool).unwrap();
         let (mut infos, mut payloads, mut deltas) = (Vec::new(), Vec::new(), Vec::new());
         for (id, e) in encoded.into_iter().enumerate() {
             infos.push(ChunkInfo {

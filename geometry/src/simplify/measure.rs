@@ -1,6 +1,7 @@
 //! What a region's collapses did to the surface: the geometric error and the extent of its chunk.
 
-use crate::pool::{self, Pool};
+use crate::error::MeshError;
+use crate::pool::Watched;
 use crate::simplify::deviation::{Deviation, extend};
 use crate::simplify::live::Live;
 use crate::simplify::records::Records;
@@ -14,13 +15,13 @@ pub(crate) fn measure(
     level: &Level,
     records: Vec<Records>,
     touched: &[bool],
-    pool: &dyn Pool,
+    pool: &Watched<'_>,
     stray_error: &mut f64,
-) -> Vec<RegionChunk> {
+) -> Result<Vec<RegionChunk>, MeshError> {
     let samples = deviation.by_region(&level.region_of_face, level.faces.len());
     let measured = {
         let deviation = &*deviation;
-        pool::map(pool, records.len(), &|r| {
+        pool.map(records.len(), &|r| {
             if records[r].collapses.is_empty() {
                 return None;
             }
@@ -41,7 +42,7 @@ pub(crate) fn measure(
                 deviation.measure(live, &left, &|f| touched[f as usize], &inside, &samples[r])
             });
             Some((measured, center, radius))
-        })
+        })?
     };
     let mut interior = vec![Vec::new(); level.faces.len()];
     for (v, &r) in level.interior.iter().enumerate() {
@@ -66,5 +67,5 @@ pub(crate) fn measure(
         let (faces, interior) = (level.faces[r].clone(), std::mem::take(&mut interior[r]));
         chunks.push(RegionChunk { records, faces, interior, error, center, radius });
     }
-    chunks
+    Ok(chunks)
 }

@@ -18,7 +18,7 @@ mod schedule_test;
 
 use crate::error::MeshError;
 use crate::mesh::QuantisedMesh;
-use crate::pool::{self, Monitor, Pool, Progress};
+use crate::pool::{Stage, Watched};
 use crate::simplify::deviation::{Deviation, extend};
 use crate::simplify::live::Live;
 use crate::simplify::measure::measure;
@@ -109,8 +109,7 @@ const LEAST_PROGRESS: f64 = 0.01;
 pub(crate) fn simplify(
     mesh: &QuantisedMesh,
     settings: &Settings,
-    pool: &dyn Pool,
-    monitor: &dyn Monitor,
+    pool: &mut Watched<'_>,
 ) -> Result<Simplified, MeshError> {
     let mut live = Live::new(mesh);
     let mut deviation = Deviation::new(&live);
@@ -118,17 +117,19 @@ pub(crate) fn simplify(
     let mut stray_error = 0.0_f64;
     let diagonal = diagonal(mesh);
     let faces_total = live.face_count;
-    let mut collapses = 0;
     let region_faces = settings.region_faces.clamp(50, MAX_REGION_FACES);
     loop {
+        pool.begin(Stage::Simplify)?;
         let last = live.face_count <= region_faces + region_faces / 2;
         let level = Level::new(&live, levels.len(), if last { 1 } else { live.face_count / region_faces });
         let tear = settings.unlock_outlines && levels.is_empty();
-        let mut records = level.simplify(&live, last, tear, settings, pool);
+        let mut records = level.simplify(&live, last, tear, settings, pool)?;
         if !last {
             truncate_globally(&mut records, &level, settings);
         }
-        limit_error(&live, &deviation, &level, &mut records, settings.base_error * diagonal, pool);
+        pool.begin(Stage::Measure)?;
+        limit_error(&live, &deviation, &level, &mut records, settings.base_error * diagonal, pool)?;
+        pool.begin(Stage::Simplify)?;
         let vertices = level.vertices;
         let mut touched = vec![false; live.alive.len()];
         let mut removed = 0;
@@ -137,15 +138,12 @@ pub(crate) fn simplify(
             region.commit(&mut live, &mut |face| touched[face as usize] = true);
             removed += region.collapses.len();
         }
-        collapses += removed;
-        let chunks = measure(&live, &mut deviation, &level, records, &touched, pool, &mut stray_error);
+        pool.begin(Stage::Measure)?;
+        let chunks = measure(&live, &mut deviation, &level, records, &touched, pool, &mut stray_error)?;
         if !chunks.is_empty() {
             levels.push(chunks);
         }
-        let done = faces_total - live.face_count;
-        if !monitor.report(Progress { faces_done: done, faces_total, collapses }) {
-            return Err(MeshError::Cancelled);
-        }
+        pool.advance(faces_total - live.face_count, removed);
         if last || (removed as f64) < LEAST_PROGRESS * vertices as f64 {
             return Ok(Simplified { levels, live, stray_error });
         }
@@ -212,10 +210,10 @@ impl Level {
         last: bool,
         tear: bool,
         settings: &Settings,
-        pool: &dyn Pool,
-    ) -> Vec<Records> {
+        pool: &Watched<'_>,
+    ) -> Result<Vec<Records>, MeshError> {
         let share = MOST_OF_A_REGION.max(settings.level_share);
-        pool::map(pool, self.faces.len(), &|r| {
+        pool.map(self.faces.len(), &|r| {
             let limit = if last { usize::MAX } else { (self.capacity[r] as f64 * share) as usize };
             let inside = |v: u32| self.interior[v as usize] == r as u32;
             let mut region = Region::new(live, self.faces[r].clone(), &inside);
@@ -255,11 +253,11 @@ fn limit_error(
     level: &Level,
     records: &mut [Records],
     limit: f64,
-    pool: &dyn Pool,
-) {
+    pool: &Watched<'_>,
+) -> Result<(), MeshError> {
     let samples = deviation.by_region(&level.region_of_face, level.faces.len());
     let budget = (SEARCH_SAMPLES / records.len().max(1)).max(LEAST_SEARCH_SAMPLES);
-    let keep = pool::map(pool, records.len(), &|r| {
+    let keep = pool.map(records.len(), &|r| {
         let whole = records[r].collapses.len();
         let good = |count: usize| {
             let triangles = faces_after(live, &level.faces[r], &records[r], count);
@@ -274,10 +272,11 @@ fn limit_error(
             if good(middle) { low = middle } else { high = middle }
         }
         low
-    });
+    })?;
     for (region, keep) in records.iter_mut().zip(keep) {
         region.truncate(keep);
     }
+    Ok(())
 }
 
 /// A region's triangles after its first `count` collapses.

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::common;
-use crate::pool::{Serial, Silent};
+use crate::pool::{Serial, Silent, Watched};
 use crate::simplify::live::NO_VERTEX;
 use crate::simplify::records::Records;
 use crate::simplify::{Settings, simplify};
@@ -12,7 +12,7 @@ fn each_chunk(parts: usize, check: &mut dyn FnMut(&Records)) {
     for (_, source) in common::all() {
         let mesh = common::quantised(&source);
         let settings = Settings { parts, min_part_splits: 4, ..common::regions(200) };
-        let simplified = simplify(&mesh, &settings, &Serial, &Silent).unwrap();
+        let simplified = simplify(&mesh, &settings, &mut Watched::new(&Serial, &Silent, 0)).unwrap();
         simplified.levels.iter().flatten().for_each(|chunk| check(&chunk.records));
     }
 }

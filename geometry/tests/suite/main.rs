@@ -3,6 +3,7 @@
 
 mod common;
 
+mod cancellation;
 mod determinism;
 mod errors;
 mod extremes;

@@ -96,7 +96,7 @@ fn rate(collapses: usize, elapsed: Duration) -> u64 {
 }
 
 fn describe(name: &str, progress: Progress, elapsed: Duration) -> String {
-    let Progress { faces_done, faces_total, collapses } = progress;
+    let Progress { stage: _, faces_done, faces_total, collapses } = progress;
     let rate = rate(collapses, elapsed);
     let left = if faces_done > 0 {
         let per_face = elapsed.as_secs_f64() / faces_done as f64;
@@ -113,7 +113,7 @@ mod tests {
 
     #[test]
     fn lines_tell_faces_rate_and_time_left() {
-        let progress = Progress { faces_done: 250, faces_total: 1000, collapses: 500 };
+        let progress = Progress { faces_done: 250, faces_total: 1000, collapses: 500, ..Progress::default() };
         assert_eq!(
             describe("bunny", progress, Duration::from_secs(2)),
             "bunny: 250/1000 faces, 250 collapses/s, 6 s left"

@@ -1,0 +1,40 @@
+//! A preparation that is told to stop does so within the regions that are being worked on.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use lodestream_geometry::MeshError;
+use lodestream_geometry::pool::{Monitor, Progress};
+use lodestream_geometry::prepare::prepare;
+
+use crate::common::{Shuffled, quantised, regions, shapes};
+
+/// Says no from a certain report on.
+struct Until {
+    no: usize,
+    reports: AtomicUsize,
+}
+
+impl Monitor for Until {
+    fn report(&self, progress: Progress) -> bool {
+        assert!(progress.faces_done <= progress.faces_total);
+        self.reports.fetch_add(1, Ordering::SeqCst) < self.no
+    }
+}
+
+#[test]
+fn cancelling_takes_effect_at_any_report() {
+    let mesh = quantised(&shapes::sphere(40, 60, 0.05));
+    let threads = 3;
+    let run = |no| {
+        let monitor = Until { no, reports: AtomicUsize::new(0) };
+        let result = prepare(&mesh, &regions(200), &Shuffled { threads, seed: 4 }, &monitor);
+        (result, monitor.reports.into_inner())
+    };
+    let (whole, reports) = run(usize::MAX);
+    assert!(whole.is_ok() && reports > 50, "{reports} reports");
+    for no in (0..reports).step_by(7) {
+        let (result, made) = run(no);
+        assert_eq!(result.unwrap_err(), MeshError::Cancelled, "report {no}");
+        assert!(made <= no + threads, "{made} reports, the first no was {no}");
+    }
+}
