@@ -32,4 +32,4 @@ extern crate self as lodestream_geometry;
 mod common;
 
 pub use error::{DecodeError, MeshError};
-pub use simplify::Settings;
+pub use simplify::{Metric, Settings};

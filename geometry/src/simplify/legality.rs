@@ -7,109 +7,144 @@
 //! gave it): holes close, components vanish, seams shorten; faces that turn over cost extra. A closed
 //! manifold therefore stays one, down to nothing.
 
+use crate::simplify::Metric;
 use crate::simplify::region::Region;
 use crate::vec3::{dot, sub, triangle_normal};
 
-/// Cosine of the largest angle by which a face may turn under the strict rules: 75°.
+/// Cosine of the largest angle by which a face may turn under the strict rules with quadrics: 75°.
 const MAX_TURN_COS: f64 = 0.258_819_045_102_520_76;
 /// Cost of turning a face over under the relaxed rules, per (edge length)² × area.
 const FLIP_PENALTY: f64 = 0.5;
 
 /// A set of rules, with scratch space for applying them.
 pub(crate) struct Rules {
-    strict: bool,
-    ring_u: Vec<u32>,
-    ring_t: Vec<u32>,
-    spokes: Vec<u32>,
-    star_faces: Vec<u32>,
+    pub(crate) strict: bool,
+    /// Room for a ring that callers borrow.
+    pub(crate) ring_u: Vec<u32>,
+    /// Per vertex: how often faces join it to u, to t, and to both; valid where `stamp` is current.
+    around: Vec<Around>,
+    stamp: u32,
+    neighbours: Vec<u32>,
+}
+
+#[derive(Clone, Copy, Default)]
+struct Around {
+    stamp: u32,
+    at_u: u32,
+    at_t: u32,
+    at_both: u32,
 }
 
 impl Rules {
-    pub(crate) fn strict() -> Self {
+    pub(crate) fn new(vertices: usize) -> Self {
         Self {
             strict: true,
             ring_u: Vec::new(),
-            ring_t: Vec::new(),
-            spokes: Vec::new(),
-            star_faces: Vec::new(),
+            around: vec![Around::default(); vertices],
+            stamp: 0,
+            neighbours: Vec::new(),
         }
     }
 
-    pub(crate) fn relaxed() -> Self {
-        Self { strict: false, ..Self::strict() }
+    /// The distinct neighbours of `v`.
+    pub(crate) fn ring(&mut self, region: &Region, v: u32, ring: &mut Vec<u32>) {
+        self.stamp += 1;
+        ring.clear();
+        for corner in region.stars.corners(v) {
+            let (corners, k) = (region.corners[(corner / 3) as usize], (corner % 3) as usize);
+            for w in [corners[(k + 1) % 3], corners[(k + 2) % 3]] {
+                let around = &mut self.around[w as usize];
+                if around.stamp != self.stamp {
+                    around.stamp = self.stamp;
+                    ring.push(w);
+                }
+            }
+        }
     }
 
-    /// What collapsing `u` onto `t` costs beyond its quadric, or `None` where it is not allowed.
+    /// What collapsing `u` onto `t` costs beyond its metric, or `None` where it is not allowed.
     pub(crate) fn penalty(&mut self, region: &Region, u: u32, t: u32) -> Option<f64> {
-        let mut removed = 0;
-        self.spokes.clear();
-        self.star_faces.clear();
-        for corner in region.stars.corners(u) {
-            let (face, k) = ((corner / 3) as usize, (corner % 3) as usize);
-            let corners = region.corners[face];
-            self.spokes.extend([corners[(k + 1) % 3], corners[(k + 2) % 3]]);
-            self.star_faces.push(corner / 3);
-            removed += usize::from(corners.contains(&t));
+        if self.strict && !seams_allow(region, u, t) {
+            return None;
         }
+        let removed = self.count_around(region, u, t);
         if removed == 0 {
             return None;
         }
-        self.spokes.sort_unstable();
-        if self.strict {
-            self.strict_topology(region, t, removed)?;
-            if !seams_allow(region, u, t) {
-                return None;
-            }
+        let allowed = if self.strict {
+            self.strict_topology(u, t, removed)
         } else {
-            representable(region, u, t)?;
-            self.edges_stay_thin(region, t)?;
+            self.relaxed_topology(region, u, t)
+        };
+        if !allowed {
+            return None;
         }
         self.turning(region, u, t)
     }
 
-    fn strict_topology(&mut self, region: &Region, t: u32, removed: usize) -> Option<()> {
-        // Spokes: each neighbour once per face that joins it to u; an inner edge has two faces.
-        self.ring_u.clear();
-        let mut boundary = false;
-        for run in self.spokes.chunk_by(|a, b| a == b) {
-            self.ring_u.push(run[0]);
-            match run.len() {
-                1 => boundary = true,
-                2 => {}
-                _ => return None,
+    /// Counts the faces that join each neighbour to u, to t and to both; answers how many join u to t.
+    fn count_around(&mut self, region: &Region, u: u32, t: u32) -> u32 {
+        self.stamp += 1;
+        self.neighbours.clear();
+        let mut removed = 0;
+        for v in [u, t] {
+            for corner in region.stars.corners(v) {
+                let (corners, k) = (region.corners[(corner / 3) as usize], (corner % 3) as usize);
+                let both = corners.contains(&t);
+                removed += u32::from(v == u && both);
+                for w in [corners[(k + 1) % 3], corners[(k + 2) % 3]] {
+                    let around = &mut self.around[w as usize];
+                    if around.stamp != self.stamp {
+                        *around = Around { stamp: self.stamp, ..Around::default() };
+                        self.neighbours.push(w);
+                    }
+                    if v == u {
+                        around.at_u += 1;
+                        around.at_both += u32::from(both);
+                    } else {
+                        around.at_t += 1;
+                    }
+                }
             }
         }
-        let mut ring_t = std::mem::take(&mut self.ring_t);
-        region.ring(t, &mut ring_t);
-        let common = self.ring_u.iter().filter(|v| ring_t.binary_search(v).is_ok()).count();
-        let enough = self.ring_u.len() >= 3 && ring_t.len() >= 3;
-        self.ring_t = ring_t;
+        removed
+    }
+
+    /// The link condition; boundaries only along themselves; no edge of three faces.
+    fn strict_topology(&self, u: u32, t: u32, removed: u32) -> bool {
+        let (mut ring_u, mut ring_t, mut common) = (0, 0, 0);
+        let mut boundary = false;
+        for &w in &self.neighbours {
+            let around = self.around[w as usize];
+            if around.at_u > 2 {
+                return false;
+            }
+            boundary |= around.at_u == 1;
+            ring_u += u32::from(around.at_u > 0);
+            ring_t += u32::from(around.at_t > 0);
+            common += u32::from(w != u && w != t && around.at_u > 0 && around.at_t > 0);
+        }
         let along = removed == if boundary { 1 } else { 2 };
-        (enough && along && common == removed).then_some(())
+        ring_u >= 3 && ring_t >= 3 && along && common == removed
     }
 
     /// No edge (t, w) of the result has more than two faces, unless one that it comes from had as many.
-    fn edges_stay_thin(&self, region: &Region, t: u32) -> Option<()> {
-        for run in self.spokes.chunk_by(|a, b| a == b) {
-            let (w, at_u) = (run[0], run.len());
-            if w == t {
-                continue;
-            }
-            let (mut at_t, mut removed) = (0, 0);
-            for corner in region.stars.corners(w) {
-                let face = region.corners[(corner / 3) as usize];
-                at_t += usize::from(face.contains(&t));
-                removed += usize::from(face.contains(&t) && self.star_faces.contains(&(corner / 3)));
-            }
-            let after = at_u + at_t - 2 * removed;
-            if at_t > 0 && after > 2 && after > at_u && after > at_t {
-                return None;
-            }
-        }
-        Some(())
+    /// The third vertex of a removed face must be addressable by the split that brings it back: inside
+    /// the region, or still a neighbour of `t`.
+    fn relaxed_topology(&self, region: &Region, u: u32, t: u32) -> bool {
+        self.neighbours.iter().filter(|&&w| w != u && w != t).all(|&w| {
+            let Around { at_u, at_t, at_both, .. } = self.around[w as usize];
+            let after = at_u + at_t - 2 * at_both;
+            let thin = at_u == 0 || at_t == 0 || after <= 2 || after <= at_u || after <= at_t;
+            thin && (at_both == 0 || after > 0 || region.interior[w as usize])
+        })
     }
 
     fn turning(&self, region: &Region, u: u32, t: u32) -> Option<f64> {
+        let most = match region.metric {
+            Metric::Qem => MAX_TURN_COS,
+            Metric::Melax => 0.0,
+        };
         let to = region.positions[t as usize];
         let edge = sub(region.positions[u as usize], to);
         let mut penalty = 0.0;
@@ -126,11 +161,14 @@ impl Rules {
             let (n0, n1) = (dot(before, before), dot(after, after));
             let cosine = dot(before, after);
             if self.strict {
-                if n0 > 0.0 && cosine <= MAX_TURN_COS * (n0 * n1).sqrt() {
+                if n0 > 0.0 && cosine <= most * (n0 * n1).sqrt() {
                     return None;
                 }
             } else if cosine < 0.0 {
-                penalty += FLIP_PENALTY * dot(edge, edge) * n1.sqrt();
+                penalty += match region.metric {
+                    Metric::Qem => FLIP_PENALTY * dot(edge, edge) * n1.sqrt(),
+                    Metric::Melax => dot(edge, edge).sqrt(),
+                };
             }
         }
         Some(penalty)
@@ -157,23 +195,4 @@ fn seams_allow(region: &Region, u: u32, t: u32) -> bool {
                 region.wedges[face][k] == wedge && region.corners[face].contains(&t)
             })
         })
-}
-
-/// The third vertex of a removed face must be addressable by the split that brings it back: inside
-/// the region, or still a neighbour of `t`.
-fn representable(region: &Region, u: u32, t: u32) -> Option<()> {
-    for corner in region.stars.corners(u) {
-        let face = region.corners[(corner / 3) as usize];
-        if !face.contains(&t) {
-            continue;
-        }
-        let Some(x) = face.into_iter().find(|&v| v != u && v != t) else { continue };
-        let joined = |face: &[u32; 3]| face.contains(&x) && (face.contains(&u) != face.contains(&t));
-        let still = region.interior[x as usize]
-            || region.stars.corners(x).any(|c| joined(&region.corners[(c / 3) as usize]));
-        if !still {
-            return None;
-        }
-    }
-    Some(())
 }

@@ -2,7 +2,7 @@
 
 use crate::mesh::{Attributes, QuantisedMesh, Wedge};
 use crate::simplify::quadric::Quadric;
-use crate::stars::Stars;
+use crate::simplify::star_table::{StarTable, each_edge};
 use crate::vec3::{Vec3, add, cross, dot, length, scale, sub, triangle_normal};
 
 /// Weight of the plane that holds a boundary edge in place, per squared edge length.
@@ -29,8 +29,12 @@ pub(crate) struct Live {
     pub(crate) alive: Vec<bool>,
     /// Where a removed vertex was collapsed to; itself while it is there.
     pub(crate) moved_to: Vec<u32>,
-    pub(crate) stars: Stars,
-    pub(crate) face_count: usize,
+    /// How far the input vertices that were collapsed to a vertex can be from it.
+    pub(crate) reach: Vec<f64>,
+    /// As of the last [`Live::settle`].
+    pub(crate) stars: StarTable,
+    /// Live faces, ascending.
+    pub(crate) faces: Vec<u32>,
 }
 
 impl Live {
@@ -40,12 +44,6 @@ impl Live {
         let face_wedges: Vec<[u32; 3]> = mesh.faces.iter().map(|f| f.wedges).collect();
         let face_vertices: Vec<[u32; 3]> =
             face_wedges.iter().map(|w| w.map(|w| mesh.wedges[w as usize].vertex)).collect();
-        let mut stars = Stars::new(positions.len(), face_wedges.len());
-        for (face, vertices) in face_vertices.iter().enumerate().rev() {
-            for (k, &vertex) in vertices.iter().enumerate() {
-                stars.insert(vertex, (face * 3 + k) as u32);
-            }
-        }
         let mut next_group = vec![0; positions.len()];
         for wedge in &mesh.wedges {
             let next: &mut u32 = &mut next_group[wedge.vertex as usize];
@@ -59,11 +57,13 @@ impl Live {
             next_group,
             material: mesh.faces.iter().map(|f| f.material).collect(),
             alive: vec![true; face_wedges.len()],
-            face_count: face_wedges.len(),
+            reach: vec![0.0; mesh.positions.len()],
+            faces: (0..face_wedges.len() as u32).collect(),
             face_wedges,
             face_vertices,
-            stars,
+            stars: StarTable::default(),
         };
+        live.settle();
         live.add_quadrics();
         live
     }
@@ -86,22 +86,13 @@ impl Live {
         (self.wedges.len() - 1) as u32
     }
 
-    /// Calls `f` for every live face that shares an edge with `face`.
-    pub(crate) fn edge_neighbours(&self, face: usize, f: &mut dyn FnMut(usize)) {
-        let vertices = self.face_vertices[face];
-        for k in 0..3 {
-            let (a, b) = (vertices[k], vertices[(k + 1) % 3]);
-            for corner in self.stars.corners(a) {
-                let other = (corner / 3) as usize;
-                if other != face && self.face_vertices[other].contains(&b) {
-                    f(other);
-                }
-            }
-        }
+    /// Brings faces and stars up to date after collapses.
+    pub(crate) fn settle(&mut self) {
+        self.faces.retain(|&f| self.alive[f as usize]);
+        self.stars.rebuild(self.positions.len(), &self.faces, &self.face_vertices);
     }
 
     fn add_quadrics(&mut self) {
-        let mut edges: Vec<(u32, u32, u32)> = Vec::with_capacity(self.face_wedges.len() * 3);
         for face in 0..self.face_wedges.len() {
             let [a, b, c] = self.triangle(face);
             let normal = triangle_normal(a, b, c);
@@ -112,23 +103,20 @@ impl Live {
                     self.quadrics[v as usize].add(&plane);
                 }
             }
-            for k in 0..3 {
-                let (v, w) = (self.face_vertices[face][k], self.face_vertices[face][(k + 1) % 3]);
-                edges.push((v.min(w), v.max(w), (face * 3 + k) as u32));
-            }
         }
-        edges.sort_unstable();
-        for run in edges.chunk_by(|x, y| (x.0, x.1) == (y.0, y.1)) {
+        let mut held: Vec<(u32, u32, u32, f64)> = Vec::new();
+        each_edge(&self.stars, &self.face_vertices, &mut |v, w, run| {
             let weight = if run.len() == 1 {
                 BOUNDARY_WEIGHT
-            } else if run.iter().any(|e| self.edge_attributes(e.2) != self.edge_attributes(run[0].2)) {
+            } else if run.iter().any(|&c| self.edge_attributes(c) != self.edge_attributes(run[0])) {
                 SEAM_WEIGHT
             } else {
-                continue;
+                return;
             };
-            for &(v, w, corner) in run {
-                self.add_edge_plane(v, w, (corner / 3) as usize, weight);
-            }
+            held.extend(run.iter().map(|&corner| (v, w, corner / 3, weight)));
+        });
+        for (v, w, face, weight) in held {
+            self.add_edge_plane(v, w, face as usize, weight);
         }
     }
 

@@ -2,10 +2,11 @@
 
 use crate::error::MeshError;
 use crate::pool::Watched;
+use crate::simplify::RegionChunk;
 use crate::simplify::deviation::{Deviation, extend};
+use crate::simplify::level::Level;
 use crate::simplify::live::Live;
 use crate::simplify::records::Records;
-use crate::simplify::{Level, RegionChunk};
 use crate::vec3::{add, length, scale, sub};
 
 /// Measures the regions after their collapses and makes chunks of those that have any.

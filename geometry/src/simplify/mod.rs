@@ -7,24 +7,29 @@
 
 mod deviation;
 mod legality;
+mod level;
+mod limit;
 pub(crate) mod live;
 mod measure;
+mod metric;
 mod partition;
 mod quadric;
+mod queue;
 pub(crate) mod records;
 mod region;
 #[cfg(test)]
 mod schedule_test;
+mod star_table;
 
 use crate::error::MeshError;
 use crate::mesh::QuantisedMesh;
 use crate::pool::{Stage, Watched};
 use crate::simplify::deviation::{Deviation, extend};
+use crate::simplify::level::{Level, truncate_globally};
+use crate::simplify::limit::limit_error;
 use crate::simplify::live::Live;
 use crate::simplify::measure::measure;
-use crate::simplify::partition::partition;
 use crate::simplify::records::Records;
-use crate::simplify::region::Region;
 use crate::vec3::{Vec3, length, sub};
 
 /// A region with its collapses.
@@ -51,6 +56,18 @@ pub(crate) struct Simplified {
     pub(crate) stray_error: f64,
 }
 
+/// What a half-edge collapse is held to cost.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Metric {
+    /// The quadric error metric of Garland and Heckbert (1997): squared distances to the planes of the
+    /// faces that a vertex stands for, and of its boundary and seam edges.
+    #[default]
+    Qem,
+    /// Edge length × curvature, from the faces as they are (Melax, "A simple, fast, and effective
+    /// polygon reduction algorithm", 1998); no face may turn by more than 90°.
+    Melax,
+}
+
 /// Knobs of the simplification.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
@@ -69,6 +86,11 @@ pub struct Settings {
     pub parts: usize,
     /// Fewest splits of a part.
     pub min_part_splits: usize,
+    /// What a collapse is held to cost.
+    pub metric: Metric,
+    /// `None`: the cheapest collapse of a region first, from a heap. `Some(share)`: rounds of
+    /// collapses that share no face, each of this share of the vertices, 0.01 to 0.5: coarser.
+    pub round_share: Option<f64>,
     /// Lets each region of the finest level collapse one vertex of its outline, which tears the mesh.
     /// Only for showing that the checks notice.
     #[doc(hidden)]
@@ -84,6 +106,8 @@ impl Default for Settings {
             min_splits: 32,
             parts: 4,
             min_part_splits: 32,
+            metric: Metric::Qem,
+            round_share: None,
             unlock_outlines: false,
         }
     }
@@ -94,15 +118,6 @@ impl Default for Settings {
 const MAX_REGION_FACES: usize = 20_000;
 /// Most parts of a chunk.
 const MAX_PARTS: usize = 16;
-/// Marks a vertex whose star lies in several regions, or that has none.
-const OUTLINE: u32 = u32::MAX;
-/// Share of a region's interior that is tried, so that flat regions can give more than others.
-const MOST_OF_A_REGION: f64 = 0.85;
-/// Input samples by which a region is judged while a level that keeps within the base's error is
-/// searched for.
-const SEARCH_SAMPLES: usize = 20_000;
-/// The least of them for one region.
-const LEAST_SEARCH_SAMPLES: usize = 1500;
 /// A level that removes less than this share of the vertices ends the hierarchy.
 const LEAST_PROGRESS: f64 = 0.01;
 
@@ -116,12 +131,12 @@ pub(crate) fn simplify(
     let mut levels = Vec::new();
     let mut stray_error = 0.0_f64;
     let diagonal = diagonal(mesh);
-    let faces_total = live.face_count;
+    let faces_total = live.faces.len();
     let region_faces = settings.region_faces.clamp(50, MAX_REGION_FACES);
     loop {
         pool.begin(Stage::Simplify)?;
-        let last = live.face_count <= region_faces + region_faces / 2;
-        let level = Level::new(&live, levels.len(), if last { 1 } else { live.face_count / region_faces });
+        let last = live.faces.len() <= region_faces + region_faces / 2;
+        let level = Level::new(&live, levels.len(), if last { 1 } else { live.faces.len() / region_faces });
         let tear = settings.unlock_outlines && levels.is_empty();
         let mut records = level.simplify(&live, last, tear, settings, pool)?;
         if !last {
@@ -138,12 +153,13 @@ pub(crate) fn simplify(
             region.commit(&mut live, &mut |face| touched[face as usize] = true);
             removed += region.collapses.len();
         }
+        live.settle();
         pool.begin(Stage::Measure)?;
         let chunks = measure(&live, &mut deviation, &level, records, &touched, pool, &mut stray_error)?;
         if !chunks.is_empty() {
             levels.push(chunks);
         }
-        pool.advance(faces_total - live.face_count, removed);
+        pool.advance(faces_total - live.faces.len(), removed);
         if last || (removed as f64) < LEAST_PROGRESS * vertices as f64 {
             return Ok(Simplified { levels, live, stray_error });
         }
@@ -157,145 +173,4 @@ fn diagonal(mesh: &QuantisedMesh) -> f64 {
         extend(&mut bounds, p.map(f64::from));
     }
     length(sub(bounds[1], bounds[0]))
-}
-
-/// The regions of one level.
-struct Level {
-    region_of_face: Vec<u32>,
-    faces: Vec<Vec<u32>>,
-    /// Region of each interior vertex, else [`OUTLINE`].
-    interior: Vec<u32>,
-    /// Interior vertices of each region.
-    capacity: Vec<usize>,
-    /// Live vertices.
-    vertices: usize,
-}
-
-impl Level {
-    fn new(live: &Live, number: usize, count: usize) -> Self {
-        let list: Vec<u32> = (0..live.alive.len() as u32).filter(|&f| live.alive[f as usize]).collect();
-        let centroids: Vec<Vec3> = list.iter().map(|&f| live.centroid(f as usize)).collect();
-        let mut place = vec![u32::MAX; live.alive.len()];
-        for (i, &f) in list.iter().enumerate() {
-            place[f as usize] = i as u32;
-        }
-        let neighbours = |i: usize, visit: &mut dyn FnMut(usize)| {
-            live.edge_neighbours(list[i] as usize, &mut |f| visit(place[f] as usize));
-        };
-        let regions = partition(&centroids, count, number, &neighbours);
-        let mut region_of_face = vec![OUTLINE; live.alive.len()];
-        let mut faces = vec![Vec::new(); count.max(1)];
-        for (i, &f) in list.iter().enumerate() {
-            region_of_face[f as usize] = regions[i];
-            faces[regions[i] as usize].push(f);
-        }
-        let mut interior = vec![OUTLINE; live.positions.len()];
-        let mut capacity = vec![0; faces.len()];
-        let mut vertices = 0;
-        for v in 0..live.positions.len() as u32 {
-            let mut corners = live.stars.corners(v).map(|c| region_of_face[(c / 3) as usize]);
-            let Some(first) = corners.next() else { continue };
-            vertices += 1;
-            if corners.all(|r| r == first) {
-                interior[v as usize] = first;
-                capacity[first as usize] += 1;
-            }
-        }
-        Self { region_of_face, faces, interior, capacity, vertices }
-    }
-
-    fn simplify(
-        &self,
-        live: &Live,
-        last: bool,
-        tear: bool,
-        settings: &Settings,
-        pool: &Watched<'_>,
-    ) -> Result<Vec<Records>, MeshError> {
-        let share = MOST_OF_A_REGION.max(settings.level_share);
-        pool.map(self.faces.len(), &|r| {
-            let limit = if last { usize::MAX } else { (self.capacity[r] as f64 * share) as usize };
-            let inside = |v: u32| self.interior[v as usize] == r as u32;
-            let mut region = Region::new(live, self.faces[r].clone(), &inside);
-            if tear {
-                region.tear_outline();
-            }
-            region.simplify(limit)
-        })
-    }
-}
-
-/// Cuts all regions' collapses at one cost, so that a level removes its share where it hurts least;
-/// regions left with too few splits keep none.
-fn truncate_globally(records: &mut [Records], level: &Level, settings: &Settings) {
-    let mut costs: Vec<f64> = records.iter().flat_map(|r| r.collapses.iter().map(|c| c.cost)).collect();
-    let total: usize = level.capacity.iter().sum();
-    let target = (total as f64 * settings.level_share) as usize;
-    let limit = if target < costs.len() && target > 0 {
-        *costs.select_nth_unstable_by(target - 1, f64::total_cmp).1
-    } else {
-        f64::INFINITY
-    };
-    for region in records {
-        let mut keep = region.collapses.partition_point(|c| c.cost <= limit);
-        if keep < settings.min_splits {
-            keep = 0;
-        }
-        region.truncate(keep);
-    }
-}
-
-/// Shortens each region's collapses until its error is within `limit`: no level may leave the base
-/// mesh worse than it is allowed to be.
-fn limit_error(
-    live: &Live,
-    deviation: &Deviation,
-    level: &Level,
-    records: &mut [Records],
-    limit: f64,
-    pool: &Watched<'_>,
-) -> Result<(), MeshError> {
-    let samples = deviation.by_region(&level.region_of_face, level.faces.len());
-    let budget = (SEARCH_SAMPLES / records.len().max(1)).max(LEAST_SEARCH_SAMPLES);
-    let keep = pool.map(records.len(), &|r| {
-        let whole = records[r].collapses.len();
-        let good = |count: usize| {
-            let triangles = faces_after(live, &level.faces[r], &records[r], count);
-            !triangles.is_empty() && deviation.within(&live.positions, &triangles, &samples[r], limit, budget)
-        };
-        if whole == 0 || good(whole) {
-            return whole;
-        }
-        let (mut low, mut high) = (0, whole);
-        while high - low > 1 {
-            let middle = low + (high - low) / 2;
-            if good(middle) { low = middle } else { high = middle }
-        }
-        low
-    })?;
-    for (region, keep) in records.iter_mut().zip(keep) {
-        region.truncate(keep);
-    }
-    Ok(())
-}
-
-/// A region's triangles after its first `count` collapses.
-fn faces_after(live: &Live, faces: &[u32], records: &Records, count: usize) -> Vec<[u32; 3]> {
-    let place = |face: u32| faces.binary_search(&face).unwrap_or(0);
-    let mut triangles: Vec<Option<[u32; 3]>> =
-        faces.iter().map(|&f| Some(live.face_vertices[f as usize])).collect();
-    for i in 0..count {
-        let (collapse, moved, removed) = records.parts(i);
-        for m in moved {
-            if let Some(triangle) = &mut triangles[place(m.face)]
-                && let Some(corner) = triangle.iter_mut().find(|v| **v == collapse.removed)
-            {
-                *corner = collapse.target;
-            }
-        }
-        for r in removed {
-            triangles[place(r.face)] = None;
-        }
-    }
-    triangles.into_iter().flatten().collect()
 }

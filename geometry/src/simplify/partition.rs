@@ -10,29 +10,33 @@ use crate::vec3::{Vec3, dot};
 /// Rounds of majority voting.
 const SMOOTHING_ROUNDS: usize = 3;
 
-/// Calls its second argument with every face that shares an edge with the first.
-pub(crate) type Neighbours<'a> = &'a dyn Fn(usize, &mut dyn FnMut(usize));
+/// No neighbour.
+pub(crate) const NOBODY: u32 = u32::MAX;
 
-/// Assigns each face to a region `0..count`; `centroids[i]` belongs to `faces[i]`.
+/// Assigns each face to a region `0..count`.
 ///
-/// `neighbours(i, f)` calls `f(j)` for every face `j` (as an index into `centroids`) that shares an edge with face `i`.
-pub(crate) fn partition(
-    centroids: &[Vec3],
-    count: usize,
-    level: usize,
-    neighbours: Neighbours<'_>,
-) -> Vec<u32> {
+/// `adjacent[i]` names a face across each edge of face `i`, or [`NOBODY`].
+pub(crate) fn partition(centroids: &[Vec3], adjacent: &[[u32; 3]], count: usize, level: usize) -> Vec<u32> {
     let mut region = vec![0_u32; centroids.len()];
     if count <= 1 {
         return region;
     }
     let axes = FRAMES[level % FRAMES.len()];
-    let turned: Vec<Vec3> =
-        centroids.iter().map(|c| [dot(*c, axes[0]), dot(*c, axes[1]), dot(*c, axes[2])]).collect();
-    let mut order: Vec<u32> = (0..centroids.len() as u32).collect();
-    bisect(&turned, &mut order, 0, count, FIRST_CUTS[level % FIRST_CUTS.len()], &mut region);
-    smooth(&mut region, count, neighbours);
+    let mut points: Vec<Point> = centroids
+        .iter()
+        .zip(0..)
+        .map(|(c, face)| Point { at: axes.map(|axis| dot(*c, axis) as f32), face })
+        .collect();
+    bisect(&mut points, 0, count, FIRST_CUTS[level % FIRST_CUTS.len()], &mut region);
+    smooth(&mut region, count, adjacent);
     region
+}
+
+/// A face's centroid in the level's frame. Single precision: cuts need not be exact, only repeatable.
+#[derive(Clone, Copy)]
+struct Point {
+    at: [f32; 3],
+    face: u32,
 }
 
 /// Share of the regions on the lower side of a cut, by level.
@@ -54,33 +58,29 @@ const FRAMES: [[Vec3; 3]; 4] = [
     ],
 ];
 
-fn bisect(points: &[Vec3], order: &mut [u32], first: u32, count: usize, cut: f64, region: &mut [u32]) {
-    if count <= 1 || order.len() <= 1 {
-        for &face in order.iter() {
-            region[face as usize] = first;
+fn bisect(points: &mut [Point], first: u32, count: usize, cut: f64, region: &mut [u32]) {
+    if count <= 1 || points.len() <= 1 {
+        for point in points.iter() {
+            region[point.face as usize] = first;
         }
         return;
     }
     let lower = ((count as f64 * cut).round() as usize).clamp(1, count - 1);
-    let at = (order.len() * lower / count).clamp(1, order.len() - 1);
-    let axis = longest_axis(points, order);
-    let key = |face: &u32| (points[*face as usize][axis], *face);
-    order.select_nth_unstable_by(at, |a, b| {
-        let (ka, kb) = (key(a), key(b));
-        ka.0.total_cmp(&kb.0).then(ka.1.cmp(&kb.1))
-    });
-    let (low, high) = order.split_at_mut(at);
-    bisect(points, low, first, lower, cut, region);
-    bisect(points, high, first + lower as u32, count - lower, 1.0 - cut, region);
+    let at = (points.len() * lower / count).clamp(1, points.len() - 1);
+    let axis = longest_axis(points);
+    points.select_nth_unstable_by(at, |a, b| a.at[axis].total_cmp(&b.at[axis]).then(a.face.cmp(&b.face)));
+    let (low, high) = points.split_at_mut(at);
+    bisect(low, first, lower, cut, region);
+    bisect(high, first + lower as u32, count - lower, 1.0 - cut, region);
 }
 
-fn longest_axis(points: &[Vec3], order: &[u32]) -> usize {
-    let mut min = [f64::INFINITY; 3];
-    let mut max = [f64::NEG_INFINITY; 3];
-    for &face in order {
+fn longest_axis(points: &[Point]) -> usize {
+    let mut min = [f32::INFINITY; 3];
+    let mut max = [f32::NEG_INFINITY; 3];
+    for point in points {
         for axis in 0..3 {
-            min[axis] = min[axis].min(points[face as usize][axis]);
-            max[axis] = max[axis].max(points[face as usize][axis]);
+            min[axis] = min[axis].min(point.at[axis]);
+            max[axis] = max[axis].max(point.at[axis]);
         }
     }
     let extent = [0, 1, 2].map(|axis| max[axis] - min[axis]);
@@ -88,7 +88,7 @@ fn longest_axis(points: &[Vec3], order: &[u32]) -> usize {
 }
 
 /// Moves a face to the region that holds most of its neighbours, in index order, a few times.
-fn smooth(region: &mut [u32], count: usize, neighbours: Neighbours<'_>) {
+fn smooth(region: &mut [u32], count: usize, adjacent: &[[u32; 3]]) {
     let mut size = vec![0_usize; count];
     for &r in region.iter() {
         size[r as usize] += 1;
@@ -96,22 +96,13 @@ fn smooth(region: &mut [u32], count: usize, neighbours: Neighbours<'_>) {
     for _ in 0..SMOOTHING_ROUNDS {
         for face in 0..region.len() {
             let own = region[face];
-            let (mut around, mut same) = ([u32::MAX; 8], 0);
-            let mut n = 0;
-            neighbours(face, &mut |other| {
-                if region[other] == own {
-                    same += 1;
-                } else if n < around.len() {
-                    around[n] = region[other];
-                    n += 1;
-                }
-            });
-            if n <= same || size[own as usize] <= 1 {
-                continue;
-            }
-            let votes = |r: u32| around[..n].iter().filter(|&&x| x == r).count();
-            let best = around[..n].iter().copied().max_by_key(|&r| (votes(r), std::cmp::Reverse(r)));
-            if let Some(best) = best.filter(|&r| votes(r) > same) {
+            let around =
+                adjacent[face].map(|other| if other == NOBODY { NOBODY } else { region[other as usize] });
+            let same = around.iter().filter(|&&r| r == own).count();
+            let votes = |r: u32| around.iter().filter(|&&x| x == r).count();
+            let others = around.iter().copied().filter(|&r| r != own && r != NOBODY);
+            let best = others.max_by_key(|&r| (votes(r), std::cmp::Reverse(r)));
+            if let Some(best) = best.filter(|&r| votes(r) > same && size[own as usize] > 1) {
                 region[face] = best;
                 size[own as usize] -= 1;
                 size[best as usize] += 1;

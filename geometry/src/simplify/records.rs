@@ -1,6 +1,7 @@
 //! What a region's simplification did, in the order it was done: enough to redo and to undo it.
 
 use crate::simplify::live::{Live, NO_VERTEX};
+use crate::vec3::{length, sub};
 
 /// A corner of a face that moved with a collapse.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -56,6 +57,10 @@ pub(crate) struct Records {
     /// How many collapses are left at each point between none and all undone where a client may stop,
     /// coarse to fine, so descending.
     pub(crate) stops: Vec<u32>,
+    /// No input vertex is farther from the vertex that it was collapsed to; infinite where faces
+    /// vanished without one. So long as each point of a face is taken to the same place between the
+    /// face's corners, that bounds the distance of the surfaces, both ways.
+    pub(crate) reach: f64,
 }
 
 impl Records {
@@ -112,7 +117,8 @@ impl Records {
         self.after = Vec::new();
     }
 
-    /// Performs the collapses on the mesh and gives the kept wedges their final ids.
+    /// Performs the collapses on the mesh, but for its stars and its list of faces
+    /// ([`Live::settle`]), and gives the kept wedges their final ids.
     /// `touched(face)` is called for every face that moved.
     pub(crate) fn commit(&mut self, live: &mut Live, touched: &mut dyn FnMut(u32)) {
         let mut ids: Vec<u32> = Vec::with_capacity(self.kept.len());
@@ -133,21 +139,13 @@ impl Records {
                 moved.to = final_id(&ids, moved.to);
                 let face = moved.face as usize;
                 let k = live.face_vertices[face].iter().position(|&v| v == u).unwrap_or(0);
-                let corner = moved.face * 3 + k as u32;
-                live.stars.remove(u, corner);
-                live.stars.insert(t, corner);
                 live.face_vertices[face][k] = t;
                 live.face_wedges[face][k] = moved.to;
                 touched(moved.face);
             }
             for removed in &mut self.removed[removed_at..collapse.removed_end as usize] {
-                let face = removed.face as usize;
-                removed.wedges = live.face_wedges[face];
-                for k in 0..3 {
-                    live.stars.remove(live.face_vertices[face][k], removed.face * 3 + k as u32);
-                }
-                live.alive[face] = false;
-                live.face_count -= 1;
+                removed.wedges = live.face_wedges[removed.face as usize];
+                live.alive[removed.face as usize] = false;
             }
             moved_at = collapse.moved_end as usize;
             removed_at = collapse.removed_end as usize;
@@ -155,6 +153,8 @@ impl Records {
                 let quadric = live.quadrics[u as usize];
                 live.quadrics[t as usize].add(&quadric);
                 live.moved_to[u as usize] = t;
+                let step = length(sub(live.positions[u as usize], live.positions[t as usize]));
+                live.reach[t as usize] = live.reach[t as usize].max(live.reach[u as usize] + step);
             }
         }
     }

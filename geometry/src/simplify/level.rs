@@ -1,0 +1,117 @@
+//! One level: its regions, and how much each gives.
+
+use crate::error::MeshError;
+use crate::pool::Watched;
+use crate::simplify::Settings;
+use crate::simplify::live::Live;
+use crate::simplify::partition::{NOBODY, partition};
+use crate::simplify::queue::simplify_region;
+use crate::simplify::records::Records;
+use crate::simplify::region::Region;
+use crate::simplify::star_table::each_edge;
+use crate::vec3::Vec3;
+
+/// Marks a vertex whose star lies in several regions, or that has none.
+const OUTLINE: u32 = u32::MAX;
+/// Share of a region's interior that is tried, so that flat regions can give more than others.
+const MOST_OF_A_REGION: f64 = 0.85;
+
+/// The regions of one level.
+pub(crate) struct Level {
+    pub(crate) region_of_face: Vec<u32>,
+    pub(crate) faces: Vec<Vec<u32>>,
+    /// Region of each interior vertex, else [`OUTLINE`].
+    pub(crate) interior: Vec<u32>,
+    /// Interior vertices of each region.
+    capacity: Vec<usize>,
+    /// Live vertices.
+    pub(crate) vertices: usize,
+}
+
+impl Level {
+    /// Cuts the live faces into `count` regions.
+    pub(crate) fn new(live: &Live, number: usize, count: usize) -> Self {
+        let list = &live.faces;
+        let centroids: Vec<Vec3> = list.iter().map(|&f| live.centroid(f as usize)).collect();
+        let adjacent = if count > 1 { adjacency(live) } else { Vec::new() };
+        let regions = partition(&centroids, &adjacent, count, number);
+        let mut region_of_face = vec![OUTLINE; live.alive.len()];
+        let mut faces = vec![Vec::new(); count.max(1)];
+        for (&f, &region) in list.iter().zip(&regions) {
+            region_of_face[f as usize] = region;
+            faces[region as usize].push(f);
+        }
+        let mut interior = vec![OUTLINE; live.positions.len()];
+        let mut capacity = vec![0; faces.len()];
+        let mut vertices = 0;
+        for v in 0..live.positions.len() as u32 {
+            let mut corners = live.stars.corners(v).map(|c| region_of_face[(c / 3) as usize]);
+            let Some(first) = corners.next() else { continue };
+            vertices += 1;
+            if corners.all(|r| r == first) {
+                interior[v as usize] = first;
+                capacity[first as usize] += 1;
+            }
+        }
+        Self { region_of_face, faces, interior, capacity, vertices }
+    }
+
+    /// Simplifies all regions; `last` lets the only one go as far as it can.
+    pub(crate) fn simplify(
+        &self,
+        live: &Live,
+        last: bool,
+        tear: bool,
+        settings: &Settings,
+        pool: &Watched<'_>,
+    ) -> Result<Vec<Records>, MeshError> {
+        let share = MOST_OF_A_REGION.max(settings.level_share);
+        pool.map(self.faces.len(), &|r| {
+            let limit = if last { usize::MAX } else { (self.capacity[r] as f64 * share) as usize };
+            let inside = |v: u32| self.interior[v as usize] == r as u32;
+            let mut region = Region::new(live, self.faces[r].clone(), &inside, settings.metric);
+            if tear {
+                region.tear_outline();
+            }
+            simplify_region(region, limit, settings.round_share)
+        })
+    }
+}
+
+/// Cuts all regions' collapses at one cost, so that a level removes its share where it hurts least;
+/// regions left with too few splits keep none.
+pub(crate) fn truncate_globally(records: &mut [Records], level: &Level, settings: &Settings) {
+    let mut costs: Vec<f64> = records.iter().flat_map(|r| r.collapses.iter().map(|c| c.cost)).collect();
+    let total: usize = level.capacity.iter().sum();
+    let target = (total as f64 * settings.level_share) as usize;
+    let limit = if target < costs.len() && target > 0 {
+        *costs.select_nth_unstable_by(target - 1, f64::total_cmp).1
+    } else {
+        f64::INFINITY
+    };
+    for region in records {
+        let mut keep = region.collapses.partition_point(|c| c.cost <= limit);
+        if keep < settings.min_splits {
+            keep = 0;
+        }
+        region.truncate(keep);
+    }
+}
+
+/// For each live face, by its place in the list, the place of a face across each edge.
+fn adjacency(live: &Live) -> Vec<[u32; 3]> {
+    let mut place = vec![NOBODY; live.alive.len()];
+    for (i, &f) in live.faces.iter().enumerate() {
+        place[f as usize] = i as u32;
+    }
+    let mut adjacent = vec![[NOBODY; 3]; live.faces.len()];
+    each_edge(&live.stars, &live.face_vertices, &mut |_, _, corners| {
+        // Where more than two faces meet, each gets the next.
+        for (i, &corner) in corners.iter().enumerate().filter(|_| corners.len() > 1) {
+            let next = corners[(i + 1) % corners.len()];
+            adjacent[place[(corner / 3) as usize] as usize][(corner % 3) as usize] =
+                place[(next / 3) as usize];
+        }
+    });
+    adjacent
+}

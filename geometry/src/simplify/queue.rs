@@ -1,0 +1,227 @@
+//! The order of a region's collapses: the cheapest first from a heap, or rounds of independent ones.
+//!
+//! Each vertex has one candidate, its cheapest. A collapse makes its neighbours' candidates stale; since
+//! quadrics only grow, a stale cost is too low, if wrong, so it is enough to look again when the
+//! candidate's turn comes. What a collapse makes cheaper, edges to its target, is looked at at once.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use crate::simplify::Metric;
+use crate::simplify::legality::Rules;
+use crate::simplify::metric::Pricer;
+use crate::simplify::records::Records;
+use crate::simplify::region::Region;
+
+/// Collapses until `limit` vertices are gone or nothing more is allowed: strictly first, then by the
+/// relaxed rules. For `round_share` see [`crate::Settings::round_share`].
+pub(crate) fn simplify_region(region: Region, limit: usize, round_share: Option<f64>) -> Records {
+    let mut order = Order::new(region, limit);
+    for strict in [true, false] {
+        order.begin(strict);
+        match round_share {
+            None => order.run(),
+            Some(share) => order.run_rounds(share.clamp(0.01, 0.5)),
+        }
+    }
+    order.region.records
+}
+
+/// A vertex's candidate.
+#[derive(Clone, Copy)]
+struct Best {
+    cost: f64,
+    target: u32,
+    /// Whether the cost must be computed again before use.
+    stale: bool,
+}
+
+/// No candidate.
+const NONE: Best = Best { cost: f64::INFINITY, target: u32::MAX, stale: false };
+
+struct Order {
+    region: Region,
+    rules: Rules,
+    pricer: Pricer,
+    limit: usize,
+    best: Vec<Best>,
+    /// Cost, as the bits of a positive f32, above the vertex.
+    heap: BinaryHeap<Reverse<u64>>,
+    ring: Vec<u32>,
+}
+
+impl Order {
+    fn new(region: Region, limit: usize) -> Self {
+        let vertices = region.vertex_count() as usize;
+        Self {
+            rules: Rules::new(vertices),
+            pricer: Pricer::default(),
+            limit,
+            best: vec![NONE; vertices],
+            heap: BinaryHeap::with_capacity(vertices * 2),
+            ring: Vec::new(),
+            region,
+        }
+    }
+
+    fn begin(&mut self, strict: bool) {
+        self.rules.strict = strict;
+        self.heap.clear();
+        if !self.full() {
+            for u in 0..self.region.vertex_count() {
+                self.best[u as usize] = NONE;
+                self.look_again(u, None);
+            }
+        }
+    }
+
+    fn full(&self) -> bool {
+        self.region.records.collapses.len() >= self.limit
+    }
+
+    fn run(&mut self) {
+        while !self.full() {
+            let Some(Reverse(entry)) = self.heap.pop() else { break };
+            let u = entry as u32;
+            let best = self.best[u as usize];
+            if self.region.gone[u as usize] || key(best.cost, u) != entry {
+                continue;
+            }
+            if best.stale {
+                self.look_again(u, None);
+            } else if self.rules.penalty(&self.region, u, best.target).is_none() {
+                self.look_again(u, Some(best));
+            } else {
+                self.region.collapse(u, best.target, best.cost);
+                self.update(u, best.target);
+            }
+        }
+    }
+
+    /// Rounds of collapses that share no face, each of the cheapest.
+    fn run_rounds(&mut self, share: f64) {
+        let mut used = vec![0_u32; self.region.corners.len()];
+        for round in 1.. {
+            let mut candidates: Vec<u64> = Vec::new();
+            for u in 0..self.region.vertex_count() {
+                if self.region.gone[u as usize] || !self.region.interior[u as usize] {
+                    continue;
+                }
+                self.best[u as usize].stale |= self.best[u as usize].target == NONE.target;
+                while self.best[u as usize].stale {
+                    self.look_again(u, None);
+                    self.settle_legality(u);
+                }
+                if self.best[u as usize].target != NONE.target {
+                    candidates.push(key(self.best[u as usize].cost, u));
+                }
+            }
+            candidates.sort_unstable();
+            let quota = ((candidates.len() as f64 * share) as usize).max(1);
+            let before = self.region.records.collapses.len();
+            for &entry in &candidates {
+                if self.full() || self.region.records.collapses.len() - before >= quota {
+                    break;
+                }
+                let u = entry as u32;
+                let best = self.best[u as usize];
+                let region = &self.region;
+                let faces = || {
+                    [u, best.target]
+                        .into_iter()
+                        .flat_map(|v| region.stars.corners(v))
+                        .map(|c| (c / 3) as usize)
+                };
+                if region.gone[u as usize] || faces().any(|f| used[f] == round) {
+                    continue;
+                }
+                // Faces next to these may have changed since the candidate was judged.
+                if self.rules.penalty(region, u, best.target).is_none() {
+                    self.best[u as usize].stale = true;
+                    continue;
+                }
+                faces().for_each(|f| used[f] = round);
+                self.region.collapse(u, best.target, best.cost);
+                self.update(u, best.target);
+            }
+            self.heap.clear();
+            if self.full() || self.region.records.collapses.len() == before {
+                break;
+            }
+        }
+    }
+
+    /// Takes the cheapest candidate of `u` that is allowed.
+    fn settle_legality(&mut self, u: u32) {
+        loop {
+            let best = self.best[u as usize];
+            if best.target == NONE.target || self.rules.penalty(&self.region, u, best.target).is_some() {
+                return;
+            }
+            self.look_again(u, Some(best));
+        }
+    }
+
+    /// After `u` went onto `t`.
+    fn update(&mut self, u: u32, t: u32) {
+        let mut ring = std::mem::take(&mut self.ring);
+        self.rules.ring(&self.region, t, &mut ring);
+        self.look_again(t, None);
+        for &w in &ring {
+            if !self.region.interior[w as usize] {
+                continue;
+            }
+            if self.region.metric == Metric::Melax {
+                self.look_again(w, None);
+                continue;
+            }
+            let best = &mut self.best[w as usize];
+            let cost = self.pricer.cost(&self.region, w, t);
+            if cost < best.cost {
+                *best = Best { cost, target: t, stale: !self.rules.strict };
+                self.heap.push(Reverse(key(cost, w)));
+            } else if best.target == u || best.target == t {
+                best.stale = true;
+            }
+        }
+        self.ring = ring;
+    }
+
+    /// Finds the cheapest candidate of `u`; of those dearer than `after`, if given. Strict candidates
+    /// are judged when their turn comes, relaxed ones now, since a penalty changes their order.
+    fn look_again(&mut self, u: u32, after: Option<Best>) {
+        if !self.region.interior[u as usize] || self.region.gone[u as usize] {
+            return;
+        }
+        let mut ring = std::mem::take(&mut self.rules.ring_u);
+        self.rules.ring(&self.region, u, &mut ring);
+        self.pricer.look_at(&self.region, u);
+        let mut best = NONE;
+        for &t in ring.iter().filter(|&&t| self.region.interior[t as usize]) {
+            let mut cost = self.pricer.cost(&self.region, u, t);
+            let dearer = |a: &Best| (cost, t) > (a.cost, a.target);
+            if self.rules.strict {
+                if after.as_ref().is_some_and(|a| !dearer(a)) {
+                    continue;
+                }
+            } else if cost <= best.cost {
+                match self.rules.penalty(&self.region, u, t) {
+                    Some(penalty) => cost += penalty,
+                    None => continue,
+                }
+            }
+            if (cost, t) < (best.cost, best.target) {
+                best = Best { cost, target: t, stale: false };
+            }
+        }
+        self.rules.ring_u = ring;
+        self.best[u as usize] = best;
+        if best.target != NONE.target {
+            self.heap.push(Reverse(key(best.cost, u)));
+        }
+    }
+}
+
+fn key(cost: f64, vertex: u32) -> u64 {
+    u64::from((cost as f32).to_bits()) << 32 | u64::from(vertex)
+}
