@@ -112,6 +112,14 @@ impl Base {
             uv_grid.origin = [r.f64()?, r.f64()?];
             uv_grid.step = [r.f64()?, r.f64()?];
         }
+        // What is drawn is 32-bit and relative to the grid's origin.
+        let fits = |size: f64| size <= f64::from(f32::MAX);
+        let cells = |bits: u8| f64::from(1_u32 << bits);
+        if !fits(grid.step.abs() * cells(bits))
+            || (0..2).any(|k| !fits(uv_grid.origin[k].abs() + uv_grid.step[k].abs() * cells(uv_bits)))
+        {
+            return Err(r.error("its grids reach beyond 32-bit numbers"));
+        }
         let sphere = Sphere { center: [r.f32()?, r.f32()?, r.f32()?], radius: r.f32()? };
         let (diagonal, root_error) = (r.f32()?, r.f32()?);
         if grid.step < 0.0 || sphere.radius < 0.0 || root_error < 0.0 {

@@ -310,15 +310,16 @@ impl ActiveMesh {
                 .iter()
                 .all(|f| usize::from(f.material) < self.indices.len() && f.wedges.iter().all(|&w| wedge(w)))
             && delta.repoints.iter().all(|r| {
-                let (before, after) = if applied { (r.to, r.from) } else { (r.from, r.to) };
-                r.corner < 3
-                    && r.face.origin != own
+                // Corners move to wedges that the chunk brings, from wedges that were there: then whatever
+                // moves them on needs this chunk, and undoing it leaves none at a wedge that is gone.
+                let ours = r.from.origin != own && r.to.origin == own && r.face.origin != own;
+                let at = if applied { r.to } else { r.from };
+                ours && r.corner < 3
                     && known(r.face, 0, |p| &p.faces)
-                    && wedge(after)
-                    && wedge(before)
-                    && (before.origin == own && !applied
-                        || self.faces[self.face_slot(r.face) as usize][usize::from(r.corner)]
-                            == self.wedge_slot(before))
+                    && wedge(r.from)
+                    && wedge(r.to)
+                    && self.faces[self.face_slot(r.face) as usize][usize::from(r.corner)]
+                        == self.wedge_slot(at)
             })
     }
 

@@ -270,6 +270,9 @@ fn forged_deltas_are_refused_without_change() {
                 refused(&mut mesh, &|d| d.chunk = id.origin.max(asset.base.chunk_count));
             }
             refused(&mut mesh, &|d| d.repoints.iter_mut().for_each(|r| r.corner = 3));
+            // To where it is, and from what does not exist before: undoing would leave the corner there.
+            refused(&mut mesh, &|d| d.repoints.iter_mut().for_each(|r| r.to = r.from));
+            refused(&mut mesh, &|d| d.repoints.iter_mut().for_each(|r| r.from = r.to));
             refused(&mut mesh, &|d| d.faces.iter_mut().for_each(|f| f.material = 999));
             refused(&mut mesh, &|d| d.parents.push(d.chunk));
             refused(&mut mesh, &|d| d.parents.push(u32::MAX));
