@@ -3,39 +3,56 @@
 //! Convex polygons become a fan; others are cut by ears (Meisters, "Polygons have ears", 1975) in
 //! the plane of their Newell normal. What has no ear (self-crossing or collapsed) becomes a fan.
 
-/// Polygons with more corners are not searched for ears (quadratic work): they become fans.
-const MAX_EAR_CORNERS: usize = 1024;
+/// Corners looked at for each corner of a polygon, on average, in search of ears. Searching is quadratic
+/// for a polygon as people draw them and cubic for one made to be slow; past this it becomes a fan.
+const MAX_TESTS_PER_CORNER: usize = 1024;
 
 /// Triangles as indices into `points`, keeping their winding; nothing for fewer than 3 points.
 pub(super) fn triangulate(points: &[[f64; 3]]) -> Vec<[usize; 3]> {
     let n = points.len();
-    if n <= 3 || n > MAX_EAR_CORNERS {
+    if n <= 3 {
         return fan(n);
     }
     let flat = project(points);
-    let turn = |a: usize, b: usize, c: usize| cross(flat[a], flat[b], flat[c]);
-    if (0..n).all(|i| turn(i, (i + 1) % n, (i + 2) % n) >= 0.0) {
-        return fan(n);
-    }
-    let mut ring: Vec<usize> = (0..n).collect();
-    let mut triangles = Vec::with_capacity(n - 2);
+    let convex = (0..n).all(|i| cross(flat[i], flat[(i + 1) % n], flat[(i + 2) % n]) >= 0.0);
+    if convex { fan(n) } else { cut_ears(&flat).unwrap_or_else(|| fan(n)) }
+}
+
+/// Cuts ears off, going round the ring; `None` where there is no ear or the search takes too long.
+fn cut_ears(flat: &[[f64; 2]]) -> Option<Vec<[usize; 3]>> {
+    let mut ring: Vec<usize> = (0..flat.len()).collect();
+    let mut triangles = Vec::with_capacity(flat.len() - 2);
+    let mut tests_left = flat.len() * MAX_TESTS_PER_CORNER;
+    let mut i = 0;
     while ring.len() > 3 {
         let m = ring.len();
-        let ear = (0..m).find(|&i| {
-            let (a, b, c) = (ring[(i + m - 1) % m], ring[i], ring[(i + 1) % m]);
-            turn(a, b, c) > 0.0
-                && ring.iter().all(|&p| {
-                    // By place, not by index: a hole's bridge visits the same place twice.
-                    [a, b, c].iter().any(|&k| flat[k] == flat[p])
-                        || !inside(flat[p], flat[a], flat[b], flat[c])
-                })
-        });
-        let Some(i) = ear else { return fan(n) };
+        let turn = (0..m).find(|k| is_ear(flat, &ring, (i + k) % m, &mut tests_left))?;
+        i = (i + turn) % m;
         triangles.push([ring[(i + m - 1) % m], ring[i], ring[(i + 1) % m]]);
         ring.remove(i);
+        i %= m - 1;
     }
     triangles.push([ring[0], ring[1], ring[2]]);
-    triangles
+    Some(triangles)
+}
+
+/// Whether the corner at `i` turns left and no other is inside its triangle. Counts down `tests_left` by
+/// the corners that it looks at, and says no once that is 0.
+fn is_ear(flat: &[[f64; 2]], ring: &[usize], i: usize, tests_left: &mut usize) -> bool {
+    let m = ring.len();
+    let [a, b, c] = [(i + m - 1) % m, i, (i + 1) % m].map(|k| flat[ring[k]]);
+    let mut look = || {
+        let left = *tests_left > 0;
+        *tests_left = tests_left.saturating_sub(1);
+        left
+    };
+    look()
+        && cross(a, b, c) > 0.0
+        && ring.iter().all(|&p| {
+            let p = flat[p];
+            // By place, not by index: a hole's bridge visits the same place twice.
+            look() && ([a, b, c].contains(&p) || !inside(p, a, b, c))
+        })
 }
 
 fn fan(n: usize) -> Vec<[usize; 3]> {
@@ -125,6 +142,42 @@ mod tests {
             assert!(areas.iter().all(|&a| a >= 0.0));
             assert!((areas.iter().sum::<f64>() - 14.0).abs() < 1e-12, "{}", areas.iter().sum::<f64>());
         }
+    }
+
+    /// A saw of `n` corners on a bar.
+    fn saw(n: u32) -> Vec<[f64; 3]> {
+        let mut points: Vec<[f64; 3]> = (0..n).map(|i| [f64::from(i), f64::from(i % 2), 0.0]).collect();
+        points.extend([[f64::from(n), -1.0, 0.0], [-1.0, -1.0, 0.0]]);
+        points.reverse();
+        points
+    }
+
+    #[test]
+    fn a_saw_of_a_thousand_teeth_keeps_its_area() {
+        let points = saw(2000);
+        let triangles = triangulate(&points);
+        assert_eq!(triangles.len(), 2000);
+        assert!(triangles.iter().all(|&t| area(&points, t) >= 0.0));
+        let total: f64 = triangles.iter().map(|&t| area(&points, t)).sum();
+        assert!((total - (1999.0 * 1.5 + 1.0)).abs() < 2.0, "{total}");
+    }
+
+    #[test]
+    fn a_polygon_made_to_be_slow_becomes_a_fan() {
+        // A triangle wound inwards: each corner's triangle holds all that come later, and the search for
+        // the ear at its inner end would look at n² / 4 corners.
+        let spiral = |n: u32| -> Vec<[f64; 2]> {
+            let corners = [[1.0, 0.0], [-0.5, 0.9], [-0.5, -0.9]];
+            let at = |i: u32| corners[i as usize % 3].map(|x| x * (1.0 - f64::from(i) / f64::from(n + 1)));
+            (0..n).map(at).chain([[2.0, 0.5]]).collect()
+        };
+        let long = spiral(20_000);
+        let ring: Vec<usize> = (0..long.len()).collect();
+        assert!((0..long.len()).rev().any(|i| is_ear(&long, &ring, i, &mut usize::MAX.clone())), "no ear");
+        assert!(!is_ear(&long, &ring, 100, &mut usize::MAX.clone()));
+        assert!(cut_ears(&long).is_none());
+        let points: Vec<[f64; 3]> = long.iter().map(|p| [p[0], p[1], 0.0]).collect();
+        assert_eq!(triangulate(&points), fan(points.len()));
     }
 
     #[test]
