@@ -22,6 +22,7 @@ pub mod refine;
 pub mod screen;
 mod simplify;
 mod stars;
+pub mod steps;
 mod symbols;
 mod vec3;
 

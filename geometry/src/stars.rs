@@ -1,6 +1,8 @@
 //! Vertex stars as linked lists through the corners of faces: constant memory per corner, cheap
 //! insertion, removal in the length of one star.
 
+use crate::steps;
+
 /// Marks the end of a list.
 pub(crate) const END: u32 = u32::MAX;
 
@@ -83,6 +85,7 @@ impl Iterator for Corners<'_> {
         }
         let corner = self.at;
         self.at = self.stars.next[corner as usize];
+        steps::take(1);
         Some(corner)
     }
 }

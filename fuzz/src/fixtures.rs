@@ -1,0 +1,70 @@
+//! Small prepared assets, made in code, that the targets decode against.
+
+use std::sync::OnceLock;
+
+use lodestream_geometry::mesh::SourceMesh;
+use lodestream_geometry::prepare::Prepared;
+use lodestream_geometry::refine::ActiveMesh;
+
+use crate::common::{prepared, quantised, regions, shapes};
+
+/// A prepared asset and what it is for.
+pub struct Fixture {
+    /// What it is.
+    pub name: &'static str,
+    /// Base mesh, index and chunks.
+    pub asset: Prepared,
+    /// By chunk: the mesh with every older chunk applied.
+    pub before: Vec<ActiveMesh>,
+}
+
+/// The assets: seams and materials, non-manifold stars, vanishing components, seams nearly everywhere,
+/// stars of high valence. A few hundred faces each, so that one input takes well under a millisecond.
+///
+/// # Panics
+/// If an asset does not decode: then there is nothing to fuzz.
+#[allow(clippy::unwrap_used)]
+pub fn all() -> &'static [Fixture] {
+    static ALL: OnceLock<Vec<Fixture>> = OnceLock::new();
+    ALL.get_or_init(|| {
+        [
+            ("torus", shapes::materials(shapes::torus(8, 10), 3)),
+            ("fans", shapes::fans(16)),
+            ("components", components()),
+            ("frigate", shapes::frigate(2)),
+            ("poles", shapes::sphere(6, 30, 0.05)),
+        ]
+        .into_iter()
+        .map(|(name, source)| {
+            let asset = prepared(&quantised(&source), &regions(50));
+            let mut mesh = ActiveMesh::new(&asset.base);
+            let mut before = Vec::new();
+            for (id, (info, payload)) in (0..).zip(asset.infos.iter().zip(&asset.chunks)) {
+                before.push(mesh.clone());
+                let delta = mesh.decode(id, info, payload).unwrap();
+                mesh.apply(&delta).unwrap();
+            }
+            Fixture { name, asset, before }
+        })
+        .collect()
+    })
+}
+
+/// A ball and cubes beside it.
+fn components() -> SourceMesh {
+    let cubes = (0..8).map(|i| [f64::from(i) * 0.3, 1.2, 0.1 * f64::from(i % 3)]);
+    cubes.fold(shapes::sphere(6, 9, 0.05), |mesh, at| shapes::join(mesh, &shapes::cube(0.1), at))
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn every_fixture_has_chunks_that_need_others() {
+        for fixture in super::all() {
+            let infos = &fixture.asset.infos;
+            assert!(infos.len() >= 4, "{}: {} chunks", fixture.name, infos.len());
+            assert!(infos.iter().any(|i| !i.parents.is_empty()), "{}", fixture.name);
+            assert!(fixture.asset.base.totals.faces < 1000, "{}", fixture.name);
+        }
+    }
+}

@@ -1,0 +1,16 @@
+//! Fuzz targets: one function per reader of untrusted bytes.
+//!
+//! A target takes any bytes and panics on a *finding*: a panic of the code under test, a broken
+//! invariant, or a cost over the target's ceiling ([`meter`]). It answers whether the input was
+//! accepted. The functions are plain, so tests replay the committed corpora with the stable toolchain
+//! (`tests/replay.rs`), and the shells in `fuzz_targets/` hand them to libFuzzer. README.md has the
+//! commands.
+
+#[allow(clippy::unwrap_used)]
+#[path = "../../geometry/tests/suite/common/mod.rs"]
+mod common;
+pub mod fixtures;
+pub mod input;
+pub mod meter;
+pub mod seeds;
+pub mod targets;

@@ -1,0 +1,136 @@
+//! Ceilings on what a decoder may spend on an input: memory at its peak, and elementary steps.
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+
+use lodestream_geometry::steps;
+
+thread_local! {
+    static LIVE: Cell<usize> = const { Cell::new(0) };
+    static PEAK: Cell<usize> = const { Cell::new(0) };
+}
+
+/// The system's allocator, counting the bytes that the thread holds. What one thread frees for another
+/// makes the count wrong, so a measured piece of work must stay on its thread.
+struct Counting;
+
+#[global_allocator]
+static COUNTING: Counting = Counting;
+
+fn grown(bytes: usize) {
+    // A thread that is being torn down no longer has the counters.
+    let _ = LIVE.try_with(|live| {
+        live.set(live.get().wrapping_add(bytes));
+        let _ = PEAK.try_with(|peak| peak.set(peak.get().max(live.get())));
+    });
+}
+
+fn shrunk(bytes: usize) {
+    let _ = LIVE.try_with(|live| live.set(live.get().wrapping_sub(bytes)));
+}
+
+// SAFETY: every call goes to the system's allocator with the arguments given; the counters are plain
+// cells with constant initialisers, so touching them allocates nothing.
+#[allow(unsafe_code)]
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        grown(layout.size());
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        grown(layout.size());
+        unsafe { System.alloc_zeroed(layout) }
+    }
+
+    unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
+        shrunk(layout.size());
+        unsafe { System.dealloc(at, layout) }
+    }
+
+    unsafe fn realloc(&self, at: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        // Both blocks may be there while one is copied to the other.
+        grown(size);
+        shrunk(layout.size());
+        unsafe { System.realloc(at, layout, size) }
+    }
+}
+
+/// What an input of `n` bytes may cost: `base + per_byte × n`, of memory and of steps.
+#[derive(Clone, Copy, Debug)]
+pub struct Ceiling {
+    /// Bytes of memory that any input may take.
+    pub base_bytes: usize,
+    /// Bytes of memory for each byte of the input.
+    pub bytes_per_byte: usize,
+    /// Steps that any input may take.
+    pub base_steps: u64,
+    /// Steps for each byte of the input.
+    pub steps_per_byte: u64,
+}
+
+/// What a piece of work cost.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Cost {
+    /// Bytes of memory held at the peak, above what was held before.
+    pub peak_bytes: usize,
+    /// Steps, as [`lodestream_geometry::steps`] counts them; 0 in builds that do not count.
+    pub steps: u64,
+}
+
+/// Does a piece of work and says what it cost.
+pub fn measure<T>(work: impl FnOnce() -> T) -> (T, Cost) {
+    let (before, steps_before) = (LIVE.get(), steps::taken());
+    PEAK.set(before);
+    let result = work();
+    let peak_bytes = PEAK.get().saturating_sub(before);
+    let steps = steps::taken().zip(steps_before).map_or(0, |(after, before)| after - before);
+    (result, Cost { peak_bytes, steps })
+}
+
+/// Does a piece of work on an input of `length` bytes.
+///
+/// # Panics
+/// If it cost more than the ceiling allows.
+pub fn within<T>(ceiling: Ceiling, length: usize, work: impl FnOnce() -> T) -> T {
+    let (result, cost) = measure(work);
+    let bytes = ceiling.base_bytes + ceiling.bytes_per_byte * length;
+    let steps = ceiling.base_steps + ceiling.steps_per_byte * length as u64;
+    assert!(
+        cost.peak_bytes <= bytes,
+        "{} bytes held for an input of {length}, over {bytes}",
+        cost.peak_bytes
+    );
+    assert!(cost.steps <= steps, "{} steps for an input of {length} bytes, over {steps}", cost.steps);
+    result
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TIGHT: Ceiling = Ceiling { base_bytes: 1000, bytes_per_byte: 1, base_steps: 0, steps_per_byte: 0 };
+
+    #[test]
+    fn the_peak_counts_and_what_was_freed_before_does_not() {
+        let (_, cost) = measure(|| {
+            drop(vec![1_u8; 700]);
+            vec![1_u8; 200]
+        });
+        assert_eq!(cost, Cost { peak_bytes: 700, steps: 0 });
+        let mut list = Vec::with_capacity(100);
+        let ((), cost) = measure(|| list.resize(1000, 0_u8));
+        assert_eq!(cost.peak_bytes, 1000);
+    }
+
+    #[test]
+    #[should_panic(expected = "bytes held")]
+    fn a_reservation_over_the_ceiling_is_a_finding_though_never_touched() {
+        within(TIGHT, 24, || drop(Vec::<u8>::with_capacity(1025)));
+    }
+
+    #[test]
+    fn what_is_under_the_ceiling_is_none() {
+        assert_eq!(within(TIGHT, 24, || Vec::<u8>::with_capacity(1024).capacity()), 1024);
+    }
+}

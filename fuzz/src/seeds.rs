@@ -1,0 +1,240 @@
+//! Seed inputs, made from what the project itself makes: regenerate them when a format changes.
+
+use lodestream_geometry::mesh::SourceMesh;
+use lodestream_geometry::pack::{BlobKind, write};
+use lodestream_geometry::prepare::Prepared;
+use lodestream_protocol::asset::{AssetDescription, Material};
+use lodestream_protocol::blob::BlobId;
+use lodestream_protocol::frame::{BlobPiece, encode_client, encode_piece, encode_server};
+use lodestream_protocol::message::{ClientMessage, Close, CloseCode, Hello, ServerMessage, Want, Welcome};
+use lodestream_protocol::scene::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
+use lodestream_protocol::stream::blob_head;
+use lodestream_protocol::view::View;
+
+use crate::common::shapes;
+use crate::fixtures;
+
+/// The seeds of a target by the name of its corpus, as (file name, bytes). None for an unknown name.
+///
+/// # Panics
+/// If the project cannot make what it should be able to make.
+#[must_use]
+pub fn of(target: &str) -> Vec<(String, Vec<u8>)> {
+    match target {
+        "pack_reader" => packs(),
+        "base_decoder" => bases(),
+        "chunk_decoder" => chunks(),
+        "apply_undo" => sequences(),
+        "obj_import" => models(),
+        "messages" => messages(),
+        _ => Vec::new(),
+    }
+}
+
+/// A seed that a target must accept.
+fn seed(name: impl Into<String>, bytes: Vec<u8>) -> (String, Vec<u8>) {
+    (name.into(), bytes)
+}
+
+#[allow(clippy::expect_used)]
+fn pack(asset: &Prepared) -> Vec<u8> {
+    let base = asset.base.encode().expect("a prepared base is encoded");
+    let mut blobs: Vec<(BlobKind, &[u8])> = vec![(BlobKind::Base, &base)];
+    blobs.extend((0..).zip(&asset.pages).map(|(i, page)| (BlobKind::IndexPage(i), page.as_slice())));
+    blobs.extend((0..).zip(&asset.chunks).map(|(i, chunk)| (BlobKind::Chunk(i), chunk.as_slice())));
+    write([7; 32], &blobs).expect("a pack is written")
+}
+
+fn packs() -> Vec<(String, Vec<u8>)> {
+    fixtures::all().iter().map(|f| seed(f.name, pack(&f.asset))).collect()
+}
+
+#[allow(clippy::expect_used)]
+fn bases() -> Vec<(String, Vec<u8>)> {
+    let encode = |f: &fixtures::Fixture| f.asset.base.encode().expect("a prepared base is encoded");
+    fixtures::all().iter().map(|f| seed(f.name, encode(f))).collect()
+}
+
+fn chunks() -> Vec<(String, Vec<u8>)> {
+    let mut seeds = Vec::new();
+    for (number, fixture) in (0..).zip(fixtures::all()) {
+        for chunk in 0..fixture.asset.chunks.len() {
+            let info = &fixture.asset.infos[chunk];
+            let mut bytes = vec![number];
+            bytes.extend((chunk as u16).to_le_bytes());
+            // Announced counts as given, parents as they are.
+            bytes.push(2);
+            for count in [info.vertices, info.wedges, info.faces] {
+                bytes.extend((count as u16).to_le_bytes());
+            }
+            bytes.extend(&fixture.asset.chunks[chunk]);
+            seeds.push(seed(format!("{}-{chunk}", fixture.name), bytes));
+        }
+    }
+    seeds
+}
+
+fn sequences() -> Vec<(String, Vec<u8>)> {
+    let mut seeds = Vec::new();
+    for (number, fixture) in (0..).zip(fixtures::all()) {
+        let chunks = fixture.before.len().min(12) as u16;
+        let mut operation = |name: &str, operations: &mut dyn FnMut(&mut Vec<u8>)| {
+            let mut bytes = vec![number];
+            operations(&mut bytes);
+            seeds.push(seed(format!("{}-{name}", fixture.name), bytes));
+        };
+        let all = |bytes: &mut Vec<u8>, operation: u8| {
+            for chunk in 0..chunks {
+                bytes.push(operation);
+                bytes.extend(chunk.to_le_bytes());
+            }
+        };
+        operation("up-and-down", &mut |bytes| {
+            all(bytes, 0);
+            all(bytes, 3);
+            all(bytes, 4);
+        });
+        operation("damaged", &mut |bytes| {
+            for chunk in 0..chunks {
+                bytes.push(u8::from(chunk % 2 == 1));
+                bytes.extend(chunk.to_le_bytes());
+                if chunk % 2 == 1 {
+                    bytes.extend([chunk as u8 * 5, 0, 1]);
+                }
+            }
+        });
+        operation("forged", &mut |bytes| {
+            all(bytes, 0);
+            for chunk in (0..chunks).rev() {
+                for what in 0..3 {
+                    bytes.extend([3, chunk as u8, 0, 5, chunk as u8, 0, what * 3 + chunk as u8, 1, 0, 2]);
+                }
+            }
+        });
+        operation("misplaced", &mut |bytes| {
+            bytes.extend([0, 0, 0]);
+            for chunk in 1..chunks {
+                bytes.extend([2, chunk as u8, 0, 0, 0]);
+            }
+        });
+    }
+    seeds
+}
+
+/// The text of an OBJ file.
+fn obj(mesh: &SourceMesh) -> String {
+    use std::fmt::Write as _;
+    let mut text = String::from("mtllib m.mtl\n");
+    for [x, y, z] in &mesh.positions {
+        let _ = writeln!(text, "v {x:.3} {y:.3} {z:.3}");
+    }
+    for [u, v] in &mesh.uvs {
+        let _ = writeln!(text, "vt {u:.2} {v:.2}");
+    }
+    for [x, y, z] in &mesh.normals {
+        let _ = writeln!(text, "vn {x:.2} {y:.2} {z:.2}");
+    }
+    for (face, material) in mesh.faces.iter().zip(&mesh.materials) {
+        let _ = write!(text, "usemtl m{material}\nf");
+        for corner in face {
+            let given = |index: u32| if index == u32::MAX { String::new() } else { (index + 1).to_string() };
+            let _ = write!(text, " {}/{}/{}", corner.position + 1, given(corner.uv), given(corner.normal));
+        }
+        text.push('\n');
+    }
+    text
+}
+
+fn models() -> Vec<(String, Vec<u8>)> {
+    const MTL: &str = "newmtl m0\nKd 0.5 0.25 1\nd 0.5\nNs 10\nmap_Kd -s 2 2 1 a b.png\nbump -bm 0.25 h.png\n\
+                       newmtl m1\nKd 0.5\nTr 0.25\ndisp -mm 0 1 d.png\n";
+    let texts = [
+        ("torus", obj(&shapes::materials(shapes::torus(3, 4), 2))),
+        ("frigate", obj(&shapes::frigate(1)).lines().take(40).map(|l| format!("{l}\n")).collect::<String>() + "f 1 2 3\n"),
+        ("relative", "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv .5 .2 0\nf -5 -4 -3 -2 -1\n".into()),
+        ("odd", "\u{feff}# x\r\nf 1/1 2/1 \\\r\n  3/1 # f\r\nv 0 0 0 2\r\nv 2 0 0 2\r\nv 0 1 0 1 0 0\r\nvt 0.5\r\nl 1 2\r\n".into()),
+        ("concave", "v 0 2 0\nv -1 0 0\nv 0 1 0\nv 1 0 0\nvn 0 0 4\nusemtl a b\nf 1//1 2//1 3//1 4//1\n".into()),
+    ];
+    texts.map(|(name, text)| seed(name, [text.as_bytes(), b"\0", MTL.as_bytes()].concat())).into()
+}
+
+#[allow(clippy::expect_used)]
+fn messages() -> Vec<(String, Vec<u8>)> {
+    let view = View::look_at([0.0, 1.0, 5.0], [0.0; 3], [0.0, 1.0, 0.0], 1.0, [1280, 720]);
+    let wants = || [BlobId::base(0), BlobId::chunk(1, 70_000), BlobId::texture(2, 3, 4)];
+    let client = [
+        ClientMessage::Hello(Hello {
+            version_min: 1,
+            version_max: 1,
+            scene: "s".into(),
+            view: Some(view),
+            max_blob_bytes: 1 << 20,
+            budget_bytes: 1 << 28,
+            fingerprint: [3; 16],
+            have: vec![BlobId::base(1)],
+        }),
+        ClientMessage::Want(wants().map(|id| Want { id, priority: 9 }).into()),
+        ClientMessage::Cancel(wants().into()),
+        ClientMessage::SetView(view),
+        ClientMessage::WantScenePages(vec![0, 1, 300]),
+        ClientMessage::Ping(77),
+        ClientMessage::Bye,
+    ];
+    let camera = Camera { eye: [0.0, 1.0, 5.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov_y: 1.0 };
+    let scene = SceneHeader {
+        name: "scene".into(),
+        fingerprint: [9; 16],
+        asset_count: 1,
+        instance_count: 2,
+        page_count: 1,
+        light: Light { direction: [0.0, -1.0, 0.0], color: [1.0; 3], ambient: [0.1; 3] },
+        background: [0.5; 3],
+        camera,
+    };
+    let turned =
+        InstanceEntry { rotation: [0.0, 0.6, 0.0, 0.8], scale: 2.0, ..InstanceEntry::at(0, [1e9, 0.1, 0.0]) };
+    let page = ScenePage {
+        assets: vec![AssetEntry { name: "a".into(), chunk_count: 9, ..AssetEntry::default() }],
+        instances: vec![InstanceEntry::at(0, [1.0, 0.0, 0.0]), turned],
+        ..ScenePage::default()
+    };
+    let server = [
+        ServerMessage::Welcome(Welcome {
+            version: 1,
+            session: 5,
+            rate_bits_per_s: 1 << 21,
+            idle_timeout_ms: 20_000,
+            scene,
+        }),
+        ServerMessage::ScenePage(page),
+        ServerMessage::BasesSent,
+        ServerMessage::Done,
+        ServerMessage::Pong(77),
+        ServerMessage::Close(Close::new(CloseCode::ALL[0], "reason")),
+    ];
+    let mut seeds = Vec::new();
+    let mut stream = vec![2];
+    for (i, message) in client.iter().enumerate() {
+        let frame = encode_client(message).expect("a message is encoded");
+        stream.extend(&frame);
+        seeds.push(seed(format!("client-{i}"), [&[0], &frame[..]].concat()));
+    }
+    seeds.push(seed("stream", stream));
+    for (i, message) in server.iter().enumerate() {
+        let frame = encode_server(message).expect("a message is encoded");
+        seeds.push(seed(format!("server-{i}"), [&[1], &frame[..]].concat()));
+    }
+    let piece = BlobPiece { id: BlobId::chunk(1, 2), offset: 3, total: 20, bytes: b"blob"[..].into() };
+    let piece = encode_piece(&piece).expect("a piece is encoded");
+    seeds.push(seed("piece", [&[1], &piece[..]].concat()));
+    let head = blob_head(BlobId::chunk(1, 2), 9).expect("a head is encoded");
+    seeds.push(seed("blob", [&[3], &head[1..], b"some blob"].concat()));
+    let description = AssetDescription {
+        name: "asset".into(),
+        materials: vec![Material::default(), Material { name: "m".into(), ..Material::default() }],
+        textures: Vec::new(),
+    };
+    let description = description.encode().expect("a description is encoded");
+    seeds.push(seed("description", [&[4], &description[..]].concat()));
+    seeds
+}

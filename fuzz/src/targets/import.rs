@@ -1,0 +1,58 @@
+//! Model files.
+
+use std::cell::RefCell;
+
+use lodestream_geometry::mesh::{NONE, SourceMesh};
+use lodestream_geometry::quantise::{QuantiseSettings, quantise};
+use lodestream_server::import;
+use tempfile::TempDir;
+
+use crate::meter::{Ceiling, within};
+
+thread_local! {
+    static FOLDER: RefCell<Option<TempDir>> = const { RefCell::new(None) };
+}
+
+/// Works in a folder that the thread keeps.
+fn in_folder<T>(work: impl FnOnce(&std::path::Path) -> T) -> T {
+    FOLDER.with_borrow_mut(|folder| {
+        let folder = folder.get_or_insert_with(|| TempDir::new().expect("a temporary folder"));
+        work(folder.path())
+    })
+}
+
+/// An OBJ file and, after the first zero byte, its `m.mtl`.
+pub fn obj_import(data: &[u8]) -> bool {
+    let (obj, mtl) =
+        data.iter().position(|&b| b == 0).map_or((data, &[][..]), |at| (&data[..at], &data[at + 1..]));
+    in_folder(|folder| {
+        let path = folder.join("a.obj");
+        std::fs::write(&path, obj).expect("a file in the temporary folder");
+        std::fs::write(folder.join("m.mtl"), mtl).expect("a file in the temporary folder");
+        let Ok(imported) = within(OBJ, data.len(), || import::import(&path)) else { return false };
+        let materials = imported.materials.len();
+        consistent(&imported.mesh, materials);
+        true
+    })
+}
+
+/// A line of eight bytes becomes two lines of text, a position in the parser, one in a table of
+/// distinct values and one in the mesh, each list in a vector that may have twice its length.
+const OBJ: Ceiling = Ceiling { base_bytes: 1 << 18, bytes_per_byte: 512, base_steps: 0, steps_per_byte: 0 };
+
+/// Whether everything that a face refers to is there; and if a mesh can be made of it, it is.
+fn consistent(mesh: &SourceMesh, materials: usize) {
+    assert_eq!(mesh.faces.len(), mesh.materials.len());
+    assert!(mesh.materials.iter().all(|&m| usize::from(m) < materials));
+    for corner in mesh.faces.iter().flatten() {
+        assert!((corner.position as usize) < mesh.positions.len());
+        assert!(corner.uv == NONE || (corner.uv as usize) < mesh.uvs.len());
+        assert!(corner.normal == NONE || (corner.normal as usize) < mesh.normals.len());
+    }
+    assert!(mesh.positions.iter().flatten().all(|x| x.is_finite()));
+    assert!(mesh.uvs.iter().flatten().all(|x| x.is_finite()));
+    assert!(mesh.normals.iter().flatten().all(|x| x.is_finite()));
+    if let Ok(quantised) = quantise(mesh, &QuantiseSettings::default()) {
+        assert!(quantised.faces.len() <= mesh.faces.len());
+    }
+}

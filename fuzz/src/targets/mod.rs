@@ -1,0 +1,24 @@
+//! The targets. Each takes any bytes, panics on a finding, and answers whether the input was accepted.
+
+mod asset;
+mod import;
+mod messages;
+mod sequence;
+
+pub use asset::{base_decoder, chunk_decoder, pack_reader, rehashed};
+pub use import::obj_import;
+pub use messages::messages;
+pub use sequence::apply_undo;
+
+/// A target.
+pub type Target = fn(&[u8]) -> bool;
+
+/// Every target by the name of its corpus.
+pub const ALL: [(&str, Target); 6] = [
+    ("pack_reader", pack_reader),
+    ("base_decoder", base_decoder),
+    ("chunk_decoder", chunk_decoder),
+    ("apply_undo", apply_undo),
+    ("obj_import", obj_import),
+    ("messages", messages),
+];

@@ -1,0 +1,70 @@
+//! Every committed input of every target, and every seed as it is made now.
+#![allow(clippy::unwrap_used)]
+
+use std::path::{Path, PathBuf};
+
+use lodestream_fuzz::{seeds, targets};
+
+fn corpus(target: &str) -> Vec<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus").join(target);
+    let mut files: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|f| f.unwrap().path()).collect();
+    files.sort();
+    files
+}
+
+fn replay(target: &str) {
+    let (_, run) = targets::ALL.into_iter().find(|(name, _)| *name == target).unwrap();
+    for (file, bytes) in seeds::of(target) {
+        assert!(run(&bytes), "{target} refuses its seed {file}");
+        // Cut short it may be refused or not, but must be no finding.
+        run(&bytes[..bytes.len() / 2]);
+    }
+    let files = corpus(target);
+    assert!(files.len() >= 5, "{target}: only {} inputs", files.len());
+    for file in files {
+        println!("{}", file.display());
+        run(&std::fs::read(&file).unwrap());
+    }
+}
+
+#[test]
+fn pack_reader() {
+    replay("pack_reader");
+}
+
+#[test]
+fn base_decoder() {
+    replay("base_decoder");
+}
+
+#[test]
+fn chunk_decoder() {
+    replay("chunk_decoder");
+}
+
+#[test]
+fn apply_undo() {
+    replay("apply_undo");
+}
+
+#[test]
+fn obj_import() {
+    replay("obj_import");
+}
+
+#[test]
+fn messages() {
+    replay("messages");
+}
+
+#[test]
+fn corpora_stay_small() {
+    let (mut files, mut bytes) = (0, 0);
+    for (name, _) in targets::ALL {
+        for file in corpus(name) {
+            files += 1;
+            bytes += std::fs::metadata(&file).unwrap().len();
+        }
+    }
+    assert!(files <= 600 && bytes <= 1 << 20, "{files} files of {bytes} bytes");
+}
