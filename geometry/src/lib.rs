@@ -11,6 +11,7 @@ pub mod distance;
 pub mod error;
 pub mod index;
 pub mod mesh;
+pub mod normals;
 pub mod octahedral;
 pub mod pack;
 pub mod pool;

@@ -17,6 +17,16 @@ pub struct Corner {
     pub uv: u32,
     /// Index into [`SourceMesh::normals`], or [`NONE`].
     pub normal: u32,
+    /// Index into [`SourceMesh::colors`], or [`NONE`].
+    pub color: u32,
+}
+
+impl Corner {
+    /// A corner without attributes.
+    #[must_use]
+    pub const fn at(position: u32) -> Self {
+        Self { position, uv: NONE, normal: NONE, color: NONE }
+    }
 }
 
 /// A triangle mesh as an importer delivers it, in the source's own indexing.
@@ -29,8 +39,11 @@ pub struct SourceMesh {
     pub positions: Vec<[f64; 3]>,
     /// Texture coordinates, `v` up as in OBJ; may be empty.
     pub uvs: Vec<[f32; 2]>,
-    /// Unit normals; may be empty. They decide the normal groups (creases) and are not kept.
+    /// Unit normals; may be empty. They decide the normal groups (creases), and are kept only where
+    /// they differ from what the faces say ([`crate::quantise::QuantiseSettings::normal_tolerance`]).
     pub normals: Vec<[f32; 3]>,
+    /// Colours as [`Attributes::color`] has them; may be empty.
+    pub colors: Vec<[u8; 4]>,
     /// Triangles, counter-clockwise seen from outside.
     pub faces: Vec<[Corner; 3]>,
     /// Index of each face's material; as long as `faces`.
@@ -49,7 +62,9 @@ pub struct Attributes {
     pub uv: [i32; 2],
     /// Normal group, numbered within the vertex: the corners of one group share one normal.
     pub group: u32,
-    /// Colour, linear RGBA in units of 1/255, [`NO_COLOR`] where the source has none.
+    /// Red, green and blue as sRGB has them (IEC 61966-2-1: steps of 1/255 that look alike in dark and
+    /// bright, where linear ones would show bands in the dark), opacity linear; [`NO_COLOR`] where the
+    /// source has none. Multiplies the material's colour.
     pub color: [u8; 4],
     /// The normal as a point of the octahedral map ([`crate::octahedral`]), [`NORMAL_BITS`] per axis,
     /// where it differs from what the faces say; `None` where it is derived from them.

@@ -3,13 +3,16 @@
 use std::collections::HashMap;
 
 use crate::error::MeshError;
-use crate::mesh::{Attributes, Face, Grid, NONE, QuantisedMesh, SourceMesh, UvGrid, Wedge};
+use crate::mesh::{Attributes, Face, Grid, NO_COLOR, NONE, QuantisedMesh, SourceMesh, UvGrid, Wedge};
+use crate::normals;
 
 /// Default bits per axis of the position grid: 1/16384 of the longest side, a tenth of a pixel for an
 /// object that fills a 1600-pixel screen.
 pub const DEFAULT_POSITION_BITS: u8 = 14;
 /// Default bits per axis of the uv grid: a texel of a 4096-texel texture.
 pub const DEFAULT_UV_BITS: u8 = 12;
+/// Default of [`QuantiseSettings::normal_tolerance`], in degrees.
+pub const DEFAULT_NORMAL_TOLERANCE: f64 = 10.0;
 /// Fewest bits per axis that are accepted.
 pub const MIN_POSITION_BITS: u8 = 4;
 /// Most bits per axis that are accepted: differences then still fit f32 exactly.
@@ -37,11 +40,18 @@ pub struct QuantiseSettings {
     pub precision: Precision,
     /// Bits per axis of texture coordinates, `1..=16`.
     pub uv_bits: u8,
+    /// Largest angle, in degrees, between a normal of the source and what the faces say before it is
+    /// sent: 0 sends all that differ at all, 180 none.
+    pub normal_tolerance: f64,
 }
 
 impl Default for QuantiseSettings {
     fn default() -> Self {
-        Self { precision: Precision::Bits(DEFAULT_POSITION_BITS), uv_bits: DEFAULT_UV_BITS }
+        Self {
+            precision: Precision::Bits(DEFAULT_POSITION_BITS),
+            uv_bits: DEFAULT_UV_BITS,
+            normal_tolerance: DEFAULT_NORMAL_TOLERANCE,
+        }
     }
 }
 
@@ -49,7 +59,9 @@ impl Default for QuantiseSettings {
 ///
 /// Equal positions are welded into one vertex; faces with a repeated vertex are dropped, then
 /// whatever no face uses. Distinct positions that fall on the same grid point stay distinct vertices.
-/// Normals become normal groups: the corners at a vertex whose normals agree within 1° share one.
+/// Normals become normal groups: the corners at a vertex whose normals agree within 1° share one, and
+/// where a group's normal is further from what its faces say than the tolerance, its wedges carry it.
+/// A source without normals is smooth everywhere: one group per vertex. Colours split wedges as uvs do.
 ///
 /// # Errors
 /// Refuses indices out of range, coordinates that are not finite 32-bit numbers, meshes longer than
@@ -87,13 +99,18 @@ pub fn quantise(source: &SourceMesh, settings: &QuantiseSettings) -> Result<Quan
             let group = groups.group(vertex, corner.normal, &source.normals);
             let uv =
                 if corner.uv == NONE { [0; 2] } else { snap_uv(&uv_grid, source.uvs[corner.uv as usize]) };
-            let wedge = Wedge { vertex, attributes: Attributes { uv, group, ..Attributes::default() } };
+            let color = if corner.color == NONE { NO_COLOR } else { source.colors[corner.color as usize] };
+            let wedge = Wedge { vertex, attributes: Attributes { uv, group, color, normal: None } };
             *wedge_of.entry(wedge).or_insert_with(|| {
                 mesh.wedges.push(wedge);
                 (mesh.wedges.len() - 1) as u32
             })
         });
         mesh.faces.push(Face { wedges, material: source.materials.get(index).copied().unwrap_or(0) });
+    }
+    if !source.normals.is_empty() {
+        let meant: Vec<_> = mesh.wedges.iter().map(|wedge| groups.normal(wedge)).collect();
+        normals::keep_explicit(&mut mesh, &meant, settings.normal_tolerance);
     }
     Ok(mesh)
 }
@@ -117,6 +134,11 @@ impl NormalGroups {
         }
         groups.push(n);
         (groups.len() - 1) as u32
+    }
+
+    /// The normal of a wedge's group; zero where the source gives none.
+    fn normal(&self, wedge: &Wedge) -> [f64; 3] {
+        self.per_vertex[wedge.vertex as usize][wedge.attributes.group as usize].map(f64::from)
     }
 }
 
@@ -155,6 +177,7 @@ fn validate(source: &SourceMesh) -> Result<(), MeshError> {
                 ("position", corner.position, source.positions.len(), false),
                 ("uv", corner.uv, source.uvs.len(), true),
                 ("normal", corner.normal, source.normals.len(), true),
+                ("color", corner.color, source.colors.len(), true),
             ];
             for (kind, index, count, optional) in checks {
                 if index as usize >= count && !(optional && index == NONE) {

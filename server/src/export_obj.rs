@@ -1,23 +1,22 @@
 //! Meshes written as OBJ, so that any tool can judge them.
 
+use std::collections::HashMap;
 use std::io::{self, Write};
 
-use glam::DVec3;
-use lodestream_geometry::mesh::QuantisedMesh;
+use lodestream_geometry::mesh::{NO_COLOR, QuantisedMesh};
+use lodestream_geometry::normals::wedge_normals;
 
-/// Writes a mesh: one `v` per vertex, one `vt` and one `vn` per wedge that differs.
+/// Writes a mesh: one `v` per vertex, one `vt` per wedge, one `vn` per normal that differs.
 ///
-/// Normals are those that the viewer draws: the sum of the face normals, weighted by area, over the
-/// corners of each normal group.
+/// Normals are those that the viewer draws ([`wedge_normals`]). Colours follow the position
+/// (`v x y z r g b`, sRGB-encoded in 0..=1, then opacity if any is not 1) where the mesh has them; a
+/// vertex whose wedges differ in colour is written once per colour, since OBJ has no index for colours.
 ///
 /// # Errors
 /// Whatever writing says.
 pub fn write_obj(out: &mut dyn Write, mesh: &QuantisedMesh, material_names: &[String]) -> io::Result<()> {
     writeln!(out, "# {} vertices, {} faces", mesh.positions.len(), mesh.faces.len())?;
-    for &q in &mesh.positions {
-        let [x, y, z] = mesh.grid.position(q);
-        writeln!(out, "v {x} {y} {z}")?;
-    }
+    let vertex_of = write_vertices(out, mesh)?;
     let has_uv = mesh.uv_grid.bits > 0;
     if has_uv {
         for wedge in &mesh.wedges {
@@ -25,10 +24,7 @@ pub fn write_obj(out: &mut dyn Write, mesh: &QuantisedMesh, material_names: &[St
             writeln!(out, "vt {u} {v}")?;
         }
     }
-    let (normals, normal_of) = group_normals(mesh);
-    for n in &normals {
-        writeln!(out, "vn {:.6} {:.6} {:.6}", n.x, n.y, n.z)?;
-    }
+    let normal_of = write_normals(out, mesh)?;
     let mut material = None;
     for face in &mesh.faces {
         if material != Some(face.material) {
@@ -40,10 +36,9 @@ pub fn write_obj(out: &mut dyn Write, mesh: &QuantisedMesh, material_names: &[St
         }
         write!(out, "f")?;
         for wedge in face.wedges {
-            // OBJ counts from 1.
-            let vertex = u64::from(mesh.wedges[wedge as usize].vertex) + 1;
-            let normal = normal_of[wedge as usize] + 1;
+            let (vertex, normal) = (vertex_of[wedge as usize], normal_of[wedge as usize]);
             if has_uv {
+                // OBJ counts from 1.
                 write!(out, " {vertex}/{}/{normal}", u64::from(wedge) + 1)?;
             } else {
                 write!(out, " {vertex}//{normal}")?;
@@ -54,36 +49,64 @@ pub fn write_obj(out: &mut dyn Write, mesh: &QuantisedMesh, material_names: &[St
     Ok(())
 }
 
-/// One normal per (vertex, group), and each wedge's index into them.
-fn group_normals(mesh: &QuantisedMesh) -> (Vec<DVec3>, Vec<u64>) {
-    // Wedges sorted by (vertex, group) stand together: equal neighbours share a normal.
-    let key = |w: u32| (mesh.wedges[w as usize].vertex, mesh.wedges[w as usize].attributes.group);
-    let mut order: Vec<u32> = (0..mesh.wedges.len() as u32).collect();
-    order.sort_by_key(|&w| (key(w), w));
-    let mut normal_of = vec![0u64; mesh.wedges.len()];
-    let mut count = 0u64;
-    for (i, &wedge) in order.iter().enumerate() {
-        if i > 0 && key(order[i - 1]) != key(wedge) {
+/// Writes the `v` lines. Returns each wedge's number among them, from 1.
+fn write_vertices(out: &mut dyn Write, mesh: &QuantisedMesh) -> io::Result<Vec<u64>> {
+    let colors = || mesh.wedges.iter().map(|wedge| wedge.attributes.color);
+    let colored = colors().any(|color| color != NO_COLOR);
+    let opaque = colors().all(|color| color[3] == u8::MAX);
+    let mut line = |vertex: u32, color: [u8; 4]| {
+        let [x, y, z] = mesh.grid.position(mesh.positions[vertex as usize]);
+        write!(out, "v {x} {y} {z}")?;
+        if colored {
+            // Four digits tell steps of 1/255 apart.
+            for value in &color[..if opaque { 3 } else { 4 }] {
+                write!(out, " {:.4}", f64::from(*value) / 255.0)?;
+            }
+        }
+        writeln!(out)
+    };
+    // The lines of the vertices as such come first, so that they keep their numbers.
+    let mut first = vec![None; mesh.positions.len()];
+    for wedge in &mesh.wedges {
+        first[wedge.vertex as usize].get_or_insert(wedge.attributes.color);
+    }
+    for (vertex, color) in (0..).zip(&first) {
+        line(vertex, color.unwrap_or(NO_COLOR))?;
+    }
+    let mut more: HashMap<(u32, [u8; 4]), u64> = HashMap::new();
+    let mut count = mesh.positions.len() as u64;
+    let mut vertex_of = Vec::with_capacity(mesh.wedges.len());
+    for wedge in &mesh.wedges {
+        let (vertex, color) = (wedge.vertex, wedge.attributes.color);
+        if first[vertex as usize] == Some(color) {
+            vertex_of.push(u64::from(vertex) + 1);
+        } else if let Some(&number) = more.get(&(vertex, color)) {
+            vertex_of.push(number);
+        } else {
+            line(vertex, color)?;
             count += 1;
-        }
-        normal_of[wedge as usize] = count;
-    }
-    let mut normals = vec![DVec3::ZERO; if mesh.wedges.is_empty() { 0 } else { count as usize + 1 }];
-    for face in &mesh.faces {
-        let corner = |i: usize| {
-            let q = mesh.positions[mesh.wedges[face.wedges[i] as usize].vertex as usize];
-            DVec3::new(f64::from(q[0]), f64::from(q[1]), f64::from(q[2]))
-        };
-        let (a, b, c) = (corner(0), corner(1), corner(2));
-        let normal = (b - a).cross(c - a);
-        for wedge in face.wedges {
-            normals[normal_of[wedge as usize] as usize] += normal;
+            more.insert((vertex, color), count);
+            vertex_of.push(count);
         }
     }
-    for normal in &mut normals {
-        *normal = normal.normalize_or(DVec3::Z);
+    Ok(vertex_of)
+}
+
+/// Writes the `vn` lines, equal normals once. Returns each wedge's number among them, from 1.
+fn write_normals(out: &mut dyn Write, mesh: &QuantisedMesh) -> io::Result<Vec<u64>> {
+    let mut numbers: HashMap<[u64; 3], u64> = HashMap::new();
+    let mut normal_of = Vec::with_capacity(mesh.wedges.len());
+    for normal in wedge_normals(mesh) {
+        // A star without area has none; OBJ wants one.
+        let [x, y, z] = if normal == [0.0; 3] { [0.0, 0.0, 1.0] } else { normal };
+        let next = numbers.len() as u64 + 1;
+        let number = *numbers.entry([x, y, z].map(f64::to_bits)).or_insert(next);
+        if number == next {
+            writeln!(out, "vn {x:.6} {y:.6} {z:.6}")?;
+        }
+        normal_of.push(number);
     }
-    (normals, normal_of)
+    Ok(normal_of)
 }
 
 #[cfg(test)]
@@ -148,5 +171,27 @@ mod tests {
             text(&fold(true))
         );
         assert!(!text(&fold(false)).contains(&format!("{half:.6}")));
+    }
+
+    #[test]
+    fn colours_and_explicit_normals_are_written_and_read_back() {
+        let mut mesh = fold(true);
+        let tilted = lodestream_geometry::octahedral::encode([1.0, 0.0, 1.0]);
+        mesh.wedges[0].attributes.normal = Some(tilted);
+        mesh.wedges[1].attributes.color = [255, 0, 7, 255];
+        mesh.wedges[3].attributes.color = [9, 200, 30, 128];
+        let dir = tempfile::TempDir::new().unwrap();
+        let path = dir.path().join("a.obj");
+        std::fs::write(&path, text(&mesh)).unwrap();
+        let read = crate::import::import(&path).unwrap().mesh;
+        // Vertex 0 has two colours: two lines, welded again.
+        assert_eq!(read.positions.len(), 4);
+        let color = |face: usize, corner: usize| read.colors[read.faces[face][corner].color as usize];
+        assert_eq!(color(0, 0), NO_COLOR);
+        assert_eq!(color(0, 1), [255, 0, 7, 255]);
+        assert_eq!(color(1, 1), [9, 200, 30, 128]);
+        let n = read.normals[read.faces[0][0].normal as usize];
+        assert!((n[0] - n[2]).abs() < 1e-2 && n[1].abs() < 1e-2, "{n:?}");
+        assert!(!text(&fold(true)).contains("v 10 0 0 "), "no colours where there are none");
     }
 }

@@ -56,7 +56,7 @@ fn hills() -> SourceMesh {
         for x in 0..SIDE {
             let corner = |dx, dy| {
                 let index = (y + dy) * (SIDE + 1) + x + dx;
-                Corner { position: index, uv: index, normal: geometry::mesh::NONE }
+                Corner { uv: index, ..Corner::at(index) }
             };
             mesh.faces.push([corner(0, 0), corner(0, 1), corner(1, 1)]);
             mesh.faces.push([corner(0, 0), corner(1, 1), corner(1, 0)]);

@@ -48,9 +48,9 @@ pub(crate) struct InstanceRaw {
     pub(crate) rotation: [f32; 4],
 }
 
-/// Layout of [`InstanceRaw`] at shader locations 6 and 7.
+/// Layout of [`InstanceRaw`] at shader locations 7 and 8.
 pub(crate) const INSTANCE_ATTRIBUTES: [wgpu::VertexAttribute; 2] =
-    wgpu::vertex_attr_array![6 => Float32x4, 7 => Float32x4];
+    wgpu::vertex_attr_array![7 => Float32x4, 8 => Float32x4];
 
 #[cfg(test)]
 mod tests {

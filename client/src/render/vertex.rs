@@ -1,4 +1,4 @@
-//! The vertex as the GPU reads it: 48 bytes per wedge slot.
+//! The vertex as the GPU reads it: 52 bytes per wedge slot.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -22,19 +22,28 @@ pub struct RenderVertex {
     pub uv: [f32; 2],
     /// Unit normal as signed 16-bit fractions, the fourth is padding.
     pub normal: [i16; 4],
+    /// Colour, sRGB-encoded, with opacity; multiplies the material's.
+    pub colour: [u8; 4],
 }
 
 impl RenderVertex {
-    /// A vertex that stands still: `morph_from = position`, born at time 0, level 0.
+    /// A white vertex that stands still: `morph_from = position`, born at time 0, level 0.
     #[must_use]
     pub fn new(position: [f32; 3], normal: [f32; 3], uv: [f32; 2]) -> Self {
-        Self { position, morph_from: position, normal: pack_normal(normal), uv, ..Self::default() }
+        let (normal, colour) = (pack_normal(normal), [255; 4]);
+        Self { position, morph_from: position, normal, uv, colour, ..Self::default() }
     }
 
     /// The same vertex, moving from `from` to its position after `birth_s`.
     #[must_use]
     pub fn morphing(self, from: [f32; 3], birth_s: f32) -> Self {
         Self { morph_from: from, birth_s, ..self }
+    }
+
+    /// The same vertex in another colour, sRGB-encoded.
+    #[must_use]
+    pub fn coloured(self, colour: [u8; 4]) -> Self {
+        Self { colour, ..self }
     }
 
     /// The same vertex, marked with a level of refinement.
@@ -53,9 +62,9 @@ pub(crate) fn pack_normal(n: [f32; 3]) -> [i16; 4] {
     [q(n[0]), q(n[1]), q(n[2]), 0]
 }
 
-/// Layout of [`RenderVertex`] at shader locations 0 to 5.
-pub(crate) const VERTEX_ATTRIBUTES: [wgpu::VertexAttribute; 6] = wgpu::vertex_attr_array![
-    0 => Float32x3, 1 => Float32, 2 => Float32x3, 3 => Uint32, 4 => Float32x2, 5 => Snorm16x4
+/// Layout of [`RenderVertex`] at shader locations 0 to 6.
+pub(crate) const VERTEX_ATTRIBUTES: [wgpu::VertexAttribute; 7] = wgpu::vertex_attr_array![
+    0 => Float32x3, 1 => Float32, 2 => Float32x3, 3 => Uint32, 4 => Float32x2, 5 => Snorm16x4, 6 => Unorm8x4
 ];
 
 #[cfg(test)]
@@ -64,9 +73,9 @@ mod tests {
 
     #[test]
     fn layout_matches_the_struct() {
-        assert_eq!(size_of::<RenderVertex>(), 48);
+        assert_eq!(size_of::<RenderVertex>(), 52);
         let offsets: Vec<u64> = VERTEX_ATTRIBUTES.iter().map(|a| a.offset).collect();
-        assert_eq!(offsets, [0, 12, 16, 28, 32, 40]);
+        assert_eq!(offsets, [0, 12, 16, 28, 32, 40, 48]);
     }
 
     #[test]

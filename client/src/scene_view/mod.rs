@@ -129,6 +129,7 @@ impl SceneView {
                 .map(|v| {
                     RenderVertex::new(v.data.position, v.data.normal, v.data.uv)
                         .morphing(v.data.morph_from, v.birth_s)
+                        .coloured(v.data.color)
                         .at_level(v.level)
                 })
                 .collect();

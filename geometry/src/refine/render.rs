@@ -1,5 +1,7 @@
 //! What a renderer needs of a refined mesh.
 
+use crate::mesh::Wedge;
+use crate::octahedral;
 use crate::refine::active::ActiveMesh;
 use crate::vec3::{Vec3, add, length, triangle_normal};
 
@@ -33,6 +35,8 @@ pub struct RenderVertex {
     pub normal: [f32; 3],
     /// Texture coordinates, `v` up.
     pub uv: [f32; 2],
+    /// Colour, as [`crate::mesh::Attributes::color`] has it.
+    pub color: [u8; 4],
     /// Where the vertex was before its chunk was applied, relative like `position`.
     pub morph_from: [f32; 3],
 }
@@ -66,14 +70,32 @@ impl ActiveMesh {
 
     /// The data of a wedge slot.
     ///
-    /// The normal is the sum of the face normals, weighted by area, over the corners at the vertex
-    /// that share the wedge's normal group. Cost: one pass over the vertex's star.
+    /// The normal is the wedge's own, if it has one, else the sum of the face normals, weighted by
+    /// area, over the corners at the vertex that share its normal group. Cost: one pass over the
+    /// vertex's star at most.
     ///
     /// # Panics
     /// If the slot is not below [`Self::wedge_slots`].
     #[must_use]
     pub fn render_vertex(&self, slot: u32) -> RenderVertex {
         let wedge = self.wedges[slot as usize];
+        let step = self.grid.step;
+        let place = |q: [i32; 3]| q.map(|x| (f64::from(x) * step) as f32);
+        let uv = self.uv_grid.uv(wedge.attributes.uv);
+        RenderVertex {
+            position: place(self.positions[wedge.vertex as usize]),
+            normal: self.normal(wedge).map(|x| x as f32),
+            uv: [uv[0] as f32, uv[1] as f32],
+            color: wedge.attributes.color,
+            morph_from: place(self.morph_from[wedge.vertex as usize]),
+        }
+    }
+
+    /// The unit normal of a wedge, or zero.
+    fn normal(&self, wedge: Wedge) -> Vec3 {
+        if let Some(explicit) = wedge.attributes.normal {
+            return octahedral::decode(explicit);
+        }
         let mut normal = [0.0; 3];
         for corner in self.stars.corners(wedge.vertex) {
             let face = self.faces[(corner / 3) as usize];
@@ -83,15 +105,7 @@ impl ActiveMesh {
             }
         }
         let size = length(normal);
-        let step = self.grid.step;
-        let place = |q: [i32; 3]| q.map(|x| (f64::from(x) * step) as f32);
-        let uv = self.uv_grid.uv(wedge.attributes.uv);
-        RenderVertex {
-            position: place(self.positions[wedge.vertex as usize]),
-            normal: if size > 0.0 { normal.map(|x| (x / size) as f32) } else { [0.0; 3] },
-            uv: [uv[0] as f32, uv[1] as f32],
-            morph_from: place(self.morph_from[wedge.vertex as usize]),
-        }
+        if size > 0.0 { normal.map(|x| x / size) } else { [0.0; 3] }
     }
 
     /// Position of a wedge in grid cells.

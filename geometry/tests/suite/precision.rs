@@ -7,7 +7,7 @@ use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
 use crate::common::{all, bare, quantised, shapes};
 
 fn with(source: &SourceMesh, precision: Precision) -> Result<QuantisedMesh, MeshError> {
-    quantise(source, &QuantiseSettings { precision, uv_bits: 12 })
+    quantise(source, &QuantiseSettings { precision, ..QuantiseSettings::default() })
 }
 
 /// Largest distance between a corner's source position and its grid point; for meshes of which

@@ -37,7 +37,7 @@ fn tangle(random: &mut Random) -> SourceMesh {
                 (true, _) => (first + random.below(9)) % points,
                 (false, _) => random.below(points),
             };
-            Corner { position: position as u32, uv: pick(random, uvs), normal: pick(random, normals) }
+            Corner { uv: pick(random, uvs), normal: pick(random, normals), ..Corner::at(position as u32) }
         });
         mesh.faces.push(corner);
         mesh.materials.push(random.below(materials) as u16);

@@ -1,6 +1,6 @@
 //! Checks every line of an OBJ file and rewrites it in the small part of the format that `tobj`
-//! reads faithfully: plain `v`, `vt`, `vn`, then faces with absolute indices, grouped by material and
-//! by which attributes all their corners have. Everything wrong is reported with its line.
+//! reads faithfully: plain `v` (with a colour, if the file has any), `vt`, `vn`, then faces with absolute
+//! indices, grouped by material and by which attributes all their corners have. Everything wrong is reported with its line.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -25,6 +25,19 @@ pub(super) struct Normalised {
     pub(super) face_count: usize,
     /// Lines, points and faces with fewer than three corners, all left out.
     pub(super) left_out: usize,
+    /// Vertices whose colour had values outside 0 to 1, which were clamped.
+    pub(super) clamped_colors: usize,
+}
+
+/// A vertex colour as the one number that carries it through the parser, which reads three per vertex
+/// and knows no opacity; −1 where the vertex has none.
+fn pack_color(color: Option<[u8; 4]>) -> i64 {
+    color.map_or(-1, |rgba| i64::from(u32::from_le_bytes(rgba)))
+}
+
+/// See [`pack_color`].
+pub(super) fn unpack_color(packed: f64) -> Option<[u8; 4]> {
+    (packed >= 0.0).then(|| (packed as u32).to_le_bytes())
 }
 
 /// Which attributes all corners of a face have.
@@ -79,32 +92,43 @@ pub(super) fn normalise(path: &Path, bytes: &[u8]) -> Result<Normalised, ImportE
         let line = 1 + bytes[..at].iter().filter(|&&b| b == b'\n').count();
         return Err(ImportError::line(path, line, "has a zero byte, so it is not text; give an OBJ file"));
     }
-    let mut reader = Reader::new(path, count_elements(bytes));
+    let (totals, colored) = count_elements(bytes);
+    let mut reader = Reader::new(path, totals, colored);
     for (number, line) in logical_lines(bytes) {
         reader.line(number, &line)?;
     }
     reader.finish()
 }
 
-/// Elements in the whole file: OBJ lets a positive index refer to a line further down.
-fn count_elements(bytes: &[u8]) -> [usize; 3] {
+/// Elements in the whole file, since OBJ lets a positive index refer to a line further down, and whether
+/// any vertex may have a colour.
+fn count_elements(bytes: &[u8]) -> ([usize; 3], bool) {
     let mut counts = [0usize; 3];
+    let mut colored = false;
     for (_, line) in logical_lines(bytes) {
-        match line.split_whitespace().next() {
-            Some("v") => counts[0] += 1,
+        let mut words = line.split_whitespace();
+        match words.next() {
+            Some("v") => {
+                counts[0] += 1;
+                colored = colored || words.nth(MIN_COLORED_VALUES - 1).is_some();
+            }
             Some("vt") => counts[1] += 1,
             Some("vn") => counts[2] += 1,
             _ => {}
         }
     }
-    counts
+    (counts, colored)
 }
+
+/// Values of a vertex with a colour: x y z r g b, perhaps with opacity after them.
+const MIN_COLORED_VALUES: usize = 6;
 
 const KINDS: [&str; 3] = ["vertex", "texture coordinate", "normal"];
 
 struct Reader<'a> {
     path: &'a Path,
     totals: [usize; 3],
+    colored: bool,
     seen: [usize; 3],
     out: Normalised,
     materials: BTreeMap<String, usize>,
@@ -116,10 +140,11 @@ struct Reader<'a> {
 }
 
 impl<'a> Reader<'a> {
-    fn new(path: &'a Path, totals: [usize; 3]) -> Self {
+    fn new(path: &'a Path, totals: [usize; 3], colored: bool) -> Self {
         Self {
             path,
             totals,
+            colored,
             seen: [0; 3],
             out: Normalised::default(),
             materials: BTreeMap::new(),
@@ -204,7 +229,7 @@ impl<'a> Reader<'a> {
             0..=2 => {
                 return Err(self.error(line, format!("vertex has {count} values; three are needed (x y z)")));
             }
-            // x y z w; more values are colours, which are not used.
+            // x y z w; a colour takes three values or four.
             4 => {
                 xyz = xyz.map(|x| x / v[3]);
                 if !xyz.iter().all(|x| x.is_finite() && x.abs() <= f64::from(f32::MAX)) {
@@ -216,8 +241,23 @@ impl<'a> Reader<'a> {
             _ => {}
         }
         self.count(line, 0)?;
-        let _ = writeln!(self.out.vertices, "v {:?} {:?} {:?}", xyz[0], xyz[1], xyz[2]);
+        let _ = write!(self.out.vertices, "v {:?} {:?} {:?}", xyz[0], xyz[1], xyz[2]);
+        if self.colored {
+            let packed = pack_color(self.color(&v[..count]));
+            let _ = write!(self.out.vertices, " {packed} 0 0");
+        }
+        self.out.vertices.push('\n');
         Ok(())
+    }
+
+    /// The colour among the values of a vertex, in steps of 1/255.
+    fn color(&mut self, values: &[f64]) -> Option<[u8; 4]> {
+        let &[_, _, _, r, g, b, ref rest @ ..] = values else { return None };
+        let rgba = [r, g, b, rest.first().copied().unwrap_or(1.0)];
+        if rgba.iter().any(|x| !(0.0..=1.0).contains(x)) {
+            self.out.clamped_colors += 1;
+        }
+        Some(rgba.map(|x| (x.clamp(0.0, 1.0) * 255.0).round() as u8))
     }
 
     fn texture_coordinate(&mut self, line: usize, text: &str) -> Result<(), ImportError> {

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use lodestream_geometry::mesh::{Corner, NONE, SourceMesh};
 
 use super::mtl::{self, Library};
-use super::normalise::{Format, Normalised, logical_lines, normalise};
+use super::normalise::{Format, Normalised, logical_lines, normalise, unpack_color};
 use super::triangulate::triangulate;
 use super::{ImportError, Imported, MAX_FILE_BYTES, Material, read_file};
 
@@ -35,6 +35,13 @@ pub fn import(path: &Path) -> Result<Imported, ImportError> {
             "{}: {} points, lines or faces with fewer than 3 corners were left out",
             path.display(),
             normalised.left_out
+        ));
+    }
+    if normalised.clamped_colors > 0 {
+        warnings.push(format!(
+            "{}: {} vertices have colours outside 0 to 1, which were clamped; divide values of 0 to 255 by 255",
+            path.display(),
+            normalised.clamped_colors
         ));
     }
     let materials = materials(path, &normalised.material_names, &library, &mut warnings)?;
@@ -149,6 +156,7 @@ struct Merge {
     positions: HashMap<[u64; 3], u32>,
     uvs: HashMap<[u32; 2], u32>,
     normals: HashMap<[u32; 3], u32>,
+    colors: HashMap<[u8; 4], u32>,
 }
 
 impl Merge {
@@ -160,10 +168,14 @@ impl Merge {
         let positions: Vec<u32> = mesh.positions.as_chunks().0.iter().map(|p| self.position(*p)).collect();
         let uvs: Vec<u32> = mesh.texcoords.as_chunks().0.iter().map(|t| self.uv(*t)).collect();
         let normals: Vec<u32> = mesh.normals.as_chunks().0.iter().map(|n| self.normal(*n)).collect();
+        // One number per vertex carries the colour, the others are padding.
+        let packed = mesh.vertex_color.as_chunks::<3>().0;
+        let colors: Vec<u32> = packed.iter().map(|c| self.color(unpack_color(c[0]))).collect();
         let corner = |i: usize| Corner {
             position: positions[mesh.indices[i] as usize],
             uv: if format.uv { uvs[mesh.texcoord_indices[i] as usize] } else { NONE },
             normal: if format.normal { normals[mesh.normal_indices[i] as usize] } else { NONE },
+            color: colors.get(mesh.indices[i] as usize).copied().unwrap_or(NONE),
         };
         // No arities are given where all faces are triangles.
         let triangles = std::iter::repeat_n(3, mesh.indices.len() / 3);
@@ -199,6 +211,11 @@ impl Merge {
         let value = value.map(|x| x as f32 + 0.0);
         let uvs = &mut self.mesh.uvs;
         *self.uvs.entry(value.map(f32::to_bits)).or_insert_with(|| push(uvs, value))
+    }
+
+    fn color(&mut self, value: Option<[u8; 4]>) -> u32 {
+        let colors = &mut self.mesh.colors;
+        value.map_or(NONE, |value| *self.colors.entry(value).or_insert_with(|| push(colors, value)))
     }
 
     /// Normals become unit length; one without a direction counts as not given.

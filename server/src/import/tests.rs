@@ -51,6 +51,33 @@ fn corners_without_uv_get_none_and_not_their_neighbours() {
 }
 
 #[test]
+fn vertex_colours_are_read_where_there_are_any() {
+    let text = "v 0 0 0 # white 1 1\nv 1 0 0 1 0 0.5\nv 0 1 0 0.2 0.4 2 0.5\nf 1 2 3\n";
+    let imported = read(text);
+    let mesh = imported.mesh;
+    let of = |i: usize| mesh.colors.get(mesh.faces[0][i].color as usize).copied();
+    assert_eq!([of(0), of(1), of(2)], [None, Some([255, 0, 128, 255]), Some([51, 102, 255, 128])]);
+    assert!(
+        imported.warnings[0].contains("1 vertices have colours outside 0 to 1"),
+        "{:?}",
+        imported.warnings
+    );
+    assert!(read(&format!("{TRIANGLE}f 1 2 3\n")).mesh.colors.is_empty());
+}
+
+#[test]
+fn one_place_with_two_colours_is_one_position() {
+    let mesh = read(
+        "v 0 0 0 1 0 0\nv 1 0 0 1 0 0\nv 0 1 0 1 0 0\nv 0 0 0 0 1 0\nv -1 0 0 0 1 0\nf 1 2 3\nf 4 3 5\n",
+    )
+    .mesh;
+    assert_eq!(mesh.positions.len(), 4);
+    assert_eq!(mesh.colors, [[255, 0, 0, 255], [0, 255, 0, 255]]);
+    assert_eq!(mesh.faces[0][0].position, mesh.faces[1][0].position);
+    assert_eq!([mesh.faces[0][0].color, mesh.faces[1][0].color], [0, 1]);
+}
+
+#[test]
 fn objects_groups_and_materials_merge() {
     let dir = TempDir::new().unwrap();
     write(

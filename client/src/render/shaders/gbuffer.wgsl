@@ -21,8 +21,9 @@ struct VertexIn {
     @location(3) level: u32,
     @location(4) uv: vec2<f32>,
     @location(5) normal: vec4<f32>,
-    @location(6) offset_scale: vec4<f32>,
-    @location(7) rotation: vec4<f32>,
+    @location(6) colour: vec4<f32>, // sRGB-encoded
+    @location(7) offset_scale: vec4<f32>,
+    @location(8) rotation: vec4<f32>,
 }
 
 struct Surface {
@@ -31,6 +32,7 @@ struct Surface {
     @location(1) normal: vec3<f32>,
     @location(2) uv: vec2<f32>, // v down, as textures are stored
     @location(3) @interpolate(flat) level: u32,
+    @location(4) colour: vec3<f32>, // linear, so that what lies between vertices is too
 }
 
 struct GBuffer {
@@ -57,6 +59,11 @@ fn clip_position(world: vec3<f32>) -> vec4<f32> {
     return frame.clip_from_view * vec4((frame.view_from_world * vec4(world, 0.0)).xyz, 1.0);
 }
 
+// Decoding curve of sRGB (IEC 61966-2-1).
+fn linear_from_srgb(c: vec3<f32>) -> vec3<f32> {
+    return select(pow((c + 0.055) / 1.055, vec3(2.4)), c / 12.92, c <= vec3(0.04045));
+}
+
 @vertex
 fn vs_surface(v: VertexIn) -> Surface {
     var out: Surface;
@@ -65,6 +72,7 @@ fn vs_surface(v: VertexIn) -> Surface {
     out.normal = rotate(v.rotation, v.normal.xyz);
     out.uv = vec2(v.uv.x, 1.0 - v.uv.y);
     out.level = v.level;
+    out.colour = linear_from_srgb(v.colour.rgb);
     return out;
 }
 
@@ -98,7 +106,8 @@ fn fs_surface(s: Surface, @builtin(front_facing) front: bool) -> GBuffer {
         normal = hit.normal;
     }
 
-    var albedo = material.base_colour * textureSampleGrad(colour_map, map_sampler, uv, duv_dx, duv_dy).rgb;
+    let texel = textureSampleGrad(colour_map, map_sampler, uv, duv_dx, duv_dy).rgb;
+    var albedo = material.base_colour * s.colour * texel;
     if (frame.shade == 1u) {
         albedo = level_colour(s.level);
     }

@@ -3,7 +3,7 @@
 use glam::{DQuat, DVec3};
 use image::RgbaImage;
 
-use super::shapes::{asset, at, brick_asset, cube, quad, sphere};
+use super::shapes::{Mesh, asset, at, brick_asset, cube, quad, sphere};
 use super::{headless, keep};
 use crate::image_compare::compare;
 use crate::render::{
@@ -124,6 +124,40 @@ fn up_is_up_right_is_right_and_near_hides_far() {
     let depth = h.depth().unwrap();
     let nearest = f64::from(depth[60 * 120 + 60]);
     assert!((front_camera().near / nearest - 2.8).abs() < 1e-4, "{nearest}");
+}
+
+#[test]
+fn vertex_colours_multiply_the_materials_and_blend_in_linear_light() {
+    let Some(mut h) = headless(128, 64) else { return };
+    let mut square = quad([-2.0, -1.0, 0.0], [4.0, 0.0, 0.0], [0.0, 2.0, 0.0], 1.0);
+    let white = Material { base_colour: [0.5; 3], ..Material::default() };
+    let mut shoot = |mesh: &Mesh, material| {
+        let asset = asset(&h, mesh, material);
+        let drawables = [Drawable { asset: &asset, instances: &[Instance::default()] }];
+        picture(&mut h, &Frame::new(front_camera(), &drawables))
+    };
+    let plain = shoot(&square, white);
+    let half = shoot(&square, Material { base_colour: [0.25; 3], ..Material::default() });
+    // Half the light is 188 of 255 in sRGB: as a vertex colour or in the material, it is the same.
+    for v in &mut square.0 {
+        *v = v.coloured([188, 188, 188, 255]);
+    }
+    let grey = shoot(&square, white);
+    for (a, b) in [(64, 32), (20, 10)].map(|(x, y)| (grey.get_pixel(x, y), half.get_pixel(x, y))) {
+        assert!(a.0.iter().zip(&b.0).all(|(a, b)| a.abs_diff(*b) <= 2), "{a:?} {b:?}");
+    }
+    assert!(luma(&plain, 64, 32) > luma(&grey, 64, 32) + 10.0);
+    // Red on the left, green on the right: in the middle both at half the light.
+    for v in &mut square.0 {
+        let colour = if v.position[0] < 0.0 { [255, 0, 0, 255] } else { [0, 255, 0, 255] };
+        *v = v.coloured(colour);
+    }
+    let blend = shoot(&square, white);
+    keep(&h, "vertex-colours");
+    let [left, middle, right] = [16, 64, 111].map(|x| blend.get_pixel(x, 32).0.map(u32::from));
+    assert!(left[0] > 2 * left[1] && right[1] > 2 * right[0], "{left:?} {right:?}");
+    assert!(middle[0].abs_diff(middle[1]) <= 3 && middle[2] < middle[0], "{middle:?}");
+    assert!(middle[0] * 100 > left[0] * 60, "{left:?} {middle:?}");
 }
 
 #[test]

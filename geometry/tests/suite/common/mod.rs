@@ -4,7 +4,7 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use lodestream_geometry::Settings;
-use lodestream_geometry::mesh::{Corner, NONE, QuantisedMesh, SourceMesh};
+use lodestream_geometry::mesh::{Corner, QuantisedMesh, SourceMesh};
 use lodestream_geometry::pool::{Pool, Serial, Silent};
 use lodestream_geometry::prepare::{Prepared, prepare};
 use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
@@ -46,7 +46,8 @@ pub(crate) fn quantised(source: &SourceMesh) -> QuantisedMesh {
 }
 
 pub(crate) fn with_bits(source: &SourceMesh, bits: u8) -> QuantisedMesh {
-    quantise(source, &QuantiseSettings { precision: Precision::Bits(bits), uv_bits: 12 }).unwrap()
+    quantise(source, &QuantiseSettings { precision: Precision::Bits(bits), ..QuantiseSettings::default() })
+        .unwrap()
 }
 
 /// Settings with regions of so many faces, and chunks as small as such regions need.
@@ -112,10 +113,9 @@ pub(crate) fn permutation(count: usize, random: &mut Random) -> Vec<usize> {
 
 /// A mesh without attributes.
 pub(crate) fn bare(positions: Vec<[f64; 3]>, faces: &[[u32; 3]]) -> SourceMesh {
-    let corner = |position| Corner { position, uv: NONE, normal: NONE };
     SourceMesh {
         positions,
-        faces: faces.iter().map(|f| f.map(corner)).collect(),
+        faces: faces.iter().map(|f| f.map(Corner::at)).collect(),
         materials: vec![0; faces.len()],
         ..SourceMesh::default()
     }

@@ -54,7 +54,7 @@ pub(crate) fn torus(around: u32, across: u32) -> SourceMesh {
     let corner = |i: u32, j: u32| Corner {
         position: (i % around) * across + j % across,
         uv: i * (across + 1) + j,
-        normal: u32::MAX,
+        ..Corner::at(0)
     };
     for i in 0..around {
         for j in 0..across {
@@ -119,7 +119,7 @@ pub(crate) fn frigate(boxes: u32) -> SourceMesh {
                         let chart = ((i * 7 + j * 3 + b) % 16) as f32;
                         mesh.uvs.push([chart * 0.06 + 0.05 * s as f32, chart * 0.03 + 0.05 * t as f32]);
                         let index = mesh.positions.len() as u32 - 1;
-                        Corner { position: index, uv: index, normal }
+                        Corner { uv: index, normal, ..Corner::at(index) }
                     });
                     if flip {
                         quad.reverse();
@@ -160,12 +160,19 @@ pub(crate) fn materials(mut mesh: SourceMesh, count: u16) -> SourceMesh {
 /// Joins two meshes, moving the second.
 pub(crate) fn join(mut a: SourceMesh, b: &SourceMesh, by: [f64; 3]) -> SourceMesh {
     let (p, t, n) = (a.positions.len() as u32, a.uvs.len() as u32, a.normals.len() as u32);
+    let k = a.colors.len() as u32;
     a.positions.extend(b.positions.iter().map(|q| [0, 1, 2].map(|k| q[k] + by[k])));
     a.uvs.extend(&b.uvs);
     a.normals.extend(&b.normals);
+    a.colors.extend(&b.colors);
     let shift = |index: u32, by: u32| if index == u32::MAX { index } else { index + by };
     a.faces.extend(b.faces.iter().map(|f| {
-        f.map(|c| Corner { position: c.position + p, uv: shift(c.uv, t), normal: shift(c.normal, n) })
+        f.map(|c| Corner {
+            position: c.position + p,
+            uv: shift(c.uv, t),
+            normal: shift(c.normal, n),
+            color: shift(c.color, k),
+        })
     }));
     a.materials.extend(&b.materials);
     a

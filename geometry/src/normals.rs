@@ -1,0 +1,133 @@
+//! Normals: derived from the faces, sent only where that is not what the source meant.
+//!
+//! The derived normal of a wedge is the sum of the normals of the faces at its vertex whose corners
+//! share its normal group, weighted by area (Gouraud 1971; the weights are those of the cross product).
+//! Where the source's normal lies further from it than a tolerance, the wedge carries it instead.
+
+use crate::mesh::QuantisedMesh;
+use crate::octahedral;
+use crate::vec3::{Vec3, add, dot, length, triangle_normal};
+
+/// The unit normal of each wedge: its own, if it carries one, else the derived one; zero where the
+/// faces have no area. Cost: a sort of the wedges and one pass over the faces.
+#[must_use]
+pub fn wedge_normals(mesh: &QuantisedMesh) -> Vec<[f64; 3]> {
+    let derived = derived(mesh);
+    let unit = |n: Vec3| {
+        let size = length(n);
+        if size > 0.0 { n.map(|x| x / size) } else { [0.0; 3] }
+    };
+    let explicit = mesh.wedges.iter().map(|wedge| wedge.attributes.normal);
+    explicit.zip(derived).map(|(own, sum)| own.map_or_else(|| unit(sum), octahedral::decode)).collect()
+}
+
+/// Gives each wedge the normal that `source` names for it, where the derived one is further away than
+/// `tolerance` degrees. `source` has a unit normal per wedge, or zero where the source says nothing.
+pub(crate) fn keep_explicit(mesh: &mut QuantisedMesh, source: &[Vec3], tolerance: f64) {
+    let tolerance = tolerance.clamp(0.0, 180.0);
+    let least = cosine(tolerance);
+    let derived = derived(mesh);
+    for ((wedge, &meant), sum) in mesh.wedges.iter_mut().zip(source).zip(derived) {
+        let size = length(sum);
+        let far = if size > 0.0 { dot(meant, sum) < least * size } else { tolerance < 180.0 };
+        if far && meant != [0.0; 3] {
+            wedge.attributes.normal = Some(octahedral::encode(meant));
+        }
+    }
+}
+
+/// Sum of the face normals over each wedge's normal group, not of unit length.
+fn derived(mesh: &QuantisedMesh) -> Vec<Vec3> {
+    // Wedges sorted by (vertex, group) stand together: equal neighbours share a sum.
+    let key = |w: u32| (mesh.wedges[w as usize].vertex, mesh.wedges[w as usize].attributes.group);
+    let mut order: Vec<u32> = (0..mesh.wedges.len() as u32).collect();
+    order.sort_unstable_by_key(|&w| (key(w), w));
+    let mut sum_of = vec![0_u32; mesh.wedges.len()];
+    let mut count = 0_u32;
+    for (i, &wedge) in order.iter().enumerate() {
+        if i > 0 && key(order[i - 1]) != key(wedge) {
+            count += 1;
+        }
+        sum_of[wedge as usize] = count;
+    }
+    drop(order);
+    let mut sums = vec![[0.0; 3]; count as usize + 1];
+    for face in &mesh.faces {
+        let place = |w: u32| mesh.positions[mesh.wedges[w as usize].vertex as usize].map(f64::from);
+        let [a, b, c] = face.wedges.map(place);
+        let normal = triangle_normal(a, b, c);
+        for wedge in face.wedges {
+            let sum = &mut sums[sum_of[wedge as usize] as usize];
+            *sum = add(*sum, normal);
+        }
+    }
+    sum_of.into_iter().map(|i| sums[i as usize]).collect()
+}
+
+/// Cosine of `0..=180` degrees, to 2e-14: a Taylor series of an eighth of the angle, doubled three
+/// times. libm's differs from machine to machine, and packs must not.
+fn cosine(degrees: f64) -> f64 {
+    let x = degrees * (std::f64::consts::PI / 180.0) / 8.0;
+    let square = x * x;
+    let (mut term, mut sum) = (1.0, 1.0);
+    for k in 1..12 {
+        let n = 2.0 * f64::from(k);
+        term = -term * square / (n * (n - 1.0));
+        sum += term;
+    }
+    (0..3).fold(sum, |c, _| 2.0 * c * c - 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::{Attributes, Face, Grid, UvGrid, Wedge};
+
+    /// A square in the plane z = 0, facing +z, all corners in one group.
+    fn square() -> QuantisedMesh {
+        let wedge = |vertex| Wedge { vertex, attributes: Attributes::default() };
+        QuantisedMesh {
+            grid: Grid { origin: [0.0; 3], step: 1.0, bits: 4 },
+            uv_grid: UvGrid { origin: [0.0; 2], step: [0.0; 2], bits: 0 },
+            positions: vec![[0, 0, 0], [9, 0, 0], [9, 9, 0], [0, 9, 0]],
+            wedges: (0..4).map(wedge).collect(),
+            faces: [[0, 1, 2], [0, 2, 3]].map(|wedges| Face { wedges, material: 0 }).to_vec(),
+        }
+    }
+
+    #[test]
+    fn only_normals_beyond_the_tolerance_are_kept() {
+        let tilted = |degrees: f64| [degrees.to_radians().sin(), 0.0, degrees.to_radians().cos()];
+        let source = [tilted(0.0), tilted(4.9), tilted(5.1), [0.0; 3]];
+        let mut mesh = square();
+        keep_explicit(&mut mesh, &source, 5.0);
+        let kept: Vec<bool> = mesh.wedges.iter().map(|w| w.attributes.normal.is_some()).collect();
+        assert_eq!(kept, [false, false, true, false]);
+        let normals = wedge_normals(&mesh);
+        assert_eq!(normals[1], [0.0, 0.0, 1.0]);
+        assert!(dot(normals[2], source[2]) > 0.3_f64.to_radians().cos());
+        let mut all = square();
+        keep_explicit(&mut all, &source.map(|_| tilted(0.5)), 0.0);
+        assert!(all.wedges.iter().all(|w| w.attributes.normal.is_some()));
+        let mut none = square();
+        keep_explicit(&mut none, &[[0.0, 0.0, -1.0]; 4], 180.0);
+        assert_eq!(none, square());
+    }
+
+    #[test]
+    fn a_star_without_area_takes_the_normal_that_is_given() {
+        let mut mesh = square();
+        mesh.positions = vec![[0, 0, 0]; 4];
+        assert_eq!(wedge_normals(&mesh)[0], [0.0; 3]);
+        keep_explicit(&mut mesh, &[[0.0, 1.0, 0.0]; 4], 10.0);
+        assert_eq!(wedge_normals(&mesh)[0], [0.0, 1.0, 0.0]);
+    }
+
+    #[test]
+    fn the_cosine_is_that_of_libm() {
+        for i in 0..=1800 {
+            let degrees = f64::from(i) / 10.0;
+            assert!((cosine(degrees) - degrees.to_radians().cos()).abs() < 2e-14, "{degrees}");
+        }
+    }
+}
