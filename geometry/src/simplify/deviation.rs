@@ -159,6 +159,16 @@ impl Deviation {
             })
     }
 
+    /// Whether a point is within `limit` of the input, margin included.
+    pub(crate) fn input_within(&self, point: Vec3, limit: f64) -> bool {
+        self.input.any_within(point, limit / MARGIN)
+    }
+
+    /// The face that a sample was last found near.
+    pub(crate) fn face_near(&self, sample: u32) -> u32 {
+        self.attached[sample as usize]
+    }
+
     /// Takes over the new places of samples.
     pub(crate) fn attach(&mut self, moved: &[(u32, u32, f32)]) {
         for &(sample, face, distance) in moved {

@@ -132,12 +132,18 @@ impl Rules {
     /// The third vertex of a removed face must be addressable by the split that brings it back: inside
     /// the region, or still a neighbour of `t`.
     fn relaxed_topology(&self, region: &Region, u: u32, t: u32) -> bool {
-        self.neighbours.iter().filter(|&&w| w != u && w != t).all(|&w| {
+        let held = &region.held;
+        let mut left = 0;
+        let thin = self.neighbours.iter().filter(|&&w| w != u && w != t).all(|&w| {
             let Around { at_u, at_t, at_both, .. } = self.around[w as usize];
             let after = at_u + at_t - 2 * at_both;
             let thin = at_u == 0 || at_t == 0 || after <= 2 || after <= at_u || after <= at_t;
-            thin && (at_both == 0 || after > 0 || region.interior[w as usize])
-        })
+            left += after;
+            // A vertex that is held keeps a face.
+            let lonely = at_both > 0 && after == 0;
+            thin && (!lonely || (region.interior[w as usize] && !held[w as usize]))
+        });
+        thin && (left > 0 || !held[t as usize])
     }
 
     fn turning(&self, region: &Region, u: u32, t: u32) -> Option<f64> {

@@ -56,7 +56,7 @@ impl Level {
         Self { region_of_face, faces, interior, capacity, vertices }
     }
 
-    /// Simplifies all regions; `last` lets the only one go as far as it can.
+    /// Simplifies all regions; `last` lets each go as far as it can.
     pub(crate) fn simplify(
         &self,
         live: &Live,
@@ -68,13 +68,35 @@ impl Level {
         let share = MOST_OF_A_REGION.max(settings.level_share);
         pool.map(self.faces.len(), &|r| {
             let limit = if last { usize::MAX } else { (self.capacity[r] as f64 * share) as usize };
-            let inside = |v: u32| self.interior[v as usize] == r as u32;
-            let mut region = Region::new(live, self.faces[r].clone(), &inside, settings.metric);
+            let mut region = self.region(live, r, settings);
             if tear {
                 region.tear_outline();
             }
             simplify_region(region, limit, settings.round_share)
         })
+    }
+
+    /// Simplifies one region again, keeping the vertices of `held`, ascending: by at most so many
+    /// collapses up to a cost.
+    pub(crate) fn simplify_again(
+        &self,
+        live: &Live,
+        r: usize,
+        held: &[u32],
+        (most, highest_cost): (usize, f64),
+        settings: &Settings,
+    ) -> Records {
+        let mut region = self.region(live, r, settings);
+        region.hold(held);
+        let mut records = simplify_region(region, most, settings.round_share);
+        let keep = records.collapses.partition_point(|c| c.cost <= highest_cost);
+        records.truncate(keep);
+        records
+    }
+
+    fn region(&self, live: &Live, r: usize, settings: &Settings) -> Region {
+        let inside = |v: u32| self.interior[v as usize] == r as u32;
+        Region::new(live, self.faces[r].clone(), &inside, settings.metric)
     }
 }
 

@@ -1,40 +1,216 @@
 //! Keeps every level within the error that the base mesh is allowed.
 
+use std::collections::BTreeMap;
+
+use crate::distance::TriangleBvh;
 use crate::error::MeshError;
 use crate::pool::Watched;
-use crate::simplify::deviation::Deviation;
+use crate::simplify::Settings;
+use crate::simplify::deviation::{Deviation, MARGIN};
 use crate::simplify::level::Level;
-use crate::simplify::live::Live;
+use crate::simplify::live::{Live, NO_VERTEX};
 use crate::simplify::records::Records;
+use crate::vec3::{Vec3, add, dot, length, scale, sub};
 
 /// Input samples by which a region is judged while a level that keeps within the base's error is
 /// searched for.
-const SEARCH_SAMPLES: usize = 20_000;
+const SEARCH_SAMPLES: usize = 8000;
 /// The least of them for one region.
-const LEAST_SEARCH_SAMPLES: usize = 1500;
+const LEAST_SEARCH_SAMPLES: usize = 1000;
 
-/// Shortens each region's collapses until its error is within `limit`: no level may leave the base
-/// mesh worse than it is allowed to be.
+/// Input faces with an edge longer than this share of the limit have points of their own.
+const LARGE: f64 = 0.25;
+/// Parts of a face's edges between the points that are compared with the input.
+const LATTICE: u32 = 5;
+/// How often a region is simplified again, each time with more vertices held.
+const MOST_ATTEMPTS: usize = 8;
+
+/// Brings each region's error within `limit`: no level may leave the base mesh worse than it is allowed
+/// to be. Where a region's collapses go too far, the vertices whose removal did it are held and the
+/// region is simplified again; what is still too far then ends the collapses.
 pub(crate) fn limit_error(
     live: &Live,
     deviation: &Deviation,
     level: &Level,
     records: &mut [Records],
-    limit: f64,
+    limit: &Limit,
+    settings: &Settings,
     pool: &Watched<'_>,
 ) -> Result<(), MeshError> {
     let samples = deviation.by_region(&level.region_of_face, level.faces.len());
-    let budget = (SEARCH_SAMPLES / records.len().max(1)).max(LEAST_SEARCH_SAMPLES);
-    let keep = pool.map(records.len(), &|r| {
-        let whole = records[r].collapses.len();
-        if records[r].reach <= limit {
-            return whole;
+    let shortened = pool.map(records.len(), &|r| {
+        let limited =
+            Limited { live, deviation, level, r, samples: &samples[r], points: limit, limit: limit.error };
+        (records[r].reach > limit.error).then(|| limited.shorten(&records[r], records.len(), settings))
+    })?;
+    for (region, shortened) in records.iter_mut().zip(shortened) {
+        if let Some(shortened) = shortened {
+            *region = shortened;
         }
+    }
+    Ok(())
+}
+
+/// The error that is allowed, in grid cells, and what must keep to it besides the input's vertices.
+pub(crate) struct Limit {
+    error: f64,
+    /// Points of large input faces, with their nearest corner, ascending by that.
+    points: Vec<(u32, Vec3)>,
+}
+
+impl Limit {
+    pub(crate) fn new(live: &Live, error: f64) -> Self {
+        let mut points = Vec::new();
+        for corners in &live.face_vertices {
+            let [a, b, c] = corners.map(|v| live.positions[v as usize]);
+            let longest = [sub(b, a), sub(c, b), sub(a, c)].map(length).into_iter().fold(0.0, f64::max);
+            if longest > LARGE * error {
+                points.push((corners[0], scale(add(add(a, b), c), 1.0 / 3.0)));
+                for (v, p, q) in [(corners[0], a, b), (corners[1], b, c), (corners[2], c, a)] {
+                    points.push((v, scale(add(p, q), 0.5)));
+                }
+            }
+        }
+        points.sort_by_key(|p| p.0);
+        Self { error, points }
+    }
+
+    /// A vertex of the input and the points for which it stands.
+    fn points_at<'a>(&'a self, live: &Live, vertex: u32) -> impl Iterator<Item = Vec3> + 'a {
+        let from = self.points.partition_point(|p| p.0 < vertex);
+        let more = self.points[from..].iter().take_while(move |p| p.0 == vertex).map(|p| p.1);
+        std::iter::once(live.positions[vertex as usize]).chain(more)
+    }
+}
+
+/// A region that may go too far.
+struct Limited<'a> {
+    live: &'a Live,
+    deviation: &'a Deviation,
+    level: &'a Level,
+    r: usize,
+    samples: &'a [u32],
+    points: &'a Limit,
+    limit: f64,
+}
+
+impl Limited<'_> {
+    fn shorten(&self, whole: &Records, regions: usize, settings: &Settings) -> Records {
+        let highest_cost = whole.collapses.last().map_or(0.0, |c| c.cost);
+        let mut records = whole.clone();
+        let mut held: Vec<u32> = Vec::new();
+        for _ in 0..MOST_ATTEMPTS {
+            let far = self.gone_too_far(&records, &held);
+            if far.is_empty() {
+                return records;
+            }
+            held.extend(far);
+            held.sort_unstable();
+            held.dedup();
+            let most = (whole.collapses.len(), highest_cost);
+            records = self.level.simplify_again(self.live, self.r, &held, most, settings);
+        }
+        let keep = self.longest_good_prefix(&records, regions);
+        records.truncate(keep);
+        records
+    }
+
+    /// The removed vertices that should have stayed: of the input's vertices that are too far from what is
+    /// left, the farthest that went to each place, unless one that is held is near enough; and the last
+    /// that moved a face that is too far.
+    fn gone_too_far(&self, records: &Records, held: &[u32]) -> Vec<u32> {
+        let (live, limit) = (self.live, self.limit);
+        let faces = &self.level.faces[self.r];
+        let after = faces_after(live, faces, records, records.collapses.len());
+        let triangles: Vec<[u32; 3]> = after.iter().copied().flatten().collect();
+        let went: BTreeMap<u32, u32> = records.collapses.iter().map(|c| (c.removed, c.target)).collect();
+        let mut far: BTreeMap<u32, (f64, u32, Vec3)> = BTreeMap::new();
+        let surface = TriangleBvh::new(&live.positions, &triangles);
+        for &sample in self.samples.iter().filter(|&&s| (s as usize) < live.positions.len()) {
+            let root = live.heir(sample);
+            let mut heir = root;
+            while let Some(&next) = went.get(&heir).filter(|&&next| next != NO_VERTEX) {
+                heir = next;
+            }
+            let lost = went.contains_key(&heir) || live.stars.corners(heir).next().is_none();
+            for point in self.points.points_at(live, sample) {
+                let distance = length(sub(point, live.positions[heir as usize]));
+                if (distance <= limit / MARGIN && !lost)
+                    || (!triangles.is_empty() && surface.any_within(point, limit / MARGIN))
+                {
+                    continue;
+                }
+                let Some(root) = self.removed_near(sample, root, point, &went) else { continue };
+                let entry = far.entry(heir).or_insert((distance, root, point));
+                if distance > entry.0 {
+                    *entry = (distance, root, point);
+                }
+            }
+        }
+        let near = |point: Vec3, v: u32| length(sub(point, live.positions[v as usize])) <= limit / MARGIN;
+        let mut hold: Vec<u32> = Vec::new();
+        for (_, root, point) in far.into_values() {
+            if !hold.iter().chain(held).any(|&h| near(point, h)) {
+                hold.push(root);
+            }
+        }
+        for (&face, triangle) in faces.iter().zip(&after) {
+            let Some(corners) = triangle.filter(|c| *c != live.face_vertices[face as usize]) else {
+                continue;
+            };
+            if !self.near_input(corners) {
+                let last = (0..records.collapses.len())
+                    .rev()
+                    .find(|&i| records.parts(i).1.iter().any(|moved| moved.face == face));
+                hold.extend(last.map(|i| records.collapses[i].removed));
+            }
+        }
+        hold
+    }
+
+    /// The vertex to hold for a point of an input vertex's: what that had become before this level or,
+    /// where it had vanished, the nearest corner of the face that stood for it.
+    fn removed_near(&self, sample: u32, root: u32, point: Vec3, went: &BTreeMap<u32, u32>) -> Option<u32> {
+        let live = self.live;
+        if went.contains_key(&root) {
+            return Some(root);
+        }
+        let corners = live.face_vertices[self.deviation.face_near(sample) as usize];
+        let distance = |v: u32| length(sub(live.positions[v as usize], point));
+        let removed = corners.into_iter().filter(|v| went.contains_key(v));
+        removed.min_by(|&a, &b| distance(a).total_cmp(&distance(b)).then(a.cmp(&b)))
+    }
+
+    /// Whether a lattice of points on a face is within the limit of the input.
+    fn near_input(&self, corners: [u32; 3]) -> bool {
+        let [a, b, c] = corners.map(|v| self.live.positions[v as usize]);
+        // The corners are on the input, and no point is farther from all of them than this.
+        let edges = [sub(b, a), sub(c, b), sub(a, c)].map(|e| dot(e, e));
+        if edges.iter().all(|e| *e <= 3.0 * (self.limit / MARGIN) * (self.limit / MARGIN)) {
+            return true;
+        }
+        let step = 1.0 / f64::from(LATTICE);
+        (0..=LATTICE).all(|i| {
+            (0..=LATTICE - i).all(|j| {
+                let (s, t) = (f64::from(i) * step, f64::from(j) * step);
+                let point = add(add(scale(a, s), scale(b, t)), scale(c, 1.0 - s - t));
+                self.deviation.input_within(point, self.limit)
+            })
+        })
+    }
+
+    /// How many collapses leave the region within the limit, judged by some of the samples.
+    fn longest_good_prefix(&self, records: &Records, regions: usize) -> usize {
+        let budget = (SEARCH_SAMPLES / regions.max(1)).max(LEAST_SEARCH_SAMPLES);
         let good = |count: usize| {
-            let triangles = faces_after(live, &level.faces[r], &records[r], count);
-            !triangles.is_empty() && deviation.within(&live.positions, &triangles, &samples[r], limit, budget)
+            let after = faces_after(self.live, &self.level.faces[self.r], records, count);
+            let triangles: Vec<[u32; 3]> = after.into_iter().flatten().collect();
+            !triangles.is_empty()
+                && triangles.iter().all(|t| self.near_input(*t))
+                && self.deviation.within(&self.live.positions, &triangles, self.samples, self.limit, budget)
         };
-        if whole == 0 || good(whole) {
+        let whole = records.collapses.len();
+        if whole == 0 || records.reach <= self.limit || good(whole) {
             return whole;
         }
         let (mut low, mut high) = (0, whole);
@@ -43,15 +219,11 @@ pub(crate) fn limit_error(
             if good(middle) { low = middle } else { high = middle }
         }
         low
-    })?;
-    for (region, keep) in records.iter_mut().zip(keep) {
-        region.truncate(keep);
     }
-    Ok(())
 }
 
-/// A region's triangles after its first `count` collapses.
-fn faces_after(live: &Live, faces: &[u32], records: &Records, count: usize) -> Vec<[u32; 3]> {
+/// A region's faces after its first `count` collapses; `None` where one has vanished.
+fn faces_after(live: &Live, faces: &[u32], records: &Records, count: usize) -> Vec<Option<[u32; 3]>> {
     let place = |face: u32| faces.binary_search(&face).unwrap_or(0);
     let mut triangles: Vec<Option<[u32; 3]>> =
         faces.iter().map(|&f| Some(live.face_vertices[f as usize])).collect();
@@ -68,5 +240,5 @@ fn faces_after(live: &Live, faces: &[u32], records: &Records, count: usize) -> V
             triangles[place(r.face)] = None;
         }
     }
-    triangles.into_iter().flatten().collect()
+    triangles
 }

@@ -10,6 +10,9 @@ const BOUNDARY_WEIGHT: f64 = 10.0;
 /// The same for an edge where uv, normal group or material jump.
 const SEAM_WEIGHT: f64 = 1.0;
 
+/// Longest chain of collapses that is followed to find what became of a vertex.
+const MOST_HOPS: usize = 10_000;
+
 /// A vertex that no collapse has removed has no parent.
 pub(crate) const NO_VERTEX: u32 = u32::MAX;
 
@@ -75,6 +78,19 @@ impl Live {
     pub(crate) fn centroid(&self, face: usize) -> Vec3 {
         let [a, b, c] = self.triangle(face);
         scale(add(add(a, b), c), 1.0 / 3.0)
+    }
+
+    /// The vertex that an input vertex has been collapsed to.
+    pub(crate) fn heir(&self, mut vertex: u32) -> u32 {
+        // Bounded: outlines unlocked on purpose can make two vertices each other's heirs.
+        for _ in 0..MOST_HOPS {
+            let next = self.moved_to[vertex as usize];
+            if next == vertex {
+                break;
+            }
+            vertex = next;
+        }
+        vertex
     }
 
     /// A new wedge at `vertex` with the attributes of `source` and a normal group of its own.

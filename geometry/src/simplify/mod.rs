@@ -26,7 +26,7 @@ use crate::mesh::QuantisedMesh;
 use crate::pool::{Stage, Watched};
 use crate::simplify::deviation::{Deviation, extend};
 use crate::simplify::level::{Level, truncate_globally};
-use crate::simplify::limit::limit_error;
+use crate::simplify::limit::{Limit, limit_error};
 use crate::simplify::live::Live;
 use crate::simplify::measure::measure;
 use crate::simplify::records::Records;
@@ -119,7 +119,7 @@ const MAX_REGION_FACES: usize = 20_000;
 /// Most parts of a chunk.
 const MAX_PARTS: usize = 16;
 /// A level that removes less than this share of the vertices ends the hierarchy.
-const LEAST_PROGRESS: f64 = 0.01;
+const LEAST_PROGRESS: f64 = 0.05;
 
 pub(crate) fn simplify(
     mesh: &QuantisedMesh,
@@ -130,12 +130,13 @@ pub(crate) fn simplify(
     let mut deviation = Deviation::new(&live);
     let mut levels = Vec::new();
     let mut stray_error = 0.0_f64;
-    let diagonal = diagonal(mesh);
+    let limit = Limit::new(&live, settings.base_error * diagonal(mesh));
     let faces_total = live.faces.len();
     let region_faces = settings.region_faces.clamp(50, MAX_REGION_FACES);
+    let mut stuck = false;
     loop {
         pool.begin(Stage::Simplify)?;
-        let last = live.faces.len() <= region_faces + region_faces / 2;
+        let last = live.faces.len() <= if stuck { MAX_REGION_FACES } else { region_faces + region_faces / 2 };
         let level = Level::new(&live, levels.len(), if last { 1 } else { live.faces.len() / region_faces });
         let tear = settings.unlock_outlines && levels.is_empty();
         let mut records = level.simplify(&live, last, tear, settings, pool)?;
@@ -143,7 +144,7 @@ pub(crate) fn simplify(
             truncate_globally(&mut records, &level, settings);
         }
         pool.begin(Stage::Measure)?;
-        limit_error(&live, &deviation, &level, &mut records, settings.base_error * diagonal, pool)?;
+        limit_error(&live, &deviation, &level, &mut records, &limit, settings, pool)?;
         pool.begin(Stage::Simplify)?;
         let vertices = level.vertices;
         let mut touched = vec![false; live.alive.len()];
@@ -160,9 +161,12 @@ pub(crate) fn simplify(
             levels.push(chunks);
         }
         pool.advance(faces_total - live.faces.len(), removed);
-        if last || (removed as f64) < LEAST_PROGRESS * vertices as f64 {
+        let little = (removed as f64) < LEAST_PROGRESS * vertices as f64;
+        if last || (little && (stuck || live.faces.len() > MAX_REGION_FACES)) {
             return Ok(Simplified { levels, live, stray_error });
         }
+        // Outlines may be what is in the way: one more level, in one region.
+        stuck = little;
     }
 }
 

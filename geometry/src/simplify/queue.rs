@@ -168,7 +168,7 @@ impl Order {
         self.rules.ring(&self.region, t, &mut ring);
         self.look_again(t, None);
         for &w in &ring {
-            if !self.region.interior[w as usize] {
+            if !self.region.interior[w as usize] || self.region.held[w as usize] {
                 continue;
             }
             if self.region.metric == Metric::Melax {
@@ -190,7 +190,8 @@ impl Order {
     /// Finds the cheapest candidate of `u`; of those dearer than `after`, if given. Strict candidates
     /// are judged when their turn comes, relaxed ones now, since a penalty changes their order.
     fn look_again(&mut self, u: u32, after: Option<Best>) {
-        if !self.region.interior[u as usize] || self.region.gone[u as usize] {
+        let at = u as usize;
+        if !self.region.interior[at] || self.region.gone[at] || self.region.held[at] {
             return;
         }
         let mut ring = std::mem::take(&mut self.rules.ring_u);

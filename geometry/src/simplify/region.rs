@@ -31,7 +31,9 @@ pub(crate) struct Region {
     pub(crate) wedges: Vec<[u32; 3]>,
     pub(crate) stars: Stars,
     pub(crate) gone: Vec<bool>,
-    /// Last collapse that used a face, and that took a face from a vertex, or [`NONE`].
+    /// Vertices that must stay.
+    pub(crate) held: Vec<bool>,
+    /// Last collapse that used a face, and a vertex without using a face that it kept, or [`NONE`].
     face_last: Vec<u32>,
     vertex_last: Vec<u32>,
     pub(crate) records: Records,
@@ -77,6 +79,7 @@ impl Region {
             quadrics,
             wedges: faces.iter().map(|&f| live.face_wedges[f as usize]).collect(),
             gone: vec![false; vertices.len()],
+            held: vec![false; vertices.len()],
             face_last: vec![NONE; faces.len()],
             vertex_last: vec![NONE; vertices.len()],
             records: Records { first_kept: live.wedges.len() as u32, ..Records::default() },
@@ -96,6 +99,13 @@ impl Region {
     /// What moving `u` onto `t` costs by the quadrics of both.
     pub(crate) fn quadric_cost(&self, u: u32, t: u32) -> f64 {
         self.quadrics[u as usize].evaluate(self.positions[t as usize]) + self.own_cost[t as usize]
+    }
+
+    /// Forbids to remove the given vertices, ascending global ids, or all faces around one.
+    pub(crate) fn hold(&mut self, vertices: &[u32]) {
+        for (held, v) in self.held.iter_mut().zip(&self.vertices) {
+            *held = vertices.binary_search(v).is_ok();
+        }
     }
 
     /// Collapses one outline vertex onto an interior one, although other regions keep it: see
@@ -196,17 +206,20 @@ impl Region {
         self.records.reach = self.records.reach.max(reach);
     }
 
-    /// Books the third vertices of removed faces, and keeps the names of those that a split could not
-    /// find among the neighbours of `t`.
+    /// Keeps the names of those third vertices of removed faces that a split could not find among the
+    /// neighbours of `t`, and notes that this collapse used them.
     fn note_thirds(&mut self, t: u32, first_removed: usize) {
         let index = self.records.collapses.len() as u32;
         for i in first_removed..self.records.removed.len() {
             let Some(x) = self.records.removed[i].third else { continue };
-            self.vertex_last[x as usize] = index;
             // From the third's side: a hub is likelier to be the target.
             let found = self.stars.corners(x).any(|c| self.corners[(c / 3) as usize].contains(&t));
             self.records.removed[i].third = (!found).then_some(self.vertices[x as usize]);
             if !found {
+                let last = std::mem::replace(&mut self.vertex_last[x as usize], index);
+                if last != NONE && last != index {
+                    self.records.after.push(last);
+                }
                 // The face has shrunk to an edge of no face: its points may be far from any.
                 self.records.reach = f64::INFINITY;
             }

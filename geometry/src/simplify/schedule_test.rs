@@ -56,9 +56,12 @@ fn collapses_of_one_round_share_no_face_and_makers_come_first() {
             // Undone from the highest round on: what was collapsed onto must come back before.
             removed_in.insert(collapse.removed, collapse.round);
         }
-        for collapse in &records.collapses {
-            if let Some(&made) = removed_in.get(&collapse.target) {
-                assert!(made > collapse.round);
+        for index in 0..records.collapses.len() {
+            let (collapse, _, removed) = records.parts(index);
+            for vertex in removed.iter().filter_map(|r| r.third).chain([collapse.target]) {
+                if let Some(&made) = removed_in.get(&vertex) {
+                    assert!(made > collapse.round, "{vertex} must be there for {}", collapse.removed);
+                }
             }
         }
     });

@@ -4,6 +4,7 @@
 mod common;
 
 mod cancellation;
+mod coarse_end;
 mod determinism;
 mod errors;
 mod extremes;

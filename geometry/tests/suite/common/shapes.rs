@@ -108,6 +108,8 @@ pub(crate) fn frigate(boxes: u32) -> SourceMesh {
             mesh.normals.push(n);
             for i in 0..SIDE {
                 for j in 0..SIDE {
+                    // Charts of single quads: the uvs of neighbours never agree.
+                    let chart = ((i * 7 + j * 3 + b) % 16) as f32;
                     let mut quad = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)].map(|(i, j)| {
                         let (s, t) = (f64::from(i) / f64::from(SIDE), f64::from(j) / f64::from(SIDE));
                         let mut p = [0.0; 3];
@@ -115,8 +117,6 @@ pub(crate) fn frigate(boxes: u32) -> SourceMesh {
                         p[(axis + 1) % 3] = s;
                         p[(axis + 2) % 3] = t;
                         mesh.positions.push([0, 1, 2].map(|k| p[k] + place[k]));
-                        // Charts of single quads: the uvs of neighbours never agree.
-                        let chart = ((i * 7 + j * 3 + b) % 16) as f32;
                         mesh.uvs.push([chart * 0.06 + 0.05 * s as f32, chart * 0.03 + 0.05 * t as f32]);
                         let index = mesh.positions.len() as u32 - 1;
                         Corner { uv: index, normal, ..Corner::at(index) }
@@ -191,6 +191,38 @@ pub(crate) fn components(count: usize) -> SourceMesh {
         let by = [0, 1, 2].map(|_| 3.0 * random.unit() - 1.5);
         mesh = join(mesh, if i % 2 == 0 { &tetrahedron } else { &cube }, by);
     }
+    mesh
+}
+
+/// So many ellipsoids of 36 faces, of sizes from 1 to 7, strewn around a sphere: a building's parts.
+pub(crate) fn crowd(count: usize) -> SourceMesh {
+    let mut random = Random::new(11);
+    let mut mesh = sphere(30, 40, 0.0);
+    for _ in 0..count {
+        let size = 0.02 * (1.0 + 6.0 * random.unit() * random.unit());
+        let stretch = [0.3 + 0.7 * random.unit(), 0.3 + 0.7 * random.unit(), 1.0];
+        let mut part = sphere(4, 6, 0.0);
+        for p in &mut part.positions {
+            *p = [0, 1, 2].map(|k| p[k] * stretch[k] * size);
+        }
+        let at = loop {
+            let at = [0, 1, 2].map(|_| 3.0 * random.unit() - 1.5);
+            if at.iter().map(|x| x * x).sum::<f64>() > 1.0 {
+                break at;
+            }
+        };
+        mesh = join(mesh, &part, at);
+    }
+    mesh
+}
+
+/// A sphere whose faces around every 23rd vertex are missing.
+pub(crate) fn perforated(rings: u32, columns: u32) -> SourceMesh {
+    let mut mesh = sphere(rings, columns, 0.02);
+    let keep: Vec<bool> = mesh.faces.iter().map(|f| f.iter().all(|c| c.position % 23 != 11)).collect();
+    let mut kept = keep.iter();
+    mesh.faces.retain(|_| *kept.next().unwrap());
+    mesh.materials.truncate(mesh.faces.len());
     mesh
 }
 

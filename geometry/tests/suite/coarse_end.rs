@@ -1,0 +1,70 @@
+//! The base mesh of meshes that resist: many components, holes, seams everywhere, hubs.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use lodestream_geometry::Settings;
+use lodestream_geometry::check::check;
+use lodestream_geometry::mesh::{Face, QuantisedMesh, Wedge};
+use lodestream_geometry::pool::Serial;
+use lodestream_geometry::prepare::Prepared;
+
+use crate::common::{prepared, quantised, shapes};
+
+/// Prepares with the default settings, checks random closed sets, and holds the base to 5 %.
+fn whole(name: &str, mesh: &QuantisedMesh, sets: usize) -> Prepared {
+    let asset = prepared(mesh, &Settings::default());
+    let report = check(&asset.base, &asset.infos, &asset.chunks, sets, 7, &Serial).unwrap();
+    assert_eq!((report.cracks, report.order_dependent, report.undo_errors), (0, 0, 0), "{name}");
+    let error = f64::from(asset.base.root_error / asset.base.diagonal);
+    assert!(error <= 0.05, "{name}: {error} of the diagonal, {} faces", asset.base.faces.len());
+    asset
+}
+
+/// Edges with one face, by vertices.
+fn boundary(wedges: &[Wedge], faces: &[Face]) -> usize {
+    let mut edges: BTreeMap<(u32, u32), usize> = BTreeMap::new();
+    for face in faces {
+        let corners = face.wedges.map(|w| wedges[w as usize].vertex);
+        for k in 0..3 {
+            let (a, b) = (corners[k], corners[(k + 1) % 3]);
+            *edges.entry((a.min(b), a.max(b))).or_default() += 1;
+        }
+    }
+    edges.values().filter(|&&faces| faces == 1).count()
+}
+
+#[test]
+fn thirteen_hundred_components_have_a_small_base() {
+    let mesh = quantised(&shapes::crowd(1299));
+    assert!(mesh.faces.len() > 48_000 && mesh.faces.len() < 52_000, "{}", mesh.faces.len());
+    let asset = whole("crowd", &mesh, 4);
+    assert!(asset.base.faces.len() <= 2000, "{} faces", asset.base.faces.len());
+    let bytes = asset.base.encode().unwrap().len();
+    assert!(bytes <= 12_000, "{bytes} bytes");
+}
+
+#[test]
+fn holes_close() {
+    let mesh = quantised(&shapes::perforated(60, 80));
+    let before = boundary(&mesh.wedges, &mesh.faces);
+    assert!(before > 500, "{before} boundary edges");
+    let asset = whole("holes", &mesh, 10);
+    let after = boundary(&asset.base.wedges, &asset.base.faces);
+    assert!(after * 8 < before, "{after} of {before} boundary edges are left");
+    assert!(asset.base.faces.len() < 300, "{} faces", asset.base.faces.len());
+}
+
+#[test]
+fn a_frigate_with_seams_everywhere_never_opens() {
+    let mesh = quantised(&shapes::frigate(40));
+    let mut wedges: BTreeMap<u32, BTreeSet<[i32; 2]>> = BTreeMap::new();
+    for wedge in &mesh.wedges {
+        wedges.entry(wedge.vertex).or_default().insert(wedge.attributes.uv);
+    }
+    let on_seams = wedges.values().filter(|uvs| uvs.len() > 1).count();
+    assert!(on_seams * 10 > mesh.positions.len() * 9, "{on_seams} of {}", mesh.positions.len());
+    assert_eq!(boundary(&mesh.wedges, &mesh.faces), 0);
+    let asset = whole("frigate", &mesh, 60);
+    assert_eq!(boundary(&asset.base.wedges, &asset.base.faces), 0);
+    assert!(asset.base.faces.len() * 10 < mesh.faces.len(), "{} faces", asset.base.faces.len());
+}
