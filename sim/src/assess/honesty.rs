@@ -92,7 +92,10 @@ pub(super) fn random_sets(model: &Model, options: &Options) -> anyhow::Result<Ra
             least = least.min(missing.at(point) / distance);
         }
     }
-    Ok(RandomSets { whole: Ratios::of(ratios), least_at_a_point: if least.is_finite() { least } else { 0.0 } })
+    Ok(RandomSets {
+        whole: Ratios::of(ratios),
+        least_at_a_point: if least.is_finite() { least } else { 0.0 },
+    })
 }
 
 /// The chunks that a mesh lacks, those with the largest errors first.
