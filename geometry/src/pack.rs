@@ -3,7 +3,7 @@
 //! ```text
 //! magic "LODSPACK" | version u16 | 0 u16 | blobs u32 | fingerprint [32] | hash of head and table [16]
 //! table: per blob  kind u8 | level u8 | texture u16 | index u32 | offset u64 | length u32 | hash [16]
-//! blobs, in the table's order: base, index pages, chunks, textures
+//! blobs, in the table's order: base, index pages, chunks, settings, textures
 //! ```
 //! All numbers little-endian; hashes are the first 16 bytes of BLAKE3. The crate reads and writes byte
 //! slices; files are the caller's.
@@ -31,6 +31,8 @@ pub enum BlobKind {
     IndexPage(u32),
     /// A chunk's payload.
     Chunk(u32),
+    /// How the pack was made, as text for people. Never sent.
+    Settings,
     /// A mip level of a texture, coarsest level first.
     Texture {
         /// Number of the texture.
@@ -130,6 +132,7 @@ impl Head {
                 1 => BlobKind::IndexPage(index),
                 2 => BlobKind::Chunk(index),
                 3 => BlobKind::Texture { texture, level },
+                4 => BlobKind::Settings,
                 other => return Err(r.error(format!("unknown kind of blob {other}"))),
             };
             let offset = u64::from_le_bytes(r.array()?);
@@ -177,6 +180,7 @@ pub fn write(fingerprint: [u8; 32], blobs: &[(BlobKind, &[u8])]) -> Result<Vec<u
             BlobKind::IndexPage(page) => (1, 0, 0, page),
             BlobKind::Chunk(chunk) => (2, 0, 0, chunk),
             BlobKind::Texture { texture, level } => (3, level, texture, 0),
+            BlobKind::Settings => (4, 0, 0, 0),
         };
         let length = u32::try_from(bytes.len()).map_err(|_| too_large("a blob"))?;
         table.extend([tag, level]);

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use lodestream_geometry::mesh::NO_COLOR;
 use serde::Serialize;
 
 use crate::store::{PackFile, StoreError};
@@ -9,12 +10,18 @@ use crate::store::{PackFile, StoreError};
 /// The numbers; lengths are in the asset's units.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Summary {
+    /// How the pack was made.
+    pub settings: String,
     /// Vertices that a face uses, after welding.
     pub vertices: u64,
     /// Faces.
     pub faces: u64,
     /// Wedges.
     pub wedges: u64,
+    /// Wedges that carry a normal; the others' is derived from the faces.
+    pub explicit_normals: u64,
+    /// Whether any wedge has a colour.
+    pub colors: bool,
     /// Parts of the mesh that share no vertex with each other.
     pub components: u64,
     /// Materials.
@@ -65,13 +72,17 @@ pub fn inspect(path: &Path) -> Result<Summary, StoreError> {
     let mesh = asset.refined(&all).map_err(|source| pack.damaged(source))?.to_mesh();
     let faces: Vec<[u32; 3]> =
         mesh.faces.iter().map(|face| face.wedges.map(|w| mesh.wedges[w as usize].vertex)).collect();
+    let attributes = || mesh.wedges.iter().map(|wedge| wedge.attributes);
     let lengths = |blobs: &[Vec<u8>]| blobs.iter().map(|b| b.len() as u64).sum::<u64>();
     let payload_bytes = lengths(&asset.chunks);
     let base = &asset.base;
     Ok(Summary {
+        settings: pack.settings()?,
         vertices: base.totals.vertices,
         faces: base.totals.faces,
         wedges: base.totals.wedges,
+        explicit_normals: attributes().filter(|a| a.normal.is_some()).count() as u64,
+        colors: attributes().any(|a| a.color != NO_COLOR),
         components: components(mesh.positions.len(), &faces),
         materials: u64::from(base.material_count),
         textures: asset.description.textures.len() as u64,

@@ -24,13 +24,8 @@ fn packs_depend_on_nothing_but_their_input() {
     for (first, second) in scenes[0].assets.iter().zip(&scenes[1].assets) {
         let pack = |asset: &Asset, folder: &tempfile::TempDir, threads: usize| {
             let path = folder.path().join(format!("{threads}.lsp"));
-            let with = Options {
-                threads: NonZeroUsize::new(threads),
-                precision: asset.precision,
-                relief_depth: asset.relief_depth,
-                ..options()
-            };
-            prepare_to(&asset.file, &asset.name, &with, &path).unwrap();
+            let with = Options { threads: NonZeroUsize::new(threads), ..options() };
+            prepare_to(asset, &with, &path).unwrap();
             std::fs::read(path).unwrap()
         };
         let one = pack(first, &here, 1);
@@ -103,7 +98,7 @@ fn exports_are_as_good_as_they_say() {
     let (model, out) = (folder.path().join("ball.obj"), folder.path().join("out.obj"));
     std::fs::write(&model, ball(40, 60)).unwrap();
     let pack = folder.path().join("ball.lsp");
-    prepare_to(&model, "ball", &options(), &pack).unwrap();
+    prepare_to(&Asset { name: "ball".into(), ..Asset::of_file(&model) }, &options(), &pack).unwrap();
     let asset = PackFile::open(&pack).unwrap().load().unwrap();
     let original = read_obj(&model).unwrap();
     let settings = Settings { samples: NonZeroUsize::new(20_000).unwrap(), ..Settings::default() };

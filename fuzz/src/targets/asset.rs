@@ -53,7 +53,7 @@ fn read_pack(file: &[u8]) -> Result<(), DecodeError> {
                 let delta = mesh.decode(chunk, info, bytes)?;
                 mesh.apply(&delta).map_err(|e| DecodeError::new("chunk", e.to_string()))?;
             }
-            BlobKind::Texture { .. } => {}
+            BlobKind::Texture { .. } | BlobKind::Settings => {}
         }
     }
     Ok(())

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Outcome;
-use super::prepare::positive;
+use super::recipe::positive;
 use crate::demo_scene::{Options, generate};
 
 #[derive(Debug, Args)]

@@ -7,7 +7,7 @@ use clap::Args;
 use lodestream_geometry::closed_set::{Budget, lowest_error};
 
 use super::Outcome;
-use super::prepare::positive;
+use super::recipe::positive;
 use super::units::parse_size;
 use crate::export_obj::write_obj;
 use crate::prepare::atomic::write_atomically;

@@ -5,6 +5,7 @@ mod demo_scene;
 mod export;
 mod inspect;
 mod prepare;
+mod recipe;
 mod serve;
 mod units;
 
@@ -28,7 +29,7 @@ struct Cli {
 enum Command {
     /// Stream a scene: prepares its models where that was not done before, then listens.
     Serve(serve::Arguments),
-    /// Prepare one model: OBJ to pack.
+    /// Prepare one model: OBJ or glTF to pack.
     Prepare(prepare::Arguments),
     /// Tell what is in a pack.
     Inspect(inspect::Arguments),
@@ -117,6 +118,9 @@ mod tests {
             "prepare a.obj -o a.lsp",
             "prepare a.obj -o a.lsp --position-bits 12 --threads 2",
             "prepare a.obj -o a.lsp --tolerance 0.001",
+            "prepare a.glb -o a.lsp --mesh hose --uv-bits 10 --normal-tolerance 5",
+            "prepare a.obj -o a.lsp --metric melax --round-size 0.1",
+            "serve a.glb --metric qem --round-size heap",
             "inspect a.lsp --json",
             "export a.lsp --faces 1000 -o b.obj",
             "export a.lsp --error 0.1 -o b.obj",
@@ -135,6 +139,10 @@ mod tests {
             "prepare a.obj -o a.lsp --position-bits 12 --tolerance 1",
             "prepare a.obj -o a.lsp --position-bits 25",
             "prepare a.obj -o a.lsp --tolerance -1",
+            "prepare a.obj -o a.lsp --uv-bits 17",
+            "prepare a.obj -o a.lsp --normal-tolerance 181",
+            "prepare a.obj -o a.lsp --metric best",
+            "prepare a.obj -o a.lsp --round-size 0.7",
             "prepare a.obj -o a.lsp --threads 0",
             "export a.lsp --faces 1 --error 1 -o b.obj",
             "serve a.obj --rate fast",

@@ -11,7 +11,7 @@ use clap::Args;
 use tracing_subscriber::EnvFilter;
 
 use super::Outcome;
-use super::prepare::PrecisionArguments;
+use super::recipe::RecipeArguments;
 use super::units::{Rate, parse_rate};
 use crate::daemon::{self, DaemonOptions, SessionSettings};
 use crate::prepare::{Options, cache, prepare_cached};
@@ -20,8 +20,8 @@ use crate::store::{DEFAULT_CACHE_BYTES, SceneStore};
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
-    /// Models (OBJ), side by side, or one scene file (TOML).
-    #[arg(value_name = "FILE.obj … | SCENE.toml", required = true)]
+    /// Models (OBJ, glTF, GLB), side by side, or one scene file (TOML).
+    #[arg(value_name = "MODEL … | SCENE.toml", required = true)]
     files: Vec<PathBuf>,
     /// Rate that each session is limited to: 2Mbit, 500kbit, off.
     #[arg(long, env = "LODESTREAM_RATE", value_name = "RATE", default_value = "off", value_parser = parse_rate)]
@@ -45,7 +45,7 @@ pub(super) struct Arguments {
     #[arg(long, env = "LODESTREAM_KEY", value_name = "FILE", requires = "cert")]
     key: Option<PathBuf>,
     #[command(flatten)]
-    precision: PrecisionArguments,
+    recipe: RecipeArguments,
     /// Threads of preparation [default: as many as there are cores].
     #[arg(long, value_name = "N")]
     threads: Option<NonZeroUsize>,
@@ -57,12 +57,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<Outcome> {
         Some(folder) => folder,
         None => anyhow::bail!("no cache folder is known; name one with --cache DIR"),
     };
-    let options = Options {
-        precision: arguments.precision.resolve(),
-        relief_depth: None,
-        threads: arguments.threads,
-        quiet: false,
-    };
+    let options = Options { recipe: arguments.recipe.resolve(), threads: arguments.threads, quiet: false };
     let source = open_scene(&scene, &cache, &options)?;
     let daemon = DaemonOptions {
         listen: Some(arguments.listen),

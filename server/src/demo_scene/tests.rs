@@ -135,14 +135,15 @@ fn the_importer_has_nothing_to_complain_about() {
         assert_eq!(imported.warnings, Vec::<String>::new(), "{}", asset.name);
         faces += imported.mesh.faces.len();
         let described =
-            crate::prepare::describe::describe(&asset.name, &imported.materials, asset.relief_depth).unwrap();
+            crate::prepare::describe::describe(&asset.name, &imported.materials, asset.recipe.relief_depth)
+                .unwrap();
         assert_eq!(described.warnings, Vec::<String>::new(), "{}", asset.name);
         let relief = described
             .description
             .materials
             .iter()
             .any(|m| m.height_texture.is_some() && m.relief_depth > 0.0);
-        assert_eq!(relief, asset.relief_depth.is_some(), "{}", asset.name);
+        assert_eq!(relief, asset.recipe.relief_depth.is_some(), "{}", asset.name);
     }
     assert_eq!(faces, summary.distinct_faces);
     drop(dir);

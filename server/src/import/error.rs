@@ -1,4 +1,4 @@
-//! What can be wrong with an OBJ file, in one line: what, where, what to do.
+//! What can be wrong with a model file, in one line: what, where, what to do.
 
 use std::path::{Path, PathBuf};
 
@@ -14,13 +14,13 @@ pub enum ImportError {
         source: std::io::Error,
     },
     /// A folder, a device or a pipe.
-    #[error("{}: is not a regular file; give the path of an OBJ file", path.display())]
+    #[error("{}: is not a regular file; give the path of an OBJ or glTF file", path.display())]
     NotAFile {
         /// The path.
         path: PathBuf,
     },
     /// The file has no bytes.
-    #[error("{}: is empty; give an OBJ file with faces", path.display())]
+    #[error("{}: is empty; give an OBJ or glTF file with faces", path.display())]
     Empty {
         /// The file.
         path: PathBuf,
@@ -45,8 +45,16 @@ pub enum ImportError {
         /// What is wrong, and what was expected.
         what: String,
     },
+    /// Something in a glTF file is wrong.
+    #[error("{}: {what}", path.display())]
+    Gltf {
+        /// The file.
+        path: PathBuf,
+        /// Which of its objects, what is wrong with it, and what to do.
+        what: String,
+    },
     /// Nothing to draw.
-    #[error("{}: has no faces ({found}); export it as a polygon mesh (\"f\" lines)", path.display())]
+    #[error("{}: has no faces ({found}); export it as a polygon mesh", path.display())]
     NoFaces {
         /// The file.
         path: PathBuf,
@@ -76,5 +84,9 @@ pub enum ImportError {
 impl ImportError {
     pub(super) fn line(path: &Path, line: usize, what: impl Into<String>) -> Self {
         Self::Line { path: path.to_owned(), line, what: what.into() }
+    }
+
+    pub(super) fn gltf(path: &Path, what: impl Into<String>) -> Self {
+        Self::Gltf { path: path.to_owned(), what: what.into() }
     }
 }

@@ -8,6 +8,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use super::Material;
+use crate::texture::srgb_to_linear;
 
 /// Largest MTL file, in bytes.
 const MAX_MTL_BYTES: u64 = 64 << 20;
@@ -113,7 +114,9 @@ fn convert(material: &tobj::Material, folder: &Path) -> Material {
     let height =
         material.unknown_param.get("disp").or(material.normal_texture.as_ref()).map(|t| texture_options(t));
     let base_color = match material.diffuse {
-        Some(rgb) => rgb.map(|x| x.clamp(0.0, 1.0) as f32),
+        // Some exporters write black beside a texture and mean the texture.
+        Some([0.0, 0.0, 0.0]) if color.is_some() => [1.0; 3],
+        Some(rgb) => rgb.map(|x| srgb_to_linear(x.clamp(0.0, 1.0) as f32)),
         // A texture alone is meant as it is.
         None if color.is_some() => [1.0; 3],
         None => default.base_color,
@@ -123,9 +126,9 @@ fn convert(material: &tobj::Material, folder: &Path) -> Material {
         base_color,
         opacity: material.dissolve.map_or(1.0, |d| d.clamp(0.0, 1.0) as f32),
         roughness: material.shininess.map_or(default.roughness, roughness),
-        color_texture: color.map(|t| locate(folder, &t.file)),
+        color_texture: color.map(|t| locate(folder, &t.file).into()),
         height_scale: height.as_ref().map_or(1.0, |t| t.bump),
-        height_texture: height.map(|t| locate(folder, &t.file)),
+        height_texture: height.map(|t| locate(folder, &t.file).into()),
     }
 }
 
@@ -204,24 +207,24 @@ mod tests {
         );
         assert!(warnings.is_empty(), "{warnings:?}");
         let brick = &library["brick wall"];
-        assert_eq!(brick.base_color, [0.5, 0.25, 1.0]);
+        assert_eq!(brick.base_color, [0.5, 0.25, 1.0].map(srgb_to_linear));
         assert_eq!(brick.roughness, 1.0);
         assert_eq!(brick.opacity, 0.5);
-        assert_eq!(brick.color_texture.as_deref(), Some(Path::new("dir/my bricks.png")));
-        assert_eq!(brick.height_texture.as_deref(), Some(Path::new("dir/bricks height.png")));
+        assert_eq!(brick.color_texture, Some(PathBuf::from("dir/my bricks.png").into()));
+        assert_eq!(brick.height_texture, Some(PathBuf::from("dir/bricks height.png").into()));
         assert_eq!(brick.height_scale, 0.25);
     }
 
     #[test]
     fn disp_is_preferred_to_bump() {
         let (library, _) = read("newmtl a\nmap_Bump b.png\ndisp -mm 0 1 d.png\n");
-        assert_eq!(library["a"].height_texture.as_deref(), Some(Path::new("dir/d.png")));
+        assert_eq!(library["a"].height_texture, Some(PathBuf::from("dir/d.png").into()));
     }
 
     #[test]
     fn a_colour_of_one_value_which_panics_in_the_parser_is_grey() {
         let (library, warnings) = read("newmtl a\nKd 0.5\n");
-        assert_eq!(library["a"].base_color, [0.5; 3]);
+        assert_eq!(library["a"].base_color, [srgb_to_linear(0.5); 3]);
         assert!(warnings.is_empty());
     }
 

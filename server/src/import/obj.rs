@@ -21,7 +21,7 @@ const MAX_MATERIALS: usize = lodestream_protocol::asset::MAX_MATERIALS;
 ///
 /// # Errors
 /// Whatever makes the geometry unusable, with the line; see [`ImportError`].
-pub fn import(path: &Path) -> Result<Imported, ImportError> {
+pub(super) fn import(path: &Path) -> Result<Imported, ImportError> {
     let bytes = read_file(path, MAX_FILE_BYTES)?;
     let normalised = normalise(path, &bytes)?;
     let mut warnings = Vec::new();
@@ -51,8 +51,7 @@ pub fn import(path: &Path) -> Result<Imported, ImportError> {
 
 /// The files that are read beside an OBJ file of the given content: MTL files, then textures, each
 /// once, whether they exist or not.
-#[must_use]
-pub fn dependencies(path: &Path, bytes: &[u8]) -> Vec<PathBuf> {
+pub(super) fn dependencies(path: &Path, bytes: &[u8]) -> Vec<PathBuf> {
     let mut files = libraries(path, bytes);
     let mut library = Library::new();
     for file in &files {
@@ -60,8 +59,8 @@ pub fn dependencies(path: &Path, bytes: &[u8]) -> Vec<PathBuf> {
     }
     for material in library.into_values() {
         for texture in [material.color_texture, material.height_texture].into_iter().flatten() {
-            if !files.contains(&texture) {
-                files.push(texture);
+            if !files.contains(&texture.path) {
+                files.push(texture.path);
             }
         }
     }

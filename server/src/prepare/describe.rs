@@ -8,7 +8,7 @@ use lodestream_protocol::asset::{
 };
 use lodestream_protocol::limits::{MAX_BLOB_BYTES, MAX_NAME_BYTES};
 
-use crate::import;
+use crate::import::{self, ImageSource};
 use crate::texture::{self, Texture, TextureError, TextureKind, srgb_to_linear};
 
 /// Depth of relief at `-bm 1`, in units of texture coordinates, where nothing else is said: brick and
@@ -68,13 +68,10 @@ pub fn describe(
         let color = textures.index(material.color_texture.as_ref(), TextureKind::Color)?;
         let height = textures.index(material.height_texture.as_ref(), TextureKind::Height)?;
         let mut base_color = material.base_color;
-        if color.is_some() && base_color == [0.0; 3] {
-            // Some exporters write black beside a texture and mean the texture.
-            base_color = [1.0; 3];
-        } else if color.is_none() && material.color_texture.is_some() && base_color == [1.0; 3] {
-            base_color = FALLBACK_COLOR;
+        if color.is_none() && material.color_texture.is_some() && base_color == [1.0; 3] {
+            base_color = FALLBACK_COLOR.map(srgb_to_linear);
         }
-        let [r, g, b] = base_color.map(srgb_to_linear);
+        let [r, g, b] = base_color;
         let depth = relief_depth.unwrap_or(DEFAULT_RELIEF_DEPTH * material.height_scale.abs());
         described.push(Material {
             name: truncated(&material.name),
@@ -101,14 +98,18 @@ struct Textures {
 }
 
 impl Textures {
-    fn index(&mut self, path: Option<&PathBuf>, kind: TextureKind) -> Result<Option<u16>, DescribeError> {
-        let Some(path) = path else { return Ok(None) };
-        let key = (path.clone(), kind);
+    fn index(
+        &mut self,
+        source: Option<&ImageSource>,
+        kind: TextureKind,
+    ) -> Result<Option<u16>, DescribeError> {
+        let Some(source) = source else { return Ok(None) };
+        let key = (source.path.clone(), kind);
         if let Some(&known) = self.known.get(&key) {
             return Ok(known);
         }
-        let index = match texture::load(path, kind) {
-            Ok(texture) => Some(self.add(path, texture)?),
+        let index = match texture::load(source, kind) {
+            Ok(texture) => Some(self.add(&source.path, texture)?),
             Err(error @ (TextureError::TooLarge { .. } | TextureError::Encode { .. })) => {
                 return Err(error.into());
             }
@@ -174,8 +175,8 @@ mod tests {
         let brick = import::Material {
             name: "brick".repeat(99),
             base_color: [1.0; 3],
-            color_texture: Some(color),
-            height_texture: Some(height),
+            color_texture: Some(color.into()),
+            height_texture: Some(height.into()),
             height_scale: 0.5,
             ..import::Material::default()
         };
@@ -203,7 +204,7 @@ mod tests {
     fn a_missing_texture_is_a_warning_and_a_colour() {
         let material = import::Material {
             base_color: [1.0; 3],
-            color_texture: Some(PathBuf::from("/no/brick.png")),
+            color_texture: Some(PathBuf::from("/no/brick.png").into()),
             ..import::Material::default()
         };
         let described = describe("wall", &[material], None).unwrap();

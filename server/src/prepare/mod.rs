@@ -4,6 +4,7 @@ pub mod atomic;
 pub mod cache;
 pub mod describe;
 mod progress;
+pub mod recipe;
 mod threads;
 
 use std::fmt;
@@ -11,26 +12,25 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use lodestream_geometry::MeshError;
 use lodestream_geometry::base::FORMAT_VERSION;
 use lodestream_geometry::pack::{BlobKind, PACK_VERSION};
 use lodestream_geometry::prepare::prepare;
-use lodestream_geometry::quantise::{self, QuantiseSettings, quantise};
-use lodestream_geometry::{MeshError, Settings};
+use lodestream_geometry::quantise::quantise;
 
 use crate::import::{self, ImportError};
-use crate::scene::{Asset, Precision};
+use crate::scene::Asset;
 use crate::store::{PackFile, StoreError};
 
 pub use progress::Reporter;
+pub use recipe::Recipe;
 pub use threads::Threads;
 
 /// How to prepare.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Options {
-    /// Precision of positions; the default of `geometry` where `None`.
-    pub precision: Option<Precision>,
-    /// Depth of relief in units of texture coordinates, instead of what the materials say.
-    pub relief_depth: Option<f32>,
+    /// What the asset itself does not say.
+    pub recipe: Recipe,
     /// Threads; as many as there are cores where `None`. The pack does not depend on it.
     pub threads: Option<NonZeroUsize>,
     /// Shows no progress.
@@ -110,9 +110,16 @@ impl fmt::Display for Report {
 ///
 /// # Errors
 /// See [`PrepareError`].
-pub fn prepare_to(model: &Path, name: &str, options: &Options, pack: &Path) -> Result<Report, PrepareError> {
-    let key = cache::key(model, &settings_text(name, options), pack_version())?;
-    prepare_with_key(model, name, options, key, pack)
+pub fn prepare_to(asset: &Asset, options: &Options, pack: &Path) -> Result<Report, PrepareError> {
+    let (asset, key) = keyed(asset, options)?;
+    prepare_with_key(&asset, options, key, pack)
+}
+
+/// The asset with all choices made, and the key of its pack.
+fn keyed(asset: &Asset, options: &Options) -> Result<(Asset, cache::Key), ImportError> {
+    let asset = Asset { recipe: asset.recipe.or(options.recipe), ..asset.clone() };
+    let key = cache::key(&asset.file, &settings_text(&asset), pack_version())?;
+    Ok((asset, key))
 }
 
 /// An asset's pack from the cache.
@@ -130,12 +137,7 @@ pub struct Cached {
 /// # Errors
 /// See [`PrepareError`].
 pub fn prepare_cached(asset: &Asset, folder: &Path, options: &Options) -> Result<Cached, PrepareError> {
-    let options = Options {
-        precision: asset.precision.or(options.precision),
-        relief_depth: asset.relief_depth.or(options.relief_depth),
-        ..*options
-    };
-    let key = cache::key(&asset.file, &settings_text(&asset.name, &options), pack_version())?;
+    let (asset, key) = keyed(asset, options)?;
     let path = key.path(folder, &asset.name);
     // The model itself was just read whole for its key; its pack is the smaller part.
     if let Ok(pack) = PackFile::open(&path)
@@ -145,14 +147,15 @@ pub fn prepare_cached(asset: &Asset, folder: &Path, options: &Options) -> Result
     }
     std::fs::create_dir_all(folder)
         .map_err(|source| PrepareError::Write { path: folder.to_owned(), source })?;
-    let report = prepare_with_key(&asset.file, &asset.name, &options, key, &path)?;
+    let report = prepare_with_key(&asset, options, key, &path)?;
     Ok(Cached { pack: PackFile::open(&path)?, report: Some(report) })
 }
 
 /// Everything but the files that decides what a pack holds. Threads and progress do not.
-fn settings_text(name: &str, options: &Options) -> String {
-    let Options { precision, relief_depth, threads: _, quiet: _ } = options;
-    format!("{name:?} {precision:?} {relief_depth:?} {:?}", Settings::default())
+fn settings_text(asset: &Asset) -> String {
+    let Asset { name, file: _, part, recipe } = asset;
+    let (quantise, settings) = (recipe.quantise_settings(), recipe.settings());
+    format!("{name:?} {part:?} {quantise:?} {settings:?} {:?}", recipe.relief_depth)
 }
 
 fn pack_version() -> u32 {
@@ -160,28 +163,28 @@ fn pack_version() -> u32 {
 }
 
 fn prepare_with_key(
-    model: &Path,
-    name: &str,
+    asset: &Asset,
     options: &Options,
     key: cache::Key,
     pack: &Path,
 ) -> Result<Report, PrepareError> {
-    let mesh_error = |source| PrepareError::Mesh { path: model.to_owned(), source };
-    let imported = import::import(model)?;
+    let Asset { name, file: model, part, recipe } = asset;
+    let mesh_error = |source| PrepareError::Mesh { path: model.clone(), source };
+    let imported = import::import_part(model, part)?;
     let mut warnings = imported.warnings;
-    let described = describe::describe(name, &imported.materials, options.relief_depth)
-        .map_err(|source| PrepareError::Describe { path: model.to_owned(), source })?;
+    let described = describe::describe(name, &imported.materials, recipe.relief_depth)
+        .map_err(|source| PrepareError::Describe { path: model.clone(), source })?;
     warnings.extend(described.warnings);
     let description = described
         .description
         .encode()
-        .map_err(|error| PrepareError::Describe { path: model.to_owned(), source: error.into() })?;
+        .map_err(|error| PrepareError::Describe { path: model.clone(), source: error.into() })?;
 
     let start = Instant::now();
-    let mesh = quantise(&imported.mesh, &quantise_settings(options)).map_err(mesh_error)?;
+    let mesh = quantise(&imported.mesh, &recipe.quantise_settings()).map_err(mesh_error)?;
     drop(imported.mesh);
     let reporter = Reporter::new(name, options.quiet);
-    let prepared = prepare(&mesh, &Settings::default(), &Threads::new(options.threads), &reporter);
+    let prepared = prepare(&mesh, &recipe.settings(), &Threads::new(options.threads), &reporter);
     reporter.finish();
     let mut prepared = prepared.map_err(mesh_error)?;
     let time = start.elapsed();
@@ -191,11 +194,13 @@ fn prepare_with_key(
     let mut blobs: Vec<(BlobKind, &[u8])> = vec![(BlobKind::Base, &base)];
     blobs.extend(prepared.pages.iter().zip(0..).map(|(page, i)| (BlobKind::IndexPage(i), &page[..])));
     blobs.extend(prepared.chunks.iter().zip(0..).map(|(chunk, i)| (BlobKind::Chunk(i), &chunk[..])));
+    let settings = recipe.to_string();
     let geometry_bytes = blobs.iter().map(|(_, blob)| blob.len() as u64).sum();
     for (levels, texture) in described.textures.iter().zip(0..) {
         let levels = levels.iter().zip(0..);
         blobs.extend(levels.map(|(blob, level)| (BlobKind::Texture { texture, level }, &blob[..])));
     }
+    blobs.push((BlobKind::Settings, settings.as_bytes()));
     let write_error = |source| PrepareError::Write { path: pack.to_owned(), source };
     let bytes = lodestream_geometry::pack::write(key.bytes(), &blobs)
         .map_err(|error| write_error(std::io::Error::other(error)))?;
@@ -208,13 +213,4 @@ fn prepare_with_key(
         time,
         warnings,
     })
-}
-
-fn quantise_settings(options: &Options) -> QuantiseSettings {
-    let precision = match options.precision {
-        Some(Precision::Bits(bits)) => quantise::Precision::Bits(bits),
-        Some(Precision::Tolerance(length)) => quantise::Precision::Tolerance(length),
-        None => return QuantiseSettings::default(),
-    };
-    QuantiseSettings { precision, ..QuantiseSettings::default() }
 }

@@ -60,7 +60,7 @@ pub struct Composed {
 pub fn compose(scene: &Scene, entries: &[AssetEntry]) -> Result<Composed, ComposeError> {
     let instances = match &scene.instances {
         Some(instances) => instances.clone(),
-        None => side_by_side(entries),
+        None => side_by_side(&scene.models, entries),
     };
     if instances.is_empty() {
         return Err(ComposeError::Empty { name: scene.name.clone() });
@@ -108,37 +108,43 @@ fn world_sphere(instance: &Instance, entry: &AssetEntry) -> (DVec3, f64) {
 }
 
 /// One model stays at its own origin; several stand in a row along x, their centres on one line.
-fn side_by_side(entries: &[AssetEntry]) -> Vec<Instance> {
-    let instance = |asset, translation: DVec3| Instance {
-        asset,
-        translation: translation.to_array(),
-        rotation: [0.0, 0.0, 0.0, 1.0],
-        scale: 1.0,
-    };
-    if entries.len() < 2 {
-        return (0..entries.len()).map(|i| instance(i, DVec3::ZERO)).collect();
+fn side_by_side(models: &[Vec<Instance>], entries: &[AssetEntry]) -> Vec<Instance> {
+    if models.len() < 2 {
+        return models.concat();
     }
-    let radius = |entry: &AssetEntry| f64::from(entry.sphere.radius);
-    let gap = GAP * entries.iter().map(radius).sum::<f64>() / entries.len() as f64;
-    let mut x = 0.0;
-    entries
+    let bounds: Vec<(DVec3, f64)> = models
         .iter()
-        .enumerate()
-        .map(|(i, entry)| {
-            x += radius(entry);
-            let center = DVec3::from(entry.origin) + Vec3::from(entry.sphere.center).as_dvec3();
-            let placed = instance(i, DVec3::new(x, 0.0, 0.0) - center);
-            x += radius(entry) + gap;
-            placed
+        .map(|model| {
+            let spheres: Vec<_> = model.iter().map(|i| world_sphere(i, &entries[i.asset])).collect();
+            enclosing(&spheres)
         })
-        .collect()
+        .collect();
+    let gap = GAP * bounds.iter().map(|(_, radius)| radius).sum::<f64>() / bounds.len() as f64;
+    let mut x = 0.0;
+    let mut instances = Vec::new();
+    for (model, (center, radius)) in models.iter().zip(bounds) {
+        x += radius;
+        let translation = (DVec3::new(x, 0.0, 0.0) - center).to_array();
+        let place = Instance { translation, ..Instance::unplaced(0) };
+        instances.extend(model.iter().map(|instance| instance.within(&place)));
+        x += radius + gap;
+    }
+    instances
+}
+
+/// A sphere about the middle of the spheres' bounding box that holds them.
+fn enclosing(spheres: &[(DVec3, f64)]) -> (DVec3, f64) {
+    if let [one] = spheres {
+        return *one;
+    }
+    let low = spheres.iter().fold(DVec3::INFINITY, |low, (c, r)| low.min(*c - DVec3::splat(*r)));
+    let high = spheres.iter().fold(DVec3::NEG_INFINITY, |high, (c, r)| high.max(*c + DVec3::splat(*r)));
+    let center = if spheres.is_empty() { DVec3::ZERO } else { (low + high) / 2.0 };
+    (center, spheres.iter().fold(0.0f64, |radius, (c, r)| radius.max(c.distance(center) + r)))
 }
 
 fn framing_camera(spheres: &[(DVec3, f64)]) -> Camera {
-    let low = spheres.iter().fold(DVec3::INFINITY, |low, (c, r)| low.min(*c - DVec3::splat(*r)));
-    let high = spheres.iter().fold(DVec3::NEG_INFINITY, |high, (c, r)| high.max(*c + DVec3::splat(*r)));
-    let target = (low + high) / 2.0;
-    let radius = spheres.iter().fold(0.0f64, |radius, (c, r)| radius.max(c.distance(target) + r));
+    let (target, radius) = enclosing(spheres);
     let fov_y = DEFAULT_FOV_Y_DEGREES.to_radians();
     // A model of one point still needs a place to look from.
     let radius = if radius > 0.0 { radius } else { 1.0 };
@@ -228,7 +234,7 @@ mod tests {
 
     #[test]
     fn one_model_stays_where_it_is_and_is_framed() {
-        let scene = Scene::of_models(&[PathBuf::from("a.obj")]);
+        let scene = Scene::of_models(&[PathBuf::from("a.obj")]).unwrap();
         let composed = compose(&scene, &[entry("a", [1e7, 0.0, 0.0], 2.0)]).unwrap();
         assert_eq!(composed.pages[0].instances[0].translation, [0.0; 3]);
         let camera = composed.header.camera;
@@ -240,7 +246,7 @@ mod tests {
 
     #[test]
     fn several_models_do_not_overlap_and_are_all_seen() {
-        let scene = Scene::of_models(&["a.obj", "b.obj", "c.obj"].map(PathBuf::from));
+        let scene = Scene::of_models(&["a.obj", "b.obj", "c.obj"].map(PathBuf::from)).unwrap();
         let entries = [entry("a", [0.0; 3], 2.0), entry("b", [50.0; 3], 1.0), entry("c", [-9.0; 3], 3.0)];
         let composed = compose(&scene, &entries).unwrap();
         let camera = composed.header.camera;
@@ -263,7 +269,7 @@ mod tests {
 
     #[test]
     fn pages_hold_the_near_and_the_seen_first_and_assets_before_their_instances() {
-        let mut scene = Scene::of_models(&["a.obj", "b.obj", "never.obj"].map(PathBuf::from));
+        let mut scene = Scene::of_models(&["a.obj", "b.obj", "never.obj"].map(PathBuf::from)).unwrap();
         scene.camera = Some(super::super::Camera {
             eye: [0.0; 3],
             target: [0.0, 0.0, -1.0],
@@ -296,7 +302,7 @@ mod tests {
 
     #[test]
     fn the_fingerprint_follows_content() {
-        let scene = Scene::of_models(&[PathBuf::from("a.obj")]);
+        let scene = Scene::of_models(&[PathBuf::from("a.obj")]).unwrap();
         let one = compose(&scene, &[entry("a", [0.0; 3], 2.0)]).unwrap();
         let same = compose(&scene, &[entry("a", [0.0; 3], 2.0)]).unwrap();
         let other = compose(&scene, &[entry("a", [0.0; 3], 2.5)]).unwrap();
@@ -306,7 +312,7 @@ mod tests {
 
     #[test]
     fn a_scene_that_places_nothing_says_so() {
-        let mut scene = Scene::of_models(&[PathBuf::from("a.obj")]);
+        let mut scene = Scene::of_models(&[PathBuf::from("a.obj")]).unwrap();
         scene.instances = Some(Vec::new());
         let message = compose(&scene, &[entry("a", [0.0; 3], 2.0)]).unwrap_err().to_string();
         assert!(message.contains("add an [[instance]]"), "{message}");

@@ -6,6 +6,9 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use toml::Spanned;
 
+use crate::import::{Part, gltf};
+use crate::prepare::recipe::{Recipe, check_normal_tolerance, check_uv_bits, parse_metric, parse_round};
+
 use super::{Asset, Camera, DEFAULT_FOV_Y_DEGREES, Instance, Precision, Scene, unit};
 
 /// Largest scene file, in bytes.
@@ -18,7 +21,7 @@ const MAX_NAME_BYTES: usize = 255;
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
     /// No file at all.
-    #[error("no scene: name OBJ files or one scene.toml")]
+    #[error("no scene: name models (OBJ, glTF, GLB) or one scene.toml")]
     NothingNamed,
     /// A scene file beside other files.
     #[error("{}: a scene file stands alone; list its models in it as [[asset]]", path.display())]
@@ -59,9 +62,23 @@ struct RawScene {
 struct RawAsset {
     name: String,
     file: PathBuf,
+    mesh: Option<String>,
+    #[serde(default)]
+    merge: bool,
     position_bits: Option<u8>,
     tolerance: Option<f64>,
+    uv_bits: Option<u8>,
+    normal_tolerance: Option<f64>,
+    metric: Option<String>,
+    round_size: Option<RawRound>,
     relief_depth: Option<f32>,
+}
+
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "expected \"heap\" or a share of the vertices")]
+enum RawRound {
+    Word(String),
+    Share(f64),
 }
 
 #[derive(Deserialize)]
@@ -166,15 +183,23 @@ impl Source<'_> {
         let mut numbers = BTreeMap::new();
         for raw in raw.asset {
             let at = raw.span().start;
-            let asset = self.asset(folder, raw)?;
-            if numbers.insert(asset.name.clone(), scene.assets.len()).is_some() {
+            let (asset, merge) = self.asset(folder, raw)?;
+            if numbers.insert(asset.name.clone(), scene.models.len()).is_some() {
                 return Err(self.error(at, format!("asset {:?} is defined twice; rename one", asset.name)));
             }
-            scene.assets.push(asset);
+            if merge {
+                scene.add_merged(asset)
+            } else {
+                scene.add_model(asset)?
+            };
         }
         if let Some(instances) = raw.instance {
-            let placed = instances.into_iter().map(|raw| self.instance(&numbers, raw));
-            scene.instances = Some(placed.collect::<Result<_, _>>()?);
+            let mut placed = Vec::with_capacity(instances.len());
+            for raw in instances {
+                let model = self.instance(&numbers, raw)?;
+                placed.extend(scene.models[model.asset].iter().map(|part| part.within(&model)));
+            }
+            scene.instances = Some(placed);
         }
         self.lights(&mut scene, raw.light, raw.ambient, raw.background)?;
         scene.camera = raw.camera.map(|raw| self.camera(raw)).transpose()?;
@@ -191,7 +216,8 @@ impl Source<'_> {
         Ok(())
     }
 
-    fn asset(&self, folder: &Path, raw: Spanned<RawAsset>) -> Result<Asset, SceneError> {
+    /// The asset, and whether the meshes of its file are merged into one.
+    fn asset(&self, folder: &Path, raw: Spanned<RawAsset>) -> Result<(Asset, bool), SceneError> {
         let at = raw.span().start;
         let raw = raw.into_inner();
         self.check_name("the asset", &raw.name, at)?;
@@ -213,7 +239,34 @@ impl Source<'_> {
         if raw.relief_depth.is_some_and(|depth| !(0.0..=1.0).contains(&depth)) {
             return Err(error("relief_depth must be 0 to 1, in units of texture coordinates"));
         }
-        Ok(Asset { file: folder.join(&raw.file), name: raw.name, precision, relief_depth: raw.relief_depth })
+        let round = match &raw.round_size {
+            None => None,
+            Some(RawRound::Word(word)) => Some(parse_round(word)),
+            Some(RawRound::Share(share)) => Some(parse_round(&share.to_string())),
+        };
+        let bad = |field: &'static str| {
+            let error = &error;
+            move |why: String| error(&format!("{field}: {why}"))
+        };
+        let recipe = Recipe {
+            precision,
+            uv_bits: raw.uv_bits.map(check_uv_bits).transpose().map_err(bad("uv_bits"))?,
+            normal_tolerance: raw
+                .normal_tolerance
+                .map(check_normal_tolerance)
+                .transpose()
+                .map_err(bad("normal_tolerance"))?,
+            metric: raw.metric.as_deref().map(parse_metric).transpose().map_err(bad("metric"))?,
+            round: round.transpose().map_err(bad("round_size"))?,
+            relief_depth: raw.relief_depth,
+        };
+        let file = folder.join(&raw.file);
+        let part = match &raw.mesh {
+            Some(_) if raw.merge => return Err(error("mesh and merge exclude each other; keep one")),
+            Some(name) => gltf::part_named(&file, name)?,
+            None => Part::Whole,
+        };
+        Ok((Asset { name: raw.name, file, part, recipe }, raw.merge))
     }
 
     fn instance(
@@ -359,9 +412,9 @@ fov_y_degrees = 60
         let scene = parse(Path::new("dir/scene.toml"), FULL).unwrap();
         assert_eq!(scene.name, "court");
         assert_eq!(scene.assets[0].file, Path::new("dir/column.obj"));
-        assert_eq!(scene.assets[0].precision, Some(Precision::Bits(12)));
-        assert_eq!(scene.assets[1].precision, Some(Precision::Tolerance(0.001)));
-        assert_eq!(scene.assets[1].relief_depth, Some(0.04));
+        assert_eq!(scene.assets[0].recipe.precision, Some(Precision::Bits(12)));
+        assert_eq!(scene.assets[1].recipe.precision, Some(Precision::Tolerance(0.001)));
+        assert_eq!(scene.assets[1].recipe.relief_depth, Some(0.04));
         let instances = scene.instances.unwrap();
         assert_eq!(instances[0].translation, [1.0, 2.0, 1e7]);
         let [x, y, z, w] = instances[0].rotation;

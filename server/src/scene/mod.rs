@@ -2,8 +2,16 @@
 
 mod compose;
 mod file;
+#[cfg(test)]
+mod tests;
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+
+use glam::{DQuat, DVec3};
+
+use crate::import::{ImportError, Part, gltf, is_gltf};
+use crate::prepare::Recipe;
 
 pub use compose::{ComposeError, Composed, compose};
 pub use file::{SceneError, parse, read};
@@ -22,12 +30,21 @@ pub enum Precision {
 pub struct Asset {
     /// Name; unique within the scene.
     pub name: String,
-    /// The OBJ file.
+    /// The OBJ or glTF file.
     pub file: PathBuf,
-    /// Precision of positions; the default where `None`.
-    pub precision: Option<Precision>,
-    /// Depth of relief, in units of texture coordinates; the default where `None`.
-    pub relief_depth: Option<f32>,
+    /// What of the file.
+    pub part: Part,
+    /// How it is prepared.
+    pub recipe: Recipe,
+}
+
+impl Asset {
+    /// All of a file, named after it, prepared as the defaults say.
+    #[must_use]
+    pub fn of_file(file: &Path) -> Self {
+        let name = file.file_stem().map_or_else(|| "model".into(), |stem| stem.to_string_lossy());
+        Self { name: name.into_owned(), file: file.to_owned(), part: Part::Whole, recipe: Recipe::default() }
+    }
 }
 
 /// A placed model.
@@ -42,6 +59,31 @@ pub struct Instance {
     /// World units per asset unit.
     pub scale: f32,
 }
+
+impl Instance {
+    /// An asset where it is by itself.
+    #[must_use]
+    pub const fn unplaced(asset: usize) -> Self {
+        Self { asset, translation: [0.0; 3], rotation: [0.0, 0.0, 0.0, 1.0], scale: 1.0 }
+    }
+
+    /// This instance, as part of a model that is placed in turn.
+    #[must_use]
+    pub fn within(&self, model: &Self) -> Self {
+        let quaternion = |q: [f32; 4]| DQuat::from_array(q.map(f64::from)).normalize();
+        let (turn, scale) = (quaternion(model.rotation), f64::from(model.scale));
+        let moved = DVec3::from(model.translation) + turn * (DVec3::from(self.translation) * scale);
+        Self {
+            asset: self.asset,
+            translation: moved.to_array(),
+            rotation: (turn * quaternion(self.rotation)).to_array().map(|x| x as f32),
+            scale: (scale * f64::from(self.scale)) as f32,
+        }
+    }
+}
+
+/// Longest name of a mesh that an asset's name repeats, in bytes.
+const MAX_MESH_NAME_BYTES: usize = 100;
 
 /// Where a viewer starts.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,8 +108,10 @@ pub struct Scene {
     pub name: String,
     /// Models.
     pub assets: Vec<Asset>,
-    /// Placed models; `None` puts one of each side by side, once their sizes are known.
+    /// Placed models; `None` puts [`Scene::models`] side by side, once their sizes are known.
     pub instances: Option<Vec<Instance>>,
+    /// What each model consists of, about its own origin: one asset, or the meshes of a glTF file.
+    pub models: Vec<Vec<Instance>>,
     /// Unit vector from the scene towards the light.
     pub light_direction: [f32; 3],
     /// Linear red, green, blue of the light, intensity included.
@@ -82,21 +126,77 @@ pub struct Scene {
 
 impl Scene {
     /// A scene of some models, side by side.
-    #[must_use]
-    pub fn of_models(files: &[PathBuf]) -> Self {
-        let mut assets: Vec<Asset> = Vec::new();
+    ///
+    /// # Errors
+    /// A glTF file that cannot be read: its meshes become assets, so they must be known.
+    pub fn of_models(files: &[PathBuf]) -> Result<Self, ImportError> {
+        let mut scene = Self::empty();
+        let mut names: Vec<String> = Vec::new();
         for file in files {
-            let stem = file.file_stem().map_or_else(|| "model".into(), |s| s.to_string_lossy());
-            let taken =
-                assets.iter().filter(|a| a.name == stem || a.name.starts_with(&format!("{stem}-"))).count();
-            let name = if taken == 0 { stem.into_owned() } else { format!("{stem}-{}", taken + 1) };
-            assets.push(Asset { name, file: file.clone(), precision: None, relief_depth: None });
+            let mut asset = Asset::of_file(file);
+            let stem = asset.name.clone();
+            let alike = |name: &&String| **name == stem || name.starts_with(&format!("{stem}-"));
+            let taken = names.iter().filter(alike).count();
+            if taken > 0 {
+                asset.name = format!("{stem}-{}", taken + 1);
+            }
+            names.push(asset.name.clone());
+            scene.add_model(asset)?;
         }
-        let name = match &assets[..] {
-            [one] => one.name.clone(),
+        scene.name = match &names[..] {
+            [one] => one.clone(),
             _ => "models".to_owned(),
         };
-        Self { name, assets, ..Self::empty() }
+        Ok(scene)
+    }
+
+    /// Adds a model: one asset, or for a whole glTF file one for each of its meshes. Returns its number
+    /// among [`Scene::models`].
+    fn add_model(&mut self, asset: Asset) -> Result<usize, ImportError> {
+        if asset.part != Part::Whole || !is_gltf(&asset.file) {
+            return Ok(self.add_merged(asset));
+        }
+        let placed = self.add_meshes(&asset)?;
+        self.models.push(placed);
+        Ok(self.models.len() - 1)
+    }
+
+    /// Adds all of a file as one asset.
+    fn add_merged(&mut self, asset: Asset) -> usize {
+        self.assets.push(asset);
+        self.models.push(vec![Instance::unplaced(self.assets.len() - 1)]);
+        self.models.len() - 1
+    }
+
+    /// Adds the meshes that a glTF file places, each once (and once more for each mirror or uneven scale
+    /// that it is placed with), named after the model and the mesh.
+    fn add_meshes(&mut self, model: &Asset) -> Result<Vec<Instance>, ImportError> {
+        let contents = gltf::contents(&model.file)?;
+        let mut known: Vec<(Part, usize)> = Vec::new();
+        let mut by_mesh: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+        let mut instances = Vec::with_capacity(contents.placed.len());
+        for placed in contents.placed {
+            let Part::Mesh { mesh, .. } = placed.part else { continue };
+            // Few are placed with more than one linear map.
+            let same = by_mesh.entry(mesh).or_default();
+            let found = same.iter().find(|&&i| known[i].0 == placed.part).map(|&i| known[i].1);
+            let number = found.unwrap_or_else(|| {
+                let own = contents.names.get(mesh).map_or("mesh", String::as_str);
+                let name = format!("{}/{}", model.name, &own[..own.floor_char_boundary(MAX_MESH_NAME_BYTES)]);
+                let name = if same.is_empty() { name } else { format!("{name}-{}", same.len() + 1) };
+                same.push(known.len());
+                self.assets.push(Asset { name, part: placed.part, ..model.clone() });
+                known.push((placed.part, self.assets.len() - 1));
+                self.assets.len() - 1
+            });
+            instances.push(Instance {
+                asset: number,
+                translation: placed.translation,
+                rotation: placed.rotation.map(|x| x as f32),
+                scale: placed.scale as f32,
+            });
+        }
+        Ok(instances)
     }
 
     fn empty() -> Self {
@@ -104,6 +204,7 @@ impl Scene {
             name: "scene".to_owned(),
             assets: Vec::new(),
             instances: None,
+            models: Vec::new(),
             light_direction: unit([0.4, 1.0, 0.6]).unwrap_or([0.0, 1.0, 0.0]),
             light_color: [1.0; 3],
             ambient: [0.25; 3],
@@ -124,7 +225,7 @@ pub fn of_files(files: &[PathBuf]) -> Result<Scene, SceneError> {
         [file] if is_scene(file) => read(file),
         _ => match files.iter().find(|file| is_scene(file)) {
             Some(scene) => Err(SceneError::SceneAmongOthers { path: scene.clone() }),
-            None => Ok(Scene::of_models(files)),
+            None => Ok(Scene::of_models(files)?),
         },
     }
 }

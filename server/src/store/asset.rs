@@ -3,7 +3,7 @@
 use lodestream_geometry::DecodeError;
 use lodestream_geometry::base::Base;
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, decode_page, page_count};
-use lodestream_geometry::pack::BlobKind;
+use lodestream_geometry::pack::{BlobKind, find};
 use lodestream_geometry::refine::ActiveMesh;
 use lodestream_protocol::BlobPart;
 use lodestream_protocol::asset::AssetDescription;
@@ -54,6 +54,17 @@ impl PackFile {
             .collect::<Result<_, StoreError>>()?;
         let base_bytes = self.blob_len(BlobPart::Base).map_or(0, u64::from);
         Ok(LoadedAsset { base, description, infos, chunks, base_bytes, index_bytes })
+    }
+
+    /// How the pack was made, for people; empty where it does not say.
+    ///
+    /// # Errors
+    /// Damage.
+    pub fn settings(&self) -> Result<String, StoreError> {
+        match find(self.entries(), BlobKind::Settings) {
+            Some(entry) => Ok(String::from_utf8_lossy(&self.read_entry(entry)?).into_owned()),
+            None => Ok(String::new()),
+        }
     }
 
     /// Reads every texture level, which checks its hash, and returns their length.

@@ -16,6 +16,8 @@ use image::{DynamicImage, ExtendedColorType, ImageEncoder as _, ImageError, Imag
 
 use mip::Plane;
 
+use crate::import::ImageSource;
+
 /// Longest side of a texture, in pixels.
 pub const MAX_SIDE_PX: u32 = 16_384;
 /// Most pixels of a texture: its finest level takes 8 bytes each while mips are made.
@@ -102,12 +104,16 @@ pub enum TextureError {
     },
 }
 
-/// Reads a texture file and encodes its mip levels.
+/// Reads an image and encodes its mip levels.
 ///
 /// # Errors
 /// See [`TextureError`]. The size is checked before anything is decoded.
-pub fn load(path: &Path, kind: TextureKind) -> Result<Texture, TextureError> {
-    let image = decode(path)?;
+pub fn load(source: &ImageSource, kind: TextureKind) -> Result<Texture, TextureError> {
+    let path = &*source.path;
+    let image = match &source.bytes {
+        Some(bytes) => decode(path, bytes)?,
+        None => decode(path, &read(path)?)?,
+    };
     match kind {
         TextureKind::Color => encode_color(path, &image),
         TextureKind::Height => encode_height(path, image),
@@ -122,17 +128,26 @@ pub fn srgb_to_linear(encoded: f32) -> f32 {
     f32::from(srgb::to_linear(byte)) / 65_535.0
 }
 
-fn decode(path: &Path) -> Result<DynamicImage, TextureError> {
-    let bytes = crate::import::read_file(path, MAX_FILE_BYTES).map_err(|error| TextureError::Read {
+/// The sRGB byte nearest to a linear light in `0..=1`, likewise.
+#[must_use]
+pub fn linear_to_srgb(linear: f64) -> u8 {
+    srgb::from_linear((linear.clamp(0.0, 1.0) * 65_535.0).round() as u16)
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, TextureError> {
+    crate::import::read_file(path, MAX_FILE_BYTES).map_err(|error| TextureError::Read {
         path: path.to_owned(),
         source: match error {
             crate::import::ImportError::Read { source, .. } => source,
             _ => std::io::Error::other("not a regular file, or too large"),
         },
-    })?;
+    })
+}
+
+fn decode(path: &Path, bytes: &[u8]) -> Result<DynamicImage, TextureError> {
     let bad = |why: String| TextureError::Decode { path: path.to_owned(), why: one_line(&why) };
     let reader = || {
-        let reader = ImageReader::new(Cursor::new(&bytes)).with_guessed_format();
+        let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format();
         reader.map_err(|error| bad(error.to_string()))
     };
     let (width_px, height_px) = reader()?.into_dimensions().map_err(|error| bad(error.to_string()))?;

@@ -1,0 +1,75 @@
+//! Options of preparation, shared by `prepare` and `serve`.
+
+use clap::Args;
+use lodestream_geometry::Metric;
+
+use crate::prepare::recipe::{
+    Recipe, Round, check_normal_tolerance, check_uv_bits, parse_metric, parse_round,
+};
+use crate::scene::Precision;
+
+/// How finely positions are kept; one of the two, or neither for the default.
+#[derive(Clone, Copy, Debug, Args)]
+#[group(required = false, multiple = false)]
+struct PrecisionArguments {
+    /// Bits per axis of positions. More bits cost about 3 bits a vertex each [default: 14].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(4..=24))]
+    position_bits: Option<u8>,
+    /// Largest error of a position, in the model's units; decides the bits.
+    #[arg(long, value_name = "LENGTH", value_parser = positive)]
+    tolerance: Option<f64>,
+}
+
+/// What a pack should hold, and how it is made.
+#[derive(Clone, Copy, Debug, Args)]
+pub(super) struct RecipeArguments {
+    #[command(flatten)]
+    precision: PrecisionArguments,
+    /// Bits per axis of texture coordinates, 1 to 16 [default: 12].
+    #[arg(long, value_name = "N", value_parser = uv_bits)]
+    uv_bits: Option<u8>,
+    /// Largest angle between a normal of the model and what its faces say before the normal is sent:
+    /// 0 sends all, 180 none [default: 10].
+    #[arg(long, value_name = "DEGREES", value_parser = normal_tolerance)]
+    normal_tolerance: Option<f64>,
+    /// What a collapse is held to cost: qem (quadric error) or melax (length × curvature)
+    /// [default: qem].
+    #[arg(long, value_name = "METRIC", value_parser = parse_metric)]
+    metric: Option<Metric>,
+    /// Order of collapses: heap (the cheapest first), or rounds of this share of the vertices, 0.01 to
+    /// 0.5 [default: heap].
+    #[arg(long, value_name = "heap | SHARE", value_parser = parse_round)]
+    round_size: Option<Round>,
+    /// Depth of relief, in units of texture coordinates, instead of what the materials say.
+    #[arg(long, value_name = "DEPTH", value_parser = positive)]
+    relief_depth: Option<f64>,
+}
+
+impl RecipeArguments {
+    pub(super) fn resolve(self) -> Recipe {
+        let PrecisionArguments { position_bits, tolerance } = self.precision;
+        Recipe {
+            precision: position_bits.map(Precision::Bits).or(tolerance.map(Precision::Tolerance)),
+            uv_bits: self.uv_bits,
+            normal_tolerance: self.normal_tolerance,
+            metric: self.metric,
+            round: self.round_size,
+            relief_depth: self.relief_depth.map(|depth| depth as f32),
+        }
+    }
+}
+
+pub(super) fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value.is_finite() && value > 0.0 => Ok(value),
+        _ => Err("a positive number is needed".to_owned()),
+    }
+}
+
+fn uv_bits(text: &str) -> Result<u8, String> {
+    text.parse().map_err(|_| "a whole number is needed".to_owned()).and_then(check_uv_bits)
+}
+
+fn normal_tolerance(text: &str) -> Result<f64, String> {
+    text.parse().map_err(|_| "a number of degrees is needed".to_owned()).and_then(check_normal_tolerance)
+}

@@ -1,0 +1,198 @@
+//! Accessors: the elements of vertex attributes and indices, read where they lie.
+//!
+//! Nothing is decoded ahead, so a file cannot ask for more memory than it has bytes; everything that a
+//! later read relies on is checked once, when the accessor is opened.
+
+use bytes::Bytes;
+use gltf::json::accessor::{ComponentType, Type};
+use gltf::json::validation::Checked;
+
+use super::container::Document;
+use crate::import::ImportError;
+
+/// Most elements of an accessor that has no bytes of its own, only zeros and what is sparse.
+const MAX_ZEROS: usize = 1 << 16;
+
+/// Buffers that were read, by index.
+pub(super) struct Buffers<'a> {
+    document: &'a Document,
+    read: Vec<Option<Bytes>>,
+}
+
+/// The elements of one accessor.
+pub(super) struct Elements {
+    count: usize,
+    components: usize,
+    kind: ComponentType,
+    normalised: bool,
+    /// First byte of element 0 and the distance between elements; `None`: all zero.
+    dense: Option<(Bytes, usize)>,
+    /// Elements that differ, by index, with their values one after the other.
+    sparse: Vec<u32>,
+    values: Bytes,
+}
+
+impl<'a> Buffers<'a> {
+    pub(super) fn new(document: &'a Document) -> Self {
+        Self { document, read: vec![None; document.root.buffers.len()] }
+    }
+
+    fn buffer(&mut self, index: usize) -> Result<Bytes, ImportError> {
+        if let Some(Some(bytes)) = self.read.get(index) {
+            return Ok(bytes.clone());
+        }
+        let bytes = self.document.buffer(index)?;
+        self.read[index] = Some(bytes.clone());
+        Ok(bytes)
+    }
+
+    /// The bytes of a buffer view and its stride, if it has one.
+    pub(super) fn view(&mut self, index: usize) -> Result<(Bytes, Option<usize>), ImportError> {
+        let error = |what: &str| self.document.error(format!("bufferViews[{index}] {what}"));
+        let view = self.document.root.buffer_views.get(index).ok_or_else(|| error("does not exist"))?;
+        let (offset, length) = (view.byte_offset.unwrap_or_default().0, view.byte_length.0);
+        let stride = view.byte_stride.map(|stride| stride.0).filter(|&stride| stride > 0);
+        let beyond = error("reaches beyond its buffer");
+        let bytes = self.buffer(view.buffer.value())?;
+        let end = offset.checked_add(length).filter(|&end| end <= bytes.len() as u64);
+        // No end above a length that fits `usize` fails to fit it.
+        let end = end.ok_or(beyond)? as usize;
+        Ok((bytes.slice(offset as usize..end), stride))
+    }
+
+    /// Opens an accessor. `place` says in messages what it is for.
+    ///
+    /// # Errors
+    /// Accessors that do not exist, are of none of the types `allowed`, or reach beyond their bytes.
+    pub(super) fn open(
+        &mut self,
+        index: usize,
+        place: &str,
+        allowed: &[Type],
+    ) -> Result<Elements, ImportError> {
+        let document = self.document;
+        let error = |what: String| document.error(format!("{place}: accessors[{index}] {what}"));
+        let accessor = document.root.accessors.get(index).ok_or_else(|| error("does not exist".into()))?;
+        let (Checked::Valid(kind), Checked::Valid(shape)) = (accessor.component_type, accessor.type_) else {
+            return Err(error("has an unknown component type or shape".into()));
+        };
+        if !allowed.contains(&shape) {
+            return Err(error(format!("has the shape {shape:?}; {allowed:?} belongs here")));
+        }
+        let kind = kind.0;
+        let components = shape.multiplicity();
+        let size = components * kind.size();
+        let count = usize::try_from(accessor.count.0).ok().filter(|&n| n <= u32::MAX as usize);
+        let count = count.ok_or_else(|| error(format!("has {} elements; too many", accessor.count.0)))?;
+        let dense = match &accessor.buffer_view {
+            None if count > MAX_ZEROS => {
+                return Err(error(format!(
+                    "has {count} elements but no bufferView; at most {MAX_ZEROS} can be zero"
+                )));
+            }
+            None => None,
+            Some(view) => {
+                let (bytes, stride) = self.view(view.value())?;
+                let stride = stride.unwrap_or(size);
+                let offset = accessor.byte_offset.unwrap_or_default().0;
+                let bytes = elements(&bytes, offset, count, stride, size);
+                Some((bytes.ok_or_else(|| error(beyond(count, stride)))?, stride))
+            }
+        };
+        let (sparse, values) = match &accessor.sparse {
+            None => (Vec::new(), Bytes::new()),
+            Some(sparse) => {
+                let Checked::Valid(index_kind) = sparse.indices.component_type else {
+                    return Err(error("has sparse indices of an unknown type".into()));
+                };
+                let many = usize::try_from(sparse.count.0).ok().filter(|&many| many <= count);
+                let many = many.ok_or_else(|| error("has more sparse elements than elements".into()))?;
+                let index_kind = index_kind.0;
+                let bytes = self.view(sparse.indices.buffer_view.value())?.0;
+                let width = index_kind.size();
+                let bytes = elements(&bytes, sparse.indices.byte_offset.0, many, width, width);
+                let bytes = bytes.ok_or_else(|| error(beyond(many, width)))?;
+                let indices: Vec<u32> =
+                    (0..many).map(|i| component(&bytes[i * width..], index_kind) as u32).collect();
+                let last = indices.last().map_or(0, |&last| last as usize + 1);
+                if !indices.is_sorted_by(|a, b| a < b) || last > count {
+                    return Err(error("has sparse indices that do not rise, or that lie beyond it".into()));
+                }
+                let bytes = self.view(sparse.values.buffer_view.value())?.0;
+                let bytes = elements(&bytes, sparse.values.byte_offset.0, many, size, size);
+                (indices, bytes.ok_or_else(|| error(beyond(many, size)))?)
+            }
+        };
+        Ok(Elements { count, components, kind, normalised: accessor.normalized, dense, sparse, values })
+    }
+}
+
+fn beyond(count: usize, stride: usize) -> String {
+    format!("reaches beyond its bufferView with {count} elements {stride} bytes apart; the file is damaged")
+}
+
+/// The bytes of `count` elements of `size` bytes, `stride` apart; `None` where they are not all there.
+fn elements(bytes: &Bytes, offset: u64, count: usize, stride: usize, size: usize) -> Option<Bytes> {
+    if count == 0 {
+        return Some(Bytes::new());
+    }
+    let length = (count - 1).checked_mul(stride)?.checked_add(size)?;
+    let start = usize::try_from(offset).ok()?;
+    let end = start.checked_add(length).filter(|&end| end <= bytes.len() && stride >= size)?;
+    Some(bytes.slice(start..end))
+}
+
+/// The value of one component at the start of `bytes`, which hold it.
+fn component(bytes: &[u8], kind: ComponentType) -> f64 {
+    match kind {
+        ComponentType::I8 => f64::from(bytes[0] as i8),
+        ComponentType::U8 => f64::from(bytes[0]),
+        ComponentType::I16 => f64::from(i16::from_le_bytes([bytes[0], bytes[1]])),
+        ComponentType::U16 => f64::from(u16::from_le_bytes([bytes[0], bytes[1]])),
+        ComponentType::U32 => f64::from(u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]])),
+        ComponentType::F32 => f64::from(f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]])),
+    }
+}
+
+impl Elements {
+    pub(super) fn len(&self) -> usize {
+        self.count
+    }
+
+    /// Whether components are whole numbers without sign, as indices must be.
+    pub(super) fn is_unsigned(&self) -> bool {
+        matches!(self.kind, ComponentType::U8 | ComponentType::U16 | ComponentType::U32)
+    }
+
+    /// Components per element.
+    pub(super) fn components(&self) -> usize {
+        self.components
+    }
+
+    /// An element's components, the first `N` of them; 0 where it has fewer. Normalised integers are
+    /// divided by their largest value (glTF 2.0 specification, §3.11).
+    ///
+    /// # Panics
+    /// If `index` is not below [`Self::len`].
+    pub(super) fn get<const N: usize>(&self, index: usize) -> [f64; N] {
+        assert!(index < self.count, "element {index} of {}", self.count);
+        let width = self.kind.size();
+        let bytes: &[u8] = match (self.sparse.binary_search(&(index as u32)), &self.dense) {
+            (Ok(found), _) => &self.values[found * self.components * width..],
+            (Err(_), Some((bytes, stride))) => &bytes[index * stride..],
+            (Err(_), None) => return [0.0; N],
+        };
+        let mut values = [0.0; N];
+        for (i, value) in values.iter_mut().enumerate().take(self.components) {
+            let raw = component(&bytes[i * width..], self.kind);
+            *value = match self.kind {
+                ComponentType::I8 if self.normalised => (raw / 127.0).max(-1.0),
+                ComponentType::U8 if self.normalised => raw / 255.0,
+                ComponentType::I16 if self.normalised => (raw / 32_767.0).max(-1.0),
+                ComponentType::U16 if self.normalised => raw / 65_535.0,
+                _ => raw,
+            };
+        }
+        values
+    }
+}

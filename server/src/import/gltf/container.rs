@@ -1,0 +1,181 @@
+//! GLB and glTF files to their JSON, and the bytes of buffers and images: embedded, in data URIs, or in
+//! files beside the model.
+
+use std::path::{Component, Path, PathBuf};
+
+use bytes::Bytes;
+use gltf::json;
+
+use super::super::{ImportError, MAX_FILE_BYTES, read_file};
+
+/// Extensions that are understood, so that a file may require them.
+const SUPPORTED: [&str; 2] = ["KHR_mesh_quantization", "KHR_texture_transform"];
+
+const MAGIC: &[u8; 4] = b"glTF";
+const CHUNK_JSON: u32 = 0x4E4F_534A;
+const CHUNK_BIN: u32 = 0x004E_4942;
+
+/// A parsed model; buffers are read when they are asked for.
+pub(super) struct Document {
+    pub(super) path: PathBuf,
+    pub(super) root: json::Root,
+    bin: Option<Bytes>,
+}
+
+/// Where bytes that a URI names are.
+pub(super) enum Location {
+    Inline(Bytes),
+    File(PathBuf),
+}
+
+impl Document {
+    /// Parses the bytes of the file at `path`.
+    ///
+    /// # Errors
+    /// What is no glTF 2.0, and extensions that the file requires and that are not supported.
+    pub(super) fn parse(path: &Path, bytes: Bytes) -> Result<Self, ImportError> {
+        let error = |what: String| ImportError::gltf(path, what);
+        let (text, bin) = if bytes.starts_with(MAGIC) { split(path, &bytes)? } else { (bytes, None) };
+        let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text);
+        // The version first: other versions have other fields.
+        let head: Head = json::deserialize::from_slice(text)
+            .map_err(|e| error(format!("is not glTF JSON: {e}; export it again as glTF 2.0")))?;
+        if !head.asset.version.starts_with("2.") {
+            return Err(error(format!(
+                "asset.version is {:?}; only glTF 2.0 is read, so export it as that",
+                head.asset.version
+            )));
+        }
+        let missing: Vec<&str> = head.extensions_required.iter().map(String::as_str).collect();
+        let missing: Vec<&str> = missing.into_iter().filter(|name| !SUPPORTED.contains(name)).collect();
+        if !missing.is_empty() {
+            let names = missing.join(", ");
+            return Err(error(format!(
+                "requires extensions that are not supported: {names}; export it without them (compressed \
+                 meshes and textures uncompressed)"
+            )));
+        }
+        let root = json::deserialize::from_slice(text)
+            .map_err(|e| error(format!("is not valid glTF 2.0: {e}; export it again")))?;
+        Ok(Self { path: path.to_owned(), root, bin })
+    }
+
+    pub(super) fn error(&self, what: impl Into<String>) -> ImportError {
+        ImportError::gltf(&self.path, what)
+    }
+
+    /// Extensions that the file uses and that are not understood.
+    pub(super) fn unknown_extensions(&self) -> impl Iterator<Item = &str> {
+        self.root.extensions_used.iter().map(String::as_str).filter(|name| !SUPPORTED.contains(name))
+    }
+
+    /// The bytes of one buffer: at least as many as it says.
+    pub(super) fn buffer(&self, index: usize) -> Result<Bytes, ImportError> {
+        let Some(buffer) = self.root.buffers.get(index) else {
+            return Err(self.error(format!("buffers[{index}] does not exist")));
+        };
+        let bytes = match &buffer.uri {
+            Some(uri) => match self.locate(uri).map_err(|e| self.error(format!("buffers[{index}]: {e}")))? {
+                Location::Inline(bytes) => bytes,
+                Location::File(file) => read_file(&file, MAX_FILE_BYTES)?.into(),
+            },
+            None if index == 0 && self.bin.is_some() => self.bin.clone().unwrap_or_default(),
+            None => {
+                return Err(
+                    self.error(format!("buffers[{index}] has neither a uri nor the file's BIN chunk"))
+                );
+            }
+        };
+        if (bytes.len() as u64) < buffer.byte_length.0 {
+            return Err(self.error(format!(
+                "buffers[{index}] says {} bytes but has {}; the file was cut short",
+                buffer.byte_length.0,
+                bytes.len()
+            )));
+        }
+        Ok(bytes)
+    }
+
+    /// What a URI refers to.
+    ///
+    /// # Errors
+    /// In one line: data URIs that do not decode, and paths that leave the model's folder.
+    pub(super) fn locate(&self, uri: &str) -> Result<Location, String> {
+        if let Some(rest) = uri.strip_prefix("data:") {
+            return decode_data(rest).map(Location::Inline);
+        }
+        let name = percent_encoding::percent_decode_str(uri)
+            .decode_utf8()
+            .map_err(|_| format!("the URI {:?} is not UTF-8", shown(uri)))?;
+        let relative = Path::new(&*name);
+        let inside = relative.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir));
+        // A scheme or a drive letter is no folder of ours either.
+        let plain = !name.contains(':') && !name.contains('\\') && !name.is_empty();
+        if !inside || !plain {
+            return Err(format!(
+                "the URI {:?} is not a file beside the model; put the file into its folder",
+                shown(uri)
+            ));
+        }
+        Ok(Location::File(self.path.parent().unwrap_or(Path::new("")).join(relative)))
+    }
+}
+
+/// What must be known before the rest is parsed.
+#[derive(serde::Deserialize)]
+struct Head {
+    asset: HeadAsset,
+    #[serde(default, rename = "extensionsRequired")]
+    extensions_required: Vec<String>,
+}
+
+#[derive(serde::Deserialize)]
+struct HeadAsset {
+    version: String,
+}
+
+/// The JSON chunk of a GLB, and its BIN chunk if there is one (glTF 2.0 specification, §4.4).
+fn split(path: &Path, bytes: &Bytes) -> Result<(Bytes, Option<Bytes>), ImportError> {
+    let error = |what: String| ImportError::gltf(path, what);
+    let word =
+        |at: usize| -> Option<u32> { Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?)) };
+    let cut = || error("ends within its header or a chunk; the file was cut short".to_owned());
+    let (version, length) = (word(4).ok_or_else(cut)?, word(8).ok_or_else(cut)? as usize);
+    if version != 2 {
+        return Err(error(format!("is GLB version {version}; only version 2 is read")));
+    }
+    if length > bytes.len() {
+        return Err(cut());
+    }
+    let mut chunks = Vec::new();
+    let mut at = 12;
+    while at < length && chunks.len() < 2 {
+        let (size, kind) = (word(at).ok_or_else(cut)? as usize, word(at + 4).ok_or_else(cut)?);
+        let end = (at + 8).checked_add(size).filter(|&end| end <= length).ok_or_else(cut)?;
+        chunks.push((kind, bytes.slice(at + 8..end)));
+        at = end.next_multiple_of(4);
+    }
+    match &chunks[..] {
+        [(CHUNK_JSON, text), (CHUNK_BIN, bin), ..] => Ok((text.clone(), Some(bin.clone()))),
+        [(CHUNK_JSON, text), ..] => Ok((text.clone(), None)),
+        _ => Err(error("does not begin with a JSON chunk; export it again".to_owned())),
+    }
+}
+
+/// The bytes of `[<type>][;base64],<data>`.
+fn decode_data(rest: &str) -> Result<Bytes, String> {
+    let (head, data) = rest.split_once(',').ok_or("a data URI without a comma")?;
+    if !head.ends_with(";base64") {
+        return Ok(percent_encoding::percent_decode_str(data).collect::<Vec<u8>>().into());
+    }
+    // Padding is often left out.
+    data_encoding::BASE64_NOPAD
+        .decode(data.trim_end_matches('=').as_bytes())
+        .map(Bytes::from)
+        .map_err(|e| format!("a data URI does not decode: {e}"))
+}
+
+/// A URI for an error message.
+fn shown(uri: &str) -> String {
+    uri.chars().take(60).collect()
+}

@@ -1,0 +1,45 @@
+//! What a file has and the picture will not show, by name.
+
+use std::collections::BTreeMap;
+
+use super::container::Document;
+
+/// Features that were met and not used, with how often.
+#[derive(Default)]
+pub(super) struct Ignored {
+    counts: BTreeMap<String, usize>,
+}
+
+impl Ignored {
+    /// What the file as a whole has.
+    pub(super) fn of_file(document: &Document) -> Self {
+        let mut ignored = Self::default();
+        let root = &document.root;
+        for (what, count) in [
+            ("animations", root.animations.len()),
+            ("skins", root.skins.len()),
+            ("cameras", root.cameras.len()),
+        ] {
+            if count > 0 {
+                ignored.counts.insert(what.to_owned(), count);
+            }
+        }
+        for name in document.unknown_extensions() {
+            ignored.note(&format!("extension {name}"));
+        }
+        ignored
+    }
+
+    pub(super) fn note(&mut self, what: &str) {
+        *self.counts.entry(what.to_owned()).or_default() += 1;
+    }
+
+    /// One line for people, if there is anything to say.
+    pub(super) fn warning(&self, document: &Document) -> Option<String> {
+        let name = |(what, count): (&String, &usize)| {
+            if *count > 1 { format!("{what} ({count})") } else { what.clone() }
+        };
+        let list: Vec<String> = self.counts.iter().map(name).collect();
+        (!list.is_empty()).then(|| format!("{}: ignored: {}", document.path.display(), list.join(", ")))
+    }
+}

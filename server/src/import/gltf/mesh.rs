@@ -1,0 +1,280 @@
+//! Primitives to one [`SourceMesh`], in the place that a node gives them.
+
+use std::collections::BTreeMap;
+
+use glam::{DMat3, DMat4, DVec3};
+use gltf::json;
+use gltf::json::accessor::Type;
+use gltf::json::mesh::{Mode, Semantic};
+use gltf::json::validation::Checked;
+use lodestream_geometry::mesh::{Corner, NONE, SourceMesh};
+
+use super::accessor::{Buffers, Elements};
+use super::container::Document;
+use super::ignored::Ignored;
+use super::material::{Converted, convert};
+use crate::import::{ImportError, Imported};
+use crate::texture::linear_to_srgb;
+
+/// Most triangles of one asset, over all nodes that are merged into it.
+const MAX_FACES: usize = 1 << 26;
+/// Most materials of one asset, as the protocol describes them.
+const MAX_MATERIALS: usize = lodestream_protocol::asset::MAX_MATERIALS;
+
+/// Meshes merged so far.
+pub(super) struct Builder<'a> {
+    document: &'a Document,
+    buffers: Buffers<'a>,
+    mesh: SourceMesh,
+    materials: Vec<Converted>,
+    /// By index in the file; `None` is the default material.
+    material_of: BTreeMap<Option<usize>, u16>,
+    ignored: Ignored,
+    warnings: Vec<String>,
+}
+
+/// The vertex attributes of one primitive.
+struct Attributes {
+    positions: Elements,
+    normals: Option<Elements>,
+    uvs: Option<Elements>,
+    colors: Option<Elements>,
+}
+
+impl<'a> Builder<'a> {
+    pub(super) fn new(document: &'a Document) -> Self {
+        Self {
+            document,
+            buffers: Buffers::new(document),
+            mesh: SourceMesh::default(),
+            materials: Vec::new(),
+            material_of: BTreeMap::new(),
+            ignored: Ignored::of_file(document),
+            warnings: Vec::new(),
+        }
+    }
+
+    /// Adds a mesh of the file, transformed.
+    ///
+    /// # Errors
+    /// Accessors that do not hold what they should, indices beyond their vertices, and too many faces.
+    pub(super) fn add(&mut self, mesh: usize, transform: &DMat4) -> Result<(), ImportError> {
+        let document = self.document;
+        let Some(source) = document.root.meshes.get(mesh) else {
+            return Err(document.error(format!("meshes[{mesh}] does not exist")));
+        };
+        for (number, primitive) in source.primitives.iter().enumerate() {
+            self.primitive(primitive, &format!("meshes[{mesh}].primitives[{number}]"), transform)?;
+        }
+        Ok(())
+    }
+
+    fn primitive(
+        &mut self,
+        primitive: &json::mesh::Primitive,
+        place: &str,
+        transform: &DMat4,
+    ) -> Result<(), ImportError> {
+        let document = self.document;
+        let mode = match primitive.mode {
+            Checked::Valid(mode @ (Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan)) => mode,
+            Checked::Valid(_) => {
+                self.ignored.note("points and lines");
+                return Ok(());
+            }
+            Checked::Invalid => return Err(document.error(format!("{place}.mode is unknown"))),
+        };
+        if primitive.targets.as_ref().is_some_and(|targets| !targets.is_empty()) {
+            self.ignored.note("morph targets");
+        }
+        let material = self.material(primitive.material.map(|m| m.value()))?;
+        let Some(attributes) = self.attributes(primitive, place, material)? else { return Ok(()) };
+        let indices = self.indices(primitive, place, attributes.positions.len())?;
+        let faces = match mode {
+            Mode::Triangles => indices.len() / 3,
+            _ => indices.len().saturating_sub(2),
+        };
+        if faces > MAX_FACES.saturating_sub(self.mesh.faces.len()) {
+            return Err(document.error(format!(
+                "{place} brings the triangles of one asset above {MAX_FACES}; split the model"
+            )));
+        }
+        let mut used = indices.clone();
+        used.sort_unstable();
+        used.dedup();
+        let corners = self.vertices(&attributes, &used, material, transform);
+        // Every index is among those used.
+        let corner = |i: u32| corners[used.binary_search(&i).unwrap_or(0)];
+        let flip = DMat3::from_mat4(*transform).determinant() < 0.0;
+        self.mesh.faces.reserve(faces);
+        for [a, b, c] in triangles(&indices, mode) {
+            // A mirror turns outside in: the other way round is counter-clockwise again.
+            let [a, b, c] = if flip { [a, c, b] } else { [a, b, c] };
+            self.mesh.faces.push([corner(a), corner(b), corner(c)]);
+            self.mesh.materials.push(material);
+        }
+        Ok(())
+    }
+
+    fn material(&mut self, index: Option<usize>) -> Result<u16, ImportError> {
+        if let Some(&known) = self.material_of.get(&index) {
+            return Ok(known);
+        }
+        if self.materials.len() >= MAX_MATERIALS {
+            return Err(ImportError::TooManyMaterials {
+                path: self.document.path.clone(),
+                count: self.materials.len() + 1,
+                limit: MAX_MATERIALS,
+            });
+        }
+        let converted =
+            convert(self.document, index, &mut self.buffers, &mut self.ignored, &mut self.warnings)?;
+        self.materials.push(converted);
+        let number = (self.materials.len() - 1) as u16;
+        self.material_of.insert(index, number);
+        Ok(number)
+    }
+
+    /// Opens the attributes that are used and notes the others; nothing for a primitive without positions,
+    /// which the format allows and which draws nothing.
+    fn attributes(
+        &mut self,
+        primitive: &json::mesh::Primitive,
+        place: &str,
+        material: u16,
+    ) -> Result<Option<Attributes>, ImportError> {
+        let uv_set = self.materials[usize::from(material)].uv_set;
+        let mut positions = None;
+        let (mut normals, mut uvs, mut colors) = (None, None, None);
+        for (semantic, accessor) in &primitive.attributes {
+            let Checked::Valid(semantic) = semantic else {
+                self.ignored.note("attributes of the application's own");
+                continue;
+            };
+            let name = semantic.to_string();
+            let place = format!("{place}.attributes.{name}");
+            let mut open = |allowed: &[Type]| self.buffers.open(accessor.value(), &place, allowed);
+            match semantic {
+                Semantic::Positions => positions = Some(open(&[Type::Vec3])?),
+                Semantic::Normals => normals = Some(open(&[Type::Vec3])?),
+                Semantic::TexCoords(set) if *set == uv_set => uvs = Some(open(&[Type::Vec2])?),
+                Semantic::Colors(0) => colors = Some(open(&[Type::Vec3, Type::Vec4])?),
+                // What they are for is named on its own.
+                Semantic::Joints(_) | Semantic::Weights(_) => {}
+                _ => self.ignored.note(&format!("attribute {name}")),
+            }
+        }
+        let Some(positions) = positions else {
+            self.ignored.note("primitives without POSITION");
+            return Ok(None);
+        };
+        for (name, elements) in [("NORMAL", &normals), ("TEXCOORD", &uvs), ("COLOR_0", &colors)] {
+            if elements.as_ref().is_some_and(|e| e.len() < positions.len()) {
+                return Err(self
+                    .document
+                    .error(format!("{place}.attributes.{name} has fewer elements than POSITION")));
+            }
+        }
+        Ok(Some(Attributes { positions, normals, uvs, colors }))
+    }
+
+    /// The primitive's indices, all below `vertices`.
+    fn indices(
+        &mut self,
+        primitive: &json::mesh::Primitive,
+        place: &str,
+        vertices: usize,
+    ) -> Result<Vec<u32>, ImportError> {
+        let document = self.document;
+        let Some(accessor) = primitive.indices else {
+            return Ok((0..vertices as u32).collect());
+        };
+        let place = format!("{place}.indices");
+        let elements = self.buffers.open(accessor.value(), &place, &[Type::Scalar])?;
+        if !elements.is_unsigned() {
+            return Err(document.error(format!("{place}: are not unsigned integers")));
+        }
+        let indices: Vec<u32> = (0..elements.len()).map(|i| elements.get::<1>(i)[0] as u32).collect();
+        match indices.iter().find(|&&index| index as usize >= vertices) {
+            Some(index) => {
+                Err(document.error(format!("{place}: index {index} is beyond the {vertices} vertices")))
+            }
+            None => Ok(indices),
+        }
+    }
+
+    /// Appends the vertices `used`, and returns a corner for each.
+    fn vertices(
+        &mut self,
+        attributes: &Attributes,
+        used: &[u32],
+        material: u16,
+        transform: &DMat4,
+    ) -> Vec<Corner> {
+        let linear = DMat3::from_mat4(*transform);
+        // Normals go with the cofactors, which are the inverse transpose but for a factor and exist for
+        // maps without an inverse too; the sign of the determinant turns them outwards again.
+        let [x, y, z] = [linear.x_axis, linear.y_axis, linear.z_axis];
+        let cofactors = DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y));
+        let outwards = if linear.determinant() < 0.0 { -1.0 } else { 1.0 };
+        let uv_transform = self.materials[usize::from(material)].uv_transform;
+        let mesh = &mut self.mesh;
+        let mut corners = Vec::with_capacity(used.len());
+        for &index in used {
+            let index = index as usize;
+            let mut corner = Corner::at(mesh.positions.len() as u32);
+            let position = DVec3::from_array(attributes.positions.get(index));
+            mesh.positions.push(transform.transform_point3(position).to_array());
+            if let Some(normals) = &attributes.normals {
+                let normal = cofactors * DVec3::from_array(normals.get(index)) * outwards;
+                // One without a direction says nothing.
+                if let Some(normal) = normal.try_normalize() {
+                    corner.normal = mesh.normals.len() as u32;
+                    mesh.normals.push(normal.as_vec3().to_array());
+                }
+            }
+            if let Some(uvs) = &attributes.uvs {
+                corner.uv = mesh.uvs.len() as u32;
+                mesh.uvs.push(uv_transform.apply(uvs.get(index)));
+            }
+            if let Some(colors) = &attributes.colors {
+                corner.color = mesh.colors.len() as u32;
+                let [r, g, b, a] = colors.get(index);
+                let alpha =
+                    if colors.components() == 4 { (a.clamp(0.0, 1.0) * 255.0).round() } else { 255.0 };
+                mesh.colors.push([linear_to_srgb(r), linear_to_srgb(g), linear_to_srgb(b), alpha as u8]);
+            }
+            corners.push(corner);
+        }
+        corners
+    }
+
+    /// The merged mesh.
+    ///
+    /// # Errors
+    /// A model without a triangle.
+    pub(super) fn finish(mut self) -> Result<Imported, ImportError> {
+        self.warnings.extend(self.ignored.warning(self.document));
+        if self.mesh.faces.is_empty() {
+            let found = format!(
+                "{} meshes, {} nodes",
+                self.document.root.meshes.len(),
+                self.document.root.nodes.len()
+            );
+            return Err(ImportError::NoFaces { path: self.document.path.clone(), found });
+        }
+        debug_assert!(self.mesh.faces.iter().flatten().all(|c| c.position != NONE));
+        let materials = self.materials.into_iter().map(|converted| converted.material).collect();
+        Ok(Imported { mesh: self.mesh, materials, warnings: self.warnings })
+    }
+}
+
+/// Corners of each triangle (glTF 2.0 specification, §3.7.2.1): lists, strips, fans.
+fn triangles(indices: &[u32], mode: Mode) -> impl Iterator<Item = [u32; 3]> + '_ {
+    let count = if mode == Mode::Triangles { indices.len() / 3 } else { indices.len().saturating_sub(2) };
+    (0..count).map(move |i| match mode {
+        Mode::TriangleStrip => [indices[i], indices[i + 1 + i % 2], indices[i + 2 - i % 2]],
+        Mode::TriangleFan => [indices[i + 1], indices[i + 2], indices[0]],
+        _ => [indices[3 * i], indices[3 * i + 1], indices[3 * i + 2]],
+    })
+}

@@ -1,0 +1,66 @@
+//! The node hierarchy flattened: each mesh where the scene has it, in f64.
+
+use glam::{DMat4, DQuat, DVec3};
+use gltf::json;
+
+use super::container::Document;
+use crate::import::ImportError;
+
+/// A mesh of the file, placed.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Placed {
+    pub(super) mesh: usize,
+    pub(super) to_scene: DMat4,
+}
+
+/// The meshes of the default scene (or the first, where none is named) in the order in which its nodes
+/// come, depth first. A file without scenes is a library: each of its meshes once, as it is.
+///
+/// # Errors
+/// Nodes that do not exist, have two parents or are their own ancestors, and values that are not finite.
+pub(super) fn placed(document: &Document) -> Result<Vec<Placed>, ImportError> {
+    let root = &document.root;
+    let number = root.scene.map_or(0, |scene| scene.value());
+    let Some(scene) = root.scenes.get(number) else {
+        if root.scenes.is_empty() {
+            let all = 0..root.meshes.len();
+            return Ok(all.map(|mesh| Placed { mesh, to_scene: DMat4::IDENTITY }).collect());
+        }
+        return Err(document.error(format!("scenes[{number}] does not exist")));
+    };
+    let mut placed = Vec::new();
+    let mut seen = vec![false; root.nodes.len()];
+    let mut waiting: Vec<(usize, DMat4)> =
+        scene.nodes.iter().rev().map(|node| (node.value(), DMat4::IDENTITY)).collect();
+    while let Some((index, parent)) = waiting.pop() {
+        let error = |what: &str| document.error(format!("nodes[{index}] {what}"));
+        let node = root.nodes.get(index).ok_or_else(|| error("does not exist"))?;
+        if std::mem::replace(&mut seen[index], true) {
+            return Err(error("has two parents, or is its own ancestor; the nodes must form trees"));
+        }
+        let to_scene = parent * local(node);
+        if !to_scene.is_finite() {
+            return Err(error("has a transformation that is not finite"));
+        }
+        if let Some(mesh) = node.mesh {
+            placed.push(Placed { mesh: mesh.value(), to_scene });
+        }
+        let children = node.children.iter().flatten().rev();
+        waiting.extend(children.map(|child| (child.value(), to_scene)));
+    }
+    Ok(placed)
+}
+
+fn local(node: &json::Node) -> DMat4 {
+    if let Some(matrix) = node.matrix {
+        return DMat4::from_cols_array(&matrix.map(f64::from));
+    }
+    let vector = |v: Option<[f32; 3]>, default: f64| {
+        v.map_or(DVec3::splat(default), |v| DVec3::from_array(v.map(f64::from)))
+    };
+    let rotation = node.rotation.unwrap_or_default().0.map(f64::from);
+    let rotation = DQuat::from_array(rotation);
+    // Files round quaternions to f32, or to less; one of length zero says nothing.
+    let rotation = if rotation.length_squared() > 0.0 { rotation.normalize() } else { DQuat::IDENTITY };
+    DMat4::from_scale_rotation_translation(vector(node.scale, 1.0), rotation, vector(node.translation, 0.0))
+}
