@@ -31,7 +31,7 @@ pub fn all() -> &'static [Fixture] {
             ("torus", shapes::materials(shapes::torus(8, 10), 3)),
             ("fans", shapes::fans(16)),
             ("components", components()),
-            ("frigate", shapes::frigate(2)),
+            ("frigate", shapes::frigate(3)),
             ("poles", shapes::sphere(6, 30, 0.05)),
         ]
         .into_iter()

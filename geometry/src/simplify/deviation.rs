@@ -1,69 +1,175 @@
 //! Geometric error: how far a simplified region is from the input, both ways.
 //!
-//! Input to coarse: every sample of the input keeps the face of the simplified mesh that it was found
-//! nearest to; when that face changes, the nearest is looked for again among the faces that cover
-//! the same region, so the distance can only be overestimated. Coarse to input: points are laid over
-//! every face that moved, about as dense as the input's faces, and looked up in a hierarchy over the
-//! input. The result is raised by [`MARGIN`] for what lies between the samples.
+//! *Input to coarse:* the vertices of the input are the samples. Over one coarse face the distance is a
+//! convex function, so on an input face that lies over one it is largest at a vertex. Where the surface
+//! can open, at boundaries and edges of three faces and more, the middles of faces are samples too. Each
+//! sample keeps the coarse face that it was last found near; when that face changes, its heirs are looked at, and
+//! where they are farther than what is known, the region's nearest face. Searching the region alone
+//! can only overestimate.
+//!
+//! *Coarse to input:* where an input face lies over several coarse faces, the distance is largest over the
+//! edge between these. So points are laid along each new edge and in the middle of each face that moved,
+//! and looked up in a hierarchy over the input: few at first, many where one is far.
+//!
+//! Overlaying the two surfaces, all extremes lie at vertices or where edges cross (Cohen, Olano and
+//! Manocha, "Appearance-preserving simplification", 1998, §4); [`MARGIN`] stands for what lies between
+//! the points.
+
+use std::cell::OnceCell;
 
 use glam::DVec3;
 
 use crate::distance::{TriangleBvh, closest_point_on_triangle};
 use crate::simplify::live::Live;
-use crate::vec3::{Vec3, add, length, scale, sub, triangle_normal};
+use crate::simplify::star_table::each_edge;
+use crate::vec3::{Vec3, add, length, scale, sub};
 
 /// Safety factor for the surface between samples.
-pub(crate) const MARGIN: f64 = 1.06;
-/// Share of the error known so far beyond which a face is looked at closely.
-const SUSPICIOUS: f64 = 0.6;
-/// Points per input edge length on such a face, and the bounds of its subdivision.
-const DENSITY: f64 = 2.0;
-const LEAST_SUBDIVISION: usize = 6;
-const MOST_SUBDIVISION: usize = 32;
+pub(crate) const MARGIN: f64 = 1.08;
+/// Share of the error known so far beyond which an edge or a face is looked at closely.
+pub(crate) const SUSPICIOUS: f64 = 0.7;
+/// Parts that a new edge is cut into at first, per mean edge of the input, and at most.
+const SPARSE: f64 = 2.0;
+const MOST_SPARSE: usize = 4;
+/// The same for one that is looked at closely, and the least.
+const DENSE: f64 = 4.0;
+const LEAST_DENSE: usize = 12;
+const MOST_DENSE: usize = 32;
+/// Stays above distances that were rounded.
+const ROUNDING: f64 = 1.0 + 1e-6;
 
 /// The input surface, its samples, and where the samples are now.
 pub(crate) struct Deviation {
     input: TriangleBvh,
-    samples: Vec<Vec3>,
-    /// Live face that each sample was last found nearest to.
-    pub(crate) attached: Vec<u32>,
+    /// Samples beyond the vertices.
+    middles: Vec<Vec3>,
+    /// By sample, vertices first: live face that it was last found near, and how far, in grid cells.
+    attached: Vec<u32>,
     distance: Vec<f32>,
-    /// Mean area of the input's faces.
-    mean_area: f64,
+    /// Mean length of the input's edges.
+    mean_edge: f64,
 }
 
-/// What measuring one region gave.
-pub(crate) struct Measured {
-    /// Largest distance, in grid cells, margin included.
-    pub(crate) error: f64,
-    /// New place of each sample that moved: (sample, face, distance).
-    pub(crate) moved: Vec<(u32, u32, f32)>,
+/// New place of a sample: (sample, face, distance).
+pub(crate) type Place = (u32, u32, f32);
+
+/// An edge, and the distance of its farthest point from the input.
+pub(crate) type FarEdge = ([u32; 2], f64);
+
+/// A region in the course of its collapses.
+pub(crate) struct Surroundings<'a> {
+    pub(crate) live: &'a Live,
+    /// The region's faces at the level's start, ascending.
+    pub(crate) faces: &'a [u32],
+    /// Which faces lie in the region.
+    pub(crate) inside: &'a dyn Fn(u32) -> bool,
+    /// What is left of the region, for searching; built when it is needed.
+    nearest: OnceCell<(TriangleBvh, Vec<u32>)>,
+}
+
+impl<'a> Surroundings<'a> {
+    pub(crate) fn new(live: &'a Live, faces: &'a [u32], inside: &'a dyn Fn(u32) -> bool) -> Self {
+        Self { live, faces, inside, nearest: OnceCell::new() }
+    }
+
+    /// The nearest face that is left and its distance, which is at most about `bound`.
+    fn nearest(&self, point: Vec3, bound: f64) -> Option<(f64, u32)> {
+        let (bvh, left) = self.nearest.get_or_init(|| {
+            let live = self.live;
+            let left: Vec<u32> = self.faces.iter().copied().filter(|&f| live.alive[f as usize]).collect();
+            let triangles: Vec<[u32; 3]> = left.iter().map(|&f| live.face_vertices[f as usize]).collect();
+            let (positions, triangles) = compact(&live.positions, &triangles);
+            (TriangleBvh::new(&positions, &triangles), left)
+        });
+        let found = bvh.nearest(point, bound * ROUNDING).or_else(|| bvh.nearest(point, f64::INFINITY));
+        found.map(|(distance, face)| (distance, left[face as usize]))
+    }
+
+    /// The nearest face at hand to a point that was at `face`: the face itself, or one around the vertices
+    /// that its corners were collapsed to, the first that is near `enough`; infinitely far where the region
+    /// has none there.
+    fn heir(&self, face: u32, point: Vec3, enough: f64) -> (f64, u32) {
+        let live = self.live;
+        if live.alive[face as usize] {
+            return (distance_to(point, live.triangle(face as usize)), face);
+        }
+        let mut best = (f64::INFINITY, face);
+        for vertex in live.face_vertices[face as usize] {
+            let heir = live.heir(vertex);
+            for other in live.stars.corners(heir).map(|c| c / 3).filter(|&f| (self.inside)(f)) {
+                let distance = distance_to(point, live.triangle(other as usize));
+                if distance < best.0 {
+                    best = (distance, other);
+                    if distance <= enough {
+                        return best;
+                    }
+                }
+            }
+            if best.0.is_finite() {
+                break;
+            }
+        }
+        best
+    }
+
+    /// Goes on from a face to ever nearer ones around it, until one is near `enough` or none is nearer.
+    fn walk(&self, point: Vec3, mut best: (f64, u32), enough: f64) -> (f64, u32) {
+        let live = self.live;
+        loop {
+            let from = best.1;
+            for vertex in live.face_vertices[from as usize] {
+                for other in live.stars.corners(vertex).map(|c| c / 3) {
+                    if other != from && (self.inside)(other) {
+                        let distance = distance_to(point, live.triangle(other as usize));
+                        if distance < best.0 {
+                            best = (distance, other);
+                        }
+                    }
+                }
+            }
+            if best.1 == from || best.0 <= enough {
+                return best;
+            }
+        }
+    }
 }
 
 impl Deviation {
     pub(crate) fn new(live: &Live) -> Self {
-        let input = TriangleBvh::new(&live.positions, &live.face_vertices);
         let faces = live.face_vertices.len();
         let mut attached = vec![0_u32; live.positions.len()];
-        let mut area = 0.0;
+        let mut edges = 0.0;
         for face in 0..faces {
             let [a, b, c] = live.triangle(face);
-            area += 0.5 * length(triangle_normal(a, b, c));
+            edges += length(sub(b, a)) + length(sub(c, b)) + length(sub(a, c));
             for v in live.face_vertices[face] {
                 attached[v as usize] = face as u32;
             }
         }
-        let mut samples = live.positions.clone();
-        for face in 0..faces {
-            samples.push(live.centroid(face));
-            attached.push(face as u32);
-        }
+        let mut open = Vec::new();
+        each_edge(&live.stars, &live.face_vertices, &mut |_, _, corners| {
+            if corners.len() != 2 {
+                open.extend(corners.iter().map(|c| c / 3));
+            }
+        });
+        open.sort_unstable();
+        open.dedup();
+        attached.extend(&open);
         Self {
-            input,
-            distance: vec![0.0; samples.len()],
-            samples,
+            input: TriangleBvh::new(&live.positions, &live.face_vertices),
+            middles: open.iter().map(|&f| live.centroid(f as usize)).collect(),
+            distance: vec![0.0; attached.len()],
             attached,
-            mean_area: area / faces.max(1) as f64,
+            mean_edge: edges / (3 * faces).max(1) as f64,
+        }
+    }
+
+    /// Where a sample is.
+    pub(crate) fn point(&self, live: &Live, sample: u32) -> Vec3 {
+        let vertices = live.positions.len();
+        match (sample as usize).checked_sub(vertices) {
+            Some(middle) => self.middles[middle],
+            None => live.positions[sample as usize],
         }
     }
 
@@ -79,82 +185,137 @@ impl Deviation {
         lists
     }
 
-    /// Measures a region whose live faces are `faces`, of which `touched` changed in this level.
-    pub(crate) fn measure(
+    /// Looks again at the samples whose face changed: their new places, and the largest distance of all,
+    /// at least `error`.
+    pub(crate) fn follow(
         &self,
-        live: &Live,
-        faces: &[u32],
-        touched: &dyn Fn(u32) -> bool,
-        inside: &dyn Fn(u32) -> bool,
+        region: &Surroundings<'_>,
+        changed: &dyn Fn(u32) -> bool,
         samples: &[u32],
-    ) -> Measured {
-        let triangles: Vec<[u32; 3]> = faces.iter().map(|&f| live.face_vertices[f as usize]).collect();
-        let (positions, triangles) = compact(&live.positions, &triangles);
-        let coarse = TriangleBvh::new(&positions, &triangles);
-        let mut error = 0.0_f64;
-        let mut moved = Vec::new();
+        mut error: f64,
+    ) -> (Vec<Place>, f64) {
+        let live = region.live;
+        let mut places = Vec::new();
         for &sample in samples {
             let face = self.attached[sample as usize];
-            if live.alive[face as usize] && !touched(face) {
+            if live.alive[face as usize] && !changed(face) {
                 error = error.max(f64::from(self.distance[sample as usize]));
                 continue;
             }
-            let point = self.samples[sample as usize];
-            // What became of the face that the sample was at bounds the search, or makes it needless,
-            // since only the largest distance counts.
-            let (bound, near) = heir(live, face, point, inside);
-            let bound = bound * (1.0 + 1e-9);
-            if bound <= error {
-                moved.push((sample, near, bound as f32));
+            if live.moved_to.get(sample as usize) == Some(&sample)
+                && let Some(own) = live.stars.corners(sample).map(|c| c / 3).find(|&f| (region.inside)(f))
+            {
+                places.push((sample, own, 0.0));
                 continue;
             }
-            if let Some((distance, nearest)) =
-                coarse.nearest(point, bound).or_else(|| coarse.nearest(point, f64::INFINITY))
+            let point = self.point(live, sample);
+            let mut place = region.heir(face, point, error);
+            if place.0 > error && place.0.is_finite() {
+                place = region.walk(point, place, error);
+            } else if place.0.is_infinite()
+                && let Some(nearest) = region.nearest(point, f64::INFINITY)
             {
+                place = nearest;
+            }
+            if place.0.is_finite() {
+                error = error.max(place.0);
+                places.push((sample, place.1, (place.0 * ROUNDING) as f32));
+            }
+        }
+        (places, error)
+    }
+
+    /// The largest distance of the samples, exactly; and the new places of those that were nearer than
+    /// was thought.
+    pub(crate) fn settle(&self, region: &Surroundings<'_>, samples: &[u32]) -> (Vec<Place>, f64) {
+        let farthest = samples
+            .iter()
+            .copied()
+            .max_by(|&a, &b| self.distance[a as usize].total_cmp(&self.distance[b as usize]).then(b.cmp(&a)));
+        let mut error = 0.0_f64;
+        let mut places = Vec::new();
+        for &sample in farthest.iter().chain(samples) {
+            let known = f64::from(self.distance[sample as usize]);
+            if known <= error {
+                continue;
+            }
+            let point = self.point(region.live, sample);
+            if let Some((distance, face)) = region.nearest(point, known) {
                 error = error.max(distance);
-                moved.push((sample, faces[nearest as usize], distance as f32));
+                places.push((sample, face, (distance * ROUNDING) as f32));
             }
         }
-        // First a few points of each face that moved; then, where one is farther than half of what is
-        // known, a dense lattice.
-        for &face in faces.iter().filter(|&&f| touched(f)) {
-            let triangle = live.triangle(face as usize);
-            let [a, b, c] = triangle;
-            let middle = scale(add(add(a, b), c), 1.0 / 3.0);
-            if self.input.any_within(middle, SUSPICIOUS * error)
-                && over_face(triangle, 2, &mut |p| self.input.any_within(p, SUSPICIOUS * error))
-            {
+        (places, error)
+    }
+
+    /// Looks at the edges that begin at corners whose vertex changed, and at the middles of their faces:
+    /// adds those that may be far and answers the largest distance, at least `error`.
+    pub(crate) fn edges(&self, live: &Live, corners: &[u32], far: &mut Vec<FarEdge>, mut error: f64) -> f64 {
+        for &corner in corners {
+            let (face, k) = ((corner / 3) as usize, (corner % 3) as usize);
+            if !live.alive[face] {
                 continue;
             }
-            over_face(triangle, self.subdivision(triangle), &mut |point| {
-                if !self.input.any_within(point, error)
-                    && let Some((distance, _)) = self.input.nearest(point, f64::INFINITY)
-                {
-                    error = error.max(distance);
-                }
-                true
-            });
+            let vertices = live.face_vertices[face];
+            let (apex, next, before) = (vertices[k], vertices[(k + 1) % 3], vertices[(k + 2) % 3]);
+            self.edge(live, [apex, next], far, &mut error);
+            // Most edges are some other face's "next"; what is left are ends of fans.
+            let next_of = |c: u32| live.face_vertices[(c / 3) as usize][(c as usize + 1) % 3];
+            if !live.stars.corners(apex).any(|c| next_of(c) == before) {
+                self.edge(live, [apex, before], far, &mut error);
+            }
+            let middle = live.centroid(face);
+            if !self.input.any_within(middle, SUSPICIOUS * error) {
+                let mut own = 0.0;
+                over_face(live.triangle(face), LEAST_DENSE / 2, &mut |p| self.farthest(p, &mut own));
+                far.push(([apex, next], own));
+                error = error.max(own);
+            }
         }
-        Measured { error: error * MARGIN, moved }
+        error
+    }
+
+    fn edge(&self, live: &Live, edge: [u32; 2], far: &mut Vec<FarEdge>, error: &mut f64) {
+        let [a, b] = edge.map(|v| live.positions[v as usize]);
+        let edges = length(sub(b, a)) / self.mean_edge.max(f64::MIN_POSITIVE);
+        let n = ((SPARSE * edges).ceil() as usize).clamp(2, MOST_SPARSE);
+        let limit = SUSPICIOUS * *error;
+        if (1..n).all(|i| self.input.any_within(between(a, b, i, n), limit)) {
+            return;
+        }
+        let n = ((DENSE * edges).ceil() as usize).clamp(LEAST_DENSE, MOST_DENSE);
+        let mut own = 0.0;
+        (1..n).for_each(|i| self.farthest(between(a, b, i, n), &mut own));
+        far.push((edge, own));
+        *error = error.max(own);
+    }
+
+    /// Raises `error` to the distance of a point from the input.
+    fn farthest(&self, point: Vec3, error: &mut f64) {
+        if !self.input.any_within(point, *error)
+            && let Some((distance, _)) = self.input.nearest(point, f64::INFINITY)
+        {
+            *error = error.max(distance);
+        }
     }
 
     /// Whether the given triangles are within `limit` of the input's samples, and the input of them,
     /// judged by about `budget` of the samples and the middles of the triangles.
     pub(crate) fn within(
         &self,
-        positions: &[Vec3],
+        live: &Live,
         triangles: &[[u32; 3]],
         samples: &[u32],
         limit: f64,
         budget: usize,
     ) -> bool {
         let limit = limit / MARGIN;
-        let (positions, triangles) = compact(positions, triangles);
-        let coarse = TriangleBvh::new(&positions, &triangles);
+        let (compacted, triangles) = compact(&live.positions, triangles);
+        let coarse = TriangleBvh::new(&compacted, &triangles);
         let step = (samples.len() / budget.max(1)).max(1);
-        samples.iter().step_by(step).all(|&s| coarse.any_within(self.samples[s as usize], limit))
+        samples.iter().step_by(step).all(|&s| coarse.any_within(self.point(live, s), limit))
             && triangles.iter().all(|t| {
-                let [a, b, c] = t.map(|v| positions[v as usize]);
+                let [a, b, c] = t.map(|v| compacted[v as usize]);
                 self.input.any_within(scale(add(add(a, b), c), 1.0 / 3.0), limit)
             })
     }
@@ -170,8 +331,8 @@ impl Deviation {
     }
 
     /// Takes over the new places of samples.
-    pub(crate) fn attach(&mut self, moved: &[(u32, u32, f32)]) {
-        for &(sample, face, distance) in moved {
+    pub(crate) fn attach(&mut self, places: &[Place]) {
+        for &(sample, face, distance) in places {
             self.attached[sample as usize] = face;
             self.distance[sample as usize] = distance;
         }
@@ -180,80 +341,32 @@ impl Deviation {
     /// Attaches samples whose region has lost all its faces to the nearest face anywhere.
     pub(crate) fn attach_anywhere(&mut self, live: &Live, samples: &[u32]) -> f64 {
         let faces: Vec<u32> = (0..live.alive.len() as u32).filter(|&f| live.alive[f as usize]).collect();
-        let measured = self.measure(live, &faces, &|_| true, &|_| true, samples);
-        self.attach(&measured.moved);
-        measured.moved.iter().map(|m| f64::from(m.2)).fold(0.0, f64::max) * MARGIN
-    }
-
-    /// The box of some samples: (least, greatest) coordinates.
-    pub(crate) fn bounds(&self, samples: &[u32], bounds: &mut [Vec3; 2]) {
-        for &s in samples {
-            extend(bounds, self.samples[s as usize]);
+        let everywhere = Surroundings::new(live, &faces, &|_| true);
+        let mut error = 0.0_f64;
+        for &sample in samples {
+            if let Some((distance, face)) = everywhere.nearest(self.point(live, sample), f64::INFINITY) {
+                error = error.max(distance);
+                self.attach(&[(sample, face, (distance * ROUNDING) as f32)]);
+            }
         }
-    }
-
-    pub(crate) fn farthest(&self, samples: &[u32], center: Vec3) -> f64 {
-        samples.iter().map(|&s| length(sub(self.samples[s as usize], center))).fold(0.0, f64::max)
-    }
-
-    /// Subdivision of a face's edges that lays about as many points as input faces over it, times
-    /// [`DENSITY`] squared.
-    fn subdivision(&self, [a, b, c]: [Vec3; 3]) -> usize {
-        let area = 0.5 * length(triangle_normal(a, b, c));
-        let faces = if self.mean_area > 0.0 { area / self.mean_area } else { 1.0 };
-        ((DENSITY * faces.sqrt()).ceil() as usize).clamp(LEAST_SUBDIVISION, MOST_SUBDIVISION)
+        error * MARGIN
     }
 }
 
-/// Calls `visit` for a lattice of points inside and on the edges of a triangle, until it answers
-/// false; answers whether it never did. The corners are left out: they are vertices of the input.
-fn over_face([a, b, c]: [Vec3; 3], n: usize, visit: &mut dyn FnMut(Vec3) -> bool) -> bool {
+/// The `i`-th of the points that cut an edge into `n` parts.
+fn between(a: Vec3, b: Vec3, i: usize, n: usize) -> Vec3 {
+    add(a, scale(sub(b, a), i as f64 / n as f64))
+}
+
+/// Calls `visit` for a lattice of points inside a triangle, edges left out.
+fn over_face([a, b, c]: [Vec3; 3], n: usize, visit: &mut dyn FnMut(Vec3)) {
     let inverse = 1.0 / n as f64;
-    for i in 0..n {
-        for j in 0..=n - i {
-            if i == 0 && (j == 0 || j == n) {
-                continue;
-            }
+    for i in 1..n {
+        for j in 1..n - i {
             let (u, v) = (i as f64 * inverse, j as f64 * inverse);
-            let point = add(add(scale(a, u), scale(b, v)), scale(c, 1.0 - u - v));
-            if !visit(point) {
-                return false;
-            }
+            visit(add(add(scale(a, u), scale(b, v)), scale(c, 1.0 - u - v)));
         }
     }
-    true
-}
-
-/// Longest chain of collapses that is followed to find what became of a vertex.
-const MOST_HOPS: usize = 10_000;
-
-/// The nearest face at hand to a point that was at `face`: the face itself, or one around the vertices
-/// that its corners were collapsed to; infinitely far where there is none inside the region.
-fn heir(live: &Live, face: u32, point: Vec3, inside: &dyn Fn(u32) -> bool) -> (f64, u32) {
-    if live.alive[face as usize] {
-        return (distance_to(point, live.triangle(face as usize)), face);
-    }
-    let mut best = (f64::INFINITY, face);
-    for mut vertex in live.face_vertices[face as usize] {
-        // Bounded: outlines unlocked on purpose can make two vertices each other's heirs.
-        for _ in 0..MOST_HOPS {
-            let next = live.moved_to[vertex as usize];
-            if next == vertex {
-                break;
-            }
-            vertex = next;
-        }
-        for other in live.stars.corners(vertex).map(|c| c / 3).filter(|&f| inside(f)) {
-            let distance = distance_to(point, live.triangle(other as usize));
-            if distance < best.0 {
-                best = (distance, other);
-            }
-        }
-        if best.0.is_finite() {
-            break;
-        }
-    }
-    best
 }
 
 /// Distance of a point from a triangle.

@@ -207,7 +207,7 @@ impl Limited<'_> {
             let triangles: Vec<[u32; 3]> = after.into_iter().flatten().collect();
             !triangles.is_empty()
                 && triangles.iter().all(|t| self.near_input(*t))
-                && self.deviation.within(&self.live.positions, &triangles, self.samples, self.limit, budget)
+                && self.deviation.within(self.live, &triangles, self.samples, self.limit, budget)
         };
         let whole = records.collapses.len();
         if whole == 0 || records.reach <= self.limit || good(whole) {

@@ -42,6 +42,14 @@ pub(crate) struct Collapse {
     pub(crate) kept_end: u32,
 }
 
+/// How far a region's collapses are performed.
+#[derive(Default)]
+pub(crate) struct Committed {
+    collapses: usize,
+    /// Final ids of the wedges kept so far.
+    ids: Vec<u32>,
+}
+
 /// The collapses of one region in one level.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Records {
@@ -117,31 +125,42 @@ impl Records {
         self.after = Vec::new();
     }
 
-    /// Performs the collapses on the mesh, but for its stars and its list of faces
-    /// ([`Live::settle`]), and gives the kept wedges their final ids.
-    /// `touched(face)` is called for every face that moved.
-    pub(crate) fn commit(&mut self, live: &mut Live, touched: &mut dyn FnMut(u32)) {
-        let mut ids: Vec<u32> = Vec::with_capacity(self.kept.len());
+    /// Performs the collapses up to `end` on the mesh, but for its stars and its list of faces
+    /// ([`Live::settle`]), and gives the kept wedges their final ids; `done` tells how far earlier calls
+    /// got. `changed(corner)` is called for every corner that got another vertex.
+    pub(crate) fn commit(
+        &mut self,
+        live: &mut Live,
+        done: &mut Committed,
+        end: usize,
+        changed: &mut dyn FnMut(u32),
+    ) {
         let first = self.first_kept;
         let final_id = |ids: &[u32], wedge: u32| {
             if wedge >= first { ids[(wedge - first) as usize] } else { wedge }
         };
-        let (mut moved_at, mut removed_at) = (0, 0);
-        for collapse in &self.collapses {
+        let ids = &mut done.ids;
+        let (mut moved_at, mut removed_at) = match done.collapses.checked_sub(1) {
+            Some(i) => (self.collapses[i].moved_end as usize, self.collapses[i].removed_end as usize),
+            None => (0, 0),
+        };
+        let range = done.collapses..end;
+        done.collapses = end;
+        for collapse in &self.collapses[range] {
             let (u, t) = (collapse.removed, collapse.target);
             while ids.len() < collapse.kept_end as usize {
-                let source = final_id(&ids, self.kept[ids.len()]);
+                let source = final_id(ids, self.kept[ids.len()]);
                 self.kept[ids.len()] = source;
                 ids.push(live.keep_wedge(t, source));
             }
             for moved in &mut self.moved[moved_at..collapse.moved_end as usize] {
-                moved.from = final_id(&ids, moved.from);
-                moved.to = final_id(&ids, moved.to);
+                moved.from = final_id(ids, moved.from);
+                moved.to = final_id(ids, moved.to);
                 let face = moved.face as usize;
                 let k = live.face_vertices[face].iter().position(|&v| v == u).unwrap_or(0);
                 live.face_vertices[face][k] = t;
                 live.face_wedges[face][k] = moved.to;
-                touched(moved.face);
+                changed(moved.face * 3 + k as u32);
             }
             for removed in &mut self.removed[removed_at..collapse.removed_end as usize] {
                 removed.wedges = live.face_wedges[removed.face as usize];

@@ -124,7 +124,7 @@ fn errors_bound_the_sampled_distance_and_are_not_absurd() {
         if let (Some(&least), Some(&most)) = (ratios.first(), ratios.last()) {
             let median = ratios[ratios.len() / 2];
             println!("{name}: reported / sampled: {least:.3} {median:.3} {most:.3}");
-            if least < 0.95 || median > 3.0 {
+            if least < 0.99 || median > 1.6 {
                 failures.push(format!("{name}: {least:.3} {median:.3}"));
             }
         }

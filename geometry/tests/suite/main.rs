@@ -8,6 +8,7 @@ mod coarse_end;
 mod determinism;
 mod errors;
 mod extremes;
+mod holes;
 mod hostile;
 mod precision;
 mod promises;

@@ -6,6 +6,8 @@
 //! indices and panics on a colour of one value.
 
 mod error;
+#[cfg(test)]
+mod extremes;
 pub mod gltf;
 mod mtl;
 mod normalise;

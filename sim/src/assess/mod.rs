@@ -5,6 +5,8 @@
 //! this machine on one thread and are good for ratios within one run only.
 
 mod access;
+mod honesty;
+mod lattice;
 mod quality;
 
 use std::path::Path;
@@ -22,7 +24,8 @@ use serde::Serialize;
 
 use crate::measure::Surface;
 pub use access::{Spot, ViewShare};
-pub use quality::{LevelEnd, RandomSets};
+pub use honesty::{RandomSets, Ratios};
+pub use quality::LevelEnd;
 
 /// What to assess, and how.
 #[derive(Clone, Copy, Debug)]
@@ -76,6 +79,8 @@ pub struct Assessment {
     pub tenth: LevelEnd,
     /// Stated against measured error of random closed sets.
     pub random: RandomSets,
+    /// Stated against locally measured error of each chunk.
+    pub per_chunk: Ratios,
     /// What refining one spot costs.
     pub spot: Spot,
     /// What a view that the object fills needs.
@@ -159,7 +164,8 @@ pub fn assess(path: &Path, options: &Options) -> anyhow::Result<Assessment> {
         rms_at_tenth: quality::interpolate(&level_ends, model.mesh.faces.len() as f64 * 0.1),
         level_ends,
         tenth: quality::within_faces(&model, model.mesh.faces.len() as u64 / 10, options)?,
-        random: quality::random_sets(&model, options)?,
+        random: honesty::random_sets(&model, options)?,
+        per_chunk: honesty::per_chunk(&model)?,
         spot: access::spot(&model, options.seed),
         view: access::view_share(&model, options.seed),
     })
@@ -225,8 +231,23 @@ impl std::fmt::Display for Assessment {
         )?;
         writeln!(
             f,
-            "stated / measured error of {} random closed sets: least {:.3}, median {:.3}, greatest {:.3}",
-            self.random.sets, self.random.least, self.random.median, self.random.greatest
+            "stated / measured error of {} random closed sets: least {:.3}, median {:.3}, greatest {:.3}; least \
+             at a point {:.3}",
+            self.random.whole.count,
+            self.random.whole.least,
+            self.random.whole.median,
+            self.random.whole.greatest,
+            self.random.least_at_a_point
+        )?;
+        writeln!(
+            f,
+            "stated / measured error of {} chunks, each where it would change the mesh: least {:.3}, median \
+             {:.3}, 90 % below {:.3}, greatest {:.3}",
+            self.per_chunk.count,
+            self.per_chunk.least,
+            self.per_chunk.median,
+            self.per_chunk.p90,
+            self.per_chunk.greatest
         )?;
         writeln!(
             f,

@@ -1,9 +1,8 @@
-//! Distances of closed sets to the input, and how honest the stated errors are.
+//! Distances of closed sets to the input.
 
 use std::num::NonZeroUsize;
 
 use lodestream_geometry::closed_set::{self, Budget};
-use lodestream_geometry::random::Random;
 use serde::Serialize;
 
 use super::{Model, Options};
@@ -22,19 +21,6 @@ pub struct LevelEnd {
     pub max: f64,
     /// Geometric error that the index states, over the diagonal.
     pub stated: f64,
-}
-
-/// Stated over measured error of random closed sets.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
-pub struct RandomSets {
-    /// Sets with an error.
-    pub sets: usize,
-    /// Least ratio: below 1 the statement was too low.
-    pub least: f64,
-    /// Median ratio.
-    pub median: f64,
-    /// Greatest ratio.
-    pub greatest: f64,
 }
 
 /// Measures the mesh after each level but the last.
@@ -68,28 +54,6 @@ pub(super) fn interpolate(ends: &[LevelEnd], faces: f64) -> Option<f64> {
     let (low, high) = (pair[0].faces as f64, pair[1].faces as f64);
     let share = if high > low { (faces - low) / (high - low) } else { 0.0 };
     Some((product(&pair[0]) * (1.0 - share) + product(&pair[1]) * share) / faces)
-}
-
-/// Compares stated and measured errors of random closed sets.
-pub(super) fn random_sets(model: &Model, options: &Options) -> anyhow::Result<RandomSets> {
-    let mut random = Random::new(options.seed);
-    let mut ratios = Vec::new();
-    for _ in 0..options.random_sets {
-        let chunks = closed_set::random(&model.prepared.infos, &mut random);
-        let stated = stated(model, &chunks);
-        let (_, found) = distance(model, &chunks, options)?;
-        // Below this, rounding is measured, not distance.
-        if found.max > 1e-9 {
-            ratios.push(stated / found.max);
-        }
-    }
-    ratios.sort_by(f64::total_cmp);
-    Ok(RandomSets {
-        sets: ratios.len(),
-        least: ratios.first().copied().unwrap_or(0.0),
-        median: ratios.get(ratios.len() / 2).copied().unwrap_or(0.0),
-        greatest: ratios.last().copied().unwrap_or(0.0),
-    })
 }
 
 /// Error that the index states for a closed set, over the diagonal.

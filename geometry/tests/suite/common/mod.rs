@@ -28,6 +28,7 @@ pub(crate) fn all() -> Vec<(&'static str, SourceMesh)> {
         ("two coincident sheets", shapes::sheets(20)),
         ("bow ties", shapes::bow_ties(120)),
         ("needles", shapes::needles(800)),
+        ("medley", shapes::medley(6)),
     ]
 }
 

@@ -93,6 +93,57 @@ pub(crate) fn height_field(size: u32) -> SourceMesh {
     bare(positions, &faces)
 }
 
+/// A bit of everything at once: what each generator makes, overlapping, with faces left out, given
+/// twice and turned over, and uvs and materials of their own on most corners.
+pub(crate) fn medley(scale: u32) -> SourceMesh {
+    let mut random = Random::new(23);
+    let parts = [
+        frigate(scale),
+        fans(5 * scale),
+        bow_ties(4 * scale),
+        soup(20 * scale),
+        torus(4 + 2 * scale, 5 + scale),
+        height_field(4 + scale),
+        dust(20 * scale),
+    ];
+    let mut mesh = sphere(4 + scale, 6 + scale, 0.1);
+    for part in &parts {
+        let by = [0, 1, 2].map(|_| 2.0 * random.unit());
+        mesh = join(mesh, part, by);
+    }
+    // Vertices of different parts meet in places.
+    for i in (0..mesh.positions.len()).step_by(11) {
+        mesh.positions[i] = mesh.positions[random.below(mesh.positions.len())];
+    }
+    let charts = mesh.uvs.len() as u32;
+    mesh.uvs.extend((0..40).map(|i| [(i % 8) as f32 / 8.0, (i / 8) as f32 / 5.0]));
+    for i in 0..mesh.faces.len() {
+        let mut face = mesh.faces[i];
+        for corner in &mut face {
+            if random.below(3) > 0 {
+                corner.uv = charts + random.below(40) as u32;
+            }
+            corner.normal = u32::MAX;
+        }
+        mesh.faces[i] = face;
+        mesh.materials[i] = random.below(4) as u16;
+        match random.below(20) {
+            0 => mesh.faces[i] = [face[0], face[0], face[1]],
+            1 => mesh.faces[i] = [face[0], face[2], face[1]],
+            2 => {
+                mesh.faces.push([face[1], face[2], face[0]]);
+                mesh.materials.push(mesh.materials[i]);
+            }
+            3 => {
+                mesh.faces.push([face[2], face[1], face[0]]);
+                mesh.materials.push(3);
+            }
+            _ => {}
+        }
+    }
+    mesh
+}
+
 /// Boxes of a coarse grid of quads each with uvs of its own and hard edges: nearly every vertex is on
 /// a seam.
 pub(crate) fn frigate(boxes: u32) -> SourceMesh {
@@ -224,6 +275,22 @@ pub(crate) fn perforated(rings: u32, columns: u32) -> SourceMesh {
     mesh.faces.retain(|_| *kept.next().unwrap());
     mesh.materials.truncate(mesh.faces.len());
     mesh
+}
+
+/// So many tetrahedra alone, spread evenly through a cube.
+pub(crate) fn dust(count: u32) -> SourceMesh {
+    let mut random = Random::new(17);
+    let side = f64::from(count).cbrt();
+    let mut positions = Vec::new();
+    let mut faces = Vec::new();
+    for _ in 0..count {
+        let at = [0, 1, 2].map(|_| side * random.unit());
+        let first = positions.len() as u32;
+        let corners = [[0.0; 3], [0.3, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.3]];
+        positions.extend(corners.map(|c| [0, 1, 2].map(|k| at[k] + c[k])));
+        faces.extend([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]].map(|f| f.map(|i| first + i)));
+    }
+    bare(positions, &faces)
 }
 
 /// A closed cube of twelve faces.

@@ -1,0 +1,191 @@
+//! How honest and how tight the stated geometric errors are, by at least ten points on each face.
+//!
+//! *Honest.* For a closed set, the error stated for the mesh is the largest of its missing chunks', and
+//! no point may be farther than that. Views rely on more: that near a point the error is at most that
+//! of the missing chunks whose bounding sphere holds the point. Both are measured.
+//!
+//! *Tight.* For a chunk, the mesh with everything coarser and nothing else is laid beside the input: the
+//! points of the coarse faces that the chunk changes, the input points that are nearest to such a face
+//! and those of the input faces that the chunk itself brings. The largest of their distances is what
+//! could have been stated for the chunk alone. Errors that are not made by this chunk but by finer
+//! ones (its descendants) count only as far as they show on those points.
+
+use std::collections::HashMap;
+
+use glam::DVec3;
+use lodestream_geometry::closed_set;
+use lodestream_geometry::index::Sphere;
+use lodestream_geometry::random::Random;
+use lodestream_geometry::refine::{ActiveMesh, Id};
+use serde::Serialize;
+
+use super::lattice::Target;
+use super::{Model, Options};
+use crate::measure::Surface;
+
+/// Distances below this share of the diagonal are rounding errors.
+const NOISE: f64 = 1e-9;
+
+/// Quotients of stated over measured errors.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct Ratios {
+    /// How many.
+    pub count: usize,
+    /// Least: below 1 a statement was too low.
+    pub least: f64,
+    /// Median.
+    pub median: f64,
+    /// Nine of ten are below.
+    pub p90: f64,
+    /// Greatest.
+    pub greatest: f64,
+}
+
+impl Ratios {
+    fn of(mut ratios: Vec<f64>) -> Self {
+        ratios.sort_by(f64::total_cmp);
+        let at = |share: f64| ratios.get((ratios.len() as f64 * share) as usize).copied().unwrap_or(0.0);
+        Self {
+            count: ratios.len(),
+            least: at(0.0),
+            median: at(0.5),
+            p90: at(0.9),
+            greatest: ratios.last().copied().unwrap_or(0.0),
+        }
+    }
+}
+
+/// Stated over measured error of random closed sets.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct RandomSets {
+    /// Of whole meshes: the largest error of missing chunks over the largest distance.
+    pub whole: Ratios,
+    /// Least quotient at any point: the largest error of the missing chunks whose sphere holds the
+    /// point over its distance. Points nearer than a tenth of their set's largest distance are left out.
+    pub least_at_a_point: f64,
+}
+
+/// Compares stated and measured errors of random closed sets.
+pub(super) fn random_sets(model: &Model, options: &Options) -> anyhow::Result<RandomSets> {
+    let mut random = Random::new(options.seed);
+    let input = Target::new(&model.input);
+    let area = input.mean_area();
+    let mut ratios = Vec::new();
+    let mut least = f64::INFINITY;
+    for _ in 0..options.random_sets {
+        let chunks = closed_set::random(&model.prepared.infos, &mut random);
+        let coarse = model.surface(&chunks)?;
+        let coarse = Target::new(&coarse);
+        let mut points: Vec<(DVec3, f64)> = Vec::new();
+        for (from, to) in [(&input, &coarse), (&coarse, &input)] {
+            for face in 0..from.faces() {
+                from.distances(face, area, to, &mut |point, distance, _| points.push((point, distance)));
+            }
+        }
+        let worst = points.iter().map(|p| p.1).fold(0.0, f64::max);
+        if worst <= NOISE * model.diagonal() {
+            continue;
+        }
+        let missing = Missing::new(model, &chunks);
+        ratios.push(missing.worst() / worst);
+        for (point, distance) in points.into_iter().filter(|p| p.1 > 0.1 * worst) {
+            least = least.min(missing.at(point) / distance);
+        }
+    }
+    Ok(RandomSets {
+        whole: Ratios::of(ratios),
+        least_at_a_point: if least.is_finite() { least } else { 0.0 },
+    })
+}
+
+/// The chunks that a mesh lacks, those with the largest errors first.
+struct Missing {
+    chunks: Vec<(f64, DVec3, f64)>,
+}
+
+impl Missing {
+    fn new(model: &Model, applied: &[u32]) -> Self {
+        let origin = DVec3::from_array(model.mesh.grid.origin);
+        let mut chunks: Vec<(f64, DVec3, f64)> = (0..model.prepared.infos.len())
+            .filter(|&id| applied.binary_search(&(id as u32)).is_err())
+            .map(|id| {
+                let Sphere { center, radius } = model.prepared.infos[id].sphere;
+                let center = origin + DVec3::from_array(center.map(f64::from));
+                // The centre is relative to the grid's origin; adding that rounds.
+                let slack = NOISE * model.diagonal();
+                (f64::from(model.prepared.infos[id].error), center, f64::from(radius) + slack)
+            })
+            .collect();
+        chunks.sort_by(|a, b| b.0.total_cmp(&a.0));
+        Self { chunks }
+    }
+
+    fn worst(&self) -> f64 {
+        self.chunks.first().map_or(0.0, |c| c.0)
+    }
+
+    /// Error stated near a point.
+    fn at(&self, point: DVec3) -> f64 {
+        self.chunks.iter().find(|c| c.1.distance_squared(point) <= c.2 * c.2).map_or(0.0, |c| c.0)
+    }
+}
+
+/// Compares each chunk's stated error with what shows where the chunk would change the mesh.
+pub(super) fn per_chunk(model: &Model) -> anyhow::Result<Ratios> {
+    let infos = &model.prepared.infos;
+    let mut active = ActiveMesh::new(&model.prepared.base);
+    for delta in &model.deltas {
+        active.apply(delta)?;
+    }
+    let (input, input_ids) = with_ids(model, &active);
+    let input = Target::new(&input);
+    let area = input.mean_area();
+    let mut measured = vec![0.0_f64; infos.len()];
+    let mut at = ActiveMesh::new(&model.prepared.base);
+    for run in model.deltas.chunk_by(|a, b| infos[a.chunk as usize].level == infos[b.chunk as usize].level) {
+        let changes: HashMap<Id, u32> =
+            run.iter().flat_map(|d| d.repoints.iter().map(|r| (r.face, d.chunk))).collect();
+        let (coarse, ids) = with_ids(model, &at);
+        let owner: Vec<Option<u32>> = ids.iter().map(|id| changes.get(id).copied()).collect();
+        let coarse = Target::new(&coarse);
+        let brings = run[0].chunk..run[0].chunk + run.len() as u32;
+        for (face, id) in input_ids.iter().enumerate() {
+            let own = id.origin.checked_sub(1).filter(|chunk| brings.contains(chunk));
+            input.distances(face, area, &coarse, &mut |_, distance, nearest| {
+                for chunk in owner[nearest as usize].iter().chain(&own) {
+                    measured[*chunk as usize] = measured[*chunk as usize].max(distance);
+                }
+            });
+        }
+        for (face, owner) in owner.iter().enumerate() {
+            if let Some(chunk) = *owner {
+                coarse.distances(face, area, &input, &mut |_, distance, _| {
+                    measured[chunk as usize] = measured[chunk as usize].max(distance);
+                });
+            }
+        }
+        for delta in run {
+            at.apply(delta)?;
+        }
+    }
+    let ratios = measured
+        .iter()
+        .zip(infos)
+        .filter(|(measured, _)| **measured > NOISE * model.diagonal())
+        .map(|(measured, info)| f64::from(info.error) / measured);
+    Ok(Ratios::of(ratios.collect()))
+}
+
+/// The surface of a mesh, in the asset's units, with the id of each face.
+fn with_ids(model: &Model, active: &ActiveMesh) -> (Surface, Vec<Id>) {
+    let snapshot = active.snapshot();
+    let vertex = |wedge: Id| {
+        let at = snapshot.wedges.partition_point(|w| w.0 < wedge);
+        snapshot.vertices.partition_point(|v| v.0 < snapshot.wedges[at].1) as u32
+    };
+    let surface = Surface {
+        positions: snapshot.vertices.iter().map(|v| model.mesh.grid.position(v.1)).collect(),
+        triangles: snapshot.faces.iter().map(|f| f.1.map(vertex)).collect(),
+    };
+    (surface, snapshot.faces.iter().map(|f| f.0).collect())
+}
