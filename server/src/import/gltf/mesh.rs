@@ -102,7 +102,7 @@ impl<'a> Builder<'a> {
         let mut used = indices.clone();
         used.sort_unstable();
         used.dedup();
-        let corners = self.vertices(&attributes, &used, material, transform);
+        let corners = self.vertices(&attributes, &used, place, material, transform)?;
         // Every index is among those used.
         let corner = |i: u32| corners[used.binary_search(&i).unwrap_or(0)];
         let flip = DMat3::from_mat4(*transform).determinant() < 0.0;
@@ -204,13 +204,22 @@ impl<'a> Builder<'a> {
     }
 
     /// Appends the vertices `used`, and returns a corner for each.
+    ///
+    /// # Errors
+    /// Positions and texture coordinates that are not finite.
     fn vertices(
         &mut self,
         attributes: &Attributes,
         used: &[u32],
+        place: &str,
         material: u16,
         transform: &DMat4,
-    ) -> Vec<Corner> {
+    ) -> Result<Vec<Corner>, ImportError> {
+        let document = self.document;
+        let error = |name: &str, index: usize| {
+            document
+                .error(format!("{place}.attributes.{name}: element {index} is not finite; export it again"))
+        };
         let linear = DMat3::from_mat4(*transform);
         // Normals go with the cofactors, which are the inverse transpose but for a factor and exist for
         // maps without an inverse too; the sign of the determinant turns them outwards again.
@@ -223,8 +232,11 @@ impl<'a> Builder<'a> {
         for &index in used {
             let index = index as usize;
             let mut corner = Corner::at(mesh.positions.len() as u32);
-            let position = DVec3::from_array(attributes.positions.get(index));
-            mesh.positions.push(transform.transform_point3(position).to_array());
+            let position = transform.transform_point3(DVec3::from_array(attributes.positions.get(index)));
+            if !position.is_finite() {
+                return Err(error("POSITION", index));
+            }
+            mesh.positions.push(position.to_array());
             if let Some(normals) = &attributes.normals {
                 let normal = cofactors * DVec3::from_array(normals.get(index)) * outwards;
                 // One without a direction says nothing.
@@ -235,7 +247,11 @@ impl<'a> Builder<'a> {
             }
             if let Some(uvs) = &attributes.uvs {
                 corner.uv = mesh.uvs.len() as u32;
-                mesh.uvs.push(uv_transform.apply(uvs.get(index)));
+                let uv = uv_transform.apply(uvs.get(index));
+                if !uv.iter().all(|x| x.is_finite()) {
+                    return Err(error("TEXCOORD", index));
+                }
+                mesh.uvs.push(uv);
             }
             if let Some(colors) = &attributes.colors {
                 corner.color = mesh.colors.len() as u32;
@@ -246,7 +262,7 @@ impl<'a> Builder<'a> {
             }
             corners.push(corner);
         }
-        corners
+        Ok(corners)
     }
 
     /// The merged mesh.

@@ -416,6 +416,11 @@ fn bad_files_are_refused_with_their_place() {
     })
     .refused(&["no bufferView"]);
     with(&|m| {
+        let positions = m.floats("VEC3", 3, &[0., 0., 0., 1., f32::NAN, 0., 0., 1., 0., 1., 1., 0.]);
+        m.attribute("POSITION", positions);
+    })
+    .refused(&["primitives[0].attributes.POSITION", "element 1 is not finite"]);
+    with(&|m| {
         let indices = m.accessor(UINT, "SCALAR", 3, &[0xff; 12]);
         m.primitive()["indices"] = json!(indices);
     })
