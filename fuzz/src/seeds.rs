@@ -26,6 +26,7 @@ pub fn of(target: &str) -> Vec<(String, Vec<u8>)> {
         "chunk_decoder" => chunks(),
         "apply_undo" => sequences(),
         "obj_import" => models(),
+        "gltf_import" => scenes(),
         "messages" => messages(),
         _ => Vec::new(),
     }
@@ -156,6 +157,64 @@ fn models() -> Vec<(String, Vec<u8>)> {
         ("concave", "v 0 2 0\nv -1 0 0\nv 0 1 0\nv 1 0 0\nvn 0 0 4\nusemtl a b\nf 1//1 2//1 3//1 4//1\n".into()),
     ];
     texts.map(|(name, text)| seed(name, [text.as_bytes(), b"\0", MTL.as_bytes()].concat())).into()
+}
+
+/// A GLB file of a JSON text and a binary chunk.
+fn glb(json: &str, bin: &[u8]) -> Vec<u8> {
+    let chunk = |kind: &[u8; 4], bytes: &[u8], pad: u8| {
+        let length = bytes.len().next_multiple_of(4);
+        let mut chunk = (length as u32).to_le_bytes().to_vec();
+        chunk.extend(kind);
+        chunk.extend(bytes);
+        chunk.resize(8 + length, pad);
+        chunk
+    };
+    let body = [chunk(b"JSON", json.as_bytes(), b' '), chunk(b"BIN\0", bin, 0)].concat();
+    let length = (body.len() as u32 + 12).to_le_bytes();
+    [&b"glTF"[..], &2_u32.to_le_bytes(), &length, &body].concat()
+}
+
+fn scenes() -> Vec<(String, Vec<u8>)> {
+    // Four corners of a square, their uvs, six indices.
+    let mut bin: Vec<u8> = Vec::new();
+    for (x, y) in [(0.0_f32, 0.0_f32), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)] {
+        bin.extend([x, y, 0.5 * x * y].iter().flat_map(|c| c.to_le_bytes()));
+    }
+    bin.extend([0, 0, 255, 0, 255, 255, 0, 255]);
+    bin.extend([0, 1, 2, 0, 2, 3]);
+    let views = r#""bufferViews":[{"buffer":0,"byteLength":48},{"buffer":0,"byteOffset":48,"byteLength":8},{"buffer":0,"byteOffset":56,"byteLength":6}]"#;
+    let accessors = r#""accessors":[{"bufferView":0,"componentType":5126,"type":"VEC3","count":4,"min":[0,0,0],"max":[1,1,1]},{"bufferView":1,"componentType":5121,"normalized":true,"type":"VEC2","count":4},{"bufferView":2,"componentType":5121,"type":"SCALAR","count":6}]"#;
+    let file = |buffer: &str, mode: u8, nodes: &str, more: &str| {
+        format!(
+            r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0]}}],{nodes},"meshes":[{{"primitives":[{{"attributes":{{"POSITION":0,"TEXCOORD_0":1}},"indices":2,"mode":{mode}{more}}}]}}],"buffers":[{{{buffer}"byteLength":62}}],{views},{accessors},"materials":[{{"name":"m","pbrMetallicRoughness":{{"baseColorFactor":[1,0.5,0,1],"roughnessFactor":0.3}}}}]}}"#
+        )
+    };
+    let one = r#""nodes":[{"mesh":0}]"#;
+    let nested = r#""nodes":[{"children":[1,2],"translation":[1,2,3]},{"mesh":0,"rotation":[0,0.6,0,0.8],"scale":[2,2,2]},{"mesh":0,"matrix":[1,0,0,0,0,-1,0,0,0,0,3,0,0,0,5,1]}]"#;
+    let data = format!(r#""uri":"data:application/octet-stream;base64,{}","#, base64(&bin));
+    vec![
+        seed("square.glb", glb(&file("", 4, one, r#","material":0"#), &bin)),
+        seed("strip.glb", glb(&file("", 5, one, ""), &bin)),
+        seed("fan.glb", glb(&file("", 6, nested, r#","material":0"#), &bin)),
+        seed("nodes.glb", glb(&file("", 4, nested, ""), &bin)),
+        seed("data-uri.gltf", file(&data, 4, nested, "").into_bytes()),
+        seed("sparse.glb", glb(&file("", 4, one, "").replace(r#","count":4,"min":[0,0,0]"#, r#","count":4,"sparse":{"count":1,"indices":{"bufferView":2,"componentType":5121},"values":{"bufferView":0}},"min":[0,0,0]"#), &bin)),
+    ]
+}
+
+/// RFC 4648, §4.
+fn base64(bytes: &[u8]) -> String {
+    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut text = String::new();
+    for group in bytes.chunks(3) {
+        let word =
+            group.iter().fold(0_usize, |word, &b| word << 8 | usize::from(b)) << (8 * (3 - group.len()));
+        for digit in 0..4 {
+            let code = DIGITS[word >> (18 - 6 * digit) & 63];
+            text.push(if digit > group.len() { '=' } else { char::from(code) });
+        }
+    }
+    text
 }
 
 #[allow(clippy::expect_used)]

@@ -53,6 +53,11 @@ fn obj_import() {
 }
 
 #[test]
+fn gltf_import() {
+    replay("gltf_import");
+}
+
+#[test]
 fn messages() {
     replay("messages");
 }

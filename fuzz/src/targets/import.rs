@@ -4,7 +4,7 @@ use std::cell::RefCell;
 
 use lodestream_geometry::mesh::{NONE, SourceMesh};
 use lodestream_geometry::quantise::{QuantiseSettings, quantise};
-use lodestream_server::import;
+use lodestream_server::import::{self, Part};
 use tempfile::TempDir;
 
 use crate::meter::{Ceiling, within};
@@ -39,6 +39,36 @@ pub fn obj_import(data: &[u8]) -> bool {
 /// A line of eight bytes becomes two lines of text, a position in the parser, one in a table of
 /// distinct values and one in the mesh, each list in a vector that may have twice its length.
 const OBJ: Ceiling = Ceiling { base_bytes: 1 << 18, bytes_per_byte: 512, base_steps: 0, steps_per_byte: 0 };
+
+/// A glTF or GLB file: whole, its contents, and its first mesh alone.
+pub fn gltf_import(data: &[u8]) -> bool {
+    in_folder(|folder| {
+        let path = folder.join(if data.starts_with(b"glTF") { "a.glb" } else { "a.gltf" });
+        std::fs::write(&path, data).expect("a file in the temporary folder");
+        let mut accepted = false;
+        let parts = [
+            Part::Whole,
+            Part::Mesh { mesh: 0, linear: [[1.0, 0.5, 0.0], [0.0, -2.0, 0.0], [0.0, 0.0, 1.0]] },
+        ];
+        for part in parts {
+            if let Ok(imported) = within(GLTF, data.len(), || import::import_part(&path, &part)) {
+                consistent(&imported.mesh, imported.materials.len());
+                accepted = true;
+            }
+        }
+        if let Ok(contents) = within(GLTF, data.len(), || import::gltf::contents(&path)) {
+            for placed in &contents.placed {
+                assert!(placed.scale > 0.0 && placed.scale.is_finite());
+                assert!(placed.translation.iter().chain(&placed.rotation).all(|x| x.is_finite()));
+            }
+        }
+        accepted
+    })
+}
+
+/// JSON of a few bytes a value becomes structures of some hundred bytes each. Every place of a mesh is a
+/// node in the file, so what is imported may have the file's length squared; this is for small files.
+const GLTF: Ceiling = Ceiling { base_bytes: 1 << 22, bytes_per_byte: 4096, base_steps: 0, steps_per_byte: 0 };
 
 /// Whether everything that a face refers to is there; and if a mesh can be made of it, it is.
 fn consistent(mesh: &SourceMesh, materials: usize) {

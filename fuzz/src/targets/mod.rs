@@ -6,7 +6,7 @@ mod messages;
 mod sequence;
 
 pub use asset::{base_decoder, chunk_decoder, pack_reader, rehashed};
-pub use import::obj_import;
+pub use import::{gltf_import, obj_import};
 pub use messages::messages;
 pub use sequence::apply_undo;
 
@@ -14,11 +14,12 @@ pub use sequence::apply_undo;
 pub type Target = fn(&[u8]) -> bool;
 
 /// Every target by the name of its corpus.
-pub const ALL: [(&str, Target); 6] = [
+pub const ALL: [(&str, Target); 7] = [
     ("pack_reader", pack_reader),
     ("base_decoder", base_decoder),
     ("chunk_decoder", chunk_decoder),
     ("apply_undo", apply_undo),
     ("obj_import", obj_import),
+    ("gltf_import", gltf_import),
     ("messages", messages),
 ];
