@@ -35,6 +35,8 @@ const MOST_SPARSE: usize = 4;
 const DENSE: f64 = 4.0;
 const LEAST_DENSE: usize = 12;
 const MOST_DENSE: usize = 32;
+/// A sample that raises the largest distance by more than this factor is looked at closely.
+const LEAP: f64 = 1.5;
 /// Stays above distances that were rounded.
 const ROUNDING: f64 = 1.0 + 1e-6;
 
@@ -214,6 +216,14 @@ impl Deviation {
                 place = region.walk(point, place, error);
             } else if place.0.is_infinite()
                 && let Some(nearest) = region.nearest(point, f64::INFINITY)
+            {
+                place = nearest;
+            }
+            // Where a component has vanished, its heirs may be far and another component near; the largest
+            // distance is what closeness is judged by, so it must not leap for nothing.
+            if place.0.is_finite()
+                && place.0 > LEAP * error.max(self.mean_edge)
+                && let Some(nearest) = region.nearest(point, place.0)
             {
                 place = nearest;
             }

@@ -80,6 +80,17 @@ impl Live {
         scale(add(add(a, b), c), 1.0 / 3.0)
     }
 
+    /// Lets go of what only simplification needs.
+    pub(crate) fn finish(&mut self) {
+        self.positions = Vec::new();
+        self.quadrics = Vec::new();
+        self.reach = Vec::new();
+        self.next_group = Vec::new();
+        self.moved_to = Vec::new();
+        self.face_vertices = Vec::new();
+        self.stars = StarTable::default();
+    }
+
     /// The vertex that an input vertex has been collapsed to.
     pub(crate) fn heir(&self, mut vertex: u32) -> u32 {
         // Bounded: outlines unlocked on purpose can make two vertices each other's heirs.

@@ -13,6 +13,10 @@ use crate::simplify::live::Live;
 use crate::simplify::records::{Committed, Records};
 use crate::vec3::{Vec3, add, length, scale, sub};
 
+/// Where what was far on the way exceeds the samples' distance by this factor, edges are looked at
+/// again.
+const ABSURD: f64 = 1.5;
+
 /// A region whose collapses are being performed.
 struct Course {
     records: Records,
@@ -127,7 +131,13 @@ fn finish(
         let left = || level.faces[r].iter().copied().filter(|&f| live.alive[f as usize]);
         let result = left().next().map(|_| {
             let (places, error) = known.settle(&region, &samples[r]);
-            (places, error.max(courses[r].edges(live)) * MARGIN)
+            let mut edges = courses[r].edges(live);
+            if edges > ABSURD * error && edges <= SUSPICIOUS * courses[r].error {
+                // Something on the way was far; what is there now need not be.
+                let corners: Vec<u32> = left().flat_map(|f| [f * 3, f * 3 + 1, f * 3 + 2]).collect();
+                edges = known.edges(live, &corners, &mut Vec::new(), error);
+            }
+            (places, error.max(edges) * MARGIN)
         });
         let points = || {
             let corners = left().flat_map(|f| live.triangle(f as usize));

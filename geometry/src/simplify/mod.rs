@@ -162,6 +162,7 @@ pub(crate) fn simplify(
         pool.advance(faces_total - live.faces.len(), removed);
         let little = (removed as f64) < LEAST_PROGRESS * vertices as f64;
         if last || (little && (stuck || live.faces.len() > MAX_REGION_FACES)) {
+            live.finish();
             return Ok(Simplified { levels, live, stray_error });
         }
         // Outlines may be what is in the way: one more level, in one region.

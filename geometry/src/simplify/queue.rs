@@ -24,7 +24,9 @@ pub(crate) fn simplify_region(region: Region, limit: usize, round_share: Option<
             Some(share) => order.run_rounds(share.clamp(0.01, 0.5)),
         }
     }
-    order.region.records
+    let mut records = order.region.records;
+    records.shrink();
+    records
 }
 
 /// A vertex's candidate.
@@ -104,7 +106,8 @@ impl Order {
         for round in 1.. {
             let mut candidates: Vec<u64> = Vec::new();
             for u in 0..self.region.vertex_count() {
-                if self.region.gone[u as usize] || !self.region.interior[u as usize] {
+                let at = u as usize;
+                if self.region.gone[at] || !self.region.interior[at] || self.region.held[at] {
                     continue;
                 }
                 self.best[u as usize].stale |= self.best[u as usize].target == NONE.target;

@@ -97,6 +97,16 @@ impl Records {
         self.moved.truncate(moved as usize);
         self.removed.truncate(removed as usize);
         self.kept.truncate(kept as usize);
+        self.shrink();
+    }
+
+    /// Gives back the room that grew with the lists: all regions of a level are kept at once.
+    pub(crate) fn shrink(&mut self) {
+        self.collapses.shrink_to_fit();
+        self.after.shrink_to_fit();
+        self.moved.shrink_to_fit();
+        self.removed.shrink_to_fit();
+        self.kept.shrink_to_fit();
     }
 
     /// Chooses the stops and gives each collapse its round.

@@ -2,13 +2,13 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use lodestream_geometry::Settings;
 use lodestream_geometry::check::check;
 use lodestream_geometry::mesh::{Face, QuantisedMesh, Wedge};
 use lodestream_geometry::pool::Serial;
 use lodestream_geometry::prepare::Prepared;
+use lodestream_geometry::{Metric, Settings};
 
-use crate::common::{prepared, quantised, shapes};
+use crate::common::{prepared, quantised, regions, shapes};
 
 /// Prepares with the default settings, checks random closed sets, and holds the base to 5 %.
 fn whole(name: &str, mesh: &QuantisedMesh, sets: usize) -> Prepared {
@@ -67,4 +67,24 @@ fn a_frigate_with_seams_everywhere_never_opens() {
     let asset = whole("frigate", &mesh, 60);
     assert_eq!(boundary(&asset.base.wedges, &asset.base.faces), 0);
     assert!(asset.base.faces.len() * 10 < mesh.faces.len(), "{} faces", asset.base.faces.len());
+}
+
+#[test]
+fn other_metrics_and_rounds_keep_the_promises() {
+    let meshes = [shapes::torus(40, 70), shapes::perforated(24, 30), shapes::frigate(6), shapes::crowd(40)];
+    let mut bytes = BTreeSet::new();
+    for source in &meshes {
+        let mesh = quantised(source);
+        for metric in [Metric::Qem, Metric::Melax] {
+            for round_share in [None, Some(0.05), Some(0.2)] {
+                let settings = Settings { metric, round_share, ..regions(200) };
+                let asset = prepared(&mesh, &settings);
+                let report = check(&asset.base, &asset.infos, &asset.chunks, 6, 9, &Serial).unwrap();
+                let found = (report.cracks, report.order_dependent, report.undo_errors);
+                assert_eq!(found, (0, 0, 0), "{metric:?}, {round_share:?}");
+                bytes.insert(asset.chunks);
+            }
+        }
+    }
+    assert_eq!(bytes.len(), meshes.len() * 6, "a knob does nothing");
 }

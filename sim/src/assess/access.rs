@@ -74,19 +74,28 @@ pub(super) fn view_share(model: &Model, seed: u64) -> ViewShare {
         let up = if direction[2].abs() < 0.9 { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] };
         let frustum = View::look_at(eye, center, up, FOV_Y, VIEWPORT_PX).frustum();
         let scale = scale_px(f64::from(VIEWPORT_PX[1]), f64::from(FOV_Y));
-        let set = closure(infos, |i| {
-            let from_eye =
-                glam::Vec3::from([0, 1, 2].map(|k| (f64::from(i.sphere.center[k]) - eye[k]) as f32));
-            let depth = f64::from(frustum.depth(from_eye, i.sphere.radius));
-            frustum.sees(from_eye, i.sphere.radius)
-                && screen_error_px(f64::from(i.error), depth, scale) > TARGET_PX
-        });
+        let error_px = |sphere: &Sphere, error: f32| {
+            let from_eye = glam::Vec3::from([0, 1, 2].map(|k| (f64::from(sphere.center[k]) - eye[k]) as f32));
+            let depth = f64::from(frustum.depth(from_eye, sphere.radius));
+            let seen = frustum.sees(from_eye, sphere.radius);
+            if seen { screen_error_px(f64::from(error), depth, scale) } else { 0.0 }
+        };
+        let set = closure(infos, |i| error_px(&i.sphere, i.error) > TARGET_PX);
+        let mut inner = vec![false; infos.len()];
+        for (info, _) in infos.iter().zip(&set).filter(|(_, taken)| **taken) {
+            info.parents.iter().for_each(|&parent| inner[parent as usize] = true);
+        }
+        let (mut splits, mut bytes) = (0.0, 0.0);
+        for (id, info) in infos.iter().enumerate().filter(|(id, _)| set[*id]) {
+            // A chunk that none builds on is needed up to the first stop that will do.
+            let stop = info.stops.iter().find(|s| !inner[id] && error_px(&info.sphere, s.error) <= TARGET_PX);
+            splits += f64::from(stop.map_or(info.vertices, |s| s.vertices));
+            bytes += f64::from(stop.map_or(info.payload_bytes, |s| s.payload_bytes));
+        }
         let total =
             |count: fn(&ChunkInfo) -> u32| infos.iter().map(|i| f64::from(count(i))).sum::<f64>().max(1.0);
-        let part =
-            |count: fn(&ChunkInfo) -> u32| chosen(infos, &set).map(|i| f64::from(count(i))).sum::<f64>();
-        share.splits += part(|i| i.vertices) / total(|i| i.vertices) / TRIALS as f64;
-        share.bytes += part(|i| i.payload_bytes) / total(|i| i.payload_bytes) / TRIALS as f64;
+        share.splits += splits / total(|i| i.vertices) / TRIALS as f64;
+        share.bytes += bytes / total(|i| i.payload_bytes) / TRIALS as f64;
     }
     share
 }

@@ -1,0 +1,214 @@
+//! Times the stages of a preparation against meshoptimizer's `simplify`, in one run on one thread, and
+//! counts the memory that it takes.
+//!
+//! `cargo bench -p lodestream-sim --bench prepare -- [MODEL.obj…]` takes the models named, else those of
+//! the folder `LODESTREAM_MODELS`, else a generated mesh. Import and quantisation are not timed. Times are
+//! the best of three and vary with the machine: use ratios.
+#![allow(unsafe_code)]
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::path::PathBuf;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Instant;
+
+use anyhow::Context as _;
+use lodestream_geometry::Settings;
+use lodestream_geometry::mesh::{Corner, NONE, QuantisedMesh, SourceMesh};
+use lodestream_geometry::pool::{Monitor, Progress, Serial, Stage};
+use lodestream_geometry::prepare::prepare;
+use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
+
+/// Times each command of the table is run.
+const RUNS: usize = 3;
+/// Share of the faces that meshoptimizer is asked for.
+const TARGET: usize = 100;
+
+fn main() -> anyhow::Result<()> {
+    println!(
+        "{:<16} {:>8} | k faces/s: {:>8} {:>8} {:>8} {:>8} {:>11} | {:>9} | heap, B/face: {:>8} {:>8} {:>8}",
+        "model",
+        "faces",
+        "simplify",
+        "measure",
+        "encode",
+        "all",
+        "meshopt 1 %",
+        "simplify",
+        "simplify",
+        "measure",
+        "encode"
+    );
+    for (name, mesh) in meshes()? {
+        row(&name, &mesh)?;
+    }
+    Ok(())
+}
+
+fn row(name: &str, mesh: &QuantisedMesh) -> anyhow::Result<()> {
+    let mut best = [f64::INFINITY; 5];
+    let mut heap = [0.0; 3];
+    for _ in 0..RUNS {
+        let before = USED.load(Ordering::Relaxed);
+        let watch = StopWatch::new();
+        let start = Instant::now();
+        let prepared = prepare(mesh, &Settings::default(), &Serial, &watch)?;
+        let all = start.elapsed().as_secs_f64();
+        drop(prepared);
+        let ([simplify, measure, encode], peaks) = watch.finish();
+        heap = peaks.map(|peak| (peak - before) as f64 / mesh.faces.len() as f64);
+        let peer = meshoptimizer(mesh)?;
+        for (best, time) in best.iter_mut().zip([simplify, measure, encode, all, peer]) {
+            *best = best.min(time);
+        }
+    }
+    let faces = mesh.faces.len() as f64;
+    let rate = best.map(|seconds| faces / seconds / 1000.0);
+    println!(
+        "{name:<16} {faces:>8} |            {:>8.0} {:>8.0} {:>8.0} {:>8.0} {:>11.0} | 1/{:<7.1} |               {:>8.0} {:>8.0} {:>8.0}",
+        rate[0],
+        rate[1],
+        rate[2],
+        rate[3],
+        rate[4],
+        best[0] / best[4],
+        heap[0],
+        heap[1],
+        heap[2]
+    );
+    Ok(())
+}
+
+/// Adds up the time between reports, and notes the most memory, by stage.
+struct StopWatch(Mutex<Split>);
+
+struct Split {
+    last: Instant,
+    stage: Stage,
+    seconds: [f64; 3],
+    peaks: [usize; 3],
+}
+
+impl StopWatch {
+    fn new() -> Self {
+        PEAK.store(USED.load(Ordering::Relaxed), Ordering::Relaxed);
+        let (seconds, peaks) = ([0.0; 3], [0; 3]);
+        Self(Mutex::new(Split { last: Instant::now(), stage: Stage::Simplify, seconds, peaks }))
+    }
+
+    /// Seconds and bytes of simplification, measuring and encoding.
+    fn finish(self) -> ([f64; 3], [usize; 3]) {
+        self.report(Progress::default());
+        self.0.into_inner().map_or(([0.0; 3], [0; 3]), |split| (split.seconds, split.peaks))
+    }
+}
+
+impl Monitor for StopWatch {
+    fn report(&self, progress: Progress) -> bool {
+        if let Ok(mut split) = self.0.lock() {
+            let now = Instant::now();
+            let stage = match split.stage {
+                Stage::Simplify => 0,
+                Stage::Measure => 1,
+                Stage::Encode => 2,
+            };
+            split.seconds[stage] += now.duration_since(split.last).as_secs_f64();
+            let peak = PEAK.swap(USED.load(Ordering::Relaxed), Ordering::Relaxed);
+            split.peaks[stage] = split.peaks[stage].max(peak);
+            (split.last, split.stage) = (now, progress.stage);
+        }
+        true
+    }
+}
+
+/// Seconds that meshoptimizer takes from the same mesh to 1 % of its faces.
+fn meshoptimizer(mesh: &QuantisedMesh) -> anyhow::Result<f64> {
+    let indices: Vec<u32> =
+        mesh.faces.iter().flat_map(|f| f.wedges.map(|w| mesh.wedges[w as usize].vertex)).collect();
+    let positions: Vec<f32> = mesh.positions.iter().flatten().map(|&x| x as f32).collect();
+    let bytes: Vec<u8> = positions.iter().flat_map(|x| x.to_ne_bytes()).collect();
+    let vertices = meshopt::VertexDataAdapter::new(&bytes, 12, 0)?;
+    let target = indices.len() / TARGET / 3 * 3;
+    let start = Instant::now();
+    let left = meshopt::simplify(&indices, &vertices, target, f32::MAX, meshopt::SimplifyOptions::None, None);
+    let seconds = start.elapsed().as_secs_f64();
+    anyhow::ensure!(left.len() < indices.len(), "meshoptimizer has done nothing");
+    Ok(seconds)
+}
+
+fn meshes() -> anyhow::Result<Vec<(String, QuantisedMesh)>> {
+    // Cargo adds `--bench`.
+    let mut files: Vec<PathBuf> =
+        std::env::args().skip(1).filter(|a| !a.starts_with('-')).map(PathBuf::from).collect();
+    if let (true, Some(folder)) = (files.is_empty(), std::env::var_os("LODESTREAM_MODELS")) {
+        let entries = std::fs::read_dir(&folder).context("LODESTREAM_MODELS cannot be read")?;
+        files = entries.filter_map(|e| Some(e.ok()?.path())).collect();
+        files.retain(|f| f.extension().is_some_and(|e| e == "obj"));
+        files.sort();
+    }
+    let quantised = |mesh: &SourceMesh| {
+        quantise(mesh, &QuantiseSettings { precision: Precision::Bits(12), ..QuantiseSettings::default() })
+    };
+    if files.is_empty() {
+        return Ok(vec![("generated".to_owned(), quantised(&height_field(200))?)]);
+    }
+    let load = |file: PathBuf| {
+        let mesh = lodestream_server::import::import(&file)
+            .with_context(|| format!("cannot import {}", file.display()))?
+            .mesh;
+        let name = file.file_stem().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+        Ok((name, quantised(&mesh)?))
+    };
+    files.into_iter().map(load).collect()
+}
+
+/// A rolling landscape of `2 × size²` faces.
+fn height_field(size: u32) -> SourceMesh {
+    let mut mesh = SourceMesh::default();
+    for i in 0..=size {
+        for j in 0..=size {
+            let (x, y) = (f64::from(i), f64::from(j));
+            let z = 6.0 * (x * 0.09).sin() * (y * 0.07).cos() + 0.3 * (x * 0.9 + y * 1.3).sin();
+            mesh.positions.push([x, y, z]);
+        }
+    }
+    let corner = |position| Corner { position, uv: NONE, normal: NONE, color: NONE };
+    for i in 0..size {
+        for j in 0..size {
+            let a = i * (size + 1) + j;
+            let (b, c, d) = (a + 1, a + size + 1, a + size + 2);
+            mesh.faces.extend([[a, c, d], [a, d, b]].map(|f| f.map(corner)));
+        }
+    }
+    mesh.materials = vec![0; mesh.faces.len()];
+    mesh
+}
+
+/// Bytes in use, and the most since the last reset.
+static USED: AtomicUsize = AtomicUsize::new(0);
+static PEAK: AtomicUsize = AtomicUsize::new(0);
+
+/// The system's allocator, counting.
+struct Counting;
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+// SAFETY: everything is handed to the system's allocator as it came; the counters are beside it.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        // SAFETY: the caller keeps `alloc`'s contract.
+        let pointer = unsafe { System.alloc(layout) };
+        if !pointer.is_null() {
+            let used = USED.fetch_add(layout.size(), Ordering::Relaxed) + layout.size();
+            PEAK.fetch_max(used, Ordering::Relaxed);
+        }
+        pointer
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        USED.fetch_sub(layout.size(), Ordering::Relaxed);
+        // SAFETY: the caller keeps `dealloc`'s contract.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
