@@ -100,7 +100,8 @@ pub struct AssetEntry {
     pub origin: [f64; 3],
     /// Bounds of the base and the finest mesh, relative to `origin`.
     pub sphere: Sphere,
-    /// Geometric error of the base mesh, in the asset's units.
+    /// Error of the base mesh, in the asset's units: at least its geometric error and every chunk's visible
+    /// one ([`lodestream_geometry::screen::visible_error`]).
     pub root_error: f32,
     /// Length of the base blob.
     pub base_bytes: u32,

@@ -123,7 +123,11 @@ impl Hills {
             fingerprint: [1; 16],
             origin: base.grid.origin,
             sphere: base.sphere,
-            root_error: base.root_error,
+            root_error: prepared
+                .infos
+                .iter()
+                .map(|i| geometry::screen::visible_error(i, 1.0))
+                .fold(base.root_error, f32::max),
             base_bytes: blobs[&BlobPart::Base].len() as u32,
             chunk_count: base.chunk_count,
         };

@@ -20,6 +20,8 @@ use std::cell::OnceCell;
 use glam::DVec3;
 
 use crate::distance::{TriangleBvh, closest_point_on_triangle};
+use crate::mesh::UvGrid;
+use crate::simplify::attributes::InputAttributes;
 use crate::simplify::live::Live;
 use crate::simplify::star_table::each_edge;
 use crate::vec3::{Vec3, add, length, scale, sub};
@@ -43,6 +45,7 @@ const ROUNDING: f64 = 1.0 + 1e-6;
 /// The input surface, its samples, and where the samples are now.
 pub(crate) struct Deviation {
     input: TriangleBvh,
+    attributes: InputAttributes,
     /// Samples beyond the vertices.
     middles: Vec<Vec3>,
     /// By sample, vertices first: live face that it was last found near, and how far, in grid cells.
@@ -137,7 +140,7 @@ impl<'a> Surroundings<'a> {
 }
 
 impl Deviation {
-    pub(crate) fn new(live: &Live) -> Self {
+    pub(crate) fn new(live: &Live, uv_grid: UvGrid) -> Self {
         let faces = live.face_vertices.len();
         let mut attached = vec![0_u32; live.positions.len()];
         let mut edges = 0.0;
@@ -159,6 +162,7 @@ impl Deviation {
         attached.extend(&open);
         Self {
             input: TriangleBvh::new(&live.positions, &live.face_vertices),
+            attributes: InputAttributes::new(live, uv_grid),
             middles: open.iter().map(|&f| live.centroid(f as usize)).collect(),
             distance: vec![0.0; attached.len()],
             attached,
@@ -338,6 +342,11 @@ impl Deviation {
     /// The face that a sample was last found near.
     pub(crate) fn face_near(&self, sample: u32) -> u32 {
         self.attached[sample as usize]
+    }
+
+    /// The attribute error of a settled region; `normals` are those of the coarse surface.
+    pub(crate) fn attribute_error(&self, live: &Live, samples: &[u32], normals: &[[f32; 3]]) -> f64 {
+        self.attributes.error(live, samples, &|s| self.attached[s as usize], normals)
     }
 
     /// Takes over the new places of samples.

@@ -7,6 +7,7 @@
 use crate::error::MeshError;
 use crate::pool::Watched;
 use crate::simplify::RegionChunk;
+use crate::simplify::attributes::vertex_normals;
 use crate::simplify::deviation::{Deviation, FarEdge, MARGIN, SUSPICIOUS, Surroundings, extend};
 use crate::simplify::level::Level;
 use crate::simplify::live::Live;
@@ -145,6 +146,7 @@ fn finish(
         };
         Some((result, sphere(&points)))
     })?;
+    let normals = vertex_normals(live);
     let mut interior = vec![Vec::new(); level.faces.len()];
     for (v, &r) in level.interior.iter().enumerate() {
         if let Some(list) = interior.get_mut(r as usize) {
@@ -165,11 +167,21 @@ fn finish(
                 error
             }
         };
+        let attribute_error = deviation.attribute_error(live, &samples[r], &normals);
         let stops = course.records.stops.len();
         let stop_errors = course.stops[..stops].iter().rev().map(|e| (e * MARGIN).min(error)).collect();
         let (faces, interior) = (level.faces[r].clone(), std::mem::take(&mut interior[r]));
         let records = course.records;
-        chunks.push(RegionChunk { records, faces, interior, error, stop_errors, center, radius });
+        chunks.push(RegionChunk {
+            records,
+            faces,
+            interior,
+            error,
+            attribute_error,
+            stop_errors,
+            center,
+            radius,
+        });
     }
     Ok(chunks)
 }

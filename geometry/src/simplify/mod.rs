@@ -5,6 +5,7 @@
 //! are independent: simplified in any order, on any number of threads, with the same result. The next
 //! level cuts anew, so outlines move. The collapses of one region are one chunk.
 
+mod attributes;
 mod deviation;
 mod legality;
 mod level;
@@ -41,6 +42,9 @@ pub(crate) struct RegionChunk {
     pub(crate) interior: Vec<u32>,
     /// Geometric error in grid cells while the chunk is missing, before it is made monotone.
     pub(crate) error: f64,
+    /// How far attributes slide while the chunk is missing, in grid cells, before it is made monotone.
+    #[cfg_attr(not(test), expect(dead_code, reason = "stated in the index once that carries it"))]
+    pub(crate) attribute_error: f64,
     /// The same once the chunk is applied up to each stop of its records; falling, at most `error`.
     #[expect(dead_code, reason = "stated in the index once chunks are coded up to their stops")]
     pub(crate) stop_errors: Vec<f64>,
@@ -130,7 +134,7 @@ pub(crate) fn simplify(
     pool: &mut Watched<'_>,
 ) -> Result<Simplified, MeshError> {
     let mut live = Live::new(mesh);
-    let mut deviation = Deviation::new(&live);
+    let mut deviation = Deviation::new(&live, mesh.uv_grid);
     let mut levels = Vec::new();
     let mut stray_error = 0.0_f64;
     let limit = Limit::new(&live, settings.base_error * diagonal(mesh));

@@ -43,6 +43,11 @@ pub struct SelectSettings {
     pub max_wanted: usize,
     /// How a blurred texel counts against a geometric error of one pixel.
     pub texture_weight: f32,
+    /// Share, 0 to 1, of attribute errors' weight that counts ([`visible_error`]). Less saves bytes where
+    /// texture and shading may lag behind geometry; 0 judges geometry alone.
+    ///
+    /// [`visible_error`]: lodestream_geometry::screen::visible_error
+    pub attribute_share: f32,
     /// Whether base meshes of instances out of view are fetched too, last.
     pub prefetch_bases: bool,
 }
@@ -56,6 +61,7 @@ impl Default for SelectSettings {
             keep_out_of_view: 0.5,
             max_wanted: 512,
             texture_weight: 0.25,
+            attribute_share: 1.0,
             prefetch_bases: true,
         }
     }

@@ -2,6 +2,8 @@
 
 use std::cmp::Reverse;
 
+use lodestream_geometry::screen::visible_error;
+
 use super::priority::{base_priority, index_priority, prefetch_priority, refine_priority};
 use super::{AssetState, Counters, Priority, Projection, SelectSettings, Selection, State, Wanted};
 use crate::blob::{BlobId, BlobPart};
@@ -86,7 +88,8 @@ pub fn max_screen_error_px(view: &View, instances: &[InstanceEntry], assets: &[A
         let local = projection.local(asset.entry(), instance);
         let missing = asset.chunks().iter().zip(asset.chunk_states());
         for (info, _) in missing.filter(|(info, state)| info.level > 0 && **state != State::Applied) {
-            worst = local.error_px(&info.sphere, info.error).map_or(worst, |(px, _)| worst.max(px));
+            worst =
+                local.error_px(&info.sphere, visible_error(info, 1.0)).map_or(worst, |(px, _)| worst.max(px));
         }
     }
     worst
@@ -189,7 +192,7 @@ impl Selector {
                 let px_per_unit = projection.px_per_unit(asset.entry(), instance, bounds.depth);
                 seen.px_per_unit = seen.px_per_unit.max(px_per_unit as f32);
             }
-            // No chunk's error exceeds the root error, and no sphere is nearer than the asset's.
+            // No chunk's visible error exceeds the root error, and no sphere is nearer than the asset's.
             let root_px = px_of(asset.entry().root_error);
             if root_px < floor_px {
                 worst = worst.max(root_px);
@@ -197,11 +200,14 @@ impl Selector {
                 continue;
             }
             let local = projection.local(asset.entry(), instance);
+            let share = self.settings.attribute_share.clamp(0.0, 1.0);
             let seeks = &mut self.chunks[seen.first_chunk..];
             let entries = asset.chunks().iter().zip(asset.chunk_states());
             counters.tested_chunks += asset.chunks().len() as u64;
             for (seek, (info, state)) in seeks.iter_mut().zip(entries) {
-                let Some((px, centrality)) = local.error_px(&info.sphere, info.error) else { continue };
+                let Some((px, centrality)) = local.error_px(&info.sphere, visible_error(info, share)) else {
+                    continue;
+                };
                 if info.level == 0 {
                     continue;
                 }

@@ -1,6 +1,7 @@
 //! What is known of an asset, and where its blobs are.
 
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo};
+use lodestream_geometry::screen::visible_error;
 
 use crate::asset::{AssetDescription, TextureLevel};
 use crate::blob::{BlobId, BlobPart};
@@ -177,7 +178,7 @@ impl AssetState {
             .iter()
             .rev()
             .filter(|info| info.level + 1 >= last.level)
-            .map(|info| info.error)
+            .map(|info| visible_error(info, 1.0))
             .fold(0.0, f32::max)
             .min(self.entry.root_error)
     }

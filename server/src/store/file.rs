@@ -7,7 +7,9 @@ use std::path::{Path, PathBuf};
 use bytes::Bytes;
 use lodestream_geometry::DecodeError;
 use lodestream_geometry::base::Base;
+use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_page, page_count};
 use lodestream_geometry::pack::{BlobKind, Entry, HEAD_BYTES, Head, find};
+use lodestream_geometry::screen::visible_error;
 use lodestream_protocol::BlobPart;
 use lodestream_protocol::scene::{AssetEntry, Fingerprint};
 
@@ -129,7 +131,7 @@ impl PackFile {
     /// What a scene description says of the pack.
     ///
     /// # Errors
-    /// As [`PackFile::base`].
+    /// As [`PackFile::base`]; also an index page that is.
     pub fn entry(&self, name: &str) -> Result<AssetEntry, StoreError> {
         let base = self.base()?;
         Ok(AssetEntry {
@@ -137,10 +139,21 @@ impl PackFile {
             fingerprint: self.fingerprint,
             origin: base.grid.origin,
             sphere: base.sphere,
-            root_error: base.root_error,
+            root_error: self.root_error(&base)?,
             base_bytes: self.blob_len(BlobPart::Base).unwrap_or(0),
             chunk_count: base.chunk_count,
         })
+    }
+
+    /// What shows of the base mesh's error: attributes may be off by more than the geometry is.
+    fn root_error(&self, base: &Base) -> Result<f32, StoreError> {
+        let mut error = base.root_error;
+        for page in 0..page_count(base.chunk_count as usize) as u32 {
+            let bytes = self.read(BlobPart::IndexPage(page))?;
+            let infos = decode_page(&bytes, page * CHUNKS_PER_PAGE as u32).map_err(|e| self.damaged(e))?;
+            error = infos.iter().map(|info| visible_error(info, 1.0)).fold(error, f32::max);
+        }
+        Ok(error)
     }
 }
 

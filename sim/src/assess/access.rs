@@ -1,8 +1,8 @@
 //! What random access costs: the ancestors that a spot or a view drags in.
 
-use lodestream_geometry::index::{ChunkInfo, Sphere};
+use lodestream_geometry::index::{ChunkInfo, Sphere, Stop};
 use lodestream_geometry::random::Random;
-use lodestream_geometry::screen::{scale_px, screen_error_px};
+use lodestream_geometry::screen::{scale_px, screen_error_px, visible_error};
 use lodestream_protocol::View;
 use serde::Serialize;
 
@@ -80,7 +80,7 @@ pub(super) fn view_share(model: &Model, seed: u64) -> ViewShare {
             let seen = frustum.sees(from_eye, sphere.radius);
             if seen { screen_error_px(f64::from(error), depth, scale) } else { 0.0 }
         };
-        let set = closure(infos, |i| error_px(&i.sphere, i.error) > TARGET_PX);
+        let set = closure(infos, |i| error_px(&i.sphere, visible_error(i, 1.0)) > TARGET_PX);
         let mut inner = vec![false; infos.len()];
         for (info, _) in infos.iter().zip(&set).filter(|(_, taken)| **taken) {
             info.parents.iter().for_each(|&parent| inner[parent as usize] = true);
@@ -88,7 +88,10 @@ pub(super) fn view_share(model: &Model, seed: u64) -> ViewShare {
         let (mut splits, mut bytes) = (0.0, 0.0);
         for (id, info) in infos.iter().enumerate().filter(|(id, _)| set[*id]) {
             // A chunk that none builds on is needed up to the first stop that will do.
-            let stop = info.stops.iter().find(|s| !inner[id] && error_px(&info.sphere, s.error) <= TARGET_PX);
+            // Attributes are stated for the whole chunk only.
+            let attributes = visible_error(&ChunkInfo { error: 0.0, ..info.clone() }, 1.0);
+            let enough = |s: &Stop| error_px(&info.sphere, s.error.max(attributes)) <= TARGET_PX;
+            let stop = info.stops.iter().find(|s| !inner[id] && enough(s));
             splits += f64::from(stop.map_or(info.vertices, |s| s.vertices));
             bytes += f64::from(stop.map_or(info.payload_bytes, |s| s.payload_bytes));
         }
