@@ -1,5 +1,6 @@
 //! The base blob: what a client needs to draw an asset at all, and to ask for more.
 
+use crate::codec::attributes::Kinds;
 use crate::codec::base::{self, BaseMesh};
 use crate::error::DecodeError;
 use crate::index::Sphere;
@@ -7,7 +8,7 @@ use crate::mesh::{Face, Grid, UvGrid, Wedge};
 use crate::symbols::{Reader, put_varint};
 
 /// Version of the base blob, of index pages and of chunk payloads.
-pub const FORMAT_VERSION: u8 = 1;
+pub const FORMAT_VERSION: u8 = 2;
 /// Most faces of a base mesh: bounds a decoder's memory.
 pub const MAX_BASE_FACES: usize = 1 << 20;
 /// Most chunks of one asset.
@@ -45,6 +46,10 @@ pub struct Base {
     pub level_count: u8,
     /// Materials that faces may name.
     pub material_count: u16,
+    /// Whether wedges have colours.
+    pub colors: bool,
+    /// Whether wedges may have explicit normals.
+    pub normals: bool,
     /// Sizes of the fully refined asset.
     pub totals: Totals,
     /// Opaque here: materials and textures, as the protocol writes them.
@@ -58,13 +63,19 @@ pub struct Base {
 }
 
 impl Base {
+    /// What its wedges carry.
+    pub(crate) fn kinds(&self) -> Kinds {
+        Kinds { uv_bits: self.uv_grid.bits, colors: self.colors, normals: self.normals }
+    }
+
     /// The blob's bytes. Vertices, wedges and faces must be in the order of
     /// their codec's traversal, as [`crate::prepare::prepare`] and [`Base::decode`] leave them.
     ///
     /// # Errors
     /// On more than [`MAX_BASE_FACES`] faces and on faces with a repeated vertex.
     pub fn encode(&self) -> Result<Vec<u8>, DecodeError> {
-        let mut out = vec![FORMAT_VERSION, self.grid.bits, self.uv_grid.bits, self.level_count];
+        let kinds = self.uv_grid.bits | u8::from(self.colors) << 6 | u8::from(self.normals) << 7;
+        let mut out = vec![FORMAT_VERSION, self.grid.bits, kinds, self.level_count];
         for x in self.grid.origin.iter().chain([&self.grid.step]) {
             out.extend(x.to_le_bytes());
         }
@@ -88,7 +99,7 @@ impl Base {
             wedges: self.wedges.clone(),
             faces: self.faces.clone(),
         };
-        out.extend(base::encode(&mesh, self.grid.bits, self.uv_grid.bits, self.material_count)?.bytes);
+        out.extend(base::encode(&mesh, self.grid.bits, self.kinds(), self.material_count)?.bytes);
         Ok(out)
     }
 
@@ -102,7 +113,8 @@ impl Base {
         if version != FORMAT_VERSION {
             return Err(r.error(format!("format version {version}; this program reads {FORMAT_VERSION}")));
         }
-        let (bits, uv_bits, level_count) = (r.u8()?, r.u8()?, r.u8()?);
+        let (bits, kinds, level_count) = (r.u8()?, r.u8()?, r.u8()?);
+        let (uv_bits, colors, normals) = (kinds & 0x3f, kinds & 0x40 != 0, kinds & 0x80 != 0);
         if !(1..=24).contains(&bits) || uv_bits > 16 {
             return Err(r.error(format!("{bits} position bits and {uv_bits} uv bits are out of range")));
         }
@@ -132,7 +144,8 @@ impl Base {
         let length = r.varint(MAX_DESCRIPTION_BYTES as u64)? as usize;
         let description = r.take(length)?.to_vec();
         let rest = r.remaining();
-        let mesh = base::decode(r.take(rest)?, bits, uv_bits, material_count)?;
+        let kinds = Kinds { uv_bits, colors, normals };
+        let mesh = base::decode(r.take(rest)?, bits, kinds, material_count)?;
         Ok(Self {
             grid,
             uv_grid,
@@ -142,6 +155,8 @@ impl Base {
             chunk_count,
             level_count,
             material_count,
+            colors,
+            normals,
             totals,
             description,
             positions: mesh.positions,

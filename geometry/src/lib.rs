@@ -7,6 +7,7 @@ pub mod base;
 pub mod check;
 pub mod closed_set;
 mod codec;
+mod context;
 pub mod distance;
 pub mod error;
 pub mod index;
@@ -25,6 +26,7 @@ mod simplify;
 mod stars;
 pub mod steps;
 mod symbols;
+pub mod training;
 mod vec3;
 
 #[cfg(test)]

@@ -1,12 +1,12 @@
 //! Preparation: from a quantised mesh to a base mesh, an index and chunk payloads.
 
 use crate::base::{Base, MAX_BASE_FACES, Totals};
+use crate::codec::attributes::Kinds;
 use crate::codec::base::{self as base_codec, BaseMesh};
 use crate::codec::chunk::{Encoded, Source, encode};
-use crate::codec::plan::Plan;
-use crate::error::MeshError;
-use crate::index::{CHUNKS_PER_PAGE, ChunkInfo, Sphere, encode_page, rounded};
-use crate::mesh::{Face, QuantisedMesh, Wedge};
+use crate::error::{DecodeError, MeshError};
+use crate::index::{CHUNKS_PER_PAGE, ChunkInfo, Sphere, decode_page, encode_page};
+use crate::mesh::{Face, NO_COLOR, QuantisedMesh, Wedge};
 use crate::pool::{Monitor, Pool, Stage, Watched};
 use crate::refine::ActiveMesh;
 use crate::simplify::{RegionChunk, Settings, Simplified, simplify};
@@ -40,6 +40,17 @@ pub fn prepare(
     pool: &dyn Pool,
     monitor: &dyn Monitor,
 ) -> Result<Prepared, MeshError> {
+    prepare_observed(mesh, settings, pool, monitor, &|_, _, _| {})
+}
+
+/// [`prepare`], with somebody who sees each chunk before it is encoded.
+pub(crate) fn prepare_observed(
+    mesh: &QuantisedMesh,
+    settings: &Settings,
+    pool: &dyn Pool,
+    monitor: &dyn Monitor,
+    observe: Observer<'_>,
+) -> Result<Prepared, MeshError> {
     if mesh.faces.is_empty() {
         return Err(MeshError::NoFaces { dropped: 0 });
     }
@@ -65,12 +76,21 @@ pub fn prepare(
         .checked_add(1)
         .ok_or(MeshError::TooLarge { kind: "materials", count: limit + 1, limit })?;
     let (mut base, first) = build_base(mesh, &simplified, order.len(), materials)?;
-    let encoded = encode_all(mesh, &simplified, &order, &parents, &base, first, &pool)?;
+    let encoded = encode_all(mesh, &simplified, &order, &parents, &base, first, &pool, observe)?;
 
     let mut errors: Vec<f64> = (0..order.len()).map(|id| chunk(id).error).collect();
+    let mut slides: Vec<f64> = (0..order.len()).map(|id| chunk(id).attribute_error).collect();
     for id in (0..order.len()).rev() {
         for &parent in &parents[id] {
             errors[parent as usize] = errors[parent as usize].max(errors[id]);
+            slides[parent as usize] = slides[parent as usize].max(slides[id]);
+        }
+    }
+    // A chunk is no better at a stop than its children are while they are missing.
+    let mut finer = vec![0.0_f64; order.len()];
+    for id in 0..order.len() {
+        for &parent in &parents[id] {
+            finer[parent as usize] = finer[parent as usize].max(errors[id]);
         }
     }
     let root = errors.iter().copied().fold(simplified.stray_error, f64::max);
@@ -79,27 +99,38 @@ pub fn prepare(
     let infos: Vec<ChunkInfo> = encoded
         .iter()
         .enumerate()
-        .map(|(id, e)| {
-            rounded(&ChunkInfo {
-                level: (levels - order[id].0).min(255) as u8,
-                sphere: sphere(mesh, chunk(id)),
-                error: round_up(errors[id] * mesh.grid.step),
-                attribute_error: 0.0,
-                stops: Vec::new(),
-                parents: parents[id].clone(),
-                payload_bytes: e.bytes.len() as u32,
-                vertices: e.vertices.len() as u32,
-                wedges: e.wedges.len() as u32,
-                faces: e.faces.len() as u32,
-            })
+        .map(|(id, e)| ChunkInfo {
+            level: (levels - order[id].0).min(255) as u8,
+            sphere: sphere(mesh, chunk(id)),
+            error: round_up(errors[id] * mesh.grid.step),
+            attribute_error: round_up(slides[id] * mesh.grid.step),
+            stops: e
+                .stops
+                .iter()
+                .zip(&chunk(id).stop_errors[chunk(id).records.coded_stops()])
+                .map(|(stop, error)| {
+                    stop.stop(round_up(error.max(finer[id]).min(errors[id]) * mesh.grid.step))
+                })
+                .collect(),
+            parents: parents[id].clone(),
+            payload_bytes: e.bytes.len() as u32,
+            vertices: e.vertices.len() as u32,
+            wedges: e.wedges.len() as u32,
+            faces: e.faces.len() as u32,
         })
         .collect();
+    // Rounding belongs to the index: what counts is what clients see.
+    let mut pages = Vec::new();
+    let mut seen = Vec::with_capacity(infos.len());
+    for page in infos.chunks(CHUNKS_PER_PAGE) {
+        let first = seen.len() as u32;
+        let internal = |e: DecodeError| MeshError::Internal { why: e.to_string() };
+        let bytes = encode_page(page, first).map_err(internal)?;
+        seen.extend(decode_page(&bytes, first).map_err(internal)?);
+        pages.push(bytes);
+    }
+    let infos = seen;
     base.root_error = infos.iter().map(|i| i.error).fold(base.root_error, f32::max);
-    let pages = infos
-        .chunks(CHUNKS_PER_PAGE)
-        .enumerate()
-        .map(|(page, infos)| encode_page(infos, (page * CHUNKS_PER_PAGE) as u32))
-        .collect();
     Ok(Prepared { base, infos, pages, chunks: encoded.into_iter().map(|e| e.bytes).collect() })
 }
 
@@ -166,7 +197,12 @@ fn build_base(
     if faces.len() > MAX_BASE_FACES {
         return Err(MeshError::TooLarge { kind: "base faces", count: faces.len(), limit: MAX_BASE_FACES });
     }
-    let encoded = base_codec::encode(&base_mesh, mesh.grid.bits, mesh.uv_grid.bits, materials)
+    let kinds = Kinds {
+        uv_bits: mesh.uv_grid.bits,
+        colors: mesh.wedges.iter().any(|w| w.attributes.color != NO_COLOR),
+        normals: mesh.wedges.iter().any(|w| w.attributes.normal.is_some()),
+    };
+    let encoded = base_codec::encode(&base_mesh, mesh.grid.bits, kinds, materials)
         .map_err(|e| MeshError::Internal { why: e.to_string() })?;
     let mut min = [i32::MAX; 3];
     let mut max = [i32::MIN; 3];
@@ -188,6 +224,8 @@ fn build_base(
         chunk_count: chunks as u32,
         level_count: simplified.levels.len().min(255) as u8,
         material_count: materials,
+        colors: kinds.colors,
+        normals: kinds.normals,
         totals: Totals {
             vertices: mesh.positions.len() as u64,
             wedges: mesh.wedges.len() as u64,
@@ -207,7 +245,11 @@ fn build_base(
     Ok((base, by_slot))
 }
 
+/// Sees each chunk just before it is encoded.
+pub(crate) type Observer<'a> = &'a (dyn Fn(&ActiveMesh, u32, &Source<'_>) + Sync);
+
 /// Encodes all chunks, level by level: within a level each against the same mesh, at the same time.
+#[allow(clippy::too_many_arguments)]
 fn encode_all(
     mesh: &QuantisedMesh,
     simplified: &Simplified,
@@ -216,6 +258,7 @@ fn encode_all(
     base: &Base,
     mut by_slot: BySlot,
     pool: &Watched<'_>,
+    observe: Observer<'_>,
 ) -> Result<Vec<Encoded>, MeshError> {
     let mut active = ActiveMesh::new(base);
     let mut slot_of_vertex = vec![u32::MAX; mesh.positions.len()];
@@ -228,7 +271,7 @@ fn encode_all(
         let results = pool.map(run.len(), &|i| {
             let chunk: &RegionChunk = &simplified.levels[run[i].0][run[i].1];
             let source = Source {
-                plan: Plan::new(&chunk.records),
+                records: &chunk.records,
                 mesh,
                 wedges: &simplified.live.wedges,
                 materials: &simplified.live.material,
@@ -238,7 +281,8 @@ fn encode_all(
                 slot_of_vertex: &slot_of_vertex,
                 interior: &|v| chunk.interior.binary_search(&v).is_ok(),
             };
-            encode(&active, (first + i) as u32, parents[first + i].clone(), source)
+            observe(&active, (first + i) as u32, &source);
+            encode(&active, (first + i) as u32, parents[first + i].clone(), &source)
         })?;
         for result in results {
             let encoded = result.map_err(|e| MeshError::Internal { why: e.to_string() })?;

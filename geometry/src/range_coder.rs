@@ -1,46 +1,27 @@
 //! An adaptive binary range coder.
 //!
 //! The interval arithmetic and carry handling are those of LZMA's range coder (Pavlov; after Martin,
-//! "Range encoding", 1979). Probabilities are 16-bit and adapt fast at first, as 1/(n + 1.5), because
-//! a chunk has only a few hundred symbols per context. Encoder and decoder implement one trait,
-//! [`Coder`], so that a model is written once and cannot disagree with itself.
+//! "Range encoding", 1979). Probabilities adapt fast at first, because a chunk has only a few hundred
+//! symbols per context, and start from trained values ([`crate::codec::model`]). A decision may look
+//! at several contexts at once: their estimates are mixed in the logistic domain, with weights that
+//! adapt as well (Mahoney, "Adaptive weighing of context models for lossless data compression", 2005).
+//! Encoder and decoder implement one trait, [`Coder`], so that a model is written once and cannot
+//! disagree with itself.
 
+use crate::context::Contexts;
 use crate::error::DecodeError;
+use crate::steps;
 
-/// Observations after which adaptation stops getting slower.
-const MAX_COUNT: u8 = 60;
-/// Probabilities stay this far (of 65536) from 0 and 1, so no symbol costs nothing or everything.
-const MARGIN: i32 = 96;
 /// Range below which bytes are shifted out.
 const TOP: u32 = 1 << 24;
-
-/// An adaptive estimate of the probability that a bit is set.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Prob {
-    p: u16,
-    seen: u8,
-}
-
-impl Default for Prob {
-    fn default() -> Self {
-        Self { p: 1 << 15, seen: 0 }
-    }
-}
-
-impl Prob {
-    fn update(&mut self, bit: bool) {
-        let target = if bit { 65535 } else { 0 };
-        let step = (target - i32::from(self.p)) * 2 / (2 * i32::from(self.seen) + 3);
-        self.p = (i32::from(self.p) + step).clamp(MARGIN, 65536 - MARGIN) as u16;
-        self.seen = (self.seen + 1).min(MAX_COUNT);
-    }
-}
 
 /// Writes or reads symbols: a model calls it with the value it would write, and goes on with the
 /// value it gets back. An encoder returns what it was given; a decoder ignores it.
 pub(crate) trait Coder {
-    /// Codes one bit with an adaptive probability.
-    fn bit(&mut self, prob: &mut Prob, value: bool) -> bool;
+    /// Codes one bit with the adaptive probability `context`.
+    fn bit(&mut self, context: usize, value: bool) -> bool;
+    /// Codes one bit with several contexts, mixed by the weights of `mixer`.
+    fn mix<const N: usize>(&mut self, contexts: [usize; N], mixer: usize, value: bool) -> bool;
     /// Codes `bits` (0 to 32) equiprobable bits.
     fn raw(&mut self, bits: u32, value: u32) -> u32;
     /// An error once more bytes were consumed than there are.
@@ -48,11 +29,16 @@ pub(crate) trait Coder {
     /// # Errors
     /// When the input is exhausted.
     fn check(&self) -> Result<(), DecodeError>;
+    /// Bytes of the stream that suffice to decode what was coded so far; 0 for a decoder.
+    fn bytes(&self) -> usize {
+        0
+    }
 }
 
 /// Encodes symbols into bytes.
 #[derive(Debug)]
 pub(crate) struct Encoder {
+    contexts: Contexts,
     low: u64,
     range: u32,
     cache: u8,
@@ -60,22 +46,24 @@ pub(crate) struct Encoder {
     out: Vec<u8>,
 }
 
-impl Default for Encoder {
-    fn default() -> Self {
-        Self { low: 0, range: u32::MAX, cache: 0, pending: 1, out: Vec::new() }
-    }
-}
+/// Bytes that the interval and the cache still hold when a symbol was coded.
+const HELD: usize = 5;
 
 impl Encoder {
+    pub(crate) fn new(contexts: Contexts) -> Self {
+        Self { contexts, low: 0, range: u32::MAX, cache: 0, pending: 1, out: Vec::new() }
+    }
+
     /// Ends the stream and returns its bytes.
     #[must_use]
     pub(crate) fn finish(mut self) -> Vec<u8> {
-        for _ in 0..5 {
+        let least = self.out.len().max(1);
+        for _ in 0..HELD {
             self.shift_low();
         }
-        // The first byte is always 0 (the initial cache); trailing zeros are what a decoder reads past
-        // the end anyway.
-        let end = self.out.iter().rposition(|&b| b != 0).map_or(1, |p| p + 1).max(1);
+        // The first byte is always 0 (the initial cache); zeros at the end are what a decoder reads past
+        // it anyway, but only so many.
+        let end = self.out.iter().rposition(|&b| b != 0).map_or(1, |p| p + 1).max(least);
         self.out.truncate(end);
         self.out.remove(0);
         self.out
@@ -95,31 +83,43 @@ impl Encoder {
         self.pending += 1;
         self.low = (self.low & 0x00ff_ffff) << 8;
     }
-}
 
-impl Coder for Encoder {
-    fn bit(&mut self, prob: &mut Prob, value: bool) -> bool {
-        let bound = (self.range >> 16) * u32::from(prob.p);
+    fn put(&mut self, p: u16, value: bool) {
+        let bound = (self.range >> 16) * u32::from(p);
         if value {
             self.range = bound;
         } else {
             self.low += u64::from(bound);
             self.range -= bound;
         }
-        prob.update(value);
         while self.range < TOP {
             self.range <<= 8;
             self.shift_low();
         }
+    }
+}
+
+impl Coder for Encoder {
+    fn bit(&mut self, context: usize, value: bool) -> bool {
+        self.put(self.contexts.probs[context].p, value);
+        self.contexts.probs[context].update(value);
+        value
+    }
+
+    fn mix<const N: usize>(&mut self, contexts: [usize; N], mixer: usize, value: bool) -> bool {
+        let mixed = self.contexts.mixed(contexts, mixer);
+        self.put(mixed.p, value);
+        self.contexts.learn(contexts, mixer, &mixed, value);
         value
     }
 
     fn raw(&mut self, bits: u32, value: u32) -> u32 {
-        for i in (0..bits).rev() {
-            self.range >>= 1;
-            if (value >> i) & 1 == 1 {
-                self.low += u64::from(self.range);
-            }
+        let mut left = bits;
+        while left > 0 {
+            let count = left.min(16);
+            left -= count;
+            self.range >>= count;
+            self.low += u64::from((value >> left) & ((1 << count) - 1)) * u64::from(self.range);
             while self.range < TOP {
                 self.range <<= 8;
                 self.shift_low();
@@ -131,48 +131,64 @@ impl Coder for Encoder {
     fn check(&self) -> Result<(), DecodeError> {
         Ok(())
     }
+
+    fn bytes(&self) -> usize {
+        self.out.len() + self.pending as usize + HELD - 2
+    }
 }
 
 /// Decodes symbols from bytes. Never panics; past the end it reads zeros and [`Coder::check`] fails.
 #[derive(Debug)]
 pub(crate) struct Decoder<'a> {
+    contexts: Contexts,
     bytes: &'a [u8],
     next: usize,
     range: u32,
     code: u32,
 }
 
-/// Zero bytes that a decoder may read past the end: those that [`Encoder::finish`] cut off.
-const TAIL: usize = 5;
-
 impl<'a> Decoder<'a> {
     /// Starts decoding.
     #[must_use]
-    pub(crate) fn new(bytes: &'a [u8]) -> Self {
-        let mut decoder = Self { bytes, next: 0, range: u32::MAX, code: 0 };
+    pub(crate) fn new(contexts: Contexts, bytes: &'a [u8]) -> Self {
+        let mut decoder = Self { contexts, bytes, next: 0, range: u32::MAX, code: 0 };
         for _ in 0..4 {
             decoder.code = (decoder.code << 8) | u32::from(decoder.byte());
         }
         decoder
     }
 
+    /// Ends decoding.
+    ///
+    /// # Errors
+    /// If the stream was too short, or has bytes that nothing needed.
+    pub(crate) fn end(&self) -> Result<(), DecodeError> {
+        self.check()?;
+        match self.bytes.len().checked_sub(self.next) {
+            None | Some(0) => Ok(()),
+            Some(more) => Err(DecodeError::new("coded data", format!("{more} bytes too many"))),
+        }
+    }
+
+    #[inline]
     fn byte(&mut self) -> u8 {
         let byte = self.bytes.get(self.next).copied().unwrap_or(0);
         self.next += 1;
         byte
     }
 
+    #[inline]
     fn normalise(&mut self) {
         while self.range < TOP {
             self.range <<= 8;
             self.code = (self.code << 8) | u32::from(self.byte());
         }
     }
-}
 
-impl Coder for Decoder<'_> {
-    fn bit(&mut self, prob: &mut Prob, _value: bool) -> bool {
-        let bound = (self.range >> 16) * u32::from(prob.p);
+    #[inline]
+    fn get(&mut self, p: u16) -> bool {
+        steps::take(1);
+        let bound = (self.range >> 16) * u32::from(p);
         let value = self.code < bound;
         if value {
             self.range = bound;
@@ -180,27 +196,45 @@ impl Coder for Decoder<'_> {
             self.code -= bound;
             self.range -= bound;
         }
-        prob.update(value);
         self.normalise();
+        value
+    }
+}
+
+impl Coder for Decoder<'_> {
+    #[inline]
+    fn bit(&mut self, context: usize, _value: bool) -> bool {
+        let value = self.get(self.contexts.probs[context].p);
+        self.contexts.probs[context].update(value);
+        value
+    }
+
+    #[inline]
+    fn mix<const N: usize>(&mut self, contexts: [usize; N], mixer: usize, _value: bool) -> bool {
+        let mixed = self.contexts.mixed(contexts, mixer);
+        let value = self.get(mixed.p);
+        self.contexts.learn(contexts, mixer, &mixed, value);
         value
     }
 
     fn raw(&mut self, bits: u32, _value: u32) -> u32 {
-        let mut value = 0;
-        for _ in 0..bits {
-            self.range >>= 1;
-            let set = self.code >= self.range;
-            if set {
-                self.code -= self.range;
-            }
-            value = (value << 1) | u32::from(set);
+        steps::take(1);
+        let mut value = 0_u32;
+        let mut left = bits;
+        while left > 0 {
+            let count = left.min(16);
+            left -= count;
+            self.range >>= count;
+            let part = (self.code / self.range).min((1 << count) - 1);
+            self.code -= part * self.range;
+            value = (value << count) | part;
             self.normalise();
         }
         value
     }
 
     fn check(&self) -> Result<(), DecodeError> {
-        if self.next > self.bytes.len() + TAIL {
+        if self.next > self.bytes.len() + HELD {
             return Err(DecodeError::new("coded data", "ends too early"));
         }
         Ok(())
@@ -210,34 +244,59 @@ impl Coder for Decoder<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::context::{MAX_INPUTS, Prob};
     use proptest::prelude::*;
+
+    fn contexts() -> Contexts {
+        Contexts { probs: vec![Prob::default(); 4], weights: vec![30_000; MAX_INPUTS] }
+    }
 
     proptest! {
         #[test]
-        fn decodes_what_was_encoded(symbols in prop::collection::vec((any::<bool>(), 0u32..4, 0u32..33, any::<u32>()), 0..400)) {
-            let mut probs = [Prob::default(); 4];
-            let mut encoder = Encoder::default();
+        fn decodes_what_was_encoded(symbols in prop::collection::vec((any::<bool>(), 0usize..4, 0u32..33, any::<u32>()), 0..400)) {
+            let mut encoder = Encoder::new(contexts());
             for &(bit, ctx, bits, raw) in &symbols {
-                encoder.bit(&mut probs[ctx as usize], bit);
+                encoder.bit(ctx, bit);
+                encoder.mix([ctx, (ctx + 1) % 4, 0], 0, bit);
                 encoder.raw(bits, if bits == 32 { raw } else { raw & ((1 << bits) - 1) });
             }
             let bytes = encoder.finish();
-            let mut probs = [Prob::default(); 4];
-            let mut decoder = Decoder::new(&bytes);
+            let mut decoder = Decoder::new(contexts(), &bytes);
             for &(bit, ctx, bits, raw) in &symbols {
-                prop_assert_eq!(decoder.bit(&mut probs[ctx as usize], false), bit);
+                prop_assert_eq!(decoder.bit(ctx, false), bit);
+                prop_assert_eq!(decoder.mix([ctx, (ctx + 1) % 4, 0], 0, false), bit);
                 prop_assert_eq!(decoder.raw(bits, 0), if bits == 32 { raw } else { raw & ((1 << bits) - 1) });
             }
             prop_assert!(decoder.check().is_ok());
+        }
+
+        #[test]
+        fn a_prefix_decodes_up_to_its_mark(bits in prop::collection::vec((any::<bool>(), 0usize..4), 1..600), at in 0usize..600) {
+            let at = at.min(bits.len());
+            let mut encoder = Encoder::new(contexts());
+            let mut mark = 0;
+            for (i, &(bit, ctx)) in bits.iter().enumerate() {
+                if i == at {
+                    mark = encoder.bytes();
+                }
+                encoder.bit(ctx, bit);
+            }
+            if at == bits.len() {
+                mark = encoder.bytes();
+            }
+            let bytes = encoder.finish();
+            let mut decoder = Decoder::new(contexts(), &bytes[..mark.min(bytes.len())]);
+            for &(bit, ctx) in &bits[..at] {
+                prop_assert_eq!(decoder.bit(ctx, false), bit);
+            }
         }
     }
 
     #[test]
     fn skewed_bits_cost_little() {
-        let mut prob = Prob::default();
-        let mut encoder = Encoder::default();
+        let mut encoder = Encoder::new(contexts());
         for i in 0..10_000 {
-            encoder.bit(&mut prob, i % 100 == 0);
+            encoder.bit(0, i % 100 == 0);
         }
         // Entropy of 1 % is 0.081 bits: 101 bytes; adaptation costs some.
         let bytes = encoder.finish().len();
@@ -246,7 +305,7 @@ mod tests {
 
     #[test]
     fn exhausted_input_is_an_error() {
-        let mut decoder = Decoder::new(&[1, 2, 3]);
+        let mut decoder = Decoder::new(contexts(), &[1, 2, 3]);
         for _ in 0..20 {
             decoder.raw(8, 0);
         }

@@ -1,74 +1,53 @@
-//! Symbols larger than a bit, on top of the range coder: trees, unsigned and signed integers.
+//! Symbols larger than a bit, on top of the range coder: trees, unsigned and signed integers; and
+//! plain bytes.
 
 use crate::error::DecodeError;
-use crate::range_coder::{Coder, Prob};
+use crate::range_coder::Coder;
 
-/// A symbol of `BITS` bits, coded most significant bit first down a binary tree of contexts.
-#[derive(Clone, Debug)]
-pub(crate) struct Tree<const BITS: u32> {
-    nodes: Vec<Prob>,
+/// Contexts that [`tree`] uses.
+pub(crate) const fn tree_contexts(bits: u32) -> usize {
+    1 << bits
 }
 
-impl<const BITS: u32> Default for Tree<BITS> {
-    fn default() -> Self {
-        Self { nodes: vec![Prob::default(); 1 << BITS] }
+/// Codes `value < 2^bits`, most significant bit first down a binary tree of contexts from `at` on.
+#[inline]
+pub(crate) fn tree<C: Coder>(coder: &mut C, at: usize, bits: u32, value: u32) -> u32 {
+    let mut node = 1_usize;
+    for i in (0..bits).rev() {
+        let bit = coder.bit(at + node, (value >> i) & 1 == 1);
+        node = node * 2 + usize::from(bit);
     }
+    node as u32 - (1 << bits)
 }
 
-impl<const BITS: u32> Tree<BITS> {
-    /// Codes `value < 2^BITS`.
-    pub(crate) fn code<C: Coder>(&mut self, coder: &mut C, value: u32) -> u32 {
-        let mut node = 1_usize;
-        for i in (0..BITS).rev() {
-            let bit = coder.bit(&mut self.nodes[node], (value >> i) & 1 == 1);
-            node = node * 2 + usize::from(bit);
-        }
-        node as u32 - (1 << BITS)
-    }
-}
-
-/// Bits of the class symbol of [`Integer`]: magnitudes of up to 31 bits.
+/// Bits of the class symbol of [`integer`]: magnitudes of up to 31 bits.
 const CLASS_BITS: u32 = 5;
+/// Contexts that [`integer`] uses.
+pub(crate) const INTEGER_CONTEXTS: usize = tree_contexts(CLASS_BITS) + 32;
 
-/// An unsigned integer below 2^31 by Elias-gamma classes: the bit length adapts, the top bit below the
-/// leading one adapts per class, the rest is raw.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Integer {
-    class: Tree<CLASS_BITS>,
-    second: [Prob; 32],
-}
-
-impl Integer {
-    /// Codes `value < 2^31`.
-    pub(crate) fn code<C: Coder>(&mut self, coder: &mut C, value: u32) -> u32 {
-        let class = self.class.code(coder, 32 - value.leading_zeros());
-        match class {
-            0 | 1 => class,
-            _ => {
-                let below = class - 1;
-                let high = coder.bit(&mut self.second[class as usize], (value >> (below - 1)) & 1 == 1);
-                let rest = coder.raw(below - 1, value & ((1 << (below - 1)) - 1));
-                (1 << below) | (u32::from(high) << (below - 1)) | rest
-            }
+/// Codes `value < 2^31` by Elias-gamma classes: the bit length adapts, the top bit below the leading
+/// one adapts per class, the rest is raw.
+pub(crate) fn integer<C: Coder>(coder: &mut C, at: usize, value: u32) -> u32 {
+    let class = tree(coder, at, CLASS_BITS, 32 - value.leading_zeros());
+    match class {
+        0 | 1 => class,
+        _ => {
+            let below = class - 1;
+            let second = at + tree_contexts(CLASS_BITS) + class as usize;
+            let high = coder.bit(second, (value >> (below - 1)) & 1 == 1);
+            let rest = coder.raw(below - 1, value & ((1 << (below - 1)) - 1));
+            (1 << below) | (u32::from(high) << (below - 1)) | rest
         }
     }
 }
 
-/// A signed integer of at most 30 bits: magnitude as [`Integer`], then a raw sign.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Signed {
-    magnitude: Integer,
-}
-
-impl Signed {
-    /// Codes `value`, |value| < 2^30.
-    pub(crate) fn code<C: Coder>(&mut self, coder: &mut C, value: i32) -> i32 {
-        let magnitude = self.magnitude.code(coder, value.unsigned_abs()) as i32;
-        if magnitude == 0 {
-            return 0;
-        }
-        if coder.raw(1, u32::from(value < 0)) == 1 { magnitude.wrapping_neg() } else { magnitude }
+/// Codes a signed integer of at most 30 bits: magnitude as [`integer`], then a raw sign.
+pub(crate) fn signed<C: Coder>(coder: &mut C, at: usize, value: i32) -> i32 {
+    let magnitude = integer(coder, at, value.unsigned_abs()) as i32;
+    if magnitude == 0 {
+        return 0;
     }
+    if coder.raw(1, u32::from(value < 0)) == 1 { magnitude.wrapping_neg() } else { magnitude }
 }
 
 /// Bits needed to name one of `count` things: 0 for one.
@@ -161,13 +140,5 @@ impl<'a> Reader<'a> {
             }
         }
         Err(self.error("a number is too long"))
-    }
-
-    pub(crate) fn end(&self) -> Result<(), DecodeError> {
-        if self.bytes.is_empty() {
-            Ok(())
-        } else {
-            Err(self.error(format!("{} bytes too many", self.bytes.len())))
-        }
     }
 }

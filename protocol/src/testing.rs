@@ -146,7 +146,7 @@ impl SceneSource for MemoryScene {
 
 fn index_pages(infos: &[ChunkInfo]) -> Vec<Bytes> {
     let pages = (0..).step_by(CHUNKS_PER_PAGE).zip(infos.chunks(CHUNKS_PER_PAGE));
-    pages.map(|(first, infos)| Bytes::from(encode_page(infos, first))).collect()
+    pages.map(|(first, infos)| Bytes::from(encode_page(infos, first).unwrap())).collect()
 }
 
 /// Bytes that differ from blob to blob and from place to place.

@@ -8,6 +8,7 @@ pub mod scenario;
 pub mod stream_pipe;
 pub mod tcp;
 pub mod trace;
+pub mod train;
 pub mod udp;
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use anyhow::Context as _;
 use clap::{Parser, Subcommand};
 use lodestream_protocol::source::SceneSource;
-use lodestream_sim::{assess, measure, scenario};
+use lodestream_sim::{assess, measure, scenario, train};
 
 /// Compares meshes and streams scenes over simulated links.
 #[derive(Debug, Parser)]
@@ -44,6 +44,19 @@ enum Command {
         /// Prints one JSON object instead of text.
         #[arg(long)]
         json: bool,
+    },
+    /// Trains the priors of the entropy coder on some models and writes the table that the geometry crate
+    /// includes. The format's version must change with it.
+    Train {
+        /// The models.
+        #[arg(required = true)]
+        models: Vec<PathBuf>,
+        /// The table: `geometry/src/codec/priors.bin`.
+        #[arg(short, long)]
+        output: PathBuf,
+        /// Bits per axis of positions.
+        #[arg(long, default_value_t = 12)]
+        position_bits: u8,
     },
     /// Measures the two-sided distance between the surfaces of two OBJ files.
     Measure {
@@ -82,6 +95,7 @@ enum Command {
 
 fn main() -> ExitCode {
     let result = match Arguments::parse().command {
+        Command::Train { models, output, position_bits } => run_train(&models, &output, position_bits),
         Command::Assess { model, position_bits, region_faces, random_sets, samples, seed, json } => {
             let samples = samples.get() as usize;
             let options = assess::Options { position_bits, region_faces, random_sets, samples, seed };
@@ -131,6 +145,13 @@ fn one_line(error: &anyhow::Error) -> String {
         }
         line
     })
+}
+
+fn run_train(models: &[PathBuf], output: &Path, position_bits: u8) -> anyhow::Result<()> {
+    let table = train::train(models, position_bits)?;
+    std::fs::write(output, &table).with_context(|| format!("{}: cannot be written", output.display()))?;
+    println!("{}: {} bytes", output.display(), table.len());
+    Ok(())
 }
 
 fn run_assess(model: &Path, options: &assess::Options, json: bool) -> anyhow::Result<()> {

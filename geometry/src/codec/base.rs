@@ -4,10 +4,16 @@
 use std::collections::{HashMap, HashSet, VecDeque};
 
 use crate::base::MAX_BASE_FACES;
+use crate::codec::attributes::{Expected, Kinds, code_attributes};
+use crate::codec::model::{
+    BASE_AXIS, BASE_GATE, BASE_MATERIAL, BASE_MORE, BASE_NEW_VERTEX, BASE_NEW_WEDGE, BASE_SAME_MATERIAL,
+    BASE_SAME_WEDGE, contexts,
+};
+use crate::codec::residual::Recent;
 use crate::error::DecodeError;
-use crate::mesh::{Attributes, Face, Wedge};
-use crate::range_coder::{Coder, Decoder, Encoder, Prob};
-use crate::symbols::{Integer, Signed, index};
+use crate::mesh::{Face, Wedge};
+use crate::range_coder::{Coder, Decoder, Encoder};
+use crate::symbols::{INTEGER_CONTEXTS, index, integer, signed};
 
 /// A small mesh in the order of the traversal.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -31,13 +37,11 @@ pub(crate) struct EncodedBase {
 pub(crate) fn encode(
     mesh: &BaseMesh,
     bits: u8,
-    uv_bits: u8,
+    kinds: Kinds,
     materials: u16,
 ) -> Result<EncodedBase, DecodeError> {
-    let mut encoder = Encoder::default();
-    let mut walk = Walk::new(bits, uv_bits, materials);
-    let mut guide = Guide::new(mesh);
-    walk.run(&mut encoder, Some(&mut guide))?;
+    let mut encoder = Encoder::new(contexts());
+    let (walk, guide) = encode_with(&mut encoder, mesh, bits, kinds, materials)?;
     Ok(EncodedBase {
         bytes: encoder.finish(),
         mesh: walk.mesh,
@@ -47,15 +51,31 @@ pub(crate) fn encode(
     })
 }
 
+/// Says a mesh to any coder.
+pub(crate) fn encode_with<'a, C: Coder>(
+    coder: &mut C,
+    mesh: &'a BaseMesh,
+    bits: u8,
+    kinds: Kinds,
+    materials: u16,
+) -> Result<(Walk, Guide<'a>), DecodeError> {
+    let mut walk = Walk::new(bits, kinds, materials);
+    let mut guide = Guide::new(mesh);
+    walk.run(coder, Some(&mut guide))?;
+    Ok((walk, guide))
+}
+
 /// Decodes a mesh.
-pub(crate) fn decode(bytes: &[u8], bits: u8, uv_bits: u8, materials: u16) -> Result<BaseMesh, DecodeError> {
-    let mut walk = Walk::new(bits, uv_bits, materials);
-    walk.run(&mut Decoder::new(bytes), None)?;
+pub(crate) fn decode(bytes: &[u8], bits: u8, kinds: Kinds, materials: u16) -> Result<BaseMesh, DecodeError> {
+    let mut walk = Walk::new(bits, kinds, materials);
+    let mut decoder = Decoder::new(contexts(), bytes);
+    walk.run(&mut decoder, None)?;
+    decoder.end()?;
     Ok(walk.mesh)
 }
 
 /// What the encoder wants said: the mesh, and the names of what was said so far.
-struct Guide<'a> {
+pub(crate) struct Guide<'a> {
     mesh: &'a BaseMesh,
     /// Faces by directed edge (vertices of `mesh`), as (face, corner that starts the edge).
     edges: HashMap<(u32, u32), Vec<(u32, u8)>>,
@@ -116,22 +136,12 @@ impl<'a> Guide<'a> {
 }
 
 /// The traversal, with its models and the mesh so far.
-struct Walk {
+pub(crate) struct Walk {
     bits: u8,
-    uv_bits: u8,
+    kinds: Kinds,
     materials: u16,
     mesh: BaseMesh,
     wedges_of: Vec<Vec<u32>>,
-    more: Prob,
-    gate: Prob,
-    new_vertex: [Prob; 2],
-    axis: [[Signed; 3]; 2],
-    same_wedge: Prob,
-    new_wedge: Prob,
-    uv: [Signed; 2],
-    group: Integer,
-    same_material: Prob,
-    material: Integer,
 }
 
 /// Where a face grows from: a face there, and its corners along the shared edge and opposite.
@@ -142,24 +152,8 @@ struct Gate {
 }
 
 impl Walk {
-    fn new(bits: u8, uv_bits: u8, materials: u16) -> Self {
-        Self {
-            bits,
-            uv_bits,
-            materials,
-            mesh: BaseMesh::default(),
-            wedges_of: Vec::new(),
-            more: Prob::default(),
-            gate: Prob::default(),
-            new_vertex: Default::default(),
-            axis: Default::default(),
-            same_wedge: Prob::default(),
-            new_wedge: Prob::default(),
-            uv: Default::default(),
-            group: Integer::default(),
-            same_material: Prob::default(),
-            material: Integer::default(),
-        }
+    fn new(bits: u8, kinds: Kinds, materials: u16) -> Self {
+        Self { bits, kinds, materials, mesh: BaseMesh::default(), wedges_of: Vec::new() }
     }
 
     fn run<C: Coder>(&mut self, coder: &mut C, mut guide: Option<&mut Guide<'_>>) -> Result<(), DecodeError> {
@@ -168,7 +162,7 @@ impl Walk {
         loop {
             let Some(gate) = queue.pop_front() else {
                 let seed = guide.as_mut().and_then(|g| g.seed());
-                if !coder.bit(&mut self.more, seed.is_some()) {
+                if !coder.bit(BASE_MORE, seed.is_some()) {
                     return coder.check();
                 }
                 self.face(coder, None, seed, &mut guide, &mut queue, &mut edges)?;
@@ -180,7 +174,7 @@ impl Walk {
                 continue;
             }
             let face = guide.as_mut().and_then(|g| g.at_gate(b, a));
-            if coder.bit(&mut self.gate, face.is_some()) {
+            if coder.bit(BASE_GATE, face.is_some()) {
                 self.face(coder, Some(gate), face, &mut guide, &mut queue, &mut edges)?;
             }
         }
@@ -231,8 +225,8 @@ impl Walk {
             _ => near,
         };
         let mut material = near;
-        if self.materials > 1 && !coder.bit(&mut self.same_material, actual == near) {
-            let got = self.material.code(coder, u32::from(actual));
+        if self.materials > 1 && !coder.bit(BASE_SAME_MATERIAL, actual == near) {
+            let got = integer(coder, BASE_MATERIAL, u32::from(actual));
             material = u16::try_from(got).unwrap_or(u16::MAX);
         }
         if material >= self.materials.max(1) {
@@ -265,7 +259,7 @@ impl Walk {
             _ => None,
         };
         let context = usize::from(gate.is_some());
-        if count > 0 && !coder.bit(&mut self.new_vertex[context], wanted.is_none()) {
+        if count > 0 && !coder.bit(BASE_NEW_VERTEX + context, wanted.is_none()) {
             return Ok(index(coder, count, wanted.unwrap_or(0) as usize, "base mesh: vertex")? as u32);
         }
         let at = |v: u32| self.mesh.positions[v as usize];
@@ -287,7 +281,11 @@ impl Walk {
         let mut position = [0; 3];
         for axis in 0..3 {
             let residual = actual.map_or(0, |p| p[axis] - guess[axis]);
-            position[axis] = guess[axis].wrapping_add(self.axis[context][axis].code(coder, residual));
+            position[axis] = guess[axis].wrapping_add(signed(
+                coder,
+                BASE_AXIS + (context * 3 + axis) * INTEGER_CONTEXTS,
+                residual,
+            ));
             if !(0..=top).contains(&position[axis]) {
                 return Err(DecodeError::new("base mesh", "a position is off the grid"));
             }
@@ -317,10 +315,10 @@ impl Walk {
             _ => None,
         };
         if let Some(guess) = guess.or(own.first().copied()) {
-            if coder.bit(&mut self.same_wedge, want == Some(guess)) {
+            if coder.bit(BASE_SAME_WEDGE, want == Some(guess)) {
                 return Ok(guess);
             }
-            if !coder.bit(&mut self.new_wedge, want.is_none()) {
+            if !coder.bit(BASE_NEW_WEDGE, want.is_none()) {
                 let place = own.iter().position(|&w| Some(w) == want).unwrap_or(0);
                 return Ok(own[index(coder, own.len(), place, "base mesh: wedge")?]);
             }
@@ -329,22 +327,13 @@ impl Walk {
             (Some(g), Some(w)) => Some(g.mesh.wedges[w as usize]),
             _ => None,
         };
-        let mut uv = [0; 2];
-        if self.uv_bits > 0 {
-            let guess = near.map_or([0; 2], |w| self.mesh.wedges[w as usize].attributes.uv);
-            for axis in 0..2 {
-                let residual = actual.map_or(0, |w| w.attributes.uv[axis] - guess[axis]);
-                uv[axis] = guess[axis].wrapping_add(self.uv[axis].code(coder, residual));
-                if uv[axis] < 0 || uv[axis] >= 1 << self.uv_bits {
-                    return Err(DecodeError::new("base mesh", "a texture coordinate is off the grid"));
-                }
-            }
-        }
-        let group = self.group.code(coder, actual.map_or(0, |w| w.attributes.group));
+        let near = near.map(|w| self.mesh.wedges[w as usize].attributes);
+        let uv = near.map_or([0; 2], |w| w.uv);
+        let expected = Expected { uv, uv_size: None, near, normal: [0.0; 3], first: own.is_empty() };
+        let actual = actual.map(|w| w.attributes);
+        let attributes = code_attributes(coder, self.kinds, &mut Recent::default(), &expected, actual)?;
         let wedge = self.mesh.wedges.len() as u32;
-        self.mesh
-            .wedges
-            .push(Wedge { vertex, attributes: Attributes { uv, group, ..Attributes::default() } });
+        self.mesh.wedges.push(Wedge { vertex, attributes });
         self.wedges_of[vertex as usize].push(wedge);
         if let (Some(g), Some(w)) = (guide, builder) {
             g.local_wedge.insert(w, wedge);

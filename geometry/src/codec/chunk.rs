@@ -1,27 +1,32 @@
-//! A chunk: births, the region's seeds and interior, then rounds of splits.
+//! A chunk: births, the region's seeds and interior, then splits, breadth first.
 //!
 //! One function walks through the chunk for both directions ([`crate::range_coder::Coder`]), so what
 //! an encoder says and what a decoder hears cannot drift apart.
 
 use crate::codec::local::Local;
-use crate::codec::model::{FLAG_CONTEXTS, Model};
-use crate::codec::plan::{Names, Plan};
-use crate::codec::split::{Bits, Wish, code_split};
+use crate::codec::model::{
+    AREAS, BENDS, BIRTH_AXIS, BIRTHS, DEPTHS, FLAG_AREA, FLAG_BEND, FLAG_VALENCE, INTERIOR, MAX_VALENCE,
+    MIX_FLAG, MORE_SEEDS, SEED_INTERIOR, SEED_ORIGIN, SEGMENTS, contexts,
+};
+use crate::codec::plan::{Guide, Names};
+use crate::codec::residual::quarter_octaves;
+use crate::codec::split::{Splitter, code_split};
 use crate::error::DecodeError;
-use crate::index::ChunkInfo;
+use crate::index::{ChunkInfo, Stop};
 use crate::mesh::{QuantisedMesh, Wedge};
 use crate::range_coder::{Coder, Decoder, Encoder};
 use crate::refine::{ActiveMesh, ChunkDelta, Id};
-use crate::symbols::index;
+use crate::simplify::live::NO_VERTEX;
+use crate::simplify::records::Records;
+use crate::symbols::{index, integer, signed};
+use crate::vec3::{dot, sub};
 
 /// Most vertices that one chunk may add: bounds a decoder's work.
 pub(crate) const MAX_SPLITS: u32 = 1 << 17;
-/// Most flags read in one chunk (interior vertices × rounds).
-const MAX_FLAGS: u64 = 1 << 26;
 
 /// What an encoder needs beyond the plan.
 pub(crate) struct Source<'a> {
-    pub(crate) plan: Plan<'a>,
+    pub(crate) records: &'a Records,
     pub(crate) mesh: &'a QuantisedMesh,
     /// The builder's wedges: the mesh's, and those kept by collapses.
     pub(crate) wedges: &'a [Wedge],
@@ -44,13 +49,25 @@ pub(crate) struct Encoded {
     pub(crate) vertices: Vec<u32>,
     pub(crate) wedges: Vec<u32>,
     pub(crate) faces: Vec<u32>,
+    /// What is there at each stopping point before the end.
+    pub(crate) stops: Vec<Reached>,
 }
 
-/// Limits that the index announces.
-struct Announced {
-    vertices: u32,
-    wedges: u32,
-    faces: u32,
+/// How far a chunk has come: bytes that suffice, and elements added.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Reached {
+    pub(crate) bytes: u32,
+    pub(crate) vertices: u32,
+    pub(crate) wedges: u32,
+    pub(crate) faces: u32,
+}
+
+impl Reached {
+    /// The index's entry of a stopping point with the given error.
+    pub(crate) fn stop(&self, error: f32) -> Stop {
+        let Self { bytes, vertices, wedges, faces } = *self;
+        Stop { payload_bytes: bytes, error, vertices, wedges, faces }
+    }
 }
 
 impl ActiveMesh {
@@ -62,6 +79,25 @@ impl ActiveMesh {
     /// # Errors
     /// If a parent is missing or the payload is not what `info` announces.
     pub fn decode(&self, chunk: u32, info: &ChunkInfo, payload: &[u8]) -> Result<ChunkDelta, DecodeError> {
+        self.decode_prefix(chunk, info, info.stops.len(), payload)
+    }
+
+    /// Decodes the beginning of a chunk, up to its stopping point `stop` (an index of
+    /// [`ChunkInfo::stops`]; their number stands for the whole chunk). `payload` needs the stop's
+    /// bytes only; more do not matter.
+    ///
+    /// The delta may be applied like a whole chunk's, but no child of the chunk may follow: undo it and
+    /// apply the whole first.
+    ///
+    /// # Errors
+    /// If a parent is missing or the payload is not what `info` announces.
+    pub fn decode_prefix(
+        &self,
+        chunk: u32,
+        info: &ChunkInfo,
+        stop: usize,
+        payload: &[u8],
+    ) -> Result<ChunkDelta, DecodeError> {
         let fail = |why: String| Err(DecodeError::new(format!("chunk {chunk}"), why));
         if chunk as usize + 1 >= self.places.len() {
             return fail(format!("the asset has {} chunks", self.places.len() - 1));
@@ -69,21 +105,32 @@ impl ActiveMesh {
         if let Some(parent) = info.parents.iter().find(|&&p| p >= chunk || !self.is_applied(p)) {
             return fail(format!("its parent {parent} is not applied"));
         }
-        let announced = Announced { vertices: info.vertices, wedges: info.wedges, faces: info.faces };
-        if announced.vertices > MAX_SPLITS {
+        if info.vertices > MAX_SPLITS {
             return fail(format!("{} vertices announced, at most {MAX_SPLITS} possible", info.vertices));
         }
+        let end = Reached {
+            bytes: info.payload_bytes,
+            vertices: info.vertices,
+            wedges: info.wedges,
+            faces: info.faces,
+        };
+        let mut ends: Vec<Reached> = info
+            .stops
+            .iter()
+            .map(|s| Reached {
+                bytes: s.payload_bytes,
+                vertices: s.vertices,
+                wedges: s.wedges,
+                faces: s.faces,
+            })
+            .collect();
+        ends.push(end);
+        ends.truncate(stop + 1);
         let mut local = Local::new(self, chunk);
-        let mut decoder = Decoder::new(payload);
-        code_chunk(&mut decoder, self, &mut local, chunk, Some(&announced), None)
+        let mut decoder = Decoder::new(contexts(), payload);
+        code_chunk(&mut decoder, self, &mut local, chunk, &ends, info.vertices, None)
+            .and_then(|_| if stop < info.stops.len() { Ok(()) } else { decoder.end() })
             .map_err(|e| DecodeError::new(format!("chunk {chunk}"), e.why))?;
-        if local.added() != (info.vertices, info.wedges, info.faces) {
-            return fail(format!(
-                "it adds {:?} vertices, wedges and faces; {:?} were announced",
-                local.added(),
-                (info.vertices, info.wedges, info.faces)
-            ));
-        }
         Ok(local.into_delta(chunk, info.parents.clone()))
     }
 }
@@ -93,85 +140,191 @@ pub(crate) fn encode(
     mesh: &ActiveMesh,
     chunk: u32,
     parents: Vec<u32>,
-    source: Source<'_>,
+    source: &Source<'_>,
 ) -> Result<Encoded, DecodeError> {
-    let mut local = Local::new(mesh, chunk);
-    let mut encoder = Encoder::default();
-    let mut names = Names::default();
-    code_chunk(&mut encoder, mesh, &mut local, chunk, None, Some((&source, &mut names)))?;
+    let mut encoder = Encoder::new(contexts());
+    let (local, names, mut stops) = encode_with(&mut encoder, mesh, chunk, source)?;
     let (v, w, f) = local.added();
     let tail = |list: &[u32], count: u32| list[list.len() - count as usize..].to_vec();
     // Births come before the gathered region; everything else new comes after it.
-    let births = source.plan.births.len();
+    let births = source.records.collapses.iter().filter(|c| c.target == NO_VERTEX).count();
     let mut vertices = names.vertices[..births].to_vec();
     vertices.extend(tail(&names.vertices, v - births as u32));
+    let bytes = encoder.finish();
+    stops.pop();
+    for stop in &mut stops {
+        stop.bytes = stop.bytes.min(bytes.len() as u32);
+    }
     Ok(Encoded {
-        bytes: encoder.finish(),
+        bytes,
         vertices,
         wedges: tail(&names.wedges, w),
         faces: tail(&names.faces, f),
         delta: local.into_delta(chunk, parents),
+        stops,
     })
 }
 
+/// Says a chunk to any coder: the region as it is then, the builder's names of it, and what was reached
+/// at each stopping point and at the end.
+pub(crate) fn encode_with<'m, C: Coder>(
+    coder: &mut C,
+    mesh: &'m ActiveMesh,
+    chunk: u32,
+    source: &Source<'_>,
+) -> Result<(Local<'m>, Names, Vec<Reached>), DecodeError> {
+    let mut local = Local::new(mesh, chunk);
+    let mut guide = Guide::new(source);
+    let mut vertices = guide.births().len() as u32;
+    let ends: Vec<Reached> = guide
+        .segments()
+        .iter()
+        .map(|splits| {
+            vertices += splits;
+            Reached { vertices, ..Reached::default() }
+        })
+        .collect();
+    let reached = code_chunk(coder, mesh, &mut local, chunk, &ends, vertices, Some(&mut guide))?;
+    Ok((local, guide.names, reached))
+}
+
+/// Codes a chunk up to the last of `ends`, whose numbers of vertices are those at the ends of its
+/// segments; `total` is what the whole chunk adds. Answers what was reached at each.
 fn code_chunk<C: Coder>(
     coder: &mut C,
     mesh: &ActiveMesh,
     local: &mut Local<'_>,
     chunk: u32,
-    announced: Option<&Announced>,
-    mut source: Option<(&Source<'_>, &mut Names)>,
-) -> Result<(), DecodeError> {
-    let mut model = Model::default();
-    let bits = Bits { position: mesh.grid.bits, uv: mesh.uv_grid.bits, materials: mesh.indices.len() as u16 };
-    code_births(coder, &mut model, local, bits.position, announced, &mut source)?;
-    code_region(coder, &mut model, mesh, local, chunk, &mut source)?;
-    let mut flags = 0_u64;
-    let mut round = 0;
-    loop {
-        let wanted = source.as_ref().and_then(|(s, _)| s.plan.rounds.get(round));
-        if !coder.bit(&mut model.more_rounds, wanted.is_some()) {
-            return coder.check();
+    ends: &[Reached],
+    total: u32,
+    mut guide: Option<&mut Guide<'_>>,
+) -> Result<Vec<Reached>, DecodeError> {
+    code_births(coder, local, mesh.grid.bits, total, &mut guide)?;
+    code_region(coder, mesh, local, chunk, &mut guide)?;
+    let mut splitter = Splitter::new(mesh.grid.bits, mesh.kinds, mesh.indices.len() as u16);
+    let interior = local.vertices.iter().filter(|v| v.interior).count();
+    let area: f64 = (0..local.faces.len() as u32).map(|f| local.face_area(f)).sum();
+    let decoding = guide.is_none();
+    let mut reached = Vec::with_capacity(ends.len());
+    for (segment, end) in ends.iter().enumerate() {
+        if let Some(guide) = &mut guide {
+            guide.begin_segment(segment, local);
         }
-        flags += local.vertices.len() as u64;
-        if flags > MAX_FLAGS {
-            return Err(DecodeError::new("chunk", "too many rounds"));
+        // Twice three shares of the area each: what a star has at the segment's end, were all equal.
+        let fair = 3.0 * area / (interior + end.vertices as usize).max(1) as f64;
+        code_segment(coder, &mut splitter, local, end, (segment, fair), decoding, &mut guide)?;
+        let (vertices, wedges, faces) = local.added();
+        if decoding && (wedges, faces) != (end.wedges, end.faces) {
+            return Err(DecodeError::new(
+                "chunk",
+                format!(
+                    "it adds {wedges} wedges and {faces} faces; {} and {} were announced",
+                    end.wedges, end.faces
+                ),
+            ));
         }
-        let before = local.added().0;
-        code_round(coder, &mut model, local, bits, announced, round, &mut source)?;
-        if local.added().0 == before {
-            return Err(DecodeError::new("chunk", "a round without a split"));
-        }
-        round += 1;
+        reached.push(Reached { bytes: coder.bytes() as u32, vertices, wedges, faces });
     }
+    Ok(reached)
+}
+
+/// Splits until so many vertices are there: every interior vertex is asked whether it splits; if so, both
+/// halves are asked in the next pass.
+fn code_segment<C: Coder>(
+    coder: &mut C,
+    splitter: &mut Splitter,
+    local: &mut Local<'_>,
+    end: &Reached,
+    (segment, fair): (usize, f64),
+    decoding: bool,
+    guide: &mut Option<&mut Guide<'_>>,
+) -> Result<(), DecodeError> {
+    let mut asked: Vec<u32> =
+        (0..local.vertices.len() as u32).filter(|&v| local.vertices[v as usize].interior).collect();
+    let mut pass = 0;
+    while local.added().0 < end.vertices {
+        let mut next = Vec::new();
+        for &v in &asked {
+            if local.added().0 >= end.vertices {
+                break;
+            }
+            let want = guide.as_ref().is_some_and(|g| g.splits(v));
+            if !code_flag(coder, local, v, fair, (segment.min(SEGMENTS - 1), pass), want) {
+                continue;
+            }
+            let u = code_split(coder, splitter, local, v, guide)?;
+            next.extend([v, u]);
+            let (_, wedges, faces) = local.added();
+            if decoding && (wedges > end.wedges || faces > end.faces) {
+                return Err(DecodeError::new("chunk", "it adds more than was announced"));
+            }
+        }
+        if next.is_empty() && local.added().0 < end.vertices {
+            return Err(DecodeError::new("chunk", "it adds fewer vertices than were announced"));
+        }
+        asked = next;
+        pass += 1;
+    }
+    Ok(())
+}
+
+/// Whether a vertex splits.
+fn code_flag<C: Coder>(
+    coder: &mut C,
+    local: &Local<'_>,
+    v: u32,
+    fair: f64,
+    (segment, pass): (usize, usize),
+    want: bool,
+) -> bool {
+    let area = local.star_area(v);
+    let size = (quarter_octaves(area / fair) / 2 + 6).clamp(0, AREAS as i32 - 1) as usize;
+    let depth = pass.min(DEPTHS - 1);
+    let at = local.vertices[v as usize].position;
+    let bend = local.mean_of_ends(v, 0, at).map_or(0.0, |mean| {
+        let lift = sub(local.position(v), mean);
+        dot(lift, lift) / area.max(1e-9)
+    });
+    let bend = (quarter_octaves(bend) / 4 + 7).clamp(0, BENDS as i32 - 1) as usize;
+    let valence = local.valence(v).min(MAX_VALENCE);
+    coder.mix(
+        [
+            FLAG_AREA + (size * DEPTHS + depth) * SEGMENTS + segment,
+            FLAG_BEND + (size * BENDS + bend) * SEGMENTS + segment,
+            FLAG_VALENCE + ((depth * (MAX_VALENCE + 1) + valence) * 4 + (size / 4)) * SEGMENTS + segment,
+        ],
+        MIX_FLAG,
+        want,
+    )
 }
 
 /// Vertices that start without faces: positions relative to one another.
 fn code_births<C: Coder>(
     coder: &mut C,
-    model: &mut Model,
     local: &mut Local<'_>,
     bits: u8,
-    announced: Option<&Announced>,
-    source: &mut Option<(&Source<'_>, &mut Names)>,
+    total: u32,
+    guide: &mut Option<&mut Guide<'_>>,
 ) -> Result<(), DecodeError> {
-    let births = model.births.code(coder, source.as_ref().map_or(0, |(s, _)| s.plan.births.len() as u32));
-    if announced.is_some_and(|a| births > a.vertices) {
+    let wanted = guide.as_ref().map_or_else(Vec::new, |g| g.births());
+    let births = integer(coder, BIRTHS, wanted.len() as u32);
+    if births > total {
         return Err(DecodeError::new("chunk", "more vertices appear than were announced"));
     }
     let mut previous = [1 << (bits - 1); 3];
     for i in 0..births as usize {
-        let actual = source.as_ref().map(|(s, _)| s.mesh.positions[s.plan.births[i] as usize]);
+        let name = wanted.get(i).copied();
+        let actual = guide.as_ref().and_then(|g| Some(g.source.mesh.positions[name? as usize]));
         for axis in 0..3 {
             let residual = actual.map_or(0, |p| p[axis] - previous[axis]);
-            previous[axis] = previous[axis].wrapping_add(model.birth_axis[axis].code(coder, residual));
+            previous[axis] = previous[axis].wrapping_add(signed(coder, BIRTH_AXIS, residual));
             if previous[axis] < 0 || previous[axis] >= 1 << bits {
                 return Err(DecodeError::new("chunk", "a position is off the grid"));
             }
         }
         local.add_vertex(previous, None);
-        if let Some((s, names)) = source {
-            names.vertex(s.plan.births[i]);
+        if let (Some(g), Some(name)) = (guide.as_mut(), name) {
+            g.names.vertex(name);
         }
         coder.check()?;
     }
@@ -181,48 +334,61 @@ fn code_births<C: Coder>(
 /// Seeds, and from each the interior vertices that it reaches.
 fn code_region<C: Coder>(
     coder: &mut C,
-    model: &mut Model,
     mesh: &ActiveMesh,
     local: &mut Local<'_>,
     chunk: u32,
-    source: &mut Option<(&Source<'_>, &mut Names)>,
+    guide: &mut Option<&mut Guide<'_>>,
 ) -> Result<(), DecodeError> {
+    let needed = guide.as_ref().map_or_else(Vec::new, |g| g.needed());
     loop {
-        let next = source.as_ref().and_then(|(s, names)| {
-            s.plan
-                .needed
+        let next = guide.as_ref().and_then(|g| {
+            needed
                 .iter()
-                .find(|v| !names.local_vertex.contains_key(v))
-                .map(|&v| s.slot_of_vertex[v as usize])
+                .find(|v| !g.names.local_vertex.contains_key(v))
+                .map(|&v| g.source.slot_of_vertex[v as usize])
         });
-        if !coder.bit(&mut model.more_seeds, next.is_some()) {
+        if !coder.bit(MORE_SEEDS, next.is_some()) {
             return coder.check();
         }
         // The origin counts back from this chunk; the base mesh is origin 0.
         let want = next.map_or(Id { origin: 0, index: 0 }, |slot| mesh.vertex_id(slot));
-        let back = model.seed_origin.code(coder, chunk - want.origin);
+        let back = integer(coder, SEED_ORIGIN, chunk - want.origin);
         let place = chunk.checked_sub(back).and_then(|origin| Some((origin, mesh.place(origin)?)));
         let Some((origin, place)) = place else {
             return Err(DecodeError::new("chunk", "a seed lies in a chunk that is not applied"));
         };
         let number = index(coder, place.vertices.len(), want.index as usize, "chunk: seed")?;
         let seed = mesh.vertex_slot(Id { origin, index: number as u32 });
+        // A vertex of the outline that no star of the region holds is named without its star, which other
+        // regions may change.
+        let inside =
+            guide.as_ref().is_some_and(|g| (g.source.interior)(g.source.vertex_by_slot[seed as usize]));
+        if !coder.bit(SEED_INTERIOR, inside) {
+            local.name_outline(seed)?;
+            if let Some(g) = guide {
+                name_gathered(g, mesh, local);
+            }
+            coder.check()?;
+            continue;
+        }
         let mut previous = 0_usize;
-        local.explore(seed, &mut |slot| {
-            let want = source.as_ref().is_some_and(|(s, _)| (s.interior)(s.vertex_by_slot[slot as usize]));
-            let inside = coder.bit(&mut model.interior[previous], want);
+        local.explore(seed, &mut |slot, outlook| {
+            let want =
+                guide.as_ref().is_some_and(|g| (g.source.interior)(g.source.vertex_by_slot[slot as usize]));
+            let inside = coder.bit(INTERIOR + outlook * 4 + previous, want);
             previous = (previous << 1 | usize::from(inside)) & 3;
             inside
         })?;
         coder.check()?;
-        if let Some((s, names)) = source {
-            name_gathered(s, names, mesh, local);
+        if let Some(g) = guide {
+            name_gathered(g, mesh, local);
         }
     }
 }
 
 /// Gives the builder's names to what was gathered since the last call.
-fn name_gathered(source: &Source<'_>, names: &mut Names, mesh: &ActiveMesh, local: &Local<'_>) {
+fn name_gathered(guide: &mut Guide<'_>, mesh: &ActiveMesh, local: &Local<'_>) {
+    let (source, names) = (guide.source, &mut guide.names);
     for v in &local.vertices[names.vertices.len()..] {
         names.vertex(source.vertex_by_slot[mesh.vertex_slot(v.id) as usize]);
     }
@@ -232,73 +398,4 @@ fn name_gathered(source: &Source<'_>, names: &mut Names, mesh: &ActiveMesh, loca
     for f in &local.faces[names.faces.len()..] {
         names.faces.push(source.face_by_slot[mesh.face_slot(f.id()) as usize]);
     }
-}
-
-fn code_round<C: Coder>(
-    coder: &mut C,
-    model: &mut Model,
-    local: &mut Local<'_>,
-    bits: Bits,
-    announced: Option<&Announced>,
-    round: usize,
-    source: &mut Option<(&Source<'_>, &mut Names)>,
-) -> Result<(), DecodeError> {
-    let count = local.vertices.len() as u32;
-    let order: Vec<u32> = (0..count).filter(|&v| local.vertices[v as usize].interior).collect();
-    let mut total = 0.0;
-    for &v in &order {
-        total += local.star_area(v);
-    }
-    let mean = total / order.len().max(1) as f64;
-    let mut blocked = vec![false; count as usize];
-    for v in order {
-        if blocked[v as usize] {
-            continue;
-        }
-        let context = flag_context(local, v, mean);
-        let split =
-            source.as_ref().and_then(|(s, names)| s.plan.rounds.get(round)?.get(&names.vertices[v as usize]));
-        if !coder.bit(&mut model.flags[context], split.is_some()) {
-            continue;
-        }
-        // Splits of one round share no face, so no neighbour of v splits in it.
-        for spoke in local.star(v) {
-            for ring in [spoke.a, spoke.b] {
-                if let Some(mark) = blocked.get_mut(ring as usize) {
-                    *mark = true;
-                }
-            }
-        }
-        let wish = match (source.as_mut(), split) {
-            (Some((s, names)), Some(split)) => Some(Wish {
-                split,
-                position: s.mesh.positions[split.vertex as usize],
-                wedges: s.wedges,
-                materials: s.materials,
-                names,
-            }),
-            _ => None,
-        };
-        code_split(coder, model, local, bits, v, wish)?;
-        if let Some(a) = announced {
-            let (vertices, wedges, faces) = local.added();
-            if vertices > a.vertices || wedges > a.wedges || faces > a.faces {
-                return Err(DecodeError::new("chunk", "it adds more than was announced"));
-            }
-        }
-    }
-    Ok(())
-}
-
-/// Context of a split flag: small stars of low valence seldom split.
-fn flag_context(local: &mut Local<'_>, v: u32, mean: f64) -> usize {
-    let area = local.star_area(v);
-    let size = [0.25, 0.5, 1.0, 2.0, 4.0].iter().filter(|&&limit| area >= limit * mean).count();
-    let valence = match local.valence(v) {
-        0..=5 => 0,
-        6 => 1,
-        7 => 2,
-        _ => 3,
-    };
-    (size * 4 + valence).min(FLAG_CONTEXTS - 1)
 }

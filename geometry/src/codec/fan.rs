@@ -26,7 +26,7 @@ pub(crate) struct Fan {
 }
 
 impl Fan {
-    /// Sorts a star, given in ascending order of faces: open runs from their start, in order of their
+    /// Sorts a star: open runs from their start, in order of their
     /// first face, then closed ones. Cost O(n log n) for n faces, whatever they look like.
     pub(crate) fn new(star: &[Spoke]) -> Self {
         let mut by_a: Vec<(u32, u32)> = star.iter().enumerate().map(|(i, s)| (s.a, i as u32)).collect();

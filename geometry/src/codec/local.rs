@@ -7,12 +7,12 @@
 use std::collections::{HashMap, VecDeque};
 use std::hash::{BuildHasherDefault, Hasher};
 
-use crate::codec::fan::{Fan, Spoke};
+use crate::codec::fan::Spoke;
 use crate::error::DecodeError;
 use crate::mesh::Attributes;
 use crate::refine::{ActiveMesh, ChunkDelta, Id, NewFace, NewVertex, NewWedge, Repoint};
 use crate::stars::Stars;
-use crate::vec3::{length, triangle_normal};
+use crate::vec3::{Vec3, length, triangle_normal};
 
 /// Most faces that a region may have: bounds the work that a stranger's chunk can cause.
 pub(crate) const MAX_LOCAL_FACES: usize = 1 << 18;
@@ -35,13 +35,17 @@ impl Hasher for SlotHasher {
     }
 }
 
-pub(crate) type SlotMap = HashMap<u32, u32, BuildHasherDefault<SlotHasher>>;
+pub(crate) type SlotMap<T> = HashMap<u32, T, BuildHasherDefault<SlotHasher>>;
 
 pub(crate) struct LocalVertex {
     pub(crate) id: Id,
     pub(crate) position: [i32; 3],
     pub(crate) interior: bool,
     pub(crate) parent: Option<Id>,
+    /// Sum of the positions at the far ends of the edges of its faces, each face counted, and how
+    /// many those are: twice the ring where the star is closed.
+    sum: [i64; 3],
+    ends: u32,
     /// First wedge of the vertex that is known here; the others follow in `LocalWedge::next`.
     first_wedge: u32,
     last_wedge: u32,
@@ -80,15 +84,12 @@ pub(crate) struct Local<'a> {
     pub(crate) wedges: Vec<LocalWedge>,
     pub(crate) faces: Vec<LocalFace>,
     stars: Stars,
-    pub(crate) vertex_at: SlotMap,
-    wedge_at: SlotMap,
-    face_at: SlotMap,
+    pub(crate) vertex_at: SlotMap<u32>,
+    wedge_at: SlotMap<u32>,
+    face_at: SlotMap<u32>,
     new_vertices: u32,
     new_wedges: u32,
     new_faces: u32,
-    /// Star areas, `None` where out of date.
-    areas: Vec<Option<f64>>,
-    scratch: Vec<u32>,
 }
 
 impl<'a> Local<'a> {
@@ -106,8 +107,6 @@ impl<'a> Local<'a> {
             new_vertices: 0,
             new_wedges: 0,
             new_faces: 0,
-            areas: Vec::new(),
-            scratch: Vec::new(),
         }
     }
 
@@ -121,7 +120,7 @@ impl<'a> Local<'a> {
     pub(crate) fn explore(
         &mut self,
         seed: u32,
-        interior: &mut dyn FnMut(u32) -> bool,
+        interior: &mut dyn FnMut(u32, usize) -> bool,
     ) -> Result<(), DecodeError> {
         if self.vertex_at.contains_key(&seed) {
             return Err(DecodeError::new("chunk", "a seed vertex is given twice"));
@@ -154,7 +153,7 @@ impl<'a> Local<'a> {
                     corners[k] = match self.vertex_at.get(&vertex_slot) {
                         Some(&known) => known,
                         None => {
-                            let inside = interior(vertex_slot);
+                            let inside = interior(vertex_slot, self.outlook(&slots, k));
                             let new = self.old_vertex(vertex_slot, inside);
                             if inside {
                                 queue.push_back(new);
@@ -170,6 +169,30 @@ impl<'a> Local<'a> {
             }
         }
         Ok(())
+    }
+
+    /// Makes a vertex of the outline known, without its star.
+    pub(crate) fn name_outline(&mut self, slot: u32) -> Result<(), DecodeError> {
+        if self.vertex_at.contains_key(&slot) {
+            return Err(DecodeError::new("chunk", "a seed vertex is given twice"));
+        }
+        if self.vertices.len() > 3 * MAX_LOCAL_FACES {
+            return Err(DecodeError::new("chunk", "too many seeds"));
+        }
+        self.old_vertex(slot, false);
+        Ok(())
+    }
+
+    /// What the other corners of a face say about whether a corner is interior, 0 to 8: each is
+    /// unknown, outside or inside.
+    fn outlook(&self, wedges: &[u32; 3], k: usize) -> usize {
+        let mut context = 0;
+        for other in [(k + 1) % 3, (k + 2) % 3] {
+            let slot = self.mesh.wedges[wedges[other] as usize].vertex;
+            let known = self.vertex_at.get(&slot).map(|&v| self.vertices[v as usize].interior);
+            context = context * 3 + known.map_or(0, |inside| 1 + usize::from(inside));
+        }
+        context
     }
 
     fn old_vertex(&mut self, slot: u32, interior: bool) -> u32 {
@@ -201,11 +224,12 @@ impl<'a> Local<'a> {
         self.push_wedge(id, vertex, attributes)
     }
 
-    pub(crate) fn add_face(&mut self, wedges: [u32; 3], material: u16) -> u32 {
+    /// Adds a face; its wedges and material must be set before the next split.
+    pub(crate) fn add_face(&mut self, corners: [u32; 3]) -> u32 {
         let id = Id { origin: self.own, index: self.new_faces };
         self.new_faces += 1;
-        let corners = wedges.map(|w| self.wedges[w as usize].vertex);
-        self.push_face(LocalFace { id, wedges, corners, material, before: wedges })
+        let wedges = [NO_WEDGE; 3];
+        self.push_face(LocalFace { id, wedges, corners, material: 0, before: wedges })
     }
 
     fn push_vertex(&mut self, id: Id, position: [i32; 3], interior: bool, parent: Option<Id>) -> u32 {
@@ -214,10 +238,11 @@ impl<'a> Local<'a> {
             position,
             interior,
             parent,
+            sum: [0; 3],
+            ends: 0,
             first_wedge: NO_WEDGE,
             last_wedge: NO_WEDGE,
         });
-        self.areas.push(None);
         self.stars.grow(self.vertices.len(), 0);
         (self.vertices.len() - 1) as u32
     }
@@ -239,25 +264,70 @@ impl<'a> Local<'a> {
         self.stars.grow(0, self.faces.len() + 1);
         for (k, &v) in face.corners.iter().enumerate() {
             self.stars.insert(v, local * 3 + k as u32);
-            self.areas[v as usize] = None;
+            let ends = [face.corners[(k + 1) % 3], face.corners[(k + 2) % 3]];
+            self.count_ends(v, ends, 1);
         }
         self.faces.push(face);
         local
     }
 
-    /// Moves corner `k` of a face to a wedge of another vertex.
-    pub(crate) fn move_corner(&mut self, face: u32, k: u8, wedge: u32) {
-        let from = self.faces[face as usize].corners[usize::from(k)];
-        let to = self.wedges[wedge as usize].vertex;
-        let corner = face * 3 + u32::from(k);
+    /// Adds or takes away the far ends of a face's edges at a vertex.
+    fn count_ends(&mut self, vertex: u32, ends: [u32; 2], sign: i64) {
+        let [a, b] = ends.map(|v| self.vertices[v as usize].position);
+        let vertex = &mut self.vertices[vertex as usize];
+        for axis in 0..3 {
+            vertex.sum[axis] += sign * (i64::from(a[axis]) + i64::from(b[axis]));
+        }
+        vertex.ends = if sign > 0 { vertex.ends + 2 } else { vertex.ends - 2 };
+    }
+
+    /// Moves corner `k` of a face to another vertex at the same place. Its wedge must be set before the
+    /// next split.
+    pub(crate) fn move_corner(&mut self, face: u32, k: u8, to: u32) {
+        let k = usize::from(k);
+        let corners = self.faces[face as usize].corners;
+        let from = corners[k];
+        let corner = face * 3 + k as u32;
         self.stars.remove(from, corner);
         self.stars.insert(to, corner);
-        self.faces[face as usize].corners[usize::from(k)] = to;
-        self.faces[face as usize].wedges[usize::from(k)] = wedge;
-        for v in self.faces[face as usize].corners {
-            self.areas[v as usize] = None;
+        let ends = [corners[(k + 1) % 3], corners[(k + 2) % 3]];
+        self.count_ends(from, ends, -1);
+        self.count_ends(to, ends, 1);
+        self.faces[face as usize].corners[k] = to;
+    }
+
+    /// Puts a vertex in its place.
+    pub(crate) fn place_vertex(&mut self, vertex: u32, position: [i32; 3]) {
+        let before = std::mem::replace(&mut self.vertices[vertex as usize].position, position);
+        let moved = [0, 1, 2].map(|k| i64::from(position[k]) - i64::from(before[k]));
+        for corner in self.stars.corners(vertex) {
+            let corners = self.faces[(corner / 3) as usize].corners;
+            let k = (corner % 3) as usize;
+            for end in [corners[(k + 1) % 3], corners[(k + 2) % 3]] {
+                for (sum, moved) in self.vertices[end as usize].sum.iter_mut().zip(moved) {
+                    *sum += moved;
+                }
+            }
         }
-        self.areas[from as usize] = None;
+    }
+
+    /// Mean of the far ends of the edges at a vertex, each face counted, leaving out `without` of
+    /// them that are at `at`.
+    pub(crate) fn mean_of_ends(&self, vertex: u32, without: u32, at: [i32; 3]) -> Option<Vec3> {
+        let v = &self.vertices[vertex as usize];
+        let count = v.ends.checked_sub(without).filter(|&c| c > 0)?;
+        let inverse = 1.0 / f64::from(count);
+        Some([0, 1, 2].map(|k| (v.sum[k] - i64::from(without) * i64::from(at[k])) as f64 * inverse))
+    }
+
+    pub(crate) fn set_wedge(&mut self, face: u32, k: u8, wedge: u32) {
+        self.faces[face as usize].wedges[usize::from(k)] = wedge;
+    }
+
+    /// Gives a new face its wedges and material.
+    pub(crate) fn set_face(&mut self, face: u32, wedges: [u32; 3], material: u16) {
+        let face = &mut self.faces[face as usize];
+        (face.wedges, face.before, face.material) = (wedges, wedges, material);
     }
 
     pub(crate) fn position(&self, vertex: u32) -> [f64; 3] {
@@ -265,38 +335,17 @@ impl<'a> Local<'a> {
     }
 
     pub(crate) fn valence(&self, vertex: u32) -> usize {
-        self.stars.corners(vertex).count()
+        self.vertices[vertex as usize].ends as usize / 2
     }
 
-    /// The star of a vertex in ascending order of faces.
-    pub(crate) fn star(&self, vertex: u32) -> Vec<Spoke> {
-        let mut star: Vec<Spoke> = self
-            .stars
-            .corners(vertex)
-            .map(|corner| {
-                let (face, k) = (corner / 3, (corner % 3) as usize);
-                let corners = self.faces[face as usize].corners;
-                Spoke { face, k: k as u8, a: corners[(k + 1) % 3], b: corners[(k + 2) % 3] }
-            })
-            .collect();
-        star.sort_unstable_by_key(|s| (s.face, s.k));
-        star
-    }
-
-    /// The distinct neighbours of a vertex, ascending.
-    pub(crate) fn ring(&self, vertex: u32, ring: &mut Vec<u32>) {
-        ring.clear();
+    /// The star of a vertex, in an order that depends on nothing but the chunk.
+    pub(crate) fn star(&self, vertex: u32, star: &mut Vec<Spoke>) {
+        star.clear();
         for corner in self.stars.corners(vertex) {
-            let corners = self.faces[(corner / 3) as usize].corners;
-            let k = (corner % 3) as usize;
-            ring.extend([corners[(k + 1) % 3], corners[(k + 2) % 3]]);
+            let (face, k) = (corner / 3, (corner % 3) as usize);
+            let corners = self.faces[face as usize].corners;
+            star.push(Spoke { face, k: k as u8, a: corners[(k + 1) % 3], b: corners[(k + 2) % 3] });
         }
-        ring.sort_unstable();
-        ring.dedup();
-    }
-
-    pub(crate) fn fan(&self, vertex: u32) -> Fan {
-        Fan::new(&self.star(vertex))
     }
 
     /// The wedge of a spoke at the centre, and at its vertices `a` and `b`.
@@ -317,20 +366,9 @@ impl<'a> Local<'a> {
         list
     }
 
-    /// Sum of the areas (doubled) of a vertex's faces that are known here.
-    pub(crate) fn star_area(&mut self, vertex: u32) -> f64 {
-        if let Some(area) = self.areas[vertex as usize] {
-            return area;
-        }
-        // In ascending order of faces: a sum of floats depends on its order.
-        let mut faces = std::mem::take(&mut self.scratch);
-        faces.clear();
-        faces.extend(self.stars.corners(vertex).map(|c| c / 3));
-        faces.sort_unstable();
-        let area = faces.iter().map(|&f| self.face_area(f)).sum();
-        self.scratch = faces;
-        self.areas[vertex as usize] = Some(area);
-        area
+    /// Sum of the areas (doubled) of a vertex's faces that are known here, in square cells.
+    pub(crate) fn star_area(&self, vertex: u32) -> f64 {
+        self.stars.corners(vertex).map(|c| self.face_area(c / 3)).sum()
     }
 
     /// Twice the area of a face, in square cells.

@@ -1,10 +1,14 @@
 //! Coding chunks and the base mesh.
 
+pub(crate) mod attributes;
 pub(crate) mod base;
 pub(crate) mod chunk;
 mod fan;
+mod height;
 mod local;
-mod model;
+pub(crate) mod model;
 pub(crate) mod plan;
-mod position;
+pub(crate) mod position;
+mod residual;
 mod split;
+mod wedges;

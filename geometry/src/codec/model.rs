@@ -1,84 +1,142 @@
-//! The adaptive models of chunks: one context per kind of decision.
+//! The contexts of chunks and of base meshes: where each kind of decision keeps its probabilities.
 
-use crate::range_coder::Prob;
-use crate::symbols::{Integer, Signed, Tree};
+use std::sync::LazyLock;
+
+use crate::context::{Contexts, MAX_INPUTS, Prob};
+use crate::symbols::{INTEGER_CONTEXTS, tree_contexts};
 
 /// Valences up to this have contexts of their own.
-pub(crate) const MAX_VALENCE: usize = 15;
-/// Contexts of split flags: valence class × star area class.
-pub(crate) const FLAG_CONTEXTS: usize = 24;
+pub(crate) const MAX_VALENCE: usize = 12;
+/// Classes of a split flag's star area.
+pub(crate) const AREAS: usize = 16;
+/// Splits since the chunk's start, counted up to this.
+pub(crate) const DEPTHS: usize = 4;
+/// Segments of a chunk that are told apart; later ones count as the last.
+pub(crate) const SEGMENTS: usize = 3;
+/// Classes of bentness.
+pub(crate) const BENDS: usize = 8;
+/// Buckets of the expected size of a residual.
+pub(crate) const SIZES: usize = 28;
+/// Classes of how the last residuals compared with what was expected.
+pub(crate) const RECENTS: usize = 4;
+/// Classes of how the residual before compared with what was expected of it.
+pub(crate) const OTHERS: usize = 8;
+/// Bits of a residual's class.
+pub(crate) const CLASS_BITS: u32 = 4;
+pub(crate) const CLASSES: usize = tree_contexts(CLASS_BITS);
 
-/// All contexts of a chunk; fresh for each chunk, since chunks are decoded in any order.
-pub(crate) struct Model {
-    pub(crate) births: Integer,
-    pub(crate) birth_axis: [Signed; 3],
-    pub(crate) more_seeds: Prob,
-    pub(crate) seed_origin: Integer,
-    pub(crate) interior: [Prob; 4],
-    pub(crate) more_rounds: Prob,
-    pub(crate) flags: [Prob; FLAG_CONTEXTS],
-    pub(crate) single_run: Prob,
-    pub(crate) run_length: Vec<Tree<5>>,
-    pub(crate) long_run: Integer,
-    pub(crate) run_start: Vec<Tree<5>>,
-    pub(crate) label: [Prob; 2],
-    /// By side and by whether faces are on both sides of the gate.
-    pub(crate) gate: [Prob; 4],
-    pub(crate) extras: Integer,
-    pub(crate) extra_in_ring: Prob,
-    pub(crate) same_moved_wedge: Prob,
-    pub(crate) new_moved_wedge: Prob,
-    /// By corner: t, x, u.
-    pub(crate) same_wedge: [Prob; 3],
-    pub(crate) new_wedge: [Prob; 3],
-    pub(crate) group: [Integer; 2],
-    pub(crate) uv: [Signed; 2],
-    pub(crate) same_material: Prob,
-    pub(crate) material: Integer,
-    /// Position residuals by order of axes: two tangential, then the normal one.
-    pub(crate) residual: [Residual; 3],
+/// Contexts of one kind of residual: by recent ratios, and by the residual before.
+pub(crate) const SIZE_RECENT_CONTEXTS: usize = SIZES * RECENTS * CLASSES;
+pub(crate) const SIZE_OTHER_CONTEXTS: usize = SIZES / 2 * OTHERS * CLASSES;
+
+macro_rules! layout {
+    ($total:ident: $($name:ident = $count:expr),* $(,)?) => {
+        #[allow(non_snake_case, dead_code)]
+        #[repr(C)]
+        struct Layout { $($name: [u8; $count]),* }
+        $(pub(crate) const $name: usize = core::mem::offset_of!(Layout, $name);)*
+        pub(crate) const $total: usize = size_of::<Layout>();
+    };
 }
 
-impl Default for Model {
-    fn default() -> Self {
-        Self {
-            births: Integer::default(),
-            birth_axis: Default::default(),
-            more_seeds: Prob::default(),
-            seed_origin: Integer::default(),
-            interior: Default::default(),
-            more_rounds: Prob::default(),
-            flags: [Prob::default(); FLAG_CONTEXTS],
-            single_run: Prob::default(),
-            run_length: vec![Tree::default(); MAX_VALENCE + 1],
-            long_run: Integer::default(),
-            run_start: vec![Tree::default(); MAX_VALENCE + 1],
-            label: Default::default(),
-            gate: Default::default(),
-            extras: Integer::default(),
-            extra_in_ring: Prob::default(),
-            same_moved_wedge: Prob::default(),
-            new_moved_wedge: Prob::default(),
-            same_wedge: Default::default(),
-            new_wedge: Default::default(),
-            group: Default::default(),
-            uv: Default::default(),
-            same_material: Prob::default(),
-            material: Integer::default(),
-            residual: Default::default(),
-        }
-    }
+layout! { CONTEXTS:
+    BIRTHS = INTEGER_CONTEXTS,
+    BIRTH_AXIS = INTEGER_CONTEXTS,
+    MORE_SEEDS = 1,
+    SEED_INTERIOR = 1,
+    SEED_ORIGIN = INTEGER_CONTEXTS,
+    INTERIOR = 36,
+    FLAG_AREA = AREAS * DEPTHS * SEGMENTS,
+    FLAG_BEND = AREAS * BENDS * SEGMENTS,
+    FLAG_VALENCE = DEPTHS * (MAX_VALENCE + 1) * 4 * SEGMENTS,
+    SINGLE_RUN = 2,
+    RUN_LENGTH = tree_contexts(4) * (MAX_VALENCE + 1) * 2,
+    LONG_RUN = INTEGER_CONTEXTS,
+    RUN_START = (MAX_VALENCE + 1) * 8,
+    RUN_GAP = 8 * 16,
+    LABEL = 2,
+    GATE = 4,
+    EXTRAS = INTEGER_CONTEXTS,
+    EXTRA_IN_RING = 1,
+    SAME_MOVED_WEDGE = 1,
+    NEW_MOVED_WEDGE = 1,
+    SAME_WEDGE = 3,
+    NEW_WEDGE = 3,
+    GROUP = 2 * INTEGER_CONTEXTS,
+    UV_RECENT = 2 * SIZE_RECENT_CONTEXTS,
+    UV_OTHER = 2 * SIZE_OTHER_CONTEXTS,
+    UV_SIGN = 2,
+    UV_REST = INTEGER_CONTEXTS,
+    SAME_COLOR = 1,
+    COLOR = 4 * INTEGER_CONTEXTS,
+    EXPLICIT_NORMAL = 3,
+    NORMAL = 2 * INTEGER_CONTEXTS,
+    SAME_MATERIAL = 1,
+    MATERIAL = INTEGER_CONTEXTS,
+    RESIDUAL_RECENT = 3 * SIZE_RECENT_CONTEXTS,
+    RESIDUAL_OTHER = 3 * SIZE_OTHER_CONTEXTS,
+    RESIDUAL_SIGN = 3,
+    RESIDUAL_REST = INTEGER_CONTEXTS,
+    BASE_MORE = 1,
+    BASE_GATE = 1,
+    BASE_NEW_VERTEX = 2,
+    BASE_AXIS = 6 * INTEGER_CONTEXTS,
+    BASE_SAME_WEDGE = 1,
+    BASE_NEW_WEDGE = 1,
+    BASE_UV = 2 * INTEGER_CONTEXTS,
+    BASE_SAME_MATERIAL = 1,
+    BASE_MATERIAL = INTEGER_CONTEXTS,
+    INDEX_LEVEL = INTEGER_CONTEXTS,
+    INDEX_RADIUS = INTEGER_CONTEXTS,
+    INDEX_ERROR = INTEGER_CONTEXTS,
+    INDEX_ATTRIBUTE = INTEGER_CONTEXTS,
+    INDEX_PARENTS = INTEGER_CONTEXTS,
+    INDEX_FIRST_PARENT = INTEGER_CONTEXTS,
+    INDEX_NEXT_PARENT = INTEGER_CONTEXTS,
+    INDEX_VERTICES = INTEGER_CONTEXTS,
+    INDEX_WEDGES = INTEGER_CONTEXTS,
+    INDEX_FACES = INTEGER_CONTEXTS,
+    INDEX_BYTES = INTEGER_CONTEXTS,
+    INDEX_STOPS = INTEGER_CONTEXTS,
+    INDEX_STOP_VERTICES = INTEGER_CONTEXTS,
+    INDEX_STOP_WEDGES = INTEGER_CONTEXTS,
+    INDEX_STOP_FACES = INTEGER_CONTEXTS,
+    INDEX_STOP_BYTES = INTEGER_CONTEXTS,
+    INDEX_STOP_ERROR = INTEGER_CONTEXTS,
 }
 
-/// A residual whose size is coded relative to the local edge length.
-#[derive(Clone, Debug)]
-pub(crate) struct Residual {
-    pub(crate) class: Tree<6>,
-    pub(crate) second: [Prob; 64],
+/// Mixers.
+pub(crate) const MIX_FLAG: usize = 0;
+pub(crate) const MIX_START: usize = 1;
+pub(crate) const MIX_RESIDUAL: usize = 2;
+pub(crate) const MIX_UV: usize = 5;
+pub(crate) const MIXERS: usize = 7;
+
+/// The trained priors ([`crate::training`]): part of the format, as its version says.
+static PRIORS: &[u8] = include_bytes!("priors.bin");
+/// Bytes of the table: per context a probability and what it is worth, per mixer its weights.
+const PRIOR_BYTES: usize = CONTEXTS * 3 + MIXERS * MAX_INPUTS * 4;
+
+/// What every stream starts from.
+pub(crate) fn contexts() -> Contexts {
+    // While the layout changes the table does not fit it, and training starts from nothing.
+    static TRAINED: LazyLock<Contexts> = LazyLock::new(|| {
+        if PRIORS.len() == PRIOR_BYTES { Contexts::from_bytes(PRIORS, CONTEXTS) } else { untrained() }
+    });
+    TRAINED.clone()
 }
 
-impl Default for Residual {
-    fn default() -> Self {
-        Self { class: Tree::default(), second: [Prob::default(); 64] }
+/// What training starts from: nothing known, all inputs of a mixer worth the same.
+pub(crate) fn untrained() -> Contexts {
+    Contexts { probs: vec![Prob::default(); CONTEXTS], weights: vec![26_000; MIXERS * MAX_INPUTS] }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_table_fits_the_layout() {
+        assert_eq!(PRIORS.len(), PRIOR_BYTES, "train the priors again");
     }
 }

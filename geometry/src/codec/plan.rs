@@ -1,59 +1,18 @@
-//! What an encoder wants to say: a region's collapses reversed, and how the builder's ids map to
-//! local ones.
+//! What an encoder wants to say: a region's collapses reversed, as a forest.
+//!
+//! A chunk is applied whole (or up to a stopping point), so the order of the splits between two
+//! stopping points is free as long as a vertex is there before it splits. The coder therefore walks
+//! the forest "who was split from whom" breadth first, and the stars on the way are those of the mesh
+//! in which exactly the splits so far are undone, whether or not simplification passed through it:
+//! a corner is where the youngest vertex on its path is that is there, and a face is there once its
+//! three corners are apart.
 
-use std::collections::HashMap;
+use std::collections::VecDeque;
 
-use crate::codec::local::SlotMap;
+use crate::codec::chunk::Source;
+use crate::codec::local::{Local, SlotMap};
 use crate::simplify::live::NO_VERTEX;
-use crate::simplify::records::{Moved, Records, Removed};
-
-/// One vertex split in the builder's ids.
-pub(crate) struct PlannedSplit<'a> {
-    pub(crate) target: u32,
-    pub(crate) vertex: u32,
-    pub(crate) moved: &'a [Moved],
-    pub(crate) removed: &'a [Removed],
-}
-
-/// A chunk's splits in rounds of independent ones, in decoding order.
-pub(crate) struct Plan<'a> {
-    /// Vertices without faces that the chunk starts from, in decoding order.
-    pub(crate) births: Vec<u32>,
-    /// Rounds; each maps a vertex to the split that it undergoes.
-    pub(crate) rounds: Vec<HashMap<u32, PlannedSplit<'a>>>,
-    /// Vertices that must be known before the first round, ascending.
-    pub(crate) needed: Vec<u32>,
-}
-
-impl<'a> Plan<'a> {
-    /// Reverses a region's collapses. Collapses of equal round share no face, so they commute.
-    pub(crate) fn new(records: &'a Records) -> Self {
-        let rounds = records.collapses.iter().map(|c| c.round).max().unwrap_or(0) as usize;
-        let mut plan = Self { births: Vec::new(), rounds: Vec::new(), needed: Vec::new() };
-        plan.rounds.resize_with(rounds, HashMap::new);
-        let mut made: Vec<u32> = Vec::new();
-        for index in (0..records.collapses.len()).rev() {
-            let (collapse, moved, removed) = records.parts(index);
-            made.push(collapse.removed);
-            if collapse.target == NO_VERTEX {
-                plan.births.push(collapse.removed);
-                continue;
-            }
-            plan.needed.push(collapse.target);
-            plan.needed.extend(removed.iter().flat_map(|r| r.third));
-            plan.rounds[rounds - collapse.round as usize].insert(
-                collapse.target,
-                PlannedSplit { target: collapse.target, vertex: collapse.removed, moved, removed },
-            );
-        }
-        plan.rounds.retain(|r| !r.is_empty());
-        made.sort_unstable();
-        plan.needed.sort_unstable();
-        plan.needed.dedup();
-        plan.needed.retain(|v| made.binary_search(v).is_err());
-        plan
-    }
-}
+use crate::simplify::records::Records;
 
 /// Builder ids by local number, and back.
 #[derive(Default)]
@@ -61,8 +20,8 @@ pub(crate) struct Names {
     pub(crate) vertices: Vec<u32>,
     pub(crate) wedges: Vec<u32>,
     pub(crate) faces: Vec<u32>,
-    pub(crate) local_vertex: SlotMap,
-    pub(crate) local_wedge: SlotMap,
+    pub(crate) local_vertex: SlotMap<u32>,
+    pub(crate) local_wedge: SlotMap<u32>,
 }
 
 impl Names {
@@ -74,5 +33,244 @@ impl Names {
     pub(crate) fn wedge(&mut self, builder: u32) {
         self.local_wedge.insert(builder, self.wedges.len() as u32);
         self.wedges.push(builder);
+    }
+}
+
+/// A vertex that is not there yet.
+struct Unmade {
+    /// The vertex that it is part of.
+    parent: u32,
+    /// Its wedges, and the parent's that stand for them.
+    wedges: Vec<(u32, u32)>,
+}
+
+/// A face that a split brings.
+#[derive(Clone, Copy)]
+pub(crate) struct Born {
+    /// Builder's face.
+    pub(crate) face: u32,
+    /// Local number of the corner that is neither the split vertex nor the new one.
+    pub(crate) x: u32,
+    /// The face runs (split vertex, x, new vertex), else (new, x, split).
+    pub(crate) left: bool,
+}
+
+/// A wedge that the encoder wants at a corner.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Want {
+    /// One that is there, by local number.
+    Known(u32),
+    /// One that is not there yet, by the builder's number.
+    New(u32),
+}
+
+/// The walk over one region's splits.
+pub(crate) struct Guide<'a> {
+    pub(crate) source: &'a Source<'a>,
+    records: &'a Records,
+    /// Ends of the segments in collapses, from the coarsest segment's start down to 0.
+    ends: Vec<usize>,
+    pub(crate) names: Names,
+    /// Wedges of the faces that this chunk touches, as they are at the end of the current segment.
+    state: SlotMap<[u32; 3]>,
+    unmade: SlotMap<Unmade>,
+    children: SlotMap<VecDeque<u32>>,
+    /// Faces that are not there, by a vertex that holds two of their corners.
+    pending: SlotMap<Vec<u32>>,
+    current: (u32, u32),
+    /// Some wedge of each vertex that takes part.
+    any_wedge: SlotMap<u32>,
+}
+
+impl<'a> Guide<'a> {
+    pub(crate) fn new(source: &'a Source<'a>) -> Self {
+        let records = source.records;
+        let mut ends = vec![records.collapses.len()];
+        ends.extend(records.stops[records.coded_stops()].iter().map(|&s| s as usize));
+        ends.push(0);
+        Self {
+            source,
+            records,
+            ends,
+            names: Names::default(),
+            state: SlotMap::default(),
+            unmade: SlotMap::default(),
+            children: SlotMap::default(),
+            pending: SlotMap::default(),
+            current: (NO_VERTEX, NO_VERTEX),
+            any_wedge: SlotMap::default(),
+        }
+    }
+
+    /// Vertices without faces that the chunk starts from, in decoding order.
+    pub(crate) fn births(&self) -> Vec<u32> {
+        self.records.collapses.iter().rev().filter(|c| c.target == NO_VERTEX).map(|c| c.removed).collect()
+    }
+
+    /// Splits of each segment, coarse to fine.
+    pub(crate) fn segments(&self) -> Vec<u32> {
+        self.ends
+            .windows(2)
+            .map(|e| {
+                self.records.collapses[e[1]..e[0]].iter().filter(|c| c.target != NO_VERTEX).count() as u32
+            })
+            .collect()
+    }
+
+    /// Vertices that must be known before the first split, ascending.
+    pub(crate) fn needed(&self) -> Vec<u32> {
+        let mut needed = Vec::new();
+        let mut made: Vec<u32> = Vec::new();
+        for index in 0..self.records.collapses.len() {
+            let (collapse, _, removed) = self.records.parts(index);
+            made.push(collapse.removed);
+            if collapse.target != NO_VERTEX {
+                needed.push(collapse.target);
+                needed.extend(removed.iter().flat_map(|r| r.third));
+            }
+        }
+        made.sort_unstable();
+        needed.sort_unstable();
+        needed.dedup();
+        needed.retain(|v| made.binary_search(v).is_err());
+        needed
+    }
+
+    fn vertex_of(&self, wedge: u32) -> u32 {
+        self.source.wedges[wedge as usize].vertex
+    }
+
+    /// Builds the forest of a segment. The region must have been gathered.
+    pub(crate) fn begin_segment(&mut self, segment: usize, local: &Local<'_>) {
+        if segment == 0 {
+            for (face, &name) in local.faces.iter().zip(&self.names.faces) {
+                self.state.insert(name, face.wedges.map(|w| self.names.wedges[w as usize]));
+            }
+        }
+        let mut born = Vec::new();
+        for index in (self.ends[segment + 1]..self.ends[segment]).rev() {
+            let (collapse, moved, removed) = self.records.parts(index);
+            let (u, t) = (collapse.removed, collapse.target);
+            if t == NO_VERTEX {
+                continue;
+            }
+            let mut wedges: Vec<(u32, u32)> = Vec::new();
+            let mut stands = |from: u32, to: u32| {
+                if !wedges.iter().any(|w| w.0 == from) {
+                    wedges.push((from, to));
+                }
+            };
+            for m in moved {
+                stands(m.from, m.to);
+                if let Some(corners) = self.state.get_mut(&m.face)
+                    && let Some(corner) = corners.iter_mut().find(|w| **w == m.to)
+                {
+                    *corner = m.from;
+                }
+            }
+            for r in removed {
+                let at = |vertex: u32| r.wedges.into_iter().find(|&w| self.vertex_of(w) == vertex);
+                if let (Some(from), Some(to)) = (at(u), at(t)) {
+                    stands(from, to);
+                }
+                for w in r.wedges {
+                    self.any_wedge.entry(self.vertex_of(w)).or_insert(w);
+                }
+                self.state.insert(r.face, r.wedges);
+                born.push(r.face);
+            }
+            self.children.entry(t).or_default().push_back(u);
+            self.unmade.insert(u, Unmade { parent: t, wedges });
+        }
+        for face in born {
+            self.wait(face);
+        }
+    }
+
+    /// The vertex that a vertex is part of now.
+    fn stands_for(&self, mut vertex: u32) -> u32 {
+        while let Some(unmade) = self.unmade.get(&vertex) {
+            vertex = unmade.parent;
+        }
+        vertex
+    }
+
+    /// Files a face that is not there under the vertex that holds two of its corners; answers its
+    /// corners if they are apart.
+    fn wait(&mut self, face: u32) -> Option<[u32; 3]> {
+        let corners = self.state[&face].map(|w| self.stands_for(self.vertex_of(w)));
+        let [a, b, c] = corners;
+        let pair = if a == b || a == c { a } else { b };
+        if a != b && b != c && a != c {
+            return Some(corners);
+        }
+        self.pending.entry(pair).or_default().push(face);
+        None
+    }
+
+    /// Whether a vertex, given by local number, splits (again) in this segment.
+    pub(crate) fn splits(&self, vertex: u32) -> bool {
+        self.children.get(&self.names.vertices[vertex as usize]).is_some_and(|c| !c.is_empty())
+    }
+
+    /// Starts the next split of a vertex; answers the faces that it brings.
+    pub(crate) fn begin_split(&mut self, vertex: u32) -> Vec<Born> {
+        let t = self.names.vertices[vertex as usize];
+        let Some(u) = self.children.get_mut(&t).and_then(VecDeque::pop_front) else { return Vec::new() };
+        self.current = (t, u);
+        let mut born = Vec::new();
+        self.unmade.remove(&u);
+        for face in self.pending.remove(&t).unwrap_or_default() {
+            if let Some(corners) = self.wait(face)
+                && let Some(at) = corners.iter().position(|&v| v == u)
+            {
+                let third = corners.into_iter().find(|&v| v != u && v != t).unwrap_or(u);
+                born.push(Born {
+                    face,
+                    x: self.names.local_vertex.get(&third).copied().unwrap_or(vertex),
+                    left: corners[(at + 1) % 3] == t,
+                });
+            }
+        }
+        born
+    }
+
+    /// Whether a face of the split vertex, by local number, goes to the new one.
+    pub(crate) fn moves(&self, face: u32) -> bool {
+        let corners = self.state.get(&self.names.faces[face as usize]);
+        corners.is_some_and(|w| w.iter().any(|&w| self.stands_for(self.vertex_of(w)) == self.current.1))
+    }
+
+    pub(crate) fn new_vertex(&self) -> u32 {
+        self.current.1
+    }
+
+    /// The wedge that a face of the builder's should have at a vertex (local number).
+    pub(crate) fn wedge(&self, face: u32, vertex: u32, guess: Option<u32>, own: &[u32]) -> Want {
+        let vertex = self.names.vertices[vertex as usize];
+        let found = self.state.get(&face).and_then(|wedges| {
+            let &w = wedges.iter().find(|&&w| self.stands_for(self.vertex_of(w)) == vertex)?;
+            self.stands_for_wedge(w, vertex)
+        });
+        if let Some(wedge) = found {
+            return self.names.local_wedge.get(&wedge).map_or(Want::New(wedge), |&w| Want::Known(w));
+        }
+        // No collapse said which wedge stands for one whose face was not there then: any will do, since
+        // the corner moves on.
+        match guess.or(own.first().copied()) {
+            Some(known) => Want::Known(known),
+            None => self.any_wedge.get(&vertex).map_or(Want::Known(0), |&w| Want::New(w)),
+        }
+    }
+
+    fn stands_for_wedge(&self, mut wedge: u32, vertex: u32) -> Option<u32> {
+        loop {
+            let at = self.vertex_of(wedge);
+            if at == vertex {
+                return Some(wedge);
+            }
+            let unmade = self.unmade.get(&at)?;
+            wedge = unmade.wedges.iter().find(|w| w.0 == wedge)?.1;
+        }
     }
 }

@@ -1,117 +1,125 @@
 //! Predicting and coding where a new vertex is.
 //!
-//! Connectivity comes first, so the whole one-ring is known. The prediction is the ring's mean plus a
-//! quarter of the neighbours' Laplacian; the two axes nearest the tangent plane are coded first, then
-//! the third, predicted on the ring's plane through them plus 0.7 of the Laplacian's normal part. The
-//! two shares come from a prototype on scans and have not been tuned here. Only + − × ÷ √ on f64 in a
-//! fixed order, so every machine predicts the same integers.
+//! Connectivity comes first, so the whole one-ring is known. In the tangent plane the prediction is the
+//! ring's mean, moved by shares of the Laplacian of the neighbours and of where the old vertex and the
+//! ends of the new edges are. The two axes nearest the tangent plane are coded first. Across it, the
+//! height above the ring's plane and its likely error come from a small network that sees the ring's
+//! shape about the place that is known by then ([`crate::codec::height`]). Only + − × ÷ √ in a fixed
+//! order, so every machine predicts the same integers.
 
+use crate::codec::fan::Spoke;
+use crate::codec::height::{self, INPUTS};
 use crate::codec::local::Local;
-use crate::codec::model::Residual;
+use crate::codec::model::{
+    MIX_RESIDUAL, RESIDUAL_OTHER, RESIDUAL_RECENT, RESIDUAL_REST, RESIDUAL_SIGN, SIZE_OTHER_CONTEXTS,
+    SIZE_RECENT_CONTEXTS,
+};
+use crate::codec::residual::{Recent, Residual, quarter_octaves};
 use crate::error::DecodeError;
 use crate::range_coder::Coder;
-use crate::vec3::{Vec3, add, cross, dot, length, scale, sub};
+use crate::vec3::{Vec3, add, cross, dot, scale, sub};
 
-/// Share of the Laplacian added to the mean.
-const TANGENTIAL: f64 = 0.25;
-/// Share of its normal part added to the third axis.
-const NORMAL: f64 = 0.7;
-/// Class of a residual as long as the mean edge.
-const CENTER: i32 = 32;
+/// Shares of the neighbours' Laplacian, of the old vertex and of each end of the new edges, all
+/// relative to the ring's mean. Least squares over the models of BENCHMARKS.md, bunny left out.
+const LAPLACIAN_SHARE: f64 = 0.23;
+const TARGET_SHARE: f64 = 0.22;
+const END_SHARE: f64 = -0.075;
+/// Expected residual in the tangent plane over the ring's radius.
+const TANGENTIAL_SIZE: f64 = 0.18;
 
-/// What the ring says about its centre.
-struct Prediction {
-    guess: Vec3,
+/// Contexts of the three steps.
+const POSITION: [Residual; 3] = [step(0), step(1), step(2)];
+
+const fn step(step: usize) -> Residual {
+    Residual {
+        recent: RESIDUAL_RECENT + step * SIZE_RECENT_CONTEXTS,
+        other: RESIDUAL_OTHER + step * SIZE_OTHER_CONTEXTS,
+        sign: RESIDUAL_SIGN + step,
+        rest: RESIDUAL_REST,
+        mixer: MIX_RESIDUAL + step,
+    }
+}
+
+/// The ring about a new vertex.
+struct Ring {
     mean: Vec3,
+    /// Unit normal.
     normal: Vec3,
-    lift: f64,
+    laplacian: Vec3,
+    /// Root of the mean square distance from the mean; not zero.
+    radius: f64,
     /// Axes in coding order; the last is the one nearest the normal.
     axes: [usize; 3],
-    /// Bits of the ring's mean radius.
-    scale_bits: i32,
+}
+
+/// Who is who around a new vertex: the vertex it splits from, and the ends of the new edges.
+#[derive(Clone, Copy)]
+pub(crate) struct Roles {
+    pub(crate) target: u32,
+    pub(crate) ends: [Option<u32>; 2],
 }
 
 /// Codes the position of `vertex`, whose faces are in place, and sets it.
+#[allow(clippy::too_many_arguments)]
 pub(crate) fn code_position<C: Coder>(
     coder: &mut C,
-    models: &mut [Residual; 3],
+    recent: &mut Recent,
     local: &mut Local<'_>,
+    star: &mut Vec<Spoke>,
     vertex: u32,
+    roles: Roles,
     actual: Option<[i32; 3]>,
     bits: u8,
 ) -> Result<(), DecodeError> {
-    let prediction = predict(local, vertex);
+    local.star(vertex, star);
+    let ring = ring(local, star, vertex);
+    let top = f64::from((1_u32 << bits) - 1);
+    let mut exact = tangential_guess(local, &ring, roles);
     let mut position = [0_i32; 3];
-    let mut exact = prediction.guess;
-    for (step, &axis) in prediction.axes.iter().enumerate() {
-        let guess = if step < 2 || prediction.normal[axis] == 0.0 {
-            exact[axis]
-        } else {
-            let (a, b) = (prediction.axes[0], prediction.axes[1]);
-            let n = prediction.normal;
-            let m = prediction.mean;
-            m[axis] + (prediction.lift - (n[a] * (exact[a] - m[a]) + n[b] * (exact[b] - m[b]))) / n[axis]
-        };
-        let top = f64::from((1_u32 << bits) - 1);
-        let guess = (guess.clamp(0.0, top) + 0.5).floor() as i32;
+    let mut other = 3;
+    for (step, &axis) in ring.axes.iter().enumerate() {
+        let mut size = quarter_octaves(ring.radius * TANGENTIAL_SIZE);
+        if step == 2 && ring.normal[axis] != 0.0 {
+            let (third, log) = third_axis(local, star, &ring, roles.target, exact);
+            exact[axis] = third;
+            size = log;
+        }
+        let guess = (exact[axis].clamp(0.0, top) + 0.5).floor() as i32;
         let residual = actual.map_or(0, |p| p[axis] - guess);
-        let got = code_residual(coder, &mut models[step], prediction.scale_bits, residual);
+        let got = POSITION[step].code(coder, size, recent.class(step), other, residual);
         position[axis] = guess.wrapping_add(got);
         if position[axis] < 0 || position[axis] >= 1 << bits {
             return Err(DecodeError::new("chunk", "a position is off the grid"));
         }
         exact[axis] = f64::from(position[axis]);
+        other = recent.follow(step, got, size);
     }
-    local.vertices[vertex as usize].position = position;
+    local.place_vertex(vertex, position);
     Ok(())
 }
 
-fn code_residual<C: Coder>(coder: &mut C, model: &mut Residual, scale_bits: i32, value: i32) -> i32 {
-    let class = 32 - value.unsigned_abs().leading_zeros() as i32;
-    let symbol = model.class.code(coder, (class - scale_bits + CENTER).clamp(0, 63) as u32);
-    let class = (symbol as i32 - CENTER + scale_bits).clamp(0, 30);
-    if class == 0 {
-        return 0;
-    }
-    let magnitude = value.unsigned_abs();
-    let mut got = 1_u32;
-    if class >= 2 {
-        let below = class as u32 - 1;
-        let second = coder.bit(&mut model.second[symbol as usize], (magnitude >> (below - 1)) & 1 == 1);
-        let rest = coder.raw(below - 1, magnitude & ((1 << (below - 1)) - 1));
-        got = (1 << below) | (u32::from(second) << (below - 1)) | rest;
-    }
-    if coder.raw(1, u32::from(value < 0)) == 1 { -(got as i32) } else { got as i32 }
-}
-
-fn predict(local: &Local<'_>, vertex: u32) -> Prediction {
-    let star = local.star(vertex);
-    let mut ring = Vec::with_capacity(2 * star.len());
-    local.ring(vertex, &mut ring);
-    let mean = mean_of(local, &ring);
+fn ring(local: &Local<'_>, star: &[Spoke], vertex: u32) -> Ring {
+    let at = local.vertices[vertex as usize].position;
+    let mean = local.mean_of_ends(vertex, 0, at).unwrap_or_else(|| local.position(vertex));
     let mut laplacian = [0.0; 3];
     let mut counted = 0.0;
-    let mut radius = 0.0;
-    let mut around = Vec::new();
-    for &w in &ring {
-        let at = local.position(w);
-        radius += length(sub(at, mean));
-        local.ring(w, &mut around);
-        around.retain(|&x| x != vertex);
-        if around.len() >= 3 {
-            laplacian = add(laplacian, sub(at, mean_of(local, &around)));
+    let mut square = 0.0;
+    let mut normal = [0.0; 3];
+    for s in star {
+        let (a, b) = (local.position(s.a), local.position(s.b));
+        let from = sub(a, mean);
+        square += dot(from, from);
+        normal = add(normal, cross(from, sub(b, mean)));
+        // Each neighbour of a closed star is an `a` once, and shares two faces with the vertex.
+        if let Some(around) = local.mean_of_ends(s.a, 2, at) {
+            laplacian = add(laplacian, sub(a, around));
             counted += 1.0;
         }
     }
     if counted > 0.0 {
         laplacian = scale(laplacian, 1.0 / counted);
     }
-    let radius = radius / (ring.len().max(1) as f64);
-    let mut normal = [0.0; 3];
-    for s in &star {
-        normal = add(normal, cross(sub(local.position(s.a), mean), sub(local.position(s.b), mean)));
-    }
-    let size = length(normal);
+    let size = dot(normal, normal).sqrt();
     if size > 0.0 {
         normal = scale(normal, 1.0 / size);
     }
@@ -121,20 +129,69 @@ fn predict(local: &Local<'_>, vertex: u32) -> Prediction {
         1 => [0, 2, 1],
         _ => [0, 1, 2],
     };
-    Prediction {
-        guess: add(mean, scale(laplacian, TANGENTIAL)),
-        mean,
-        normal,
-        lift: NORMAL * dot(laplacian, normal),
-        axes,
-        scale_bits: 32 - (radius.min(1e9) as u32).leading_zeros() as i32,
-    }
+    let radius = (square / star.len().max(1) as f64).sqrt().max(0.25);
+    Ring { mean, normal, laplacian, radius, axes }
 }
 
-fn mean_of(local: &Local<'_>, vertices: &[u32]) -> Vec3 {
-    let mut sum = [0.0; 3];
-    for &v in vertices {
-        sum = add(sum, local.position(v));
+fn tangential_guess(local: &Local<'_>, ring: &Ring, roles: Roles) -> Vec3 {
+    let mut guess = add(ring.mean, scale(ring.laplacian, LAPLACIAN_SHARE));
+    guess = add(guess, scale(sub(local.position(roles.target), ring.mean), TARGET_SHARE));
+    for end in roles.ends.into_iter().flatten() {
+        guess = add(guess, scale(sub(local.position(end), ring.mean), END_SHARE));
     }
-    scale(sum, 1.0 / vertices.len().max(1) as f64)
+    guess
+}
+
+/// The third axis, where the first two of `known` are: its coordinate, and the expected residual in
+/// quarter octaves.
+fn third_axis(local: &Local<'_>, star: &[Spoke], ring: &Ring, target: u32, known: Vec3) -> (f64, i32) {
+    let [a, b, c] = ring.axes;
+    let n = ring.normal;
+    let inverse = 1.0 / ring.radius;
+    // Where the axis through what is known meets the plane through the mean.
+    let slope = (n[a] * (known[a] - ring.mean[a]) + n[b] * (known[b] - ring.mean[b])) / n[c];
+    let mut foot = known;
+    foot[c] = ring.mean[c] - slope;
+    let place = scale(sub(foot, ring.mean), inverse);
+    // A frame in the plane: away from the old vertex, and across.
+    let from = sub(ring.mean, local.position(target));
+    let along = sub(from, scale(n, dot(from, n)));
+    let size = dot(along, along).sqrt();
+    let e1 = if size > 0.0 { scale(along, 1.0 / size) } else { [0.0; 3] };
+    let e2 = cross(n, e1);
+    let lift = dot(ring.laplacian, n) * inverse;
+    let (x, y) = (dot(place, e1), dot(place, e2));
+    let mut sums = [0.0; 4];
+    let (mut near, mut weight) = (0.0, 0.0);
+    for s in star {
+        let q = scale(sub(local.position(s.a), ring.mean), inverse);
+        let (u, v, h) = (dot(q, e1), dot(q, e2), dot(q, n));
+        let gap = sub(q, place);
+        let w = 1.0 / (dot(gap, gap) + 0.05);
+        near += w * h;
+        weight += w;
+        for (sum, x) in sums.iter_mut().zip([h * u * u, h * v * v, h * h, 1.0]) {
+            *sum += x;
+        }
+    }
+    let count = 1.0 / f64::max(sums[3], 1.0);
+    let distance = x * x + y * y;
+    let radius = (f64::from(quarter_octaves(ring.radius)) * 0.25 - 5.0).clamp(-3.0, 3.0) / 3.0;
+    let inputs: [f64; INPUTS] = [
+        near / weight.max(1e-9),
+        lift,
+        x,
+        y,
+        distance,
+        sums[0] * count,
+        sums[1] * count,
+        sums[2] * count,
+        -dot(from, n) * inverse,
+        distance * lift,
+        sums[3] / 6.0 - 1.0,
+        radius,
+    ];
+    let (height, log) = height::predict(&inputs);
+    let third = foot[c] + height * ring.radius / n[c];
+    (third, log + quarter_octaves(ring.radius / n[c].abs()))
 }

@@ -4,6 +4,7 @@
 use std::ops::Range;
 
 use crate::base::Base;
+use crate::codec::attributes::Kinds;
 use crate::mesh::{Grid, UvGrid, Wedge};
 use crate::refine::delta::{ChunkDelta, Id};
 use crate::refine::places::{Place, Places};
@@ -54,6 +55,7 @@ pub enum RefineError {
 pub struct ActiveMesh {
     pub(crate) grid: Grid,
     pub(crate) uv_grid: UvGrid,
+    pub(crate) kinds: Kinds,
     pub(crate) places: Places,
     pub(crate) positions: Vec<[i32; 3]>,
     /// Where a vertex was before its chunk was applied: the position of its oldest ancestor within
@@ -87,6 +89,7 @@ impl ActiveMesh {
         let mut mesh = Self {
             grid: base.grid,
             uv_grid: base.uv_grid,
+            kinds: base.kinds(),
             places: Places::new(base.chunk_count),
             positions: Vec::new(),
             morph_from: Vec::new(),

@@ -43,10 +43,8 @@ pub(crate) struct RegionChunk {
     /// Geometric error in grid cells while the chunk is missing, before it is made monotone.
     pub(crate) error: f64,
     /// How far attributes slide while the chunk is missing, in grid cells, before it is made monotone.
-    #[cfg_attr(not(test), expect(dead_code, reason = "stated in the index once that carries it"))]
     pub(crate) attribute_error: f64,
     /// The same once the chunk is applied up to each stop of its records; falling, at most `error`.
-    #[expect(dead_code, reason = "stated in the index once chunks are coded up to their stops")]
     pub(crate) stop_errors: Vec<f64>,
     /// Bounding sphere in grid cells about the middle of the grid.
     pub(crate) center: Vec3,

@@ -22,6 +22,8 @@ fn tangle(random: &mut Random) -> SourceMesh {
     let (uvs, normals) = (random.below(30), random.below(30));
     mesh.uvs = (0..uvs).map(|_| [random.unit() as f32, random.unit() as f32]).collect();
     mesh.normals = (0..normals).map(|_| [0, 1, 2].map(|_| random.unit() as f32 - 0.5)).collect();
+    let colors = random.below(12);
+    mesh.colors = (0..colors).map(|_| [0; 4].map(|_: u8| random.below(256) as u8)).collect();
     let materials = 1 + random.below(4);
     let pick = |random: &mut Random, count: usize| match count {
         0 => NONE,
@@ -37,7 +39,12 @@ fn tangle(random: &mut Random) -> SourceMesh {
                 (true, _) => (first + random.below(9)) % points,
                 (false, _) => random.below(points),
             };
-            Corner { uv: pick(random, uvs), normal: pick(random, normals), ..Corner::at(position as u32) }
+            Corner {
+                uv: pick(random, uvs),
+                normal: pick(random, normals),
+                color: pick(random, colors),
+                ..Corner::at(position as u32)
+            }
         });
         mesh.faces.push(corner);
         mesh.materials.push(random.below(materials) as u16);

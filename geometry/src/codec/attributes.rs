@@ -1,0 +1,140 @@
+//! The attributes of a new wedge: texture coordinates, normal group, colour, explicit normal.
+
+use crate::codec::model::{
+    BASE_UV, COLOR, EXPLICIT_NORMAL, GROUP, MIX_UV, NORMAL, SAME_COLOR, SIZE_OTHER_CONTEXTS,
+    SIZE_RECENT_CONTEXTS, UV_OTHER, UV_RECENT, UV_REST, UV_SIGN,
+};
+use crate::codec::residual::{Recent, Residual, UNKNOWN};
+use crate::error::DecodeError;
+use crate::mesh::{Attributes, NO_COLOR, NORMAL_BITS};
+use crate::octahedral;
+use crate::range_coder::Coder;
+use crate::symbols::{INTEGER_CONTEXTS, integer, signed};
+
+/// Which attributes an asset has.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Kinds {
+    /// Bits per axis of texture coordinates, 0 for none.
+    pub(crate) uv_bits: u8,
+    pub(crate) colors: bool,
+    pub(crate) normals: bool,
+}
+
+/// What is expected of a new wedge.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Expected {
+    pub(crate) uv: [i32; 2],
+    /// Size of the error of `uv`, in quarter octaves of the uv grid's cells; `None` where nothing is known.
+    pub(crate) uv_size: Option<i32>,
+    /// A wedge near by.
+    pub(crate) near: Option<Attributes>,
+    /// The normal of the faces, not of unit length.
+    pub(crate) normal: [f64; 3],
+    /// Whether it is the first wedge of its vertex.
+    pub(crate) first: bool,
+}
+
+const UV: [Residual; 2] = [axis(0), axis(1)];
+
+const fn axis(axis: usize) -> Residual {
+    Residual {
+        recent: UV_RECENT + axis * SIZE_RECENT_CONTEXTS,
+        other: UV_OTHER + axis * SIZE_OTHER_CONTEXTS,
+        sign: UV_SIGN + axis,
+        rest: UV_REST,
+        mixer: MIX_UV + axis,
+    }
+}
+
+/// Codes the attributes of a wedge.
+pub(crate) fn code_attributes<C: Coder>(
+    coder: &mut C,
+    kinds: Kinds,
+    recent: &mut Recent,
+    expected: &Expected,
+    want: Option<Attributes>,
+) -> Result<Attributes, DecodeError> {
+    let uv = code_uv(coder, kinds, recent, expected, want)?;
+    let at = GROUP + usize::from(expected.first) * INTEGER_CONTEXTS;
+    let group = integer(coder, at, want.map_or(0, |w| w.group));
+    let color = code_color(coder, kinds, expected, want);
+    let normal = code_normal(coder, kinds, expected, want)?;
+    Ok(Attributes { uv, group, color, normal })
+}
+
+fn code_uv<C: Coder>(
+    coder: &mut C,
+    kinds: Kinds,
+    recent: &mut Recent,
+    expected: &Expected,
+    want: Option<Attributes>,
+) -> Result<[i32; 2], DecodeError> {
+    let mut uv = [0; 2];
+    if kinds.uv_bits == 0 {
+        return Ok(uv);
+    }
+    let mut other = UNKNOWN;
+    for axis in 0..2 {
+        let residual = want.map_or(0, |w| w.uv[axis] - expected.uv[axis]);
+        let got = match expected.uv_size {
+            Some(size) => {
+                let got = UV[axis].code(coder, size, recent.class(axis), other, residual);
+                other = recent.follow(axis, got, size);
+                got
+            }
+            None => signed(coder, BASE_UV + axis * INTEGER_CONTEXTS, residual),
+        };
+        uv[axis] = expected.uv[axis].wrapping_add(got);
+        if uv[axis] < 0 || uv[axis] >= 1 << kinds.uv_bits {
+            return Err(DecodeError::new("wedge", "a texture coordinate is off the grid"));
+        }
+    }
+    Ok(uv)
+}
+
+fn code_color<C: Coder>(
+    coder: &mut C,
+    kinds: Kinds,
+    expected: &Expected,
+    want: Option<Attributes>,
+) -> [u8; 4] {
+    let near = expected.near.map_or(NO_COLOR, |n| n.color);
+    if !kinds.colors || coder.bit(SAME_COLOR, want.is_none_or(|w| w.color == near)) {
+        return near;
+    }
+    [0, 1, 2, 3].map(|channel| {
+        let residual = want.map_or(0, |w| i32::from(w.color[channel]) - i32::from(near[channel]));
+        let got = signed(coder, COLOR + channel * INTEGER_CONTEXTS, residual);
+        i32::from(near[channel]).wrapping_add(got) as u8
+    })
+}
+
+/// An explicit normal is expected where the one near by is, else where the faces say.
+fn code_normal<C: Coder>(
+    coder: &mut C,
+    kinds: Kinds,
+    expected: &Expected,
+    want: Option<Attributes>,
+) -> Result<Option<[u16; 2]>, DecodeError> {
+    if !kinds.normals {
+        return Ok(None);
+    }
+    let near = expected.near.map(|n| n.normal);
+    let context = near.map_or(2, |n| usize::from(n.is_some()));
+    let want = want.and_then(|w| w.normal);
+    if !coder.bit(EXPLICIT_NORMAL + context, want.is_some()) {
+        return Ok(None);
+    }
+    let guess = near.flatten().unwrap_or_else(|| octahedral::encode(expected.normal));
+    let mut normal = [0_u16; 2];
+    for axis in 0..2 {
+        let residual = want.map_or(0, |w| i32::from(w[axis]) - i32::from(guess[axis]));
+        let got =
+            i32::from(guess[axis]).wrapping_add(signed(coder, NORMAL + axis * INTEGER_CONTEXTS, residual));
+        normal[axis] = u16::try_from(got)
+            .ok()
+            .filter(|&n| n < 1 << NORMAL_BITS)
+            .ok_or_else(|| DecodeError::new("wedge", "a normal is off its map"))?;
+    }
+    Ok(Some(normal))
+}

@@ -1,0 +1,116 @@
+//! Residuals of predictions whose likely size is known.
+//!
+//! A residual is coded by its class, two an octave, under two contexts that are mixed: its expected
+//! size with how the last residuals compared with theirs, and its expected size with how the residual
+//! before it, of the same vertex, did. Residuals expected to be long send their lowest bits as they are,
+//! so that the same contexts serve all scales.
+
+use crate::codec::model::{CLASS_BITS, CLASSES, OTHERS, RECENTS, SIZES};
+use crate::range_coder::Coder;
+use crate::symbols::integer;
+
+/// Contexts of one kind of residual.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Residual {
+    pub(crate) recent: usize,
+    pub(crate) other: usize,
+    pub(crate) sign: usize,
+    pub(crate) rest: usize,
+    pub(crate) mixer: usize,
+}
+
+/// How the last residuals compared with what was expected, by step: mean of the logarithm of the ratio,
+/// in quarter octaves × 16.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Recent([i32; 3]);
+
+/// Nothing is known of the residual before.
+pub(crate) const UNKNOWN: usize = 3;
+/// Bound of a ratio, in quarter octaves.
+const MOST: i32 = 12;
+
+impl Recent {
+    pub(crate) fn class(&self, step: usize) -> usize {
+        (self.0[step] / 32 + 2).clamp(0, RECENTS as i32 - 1) as usize
+    }
+
+    /// Takes note of a residual; answers its class for [`Residual::code`]'s `other`.
+    pub(crate) fn follow(&mut self, step: usize, residual: i32, size: i32) -> usize {
+        let ratio = quarter_octaves(f64::from(residual.unsigned_abs()) + 0.25) - size;
+        let ratio = ratio.clamp(-MOST, MOST);
+        self.0[step] += (ratio * 16 - self.0[step]) / 16;
+        ((ratio + MOST + 2) / 4).clamp(0, OTHERS as i32 - 1) as usize
+    }
+}
+
+/// Four times the binary logarithm of a positive number, rounded down: exact at powers of two, linear
+/// between. Bounded by -256.
+pub(crate) fn quarter_octaves(x: f64) -> i32 {
+    if x > 0.0 { ((x.to_bits() >> 50) as i32 - (1023 << 2)).max(-256) } else { -256 }
+}
+
+/// Residuals expected to be longer than 2 to this, in cells, send their lowest bits as they are.
+const COARSE: i32 = 3;
+
+impl Residual {
+    /// Codes a residual whose expected size is `size` quarter octaves; |value| < 2^30.
+    pub(crate) fn code<C: Coder>(
+        &self,
+        coder: &mut C,
+        size: i32,
+        recent: usize,
+        other: usize,
+        value: i32,
+    ) -> i32 {
+        let shift = (size.div_euclid(4) - COARSE + 1).clamp(0, 24);
+        let bucket = (size - 4 * shift + 16).clamp(0, SIZES as i32 - 1) as usize;
+        let low =
+            if shift > 0 { coder.raw(shift as u32, (value & ((1 << shift) - 1)) as u32) as i32 } else { 0 };
+        let high = value >> shift;
+        let magnitude = high.unsigned_abs();
+        let class = class_of(magnitude);
+        let a = self.recent + (bucket * RECENTS + recent) * CLASSES;
+        let b = self.other + (bucket / 2 * OTHERS + other) * CLASSES;
+        let mut node = 1;
+        for i in (0..CLASS_BITS).rev() {
+            let bit = coder.mix([a + node, b + node], self.mixer, (class >> i) & 1 == 1);
+            node = node * 2 + usize::from(bit);
+        }
+        let class = node - CLASSES;
+        let (start, width) = CLASS_RANGE[class];
+        let mut got = if class == LAST_CLASS {
+            start.wrapping_add(integer(coder, self.rest, magnitude.wrapping_sub(start) & 0x3fff_ffff))
+        } else {
+            start + coder.raw(width, magnitude.wrapping_sub(start) & ((1 << width) - 1))
+        } as i32;
+        if got != 0 && coder.bit(self.sign, high < 0) {
+            got = got.wrapping_neg();
+        }
+        got.wrapping_shl(shift as u32) | low
+    }
+}
+
+/// First magnitude of each class, and bits that tell its members apart.
+const CLASS_RANGE: [(u32, u32); CLASSES] = [
+    (0, 0),
+    (1, 0),
+    (2, 0),
+    (3, 0),
+    (4, 1),
+    (6, 1),
+    (8, 2),
+    (12, 2),
+    (16, 3),
+    (24, 3),
+    (32, 4),
+    (48, 4),
+    (64, 5),
+    (96, 5),
+    (128, 6),
+    (192, 0),
+];
+const LAST_CLASS: usize = CLASSES - 1;
+
+fn class_of(magnitude: u32) -> u32 {
+    CLASS_RANGE.iter().rposition(|c| c.0 <= magnitude).unwrap_or(0) as u32
+}

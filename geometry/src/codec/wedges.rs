@@ -1,0 +1,254 @@
+//! Wedges and materials of a split: which wedges the moved corners and the new faces use, and the
+//! attributes of wedges that are new.
+
+use crate::codec::attributes::{Expected, code_attributes};
+use crate::codec::local::Local;
+use crate::codec::model::{
+    MATERIAL, NEW_MOVED_WEDGE, NEW_WEDGE, SAME_MATERIAL, SAME_MOVED_WEDGE, SAME_WEDGE,
+};
+use crate::codec::plan::{Guide, Want};
+use crate::codec::residual::quarter_octaves;
+use crate::codec::split::{Added, Split, Splitter};
+use crate::error::DecodeError;
+use crate::range_coder::Coder;
+use crate::symbols::{index, integer};
+use crate::vec3::{Vec3, add, cross, dot, scale, sub};
+
+/// Contexts of corners: t, x, u.
+const AT_TARGET: usize = 0;
+const AT_THIRD: usize = 1;
+const AT_NEW: usize = 2;
+
+/// Codes the wedges of the corners that moved and of the new faces, and the latter's materials.
+pub(crate) fn code_wedges<C: Coder>(
+    coder: &mut C,
+    splitter: &mut Splitter,
+    local: &mut Local<'_>,
+    split: &Split,
+    guide: &mut Option<&mut Guide<'_>>,
+) -> Result<(), DecodeError> {
+    // The corners that moved still name the wedges of the old vertex.
+    let targets: Vec<u32> = split.fan.spokes.iter().map(|s| local.spoke_wedges(s)[0]).collect();
+    code_moved(coder, splitter, local, split, &targets, guide)?;
+    for face in &split.added {
+        code_face(coder, splitter, local, split, &targets, face, guide)?;
+    }
+    Ok(())
+}
+
+/// Wedges of the new vertex for the faces that moved to it.
+fn code_moved<C: Coder>(
+    coder: &mut C,
+    splitter: &mut Splitter,
+    local: &mut Local<'_>,
+    split: &Split,
+    targets: &[u32],
+    guide: &mut Option<&mut Guide<'_>>,
+) -> Result<(), DecodeError> {
+    // (wedge of t, wedge of u) pairs so far.
+    let mut pairs: Vec<(u32, u32)> = Vec::new();
+    for i in (0..split.fan.spokes.len()).filter(|&i| split.moves[i]) {
+        let spoke = split.fan.spokes[i];
+        let from = targets[i];
+        let same = pairs.iter().find(|p| p.0 == from).map(|p| p.1);
+        let own = local.wedges_of(split.u);
+        let want = guide.as_ref().map(|g| g.wedge(g.names.faces[spoke.face as usize], split.u, same, &own));
+        let wedge = match same {
+            Some(same) if coder.bit(SAME_MOVED_WEDGE, want == Some(Want::Known(same))) => same,
+            _ => {
+                let new = own.is_empty() || coder.bit(NEW_MOVED_WEDGE, matches!(want, Some(Want::New(_))));
+                if new {
+                    let expected = expected(local, split, targets, from);
+                    new_wedge(coder, splitter, local, split.u, &expected, want, guide)?
+                } else {
+                    chosen(coder, &own, want)?
+                }
+            }
+        };
+        if same.is_none() {
+            pairs.push((from, wedge));
+        }
+        local.set_wedge(spoke.face, spoke.k, wedge);
+    }
+    Ok(())
+}
+
+/// One of a vertex's wedges.
+fn chosen<C: Coder>(coder: &mut C, own: &[u32], want: Option<Want>) -> Result<u32, DecodeError> {
+    let place = own.iter().position(|&w| want == Some(Want::Known(w))).unwrap_or(0);
+    Ok(own[index(coder, own.len(), place, "chunk: wedge")?])
+}
+
+/// What the faces that moved with one wedge of t say about the wedge of u: texture coordinates by
+/// an affine fit over the ring, weighted by nearness, at the place of u.
+fn expected(local: &Local<'_>, split: &Split, targets: &[u32], from: u32) -> Expected {
+    let center = local.position(split.u);
+    let mut normal = [0.0; 3];
+    let mut points: Vec<(Vec3, Vec3, f64)> = Vec::with_capacity(2 * split.fan.spokes.len() + 1);
+    let mut seen: Vec<u32> = vec![from];
+    let mut put = |wedge: u32| {
+        let w = &local.wedges[wedge as usize];
+        let at = sub(local.position(w.vertex), center);
+        let [u, v] = w.attributes.uv.map(f64::from);
+        points.push((at, [u, v, 0.0], 1.0 / (dot(at, at) + 1.0)));
+    };
+    put(from);
+    for i in (0..split.fan.spokes.len()).filter(|&i| split.moves[i]) {
+        let [a, b] = [split.fan.spokes[i].a, split.fan.spokes[i].b].map(|v| sub(local.position(v), center));
+        normal = add(normal, cross(a, b));
+        if targets[i] == from {
+            let [_, a, b] = local.spoke_wedges(&split.fan.spokes[i]);
+            for w in [a, b] {
+                if !seen.contains(&w) {
+                    seen.push(w);
+                    put(w);
+                }
+            }
+        }
+    }
+    let near = local.wedges[from as usize].attributes;
+    let (uv, spread) = fit(&points, normal);
+    Expected {
+        uv: [0, 1].map(|k| (uv[k] + 0.5).floor().clamp(-1.0e9, 1.0e9) as i32),
+        uv_size: Some(quarter_octaves(spread * UV_SIZE)),
+        near: Some(near),
+        normal,
+        first: false,
+    }
+}
+
+/// Expected error of a fitted texture coordinate over the spread of those that it was fitted to.
+const UV_SIZE: f64 = 0.1;
+
+/// The value at the origin of an affine function fitted to (place, value, weight) in the plane with the
+/// given normal, and the root mean square of the values about their mean. With too few points: the mean.
+fn fit(points: &[(Vec3, Vec3, f64)], normal: Vec3) -> (Vec3, f64) {
+    let total: f64 = points.iter().map(|p| p.2).sum();
+    let (mut place, mut value) = ([0.0; 3], [0.0; 3]);
+    for p in points {
+        place = add(place, scale(p.0, p.2 / total));
+        value = add(value, scale(p.1, p.2 / total));
+    }
+    let size = dot(normal, normal).sqrt();
+    // Any two directions in the plane will do.
+    let n = if size > 0.0 { scale(normal, 1.0 / size) } else { [0.0, 0.0, 1.0] };
+    let least = (0..3).min_by(|&a, &b| n[a].abs().total_cmp(&n[b].abs())).unwrap_or(0);
+    let mut axis = [0.0; 3];
+    axis[least] = 1.0;
+    let e1 = cross(n, axis);
+    let e2 = cross(n, e1);
+    let (mut xx, mut xy, mut yy, mut square) = (0.0, 0.0, 0.0, 0.0);
+    let (mut xv, mut yv) = ([0.0; 3], [0.0; 3]);
+    for p in points {
+        let (d, v) = (sub(p.0, place), sub(p.1, value));
+        let (x, y) = (dot(d, e1), dot(d, e2));
+        xx += p.2 * x * x;
+        xy += p.2 * x * y;
+        yy += p.2 * y * y;
+        square += p.2 * dot(v, v);
+        xv = add(xv, scale(v, p.2 * x));
+        yv = add(yv, scale(v, p.2 * y));
+    }
+    let spread = (square / total).sqrt();
+    let determinant = xx * yy - xy * xy;
+    if points.len() < 3 || determinant <= 1e-3 * xx * yy {
+        return (value, spread);
+    }
+    let (x, y) = (-dot(place, e1), -dot(place, e2));
+    let gx = scale(sub(scale(xv, yy), scale(yv, xy)), 1.0 / determinant);
+    let gy = scale(sub(scale(yv, xx), scale(xv, xy)), 1.0 / determinant);
+    (add(value, add(scale(gx, x), scale(gy, y))), spread)
+}
+
+fn new_wedge<C: Coder>(
+    coder: &mut C,
+    splitter: &mut Splitter,
+    local: &mut Local<'_>,
+    vertex: u32,
+    expected: &Expected,
+    want: Option<Want>,
+    guide: &mut Option<&mut Guide<'_>>,
+) -> Result<u32, DecodeError> {
+    let builder = match want {
+        Some(Want::New(builder)) => Some(builder),
+        _ => None,
+    };
+    let want = builder.and_then(|b| Some(guide.as_ref()?.source.wedges[b as usize].attributes));
+    let expected = Expected { first: local.wedges_of(vertex).is_empty(), ..*expected };
+    let attributes = code_attributes(coder, splitter.kinds, &mut splitter.recent_uv, &expected, want)?;
+    let wedge = local.add_wedge(vertex, attributes);
+    if let (Some(guide), Some(builder)) = (guide.as_mut(), builder) {
+        guide.names.wedge(builder);
+    }
+    Ok(wedge)
+}
+
+/// Wedges and material of one new face.
+fn code_face<C: Coder>(
+    coder: &mut C,
+    splitter: &mut Splitter,
+    local: &mut Local<'_>,
+    split: &Split,
+    targets: &[u32],
+    added: &Added,
+    guide: &mut Option<&mut Guide<'_>>,
+) -> Result<(), DecodeError> {
+    let gate = added.gate.map(|g| &split.gates[g]);
+    // The neighbours' wedges at t, x and u.
+    let (mut at_t, mut at_x, mut at_u, mut beside) = (None, None, None, None);
+    if let Some(gate) = gate {
+        let moving = &split.fan.spokes[gate.moves];
+        let [centre, a, b] = local.spoke_wedges(moving);
+        at_u = Some(centre);
+        at_x = Some(if gate.left { a } else { b });
+        at_t = Some(gate.stays.map_or(targets[gate.moves], |s| targets[s]));
+        beside = Some(moving.face);
+    } else if let Some(spoke) = split.fan.spokes.first() {
+        at_t = Some(targets[0]);
+        beside = Some(spoke.face);
+    }
+    let mut corner = |coder: &mut C,
+                      local: &mut Local<'_>,
+                      kind: usize,
+                      vertex: u32,
+                      guess: Option<u32>,
+                      guide: &mut Option<&mut Guide<'_>>|
+     -> Result<u32, DecodeError> {
+        let own = local.wedges_of(vertex);
+        let want = guide.as_ref().and_then(|g| Some(g.wedge(added.face?, vertex, guess, &own)));
+        if let Some(guess) = guess
+            && coder.bit(SAME_WEDGE + kind, want == Some(Want::Known(guess)))
+        {
+            return Ok(guess);
+        }
+        if own.is_empty() || coder.bit(NEW_WEDGE + kind, matches!(want, Some(Want::New(_)))) {
+            let near = guess.or(own.first().copied()).or(at_t);
+            let near = near.map(|w| local.wedges[w as usize].attributes);
+            let uv = near.map_or([0; 2], |w| w.uv);
+            let expected = Expected { uv, uv_size: None, near, normal: [0.0; 3], first: false };
+            return new_wedge(coder, splitter, local, vertex, &expected, want, guide);
+        }
+        chosen(coder, &own, want)
+    };
+    let t_wedge = corner(coder, local, AT_TARGET, split.t, at_t, guide)?;
+    let x_wedge = corner(coder, local, AT_THIRD, added.x, at_x, guide)?;
+    let u_guess = at_u.or(local.wedges_of(split.u).first().copied());
+    let u_wedge = corner(coder, local, AT_NEW, split.u, u_guess, guide)?;
+
+    let near = beside.map_or(0, |f| local.faces[f as usize].material);
+    let want = match (added.face, guide.as_ref()) {
+        (Some(face), Some(g)) => g.source.materials[face as usize],
+        _ => near,
+    };
+    let mut material = near;
+    let materials = splitter.materials;
+    if materials > 1 && !coder.bit(SAME_MATERIAL, want == near) {
+        material = integer(coder, MATERIAL, u32::from(want)).min(u32::from(u16::MAX)) as u16;
+        if material >= materials {
+            return Err(DecodeError::new("chunk", format!("material {material} of {materials}")));
+        }
+    }
+    let wedges = if added.left { [t_wedge, x_wedge, u_wedge] } else { [u_wedge, x_wedge, t_wedge] };
+    local.set_face(added.local, wedges, material);
+    Ok(())
+}

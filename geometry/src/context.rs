@@ -1,0 +1,151 @@
+//! Adaptive probabilities and their mixing: what an entropy coder believes.
+//!
+//! Integers only, so every machine believes the same.
+
+/// Observations after which adaptation stops getting slower.
+pub(crate) const MAX_COUNT: u8 = 120;
+/// Most contexts that one decision looks at.
+pub(crate) const MAX_INPUTS: usize = 4;
+/// Probabilities stay this far (of 65536) from 0 and 1, so no symbol costs nothing or everything.
+const MARGIN: i32 = 48;
+/// Speed at which mixing weights follow: weight += stretch × error / 2^this.
+const LEARNING_SHIFT: u32 = 17;
+
+/// An adaptive estimate of the probability that a bit is set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Prob {
+    /// In 65536ths.
+    pub(crate) p: u16,
+    /// Observations that the estimate is worth.
+    pub(crate) seen: u8,
+}
+
+impl Default for Prob {
+    fn default() -> Self {
+        Self { p: 1 << 15, seen: 0 }
+    }
+}
+
+impl Prob {
+    /// Moves the estimate towards what was seen, by 1/(n + 1.5).
+    #[inline]
+    pub(crate) fn update(&mut self, bit: bool) {
+        let target = if bit { 65535 } else { 0 };
+        let step = ((target - i32::from(self.p)) * RATE[usize::from(self.seen)]) >> 15;
+        self.p = (i32::from(self.p) + step).clamp(MARGIN, 65536 - MARGIN) as u16;
+        if self.seen < MAX_COUNT {
+            self.seen += 1;
+        }
+    }
+}
+
+/// 2^15 / (n + 1.5).
+const RATE: [i32; 256] = {
+    let mut table = [0; 256];
+    let mut n = 0;
+    while n < 256 {
+        table[n] = (1 << 16) / (2 * n as i32 + 3);
+        n += 1;
+    }
+    table
+};
+
+/// 65536 / (1 + exp(-x)) for x from -8 to 8 in steps of 1/2.
+const LOGISTIC: [i32; 33] = [
+    22, 36, 60, 98, 162, 267, 439, 720, 1179, 1921, 3108, 4971, 7812, 11955, 17625, 24743, 32768, 40793,
+    47911, 53581, 57724, 60565, 62428, 63615, 64357, 64816, 65097, 65269, 65374, 65438, 65476, 65500, 65514,
+];
+
+/// Log odds in 256ths, from -2048 to 2047, to probabilities in 65536ths: [`LOGISTIC`], interpolated.
+static SQUASH: [u16; 4096] = {
+    let mut table = [0; 4096];
+    let mut i = 0;
+    while i < 4096 {
+        let (at, part) = (i / 128, i as i32 % 128);
+        table[i] = ((LOGISTIC[at] * (128 - part) + LOGISTIC[at + 1] * part) / 128) as u16;
+        i += 1;
+    }
+    table
+};
+
+/// The inverse: probabilities in 4096ths to log odds.
+static STRETCH: [i16; 4096] = {
+    let mut table = [0; 4096];
+    let (mut p, mut x) = (0_usize, 0_usize);
+    while p < 4096 {
+        while x < 4095 && (SQUASH[x] as usize) < p * 16 + 8 {
+            x += 1;
+        }
+        table[p] = x as i16 - 2048;
+        p += 1;
+    }
+    table
+};
+
+/// All estimates of one stream.
+#[derive(Clone, Debug)]
+pub(crate) struct Contexts {
+    pub(crate) probs: Vec<Prob>,
+    /// Mixing weights, [`MAX_INPUTS`] a mixer, in 65536ths.
+    pub(crate) weights: Vec<i32>,
+}
+
+/// A mixed estimate, and what it needs to learn from the outcome.
+pub(crate) struct Mixed<const N: usize> {
+    pub(crate) p: u16,
+    stretched: [i32; N],
+}
+
+impl Contexts {
+    /// Reads what [`Contexts::to_bytes`] wrote: `count` probabilities, the rest weights.
+    pub(crate) fn from_bytes(bytes: &[u8], count: usize) -> Self {
+        let (probs, weights) = bytes.split_at(count * 3);
+        let prob = |b: &[u8]| Prob { p: u16::from_le_bytes([b[0], b[1]]), seen: b[2].min(MAX_COUNT) };
+        let weight = |b: &[u8]| i32::from_le_bytes([b[0], b[1], b[2], b[3]]);
+        Self {
+            probs: probs.chunks_exact(3).map(prob).collect(),
+            weights: weights.chunks_exact(4).map(weight).collect(),
+        }
+    }
+
+    pub(crate) fn to_bytes(&self) -> Vec<u8> {
+        let mut bytes = Vec::with_capacity(self.probs.len() * 3 + self.weights.len() * 4);
+        for prob in &self.probs {
+            bytes.extend(prob.p.to_le_bytes());
+            bytes.push(prob.seen);
+        }
+        for weight in &self.weights {
+            bytes.extend(weight.to_le_bytes());
+        }
+        bytes
+    }
+
+    #[inline]
+    pub(crate) fn mixed<const N: usize>(&self, contexts: [usize; N], mixer: usize) -> Mixed<N> {
+        let mut dot = 0_i64;
+        let mut stretched = [0; N];
+        for i in 0..N {
+            stretched[i] = i32::from(STRETCH[usize::from(self.probs[contexts[i]].p >> 4)]);
+            dot += i64::from(stretched[i]) * i64::from(self.weights[mixer * MAX_INPUTS + i]);
+        }
+        let x = (dot >> 16).clamp(-2047, 2047) as i32;
+        Mixed { p: SQUASH[(x + 2048) as usize], stretched }
+    }
+
+    #[inline]
+    pub(crate) fn learn<const N: usize>(
+        &mut self,
+        contexts: [usize; N],
+        mixer: usize,
+        mixed: &Mixed<N>,
+        bit: bool,
+    ) {
+        let error = (i32::from(bit) << 16) - i32::from(mixed.p);
+        for (i, context) in contexts.into_iter().enumerate() {
+            self.probs[context].update(bit);
+            let step = (i64::from(mixed.stretched[i]) * i64::from(error)) >> LEARNING_SHIFT;
+            let weight = &mut self.weights[mixer * MAX_INPUTS + i];
+            *weight = (*weight + step as i32).clamp(-(1 << 20), 1 << 20);
+        }
+    }
+}
