@@ -3,6 +3,7 @@
 
 mod common;
 
+mod attributes;
 mod cancellation;
 mod coarse_end;
 mod determinism;

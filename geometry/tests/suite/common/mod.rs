@@ -4,7 +4,7 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use lodestream_geometry::Settings;
-use lodestream_geometry::mesh::{Corner, QuantisedMesh, SourceMesh};
+use lodestream_geometry::mesh::{Attributes, Corner, QuantisedMesh, SourceMesh};
 use lodestream_geometry::pool::{Pool, Serial, Silent};
 use lodestream_geometry::prepare::{Prepared, prepare};
 use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
@@ -29,6 +29,7 @@ pub(crate) fn all() -> Vec<(&'static str, SourceMesh)> {
         ("bow ties", shapes::bow_ties(120)),
         ("needles", shapes::needles(800)),
         ("medley", shapes::medley(6)),
+        ("painted torus", shapes::painted(shapes::torus(30, 50))),
     ]
 }
 
@@ -60,9 +61,9 @@ pub(crate) fn prepared(mesh: &QuantisedMesh, settings: &Settings) -> Prepared {
     prepare(mesh, settings, &Serial, &Silent).unwrap()
 }
 
-/// A face as geometry and attributes: per corner (position, uv, group), rotated so that the least
+/// A face as geometry and attributes: per corner position and attributes, rotated so that the least
 /// comes first; and the material.
-pub(crate) type PlainFace = ([([i32; 3], [i32; 2], u32); 3], u16);
+pub(crate) type PlainFace = ([([i32; 3], Attributes); 3], u16);
 
 /// The faces of a mesh, sorted, whatever its numbering.
 pub(crate) fn plain_faces(mesh: &QuantisedMesh) -> Vec<PlainFace> {
@@ -72,7 +73,7 @@ pub(crate) fn plain_faces(mesh: &QuantisedMesh) -> Vec<PlainFace> {
         .map(|face| {
             let corners = face.wedges.map(|w| {
                 let wedge = mesh.wedges[w as usize];
-                (mesh.positions[wedge.vertex as usize], wedge.attributes.uv, wedge.attributes.group)
+                (mesh.positions[wedge.vertex as usize], wedge.attributes)
             });
             let turns = [0, 1, 2].map(|k| [0, 1, 2].map(|i| corners[(i + k) % 3]));
             (*turns.iter().min().unwrap(), face.material)

@@ -200,6 +200,30 @@ pub(crate) fn flat_shaded(mut mesh: SourceMesh) -> SourceMesh {
     mesh
 }
 
+/// The same surface in colours that change smoothly, with stripes that are sharp and partly clear, and with
+/// normals on one side that lean away from the faces'.
+pub(crate) fn painted(mut mesh: SourceMesh) -> SourceMesh {
+    for (i, p) in mesh.positions.iter().enumerate() {
+        let shade = |x: f64| (127.5 + 40.0 * x).clamp(0.0, 255.0) as u8;
+        mesh.colors.push([shade(p[0]), shade(p[1]), shade(p[2]), if i % 7 == 0 { 90 } else { 255 }]);
+        let lean = if p[0] > 0.0 { 0.9 } else { 0.0 };
+        let ring = (p[0] * p[0] + p[1] * p[1]).sqrt();
+        let out = [0, 1].map(|k| p[k] - 2.0 * p[k] / ring);
+        let n = [out[0], out[1], p[2] + lean];
+        let size = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
+        mesh.normals.push(n.map(|x| (x / size) as f32));
+    }
+    let stripe = mesh.colors.len() as u32;
+    mesh.colors.push([250, 20, 10, 255]);
+    for (i, face) in mesh.faces.iter_mut().enumerate() {
+        for corner in face {
+            corner.color = if i % 20 < 2 { stripe } else { corner.position };
+            corner.normal = corner.position;
+        }
+    }
+    mesh
+}
+
 /// The same surface with bands of materials.
 pub(crate) fn materials(mut mesh: SourceMesh, count: u16) -> SourceMesh {
     for (i, material) in mesh.materials.iter_mut().enumerate() {
