@@ -280,9 +280,9 @@ fn code_flag<C: Coder>(
     let area = local.star_area(v);
     let size = (quarter_octaves(area / fair) / 2 + 6).clamp(0, AREAS as i32 - 1) as usize;
     let depth = pass.min(DEPTHS - 1);
-    let at = local.vertices[v as usize].position;
+    let at = local.position(v);
     let bend = local.mean_of_ends(v, 0, at).map_or(0.0, |mean| {
-        let lift = sub(local.position(v), mean);
+        let lift = sub(at, mean);
         dot(lift, lift) / area.max(1e-9)
     });
     let bend = (quarter_octaves(bend) / 4 + 7).clamp(0, BENDS as i32 - 1) as usize;
@@ -322,7 +322,7 @@ fn code_births<C: Coder>(
                 return Err(DecodeError::new("chunk", "a position is off the grid"));
             }
         }
-        local.add_vertex(previous, None);
+        local.add_vertex(previous.map(f64::from), None);
         if let (Some(g), Some(name)) = (guide.as_mut(), name) {
             g.names.vertex(name);
         }
@@ -389,13 +389,13 @@ fn code_region<C: Coder>(
 /// Gives the builder's names to what was gathered since the last call.
 fn name_gathered(guide: &mut Guide<'_>, mesh: &ActiveMesh, local: &Local<'_>) {
     let (source, names) = (guide.source, &mut guide.names);
-    for v in &local.vertices[names.vertices.len()..] {
-        names.vertex(source.vertex_by_slot[mesh.vertex_slot(v.id) as usize]);
+    for v in names.vertices.len()..local.vertices.len() {
+        names.vertex(source.vertex_by_slot[mesh.vertex_slot(local.vertex_id(v as u32)) as usize]);
     }
     for w in &local.wedges[names.wedges.len()..] {
         names.wedge(source.wedge_by_slot[mesh.wedge_slot(w.id) as usize]);
     }
-    for f in &local.faces[names.faces.len()..] {
-        names.faces.push(source.face_by_slot[mesh.face_slot(f.id()) as usize]);
+    for face in local.gathered_faces().skip(names.faces.len()) {
+        names.faces.push(source.face_by_slot[mesh.face_slot(face) as usize]);
     }
 }

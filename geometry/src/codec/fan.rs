@@ -18,6 +18,9 @@ pub(crate) struct Segment {
     pub(crate) closed: bool,
 }
 
+/// Stars of up to this many faces are sorted by looking through them.
+const SMALL: usize = 16;
+
 /// A star sorted into fans. A manifold star is one segment; anything else is several.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Fan {
@@ -28,33 +31,50 @@ pub(crate) struct Fan {
 impl Fan {
     /// Sorts a star: open runs from their start, in order of their
     /// first face, then closed ones. Cost O(n log n) for n faces, whatever they look like.
-    pub(crate) fn new(star: &[Spoke]) -> Self {
-        let mut by_a: Vec<(u32, u32)> = star.iter().enumerate().map(|(i, s)| (s.a, i as u32)).collect();
-        by_a.sort_unstable();
-        let mut ends: Vec<u32> = star.iter().map(|s| s.b).collect();
-        ends.sort_unstable();
-        // Next candidate of each run of equal `a`, kept at the run's first place.
-        let mut cursor: Vec<u32> = (0..star.len() as u32).collect();
-        let mut used = vec![false; star.len()];
-        let mut fan = Self { spokes: Vec::with_capacity(star.len()), segments: Vec::new() };
+    pub(crate) fn sort(&mut self, star: &[Spoke]) {
+        if star.len() > SMALL {
+            return self.sort_in(star, Search::new(star));
+        }
+        // Most stars are closed: then the run from any face holds them all.
+        let mut faces = Look::new(star);
+        self.clear();
+        if !star.is_empty() {
+            self.run(star, &mut faces, 0);
+        }
+        let all = self.spokes.len() == star.len();
+        if !all || self.segments.iter().any(|s| !s.closed) {
+            self.sort_in(star, Look::new(star));
+        }
+    }
+
+    fn clear(&mut self) {
+        self.spokes.clear();
+        self.segments.clear();
+    }
+
+    fn sort_in(&mut self, star: &[Spoke], mut faces: impl Faces) {
+        self.clear();
         for open_only in [true, false] {
             for (i, first) in star.iter().enumerate() {
-                if used[i] || (open_only && ends.binary_search(&first.a).is_ok()) {
-                    continue;
+                if faces.is_left(i) && !(open_only && faces.is_end(first.a)) {
+                    self.run(star, &mut faces, i);
                 }
-                let start = fan.spokes.len();
-                let mut at = Some(i);
-                while let Some(j) = at {
-                    used[j] = true;
-                    fan.spokes.push(star[j]);
-                    at = next(&by_a, &mut cursor, &used, star[j].b);
-                }
-                let end = fan.spokes.len();
-                let closed = end - start > 1 && fan.spokes[end - 1].b == fan.spokes[start].a;
-                fan.segments.push(Segment { start, end, closed });
             }
         }
-        fan
+    }
+
+    /// The run that starts with a face.
+    fn run(&mut self, star: &[Spoke], faces: &mut impl Faces, first: usize) {
+        let start = self.spokes.len();
+        let mut at = Some(first);
+        while let Some(i) = at {
+            faces.take(i);
+            self.spokes.push(star[i]);
+            at = faces.starting_at(star[i].b);
+        }
+        let end = self.spokes.len();
+        let closed = end - start > 1 && self.spokes[end - 1].b == self.spokes[start].a;
+        self.segments.push(Segment { start, end, closed });
     }
 
     /// The distinct ring vertices in order of first use.
@@ -71,23 +91,96 @@ impl Fan {
     }
 }
 
-/// The first unused face that starts at `a`.
-fn next(by_a: &[(u32, u32)], cursor: &mut [u32], used: &[bool], a: u32) -> Option<usize> {
-    let run = by_a.partition_point(|e| e.0 < a);
-    if run >= by_a.len() {
-        return None;
+/// The faces of a star that no run holds yet.
+trait Faces {
+    fn is_left(&self, face: usize) -> bool;
+    fn take(&mut self, face: usize);
+    /// The first face left whose `a` is this vertex.
+    fn starting_at(&mut self, a: u32) -> Option<usize>;
+    /// Whether it is the `b` of any face.
+    fn is_end(&self, vertex: u32) -> bool;
+}
+
+/// A few faces: looks through them.
+struct Look<'a> {
+    star: &'a [Spoke],
+    /// One bit a face.
+    left: u32,
+}
+
+impl<'a> Look<'a> {
+    fn new(star: &'a [Spoke]) -> Self {
+        Self { star, left: (1 << star.len()) - 1 }
     }
-    let mut at = cursor[run] as usize;
-    while at < by_a.len() && by_a[at].0 == a {
-        let index = by_a[at].1 as usize;
-        if !used[index] {
-            cursor[run] = at as u32;
-            return Some(index);
+}
+
+impl Faces for Look<'_> {
+    fn is_left(&self, face: usize) -> bool {
+        self.left >> face & 1 == 1
+    }
+
+    fn take(&mut self, face: usize) {
+        self.left &= !(1 << face);
+    }
+
+    fn starting_at(&mut self, a: u32) -> Option<usize> {
+        let left = self.left;
+        self.star.iter().enumerate().position(|(i, s)| s.a == a && left >> i & 1 == 1)
+    }
+
+    fn is_end(&self, vertex: u32) -> bool {
+        self.star.iter().any(|s| s.b == vertex)
+    }
+}
+
+/// Many faces: searches sorted lists.
+struct Search {
+    /// (`a`, face), ascending.
+    by_a: Vec<(u32, u32)>,
+    /// Every `b`, ascending.
+    ends: Vec<u32>,
+    /// Next candidate of each run of equal `a`, kept at the run's first place.
+    cursor: Vec<u32>,
+    used: Vec<bool>,
+}
+
+impl Search {
+    fn new(star: &[Spoke]) -> Self {
+        let mut by_a: Vec<(u32, u32)> = star.iter().enumerate().map(|(i, s)| (s.a, i as u32)).collect();
+        by_a.sort_unstable();
+        let mut ends: Vec<u32> = star.iter().map(|s| s.b).collect();
+        ends.sort_unstable();
+        Self { by_a, ends, cursor: (0..star.len() as u32).collect(), used: vec![false; star.len()] }
+    }
+}
+
+impl Faces for Search {
+    fn is_left(&self, face: usize) -> bool {
+        !self.used[face]
+    }
+
+    fn take(&mut self, face: usize) {
+        self.used[face] = true;
+    }
+
+    fn starting_at(&mut self, a: u32) -> Option<usize> {
+        let run = self.by_a.partition_point(|e| e.0 < a);
+        let mut at = *self.cursor.get(run)? as usize;
+        let mut found = None;
+        while let Some(&(_, face)) = self.by_a.get(at).filter(|e| e.0 == a) {
+            if !self.used[face as usize] {
+                found = Some(face as usize);
+                break;
+            }
+            at += 1;
         }
-        at += 1;
+        self.cursor[run] = at as u32;
+        found
     }
-    cursor[run] = at as u32;
-    None
+
+    fn is_end(&self, vertex: u32) -> bool {
+        self.ends.binary_search(&vertex).is_ok()
+    }
 }
 
 #[cfg(test)]
@@ -98,18 +191,38 @@ mod tests {
         Spoke { face, k: 0, a, b }
     }
 
+    fn sorted(star: &[Spoke]) -> Fan {
+        let mut fan = Fan::default();
+        fan.sort(star);
+        fan
+    }
+
     #[test]
     fn a_closed_star_is_one_closed_segment() {
-        let fan = Fan::new(&[spoke(0, 1, 2), spoke(1, 3, 1), spoke(2, 2, 3)]);
+        let fan = sorted(&[spoke(0, 1, 2), spoke(1, 3, 1), spoke(2, 2, 3)]);
         assert_eq!(fan.spokes.iter().map(|s| s.face).collect::<Vec<_>>(), [0, 2, 1]);
         assert_eq!(fan.segments, [Segment { start: 0, end: 3, closed: true }]);
     }
 
     #[test]
     fn open_and_non_manifold_stars_keep_every_face() {
-        let fan = Fan::new(&[spoke(0, 5, 6), spoke(1, 1, 2), spoke(2, 2, 3), spoke(3, 2, 3), spoke(4, 0, 1)]);
+        let fan = sorted(&[spoke(0, 5, 6), spoke(1, 1, 2), spoke(2, 2, 3), spoke(3, 2, 3), spoke(4, 0, 1)]);
         assert_eq!(fan.spokes.len(), 5);
         assert_eq!(fan.segments.len(), 3);
         assert_eq!(fan.spokes.iter().map(|s| s.face).collect::<Vec<_>>(), [0, 4, 1, 2, 3]);
+    }
+
+    #[test]
+    fn looking_and_searching_give_one_order() {
+        // Stars of all kinds: few ring vertices, so that edges are shared by one, two and more faces.
+        let mut random = crate::random::Random::new(7);
+        let mut below = |n: usize| random.below(n) as u32;
+        for _ in 0..2000 {
+            let (faces, ring) = (1 + below(16), 2 + below(8) as usize);
+            let star: Vec<Spoke> = (0..faces).map(|i| spoke(i, below(ring), below(ring))).collect();
+            let (looked, mut searched) = (sorted(&star), Fan::default());
+            searched.sort_in(&star, Search::new(&star));
+            assert_eq!((looked.spokes, looked.segments), (searched.spokes, searched.segments), "{star:?}");
+        }
     }
 }

@@ -7,12 +7,33 @@
 //! a corner is where the youngest vertex on its path is that is there, and a face is there once its
 //! three corners are apart.
 
-use std::collections::VecDeque;
+use std::collections::{HashMap, VecDeque};
+use std::hash::{BuildHasherDefault, Hasher};
 
 use crate::codec::chunk::Source;
-use crate::codec::local::{Local, SlotMap};
+use crate::codec::local::Local;
 use crate::simplify::live::NO_VERTEX;
 use crate::simplify::records::Records;
+
+/// Multiplicative hashing of slots (Knuth, TAOCP 3, §6.4): keys are small, distinct and ours.
+#[derive(Default)]
+pub(crate) struct SlotHasher(u64);
+
+impl Hasher for SlotHasher {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+    fn write(&mut self, bytes: &[u8]) {
+        for &b in bytes {
+            self.write_u32(u32::from(b));
+        }
+    }
+    fn write_u32(&mut self, key: u32) {
+        self.0 = (self.0 ^ u64::from(key)).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29);
+    }
+}
+
+pub(crate) type SlotMap<T> = HashMap<u32, T, BuildHasherDefault<SlotHasher>>;
 
 /// Builder ids by local number, and back.
 #[derive(Default)]
@@ -246,7 +267,7 @@ impl<'a> Guide<'a> {
     }
 
     /// The wedge that a face of the builder's should have at a vertex (local number).
-    pub(crate) fn wedge(&self, face: u32, vertex: u32, guess: Option<u32>, own: &[u32]) -> Want {
+    pub(crate) fn wedge(&self, face: u32, vertex: u32, guess: Option<u32>, own: Option<u32>) -> Want {
         let vertex = self.names.vertices[vertex as usize];
         let found = self.state.get(&face).and_then(|wedges| {
             let &w = wedges.iter().find(|&&w| self.stands_for(self.vertex_of(w)) == vertex)?;
@@ -257,7 +278,7 @@ impl<'a> Guide<'a> {
         }
         // No collapse said which wedge stands for one whose face was not there then: any will do, since
         // the corner moves on.
-        match guess.or(own.first().copied()) {
+        match guess.or(own) {
             Some(known) => Want::Known(known),
             None => self.any_wedge.get(&vertex).map_or(Want::Known(0), |&w| Want::New(w)),
         }

@@ -59,19 +59,18 @@ pub(crate) struct Roles {
     pub(crate) ends: [Option<u32>; 2],
 }
 
-/// Codes the position of `vertex`, whose faces are in place, and sets it.
+/// Codes the position of `vertex`, whose star is given.
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn code_position<C: Coder>(
     coder: &mut C,
     recent: &mut Recent,
-    local: &mut Local<'_>,
-    star: &mut Vec<Spoke>,
+    local: &Local<'_>,
+    star: &[Spoke],
     vertex: u32,
     roles: Roles,
     actual: Option<[i32; 3]>,
     bits: u8,
-) -> Result<(), DecodeError> {
-    local.star(vertex, star);
+) -> Result<[i32; 3], DecodeError> {
     let ring = ring(local, star, vertex);
     let top = f64::from((1_u32 << bits) - 1);
     let mut exact = tangential_guess(local, &ring, roles);
@@ -94,13 +93,12 @@ pub(crate) fn code_position<C: Coder>(
         exact[axis] = f64::from(position[axis]);
         other = recent.follow(step, got, size);
     }
-    local.place_vertex(vertex, position);
-    Ok(())
+    Ok(position)
 }
 
 fn ring(local: &Local<'_>, star: &[Spoke], vertex: u32) -> Ring {
-    let at = local.vertices[vertex as usize].position;
-    let mean = local.mean_of_ends(vertex, 0, at).unwrap_or_else(|| local.position(vertex));
+    let at = local.position(vertex);
+    let mean = local.mean_of_ends(vertex, 0, at).unwrap_or(at);
     let mut laplacian = [0.0; 3];
     let mut counted = 0.0;
     let mut square = 0.0;

@@ -10,11 +10,11 @@ use crate::codec::model::{
 use crate::codec::plan::{Born, Guide};
 use crate::codec::position::{Roles, code_position};
 use crate::codec::residual::Recent;
-use crate::codec::wedges::code_wedges;
+use crate::codec::wedges::{Fitting, code_wedges};
 use crate::error::DecodeError;
 use crate::range_coder::Coder;
 use crate::symbols::{index, integer, tree, tree_contexts};
-use crate::vec3::{Vec3, add, cross, dot, length as length_of, scale, sub};
+use crate::vec3::{Vec3, add, cross, dot, scale, sub};
 
 /// Most new faces of one split beyond the usual two.
 const MAX_EXTRAS: u32 = 1 << 16;
@@ -49,10 +49,14 @@ pub(crate) struct Splitter {
     pub(crate) recent: Recent,
     pub(crate) recent_uv: Recent,
     star: Vec<Spoke>,
+    ring: Vec<RingVertex>,
     scores: Vec<(f64, usize)>,
+    split: Split,
+    pub(crate) fitting: Fitting,
 }
 
 /// What was decided about a split so far.
+#[derive(Default)]
 pub(crate) struct Split {
     pub(crate) t: u32,
     pub(crate) u: u32,
@@ -60,6 +64,8 @@ pub(crate) struct Split {
     pub(crate) moves: Vec<bool>,
     pub(crate) gates: Vec<Gate>,
     pub(crate) added: Vec<Added>,
+    /// The wedge that each spoke had at the old vertex.
+    pub(crate) targets: Vec<u32>,
 }
 
 impl Splitter {
@@ -71,7 +77,10 @@ impl Splitter {
             recent: Recent::default(),
             recent_uv: Recent::default(),
             star: Vec::new(),
+            ring: Vec::new(),
             scores: Vec::new(),
+            split: Split::default(),
+            fitting: Fitting::default(),
         }
     }
 }
@@ -85,35 +94,51 @@ pub(crate) fn code_split<C: Coder>(
     guide: &mut Option<&mut Guide<'_>>,
 ) -> Result<u32, DecodeError> {
     let born = guide.as_mut().map_or_else(Vec::new, |g| g.begin_split(t));
+    let mut split = std::mem::take(&mut splitter.split);
+    split.t = t;
     local.star(t, &mut splitter.star);
-    let fan = Fan::new(&splitter.star);
-    let moves = code_labels(coder, splitter, local, &fan, guide.as_deref())?;
-    let gates = gates(&fan, &moves);
-    let mut added = code_faces(coder, local, &fan, &gates, t, born)?;
+    split.fan.sort(&splitter.star);
+    code_labels(coder, splitter, local, &mut split, guide.as_deref())?;
+    find_gates(&mut split);
+    code_faces(coder, local, &mut split, born)?;
+    grow(local, &mut split, guide);
 
-    // Until its place is known, the new vertex is where the old one is.
-    let u = local.add_vertex(local.vertices[t as usize].position, Some(t));
+    let u = split.u;
+    let actual = guide.as_ref().map(|g| g.source.mesh.positions[g.new_vertex() as usize]);
+    let end = |i: usize| split.added.get(i).map(|a| a.x);
+    let roles = Roles { target: t, ends: [end(0), end(1)] };
+    local.star(u, &mut splitter.star);
+    let bits = splitter.position_bits;
+    let position = code_position(coder, &mut splitter.recent, local, &splitter.star, u, roles, actual, bits)?;
+    local.place_vertex(u, &splitter.star, position);
+    code_wedges(coder, splitter, local, &split, guide)?;
+    coder.check()?;
+    splitter.split = split;
+    Ok(u)
+}
+
+/// Makes the new vertex and its faces. Until its place is known, it is where the old one is.
+fn grow(local: &mut Local<'_>, split: &mut Split, guide: &mut Option<&mut Guide<'_>>) {
+    let t = split.t;
+    let u = local.add_vertex(local.position(t), Some(t));
+    split.u = u;
     if let Some(guide) = guide {
         let name = guide.new_vertex();
         guide.names.vertex(name);
     }
-    for (spoke, _) in fan.spokes.iter().zip(&moves).filter(|(_, moves)| **moves) {
-        local.move_corner(spoke.face, spoke.k, u);
+    split.targets.clear();
+    for (spoke, moves) in split.fan.spokes.iter().zip(&split.moves) {
+        split.targets.push(local.spoke_wedges(spoke)[0]);
+        if *moves {
+            local.move_corner(spoke, u);
+        }
     }
-    for face in &mut added {
+    for face in &mut split.added {
         face.local = local.add_face(if face.left { [t, face.x, u] } else { [u, face.x, t] });
         if let (Some(guide), Some(name)) = (guide.as_mut(), face.face) {
             guide.names.faces.push(name);
         }
     }
-    let actual = guide.as_ref().map(|g| g.source.mesh.positions[g.new_vertex() as usize]);
-    let position = splitter.position_bits;
-    let end = |i: usize| added.get(i).map(|a| a.x);
-    let roles = Roles { target: t, ends: [end(0), end(1)] };
-    code_position(coder, &mut splitter.recent, local, &mut splitter.star, u, roles, actual, position)?;
-    code_wedges(coder, splitter, local, &Split { t, u, fan, moves, gates, added }, guide)?;
-    coder.check()?;
-    Ok(u)
 }
 
 /// Which spokes move to the new vertex.
@@ -121,12 +146,14 @@ fn code_labels<C: Coder>(
     coder: &mut C,
     splitter: &mut Splitter,
     local: &Local<'_>,
-    fan: &Fan,
+    split: &mut Split,
     guide: Option<&Guide<'_>>,
-) -> Result<Vec<bool>, DecodeError> {
+) -> Result<(), DecodeError> {
+    let (fan, moves) = (&split.fan, &mut split.moves);
     let n = fan.spokes.len();
     let wanted: Option<Vec<bool>> = guide.map(|g| fan.spokes.iter().map(|s| g.moves(s.face)).collect());
-    let mut moves = vec![false; n];
+    moves.clear();
+    moves.resize(n, false);
     if fan.segments.len() == 1 {
         let closed = fan.segments[0].closed;
         let run = wanted.as_ref().map(|w| single_run(w, closed));
@@ -141,13 +168,14 @@ fn code_labels<C: Coder>(
             };
             let mut at = 0;
             if starts > 1 {
-                rank_starts(local, fan, length, starts, &mut splitter.scores);
+                rank_starts(local, fan, split.t, length, starts, splitter);
                 at = code_start(coder, &splitter.scores, n, start)?;
             }
-            for i in 0..length {
-                moves[(at + i) % n] = true;
-            }
-            return Ok(moves);
+            // A run of a closed star may reach over the end of the list.
+            let (over, end) = ((at + length).saturating_sub(n), (at + length).min(n));
+            moves[at..end].fill(true);
+            moves[..over].fill(true);
+            return Ok(());
         }
     }
     let mut previous = false;
@@ -156,7 +184,7 @@ fn code_labels<C: Coder>(
         previous = coder.bit(LABEL + usize::from(previous), want);
         *label = previous;
     }
-    Ok(moves)
+    Ok(())
 }
 
 fn code_length<C: Coder>(coder: &mut C, n: usize, closed: bool, length: usize) -> Result<usize, DecodeError> {
@@ -211,63 +239,86 @@ fn single_run(moves: &[bool], closed: bool) -> Option<(usize, usize)> {
 ///
 /// The score is linear in what was seen to tell starts apart, with weights from a logistic regression
 /// over the splits of several models (bunny left out), so differences are log odds.
-fn rank_starts(local: &Local<'_>, fan: &Fan, length: usize, starts: usize, scores: &mut Vec<(f64, usize)>) {
+fn rank_starts(local: &Local<'_>, fan: &Fan, t: u32, length: usize, starts: usize, splitter: &mut Splitter) {
+    let closed = fan.segments[0].closed;
+    let (ring, scores) = (&mut splitter.ring, &mut splitter.scores);
+    let whole = look_around(local, fan, t, closed, ring);
+    scores.clear();
+    // Sum over the ring vertices inside the run; exact, since coordinates are integers.
+    let mut inside = [0.0; 3];
+    for v in &ring[1..length] {
+        inside = add(inside, v.at);
+    }
+    let around = |i: usize| if i < ring.len() { i } else { i - ring.len() };
+    for start in 0..starts {
+        let (left, right) = (&ring[start], &ring[around(start + length)]);
+        let middle = add(scale(add(left.at, right.at), 0.5), inside);
+        let mut area = left.area;
+        for i in 1..length {
+            area += ring[around(start + i)].area;
+        }
+        let score = VALENCE * (left.valence + right.valence)
+            + SHARE * area / whole.area
+            + OUTWARD * dot(middle, whole.outward) / length as f64
+            + STRAIGHT * dot(left.at, right.at) / (left.length * right.length).max(1e-9)
+            + LENGTH * (left.length + right.length) * whole.inverse
+            + INSIDE * (left.interior + right.interior);
+        scores.push((-score, start));
+        if length > 1 {
+            inside = sub(add(inside, right.at), ring[around(start + 1)].at);
+        }
+    }
+    scores.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+}
+
+/// What the starts of one star share.
+struct Whole {
+    /// Sum of the areas.
+    area: f64,
+    /// Where the ring's mean lies in the tangent plane, over the mean square radius.
+    outward: Vec3,
+    /// One over the root of the mean square radius.
+    inverse: f64,
+}
+
+/// The ring around `t`, in order.
+fn look_around(local: &Local<'_>, fan: &Fan, t: u32, closed: bool, ring: &mut Vec<RingVertex>) -> Whole {
     let n = fan.spokes.len();
-    let center =
-        local.position(local.faces[fan.spokes[0].face as usize].corners[usize::from(fan.spokes[0].k)]);
-    let mut ring: Vec<RingVertex> = Vec::with_capacity(n + 1);
+    let center = local.position(t);
     let mut mean = [0.0; 3];
     let mut square = 0.0;
-    let closed = fan.segments[0].closed;
-    for i in 0..n + usize::from(!closed) {
-        let v = if i < n { fan.spokes[i].a } else { fan.spokes[n - 1].b };
-        let at = sub(local.position(v), center);
+    ring.clear();
+    let mut see = |v: u32, area: f64| {
+        let vertex = &local.vertices[v as usize];
+        let at = sub(vertex.position, center);
+        let size = dot(at, at);
         mean = add(mean, at);
-        square += dot(at, at);
-        ring.push(RingVertex {
-            at,
-            length: dot(at, at).sqrt(),
-            valence: local.valence(v) as f64,
-            interior: f64::from(u8::from(local.vertices[v as usize].interior)),
-            area: 0.0,
-        });
+        square += size;
+        let (valence, interior) = (local.valence(v) as f64, f64::from(u8::from(vertex.interior)));
+        ring.push(RingVertex { at, length: size.sqrt(), valence, interior, area });
+    };
+    for spoke in &fan.spokes {
+        see(spoke.a, local.face_area(spoke.face));
+    }
+    if !closed {
+        see(fan.spokes[n - 1].b, 0.0);
     }
     let count = ring.len();
     let inverse = 1.0 / (square / count as f64).sqrt().max(1e-9);
     mean = scale(mean, 1.0 / count as f64);
     let mut normal = [0.0; 3];
-    let mut total = 0.0;
+    let mut area = 0.0;
     for i in 0..n {
-        let area = cross(ring[i].at, ring[(i + 1) % count].at);
-        normal = add(normal, area);
-        ring[i].area = length_of(area);
-        total += ring[i].area;
+        let next = if i + 1 < count { i + 1 } else { 0 };
+        normal = add(normal, cross(ring[i].at, ring[next].at));
+        area += ring[i].area;
     }
     let size = dot(normal, normal);
     if size > 0.0 {
         // What is left of the mean lies in the tangent plane: the new vertex is on that side.
         mean = sub(mean, scale(normal, dot(mean, normal) / size));
     }
-    let outward = scale(mean, inverse * inverse);
-    scores.clear();
-    for start in 0..starts {
-        let (left, right) = (&ring[start], &ring[(start + length) % count]);
-        let mut middle = scale(add(left.at, right.at), 0.5);
-        let mut area = left.area;
-        for i in 1..length {
-            let inside = &ring[(start + i) % count];
-            middle = add(middle, inside.at);
-            area += inside.area;
-        }
-        let score = VALENCE * (left.valence + right.valence)
-            + SHARE * area / total.max(1e-9)
-            + OUTWARD * dot(middle, outward) / length as f64
-            + STRAIGHT * dot(left.at, right.at) / (left.length * right.length).max(1e-9)
-            + LENGTH * (left.length + right.length) * inverse
-            + INSIDE * (left.interior + right.interior);
-        scores.push((-score, start));
-    }
-    scores.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    Whole { area: area.max(1e-9), outward: scale(mean, inverse * inverse), inverse }
 }
 
 /// Log odds per: face at either end of the run, share of the star's area in it, how far its middle lies
@@ -291,14 +342,12 @@ struct RingVertex {
 }
 
 /// Where new faces are expected: around each run of moving spokes.
-fn gates(fan: &Fan, moves: &[bool]) -> Vec<Gate> {
-    let mut gates = Vec::new();
+fn find_gates(split: &mut Split) {
+    let Split { fan, moves, gates, .. } = split;
+    gates.clear();
     for segment in &fan.segments {
         let (start, end) = (segment.start, segment.end);
-        for i in start..end {
-            if !moves[i] {
-                continue;
-            }
+        for i in (start..end).filter(|&i| moves[i]) {
             let before = if i > start { Some(i - 1) } else { segment.closed.then_some(end - 1) };
             let after = if i + 1 < end { Some(i + 1) } else { segment.closed.then_some(start) };
             if before.is_none_or(|j| !moves[j]) {
@@ -309,19 +358,17 @@ fn gates(fan: &Fan, moves: &[bool]) -> Vec<Gate> {
             }
         }
     }
-    gates
 }
 
 /// The faces that the split adds.
 fn code_faces<C: Coder>(
     coder: &mut C,
     local: &Local<'_>,
-    fan: &Fan,
-    gates: &[Gate],
-    t: u32,
+    split: &mut Split,
     mut born: Vec<Born>,
-) -> Result<Vec<Added>, DecodeError> {
-    let mut added = Vec::new();
+) -> Result<(), DecodeError> {
+    let Split { t, fan, gates, added, .. } = split;
+    added.clear();
     for (number, gate) in gates.iter().enumerate() {
         let found = born.iter().position(|b| b.x == gate.x && b.left == gate.left);
         let context = usize::from(gate.stays.is_some()) * 2 + usize::from(gate.left);
@@ -343,12 +390,12 @@ fn code_faces<C: Coder>(
         } else {
             index(coder, local.vertices.len(), want.map_or(0, |w| w.x as usize), "chunk: vertex")? as u32
         };
-        if x == t {
+        if x == *t {
             return Err(DecodeError::new("chunk", "a face uses a vertex twice"));
         }
         let left = coder.raw(1, u32::from(want.is_some_and(|w| w.left))) == 1;
         added.push(Added { x, left, gate: None, local: 0, face: want.map(|w| w.face) });
         coder.check()?;
     }
-    Ok(added)
+    Ok(())
 }

@@ -27,11 +27,9 @@ pub(crate) fn code_wedges<C: Coder>(
     split: &Split,
     guide: &mut Option<&mut Guide<'_>>,
 ) -> Result<(), DecodeError> {
-    // The corners that moved still name the wedges of the old vertex.
-    let targets: Vec<u32> = split.fan.spokes.iter().map(|s| local.spoke_wedges(s)[0]).collect();
-    code_moved(coder, splitter, local, split, &targets, guide)?;
+    code_moved(coder, splitter, local, split, guide)?;
     for face in &split.added {
-        code_face(coder, splitter, local, split, &targets, face, guide)?;
+        code_face(coder, splitter, local, split, face, guide)?;
     }
     Ok(())
 }
@@ -42,26 +40,25 @@ fn code_moved<C: Coder>(
     splitter: &mut Splitter,
     local: &mut Local<'_>,
     split: &Split,
-    targets: &[u32],
     guide: &mut Option<&mut Guide<'_>>,
 ) -> Result<(), DecodeError> {
-    // (wedge of t, wedge of u) pairs so far.
-    let mut pairs: Vec<(u32, u32)> = Vec::new();
+    let mut pairs = std::mem::take(&mut splitter.fitting.pairs);
+    pairs.clear();
     for i in (0..split.fan.spokes.len()).filter(|&i| split.moves[i]) {
         let spoke = split.fan.spokes[i];
-        let from = targets[i];
+        let from = split.targets[i];
         let same = pairs.iter().find(|p| p.0 == from).map(|p| p.1);
-        let own = local.wedges_of(split.u);
-        let want = guide.as_ref().map(|g| g.wedge(g.names.faces[spoke.face as usize], split.u, same, &own));
+        let first = local.first_wedge(split.u);
+        let want = guide.as_ref().map(|g| g.wedge(g.names.faces[spoke.face as usize], split.u, same, first));
         let wedge = match same {
             Some(same) if coder.bit(SAME_MOVED_WEDGE, want == Some(Want::Known(same))) => same,
             _ => {
-                let new = own.is_empty() || coder.bit(NEW_MOVED_WEDGE, matches!(want, Some(Want::New(_))));
+                let new = first.is_none() || coder.bit(NEW_MOVED_WEDGE, matches!(want, Some(Want::New(_))));
                 if new {
-                    let expected = expected(local, split, targets, from);
+                    let expected = expected(splitter, local, split, from);
                     new_wedge(coder, splitter, local, split.u, &expected, want, guide)?
                 } else {
-                    chosen(coder, &own, want)?
+                    chosen(coder, local, split.u, want)?
                 }
             }
         };
@@ -70,50 +67,90 @@ fn code_moved<C: Coder>(
         }
         local.set_wedge(spoke.face, spoke.k, wedge);
     }
+    splitter.fitting.pairs = pairs;
     Ok(())
 }
 
 /// One of a vertex's wedges.
-fn chosen<C: Coder>(coder: &mut C, own: &[u32], want: Option<Want>) -> Result<u32, DecodeError> {
-    let place = own.iter().position(|&w| want == Some(Want::Known(w))).unwrap_or(0);
-    Ok(own[index(coder, own.len(), place, "chunk: wedge")?])
+fn chosen<C: Coder>(
+    coder: &mut C,
+    local: &Local<'_>,
+    vertex: u32,
+    want: Option<Want>,
+) -> Result<u32, DecodeError> {
+    let place = local.wedges_of(vertex).position(|w| want == Some(Want::Known(w))).unwrap_or(0);
+    let place = index(coder, local.wedges_of(vertex).count(), place, "chunk: wedge")?;
+    local.wedges_of(vertex).nth(place).ok_or_else(|| DecodeError::new("chunk", "a vertex without wedges"))
+}
+
+/// Scratch space of [`code_moved`].
+#[derive(Default)]
+pub(crate) struct Fitting {
+    /// (wedge of t, wedge of u) pairs so far.
+    pairs: Vec<(u32, u32)>,
+    /// (place, texture coordinate, weight) of each wedge that was seen.
+    points: Vec<(Vec3, Vec3, f64)>,
+    seen: Vec<u32>,
 }
 
 /// What the faces that moved with one wedge of t say about the wedge of u: texture coordinates by
 /// an affine fit over the ring, weighted by nearness, at the place of u.
-fn expected(local: &Local<'_>, split: &Split, targets: &[u32], from: u32) -> Expected {
+fn expected(splitter: &mut Splitter, local: &Local<'_>, split: &Split, from: u32) -> Expected {
+    let kinds = splitter.kinds;
+    let near = Some(local.wedges[from as usize].attributes);
+    let mut expected = Expected { uv: [0; 2], uv_size: None, near, normal: [0.0; 3], first: false };
+    if kinds.uv_bits > 0 || kinds.normals {
+        expected.normal = normal_of_moved(local, split);
+    }
+    if kinds.uv_bits > 0 {
+        let Fitting { points, seen, .. } = &mut splitter.fitting;
+        gather_points(local, split, from, points, seen);
+        let (uv, spread) = fit(points, expected.normal);
+        expected.uv = [0, 1].map(|k| (uv[k] + 0.5).floor().clamp(-1.0e9, 1.0e9) as i32);
+        expected.uv_size = Some(quarter_octaves(spread * UV_SIZE));
+    }
+    expected
+}
+
+/// Sum of the normals of the faces that moved, weighted by area.
+fn normal_of_moved(local: &Local<'_>, split: &Split) -> Vec3 {
     let center = local.position(split.u);
     let mut normal = [0.0; 3];
-    let mut points: Vec<(Vec3, Vec3, f64)> = Vec::with_capacity(2 * split.fan.spokes.len() + 1);
-    let mut seen: Vec<u32> = vec![from];
-    let mut put = |wedge: u32| {
+    for (spoke, _) in split.fan.spokes.iter().zip(&split.moves).filter(|(_, moves)| **moves) {
+        let [a, b] = [spoke.a, spoke.b].map(|v| sub(local.position(v), center));
+        normal = add(normal, cross(a, b));
+    }
+    normal
+}
+
+/// The wedges of the faces that moved with one wedge of t, about the place of u.
+fn gather_points(
+    local: &Local<'_>,
+    split: &Split,
+    from: u32,
+    points: &mut Vec<(Vec3, Vec3, f64)>,
+    seen: &mut Vec<u32>,
+) {
+    let center = local.position(split.u);
+    seen.clear();
+    points.clear();
+    let mut see = |wedge: u32| {
+        if seen.contains(&wedge) {
+            return;
+        }
+        seen.push(wedge);
         let w = &local.wedges[wedge as usize];
         let at = sub(local.position(w.vertex), center);
         let [u, v] = w.attributes.uv.map(f64::from);
         points.push((at, [u, v, 0.0], 1.0 / (dot(at, at) + 1.0)));
     };
-    put(from);
-    for i in (0..split.fan.spokes.len()).filter(|&i| split.moves[i]) {
-        let [a, b] = [split.fan.spokes[i].a, split.fan.spokes[i].b].map(|v| sub(local.position(v), center));
-        normal = add(normal, cross(a, b));
-        if targets[i] == from {
-            let [_, a, b] = local.spoke_wedges(&split.fan.spokes[i]);
-            for w in [a, b] {
-                if !seen.contains(&w) {
-                    seen.push(w);
-                    put(w);
-                }
-            }
+    see(from);
+    for (i, spoke) in split.fan.spokes.iter().enumerate() {
+        if split.moves[i] && split.targets[i] == from {
+            let [_, a, b] = local.spoke_wedges(spoke);
+            see(a);
+            see(b);
         }
-    }
-    let near = local.wedges[from as usize].attributes;
-    let (uv, spread) = fit(&points, normal);
-    Expected {
-        uv: [0, 1].map(|k| (uv[k] + 0.5).floor().clamp(-1.0e9, 1.0e9) as i32),
-        uv_size: Some(quarter_octaves(spread * UV_SIZE)),
-        near: Some(near),
-        normal,
-        first: false,
     }
 }
 
@@ -174,7 +211,7 @@ fn new_wedge<C: Coder>(
         _ => None,
     };
     let want = builder.and_then(|b| Some(guide.as_ref()?.source.wedges[b as usize].attributes));
-    let expected = Expected { first: local.wedges_of(vertex).is_empty(), ..*expected };
+    let expected = Expected { first: local.first_wedge(vertex).is_none(), ..*expected };
     let attributes = code_attributes(coder, splitter.kinds, &mut splitter.recent_uv, &expected, want)?;
     let wedge = local.add_wedge(vertex, attributes);
     if let (Some(guide), Some(builder)) = (guide.as_mut(), builder) {
@@ -189,7 +226,6 @@ fn code_face<C: Coder>(
     splitter: &mut Splitter,
     local: &mut Local<'_>,
     split: &Split,
-    targets: &[u32],
     added: &Added,
     guide: &mut Option<&mut Guide<'_>>,
 ) -> Result<(), DecodeError> {
@@ -201,10 +237,10 @@ fn code_face<C: Coder>(
         let [centre, a, b] = local.spoke_wedges(moving);
         at_u = Some(centre);
         at_x = Some(if gate.left { a } else { b });
-        at_t = Some(gate.stays.map_or(targets[gate.moves], |s| targets[s]));
+        at_t = Some(split.targets[gate.stays.unwrap_or(gate.moves)]);
         beside = Some(moving.face);
     } else if let Some(spoke) = split.fan.spokes.first() {
-        at_t = Some(targets[0]);
+        at_t = Some(split.targets[0]);
         beside = Some(spoke.face);
     }
     let mut corner = |coder: &mut C,
@@ -214,25 +250,25 @@ fn code_face<C: Coder>(
                       guess: Option<u32>,
                       guide: &mut Option<&mut Guide<'_>>|
      -> Result<u32, DecodeError> {
-        let own = local.wedges_of(vertex);
-        let want = guide.as_ref().and_then(|g| Some(g.wedge(added.face?, vertex, guess, &own)));
+        let first = local.first_wedge(vertex);
+        let want = guide.as_ref().and_then(|g| Some(g.wedge(added.face?, vertex, guess, first)));
         if let Some(guess) = guess
             && coder.bit(SAME_WEDGE + kind, want == Some(Want::Known(guess)))
         {
             return Ok(guess);
         }
-        if own.is_empty() || coder.bit(NEW_WEDGE + kind, matches!(want, Some(Want::New(_)))) {
-            let near = guess.or(own.first().copied()).or(at_t);
+        if first.is_none() || coder.bit(NEW_WEDGE + kind, matches!(want, Some(Want::New(_)))) {
+            let near = guess.or(first).or(at_t);
             let near = near.map(|w| local.wedges[w as usize].attributes);
             let uv = near.map_or([0; 2], |w| w.uv);
             let expected = Expected { uv, uv_size: None, near, normal: [0.0; 3], first: false };
             return new_wedge(coder, splitter, local, vertex, &expected, want, guide);
         }
-        chosen(coder, &own, want)
+        chosen(coder, local, vertex, want)
     };
     let t_wedge = corner(coder, local, AT_TARGET, split.t, at_t, guide)?;
     let x_wedge = corner(coder, local, AT_THIRD, added.x, at_x, guide)?;
-    let u_guess = at_u.or(local.wedges_of(split.u).first().copied());
+    let u_guess = at_u.or(local.first_wedge(split.u));
     let u_wedge = corner(coder, local, AT_NEW, split.u, u_guess, guide)?;
 
     let near = beside.map_or(0, |f| local.faces[f as usize].material);

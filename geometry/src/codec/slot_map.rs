@@ -1,0 +1,84 @@
+//! A small hash map from slots to local numbers.
+//!
+//! Open addressing with linear probing and multiplicative hashing (Knuth, TAOCP 3, §6.4): keys are small,
+//! distinct and ours, and consecutive ones, which is what slots are, never meet.
+
+/// Marks a place that holds nothing: no slot is that large.
+const EMPTY: u32 = u32::MAX;
+const FIRST_BITS: u32 = 6;
+
+/// Numbers by slot; nothing is ever taken out.
+#[derive(Clone, Debug)]
+pub(crate) struct SlotMap {
+    /// (slot, number) pairs, a power of two of places, at most half of them taken.
+    places: Vec<(u32, u32)>,
+    taken: usize,
+    shift: u32,
+}
+
+impl Default for SlotMap {
+    fn default() -> Self {
+        Self { places: vec![(EMPTY, 0); 1 << FIRST_BITS], taken: 0, shift: 32 - FIRST_BITS }
+    }
+}
+
+impl SlotMap {
+    #[inline]
+    pub(crate) fn get(&self, slot: u32) -> Option<u32> {
+        let (key, number) = self.places[self.find(slot)];
+        (key == slot).then_some(number)
+    }
+
+    /// Notes the number of a slot that is not in the map.
+    pub(crate) fn insert(&mut self, slot: u32, number: u32) {
+        if 2 * (self.taken + 1) > self.places.len() {
+            self.grow();
+        }
+        let at = self.find(slot);
+        self.places[at] = (slot, number);
+        self.taken += 1;
+    }
+
+    /// The place where a slot is, or where it would go.
+    #[inline]
+    fn find(&self, slot: u32) -> usize {
+        let mask = self.places.len() - 1;
+        let mut at = (slot.wrapping_mul(0x9e37_79b9) >> self.shift) as usize;
+        loop {
+            let key = self.places[at & mask].0;
+            if key == slot || key == EMPTY {
+                return at & mask;
+            }
+            at += 1;
+        }
+    }
+
+    fn grow(&mut self) {
+        let larger = vec![(EMPTY, 0); self.places.len() * 2];
+        let old = std::mem::replace(&mut self.places, larger);
+        self.shift -= 1;
+        for (slot, number) in old.into_iter().filter(|p| p.0 != EMPTY) {
+            let at = self.find(slot);
+            self.places[at] = (slot, number);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn finds_what_was_put_in_and_nothing_else() {
+        let mut map = SlotMap::default();
+        let slots: Vec<u32> = (0..500).chain((1000..90_000).step_by(89)).collect();
+        for (number, &slot) in slots.iter().enumerate() {
+            assert_eq!(map.get(slot), None);
+            map.insert(slot, number as u32);
+        }
+        for (number, &slot) in slots.iter().enumerate() {
+            assert_eq!(map.get(slot), Some(number as u32));
+        }
+        assert!(map.get(500).is_none() && map.get(90_001).is_none());
+    }
+}
