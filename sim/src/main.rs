@@ -32,6 +32,9 @@ enum Command {
         /// Faces per region.
         #[arg(long, default_value_t = 1000)]
         region_faces: usize,
+        /// Share of the removable vertices that one level removes.
+        #[arg(long, default_value_t = lodestream_geometry::Settings::default().level_share)]
+        level_share: f64,
         /// Random closed sets whose stated error is compared with the measured one.
         #[arg(long, default_value_t = 20)]
         random_sets: usize,
@@ -96,9 +99,19 @@ enum Command {
 fn main() -> ExitCode {
     let result = match Arguments::parse().command {
         Command::Train { models, output, position_bits } => run_train(&models, &output, position_bits),
-        Command::Assess { model, position_bits, region_faces, random_sets, samples, seed, json } => {
+        Command::Assess {
+            model,
+            position_bits,
+            region_faces,
+            level_share,
+            random_sets,
+            samples,
+            seed,
+            json,
+        } => {
             let samples = samples.get() as usize;
-            let options = assess::Options { position_bits, region_faces, random_sets, samples, seed };
+            let options =
+                assess::Options { position_bits, region_faces, level_share, random_sets, samples, seed };
             run_assess(&model, &options, json)
         }
         Command::Measure { a, b, samples, seed, json } => run_measure(&a, &b, samples, seed, json),

@@ -34,6 +34,8 @@ pub struct Options {
     pub position_bits: u8,
     /// Faces per region.
     pub region_faces: usize,
+    /// Share of the removable vertices that one level removes.
+    pub level_share: f64,
     /// Random closed sets whose stated error is compared with the measured distance.
     pub random_sets: usize,
     /// Points on each surface for every distance.
@@ -119,7 +121,11 @@ pub fn assess(path: &Path, options: &Options) -> anyhow::Result<Assessment> {
         .with_context(|| format!("cannot import {}", path.display()))?;
     let precision = Precision::Bits(options.position_bits);
     let mesh = quantise(&imported.mesh, &QuantiseSettings { precision, ..QuantiseSettings::default() })?;
-    let settings = Settings { region_faces: options.region_faces, ..Settings::default() };
+    let settings = Settings {
+        region_faces: options.region_faces,
+        level_share: options.level_share,
+        ..Settings::default()
+    };
     let (prepared, prepare_s) = timed(|| prepare(&mesh, &settings, &Serial, &Silent));
     let prepared = prepared?;
 
