@@ -35,6 +35,9 @@ enum Command {
         /// Share of the removable vertices that one level removes.
         #[arg(long, default_value_t = lodestream_geometry::Settings::default().level_share)]
         level_share: f64,
+        /// Leaves out texture coordinates, normals and colours.
+        #[arg(long)]
+        positions_only: bool,
         /// Random closed sets whose stated error is compared with the measured one.
         #[arg(long, default_value_t = 20)]
         random_sets: usize,
@@ -104,14 +107,22 @@ fn main() -> ExitCode {
             position_bits,
             region_faces,
             level_share,
+            positions_only,
             random_sets,
             samples,
             seed,
             json,
         } => {
             let samples = samples.get() as usize;
-            let options =
-                assess::Options { position_bits, region_faces, level_share, random_sets, samples, seed };
+            let options = assess::Options {
+                position_bits,
+                region_faces,
+                level_share,
+                positions_only,
+                random_sets,
+                samples,
+                seed,
+            };
             run_assess(&model, &options, json)
         }
         Command::Measure { a, b, samples, seed, json } => run_measure(&a, &b, samples, seed, json),

@@ -5,6 +5,7 @@
 //! this machine on one thread and are good for ratios within one run only.
 
 mod access;
+mod budget;
 mod honesty;
 mod lattice;
 mod quality;
@@ -15,7 +16,7 @@ use std::time::Instant;
 use anyhow::Context as _;
 use lodestream_geometry::Settings;
 use lodestream_geometry::base::Base;
-use lodestream_geometry::mesh::QuantisedMesh;
+use lodestream_geometry::mesh::{Corner, NONE, QuantisedMesh};
 use lodestream_geometry::pool::{Serial, Silent};
 use lodestream_geometry::prepare::{Prepared, prepare};
 use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
@@ -24,6 +25,7 @@ use serde::Serialize;
 
 use crate::measure::Surface;
 pub use access::{Spot, ViewShare};
+pub use budget::BytesToRms;
 pub use honesty::{RandomSets, Ratios};
 pub use quality::LevelEnd;
 
@@ -36,6 +38,8 @@ pub struct Options {
     pub region_faces: usize,
     /// Share of the removable vertices that one level removes.
     pub level_share: f64,
+    /// Leaves out texture coordinates, normals and colours.
+    pub positions_only: bool,
     /// Random closed sets whose stated error is compared with the measured distance.
     pub random_sets: usize,
     /// Points on each surface for every distance.
@@ -79,6 +83,8 @@ pub struct Assessment {
     pub rms_at_tenth: Option<f64>,
     /// The lowest-error closed set within 10 % of the faces, usually between two levels.
     pub tenth: LevelEnd,
+    /// Bytes received until the mesh is so near to the input.
+    pub bytes_to_rms: Vec<BytesToRms>,
     /// Stated against measured error of random closed sets.
     pub random: RandomSets,
     /// Stated against locally measured error of each chunk.
@@ -117,8 +123,16 @@ impl Model {
 /// # Errors
 /// If the file cannot be imported or prepared.
 pub fn assess(path: &Path, options: &Options) -> anyhow::Result<Assessment> {
-    let imported = lodestream_server::import::import(path)
+    let mut imported = lodestream_server::import::import(path)
         .with_context(|| format!("cannot import {}", path.display()))?;
+    if options.positions_only {
+        let corners = imported.mesh.faces.iter_mut().flatten();
+        corners.for_each(|c| *c = Corner { uv: NONE, normal: NONE, color: NONE, ..*c });
+        imported.mesh.uvs.clear();
+        imported.mesh.normals.clear();
+        imported.mesh.colors.clear();
+        imported.mesh.materials.fill(0);
+    }
     let precision = Precision::Bits(options.position_bits);
     let mesh = quantise(&imported.mesh, &QuantiseSettings { precision, ..QuantiseSettings::default() })?;
     let settings = Settings {
@@ -170,6 +184,7 @@ pub fn assess(path: &Path, options: &Options) -> anyhow::Result<Assessment> {
         rms_at_tenth: quality::interpolate(&level_ends, model.mesh.faces.len() as f64 * 0.1),
         level_ends,
         tenth: quality::within_faces(&model, model.mesh.faces.len() as u64 / 10, options)?,
+        bytes_to_rms: budget::bytes_to_rms(&model, (base_bytes.len() + index_bytes) as u64, options)?,
         random: honesty::random_sets(&model, options)?,
         per_chunk: honesty::per_chunk(&model)?,
         spot: access::spot(&model, options.seed),
@@ -235,6 +250,16 @@ impl std::fmt::Display for Assessment {
             self.tenth.rms * 1e5,
             self.tenth.max * 1e5
         )?;
+        for b in &self.bytes_to_rms {
+            writeln!(
+                f,
+                "RMS {:.0}e-5 with {} bytes: {} faces, RMS {:.1}e-5",
+                b.target * 1e5,
+                b.bytes,
+                b.faces,
+                b.rms * 1e5
+            )?;
+        }
         writeln!(
             f,
             "stated / measured error of {} random closed sets: least {:.3}, median {:.3}, greatest {:.3}; least \

@@ -67,7 +67,11 @@ fn stated(model: &Model, chunks: &[u32]) -> f64 {
     missing.map(|(_, info)| f64::from(info.error)).fold(0.0, f64::max) / model.diagonal()
 }
 
-fn distance(model: &Model, chunks: &[u32], options: &Options) -> anyhow::Result<(usize, Comparison)> {
+pub(super) fn distance(
+    model: &Model,
+    chunks: &[u32],
+    options: &Options,
+) -> anyhow::Result<(usize, Comparison)> {
     let coarse = model.surface(chunks)?;
     let samples = NonZeroUsize::new(options.samples).unwrap_or(NonZeroUsize::MIN);
     let settings = measure::Settings { samples, seed: options.seed, ..Default::default() };
