@@ -1,0 +1,54 @@
+//! Bytes until a quality: how much of an asset must have come for a given RMS distance.
+
+use lodestream_geometry::closed_set::{self, Budget};
+use serde::Serialize;
+
+use super::quality::distance;
+use super::{Model, Options};
+
+/// RMS distances asked for, over the diagonal.
+const TARGETS: [f64; 3] = [100e-5, 40e-5, 20e-5];
+/// Budgets are searched to this share.
+const PRECISION: f64 = 0.005;
+
+/// The smallest budget found whose lowest-error closed set is within an RMS distance.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct BytesToRms {
+    /// RMS distance asked for, two-sided, over the diagonal.
+    pub target: f64,
+    /// What the set has.
+    pub rms: f64,
+    /// Its faces.
+    pub faces: usize,
+    /// Base mesh, whole index and the set's payloads.
+    pub bytes: u64,
+}
+
+/// Bisects for every target that the whole asset reaches. The set for a larger budget is rarely worse, so
+/// the answer is a good budget, if not always the least.
+pub(super) fn bytes_to_rms(model: &Model, head: u64, options: &Options) -> anyhow::Result<Vec<BytesToRms>> {
+    let prepared = &model.prepared;
+    let all: u64 = prepared.infos.iter().map(|i| u64::from(i.payload_bytes)).sum();
+    let mut found = Vec::new();
+    for target in TARGETS {
+        let (mut low, mut high) = (head as f64, (head + all) as f64);
+        let mut best = None;
+        while high - low > PRECISION * high || best.is_none() {
+            let budget = if best.is_none() { high } else { 0.5 * (low + high) };
+            let set =
+                closed_set::lowest_error(&prepared.base, &prepared.infos, head, Budget::Bytes(budget as u64));
+            let (faces, comparison) = distance(model, &set.chunks, options)?;
+            let rms = comparison.rms;
+            if rms <= target {
+                best = Some(BytesToRms { target, rms, faces, bytes: set.bytes });
+                high = set.bytes as f64;
+            } else if best.is_none() {
+                break;
+            } else {
+                low = budget;
+            }
+        }
+        found.extend(best);
+    }
+    Ok(found)
+}
