@@ -1,5 +1,6 @@
 //! The base blob: what a client needs to draw an asset at all, and to ask for more.
 
+use crate::codec::Codec;
 use crate::codec::attributes::Kinds;
 use crate::codec::base::{self, BaseMesh};
 use crate::error::DecodeError;
@@ -46,6 +47,8 @@ pub struct Base {
     pub level_count: u8,
     /// Materials that faces may name.
     pub material_count: u16,
+    /// How base mesh and chunks are coded.
+    pub codec: Codec,
     /// Whether wedges have colours.
     pub colors: bool,
     /// Whether wedges may have explicit normals.
@@ -75,7 +78,8 @@ impl Base {
     /// On more than [`MAX_BASE_FACES`] faces and on faces with a repeated vertex.
     pub fn encode(&self) -> Result<Vec<u8>, DecodeError> {
         let kinds = self.uv_grid.bits | u8::from(self.colors) << 6 | u8::from(self.normals) << 7;
-        let mut out = vec![FORMAT_VERSION, self.grid.bits, kinds, self.level_count];
+        let plain = u8::from(self.codec == Codec::Plain);
+        let mut out = vec![FORMAT_VERSION, self.grid.bits | plain << 7, kinds, self.level_count];
         for x in self.grid.origin.iter().chain([&self.grid.step]) {
             out.extend(x.to_le_bytes());
         }
@@ -99,7 +103,7 @@ impl Base {
             wedges: self.wedges.clone(),
             faces: self.faces.clone(),
         };
-        out.extend(base::encode(&mesh, self.grid.bits, self.kinds(), self.material_count)?.bytes);
+        out.extend(base::encode(&mesh, self.codec, self.grid.bits, self.kinds(), self.material_count)?.bytes);
         Ok(out)
     }
 
@@ -114,6 +118,7 @@ impl Base {
             return Err(r.error(format!("format version {version}; this program reads {FORMAT_VERSION}")));
         }
         let (bits, kinds, level_count) = (r.u8()?, r.u8()?, r.u8()?);
+        let (bits, codec) = (bits & 0x7f, if bits & 0x80 == 0 { Codec::Range } else { Codec::Plain });
         let (uv_bits, colors, normals) = (kinds & 0x3f, kinds & 0x40 != 0, kinds & 0x80 != 0);
         if !(1..=24).contains(&bits) || uv_bits > 16 {
             return Err(r.error(format!("{bits} position bits and {uv_bits} uv bits are out of range")));
@@ -145,7 +150,7 @@ impl Base {
         let description = r.take(length)?.to_vec();
         let rest = r.remaining();
         let kinds = Kinds { uv_bits, colors, normals };
-        let mesh = base::decode(r.take(rest)?, bits, kinds, material_count)?;
+        let mesh = base::decode(r.take(rest)?, codec, bits, kinds, material_count)?;
         Ok(Self {
             grid,
             uv_grid,
@@ -155,6 +160,7 @@ impl Base {
             chunk_count,
             level_count,
             material_count,
+            codec,
             colors,
             normals,
             totals,

@@ -15,6 +15,7 @@ pub mod mesh;
 pub mod normals;
 pub mod octahedral;
 pub mod pack;
+mod plain_coder;
 pub mod pool;
 pub mod prepare;
 pub mod quantise;
@@ -35,5 +36,6 @@ extern crate self as lodestream_geometry;
 #[path = "../tests/suite/common/mod.rs"]
 mod common;
 
+pub use codec::Codec;
 pub use error::{DecodeError, MeshError};
 pub use simplify::{Metric, Settings};

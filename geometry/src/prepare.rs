@@ -1,6 +1,7 @@
 //! Preparation: from a quantised mesh to a base mesh, an index and chunk payloads.
 
 use crate::base::{Base, MAX_BASE_FACES, Totals};
+use crate::codec::Codec;
 use crate::codec::attributes::Kinds;
 use crate::codec::base::{self as base_codec, BaseMesh};
 use crate::codec::chunk::{Encoded, Source, encode};
@@ -40,16 +41,33 @@ pub fn prepare(
     pool: &dyn Pool,
     monitor: &dyn Monitor,
 ) -> Result<Prepared, MeshError> {
-    prepare_observed(mesh, settings, pool, monitor, &|_, _, _| {})
+    prepare_stored(mesh, settings, pool, monitor, &Ok)
 }
 
-/// [`prepare`], with somebody who sees each chunk before it is encoded.
+/// Turns a payload into what is stored and sent of it.
+pub type Store<'a> = &'a (dyn Fn(Vec<u8>) -> Result<Vec<u8>, DecodeError> + Sync);
+
+/// [`prepare`], where payloads, and the lengths that the index says, are what `store` makes of them.
+///
+/// # Errors
+/// As [`prepare`]; [`MeshError::Internal`] where `store` fails.
+pub fn prepare_stored(
+    mesh: &QuantisedMesh,
+    settings: &Settings,
+    pool: &dyn Pool,
+    monitor: &dyn Monitor,
+    store: Store<'_>,
+) -> Result<Prepared, MeshError> {
+    prepare_observed(mesh, settings, pool, monitor, (&|_, _, _| {}, store))
+}
+
+/// [`prepare_stored`], with somebody who sees each chunk before it is encoded.
 pub(crate) fn prepare_observed(
     mesh: &QuantisedMesh,
     settings: &Settings,
     pool: &dyn Pool,
     monitor: &dyn Monitor,
-    observe: Observer<'_>,
+    edges: Edges<'_>,
 ) -> Result<Prepared, MeshError> {
     if mesh.faces.is_empty() {
         return Err(MeshError::NoFaces { dropped: 0 });
@@ -75,8 +93,8 @@ pub(crate) fn prepare_observed(
         .unwrap_or(0)
         .checked_add(1)
         .ok_or(MeshError::TooLarge { kind: "materials", count: limit + 1, limit })?;
-    let (mut base, first) = build_base(mesh, &simplified, order.len(), materials)?;
-    let encoded = encode_all(mesh, &simplified, &order, &parents, &base, first, &pool, observe)?;
+    let (mut base, first) = build_base(mesh, &simplified, order.len(), materials, settings.codec)?;
+    let encoded = encode_all(mesh, &simplified, &order, &parents, &base, first, &pool, edges)?;
 
     let mut errors: Vec<f64> = (0..order.len()).map(|id| chunk(id).error).collect();
     let mut slides: Vec<f64> = (0..order.len()).map(|id| chunk(id).attribute_error).collect();
@@ -167,6 +185,7 @@ fn build_base(
     simplified: &Simplified,
     chunks: usize,
     materials: u16,
+    codec: Codec,
 ) -> Result<(Base, BySlot), MeshError> {
     let live = &simplified.live;
     let faces: Vec<u32> = (0..live.alive.len() as u32).filter(|&f| live.alive[f as usize]).collect();
@@ -202,7 +221,7 @@ fn build_base(
         colors: mesh.wedges.iter().any(|w| w.attributes.color != NO_COLOR),
         normals: mesh.wedges.iter().any(|w| w.attributes.normal.is_some()),
     };
-    let encoded = base_codec::encode(&base_mesh, mesh.grid.bits, kinds, materials)
+    let encoded = base_codec::encode(&base_mesh, codec, mesh.grid.bits, kinds, materials)
         .map_err(|e| MeshError::Internal { why: e.to_string() })?;
     let mut min = [i32::MAX; 3];
     let mut max = [i32::MIN; 3];
@@ -224,6 +243,7 @@ fn build_base(
         chunk_count: chunks as u32,
         level_count: simplified.levels.len().min(255) as u8,
         material_count: materials,
+        codec,
         colors: kinds.colors,
         normals: kinds.normals,
         totals: Totals {
@@ -247,6 +267,8 @@ fn build_base(
 
 /// Sees each chunk just before it is encoded.
 pub(crate) type Observer<'a> = &'a (dyn Fn(&ActiveMesh, u32, &Source<'_>) + Sync);
+/// What happens to a chunk before and after it is encoded.
+pub(crate) type Edges<'a> = (Observer<'a>, Store<'a>);
 
 /// Encodes all chunks, level by level: within a level each against the same mesh, at the same time.
 #[allow(clippy::too_many_arguments)]
@@ -258,7 +280,7 @@ fn encode_all(
     base: &Base,
     mut by_slot: BySlot,
     pool: &Watched<'_>,
-    observe: Observer<'_>,
+    (observe, store): Edges<'_>,
 ) -> Result<Vec<Encoded>, MeshError> {
     let mut active = ActiveMesh::new(base);
     let mut slot_of_vertex = vec![u32::MAX; mesh.positions.len()];
@@ -282,10 +304,12 @@ fn encode_all(
                 interior: &|v| chunk.interior.binary_search(&v).is_ok(),
             };
             observe(&active, (first + i) as u32, &source);
-            encode(&active, (first + i) as u32, parents[first + i].clone(), &source)
+            let encoded = encode(&active, (first + i) as u32, parents[first + i].clone(), &source)?;
+            Ok(Encoded { bytes: store(encoded.bytes)?, ..encoded })
         })?;
         for result in results {
-            let encoded = result.map_err(|e| MeshError::Internal { why: e.to_string() })?;
+            let encoded: Encoded =
+                result.map_err(|e: DecodeError| MeshError::Internal { why: e.to_string() })?;
             active.apply(&encoded.delta).map_err(|e| MeshError::Internal { why: e.to_string() })?;
             for &v in &encoded.vertices {
                 slot_of_vertex[v as usize] = by_slot.vertices.len() as u32;

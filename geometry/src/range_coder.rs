@@ -18,12 +18,20 @@ const TOP: u32 = 1 << 24;
 /// Writes or reads symbols: a model calls it with the value it would write, and goes on with the
 /// value it gets back. An encoder returns what it was given; a decoder ignores it.
 pub(crate) trait Coder {
+    /// Whether contexts matter: where they do not, nobody needs to work them out.
+    const MODELS: bool = true;
     /// Codes one bit with the adaptive probability `context`.
     fn bit(&mut self, context: usize, value: bool) -> bool;
     /// Codes one bit with several contexts, mixed by the weights of `mixer`.
     fn mix<const N: usize>(&mut self, contexts: [usize; N], mixer: usize, value: bool) -> bool;
     /// Codes `bits` (0 to 32) equiprobable bits.
     fn raw(&mut self, bits: u32, value: u32) -> u32;
+    /// Codes `value < 2^bits` (0 to 32) in one piece, with the contexts from `at` on, if the coder takes
+    /// integers so; `None` (the default) if they are to be taken apart into bits.
+    fn whole(&mut self, at: usize, bits: u32, value: u32) -> Option<u32> {
+        let _ = (at, bits, value);
+        None
+    }
     /// An error once more bytes were consumed than there are.
     ///
     /// # Errors

@@ -12,6 +12,9 @@ pub(crate) const fn tree_contexts(bits: u32) -> usize {
 /// Codes `value < 2^bits`, most significant bit first down a binary tree of contexts from `at` on.
 #[inline]
 pub(crate) fn tree<C: Coder>(coder: &mut C, at: usize, bits: u32, value: u32) -> u32 {
+    if let Some(got) = coder.whole(at, bits, value) {
+        return got;
+    }
     let mut node = 1_usize;
     for i in (0..bits).rev() {
         let bit = coder.bit(at + node, (value >> i) & 1 == 1);
@@ -28,6 +31,9 @@ pub(crate) const INTEGER_CONTEXTS: usize = tree_contexts(CLASS_BITS) + 32;
 /// Codes `value < 2^31` by Elias-gamma classes: the bit length adapts, the top bit below the leading
 /// one adapts per class, the rest is raw.
 pub(crate) fn integer<C: Coder>(coder: &mut C, at: usize, value: u32) -> u32 {
+    if let Some(got) = coder.whole(at, 31, value) {
+        return got;
+    }
     let class = tree(coder, at, CLASS_BITS, 32 - value.leading_zeros());
     match class {
         0 | 1 => class,
@@ -43,11 +49,24 @@ pub(crate) fn integer<C: Coder>(coder: &mut C, at: usize, value: u32) -> u32 {
 
 /// Codes a signed integer of at most 30 bits: magnitude as [`integer`], then a raw sign.
 pub(crate) fn signed<C: Coder>(coder: &mut C, at: usize, value: i32) -> i32 {
+    if let Some(got) = coder.whole(at, 31, zigzag(value)) {
+        return unzigzag(got);
+    }
     let magnitude = integer(coder, at, value.unsigned_abs()) as i32;
     if magnitude == 0 {
         return 0;
     }
     if coder.raw(1, u32::from(value < 0)) == 1 { magnitude.wrapping_neg() } else { magnitude }
+}
+
+/// Signed integers as unsigned ones, small ones first: 0, -1, 1, -2, …
+pub(crate) fn zigzag(value: i32) -> u32 {
+    ((value << 1) ^ (value >> 31)) as u32
+}
+
+/// The inverse of [`zigzag`].
+pub(crate) fn unzigzag(code: u32) -> i32 {
+    (code >> 1) as i32 ^ -((code & 1) as i32)
 }
 
 /// Bits needed to name one of `count` things: 0 for one.

@@ -100,7 +100,7 @@ fn record(
                 streams.insert(chunk, recorder);
             }
         };
-        let prepared = prepare_observed(mesh, settings, pool, &Silent, observe)?;
+        let prepared = prepare_observed(mesh, settings, pool, &Silent, (observe, &Ok))?;
         all.extend(streams.into_inner().unwrap_or_default().into_values());
         let base = &prepared.base;
         let mesh = BaseMesh {

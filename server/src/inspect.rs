@@ -5,6 +5,7 @@ use std::path::Path;
 use lodestream_geometry::mesh::NO_COLOR;
 use serde::Serialize;
 
+use crate::prepare::recipe::codec_name;
 use crate::store::{PackFile, StoreError};
 
 /// The numbers; lengths are in the asset's units.
@@ -28,6 +29,8 @@ pub struct Summary {
     pub materials: u64,
     /// Textures.
     pub textures: u64,
+    /// How base mesh and chunks are coded: `range` or `zstd`.
+    pub codec: &'static str,
     /// Bits per axis of positions.
     pub position_bits: u8,
     /// Bits per axis of texture coordinates; 0 without any.
@@ -73,8 +76,7 @@ pub fn inspect(path: &Path) -> Result<Summary, StoreError> {
     let faces: Vec<[u32; 3]> =
         mesh.faces.iter().map(|face| face.wedges.map(|w| mesh.wedges[w as usize].vertex)).collect();
     let attributes = || mesh.wedges.iter().map(|wedge| wedge.attributes);
-    let lengths = |blobs: &[Vec<u8>]| blobs.iter().map(|b| b.len() as u64).sum::<u64>();
-    let payload_bytes = lengths(&asset.chunks);
+    let payload_bytes = asset.payload_bytes;
     let base = &asset.base;
     Ok(Summary {
         settings: pack.settings()?,
@@ -86,6 +88,7 @@ pub fn inspect(path: &Path) -> Result<Summary, StoreError> {
         components: components(mesh.positions.len(), &faces),
         materials: u64::from(base.material_count),
         textures: asset.description.textures.len() as u64,
+        codec: codec_name(base.codec),
         position_bits: base.grid.bits,
         uv_bits: base.uv_grid.bits,
         levels: base.level_count,

@@ -118,6 +118,36 @@ fn check_finds_nothing_wrong_with_a_good_pack() {
 }
 
 #[test]
+fn packs_of_both_codecs_hold_the_same_meshes() {
+    let (dir, obj, ranged) = prepared();
+    let packed = dir.path().join("zstd.lsp");
+    assert!(run(&["prepare", text(&obj), "-o", text(&packed), "-q", "--codec", "zstd"]).status.success());
+    let fields = [&ranged, &packed].map(|pack| inspected(pack));
+    assert_eq!([&fields[0]["codec"], &fields[1]["codec"]], ["range", "zstd"]);
+    assert!(fields[1]["settings"].as_str().unwrap().contains("codec zstd"), "{}", fields[1]);
+    let bytes = fields.each_ref().map(|f| f["payload_bytes"].as_u64().unwrap());
+    assert!(bytes[0] < bytes[1] && bytes[1] < 2 * bytes[0], "{bytes:?}");
+    for field in ["faces", "wedges", "chunks", "root_error", "base_faces"] {
+        assert_eq!(fields[0][field], fields[1][field], "{field}");
+    }
+    let output = run(&["check", text(&packed), "--random-sets", "10"]);
+    assert!(output.status.success(), "{}", stdout(&output));
+    // Lines of an OBJ file without their order: vertices are numbered as they come.
+    let exported = |pack: &Path, budget: &[&str]| {
+        let out = dir.path().join("out.obj");
+        let output = run(&[&["export", text(pack), "-o", text(&out)], budget].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let text = std::fs::read_to_string(&out).unwrap();
+        let mut lines: Vec<String> = text.lines().filter(|l| l.starts_with('v')).map(Into::into).collect();
+        lines.sort();
+        lines
+    };
+    for budget in [&[][..], &["--error", "0.05"]] {
+        assert!(exported(&ranged, budget) == exported(&packed, budget), "{budget:?}");
+    }
+}
+
+#[test]
 fn export_keeps_to_its_budget_and_is_a_model_again() {
     let (dir, _, pack) = prepared();
     let out = dir.path().join("out.obj");

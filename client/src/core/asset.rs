@@ -8,6 +8,7 @@ use geometry::base::Base;
 use geometry::index::ChunkInfo;
 use geometry::mesh::NONE;
 use geometry::refine::{ActiveMesh, ChunkDelta, RefineError, Touched};
+use lodestream_compress::{decode_base, decode_chunk};
 use lodestream_geometry as geometry;
 use lodestream_protocol::asset::{AssetDescription, CodingError};
 
@@ -75,7 +76,7 @@ pub(crate) struct RefinedAsset {
 impl RefinedAsset {
     /// Decodes a base blob. `track_changes`: a renderer will ask for changes.
     pub(crate) fn decode(bytes: &[u8], chunk_count: u32, track_changes: bool) -> Result<Self, AssetError> {
-        let base = Base::decode(bytes)?;
+        let base = decode_base(bytes)?;
         if base.chunk_count != chunk_count {
             return Err(AssetError::ChunkCount { base: base.chunk_count, scene: chunk_count });
         }
@@ -112,7 +113,7 @@ impl RefinedAsset {
 
     /// Decodes and applies a chunk whose parents are applied. On failure nothing has changed.
     pub(crate) fn apply(&mut self, chunk: u32, info: &ChunkInfo, bytes: &[u8]) -> Result<(), AssetError> {
-        let delta = self.mesh.decode(chunk, info, bytes)?;
+        let delta = decode_chunk(&self.mesh, chunk, info, bytes)?;
         let touched = self.mesh.apply(&delta)?;
         if let Some(dirty) = &mut self.dirty {
             dirty.add(touched);

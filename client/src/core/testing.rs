@@ -9,7 +9,7 @@ use std::time::Duration;
 use bytes::Bytes;
 use geometry::mesh::{Corner, QuantisedMesh, SourceMesh};
 use geometry::pool::{Serial, Silent};
-use geometry::prepare::{Prepared, prepare};
+use geometry::prepare::Prepared;
 use geometry::quantise::{QuantiseSettings, quantise};
 use lodestream_geometry as geometry;
 use lodestream_protocol::asset::{
@@ -33,11 +33,16 @@ pub(crate) fn prepared() -> &'static (QuantisedMesh, Prepared) {
     static PREPARED: OnceLock<(QuantisedMesh, Prepared)> = OnceLock::new();
     PREPARED.get_or_init(|| {
         let mesh = quantise(&hills(), &QuantiseSettings::default()).unwrap();
-        let settings = geometry::Settings { region_faces: 300, ..geometry::Settings::default() };
-        let mut prepared = prepare(&mesh, &settings, &Serial, &Silent).unwrap();
-        prepared.base.description = description().encode().unwrap();
+        let prepared = coded(&mesh, geometry::Codec::Range);
         (mesh, prepared)
     })
+}
+
+fn coded(mesh: &QuantisedMesh, codec: geometry::Codec) -> Prepared {
+    let settings = geometry::Settings { region_faces: 300, codec, ..geometry::Settings::default() };
+    let mut prepared = lodestream_compress::prepare(mesh, &settings, &Serial, &Silent).unwrap();
+    prepared.base.description = description().encode().unwrap();
+    prepared
 }
 
 /// A bumpy square, two units wide, with texture coordinates.
@@ -106,8 +111,17 @@ pub(crate) struct Hills {
 
 impl Hills {
     pub(crate) fn new(assets: u32) -> Self {
-        let (_, prepared) = prepared();
-        let mut blobs = BTreeMap::from([(BlobPart::Base, Bytes::from(prepared.base.encode().unwrap()))]);
+        Self::of(&prepared().1, assets)
+    }
+
+    /// The same mesh under the plain codec.
+    pub(crate) fn compressed() -> Self {
+        Self::of(&coded(&prepared().0, geometry::Codec::Plain), 1)
+    }
+
+    fn of(prepared: &Prepared, assets: u32) -> Self {
+        let base = lodestream_compress::encode_base(&prepared.base).unwrap();
+        let mut blobs = BTreeMap::from([(BlobPart::Base, Bytes::from(base))]);
         for (n, page) in (0..).zip(&prepared.pages) {
             blobs.insert(BlobPart::IndexPage(n), page.clone().into());
         }

@@ -36,7 +36,13 @@ fn a_view_settles_within_its_target() {
 
 #[test]
 fn everything_applied_is_the_input() {
-    let mut link = Loopback::new(Hills::new(1), |_| {});
+    for source in [Hills::new(1), Hills::compressed()] {
+        everything_of(source);
+    }
+}
+
+fn everything_of(source: Hills) {
+    let mut link = Loopback::new(source, |_| {});
     link.core.set_view(link.now, finest());
     link.connect();
     link.settle();

@@ -4,6 +4,7 @@
 use std::collections::{HashMap, HashSet, VecDeque};
 
 use crate::base::MAX_BASE_FACES;
+use crate::codec::Codec;
 use crate::codec::attributes::{Expected, Kinds, code_attributes};
 use crate::codec::model::{
     BASE_AXIS, BASE_GATE, BASE_MATERIAL, BASE_MORE, BASE_NEW_VERTEX, BASE_NEW_WEDGE, BASE_SAME_MATERIAL,
@@ -12,6 +13,7 @@ use crate::codec::model::{
 use crate::codec::residual::Recent;
 use crate::error::DecodeError;
 use crate::mesh::{Face, Wedge};
+use crate::plain_coder::{PlainDecoder, PlainEncoder};
 use crate::range_coder::{Coder, Decoder, Encoder};
 use crate::symbols::{INTEGER_CONTEXTS, index, integer, signed};
 
@@ -36,14 +38,25 @@ pub(crate) struct EncodedBase {
 /// repeated vertex.
 pub(crate) fn encode(
     mesh: &BaseMesh,
+    codec: Codec,
     bits: u8,
     kinds: Kinds,
     materials: u16,
 ) -> Result<EncodedBase, DecodeError> {
-    let mut encoder = Encoder::new(contexts());
-    let (walk, guide) = encode_with(&mut encoder, mesh, bits, kinds, materials)?;
+    let (bytes, (walk, guide)) = match codec {
+        Codec::Range => {
+            let mut encoder = Encoder::new(contexts());
+            let said = encode_with(&mut encoder, mesh, bits, kinds, materials)?;
+            (encoder.finish(), said)
+        }
+        Codec::Plain => {
+            let mut encoder = PlainEncoder::default();
+            let said = encode_with(&mut encoder, mesh, bits, kinds, materials)?;
+            (encoder.finish(), said)
+        }
+    };
     Ok(EncodedBase {
-        bytes: encoder.finish(),
+        bytes,
         mesh: walk.mesh,
         vertices: guide.vertices,
         wedges: guide.wedges,
@@ -66,11 +79,26 @@ pub(crate) fn encode_with<'a, C: Coder>(
 }
 
 /// Decodes a mesh.
-pub(crate) fn decode(bytes: &[u8], bits: u8, kinds: Kinds, materials: u16) -> Result<BaseMesh, DecodeError> {
+pub(crate) fn decode(
+    bytes: &[u8],
+    codec: Codec,
+    bits: u8,
+    kinds: Kinds,
+    materials: u16,
+) -> Result<BaseMesh, DecodeError> {
     let mut walk = Walk::new(bits, kinds, materials);
-    let mut decoder = Decoder::new(contexts(), bytes);
-    walk.run(&mut decoder, None)?;
-    decoder.end()?;
+    match codec {
+        Codec::Range => {
+            let mut decoder = Decoder::new(contexts(), bytes);
+            walk.run(&mut decoder, None)?;
+            decoder.end()?;
+        }
+        Codec::Plain => {
+            let mut decoder = PlainDecoder::new(bytes)?;
+            walk.run(&mut decoder, None)?;
+            decoder.end()?;
+        }
+    }
     Ok(walk.mesh)
 }
 

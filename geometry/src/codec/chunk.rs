@@ -3,6 +3,7 @@
 //! One function walks through the chunk for both directions ([`crate::range_coder::Coder`]), so what
 //! an encoder says and what a decoder hears cannot drift apart.
 
+use crate::codec::Codec;
 use crate::codec::local::Local;
 use crate::codec::model::{
     AREAS, BENDS, BIRTH_AXIS, BIRTHS, DEPTHS, FLAG_AREA, FLAG_BEND, FLAG_VALENCE, INTERIOR, MAX_VALENCE,
@@ -14,6 +15,7 @@ use crate::codec::split::{Splitter, code_split};
 use crate::error::DecodeError;
 use crate::index::{ChunkInfo, Stop};
 use crate::mesh::{QuantisedMesh, Wedge};
+use crate::plain_coder::{PlainDecoder, PlainEncoder};
 use crate::range_coder::{Coder, Decoder, Encoder};
 use crate::refine::{ActiveMesh, ChunkDelta, Id};
 use crate::simplify::live::NO_VERTEX;
@@ -127,10 +129,20 @@ impl ActiveMesh {
         ends.push(end);
         ends.truncate(stop + 1);
         let mut local = Local::new(self, chunk);
-        let mut decoder = Decoder::new(contexts(), payload);
-        code_chunk(&mut decoder, self, &mut local, chunk, &ends, info.vertices, None)
-            .and_then(|_| if stop < info.stops.len() { Ok(()) } else { decoder.end() })
-            .map_err(|e| DecodeError::new(format!("chunk {chunk}"), e.why))?;
+        let whole = stop >= info.stops.len();
+        let decoded = match self.codec {
+            Codec::Range => {
+                let mut decoder = Decoder::new(contexts(), payload);
+                code_chunk(&mut decoder, self, &mut local, chunk, &ends, info.vertices, None)
+                    .and_then(|_| if whole { decoder.end() } else { Ok(()) })
+            }
+            Codec::Plain if !whole => return fail("its codec has no stopping points".into()),
+            Codec::Plain => PlainDecoder::new(payload).and_then(|mut decoder| {
+                code_chunk(&mut decoder, self, &mut local, chunk, &ends, info.vertices, None)?;
+                decoder.end()
+            }),
+        };
+        decoded.map_err(|e| DecodeError::new(format!("chunk {chunk}"), e.why))?;
         Ok(local.into_delta(chunk, info.parents.clone()))
     }
 }
@@ -142,15 +154,24 @@ pub(crate) fn encode(
     parents: Vec<u32>,
     source: &Source<'_>,
 ) -> Result<Encoded, DecodeError> {
-    let mut encoder = Encoder::new(contexts());
-    let (local, names, mut stops) = encode_with(&mut encoder, mesh, chunk, source)?;
+    let (bytes, (local, names, mut stops)) = match mesh.codec {
+        Codec::Range => {
+            let mut encoder = Encoder::new(contexts());
+            let said = encode_with(&mut encoder, mesh, chunk, source)?;
+            (encoder.finish(), said)
+        }
+        Codec::Plain => {
+            let mut encoder = PlainEncoder::default();
+            let said = encode_with(&mut encoder, mesh, chunk, source)?;
+            (encoder.finish(), said)
+        }
+    };
     let (v, w, f) = local.added();
     let tail = |list: &[u32], count: u32| list[list.len() - count as usize..].to_vec();
     // Births come before the gathered region; everything else new comes after it.
     let births = source.records.collapses.iter().filter(|c| c.target == NO_VERTEX).count();
     let mut vertices = names.vertices[..births].to_vec();
     vertices.extend(tail(&names.vertices, v - births as u32));
-    let bytes = encoder.finish();
     stops.pop();
     for stop in &mut stops {
         stop.bytes = stop.bytes.min(bytes.len() as u32);
@@ -277,6 +298,9 @@ fn code_flag<C: Coder>(
     (segment, pass): (usize, usize),
     want: bool,
 ) -> bool {
+    if !C::MODELS {
+        return coder.bit(FLAG_AREA, want);
+    }
     let area = local.star_area(v);
     let size = (quarter_octaves(area / fair) / 2 + 6).clamp(0, AREAS as i32 - 1) as usize;
     let depth = pass.min(DEPTHS - 1);

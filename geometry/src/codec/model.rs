@@ -105,6 +105,35 @@ layout! { CONTEXTS:
     INDEX_STOP_ERROR = INTEGER_CONTEXTS,
 }
 
+/// Streams of bytes and of bits that [`crate::plain_coder`] sorts symbols into.
+pub(crate) const BYTE_STREAMS: usize = 10;
+pub(crate) const BIT_STREAMS: usize = 4;
+
+/// Where each stream of bytes begins in the layout: what is rare; lengths and starts of runs; groups;
+/// texture coordinates by axis; colours and normals; residuals of positions by step; the base mesh.
+const BYTE_STARTS: [usize; BYTE_STREAMS] = [
+    0,
+    RUN_LENGTH,
+    RUN_START,
+    EXTRAS,
+    UV_RECENT,
+    UV_RECENT + SIZE_RECENT_CONTEXTS,
+    SAME_COLOR,
+    RESIDUAL_RECENT,
+    RESIDUAL_RECENT + SIZE_RECENT_CONTEXTS,
+    RESIDUAL_RECENT + 2 * SIZE_RECENT_CONTEXTS,
+];
+/// The same of bits: of the region; of splits; of connectivity; of wedges, materials and the base mesh.
+const BIT_STARTS: [usize; BIT_STREAMS] = [0, FLAG_AREA, SINGLE_RUN, EXTRA_IN_RING];
+
+pub(crate) fn byte_stream(context: usize) -> usize {
+    BYTE_STARTS.partition_point(|&start| start <= context) - 1
+}
+
+pub(crate) fn bit_stream(context: usize) -> usize {
+    BIT_STARTS.partition_point(|&start| start <= context) - 1
+}
+
 /// Mixers.
 pub(crate) const MIX_FLAG: usize = 0;
 pub(crate) const MIX_START: usize = 1;

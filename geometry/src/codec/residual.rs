@@ -7,7 +7,7 @@
 
 use crate::codec::model::{CLASS_BITS, CLASSES, OTHERS, RECENTS, SIZES};
 use crate::range_coder::Coder;
-use crate::symbols::integer;
+use crate::symbols::{integer, unzigzag, zigzag};
 
 /// Contexts of one kind of residual.
 #[derive(Clone, Copy, Debug)]
@@ -62,6 +62,9 @@ impl Residual {
         other: usize,
         value: i32,
     ) -> i32 {
+        if let Some(got) = coder.whole(self.recent, 31, zigzag(value)) {
+            return unzigzag(got);
+        }
         let shift = (size.div_euclid(4) - COARSE + 1).clamp(0, 24);
         let bucket = (size - 4 * shift + 16).clamp(0, SIZES as i32 - 1) as usize;
         let low =

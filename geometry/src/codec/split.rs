@@ -211,6 +211,10 @@ fn code_start<C: Coder>(
     if scores.len() > 64 {
         return Ok(scores[index(coder, scores.len(), want, "chunk: start of a run")?].1);
     }
+    if let Some(rank) = coder.whole(RUN_START, 6, want as u32) {
+        let start = scores.get(rank as usize);
+        return start.map(|s| s.1).ok_or_else(|| DecodeError::new("chunk", "a run starts nowhere"));
+    }
     let last = scores.len() - 1;
     for rank in 0..last {
         let gap = ((scores[rank + 1].0 - scores[rank].0) * 4.0).min(15.0) as usize;

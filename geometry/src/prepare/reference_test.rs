@@ -44,11 +44,12 @@ impl<'a> Case<'a> {
             .collect();
         let parents = parents(&simplified, &order, mesh.faces.len());
         let materials = mesh.faces.iter().map(|f| f.material).max().unwrap_or(0) + 1;
-        let (base, first) = build_base(mesh, &simplified, order.len(), materials).unwrap();
+        let (base, first) = build_base(mesh, &simplified, order.len(), materials, settings.codec).unwrap();
         let (mut vertices, mut wedges, mut faces) =
             (vec![first.vertices.clone()], vec![first.wedges.clone()], vec![first.faces.clone()]);
         let encoded =
-            encode_all(mesh, &simplified, &order, &parents, &base, first, &pool, &|_, _, _| {}).unwrap();
+            encode_all(mesh, &simplified, &order, &parents, &base, first, &pool, (&|_, _, _| {}, &Ok))
+                .unwrap();
         let (mut infos, mut payloads, mut deltas) = (Vec::new(), Vec::new(), Vec::new());
         for (id, e) in encoded.into_iter().enumerate() {
             infos.push(ChunkInfo {

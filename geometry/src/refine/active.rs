@@ -4,6 +4,7 @@
 use std::ops::Range;
 
 use crate::base::Base;
+use crate::codec::Codec;
 use crate::codec::attributes::Kinds;
 use crate::mesh::{Grid, UvGrid, Wedge};
 use crate::refine::delta::{ChunkDelta, Id};
@@ -55,6 +56,7 @@ pub enum RefineError {
 pub struct ActiveMesh {
     pub(crate) grid: Grid,
     pub(crate) uv_grid: UvGrid,
+    pub(crate) codec: Codec,
     pub(crate) kinds: Kinds,
     pub(crate) places: Places,
     pub(crate) positions: Vec<[i32; 3]>,
@@ -89,6 +91,7 @@ impl ActiveMesh {
         let mut mesh = Self {
             grid: base.grid,
             uv_grid: base.uv_grid,
+            codec: base.codec,
             kinds: base.kinds(),
             places: Places::new(base.chunk_count),
             positions: Vec::new(),
@@ -131,6 +134,12 @@ impl ActiveMesh {
     #[must_use]
     pub fn grid(&self) -> Grid {
         self.grid
+    }
+
+    /// How its chunks are coded.
+    #[must_use]
+    pub fn codec(&self) -> Codec {
+        self.codec
     }
 
     /// Whether a chunk is applied.

@@ -22,6 +22,7 @@ mod region;
 mod schedule_test;
 mod star_table;
 
+use crate::codec::Codec;
 use crate::error::MeshError;
 use crate::mesh::QuantisedMesh;
 use crate::pool::{Stage, Watched};
@@ -49,6 +50,14 @@ pub(crate) struct RegionChunk {
     /// Bounding sphere in grid cells about the middle of the grid.
     pub(crate) center: Vec3,
     pub(crate) radius: f64,
+}
+
+impl RegionChunk {
+    /// Leaves only the chunk as a whole.
+    fn forget_stops(&mut self) {
+        self.records.stops.clear();
+        self.stop_errors.clear();
+    }
 }
 
 /// A mesh reduced to its base, and the way there.
@@ -96,6 +105,8 @@ pub struct Settings {
     /// `None`: the cheapest collapse of a region first, from a heap. `Some(share)`: rounds of
     /// collapses that share no face, each of this share of the vertices, 0.01 to 0.5: coarser.
     pub round_share: Option<f64>,
+    /// How the result is coded. [`Codec::Plain`] has no stopping points, whatever `parts` says.
+    pub codec: Codec,
     /// Lets each region of the finest level collapse one vertex of its outline, which tears the mesh.
     /// Only for showing that the checks notice.
     #[doc(hidden)]
@@ -113,6 +124,7 @@ impl Default for Settings {
             min_part_splits: 32,
             metric: Metric::Qem,
             round_share: None,
+            codec: Codec::Range,
             unlock_outlines: false,
         }
     }
@@ -157,7 +169,10 @@ pub(crate) fn simplify(
         }
         let removed: usize = records.iter().map(|r| r.collapses.len()).sum();
         pool.begin(Stage::Measure)?;
-        let chunks = measure(&mut live, &mut deviation, &level, records, pool, &mut stray_error)?;
+        let mut chunks = measure(&mut live, &mut deviation, &level, records, pool, &mut stray_error)?;
+        if settings.codec == Codec::Plain {
+            chunks.iter_mut().for_each(RegionChunk::forget_stops);
+        }
         if !chunks.is_empty() {
             levels.push(chunks);
         }

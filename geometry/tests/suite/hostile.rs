@@ -6,16 +6,23 @@ use lodestream_geometry::pack::{BlobKind, HEAD_BYTES, Head, write};
 use lodestream_geometry::prepare::Prepared;
 use lodestream_geometry::random::Random;
 use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, Id, RefineError, Snapshot};
+use lodestream_geometry::{Codec, Settings};
 use proptest::prelude::*;
 
 use crate::common::{prepared, quantised, regions, shapes};
 use crate::promises::deltas;
 
-/// Small assets with everything in them: seams, materials, births, odd stars.
+/// Small assets with everything in them: seams, materials, births, odd stars, colours and normals; once
+/// more with the plain codec.
 fn samples() -> Vec<Prepared> {
     let torus = shapes::materials(shapes::torus(9, 11), 3);
-    let small = [torus, shapes::fans(20), shapes::components(30), shapes::frigate(3)];
-    small.iter().map(|source| prepared(&quantised(source), &regions(50))).collect()
+    let painted = shapes::painted(shapes::torus(7, 9));
+    let small = [torus, shapes::fans(20), shapes::components(30), shapes::frigate(3), painted];
+    let prepared = |codec| {
+        let settings = Settings { codec, ..regions(50) };
+        small.iter().map(move |source| prepared(&quantised(source), &settings)).collect::<Vec<_>>()
+    };
+    [prepared(Codec::Range), prepared(Codec::Plain)].concat()
 }
 
 #[test]

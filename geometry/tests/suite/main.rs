@@ -6,6 +6,7 @@ mod common;
 mod attributes;
 mod cancellation;
 mod coarse_end;
+mod codecs;
 mod determinism;
 mod errors;
 mod extremes;

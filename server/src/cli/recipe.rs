@@ -1,10 +1,10 @@
 //! Options of preparation, shared by `prepare` and `serve`.
 
 use clap::Args;
-use lodestream_geometry::Metric;
+use lodestream_geometry::{Codec, Metric};
 
 use crate::prepare::recipe::{
-    Recipe, Round, check_normal_tolerance, check_uv_bits, parse_metric, parse_round,
+    Recipe, Round, check_normal_tolerance, check_uv_bits, parse_codec, parse_metric, parse_round,
 };
 use crate::scene::Precision;
 
@@ -40,6 +40,10 @@ pub(super) struct RecipeArguments {
     /// 0.5 [default: heap].
     #[arg(long, value_name = "heap | SHARE", value_parser = parse_round)]
     round_size: Option<Round>,
+    /// How the geometry is coded: range (the fewest bytes; chunks may be sent in part) or zstd (less to
+    /// do for clients) [default: range].
+    #[arg(long, value_name = "CODEC", value_parser = parse_codec)]
+    codec: Option<Codec>,
     /// Depth of relief, in units of texture coordinates, instead of what the materials say.
     #[arg(long, value_name = "DEPTH", value_parser = positive)]
     relief_depth: Option<f64>,
@@ -54,6 +58,7 @@ impl RecipeArguments {
             normal_tolerance: self.normal_tolerance,
             metric: self.metric,
             round: self.round_size,
+            codec: self.codec,
             relief_depth: self.relief_depth.map(|depth| depth as f32),
         }
     }

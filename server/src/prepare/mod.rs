@@ -12,10 +12,10 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use lodestream_compress::{encode_base, prepare};
 use lodestream_geometry::MeshError;
 use lodestream_geometry::base::FORMAT_VERSION;
 use lodestream_geometry::pack::{BlobKind, PACK_VERSION};
-use lodestream_geometry::prepare::prepare;
 use lodestream_geometry::quantise::quantise;
 
 use crate::import::{self, ImportError};
@@ -190,7 +190,8 @@ fn prepare_with_key(
     let time = start.elapsed();
 
     prepared.base.description = description;
-    let base = prepared.base.encode().map_err(|e| mesh_error(MeshError::Internal { why: e.to_string() }))?;
+    let base =
+        encode_base(&prepared.base).map_err(|e| mesh_error(MeshError::Internal { why: e.to_string() }))?;
     let mut blobs: Vec<(BlobKind, &[u8])> = vec![(BlobKind::Base, &base)];
     blobs.extend(prepared.pages.iter().zip(0..).map(|(page, i)| (BlobKind::IndexPage(i), &page[..])));
     blobs.extend(prepared.chunks.iter().zip(0..).map(|(chunk, i)| (BlobKind::Chunk(i), &chunk[..])));

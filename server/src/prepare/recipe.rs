@@ -3,7 +3,7 @@
 use std::fmt;
 
 use lodestream_geometry::quantise::{self, QuantiseSettings};
-use lodestream_geometry::{Metric, Settings};
+use lodestream_geometry::{Codec, Metric, Settings};
 
 use crate::scene::Precision;
 
@@ -20,6 +20,8 @@ pub struct Recipe {
     pub metric: Option<Metric>,
     /// Order of collapses.
     pub round: Option<Round>,
+    /// How base mesh and chunks are coded.
+    pub codec: Option<Codec>,
     /// Depth of relief in units of texture coordinates, instead of what the materials say.
     pub relief_depth: Option<f32>,
 }
@@ -43,6 +45,7 @@ impl Recipe {
             normal_tolerance: self.normal_tolerance.or(other.normal_tolerance),
             metric: self.metric.or(other.metric),
             round: self.round.or(other.round),
+            codec: self.codec.or(other.codec),
             relief_depth: self.relief_depth.or(other.relief_depth),
         }
     }
@@ -73,6 +76,7 @@ impl Recipe {
                 Some(Round::Share(share)) => Some(share),
                 None => default.round_share,
             },
+            codec: self.codec.unwrap_or(default.codec),
             ..default
         }
     }
@@ -92,7 +96,7 @@ impl fmt::Display for Recipe {
             None => write!(f, ", round-size heap")?,
             Some(share) => write!(f, ", round-size {share}")?,
         }
-        write!(f, ", region-faces {}", settings.region_faces)?;
+        write!(f, ", region-faces {}, codec {}", settings.region_faces, codec_name(settings.codec))?;
         self.relief_depth.map_or(Ok(()), |depth| write!(f, ", relief-depth {depth}"))
     }
 }
@@ -110,6 +114,23 @@ fn metric_name(metric: Metric) -> &'static str {
 pub fn parse_metric(text: &str) -> Result<Metric, String> {
     let found = METRICS.iter().find(|(_, name)| *name == text).map(|(metric, _)| *metric);
     found.ok_or_else(|| "qem or melax is needed".to_owned())
+}
+
+const CODECS: [(Codec, &str); 2] = [(Codec::Range, "range"), (Codec::Plain, "zstd")];
+
+/// A codec's name.
+#[must_use]
+pub fn codec_name(codec: Codec) -> &'static str {
+    CODECS.iter().find(|(c, _)| *c == codec).map_or("", |(_, name)| name)
+}
+
+/// A codec by its name.
+///
+/// # Errors
+/// In one line, what names there are.
+pub fn parse_codec(text: &str) -> Result<Codec, String> {
+    let found = CODECS.iter().find(|(_, name)| *name == text).map(|(codec, _)| *codec);
+    found.ok_or_else(|| "range or zstd is needed".to_owned())
 }
 
 /// An order of collapses: `heap`, or a share of the vertices.
@@ -157,8 +178,14 @@ mod tests {
         assert_eq!(both.settings().round_share, Some(0.1));
         assert_eq!(both.quantise_settings().normal_tolerance, 3.0);
         let text = both.to_string();
-        for part in ["position-bits 14", "uv-bits 9", "normal-tolerance 3°", "metric qem", "round-size 0.1"]
-        {
+        for part in [
+            "position-bits 14",
+            "uv-bits 9",
+            "normal-tolerance 3°",
+            "metric qem",
+            "round-size 0.1",
+            "codec range",
+        ] {
             assert!(text.contains(part), "{text}");
         }
     }
@@ -167,6 +194,8 @@ mod tests {
     fn words_of_the_command_line_are_understood_or_refused() {
         assert_eq!(parse_metric("melax"), Ok(Metric::Melax));
         assert!(parse_metric("best").is_err());
+        assert_eq!(parse_codec("zstd"), Ok(Codec::Plain));
+        assert!(parse_codec("plain").is_err());
         assert_eq!(parse_round("heap"), Ok(Round::Heap));
         assert_eq!(parse_round("0.2"), Ok(Round::Share(0.2)));
         for bad in ["0", "0.6", "nan", "some"] {

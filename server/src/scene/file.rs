@@ -7,7 +7,9 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use crate::import::{Part, gltf};
-use crate::prepare::recipe::{Recipe, check_normal_tolerance, check_uv_bits, parse_metric, parse_round};
+use crate::prepare::recipe::{
+    Recipe, check_normal_tolerance, check_uv_bits, parse_codec, parse_metric, parse_round,
+};
 
 use super::{Asset, Camera, DEFAULT_FOV_Y_DEGREES, Instance, Precision, Scene, unit};
 
@@ -71,6 +73,7 @@ struct RawAsset {
     normal_tolerance: Option<f64>,
     metric: Option<String>,
     round_size: Option<RawRound>,
+    codec: Option<String>,
     relief_depth: Option<f32>,
 }
 
@@ -258,6 +261,7 @@ impl Source<'_> {
                 .map_err(bad("normal_tolerance"))?,
             metric: raw.metric.as_deref().map(parse_metric).transpose().map_err(bad("metric"))?,
             round: round.transpose().map_err(bad("round_size"))?,
+            codec: raw.codec.as_deref().map(parse_codec).transpose().map_err(bad("codec"))?,
             relief_depth: raw.relief_depth,
         };
         let file = folder.join(&raw.file);

@@ -7,6 +7,7 @@ use tempfile::TempDir;
 use super::{Precision, Scene, of_files, parse};
 use crate::import::Part;
 use crate::prepare::recipe::Round;
+use lodestream_geometry::Codec;
 
 /// Two meshes, "hull" and "mast" (placed twice, once mirrored), of one triangle each.
 fn ship(dir: &TempDir) -> PathBuf {
@@ -61,6 +62,7 @@ fn scene_files_place_gltf_models_whole_by_mesh_and_merged() {
         normal_tolerance = 4.5
         metric = "melax"
         round_size = 0.25
+        codec = "zstd"
         [[asset]]
         name = "pole"
         file = "ship.gltf"
@@ -88,6 +90,7 @@ fn scene_files_place_gltf_models_whole_by_mesh_and_merged() {
     let recipe = scene.assets[1].recipe;
     assert_eq!((recipe.uv_bits, recipe.normal_tolerance), (Some(10), Some(4.5)));
     assert_eq!(recipe.round, Some(Round::Share(0.25)));
+    assert_eq!((recipe.codec, scene.assets[4].recipe.codec), (Some(Codec::Plain), None));
     assert_eq!(scene.assets[3].recipe.precision, Some(Precision::Bits(9)));
     assert_eq!(scene.assets[4].recipe.round, Some(Round::Heap));
     let instances = scene.instances.unwrap();
@@ -105,6 +108,7 @@ fn scene_files_place_gltf_models_whole_by_mesh_and_merged() {
         ("4.5", "181", "normal_tolerance: 0 to 180"),
         ("\"melax\"", "\"best\"", "metric: qem or melax"),
         ("0.25", "0.7", "round_size: heap, or a share"),
+        ("\"zstd\"", "\"gzip\"", "codec: range or zstd"),
         ("ship.gltf\"\n        uv", "no.gltf\"\n        uv", "no.gltf: cannot be read"),
     ] {
         let message = parse(&at, &text.replacen(from, to, 1)).unwrap_err().to_string();

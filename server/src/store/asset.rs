@@ -1,5 +1,6 @@
 //! A whole asset in memory: for inspecting, checking and exporting.
 
+use lodestream_compress::plain_chunk;
 use lodestream_geometry::DecodeError;
 use lodestream_geometry::base::Base;
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, decode_page, page_count};
@@ -19,8 +20,10 @@ pub struct LoadedAsset {
     pub description: AssetDescription,
     /// The index.
     pub infos: Vec<ChunkInfo>,
-    /// Payloads, by chunk.
+    /// Payloads, by chunk, as the codec reads them: decompressed where the pack compresses them.
     pub chunks: Vec<Vec<u8>>,
+    /// Length of all chunks as they are stored.
+    pub payload_bytes: u64,
     /// Length of the base blob.
     pub base_bytes: u64,
     /// Length of all index pages.
@@ -49,11 +52,21 @@ impl PackFile {
         if infos.len() != count {
             return Err(wrong("index", format!("{} chunks, but the base mesh says {count}", infos.len())));
         }
-        let chunks = (0..base.chunk_count)
-            .map(|chunk| Ok(self.read(BlobPart::Chunk(chunk))?.to_vec()))
-            .collect::<Result<_, StoreError>>()?;
+        let mut payload_bytes = 0;
+        let mut chunks = Vec::with_capacity(infos.len());
+        for (chunk, info) in (0..).zip(&infos) {
+            let blob = self.read(BlobPart::Chunk(chunk))?;
+            let what = || format!("chunk {chunk}");
+            if blob.len() != info.payload_bytes as usize {
+                let why = format!("{} bytes, but the index says {}", blob.len(), info.payload_bytes);
+                return Err(wrong(&what(), why));
+            }
+            payload_bytes += blob.len() as u64;
+            let plain = plain_chunk(base.codec, &blob).map_err(|e| wrong(&what(), e.to_string()))?;
+            chunks.push(plain.into_owned());
+        }
         let base_bytes = self.blob_len(BlobPart::Base).map_or(0, u64::from);
-        Ok(LoadedAsset { base, description, infos, chunks, base_bytes, index_bytes })
+        Ok(LoadedAsset { base, description, infos, chunks, payload_bytes, base_bytes, index_bytes })
     }
 
     /// How the pack was made, for people; empty where it does not say.

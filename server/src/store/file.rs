@@ -5,6 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
+use lodestream_compress::decode_base;
 use lodestream_geometry::DecodeError;
 use lodestream_geometry::base::Base;
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_page, page_count};
@@ -125,7 +126,7 @@ impl PackFile {
     /// # Errors
     /// A base blob that is missing, unreadable or damaged.
     pub fn base(&self) -> Result<Base, StoreError> {
-        Base::decode(&self.read(BlobPart::Base)?).map_err(|source| self.damaged(source))
+        decode_base(&self.read(BlobPart::Base)?).map_err(|source| self.damaged(source))
     }
 
     /// What a scene description says of the pack.

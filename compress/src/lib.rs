@@ -1,0 +1,222 @@
+//! zstd for what the plain codec writes ([`Codec::Plain`]), kept out of `geometry`, which links no C.
+//!
+//! With that codec the base blob and every chunk are stored and sent as a zstd frame (RFC 8878) each. With
+//! the range coder they are stored as they are: whoever reads calls [`decode_base`] and [`decode_chunk`]
+//! for either. Index pages are range-coded under both codecs: sessions look into them, and they are small.
+
+use std::borrow::Cow;
+
+use lodestream_geometry::base::Base;
+use lodestream_geometry::index::ChunkInfo;
+use lodestream_geometry::mesh::QuantisedMesh;
+use lodestream_geometry::pool::{Monitor, Pool};
+use lodestream_geometry::prepare::{Prepared, prepare_stored};
+use lodestream_geometry::refine::{ActiveMesh, ChunkDelta};
+use lodestream_geometry::{Codec, DecodeError, MeshError, Settings};
+use zstd::zstd_safe;
+
+/// Compression level: the slowest without long tables, since a blob is compressed once. Levels above
+/// gain nothing on blobs of a few kilobytes.
+const LEVEL: i32 = 19;
+/// First bytes of a frame, and of a frame to be skipped (its last four bits are free). No base blob of
+/// the range coder begins so: its first byte is the format's version.
+const FRAME_MAGIC: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
+const SKIPPED_MAGIC: [u8; 4] = [0x50, 0x2a, 0x4d, 0x18];
+/// What any frame may hold, and more for each of its bytes: a reader reserves no more.
+const FREE_BYTES: usize = 1 << 16;
+const MOST_PER_BYTE: usize = 64;
+/// Most bytes that a frame may hold.
+const MOST: usize = 1 << 26;
+
+/// Bytes that a frame of `stored` bytes may hold.
+fn limit(stored: usize) -> usize {
+    stored.saturating_mul(MOST_PER_BYTE).saturating_add(FREE_BYTES).min(MOST)
+}
+
+/// Compresses a blob. What compresses better than [`decompress`] believes is followed by as much padding
+/// as it takes.
+///
+/// # Errors
+/// On more than 64 MiB.
+pub fn compress(plain: &[u8]) -> Result<Vec<u8>, DecodeError> {
+    let fail = |why: String| DecodeError::new("compressed blob", why);
+    if plain.len() > MOST {
+        return Err(fail(format!("{} bytes; at most {MOST} can be said", plain.len())));
+    }
+    let mut out = zstd::bulk::compress(plain, LEVEL).map_err(|e| fail(e.to_string()))?;
+    let least = plain.len().saturating_sub(FREE_BYTES).div_ceil(MOST_PER_BYTE);
+    if let Some(missing) = least.checked_sub(out.len()).filter(|&m| m > 0) {
+        let padding = missing.saturating_sub(8);
+        out.extend(SKIPPED_MAGIC);
+        out.extend((padding as u32).to_le_bytes());
+        out.resize(out.len() + padding, 0);
+    }
+    Ok(out)
+}
+
+/// Decompresses a blob.
+///
+/// # Errors
+/// On what is not a frame with its size said, holds more than its length can justify (64 bytes each
+/// beside 64 KiB), is damaged, or is followed by something else. Nothing is reserved before the size is
+/// checked.
+pub fn decompress(stored: &[u8]) -> Result<Vec<u8>, DecodeError> {
+    let fail = |why: String| DecodeError::new("compressed blob", why);
+    if !is_frame(stored) {
+        return Err(fail("it is not a zstd frame".into()));
+    }
+    let size = zstd_safe::get_frame_content_size(stored).ok().flatten();
+    let size = size.ok_or_else(|| fail("it does not say its size".into()))?;
+    let limit = limit(stored.len());
+    let size = usize::try_from(size).ok().filter(|&size| size <= limit);
+    let size = size.ok_or_else(|| {
+        fail(format!("it claims more than the {limit} bytes that {} can justify", stored.len()))
+    })?;
+    let plain = zstd::bulk::decompress(stored, size).map_err(|e| fail(e.to_string()))?;
+    if plain.len() == size { Ok(plain) } else { Err(fail(format!("{} bytes of {size}", plain.len()))) }
+}
+
+/// Whether a blob begins as a frame does.
+fn is_frame(stored: &[u8]) -> bool {
+    stored.starts_with(&FRAME_MAGIC)
+}
+
+/// The bytes that `geometry` reads, of a chunk as it is stored.
+///
+/// # Errors
+/// As [`decompress`].
+pub fn plain_chunk(codec: Codec, stored: &[u8]) -> Result<Cow<'_, [u8]>, DecodeError> {
+    match codec {
+        Codec::Range => Ok(Cow::Borrowed(stored)),
+        Codec::Plain => decompress(stored).map(Cow::Owned),
+    }
+}
+
+/// The base blob as it is stored.
+///
+/// # Errors
+/// As [`Base::encode`] and [`compress`].
+pub fn encode_base(base: &Base) -> Result<Vec<u8>, DecodeError> {
+    let blob = base.encode()?;
+    match base.codec {
+        Codec::Range => Ok(blob),
+        Codec::Plain => compress(&blob),
+    }
+}
+
+/// Reads a base blob as it is stored.
+///
+/// # Errors
+/// As [`Base::decode`] and [`decompress`]; also if the blob is compressed and its codec does not have
+/// that, or the other way round.
+pub fn decode_base(stored: &[u8]) -> Result<Base, DecodeError> {
+    let base = if is_frame(stored) { Base::decode(&decompress(stored)?)? } else { Base::decode(stored)? };
+    if is_frame(stored) != (base.codec == Codec::Plain) {
+        return Err(DecodeError::new("base mesh", "what is compressed and its codec contradict each other"));
+    }
+    Ok(base)
+}
+
+/// Decodes a chunk as it is stored, up to a stopping point: [`ActiveMesh::decode_prefix`].
+///
+/// # Errors
+/// As there, and as [`decompress`].
+pub fn decode_prefix(
+    mesh: &ActiveMesh,
+    chunk: u32,
+    info: &ChunkInfo,
+    stop: usize,
+    stored: &[u8],
+) -> Result<ChunkDelta, DecodeError> {
+    let payload = plain_chunk(mesh.codec(), stored)
+        .map_err(|e| DecodeError::new(format!("chunk {chunk}"), e.to_string()))?;
+    mesh.decode_prefix(chunk, info, stop, &payload)
+}
+
+/// Decodes a whole chunk as it is stored: [`ActiveMesh::decode`].
+///
+/// # Errors
+/// As there, and as [`decompress`].
+pub fn decode_chunk(
+    mesh: &ActiveMesh,
+    chunk: u32,
+    info: &ChunkInfo,
+    stored: &[u8],
+) -> Result<ChunkDelta, DecodeError> {
+    decode_prefix(mesh, chunk, info, info.stops.len(), stored)
+}
+
+/// Prepares a mesh: [`prepare_stored`], with chunks and their lengths as they are stored.
+///
+/// # Errors
+/// As there.
+pub fn prepare(
+    mesh: &QuantisedMesh,
+    settings: &Settings,
+    pool: &dyn Pool,
+    monitor: &dyn Monitor,
+) -> Result<Prepared, MeshError> {
+    prepare_stored(mesh, settings, pool, monitor, &|plain| match settings.codec {
+        Codec::Range => Ok(plain),
+        Codec::Plain => compress(&plain),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Bytes that hardly compress (xorshift).
+    fn noise(count: usize) -> Vec<u8> {
+        let mut x = 1_u32;
+        let mut next = || {
+            x ^= x << 13;
+            x ^= x >> 17;
+            x ^= x << 5;
+            x as u8
+        };
+        (0..count).map(|_| next()).collect()
+    }
+
+    #[test]
+    fn blobs_come_back_whatever_is_in_them() {
+        for plain in [Vec::new(), vec![7], noise(5000), vec![0; 3000], vec![0; 9_000_000], noise(200_000)] {
+            let stored = compress(&plain).unwrap();
+            assert!(plain.len() <= limit(stored.len()));
+            assert_eq!(decompress(&stored).unwrap(), plain);
+        }
+        // Nine million zeros are a frame of some hundred bytes, and padding.
+        assert!(compress(&vec![0; 9_000_000]).unwrap().len() > 100_000);
+        assert!(compress(&vec![0; MOST + 1]).is_err());
+    }
+
+    #[test]
+    fn bombs_are_refused_before_anything_is_reserved() {
+        for size in [1 << 20, 9_000_000, 100 << 20] {
+            let bomb = zstd::bulk::compress(&vec![0; size], LEVEL).unwrap();
+            let why = decompress(&bomb).unwrap_err().to_string();
+            assert!(why.contains("can justify"), "{why}");
+        }
+        // A frame header alone that claims 2^60 bytes: single segment, eight bytes of size.
+        let mut forged = FRAME_MAGIC.to_vec();
+        forged.push(0xe0);
+        forged.extend((1_u64 << 60).to_le_bytes());
+        assert!(decompress(&forged).unwrap_err().to_string().contains("can justify"));
+    }
+
+    #[test]
+    fn frames_that_are_cut_damaged_or_lie_are_refused() {
+        let good = compress(&noise(300)).unwrap();
+        for length in 0..good.len() {
+            assert!(decompress(&good[..length]).is_err(), "{length}");
+        }
+        assert!(decompress(&[&good[..], &good[..]].concat()).is_err(), "two frames");
+        assert!(decompress(&[&good[..], b"more"].concat()).is_err());
+        let mut other = good;
+        other[0] ^= 1;
+        assert!(decompress(&other).unwrap_err().to_string().contains("not a zstd frame"));
+        // A stream that does not say its size.
+        let unsized_frame = zstd::stream::encode_all(&noise(300)[..], LEVEL).unwrap();
+        assert!(decompress(&unsized_frame).unwrap_err().to_string().contains("size"));
+    }
+}
