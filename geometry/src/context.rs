@@ -30,12 +30,15 @@ impl Prob {
     /// Moves the estimate towards what was seen, by 1/(n + 1.5).
     #[inline]
     pub(crate) fn update(&mut self, bit: bool) {
-        let target = if bit { 65535 } else { 0 };
-        let step = ((target - i32::from(self.p)) * RATE[usize::from(self.seen)]) >> 15;
-        self.p = (i32::from(self.p) + step).clamp(MARGIN, 65536 - MARGIN) as u16;
-        if self.seen < MAX_COUNT {
-            self.seen += 1;
-        }
+        let (p, rate) = (i32::from(self.p), RATE[usize::from(self.seen)]);
+        // A step never passes its target, so it can only leave the range on one side.
+        let p = if bit {
+            (p + (((65535 - p) * rate) >> 15)).min(65536 - MARGIN)
+        } else {
+            (p + ((-p * rate) >> 15)).max(MARGIN)
+        };
+        self.p = p as u16;
+        self.seen += u8::from(self.seen < MAX_COUNT);
     }
 }
 
@@ -86,8 +89,8 @@ static STRETCH: [i16; 4096] = {
 #[derive(Clone, Debug)]
 pub(crate) struct Contexts {
     pub(crate) probs: Vec<Prob>,
-    /// Mixing weights, [`MAX_INPUTS`] a mixer, in 65536ths.
-    pub(crate) weights: Vec<i32>,
+    /// Mixing weights by mixer, in 65536ths.
+    pub(crate) weights: Vec<[i32; MAX_INPUTS]>,
 }
 
 /// A mixed estimate, and what it needs to learn from the outcome.
@@ -101,10 +104,11 @@ impl Contexts {
     pub(crate) fn from_bytes(bytes: &[u8], count: usize) -> Self {
         let (probs, weights) = bytes.split_at(count * 3);
         let prob = |b: &[u8]| Prob { p: u16::from_le_bytes([b[0], b[1]]), seen: b[2].min(MAX_COUNT) };
-        let weight = |b: &[u8]| i32::from_le_bytes([b[0], b[1], b[2], b[3]]);
+        let weight = |b: &[u8], i: usize| i32::from_le_bytes([b[4 * i], b[4 * i + 1], b[4 * i + 2], b[4 * i + 3]]);
+        let mixer = |b: &[u8]| std::array::from_fn(|i| weight(b, i));
         Self {
             probs: probs.chunks_exact(3).map(prob).collect(),
-            weights: weights.chunks_exact(4).map(weight).collect(),
+            weights: weights.chunks_exact(4 * MAX_INPUTS).map(mixer).collect(),
         }
     }
 
@@ -114,7 +118,7 @@ impl Contexts {
             bytes.extend(prob.p.to_le_bytes());
             bytes.push(prob.seen);
         }
-        for weight in &self.weights {
+        for weight in self.weights.as_flattened() {
             bytes.extend(weight.to_le_bytes());
         }
         bytes
@@ -122,11 +126,12 @@ impl Contexts {
 
     #[inline]
     pub(crate) fn mixed<const N: usize>(&self, contexts: [usize; N], mixer: usize) -> Mixed<N> {
+        let weights = &self.weights[mixer];
         let mut dot = 0_i64;
         let mut stretched = [0; N];
         for i in 0..N {
             stretched[i] = i32::from(STRETCH[usize::from(self.probs[contexts[i]].p >> 4)]);
-            dot += i64::from(stretched[i]) * i64::from(self.weights[mixer * MAX_INPUTS + i]);
+            dot += i64::from(stretched[i]) * i64::from(weights[i]);
         }
         let x = (dot >> 16).clamp(-2047, 2047) as i32;
         Mixed { p: SQUASH[(x + 2048) as usize], stretched }
@@ -141,11 +146,12 @@ impl Contexts {
         bit: bool,
     ) {
         let error = (i32::from(bit) << 16) - i32::from(mixed.p);
-        for (i, context) in contexts.into_iter().enumerate() {
-            self.probs[context].update(bit);
-            let step = (i64::from(mixed.stretched[i]) * i64::from(error)) >> LEARNING_SHIFT;
-            let weight = &mut self.weights[mixer * MAX_INPUTS + i];
-            *weight = (*weight + step as i32).clamp(-(1 << 20), 1 << 20);
+        let weights = &mut self.weights[mixer];
+        for i in 0..N {
+            self.probs[contexts[i]].update(bit);
+            // Below 2^11 times 2^16.
+            let step = (mixed.stretched[i] * error) >> LEARNING_SHIFT;
+            weights[i] = (weights[i] + step).clamp(-(1 << 20), 1 << 20);
         }
     }
 }

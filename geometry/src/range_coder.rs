@@ -193,6 +193,7 @@ impl<'a> Decoder<'a> {
         }
     }
 
+    /// Narrows the interval by a bit; [`Self::normalise`] must follow.
     #[inline]
     fn get(&mut self, p: u16) -> bool {
         steps::take(1);
@@ -204,7 +205,6 @@ impl<'a> Decoder<'a> {
             self.code -= bound;
             self.range -= bound;
         }
-        self.normalise();
         value
     }
 }
@@ -214,6 +214,7 @@ impl Coder for Decoder<'_> {
     fn bit(&mut self, context: usize, _value: bool) -> bool {
         let value = self.get(self.contexts.probs[context].p);
         self.contexts.probs[context].update(value);
+        self.normalise();
         value
     }
 
@@ -222,6 +223,7 @@ impl Coder for Decoder<'_> {
         let mixed = self.contexts.mixed(contexts, mixer);
         let value = self.get(mixed.p);
         self.contexts.learn(contexts, mixer, &mixed, value);
+        self.normalise();
         value
     }
 
@@ -256,7 +258,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn contexts() -> Contexts {
-        Contexts { probs: vec![Prob::default(); 4], weights: vec![30_000; MAX_INPUTS] }
+        Contexts { probs: vec![Prob::default(); 4], weights: vec![[30_000; MAX_INPUTS]] }
     }
 
     proptest! {

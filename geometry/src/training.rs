@@ -75,8 +75,8 @@ pub fn train(meshes: &[QuantisedMesh], settings: &Settings, pool: &dyn Pool) -> 
     for _ in 0..WEIGHT_ROUNDS {
         let streams = record(meshes, settings, pool, &contexts)?;
         let count = streams.len().max(1) as i64;
-        for (i, weight) in contexts.weights.iter_mut().enumerate() {
-            let sum: i64 = streams.iter().map(|s| i64::from(s.contexts.weights[i])).sum();
+        for (i, weight) in contexts.weights.as_flattened_mut().iter_mut().enumerate() {
+            let sum: i64 = streams.iter().map(|s| i64::from(s.contexts.weights.as_flattened()[i])).sum();
             *weight = (sum / count) as i32;
         }
     }

@@ -270,7 +270,8 @@ fn code_segment<C: Coder>(
                 break;
             }
             let want = guide.as_ref().is_some_and(|g| g.splits(v));
-            if !code_flag(coder, local, v, fair, (segment.min(SEGMENTS - 1), pass), want) {
+            let area = local.star(v, &mut splitter.star);
+            if !code_flag(coder, local, (v, area), fair, (segment.min(SEGMENTS - 1), pass), want) {
                 continue;
             }
             let u = code_split(coder, splitter, local, v, guide)?;
@@ -289,11 +290,11 @@ fn code_segment<C: Coder>(
     Ok(())
 }
 
-/// Whether a vertex splits.
+/// Whether a vertex, whose star has this area, splits.
 fn code_flag<C: Coder>(
     coder: &mut C,
     local: &Local<'_>,
-    v: u32,
+    (v, area): (u32, f64),
     fair: f64,
     (segment, pass): (usize, usize),
     want: bool,
@@ -301,7 +302,6 @@ fn code_flag<C: Coder>(
     if !C::MODELS {
         return coder.bit(FLAG_AREA, want);
     }
-    let area = local.star_area(v);
     let size = (quarter_octaves(area / fair) / 2 + 6).clamp(0, AREAS as i32 - 1) as usize;
     let depth = pass.min(DEPTHS - 1);
     let at = local.position(v);

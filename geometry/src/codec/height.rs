@@ -33,7 +33,10 @@ pub(crate) fn predict(inputs: &[f64; INPUTS]) -> (f64, i32) {
             *o += w * h;
         }
     }
-    (out[0].clamp(-LIMIT, LIMIT), (out[1].clamp(-16.0, 4.0) * 4.0).floor() as i32)
+    let log = out[1].clamp(-16.0, 4.0) * 4.0;
+    // Rounded down: a cast rounds towards zero, and `floor` is a call where the target has no instruction.
+    let cut = log as i32;
+    (out[0].clamp(-LIMIT, LIMIT), cut - i32::from(log < f64::from(cut)))
 }
 
 const HIDDEN_BIAS: [f64; HIDDEN] =

@@ -11,7 +11,8 @@ use crate::codec::slot_map::SlotMap;
 use crate::error::DecodeError;
 use crate::mesh::Attributes;
 use crate::refine::{ActiveMesh, ChunkDelta, Id, NewFace, NewVertex, NewWedge, Repoint};
-use crate::stars::Stars;
+use crate::stars::END;
+use crate::steps;
 use crate::vec3::{Vec3, add, cross, length, sub, triangle_normal};
 
 /// Most faces that a region may have: bounds the work that a stranger's chunk can cause.
@@ -23,6 +24,8 @@ pub(crate) struct LocalVertex {
     /// many those are: twice the ring where the star is closed.
     sum: Vec3,
     ends: u32,
+    /// The first corner of the star (`face × 4 + k`); the others follow in `LocalFace::next`.
+    star: u32,
     pub(crate) interior: bool,
 }
 
@@ -35,6 +38,7 @@ pub(crate) struct LocalWedge {
 
 pub(crate) struct LocalFace {
     pub(crate) corners: [u32; 3],
+    next: [u32; 3],
     pub(crate) wedges: [u32; 3],
     pub(crate) material: u16,
     /// Doubled, in square cells.
@@ -57,7 +61,6 @@ pub(crate) struct Local<'a> {
     pub(crate) vertices: Vec<LocalVertex>,
     pub(crate) wedges: Vec<LocalWedge>,
     pub(crate) faces: Vec<LocalFace>,
-    stars: Stars,
     /// First and last wedge of each vertex that is known here; the others follow in `LocalWedge::next`.
     wedge_ends: Vec<[u32; 2]>,
     vertex_ids: Vec<Id>,
@@ -78,7 +81,6 @@ impl<'a> Local<'a> {
             vertices: Vec::new(),
             wedges: Vec::new(),
             faces: Vec::new(),
-            stars: Stars::new(0, 0),
             wedge_ends: Vec::new(),
             vertex_ids: Vec::new(),
             gathered: Vec::new(),
@@ -195,7 +197,7 @@ impl<'a> Local<'a> {
         ));
         let material = self.mesh.materials[face as usize];
         self.gathered.push(Gathered { id, wedges });
-        self.push_face(LocalFace { corners, wedges, material, area });
+        self.push_face(LocalFace { corners, next: [END; 3], wedges, material, area });
     }
 
     /// What the other corners of a face say about whether a corner is interior, 0 to 8: each is
@@ -240,14 +242,13 @@ impl<'a> Local<'a> {
     /// Adds a face two of whose corners are at the same place; its wedges and material must be set before
     /// the next split.
     pub(crate) fn add_face(&mut self, corners: [u32; 3]) -> u32 {
-        self.push_face(LocalFace { corners, wedges: [NONE; 3], material: 0, area: 0.0 })
+        self.push_face(LocalFace { corners, next: [END; 3], wedges: [NONE; 3], material: 0, area: 0.0 })
     }
 
     fn push_vertex(&mut self, id: Id, position: Vec3, interior: bool) -> u32 {
-        self.vertices.push(LocalVertex { position, sum: [0.0; 3], ends: 0, interior });
+        self.vertices.push(LocalVertex { position, sum: [0.0; 3], ends: 0, star: END, interior });
         self.vertex_ids.push(id);
         self.wedge_ends.push([NONE; 2]);
-        self.stars.grow(self.vertices.len(), 0);
         (self.vertices.len() - 1) as u32
     }
 
@@ -265,36 +266,54 @@ impl<'a> Local<'a> {
 
     fn push_face(&mut self, face: LocalFace) -> u32 {
         let local = self.faces.len() as u32;
-        self.stars.grow(0, self.faces.len() + 1);
         let [a, b, c] = face.corners;
-        for (k, v, ends) in [(0, a, [b, c]), (1, b, [c, a]), (2, c, [a, b])] {
-            self.stars.insert(v, local * 3 + k);
-            self.count_ends(v, ends, 1.0);
-        }
+        let places = face.corners.map(|v| self.position(v));
         self.faces.push(face);
+        for (k, v, ends) in [(0, a, [1, 2]), (1, b, [2, 0]), (2, c, [0, 1])] {
+            self.enter(v, local, k, add(places[ends[0]], places[ends[1]]));
+        }
         local
     }
 
-    /// Adds or takes away the far ends of a face's edges at a vertex.
-    fn count_ends(&mut self, vertex: u32, ends: [u32; 2], sign: f64) {
-        let both = add(self.position(ends[0]), self.position(ends[1]));
+    /// Puts a corner at the front of a vertex's star; `ends` is the sum of the positions of the face's
+    /// other corners.
+    fn enter(&mut self, vertex: u32, face: u32, k: usize, ends: Vec3) {
         let vertex = &mut self.vertices[vertex as usize];
-        for (sum, both) in vertex.sum.iter_mut().zip(both) {
-            *sum += sign * both;
+        vertex.sum = add(vertex.sum, ends);
+        vertex.ends += 2;
+        self.faces[face as usize].next[k] = std::mem::replace(&mut vertex.star, face * 4 + k as u32);
+    }
+
+    /// The opposite.
+    fn leave(&mut self, vertex: u32, face: u32, k: usize, ends: Vec3) {
+        let vertex = &mut self.vertices[vertex as usize];
+        vertex.sum = sub(vertex.sum, ends);
+        vertex.ends -= 2;
+        let (corner, after) = (face * 4 + k as u32, self.faces[face as usize].next[k]);
+        if vertex.star == corner {
+            vertex.star = after;
+            return;
         }
-        vertex.ends = if sign > 0.0 { vertex.ends + 2 } else { vertex.ends - 2 };
+        let mut at = vertex.star;
+        while at != END {
+            steps::take(1);
+            let next = &mut self.faces[(at / 4) as usize].next[(at % 4) as usize % 3];
+            if *next == corner {
+                *next = after;
+                return;
+            }
+            at = *next;
+        }
     }
 
     /// Moves the centre of a spoke to another vertex at the same place. Its wedge must be set before the
     /// next split.
     pub(crate) fn move_corner(&mut self, spoke: &Spoke, to: u32) {
-        let corner = &mut self.faces[spoke.face as usize].corners[usize::from(spoke.k)];
-        let from = std::mem::replace(corner, to);
-        let corner = spoke.face * 3 + u32::from(spoke.k);
-        self.stars.remove(from, corner);
-        self.stars.insert(to, corner);
-        self.count_ends(from, [spoke.a, spoke.b], -1.0);
-        self.count_ends(to, [spoke.a, spoke.b], 1.0);
+        let k = usize::from(spoke.k);
+        let ends = add(self.position(spoke.a), self.position(spoke.b));
+        let from = std::mem::replace(&mut self.faces[spoke.face as usize].corners[k], to);
+        self.leave(from, spoke.face, k, ends);
+        self.enter(to, spoke.face, k, ends);
     }
 
     /// Puts a vertex, whose star is given, in its place.
@@ -340,19 +359,26 @@ impl<'a> Local<'a> {
         self.vertices[vertex as usize].ends as usize / 2
     }
 
-    /// The star of a vertex, in an order that depends on nothing but the chunk.
-    pub(crate) fn star(&self, vertex: u32, star: &mut Vec<Spoke>) {
+    /// The star of a vertex, in an order that depends on nothing but the chunk. Answers the sum of the
+    /// areas (doubled) of the faces, in square cells.
+    pub(crate) fn star(&self, vertex: u32, star: &mut Vec<Spoke>) -> f64 {
         star.clear();
-        star.extend(self.stars.corners(vertex).map(|corner| {
-            let (face, k) = (corner / 3, (corner % 3) as u8);
-            let [p, q, r] = self.faces[face as usize].corners;
-            let (a, b) = match k {
-                0 => (q, r),
-                1 => (r, p),
-                _ => (p, q),
+        let mut area = 0.0;
+        let mut at = self.vertices[vertex as usize].star;
+        while at != END {
+            steps::take(1);
+            let (face, k) = (at / 4, (at % 4) as u8);
+            let LocalFace { corners: [p, q, r], next, area: of_face, .. } = &self.faces[face as usize];
+            let (a, b, next) = match k {
+                0 => (*q, *r, next[0]),
+                1 => (*r, *p, next[1]),
+                _ => (*p, *q, next[2]),
             };
-            Spoke { face, k, a, b }
-        }));
+            star.push(Spoke { face, k, a, b });
+            area += of_face;
+            at = next;
+        }
+        area
     }
 
     /// The wedge of a spoke at the centre, and at its vertices `a` and `b`.
@@ -375,11 +401,6 @@ impl<'a> Local<'a> {
         std::iter::successors(self.first_wedge(vertex), |&w| {
             Some(self.wedges[w as usize].next).filter(|&w| w != NONE)
         })
-    }
-
-    /// Sum of the areas (doubled) of a vertex's faces that are known here, in square cells.
-    pub(crate) fn star_area(&self, vertex: u32) -> f64 {
-        self.stars.corners(vertex).map(|c| self.face_area(c / 3)).sum()
     }
 
     /// Twice the area of a face, in square cells.

@@ -157,7 +157,7 @@ pub(crate) fn contexts() -> Contexts {
 
 /// What training starts from: nothing known, all inputs of a mixer worth the same.
 pub(crate) fn untrained() -> Contexts {
-    Contexts { probs: vec![Prob::default(); CONTEXTS], weights: vec![26_000; MIXERS * MAX_INPUTS] }
+    Contexts { probs: vec![Prob::default(); CONTEXTS], weights: vec![[26_000; MAX_INPUTS]; MIXERS] }
 }
 
 #[cfg(test)]

@@ -83,7 +83,8 @@ pub(crate) fn code_position<C: Coder>(
             exact[axis] = third;
             size = log;
         }
-        let guess = (exact[axis].clamp(0.0, top) + 0.5).floor() as i32;
+        // Nothing here is negative, so cutting off rounds down.
+        let guess = (exact[axis].clamp(0.0, top) + 0.5) as i32;
         let residual = actual.map_or(0, |p| p[axis] - guess);
         let got = POSITION[step].code(coder, size, recent.class(step), other, residual);
         position[axis] = guess.wrapping_add(got);

@@ -48,7 +48,8 @@ pub(crate) struct Splitter {
     pub(crate) materials: u16,
     pub(crate) recent: Recent,
     pub(crate) recent_uv: Recent,
-    star: Vec<Spoke>,
+    /// The star that was looked at last.
+    pub(crate) star: Vec<Spoke>,
     ring: Vec<RingVertex>,
     scores: Vec<(f64, usize)>,
     split: Split,
@@ -85,7 +86,7 @@ impl Splitter {
     }
 }
 
-/// Codes the split of `t`; returns the new vertex.
+/// Codes the split of `t`, whose star the splitter holds; returns the new vertex.
 pub(crate) fn code_split<C: Coder>(
     coder: &mut C,
     splitter: &mut Splitter,
@@ -96,7 +97,6 @@ pub(crate) fn code_split<C: Coder>(
     let born = guide.as_mut().map_or_else(Vec::new, |g| g.begin_split(t));
     let mut split = std::mem::take(&mut splitter.split);
     split.t = t;
-    local.star(t, &mut splitter.star);
     split.fan.sort(&splitter.star);
     code_labels(coder, splitter, local, &mut split, guide.as_deref())?;
     find_gates(&mut split);
@@ -244,23 +244,19 @@ fn single_run(moves: &[bool], closed: bool) -> Option<(usize, usize)> {
 /// The score is linear in what was seen to tell starts apart, with weights from a logistic regression
 /// over the splits of several models (bunny left out), so differences are log odds.
 fn rank_starts(local: &Local<'_>, fan: &Fan, t: u32, length: usize, starts: usize, splitter: &mut Splitter) {
-    let closed = fan.segments[0].closed;
     let (ring, scores) = (&mut splitter.ring, &mut splitter.scores);
-    let whole = look_around(local, fan, t, closed, ring);
+    let whole = look_around(local, fan, t, ring);
+    if fan.segments[0].closed {
+        // Runs may reach over the end of the list.
+        ring.extend_from_within(..length);
+    }
     scores.clear();
     // Sum over the ring vertices inside the run; exact, since coordinates are integers.
-    let mut inside = [0.0; 3];
-    for v in &ring[1..length] {
-        inside = add(inside, v.at);
-    }
-    let around = |i: usize| if i < ring.len() { i } else { i - ring.len() };
-    for start in 0..starts {
-        let (left, right) = (&ring[start], &ring[around(start + length)]);
+    let mut inside = ring[1..length].iter().fold([0.0; 3], |sum, v| add(sum, v.at));
+    for (start, run) in ring.windows(length + 1).enumerate().take(starts) {
+        let (left, right) = (&run[0], &run[length]);
         let middle = add(scale(add(left.at, right.at), 0.5), inside);
-        let mut area = left.area;
-        for i in 1..length {
-            area += ring[around(start + i)].area;
-        }
+        let area = run[1..length].iter().fold(left.area, |sum, v| sum + v.area);
         let score = VALENCE * (left.valence + right.valence)
             + SHARE * area / whole.area
             + OUTWARD * dot(middle, whole.outward) / length as f64
@@ -269,7 +265,7 @@ fn rank_starts(local: &Local<'_>, fan: &Fan, t: u32, length: usize, starts: usiz
             + INSIDE * (left.interior + right.interior);
         scores.push((-score, start));
         if length > 1 {
-            inside = sub(add(inside, right.at), ring[around(start + 1)].at);
+            inside = sub(add(inside, right.at), run[1].at);
         }
     }
     scores.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
@@ -286,7 +282,7 @@ struct Whole {
 }
 
 /// The ring around `t`, in order.
-fn look_around(local: &Local<'_>, fan: &Fan, t: u32, closed: bool, ring: &mut Vec<RingVertex>) -> Whole {
+fn look_around(local: &Local<'_>, fan: &Fan, t: u32, ring: &mut Vec<RingVertex>) -> Whole {
     let n = fan.spokes.len();
     let center = local.position(t);
     let mut mean = [0.0; 3];
@@ -304,7 +300,7 @@ fn look_around(local: &Local<'_>, fan: &Fan, t: u32, closed: bool, ring: &mut Ve
     for spoke in &fan.spokes {
         see(spoke.a, local.face_area(spoke.face));
     }
-    if !closed {
+    if !fan.segments[0].closed {
         see(fan.spokes[n - 1].b, 0.0);
     }
     let count = ring.len();
@@ -336,6 +332,7 @@ const LENGTH: f64 = -1.17;
 const INSIDE: f64 = 0.65;
 
 /// A neighbour, relative to the star's centre.
+#[derive(Clone, Copy)]
 struct RingVertex {
     at: Vec3,
     length: f64,
