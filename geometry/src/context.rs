@@ -104,7 +104,8 @@ impl Contexts {
     pub(crate) fn from_bytes(bytes: &[u8], count: usize) -> Self {
         let (probs, weights) = bytes.split_at(count * 3);
         let prob = |b: &[u8]| Prob { p: u16::from_le_bytes([b[0], b[1]]), seen: b[2].min(MAX_COUNT) };
-        let weight = |b: &[u8], i: usize| i32::from_le_bytes([b[4 * i], b[4 * i + 1], b[4 * i + 2], b[4 * i + 3]]);
+        let weight =
+            |b: &[u8], i: usize| i32::from_le_bytes([b[4 * i], b[4 * i + 1], b[4 * i + 2], b[4 * i + 3]]);
         let mixer = |b: &[u8]| std::array::from_fn(|i| weight(b, i));
         Self {
             probs: probs.chunks_exact(3).map(prob).collect(),

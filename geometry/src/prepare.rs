@@ -4,7 +4,7 @@ use crate::base::{Base, MAX_BASE_FACES, Totals};
 use crate::codec::Codec;
 use crate::codec::attributes::Kinds;
 use crate::codec::base::{self as base_codec, BaseMesh};
-use crate::codec::chunk::{Encoded, Source, encode};
+use crate::codec::chunk::{Encoded, Reached, Source, encode};
 use crate::error::{DecodeError, MeshError};
 use crate::index::{CHUNKS_PER_PAGE, ChunkInfo, Sphere, decode_page, encode_page};
 use crate::mesh::{Face, NO_COLOR, QuantisedMesh, Wedge};
@@ -94,7 +94,9 @@ pub(crate) fn prepare_observed(
         .checked_add(1)
         .ok_or(MeshError::TooLarge { kind: "materials", count: limit + 1, limit })?;
     let (mut base, first) = build_base(mesh, &simplified, order.len(), materials, settings.codec)?;
-    let encoded = encode_all(mesh, &simplified, &order, &parents, &base, first, &pool, edges)?;
+    let mut encoded: Vec<Payload> = Vec::with_capacity(order.len());
+    let mut keep = |e: Encoded| encoded.push(Payload::of(e));
+    encode_all(mesh, &simplified, &order, &parents, &base, first, &pool, edges, &mut keep)?;
 
     let mut errors: Vec<f64> = (0..order.len()).map(|id| chunk(id).error).collect();
     let mut slides: Vec<f64> = (0..order.len()).map(|id| chunk(id).attribute_error).collect();
@@ -132,9 +134,9 @@ pub(crate) fn prepare_observed(
                 .collect(),
             parents: parents[id].clone(),
             payload_bytes: e.bytes.len() as u32,
-            vertices: e.vertices.len() as u32,
-            wedges: e.wedges.len() as u32,
-            faces: e.faces.len() as u32,
+            vertices: e.vertices,
+            wedges: e.wedges,
+            faces: e.faces,
         })
         .collect();
     // Rounding belongs to the index: what counts is what clients see.
@@ -265,12 +267,29 @@ fn build_base(
     Ok((base, by_slot))
 }
 
+/// What is kept of an encoded chunk: not what it adds, which is as large as the mesh.
+struct Payload {
+    bytes: Vec<u8>,
+    stops: Vec<Reached>,
+    vertices: u32,
+    wedges: u32,
+    faces: u32,
+}
+
+impl Payload {
+    fn of(e: Encoded) -> Self {
+        let [vertices, wedges, faces] = [&e.vertices, &e.wedges, &e.faces].map(|list| list.len() as u32);
+        Self { bytes: e.bytes, stops: e.stops, vertices, wedges, faces }
+    }
+}
+
 /// Sees each chunk just before it is encoded.
 pub(crate) type Observer<'a> = &'a (dyn Fn(&ActiveMesh, u32, &Source<'_>) + Sync);
 /// What happens to a chunk before and after it is encoded.
 pub(crate) type Edges<'a> = (Observer<'a>, Store<'a>);
 
-/// Encodes all chunks, level by level: within a level each against the same mesh, at the same time.
+/// Encodes all chunks, level by level: within a level each against the same mesh, at the same time. `keep`
+/// gets them in order.
 #[allow(clippy::too_many_arguments)]
 fn encode_all(
     mesh: &QuantisedMesh,
@@ -281,15 +300,15 @@ fn encode_all(
     mut by_slot: BySlot,
     pool: &Watched<'_>,
     (observe, store): Edges<'_>,
-) -> Result<Vec<Encoded>, MeshError> {
+    keep: &mut dyn FnMut(Encoded),
+) -> Result<(), MeshError> {
     let mut active = ActiveMesh::new(base);
     let mut slot_of_vertex = vec![u32::MAX; mesh.positions.len()];
     for (slot, &v) in by_slot.vertices.iter().enumerate() {
         slot_of_vertex[v as usize] = slot as u32;
     }
-    let mut done: Vec<Encoded> = Vec::with_capacity(order.len());
+    let mut first = 0;
     for run in order.chunk_by(|a, b| a.0 == b.0) {
-        let first = done.len();
         let results = pool.map(run.len(), &|i| {
             let chunk: &RegionChunk = &simplified.levels[run[i].0][run[i].1];
             let source = Source {
@@ -317,10 +336,11 @@ fn encode_all(
             }
             by_slot.wedges.extend(&encoded.wedges);
             by_slot.faces.extend(&encoded.faces);
-            done.push(encoded);
+            keep(encoded);
         }
+        first += run.len();
     }
-    Ok(done)
+    Ok(())
 }
 
 /// A chunk's sphere in the asset's units, relative to the grid's origin.

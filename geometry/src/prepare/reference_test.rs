@@ -7,7 +7,7 @@ use crate::closed_set;
 use crate::common;
 use crate::mesh::{QuantisedMesh, Wedge};
 use crate::pool::{Serial, Silent, Watched};
-use crate::prepare::{build_base, encode_all, parents};
+use crate::prepare::{Edges, Encoded, build_base, encode_all, parents};
 use crate::random::Random;
 use crate::refine::{ActiveMesh, ChunkDelta, Id};
 use crate::simplify::live::NO_VERTEX;
@@ -47,13 +47,10 @@ impl<'a> Case<'a> {
         let (base, first) = build_base(mesh, &simplified, order.len(), materials, settings.codec).unwrap();
         let (mut vertices, mut wedges, mut faces) =
             (vec![first.vertices.clone()], vec![first.wedges.clone()], vec![first.faces.clone()]);
-        let encoded =
-            encode_all(mesh, &simplified, &order, &parents, &base, first, &pool, (&|_, _, _| {}, &Ok))
-                .unwrap();
         let (mut infos, mut payloads, mut deltas) = (Vec::new(), Vec::new(), Vec::new());
-        for (id, e) in encoded.into_iter().enumerate() {
+        let mut keep = |e: Encoded| {
             infos.push(ChunkInfo {
-                parents: parents[id].clone(),
+                parents: parents[infos.len()].clone(),
                 vertices: e.vertices.len() as u32,
                 wedges: e.wedges.len() as u32,
                 faces: e.faces.len() as u32,
@@ -65,7 +62,9 @@ impl<'a> Case<'a> {
             vertices.push(e.vertices);
             wedges.push(e.wedges);
             faces.push(e.faces);
-        }
+        };
+        let edges: Edges<'_> = (&|_, _, _| {}, &Ok);
+        encode_all(mesh, &simplified, &order, &parents, &base, first, &pool, edges, &mut keep).unwrap();
         Self { mesh, simplified, order, infos, payloads, base, deltas, vertices, wedges, faces }
     }
 

@@ -18,9 +18,9 @@ mod quadric;
 mod queue;
 pub(crate) mod records;
 mod region;
-#[cfg(test)]
-mod schedule_test;
 mod star_table;
+#[cfg(test)]
+mod stops_test;
 
 use crate::codec::Codec;
 use crate::error::MeshError;
@@ -165,7 +165,7 @@ pub(crate) fn simplify(
         pool.begin(Stage::Simplify)?;
         let vertices = level.vertices;
         for region in &mut records {
-            region.schedule(settings.parts.clamp(1, MAX_PARTS), settings.min_part_splits);
+            region.choose_stops(settings.parts.clamp(1, MAX_PARTS), settings.min_part_splits);
         }
         let removed: usize = records.iter().map(|r| r.collapses.len()).sum();
         pool.begin(Stage::Measure)?;

@@ -34,11 +34,7 @@ pub(crate) struct Collapse {
     pub(crate) target: u32,
     /// Largest cost so far in this region.
     pub(crate) cost: f64,
-    /// Collapses of one round share no face, and each conflict goes to a later round: 1 and up. 0 for
-    /// a vertex without faces. No round reaches across a stop. Set by [`Records::schedule`].
-    pub(crate) round: u32,
     /// Ends of this collapse's parts of the lists in [`Records`]; they start where the previous ends.
-    pub(crate) after_end: u32,
     pub(crate) moved_end: u32,
     pub(crate) removed_end: u32,
     pub(crate) kept_end: u32,
@@ -62,8 +58,6 @@ pub(crate) struct Records {
     /// numbered from `first_kept` on.
     pub(crate) kept: Vec<u32>,
     pub(crate) first_kept: u32,
-    /// Earlier collapses, by index, that used a face of either star of a collapse.
-    pub(crate) after: Vec<u32>,
     /// How many collapses are left at each point between none and all undone where a client may stop,
     /// coarse to fine, so descending.
     pub(crate) stops: Vec<u32>,
@@ -91,11 +85,8 @@ impl Records {
     /// Keeps the first `count` collapses only.
     pub(crate) fn truncate(&mut self, count: usize) {
         self.collapses.truncate(count);
-        let (after, moved, removed, kept) = self
-            .collapses
-            .last()
-            .map_or((0, 0, 0, 0), |c| (c.after_end, c.moved_end, c.removed_end, c.kept_end));
-        self.after.truncate(after as usize);
+        let (moved, removed, kept) =
+            self.collapses.last().map_or((0, 0, 0), |c| (c.moved_end, c.removed_end, c.kept_end));
         self.moved.truncate(moved as usize);
         self.removed.truncate(removed as usize);
         self.kept.truncate(kept as usize);
@@ -105,36 +96,17 @@ impl Records {
     /// Gives back the room that grew with the lists: all regions of a level are kept at once.
     pub(crate) fn shrink(&mut self) {
         self.collapses.shrink_to_fit();
-        self.after.shrink_to_fit();
         self.moved.shrink_to_fit();
         self.removed.shrink_to_fit();
         self.kept.shrink_to_fit();
     }
 
-    /// Chooses the stops and gives each collapse its round.
-    ///
-    /// `parts` equal parts as long as each has `least` collapses: errors fall about in proportion to
-    /// what is undone. Within a part a round is one more than the last of what the collapse depends on;
-    /// all rounds of a later part, which is undone earlier, are above those of an earlier one.
-    pub(crate) fn schedule(&mut self, parts: usize, least: usize) {
+    /// Chooses the stops: `parts` equal parts as long as each has `least` collapses, since errors fall
+    /// about in proportion to what is undone.
+    pub(crate) fn choose_stops(&mut self, parts: usize, least: usize) {
         let total = self.collapses.len();
         let parts = parts.min(total / least.max(1)).max(1);
         self.stops = (1..parts).rev().map(|part| (total * part / parts) as u32).collect();
-        let (mut floor, mut highest, mut after_at) = (0, 0, 0);
-        for index in 0..total {
-            if self.stops.contains(&(index as u32)) {
-                floor = highest;
-            }
-            let after_end = self.collapses[index].after_end as usize;
-            if self.collapses[index].target != NO_VERTEX {
-                let before = self.after[after_at..after_end].iter();
-                let last = before.map(|&i| self.collapses[i as usize].round).max().unwrap_or(0);
-                self.collapses[index].round = last.max(floor) + 1;
-                highest = highest.max(last.max(floor) + 1);
-            }
-            after_at = after_end;
-        }
-        self.after = Vec::new();
     }
 
     /// The stops that are coded, as places in [`Records::stops`]: the middle one. Each costs about 0.5 bits a

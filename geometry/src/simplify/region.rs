@@ -33,9 +33,6 @@ pub(crate) struct Region {
     pub(crate) gone: Vec<bool>,
     /// Vertices that must stay.
     pub(crate) held: Vec<bool>,
-    /// Last collapse that used a face, and a vertex without using a face that it kept, or [`NONE`].
-    face_last: Vec<u32>,
-    vertex_last: Vec<u32>,
     pub(crate) records: Records,
     highest_cost: f64,
     scratch: Scratch,
@@ -80,8 +77,6 @@ impl Region {
             wedges: faces.iter().map(|&f| live.face_wedges[f as usize]).collect(),
             gone: vec![false; vertices.len()],
             held: vec![false; vertices.len()],
-            face_last: vec![NONE; faces.len()],
-            vertex_last: vec![NONE; vertices.len()],
             records: Records { first_kept: live.wedges.len() as u32, ..Records::default() },
             highest_cost: 0.0,
             scratch: Scratch::default(),
@@ -122,7 +117,6 @@ impl Region {
 
     /// Puts `u` onto `t`. Both are interior and neighbours.
     pub(crate) fn collapse(&mut self, u: u32, t: u32, cost: f64) {
-        self.book(u, t);
         let mut scratch = std::mem::take(&mut self.scratch);
         self.look_around(u, t, &mut scratch);
         self.stars.clear(u);
@@ -207,39 +201,16 @@ impl Region {
     }
 
     /// Keeps the names of those third vertices of removed faces that a split could not find among the
-    /// neighbours of `t`, and notes that this collapse used them.
+    /// neighbours of `t`.
     fn note_thirds(&mut self, t: u32, first_removed: usize) {
-        let index = self.records.collapses.len() as u32;
         for i in first_removed..self.records.removed.len() {
             let Some(x) = self.records.removed[i].third else { continue };
             // From the third's side: a hub is likelier to be the target.
             let found = self.stars.corners(x).any(|c| self.corners[(c / 3) as usize].contains(&t));
             self.records.removed[i].third = (!found).then_some(self.vertices[x as usize]);
             if !found {
-                let last = std::mem::replace(&mut self.vertex_last[x as usize], index);
-                if last != NONE && last != index {
-                    self.records.after.push(last);
-                }
                 // The face has shrunk to an edge of no face: its points may be far from any.
                 self.records.reach = f64::INFINITY;
-            }
-        }
-    }
-
-    /// Notes the collapses that used what this one uses, and that this one has used it.
-    fn book(&mut self, u: u32, t: u32) {
-        let index = self.records.collapses.len() as u32;
-        let after = &mut self.records.after;
-        let first = after.len();
-        for v in [u, t] {
-            let last = std::mem::replace(&mut self.vertex_last[v as usize], index);
-            let faces = self.stars.corners(v).map(|c| (c / 3) as usize);
-            let face_last = &mut self.face_last;
-            let lasts = faces.map(|f| std::mem::replace(&mut face_last[f], index));
-            for last in std::iter::once(last).chain(lasts) {
-                if last != NONE && last != index && !after[first..].contains(&last) {
-                    after.push(last);
-                }
             }
         }
     }
@@ -249,8 +220,6 @@ impl Region {
             removed,
             target,
             cost: self.highest_cost,
-            round: 0,
-            after_end: self.records.after.len() as u32,
             moved_end: self.records.moved.len() as u32,
             removed_end: self.records.removed.len() as u32,
             kept_end: self.records.kept.len() as u32,
