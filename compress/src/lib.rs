@@ -125,7 +125,7 @@ pub fn decode_prefix(
     mesh: &ActiveMesh,
     chunk: u32,
     info: &ChunkInfo,
-    stop: usize,
+    stop: Option<u8>,
     stored: &[u8],
 ) -> Result<ChunkDelta, DecodeError> {
     let payload = plain_chunk(mesh.codec(), stored)
@@ -143,7 +143,7 @@ pub fn decode_chunk(
     info: &ChunkInfo,
     stored: &[u8],
 ) -> Result<ChunkDelta, DecodeError> {
-    decode_prefix(mesh, chunk, info, info.stops.len(), stored)
+    decode_prefix(mesh, chunk, info, None, stored)
 }
 
 /// Prepares a mesh: [`prepare_stored`], with chunks and their lengths as they are stored.

@@ -6,7 +6,7 @@ use lodestream_geometry::mesh::SourceMesh;
 use lodestream_geometry::prepare::Prepared;
 use lodestream_geometry::refine::ActiveMesh;
 
-use crate::common::{prepared, quantised, regions, shapes};
+use crate::common::{prepared, quantised, shapes, stopping};
 
 /// A prepared asset and what it is for.
 pub struct Fixture {
@@ -36,7 +36,7 @@ pub fn all() -> &'static [Fixture] {
         ]
         .into_iter()
         .map(|(name, source)| {
-            let asset = prepared(&quantised(&source), &regions(50));
+            let asset = prepared(&quantised(&source), &stopping(50));
             let mut mesh = ActiveMesh::new(&asset.base);
             let mut before = Vec::new();
             for (id, (info, payload)) in (0..).zip(asset.infos.iter().zip(&asset.chunks)) {

@@ -95,6 +95,12 @@ fn sequences() -> Vec<(String, Vec<u8>)> {
             all(bytes, 3);
             all(bytes, 4);
         });
+        // To the first stops, which children refuse, and on to the whole.
+        operation("by-way-of-stops", &mut |bytes| {
+            all(bytes, 6);
+            all(bytes, 3);
+            all(bytes, 0);
+        });
         operation("damaged", &mut |bytes| {
             for chunk in 0..chunks {
                 bytes.push(u8::from(chunk % 2 == 1));

@@ -10,12 +10,13 @@
 //! told by their equal positions and count as one vertex.
 //!
 //! *Order.* Every chunk is decoded afresh against the mesh as it happens to be, and must give the
-//! same delta as when everything coarser was applied; two random orders must give the same state.
+//! same delta as when everything coarser was applied; two random orders must give the same state, in
+//! one of which chunks were applied up to other stops first.
 
 use std::collections::BTreeMap;
 
 use crate::base::Base;
-use crate::closed_set;
+use crate::closed_set::{self, Member};
 use crate::error::DecodeError;
 use crate::index::ChunkInfo;
 use crate::pool::{self, Pool};
@@ -40,7 +41,8 @@ struct Reference<'a> {
     base: &'a Base,
     infos: &'a [ChunkInfo],
     payloads: &'a [Vec<u8>],
-    deltas: Vec<ChunkDelta>,
+    /// Of each chunk: up to each of its stops, and whole.
+    deltas: Vec<Vec<ChunkDelta>>,
     /// The input's boundary.
     boundary: BTreeMap<(Id, Id), i64>,
     closed_manifold: bool,
@@ -71,9 +73,14 @@ pub fn check(
     let start = mesh.snapshot();
     let mut deltas = Vec::with_capacity(infos.len());
     for (id, info) in infos.iter().enumerate() {
-        let delta = mesh.decode(id as u32, info, &payloads[id])?;
-        mesh.apply(&delta).map_err(|e| DecodeError::new(format!("chunk {id}"), e.to_string()))?;
-        deltas.push(delta);
+        let id = id as u32;
+        let stops = (0..info.stops.len()).map(|stop| Some(stop as u8)).chain([None]);
+        let ways: Result<Vec<ChunkDelta>, DecodeError> =
+            stops.map(|stop| mesh.decode_prefix(id, info, stop, &payloads[id as usize])).collect();
+        let ways = ways?;
+        mesh.apply(&ways[info.stops.len()])
+            .map_err(|e| DecodeError::new(format!("chunk {id}"), e.to_string()))?;
+        deltas.push(ways);
     }
     let full = mesh.snapshot();
     let doubles = doubles(&full, base.totals.vertices);
@@ -96,9 +103,9 @@ impl Reference<'_> {
         let mut report = CheckReport::default();
         let set = closed_set::random(self.infos, random);
         let mut mesh = ActiveMesh::new(self.base);
-        for &id in &closed_set::random_order(self.infos, &set, random) {
-            let known = &self.deltas[id as usize];
-            match mesh.decode(id, &self.infos[id as usize], &self.payloads[id as usize]) {
+        for &member in &closed_set::random_order(self.infos, &set, random) {
+            let known = self.delta(member);
+            match self.decode(&mesh, member) {
                 Ok(delta) if delta == *known => {}
                 _ => report.order_dependent += 1,
             }
@@ -111,16 +118,34 @@ impl Reference<'_> {
 
         let mut other = ActiveMesh::new(self.base);
         let order = closed_set::random_order(self.infos, &set, random);
-        let applied = order.iter().all(|&id| other.apply(&self.deltas[id as usize]).is_ok());
+        let applied = order.iter().all(|&member| self.apply_by_way_of_a_stop(&mut other, member, random));
         if !applied || other.snapshot() != state {
             report.order_dependent += 1;
         }
         let back = closed_set::random_order(self.infos, &set, random);
-        let undone = back.iter().rev().all(|&id| other.undo(&self.deltas[id as usize]).is_ok());
+        let undone = back.iter().rev().all(|&member| other.undo(self.delta(member)).is_ok());
         if !undone || other.snapshot() != self.start {
             report.undo_errors += 1;
         }
         report
+    }
+
+    fn delta(&self, member: Member) -> &ChunkDelta {
+        let ways = &self.deltas[member.chunk as usize];
+        &ways[member.stop.map_or(ways.len() - 1, usize::from)]
+    }
+
+    fn decode(&self, mesh: &ActiveMesh, member: Member) -> Result<ChunkDelta, DecodeError> {
+        let id = member.chunk as usize;
+        mesh.decode_prefix(member.chunk, &self.infos[id], member.stop, &self.payloads[id])
+    }
+
+    /// Applies a chunk, up to one of its stops first if it has any, and undoes that.
+    fn apply_by_way_of_a_stop(&self, mesh: &mut ActiveMesh, member: Member, random: &mut Random) -> bool {
+        let ways = &self.deltas[member.chunk as usize];
+        let way = &ways[random.below(ways.len())];
+        (way.stop == member.stop || (mesh.apply(way).is_ok() && mesh.undo(way).is_ok()))
+            && mesh.apply(self.delta(member)).is_ok()
     }
 
     fn cracks(&self, state: &Snapshot) -> usize {
@@ -138,7 +163,8 @@ impl Reference<'_> {
     /// Where a vertex of the input is in this mesh.
     fn ancestor(&self, state: &Snapshot, mut vertex: Id) -> Id {
         while vertex.origin > 0 && state.vertices.binary_search_by_key(&vertex, |v| v.0).is_err() {
-            match self.deltas[vertex.origin as usize - 1].vertices[vertex.index as usize].parent {
+            let whole = Member { chunk: vertex.origin - 1, stop: None };
+            match self.delta(whole).vertices[vertex.index as usize].parent {
                 Some(parent) => vertex = parent,
                 None => break,
             }

@@ -1,7 +1,9 @@
 //! Sets of chunks that are closed under parents: by error, by budget, at random.
+//!
+//! A chunk none of whose children is in the set (a leaf) may be there up to a stop only.
 
 use crate::base::Base;
-use crate::index::ChunkInfo;
+use crate::index::{ChunkInfo, Stop};
 use crate::random::Random;
 
 /// What a set of chunks may come to.
@@ -17,56 +19,96 @@ pub enum Budget {
     Everything,
 }
 
+/// A chunk of a closed set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Member {
+    /// The chunk.
+    pub chunk: u32,
+    /// The stop that it is applied up to, an index of [`ChunkInfo::stops`]; `None` for the whole chunk,
+    /// as it must be where a child of it is a member.
+    pub stop: Option<u8>,
+}
+
 /// A closed set and what it comes to.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClosedSet {
-    /// Chunk ids in an order that respects parents.
-    pub chunks: Vec<u32>,
+    /// Its chunks, ascending: parents come first.
+    pub members: Vec<Member>,
     /// Geometric error of the mesh, in the asset's units.
     pub error: f64,
     /// Faces of the mesh.
     pub faces: u64,
-    /// Bytes: head, index and the set's payloads.
+    /// Bytes: head, index and what the set needs of its payloads.
     pub bytes: u64,
+}
+
+/// One way on for a chunk: from where it is, at this error, to a stop or its end.
+struct Step {
+    error: f32,
+    chunk: u32,
+    to: Option<u8>,
+}
+
+/// The steps of a chunk, from nothing to the whole; stops that are no better than an earlier one are
+/// passed over, so that errors fall.
+fn steps(chunk: u32, info: &ChunkInfo) -> impl Iterator<Item = Step> {
+    let mut error = info.error;
+    let stops = info.stops.iter().enumerate().map(|(at, stop)| (Some(at as u8), stop.error));
+    stops.chain([(None, f32::NEG_INFINITY)]).filter_map(move |(to, after)| {
+        let better = after < error;
+        better.then(|| Step { error: std::mem::replace(&mut error, after), chunk, to })
+    })
 }
 
 /// The closed set of lowest error within a budget.
 ///
-/// Errors are monotone along the DAG, so the chunks in order of falling error are closed at every
-/// point; the set is the longest such prefix that fits, and then whatever of the rest still does.
+/// Let S(e) hold what any closed set of stated error e or less must hold: the chunks whose error is above
+/// e, each up to its first stop of error e or less, if it has one, else whole. A parent's error, at any
+/// stop, is not below its children's, so S(e) is closed; and S(e) has the fewest faces and bytes of all
+/// sets of stated error e or less. So the set is the largest S(e) that fits, reached by taking steps
+/// (nothing → stop → whole) by falling error, and then whatever of the other steps still fits: no closed
+/// set within the budget has a lower stated error. Cost: n log n in chunks and stops.
+///
 /// `head_bytes` is the size of what every client needs: base blob and index.
 #[must_use]
 pub fn lowest_error(base: &Base, infos: &[ChunkInfo], head_bytes: u64, budget: Budget) -> ClosedSet {
-    let mut order: Vec<u32> = (0..infos.len() as u32).collect();
-    order.sort_by(|&a, &b| infos[b as usize].error.total_cmp(&infos[a as usize].error).then(a.cmp(&b)));
-    let mut set =
-        ClosedSet { chunks: Vec::new(), error: 0.0, faces: base.faces.len() as u64, bytes: head_bytes };
-    let mut taken = vec![false; infos.len()];
-    let mut error = 0.0_f32;
-    for &id in &order {
-        let info = &infos[id as usize];
+    let mut order: Vec<Step> =
+        infos.iter().enumerate().flat_map(|(id, info)| steps(id as u32, info)).collect();
+    // Stable: a chunk's own steps keep their order where errors are equal.
+    order.sort_by(|a, b| b.error.total_cmp(&a.error).then(a.chunk.cmp(&b.chunk)));
+    let (mut faces, mut bytes) = (base.faces.len() as u64, head_bytes);
+    let mut reached: Vec<Option<Option<u8>>> = vec![None; infos.len()];
+    let mut left: Vec<f32> = infos.iter().map(|i| i.error).collect();
+    for step in &order {
+        let id = step.chunk as usize;
+        let info = &infos[id];
+        let from = reached[id].map_or(Stop::default(), |stop| info.extent(stop));
+        let to = info.extent(step.to);
+        let more = |to: u32, from: u32| u64::from(to.saturating_sub(from));
+        let (more_faces, more_bytes) =
+            (more(to.faces, from.faces), more(to.payload_bytes, from.payload_bytes));
         let fits = match budget {
-            Budget::Faces(limit) => set.faces + u64::from(info.faces) <= limit,
-            Budget::Bytes(limit) => set.bytes + u64::from(info.payload_bytes) <= limit,
-            Budget::Error(limit) => f64::from(info.error) > limit,
+            Budget::Faces(limit) => faces + more_faces <= limit,
+            Budget::Bytes(limit) => bytes + more_bytes <= limit,
+            Budget::Error(limit) => f64::from(step.error) > limit,
             Budget::Everything => true,
         };
-        if fits && info.parents.iter().all(|&p| taken[p as usize]) {
-            taken[id as usize] = true;
-            set.chunks.push(id);
-            set.faces += u64::from(info.faces);
-            set.bytes += u64::from(info.payload_bytes);
-        } else {
-            error = error.max(info.error);
+        if fits && info.parents.iter().all(|&p| reached[p as usize] == Some(None)) {
+            reached[id] = Some(step.to);
+            left[id] = to.error;
+            faces += more_faces;
+            bytes += more_bytes;
         }
     }
-    set.error = f64::from(error);
-    set
+    let error = f64::from(left.into_iter().fold(0.0, f32::max));
+    let members = (0..).zip(reached).filter_map(|(chunk, r)| Some(Member { chunk, stop: r? })).collect();
+    ClosedSet { members, error, faces, bytes }
 }
 
-/// A random closed set in ascending order, between one chunk's ancestors and nearly everything.
+/// A random closed set in ascending order, between one chunk's ancestors and nearly everything, its
+/// leaves up to random stops.
 #[must_use]
-pub fn random(infos: &[ChunkInfo], random: &mut Random) -> Vec<u32> {
+pub fn random(infos: &[ChunkInfo], random: &mut Random) -> Vec<Member> {
     if infos.is_empty() {
         return Vec::new();
     }
@@ -75,24 +117,33 @@ pub fn random(infos: &[ChunkInfo], random: &mut Random) -> Vec<u32> {
     for _ in 0..random.below(most) + 1 {
         taken[random.below(infos.len())] = true;
     }
+    let mut leaf = vec![true; infos.len()];
     for id in (0..infos.len()).rev() {
         if taken[id] {
             for &parent in &infos[id].parents {
                 taken[parent as usize] = true;
+                leaf[parent as usize] = false;
             }
         }
     }
-    (0..infos.len() as u32).filter(|&id| taken[id as usize]).collect()
+    let member = |id: usize| {
+        let stops = infos[id].stops.len();
+        let stop = random.below(if leaf[id] { stops + 1 } else { 1 });
+        // The last of the choices, and the only one of an inner chunk, is the whole.
+        let partial = leaf[id] && stop < stops;
+        Member { chunk: id as u32, stop: partial.then_some(stop as u8) }
+    };
+    (0..infos.len()).filter(|&id| taken[id]).map(member).collect()
 }
 
-/// A random order of a closed set in which parents come first.
+/// A random order of a closed set, given in ascending order, in which parents come first.
 #[must_use]
-pub fn random_order(infos: &[ChunkInfo], set: &[u32], random: &mut Random) -> Vec<u32> {
-    let place = |id: u32| set.binary_search(&id).ok();
+pub fn random_order(infos: &[ChunkInfo], set: &[Member], random: &mut Random) -> Vec<Member> {
+    let place = |id: u32| set.binary_search_by_key(&id, |m| m.chunk).ok();
     let mut children: Vec<Vec<u32>> = vec![Vec::new(); set.len()];
     let mut waiting: Vec<usize> = vec![0; set.len()];
-    for (i, &id) in set.iter().enumerate() {
-        for &parent in &infos[id as usize].parents {
+    for (i, member) in set.iter().enumerate() {
+        for &parent in &infos[member.chunk as usize].parents {
             if let Some(p) = place(parent) {
                 children[p].push(i as u32);
                 waiting[i] += 1;

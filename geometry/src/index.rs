@@ -27,8 +27,9 @@ pub struct Sphere {
 pub struct Stop {
     /// Bytes of the payload that suffice to decode up to here.
     pub payload_bytes: u32,
-    /// Geometric error of the region once the chunk is applied up to here, in the asset's units:
-    /// at most the chunk's own.
+    /// Geometric error of the region once the chunk is applied up to here, in the asset's units: never
+    /// below that of a chunk that has this one as a parent, and nearly always below the chunk's own (a
+    /// stop where it is not is of no use).
     pub error: f32,
     /// Vertices added up to here.
     pub vertices: u32,
@@ -63,6 +64,23 @@ pub struct ChunkInfo {
     pub wedges: u32,
     /// Faces that the chunk adds.
     pub faces: u32,
+}
+
+impl ChunkInfo {
+    /// What is there once the chunk is applied up to a stop, an index of [`Self::stops`]; `None`, or a
+    /// stop that it has not, stands for the whole chunk, whose error is 0: what is then left is its
+    /// children's.
+    #[must_use]
+    pub fn extent(&self, stop: Option<u8>) -> Stop {
+        let whole = Stop {
+            payload_bytes: self.payload_bytes,
+            error: 0.0,
+            vertices: self.vertices,
+            wedges: self.wedges,
+            faces: self.faces,
+        };
+        stop.and_then(|stop| self.stops.get(usize::from(stop))).copied().unwrap_or(whole)
+    }
 }
 
 /// The number of pages that `chunks` entries fill.

@@ -106,7 +106,8 @@ pub(crate) fn prepare_observed(
             slides[parent as usize] = slides[parent as usize].max(slides[id]);
         }
     }
-    // A chunk is no better at a stop than its children are while they are missing.
+    // A chunk is no better at a stop than its children are while they are missing. It can be worse than
+    // while it is missing itself: what is far on the way need not be in the end.
     let mut finer = vec![0.0_f64; order.len()];
     for id in 0..order.len() {
         for &parent in &parents[id] {
@@ -128,9 +129,7 @@ pub(crate) fn prepare_observed(
                 .stops
                 .iter()
                 .zip(&chunk(id).stop_errors[chunk(id).records.coded_stops()])
-                .map(|(stop, error)| {
-                    stop.stop(round_up(error.max(finer[id]).min(errors[id]) * mesh.grid.step))
-                })
+                .map(|(stop, error)| stop.stop(round_up(error.max(finer[id]) * mesh.grid.step)))
                 .collect(),
             parents: parents[id].clone(),
             payload_bytes: e.bytes.len() as u32,

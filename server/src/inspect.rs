@@ -71,8 +71,7 @@ pub fn inspect(path: &Path) -> Result<Summary, StoreError> {
     let pack = PackFile::open(path)?;
     let texture_bytes = pack.verify_textures()?;
     let asset = pack.load()?;
-    let all: Vec<u32> = (0..asset.base.chunk_count).collect();
-    let mesh = asset.refined(&all).map_err(|source| pack.damaged(source))?.to_mesh();
+    let mesh = asset.refined(&asset.everything()).map_err(|source| pack.damaged(source))?.to_mesh();
     let faces: Vec<[u32; 3]> =
         mesh.faces.iter().map(|face| face.wedges.map(|w| mesh.wedges[w as usize].vertex)).collect();
     let attributes = || mesh.wedges.iter().map(|wedge| wedge.attributes);

@@ -133,7 +133,7 @@ pub(super) fn drawable(mesh: &ActiveMesh) {
 
 /// A chunk's payload against a prepared mesh: `asset · chunk (2) · flags · vertices (2) · wedges (2) ·
 /// faces (2) · payload`. The flags say whether the true counts and parents are announced, or those
-/// given and none.
+/// given and none; a third flag asks for the beginning up to the first stop only.
 pub fn chunk_decoder(data: &[u8]) -> bool {
     let mut input = Input::new(data);
     let fixtures = fixtures::all();
@@ -150,11 +150,13 @@ pub fn chunk_decoder(data: &[u8]) -> bool {
         info.parents.clear();
     }
     let mesh = &fixture.before[chunk];
-    let decode = || mesh.decode(chunk as u32, &info, payload);
+    let stop = (flags & 4 != 0 && !info.stops.is_empty()).then_some(0);
+    let decode = || mesh.decode_prefix(chunk as u32, &info, stop, payload);
     let Ok(delta) = within(CHUNK, payload.len(), decode) else { return false };
+    let extent = info.extent(stop);
     assert_eq!(
         [delta.vertices.len(), delta.wedges.len(), delta.faces.len()].map(|n| n as u32),
-        [info.vertices, info.wedges, info.faces]
+        [extent.vertices, extent.wedges, extent.faces]
     );
     let mut active = mesh.clone();
     let before = mesh.snapshot();

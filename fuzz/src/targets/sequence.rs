@@ -47,11 +47,15 @@ impl<'a> Player<'a> {
     fn operate(&mut self, input: &mut Input<'_>) {
         let operation = input.u8();
         let chunk = input.choice(self.deltas.len());
+        // To one of the chunk's stops, or whole.
+        let stops = self.fixture.asset.infos[chunk].stops.len();
+        let stop = (operation / 6).checked_sub(1).map(|s| s % (stops as u8 + 1));
+        let stop = stop.filter(|&s| usize::from(s) < stops);
         match operation % 6 {
-            0 => self.decode(chunk, chunk, |_| {}),
+            0 => self.decode(chunk, chunk, stop, |_| {}),
             1 => {
                 let (at, value) = (input.u16(), input.u8());
-                self.decode(chunk, chunk, |payload| {
+                self.decode(chunk, chunk, stop, |payload| {
                     let at = usize::from(at) % payload.len().max(1);
                     if let Some(byte) = payload.get_mut(at) {
                         *byte ^= value;
@@ -59,7 +63,7 @@ impl<'a> Player<'a> {
                 });
             }
             // Another chunk's payload under this chunk's id, without parents.
-            2 => self.decode(chunk, input.choice(self.deltas.len()), |_| {}),
+            2 => self.decode(chunk, input.choice(self.deltas.len()), stop, |_| {}),
             3 => self.undo(chunk),
             4 => {
                 if let Some(delta) = self.deltas[chunk].clone() {
@@ -77,14 +81,14 @@ impl<'a> Player<'a> {
         }
     }
 
-    fn decode(&mut self, chunk: usize, source: usize, damage: impl FnOnce(&mut Vec<u8>)) {
+    fn decode(&mut self, chunk: usize, source: usize, stop: Option<u8>, damage: impl FnOnce(&mut Vec<u8>)) {
         let mut info = self.fixture.asset.infos[source].clone();
         if source != chunk {
             info.parents.clear();
         }
         let mut payload = self.fixture.asset.chunks[source].clone();
         damage(&mut payload);
-        if let Ok(delta) = self.mesh.decode(chunk as u32, &info, &payload) {
+        if let Ok(delta) = self.mesh.decode_prefix(chunk as u32, &info, stop, &payload) {
             self.apply(delta);
         }
     }

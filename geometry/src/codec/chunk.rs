@@ -70,6 +70,11 @@ impl Reached {
         let Self { bytes, vertices, wedges, faces } = *self;
         Stop { payload_bytes: bytes, error, vertices, wedges, faces }
     }
+
+    fn of(stop: &Stop) -> Self {
+        let Stop { payload_bytes: bytes, vertices, wedges, faces, .. } = *stop;
+        Self { bytes, vertices, wedges, faces }
+    }
 }
 
 impl ActiveMesh {
@@ -81,23 +86,24 @@ impl ActiveMesh {
     /// # Errors
     /// If a parent is missing or the payload is not what `info` announces.
     pub fn decode(&self, chunk: u32, info: &ChunkInfo, payload: &[u8]) -> Result<ChunkDelta, DecodeError> {
-        self.decode_prefix(chunk, info, info.stops.len(), payload)
+        self.decode_prefix(chunk, info, None, payload)
     }
 
-    /// Decodes the beginning of a chunk, up to its stopping point `stop` (an index of
-    /// [`ChunkInfo::stops`]; their number stands for the whole chunk). `payload` needs the stop's
-    /// bytes only; more do not matter.
+    /// Decodes the beginning of a chunk, up to its stopping point `stop`, an index of
+    /// [`ChunkInfo::stops`]; `None` stands for the whole chunk. `payload` needs the stop's bytes only;
+    /// more do not matter.
     ///
     /// The delta may be applied like a whole chunk's, but no child of the chunk may follow: undo it and
-    /// apply the whole first.
+    /// apply the whole first. The chunk itself must not be applied meanwhile.
     ///
     /// # Errors
-    /// If a parent is missing or the payload is not what `info` announces.
+    /// If a parent is missing or not whole, if the chunk is applied, or if the payload is not what `info`
+    /// announces.
     pub fn decode_prefix(
         &self,
         chunk: u32,
         info: &ChunkInfo,
-        stop: usize,
+        stop: Option<u8>,
         payload: &[u8],
     ) -> Result<ChunkDelta, DecodeError> {
         let fail = |why: String| Err(DecodeError::new(format!("chunk {chunk}"), why));
@@ -107,43 +113,36 @@ impl ActiveMesh {
         if let Some(parent) = info.parents.iter().find(|&&p| p >= chunk || !self.is_applied(p)) {
             return fail(format!("its parent {parent} is not applied"));
         }
+        if let Some(parent) = info.parents.iter().find(|&&p| self.applied_stop(p).is_some()) {
+            return fail(format!("its parent {parent} is applied only up to a stop"));
+        }
+        if self.is_applied(chunk) {
+            return fail("it is applied already".into());
+        }
+        let segments = stop.map_or(info.stops.len(), usize::from) + 1;
+        if stop.is_some() && segments > info.stops.len() {
+            return fail(format!("it has {} stops, not {segments}", info.stops.len()));
+        }
         if info.vertices > MAX_SPLITS {
             return fail(format!("{} vertices announced, at most {MAX_SPLITS} possible", info.vertices));
         }
-        let end = Reached {
-            bytes: info.payload_bytes,
-            vertices: info.vertices,
-            wedges: info.wedges,
-            faces: info.faces,
-        };
-        let mut ends: Vec<Reached> = info
-            .stops
-            .iter()
-            .map(|s| Reached {
-                bytes: s.payload_bytes,
-                vertices: s.vertices,
-                wedges: s.wedges,
-                faces: s.faces,
-            })
-            .collect();
-        ends.push(end);
-        ends.truncate(stop + 1);
+        let whole = info.extent(None);
+        let ends: Vec<Reached> = info.stops.iter().chain([&whole]).take(segments).map(Reached::of).collect();
         let mut local = Local::new(self, chunk);
-        let whole = stop >= info.stops.len();
         let decoded = match self.codec {
             Codec::Range => {
                 let mut decoder = Decoder::new(contexts(), payload);
                 code_chunk(&mut decoder, self, &mut local, chunk, &ends, info.vertices, None)
-                    .and_then(|_| if whole { decoder.end() } else { Ok(()) })
+                    .and_then(|_| if stop.is_none() { decoder.end() } else { Ok(()) })
             }
-            Codec::Plain if !whole => return fail("its codec has no stopping points".into()),
+            Codec::Plain if stop.is_some() => return fail("its codec has no stopping points".into()),
             Codec::Plain => PlainDecoder::new(payload).and_then(|mut decoder| {
                 code_chunk(&mut decoder, self, &mut local, chunk, &ends, info.vertices, None)?;
                 decoder.end()
             }),
         };
         decoded.map_err(|e| DecodeError::new(format!("chunk {chunk}"), e.why))?;
-        Ok(local.into_delta(chunk, info.parents.clone()))
+        Ok(ChunkDelta { stop, ..local.into_delta(chunk, info.parents.clone()) })
     }
 }
 

@@ -438,6 +438,7 @@ impl<'a> Local<'a> {
         }
         ChunkDelta {
             chunk,
+            stop: None,
             parents,
             vertices: self.new_vertices.iter().map(vertex).collect(),
             wedges: new_wedges.iter().map(wedge).collect(),

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::closed_set;
+use crate::closed_set::{self, Member};
 use crate::common;
 use crate::mesh::{QuantisedMesh, Wedge};
 use crate::pool::{Serial, Silent, Watched};
@@ -68,8 +68,14 @@ impl<'a> Case<'a> {
         Self { mesh, simplified, order, infos, payloads, base, deltas, vertices, wedges, faces }
     }
 
-    /// The input after the collapses of all chunks that are not in `set`.
-    fn collapsed(&self, set: &[u32]) -> Faces {
+    /// All chunks.
+    fn everything(&self) -> Vec<Member> {
+        (0..self.infos.len() as u32).map(|chunk| Member { chunk, stop: None }).collect()
+    }
+
+    /// The input after the collapses of all chunks that are not in `set`, and those after the stops of
+    /// those that are in it up to a stop.
+    fn collapsed(&self, set: &[Member]) -> Faces {
         let all_wedges = &self.simplified.live.wedges;
         let vertex = |w: u32| all_wedges[w as usize].vertex;
         let mut faces: BTreeMap<u32, [u32; 3]> =
@@ -81,9 +87,14 @@ impl<'a> Case<'a> {
             }
         }
         // Ids run from coarse to fine, so the finest level comes last.
-        for id in (0..self.order.len()).rev().filter(|&id| set.binary_search(&(id as u32)).is_err()) {
+        for id in (0..self.order.len()).rev() {
             let records = &self.simplified.levels[self.order[id].0][self.order[id].1].records;
-            for i in 0..records.collapses.len() {
+            let left = match set.binary_search_by_key(&(id as u32), |m| m.chunk).map(|at| set[at].stop) {
+                Ok(Some(stop)) => records.stops[records.coded_stops()][usize::from(stop)] as usize,
+                Ok(None) => 0,
+                Err(_) => records.collapses.len(),
+            };
+            for i in 0..left {
                 let (collapse, moved, removed) = records.parts(i);
                 let (u, t) = (collapse.removed, collapse.target);
                 let star: Vec<u32> = around
@@ -149,6 +160,7 @@ fn rotated(w: [u32; 3]) -> [u32; 3] {
 
 #[test]
 fn any_closed_set_is_the_input_collapsed_by_the_complement() {
+    let mut at_stops = 0;
     for (name, source) in common::all() {
         let mesh = common::quantised(&source);
         for region_faces in [50, 200, 1000] {
@@ -157,17 +169,19 @@ fn any_closed_set_is_the_input_collapsed_by_the_complement() {
             for attempt in 0..8 {
                 let set = match attempt {
                     0 => Vec::new(),
-                    1 => (0..case.infos.len() as u32).collect(),
+                    1 => case.everything(),
                     _ => closed_set::random(&case.infos, &mut random),
                 };
                 let mut active = ActiveMesh::new(&case.base);
-                for id in closed_set::random_order(&case.infos, &set, &mut random) {
+                for Member { chunk: id, stop } in closed_set::random_order(&case.infos, &set, &mut random) {
                     let (info, payload) = (&case.infos[id as usize], &case.payloads[id as usize]);
                     let delta = active
-                        .decode(id, info, payload)
+                        .decode_prefix(id, info, stop, payload)
                         .unwrap_or_else(|e| panic!("{name} {region_faces} {attempt}: {e} {info:?}"));
-                    assert!(delta == case.deltas[id as usize], "{name}: chunk {id} is not canonical");
+                    let canonical = stop.is_some() || delta == case.deltas[id as usize];
+                    assert!(canonical, "{name}: chunk {id} is not canonical");
                     active.apply(&delta).unwrap();
+                    at_stops += usize::from(stop.is_some());
                 }
                 assert!(
                     case.named(&active) == case.collapsed(&set),
@@ -178,12 +192,13 @@ fn any_closed_set_is_the_input_collapsed_by_the_complement() {
             }
         }
     }
+    assert!(at_stops >= 100, "only {at_stops} chunks ended at a stop");
 }
 
 #[test]
 fn the_reference_differs_when_one_chunk_is_left_out() {
     let mesh = common::quantised(&common::shapes::torus(40, 70));
     let case = Case::new(&mesh, &common::regions(200));
-    let all: Vec<u32> = (0..case.infos.len() as u32).collect();
+    let all = case.everything();
     assert!(case.collapsed(&all) != case.collapsed(&all[..all.len() - 1]));
 }

@@ -38,6 +38,14 @@ pub enum RefineError {
         /// Its parent.
         parent: u32,
     },
+    /// A parent is applied only up to a stop.
+    #[error("chunk {chunk} needs the whole of chunk {parent}, which is applied only up to a stop")]
+    PartialParent {
+        /// The chunk.
+        chunk: u32,
+        /// Its parent.
+        parent: u32,
+    },
     /// A child is still applied.
     #[error("chunk {chunk} cannot be undone: {children} chunks that need it are applied")]
     HasChildren {
@@ -51,7 +59,7 @@ pub enum RefineError {
     Mismatch(u32),
 }
 
-/// A mesh of a base and any closed set of chunks.
+/// A mesh of a base and any closed set of chunks, those without applied children perhaps up to a stop.
 #[derive(Clone, Debug)]
 pub struct ActiveMesh {
     pub(crate) grid: Grid,
@@ -142,10 +150,16 @@ impl ActiveMesh {
         self.codec
     }
 
-    /// Whether a chunk is applied.
+    /// Whether a chunk is applied, whole or up to a stop.
     #[must_use]
     pub fn is_applied(&self, chunk: u32) -> bool {
         chunk.checked_add(1).is_some_and(|origin| self.places.get(origin).is_some())
+    }
+
+    /// The stop that a chunk is applied up to; `None` if it is whole or not applied.
+    #[must_use]
+    pub fn applied_stop(&self, chunk: u32) -> Option<u8> {
+        self.places.get(chunk.checked_add(1)?)?.stop
     }
 
     /// Faces that are there now.
@@ -181,7 +195,11 @@ impl ActiveMesh {
             + self.places.bytes()
     }
 
-    /// Applies a decoded chunk whose parents are applied.
+    /// Applies a decoded chunk, or its beginning up to a stop, once its parents are applied whole.
+    ///
+    /// To go from one stop to another, or on to the whole, undo the one and apply the other; between the
+    /// two, and before any of its children is applied, the other may be decoded. [`Touched::merge`] makes
+    /// one change of them for a renderer.
     ///
     /// # Errors
     /// See [`RefineError`]; the mesh is then unchanged.
@@ -225,13 +243,14 @@ impl ActiveMesh {
         }
         if let Some(place) = self.places.get_mut(origin) {
             place.needs = needs;
+            place.stop = delta.stop;
         }
         self.applied_chunks += 1;
         self.finish_touched(&mut touched);
         Ok(touched)
     }
 
-    /// Undoes an applied chunk none of whose children is applied.
+    /// Undoes an applied chunk none of whose children is applied; `delta` is what was applied.
     ///
     /// # Errors
     /// See [`RefineError`]; the mesh is then unchanged.
@@ -242,7 +261,8 @@ impl ActiveMesh {
         if place.children > 0 {
             return Err(RefineError::HasChildren { chunk: delta.chunk, children: place.children });
         }
-        if !self.fits(delta, true)
+        if place.stop != delta.stop
+            || !self.fits(delta, true)
             || place.faces.len() != delta.faces.len()
             || place.wedges.len() != delta.wedges.len()
             || place.vertices.len() != delta.vertices.len()
@@ -298,7 +318,12 @@ impl ActiveMesh {
                 return Err(RefineError::MissingParent { chunk, parent });
             }
         }
-        if self.fits(delta, false) { Ok(()) } else { Err(RefineError::Mismatch(chunk)) }
+        if !self.fits(delta, false) {
+            return Err(RefineError::Mismatch(chunk));
+        }
+        // Not the parents alone, for the reason given in `apply`.
+        let partial = delta.needs().into_iter().find(|&need| self.applied_stop(need - 1).is_some());
+        partial.map_or(Ok(()), |need| Err(RefineError::PartialParent { chunk, parent: need - 1 }))
     }
 
     /// Whether everything that the delta refers to is there, or is its own.
@@ -341,6 +366,7 @@ impl ActiveMesh {
             wedges: self.wedge_slots.take(wedges as u32),
             faces: self.face_slots.take(materials.len() as u32),
             draws: Vec::new(),
+            stop: None,
             children: 0,
             needs: Vec::new(),
         };

@@ -51,12 +51,15 @@ pub struct Repoint {
     pub to: Id,
 }
 
-/// A decoded chunk.
+/// A decoded chunk, or its beginning up to a stop.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ChunkDelta {
     /// Id of the chunk.
     pub chunk: u32,
-    /// Ids of the chunks that must be applied first.
+    /// The stop that it ends at, an index of [`crate::index::ChunkInfo::stops`]; `None` for the whole
+    /// chunk. Its ids are those of the whole chunk, of which it holds the first.
+    pub stop: Option<u8>,
+    /// Ids of the chunks that must be applied whole first.
     pub parents: Vec<u32>,
     /// Vertices added.
     pub vertices: Vec<NewVertex>,

@@ -11,6 +11,8 @@ pub(crate) struct Place {
     pub(crate) faces: Range<u32>,
     /// Per material: slots in its index list.
     pub(crate) draws: Vec<(u16, Range<u32>)>,
+    /// The stop that a chunk is applied up to; `None` once it is whole.
+    pub(crate) stop: Option<u8>,
     /// Applied chunks that name this one as a parent, or refer to what it brought.
     pub(crate) children: u32,
     /// Origins among whose children this one was counted.

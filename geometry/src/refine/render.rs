@@ -17,6 +17,16 @@ pub struct Touched {
 }
 
 impl Touched {
+    /// Adds what changed after this.
+    pub fn merge(&mut self, later: Self) {
+        self.wedges.extend(later.wedges);
+        self.draws.extend(later.draws);
+        self.wedges.sort_unstable();
+        self.wedges.dedup();
+        self.draws.sort_unstable();
+        self.draws.dedup();
+    }
+
     pub(crate) fn face(&mut self, slot: u32) {
         self.faces.push(slot);
     }

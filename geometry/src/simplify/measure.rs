@@ -169,7 +169,7 @@ fn finish(
         };
         let attribute_error = deviation.attribute_error(live, &samples[r], &normals);
         let stops = course.records.stops.len();
-        let stop_errors = course.stops[..stops].iter().rev().map(|e| (e * MARGIN).min(error)).collect();
+        let stop_errors = course.stops[..stops].iter().rev().map(|e| e * MARGIN).collect();
         let (faces, interior) = (level.faces[r].clone(), std::mem::take(&mut interior[r]));
         let records = course.records;
         chunks.push(RegionChunk {

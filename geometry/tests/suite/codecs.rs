@@ -62,7 +62,7 @@ fn plain_payloads_are_not_taken_for_others() {
     assert!(!ranged.infos[0].stops.is_empty());
     let mut active = ActiveMesh::new(&plain.base);
     let info = ChunkInfo { stops: ranged.infos[0].stops.clone(), ..plain.infos[0].clone() };
-    let why = active.decode_prefix(0, &info, 0, &plain.chunks[0]).unwrap_err().to_string();
+    let why = active.decode_prefix(0, &info, Some(0), &plain.chunks[0]).unwrap_err().to_string();
     assert!(why.contains("no stopping points"), "{why}");
     assert!(active.decode(0, &plain.infos[0], &ranged.chunks[0]).is_err());
     active = ActiveMesh::new(&ranged.base);

@@ -1,14 +1,15 @@
 //! Geometric errors: monotone, and never below what dense sampling finds.
 
-use lodestream_geometry::closed_set;
+use lodestream_geometry::closed_set::{self, Member};
 use lodestream_geometry::distance::TriangleBvh;
+use lodestream_geometry::index::ChunkInfo;
 use lodestream_geometry::mesh::QuantisedMesh;
 use lodestream_geometry::prepare::Prepared;
 use lodestream_geometry::random::Random;
-use lodestream_geometry::refine::{ActiveMesh, ChunkDelta};
+use lodestream_geometry::refine::ActiveMesh;
 
-use crate::common::{all, prepared, quantised, regions, shapes, with_bits};
-use crate::promises::deltas;
+use crate::common::{all, prepared, quantised, regions, shapes, stopping, with_bits};
+use crate::promises::{apply, deltas};
 
 #[test]
 fn errors_are_monotone_along_parents() {
@@ -75,12 +76,21 @@ impl Surface {
     }
 }
 
-fn refined(asset: &Prepared, deltas: &[ChunkDelta], set: &[u32]) -> QuantisedMesh {
+fn refined(asset: &Prepared, set: &[Member]) -> QuantisedMesh {
     let mut active = ActiveMesh::new(&asset.base);
-    for &id in set {
-        active.apply(&deltas[id as usize]).unwrap();
+    for &member in set {
+        apply(&mut active, asset, member);
     }
     active.to_mesh()
+}
+
+/// What the index states for a closed set.
+fn stated(asset: &Prepared, set: &[Member]) -> f32 {
+    let left = |(id, info): (usize, &ChunkInfo)| {
+        let member = set.binary_search_by_key(&(id as u32), |m| m.chunk);
+        member.map_or(info.error, |at| info.extent(set[at].stop).error)
+    };
+    asset.infos.iter().enumerate().map(left).fold(0.0, f32::max)
 }
 
 /// The generated meshes, and needles on a grid fine enough to show them as such.
@@ -98,18 +108,16 @@ fn errors_bound_the_sampled_distance_and_are_not_absurd() {
         let input = Surface::new(&mesh);
         let area = input.area() / input.triangles.len() as f64;
         let mut ratios = Vec::new();
-        for faces in [200, 1000] {
-            let asset = prepared(&mesh, &regions(faces));
-            let deltas = deltas(&asset).1;
+        for settings in [stopping(200), regions(1000)] {
+            let asset = prepared(&mesh, &settings);
             for attempt in 0..5 {
                 let set =
                     if attempt == 0 { Vec::new() } else { closed_set::random(&asset.infos, &mut random) };
-                let missing = (0..asset.infos.len() as u32).filter(|id| set.binary_search(id).is_err());
-                let mut error = missing.map(|id| asset.infos[id as usize].error).fold(0.0, f32::max);
+                let mut error = stated(&asset, &set);
                 if attempt == 0 {
                     error = error.max(asset.base.root_error);
                 }
-                let coarse = Surface::new(&refined(&asset, &deltas, &set));
+                let coarse = Surface::new(&refined(&asset, &set));
                 let cells = input.farthest(&coarse, area).max(coarse.farthest(&input, area));
                 let distance = cells * mesh.grid.step;
                 if cells > NOISE {
@@ -132,6 +140,57 @@ fn errors_bound_the_sampled_distance_and_are_not_absurd() {
         }
     }
     assert!(failures.is_empty(), "{failures:?}");
+}
+
+/// Everything coarser, all chunks of one level up to the same stop and nothing else: what is stated then
+/// is the stops' own errors, where a random set's is mostly that of a chunk it lacks.
+#[test]
+fn errors_at_stops_bound_the_sampled_distance() {
+    let mut failures = Vec::new();
+    let mut tried = 0;
+    for (name, mesh) in meshes() {
+        let input = Surface::new(&mesh);
+        let area = input.area() / input.triangles.len() as f64;
+        let asset = prepared(&mesh, &stopping(200));
+        for level in 1..=asset.base.level_count {
+            let stops = asset.infos.iter().filter(|i| i.level == level).map(|i| i.stops.len()).max();
+            for stop in 0..stops.unwrap_or(0) {
+                let member = |(chunk, info): (u32, &ChunkInfo)| {
+                    let stop = (info.level == level && stop < info.stops.len()).then_some(stop as u8);
+                    (info.level <= level).then_some(Member { chunk, stop })
+                };
+                let set: Vec<Member> = (0..).zip(&asset.infos).filter_map(member).collect();
+                let error = f64::from(stated(&asset, &set));
+                let coarse = Surface::new(&refined(&asset, &set));
+                let cells = input.farthest(&coarse, area).max(coarse.farthest(&input, area));
+                tried += 1;
+                if cells > NOISE && error < 0.99 * cells * mesh.grid.step {
+                    let ratio = error / (cells * mesh.grid.step);
+                    failures.push(format!("{name}, level {level}, stop {stop}: {ratio:.3}"));
+                }
+            }
+        }
+    }
+    assert!(tried >= 20, "only {tried} meshes");
+    assert!(failures.is_empty(), "{failures:?}");
+}
+
+#[test]
+fn stops_help_and_are_never_better_than_the_children() {
+    let (mut stops, mut better) = (0, 0);
+    for (name, source) in all() {
+        let asset = prepared(&quantised(&source), &stopping(200));
+        for (id, info) in asset.infos.iter().enumerate() {
+            // Collapses can go far and come back near, so some are worse than the chunk's own.
+            stops += info.stops.len();
+            better += info.stops.iter().filter(|s| s.error < info.error).count();
+            for &parent in &info.parents {
+                let stops = &asset.infos[parent as usize].stops;
+                assert!(stops.iter().all(|s| s.error >= info.error), "{name}: chunk {id} of {parent}");
+            }
+        }
+    }
+    assert!(stops > 100 && better * 4 > stops * 3, "{better} of {stops} stops help");
 }
 
 #[test]

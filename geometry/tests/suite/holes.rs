@@ -1,4 +1,5 @@
-//! No hole that the input does not have, at any set of chunks closed under parents, for any input.
+//! No hole that the input does not have, at any set of chunks closed under parents, leaves up to any of
+//! their stops, for any input.
 //!
 //! [`lodestream_geometry::check`] compares *directed* edges; this test is independent of it. It counts
 //! faces at undirected edges: where an edge has an odd number, a surface ends. Sending each vertex of
@@ -13,8 +14,8 @@ use lodestream_geometry::mesh::SourceMesh;
 use lodestream_geometry::random::Random;
 use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, Id, Snapshot};
 
-use crate::common::{all, prepared, quantised, regions, shapes, with_bits};
-use crate::promises::deltas;
+use crate::common::{all, prepared, quantised, shapes, stopping, with_bits};
+use crate::promises::{apply, deltas};
 
 /// Undirected edges with an odd number of faces, the smaller id first.
 fn ends(state: &Snapshot) -> BTreeSet<(Id, Id)> {
@@ -48,15 +49,15 @@ fn ancestor(state: &Snapshot, deltas: &[ChunkDelta], mut vertex: Id) -> Id {
 
 /// Tries so many random closed sets. Answers how many edges of the input end a surface.
 fn no_new_holes(name: &str, source: &SourceMesh, bits: u8, region_faces: usize, sets: usize) -> usize {
-    let asset = prepared(&with_bits(source, bits), &regions(region_faces));
+    let asset = prepared(&with_bits(source, bits), &stopping(region_faces));
     let (full, deltas) = deltas(&asset);
     let input = ends(&full.snapshot());
     let mut random = Random::new(region_faces as u64);
     for set in 0..sets {
         let set = if set == 0 { Vec::new() } else { closed_set::random(&asset.infos, &mut random) };
         let mut mesh = ActiveMesh::new(&asset.base);
-        for id in closed_set::random_order(&asset.infos, &set, &mut random) {
-            mesh.apply(&deltas[id as usize]).unwrap();
+        for member in closed_set::random_order(&asset.infos, &set, &mut random) {
+            apply(&mut mesh, &asset, member);
         }
         let state = mesh.snapshot();
         let mut expected = BTreeSet::new();

@@ -4,15 +4,15 @@ use std::collections::BTreeSet;
 
 use lodestream_geometry::Settings;
 use lodestream_geometry::check::check;
-use lodestream_geometry::closed_set;
+use lodestream_geometry::closed_set::{self, Member};
 use lodestream_geometry::index::ChunkInfo;
 use lodestream_geometry::mesh::QuantisedMesh;
 use lodestream_geometry::pool::Serial;
 use lodestream_geometry::prepare::Prepared;
 use lodestream_geometry::random::Random;
-use lodestream_geometry::refine::{ActiveMesh, ChunkDelta};
+use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, RefineError};
 
-use crate::common::{all, closed, plain_faces, prepared, quantised, regions, shapes};
+use crate::common::{all, closed, plain_faces, prepared, quantised, regions, shapes, stopping};
 
 /// The deltas of all chunks, decoded in order.
 pub(crate) fn deltas(prepared: &Prepared) -> (ActiveMesh, Vec<ChunkDelta>) {
@@ -24,6 +24,16 @@ pub(crate) fn deltas(prepared: &Prepared) -> (ActiveMesh, Vec<ChunkDelta>) {
         deltas.push(delta);
     }
     (mesh, deltas)
+}
+
+/// Applies a chunk, or its beginning.
+pub(crate) fn apply(mesh: &mut ActiveMesh, asset: &Prepared, Member { chunk, stop }: Member) -> ChunkDelta {
+    let (info, payload) = (&asset.infos[chunk as usize], &asset.chunks[chunk as usize]);
+    // No more bytes than the stop states may be needed.
+    let needed = info.extent(stop).payload_bytes as usize;
+    let delta = mesh.decode_prefix(chunk, info, stop, &payload[..needed]).unwrap();
+    mesh.apply(&delta).unwrap();
+    delta
 }
 
 fn passes_check(name: &str, mesh: &QuantisedMesh, settings: &Settings) {
@@ -45,6 +55,7 @@ fn random_closed_sets_have_no_cracks_in_any_order() {
         for faces in [50, 200, 1000] {
             passes_check(name, &mesh, &regions(faces));
         }
+        passes_check(name, &mesh, &stopping(100));
     }
 }
 
@@ -63,14 +74,13 @@ fn the_meshes_under_test_have_enough_chunks_to_mean_something() {
 fn closed_manifolds_keep_two_faces_at_every_edge() {
     for (name, source) in closed() {
         let mesh = quantised(&source);
-        let asset = prepared(&mesh, &regions(200));
-        let (_, deltas) = deltas(&asset);
+        let asset = prepared(&mesh, &stopping(200));
         let mut random = Random::new(4);
         for _ in 0..15 {
             let set = closed_set::random(&asset.infos, &mut random);
             let mut active = ActiveMesh::new(&asset.base);
-            for id in closed_set::random_order(&asset.infos, &set, &mut random) {
-                active.apply(&deltas[id as usize]).unwrap();
+            for member in closed_set::random_order(&asset.infos, &set, &mut random) {
+                apply(&mut active, &asset, member);
             }
             let state = active.to_mesh();
             let mut directed: Vec<(u32, u32)> = Vec::new();
@@ -111,7 +121,7 @@ fn all_chunks_applied_give_the_input_back() {
     }
 }
 
-/// Chunks that may be applied, and chunks that may be undone.
+/// Chunks that may be applied (or raised from a stop), and chunks that may be undone.
 fn moves(infos: &[ChunkInfo], active: &ActiveMesh) -> (Vec<u32>, Vec<u32>) {
     let mut needed = vec![false; infos.len()];
     for (id, info) in infos.iter().enumerate() {
@@ -123,7 +133,8 @@ fn moves(infos: &[ChunkInfo], active: &ActiveMesh) -> (Vec<u32>, Vec<u32>) {
     }
     let ids = 0..infos.len() as u32;
     let ready = |&id: &u32| {
-        !active.is_applied(id) && infos[id as usize].parents.iter().all(|&p| active.is_applied(p))
+        let whole = |chunk| active.is_applied(chunk) && active.applied_stop(chunk).is_none();
+        !whole(id) && infos[id as usize].parents.iter().all(|&p| whole(p))
     };
     let done = |&id: &u32| active.is_applied(id) && !needed[id as usize];
     (ids.clone().filter(ready).collect(), ids.filter(done).collect())
@@ -133,9 +144,10 @@ fn moves(infos: &[ChunkInfo], active: &ActiveMesh) -> (Vec<u32>, Vec<u32>) {
 fn random_walks_of_apply_and_undo_leave_no_trace() {
     for (name, source) in all() {
         let mesh = quantised(&source);
-        let asset = prepared(&mesh, &regions(200));
-        let (full, deltas) = deltas(&asset);
+        let asset = prepared(&mesh, &stopping(200));
+        let (full, whole) = deltas(&asset);
         let mut active = ActiveMesh::new(&asset.base);
+        let mut applied: Vec<Option<ChunkDelta>> = vec![None; asset.infos.len()];
         let start = active.snapshot();
         let mut random = Random::new(21);
         for step in 0..6 * asset.infos.len() {
@@ -147,17 +159,24 @@ fn random_walks_of_apply_and_undo_leave_no_trace() {
                 break;
             }
             let id = from[random.below(from.len())];
-            if active.is_applied(id) {
-                active.undo(&deltas[id as usize]).unwrap();
-            } else {
-                let delta = active.decode(id, &asset.infos[id as usize], &asset.chunks[id as usize]).unwrap();
-                assert!(delta == deltas[id as usize], "{name}: chunk {id} after {step} steps");
-                active.apply(&delta).unwrap();
+            let undone = applied[id as usize].take();
+            if let Some(delta) = &undone {
+                active.undo(delta).unwrap();
+            }
+            if undone.is_none() || up.contains(&id) {
+                // To a stop or to the end, whatever was there before.
+                let stops = asset.infos[id as usize].stops.len();
+                let stop = random.below(2 * stops + 1);
+                let member = Member { chunk: id, stop: (stop < stops).then_some(stop as u8) };
+                let delta = apply(&mut active, &asset, member);
+                let canonical = delta.stop.is_some() || delta == whole[id as usize];
+                assert!(canonical, "{name}: chunk {id} after {step} steps");
+                applied[id as usize] = Some(delta);
             }
             if step % 29 == 0 {
                 let mut fresh = ActiveMesh::new(&asset.base);
-                for id in (0..asset.infos.len() as u32).filter(|&id| active.is_applied(id)) {
-                    fresh.apply(&deltas[id as usize]).unwrap();
+                for delta in applied.iter().flatten() {
+                    fresh.apply(delta).unwrap();
                 }
                 assert!(fresh.snapshot() == active.snapshot(), "{name}: after {step} steps");
                 assert_eq!(fresh.face_count(), active.face_count());
@@ -167,7 +186,7 @@ fn random_walks_of_apply_and_undo_leave_no_trace() {
         loop {
             let (_, down) = moves(&asset.infos, &active);
             let Some(&id) = down.get(random.below(down.len())) else { break };
-            active.undo(&deltas[id as usize]).unwrap();
+            active.undo(&applied[id as usize].take().unwrap()).unwrap();
         }
         assert!(active.snapshot() == start, "{name}: not back at the base mesh");
         assert!(
@@ -177,6 +196,54 @@ fn random_walks_of_apply_and_undo_leave_no_trace() {
             full.wedge_slots()
         );
     }
+}
+
+#[test]
+fn children_wait_until_a_chunk_that_ends_at_a_stop_is_whole() {
+    let asset = prepared(&quantised(&shapes::sphere(40, 60, 0.05)), &stopping(200));
+    let (_, whole) = deltas(&asset);
+    let mut random = Random::new(3);
+    let mut tried = 0;
+    for (id, info) in (0..).zip(&asset.infos) {
+        // A parent with stops, no other parent of the child being below it.
+        let Some(&parent) = info.parents.last().filter(|&&p| !asset.infos[p as usize].stops.is_empty())
+        else {
+            continue;
+        };
+        tried += 1;
+        let mut active = ActiveMesh::new(&asset.base);
+        let others: BTreeSet<u32> = info.parents.iter().flat_map(|&p| ancestors(&asset.infos, p)).collect();
+        for &other in others.iter().filter(|&&p| p != parent) {
+            active.apply(&whole[other as usize]).unwrap();
+        }
+        let stop = random.below(asset.infos[parent as usize].stops.len()) as u8;
+        let partial = apply(&mut active, &asset, Member { chunk: parent, stop: Some(stop) });
+        assert_eq!(active.applied_stop(parent), Some(stop));
+        let before = active.snapshot();
+        let refusal = RefineError::PartialParent { chunk: id, parent };
+        // An index that leaves the parent out does not help, where the chunk builds on what it brought.
+        let mut blind = whole[id as usize].clone();
+        blind.parents.retain(|&p| p != parent);
+        match active.apply(&blind) {
+            Ok(_) => drop(active.undo(&blind).unwrap()),
+            Err(why) => assert!(why == refusal || why == RefineError::Mismatch(id), "{why}"),
+        }
+        // Or a link that was forged: what it names must be whole, used or not.
+        let forged = ChunkDelta { chunk: id, parents: info.parents.clone(), ..ChunkDelta::default() };
+        assert_eq!(active.apply(&forged), Err(refusal));
+        assert!(active.apply(&whole[id as usize]).is_err());
+        let why = active.decode(id, info, &asset.chunks[id as usize]).unwrap_err().to_string();
+        assert!(why.contains("only up to a stop"), "{why}");
+        // What is applied is what must be undone.
+        assert_eq!(active.undo(&whole[parent as usize]), Err(RefineError::Mismatch(parent)));
+        assert_eq!(active.apply(&partial), Err(RefineError::AlreadyApplied(parent)));
+        assert!(active.snapshot() == before);
+        active.undo(&partial).unwrap();
+        apply(&mut active, &asset, Member { chunk: parent, stop: None });
+        active.apply(&whole[id as usize]).unwrap();
+        assert_eq!(active.applied_stop(parent), None);
+    }
+    assert!(tried >= 5, "only {tried} chunks have a parent with stops");
 }
 
 #[test]

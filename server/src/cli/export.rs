@@ -65,15 +65,16 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     if let Some(least) = least {
         anyhow::bail!("{path}: the base mesh alone takes {least}; give a larger budget");
     }
-    let mesh = asset.refined(&set.chunks).with_context(|| path.to_string())?.to_mesh();
+    let mesh = asset.refined(&set.members).with_context(|| path.to_string())?.to_mesh();
     write_atomically(&arguments.output, |out| write_obj(out, &mesh, &asset.material_names()))
         .with_context(|| format!("{}: cannot be written", arguments.output.display()))?;
     Ok(Outcome::good(format!(
-        "{}: {} faces, {} vertices, {} chunks, {} bytes, error {}\n",
+        "{}: {} faces, {} vertices, {} chunks ({} of them up to a stop), {} bytes, error {}\n",
         arguments.output.display(),
         mesh.faces.len(),
         mesh.positions.len(),
-        set.chunks.len(),
+        set.members.len(),
+        set.members.iter().filter(|m| m.stop.is_some()).count(),
         set.bytes,
         set.error
     )))

@@ -37,7 +37,7 @@ pub(super) fn bytes_to_rms(model: &Model, head: u64, options: &Options) -> anyho
             let budget = if best.is_none() { high } else { 0.5 * (low + high) };
             let set =
                 closed_set::lowest_error(&prepared.base, &prepared.infos, head, Budget::Bytes(budget as u64));
-            let (faces, comparison) = distance(model, &set.chunks, options)?;
+            let (faces, comparison) = distance(model, &set.members, options)?;
             let rms = comparison.rms;
             if rms <= target {
                 best = Some(BytesToRms { target, rms, faces, bytes: set.bytes });

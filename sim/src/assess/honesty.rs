@@ -2,7 +2,8 @@
 //!
 //! *Honest.* For a closed set, the error stated for the mesh is the largest of its missing chunks', and
 //! no point may be farther than that. Views rely on more: that near a point the error is at most that
-//! of the missing chunks whose bounding sphere holds the point. Both are measured.
+//! of the missing chunks whose bounding sphere holds the point. Both are measured. A chunk that is applied
+//! up to a stop is missing at the stop's error.
 //!
 //! *Tight.* For a chunk, the mesh with everything coarser and nothing else is laid beside the input: the
 //! points of the coarse faces that the chunk changes, the input points that are nearest to such a face
@@ -13,8 +14,8 @@
 use std::collections::HashMap;
 
 use glam::DVec3;
-use lodestream_geometry::closed_set;
-use lodestream_geometry::index::Sphere;
+use lodestream_geometry::closed_set::{self, Member};
+use lodestream_geometry::index::{ChunkInfo, Sphere};
 use lodestream_geometry::random::Random;
 use lodestream_geometry::refine::{ActiveMesh, Id};
 use serde::Serialize;
@@ -68,13 +69,34 @@ pub struct RandomSets {
 /// Compares stated and measured errors of random closed sets.
 pub(super) fn random_sets(model: &Model, options: &Options) -> anyhow::Result<RandomSets> {
     let mut random = Random::new(options.seed);
+    let mut sets = (0..options.random_sets).map(|_| closed_set::random(&model.prepared.infos, &mut random));
+    compare(model, &mut sets)
+}
+
+/// Compares stated and measured errors of the levels, each up to each of its stops.
+pub(super) fn at_stops(model: &Model) -> anyhow::Result<RandomSets> {
+    let infos = &model.prepared.infos;
+    let mut sets = Vec::new();
+    for level in 1..=model.prepared.base.level_count {
+        let stops = infos.iter().filter(|i| i.level == level).map(|i| i.stops.len()).max().unwrap_or(0);
+        sets.extend((0..stops).map(|stop| {
+            let member = |(chunk, info): (u32, &ChunkInfo)| {
+                let partial = info.level == level && stop < info.stops.len();
+                (info.level <= level).then_some(Member { chunk, stop: partial.then_some(stop as u8) })
+            };
+            (0..).zip(infos).filter_map(member).collect::<Vec<Member>>()
+        }));
+    }
+    compare(model, &mut sets.into_iter())
+}
+
+fn compare(model: &Model, sets: &mut dyn Iterator<Item = Vec<Member>>) -> anyhow::Result<RandomSets> {
     let input = Target::new(&model.input);
     let area = input.mean_area();
     let mut ratios = Vec::new();
     let mut least = f64::INFINITY;
-    for _ in 0..options.random_sets {
-        let chunks = closed_set::random(&model.prepared.infos, &mut random);
-        let coarse = model.surface(&chunks)?;
+    for set in sets {
+        let coarse = model.surface(&set)?;
         let coarse = Target::new(&coarse);
         let mut points: Vec<(DVec3, f64)> = Vec::new();
         for (from, to) in [(&input, &coarse), (&coarse, &input)] {
@@ -86,7 +108,7 @@ pub(super) fn random_sets(model: &Model, options: &Options) -> anyhow::Result<Ra
         if worst <= NOISE * model.diagonal() {
             continue;
         }
-        let missing = Missing::new(model, &chunks);
+        let missing = Missing::new(model, &set);
         ratios.push(missing.worst() / worst);
         for (point, distance) in points.into_iter().filter(|p| p.1 > 0.1 * worst) {
             least = least.min(missing.at(point) / distance);
@@ -98,22 +120,23 @@ pub(super) fn random_sets(model: &Model, options: &Options) -> anyhow::Result<Ra
     })
 }
 
-/// The chunks that a mesh lacks, those with the largest errors first.
+/// The chunks that a mesh lacks, or the rest of which, those with the largest errors first.
 struct Missing {
     chunks: Vec<(f64, DVec3, f64)>,
 }
 
 impl Missing {
-    fn new(model: &Model, applied: &[u32]) -> Self {
+    fn new(model: &Model, applied: &[Member]) -> Self {
         let origin = DVec3::from_array(model.mesh.grid.origin);
-        let mut chunks: Vec<(f64, DVec3, f64)> = (0..model.prepared.infos.len())
-            .filter(|&id| applied.binary_search(&(id as u32)).is_err())
+        let left = model.left(applied);
+        let mut chunks: Vec<(f64, DVec3, f64)> = (0..left.len())
+            .filter(|&id| left[id] > 0.0)
             .map(|id| {
                 let Sphere { center, radius } = model.prepared.infos[id].sphere;
                 let center = origin + DVec3::from_array(center.map(f64::from));
                 // The centre is relative to the grid's origin; adding that rounds.
                 let slack = NOISE * model.diagonal();
-                (f64::from(model.prepared.infos[id].error), center, f64::from(radius) + slack)
+                (left[id], center, f64::from(radius) + slack)
             })
             .collect();
         chunks.sort_by(|a, b| b.0.total_cmp(&a.0));

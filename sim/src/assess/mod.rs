@@ -16,6 +16,7 @@ use std::time::Instant;
 use anyhow::Context as _;
 use lodestream_geometry::Settings;
 use lodestream_geometry::base::Base;
+use lodestream_geometry::closed_set::Member;
 use lodestream_geometry::mesh::{Corner, NONE, QuantisedMesh};
 use lodestream_geometry::pool::{Serial, Silent};
 use lodestream_geometry::prepare::{Prepared, prepare};
@@ -85,8 +86,10 @@ pub struct Assessment {
     pub tenth: LevelEnd,
     /// Bytes received until the mesh is so near to the input.
     pub bytes_to_rms: Vec<BytesToRms>,
-    /// Stated against measured error of random closed sets.
+    /// Stated against measured error of random closed sets, their leaves up to random stops.
     pub random: RandomSets,
+    /// The same of each level up to each of its stops, everything coarser being there.
+    pub at_stops: RandomSets,
     /// Stated against locally measured error of each chunk.
     pub per_chunk: Ratios,
     /// What refining one spot costs.
@@ -104,13 +107,28 @@ struct Model {
 }
 
 impl Model {
-    /// The surface with some chunks applied.
-    fn surface(&self, chunks: &[u32]) -> anyhow::Result<Surface> {
+    /// The surface with a closed set of chunks applied.
+    fn surface(&self, set: &[Member]) -> anyhow::Result<Surface> {
         let mut active = ActiveMesh::new(&self.prepared.base);
-        for &chunk in chunks {
-            active.apply(&self.deltas[chunk as usize])?;
+        for &Member { chunk, stop } in set {
+            let id = chunk as usize;
+            if stop.is_none() {
+                active.apply(&self.deltas[id])?;
+            } else {
+                let (info, payload) = (&self.prepared.infos[id], &self.prepared.chunks[id]);
+                active.apply(&active.decode_prefix(chunk, info, stop, payload)?)?;
+            }
         }
         Ok(surface(&active.to_mesh()))
+    }
+
+    /// Error that the index states for each chunk where a closed set lacks it, or the rest of it.
+    fn left(&self, set: &[Member]) -> Vec<f64> {
+        let mut left: Vec<f64> = self.prepared.infos.iter().map(|i| f64::from(i.error)).collect();
+        for &Member { chunk, stop } in set {
+            left[chunk as usize] = f64::from(self.prepared.infos[chunk as usize].extent(stop).error);
+        }
+        left
     }
 
     fn diagonal(&self) -> f64 {
@@ -186,6 +204,7 @@ pub fn assess(path: &Path, options: &Options) -> anyhow::Result<Assessment> {
         tenth: quality::within_faces(&model, model.mesh.faces.len() as u64 / 10, options)?,
         bytes_to_rms: budget::bytes_to_rms(&model, (base_bytes.len() + index_bytes) as u64, options)?,
         random: honesty::random_sets(&model, options)?,
+        at_stops: honesty::at_stops(&model)?,
         per_chunk: honesty::per_chunk(&model)?,
         spot: access::spot(&model, options.seed),
         view: access::view_share(&model, options.seed),
@@ -269,6 +288,16 @@ impl std::fmt::Display for Assessment {
             self.random.whole.median,
             self.random.whole.greatest,
             self.random.least_at_a_point
+        )?;
+        writeln!(
+            f,
+            "stated / measured error of {} levels up to a stop: least {:.3}, median {:.3}, greatest {:.3}; least \
+             at a point {:.3}",
+            self.at_stops.whole.count,
+            self.at_stops.whole.least,
+            self.at_stops.whole.median,
+            self.at_stops.whole.greatest,
+            self.at_stops.least_at_a_point
         )?;
         writeln!(
             f,

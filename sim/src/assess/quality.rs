@@ -2,7 +2,7 @@
 
 use std::num::NonZeroUsize;
 
-use lodestream_geometry::closed_set::{self, Budget};
+use lodestream_geometry::closed_set::{self, Budget, Member};
 use serde::Serialize;
 
 use super::{Model, Options};
@@ -28,10 +28,10 @@ pub(super) fn level_ends(model: &Model, options: &Options) -> anyhow::Result<Vec
     let mut ends = Vec::new();
     let infos = &model.prepared.infos;
     for level in 0..model.prepared.base.level_count {
-        let chunks: Vec<u32> =
-            (0..infos.len() as u32).filter(|&id| infos[id as usize].level <= level).collect();
-        let (faces, found) = distance(model, &chunks, options)?;
-        let stated = stated(model, &chunks);
+        let chunks = (0..infos.len() as u32).filter(|&id| infos[id as usize].level <= level);
+        let set: Vec<Member> = chunks.map(|chunk| Member { chunk, stop: None }).collect();
+        let (faces, found) = distance(model, &set, options)?;
+        let stated = model.left(&set).into_iter().fold(0.0, f64::max) / model.diagonal();
         ends.push(LevelEnd { level, faces, rms: found.rms, max: found.max, stated });
     }
     Ok(ends)
@@ -41,8 +41,8 @@ pub(super) fn level_ends(model: &Model, options: &Options) -> anyhow::Result<Vec
 pub(super) fn within_faces(model: &Model, faces: u64, options: &Options) -> anyhow::Result<LevelEnd> {
     let prepared = &model.prepared;
     let set = closed_set::lowest_error(&prepared.base, &prepared.infos, 0, Budget::Faces(faces));
-    let (faces, found) = distance(model, &set.chunks, options)?;
-    let level = set.chunks.iter().map(|&id| prepared.infos[id as usize].level).max().unwrap_or(0);
+    let (faces, found) = distance(model, &set.members, options)?;
+    let level = set.members.iter().map(|m| prepared.infos[m.chunk as usize].level).max().unwrap_or(0);
     let stated = set.error / model.diagonal();
     Ok(LevelEnd { level, faces, rms: found.rms, max: found.max, stated })
 }
@@ -56,23 +56,12 @@ pub(super) fn interpolate(ends: &[LevelEnd], faces: f64) -> Option<f64> {
     Some((product(&pair[0]) * (1.0 - share) + product(&pair[1]) * share) / faces)
 }
 
-/// Error that the index states for a closed set, over the diagonal.
-fn stated(model: &Model, chunks: &[u32]) -> f64 {
-    let missing = model
-        .prepared
-        .infos
-        .iter()
-        .enumerate()
-        .filter(|(id, _)| chunks.binary_search(&(*id as u32)).is_err());
-    missing.map(|(_, info)| f64::from(info.error)).fold(0.0, f64::max) / model.diagonal()
-}
-
 pub(super) fn distance(
     model: &Model,
-    chunks: &[u32],
+    set: &[Member],
     options: &Options,
 ) -> anyhow::Result<(usize, Comparison)> {
-    let coarse = model.surface(chunks)?;
+    let coarse = model.surface(set)?;
     let samples = NonZeroUsize::new(options.samples).unwrap_or(NonZeroUsize::MIN);
     let settings = measure::Settings { samples, seed: options.seed, ..Default::default() };
     Ok((coarse.triangles.len(), measure::compare(&model.input, &coarse, &settings)?))

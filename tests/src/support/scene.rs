@@ -105,8 +105,8 @@ impl TestScene {
             textures: description.textures.clone(),
         }));
         let all = lowest_error(&asset.base, &asset.infos, 0, Budget::Everything);
-        assert_eq!((all.chunks.len(), all.error), (asset.infos.len(), 0.0));
-        let mesh = asset.refined(&all.chunks).unwrap();
+        assert_eq!((all.members.len(), all.error), (asset.infos.len(), 0.0));
+        let mesh = asset.refined(&all.members).unwrap();
         let vertex = |slot| Vertex { data: mesh.render_vertex(slot), birth_s: 0.0, level: 0 };
         let run = |material| IndexRun { material, first: 0, faces: mesh.indices(material).to_vec() };
         changes.push(Change::Mesh(MeshChange {

@@ -57,6 +57,11 @@ pub(crate) fn regions(faces: usize) -> Settings {
     Settings { region_faces: faces, min_splits: (faces / 50).max(1), ..Settings::default() }
 }
 
+/// Regions of so many faces, and stops even in small chunks.
+pub(crate) fn stopping(faces: usize) -> Settings {
+    Settings { min_part_splits: 4, ..regions(faces) }
+}
+
 pub(crate) fn prepared(mesh: &QuantisedMesh, settings: &Settings) -> Prepared {
     prepare(mesh, settings, &Serial, &Silent).unwrap()
 }
