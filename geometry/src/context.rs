@@ -125,7 +125,7 @@ impl Contexts {
         bytes
     }
 
-    #[inline]
+    #[inline(always)]
     pub(crate) fn mixed<const N: usize>(&self, contexts: [usize; N], mixer: usize) -> Mixed<N> {
         let weights = &self.weights[mixer];
         let mut dot = 0_i64;
@@ -138,7 +138,7 @@ impl Contexts {
         Mixed { p: SQUASH[(x + 2048) as usize], stretched }
     }
 
-    #[inline]
+    #[inline(always)]
     pub(crate) fn learn<const N: usize>(
         &mut self,
         contexts: [usize; N],

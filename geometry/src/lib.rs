@@ -24,6 +24,7 @@ mod range_coder;
 pub mod refine;
 pub mod screen;
 mod simplify;
+mod slot_map;
 mod stars;
 pub mod steps;
 mod symbols;

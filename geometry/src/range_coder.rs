@@ -218,7 +218,7 @@ impl Coder for Decoder<'_> {
         value
     }
 
-    #[inline]
+    #[inline(always)]
     fn mix<const N: usize>(&mut self, contexts: [usize; N], mixer: usize, _value: bool) -> bool {
         let mixed = self.contexts.mixed(contexts, mixer);
         let value = self.get(mixed.p);

@@ -1,5 +1,5 @@
-//! Times the stages of a preparation against meshoptimizer's `simplify`, in one run on one thread, and
-//! counts the memory that it takes.
+//! Times the stages of a preparation, and decoding and applying what it made, against meshoptimizer's
+//! `simplify`, in one run on one thread, and counts the memory that preparation takes.
 //!
 //! `cargo bench -p lodestream-sim --bench prepare -- [MODEL.obj…]` takes the models named, else those of
 //! the folder `LODESTREAM_MODELS`, else a generated mesh. Import and quantisation are not timed. Times are
@@ -16,8 +16,9 @@ use anyhow::Context as _;
 use lodestream_geometry::Settings;
 use lodestream_geometry::mesh::{Corner, NONE, QuantisedMesh, SourceMesh};
 use lodestream_geometry::pool::{Monitor, Progress, Serial, Stage};
-use lodestream_geometry::prepare::prepare;
+use lodestream_geometry::prepare::{Prepared, prepare};
 use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
+use lodestream_geometry::refine::ActiveMesh;
 
 /// Times each command of the table is run.
 const RUNS: usize = 3;
@@ -26,7 +27,8 @@ const TARGET: usize = 100;
 
 fn main() -> anyhow::Result<()> {
     println!(
-        "{:<16} {:>8} | k faces/s: {:>8} {:>8} {:>8} {:>8} {:>11} | {:>9} | heap, B/face: {:>8} {:>8} {:>8}",
+        "{:<16} {:>8} | k faces/s: {:>8} {:>8} {:>8} {:>8} {:>11} | {:>9} | heap, B/face: {:>8} {:>8} {:>8} | \
+         k splits/s: {:>8} {:>8} {:>8} {:>12}",
         "model",
         "faces",
         "simplify",
@@ -37,7 +39,11 @@ fn main() -> anyhow::Result<()> {
         "simplify",
         "simplify",
         "measure",
-        "encode"
+        "encode",
+        "decode",
+        "apply",
+        "both",
+        "both / peer"
     );
     for (name, mesh) in meshes()? {
         row(&name, &mesh)?;
@@ -48,14 +54,20 @@ fn main() -> anyhow::Result<()> {
 fn row(name: &str, mesh: &QuantisedMesh) -> anyhow::Result<()> {
     let mut best = [f64::INFINITY; 5];
     let mut heap = [0.0; 3];
+    let mut refining = [f64::INFINITY; 2];
+    let mut splits = 0.0;
     for _ in 0..RUNS {
         let before = USED.load(Ordering::Relaxed);
         let watch = StopWatch::new();
         let start = Instant::now();
         let prepared = prepare(mesh, &Settings::default(), &Serial, &watch)?;
         let all = start.elapsed().as_secs_f64();
-        drop(prepared);
         let ([simplify, measure, encode], peaks) = watch.finish();
+        splits = prepared.infos.iter().map(|i| f64::from(i.vertices)).sum();
+        for (best, time) in refining.iter_mut().zip(refine(&prepared)?) {
+            *best = best.min(time);
+        }
+        drop(prepared);
         heap = peaks.map(|peak| (peak - before) as f64 / mesh.faces.len() as f64);
         let peer = meshoptimizer(mesh)?;
         for (best, time) in best.iter_mut().zip([simplify, measure, encode, all, peer]) {
@@ -65,7 +77,8 @@ fn row(name: &str, mesh: &QuantisedMesh) -> anyhow::Result<()> {
     let faces = mesh.faces.len() as f64;
     let rate = best.map(|seconds| faces / seconds / 1000.0);
     println!(
-        "{name:<16} {faces:>8} |            {:>8.0} {:>8.0} {:>8.0} {:>8.0} {:>11.0} | 1/{:<7.1} |               {:>8.0} {:>8.0} {:>8.0}",
+        "{name:<16} {faces:>8} |            {:>8.0} {:>8.0} {:>8.0} {:>8.0} {:>11.0} | 1/{:<7.1} |               {:>8.0} {:>8.0} {:>8.0} | \
+                     {:>8.0} {:>8.0} {:>8.0} {:>12.2}",
         rate[0],
         rate[1],
         rate[2],
@@ -74,9 +87,28 @@ fn row(name: &str, mesh: &QuantisedMesh) -> anyhow::Result<()> {
         best[0] / best[4],
         heap[0],
         heap[1],
-        heap[2]
+        heap[2],
+        splits / refining[0] / 1000.0,
+        splits / refining[1] / 1000.0,
+        splits / (refining[0] + refining[1]) / 1000.0,
+        (refining[0] + refining[1]) / best[4]
     );
     Ok(())
+}
+
+/// Seconds that decoding and applying all chunks take.
+fn refine(prepared: &Prepared) -> anyhow::Result<[f64; 2]> {
+    let mut mesh = ActiveMesh::new(&prepared.base);
+    let mut seconds = [0.0; 2];
+    for (id, (info, payload)) in prepared.infos.iter().zip(&prepared.chunks).enumerate() {
+        let start = Instant::now();
+        let delta = mesh.decode(id as u32, info, payload)?;
+        let decoded = Instant::now();
+        mesh.apply(&delta)?;
+        seconds[0] += decoded.duration_since(start).as_secs_f64();
+        seconds[1] += decoded.elapsed().as_secs_f64();
+    }
+    Ok(seconds)
 }
 
 /// Adds up the time between reports, and notes the most memory, by stage.

@@ -64,6 +64,7 @@ impl Fan {
     }
 
     /// The run that starts with a face.
+    #[inline]
     fn run(&mut self, star: &[Spoke], faces: &mut impl Faces, first: usize) {
         let start = self.spokes.len();
         let mut at = Some(first);
@@ -124,8 +125,15 @@ impl Faces for Look<'_> {
     }
 
     fn starting_at(&mut self, a: u32) -> Option<usize> {
-        let left = self.left;
-        self.star.iter().enumerate().position(|(i, s)| s.a == a && left >> i & 1 == 1)
+        let mut left = self.left;
+        while left != 0 {
+            let i = left.trailing_zeros() as usize;
+            if self.star[i].a == a {
+                return Some(i);
+            }
+            left &= left - 1;
+        }
+        None
     }
 
     fn is_end(&self, vertex: u32) -> bool {

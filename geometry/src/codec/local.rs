@@ -7,10 +7,10 @@
 //! Positions are integers below 2^24 kept as `f64`, so sums and differences of them are exact.
 
 use crate::codec::fan::Spoke;
-use crate::codec::slot_map::SlotMap;
 use crate::error::DecodeError;
 use crate::mesh::Attributes;
 use crate::refine::{ActiveMesh, ChunkDelta, Id, NewFace, NewVertex, NewWedge, Repoint};
+use crate::slot_map::SlotMap;
 use crate::stars::END;
 use crate::steps;
 use crate::vec3::{Vec3, add, cross, length, sub, triangle_normal};
@@ -74,19 +74,20 @@ pub(crate) struct Local<'a> {
 }
 
 impl<'a> Local<'a> {
-    pub(crate) fn new(mesh: &'a ActiveMesh, chunk: u32) -> Self {
+    /// For a chunk of about so many splits.
+    pub(crate) fn new(mesh: &'a ActiveMesh, chunk: u32, splits: usize) -> Self {
         Self {
             mesh,
             own: chunk + 1,
-            vertices: Vec::new(),
-            wedges: Vec::new(),
-            faces: Vec::new(),
-            wedge_ends: Vec::new(),
-            vertex_ids: Vec::new(),
-            gathered: Vec::new(),
+            vertices: Vec::with_capacity(2 * splits),
+            wedges: Vec::with_capacity(2 * splits),
+            faces: Vec::with_capacity(4 * splits),
+            wedge_ends: Vec::with_capacity(2 * splits),
+            vertex_ids: Vec::with_capacity(2 * splits),
+            gathered: Vec::with_capacity(2 * splits),
             vertex_at: SlotMap::default(),
             wedge_at: SlotMap::default(),
-            new_vertices: Vec::new(),
+            new_vertices: Vec::with_capacity(splits),
             new_wedges: 0,
         }
     }

@@ -10,7 +10,6 @@ pub(crate) mod model;
 pub(crate) mod plan;
 pub(crate) mod position;
 mod residual;
-mod slot_map;
 mod split;
 mod wedges;
 

@@ -11,6 +11,7 @@ use crate::refine::delta::{ChunkDelta, Id};
 use crate::refine::places::{Place, Places};
 use crate::refine::render::Touched;
 use crate::refine::slots::Slots;
+use crate::slot_map::SlotMap;
 use crate::stars::Stars;
 
 /// A chunk that cannot be applied or undone now. Nothing was changed.
@@ -443,18 +444,28 @@ impl ActiveMesh {
                 touched.vertex(self.wedges[wedge as usize].vertex);
             }
         }
-        touched.vertices.sort_unstable();
-        touched.vertices.dedup();
-        for &vertex in &touched.vertices {
-            for corner in self.stars.corners(vertex) {
-                touched.wedges.push(self.faces[(corner / 3) as usize][(corner % 3) as usize]);
+        // A face names vertices that its neighbours name too: look each up only once.
+        let mut seen = SlotMap::default();
+        for vertex in std::mem::take(&mut touched.vertices) {
+            if seen.insert(vertex, 0) {
+                self.touch_star(vertex, &mut touched.wedges);
             }
         }
         touched.wedges.sort_unstable();
         touched.wedges.dedup();
         touched.draws.sort_unstable();
         touched.draws.dedup();
-        touched.vertices = Vec::new();
+    }
+
+    /// The wedges around a vertex. Runs of one wedge, which most stars are, come once.
+    fn touch_star(&self, vertex: u32, wedges: &mut Vec<u32>) {
+        let first = wedges.len();
+        for corner in self.stars.corners(vertex) {
+            let wedge = self.faces[(corner / 3) as usize][(corner % 3) as usize];
+            if wedges[first..].last() != Some(&wedge) {
+                wedges.push(wedge);
+            }
+        }
     }
 
     pub(crate) fn place(&self, origin: u32) -> Option<&Place> {

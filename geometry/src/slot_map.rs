@@ -29,14 +29,18 @@ impl SlotMap {
         (key == slot).then_some(number)
     }
 
-    /// Notes the number of a slot that is not in the map.
-    pub(crate) fn insert(&mut self, slot: u32, number: u32) {
+    /// Notes the number of a slot that is not in the map; answers false, and does nothing, if it is.
+    pub(crate) fn insert(&mut self, slot: u32, number: u32) -> bool {
         if 2 * (self.taken + 1) > self.places.len() {
             self.grow();
         }
         let at = self.find(slot);
-        self.places[at] = (slot, number);
-        self.taken += 1;
+        let new = self.places[at].0 == EMPTY;
+        if new {
+            self.places[at] = (slot, number);
+            self.taken += 1;
+        }
+        new
     }
 
     /// The place where a slot is, or where it would go.
@@ -74,7 +78,7 @@ mod tests {
         let slots: Vec<u32> = (0..500).chain((1000..90_000).step_by(89)).collect();
         for (number, &slot) in slots.iter().enumerate() {
             assert_eq!(map.get(slot), None);
-            map.insert(slot, number as u32);
+            assert!(map.insert(slot, number as u32) && !map.insert(slot, 0));
         }
         for (number, &slot) in slots.iter().enumerate() {
             assert_eq!(map.get(slot), Some(number as u32));
