@@ -81,7 +81,7 @@ impl ActiveMesh {
     /// Decodes a chunk's payload against this mesh, to which all its parents are applied. The result
     /// does not depend on what else is applied.
     ///
-    /// Cost: about 2 µs a split (BENCHMARKS.md); work and memory are bounded whatever the bytes say.
+    /// Cost: 2 to 4 µs a split (BENCHMARKS.md); work and memory are bounded whatever the bytes say.
     ///
     /// # Errors
     /// If a parent is missing or the payload is not what `info` announces.
