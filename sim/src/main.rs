@@ -9,7 +9,9 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 use clap::{Parser, Subcommand};
+use lodestream_geometry::{Codec, Metric};
 use lodestream_protocol::source::SceneSource;
+use lodestream_server::prepare::recipe::{self, Round};
 use lodestream_sim::{assess, measure, scenario, train};
 
 /// Compares meshes and streams scenes over simulated links.
@@ -35,6 +37,15 @@ enum Command {
         /// Share of the removable vertices that one level removes.
         #[arg(long, default_value_t = lodestream_geometry::Settings::default().level_share)]
         level_share: f64,
+        /// What a collapse is held to cost: qem or melax.
+        #[arg(long, default_value = "qem", value_parser = recipe::parse_metric)]
+        metric: Metric,
+        /// Order of collapses: heap, or rounds of this share of the vertices.
+        #[arg(long, default_value = "heap", value_parser = recipe::parse_round)]
+        round_size: Round,
+        /// How the geometry is coded: range or zstd.
+        #[arg(long, default_value = "range", value_parser = recipe::parse_codec)]
+        codec: Codec,
         /// Leaves out texture coordinates, normals and colours.
         #[arg(long)]
         positions_only: bool,
@@ -107,6 +118,9 @@ fn main() -> ExitCode {
             position_bits,
             region_faces,
             level_share,
+            metric,
+            round_size,
+            codec,
             positions_only,
             random_sets,
             samples,
@@ -118,6 +132,9 @@ fn main() -> ExitCode {
                 position_bits,
                 region_faces,
                 level_share,
+                metric,
+                round: round_size,
+                codec,
                 positions_only,
                 random_sets,
                 samples,

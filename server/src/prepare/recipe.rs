@@ -35,6 +35,17 @@ pub enum Round {
     Share(f64),
 }
 
+impl Round {
+    /// The setting of simplification: `None` for the heap.
+    #[must_use]
+    pub fn share(self) -> Option<f64> {
+        match self {
+            Self::Heap => None,
+            Self::Share(share) => Some(share),
+        }
+    }
+}
+
 impl Recipe {
     /// These choices, with those of `other` where there are none.
     #[must_use]
@@ -71,11 +82,7 @@ impl Recipe {
         let default = Settings::default();
         Settings {
             metric: self.metric.unwrap_or(default.metric),
-            round_share: match self.round {
-                Some(Round::Heap) => None,
-                Some(Round::Share(share)) => Some(share),
-                None => default.round_share,
-            },
+            round_share: self.round.map_or(default.round_share, Round::share),
             codec: self.codec.unwrap_or(default.codec),
             ..default
         }

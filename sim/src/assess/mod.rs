@@ -14,14 +14,15 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::Context as _;
-use lodestream_geometry::Settings;
-use lodestream_geometry::base::Base;
+use lodestream_compress::{decode_base, decode_chunk, encode_base, prepare};
 use lodestream_geometry::closed_set::Member;
 use lodestream_geometry::mesh::{Corner, NONE, QuantisedMesh};
 use lodestream_geometry::pool::{Serial, Silent};
-use lodestream_geometry::prepare::{Prepared, prepare};
+use lodestream_geometry::prepare::Prepared;
 use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
 use lodestream_geometry::refine::{ActiveMesh, ChunkDelta};
+use lodestream_geometry::{Codec, Metric, Settings};
+use lodestream_server::prepare::recipe::Round;
 use serde::Serialize;
 
 use crate::measure::Surface;
@@ -39,6 +40,12 @@ pub struct Options {
     pub region_faces: usize,
     /// Share of the removable vertices that one level removes.
     pub level_share: f64,
+    /// What a collapse is held to cost.
+    pub metric: Metric,
+    /// Order of collapses.
+    pub round: Round,
+    /// How base mesh and chunks are coded; bytes are those stored and sent.
+    pub codec: Codec,
     /// Leaves out texture coordinates, normals and colours.
     pub positions_only: bool,
     /// Random closed sets whose stated error is compared with the measured distance.
@@ -156,17 +163,20 @@ pub fn assess(path: &Path, options: &Options) -> anyhow::Result<Assessment> {
     let settings = Settings {
         region_faces: options.region_faces,
         level_share: options.level_share,
+        metric: options.metric,
+        round_share: options.round.share(),
+        codec: options.codec,
         ..Settings::default()
     };
     let (prepared, prepare_s) = timed(|| prepare(&mesh, &settings, &Serial, &Silent));
     let prepared = prepared?;
 
-    let base_bytes = prepared.base.encode()?;
-    let mut active = ActiveMesh::new(&Base::decode(&base_bytes)?);
+    let base_bytes = encode_base(&prepared.base)?;
+    let mut active = ActiveMesh::new(&decode_base(&base_bytes)?);
     let mut deltas = Vec::with_capacity(prepared.chunks.len());
     let mut decode_s = 0.0;
     for (id, info) in prepared.infos.iter().enumerate() {
-        let (delta, seconds) = timed(|| active.decode(id as u32, info, &prepared.chunks[id]));
+        let (delta, seconds) = timed(|| decode_chunk(&active, id as u32, info, &prepared.chunks[id]));
         decode_s += seconds;
         let delta = delta?;
         active.apply(&delta)?;
