@@ -1,6 +1,7 @@
 //! Import, preparation, pack store and the streaming daemon.
 
 pub mod cli;
+pub mod compare;
 pub mod daemon;
 pub mod demo_scene;
 pub mod export_obj;

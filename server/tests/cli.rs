@@ -7,6 +7,9 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use lodestream_geometry::base::Base;
+use lodestream_geometry::pack::{BlobKind, HEAD_BYTES, Head, write};
+use lodestream_protocol::asset::AssetDescription;
 use tempfile::TempDir;
 
 fn run(arguments: &[&str]) -> Output {
@@ -115,6 +118,133 @@ fn check_finds_nothing_wrong_with_a_good_pack() {
     let output = run(&["check", text(&pack), "--random-sets", "30", "--seed", "7"]);
     assert_eq!(stdout(&output), "sets 30 cracks 0 order-dependent 0 undo-errors 0\n");
     assert!(output.status.success());
+}
+
+/// A wavy sheet with everything that a model can have: seams, creases, colours, normals that lean, two
+/// materials, a texture.
+fn decorated(dir: &TempDir) -> PathBuf {
+    let n = 48;
+    let mut obj = String::from("mtllib sheet.mtl\n");
+    for y in 0..=n {
+        for x in 0..=n {
+            let (u, v) = (f64::from(x) / f64::from(n), f64::from(y) / f64::from(n));
+            let height = 0.2 * (9.0 * u).sin() * (7.0 * v).cos();
+            writeln!(obj, "v {u} {height} {v} {u:.3} {v:.3} 0.5\nvt {u} {v}\nvt {} {v}", u + 2.0).unwrap();
+            writeln!(obj, "vn 0 1 0\nvn {} 1 0.3", u - 0.5).unwrap();
+        }
+    }
+    for y in 0..n {
+        writeln!(obj, "usemtl {}", if y < n / 3 { "wave" } else { "foam" }).unwrap();
+        for x in 0..n {
+            let chart = i32::from(x >= n / 2);
+            let corner = |dx: i32, dy: i32| {
+                let v = (y + dy) * (n + 1) + x + dx + 1;
+                format!("{v}/{}/{}", 2 * v - 1 + chart, 2 * v - 1 + i32::from(y >= n / 2))
+            };
+            let [a, b, c, d] = [corner(0, 0), corner(1, 0), corner(0, 1), corner(1, 1)];
+            writeln!(obj, "f {a} {c} {d}\nf {a} {d} {b}").unwrap();
+        }
+    }
+    let path = dir.path().join("sheet.obj");
+    std::fs::write(&path, obj).unwrap();
+    std::fs::write(
+        dir.path().join("sheet.mtl"),
+        "newmtl wave\nKd 0.2 0.4 1\nmap_Kd wave.png\nnewmtl foam\nKd 1 1 1\n",
+    )
+    .unwrap();
+    image::RgbImage::from_fn(32, 32, |x, y| image::Rgb([x as u8 * 8, y as u8 * 8, 0]))
+        .save(dir.path().join("wave.png"))
+        .unwrap();
+    path
+}
+
+/// The pack with its blobs changed, and hashes that fit.
+fn forged(pack: &Path, change: &dyn Fn(BlobKind, &mut Vec<u8>)) -> Vec<u8> {
+    let file = std::fs::read(pack).unwrap();
+    let head = Head::parse(&file[..HEAD_BYTES]).unwrap();
+    let end = HEAD_BYTES + head.table_bytes();
+    let entries = head.parse_table(&file[HEAD_BYTES..end], file.len() as u64).unwrap();
+    let mut blobs: Vec<(BlobKind, Vec<u8>)> =
+        entries.iter().map(|e| (e.kind, file[e.offset as usize..][..e.length as usize].to_vec())).collect();
+    blobs.iter_mut().for_each(|(kind, bytes)| change(*kind, bytes));
+    let blobs: Vec<_> = blobs.iter().map(|(kind, bytes)| (*kind, &bytes[..])).collect();
+    write(head.fingerprint, &blobs).unwrap()
+}
+
+fn change_base(bytes: &mut Vec<u8>, change: impl Fn(&mut Base)) {
+    let mut base = lodestream_compress::decode_base(bytes).unwrap();
+    change(&mut base);
+    *bytes = lodestream_compress::encode_base(&base).unwrap();
+}
+
+#[test]
+fn check_compares_every_kind_of_pack_with_its_model() {
+    let dir = TempDir::new().unwrap();
+    let (obj, pack) = (decorated(&dir), dir.path().join("sheet.lsp"));
+    for options in [
+        &[][..],
+        &["--codec", "zstd", "--position-bits", "11", "--uv-bits", "9"],
+        &["--metric", "melax", "--tolerance", "0.001", "--normal-tolerance", "0"],
+        &["--round-size", "0.1", "--codec", "zstd", "--normal-tolerance", "180", "--relief-depth", "0.1"],
+    ] {
+        let output = run(&[&["prepare", text(&obj), "-o", text(&pack), "-q"], options].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let fields = inspected(&pack);
+        assert!(fields["colors"].as_bool().unwrap() && fields["chunks"].as_u64() > Some(1), "{fields}");
+        let output = run(&["check", text(&pack), "--random-sets", "8", "--source", text(&obj)]);
+        let expected = "sets 8 cracks 0 order-dependent 0 undo-errors 0\n\
+            source faces 4608 missing 0 foreign 0 strange-wedges 0 differing-materials 0\n";
+        assert_eq!(stdout(&output), expected, "{options:?} {}", String::from_utf8_lossy(&output.stderr));
+        assert!(output.status.success());
+    }
+}
+
+#[test]
+fn check_finds_what_hashes_cannot() {
+    let dir = TempDir::new().unwrap();
+    let (obj, pack, bad) = (decorated(&dir), dir.path().join("sheet.lsp"), dir.path().join("bad.lsp"));
+    type Change = fn(BlobKind, &mut Vec<u8>);
+    let colour: Change = |kind, bytes| {
+        if kind == BlobKind::Base {
+            change_base(bytes, |base| base.wedges[0].attributes.color[2] ^= 64);
+        }
+    };
+    let uv: Change = |kind, bytes| {
+        if kind == BlobKind::Base {
+            change_base(bytes, |base| base.wedges[0].attributes.uv[0] ^= 1);
+        }
+    };
+    let material: Change = |kind, bytes| {
+        if kind == BlobKind::Base {
+            change_base(bytes, |base| {
+                let mut description = AssetDescription::decode(&base.description).unwrap();
+                description.materials[0].base_color[0] *= 0.5;
+                base.description = description.encode().unwrap();
+            });
+        }
+    };
+    let texture: Change = |kind, bytes| {
+        if matches!(kind, BlobKind::Texture { level: 0, .. }) {
+            *bytes.last_mut().unwrap() ^= 1;
+        }
+    };
+    for codec in ["range", "zstd"] {
+        assert!(run(&["prepare", text(&obj), "-o", text(&pack), "-q", "--codec", codec]).status.success());
+        for (what, change) in
+            [("strange-wedges", colour), ("missing", uv), ("materials", material), ("materials", texture)]
+        {
+            std::fs::write(&bad, forged(&pack, &change)).unwrap();
+            let alone = run(&["check", text(&bad), "--random-sets", "3"]);
+            assert!(alone.status.success(), "{what}: only the model can tell");
+            let output = run(&["check", text(&bad), "--random-sets", "3", "--source", text(&obj)]);
+            let line = stdout(&output);
+            assert_eq!(output.status.code(), Some(1), "{what}: {line}");
+            assert!(!line.contains(&format!("{what} 0")), "{what}: {line}");
+        }
+    }
+    let ball = dir.path().join("ball.obj");
+    std::fs::write(&ball, sphere_obj(8, 8)).unwrap();
+    refused(&["check", text(&pack), "--source", text(&ball)], &["another grid"]);
 }
 
 #[test]

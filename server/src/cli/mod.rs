@@ -127,6 +127,7 @@ mod tests {
             "export a.lsp --error 0.1 -o b.obj",
             "export a.lsp --bytes 40kB -o b.obj",
             "check a.lsp --random-sets 200 --seed 1",
+            "check a.lsp --source a.glb --mesh hose",
             "demo-scene -o dir --seed 7",
         ] {
             let words = std::iter::once("lodestream-server").chain(line.split(' '));
@@ -148,6 +149,7 @@ mod tests {
             "prepare a.obj -o a.lsp --threads 0",
             "export a.lsp --faces 1 --error 1 -o b.obj",
             "serve a.obj --rate fast",
+            "check a.lsp --mesh hose",
         ] {
             let words = std::iter::once("lodestream-server").chain(line.split(' '));
             assert!(Cli::try_parse_from(words).is_err(), "{line}");

@@ -1,6 +1,7 @@
 //! What a command line or a scene file may say about how a model is prepared.
 
 use std::fmt;
+use std::str::FromStr;
 
 use lodestream_geometry::quantise::{self, QuantiseSettings};
 use lodestream_geometry::{Codec, Metric, Settings};
@@ -108,6 +109,36 @@ impl fmt::Display for Recipe {
     }
 }
 
+/// Reads what [`Recipe`]'s display wrote.
+impl FromStr for Recipe {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let mut recipe = Self::default();
+        for item in text.split(", ") {
+            let bad = |why: String| format!("{item:?}: {why}");
+            let (name, value) = item.split_once(' ').ok_or_else(|| bad("no setting".into()))?;
+            let number = || value.trim_end_matches('°').parse::<f64>().map_err(|e| bad(e.to_string()));
+            let whole = || value.parse::<u8>().map_err(|e| bad(e.to_string()));
+            match name {
+                "position-bits" => recipe.precision = Some(Precision::Bits(whole()?)),
+                "tolerance" => recipe.precision = Some(Precision::Tolerance(number()?)),
+                "uv-bits" => recipe.uv_bits = Some(check_uv_bits(whole()?).map_err(bad)?),
+                "normal-tolerance" => {
+                    recipe.normal_tolerance = Some(check_normal_tolerance(number()?).map_err(bad)?);
+                }
+                "metric" => recipe.metric = Some(parse_metric(value).map_err(bad)?),
+                "round-size" => recipe.round = Some(parse_round(value).map_err(bad)?),
+                "codec" => recipe.codec = Some(parse_codec(value).map_err(bad)?),
+                "relief-depth" => recipe.relief_depth = Some(number()? as f32),
+                "region-faces" => {}
+                _ => return Err(bad("no such setting".into())),
+            }
+        }
+        Ok(recipe)
+    }
+}
+
 const METRICS: [(Metric, &str); 2] = [(Metric::Qem, "qem"), (Metric::Melax, "melax")];
 
 fn metric_name(metric: Metric) -> &'static str {
@@ -194,6 +225,26 @@ mod tests {
             "codec range",
         ] {
             assert!(text.contains(part), "{text}");
+        }
+    }
+
+    #[test]
+    fn what_is_told_is_read_again() {
+        let all = Recipe {
+            precision: Some(Precision::Tolerance(0.1 + 0.2)),
+            uv_bits: Some(9),
+            normal_tolerance: Some(2.5),
+            metric: Some(Metric::Melax),
+            round: Some(Round::Share(0.1)),
+            codec: Some(Codec::Plain),
+            relief_depth: Some(0.1),
+        };
+        assert_eq!(all.to_string().parse(), Ok(all));
+        let told: Recipe = Recipe::default().to_string().parse().unwrap();
+        assert_eq!(told.quantise_settings(), Recipe::default().quantise_settings());
+        assert_eq!(told.settings(), Recipe::default().settings());
+        for bad in ["", "uv-bits", "uv-bits 17", "color red", "tolerance wide"] {
+            assert!(bad.parse::<Recipe>().is_err(), "{bad}");
         }
     }
 

@@ -81,6 +81,22 @@ impl PackFile {
         }
     }
 
+    /// Texture levels that differ from those given, by texture, coarse first.
+    ///
+    /// # Errors
+    /// A damaged texture level.
+    pub fn differing_textures(&self, textures: &[Vec<Vec<u8>>]) -> Result<usize, StoreError> {
+        let mut differing = 0;
+        let mut held = 0;
+        for entry in self.entries() {
+            let BlobKind::Texture { texture, level } = entry.kind else { continue };
+            held += 1;
+            let wanted = textures.get(usize::from(texture)).and_then(|t| t.get(usize::from(level)));
+            differing += usize::from(wanted != Some(&self.read_entry(entry)?));
+        }
+        Ok(differing + textures.iter().map(Vec::len).sum::<usize>().saturating_sub(held))
+    }
+
     /// Reads every texture level, which checks its hash, and returns their length.
     ///
     /// # Errors
