@@ -75,7 +75,8 @@ enum Command {
         #[arg(long, default_value_t = 12)]
         position_bits: u8,
     },
-    /// Measures the two-sided distance between the surfaces of two OBJ files.
+    /// Measures the two-sided distance between the surfaces of two model files, and how their attributes
+    /// differ.
     Measure {
         /// The reference; distances are divided by the diagonal of its bounding box.
         a: PathBuf,
@@ -208,10 +209,15 @@ fn run_assess(model: &Path, options: &assess::Options, json: bool) -> anyhow::Re
 fn run_measure(a: &Path, b: &Path, samples: NonZeroU32, seed: u64, json: bool) -> anyhow::Result<()> {
     let samples = NonZeroUsize::try_from(samples)?;
     let settings = measure::Settings { samples, seed, ..Default::default() };
-    let found = measure::compare(&measure::read_obj(a)?, &measure::read_obj(b)?, &settings)
+    let meshes = measure::read_models(a, b)?;
+    let [first, second] = meshes.each_ref().map(measure::Surface::from);
+    let found = measure::compare(&first, &second, &settings)
         .with_context(|| format!("cannot compare {} with {}", a.display(), b.display()))?;
+    let attributes = measure::compare_attributes(&meshes[0], &meshes[1], &settings);
     if json {
-        println!("{}", serde_json::to_string(&found)?);
+        let mut value = serde_json::to_value(found)?;
+        value["attributes"] = serde_json::to_value(attributes)?;
+        println!("{value}");
         return Ok(());
     }
     let line = |name: &str, value: f64| println!("{name} {value:.6e} ({:.3}e-5)", value * 1e5);
@@ -223,5 +229,15 @@ fn run_measure(a: &Path, b: &Path, samples: NonZeroU32, seed: u64, json: bool) -
     line("second to first: max", found.b_to_a.max);
     line("rms", found.rms);
     line("max", found.max);
+    let attribute = |name: &str, found: Option<measure::Differences>| match found {
+        Some(d) => println!("{name} rms {:.6} max {:.6} beyond 0.01 {:.4}", d.rms, d.max, d.beyond),
+        None => println!("{name} -"),
+    };
+    attribute("texture coordinates:", attributes.uv);
+    attribute("normals (chord):", attributes.normal);
+    attribute("colours:", attributes.color);
+    if let Some(share) = attributes.material {
+        println!("other material: {share:.4}");
+    }
     Ok(())
 }

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use lodestream_geometry::mesh::SourceMesh;
 use lodestream_server::import::{self, ImportError};
 
 use super::Surface;
@@ -12,9 +13,30 @@ use super::Surface;
 /// # Errors
 /// See [`ImportError`].
 pub fn read_obj(path: &Path) -> Result<Surface, ImportError> {
-    let mesh = import::import(path)?.mesh;
-    let triangles = mesh.faces.iter().map(|face| face.map(|corner| corner.position)).collect();
-    Ok(Surface { positions: mesh.positions, triangles })
+    Ok(Surface::from(&import::import(path)?.mesh))
+}
+
+/// Two models with attributes. Materials of one name have one number in both.
+///
+/// # Errors
+/// See [`ImportError`].
+pub fn read_models(a: &Path, b: &Path) -> Result<[SourceMesh; 2], ImportError> {
+    let (first, mut second) = (import::import(a)?, import::import(b)?);
+    let number: Vec<u16> = second
+        .materials
+        .iter()
+        .map(|m| first.materials.iter().position(|other| other.name == m.name))
+        .map(|found| found.and_then(|i| u16::try_from(i).ok()).unwrap_or(u16::MAX))
+        .collect();
+    second.mesh.materials.iter_mut().for_each(|m| *m = number[usize::from(*m)]);
+    Ok([first.mesh, second.mesh])
+}
+
+impl From<&SourceMesh> for Surface {
+    fn from(mesh: &SourceMesh) -> Self {
+        let triangles = mesh.faces.iter().map(|face| face.map(|corner| corner.position)).collect();
+        Self { positions: mesh.positions.clone(), triangles }
+    }
 }
 
 #[cfg(test)]
@@ -35,6 +57,24 @@ mod tests {
         let surface = read(text).unwrap();
         assert_eq!(surface.triangles.len(), 3);
         assert!((surface.diagonal() - 3f64.sqrt()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn materials_are_told_by_their_names() {
+        let dir = tempfile::tempdir().unwrap();
+        let model = |name: &str, order: [&str; 2]| {
+            let [one, other] = order;
+            let text = format!(
+                "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nusemtl {one}\nf 1 2 3\nusemtl {other}\nf 1 2 4\n"
+            );
+            let path = dir.path().join(name);
+            std::fs::write(&path, text).unwrap();
+            path
+        };
+        let (a, b) = (model("a.obj", ["brick", "glass"]), model("b.obj", ["glass", "wood"]));
+        let [first, second] = read_models(&a, &b).unwrap();
+        assert_eq!(first.materials, [0, 1]);
+        assert_eq!(second.materials, [1, u16::MAX]);
     }
 
     #[test]

@@ -39,6 +39,16 @@ impl<'a> SurfaceSampler<'a> {
 
     /// Samples `BLOCK × block ..` of `count`, at most `BLOCK` of them, as drawn by `seed`.
     pub(super) fn block(&self, seed: u64, block: usize, count: usize) -> impl Iterator<Item = DVec3> + '_ {
+        self.located(seed, block, count).map(|located| located.point)
+    }
+
+    /// The same samples, with where they lie.
+    pub(super) fn located(
+        &self,
+        seed: u64,
+        block: usize,
+        count: usize,
+    ) -> impl Iterator<Item = Located> + '_ {
         let first = block * BLOCK;
         let last = count.min(first + BLOCK);
         // The odd multiplier (2^64 / golden ratio) keeps the seeds of all blocks apart.
@@ -52,9 +62,18 @@ impl<'a> SurfaceSampler<'a> {
             // Turk, "Generating random points in triangles" (Graphics Gems, 1990).
             let s = random.random::<f64>().sqrt();
             let t = random.random::<f64>();
-            a * (1.0 - s) + b * (s * (1.0 - t)) + c * (s * t)
+            let weights = [1.0 - s, s * (1.0 - t), s * t];
+            Located { point: a * weights[0] + b * weights[1] + c * weights[2], triangle, weights }
         })
     }
+}
+
+/// A point, its triangle, and the weights of the triangle's corners.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Located {
+    pub(super) point: DVec3,
+    pub(super) triangle: usize,
+    pub(super) weights: [f64; 3],
 }
 
 /// The corners of a triangle.
