@@ -14,7 +14,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::Context as _;
-use lodestream_compress::{decode_base, decode_chunk, encode_base, prepare};
+use lodestream_compress::{decode_base, decode_chunk, decode_prefix, encode_base, prepare};
 use lodestream_geometry::closed_set::Member;
 use lodestream_geometry::mesh::{Corner, NONE, QuantisedMesh};
 use lodestream_geometry::pool::{Serial, Silent};
@@ -123,7 +123,7 @@ impl Model {
                 active.apply(&self.deltas[id])?;
             } else {
                 let (info, payload) = (&self.prepared.infos[id], &self.prepared.chunks[id]);
-                active.apply(&active.decode_prefix(chunk, info, stop, payload)?)?;
+                active.apply(&decode_prefix(&active, chunk, info, stop, payload)?)?;
             }
         }
         Ok(surface(&active.to_mesh()))
