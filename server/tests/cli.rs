@@ -263,18 +263,17 @@ fn packs_of_both_codecs_hold_the_same_meshes() {
     let output = run(&["check", text(&packed), "--random-sets", "10"]);
     assert!(output.status.success(), "{}", stdout(&output));
     // Lines of an OBJ file without their order: vertices are numbered as they come.
-    let exported = |pack: &Path, budget: &[&str]| {
+    let exported = |pack: &Path| {
         let out = dir.path().join("out.obj");
-        let output = run(&[&["export", text(pack), "-o", text(&out)], budget].concat());
+        let output = run(&["export", text(pack), "-o", text(&out)]);
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         let text = std::fs::read_to_string(&out).unwrap();
         let mut lines: Vec<String> = text.lines().filter(|l| l.starts_with('v')).map(Into::into).collect();
         lines.sort();
         lines
     };
-    for budget in [&[][..], &["--error", "0.05"]] {
-        assert!(exported(&ranged, budget) == exported(&packed, budget), "{budget:?}");
-    }
+    // Within a budget only the range coder's can stop inside chunks.
+    assert!(exported(&ranged) == exported(&packed));
 }
 
 #[test]
