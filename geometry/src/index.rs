@@ -106,7 +106,7 @@ pub const MAX_STOPS: usize = 63;
 pub fn encode_page(infos: &[ChunkInfo], first: u32) -> Result<Vec<u8>, DecodeError> {
     let mut encoder = Encoder::new(contexts());
     code_page(&mut encoder, first, Some(infos))?;
-    Ok(encoder.finish())
+    Ok(encoder.finish(0))
 }
 
 /// Decodes one index page, as sent on the wire.
@@ -119,7 +119,7 @@ pub fn encode_page(infos: &[ChunkInfo], first: u32) -> Result<Vec<u8>, DecodeErr
 pub fn decode_page(bytes: &[u8], first: u32) -> Result<Vec<ChunkInfo>, DecodeError> {
     let mut decoder = Decoder::new(contexts(), bytes);
     let page = code_page(&mut decoder, first, None)?;
-    decoder.end()?;
+    decoder.end(0)?;
     Ok(page)
 }
 

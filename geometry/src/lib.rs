@@ -4,6 +4,7 @@
 //! a [`pool::Pool`], and links no C.
 
 pub mod base;
+mod ceiling;
 pub mod check;
 pub mod closed_set;
 mod codec;

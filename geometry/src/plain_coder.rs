@@ -10,7 +10,7 @@
 
 use crate::codec::model::{BIT_STREAMS, BYTE_STREAMS, bit_stream, byte_stream};
 use crate::error::DecodeError;
-use crate::range_coder::Coder;
+use crate::range_coder::{Coder, nothing_left};
 use crate::steps;
 use crate::symbols::{Reader, put_varint};
 
@@ -45,15 +45,18 @@ impl Writer {
 }
 
 impl PlainEncoder {
-    /// Ends the payload and returns its bytes.
+    /// Ends the payload and returns its bytes, padded with zeros if they are fewer than `fewest`.
     #[must_use]
-    pub(crate) fn finish(self) -> Vec<u8> {
+    pub(crate) fn finish(self, fewest: usize) -> Vec<u8> {
         let mut out = Vec::new();
         for stream in &self.streams[..RAW] {
             put_varint(&mut out, stream.bytes.len() as u64);
         }
         for stream in self.streams {
             out.extend(stream.bytes);
+        }
+        if out.len() < fewest {
+            out.resize(fewest, 0);
         }
         out
     }
@@ -95,6 +98,7 @@ pub(crate) struct PlainDecoder<'a> {
     /// Bits of each stream's first byte that were read.
     used: [u32; STREAMS],
     failed: bool,
+    bytes: usize,
 }
 
 impl<'a> PlainDecoder<'a> {
@@ -113,19 +117,18 @@ impl<'a> PlainDecoder<'a> {
             *stream = reader.take(length)?;
         }
         streams[RAW] = reader.take(reader.remaining())?;
-        Ok(Self { streams, used: [0; STREAMS], failed: false })
+        Ok(Self { streams, used: [0; STREAMS], failed: false, bytes: bytes.len() })
     }
 
     /// Ends decoding.
     ///
     /// # Errors
-    /// If a stream was too short, or has bytes that nothing needed.
-    pub(crate) fn end(&self) -> Result<(), DecodeError> {
+    /// If a stream was too short, or has bytes that nothing needed, other than padding to `fewest`.
+    pub(crate) fn end(&self, fewest: usize) -> Result<(), DecodeError> {
         self.check()?;
-        let more: usize =
-            self.streams.iter().zip(self.used).map(|(s, used)| s.len() - usize::from(used > 0)).sum();
-        if more > 0 {
-            return Err(DecodeError::new("coded data", format!("{more} bytes too many")));
+        for (i, (stream, used)) in self.streams.iter().zip(self.used).enumerate() {
+            let rest = &stream[usize::from(used > 0)..];
+            nothing_left(rest, i == RAW && self.bytes <= fewest)?;
         }
         Ok(())
     }
@@ -205,7 +208,7 @@ mod tests {
                 encoder.raw(bits, cut(bits, value));
                 encoder.whole(context, bits, cut(bits, value));
             }
-            let bytes = encoder.finish();
+            let bytes = encoder.finish(0);
             let mut decoder = PlainDecoder::new(&bytes).unwrap();
             for &(bit, context, bits, value) in &symbols {
                 prop_assert_eq!(decoder.bit(context, false), bit);
@@ -213,7 +216,7 @@ mod tests {
                 prop_assert_eq!(decoder.raw(bits, 0), cut(bits, value));
                 prop_assert_eq!(decoder.whole(context, bits, 0), Some(cut(bits, value)));
             }
-            prop_assert!(decoder.end().is_ok());
+            prop_assert!(decoder.end(0).is_ok());
         }
 
         #[test]
@@ -222,7 +225,7 @@ mod tests {
             for _ in 0..=bytes.len() {
                 decoder.whole(at, 31, 0);
             }
-            prop_assert!(decoder.check().is_err() && decoder.end().is_err());
+            prop_assert!(decoder.check().is_err() && decoder.end(0).is_err());
         }
     }
 
@@ -230,7 +233,7 @@ mod tests {
     fn numbers_that_are_too_large_are_refused() {
         let mut encoder = PlainEncoder::default();
         encoder.whole(0, 31, 1 << 20);
-        let bytes = encoder.finish();
+        let bytes = encoder.finish(0);
         let mut decoder = PlainDecoder::new(&bytes).unwrap();
         assert_eq!(decoder.whole(0, 20, 0), Some(0));
         assert!(decoder.check().is_err());
@@ -240,10 +243,10 @@ mod tests {
     fn bytes_that_nothing_needs_are_refused() {
         let mut encoder = PlainEncoder::default();
         encoder.bit(0, true);
-        let mut bytes = encoder.finish();
+        let mut bytes = encoder.finish(0);
         bytes.push(0);
         let mut decoder = PlainDecoder::new(&bytes).unwrap();
         assert!(decoder.bit(0, false));
-        assert!(decoder.end().unwrap_err().to_string().contains("1 bytes too many"));
+        assert!(decoder.end(0).unwrap_err().to_string().contains("1 bytes too many"));
     }
 }

@@ -62,9 +62,9 @@ impl Encoder {
         Self { contexts, low: 0, range: u32::MAX, cache: 0, pending: 1, out: Vec::new() }
     }
 
-    /// Ends the stream and returns its bytes.
+    /// Ends the stream and returns its bytes, padded with zeros if they are fewer than `fewest`.
     #[must_use]
-    pub(crate) fn finish(mut self) -> Vec<u8> {
+    pub(crate) fn finish(mut self, fewest: usize) -> Vec<u8> {
         let least = self.out.len().max(1);
         for _ in 0..HELD {
             self.shift_low();
@@ -74,6 +74,9 @@ impl Encoder {
         let end = self.out.iter().rposition(|&b| b != 0).map_or(1, |p| p + 1).max(least);
         self.out.truncate(end);
         self.out.remove(0);
+        if self.out.len() < fewest {
+            self.out.resize(fewest, 0);
+        }
         self.out
     }
 
@@ -169,13 +172,10 @@ impl<'a> Decoder<'a> {
     /// Ends decoding.
     ///
     /// # Errors
-    /// If the stream was too short, or has bytes that nothing needed.
-    pub(crate) fn end(&self) -> Result<(), DecodeError> {
+    /// If the stream was too short, or has bytes that nothing needed, other than padding to `fewest`.
+    pub(crate) fn end(&self, fewest: usize) -> Result<(), DecodeError> {
         self.check()?;
-        match self.bytes.len().checked_sub(self.next) {
-            None | Some(0) => Ok(()),
-            Some(more) => Err(DecodeError::new("coded data", format!("{more} bytes too many"))),
-        }
+        nothing_left(self.bytes.get(self.next..).unwrap_or_default(), self.bytes.len() <= fewest)
     }
 
     #[inline]
@@ -207,6 +207,14 @@ impl<'a> Decoder<'a> {
         }
         value
     }
+}
+
+/// An error if anything is left, other than zeros where those are allowed.
+pub(crate) fn nothing_left(rest: &[u8], zeros: bool) -> Result<(), DecodeError> {
+    if rest.is_empty() || (zeros && rest.iter().all(|&b| b == 0)) {
+        return Ok(());
+    }
+    Err(DecodeError::new("coded data", format!("{} bytes too many", rest.len())))
 }
 
 impl Coder for Decoder<'_> {
@@ -270,7 +278,7 @@ mod tests {
                 encoder.mix([ctx, (ctx + 1) % 4, 0], 0, bit);
                 encoder.raw(bits, if bits == 32 { raw } else { raw & ((1 << bits) - 1) });
             }
-            let bytes = encoder.finish();
+            let bytes = encoder.finish(0);
             let mut decoder = Decoder::new(contexts(), &bytes);
             for &(bit, ctx, bits, raw) in &symbols {
                 prop_assert_eq!(decoder.bit(ctx, false), bit);
@@ -294,7 +302,7 @@ mod tests {
             if at == bits.len() {
                 mark = encoder.bytes();
             }
-            let bytes = encoder.finish();
+            let bytes = encoder.finish(0);
             let mut decoder = Decoder::new(contexts(), &bytes[..mark.min(bytes.len())]);
             for &(bit, ctx) in &bits[..at] {
                 prop_assert_eq!(decoder.bit(ctx, false), bit);
@@ -309,7 +317,7 @@ mod tests {
             encoder.bit(0, i % 100 == 0);
         }
         // Entropy of 1 % is 0.081 bits: 101 bytes; adaptation costs some.
-        let bytes = encoder.finish().len();
+        let bytes = encoder.finish(0).len();
         assert!(bytes < 125, "{bytes} bytes");
     }
 
@@ -320,5 +328,22 @@ mod tests {
             decoder.raw(8, 0);
         }
         assert!(decoder.check().is_err());
+    }
+
+    #[test]
+    fn padding_is_accepted_where_it_is_due_and_nowhere_else() {
+        let mut encoder = Encoder::new(contexts());
+        encoder.raw(32, 0x1234_5678);
+        let bytes = encoder.finish(20);
+        assert_eq!(bytes.len(), 20);
+        let end = |bytes: &[u8], fewest: usize| {
+            let mut decoder = Decoder::new(contexts(), bytes);
+            assert_eq!(decoder.raw(32, 0), 0x1234_5678);
+            decoder.end(fewest)
+        };
+        assert!(end(&bytes, 20).is_ok());
+        assert!(end(&bytes, 19).is_err(), "more padding than is due");
+        let dirty = [&bytes[..19], &[1]].concat();
+        assert!(end(&dirty, 20).is_err(), "padding is zeros");
     }
 }

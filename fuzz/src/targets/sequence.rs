@@ -1,7 +1,5 @@
 //! Sequences of decoding, applying and undoing, in any order and from damaged payloads.
 
-use std::collections::BTreeSet;
-
 use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, Id, RefineError, Snapshot};
 
 use super::asset::drawable;
@@ -73,9 +71,7 @@ impl<'a> Player<'a> {
             _ => {
                 if let Some(mut delta) = self.deltas[chunk].clone() {
                     forge(&mut delta, input);
-                    if !moves_a_corner_twice(&delta) {
-                        self.apply(delta);
-                    }
+                    self.apply(delta);
                 }
             }
         }
@@ -147,12 +143,6 @@ impl<'a> Player<'a> {
     }
 }
 
-/// No decoder makes such a delta, and looking for it would cost every chunk a sort.
-fn moves_a_corner_twice(delta: &ChunkDelta) -> bool {
-    let corners: BTreeSet<_> = delta.repoints.iter().map(|r| (r.face, r.corner)).collect();
-    corners.len() < delta.repoints.len()
-}
-
 /// Changes one reference or number of a delta.
 fn forge(delta: &mut ChunkDelta, input: &mut Input<'_>) {
     let (what, at) = (input.u8(), usize::from(input.u8()));
@@ -161,7 +151,7 @@ fn forge(delta: &mut ChunkDelta, input: &mut Input<'_>) {
         let count = list.len().max(1);
         list.get_mut(at % count)
     }
-    match what % 9 {
+    match what % 10 {
         0 => pick(&mut delta.vertices, at).map_or((), |v| v.parent = Some(id)),
         1 => pick(&mut delta.wedges, at).map_or((), |w| w.vertex = id),
         2 => pick(&mut delta.faces, at).map_or((), |f| f.wedges[at % 3] = id),
@@ -169,7 +159,12 @@ fn forge(delta: &mut ChunkDelta, input: &mut Input<'_>) {
         4 => pick(&mut delta.repoints, at).map_or((), |r| r.from = id),
         5 => pick(&mut delta.repoints, at).map_or((), |r| r.to = id),
         6 => pick(&mut delta.repoints, at).map_or((), |r| r.corner = id.index as u8),
-        7 => pick(&mut delta.faces, at).map_or((), |f| f.material = id.index as u16),
+        7 => {
+            if let Some(repoint) = pick(&mut delta.repoints, at).copied() {
+                delta.repoints.push(repoint);
+            }
+        }
+        8 => pick(&mut delta.faces, at).map_or((), |f| f.material = id.index as u16),
         _ => delta.parents.push(id.index),
     }
 }

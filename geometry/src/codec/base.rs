@@ -4,6 +4,7 @@
 use std::collections::{HashMap, HashSet, VecDeque};
 
 use crate::base::MAX_BASE_FACES;
+use crate::ceiling::{least_bytes, most_elements};
 use crate::codec::Codec;
 use crate::codec::attributes::{Expected, Kinds, code_attributes};
 use crate::codec::model::{
@@ -47,12 +48,12 @@ pub(crate) fn encode(
         Codec::Range => {
             let mut encoder = Encoder::new(contexts());
             let said = encode_with(&mut encoder, mesh, bits, kinds, materials)?;
-            (encoder.finish(), said)
+            (encoder.finish(least_bytes(said.0.elements())), said)
         }
         Codec::Plain => {
             let mut encoder = PlainEncoder::default();
             let said = encode_with(&mut encoder, mesh, bits, kinds, materials)?;
-            (encoder.finish(), said)
+            (encoder.finish(least_bytes(said.0.elements())), said)
         }
     };
     Ok(EncodedBase {
@@ -72,7 +73,7 @@ pub(crate) fn encode_with<'a, C: Coder>(
     kinds: Kinds,
     materials: u16,
 ) -> Result<(Walk, Guide<'a>), DecodeError> {
-    let mut walk = Walk::new(bits, kinds, materials);
+    let mut walk = Walk::new(bits, kinds, materials, u64::MAX);
     let mut guide = Guide::new(mesh);
     walk.run(coder, Some(&mut guide))?;
     Ok((walk, guide))
@@ -86,17 +87,17 @@ pub(crate) fn decode(
     kinds: Kinds,
     materials: u16,
 ) -> Result<BaseMesh, DecodeError> {
-    let mut walk = Walk::new(bits, kinds, materials);
+    let mut walk = Walk::new(bits, kinds, materials, most_elements(bytes.len()));
     match codec {
         Codec::Range => {
             let mut decoder = Decoder::new(contexts(), bytes);
             walk.run(&mut decoder, None)?;
-            decoder.end()?;
+            decoder.end(least_bytes(walk.elements()))?;
         }
         Codec::Plain => {
             let mut decoder = PlainDecoder::new(bytes)?;
             walk.run(&mut decoder, None)?;
-            decoder.end()?;
+            decoder.end(least_bytes(walk.elements()))?;
         }
     }
     Ok(walk.mesh)
@@ -168,6 +169,8 @@ pub(crate) struct Walk {
     bits: u8,
     kinds: Kinds,
     materials: u16,
+    /// What its bytes can justify.
+    most_elements: u64,
     mesh: BaseMesh,
     wedges_of: Vec<Vec<u32>>,
 }
@@ -180,8 +183,13 @@ struct Gate {
 }
 
 impl Walk {
-    fn new(bits: u8, kinds: Kinds, materials: u16) -> Self {
-        Self { bits, kinds, materials, mesh: BaseMesh::default(), wedges_of: Vec::new() }
+    fn new(bits: u8, kinds: Kinds, materials: u16, most_elements: u64) -> Self {
+        Self { bits, kinds, materials, most_elements, mesh: BaseMesh::default(), wedges_of: Vec::new() }
+    }
+
+    /// Vertices, wedges and faces so far.
+    fn elements(&self) -> u64 {
+        (self.mesh.positions.len() + self.mesh.wedges.len() + self.mesh.faces.len()) as u64
     }
 
     fn run<C: Coder>(&mut self, coder: &mut C, mut guide: Option<&mut Guide<'_>>) -> Result<(), DecodeError> {
@@ -224,6 +232,9 @@ impl Walk {
     ) -> Result<(), DecodeError> {
         if self.mesh.faces.len() >= MAX_BASE_FACES {
             return Err(DecodeError::new("base mesh", format!("more than {MAX_BASE_FACES} faces")));
+        }
+        if self.elements() >= self.most_elements {
+            return Err(DecodeError::new("base mesh", "more faces than its bytes can be"));
         }
         let mut vertices = [0; 3];
         let mut wedges = [0; 3];
@@ -368,5 +379,45 @@ impl Walk {
             g.wedges.push(w);
         }
         Ok(wedge)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Says yes wherever that makes the mesh grow.
+    struct Greedy(Encoder);
+
+    impl Coder for Greedy {
+        fn bit(&mut self, context: usize, value: bool) -> bool {
+            let grow = [BASE_MORE, BASE_GATE, BASE_NEW_VERTEX, BASE_NEW_VERTEX + 1].contains(&context);
+            self.0.bit(context, grow || value)
+        }
+        fn mix<const N: usize>(&mut self, contexts: [usize; N], mixer: usize, value: bool) -> bool {
+            self.0.mix(contexts, mixer, value)
+        }
+        fn raw(&mut self, bits: u32, value: u32) -> u32 {
+            self.0.raw(bits, value)
+        }
+        fn check(&self) -> Result<(), DecodeError> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_million_faces_in_a_few_kilobytes_are_refused_before_they_are_there() {
+        let mut greedy = Greedy(Encoder::new(contexts()));
+        let kinds = Kinds::default();
+        let mut walk = Walk::new(12, kinds, 1, u64::MAX);
+        assert!(walk.run(&mut greedy, None).is_err());
+        assert_eq!(walk.mesh.faces.len(), MAX_BASE_FACES);
+        let bytes = greedy.0.finish(0);
+        assert!(bytes.len() < MAX_BASE_FACES / 32, "{} bytes", bytes.len());
+        let mut walk = Walk::new(12, kinds, 1, most_elements(bytes.len()));
+        let mut decoder = Decoder::new(contexts(), &bytes);
+        let why = walk.run(&mut decoder, None).unwrap_err().to_string();
+        assert!(why.contains("more faces than its bytes can be"), "{why}");
+        assert!(walk.elements() <= most_elements(bytes.len()) + 6);
     }
 }

@@ -3,6 +3,7 @@
 //! One function walks through the chunk for both directions ([`crate::range_coder::Coder`]), so what
 //! an encoder says and what a decoder hears cannot drift apart.
 
+use crate::ceiling::{least_bytes, most_elements};
 use crate::codec::Codec;
 use crate::codec::local::Local;
 use crate::codec::model::{
@@ -65,6 +66,10 @@ pub(crate) struct Reached {
 }
 
 impl Reached {
+    fn elements(&self) -> u64 {
+        u64::from(self.vertices) + u64::from(self.wedges) + u64::from(self.faces)
+    }
+
     /// The index's entry of a stopping point with the given error.
     pub(crate) fn stop(&self, error: f32) -> Stop {
         let Self { bytes, vertices, wedges, faces } = *self;
@@ -128,18 +133,24 @@ impl ActiveMesh {
         }
         let whole = info.extent(None);
         let ends: Vec<Reached> = info.stops.iter().chain([&whole]).take(segments).map(Reached::of).collect();
+        // Before anything is reserved, and before any work.
+        let elements = ends.last().map_or(0, Reached::elements);
+        if elements > most_elements(payload.len()) {
+            return fail(format!("{elements} elements announced, more than {} bytes can be", payload.len()));
+        }
+        let fewest = least_bytes(elements);
         // Room for the splits announced, if each takes 16 bits, which is usual.
         let mut local = Local::new(self, chunk, (info.vertices as usize).min(payload.len() / 2));
         let decoded = match self.codec {
             Codec::Range => {
                 let mut decoder = Decoder::new(contexts(), payload);
                 code_chunk(&mut decoder, self, &mut local, chunk, &ends, info.vertices, None)
-                    .and_then(|_| if stop.is_none() { decoder.end() } else { Ok(()) })
+                    .and_then(|_| if stop.is_none() { decoder.end(fewest) } else { Ok(()) })
             }
             Codec::Plain if stop.is_some() => return fail("its codec has no stopping points".into()),
             Codec::Plain => PlainDecoder::new(payload).and_then(|mut decoder| {
                 code_chunk(&mut decoder, self, &mut local, chunk, &ends, info.vertices, None)?;
-                decoder.end()
+                decoder.end(fewest)
             }),
         };
         decoded.map_err(|e| DecodeError::new(format!("chunk {chunk}"), e.why))?;
@@ -154,16 +165,19 @@ pub(crate) fn encode(
     parents: Vec<u32>,
     source: &Source<'_>,
 ) -> Result<Encoded, DecodeError> {
+    let fewest = |said: &(Local<'_>, Names, Vec<Reached>)| {
+        said.2.last().map_or(0, |reached| least_bytes(reached.elements()))
+    };
     let (bytes, (local, names, mut stops)) = match mesh.codec {
         Codec::Range => {
             let mut encoder = Encoder::new(contexts());
             let said = encode_with(&mut encoder, mesh, chunk, source)?;
-            (encoder.finish(), said)
+            (encoder.finish(fewest(&said)), said)
         }
         Codec::Plain => {
             let mut encoder = PlainEncoder::default();
             let said = encode_with(&mut encoder, mesh, chunk, source)?;
-            (encoder.finish(), said)
+            (encoder.finish(fewest(&said)), said)
         }
     };
     let (v, w, f) = local.added();
@@ -174,7 +188,8 @@ pub(crate) fn encode(
     vertices.extend(tail(&names.vertices, v - births as u32));
     stops.pop();
     for stop in &mut stops {
-        stop.bytes = stop.bytes.min(bytes.len() as u32);
+        let fewest = least_bytes(stop.elements()) as u32;
+        stop.bytes = stop.bytes.max(fewest).min(bytes.len() as u32);
     }
     Ok(Encoded {
         bytes,

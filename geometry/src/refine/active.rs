@@ -7,7 +7,7 @@ use crate::base::Base;
 use crate::codec::Codec;
 use crate::codec::attributes::Kinds;
 use crate::mesh::{Grid, UvGrid, Wedge};
-use crate::refine::delta::{ChunkDelta, Id};
+use crate::refine::delta::{ChunkDelta, Id, Repoint};
 use crate::refine::places::{Place, Places};
 use crate::refine::render::Touched;
 use crate::refine::slots::Slots;
@@ -209,6 +209,9 @@ impl ActiveMesh {
     /// See [`RefineError`]; the mesh is then unchanged.
     pub fn apply(&mut self, delta: &ChunkDelta) -> Result<Touched, RefineError> {
         self.may_apply(delta)?;
+        if !self.moves_corners_once(&delta.repoints) {
+            return Err(RefineError::Mismatch(delta.chunk));
+        }
         let origin = delta.chunk + 1;
         // Not the parents alone: an index that names too few must not make references dangle.
         let needs = delta.needs();
@@ -270,6 +273,7 @@ impl ActiveMesh {
             || place.faces.len() != delta.faces.len()
             || place.wedges.len() != delta.wedges.len()
             || place.vertices.len() != delta.vertices.len()
+            || !self.moves_corners_once(&delta.repoints)
         {
             return Err(RefineError::Mismatch(delta.chunk));
         }
@@ -328,6 +332,25 @@ impl ActiveMesh {
         // Not the parents alone, for the reason given in `apply`.
         let partial = delta.needs().into_iter().find(|&need| self.applied_stop(need - 1).is_some());
         partial.map_or(Ok(()), |need| Err(RefineError::PartialParent { chunk, parent: need - 1 }))
+    }
+
+    /// Whether no corner is moved twice; the corners must be there. Marks them for the moment, which
+    /// costs less than sorting them.
+    fn moves_corners_once(&mut self, repoints: &[Repoint]) -> bool {
+        const MARK: u32 = u32::MAX;
+        let mut before = Vec::with_capacity(repoints.len());
+        for r in repoints {
+            let (face, k) = (self.face_slot(r.face) as usize, usize::from(r.corner));
+            let corner = std::mem::replace(&mut self.faces[face][k], MARK);
+            if corner == MARK {
+                break;
+            }
+            before.push((face, k, corner));
+        }
+        for &(face, k, corner) in &before {
+            self.faces[face][k] = corner;
+        }
+        before.len() == repoints.len()
     }
 
     /// Whether everything that the delta refers to is there, or is its own.

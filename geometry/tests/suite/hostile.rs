@@ -5,7 +5,7 @@ use lodestream_geometry::index::{ChunkInfo, decode_page};
 use lodestream_geometry::pack::{BlobKind, HEAD_BYTES, Head, write};
 use lodestream_geometry::prepare::Prepared;
 use lodestream_geometry::random::Random;
-use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, Id, RefineError, Snapshot};
+use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, Id, RefineError, Repoint, Snapshot};
 use lodestream_geometry::{Codec, Settings};
 use proptest::prelude::*;
 
@@ -281,11 +281,21 @@ fn forged_deltas_are_refused_without_change() {
             refused(&mut mesh, &|d| d.repoints.iter_mut().for_each(|r| r.to = r.from));
             refused(&mut mesh, &|d| d.repoints.iter_mut().for_each(|r| r.from = r.to));
             refused(&mut mesh, &|d| d.faces.iter_mut().for_each(|f| f.material = 999));
+            // A corner twice, to one wedge or to two.
+            refused(&mut mesh, &|d| d.repoints.extend(d.repoints.first().copied()));
+            refused(&mut mesh, &|d| {
+                if let (Some(&first), Some(last)) = (d.repoints.first(), d.repoints.last().map(|r| r.to)) {
+                    d.repoints.push(Repoint { to: last, ..first });
+                }
+            });
             refused(&mut mesh, &|d| d.parents.push(d.chunk));
             refused(&mut mesh, &|d| d.parents.push(u32::MAX));
             mesh.apply(delta).unwrap();
             let after = mesh.snapshot();
             assert_eq!(mesh.apply(delta), Err(RefineError::AlreadyApplied(delta.chunk)));
+            let mut twice = delta.clone();
+            twice.repoints.extend(delta.repoints.last());
+            assert!(mesh.undo(&twice).is_err() || delta.repoints.is_empty());
             let mut short = delta.clone();
             short.faces.pop();
             assert!(mesh.undo(&short).is_err() || delta.faces.is_empty());

@@ -5,6 +5,7 @@ mod common;
 
 mod attributes;
 mod cancellation;
+mod ceilings;
 mod coarse_end;
 mod codecs;
 mod determinism;
