@@ -5,6 +5,7 @@ use std::sync::OnceLock;
 use lodestream_geometry::mesh::SourceMesh;
 use lodestream_geometry::prepare::Prepared;
 use lodestream_geometry::refine::ActiveMesh;
+use lodestream_geometry::{Codec, Settings};
 
 use crate::common::{prepared, quantised, shapes, stopping};
 
@@ -19,7 +20,8 @@ pub struct Fixture {
 }
 
 /// The assets: seams and materials, non-manifold stars, vanishing components, seams nearly everywhere,
-/// stars of high valence. A few hundred faces each, so that one input takes well under a millisecond.
+/// stars of high valence, all of these with colours and normals; and some under the plain codec, whose
+/// chunks are not compressed here. A few hundred faces each, so that one input takes well under a millisecond.
 ///
 /// # Panics
 /// If an asset does not decode: then there is nothing to fuzz.
@@ -28,15 +30,18 @@ pub fn all() -> &'static [Fixture] {
     static ALL: OnceLock<Vec<Fixture>> = OnceLock::new();
     ALL.get_or_init(|| {
         [
-            ("torus", shapes::materials(shapes::torus(8, 10), 3)),
-            ("fans", shapes::fans(16)),
-            ("components", components()),
-            ("frigate", shapes::frigate(3)),
-            ("poles", shapes::sphere(6, 30, 0.05)),
+            ("torus", shapes::materials(shapes::torus(8, 10), 3), Codec::Range),
+            ("fans", shapes::fans(16), Codec::Range),
+            ("components", components(), Codec::Range),
+            ("frigate", shapes::frigate(3), Codec::Range),
+            ("poles", shapes::sphere(6, 30, 0.05), Codec::Range),
+            ("medley", shapes::painted(shapes::medley(1)), Codec::Range),
+            ("plain", shapes::painted(shapes::materials(shapes::torus(8, 10), 3)), Codec::Plain),
+            ("plain-components", components(), Codec::Plain),
         ]
         .into_iter()
-        .map(|(name, source)| {
-            let asset = prepared(&quantised(&source), &stopping(50));
+        .map(|(name, source, codec)| {
+            let asset = prepared(&quantised(&source), &Settings { codec, ..stopping(50) });
             let mut mesh = ActiveMesh::new(&asset.base);
             let mut before = Vec::new();
             for (id, (info, payload)) in (0..).zip(asset.infos.iter().zip(&asset.chunks)) {

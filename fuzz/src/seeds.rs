@@ -1,5 +1,7 @@
 //! Seed inputs, made from what the project itself makes: regenerate them when a format changes.
 
+use lodestream_compress::{compress, encode_base};
+use lodestream_geometry::Codec;
 use lodestream_geometry::mesh::SourceMesh;
 use lodestream_geometry::pack::{BlobKind, write};
 use lodestream_geometry::prepare::Prepared;
@@ -39,10 +41,15 @@ fn seed(name: impl Into<String>, bytes: Vec<u8>) -> (String, Vec<u8>) {
 
 #[allow(clippy::expect_used)]
 fn pack(asset: &Prepared) -> Vec<u8> {
-    let base = asset.base.encode().expect("a prepared base is encoded");
+    let base = encode_base(&asset.base).expect("a prepared base is encoded");
+    let stored = |chunk: &Vec<u8>| match asset.base.codec {
+        Codec::Range => chunk.clone(),
+        Codec::Plain => compress(chunk).expect("a chunk is compressed"),
+    };
+    let chunks: Vec<Vec<u8>> = asset.chunks.iter().map(stored).collect();
     let mut blobs: Vec<(BlobKind, &[u8])> = vec![(BlobKind::Base, &base)];
     blobs.extend((0..).zip(&asset.pages).map(|(i, page)| (BlobKind::IndexPage(i), page.as_slice())));
-    blobs.extend((0..).zip(&asset.chunks).map(|(i, chunk)| (BlobKind::Chunk(i), chunk.as_slice())));
+    blobs.extend((0..).zip(&chunks).map(|(i, chunk)| (BlobKind::Chunk(i), chunk.as_slice())));
     write([7; 32], &blobs).expect("a pack is written")
 }
 

@@ -1,5 +1,6 @@
 //! Packs, base blobs and chunks.
 
+use lodestream_compress::{decode_base, decode_chunk};
 use lodestream_geometry::DecodeError;
 use lodestream_geometry::base::Base;
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, decode_page};
@@ -21,9 +22,9 @@ pub fn pack_reader(data: &[u8]) -> bool {
 }
 
 /// The table is 48 bytes an entry in memory and 36 in the file; the rest is the base mesh's and the
-/// chunks' own.
+/// chunks' own, whose bytes a frame may stand for 64 times (and for 64 KiB, whatever its length).
 const PACK: Ceiling =
-    Ceiling { base_bytes: 1 << 24, bytes_per_byte: 4096, base_steps: 0, steps_per_byte: 1 << 16 };
+    Ceiling { base_bytes: 1 << 25, bytes_per_byte: 1 << 14, base_steps: 1 << 22, steps_per_byte: 1 << 17 };
 
 fn read_pack(file: &[u8]) -> Result<(), DecodeError> {
     let head = Head::parse(&file[..file.len().min(HEAD_BYTES)])?;
@@ -39,7 +40,7 @@ fn read_pack(file: &[u8]) -> Result<(), DecodeError> {
     for entry in &entries {
         let bytes = blob(entry)?;
         match entry.kind {
-            BlobKind::Base => mesh = Some(ActiveMesh::new(&Base::decode(bytes)?)),
+            BlobKind::Base => mesh = Some(ActiveMesh::new(&decode_base(bytes)?)),
             BlobKind::IndexPage(page) => {
                 let first = (page as usize).saturating_mul(CHUNKS_PER_PAGE);
                 let page = decode_page(bytes, u32::try_from(first).unwrap_or(u32::MAX))?;
@@ -50,7 +51,7 @@ fn read_pack(file: &[u8]) -> Result<(), DecodeError> {
             }
             BlobKind::Chunk(chunk) => {
                 let (Some(mesh), Some(info)) = (&mut mesh, infos.get(chunk as usize)) else { continue };
-                let delta = mesh.decode(chunk, info, bytes)?;
+                let delta = decode_chunk(mesh, chunk, info, bytes)?;
                 mesh.apply(&delta).map_err(|e| DecodeError::new("chunk", e.to_string()))?;
             }
             BlobKind::Texture { .. } | BlobKind::Settings => {}
