@@ -237,7 +237,7 @@ fn messages() -> Vec<(String, Vec<u8>)> {
     let client = [
         ClientMessage::Hello(Hello {
             version_min: 1,
-            version_max: 1,
+            version_max: 2,
             scene: "s".into(),
             view: Some(view),
             max_blob_bytes: 1 << 20,
@@ -245,7 +245,11 @@ fn messages() -> Vec<(String, Vec<u8>)> {
             fingerprint: [3; 16],
             have: vec![BlobId::base(1)],
         }),
-        ClientMessage::Want(wants().map(|id| Want { id, priority: 9 }).into()),
+        ClientMessage::Want(wants().map(|id| Want::whole(id, 9)).into()),
+        ClientMessage::Want(vec![
+            Want { id: BlobId::chunk(0, 3), priority: 8, offset: 0, end: Some(700) },
+            Want { id: BlobId::chunk(0, 4), priority: 7, offset: 700, end: None },
+        ]),
         ClientMessage::Cancel(wants().into()),
         ClientMessage::SetView(view),
         ClientMessage::WantScenePages(vec![0, 1, 300]),
@@ -272,7 +276,7 @@ fn messages() -> Vec<(String, Vec<u8>)> {
     };
     let server = [
         ServerMessage::Welcome(Welcome {
-            version: 1,
+            version: 2,
             session: 5,
             rate_bits_per_s: 1 << 21,
             idle_timeout_ms: 20_000,
@@ -296,11 +300,15 @@ fn messages() -> Vec<(String, Vec<u8>)> {
         let frame = encode_server(message).expect("a message is encoded");
         seeds.push(seed(format!("server-{i}"), [&[1], &frame[..]].concat()));
     }
-    let piece = BlobPiece { id: BlobId::chunk(1, 2), offset: 3, total: 20, bytes: b"blob"[..].into() };
+    let piece =
+        BlobPiece { id: BlobId::chunk(1, 2), offset: 3, end: 18, total: 20, bytes: b"blob"[..].into() };
     let piece = encode_piece(&piece).expect("a piece is encoded");
     seeds.push(seed("piece", [&[1], &piece[..]].concat()));
-    let head = blob_head(BlobId::chunk(1, 2), 9).expect("a head is encoded");
-    seeds.push(seed("blob", [&[3], &head[1..], b"some blob"].concat()));
+    for (name, offset, end) in [("blob", 0, 9), ("beginning", 0, 4), ("rest", 4, 9)] {
+        let run = BlobPiece { id: BlobId::chunk(1, 2), offset, end, total: 9, bytes: b""[..].into() };
+        let head = blob_head(&run).expect("a head is encoded");
+        seeds.push(seed(name, [&[3], &head[1..], &b"some blob"[offset as usize..end as usize]].concat()));
+    }
     let description = AssetDescription {
         name: "asset".into(),
         materials: vec![Material::default(), Material { name: "m".into(), ..Material::default() }],

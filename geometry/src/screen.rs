@@ -5,7 +5,7 @@
 //! the visible error is the larger of the geometric error and the weighted attribute error
 //! (ARCHITECTURE.md, "Errors").
 
-use crate::index::ChunkInfo;
+use crate::index::{ChunkInfo, Stop};
 
 /// What an attribute error counts against a geometric error of the same length. Half: texture that slides
 /// within a surface moves no outline, and shading is judged on patches as large as an input face.
@@ -28,6 +28,13 @@ pub fn scale_px(height_px: f64, fov_y: f64) -> f64 {
 #[must_use]
 pub fn visible_error(info: &ChunkInfo, attribute_share: f32) -> f32 {
     info.error.max(ATTRIBUTE_WEIGHT * attribute_share * info.attribute_error)
+}
+
+/// The same while a chunk is there up to a stop. Attribute errors are stated for whole chunks only, so
+/// there they count in full.
+#[must_use]
+pub fn visible_error_at(info: &ChunkInfo, stop: &Stop, attribute_share: f32) -> f32 {
+    stop.error.max(ATTRIBUTE_WEIGHT * attribute_share * info.attribute_error)
 }
 
 /// Screen error in pixels of a visible error (world units) whose nearest point has the view depth

@@ -77,13 +77,16 @@ impl FrameError {
     }
 }
 
-/// Part of a blob. Pieces of one blob are sent in order and do not overlap.
+/// Part of a blob. A *run* of pieces is sent in order and without gaps: the blob whole, its beginning, or
+/// its rest.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BlobPiece {
     /// The blob.
     pub id: BlobId,
     /// Offset of the piece within the blob, in bytes.
     pub offset: u32,
+    /// Where the run ends that the piece belongs to, in bytes from the blob's beginning.
+    pub end: u32,
     /// Length of the whole blob, in bytes.
     pub total: u32,
     /// The bytes. They may be a slice of a larger buffer and keep that alive.
@@ -91,10 +94,10 @@ pub struct BlobPiece {
 }
 
 impl BlobPiece {
-    /// Whether this piece ends its blob.
+    /// Whether this piece ends its run.
     #[must_use]
     pub fn is_last(&self) -> bool {
-        u64::from(self.offset) + self.bytes.len() as u64 >= u64::from(self.total)
+        u64::from(self.offset) + self.bytes.len() as u64 >= u64::from(self.end)
     }
 
     fn check(&self) -> Result<(), CodingError> {
@@ -104,8 +107,11 @@ impl BlobPiece {
         if self.bytes.len() > MAX_PIECE_BYTES {
             return Err(CodingError::TooLong { bytes: self.bytes.len(), limit: MAX_PIECE_BYTES });
         }
-        if u64::from(self.offset) + self.bytes.len() as u64 > u64::from(self.total) {
-            return Err(CodingError::OutOfRange("the piece reaches beyond its blob"));
+        if self.end > self.total {
+            return Err(CodingError::OutOfRange("the run reaches beyond its blob"));
+        }
+        if u64::from(self.offset) + self.bytes.len() as u64 > u64::from(self.end) {
+            return Err(CodingError::OutOfRange("the piece reaches beyond its run"));
         }
         if self.bytes.is_empty() && self.total > 0 {
             return Err(CodingError::OutOfRange("the piece is empty"));
@@ -229,8 +235,13 @@ impl Frame {
         let head = usize::from(*body.first().ok_or(FrameError::Truncated)?);
         let end = 1 + head;
         let head = body.get(1..end).ok_or(FrameError::Truncated)?;
-        let (id, offset, total) = decode("piece", head)?;
-        let piece = BlobPiece { id, offset, total, bytes: body.slice(end..) };
+        // What is left of the blob behind the run is nearly always nothing: one byte.
+        let (id, offset, total, behind): (_, _, u32, u32) = decode("piece", head)?;
+        let run_end = total.checked_sub(behind).ok_or(FrameError::Body {
+            what: "piece",
+            why: CodingError::OutOfRange("the run ends before its blob begins"),
+        })?;
+        let piece = BlobPiece { id, offset, end: run_end, total, bytes: body.slice(end..) };
         piece.check().map_err(|why| FrameError::Body { what: "piece", why })?;
         Ok(piece)
     }
@@ -300,7 +311,7 @@ pub fn encode_server(message: &ServerMessage) -> Result<Vec<u8>, FrameError> {
 pub fn encode_piece(piece: &BlobPiece) -> Result<Vec<u8>, FrameError> {
     piece.check().map_err(|why| FrameError::Body { what: "piece", why })?;
     let mut body = vec![0];
-    encode_message(&(piece.id, piece.offset, piece.total), &mut body)
+    encode_message(&(piece.id, piece.offset, piece.total, piece.total - piece.end), &mut body)
         .map_err(|why| FrameError::Body { what: "piece", why })?;
     // An id takes at most 11 bytes, the numbers 5 each.
     #[allow(clippy::cast_possible_truncation)]

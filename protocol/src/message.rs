@@ -8,15 +8,15 @@ use crate::scene::{Fingerprint, SceneHeader, ScenePage};
 use crate::view::View;
 
 /// Versions of the protocol that this crate speaks.
-pub const VERSIONS: std::ops::RangeInclusive<u16> = 1..=1;
+pub const VERSIONS: std::ops::RangeInclusive<u16> = 2..=2;
 
 /// From client to server.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ClientMessage {
     /// Opens the session; first, once.
     Hello(Hello),
-    /// Asks for blobs, or changes the priority of blobs asked for. Blobs already sent are not sent
-    /// again, unless a `Cancel` came between.
+    /// Asks for blobs or parts of them, or changes the priority of blobs asked for. Bytes already sent are
+    /// not sent again, unless a `Cancel` came between.
     Want(Vec<Want>),
     /// Takes requests back. What has been handed to the transport still arrives; in any case the server
     /// forgets that it sent these blobs, so a client that evicts a blob cancels it as well.
@@ -52,13 +52,26 @@ pub struct Hello {
     pub have: Vec<BlobId>,
 }
 
-/// One request: a blob and its priority, higher first.
+/// One request: a blob, or the part of it from `offset` to `end`, and its priority.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
 pub struct Want {
     /// The blob.
     pub id: BlobId,
     /// Higher is sent first; see [`crate::select::Priority`].
     pub priority: u32,
+    /// Bytes of the blob's beginning that the client has: what is sent begins there, or later where the
+    /// server has sent more. Below the blob's length.
+    pub offset: u32,
+    /// Where it ends, above `offset` and at most the blob's length; `None` for the blob's end.
+    pub end: Option<u32>,
+}
+
+impl Want {
+    /// Asks for all of a blob.
+    #[must_use]
+    pub const fn whole(id: BlobId, priority: u32) -> Self {
+        Self { id, priority, offset: 0, end: None }
+    }
 }
 
 /// From server to client.
@@ -116,6 +129,8 @@ pub enum RefusedReason {
     QueueFull,
     /// It is longer than the client's `max_blob_bytes`.
     TooLong,
+    /// The part asked for is empty or reaches beyond the blob.
+    OutOfRange,
 }
 
 /// Why a session ends. The number is the application error code on QUIC.

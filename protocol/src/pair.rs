@@ -54,6 +54,8 @@ pub(crate) struct World {
     pub(crate) pages: BTreeMap<u32, Time>,
     /// Blobs in the order of completion; more than once if it came again.
     pub(crate) blobs: Vec<(Time, BlobId)>,
+    /// Of all blobs; what came again counts again.
+    pub(crate) received_bytes: u64,
     pub(crate) bases_sent: Option<Time>,
     pub(crate) done: Option<Time>,
     pub(crate) first_frame: Option<Time>,
@@ -168,10 +170,13 @@ impl Pair {
                     world.assets.extend(page.assets.into_iter().map(AssetState::new));
                     world.instances.extend(page.instances);
                 }
-                ClientEvent::Blob { id, bytes } => {
-                    assert_eq!(bytes, self.scene.read(&id).unwrap(), "{id} is damaged");
+                ClientEvent::Blob { id, offset, total, bytes } => {
+                    let blob = self.scene.read(&id).unwrap();
+                    let range = offset as usize..offset as usize + bytes.len();
+                    assert_eq!((bytes.as_ref(), total as usize), (&blob[range], blob.len()), "{id}");
                     world.blobs.push((now, id));
-                    arrived(&mut world.assets[id.asset as usize], id, &bytes);
+                    world.received_bytes += bytes.len() as u64;
+                    arrived(&mut world.assets[id.asset as usize], id, offset, &bytes);
                 }
                 ClientEvent::Refused { id, .. } => {
                     world.assets[id.asset as usize].set_state(id.part, State::Failed);
@@ -204,20 +209,33 @@ impl Pair {
 }
 
 /// Takes a blob into use, as far as its parents are there; cached ones follow.
-fn arrived(asset: &mut AssetState, id: BlobId, bytes: &[u8]) {
+fn arrived(asset: &mut AssetState, id: BlobId, offset: u32, bytes: &[u8]) {
     match id.part {
         BlobPart::IndexPage(page) => {
             let infos = decode_page(bytes, page * CHUNKS_PER_PAGE as u32).unwrap();
             asset.add_index_page(page, infos).unwrap();
         }
-        BlobPart::Chunk(_) => asset.set_state(id.part, State::Cached),
+        BlobPart::Chunk(chunk) => {
+            assert_eq!(offset, asset.held_bytes(chunk), "{id}: bytes that are here, or a gap");
+            asset.set_held(chunk, offset + bytes.len() as u32);
+            asset.set_state(id.part, State::Cached);
+        }
         part => asset.set_state(part, State::Applied),
     }
     for chunk in 0..asset.chunks().len() as u32 {
         let part = BlobPart::Chunk(chunk);
         let ready = |&parent: &u32| asset.state(BlobPart::Chunk(parent)) == State::Applied;
-        if asset.state(part) == State::Cached && asset.chunks()[chunk as usize].parents.iter().all(ready) {
-            asset.set_state(part, State::Applied);
+        let info = &asset.chunks()[chunk as usize];
+        if asset.state(part) == State::Cached && info.parents.iter().all(ready) {
+            // As far as the bytes go.
+            let held = asset.held_bytes(chunk);
+            let stop = (0..).zip(&info.stops).take_while(|(_, s)| s.payload_bytes <= held).last();
+            if held == info.payload_bytes {
+                asset.set_state(part, State::Applied);
+            } else {
+                let stop = stop.map(|(stop, _)| stop);
+                asset.set_stop(chunk, stop);
+            }
         }
     }
 }

@@ -2,10 +2,12 @@
 //!
 //! The queue hands out small pieces, one at a time, so that nothing is committed before the limiter
 //! admits it. A blob that has begun is finished first, unless something arrives that is more urgent by
-//! [`OVERTAKE`]; then it waits, half sent.
+//! [`OVERTAKE`]; then it waits, half sent. Of a blob, any part may be wanted: what is sent of it at a time
+//! is a run from one byte to another.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, HashMap};
+use std::ops::Range;
 
 use bytes::Bytes;
 
@@ -70,6 +72,7 @@ struct Begun {
     priority: Priority,
     bytes: Bytes,
     offset: usize,
+    end: usize,
 }
 
 /// Order in the queue: most urgent first, then first come, first served.
@@ -78,7 +81,7 @@ type Key = (Reverse<Priority>, u64);
 /// A session's queue.
 #[derive(Debug)]
 pub struct Scheduler {
-    queue: BTreeMap<Key, Unit>,
+    queue: BTreeMap<Key, (Unit, Range<u32>)>,
     keys: HashMap<Unit, Key>,
     begun: Vec<Begun>,
     next_number: u64,
@@ -94,23 +97,34 @@ impl Scheduler {
 
     /// Queues a unit or changes its priority. Gives `false` where the queue is full.
     pub fn want(&mut self, unit: Unit, priority: Priority) -> bool {
+        self.want_part(unit, priority, 0..u32::MAX)
+    }
+
+    /// Queues part of a blob, or changes its priority. What is queued already is extended to the part's
+    /// end; behind a run that has begun, what is missing to that end is queued. Gives `false` where the
+    /// queue is full.
+    pub fn want_part(&mut self, unit: Unit, priority: Priority, mut part: Range<u32>) -> bool {
         if let Unit::Blob(id) = unit
             && let Some(begun) = self.begun.iter_mut().find(|begun| begun.id == id)
         {
             begun.priority = priority;
-            return true;
+            if part.end as usize <= begun.end || begun.end == begun.bytes.len() {
+                return true;
+            }
+            part.start = number(begun.end);
         }
         match self.keys.get_mut(&unit) {
             Some(key) => {
-                self.queue.remove(key);
+                let queued = self.queue.remove(key).map_or(part.clone(), |(_, queued)| queued);
+                part = queued.start.min(part.start)..queued.end.max(part.end);
                 key.0 = Reverse(priority);
-                self.queue.insert(*key, unit);
+                self.queue.insert(*key, (unit, part));
             }
             None if self.queue.len() >= self.max_queued => return false,
             None => {
                 let key = (Reverse(priority), self.next_number);
                 self.next_number += 1;
-                self.queue.insert(key, unit);
+                self.queue.insert(key, (unit, part));
                 self.keys.insert(unit, key);
             }
         }
@@ -119,23 +133,18 @@ impl Scheduler {
 
     /// Drops a blob. What has been handed out is gone.
     pub fn cancel(&mut self, id: BlobId) -> Cancelled {
+        let queued = self.keys.remove(&Unit::Blob(id)).and_then(|key| self.queue.remove(&key));
         if let Some(index) = self.begun.iter().position(|begun| begun.id == id) {
             self.begun.remove(index);
             return Cancelled::Begun;
         }
-        match self.keys.remove(&Unit::Blob(id)) {
-            Some(key) => {
-                self.queue.remove(&key);
-                Cancelled::Queued
-            }
-            None => Cancelled::Unknown,
-        }
+        if queued.is_some() { Cancelled::Queued } else { Cancelled::Unknown }
     }
 
     /// Drops the queued units, not begun, for which `keep` says no.
     pub fn retain(&mut self, mut keep: impl FnMut(&Unit) -> bool) {
         let keys = &mut self.keys;
-        self.queue.retain(|_, unit| {
+        self.queue.retain(|_, (unit, _)| {
             let kept = keep(unit);
             if !kept {
                 keys.remove(unit);
@@ -178,7 +187,7 @@ impl Scheduler {
     /// The next unit that would begin if none were begun: its priority and itself.
     #[must_use]
     pub fn peek(&self) -> Option<(Priority, Unit)> {
-        self.queue.first_key_value().map(|((Reverse(priority), _), unit)| (*priority, *unit))
+        self.queue.first_key_value().map(|((Reverse(priority), _), (unit, _))| (*priority, *unit))
     }
 
     /// Index of the begun blob to go on with, unless the queue's head overtakes.
@@ -199,7 +208,7 @@ impl Scheduler {
         if let Some(index) = self.current() {
             return Some(self.advance(index, piece_bytes));
         }
-        let ((Reverse(priority), _), unit) = self.queue.pop_first()?;
+        let ((Reverse(priority), _), (unit, part)) = self.queue.pop_first()?;
         self.keys.remove(&unit);
         let id = match unit {
             Unit::Page(page) => return Some(Outgoing::Page(page)),
@@ -207,7 +216,9 @@ impl Scheduler {
         };
         match read(&id) {
             Ok(bytes) => {
-                self.begun.push(Begun { id, priority, bytes, offset: 0 });
+                let end = bytes.len().min(part.end as usize);
+                let offset = (part.start as usize).min(end);
+                self.begun.push(Begun { id, priority, bytes, offset, end });
                 Some(self.advance(self.begun.len() - 1, piece_bytes))
             }
             Err(SourceError::NotFound(_)) => Some(Outgoing::Failed { id, reason: RefusedReason::NotFound }),
@@ -219,22 +230,26 @@ impl Scheduler {
 
     fn advance(&mut self, index: usize, piece_bytes: usize) -> Outgoing {
         let begun = &mut self.begun[index];
-        let end = begun.bytes.len().min(begun.offset + piece_bytes.max(1));
-        // Sources give blobs of at most MAX_BLOB_BYTES, as the session checks before it queues them.
-        let number = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
+        let end = begun.end.min(begun.offset + piece_bytes.max(1));
         let piece = BlobPiece {
             id: begun.id,
             offset: number(begun.offset),
+            end: number(begun.end),
             total: number(begun.bytes.len()),
             bytes: begun.bytes.slice(begun.offset..end),
         };
         begun.offset = end;
         let priority = begun.priority;
-        if end == begun.bytes.len() {
+        if end == begun.end {
             self.begun.remove(index);
         }
         Outgoing::Piece { piece, priority }
     }
+}
+
+/// Sources give blobs of at most `MAX_BLOB_BYTES`, as the session checks before it queues them.
+fn number(n: usize) -> u32 {
+    u32::try_from(n).unwrap_or(u32::MAX)
 }
 
 #[cfg(test)]
@@ -300,6 +315,43 @@ mod tests {
             received.extend_from_slice(&piece.bytes);
         }
         assert_eq!(received, vec![7; 1000]);
+    }
+
+    #[test]
+    fn parts_are_sent_once_and_extended_in_the_queue() {
+        let mut scheduler = Scheduler::new(10);
+        scheduler.want_part(chunk(1), 5, 0..300);
+        let mut sent = Vec::new();
+        let next = |scheduler: &mut Scheduler, sent: &mut Vec<(u32, u32, u32)>| {
+            let Some(Outgoing::Piece { piece, .. }) = scheduler.next(200, read) else { return false };
+            sent.push((piece.offset, piece.offset + number(piece.bytes.len()), piece.end));
+            true
+        };
+        next(&mut scheduler, &mut sent);
+        // The run has begun: the rest follows as another.
+        scheduler.want_part(chunk(1), 6, 0..500);
+        scheduler.want_part(chunk(1), 6, 0..700);
+        while next(&mut scheduler, &mut sent) {}
+        // Not begun: extended.
+        scheduler.want_part(chunk(1), 5, 700..800);
+        scheduler.want_part(chunk(1), 7, 700..1000);
+        while next(&mut scheduler, &mut sent) {}
+        assert_eq!(
+            sent,
+            [
+                (0, 200, 300),
+                (200, 300, 300),
+                (300, 500, 700),
+                (500, 700, 700),
+                (700, 900, 1000),
+                (900, 1000, 1000)
+            ]
+        );
+        scheduler.want_part(chunk(1), 5, 0..300);
+        next(&mut scheduler, &mut sent);
+        scheduler.want_part(chunk(1), 5, 0..1000);
+        assert_eq!(scheduler.cancel(BlobId::chunk(0, 1)), Cancelled::Begun);
+        assert!(scheduler.is_empty(), "the rest goes with its beginning");
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! How messages and blobs map onto the two transports.
 //!
 //! **QUIC** (ALPN [`ALPN`]). The client opens one unidirectional stream for its frames. The server opens
-//! one unidirectional stream for its control frames and one for each blob, so that a lost packet delays
+//! one unidirectional stream for its control frames and one for each run of a blob, so that a lost packet delays
 //! one blob only and a cancelled blob's stream can be reset. A stream's first byte says which kind it is
 //! ([`CONTROL_STREAM`], [`BLOB_STREAM`]); a blob's stream goes on with [`blob_head`] and the blob's bytes,
 //! and ends. Stream priorities follow [`quic_priority`].
@@ -18,13 +18,14 @@ use crate::frame::{BlobPiece, FrameError};
 use crate::limits::{MAX_BLOB_BYTES, MAX_PIECE_BYTES};
 
 /// Name of the protocol in TLS ALPN and as WebSocket subprotocol.
-pub const ALPN: &str = "lodestream/1";
+pub const ALPN: &str = "lodestream/2";
 /// First byte of a stream of control frames, in both directions.
 pub const CONTROL_STREAM: u8 = 0;
-/// First byte of a stream that carries one blob.
+/// First byte of a stream that carries a run of one blob.
 pub const BLOB_STREAM: u8 = 1;
-/// Longest head of a blob's stream: kind, length of the head, id and length.
-pub const MAX_BLOB_HEAD_BYTES: usize = 1 + 1 + 11 + 5;
+/// Longest head of a blob's stream: kind, length of the head, id, length, and what is left out before and
+/// behind the run.
+pub const MAX_BLOB_HEAD_BYTES: usize = 1 + 1 + 11 + 5 + 5 + 5;
 
 /// Stream priority for quinn (higher first) of a blob of the given priority. Control streams should be
 /// above all of these: `i32::MAX`.
@@ -34,17 +35,20 @@ pub fn quic_priority(priority: u32) -> i32 {
     i32::try_from(priority >> 2).unwrap_or(i32::MAX - 1)
 }
 
-/// First bytes of a blob's stream, kind included.
+/// First bytes of a blob's stream, kind included, whose run begins with this piece.
 ///
 /// # Errors
-/// Refuses blobs longer than [`MAX_BLOB_BYTES`].
-pub fn blob_head(id: BlobId, total: u32) -> Result<Vec<u8>, FrameError> {
+/// Refuses blobs longer than [`MAX_BLOB_BYTES`] and runs beyond their blob.
+pub fn blob_head(first: &BlobPiece) -> Result<Vec<u8>, FrameError> {
+    let BlobPiece { id, offset, end, total, .. } = *first;
     if total > MAX_BLOB_BYTES {
         return Err(FrameError::TooLong { bytes: u64::from(total), limit: MAX_BLOB_BYTES as usize });
     }
     let mut out = vec![BLOB_STREAM, 0];
-    encode_message(&(id, total), &mut out).map_err(|why| FrameError::Body { what: "blob head", why })?;
-    // At most 16 bytes.
+    let body = |why| FrameError::Body { what: "blob head", why };
+    let behind = total.checked_sub(end).ok_or(body(CodingError::OutOfRange("the run is too long")))?;
+    encode_message(&(id, total, offset, behind), &mut out).map_err(body)?;
+    // At most 26 bytes.
     #[allow(clippy::cast_possible_truncation)]
     let length = (out.len() - 2) as u8;
     out[1] = length;
@@ -56,7 +60,9 @@ pub fn blob_head(id: BlobId, total: u32) -> Result<Vec<u8>, FrameError> {
 pub struct BlobStreamReader {
     head: Vec<u8>,
     blob: Option<(BlobId, u32)>,
-    received: u32,
+    /// Where the next piece begins, and where the run ends.
+    next: u32,
+    end: u32,
 }
 
 impl BlobStreamReader {
@@ -87,14 +93,18 @@ impl BlobStreamReader {
                 return Err(body(CodingError::TooLong { bytes: length, limit: MAX_BLOB_HEAD_BYTES - 2 }));
             }
             if self.head.len() == 1 + length {
-                let (id, total) = decode_message::<(BlobId, u32)>(&self.head[1..]).map_err(body)?;
+                let (id, total, offset, behind) =
+                    decode_message::<(BlobId, u32, u32, u32)>(&self.head[1..]).map_err(body)?;
                 if total > MAX_BLOB_BYTES {
                     return Err(body(CodingError::OutOfRange("the blob is too long")));
                 }
+                let end = total.checked_sub(behind).filter(|&end| offset < end || total == 0);
+                self.end = end.ok_or(body(CodingError::OutOfRange("the run is empty")))?;
+                self.next = offset;
                 self.blob = Some((id, total));
                 if total == 0 {
-                    return if bytes.is_empty() {
-                        Ok(vec![BlobPiece { id, offset: 0, total, bytes }])
+                    return if bytes.is_empty() && offset == 0 {
+                        Ok(vec![BlobPiece { id, offset: 0, end: 0, total, bytes }])
                     } else {
                         Err(FrameError::TrailingBytes(bytes.len()))
                     };
@@ -102,20 +112,20 @@ impl BlobStreamReader {
             }
         }
         let Some((id, total)) = self.blob else { return Ok(Vec::new()) };
-        let left = (total - self.received) as usize;
+        let left = self.end.saturating_sub(self.next) as usize;
         if bytes.len() > left {
             return Err(FrameError::TrailingBytes(bytes.len() - left));
         }
         let mut pieces = Vec::new();
         while !bytes.is_empty() {
             let piece = bytes.split_to(bytes.len().min(MAX_PIECE_BYTES));
-            let offset = self.received;
+            let offset = self.next;
             // A piece is at most MAX_PIECE_BYTES long.
             #[allow(clippy::cast_possible_truncation)]
             {
-                self.received += piece.len() as u32;
+                self.next += piece.len() as u32;
             }
-            pieces.push(BlobPiece { id, offset, total, bytes: piece });
+            pieces.push(BlobPiece { id, offset, end: self.end, total, bytes: piece });
         }
         Ok(pieces)
     }
@@ -123,10 +133,10 @@ impl BlobStreamReader {
     /// Call at the stream's end.
     ///
     /// # Errors
-    /// Fails where the stream ended before its blob.
+    /// Fails where the stream ended before its run.
     pub fn finish(&self) -> Result<(), FrameError> {
         match self.blob {
-            Some((_, total)) if self.received == total => Ok(()),
+            Some(_) if self.next == self.end => Ok(()),
             _ => Err(FrameError::Truncated),
         }
     }
@@ -137,7 +147,9 @@ mod tests {
     use super::*;
 
     fn stream(id: BlobId, bytes: &[u8]) -> Vec<u8> {
-        let mut stream = blob_head(id, u32::try_from(bytes.len()).unwrap()).unwrap();
+        let total = u32::try_from(bytes.len()).unwrap();
+        let first = BlobPiece { id, offset: 0, end: total, total, bytes: Bytes::new() };
+        let mut stream = blob_head(&first).unwrap();
         assert!(stream.len() <= MAX_BLOB_HEAD_BYTES && stream[0] == BLOB_STREAM);
         stream.extend_from_slice(bytes);
         stream.split_off(1)
@@ -178,8 +190,37 @@ mod tests {
         }
         let longer: Vec<u8> = whole.iter().copied().chain([0]).collect();
         assert_eq!(read(&longer, 1000), Err(FrameError::TrailingBytes(1)));
-        assert!(blob_head(BlobId::base(0), MAX_BLOB_BYTES + 1).is_err());
+        let (id, total) = (BlobId::base(0), MAX_BLOB_BYTES + 1);
+        assert!(blob_head(&BlobPiece { id, offset: 0, end: total, total, bytes: Bytes::new() }).is_err());
         assert!(read(&[255, 0, 0], 9).is_err());
+    }
+
+    #[test]
+    fn parts_of_blobs_come_through_and_say_where_they_belong() {
+        let id = BlobId::chunk(1, 2);
+        for (offset, end) in [(0, 300), (300, 1000), (299, 301), (0, 1)] {
+            let first = BlobPiece { id, offset, end, total: 1000, bytes: Bytes::new() };
+            let mut bytes = blob_head(&first).unwrap().split_off(1);
+            bytes.extend(vec![7; (end - offset) as usize]);
+            let mut reader = BlobStreamReader::new();
+            let mut next = offset;
+            for part in bytes.chunks(100) {
+                for piece in reader.push(Bytes::copy_from_slice(part)).unwrap() {
+                    assert_eq!((piece.offset, piece.end, piece.total), (next, end, 1000));
+                    next += u32::try_from(piece.bytes.len()).unwrap();
+                }
+            }
+            assert_eq!((reader.finish(), next), (Ok(()), end));
+            assert!(reader.push(Bytes::from_static(b"x")).is_err(), "bytes behind the run");
+        }
+        let beyond = BlobPiece { id, offset: 0, end: 11, total: 10, bytes: Bytes::new() };
+        assert!(blob_head(&beyond).is_err());
+        for (offset, behind) in [(0, 11_u32), (10, 0), (5, 5), (6, 5)] {
+            let mut head = vec![0];
+            encode_message(&(id, 10_u32, offset, behind), &mut head).unwrap();
+            head[0] = u8::try_from(head.len() - 1).unwrap();
+            assert!(BlobStreamReader::new().push(head.into()).is_err(), "from {offset}, {behind} left out");
+        }
     }
 
     #[test]

@@ -3,14 +3,15 @@
 use std::sync::Arc;
 
 use bytes::Bytes;
-use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, Sphere, encode_page};
+use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, Sphere, Stop, encode_page};
 
 use crate::blob::{BlobId, BlobPart};
 use crate::scene::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
 use crate::source::{SceneSource, SourceError};
 
 /// A square of side 2 about the origin in the xz plane, refined as a quadtree: level l has 4^l patches
-/// and errors of 0.2 / 2^l. Parents are the patch above and its neighbour to the right.
+/// and errors of 0.2 / 2^l, with two stops on the way. Parents are the patch above and its neighbour to the
+/// right.
 pub(crate) fn plane(levels: u8) -> Vec<ChunkInfo> {
     let mut chunks = Vec::new();
     let mut first_of_level = 0;
@@ -27,15 +28,24 @@ pub(crate) fn plane(levels: u8) -> Vec<ChunkInfo> {
                     parents.dedup();
                 }
                 let size = 2.0 / side as f32;
+                let (error, payload_bytes) = (0.2 / side as f32, 700 + (row * 131 + column * 57) % 900);
+                let stop = |part: u32, share: f32| Stop {
+                    payload_bytes: payload_bytes * part / 10,
+                    error: error * share,
+                    vertices: 30 * part,
+                    wedges: 30 * part,
+                    faces: 60 * part,
+                };
                 chunks.push(ChunkInfo {
                     level: level + 1,
                     sphere: Sphere {
                         center: [(column as f32 + 0.5) * size - 1.0, 0.0, (row as f32 + 0.5) * size - 1.0],
                         radius: size * 0.75,
                     },
-                    error: 0.2 / side as f32,
+                    error,
+                    stops: vec![stop(3, 0.8), stop(6, 0.6)],
                     parents,
-                    payload_bytes: 700 + (row * 131 + column * 57) % 900,
+                    payload_bytes,
                     vertices: 300,
                     wedges: 300,
                     faces: 600,

@@ -29,7 +29,7 @@ const WINDOW_MS: u64 = 3000;
 fn requests() -> Vec<u8> {
     let hello = ClientMessage::Hello(Hello {
         version_min: 1,
-        version_max: 1,
+        version_max: 2,
         scene: String::new(),
         view: None,
         max_blob_bytes: 1 << 26,
@@ -38,7 +38,7 @@ fn requests() -> Vec<u8> {
         have: Vec::new(),
     });
     let textures = (0..4).flat_map(|a| (0..TEXTURE_LEVELS).map(move |level| BlobId::texture(a, 0, level)));
-    let wants = ClientMessage::Want(textures.map(|id| Want { id, priority: 1 }).collect());
+    let wants = ClientMessage::Want(textures.map(|id| Want::whole(id, 1)).collect());
     let mut bytes = vec![CONTROL_STREAM];
     bytes.extend(encode_client(&hello).unwrap());
     bytes.extend(encode_client(&wants).unwrap());

@@ -3,7 +3,7 @@
 use bytes::Bytes;
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_page};
 use lodestream_protocol::blob::{BlobId, BlobPart};
-use lodestream_protocol::select::State;
+use lodestream_protocol::select::{State, Wanted};
 use lodestream_protocol::time::Time;
 
 use super::asset::RefinedAsset;
@@ -11,19 +11,40 @@ use super::changes::{Change, TextureChange};
 use super::client_core::ClientCore;
 use crate::render::{TexturePixels, TextureShape};
 
+/// A blob, or part of it, as it arrived.
+#[derive(Clone, Debug)]
+pub(super) struct Arrived {
+    pub(super) id: BlobId,
+    /// Where in the blob the bytes begin.
+    pub(super) offset: u32,
+    /// Length of the whole blob.
+    pub(super) total: u32,
+    pub(super) bytes: Bytes,
+}
+
 impl ClientCore {
-    /// A blob of a known asset has arrived. Chunks and texture levels are kept until a selection wants
-    /// them, what everything else depends on is used as soon as there is time.
-    pub(super) fn arrive(&mut self, now: Time, id: BlobId, bytes: Bytes) {
+    /// A blob of a known asset has arrived, or part of it. Chunks and texture levels are kept until a
+    /// selection wants them, what everything else depends on is used as soon as there is time.
+    pub(super) fn arrive(&mut self, now: Time, Arrived { id, offset, total, bytes }: Arrived) {
         // What is withheld may come unasked, before or after the index page that tells of it.
         let withheld = |(asset, chunk)| id == BlobId::chunk(asset, chunk);
         if self.state(id) == State::Applied || self.config.withhold.is_some_and(withheld) {
             return;
         }
+        let whole = offset == 0 && bytes.len() == total as usize;
         self.set_state(id, State::Cached);
         match id.part {
+            BlobPart::Chunk(chunk) => match self.cache.extend(id, offset, bytes) {
+                Some(held) => {
+                    self.set_held(id.asset, chunk, held);
+                    self.trim_cache(now);
+                }
+                // Its beginning was dropped meanwhile: it is of no use, and the server must know.
+                None => self.not_here(now, id),
+            },
+            _ if !whole => self.failed(now, id, &"only a part of it came"),
             BlobPart::Base | BlobPart::IndexPage(_) => self.arrived.push_back((id, bytes)),
-            BlobPart::Chunk(_) | BlobPart::Texture { .. } => {
+            BlobPart::Texture { .. } => {
                 self.cache.insert(id, bytes);
                 self.trim_cache(now);
             }
@@ -35,7 +56,8 @@ impl ClientCore {
     pub(super) fn trim_cache(&mut self, now: Time) {
         let needed = |id: BlobId| {
             let state = self.scene.states.get(id.asset as usize).map(|asset| asset.state(id.part));
-            state == Some(State::Cached) && self.wanted.iter().any(|wanted| wanted.id == id)
+            matches!(state, Some(State::Cached | State::InFlight))
+                && self.wanted.iter().any(|wanted| wanted.id == id)
         };
         let gone = self.cache.trim(needed);
         self.dropped(now, &gone);
@@ -109,32 +131,40 @@ impl ClientCore {
         for id in ids {
             if self.cache.contains(id) {
                 self.set_state(id, State::Cached);
+                if let BlobPart::Chunk(chunk) = id.part {
+                    self.set_held(id.asset, chunk, self.cache.held_bytes(id));
+                }
             }
         }
     }
 
     /// Puts a chunk or texture level to use whose bytes are here, if all it needs is in place. Gives the
     /// length of what was decoded, or `None` if it has to wait.
-    pub(super) fn apply_cached(&mut self, now: Time, id: BlobId) -> Option<u64> {
+    pub(super) fn apply_cached(&mut self, now: Time, wanted: &Wanted) -> Option<u64> {
+        let Wanted { id, stop, .. } = *wanted;
         if !self.is_ready(id) {
             return None;
         }
         let Some(bytes) = self.cache.get(id) else {
-            self.set_state(id, State::Absent);
+            self.not_here(now, id);
             return Some(0);
         };
         let length = bytes.len() as u64;
         let applied = match id.part {
-            BlobPart::Chunk(chunk) => self.apply_chunk(id.asset, chunk, &bytes),
+            BlobPart::Chunk(chunk) => self.apply_chunk(id.asset, chunk, stop, &bytes),
             BlobPart::Texture { texture, level } => self.apply_texture(id.asset, texture, level, &bytes),
             BlobPart::Base | BlobPart::IndexPage(_) => Ok(()),
         };
         match applied {
             Ok(()) => {
                 self.failures.forget(id);
-                self.set_state(id, State::Applied);
+                self.set_applied(id, stop);
             }
-            Err(why) => self.failed(now, id, &why),
+            Err(why) => {
+                // What was there of it up to a stop was undone.
+                self.set_stop(id, None);
+                self.failed(now, id, &why);
+            }
         }
         Some(length)
     }
@@ -156,14 +186,15 @@ impl ClientCore {
         }
     }
 
-    fn apply_chunk(&mut self, asset: u32, chunk: u32, bytes: &[u8]) -> Result<(), String> {
+    fn apply_chunk(&mut self, asset: u32, chunk: u32, stop: Option<u8>, bytes: &[u8]) -> Result<(), String> {
         let info = self.scene.states.get(asset as usize).and_then(|state| state.chunk(chunk));
         let refined = self.scene.refined.get_mut(asset as usize).and_then(Option::as_mut);
         let (Some(info), Some(refined)) = (info, refined) else { return Err("no such chunk".into()) };
-        if bytes.len() != info.payload_bytes as usize {
-            return Err(format!("{} bytes, but the index says {}", bytes.len(), info.payload_bytes));
+        let needed = info.extent(stop).payload_bytes as usize;
+        if bytes.len() < needed || bytes.len() > info.payload_bytes as usize {
+            return Err(format!("{} bytes, but the index says {needed}", bytes.len()));
         }
-        refined.apply(chunk, info, bytes).map_err(|why| why.to_string())
+        refined.apply(chunk, info, stop, bytes).map_err(|why| why.to_string())
     }
 
     fn apply_texture(&mut self, asset: u32, texture: u16, level: u8, bytes: &[u8]) -> Result<(), String> {

@@ -8,7 +8,7 @@ use geometry::base::Base;
 use geometry::index::ChunkInfo;
 use geometry::mesh::NONE;
 use geometry::refine::{ActiveMesh, ChunkDelta, RefineError, Touched};
-use lodestream_compress::{decode_base, decode_chunk};
+use lodestream_compress::{decode_base, decode_prefix};
 use lodestream_geometry as geometry;
 use lodestream_protocol::asset::{AssetDescription, CodingError};
 
@@ -111,9 +111,25 @@ impl RefinedAsset {
         }
     }
 
-    /// Decodes and applies a chunk whose parents are applied. On failure nothing has changed.
-    pub(crate) fn apply(&mut self, chunk: u32, info: &ChunkInfo, bytes: &[u8]) -> Result<(), AssetError> {
-        let delta = decode_chunk(&self.mesh, chunk, info, bytes)?;
+    /// Decodes and applies a chunk whose parents are applied, up to a stop or whole. A chunk that is
+    /// applied up to a stop is undone first. On failure it is not applied, and nothing else has changed.
+    pub(crate) fn apply(
+        &mut self,
+        chunk: u32,
+        info: &ChunkInfo,
+        stop: Option<u8>,
+        bytes: &[u8],
+    ) -> Result<(), AssetError> {
+        // What is raised keeps its birth, and what is new of it appears as it is: it has no place to
+        // morph from but that of its oldest ancestor, which the beginning has moved on from.
+        let birth = self.births.get(&chunk).copied();
+        if self.mesh.applied_stop(chunk).is_some() {
+            self.undo(chunk)?;
+        }
+        let delta = decode_prefix(&self.mesh, chunk, info, stop, bytes)?;
+        if let Some(birth) = birth {
+            self.births.insert(chunk, birth);
+        }
         let touched = self.mesh.apply(&delta)?;
         if let Some(dirty) = &mut self.dirty {
             dirty.add(touched);

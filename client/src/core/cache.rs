@@ -44,6 +44,28 @@ impl BlobCache {
         self.entries.insert(id, Entry { bytes, used: self.clock });
     }
 
+    /// Adds bytes that begin at `offset` of a blob to what is here of it; gives how many of its beginning are
+    /// here then, or `None` (and nothing changes) where bytes before `offset` are missing.
+    pub(crate) fn extend(&mut self, id: BlobId, offset: u32, bytes: Bytes) -> Option<u32> {
+        let held = self.held_bytes(id);
+        if offset > held {
+            return None;
+        }
+        let more = bytes.slice((held - offset).min(u32::try_from(bytes.len()).ok()?) as usize..);
+        if held == 0 {
+            self.insert(id, more);
+        } else if !more.is_empty() {
+            let here = self.entries.get(&id).map(|entry| entry.bytes.clone()).unwrap_or_default();
+            self.insert(id, [here, more].concat().into());
+        }
+        Some(self.held_bytes(id))
+    }
+
+    /// How many bytes of a blob's beginning are here.
+    pub(crate) fn held_bytes(&self, id: BlobId) -> u32 {
+        self.entries.get(&id).map_or(0, |entry| u32::try_from(entry.bytes.len()).unwrap_or(u32::MAX))
+    }
+
     /// Drops blobs until the rest fits, oldest first, and gives them. Blobs that are `needed` stay even
     /// where that exceeds the capacity: they are about to be applied, and would only be fetched again.
     pub(crate) fn trim(&mut self, needed: impl Fn(BlobId) -> bool) -> Vec<BlobId> {
@@ -106,6 +128,19 @@ mod tests {
         assert_eq!(cache.trim(|_| false), [b]);
         assert_eq!(cache.bytes(), 80);
         assert!(cache.contains(a) && cache.contains(c) && !cache.contains(b));
+    }
+
+    #[test]
+    fn a_blob_grows_by_what_follows_and_by_nothing_else() {
+        let mut cache = BlobCache::new(100);
+        let a = BlobId::chunk(0, 1);
+        assert_eq!(cache.extend(a, 10, blob(5)), None);
+        assert_eq!(cache.extend(a, 0, Bytes::from_static(b"abcd")), Some(4));
+        assert_eq!(cache.extend(a, 5, Bytes::from_static(b"fg")), None);
+        assert_eq!(cache.extend(a, 4, Bytes::from_static(b"ef")), Some(6));
+        assert_eq!(cache.extend(a, 3, Bytes::from_static(b"defgh")), Some(8));
+        assert_eq!(cache.extend(a, 0, Bytes::from_static(b"ab")), Some(8));
+        assert_eq!((cache.get(a).unwrap().as_ref(), cache.bytes()), (&b"abcdefgh"[..], 8));
     }
 
     #[test]

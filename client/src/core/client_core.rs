@@ -14,6 +14,7 @@ use lodestream_protocol::select::{Counters, Selector, State, Wanted};
 use lodestream_protocol::time::Time;
 use lodestream_protocol::view::View;
 
+use super::arrivals::Arrived;
 use super::cache::BlobCache;
 use super::changes::Change;
 use super::config::{Config, StartView};
@@ -49,7 +50,7 @@ pub struct ClientCore {
     /// in flight.
     pub(super) arrived: VecDeque<(BlobId, Bytes)>,
     /// Blobs of assets whose scene page is not here yet.
-    early: Vec<(BlobId, Bytes)>,
+    early: Vec<Arrived>,
     /// Blobs that are asked for.
     in_flight: BTreeSet<BlobId>,
     view: Option<View>,
@@ -280,10 +281,10 @@ impl ClientCore {
                     Ok(assets) => {
                         let (known, early): (Vec<_>, _) = std::mem::take(&mut self.early)
                             .into_iter()
-                            .partition(|(id, _)| id.asset < assets.end);
+                            .partition(|arrived| arrived.id.asset < assets.end);
                         self.early = early;
-                        for (id, bytes) in known {
-                            self.arrive(now, id, bytes);
+                        for arrived in known {
+                            self.arrive(now, arrived);
                         }
                     }
                     Err(why) => {
@@ -293,13 +294,14 @@ impl ClientCore {
                         }
                     }
                 },
-                ClientEvent::Blob { id, bytes } => {
+                ClientEvent::Blob { id, offset, total, bytes } => {
                     self.in_flight.remove(&id);
-                    tracing::trace!("{id}: {} bytes", bytes.len());
+                    tracing::trace!("{id}: {} of {total} bytes from {offset}", bytes.len());
+                    let arrived = Arrived { id, offset, total, bytes };
                     if id.asset < self.scene.asset_count() {
-                        self.arrive(now, id, bytes);
+                        self.arrive(now, arrived);
                     } else if self.early.len() < MAX_EARLY_BLOBS {
-                        self.early.push((id, bytes));
+                        self.early.push(arrived);
                     } else if let Some(session) = &mut self.session {
                         session.evicted(now, &[id]);
                     }
@@ -344,7 +346,7 @@ impl ClientCore {
                 self.failures.note(now, id);
                 self.set_state(id, State::Failed);
             }
-            RefusedReason::NotFound | RefusedReason::TooLong => {
+            RefusedReason::NotFound | RefusedReason::TooLong | RefusedReason::OutOfRange => {
                 self.failures.give_up(id);
                 self.set_state(id, State::Failed);
             }
@@ -357,6 +359,40 @@ impl ClientCore {
         }
     }
 
+    pub(super) fn set_held(&mut self, asset: u32, chunk: u32, bytes: u32) {
+        if let Some(state) = self.scene.states.get_mut(asset as usize) {
+            state.set_held(chunk, bytes);
+        }
+    }
+
+    /// Notes up to which stop a chunk is in use.
+    pub(super) fn set_stop(&mut self, id: BlobId, stop: Option<u8>) {
+        if let (BlobPart::Chunk(chunk), Some(state)) = (id.part, self.scene.states.get_mut(id.asset as usize))
+        {
+            state.set_stop(chunk, stop);
+        }
+    }
+
+    /// A blob is in use: whole, or a chunk up to a stop, whose rest is a matter of its own.
+    pub(super) fn set_applied(&mut self, id: BlobId, stop: Option<u8>) {
+        self.set_stop(id, stop);
+        if stop.is_none() {
+            self.set_state(id, State::Applied);
+        }
+    }
+
+    /// A blob's bytes are not here, neither its beginning nor all: the server may have to send it again.
+    pub(super) fn not_here(&mut self, now: Time, id: BlobId) {
+        self.cache.remove(id);
+        if let BlobPart::Chunk(chunk) = id.part {
+            self.set_held(id.asset, chunk, 0);
+        }
+        self.set_state(id, State::Absent);
+        if let Some(session) = &mut self.session {
+            session.evicted(now, &[id]);
+        }
+    }
+
     pub(super) fn state(&self, id: BlobId) -> State {
         self.scene.states.get(id.asset as usize).map_or(State::Absent, |asset| asset.state(id.part))
     }
@@ -366,17 +402,17 @@ impl ClientCore {
         self.counts.decode_failures += 1;
         let again = self.failures.note(now, id);
         tracing::warn!("{id} cannot be used{}: {why}", if again { ", asking again" } else { "" });
-        self.cache.remove(id);
+        self.not_here(now, id);
         self.set_state(id, State::Failed);
-        if let Some(session) = &mut self.session {
-            session.evicted(now, &[id]);
-        }
     }
 
     /// Blobs are no longer here.
     pub(super) fn dropped(&mut self, now: Time, gone: &[BlobId]) {
         self.counts.evicted += gone.len() as u64;
         for &id in gone {
+            if let BlobPart::Chunk(chunk) = id.part {
+                self.set_held(id.asset, chunk, 0);
+            }
             // What is applied stays applied; it is only fetched again if it is undone and wanted again.
             if self.state(id) == State::Cached {
                 self.set_state(id, State::Absent);
@@ -404,12 +440,13 @@ impl ClientCore {
             self.select(now);
         }
         for index in 0..self.wanted.len() {
-            let id = self.wanted[index].id;
             if budget == 0 {
                 break;
             }
-            if self.state(id) == State::Cached
-                && let Some(bytes) = self.apply_cached(now, id)
+            self.refresh(index);
+            let wanted = self.wanted[index];
+            if wanted.state == State::Cached
+                && let Some(bytes) = self.apply_cached(now, &wanted)
             {
                 budget = budget.saturating_sub(BLOB_COST + bytes);
                 self.stale = true;
@@ -456,13 +493,7 @@ impl ClientCore {
 
     /// Asks for what is wanted and not here.
     fn ask(&mut self, now: Time, cancel: &[BlobId]) {
-        for wanted in &mut self.wanted {
-            wanted.state = self
-                .scene
-                .states
-                .get(wanted.id.asset as usize)
-                .map_or(State::Absent, |a| a.state(wanted.id.part));
-        }
+        (0..self.wanted.len()).for_each(|index| self.refresh(index));
         let Some(session) = &mut self.session else { return };
         let asked = session.set_wanted(now, &self.wanted, cancel);
         for &id in cancel {
@@ -474,6 +505,14 @@ impl ClientCore {
         for id in asked {
             self.in_flight.insert(id);
             self.set_state(id, State::InFlight);
+        }
+    }
+
+    /// Brings an entry of the last selection's list up to date.
+    fn refresh(&mut self, index: usize) {
+        let wanted = &mut self.wanted[index];
+        if let Some(asset) = self.scene.states.get(wanted.id.asset as usize) {
+            asset.refresh(wanted);
         }
     }
 
@@ -566,13 +605,13 @@ impl ClientCore {
             Ok(()) => {
                 self.counts.undone += 1;
                 self.stale = true;
+                // The rest of a chunk that was there up to a stop may be under way.
+                let in_flight = self.state(id) == State::InFlight;
+                self.set_stop(id, None);
                 if self.cache.contains(id) {
-                    self.set_state(id, State::Cached);
+                    self.set_state(id, if in_flight { State::InFlight } else { State::Cached });
                 } else {
-                    self.set_state(id, State::Absent);
-                    if let Some(session) = &mut self.session {
-                        session.evicted(now, &[id]);
-                    }
+                    self.not_here(now, id);
                 }
             }
             Err(why) => tracing::error!("{id} cannot be undone: {why}"),

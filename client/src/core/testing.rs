@@ -213,6 +213,10 @@ pub(crate) struct Loopback {
     down: Pipe<Transmit>,
     /// Blobs whose first piece was sent, in order, with repetitions.
     pub(crate) sent: Vec<BlobId>,
+    /// Bytes sent of each blob.
+    pub(crate) sent_bytes: BTreeMap<BlobId, u64>,
+    /// Bytes that the server may send unasked once it knows the view.
+    pub(crate) push_bytes: u64,
     /// Budget of each update.
     pub(crate) budget: u64,
 }
@@ -232,6 +236,8 @@ impl Loopback {
             up: Pipe::new(),
             down: Pipe::new(),
             sent: Vec::new(),
+            sent_bytes: BTreeMap::new(),
+            push_bytes: ServerConfig::websocket(None).push_after_hello_bytes,
             budget: u64::MAX,
         }
     }
@@ -239,7 +245,11 @@ impl Loopback {
     /// Opens a connection, 8 Mbit/s towards the client.
     pub(crate) fn connect(&mut self) {
         // Nothing is pushed before the client has said what it holds: counts are then exact.
-        let config = ServerConfig { push_before_hello_bytes: 0, ..ServerConfig::websocket(Some(8_000_000)) };
+        let config = ServerConfig {
+            push_before_hello_bytes: 0,
+            push_after_hello_bytes: self.push_bytes,
+            ..ServerConfig::websocket(Some(8_000_000))
+        };
         self.server = Some(ServerSession::new(Arc::new(config), self.source.clone(), 1, self.now));
         self.core.connect(self.now);
     }
@@ -291,10 +301,11 @@ impl Loopback {
         }
         server.handle_timeout(now);
         while let Some(transmit) = server.poll_transmit(now) {
-            if let Transmit::Piece { piece, .. } = &transmit
-                && piece.offset == 0
-            {
-                self.sent.push(piece.id);
+            if let Transmit::Piece { piece, .. } = &transmit {
+                *self.sent_bytes.entry(piece.id).or_default() += piece.bytes.len() as u64;
+                if piece.offset == 0 {
+                    self.sent.push(piece.id);
+                }
             }
             self.down.push_back((now + LATENCY, transmit));
         }

@@ -72,14 +72,17 @@ fn control_stream(body: &[u8]) -> bool {
 fn blob_stream(bytes: &Bytes) -> bool {
     let read = |step: usize| {
         let mut reader = BlobStreamReader::new();
-        let mut blob = Vec::new();
+        let (mut first, mut blob) = (None, Vec::new());
         for at in (0..bytes.len()).step_by(step) {
             for piece in reader.push(bytes.slice(at..bytes.len().min(at + step)))? {
-                assert_eq!(piece.offset as usize, blob.len());
+                let begin = *first.get_or_insert(piece.offset);
+                assert_eq!((piece.offset - begin) as usize, blob.len());
+                assert!(piece.offset as usize + piece.bytes.len() <= piece.end as usize);
+                assert!(piece.end <= piece.total);
                 blob.extend_from_slice(&piece.bytes);
             }
         }
-        reader.finish().map(|()| blob)
+        reader.finish().map(|()| (first, blob))
     };
     let whole = read(bytes.len().max(1));
     assert_eq!(whole.clone().ok(), read(7).ok());

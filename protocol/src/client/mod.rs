@@ -89,11 +89,15 @@ pub enum ClientEvent {
     Connected(Welcome),
     /// A page of the scene description came.
     ScenePage(ScenePage),
-    /// A blob is complete, asked for or not.
+    /// A blob, or the part of it that was sent, is complete, asked for or not.
     Blob {
         /// The blob.
         id: BlobId,
-        /// All of it.
+        /// Where in the blob the bytes begin: 0, or the `held` of what was wanted.
+        offset: u32,
+        /// Length of the whole blob.
+        total: u32,
+        /// The bytes.
         bytes: Bytes,
     },
     /// A blob will not come; [`RefusedReason::QueueFull`] means: ask again later.
@@ -135,15 +139,18 @@ struct Pending {
     asked: Option<Priority>,
     /// The length that scene or index announced.
     expected: Option<u32>,
-    /// The length that the pieces name, once the first is here.
-    total: Option<u32>,
+    /// The part that is asked for: from here, to here if not to the blob's end.
+    from: u32,
+    to: Option<u32>,
+    /// Where the run ends that the pieces belong to, once the first is here.
+    end: Option<u32>,
     received: Vec<u8>,
 }
 
 impl Pending {
     fn left(&self) -> u64 {
-        let length = self.expected.or(self.total).unwrap_or(ASSUMED_BYTES);
-        u64::from(length).saturating_sub(self.received.len() as u64)
+        let end = self.end.or(self.to).or(self.expected).unwrap_or(ASSUMED_BYTES);
+        u64::from(end).saturating_sub(u64::from(self.from) + self.received.len() as u64)
     }
 }
 
@@ -286,16 +293,17 @@ impl ClientSession {
         self.heard = now;
         self.blob_bytes += piece.bytes.len() as u64;
         self.estimate.received(now, piece.bytes.len());
-        let BlobPiece { id, offset, total, bytes } = piece;
+        let BlobPiece { id, offset, end: run_end, total, bytes } = piece;
         let end = u64::from(offset) + bytes.len() as u64;
-        if total > self.config.max_blob_bytes || end > u64::from(total) {
+        if total > self.config.max_blob_bytes || run_end > total || end > u64::from(run_end) {
             return self.fail(&format!("{id} is longer than announced or allowed"));
         }
         let known_base = self.base_bytes.get(&id.asset).copied().filter(|_| id.part == BlobPart::Base);
         if offset > 0 && !self.pending.contains_key(&id) {
             return;
         }
-        if offset == 0 && self.pending.values().filter(|p| !p.received.is_empty()).count() >= MAX_PARTIAL {
+        let begins = self.pending.get(&id).map_or(0, |pending| pending.from) == offset;
+        if begins && self.pending.values().filter(|p| !p.received.is_empty()).count() >= MAX_PARTIAL {
             return self.fail("too many blobs at once");
         }
         let pending = self.pending.entry(id).or_default();
@@ -305,16 +313,18 @@ impl ClientSession {
         {
             return self.fail(&format!("{id} has {total} bytes, but {expected} were announced"));
         }
-        if offset == 0 {
-            // The total is the peer's word: memory is taken as bytes arrive, not in advance.
+        if begins {
+            // The length is the peer's word: memory is taken as bytes arrive, not in advance.
             let before = pending.left();
             pending.received.clear();
-            pending.total = Some(total);
+            pending.end = Some(run_end);
             let after = pending.left();
             if pending.asked.is_some() {
                 self.in_flight_bytes = self.in_flight_bytes.saturating_sub(before).saturating_add(after);
             }
-        } else if pending.received.len() as u64 != u64::from(offset) || pending.total != Some(total) {
+        } else if u64::from(pending.from) + pending.received.len() as u64 != u64::from(offset)
+            || pending.end != Some(run_end)
+        {
             return;
         }
         let before = pending.left();
@@ -322,14 +332,15 @@ impl ClientSession {
         if pending.asked.is_some() {
             self.in_flight_bytes = self.in_flight_bytes.saturating_sub(before - pending.left());
         }
-        if end == u64::from(total) {
+        if end == u64::from(run_end) {
+            let offset = pending.from;
             let bytes = Bytes::from(std::mem::take(&mut pending.received));
             // Nothing of it is left in flight.
             self.pending.remove(&id);
             self.wants.remove(&id);
             self.cancels.remove(&id);
             self.blobs += 1;
-            self.events.push_back(ClientEvent::Blob { id, bytes });
+            self.events.push_back(ClientEvent::Blob { id, offset, total, bytes });
         }
     }
 
@@ -349,7 +360,7 @@ impl ClientSession {
         if let Some(pending) = self.pending.get_mut(&id) {
             let before = pending.left();
             pending.received.clear();
-            pending.total = None;
+            pending.end = None;
             if pending.asked.is_some() {
                 let in_flight = self.in_flight_bytes.saturating_sub(before);
                 self.in_flight_bytes = in_flight.saturating_add(pending.left());
@@ -457,7 +468,10 @@ impl ClientSession {
             let ids = take_first(&mut self.wants, MAX_IDS_PER_MESSAGE);
             let mut wants: Vec<Want> = ids
                 .into_iter()
-                .filter_map(|id| Some(Want { id, priority: self.pending.get(&id)?.asked? }))
+                .filter_map(|id| {
+                    let &Pending { asked, from, to, .. } = self.pending.get(&id)?;
+                    Some(Want { id, priority: asked?, offset: from, end: to })
+                })
                 .collect();
             wants.sort_by_key(|want| (std::cmp::Reverse(want.priority), want.id));
             return Some(ClientMessage::Want(wants));
@@ -495,7 +509,7 @@ impl ClientSession {
         let depth =
             self.estimate.depth_bytes(self.config.min_in_flight_bytes..=self.config.max_in_flight_bytes);
         let mut asked = Vec::new();
-        for &Wanted { id, priority, bytes, state } in wanted {
+        for &Wanted { id, priority, bytes, state, held, end, .. } in wanted {
             if matches!(state, State::Cached | State::Applied | State::Failed) {
                 continue;
             }
@@ -514,6 +528,10 @@ impl ClientSession {
             let pending = self.pending.entry(id).or_default();
             pending.asked = Some(priority);
             pending.expected = pending.expected.or(bytes);
+            // What the server sends unasked comes whole, from the beginning.
+            if pending.received.is_empty() {
+                (pending.from, pending.to) = (held, end);
+            }
             self.in_flight_bytes = self.in_flight_bytes.saturating_add(pending.left());
             self.wants.insert(id);
             asked.push(id);

@@ -9,7 +9,7 @@ use crate::testing::{MemoryScene, contents};
 
 fn welcome(scene: &MemoryScene) -> ServerMessage {
     ServerMessage::Welcome(Welcome {
-        version: 1,
+        version: *VERSIONS.end(),
         session: 1,
         rate_bits_per_s: 8_000_000,
         idle_timeout_ms: 30_000,
@@ -30,12 +30,12 @@ fn connected() -> (ClientSession, std::sync::Arc<MemoryScene>) {
 }
 
 fn wanted(id: BlobId, bytes: u32) -> Wanted {
-    Wanted { id, priority: 1 << 30, bytes: Some(bytes), state: State::Absent }
+    Wanted::whole(id, 1 << 30, Some(bytes), State::Absent)
 }
 
 fn piece(id: BlobId, offset: u32, total: u32, length: u32) -> BlobPiece {
     let bytes = contents(&id, total).slice(offset as usize..(offset + length) as usize);
-    BlobPiece { id, offset, total, bytes }
+    BlobPiece { id, offset, end: total, total, bytes }
 }
 
 fn closed(client: &mut ClientSession) -> Option<Close> {
@@ -71,7 +71,7 @@ fn changed_priorities_are_told_small_changes_are_not() {
     assert_eq!(client.poll_transmit(Time::ZERO), None);
     let large = Wanted { priority: (1 << 30) + (1 << 23), ..wanted(id, 900) };
     client.set_wanted(Time::ZERO, &[large], &[]);
-    let want = Want { id, priority: large.priority };
+    let want = Want::whole(id, large.priority);
     assert_eq!(client.poll_transmit(Time::ZERO), Some(ClientMessage::Want(vec![want])));
 }
 
@@ -94,8 +94,40 @@ fn cancelled_blobs_free_their_room_and_may_be_wanted_again() {
     client.handle_piece(Time::ZERO, piece(id, 0, 900, 600));
     client.handle_piece(Time::ZERO, piece(id, 600, 900, 300));
     let bytes = contents(&id, 900);
-    assert_eq!(client.poll_event(), Some(ClientEvent::Blob { id, bytes }));
+    assert_eq!(client.poll_event(), Some(ClientEvent::Blob { id, offset: 0, total: 900, bytes }));
     assert_eq!(client.stats().in_flight_bytes, 0);
+}
+
+#[test]
+fn a_beginning_comes_first_and_its_rest_when_it_is_wanted() {
+    let (mut client, _) = connected();
+    let id = BlobId::chunk(0, 5);
+    let run = |offset: u32, end: u32, length: u32| BlobPiece { end, ..piece(id, offset, 900, length) };
+    let beginning = Wanted { end: Some(500), ..wanted(id, 900) };
+    assert_eq!(client.set_wanted(Time::ZERO, &[beginning], &[]), [id]);
+    let asked =
+        |offset, end| Some(ClientMessage::Want(vec![Want { offset, end, ..Want::whole(id, 1 << 30) }]));
+    assert_eq!(client.poll_transmit(Time::ZERO), asked(0, Some(500)));
+    assert_eq!(client.stats().in_flight_bytes, 500);
+    client.handle_piece(Time::ZERO, run(0, 500, 300));
+    // More is wanted meanwhile: what is under way is not asked for twice.
+    assert!(client.set_wanted(Time::ZERO, &[wanted(id, 900)], &[]).is_empty());
+    client.handle_piece(Time::ZERO, run(300, 500, 200));
+    let whole = contents(&id, 900);
+    let event = |offset: u32, end: u32| {
+        let bytes = whole.slice(offset as usize..end as usize);
+        Some(ClientEvent::Blob { id, offset, total: 900, bytes })
+    };
+    assert_eq!(client.poll_event(), event(0, 500));
+    assert_eq!(client.set_wanted(Time::ZERO, &[Wanted { held: 500, ..wanted(id, 900) }], &[]), [id]);
+    assert_eq!(client.poll_transmit(Time::ZERO), asked(500, None));
+    assert_eq!(client.stats().in_flight_bytes, 400);
+    client.handle_piece(Time::ZERO, run(500, 900, 400));
+    assert_eq!(client.poll_event(), event(500, 900));
+    assert_eq!(client.stats().in_flight_bytes, 0);
+    // A run beyond its blob ends the session.
+    client.handle_piece(Time::ZERO, run(0, 901, 10));
+    assert!(matches!(client.poll_event(), Some(ClientEvent::Closed(_))));
 }
 
 #[test]
@@ -227,7 +259,15 @@ proptest! {
             let now = Time::from_ms(n as u64);
             let id = BlobId::chunk(0, chunk);
             match what {
-                0 | 1 => { client.set_wanted(now, &[Wanted { bytes: (part > 0).then_some(total), ..wanted(id, total) }], &[]); }
+                0 | 1 => {
+                    let part = Wanted {
+                        bytes: (part > 0).then_some(total),
+                        held: part / 2 * 250,
+                        end: (part == 2).then_some(500),
+                        ..wanted(id, total)
+                    };
+                    client.set_wanted(now, &[part], &[]);
+                }
                 2 => { client.set_wanted(now, &[], &[id]); }
                 3 | 4 => client.handle_piece(now, piece(id, part * 250, total, 250)),
                 5 => client.handle_abandoned(now, id),
@@ -237,8 +277,9 @@ proptest! {
             prop_assert_eq!(client.in_flight_bytes, left);
             while client.poll_transmit(now).is_some() {}
             while let Some(event) = client.poll_event() {
-                if let ClientEvent::Blob { id, bytes } = event {
-                    prop_assert_eq!(bytes, contents(&id, total));
+                if let ClientEvent::Blob { id, offset, bytes, .. } = event {
+                    let whole = contents(&id, total);
+                    prop_assert_eq!(&bytes, &whole[offset as usize..offset as usize + bytes.len()]);
                 }
             }
         }

@@ -17,7 +17,7 @@ fn view() -> View {
 fn client_messages() -> Vec<ClientMessage> {
     let ids =
         vec![BlobId::base(0), BlobId::index_page(3, 4), BlobId::chunk(70_000, 300), BlobId::texture(1, 2, 3)];
-    let wants = ids.iter().map(|&id| Want { id, priority: 1 << 30 }).collect();
+    let wants = ids.iter().map(|&id| Want::whole(id, 1 << 30)).collect();
     vec![
         ClientMessage::Hello(Hello {
             version_min: 1,
@@ -74,7 +74,13 @@ fn server_messages() -> Vec<ServerMessage> {
 }
 
 fn piece() -> BlobPiece {
-    BlobPiece { id: BlobId::chunk(3, 400), offset: 8, total: 40, bytes: Bytes::from_static(b"0123456789") }
+    BlobPiece {
+        id: BlobId::chunk(3, 400),
+        offset: 8,
+        end: 40,
+        total: 40,
+        bytes: Bytes::from_static(b"0123456789"),
+    }
 }
 
 /// All frames that the crate can make.
@@ -146,7 +152,7 @@ fn unknown_messages_are_skipped_if_optional_and_refused_otherwise() {
 
 #[test]
 fn what_exceeds_its_limits_is_neither_made_nor_taken() {
-    let wants = vec![Want { id: BlobId::base(0), priority: 0 }; MAX_IDS_PER_MESSAGE + 1];
+    let wants = vec![Want::whole(BlobId::base(0), 0); MAX_IDS_PER_MESSAGE + 1];
     assert!(encode_client(&ClientMessage::Want(wants.clone())).is_err());
     // The same by hand, past the encoder's check.
     let bytes = super::frame("Want", tag::WANT, &wants).unwrap();
@@ -179,7 +185,7 @@ fn a_forged_count_is_refused_before_memory_is_reserved() {
 fn the_first_messages_are_short() {
     let hello = Hello {
         version_min: 1,
-        version_max: 1,
+        version_max: 2,
         scene: String::new(),
         view: Some(view()),
         max_blob_bytes: 64 << 20,

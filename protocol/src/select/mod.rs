@@ -9,6 +9,10 @@
 //! under parents. Wanted are the missing ones above the threshold (the view's target, or more where
 //! the budgets are exceeded), most urgent first ([`priority`]); unneeded are the applied ones below a
 //! smaller threshold, so that nothing flickers when the camera wavers.
+//!
+//! A chunk none of whose children is above the threshold is wanted up to the first stop whose error, at
+//! the same magnification, is not above it; once a child is, or the stop does no longer, the rest. Budgets
+//! count it whole.
 
 pub mod priority;
 mod project;
@@ -50,6 +54,9 @@ pub struct SelectSettings {
     pub attribute_share: f32,
     /// Whether base meshes of instances out of view are fetched too, last.
     pub prefetch_bases: bool,
+    /// Whether chunks are wanted only up to the first stop that suffices, where nothing finer is wanted.
+    /// Off, more bytes are fetched for a view, and fewer requests are needed when the camera nears.
+    pub stops: bool,
 }
 
 impl Default for SelectSettings {
@@ -63,6 +70,7 @@ impl Default for SelectSettings {
             texture_weight: 0.25,
             attribute_share: 1.0,
             prefetch_bases: true,
+            stops: true,
         }
     }
 }
@@ -74,10 +82,24 @@ pub struct Wanted {
     pub id: BlobId,
     /// Higher first; never above a parent's.
     pub priority: Priority,
-    /// Length in bytes, where known.
+    /// Length of the whole blob in bytes, where known.
     pub bytes: Option<u32>,
-    /// Where it is: absent, in flight or cached. Applied blobs are not listed.
+    /// Where it is, as far as it is wanted: absent, in flight or cached. Applied blobs are not listed.
     pub state: State,
+    /// Bytes of its beginning that are here.
+    pub held: u32,
+    /// How many of its bytes suffice; `None` for all.
+    pub end: Option<u32>,
+    /// The stop up to which a chunk is to be applied; `None` for the whole chunk.
+    pub stop: Option<u8>,
+}
+
+impl Wanted {
+    /// All of a blob of which nothing is here.
+    #[must_use]
+    pub const fn whole(id: BlobId, priority: Priority, bytes: Option<u32>, state: State) -> Self {
+        Self { id, priority, bytes, state, held: 0, end: None, stop: None }
+    }
 }
 
 /// Counters of one call.

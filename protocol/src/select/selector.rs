@@ -2,7 +2,8 @@
 
 use std::cmp::Reverse;
 
-use lodestream_geometry::screen::visible_error;
+use lodestream_geometry::index::ChunkInfo;
+use lodestream_geometry::screen::{visible_error, visible_error_at};
 
 use super::priority::{base_priority, index_priority, prefetch_priority, refine_priority};
 use super::{AssetState, Counters, Priority, Projection, SelectSettings, Selection, State, Wanted};
@@ -53,11 +54,18 @@ struct Seen {
 struct Seek {
     /// Screen error while it is missing, the largest over instances, itself and its descendants.
     error_px: f32,
+    /// The same of itself alone, and of its descendants alone.
+    own_px: f32,
+    finer_px: f32,
     centrality: f32,
     /// The largest over itself and its missing descendants; 0: not wanted.
     priority: Priority,
     /// Applied, and needed by something applied.
     kept: bool,
+    /// A child is wanted, so it is itself, whole.
+    inner: bool,
+    /// The stop up to which it is wanted.
+    stop: Option<u8>,
     /// It or an ancestor will never come, or is not known.
     blocked: bool,
 }
@@ -86,13 +94,22 @@ pub fn max_screen_error_px(view: &View, instances: &[InstanceEntry], assets: &[A
         let scale = f64::from(instance.scale);
         worst = worst.max(projection.error_px(f64::from(asset.unknown_error()) * scale, bounds.depth));
         let local = projection.local(asset.entry(), instance);
-        let missing = asset.chunks().iter().zip(asset.chunk_states());
-        for (info, _) in missing.filter(|(info, state)| info.level > 0 && **state != State::Applied) {
-            worst =
-                local.error_px(&info.sphere, visible_error(info, 1.0)).map_or(worst, |(px, _)| worst.max(px));
+        for (chunk, info) in (0..).zip(asset.chunks()).filter(|(_, info)| info.level > 0) {
+            if asset.state(BlobPart::Chunk(chunk)) != State::Applied {
+                let error = remaining_error(asset, chunk, info, 1.0);
+                worst = local.error_px(&info.sphere, error).map_or(worst, |(px, _)| worst.max(px));
+            }
         }
     }
     worst
+}
+
+/// The length that shows where a chunk is not in use, or only up to a stop.
+fn remaining_error(asset: &AssetState, chunk: u32, info: &ChunkInfo, share: f32) -> f32 {
+    match asset.stop(chunk) {
+        Some(stop) => visible_error_at(info, &info.extent(Some(stop)), share),
+        None => visible_error(info, share),
+    }
 }
 
 impl Selector {
@@ -204,19 +221,22 @@ impl Selector {
             let seeks = &mut self.chunks[seen.first_chunk..];
             let entries = asset.chunks().iter().zip(asset.chunk_states());
             counters.tested_chunks += asset.chunks().len() as u64;
-            for (seek, (info, state)) in seeks.iter_mut().zip(entries) {
-                let Some((px, centrality)) = local.error_px(&info.sphere, visible_error(info, share)) else {
+            for ((seek, (info, state)), chunk) in seeks.iter_mut().zip(entries).zip(0..) {
+                let error = visible_error(info, share);
+                let Some((px, centrality)) = local.error_px(&info.sphere, error) else {
                     continue;
                 };
                 if info.level == 0 {
                     continue;
                 }
                 if *state != State::Applied {
-                    worst = worst.max(px);
+                    let left = remaining_error(asset, chunk, info, share);
+                    worst = worst.max(if left < error { px * f64::from(left / error) } else { px });
                 }
                 #[allow(clippy::cast_possible_truncation)]
                 {
-                    seek.error_px = seek.error_px.max(px as f32);
+                    seek.own_px = seek.own_px.max(px as f32);
+                    seek.error_px = seek.own_px;
                 }
                 seek.centrality = seek.centrality.max(centrality);
             }
@@ -242,6 +262,7 @@ impl Selector {
                 for &parent in &info.parents {
                     let parent = &mut seeks[parent as usize];
                     parent.error_px = parent.error_px.max(error_px);
+                    parent.finer_px = parent.finer_px.max(error_px);
                     parent.centrality = parent.centrality.max(centrality);
                 }
                 if error_px > target_px {
@@ -281,6 +302,8 @@ impl Selector {
 
     /// Lists the chunks of one asset that are wanted, no longer wanted, or to be undone.
     fn refine(&mut self, number: u32, asset: &AssetState, threshold: f32, keep_out_of_view: bool) {
+        let share = self.settings.attribute_share.clamp(0.0, 1.0);
+        let stops = self.settings.stops;
         let infos = asset.chunks();
         let states = asset.chunk_states();
         let seeks = &mut self.chunks[self.seen[number as usize].first_chunk..][..infos.len()];
@@ -294,20 +317,30 @@ impl Selector {
         for index in (0..infos.len()).rev() {
             let info = &infos[index];
             let seek = &mut seeks[index];
-            let applied = states[index] == State::Applied;
-            if seek.error_px > threshold && !applied {
-                let own = refine_priority(seek.error_px, info.payload_bytes, seek.centrality);
-                seek.priority = seek.priority.max(own);
+            let chunk = u32::try_from(index).unwrap_or(u32::MAX);
+            let applied = asset.extent_in_use(chunk).is_some();
+            if seek.error_px > threshold {
+                seek.stop = if stops { enough(info, seek, threshold, share) } else { None };
+                if asset.chunk_state(chunk, seek.stop) != State::Applied {
+                    let left_px = match asset.stop(chunk) {
+                        None => seek.error_px,
+                        Some(stop) => seek.finer_px.max(px_at(info, seek, stop, share)),
+                    };
+                    let need = info.extent(seek.stop).payload_bytes;
+                    let bytes = need.saturating_sub(asset.held_bytes(chunk)).max(1);
+                    seek.priority = seek.priority.max(refine_priority(left_px, bytes, seek.centrality));
+                }
             }
             let out_of_view = seek.error_px <= 0.0 && !far;
             seek.kept |= applied && (seek.error_px >= undo_below || (out_of_view && keep_out_of_view));
-            let Seek { priority, kept, .. } = *seek;
+            let Seek { priority, kept, error_px, .. } = *seek;
             for &parent in &info.parents {
                 let parent = &mut seeks[parent as usize];
                 parent.priority = parent.priority.max(priority);
                 parent.kept |= kept;
+                parent.inner |= error_px > threshold;
             }
-            let id = BlobId::chunk(number, u32::try_from(index).unwrap_or(u32::MAX));
+            let id = BlobId::chunk(number, chunk);
             if applied && !kept {
                 self.selection.undo.push(id);
             } else if states[index] == State::InFlight && seeks[index].error_px < undo_below {
@@ -326,19 +359,28 @@ impl Selector {
                 continue;
             }
             counters.needed_chunks += 1;
-            if states[index] == State::Applied {
+            let chunk = u32::try_from(index).unwrap_or(u32::MAX);
+            let (stop, held) = (seek.stop, asset.held_bytes(chunk));
+            let state = asset.chunk_state(chunk, stop);
+            if state == State::Applied {
                 continue;
             }
             counters.missing_chunks += 1;
-            if matches!(states[index], State::Absent | State::InFlight) {
-                counters.missing_bytes += u64::from(info.payload_bytes);
+            let need = info.extent(stop).payload_bytes;
+            if matches!(state, State::Absent | State::InFlight) {
+                counters.missing_bytes += u64::from(need.saturating_sub(held));
             }
             if !blocked {
+                let id = BlobId::chunk(number, chunk);
+                let (bytes, end) = (Some(info.payload_bytes), stop.map(|_| need));
                 self.selection.wanted.push(Wanted {
-                    id: BlobId::chunk(number, u32::try_from(index).unwrap_or(u32::MAX)),
+                    id,
                     priority: seek.priority,
-                    bytes: Some(info.payload_bytes),
-                    state: states[index],
+                    bytes,
+                    state,
+                    held,
+                    end,
+                    stop,
                 });
             }
         }
@@ -351,7 +393,7 @@ impl Selector {
             let state = asset.state(part);
             if !matches!(state, State::Applied | State::Failed) {
                 let id = BlobId { asset: number, part };
-                wanted.push(Wanted { id, priority, bytes: asset.blob_bytes(part), state });
+                wanted.push(Wanted::whole(id, priority, asset.blob_bytes(part), state));
             }
         };
         if seen.visible {
@@ -392,12 +434,12 @@ impl Selector {
                 if *state != State::Applied {
                     pending += 1;
                     let blur_px = texel_px.min(256.0) * self.settings.texture_weight;
-                    self.selection.wanted.push(Wanted {
-                        id: BlobId::texture(number, texture, level),
-                        priority: refine_priority(blur_px, about.bytes, seen.centrality),
-                        bytes: Some(about.bytes),
-                        state: *state,
-                    });
+                    self.selection.wanted.push(Wanted::whole(
+                        BlobId::texture(number, texture, level),
+                        refine_priority(blur_px, about.bytes, seen.centrality),
+                        Some(about.bytes),
+                        *state,
+                    ));
                 }
                 #[allow(clippy::cast_precision_loss)]
                 let texels = about.width.max(about.height).max(1) as f32;
@@ -421,13 +463,29 @@ impl Selector {
     }
 }
 
-/// Faces and payload bytes of the applied chunks of all assets.
+/// Screen error of a chunk's own that is left at a stop.
+fn px_at(info: &ChunkInfo, seek: &Seek, stop: u8, share: f32) -> f32 {
+    let whole = visible_error(info, share);
+    let left = visible_error_at(info, &info.extent(Some(stop)), share);
+    if left < whole { seek.own_px * (left / whole) } else { seek.own_px }
+}
+
+/// The first stop of a chunk at which nothing is left above the threshold; `None` where none is, or a
+/// child is wanted.
+fn enough(info: &ChunkInfo, seek: &Seek, threshold: f32, share: f32) -> Option<u8> {
+    if seek.inner {
+        return None;
+    }
+    (0_u8..).take(info.stops.len()).find(|&stop| px_at(info, seek, stop, share) <= threshold)
+}
+
+/// Faces and payload bytes of what is in use of all assets' chunks.
 fn usage(assets: &[AssetState]) -> (u64, u64) {
-    assets
-        .iter()
-        .flat_map(|asset| asset.chunks().iter().zip(asset.chunk_states()))
-        .filter(|(_, state)| **state == State::Applied)
-        .fold((0, 0), |(faces, bytes), (info, _)| {
-            (faces + u64::from(info.faces), bytes + u64::from(info.payload_bytes))
+    let in_use = |asset: &AssetState| {
+        let chunks = u32::try_from(asset.chunks().len()).unwrap_or(u32::MAX);
+        (0..chunks).filter_map(|chunk| asset.extent_in_use(chunk)).fold((0, 0), |(faces, bytes), extent| {
+            (faces + u64::from(extent.faces), bytes + u64::from(extent.payload_bytes))
         })
+    };
+    assets.iter().map(in_use).fold((0, 0), |a, b| (a.0 + b.0, a.1 + b.1))
 }

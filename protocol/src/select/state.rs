@@ -1,11 +1,12 @@
 //! What is known of an asset, and where its blobs are.
 
-use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo};
+use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, Stop};
 use lodestream_geometry::screen::visible_error;
 
 use crate::asset::{AssetDescription, TextureLevel};
 use crate::blob::{BlobId, BlobPart};
 use crate::scene::AssetEntry;
+use crate::select::Wanted;
 
 /// Where a blob is, as far as the caller is concerned.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -32,6 +33,9 @@ pub struct AssetState {
     pages: Vec<State>,
     chunks: Vec<ChunkInfo>,
     states: Vec<State>,
+    /// Chunks up to the last known one: bytes of the beginning that are here, and the stop that is in use.
+    held: Vec<u32>,
+    stops: Vec<Option<u8>>,
     /// Number of leading index pages that are known without a gap.
     known_pages: u32,
     /// Upper bound on the error of any chunk whose index page is not known yet.
@@ -80,6 +84,8 @@ impl AssetState {
             pages,
             chunks: Vec::new(),
             states: Vec::new(),
+            held: Vec::new(),
+            stops: Vec::new(),
             known_pages: 0,
             unknown_error,
             textures: Vec::new(),
@@ -105,6 +111,72 @@ impl AssetState {
                 .and_then(|t| t.levels.get(usize::from(level)))
                 .map_or(State::Absent, |(_, state)| *state),
         }
+    }
+
+    /// Sets how many bytes of a chunk's beginning are here.
+    pub fn set_held(&mut self, chunk: u32, bytes: u32) {
+        if let Some(held) = self.held.get_mut(chunk as usize) {
+            *held = bytes;
+        }
+    }
+
+    /// Bytes of a chunk's beginning that are here.
+    #[must_use]
+    pub fn held_bytes(&self, chunk: u32) -> u32 {
+        self.held.get(chunk as usize).copied().unwrap_or(0)
+    }
+
+    /// Says that a chunk is in use up to a stop ([`ChunkInfo::stops`]), or no longer: its state is then
+    /// that of the rest. A chunk that is [`State::Applied`] is in use whole.
+    pub fn set_stop(&mut self, chunk: u32, stop: Option<u8>) {
+        if let Some(slot) = self.stops.get_mut(chunk as usize) {
+            *slot = stop;
+        }
+    }
+
+    /// The stop up to which a chunk is in use; `None` where it is whole or not in use.
+    #[must_use]
+    pub fn stop(&self, chunk: u32) -> Option<u8> {
+        match self.states.get(chunk as usize) {
+            Some(State::Applied) | None => None,
+            Some(_) => self.stops[chunk as usize],
+        }
+    }
+
+    /// What of a chunk is in use, if anything.
+    #[must_use]
+    pub fn extent_in_use(&self, chunk: u32) -> Option<Stop> {
+        let info = self.chunk(chunk)?;
+        match (self.states[chunk as usize], self.stop(chunk)) {
+            (State::Applied, _) => Some(info.extent(None)),
+            (_, stop @ Some(_)) => Some(info.extent(stop)),
+            _ => None,
+        }
+    }
+
+    /// Where as much of a chunk is as takes it to a stop.
+    #[must_use]
+    pub fn chunk_state(&self, chunk: u32, stop: Option<u8>) -> State {
+        let state = self.state(BlobPart::Chunk(chunk));
+        let Some(info) = self.chunk(chunk) else { return state };
+        match state {
+            State::Applied | State::Failed => state,
+            _ if stop.is_some() && self.stop(chunk) >= stop => State::Applied,
+            _ if self.held_bytes(chunk) >= info.extent(stop).payload_bytes => State::Cached,
+            State::Cached => State::Absent,
+            _ => state,
+        }
+    }
+
+    /// Brings what a selection said of a blob up to date with what has arrived since.
+    pub fn refresh(&self, wanted: &mut Wanted) {
+        wanted.state = match wanted.id.part {
+            BlobPart::Chunk(chunk) => {
+                wanted.held = self.held_bytes(chunk);
+                self.chunk_state(chunk, wanted.stop)
+            }
+            part => self.state(part),
+        };
     }
 
     /// Sets where a blob is; blobs that do not exist are ignored. An index page becomes
@@ -152,6 +224,8 @@ impl AssetState {
         if self.chunks.len() < end {
             self.chunks.resize(end, ChunkInfo::default());
             self.states.resize(end, State::Absent);
+            self.held.resize(end, 0);
+            self.stops.resize(end, None);
         }
         for (slot, mut info) in self.chunks[first..end].iter_mut().zip(infos) {
             info.level = info.level.max(1);

@@ -10,7 +10,7 @@ mod push;
 #[cfg(test)]
 mod tests;
 
-use std::collections::{HashSet, VecDeque};
+use std::collections::{HashMap, HashSet, VecDeque};
 use std::sync::Arc;
 
 use crate::blob::BlobId;
@@ -84,8 +84,8 @@ pub struct ServerSession {
     control: VecDeque<ServerMessage>,
     abandoned: VecDeque<BlobId>,
     scheduler: Scheduler,
-    /// What has begun to be handed over, or what the client says it has.
-    handed: HashSet<Unit>,
+    /// What has begun to be handed over, or what the client says it has: how far, in bytes of a blob.
+    handed: HashMap<Unit, u32>,
     /// What is pushed next, least urgent first.
     push: Vec<(Priority, Unit)>,
     /// Units without which a visible instance cannot be drawn, not handed over yet.
@@ -137,7 +137,7 @@ impl ServerSession {
             control: VecDeque::from([welcome]),
             abandoned: VecDeque::new(),
             scheduler: Scheduler::new(config.max_queued),
-            handed: HashSet::new(),
+            handed: HashMap::new(),
             push: Vec::new(),
             bases_left: HashSet::new(),
             bases_told: false,
@@ -230,7 +230,7 @@ impl ServerSession {
         self.abandoned.clear();
         self.scheduler.clear();
         self.push = Vec::new();
-        self.handed = HashSet::new();
+        self.handed = HashMap::new();
         self.unasked = HashSet::new();
         self.bases_left = HashSet::new();
         self.share = None;
@@ -265,7 +265,7 @@ impl ServerSession {
         if hello.fingerprint == header.fingerprint {
             let source = &self.source;
             let real = hello.have.iter().filter(|id| source.blob_len(id).is_some());
-            self.handed.extend(real.map(|id| Unit::Blob(*id)));
+            self.handed.extend(real.map(|id| (Unit::Blob(*id), u32::MAX)));
             self.resumes = !hello.have.is_empty();
         }
         self.phase = Phase::Open;
@@ -289,7 +289,7 @@ impl ServerSession {
         }
         self.push = push::first_flight(&*self.source, &self.view);
         let Self { handed, scheduler, .. } = self;
-        self.push.retain(|(_, unit)| !handed.contains(unit) && !scheduler.contains(unit));
+        self.push.retain(|(_, unit)| !handed.contains_key(unit) && !scheduler.contains(unit));
         self.bases_left = self.push.iter().filter(|(p, _)| is_base(*p)).map(|(_, unit)| *unit).collect();
         let half_sent = self.scheduler.begun().filter(|(priority, _)| is_base(*priority));
         self.bases_left.extend(half_sent.map(|(_, unit)| unit));
@@ -306,7 +306,7 @@ impl ServerSession {
                 break;
             }
             self.push.pop();
-            if !fits || self.handed.contains(&unit) {
+            if !fits || self.handed.contains_key(&unit) {
                 // The client has it, or no room for more than it asks for.
                 self.bases_left.remove(&unit);
                 continue;
@@ -347,7 +347,7 @@ impl ServerSession {
         let room = self.push_budget.saturating_sub(self.pushed_bytes);
         let budget = self.config.push_after_hello_bytes.min(room);
         for (priority, unit) in push::first_refinement(&*self.source, &self.view, budget) {
-            if !self.handed.contains(&unit) {
+            if !self.handed.contains_key(&unit) {
                 self.scheduler.want(unit, priority);
                 self.unasked.insert(unit);
             }
@@ -357,22 +357,32 @@ impl ServerSession {
     fn want(&mut self, wants: &[Want]) {
         self.client_wants = true;
         self.done_told = false;
-        for &Want { id, priority } in wants {
-            let unit = Unit::Blob(id);
-            self.unasked.remove(&unit);
-            if self.handed.contains(&unit) && !self.scheduler.contains(&unit) {
-                continue;
-            }
-            let refused = match self.source.blob_len(&id) {
-                None => Some(RefusedReason::NotFound),
-                Some(length) if length > self.max_blob_bytes => Some(RefusedReason::TooLong),
-                Some(_) if !self.scheduler.want(unit, priority) => Some(RefusedReason::QueueFull),
-                Some(_) => None,
-            };
-            if let Some(reason) = refused {
-                self.tell(ServerMessage::Refused(Refused { id, reason }));
+        for want in wants {
+            self.unasked.remove(&Unit::Blob(want.id));
+            if let Err(reason) = self.want_one(want) {
+                self.tell(ServerMessage::Refused(Refused { id: want.id, reason }));
             }
         }
+    }
+
+    /// Queues what is missing of the part that is wanted.
+    fn want_one(&mut self, want: &Want) -> Result<(), RefusedReason> {
+        let Want { id, priority, offset, end } = *want;
+        let unit = Unit::Blob(id);
+        let length = self.source.blob_len(&id).ok_or(RefusedReason::NotFound)?;
+        if length > self.max_blob_bytes {
+            return Err(RefusedReason::TooLong);
+        }
+        let end = end.unwrap_or(length);
+        if end > length || (offset >= end && length > 0) || offset > length {
+            return Err(RefusedReason::OutOfRange);
+        }
+        let handed = self.handed.get(&unit).copied();
+        if handed.is_some_and(|handed| handed >= end) && !self.scheduler.contains(&unit) {
+            return Ok(());
+        }
+        let part = offset.max(handed.unwrap_or(0))..end;
+        if self.scheduler.want_part(unit, priority, part) { Ok(()) } else { Err(RefusedReason::QueueFull) }
     }
 
     fn cancel(&mut self, ids: &[BlobId]) {
@@ -389,7 +399,7 @@ impl ServerSession {
         self.done_told = false;
         for &page in pages {
             if page < self.source.header().page_count {
-                if self.handed.remove(&Unit::Page(page)) {
+                if self.handed.remove(&Unit::Page(page)).is_some() {
                     self.pages_handed = self.pages_handed.saturating_sub(1);
                 }
                 self.scheduler.want(Unit::Page(page), index_priority(f32::MAX));
@@ -517,7 +527,7 @@ impl ServerSession {
         let piece_bytes = self.config.piece_bytes.clamp(1, MAX_PIECE_BYTES as u32) as usize;
         Some(match self.scheduler.next(piece_bytes, &mut read)? {
             Outgoing::Page(page) => {
-                if self.handed.insert(Unit::Page(page)) {
+                if self.handed.insert(Unit::Page(page), u32::MAX).is_none() {
                     self.pages_handed = self.pages_handed.saturating_add(1);
                 }
                 self.bases_left.remove(&Unit::Page(page));
@@ -526,10 +536,9 @@ impl ServerSession {
                 self.transmit_message(now, ServerMessage::ScenePage((*page).clone()))
             }
             Outgoing::Piece { piece, priority } => {
-                if piece.offset == 0 {
-                    self.handed.insert(Unit::Blob(piece.id));
-                    self.stats.blobs += 1;
-                }
+                let handed = self.handed.entry(Unit::Blob(piece.id)).or_insert(0);
+                *handed = piece.offset.saturating_add(piece.bytes.len() as u32).max(*handed);
+                self.stats.blobs += u64::from(piece.offset == 0);
                 if piece.is_last() {
                     self.bases_left.remove(&Unit::Blob(piece.id));
                 }

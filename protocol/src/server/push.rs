@@ -76,6 +76,8 @@ pub(super) fn first_refinement(
     let mut selector = Selector::new(SelectSettings {
         max_bytes: budget_bytes,
         prefetch_bases: false,
+        // What is sent unasked is sent whole: the client's own requests, for parts, follow at once.
+        stops: false,
         ..SelectSettings::default()
     });
     let mut out = Vec::new();

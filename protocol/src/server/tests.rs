@@ -12,7 +12,7 @@ use crate::client::Resume;
 use crate::limits::MAX_IDS_PER_MESSAGE;
 use crate::pair::Pair;
 use crate::scene::SceneHeader;
-use crate::select::max_screen_error_px;
+use crate::select::{State, max_screen_error_px};
 use crate::testing::MemoryScene;
 
 const MBIT: u64 = 1_000_000;
@@ -24,7 +24,7 @@ fn session(scene: &Arc<MemoryScene>, config: ServerConfig) -> ServerSession {
 fn hello(scene: &SceneHeader) -> Hello {
     Hello {
         version_min: 1,
-        version_max: 1,
+        version_max: 2,
         scene: String::new(),
         view: Some(scene.camera.view([1280, 720], 1.0)),
         max_blob_bytes: 1 << 20,
@@ -161,7 +161,7 @@ fn every_window_of_a_saturated_session_is_within_five_percent_of_the_rate() {
             if server.scheduler.queued() < 500 {
                 let ids: Vec<_> = chunks.by_ref().take(900).collect();
                 server.handle_message(now, ClientMessage::Cancel(ids.clone()));
-                let wants = ids.iter().map(|&id| Want { id, priority: 5 }).collect();
+                let wants = ids.iter().map(|&id| Want::whole(id, 5)).collect();
                 server.handle_message(now, ClientMessage::Want(wants));
             }
             let before = server.stats().wire_bytes;
@@ -241,7 +241,7 @@ fn blobs_are_sent_once_unless_cancelled_in_between() {
     server.handle_message(Time::ZERO, ClientMessage::Hello(hello(&scene.header)));
     drain(&mut server, Time::ZERO);
     let id = BlobId::chunk(0, 3);
-    let want = ClientMessage::Want(vec![Want { id, priority: 9 }]);
+    let want = ClientMessage::Want(vec![Want::whole(id, 9)]);
     let mut ask = |message: &ClientMessage| {
         server.handle_message(Time::ZERO, message.clone());
         begun(&drain(&mut server, Time::ZERO)).len()
@@ -253,11 +253,98 @@ fn blobs_are_sent_once_unless_cancelled_in_between() {
 }
 
 #[test]
+fn parts_are_sent_once_and_bad_ones_are_refused_with_a_reason() {
+    let scene = MemoryScene::new(1, 1, 3);
+    let mut server =
+        session(&scene, ServerConfig { push_after_hello_bytes: 0, ..ServerConfig::websocket(None) });
+    server.handle_message(Time::ZERO, ClientMessage::Hello(hello(&scene.header)));
+    drain(&mut server, Time::ZERO);
+    let id = BlobId::chunk(0, 3);
+    let length = scene.blob_len(&id).unwrap();
+    let mut ask = |offset: u32, end: Option<u32>| {
+        let want = Want { offset, end, ..Want::whole(id, 9) };
+        server.handle_message(Time::ZERO, ClientMessage::Want(vec![want]));
+        let (mut sent, mut refused) = (Vec::new(), None);
+        for transmit in drain(&mut server, Time::ZERO) {
+            match transmit {
+                Transmit::Piece { piece, .. } if piece.id == id => {
+                    sent.push((piece.offset, piece.offset + piece.bytes.len() as u32, piece.end));
+                }
+                Transmit::Message(ServerMessage::Refused(why)) => refused = Some(why.reason),
+                _ => {}
+            }
+        }
+        (sent, refused)
+    };
+    let bad = (Vec::new(), Some(RefusedReason::OutOfRange));
+    for (offset, end) in [
+        (length, None),
+        (length + 1, None),
+        (u32::MAX, Some(u32::MAX)),
+        (0, Some(0)),
+        (0, Some(length + 1)),
+        (200, Some(200)),
+        (200, Some(100)),
+    ] {
+        assert_eq!(ask(offset, end), bad, "{offset} to {end:?} of {length}");
+    }
+    assert_eq!(ask(0, Some(300)), (vec![(0, 300, 300)], None));
+    assert_eq!(ask(0, Some(200)), (vec![], None), "sent already");
+    // What the client does not say it has, but was sent, is not sent again.
+    assert_eq!(ask(100, Some(400)), (vec![(300, 400, 400)], None));
+    assert_eq!(ask(500, None), (vec![(500, length, length)], None));
+    assert_eq!(ask(0, None), (vec![], None));
+}
+
+/// A view is refined to where chunks' beginnings suffice; coming nearer fetches what is left of them, and
+/// nothing twice (the pair's client takes nothing that it has).
+#[test]
+fn stops_save_bytes_and_nearer_views_fetch_the_rest_only() {
+    let scene = MemoryScene::new(2, 2, 5);
+    let run = |stops: bool| {
+        let config = ServerConfig { push_after_hello_bytes: 0, ..ServerConfig::websocket(Some(4 * MBIT)) };
+        let mut pair = Pair::new(&scene, config, Resume::default());
+        pair.selector.settings_mut().stops = stops;
+        let mut received = Vec::new();
+        for eye in [[0.0, 12.0, 30.0], [0.0, 9.0, 22.0], [0.0, 6.0, 12.0], [0.0, 3.0, 6.0]] {
+            pair.view = View { eye, ..pair.view };
+            pair.run_until(pair.now + Duration::from_secs(10));
+            let counters = pair.selector.last().counters;
+            assert!(counters.settled, "{counters:?}");
+            let worst = max_screen_error_px(&pair.view, &pair.world.instances, &pair.world.assets);
+            let complete =
+                pair.world.assets.iter().all(|a| a.chunk_states().iter().all(|s| *s == State::Applied));
+            assert!(worst <= 1.0 || complete, "{worst} px left");
+            received.push(pair.world.received_bytes);
+        }
+        let held: u64 = pair
+            .world
+            .assets
+            .iter()
+            .flat_map(|asset| {
+                (0..asset.chunks().len() as u32).map(|chunk| u64::from(asset.held_bytes(chunk)))
+            })
+            .sum();
+        let rest: u64 = (0..2)
+            .map(|asset| {
+                let pages = (0..).map_while(|page| scene.blob_len(&BlobId::index_page(asset, page)));
+                u64::from(scene.blob_len(&BlobId::base(asset)).unwrap()) + pages.map(u64::from).sum::<u64>()
+            })
+            .sum();
+        assert!(*received.last().unwrap() <= held + rest, "{received:?}, {held} held");
+        received
+    };
+    let (with, without) = (run(true), run(false));
+    assert!(with.iter().zip(&without).all(|(a, b)| a <= b), "{with:?} against {without:?}");
+    assert!(with[0] * 100 < without[0] * 90, "{with:?} against {without:?}");
+}
+
+#[test]
 fn urgent_requests_overtake_bulk_at_two_megabits() {
     let scene = MemoryScene::new(1, 1, 6);
     let mut server = session(&scene, ServerConfig::websocket(Some(2 * MBIT)));
     server.handle_message(Time::ZERO, ClientMessage::Hello(hello(&scene.header)));
-    let bulk = (0..1000).map(|c| Want { id: BlobId::chunk(0, c), priority: 1 << 24 }).collect();
+    let bulk = (0..1000).map(|c| Want::whole(BlobId::chunk(0, c), 1 << 24)).collect();
     server.handle_message(Time::ZERO, ClientMessage::Want(bulk));
     let urgent = BlobId::chunk(0, 1200);
     let mut now = Time::ZERO;
@@ -265,7 +352,7 @@ fn urgent_requests_overtake_bulk_at_two_megabits() {
     loop {
         if now > Time::from_ms(500) && asked.is_none() {
             asked = Some(now);
-            let want = Want { id: urgent, priority: 1 << 30 };
+            let want = Want::whole(urgent, 1 << 30);
             server.handle_message(now, ClientMessage::Want(vec![want]));
         }
         if begun(&drain(&mut server, now)).contains(&urgent) {
@@ -369,9 +456,9 @@ fn requests_beyond_the_queue_or_the_scene_are_refused() {
     let config = ServerConfig { max_queued: 100, ..ServerConfig::quic(Some(1000)) };
     let mut server = session(&scene, config);
     server.handle_message(Time::ZERO, ClientMessage::Hello(hello(&scene.header)));
-    let wants = (0..300).map(|c| Want { id: BlobId::chunk(0, c), priority: 3 });
+    let wants = (0..300).map(|c| Want::whole(BlobId::chunk(0, c), 3));
     let missing = [BlobId::chunk(0, 9999), BlobId::base(7), BlobId::texture(0, 0, 0)];
-    let wants = wants.chain(missing.map(|id| Want { id, priority: 1 })).collect();
+    let wants = wants.chain(missing.map(|id| Want::whole(id, 1))).collect();
     server.handle_message(Time::ZERO, ClientMessage::Want(wants));
     let refused: Vec<_> = drain(&mut server, Time::ZERO)
         .into_iter()
@@ -405,7 +492,7 @@ fn ceilings_are_shared_fairly() {
             let mut server = session(&scene, ServerConfig::quic(Some(16 * MBIT)));
             server.set_ceiling(ceiling.join());
             server.handle_message(Time::ZERO, ClientMessage::Hello(hello(&scene.header)));
-            let wants = (0..1000).map(|c| Want { id: BlobId::chunk(0, c), priority: 3 }).collect();
+            let wants = (0..1000).map(|c| Want::whole(BlobId::chunk(0, c), 3)).collect();
             server.handle_message(Time::ZERO, ClientMessage::Want(wants));
             server
         })
@@ -431,7 +518,7 @@ fn any_message() -> impl Strategy<Value = ClientMessage> {
     let view = prop::array::uniform3(-20.0..20.0_f64)
         .prop_map(|eye| View::look_at(eye, [0.0; 3], [0.0, 1.0, 0.0], 0.9, [800, 600]));
     let scene = MemoryScene::new(1, 1, 1);
-    let wants = (id.clone(), any::<u32>()).prop_map(|(id, priority)| Want { id, priority });
+    let wants = (id.clone(), any::<u32>()).prop_map(|(id, priority)| Want::whole(id, priority));
     prop_oneof![
         1 => Just(ClientMessage::Hello(hello(&scene.header))),
         8 => prop::collection::vec(wants, 0..MAX_IDS_PER_MESSAGE / 8).prop_map(ClientMessage::Want),

@@ -208,8 +208,8 @@ impl Deliver for QuicSender {
             }
             Transmit::Piece { piece, priority } => {
                 let last = piece.is_last();
-                let head =
-                    if piece.offset == 0 { blob_head(piece.id, piece.total)?.into() } else { Bytes::new() };
+                let begins = !self.blobs.contains_key(&piece.id);
+                let head = if begins { blob_head(&piece)?.into() } else { Bytes::new() };
                 let length = head.len() + piece.bytes.len();
                 let priority = quic_priority(priority);
                 self.pending = Pending::Piece { id: piece.id, priority, head, bytes: piece.bytes, last };

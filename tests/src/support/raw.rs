@@ -18,7 +18,7 @@ use tokio_tungstenite::tungstenite::Message;
 pub(crate) fn hello() -> Hello {
     Hello {
         version_min: 1,
-        version_max: 1,
+        version_max: 2,
         scene: String::new(),
         view: None,
         max_blob_bytes: 1 << 26,
@@ -30,7 +30,7 @@ pub(crate) fn hello() -> Hello {
 
 /// Asks for blobs, all equally urgent.
 pub(crate) fn want(ids: impl IntoIterator<Item = BlobId>) -> ClientMessage {
-    ClientMessage::Want(ids.into_iter().map(|id| Want { id, priority: 1 }).collect())
+    ClientMessage::Want(ids.into_iter().map(|id| Want::whole(id, 1)).collect())
 }
 
 /// What comes from the server.

@@ -38,7 +38,7 @@ fn state_of(scene: MemoryScene, rate_bits_per_s: Option<u64>) -> Arc<ServerState
 fn hello() -> ClientMessage {
     ClientMessage::Hello(Hello {
         version_min: 1,
-        version_max: 1,
+        version_max: 2,
         scene: String::new(),
         view: None,
         max_blob_bytes: 1 << 26,
@@ -52,7 +52,7 @@ fn hello() -> ClientMessage {
 fn want_textures(assets: u32) -> ClientMessage {
     let levels = 0..super::memory_scene::TEXTURE_LEVELS;
     let ids = (0..assets).flat_map(|asset| levels.clone().map(move |level| BlobId::texture(asset, 0, level)));
-    ClientMessage::Want(ids.map(|id| Want { id, priority: 1 }).collect())
+    ClientMessage::Want(ids.map(|id| Want::whole(id, 1)).collect())
 }
 
 /// A daemon on loopback, with its certificate's folder.

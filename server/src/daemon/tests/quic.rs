@@ -216,7 +216,7 @@ async fn a_cancelled_blob_is_reset() {
     let mut client = QuicClient::connect(served.address, &served.certificate).await;
     client.send(&hello()).await;
     let id = BlobId::texture(0, 0, 0);
-    client.send(&ClientMessage::Want(vec![Want { id, priority: 5 }])).await;
+    client.send(&ClientMessage::Want(vec![Want::whole(id, 5)])).await;
     tokio::time::sleep(Duration::from_millis(200)).await;
     client.send(&ClientMessage::Cancel(vec![id])).await;
     loop {

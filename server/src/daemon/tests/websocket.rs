@@ -36,7 +36,7 @@ async fn the_push_is_in_the_same_flight_as_the_upgrade() {
     tokio::spawn(accept_http(far, state, peer()));
     let request = "GET / HTTP/1.1\r\nHost: s\r\nConnection: keep-alive, Upgrade\r\nUpgrade: websocket\r\n\
          Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\
-         Sec-WebSocket-Protocol: lodestream/1\r\n\r\n";
+         Sec-WebSocket-Protocol: lodestream/2\r\n\r\n";
     near.write_all(request.as_bytes()).await.unwrap();
     // Nothing more is ever sent; time does not pass.
     let mut received = Vec::new();
@@ -47,7 +47,7 @@ async fn the_push_is_in_the_same_flight_as_the_upgrade() {
     assert!(head.starts_with("http/1.1 101 "), "{head}");
     // The key's answer of RFC 6455, section 1.3.
     assert!(head.contains("sec-websocket-accept: s3pplmbitxaq9kygzzhzrbk+xoo="), "{head}");
-    assert!(head.contains("sec-websocket-protocol: lodestream/1"), "{head}");
+    assert!(head.contains("sec-websocket-protocol: lodestream/2"), "{head}");
 }
 
 #[tokio::test(start_paused = true)]
@@ -132,7 +132,7 @@ async fn an_urgent_blob_does_not_wait_behind_bulk() {
     let asked = Instant::now();
     let urgent = BlobId::base(1);
     client.send(&ClientMessage::Cancel(vec![urgent])).await;
-    client.send(&ClientMessage::Want(vec![Want { id: urgent, priority: u32::MAX >> 1 }])).await;
+    client.send(&ClientMessage::Want(vec![Want::whole(urgent, u32::MAX >> 1)])).await;
     let mut seen = 0;
     loop {
         // The first time it was pushed.
