@@ -6,8 +6,9 @@
 //! searched depth first with the nearer child first. Its build and its answers depend on the input
 //! alone (no randomness, no threads), and it may be shared between threads.
 //!
-//! Cost: building is O(n log n), about 90 bytes a triangle; a nearest query near the surface visits
-//! O(log n) nodes, one far from it more.
+//! Cost: building is O(n log n); the hierarchy keeps about 40 bytes a triangle and 24 a position, boxes
+//! being rounded outwards to f32. A nearest query near the surface visits O(log n) nodes, one far from it
+//! more.
 
 use glam::DVec3;
 
@@ -110,8 +111,9 @@ fn closest_point_on_segment(p: DVec3, a: DVec3, b: DVec3) -> DVec3 {
 /// A node: a box, and either two children side by side or a run of triangles.
 #[derive(Clone, Copy, Debug)]
 struct Node {
-    low: DVec3,
-    high: DVec3,
+    /// Rounded outwards.
+    low: [f32; 3],
+    high: [f32; 3],
     /// First triangle of a leaf; else index of the first of two adjacent children.
     start: u32,
     /// Triangles of a leaf; 0 for an inner node.
@@ -121,7 +123,8 @@ struct Node {
 impl Node {
     /// Squared distance from `p` to the box; 0 inside.
     fn distance_squared(&self, p: DVec3) -> f64 {
-        let outside = (self.low - p).max(p - self.high).max(DVec3::ZERO);
+        let [low, high] = [self.low, self.high].map(|x| DVec3::from_array(x.map(f64::from)));
+        let outside = (low - p).max(p - high).max(DVec3::ZERO);
         outside.length_squared()
     }
 }
@@ -130,8 +133,9 @@ impl Node {
 #[derive(Clone, Debug)]
 pub struct TriangleBvh {
     nodes: Vec<Node>,
-    /// Corners, in the order of the leaves.
-    triangles: Vec<[DVec3; 3]>,
+    positions: Vec<DVec3>,
+    /// Corners as indices of `positions`, in the order of the leaves.
+    triangles: Vec<[u32; 3]>,
     /// The caller's index of each of `triangles`.
     ids: Vec<u32>,
 }
@@ -145,15 +149,19 @@ impl TriangleBvh {
     #[must_use]
     pub fn new(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> Self {
         assert!(triangles.len() < 1 << 31, "a TriangleBvh holds fewer than 2^31 triangles");
-        let corners: Vec<[DVec3; 3]> =
-            triangles.iter().map(|t| t.map(|v| DVec3::from_array(positions[v as usize]))).collect();
+        let positions: Vec<DVec3> = positions.iter().map(|&p| DVec3::from_array(p)).collect();
+        let corners = |i: u32| triangles[i as usize].map(|v| positions[v as usize]);
         // Centres of the boxes, not of the triangles: needles then split as their boxes do.
-        let centers: Vec<DVec3> =
-            corners.iter().map(|&[a, b, c]| 0.5 * (a.min(b).min(c) + a.max(b).max(c))).collect();
+        let centers: Vec<DVec3> = (0..triangles.len() as u32)
+            .map(|i| {
+                let [a, b, c] = corners(i);
+                0.5 * (a.min(b).min(c) + a.max(b).max(c))
+            })
+            .collect();
         let mut ids: Vec<u32> = (0..triangles.len() as u32).collect();
         let mut nodes = Vec::with_capacity(triangles.len() / 2 + 1);
         if !ids.is_empty() {
-            nodes.push(bounds(&corners, &ids, 0));
+            nodes.push(bounds(corners, &ids, 0));
             let mut open = vec![0usize];
             while let Some(index) = open.pop() {
                 let (start, count) = (nodes[index].start as usize, nodes[index].count as usize);
@@ -167,8 +175,8 @@ impl TriangleBvh {
                     let (x, y) = (centers[i as usize][axis], centers[j as usize][axis]);
                     x.total_cmp(&y).then(i.cmp(&j))
                 });
-                let left = bounds(&corners, &ids[start..start + middle], start);
-                let right = bounds(&corners, &ids[start + middle..start + count], start + middle);
+                let left = bounds(corners, &ids[start..start + middle], start);
+                let right = bounds(corners, &ids[start + middle..start + count], start + middle);
                 let child = nodes.len();
                 nodes[index].start = child as u32;
                 nodes[index].count = 0;
@@ -178,8 +186,9 @@ impl TriangleBvh {
                 open.push(child);
             }
         }
-        let triangles = ids.iter().map(|&i| corners[i as usize]).collect();
-        Self { nodes, triangles, ids }
+        nodes.shrink_to_fit();
+        let triangles = ids.iter().map(|&i| triangles[i as usize]).collect();
+        Self { nodes, positions, triangles, ids }
     }
 
     /// Whether there is no triangle.
@@ -247,7 +256,7 @@ impl TriangleBvh {
             if node.count > 0 {
                 let run = start..start + node.count as usize;
                 for (corners, &id) in self.triangles[run.clone()].iter().zip(&self.ids[run]) {
-                    if visit(limit, corners, id) {
+                    if visit(limit, &corners.map(|v| self.positions[v as usize]), id) {
                         return true;
                     }
                 }
@@ -265,16 +274,23 @@ impl TriangleBvh {
 }
 
 /// A leaf over `ids`, whose first lies at `start`.
-fn bounds(corners: &[[DVec3; 3]], ids: &[u32], start: usize) -> Node {
+fn bounds(corners: impl Fn(u32) -> [DVec3; 3], ids: &[u32], start: usize) -> Node {
     let mut low = DVec3::INFINITY;
     let mut high = DVec3::NEG_INFINITY;
     for &id in ids {
-        for corner in corners[id as usize] {
+        for corner in corners(id) {
             low = low.min(corner);
             high = high.max(corner);
         }
     }
-    Node { low, high, start: start as u32, count: ids.len() as u32 }
+    let below = |x: f64| if f64::from(x as f32) > x { (x as f32).next_down() } else { x as f32 };
+    let above = |x: f64| if f64::from(x as f32) < x { (x as f32).next_up() } else { x as f32 };
+    Node {
+        low: low.to_array().map(below),
+        high: high.to_array().map(above),
+        start: start as u32,
+        count: ids.len() as u32,
+    }
 }
 
 /// The axis along which the centres spread most.
