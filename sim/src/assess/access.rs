@@ -34,6 +34,8 @@ pub struct ViewShare {
     pub splits: f64,
     /// Share of all payload bytes.
     pub bytes: f64,
+    /// The same if chunks could not be had up to a stop.
+    pub whole_bytes: f64,
 }
 
 pub(super) fn spot(model: &Model, seed: u64) -> Spot {
@@ -85,7 +87,7 @@ pub(super) fn view_share(model: &Model, seed: u64) -> ViewShare {
         for (info, _) in infos.iter().zip(&set).filter(|(_, taken)| **taken) {
             info.parents.iter().for_each(|&parent| inner[parent as usize] = true);
         }
-        let (mut splits, mut bytes) = (0.0, 0.0);
+        let (mut splits, mut bytes, mut whole_bytes) = (0.0, 0.0, 0.0);
         for (id, info) in infos.iter().enumerate().filter(|(id, _)| set[*id]) {
             // A chunk that none builds on is needed up to the first stop that will do.
             // Attributes are stated for the whole chunk only.
@@ -94,11 +96,13 @@ pub(super) fn view_share(model: &Model, seed: u64) -> ViewShare {
             let stop = info.stops.iter().find(|s| !inner[id] && enough(s));
             splits += f64::from(stop.map_or(info.vertices, |s| s.vertices));
             bytes += f64::from(stop.map_or(info.payload_bytes, |s| s.payload_bytes));
+            whole_bytes += f64::from(info.payload_bytes);
         }
         let total =
             |count: fn(&ChunkInfo) -> u32| infos.iter().map(|i| f64::from(count(i))).sum::<f64>().max(1.0);
         share.splits += splits / total(|i| i.vertices) / TRIALS as f64;
         share.bytes += bytes / total(|i| i.payload_bytes) / TRIALS as f64;
+        share.whole_bytes += whole_bytes / total(|i| i.payload_bytes) / TRIALS as f64;
     }
     share
 }

@@ -326,9 +326,11 @@ impl std::fmt::Display for Assessment {
         )?;
         write!(
             f,
-            "a view that it fills needs {:.1} % of all splits and {:.1} % of the payload at 1 px, 1280x720",
+            "a view that it fills needs {:.1} % of all splits and {:.1} % of the payload ({:.1} % in whole chunks) at 1 px, \
+             1280x720",
             self.view.splits * 100.0,
-            self.view.bytes * 100.0
+            self.view.bytes * 100.0,
+            self.view.whole_bytes * 100.0
         )
     }
 }
