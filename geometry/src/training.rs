@@ -1,4 +1,4 @@
-//! Training of the priors that every stream starts from ([`crate::codec::model`]).
+//! Training of the priors that every stream starts from (`codec/model.rs`).
 //!
 //! The table belongs to the format: after training, [`crate::base::FORMAT_VERSION`] must change. Per
 //! context the trained pair (probability, what it is worth) is the one that codes the sequences seen,
