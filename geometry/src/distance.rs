@@ -191,6 +191,11 @@ impl TriangleBvh {
         Self { nodes, positions, triangles, ids }
     }
 
+    /// The triangles, by their corners, in the hierarchy's own order.
+    pub(crate) fn triangles(&self) -> &[[u32; 3]] {
+        &self.triangles
+    }
+
     /// Whether there is no triangle.
     #[must_use]
     pub fn is_empty(&self) -> bool {

@@ -5,7 +5,7 @@
 //! can open, at boundaries and edges of three faces and more, the middles of faces are samples too. Each
 //! sample keeps the coarse face that it was last found near; when that face changes, its heirs are looked at, and
 //! where they are farther than what is known, the region's nearest face. Searching the region alone
-//! can only overestimate.
+//! can only overestimate. What lies between the samples is looked at where it matters (`input_faces`).
 //!
 //! *Coarse to input:* where an input face lies over several coarse faces, the distance is largest over the
 //! edge between these. So points are laid along each new edge and in the middle of each face that moved,
@@ -15,15 +15,13 @@
 //! Manocha, "Appearance-preserving simplification", 1998, §4); [`MARGIN`] stands for what lies between
 //! the points.
 
-use std::cell::OnceCell;
-
-use glam::DVec3;
-
-use crate::distance::{TriangleBvh, closest_point_on_triangle};
+use crate::distance::TriangleBvh;
 use crate::mesh::UvGrid;
 use crate::simplify::attributes::InputAttributes;
+use crate::simplify::input_faces::InputFaces;
 use crate::simplify::live::Live;
 use crate::simplify::star_table::each_edge;
+use crate::simplify::surroundings::{ROUNDING, Surroundings, compact};
 use crate::vec3::{Vec3, add, length, scale, sub};
 
 /// Safety factor for the surface between samples.
@@ -32,27 +30,26 @@ pub(crate) const MARGIN: f64 = 1.08;
 pub(crate) const SUSPICIOUS: f64 = 0.7;
 /// Parts that a new edge is cut into at first, per mean edge of the input, and at most.
 const SPARSE: f64 = 2.0;
-const MOST_SPARSE: usize = 4;
+pub(crate) const MOST_SPARSE: usize = 4;
 /// The same for one that is looked at closely, and the least.
-const DENSE: f64 = 4.0;
-const LEAST_DENSE: usize = 12;
-const MOST_DENSE: usize = 32;
+pub(crate) const DENSE: f64 = 4.0;
+pub(crate) const LEAST_DENSE: usize = 12;
+pub(crate) const MOST_DENSE: usize = 32;
 /// A sample that raises the largest distance by more than this factor is looked at closely.
 const LEAP: f64 = 1.5;
-/// Stays above distances that were rounded.
-const ROUNDING: f64 = 1.0 + 1e-6;
 
 /// The input surface, its samples, and where the samples are now.
 pub(crate) struct Deviation {
-    input: TriangleBvh,
+    pub(crate) input: TriangleBvh,
+    pub(crate) input_faces: InputFaces,
     attributes: InputAttributes,
     /// Samples beyond the vertices.
     middles: Vec<Vec3>,
     /// By sample, vertices first: live face that it was last found near, and how far, in grid cells.
-    attached: Vec<u32>,
+    pub(crate) attached: Vec<u32>,
     distance: Vec<f32>,
     /// Mean length of the input's edges.
-    mean_edge: f64,
+    pub(crate) mean_edge: f64,
 }
 
 /// New place of a sample: (sample, face, distance).
@@ -61,90 +58,12 @@ pub(crate) type Place = (u32, u32, f32);
 /// An edge, and the distance of its farthest point from the input.
 pub(crate) type FarEdge = ([u32; 2], f64);
 
-/// A region in the course of its collapses.
-pub(crate) struct Surroundings<'a> {
-    pub(crate) live: &'a Live,
-    /// The region's faces at the level's start, ascending.
-    pub(crate) faces: &'a [u32],
-    /// Which faces lie in the region.
-    pub(crate) inside: &'a dyn Fn(u32) -> bool,
-    /// What is left of the region, for searching; built when it is needed.
-    nearest: OnceCell<(TriangleBvh, Vec<u32>)>,
-}
-
-impl<'a> Surroundings<'a> {
-    pub(crate) fn new(live: &'a Live, faces: &'a [u32], inside: &'a dyn Fn(u32) -> bool) -> Self {
-        Self { live, faces, inside, nearest: OnceCell::new() }
-    }
-
-    /// The nearest face that is left and its distance, which is at most about `bound`.
-    fn nearest(&self, point: Vec3, bound: f64) -> Option<(f64, u32)> {
-        let (bvh, left) = self.nearest.get_or_init(|| {
-            let live = self.live;
-            let left: Vec<u32> = self.faces.iter().copied().filter(|&f| live.alive[f as usize]).collect();
-            let triangles: Vec<[u32; 3]> = left.iter().map(|&f| live.face_vertices[f as usize]).collect();
-            let (positions, triangles) = compact(&live.positions, &triangles);
-            (TriangleBvh::new(&positions, &triangles), left)
-        });
-        let found = bvh.nearest(point, bound * ROUNDING).or_else(|| bvh.nearest(point, f64::INFINITY));
-        found.map(|(distance, face)| (distance, left[face as usize]))
-    }
-
-    /// The nearest face at hand to a point that was at `face`: the face itself, or one around the vertices
-    /// that its corners were collapsed to, the first that is near `enough`; infinitely far where the region
-    /// has none there.
-    fn heir(&self, face: u32, point: Vec3, enough: f64) -> (f64, u32) {
-        let live = self.live;
-        if live.alive[face as usize] {
-            return (distance_to(point, live.triangle(face as usize)), face);
-        }
-        let mut best = (f64::INFINITY, face);
-        for vertex in live.face_vertices[face as usize] {
-            let heir = live.heir(vertex);
-            for other in live.stars.corners(heir).map(|c| c / 3).filter(|&f| (self.inside)(f)) {
-                let distance = distance_to(point, live.triangle(other as usize));
-                if distance < best.0 {
-                    best = (distance, other);
-                    if distance <= enough {
-                        return best;
-                    }
-                }
-            }
-            if best.0.is_finite() {
-                break;
-            }
-        }
-        best
-    }
-
-    /// Goes on from a face to ever nearer ones around it, until one is near `enough` or none is nearer.
-    fn walk(&self, point: Vec3, mut best: (f64, u32), enough: f64) -> (f64, u32) {
-        let live = self.live;
-        loop {
-            let from = best.1;
-            for vertex in live.face_vertices[from as usize] {
-                for other in live.stars.corners(vertex).map(|c| c / 3) {
-                    if other != from && (self.inside)(other) {
-                        let distance = distance_to(point, live.triangle(other as usize));
-                        if distance < best.0 {
-                            best = (distance, other);
-                        }
-                    }
-                }
-            }
-            if best.1 == from || best.0 <= enough {
-                return best;
-            }
-        }
-    }
-}
-
 impl Deviation {
     pub(crate) fn new(live: &Live, uv_grid: UvGrid) -> Self {
-        let faces = live.face_vertices.len();
+        let count = live.face_vertices.len();
         let mut attached = vec![0_u32; live.positions.len()];
         let mut edges = 0.0;
-        for face in 0..faces {
+        for face in 0..count {
             let [a, b, c] = live.triangle(face);
             edges += length(sub(b, a)) + length(sub(c, b)) + length(sub(a, c));
             for v in live.face_vertices[face] {
@@ -160,14 +79,20 @@ impl Deviation {
         open.sort_unstable();
         open.dedup();
         attached.extend(&open);
+        let input = TriangleBvh::new(&live.positions, &live.face_vertices);
         Self {
-            input: TriangleBvh::new(&live.positions, &live.face_vertices),
+            input_faces: InputFaces::new(live.positions.len(), input.triangles()),
+            input,
             attributes: InputAttributes::new(live, uv_grid),
             middles: open.iter().map(|&f| live.centroid(f as usize)).collect(),
             distance: vec![0.0; attached.len()],
             attached,
-            mean_edge: edges / (3 * faces).max(1) as f64,
+            mean_edge: edges / (3 * count).max(1) as f64,
         }
+    }
+
+    pub(crate) fn sample_count(&self) -> usize {
+        self.attached.len()
     }
 
     /// Where a sample is.
@@ -264,7 +189,15 @@ impl Deviation {
 
     /// Looks at the edges that begin at corners whose vertex changed, and at the middles of their faces:
     /// adds those that may be far and answers the largest distance, at least `error`.
-    pub(crate) fn edges(&self, live: &Live, corners: &[u32], far: &mut Vec<FarEdge>, mut error: f64) -> f64 {
+    /// Each edge is cut into at most `most` parts at first.
+    pub(crate) fn edges(
+        &self,
+        live: &Live,
+        corners: &[u32],
+        far: &mut Vec<FarEdge>,
+        mut error: f64,
+        most: usize,
+    ) -> f64 {
         for &corner in corners {
             let (face, k) = ((corner / 3) as usize, (corner % 3) as usize);
             if !live.alive[face] {
@@ -272,11 +205,11 @@ impl Deviation {
             }
             let vertices = live.face_vertices[face];
             let (apex, next, before) = (vertices[k], vertices[(k + 1) % 3], vertices[(k + 2) % 3]);
-            self.edge(live, [apex, next], far, &mut error);
+            self.edge(live, [apex, next], far, &mut error, most);
             // Most edges are some other face's "next"; what is left are ends of fans.
             let next_of = |c: u32| live.face_vertices[(c / 3) as usize][(c as usize + 1) % 3];
             if !live.stars.corners(apex).any(|c| next_of(c) == before) {
-                self.edge(live, [apex, before], far, &mut error);
+                self.edge(live, [apex, before], far, &mut error, most);
             }
             let middle = live.centroid(face);
             if !self.input.any_within(middle, SUSPICIOUS * error) {
@@ -289,10 +222,10 @@ impl Deviation {
         error
     }
 
-    fn edge(&self, live: &Live, edge: [u32; 2], far: &mut Vec<FarEdge>, error: &mut f64) {
+    fn edge(&self, live: &Live, edge: [u32; 2], far: &mut Vec<FarEdge>, error: &mut f64, most: usize) {
         let [a, b] = edge.map(|v| live.positions[v as usize]);
         let edges = length(sub(b, a)) / self.mean_edge.max(f64::MIN_POSITIVE);
-        let n = ((SPARSE * edges).ceil() as usize).clamp(2, MOST_SPARSE);
+        let n = ((SPARSE * edges).ceil() as usize).clamp(2, most);
         let limit = SUSPICIOUS * *error;
         if (1..n).all(|i| self.input.any_within(between(a, b, i, n), limit)) {
             return;
@@ -368,17 +301,22 @@ impl Deviation {
                 self.attach(&[(sample, face, (distance * ROUNDING) as f32)]);
             }
         }
+        error = self.faces(&everywhere, &|_| true, samples, &mut Vec::new(), error);
         error * MARGIN
     }
 }
 
 /// The `i`-th of the points that cut an edge into `n` parts.
-fn between(a: Vec3, b: Vec3, i: usize, n: usize) -> Vec3 {
+pub(crate) fn between(a: Vec3, b: Vec3, i: usize, n: usize) -> Vec3 {
     add(a, scale(sub(b, a), i as f64 / n as f64))
 }
 
+pub(crate) fn middle([a, b, c]: [Vec3; 3]) -> Vec3 {
+    scale(add(add(a, b), c), 1.0 / 3.0)
+}
+
 /// Calls `visit` for a lattice of points inside a triangle, edges left out.
-fn over_face([a, b, c]: [Vec3; 3], n: usize, visit: &mut dyn FnMut(Vec3)) {
+pub(crate) fn over_face([a, b, c]: [Vec3; 3], n: usize, visit: &mut dyn FnMut(Vec3)) {
     let inverse = 1.0 / n as f64;
     for i in 1..n {
         for j in 1..n - i {
@@ -388,28 +326,10 @@ fn over_face([a, b, c]: [Vec3; 3], n: usize, visit: &mut dyn FnMut(Vec3)) {
     }
 }
 
-/// Distance of a point from a triangle.
-fn distance_to(point: Vec3, triangle: [Vec3; 3]) -> f64 {
-    let p = DVec3::from(point);
-    closest_point_on_triangle(p, triangle.map(DVec3::from)).distance(p)
-}
-
 /// Extends a box by a point.
 pub(crate) fn extend(bounds: &mut [Vec3; 2], p: Vec3) {
     for axis in 0..3 {
         bounds[0][axis] = bounds[0][axis].min(p[axis]);
         bounds[1][axis] = bounds[1][axis].max(p[axis]);
     }
-}
-
-/// The positions that triangles use, and the triangles renumbered.
-fn compact(positions: &[Vec3], triangles: &[[u32; 3]]) -> (Vec<Vec3>, Vec<[u32; 3]>) {
-    let mut used: Vec<u32> = triangles.iter().flatten().copied().collect();
-    used.sort_unstable();
-    used.dedup();
-    let renumber = |v: u32| used.binary_search(&v).map_or(0, |i| i as u32);
-    (
-        used.iter().map(|&v| positions[v as usize]).collect(),
-        triangles.iter().map(|t| t.map(renumber)).collect(),
-    )
 }

@@ -80,6 +80,12 @@ impl Live {
         scale(add(add(a, b), c), 1.0 / 3.0)
     }
 
+    /// Whether two faces are the same or meet at an edge.
+    pub(crate) fn share_an_edge(&self, a: u32, b: u32) -> bool {
+        let [a, b] = [a, b].map(|f| self.face_vertices[f as usize]);
+        a.into_iter().filter(|v| b.contains(v)).count() > 1
+    }
+
     /// Lets go of what only simplification needs.
     pub(crate) fn finish(&mut self) {
         self.positions = Vec::new();

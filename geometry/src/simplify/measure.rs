@@ -8,15 +8,16 @@ use crate::error::MeshError;
 use crate::pool::Watched;
 use crate::simplify::RegionChunk;
 use crate::simplify::attributes::vertex_normals;
-use crate::simplify::deviation::{Deviation, FarEdge, MARGIN, SUSPICIOUS, Surroundings, extend};
+use crate::simplify::deviation::{Deviation, FarEdge, MARGIN, MOST_DENSE, MOST_SPARSE, SUSPICIOUS, extend};
 use crate::simplify::level::Level;
 use crate::simplify::live::Live;
 use crate::simplify::records::{Committed, Records};
+use crate::simplify::surroundings::Surroundings;
 use crate::vec3::{Vec3, add, length, scale, sub};
 
 /// Where what was far on the way exceeds the samples' distance by this factor, edges are looked at
 /// again.
-const ABSURD: f64 = 1.5;
+const ABSURD: f64 = 1.1;
 
 /// A region whose collapses are being performed.
 struct Course {
@@ -31,6 +32,8 @@ struct Course {
     /// The same when each stop but the last was passed, finest first.
     stops: Vec<f64>,
     far: Vec<FarEdge>,
+    /// Input faces that were far on the way.
+    far_faces: Vec<u32>,
 }
 
 /// Performs the collapses, measures the regions, and makes chunks of those that have any.
@@ -45,6 +48,7 @@ pub(crate) fn measure(
     let samples = deviation.by_region(&level.region_of_face, level.faces.len());
     let mut courses: Vec<Course> = records.into_iter().map(Course::new).collect();
     let mut changed_in = vec![0_u32; live.alive.len()];
+    let mut placed_in = vec![0_u32; deviation.sample_count()];
     let parts = courses.iter().map(|c| c.records.stops.len() + 1).max().unwrap_or(0);
     for part in 1..=parts as u32 {
         courses.iter_mut().for_each(|c| c.perform(part as usize, live, &mut changed_in));
@@ -60,16 +64,31 @@ pub(crate) fn measure(
             let changed = |f: u32| changed_in[f as usize] == part;
             let (places, error) = known.follow(&region, &changed, &samples[r], course.error);
             let mut far = Vec::new();
-            let error = known.edges(live, &course.corners, &mut far, error);
+            let error = known.edges(live, &course.corners, &mut far, error, MOST_SPARSE);
             Some((places, far, error))
         })?;
         for (course, result) in courses.iter_mut().zip(results) {
             if let Some((places, far, error)) = result {
                 deviation.attach(&places);
+                places.iter().for_each(|&(sample, ..)| placed_in[sample as usize] = part);
                 course.far.extend(far);
                 course.error = error;
             }
-            course.stops.push(course.error);
+        }
+        let known = &*deviation;
+        let results = pool.map(courses.len(), &|r| {
+            let course = &courses[r];
+            let inside = |f: u32| level.region_of_face[f as usize] == r as u32;
+            let region = Surroundings::new(live, &level.faces[r], &inside);
+            let placed = |sample: u32| placed_in[sample as usize] == part;
+            let mut far = Vec::new();
+            let error = known.faces(&region, &placed, &samples[r], &mut far, course.error);
+            (far, error)
+        })?;
+        for (course, (far, error)) in courses.iter_mut().zip(results) {
+            course.far_faces.extend(far);
+            course.error = error;
+            course.stops.push(error);
         }
     }
     finish(live, deviation, level, courses, &samples, pool, stray_error)
@@ -78,7 +97,16 @@ pub(crate) fn measure(
 impl Course {
     fn new(records: Records) -> Self {
         let (committed, corners) = (Committed::default(), Vec::new());
-        Self { records, committed, performed: false, corners, error: 0.0, stops: Vec::new(), far: Vec::new() }
+        Self {
+            records,
+            committed,
+            performed: false,
+            corners,
+            error: 0.0,
+            stops: Vec::new(),
+            far: Vec::new(),
+            far_faces: Vec::new(),
+        }
     }
 
     /// Performs the collapses of one part, counted from 1.
@@ -132,11 +160,13 @@ fn finish(
         let left = || level.faces[r].iter().copied().filter(|&f| live.alive[f as usize]);
         let result = left().next().map(|_| {
             let (places, error) = known.settle(&region, &samples[r]);
+            let error = known.faces_again(&region, &courses[r].far_faces, error);
             let mut edges = courses[r].edges(live);
             if edges > ABSURD * error && edges <= SUSPICIOUS * courses[r].error {
                 // Something on the way was far; what is there now need not be.
                 let corners: Vec<u32> = left().flat_map(|f| [f * 3, f * 3 + 1, f * 3 + 2]).collect();
-                edges = known.edges(live, &corners, &mut Vec::new(), error);
+                edges = known.edges(live, &corners, &mut Vec::new(), error, MOST_DENSE);
+                edges = known.faces(&region, &|_| true, &samples[r], &mut Vec::new(), edges);
             }
             (places, error.max(edges) * MARGIN)
         });

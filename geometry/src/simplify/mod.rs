@@ -7,6 +7,7 @@
 
 mod attributes;
 mod deviation;
+mod input_faces;
 mod legality;
 mod level;
 mod limit;
@@ -21,6 +22,7 @@ mod region;
 mod star_table;
 #[cfg(test)]
 mod stops_test;
+mod surroundings;
 
 use crate::codec::Codec;
 use crate::error::MeshError;

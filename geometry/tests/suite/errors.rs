@@ -108,7 +108,7 @@ fn errors_bound_the_sampled_distance_and_are_not_absurd() {
         let input = Surface::new(&mesh);
         let area = input.area() / input.triangles.len() as f64;
         let mut ratios = Vec::new();
-        for settings in [stopping(200), regions(1000)] {
+        for settings in [stopping(200), stopping(300), regions(1000)] {
             let asset = prepared(&mesh, &settings);
             for attempt in 0..5 {
                 let set =

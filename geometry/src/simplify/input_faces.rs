@@ -1,0 +1,125 @@
+//! Input to coarse, between the samples: input faces that lie over several coarse faces.
+//!
+//! Over one coarse face the distance is largest at a corner, and across an edge of the coarse surface it is
+//! about that of the edge. But where an input face's corners are near coarse faces that do not meet, the
+//! coarse surface may be open between these: its middle and those of its edges are looked at, and more of it
+//! where one is far.
+
+use crate::simplify::deviation::{
+    DENSE, Deviation, LEAST_DENSE, MOST_DENSE, SUSPICIOUS, between, middle, over_face,
+};
+use crate::simplify::surroundings::{Surroundings, distance_to};
+use crate::vec3::{length, sub};
+
+/// The input's faces by their first corner.
+pub(crate) struct InputFaces {
+    /// Where each vertex's faces begin; one more at the end.
+    first: Vec<u32>,
+    faces: Vec<u32>,
+}
+
+impl InputFaces {
+    pub(crate) fn new(vertices: usize, triangles: &[[u32; 3]]) -> Self {
+        let mut first = vec![0_u32; vertices + 1];
+        triangles.iter().for_each(|t| first[t[0] as usize + 1] += 1);
+        (0..vertices).for_each(|v| first[v + 1] += first[v]);
+        let mut next = first.clone();
+        let mut faces = vec![0; triangles.len()];
+        for (id, triangle) in (0..).zip(triangles) {
+            let at = &mut next[triangle[0] as usize];
+            faces[*at as usize] = id;
+            *at += 1;
+        }
+        Self { first, faces }
+    }
+
+    /// The faces whose first corner is `vertex`.
+    fn at(&self, vertex: u32) -> &[u32] {
+        &self.faces[self.first[vertex as usize] as usize..self.first[vertex as usize + 1] as usize]
+    }
+}
+
+impl Deviation {
+    /// Looks at the input faces that begin at the samples and whose corners are near several coarse faces,
+    /// one of them `placed` anew: adds those that may be far and answers the largest distance, at least
+    /// `error`.
+    pub(crate) fn faces(
+        &self,
+        region: &Surroundings<'_>,
+        placed: &dyn Fn(u32) -> bool,
+        samples: &[u32],
+        far: &mut Vec<u32>,
+        mut error: f64,
+    ) -> f64 {
+        let live = region.live;
+        let vertices = live.positions.len();
+        for &sample in samples.iter().filter(|&&s| (s as usize) < vertices) {
+            for &face in self.input_faces.at(sample) {
+                let corners = self.input.triangles()[face as usize];
+                if !corners.into_iter().any(placed) {
+                    continue;
+                }
+                let [a, b, c] = corners.map(|v| self.attached[v as usize]);
+                let joints = [(a, b), (b, c), (c, a)].into_iter().filter(|&(f, g)| live.share_an_edge(f, g));
+                if joints.count() < 3 {
+                    let distance = self.face(region, face, error, false);
+                    if distance > 0.0 {
+                        far.push(face);
+                        error = error.max(distance);
+                    }
+                }
+            }
+        }
+        error
+    }
+
+    /// Looks again at the input faces of `far`: the largest distance, at least `error`.
+    pub(crate) fn faces_again(&self, region: &Surroundings<'_>, far: &[u32], error: f64) -> f64 {
+        far.iter().fold(error, |error, &face| error.max(self.face(region, face, error, true)))
+    }
+
+    /// The largest distance of an input face, where that may be more than `error`, else 0; from the
+    /// nearest coarse faces of all if `exact`, else from those that are nearer than all around them.
+    fn face(&self, region: &Surroundings<'_>, face: u32, error: f64, exact: bool) -> f64 {
+        let live = region.live;
+        let corners = self.input.triangles()[face as usize];
+        let near = corners.map(|v| self.attached[v as usize]);
+        if !near.iter().all(|&f| live.alive[f as usize]) {
+            return 0.0;
+        }
+        // Of a point, or of none farther than `enough`; the nearest face may lie in another region.
+        let distance = |point, enough: f64| {
+            let mut best = (f64::INFINITY, near[0]);
+            for face in near {
+                let distance = distance_to(point, live.triangle(face as usize));
+                if distance <= enough {
+                    return distance;
+                }
+                if distance < best.0 {
+                    best = (distance, face);
+                }
+            }
+            best = region.walk_over(&|_| true, point, best, enough);
+            if exact && best.0 > enough { region.nearer(point, best.0) } else { best.0 }
+        };
+        let limit = SUSPICIOUS * error;
+        let suspicious = |point| distance(point, limit) > limit;
+        let points = corners.map(|v| live.positions[v as usize]);
+        let edges = [(0, 1), (1, 2), (2, 0)];
+        let halfway = |(i, j): (usize, usize)| between(points[i], points[j], 1, 2);
+        let mut apart = edges.into_iter().filter(|&(i, j)| near[i] != near[j]);
+        if !suspicious(middle(points)) && !apart.any(|edge| suspicious(halfway(edge))) {
+            return 0.0;
+        }
+        let mut most = limit;
+        let mut look = |point| most = most.max(distance(point, most));
+        let edges = edges.map(|(i, j)| (points[i], points[j]));
+        let longest = edges.iter().map(|&(a, b)| length(sub(b, a))).fold(0.0, f64::max);
+        let n = ((DENSE * longest / self.mean_edge).ceil() as usize).clamp(LEAST_DENSE, MOST_DENSE);
+        over_face(points, n, &mut look);
+        for (a, b) in edges {
+            (1..n).for_each(|i| look(between(a, b, i, n)));
+        }
+        most
+    }
+}

@@ -1,0 +1,132 @@
+//! What is around a region in the course of its collapses: the faces near a point.
+
+use std::cell::OnceCell;
+
+use glam::DVec3;
+
+use crate::distance::{TriangleBvh, closest_point_on_triangle};
+use crate::simplify::live::Live;
+use crate::vec3::Vec3;
+
+/// Stays above distances that were rounded.
+pub(crate) const ROUNDING: f64 = 1.0 + 1e-6;
+
+/// A region in the course of its collapses.
+pub(crate) struct Surroundings<'a> {
+    pub(crate) live: &'a Live,
+    /// The region's faces at the level's start, ascending.
+    pub(crate) faces: &'a [u32],
+    /// Which faces lie in the region.
+    pub(crate) inside: &'a dyn Fn(u32) -> bool,
+    /// What is left of the region, for searching; built when it is needed.
+    nearest: OnceCell<(TriangleBvh, Vec<u32>)>,
+}
+
+impl<'a> Surroundings<'a> {
+    pub(crate) fn new(live: &'a Live, faces: &'a [u32], inside: &'a dyn Fn(u32) -> bool) -> Self {
+        Self { live, faces, inside, nearest: OnceCell::new() }
+    }
+
+    /// The nearest face that is left and its distance, which is at most about `bound`.
+    pub(crate) fn nearest(&self, point: Vec3, bound: f64) -> Option<(f64, u32)> {
+        let (bvh, left) = self.left();
+        let found = bvh.nearest(point, bound * ROUNDING).or_else(|| bvh.nearest(point, f64::INFINITY));
+        found.map(|(distance, face)| (distance, left[face as usize]))
+    }
+
+    /// The distance of the nearest face that is left, or `bound` where none is nearer.
+    pub(crate) fn nearer(&self, point: Vec3, bound: f64) -> f64 {
+        self.left().0.nearest(point, bound).map_or(bound, |(distance, _)| distance)
+    }
+
+    /// The faces that are left.
+    fn left(&self) -> &(TriangleBvh, Vec<u32>) {
+        self.nearest.get_or_init(|| {
+            let live = self.live;
+            let left: Vec<u32> = self.faces.iter().copied().filter(|&f| live.alive[f as usize]).collect();
+            let triangles: Vec<[u32; 3]> = left.iter().map(|&f| live.face_vertices[f as usize]).collect();
+            let (positions, triangles) = compact(&live.positions, &triangles);
+            (TriangleBvh::new(&positions, &triangles), left)
+        })
+    }
+
+    /// The nearest face at hand to a point that was at `face`: the face itself, or one around the vertices
+    /// that its corners were collapsed to, the first that is near `enough`; infinitely far where the region
+    /// has none there.
+    pub(crate) fn heir(&self, face: u32, point: Vec3, enough: f64) -> (f64, u32) {
+        let live = self.live;
+        if live.alive[face as usize] {
+            return (distance_to(point, live.triangle(face as usize)), face);
+        }
+        let mut best = (f64::INFINITY, face);
+        for vertex in live.face_vertices[face as usize] {
+            let heir = live.heir(vertex);
+            for other in live.stars.corners(heir).map(|c| c / 3).filter(|&f| (self.inside)(f)) {
+                let distance = distance_to(point, live.triangle(other as usize));
+                if distance < best.0 {
+                    best = (distance, other);
+                    if distance <= enough {
+                        return best;
+                    }
+                }
+            }
+            if best.0.is_finite() {
+                break;
+            }
+        }
+        best
+    }
+
+    /// Goes on from a face to ever nearer ones around it, until one is near `enough` or none is nearer.
+    pub(crate) fn walk(&self, point: Vec3, best: (f64, u32), enough: f64) -> (f64, u32) {
+        self.walk_over(self.inside, point, best, enough)
+    }
+
+    /// The same over the faces that satisfy `over`.
+    pub(crate) fn walk_over(
+        &self,
+        over: &dyn Fn(u32) -> bool,
+        point: Vec3,
+        mut best: (f64, u32),
+        enough: f64,
+    ) -> (f64, u32) {
+        let live = self.live;
+        loop {
+            let from = best.1;
+            for vertex in live.face_vertices[from as usize] {
+                for other in live.stars.corners(vertex).map(|c| c / 3) {
+                    if other != from && over(other) {
+                        let distance = distance_to(point, live.triangle(other as usize));
+                        if distance < best.0 {
+                            best = (distance, other);
+                            if distance <= enough {
+                                return best;
+                            }
+                        }
+                    }
+                }
+            }
+            if best.1 == from {
+                return best;
+            }
+        }
+    }
+}
+
+/// Distance of a point from a triangle.
+pub(crate) fn distance_to(point: Vec3, triangle: [Vec3; 3]) -> f64 {
+    let p = DVec3::from(point);
+    closest_point_on_triangle(p, triangle.map(DVec3::from)).distance(p)
+}
+
+/// The positions that triangles use, and the triangles renumbered.
+pub(crate) fn compact(positions: &[Vec3], triangles: &[[u32; 3]]) -> (Vec<Vec3>, Vec<[u32; 3]>) {
+    let mut used: Vec<u32> = triangles.iter().flatten().copied().collect();
+    used.sort_unstable();
+    used.dedup();
+    let renumber = |v: u32| used.binary_search(&v).map_or(0, |i| i as u32);
+    (
+        used.iter().map(|&v| positions[v as usize]).collect(),
+        triangles.iter().map(|t| t.map(renumber)).collect(),
+    )
+}
