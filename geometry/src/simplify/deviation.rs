@@ -36,7 +36,7 @@ pub(crate) const DENSE: f64 = 4.0;
 pub(crate) const LEAST_DENSE: usize = 12;
 pub(crate) const MOST_DENSE: usize = 32;
 /// A sample that raises the largest distance by more than this factor is looked at closely.
-const LEAP: f64 = 1.5;
+pub(crate) const LEAP: f64 = 1.5;
 
 /// The input surface, its samples, and where the samples are now.
 pub(crate) struct Deviation {
@@ -301,7 +301,7 @@ impl Deviation {
                 self.attach(&[(sample, face, (distance * ROUNDING) as f32)]);
             }
         }
-        error = self.faces(&everywhere, &|_| true, samples, &mut Vec::new(), error);
+        error = self.faces(&everywhere, &|_| true, samples, true, &mut Vec::new(), error);
         error * MARGIN
     }
 }

@@ -6,7 +6,7 @@
 //! where one is far.
 
 use crate::simplify::deviation::{
-    DENSE, Deviation, LEAST_DENSE, MOST_DENSE, SUSPICIOUS, between, middle, over_face,
+    DENSE, Deviation, LEAP, LEAST_DENSE, MOST_DENSE, SUSPICIOUS, between, middle, over_face,
 };
 use crate::simplify::surroundings::{Surroundings, distance_to};
 use crate::vec3::{length, sub};
@@ -48,6 +48,7 @@ impl Deviation {
         region: &Surroundings<'_>,
         placed: &dyn Fn(u32) -> bool,
         samples: &[u32],
+        exact: bool,
         far: &mut Vec<u32>,
         mut error: f64,
     ) -> f64 {
@@ -62,7 +63,7 @@ impl Deviation {
                 let [a, b, c] = corners.map(|v| self.attached[v as usize]);
                 let joints = [(a, b), (b, c), (c, a)].into_iter().filter(|&(f, g)| live.share_an_edge(f, g));
                 if joints.count() < 3 {
-                    let distance = self.face(region, face, error, false);
+                    let distance = self.face(region, face, error, exact);
                     if distance > 0.0 {
                         far.push(face);
                         error = error.max(distance);
@@ -79,7 +80,7 @@ impl Deviation {
     }
 
     /// The largest distance of an input face, where that may be more than `error`, else 0; from the
-    /// nearest coarse faces of all if `exact`, else from those that are nearer than all around them.
+    /// nearest coarse faces of all if `exact`, else mostly from those that are nearer than all around them.
     fn face(&self, region: &Surroundings<'_>, face: u32, error: f64, exact: bool) -> f64 {
         let live = region.live;
         let corners = self.input.triangles()[face as usize];
@@ -100,7 +101,8 @@ impl Deviation {
                 }
             }
             best = region.walk_over(&|_| true, point, best, enough);
-            if exact && best.0 > enough { region.nearer(point, best.0) } else { best.0 }
+            let closely = best.0 > enough && (exact || best.0 > LEAP * error.max(self.mean_edge));
+            if closely { region.nearer(point, best.0) } else { best.0 }
         };
         let limit = SUSPICIOUS * error;
         let suspicious = |point| distance(point, limit) > limit;

@@ -81,8 +81,11 @@ pub(crate) fn measure(
             let inside = |f: u32| level.region_of_face[f as usize] == r as u32;
             let region = Surroundings::new(live, &level.faces[r], &inside);
             let placed = |sample: u32| placed_in[sample as usize] == part;
+            // Quickly at first, and exactly where that found more than there was.
             let mut far = Vec::new();
-            let error = known.faces(&region, &placed, &samples[r], &mut far, course.error);
+            let error = known.faces(&region, &placed, &samples[r], false, &mut far, course.error);
+            let raised = error > course.error;
+            let error = if raised { known.faces_again(&region, &far, course.error) } else { error };
             (far, error)
         })?;
         for (course, (far, error)) in courses.iter_mut().zip(results) {
@@ -166,7 +169,7 @@ fn finish(
                 // Something on the way was far; what is there now need not be.
                 let corners: Vec<u32> = left().flat_map(|f| [f * 3, f * 3 + 1, f * 3 + 2]).collect();
                 edges = known.edges(live, &corners, &mut Vec::new(), error, MOST_DENSE);
-                edges = known.faces(&region, &|_| true, &samples[r], &mut Vec::new(), edges);
+                edges = known.faces(&region, &|_| true, &samples[r], true, &mut Vec::new(), edges);
             }
             (places, error.max(edges) * MARGIN)
         });
