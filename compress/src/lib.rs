@@ -1,8 +1,9 @@
 //! zstd for what the plain codec writes ([`Codec::Plain`]), kept out of `geometry`, which links no C.
 //!
 //! With that codec the base blob and every chunk are stored and sent as a zstd frame (RFC 8878) each. With
-//! the range coder they are stored as they are: whoever reads calls [`decode_base`] and [`decode_chunk`]
-//! for either. Index pages are range-coded under both codecs: sessions look into them, and they are small.
+//! the range coder they are stored as they are, but for a base blob that is smaller as a frame (tiles and
+//! boxes repeat themselves, which only zstd sees): whoever reads calls [`decode_base`] and
+//! [`decode_chunk`] for either. Index pages are range-coded under both codecs: sessions look into them, and they are small.
 
 use std::borrow::Cow;
 
@@ -92,27 +93,30 @@ pub fn plain_chunk(codec: Codec, stored: &[u8]) -> Result<Cow<'_, [u8]>, DecodeE
     }
 }
 
-/// The base blob as it is stored.
+/// The base blob as it is stored: whichever is smaller for an asset of the range coder.
 ///
 /// # Errors
 /// As [`Base::encode`] and [`compress`].
 pub fn encode_base(base: &Base) -> Result<Vec<u8>, DecodeError> {
-    let blob = base.encode()?;
+    let frame = compress(&base.encode_as(Codec::Plain)?)?;
     match base.codec {
-        Codec::Range => Ok(blob),
-        Codec::Plain => compress(&blob),
+        Codec::Range => base.encode().map(|blob| if frame.len() < blob.len() { frame } else { blob }),
+        Codec::Plain => Ok(frame),
     }
 }
 
 /// Reads a base blob as it is stored.
 ///
 /// # Errors
-/// As [`Base::decode`] and [`decompress`]; also if the blob is compressed and its codec does not have
-/// that, or the other way round.
+/// As [`Base::decode`] and [`decompress`]; also if the asset's codec is the plain one and the blob is not
+/// compressed.
 pub fn decode_base(stored: &[u8]) -> Result<Base, DecodeError> {
-    let base = if is_frame(stored) { Base::decode(&decompress(stored)?)? } else { Base::decode(stored)? };
-    if is_frame(stored) != (base.codec == Codec::Plain) {
-        return Err(DecodeError::new("base mesh", "what is compressed and its codec contradict each other"));
+    if is_frame(stored) {
+        return Base::decode_as(&decompress(stored)?, Codec::Plain);
+    }
+    let base = Base::decode(stored)?;
+    if base.codec == Codec::Plain {
+        return Err(DecodeError::new("base mesh", "it is of the plain codec, but not compressed"));
     }
     Ok(base)
 }
@@ -164,6 +168,10 @@ pub fn prepare(
 
 #[cfg(test)]
 mod tests {
+    use lodestream_geometry::mesh::{Corner, NONE, SourceMesh};
+    use lodestream_geometry::pool::{Serial, Silent};
+    use lodestream_geometry::quantise::{QuantiseSettings, quantise};
+
     use super::*;
 
     /// Bytes that hardly compress (xorshift).
@@ -188,6 +196,38 @@ mod tests {
         // Nine million zeros are a frame of some hundred bytes, and padding.
         assert!(compress(&vec![0; 9_000_000]).unwrap().len() > 100_000);
         assert!(compress(&vec![0; MOST + 1]).is_err());
+    }
+
+    /// Triangles that share nothing.
+    fn tiles(positions: Vec<[f64; 3]>) -> QuantisedMesh {
+        let count = (positions.len() / 3) as u32;
+        let corner = |position| Corner { position, uv: NONE, normal: NONE, color: NONE };
+        let source = SourceMesh {
+            positions,
+            faces: (0..count).map(|i| [3 * i, 3 * i + 1, 3 * i + 2].map(corner)).collect(),
+            materials: vec![0; count as usize],
+            ..SourceMesh::default()
+        };
+        quantise(&source, &QuantiseSettings::default()).unwrap()
+    }
+
+    #[test]
+    fn a_base_mesh_is_stored_as_what_is_smaller_and_read_as_either() {
+        let corners = [[0.0, 0.0, 0.0], [9.0, 0.0, 2.0], [2.0, 9.0, 5.0]];
+        let tile = |i: u32| {
+            let at = [f64::from(i % 16) * 16.0, f64::from(i / 16) * 16.0, 0.0];
+            corners.map(|c: [f64; 3]| [0, 1, 2].map(|k| at[k] + c[k]))
+        };
+        let alike = (0..200).flat_map(tile).collect();
+        let unlike = noise(1800).chunks_exact(3).map(|c| [0, 1, 2].map(|k| f64::from(c[k]))).collect();
+        let settings = Settings { base_error: 0.0, ..Settings::default() };
+        for (mesh, framed) in [(tiles(alike), true), (tiles(unlike), false)] {
+            let base = prepare(&mesh, &settings, &Serial, &Silent).unwrap().base;
+            assert_eq!((base.codec, base.faces.len()), (Codec::Range, 200));
+            let stored = encode_base(&base).unwrap();
+            assert_eq!(is_frame(&stored), framed, "{} bytes", stored.len());
+            assert!(decode_base(&stored).unwrap() == base);
+        }
     }
 
     #[test]

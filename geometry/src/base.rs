@@ -47,7 +47,7 @@ pub struct Base {
     pub level_count: u8,
     /// Materials that faces may name.
     pub material_count: u16,
-    /// How base mesh and chunks are coded.
+    /// How the chunks are coded, and the base mesh unless [`Base::encode_as`] says otherwise.
     pub codec: Codec,
     /// Whether wedges have colours.
     pub colors: bool,
@@ -77,6 +77,15 @@ impl Base {
     /// # Errors
     /// On more than [`MAX_BASE_FACES`] faces and on faces with a repeated vertex.
     pub fn encode(&self) -> Result<Vec<u8>, DecodeError> {
+        self.encode_as(self.codec)
+    }
+
+    /// The same with the mesh coded by `mesh`, whatever codes the chunks; the blob does not say which, so
+    /// what carries it must ([`Base::decode_as`]).
+    ///
+    /// # Errors
+    /// As [`Base::encode`].
+    pub fn encode_as(&self, mesh: Codec) -> Result<Vec<u8>, DecodeError> {
         let kinds = self.uv_grid.bits | u8::from(self.colors) << 6 | u8::from(self.normals) << 7;
         let plain = u8::from(self.codec == Codec::Plain);
         let mut out = vec![FORMAT_VERSION, self.grid.bits | plain << 7, kinds, self.level_count];
@@ -98,12 +107,12 @@ impl Base {
         }
         put_varint(&mut out, self.description.len() as u64);
         out.extend(&self.description);
-        let mesh = BaseMesh {
+        let base = BaseMesh {
             positions: self.positions.clone(),
             wedges: self.wedges.clone(),
             faces: self.faces.clone(),
         };
-        out.extend(base::encode(&mesh, self.codec, self.grid.bits, self.kinds(), self.material_count)?.bytes);
+        out.extend(base::encode(&base, mesh, self.grid.bits, self.kinds(), self.material_count)?.bytes);
         Ok(out)
     }
 
@@ -112,6 +121,18 @@ impl Base {
     /// # Errors
     /// Refuses other versions, truncated data, and values out of range.
     pub fn decode(bytes: &[u8]) -> Result<Self, DecodeError> {
+        Self::read(bytes, None)
+    }
+
+    /// Reads a blob of [`Base::encode_as`].
+    ///
+    /// # Errors
+    /// As [`Base::decode`].
+    pub fn decode_as(bytes: &[u8], mesh: Codec) -> Result<Self, DecodeError> {
+        Self::read(bytes, Some(mesh))
+    }
+
+    fn read(bytes: &[u8], mesh: Option<Codec>) -> Result<Self, DecodeError> {
         let mut r = Reader::new(bytes, "base mesh");
         let version = r.u8()?;
         if version != FORMAT_VERSION {
@@ -150,7 +171,7 @@ impl Base {
         let description = r.take(length)?.to_vec();
         let rest = r.remaining();
         let kinds = Kinds { uv_bits, colors, normals };
-        let mesh = base::decode(r.take(rest)?, codec, bits, kinds, material_count)?;
+        let mesh = base::decode(r.take(rest)?, mesh.unwrap_or(codec), bits, kinds, material_count)?;
         Ok(Self {
             grid,
             uv_grid,
