@@ -32,7 +32,7 @@ fn client_frame(bytes: Bytes) -> bool {
     let Ok(Some(message)) = Frame::parse(bytes).and_then(Frame::into_client_message) else { return false };
     let again = encode_client(&message).expect("an accepted message is encoded");
     let again = Frame::parse(again.into()).and_then(Frame::into_client_message);
-    assert_eq!(format!("{again:?}"), format!("Ok(Some({message:?}))"));
+    assert_eq!(again, Ok(Some(message)));
     true
 }
 
@@ -43,7 +43,7 @@ fn server_frame(bytes: Bytes) -> bool {
         ServerFrame::Piece(piece) => encode_piece(piece),
     };
     let again = Frame::parse(again.expect("an accepted frame is encoded").into());
-    assert_eq!(format!("{:?}", again.and_then(Frame::into_server_frame)), format!("Ok(Some({frame:?}))"));
+    assert_eq!(again.and_then(Frame::into_server_frame), Ok(Some(frame)));
     true
 }
 
