@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use lodestream_client::core::{ClientCore, Milestone, Progress};
 use lodestream_client::net::{Clock, Host, run_quic, run_websocket};
-use lodestream_geometry::base::Base;
+use lodestream_compress::decode_base;
 use lodestream_protocol::message::ClientMessage;
 use lodestream_protocol::{BlobId, BlobPart, Time};
 use lodestream_server::daemon::{ServerState, SessionSettings};
@@ -34,7 +34,7 @@ async fn pushed(mut client: impl RawClient) -> BTreeSet<BlobId> {
     while let Ok(arrival) = timeout(Duration::from_secs(1), client.next()).await {
         if let Arrival::Blob(id, bytes) = arrival.expect("the session has ended") {
             if id.part == BlobPart::Base {
-                Base::decode(&bytes).unwrap();
+                decode_base(&bytes).unwrap();
             }
             assert!(blobs.insert(id), "{id} came twice");
         }

@@ -108,7 +108,7 @@ fn a_client_can_rebuild_the_asset_from_the_blobs_alone() {
         assert_eq!(store.read(&id).unwrap(), bytes);
         bytes
     };
-    let base = lodestream_geometry::base::Base::decode(&read(BlobPart::Base)).unwrap();
+    let base = lodestream_compress::decode_base(&read(BlobPart::Base)).unwrap();
     assert_eq!(page.assets[0].chunk_count, base.chunk_count);
     let mut mesh = ActiveMesh::new(&base);
     let infos: Vec<_> = (0..page.assets[0].index_pages())
