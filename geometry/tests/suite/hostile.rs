@@ -1,7 +1,7 @@
 //! Bytes and deltas from strangers: errors, never panics, never half a change.
 
 use lodestream_geometry::base::{Base, MAX_CHUNKS};
-use lodestream_geometry::index::{ChunkInfo, decode_page};
+use lodestream_geometry::index::{ChunkInfo, Stop, decode_page};
 use lodestream_geometry::pack::{BlobKind, HEAD_BYTES, Head, write};
 use lodestream_geometry::prepare::Prepared;
 use lodestream_geometry::random::Random;
@@ -9,7 +9,7 @@ use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, Id, RefineError, Repoi
 use lodestream_geometry::{Codec, Settings};
 use proptest::prelude::*;
 
-use crate::common::{prepared, quantised, regions, shapes};
+use crate::common::{prepared, quantised, regions, shapes, stopping};
 use crate::promises::deltas;
 
 /// Small assets with everything in them: seams, materials, births, odd stars, colours and normals; once
@@ -358,4 +358,24 @@ fn random_payloads_are_never_a_panic() {
         }
         mesh.apply(&mesh.decode(id as u32, info, &asset.chunks[id]).unwrap()).unwrap();
     }
+}
+
+/// Vertices without faces come before any stop; a stop that announces fewer of them is refused.
+#[test]
+fn loose_vertices_beyond_a_stop() {
+    let asset = prepared(&quantised(&shapes::soup(700)), &stopping(300));
+    let mesh = ActiveMesh::new(&asset.base);
+    let mut tried = 0;
+    for (chunk, info) in (0..).zip(&asset.infos).filter(|(_, i)| i.parents.is_empty() && !i.stops.is_empty())
+    {
+        let payload = &asset.chunks[chunk as usize];
+        let honest = mesh.decode_prefix(chunk, info, Some(0), payload).unwrap();
+        assert!(honest.vertices.len() > 1);
+        let mut info = info.clone();
+        info.stops[0] = Stop { vertices: 1, wedges: 0, faces: 0, ..info.stops[0] };
+        let why = mesh.decode_prefix(chunk, &info, Some(0), payload).unwrap_err().to_string();
+        assert!(why.contains("(1, 0, 0) were announced"), "{why}");
+        tried += 1;
+    }
+    assert!(tried > 0);
 }
