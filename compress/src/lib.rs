@@ -3,7 +3,8 @@
 //! With that codec the base blob and every chunk are stored and sent as a zstd frame (RFC 8878) each. With
 //! the range coder they are stored as they are, but for a base blob that is smaller as a frame (tiles and
 //! boxes repeat themselves, which only zstd sees): whoever reads calls [`decode_base`] and
-//! [`decode_chunk`] for either. Index pages are range-coded under both codecs: sessions look into them, and they are small.
+//! [`decode_chunk`] for either. Index pages are range-coded under both codecs: sessions look into them, and
+//! they are small.
 
 use std::borrow::Cow;
 
