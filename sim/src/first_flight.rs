@@ -67,14 +67,9 @@ fn listen(rate: u64, rtt_ms: u64, base_bytes: u32, until_ms: u64) -> (Vec<(What,
         let network = UdpNetwork::new(clock);
         let addresses = [([10, 0, 0, 1], 4433), ([10, 0, 0, 2], 50_000)].map(SocketAddr::from);
         let [server_address, client_address] = addresses;
-        let settings = LinkSettings {
-            rate_bits_per_s: NonZeroU64::new(rate).unwrap(),
-            delay_ns: rtt_ms * 500_000,
-            queue_bytes: 64 * 1024,
-            loss: 0.0,
-            overhead_bytes: IP_UDP_BYTES,
-        };
-        network.connect(server_address, client_address, settings, 1);
+        let settings =
+            LinkSettings::constant(NonZeroU64::new(rate).unwrap(), rtt_ms * 500_000, 64 * 1024, IP_UDP_BYTES);
+        network.connect(server_address, client_address, settings.clone(), 1);
         network.connect(client_address, server_address, settings, 2);
         let certificate = crate::scenario::run::certificate().unwrap();
         let config = server_config(&certificate).unwrap();

@@ -17,7 +17,7 @@ use lodestream_server::daemon::quic::{serve_quic, server_config};
 use lodestream_server::daemon::{ServerState, SessionSettings};
 
 use crate::clock::{VirtualClock, virtual_runtime};
-use crate::link::{IP_UDP_BYTES, LinkSettings};
+use crate::link::{IP_UDP_BYTES, LinkSettings, Loss};
 use crate::udp::UdpNetwork;
 
 const MS: u64 = 1_000_000;
@@ -54,13 +54,10 @@ fn sent_bytes(rate: u64, loss: f64) -> Vec<u64> {
         let server_address = SocketAddr::from(([10, 0, 0, 1], 4433));
         let client_address = SocketAddr::from(([10, 0, 0, 2], 50_000));
         let link = LinkSettings {
-            rate_bits_per_s: NonZeroU64::new(4 * rate).unwrap(),
-            delay_ns: 25 * MS,
-            queue_bytes: 256 * 1024,
-            loss,
-            overhead_bytes: IP_UDP_BYTES,
+            loss: Loss::Random(loss),
+            ..LinkSettings::constant(NonZeroU64::new(4 * rate).unwrap(), 25 * MS, 256 * 1024, IP_UDP_BYTES)
         };
-        network.connect(server_address, client_address, link, 1);
+        network.connect(server_address, client_address, link.clone(), 1);
         network.connect(client_address, server_address, link, 2);
         let certificate = Certificate::self_signed(SystemTime::now()).unwrap();
         let config = server_config(&certificate).unwrap();

@@ -14,7 +14,7 @@ use tokio::time::Sleep;
 
 use crate::clock::VirtualClock;
 use crate::link::{LinkCounters, LinkSettings};
-use crate::tcp::{LossUnsupported, TcpDirection};
+use crate::tcp::{TcpDirection, TcpUnsupported};
 use crate::trace::Trace;
 
 /// One direction, and who waits for it.
@@ -93,10 +93,11 @@ pub struct Opening {
 /// to the client, `up` back.
 ///
 /// # Errors
-/// Refuses links with loss.
-pub fn open(clock: VirtualClock, down: LinkSettings, up: LinkSettings) -> Result<Opening, LossUnsupported> {
-    let mut down_tcp = TcpDirection::new(down, up.delay_ns)?;
-    let mut up_tcp = TcpDirection::new(up, down.delay_ns)?;
+/// Refuses links that TCP is not modelled over.
+pub fn open(clock: VirtualClock, down: LinkSettings, up: LinkSettings) -> Result<Opening, TcpUnsupported> {
+    let (down_delay_ns, up_delay_ns) = (down.delay_ns, up.delay_ns);
+    let mut down_tcp = TcpDirection::new(down, up_delay_ns)?;
+    let mut up_tcp = TcpDirection::new(up, down_delay_ns)?;
     let asked_ns = up_tcp.send_bare(clock.now_ns());
     let client_ready_ns = down_tcp.send_bare(asked_ns);
     let server_ready_ns = up_tcp.send_bare(client_ready_ns);
@@ -206,7 +207,7 @@ impl AsyncWrite for StreamEnd {
                 return Poll::Ready(Ok(sent));
             }
             direction.writer = Some(context.waker().clone());
-            let Some(at_ns) = direction.tcp.next_acknowledgement_ns() else {
+            let Some(at_ns) = direction.tcp.next_room_ns(now_ns) else {
                 return Poll::Pending;
             };
             if poll_timer(&mut this.write_timer, this.clock, at_ns, context).is_pending() {
@@ -255,13 +256,7 @@ mod tests {
     use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
     fn settings(rate: u64) -> LinkSettings {
-        LinkSettings {
-            rate_bits_per_s: NonZeroU64::new(rate).unwrap(),
-            delay_ns: 25_000_000,
-            queue_bytes: 64 * 1024,
-            loss: 0.0,
-            overhead_bytes: IP_TCP_BYTES,
-        }
+        LinkSettings::constant(NonZeroU64::new(rate).unwrap(), 25_000_000, 64 * 1024, IP_TCP_BYTES)
     }
 
     #[test]

@@ -1,12 +1,13 @@
 //! One direction of a TCP connection over a link without loss: when does each byte arrive?
 //!
-//! Modelled: segments of at most [`SEGMENT_BYTES`] with their headers; slow start from ten segments
+//! Modelled: segments as large as the link takes, with their headers; slow start from ten segments
 //! (RFC 6928, RFC 5681 §3.1) without delayed acknowledgements; a congestion window that stops
-//! growing at the bandwidth–delay product plus the queue, as if the sender knew them, so the queue
-//! never overflows; a receive window; acknowledgements that come back after the reverse delay and
-//! take no bandwidth.
+//! growing at the bandwidth–delay product (at the highest rate) plus the queue, as if the sender knew
+//! them; a sender that waits while the link's queue is full, so that it never overflows; a receive
+//! window; acknowledgements that come back after the reverse delay and take no bandwidth and have no jitter.
 //!
-//! Not modelled: loss and its recovery (a link with loss is refused), congestion avoidance, delayed
+//! Not modelled: loss and its recovery, and packets that overtake each other, which TCP takes for loss
+//! (links with either are refused), congestion avoidance, delayed
 //! acknowledgements, Nagle's algorithm (taken as switched off), a send buffer larger than the
 //! congestion window, window scaling, slow start after idle. Where a real sender overshoots the
 //! queue and recovers, this one is faster.
@@ -15,32 +16,47 @@ use std::collections::VecDeque;
 
 use bytes::Bytes;
 
-use crate::link::{Fate, Link, LinkCounters, LinkSettings, NS_PER_S};
-
-/// Payload of a full segment: Ethernet's 1500 bytes less the headers.
-pub const SEGMENT_BYTES: usize = 1448;
+use crate::link::{ETHERNET_MTU_BYTES, Fate, Link, LinkCounters, LinkSettings, Loss, NS_PER_S};
 
 /// Headers of a segment: IPv4, TCP, timestamps.
 pub const IP_TCP_BYTES: u32 = 20 + 20 + 12;
 
-/// Segments that a sender may send before it hears anything (RFC 6928).
-const INITIAL_WINDOW_SEGMENTS: u64 = 10;
+/// Payload of a full segment on Ethernet: 1500 bytes less the headers.
+pub const SEGMENT_BYTES: usize = (ETHERNET_MTU_BYTES - IP_TCP_BYTES) as usize;
 
 /// Bytes that may be on the way or wait to be read.
 const RECEIVE_WINDOW_BYTES: u64 = 1 << 20;
 
-/// Loss asked of a TCP link.
+/// What is asked of a TCP link and not modelled.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[error("loss {loss} over TCP: loss recovery is not modelled yet, so the loss must be 0")]
-pub struct LossUnsupported {
-    /// The probability asked for.
-    pub loss: f64,
+pub enum TcpUnsupported {
+    /// Loss, random or in bursts.
+    #[error("loss {loss} over TCP: loss recovery is not modelled, so the loss must be 0")]
+    Loss {
+        /// Its long-run share.
+        loss: f64,
+    },
+    /// Jitter under which packets overtake each other.
+    #[error("jitter that changes the order over TCP: recovery from that is not modelled; keep the order")]
+    Reordering,
+    /// Packets too small for headers and a byte.
+    #[error("an MTU of {mtu_bytes} bytes leaves TCP no room for data")]
+    Mtu {
+        /// Largest packet.
+        mtu_bytes: u32,
+    },
+}
+
+/// Bytes that a sender may send before it hears anything (RFC 6928, §2).
+fn initial_window_bytes(segment: u64) -> u64 {
+    (10 * segment).min((2 * segment).max(14_600))
 }
 
 /// One direction of a TCP connection.
 #[derive(Debug)]
 pub struct TcpDirection {
     link: Link,
+    segment_bytes: usize,
     /// Delay of the way back, for acknowledgements.
     reverse_delay_ns: u64,
     congestion_window_bytes: u64,
@@ -59,23 +75,30 @@ impl TcpDirection {
     /// An idle direction.
     ///
     /// # Errors
-    /// Refuses a link with loss.
-    pub fn new(settings: LinkSettings, reverse_delay_ns: u64) -> Result<Self, LossUnsupported> {
-        if settings.loss != 0.0 {
-            return Err(LossUnsupported { loss: settings.loss });
+    /// Refuses links with loss or reordering, and packets without room for data.
+    pub fn new(settings: LinkSettings, reverse_delay_ns: u64) -> Result<Self, TcpUnsupported> {
+        if settings.loss != Loss::NONE {
+            return Err(TcpUnsupported::Loss { loss: settings.loss.long_run() });
+        }
+        if settings.jitter.reorders && settings.jitter.largest_ns > 0 {
+            return Err(TcpUnsupported::Reordering);
+        }
+        let segment = u64::from(settings.mtu_bytes.saturating_sub(settings.overhead_bytes));
+        if segment == 0 {
+            return Err(TcpUnsupported::Mtu { mtu_bytes: settings.mtu_bytes });
         }
         let round_trip_ns = u128::from(settings.delay_ns) + u128::from(reverse_delay_ns);
-        let product_bytes =
-            u128::from(settings.rate_bits_per_s.get()) * round_trip_ns / (8 * u128::from(NS_PER_S));
-        let segment = SEGMENT_BYTES as u64;
+        let product_bytes = u128::from(settings.rate.largest()) * round_trip_ns / (8 * u128::from(NS_PER_S));
         let largest = u64::try_from(product_bytes)
             .unwrap_or(u64::MAX)
             .saturating_add(settings.queue_bytes)
-            .clamp(2 * segment, RECEIVE_WINDOW_BYTES);
+            .clamp(2 * segment, RECEIVE_WINDOW_BYTES.max(2 * segment));
         Ok(Self {
             link: Link::new(settings, 0),
+            // From a u32.
+            segment_bytes: segment as usize,
             reverse_delay_ns,
-            congestion_window_bytes: (INITIAL_WINDOW_SEGMENTS * segment).min(largest),
+            congestion_window_bytes: initial_window_bytes(segment).min(largest),
             largest_window_bytes: largest,
             unacknowledged: VecDeque::new(),
             flight_bytes: 0,
@@ -91,28 +114,35 @@ impl TcpDirection {
         self.link.counters()
     }
 
-    /// Sends a packet without payload, as in a handshake; returns when it arrives.
+    /// Sends a packet without payload, as in a handshake, once the queue has room; returns when it arrives.
     pub fn send_bare(&mut self, now_ns: u64) -> u64 {
-        match self.link.offer(now_ns, 0) {
+        let wire_bytes = u64::from(self.link.settings().overhead_bytes);
+        let sent_ns = if self.has_room(now_ns, wire_bytes) { now_ns } else { self.link.idle_from_ns() };
+        match self.link.offer(sent_ns, 0) {
             Fate::Arrives { at_ns } => at_ns,
-            // The window keeps the queue from filling, and there is no loss.
-            Fate::Lost | Fate::QueueFull | Fate::TooBig => now_ns,
+            // Not reached: there is room, and no loss.
+            Fate::Lost | Fate::QueueFull | Fate::TooBig => sent_ns,
         }
     }
 
+    /// Whether the link's queue takes a packet now.
+    fn has_room(&self, now_ns: u64, wire_bytes: u64) -> bool {
+        let backlog = self.link.backlog_bytes(now_ns);
+        backlog == 0 || backlog + wire_bytes <= self.link.settings().queue_bytes
+    }
+
     /// Sends as much of `data` as the windows allow; returns how many bytes. With 0 the caller tries
-    /// again at [`TcpDirection::next_acknowledgement_ns`], or once data has been read.
+    /// again at [`TcpDirection::next_room_ns`], or once data has been read.
     pub fn send(&mut self, now_ns: u64, data: &[u8]) -> usize {
         self.take_acknowledgements(now_ns);
         let mut sent = 0;
         while sent < data.len() {
-            let length = (data.len() - sent).min(SEGMENT_BYTES);
+            let length = (data.len() - sent).min(self.segment_bytes);
             let bytes = length as u64;
             let wire_bytes = bytes + u64::from(self.link.settings().overhead_bytes);
-            let backlog = self.link.backlog_bytes(now_ns);
             if self.flight_bytes + bytes > self.congestion_window_bytes
                 || self.unread_bytes + bytes > RECEIVE_WINDOW_BYTES
-                || (backlog > 0 && backlog + wire_bytes > self.link.settings().queue_bytes)
+                || !self.has_room(now_ns, wire_bytes)
             {
                 break;
             }
@@ -134,10 +164,13 @@ impl TcpDirection {
         }
     }
 
-    /// When the next acknowledgement reaches the sender.
+    /// When a sender who could send nothing at `now_ns` may try again: at the next acknowledgement, or once
+    /// the link has sent what waits. `None` where only reading makes room.
     #[must_use]
-    pub fn next_acknowledgement_ns(&self) -> Option<u64> {
-        self.unacknowledged.front().map(|&(at_ns, _)| at_ns)
+    pub fn next_room_ns(&self, now_ns: u64) -> Option<u64> {
+        let acknowledged = self.unacknowledged.front().map(|&(at_ns, _)| at_ns);
+        let idle = Some(self.link.idle_from_ns()).filter(|&at_ns| at_ns > now_ns);
+        [acknowledged, idle].into_iter().flatten().min()
     }
 
     /// Moves what has arrived by `now_ns` into `buffer`; returns how many bytes.
@@ -187,18 +220,13 @@ impl TcpDirection {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::link::{GilbertElliott, Jitter};
     use std::num::NonZeroU64;
 
     const MS: u64 = 1_000_000;
 
     fn settings(rate: u64) -> LinkSettings {
-        LinkSettings {
-            rate_bits_per_s: NonZeroU64::new(rate).unwrap(),
-            delay_ns: 25 * MS,
-            queue_bytes: 64 * 1024,
-            loss: 0.0,
-            overhead_bytes: IP_TCP_BYTES,
-        }
+        LinkSettings::constant(NonZeroU64::new(rate).unwrap(), 25 * MS, 64 * 1024, IP_TCP_BYTES)
     }
 
     /// Sends `bytes` as fast as the windows allow and reads at once; returns when the last arrives.
@@ -215,11 +243,9 @@ mod tests {
             if received == bytes {
                 return now_ns;
             }
-            let next = [tcp.next_acknowledgement_ns(), tcp.next_arrival_ns()];
+            let next = [tcp.next_room_ns(now_ns), tcp.next_arrival_ns()];
             now_ns = next.into_iter().flatten().filter(|&t| t >= now_ns).min().unwrap().max(now_ns);
-            if tcp.next_acknowledgement_ns() == Some(now_ns) {
-                tcp.take_acknowledgements(now_ns);
-            }
+            tcp.take_acknowledgements(now_ns);
         }
     }
 
@@ -246,7 +272,7 @@ mod tests {
         assert_eq!(tcp.send(0, &data), 10 * SEGMENT_BYTES);
         assert_eq!(tcp.send(0, &data), 0);
         // The first acknowledgement comes after 6 ms and a round trip, and lets two segments out.
-        assert_eq!(tcp.next_acknowledgement_ns(), Some(56 * MS));
+        assert_eq!(tcp.next_room_ns(0), Some(56 * MS));
         assert_eq!(tcp.send(56 * MS, &data), 2 * SEGMENT_BYTES);
         let mut buffer = vec![0; 1 << 20];
         assert_eq!(tcp.receive(31 * MS - 1, &mut buffer), 0);
@@ -276,9 +302,69 @@ mod tests {
     }
 
     #[test]
-    fn loss_is_refused() {
-        let lossy = LinkSettings { loss: 0.01, ..settings(2_000_000) };
-        let error = TcpDirection::new(lossy, 0).unwrap_err();
-        assert!(error.to_string().contains("not modelled"), "{error}");
+    fn what_is_not_modelled_is_refused() {
+        let refused = |settings: LinkSettings| TcpDirection::new(settings, 0).unwrap_err();
+        let plain = || settings(2_000_000);
+        let burst = GilbertElliott { to_bad: 0.1, to_good: 0.3, loss_good: 0.0, loss_bad: 1.0 };
+        for (loss, share) in [(Loss::Random(0.01), 0.01), (Loss::Burst(burst), burst.long_run_loss())] {
+            assert_eq!(refused(LinkSettings { loss, ..plain() }), TcpUnsupported::Loss { loss: share });
+        }
+        let jitter = |reorders| Jitter { largest_ns: MS, reorders };
+        assert_eq!(refused(LinkSettings { jitter: jitter(true), ..plain() }), TcpUnsupported::Reordering);
+        assert!(TcpDirection::new(LinkSettings { jitter: jitter(false), ..plain() }, 0).is_ok());
+        assert_eq!(refused(LinkSettings { mtu_bytes: 52, ..plain() }), TcpUnsupported::Mtu { mtu_bytes: 52 });
+    }
+
+    #[test]
+    fn segments_are_as_large_as_the_link_takes() {
+        // 552 bytes at 4 µs each; the first window is ten of them, or 17,896 bytes of jumbo segments.
+        let mut small =
+            TcpDirection::new(LinkSettings { mtu_bytes: 552, ..settings(2_000_000) }, 25 * MS).unwrap();
+        assert_eq!(small.send(0, &[0; 100_000]), 10 * 500);
+        assert_eq!(small.next_arrival_ns(), Some(552 * 4_000 + 25 * MS));
+        let jumbo = LinkSettings { mtu_bytes: 9000, ..settings(1_000_000_000) };
+        let mut jumbo = TcpDirection::new(jumbo, 25 * MS).unwrap();
+        assert_eq!(jumbo.send(0, &[0; 100_000]), 2 * 8948);
+    }
+
+    #[test]
+    fn a_queue_of_one_packet_slows_a_sender_and_does_not_stop_it() {
+        // Two segments never fit, so one follows the other as the link falls idle. Nothing is dropped.
+        let one = LinkSettings { queue_bytes: 1500, ..settings(2_000_000) };
+        let mut tcp = TcpDirection::new(one, 25 * MS).unwrap();
+        assert_eq!(tcp.send_bare(0), 208_000 + 25 * MS);
+        let data = [0; 10 * SEGMENT_BYTES];
+        assert_eq!(tcp.send(0, &data), 0, "the bare packet is still being sent");
+        let mut sent_at = Vec::new();
+        let (mut now_ns, mut sent) = (0, 0);
+        while sent < data.len() {
+            now_ns = tcp.next_room_ns(now_ns).unwrap();
+            let more = tcp.send(now_ns, &data[sent..]);
+            sent_at.extend((more > 0).then_some(now_ns));
+            sent += more;
+        }
+        // The tenth would exceed the window (12,500 bytes of bandwidth–delay product and 1,500 of queue): it
+        // waits for the first acknowledgement, 6 ms and a round trip after the first segment.
+        let expected = (0..9).map(|i| 208_000 + i * 6 * MS).chain([208_000 + 56 * MS]);
+        assert_eq!(sent_at, expected.collect::<Vec<_>>());
+        assert_eq!(tcp.counters().longest_queue_bytes, 1500);
+        // The end waits for the queue as well.
+        tcp.finish(now_ns);
+        assert_eq!(tcp.end_ns, Some(now_ns + 6 * MS + 208_000 + 25 * MS));
+        assert_eq!(tcp.counters().queue_full, 0);
+    }
+
+    #[test]
+    fn jitter_delays_segments_and_keeps_their_order() {
+        let jitter = Jitter { largest_ns: 30 * MS, reorders: false };
+        let mut tcp = TcpDirection::new(LinkSettings { jitter, ..settings(8_000_000) }, 25 * MS).unwrap();
+        tcp.send(0, &[0; 10 * SEGMENT_BYTES]);
+        let arrivals: Vec<u64> = tcp.arriving.iter().map(|&(at_ns, _)| at_ns).collect();
+        assert!(arrivals.is_sorted());
+        let smooth = (1..=10).map(|i| i * 1_500_000 + 25 * MS);
+        assert!(
+            arrivals.iter().zip(smooth).all(|(at, least)| (least..=10 * 1_500_000 + 55 * MS).contains(at))
+        );
+        assert!(arrivals[0] > 1_500_000 + 25 * MS);
     }
 }

@@ -254,16 +254,13 @@ impl AsyncUdpSocket for VirtualUdpSocket {
 mod tests {
     use super::*;
     use crate::clock::virtual_runtime;
-    use crate::link::IP_UDP_BYTES;
+    use crate::link::{IP_UDP_BYTES, Jitter, Loss};
     use std::num::NonZeroU64;
 
     fn settings(loss: f64) -> LinkSettings {
         LinkSettings {
-            rate_bits_per_s: NonZeroU64::new(2_000_000).unwrap(),
-            delay_ns: 25_000_000,
-            queue_bytes: 64 * 1024,
-            loss,
-            overhead_bytes: IP_UDP_BYTES,
+            loss: Loss::Random(loss),
+            ..LinkSettings::constant(NonZeroU64::new(2_000_000).unwrap(), 25_000_000, 64 * 1024, IP_UDP_BYTES)
         }
     }
 
@@ -310,6 +307,37 @@ mod tests {
             let ms = 1_000_000;
             assert_eq!(receiver.await.unwrap(), [(29 * ms, 972), (33 * ms, 972), (37 * ms, 972)]);
             assert_eq!(network.counters(address(1), address(2)).arrived, 3);
+        });
+    }
+
+    #[test]
+    fn directions_and_their_jitter_are_apart() {
+        virtual_runtime().unwrap().block_on(async {
+            let clock = VirtualClock::start();
+            let network = UdpNetwork::new(clock);
+            let jitter = Jitter { largest_ns: 40_000_000, reorders: true };
+            let down = LinkSettings { jitter, mtu_bytes: 600, ..settings(0.0) };
+            network.connect(address(1), address(2), down, 1);
+            network.connect(address(2), address(1), settings(0.0), 2);
+            let (a, b) = (network.socket(address(1)), network.socket(address(2)));
+            // 20 numbered packets down, one too large for that way; the same one passes up.
+            for number in 0..20 {
+                send(&a, address(2), &[number; 22], None);
+            }
+            send(&a, address(2), &[99; 600], None);
+            send(&b, address(1), &[99; 600], None);
+            assert_eq!(receive(&a).await.1.len(), 600);
+            // 628 bytes at 4 µs, and the delay; timers are up to 1 ms late.
+            assert!((27_512_000..=28_512_000).contains(&clock.now_ns()), "{}", clock.now_ns());
+            let mut order = Vec::new();
+            for _ in 0..20 {
+                order.push(receive(&b).await.1[0]);
+            }
+            assert!(!order.is_sorted(), "{order:?}");
+            order.sort_unstable();
+            assert_eq!(order, (0..20).collect::<Vec<u8>>());
+            assert_eq!(network.counters(address(1), address(2)).too_big, 1);
+            assert_eq!(network.counters(address(2), address(1)).too_big, 0);
         });
     }
 

@@ -8,7 +8,7 @@ use quinn::crypto::rustls::{QuicClientConfig, QuicServerConfig};
 use rustls::pki_types::{CertificateDer, PrivateKeyDer, PrivatePkcs8KeyDer};
 
 use crate::clock::{VirtualClock, virtual_runtime};
-use crate::link::{IP_UDP_BYTES, LinkSettings};
+use crate::link::{IP_UDP_BYTES, LinkSettings, Loss};
 use crate::udp::UdpNetwork;
 
 /// What one transfer came to.
@@ -54,13 +54,10 @@ fn transfer(bytes: usize, loss: f64, seed: u8) -> Outcome {
         let server_address = SocketAddr::from(([10, 0, 0, 1], 4433));
         let client_address = SocketAddr::from(([10, 0, 0, 2], 50_000));
         let settings = LinkSettings {
-            rate_bits_per_s: NonZeroU64::new(2_000_000).unwrap(),
-            delay_ns: 25_000_000,
-            queue_bytes: 64 * 1024,
-            loss,
-            overhead_bytes: IP_UDP_BYTES,
+            loss: Loss::Random(loss),
+            ..LinkSettings::constant(NonZeroU64::new(2_000_000).unwrap(), 25_000_000, 64 * 1024, IP_UDP_BYTES)
         };
-        network.connect(server_address, client_address, settings, u64::from(seed) * 2);
+        network.connect(server_address, client_address, settings.clone(), u64::from(seed) * 2);
         network.connect(client_address, server_address, settings, u64::from(seed) * 2 + 1);
         let (server_config, client_config) = configs();
         let server = network.endpoint(server_address, Some(server_config), [seed; 32]).unwrap();

@@ -27,7 +27,7 @@ use super::plan::{Case, Plan, Transport};
 use super::report::{RunResult, error_name, milliseconds};
 use super::viewer::Viewer;
 use crate::clock::{VirtualClock, virtual_runtime};
-use crate::link::{IP_UDP_BYTES, LinkCounters, LinkSettings};
+use crate::link::{IP_UDP_BYTES, LinkCounters, LinkSettings, Loss};
 use crate::stream_pipe::{self, Opening};
 use crate::tcp::IP_TCP_BYTES;
 use crate::udp::UdpNetwork;
@@ -108,12 +108,10 @@ fn run_case(
 
 /// One direction of the link of a case.
 fn link(case: &Case, overhead_bytes: u32) -> LinkSettings {
+    let (rate, delay_ns) = (case.rate_bits_per_s, case.delay_ns());
     LinkSettings {
-        rate_bits_per_s: case.rate_bits_per_s,
-        delay_ns: case.delay_ns(),
-        queue_bytes: case.queue_bytes,
-        loss: case.loss,
-        overhead_bytes,
+        loss: Loss::Random(case.loss),
+        ..LinkSettings::constant(rate, delay_ns, case.queue_bytes, overhead_bytes)
     }
 }
 

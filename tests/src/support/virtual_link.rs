@@ -22,13 +22,12 @@ const CLIENT: SocketAddr =
     SocketAddr::new(std::net::IpAddr::V4(std::net::Ipv4Addr::new(10, 0, 0, 2)), 50_000);
 
 fn link(rate_bits_per_s: u64, rtt_ms: u64, overhead_bytes: u32) -> LinkSettings {
-    LinkSettings {
-        rate_bits_per_s: NonZeroU64::new(rate_bits_per_s).unwrap(),
-        delay_ns: rtt_ms * 1_000_000 / 2,
-        queue_bytes: 256 * 1024,
-        loss: 0.0,
+    LinkSettings::constant(
+        NonZeroU64::new(rate_bits_per_s).unwrap(),
+        rtt_ms * 1_000_000 / 2,
+        256 * 1024,
         overhead_bytes,
-    }
+    )
 }
 
 /// Bytes on the wire, headers included.
@@ -47,7 +46,7 @@ impl QuicLink {
     pub(crate) fn new(state: Arc<ServerState>, rate_bits_per_s: u64, rtt_ms: u64) -> Self {
         let network = UdpNetwork::new(VirtualClock::start());
         let settings = link(rate_bits_per_s, rtt_ms, IP_UDP_BYTES);
-        network.connect(SERVER, CLIENT, settings, 1);
+        network.connect(SERVER, CLIENT, settings.clone(), 1);
         network.connect(CLIENT, SERVER, settings, 2);
         let endpoint = |address, config, seed| {
             let mut settings = quinn::EndpointConfig::default();
@@ -94,7 +93,7 @@ pub(crate) async fn tcp_connect(
     let clock = VirtualClock::start();
     let settings = link(rate_bits_per_s, rtt_ms, IP_TCP_BYTES);
     let Opening { client, server, client_ready_ns, server_ready_ns, counters } =
-        stream_pipe::open(clock, settings, settings).unwrap();
+        stream_pipe::open(clock, settings.clone(), settings).unwrap();
     tokio::spawn(async move {
         clock.sleep_until(server_ready_ns).await;
         accept_http(server, state, CLIENT).await;
