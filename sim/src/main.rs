@@ -2,17 +2,18 @@
 //!
 //! Exit codes: 0 done, 2 bad input (one line says what, where and what to do).
 
+mod progress;
+
 use std::num::{NonZeroU32, NonZeroUsize};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Arc;
 
 use anyhow::Context as _;
 use clap::{Parser, Subcommand};
 use lodestream_geometry::{Codec, Metric};
-use lodestream_protocol::source::SceneSource;
 use lodestream_server::prepare::recipe::{self, Round};
 use lodestream_sim::{assess, measure, scenario, train};
+use progress::Progress;
 
 /// Compares meshes and streams scenes over simulated links.
 #[derive(Debug, Parser)]
@@ -92,16 +93,20 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Streams a scene over simulated links in virtual time.
+    /// Streams scenes over simulated links in virtual time.
     Run {
         /// The plan (TOML).
         plan: PathBuf,
-        /// Seed of lost packets and of the endpoints' random numbers.
-        #[arg(long, default_value_t = 1)]
-        seed: u64,
-        /// Folder for results.json.
+        /// Runs this seed alone, of lost packets, jitter and the endpoints' random numbers [default: the
+        /// plan's seeds].
+        #[arg(long)]
+        seed: Option<u64>,
+        /// Folder for results.json and results.csv, and for percentiles of cases with seeds enough.
         #[arg(short, long, value_name = "DIR")]
         output: PathBuf,
+        /// Runs at once [default: as many as there are processors]. The report does not depend on it.
+        #[arg(long)]
+        threads: Option<NonZeroUsize>,
         /// Folder of prepared packs [default: $XDG_CACHE_HOME/lodestream or ~/.cache/lodestream].
         #[arg(long, env = "LODESTREAM_CACHE", value_name = "DIR")]
         cache: Option<PathBuf>,
@@ -144,7 +149,9 @@ fn main() -> ExitCode {
             run_assess(&model, &options, json)
         }
         Command::Measure { a, b, samples, seed, json } => run_measure(&a, &b, samples, seed, json),
-        Command::Run { plan, seed, output, cache, quiet } => run_plan(&plan, seed, &output, cache, quiet),
+        Command::Run { plan, seed, output, threads, cache, quiet } => {
+            run_plan(&plan, seed, &output, threads, cache, quiet)
+        }
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -157,22 +164,28 @@ fn main() -> ExitCode {
 
 fn run_plan(
     plan: &Path,
-    seed: u64,
+    seed: Option<u64>,
     output: &Path,
+    threads: Option<NonZeroUsize>,
     cache: Option<PathBuf>,
     quiet: bool,
 ) -> anyhow::Result<()> {
     let plan = scenario::plan::read(plan)?;
+    let plan = match seed {
+        Some(seed) => plan.with_seed(seed),
+        None => plan,
+    };
     let cache = cache
         .or_else(lodestream_server::prepare::cache::default_folder)
         .context("no cache folder is known; name one with --cache DIR")?;
-    let scene: Arc<dyn SceneSource> = scenario::scene::open(&plan.scene, &cache, quiet)?;
-    let results = scenario::run(&plan, &scene, seed, |result| {
-        if !quiet {
-            println!("{result}");
-        }
-    })?;
-    scenario::report::write(output, &results)
+    let open = |scene: &scenario::plan::PlanScene| scenario::scene::open(&scene.choice, &cache, quiet);
+    let scenes = plan.scenes.iter().map(open).collect::<anyhow::Result<Vec<_>>>()?;
+    let threads = threads.or(std::thread::available_parallelism().ok()).unwrap_or(NonZeroUsize::MIN);
+    let progress = Progress::new(plan.runs(), quiet);
+    let results = scenario::run(&plan, &scenes, threads, |result| progress.line(result));
+    progress.finish();
+    let results = results?;
+    scenario::report::write(output, &plan, &results)
         .with_context(|| format!("{}: the report cannot be written", output.display()))
 }
 

@@ -90,14 +90,19 @@ pub struct Opening {
 }
 
 /// Opens a connection with TCP's three-way handshake, which starts now: `down` leads from the server
-/// to the client, `up` back.
+/// to the client, `up` back; `seed` decides how jitter falls.
 ///
 /// # Errors
 /// Refuses links that TCP is not modelled over.
-pub fn open(clock: VirtualClock, down: LinkSettings, up: LinkSettings) -> Result<Opening, TcpUnsupported> {
+pub fn open(
+    clock: VirtualClock,
+    down: LinkSettings,
+    up: LinkSettings,
+    seed: u64,
+) -> Result<Opening, TcpUnsupported> {
     let (down_delay_ns, up_delay_ns) = (down.delay_ns, up.delay_ns);
-    let mut down_tcp = TcpDirection::new(down, up_delay_ns)?;
-    let mut up_tcp = TcpDirection::new(up, down_delay_ns)?;
+    let mut down_tcp = TcpDirection::new(down, up_delay_ns, seed)?;
+    let mut up_tcp = TcpDirection::new(up, down_delay_ns, !seed)?;
     let asked_ns = up_tcp.send_bare(clock.now_ns());
     let client_ready_ns = down_tcp.send_bare(asked_ns);
     let server_ready_ns = up_tcp.send_bare(client_ready_ns);
@@ -264,7 +269,7 @@ mod tests {
         virtual_runtime().unwrap().block_on(async {
             let clock = VirtualClock::start();
             let Opening { mut client, mut server, client_ready_ns, counters, .. } =
-                open(clock, settings(2_000_000), settings(2_000_000)).unwrap();
+                open(clock, settings(2_000_000), settings(2_000_000), 1).unwrap();
             // One round trip and two packets of 52 bytes.
             assert_eq!(client_ready_ns, 50_000_000 + 2 * 52 * 4000);
             let bytes = 200 * SEGMENT_BYTES;
@@ -292,7 +297,7 @@ mod tests {
         virtual_runtime().unwrap().block_on(async {
             let clock = VirtualClock::start();
             let Opening { client, mut server, .. } =
-                open(clock, settings(8_000_000), settings(8_000_000)).unwrap();
+                open(clock, settings(8_000_000), settings(8_000_000), 1).unwrap();
             let blocked = tokio::spawn(async move {
                 let error = server.write_all(&vec![0; 1 << 22]).await.unwrap_err();
                 let mut rest = Vec::new();

@@ -72,11 +72,11 @@ pub struct TcpDirection {
 }
 
 impl TcpDirection {
-    /// An idle direction.
+    /// An idle direction; `seed` decides how jitter falls.
     ///
     /// # Errors
     /// Refuses links with loss or reordering, and packets without room for data.
-    pub fn new(settings: LinkSettings, reverse_delay_ns: u64) -> Result<Self, TcpUnsupported> {
+    pub fn new(settings: LinkSettings, reverse_delay_ns: u64, seed: u64) -> Result<Self, TcpUnsupported> {
         if settings.loss != Loss::NONE {
             return Err(TcpUnsupported::Loss { loss: settings.loss.long_run() });
         }
@@ -94,7 +94,7 @@ impl TcpDirection {
             .saturating_add(settings.queue_bytes)
             .clamp(2 * segment, RECEIVE_WINDOW_BYTES.max(2 * segment));
         Ok(Self {
-            link: Link::new(settings, 0),
+            link: Link::new(settings, seed),
             // From a u32.
             segment_bytes: segment as usize,
             reverse_delay_ns,
@@ -231,7 +231,7 @@ mod tests {
 
     /// Sends `bytes` as fast as the windows allow and reads at once; returns when the last arrives.
     fn last_arrival_ns(rate: u64, bytes: usize) -> u64 {
-        let mut tcp = TcpDirection::new(settings(rate), 25 * MS).unwrap();
+        let mut tcp = TcpDirection::new(settings(rate), 25 * MS, 1).unwrap();
         let mut now_ns = 0;
         let mut sent = 0;
         let mut received = 0;
@@ -267,7 +267,7 @@ mod tests {
 
     #[test]
     fn windows_limit_what_is_on_its_way() {
-        let mut tcp = TcpDirection::new(settings(2_000_000), 25 * MS).unwrap();
+        let mut tcp = TcpDirection::new(settings(2_000_000), 25 * MS, 1).unwrap();
         let data = vec![0; 1 << 20];
         assert_eq!(tcp.send(0, &data), 10 * SEGMENT_BYTES);
         assert_eq!(tcp.send(0, &data), 0);
@@ -281,7 +281,7 @@ mod tests {
 
     #[test]
     fn an_unread_stream_stops() {
-        let mut tcp = TcpDirection::new(settings(1_000_000_000), 25 * MS).unwrap();
+        let mut tcp = TcpDirection::new(settings(1_000_000_000), 25 * MS, 1).unwrap();
         let data = vec![0; 4096];
         let mut sent = 0;
         for step in 0..100_000u64 {
@@ -292,7 +292,7 @@ mod tests {
 
     #[test]
     fn the_end_comes_after_the_last_byte() {
-        let mut tcp = TcpDirection::new(settings(2_000_000), 25 * MS).unwrap();
+        let mut tcp = TcpDirection::new(settings(2_000_000), 25 * MS, 1).unwrap();
         assert_eq!(tcp.send(0, b"abc"), 3);
         tcp.finish(0);
         let mut buffer = [0; 8];
@@ -303,7 +303,7 @@ mod tests {
 
     #[test]
     fn what_is_not_modelled_is_refused() {
-        let refused = |settings: LinkSettings| TcpDirection::new(settings, 0).unwrap_err();
+        let refused = |settings: LinkSettings| TcpDirection::new(settings, 0, 1).unwrap_err();
         let plain = || settings(2_000_000);
         let burst = GilbertElliott { to_bad: 0.1, to_good: 0.3, loss_good: 0.0, loss_bad: 1.0 };
         for (loss, share) in [(Loss::Random(0.01), 0.01), (Loss::Burst(burst), burst.long_run_loss())] {
@@ -311,7 +311,7 @@ mod tests {
         }
         let jitter = |reorders| Jitter { largest_ns: MS, reorders };
         assert_eq!(refused(LinkSettings { jitter: jitter(true), ..plain() }), TcpUnsupported::Reordering);
-        assert!(TcpDirection::new(LinkSettings { jitter: jitter(false), ..plain() }, 0).is_ok());
+        assert!(TcpDirection::new(LinkSettings { jitter: jitter(false), ..plain() }, 0, 1).is_ok());
         assert_eq!(refused(LinkSettings { mtu_bytes: 52, ..plain() }), TcpUnsupported::Mtu { mtu_bytes: 52 });
     }
 
@@ -319,11 +319,11 @@ mod tests {
     fn segments_are_as_large_as_the_link_takes() {
         // 552 bytes at 4 µs each; the first window is ten of them, or 17,896 bytes of jumbo segments.
         let mut small =
-            TcpDirection::new(LinkSettings { mtu_bytes: 552, ..settings(2_000_000) }, 25 * MS).unwrap();
+            TcpDirection::new(LinkSettings { mtu_bytes: 552, ..settings(2_000_000) }, 25 * MS, 1).unwrap();
         assert_eq!(small.send(0, &[0; 100_000]), 10 * 500);
         assert_eq!(small.next_arrival_ns(), Some(552 * 4_000 + 25 * MS));
         let jumbo = LinkSettings { mtu_bytes: 9000, ..settings(1_000_000_000) };
-        let mut jumbo = TcpDirection::new(jumbo, 25 * MS).unwrap();
+        let mut jumbo = TcpDirection::new(jumbo, 25 * MS, 1).unwrap();
         assert_eq!(jumbo.send(0, &[0; 100_000]), 2 * 8948);
     }
 
@@ -331,7 +331,7 @@ mod tests {
     fn a_queue_of_one_packet_slows_a_sender_and_does_not_stop_it() {
         // Two segments never fit, so one follows the other as the link falls idle. Nothing is dropped.
         let one = LinkSettings { queue_bytes: 1500, ..settings(2_000_000) };
-        let mut tcp = TcpDirection::new(one, 25 * MS).unwrap();
+        let mut tcp = TcpDirection::new(one, 25 * MS, 1).unwrap();
         assert_eq!(tcp.send_bare(0), 208_000 + 25 * MS);
         let data = [0; 10 * SEGMENT_BYTES];
         assert_eq!(tcp.send(0, &data), 0, "the bare packet is still being sent");
@@ -357,7 +357,7 @@ mod tests {
     #[test]
     fn jitter_delays_segments_and_keeps_their_order() {
         let jitter = Jitter { largest_ns: 30 * MS, reorders: false };
-        let mut tcp = TcpDirection::new(LinkSettings { jitter, ..settings(8_000_000) }, 25 * MS).unwrap();
+        let mut tcp = TcpDirection::new(LinkSettings { jitter, ..settings(8_000_000) }, 25 * MS, 1).unwrap();
         tcp.send(0, &[0; 10 * SEGMENT_BYTES]);
         let arrivals: Vec<u64> = tcp.arriving.iter().map(|&(at_ns, _)| at_ns).collect();
         assert!(arrivals.is_sorted());

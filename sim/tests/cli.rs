@@ -73,3 +73,32 @@ fn run_refuses_plans_before_anything_is_prepared() {
     assert_refused(&run(&missing), &["none.toml"]);
     assert!(!output.exists());
 }
+
+#[test]
+fn run_writes_the_same_report_on_any_number_of_threads_and_replays_a_seed() {
+    let folder = tempfile::tempdir().unwrap();
+    let plan = write(
+        folder.path(),
+        "plan.toml",
+        "scene = \"empty\"\nseeds = 4\n[[sweep]]\ntransport = [\"quic\", \"ws\"]\nrate_bits_per_s = 2_000_000\nrtt_ms = 50\njitter_ms = 9\n",
+    );
+    let run = |name: &str, options: &[&str]| {
+        let output = folder.path().join(name);
+        let arguments = [&["run", &plan, "-o", output.to_str().unwrap()], options].concat();
+        let done = simulator(&arguments);
+        assert!(done.status.success(), "{done:?}");
+        let read = |file: &str| std::fs::read_to_string(output.join(file)).unwrap();
+        (String::from_utf8(done.stdout).unwrap(), read("results.json"), read("results.csv"))
+    };
+    let one = run("one", &["--threads", "1"]);
+    assert_eq!(one.0.lines().count(), 8);
+    assert_eq!(one.2.lines().count(), 9);
+    assert_eq!(run("three", &["--threads", "3"]), one);
+    let (said, alone, _) = run("alone", &["--seed", "3", "--quiet"]);
+    assert_eq!(said, "");
+    let lines: Vec<&str> = alone.lines().filter(|line| line.starts_with('{')).collect();
+    assert_eq!(lines.len(), 2);
+    for line in lines {
+        assert!(one.1.contains(line.trim_end_matches(',')), "{line}");
+    }
+}

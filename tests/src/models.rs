@@ -7,7 +7,7 @@
 //! Each model is prepared and checked, then streamed over QUIC and over WebSocket in virtual time until it
 //! is settled.
 
-use std::num::NonZeroU64;
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -17,33 +17,22 @@ use lodestream_server::prepare::{Threads, prepare_cached};
 use lodestream_server::scene::of_files;
 use lodestream_server::store::{DEFAULT_CACHE_BYTES, SceneStore};
 use lodestream_sim::measure::read_obj;
-use lodestream_sim::scenario::plan::{Case, Plan, SceneChoice, Transport};
+use lodestream_sim::scenario::plan::{self, Plan};
 use lodestream_sim::scenario::run;
 
 use crate::support::scene::options;
 
 const RANDOM_SETS: usize = 200;
-const RATE_BITS_PER_S: NonZeroU64 = NonZeroU64::new(2_000_000).unwrap();
+const RATE_BITS_PER_S: u64 = 2_000_000;
 const RTT_MS: f64 = 50.0;
 
 /// A model alone in the start view at 1280 × 720, refined to one pixel.
 fn plan(model: &Path) -> Plan {
-    let case = |transport| Case {
-        transport,
-        rate_bits_per_s: RATE_BITS_PER_S,
-        rtt_ms: RTT_MS,
-        loss: 0.0,
-        queue_bytes: 65_536,
-        limiter_share: None,
-    };
-    Plan {
-        scene_name: model.display().to_string(),
-        scene: SceneChoice::File(model.to_owned()),
-        viewport_px: [1280, 720],
-        ttq_px: vec![1.0],
-        time_limit_s: 600.0,
-        cases: vec![case(Transport::Quic), case(Transport::Ws)],
-    }
+    let text = format!(
+        "scene = {model:?}\nttq_px = [1]\n[[sweep]]\ntransport = [\"quic\", \"ws\"]\n\
+         rate_bits_per_s = {RATE_BITS_PER_S}\nrtt_ms = {RTT_MS}\n",
+    );
+    plan::parse(&text, Path::new("models.toml")).unwrap()
 }
 
 /// Prepares, checks and streams a model; gives its row.
@@ -65,7 +54,7 @@ fn row(model: &Path) -> String {
 
     let source: Arc<dyn SceneSource> =
         Arc::new(SceneStore::new(&scene, vec![cached.pack], DEFAULT_CACHE_BYTES).unwrap());
-    let results = run(&plan(model), &source, 1, |_| ()).unwrap();
+    let results = run(&plan(model), &[source], NonZeroUsize::MIN, |_| ()).unwrap();
     let ttff = |i: usize| results[i].ttff_ms.unwrap();
     for result in &results {
         assert_eq!(result.ended, "settled", "{name}: {result}");

@@ -1,6 +1,6 @@
 //! The core: books, and the order in which things happen.
 
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
 
 use bytes::Bytes;
@@ -10,7 +10,7 @@ use lodestream_protocol::frame::{BlobPiece, FrameError, ServerFrame};
 use lodestream_protocol::limits::MAX_HAVE;
 use lodestream_protocol::message::{ClientMessage, Close, CloseCode, RefusedReason, Welcome};
 use lodestream_protocol::scene::SceneHeader;
-use lodestream_protocol::select::{Counters, Selector, State, Wanted};
+use lodestream_protocol::select::{Counters, Selection, Selector, State, Wanted};
 use lodestream_protocol::time::Time;
 use lodestream_protocol::view::View;
 
@@ -21,7 +21,7 @@ use super::config::{Config, StartView};
 use super::failures::Failures;
 use super::milestones::Milestones;
 use super::scene::Scene;
-use super::stats::{Connection, Stats};
+use super::stats::{Connection, Received, Stats};
 
 /// Cost of handling a blob, beside its bytes, in units of [`ClientCore::update`]'s budget.
 const BLOB_COST: u64 = 256;
@@ -53,6 +53,8 @@ pub struct ClientCore {
     early: Vec<Arrived>,
     /// Blobs that are asked for.
     in_flight: BTreeSet<BlobId>,
+    /// What came of each blob, where that is counted.
+    received: BTreeMap<BlobId, Received>,
     view: Option<View>,
     /// The last selection's list, states kept up to date.
     pub(super) wanted: Vec<Wanted>,
@@ -100,6 +102,7 @@ impl ClientCore {
             arrived: VecDeque::new(),
             early: Vec::new(),
             in_flight: BTreeSet::new(),
+            received: BTreeMap::new(),
             view,
             wanted: Vec::new(),
             stale: false,
@@ -296,6 +299,9 @@ impl ClientCore {
                 },
                 ClientEvent::Blob { id, offset, total, bytes } => {
                     self.in_flight.remove(&id);
+                    if self.config.track_received {
+                        self.received.entry(id).or_default().bytes += bytes.len() as u64;
+                    }
                     tracing::trace!("{id}: {} of {total} bytes from {offset}", bytes.len());
                     let arrived = Arrived { id, offset, total, bytes };
                     if id.asset < self.scene.asset_count() {
@@ -376,6 +382,12 @@ impl ClientCore {
     /// A blob is in use: whole, or a chunk up to a stop, whose rest is a matter of its own.
     pub(super) fn set_applied(&mut self, id: BlobId, stop: Option<u8>) {
         self.set_stop(id, stop);
+        if let Some(received) = self.received.get_mut(&id)
+            && let BlobPart::Chunk(chunk) = id.part
+            && let Some(info) = self.scene.states.get(id.asset as usize).and_then(|asset| asset.chunk(chunk))
+        {
+            received.used_bytes = received.used_bytes.max(info.extent(stop).payload_bytes.into());
+        }
         if stop.is_none() {
             self.set_state(id, State::Applied);
         }
@@ -516,7 +528,9 @@ impl ClientCore {
         }
     }
 
-    fn received_bytes(&self) -> u64 {
+    /// Transport payload received over all connections so far, handshakes included.
+    #[must_use]
+    pub const fn received_bytes(&self) -> u64 {
         self.earlier_bytes + self.transport_bytes
     }
 
@@ -534,6 +548,18 @@ impl ClientCore {
     #[must_use]
     pub const fn counters(&self) -> &Counters {
         &self.selector.last().counters
+    }
+
+    /// How many selections were made, and what the last one found.
+    #[must_use]
+    pub const fn last_selection(&self) -> (u64, &Selection) {
+        (self.counts.selections, self.selector.last())
+    }
+
+    /// What came of each blob; of those that were cancelled on the way, only what came whole. Empty unless [`Config::track_received`] is set.
+    #[must_use]
+    pub const fn received(&self) -> &BTreeMap<BlobId, Received> {
+        &self.received
     }
 
     /// What a renderer must fetch since the last call, in order, about `max_bytes` of it. `now` is the

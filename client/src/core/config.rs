@@ -37,6 +37,9 @@ pub struct Config {
     pub max_waiting_bytes: usize,
     /// Whether somebody takes [`super::ClientCore::take_changes`]; without, textures are not decoded.
     pub track_changes: bool,
+    /// Whether bytes are counted per blob, for [`super::ClientCore::received`]: for those who ask afterwards
+    /// what of them was of use.
+    pub track_received: bool,
     /// Most assets and instances of a scene that are taken; a scene beyond that is refused.
     pub max_entries: u32,
     /// A chunk (asset, number) that is never asked for nor applied: for tests that must see what a
@@ -56,6 +59,7 @@ impl Config {
             select_interval: Duration::from_millis(10),
             max_waiting_bytes: 64 << 20,
             track_changes: true,
+            track_received: false,
             max_entries: 1 << 20,
             withhold: None,
         }

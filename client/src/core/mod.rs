@@ -34,4 +34,4 @@ pub use changes::{Change, IndexRun, MeshChange, NewAsset, TextureChange, Vertex}
 pub use client_core::{ClientCore, Progress};
 pub use config::{Config, StartView};
 pub use milestones::{Milestone, Milestones, QUALITIES_PX};
-pub use stats::{Connection, Stats};
+pub use stats::{Connection, Received, Stats};

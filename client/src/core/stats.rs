@@ -21,6 +21,15 @@ pub enum Connection {
     Closed(String),
 }
 
+/// What came of one blob, and what of it was of use.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Received {
+    /// Payload bytes, as often as they came.
+    pub bytes: u64,
+    /// Of a chunk: how many of its bytes were ever in use, from its beginning on.
+    pub used_bytes: u64,
+}
+
 /// Everything countable, as it is now.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Stats {

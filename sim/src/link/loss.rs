@@ -27,7 +27,8 @@ impl Loss {
 }
 
 /// Gilbert's and Elliott's channel of two states (E. N. Gilbert, "Capacity of a burst-noise channel", 1960;
-/// E. O. Elliott, "Estimates of error rates for codes on burst-noise channels", 1963), a step per packet.
+/// E. O. Elliott, "Estimates of error rates for codes on burst-noise channels", 1963), a step per packet. While
+/// nobody sends, the state stays: who probes rarely meets the same burst for longer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GilbertElliott {
     /// Probability, per packet, that a good channel turns bad.

@@ -1,4 +1,4 @@
-//! What a run came to, as JSON.
+//! What a run came to: for people, and as the files of a report.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -6,7 +6,11 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::plan::Transport;
+use super::csv;
+use super::ledger::Use;
+use super::percentiles::{self, Percentiles};
+use super::plan::{Plan, Transport};
+use super::timeline::Sample;
 
 /// One run of a plan. Times count from the client's connect call, in milliseconds of virtual time;
 /// `None` where the time limit came first. Bytes are transport payload that the client received,
@@ -17,11 +21,15 @@ pub struct RunResult {
     pub scene: String,
     /// How client and server talked.
     pub transport: Transport,
-    /// Rate of the link.
+    /// The link's name, or in words what it was like.
+    pub link: String,
+    /// The camera path's name.
+    pub camera: String,
+    /// Rate of the link from server to client, at the start. This, loss and queue are that direction's.
     pub rate_bits_per_s: u64,
-    /// Round trip without queueing.
+    /// Round trip without queueing and jitter.
     pub rtt_ms: f64,
-    /// Probability that a packet was lost.
+    /// Share of packets lost at random, in the long run.
     pub loss: f64,
     /// Length of the link's queue.
     pub queue_bytes: u64,
@@ -37,39 +45,68 @@ pub struct RunResult {
     pub ttq_ms: BTreeMap<String, Option<f64>>,
     /// Bytes until then.
     pub ttq_bytes: BTreeMap<String, Option<u64>>,
-    /// Bytes until the selection wanted nothing more, or the time limit.
+    /// Bytes until the selection wanted nothing more with the camera at rest, or the time limit.
     pub total_bytes: u64,
     /// When that was.
     pub settled_ms: Option<f64>,
     /// Why the run ended: "settled", "time limit", or why the connection was lost.
     pub ended: String,
+    /// When client and server had parted.
+    pub ended_ms: Option<f64>,
+    /// When a camera that moved came to rest.
+    pub rest_ms: Option<f64>,
+    /// From then until no visible part had a larger screen error, by screen error in pixels; empty where the
+    /// camera did not move, or did not come to rest.
+    pub rest_ttq_ms: BTreeMap<String, Option<f64>>,
+    /// Pauses of half a second or more, after the first frame, in which blobs were wanted and no byte came.
+    pub stalls: u32,
+    /// How long they lasted together.
+    pub stalled_ms: f64,
+    /// What of the chunks received was of use.
+    #[serde(flatten)]
+    pub usage: Use,
     /// Packets from server to client that the link lost at random.
     pub packets_lost: u64,
     /// Packets from server to client that found the link's queue full.
     pub packets_dropped: u64,
+    /// The same from client to server.
+    pub packets_lost_up: u64,
+    /// The same from client to server.
+    pub packets_dropped_up: u64,
     /// Fingerprint of times and sizes of everything sent, in hexadecimal: equal for equal runs.
     pub trace: String,
+    /// Bytes and screen error over time.
+    pub series: Vec<Sample>,
 }
 
 /// One line for people.
 impl std::fmt::Display for RunResult {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let or_never = |ms: Option<f64>| ms.map_or("never".to_owned(), |ms| format!("{ms:.0} ms"));
-        let transport = match self.transport {
-            Transport::Quic => "quic",
-            Transport::Ws => "ws",
-        };
-        let mbit = self.rate_bits_per_s as f64 / 1e6;
-        write!(f, "{transport:4} {mbit:>4} Mbit/s, RTT {} ms, loss {} %", self.rtt_ms, self.loss * 100.0)?;
-        write!(f, ": first frame {}", or_never(self.ttff_ms))?;
+        write!(f, "{}: {}, {}", self.scene, self.transport, self.link)?;
+        if self.rest_ms.is_some() {
+            write!(f, ", camera {}", self.camera)?;
+        }
+        write!(f, ", seed {}: first frame {}", self.seed, or_never(self.ttff_ms))?;
         if let Some(bytes) = self.first_frame_bytes {
             write!(f, " ({bytes} bytes)")?;
         }
-        for (px, ms) in &self.ttq_ms {
-            write!(f, ", {px} px {}", or_never(*ms))?;
+        for (px, ms) in coarse_first(&self.ttq_ms) {
+            write!(f, ", {px} px {}", or_never(ms))?;
+        }
+        for (px, ms) in coarse_first(&self.rest_ttq_ms) {
+            write!(f, ", at rest {px} px {}", or_never(ms))?;
         }
         write!(f, ", {} bytes in all, {}", self.total_bytes, self.ended)
     }
+}
+
+/// Times by screen error, the largest first.
+fn coarse_first(times: &BTreeMap<String, Option<f64>>) -> Vec<(&str, Option<f64>)> {
+    let mut list: Vec<_> = times.iter().map(|(px, ms)| (px.as_str(), *ms)).collect();
+    let size = |px: &str| px.parse().unwrap_or(0.0_f64);
+    list.sort_by(|a, b| size(b.0).total_cmp(&size(a.0)));
+    list
 }
 
 /// The name of a screen error in [`RunResult::ttq_ms`]: as short as it can be written.
@@ -84,30 +121,49 @@ pub fn milliseconds(ns: u64) -> f64 {
     (ns as f64 / 1e3).round() / 1e3
 }
 
-/// The bytes of `results.json`: an array with one object per run, one per line.
+/// The bytes of a JSON file: an array with one object per line.
 ///
 /// # Errors
 /// What the serialiser says; results have no values that JSON lacks.
-pub fn to_json(results: &[RunResult]) -> serde_json::Result<Vec<u8>> {
+pub fn to_json<T: Serialize>(objects: &[T]) -> serde_json::Result<Vec<u8>> {
     let mut json = b"[".to_vec();
-    for (i, result) in results.iter().enumerate() {
+    for (i, object) in objects.iter().enumerate() {
         json.extend_from_slice(if i == 0 { b"\n" } else { b",\n" });
-        serde_json::to_writer(&mut json, result)?;
+        serde_json::to_writer(&mut json, object)?;
     }
     json.extend_from_slice(b"\n]\n");
     Ok(json)
 }
 
-/// Writes `results.json` into a folder, which is created where it is missing. The file appears whole
-/// or not at all.
+/// Writes the report into a folder, which is created where it is missing: `results.json` and `results.csv`
+/// with a line per run, and `percentiles.json` and `percentiles.csv` where a case has seeds enough. Each file
+/// appears whole or not at all; percentiles of an earlier report do not stay.
 ///
 /// # Errors
 /// What the system refuses.
-pub fn write(folder: &Path, results: &[RunResult]) -> std::io::Result<()> {
+pub fn write(folder: &Path, plan: &Plan, results: &[RunResult]) -> std::io::Result<()> {
     std::fs::create_dir_all(folder)?;
-    let temporary = folder.join(".results.json.partial");
+    let json = |json: serde_json::Result<Vec<u8>>| json.map_err(std::io::Error::other);
+    put(folder, "results.json", &json(to_json(results))?)?;
+    put(folder, "results.csv", csv::of_runs(results).as_bytes())?;
+    let spread: Vec<Percentiles> = percentiles::of_plan(plan, results);
+    if spread.is_empty() {
+        for name in ["percentiles.json", "percentiles.csv"] {
+            match std::fs::remove_file(folder.join(name)) {
+                Err(why) if why.kind() != std::io::ErrorKind::NotFound => return Err(why),
+                _ => {}
+            }
+        }
+        return Ok(());
+    }
+    put(folder, "percentiles.json", &json(to_json(&spread))?)?;
+    put(folder, "percentiles.csv", csv::of_percentiles(&spread).as_bytes())
+}
+
+fn put(folder: &Path, name: &str, bytes: &[u8]) -> std::io::Result<()> {
+    let temporary = folder.join(format!(".{name}.partial"));
     let mut file = std::fs::File::create(&temporary)?;
-    file.write_all(&to_json(results).map_err(std::io::Error::other)?)?;
+    file.write_all(bytes)?;
     file.sync_all()?;
-    std::fs::rename(&temporary, folder.join("results.json"))
+    std::fs::rename(&temporary, folder.join(name))
 }

@@ -1,4 +1,4 @@
-//! Runs the cases of a plan, one after the other, each on a runtime and network of its own.
+//! One run: a case of a plan and a seed, on a runtime and network of its own.
 //!
 //! What runs is what is shipped: the server's connection handlers and the client's network code and
 //! core, over quinn or over WebSocket and HTTP. Simulated are the link ([`crate::udp`],
@@ -6,12 +6,12 @@
 //! real, but take no virtual time; drawing does not happen, and textures count as soon as they arrive.
 //! The server's limiter is off unless the plan sets it: the link is what limits.
 
+use std::future::Future;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use anyhow::Context as _;
-use lodestream_client::core::{Milestone, QUALITIES_PX};
 use lodestream_client::net::{self, Pin};
 use lodestream_protocol::message::{Close, CloseCode};
 use lodestream_protocol::source::SceneSource;
@@ -23,11 +23,12 @@ use rand::{RngCore, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use tokio::time::timeout;
 
+use super::outcome;
 use super::plan::{Case, Plan, Transport};
-use super::report::{RunResult, error_name, milliseconds};
+use super::report::RunResult;
 use super::viewer::Viewer;
 use crate::clock::{VirtualClock, virtual_runtime};
-use crate::link::{IP_UDP_BYTES, LinkCounters, LinkSettings, Loss};
+use crate::link::{IP_UDP_BYTES, LinkCounters, LinkSettings};
 use crate::stream_pipe::{self, Opening};
 use crate::tcp::IP_TCP_BYTES;
 use crate::udp::UdpNetwork;
@@ -39,31 +40,14 @@ const CLIENT: SocketAddr =
 /// Virtual time that the server may take to close after the client has left.
 const CLOSE_TIMEOUT: Duration = Duration::from_secs(60);
 
-/// What the network saw of a run.
-struct Traffic {
-    down: LinkCounters,
-    trace: u64,
-}
+/// Virtual time after the limit in which client and server may part by themselves.
+const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Runs all cases of a plan. `report` is told of each result as it comes.
-///
-/// # Errors
-/// A session that ends for another reason than that the picture is settled or the time is up.
-pub fn run(
-    plan: &Plan,
-    scene: &Arc<dyn SceneSource>,
-    seed: u64,
-    mut report: impl FnMut(&RunResult),
-) -> anyhow::Result<Vec<RunResult>> {
-    let certificate = certificate()?;
-    let mut results = Vec::with_capacity(plan.cases.len());
-    for (number, case) in plan.cases.iter().enumerate() {
-        let result = run_case(plan, case, scene, &certificate, seed)
-            .with_context(|| format!("run {} of {} ({case})", number + 1, plan.cases.len()))?;
-        report(&result);
-        results.push(result);
-    }
-    Ok(results)
+/// What the network saw of a run.
+pub(super) struct Traffic {
+    pub(super) down: LinkCounters,
+    pub(super) up: LinkCounters,
+    pub(super) trace: u64,
 }
 
 /// A certificate whose length is always the same: its serial number is random, and one in 128 is a byte
@@ -80,7 +64,12 @@ pub(crate) fn certificate() -> anyhow::Result<Certificate> {
     longest.context("no certificate could be made")
 }
 
-fn run_case(
+/// Runs a case with a seed.
+///
+/// # Errors
+/// A session that ends for another reason than that the picture is settled, the time is up, or the
+/// connection is lost or silent for too long.
+pub(super) fn run_case(
     plan: &Plan,
     case: &Case,
     scene: &Arc<dyn SceneSource>,
@@ -88,31 +77,35 @@ fn run_case(
     seed: u64,
 ) -> anyhow::Result<RunResult> {
     virtual_runtime().context("no runtime for virtual time")?.block_on(async {
-        let state = ServerState::new(
-            Arc::clone(scene),
-            SessionSettings { rate_bits_per_s: case.limiter_bits_per_s(), ..SessionSettings::default() },
-        );
+        let settings =
+            SessionSettings { rate_bits_per_s: case.limiter_bits_per_s, ..SessionSettings::default() };
+        let state = ServerState::new(Arc::clone(scene), settings);
         let target_px = plan.ttq_px.iter().copied().fold(f64::INFINITY, f64::min);
-        let limit = Duration::from_secs_f64(plan.time_limit_s);
-        let mut viewer = Viewer::new(plan.viewport_px, target_px as f32, limit);
+        let limit = Duration::from_secs_f64(case.time_limit_s);
+        let mut viewer = Viewer::new(plan.viewport_px, target_px as f32, case.path, limit);
         let (close, traffic) = match case.transport {
             Transport::Quic => run_quic(case, state, certificate, seed, limit, &mut viewer).await?,
-            Transport::Ws => run_websocket(case, state, &mut viewer).await?,
+            Transport::Ws => run_websocket(case, state, seed, limit, &mut viewer).await?,
         };
-        if viewer.settled().is_none() && !viewer.gave_up() && close.code != CloseCode::Lost {
+        viewer.end();
+        let by_the_link = matches!(close.code, CloseCode::Lost | CloseCode::Timeout);
+        if viewer.settled().is_none() && !viewer.gave_up() && !by_the_link {
             anyhow::bail!("the session ended early: {close}");
         }
-        Ok(result(plan, case, seed, &mut viewer, &close, &traffic))
+        Ok(outcome::result(plan, case, seed, &mut viewer, &close, &traffic))
     })
 }
 
-/// One direction of the link of a case.
-fn link(case: &Case, overhead_bytes: u32) -> LinkSettings {
-    let (rate, delay_ns) = (case.rate_bits_per_s, case.delay_ns());
-    LinkSettings {
-        loss: Loss::Random(case.loss),
-        ..LinkSettings::constant(rate, delay_ns, case.queue_bytes, overhead_bytes)
-    }
+/// One direction of the link of a case, under a transport's headers.
+fn under(direction: &LinkSettings, overhead_bytes: u32) -> LinkSettings {
+    LinkSettings { overhead_bytes, ..direction.clone() }
+}
+
+/// Waits for the end of a session, but not for ever: one that is not over a while after the time limit, as
+/// where the server never answers at all, is cut off.
+async fn end_of(session: impl Future<Output = Close>, limit: Duration) -> Close {
+    let cut_off = || Close::new(CloseCode::Lost, "no end in sight: cut off a minute after the time limit");
+    timeout(limit + PATIENCE, session).await.unwrap_or_else(|_| cut_off())
 }
 
 async fn run_quic(
@@ -125,8 +118,8 @@ async fn run_quic(
 ) -> anyhow::Result<(Close, Traffic)> {
     let mut seeds = Pcg64Mcg::seed_from_u64(seed);
     let network = UdpNetwork::new(VirtualClock::start());
-    network.connect(SERVER, CLIENT, link(case, IP_UDP_BYTES), seeds.next_u64());
-    network.connect(CLIENT, SERVER, link(case, IP_UDP_BYTES), seeds.next_u64());
+    network.connect(SERVER, CLIENT, under(&case.link.down, IP_UDP_BYTES), seeds.next_u64());
+    network.connect(CLIENT, SERVER, under(&case.link.up, IP_UDP_BYTES), seeds.next_u64());
     let mut next_seed = || {
         let mut seed = [0; 32];
         seeds.fill_bytes(&mut seed);
@@ -142,12 +135,13 @@ async fn run_quic(
     let close = match timeout(limit, connecting).await {
         Ok(Ok(connection)) => {
             let clock = viewer.clock();
-            net::run_quic(connection, viewer, clock).await
+            end_of(net::run_quic(connection, viewer, clock), limit).await
         }
-        Ok(Err(why)) => Close::new(CloseCode::Lost, why.to_string()),
-        Err(_) => Close::new(CloseCode::Lost, "the server cannot be reached"),
+        Ok(Err(why)) => Close::new(CloseCode::Lost, format!("no connection: {why}")),
+        Err(_) => Close::new(CloseCode::Lost, "no connection within the time limit"),
     };
-    let traffic = Traffic { down: network.counters(SERVER, CLIENT), trace: network.trace() };
+    let (down, up) = (network.counters(SERVER, CLIENT), network.counters(CLIENT, SERVER));
+    let traffic = Traffic { down, up, trace: network.trace() };
     state.stop();
     let _ = timeout(CLOSE_TIMEOUT, serving).await;
     Ok((close, traffic))
@@ -156,68 +150,32 @@ async fn run_quic(
 async fn run_websocket(
     case: &Case,
     state: Arc<ServerState>,
+    seed: u64,
+    limit: Duration,
     viewer: &mut Viewer,
 ) -> anyhow::Result<(Close, Traffic)> {
     let clock = VirtualClock::start();
+    let [down, up] = [&case.link.down, &case.link.up].map(|direction| under(direction, IP_TCP_BYTES));
     let Opening { client, server, client_ready_ns, server_ready_ns, counters } =
-        stream_pipe::open(clock, link(case, IP_TCP_BYTES), link(case, IP_TCP_BYTES))?;
+        stream_pipe::open(clock, down, up, seed)?;
     let served = Arc::clone(&state);
     let serving = tokio::spawn(async move {
         clock.sleep_until(server_ready_ns).await;
         accept_http(server, served, CLIENT).await;
     });
-    clock.sleep_until(client_ready_ns).await;
-    let client_clock = viewer.clock();
-    let close = net::run_websocket(client, &SERVER.to_string(), viewer, client_clock).await;
-    let traffic = Traffic { down: counters.links()[0], trace: counters.trace() };
+    let close = if client_ready_ns > limit.as_nanos() as u64 {
+        Close::new(CloseCode::Lost, "no connection within the time limit")
+    } else {
+        clock.sleep_until(client_ready_ns).await;
+        let client_clock = viewer.clock();
+        let host = SERVER.to_string();
+        end_of(net::run_websocket(client, &host, viewer, client_clock), limit).await
+    };
+    let [down, up] = counters.links();
+    let traffic = Traffic { down, up, trace: counters.trace() };
     state.stop();
     let _ = timeout(CLOSE_TIMEOUT, serving).await;
     Ok((close, traffic))
-}
-
-fn result(
-    plan: &Plan,
-    case: &Case,
-    seed: u64,
-    viewer: &mut Viewer,
-    close: &Close,
-    traffic: &Traffic,
-) -> RunResult {
-    let settled = viewer.settled();
-    let gave_up = viewer.gave_up();
-    let stats = net::Host::core(viewer).stats();
-    let quality = |px: f64| {
-        let index = QUALITIES_PX.iter().position(|q| *q == px);
-        index.and_then(|i| stats.milestones.quality[i])
-    };
-    let ms = |after: Duration| milliseconds(u64::try_from(after.as_nanos()).unwrap_or(u64::MAX));
-    let time = |m: Option<Milestone>| m.map(|m| ms(m.after));
-    let bytes = |m: Option<Milestone>| m.map(|m| m.bytes);
-    let first = stats.milestones.first_frame;
-    RunResult {
-        scene: plan.scene_name.clone(),
-        transport: case.transport,
-        rate_bits_per_s: case.rate_bits_per_s.get(),
-        rtt_ms: case.rtt_ms,
-        loss: case.loss,
-        queue_bytes: case.queue_bytes,
-        limiter_bits_per_s: case.limiter_bits_per_s(),
-        seed,
-        ttff_ms: time(first),
-        first_frame_bytes: bytes(first),
-        ttq_ms: plan.ttq_px.iter().map(|&px| (error_name(px), time(quality(px)))).collect(),
-        ttq_bytes: plan.ttq_px.iter().map(|&px| (error_name(px), bytes(quality(px)))).collect(),
-        total_bytes: settled.map_or(stats.transport_bytes, |s| s.bytes),
-        settled_ms: settled.map(|s| ms(s.after)),
-        ended: match (settled, gave_up) {
-            (Some(_), _) => "settled".to_owned(),
-            (None, true) => "time limit".to_owned(),
-            (None, false) => close.reason.clone(),
-        },
-        packets_lost: traffic.down.lost,
-        packets_dropped: traffic.down.queue_full,
-        trace: format!("{:016x}", traffic.trace),
-    }
 }
 
 #[cfg(test)]
@@ -236,10 +194,10 @@ mod tests {
             let (counted, delivered) = virtual_runtime().unwrap().block_on(async {
                 let state = ServerState::new(small_scene(), SessionSettings::default());
                 let limit = Duration::from_secs(60);
-                let mut viewer = Viewer::new([640, 360], 1.0, limit);
+                let mut viewer = Viewer::new([640, 360], 1.0, case.path, limit);
                 let (_, traffic) = match case.transport {
                     Transport::Quic => run_quic(case, state, &certificate, 1, limit, &mut viewer).await,
-                    Transport::Ws => run_websocket(case, state, &mut viewer).await,
+                    Transport::Ws => run_websocket(case, state, 1, limit, &mut viewer).await,
                 }
                 .unwrap();
                 let delivered = traffic.down.arrived_payload_bytes;

@@ -4,6 +4,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::Context as _;
+use lodestream_protocol::source::SceneSource;
+use lodestream_server::daemon::memory_scene::MemoryScene;
 use lodestream_server::demo_scene;
 use lodestream_server::prepare::{Options, prepare_cached};
 use lodestream_server::scene;
@@ -20,9 +22,11 @@ const DEMO_SEED: u64 = 1;
 ///
 /// # Errors
 /// Whatever keeps the scene from being generated, read or prepared.
-pub fn open(choice: &SceneChoice, cache: &Path, quiet: bool) -> anyhow::Result<Arc<SceneStore>> {
+pub fn open(choice: &SceneChoice, cache: &Path, quiet: bool) -> anyhow::Result<Arc<dyn SceneSource>> {
     let options = match choice {
-        SceneChoice::File(file) => return prepare(file, cache, quiet),
+        SceneChoice::File(file) => return Ok(prepare(file, cache, quiet)?),
+        // A server refuses to prepare a scene without anything in it; a client must bear one all the same.
+        SceneChoice::Empty => return Ok(Arc::new(MemoryScene::new(0, 0, 0))),
         SceneChoice::Demo => demo_scene::Options::full(DEMO_SEED),
         SceneChoice::DemoSmall => demo_scene::Options::small(DEMO_SEED),
     };
@@ -31,7 +35,7 @@ pub fn open(choice: &SceneChoice, cache: &Path, quiet: bool) -> anyhow::Result<A
         eprintln!("generating the demo scene");
     }
     let made = demo_scene::generate(folder.path(), &options)?;
-    prepare(&made.scene, cache, quiet)
+    Ok(prepare(&made.scene, cache, quiet)?)
 }
 
 fn prepare(file: &Path, cache: &Path, quiet: bool) -> anyhow::Result<Arc<SceneStore>> {

@@ -1,12 +1,15 @@
 //! Whole runs over the small demo scene.
 
+use std::num::NonZeroUsize;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
 use lodestream_protocol::source::SceneSource;
 
+use super::ledger::Use;
 use super::plan::{self, Plan, SceneChoice, Transport};
-use super::report::{RunResult, to_json};
+use super::report::{self, RunResult, to_json, write};
+use super::timeline::{MAX_SAMPLES, Sample};
 use super::{run, scene};
 
 /// The small demo scene, prepared once for all tests.
@@ -21,8 +24,10 @@ pub(super) fn small_scene() -> Arc<dyn SceneSource> {
     Arc::clone(SCENE.get_or_init(open))
 }
 
-fn results(plan: &Plan, seed: u64) -> Vec<RunResult> {
-    run(plan, &small_scene(), seed, |_| {}).unwrap()
+/// Runs a plan of the small scene, on two threads.
+pub(super) fn results_of(plan: &Plan) -> Vec<RunResult> {
+    let scenes: Vec<_> = plan.scenes.iter().map(|_| small_scene()).collect();
+    run(plan, &scenes, NonZeroUsize::new(2).unwrap(), |_| {}).unwrap()
 }
 
 fn parse(head: &str, sweep: &str) -> Plan {
@@ -37,15 +42,15 @@ fn short_plan() -> Plan {
 #[test]
 fn the_same_seed_gives_the_same_bytes_of_report() {
     let plan = short_plan();
-    let first = to_json(&results(&plan, 3)).unwrap();
-    assert_eq!(first, to_json(&results(&plan, 3)).unwrap());
-    let other = to_json(&results(&plan, 4)).unwrap();
-    assert_ne!(first, other);
+    let with = |seed| to_json(&results_of(&plan.clone().with_seed(seed))).unwrap();
+    let first = with(3);
+    assert_eq!(first, with(3));
+    assert_ne!(first, with(4));
 }
 
 #[test]
 fn results_are_possible_and_in_order() {
-    let results = results(&short_plan(), 1);
+    let results = results_of(&short_plan());
     assert_eq!(
         results.iter().map(|r| r.transport).collect::<Vec<_>>(),
         [Transport::Quic, Transport::Quic, Transport::Ws]
@@ -77,7 +82,7 @@ fn results_are_possible_and_in_order() {
 #[test]
 fn a_faster_link_shows_the_same_scene_sooner() {
     let sweep = "transport = \"quic\"\nrate_bits_per_s = [1_000_000, 16_000_000]\nrtt_ms = [50]";
-    let results = results(&parse("", sweep), 1);
+    let results = results_of(&parse("", sweep));
     assert!(results[1].settled_ms < results[0].settled_ms, "{results:?}");
     assert!(results[1].ttff_ms < results[0].ttff_ms, "{results:?}");
 }
@@ -86,7 +91,7 @@ fn a_faster_link_shows_the_same_scene_sooner() {
 fn a_run_ends_at_its_time_limit() {
     for transport in ["quic", "ws"] {
         let sweep = format!("transport = \"{transport}\"\nrate_bits_per_s = [100_000]\nrtt_ms = [50]");
-        let result = &results(&parse("time_limit_s = 2", &sweep), 1)[0];
+        let result = &results_of(&parse("time_limit_s = 2", &sweep))[0];
         assert_eq!(result.ended, "time limit");
         assert_eq!((result.settled_ms, result.ttq_ms["1"]), (None, None));
         // 2 s at 100 kbit/s.
@@ -97,7 +102,154 @@ fn a_run_ends_at_its_time_limit() {
 #[test]
 fn a_dead_link_is_a_result_not_an_error() {
     let sweep = "transport = \"quic\"\nrate_bits_per_s = [2_000_000]\nrtt_ms = [50]\nloss = [1]";
-    let result = &results(&parse("time_limit_s = 30", sweep), 1)[0];
+    let result = &results_of(&parse("time_limit_s = 30", sweep))[0];
     assert_eq!((result.ttff_ms, result.total_bytes), (None, 0));
     assert!(!result.ended.is_empty() && result.ended != "settled", "{result:?}");
+}
+
+#[test]
+fn reports_do_not_depend_on_threads_and_one_seed_replays_its_run() {
+    // Everything random at once: loss, bursts, jitter that changes the order, endpoints.
+    let text = "scene = \"demo-small\"\nviewport_px = [320, 180]\nseeds = 3\n\
+                [link.rough]\ndown = { rate_bits_per_s = 1_000_000, delay_ms = 20, jitter_ms = 15, reorder = true, \
+                burst_loss = { to_bad = 0.02, to_good = 0.3 } }\n\
+                [[sweep]]\ntransport = \"quic\"\nlink = \"rough\"\ncamera = [\"still\", \"teleport\"]\n\
+                [[sweep]]\ntransport = [\"quic\", \"ws\"]\nrate_bits_per_s = 2_000_000\nrtt_ms = 50\njitter_ms = 10\n";
+    let plan = plan::parse(text, Path::new("test.toml")).unwrap();
+    let run_on = |threads: usize| {
+        let mut told = Vec::new();
+        let results = run(&plan, &[small_scene()], NonZeroUsize::new(threads).unwrap(), |result| {
+            told.push((result.link.clone(), result.transport, result.camera.clone(), result.seed));
+        });
+        let results = results.unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        write(folder.path(), &plan, &results).unwrap();
+        let files = ["results.json", "results.csv"].map(|f| std::fs::read(folder.path().join(f)).unwrap());
+        (told, files, results)
+    };
+    let (told, files, results) = run_on(1);
+    let seeds: Vec<u64> = told.iter().map(|told| told.3).collect();
+    assert_eq!(seeds, [1, 2, 3, 1, 2, 3, 1, 2, 3, 1, 2, 3]);
+    for threads in [2, 5] {
+        let (told_then, files_then, _) = run_on(threads);
+        assert!(told == told_then && files == files_then, "{threads} threads");
+    }
+    // Seeds differ, and each alone gives the same run again.
+    let traces: std::collections::BTreeSet<&str> =
+        results.iter().map(|result| result.trace.as_str()).collect();
+    assert_eq!(traces.len(), results.len(), "{traces:?}");
+    for seed in [2, 3] {
+        let alone = results_of(&plan.clone().with_seed(seed));
+        let of_seed: Vec<_> = results.iter().filter(|result| result.seed == seed).cloned().collect();
+        assert_eq!(alone, of_seed);
+    }
+}
+
+#[test]
+fn cameras_move_come_to_rest_and_see_more() {
+    let sweep = "transport = \"quic\"\nrate_bits_per_s = 2_000_000\nrtt_ms = 50\n\
+                 camera = [\"still\", \"orbit\", \"fly-through\", \"teleport\", \"swing\"]";
+    let results = results_of(&parse("", sweep));
+    let [still, orbit, fly, teleport, swing] = &results[..] else { panic!("{results:?}") };
+    assert_eq!((still.rest_ms, still.rest_ttq_ms.len()), (None, 0));
+    for moved in [orbit, fly, teleport, swing] {
+        assert_eq!(moved.ended, "settled", "{moved:?}");
+        // The start is the same for all; what follows shows what the start view did not.
+        assert_eq!((moved.ttff_ms, &moved.ttq_ms["4"]), (still.ttff_ms, &still.ttq_ms["4"]));
+        assert!(moved.total_bytes > still.total_bytes, "{moved}");
+        let (rest_ms, settled_ms) = (moved.rest_ms.unwrap(), moved.settled_ms.unwrap());
+        assert!(settled_ms >= rest_ms, "{moved}");
+        assert!(moved.rest_ttq_ms["1"].unwrap() <= settled_ms - rest_ms, "{moved}");
+        assert!(
+            moved.rest_ttq_ms["16"] <= moved.rest_ttq_ms["4"]
+                && moved.rest_ttq_ms["4"] <= moved.rest_ttq_ms["1"]
+        );
+    }
+    for slow in [orbit, fly, swing] {
+        // Twelve seconds from the first frame on, in steps of 20 ms.
+        let moved_ms = slow.rest_ms.unwrap() - slow.ttff_ms.unwrap();
+        assert!((12_000.0..=12_025.0).contains(&moved_ms), "{slow}");
+    }
+    assert_eq!(teleport.rest_ms, still.settled_ms);
+    // What is new after a jump needs a round trip at least.
+    assert!(teleport.rest_ttq_ms["1"].unwrap() >= 50.0, "{teleport}");
+    // Looking away and back finds again what was undone meanwhile.
+    assert!(swing.usage.cache_hits > 0 && swing.usage.cache_misses == 0, "{swing:?}");
+}
+
+#[test]
+fn a_series_tells_the_same_as_the_milestones() {
+    for result in results_of(&short_plan()) {
+        let ms = |sample: &Sample| report::milliseconds(sample.at_ns);
+        assert!(result.series.len() > 10 && result.series.len() <= MAX_SAMPLES);
+        assert!(result.series.is_sorted_by(|a, b| a.at_ns < b.at_ns && a.bytes <= b.bytes));
+        let (first, last) = (result.ttff_ms.unwrap(), result.series.last().unwrap());
+        // The last thing that changes is the error; that nothing more is wanted may turn out a little later.
+        assert!((ms(last)..ms(last) + 16.0).contains(&result.settled_ms.unwrap()), "{result:?}");
+        assert_eq!(last.bytes, result.total_bytes);
+        assert!(last.error_px.unwrap() <= 1.0);
+        // Before the first frame there is no error; after it one falls to the qualities at their times.
+        assert!(
+            result.series.iter().all(|sample| sample.error_px.is_some() == (ms(sample) >= first)),
+            "{result:?}"
+        );
+        for (px, at) in [(16.0, "16"), (4.0, "4"), (1.0, "1")] {
+            let reached =
+                result.series.iter().find(|sample| sample.error_px.is_some_and(|e| e <= px)).unwrap();
+            // A sample is the last of its interval, at most 16 ms for a run of less than two seconds.
+            let late = ms(reached) - result.ttq_ms[at].unwrap();
+            assert!((0.0..=16.0).contains(&late), "{px} px: {late} ms: {result:?}");
+        }
+    }
+}
+
+#[test]
+fn what_is_pushed_unasked_comes_whole_and_is_finer_than_asked() {
+    // The server's first flight sends chunks whole; the client would have asked for them up to a stop.
+    let sweep = "transport = \"quic\"\nrate_bits_per_s = 16_000_000\nrtt_ms = 300";
+    let at = |px: &str| results_of(&parse(&format!("ttq_px = [{px}]"), sweep)).remove(0);
+    let (coarse, sharp) = (at("16"), at("1"));
+    assert!(coarse.usage.chunk_bytes < sharp.usage.chunk_bytes, "{coarse:?}\n{sharp:?}");
+    for run in [&coarse, &sharp] {
+        let Use { chunk_bytes, wasted_bytes, finer_bytes, repeated_bytes, .. } = run.usage;
+        assert!(wasted_bytes + finer_bytes + repeated_bytes <= chunk_bytes, "{run:?}");
+        // A settled picture draws all that its camera wanted, and nothing else: what is finer waits in the cache.
+        assert_eq!(run.usage.undrawn_bytes, wasted_bytes + finer_bytes, "{run:?}");
+        assert!(chunk_bytes < run.total_bytes, "{run:?}");
+    }
+    assert!(sharp.usage.finer_bytes > 0 && sharp.usage.wasted_bytes == 0, "{sharp:?}");
+}
+
+#[test]
+fn percentiles_are_given_for_thirty_seeds_and_not_for_fewer() {
+    let sweep = |seeds: u32| {
+        let sweep = "transport = \"quic\"\nrate_bits_per_s = 16_000_000\nrtt_ms = 20\nloss = 0.05";
+        parse("ttq_px = [16]", &format!("{sweep}\nseeds = {seeds}"))
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let plan = sweep(30);
+    let results = results_of(&plan);
+    write(folder.path(), &plan, &results).unwrap();
+    let text = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
+    let json: serde_json::Value = serde_json::from_str(&text("percentiles.json")).unwrap();
+    assert_eq!((&json[0]["seeds"], json.as_array().unwrap().len()), (&30.into(), 1));
+    let mut times: Vec<f64> = results.iter().map(|result| result.ttff_ms.unwrap()).collect();
+    times.sort_by(f64::total_cmp);
+    assert!(times[0] < times[29], "loss changes nothing: {times:?}");
+    for (name, rank) in [("p50", 15), ("p90", 27), ("p99", 30)] {
+        assert_eq!(json[0]["figures"]["ttff_ms"][name].as_f64(), Some(times[rank - 1]), "{name}");
+    }
+    assert_eq!(text("percentiles.csv").lines().count(), 2);
+    // As many lines of runs as runs, and fields as names.
+    let csv = text("results.csv");
+    let fields = |line: &str| line.replace("\"16 Mbit/s, RTT 20 ms, loss 5 %\"", "link").matches(',').count();
+    let names = fields(csv.lines().next().unwrap());
+    assert!(csv.lines().all(|line| fields(line) == names), "{csv}");
+    assert_eq!(csv.lines().count(), 31);
+
+    let fewer = sweep(29);
+    write(folder.path(), &fewer, &results_of(&fewer)).unwrap();
+    assert!(
+        !folder.path().join("percentiles.json").exists() && !folder.path().join("percentiles.csv").exists()
+    );
 }

@@ -1,11 +1,18 @@
-//! The client of a simulated run: the shipped core, without graphics.
+//! The client of a simulated run: the shipped core, without graphics, moved along a camera path.
 
 use std::future::Future;
 use std::time::Duration;
 
-use lodestream_client::core::{ClientCore, Config, Progress, StartView};
+use lodestream_client::core::{ClientCore, Config, Progress, QUALITIES_PX, StartView};
 use lodestream_client::net::{Clock, Host};
 use lodestream_protocol::Time;
+
+use super::camera_path::{CameraPath, Start};
+use super::ledger::{Ledger, Use};
+use super::timeline::{Sample, Series, Stalls};
+
+/// Time between two positions of a camera that moves.
+const FRAME: Duration = Duration::from_millis(20);
 
 /// How a run ended, as seen by the client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,27 +21,63 @@ pub(super) struct Settled {
     pub(super) bytes: u64,
 }
 
+/// Where a path is at.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Phase {
+    /// The start view, until the path begins; for ever where it does not move.
+    Waiting,
+    /// On the way since then; the next position is due at that time.
+    Moving { since: Time, next: Time },
+    /// At its end since then; so many selections had been made before.
+    Resting { since: Time, selections: u64 },
+}
+
 /// Runs the core after everything that arrives, without a budget: decoding and applying take no virtual
-/// time. Leaves once nothing more is wanted, or at the time limit.
+/// time. Leaves once the camera is at rest and nothing more is wanted, or at the time limit.
 #[derive(Debug)]
 pub(super) struct Viewer {
     core: ClientCore,
     clock: Clock,
     limit: Time,
+    viewport_px: [u32; 2],
+    target_px: f32,
+    path: CameraPath,
+    phase: Phase,
+    rest_quality: [Option<Duration>; QUALITIES_PX.len()],
     settled: Option<Settled>,
     gave_up: bool,
+    ended: Option<Time>,
+    ledger: Ledger,
+    pub(super) series: Series,
+    pub(super) stalls: Stalls,
 }
 
 impl Viewer {
     /// A client that calls connect now.
-    pub(super) fn new(viewport_px: [u32; 2], target_px: f32, time_limit: Duration) -> Self {
+    pub(super) fn new(viewport_px: [u32; 2], target_px: f32, path: CameraPath, time_limit: Duration) -> Self {
         let mut config = Config::new(StartView::OfScene { viewport_px, target_px });
         // Nobody draws: textures are fetched and counted, but their pixels are not decoded.
         config.track_changes = false;
+        config.track_received = true;
         let mut core = ClientCore::new(config);
         let clock = Clock::start();
         core.begin(clock.now());
-        Self { core, clock, limit: Time::from(time_limit), settled: None, gave_up: false }
+        Self {
+            core,
+            clock,
+            limit: Time::from(time_limit),
+            viewport_px,
+            target_px,
+            path,
+            phase: Phase::Waiting,
+            rest_quality: [None; QUALITIES_PX.len()],
+            settled: None,
+            gave_up: false,
+            ended: None,
+            ledger: Ledger::default(),
+            series: Series::default(),
+            stalls: Stalls::default(),
+        }
     }
 
     pub(super) fn clock(&self) -> Clock {
@@ -49,6 +92,115 @@ impl Viewer {
     pub(super) fn gave_up(&self) -> bool {
         self.gave_up
     }
+
+    /// When the camera came to rest, if it moved.
+    pub(super) fn rest(&self) -> Option<Time> {
+        match self.phase {
+            Phase::Resting { since, .. } => Some(since),
+            Phase::Waiting | Phase::Moving { .. } => None,
+        }
+    }
+
+    /// Time from then until every visible part had a screen error of at most [`QUALITIES_PX`] pixels.
+    pub(super) fn rest_quality(&self) -> [Option<Duration>; QUALITIES_PX.len()] {
+        self.rest_quality
+    }
+
+    /// The session is over.
+    pub(super) fn end(&mut self) {
+        let now = self.clock.now();
+        self.ended = Some(now);
+        self.stalls.end(now.min(self.limit));
+    }
+
+    /// When that was.
+    pub(super) fn ended(&self) -> Option<Time> {
+        self.ended
+    }
+
+    /// What of the chunks received was of use.
+    pub(super) fn usage(&self) -> Use {
+        self.ledger.close(&self.core)
+    }
+
+    /// Whether the path begins now.
+    fn begins(&self, now: Time) -> bool {
+        self.path.moves()
+            && self.core.scene().is_some()
+            && match self.path.start {
+                Start::FirstFrame => self.core.milestones().first_frame.is_some(),
+                Start::Settled => self.core.is_settled(),
+                Start::At { .. } => self.begins_at().is_some_and(|at| now >= at),
+            }
+    }
+
+    /// When the path begins, where that is a matter of time alone.
+    fn begins_at(&self) -> Option<Time> {
+        match self.path.start {
+            Start::At { seconds } if self.path.moves() && self.phase == Phase::Waiting => {
+                Some(Time::from(Duration::from_secs_f64(seconds)))
+            }
+            _ => None,
+        }
+    }
+
+    /// Puts the camera where it is now.
+    fn move_camera(&mut self, now: Time) {
+        if self.phase == Phase::Waiting && self.begins(now) {
+            self.phase = Phase::Moving { since: now, next: now };
+        }
+        let Phase::Moving { since, next } = self.phase else { return };
+        let Some(start) = self.core.scene().map(|header| header.camera).filter(|_| now >= next) else {
+            return;
+        };
+        let seconds = now.since(since).as_secs_f64();
+        let view = self.path.camera(&start, seconds).view(self.viewport_px, self.target_px);
+        // A view that is the same already is selected for already.
+        let news = self.core.view() != Some(view);
+        self.core.set_view(now, view);
+        self.phase = if seconds >= self.path.seconds {
+            let seen = self.core.last_selection().0;
+            Phase::Resting { since: now, selections: if news { seen } else { seen.saturating_sub(1) } }
+        } else {
+            Phase::Moving { since, next: now + FRAME }
+        };
+    }
+
+    /// Notes what the last update came to.
+    fn observe(&mut self, now: Time) {
+        self.ledger.observe(&self.core);
+        let (number, selection) = self.core.last_selection();
+        let counters = selection.counters;
+        let bytes = self.core.received_bytes();
+        let drawn = self.core.milestones().first_frame.is_some();
+        let complete = drawn && counters.drawable_instances >= counters.visible_instances;
+        let error_px = Some(counters.max_screen_error_px).filter(|px| complete && px.is_finite());
+        self.series.push(Sample { at_ns: now.as_ns(), bytes, error_px });
+        if drawn {
+            self.stalls.observe(now, bytes, !counters.settled);
+        }
+        // What a selection says of an earlier view is no news of this one.
+        let of_this_view = match self.phase {
+            Phase::Waiting => !self.path.moves(),
+            Phase::Moving { .. } => false,
+            Phase::Resting { since, selections } => {
+                let seen = number > selections;
+                if let Some(error_px) = error_px.filter(|_| seen) {
+                    for (slot, px) in self.rest_quality.iter_mut().zip(QUALITIES_PX) {
+                        if error_px <= px {
+                            slot.get_or_insert(now.since(since));
+                        }
+                    }
+                }
+                seen
+            }
+        };
+        if self.settled.is_none() && of_this_view && self.core.is_settled() {
+            let first = self.core.stats().settled_after.filter(|_| !self.path.moves());
+            self.settled = Some(Settled { after: first.unwrap_or(Duration::from(now)), bytes });
+        }
+        self.gave_up = self.settled.is_none() && now >= self.limit;
+    }
 }
 
 impl Host for Viewer {
@@ -57,20 +209,36 @@ impl Host for Viewer {
     }
 
     fn turn(&mut self, now: Time) -> Progress {
+        self.move_camera(now);
         let progress = self.core.update(now, u64::MAX);
-        if self.settled.is_none() && self.core.is_settled() {
-            let stats = self.core.stats();
-            let after = stats.settled_after.unwrap_or(Duration::from(now));
-            self.settled = Some(Settled { after, bytes: stats.transport_bytes });
-        }
-        self.gave_up = self.settled.is_none() && now >= self.limit;
+        self.observe(now);
         progress
     }
 
     fn wake(&mut self) -> impl Future<Output = ()> {
-        let limit = self.limit;
-        let left = Duration::from(limit).saturating_sub(Duration::from(self.clock.now()));
-        tokio::time::sleep(left)
+        let until = if self.wants_to_leave() {
+            // The last words are the transport's matter.
+            None
+        } else {
+            let next = match self.phase {
+                Phase::Moving { next, .. } => Some(next),
+                Phase::Waiting if self.begins(self.clock.now()) => Some(Time::ZERO),
+                // Past that moment, it waits for the scene.
+                Phase::Waiting => self.begins_at().filter(|at| *at > self.clock.now()),
+                Phase::Resting { .. } => None,
+            };
+            Some(next.map_or(self.limit, |next| next.min(self.limit)))
+        };
+        let clock = self.clock;
+        async move {
+            match until {
+                Some(until) => {
+                    let left = Duration::from(until).saturating_sub(Duration::from(clock.now()));
+                    tokio::time::sleep(left).await;
+                }
+                None => std::future::pending().await,
+            }
+        }
     }
 
     fn wants_to_leave(&self) -> bool {

@@ -93,7 +93,7 @@ pub(crate) async fn tcp_connect(
     let clock = VirtualClock::start();
     let settings = link(rate_bits_per_s, rtt_ms, IP_TCP_BYTES);
     let Opening { client, server, client_ready_ns, server_ready_ns, counters } =
-        stream_pipe::open(clock, settings.clone(), settings).unwrap();
+        stream_pipe::open(clock, settings.clone(), settings, 1).unwrap();
     tokio::spawn(async move {
         clock.sleep_until(server_ready_ns).await;
         accept_http(server, state, CLIENT).await;

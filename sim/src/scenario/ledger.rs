@@ -1,0 +1,159 @@
+//! What of the chunks that a run received was of use: asked of the selections that the client made.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use lodestream_client::core::{ClientCore, Received};
+use lodestream_protocol::select::{Selection, State};
+use lodestream_protocol::{BlobId, BlobPart};
+use serde::Serialize;
+
+/// Payload bytes that were of no use, or of use again.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Use {
+    /// Chunk bytes received.
+    pub chunk_bytes: u64,
+    /// Of these, bytes of chunks that no selection of the run wanted. A selection wants the ancestors of
+    /// what it wants.
+    pub wasted_bytes: u64,
+    /// Of these, bytes beyond the furthest stop up to which any selection wanted a chunk: vertex splits
+    /// finer than asked.
+    pub finer_bytes: u64,
+    /// Of these, bytes that were never drawn: of chunks, or of the ends of chunks, that were never applied.
+    pub undrawn_bytes: u64,
+    /// Of these, bytes that had come before.
+    pub repeated_bytes: u64,
+    /// Bytes of blobs of any kind whose rest did not come: cancelled, or cut off by the end of the run.
+    pub unfinished_bytes: u64,
+    /// Chunks that were undone, wanted again, and still in the cache.
+    pub cache_hits: u64,
+    /// Chunks that were undone, wanted again, and had to be fetched again.
+    pub cache_misses: u64,
+}
+
+/// What selections wanted of one chunk.
+#[derive(Clone, Copy, Debug)]
+struct Wish {
+    /// How many of its bytes, at most.
+    end: u32,
+    /// How many it has.
+    length: u32,
+}
+
+/// Keeps what selections want, and what is undone.
+#[derive(Debug, Default)]
+pub(super) struct Ledger {
+    selections: u64,
+    wishes: BTreeMap<BlobId, Wish>,
+    undone: BTreeSet<BlobId>,
+    hits: u64,
+    misses: u64,
+}
+
+impl Ledger {
+    /// Looks at the client's last selection, unless it has been looked at. To be called after every update.
+    pub(super) fn observe(&mut self, core: &ClientCore) {
+        let (number, selection) = core.last_selection();
+        if number > self.selections {
+            self.selections = number;
+            self.note(selection);
+        }
+    }
+
+    fn note(&mut self, selection: &Selection) {
+        for wanted in &selection.wanted {
+            if !matches!(wanted.id.part, BlobPart::Chunk(_)) {
+                continue;
+            }
+            let length = wanted.bytes.unwrap_or(u32::MAX);
+            let end = wanted.end.unwrap_or(length);
+            let wish = self.wishes.entry(wanted.id).or_insert(Wish { end, length });
+            wish.end = wish.end.max(end);
+            if self.undone.remove(&wanted.id) {
+                let here = wanted.state == State::Cached;
+                *(if here { &mut self.hits } else { &mut self.misses }) += 1;
+            }
+        }
+        self.undone.extend(&selection.undo);
+    }
+
+    /// The outcome, at the end of the run.
+    pub(super) fn close(&self, core: &ClientCore) -> Use {
+        self.reckon(core.received(), core.stats().session.blob_bytes)
+    }
+
+    fn reckon(&self, received: &BTreeMap<BlobId, Received>, blob_bytes: u64) -> Use {
+        let mut found = Use { cache_hits: self.hits, cache_misses: self.misses, ..Use::default() };
+        found.unfinished_bytes = blob_bytes.saturating_sub(received.values().map(|came| came.bytes).sum());
+        for (id, came) in received.iter().filter(|(id, _)| matches!(id.part, BlobPart::Chunk(_))) {
+            let Received { bytes, used_bytes } = *came;
+            found.chunk_bytes += bytes;
+            match self.wishes.get(id) {
+                None => {
+                    found.wasted_bytes += bytes;
+                    found.undrawn_bytes += bytes;
+                }
+                Some(wish) => {
+                    let once = bytes.min(u64::from(wish.length));
+                    found.repeated_bytes += bytes - once;
+                    found.finer_bytes += once.saturating_sub(u64::from(wish.end));
+                    found.undrawn_bytes += once.saturating_sub(used_bytes);
+                }
+            }
+        }
+        found
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lodestream_protocol::select::Wanted;
+
+    fn wanted(chunk: u32, end: Option<u32>, state: State) -> Wanted {
+        Wanted { end, ..Wanted::whole(BlobId::chunk(0, chunk), 1, Some(100), state) }
+    }
+
+    #[test]
+    fn bytes_are_judged_by_the_furthest_wish() {
+        let mut ledger = Ledger::default();
+        let first = vec![wanted(1, Some(40), State::Absent), wanted(2, Some(40), State::Absent)];
+        ledger.note(&Selection { wanted: first, ..Selection::default() });
+        let second = vec![wanted(1, Some(30), State::Absent), wanted(2, None, State::Absent)];
+        ledger.note(&Selection { wanted: second, ..Selection::default() });
+        let came = |bytes, used_bytes| Received { bytes, used_bytes };
+        let received: BTreeMap<BlobId, Received> = [
+            // 20 bytes beyond the furthest stop that was wanted, drawn up to a nearer one.
+            (BlobId::chunk(0, 1), came(60, 30)),
+            // All of it, drawn, and 30 bytes twice.
+            (BlobId::chunk(0, 2), came(130, 100)),
+            // Never wanted.
+            (BlobId::chunk(0, 3), came(70, 0)),
+            // No chunk.
+            (BlobId::base(0), came(500, 0)),
+        ]
+        .into();
+        let expected = Use {
+            chunk_bytes: 260,
+            wasted_bytes: 70,
+            finer_bytes: 20,
+            undrawn_bytes: 30 + 70,
+            repeated_bytes: 30,
+            unfinished_bytes: 40,
+            ..Use::default()
+        };
+        assert_eq!(ledger.reckon(&received, 800), expected);
+    }
+
+    #[test]
+    fn what_is_undone_and_wanted_again_is_a_hit_or_a_miss_once() {
+        let mut ledger = Ledger::default();
+        let undo = vec![BlobId::chunk(0, 1), BlobId::chunk(0, 2), BlobId::chunk(0, 3)];
+        ledger.note(&Selection { undo, ..Selection::default() });
+        let again = vec![wanted(1, None, State::Cached), wanted(2, None, State::Absent)];
+        for _ in 0..2 {
+            ledger.note(&Selection { wanted: again.clone(), ..Selection::default() });
+        }
+        let found = ledger.reckon(&BTreeMap::new(), 0);
+        assert_eq!((found.cache_hits, found.cache_misses), (1, 1));
+    }
+}

@@ -1,0 +1,76 @@
+//! All runs of a plan, on several threads, reported in the plan's order.
+//!
+//! A run shares nothing with another but scenes, which are only read, and the server's certificate: so
+//! results do not depend on the number of threads.
+
+use std::collections::BTreeMap;
+use std::num::NonZeroUsize;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::sync_channel;
+
+use anyhow::Context as _;
+use lodestream_protocol::source::SceneSource;
+
+use super::plan::{Case, Plan};
+use super::report::RunResult;
+use super::run::{certificate, run_case};
+
+/// Results that may wait for those before them.
+const WAITING_PER_THREAD: usize = 64;
+
+/// Runs all cases of a plan with all their seeds. `scenes` are the plan's, in its order. `report` is told
+/// of each result in the plan's order.
+///
+/// # Errors
+/// The first session, in the plan's order, that ends for another reason than that the picture is settled,
+/// the time is up, or the connection is lost.
+pub fn run(
+    plan: &Plan,
+    scenes: &[Arc<dyn SceneSource>],
+    threads: NonZeroUsize,
+    mut report: impl FnMut(&RunResult),
+) -> anyhow::Result<Vec<RunResult>> {
+    let certificate = certificate()?;
+    let jobs: Vec<(usize, &Case, u64)> = (0..)
+        .zip(&plan.cases)
+        .flat_map(|(number, case)| case.seeds.iter().map(move |&seed| (number, case, seed)))
+        .collect();
+    let next = AtomicUsize::new(0);
+    let work = |job: usize| -> anyhow::Result<RunResult> {
+        let (number, case, seed) = jobs[job];
+        let scene = scenes.get(case.scene).context("the plan has a scene that was not opened")?;
+        run_case(plan, case, scene, &certificate, seed)
+            .with_context(|| format!("case {} of {} ({case}), seed {seed}", number + 1, plan.cases.len()))
+    };
+    let threads = threads.get().min(jobs.len().max(1));
+    std::thread::scope(|scope| {
+        let (sender, receiver) = sync_channel(threads * WAITING_PER_THREAD);
+        for _ in 0..threads {
+            let (sender, next, work) = (sender.clone(), &next, &work);
+            let count = jobs.len();
+            scope.spawn(move || {
+                loop {
+                    let job = next.fetch_add(1, Ordering::Relaxed);
+                    // The other side is gone once something has failed.
+                    if job >= count || sender.send((job, work(job))).is_err() {
+                        break;
+                    }
+                }
+            });
+        }
+        drop(sender);
+        let mut results = Vec::with_capacity(jobs.len());
+        let mut early = BTreeMap::new();
+        for (job, result) in receiver {
+            early.insert(job, result);
+            while let Some(result) = early.remove(&results.len()) {
+                // Jobs are handed out in order, so whatever comes before a failure comes here before it.
+                let result = result?;
+                report(&result);
+                results.push(result);
+            }
+        }
+        Ok(results)
+    })
+}
