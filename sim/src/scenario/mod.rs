@@ -2,6 +2,8 @@
 
 pub mod camera_path;
 mod csv;
+#[cfg(test)]
+mod extremes;
 pub mod ledger;
 mod outcome;
 pub mod parallel;
