@@ -29,6 +29,25 @@ fn sweeps_expand_in_order() {
 }
 
 #[test]
+fn the_documented_plan_is_one() {
+    let toml: Vec<&str> = include_str!("mod.rs")
+        .lines()
+        .map(|line| line.trim_start_matches("//!"))
+        .skip_while(|line| *line != " ```toml")
+        .skip(1)
+        .take_while(|line| *line != " ```")
+        .collect();
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("train.txt"), "4\n0\n1.5\n").unwrap();
+    let plan = parse(&toml.join("\n"), &folder.path().join("plan.toml")).unwrap();
+    // Four rates with and without loss; the train seen by two cameras, thirty times each.
+    assert_eq!((plan.cases.len(), plan.runs()), (4 * 2 + 2, 4 * 2 + 60));
+    let train = &plan.cases[9].link;
+    assert_eq!(train.down.rate, Rate::trace(&[4_000_000, 0, 1_500_000], AtEnd::Repeat).unwrap());
+    assert_eq!((train.up.rate.first(), train.up.jitter), (500_000, train.down.jitter));
+}
+
+#[test]
 fn scene_files_are_relative_to_the_plan() {
     let plan = parse_at(&GOOD.replace("demo", "../scenes/a.toml")).unwrap();
     assert_eq!(plan.scenes[0].choice, SceneChoice::File("plans/../scenes/a.toml".into()));
