@@ -38,6 +38,13 @@ enum Command {
         /// Share of the removable vertices that one level removes.
         #[arg(long, default_value_t = lodestream_geometry::Settings::default().level_share)]
         level_share: f64,
+        /// Regions that are merged into one at the top, 0.25 to 16.
+        #[arg(
+            long,
+            default_value_t = lodestream_geometry::Settings::default().top_regions,
+            value_parser = top_regions
+        )]
+        top_regions: f64,
         /// What a collapse is held to cost: qem or melax.
         #[arg(long, default_value = "qem", value_parser = recipe::parse_metric)]
         metric: Metric,
@@ -124,6 +131,7 @@ fn main() -> ExitCode {
             position_bits,
             region_faces,
             level_share,
+            top_regions,
             metric,
             round_size,
             codec,
@@ -138,6 +146,7 @@ fn main() -> ExitCode {
                 position_bits,
                 region_faces,
                 level_share,
+                top_regions,
                 metric,
                 round: round_size,
                 codec,
@@ -159,6 +168,13 @@ fn main() -> ExitCode {
             eprintln!("error: {}", one_line(&error));
             ExitCode::from(2)
         }
+    }
+}
+
+fn top_regions(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(regions) if (0.25..=16.0).contains(&regions) => Ok(regions),
+        _ => Err("a number of regions from 0.25 to 16 is needed".to_owned()),
     }
 }
 

@@ -102,3 +102,35 @@ fn run_writes_the_same_report_on_any_number_of_threads_and_replays_a_seed() {
         assert!(one.1.contains(line.trim_end_matches(',')), "{line}");
     }
 }
+
+#[test]
+fn assess_takes_the_size_of_the_top() {
+    use std::fmt::Write as _;
+    let folder = tempfile::tempdir().unwrap();
+    let mut wavy = String::new();
+    for y in 0..30 {
+        for x in 0..30 {
+            writeln!(wavy, "v {x} {y} {}", (x * 7 + y * 5) % 4).unwrap();
+        }
+    }
+    for i in (1..870).filter(|i| i % 30 != 0) {
+        writeln!(wavy, "f {i} {} {} {}", i + 1, i + 31, i + 30).unwrap();
+    }
+    let model = write(folder.path(), "wavy.obj", &wavy);
+    let assess = |top: &str| {
+        let options = ["--random-sets", "0", "--samples", "1000", "--region-faces", "100", "--json"];
+        simulator(&[&["assess", &model, "--top-regions", top], &options[..]].concat())
+    };
+    let levels = |top| {
+        let json: serde_json::Value = serde_json::from_slice(&assess(top).stdout).unwrap();
+        json["levels"].as_u64().unwrap()
+    };
+    assert_eq!(levels("16"), 2);
+    assert!(levels("0.25") > 2);
+    for top in ["0.2", "17", "nan", "many"] {
+        let output = assess(top);
+        assert_eq!(output.status.code(), Some(2), "{top}");
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert!(error.contains("--top-regions") && error.contains("0.25 to 16"), "{error}");
+    }
+}

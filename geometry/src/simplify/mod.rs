@@ -93,6 +93,11 @@ pub struct Settings {
     /// Share of the removable vertices that one level removes, 0.1 to 0.9. More means fewer levels, so
     /// fewer ancestors per chunk, but coarser steps.
     pub level_share: f64,
+    /// Regions that are merged into one at the top, 0.25 to 16: once no more faces are left than so many
+    /// regions hold (40,000 at most), one region of all of them goes as far as the base mesh's error
+    /// allows. More means fewer levels and slightly fewer bytes in all, but a larger first step, which no
+    /// view can do without; it is simplified on one thread.
+    pub top_regions: f64,
     /// Largest error of the base mesh as a share of the bounding box's diagonal.
     pub base_error: f64,
     /// Fewest splits of a chunk; what falls short is left to the next level.
@@ -120,6 +125,7 @@ impl Default for Settings {
         Self {
             region_faces: 1000,
             level_share: 2.0 / 3.0,
+            top_regions: 1.5,
             base_error: 0.042,
             min_splits: 32,
             parts: 4,
@@ -152,10 +158,12 @@ pub(crate) fn simplify(
     let limit = Limit::new(&live, settings.base_error * diagonal(mesh));
     let faces_total = live.faces.len();
     let region_faces = settings.region_faces.clamp(50, MAX_REGION_FACES);
+    let top_faces = (settings.top_regions.clamp(0.25, 16.0) * region_faces as f64) as usize;
+    let top_faces = top_faces.min(2 * MAX_REGION_FACES);
     let mut stuck = false;
     loop {
         pool.begin(Stage::Simplify)?;
-        let last = live.faces.len() <= if stuck { MAX_REGION_FACES } else { region_faces + region_faces / 2 };
+        let last = live.faces.len() <= if stuck { top_faces.max(MAX_REGION_FACES) } else { top_faces };
         let level = Level::new(&live, levels.len(), if last { 1 } else { live.faces.len() / region_faces });
         let tear = settings.unlock_outlines && levels.is_empty();
         let mut records = level.simplify(&live, last, tear, settings, pool)?;

@@ -88,3 +88,34 @@ fn other_metrics_and_rounds_keep_the_promises() {
     }
     assert_eq!(bytes.len(), meshes.len() * 6, "a knob does nothing");
 }
+
+#[test]
+fn the_top_is_one_chunk_of_as_many_faces_as_asked_for() {
+    for source in [shapes::torus(40, 70), shapes::perforated(24, 30), shapes::crowd(40)] {
+        let mesh = quantised(&source);
+        let mut levels = Vec::new();
+        for top_regions in [0.25, 1.0, 1.5, 4.0, 16.0] {
+            let asset = prepared(&mesh, &Settings { top_regions, ..regions(200) });
+            let report = check(&asset.base, &asset.infos, &asset.chunks, 6, 9, &Serial).unwrap();
+            let found = (report.cracks, report.order_dependent, report.undo_errors);
+            assert_eq!(found, (0, 0, 0), "{top_regions}");
+            let error = f64::from(asset.base.root_error / asset.base.diagonal);
+            assert!(error <= 0.05, "{top_regions}: {error} of the diagonal");
+            let coarsest: Vec<_> = asset.infos.iter().filter(|i| i.parents.is_empty()).collect();
+            assert_eq!(coarsest.len(), 1, "{top_regions}");
+            let faces = asset.base.faces.len() + coarsest[0].faces as usize;
+            let merged = (top_regions * 200.0) as usize;
+            assert!(faces <= merged.max(400), "{top_regions}: {faces} faces after the first chunk");
+            levels.push(asset.base.level_count);
+        }
+        assert!(levels.is_sorted_by(|a, b| a >= b) && levels[0] > levels[4], "{levels:?}");
+    }
+}
+
+#[test]
+fn top_regions_out_of_range_count_as_the_nearest_that_is_possible() {
+    let mesh = quantised(&shapes::torus(20, 30));
+    let chunks = |top_regions| prepared(&mesh, &Settings { top_regions, ..regions(50) }).chunks;
+    assert_eq!(chunks(-1.0), chunks(0.25));
+    assert_eq!(chunks(f64::INFINITY), chunks(16.0));
+}

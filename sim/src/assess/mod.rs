@@ -40,6 +40,8 @@ pub struct Options {
     pub region_faces: usize,
     /// Share of the removable vertices that one level removes.
     pub level_share: f64,
+    /// Regions that are merged into one at the top, 0.25 to 16.
+    pub top_regions: f64,
     /// What a collapse is held to cost.
     pub metric: Metric,
     /// Order of collapses.
@@ -163,6 +165,7 @@ pub fn assess(path: &Path, options: &Options) -> anyhow::Result<Assessment> {
     let settings = Settings {
         region_faces: options.region_faces,
         level_share: options.level_share,
+        top_regions: options.top_regions,
         metric: options.metric,
         round_share: options.round.share(),
         codec: options.codec,
