@@ -10,7 +10,7 @@ use std::sync::Mutex;
 use crate::codec::base::{BaseMesh, encode_with as encode_base};
 use crate::codec::chunk::encode_with;
 use crate::codec::model::{CONTEXTS, untrained};
-use crate::context::{Contexts, Prob};
+use crate::context::{Contexts, MAX_INPUTS, Prob};
 use crate::error::{DecodeError, MeshError};
 use crate::index::{CHUNKS_PER_PAGE, code_page};
 use crate::mesh::QuantisedMesh;
@@ -20,35 +20,39 @@ use crate::range_coder::Coder;
 use crate::simplify::Settings;
 
 /// Rounds in which the weights of mixers settle.
-const WEIGHT_ROUNDS: usize = 3;
+const WEIGHT_ROUNDS: usize = 24;
 /// What a prior may be worth.
 const WORTHS: [u8; 11] = [0, 1, 2, 4, 7, 12, 20, 35, 60, 90, 120];
 /// Log odds by which a prior may differ from the mean over all chunks.
 const SHIFTS: [f64; 3] = [-0.3, 0.0, 0.3];
 
-/// A coder that writes nothing down but which context saw which bit.
-struct Recorder {
-    contexts: Contexts,
-    seen: Vec<(u32, bool)>,
+/// A decision: the contexts that were looked at, as many as count, the mixer if there was one, and the bit.
+#[derive(Clone, Copy)]
+struct Decision {
+    contexts: [u32; MAX_INPUTS],
+    count: u8,
+    mixer: u16,
+    bit: bool,
 }
 
-impl Recorder {
-    fn new(contexts: Contexts) -> Self {
-        Self { contexts, seen: Vec::new() }
-    }
-}
+/// A coder that writes nothing down but what was decided in view of what. That does not depend on
+/// estimates, so one recording serves all rounds.
+#[derive(Default)]
+struct Recorder(Vec<Decision>);
 
 impl Coder for Recorder {
     fn bit(&mut self, context: usize, value: bool) -> bool {
-        self.seen.push((context as u32, value));
-        self.contexts.probs[context].update(value);
+        let contexts = [context as u32, 0, 0, 0];
+        self.0.push(Decision { contexts, count: 1, mixer: 0, bit: value });
         value
     }
 
     fn mix<const N: usize>(&mut self, contexts: [usize; N], mixer: usize, value: bool) -> bool {
-        self.seen.extend(contexts.map(|c| (c as u32, value)));
-        let mixed = self.contexts.mixed(contexts, mixer);
-        self.contexts.learn(contexts, mixer, &mixed, value);
+        let mut all = [0; MAX_INPUTS];
+        for (to, from) in all.iter_mut().zip(contexts) {
+            *to = from as u32;
+        }
+        self.0.push(Decision { contexts: all, count: N as u8, mixer: mixer as u16, bit: value });
         value
     }
 
@@ -63,37 +67,71 @@ impl Coder for Recorder {
 
 /// Trains on the chunks and base meshes of some meshes; answers the table's bytes.
 ///
-/// Cost: preparing every mesh five times. Uses floating-point logarithms: the table is the same on one
-/// machine, not on all.
+/// Cost: preparing every mesh once, and half as much again. Uses floating-point logarithms: the table is the
+/// same on one machine, not on all.
 ///
 /// # Errors
 /// As [`crate::prepare::prepare`].
 pub fn train(meshes: &[QuantisedMesh], settings: &Settings, pool: &dyn Pool) -> Result<Vec<u8>, MeshError> {
+    let streams = record(meshes, settings, pool)?;
     let mut contexts = untrained();
-    let streams = record(meshes, settings, pool, &contexts)?;
     contexts.probs = priors(&streams);
     for _ in 0..WEIGHT_ROUNDS {
-        let streams = record(meshes, settings, pool, &contexts)?;
-        let count = streams.len().max(1) as i64;
-        for (i, weight) in contexts.weights.as_flattened_mut().iter_mut().enumerate() {
-            let sum: i64 = streams.iter().map(|s| i64::from(s.contexts.weights.as_flattened()[i])).sum();
-            *weight = (sum / count) as i32;
-        }
+        contexts.weights = settled(&contexts, &streams);
     }
     Ok(contexts.to_bytes())
+}
+
+/// By mixer, the mean of the weights that streams end with, each stream as much as it used the mixer.
+fn settled(start: &Contexts, streams: &[Recorder]) -> Vec<[i32; MAX_INPUTS]> {
+    let mut sums = vec![[0_i64; MAX_INPUTS]; start.weights.len()];
+    let mut uses = vec![0_i64; start.weights.len()];
+    for stream in streams {
+        let mut contexts = start.clone();
+        let mut used = vec![0_i64; uses.len()];
+        for d in &stream.0 {
+            let [a, b, c, e] = d.contexts.map(|c| c as usize);
+            let mixer = usize::from(d.mixer);
+            match d.count {
+                2 => replay(&mut contexts, [a, b], mixer, d.bit),
+                3 => replay(&mut contexts, [a, b, c], mixer, d.bit),
+                4 => replay(&mut contexts, [a, b, c, e], mixer, d.bit),
+                _ => {
+                    contexts.probs[a].update(d.bit);
+                    continue;
+                }
+            }
+            used[mixer] += 1;
+        }
+        for (mixer, used) in used.into_iter().enumerate() {
+            uses[mixer] += used;
+            for (sum, weight) in sums[mixer].iter_mut().zip(contexts.weights[mixer]) {
+                *sum += i64::from(weight) * used;
+            }
+        }
+    }
+    let mean = |(sums, (uses, start)): (&[i64; MAX_INPUTS], (&i64, &[i32; MAX_INPUTS]))| match uses {
+        0 => *start,
+        uses => sums.map(|sum| (sum / uses) as i32),
+    };
+    sums.iter().zip(uses.iter().zip(&start.weights)).map(mean).collect()
+}
+
+fn replay<const N: usize>(contexts: &mut Contexts, at: [usize; N], mixer: usize, bit: bool) {
+    let mixed = contexts.mixed(at, mixer);
+    contexts.learn(at, mixer, &mixed, bit);
 }
 
 fn record(
     meshes: &[QuantisedMesh],
     settings: &Settings,
     pool: &dyn Pool,
-    contexts: &Contexts,
 ) -> Result<Vec<Recorder>, MeshError> {
     let mut all = Vec::new();
     for mesh in meshes {
         let streams = Mutex::new(BTreeMap::new());
         let observe: Observer<'_> = &|active, chunk, source| {
-            let mut recorder = Recorder::new(contexts.clone());
+            let mut recorder = Recorder::default();
             if encode_with(&mut recorder, active, chunk, source).is_ok()
                 && let Ok(mut streams) = streams.lock()
             {
@@ -108,12 +146,12 @@ fn record(
             wedges: base.wedges.clone(),
             faces: base.faces.clone(),
         };
-        let mut recorder = Recorder::new(contexts.clone());
+        let mut recorder = Recorder::default();
         encode_base(&mut recorder, &mesh, base.grid.bits, base.kinds(), base.material_count)
             .map_err(|e| MeshError::Internal { why: e.to_string() })?;
         all.push(recorder);
         for (page, infos) in prepared.infos.chunks(CHUNKS_PER_PAGE).enumerate() {
-            let mut recorder = Recorder::new(contexts.clone());
+            let mut recorder = Recorder::default();
             code_page(&mut recorder, (page * CHUNKS_PER_PAGE) as u32, Some(infos))
                 .map_err(|e| MeshError::Internal { why: e.to_string() })?;
             all.push(recorder);
@@ -126,8 +164,10 @@ fn priors(streams: &[Recorder]) -> Vec<Prob> {
     let mut runs: Vec<Vec<Vec<bool>>> = vec![Vec::new(); CONTEXTS];
     for stream in streams {
         let mut own: BTreeMap<u32, Vec<bool>> = BTreeMap::new();
-        for &(context, bit) in &stream.seen {
-            own.entry(context).or_default().push(bit);
+        for d in &stream.0 {
+            for &context in &d.contexts[..usize::from(d.count)] {
+                own.entry(context).or_default().push(d.bit);
+            }
         }
         for (context, run) in own {
             runs[context as usize].push(run);
