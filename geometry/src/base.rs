@@ -9,7 +9,7 @@ use crate::mesh::{Face, Grid, UvGrid, Wedge};
 use crate::symbols::{Reader, put_varint};
 
 /// Version of the base blob, of index pages and of chunk payloads.
-pub const FORMAT_VERSION: u8 = 2;
+pub const FORMAT_VERSION: u8 = 3;
 /// Most faces of a base mesh: bounds a decoder's memory.
 pub const MAX_BASE_FACES: usize = 1 << 20;
 /// Most chunks of one asset.
@@ -45,6 +45,9 @@ pub struct Base {
     pub chunk_count: u32,
     /// Levels above the base.
     pub level_count: u8,
+    /// How many of the lowest bits of positions the grids leave out: the base mesh's, then each level's; falling
+    /// to 0. What has more bits is there for vertices that no later chunk could move.
+    pub shifts: Vec<u8>,
     /// Materials that faces may name.
     pub material_count: u16,
     /// How the chunks are coded, and the base mesh unless [`Base::encode_as`] says otherwise.
@@ -89,6 +92,8 @@ impl Base {
         let kinds = self.uv_grid.bits | u8::from(self.colors) << 6 | u8::from(self.normals) << 7;
         let plain = u8::from(self.codec == Codec::Plain);
         let mut out = vec![FORMAT_VERSION, self.grid.bits | plain << 7, kinds, self.level_count];
+        let shift = common_shift(&self.positions, self.shifts[0]);
+        put_shifts(&mut out, shift, &self.shifts);
         for x in self.grid.origin.iter().chain([&self.grid.step]) {
             out.extend(x.to_le_bytes());
         }
@@ -108,11 +113,13 @@ impl Base {
         put_varint(&mut out, self.description.len() as u64);
         out.extend(&self.description);
         let base = BaseMesh {
-            positions: self.positions.clone(),
+            positions: self.positions.iter().map(|p| p.map(|x| x >> shift)).collect(),
             wedges: self.wedges.clone(),
             faces: self.faces.clone(),
         };
-        out.extend(base::encode(&base, mesh, self.grid.bits, self.kinds(), self.material_count)?.bytes);
+        out.extend(
+            base::encode(&base, mesh, self.grid.bits - shift, self.kinds(), self.material_count)?.bytes,
+        );
         Ok(out)
     }
 
@@ -144,6 +151,7 @@ impl Base {
         if !(1..=24).contains(&bits) || uv_bits > 16 {
             return Err(r.error(format!("{bits} position bits and {uv_bits} uv bits are out of range")));
         }
+        let (shift, shifts) = read_shifts(&mut r, level_count, bits)?;
         let grid = Grid { origin: [r.f64()?, r.f64()?, r.f64()?], step: r.f64()?, bits };
         let mut uv_grid = UvGrid { origin: [0.0; 2], step: [0.0; 2], bits: uv_bits };
         if uv_bits > 0 {
@@ -171,7 +179,7 @@ impl Base {
         let description = r.take(length)?.to_vec();
         let rest = r.remaining();
         let kinds = Kinds { uv_bits, colors, normals };
-        let mesh = base::decode(r.take(rest)?, mesh.unwrap_or(codec), bits, kinds, material_count)?;
+        let mesh = base::decode(r.take(rest)?, mesh.unwrap_or(codec), bits - shift, kinds, material_count)?;
         Ok(Self {
             grid,
             uv_grid,
@@ -186,9 +194,43 @@ impl Base {
             normals,
             totals,
             description,
-            positions: mesh.positions,
+            positions: mesh.positions.iter().map(|p| p.map(|x| x << shift)).collect(),
+            shifts,
             wedges: mesh.wedges,
             faces: mesh.faces,
         })
     }
+}
+
+/// How many of the lowest bits are zero in all coordinates, at most `most`.
+fn common_shift(positions: &[[i32; 3]], most: u8) -> u8 {
+    let low = positions.iter().flatten().fold(0, |all, x| all | x).trailing_zeros();
+    low.min(most.into()) as u8
+}
+
+/// The bits that grids leave out: of the base mesh's positions as they are coded, of the coarsest grid, and
+/// how many fewer each level's is, half a byte each.
+fn put_shifts(out: &mut Vec<u8>, own: u8, shifts: &[u8]) {
+    out.push(own | shifts[0] << 4);
+    let falls: Vec<u8> = shifts.windows(2).map(|pair| pair[0] - pair[1]).collect();
+    out.extend(falls.chunks(2).map(|f| f[0] | f.get(1).map_or(0, |fall| fall << 4)));
+}
+
+fn read_shifts(r: &mut Reader<'_>, levels: u8, bits: u8) -> Result<(u8, Vec<u8>), DecodeError> {
+    let first = r.u8()?;
+    let (own, mut last) = (first & 15, first >> 4);
+    if own > last || last >= bits {
+        return Err(r.error(format!("grids that leave out {own} and {last} of {bits} bits are out of range")));
+    }
+    let mut shifts = vec![last];
+    let mut byte = 0;
+    for level in 0..levels {
+        byte = if level % 2 == 0 { r.u8()? } else { byte >> 4 };
+        last = last.checked_sub(byte & 15).ok_or_else(|| r.error("a grid is finer than the finest"))?;
+        shifts.push(last);
+    }
+    if last != 0 && levels > 0 {
+        return Err(r.error("its finest grid leaves out bits"));
+    }
+    Ok((own, shifts))
 }

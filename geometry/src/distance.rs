@@ -141,6 +141,11 @@ pub struct TriangleBvh {
 }
 
 impl TriangleBvh {
+    /// One of the positions.
+    pub(crate) fn position(&self, index: u32) -> [f64; 3] {
+        self.positions[index as usize].to_array()
+    }
+
     /// A hierarchy over `triangles`, which index `positions`. Degenerate triangles are kept: they
     /// count as the segment or the point that they are.
     ///

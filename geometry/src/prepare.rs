@@ -198,7 +198,7 @@ fn build_base(
     vertices.dedup();
     let place = |list: &[u32], x: u32| list.binary_search(&x).map_or(0, |i| i as u32);
     let base_mesh = BaseMesh {
-        positions: vertices.iter().map(|&v| mesh.positions[v as usize]).collect(),
+        positions: vertices.iter().map(|&v| live.cell(v)).collect(),
         wedges: wedges
             .iter()
             .map(|&w| {
@@ -254,6 +254,7 @@ fn build_base(
         },
         description: Vec::new(),
         positions: encoded.mesh.positions,
+        shifts: simplified.shifts.iter().rev().copied().collect(),
         wedges: encoded.mesh.wedges,
         faces: encoded.mesh.faces,
     };
@@ -312,7 +313,9 @@ fn encode_all(
             let chunk: &RegionChunk = &simplified.levels[run[i].0][run[i].1];
             let source = Source {
                 records: &chunk.records,
-                mesh,
+                place: &|v| simplified.live.placed(v),
+                moves: &chunk.moves,
+                shift: simplified.shifts[run[i].0],
                 wedges: &simplified.live.wedges,
                 materials: &simplified.live.material,
                 vertex_by_slot: &by_slot.vertices,

@@ -45,6 +45,9 @@ enum Command {
             value_parser = top_regions
         )]
         top_regions: f64,
+        /// Distance of the points of a level's grid of positions over the level's error; 0 for one grid.
+        #[arg(long, default_value_t = lodestream_geometry::Settings::default().coarse_grid, value_parser = coarse_grid)]
+        coarse_grid: f64,
         /// What a collapse is held to cost: qem or melax.
         #[arg(long, default_value = "qem", value_parser = recipe::parse_metric)]
         metric: Metric,
@@ -132,6 +135,7 @@ fn main() -> ExitCode {
             region_faces,
             level_share,
             top_regions,
+            coarse_grid,
             metric,
             round_size,
             codec,
@@ -147,6 +151,7 @@ fn main() -> ExitCode {
                 region_faces,
                 level_share,
                 top_regions,
+                coarse_grid,
                 metric,
                 round: round_size,
                 codec,
@@ -175,6 +180,13 @@ fn top_regions(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(regions) if (0.25..=16.0).contains(&regions) => Ok(regions),
         _ => Err("a number of regions from 0.25 to 16 is needed".to_owned()),
+    }
+}
+
+fn coarse_grid(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(share) if (0.0..=4.0).contains(&share) => Ok(share),
+        _ => Err("a share from 0 to 4 is needed".to_owned()),
     }
 }
 

@@ -104,7 +104,7 @@ fn run_writes_the_same_report_on_any_number_of_threads_and_replays_a_seed() {
 }
 
 #[test]
-fn assess_takes_the_size_of_the_top() {
+fn assess_takes_the_size_of_the_top_and_refuses_what_is_out_of_range() {
     use std::fmt::Write as _;
     let folder = tempfile::tempdir().unwrap();
     let mut wavy = String::new();
@@ -132,5 +132,11 @@ fn assess_takes_the_size_of_the_top() {
         assert_eq!(output.status.code(), Some(2), "{top}");
         let error = String::from_utf8_lossy(&output.stderr);
         assert!(error.contains("--top-regions") && error.contains("0.25 to 16"), "{error}");
+    }
+    for share in ["-0.1", "4.1", "nan", "fine"] {
+        let output = simulator(&["assess", &model, &format!("--coarse-grid={share}")]);
+        assert_eq!(output.status.code(), Some(2), "{share}");
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert!(error.contains("--coarse-grid") && error.contains("0 to 4"), "{error}");
     }
 }

@@ -10,16 +10,18 @@ use crate::codec::model::{
     AREAS, BENDS, BIRTH_AXIS, BIRTHS, DEPTHS, FLAG_AREA, FLAG_BEND, FLAG_VALENCE, INTERIOR, MAX_VALENCE,
     MIX_FLAG, MORE_SEEDS, SEED_INTERIOR, SEED_ORIGIN, SEGMENTS, contexts,
 };
+use crate::codec::moves::{Whose, code_moves, code_shift};
 use crate::codec::plan::{Guide, Names};
 use crate::codec::residual::quarter_octaves;
 use crate::codec::split::{Splitter, code_split};
 use crate::error::DecodeError;
 use crate::index::{ChunkInfo, Stop};
-use crate::mesh::{QuantisedMesh, Wedge};
+use crate::mesh::Wedge;
 use crate::plain_coder::{PlainDecoder, PlainEncoder};
 use crate::range_coder::{Coder, Decoder, Encoder};
 use crate::refine::{ActiveMesh, ChunkDelta, Id};
 use crate::simplify::live::NO_VERTEX;
+use crate::simplify::placement::Placed;
 use crate::simplify::records::Records;
 use crate::symbols::{index, integer, signed};
 use crate::vec3::{dot, sub};
@@ -30,7 +32,12 @@ pub(crate) const MAX_SPLITS: u32 = 1 << 17;
 /// What an encoder needs beyond the plan.
 pub(crate) struct Source<'a> {
     pub(crate) records: &'a Records,
-    pub(crate) mesh: &'a QuantisedMesh,
+    /// Where a builder's vertex is when its chunk brings it.
+    pub(crate) place: &'a (dyn Fn(u32) -> Placed + 'a),
+    /// Where older vertices of the region go, ascending by vertex.
+    pub(crate) moves: &'a [Placed],
+    /// How many bits the grid leaves out that the chunk brings vertices to.
+    pub(crate) shift: u8,
     /// The builder's wedges: the mesh's, and those kept by collapses.
     pub(crate) wedges: &'a [Wedge],
     pub(crate) materials: &'a [u16],
@@ -133,6 +140,9 @@ impl ActiveMesh {
         }
         let whole = info.extent(None);
         let ends: Vec<Reached> = info.stops.iter().chain([&whole]).take(segments).map(Reached::of).collect();
+        let Some(&shift) = self.shifts.get(usize::from(info.level)) else {
+            return fail(format!("level {} does not exist", info.level));
+        };
         // Before anything is reserved, and before any work.
         let elements = ends.last().map_or(0, Reached::elements);
         if elements > most_elements(payload.len()) {
@@ -144,12 +154,12 @@ impl ActiveMesh {
         let decoded = match self.codec {
             Codec::Range => {
                 let mut decoder = Decoder::new(contexts(), payload);
-                code_chunk(&mut decoder, self, &mut local, chunk, &ends, info.vertices, None)
+                code_chunk(&mut decoder, self, &mut local, (chunk, shift), &ends, info.vertices, None)
                     .and_then(|_| if stop.is_none() { decoder.end(fewest) } else { Ok(()) })
             }
             Codec::Plain if stop.is_some() => return fail("its codec has no stopping points".into()),
             Codec::Plain => PlainDecoder::new(payload).and_then(|mut decoder| {
-                code_chunk(&mut decoder, self, &mut local, chunk, &ends, info.vertices, None)?;
+                code_chunk(&mut decoder, self, &mut local, (chunk, shift), &ends, info.vertices, None)?;
                 decoder.end(fewest)
             }),
         };
@@ -220,7 +230,8 @@ pub(crate) fn encode_with<'m, C: Coder>(
             Reached { vertices, ..Reached::default() }
         })
         .collect();
-    let reached = code_chunk(coder, mesh, &mut local, chunk, &ends, vertices, Some(&mut guide))?;
+    let reached =
+        code_chunk(coder, mesh, &mut local, (chunk, source.shift), &ends, vertices, Some(&mut guide))?;
     Ok((local, guide.names, reached))
 }
 
@@ -230,14 +241,16 @@ fn code_chunk<C: Coder>(
     coder: &mut C,
     mesh: &ActiveMesh,
     local: &mut Local<'_>,
-    chunk: u32,
+    (chunk, shift): (u32, u8),
     ends: &[Reached],
     total: u32,
     mut guide: Option<&mut Guide<'_>>,
 ) -> Result<Vec<Reached>, DecodeError> {
-    code_births(coder, local, mesh.grid.bits, total, &mut guide)?;
+    code_births(coder, local, (mesh.grid.bits, shift), total, &mut guide)?;
     code_region(coder, mesh, local, chunk, &mut guide)?;
-    let mut splitter = Splitter::new(mesh.grid.bits, mesh.kinds, mesh.indices.len() as u16);
+    let moving = |v| guide.as_ref().and_then(|g| g.moving(v));
+    code_moves(coder, local, (mesh.grid.bits, shift), &moving)?;
+    let mut splitter = Splitter::new((mesh.grid.bits, shift), mesh.kinds, mesh.indices.len() as u16);
     let interior = local.vertices.iter().filter(|v| v.interior).count();
     let area: f64 = (0..local.faces.len() as u32).map(|f| local.face_area(f)).sum();
     let decoding = guide.is_none();
@@ -340,7 +353,7 @@ fn code_flag<C: Coder>(
 fn code_births<C: Coder>(
     coder: &mut C,
     local: &mut Local<'_>,
-    bits: u8,
+    (bits, shift): (u8, u8),
     total: u32,
     guide: &mut Option<&mut Guide<'_>>,
 ) -> Result<(), DecodeError> {
@@ -352,15 +365,17 @@ fn code_births<C: Coder>(
     let mut previous = [1 << (bits - 1); 3];
     for i in 0..births as usize {
         let name = wanted.get(i).copied();
-        let actual = guide.as_ref().and_then(|g| Some(g.source.mesh.positions[name? as usize]));
-        for axis in 0..3 {
-            let residual = actual.map_or(0, |p| p[axis] - previous[axis]);
-            previous[axis] = previous[axis].wrapping_add(signed(coder, BIRTH_AXIS, residual));
-            if previous[axis] < 0 || previous[axis] >= 1 << bits {
+        let actual = guide.as_ref().and_then(|g| Some((g.source.place)(name?)));
+        let own = code_shift(coder, Whose::New, shift, actual.map_or(0, |a| a.shift));
+        previous = previous.map(|x| x >> own << own);
+        for (axis, x) in previous.iter_mut().enumerate() {
+            let residual = actual.map_or(0, |p| (p.cell[axis] - *x) >> own);
+            *x = x.wrapping_add(signed(coder, BIRTH_AXIS, residual).wrapping_shl(own.into()));
+            if *x < 0 || *x >= 1 << bits {
                 return Err(DecodeError::new("chunk", "a position is off the grid"));
             }
         }
-        local.add_vertex(previous.map(f64::from), None);
+        local.add_vertex(previous.map(f64::from), None, own);
         if let (Some(g), Some(name)) = (guide.as_mut(), name) {
             g.names.vertex(name);
         }

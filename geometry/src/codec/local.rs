@@ -9,7 +9,7 @@
 use crate::codec::fan::Spoke;
 use crate::error::DecodeError;
 use crate::mesh::Attributes;
-use crate::refine::{ActiveMesh, ChunkDelta, Id, NewFace, NewVertex, NewWedge, Repoint};
+use crate::refine::{ActiveMesh, ChunkDelta, Id, Moved, NewFace, NewVertex, NewWedge, Repoint};
 use crate::slot_map::SlotMap;
 use crate::stars::END;
 use crate::steps;
@@ -27,6 +27,8 @@ pub(crate) struct LocalVertex {
     /// The first corner of the star (`face × 4 + k`); the others follow in `LocalFace::next`.
     star: u32,
     pub(crate) interior: bool,
+    /// How many of the lowest bits of its position are zero, at most.
+    pub(crate) shift: u8,
 }
 
 pub(crate) struct LocalWedge {
@@ -71,6 +73,8 @@ pub(crate) struct Local<'a> {
     /// The vertices that the chunk adds, and those they split from.
     new_vertices: Vec<(u32, Option<u32>)>,
     new_wedges: u32,
+    /// Older vertices that the chunk moves.
+    moves: Vec<Moved>,
 }
 
 impl<'a> Local<'a> {
@@ -89,6 +93,7 @@ impl<'a> Local<'a> {
             wedge_at: SlotMap::default(),
             new_vertices: Vec::with_capacity(splits),
             new_wedges: 0,
+            moves: Vec::new(),
         }
     }
 
@@ -215,7 +220,7 @@ impl<'a> Local<'a> {
     fn old_vertex(&mut self, slot: u32, interior: bool) -> u32 {
         self.vertex_at.insert(slot, self.vertices.len() as u32);
         let position = self.mesh.positions[slot as usize].map(f64::from);
-        self.push_vertex(self.mesh.vertex_id(slot), position, interior)
+        self.push_vertex(self.mesh.vertex_id(slot), position, interior, self.mesh.vertex_shift[slot as usize])
     }
 
     fn old_wedge(&mut self, slot: u32, vertex: u32) -> u32 {
@@ -228,10 +233,10 @@ impl<'a> Local<'a> {
         local
     }
 
-    pub(crate) fn add_vertex(&mut self, position: Vec3, parent: Option<u32>) -> u32 {
+    pub(crate) fn add_vertex(&mut self, position: Vec3, parent: Option<u32>, shift: u8) -> u32 {
         let id = Id { origin: self.own, index: self.new_vertices.len() as u32 };
         self.new_vertices.push((self.vertices.len() as u32, parent));
-        self.push_vertex(id, position, true)
+        self.push_vertex(id, position, true, shift)
     }
 
     pub(crate) fn add_wedge(&mut self, vertex: u32, attributes: Attributes) -> u32 {
@@ -246,8 +251,8 @@ impl<'a> Local<'a> {
         self.push_face(LocalFace { corners, next: [END; 3], wedges: [NONE; 3], material: 0, area: 0.0 })
     }
 
-    fn push_vertex(&mut self, id: Id, position: Vec3, interior: bool) -> u32 {
-        self.vertices.push(LocalVertex { position, sum: [0.0; 3], ends: 0, star: END, interior });
+    fn push_vertex(&mut self, id: Id, position: Vec3, interior: bool, shift: u8) -> u32 {
+        self.vertices.push(LocalVertex { position, sum: [0.0; 3], ends: 0, star: END, interior, shift });
         self.vertex_ids.push(id);
         self.wedge_ends.push([NONE; 2]);
         (self.vertices.len() - 1) as u32
@@ -315,6 +320,19 @@ impl<'a> Local<'a> {
         let from = std::mem::replace(&mut self.faces[spoke.face as usize].corners[k], to);
         self.leave(from, spoke.face, k, ends);
         self.enter(to, spoke.face, k, ends);
+    }
+
+    /// Moves an older vertex, whose star is given.
+    pub(crate) fn move_vertex(&mut self, vertex: u32, star: &[Spoke], position: [i32; 3], shift: u8) {
+        let was = &self.vertices[vertex as usize];
+        self.moves.push(Moved {
+            vertex: self.vertex_ids[vertex as usize],
+            from: was.position.map(|x| x as i32),
+            to: position,
+            shifts: [was.shift, shift],
+        });
+        self.vertices[vertex as usize].shift = shift;
+        self.place_vertex(vertex, star, position);
     }
 
     /// Puts a vertex, whose star is given, in its place.
@@ -420,12 +438,15 @@ impl<'a> Local<'a> {
     }
 
     /// What the chunk has done, in canonical ids.
-    pub(crate) fn into_delta(self, chunk: u32, parents: Vec<u32>) -> ChunkDelta {
+    pub(crate) fn into_delta(mut self, chunk: u32, parents: Vec<u32>) -> ChunkDelta {
+        let mut moves = std::mem::take(&mut self.moves);
+        moves.sort_unstable_by_key(|m| m.vertex);
         let wedge_id = |w: u32| self.wedges[w as usize].id;
         let new_wedges = &self.wedges[self.wedges.len() - self.new_wedges as usize..];
         let (old, new_faces) = self.faces.split_at(self.gathered.len());
         let vertex = |&(v, parent): &(u32, Option<u32>)| NewVertex {
             position: self.position(v).map(|x| x as i32),
+            shift: self.vertices[v as usize].shift,
             parent: parent.map(|p| self.vertex_id(p)),
         };
         let wedge = |w: &LocalWedge| NewWedge { vertex: self.vertex_id(w.vertex), attributes: w.attributes };
@@ -441,6 +462,7 @@ impl<'a> Local<'a> {
             chunk,
             stop: None,
             parents,
+            moves,
             vertices: self.new_vertices.iter().map(vertex).collect(),
             wedges: new_wedges.iter().map(wedge).collect(),
             faces: new_faces.iter().map(face).collect(),

@@ -7,6 +7,7 @@ mod fan;
 mod height;
 mod local;
 pub(crate) mod model;
+mod moves;
 pub(crate) mod plan;
 pub(crate) mod position;
 mod residual;

@@ -25,6 +25,11 @@ pub(crate) const OTHERS: usize = 8;
 pub(crate) const CLASS_BITS: u32 = 4;
 pub(crate) const CLASSES: usize = tree_contexts(CLASS_BITS);
 
+/// Bits that a vertex's position gains, told apart up to this.
+pub(crate) const MOVE_STEPS: usize = 4;
+/// Steps between grids that are told apart.
+pub(crate) const SHIFT_STEPS: usize = 6;
+
 /// Contexts of one kind of residual: by recent ratios, and by the residual before.
 pub(crate) const SIZE_RECENT_CONTEXTS: usize = SIZES * RECENTS * CLASSES;
 pub(crate) const SIZE_OTHER_CONTEXTS: usize = SIZES / 2 * OTHERS * CLASSES;
@@ -49,6 +54,7 @@ layout! { CONTEXTS:
     FLAG_AREA = AREAS * DEPTHS * SEGMENTS,
     FLAG_BEND = AREAS * BENDS * SEGMENTS,
     FLAG_VALENCE = DEPTHS * (MAX_VALENCE + 1) * 4 * SEGMENTS,
+    SHIFT = 2 * SHIFT_STEPS,
     SINGLE_RUN = 2,
     RUN_LENGTH = tree_contexts(4) * (MAX_VALENCE + 1) * 2,
     LONG_RUN = INTEGER_CONTEXTS,
@@ -73,6 +79,9 @@ layout! { CONTEXTS:
     NORMAL = 2 * INTEGER_CONTEXTS,
     SAME_MATERIAL = 1,
     MATERIAL = INTEGER_CONTEXTS,
+    MOVE_ALONG = (MOVE_STEPS + 1) * tree_contexts(4),
+    MOVE_ACROSS = (MOVE_STEPS + 1) * tree_contexts(4),
+    MOVE_REST = INTEGER_CONTEXTS,
     RESIDUAL_RECENT = 3 * SIZE_RECENT_CONTEXTS,
     RESIDUAL_OTHER = 3 * SIZE_OTHER_CONTEXTS,
     RESIDUAL_SIGN = 3,
@@ -106,11 +115,11 @@ layout! { CONTEXTS:
 }
 
 /// Streams of bytes and of bits that [`crate::plain_coder`] sorts symbols into.
-pub(crate) const BYTE_STREAMS: usize = 10;
+pub(crate) const BYTE_STREAMS: usize = 11;
 pub(crate) const BIT_STREAMS: usize = 4;
 
 /// Where each stream of bytes begins in the layout: what is rare; lengths and starts of runs; groups;
-/// texture coordinates by axis; colours and normals; residuals of positions by step; the base mesh.
+/// texture coordinates by axis; colours and normals; moves; residuals of positions by step; the base mesh.
 const BYTE_STARTS: [usize; BYTE_STREAMS] = [
     0,
     RUN_LENGTH,
@@ -119,6 +128,7 @@ const BYTE_STARTS: [usize; BYTE_STREAMS] = [
     UV_RECENT,
     UV_RECENT + SIZE_RECENT_CONTEXTS,
     SAME_COLOR,
+    MOVE_ALONG,
     RESIDUAL_RECENT,
     RESIDUAL_RECENT + SIZE_RECENT_CONTEXTS,
     RESIDUAL_RECENT + 2 * SIZE_RECENT_CONTEXTS,

@@ -13,6 +13,7 @@ use std::hash::{BuildHasherDefault, Hasher};
 use crate::codec::chunk::Source;
 use crate::codec::local::Local;
 use crate::simplify::live::NO_VERTEX;
+use crate::simplify::placement::Placed;
 use crate::simplify::records::Records;
 
 /// Multiplicative hashing of slots (Knuth, TAOCP 3, §6.4): keys are small, distinct and ours.
@@ -138,6 +139,12 @@ impl<'a> Guide<'a> {
             .collect()
     }
 
+    /// Where a vertex, given by local number, goes before the first split.
+    pub(crate) fn moving(&self, vertex: u32) -> Option<Placed> {
+        let (moves, name) = (self.source.moves, self.names.vertices[vertex as usize]);
+        moves.binary_search_by_key(&name, |m| m.vertex).ok().map(|at| moves[at])
+    }
+
     /// Vertices that must be known before the first split, ascending.
     pub(crate) fn needed(&self) -> Vec<u32> {
         let mut needed = Vec::new();
@@ -150,6 +157,7 @@ impl<'a> Guide<'a> {
                 needed.extend(removed.iter().flat_map(|r| r.third));
             }
         }
+        needed.extend(self.source.moves.iter().map(|m| m.vertex));
         made.sort_unstable();
         needed.sort_unstable();
         needed.dedup();

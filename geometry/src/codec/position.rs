@@ -69,7 +69,7 @@ pub(crate) fn code_position<C: Coder>(
     vertex: u32,
     roles: Roles,
     actual: Option<[i32; 3]>,
-    bits: u8,
+    (bits, shift): (u8, u8),
 ) -> Result<[i32; 3], DecodeError> {
     let ring = ring(local, star, vertex);
     let top = f64::from((1_u32 << bits) - 1);
@@ -84,10 +84,12 @@ pub(crate) fn code_position<C: Coder>(
             size = log;
         }
         // Nothing here is negative, so cutting off rounds down.
-        let guess = (exact[axis].clamp(0.0, top) + 0.5) as i32;
-        let residual = actual.map_or(0, |p| p[axis] - guess);
+        let cell = 1.0 / f64::from(1_u32 << shift);
+        let guess = (exact[axis].clamp(0.0, top) * cell + 0.5) as i32;
+        let size = size - 4 * i32::from(shift);
+        let residual = actual.map_or(0, |p| (p[axis] >> shift) - guess);
         let got = POSITION[step].code(coder, size, recent.class(step), other, residual);
-        position[axis] = guess.wrapping_add(got);
+        position[axis] = guess.wrapping_add(got).wrapping_shl(shift.into());
         if position[axis] < 0 || position[axis] >= 1 << bits {
             return Err(DecodeError::new("chunk", "a position is off the grid"));
         }
@@ -122,14 +124,19 @@ fn ring(local: &Local<'_>, star: &[Spoke], vertex: u32) -> Ring {
     if size > 0.0 {
         normal = scale(normal, 1.0 / size);
     }
+    let axes = axes(normal);
+    let radius = (square / star.len().max(1) as f64).sqrt().max(0.25);
+    Ring { mean, normal, laplacian, radius, axes }
+}
+
+/// The axes, the one nearest a normal last.
+pub(crate) fn axes(normal: Vec3) -> [usize; 3] {
     let last = (0..3).max_by(|&a, &b| normal[a].abs().total_cmp(&normal[b].abs())).unwrap_or(2);
-    let axes = match last {
+    match last {
         0 => [1, 2, 0],
         1 => [0, 2, 1],
         _ => [0, 1, 2],
-    };
-    let radius = (square / star.len().max(1) as f64).sqrt().max(0.25);
-    Ring { mean, normal, laplacian, radius, axes }
+    }
 }
 
 fn tangential_guess(local: &Local<'_>, ring: &Ring, roles: Roles) -> Vec3 {

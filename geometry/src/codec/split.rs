@@ -7,6 +7,7 @@ use crate::codec::model::{
     EXTRA_IN_RING, EXTRAS, GATE, LABEL, LONG_RUN, MAX_VALENCE, MIX_START, RUN_GAP, RUN_LENGTH, RUN_START,
     SINGLE_RUN,
 };
+use crate::codec::moves::{Whose, code_shift};
 use crate::codec::plan::{Born, Guide};
 use crate::codec::position::{Roles, code_position};
 use crate::codec::residual::Recent;
@@ -43,7 +44,7 @@ pub(crate) struct Added {
 
 /// What splits of one chunk share: grids, running means, scratch space.
 pub(crate) struct Splitter {
-    position_bits: u8,
+    grid: (u8, u8),
     pub(crate) kinds: Kinds,
     pub(crate) materials: u16,
     pub(crate) recent: Recent,
@@ -70,9 +71,9 @@ pub(crate) struct Split {
 }
 
 impl Splitter {
-    pub(crate) fn new(position_bits: u8, kinds: Kinds, materials: u16) -> Self {
+    pub(crate) fn new(grid: (u8, u8), kinds: Kinds, materials: u16) -> Self {
         Self {
-            position_bits,
+            grid,
             kinds,
             materials,
             recent: Recent::default(),
@@ -104,12 +105,23 @@ pub(crate) fn code_split<C: Coder>(
     grow(local, &mut split, guide);
 
     let u = split.u;
-    let actual = guide.as_ref().map(|g| g.source.mesh.positions[g.new_vertex() as usize]);
+    let actual = guide.as_ref().map(|g| (g.source.place)(g.new_vertex()));
+    let (bits, shift) = splitter.grid;
+    let shift = code_shift(coder, Whose::New, shift, actual.map_or(0, |a| a.shift));
     let end = |i: usize| split.added.get(i).map(|a| a.x);
     let roles = Roles { target: t, ends: [end(0), end(1)] };
     local.star(u, &mut splitter.star);
-    let bits = splitter.position_bits;
-    let position = code_position(coder, &mut splitter.recent, local, &splitter.star, u, roles, actual, bits)?;
+    local.vertices[u as usize].shift = shift;
+    let position = code_position(
+        coder,
+        &mut splitter.recent,
+        local,
+        &splitter.star,
+        u,
+        roles,
+        actual.map(|a| a.cell),
+        (bits, shift),
+    )?;
     local.place_vertex(u, &splitter.star, position);
     code_wedges(coder, splitter, local, &split, guide)?;
     coder.check()?;
@@ -120,7 +132,7 @@ pub(crate) fn code_split<C: Coder>(
 /// Makes the new vertex and its faces. Until its place is known, it is where the old one is.
 fn grow(local: &mut Local<'_>, split: &mut Split, guide: &mut Option<&mut Guide<'_>>) {
     let t = split.t;
-    let u = local.add_vertex(local.position(t), Some(t));
+    let u = local.add_vertex(local.position(t), Some(t), 0);
     split.u = u;
     if let Some(guide) = guide {
         let name = guide.new_vertex();

@@ -51,6 +51,7 @@ impl<'a> Case<'a> {
         let mut keep = |e: Encoded| {
             infos.push(ChunkInfo {
                 parents: parents[infos.len()].clone(),
+                level: base.level_count - order[infos.len()].0 as u8,
                 vertices: e.vertices.len() as u32,
                 wedges: e.wedges.len() as u32,
                 faces: e.faces.len() as u32,
@@ -133,12 +134,28 @@ impl<'a> Case<'a> {
         faces.into_iter().map(|(f, w)| (f, rotated(w))).collect()
     }
 
-    /// A refined mesh in the builder's ids; wedges and vertices must be the builder's, too.
-    fn named(&self, mesh: &ActiveMesh) -> Faces {
+    /// Where the vertices are that some chunk of `set` moves: where the finest such chunk says.
+    fn moved(&self, set: &[Member]) -> BTreeMap<u32, [i32; 3]> {
+        let chunk = |m: &Member| {
+            &self.simplified.levels[self.order[m.chunk as usize].0][self.order[m.chunk as usize].1]
+        };
+        // Ids run from coarse to fine, so the finest comes last.
+        set.iter().flat_map(|m| chunk(m).moves.iter().map(|m| (m.vertex, m.cell))).collect()
+    }
+
+    /// A refined mesh in the builder's ids; wedges and vertices must be the builder's, too, and where those
+    /// are that chunks of `set` move.
+    fn named(&self, mesh: &ActiveMesh, set: &[Member]) -> Faces {
+        let moved = self.moved(set);
         let snapshot = mesh.snapshot();
         let name = |lists: &[Vec<u32>], id: Id| lists[id.origin as usize][id.index as usize];
         for &(id, position) in &snapshot.vertices {
-            assert_eq!(position, self.mesh.positions[name(&self.vertices, id) as usize]);
+            let vertex = name(&self.vertices, id);
+            let left = || self.simplified.live.cell(vertex);
+            assert_eq!(position, moved.get(&vertex).copied().unwrap_or_else(left), "vertex {vertex}");
+            if set.len() == self.infos.len() && set.iter().all(|m| m.stop.is_none()) {
+                assert_eq!(position, self.mesh.positions[vertex as usize], "vertex {vertex} of the input");
+            }
         }
         for &(id, vertex, attributes) in &snapshot.wedges {
             let expected = self.simplified.live.wedges[name(&self.wedges, id) as usize];
@@ -160,11 +177,12 @@ fn rotated(w: [u32; 3]) -> [u32; 3] {
 
 #[test]
 fn any_closed_set_is_the_input_collapsed_by_the_complement() {
-    let mut at_stops = 0;
+    let (mut at_stops, mut moves) = (0, 0);
     for (name, source) in common::all() {
         let mesh = common::quantised(&source);
         for region_faces in [50, 200, 1000] {
             let case = Case::new(&mesh, &common::regions(region_faces));
+            moves += case.moved(&case.everything()).len();
             let mut random = Random::new(31);
             for attempt in 0..8 {
                 let set = match attempt {
@@ -184,7 +202,7 @@ fn any_closed_set_is_the_input_collapsed_by_the_complement() {
                     at_stops += usize::from(stop.is_some());
                 }
                 assert!(
-                    case.named(&active) == case.collapsed(&set),
+                    case.named(&active, &set) == case.collapsed(&set),
                     "{name}, regions of {region_faces}: {} of {} chunks",
                     set.len(),
                     case.infos.len()
@@ -193,6 +211,7 @@ fn any_closed_set_is_the_input_collapsed_by_the_complement() {
         }
     }
     assert!(at_stops >= 100, "only {at_stops} chunks ended at a stop");
+    assert!(moves >= 1000, "only {moves} vertices moved");
 }
 
 #[test]

@@ -72,10 +72,16 @@ pub struct ActiveMesh {
     pub(crate) kinds: Kinds,
     pub(crate) places: Places,
     pub(crate) positions: Vec<[i32; 3]>,
-    /// Where a vertex was before its chunk was applied: the position of its oldest ancestor within
-    /// the chunk's parents.
+    /// Where a vertex was before the chunk that brought it, or moved it last, was applied: a new one's is the
+    /// position of its oldest ancestor within the chunk's parents.
     pub(crate) morph_from: Vec<[i32; 3]>,
     pub(crate) vertex_origin: Vec<u32>,
+    /// The origin that put a vertex where it is: its own, or a chunk's that moved it.
+    pub(crate) vertex_mover: Vec<u32>,
+    /// How many of the lowest bits of a position are zero, at most.
+    pub(crate) vertex_shift: Vec<u8>,
+    /// [`Base::shifts`].
+    pub(crate) shifts: Vec<u8>,
     pub(crate) wedges: Vec<Wedge>,
     pub(crate) wedge_origin: Vec<u32>,
     pub(crate) faces: Vec<[u32; 3]>,
@@ -109,6 +115,9 @@ impl ActiveMesh {
             positions: Vec::new(),
             morph_from: Vec::new(),
             vertex_origin: Vec::new(),
+            vertex_mover: Vec::new(),
+            vertex_shift: Vec::new(),
+            shifts: base.shifts.clone(),
             wedges: Vec::new(),
             wedge_origin: Vec::new(),
             faces: Vec::new(),
@@ -133,6 +142,7 @@ impl ActiveMesh {
         );
         for (slot, &p) in base.positions.iter().enumerate() {
             mesh.positions[slot] = p;
+            mesh.vertex_shift[slot] = base.shifts[0];
             mesh.morph_from[slot] = p;
         }
         mesh.wedges[..base.wedges.len()].copy_from_slice(&base.wedges);
@@ -189,7 +199,12 @@ impl ActiveMesh {
     pub fn bytes(&self) -> usize {
         self.positions.capacity() * 12
             + self.morph_from.capacity() * 12
-            + (self.vertex_origin.capacity() + self.wedge_origin.capacity() + self.face_origin.capacity()) * 4
+            + self.vertex_shift.capacity()
+            + (self.vertex_origin.capacity()
+                + self.vertex_mover.capacity()
+                + self.wedge_origin.capacity()
+                + self.face_origin.capacity())
+                * 4
             + self.wedges.capacity() * size_of::<Wedge>()
             + self.faces.capacity() * 12
             + self.materials.capacity() * 2
@@ -214,7 +229,13 @@ impl ActiveMesh {
         }
         let origin = delta.chunk + 1;
         // Not the parents alone: an index that names too few must not make references dangle.
-        let needs = delta.needs();
+        let mut needs = delta.needs();
+        let movers: Vec<u32> =
+            delta.moves.iter().map(|m| self.vertex_mover[self.vertex_slot(m.vertex) as usize]).collect();
+        // What moves a vertex on can be undone only first.
+        needs.extend(movers.iter().filter(|&&mover| mover != 0));
+        needs.sort_unstable();
+        needs.dedup();
         for &need in &needs {
             if let Some(place) = self.places.get_mut(need) {
                 place.children += 1;
@@ -225,6 +246,7 @@ impl ActiveMesh {
         let place = self.places.get(origin).cloned().unwrap_or_default();
         for (slot, vertex) in place.vertices.clone().zip(&delta.vertices) {
             self.positions[slot as usize] = vertex.position;
+            self.vertex_shift[slot as usize] = vertex.shift;
             // A parent inside this chunk has a smaller index, so its ancestor is already known.
             self.morph_from[slot as usize] = match vertex.parent {
                 Some(parent) if parent.origin == origin => {
@@ -239,6 +261,10 @@ impl ActiveMesh {
                 Wedge { vertex: self.vertex_slot(wedge.vertex), attributes: wedge.attributes };
         }
         let mut touched = Touched::default();
+        for m in &delta.moves {
+            // After the new vertices, which come from where it was.
+            self.move_vertex(m.vertex, (m.to, m.from), m.shifts[1], origin, &mut touched);
+        }
         for (slot, face) in place.faces.clone().zip(&delta.faces) {
             self.put_face(slot, face.wedges.map(|w| self.wedge_slot(w)));
             touched.face(slot);
@@ -250,6 +276,7 @@ impl ActiveMesh {
         }
         if let Some(place) = self.places.get_mut(origin) {
             place.needs = needs;
+            place.movers = movers;
             place.stop = delta.stop;
         }
         self.applied_chunks += 1;
@@ -273,6 +300,7 @@ impl ActiveMesh {
             || place.faces.len() != delta.faces.len()
             || place.wedges.len() != delta.wedges.len()
             || place.vertices.len() != delta.vertices.len()
+            || place.movers.len() != delta.moves.len()
             || !self.moves_corners_once(&delta.repoints)
         {
             return Err(RefineError::Mismatch(delta.chunk));
@@ -292,6 +320,9 @@ impl ActiveMesh {
             let face = self.face_slot(repoint.face);
             self.move_corner(face, repoint.corner, self.wedge_slot(repoint.from));
             touched.face(face);
+        }
+        for (m, &mover) in delta.moves.iter().zip(&place.movers) {
+            self.move_vertex(m.vertex, (m.from, m.from), m.shifts[0], mover, &mut touched);
         }
         for &need in &place.needs {
             if let Some(place) = self.places.get_mut(need) {
@@ -373,6 +404,13 @@ impl ActiveMesh {
                 .faces
                 .iter()
                 .all(|f| usize::from(f.material) < self.indices.len() && f.wedges.iter().all(|&w| wedge(w)))
+            && delta.moves.is_sorted_by(|a, b| a.vertex < b.vertex)
+            && delta.moves.iter().all(|m| {
+                let at = if applied { m.to } else { m.from };
+                m.vertex.origin != own
+                    && known(m.vertex, 0, |p| &p.vertices)
+                    && self.positions[self.vertex_slot(m.vertex) as usize] == at
+            })
             && delta.repoints.iter().all(|r| {
                 // Corners move to wedges that the chunk brings, from wedges that were there: then whatever
                 // moves them on needs this chunk, and undoing it leaves none at a wedge that is gone.
@@ -396,6 +434,7 @@ impl ActiveMesh {
             stop: None,
             children: 0,
             needs: Vec::new(),
+            movers: Vec::new(),
         };
         let (v, w, f) = (
             self.vertex_slots.high() as usize,
@@ -405,6 +444,8 @@ impl ActiveMesh {
         grow(&mut self.positions, v, [0; 3]);
         grow(&mut self.morph_from, v, [0; 3]);
         grow(&mut self.vertex_origin, v, 0);
+        grow(&mut self.vertex_mover, v, 0);
+        grow(&mut self.vertex_shift, v, 0);
         grow(&mut self.wedges, w, Wedge::default());
         grow(&mut self.wedge_origin, w, 0);
         grow(&mut self.faces, f, [0; 3]);
@@ -414,6 +455,7 @@ impl ActiveMesh {
         self.stars.grow(v, f);
         for slot in place.vertices.clone() {
             self.vertex_origin[slot as usize] = origin;
+            self.vertex_mover[slot as usize] = origin;
             self.stars.clear(slot);
         }
         for slot in place.wedges.clone() {
@@ -447,6 +489,24 @@ impl ActiveMesh {
         }
         let list = usize::from(self.materials[slot as usize]);
         self.indices[list][self.draw_slots[slot as usize] as usize] = wedges;
+    }
+
+    fn move_vertex(
+        &mut self,
+        vertex: Id,
+        (to, from): ([i32; 3], [i32; 3]),
+        shift: u8,
+        mover: u32,
+        touched: &mut Touched,
+    ) {
+        let slot = self.vertex_slot(vertex);
+        self.positions[slot as usize] = to;
+        self.morph_from[slot as usize] = from;
+        self.vertex_shift[slot as usize] = shift;
+        self.vertex_mover[slot as usize] = mover;
+        for corner in self.stars.corners(slot) {
+            touched.face(corner / 3);
+        }
     }
 
     fn move_corner(&mut self, face: u32, corner: u8, to: u32) {

@@ -11,11 +11,26 @@ pub struct Id {
     pub index: u32,
 }
 
+/// An older vertex that a chunk moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Moved {
+    /// The vertex.
+    pub vertex: Id,
+    /// Position before.
+    pub from: [i32; 3],
+    /// Position after.
+    pub to: [i32; 3],
+    /// Shifts before and after.
+    pub shifts: [u8; 2],
+}
+
 /// A vertex that a chunk adds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NewVertex {
     /// Position on the grid.
     pub position: [i32; 3],
+    /// Its shift.
+    pub shift: u8,
     /// The vertex it splits from; `None` for a vertex that starts a new piece of surface.
     pub parent: Option<Id>,
 }
@@ -61,6 +76,8 @@ pub struct ChunkDelta {
     pub stop: Option<u8>,
     /// Ids of the chunks that must be applied whole first.
     pub parents: Vec<u32>,
+    /// Older vertices moved.
+    pub moves: Vec<Moved>,
     /// Vertices added.
     pub vertices: Vec<NewVertex>,
     /// Wedges added.
@@ -88,6 +105,7 @@ impl ChunkDelta {
                 }
             }
         };
+        self.moves.iter().map(|m| m.vertex).for_each(&mut need);
         self.vertices.iter().filter_map(|v| v.parent).for_each(&mut need);
         self.wedges.iter().map(|w| w.vertex).for_each(&mut need);
         self.faces.iter().flat_map(|f| f.wedges).for_each(&mut need);
@@ -98,7 +116,8 @@ impl ChunkDelta {
     /// Memory held, in bytes.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        self.vertices.len() * size_of::<NewVertex>()
+        self.moves.len() * size_of::<Moved>()
+            + self.vertices.len() * size_of::<NewVertex>()
             + self.wedges.len() * size_of::<NewWedge>()
             + self.faces.len() * size_of::<NewFace>()
             + self.repoints.len() * size_of::<Repoint>()

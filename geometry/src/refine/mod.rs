@@ -8,6 +8,6 @@ mod slots;
 mod snapshot;
 
 pub use active::{ActiveMesh, RefineError};
-pub use delta::{ChunkDelta, Id, NewFace, NewVertex, NewWedge, Repoint};
+pub use delta::{ChunkDelta, Id, Moved, NewFace, NewVertex, NewWedge, Repoint};
 pub use render::{RenderVertex, Touched};
 pub use snapshot::Snapshot;

@@ -17,6 +17,8 @@ pub(crate) struct Place {
     pub(crate) children: u32,
     /// Origins among whose children this one was counted.
     pub(crate) needs: Vec<u32>,
+    /// What had put the vertices that it moves where they were, in the order of its moves.
+    pub(crate) movers: Vec<u32>,
 }
 
 /// Origins per page: those of one index page, which is asked for as a whole.

@@ -47,7 +47,7 @@ pub struct RenderVertex {
     pub uv: [f32; 2],
     /// Colour, as [`crate::mesh::Attributes::color`] has it.
     pub color: [u8; 4],
-    /// Where the vertex was before its chunk was applied, relative like `position`.
+    /// Where the vertex was before [`ActiveMesh::wedge_chunk`] was applied, relative like `position`.
     pub morph_from: [f32; 3],
 }
 
@@ -71,11 +71,11 @@ impl ActiveMesh {
         self.indices.get(usize::from(material)).map_or(&[], Vec::as_slice)
     }
 
-    /// The chunk that brought a wedge slot's vertex: `None` for the base mesh.
+    /// The chunk that brought a wedge slot's vertex or moved it last: `None` for the base mesh.
     #[must_use]
     pub fn wedge_chunk(&self, slot: u32) -> Option<u32> {
         let vertex = self.wedges[slot as usize].vertex;
-        self.vertex_origin[vertex as usize].checked_sub(1)
+        self.vertex_mover[vertex as usize].checked_sub(1)
     }
 
     /// The data of a wedge slot.

@@ -12,7 +12,7 @@
 
 use glam::DVec3;
 
-use crate::distance::closest_point_on_triangle;
+use crate::distance::{TriangleBvh, closest_point_on_triangle};
 use crate::mesh::UvGrid;
 use crate::simplify::live::Live;
 use crate::vec3::{Vec3, add, cross, dot, length, scale, sub, triangle_normal};
@@ -61,6 +61,7 @@ impl InputAttributes {
     pub(crate) fn error(
         &self,
         live: &Live,
+        input: &TriangleBvh,
         samples: &[u32],
         face_near: &dyn Fn(u32) -> u32,
         normals: &[[f32; 3]],
@@ -69,7 +70,7 @@ impl InputAttributes {
         let step = (samples.len() / NORMAL_SAMPLES).max(1);
         let (mut sum, mut count) = (0.0, 0.0);
         for sample in vertices().step_by(step) {
-            let near = Near::new(live, sample, face_near(sample));
+            let near = Near::new(live, input.position(sample), face_near(sample));
             let coarse = unit(near.mix(|k| normals[near.vertices[k] as usize].map(f64::from)));
             let own = self.normals[sample as usize].map(f64::from);
             let chord = length(sub(own, coarse)) * f64::from(self.spacing[sample as usize]);
@@ -78,7 +79,7 @@ impl InputAttributes {
         }
         let shading = (sum / f64::max(count, 1.0)).sqrt();
         let Some(texture) = &self.texture else { return shading };
-        vertices().fold(shading, |worst, s| texture.slide(live, s, face_near(s), worst))
+        vertices().fold(shading, |worst, s| texture.slide(live, (s, input.position(s)), face_near(s), worst))
     }
 }
 
@@ -111,9 +112,9 @@ impl Texture {
     }
 
     /// How far the texture at a vertex of the input has slid, or `enough` where it is no farther.
-    fn slide(&self, live: &Live, sample: u32, face: u32, enough: f64) -> f64 {
+    fn slide(&self, live: &Live, (sample, point): (u32, Vec3), face: u32, enough: f64) -> f64 {
         let heir = live.heir(sample);
-        let most = length(sub(live.positions[sample as usize], live.positions[heir as usize]));
+        let most = length(sub(point, live.positions[heir as usize]));
         if most <= enough {
             return enough;
         }
@@ -121,7 +122,7 @@ impl Texture {
         let around = live.stars.corners(heir).map(|c| c / 3);
         let mut best = most;
         for face in std::iter::once(face).chain(around) {
-            best = best.min(self.slide_on(live, sample, face));
+            best = best.min(self.slide_on(live, (sample, point), face));
             if best <= enough {
                 return enough;
             }
@@ -130,8 +131,8 @@ impl Texture {
     }
 
     /// The same, if the texture is on the given face; at least the distance of the face.
-    fn slide_on(&self, live: &Live, sample: u32, face: u32) -> f64 {
-        let near = Near::new(live, sample, face);
+    fn slide_on(&self, live: &Live, (sample, point): (u32, Vec3), face: u32) -> f64 {
+        let near = Near::new(live, point, face);
         let wedges = live.face_wedges[face as usize];
         let [u, v, _] = near.mix(|k| {
             let [u, v] = uv_of(&self.grid, live.wedges[wedges[k] as usize].attributes.uv);
@@ -156,10 +157,10 @@ struct Near {
 }
 
 impl Near {
-    fn new(live: &Live, sample: u32, face: u32) -> Self {
+    fn new(live: &Live, point: Vec3, face: u32) -> Self {
         let vertices = live.face_vertices[face as usize];
         let triangle = live.triangle(face as usize);
-        let point = DVec3::from(live.positions[sample as usize]);
+        let point = DVec3::from(point);
         let at = closest_point_on_triangle(point, triangle.map(DVec3::from));
         Self { vertices, weights: weights(at.to_array(), triangle), distance: at.distance(point) }
     }

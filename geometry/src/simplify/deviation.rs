@@ -96,11 +96,11 @@ impl Deviation {
     }
 
     /// Where a sample is.
-    pub(crate) fn point(&self, live: &Live, sample: u32) -> Vec3 {
-        let vertices = live.positions.len();
+    pub(crate) fn point(&self, sample: u32) -> Vec3 {
+        let vertices = self.attached.len() - self.middles.len();
         match (sample as usize).checked_sub(vertices) {
             Some(middle) => self.middles[middle],
-            None => live.positions[sample as usize],
+            None => self.input.position(sample),
         }
     }
 
@@ -134,12 +134,13 @@ impl Deviation {
                 continue;
             }
             if live.moved_to.get(sample as usize) == Some(&sample)
+                && live.positions[sample as usize] == self.point(sample)
                 && let Some(own) = live.stars.corners(sample).map(|c| c / 3).find(|&f| (region.inside)(f))
             {
                 places.push((sample, own, 0.0));
                 continue;
             }
-            let point = self.point(live, sample);
+            let point = self.point(sample);
             let mut place = region.heir(face, point, error);
             if place.0 > error && place.0.is_finite() {
                 place = region.walk(point, place, error);
@@ -178,7 +179,7 @@ impl Deviation {
             if known <= error {
                 continue;
             }
-            let point = self.point(region.live, sample);
+            let point = self.point(sample);
             if let Some((distance, face)) = region.nearest(point, known) {
                 error = error.max(distance);
                 places.push((sample, face, (distance * ROUNDING) as f32));
@@ -238,7 +239,7 @@ impl Deviation {
     }
 
     /// Raises `error` to the distance of a point from the input.
-    fn farthest(&self, point: Vec3, error: &mut f64) {
+    pub(crate) fn farthest(&self, point: Vec3, error: &mut f64) {
         if !self.input.any_within(point, *error)
             && let Some((distance, _)) = self.input.nearest(point, f64::INFINITY)
         {
@@ -260,7 +261,7 @@ impl Deviation {
         let (compacted, triangles) = compact(&live.positions, triangles);
         let coarse = TriangleBvh::new(&compacted, &triangles);
         let step = (samples.len() / budget.max(1)).max(1);
-        samples.iter().step_by(step).all(|&s| coarse.any_within(self.point(live, s), limit))
+        samples.iter().step_by(step).all(|&s| coarse.any_within(self.point(s), limit))
             && triangles.iter().all(|t| {
                 let [a, b, c] = t.map(|v| compacted[v as usize]);
                 self.input.any_within(scale(add(add(a, b), c), 1.0 / 3.0), limit)
@@ -279,7 +280,7 @@ impl Deviation {
 
     /// The attribute error of a settled region; `normals` are those of the coarse surface.
     pub(crate) fn attribute_error(&self, live: &Live, samples: &[u32], normals: &[[f32; 3]]) -> f64 {
-        self.attributes.error(live, samples, &|s| self.attached[s as usize], normals)
+        self.attributes.error(live, &self.input, samples, &|s| self.attached[s as usize], normals)
     }
 
     /// Takes over the new places of samples.
@@ -296,7 +297,7 @@ impl Deviation {
         let everywhere = Surroundings::new(live, &faces, &|_| true);
         let mut error = 0.0_f64;
         for &sample in samples {
-            if let Some((distance, face)) = everywhere.nearest(self.point(live, sample), f64::INFINITY) {
+            if let Some((distance, face)) = everywhere.nearest(self.point(sample), f64::INFINITY) {
                 error = error.max(distance);
                 self.attach(&[(sample, face, (distance * ROUNDING) as f32)]);
             }

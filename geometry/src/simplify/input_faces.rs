@@ -106,7 +106,7 @@ impl Deviation {
         };
         let limit = SUSPICIOUS * error;
         let suspicious = |point| distance(point, limit) > limit;
-        let points = corners.map(|v| live.positions[v as usize]);
+        let points = corners.map(|v| self.input.position(v));
         let edges = [(0, 1), (1, 2), (2, 0)];
         let halfway = |(i, j): (usize, usize)| between(points[i], points[j], 1, 2);
         let mut apart = edges.into_iter().filter(|&(i, j)| near[i] != near[j]);

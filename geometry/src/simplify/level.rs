@@ -56,6 +56,17 @@ impl Level {
         Self { region_of_face, faces, interior, capacity, vertices }
     }
 
+    /// The interior vertices of each region, ascending.
+    pub(crate) fn interior_vertices(&self) -> Vec<Vec<u32>> {
+        let mut lists: Vec<Vec<u32>> = self.capacity.iter().map(|&count| Vec::with_capacity(count)).collect();
+        for (v, &r) in self.interior.iter().enumerate() {
+            if let Some(list) = lists.get_mut(r as usize) {
+                list.push(v as u32);
+            }
+        }
+        lists
+    }
+
     /// Simplifies all regions; `last` lets each go as far as it can.
     pub(crate) fn simplify(
         &self,

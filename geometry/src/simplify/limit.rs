@@ -53,7 +53,7 @@ pub(crate) fn limit_error(
 
 /// The error that is allowed, in grid cells, and what must keep to it besides the input's vertices.
 pub(crate) struct Limit {
-    error: f64,
+    pub(crate) error: f64,
     /// Points of large input faces, with their nearest corner, ascending by that.
     points: Vec<(u32, Vec3)>,
 }
@@ -76,10 +76,10 @@ impl Limit {
     }
 
     /// A vertex of the input and the points for which it stands.
-    fn points_at<'a>(&'a self, live: &Live, vertex: u32) -> impl Iterator<Item = Vec3> + 'a {
+    fn points_at<'a>(&'a self, input: &TriangleBvh, vertex: u32) -> impl Iterator<Item = Vec3> + 'a {
         let from = self.points.partition_point(|p| p.0 < vertex);
         let more = self.points[from..].iter().take_while(move |p| p.0 == vertex).map(|p| p.1);
-        std::iter::once(live.positions[vertex as usize]).chain(more)
+        std::iter::once(input.position(vertex)).chain(more)
     }
 }
 
@@ -133,7 +133,7 @@ impl Limited<'_> {
                 heir = next;
             }
             let lost = went.contains_key(&heir) || live.stars.corners(heir).next().is_none();
-            for point in self.points.points_at(live, sample) {
+            for point in self.points.points_at(&self.deviation.input, sample) {
                 let distance = length(sub(point, live.positions[heir as usize]));
                 if (distance <= limit / MARGIN && !lost)
                     || (!triangles.is_empty() && surface.any_within(point, limit / MARGIN))
@@ -184,9 +184,12 @@ impl Limited<'_> {
     /// Whether a lattice of points on a face is within the limit of the input.
     fn near_input(&self, corners: [u32; 3]) -> bool {
         let [a, b, c] = corners.map(|v| self.live.positions[v as usize]);
-        // The corners are on the input, and no point is farther from all of them than this.
+        // The corners are this near the input, and no point is farther from all of them than a longest edge
+        // over the root of 3.
+        let off = |v: u32| length(sub(self.live.positions[v as usize], self.deviation.input.position(v)));
+        let near = self.limit / MARGIN - corners.map(off).into_iter().fold(0.0, f64::max);
         let edges = [sub(b, a), sub(c, b), sub(a, c)].map(|e| dot(e, e));
-        if edges.iter().all(|e| *e <= 3.0 * (self.limit / MARGIN) * (self.limit / MARGIN)) {
+        if near > 0.0 && edges.iter().all(|e| *e <= 3.0 * near * near) {
             return true;
         }
         let step = 1.0 / f64::from(LATTICE);

@@ -1,6 +1,7 @@
 //! The mesh while it is being simplified: what is left of it, with adjacency and quadrics.
 
 use crate::mesh::{Attributes, QuantisedMesh, Wedge};
+use crate::simplify::placement::Placed;
 use crate::simplify::quadric::Quadric;
 use crate::simplify::star_table::{StarTable, each_edge};
 use crate::vec3::{Vec3, add, cross, dot, length, scale, sub, triangle_normal};
@@ -21,6 +22,12 @@ pub(crate) struct Live {
     /// Positions in grid cells about the middle of the grid.
     pub(crate) positions: Vec<Vec3>,
     pub(crate) quadrics: Vec<Quadric>,
+    /// How many of the lowest bits of each vertex's cell are known to be zero: it lies on that grid.
+    pub(crate) shifts: Vec<u8>,
+    /// Half the grid: what is added to a position to get its cell.
+    middle: f64,
+    /// Bits per axis.
+    bits: u8,
     /// Wedges; grows when a collapse keeps a wedge that meets none at its new vertex.
     pub(crate) wedges: Vec<Wedge>,
     /// Next unused normal group of each vertex.
@@ -55,6 +62,9 @@ impl Live {
         let mut live = Self {
             moved_to: (0..positions.len() as u32).collect(),
             quadrics: vec![Quadric::default(); positions.len()],
+            shifts: vec![0; positions.len()],
+            middle,
+            bits: mesh.grid.bits,
             positions,
             wedges: mesh.wedges.clone(),
             next_group,
@@ -69,6 +79,35 @@ impl Live {
         live.settle();
         live.add_quadrics();
         live
+    }
+
+    /// Where a vertex is; where it was last, if it is gone.
+    pub(crate) fn placed(&self, vertex: u32) -> Placed {
+        Placed { vertex, cell: self.cell(vertex), shift: self.shifts[vertex as usize] }
+    }
+
+    /// The cell of a vertex.
+    pub(crate) fn cell(&self, vertex: u32) -> [i32; 3] {
+        self.positions[vertex as usize].map(|x| (x + self.middle) as i32)
+    }
+
+    /// The position of a cell.
+    pub(crate) fn position(&self, cell: [i32; 3]) -> Vec3 {
+        cell.map(|x| f64::from(x) - self.middle)
+    }
+
+    /// The nearest point to `position` whose cell has `shift` lowest bits of zero.
+    pub(crate) fn on_grid(&self, position: Vec3, shift: u8) -> Vec3 {
+        let most = (((1_i32 << self.bits) - 1) >> shift) << shift;
+        let half = f64::from((1_i32 << shift) >> 1);
+        position.map(|x| {
+            let cell = (x + self.middle + half).max(0.0).floor() as i32;
+            f64::from(((cell >> shift) << shift).min(most)) - self.middle
+        })
+    }
+
+    pub(crate) fn bits(&self) -> u8 {
+        self.bits
     }
 
     pub(crate) fn triangle(&self, face: usize) -> [Vec3; 3] {
@@ -88,7 +127,6 @@ impl Live {
 
     /// Lets go of what only simplification needs.
     pub(crate) fn finish(&mut self) {
-        self.positions = Vec::new();
         self.quadrics = Vec::new();
         self.reach = Vec::new();
         self.next_group = Vec::new();

@@ -11,6 +11,7 @@ use crate::simplify::attributes::vertex_normals;
 use crate::simplify::deviation::{Deviation, FarEdge, MARGIN, MOST_DENSE, MOST_SPARSE, SUSPICIOUS, extend};
 use crate::simplify::level::Level;
 use crate::simplify::live::Live;
+use crate::simplify::placement::{self, Grid, Placed, Way, place};
 use crate::simplify::records::{Committed, Records};
 use crate::simplify::surroundings::Surroundings;
 use crate::vec3::{Vec3, add, length, scale, sub};
@@ -34,67 +35,143 @@ struct Course {
     far: Vec<FarEdge>,
     /// Input faces that were far on the way.
     far_faces: Vec<u32>,
+    /// The vertices that were put on a grid, and the largest distance of one.
+    moves: Vec<Placed>,
+    moved: f64,
 }
 
-/// Performs the collapses, measures the regions, and makes chunks of those that have any.
+/// How vertices come to lie on grids.
+#[derive(Clone, Copy)]
+pub(crate) struct Grids {
+    /// Bits that the grid of this level's start leaves out.
+    pub(crate) shift: u8,
+    /// [`crate::simplify::Settings::coarse_grid`], or 0 to stay on that grid.
+    pub(crate) share: f64,
+    /// Error that is allowed, in cells: what exceeds it moves less.
+    pub(crate) limit: f64,
+}
+
+/// Performs the collapses, puts what is left on its grid, measures the regions, and makes chunks of those that
+/// have any collapses; answers them and the bits that the grid at the level's end leaves out.
 pub(crate) fn measure(
     live: &mut Live,
     deviation: &mut Deviation,
     level: &Level,
     records: Vec<Records>,
+    grids: Grids,
     pool: &Watched<'_>,
     stray_error: &mut f64,
-) -> Result<Vec<RegionChunk>, MeshError> {
+) -> Result<(Vec<RegionChunk>, u8), MeshError> {
     let samples = deviation.by_region(&level.region_of_face, level.faces.len());
     let mut courses: Vec<Course> = records.into_iter().map(Course::new).collect();
-    let mut changed_in = vec![0_u32; live.alive.len()];
-    let mut placed_in = vec![0_u32; deviation.sample_count()];
+    let mut latest = Latest::new(live, deviation);
     let parts = courses.iter().map(|c| c.records.stops.len() + 1).max().unwrap_or(0);
     for part in 1..=parts as u32 {
-        courses.iter_mut().for_each(|c| c.perform(part as usize, live, &mut changed_in));
+        latest.part = part;
+        courses.iter_mut().for_each(|c| c.perform(part as usize, live, &mut latest));
         live.settle();
-        let (live, known) = (&*live, &*deviation);
-        let results = pool.map(courses.len(), &|r| {
-            let course = &courses[r];
-            if !course.performed {
-                return None;
-            }
-            let inside = |f: u32| level.region_of_face[f as usize] == r as u32;
-            let region = Surroundings::new(live, &level.faces[r], &inside);
-            let changed = |f: u32| changed_in[f as usize] == part;
-            let (places, error) = known.follow(&region, &changed, &samples[r], course.error);
-            let mut far = Vec::new();
-            let error = known.edges(live, &course.corners, &mut far, error, MOST_SPARSE);
-            Some((places, far, error))
-        })?;
-        for (course, result) in courses.iter_mut().zip(results) {
-            if let Some((places, far, error)) = result {
-                deviation.attach(&places);
-                places.iter().for_each(|&(sample, ..)| placed_in[sample as usize] = part);
-                course.far.extend(far);
-                course.error = error;
-            }
+        look(live, deviation, level, &mut courses, &samples, &mut latest, pool)?;
+        courses.iter_mut().for_each(|c| c.stops.push(c.error));
+    }
+    let interior = level.interior_vertices();
+    let mut errors: Vec<f64> =
+        courses.iter().filter(|c| !c.records.collapses.is_empty()).map(|c| c.error).collect();
+    let mut grid =
+        Grid { shift: placement::coarser(live, grids.shift, grids.share, &mut errors), way: Way::Best };
+    while grid.shift > 0 || latest.part > parts as u32 {
+        latest.part += 1;
+        for (course, (faces, vertices)) in courses.iter_mut().zip(level.faces.iter().zip(&interior)) {
+            course.place(live, faces, vertices, grid, &mut latest);
         }
-        let known = &*deviation;
-        let results = pool.map(courses.len(), &|r| {
-            let course = &courses[r];
-            let inside = |f: u32| level.region_of_face[f as usize] == r as u32;
-            let region = Surroundings::new(live, &level.faces[r], &inside);
-            let placed = |sample: u32| placed_in[sample as usize] == part;
-            // Quickly at first, and exactly where that found more than there was.
-            let mut far = Vec::new();
-            let error = known.faces(&region, &placed, &samples[r], false, &mut far, course.error);
-            let raised = error > course.error;
-            let error = if raised { known.faces_again(&region, &far, course.error) } else { error };
-            (far, error)
-        })?;
-        for (course, (far, error)) in courses.iter_mut().zip(results) {
-            course.far_faces.extend(far);
+        look(live, deviation, level, &mut courses, &samples, &mut latest, pool)?;
+        let Some(gentler) = grid.gentler(grids.shift).filter(|_| worst(&courses) > grids.limit) else {
+            break;
+        };
+        courses.iter_mut().for_each(|c| c.lift(live));
+        grid = gentler;
+    }
+    for m in courses.iter().flat_map(|c| &c.moves) {
+        let v = m.vertex as usize;
+        live.reach[v] += length(sub(live.positions[v], live.position(m.cell)));
+    }
+    let shift = grid.shift;
+    Ok((finish(live, deviation, level, courses, (&samples, interior), pool, stray_error)?, shift))
+}
+
+/// The largest error of the regions.
+fn worst(courses: &[Course]) -> f64 {
+    courses.iter().map(|c| c.error).fold(0.0, f64::max) * MARGIN
+}
+
+/// What changed last.
+struct Latest {
+    part: u32,
+    /// The part in which each face changed last, and each sample was placed.
+    changed_in: Vec<u32>,
+    placed_in: Vec<u32>,
+}
+
+impl Latest {
+    fn new(live: &Live, deviation: &Deviation) -> Self {
+        Self { part: 0, changed_in: vec![0; live.alive.len()], placed_in: vec![0; deviation.sample_count()] }
+    }
+}
+
+/// Measures what changed.
+fn look(
+    live: &Live,
+    deviation: &mut Deviation,
+    level: &Level,
+    courses: &mut [Course],
+    samples: &[Vec<u32>],
+    latest: &mut Latest,
+    pool: &Watched<'_>,
+) -> Result<(), MeshError> {
+    let (known, now) = (&*deviation, &*latest);
+    let seen = &*courses;
+    let results = pool.map(seen.len(), &|r| {
+        let course = &seen[r];
+        if !course.performed {
+            return None;
+        }
+        let inside = |f: u32| level.region_of_face[f as usize] == r as u32;
+        let region = Surroundings::new(live, &level.faces[r], &inside);
+        let changed = |f: u32| now.changed_in[f as usize] == now.part;
+        let (places, error) = known.follow(&region, &changed, &samples[r], course.error);
+        let mut far = Vec::new();
+        let error = known.edges(live, &course.corners, &mut far, error, MOST_SPARSE);
+        let mut moved = 0.0;
+        course.moves.iter().for_each(|m| known.farthest(live.positions[m.vertex as usize], &mut moved));
+        Some((places, far, moved, error.max(moved)))
+    })?;
+    for (course, result) in courses.iter_mut().zip(results) {
+        if let Some((places, far, moved, error)) = result {
+            deviation.attach(&places);
+            places.iter().for_each(|&(sample, ..)| latest.placed_in[sample as usize] = latest.part);
+            course.far.extend(far);
+            course.moved = moved;
             course.error = error;
-            course.stops.push(error);
         }
     }
-    finish(live, deviation, level, courses, &samples, pool, stray_error)
+    let (known, now) = (&*deviation, &*latest);
+    let seen = &*courses;
+    let results = pool.map(seen.len(), &|r| {
+        let course = &seen[r];
+        let inside = |f: u32| level.region_of_face[f as usize] == r as u32;
+        let region = Surroundings::new(live, &level.faces[r], &inside);
+        let placed = |sample: u32| now.placed_in[sample as usize] == now.part;
+        // Quickly at first, and exactly where that found more than there was.
+        let mut far = Vec::new();
+        let error = known.faces(&region, &placed, &samples[r], false, &mut far, course.error);
+        let raised = error > course.error;
+        let error = if raised { known.faces_again(&region, &far, course.error) } else { error };
+        (far, error)
+    })?;
+    for (course, (far, error)) in courses.iter_mut().zip(results) {
+        course.far_faces.extend(far);
+        course.error = error;
+    }
+    Ok(())
 }
 
 impl Course {
@@ -109,11 +186,13 @@ impl Course {
             stops: Vec::new(),
             far: Vec::new(),
             far_faces: Vec::new(),
+            moves: Vec::new(),
+            moved: 0.0,
         }
     }
 
     /// Performs the collapses of one part, counted from 1.
-    fn perform(&mut self, part: usize, live: &mut Live, changed_in: &mut [u32]) {
+    fn perform(&mut self, part: usize, live: &mut Live, latest: &mut Latest) {
         self.corners.clear();
         self.performed = false;
         let stops = self.records.stops.len();
@@ -125,21 +204,46 @@ impl Course {
         self.performed = !self.records.collapses.is_empty();
         let corners = &mut self.corners;
         self.records.commit(live, &mut self.committed, end, &mut |corner| {
-            changed_in[(corner / 3) as usize] = part as u32;
+            latest.changed_in[(corner / 3) as usize] = latest.part;
             corners.push(corner);
         });
         corners.sort_unstable();
         corners.dedup();
     }
 
-    /// Largest distance from the input of the edges that are still there. What was not looked at closely
+    /// Puts what is left of a region with collapses on a grid. Nothing that was known of it holds then.
+    fn place(&mut self, live: &mut Live, faces: &[u32], vertices: &[u32], grid: Grid, latest: &mut Latest) {
+        self.corners.clear();
+        self.performed = !self.records.collapses.is_empty();
+        if !self.performed {
+            return;
+        }
+        self.moves = if grid.shift > 0 { place(live, vertices, grid) } else { Vec::new() };
+        for &face in faces.iter().filter(|&&f| live.alive[f as usize]) {
+            latest.changed_in[face as usize] = latest.part;
+            self.corners.extend([face * 3, face * 3 + 1, face * 3 + 2]);
+        }
+        self.error = 0.0;
+        self.far.clear();
+        self.far_faces.clear();
+    }
+
+    /// Takes the vertices off the grid again.
+    fn lift(&mut self, live: &mut Live) {
+        for m in self.moves.drain(..) {
+            live.positions[m.vertex as usize] = live.position(m.cell);
+            live.shifts[m.vertex as usize] = m.shift;
+        }
+    }
+
+    /// Largest distance from the input of the edges that are still there, and of their ends. What was not looked at closely
     /// was within a share of the largest distance at that time.
     fn edges(&self, live: &Live) -> f64 {
         let joined = |[a, b]: [u32; 2]| {
             live.stars.corners(a).any(|c| live.face_vertices[(c / 3) as usize].contains(&b))
         };
         let far = self.far.iter().filter(|f| joined(f.0)).map(|f| f.1);
-        far.fold(SUSPICIOUS * self.error, f64::max)
+        far.fold(self.moved.max(SUSPICIOUS * self.error), f64::max)
     }
 }
 
@@ -149,7 +253,7 @@ fn finish(
     deviation: &mut Deviation,
     level: &Level,
     courses: Vec<Course>,
-    samples: &[Vec<u32>],
+    (samples, mut interior): (&[Vec<u32>], Vec<Vec<u32>>),
     pool: &Watched<'_>,
     stray_error: &mut f64,
 ) -> Result<Vec<RegionChunk>, MeshError> {
@@ -168,24 +272,21 @@ fn finish(
             if edges > ABSURD * error && edges <= SUSPICIOUS * courses[r].error {
                 // Something on the way was far; what is there now need not be.
                 let corners: Vec<u32> = left().flat_map(|f| [f * 3, f * 3 + 1, f * 3 + 2]).collect();
-                edges = known.edges(live, &corners, &mut Vec::new(), error, MOST_DENSE);
+                edges = known.edges(live, &corners, &mut Vec::new(), error.max(courses[r].moved), MOST_DENSE);
                 edges = known.faces(&region, &|_| true, &samples[r], true, &mut Vec::new(), edges);
             }
             (places, error.max(edges) * MARGIN)
         });
         let points = || {
             let corners = left().flat_map(|f| live.triangle(f as usize));
-            samples[r].iter().map(|&s| known.point(live, s)).chain(corners)
+            // What the chunk brings lies on finer grids than what is left, and not quite on the input.
+            let brings = courses[r].records.collapses.iter().map(|c| live.positions[c.removed as usize]);
+            let moves = courses[r].moves.iter().map(|m| live.position(m.cell));
+            samples[r].iter().map(|&s| known.point(s)).chain(corners).chain(brings).chain(moves)
         };
         Some((result, sphere(&points)))
     })?;
     let normals = vertex_normals(live);
-    let mut interior = vec![Vec::new(); level.faces.len()];
-    for (v, &r) in level.interior.iter().enumerate() {
-        if let Some(list) = interior.get_mut(r as usize) {
-            list.push(v as u32);
-        }
-    }
     let mut chunks = Vec::new();
     for (r, (course, settled)) in courses.into_iter().zip(settled).enumerate() {
         let Some((result, (center, radius))) = settled else { continue };
@@ -212,6 +313,7 @@ fn finish(
             error,
             attribute_error,
             stop_errors,
+            moves: course.moves,
             center,
             radius,
         });

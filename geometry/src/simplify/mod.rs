@@ -15,6 +15,7 @@ pub(crate) mod live;
 mod measure;
 mod metric;
 mod partition;
+pub(crate) mod placement;
 mod quadric;
 mod queue;
 pub(crate) mod records;
@@ -32,7 +33,8 @@ use crate::simplify::deviation::{Deviation, extend};
 use crate::simplify::level::{Level, truncate_globally};
 use crate::simplify::limit::{Limit, limit_error};
 use crate::simplify::live::Live;
-use crate::simplify::measure::measure;
+use crate::simplify::measure::{Grids, measure};
+use crate::simplify::placement::Placed;
 use crate::simplify::records::Records;
 use crate::vec3::{Vec3, length, sub};
 
@@ -49,6 +51,8 @@ pub(crate) struct RegionChunk {
     pub(crate) attribute_error: f64,
     /// The same once the chunk is applied up to each stop of its records; falling, at most `error`.
     pub(crate) stop_errors: Vec<f64>,
+    /// What becomes of the vertices of the region that are left.
+    pub(crate) moves: Vec<Placed>,
     /// Bounding sphere in grid cells about the middle of the grid.
     pub(crate) center: Vec3,
     pub(crate) radius: f64,
@@ -70,6 +74,8 @@ pub(crate) struct Simplified {
     pub(crate) live: Live,
     /// Error of regions that vanished or were dropped without a chunk of their own.
     pub(crate) stray_error: f64,
+    /// How many bits the grids leave out that the levels' chunks bring vertices to; one more for the base mesh.
+    pub(crate) shifts: Vec<u8>,
 }
 
 /// What a half-edge collapse is held to cost.
@@ -114,6 +120,10 @@ pub struct Settings {
     pub round_share: Option<f64>,
     /// How the result is coded. [`Codec::Plain`] has no stopping points, whatever `parts` says.
     pub codec: Codec,
+    /// How far apart the points of a level's grid of positions may be, as a share of the median of the errors of
+    /// the level's regions, 0 to 4; 0 keeps one grid for all levels. More makes coarse levels smaller and
+    /// the whole larger: what a coarse grid leaves out comes later.
+    pub coarse_grid: f64,
     /// Lets each region of the finest level collapse one vertex of its outline, which tears the mesh.
     /// Only for showing that the checks notice.
     #[doc(hidden)]
@@ -133,6 +143,7 @@ impl Default for Settings {
             metric: Metric::Qem,
             round_share: None,
             codec: Codec::Range,
+            coarse_grid: 0.7,
             unlock_outlines: false,
         }
     }
@@ -143,6 +154,8 @@ impl Default for Settings {
 const MAX_REGION_FACES: usize = 20_000;
 /// Most parts of a chunk.
 const MAX_PARTS: usize = 16;
+/// Largest [`Settings::coarse_grid`].
+const MAX_COARSE_GRID: f64 = 4.0;
 /// A level that removes less than this share of the vertices ends the hierarchy.
 const LEAST_PROGRESS: f64 = 0.05;
 
@@ -161,6 +174,8 @@ pub(crate) fn simplify(
     let top_faces = (settings.top_regions.clamp(0.25, 16.0) * region_faces as f64) as usize;
     let top_faces = top_faces.min(2 * MAX_REGION_FACES);
     let mut stuck = false;
+    let mut shifts = vec![0];
+    let mut shift = 0;
     loop {
         pool.begin(Stage::Simplify)?;
         let last = live.faces.len() <= if stuck { top_faces.max(MAX_REGION_FACES) } else { top_faces };
@@ -179,18 +194,24 @@ pub(crate) fn simplify(
         }
         let removed: usize = records.iter().map(|r| r.collapses.len()).sum();
         pool.begin(Stage::Measure)?;
-        let mut chunks = measure(&mut live, &mut deviation, &level, records, pool, &mut stray_error)?;
+        // What the base mesh lacks besides counts against what it may: no coarser grid on the last way there.
+        let share = if last { 0.0 } else { settings.coarse_grid.clamp(0.0, MAX_COARSE_GRID) };
+        let grids = Grids { shift, share, limit: limit.error };
+        let (mut chunks, next) =
+            measure(&mut live, &mut deviation, &level, records, grids, pool, &mut stray_error)?;
         if settings.codec == Codec::Plain {
             chunks.iter_mut().for_each(RegionChunk::forget_stops);
         }
         if !chunks.is_empty() {
             levels.push(chunks);
+            shifts.push(next);
+            shift = next;
         }
         pool.advance(faces_total - live.faces.len(), removed);
         let little = (removed as f64) < LEAST_PROGRESS * vertices as f64;
         if last || (little && (stuck || live.faces.len() > MAX_REGION_FACES)) {
             live.finish();
-            return Ok(Simplified { levels, live, stray_error });
+            return Ok(Simplified { levels, live, stray_error, shifts });
         }
         // Outlines may be what is in the way: one more level, in one region.
         stuck = little;

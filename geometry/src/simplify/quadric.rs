@@ -46,4 +46,9 @@ impl Quadric {
             + q[9];
         sum.max(0.0)
     }
+
+    /// Sum of the planes' weights.
+    pub(crate) fn weight(&self) -> f64 {
+        self.0[0] + self.0[3] + self.0[5]
+    }
 }

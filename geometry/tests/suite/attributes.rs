@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use lodestream_geometry::Settings;
 use lodestream_geometry::mesh::NO_COLOR;
 use lodestream_geometry::octahedral;
 use lodestream_geometry::refine::ActiveMesh;
@@ -24,8 +25,8 @@ fn colours_and_normals_come_back_exactly() {
 #[test]
 fn coarse_meshes_show_colours_and_normals_of_the_model() {
     let mesh = quantised(&shapes::painted(shapes::torus(30, 50)));
-    let asset = prepared(&mesh, &regions(200));
-    // Vertices are a subset of the input's, and each keeps the attributes that it has there.
+    let asset = prepared(&mesh, &Settings { coarse_grid: 0.0, ..regions(200) });
+    // On one grid for all levels vertices are a subset of the input's, and each keeps the attributes that it has there.
     let known: BTreeSet<_> = mesh
         .wedges
         .iter()

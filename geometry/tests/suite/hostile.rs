@@ -248,6 +248,7 @@ fn consistent(mesh: &ActiveMesh) {
 
 #[test]
 fn forged_deltas_are_refused_without_change() {
+    let mut moved = 0;
     for asset in samples() {
         let deltas = deltas(&asset).1;
         let mut mesh = ActiveMesh::new(&asset.base);
@@ -271,6 +272,7 @@ fn forged_deltas_are_refused_without_change() {
                 refused(&mut mesh, &|d| d.vertices.iter_mut().for_each(|v| v.parent = Some(id)));
                 refused(&mut mesh, &|d| d.wedges.iter_mut().for_each(|w| w.vertex = id));
                 refused(&mut mesh, &|d| d.faces.iter_mut().for_each(|f| f.wedges[1] = id));
+                refused(&mut mesh, &|d| d.moves.iter_mut().for_each(|m| m.vertex = id));
                 refused(&mut mesh, &|d| d.repoints.iter_mut().for_each(|r| r.face = id));
                 refused(&mut mesh, &|d| d.repoints.iter_mut().for_each(|r| r.from = id));
                 refused(&mut mesh, &|d| d.repoints.iter_mut().for_each(|r| r.to = id));
@@ -288,6 +290,10 @@ fn forged_deltas_are_refused_without_change() {
                     d.repoints.push(Repoint { to: last, ..first });
                 }
             });
+            // A vertex twice, from where it is not, or one that comes with the chunk.
+            refused(&mut mesh, &|d| d.moves.extend(d.moves.last().copied()));
+            refused(&mut mesh, &|d| d.moves.iter_mut().for_each(|m| m.from[1] ^= 1));
+            refused(&mut mesh, &|d| d.moves.iter_mut().for_each(|m| m.vertex.origin = d.chunk + 1));
             refused(&mut mesh, &|d| d.parents.push(d.chunk));
             refused(&mut mesh, &|d| d.parents.push(u32::MAX));
             mesh.apply(delta).unwrap();
@@ -295,13 +301,18 @@ fn forged_deltas_are_refused_without_change() {
             assert_eq!(mesh.apply(delta), Err(RefineError::AlreadyApplied(delta.chunk)));
             let mut twice = delta.clone();
             twice.repoints.extend(delta.repoints.last());
-            assert!(mesh.undo(&twice).is_err() || delta.repoints.is_empty());
+            assert!(twice == *delta || mesh.undo(&twice).is_err());
             let mut short = delta.clone();
             short.faces.pop();
-            assert!(mesh.undo(&short).is_err() || delta.faces.is_empty());
+            assert!(short == *delta || mesh.undo(&short).is_err());
+            let mut elsewhere = delta.clone();
+            elsewhere.moves.iter_mut().for_each(|m| m.to[0] ^= 1);
+            assert!(elsewhere == *delta || mesh.undo(&elsewhere).is_err());
+            moved += delta.moves.len();
             assert!(mesh.snapshot() == after);
         }
     }
+    assert!(moved > 100, "only {moved} vertices moved");
 }
 
 proptest! {

@@ -90,7 +90,7 @@ fn shading_is_smooth_across_texture_seams() {
 }
 
 #[test]
-fn new_vertices_morph_from_the_vertex_they_split_from() {
+fn vertices_morph_from_where_they_or_their_ancestors_were() {
     for (name, source) in all() {
         let asset = prepared(&quantised(&source), &regions(200));
         let deltas = deltas(&asset).1;
@@ -103,8 +103,10 @@ fn new_vertices_morph_from_the_vertex_they_split_from() {
         for delta in &deltas {
             let before = active.snapshot();
             active.apply(delta).unwrap();
+            let moves = delta.moves.iter().map(|m| (place(m.to), place(m.from)));
             let expected: BTreeSet<_> = (0..delta.vertices.len())
                 .map(|i| (place(delta.vertices[i].position), place(source_of(delta, i, &before.vertices))))
+                .chain(moves)
                 .collect();
             let got: BTreeSet<_> = live_wedges(&active)
                 .into_iter()

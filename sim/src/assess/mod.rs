@@ -42,6 +42,8 @@ pub struct Options {
     pub level_share: f64,
     /// Regions that are merged into one at the top, 0.25 to 16.
     pub top_regions: f64,
+    /// [`Settings::coarse_grid`].
+    pub coarse_grid: f64,
     /// What a collapse is held to cost.
     pub metric: Metric,
     /// Order of collapses.
@@ -166,6 +168,7 @@ pub fn assess(path: &Path, options: &Options) -> anyhow::Result<Assessment> {
         region_faces: options.region_faces,
         level_share: options.level_share,
         top_regions: options.top_regions,
+        coarse_grid: options.coarse_grid,
         metric: options.metric,
         round_share: options.round.share(),
         codec: options.codec,

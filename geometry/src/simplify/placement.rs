@@ -1,0 +1,122 @@
+//! Where the vertices that a level leaves come to lie: on a grid as coarse as the level's errors allow, each
+//! at the point of that grid, among those near by, where its quadric is least.
+//!
+//! A vertex that stands for many needs few bits of its position, and which way it is rounded is free: the
+//! grid's points about it lie on both sides of the surface that it stands for, so rounding by the quadric
+//! loses less than rounding to the nearest, and often gains. What is left out comes with the chunk that
+//! undoes the level (`codec/moves`).
+
+use crate::simplify::live::Live;
+use crate::vec3::{Vec3, add, cross, dot, length, scale, sub};
+
+/// How strongly a vertex is held where it was, against the planes that it stands for: less lets more
+/// vertices lie far off in the surface, which costs bits and gains nothing.
+const HOLD: f64 = 0.1;
+/// Cosine of the angle by which a face may turn, at least.
+const LEAST_COSINE: f64 = 0.25;
+/// A grid has this many bits per axis at least.
+const LEAST_BITS: u8 = 4;
+/// Most of the lowest bits that a grid leaves out.
+pub(crate) const MAX_SHIFT: u8 = 15;
+
+/// Where vertices go.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Grid {
+    /// How many of the lowest bits of cells are left out.
+    pub(crate) shift: u8,
+    pub(crate) way: Way,
+}
+
+/// How much vertices may move.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Way {
+    /// To the best point of the grid near by.
+    Best,
+    /// To the nearest.
+    Nearest,
+    /// Not at all: each keeps the grid that it is on.
+    Stay,
+}
+
+impl Grid {
+    /// The next to try where this does too much, on no finer grid than the one that leaves out `least` bits.
+    pub(crate) fn gentler(self, least: u8) -> Option<Self> {
+        match self {
+            Self { shift, way: Way::Best } if shift > least => Some(Self { shift: shift - 1, ..self }),
+            Self { way: Way::Best, .. } => Some(Self { way: Way::Nearest, ..self }),
+            Self { way: Way::Nearest, .. } => Some(Self { way: Way::Stay, ..self }),
+            Self { way: Way::Stay, .. } => None,
+        }
+    }
+}
+
+/// Where a vertex is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Placed {
+    pub(crate) vertex: u32,
+    pub(crate) cell: [i32; 3],
+    /// How many of the lowest bits of `cell` are known to be zero.
+    pub(crate) shift: u8,
+}
+
+/// How many of the lowest bits the next coarser grid leaves out, where this one leaves out `shift`: its
+/// points are as far apart as `share` of the median of the regions' errors, in cells.
+pub(crate) fn coarser(live: &Live, shift: u8, share: f64, errors: &mut [f64]) -> u8 {
+    errors.sort_unstable_by(f64::total_cmp);
+    let median = errors.get(errors.len() / 2).copied().unwrap_or(0.0);
+    let most = live.bits().saturating_sub(LEAST_BITS).min(MAX_SHIFT);
+    let fits = |shift: u8| f64::from(1_u32 << shift) <= share * median;
+    (shift..most).find(|&s| !fits(s + 1)).unwrap_or(most.max(shift))
+}
+
+/// Puts those of the given vertices that have faces on a grid; answers where they were.
+pub(crate) fn place(live: &mut Live, vertices: &[u32], grid: Grid) -> Vec<Placed> {
+    let mut moves = Vec::new();
+    for &v in vertices {
+        if live.moved_to[v as usize] != v || live.stars.corners(v).next().is_none() {
+            continue;
+        }
+        moves.push(live.placed(v));
+        if grid.way == Way::Stay {
+            continue;
+        }
+        let nearest = live.on_grid(live.positions[v as usize], grid.shift);
+        let best = grid.way == Way::Best;
+        live.positions[v as usize] = if best { self::best(live, v, grid.shift, nearest) } else { nearest };
+        live.shifts[v as usize] = grid.shift;
+    }
+    moves
+}
+
+/// The nearest point of the grid or, of the 26 around it, one where the quadric and the way there cost
+/// less.
+fn best(live: &Live, v: u32, shift: u8, nearest: Vec3) -> Vec3 {
+    let before = live.positions[v as usize];
+    let quadric = &live.quadrics[v as usize];
+    let weight = HOLD * quadric.weight();
+    let cost = |x: Vec3| {
+        let way = sub(x, before);
+        quadric.evaluate(x) + weight * dot(way, way)
+    };
+    let (mut best, mut least) = (nearest, cost(nearest));
+    for i in 0..27 {
+        let step = [i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1].map(f64::from);
+        let x = live.on_grid(add(nearest, scale(step, f64::from(1_u32 << shift))), shift);
+        let c = cost(x);
+        if c < least && upright(live, v, x) {
+            (best, least) = (x, c);
+        }
+    }
+    best
+}
+
+/// Whether no face at a vertex turns far when the vertex goes to `x`.
+fn upright(live: &Live, v: u32, x: Vec3) -> bool {
+    let p = live.positions[v as usize];
+    live.stars.corners(v).all(|corner| {
+        let (triangle, k) = (live.triangle((corner / 3) as usize), (corner % 3) as usize);
+        let (a, b) = (triangle[(k + 1) % 3], triangle[(k + 2) % 3]);
+        let (before, after) = (cross(sub(a, p), sub(b, p)), cross(sub(a, x), sub(b, x)));
+        dot(before, after) > LEAST_COSINE * length(before) * length(after)
+    })
+}
