@@ -30,7 +30,7 @@ pub struct Prepared {
 
 /// Prepares a mesh for streaming.
 ///
-/// The result depends on the mesh and the settings alone, not on the pool. Cost: 8 to 13 µs
+/// The result depends on the mesh and the settings alone, not on the pool. Cost: 21 to 33 µs
 /// a face on one core (BENCHMARKS.md).
 ///
 /// # Errors
