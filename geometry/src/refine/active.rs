@@ -62,7 +62,8 @@ pub enum RefineError {
 
 /// A mesh of a base and any closed set of chunks, those without applied children perhaps up to a stop.
 ///
-/// Memory ([`Self::bytes`]): 85 to 148 bytes a face, measured on eleven meshes with every chunk applied;
+/// Memory ([`Self::bytes`]): 85 to 148 bytes a face, measured on eleven meshes with every chunk applied before
+/// vertices knew what moved them, which adds 5 bytes a vertex (and 4 a move, not counted);
 /// what it is depends on how far the lists have grown beyond what they hold.
 #[derive(Clone, Debug)]
 pub struct ActiveMesh {
