@@ -11,7 +11,7 @@ use crate::simplify::deviation::{
 use crate::simplify::surroundings::{Surroundings, distance_to};
 use crate::vec3::{length, sub};
 
-/// The input's faces by their first corner.
+/// The input's faces by their corners.
 pub(crate) struct InputFaces {
     /// Where each vertex's faces begin; one more at the end.
     first: Vec<u32>,
@@ -21,28 +21,31 @@ pub(crate) struct InputFaces {
 impl InputFaces {
     pub(crate) fn new(vertices: usize, triangles: &[[u32; 3]]) -> Self {
         let mut first = vec![0_u32; vertices + 1];
-        triangles.iter().for_each(|t| first[t[0] as usize + 1] += 1);
+        triangles.iter().flatten().for_each(|&v| first[v as usize + 1] += 1);
         (0..vertices).for_each(|v| first[v + 1] += first[v]);
         let mut next = first.clone();
-        let mut faces = vec![0; triangles.len()];
+        let mut faces = vec![0; 3 * triangles.len()];
         for (id, triangle) in (0..).zip(triangles) {
-            let at = &mut next[triangle[0] as usize];
-            faces[*at as usize] = id;
-            *at += 1;
+            for &vertex in triangle {
+                let at = &mut next[vertex as usize];
+                faces[*at as usize] = id;
+                *at += 1;
+            }
         }
         Self { first, faces }
     }
 
-    /// The faces whose first corner is `vertex`.
+    /// The faces around `vertex`.
     fn at(&self, vertex: u32) -> &[u32] {
         &self.faces[self.first[vertex as usize] as usize..self.first[vertex as usize + 1] as usize]
     }
 }
 
 impl Deviation {
-    /// Looks at the input faces that begin at the samples and whose corners are near several coarse faces,
-    /// one of them `placed` anew: adds those that may be far and answers the largest distance, at least
-    /// `error`.
+    /// Looks at the input faces around the samples whose corners are near several coarse faces, one of them
+    /// `placed` anew: adds those that may be far and answers the largest distance, at least `error`. A face
+    /// that lies over several regions counts in each: its middle may be far while any of them is missing.
+    /// `samples` ascend.
     pub(crate) fn faces(
         &self,
         region: &Surroundings<'_>,
@@ -57,7 +60,9 @@ impl Deviation {
         for &sample in samples.iter().filter(|&&s| (s as usize) < vertices) {
             for &face in self.input_faces.at(sample) {
                 let corners = self.input.triangles()[face as usize];
-                if !corners.into_iter().any(placed) {
+                // Once per region: from its first corner that is among the samples.
+                let first = |v: &&u32| **v == sample || samples.binary_search(v).is_ok();
+                if !corners.into_iter().any(placed) || corners.iter().find(first) != Some(&sample) {
                     continue;
                 }
                 let [a, b, c] = corners.map(|v| self.attached[v as usize]);
@@ -123,5 +128,50 @@ impl Deviation {
             (1..n).for_each(|i| look(between(a, b, i, n)));
         }
         most
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::common;
+    use crate::mesh::{Corner, SourceMesh};
+    use crate::simplify::deviation::Deviation;
+    use crate::simplify::live::Live;
+    use crate::simplify::surroundings::Surroundings;
+
+    /// While only the region around its second corner is missing, its middle is that region's fault.
+    #[test]
+    fn an_input_face_over_two_regions_counts_in_both() {
+        // A long triangle, and a small one around each of its ends, which are left and do not meet.
+        let triangles = [
+            [[0.0, 0.0], [10.0, 0.0], [10.0, 0.5]],
+            [[-0.1, -0.1], [0.2, 0.0], [0.0, 0.2]],
+            [[9.8, -0.1], [10.2, -0.1], [10.0, 0.8]],
+        ];
+        let mut mesh = SourceMesh::default();
+        for (i, triangle) in (0..).zip(triangles) {
+            mesh.positions.extend(triangle.map(|[x, y]| [x, y, 0.0]));
+            mesh.faces.push([3 * i, 3 * i + 1, 3 * i + 2].map(Corner::at));
+            mesh.materials.push(0);
+        }
+        let mesh = common::quantised(&mesh);
+        let live = Live::new(&mesh);
+        let mut deviation = Deviation::new(&live, mesh.uv_grid);
+        let start = mesh.wedges[mesh.faces[0].wedges[0] as usize].vertex;
+        for vertex in mesh.faces[0].wedges.map(|w| mesh.wedges[w as usize].vertex) {
+            let face = if vertex == start { 1 } else { 2 };
+            deviation.attach(&[(vertex, face, 0.0)]);
+        }
+        let half = 4.0 / mesh.grid.step;
+        for region in [1, 2] {
+            let samples: Vec<u32> =
+                (0..live.positions.len() as u32).filter(|&v| deviation.face_near(v) == region).collect();
+            let (faces, inside) = ([region], |f: u32| f == region);
+            let around = Surroundings::new(&live, &faces, &inside);
+            let mut far = Vec::new();
+            let error = deviation.faces(&around, &|_| true, &samples, true, &mut far, 0.0);
+            assert_eq!(far, [0], "region {region}");
+            assert!(error > half, "region {region}: {error}");
+        }
     }
 }

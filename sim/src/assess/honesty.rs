@@ -9,7 +9,9 @@
 //! points of the coarse faces that the chunk changes, the input points that are nearest to such a face
 //! and those of the input faces that the chunk itself brings. The largest of their distances is what
 //! could have been stated for the chunk alone. Errors that are not made by this chunk but by finer
-//! ones (its descendants) count only as far as they show on those points.
+//! ones (its descendants) count only as far as they show on those points. Errors of its neighbours may
+//! show there too, as where a neighbour's component vanished and this one is the nearest: a chunk that states less
+//! than it is charged with is measured again as the only one that is missing, with what rests on it.
 
 use std::collections::HashMap;
 
@@ -191,12 +193,34 @@ pub(super) fn per_chunk(model: &Model) -> anyhow::Result<Ratios> {
             at.apply(delta)?;
         }
     }
-    let ratios = measured
-        .iter()
-        .zip(infos)
-        .filter(|(measured, _)| **measured > NOISE * model.diagonal())
-        .map(|(measured, info)| f64::from(info.error) / measured);
-    Ok(Ratios::of(ratios.collect()))
+    let mut ratios = Vec::new();
+    for (chunk, (&charged, info)) in (0..).zip(measured.iter().zip(infos)) {
+        if charged > NOISE * model.diagonal() {
+            let stated = f64::from(info.error);
+            let measured = if charged > stated { missing_alone(model, &input, chunk)? } else { charged };
+            ratios.push(stated / measured);
+        }
+    }
+    Ok(Ratios::of(ratios))
+}
+
+/// The largest distance while a chunk, with what rests on it, is all that is missing.
+fn missing_alone(model: &Model, input: &Target<'_>, chunk: u32) -> anyhow::Result<f64> {
+    let mut lacks = vec![false; model.prepared.infos.len()];
+    for (id, info) in (0..).zip(&model.prepared.infos) {
+        lacks[id as usize] = id == chunk || info.parents.iter().any(|&p| lacks[p as usize]);
+    }
+    let there = (0..).zip(&lacks).filter(|(_, lacks)| !**lacks);
+    let there: Vec<Member> = there.map(|(chunk, _)| Member { chunk, stop: None }).collect();
+    let coarse = model.surface(&there)?;
+    let coarse = Target::new(&coarse);
+    let mut worst = 0.0_f64;
+    for (from, to) in [(input, &coarse), (&coarse, input)] {
+        for face in 0..from.faces() {
+            from.distances(face, input.mean_area(), to, &mut |_, distance, _| worst = worst.max(distance));
+        }
+    }
+    Ok(worst)
 }
 
 /// The surface of a mesh, in the asset's units, with the id of each face.
