@@ -1,6 +1,7 @@
 //! Links and clocks in virtual time, scenarios, reports, mesh comparison.
 
 pub mod assess;
+pub mod baseline;
 pub mod clock;
 pub mod link;
 pub mod measure;

@@ -12,6 +12,7 @@ use anyhow::Context as _;
 use clap::{Parser, Subcommand};
 use lodestream_geometry::{Codec, Metric};
 use lodestream_server::prepare::recipe::{self, Round};
+use lodestream_sim::baseline::{self, Library, draco::Encoder};
 use lodestream_sim::{assess, measure, scenario, train};
 use progress::Progress;
 
@@ -120,6 +121,15 @@ enum Command {
         /// Folder of prepared packs [default: $XDG_CACHE_HOME/lodestream or ~/.cache/lodestream].
         #[arg(long, env = "LODESTREAM_CACHE", value_name = "DIR")]
         cache: Option<PathBuf>,
+        /// Folder of the models that a plan names by their files.
+        #[arg(long, env = "LODESTREAM_MODELS", value_name = "DIR")]
+        models: Option<PathBuf>,
+        /// Nodes of view-dependent peers, instead of the file that the plan names: sim/peers/example.json is one.
+        #[arg(long, env = "LODESTREAM_PEERS", value_name = "FILE")]
+        peers: Option<PathBuf>,
+        /// Draco's encoder [default: draco_encoder, where $PATH has it].
+        #[arg(long, env = "LODESTREAM_DRACO_ENCODER", value_name = "FILE")]
+        draco_encoder: Option<PathBuf>,
         /// Shows no progress.
         #[arg(long)]
         quiet: bool,
@@ -163,8 +173,9 @@ fn main() -> ExitCode {
             run_assess(&model, &options, json)
         }
         Command::Measure { a, b, samples, seed, json } => run_measure(&a, &b, samples, seed, json),
-        Command::Run { plan, seed, output, threads, cache, quiet } => {
-            run_plan(&plan, seed, &output, threads, cache, quiet)
+        Command::Run { plan, seed, output, threads, cache, models, peers, draco_encoder, quiet } => {
+            let beside = Beside { models, peers, draco_encoder };
+            run_plan(&plan, seed, &output, threads, cache, &beside, quiet)
         }
     };
     match result {
@@ -190,15 +201,37 @@ fn coarse_grid(text: &str) -> Result<f64, String> {
     }
 }
 
+/// What a plan needs that is not in it.
+struct Beside {
+    models: Option<PathBuf>,
+    peers: Option<PathBuf>,
+    draco_encoder: Option<PathBuf>,
+}
+
+impl Beside {
+    fn add_to(&self, plan: scenario::plan::Plan) -> anyhow::Result<scenario::plan::Plan> {
+        let mut plan = plan.with_models(self.models.as_deref());
+        if let Some(file) = &self.peers {
+            plan = plan.with_peers(baseline::peers::read(file)?);
+        }
+        plan.draco = match &self.draco_encoder {
+            Some(file) => Some(Encoder::at(file)?),
+            None => std::env::var_os("PATH").as_deref().and_then(Encoder::on_path),
+        };
+        Ok(plan)
+    }
+}
+
 fn run_plan(
     plan: &Path,
     seed: Option<u64>,
     output: &Path,
     threads: Option<NonZeroUsize>,
     cache: Option<PathBuf>,
+    beside: &Beside,
     quiet: bool,
 ) -> anyhow::Result<()> {
-    let plan = scenario::plan::read(plan)?;
+    let plan = beside.add_to(scenario::plan::read(plan)?)?;
     let plan = match seed {
         Some(seed) => plan.with_seed(seed),
         None => plan,
@@ -209,8 +242,13 @@ fn run_plan(
     let open = |scene: &scenario::plan::PlanScene| scenario::scene::open(&scene.choice, &cache, quiet);
     let scenes = plan.scenes.iter().map(open).collect::<anyhow::Result<Vec<_>>>()?;
     let threads = threads.or(std::thread::available_parallelism().ok()).unwrap_or(NonZeroUsize::MIN);
+    let library = Library::prepare(&plan, &scenes, |what| {
+        if !quiet {
+            eprintln!("{what}");
+        }
+    })?;
     let progress = Progress::new(plan.runs(), quiet);
-    let results = scenario::run(&plan, &scenes, threads, |result| progress.line(result));
+    let results = scenario::run_with(&plan, &scenes, &library, threads, |result| progress.line(result));
     progress.finish();
     let results = results?;
     scenario::report::write(output, &plan, &results)

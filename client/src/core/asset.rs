@@ -216,8 +216,10 @@ const VERTEX_GAP: u32 = 8;
 /// The same for faces, which are only copied.
 const INDEX_GAP: u32 = 64;
 
-/// Square root of uv area over surface area in the base mesh.
-fn uv_per_unit(base: &Base) -> f32 {
+/// Texture coordinates per unit of length: square root of uv area over surface area in the base mesh; 0 without
+/// texture coordinates.
+#[must_use]
+pub fn uv_per_unit(base: &Base) -> f32 {
     let (mut surface, mut uv) = (0.0_f64, 0.0_f64);
     for face in &base.faces {
         let Some([a, b, c]) = wedges_of(base, face.wedges) else { continue };

@@ -30,6 +30,7 @@ mod testing;
 #[cfg(test)]
 mod tests;
 
+pub use asset::uv_per_unit;
 pub use changes::{Change, IndexRun, MeshChange, NewAsset, TextureChange, Vertex};
 pub use client_core::{ClientCore, Progress};
 pub use config::{Config, StartView};

@@ -23,7 +23,7 @@ mod tests;
 
 use crate::blob::BlobId;
 
-pub(crate) use project::Projection;
+pub use project::{Bounds, LocalView, Projection};
 pub use selector::{Selector, max_screen_error_px};
 pub use state::{AssetState, PageError, State};
 

@@ -9,7 +9,7 @@ use crate::view::{Frustum, View};
 
 /// A view, with what all instances share computed once.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Projection {
+pub struct Projection {
     eye: DVec3,
     frustum: Frustum,
     scale_px: f64,
@@ -17,28 +17,33 @@ pub(crate) struct Projection {
 
 /// Where an instance's bounding sphere lies.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Bounds {
+pub struct Bounds {
     /// Whether it reaches into the frustum.
-    pub(crate) visible: bool,
+    pub visible: bool,
     /// Depth of its nearest point, in world units; may be negative.
-    pub(crate) depth: f64,
+    pub depth: f64,
     /// Radius on the screen, in pixels, by distance (so it is defined out of view too).
-    pub(crate) coverage_px: f32,
+    pub coverage_px: f32,
     /// 1 in the middle of the picture, falling outwards.
-    pub(crate) centrality: f32,
+    pub centrality: f32,
 }
 
 impl Projection {
-    pub(crate) fn new(view: &View) -> Self {
+    /// What `view` sees.
+    #[must_use]
+    pub fn new(view: &View) -> Self {
         Self { eye: DVec3::from(view.eye), frustum: view.frustum(), scale_px: view.scale_px() }
     }
 
     /// Screen error of a world-space length at a depth, in pixels.
-    pub(crate) fn error_px(&self, error: f64, depth: f64) -> f64 {
+    #[must_use]
+    pub fn error_px(&self, error: f64, depth: f64) -> f64 {
         screen_error_px(error, depth, self.scale_px)
     }
 
-    pub(crate) fn bounds(&self, asset: &AssetEntry, instance: &InstanceEntry) -> Bounds {
+    /// Where an instance's bounding sphere lies.
+    #[must_use]
+    pub fn bounds(&self, asset: &AssetEntry, instance: &InstanceEntry) -> Bounds {
         let center = instance.to_world(asset.origin, asset.sphere.center) - self.eye;
         let center = center.as_vec3();
         let radius = asset.sphere.radius * instance.scale;
@@ -54,7 +59,8 @@ impl Projection {
     }
 
     /// The view in the axes and units of an instance, relative to the grid origin of its asset.
-    pub(crate) fn local(&self, asset: &AssetEntry, instance: &InstanceEntry) -> LocalView {
+    #[must_use]
+    pub fn local(&self, asset: &AssetEntry, instance: &InstanceEntry) -> LocalView {
         let rotation = instance.orientation();
         let offset = self.eye - DVec3::from(instance.translation);
         let eye = rotation.conjugate().as_dquat() * offset / f64::from(instance.scale);
@@ -67,7 +73,8 @@ impl Projection {
 
     /// Pixels that one unit of the asset covers at the given world depth, which is kept from zero by
     /// the asset's own size.
-    pub(crate) fn px_per_unit(&self, asset: &AssetEntry, instance: &InstanceEntry, depth: f64) -> f64 {
+    #[must_use]
+    pub fn px_per_unit(&self, asset: &AssetEntry, instance: &InstanceEntry, depth: f64) -> f64 {
         let scale = f64::from(instance.scale);
         let nearest = f64::from(asset.sphere.radius) * scale * 0.02;
         self.scale_px * scale / depth.max(nearest).max(f64::MIN_POSITIVE)
@@ -76,7 +83,7 @@ impl Projection {
 
 /// A view in an instance's own axes. The scale cancels in the screen error.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct LocalView {
+pub struct LocalView {
     eye: Vec3,
     frustum: Frustum,
     scale_px: f64,
@@ -86,7 +93,8 @@ impl LocalView {
     /// Screen error in pixels of an error within a sphere, and the sphere's centrality; `None` out of
     /// view.
     #[inline]
-    pub(crate) fn error_px(&self, sphere: &Sphere, error: f32) -> Option<(f64, f32)> {
+    #[must_use]
+    pub fn error_px(&self, sphere: &Sphere, error: f32) -> Option<(f64, f32)> {
         let center = Vec3::from(sphere.center) - self.eye;
         if !self.frustum.sees(center, sphere.radius) {
             return None;

@@ -31,7 +31,7 @@ use super::state::{Phase, ServerState, SessionGuard};
 
 /// First congestion window in bytes. The usual 14,720 would cost a round trip on the way to the first
 /// frame; 60,000 is a quarter of a second at 2 Mbit/s and fits into common router queues.
-const INITIAL_WINDOW_BYTES: u64 = 60_000;
+pub const INITIAL_WINDOW_BYTES: u64 = 60_000;
 /// Silence after which QUIC itself gives up.
 const IDLE_TIMEOUT_MS: u32 = 20_000;
 /// Keeps bindings in address translators alive.

@@ -56,6 +56,7 @@ pub(super) fn of_runs(results: &[RunResult]) -> String {
     table(results.iter().map(|run| {
         let mut line = Line::default();
         line.add("scene", &run.scene);
+        line.add("technique", &run.technique);
         line.add("transport", run.transport);
         line.add("link", &run.link);
         line.add("camera", &run.camera);
@@ -106,6 +107,7 @@ pub(super) fn of_percentiles(cases: &[Percentiles]) -> String {
     table(cases.iter().map(|case| {
         let mut line = Line::default();
         line.add("scene", &case.scene);
+        line.add("technique", &case.technique);
         line.add("transport", case.transport);
         line.add("link", &case.link);
         line.add("camera", &case.camera);

@@ -5,7 +5,7 @@ mod csv;
 #[cfg(test)]
 mod extremes;
 pub mod ledger;
-mod outcome;
+pub(crate) mod outcome;
 pub mod parallel;
 pub mod percentiles;
 pub mod plan;
@@ -13,8 +13,8 @@ pub mod report;
 pub(crate) mod run;
 pub mod scene;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 pub mod timeline;
-mod viewer;
+pub(crate) mod viewer;
 
-pub use parallel::run;
+pub use parallel::{run, run_with};

@@ -12,7 +12,7 @@ use super::run::Traffic;
 use super::viewer::Viewer;
 
 /// The place of a screen error among those that clients note. Plans are checked to name no others.
-fn quality<T: Copy>(noted: &[Option<T>; QUALITIES_PX.len()], px: f64) -> Option<T> {
+pub(crate) fn quality<T: Copy>(noted: &[Option<T>; QUALITIES_PX.len()], px: f64) -> Option<T> {
     QUALITIES_PX.iter().position(|q| *q == px).and_then(|i| noted[i])
 }
 
@@ -36,6 +36,7 @@ pub(super) fn result(
     let rest_quality = |px: f64| (error_name(px), quality(&viewer.rest_quality(), px).map(ms));
     RunResult {
         scene: plan.scenes[case.scene].name.clone(),
+        technique: plan.technique_name(case),
         transport: case.transport,
         link: case.link.name.clone(),
         camera: case.camera.clone(),

@@ -15,6 +15,7 @@ use lodestream_protocol::source::SceneSource;
 use super::plan::{Case, Plan};
 use super::report::RunResult;
 use super::run::{certificate, run_case};
+use crate::baseline::{self, Library, Technique};
 
 /// Results that may wait for those before them.
 const WAITING_PER_THREAD: usize = 64;
@@ -24,10 +25,25 @@ const WAITING_PER_THREAD: usize = 64;
 ///
 /// # Errors
 /// The first session, in the plan's order, that ends for another reason than that the picture is settled,
-/// the time is up, or the connection is lost.
+/// the time is up, or the connection is lost; baselines that cannot be measured.
 pub fn run(
     plan: &Plan,
     scenes: &[Arc<dyn SceneSource>],
+    threads: NonZeroUsize,
+    report: impl FnMut(&RunResult),
+) -> anyhow::Result<Vec<RunResult>> {
+    let library = Library::prepare(plan, scenes, |_| {})?;
+    run_with(plan, scenes, &library, threads, report)
+}
+
+/// The same with baselines that are measured already.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_with(
+    plan: &Plan,
+    scenes: &[Arc<dyn SceneSource>],
+    library: &Library,
     threads: NonZeroUsize,
     mut report: impl FnMut(&RunResult),
 ) -> anyhow::Result<Vec<RunResult>> {
@@ -40,8 +56,13 @@ pub fn run(
     let work = |job: usize| -> anyhow::Result<RunResult> {
         let (number, case, seed) = jobs[job];
         let scene = scenes.get(case.scene).context("the plan has a scene that was not opened")?;
-        run_case(plan, case, scene, &certificate, seed)
-            .with_context(|| format!("case {} of {} ({case}), seed {seed}", number + 1, plan.cases.len()))
+        let ran = if case.technique == Technique::Lodestream {
+            run_case(plan, case, scene, &certificate, seed)
+        } else {
+            let entry = library.find(case).context("the case's baseline was not measured")?;
+            baseline::run_case(plan, case, entry, &certificate, seed)
+        };
+        ran.with_context(|| format!("case {} of {} ({case}), seed {seed}", number + 1, plan.cases.len()))
     };
     let threads = threads.get().min(jobs.len().max(1));
     std::thread::scope(|scope| {

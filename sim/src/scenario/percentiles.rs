@@ -39,6 +39,8 @@ impl Spread {
 pub struct Percentiles {
     /// The scene, as the plan names it.
     pub scene: String,
+    /// How the scene got to the client.
+    pub technique: String,
     /// How client and server talked.
     pub transport: Transport,
     /// The link's name, or in words what it was like.
@@ -100,6 +102,7 @@ fn of_case(runs: &[RunResult]) -> Option<Percentiles> {
     };
     Some(Percentiles {
         scene: first.scene.clone(),
+        technique: first.technique.clone(),
         transport: first.transport,
         link: first.link.clone(),
         camera: first.camera.clone(),

@@ -11,6 +11,7 @@ use super::ledger::Use;
 use super::percentiles::{self, Percentiles};
 use super::plan::{Plan, Transport};
 use super::timeline::Sample;
+use crate::baseline::Technique;
 
 /// One run of a plan. Times count from the client's connect call, in milliseconds of virtual time;
 /// `None` where the time limit came first. Bytes are transport payload that the client received,
@@ -19,6 +20,8 @@ use super::timeline::Sample;
 pub struct RunResult {
     /// The scene, as the plan names it.
     pub scene: String,
+    /// How the scene got to the client: "lodestream", or a baseline's name.
+    pub technique: String,
     /// How client and server talked.
     pub transport: Transport,
     /// The link's name, or in words what it was like.
@@ -83,7 +86,11 @@ pub struct RunResult {
 impl std::fmt::Display for RunResult {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let or_never = |ms: Option<f64>| ms.map_or("never".to_owned(), |ms| format!("{ms:.0} ms"));
-        write!(f, "{}: {}, {}", self.scene, self.transport, self.link)?;
+        write!(f, "{}: ", self.scene)?;
+        if self.technique != Technique::Lodestream.name() {
+            write!(f, "{} over ", self.technique)?;
+        }
+        write!(f, "{}, {}", self.transport, self.link)?;
         if self.rest_ms.is_some() {
             write!(f, ", camera {}", self.camera)?;
         }

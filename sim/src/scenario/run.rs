@@ -33,8 +33,9 @@ use crate::stream_pipe::{self, Opening};
 use crate::tcp::IP_TCP_BYTES;
 use crate::udp::UdpNetwork;
 
-const SERVER: SocketAddr = SocketAddr::new(std::net::IpAddr::V4(std::net::Ipv4Addr::new(10, 0, 0, 1)), 4433);
-const CLIENT: SocketAddr =
+pub(crate) const SERVER: SocketAddr =
+    SocketAddr::new(std::net::IpAddr::V4(std::net::Ipv4Addr::new(10, 0, 0, 1)), 4433);
+pub(crate) const CLIENT: SocketAddr =
     SocketAddr::new(std::net::IpAddr::V4(std::net::Ipv4Addr::new(10, 0, 0, 2)), 50_000);
 
 /// Virtual time that the server may take to close after the client has left.
@@ -44,10 +45,10 @@ const CLOSE_TIMEOUT: Duration = Duration::from_secs(60);
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// What the network saw of a run.
-pub(super) struct Traffic {
-    pub(super) down: LinkCounters,
-    pub(super) up: LinkCounters,
-    pub(super) trace: u64,
+pub(crate) struct Traffic {
+    pub(crate) down: LinkCounters,
+    pub(crate) up: LinkCounters,
+    pub(crate) trace: u64,
 }
 
 /// A certificate whose length is always the same: its serial number is random, and one in 128 is a byte
@@ -97,7 +98,7 @@ pub(super) fn run_case(
 }
 
 /// One direction of the link of a case, under a transport's headers.
-fn under(direction: &LinkSettings, overhead_bytes: u32) -> LinkSettings {
+pub(crate) fn under(direction: &LinkSettings, overhead_bytes: u32) -> LinkSettings {
     LinkSettings { overhead_bytes, ..direction.clone() }
 }
 

@@ -7,8 +7,8 @@ use anyhow::Context as _;
 use lodestream_protocol::source::SceneSource;
 use lodestream_server::daemon::memory_scene::MemoryScene;
 use lodestream_server::demo_scene;
-use lodestream_server::prepare::{Options, prepare_cached};
-use lodestream_server::scene;
+use lodestream_server::prepare::{Options, Recipe, prepare_cached};
+use lodestream_server::scene::{self, Precision, Scene};
 use lodestream_server::store::{DEFAULT_CACHE_BYTES, SceneStore};
 
 use super::plan::SceneChoice;
@@ -24,7 +24,17 @@ const DEMO_SEED: u64 = 1;
 /// Whatever keeps the scene from being generated, read or prepared.
 pub fn open(choice: &SceneChoice, cache: &Path, quiet: bool) -> anyhow::Result<Arc<dyn SceneSource>> {
     let options = match choice {
-        SceneChoice::File(file) => return Ok(prepare(file, cache, quiet)?),
+        SceneChoice::File(file) => return prepare(&scene::read(file)?, Recipe::default(), cache, quiet),
+        SceneChoice::Model { file, folder, position_bits } => {
+            let folder = folder.as_ref().with_context(|| {
+                format!(
+                    "no folder of models is known for {file}; name one with --models DIR or LODESTREAM_MODELS"
+                )
+            })?;
+            let precision = position_bits.map(Precision::Bits);
+            let recipe = Recipe { precision, ..Recipe::default() };
+            return prepare(&Scene::of_models(&[folder.join(file)])?, recipe, cache, quiet);
+        }
         // A server refuses to prepare a scene without anything in it; a client must bear one all the same.
         SceneChoice::Empty => return Ok(Arc::new(MemoryScene::new(0, 0, 0))),
         SceneChoice::Demo => demo_scene::Options::full(DEMO_SEED),
@@ -35,15 +45,14 @@ pub fn open(choice: &SceneChoice, cache: &Path, quiet: bool) -> anyhow::Result<A
         eprintln!("generating the demo scene");
     }
     let made = demo_scene::generate(folder.path(), &options)?;
-    Ok(prepare(&made.scene, cache, quiet)?)
+    prepare(&scene::read(&made.scene)?, Recipe::default(), cache, quiet)
 }
 
-fn prepare(file: &Path, cache: &Path, quiet: bool) -> anyhow::Result<Arc<SceneStore>> {
-    let scene = scene::read(file)?;
-    let options = Options { quiet, ..Options::default() };
+fn prepare(scene: &Scene, recipe: Recipe, cache: &Path, quiet: bool) -> anyhow::Result<Arc<dyn SceneSource>> {
+    let options = Options { recipe, quiet, ..Options::default() };
     let mut packs = Vec::with_capacity(scene.assets.len());
     for asset in &scene.assets {
         packs.push(prepare_cached(asset, cache, &options)?.pack);
     }
-    Ok(Arc::new(SceneStore::new(&scene, packs, DEFAULT_CACHE_BYTES)?))
+    Ok(Arc::new(SceneStore::new(scene, packs, DEFAULT_CACHE_BYTES)?))
 }

@@ -13,7 +13,7 @@ use super::timeline::{MAX_SAMPLES, Sample};
 use super::{run, scene};
 
 /// The small demo scene, prepared once for all tests.
-pub(super) fn small_scene() -> Arc<dyn SceneSource> {
+pub(crate) fn small_scene() -> Arc<dyn SceneSource> {
     static SCENE: OnceLock<Arc<dyn SceneSource>> = OnceLock::new();
     let open = || {
         let cache = tempfile::tempdir().unwrap();
@@ -25,7 +25,7 @@ pub(super) fn small_scene() -> Arc<dyn SceneSource> {
 }
 
 /// Runs a plan of the small scene, on two threads.
-pub(super) fn results_of(plan: &Plan) -> Vec<RunResult> {
+pub(crate) fn results_of(plan: &Plan) -> Vec<RunResult> {
     let scenes: Vec<_> = plan.scenes.iter().map(|_| small_scene()).collect();
     run(plan, &scenes, NonZeroUsize::new(2).unwrap(), |_| {}).unwrap()
 }

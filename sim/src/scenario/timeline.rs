@@ -38,7 +38,7 @@ impl Serialize for Sample {
 /// Samples, at most [`MAX_SAMPLES`]: the last change within each interval, whose length doubles as the run
 /// grows longer. So the series covers a run of any length evenly, and every sample is one that was seen.
 #[derive(Clone, Debug)]
-pub(super) struct Series {
+pub(crate) struct Series {
     interval_ns: u64,
     samples: Vec<Sample>,
 }
@@ -51,7 +51,7 @@ impl Default for Series {
 
 impl Series {
     /// Adds what is seen now, if it is news.
-    pub(super) fn push(&mut self, sample: Sample) {
+    pub(crate) fn push(&mut self, sample: Sample) {
         if let Some(last) = self.samples.last_mut() {
             if (last.bytes, last.error_px) == (sample.bytes, sample.error_px) {
                 return;
@@ -72,14 +72,14 @@ impl Series {
         }
     }
 
-    pub(super) fn samples(&self) -> &[Sample] {
+    pub(crate) fn samples(&self) -> &[Sample] {
         &self.samples
     }
 }
 
 /// Finds pauses in which blobs were wanted and not a byte came.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Stalls {
+pub(crate) struct Stalls {
     /// Since when something is wanted and nothing has come.
     waiting_since: Option<Time>,
     bytes: u64,
@@ -90,7 +90,7 @@ pub(super) struct Stalls {
 impl Stalls {
     /// Looks at the client: the bytes received so far, and whether it wants any. To be called whenever
     /// either may have changed, from the first frame on.
-    pub(super) fn observe(&mut self, now: Time, bytes: u64, wants: bool) {
+    pub(crate) fn observe(&mut self, now: Time, bytes: u64, wants: bool) {
         let came = bytes > self.bytes;
         self.bytes = bytes;
         if came || !wants {
@@ -102,7 +102,7 @@ impl Stalls {
     }
 
     /// Ends a pause that lasts until now.
-    pub(super) fn end(&mut self, now: Time) {
+    pub(crate) fn end(&mut self, now: Time) {
         if let Some(since) = self.waiting_since.take() {
             let pause_ns = now.as_ns().saturating_sub(since.as_ns());
             if pause_ns >= STALL_NS {
@@ -113,7 +113,7 @@ impl Stalls {
     }
 
     /// How many there were, and how long they lasted together.
-    pub(super) fn found(&self) -> (u32, u64) {
+    pub(crate) fn found(&self) -> (u32, u64) {
         (self.count, self.total_ns)
     }
 }

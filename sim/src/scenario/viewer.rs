@@ -12,7 +12,7 @@ use super::ledger::{Ledger, Use};
 use super::timeline::{Sample, Series, Stalls};
 
 /// Time between two positions of a camera that moves.
-const FRAME: Duration = Duration::from_millis(20);
+pub(crate) const FRAME: Duration = Duration::from_millis(20);
 
 /// How a run ended, as seen by the client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,7 +1,9 @@
 //! Plans: which scenes are streamed over which links, along which camera paths, as TOML.
 //!
 //! ```toml
-//! scene = "demo"              # "demo", "demo-small", "empty", or a scene.toml relative to this file
+//! scene = "demo"              # "demo", "demo-small", "empty", a scene.toml relative to this file, or a model by
+//!                             # itself: "model:stanford-bunny.obj", from the folder of models (--models)
+//! position_bits = 12          # of models by themselves; without it the default
 //! viewport_px = [1280, 720]
 //! ttq_px = [1, 4, 16]         # screen errors whose time is reported, of those that the client notes
 //! time_limit_s = 600          # virtual time after which a run is given up
@@ -27,6 +29,7 @@
 //! transport = "quic"
 //! link = "train"              # instead of rate_bits_per_s, rtt_ms …
 //! camera = ["still", "lap"]
+//! technique = ["lodestream", "obj-gzip"]  # or "nodes", "chain", "obj", "draco", "seed-json"
 //! seeds = 30                  # scene, time_limit_s and seeds may be given per sweep
 //! ```
 //!
@@ -42,7 +45,8 @@
 //! times as far as that is away; `swing` looks `degrees` to both sides, `times` times.
 //!
 //! Cases are in the order of the sweeps, and within a sweep by scene, transport, then link or rate, round trip,
-//! loss, jitter, queue and MTU, then camera; runs by case and then by seed.
+//! loss, jitter, queue and MTU, then camera, then technique; runs by case and then by seed. A case of `nodes` is one for
+//! each peer of the file that `peers` names (relative to this file) or the command line.
 
 mod axis;
 mod camera;
@@ -60,6 +64,9 @@ use lodestream_client::core::QUALITIES_PX;
 use serde::{Deserialize, Serialize};
 
 use super::camera_path::CameraPath;
+use crate::baseline::Technique;
+use crate::baseline::draco::Encoder;
+use crate::baseline::peers::{self, Peer};
 use crate::link::LinkSettings;
 use camera::CameraFile;
 use link::LinkFile;
@@ -132,6 +139,15 @@ pub enum SceneChoice {
     Empty,
     /// A scene file.
     File(PathBuf),
+    /// A model by itself.
+    Model {
+        /// Its file, within the folder of models.
+        file: String,
+        /// The folder, once it is known.
+        folder: Option<PathBuf>,
+        /// Bits per axis of positions; the default where `None`.
+        position_bits: Option<u8>,
+    },
 }
 
 /// A scene, and how the plan names it.
@@ -167,6 +183,10 @@ pub struct Case {
     pub camera: String,
     /// The path.
     pub path: CameraPath,
+    /// How the scene gets to the client.
+    pub technique: Technique,
+    /// Index into [`Plan::peers`], for [`Technique::Nodes`]; `None` where no peers are known.
+    pub peer: Option<usize>,
     /// Rate that the server limits the session to; `None` for no limit. Below the link's rate its queue stays
     /// short, so that what is urgent arrives sooner.
     pub limiter_bits_per_s: Option<u64>,
@@ -178,6 +198,9 @@ pub struct Case {
 
 impl std::fmt::Display for Case {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        if self.technique != Technique::Lodestream {
+            write!(f, "{} over ", self.technique)?;
+        }
         write!(f, "{}, {}", self.transport, self.link.name)?;
         if self.path.moves() { write!(f, ", camera {}", self.camera) } else { Ok(()) }
     }
@@ -203,6 +226,10 @@ pub struct Plan {
     pub ttq_px: Vec<f64>,
     /// The cases.
     pub cases: Vec<Case>,
+    /// Peers that are given as data.
+    pub peers: Vec<Peer>,
+    /// Draco's encoder, where there is one.
+    pub draco: Option<Encoder>,
 }
 
 impl Plan {
@@ -213,6 +240,42 @@ impl Plan {
             case.seeds = [seed].into();
         }
         self
+    }
+
+    /// The same plan with other peers: each case of [`Technique::Nodes`] once for each of them.
+    #[must_use]
+    pub fn with_peers(mut self, peers: Vec<Peer>) -> Self {
+        let numbers: Vec<Option<usize>> =
+            if peers.is_empty() { vec![None] } else { (0..peers.len()).map(Some).collect() };
+        // Cases that stand for an earlier file's peers become one again.
+        self.cases.retain(|case| matches!(case.peer, None | Some(0)));
+        let of_case = |case: Case| {
+            let own = if case.technique == Technique::Nodes { numbers.clone() } else { vec![None] };
+            own.into_iter().map(move |peer| Case { peer, ..case.clone() })
+        };
+        self.cases = self.cases.into_iter().flat_map(of_case).collect();
+        self.peers = peers;
+        self
+    }
+
+    /// The same plan with a folder of models, for scenes that name one by its file.
+    #[must_use]
+    pub fn with_models(mut self, models: Option<&Path>) -> Self {
+        for scene in &mut self.scenes {
+            if let SceneChoice::Model { folder, .. } = &mut scene.choice {
+                *folder = models.map(Path::to_owned);
+            }
+        }
+        self
+    }
+
+    /// A case's technique, with the name of the peer where it is one.
+    #[must_use]
+    pub fn technique_name(&self, case: &Case) -> String {
+        match case.peer.and_then(|peer| self.peers.get(peer)) {
+            Some(peer) => format!("{}: {}", case.technique, peer.name),
+            None => case.technique.to_string(),
+        }
     }
 
     /// Number of runs.
@@ -234,6 +297,8 @@ struct PlanFile {
     time_limit_s: f64,
     #[serde(default)]
     seeds: Seeds,
+    position_bits: Option<u8>,
+    peers: Option<String>,
     #[serde(default)]
     link: BTreeMap<String, LinkFile>,
     #[serde(default)]
@@ -304,12 +369,25 @@ impl PlanFile {
         if self.sweep.is_empty() {
             return Err(Fault::new("sweep", "there is none; add a [[sweep]] with a transport and links"));
         }
+        if let Some(bits) = self.position_bits.filter(|bits| !(8..=24).contains(bits)) {
+            return Err(Fault::new("position_bits", format!("{bits} is not a number of bits from 8 to 24")));
+        }
+        let peers = self.peers.as_ref().map(|file| peers::read(&folder.join(file))).transpose();
+        let peers = peers.map_err(|why| Fault::new("peers", why.to_string()))?.unwrap_or_default();
         let mut book = sweep::Book::new(&self, folder)?;
         for (s, sweep) in self.sweep.iter().enumerate() {
             book.expand(sweep).map_err(|fault| fault.within(&format!("sweep[{s}]")))?;
         }
         let (scenes, cases) = book.finish();
-        Ok(Plan { scenes, viewport_px: self.viewport_px, ttq_px: self.ttq_px, cases })
+        let plan = Plan {
+            scenes,
+            viewport_px: self.viewport_px,
+            ttq_px: self.ttq_px,
+            cases,
+            peers: Vec::new(),
+            draco: None,
+        };
+        Ok(plan.with_peers(peers))
     }
 }
 

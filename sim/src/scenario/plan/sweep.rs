@@ -1,7 +1,7 @@
 //! Sweeps: from axes to cases.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Component, Path};
 use std::sync::Arc;
 
 use serde::Deserialize;
@@ -11,11 +11,15 @@ use super::camera;
 use super::link::{BurstFile, Direction};
 use super::seeds::Seeds;
 use super::{Case, CaseLink, Fault, MAX_RUNS, PlanFile, PlanScene, SceneChoice, Transport, time_limit};
+use crate::baseline::Technique;
 use crate::link::{IP_UDP_BYTES, LinkSettings, Loss};
 use crate::scenario::camera_path::CameraPath;
 
 /// Smallest packets that QUIC can be spoken in: its datagrams of 1,200 bytes (RFC 9000, §14) and headers.
 const MIN_QUIC_MTU_BYTES: u32 = 1200 + IP_UDP_BYTES;
+
+/// What the name of a scene begins with that is a model by itself.
+const MODEL: &str = "model:";
 
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -33,6 +37,7 @@ pub(super) struct Sweep {
     mtu_bytes: Option<Axis<u32>>,
     up: Option<Direction>,
     camera: Option<Axis<String>>,
+    technique: Option<Axis<Technique>>,
     limiter_share: Option<f64>,
     limiter_bits_per_s: Option<u64>,
     time_limit_s: Option<f64>,
@@ -46,6 +51,7 @@ type Place = (&'static str, usize);
 pub(super) struct Book<'a> {
     folder: &'a Path,
     scene: &'a str,
+    position_bits: Option<u8>,
     time_limit_s: f64,
     seeds: Arc<[u64]>,
     links: BTreeMap<&'a str, CaseLink>,
@@ -73,6 +79,7 @@ impl<'a> Book<'a> {
         let mut book = Self {
             folder,
             scene: &plan.scene,
+            position_bits: plan.position_bits,
             time_limit_s: time_limit(plan.time_limit_s)?,
             seeds: plan.seeds.list()?,
             links,
@@ -108,6 +115,15 @@ impl<'a> Book<'a> {
             "demo" => SceneChoice::Demo,
             "demo-small" => SceneChoice::DemoSmall,
             "empty" => SceneChoice::Empty,
+            model if model.starts_with(MODEL) => {
+                let file = &model[MODEL.len()..];
+                if file.is_empty() || !Path::new(file).components().all(|c| matches!(c, Component::Normal(_)))
+                {
+                    return Err("names no file within the folder of models, as \"model:bunny.obj\" does");
+                }
+                let position_bits = self.position_bits;
+                SceneChoice::Model { file: file.to_owned(), folder: None, position_bits }
+            }
             other => SceneChoice::File(self.folder.join(other)),
         };
         self.scenes.push(PlanScene { name: name.to_owned(), choice });
@@ -129,11 +145,17 @@ impl<'a> Book<'a> {
         let transports = values("transport", Some(&sweep.transport), &[])?;
         let scenes = values("scene", sweep.scene.as_ref(), &[self.scene.to_owned()])?;
         let cameras = values("camera", sweep.camera.as_ref(), &["still".to_owned()])?;
+        let techniques = values("technique", sweep.technique.as_ref(), &[Technique::Lodestream])?;
+        let limited = sweep.limiter_share.is_some() || sweep.limiter_bits_per_s.is_some();
+        if limited && let Some(t) = techniques.iter().position(|&t| t != Technique::Lodestream) {
+            let message = format!("{} has no limiter; give it a sweep without one", techniques[t]);
+            return Err(Fault::new(format!("technique[{t}]"), message));
+        }
         let seeds = sweep.seeds.as_ref().map_or_else(|| Ok(Arc::clone(&self.seeds)), Seeds::list)?;
         let limit = sweep.time_limit_s.map_or(Ok(self.time_limit_s), time_limit)?;
         // Counted before anything is expanded: four long lists are soon more than the memory holds.
         let link_cases = sweep.link_cases()?;
-        let product = [transports.len(), scenes.len(), cameras.len(), seeds.len()]
+        let product = [transports.len(), scenes.len(), cameras.len(), techniques.len(), seeds.len()]
             .iter()
             .try_fold(link_cases, |product, length| product.checked_mul(*length));
         self.runs = product.and_then(|runs| runs.checked_add(self.runs)).unwrap_or(usize::MAX);
@@ -152,16 +174,18 @@ impl<'a> Book<'a> {
                     for (c, camera) in cameras.iter().enumerate() {
                         let path =
                             self.camera(camera).map_err(|why| Fault::new(format!("camera[{c}]"), why))?;
-                        self.cases.push(Case {
+                        self.cases.extend(techniques.iter().map(|&technique| Case {
                             scene,
                             transport,
                             link: link.clone(),
                             camera: camera.clone(),
                             path,
+                            technique,
+                            peer: None,
                             limiter_bits_per_s,
                             time_limit_s: limit,
                             seeds: Arc::clone(&seeds),
-                        });
+                        }));
                     }
                 }
             }

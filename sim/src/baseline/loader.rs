@@ -1,0 +1,249 @@
+//! The client of a baseline: asks for what its view wants, along the camera path, and notes what it has when.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use lodestream_client::core::{Milestone, QUALITIES_PX};
+use lodestream_client::net::Clock;
+use lodestream_protocol::{Time, View};
+use tokio::time::sleep;
+
+use super::library::Content;
+use super::offer::Item;
+use super::select::{Held, Selection, State, select};
+use super::wire::{Event, Request, Wire};
+use crate::scenario::camera_path::{CameraPath, Start};
+use crate::scenario::timeline::{Sample, Series, Stalls};
+use crate::scenario::viewer::FRAME;
+
+/// Where a path is at.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Phase {
+    Waiting,
+    Moving { since: Time, next: Time },
+    Resting { since: Time },
+}
+
+/// See the module.
+pub(super) struct Loader<'a> {
+    content: &'a Content,
+    most_in_flight: usize,
+    clock: Clock,
+    limit: Time,
+    viewport_px: [u32; 2],
+    target_px: f32,
+    path: CameraPath,
+    phase: Phase,
+    view: View,
+    held: Held,
+    selection: Selection,
+    in_flight: BTreeMap<u64, (Item, u64)>,
+    asked: u64,
+    /// Length of the bodies that have come whole.
+    pub(super) body_bytes: u64,
+    pub(super) first_frame: Option<Milestone>,
+    pub(super) quality: [Option<Milestone>; QUALITIES_PX.len()],
+    pub(super) rest_quality: [Option<Duration>; QUALITIES_PX.len()],
+    pub(super) settled: Option<Milestone>,
+    pub(super) series: Series,
+    pub(super) stalls: Stalls,
+}
+
+impl<'a> Loader<'a> {
+    /// A client that calls connect now.
+    pub(super) fn new(
+        content: &'a Content,
+        most_in_flight: usize,
+        viewport_px: [u32; 2],
+        target_px: f32,
+        path: CameraPath,
+        limit: Duration,
+    ) -> Self {
+        Self {
+            content,
+            most_in_flight,
+            clock: Clock::start(),
+            limit: Time::from(limit),
+            viewport_px,
+            target_px,
+            path,
+            phase: Phase::Waiting,
+            view: content.stage.camera.view(viewport_px, target_px),
+            held: Held::nothing(content),
+            selection: Selection::default(),
+            in_flight: BTreeMap::new(),
+            asked: 0,
+            body_bytes: 0,
+            first_frame: None,
+            quality: [None; QUALITIES_PX.len()],
+            rest_quality: [None; QUALITIES_PX.len()],
+            settled: None,
+            series: Series::default(),
+            stalls: Stalls::default(),
+        }
+    }
+
+    pub(super) fn now(&self) -> Time {
+        self.clock.now()
+    }
+
+    /// When the camera came to rest, if it moved.
+    pub(super) fn rest(&self) -> Option<Time> {
+        match self.phase {
+            Phase::Resting { since } => Some(since),
+            Phase::Waiting | Phase::Moving { .. } => None,
+        }
+    }
+
+    /// Loads until the picture is settled with the camera at rest (`Ok(true)`) or the time is up (`Ok(false)`).
+    /// `received` counts the bytes that the transport has delivered.
+    ///
+    /// # Errors
+    /// Why the connection was lost.
+    pub(super) async fn load(&mut self, mut wire: Wire, received: impl Fn() -> u64) -> Result<bool, String> {
+        self.look();
+        loop {
+            let now = self.clock.now();
+            if self.move_camera(now) {
+                self.look();
+            }
+            self.note(now, received());
+            if self.settled.is_some() {
+                return Ok(true);
+            }
+            if now >= self.limit {
+                return Ok(false);
+            }
+            self.ask(&wire).await?;
+            let until = self.next_move().map_or(self.limit, |next| next.min(self.limit));
+            let left = Duration::from(until).saturating_sub(Duration::from(now));
+            tokio::select! {
+                biased;
+                event = wire.events.recv() => {
+                    let mut event = event;
+                    let mut news = false;
+                    loop {
+                        match event {
+                            Some(Event::Bytes) => {}
+                            Some(Event::Done(number)) => {
+                                if let Some((item, bytes)) = self.in_flight.remove(&number) {
+                                    self.held.set(item, State::Here);
+                                    self.body_bytes += bytes;
+                                    news = true;
+                                }
+                            }
+                            Some(Event::Lost(why)) => return Err(why),
+                            None => return Err("the connection is closed".to_owned()),
+                        }
+                        event = match wire.events.try_recv() {
+                            Ok(next) => Some(next),
+                            Err(_) => break,
+                        };
+                    }
+                    if news {
+                        self.look();
+                    }
+                }
+                () = sleep(left) => {}
+            }
+        }
+    }
+
+    fn look(&mut self) {
+        self.selection = select(self.content, &self.held, &self.view);
+    }
+
+    /// Asks for what is most urgent, as far as requests may be under way.
+    async fn ask(&mut self, wire: &Wire) -> Result<(), String> {
+        let absent = |wanted: &&super::select::Wanted| wanted.state == State::Absent;
+        let room = self.most_in_flight.saturating_sub(self.in_flight.len());
+        let next: Vec<_> = self.selection.wanted.iter().filter(absent).take(room).copied().collect();
+        if next.is_empty() {
+            return Ok(());
+        }
+        for wanted in next {
+            let request = Request { number: self.asked, body_bytes: wanted.bytes };
+            wire.requests.send(request).await.map_err(|_| "the connection is closed".to_owned())?;
+            self.in_flight.insert(self.asked, (wanted.item, wanted.bytes));
+            self.held.set(wanted.item, State::Requested);
+            self.asked += 1;
+        }
+        self.look();
+        Ok(())
+    }
+
+    /// Whether the path begins now.
+    fn begins(&self, now: Time) -> bool {
+        self.path.moves()
+            && match self.path.start {
+                Start::FirstFrame => self.first_frame.is_some(),
+                Start::Settled => self.selection.wanted.is_empty(),
+                Start::At { seconds } => now >= Time::from(Duration::from_secs_f64(seconds)),
+            }
+    }
+
+    /// When the camera is to be moved next.
+    fn next_move(&self) -> Option<Time> {
+        match self.phase {
+            Phase::Moving { next, .. } => Some(next),
+            Phase::Waiting if self.begins(self.clock.now()) => Some(Time::ZERO),
+            Phase::Waiting => match self.path.start {
+                Start::At { seconds } if self.path.moves() => {
+                    Some(Time::from(Duration::from_secs_f64(seconds)))
+                }
+                _ => None,
+            },
+            Phase::Resting { .. } => None,
+        }
+    }
+
+    /// Puts the camera where it is now; whether that changed anything.
+    fn move_camera(&mut self, now: Time) -> bool {
+        if self.phase == Phase::Waiting && self.begins(now) {
+            self.phase = Phase::Moving { since: now, next: now };
+        }
+        let Phase::Moving { since, next } = self.phase else { return false };
+        if now < next {
+            return false;
+        }
+        let seconds = now.since(since).as_secs_f64();
+        self.view =
+            self.path.camera(&self.content.stage.camera, seconds).view(self.viewport_px, self.target_px);
+        self.phase = if seconds >= self.path.seconds {
+            Phase::Resting { since: now }
+        } else {
+            Phase::Moving { since, next: now + FRAME }
+        };
+        true
+    }
+
+    /// Notes what there is now.
+    fn note(&mut self, now: Time, bytes: u64) {
+        let here = Milestone { after: Duration::from(now), bytes };
+        let error_px = Some(self.selection.error_px).filter(|px| self.selection.drawable && px.is_finite());
+        if let Some(error_px) = error_px {
+            self.first_frame.get_or_insert(here);
+            for (slot, px) in self.quality.iter_mut().zip(QUALITIES_PX) {
+                if error_px <= px {
+                    slot.get_or_insert(here);
+                }
+            }
+            if let Phase::Resting { since } = self.phase {
+                for (slot, px) in self.rest_quality.iter_mut().zip(QUALITIES_PX) {
+                    if error_px <= px {
+                        slot.get_or_insert(now.since(since));
+                    }
+                }
+            }
+        }
+        self.series.push(Sample { at_ns: now.as_ns(), bytes, error_px });
+        let wants = !self.selection.wanted.is_empty();
+        if self.first_frame.is_some() {
+            self.stalls.observe(now, bytes, wants);
+        }
+        let at_rest = !self.path.moves() || matches!(self.phase, Phase::Resting { .. });
+        if at_rest && !wants {
+            self.settled.get_or_insert(here);
+        }
+    }
+}

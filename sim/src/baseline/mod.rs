@@ -1,0 +1,37 @@
+//! Baselines: what other techniques take to show the same scene over the same link.
+//!
+//! A technique offers each asset as pieces ([`offer`]): nodes of a peer, levels of a chain, or one file. A
+//! loader ([`loader`]) fetches them over the link of the case by the project's own selection rule
+//! ([`select`]): the screen error of a bounding sphere, frustum, most important first, parents before children.
+//! So techniques differ by what they offer alone.
+//!
+//! What is given to them: the scene description (which assets stand where, and how large a node's or a
+//! level's error is) is known before the connection is asked for; one request is 64 bytes over QUIC and 160
+//! over TCP, and so is what comes before a body; a child may be asked for while its parent is under way;
+//! bodies come in the order of the requests, none shares the link with a later one. Textures are fetched as
+//! ours are: the same files, by the same rule.
+//!
+//! Over QUIC a request is a bidirectional stream, as in HTTP/3, between quinn endpoints with the certificate
+//! and the congestion control of the project's server; over TCP requests are pipelined on one connection, as
+//! HTTP/1.1 allows it, without TLS.
+
+pub mod draco;
+mod levels;
+pub mod library;
+mod loader;
+pub mod mesh_text;
+pub mod offer;
+pub mod peers;
+mod run;
+mod select;
+mod technique;
+#[cfg(test)]
+mod tests;
+mod wire;
+
+pub use library::Library;
+pub(crate) use run::run_case;
+pub use technique::Technique;
+
+/// Most requests under way at once: as many connections to a host as browsers open for HTTP/1.1.
+pub const MOST_IN_FLIGHT: usize = 6;

@@ -1,0 +1,111 @@
+//! What a technique offers: an asset in pieces, and how well it is shown with some of them.
+
+use lodestream_geometry::index::Sphere;
+use lodestream_protocol::BlobId;
+use lodestream_protocol::asset::AssetDescription;
+use lodestream_protocol::scene::{AssetEntry, Camera, InstanceEntry};
+
+/// One thing to fetch of an asset.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Piece {
+    /// Length of its body.
+    pub bytes: u64,
+    /// Error of what is drawn while none of its children is here, in the asset's units. A piece without children
+    /// counts as exact: it is all that the technique has.
+    pub error: f32,
+    /// Bounds, relative to the origin of the asset's grid.
+    pub sphere: Sphere,
+    /// Pieces that must be here before it is of use; they come before it.
+    pub parents: Vec<u32>,
+    /// Whether there is something to draw in it; an index has nothing.
+    pub draws: bool,
+}
+
+/// A texture in levels, coarse first.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Texture {
+    /// Texture coordinates per unit of the asset.
+    pub uv_per_unit: f32,
+    /// Length of the image file and the longer side in texels, of each level.
+    pub levels: Vec<(u32, u32)>,
+}
+
+/// An asset as a technique offers it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Offer {
+    /// Pieces, parents first.
+    pub pieces: Vec<Piece>,
+}
+
+impl Offer {
+    /// Pieces that replace each other: lengths and errors, coarse to fine.
+    #[must_use]
+    pub fn chain(levels: &[(u64, f32)], sphere: Sphere) -> Self {
+        let piece = |(i, &(bytes, error)): (u32, &(u64, f32))| Piece {
+            bytes,
+            error,
+            sphere,
+            parents: i.checked_sub(1).into_iter().collect(),
+            draws: true,
+        };
+        Self { pieces: (0..).zip(levels).map(piece).collect() }
+    }
+
+    /// The pieces without which nothing can be drawn everywhere: those that draw and refine no other.
+    pub fn roots(&self) -> impl Iterator<Item = u32> {
+        (0_u32..).zip(&self.pieces).filter(|(_, piece)| self.is_root(piece)).map(|(number, _)| number)
+    }
+
+    /// Whether a piece draws and refines no other.
+    #[must_use]
+    pub fn is_root(&self, piece: &Piece) -> bool {
+        let draws = |parent: &u32| self.pieces.get(*parent as usize).is_some_and(|p| p.draws);
+        piece.draws && !piece.parents.iter().any(draws)
+    }
+
+    /// Length of all bodies.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.pieces.iter().map(|piece| piece.bytes).sum()
+    }
+}
+
+/// What stands where in a scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Stage {
+    /// Where a viewer starts.
+    pub camera: Camera,
+    /// Assets.
+    pub assets: Vec<AssetEntry>,
+    /// Textures, by asset.
+    pub textures: Vec<Vec<Texture>>,
+    /// Instances.
+    pub instances: Vec<InstanceEntry>,
+}
+
+impl Texture {
+    /// The textures of an asset.
+    #[must_use]
+    pub fn of(description: &AssetDescription, uv_per_unit: f32) -> Vec<Self> {
+        let level = |l: &lodestream_protocol::asset::TextureLevel| (l.bytes, l.width.max(l.height));
+        let texture = |t: &lodestream_protocol::asset::TextureInfo| Self {
+            uv_per_unit,
+            levels: t.levels.iter().map(level).collect(),
+        };
+        description.textures.iter().map(texture).collect()
+    }
+}
+
+/// Something that can be fetched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Item {
+    /// A piece of an asset.
+    Piece {
+        /// The asset.
+        asset: u32,
+        /// The piece.
+        piece: u32,
+    },
+    /// A level of a texture.
+    Texture(BlobId),
+}

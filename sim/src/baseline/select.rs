@@ -1,0 +1,234 @@
+//! Which pieces a view wants, by the project's own rule (`protocol::select`): its projection, its priorities.
+//!
+//! A piece is refined into its children while its error projects to more than the target; children out of view
+//! are not wanted. A child of several pieces needs all of them, so what it is worth is passed on to them. The
+//! pieces without which an asset cannot be drawn come first where it is in view, last where it is not.
+
+use std::cmp::Reverse;
+
+use lodestream_protocol::BlobId;
+use lodestream_protocol::View;
+use lodestream_protocol::select::priority::{base_priority, prefetch_priority, refine_priority};
+use lodestream_protocol::select::{Priority, Projection, SelectSettings};
+
+use super::library::Content;
+use super::offer::{Item, Offer};
+
+/// Texture levels that are wanted of one texture at once, as in the project's selection.
+const PENDING_LEVELS: usize = 2;
+
+/// Where an item is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum State {
+    Absent,
+    Requested,
+    Here,
+}
+
+/// Where all items of a content are.
+#[derive(Clone, Debug)]
+pub(super) struct Held {
+    pieces: Vec<Vec<State>>,
+    /// By asset, texture and level.
+    textures: Vec<Vec<Vec<State>>>,
+}
+
+impl Held {
+    pub(super) fn nothing(content: &Content) -> Self {
+        let textures = content.stage.textures.iter();
+        Self {
+            pieces: content.offers.iter().map(|offer| vec![State::Absent; offer.pieces.len()]).collect(),
+            textures: textures
+                .map(|of| of.iter().map(|texture| vec![State::Absent; texture.levels.len()]).collect())
+                .collect(),
+        }
+    }
+
+    pub(super) fn set(&mut self, item: Item, state: State) {
+        match item {
+            Item::Piece { asset, piece } => self.pieces[asset as usize][piece as usize] = state,
+            Item::Texture(id) => {
+                if let lodestream_protocol::BlobPart::Texture { texture, level } = id.part {
+                    self.textures[id.asset as usize][usize::from(texture)][usize::from(level)] = state;
+                }
+            }
+        }
+    }
+
+    /// The pieces of an asset that are of use: here, and so is what they need.
+    fn usable(&self, asset: usize, offer: &Offer) -> Vec<bool> {
+        let mut usable = vec![false; offer.pieces.len()];
+        for (number, piece) in offer.pieces.iter().enumerate() {
+            usable[number] = self.pieces[asset][number] == State::Here
+                && piece.parents.iter().all(|&parent| usable[parent as usize]);
+        }
+        usable
+    }
+}
+
+/// Something to have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Wanted {
+    pub(super) item: Item,
+    pub(super) priority: Priority,
+    pub(super) bytes: u64,
+    pub(super) state: State,
+}
+
+/// What a view comes to.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Selection {
+    /// What is not here, most urgent first, parents before children.
+    pub(super) wanted: Vec<Wanted>,
+    /// Whether every visible instance can be drawn.
+    pub(super) drawable: bool,
+    /// Upper bound on the screen error of what is drawn, in pixels; infinite while something visible cannot be.
+    pub(super) error_px: f64,
+}
+
+/// What the instances of an asset add up to.
+#[derive(Clone, Debug, Default)]
+struct Seen {
+    visible: bool,
+    placed: bool,
+    coverage_px: f32,
+    centrality: f32,
+    px_per_unit: f32,
+    /// By piece: screen error while it is missing, and how central it is.
+    missing: Vec<(f32, f32)>,
+}
+
+pub(super) fn select(content: &Content, held: &Held, view: &View) -> Selection {
+    let stage = &*content.stage;
+    let projection = Projection::new(view);
+    let usable: Vec<Vec<bool>> =
+        content.offers.iter().enumerate().map(|(asset, offer)| held.usable(asset, offer)).collect();
+    let drawable = |asset: usize| content.offers[asset].roots().all(|piece| usable[asset][piece as usize]);
+    let mut selection = Selection { drawable: true, ..Selection::default() };
+    let of_offer = |offer: &Offer| Seen { missing: vec![(0.0, 0.0); offer.pieces.len()], ..Seen::default() };
+    let mut seen: Vec<Seen> = content.offers.iter().map(of_offer).collect();
+    for instance in &stage.instances {
+        let number = instance.asset as usize;
+        let (Some(asset), Some(offer)) = (stage.assets.get(number), content.offers.get(number)) else {
+            continue;
+        };
+        let bounds = projection.bounds(asset, instance);
+        let seen = &mut seen[number];
+        seen.placed = true;
+        seen.coverage_px = seen.coverage_px.max(bounds.coverage_px);
+        if !bounds.visible {
+            continue;
+        }
+        seen.visible = true;
+        seen.centrality = seen.centrality.max(bounds.centrality);
+        #[allow(clippy::cast_possible_truncation)] // as the project's selection has it
+        {
+            let px_per_unit = projection.px_per_unit(asset, instance, bounds.depth) as f32;
+            seen.px_per_unit = seen.px_per_unit.max(px_per_unit);
+        }
+        if !drawable(number) {
+            selection.drawable = false;
+            selection.error_px = f64::INFINITY;
+        }
+        let local = projection.local(asset, instance);
+        let px: Vec<Option<(f64, f32)>> =
+            offer.pieces.iter().map(|piece| local.error_px(&piece.sphere, piece.error)).collect();
+        for (child, piece) in offer.pieces.iter().enumerate() {
+            if px[child].is_none() {
+                continue;
+            }
+            for &parent in &piece.parents {
+                let Some((error_px, centrality)) = px[parent as usize] else { continue };
+                if usable[number][parent as usize] && !usable[number][child] {
+                    selection.error_px = selection.error_px.max(error_px);
+                }
+                #[allow(clippy::cast_possible_truncation)]
+                let missing = &mut seen.missing[child];
+                *missing = (missing.0.max(error_px as f32), missing.1.max(centrality));
+            }
+        }
+    }
+    for (number, seen) in (0_u32..).zip(&mut seen) {
+        want_pieces(&mut selection, content, held, number, seen, view.target_px);
+        if seen.visible && drawable(number as usize) {
+            want_textures(&mut selection, content, held, number, seen, view.target_px);
+        }
+    }
+    selection.wanted.sort_unstable_by_key(|wanted| (Reverse(wanted.priority), wanted.item));
+    selection
+}
+
+fn want_pieces(
+    selection: &mut Selection,
+    content: &Content,
+    held: &Held,
+    asset: u32,
+    seen: &mut Seen,
+    target_px: f32,
+) {
+    let offer = &content.offers[asset as usize];
+    let mut priorities: Vec<Priority> = vec![0; offer.pieces.len()];
+    // Children before parents: what a child is worth is passed on.
+    for (number, piece) in offer.pieces.iter().enumerate().rev() {
+        let (error_px, centrality) = seen.missing[number];
+        let own = if offer.is_root(piece) {
+            if seen.visible {
+                base_priority(seen.coverage_px, seen.centrality)
+            } else if seen.placed {
+                prefetch_priority(seen.coverage_px)
+            } else {
+                0
+            }
+        } else if error_px > target_px {
+            refine_priority(error_px, u32::try_from(piece.bytes).unwrap_or(u32::MAX), centrality)
+        } else {
+            0
+        };
+        priorities[number] = priorities[number].max(own);
+        for &parent in &piece.parents {
+            let parent = parent as usize;
+            priorities[parent] = priorities[parent].max(priorities[number]);
+            let worth = &mut seen.missing[parent];
+            *worth = (worth.0.max(error_px), worth.1.max(centrality));
+        }
+    }
+    for (piece, &priority) in (0_u32..).zip(&priorities) {
+        let state = held.pieces[asset as usize][piece as usize];
+        if priority > 0 && state != State::Here {
+            let bytes = offer.pieces[piece as usize].bytes;
+            selection.wanted.push(Wanted { item: Item::Piece { asset, piece }, priority, bytes, state });
+        }
+    }
+}
+
+/// A texture's next level is wanted while a texel of the last one covers more than a pixel.
+fn want_textures(
+    selection: &mut Selection,
+    content: &Content,
+    held: &Held,
+    asset: u32,
+    seen: &Seen,
+    target_px: f32,
+) {
+    let weight = SelectSettings::default().texture_weight;
+    let textures = &content.stage.textures[asset as usize];
+    for ((number, texture), states) in (0_u16..).zip(textures).zip(&held.textures[asset as usize]) {
+        let px_per_uv = seen.px_per_unit / texture.uv_per_unit.max(f32::MIN_POSITIVE);
+        let mut texel_px = px_per_uv.min(f32::MAX);
+        let mut pending = 0;
+        for ((level, &(bytes, texels)), &state) in (0_u8..).zip(&texture.levels).zip(states) {
+            if texel_px <= target_px.max(1.0) || pending == PENDING_LEVELS {
+                break;
+            }
+            if state != State::Here {
+                pending += 1;
+                let priority = refine_priority(texel_px.min(256.0) * weight, bytes, seen.centrality);
+                let item = Item::Texture(BlobId::texture(asset, number, level));
+                selection.wanted.push(Wanted { item, priority, bytes: u64::from(bytes), state });
+            }
+            #[allow(clippy::cast_precision_loss)] // a texture's side
+            let texels = texels.max(1) as f32;
+            texel_px = px_per_uv / texels;
+        }
+    }
+}
