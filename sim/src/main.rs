@@ -104,6 +104,12 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// Prints the older system's table of transfer times for three models of as many triangles, with ours beside it.
+    SeedTable {
+        /// Prints JSON instead of a table.
+        #[arg(long)]
+        json: bool,
+    },
     /// Streams scenes over simulated links in virtual time.
     Run {
         /// The plan (TOML).
@@ -173,6 +179,7 @@ fn main() -> ExitCode {
             run_assess(&model, &options, json)
         }
         Command::Measure { a, b, samples, seed, json } => run_measure(&a, &b, samples, seed, json),
+        Command::SeedTable { json } => run_seed_table(json),
         Command::Run { plan, seed, output, threads, cache, models, peers, draco_encoder, quiet } => {
             let beside = Beside { models, peers, draco_encoder };
             run_plan(&plan, seed, &output, threads, cache, &beside, quiet)
@@ -281,6 +288,16 @@ fn run_assess(model: &Path, options: &assess::Options, json: bool) -> anyhow::Re
         println!("{}", serde_json::to_string(&found)?);
     } else {
         println!("{found}");
+    }
+    Ok(())
+}
+
+fn run_seed_table(json: bool) -> anyhow::Result<()> {
+    let table = baseline::seed_table::seed_table()?;
+    if json {
+        println!("{}", serde_json::to_string(&table)?);
+    } else {
+        println!("{table}");
     }
     Ok(())
 }

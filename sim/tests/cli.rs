@@ -75,6 +75,41 @@ fn run_refuses_plans_before_anything_is_prepared() {
 }
 
 #[test]
+fn run_says_what_models_and_peers_it_lacks() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("out");
+    let link = "[[sweep]]\ntransport = \"ws\"\nrate_bits_per_s = 2_000_000\nrtt_ms = 50\n";
+    let plan = write(folder.path(), "model.toml", &format!("scene = \"model:none.obj\"\n{link}"));
+    let run = |options: &[&str]| {
+        simulator(&[&["run", &plan, "-o", output.to_str().unwrap(), "--quiet"], options].concat())
+    };
+    let unknown = Command::new(env!("CARGO_BIN_EXE_lodestream-sim"))
+        .args(["run", &plan, "-o", output.to_str().unwrap()])
+        .env_remove("LODESTREAM_MODELS")
+        .output()
+        .unwrap();
+    assert_refused(&unknown, &["none.obj", "--models DIR"]);
+    assert_refused(&run(&["--models", folder.path().to_str().unwrap()]), &["none.obj"]);
+    let peers = write(folder.path(), "peers.json", "[{\"peer\": 3}]");
+    assert_refused(&run(&["--peers", &peers]), &["peers.json", "line 1", "expected a string"]);
+    assert_refused(&run(&["--draco-encoder", "no/encoder"]), &["no/encoder", "no such program"]);
+    assert!(!output.exists());
+}
+
+#[test]
+fn the_older_systems_table_has_a_line_for_each_way_of_sending() {
+    let text = String::from_utf8(simulator(&["seed-table"]).stdout).unwrap();
+    for line in
+        ["| stone | 902 | JSON | ", "| padlock | 298 | pack, whole | ", "| vase | 950 | JSON, gzip | "]
+    {
+        assert!(text.contains(line), "{text}");
+    }
+    let json = simulator(&["seed-table", "--json"]).stdout;
+    let json: serde_json::Value = serde_json::from_slice(&json).unwrap();
+    assert_eq!(json[1]["triangles"], 298);
+}
+
+#[test]
 fn run_writes_the_same_report_on_any_number_of_threads_and_replays_a_seed() {
     let folder = tempfile::tempdir().unwrap();
     let plan = write(

@@ -23,6 +23,8 @@ pub mod mesh_text;
 pub mod offer;
 pub mod peers;
 mod run;
+pub mod seed_models;
+pub mod seed_table;
 mod select;
 mod technique;
 #[cfg(test)]

@@ -40,8 +40,8 @@ fn the_documented_plan_is_one() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("train.txt"), "4\n0\n1.5\n").unwrap();
     let plan = parse(&toml.join("\n"), &folder.path().join("plan.toml")).unwrap();
-    // Four rates with and without loss; the train seen by two cameras, thirty times each.
-    assert_eq!((plan.cases.len(), plan.runs()), (4 * 2 + 2, 4 * 2 + 60));
+    // Four rates with and without loss; the train seen by two cameras by two techniques, thirty times each.
+    assert_eq!((plan.cases.len(), plan.runs()), (4 * 2 + 4, 4 * 2 + 120));
     let train = &plan.cases[9].link;
     assert_eq!(train.down.rate, Rate::trace(&[4_000_000, 0, 1_500_000], AtEnd::Repeat).unwrap());
     assert_eq!((train.up.rate.first(), train.up.jitter), (500_000, train.down.jitter));
@@ -51,6 +51,58 @@ fn the_documented_plan_is_one() {
 fn scene_files_are_relative_to_the_plan() {
     let plan = parse_at(&GOOD.replace("demo", "../scenes/a.toml")).unwrap();
     assert_eq!(plan.scenes[0].choice, SceneChoice::File("plans/../scenes/a.toml".into()));
+}
+
+#[test]
+fn the_projects_own_plans_are_plans() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("plans");
+    let mut count = 0;
+    for file in std::fs::read_dir(folder).unwrap() {
+        let path = file.unwrap().path();
+        if path.extension().is_some_and(|e| e == "toml") {
+            read(&path).unwrap();
+            count += 1;
+        }
+    }
+    assert!(count >= 7, "{count}");
+}
+
+#[test]
+fn techniques_change_fastest_and_nodes_stand_for_each_peer() {
+    let text = GOOD.replace("loss = [0, 0.01]", "technique = [\"lodestream\", \"nodes\", \"obj-gzip\"]");
+    let plan = parse_at(&text).unwrap();
+    let names = |plan: &Plan| plan.cases.iter().map(|c| plan.technique_name(c)).collect::<Vec<_>>();
+    assert_eq!(names(&plan), ["lodestream", "nodes", "obj-gzip"].repeat(2));
+    assert_eq!(plan.cases[2].to_string(), "obj-gzip over quic, 2 Mbit/s, RTT 50 ms, loss 0 %");
+    let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("peers/example.json");
+    let peers = crate::baseline::peers::read(&example).unwrap();
+    let with = plan.with_peers(peers.clone());
+    let nodes = peers.iter().map(|peer| format!("nodes: {}", peer.name));
+    let expected: Vec<String> =
+        ["lodestream".into()].into_iter().chain(nodes).chain(["obj-gzip".into()]).collect();
+    let expected = [expected.clone(), expected].concat();
+    assert_eq!(names(&with), expected);
+    assert_eq!(names(&with.with_peers(peers)), expected, "and only once");
+    // A plan may name the file itself, relative to its own.
+    let named = parse(&format!("peers = \"example.json\"\n{text}"), &example).unwrap();
+    assert_eq!((named.peers.len(), named.cases.len()), (2, 8));
+}
+
+#[test]
+fn models_are_named_by_files_of_a_folder_that_the_plan_does_not_know() {
+    let text = format!("position_bits = 12\n{}", GOOD.replace("demo", "model:bunny.obj"));
+    let plan = parse_at(&text).unwrap().with_models(Some(Path::new("models")));
+    let folder = Some("models".into());
+    let expected = SceneChoice::Model { file: "bunny.obj".into(), folder, position_bits: Some(12) };
+    assert_eq!((&plan.scenes[0].choice, plan.scenes[0].name.as_str()), (&expected, "model:bunny.obj"));
+    for bad in ["model:", "model:../bunny.obj", "model:/bunny.obj"] {
+        let error = parse_at(&GOOD.replace("demo", bad)).unwrap_err();
+        assert_eq!(
+            (error.field.as_str(), error.message.contains("folder of models")),
+            ("scene", true),
+            "{bad}"
+        );
+    }
 }
 
 #[test]
@@ -74,6 +126,15 @@ fn errors_name_file_and_field() {
         (&format!("ttq_px = [1, 0]\n{GOOD}"), "ttq_px[1]", "0 is not"),
         (&format!("viewport_px = [640, 0]\n{GOOD}"), "viewport_px[1]", "0 is not"),
         (&format!("time_limit_s = -1\n{GOOD}"), "time_limit_s", "-1 is not"),
+        (&format!("position_bits = 40\n{GOOD}"), "position_bits", "40 is not"),
+        (&format!("peers = \"no.json\"\n{GOOD}"), "peers", "cannot be read"),
+        (&format!("{GOOD}technique = []\n"), "sweep[0].technique", "is empty"),
+        (&format!("{GOOD}technique = \"pigeons\"\n"), "line 7", "unknown variant"),
+        (
+            &format!("{GOOD}technique = [\"lodestream\", \"obj\"]\nlimiter_share = 0.9\n"),
+            "sweep[0].technique[1]",
+            "obj has no limiter",
+        ),
     ];
     for (text, field, message) in cases {
         let error = parse_at(text).unwrap_err();
