@@ -7,7 +7,8 @@
 //!
 //! What is given to them: the scene description (which assets stand where, and how large a node's or a
 //! level's error is) is known before the connection is asked for; one request is 64 bytes over QUIC and 160
-//! over TCP, and so is what comes before a body; a child may be asked for while its parent is under way;
+//! over TCP, and so is what comes before a body; a child may be asked for while its parent is under way (but nothing
+//! that an index names before the index is here);
 //! bodies come in the order of the requests, none shares the link with a later one. Textures are fetched as
 //! ours are: the same files, by the same rule.
 //!

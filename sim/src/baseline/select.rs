@@ -192,9 +192,16 @@ fn want_pieces(
             *worth = (worth.0.max(error_px), worth.1.max(centrality));
         }
     }
+    let states = &held.pieces[asset as usize];
+    // Nobody can ask for nodes before the index says which there are.
+    let unknown = |parent: &u32| {
+        let parent = *parent as usize;
+        !offer.pieces[parent].draws && states[parent] != State::Here
+    };
     for (piece, &priority) in (0_u32..).zip(&priorities) {
-        let state = held.pieces[asset as usize][piece as usize];
-        if priority > 0 && state != State::Here {
+        let state = states[piece as usize];
+        let known = !offer.pieces[piece as usize].parents.iter().any(unknown);
+        if priority > 0 && state != State::Here && known {
             let bytes = offer.pieces[piece as usize].bytes;
             selection.wanted.push(Wanted { item: Item::Piece { asset, piece }, priority, bytes, state });
         }
