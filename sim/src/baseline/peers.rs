@@ -10,8 +10,8 @@
 //!                "children": [] }] }]
 //! ```
 //!
-//! Lengths are in bytes as they are sent; `error`, `center` and `radius` are in the model's units. A node's error is that
-//! of what is drawn while its children are missing. Children come after their parents, and may have several; nodes
+//! Lengths are in bytes as they are sent; `error`, `center` and `radius` are in the model's units. A node's error is
+//! that of what is drawn while its children are missing. Children come after their parents, and may have several; nodes
 //! without parents are the roots.
 
 use std::path::Path;
