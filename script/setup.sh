@@ -41,11 +41,11 @@ install_packages() {
         fail "apt-get could not install: $*"
 }
 
-# System packages: a C toolchain, Vulkan with at least a software driver; with "window", what a
+# System packages: a C and C++ toolchain, Vulkan with at least a software driver; with "window", what a
 # window under X11 loads at run time.
 ensure_system() {
     local missing=()
-    have cc || missing+=(build-essential)
+    have cc && have c++ || missing+=(build-essential)
     have pkg-config || missing+=(pkg-config)
     if ! have cargo && ! [ -x "$HOME/.cargo/bin/cargo" ]; then
         have curl || missing+=(curl ca-certificates)

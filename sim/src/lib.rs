@@ -3,6 +3,7 @@
 pub mod assess;
 pub mod baseline;
 pub mod clock;
+pub mod image_error;
 pub mod link;
 pub mod measure;
 pub mod scenario;

@@ -118,7 +118,8 @@ enum Command {
         /// plan's seeds].
         #[arg(long)]
         seed: Option<u64>,
-        /// Folder for results.json and results.csv, and for percentiles of cases with seeds enough.
+        /// Folder for the report: report.html, results.json and results.csv, plots, pictures if the plan asks for them, and
+        /// percentiles of cases with seeds enough.
         #[arg(short, long, value_name = "DIR")]
         output: PathBuf,
         /// Runs at once [default: as many as there are processors]. The report does not depend on it.
@@ -246,6 +247,8 @@ fn run_plan(
     let cache = cache
         .or_else(lodestream_server::prepare::cache::default_folder)
         .context("no cache folder is known; name one with --cache DIR")?;
+    // Before anything is prepared: without a graphics adapter it would be for nothing.
+    let device = plan.pictures.as_ref().map(|_| scenario::pictures::open_device()).transpose()?;
     let open = |scene: &scenario::plan::PlanScene| scenario::scene::open(&scene.choice, &cache, quiet);
     let scenes = plan.scenes.iter().map(open).collect::<anyhow::Result<Vec<_>>>()?;
     let threads = threads.or(std::thread::available_parallelism().ok()).unwrap_or(NonZeroUsize::MIN);
@@ -254,11 +257,13 @@ fn run_plan(
             eprintln!("{what}");
         }
     })?;
+    let gallery = device.map(|device| scenario::pictures::Gallery::new(device, output)).transpose()?;
+    let equipment = scenario::Equipment { library: &library, gallery: gallery.as_ref() };
     let progress = Progress::new(plan.runs(), quiet);
-    let results = scenario::run_with(&plan, &scenes, &library, threads, |result| progress.line(result));
+    let results = scenario::run_with(&plan, &scenes, equipment, threads, |result| progress.line(result));
     progress.finish();
     let results = results?;
-    scenario::report::write(output, &plan, &results)
+    scenario::report::write_drawn(output, &plan, &results, gallery)
         .with_context(|| format!("{}: the report cannot be written", output.display()))
 }
 

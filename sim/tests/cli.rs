@@ -110,6 +110,24 @@ fn the_older_systems_table_has_a_line_for_each_way_of_sending() {
 }
 
 #[test]
+fn a_plan_with_pictures_needs_a_graphics_adapter_and_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("out");
+    let text = "scene = \"empty\"\n[pictures]\n[[sweep]]\ntransport = \"ws\"\nrate_bits_per_s = 2_000_000\nrtt_ms = 50\n";
+    let run = |text: &str| {
+        let plan = write(folder.path(), "plan.toml", text);
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-sim"));
+        // A back end that is not built in, so that no adapter answers.
+        command.args(["run", &plan, "--quiet", "-o", output.to_str().unwrap()]).env("WGPU_BACKEND", "gl");
+        command.output().unwrap()
+    };
+    assert_refused(&run(text), &["[pictures]", "no graphics adapter", "mesa-vulkan-drivers"]);
+    assert!(!output.exists());
+    assert!(run(&text.replace("[pictures]\n", "")).status.success());
+    assert!(output.join("report.html").exists() && !output.join("pictures").exists());
+}
+
+#[test]
 fn run_writes_the_same_report_on_any_number_of_threads_and_replays_a_seed() {
     let folder = tempfile::tempdir().unwrap();
     let plan = write(

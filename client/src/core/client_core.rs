@@ -576,6 +576,12 @@ impl ClientCore {
         self.scene.has_changes()
     }
 
+    /// Memory of what [`ClientCore::take_changes`] has, in bytes, meshes not counted.
+    #[must_use]
+    pub const fn waiting_bytes(&self) -> usize {
+        self.scene.waiting_bytes()
+    }
+
     /// The milestones so far.
     #[must_use]
     pub const fn milestones(&self) -> &Milestones {

@@ -244,5 +244,6 @@ fn blank(plan: &Plan, case: &Case, seed: u64, why: &str) -> RunResult {
         packets_dropped_up: queue_full,
         trace: format!("{:016x}", 0),
         series: Vec::new(),
+        pictures: Vec::new(),
     }
 }

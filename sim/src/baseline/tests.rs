@@ -17,7 +17,7 @@ use crate::scenario::plan::{self, Plan};
 use crate::scenario::report::{RunResult, to_json};
 use crate::scenario::run::certificate;
 use crate::scenario::tests::{results_of, small_scene};
-use crate::scenario::{run, run_with};
+use crate::scenario::{Equipment, run, run_with};
 
 const UNIT: Sphere = Sphere { center: [0.0; 3], radius: 1.0 };
 
@@ -262,7 +262,7 @@ fn reports_do_not_depend_on_threads_and_levels_end_where_the_view_is_sharp() {
     let library = Library::prepare(&plan, &scenes, |_| {}).unwrap();
     let on = |threads| {
         let threads = NonZeroUsize::new(threads).unwrap();
-        run_with(&plan, &scenes, &library, threads, |_| {}).unwrap()
+        run_with(&plan, &scenes, Equipment { library: &library, gallery: None }, threads, |_| {}).unwrap()
     };
     let results = on(1);
     let bytes = to_json(&results).unwrap();

@@ -99,6 +99,33 @@ pub(super) fn of_runs(results: &[RunResult]) -> String {
     }))
 }
 
+/// A line per picture of a run, which `run` numbers from 1 in the plan's order.
+#[must_use]
+pub(super) fn of_pictures(results: &[RunResult]) -> String {
+    let pictures = (1_usize..).zip(results).flat_map(|(number, run)| {
+        run.pictures.iter().map(move |picture| {
+            let mut line = Line::default();
+            line.add("run", number);
+            line.add("scene", &run.scene);
+            line.add("transport", run.transport);
+            line.add("link", &run.link);
+            line.add("camera", &run.camera);
+            line.add("seed", run.seed);
+            line.add("instant", &picture.instant);
+            line.add("at_ms", picture.at_ms);
+            line.add("bytes", picture.bytes);
+            line.add_some("error_px", picture.error_px);
+            // Empty for equal pictures, whose PSNR is infinite.
+            line.add_some("psnr_db", picture.error.and_then(|error| error.psnr_db));
+            line.add_some("ssim", picture.error.map(|error| error.ssim));
+            line.add_some("flip", picture.error.map(|error| error.flip));
+            line.add("file", &picture.file);
+            line
+        })
+    });
+    table(pictures)
+}
+
 /// A line per case.
 #[must_use]
 pub(super) fn of_percentiles(cases: &[Percentiles]) -> String {

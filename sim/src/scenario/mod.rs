@@ -6,15 +6,19 @@ mod csv;
 mod extremes;
 pub mod ledger;
 pub(crate) mod outcome;
+mod page;
 pub mod parallel;
 pub mod percentiles;
+pub mod pictures;
 pub mod plan;
+pub mod plots;
 pub mod report;
 pub(crate) mod run;
 pub mod scene;
 #[cfg(test)]
 pub(crate) mod tests;
 pub mod timeline;
+mod units;
 pub(crate) mod viewer;
 
-pub use parallel::{run, run_with};
+pub use parallel::{Equipment, run, run_with};

@@ -20,7 +20,7 @@ pub(super) fn result(
     plan: &Plan,
     case: &Case,
     seed: u64,
-    viewer: &mut Viewer,
+    viewer: &mut Viewer<'_>,
     close: &Close,
     traffic: &Traffic,
 ) -> RunResult {
@@ -73,5 +73,6 @@ pub(super) fn result(
         packets_dropped_up: traffic.up.queue_full,
         trace: format!("{:016x}", traffic.trace),
         series: viewer.series.samples().to_vec(),
+        pictures: Vec::new(),
     }
 }

@@ -12,6 +12,7 @@ use std::sync::mpsc::sync_channel;
 use anyhow::Context as _;
 use lodestream_protocol::source::SceneSource;
 
+use super::pictures::Gallery;
 use super::plan::{Case, Plan};
 use super::report::RunResult;
 use super::run::{certificate, run_case};
@@ -20,8 +21,8 @@ use crate::baseline::{self, Library, Technique};
 /// Results that may wait for those before them.
 const WAITING_PER_THREAD: usize = 64;
 
-/// Runs all cases of a plan with all their seeds. `scenes` are the plan's, in its order. `report` is told
-/// of each result in the plan's order.
+/// Runs all cases of a plan with all their seeds, without pictures. `scenes` are the plan's, in its order. `report` is
+/// told of each result in the plan's order.
 ///
 /// # Errors
 /// The first session, in the plan's order, that ends for another reason than that the picture is settled,
@@ -33,17 +34,26 @@ pub fn run(
     report: impl FnMut(&RunResult),
 ) -> anyhow::Result<Vec<RunResult>> {
     let library = Library::prepare(plan, scenes, |_| {})?;
-    run_with(plan, scenes, &library, threads, report)
+    run_with(plan, scenes, Equipment { library: &library, gallery: None }, threads, report)
 }
 
-/// The same with baselines that are measured already.
+/// What runs need besides scenes.
+#[derive(Clone, Copy)]
+pub struct Equipment<'a> {
+    /// Baselines, measured already.
+    pub library: &'a Library,
+    /// Where pictures go; `None` for none.
+    pub gallery: Option<&'a Gallery>,
+}
+
+/// The same with baselines that are measured already, and with the pictures that the plan asks for.
 ///
 /// # Errors
-/// As [`run`].
+/// As [`run`], and what the graphics device or the gallery's folder refuses.
 pub fn run_with(
     plan: &Plan,
     scenes: &[Arc<dyn SceneSource>],
-    library: &Library,
+    equipment: Equipment<'_>,
     threads: NonZeroUsize,
     mut report: impl FnMut(&RunResult),
 ) -> anyhow::Result<Vec<RunResult>> {
@@ -57,9 +67,9 @@ pub fn run_with(
         let (number, case, seed) = jobs[job];
         let scene = scenes.get(case.scene).context("the plan has a scene that was not opened")?;
         let ran = if case.technique == Technique::Lodestream {
-            run_case(plan, case, scene, &certificate, seed)
+            run_case(plan, case, scene, &certificate, seed, equipment.gallery.map(|gallery| (gallery, job)))
         } else {
-            let entry = library.find(case).context("the case's baseline was not measured")?;
+            let entry = equipment.library.find(case).context("the case's baseline was not measured")?;
             baseline::run_case(plan, case, entry, &certificate, seed)
         };
         ran.with_context(|| format!("case {} of {} ({case}), seed {seed}", number + 1, plan.cases.len()))

@@ -23,7 +23,7 @@ pub struct Spread {
 
 impl Spread {
     /// Of some values, of which `None` counts as infinite (nearest rank). `None` without any values.
-    fn of(values: impl Iterator<Item = Option<f64>>) -> Option<Self> {
+    pub(super) fn of(values: impl Iterator<Item = Option<f64>>) -> Option<Self> {
         let mut sorted: Vec<f64> = values.map(|value| value.unwrap_or(f64::INFINITY)).collect();
         sorted.sort_by(f64::total_cmp);
         let rank = |percent: usize| {
@@ -58,7 +58,7 @@ pub struct Percentiles {
 }
 
 /// A run's figures of which percentiles are given.
-fn figures(run: &RunResult) -> BTreeMap<String, Option<f64>> {
+pub(super) fn figures(run: &RunResult) -> BTreeMap<String, Option<f64>> {
     let mut figures = BTreeMap::new();
     let mut add = |name: &str, value: Option<f64>| figures.insert(name.to_owned(), value);
     add("ttff_ms", run.ttff_ms);

@@ -8,8 +8,11 @@ use serde::Serialize;
 
 use super::csv;
 use super::ledger::Use;
+use super::page;
 use super::percentiles::{self, Percentiles};
+use super::pictures::{self, Gallery, Picture};
 use super::plan::{Plan, Transport};
+use super::plots;
 use super::timeline::Sample;
 use crate::baseline::Technique;
 
@@ -80,6 +83,9 @@ pub struct RunResult {
     pub trace: String,
     /// Bytes and screen error over time.
     pub series: Vec<Sample>,
+    /// Pictures, and how far each is from the settled one: the first frame, instants of the plan, the last one.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub pictures: Vec<Picture>,
 }
 
 /// One line for people.
@@ -143,28 +149,62 @@ pub fn to_json<T: Serialize>(objects: &[T]) -> serde_json::Result<Vec<u8>> {
 }
 
 /// Writes the report into a folder, which is created where it is missing: `results.json` and `results.csv`
-/// with a line per run, and `percentiles.json` and `percentiles.csv` where a case has seeds enough. Each file
-/// appears whole or not at all; percentiles of an earlier report do not stay.
+/// with a line per run, `percentiles.json` and `percentiles.csv` where a case has seeds enough, plots as SVG, and
+/// `report.html`, a page with all of it that needs no other file. Each file appears whole or not at all; percentiles,
+/// plots and pictures of an earlier report do not stay.
 ///
 /// # Errors
 /// What the system refuses.
 pub fn write(folder: &Path, plan: &Plan, results: &[RunResult]) -> std::io::Result<()> {
+    write_drawn(folder, plan, results, None)
+}
+
+/// The same, with the pictures of runs that were drawn, and `pictures.csv` with a line per picture.
+///
+/// # Errors
+/// What the system refuses.
+pub fn write_drawn(
+    folder: &Path,
+    plan: &Plan,
+    results: &[RunResult],
+    gallery: Option<Gallery>,
+) -> std::io::Result<()> {
     std::fs::create_dir_all(folder)?;
+    let adapter = gallery.as_ref().map(|gallery| gallery.adapter().to_owned());
+    match gallery {
+        Some(gallery) => gallery.publish()?,
+        None => pictures::remove_earlier(folder)?,
+    }
     let json = |json: serde_json::Result<Vec<u8>>| json.map_err(std::io::Error::other);
     put(folder, "results.json", &json(to_json(results))?)?;
     put(folder, "results.csv", csv::of_runs(results).as_bytes())?;
+    if results.iter().all(|run| run.pictures.is_empty()) {
+        remove(folder, "pictures.csv")?;
+    } else {
+        put(folder, "pictures.csv", csv::of_pictures(results).as_bytes())?;
+    }
+    let plots = plots::draw(plan, results)?;
+    plots::remove_earlier(folder)?;
+    for plot in &plots {
+        put(folder, &plot.file, plot.svg.as_bytes())?;
+    }
+    let page = page::html(folder, plan, results, &plots, adapter.as_deref())?;
+    put(folder, "report.html", page.as_bytes())?;
     let spread: Vec<Percentiles> = percentiles::of_plan(plan, results);
     if spread.is_empty() {
-        for name in ["percentiles.json", "percentiles.csv"] {
-            match std::fs::remove_file(folder.join(name)) {
-                Err(why) if why.kind() != std::io::ErrorKind::NotFound => return Err(why),
-                _ => {}
-            }
-        }
-        return Ok(());
+        remove(folder, "percentiles.json")?;
+        return remove(folder, "percentiles.csv");
     }
     put(folder, "percentiles.json", &json(to_json(&spread))?)?;
     put(folder, "percentiles.csv", csv::of_percentiles(&spread).as_bytes())
+}
+
+/// Removes what an earlier report may have left.
+fn remove(folder: &Path, name: &str) -> std::io::Result<()> {
+    match std::fs::remove_file(folder.join(name)) {
+        Err(why) if why.kind() != std::io::ErrorKind::NotFound => Err(why),
+        _ => Ok(()),
+    }
 }
 
 fn put(folder: &Path, name: &str, bytes: &[u8]) -> std::io::Result<()> {

@@ -3,18 +3,21 @@
 //! What runs is what is shipped: the server's connection handlers and the client's network code and
 //! core, over quinn or over WebSocket and HTTP. Simulated are the link ([`crate::udp`],
 //! [`crate::stream_pipe`]) and the clock. Selecting, decoding, applying and reading packs happen for
-//! real, but take no virtual time; drawing does not happen, and textures count as soon as they arrive.
+//! real, but take no virtual time; drawing takes none either, and textures count as soon as they arrive.
 //! The server's limiter is off unless the plan sets it: the link is what limits.
 
 use std::future::Future;
 use std::net::SocketAddr;
+use std::num::NonZeroU64;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use anyhow::Context as _;
+use image::RgbaImage;
 use lodestream_client::net::{self, Pin};
 use lodestream_protocol::message::{Close, CloseCode};
 use lodestream_protocol::source::SceneSource;
+use lodestream_protocol::view::View;
 use lodestream_server::daemon::certificate::Certificate;
 use lodestream_server::daemon::http::accept_http;
 use lodestream_server::daemon::quic::{serve_quic, server_config};
@@ -24,7 +27,8 @@ use rand_pcg::Pcg64Mcg;
 use tokio::time::timeout;
 
 use super::outcome;
-use super::plan::{Case, Plan, Transport};
+use super::pictures::{self, Gallery, Instant, Painter};
+use super::plan::{Case, CaseLink, PictureSettings, Plan, Transport};
 use super::report::RunResult;
 use super::viewer::Viewer;
 use crate::clock::{VirtualClock, virtual_runtime};
@@ -43,6 +47,11 @@ const CLOSE_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// Virtual time after the limit in which client and server may part by themselves.
 const PATIENCE: Duration = Duration::from_secs(60);
+
+/// Rate and queue of the link over which a reference picture is fetched, and virtual time that this may take.
+const REFERENCE_BITS_PER_S: NonZeroU64 = NonZeroU64::new(10_000_000_000).expect("not zero");
+const REFERENCE_QUEUE_BYTES: u64 = 64 << 20;
+const REFERENCE_LIMIT: Duration = Duration::from_secs(60);
 
 /// What the network saw of a run.
 pub(crate) struct Traffic {
@@ -65,7 +74,8 @@ pub(crate) fn certificate() -> anyhow::Result<Certificate> {
     longest.context("no certificate could be made")
 }
 
-/// Runs a case with a seed.
+/// Runs a case with a seed; its pictures are drawn if the plan asks for them and there is a gallery, in which the run
+/// has that number.
 ///
 /// # Errors
 /// A session that ends for another reason than that the picture is settled, the time is up, or the
@@ -76,14 +86,23 @@ pub(super) fn run_case(
     scene: &Arc<dyn SceneSource>,
     certificate: &Certificate,
     seed: u64,
+    gallery: Option<(&Gallery, usize)>,
 ) -> anyhow::Result<RunResult> {
-    virtual_runtime().context("no runtime for virtual time")?.block_on(async {
+    let drawing = plan.pictures.as_ref().zip(gallery);
+    let (mut result, shots) = virtual_runtime().context("no runtime for virtual time")?.block_on(async {
         let settings =
             SessionSettings { rate_bits_per_s: case.limiter_bits_per_s, ..SessionSettings::default() };
         let state = ServerState::new(Arc::clone(scene), settings);
         let target_px = plan.ttq_px.iter().copied().fold(f64::INFINITY, f64::min);
         let limit = Duration::from_secs_f64(case.time_limit_s);
-        let mut viewer = Viewer::new(plan.viewport_px, target_px as f32, case.path, limit);
+        let (viewport_px, target_px) = (plan.viewport_px, target_px as f32);
+        let mut viewer = match drawing {
+            None => Viewer::new(viewport_px, target_px, case.path, limit),
+            Some((settings, (gallery, _))) => {
+                let painter = Painter::new(gallery.studio(), settings)?;
+                Viewer::drawn(viewport_px, target_px, case.path, limit, painter)
+            }
+        };
         let (close, traffic) = match case.transport {
             Transport::Quic => run_quic(case, state, certificate, seed, limit, &mut viewer).await?,
             Transport::Ws => run_websocket(case, state, seed, limit, &mut viewer).await?,
@@ -93,7 +112,38 @@ pub(super) fn run_case(
         if viewer.settled().is_none() && !viewer.gave_up() && !by_the_link {
             anyhow::bail!("the session ended early: {close}");
         }
-        Ok(outcome::result(plan, case, seed, &mut viewer, &close, &traffic))
+        let shots = viewer.take_painter().map(Painter::finish).transpose()?.unwrap_or_default();
+        anyhow::Ok((outcome::result(plan, case, seed, &mut viewer, &close, &traffic), shots))
+    })?;
+    if let Some((settings, (gallery, run))) = drawing {
+        let references = |view| settled_picture(case, scene, view, gallery, settings);
+        result.pictures = pictures::judged(shots, gallery, run, references)?;
+    }
+    Ok(result)
+}
+
+/// What a viewer shows whose camera stands still at a pose and who wants nothing more: over a link on which that takes
+/// next to no time. `None` where it never comes to that.
+fn settled_picture(
+    case: &Case,
+    scene: &Arc<dyn SceneSource>,
+    view: View,
+    gallery: &Gallery,
+    settings: &PictureSettings,
+) -> anyhow::Result<Option<RgbaImage>> {
+    let fast = LinkSettings::constant(REFERENCE_BITS_PER_S, 0, REFERENCE_QUEUE_BYTES, 0);
+    let link = CaseLink { name: String::new(), down: fast.clone(), up: fast };
+    let case = Case { transport: Transport::Ws, link, limiter_bits_per_s: None, ..case.clone() };
+    let settings = PictureSettings { at_s: Vec::new(), ..settings.clone() };
+    virtual_runtime().context("no runtime for virtual time")?.block_on(async {
+        let state = ServerState::new(Arc::clone(scene), SessionSettings::default());
+        let painter = Painter::new(gallery.studio(), &settings)?;
+        let mut viewer = Viewer::at_pose(view, REFERENCE_LIMIT, painter);
+        run_websocket(&case, state, 0, REFERENCE_LIMIT, &mut viewer).await?;
+        viewer.end();
+        let shots = viewer.take_painter().map(Painter::finish).transpose()?.unwrap_or_default();
+        let settled = shots.into_iter().find(|shot| shot.instant == Instant::Settled);
+        Ok(settled.map(|shot| Arc::unwrap_or_clone(shot.picture)))
     })
 }
 
@@ -115,7 +165,7 @@ async fn run_quic(
     certificate: &Certificate,
     seed: u64,
     limit: Duration,
-    viewer: &mut Viewer,
+    viewer: &mut Viewer<'_>,
 ) -> anyhow::Result<(Close, Traffic)> {
     let mut seeds = Pcg64Mcg::seed_from_u64(seed);
     let network = UdpNetwork::new(VirtualClock::start());
@@ -153,7 +203,7 @@ async fn run_websocket(
     state: Arc<ServerState>,
     seed: u64,
     limit: Duration,
-    viewer: &mut Viewer,
+    viewer: &mut Viewer<'_>,
 ) -> anyhow::Result<(Close, Traffic)> {
     let clock = VirtualClock::start();
     let [down, up] = [&case.link.down, &case.link.up].map(|direction| under(direction, IP_TCP_BYTES));

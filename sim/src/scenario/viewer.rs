@@ -1,4 +1,4 @@
-//! The client of a simulated run: the shipped core, without graphics, moved along a camera path.
+//! The client of a simulated run: the shipped core, moved along a camera path, drawn where a plan asks for pictures.
 
 use std::future::Future;
 use std::time::Duration;
@@ -6,9 +6,11 @@ use std::time::Duration;
 use lodestream_client::core::{ClientCore, Config, Progress, QUALITIES_PX, StartView};
 use lodestream_client::net::{Clock, Host};
 use lodestream_protocol::Time;
+use lodestream_protocol::view::View;
 
 use super::camera_path::{CameraPath, Start};
 use super::ledger::{Ledger, Use};
+use super::pictures::Painter;
 use super::timeline::{Sample, Series, Stalls};
 
 /// Time between two positions of a camera that moves.
@@ -35,7 +37,7 @@ enum Phase {
 /// Runs the core after everything that arrives, without a budget: decoding and applying take no virtual
 /// time. Leaves once the camera is at rest and nothing more is wanted, or at the time limit.
 #[derive(Debug)]
-pub(super) struct Viewer {
+pub(super) struct Viewer<'a> {
     core: ClientCore,
     clock: Clock,
     limit: Time,
@@ -50,14 +52,49 @@ pub(super) struct Viewer {
     ledger: Ledger,
     pub(super) series: Series,
     pub(super) stalls: Stalls,
+    /// What was seen last.
+    seen: Sample,
+    painter: Option<Painter<'a>>,
 }
 
-impl Viewer {
+impl<'a> Viewer<'a> {
     /// A client that calls connect now.
     pub(super) fn new(viewport_px: [u32; 2], target_px: f32, path: CameraPath, time_limit: Duration) -> Self {
-        let mut config = Config::new(StartView::OfScene { viewport_px, target_px });
-        // Nobody draws: textures are fetched and counted, but their pixels are not decoded.
-        config.track_changes = false;
+        let start = StartView::OfScene { viewport_px, target_px };
+        Self::starting(start, viewport_px, target_px, path, time_limit, None)
+    }
+
+    /// The same, whose pictures are drawn.
+    pub(super) fn drawn(
+        viewport_px: [u32; 2],
+        target_px: f32,
+        path: CameraPath,
+        time_limit: Duration,
+        painter: Painter<'a>,
+    ) -> Self {
+        let start = StartView::OfScene { viewport_px, target_px };
+        Self::starting(start, viewport_px, target_px, path, time_limit, Some(painter))
+    }
+
+    /// A client whose camera stands still at a pose, and whose pictures are drawn.
+    pub(super) fn at_pose(view: View, time_limit: Duration, painter: Painter<'a>) -> Self {
+        let (start, path) = (StartView::Given(view), CameraPath::STILL);
+        Self::starting(start, view.viewport_px, view.target_px, path, time_limit, Some(painter))
+    }
+
+    fn starting(
+        start: StartView,
+        viewport_px: [u32; 2],
+        target_px: f32,
+        path: CameraPath,
+        time_limit: Duration,
+        painter: Option<Painter<'a>>,
+    ) -> Self {
+        let mut config = Config::new(start);
+        // Where nobody draws, textures are fetched and counted, but their pixels are not decoded. A painter takes
+        // what is decoded before it is much, so that decoding never has to wait.
+        config.track_changes = painter.is_some();
+        config.max_waiting_bytes = usize::MAX;
         config.track_received = true;
         let mut core = ClientCore::new(config);
         let clock = Clock::start();
@@ -77,6 +114,8 @@ impl Viewer {
             ledger: Ledger::default(),
             series: Series::default(),
             stalls: Stalls::default(),
+            seen: Sample { at_ns: 0, bytes: 0, error_px: None },
+            painter,
         }
     }
 
@@ -111,6 +150,18 @@ impl Viewer {
         let now = self.clock.now();
         self.ended = Some(now);
         self.stalls.end(now.min(self.limit));
+        if let Some(painter) = &mut self.painter {
+            let settled = self.settled;
+            // A picture that is settled stays what it is while the session closes.
+            let at_ns = settled.map_or(now.min(self.limit).as_ns(), |s| Time::from(s.after).as_ns());
+            let bytes = settled.map_or(self.seen.bytes, |s| s.bytes);
+            painter.end(&mut self.core, Sample { at_ns, bytes, ..self.seen }, settled.is_some());
+        }
+    }
+
+    /// Hands over who took the pictures.
+    pub(super) fn take_painter(&mut self) -> Option<Painter<'a>> {
+        self.painter.take()
     }
 
     /// When that was.
@@ -175,7 +226,8 @@ impl Viewer {
         let drawn = self.core.milestones().first_frame.is_some();
         let complete = drawn && counters.drawable_instances >= counters.visible_instances;
         let error_px = Some(counters.max_screen_error_px).filter(|px| complete && px.is_finite());
-        self.series.push(Sample { at_ns: now.as_ns(), bytes, error_px });
+        self.seen = Sample { at_ns: now.as_ns(), bytes, error_px };
+        self.series.push(self.seen);
         if drawn {
             self.stalls.observe(now, bytes, !counters.settled);
         }
@@ -203,15 +255,21 @@ impl Viewer {
     }
 }
 
-impl Host for Viewer {
+impl Host for Viewer<'_> {
     fn core(&mut self) -> &mut ClientCore {
         &mut self.core
     }
 
     fn turn(&mut self, now: Time) -> Progress {
+        if let Some(painter) = &mut self.painter {
+            painter.before(now, &mut self.core, self.seen);
+        }
         self.move_camera(now);
         let progress = self.core.update(now, u64::MAX);
         self.observe(now);
+        if let Some(painter) = &mut self.painter {
+            painter.after(&mut self.core, self.seen);
+        }
         progress
     }
 

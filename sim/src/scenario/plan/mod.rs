@@ -17,6 +17,10 @@
 //! path = "orbit"              # "still", "orbit", "fly-through", "teleport" or "swing"
 //! seconds = 12
 //!
+//! [pictures]                  # draws each run, which takes it seconds: the first frame, the settled one, and
+//! at_s = [1, 3]               # seconds since the connect call
+//! size_px = [640, 360]        # in the shape of viewport_px
+//!
 //! [[sweep]]                   # one case for each combination, one run for each seed of it
 //! transport = "quic"          # or "ws"; every value may be a list, and numbers a range:
 //! rate_bits_per_s = { from = 2_000_000, to = 16_000_000, factor = 2 }
@@ -51,6 +55,7 @@
 mod axis;
 mod camera;
 mod link;
+mod pictures;
 mod seeds;
 mod sweep;
 #[cfg(test)]
@@ -70,6 +75,8 @@ use crate::baseline::peers::{self, Peer};
 use crate::link::LinkSettings;
 use camera::CameraFile;
 use link::LinkFile;
+pub use pictures::PictureSettings;
+use pictures::PicturesFile;
 use seeds::Seeds;
 use sweep::Sweep;
 
@@ -230,6 +237,10 @@ pub struct Plan {
     pub peers: Vec<Peer>,
     /// Draco's encoder, where there is one.
     pub draco: Option<Encoder>,
+    /// Pictures of each run; `None` for none.
+    pub pictures: Option<PictureSettings>,
+    /// The plan as it is written.
+    pub text: String,
 }
 
 impl Plan {
@@ -303,6 +314,7 @@ struct PlanFile {
     link: BTreeMap<String, LinkFile>,
     #[serde(default)]
     camera: BTreeMap<String, CameraFile>,
+    pictures: Option<PicturesFile>,
     #[serde(default)]
     sweep: Vec<Sweep>,
 }
@@ -349,7 +361,8 @@ pub fn parse(text: &str, path: &Path) -> Result<Plan, PlanError> {
         PlanError { file: file.clone(), field: format!("line {line}"), message }
     })?;
     let folder = path.parent().unwrap_or(Path::new(""));
-    plan.check(folder).map_err(|Fault { field, message }| PlanError { file, field, message })
+    let plan = plan.check(folder).map_err(|Fault { field, message }| PlanError { file, field, message })?;
+    Ok(Plan { text: text.to_owned(), ..plan })
 }
 
 impl PlanFile {
@@ -379,13 +392,18 @@ impl PlanFile {
             book.expand(sweep).map_err(|fault| fault.within(&format!("sweep[{s}]")))?;
         }
         let (scenes, cases) = book.finish();
+        let viewport_px = self.viewport_px;
+        let pictures = self.pictures.map(|file| file.check(viewport_px)).transpose();
+        let pictures = pictures.map_err(|fault| fault.within("pictures"))?;
         let plan = Plan {
             scenes,
-            viewport_px: self.viewport_px,
+            viewport_px,
             ttq_px: self.ttq_px,
             cases,
             peers: Vec::new(),
             draco: None,
+            pictures,
+            text: String::new(),
         };
         Ok(plan.with_peers(peers))
     }

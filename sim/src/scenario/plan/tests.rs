@@ -353,3 +353,31 @@ fn the_shipped_plans_parse() {
     let short = read(&folder.join("short.toml")).unwrap();
     assert_eq!(short.scenes[0].choice, SceneChoice::DemoSmall);
 }
+
+#[test]
+fn pictures_have_the_shape_of_the_view_and_instants_in_order() {
+    let with =
+        |pictures: &str| parse_at(&GOOD.replace("[[sweep]]", &format!("[pictures]\n{pictures}\n[[sweep]]")));
+    assert_eq!(parse_at(GOOD).unwrap().pictures, None);
+    let settings = |pictures: &str| with(pictures).unwrap().pictures.unwrap();
+    let usual = PictureSettings { at_s: vec![1.0, 3.0], size_px: [640, 360] };
+    assert_eq!(settings(""), usual);
+    let small = PictureSettings { at_s: Vec::new(), size_px: [320, 180] };
+    assert_eq!(settings("at_s = []\nsize_px = [320, 180]"), small);
+    // The nearest size in whole pixels.
+    assert_eq!(settings("size_px = [100, 56]").size_px, [100, 56]);
+    for (pictures, field, message) in [
+        ("at_s = [1, 0]", "pictures.at_s[1]", "not a time"),
+        ("at_s = [nan]", "pictures.at_s[0]", "not a time"),
+        ("at_s = [3, 3]", "pictures.at_s[1]", "after the instant before"),
+        ("at_s = [1,2,3,4,5,6,7,8,9,10,11,12,13,14,15,16,17]", "pictures.at_s", "16 are the most"),
+        ("size_px = [640, 352]", "pictures.size_px", "shape"),
+        ("size_px = [360, 640]", "pictures.size_px", "shape"),
+        ("size_px = [4096, 2304]", "pictures.size_px[0]", "16 to 2048"),
+        ("size_px = [16, 9]", "pictures.size_px[1]", "16 to 2048"),
+        ("at = [1]", "line 3", "unknown field"),
+    ] {
+        let error = with(pictures).unwrap_err();
+        assert!(error.field == field && error.message.contains(message), "{pictures}: {error}");
+    }
+}

@@ -1,0 +1,71 @@
+//! Pictures that a plan asks for: `[pictures]`, checked.
+
+use serde::Deserialize;
+
+use super::Fault;
+
+/// Most instants.
+const MAX_INSTANTS: usize = 16;
+/// Longest side of a picture: what a run holds until it is over stays below 300 MB.
+const MAX_SIDE_PX: u32 = 2048;
+/// Shortest side.
+const MIN_SIDE_PX: u32 = 16;
+/// Longest side where the plan says nothing.
+const DEFAULT_SIDE_PX: f64 = 640.0;
+
+/// Which pictures of each run are drawn: the first frame, some instants, the settled one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PictureSettings {
+    /// Instants between, in seconds since the connect call, ascending.
+    pub at_s: Vec<f64>,
+    /// Width and height.
+    pub size_px: [u32; 2],
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct PicturesFile {
+    #[serde(default = "default_instants")]
+    at_s: Vec<f64>,
+    size_px: Option<[u32; 2]>,
+}
+
+fn default_instants() -> Vec<f64> {
+    vec![1.0, 3.0]
+}
+
+impl PicturesFile {
+    pub(super) fn check(self, viewport_px: [u32; 2]) -> Result<PictureSettings, Fault> {
+        if let Some(i) = self.at_s.iter().position(|at| !(*at > 0.0 && *at <= 1e6)) {
+            let message = format!("{} is not a time from 0 to 1e6 seconds", self.at_s[i]);
+            return Err(Fault::new(format!("at_s[{i}]"), message));
+        }
+        if self.at_s.len() > MAX_INSTANTS {
+            let message = format!("lists {} instants; {MAX_INSTANTS} are the most", self.at_s.len());
+            return Err(Fault::new("at_s", message));
+        }
+        if let Some(i) = self.at_s.windows(2).position(|pair| pair[0] >= pair[1]) {
+            let message = format!("{} does not come after the instant before it", self.at_s[i + 1]);
+            return Err(Fault::new(format!("at_s[{}]", i + 1), message));
+        }
+        let [width, height] = viewport_px.map(f64::from);
+        let size_px = self.size_px.unwrap_or_else(|| {
+            let scale = (DEFAULT_SIDE_PX / width.max(height)).min(1.0);
+            [width, height].map(|side| (side * scale).round() as u32)
+        });
+        if let Some(i) = size_px.iter().position(|side| !(MIN_SIDE_PX..=MAX_SIDE_PX).contains(side)) {
+            let message = format!("{} is not a size from {MIN_SIDE_PX} to {MAX_SIDE_PX}", size_px[i]);
+            return Err(Fault::new(format!("size_px[{i}]"), message));
+        }
+        // A picture of another shape would show what nobody selects, or not show what is counted. Within half a
+        // pixel of either side it is the same shape.
+        let [w, h] = size_px.map(f64::from);
+        if (w - h * width / height).abs() > 0.5 * (1.0_f64).max(width / height) {
+            let message = format!(
+                "{w} x {h} is not of the shape of the view, which has viewport_px = [{width}, {height}]"
+            );
+            return Err(Fault::new("size_px", message));
+        }
+        Ok(PictureSettings { at_s: self.at_s, size_px })
+    }
+}
