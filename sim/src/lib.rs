@@ -11,6 +11,7 @@ pub mod stream_pipe;
 pub mod tcp;
 pub mod trace;
 pub mod train;
+pub mod truth;
 pub mod udp;
 
 #[cfg(test)]

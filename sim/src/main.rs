@@ -7,13 +7,15 @@ mod progress;
 use std::num::{NonZeroU32, NonZeroUsize};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
 
 use anyhow::Context as _;
 use clap::{Parser, Subcommand};
 use lodestream_geometry::{Codec, Metric};
+use lodestream_protocol::source::SceneSource;
 use lodestream_server::prepare::recipe::{self, Round};
 use lodestream_sim::baseline::{self, Library, draco::Encoder};
-use lodestream_sim::{assess, measure, scenario, train};
+use lodestream_sim::{assess, measure, scenario, train, truth};
 use progress::Progress;
 
 /// Compares meshes and streams scenes over simulated links.
@@ -141,6 +143,21 @@ enum Command {
         #[arg(long)]
         quiet: bool,
     },
+    /// Runs the cases of a plan in virtual time and again in real time, over real sockets on loopback and a
+    /// relay with the same link code, and says how they differ.
+    Truth {
+        /// The plan (TOML); each case runs with its first seed.
+        plan: PathBuf,
+        /// Folder for truth.json.
+        #[arg(short, long, value_name = "DIR")]
+        output: Option<PathBuf>,
+        /// Runs of each case in real time; the median is compared.
+        #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=i64::from(truth::MAX_REPEATS)))]
+        repeats: u32,
+        /// Folder of prepared packs [default: $XDG_CACHE_HOME/lodestream or ~/.cache/lodestream].
+        #[arg(long, env = "LODESTREAM_CACHE", value_name = "DIR")]
+        cache: Option<PathBuf>,
+    },
 }
 
 fn main() -> ExitCode {
@@ -185,6 +202,7 @@ fn main() -> ExitCode {
             let beside = Beside { models, peers, draco_encoder };
             run_plan(&plan, seed, &output, threads, cache, &beside, quiet)
         }
+        Command::Truth { plan, output, repeats, cache } => run_truth(&plan, output, repeats, cache),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -244,13 +262,9 @@ fn run_plan(
         Some(seed) => plan.with_seed(seed),
         None => plan,
     };
-    let cache = cache
-        .or_else(lodestream_server::prepare::cache::default_folder)
-        .context("no cache folder is known; name one with --cache DIR")?;
     // Before anything is prepared: without a graphics adapter it would be for nothing.
     let device = plan.pictures.as_ref().map(|_| scenario::pictures::open_device()).transpose()?;
-    let open = |scene: &scenario::plan::PlanScene| scenario::scene::open(&scene.choice, &cache, quiet);
-    let scenes = plan.scenes.iter().map(open).collect::<anyhow::Result<Vec<_>>>()?;
+    let scenes = open_scenes(&plan, cache, quiet)?;
     let threads = threads.or(std::thread::available_parallelism().ok()).unwrap_or(NonZeroUsize::MIN);
     let library = Library::prepare(&plan, &scenes, |what| {
         if !quiet {
@@ -265,6 +279,34 @@ fn run_plan(
     let results = results?;
     scenario::report::write_drawn(output, &plan, &results, gallery)
         .with_context(|| format!("{}: the report cannot be written", output.display()))
+}
+
+fn open_scenes(
+    plan: &scenario::plan::Plan,
+    cache: Option<PathBuf>,
+    quiet: bool,
+) -> anyhow::Result<Vec<Arc<dyn SceneSource>>> {
+    let cache = cache
+        .or_else(lodestream_server::prepare::cache::default_folder)
+        .context("no cache folder is known; name one with --cache DIR")?;
+    let open = |scene: &scenario::plan::PlanScene| scenario::scene::open(&scene.choice, &cache, quiet);
+    plan.scenes.iter().map(open).collect()
+}
+
+fn run_truth(
+    plan: &Path,
+    output: Option<PathBuf>,
+    repeats: u32,
+    cache: Option<PathBuf>,
+) -> anyhow::Result<()> {
+    let plan = scenario::plan::read(plan)?;
+    let scenes = open_scenes(&plan, cache, true)?;
+    let compared = truth::run(&plan, &scenes, repeats, |comparison| println!("{comparison}"))?;
+    match output {
+        Some(folder) => scenario::report::write_json(&folder, "truth.json", &compared)
+            .with_context(|| format!("{}: the report cannot be written", folder.display())),
+        None => Ok(()),
+    }
 }
 
 /// The error and its causes, less causes that the text before them quotes already.

@@ -16,7 +16,7 @@ pub(crate) fn quality<T: Copy>(noted: &[Option<T>; QUALITIES_PX.len()], px: f64)
     QUALITIES_PX.iter().position(|q| *q == px).and_then(|i| noted[i])
 }
 
-pub(super) fn result(
+pub(crate) fn result(
     plan: &Plan,
     case: &Case,
     seed: u64,

@@ -207,6 +207,15 @@ fn remove(folder: &Path, name: &str) -> std::io::Result<()> {
     }
 }
 
+/// Writes a list as a JSON file into a folder, which is created where it is missing: whole or not at all.
+///
+/// # Errors
+/// What the system refuses.
+pub fn write_json<T: Serialize>(folder: &Path, name: &str, objects: &[T]) -> std::io::Result<()> {
+    std::fs::create_dir_all(folder)?;
+    put(folder, name, &to_json(objects).map_err(std::io::Error::other)?)
+}
+
 fn put(folder: &Path, name: &str, bytes: &[u8]) -> std::io::Result<()> {
     let temporary = folder.join(format!(".{name}.partial"));
     let mut file = std::fs::File::create(&temporary)?;

@@ -154,7 +154,7 @@ pub(crate) fn under(direction: &LinkSettings, overhead_bytes: u32) -> LinkSettin
 
 /// Waits for the end of a session, but not for ever: one that is not over a while after the time limit, as
 /// where the server never answers at all, is cut off.
-async fn end_of(session: impl Future<Output = Close>, limit: Duration) -> Close {
+pub(crate) async fn end_of(session: impl Future<Output = Close>, limit: Duration) -> Close {
     let cut_off = || Close::new(CloseCode::Lost, "no end in sight: cut off a minute after the time limit");
     timeout(limit + PATIENCE, session).await.unwrap_or_else(|_| cut_off())
 }

@@ -18,9 +18,9 @@ pub(crate) const FRAME: Duration = Duration::from_millis(20);
 
 /// How a run ended, as seen by the client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Settled {
-    pub(super) after: Duration,
-    pub(super) bytes: u64,
+pub(crate) struct Settled {
+    pub(crate) after: Duration,
+    pub(crate) bytes: u64,
 }
 
 /// Where a path is at.
@@ -37,7 +37,7 @@ enum Phase {
 /// Runs the core after everything that arrives, without a budget: decoding and applying take no virtual
 /// time. Leaves once the camera is at rest and nothing more is wanted, or at the time limit.
 #[derive(Debug)]
-pub(super) struct Viewer<'a> {
+pub(crate) struct Viewer<'a> {
     core: ClientCore,
     clock: Clock,
     limit: Time,
@@ -59,7 +59,7 @@ pub(super) struct Viewer<'a> {
 
 impl<'a> Viewer<'a> {
     /// A client that calls connect now.
-    pub(super) fn new(viewport_px: [u32; 2], target_px: f32, path: CameraPath, time_limit: Duration) -> Self {
+    pub(crate) fn new(viewport_px: [u32; 2], target_px: f32, path: CameraPath, time_limit: Duration) -> Self {
         let start = StartView::OfScene { viewport_px, target_px };
         Self::starting(start, viewport_px, target_px, path, time_limit, None)
     }
@@ -119,21 +119,21 @@ impl<'a> Viewer<'a> {
         }
     }
 
-    pub(super) fn clock(&self) -> Clock {
+    pub(crate) fn clock(&self) -> Clock {
         self.clock
     }
 
-    pub(super) fn settled(&self) -> Option<Settled> {
+    pub(crate) fn settled(&self) -> Option<Settled> {
         self.settled
     }
 
     /// Whether the time limit came before the picture was settled.
-    pub(super) fn gave_up(&self) -> bool {
+    pub(crate) fn gave_up(&self) -> bool {
         self.gave_up
     }
 
     /// When the camera came to rest, if it moved.
-    pub(super) fn rest(&self) -> Option<Time> {
+    pub(crate) fn rest(&self) -> Option<Time> {
         match self.phase {
             Phase::Resting { since, .. } => Some(since),
             Phase::Waiting | Phase::Moving { .. } => None,
@@ -141,12 +141,12 @@ impl<'a> Viewer<'a> {
     }
 
     /// Time from then until every visible part had a screen error of at most [`QUALITIES_PX`] pixels.
-    pub(super) fn rest_quality(&self) -> [Option<Duration>; QUALITIES_PX.len()] {
+    pub(crate) fn rest_quality(&self) -> [Option<Duration>; QUALITIES_PX.len()] {
         self.rest_quality
     }
 
     /// The session is over.
-    pub(super) fn end(&mut self) {
+    pub(crate) fn end(&mut self) {
         let now = self.clock.now();
         self.ended = Some(now);
         self.stalls.end(now.min(self.limit));
@@ -165,12 +165,12 @@ impl<'a> Viewer<'a> {
     }
 
     /// When that was.
-    pub(super) fn ended(&self) -> Option<Time> {
+    pub(crate) fn ended(&self) -> Option<Time> {
         self.ended
     }
 
     /// What of the chunks received was of use.
-    pub(super) fn usage(&self) -> Use {
+    pub(crate) fn usage(&self) -> Use {
         self.ledger.close(&self.core)
     }
 
