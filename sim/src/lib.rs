@@ -6,6 +6,7 @@ pub mod clock;
 pub mod image_error;
 pub mod link;
 pub mod measure;
+pub mod reproduce;
 pub mod scenario;
 pub mod stream_pipe;
 pub mod tcp;

@@ -1,6 +1,6 @@
 //! `lodestream-sim`: assesses models, compares meshes, and streams scenes over simulated links.
 //!
-//! Exit codes: 0 done, 2 bad input (one line says what, where and what to do).
+//! Exit codes: 0 done, 1 figures differ from those committed, 2 bad input (one line says what, where and what to do).
 
 mod progress;
 
@@ -15,7 +15,7 @@ use lodestream_geometry::{Codec, Metric};
 use lodestream_protocol::source::SceneSource;
 use lodestream_server::prepare::recipe::{self, Round};
 use lodestream_sim::baseline::{self, Library, draco::Encoder};
-use lodestream_sim::{assess, measure, scenario, train, truth};
+use lodestream_sim::{assess, measure, reproduce, scenario, train, truth};
 use progress::Progress;
 
 /// Compares meshes and streams scenes over simulated links.
@@ -143,6 +143,28 @@ enum Command {
         #[arg(long)]
         quiet: bool,
     },
+    /// Makes the figures of BENCHMARKS.md anew and says what differs from those committed. Reads the project's
+    /// own files: run it in its folder.
+    Reproduce {
+        /// Sections to run [default: all].
+        #[arg(value_name = "SECTION")]
+        only: Vec<String>,
+        /// Folder for figures, reports and reproduction.json.
+        #[arg(short, long, value_name = "DIR")]
+        output: PathBuf,
+        /// Folder of models that are not part of the project; sections that need them are left out without it.
+        #[arg(long, env = "LODESTREAM_MODELS", value_name = "DIR")]
+        models: Option<PathBuf>,
+        /// The list of sections.
+        #[arg(long, value_name = "FILE", default_value = "docs/report/sections.toml")]
+        sections: PathBuf,
+        /// The document with the tables.
+        #[arg(long, value_name = "FILE", default_value = "BENCHMARKS.md")]
+        document: PathBuf,
+        /// Replaces the committed figures and the document's tables instead of comparing.
+        #[arg(long)]
+        update: bool,
+    },
     /// Runs the cases of a plan in virtual time and again in real time, over real sockets on loopback and a
     /// relay with the same link code, and says how they differ.
     Truth {
@@ -202,15 +224,25 @@ fn main() -> ExitCode {
             let beside = Beside { models, peers, draco_encoder };
             run_plan(&plan, seed, &output, threads, cache, &beside, quiet)
         }
+        Command::Reproduce { only, output, models, sections, document, update } => {
+            let options = reproduce::Options { sections, document, models, only, output, update };
+            return match reproduce::run(&options, |line| println!("{line}")) {
+                Ok(made) if made.agrees() => ExitCode::SUCCESS,
+                Ok(_) => ExitCode::FAILURE,
+                Err(error) => refused(&error),
+            };
+        }
         Command::Truth { plan, output, repeats, cache } => run_truth(&plan, output, repeats, cache),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {}", one_line(&error));
-            ExitCode::from(2)
-        }
+        Err(error) => refused(&error),
     }
+}
+
+fn refused(error: &anyhow::Error) -> ExitCode {
+    eprintln!("error: {}", one_line(error));
+    ExitCode::from(2)
 }
 
 fn top_regions(text: &str) -> Result<f64, String> {

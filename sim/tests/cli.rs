@@ -193,3 +193,54 @@ fn assess_takes_the_size_of_the_top_and_refuses_what_is_out_of_range() {
         assert!(error.contains("--coarse-grid") && error.contains("0 to 4"), "{error}");
     }
 }
+
+#[test]
+fn reproduce_writes_what_it_then_finds_and_names_what_differs() {
+    let folder = tempfile::tempdir().unwrap();
+    let sections = write(
+        folder.path(),
+        "sections.toml",
+        "[[section]]\nname = \"older\"\ntitle = \"t\"\nseconds = 1\ncolumns = [\"model\", \"triangles\"]\n\
+         [[section.command]]\nrun = \"seed-table --json\"\n\
+         [[section]]\nname = \"scan\"\ntitle = \"t\"\nseconds = 1\ncolumns = [\"faces\"]\n\
+         [[section.command]]\nrun = \"assess {models}/none.obj --json\"\n\
+         [[section.table]]\nid = \"scan\"\ncolumns = []\n",
+    );
+    let text = std::fs::read_to_string(&sections).unwrap().replacen(
+        "[[section]]\nname = \"scan\"",
+        "[[section.table]]\nid = \"older\"\ncolumns = [[\"model\", \"{model}\"], [\"faces\", \"{triangles:,}\"]]\n\
+         [[section]]\nname = \"scan\"",
+        1,
+    );
+    std::fs::write(&sections, text).unwrap();
+    let document = write(folder.path(), "figures.md", "# Figures\n\n<!-- table: older -->\n\nEnd.\n");
+    let output = folder.path().join("out");
+    let reproduce = |extra: &[&str]| {
+        let output = output.to_str().unwrap();
+        let all =
+            [&["reproduce", "--sections", &sections, "--document", &document, "-o", output], extra].concat();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-sim"));
+        command.args(all).env_remove("LODESTREAM_MODELS").output().unwrap()
+    };
+    assert_refused(&reproduce(&[]), &["older.csv", "--update"]);
+    assert!(reproduce(&["--update"]).status.success());
+    let written = std::fs::read_to_string(&document).unwrap();
+    assert!(written.contains("<!-- table: older -->\n| model | faces |\n|---|---|\n"), "{written}");
+    assert!(written.contains("| 902 |\n") && written.ends_with("\n\nEnd.\n"), "{written}");
+    let again = reproduce(&[]);
+    let text = String::from_utf8(again.stdout).unwrap();
+    assert!(
+        again.status.success() && text.contains("as committed") && text.contains("scan: left out"),
+        "{text}"
+    );
+    assert!(output.join("reproduction.json").exists());
+    // A figure and the table that somebody changed by hand.
+    let csv = folder.path().join("older.csv");
+    let changed = std::fs::read_to_string(&csv).unwrap().replace("902", "903");
+    std::fs::write(&csv, changed).unwrap();
+    let differs = reproduce(&["older"]);
+    let text = String::from_utf8(differs.stdout).unwrap();
+    assert_eq!(differs.status.code(), Some(1), "{text}");
+    assert!(text.contains("triangles: 902 instead of 903") && text.contains("table older"), "{text}");
+    assert_refused(&reproduce(&["newer"]), &["no section is called newer", "older, scan"]);
+}

@@ -1,0 +1,246 @@
+//! The figures of BENCHMARKS.md from scratch, with one command.
+//!
+//! `docs/report/sections.toml` lists sections; each is a few commands of this program, the figures that are
+//! kept of what they print or write, and tables that show them ([`section`]). A section's figures lie beside
+//! it as CSV. Running it makes them anew and lays them beside those committed ([`compare`]): bytes and virtual
+//! time must be equal, figures that hang on the machine's speed only in their ratios to each other. Tables in
+//! the document are written from the figures and from nothing else ([`table`]).
+//!
+//! Commands run one after the other in processes of their own, as a reader would run them.
+
+mod compare;
+mod rows;
+mod section;
+mod table;
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Instant;
+
+use anyhow::Context as _;
+use serde::Serialize;
+
+pub use compare::{Difference, compare};
+pub use rows::Rows;
+pub use section::{Section, read};
+
+/// What to reproduce, and with what.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// The list of sections; their committed figures lie beside it.
+    pub sections: PathBuf,
+    /// The document with the tables.
+    pub document: PathBuf,
+    /// Folder of models that are not part of the project.
+    pub models: Option<PathBuf>,
+    /// Names of the sections to run; all if empty.
+    pub only: Vec<String>,
+    /// Where reports and figures go.
+    pub output: PathBuf,
+    /// Replaces the committed figures and the document's tables instead of comparing.
+    pub update: bool,
+}
+
+/// What became of a section.
+#[derive(Clone, Debug, Serialize)]
+pub struct Outcome {
+    /// Its name.
+    pub name: String,
+    /// Why it was not run.
+    pub left_out: Option<String>,
+    /// Seconds that it took.
+    pub seconds: f64,
+    /// Figures that differ from those committed by more than they may.
+    pub differences: Vec<Difference>,
+    /// Tables in the document that do not show these figures.
+    pub stale_tables: Vec<String>,
+}
+
+/// What was run, and on what.
+#[derive(Clone, Debug, Serialize)]
+pub struct Reproduction {
+    /// Version of this program.
+    pub version: String,
+    /// Processor architecture and operating system.
+    pub machine: String,
+    /// Processors.
+    pub processors: usize,
+    /// Models that were read: file name and BLAKE3 of the file.
+    pub models: Vec<(String, String)>,
+    /// Sections, in the list's order.
+    pub sections: Vec<Outcome>,
+}
+
+impl Reproduction {
+    /// Whether everything that ran came out as committed.
+    #[must_use]
+    pub fn agrees(&self) -> bool {
+        self.sections.iter().all(|s| s.differences.is_empty() && s.stale_tables.is_empty())
+    }
+}
+
+/// Runs the sections. `report` is told, in words, what begins and how it ended.
+///
+/// # Errors
+/// A list or document that cannot be read, an unknown section, and commands that fail.
+pub fn run(options: &Options, mut report: impl FnMut(&str)) -> anyhow::Result<Reproduction> {
+    let sections = read(&options.sections)?;
+    for name in &options.only {
+        anyhow::ensure!(
+            sections.iter().any(|s| s.name == *name),
+            "{}: no section is called {name}; there are {}",
+            options.sections.display(),
+            sections.iter().map(|s| s.name.as_str()).collect::<Vec<_>>().join(", ")
+        );
+    }
+    let wanted = |s: &&Section| options.only.is_empty() || options.only.contains(&s.name);
+    let sections: Vec<&Section> = sections.iter().filter(wanted).collect();
+    let seconds: f64 = sections.iter().filter(|s| runs(s, options)).map(|s| s.seconds).sum();
+    report(&format!(
+        "{} sections; about {:.0} minutes where they were written",
+        sections.len(),
+        seconds / 60.0
+    ));
+    let mut outcomes = Vec::with_capacity(sections.len());
+    for section in &sections {
+        outcomes.push(one(section, options, &mut report)?);
+    }
+    let made = Reproduction {
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        machine: format!("{} {}", std::env::consts::ARCH, std::env::consts::OS),
+        processors: std::thread::available_parallelism().map_or(1, usize::from),
+        models: hashes(&sections, options)?,
+        sections: outcomes,
+    };
+    let json = serde_json::to_vec_pretty(&made)?;
+    write(&options.output.join("reproduction.json"), &json)?;
+    Ok(made)
+}
+
+/// Whether a section has what it needs.
+fn runs(section: &Section, options: &Options) -> bool {
+    options.models.is_some() || !section.needs_models()
+}
+
+fn one(section: &Section, options: &Options, report: &mut impl FnMut(&str)) -> anyhow::Result<Outcome> {
+    let mut outcome = Outcome {
+        name: section.name.clone(),
+        left_out: None,
+        seconds: 0.0,
+        differences: Vec::new(),
+        stale_tables: Vec::new(),
+    };
+    if !runs(section, options) {
+        let why = "its models are not here; name their folder with --models DIR";
+        report(&format!("{}: left out: {why}", section.name));
+        outcome.left_out = Some(why.to_owned());
+        return Ok(outcome);
+    }
+    report(&format!("{}: {}, about {:.0} s", section.name, section.title, section.seconds));
+    let start = Instant::now();
+    let rows = measure(section, options)?;
+    outcome.seconds = start.elapsed().as_secs_f64();
+    let csv = rows.to_csv();
+    write(&options.output.join(format!("{}.csv", section.name)), csv.as_bytes())?;
+    let committed = options.sections.with_file_name(format!("{}.csv", section.name));
+    let document = std::fs::read_to_string(&options.document)
+        .with_context(|| format!("{}: cannot be read", options.document.display()))?;
+    if options.update {
+        write(&committed, csv.as_bytes())?;
+        let updated = table::update(&document, section, &rows)
+            .with_context(|| format!("{}: {}", options.document.display(), section.name))?;
+        if updated != document {
+            write(&options.document, updated.as_bytes())?;
+        }
+    } else {
+        let text = std::fs::read_to_string(&committed)
+            .with_context(|| format!("{}: cannot be read; --update writes it", committed.display()))?;
+        let expected =
+            Rows::from_csv(&text).with_context(|| format!("{}: is no table", committed.display()))?;
+        outcome.differences = compare(section, &expected, &rows);
+        // The document shows the committed figures; those of another machine may differ where they may.
+        outcome.stale_tables = table::stale(&document, section, &expected)
+            .with_context(|| format!("{}: {}", options.document.display(), section.name))?;
+    }
+    for difference in &outcome.differences {
+        report(&format!("  {difference}"));
+    }
+    for table in &outcome.stale_tables {
+        report(&format!(
+            "  {}: table {table} does not show the committed figures",
+            options.document.display()
+        ));
+    }
+    let verdict = match (options.update, outcome.differences.len(), outcome.stale_tables.len()) {
+        (true, ..) => "written".to_owned(),
+        (false, 0, 0) => "as committed".to_owned(),
+        (false, figures, tables) => format!("{figures} figures and {tables} tables differ"),
+    };
+    report(&format!("  {verdict}, {:.0} s", outcome.seconds));
+    Ok(outcome)
+}
+
+/// Runs a section's commands; a row, or a file of rows, each.
+fn measure(section: &Section, options: &Options) -> anyhow::Result<Rows> {
+    let program = std::env::current_exe().context("this program cannot be found")?;
+    let mut rows = Rows::default();
+    for (number, command) in (1..).zip(&section.commands) {
+        let folder = options.output.join(&section.name).join(number.to_string());
+        let arguments = section::arguments(&command.run, options.models.as_deref(), &folder)?;
+        let output = Command::new(&program)
+            .args(&arguments)
+            .output()
+            .with_context(|| format!("{} cannot be run", program.display()))?;
+        if !output.status.success() {
+            let why = String::from_utf8_lossy(&output.stderr);
+            anyhow::bail!(
+                "{}: lodestream-sim {}: {}",
+                section.name,
+                arguments.join(" "),
+                why.lines().last().unwrap_or("it failed")
+            );
+        }
+        let text = match &command.file {
+            Some(file) => {
+                let path = folder.join(file);
+                std::fs::read_to_string(&path)
+                    .with_context(|| format!("{}: cannot be read", path.display()))?
+            }
+            None => String::from_utf8(output.stdout).context("its output is no text")?,
+        };
+        let new = match &command.file {
+            Some(file) if file.ends_with(".csv") => Rows::from_csv(&text),
+            _ => Rows::from_json(&text),
+        };
+        let new = new.with_context(|| format!("{}: lodestream-sim {}", section.name, command.run))?;
+        rows.extend(&command.label, &section.columns, &new).with_context(|| section.name.clone())?;
+    }
+    Ok(rows)
+}
+
+/// Hashes of the models that the sections read.
+fn hashes(sections: &[&Section], options: &Options) -> anyhow::Result<Vec<(String, String)>> {
+    let Some(folder) = &options.models else { return Ok(Vec::new()) };
+    let mut names: Vec<&str> = sections.iter().flat_map(|s| s.models()).collect();
+    names.sort_unstable();
+    names.dedup();
+    let hash = |name: &&str| {
+        let path = folder.join(name);
+        let bytes = std::fs::read(&path).with_context(|| format!("{}: cannot be read", path.display()))?;
+        Ok(((*name).to_owned(), blake3::hash(&bytes).to_hex().to_string()))
+    };
+    names.iter().map(hash).collect()
+}
+
+/// Writes a file whole or not at all.
+fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
+    let put = || {
+        if let Some(folder) = path.parent() {
+            std::fs::create_dir_all(folder)?;
+        }
+        let partial = path.with_extension("partial");
+        std::fs::write(&partial, bytes)?;
+        std::fs::rename(&partial, path)
+    };
+    put().with_context(|| format!("{}: cannot be written", path.display()))
+}

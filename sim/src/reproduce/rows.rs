@@ -1,0 +1,182 @@
+//! Rows of figures by name, from JSON or CSV.
+//!
+//! Figures are kept as they are written, so that what is equal stays equal.
+
+use std::fmt::Write as _;
+
+use anyhow::Context as _;
+use serde_json::Value;
+
+/// Name of the column that says which command a row is from.
+const LABEL: &str = "label";
+
+/// A table of figures.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Rows {
+    /// Names of the columns.
+    pub columns: Vec<String>,
+    /// As many figures as columns in each; empty where there is none.
+    pub rows: Vec<Vec<String>>,
+}
+
+impl Rows {
+    /// A JSON object is a row, an array of objects one each. Fields of objects within are named `outer.inner`,
+    /// elements of arrays `outer.0`.
+    ///
+    /// # Errors
+    /// What is no object or array of objects.
+    pub fn from_json(text: &str) -> anyhow::Result<Self> {
+        let objects = match serde_json::from_str(text).context("no JSON")? {
+            Value::Array(objects) => objects,
+            object => vec![object],
+        };
+        let mut all = Self::default();
+        for object in &objects {
+            anyhow::ensure!(object.is_object(), "not an object: {object}");
+            let mut fields = Vec::new();
+            flatten("", object, &mut fields);
+            for (name, _) in &fields {
+                if !all.columns.contains(name) {
+                    all.columns.push(name.clone());
+                }
+            }
+            let of = |name: &String| fields.iter().find(|f| f.0 == *name).map(|f| f.1.clone());
+            all.rows.push(all.columns.iter().map(|name| of(name).unwrap_or_default()).collect());
+        }
+        for row in &mut all.rows {
+            row.resize(all.columns.len(), String::new());
+        }
+        Ok(all)
+    }
+
+    /// Rows of comma-separated values; a value with commas is in quotation marks, doubled within.
+    ///
+    /// # Errors
+    /// Rows of different lengths.
+    pub fn from_csv(text: &str) -> anyhow::Result<Self> {
+        let mut lines = text.lines();
+        let columns = split(lines.next().context("it is empty")?);
+        let rows: Vec<Vec<String>> = lines.map(split).collect();
+        for (i, row) in rows.iter().enumerate() {
+            anyhow::ensure!(
+                row.len() == columns.len(),
+                "line {} has {} values for {} columns",
+                i + 2,
+                row.len(),
+                columns.len()
+            );
+        }
+        Ok(Self { columns, rows })
+    }
+
+    /// The same as CSV.
+    #[must_use]
+    pub fn to_csv(&self) -> String {
+        let mut text = String::new();
+        for row in std::iter::once(&self.columns).chain(&self.rows) {
+            for (i, value) in row.iter().enumerate() {
+                let comma = if i > 0 { "," } else { "" };
+                // Writing to a string cannot fail.
+                let _ = if value.contains([',', '"']) {
+                    write!(text, "{comma}\"{}\"", value.replace('"', "\"\""))
+                } else {
+                    write!(text, "{comma}{value}")
+                };
+            }
+            text.push('\n');
+        }
+        text
+    }
+
+    /// The place of a column.
+    #[must_use]
+    pub fn column(&self, name: &str) -> Option<usize> {
+        self.columns.iter().position(|c| c == name)
+    }
+
+    /// Adds the named columns of other rows, under a label.
+    pub(crate) fn extend(&mut self, label: &str, columns: &[String], new: &Self) -> anyhow::Result<()> {
+        if self.columns.is_empty() {
+            self.columns.push(LABEL.to_owned());
+            self.columns.extend_from_slice(columns);
+        }
+        let place = |name: &String| new.column(name).with_context(|| format!("there is no figure {name}"));
+        let places = columns.iter().map(place).collect::<anyhow::Result<Vec<_>>>()?;
+        for row in &new.rows {
+            let figures = places.iter().map(|&p| row[p].clone());
+            self.rows.push(std::iter::once(label.to_owned()).chain(figures).collect());
+        }
+        Ok(())
+    }
+}
+
+fn flatten(name: &str, value: &Value, fields: &mut Vec<(String, String)>) {
+    let within = |inner: &str| if name.is_empty() { inner.to_owned() } else { format!("{name}.{inner}") };
+    match value {
+        Value::Object(object) => object.iter().for_each(|(k, v)| flatten(&within(k), v, fields)),
+        Value::Array(array) => {
+            array.iter().enumerate().for_each(|(i, v)| flatten(&within(&i.to_string()), v, fields));
+        }
+        Value::Null => fields.push((name.to_owned(), String::new())),
+        Value::String(text) => fields.push((name.to_owned(), text.clone())),
+        other => fields.push((name.to_owned(), other.to_string())),
+    }
+}
+
+fn split(line: &str) -> Vec<String> {
+    let (mut values, mut quoted) = (vec![String::new()], false);
+    let mut letters = line.chars().peekable();
+    while let Some(letter) = letters.next() {
+        let last = values.len() - 1;
+        match letter {
+            '"' if quoted && letters.peek() == Some(&'"') => {
+                letters.next();
+                values[last].push('"');
+            }
+            '"' => quoted = !quoted,
+            ',' if !quoted => values.push(String::new()),
+            _ => values[last].push(letter),
+        }
+    }
+    values
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn json_becomes_rows_with_names_of_what_is_within() {
+        let rows =
+            Rows::from_json(r#"[{"a": 1, "b": {"c": 0.25, "d": [7, null]}}, {"a": "x, y", "e": true}]"#)
+                .unwrap();
+        assert_eq!(rows.columns, ["a", "b.c", "b.d.0", "b.d.1", "e"]);
+        assert_eq!(rows.rows[0], ["1", "0.25", "7", "", ""]);
+        assert_eq!(rows.rows[1], ["x, y", "", "", "", "true"]);
+        assert!(Rows::from_json("3").is_err() && Rows::from_json("{").is_err());
+    }
+
+    #[test]
+    fn csv_comes_back_as_it_was() {
+        let rows = Rows {
+            columns: vec!["a".to_owned(), "b".to_owned()],
+            rows: vec![
+                vec!["2 Mbit/s, \"fast\"".to_owned(), String::new()],
+                vec!["1".to_owned(), "2".to_owned()],
+            ],
+        };
+        assert_eq!(Rows::from_csv(&rows.to_csv()).unwrap(), rows);
+        assert!(Rows::from_csv("a,b\n1\n").is_err() && Rows::from_csv("").is_err());
+    }
+
+    #[test]
+    fn a_figure_that_is_not_there_is_named() {
+        let new = Rows::from_json(r#"{"a": 1}"#).unwrap();
+        let mut rows = Rows::default();
+        let error = rows.extend("x", &["b".to_owned()], &new).unwrap_err();
+        assert!(error.to_string().contains("no figure b"));
+        let mut rows = Rows::default();
+        rows.extend("x", &["a".to_owned()], &new).unwrap();
+        assert_eq!(rows.to_csv(), "label,a\nx,1\n");
+    }
+}

@@ -1,0 +1,212 @@
+//! What a section is, as TOML.
+//!
+//! ```toml
+//! [[section]]
+//! name = "position-bits"          # of its CSV and its folder
+//! title = "Bits per axis of positions"
+//! seconds = 60                    # about how long it takes
+//! columns = ["payload_bytes", "view.bytes", "prepare_faces_per_s"]   # the figures that are kept
+//! ratios = { prepare_faces_per_s = 1.5 }    # compared as ratios, within this factor; the others exactly
+//!
+//! [section.trade]                 # of sections that show what a knob costs
+//! knob = "--position-bits"
+//! default = "12"
+//! reason = "half a pixel at 1280×720"
+//!
+//! [[section.command]]
+//! label = "10"                    # first column of its rows
+//! run = "assess {models}/stanford-bunny.obj --position-bits 10 --json"   # {models}, {out}: folders
+//! # file = "results.csv"          # rows are taken from this file in {out} instead of from what is printed
+//!
+//! [[section.table]]
+//! id = "position-bits"            # stands in the document as <!-- table: position-bits -->
+//! columns = [["bits", "{label}"], ["chunks, B", "{payload_bytes:,}"], ["view", "{view.bytes*100:.0} %"]]
+//! ```
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use anyhow::Context as _;
+use serde::Deserialize;
+
+/// Where a command names the folder of models, and its own.
+const MODELS: &str = "{models}";
+const OUT: &str = "{out}";
+
+/// Figures that belong together.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Section {
+    /// Of its CSV and its folder.
+    pub name: String,
+    /// For people.
+    pub title: String,
+    /// About how long it takes.
+    pub seconds: f64,
+    /// The figures that are kept.
+    pub columns: Vec<String>,
+    /// Columns that hang on the machine's speed: each figure over the column's geometric mean may differ by
+    /// this factor.
+    #[serde(default)]
+    pub ratios: BTreeMap<String, f64>,
+    /// What a knob costs, where the section shows that.
+    pub trade: Option<Trade>,
+    /// What is run.
+    #[serde(rename = "command")]
+    pub commands: Vec<CommandLine>,
+    /// How the document shows it.
+    #[serde(default, rename = "table")]
+    pub tables: Vec<Table>,
+}
+
+/// A knob: speed for accuracy.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Trade {
+    /// The flag or setting.
+    pub knob: String,
+    /// Its default.
+    pub default: String,
+    /// Why.
+    pub reason: String,
+}
+
+/// A run of this program.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CommandLine {
+    /// First column of its rows.
+    #[serde(default)]
+    pub label: String,
+    /// Arguments, divided by spaces.
+    pub run: String,
+    /// File with its rows.
+    pub file: Option<String>,
+}
+
+/// A table of the document.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Table {
+    /// Its mark.
+    pub id: String,
+    /// Heading and cell of each column; what is in braces is replaced by the row's figure.
+    pub columns: Vec<[String; 2]>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct List {
+    section: Vec<Section>,
+}
+
+impl Section {
+    /// Whether it reads models that are not part of the project.
+    #[must_use]
+    pub fn needs_models(&self) -> bool {
+        self.commands.iter().any(|c| c.run.contains(MODELS))
+    }
+
+    /// The files that it reads of the folder of models.
+    pub(crate) fn models(&self) -> impl Iterator<Item = &str> {
+        let words = self.commands.iter().flat_map(|c| c.run.split_whitespace());
+        words.filter_map(|word| word.strip_prefix(MODELS)?.strip_prefix('/'))
+    }
+}
+
+/// The arguments of a command line, folders filled in.
+pub(crate) fn arguments(run: &str, models: Option<&Path>, out: &Path) -> anyhow::Result<Vec<String>> {
+    let fill = |word: &str| {
+        let mut word = word.to_owned();
+        for (mark, folder) in [(MODELS, models), (OUT, Some(out))] {
+            if word.contains(mark) {
+                let folder = folder.and_then(Path::to_str).with_context(|| format!("{mark}: no folder"))?;
+                word = word.replace(mark, folder);
+            }
+        }
+        Ok(word)
+    };
+    run.split_whitespace().map(fill).collect()
+}
+
+/// Reads a list of sections.
+///
+/// # Errors
+/// Says which file, and what is wrong with which section.
+pub fn read(path: &Path) -> anyhow::Result<Vec<Section>> {
+    let text =
+        std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    parse(&text).with_context(|| path.display().to_string())
+}
+
+pub(crate) fn parse(text: &str) -> anyhow::Result<Vec<Section>> {
+    let List { section: sections } = toml::from_str(text).map_err(|e| anyhow::anyhow!("{}", e.message()))?;
+    for (i, section) in sections.iter().enumerate() {
+        let name = &section.name;
+        let plain = |c: char| c.is_ascii_alphanumeric() || c == '-';
+        anyhow::ensure!(
+            !name.is_empty() && name.chars().all(plain),
+            "section {}: {name:?} is no name: letters, digits and hyphens",
+            i + 1
+        );
+        anyhow::ensure!(sections[..i].iter().all(|s| s.name != *name), "{name}: two sections have this name");
+        anyhow::ensure!(!section.commands.is_empty(), "{name}: it has no command");
+        for (column, factor) in &section.ratios {
+            anyhow::ensure!(section.columns.contains(column), "{name}: ratios: {column} is no column of it");
+            anyhow::ensure!(
+                factor.is_finite() && *factor >= 1.0,
+                "{name}: ratios: {column}: {factor} is no factor of 1 or more"
+            );
+        }
+    }
+    Ok(sections)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: &str = "[[section]]\nname = \"a-1\"\ntitle = \"t\"\nseconds = 3\ncolumns = [\"x\", \"y\"]\n\
+                        ratios = { y = 1.5 }\n[[section.command]]\nrun = \"assess {models}/m.obj -o {out}\"\n";
+
+    #[test]
+    fn sections_name_their_models() {
+        let sections = parse(GOOD).unwrap();
+        assert!(sections[0].needs_models());
+        assert_eq!(sections[0].models().collect::<Vec<_>>(), ["m.obj"]);
+        let filled = |models| arguments(&sections[0].commands[0].run, models, Path::new("o/1"));
+        assert_eq!(filled(Some(Path::new("d"))).unwrap(), ["assess", "d/m.obj", "-o", "o/1"]);
+        assert!(filled(None).is_err());
+    }
+
+    #[test]
+    fn bad_lists_are_refused_with_the_section_and_the_reason() {
+        let cases = [
+            (GOOD.replace("a-1", "a/1"), "section 1", "no name"),
+            (format!("{GOOD}{GOOD}"), "a-1", "two sections"),
+            (GOOD.replace("y = 1.5", "z = 1.5"), "ratios", "z is no column"),
+            (GOOD.replace("y = 1.5", "y = 0.5"), "y", "factor"),
+            (GOOD.replace("title", "titel"), "titel", "unknown field"),
+        ];
+        for (text, what, why) in cases {
+            let error = format!("{:#}", parse(&text).unwrap_err());
+            assert!(error.contains(what) && error.contains(why), "{error}");
+        }
+    }
+
+    /// The project's own list.
+    #[test]
+    fn the_committed_list_and_its_tables_agree() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+        let document = std::fs::read_to_string(root.join("BENCHMARKS.md")).unwrap();
+        let sections = read(&root.join("docs/report/sections.toml")).unwrap();
+        assert!(!sections.is_empty());
+        for section in sections {
+            let csv = root.join("docs/report").join(format!("{}.csv", section.name));
+            let rows = super::super::Rows::from_csv(&std::fs::read_to_string(&csv).unwrap()).unwrap();
+            assert_eq!(rows.columns[1..], section.columns[..], "{}", section.name);
+            let stale = super::super::table::stale(&document, &section, &rows).unwrap();
+            assert!(stale.is_empty(), "BENCHMARKS.md does not show {}: {stale:?}", csv.display());
+        }
+    }
+}
