@@ -8,6 +8,8 @@ mod address;
 mod drive;
 mod pin;
 mod quic;
+mod quic_open;
+mod quic_sender;
 mod reconnect;
 #[cfg(test)]
 mod tests;
@@ -17,6 +19,7 @@ pub use address::{Address, AddressError, Scheme};
 pub use drive::{Clock, Host};
 pub use pin::{Pin, PinError};
 pub use quic::{QuicSetupError, client_config, endpoint, run_quic};
+pub use quic_open::{QuicConnection, QuicOpenError};
 pub use reconnect::{End, Retry, stream};
 pub use websocket::run_websocket;
 

@@ -4,7 +4,7 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use bytes::{Buf, Bytes};
+use bytes::Buf;
 use futures_util::StreamExt;
 use futures_util::future::BoxFuture;
 use futures_util::stream::FuturesUnordered;
@@ -12,10 +12,12 @@ use lodestream_protocol::frame::{FrameError, FrameReader};
 use lodestream_protocol::message::{Close, CloseCode};
 use lodestream_protocol::stream::{ALPN, BLOB_STREAM, BlobStreamReader, CONTROL_STREAM};
 use quinn::crypto::rustls::QuicClientConfig;
-use quinn::{Chunk, Connection, ConnectionError, ReadError, RecvStream, SendStream, VarInt};
+use quinn::{Chunk, Connection, ConnectionError, ReadError, RecvStream, TokenMemoryCache, VarInt};
 
-use super::drive::{Clock, Deliver, Host, Receive, Received, drive};
+use super::drive::{Clock, Host, Receive, Received, drive};
 use super::pin::{Pin, PinVerifier};
+use super::quic_open::QuicConnection;
+use super::quic_sender::{QuicSender, SEND_QUEUE_BYTES};
 
 /// Streams that the server may have open at once: one for control, the others for blobs.
 const MAX_STREAMS: u32 = 256;
@@ -26,8 +28,9 @@ const IDLE_TIMEOUT: Duration = Duration::from_secs(10);
 const KEEP_ALIVE: Duration = Duration::from_secs(3);
 /// Bytes taken from a stream at once.
 const READ_BYTES: usize = 16 * 1024;
-/// Bytes of messages that may wait to be sent.
-const SEND_QUEUE_BYTES: usize = 64 * 1024;
+/// Tickets and address tokens kept of a server; each is used once, and every connection brings new ones.
+const MAX_TICKETS: usize = 8;
+const MAX_ADDRESS_TOKENS: usize = 8;
 /// Receive buffer asked of the system: 16 Mbit/s for half a second.
 const SOCKET_BUFFER_BYTES: usize = 1 << 20;
 
@@ -48,7 +51,11 @@ pub enum QuicSetupError {
     Socket(#[from] std::io::Error),
 }
 
-/// The client's settings for QUIC, for a server whose certificate has this fingerprint.
+/// The client's settings for QUIC, for one server, whose certificate has this fingerprint.
+///
+/// They hold, in memory, the session tickets and address tokens that the server gives, so that connecting again with
+/// the same settings, or a clone of them, resumes ([`QuicConnection`]). Settings made anew have none: what one server
+/// gave is never shown to another, and a session is only resumed under the pin that it was verified by.
 ///
 /// # Errors
 /// Fails where TLS or QUIC refuse their settings.
@@ -61,6 +68,8 @@ pub fn client_config(pin: Pin) -> Result<quinn::ClientConfig, QuicSetupError> {
         .with_custom_certificate_verifier(Arc::new(verifier))
         .with_no_client_auth();
     tls.alpn_protocols = vec![ALPN.as_bytes().to_vec()];
+    tls.resumption = rustls::client::Resumption::in_memory_sessions(MAX_TICKETS);
+    tls.enable_early_data = true;
     let mut transport = quinn::TransportConfig::default();
     transport
         .max_concurrent_uni_streams(VarInt::from_u32(MAX_STREAMS))
@@ -72,7 +81,9 @@ pub fn client_config(pin: Pin) -> Result<quinn::ClientConfig, QuicSetupError> {
         .max_idle_timeout(Some(IDLE_TIMEOUT.try_into()?))
         .keep_alive_interval(Some(KEEP_ALIVE));
     let mut config = quinn::ClientConfig::new(Arc::new(QuicClientConfig::try_from(tls)?));
-    config.transport_config(Arc::new(transport));
+    config
+        .transport_config(Arc::new(transport))
+        .token_store(Arc::new(TokenMemoryCache::new(1, MAX_ADDRESS_TOKENS)));
     Ok(config)
 }
 
@@ -93,17 +104,13 @@ pub fn endpoint(server: SocketAddr, config: quinn::ClientConfig) -> Result<quinn
     Ok(endpoint)
 }
 
-/// Runs one session over an open connection until it ends; says why.
-pub async fn run_quic<H: Host>(connection: Connection, host: &mut H, clock: Clock) -> Close {
-    let sender = match connection.open_uni().await {
-        Ok(stream) => {
-            QuicSender { connection: connection.clone(), stream, queue: Bytes::new(), begun: false }
-        }
-        Err(why) => return closed_by(&why),
-    };
-    // Fails only on closed streams.
-    let _ = sender.stream.set_priority(i32::MAX);
-    drive(host, clock, QuicReceiver::new(connection), sender).await
+/// Runs one session over a connection until it ends; says why.
+pub async fn run_quic<H: Host>(connection: impl Into<QuicConnection>, host: &mut H, clock: Clock) -> Close {
+    let QuicConnection { connection, early } = connection.into();
+    match QuicSender::open(connection.clone(), early).await {
+        Ok(sender) => drive(host, clock, QuicReceiver::new(connection), sender).await,
+        Err(why) => closed_by(&why),
+    }
 }
 
 /// Why the connection ended, as the server or the transport says.
@@ -255,46 +262,5 @@ impl Receive for QuicReceiver {
 
     fn received_bytes(&self) -> u64 {
         self.connection.stats().udp_rx.bytes
-    }
-}
-
-/// The sending half: the control stream.
-#[derive(Debug)]
-struct QuicSender {
-    connection: Connection,
-    stream: SendStream,
-    queue: Bytes,
-    begun: bool,
-}
-
-impl Deliver for QuicSender {
-    fn has_room(&self) -> bool {
-        self.queue.len() < SEND_QUEUE_BYTES
-    }
-
-    fn put(&mut self, frame: Vec<u8>) {
-        let mut queue = Vec::with_capacity(1 + self.queue.len() + frame.len());
-        if !std::mem::replace(&mut self.begun, true) {
-            queue.push(CONTROL_STREAM);
-        }
-        queue.extend_from_slice(&self.queue);
-        queue.extend_from_slice(&frame);
-        self.queue = queue.into();
-    }
-
-    fn is_idle(&self) -> bool {
-        self.queue.is_empty()
-    }
-
-    async fn flush(&mut self) -> Result<(), String> {
-        while !self.queue.is_empty() {
-            let count = self.stream.write(&self.queue).await.map_err(|why| why.to_string())?;
-            self.queue.advance(count);
-        }
-        Ok(())
-    }
-
-    async fn finish(self, close: &Close) {
-        self.connection.close(VarInt::from(close.code.number()), close.reason.as_bytes());
     }
 }

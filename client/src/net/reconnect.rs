@@ -11,6 +11,7 @@ use tokio::time::{Instant, sleep_until, timeout};
 use super::address::{Address, Scheme};
 use super::drive::{Clock, Host};
 use super::quic::{self, client_config, endpoint, run_quic};
+use super::quic_open::{QuicConnection, QuicOpenError};
 use super::websocket::run_websocket;
 
 /// Time that name lookup and the opening of a connection may take.
@@ -56,13 +57,15 @@ pub async fn stream<H: Host>(
     let mut backoff = Backoff::new();
     let mut reached = false;
     let mut attempts = 0;
+    // Kept over attempts, since it holds what resumes a session.
+    let mut quic_config = None;
     loop {
         if host.wants_to_leave() {
             return End::Left;
         }
         let close = tokio::select! {
             biased;
-            close = connect_and_run(address, host, clock) => close,
+            close = connect_and_run(address, &mut quic_config, host, clock) => close,
         };
         if host.wants_to_leave() {
             return End::Left;
@@ -101,7 +104,12 @@ pub async fn stream<H: Host>(
 }
 
 /// One attempt: opens a connection and runs a session over it.
-async fn connect_and_run<H: Host>(address: &Address, host: &mut H, clock: Clock) -> Close {
+async fn connect_and_run<H: Host>(
+    address: &Address,
+    quic_config: &mut Option<quinn::ClientConfig>,
+    host: &mut H,
+    clock: Clock,
+) -> Close {
     let lost = |why: String| Close::new(CloseCode::Lost, why);
     let authority = address.authority();
     let server = match timeout(CONNECT_TIMEOUT, resolve(&authority)).await {
@@ -119,7 +127,11 @@ async fn connect_and_run<H: Host>(address: &Address, host: &mut H, clock: Clock)
             Err(_) => lost(format!("{address} does not answer")),
         },
         Scheme::Quic(pin) => {
-            let endpoint = match client_config(pin).and_then(|config| endpoint(server, config)) {
+            let config = match quic_config.take().map_or_else(|| client_config(pin), Ok) {
+                Ok(config) => quic_config.insert(config).clone(),
+                Err(why) => return lost(why.to_string()),
+            };
+            let endpoint = match endpoint(server, config) {
                 Ok(endpoint) => endpoint,
                 Err(why) => return lost(why.to_string()),
             };
@@ -128,10 +140,18 @@ async fn connect_and_run<H: Host>(address: &Address, host: &mut H, clock: Clock)
                 Ok(connecting) => connecting,
                 Err(why) => return lost(format!("{address} cannot be reached: {why}")),
             };
-            let close = match timeout(CONNECT_TIMEOUT, connecting).await {
-                Ok(Ok(connection)) => run_quic(connection, host, clock).await,
-                Ok(Err(why)) => refused(address, &why),
-                Err(_) => lost(format!("{address} does not answer")),
+            let close = match QuicConnection::open(connecting, CONNECT_TIMEOUT).await {
+                Ok(opened) => {
+                    let (connection, early) = (opened.connection().clone(), opened.is_early());
+                    let close = run_quic(opened, host, clock).await;
+                    // With early data, a session can have begun before the certificate was seen.
+                    match connection.close_reason() {
+                        Some(why) if early && is_wrong_certificate(&why) => refused(address, &why),
+                        _ => close,
+                    }
+                }
+                Err(QuicOpenError::Handshake(why)) => refused(address, &why),
+                Err(QuicOpenError::Timeout) => lost(format!("{address} does not answer")),
             };
             let _ = timeout(GOODBYE_TIMEOUT, endpoint.wait_idle()).await;
             close
@@ -144,11 +164,14 @@ async fn resolve(authority: &str) -> std::io::Result<SocketAddr> {
     lookup_host(authority).await?.next().ok_or_else(none)
 }
 
+fn is_wrong_certificate(why: &quinn::ConnectionError) -> bool {
+    matches!(why, quinn::ConnectionError::TransportError(e)
+        if e.reason.contains("ApplicationVerificationFailure") || e.reason.contains("invalid peer certificate"))
+}
+
 /// A handshake that failed. A wrong certificate will be wrong again.
 fn refused(address: &Address, why: &quinn::ConnectionError) -> Close {
-    let is_pin = matches!(why, quinn::ConnectionError::TransportError(e)
-        if e.reason.contains("ApplicationVerificationFailure") || e.reason.contains("invalid peer certificate"));
-    if is_pin {
+    if is_wrong_certificate(why) {
         return Close::new(
             CloseCode::Protocol,
             format!(

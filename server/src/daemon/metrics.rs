@@ -48,6 +48,7 @@ pub struct Metrics {
     http_requests: AtomicU64,
     http_errors: AtomicU64,
     failed_handshakes: AtomicU64,
+    early_data: AtomicU64,
     bases_sent: [AtomicU64; BASES_SENT_MS.len() + 1],
     bases_sent_sum_us: AtomicU64,
 }
@@ -110,6 +111,10 @@ impl Metrics {
         add(&self.failed_handshakes, 1);
     }
 
+    pub(super) fn early_data(&self) {
+        add(&self.early_data, 1);
+    }
+
     pub(super) fn bases_sent(&self, after: Duration) {
         let ms = u64::try_from(after.as_millis()).unwrap_or(u64::MAX);
         let bucket = BASES_SENT_MS.iter().position(|&end| ms <= end).unwrap_or(BASES_SENT_MS.len());
@@ -121,6 +126,12 @@ impl Metrics {
     #[must_use]
     pub fn active_sessions(&self) -> u64 {
         self.active.iter().map(get).sum()
+    }
+
+    /// Resumed QUIC sessions whose first words came before the handshake was complete (0-RTT).
+    #[must_use]
+    pub fn early_data_sessions(&self) -> u64 {
+        get(&self.early_data)
     }
 
     /// Messages of clients that were refused.
@@ -202,6 +213,11 @@ impl Metrics {
                 "lodestream_failed_handshakes_total",
                 "QUIC handshakes that failed.",
                 get(&self.failed_handshakes),
+            ),
+            (
+                "lodestream_early_data_sessions_total",
+                "Resumed QUIC sessions whose first words came before the handshake was complete.",
+                get(&self.early_data),
             ),
             ("lodestream_http_requests_total", "HTTP requests.", get(&self.http_requests)),
             (

@@ -18,7 +18,11 @@ use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::stream::ALPN;
 use quinn::congestion::CubicConfig;
 use quinn::crypto::rustls::QuicServerConfig;
-use quinn::{Connection, IdleTimeout, Incoming, TransportConfig, VarInt, ZeroRttAccepted};
+use quinn::{
+    BloomTokenLog, Connection, IdleTimeout, Incoming, TransportConfig, ValidationTokenConfig, VarInt,
+    ZeroRttAccepted,
+};
+use rustls::server::ServerSessionMemoryCache;
 use tokio::task::JoinSet;
 use tokio::time::timeout;
 use tracing::Instrument;
@@ -45,6 +49,14 @@ const SOCKET_BUFFER_LEAST_BYTES: usize = 2 * 1024 * 1024;
 /// Handshakes at once from addresses that are not validated. Beyond this, addresses are validated
 /// first (Retry), which costs honest clients a round trip and forged ones everything.
 const MAX_UNVALIDATED: usize = 128;
+/// Sessions that can be resumed. One takes about 300 bytes.
+const MAX_TICKETS: usize = 8192;
+/// How long an address token is good for: as long as a ticket (rustls).
+const TOKEN_LIFETIME: Duration = Duration::from_secs(24 * 60 * 60);
+/// Used tokens are remembered in a Bloom filter of at most this size, made for so many; beyond them more and more
+/// tokens are mistaken for used ones and ignored.
+const TOKEN_LOG_BYTES: usize = 1 << 20;
+const TOKENS_USED_PER_LIFETIME: u64 = 100_000;
 /// How long the endpoint's last packets may take.
 const ENDPOINT_CLOSE_TIMEOUT: Duration = Duration::from_millis(500);
 
@@ -59,10 +71,12 @@ pub fn server_config(certificate: &Certificate) -> anyhow::Result<quinn::ServerC
         .with_no_client_auth()
         .with_single_cert(certificate.chain().to_vec(), certificate.key())?;
     tls.alpn_protocols = vec![ALPN.as_bytes().to_vec()];
-    // Lets clients that come back say `Hello` in their first packet. Nothing that they say changes
-    // anything on the server, so a replay does no harm.
+    // Lets clients that come back say `Hello` in their first packet. Tickets are numbers of sessions that
+    // the server remembers, the oldest forgotten first, and each is good for one connection: early data that is
+    // repeated is not read. And nothing that it says changes anything on the server but counters and logs.
     tls.max_early_data_size = u32::MAX;
     tls.send_tls13_tickets = 1;
+    tls.session_storage = ServerSessionMemoryCache::new(MAX_TICKETS);
 
     let mut transport = TransportConfig::default();
     let mut congestion = CubicConfig::default();
@@ -82,9 +96,16 @@ pub fn server_config(certificate: &Certificate) -> anyhow::Result<quinn::ServerC
         // are not.
         .send_fairness(false);
 
+    // What lets a client that comes back be sent more than three times what it sent before its address is validated
+    // again: sealed, for one address, good once. The key is made at start.
+    let mut tokens = ValidationTokenConfig::default();
+    let log = BloomTokenLog::new_expected_items(TOKEN_LOG_BYTES, TOKENS_USED_PER_LIFETIME);
+    tokens.lifetime(TOKEN_LIFETIME).log(Arc::new(log));
+
     let mut config = quinn::ServerConfig::with_crypto(Arc::new(QuicServerConfig::try_from(tls)?));
     config
         .transport_config(Arc::new(transport))
+        .validation_token_config(tokens)
         .max_incoming(1024)
         .incoming_buffer_size(16 * 1024)
         .incoming_buffer_size_total(4 * 1024 * 1024);
@@ -210,7 +231,7 @@ async fn run_session(
     let state = guard.state.clone();
     let started = tokio::time::Instant::now();
     let rate_bits_per_s = state.config(Transport::Quic).limiter.rate_bits_per_s;
-    let mut receiver = QuicReceiver::new(connection.clone());
+    let mut receiver = QuicReceiver::new(connection.clone(), state.clone());
     let mut sender = QuicSender::new(connection.clone(), rate_bits_per_s);
     let mut validated = pin!(handshake);
     let close = {

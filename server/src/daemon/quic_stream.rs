@@ -2,6 +2,7 @@
 //! for each blob ([`lodestream_protocol::stream`]).
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::time::Duration;
 
 use bytes::{Buf, Bytes};
@@ -14,6 +15,7 @@ use quinn::{Connection, ConnectionError, ReadError, RecvStream, SendStream, VarI
 use tokio::time::{Instant, timeout};
 
 use super::drive::{Deliver, Receive, Received};
+use super::state::ServerState;
 
 /// Bytes read at once from the client's control stream.
 const READ_BYTES: usize = 16 * 1024;
@@ -47,14 +49,15 @@ fn ended_by(error: &ConnectionError) -> Received {
 #[derive(Debug)]
 pub(super) struct QuicReceiver {
     connection: Connection,
+    state: Arc<ServerState>,
     stream: Option<RecvStream>,
     kind_known: bool,
     frames: FrameReader,
 }
 
 impl QuicReceiver {
-    pub(super) fn new(connection: Connection) -> Self {
-        Self { connection, stream: None, kind_known: false, frames: FrameReader::new() }
+    pub(super) fn new(connection: Connection, state: Arc<ServerState>) -> Self {
+        Self { connection, state, stream: None, kind_known: false, frames: FrameReader::new() }
     }
 }
 
@@ -73,7 +76,12 @@ impl Receive for QuicReceiver {
             }
             let Some(stream) = &mut self.stream else {
                 match self.connection.accept_uni().await {
-                    Ok(stream) => self.stream = Some(stream),
+                    Ok(stream) => {
+                        if stream.is_0rtt() {
+                            self.state.metrics().early_data();
+                        }
+                        self.stream = Some(stream);
+                    }
                     Err(why) => return ended_by(&why),
                 }
                 continue;
