@@ -217,6 +217,7 @@ fn blank(plan: &Plan, case: &Case, seed: u64, why: &str) -> RunResult {
         scene: plan.scenes[case.scene].name.clone(),
         technique: plan.technique_name(case),
         transport: case.transport,
+        resumed: case.resumed,
         link: case.link.name.clone(),
         camera: case.camera.clone(),
         rate_bits_per_s: case.link.down.rate.first(),

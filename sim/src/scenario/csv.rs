@@ -58,6 +58,7 @@ pub(super) fn of_runs(results: &[RunResult]) -> String {
         line.add("scene", &run.scene);
         line.add("technique", &run.technique);
         line.add("transport", run.transport);
+        line.add("resumed", run.resumed);
         line.add("link", &run.link);
         line.add("camera", &run.camera);
         line.add("rate_bits_per_s", run.rate_bits_per_s);
@@ -136,6 +137,7 @@ pub(super) fn of_percentiles(cases: &[Percentiles]) -> String {
         line.add("scene", &case.scene);
         line.add("technique", &case.technique);
         line.add("transport", case.transport);
+        line.add("resumed", case.resumed);
         line.add("link", &case.link);
         line.add("camera", &case.camera);
         line.add_some("limiter_bits_per_s", case.limiter_bits_per_s);

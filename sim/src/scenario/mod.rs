@@ -13,6 +13,7 @@ pub mod pictures;
 pub mod plan;
 pub mod plots;
 pub mod report;
+mod resume;
 pub(crate) mod run;
 pub mod scene;
 #[cfg(test)]

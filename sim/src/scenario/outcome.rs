@@ -38,6 +38,7 @@ pub(crate) fn result(
         scene: plan.scenes[case.scene].name.clone(),
         technique: plan.technique_name(case),
         transport: case.transport,
+        resumed: case.resumed,
         link: case.link.name.clone(),
         camera: case.camera.clone(),
         rate_bits_per_s: case.link.down.rate.first(),

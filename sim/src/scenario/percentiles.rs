@@ -43,6 +43,8 @@ pub struct Percentiles {
     pub technique: String,
     /// How client and server talked.
     pub transport: Transport,
+    /// Whether the connection was resumed.
+    pub resumed: bool,
     /// The link's name, or in words what it was like.
     pub link: String,
     /// The camera path's name.
@@ -104,6 +106,7 @@ fn of_case(runs: &[RunResult]) -> Option<Percentiles> {
         scene: first.scene.clone(),
         technique: first.technique.clone(),
         transport: first.transport,
+        resumed: first.resumed,
         link: first.link.clone(),
         camera: first.camera.clone(),
         limiter_bits_per_s: first.limiter_bits_per_s,

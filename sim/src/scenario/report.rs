@@ -27,6 +27,8 @@ pub struct RunResult {
     pub technique: String,
     /// How client and server talked.
     pub transport: Transport,
+    /// Whether the connection was resumed with a ticket of an earlier one. The cache was empty nevertheless.
+    pub resumed: bool,
     /// The link's name, or in words what it was like.
     pub link: String,
     /// The camera path's name.
@@ -97,6 +99,9 @@ impl std::fmt::Display for RunResult {
             write!(f, "{} over ", self.technique)?;
         }
         write!(f, "{}, {}", self.transport, self.link)?;
+        if self.resumed {
+            write!(f, ", resumed")?;
+        }
         if self.rest_ms.is_some() {
             write!(f, ", camera {}", self.camera)?;
         }

@@ -14,13 +14,13 @@ use std::time::{Duration, SystemTime};
 
 use anyhow::Context as _;
 use image::RgbaImage;
-use lodestream_client::net::{self, Pin};
+use lodestream_client::net::{self, QuicConnection, QuicOpenError};
 use lodestream_protocol::message::{Close, CloseCode};
 use lodestream_protocol::source::SceneSource;
 use lodestream_protocol::view::View;
 use lodestream_server::daemon::certificate::Certificate;
 use lodestream_server::daemon::http::accept_http;
-use lodestream_server::daemon::quic::{serve_quic, server_config};
+use lodestream_server::daemon::quic::serve_quic;
 use lodestream_server::daemon::{ServerState, SessionSettings};
 use rand::{RngCore, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -30,6 +30,7 @@ use super::outcome;
 use super::pictures::{self, Gallery, Instant, Painter};
 use super::plan::{Case, CaseLink, PictureSettings, Plan, Transport};
 use super::report::RunResult;
+use super::resume::QuicSettings;
 use super::viewer::Viewer;
 use crate::clock::{VirtualClock, virtual_runtime};
 use crate::link::{IP_UDP_BYTES, LinkCounters, LinkSettings};
@@ -43,7 +44,7 @@ pub(crate) const CLIENT: SocketAddr =
     SocketAddr::new(std::net::IpAddr::V4(std::net::Ipv4Addr::new(10, 0, 0, 2)), 50_000);
 
 /// Virtual time that the server may take to close after the client has left.
-const CLOSE_TIMEOUT: Duration = Duration::from_secs(60);
+pub(super) const CLOSE_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// Virtual time after the limit in which client and server may part by themselves.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -89,6 +90,12 @@ pub(super) fn run_case(
     gallery: Option<(&Gallery, usize)>,
 ) -> anyhow::Result<RunResult> {
     let drawing = plan.pictures.as_ref().zip(gallery);
+    let quic = if case.resumed {
+        QuicSettings::acquainted(scene, certificate)
+    } else {
+        QuicSettings::new(certificate)
+    };
+    let quic = quic?;
     let (mut result, shots) = virtual_runtime().context("no runtime for virtual time")?.block_on(async {
         let settings =
             SessionSettings { rate_bits_per_s: case.limiter_bits_per_s, ..SessionSettings::default() };
@@ -104,7 +111,7 @@ pub(super) fn run_case(
             }
         };
         let (close, traffic) = match case.transport {
-            Transport::Quic => run_quic(case, state, certificate, seed, limit, &mut viewer).await?,
+            Transport::Quic => run_quic(case, state, quic, seed, limit, &mut viewer).await?,
             Transport::Ws => run_websocket(case, state, seed, limit, &mut viewer).await?,
         };
         viewer.end();
@@ -133,7 +140,8 @@ fn settled_picture(
 ) -> anyhow::Result<Option<RgbaImage>> {
     let fast = LinkSettings::constant(REFERENCE_BITS_PER_S, 0, REFERENCE_QUEUE_BYTES, 0);
     let link = CaseLink { name: String::new(), down: fast.clone(), up: fast };
-    let case = Case { transport: Transport::Ws, link, limiter_bits_per_s: None, ..case.clone() };
+    let case =
+        Case { transport: Transport::Ws, resumed: false, link, limiter_bits_per_s: None, ..case.clone() };
     let settings = PictureSettings { at_s: Vec::new(), ..settings.clone() };
     virtual_runtime().context("no runtime for virtual time")?.block_on(async {
         let state = ServerState::new(Arc::clone(scene), SessionSettings::default());
@@ -162,7 +170,7 @@ pub(crate) async fn end_of(session: impl Future<Output = Close>, limit: Duration
 async fn run_quic(
     case: &Case,
     state: Arc<ServerState>,
-    certificate: &Certificate,
+    quic: QuicSettings,
     seed: u64,
     limit: Duration,
     viewer: &mut Viewer<'_>,
@@ -176,20 +184,20 @@ async fn run_quic(
         seeds.fill_bytes(&mut seed);
         seed
     };
-    let server = network.endpoint(SERVER, Some(server_config(certificate)?), next_seed())?;
+    let server = network.endpoint(SERVER, Some(quic.server), next_seed())?;
     let client = network.endpoint(CLIENT, None, next_seed())?;
     let serving = tokio::spawn(serve_quic(server, Arc::clone(&state)));
 
-    let config = net::client_config(Pin(certificate.fingerprint()))?;
     // The name is not looked at: the certificate is pinned.
-    let connecting = client.connect_with(config, SERVER, "localhost")?;
-    let close = match timeout(limit, connecting).await {
-        Ok(Ok(connection)) => {
+    let connecting = client.connect_with(quic.client, SERVER, "localhost")?;
+    let close = match QuicConnection::open(connecting, limit).await {
+        Ok(connection) => {
+            anyhow::ensure!(connection.is_early() == case.resumed, "the first session brought no ticket");
             let clock = viewer.clock();
             end_of(net::run_quic(connection, viewer, clock), limit).await
         }
-        Ok(Err(why)) => Close::new(CloseCode::Lost, format!("no connection: {why}")),
-        Err(_) => Close::new(CloseCode::Lost, "no connection within the time limit"),
+        Err(QuicOpenError::Timeout) => Close::new(CloseCode::Lost, "no connection within the time limit"),
+        Err(why) => Close::new(CloseCode::Lost, format!("no connection: {why}")),
     };
     let (down, up) = (network.counters(SERVER, CLIENT), network.counters(CLIENT, SERVER));
     let traffic = Traffic { down, up, trace: network.trace() };
@@ -247,7 +255,10 @@ mod tests {
                 let limit = Duration::from_secs(60);
                 let mut viewer = Viewer::new([640, 360], 1.0, case.path, limit);
                 let (_, traffic) = match case.transport {
-                    Transport::Quic => run_quic(case, state, &certificate, 1, limit, &mut viewer).await,
+                    Transport::Quic => {
+                        let quic = QuicSettings::new(&certificate).unwrap();
+                        run_quic(case, state, quic, 1, limit, &mut viewer).await
+                    }
                     Transport::Ws => run_websocket(case, state, 1, limit, &mut viewer).await,
                 }
                 .unwrap();

@@ -23,6 +23,7 @@
 //!
 //! [[sweep]]                   # one case for each combination, one run for each seed of it
 //! transport = "quic"          # or "ws"; every value may be a list, and numbers a range:
+//! resumed = [false, true]     # over a new connection, or one that a ticket resumes; not for "ws"
 //! rate_bits_per_s = { from = 2_000_000, to = 16_000_000, factor = 2 }
 //! rtt_ms = [50]
 //! loss = [0, 0.01]            # in each direction; must be 0 for "ws"
@@ -48,9 +49,9 @@
 //! seconds. `orbit` and `teleport` turn the camera about what it looks at by `degrees`; `fly-through` goes `distance`
 //! times as far as that is away; `swing` looks `degrees` to both sides, `times` times.
 //!
-//! Cases are in the order of the sweeps, and within a sweep by scene, transport, then link or rate, round trip,
-//! loss, jitter, queue and MTU, then camera, then technique; runs by case and then by seed. A case of `nodes` is one for
-//! each peer of the file that `peers` names (relative to this file) or the command line.
+//! Cases are in the order of the sweeps, and within a sweep by scene, transport, new or resumed, then link or rate,
+//! round trip, loss, jitter, queue and MTU, then camera, then technique; runs by case and then by seed. A case of `nodes`
+//! is one for each peer of the file that `peers` names (relative to this file) or the command line.
 
 mod axis;
 mod camera;
@@ -184,6 +185,8 @@ pub struct Case {
     pub scene: usize,
     /// How client and server talk.
     pub transport: Transport,
+    /// Whether the client was there before: it then has a ticket and an address token of the server's, and nothing else.
+    pub resumed: bool,
     /// The link.
     pub link: CaseLink,
     /// The path's name.
@@ -208,7 +211,8 @@ impl std::fmt::Display for Case {
         if self.technique != Technique::Lodestream {
             write!(f, "{} over ", self.technique)?;
         }
-        write!(f, "{}, {}", self.transport, self.link.name)?;
+        let resumed = if self.resumed { " resumed" } else { "" };
+        write!(f, "{}{resumed}, {}", self.transport, self.link.name)?;
         if self.path.moves() { write!(f, ", camera {}", self.camera) } else { Ok(()) }
     }
 }

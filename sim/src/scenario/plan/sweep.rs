@@ -25,6 +25,7 @@ const MODEL: &str = "model:";
 #[serde(deny_unknown_fields)]
 pub(super) struct Sweep {
     transport: Axis<Transport>,
+    resumed: Option<Axis<bool>>,
     scene: Option<Axis<String>>,
     link: Option<Axis<String>>,
     rate_bits_per_s: Option<Axis<u64>>,
@@ -142,13 +143,22 @@ impl<'a> Book<'a> {
 
     /// Adds the cases of a sweep.
     pub(super) fn expand(&mut self, sweep: &Sweep) -> Result<(), Fault> {
-        let transports = values("transport", Some(&sweep.transport), &[])?;
+        let transports = sweep.transports()?;
         let scenes = values("scene", sweep.scene.as_ref(), &[self.scene.to_owned()])?;
         let cameras = values("camera", sweep.camera.as_ref(), &["still".to_owned()])?;
         let techniques = values("technique", sweep.technique.as_ref(), &[Technique::Lodestream])?;
         let limited = sweep.limiter_share.is_some() || sweep.limiter_bits_per_s.is_some();
         if limited && let Some(t) = techniques.iter().position(|&t| t != Technique::Lodestream) {
             let message = format!("{} has no limiter; give it a sweep without one", techniques[t]);
+            return Err(Fault::new(format!("technique[{t}]"), message));
+        }
+        if let Some(t) = techniques.iter().position(|&t| t != Technique::Lodestream)
+            && transports.iter().any(|(_, resumed)| *resumed)
+        {
+            let message = format!(
+                "{} over resumed connections is not simulated; give it a sweep of its own",
+                techniques[t]
+            );
             return Err(Fault::new(format!("technique[{t}]"), message));
         }
         let seeds = sweep.seeds.as_ref().map_or_else(|| Ok(Arc::clone(&self.seeds)), Seeds::list)?;
@@ -167,7 +177,7 @@ impl<'a> Book<'a> {
         for (s, scene) in scenes.iter().enumerate() {
             let fault = |message: &str| Fault::new(format!("scene[{s}]"), message);
             let scene = self.scene(scene).map_err(fault)?;
-            for &transport in &transports {
+            for &(transport, resumed) in &transports {
                 for (link, places) in &links {
                     fits(transport, link, places)?;
                     let limiter_bits_per_s = sweep.limiter(&link.down)?;
@@ -177,6 +187,7 @@ impl<'a> Book<'a> {
                         self.cases.extend(techniques.iter().map(|&technique| Case {
                             scene,
                             transport,
+                            resumed,
                             link: link.clone(),
                             camera: camera.clone(),
                             path,
@@ -208,6 +219,21 @@ impl<'a> Book<'a> {
 }
 
 impl Sweep {
+    /// The transports, each over connections that are new and over those that are resumed, as asked for.
+    fn transports(&self) -> Result<Vec<(Transport, bool)>, Fault> {
+        let transports = values("transport", Some(&self.transport), &[])?;
+        let resumed = values("resumed", self.resumed.as_ref(), &[false])?;
+        if transports.contains(&Transport::Ws)
+            && let Some(i) = resumed.iter().position(|resumed| *resumed)
+        {
+            let message =
+                "true over \"ws\": only QUIC connections are resumed; give \"ws\" a sweep without it";
+            return Err(Fault::new(format!("resumed[{i}]"), message));
+        }
+        let with = |&transport| resumed.iter().map(move |&resumed| (transport, resumed));
+        Ok(transports.iter().flat_map(with).collect())
+    }
+
     /// How many links the sweep is about. Refuses what does not go together.
     fn link_cases(&self) -> Result<usize, Fault> {
         let lengths = [

@@ -40,9 +40,10 @@ fn the_documented_plan_is_one() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("train.txt"), "4\n0\n1.5\n").unwrap();
     let plan = parse(&toml.join("\n"), &folder.path().join("plan.toml")).unwrap();
-    // Four rates with and without loss; the train seen by two cameras by two techniques, thirty times each.
-    assert_eq!((plan.cases.len(), plan.runs()), (4 * 2 + 4, 4 * 2 + 120));
-    let train = &plan.cases[9].link;
+    // Four rates with and without loss, anew and resumed; the train seen by two cameras by two techniques, thirty times each.
+    assert_eq!((plan.cases.len(), plan.runs()), (2 * 4 * 2 + 4, 2 * 4 * 2 + 120));
+    assert_eq!(plan.cases.iter().map(|case| case.resumed).position(|resumed| resumed), Some(8));
+    let train = &plan.cases[17].link;
     assert_eq!(train.down.rate, Rate::trace(&[4_000_000, 0, 1_500_000], AtEnd::Repeat).unwrap());
     assert_eq!((train.up.rate.first(), train.up.jitter), (500_000, train.down.jitter));
 }
@@ -108,8 +109,10 @@ fn models_are_named_by_files_of_a_folder_that_the_plan_does_not_know() {
 #[test]
 fn errors_name_file_and_field() {
     let ws = GOOD.replace("\"quic\"", "\"ws\"");
+    let resumed = format!("{}resumed = [false, true]\n", ws.replace("\"ws\"", "[\"quic\", \"ws\"]"));
     let cases = [
         (ws.as_str(), "sweep[0].loss[1]", "not modelled"),
+        (resumed.as_str(), "sweep[0].resumed[1]", "only QUIC connections are resumed"),
         ("scene = \"demo\"", "sweep", "there is none"),
         ("scene = 3", "line 1", "expected a string"),
         ("scene = \"demo\"\nspeed = 3", "line 2", "unknown field"),
