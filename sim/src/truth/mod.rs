@@ -42,6 +42,9 @@ pub fn run(
             other.technique
         );
     }
+    if plan.cases.iter().any(|case| case.resumed) {
+        anyhow::bail!("resumed connections are not compared with real time; leave `resumed` out of the plan");
+    }
     let mut all = Vec::with_capacity(plan.cases.len());
     for case in &plan.cases {
         let mut alone = plan.clone();
