@@ -247,6 +247,7 @@ impl Loopback {
         // Nothing is pushed before the client has said what it holds: counts are then exact.
         let config = ServerConfig {
             push_before_hello_bytes: 0,
+            refine_before_hello_bytes: 0,
             push_after_hello_bytes: self.push_bytes,
             ..ServerConfig::websocket(Some(8_000_000))
         };

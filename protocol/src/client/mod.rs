@@ -528,7 +528,7 @@ impl ClientSession {
             let pending = self.pending.entry(id).or_default();
             pending.asked = Some(priority);
             pending.expected = pending.expected.or(bytes);
-            // What the server sends unasked comes whole, from the beginning.
+            // What the server sends unasked begins at the blob's beginning.
             if pending.received.is_empty() {
                 (pending.from, pending.to) = (held, end);
             }

@@ -13,6 +13,11 @@ pub struct ServerConfig {
     /// address validation about 2.3 KB of base meshes fit (three times the client's first packet, less
     /// the handshake); more would only queue for a view that may be another. On WebSocket: no bound of its own.
     pub push_before_hello_bytes: u64,
+    /// Up to so many bytes in all, refinement of the start view follows the base meshes before `Hello` is
+    /// heard. As much as the transport sends in a round trip: more would wait in the socket when `Hello`
+    /// names another view. 0 on QUIC: what fits before address validation would share packets with the
+    /// base meshes and delay them, and strangers could make the server select.
+    pub refine_before_hello_bytes: u64,
     /// Bytes pushed unasked after the base meshes: index pages and first chunks of what is visible, so
     /// that refinement does not wait for a round trip. More covers longer round trips; what the client
     /// would not have asked for is wasted.
@@ -39,6 +44,7 @@ impl ServerConfig {
         Self {
             limiter: LimiterConfig::quic(rate_bits_per_s),
             push_before_hello_bytes: 3000,
+            refine_before_hello_bytes: 0,
             push_after_hello_bytes: first_refinement_bytes(rate_bits_per_s),
             piece_bytes: 1200,
             max_queued: 4096,
@@ -55,6 +61,8 @@ impl ServerConfig {
         Self {
             limiter: LimiterConfig::websocket(rate_bits_per_s),
             push_before_hello_bytes: u64::MAX,
+            // TCP's first window (RFC 6928: 14,600 bytes), less the upgrade's answer, `Welcome` and frames.
+            refine_before_hello_bytes: 14_000,
             // Two TCP segments: 6 % less overhead in heads than one, 11 ms at 2 Mbit/s.
             piece_bytes: 2800,
             ..Self::quic(rate_bits_per_s)

@@ -3,7 +3,7 @@
 //! A session begins to speak at once: `Welcome`, then scene pages and base meshes of the scene's start
 //! view, so that on QUIC they travel in the handshake's second flight and on WebSocket with the upgrade's
 //! answer. `Hello` brings the real view; what is not sent yet is ordered anew. Behind the base meshes go
-//! index pages and first chunks, until the client's first `Want` takes over.
+//! index pages and first chunks, until the client's first `Want` of a chunk takes over.
 
 mod config;
 mod push;
@@ -13,7 +13,7 @@ mod tests;
 use std::collections::{HashMap, HashSet, VecDeque};
 use std::sync::Arc;
 
-use crate::blob::BlobId;
+use crate::blob::{BlobId, BlobPart};
 use crate::frame::{BlobPiece, FrameError, encode_server};
 use crate::limiter::{CeilingShare, TokenBucket};
 use crate::limits::{MAX_BLOB_BYTES, MAX_PIECE_BYTES};
@@ -28,6 +28,7 @@ use crate::time::Time;
 use crate::view::View;
 
 pub use config::ServerConfig;
+use push::Refining;
 
 /// Most control messages that wait to be handed over. A peer that makes more is closed.
 const MAX_CONTROL_QUEUED: usize = 4096;
@@ -96,13 +97,19 @@ pub struct ServerSession {
     refinement_pushed: bool,
     /// The first refinement, as far as it is not asked for.
     unasked: HashSet<Unit>,
+    /// Where the part ends that was pushed of a blob, until the client shows that it has it.
+    pushed_parts: HashMap<BlobId, u32>,
     client_wants: bool,
+    /// The client knows enough to ask for chunks: it needs no more guesses.
+    client_refines: bool,
     /// The client holds parts of the scene already, so guesses at what it lacks would be wrong.
     resumes: bool,
     done_told: bool,
     view: View,
     /// The view has changed since the last ordering.
     replan_at: Option<Time>,
+    /// When it was last ordered because the view had changed.
+    replanned: Option<Time>,
     pushed_bytes: u64,
     push_budget: u64,
     max_blob_bytes: u32,
@@ -144,11 +151,14 @@ impl ServerSession {
             pages_handed: 0,
             refinement_pushed: false,
             unasked: HashSet::new(),
+            pushed_parts: HashMap::new(),
             client_wants: false,
+            client_refines: false,
             resumes: false,
             done_told: true,
             view,
             replan_at: None,
+            replanned: None,
             pushed_bytes: 0,
             push_budget: config.push_before_hello_bytes,
             max_blob_bytes: MAX_BLOB_BYTES,
@@ -184,17 +194,7 @@ impl ServerSession {
             (_, ClientMessage::Hello(_)) => self.refuse(CloseCode::Protocol, "a second Hello"),
             (_, ClientMessage::Want(wants)) => self.want(&wants),
             (_, ClientMessage::Cancel(ids)) => self.cancel(&ids),
-            (_, ClientMessage::SetView(view)) => {
-                self.view = view;
-                // The client may not need any longer what it has not asked for.
-                self.scheduler.retain(|unit| !self.unasked.contains(unit));
-                self.unasked.clear();
-                // Once the client knows all pages and asks for itself, there is nothing to order.
-                let all_pages = self.pages_handed >= self.source.header().page_count;
-                if !(self.client_wants && all_pages && self.bases_left.is_empty()) {
-                    self.replan_at.get_or_insert(now + REPLAN_INTERVAL);
-                }
-            }
+            (_, ClientMessage::SetView(view)) => self.set_view(now, view),
             (_, ClientMessage::WantScenePages(pages)) => self.want_pages(&pages),
         }
         if !had_work {
@@ -232,6 +232,7 @@ impl ServerSession {
         self.push = Vec::new();
         self.handed = HashMap::new();
         self.unasked = HashSet::new();
+        self.pushed_parts = HashMap::new();
         self.bases_left = HashSet::new();
         self.share = None;
         if tell {
@@ -278,15 +279,48 @@ impl ServerSession {
         self.plan();
     }
 
+    fn set_view(&mut self, now: Time, view: View) {
+        // Clients say so even where their first view is the scene's own.
+        if view == self.view {
+            return;
+        }
+        self.view = view;
+        self.drop_unasked();
+        // Once the client knows all pages and asks for itself, there is nothing to order.
+        let all_pages = self.pages_handed >= self.source.header().page_count;
+        if !(self.client_refines && all_pages && self.bases_left.is_empty()) {
+            let at = self.replanned.map_or(now, |last| now.max(last + REPLAN_INTERVAL));
+            self.replan_at.get_or_insert(at);
+        }
+    }
+
+    /// Takes back what the client may not need: what it has not asked for, as far as it has not begun.
+    fn drop_unasked(&mut self) {
+        let Self { scheduler, unasked, pushed_parts, .. } = self;
+        scheduler.retain(|unit| {
+            let dropped = unasked.contains(unit);
+            if let (true, Unit::Blob(id)) = (dropped, unit) {
+                pushed_parts.remove(id);
+            }
+            !dropped
+        });
+        unasked.clear();
+    }
+
+    fn replan(&mut self, now: Time) {
+        self.replanned = Some(now);
+        self.plan();
+    }
+
     /// Orders anew what is pushed for the view last known.
     fn plan(&mut self) {
         self.replan_at = None;
+        self.drop_unasked();
         if !self.client_wants {
             // Nothing but pushes is queued.
             self.scheduler.retain(|_| false);
-            self.unasked.clear();
-            self.refinement_pushed = false;
         }
+        self.refinement_pushed = false;
         self.push = push::first_flight(&*self.source, &self.view);
         let Self { handed, scheduler, .. } = self;
         self.push.retain(|(_, unit)| !handed.contains_key(unit) && !scheduler.contains(unit));
@@ -314,9 +348,9 @@ impl ServerSession {
             self.pushed_bytes = self.pushed_bytes.saturating_add(self.estimated_bytes(unit));
             self.scheduler.want(unit, priority);
         }
-        if open && self.bases_left.is_empty() && !self.refinement_pushed {
+        if self.push.is_empty() && self.bases_left.is_empty() && !self.refinement_pushed {
             self.refinement_pushed = true;
-            if !self.client_wants && !self.resumes {
+            if !self.client_refines && !self.resumes {
                 self.push_refinement();
             }
         }
@@ -344,12 +378,23 @@ impl ServerSession {
     }
 
     fn push_refinement(&mut self) {
+        let ServerConfig { push_after_hello_bytes, refine_before_hello_bytes, .. } = *self.config;
         let room = self.push_budget.saturating_sub(self.pushed_bytes);
-        let budget = self.config.push_after_hello_bytes.min(room);
-        for (priority, unit) in push::first_refinement(&*self.source, &self.view, budget) {
-            if !self.handed.contains_key(&unit) {
-                self.scheduler.want(unit, priority);
+        let budget = if self.phase == Phase::Open {
+            push_after_hello_bytes.min(room)
+        } else {
+            refine_before_hello_bytes.saturating_sub(self.pushed_bytes).min(push_after_hello_bytes).min(room)
+        };
+        for Refining { priority, id, end } in push::first_refinement(&*self.source, &self.view, budget) {
+            let unit = Unit::Blob(id);
+            if !self.handed.contains_key(&unit)
+                && !self.scheduler.contains(&unit)
+                && self.scheduler.want_part(unit, priority, 0..end.unwrap_or(u32::MAX))
+            {
                 self.unasked.insert(unit);
+                if let Some(end) = end {
+                    self.pushed_parts.insert(id, end);
+                }
             }
         }
     }
@@ -358,6 +403,7 @@ impl ServerSession {
         self.client_wants = true;
         self.done_told = false;
         for want in wants {
+            self.client_refines |= matches!(want.id.part, BlobPart::Chunk(_));
             self.unasked.remove(&Unit::Blob(want.id));
             if let Err(reason) = self.want_one(want) {
                 self.tell(ServerMessage::Refused(Refused { id: want.id, reason }));
@@ -378,6 +424,18 @@ impl ServerSession {
             return Err(RefusedReason::OutOfRange);
         }
         let handed = self.handed.get(&unit).copied();
+        if let Some(pushed) = self.pushed_parts.remove(&id)
+            && handed.is_some()
+            && offset < pushed
+        {
+            // The wish has met the pushed part on its way, which the client takes for all of this run: it
+            // would not know what to do with another behind it. It asks on from there when it has it.
+            self.pushed_parts.insert(id, pushed);
+            if self.scheduler.contains(&unit) {
+                self.scheduler.want_part(unit, priority, 0..pushed);
+            }
+            return Ok(());
+        }
         if handed.is_some_and(|handed| handed >= end) && !self.scheduler.contains(&unit) {
             return Ok(());
         }
@@ -388,6 +446,7 @@ impl ServerSession {
     fn cancel(&mut self, ids: &[BlobId]) {
         for &id in ids {
             self.handed.remove(&Unit::Blob(id));
+            self.pushed_parts.remove(&id);
             self.bases_left.remove(&Unit::Blob(id));
             if self.scheduler.cancel(id) == Cancelled::Begun {
                 self.abandoned.push_back(id);
@@ -422,7 +481,7 @@ impl ServerSession {
             self.refuse(CloseCode::Timeout, &format!("nothing taken for {} s", stall_timeout.as_secs_f32()));
         } else if self.replan_at.is_some_and(|at| at <= now) {
             let had_work = self.has_work();
-            self.plan();
+            self.replan(now);
             if !had_work {
                 self.offered = now;
             }
@@ -482,7 +541,7 @@ impl ServerSession {
             return Some(Transmit::Abandon(id));
         }
         if self.replan_at.is_some_and(|at| at <= now) {
-            self.plan();
+            self.replan(now);
         }
         self.refill();
         if let Some(share) = &mut self.share {

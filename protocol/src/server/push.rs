@@ -9,7 +9,7 @@ use crate::blob::{BlobId, BlobPart};
 use crate::scene::{AssetEntry, InstanceEntry, ScenePage};
 use crate::scheduler::Unit;
 use crate::select::priority::{base_priority, index_priority};
-use crate::select::{AssetState, Priority, Projection, SelectSettings, Selector, State};
+use crate::select::{AssetState, Priority, Projection, SelectSettings, Selector, State, Wanted};
 use crate::source::SceneSource;
 use crate::view::View;
 
@@ -62,65 +62,96 @@ fn all_pages(source: &dyn SceneSource) -> Vec<Arc<ScenePage>> {
     (0..source.header().page_count).map_while(|page| source.page(page)).collect()
 }
 
+/// One blob of the first refinement.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Refining {
+    pub(super) priority: Priority,
+    pub(super) id: BlobId,
+    /// How many of its bytes the view wants; `None` for all.
+    pub(super) end: Option<u32>,
+}
+
 /// The first refinement for a view, most urgent first: index pages of what is visible and, by the same
 /// selection as the client's, the first chunks, until `budget_bytes` are used up.
 ///
-/// The client takes over with its first `Want`; until that arrives, a round trip after the base meshes,
-/// the link would lie idle.
-pub(super) fn first_refinement(
+/// The client takes over with its first `Want` of a chunk; until that arrives, a round trip after the
+/// index pages, the link would lie idle.
+pub(super) fn first_refinement(source: &dyn SceneSource, view: &View, budget_bytes: u64) -> Vec<Refining> {
+    let (numbers, instances, mut assets) = visible_assets(source, view);
+    let mut selector = Selector::new(SelectSettings { prefetch_bases: false, ..SelectSettings::default() });
+    let mut out = learn_pages(source, view, &mut selector, budget_bytes, (&numbers, &instances, &mut assets));
+    let mut left = budget_bytes - out.iter().map(|page| length(source, page)).sum::<u64>().min(budget_bytes);
+    // Only now that the pages are known is it clear up to which stop each chunk is wanted.
+    for wanted in &selector.select(view, &instances, &assets).wanted {
+        let BlobPart::Chunk(_) = wanted.id.part else {
+            // What ranks below a page not read must wait for it.
+            break;
+        };
+        let Some(&asset) = numbers.get(wanted.id.asset as usize) else { continue };
+        let id = BlobId { asset, part: wanted.id.part };
+        let chunk = Refining { priority: wanted.priority, id, end: wanted.end };
+        match left.checked_sub(length(source, &chunk)) {
+            Some(rest) => left = rest,
+            None => break,
+        }
+        out.push(chunk);
+    }
+    out.sort_by_key(|next| std::cmp::Reverse(next.priority));
+    out
+}
+
+fn length(source: &dyn SceneSource, next: &Refining) -> u64 {
+    next.end.or_else(|| source.blob_len(&next.id)).map_or(u64::MAX, u64::from)
+}
+
+/// Reads the index pages that come within the budget if the chunks above them are sent too.
+fn learn_pages(
     source: &dyn SceneSource,
     view: &View,
+    selector: &mut Selector,
     budget_bytes: u64,
-) -> Vec<(Priority, Unit)> {
-    let (numbers, instances, mut assets) = visible_assets(source, view);
-    let mut selector = Selector::new(SelectSettings {
-        max_bytes: budget_bytes,
-        prefetch_bases: false,
-        // What is sent unasked is sent whole: the client's own requests, for parts, follow at once.
-        stops: false,
-        ..SelectSettings::default()
-    });
-    let mut out = Vec::new();
+    (numbers, instances, assets): (&[u32], &[InstanceEntry], &mut [AssetState]),
+) -> Vec<Refining> {
+    let mut pages: Vec<Refining> = Vec::new();
+    let mut sent = Vec::new();
     let mut left = budget_bytes;
-    let mut pages = 0;
     // Pages make chunks and further pages known; each turn of the loop uses up bytes or ends.
-    loop {
+    'turns: loop {
         let mut progress = false;
-        for wanted in selector.select(view, &instances, &assets).wanted.clone() {
-            let local = wanted.id.asset as usize;
-            let Some(&number) = numbers.get(local) else { continue };
-            let id = BlobId { asset: number, part: wanted.id.part };
-            let Some(length) = source.blob_len(&id).map(u64::from).filter(|length| *length <= left) else {
-                return out;
-            };
-            let state = match id.part {
-                BlobPart::IndexPage(page) => {
-                    // Chunks that rank below a page not read yet must wait for it.
-                    if pages == MAX_REFINED_PAGES {
-                        return out;
-                    }
-                    pages += 1;
-                    match learn(source, &id, page, &mut assets[local]) {
-                        Some(()) => State::Applied,
-                        None => State::Failed,
-                    }
-                }
-                _ => State::Applied,
-            };
-            assets[local].set_state(id.part, state);
-            if state == State::Applied {
-                left -= length;
-                out.push((wanted.priority, Unit::Blob(id)));
-            }
+        for wanted in selector.select(view, instances, assets).wanted.clone() {
+            let Wanted { id: local, priority, end, .. } = wanted;
+            let Some(&number) = numbers.get(local.asset as usize) else { continue };
+            let asset = &mut assets[local.asset as usize];
+            let id = BlobId { asset: number, part: local.part };
+            let next = Refining { priority, id, end };
+            let Some(rest) = left.checked_sub(length(source, &next)) else { break 'turns };
             progress = true;
-            if matches!(id.part, BlobPart::IndexPage(_)) {
-                break;
+            let BlobPart::IndexPage(page) = id.part else {
+                left = rest;
+                asset.set_state(id.part, State::Applied);
+                sent.push(local);
+                continue;
+            };
+            if pages.len() == MAX_REFINED_PAGES {
+                break 'turns;
             }
+            match learn(source, &id, page, asset) {
+                Some(()) => {
+                    left = rest;
+                    pages.push(next);
+                }
+                None => asset.set_state(id.part, State::Failed),
+            }
+            break;
         }
         if !progress {
-            return out;
+            break;
         }
     }
+    for chunk in sent {
+        assets[chunk.asset as usize].set_state(chunk.part, State::Absent);
+    }
+    pages
 }
 
 /// Reads an index page into the state of its asset.
@@ -169,7 +200,7 @@ mod tests {
     use crate::testing::MemoryScene;
     use std::collections::HashSet;
 
-    fn refinement(scene: &MemoryScene, budget: u64) -> Vec<(Priority, Unit)> {
+    fn refinement(scene: &MemoryScene, budget: u64) -> Vec<Refining> {
         first_refinement(scene, &scene.header.camera.view([1280, 720], 1.0), budget)
     }
 
@@ -178,19 +209,24 @@ mod tests {
         let scene = MemoryScene::new(3, 2, 5);
         for budget in [0, 1000, 20_000, 64_000, 400_000] {
             let pushed = refinement(&scene, budget);
-            let mut seen = HashSet::new();
+            let (mut seen, mut whole) = (HashSet::new(), HashSet::new());
             let mut bytes = 0;
-            for (_, unit) in &pushed {
-                let Unit::Blob(id) = unit else { panic!("a page") };
-                bytes += u64::from(scene.blob_len(id).unwrap());
+            for next in &pushed {
+                let Refining { id, end, .. } = next;
+                bytes += u64::from(end.unwrap_or(scene.blob_len(id).unwrap()));
                 if let BlobPart::Chunk(chunk) = id.part {
                     let page = BlobId::index_page(id.asset, chunk / CHUNKS_PER_PAGE as u32);
                     assert!(seen.contains(&page), "{id} before its page");
                     for &parent in &scene.chunks[0][chunk as usize].parents {
-                        assert!(seen.contains(&BlobId::chunk(id.asset, parent)), "{id} before its parent");
+                        let parent = BlobId::chunk(id.asset, parent);
+                        assert!(seen.contains(&parent), "{id} before its parent");
+                        assert!(whole.contains(&parent), "{id}, though its parent comes in part");
                     }
                 }
                 assert!(seen.insert(*id), "{id} twice");
+                if end.is_none() {
+                    whole.insert(*id);
+                }
             }
             assert!(bytes <= budget && (budget < 20_000 || bytes * 4 > budget * 3), "{bytes} of {budget}");
         }

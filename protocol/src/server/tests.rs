@@ -219,6 +219,98 @@ fn hello_with_another_view_reorders_what_was_not_sent() {
     assert!(told > last_base);
 }
 
+fn chunks(transmits: &[Transmit]) -> Vec<BlobId> {
+    begun(transmits).into_iter().filter(|id| matches!(id.part, BlobPart::Chunk(_))).collect()
+}
+
+#[test]
+fn a_client_that_repeats_the_start_view_and_asks_for_pages_is_still_pushed_chunks() {
+    let scene = MemoryScene::new(1, 1, 6);
+    let mut server = session(&scene, ServerConfig::quic(None));
+    drain(&mut server, Time::ZERO);
+    let hello = Hello { view: None, ..hello(&scene.header) };
+    server.handle_message(Time::ZERO, ClientMessage::Hello(hello));
+    server.poll_transmit(Time::ZERO);
+    let pages = vec![Want::whole(BlobId::index_page(0, 0), 9), Want::whole(BlobId::index_page(0, 1), 9)];
+    server.handle_message(Time::ZERO, ClientMessage::Want(pages));
+    let view = scene.header.camera.view([1280, 720], 1.0);
+    server.handle_message(Time::ZERO, ClientMessage::SetView(view));
+    let pushed = chunks(&drain(&mut server, Time::ZERO));
+    assert!(pushed.len() > 10, "{pushed:?}");
+}
+
+#[test]
+fn websocket_refines_the_start_view_with_its_first_window_and_no_more() {
+    let scene = MemoryScene::new(3, 1, 5);
+    let mut server = session(&scene, ServerConfig::websocket(None));
+    let first = drain(&mut server, Time::ZERO);
+    assert!(!chunks(&first).is_empty());
+    let bytes = server.stats().blob_bytes;
+    assert!((10_000..=14_000).contains(&bytes), "{bytes} bytes");
+    // QUIC's is kept for base meshes.
+    let mut server = session(&scene, ServerConfig::quic(None));
+    assert_eq!(chunks(&drain(&mut server, Time::ZERO)), []);
+}
+
+#[test]
+fn another_view_stops_the_push_at_once_and_gets_its_own() {
+    let scene = MemoryScene::new(12, 1, 4);
+    let far = View::look_at([0.0, 0.5, -29.0], [0.0, 0.0, -40.0], [0.0, 1.0, 0.0], 0.9, [640, 480]);
+    let in_far_view = |id: &BlobId| id.asset >= 9;
+    for late in [false, true] {
+        let mut server = session(&scene, ServerConfig::websocket(None));
+        let mut sent = begun(&drain(&mut server, Time::ZERO));
+        assert!(!in_far_view(&sent[0]));
+        if late {
+            // In the middle of what is pushed for the start view.
+            server.handle_message(Time::ZERO, ClientMessage::Hello(hello(&scene.header)));
+            let more: Vec<_> = (0..20).filter_map(|_| server.poll_transmit(Time::ZERO)).collect();
+            assert!(chunks(&more).iter().any(|id| !in_far_view(id)));
+            sent.extend(begun(&more));
+            server.handle_message(Time::ZERO, ClientMessage::SetView(far));
+        } else {
+            server.handle_message(
+                Time::ZERO,
+                ClientMessage::Hello(Hello { view: Some(far), ..hello(&scene.header) }),
+            );
+        }
+        let after = begun(&drain(&mut server, Time::ZERO));
+        assert!(after.len() > 5 && after.iter().all(in_far_view), "{after:?}");
+        assert!(after.iter().all(|id| !sent.contains(id)), "nothing is pushed twice");
+    }
+}
+
+/// A client whose wish goes further than what was pushed asks on when it has that: a run behind the run on
+/// its way would come before there is a wish for it, and be passed over.
+#[test]
+fn wishes_that_meet_a_pushed_part_wait_for_the_client_to_ask_on() {
+    let scene = MemoryScene::new(2, 2, 5);
+    let mut server = session(&scene, ServerConfig::quic(None));
+    // From far away, where beginnings of chunks suffice.
+    let view = View { eye: [0.0, 12.0, 30.0], ..scene.header.camera.view([1280, 720], 1.0) };
+    let hello = Hello { view: Some(view), ..hello(&scene.header) };
+    server.handle_message(Time::ZERO, ClientMessage::Hello(hello));
+    let part = drain(&mut server, Time::ZERO).into_iter().find_map(|transmit| match transmit {
+        Transmit::Piece { piece, .. } if piece.is_last() && piece.end < piece.total => Some(piece),
+        _ => None,
+    });
+    let BlobPiece { id, end, total, .. } = part.unwrap();
+    let mut ask = |message| {
+        server.handle_message(Time::ZERO, message);
+        let runs = drain(&mut server, Time::ZERO).into_iter().filter_map(|transmit| match transmit {
+            Transmit::Piece { piece, .. } if piece.id == id => Some((piece.offset, piece.end)),
+            _ => None,
+        });
+        runs.collect::<Vec<_>>()
+    };
+    let want = |offset| ClientMessage::Want(vec![Want { offset, ..Want::whole(id, 9) }]);
+    assert_eq!(ask(want(0)), []);
+    assert_eq!(ask(want(end)), [(end, total)]);
+    assert_eq!(ask(want(0)), []);
+    assert_eq!(ask(ClientMessage::Cancel(vec![id])), []);
+    assert_eq!(ask(want(0)), [(0, total)]);
+}
+
 #[test]
 fn what_a_returning_client_has_is_not_pushed() {
     let scene = MemoryScene::new(4, 1, 3);

@@ -204,20 +204,34 @@ fn a_series_tells_the_same_as_the_milestones() {
 }
 
 #[test]
-fn what_is_pushed_unasked_comes_whole_and_is_finer_than_asked() {
-    // The server's first flight sends chunks whole; the client would have asked for them up to a stop.
-    let sweep = "transport = \"quic\"\nrate_bits_per_s = 16_000_000\nrtt_ms = 300";
-    let at = |px: &str| results_of(&parse(&format!("ttq_px = [{px}]"), sweep)).remove(0);
-    let (coarse, sharp) = (at("16"), at("1"));
-    assert!(coarse.usage.chunk_bytes < sharp.usage.chunk_bytes, "{coarse:?}\n{sharp:?}");
-    for run in [&coarse, &sharp] {
-        let Use { chunk_bytes, wasted_bytes, finer_bytes, repeated_bytes, .. } = run.usage;
-        assert!(wasted_bytes + finer_bytes + repeated_bytes <= chunk_bytes, "{run:?}");
-        // A settled picture draws all that its camera wanted, and nothing else: what is finer waits in the cache.
-        assert_eq!(run.usage.undrawn_bytes, wasted_bytes + finer_bytes, "{run:?}");
-        assert!(chunk_bytes < run.total_bytes, "{run:?}");
+fn what_is_pushed_unasked_is_what_would_have_been_asked_for() {
+    let sweep = "transport = [\"quic\", \"ws\"]\nrate_bits_per_s = 16_000_000\nrtt_ms = 300";
+    let at = |px: &str| results_of(&parse(&format!("ttq_px = [{px}]"), sweep));
+    for (coarse, sharp) in at("16").iter().zip(&at("1")) {
+        assert!(coarse.usage.chunk_bytes < sharp.usage.chunk_bytes, "{coarse:?}\n{sharp:?}");
+        for run in [coarse, sharp] {
+            let Use { chunk_bytes, wasted_bytes, finer_bytes, repeated_bytes, .. } = run.usage;
+            assert!(wasted_bytes + finer_bytes + repeated_bytes <= chunk_bytes, "{run:?}");
+            // A settled picture draws all that its camera wanted, and nothing else.
+            assert_eq!(run.usage.undrawn_bytes, wasted_bytes + finer_bytes, "{run:?}");
+            assert!(chunk_bytes < run.total_bytes, "{run:?}");
+        }
+        // The view that the server assumes until it hears another is this one, but for the picture's size.
+        let Use { wasted_bytes, finer_bytes, repeated_bytes, .. } = sharp.usage;
+        assert_eq!((wasted_bytes, finer_bytes, repeated_bytes), (0, 0, 0), "{sharp:?}");
     }
-    assert!(sharp.usage.finer_bytes > 0 && sharp.usage.wasted_bytes == 0, "{sharp:?}");
+}
+
+/// The first refinement rides behind the base meshes: neither what the client says when it has seen the
+/// scene nor its first wishes are waited for.
+#[test]
+fn over_websocket_refinement_begins_with_the_first_frame() {
+    let sweep = "transport = \"ws\"\nrate_bits_per_s = 16_000_000\nrtt_ms = [50, 200]";
+    for run in results_of(&parse("", sweep)) {
+        let first = run.ttff_ms.unwrap();
+        assert!(run.ttq_ms["16"].unwrap() - first < run.rtt_ms * 0.6, "{run:?}");
+        assert!(run.ttq_ms["1"].unwrap() - first < run.rtt_ms * 1.3 + 30.0, "{run:?}");
+    }
 }
 
 #[test]
