@@ -348,7 +348,7 @@ impl ServerSession {
             self.pushed_bytes = self.pushed_bytes.saturating_add(self.estimated_bytes(unit));
             self.scheduler.want(unit, priority);
         }
-        if self.push.is_empty() && self.bases_left.is_empty() && !self.refinement_pushed {
+        if self.bases_left.is_empty() && !self.refinement_pushed {
             self.refinement_pushed = true;
             if !self.client_refines && !self.resumes {
                 self.push_refinement();
@@ -385,6 +385,9 @@ impl ServerSession {
         } else {
             refine_before_hello_bytes.saturating_sub(self.pushed_bytes).min(push_after_hello_bytes).min(room)
         };
+        if budget == 0 {
+            return;
+        }
         for Refining { priority, id, end } in push::first_refinement(&*self.source, &self.view, budget) {
             let unit = Unit::Blob(id);
             if !self.handed.contains_key(&unit)
