@@ -1,10 +1,10 @@
 //! The figures of BENCHMARKS.md from scratch, with one command.
 //!
 //! `docs/report/sections.toml` lists sections; each is a few commands of this program, the figures that are
-//! kept of what they print or write, and tables that show them ([`section`]). A section's figures lie beside
-//! it as CSV. Running it makes them anew and lays them beside those committed ([`compare`]): bytes and virtual
+//! kept of what they print or write, and tables that show them (`section`). A section's figures lie beside
+//! it as CSV. Running it makes them anew and lays them beside those committed (`compare`): bytes and virtual
 //! time must be equal, figures that hang on the machine's speed only in their ratios to each other. Tables in
-//! the document are written from the figures and from nothing else ([`table`]).
+//! the document are written from the figures and from nothing else (`table`).
 //!
 //! Commands run one after the other in processes of their own, as a reader would run them.
 
