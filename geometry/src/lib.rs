@@ -29,6 +29,7 @@ mod slot_map;
 mod stars;
 pub mod steps;
 mod symbols;
+pub mod terrain;
 pub mod training;
 mod vec3;
 

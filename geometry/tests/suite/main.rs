@@ -19,3 +19,4 @@ mod promises;
 mod render;
 mod sets;
 mod tangles;
+mod terrain;

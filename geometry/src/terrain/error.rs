@@ -1,0 +1,72 @@
+//! What can be wrong with a terrain, its features, or a request for its heights.
+
+/// A terrain that cannot be made, or heights that cannot be had.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum TerrainError {
+    /// A parameter outside its range.
+    #[error("terrain parameter {name} is {value}, must be {range}")]
+    BadParameter {
+        /// Name of the parameter.
+        name: &'static str,
+        /// What it is.
+        value: i64,
+        /// What it must be.
+        range: &'static str,
+    },
+    /// Parameters that together allow heights beyond what integers hold safely.
+    #[error(
+        "terrain heights can reach ±{worst}, more than {limit}: lower the amplitude, the roughness or the base"
+    )]
+    TooHigh {
+        /// The largest magnitude that a height without features can have.
+        worst: u64,
+        /// The largest that is allowed.
+        limit: u64,
+    },
+    /// A level that the terrain does not have.
+    #[error("level {level} is outside {lowest}..={finest}")]
+    NoSuchLevel {
+        /// The level asked for.
+        level: i64,
+        /// The coarsest there is.
+        lowest: i64,
+        /// The finest there is.
+        finest: i64,
+    },
+    /// A rectangle of points that is not inside the world.
+    #[error("points {x}, {y} to {x_end}, {y_end} of level {level} reach outside the world, ±{edge}")]
+    OutsideWorld {
+        /// The level asked for.
+        level: i8,
+        /// First column.
+        x: i64,
+        /// First row.
+        y: i64,
+        /// Last column.
+        x_end: i64,
+        /// Last row.
+        y_end: i64,
+        /// Largest coordinate of the level.
+        edge: i64,
+    },
+    /// A patch that is not in the world.
+    #[error("patch {x}, {y} is outside the world, -{edge} to {edge} - 1")]
+    NoSuchPatch {
+        /// Its column.
+        x: i64,
+        /// Its row.
+        y: i64,
+        /// Patches from the middle of the world to its edge.
+        edge: i64,
+    },
+    /// A rectangle without points, or with too many.
+    #[error("a window of {width} x {height} points, must have 1 to {limit} points")]
+    BadWindow {
+        /// Columns.
+        width: usize,
+        /// Rows.
+        height: usize,
+        /// Most points of a window.
+        limit: usize,
+    },
+}

@@ -1,0 +1,69 @@
+//! Rectangles of grid points, and what they need of the next coarser level.
+
+/// Points of one level, in global coordinates of that level.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Rect {
+    pub(super) x: i64,
+    pub(super) y: i64,
+    pub(super) width: usize,
+    pub(super) height: usize,
+}
+
+impl Rect {
+    pub(super) fn new(x: i64, y: i64, width: usize, height: usize) -> Self {
+        Self { x, y, width, height }
+    }
+
+    /// The last column.
+    pub(super) fn right(&self) -> i64 {
+        self.x + self.width as i64 - 1
+    }
+
+    /// The last row.
+    pub(super) fn bottom(&self) -> i64 {
+        self.y + self.height as i64 - 1
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.width * self.height
+    }
+
+    /// The points of `level` - 1 that these of `level` ≥ 1 follow from: those around, and where the rectangle
+    /// does not end on a patch's border, those that the centres beside it need.
+    pub(super) fn parent(&self, level: u8) -> Self {
+        let (x, width) = parent_span(self.x, self.right(), level);
+        let (y, height) = parent_span(self.y, self.bottom(), level);
+        Self { x, y, width, height }
+    }
+
+    /// The points of the next finer level that lie on and between these.
+    pub(super) fn child(&self) -> Self {
+        Self::new(2 * self.x, 2 * self.y, 2 * self.width - 1, 2 * self.height - 1)
+    }
+}
+
+fn parent_span(first: i64, last: i64, level: u8) -> (i64, usize) {
+    let on_border = |c: i64| c & ((1 << level) - 1) == 0;
+    let from = if on_border(first) { first >> 1 } else { (first - 1) >> 1 };
+    let to = if on_border(last) { last >> 1 } else { (last + 2) >> 1 };
+    (from, (to - from + 1) as usize)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_patch_needs_only_itself() {
+        let patch = Rect::new(-3 * 16, 5 * 16, 17, 17);
+        assert_eq!(patch.parent(4), Rect::new(-3 * 8, 5 * 8, 9, 9));
+        assert_eq!(patch.parent(4).child(), patch);
+    }
+
+    #[test]
+    fn a_point_needs_the_centres_around_it() {
+        // Inside a patch of 16 cells: columns 4 to 8 of the finer level around an even point, 4 to 6 around
+        // an odd one.
+        assert_eq!(Rect::new(6, 5, 1, 1).parent(4), Rect::new(2, 2, 3, 2));
+    }
+}

@@ -1,0 +1,128 @@
+//! Any rectangle of any level, alone: from the patch corners around it, level by level.
+
+use super::Terrain;
+use super::noise::LevelNoise;
+use super::rect::Rect;
+use super::refine::{Offsets, Value, View, refine};
+
+/// Memory that generation uses again and again: at most about four values for each point of the largest
+/// window. One per thread.
+#[derive(Clone, Debug, Default)]
+pub struct Scratch {
+    pub(super) heights: Buffers<i32>,
+}
+
+impl Scratch {
+    /// Empty memory.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Bytes that are held.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        self.heights.bytes()
+    }
+}
+
+/// Two levels at a time: the last, and the one that is made of it.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Buffers<V> {
+    last: Vec<V>,
+    next: Vec<V>,
+}
+
+impl<V> Buffers<V> {
+    pub(super) fn bytes(&self) -> usize {
+        (self.last.capacity() + self.next.capacity()) * size_of::<V>()
+    }
+}
+
+/// Makes the points of `rect` of `to`, from level `from` ≤ `to` on: `coarsest` fills a rectangle of that
+/// level, `step` refines into the level it is given. Cost: about 4/3 of the points of `rect`.
+pub(super) fn descend<V: Value>(
+    rect: Rect,
+    from: u8,
+    to: u8,
+    buffers: &mut Buffers<V>,
+    out: &mut Vec<V>,
+    coarsest: impl FnOnce(Rect, &mut Vec<V>),
+    mut step: impl FnMut(View<'_, V>, u8, &mut [V]),
+) {
+    // wanted[i] are the points needed of level from + i.
+    let mut wanted = [rect; 16];
+    for level in (from + 1..=to).rev() {
+        let i = usize::from(level - from);
+        wanted[i - 1] = wanted[i].parent(level);
+    }
+    if from == to {
+        return coarsest(rect, out);
+    }
+    coarsest(wanted[0], &mut buffers.last);
+    // What the array of the last level covers, of which `wanted` may be a part.
+    let mut have = wanted[0];
+    for level in from + 1..=to {
+        let i = usize::from(level - from);
+        let need = wanted[i - 1];
+        let start = (need.y - have.y) as usize * have.width + (need.x - have.x) as usize;
+        let parent = View { values: &buffers.last[start..], stride: have.width, rect: need };
+        let child = need.child();
+        // Every value is written: what is there need not be cleared.
+        if child == rect && level == to {
+            out.resize(child.len(), V::default());
+            return step(parent, level, out);
+        }
+        if buffers.next.len() < child.len() {
+            buffers.next.resize(child.len(), V::default());
+        }
+        step(parent, level, &mut buffers.next[..child.len()]);
+        have = child;
+        std::mem::swap(&mut buffers.last, &mut buffers.next);
+    }
+    out.clear();
+    for row in 0..rect.height {
+        let start = ((rect.y - have.y) as usize + row) * have.width + (rect.x - have.x) as usize;
+        out.extend_from_slice(&buffers.last[start..][..rect.width]);
+    }
+}
+
+impl Terrain {
+    /// Heights without features or erosion of a rectangle of `level`, below 0 too.
+    pub(super) fn base_window(&self, level: i8, rect: Rect, buffers: &mut Buffers<i32>, out: &mut Vec<i32>) {
+        if level < 0 {
+            return self.corners(rect, u32::from(level.unsigned_abs()), out);
+        }
+        descend(
+            rect,
+            0,
+            level.unsigned_abs(),
+            buffers,
+            out,
+            |rect, out| self.corners(rect, 0, out),
+            |parent, level, out| {
+                let noise = self.noise(level);
+                if noise.is_gaussian() {
+                    refine(parent, level, &Offsets::<true>(noise), out);
+                } else {
+                    refine(parent, level, &Offsets::<false>(noise), out);
+                }
+            },
+        );
+    }
+
+    /// Every 2^`sparse`th corner of patches.
+    fn corners(&self, rect: Rect, sparse: u32, out: &mut Vec<i32>) {
+        out.clear();
+        let noise = self.noise(0);
+        for y in rect.y..=rect.bottom() {
+            for x in rect.x..=rect.right() {
+                out.push(self.parameters.base + noise.at(x << sparse, y << sparse));
+            }
+        }
+    }
+
+    pub(super) fn noise(&self, level: u8) -> &LevelNoise {
+        &self.noise[usize::from(level)]
+    }
+}
