@@ -69,4 +69,36 @@ pub enum TerrainError {
         /// Most points of a window.
         limit: usize,
     },
+    /// More features than a terrain takes.
+    #[error("{count} {what}, at most {limit} are possible")]
+    TooMany {
+        /// What there is too much of.
+        what: &'static str,
+        /// How many there are.
+        count: usize,
+        /// How many there may be.
+        limit: usize,
+    },
+    /// A feature that cannot be.
+    #[error("feature set {set}: {what} {index}: {why}")]
+    BadFeature {
+        /// Index of the set.
+        set: usize,
+        /// What it is: a point or a stamp.
+        what: &'static str,
+        /// Its index in the set.
+        index: usize,
+        /// What is wrong with it.
+        why: String,
+    },
+    /// A listed point of a patch that cannot be.
+    #[error("point {x}, {y} of a patch {why}")]
+    BadPoint {
+        /// Its column in the patch.
+        x: u16,
+        /// Its row in the patch.
+        y: u16,
+        /// What is wrong with it.
+        why: &'static str,
+    },
 }

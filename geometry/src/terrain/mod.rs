@@ -13,32 +13,53 @@
 //!
 //! Grid x is a scene's x, grid y its z, height its y.
 
+mod deviation;
+mod differences;
+mod erosion;
 mod error;
+mod feature;
 mod fingerprint;
 mod noise;
 mod parameters;
+mod points;
+mod query;
 mod rect;
 mod refine;
+mod sculpt;
+mod stamp;
 mod window;
 
 pub use error::TerrainError;
+pub use feature::{FeatureSet, Features, MAX_POINTS, Mode, Point};
 pub use fingerprint::fingerprint;
 pub use parameters::{
     Distribution, Erosion, HALVING, MAX_BASE_HEIGHT, MAX_FINEST_LEVEL, PARAMETERS_BYTES, Parameters,
 };
+pub use points::{MAX_PATCH_POINTS, PatchPoint, PatchPoints};
+pub use stamp::{
+    MAX_REACH, MAX_RIVER_POINTS, MAX_SEGMENT, MAX_STAMPS, Position, Shape, Stamp, decode_stamps,
+    encode_stamps,
+};
 pub use window::Scratch;
 
+use differences::PatchDifferences;
 use noise::LevelNoise;
 use rect::Rect;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use window::Buffers;
 
 /// Most points of one window: 2^26, of 4 bytes each.
 pub const MAX_WINDOW_POINTS: usize = 1 << 26;
 
-/// A world of heights.
+/// A world of heights. Copies share the points of patches.
 #[derive(Clone, Debug)]
 pub struct Terrain {
     parameters: Parameters,
     noise: Vec<LevelNoise>,
+    stamps: Vec<Stamp>,
+    /// By column and row.
+    patches: BTreeMap<(i64, i64), Arc<PatchDifferences>>,
 }
 
 impl Terrain {
@@ -52,7 +73,110 @@ impl Terrain {
         let noise = (0..=parameters.finest_level)
             .map(|level| LevelNoise::new(&parameters, level, ranges[usize::from(level)]))
             .collect();
-        Ok(Self { parameters, noise })
+        Ok(Self { parameters, noise, stamps: Vec::new(), patches: BTreeMap::new() })
+    }
+
+    /// The terrain of some parameters, with stamps.
+    ///
+    /// # Errors
+    /// As [`Self::new`], or if there are more than [`MAX_STAMPS`] or one does not pass [`Stamp::check`].
+    pub fn with_stamps(parameters: Parameters, stamps: Vec<Stamp>) -> Result<Self, TerrainError> {
+        let (count, limit) = (stamps.len(), MAX_STAMPS);
+        if count > limit {
+            return Err(TerrainError::TooMany { what: "stamps", count, limit });
+        }
+        for (index, stamp) in stamps.iter().enumerate() {
+            let bad = |why| TerrainError::BadFeature { set: 0, what: "stamp", index, why };
+            stamp.check().map_err(|e| bad(e.why))?;
+        }
+        Ok(Self { stamps, ..Self::new(parameters)? })
+    }
+
+    /// The terrain of some parameters, with all its features.
+    ///
+    /// # Errors
+    /// As [`Self::with_stamps`] and [`Features::gather`].
+    pub fn with_features(parameters: Parameters, sets: &[FeatureSet]) -> Result<Self, TerrainError> {
+        let features = Features::gather(&parameters, sets)?;
+        let mut terrain = Self::with_stamps(parameters, features.stamps)?;
+        for ((x, y), points) in features.patches {
+            terrain.set_points(x, y, points)?;
+        }
+        Ok(terrain)
+    }
+
+    /// Lists points for patch (`x`, `y`), in place of those it had.
+    ///
+    /// Points on a border must be listed with both patches. Until they are, the border is as the patch to the
+    /// right or below has it. With erosion, heights of a patch also follow from points of others:
+    /// [`Erosion::reach`].
+    ///
+    /// Cost: heights under fixed points are made, block by block.
+    ///
+    /// # Errors
+    /// If there is no such patch, or a point is outside it.
+    pub fn set_points(&mut self, x: i64, y: i64, points: PatchPoints) -> Result<(), TerrainError> {
+        self.check_patch(x, y)?;
+        let side = 1 << self.parameters.finest_level;
+        if let Some(p) = points.as_slice().iter().find(|p| p.x > side || p.y > side) {
+            return Err(TerrainError::BadPoint { x: p.x, y: p.y, why: "is outside the patch" });
+        }
+        if points.is_empty() {
+            self.patches.remove(&(x, y));
+        } else {
+            let differences = self.differences(x, y, points);
+            self.patches.insert((x, y), Arc::new(differences));
+        }
+        Ok(())
+    }
+
+    /// Forgets the points of patch (`x`, `y`).
+    pub fn remove_points(&mut self, x: i64, y: i64) {
+        self.patches.remove(&(x, y));
+    }
+
+    /// The stamps, in order.
+    #[must_use]
+    pub fn stamps(&self) -> &[Stamp] {
+        &self.stamps
+    }
+
+    /// The listed points of patch (`x`, `y`).
+    #[must_use]
+    pub fn points(&self, x: i64, y: i64) -> Option<&PatchPoints> {
+        self.patches.get(&(x, y)).map(|patch| &patch.points)
+    }
+
+    /// The patches with listed points, by column and row.
+    pub fn patches_with_points(&self) -> impl Iterator<Item = (i64, i64)> {
+        self.patches.keys().copied()
+    }
+
+    /// Whether points or stamps change anything in patch (`x`, `y`), or might through erosion.
+    #[must_use]
+    pub fn has_features(&self, x: i64, y: i64) -> bool {
+        let n = self.parameters.finest_level;
+        let reach = self.parameters.erosion.reach(n) * i64::from(self.parameters.erosion.is_on());
+        let (left, right) = ((x << n) - reach, ((x + 1) << n) + reach);
+        let (top, bottom) = ((y << n) - reach, ((y + 1) << n) + reach);
+        let around = Rect::from_corners(left, top, right, bottom);
+        let own = self.patches.contains_key(&(x, y));
+        let others = reach > 0
+            && self.touched(n as i8, around).any(|(&(px, py), _)| {
+                let patch = Rect::from_corners(px << n, py << n, (px + 1) << n, (py + 1) << n);
+                patch.intersection(&around).is_some()
+            });
+        own || others
+            || self.stamps.iter().any(|stamp| {
+                let (columns, rows) = stamp.footprint();
+                columns[0] <= right && columns[1] >= left && rows[0] <= bottom && rows[1] >= top
+            })
+    }
+
+    /// Bytes that listed points take.
+    #[must_use]
+    pub fn points_bytes(&self) -> usize {
+        self.patches.values().map(|patch| patch.bytes()).sum()
     }
 
     /// What the terrain follows from.
@@ -67,10 +191,10 @@ impl Terrain {
         self.parameters.finest_level as i8
     }
 
-    /// The coarsest level there is: the one whose single cell is the world.
+    /// The coarsest level there is: the world is two of its cells wide.
     #[must_use]
     pub fn coarsest_level(&self) -> i8 {
-        -1 - self.parameters.extent_log2 as i8
+        -(self.parameters.extent_log2 as i8)
     }
 
     /// Largest coordinate of a level's points; the smallest is its negative. The world's own edge belongs to
@@ -106,8 +230,27 @@ impl Terrain {
         out: &mut Vec<i32>,
     ) -> Result<(), TerrainError> {
         let rect = self.checked(level, x, y, width, height)?;
-        self.base_window(level, rect, &mut scratch.heights, out);
+        if self.parameters.erosion.is_on() {
+            self.eroded_window(level, rect, scratch, out);
+        } else {
+            self.featured(level, rect, scratch, out);
+        }
         Ok(())
+    }
+
+    /// Heights with features, without erosion.
+    fn featured(&self, level: i8, rect: Rect, scratch: &mut Scratch, out: &mut Vec<i32>) {
+        self.stamped(level, rect, &mut scratch.heights, out);
+        self.add_differences(level, rect, scratch, out);
+    }
+
+    /// Heights with stamps only.
+    fn stamped(&self, level: i8, rect: Rect, buffers: &mut Buffers<i32>, out: &mut Vec<i32>) {
+        self.base_window(level, rect, buffers, out);
+        let shift = (i32::from(self.parameters.finest_level) - i32::from(level)) as u32;
+        for stamp in &self.stamps {
+            stamp.apply(self.parameters.base, rect, shift, out);
+        }
     }
 
     fn checked(&self, level: i8, x: i64, y: i64, width: usize, height: usize) -> Result<Rect, TerrainError> {
@@ -150,11 +293,16 @@ impl Terrain {
             let [level, finest] = [level, finest].map(i64::from);
             return Err(TerrainError::NoSuchLevel { level, lowest: 0, finest });
         }
+        self.check_patch(x, y)?;
+        let points = (1 << level) + 1;
+        self.window(level as i8, x << level, y << level, points, points, scratch, out)
+    }
+
+    fn check_patch(&self, x: i64, y: i64) -> Result<(), TerrainError> {
         let edge = 1 << self.parameters.extent_log2;
         if !(-edge..edge).contains(&x) || !(-edge..edge).contains(&y) {
             return Err(TerrainError::NoSuchPatch { x, y, edge });
         }
-        let points = (1 << level) + 1;
-        self.window(level as i8, x << level, y << level, points, points, scratch, out)
+        Ok(())
     }
 }

@@ -40,6 +40,18 @@ impl Rect {
     pub(super) fn child(&self) -> Self {
         Self::new(2 * self.x, 2 * self.y, 2 * self.width - 1, 2 * self.height - 1)
     }
+
+    /// The points that both have; `None` if there are none.
+    pub(super) fn intersection(&self, other: &Self) -> Option<Self> {
+        let (x, y) = (self.x.max(other.x), self.y.max(other.y));
+        let (right, bottom) = (self.right().min(other.right()), self.bottom().min(other.bottom()));
+        (x <= right && y <= bottom).then(|| Self::from_corners(x, y, right, bottom))
+    }
+
+    /// The rectangle between two points, both included.
+    pub(super) fn from_corners(x: i64, y: i64, right: i64, bottom: i64) -> Self {
+        Self::new(x, y, (right - x + 1) as usize, (bottom - y + 1) as usize)
+    }
 }
 
 fn parent_span(first: i64, last: i64, level: u8) -> (i64, usize) {

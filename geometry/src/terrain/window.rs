@@ -10,6 +10,8 @@ use super::refine::{Offsets, Value, View, refine};
 #[derive(Clone, Debug, Default)]
 pub struct Scratch {
     pub(super) heights: Buffers<i32>,
+    pub(super) differences: Buffers<i64>,
+    pub(super) sums: Vec<i64>,
 }
 
 impl Scratch {
@@ -22,7 +24,7 @@ impl Scratch {
     /// Bytes that are held.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        self.heights.bytes()
+        self.heights.bytes() + self.differences.bytes() + self.sums.capacity() * size_of::<i64>()
     }
 }
 
@@ -37,6 +39,11 @@ impl<V> Buffers<V> {
     pub(super) fn bytes(&self) -> usize {
         (self.last.capacity() + self.next.capacity()) * size_of::<V>()
     }
+}
+
+/// The points of level `from` that those of `rect` of level `to` ≥ `from` follow from.
+pub(super) fn needed(rect: Rect, from: u8, to: u8) -> Rect {
+    (from + 1..=to).rev().fold(rect, |rect, level| rect.parent(level))
 }
 
 /// Makes the points of `rect` of `to`, from level `from` ≤ `to` on: `coarsest` fills a rectangle of that

@@ -1,0 +1,279 @@
+//! Spike removal and thermal erosion of one level.
+//!
+//! Thermal erosion after Musgrave, Kolb and Mace, "The synthesis and rendering of eroded fractal terrains",
+//! SIGGRAPH 1989: where two neighbours differ by more than the talus, part of the excess slides. Here all
+//! slides of a pass are worked out from the heights before it (Jacobi), so that no order matters, and what
+//! leaves a point arrives at its neighbour. Diamond-square's spikes (Miller 1986) are points that stand out of
+//! their neighbours' range.
+//!
+//! A point's height follows from those at most [`Erosion::margin`] points away, so any rectangle is eroded
+//! alone with that margin, and neighbours agree.
+
+use super::differences::{Listed, row_points};
+use super::feature::Mode;
+use super::parameters::Erosion;
+use super::rect::Rect;
+use super::refine::{Detail, View, refine};
+use super::sculpt::saturate;
+use super::window::{Scratch, descend, needed};
+use super::{PatchDifferences, Terrain};
+
+/// Most points of the erosion level in a block that is eroded at once for a coarser level.
+const BLOCK_SIDE: usize = 512;
+/// The part of an excess that slides to one neighbour in a pass: an eighth, so that four leave half.
+const SLIDE_SHIFT: u32 = 3;
+
+/// Differences that erosion made, at a level finer than its own: they are averaged, but fixed points stay.
+struct Eroded<'a> {
+    patches: &'a [(&'a (i64, i64), &'a PatchDifferences)],
+    level: u8,
+}
+
+impl Eroded<'_> {
+    /// Calls `each` with the column of every fixed point in a row of the level.
+    fn fixed(&self, x: i64, y: i64, width: usize, mut each: impl FnMut(usize)) {
+        for ((px, py), patch) in self.patches {
+            let at = (x - (px << self.level), y - (py << self.level));
+            row_points(patch.level(self.level), at, width, |column, point: &Listed| {
+                if point.mode == Mode::Fixed {
+                    each(column);
+                }
+            });
+        }
+    }
+}
+
+impl Detail<i64> for Eroded<'_> {
+    type Row = ();
+    #[inline(always)]
+    fn row(&self, _x: i64, _y: i64) {}
+    #[inline(always)]
+    fn add(&self, _row: (), _column: usize, mean: i64) -> i64 {
+        mean
+    }
+    fn give(&self, x: i64, y: i64, row: &mut [i64]) {
+        self.fixed(x, y, row.len(), |column| row[column] = 0);
+    }
+}
+
+impl Terrain {
+    /// The heights of a rectangle with erosion, which is on.
+    pub(super) fn eroded_window(&self, level: i8, rect: Rect, scratch: &mut Scratch, out: &mut Vec<i32>) {
+        let eroding = self.parameters.erosion.level;
+        if i32::from(level) < i32::from(eroding) {
+            let sparse = (i32::from(eroding) - i32::from(level)) as u32;
+            return self.eroded_subset(rect, sparse, scratch, out);
+        }
+        let level = level.unsigned_abs();
+        let coarse = needed(rect, eroding, level);
+        let mut eroded = Vec::new();
+        self.erode(coarse, scratch, &mut eroded);
+        if level == eroding {
+            *out = eroded;
+            return;
+        }
+        self.featured(eroding as i8, coarse, scratch, out);
+        let differences: Vec<i64> =
+            eroded.iter().zip(&*out).map(|(&after, &before)| i64::from(after) - i64::from(before)).collect();
+        self.featured(level as i8, rect, scratch, out);
+        let patches: Vec<_> = self.touched(level as i8, rect).collect();
+        let Scratch { differences: buffers, sums, .. } = scratch;
+        let step = |parent: View<'_, i64>, level: u8, out: &mut [i64]| {
+            refine(parent, level, &Eroded { patches: &patches, level }, out);
+        };
+        descend(rect, eroding, level, buffers, sums, |_, out| *out = differences, step);
+        for (height, change) in out.iter_mut().zip(&*sums) {
+            *height = saturate(i64::from(*height) + change);
+        }
+    }
+
+    /// Every 2^`sparse`th point of the level that erodes.
+    fn eroded_subset(&self, rect: Rect, sparse: u32, scratch: &mut Scratch, out: &mut Vec<i32>) {
+        // Where points are farther apart than erosion reaches, each is eroded alone.
+        let margin = self.parameters.erosion.margin();
+        let side = if (1_usize << sparse) > 2 * margin + 1 { 1 } else { (BLOCK_SIDE >> sparse).max(1) };
+        out.clear();
+        out.resize(rect.len(), 0);
+        let mut eroded = Vec::new();
+        for top in (0..rect.height).step_by(side) {
+            for left in (0..rect.width).step_by(side) {
+                let (width, height) = (side.min(rect.width - left), side.min(rect.height - top));
+                let block = Rect::new(
+                    (rect.x + left as i64) << sparse,
+                    (rect.y + top as i64) << sparse,
+                    ((width - 1) << sparse) + 1,
+                    ((height - 1) << sparse) + 1,
+                );
+                self.erode(block, scratch, &mut eroded);
+                for row in 0..height {
+                    let from = &eroded[(row << sparse) * block.width..][..block.width];
+                    let to = &mut out[(top + row) * rect.width + left..][..width];
+                    to.iter_mut().zip(from.iter().step_by(1 << sparse)).for_each(|(to, from)| *to = *from);
+                }
+            }
+        }
+    }
+
+    /// The heights of a rectangle of the level that erodes.
+    fn erode(&self, rect: Rect, scratch: &mut Scratch, out: &mut Vec<i32>) {
+        let erosion = self.parameters.erosion;
+        let margin = erosion.margin();
+        let m = margin as i64;
+        let grown = Rect::new(rect.x - m, rect.y - m, rect.width + 2 * margin, rect.height + 2 * margin);
+        let mut heights = Vec::new();
+        self.featured(erosion.level as i8, grown, scratch, &mut heights);
+        let pinned = self.pinned(erosion.level, grown);
+        let mut next = heights.clone();
+        if erosion.spike_limit > 0 {
+            let range = self.parameters.ranges()[usize::from(erosion.level)];
+            let limit = (i64::from(range) * i64::from(erosion.spike_limit)) >> 4;
+            pass(&heights, grown.width, &mut next, |around| unspiked(around, limit));
+            keep(&pinned, &heights, &mut next);
+            std::mem::swap(&mut heights, &mut next);
+        }
+        let talus = (i64::from(self.parameters.amplitude) * i64::from(erosion.talus)) >> 16;
+        for _ in 0..erosion.passes {
+            pass(&heights, grown.width, &mut next, |around| slid(around, talus));
+            keep(&pinned, &heights, &mut next);
+            std::mem::swap(&mut heights, &mut next);
+        }
+        out.clear();
+        for row in heights.chunks(grown.width).skip(margin).take(rect.height) {
+            out.extend_from_slice(&row[margin..margin + rect.width]);
+        }
+    }
+
+    /// Where fixed points of the levels up to `level` are, in a rectangle of it.
+    fn pinned(&self, level: u8, rect: Rect) -> Vec<usize> {
+        let mut pinned = Vec::new();
+        for (&(px, py), patch) in self.touched(level as i8, rect) {
+            for appears in 0..=level {
+                let shift = level - appears;
+                for point in patch.level(appears).iter().filter(|p| p.mode == Mode::Fixed) {
+                    let x = (px << level) + (i64::from(point.x) << shift) - rect.x;
+                    let y = (py << level) + (i64::from(point.y) << shift) - rect.y;
+                    if (0..rect.width as i64).contains(&x) && (0..rect.height as i64).contains(&y) {
+                        pinned.push(y as usize * rect.width + x as usize);
+                    }
+                }
+            }
+        }
+        pinned
+    }
+}
+
+impl Erosion {
+    /// Finest grid units around a patch in which features of other patches matter to its heights.
+    #[must_use]
+    pub fn reach(&self, finest_level: u8) -> i64 {
+        (self.margin() as i64) << finest_level.saturating_sub(self.level)
+    }
+}
+
+/// Three rows of heights, and the column in question.
+struct Around<'a> {
+    above: &'a [i32],
+    row: &'a [i32],
+    below: &'a [i32],
+    column: usize,
+}
+
+/// Works out every point but the outermost of a row-major array from those around it.
+#[inline(always)]
+fn pass(heights: &[i32], width: usize, next: &mut [i32], rule: impl Fn(&Around<'_>) -> i32) {
+    next.copy_from_slice(heights);
+    if width < 3 {
+        return;
+    }
+    for y in 1..heights.len() / width - 1 {
+        let row = |y: usize| &heights[y * width..][..width];
+        let mut around = Around { above: row(y - 1), row: row(y), below: row(y + 1), column: 0 };
+        for (x, to) in next[y * width..][..width].iter_mut().enumerate().take(width - 1).skip(1) {
+            around.column = x;
+            *to = rule(&around);
+        }
+    }
+}
+
+/// Puts pinned points back.
+fn keep(pinned: &[usize], heights: &[i32], next: &mut [i32]) {
+    for &i in pinned {
+        next[i] = heights[i];
+    }
+}
+
+/// The height brought back to at most `limit` outside the range of its eight neighbours.
+#[inline(always)]
+fn unspiked(around: &Around<'_>, limit: i64) -> i32 {
+    let x = around.column;
+    let (mut low, mut high) =
+        (around.row[x - 1].min(around.row[x + 1]), around.row[x - 1].max(around.row[x + 1]));
+    for row in [around.above, around.below] {
+        for &height in &row[x - 1..=x + 1] {
+            (low, high) = (low.min(height), high.max(height));
+        }
+    }
+    saturate(i64::from(around.row[x]).clamp(i64::from(low) - limit, i64::from(high) + limit))
+}
+
+/// The height after what slides to and from its four neighbours.
+#[inline(always)]
+fn slid(around: &Around<'_>, talus: i64) -> i32 {
+    let x = around.column;
+    let height = i64::from(around.row[x]);
+    let from = |neighbour: i32| {
+        let difference = i64::from(neighbour) - height;
+        let slides = (difference.abs() - talus).max(0) >> SLIDE_SHIFT;
+        if difference < 0 { -slides } else { slides }
+    };
+    let change =
+        from(around.row[x - 1]) + from(around.row[x + 1]) + from(around.above[x]) + from(around.below[x]);
+    // Between the lowest and the highest of the five, so it fits.
+    (height + change) as i32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_leaves_a_point_arrives_elsewhere() {
+        let mut heights = vec![0; 21 * 21];
+        heights[10 * 21 + 10] = 100_003;
+        let mut next = heights.clone();
+        for _ in 0..9 {
+            pass(&heights, 21, &mut next, |around| slid(around, 10));
+            std::mem::swap(&mut heights, &mut next);
+        }
+        assert_eq!(heights.iter().sum::<i32>(), 100_003);
+        let top = heights[10 * 21 + 10];
+        assert!(top < 10_000 && top > heights[10 * 21 + 11], "{top}");
+        assert_eq!(heights[10 * 21 + 9], heights[9 * 21 + 10], "the same in x and y");
+    }
+
+    #[test]
+    fn slopes_below_the_talus_stay() {
+        let heights: Vec<i32> = (0..81).map(|i| i % 9 * 10).collect();
+        let mut next = heights.clone();
+        pass(&heights, 9, &mut next, |around| slid(around, 10));
+        assert_eq!(next, heights);
+    }
+
+    #[test]
+    fn a_spike_is_brought_back_and_a_slope_is_not_one() {
+        let mut heights: Vec<i32> = (0..81).map(|i| i % 9 * 1000).collect();
+        heights[40] = 100_000;
+        heights[22] = i32::MIN;
+        let mut next = heights.clone();
+        pass(&heights, 9, &mut next, |around| unspiked(around, 7));
+        assert_eq!((next[40], next[22]), (5007, 3000 - 7));
+        assert_eq!(next[50], 5000);
+        // The limits of integers are no reason to overflow.
+        let mut wild = [i32::MAX; 9];
+        wild[4] = i32::MIN;
+        let mut next = wild;
+        pass(&wild, 3, &mut next, |around| unspiked(around, i64::from(u32::MAX)));
+        pass(&wild, 3, &mut next, |around| slid(around, 0));
+        assert!(next[4] < i32::MAX);
+    }
+}
