@@ -22,6 +22,8 @@ mod fingerprint;
 mod noise;
 mod parameters;
 mod points;
+mod points_code;
+mod points_predict;
 mod query;
 mod rect;
 mod refine;
@@ -36,6 +38,7 @@ pub use parameters::{
     Distribution, Erosion, HALVING, MAX_BASE_HEIGHT, MAX_FINEST_LEVEL, PARAMETERS_BYTES, Parameters,
 };
 pub use points::{MAX_PATCH_POINTS, PatchPoint, PatchPoints};
+pub use points_code::{decode_points, encode_points};
 pub use stamp::{
     MAX_REACH, MAX_RIVER_POINTS, MAX_SEGMENT, MAX_STAMPS, Position, Shape, Stamp, decode_stamps,
     encode_stamps,

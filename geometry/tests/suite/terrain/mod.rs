@@ -2,6 +2,7 @@
 
 mod agreement;
 mod features;
+mod wire;
 
 use lodestream_geometry::terrain::{
     Distribution, Erosion, FeatureSet, Mode, Parameters, Point, Scratch, Shape, Terrain,
