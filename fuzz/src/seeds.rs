@@ -5,6 +5,10 @@ use lodestream_geometry::Codec;
 use lodestream_geometry::mesh::SourceMesh;
 use lodestream_geometry::pack::{BlobKind, write};
 use lodestream_geometry::prepare::Prepared;
+use lodestream_geometry::terrain::{
+    Distribution, Erosion, Mode, Parameters, PatchPoint, PatchPoints, Shape, Stamp, encode_points,
+    encode_stamps,
+};
 use lodestream_protocol::asset::{AssetDescription, Material};
 use lodestream_protocol::blob::BlobId;
 use lodestream_protocol::frame::{BlobPiece, encode_client, encode_piece, encode_server};
@@ -30,6 +34,7 @@ pub fn of(target: &str) -> Vec<(String, Vec<u8>)> {
         "obj_import" => models(),
         "gltf_import" => scenes(),
         "messages" => messages(),
+        "terrain" => terrain(),
         _ => Vec::new(),
     }
 }
@@ -316,5 +321,51 @@ fn messages() -> Vec<(String, Vec<u8>)> {
     };
     let description = description.encode().expect("a description is encoded");
     seeds.push(seed("description", [&[4], &description[..]].concat()));
+    seeds
+}
+
+#[allow(clippy::expect_used)]
+fn terrain() -> Vec<(String, Vec<u8>)> {
+    let erosion = Erosion { level: 7, passes: 5, talus: 300, spike_limit: 8 };
+    let eroded =
+        Parameters { seed: 5, erosion, distribution: Distribution::Gaussian, ..Parameters::default() };
+    let parameters = [("parameters", Parameters::default()), ("eroded", eroded)]
+        .map(|(name, parameters)| seed(name, [&[0], &parameters.encode()[..]].concat()));
+    let line = vec![[-5, 0], [3000, 70], [2000, 900]];
+    let shapes = [
+        Shape::Ridge { from: [0, 1], to: [100, -50], half_width: 20, height: 900 },
+        Shape::Valley { from: [1 << 31, 0], to: [(1 << 31) - 9, 9], half_width: 1, depth: 7000 },
+        Shape::Crater { centre: [60, -60], radius: 50, depth: i32::MAX, rim: i32::MIN },
+        Shape::Plateau { centre: [-99, 0], radius: 300, falloff: 0, height: 12 },
+        Shape::RiverBed { line, half_width: 1 << 20, depth: 3 },
+    ];
+    let stamp = |(i, shape)| Stamp { mode: if i % 2 == 0 { Mode::Fixed } else { Mode::Additive }, shape };
+    let stamps =
+        encode_stamps(&(0..).zip(shapes).map(stamp).collect::<Vec<_>>()).expect("stamps are encoded");
+    let list = |name: &str, level: u8, points: &mut dyn Iterator<Item = (u16, u16, i32, bool)>| {
+        let point = |(x, y, height, fixed)| PatchPoint {
+            x,
+            y,
+            mode: if fixed { Mode::Fixed } else { Mode::Additive },
+            height,
+        };
+        let points = PatchPoints::new(level, points.map(point).collect()).expect("points are in the patch");
+        let bytes = encode_points(level, &points).expect("points are encoded");
+        seed(name, [&[2, level - 1], &bytes[..]].concat())
+    };
+    let lists = [
+        list("none", 1, &mut std::iter::empty()),
+        list("one", 12, &mut std::iter::once((4096, 0, i32::MIN, true))),
+        list(
+            "band",
+            6,
+            &mut (0..65).flat_map(|y| (y / 2..y / 2 + 9).map(move |x| (x, y, i32::from(x * y), false))),
+        ),
+        list("scattered", 12, &mut (0..40).map(|i| (i * 101, i * i * 2, i32::from(i) << 20, i % 3 == 0))),
+        list("lattice", 10, &mut (0..100).map(|i| (i % 10 * 100, i / 10 * 64, -25 * i32::from(i % 7), true))),
+    ];
+    let mut seeds = vec![seed("stamps", [&[1], &stamps[..]].concat())];
+    seeds.extend(parameters);
+    seeds.extend(lists);
     seeds
 }

@@ -63,6 +63,11 @@ fn messages() {
 }
 
 #[test]
+fn terrain() {
+    replay("terrain");
+}
+
+#[test]
 fn corpora_stay_small() {
     let (mut files, mut bytes) = (0, 0);
     for (name, _) in targets::ALL {

@@ -4,17 +4,19 @@ mod asset;
 mod import;
 mod messages;
 mod sequence;
+mod terrain;
 
 pub use asset::{base_decoder, chunk_decoder, pack_reader, rehashed};
 pub use import::{gltf_import, obj_import};
 pub use messages::messages;
 pub use sequence::apply_undo;
+pub use terrain::terrain;
 
 /// A target.
 pub type Target = fn(&[u8]) -> bool;
 
 /// Every target by the name of its corpus.
-pub const ALL: [(&str, Target); 7] = [
+pub const ALL: [(&str, Target); 8] = [
     ("pack_reader", pack_reader),
     ("base_decoder", base_decoder),
     ("chunk_decoder", chunk_decoder),
@@ -22,4 +24,5 @@ pub const ALL: [(&str, Target); 7] = [
     ("obj_import", obj_import),
     ("gltf_import", gltf_import),
     ("messages", messages),
+    ("terrain", terrain),
 ];
