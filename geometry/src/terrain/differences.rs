@@ -192,22 +192,20 @@ impl Terrain {
         if self.patches.is_empty() {
             return;
         }
-        // A border's points are listed with both its patches; the one that begins there adds them, or at the
-        // end of the world the last.
-        let last = (1_i64 << self.parameters.extent_log2) - 1;
-        let end = |patch: i64| patch + i64::from(patch == last);
         let Ok(fine) = u8::try_from(level) else {
             let sparse = u32::from(level.unsigned_abs());
             for (&(px, py), patch) in self.touched(level, rect) {
-                for x in px..=end(px) {
-                    for y in py..=end(py) {
-                        let at = Rect::new(x >> sparse, y >> sparse, 1, 1);
-                        if (x | y) & ((1 << sparse) - 1) == 0 && rect.intersection(&at).is_some() {
-                            let mut corner = [0];
-                            Given { points: patch.level(0), origin: (px, py) }.give(x, y, &mut corner);
-                            let i = (at.y - rect.y) as usize * rect.width + (at.x - rect.x) as usize;
-                            heights[i] = saturate(i64::from(heights[i]) + corner[0]);
-                        }
+                for corner in self.own(px, py, 0) {
+                    let at = Rect::new(corner.x >> sparse, corner.y >> sparse, 1, 1);
+                    if (corner.x | corner.y) & ((1 << sparse) - 1) == 0 && rect.intersection(&at).is_some() {
+                        let mut change = [0];
+                        Given { points: patch.level(0), origin: (px, py) }.give(
+                            corner.x,
+                            corner.y,
+                            &mut change,
+                        );
+                        let i = (at.y - rect.y) as usize * rect.width + (at.x - rect.x) as usize;
+                        heights[i] = saturate(i64::from(heights[i]) + change[0]);
                     }
                 }
             }
@@ -215,19 +213,36 @@ impl Terrain {
         };
         let Scratch { differences, sums, .. } = scratch;
         for (&(px, py), patch) in self.touched(level, rect) {
-            let until = |p: i64| (((p + 1) << fine) - 1) + i64::from(p == last);
-            let own = Rect::from_corners(px << fine, py << fine, until(px), until(py));
-            let Some(part) = rect.intersection(&own) else { continue };
-            if !window(patch, (px, py), fine, part, differences, sums) {
-                continue;
-            }
-            for (row, changes) in sums.chunks(part.width).enumerate() {
-                let start = ((part.y - rect.y) as usize + row) * rect.width + (part.x - rect.x) as usize;
-                for (height, change) in heights[start..][..part.width].iter_mut().zip(changes) {
-                    *height = saturate(i64::from(*height) + change);
+            for own in self.own(px, py, fine) {
+                let Some(part) = rect.intersection(&own) else { continue };
+                if !window(patch, (px, py), fine, part, differences, sums) {
+                    continue;
+                }
+                for (row, changes) in sums.chunks(part.width).enumerate() {
+                    let start = ((part.y - rect.y) as usize + row) * rect.width + (part.x - rect.x) as usize;
+                    for (height, change) in heights[start..][..part.width].iter_mut().zip(changes) {
+                        *height = saturate(i64::from(*height) + change);
+                    }
                 }
             }
         }
+    }
+
+    /// The points of a level whose differences are a patch's to add: all but those on a right or lower border
+    /// that another patch with points adds. Those on a border are listed with both its patches, so it does
+    /// not matter which does.
+    fn own(&self, px: i64, py: i64, level: u8) -> impl Iterator<Item = Rect> {
+        let has = |dx: i64, dy: i64| self.patches.contains_key(&(px + dx, py + dy));
+        let (x, y, side) = (px << level, py << level, 1_usize << level);
+        let (right, below) = ((px + 1) << level, (py + 1) << level);
+        let parts = [
+            Some(Rect::new(x, y, side, side)),
+            (!has(1, 0)).then(|| Rect::new(right, y, 1, side)),
+            (!has(0, 1) && side > 1).then(|| Rect::new(x + 1, below, side - 1, 1)),
+            (!has(0, 1) && !has(-1, 1)).then(|| Rect::new(x, below, 1, 1)),
+            (!has(1, 1) && !has(0, 1) && !has(1, 0)).then(|| Rect::new(right, below, 1, 1)),
+        ];
+        parts.into_iter().flatten()
     }
 
     /// The patches with points that begin in a rectangle, or before it and reach in; some others too.

@@ -110,8 +110,8 @@ impl Terrain {
 
     /// Lists points for patch (`x`, `y`), in place of those it had.
     ///
-    /// Points on a border must be listed with both patches. Until they are, the border is as the patch to the
-    /// right or below has it. With erosion, heights of a patch also follow from points of others:
+    /// Points on a border must be listed with both patches. While only one has them, both show the border as
+    /// that one has it. With erosion, heights of a patch also follow from points of others:
     /// [`Erosion::reach`].
     ///
     /// Cost: heights under fixed points are made, block by block.

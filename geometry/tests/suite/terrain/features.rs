@@ -108,3 +108,23 @@ fn gathered_features_make_the_same_terrain_patch_by_patch() {
     assert_eq!(window(&whole, 4, -120, -120, 240, 240), window(&pieces, 4, -120, -120, 240, 240));
     assert_eq!(whole.points_bytes(), pieces.points_bytes());
 }
+
+#[test]
+fn a_border_is_the_same_while_only_one_side_has_its_list() {
+    let n = 3;
+    let sets = [list(Mode::Fixed, (0..40).map(|i| (i % 5 * 4, i / 5 * 4 - 8, i as i32 * 9000)))];
+    let gathered = Features::gather(&parameters(3, n), &sets).unwrap();
+    let whole = Terrain::with_features(parameters(3, n), &sets).unwrap();
+    // Whichever lists have arrived, what is listed with them has arrived.
+    let lists: Vec<_> = gathered.patches.into_iter().collect();
+    for arrived in 0..1_u32 << lists.len().min(9) {
+        let mut some = Terrain::new(parameters(3, n)).unwrap();
+        let arrived = lists.iter().enumerate().filter(|(i, _)| arrived >> i & 1 == 1).map(|(_, of)| of);
+        for ((x, y), points) in arrived {
+            some.set_points(*x, *y, points.clone()).unwrap();
+        }
+        for (x, y) in some.patches_with_points() {
+            assert_eq!(some.patch(x, y, n), whole.patch(x, y, n), "patch {x}, {y}");
+        }
+    }
+}

@@ -1,7 +1,11 @@
 //! Terrain: the same bits wherever, in whatever order and piece they are made.
 
 mod agreement;
+mod extremes;
 mod features;
+mod golden;
+mod golden_cases;
+mod spectrum;
 mod wire;
 
 use lodestream_geometry::terrain::{

@@ -1,0 +1,13 @@
+//! Heights are those they have always been, and everywhere.
+
+use super::golden_cases::hashes;
+
+/// The hashes, as `examples/terrain_golden.rs` prints them.
+const GOLDEN: &str = include_str!("golden.txt");
+
+#[test]
+fn heights_are_those_of_every_machine() {
+    let lines = hashes().unwrap().into_iter().map(|(name, hash)| format!("{hash:016x} {name}\n"));
+    let now: String = lines.collect();
+    assert_eq!(now, GOLDEN, "a change of heights breaks every scene that has terrain");
+}
