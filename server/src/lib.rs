@@ -10,4 +10,5 @@ pub mod inspect;
 pub mod prepare;
 pub mod scene;
 pub mod store;
+pub mod terrain;
 pub mod texture;

@@ -7,6 +7,7 @@ mod inspect;
 mod prepare;
 mod recipe;
 mod serve;
+mod terrain;
 mod units;
 
 use std::io::Write as _;
@@ -39,6 +40,10 @@ enum Command {
     Check(check::Arguments),
     /// Generate the demo scene: models, textures and scene.toml.
     DemoScene(demo_scene::Arguments),
+    /// Generate one patch of a terrain, alone: heights, a picture or a hash.
+    Terrain(terrain::Arguments),
+    /// Read a 16-bit height map as features of a terrain.
+    TerrainImport(terrain::ImportArguments),
 }
 
 /// What a command that ran has to say.
@@ -66,6 +71,8 @@ pub fn main() -> ExitCode {
         Command::Export(arguments) => export::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),
         Command::DemoScene(arguments) => demo_scene::run(&arguments),
+        Command::Terrain(arguments) => terrain::run(&arguments),
+        Command::TerrainImport(arguments) => terrain::import(&arguments),
     })
 }
 
@@ -129,6 +136,10 @@ mod tests {
             "check a.lsp --random-sets 200 --seed 1",
             "check a.lsp --source a.glb --mesh hose",
             "demo-scene -o dir --seed 7",
+            "terrain --seed 7 --level 8 --patch -3,5 --hash",
+            "terrain --seed 7 --level 4 --finest 8 --patch 0,-1 --features f.json --erosion 9 --png out.png",
+            "terrain --level 4 --patch=-1,-1 --amplitude 9 --roughness 0.6 --base -5 --spike-limit 1 --raw a.i32",
+            "terrain-import map.png -o f.json --every 8 --at -64,0 --offset -500",
         ] {
             let words = std::iter::once("lodestream-server").chain(line.split(' '));
             if let Err(error) = Cli::try_parse_from(words) {
@@ -150,6 +161,11 @@ mod tests {
             "export a.lsp --faces 1 --error 1 -o b.obj",
             "serve a.obj --rate fast",
             "check a.lsp --mesh hose",
+            "terrain --level 8 --patch 0,0",
+            "terrain --level 8 --patch 0,0 --hash --raw a.i32",
+            "terrain --level 8 --patch 0 --hash",
+            "terrain --level 8 --patch 0,0 --hash --roughness 2",
+            "terrain-import map.png -o f.json --every 0",
         ] {
             let words = std::iter::once("lodestream-server").chain(line.split(' '));
             assert!(Cli::try_parse_from(words).is_err(), "{line}");

@@ -1,0 +1,269 @@
+//! `terrain`: one patch of a terrain, alone; `terrain-import`: a height map as features.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context as _;
+use clap::{Args, ValueEnum};
+use lodestream_geometry::terrain::{
+    Distribution, Erosion, FeatureSet, MAX_FINEST_LEVEL, Parameters, Terrain, fingerprint,
+};
+
+use super::Outcome;
+use crate::prepare::atomic::write_atomically;
+use crate::terrain::features;
+use crate::terrain::height_map::{HeightMap, MapError};
+
+/// How random offsets are distributed.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum DistributionArgument {
+    /// All within the range are as likely.
+    Uniform,
+    /// Like a Gaussian of the same variance.
+    Gaussian,
+}
+
+/// What a terrain follows from, beside its levels.
+#[derive(Clone, Copy, Debug, Args)]
+struct TerrainArguments {
+    /// Seed of the random offsets.
+    #[arg(long, value_name = "S", default_value_t = 0)]
+    seed: u64,
+    /// Range of the offsets of patch corners, in height units.
+    #[arg(long, value_name = "UNITS", default_value_t = Parameters::default().amplitude)]
+    amplitude: u32,
+    /// Factor on the range of offsets from level to level, 0 to just below 2.
+    #[arg(long, value_name = "FACTOR", default_value_t = 0.5, value_parser = roughness)]
+    roughness: f64,
+    /// How offsets are distributed.
+    #[arg(long, value_enum, default_value_t = DistributionArgument::Uniform)]
+    distribution: DistributionArgument,
+    /// Mean height, in height units.
+    #[arg(long, value_name = "UNITS", default_value_t = 0, allow_negative_numbers = true)]
+    base: i32,
+}
+
+/// Smoothing after generation.
+#[derive(Clone, Copy, Debug, Args)]
+struct ErosionArguments {
+    /// Passes of thermal erosion, 0 to 255.
+    #[arg(long, value_name = "K", default_value_t = 0)]
+    erosion: u8,
+    /// The level that erodes [default: the finest].
+    #[arg(long, value_name = "L")]
+    erosion_level: Option<u8>,
+    /// Height difference of neighbours at that level below which nothing slides, as a fraction of the
+    /// amplitude, 0 to just below 1 [default: 1/2 per 2^L].
+    #[arg(long, value_name = "FRACTION", value_parser = fraction)]
+    talus: Option<f64>,
+    /// How far a point may stand out of its neighbours, in ranges of that level's offsets, 1/16 to 15; else
+    /// spikes stay.
+    #[arg(long, value_name = "RANGES", value_parser = spike_limit)]
+    spike_limit: Option<f64>,
+}
+
+/// Where the heights go.
+#[derive(Debug, Args)]
+#[group(required = true, multiple = false)]
+struct OutputArguments {
+    /// Write the heights as little-endian 32-bit integers, row by row.
+    #[arg(long, value_name = "OUT.i32")]
+    raw: Option<PathBuf>,
+    /// Write a 16-bit grey picture, black for the lowest height. Each step of grey is a height unit, or if that
+    /// does not suffice, white is the highest.
+    #[arg(long, value_name = "OUT.png")]
+    png: Option<PathBuf>,
+    /// Print the 64-bit FNV-1a hash of what --raw would write.
+    #[arg(long)]
+    hash: bool,
+}
+
+#[derive(Debug, Args)]
+pub(super) struct Arguments {
+    #[command(flatten)]
+    terrain: TerrainArguments,
+    /// The level: the patch has 2^N + 1 points a side.
+    #[arg(long, value_name = "N")]
+    level: u8,
+    /// The finest level n, 1 to 12, on whose grid patches and features are; level N is every 2^(n - N)th point
+    /// of it [default: N].
+    #[arg(long, value_name = "n")]
+    finest: Option<u8>,
+    /// The patch: it covers X * 2^n to (X + 1) * 2^n in x, and likewise in y.
+    #[arg(long, value_name = "X,Y", value_parser = pair, allow_hyphen_values = true)]
+    patch: [i64; 2],
+    /// Features: {"mode": "fixed" or "additive", "points": [[x, y, height], ...], "stamps": [...]}, or a list.
+    #[arg(long, value_name = "FILE.json")]
+    features: Option<PathBuf>,
+    #[command(flatten)]
+    erosion: ErosionArguments,
+    #[command(flatten)]
+    output: OutputArguments,
+}
+
+#[derive(Debug, Args)]
+pub(super) struct ImportArguments {
+    /// The height map: a 16-bit grey PNG, one pixel for each point of the finest grid.
+    #[arg(value_name = "MAP.png")]
+    map: PathBuf,
+    /// The feature file to write: fixed points.
+    #[arg(short, long, value_name = "FILE.json")]
+    output: PathBuf,
+    /// List every Nth pixel of every Nth row. Powers of two are best, with --at a multiple of them: such points
+    /// are those of a coarser level, and what lies between follows from them.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    every: u32,
+    /// Grid position of the first pixel.
+    #[arg(long, value_name = "X,Y", default_value = "0,0", value_parser = pair, allow_hyphen_values = true)]
+    at: [i64; 2],
+    /// Height units for each step of grey.
+    #[arg(long, value_name = "UNITS", default_value_t = 1.0, value_parser = super::recipe::positive)]
+    scale: f64,
+    /// Height of black, in height units.
+    #[arg(long, value_name = "UNITS", default_value_t = 0, allow_negative_numbers = true)]
+    offset: i32,
+    /// The finest level of the terrain that the error is measured with, 1 to 12.
+    #[arg(long, value_name = "n", default_value_t = 8)]
+    finest: u8,
+    #[command(flatten)]
+    terrain: TerrainArguments,
+}
+
+impl TerrainArguments {
+    /// In the largest world that a level has.
+    fn resolve(self, finest_level: u8, erosion: Erosion) -> Parameters {
+        Parameters {
+            seed: self.seed,
+            finest_level,
+            extent_log2: 31_u8.saturating_sub(finest_level),
+            distribution: match self.distribution {
+                DistributionArgument::Uniform => Distribution::Uniform,
+                DistributionArgument::Gaussian => Distribution::Gaussian,
+            },
+            amplitude: self.amplitude,
+            roughness: (self.roughness * 32_768.0).round() as u16,
+            base: self.base,
+            erosion,
+        }
+    }
+}
+
+impl ErosionArguments {
+    fn resolve(self, finest: u8) -> Erosion {
+        let level = self.erosion_level.unwrap_or(finest);
+        let erosion = Erosion {
+            level,
+            passes: self.erosion,
+            talus: self.talus.map_or_else(
+                || (1_u16 << 15).checked_shr(u32::from(level)).unwrap_or(0),
+                |fraction| (fraction * 65_536.0).round().min(65_535.0) as u16,
+            ),
+            spike_limit: self.spike_limit.map_or(0, |ranges| (ranges * 16.0).round() as u8),
+        };
+        if erosion.is_on() { erosion } else { Erosion { level, ..Erosion::default() } }
+    }
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
+    let finest = arguments.finest.unwrap_or(arguments.level);
+    if finest > MAX_FINEST_LEVEL || finest == 0 {
+        anyhow::bail!(
+            "a finest level of {finest}, must be 1 to {MAX_FINEST_LEVEL}: give --finest or another --level"
+        );
+    }
+    let parameters = arguments.terrain.resolve(finest, arguments.erosion.resolve(finest));
+    let file = arguments.features.as_deref();
+    let sets = file.map_or(Ok(Vec::new()), features::read)?;
+    let terrain = with_features(parameters, &sets, file)?;
+    let [x, y] = arguments.patch;
+    let heights = terrain.patch(x, y, arguments.level)?;
+    let (low, high) = heights.iter().fold((i32::MAX, i32::MIN), |(l, h), &v| (l.min(v), h.max(v)));
+    let side = (1_usize << arguments.level) + 1;
+    let hash = fingerprint(&heights);
+    let wrote = |path: &Path, what: &str| {
+        let name = path.display();
+        Outcome::good(format!("{name}: {side} x {side} heights, {low} to {high}{what}, hash {hash:016x}\n"))
+    };
+    let failed = |path: &Path| format!("{}: cannot be written", path.display());
+    if let Some(path) = &arguments.output.raw {
+        write_atomically(path, |out| heights.iter().try_for_each(|h| out.write_all(&h.to_le_bytes())))
+            .with_context(|| failed(path))?;
+        return Ok(wrote(path, ""));
+    }
+    if let Some(path) = &arguments.output.png {
+        let span = i64::from(high) - i64::from(low);
+        let white = span.max(i64::from(u16::MAX));
+        let grey = |&h: &i32| ((i64::from(h) - i64::from(low)) * i64::from(u16::MAX) / white) as u16;
+        let picture: Vec<u8> = heights.iter().map(grey).flat_map(u16::to_ne_bytes).collect();
+        write_atomically(path, |out| write_png(out, &picture, side as u32)).with_context(|| failed(path))?;
+        let white = i64::from(low) + white;
+        return Ok(wrote(path, &format!(" (black is {low}, white {white})")));
+    }
+    Ok(Outcome::good(format!("{hash:016x}\n")))
+}
+
+fn write_png(out: &mut dyn std::io::Write, grey: &[u8], side: u32) -> std::io::Result<()> {
+    use image::ImageEncoder as _;
+    image::codecs::png::PngEncoder::new(out)
+        .write_image(grey, side, side, image::ExtendedColorType::L16)
+        .map_err(std::io::Error::other)
+}
+
+fn with_features(
+    parameters: Parameters,
+    sets: &[FeatureSet],
+    file: Option<&Path>,
+) -> anyhow::Result<Terrain> {
+    // What is wrong with the parameters is not the file's fault.
+    parameters.check()?;
+    Terrain::with_features(parameters, sets)
+        .with_context(|| file.map_or_else(String::new, |file| file.display().to_string()))
+}
+
+pub(super) fn import(arguments: &ImportArguments) -> anyhow::Result<Outcome> {
+    let parameters = arguments.terrain.resolve(arguments.finest, Erosion::default());
+    parameters.check()?;
+    let map = HeightMap::open(&arguments.map, arguments.scale, arguments.offset)?;
+    let at = arguments.at;
+    let set = map.features(at, arguments.every as usize, arguments.finest);
+    let source = || arguments.map.display().to_string();
+    let error = map.error(parameters, &set, at).with_context(source)?;
+    let smooth = map.error(Parameters { amplitude: 0, ..parameters }, &set, at).with_context(source)?;
+    write_atomically(&arguments.output, |out| features::write(out, &set))
+        .with_context(|| format!("{}: cannot be written", arguments.output.display()))?;
+    let told = |error: MapError| format!("max {:.0}, RMS {:.2}", error.max, error.rms);
+    Ok(Outcome::good(format!(
+        "{}: {} fixed points of {} x {} pixels\nerror in height units: {}; without random offsets: {}\n",
+        arguments.output.display(),
+        set.points.len(),
+        map.width,
+        map.height,
+        told(error),
+        told(smooth)
+    )))
+}
+
+/// Two whole numbers with a comma between.
+fn pair(text: &str) -> Result<[i64; 2], String> {
+    let number = |part: &str| part.trim().parse::<i64>().ok();
+    text.split_once(',')
+        .and_then(|(x, y)| Some([number(x)?, number(y)?]))
+        .ok_or_else(|| format!("{text:?} is not X,Y; write for example -3,5"))
+}
+
+/// A number in a range.
+fn between(text: &str, low: f64, high: f64, range: &str) -> Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|x| (low..=high).contains(x));
+    number.ok_or_else(|| format!("{text:?} is not a number {range}"))
+}
+
+fn roughness(text: &str) -> Result<f64, String> {
+    between(text, 0.0, 65_535.0 / 32_768.0, "from 0 to 1.99996")
+}
+
+fn fraction(text: &str) -> Result<f64, String> {
+    between(text, 0.0, 65_535.0 / 65_536.0, "from 0 to 0.99998")
+}
+
+fn spike_limit(text: &str) -> Result<f64, String> {
+    between(text, 1.0 / 16.0, 255.0 / 16.0, "from 0.0625 to 15.9375")
+}

@@ -1,0 +1,196 @@
+//! Features of a terrain as JSON: an object or a list of objects
+//! `{"mode": "fixed" | "additive", "points": [[x, y, height], …], "stamps": [{"kind": …}, …]}`, on the global
+//! grid of the finest level. Points and stamps may be left out. All numbers are whole.
+//!
+//! ```json
+//! {"mode": "additive", "points": [[3, -5, 120]], "stamps": [
+//!   {"kind": "ridge", "from": [0, 0], "to": [90, 40], "half_width": 12, "height": 900},
+//!   {"kind": "valley", "from": [0, 0], "to": [90, 40], "half_width": 12, "depth": 900},
+//!   {"kind": "crater", "centre": [50, 50], "radius": 20, "depth": 300, "rim": 80},
+//!   {"kind": "plateau", "centre": [9, 9], "radius": 20, "falloff": 8, "height": 700},
+//!   {"kind": "river_bed", "line": [[0, 0], [30, 10], [60, -5]], "half_width": 6, "depth": 40}]}
+//! ```
+
+use std::io::{self, Write};
+use std::path::Path;
+
+use anyhow::{Context as _, bail};
+use lodestream_geometry::terrain::{FeatureSet, Mode, Point, Position, Shape};
+use serde::{Deserialize, Serialize};
+
+/// Largest file that is read, in bytes: four million points fit.
+const MAX_FILE_BYTES: u64 = 128 << 20;
+
+#[derive(Clone, Copy, Debug, Deserialize, Serialize)]
+#[serde(rename_all = "snake_case")]
+enum RawMode {
+    Fixed,
+    Additive,
+}
+
+#[derive(Debug, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+struct RawSet {
+    mode: RawMode,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    points: Vec<[i64; 3]>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    stamps: Vec<RawStamp>,
+}
+
+#[derive(Debug, Deserialize, Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+enum RawStamp {
+    Ridge { from: Position, to: Position, half_width: u32, height: i32 },
+    Valley { from: Position, to: Position, half_width: u32, depth: i32 },
+    Crater { centre: Position, radius: u32, depth: i32, rim: i32 },
+    Plateau { centre: Position, radius: u32, falloff: u32, height: i32 },
+    RiverBed { line: Vec<Position>, half_width: u32, depth: i32 },
+}
+
+/// Reads a file of features. Whether they fit a terrain is not checked yet.
+///
+/// # Errors
+/// If the file cannot be read, is too large, or is not as the module says. Messages name the file, and where in
+/// it, and what should be there.
+pub fn read(path: &Path) -> anyhow::Result<Vec<FeatureSet>> {
+    let name = path.display();
+    let size = std::fs::metadata(path).with_context(|| format!("{name}: cannot be read"))?.len();
+    if size > MAX_FILE_BYTES {
+        bail!("{name}: {size} bytes of features, at most {MAX_FILE_BYTES} are read; list fewer points");
+    }
+    let text = std::fs::read(path).with_context(|| format!("{name}: cannot be read"))?;
+    parse(&text).with_context(|| format!("{name}: is no feature file"))
+}
+
+fn parse(text: &[u8]) -> anyhow::Result<Vec<FeatureSet>> {
+    let list = text.iter().find(|b| !b.is_ascii_whitespace()) == Some(&b'[');
+    let raw: Result<Vec<RawSet>, _> =
+        if list { serde_json::from_slice(text) } else { serde_json::from_slice(text).map(|set| vec![set]) };
+    let expected = r#"write {"mode": "fixed" or "additive", "points": [[x, y, height], ...], "stamps": [...]}, or a list of such, in whole numbers"#;
+    let raw = raw.map_err(|error| anyhow::anyhow!("{error}; {expected}"))?;
+    raw.into_iter().enumerate().map(|(i, set)| set.resolve(i)).collect()
+}
+
+/// Writes one set of features.
+///
+/// # Errors
+/// Whatever writing says.
+pub fn write(out: &mut dyn Write, set: &FeatureSet) -> io::Result<()> {
+    serde_json::to_writer(&mut *out, &RawSet::from(set))?;
+    out.write_all(b"\n")
+}
+
+impl RawSet {
+    fn resolve(self, set: usize) -> anyhow::Result<FeatureSet> {
+        let point = |(i, [x, y, height]): (usize, [i64; 3])| {
+            let Ok(height) = i32::try_from(height) else {
+                bail!(
+                    "feature set {set}: point {i}: the height {height} is beyond {} to {}",
+                    i32::MIN,
+                    i32::MAX
+                );
+            };
+            Ok(Point { x, y, height })
+        };
+        Ok(FeatureSet {
+            mode: match self.mode {
+                RawMode::Fixed => Mode::Fixed,
+                RawMode::Additive => Mode::Additive,
+            },
+            points: self.points.into_iter().enumerate().map(point).collect::<anyhow::Result<_>>()?,
+            stamps: self.stamps.into_iter().map(Shape::from).collect(),
+        })
+    }
+}
+
+impl From<&FeatureSet> for RawSet {
+    fn from(set: &FeatureSet) -> Self {
+        Self {
+            mode: match set.mode {
+                Mode::Fixed => RawMode::Fixed,
+                Mode::Additive => RawMode::Additive,
+            },
+            points: set.points.iter().map(|p| [p.x, p.y, i64::from(p.height)]).collect(),
+            stamps: set.stamps.iter().cloned().map(RawStamp::from).collect(),
+        }
+    }
+}
+
+impl From<RawStamp> for Shape {
+    fn from(stamp: RawStamp) -> Self {
+        match stamp {
+            RawStamp::Ridge { from, to, half_width, height } => Self::Ridge { from, to, half_width, height },
+            RawStamp::Valley { from, to, half_width, depth } => Self::Valley { from, to, half_width, depth },
+            RawStamp::Crater { centre, radius, depth, rim } => Self::Crater { centre, radius, depth, rim },
+            RawStamp::Plateau { centre, radius, falloff, height } => {
+                Self::Plateau { centre, radius, falloff, height }
+            }
+            RawStamp::RiverBed { line, half_width, depth } => Self::RiverBed { line, half_width, depth },
+        }
+    }
+}
+
+impl From<Shape> for RawStamp {
+    fn from(shape: Shape) -> Self {
+        match shape {
+            Shape::Ridge { from, to, half_width, height } => Self::Ridge { from, to, half_width, height },
+            Shape::Valley { from, to, half_width, depth } => Self::Valley { from, to, half_width, depth },
+            Shape::Crater { centre, radius, depth, rim } => Self::Crater { centre, radius, depth, rim },
+            Shape::Plateau { centre, radius, falloff, height } => {
+                Self::Plateau { centre, radius, falloff, height }
+            }
+            Shape::RiverBed { line, half_width, depth } => Self::RiverBed { line, half_width, depth },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ALL: &str = r#"[{"mode": "additive", "points": [[3, -5, 120]], "stamps": [
+        {"kind": "ridge", "from": [0, 0], "to": [90, 40], "half_width": 12, "height": 900},
+        {"kind": "valley", "from": [0, 0], "to": [90, 40], "half_width": 12, "depth": 900},
+        {"kind": "crater", "centre": [50, 50], "radius": 20, "depth": 300, "rim": 80},
+        {"kind": "plateau", "centre": [9, 9], "radius": 20, "falloff": 8, "height": 700},
+        {"kind": "river_bed", "line": [[0, 0], [30, 10], [60, -5]], "half_width": 6, "depth": 40}]},
+        {"mode": "fixed"}]"#;
+
+    #[test]
+    fn every_kind_is_read_and_written() {
+        let sets = parse(ALL.as_bytes()).unwrap();
+        assert_eq!((sets.len(), sets[0].stamps.len(), sets[1].mode), (2, 5, Mode::Fixed));
+        assert_eq!(sets[0].points, [Point { x: 3, y: -5, height: 120 }]);
+        let mut text = Vec::new();
+        write(&mut text, &sets[0]).unwrap();
+        assert_eq!(parse(&text).unwrap(), sets[..1]);
+    }
+
+    #[test]
+    fn what_is_wrong_is_told_with_its_place() {
+        for (text, fragments) in [
+            ("", &["line 1", "write {"][..]),
+            (r#"{"mode": "wild"}"#, &["unknown variant `wild`", "fixed", "line 1 column"]),
+            (r#"{"points": []}"#, &["missing field `mode`"]),
+            (r#"{"mode": "fixed", "hills": []}"#, &["unknown field `hills`"]),
+            ("{\"mode\": \"fixed\",\n\"points\": [[1, 2, 2.5]]}", &["floating point", "line 2"]),
+            (r#"{"mode": "fixed", "points": [[1, 2]]}"#, &["length 2"]),
+            (
+                r#"{"mode": "fixed", "points": [[1, 2, 3], [1, 2, 3000000000]]}"#,
+                &["set 0: point 1", "3000000000"],
+            ),
+            (r#"{"mode": "fixed", "stamps": [{"kind": "hole"}]}"#, &["unknown variant `hole`"]),
+            (
+                r#"{"mode": "fixed", "stamps": [{"kind": "crater", "centre": [1, 2], "radius": 9, "depth": 1, "rim": 1, "x": 2}]}"#,
+                &["unknown field `x`"],
+            ),
+            (r#"[{"mode": "fixed"}"#, &["EOF"]),
+        ] {
+            let error = parse(text.as_bytes()).unwrap_err().to_string();
+            for fragment in fragments {
+                assert!(error.contains(fragment), "{text}: {error}");
+            }
+        }
+    }
+}
