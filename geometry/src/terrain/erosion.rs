@@ -127,13 +127,19 @@ impl Terrain {
         if erosion.spike_limit > 0 {
             let range = self.parameters.ranges()[usize::from(erosion.level)];
             let limit = (i64::from(range) * i64::from(erosion.spike_limit)) >> 4;
-            pass(&heights, grown.width, &mut next, |around| unspiked(around, limit));
+            pass(&heights, grown.width, &mut next, |around, out| remove_spikes(around, limit, out));
             keep(&pinned, &heights, &mut next);
             std::mem::swap(&mut heights, &mut next);
         }
         let talus = (i64::from(self.parameters.amplitude) * i64::from(erosion.talus)) >> 16;
+        // Heights stay within their range, so what is narrow remains so.
+        let narrow = talus <= i64::from(NARROW) && are_narrow(&heights);
         for _ in 0..erosion.passes {
-            pass(&heights, grown.width, &mut next, |around| slid(around, talus));
+            if narrow {
+                pass(&heights, grown.width, &mut next, |around, out| slide::<true>(around, talus, out));
+            } else {
+                pass(&heights, grown.width, &mut next, |around, out| slide::<false>(around, talus, out));
+            }
             keep(&pinned, &heights, &mut next);
             std::mem::swap(&mut heights, &mut next);
         }
@@ -170,29 +176,42 @@ impl Erosion {
     }
 }
 
-/// Three rows of heights, and the column in question.
+/// A row of heights without its ends, and what is around it, all equally long.
 struct Around<'a> {
-    above: &'a [i32],
     row: &'a [i32],
-    below: &'a [i32],
-    column: usize,
+    left: &'a [i32],
+    right: &'a [i32],
+    above: [&'a [i32]; 3],
+    below: [&'a [i32]; 3],
 }
 
-/// Works out every point but the outermost of a row-major array from those around it.
+/// Works out every point but the outermost of a row-major array from those around it, row by row.
 #[inline(always)]
-fn pass(heights: &[i32], width: usize, next: &mut [i32], rule: impl Fn(&Around<'_>) -> i32) {
+fn pass(heights: &[i32], width: usize, next: &mut [i32], rule: impl Fn(&Around<'_>, &mut [i32])) {
     next.copy_from_slice(heights);
     if width < 3 {
         return;
     }
+    let inner = width - 2;
     for y in 1..heights.len() / width - 1 {
-        let row = |y: usize| &heights[y * width..][..width];
-        let mut around = Around { above: row(y - 1), row: row(y), below: row(y + 1), column: 0 };
-        for (x, to) in next[y * width..][..width].iter_mut().enumerate().take(width - 1).skip(1) {
-            around.column = x;
-            *to = rule(&around);
-        }
+        let part = |y: usize, x: usize| &heights[y * width + x..][..inner];
+        let three = |y: usize| [0, 1, 2].map(|x| part(y, x));
+        let around = Around {
+            row: part(y, 1),
+            left: part(y, 0),
+            right: part(y, 2),
+            above: three(y - 1),
+            below: three(y + 1),
+        };
+        rule(&around, &mut next[y * width + 1..][..inner]);
     }
+}
+
+/// Magnitude up to which all arithmetic here fits in 32 bits. Heights without features are always below.
+const NARROW: i32 = 1 << 29;
+
+fn are_narrow(heights: &[i32]) -> bool {
+    heights.iter().all(|h| (-NARROW..=NARROW).contains(h))
 }
 
 /// Puts pinned points back.
@@ -202,34 +221,46 @@ fn keep(pinned: &[usize], heights: &[i32], next: &mut [i32]) {
     }
 }
 
-/// The height brought back to at most `limit` outside the range of its eight neighbours.
-#[inline(always)]
-fn unspiked(around: &Around<'_>, limit: i64) -> i32 {
-    let x = around.column;
-    let (mut low, mut high) =
-        (around.row[x - 1].min(around.row[x + 1]), around.row[x - 1].max(around.row[x + 1]));
-    for row in [around.above, around.below] {
-        for &height in &row[x - 1..=x + 1] {
-            (low, high) = (low.min(height), high.max(height));
+/// Brings heights back to at most `limit` outside the range of their eight neighbours.
+fn remove_spikes(around: &Around<'_>, limit: i64, out: &mut [i32]) {
+    let Around { row, left, right, above, below } = around;
+    // The same length for all, so that no index needs a check.
+    let n = out.len();
+    let [row, left, right] = [row, left, right].map(|part| &part[..n]);
+    let [above, below] = [above, below].map(|three| three.map(|part| &part[..n]));
+    for i in 0..n {
+        let (mut low, mut high) = (left[i].min(right[i]), left[i].max(right[i]));
+        for part in above.iter().chain(&below) {
+            (low, high) = (low.min(part[i]), high.max(part[i]));
         }
+        out[i] = saturate(i64::from(row[i]).clamp(i64::from(low) - limit, i64::from(high) + limit));
     }
-    saturate(i64::from(around.row[x]).clamp(i64::from(low) - limit, i64::from(high) + limit))
 }
 
-/// The height after what slides to and from its four neighbours.
-#[inline(always)]
-fn slid(around: &Around<'_>, talus: i64) -> i32 {
-    let x = around.column;
-    let height = i64::from(around.row[x]);
-    let from = |neighbour: i32| {
-        let difference = i64::from(neighbour) - height;
-        let slides = (difference.abs() - talus).max(0) >> SLIDE_SHIFT;
-        if difference < 0 { -slides } else { slides }
-    };
-    let change =
-        from(around.row[x - 1]) + from(around.row[x + 1]) + from(around.above[x]) + from(around.below[x]);
-    // Between the lowest and the highest of the five, so it fits.
-    (height + change) as i32
+/// Heights after what slides to and from their four neighbours. `NARROW` if all are and the talus is.
+fn slide<const NARROW: bool>(around: &Around<'_>, talus: i64, out: &mut [i32]) {
+    let Around { row, left, right, above, below } = around;
+    let n = out.len();
+    let [row, left, right, above, below] = [*row, *left, *right, above[1], below[1]].map(|part| &part[..n]);
+    for i in 0..n {
+        let height = row[i];
+        let neighbours = [left[i], right[i], above[i], below[i]];
+        out[i] = if NARROW {
+            let talus = talus as i32;
+            let from = |neighbour: i32| {
+                let difference = neighbour - height;
+                ((difference - talus).max(0) >> SLIDE_SHIFT) - ((-difference - talus).max(0) >> SLIDE_SHIFT)
+            };
+            height + neighbours.map(from).iter().sum::<i32>()
+        } else {
+            let from = |neighbour: i32| {
+                let difference = i64::from(neighbour) - i64::from(height);
+                ((difference - talus).max(0) >> SLIDE_SHIFT) - ((-difference - talus).max(0) >> SLIDE_SHIFT)
+            };
+            // Between the lowest and the highest of the five, so it fits.
+            (i64::from(height) + neighbours.map(from).iter().sum::<i64>()) as i32
+        };
+    }
 }
 
 #[cfg(test)]
@@ -242,7 +273,7 @@ mod tests {
         heights[10 * 21 + 10] = 100_003;
         let mut next = heights.clone();
         for _ in 0..9 {
-            pass(&heights, 21, &mut next, |around| slid(around, 10));
+            pass(&heights, 21, &mut next, |around, out| slide::<true>(around, 10, out));
             std::mem::swap(&mut heights, &mut next);
         }
         assert_eq!(heights.iter().sum::<i32>(), 100_003);
@@ -255,7 +286,7 @@ mod tests {
     fn slopes_below_the_talus_stay() {
         let heights: Vec<i32> = (0..81).map(|i| i % 9 * 10).collect();
         let mut next = heights.clone();
-        pass(&heights, 9, &mut next, |around| slid(around, 10));
+        pass(&heights, 9, &mut next, |around, out| slide::<true>(around, 10, out));
         assert_eq!(next, heights);
     }
 
@@ -265,15 +296,30 @@ mod tests {
         heights[40] = 100_000;
         heights[22] = i32::MIN;
         let mut next = heights.clone();
-        pass(&heights, 9, &mut next, |around| unspiked(around, 7));
+        pass(&heights, 9, &mut next, |around, out| remove_spikes(around, 7, out));
         assert_eq!((next[40], next[22]), (5007, 3000 - 7));
         assert_eq!(next[50], 5000);
         // The limits of integers are no reason to overflow.
         let mut wild = [i32::MAX; 9];
         wild[4] = i32::MIN;
         let mut next = wild;
-        pass(&wild, 3, &mut next, |around| unspiked(around, i64::from(u32::MAX)));
-        pass(&wild, 3, &mut next, |around| slid(around, 0));
+        pass(&wild, 3, &mut next, |around, out| remove_spikes(around, i64::from(u32::MAX), out));
+        pass(&wild, 3, &mut next, |around, out| slide::<false>(around, 0, out));
         assert!(next[4] < i32::MAX);
+    }
+
+    #[test]
+    fn narrow_and_wide_arithmetic_agree() {
+        let mut random = crate::random::Random::new(3);
+        for spread in [100, NARROW] {
+            let mut height = || random.below(2 * spread as usize + 1) as i32 - spread;
+            let heights: Vec<i32> = (0..40 * 30).map(|_| height()).collect();
+            assert!(are_narrow(&heights));
+            let (mut narrow, mut wide) = (heights.clone(), heights.clone());
+            let talus = i64::from(spread) / 9;
+            pass(&heights, 40, &mut narrow, |around, out| slide::<true>(around, talus, out));
+            pass(&heights, 40, &mut wide, |around, out| slide::<false>(around, talus, out));
+            assert!(narrow == wide && narrow != heights && are_narrow(&narrow));
+        }
     }
 }
