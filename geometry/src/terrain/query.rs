@@ -5,7 +5,7 @@ use super::{Scratch, Terrain, TerrainError};
 impl Terrain {
     /// The height of a point of the finest grid.
     ///
-    /// Cost: some ten points for each level, well below a microsecond without erosion.
+    /// Cost: some ten points for each level, about a microsecond without erosion.
     ///
     /// # Errors
     /// If the point is not in the world.

@@ -225,7 +225,7 @@ impl Stamp {
 /// Fewest bytes of a stamp: kind, a position, a length and two heights.
 const LEAST_BYTES: usize = 6;
 
-/// Stamps as bytes: how many (LEB128), then each. A ridge or valley takes 15 to 30 bytes, a crater or plateau
+/// Stamps as bytes: how many (LEB128), then each. A ridge or valley takes 10 to 30 bytes, a crater or plateau
 /// 8 to 25, a river bed 4 to 8 for each position and 5 to 10 more.
 ///
 /// # Errors
