@@ -3,6 +3,7 @@
 pub mod assess;
 pub mod baseline;
 pub mod clock;
+mod html;
 pub mod image_error;
 pub mod link;
 pub mod measure;

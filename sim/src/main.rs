@@ -149,7 +149,7 @@ enum Command {
         /// Sections to run [default: all].
         #[arg(value_name = "SECTION")]
         only: Vec<String>,
-        /// Folder for figures, reports and reproduction.json.
+        /// Folder for figures, reports, reproduction.json and reproduction.html, a page with every section.
         #[arg(short, long, value_name = "DIR")]
         output: PathBuf,
         /// Folder of models that are not part of the project; sections that need them are left out without it.
@@ -164,6 +164,9 @@ enum Command {
         /// Replaces the committed figures and the document's tables instead of comparing.
         #[arg(long)]
         update: bool,
+        /// Runs nothing: replaces the document's tables by tables of the committed figures.
+        #[arg(long, conflicts_with = "update")]
+        tables: bool,
     },
     /// Runs the cases of a plan in virtual time and again in real time, over real sockets on loopback and a
     /// relay with the same link code, and says how they differ.
@@ -224,8 +227,13 @@ fn main() -> ExitCode {
             let beside = Beside { models, peers, draco_encoder };
             run_plan(&plan, seed, &output, threads, cache, &beside, quiet)
         }
-        Command::Reproduce { only, output, models, sections, document, update } => {
-            let options = reproduce::Options { sections, document, models, only, output, update };
+        Command::Reproduce { only, output, models, sections, document, update, tables } => {
+            let mode = match (update, tables) {
+                (true, _) => reproduce::Mode::Update,
+                (_, true) => reproduce::Mode::Tables,
+                _ => reproduce::Mode::Compare,
+            };
+            let options = reproduce::Options { sections, document, models, only, output, mode };
             return match reproduce::run(&options, |line| println!("{line}")) {
                 Ok(made) if made.agrees() => ExitCode::SUCCESS,
                 Ok(_) => ExitCode::FAILURE,

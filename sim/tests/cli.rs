@@ -234,6 +234,11 @@ fn reproduce_writes_what_it_then_finds_and_names_what_differs() {
         "{text}"
     );
     assert!(output.join("reproduction.json").exists());
+    let page = std::fs::read_to_string(output.join("reproduction.html")).unwrap();
+    assert!(page.contains("padlock") && page.contains("Not run: its models are not here"), "{page}");
+    // Whatever the time that it took.
+    assert!(reproduce(&[]).status.success());
+    assert_eq!(std::fs::read_to_string(output.join("reproduction.html")).unwrap(), page);
     // A figure and the table that somebody changed by hand.
     let csv = folder.path().join("older.csv");
     let changed = std::fs::read_to_string(&csv).unwrap().replace("902", "903");
@@ -242,5 +247,8 @@ fn reproduce_writes_what_it_then_finds_and_names_what_differs() {
     let text = String::from_utf8(differs.stdout).unwrap();
     assert_eq!(differs.status.code(), Some(1), "{text}");
     assert!(text.contains("triangles: 902 instead of 903") && text.contains("table older"), "{text}");
+    // Written by hand or not, tables follow the committed figures.
+    assert!(reproduce(&["older", "--tables"]).status.success());
+    assert!(std::fs::read_to_string(&document).unwrap().contains("| stone | 903 |"));
     assert_refused(&reproduce(&["newer"]), &["no section is called newer", "older, scan"]);
 }

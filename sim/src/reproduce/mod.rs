@@ -9,10 +9,12 @@
 //! Commands run one after the other in processes of their own, as a reader would run them.
 
 mod compare;
+mod page;
 mod rows;
 mod section;
 mod table;
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
@@ -37,8 +39,19 @@ pub struct Options {
     pub only: Vec<String>,
     /// Where reports and figures go.
     pub output: PathBuf,
-    /// Replaces the committed figures and the document's tables instead of comparing.
-    pub update: bool,
+    /// What is done about the committed figures.
+    pub mode: Mode,
+}
+
+/// What is done about the committed figures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mode {
+    /// They are compared with those found.
+    Compare,
+    /// They are replaced by those found, and the document's tables by tables of these.
+    Update,
+    /// Nothing is run: the document's tables are replaced by tables of the committed figures.
+    Tables,
 }
 
 /// What became of a section.
@@ -102,8 +115,12 @@ pub fn run(options: &Options, mut report: impl FnMut(&str)) -> anyhow::Result<Re
         seconds / 60.0
     ));
     let mut outcomes = Vec::with_capacity(sections.len());
+    let mut printed = BTreeMap::new();
+    let mut figures = Vec::with_capacity(sections.len());
     for section in &sections {
-        outcomes.push(one(section, options, &mut report)?);
+        let (outcome, rows) = one(section, options, &mut printed, &mut report)?;
+        outcomes.push(outcome);
+        figures.push((*section, rows));
     }
     let made = Reproduction {
         version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -114,6 +131,7 @@ pub fn run(options: &Options, mut report: impl FnMut(&str)) -> anyhow::Result<Re
     };
     let json = serde_json::to_vec_pretty(&made)?;
     write(&options.output.join("reproduction.json"), &json)?;
+    write(&options.output.join("reproduction.html"), page::html(&made, &figures)?.as_bytes())?;
     Ok(made)
 }
 
@@ -122,7 +140,14 @@ fn runs(section: &Section, options: &Options) -> bool {
     options.models.is_some() || !section.needs_models()
 }
 
-fn one(section: &Section, options: &Options, report: &mut impl FnMut(&str)) -> anyhow::Result<Outcome> {
+/// Runs a section; gives the committed figures beside what became of it.
+fn one(
+    section: &Section,
+    options: &Options,
+    printed: &mut Printed,
+    report: &mut impl FnMut(&str),
+) -> anyhow::Result<(Outcome, Rows)> {
+    let committed = options.sections.with_file_name(format!("{}.csv", section.name));
     let mut outcome = Outcome {
         name: section.name.clone(),
         left_out: None,
@@ -130,38 +155,38 @@ fn one(section: &Section, options: &Options, report: &mut impl FnMut(&str)) -> a
         differences: Vec::new(),
         stale_tables: Vec::new(),
     };
-    if !runs(section, options) {
+    if options.mode != Mode::Tables && !runs(section, options) {
         let why = "its models are not here; name their folder with --models DIR";
         report(&format!("{}: left out: {why}", section.name));
         outcome.left_out = Some(why.to_owned());
-        return Ok(outcome);
+        // Without figures of an earlier run there are none to show.
+        let rows = if committed.exists() { read_rows(&committed)? } else { Rows::default() };
+        return Ok((outcome, rows));
+    }
+    if options.mode == Mode::Tables {
+        let rows = read_rows(&committed)?;
+        write_tables(options, section, &rows)?;
+        outcome.left_out = Some("only its tables were written".to_owned());
+        return Ok((outcome, rows));
     }
     report(&format!("{}: {}, about {:.0} s", section.name, section.title, section.seconds));
     let start = Instant::now();
-    let rows = measure(section, options)?;
+    let rows = measure(section, options, printed)?;
     outcome.seconds = start.elapsed().as_secs_f64();
     let csv = rows.to_csv();
     write(&options.output.join(format!("{}.csv", section.name)), csv.as_bytes())?;
-    let committed = options.sections.with_file_name(format!("{}.csv", section.name));
-    let document = std::fs::read_to_string(&options.document)
-        .with_context(|| format!("{}: cannot be read", options.document.display()))?;
-    if options.update {
+    let expected = if options.mode == Mode::Update {
         write(&committed, csv.as_bytes())?;
-        let updated = table::update(&document, section, &rows)
-            .with_context(|| format!("{}: {}", options.document.display(), section.name))?;
-        if updated != document {
-            write(&options.document, updated.as_bytes())?;
-        }
+        write_tables(options, section, &rows)?;
+        rows
     } else {
-        let text = std::fs::read_to_string(&committed)
-            .with_context(|| format!("{}: cannot be read; --update writes it", committed.display()))?;
-        let expected =
-            Rows::from_csv(&text).with_context(|| format!("{}: is no table", committed.display()))?;
+        let expected = read_rows(&committed)?;
         outcome.differences = compare(section, &expected, &rows);
         // The document shows the committed figures; those of another machine may differ where they may.
-        outcome.stale_tables = table::stale(&document, section, &expected)
+        outcome.stale_tables = table::stale(&read_document(options)?, section, &expected)
             .with_context(|| format!("{}: {}", options.document.display(), section.name))?;
-    }
+        expected
+    };
     for difference in &outcome.differences {
         report(&format!("  {difference}"));
     }
@@ -171,51 +196,86 @@ fn one(section: &Section, options: &Options, report: &mut impl FnMut(&str)) -> a
             options.document.display()
         ));
     }
-    let verdict = match (options.update, outcome.differences.len(), outcome.stale_tables.len()) {
+    let verdict = match (options.mode == Mode::Update, outcome.differences.len(), outcome.stale_tables.len())
+    {
         (true, ..) => "written".to_owned(),
         (false, 0, 0) => "as committed".to_owned(),
         (false, figures, tables) => format!("{figures} figures and {tables} tables differ"),
     };
     report(&format!("  {verdict}, {:.0} s", outcome.seconds));
-    Ok(outcome)
+    Ok((outcome, expected))
 }
 
+fn read_document(options: &Options) -> anyhow::Result<String> {
+    std::fs::read_to_string(&options.document)
+        .with_context(|| format!("{}: cannot be read", options.document.display()))
+}
+
+/// Writes a section's tables into the document.
+fn write_tables(options: &Options, section: &Section, rows: &Rows) -> anyhow::Result<()> {
+    let document = read_document(options)?;
+    let updated = table::update(&document, section, rows)
+        .with_context(|| format!("{}: {}", options.document.display(), section.name))?;
+    if updated == document { Ok(()) } else { write(&options.document, updated.as_bytes()) }
+}
+
+/// Committed figures.
+fn read_rows(committed: &Path) -> anyhow::Result<Rows> {
+    let text = std::fs::read_to_string(committed)
+        .with_context(|| format!("{}: cannot be read; --update writes it", committed.display()))?;
+    Rows::from_csv(&text).with_context(|| format!("{}: is no table", committed.display()))
+}
+
+/// What commands printed that write no files: several sections show the same defaults beside their knob.
+type Printed = BTreeMap<Vec<String>, String>;
+
 /// Runs a section's commands; a row, or a file of rows, each.
-fn measure(section: &Section, options: &Options) -> anyhow::Result<Rows> {
-    let program = std::env::current_exe().context("this program cannot be found")?;
+fn measure(section: &Section, options: &Options, printed: &mut Printed) -> anyhow::Result<Rows> {
     let mut rows = Rows::default();
     for (number, command) in (1..).zip(&section.commands) {
         let folder = options.output.join(&section.name).join(number.to_string());
         let arguments = section::arguments(&command.run, options.models.as_deref(), &folder)?;
-        let output = Command::new(&program)
-            .args(&arguments)
-            .output()
-            .with_context(|| format!("{} cannot be run", program.display()))?;
-        if !output.status.success() {
-            let why = String::from_utf8_lossy(&output.stderr);
-            anyhow::bail!(
-                "{}: lodestream-sim {}: {}",
-                section.name,
-                arguments.join(" "),
-                why.lines().last().unwrap_or("it failed")
-            );
-        }
-        let text = match &command.file {
-            Some(file) => {
-                let path = folder.join(file);
-                std::fs::read_to_string(&path)
-                    .with_context(|| format!("{}: cannot be read", path.display()))?
-            }
-            None => String::from_utf8(output.stdout).context("its output is no text")?,
-        };
         let new = match &command.file {
-            Some(file) if file.ends_with(".csv") => Rows::from_csv(&text),
-            _ => Rows::from_json(&text),
+            Some(file) => {
+                run_self(&section.name, &arguments)?;
+                let path = folder.join(file);
+                let text = std::fs::read_to_string(&path)
+                    .with_context(|| format!("{}: cannot be read", path.display()))?;
+                if file.ends_with(".csv") { Rows::from_csv(&text) } else { Rows::from_json(&text) }
+            }
+            None => {
+                let text = match printed.get(&arguments) {
+                    Some(text) => text,
+                    None => printed.entry(arguments.clone()).or_insert(run_self(&section.name, &arguments)?),
+                };
+                match &command.rows {
+                    Some(field) => Rows::from_field(text, field),
+                    None => Rows::from_json(text),
+                }
+            }
         };
         let new = new.with_context(|| format!("{}: lodestream-sim {}", section.name, command.run))?;
         rows.extend(&command.label, &section.columns, &new).with_context(|| section.name.clone())?;
     }
     Ok(rows)
+}
+
+/// Runs this program; gives what it printed.
+fn run_self(section: &str, arguments: &[String]) -> anyhow::Result<String> {
+    let program = std::env::current_exe().context("this program cannot be found")?;
+    let output = Command::new(&program)
+        .args(arguments)
+        .output()
+        .with_context(|| format!("{} cannot be run", program.display()))?;
+    if !output.status.success() {
+        let why = String::from_utf8_lossy(&output.stderr);
+        anyhow::bail!(
+            "{section}: lodestream-sim {}: {}",
+            arguments.join(" "),
+            why.lines().last().unwrap_or("it failed")
+        );
+    }
+    String::from_utf8(output.stdout).with_context(|| format!("{section}: its output is no text"))
 }
 
 /// Hashes of the models that the sections read.

@@ -26,12 +26,25 @@ impl Rows {
     /// # Errors
     /// What is no object or array of objects.
     pub fn from_json(text: &str) -> anyhow::Result<Self> {
-        let objects = match serde_json::from_str(text).context("no JSON")? {
-            Value::Array(objects) => objects,
-            object => vec![object],
-        };
+        match serde_json::from_str(text).context("no JSON")? {
+            Value::Array(objects) => Self::of(&objects),
+            object => Self::of(&[object]),
+        }
+    }
+
+    /// The same of the array that is a field of an object.
+    ///
+    /// # Errors
+    /// What is no object with such a field.
+    pub fn from_field(text: &str, field: &str) -> anyhow::Result<Self> {
+        let object: Value = serde_json::from_str(text).context("no JSON")?;
+        let list = object.get(field).and_then(Value::as_array);
+        Self::of(list.with_context(|| format!("there is no list {field}"))?)
+    }
+
+    fn of(objects: &[Value]) -> anyhow::Result<Self> {
         let mut all = Self::default();
-        for object in &objects {
+        for object in objects {
             anyhow::ensure!(object.is_object(), "not an object: {object}");
             let mut fields = Vec::new();
             flatten("", object, &mut fields);
@@ -94,6 +107,11 @@ impl Rows {
         self.columns.iter().position(|c| c == name)
     }
 
+    /// The place of a column that must be there.
+    pub(crate) fn place(&self, name: &str) -> anyhow::Result<usize> {
+        self.column(name).with_context(|| format!("there is no column {name}"))
+    }
+
     /// Adds the named columns of other rows, under a label.
     pub(crate) fn extend(&mut self, label: &str, columns: &[String], new: &Self) -> anyhow::Result<()> {
         if self.columns.is_empty() {
@@ -154,6 +172,12 @@ mod tests {
         assert_eq!(rows.rows[0], ["1", "0.25", "7", "", ""]);
         assert_eq!(rows.rows[1], ["x, y", "", "", "", "true"]);
         assert!(Rows::from_json("3").is_err() && Rows::from_json("{").is_err());
+        let inner = Rows::from_field(r#"{"a": 1, "b": [{"c": 2}, {"c": 3}]}"#, "b").unwrap();
+        assert_eq!(
+            (inner.columns, inner.rows),
+            (vec!["c".to_owned()], vec![vec!["2".to_owned()], vec!["3".to_owned()]])
+        );
+        assert!(Rows::from_field(r#"{"a": 1}"#, "a").is_err());
     }
 
     #[test]

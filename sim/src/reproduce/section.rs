@@ -17,10 +17,14 @@
 //! label = "10"                    # first column of its rows
 //! run = "assess {models}/stanford-bunny.obj --position-bits 10 --json"   # {models}, {out}: folders
 //! # file = "results.csv"          # rows are taken from this file in {out} instead of from what is printed
+//! # rows = "level_ends"           # or from this field of what is printed
 //!
 //! [[section.table]]
 //! id = "position-bits"            # stands in the document as <!-- table: position-bits -->
 //! columns = [["bits", "{label}"], ["chunks, B", "{payload_bytes:,}"], ["view", "{view.bytes*100:.0} %"]]
+//! # only = { scene = "demo" }     # leaves out rows with other values in these columns
+//! # by = ["transport"]            # rows with equal values in these columns share a line,
+//! # across = "rate_bits_per_s"    # on which {ttff_ms@2000000} is the figure of the row with that value here
 //! ```
 
 use std::collections::BTreeMap;
@@ -82,6 +86,8 @@ pub struct CommandLine {
     pub run: String,
     /// File with its rows.
     pub file: Option<String>,
+    /// Field of the printed JSON object that holds the rows, if it is not the object itself.
+    pub rows: Option<String>,
 }
 
 /// A table of the document.
@@ -92,6 +98,14 @@ pub struct Table {
     pub id: String,
     /// Heading and cell of each column; what is in braces is replaced by the row's figure.
     pub columns: Vec<[String; 2]>,
+    /// Values that a row must have to be shown, by column.
+    #[serde(default)]
+    pub only: BTreeMap<String, String>,
+    /// Rows with equal values in these columns share a line, where they differ `across` another.
+    #[serde(default)]
+    pub by: Vec<String>,
+    /// The column in which rows of a line differ.
+    pub across: Option<String>,
 }
 
 #[derive(Deserialize)]

@@ -1,8 +1,12 @@
 //! Tables of a Markdown document, written from figures.
 //!
 //! A table stands below a line `<!-- table: ID -->` and ends with the first line that is no row. A cell is a
-//! template: `{column}` is the figure as it is, `{column*FACTOR}` a product, `{column:.2}` has two places,
-//! `{column:,}` thousands divided by commas. What has no figure is a dash.
+//! template: `{column}` is the figure as it is, `{column:.2}` has two places, `{column:,}` thousands divided by
+//! commas. `{a*100}`, `{a/b}` and longer ones are worked out from left to right, of columns and numbers. What has no
+//! figure is a dash.
+//!
+//! A table may show some rows only, and rows that differ in one column (`across`) may stand on one line: there
+//! `{column@value}` is the figure of the row in which that column has this value.
 
 use anyhow::Context as _;
 
@@ -49,43 +53,85 @@ fn markdown(table: &Table, rows: &Rows) -> anyhow::Result<String> {
     let line = |cells: Vec<String>| format!("| {} |\n", cells.join(" | "));
     let mut text = line(table.columns.iter().map(|[heading, _]| heading.clone()).collect());
     text += &format!("|{}\n", "---|".repeat(table.columns.len()));
-    for row in &rows.rows {
-        let cells = table.columns.iter().map(|[_, template]| cell(template, rows, row));
-        text += &line(cells.collect::<anyhow::Result<_>>()?);
+    for cells in lines(table, rows)? {
+        text += &line(cells);
     }
     Ok(text)
 }
 
-/// A template with the figures of a row in place of what is in braces.
-fn cell(template: &str, rows: &Rows, row: &[String]) -> anyhow::Result<String> {
+/// The cells of a table's lines, without its headings.
+///
+/// # Errors
+/// Templates and conditions that name no column.
+pub(crate) fn lines(table: &Table, rows: &Rows) -> anyhow::Result<Vec<Vec<String>>> {
+    let across = table.across.as_ref().map(|name| rows.place(name)).transpose()?;
+    let of_line = |group: &Vec<&[String]>| {
+        let group = Group { rows, across, line: group };
+        table.columns.iter().map(|[_, template]| cell(template, &group)).collect()
+    };
+    groups(table, rows)?.iter().map(of_line).collect()
+}
+
+/// The rows that a table shows, those that share a line together.
+fn groups<'a>(table: &Table, rows: &'a Rows) -> anyhow::Result<Vec<Vec<&'a [String]>>> {
+    let conditions = table.only.iter().map(|(name, value)| Ok((rows.place(name)?, value)));
+    let conditions: Vec<(usize, &String)> = conditions.collect::<anyhow::Result<_>>()?;
+    let by = table.by.iter().map(|name| rows.place(name)).collect::<anyhow::Result<Vec<usize>>>()?;
+    let mut groups: Vec<Vec<&[String]>> = Vec::new();
+    for row in rows.rows.iter().filter(|row| conditions.iter().all(|(c, value)| row[*c] == **value)) {
+        let alike = |group: &&mut Vec<&[String]>| by.iter().all(|&c| group[0][c] == row[c]);
+        match groups.iter_mut().find(alike).filter(|_| table.across.is_some()) {
+            Some(group) => group.push(row),
+            None => groups.push(vec![row]),
+        }
+    }
+    Ok(groups)
+}
+
+/// The rows behind a line.
+struct Group<'a> {
+    rows: &'a Rows,
+    /// The column in which they differ.
+    across: Option<usize>,
+    line: &'a [&'a [String]],
+}
+
+impl Group<'_> {
+    /// The figure of a column, of the first row or, behind an `@`, of the row with a value in the column across.
+    fn figure(&self, name: &str) -> anyhow::Result<&str> {
+        let (name, row) = match name.split_once('@') {
+            None => (name, self.line.first()),
+            Some((name, value)) => {
+                let across = self.across.with_context(|| format!("{name}@{value}: nothing is `across`"))?;
+                (name, self.line.iter().find(|row| row[across] == value))
+            }
+        };
+        let column = self.rows.place(name)?;
+        Ok(row.map_or("", |row| row[column].as_str()))
+    }
+}
+
+/// A template with the figures of a line in place of what is in braces.
+fn cell(template: &str, group: &Group<'_>) -> anyhow::Result<String> {
     let mut text = String::new();
     let mut rest = template;
     while let Some((before, after)) = rest.split_once('{') {
         let (inside, after) =
             after.split_once('}').with_context(|| format!("{template}: a brace is open"))?;
         text += before;
-        text += &figure(inside, rows, row).with_context(|| template.to_owned())?;
+        text += &figure(inside, group).with_context(|| template.to_owned())?;
         rest = after;
     }
     Ok(text + rest)
 }
 
-fn figure(inside: &str, rows: &Rows, row: &[String]) -> anyhow::Result<String> {
+fn figure(inside: &str, group: &Group<'_>) -> anyhow::Result<String> {
     let (what, format) = inside.split_once(':').unwrap_or((inside, ""));
-    let (name, factor) = match what.split_once('*') {
-        Some((name, factor)) => (name, factor.parse().with_context(|| format!("{factor} is no number"))?),
-        None => (what, 1.0),
-    };
-    let column = rows.column(name).with_context(|| format!("there is no column {name}"))?;
-    let figure = row[column].as_str();
-    if figure.is_empty() {
-        return Ok("–".to_owned());
+    if format.is_empty() && !what.contains(['*', '/']) {
+        let figure = group.figure(what)?;
+        return Ok(if figure.is_empty() { "–".to_owned() } else { figure.to_owned() });
     }
-    if format.is_empty() && factor == 1.0 {
-        return Ok(figure.to_owned());
-    }
-    let number: f64 = figure.parse().with_context(|| format!("{name}: {figure} is no number"))?;
-    let number = number * factor;
+    let Some(number) = value(what, group)? else { return Ok("–".to_owned()) };
     match format {
         "" => Ok(number.to_string()),
         "," => Ok(thousands(number)),
@@ -94,6 +140,37 @@ fn figure(inside: &str, rows: &Rows, row: &[String]) -> anyhow::Result<String> {
             let places: usize = places.with_context(|| format!("{format} is no format"))?;
             Ok(format!("{number:.places$}"))
         }
+    }
+}
+
+/// Products and quotients of figures and numbers, from left to right; `None` where a figure is missing.
+fn value(expression: &str, group: &Group<'_>) -> anyhow::Result<Option<f64>> {
+    let mut number = 1.0;
+    let mut divide = false;
+    let mut rest = expression;
+    loop {
+        let end = rest.find(['*', '/']).unwrap_or(rest.len());
+        let name = &rest[..end];
+        let operand: f64 = match name.parse() {
+            Ok(constant) => constant,
+            Err(_) => {
+                let figure = group.figure(name)?;
+                if figure.is_empty() {
+                    return Ok(None);
+                }
+                figure.parse().with_context(|| format!("{name}: {figure} is no number"))?
+            }
+        };
+        if divide {
+            number /= operand;
+        } else {
+            number *= operand;
+        }
+        if end == rest.len() {
+            return Ok(Some(number));
+        }
+        divide = rest[end..].starts_with('/');
+        rest = &rest[end + 1..];
     }
 }
 
@@ -148,8 +225,28 @@ mod tests {
         other.tables[0].columns[1][1] = "{size}".to_owned();
         let error = update(DOCUMENT, &other, &rows).unwrap_err();
         assert!(format!("{error:#}").contains("no column size"), "{error:#}");
-        for bad in ["{bytes", "{bytes:x}", "{bytes*y}", "{label:,}"] {
-            assert!(cell(bad, &rows, &rows.rows[0]).is_err(), "{bad}");
+        let line = [rows.rows[0].as_slice()];
+        let group = Group { rows: &rows, across: None, line: &line };
+        for bad in ["{bytes", "{bytes:x}", "{bytes*y}", "{label:,}", "{bytes*}", "{bytes@1}"] {
+            assert!(cell(bad, &group).is_err(), "{bad}");
         }
+        for (template, expected) in [("{bytes/1000*2:.1}", "2469.1"), ("{share/share}", "1")] {
+            assert_eq!(cell(template, &group).unwrap(), expected);
+        }
+    }
+
+    #[test]
+    fn rows_may_be_left_out_and_share_a_line() {
+        let rows = "label,what,rate,ms\n,a,2,9\n,a,4,5\n,b,2,8\n,c,4,1\n";
+        let rows = Rows::from_csv(rows).unwrap();
+        let mut table = section().tables.remove(0);
+        table.columns = vec![["what".to_owned(), "{what}: {ms@2} / {ms@4} / {ms@2*10/ms@4:.1}".to_owned()]];
+        (table.by, table.across) = (vec!["what".to_owned()], Some("rate".to_owned()));
+        let found = |table: &Table| lines(table, &rows).unwrap().concat();
+        assert_eq!(found(&table), ["a: 9 / 5 / 18.0", "b: 8 / – / –", "c: – / 1 / –"]);
+        table.only.insert("what".to_owned(), "b".to_owned());
+        assert_eq!(found(&table), ["b: 8 / – / –"]);
+        table.only.insert("where".to_owned(), String::new());
+        assert!(lines(&table, &rows).unwrap_err().to_string().contains("no column where"));
     }
 }

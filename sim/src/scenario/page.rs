@@ -14,8 +14,7 @@ use super::plots::{MAX_ERROR_PX, Plot};
 use super::report::{RunResult, error_name};
 use super::units;
 use crate::baseline::Technique;
-
-const STYLE: &str = include_str!("page.css");
+use crate::html::{self, escaped};
 
 /// Most lines of a table; the files beside the page have all.
 const MAX_LINES: usize = 500;
@@ -57,12 +56,7 @@ pub(super) fn html(
     }
     let scenes: Vec<&str> = plan.scenes.iter().map(|scene| scene.name.as_str()).collect();
     let title = format!("Lodestream: {}", scenes.join(", "));
-    let mut page = format!(
-        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" \
-         content=\"width=device-width\">\n<title>{}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n<h1>{}</h1>\n",
-        escaped(&title),
-        escaped(&title)
-    );
+    let mut page = String::new();
     page += &summary(plan, &cases, adapter);
     page += &results_table(plan, &cases);
     page += &percentile_table(&percentiles::of_plan(plan, results));
@@ -81,8 +75,7 @@ pub(super) fn html(
     page += &pictures(folder, &cases)?;
     page += &format!("<h2>The plan</h2>\n<pre>{}</pre>\n", escaped(&plan.text));
     page += WORDS;
-    page += "</body>\n</html>\n";
-    Ok(page)
+    Ok(html::page(&title, &page))
 }
 
 const WORDS: &str = "<h2>Words</h2>\n<dl>\n\
@@ -100,40 +93,13 @@ const WORDS: &str = "<h2>Words</h2>\n<dl>\n\
     window (Wang et al. 2004); at 67 pixels per degree (Andersson et al. 2020).</dd>\n\
     </dl>\n";
 
-/// Text as HTML shows it.
-fn escaped(text: &str) -> String {
-    let mut safe = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '<' => safe += "&lt;",
-            '>' => safe += "&gt;",
-            '&' => safe += "&amp;",
-            '"' => safe += "&quot;",
-            '\'' => safe += "&#39;",
-            c => safe.push(c),
-        }
-    }
-    safe
-}
-
-/// A table: names of columns, of which the first `texts` hold words, and lines.
+/// A table of at most [`MAX_LINES`] lines: names of columns, of which the first `texts` hold words, and lines.
 fn table(texts: usize, names: &[String], lines: &[Vec<String>]) -> String {
-    let cells = |tag: &str, cells: &[String]| {
-        let cell = |(i, text): (usize, &String)| {
-            let class = if i < texts { " class=\"text\"" } else { "" };
-            format!("<{tag}{class}>{}</{tag}>", escaped(text))
-        };
-        cells.iter().enumerate().map(cell).collect::<String>()
-    };
-    let mut html = format!("<div class=\"scroll\"><table>\n<tr>{}</tr>\n", cells("th", names));
-    for line in lines.iter().take(MAX_LINES) {
-        html += &format!("<tr>{}</tr>\n", cells("td", line));
-    }
-    html += "</table></div>\n";
+    let mut table = html::table(texts, names, lines.iter().take(MAX_LINES), escaped);
     if lines.len() > MAX_LINES {
-        html += &format!("<p>{} more in the files beside this page.</p>\n", lines.len() - MAX_LINES);
+        table += &format!("<p>{} more in the files beside this page.</p>\n", lines.len() - MAX_LINES);
     }
-    html
+    table
 }
 
 fn strings<const N: usize>(texts: [&str; N]) -> Vec<String> {

@@ -1,0 +1,194 @@
+//! All sections as one page of HTML that needs nothing beside itself.
+//!
+//! It shows the committed figures, and names what this run found otherwise: so two runs that agree with them write the
+//! same page, whatever the machine's speed.
+
+use super::table;
+use super::{Outcome, Reproduction, Rows, Section};
+use crate::html::{self, escaped};
+
+/// The page; `figures` are the committed ones of each of the reproduction's sections.
+///
+/// # Errors
+/// Tables that name no column.
+pub(super) fn html(made: &Reproduction, sections: &[(&Section, Rows)]) -> anyhow::Result<String> {
+    let mut page = head(made, sections);
+    for ((section, rows), outcome) in sections.iter().zip(&made.sections) {
+        page += &one(section, rows, outcome)?;
+    }
+    Ok(html::page("Lodestream: figures and what they cost", &page))
+}
+
+/// Versions, models, contents.
+fn head(made: &Reproduction, sections: &[(&Section, Rows)]) -> String {
+    let mut page = format!(
+        "<p>Made by lodestream-sim {} on {}. Figures are the committed ones; beside each section stands what this run \
+         found otherwise. Bytes and virtual time must be equal; what hangs on a machine's speed is compared in ratios to \
+         the column's geometric mean.</p>\n<h2>Sections</h2>\n<ul>\n",
+        escaped(&made.version),
+        escaped(&made.machine)
+    );
+    for (section, _) in sections {
+        page += &format!("<li><a href=\"#{}\">{}</a></li>\n", section.name, escaped(&section.title));
+    }
+    page += "</ul>\n";
+    if !made.models.is_empty() {
+        let lines: Vec<Vec<String>> =
+            made.models.iter().map(|(name, hash)| vec![name.clone(), hash.clone()]).collect();
+        let names = ["model", "BLAKE3 of the file"].map(str::to_owned);
+        page += &format!("<h2>Models</h2>\n{}", html::table(2, &names, &lines, escaped));
+    }
+    page
+}
+
+fn one(section: &Section, rows: &Rows, outcome: &Outcome) -> anyhow::Result<String> {
+    let mut page = format!("<h2 id=\"{}\">{}</h2>\n", section.name, escaped(&section.title));
+    if let Some(trade) = &section.trade {
+        page += &format!(
+            "<dl><dt>Knob</dt><dd>{}</dd><dt>Default</dt><dd>{}</dd><dt>Why</dt><dd>{}</dd></dl>\n",
+            marked(&trade.knob),
+            marked(&trade.default),
+            marked(&trade.reason)
+        );
+    }
+    page += &format!("<p>{}</p>\n", verdict(section, outcome));
+    for table in &section.tables {
+        let headings: Vec<String> = table.columns.iter().map(|[heading, _]| heading.clone()).collect();
+        let texts = if headings.is_empty() { 0 } else { 1 };
+        page += &html::table(texts, &headings, &table::lines(table, rows)?, marked);
+    }
+    let mut commands = String::new();
+    for command in &section.commands {
+        let label = if command.label.is_empty() { String::new() } else { format!("   # {}", command.label) };
+        commands += &escaped(&format!("lodestream-sim {}{label}\n", command.run));
+    }
+    page += &format!(
+        "<details><summary>Commands, about {:.0} s</summary><pre>{commands}</pre></details>\n",
+        section.seconds
+    );
+    page += &format!(
+        "<details><summary>All figures ({}.csv)</summary>{}</details>\n",
+        section.name,
+        html::table(1, &rows.columns, &rows.rows, escaped)
+    );
+    Ok(page)
+}
+
+/// Tolerances, and what came of the section.
+fn verdict(section: &Section, outcome: &Outcome) -> String {
+    let mut text = "Tolerance: none".to_owned();
+    let ratios: Vec<String> = section
+        .ratios
+        .iter()
+        .map(|(column, factor)| format!("{column} ratios within a factor {factor}"))
+        .collect();
+    if !ratios.is_empty() {
+        text += &format!(", but {}", ratios.join(", "));
+    }
+    text += ". ";
+    text += &match (&outcome.left_out, outcome.differences.as_slice()) {
+        (Some(why), _) => format!("Not run: {why}."),
+        (None, []) => "As committed.".to_owned(),
+        (None, differences) => {
+            let list: Vec<String> = differences.iter().map(ToString::to_string).collect();
+            format!("Differs: {}.", list.join("; "))
+        }
+    };
+    escaped(&text)
+}
+
+/// Text with Markdown's `code` and **bold**.
+fn marked(text: &str) -> String {
+    let mut html = escaped(text);
+    for (mark, tag) in [("`", "code"), ("**", "b")] {
+        while let Some((before, rest)) = html.split_once(mark)
+            && let Some((inside, after)) = rest.split_once(mark)
+        {
+            html = format!("{before}<{tag}>{inside}</{tag}>{after}");
+        }
+    }
+    html
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::super::{Difference, section};
+    use super::*;
+
+    /// The project's own list and figures.
+    fn committed() -> Vec<(Section, Rows)> {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().join("docs/report");
+        let rows = |name: &str| std::fs::read_to_string(folder.join(format!("{name}.csv"))).unwrap();
+        let sections = section::read(&folder.join("sections.toml")).unwrap();
+        sections.into_iter().map(|s| (s.clone(), Rows::from_csv(&rows(&s.name)).unwrap())).collect()
+    }
+
+    fn reproduction(sections: &[(Section, Rows)]) -> Reproduction {
+        let outcome = |(section, _): &(Section, Rows)| Outcome {
+            name: section.name.clone(),
+            left_out: None,
+            seconds: 1.0,
+            differences: Vec::new(),
+            stale_tables: Vec::new(),
+        };
+        Reproduction {
+            version: "1".to_owned(),
+            machine: "<one>".to_owned(),
+            processors: 1,
+            models: vec![("m.obj".to_owned(), "00ff".to_owned())],
+            sections: sections.iter().map(outcome).collect(),
+        }
+    }
+
+    #[test]
+    fn the_committed_sections_make_a_page_that_can_be_sent_by_mail() {
+        let sections = committed();
+        let made = reproduction(&sections);
+        let shown: Vec<_> = sections.iter().map(|(section, rows)| (section, rows.clone())).collect();
+        let page = html(&made, &shown).unwrap();
+        assert!(page.len() < 1_000_000, "{} bytes", page.len());
+        assert!(page.contains("&lt;one&gt;") && page.contains("m.obj") && !page.contains("<one>"));
+        for (section, rows) in &sections {
+            assert!(page.contains(&format!("<h2 id=\"{}\">", section.name)), "{}", section.name);
+            for figure in &rows.rows[0] {
+                assert!(page.contains(&escaped(figure)), "{}: {figure}", section.name);
+            }
+            if let Some(trade) = &section.trade {
+                assert!(page.contains(&marked(&trade.reason)), "{}", section.name);
+            }
+        }
+        assert!(!page.contains("src=") && !page.contains("<script") && !page.contains("http"));
+        // How long a run took is not in it.
+        let mut slower = made.clone();
+        slower.sections[0].seconds = 1e3;
+        assert_eq!(html(&slower, &shown).unwrap(), page);
+    }
+
+    #[test]
+    fn what_differs_and_what_was_left_out_is_said() {
+        let mut sections = committed();
+        sections.truncate(2);
+        let mut made = reproduction(&sections);
+        made.sections[0].left_out = Some("no models".to_owned());
+        let figure = |text: &str| text.to_owned();
+        made.sections[1].differences = vec![Difference {
+            row: figure("row 1"),
+            column: figure("bytes"),
+            expected: figure("1"),
+            found: figure("2"),
+        }];
+        let shown: Vec<_> = sections.iter().map(|(section, rows)| (section, rows.clone())).collect();
+        let page = html(&made, &shown).unwrap();
+        assert!(
+            page.contains("Not run: no models.") && page.contains("Differs: row 1, bytes: 2 instead of 1.")
+        );
+    }
+
+    #[test]
+    fn code_and_bold_are_marked() {
+        assert_eq!(marked("a `--b` **c** `d"), "a <code>--b</code> <b>c</b> `d");
+        assert_eq!(marked("<`&`>"), "&lt;<code>&amp;</code>&gt;");
+    }
+}
