@@ -120,6 +120,9 @@ enum Command {
         /// plan's seeds].
         #[arg(long)]
         seed: Option<u64>,
+        /// Another value for a key of the plan, as "client.target_px=4" or "sweep.seeds=3"; may be given more than once.
+        #[arg(long, value_name = "KEY=VALUE")]
+        set: Vec<String>,
         /// Folder for the report: report.html, results.json and results.csv, plots, pictures if the plan asks for them, and
         /// percentiles of cases with seeds enough.
         #[arg(short, long, value_name = "DIR")]
@@ -223,9 +226,9 @@ fn main() -> ExitCode {
         }
         Command::Measure { a, b, samples, seed, json } => run_measure(&a, &b, samples, seed, json),
         Command::SeedTable { json } => run_seed_table(json),
-        Command::Run { plan, seed, output, threads, cache, models, peers, draco_encoder, quiet } => {
+        Command::Run { plan, seed, set, output, threads, cache, models, peers, draco_encoder, quiet } => {
             let beside = Beside { models, peers, draco_encoder };
-            run_plan(&plan, seed, &output, threads, cache, &beside, quiet)
+            run_plan((&plan, &set), seed, &output, threads, cache, &beside, quiet)
         }
         Command::Reproduce { only, output, models, sections, document, update, tables } => {
             let mode = match (update, tables) {
@@ -289,7 +292,7 @@ impl Beside {
 }
 
 fn run_plan(
-    plan: &Path,
+    (plan, changes): (&Path, &[String]),
     seed: Option<u64>,
     output: &Path,
     threads: Option<NonZeroUsize>,
@@ -297,7 +300,7 @@ fn run_plan(
     beside: &Beside,
     quiet: bool,
 ) -> anyhow::Result<()> {
-    let plan = beside.add_to(scenario::plan::read(plan)?)?;
+    let plan = beside.add_to(scenario::plan::read_with(plan, changes)?)?;
     let plan = match seed {
         Some(seed) => plan.with_seed(seed),
         None => plan,
@@ -329,7 +332,8 @@ fn open_scenes(
     let cache = cache
         .or_else(lodestream_server::prepare::cache::default_folder)
         .context("no cache folder is known; name one with --cache DIR")?;
-    let open = |scene: &scenario::plan::PlanScene| scenario::scene::open(&scene.choice, &cache, quiet);
+    let open =
+        |scene: &scenario::plan::PlanScene| scenario::scene::open(&scene.choice, plan.codec, &cache, quiet);
     plan.scenes.iter().map(open).collect()
 }
 

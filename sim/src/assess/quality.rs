@@ -15,6 +15,8 @@ pub struct LevelEnd {
     pub level: u8,
     /// Its faces.
     pub faces: usize,
+    /// Payload of its chunks.
+    pub payload_bytes: u64,
     /// RMS distance, two-sided, over the diagonal.
     pub rms: f64,
     /// Largest distance found, over the diagonal.
@@ -32,7 +34,8 @@ pub(super) fn level_ends(model: &Model, options: &Options) -> anyhow::Result<Vec
         let set: Vec<Member> = chunks.map(|chunk| Member { chunk, stop: None }).collect();
         let (faces, found) = distance(model, &set, options)?;
         let stated = model.left(&set).into_iter().fold(0.0, f64::max) / model.diagonal();
-        ends.push(LevelEnd { level, faces, rms: found.rms, max: found.max, stated });
+        let payload_bytes = payload(model, &set);
+        ends.push(LevelEnd { level, faces, payload_bytes, rms: found.rms, max: found.max, stated });
     }
     Ok(ends)
 }
@@ -44,7 +47,14 @@ pub(super) fn within_faces(model: &Model, faces: u64, options: &Options) -> anyh
     let (faces, found) = distance(model, &set.members, options)?;
     let level = set.members.iter().map(|m| prepared.infos[m.chunk as usize].level).max().unwrap_or(0);
     let stated = set.error / model.diagonal();
-    Ok(LevelEnd { level, faces, rms: found.rms, max: found.max, stated })
+    let payload_bytes = payload(model, &set.members);
+    Ok(LevelEnd { level, faces, payload_bytes, rms: found.rms, max: found.max, stated })
+}
+
+/// Bytes of a set's chunks, up to their stops.
+fn payload(model: &Model, set: &[Member]) -> u64 {
+    let bytes = |m: &Member| model.prepared.infos[m.chunk as usize].extent(m.stop).payload_bytes;
+    set.iter().map(|m| u64::from(bytes(m))).sum()
 }
 
 /// RMS at a number of faces: RMS × faces changes slowly, so it is interpolated linearly in faces.

@@ -69,10 +69,10 @@ async fn run(
     certificate: &Certificate,
     seed: u64,
 ) -> anyhow::Result<RunResult> {
-    let target_px = plan.ttq_px.iter().copied().fold(f64::INFINITY, f64::min);
+    let target_px = plan.client.target_px;
     let limit = Duration::from_secs_f64(case.time_limit_s);
     let most = case.technique.most_in_flight();
-    let mut loader = Loader::new(content, most, plan.viewport_px, target_px as f32, case.path, limit);
+    let mut loader = Loader::new(content, most, plan.viewport_px, target_px, case.path, limit);
     let (end, traffic) = match case.transport {
         Transport::Quic => run_quic(case, certificate, seed, limit, &mut loader).await?,
         Transport::Ws => run_tcp(case, seed, limit, &mut loader).await?,
@@ -236,6 +236,7 @@ fn blank(plan: &Plan, case: &Case, seed: u64, why: &str) -> RunResult {
         ended_ms: None,
         rest_ms: None,
         rest_ttq_ms: BTreeMap::new(),
+        applied_faces: None,
         stalls: 0,
         stalled_ms: 0.0,
         usage: Use::default(),

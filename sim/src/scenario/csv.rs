@@ -69,6 +69,7 @@ pub(super) fn of_runs(results: &[RunResult]) -> String {
         line.add("seed", run.seed);
         line.add_some("ttff_ms", run.ttff_ms);
         line.add_some("first_frame_bytes", run.first_frame_bytes);
+        line.add_some("ttff_bound_ms", run.ttff_bound_ms());
         for px in QUALITIES_PX.map(error_name) {
             line.add_some(format!("ttq_{px}_ms"), run.ttq_ms.get(&px).copied().flatten());
             line.add_some(format!("ttq_{px}_bytes"), run.ttq_bytes.get(&px).copied().flatten());
@@ -79,6 +80,7 @@ pub(super) fn of_runs(results: &[RunResult]) -> String {
         for px in QUALITIES_PX.map(error_name) {
             line.add_some(format!("rest_ttq_{px}_ms"), run.rest_ttq_ms.get(&px).copied().flatten());
         }
+        line.add_some("applied_faces", run.applied_faces);
         line.add("stalls", run.stalls);
         line.add("stalled_ms", run.stalled_ms);
         line.add("chunk_bytes", run.usage.chunk_bytes);

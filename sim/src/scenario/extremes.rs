@@ -18,7 +18,7 @@ fn results(plan: Plan) -> Vec<RunResult> {
     let (sender, receiver) = sync_channel(1);
     std::thread::spawn(move || {
         let open = |scene: &plan::PlanScene| match scene.choice {
-            SceneChoice::Empty => scene::open(&SceneChoice::Empty, Path::new(""), true).unwrap(),
+            SceneChoice::Empty => scene::open(&SceneChoice::Empty, None, Path::new(""), true).unwrap(),
             _ => small_scene(),
         };
         let scenes: Vec<_> = plan.scenes.iter().map(open).collect();

@@ -65,6 +65,7 @@ pub(crate) fn result(
         } else {
             std::collections::BTreeMap::new()
         },
+        applied_faces: Some(stats.counters.applied_faces),
         stalls,
         stalled_ms: milliseconds(stalled_ns),
         usage: viewer.usage(),

@@ -70,6 +70,8 @@ pub struct RunResult {
     pub stalls: u32,
     /// How long they lasted together.
     pub stalled_ms: f64,
+    /// Faces of the chunks that were applied at the end; `None` for baselines, which have no chunks.
+    pub applied_faces: Option<u64>,
     /// What of the chunks received was of use.
     #[serde(flatten)]
     pub usage: Use,
@@ -88,6 +90,19 @@ pub struct RunResult {
     /// Pictures, and how far each is from the settled one: the first frame, instants of the plan, the last one.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub pictures: Vec<Picture>,
+}
+
+impl RunResult {
+    /// What a first frame takes at least: two round trips (one where the connection is resumed), and the time of its
+    /// bytes at the link's rate. WebSocket without TLS takes two as well: TCP's handshake, then the upgrade.
+    #[must_use]
+    pub fn ttff_bound_ms(&self) -> Option<f64> {
+        let round_trips = if self.resumed { 1.0 } else { 2.0 };
+        let transfer_ms = |bytes: u64| bytes as f64 * 8e3 / self.rate_bits_per_s as f64;
+        // To the microsecond, as other times.
+        let bound_ms = |bytes| round_trips * self.rtt_ms + transfer_ms(bytes);
+        self.first_frame_bytes.map(|bytes| (bound_ms(bytes) * 1e3).round() / 1e3)
+    }
 }
 
 /// One line for people.

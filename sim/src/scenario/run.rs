@@ -100,14 +100,13 @@ pub(super) fn run_case(
         let settings =
             SessionSettings { rate_bits_per_s: case.limiter_bits_per_s, ..SessionSettings::default() };
         let state = ServerState::new(Arc::clone(scene), settings);
-        let target_px = plan.ttq_px.iter().copied().fold(f64::INFINITY, f64::min);
         let limit = Duration::from_secs_f64(case.time_limit_s);
-        let (viewport_px, target_px) = (plan.viewport_px, target_px as f32);
+        let (viewport_px, client) = (plan.viewport_px, plan.client);
         let mut viewer = match drawing {
-            None => Viewer::new(viewport_px, target_px, case.path, limit),
+            None => Viewer::new(viewport_px, client, case.path, limit),
             Some((settings, (gallery, _))) => {
                 let painter = Painter::new(gallery.studio(), settings)?;
-                Viewer::drawn(viewport_px, target_px, case.path, limit, painter)
+                Viewer::drawn(viewport_px, client, case.path, limit, painter)
             }
         };
         let (close, traffic) = match case.transport {
@@ -253,7 +252,7 @@ mod tests {
             let (counted, delivered) = virtual_runtime().unwrap().block_on(async {
                 let state = ServerState::new(small_scene(), SessionSettings::default());
                 let limit = Duration::from_secs(60);
-                let mut viewer = Viewer::new([640, 360], 1.0, case.path, limit);
+                let mut viewer = Viewer::new([640, 360], plan.client, case.path, limit);
                 let (_, traffic) = match case.transport {
                     Transport::Quic => {
                         let quic = QuicSettings::new(&certificate).unwrap();

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::Context as _;
+use lodestream_geometry::Codec;
 use lodestream_protocol::source::SceneSource;
 use lodestream_server::daemon::memory_scene::MemoryScene;
 use lodestream_server::demo_scene;
@@ -18,13 +19,19 @@ const DEMO_SEED: u64 = 1;
 
 /// Generates the scene if it is one of ours, prepares what the cache folder does not hold yet, and opens
 /// the packs. The demo scene's own files are generated anew each time, so that they are those of this
-/// version, and removed afterwards; its packs stay in the cache.
+/// version, and removed afterwards; its packs stay in the cache. `codec` is that of scenes that do not say.
 ///
 /// # Errors
 /// Whatever keeps the scene from being generated, read or prepared.
-pub fn open(choice: &SceneChoice, cache: &Path, quiet: bool) -> anyhow::Result<Arc<dyn SceneSource>> {
+pub fn open(
+    choice: &SceneChoice,
+    codec: Option<Codec>,
+    cache: &Path,
+    quiet: bool,
+) -> anyhow::Result<Arc<dyn SceneSource>> {
+    let recipe = Recipe { codec, ..Recipe::default() };
     let options = match choice {
-        SceneChoice::File(file) => return prepare(&scene::read(file)?, Recipe::default(), cache, quiet),
+        SceneChoice::File(file) => return prepare(&scene::read(file)?, recipe, cache, quiet),
         SceneChoice::Model { file, folder, position_bits } => {
             let folder = folder.as_ref().with_context(|| {
                 format!(
@@ -32,7 +39,7 @@ pub fn open(choice: &SceneChoice, cache: &Path, quiet: bool) -> anyhow::Result<A
                 )
             })?;
             let precision = position_bits.map(Precision::Bits);
-            let recipe = Recipe { precision, ..Recipe::default() };
+            let recipe = Recipe { precision, ..recipe };
             return prepare(&Scene::of_models(&[folder.join(file)])?, recipe, cache, quiet);
         }
         // A server refuses to prepare a scene without anything in it; a client must bear one all the same.
@@ -45,7 +52,7 @@ pub fn open(choice: &SceneChoice, cache: &Path, quiet: bool) -> anyhow::Result<A
         eprintln!("generating the demo scene");
     }
     let made = demo_scene::generate(folder.path(), &options)?;
-    prepare(&scene::read(&made.scene)?, Recipe::default(), cache, quiet)
+    prepare(&scene::read(&made.scene)?, recipe, cache, quiet)
 }
 
 fn prepare(scene: &Scene, recipe: Recipe, cache: &Path, quiet: bool) -> anyhow::Result<Arc<dyn SceneSource>> {

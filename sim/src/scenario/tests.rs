@@ -18,7 +18,8 @@ pub(crate) fn small_scene() -> Arc<dyn SceneSource> {
     let open = || {
         let cache = tempfile::tempdir().unwrap();
         // Packs stay open, so the folder may go.
-        let opened: Arc<dyn SceneSource> = scene::open(&SceneChoice::DemoSmall, cache.path(), true).unwrap();
+        let opened: Arc<dyn SceneSource> =
+            scene::open(&SceneChoice::DemoSmall, None, cache.path(), true).unwrap();
         opened
     };
     Arc::clone(SCENE.get_or_init(open))

@@ -11,6 +11,7 @@ use lodestream_protocol::view::View;
 use super::camera_path::{CameraPath, Start};
 use super::ledger::{Ledger, Use};
 use super::pictures::Painter;
+use super::plan::ClientSettings;
 use super::timeline::{Sample, Series, Stalls};
 
 /// Time between two positions of a camera that moves.
@@ -42,7 +43,7 @@ pub(crate) struct Viewer<'a> {
     clock: Clock,
     limit: Time,
     viewport_px: [u32; 2],
-    target_px: f32,
+    client: ClientSettings,
     path: CameraPath,
     phase: Phase,
     rest_quality: [Option<Duration>; QUALITIES_PX.len()],
@@ -59,33 +60,39 @@ pub(crate) struct Viewer<'a> {
 
 impl<'a> Viewer<'a> {
     /// A client that calls connect now.
-    pub(crate) fn new(viewport_px: [u32; 2], target_px: f32, path: CameraPath, time_limit: Duration) -> Self {
-        let start = StartView::OfScene { viewport_px, target_px };
-        Self::starting(start, viewport_px, target_px, path, time_limit, None)
+    pub(crate) fn new(
+        viewport_px: [u32; 2],
+        client: ClientSettings,
+        path: CameraPath,
+        time_limit: Duration,
+    ) -> Self {
+        let start = StartView::OfScene { viewport_px, target_px: client.target_px };
+        Self::starting(start, viewport_px, client, path, time_limit, None)
     }
 
     /// The same, whose pictures are drawn.
     pub(super) fn drawn(
         viewport_px: [u32; 2],
-        target_px: f32,
+        client: ClientSettings,
         path: CameraPath,
         time_limit: Duration,
         painter: Painter<'a>,
     ) -> Self {
-        let start = StartView::OfScene { viewport_px, target_px };
-        Self::starting(start, viewport_px, target_px, path, time_limit, Some(painter))
+        let start = StartView::OfScene { viewport_px, target_px: client.target_px };
+        Self::starting(start, viewport_px, client, path, time_limit, Some(painter))
     }
 
     /// A client whose camera stands still at a pose, and whose pictures are drawn.
     pub(super) fn at_pose(view: View, time_limit: Duration, painter: Painter<'a>) -> Self {
         let (start, path) = (StartView::Given(view), CameraPath::STILL);
-        Self::starting(start, view.viewport_px, view.target_px, path, time_limit, Some(painter))
+        let client = ClientSettings::to(view.target_px);
+        Self::starting(start, view.viewport_px, client, path, time_limit, Some(painter))
     }
 
     fn starting(
         start: StartView,
         viewport_px: [u32; 2],
-        target_px: f32,
+        client: ClientSettings,
         path: CameraPath,
         time_limit: Duration,
         painter: Option<Painter<'a>>,
@@ -96,6 +103,7 @@ impl<'a> Viewer<'a> {
         config.track_changes = painter.is_some();
         config.max_waiting_bytes = usize::MAX;
         config.track_received = true;
+        client.apply(&mut config);
         let mut core = ClientCore::new(config);
         let clock = Clock::start();
         core.begin(clock.now());
@@ -104,7 +112,7 @@ impl<'a> Viewer<'a> {
             clock,
             limit: Time::from(time_limit),
             viewport_px,
-            target_px,
+            client,
             path,
             phase: Phase::Waiting,
             rest_quality: [None; QUALITIES_PX.len()],
@@ -205,7 +213,7 @@ impl<'a> Viewer<'a> {
             return;
         };
         let seconds = now.since(since).as_secs_f64();
-        let view = self.path.camera(&start, seconds).view(self.viewport_px, self.target_px);
+        let view = self.path.camera(&start, seconds).view(self.viewport_px, self.client.target_px);
         // A view that is the same already is selected for already.
         let news = self.core.view() != Some(view);
         self.core.set_view(now, view);

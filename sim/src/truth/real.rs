@@ -40,10 +40,9 @@ pub(super) fn run_case(
 ) -> anyhow::Result<RunResult> {
     let server = Server::start(case, scene)?;
     let relay = Relay::start(case, &server, seed)?;
-    let target_px = plan.ttq_px.iter().copied().fold(f64::INFINITY, f64::min);
     let limit = Duration::from_secs_f64(case.time_limit_s);
     let (viewer, close) = client_runtime()?.block_on(async {
-        let mut viewer = Viewer::new(plan.viewport_px, target_px as f32, case.path, limit);
+        let mut viewer = Viewer::new(plan.viewport_px, plan.client, case.path, limit);
         let close = match case.transport {
             Transport::Quic => over_quic(&relay, &server, limit, &mut viewer).await?,
             Transport::Ws => over_websocket(&relay, limit, &mut viewer).await?,

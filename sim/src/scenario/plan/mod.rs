@@ -4,10 +4,17 @@
 //! scene = "demo"              # "demo", "demo-small", "empty", a scene.toml relative to this file, or a model by
 //!                             # itself: "model:stanford-bunny.obj", from the folder of models (--models)
 //! position_bits = 12          # of models by themselves; without it the default
+//! codec = "range"             # or "zstd": how scenes that are prepared here are coded
 //! viewport_px = [1280, 720]
 //! ttq_px = [1, 4, 16]         # screen errors whose time is reported, of those that the client notes
 //! time_limit_s = 600          # virtual time after which a run is given up
 //! seeds = 1                   # how many (1, 2, 3 …), or which: [3, 14]
+//!
+//! [client]                    # what of the client is not as shipped
+//! target_px = 1               # screen error that is refined to; without it the smallest of ttq_px
+//! request_depth_bytes = 65536 # kept in flight, instead of what rate and round trip need
+//! prefetch_bases = true       # base meshes of what is out of view, last
+//! stops = true                # chunks only up to the stop that suffices
 //!
 //! [link.train]                # a link by name: how it is from server to client,
 //! down = { rate_trace = { file = "train.txt", at_end = "repeat" }, delay_ms = 40, jitter_ms = 20, reorder = true }
@@ -55,6 +62,8 @@
 
 mod axis;
 mod camera;
+mod change;
+mod client;
 mod link;
 mod pictures;
 mod seeds;
@@ -67,6 +76,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use lodestream_client::core::QUALITIES_PX;
+use lodestream_geometry::Codec;
+use lodestream_server::prepare::recipe;
 use serde::{Deserialize, Serialize};
 
 use super::camera_path::CameraPath;
@@ -75,6 +86,8 @@ use crate::baseline::draco::Encoder;
 use crate::baseline::peers::{self, Peer};
 use crate::link::LinkSettings;
 use camera::CameraFile;
+use client::ClientFile;
+pub use client::ClientSettings;
 use link::LinkFile;
 pub use pictures::PictureSettings;
 use pictures::PicturesFile;
@@ -232,9 +245,12 @@ pub struct Plan {
     pub scenes: Vec<PlanScene>,
     /// Size of the picture.
     pub viewport_px: [u32; 2],
-    /// Screen errors whose time is reported, in pixels, as the plan writes them; the smallest is what
-    /// is refined to.
+    /// Screen errors whose time is reported, in pixels, as the plan writes them.
     pub ttq_px: Vec<f64>,
+    /// What the client does.
+    pub client: ClientSettings,
+    /// How scenes that are prepared for the plan are coded; as shipped where `None`.
+    pub codec: Option<Codec>,
     /// The cases.
     pub cases: Vec<Case>,
     /// Peers that are given as data.
@@ -313,6 +329,9 @@ struct PlanFile {
     #[serde(default)]
     seeds: Seeds,
     position_bits: Option<u8>,
+    codec: Option<String>,
+    #[serde(default)]
+    client: ClientFile,
     peers: Option<String>,
     #[serde(default)]
     link: BTreeMap<String, LinkFile>,
@@ -340,6 +359,14 @@ fn default_time_limit() -> f64 {
 /// # Errors
 /// Names the file and the field or line that cannot be used.
 pub fn read(path: &Path) -> Result<Plan, PlanError> {
+    read_with(path, &[])
+}
+
+/// The same with other values for some of its keys, each as `KEY=VALUE` in TOML's words: `client.target_px=4`.
+///
+/// # Errors
+/// As [`read`]; a change that is none is named in place of a field.
+pub fn read_with(path: &Path, changes: &[String]) -> Result<Plan, PlanError> {
     let fail = |field: &str, message: String| PlanError {
         file: path.display().to_string(),
         field: field.to_owned(),
@@ -350,6 +377,13 @@ pub fn read(path: &Path) -> Result<Plan, PlanError> {
         return Err(fail("file", format!("has {length} bytes; a plan has at most {MAX_PLAN_BYTES}")));
     }
     let text = std::fs::read_to_string(path).map_err(|e| fail("file", format!("cannot be read: {e}")))?;
+    if changes.is_empty() {
+        return parse(&text, path);
+    }
+    // What is wrong with the plan as it is written is said of its lines.
+    parse(&text, path)?;
+    let text = change::changed(&text, changes)
+        .map_err(|Fault { field, message }| fail(&format!("--set {field}"), message))?;
     parse(&text, path)
 }
 
@@ -389,6 +423,9 @@ impl PlanFile {
         if let Some(bits) = self.position_bits.filter(|bits| !(8..=24).contains(bits)) {
             return Err(Fault::new("position_bits", format!("{bits} is not a number of bits from 8 to 24")));
         }
+        let codec = self.codec.as_deref().map(recipe::parse_codec).transpose();
+        let codec = codec.map_err(|why| Fault::new("codec", why))?;
+        let client = self.client.check(&self.ttq_px).map_err(|fault| fault.within("client"))?;
         let peers = self.peers.as_ref().map(|file| peers::read(&folder.join(file))).transpose();
         let peers = peers.map_err(|why| Fault::new("peers", why.to_string()))?.unwrap_or_default();
         let mut book = sweep::Book::new(&self, folder)?;
@@ -403,6 +440,8 @@ impl PlanFile {
             scenes,
             viewport_px,
             ttq_px: self.ttq_px,
+            client,
+            codec,
             cases,
             peers: Vec::new(),
             draco: None,

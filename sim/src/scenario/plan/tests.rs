@@ -384,3 +384,62 @@ fn pictures_have_the_shape_of_the_view_and_instants_in_order() {
         assert!(error.field == field && error.message.contains(message), "{pictures}: {error}");
     }
 }
+
+#[test]
+fn the_client_and_the_codec_are_as_shipped_unless_the_plan_says_otherwise() {
+    let plain = parse_at(GOOD).unwrap();
+    assert_eq!((plain.client, plain.codec), (ClientSettings::to(1.0), None));
+    let client =
+        "[client]\ntarget_px = 4\nrequest_depth_bytes = 9000\nprefetch_bases = false\nstops = false\n";
+    let head = "codec = \"zstd\"\nttq_px = [4, 1]\n";
+    let own =
+        parse_at(&format!("{head}{}", GOOD.replace("[[sweep]]", &format!("{client}[[sweep]]")))).unwrap();
+    let expected = ClientSettings {
+        target_px: 4.0,
+        request_depth_bytes: Some(9000),
+        prefetch_bases: false,
+        stops: false,
+    };
+    assert_eq!((own.client, own.codec), (expected, Some(Codec::Plain)));
+    for (text, field, message) in [
+        (client.replace("= 4", "= 0"), "client.target_px", "0 is not a screen error"),
+        (client.replace("9000", "0"), "client.request_depth_bytes", "0 is not a number"),
+        (client.replace("stops", "stop"), "line 6", "unknown field"),
+    ] {
+        let error = parse_at(&GOOD.replace("[[sweep]]", &format!("{text}[[sweep]]"))).unwrap_err();
+        assert!(error.field == field && error.message.contains(message), "{error}");
+    }
+    let error = parse_at(&format!("codec = \"lzw\"\n{GOOD}")).unwrap_err();
+    assert_eq!((error.field.as_str(), error.message.as_str()), ("codec", "range or zstd is needed"));
+}
+
+#[test]
+fn keys_may_be_changed_from_outside() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("plan.toml");
+    std::fs::write(&file, GOOD).unwrap();
+    let with = |changes: &[&str]| {
+        let changes: Vec<String> = changes.iter().map(|&change| change.to_owned()).collect();
+        read_with(&file, &changes)
+    };
+    assert_eq!(with(&[]).unwrap(), parse_at(GOOD).unwrap());
+    let changed =
+        with(&["client.target_px=4", "sweep.seeds = 3", "codec=\"zstd\"", "sweep.loss=[0]"]).unwrap();
+    assert_eq!((changed.client.target_px, changed.codec), (4.0, Some(Codec::Plain)));
+    assert!(changed.cases.iter().all(|case| case.seeds.len() == 3));
+    assert_eq!(changed.cases.len() * 2, parse_at(GOOD).unwrap().cases.len());
+    for (change, message) in [
+        ("speed=3", "unknown field"),
+        ("codec", "KEY=VALUE"),
+        ("codec=zstd", "quotation marks"),
+        ("scene.name=1", "scene is no table"),
+        ("client..x=1", "a key is empty"),
+        ("client.target_px=0", "not a screen error"),
+    ] {
+        let error = with(&[change]).unwrap_err();
+        assert!(
+            error.to_string().contains(message) && !error.to_string().contains('\n'),
+            "{change}: {error}"
+        );
+    }
+}

@@ -11,7 +11,7 @@ use quinn::AsyncUdpSocket;
 use quinn::udp::{RecvMeta, Transmit};
 
 use super::super::camera_path::CameraPath;
-use super::super::plan;
+use super::super::plan::{self, ClientSettings};
 use super::super::report::RunResult;
 use super::super::report::to_json;
 use super::super::run::certificate;
@@ -74,7 +74,7 @@ fn serve(network: &UdpNetwork, config: quinn::ServerConfig) -> Arc<ServerState> 
 }
 
 fn viewer() -> Viewer<'static> {
-    Viewer::new([640, 360], 1.0, CameraPath::STILL, Duration::from_secs(60))
+    Viewer::new([640, 360], ClientSettings::to(1.0), CameraPath::STILL, Duration::from_secs(60))
 }
 
 /// The client's address at another port.

@@ -1,0 +1,71 @@
+//! Settings of the client that a plan may change: `[client]`, checked.
+
+use lodestream_client::core::Config;
+use serde::Deserialize;
+
+use super::Fault;
+
+/// What of the client's settings is not as shipped.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ClientSettings {
+    /// Screen error that is refined to, in pixels.
+    pub target_px: f32,
+    /// Bytes that are kept in flight, instead of what the measured rate and round trip need.
+    pub request_depth_bytes: Option<u64>,
+    /// Whether base meshes of instances out of view are fetched too, last.
+    pub prefetch_bases: bool,
+    /// Whether chunks are fetched only up to the first stop that suffices.
+    pub stops: bool,
+}
+
+impl ClientSettings {
+    /// The settings as shipped, refining to a screen error.
+    #[must_use]
+    pub fn to(target_px: f32) -> Self {
+        Self { target_px, request_depth_bytes: None, prefetch_bases: true, stops: true }
+    }
+
+    /// Changes a configuration accordingly.
+    pub(crate) fn apply(&self, config: &mut Config) {
+        config.select.prefetch_bases = self.prefetch_bases;
+        config.select.stops = self.stops;
+        if let Some(depth) = self.request_depth_bytes {
+            config.session.min_in_flight_bytes = depth;
+            config.session.max_in_flight_bytes = depth;
+        }
+    }
+}
+
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ClientFile {
+    target_px: Option<f64>,
+    request_depth_bytes: Option<u64>,
+    prefetch_bases: Option<bool>,
+    stops: Option<bool>,
+}
+
+impl ClientFile {
+    /// `ttq_px` are the screen errors whose time is reported; without a target, the smallest is it.
+    pub(super) fn check(&self, ttq_px: &[f64]) -> Result<ClientSettings, Fault> {
+        let target_px =
+            self.target_px.unwrap_or_else(|| ttq_px.iter().copied().fold(f64::INFINITY, f64::min));
+        if !(0.01..=1000.0).contains(&target_px) {
+            return Err(Fault::new(
+                "target_px",
+                format!("{target_px} is not a screen error from 0.01 to 1000"),
+            ));
+        }
+        if let Some(depth) = self.request_depth_bytes.filter(|depth| !(1..=1 << 30).contains(depth)) {
+            let message = format!("{depth} is not a number of bytes from 1 to 1 GiB");
+            return Err(Fault::new("request_depth_bytes", message));
+        }
+        let shipped = ClientSettings::to(target_px as f32);
+        Ok(ClientSettings {
+            request_depth_bytes: self.request_depth_bytes,
+            prefetch_bases: self.prefetch_bases.unwrap_or(shipped.prefetch_bases),
+            stops: self.stops.unwrap_or(shipped.stops),
+            ..shipped
+        })
+    }
+}
