@@ -3,6 +3,7 @@
 pub mod assess;
 pub mod baseline;
 pub mod clock;
+pub mod goodput;
 mod html;
 pub mod image_error;
 pub mod link;

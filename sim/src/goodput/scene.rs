@@ -1,0 +1,76 @@
+//! A scene of three kinds of blobs, all of them "chunks" of one asset: bulk, one for the cold start, and urgent ones.
+
+use std::sync::Arc;
+
+use bytes::Bytes;
+use lodestream_protocol::scene::{SceneHeader, ScenePage};
+use lodestream_protocol::source::{SceneSource, SourceError};
+use lodestream_protocol::{BlobId, BlobPart};
+use lodestream_server::daemon::memory_scene::MemoryScene;
+
+/// Length of the blob that the cold start asks for.
+pub(super) const COLD_BYTES: u32 = 1_000_000;
+/// How many urgent blobs there are: two a second for ten seconds.
+pub(super) const URGENT_BLOBS: u32 = 20;
+const URGENT_BYTES: u32 = 8_000;
+/// Length of a bulk blob, that of a large chunk.
+const BULK_BYTES: u32 = 32_000;
+/// Bulk for a quarter of a minute at 16 Mbit/s.
+const BULK_BLOBS: u32 = 1000;
+/// What the server pushes by itself.
+const BASE_BYTES: u32 = 500;
+
+/// Numbers of the chunks, by kind.
+const COLD: u32 = BULK_BLOBS;
+const URGENT: u32 = COLD + 1;
+
+/// All bulk blobs.
+pub(super) fn bulk() -> Vec<BlobId> {
+    (0..BULK_BLOBS).map(|number| BlobId::chunk(0, number)).collect()
+}
+
+/// The blob of the cold start.
+pub(super) fn cold() -> BlobId {
+    BlobId::chunk(0, COLD)
+}
+
+/// An urgent blob, of [`URGENT_BLOBS`].
+pub(super) fn urgent(number: u32) -> BlobId {
+    BlobId::chunk(0, URGENT + number)
+}
+
+/// The scene. Nothing in it can be decoded.
+#[derive(Debug)]
+pub(super) struct BulkScene {
+    scene: MemoryScene,
+}
+
+impl BulkScene {
+    pub(super) fn new() -> Self {
+        Self { scene: MemoryScene::new(1, BASE_BYTES, 0) }
+    }
+}
+
+impl SceneSource for BulkScene {
+    fn header(&self) -> &SceneHeader {
+        self.scene.header()
+    }
+
+    fn page(&self, page: u32) -> Option<Arc<ScenePage>> {
+        self.scene.page(page)
+    }
+
+    fn blob_len(&self, id: &BlobId) -> Option<u32> {
+        match id.part {
+            BlobPart::Chunk(0..COLD) if id.asset == 0 => Some(BULK_BYTES),
+            BlobPart::Chunk(COLD) if id.asset == 0 => Some(COLD_BYTES),
+            BlobPart::Chunk(number) if id.asset == 0 && number < URGENT + URGENT_BLOBS => Some(URGENT_BYTES),
+            _ => self.scene.blob_len(id),
+        }
+    }
+
+    fn read(&self, id: &BlobId) -> Result<Bytes, SourceError> {
+        let length = self.blob_len(id).ok_or(SourceError::NotFound(*id))?;
+        Ok(MemoryScene::contents(id, length))
+    }
+}

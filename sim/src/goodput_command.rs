@@ -1,0 +1,95 @@
+//! `lodestream-sim goodput`: its arguments, and a line for each case.
+
+use std::num::NonZeroU64;
+
+use clap::Args;
+use lodestream_sim::goodput::{Case, measure};
+use lodestream_sim::scenario::plan::Transport;
+
+/// Every value may be a list, divided by commas; a case for each combination, the last changing fastest.
+#[derive(Debug, Args)]
+pub(crate) struct GoodputCommand {
+    /// Transports: quic, ws.
+    #[arg(long, value_delimiter = ',', default_value = "quic,ws", value_parser = transport)]
+    transport: Vec<Transport>,
+    /// Rates of the link, in both directions.
+    #[arg(long, value_delimiter = ',', default_value = "2000000,8000000,16000000", value_parser = rate)]
+    rate_bits_per_s: Vec<NonZeroU64>,
+    /// Round trips without queueing.
+    #[arg(long, value_delimiter = ',', default_value = "50", value_parser = clap::value_parser!(u64).range(..=10_000))]
+    rtt_ms: Vec<u64>,
+    /// Lengths of the link's queue.
+    #[arg(long, value_delimiter = ',', default_value = "65536", value_parser = clap::value_parser!(u64).range(1500..=1 << 30))]
+    queue_bytes: Vec<u64>,
+    /// The server's limits, as shares of the rate from 0.01 to 100, or off.
+    #[arg(long, value_delimiter = ',', default_value = "off", value_parser = limiter_share)]
+    limiter_share: Vec<LimiterShare>,
+    /// Prints JSON instead of text.
+    #[arg(long)]
+    json: bool,
+}
+
+/// A limit as a share of the rate; `None` for none.
+#[derive(Clone, Copy, Debug)]
+struct LimiterShare(Option<f64>);
+
+fn transport(text: &str) -> Result<Transport, String> {
+    match text {
+        "quic" => Ok(Transport::Quic),
+        "ws" => Ok(Transport::Ws),
+        _ => Err("quic or ws is needed".to_owned()),
+    }
+}
+
+/// From a rate at which a million bytes come within the time limit, to one whose ten seconds can be simulated.
+fn rate(text: &str) -> Result<NonZeroU64, String> {
+    match text.parse::<NonZeroU64>() {
+        Ok(rate) if (64_000..=20_000_000).contains(&rate.get()) => Ok(rate),
+        _ => Err("a rate from 64000 to 20000000 bit/s is needed".to_owned()),
+    }
+}
+
+fn limiter_share(text: &str) -> Result<LimiterShare, String> {
+    match text.parse::<f64>() {
+        _ if text == "off" => Ok(LimiterShare(None)),
+        Ok(share) if (0.01..=100.0).contains(&share) => Ok(LimiterShare(Some(share))),
+        _ => Err("off or a share from 0.01 to 100 is needed".to_owned()),
+    }
+}
+
+impl GoodputCommand {
+    fn cases(&self) -> Vec<Case> {
+        let mut cases = Vec::new();
+        for &transport in &self.transport {
+            for &rate_bits_per_s in &self.rate_bits_per_s {
+                for &rtt_ms in &self.rtt_ms {
+                    for &queue_bytes in &self.queue_bytes {
+                        cases.extend(self.limiter_share.iter().map(|&LimiterShare(limiter_share)| Case {
+                            transport,
+                            rate_bits_per_s,
+                            rtt_ms,
+                            queue_bytes,
+                            limiter_share,
+                        }));
+                    }
+                }
+            }
+        }
+        cases
+    }
+
+    pub(crate) fn run(&self) -> anyhow::Result<()> {
+        let mut all = Vec::new();
+        for case in self.cases() {
+            let found = measure(&case)?;
+            if !self.json {
+                println!("{found}");
+            }
+            all.push(found);
+        }
+        if self.json {
+            println!("{}", serde_json::to_string(&all)?);
+        }
+        Ok(())
+    }
+}
