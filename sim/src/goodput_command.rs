@@ -33,7 +33,7 @@ pub(crate) struct GoodputCommand {
 #[derive(Clone, Copy, Debug)]
 struct LimiterShare(Option<f64>);
 
-fn transport(text: &str) -> Result<Transport, String> {
+pub(crate) fn transport(text: &str) -> Result<Transport, String> {
     match text {
         "quic" => Ok(Transport::Quic),
         "ws" => Ok(Transport::Ws),

@@ -1,12 +1,14 @@
 //! Links and clocks in virtual time, scenarios, reports, mesh comparison.
 
 pub mod assess;
+mod bare_client;
 pub mod baseline;
 pub mod clock;
 pub mod goodput;
 mod html;
 pub mod image_error;
 pub mod link;
+pub mod load;
 pub mod measure;
 pub mod reproduce;
 pub mod scenario;

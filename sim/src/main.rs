@@ -3,6 +3,7 @@
 //! Exit codes: 0 done, 1 figures differ from those committed, 2 bad input (one line says what, where and what to do).
 
 mod goodput_command;
+mod load_command;
 mod progress;
 
 use std::num::{NonZeroU32, NonZeroUsize};
@@ -116,6 +117,9 @@ enum Command {
     /// Measures how much of a link the server fills, and how long an urgent blob of 8,000 bytes waits behind bulk, in
     /// virtual time.
     Goodput(goodput_command::GoodputCommand),
+    /// Measures what a server's sessions cost it: memory and processor time of a process of its own, in real time on
+    /// loopback. Needs Linux.
+    Load(load_command::LoadCommand),
     /// Streams scenes over simulated links in virtual time.
     Run {
         /// The plan (TOML).
@@ -231,6 +235,7 @@ fn main() -> ExitCode {
         Command::Measure { a, b, samples, seed, json } => run_measure(&a, &b, samples, seed, json),
         Command::SeedTable { json } => run_seed_table(json),
         Command::Goodput(command) => command.run(),
+        Command::Load(command) => command.run(),
         Command::Run { plan, seed, set, output, threads, cache, models, peers, draco_encoder, quiet } => {
             let beside = Beside { models, peers, draco_encoder };
             run_plan((&plan, &set), seed, &output, threads, cache, &beside, quiet)

@@ -236,6 +236,8 @@ fn blank(plan: &Plan, case: &Case, seed: u64, why: &str) -> RunResult {
         ended_ms: None,
         rest_ms: None,
         rest_ttq_ms: BTreeMap::new(),
+        assets: None,
+        instances: None,
         applied_faces: None,
         stalls: 0,
         stalled_ms: 0.0,

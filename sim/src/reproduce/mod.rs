@@ -9,6 +9,7 @@
 //! Commands run one after the other in processes of their own, as a reader would run them.
 
 mod compare;
+mod fit;
 mod page;
 mod rows;
 mod section;

@@ -52,10 +52,8 @@ fn one(section: &Section, rows: &Rows, outcome: &Outcome) -> anyhow::Result<Stri
         );
     }
     page += &format!("<p>{}</p>\n", verdict(section, outcome));
-    for table in &section.tables {
-        let headings: Vec<String> = table.columns.iter().map(|[heading, _]| heading.clone()).collect();
-        let texts = if headings.is_empty() { 0 } else { 1 };
-        page += &html::table(texts, &headings, &table::lines(table, rows)?, marked);
+    for table in table::shown(section, rows)? {
+        page += &html::table(1, &table.headings, &table.lines, marked);
     }
     let mut commands = String::new();
     for command in &section.commands {

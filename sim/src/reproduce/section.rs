@@ -25,6 +25,10 @@
 //! # only = { scene = "demo" }     # leaves out rows with other values in these columns
 //! # by = ["transport"]            # rows with equal values in these columns share a line,
 //! # across = "rate_bits_per_s"    # on which {ttff_ms@2000000} is the figure of the row with that value here
+//!
+//! [[section.fit]]                 # a table of exponents: how a figure grows with another (fit.rs)
+//! id = "growth"
+//! lines = [{ what = "bytes, QUIC", x = "instances", y = "total_bytes", only = { transport = "quic" } }]
 //! ```
 
 use std::collections::BTreeMap;
@@ -61,6 +65,9 @@ pub struct Section {
     /// How the document shows it.
     #[serde(default, rename = "table")]
     pub tables: Vec<Table>,
+    /// How figures grow.
+    #[serde(default, rename = "fit")]
+    pub fits: Vec<Fit>,
 }
 
 /// A knob: speed for accuracy.
@@ -106,6 +113,31 @@ pub struct Table {
     pub by: Vec<String>,
     /// The column in which rows of a line differ.
     pub across: Option<String>,
+}
+
+/// A table of exponents.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Fit {
+    /// Its mark.
+    pub id: String,
+    /// What is fitted.
+    pub lines: Vec<FitLine>,
+}
+
+/// A power law through some rows.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FitLine {
+    /// For people.
+    pub what: String,
+    /// The figure on which it depends; products and quotients as in cells.
+    pub x: String,
+    /// The figure.
+    pub y: String,
+    /// Values that a row must have to count, by column.
+    #[serde(default)]
+    pub only: BTreeMap<String, String>,
 }
 
 #[derive(Deserialize)]

@@ -8,19 +8,21 @@
 //! A table may show some rows only, and rows that differ in one column (`across`) may stand on one line: there
 //! `{column@value}` is the figure of the row in which that column has this value.
 
+use std::collections::BTreeMap;
+
 use anyhow::Context as _;
 
 use super::Rows;
-use super::section::{Section, Table};
+use super::fit;
+use super::section::{Fit, Section, Table};
 
 /// The document with the section's tables written anew.
 ///
 /// # Errors
 /// Tables without a mark in the document, and templates that name no column.
 pub(crate) fn update(document: &str, section: &Section, rows: &Rows) -> anyhow::Result<String> {
-    section.tables.iter().try_fold(document.to_owned(), |document, table| {
-        let [start, end] = place(&document, table)?;
-        let text = markdown(table, rows).with_context(|| format!("table {}", table.id))?;
+    all(section, rows)?.into_iter().try_fold(document.to_owned(), |document, (id, text)| {
+        let [start, end] = place(&document, id)?;
         Ok(format!("{}{text}{}", &document[..start], &document[end..]))
     })
 }
@@ -31,39 +33,71 @@ pub(crate) fn update(document: &str, section: &Section, rows: &Rows) -> anyhow::
 /// As [`update`].
 pub(crate) fn stale(document: &str, section: &Section, rows: &Rows) -> anyhow::Result<Vec<String>> {
     let mut stale = Vec::new();
-    for table in &section.tables {
-        let [start, end] = place(document, table)?;
-        if document[start..end] != markdown(table, rows).with_context(|| format!("table {}", table.id))? {
-            stale.push(table.id.clone());
+    for (id, text) in all(section, rows)? {
+        let [start, end] = place(document, id)?;
+        if document[start..end] != text {
+            stale.push(id.to_owned());
         }
     }
     Ok(stale)
 }
 
+/// The section's tables by their marks, those of exponents last.
+fn all<'a>(section: &'a Section, rows: &Rows) -> anyhow::Result<Vec<(&'a str, String)>> {
+    let shown = shown(section, rows)?;
+    Ok(shown.into_iter().map(|shown| (shown.id, markdown(&shown))).collect())
+}
+
+/// A table as it is shown.
+pub(crate) struct Shown<'a> {
+    pub(crate) id: &'a str,
+    pub(crate) headings: Vec<String>,
+    pub(crate) lines: Vec<Vec<String>>,
+}
+
+/// The section's tables.
+///
+/// # Errors
+/// Templates, conditions and fits that name no column.
+pub(crate) fn shown<'a>(section: &'a Section, rows: &Rows) -> anyhow::Result<Vec<Shown<'a>>> {
+    let context = |id: &str| format!("table {id}");
+    let table = |table: &'a Table| {
+        let headings = table.columns.iter().map(|[heading, _]| heading.clone()).collect();
+        let lines = lines(table, rows).with_context(|| context(&table.id))?;
+        Ok(Shown { id: &table.id, headings, lines })
+    };
+    let fit = |fit: &'a Fit| {
+        let lines = fit.lines.iter().map(|line| fit::line(line, rows));
+        let lines = lines.collect::<anyhow::Result<_>>().with_context(|| context(&fit.id))?;
+        Ok(Shown { id: &fit.id, headings: fit::HEADINGS.map(str::to_owned).to_vec(), lines })
+    };
+    section.tables.iter().map(table).chain(section.fits.iter().map(fit)).collect()
+}
+
 /// Where a table begins and ends.
-fn place(document: &str, table: &Table) -> anyhow::Result<[usize; 2]> {
-    let mark = format!("<!-- table: {} -->\n", table.id);
+fn place(document: &str, id: &str) -> anyhow::Result<[usize; 2]> {
+    let mark = format!("<!-- table: {id} -->\n");
     let start = document.find(&mark).with_context(|| format!("there is no line {}", mark.trim_end()))?;
     let start = start + mark.len();
     let rows = document[start..].split_inclusive('\n').take_while(|line| line.starts_with('|'));
     Ok([start, start + rows.map(str::len).sum::<usize>()])
 }
 
-fn markdown(table: &Table, rows: &Rows) -> anyhow::Result<String> {
-    let line = |cells: Vec<String>| format!("| {} |\n", cells.join(" | "));
-    let mut text = line(table.columns.iter().map(|[heading, _]| heading.clone()).collect());
-    text += &format!("|{}\n", "---|".repeat(table.columns.len()));
-    for cells in lines(table, rows)? {
+fn markdown(table: &Shown<'_>) -> String {
+    let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
+    let mut text = line(&table.headings);
+    text += &format!("|{}\n", "---|".repeat(table.headings.len()));
+    for cells in &table.lines {
         text += &line(cells);
     }
-    Ok(text)
+    text
 }
 
 /// The cells of a table's lines, without its headings.
 ///
 /// # Errors
 /// Templates and conditions that name no column.
-pub(crate) fn lines(table: &Table, rows: &Rows) -> anyhow::Result<Vec<Vec<String>>> {
+fn lines(table: &Table, rows: &Rows) -> anyhow::Result<Vec<Vec<String>>> {
     let across = table.across.as_ref().map(|name| rows.place(name)).transpose()?;
     let of_line = |group: &Vec<&[String]>| {
         let group = Group { rows, across, line: group };
@@ -74,11 +108,9 @@ pub(crate) fn lines(table: &Table, rows: &Rows) -> anyhow::Result<Vec<Vec<String
 
 /// The rows that a table shows, those that share a line together.
 fn groups<'a>(table: &Table, rows: &'a Rows) -> anyhow::Result<Vec<Vec<&'a [String]>>> {
-    let conditions = table.only.iter().map(|(name, value)| Ok((rows.place(name)?, value)));
-    let conditions: Vec<(usize, &String)> = conditions.collect::<anyhow::Result<_>>()?;
     let by = table.by.iter().map(|name| rows.place(name)).collect::<anyhow::Result<Vec<usize>>>()?;
     let mut groups: Vec<Vec<&[String]>> = Vec::new();
-    for row in rows.rows.iter().filter(|row| conditions.iter().all(|(c, value)| row[*c] == **value)) {
+    for row in only(&table.only, rows)? {
         let alike = |group: &&mut Vec<&[String]>| by.iter().all(|&c| group[0][c] == row[c]);
         match groups.iter_mut().find(alike).filter(|_| table.across.is_some()) {
             Some(group) => group.push(row),
@@ -86,6 +118,22 @@ fn groups<'a>(table: &Table, rows: &'a Rows) -> anyhow::Result<Vec<Vec<&'a [Stri
         }
     }
     Ok(groups)
+}
+
+/// The rows that have some values.
+pub(super) fn only<'a>(
+    conditions: &BTreeMap<String, String>,
+    rows: &'a Rows,
+) -> anyhow::Result<Vec<&'a [String]>> {
+    let places = conditions.iter().map(|(name, value)| Ok((rows.place(name)?, value)));
+    let places: Vec<(usize, &String)> = places.collect::<anyhow::Result<_>>()?;
+    let has = |row: &&[String]| places.iter().all(|(c, value)| row[*c] == **value);
+    Ok(rows.rows.iter().map(Vec::as_slice).filter(has).collect())
+}
+
+/// Products and quotients of a row's figures and numbers.
+pub(super) fn of_row(expression: &str, rows: &Rows, row: &[String]) -> anyhow::Result<Option<f64>> {
+    value(expression, &Group { rows, across: None, line: &[row] })
 }
 
 /// The rows behind a line.

@@ -80,6 +80,8 @@ pub(super) fn of_runs(results: &[RunResult]) -> String {
         for px in QUALITIES_PX.map(error_name) {
             line.add_some(format!("rest_ttq_{px}_ms"), run.rest_ttq_ms.get(&px).copied().flatten());
         }
+        line.add_some("assets", run.assets);
+        line.add_some("instances", run.instances);
         line.add_some("applied_faces", run.applied_faces);
         line.add("stalls", run.stalls);
         line.add("stalled_ms", run.stalled_ms);

@@ -4,6 +4,7 @@ pub mod camera_path;
 mod csv;
 #[cfg(test)]
 mod extremes;
+pub mod field;
 pub mod ledger;
 pub(crate) mod outcome;
 mod page;

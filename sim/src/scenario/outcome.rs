@@ -26,6 +26,8 @@ pub(crate) fn result(
 ) -> RunResult {
     let (settled, gave_up) = (viewer.settled(), viewer.gave_up());
     let stats = viewer.core().stats();
+    let counts = viewer.core().scene().map(|header| (header.asset_count, header.instance_count));
+    let (assets, instances) = counts.unzip();
     let ms = |after: Duration| milliseconds(u64::try_from(after.as_nanos()).unwrap_or(u64::MAX));
     let time = |m: Option<Milestone>| m.map(|m| ms(m.after));
     let bytes = |m: Option<Milestone>| m.map(|m| m.bytes);
@@ -65,6 +67,8 @@ pub(crate) fn result(
         } else {
             std::collections::BTreeMap::new()
         },
+        assets,
+        instances,
         applied_faces: Some(stats.counters.applied_faces),
         stalls,
         stalled_ms: milliseconds(stalled_ns),

@@ -70,6 +70,10 @@ pub struct RunResult {
     pub stalls: u32,
     /// How long they lasted together.
     pub stalled_ms: f64,
+    /// Distinct assets of the scene; `None` where the client never heard of it, and for baselines.
+    pub assets: Option<u32>,
+    /// Its instances.
+    pub instances: Option<u32>,
     /// Faces of the chunks that were applied at the end; `None` for baselines, which have no chunks.
     pub applied_faces: Option<u64>,
     /// What of the chunks received was of use.

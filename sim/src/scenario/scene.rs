@@ -44,6 +44,10 @@ pub fn open(
         }
         // A server refuses to prepare a scene without anything in it; a client must bear one all the same.
         SceneChoice::Empty => return Ok(Arc::new(MemoryScene::new(0, 0, 0))),
+        SceneChoice::Field(field) => {
+            let folder = tempfile::tempdir().context("no folder for the scene")?;
+            return prepare(&field.generate(folder.path())?, recipe, cache, quiet);
+        }
         SceneChoice::Demo => demo_scene::Options::full(DEMO_SEED),
         SceneChoice::DemoSmall => demo_scene::Options::small(DEMO_SEED),
     };

@@ -1,8 +1,9 @@
 //! Plans: which scenes are streamed over which links, along which camera paths, as TOML.
 //!
 //! ```toml
-//! scene = "demo"              # "demo", "demo-small", "empty", a scene.toml relative to this file, or a model by
-//!                             # itself: "model:stanford-bunny.obj", from the folder of models (--models)
+//! scene = "demo"              # "demo", "demo-small", "empty", a scene.toml relative to this file, a model by
+//!                             # itself: "model:stanford-bunny.obj", from the folder of models (--models), or a
+//!                             # field of boulders: "field:assets=10,faces=10000,instances=1000"
 //! position_bits = 12          # of models by themselves; without it the default
 //! codec = "range"             # or "zstd": how scenes that are prepared here are coded
 //! viewport_px = [1280, 720]
@@ -81,6 +82,7 @@ use lodestream_server::prepare::recipe;
 use serde::{Deserialize, Serialize};
 
 use super::camera_path::CameraPath;
+use super::field::Field;
 use crate::baseline::Technique;
 use crate::baseline::draco::Encoder;
 use crate::baseline::peers::{self, Peer};
@@ -160,6 +162,8 @@ pub enum SceneChoice {
     Empty,
     /// A scene file.
     File(PathBuf),
+    /// A scene of a given size.
+    Field(Field),
     /// A model by itself.
     Model {
         /// Its file, within the folder of models.
@@ -352,6 +356,22 @@ fn default_ttq() -> Vec<f64> {
 
 fn default_time_limit() -> f64 {
     600.0
+}
+
+/// A scene as plans name it; files are relative to the current folder.
+///
+/// # Errors
+/// What is no name of a scene; models by themselves, which need a plan.
+pub fn scene_choice(name: &str) -> Result<SceneChoice, PlanError> {
+    let fail = |message: &str| PlanError {
+        file: "the command line".to_owned(),
+        field: "scene".to_owned(),
+        message: format!("{name:?} {message}"),
+    };
+    match sweep::scene_choice(name, Path::new(""), None).map_err(fail)? {
+        SceneChoice::Model { .. } => Err(fail("is a model; name a scene")),
+        choice => Ok(choice),
+    }
 }
 
 /// Reads a plan, and the traces that it names.

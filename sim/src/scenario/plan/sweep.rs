@@ -14,12 +14,16 @@ use super::{Case, CaseLink, Fault, MAX_RUNS, PlanFile, PlanScene, SceneChoice, T
 use crate::baseline::Technique;
 use crate::link::{IP_UDP_BYTES, LinkSettings, Loss};
 use crate::scenario::camera_path::CameraPath;
+use crate::scenario::field::Field;
 
 /// Smallest packets that QUIC can be spoken in: its datagrams of 1,200 bytes (RFC 9000, §14) and headers.
 const MIN_QUIC_MTU_BYTES: u32 = 1200 + IP_UDP_BYTES;
 
 /// What the name of a scene begins with that is a model by itself.
 const MODEL: &str = "model:";
+
+/// What the name of a scene of a given size begins with.
+const FIELD: &str = "field:";
 
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -111,22 +115,7 @@ impl<'a> Book<'a> {
         if let Some(known) = self.scenes.iter().position(|scene| scene.name == name) {
             return Ok(known);
         }
-        let choice = match name {
-            "" => return Err("is empty; name \"demo\", \"demo-small\", \"empty\" or a scene.toml"),
-            "demo" => SceneChoice::Demo,
-            "demo-small" => SceneChoice::DemoSmall,
-            "empty" => SceneChoice::Empty,
-            model if model.starts_with(MODEL) => {
-                let file = &model[MODEL.len()..];
-                if file.is_empty() || !Path::new(file).components().all(|c| matches!(c, Component::Normal(_)))
-                {
-                    return Err("names no file within the folder of models, as \"model:bunny.obj\" does");
-                }
-                let position_bits = self.position_bits;
-                SceneChoice::Model { file: file.to_owned(), folder: None, position_bits }
-            }
-            other => SceneChoice::File(self.folder.join(other)),
-        };
+        let choice = scene_choice(name, self.folder, self.position_bits)?;
         self.scenes.push(PlanScene { name: name.to_owned(), choice });
         Ok(self.scenes.len() - 1)
     }
@@ -334,6 +323,30 @@ impl Sweep {
             (None, rate) => Ok(rate),
         }
     }
+}
+
+/// A scene as plans name it, its file relative to a folder.
+pub(super) fn scene_choice(
+    name: &str,
+    folder: &Path,
+    position_bits: Option<u8>,
+) -> Result<SceneChoice, &'static str> {
+    let choice = match name {
+        "" => return Err("is empty; name \"demo\", \"demo-small\", \"empty\" or a scene.toml"),
+        "demo" => SceneChoice::Demo,
+        "demo-small" => SceneChoice::DemoSmall,
+        "empty" => SceneChoice::Empty,
+        model if model.starts_with(MODEL) => {
+            let file = &model[MODEL.len()..];
+            if file.is_empty() || !Path::new(file).components().all(|c| matches!(c, Component::Normal(_))) {
+                return Err("names no file within the folder of models, as \"model:bunny.obj\" does");
+            }
+            SceneChoice::Model { file: file.to_owned(), folder: None, position_bits }
+        }
+        field if field.starts_with(FIELD) => SceneChoice::Field(Field::parse(&field[FIELD.len()..])?),
+        other => SceneChoice::File(folder.join(other)),
+    };
+    Ok(choice)
 }
 
 /// The values of an axis, or the default where it is not given.

@@ -129,6 +129,7 @@ fn errors_name_file_and_field() {
         (&format!("ttq_px = [1, 0]\n{GOOD}"), "ttq_px[1]", "0 is not"),
         (&format!("viewport_px = [640, 0]\n{GOOD}"), "viewport_px[1]", "0 is not"),
         (&format!("time_limit_s = -1\n{GOOD}"), "time_limit_s", "-1 is not"),
+        (&GOOD.replace("demo", "field:assets=1"), "scene", "is no field"),
         (&format!("position_bits = 40\n{GOOD}"), "position_bits", "40 is not"),
         (&format!("peers = \"no.json\"\n{GOOD}"), "peers", "cannot be read"),
         (&format!("{GOOD}technique = []\n"), "sweep[0].technique", "is empty"),

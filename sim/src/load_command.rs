@@ -1,0 +1,65 @@
+//! `lodestream-sim load`: its arguments, and a line for each case.
+
+use std::path::PathBuf;
+
+use anyhow::Context as _;
+use clap::Args;
+use lodestream_sim::load::{Case, measure, serve};
+use lodestream_sim::scenario::plan::{self, Transport};
+use lodestream_sim::scenario::scene;
+
+/// Numbers may be lists, divided by commas; a case for each combination.
+#[derive(Debug, Args)]
+pub(crate) struct LoadCommand {
+    /// The scene, as plans name it: "demo", "field:assets=100,faces=10000,instances=1000" …
+    scene: String,
+    /// Transports: quic, ws.
+    #[arg(long, value_delimiter = ',', default_value = "quic,ws", value_parser = super::goodput_command::transport)]
+    transport: Vec<Transport>,
+    /// Clients at once.
+    #[arg(long, value_delimiter = ',', default_value = "1,10,100,500", value_parser = clap::value_parser!(u32).range(1..=900))]
+    clients: Vec<u32>,
+    /// The server's limit for each client.
+    #[arg(long, default_value_t = 2_000_000, value_parser = clap::value_parser!(u64).range(1000..=1_000_000_000))]
+    rate_bits_per_s: u64,
+    /// How long is counted, after two seconds in which clients connect.
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=600))]
+    seconds: u32,
+    /// Folder of prepared packs [default: $XDG_CACHE_HOME/lodestream or ~/.cache/lodestream].
+    #[arg(long, env = "LODESTREAM_CACHE", value_name = "DIR")]
+    cache: Option<PathBuf>,
+    /// Prints JSON instead of text.
+    #[arg(long)]
+    json: bool,
+    /// Serves the scene until standard input ends: what the measured process does.
+    #[arg(long, hide = true)]
+    serve: bool,
+}
+
+impl LoadCommand {
+    pub(crate) fn run(&self) -> anyhow::Result<()> {
+        let cache = self.cache.clone().or_else(lodestream_server::prepare::cache::default_folder);
+        let cache = cache.context("no cache folder is known; name one with --cache DIR")?;
+        let choice = plan::scene_choice(&self.scene)?;
+        let source = scene::open(&choice, None, &cache, true)?;
+        if self.serve {
+            return serve(source, self.rate_bits_per_s);
+        }
+        let mut all = Vec::new();
+        for &transport in &self.transport {
+            for &clients in &self.clients {
+                let Self { rate_bits_per_s, seconds, .. } = *self;
+                let case = Case { transport, clients, rate_bits_per_s, seconds };
+                let found = measure(&self.scene, &source, self.cache.as_deref(), &case)?;
+                if !self.json {
+                    println!("{found}");
+                }
+                all.push(found);
+            }
+        }
+        if self.json {
+            println!("{}", serde_json::to_string(&all)?);
+        }
+        Ok(())
+    }
+}
