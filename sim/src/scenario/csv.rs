@@ -85,6 +85,7 @@ pub(super) fn of_runs(results: &[RunResult]) -> String {
         line.add_some("applied_faces", run.applied_faces);
         line.add("stalls", run.stalls);
         line.add("stalled_ms", run.stalled_ms);
+        line.add("blobs", run.usage.blobs);
         line.add("chunk_bytes", run.usage.chunk_bytes);
         line.add("wasted_bytes", run.usage.wasted_bytes);
         line.add("finer_bytes", run.usage.finer_bytes);

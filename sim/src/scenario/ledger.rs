@@ -10,6 +10,8 @@ use serde::Serialize;
 /// Payload bytes that were of no use, or of use again.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Use {
+    /// Blobs of all kinds of which something was received.
+    pub blobs: u64,
     /// Chunk bytes received.
     pub chunk_bytes: u64,
     /// Of these, bytes of chunks that no selection of the run wanted. A selection wants the ancestors of
@@ -83,6 +85,7 @@ impl Ledger {
 
     fn reckon(&self, received: &BTreeMap<BlobId, Received>, blob_bytes: u64) -> Use {
         let mut found = Use { cache_hits: self.hits, cache_misses: self.misses, ..Use::default() };
+        found.blobs = received.len() as u64;
         found.unfinished_bytes = blob_bytes.saturating_sub(received.values().map(|came| came.bytes).sum());
         for (id, came) in received.iter().filter(|(id, _)| matches!(id.part, BlobPart::Chunk(_))) {
             let Received { bytes, used_bytes } = *came;
@@ -133,6 +136,7 @@ mod tests {
         ]
         .into();
         let expected = Use {
+            blobs: 4,
             chunk_bytes: 260,
             wasted_bytes: 70,
             finer_bytes: 20,
