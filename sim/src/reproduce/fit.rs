@@ -5,10 +5,10 @@ use super::section::FitLine;
 use super::table;
 
 /// Of a table of exponents.
-pub(super) const HEADINGS: [&str; 5] = ["what", "from", "to", "exponent", "off by at most"];
+pub(super) const HEADINGS: [&str; 6] = ["what", "from", "to", "exponent", "off by at most", "last exponent"];
 
-/// A line: the figure, its first and last point, the exponent by least squares in logarithms, and the largest factor
-/// between a point and the law.
+/// A line: the figure, its first and last point, the exponent by least squares in logarithms, the largest factor between
+/// a point and the law, and the exponent between the last two points: what grows from a floor bends upwards.
 ///
 /// # Errors
 /// What names no column.
@@ -32,7 +32,9 @@ pub(super) fn line(fit: &FitLine, rows: &Rows) -> anyhow::Result<Vec<String>> {
         Some((exponent, off)) => (format!("{exponent:.2}"), format!("{off:.2} ×")),
         None => (dash(), dash()),
     };
-    Ok(vec![fit.what.clone(), point(points.first()), point(points.last()), exponent, off])
+    let last = power(&points[points.len().saturating_sub(2)..]);
+    let last = last.map_or_else(dash, |(exponent, _)| format!("{exponent:.2}"));
+    Ok(vec![fit.what.clone(), point(points.first()), point(points.last()), exponent, off, last])
 }
 
 /// Three digits.
@@ -82,7 +84,7 @@ mod tests {
         let rows = Rows::from_csv(rows).unwrap();
         let only = [("kind".to_owned(), "a".to_owned())].into();
         let fit = FitLine { what: "w".to_owned(), x: "n".to_owned(), y: "bytes/1000".to_owned(), only };
-        assert_eq!(line(&fit, &rows).unwrap(), ["w", "0.4 at 1", "40 at 100", "1.00", "1.00 ×"]);
+        assert_eq!(line(&fit, &rows).unwrap(), ["w", "0.4 at 1", "40 at 100", "1.00", "1.00 ×", "1.00"]);
         assert!(line(&FitLine { y: "size".to_owned(), ..fit }, &rows).is_err());
     }
 
