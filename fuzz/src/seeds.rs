@@ -270,6 +270,7 @@ fn messages() -> Vec<(String, Vec<u8>)> {
         page_count: 1,
         light: Light { direction: [0.0, -1.0, 0.0], color: [1.0; 3], ambient: [0.1; 3] },
         background: [0.5; 3],
+        terrain: None,
         camera,
     };
     let turned =

@@ -9,6 +9,7 @@
 //! |---|---|
 //! | [`blob`] | names of the things that are sent: base meshes, index pages, chunks, texture levels |
 //! | [`scene`] | the scene description, paged, and the description of one asset |
+//! | [`terrain`] | what a scene says of its terrain |
 //! | [`view`] | the camera that everything is judged by |
 //! | [`select`] | which blobs a view wants, in which order, and which applied chunks it can do without |
 //! | [`message`], [`frame`], [`limits`] | control messages, their bytes, and the bounds on both |
@@ -29,6 +30,7 @@ pub mod select;
 pub mod server;
 pub mod source;
 pub mod stream;
+pub mod terrain;
 pub mod time;
 pub mod view;
 

@@ -8,7 +8,7 @@ use crate::scene::{Fingerprint, SceneHeader, ScenePage};
 use crate::view::View;
 
 /// Versions of the protocol that this crate speaks.
-pub const VERSIONS: std::ops::RangeInclusive<u16> = 2..=2;
+pub const VERSIONS: std::ops::RangeInclusive<u16> = 3..=3;
 
 /// From client to server.
 #[derive(Clone, Debug, PartialEq)]

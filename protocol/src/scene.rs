@@ -16,6 +16,7 @@ use crate::limits::{
     MAX_ASSETS, MAX_BLOB_BYTES, MAX_CHUNKS, MAX_ENTRIES_PER_PAGE, MAX_INSTANCES, MAX_NAME_BYTES,
     MAX_SCENE_PAGES,
 };
+use crate::terrain::TerrainEntry;
 use crate::view::View;
 
 /// First 16 bytes of a BLAKE3 hash: enough to name contents, short enough for the first flight.
@@ -38,6 +39,8 @@ pub struct SceneHeader {
     pub light: Light,
     /// Linear red, green, blue of what no surface covers.
     pub background: [f32; 3],
+    /// The ground, if the scene has one.
+    pub terrain: Option<Box<TerrainEntry>>,
     /// Where a viewer starts.
     pub camera: Camera,
 }
@@ -264,6 +267,7 @@ impl SceneHeader {
             "a light is not finite",
         )?;
         ensure(finite32(&self.background), "the background is not finite")?;
+        self.terrain.as_ref().map_or(Ok(()), |terrain| terrain.check())?;
         ensure(finite32(&self.camera.up), "the start camera's up is not finite")?;
         ensure(self.camera.target.iter().all(|x| x.is_finite()), "the start camera's target is not finite")?;
         self.camera.view([1, 1], 1.0).check()

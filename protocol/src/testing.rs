@@ -116,6 +116,7 @@ impl MemoryScene {
             page_count: pages.len() as u32,
             light: Light { direction: [0.0, 1.0, 0.0], color: [1.0; 3], ambient: [0.1; 3] },
             background: [0.0; 3],
+            terrain: None,
             camera: Camera { eye: [0.0, 1.0, 4.0], target: [0.0, 0.0, 0.0], up: [0.0, 1.0, 0.0], fov_y: 0.9 },
         };
         header.check().unwrap();

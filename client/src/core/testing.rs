@@ -155,6 +155,7 @@ impl Hills {
                 page_count: 1,
                 light: Light { direction: [0.0, 1.0, 0.0], color: [1.0; 3], ambient: [0.2; 3] },
                 background: [0.1; 3],
+                terrain: None,
                 camera: Camera { eye: [0.0, 2.0, 3.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov_y: 0.9 },
             },
             page: Arc::new(ScenePage {

@@ -24,7 +24,7 @@ fn session(scene: &Arc<MemoryScene>, config: ServerConfig) -> ServerSession {
 fn hello(scene: &SceneHeader) -> Hello {
     Hello {
         version_min: 1,
-        version_max: 2,
+        version_max: *crate::message::VERSIONS.end(),
         scene: String::new(),
         view: Some(scene.camera.view([1280, 720], 1.0)),
         max_blob_bytes: 1 << 20,

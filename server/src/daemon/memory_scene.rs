@@ -54,6 +54,7 @@ impl MemoryScene {
             page_count: 1,
             light: Light { direction: [0.0, 1.0, 0.0], color: [1.0; 3], ambient: [0.1; 3] },
             background: [0.0; 3],
+            terrain: None,
             camera: Camera {
                 eye: [0.0, 0.0, f64::from(assets) + 2.0],
                 target: [0.0; 3],

@@ -18,7 +18,7 @@ use tokio_tungstenite::tungstenite::Message;
 pub(crate) fn hello() -> Hello {
     Hello {
         version_min: 1,
-        version_max: 2,
+        version_max: *lodestream_protocol::message::VERSIONS.end(),
         scene: String::new(),
         view: None,
         max_blob_bytes: 1 << 26,

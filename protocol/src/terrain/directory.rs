@@ -1,0 +1,109 @@
+//! Which patches have listed points: pages of a directory, and the names of the blobs.
+//!
+//! A terrain's blobs are named like an asset's: page p of its directory is index page p, the points of the directory's
+//! k-th patch are chunk k, of [`TERRAIN`].
+
+use bincode::config::{Configuration, Limit, LittleEndian, Varint};
+use bincode::{Decode, Encode};
+
+use crate::blob::BlobId;
+use crate::coding::CodingError;
+use crate::limits::MAX_BLOB_BYTES;
+
+/// The number in the place of an asset's in names of a terrain's blobs.
+pub const TERRAIN: u32 = u32::MAX;
+/// Patches on one page of the directory.
+pub const PATCHES_PER_PAGE: u32 = 1024;
+
+const CONFIG: Configuration<LittleEndian, Varint, Limit<{ 64 * 1024 }>> =
+    bincode::config::standard().with_limit::<{ 64 * 1024 }>();
+
+/// A patch with listed points.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
+pub struct ListedPatch {
+    /// Column of the patch.
+    pub x: i32,
+    /// Row of the patch.
+    pub y: i32,
+    /// Length of the blob of its points.
+    pub bytes: u32,
+    /// How far at most the ground is off while the points are missing, in height units.
+    pub error: u32,
+}
+
+impl BlobId {
+    /// A page of the directory of patches with listed points.
+    #[must_use]
+    pub const fn terrain_page(page: u32) -> Self {
+        Self::index_page(TERRAIN, page)
+    }
+
+    /// The listed points of the directory's `patch`-th patch.
+    #[must_use]
+    pub const fn terrain_points(patch: u32) -> Self {
+        Self::chunk(TERRAIN, patch)
+    }
+}
+
+/// A page of the directory as bytes. At most [`PATCHES_PER_PAGE`] patches.
+///
+/// # Errors
+/// If there are more.
+pub fn encode_directory(patches: &[ListedPatch]) -> Result<Vec<u8>, CodingError> {
+    if patches.len() > PATCHES_PER_PAGE as usize {
+        return Err(CodingError::OutOfRange("a page of the terrain's directory has too many patches"));
+    }
+    Ok(bincode::encode_to_vec(patches, CONFIG)?)
+}
+
+/// Reads a page of the directory that must hold `count` patches.
+///
+/// # Errors
+/// If the bytes are not such a page. Memory is bounded by the bytes.
+pub fn decode_directory(bytes: &[u8], count: u32) -> Result<Vec<ListedPatch>, CodingError> {
+    let (patches, used): (Vec<ListedPatch>, usize) = bincode::decode_from_slice(bytes, CONFIG)?;
+    if used != bytes.len() {
+        return Err(CodingError::TrailingBytes { left: bytes.len() - used });
+    }
+    if patches.len() != count as usize {
+        return Err(CodingError::OutOfRange(
+            "a page of the terrain's directory has another number of patches",
+        ));
+    }
+    if patches.iter().any(|patch| patch.bytes > MAX_BLOB_BYTES) {
+        return Err(CodingError::OutOfRange("the points of a terrain's patch are too long"));
+    }
+    Ok(patches)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn patches(count: i32) -> Vec<ListedPatch> {
+        (0..count).map(|i| ListedPatch { x: i - 7, y: -3 * i, bytes: 100 + i as u32, error: 9000 }).collect()
+    }
+
+    #[test]
+    fn pages_survive_the_wire_and_truncation_is_an_error() {
+        let all = patches(100);
+        let bytes = encode_directory(&all).unwrap();
+        assert_eq!(decode_directory(&bytes, 100).unwrap(), all);
+        for end in 0..bytes.len() {
+            assert!(decode_directory(&bytes[..end], 100).is_err(), "{end}");
+        }
+        assert!(decode_directory(&bytes, 99).is_err());
+        assert!(decode_directory(&[bytes, vec![0]].concat(), 100).is_err());
+        assert!(encode_directory(&patches(1025)).is_err());
+    }
+
+    #[test]
+    fn lengths_that_bytes_cannot_justify_are_refused() {
+        // 250 announces a length of 16 bits more, 252 one of 64.
+        for hostile in [&[251, 255, 255][..], &[253, 255, 255, 255, 255, 255, 255, 255, 255]] {
+            assert!(decode_directory(hostile, 1024).is_err());
+        }
+        let long = ListedPatch { x: 0, y: 0, bytes: MAX_BLOB_BYTES + 1, error: 0 };
+        assert!(decode_directory(&encode_directory(&[long]).unwrap(), 1).is_err());
+    }
+}

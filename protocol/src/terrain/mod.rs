@@ -1,0 +1,127 @@
+//! What a scene says of its terrain: the few bytes from which a client makes all of it.
+
+mod directory;
+
+use bincode::de::Decoder;
+use bincode::enc::Encoder;
+use bincode::error::{DecodeError, EncodeError};
+use bincode::{Decode, Encode};
+use lodestream_geometry::terrain::{PARAMETERS_BYTES, Parameters, Stamp, decode_stamps, encode_stamps};
+
+pub use directory::{ListedPatch, PATCHES_PER_PAGE, TERRAIN, decode_directory, encode_directory};
+
+/// A terrain and how it lies in the world: grid x is world x, grid y world z, height world y; grid point (0, 0) with
+/// height 0 is the world's origin.
+///
+/// Parameters and units take 32 bytes on the wire.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TerrainEntry {
+    /// What heights follow from.
+    pub parameters: Parameters,
+    /// World units per grid unit, above 0.
+    pub unit: f32,
+    /// World units per height unit, above 0.
+    pub height_unit: f32,
+    /// Heights above which grass, hill and snow begin (sand is below), ascending, in world units.
+    pub zones: [f32; 3],
+    /// Features that a few numbers describe, in order; 20 to 100 bytes each.
+    pub stamps: Vec<Stamp>,
+    /// Number of patches whose listed points are blobs of their own.
+    pub patches: u32,
+}
+
+impl Encode for TerrainEntry {
+    fn encode<E: Encoder>(&self, e: &mut E) -> Result<(), EncodeError> {
+        self.parameters.encode().encode(e)?;
+        self.unit.encode(e)?;
+        self.height_unit.encode(e)?;
+        self.zones.encode(e)?;
+        let stamps = if self.stamps.is_empty() {
+            Vec::new()
+        } else {
+            encode_stamps(&self.stamps).map_err(|why| EncodeError::OtherString(why.to_string()))?
+        };
+        stamps.encode(e)?;
+        self.patches.encode(e)
+    }
+}
+
+impl<Context> Decode<Context> for TerrainEntry {
+    fn decode<D: Decoder<Context = Context>>(d: &mut D) -> Result<Self, DecodeError> {
+        let bytes = <[u8; PARAMETERS_BYTES]>::decode(d)?;
+        let parameters =
+            Parameters::decode(&bytes).map_err(|why| DecodeError::OtherString(why.to_string()))?;
+        Ok(Self {
+            parameters,
+            unit: f32::decode(d)?,
+            height_unit: f32::decode(d)?,
+            zones: <[f32; 3]>::decode(d)?,
+            stamps: match &Vec::<u8>::decode(d)?[..] {
+                [] => Vec::new(),
+                bytes => decode_stamps(bytes).map_err(|why| DecodeError::OtherString(why.to_string()))?,
+            },
+            patches: u32::decode(d)?,
+        })
+    }
+}
+
+bincode::impl_borrow_decode!(TerrainEntry);
+
+impl TerrainEntry {
+    /// Why the terrain cannot be used, if so.
+    ///
+    /// # Errors
+    /// Names what is out of range.
+    pub fn check(&self) -> Result<(), &'static str> {
+        self.parameters.check().map_err(|_| "the terrain's parameters are out of range")?;
+        let length = |x: f32| x.is_finite() && (1e-6..=1e6).contains(&x);
+        if !length(self.unit) || !length(self.height_unit) {
+            return Err("the terrain's units are not between 1e-6 and 1e6");
+        }
+        let [sand, grass, hill] = self.zones;
+        if !(self.zones.iter().all(|z| z.is_finite()) && sand < grass && grass < hill) {
+            return Err("the terrain's zones are not three ascending heights");
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn entry() -> TerrainEntry {
+        TerrainEntry {
+            parameters: Parameters { seed: 7, ..Parameters::default() },
+            unit: 2.0,
+            height_unit: 0.01,
+            zones: [0.0, 120.0, 300.0],
+            stamps: Vec::new(),
+            patches: 0,
+        }
+    }
+
+    #[test]
+    fn entries_survive_the_wire() {
+        let config = bincode::config::standard();
+        let bytes = bincode::encode_to_vec(entry(), config).unwrap();
+        // Parameters and units are 32 bytes, the zones 12, and two say that there are no features.
+        assert_eq!(bytes.len(), 32 + 12 + 2);
+        let (decoded, used) = bincode::decode_from_slice::<TerrainEntry, _>(&bytes, config).unwrap();
+        assert_eq!((decoded, used), (entry(), bytes.len()));
+        entry().check().unwrap();
+    }
+
+    #[test]
+    fn unusable_entries_are_named() {
+        let bad = |change: fn(&mut TerrainEntry)| {
+            let mut entry = entry();
+            change(&mut entry);
+            entry.check().unwrap_err()
+        };
+        assert!(bad(|e| e.unit = 0.0).contains("units"));
+        assert!(bad(|e| e.height_unit = f32::NAN).contains("units"));
+        assert!(bad(|e| e.zones = [0.0, 0.0, 1.0]).contains("zones"));
+        assert!(bad(|e| e.parameters.finest_level = 0).contains("parameters"));
+    }
+}
