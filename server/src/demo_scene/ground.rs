@@ -1,89 +1,45 @@
-//! Rolling ground, levelled where the temple and its avenue stand.
+//! The ground: a terrain of a few dozen numbers. A valley with the temple in it, ridges on both sides, mountains
+//! at its end, a river bed below. Places are the same for every seed; what lies between them is not.
 
-use super::maths::smoothstep;
-use super::mesh::{Corner, ObjMesh};
-use super::noise::fractal3;
-use glam::{DVec2, DVec3};
+use std::fmt::Write as _;
 
-/// Side of the square of ground, in metres.
-pub(super) const SIDE: f64 = 320.0;
-/// Metres to one repeat of the ground's texture.
-const TILE: f64 = SIDE / 12.0;
+/// Height of the level site: a little under the temple's zero.
+const SITE: f64 = -0.04;
+/// Mean height of the land around; what fixed stamps count from.
+const BASE: f64 = 34.0;
 
-/// How wild the ground is at a place: 0 on the levelled site, 1 away from it.
-fn wildness(x: f64, z: f64) -> f64 {
-    // Distance from the site, a rectangle around temple and avenue (see `layout`).
-    let (dx, dz) = ((x.abs() - 11.0).max(0.0), ((z - 14.0).abs() - 34.0).max(0.0));
-    smoothstep(0.0, 38.0, (dx * dx + dz * dz).sqrt())
-}
-
-/// Height of the ground in metres; 0 is the level of the site.
-///
-/// The hills sink back to that level at the border, so that even two triangles through its corners
-/// stand for the ground without burying the site.
-pub(super) fn height(seed: u64, x: f64, z: f64) -> f64 {
-    let p = DVec3::new(x, 0.0, z);
-    let border = 1.0 - smoothstep(0.70, 0.99, x.abs().max(z.abs()) / (SIDE * 0.5));
-    let wild = wildness(x, z) * border;
-    let far = smoothstep(50.0, 95.0, (x * x + z * z).sqrt());
-    let hills = 13.0 * fractal3(seed ^ 31, p / 62.0, 5) + 9.0 * far;
-    let mounds = 0.9 * fractal3(seed ^ 32, p / 9.0, 4);
-    let bumps = 0.05 * fractal3(seed ^ 33, p / 1.3, 3);
-    wild * (hills + mounds) + bumps * (0.45 + 0.55 * wild) - 0.04
-}
-
-/// The ground as `cells`² quads.
-pub(super) fn mesh(seed: u64, cells: usize) -> ObjMesh {
-    let mut mesh = ObjMesh::new();
-    mesh.group("ground", "grass");
-    let step = SIDE / cells as f64;
-    let at = |i: usize| i as f64 * step - SIDE * 0.5;
-    for j in 0..=cells {
-        for i in 0..=cells {
-            let (x, z) = (at(i), at(j));
-            let e = step * 0.5;
-            let slope = DVec2::new(
-                height(seed, x + e, z) - height(seed, x - e, z),
-                height(seed, x, z + e) - height(seed, x, z - e),
-            );
-            mesh.position(DVec3::new(x, height(seed, x, z), z));
-            mesh.normal(DVec3::new(-slope.x, 2.0 * e, -slope.y));
-            mesh.uv(i as f64 * step / TILE, (cells - j) as f64 * step / TILE);
-        }
-    }
-    for j in 0..cells {
-        for i in 0..cells {
-            let a = (j * (cells + 1) + i) as u32;
-            let (b, c, d) = (a + 1, a + cells as u32 + 1, a + cells as u32 + 2);
-            let corner = |v: u32| Corner { position: v, uv: Some(v), normal: v };
-            // Alternate diagonals, so that the grid has no grain.
-            let split = if (i + j) % 2 == 0 { [[a, c, d], [a, d, b]] } else { [[a, c, b], [b, c, d]] };
-            for face in split {
-                mesh.face(face.map(corner));
-            }
-        }
-    }
-    mesh
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn site_and_border_lie_at_the_same_level_and_hills_between() {
-        let mut highest: f64 = 0.0;
-        for i in -40..=40 {
-            let t = f64::from(i) * 4.0;
-            for (x, z) in [(t, -160.0), (t, 160.0), (-160.0, t), (160.0, t)] {
-                assert!(height(1, x, z).abs() < 0.08, "border at {x}, {z}");
-            }
-            // What stands on the site must not be buried.
-            for z in [-19.0, 0.0, 30.0, 47.0] {
-                assert!((-0.08..0.0).contains(&height(1, t / 16.0, z)), "site at {}, {z}", t / 16.0);
-            }
-            highest = highest.max(height(1, t, -70.0));
-        }
-        assert!(highest > 5.0, "{highest}");
-    }
+/// The text of `[terrain]`. Metres.
+pub(super) fn terrain_text(seed: u64) -> String {
+    let mut text = format!(
+        "\n[terrain]\nseed = {seed}\npatch_cells = 1024\npatches = 16\nunit = 1.0\nheight_unit = 0.01\n\
+         base = {BASE:.1}\namplitude = 70.0\nroughness = 0.5\nzones = [-6.0, 105.0, 230.0]\n"
+    );
+    let mut stamp = |kind: &str, fields: &str| {
+        // Writing to a String cannot fail.
+        let _ = write!(text, "\n[[terrain.stamp]]\nkind = \"{kind}\"\n{fields}\n");
+    };
+    stamp("ridge", "from = [-1250, -2600]\nto = [-800, -700]\nhalf_width = 800\nheight = 190");
+    stamp("ridge", "from = [-820, -760]\nto = [-1150, 1500]\nhalf_width = 620\nheight = 130");
+    stamp("ridge", "from = [700, -2500]\nto = [980, -300]\nhalf_width = 760\nheight = 210");
+    stamp("ridge", "from = [960, -340]\nto = [800, 1300]\nhalf_width = 560\nheight = 110");
+    stamp("ridge", "from = [-2600, -2500]\nto = [200, -3300]\nhalf_width = 1300\nheight = 380");
+    stamp("ridge", "from = [150, -3250]\nto = [2400, -2600]\nhalf_width = 1200\nheight = 330");
+    stamp("crater", "centre = [560, 700]\nradius = 120\ndepth = 30\nrim = 12");
+    // The valley runs past the temple, from the mountains in the north (−z) to the lowlands in the south. Fixed: its
+    // floor is where the site is for every seed.
+    stamp("valley", "mode = \"fixed\"\nfrom = [-60, -1700]\nto = [40, 2600]\nhalf_width = 620\ndepth = 35");
+    stamp(
+        "river bed",
+        "line = [[-260, -1900], [-150, -900], [-230, -300], [-125, 40], [-150, 420], [-10, 1000], [60, 2400]]\n\
+         half_width = 18\ndepth = 9",
+    );
+    // Last, so that nothing disturbs it.
+    stamp(
+        "plateau",
+        &format!(
+            "mode = \"fixed\"\ncentre = [0, 14]\nradius = 44\nfalloff = 90\nheight = {:.2}",
+            SITE - BASE
+        ),
+    );
+    text
 }

@@ -94,33 +94,19 @@ fn stone(seed: u64, u: f64, v: f64) -> Texel {
     Texel { height: 0.5 + 0.5 * grain, colour }
 }
 
-/// Meadow with dry patches and bare earth.
-fn ground(seed: u64, u: f64, v: f64) -> Texel {
-    let patch = fractal2_tiling(seed ^ 27, u, v, 6, 5);
-    let dry = fractal2_tiling(seed ^ 28, u, v, 11, 4);
-    let blades = fractal2_tiling(seed ^ 29, u, v, 128, 3);
-    let grass = blend([0.24, 0.33, 0.13], [0.42, 0.44, 0.19], 0.5 + 1.1 * dry);
-    let earth = blend([0.42, 0.33, 0.22], [0.55, 0.46, 0.32], 0.5 + dry);
-    let bare = smoothstep(0.10, 0.32, patch + 0.25 * blades);
-    let colour = tint(blend(grass, earth, bare), 0.92 + 0.42 * blades);
-    Texel { height: 0.5, colour }
-}
-
-/// The scene's pictures by file name; `size` texels a side for the ground, half for brick and
+/// The scene's pictures by file name; half of `size` texels a side for brick and
 /// cobble, a quarter for plain stone.
 pub(super) fn all(seed: u64, size: u32) -> Vec<(&'static str, Picture)> {
     let half = (size / 2).max(8);
     let (brick_colour, brick_height) = render(half, |u, v| brick(seed ^ 0xB1, u, v));
     let (cobble_colour, cobble_height) = render(half, |u, v| cobble(seed ^ 0xC0, u, v));
     let (stone_colour, _) = render((size / 4).max(8), |u, v| stone(seed ^ 0x57, u, v));
-    let (ground_colour, _) = render(size.max(8), |u, v| ground(seed ^ 0x67, u, v));
     vec![
         ("brick.png", brick_colour),
         ("brick_height.png", brick_height),
         ("cobble.png", cobble_colour),
         ("cobble_height.png", cobble_height),
         ("stone.png", stone_colour),
-        ("ground.png", ground_colour),
     ]
 }
 

@@ -27,16 +27,17 @@ pub(super) struct Instance {
     pub(super) translation: DVec3,
     pub(super) turns: f64,
     pub(super) scale: f64,
+    /// Whether `translation` counts from the ground up.
+    pub(super) on_terrain: bool,
 }
 
 fn place(asset: &'static str, x: f64, y: f64, z: f64) -> Instance {
-    Instance { asset, translation: DVec3::new(x, y, z), turns: 0.0, scale: 1.0 }
+    Instance { asset, translation: DVec3::new(x, y, z), turns: 0.0, scale: 1.0, on_terrain: false }
 }
 
 /// All instances of the scene.
 pub(super) fn instances(seed: u64) -> Vec<Instance> {
     let mut all = vec![
-        place("ground", 0.0, 0.0, 0.0),
         place("stylobate", 0.0, 0.0, 0.0),
         place("cella", 0.0, FLOOR, 0.0),
         place("entablature", 0.0, FLOOR + COLUMN, 0.0),
@@ -110,8 +111,9 @@ fn boulders(all: &mut Vec<Instance>, seed: u64) {
         }
         count += 1;
         let scale = 0.5 + 1.6 * r(2) * r(2);
-        let y = ground::height(seed, x, z) - 0.25 * scale;
-        all.push(Instance { asset: "boulder", translation: DVec3::new(x, y, z), turns: r(3), scale });
+        // A quarter of it in the ground.
+        let translation = DVec3::new(x, -0.25 * scale, z);
+        all.push(Instance { asset: "boulder", translation, turns: r(3), scale, on_terrain: true });
     }
 }
 
@@ -125,6 +127,7 @@ pub(super) fn scene_text(assets: &[AssetEntry], instances: &[Instance], seed: u6
          [background]\ncolor = [0.13, 0.26, 0.50]\n\n\
          [camera]\neye = [2.0, 2.5, 51.6]\ntarget = [-0.3, 4.1, 14.0]\nfov_y_degrees = 43.0\n"
     );
+    text.push_str(&ground::terrain_text(seed));
     // Writing to a String cannot fail.
     for asset in assets {
         let _ = write!(
@@ -144,6 +147,9 @@ pub(super) fn scene_text(assets: &[AssetEntry], instances: &[Instance], seed: u6
             "\n[[instance]]\nasset = \"{}\"\ntranslation = [{:.4}, {:.4}, {:.4}]\nrotation = [0.0, {y:.9}, 0.0, {w:.9}]\nscale = {:.4}\n",
             instance.asset, t.x, t.y, t.z, instance.scale
         );
+        if instance.on_terrain {
+            text.push_str("on_terrain = true\n");
+        }
     }
     text
 }

@@ -6,11 +6,10 @@
 //! (see `maths.rs`), and decimals are rounded to fixed places.
 //!
 //! ```text
-//! noise, maths -> ground ------------------.
-//!              -> images (colour, height)  |
+//! noise, maths -> images (colour, height)
 //!              -> sdf + skin -> sculptor -> statues -> polygonise
 //!              -> mesh -> temple           |             |
-//!                                          '-> obj <-----'   layout -> scene.toml
+//!                                          '-> obj <-----'   ground, layout -> scene.toml
 //! ```
 
 mod ground;
@@ -98,28 +97,24 @@ pub enum Error {
 }
 
 /// Lattice cells of the solids in the full scene, in metres: more than 300,000 faces a statue.
-const LION_CELL: f64 = 0.0195;
-const SAGE_CELL: f64 = 0.0170;
-const DRAGON_CELL: f64 = 0.0235;
+const LION_CELL: f64 = 0.0189;
+const SAGE_CELL: f64 = 0.0165;
+const DRAGON_CELL: f64 = 0.0228;
 const BOULDER_CELL: f64 = 0.08;
-/// Quads along one side of the ground in the full scene.
-const GROUND_CELLS: f64 = 380.0;
-/// Texels along one side of the ground's texture in the full scene.
+/// Texels along the side of brick and cobble in the full scene, twice.
 const TEXTURE_SIZE: f64 = 1024.0;
 
-/// An asset's name, bits of position (a millimetre or two; the ground half a centimetre), relief depth
+/// An asset's name, bits of position (a millimetre or two), relief depth
 /// in units of texture coordinates, and how to make it.
 type Recipe<'a> = (&'static str, u8, f64, Box<dyn Fn() -> ObjMesh + 'a>);
 
 fn recipes(options: &Options) -> Vec<Recipe<'_>> {
     let Options { seed, detail } = *options;
     let pitch = Pitch((1.0 / detail).clamp(1.0, 9.0));
-    let cells = (GROUND_CELLS * detail).round().max(4.0) as usize;
     let figure = move |figure: sdf::Figure, cell: f64, name: &'static str, material: &'static str| {
         polygonise(&figure, cell / detail).single(name, material)
     };
     vec![
-        ("ground", 16, 0.0, Box::new(move || ground::mesh(seed, cells))),
         ("stylobate", 14, 0.018, Box::new(move || temple::stylobate(seed, pitch))),
         ("column", 13, 0.0, Box::new(move || temple::column(pitch))),
         ("entablature", 14, 0.0, Box::new(move || temple::entablature(seed, pitch))),

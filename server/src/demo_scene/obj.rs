@@ -19,7 +19,6 @@ pub(super) struct Material {
 
 /// The materials of the scene: one library for all assets.
 pub(super) const MATERIALS: &[Material] = &[
-    Material { name: "grass", diffuse: [1.0; 3], shininess: 1, colour: Some("ground.png"), height: None },
     Material { name: "stone", diffuse: [1.0; 3], shininess: 4, colour: Some("stone.png"), height: None },
     Material { name: "tile", diffuse: [0.66, 0.36, 0.25], shininess: 6, colour: None, height: None },
     Material {

@@ -9,7 +9,9 @@ use lodestream_protocol::scene::{
     AssetEntry, Camera, Fingerprint, InstanceEntry, Light, SceneHeader, ScenePage,
 };
 
-use super::{DEFAULT_FOV_Y_DEGREES, Instance, Scene};
+use crate::store::{TerrainBlobs, TerrainBlobsError};
+
+use super::{DEFAULT_FOV_Y_DEGREES, Instance, Scene, SceneTerrain};
 
 /// Gap between models side by side, as a share of their mean radius.
 const GAP: f64 = 0.25;
@@ -36,13 +38,16 @@ pub enum ComposeError {
         /// How many.
         count: usize,
     },
+    /// The terrain's features cannot be sent.
+    #[error(transparent)]
+    Terrain(#[from] TerrainBlobsError),
     /// A value that the protocol refuses.
     #[error("the scene cannot be described: {0}")]
     Refused(&'static str),
 }
 
 /// A scene description.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Composed {
     /// What holds for the whole scene.
     pub header: SceneHeader,
@@ -51,6 +56,8 @@ pub struct Composed {
     /// For each asset number of the description, the index into [`Scene::assets`]. Assets that are
     /// placed nowhere have no number.
     pub asset_order: Vec<usize>,
+    /// Blobs of the scene's terrain.
+    pub terrain: TerrainBlobs,
 }
 
 /// Describes `scene`, whose asset `i` was prepared as `entries[i]`.
@@ -62,7 +69,7 @@ pub fn compose(scene: &Scene, entries: &[AssetEntry]) -> Result<Composed, Compos
         Some(instances) => instances.clone(),
         None => side_by_side(&scene.models, entries),
     };
-    if instances.is_empty() {
+    if instances.is_empty() && scene.terrain.is_none() {
         return Err(ComposeError::Empty { name: scene.name.clone() });
     }
     if instances.len() > MAX_INSTANCES as usize {
@@ -76,7 +83,10 @@ pub fn compose(scene: &Scene, entries: &[AssetEntry]) -> Result<Composed, Compos
             up: camera.up,
             fov_y: camera.fov_y_degrees.to_radians(),
         },
-        None => framing_camera(&spheres),
+        None => match &scene.terrain {
+            Some(terrain) if spheres.is_empty() => overlook(terrain),
+            _ => framing_camera(&spheres),
+        },
     };
     let order = first_seen_first(&camera, &spheres);
     let (pages, asset_order) = paginate(&instances, entries, &order);
@@ -88,14 +98,19 @@ pub fn compose(scene: &Scene, entries: &[AssetEntry]) -> Result<Composed, Compos
         page_count: pages.len() as u32,
         light: Light { direction: scene.light_direction, color: scene.light_color, ambient: scene.ambient },
         background: scene.background,
+        terrain: scene.terrain.as_ref().map(|terrain| Box::new(terrain.entry.clone())),
         camera,
     };
-    header.fingerprint = fingerprint(&header, &pages);
+    let terrain = match &scene.terrain {
+        Some(terrain) => TerrainBlobs::new(&terrain.terrain)?,
+        None => TerrainBlobs::default(),
+    };
+    header.fingerprint = fingerprint(&header, &pages, &terrain);
     header.check().map_err(ComposeError::Refused)?;
     for page in &pages {
         page.check().map_err(ComposeError::Refused)?;
     }
-    Ok(Composed { header, pages, asset_order })
+    Ok(Composed { header, pages, asset_order, terrain })
 }
 
 /// Bounding sphere of an instance, in the world.
@@ -153,6 +168,20 @@ fn framing_camera(spheres: &[(DVec3, f64)]) -> Camera {
     Camera { eye: eye.to_array(), target: target.to_array(), up: [0.0, 1.0, 0.0], fov_y }
 }
 
+/// A camera on the highest place near the middle of an empty terrain's world.
+fn overlook(terrain: &SceneTerrain) -> Camera {
+    let step =
+        f64::from(terrain.entry.unit) * f64::from(1_u32 << terrain.entry.parameters.finest_level) / 8.0;
+    let places = (0..81).map(|i| [f64::from(i % 9 - 4) * step, f64::from(i / 9 - 4) * step]);
+    let height = |[x, z]: [f64; 2]| terrain.height(x, z).unwrap_or(0.0);
+    let [x, z] = places.max_by(|a, b| height(*a).total_cmp(&height(*b))).unwrap_or([0.0; 2]);
+    let eye = DVec3::new(x, height([x, z]) + 2.0, z);
+    // Towards the middle, or anywhere from there.
+    let target = eye - DVec3::new(x, 0.1 * step, if x == 0.0 && z == 0.0 { step } else { z });
+    let (eye, target) = (eye.to_array(), target.to_array());
+    Camera { eye, target, up: [0.0, 1.0, 0.0], fov_y: DEFAULT_FOV_Y_DEGREES.to_radians() }
+}
+
 /// Indices of instances: what the start camera sees before what it does not, then by apparent size.
 fn first_seen_first(camera: &Camera, spheres: &[(DVec3, f64)]) -> Vec<usize> {
     let view = camera.view(ORDER_VIEWPORT_PX, 1.0);
@@ -203,12 +232,15 @@ fn paginate(instances: &[Instance], entries: &[AssetEntry], order: &[usize]) -> 
 }
 
 /// Equal descriptions over equal packs get equal fingerprints.
-fn fingerprint(header: &SceneHeader, pages: &[ScenePage]) -> Fingerprint {
+fn fingerprint(header: &SceneHeader, pages: &[ScenePage], terrain: &TerrainBlobs) -> Fingerprint {
     // Debug output of plain numbers round-trips, so it tells any two descriptions apart.
     let mut hasher = blake3::Hasher::new();
     hasher.update(format!("{header:?}").as_bytes());
     for page in pages {
         hasher.update(format!("{page:?}").as_bytes());
+    }
+    for bytes in terrain.all() {
+        hasher.update(bytes);
     }
     let mut fingerprint = Fingerprint::default();
     fingerprint.copy_from_slice(&hasher.finalize().as_bytes()[..16]);

@@ -11,7 +11,8 @@ use crate::prepare::recipe::{
     Recipe, check_normal_tolerance, check_uv_bits, parse_codec, parse_metric, parse_round,
 };
 
-use super::{Asset, Camera, DEFAULT_FOV_Y_DEGREES, Instance, Precision, Scene, unit};
+use super::terrain::RawTerrain;
+use super::{Asset, Camera, DEFAULT_FOV_Y_DEGREES, Instance, Precision, Scene, SceneTerrain, unit};
 
 /// Largest scene file, in bytes.
 const MAX_SCENE_BYTES: u64 = 256 << 20;
@@ -57,6 +58,7 @@ struct RawScene {
     ambient: Option<Spanned<RawColor>>,
     background: Option<Spanned<RawColor>>,
     camera: Option<Spanned<RawCamera>>,
+    terrain: Option<Spanned<RawTerrain>>,
 }
 
 #[derive(Deserialize)]
@@ -92,6 +94,9 @@ struct RawInstance {
     translation: [f64; 3],
     rotation: Option<RawRotation>,
     scale: Option<f32>,
+    /// The second coordinate of `translation` is a height over the ground.
+    #[serde(default)]
+    on_terrain: bool,
 }
 
 #[derive(Deserialize)]
@@ -179,10 +184,13 @@ impl Source<'_> {
         } else if let Some(stem) = self.path.file_stem() {
             scene.name = stem.to_string_lossy().into_owned();
         }
-        if raw.asset.is_empty() {
-            return Err(self.error(0, "has no [[asset]]; add one with name and file"));
+        if raw.asset.is_empty() && raw.terrain.is_none() {
+            return Err(self.error(0, "has no [[asset]] and no [terrain]; add one with name and file"));
         }
         let folder = self.path.parent().unwrap_or(Path::new(""));
+        if let Some(terrain) = raw.terrain {
+            scene.terrain = Some(self.terrain(folder, terrain)?);
+        }
         let mut numbers = BTreeMap::new();
         for raw in raw.asset {
             let at = raw.span().start;
@@ -199,7 +207,7 @@ impl Source<'_> {
         if let Some(instances) = raw.instance {
             let mut placed = Vec::with_capacity(instances.len());
             for raw in instances {
-                let model = self.instance(&numbers, raw)?;
+                let model = self.instance(&numbers, raw, scene.terrain.as_ref())?;
                 placed.extend(scene.models[model.asset].iter().map(|part| part.within(&model)));
             }
             scene.instances = Some(placed);
@@ -277,6 +285,7 @@ impl Source<'_> {
         &self,
         numbers: &BTreeMap<String, usize>,
         raw: Spanned<RawInstance>,
+        terrain: Option<&SceneTerrain>,
     ) -> Result<Instance, SceneError> {
         let at = raw.span().start;
         let raw = raw.into_inner();
@@ -302,7 +311,31 @@ impl Source<'_> {
         if !rotation.iter().all(|x| x.is_finite()) {
             return Err(self.error(at, "rotation must be a quaternion other than zero, or finite angles"));
         }
-        Ok(Instance { asset, translation: raw.translation, rotation, scale })
+        let mut translation = raw.translation;
+        if raw.on_terrain {
+            let [x, _, z] = translation;
+            let Some(terrain) = terrain else {
+                return Err(self.error(at, "on_terrain needs a [terrain]; add one, or leave on_terrain out"));
+            };
+            let Some(ground) = terrain.height(x, z) else {
+                return Err(
+                    self.error(at, format!("there is no terrain at {x}, {z}; more patches reach further"))
+                );
+            };
+            translation[1] += ground;
+        }
+        Ok(Instance { asset, translation, rotation, scale })
+    }
+
+    fn terrain(&self, folder: &Path, raw: Spanned<RawTerrain>) -> Result<SceneTerrain, SceneError> {
+        let at = raw.span().start;
+        let raw = raw.into_inner();
+        let features = match raw.features_file(folder) {
+            Some(file) => crate::terrain::features::read(&file)
+                .map_err(|why| self.error(at, format!("terrain: {why}")))?,
+            None => Vec::new(),
+        };
+        raw.resolve(features).map_err(|why| self.error(at, format!("terrain: {why}")))
     }
 
     fn lights(

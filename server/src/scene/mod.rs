@@ -2,6 +2,7 @@
 
 mod compose;
 mod file;
+mod terrain;
 #[cfg(test)]
 mod tests;
 
@@ -15,6 +16,7 @@ use crate::prepare::Recipe;
 
 pub use compose::{ComposeError, Composed, compose};
 pub use file::{SceneError, parse, read};
+pub use terrain::SceneTerrain;
 
 /// How finely an asset's positions are kept.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -120,6 +122,8 @@ pub struct Scene {
     pub ambient: [f32; 3],
     /// Linear red, green, blue of what no surface covers.
     pub background: [f32; 3],
+    /// Ground, if any.
+    pub terrain: Option<SceneTerrain>,
     /// Start camera; `None` frames everything, once sizes are known.
     pub camera: Option<Camera>,
 }
@@ -209,6 +213,7 @@ impl Scene {
             light_color: [1.0; 3],
             ambient: [0.25; 3],
             background: [0.35, 0.45, 0.6],
+            terrain: None,
             camera: None,
         }
     }

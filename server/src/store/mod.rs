@@ -4,6 +4,7 @@ mod asset;
 mod file;
 mod lru;
 mod scene;
+mod terrain;
 #[cfg(test)]
 mod tests;
 
@@ -16,6 +17,7 @@ use crate::scene::ComposeError;
 pub use asset::LoadedAsset;
 pub use file::PackFile;
 pub use scene::{DEFAULT_CACHE_BYTES, SceneStore};
+pub use terrain::{TerrainBlobs, TerrainBlobsError};
 
 /// A pack, or one of its blobs, that cannot be used.
 #[derive(Debug, thiserror::Error)]

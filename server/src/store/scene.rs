@@ -6,9 +6,10 @@ use bytes::Bytes;
 use lodestream_protocol::BlobId;
 use lodestream_protocol::scene::{SceneHeader, ScenePage};
 use lodestream_protocol::source::{SceneSource, SourceError};
+use lodestream_protocol::terrain::TERRAIN;
 
 use super::lru::Lru;
-use super::{PackFile, StoreError};
+use super::{PackFile, StoreError, TerrainBlobs};
 use crate::scene::{Composed, Scene, compose};
 
 /// Memory that a scene's blobs may take, by default: a demo scene fits whole, and a large one falls
@@ -22,6 +23,7 @@ pub struct SceneStore {
     pages: Vec<Arc<ScenePage>>,
     /// By asset number.
     packs: Vec<PackFile>,
+    terrain: TerrainBlobs,
     cache: Mutex<Lru<BlobId>>,
 }
 
@@ -37,13 +39,14 @@ impl SceneStore {
             .zip(&packs)
             .map(|(asset, pack)| pack.entry(&asset.name))
             .collect::<Result<Vec<_>, _>>()?;
-        let Composed { header, pages, asset_order } = compose(scene, &entries)?;
+        let Composed { header, pages, asset_order, terrain } = compose(scene, &entries)?;
         let mut packs: Vec<Option<PackFile>> = packs.into_iter().map(Some).collect();
         let packs = asset_order.iter().filter_map(|&i| packs.get_mut(i).and_then(Option::take)).collect();
         Ok(Self {
             header,
             pages: pages.into_iter().map(Arc::new).collect(),
             packs,
+            terrain,
             cache: Mutex::new(Lru::new(cache_bytes)),
         })
     }
@@ -59,10 +62,16 @@ impl SceneSource for SceneStore {
     }
 
     fn blob_len(&self, id: &BlobId) -> Option<u32> {
+        if id.asset == TERRAIN {
+            return self.terrain.get(id.part).and_then(|bytes| u32::try_from(bytes.len()).ok());
+        }
         self.packs.get(id.asset as usize)?.blob_len(id.part)
     }
 
     fn read(&self, id: &BlobId) -> Result<Bytes, SourceError> {
+        if id.asset == TERRAIN {
+            return self.terrain.get(id.part).cloned().ok_or(SourceError::NotFound(*id));
+        }
         let pack = self.packs.get(id.asset as usize).ok_or(SourceError::NotFound(*id))?;
         // A thread that panicked while it held the lock left the cache usable: entries are whole.
         let lock = || self.cache.lock().unwrap_or_else(std::sync::PoisonError::into_inner);

@@ -1,0 +1,304 @@
+//! `[terrain]` of a scene file: lengths in world units, resolved to the integers that a terrain is made of.
+
+use std::path::{Path, PathBuf};
+
+use lodestream_geometry::terrain::{
+    Distribution, Erosion, FeatureSet, Mode, Parameters, Scratch, Shape, Terrain,
+};
+use lodestream_protocol::terrain::TerrainEntry;
+use serde::Deserialize;
+
+/// The terrain of a scene, ready to be described and to stand on.
+#[derive(Clone, Debug)]
+pub struct SceneTerrain {
+    /// What is sent of it at once.
+    pub entry: TerrainEntry,
+    /// All of it, with its features.
+    pub terrain: Terrain,
+}
+
+impl PartialEq for SceneTerrain {
+    fn eq(&self, other: &Self) -> bool {
+        // Heights follow from the entry and the points of patches.
+        let points = |of: &Self| -> Vec<_> {
+            let patches = of.terrain.patches_with_points();
+            patches.map(|(x, y)| ((x, y), of.terrain.points(x, y).cloned())).collect()
+        };
+        self.entry == other.entry && points(self) == points(other)
+    }
+}
+
+impl SceneTerrain {
+    /// Height of the ground at a place, in world units: exact on the finest triangles. `None` outside the world.
+    #[must_use]
+    pub fn height(&self, x: f64, z: f64) -> Option<f64> {
+        let (x, z) = (x / f64::from(self.entry.unit), z / f64::from(self.entry.unit));
+        let edge = self.terrain.edge(self.terrain.finest_level()).ok()? as f64;
+        let inside = x.abs() <= edge && z.abs() <= edge;
+        let height =
+            || self.terrain.height_between(x, z, &mut Scratch::new()) * f64::from(self.entry.height_unit);
+        inside.then(height)
+    }
+}
+
+/// `[terrain]` as it is written. Lengths and heights are world units.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawTerrain {
+    #[serde(default)]
+    seed: u64,
+    /// Cells along a patch's side: a power of two from 2 to 4096.
+    #[serde(default = "default_patch")]
+    patch_cells: u32,
+    /// Patches along the world's side: a power of two from 2.
+    #[serde(default = "default_patches")]
+    patches: u64,
+    #[serde(default = "one")]
+    unit: f32,
+    #[serde(default = "centimetre")]
+    height_unit: f32,
+    amplitude: f64,
+    #[serde(default = "half")]
+    roughness: f64,
+    #[serde(default)]
+    base: f64,
+    distribution: Option<String>,
+    zones: Option<[f32; 3]>,
+    erosion: Option<RawErosion>,
+    /// A file of features, as the tool `terrain` reads it: points and stamps in grid and height units.
+    pub(super) features: Option<PathBuf>,
+    #[serde(default)]
+    stamp: Vec<RawStamp>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawErosion {
+    /// Level that erodes; the finest without.
+    level: Option<u8>,
+    #[serde(default)]
+    passes: u8,
+    /// Slope, in degrees, up to which ground stays where it is.
+    #[serde(default = "repose")]
+    talus_degrees: f64,
+    /// How far a point may stand out, in ranges of the level's offsets; 0 is off.
+    #[serde(default)]
+    spikes: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawStamp {
+    kind: String,
+    #[serde(default)]
+    mode: RawMode,
+    from: Option<[f64; 2]>,
+    to: Option<[f64; 2]>,
+    centre: Option<[f64; 2]>,
+    line: Option<Vec<[f64; 2]>>,
+    half_width: Option<f64>,
+    radius: Option<f64>,
+    falloff: Option<f64>,
+    height: Option<f64>,
+    depth: Option<f64>,
+    rim: Option<f64>,
+}
+
+#[derive(Clone, Copy, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum RawMode {
+    Fixed,
+    #[default]
+    Additive,
+}
+
+fn default_patch() -> u32 {
+    256
+}
+fn default_patches() -> u64 {
+    64
+}
+fn one() -> f32 {
+    1.0
+}
+fn centimetre() -> f32 {
+    0.01
+}
+fn half() -> f64 {
+    0.5
+}
+fn repose() -> f64 {
+    35.0
+}
+
+/// Binary logarithm of a power of two.
+fn log2(name: &str, value: u64, range: std::ops::RangeInclusive<u32>) -> Result<u8, String> {
+    let log = value.checked_ilog2().unwrap_or(0);
+    if value.is_power_of_two() && range.contains(&log) {
+        return Ok(log as u8);
+    }
+    Err(format!("{name} must be a power of two from {} to {}", 1_u64 << range.start(), 1_u64 << range.end()))
+}
+
+/// A number of units as an integer.
+fn units<T: TryFrom<i64>>(name: &str, length: f64, unit: f32) -> Result<T, String> {
+    let count = (length / f64::from(unit)).round();
+    // Every f64 up to 2^53 is an integer of 64 bits.
+    let whole = (count.abs() <= 9e15).then_some(count as i64).and_then(|count| T::try_from(count).ok());
+    whole.ok_or_else(|| format!("{name} of {length} is out of range for units of {unit}"))
+}
+
+impl RawTerrain {
+    /// The terrain, with the features of `[[terrain.stamp]]` and those of the file named.
+    pub(super) fn resolve(self, more: Vec<FeatureSet>) -> Result<SceneTerrain, String> {
+        for (name, unit) in [("unit", self.unit), ("height_unit", self.height_unit)] {
+            if !(unit.is_finite() && (1e-6..=1e6).contains(&unit)) {
+                return Err(format!("{name} must be a length from 1e-6 to 1e6"));
+            }
+        }
+        let finest_level = log2("patch_cells", u64::from(self.patch_cells), 1..=12)?;
+        let patches = log2("patches", self.patches, 1..=31)?;
+        if !(0.0..2.0).contains(&self.roughness) {
+            return Err(
+                "roughness must be a factor from 0 to below 2; 0.5 halves offsets from level to level".into(),
+            );
+        }
+        let amplitude: u32 = units("amplitude", self.amplitude, self.height_unit)?;
+        let mut parameters = Parameters {
+            seed: self.seed,
+            finest_level,
+            extent_log2: patches - 1,
+            distribution: match self.distribution.as_deref() {
+                None | Some("uniform") => Distribution::Uniform,
+                Some("gaussian") => Distribution::Gaussian,
+                Some(other) => {
+                    return Err(format!(
+                        "distribution {other:?} is unknown; write \"uniform\" or \"gaussian\""
+                    ));
+                }
+            },
+            amplitude,
+            roughness: (self.roughness * 32768.0).round().min(65535.0) as u16,
+            base: units("base", self.base, self.height_unit)?,
+            erosion: Erosion::default(),
+        };
+        if let Some(erosion) = &self.erosion {
+            parameters.erosion = erosion.resolve(finest_level, amplitude, self.unit, self.height_unit)?;
+        }
+        parameters.check().map_err(|why| why.to_string())?;
+        let (base, amplitude) = (self.base as f32, self.amplitude as f32);
+        let zones =
+            self.zones.unwrap_or([base - 0.4 * amplitude, base + 0.8 * amplitude, base + 1.6 * amplitude]);
+        let mut sets: Vec<FeatureSet> = self
+            .stamp
+            .iter()
+            .map(|stamp| stamp.resolve(self.unit, self.height_unit))
+            .collect::<Result<_, _>>()?;
+        sets.extend(more);
+        let terrain = Terrain::with_features(parameters, &sets).map_err(|why| why.to_string())?;
+        let entry = TerrainEntry {
+            parameters,
+            unit: self.unit,
+            height_unit: self.height_unit,
+            zones,
+            stamps: terrain.stamps().to_vec(),
+            patches: u32::try_from(terrain.patches_with_points().count())
+                .map_err(|_| "too many patches have points")?,
+        };
+        entry.check()?;
+        Ok(SceneTerrain { entry, terrain })
+    }
+
+    /// The file of features, relative to the scene file's folder.
+    pub(super) fn features_file(&self, folder: &Path) -> Option<PathBuf> {
+        self.features.as_ref().map(|file| folder.join(file))
+    }
+}
+
+impl RawErosion {
+    fn resolve(&self, finest: u8, amplitude: u32, unit: f32, height_unit: f32) -> Result<Erosion, String> {
+        let level = self.level.unwrap_or(finest);
+        if level > finest {
+            return Err(format!("erosion level {level} is finer than the finest level, {finest}"));
+        }
+        if !(0.0..90.0).contains(&self.talus_degrees) {
+            return Err("talus_degrees must be a slope from 0 to below 90".into());
+        }
+        if !(0.0..16.0).contains(&self.spikes) {
+            return Err("spikes must be 0 (off) to below 16 ranges of the level's offsets".into());
+        }
+        let step = f64::from(unit) * f64::from(1_u32 << (finest - level));
+        let rise = self.talus_degrees.to_radians().tan() * step / f64::from(height_unit);
+        let share = rise / f64::from(amplitude.max(1)) * 65536.0;
+        Ok(Erosion {
+            level,
+            passes: self.passes,
+            talus: share.round().clamp(0.0, 65535.0) as u16,
+            spike_limit: (self.spikes * 16.0).round() as u8,
+        })
+    }
+}
+
+impl RawStamp {
+    fn resolve(&self, unit: f32, height_unit: f32) -> Result<FeatureSet, String> {
+        let kind = self.kind.as_str();
+        let missing = |name: &str| format!("a stamp of kind {kind:?} needs {name}");
+        let position = |name: &str, p: Option<[f64; 2]>| -> Result<[i64; 2], String> {
+            let [x, z] = p.ok_or_else(|| missing(name))?;
+            Ok([units(name, x, unit)?, units(name, z, unit)?])
+        };
+        let length = |name: &str, l: Option<f64>| -> Result<u32, String> {
+            units(name, l.ok_or_else(|| missing(name))?, unit)
+        };
+        let height = |name: &str, h: Option<f64>| -> Result<i32, String> {
+            units(name, h.ok_or_else(|| missing(name))?, height_unit)
+        };
+        let shape = match kind {
+            "ridge" => Shape::Ridge {
+                from: position("from", self.from)?,
+                to: position("to", self.to)?,
+                half_width: length("half_width", self.half_width)?,
+                height: height("height", self.height)?,
+            },
+            "valley" => Shape::Valley {
+                from: position("from", self.from)?,
+                to: position("to", self.to)?,
+                half_width: length("half_width", self.half_width)?,
+                depth: height("depth", self.depth)?,
+            },
+            "crater" => Shape::Crater {
+                centre: position("centre", self.centre)?,
+                radius: length("radius", self.radius)?,
+                depth: height("depth", self.depth)?,
+                rim: height("rim", self.rim)?,
+            },
+            "plateau" => Shape::Plateau {
+                centre: position("centre", self.centre)?,
+                radius: length("radius", self.radius)?,
+                falloff: length("falloff", self.falloff)?,
+                height: height("height", self.height)?,
+            },
+            "river bed" => Shape::RiverBed {
+                line: self
+                    .line
+                    .as_ref()
+                    .ok_or_else(|| missing("line"))?
+                    .iter()
+                    .map(|p| position("line", Some(*p)))
+                    .collect::<Result<_, _>>()?,
+                half_width: length("half_width", self.half_width)?,
+                depth: height("depth", self.depth)?,
+            },
+            other => {
+                return Err(format!(
+                    "stamp kind {other:?} is unknown; there are \"ridge\", \"valley\", \"crater\", \"plateau\" and \"river bed\""
+                ));
+            }
+        };
+        let mode = match self.mode {
+            RawMode::Fixed => Mode::Fixed,
+            RawMode::Additive => Mode::Additive,
+        };
+        Ok(FeatureSet { mode, points: Vec::new(), stamps: vec![shape] })
+    }
+}
