@@ -7,5 +7,6 @@ pub mod render;
 pub mod report;
 pub mod scene_view;
 pub mod streaming;
+pub mod terrain;
 pub mod viewer;
 pub mod window;

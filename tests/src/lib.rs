@@ -10,6 +10,7 @@
 //! | `hostile` | peers that break every rule |
 //! | `packs` | the same input gives the same packs; caches; exports; checks |
 //! | `bad_input` | what users may get wrong, and what disks may do to packs |
+//! | `terrain` | features of a terrain arrive, and only where a view needs them |
 //! | `models` | models of your own: `LODESTREAM_MODELS=DIR` |
 //!
 //! Scenes are generated and small. Tests on real sockets use loopback and give up after a bound that is
@@ -36,3 +37,5 @@ mod robustness;
 mod settled;
 #[cfg(test)]
 mod support;
+#[cfg(test)]
+mod terrain;

@@ -51,6 +51,23 @@ impl ClientCore {
         }
     }
 
+    /// A blob of the terrain has arrived. It is small, and used at once.
+    pub(super) fn take_terrain(&mut self, now: Time, Arrived { id, offset, total, bytes }: Arrived) {
+        let whole = offset == 0 && bytes.len() == total as usize;
+        let track = self.config.track_changes;
+        let Some(terrain) = self.scene.terrain.as_mut().filter(|t| t.state(id.part) != State::Applied) else {
+            return;
+        };
+        let taken = if whole { terrain.take(id.part, &bytes) } else { Err("only a part of it came".into()) };
+        if !track {
+            terrain.drop_changes();
+        }
+        match taken {
+            Ok(()) => self.failures.forget(id),
+            Err(why) => self.failed(now, id, &why),
+        }
+    }
+
     /// Drops what exceeds the cache, but nothing that waits to be applied: without its bytes it would be
     /// fetched, dropped and fetched again.
     pub(super) fn trim_cache(&mut self, now: Time) {

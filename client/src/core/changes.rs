@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use lodestream_geometry::refine::RenderVertex;
+use lodestream_geometry::terrain::{PatchPoint, PatchPoints};
 use lodestream_protocol::asset::{Material, TextureInfo};
 use lodestream_protocol::scene::{InstanceEntry, SceneHeader};
 
@@ -21,6 +22,15 @@ pub enum Change {
     Mesh(MeshChange),
     /// A level of a texture was decoded.
     Texture(TextureChange),
+    /// The listed points of a patch of the terrain, in place of those it had.
+    TerrainPoints {
+        /// Column of the patch.
+        x: i64,
+        /// Row of the patch.
+        y: i64,
+        /// The points.
+        points: PatchPoints,
+    },
 }
 
 /// An asset that can be drawn.
@@ -98,6 +108,7 @@ impl Change {
                 mesh.vertices.iter().map(|(_, v)| v.len() * size_of::<Vertex>()).sum::<usize>()
                     + mesh.indices.iter().map(|run| run.faces.len() * 12).sum::<usize>()
             }
+            Self::TerrainPoints { points, .. } => points.len() * size_of::<PatchPoint>(),
             Self::Texture(texture) => match &texture.pixels {
                 TexturePixels::Rgba8(texels) | TexturePixels::R8(texels) => texels.len(),
                 TexturePixels::R16(texels) => 2 * texels.len(),

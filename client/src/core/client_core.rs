@@ -22,6 +22,7 @@ use super::failures::Failures;
 use super::milestones::Milestones;
 use super::scene::Scene;
 use super::stats::{Connection, Received, Stats};
+use super::terrain_points::TerrainPoints;
 
 /// Cost of handling a blob, beside its bytes, in units of [`ClientCore::update`]'s budget.
 const BLOB_COST: u64 = 256;
@@ -60,6 +61,8 @@ pub struct ClientCore {
     pub(super) wanted: Vec<Wanted>,
     /// Whether something happened that the last selection did not see.
     stale: bool,
+    /// Whether the view lacks no listed points of the terrain.
+    terrain_settled: bool,
     selected: Option<Time>,
     bases_sent: bool,
     started: Option<Time>,
@@ -106,6 +109,7 @@ impl ClientCore {
             view,
             wanted: Vec::new(),
             stale: false,
+            terrain_settled: true,
             selected: None,
             bases_sent: false,
             started: None,
@@ -304,7 +308,9 @@ impl ClientCore {
                     }
                     tracing::trace!("{id}: {} of {total} bytes from {offset}", bytes.len());
                     let arrived = Arrived { id, offset, total, bytes };
-                    if id.asset < self.scene.asset_count() {
+                    if TerrainPoints::owns(id) {
+                        self.take_terrain(now, arrived);
+                    } else if id.asset < self.scene.asset_count() {
                         self.arrive(now, arrived);
                     } else if self.early.len() < MAX_EARLY_BLOBS {
                         self.early.push(arrived);
@@ -360,7 +366,9 @@ impl ClientCore {
     }
 
     pub(super) fn set_state(&mut self, id: BlobId, state: State) {
-        if let Some(asset) = self.scene.states.get_mut(id.asset as usize) {
+        if let (true, Some(terrain)) = (TerrainPoints::owns(id), &mut self.scene.terrain) {
+            terrain.set_state(id.part, state);
+        } else if let Some(asset) = self.scene.states.get_mut(id.asset as usize) {
             asset.set_state(id.part, state);
         }
     }
@@ -406,7 +414,10 @@ impl ClientCore {
     }
 
     pub(super) fn state(&self, id: BlobId) -> State {
-        self.scene.states.get(id.asset as usize).map_or(State::Absent, |asset| asset.state(id.part))
+        match &self.scene.terrain {
+            Some(terrain) if TerrainPoints::owns(id) => terrain.state(id.part),
+            _ => self.scene.states.get(id.asset as usize).map_or(State::Absent, |asset| asset.state(id.part)),
+        }
     }
 
     /// A blob cannot be used: it is asked for again a few times, ever more slowly.
@@ -490,6 +501,7 @@ impl ClientCore {
         let selection = self.selector.select(&view, &self.scene.instances, &self.scene.states);
         let (counters, cancel, undo) = (selection.counters, selection.cancel.clone(), selection.undo.clone());
         self.wanted.clone_from(&selection.wanted);
+        self.terrain_settled = self.scene.terrain.as_ref().is_none_or(|t| t.want(&view, &mut self.wanted));
         let all_known = self.scene.is_complete() || self.bases_sent;
         let started = self.started.unwrap_or(now);
         self.milestones.note(started, now, self.received_bytes(), all_known, &counters);
@@ -523,7 +535,9 @@ impl ClientCore {
     /// Brings an entry of the last selection's list up to date.
     fn refresh(&mut self, index: usize) {
         let wanted = &mut self.wanted[index];
-        if let Some(asset) = self.scene.states.get(wanted.id.asset as usize) {
+        if let (true, Some(terrain)) = (TerrainPoints::owns(wanted.id), &self.scene.terrain) {
+            terrain.refresh(wanted);
+        } else if let Some(asset) = self.scene.states.get(wanted.id.asset as usize) {
             asset.refresh(wanted);
         }
     }
@@ -540,6 +554,7 @@ impl ClientCore {
         self.scene.is_complete()
             && !self.stale
             && self.counters().settled
+            && self.terrain_settled
             && self.arrived.is_empty()
             && self.failures.next().is_none()
     }

@@ -25,6 +25,7 @@ mod failures;
 mod milestones;
 mod scene;
 mod stats;
+mod terrain_points;
 #[cfg(test)]
 mod testing;
 #[cfg(test)]

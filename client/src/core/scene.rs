@@ -7,6 +7,7 @@ use lodestream_protocol::select::AssetState;
 
 use super::asset::RefinedAsset;
 use super::changes::{Change, NewAsset};
+use super::terrain_points::TerrainPoints;
 
 /// Pages kept that came ahead of their turn.
 const MAX_EARLY_PAGES: usize = 256;
@@ -20,6 +21,8 @@ pub(crate) struct Scene {
     pub(crate) states: Vec<AssetState>,
     /// The assets whose base mesh is here; as long as `states`.
     pub(crate) refined: Vec<Option<RefinedAsset>>,
+    /// Listed points of the terrain, if there is one.
+    pub(super) terrain: Option<TerrainPoints>,
     next_page: u32,
     early: BTreeMap<u32, ScenePage>,
     /// Changes for a renderer that do not belong to a mesh, in order.
@@ -30,7 +33,8 @@ pub(crate) struct Scene {
 impl Scene {
     pub(crate) fn new(header: SceneHeader) -> Self {
         let changes = VecDeque::from([Change::Scene(Box::new(header.clone()))]);
-        Self { header: Some(header), changes, ..Self::default() }
+        let terrain = header.terrain.as_deref().cloned().map(TerrainPoints::new);
+        Self { header: Some(header), terrain, changes, ..Self::default() }
     }
 
     /// Takes a page; gives the numbers of the assets that became known, or why the page does not fit.
@@ -126,7 +130,8 @@ impl Scene {
 
     /// Whether [`Scene::take_changes`] has something.
     pub(crate) fn has_changes(&self) -> bool {
-        !self.changes.is_empty() || self.refined.iter().flatten().any(RefinedAsset::has_changes)
+        let terrain = self.terrain.as_ref().is_some_and(TerrainPoints::has_changes);
+        !self.changes.is_empty() || terrain || self.refined.iter().flatten().any(RefinedAsset::has_changes)
     }
 
     /// Changes, in order, until they hold about `max_bytes`; at least one if there is any.
@@ -142,6 +147,12 @@ impl Scene {
         }
         if !self.changes.is_empty() {
             return taken;
+        }
+        while bytes < max_bytes
+            && let Some(change) = self.terrain.as_mut().and_then(TerrainPoints::take_change)
+        {
+            bytes += change.bytes();
+            taken.push(change);
         }
         for (number, refined) in (0..).zip(&mut self.refined) {
             if bytes >= max_bytes {
@@ -171,6 +182,7 @@ mod tests {
             page_count: pages,
             light: Light { direction: [0.0, 1.0, 0.0], color: [1.0; 3], ambient: [0.1; 3] },
             background: [0.0; 3],
+            terrain: None,
             camera: Camera { eye: [0.0, 0.0, 5.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov_y: 1.0 },
         }
     }

@@ -62,6 +62,9 @@ pub enum RenderError {
         /// Samples handed in.
         got: usize,
     },
+    /// A terrain cannot be made.
+    #[error("terrain: {0}")]
+    Terrain(String),
     /// A picture could not be read back or written.
     #[error("picture: {0}")]
     Picture(String),

@@ -1,5 +1,7 @@
 //! The renderer: plans a frame's passes and records them.
 
+use std::sync::OnceLock;
+
 use glam::DVec3;
 
 use super::asset::AssetGpu;
@@ -12,6 +14,7 @@ use super::material::{Material, MaterialKit};
 use super::pipelines::Pipelines;
 use super::scene::{Counters, Frame};
 use super::targets::Targets;
+use super::terrain::{TerrainGpu, TerrainLook, TerrainPipelines, TileList, TileRaw};
 use super::texture::TextureShape;
 use super::uniforms::FrameUniform;
 
@@ -24,6 +27,9 @@ pub struct Renderer {
     frame_buffer: wgpu::Buffer,
     frame_group: wgpu::BindGroup,
     instances: GrowingBuffer<InstanceRaw>,
+    tiles: GrowingBuffer<TileRaw>,
+    /// Compiled with the first terrain: most scenes have none.
+    terrain: OnceLock<TerrainPipelines>,
     target_format: wgpu::TextureFormat,
     warned_wireframe: bool,
 }
@@ -56,6 +62,8 @@ impl Renderer {
             frame_buffer,
             frame_group,
             instances: GrowingBuffer::new("instance buffer", wgpu::BufferUsages::VERTEX),
+            tiles: GrowingBuffer::new("terrain tiles", wgpu::BufferUsages::VERTEX),
+            terrain: OnceLock::new(),
             target_format,
             warned_wireframe: false,
         })
@@ -80,6 +88,16 @@ impl Renderer {
         AssetGpu::new(gpu, self.kit.clone(), origin, materials, textures)
     }
 
+    /// Makes a terrain without tiles. The first one compiles its pipelines.
+    ///
+    /// # Errors
+    /// [`RenderError::TooLarge`] where the device cannot hold the atlas of tiles, [`RenderError::Device`] if it
+    /// refuses a shader or pipeline.
+    pub fn create_terrain(&self, gpu: &Gpu, look: TerrainLook) -> Result<TerrainGpu, RenderError> {
+        let pipelines = self.terrain.get_or_init(|| TerrainPipelines::new(gpu, &self.pipelines.frame_layout));
+        TerrainGpu::new(gpu, pipelines, look)
+    }
+
     /// Records a frame of `size` pixels into `target`. Uploads happen at once, drawing when the
     /// caller submits `encoder` to the device's queue; one frame must be submitted before the next
     /// is recorded.
@@ -97,13 +115,18 @@ impl Renderer {
     ) -> Result<Counters, RenderError> {
         let mut counters = Counters::default();
         let list = DrawList::new(frame, size, &mut counters);
+        let ground = match frame.terrain {
+            Some(terrain) => Some(TileList::new(gpu, terrain, frame.camera.eye, &mut self.tiles)?),
+            None => None,
+        };
+        let ground = ground.filter(|ground| !ground.is_empty());
         if frame.settings.wireframe && self.pipelines.wire.is_none() && !self.warned_wireframe {
             tracing::warn!("{} cannot draw wireframes; they are left out", gpu.describe());
             self.warned_wireframe = true;
         }
         let plan = graph::plan(
             &graph::candidates(Needs {
-                geometry: !list.batches.is_empty(),
+                geometry: !list.batches.is_empty() || ground.is_some(),
                 occlusion: frame.settings.occlusion.is_some_and(|o| o.strength > 0.0),
                 wireframe: frame.settings.wireframe && self.pipelines.wire.is_some(),
             }),
@@ -114,7 +137,7 @@ impl Renderer {
         let uniform = FrameUniform::new(frame, size);
         gpu.queue.write_buffer(&self.frame_buffer, 0, bytemuck::bytes_of(&uniform));
         for pass in &plan {
-            self.run(gpu, encoder, pass.id, target, frame, &list, &mut counters);
+            self.run(gpu, encoder, pass.id, target, frame, (&list, ground.as_ref()), &mut counters);
             counters.passes.push(pass.id);
         }
         gpu.check()?;
@@ -134,7 +157,7 @@ impl Renderer {
         id: PassId,
         target: &wgpu::TextureView,
         frame: &Frame<'_>,
-        list: &DrawList<'_>,
+        list: (&DrawList<'_>, Option<&TileList<'_>>),
         counters: &mut Counters,
     ) {
         use Resource::{Albedo, Depth, Normal, Occlusion, OcclusionRaw, Radiance};
@@ -195,11 +218,11 @@ impl Renderer {
         encoder: &mut wgpu::CommandEncoder,
         id: PassId,
         frame: &Frame<'_>,
-        list: &DrawList<'_>,
+        (list, ground): (&DrawList<'_>, Option<&TileList<'_>>),
         counters: &mut Counters,
     ) {
         let view = |r| self.targets.view(r);
-        let (Some(depth), Some(instances)) = (view(Resource::Depth), self.instances.buffer()) else { return };
+        let Some(depth) = view(Resource::Depth) else { return };
         let over = id == PassId::Wireframe;
         let colours = if over { vec![Resource::Radiance] } else { vec![Resource::Normal, Resource::Albedo] };
         let views: Vec<_> = colours.into_iter().filter_map(view).collect();
@@ -222,13 +245,19 @@ impl Renderer {
             multiview_mask: None,
         });
         pass.set_bind_group(0, &self.frame_group, &[]);
-        match (&self.pipelines.wire, over) {
-            (Some(wire), true) => list.wires(&mut pass, wire, instances, counters),
-            (_, false) => {
-                let relief = frame.settings.relief;
-                list.surfaces(&mut pass, &self.pipelines, instances, relief, counters);
+        let relief = frame.settings.relief;
+        if let Some(instances) = self.instances.buffer() {
+            match (&self.pipelines.wire, over) {
+                (Some(wire), true) => list.wires(&mut pass, wire, instances, counters),
+                (_, false) => list.surfaces(&mut pass, &self.pipelines, instances, relief, counters),
+                (None, true) => {}
             }
-            (None, true) => {}
+        }
+        // After the assets, which hide much of it.
+        if let (Some(ground), Some(pipelines), Some(tiles)) =
+            (ground, self.terrain.get(), self.tiles.buffer())
+        {
+            ground.draw(&mut pass, pipelines, tiles, (over, relief), counters);
         }
     }
 }

@@ -6,6 +6,7 @@ use super::asset::AssetGpu;
 use super::camera::Camera;
 use super::graph::PassId;
 use super::instance::Instance;
+use super::terrain::TerrainFrame;
 
 /// An asset and where it stands. Several instances make one draw call per material.
 #[derive(Clone, Copy, Debug)]
@@ -120,6 +121,8 @@ pub struct Frame<'a> {
     pub camera: Camera,
     /// What.
     pub drawables: &'a [Drawable<'a>],
+    /// On which ground.
+    pub terrain: Option<TerrainFrame<'a>>,
     /// In which light.
     pub environment: Environment,
     /// How.
@@ -135,6 +138,7 @@ impl<'a> Frame<'a> {
         Self {
             camera,
             drawables,
+            terrain: None,
             environment: Environment::default(),
             settings: Settings::default(),
             time_s: f32::MAX,
@@ -155,4 +159,6 @@ pub struct Counters {
     pub instances: u32,
     /// Instances left out because their bounds lie outside the view.
     pub instances_culled: u32,
+    /// Terrain tiles drawn; one of which only single quadrants are drawn counts once per quadrant.
+    pub terrain_tiles: u32,
 }

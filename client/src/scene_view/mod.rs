@@ -1,15 +1,20 @@
 //! From the core's changes to the renderer's assets: the part of a viewer that owns GPU memory.
 
+mod ground_view;
+
 use std::collections::VecDeque;
 
 use glam::{DQuat, DVec3, Vec3};
 use lodestream_protocol::scene::{InstanceEntry, SceneHeader};
+
+pub use ground_view::{GroundScene, Making};
 
 use crate::core::{Change, MeshChange, NewAsset};
 use crate::render::{
     AssetGpu, Camera, Drawable, Environment, Frame, Gpu, Instance, Material, RenderError, RenderVertex,
     Renderer, Settings, TextureShape,
 };
+use crate::terrain::Maker;
 
 /// Exposed radiance of a white surface that faces the sun: near the upper end of the tone curve.
 const SUNLIT_WHITE: f32 = 1.6;
@@ -26,6 +31,9 @@ pub struct SceneView {
     waiting: VecDeque<Vec<Change>>,
     /// Last time that a mesh changed, in seconds of the core's clock.
     changed_s: f32,
+    /// The scene's terrain, if it has one.
+    ground: Option<GroundScene>,
+    making: Making,
 }
 
 impl SceneView {
@@ -33,6 +41,14 @@ impl SceneView {
     #[must_use]
     pub fn new() -> Self {
         Self::default()
+    }
+
+    /// An empty scene whose terrain is made on a thread of its own; `notify` is called there after each tile.
+    ///
+    /// # Errors
+    /// Fails where the system gives no thread.
+    pub fn with_terrain_apart(notify: impl Fn() + Send + 'static) -> std::io::Result<Self> {
+        Ok(Self { making: Making::Apart(Maker::start(notify)?), ..Self::default() })
     }
 
     /// Takes one step of the core.
@@ -80,7 +96,12 @@ impl SceneView {
         match change {
             Change::Scene(header) => {
                 let waiting = std::mem::take(&mut self.waiting);
-                *self = Self { header: Some(*header), waiting, ..Self::default() };
+                let making = std::mem::take(&mut self.making);
+                let ground = match &header.terrain {
+                    Some(entry) => Some(GroundScene::new(gpu, renderer, entry)?),
+                    None => None,
+                };
+                *self = Self { header: Some(*header), waiting, ground, making, ..Self::default() };
             }
             Change::Instances(entries) => {
                 for entry in &entries {
@@ -95,6 +116,11 @@ impl SceneView {
             Change::Mesh(mesh) => {
                 self.changed_s = now_s;
                 return self.refine(gpu, &mesh);
+            }
+            Change::TerrainPoints { x, y, points } => {
+                if let Some(ground) = &mut self.ground {
+                    ground.set_points(x, y, points)?;
+                }
             }
             Change::Texture(texture) => {
                 let asset = self.assets.get_mut(texture.asset as usize).and_then(Option::as_mut);
@@ -156,7 +182,30 @@ impl SceneView {
     /// GPU memory of all meshes, in bytes.
     #[must_use]
     pub fn geometry_bytes(&self) -> u64 {
-        self.assets.iter().flatten().map(AssetGpu::geometry_bytes).sum()
+        let assets: u64 = self.assets.iter().flatten().map(AssetGpu::geometry_bytes).sum();
+        assets + self.ground.as_ref().map_or(0, GroundScene::bytes)
+    }
+
+    /// Chooses the terrain's tiles for the frames that follow from `camera`, into pictures of `size` pixels, for a screen
+    /// error of `target_px`. Scenes without terrain need no call.
+    ///
+    /// # Errors
+    /// What the graphics device refuses.
+    pub fn prepare_ground(
+        &mut self,
+        gpu: &Gpu,
+        camera: &Camera,
+        size: (u32, u32),
+        target_px: f32,
+    ) -> Result<(), RenderError> {
+        let Some(ground) = &mut self.ground else { return Ok(()) };
+        ground.prepare(gpu, &self.making, camera, size, f64::from(target_px))
+    }
+
+    /// Terrain tiles that the last frame lacked; coarser ones were drawn in their place.
+    #[must_use]
+    pub fn missing_tiles(&self) -> usize {
+        self.ground.as_ref().map_or(0, GroundScene::missing)
     }
 
     /// Draws the scene as it is now: hands the frame to `draw`.
@@ -175,7 +224,8 @@ impl SceneView {
             .collect();
         let environment = self.header.as_ref().map_or_else(Environment::default, environment);
         let settings = Settings { exposure: settings.exposure * exposure(&environment), ..settings };
-        draw(&Frame { camera, drawables: &drawables, environment, settings, time_s })
+        let terrain = self.ground.as_ref().map(GroundScene::frame);
+        draw(&Frame { camera, drawables: &drawables, terrain, environment, settings, time_s })
     }
 }
 

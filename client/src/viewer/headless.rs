@@ -64,7 +64,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             }
         }
         if presented.is_none() && status.stats.milestones.first_frame.is_some() {
-            draw(&mut headless, &scene, args, seconds(clock.now().into()))?;
+            draw(&mut headless, &mut scene, args, seconds(clock.now().into()))?;
             presented = Some(Duration::from(clock.now()));
         }
         if let Some(end) = &status.end {
@@ -101,7 +101,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     };
     drop(streaming);
     // A time at which every vertex is where it belongs.
-    draw(&mut headless, &scene, args, f32::MAX)?;
+    draw(&mut headless, &mut scene, args, f32::MAX)?;
     headless.save_png(output)?;
     write_stats(args, &status.stats, presented)
 }
@@ -110,9 +110,11 @@ fn seconds(duration: Duration) -> f32 {
     duration.as_secs_f32()
 }
 
-fn draw(headless: &mut Headless, scene: &SceneView, args: &Args, time_s: f32) -> anyhow::Result<()> {
+fn draw(headless: &mut Headless, scene: &mut SceneView, args: &Args, time_s: f32) -> anyhow::Result<()> {
     let start = args.camera.map(|c| c.0).or_else(|| scene.header().map(|h| h.camera));
     let Some(start) = start else { bail!("the server sent no scene") };
-    scene.with_frame(camera(&start), settings(args), time_s, |frame: &Frame<'_>| headless.frame(frame))?;
+    let camera = camera(&start);
+    scene.prepare_ground(headless.gpu(), &camera, headless.size(), args.pixel_error.0)?;
+    scene.with_frame(camera, settings(args), time_s, |frame: &Frame<'_>| headless.frame(frame))?;
     Ok(())
 }

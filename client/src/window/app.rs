@@ -89,12 +89,16 @@ impl App {
                 let _ = proxy.send_event(());
             })?;
         let settings = settings(&self.args);
+        let proxy = self.proxy.clone();
+        let scene = SceneView::with_terrain_apart(move || {
+            let _ = proxy.send_event(());
+        })?;
         let now = Instant::now();
         Ok(Running {
             adapter: painter.gpu.describe(),
             painter,
             streaming,
-            scene: SceneView::new(),
+            scene,
             rig: self.args.camera.map(|camera| Rig::new(camera.0)),
             status: Status::default(),
             choices: Choices::new(&settings, self.args.pixel_error.0),
@@ -213,12 +217,14 @@ impl Running {
             gpu_bytes: self.scene.geometry_bytes(),
             waiting_steps: self.scene.waiting(),
         };
-        let mut choices = self.choices;
-        let (stats, scene, settings) = (&self.status.stats, &self.scene, self.settings);
         let camera = self.rig.map_or_else(
             || Camera::look_at(glam::DVec3::Z, glam::DVec3::ZERO, glam::DVec3::Y, 1.0),
             |rig| rig.camera(),
         );
+        let [width, height] = self.painter.size();
+        self.scene.prepare_ground(&self.painter.gpu, &camera, (width, height), self.choices.target_px)?;
+        let mut choices = self.choices;
+        let (stats, scene, settings) = (&self.status.stats, &self.scene, self.settings);
         let painted = self.painter.paint(
             |ui| overlay::show(ui, stats, &facts, &mut choices),
             |draw| scene.with_frame(camera, settings, now_s, |frame| draw(frame)),
@@ -238,7 +244,7 @@ impl Running {
         }
         self.frame_ms = began.elapsed().as_secs_f64() * 1e3;
         let morphing = now_s - self.scene.changed_s() <= self.settings.morph_s;
-        if self.is_moving() || morphing || self.scene.waiting() > 0 {
+        if self.is_moving() || morphing || self.scene.waiting() > 0 || self.scene.missing_tiles() > 0 {
             return Ok(Duration::ZERO);
         }
         // Figures change while something is received, and once more when nothing was for a while.

@@ -42,6 +42,7 @@ pub(crate) fn draw(headless: &mut Headless, changes: Vec<Change>) -> Picture {
         Vec3::from(camera.up).as_dvec3(),
         f64::from(camera.fov_y),
     );
+    view.prepare_ground(headless.gpu(), &camera, headless.size(), 1.0).unwrap();
     view.with_frame(camera, Settings::default(), f32::MAX, |frame| headless.frame(frame)).unwrap();
     Picture { image: headless.picture().unwrap(), covered: headless.coverage().unwrap() }
 }

@@ -6,6 +6,7 @@ mod accuracy;
 mod pictures;
 mod shapes;
 mod streaming;
+mod terrain;
 
 use std::io::Write;
 

@@ -6,5 +6,6 @@
 pub mod depth;
 pub mod relief;
 pub mod ssao;
+pub mod terrain;
 pub mod tone;
 pub mod transform;

@@ -128,7 +128,7 @@ impl<'a> Painter<'a> {
         };
         let picture = self.studio.alone(|gpu| {
             upload(&mut self.scene, core, gpu, &self.headless)?;
-            draw(&mut self.headless, &self.scene, &view)
+            draw(&mut self.headless, &mut self.scene, &view)
         });
         let Sample { at_ns, bytes, error_px } = seen;
         if let Some(picture) = self.note(picture) {
@@ -153,13 +153,14 @@ fn upload(
     Ok(())
 }
 
-fn draw(headless: &mut Headless, scene: &SceneView, view: &View) -> Result<RgbaImage, RenderError> {
+fn draw(headless: &mut Headless, scene: &mut SceneView, view: &View) -> Result<RgbaImage, RenderError> {
     let camera = Camera {
         eye: DVec3::from(view.eye),
         rotation: DQuat::normalize(view.orientation().as_dquat()),
         fov_y: f64::from(view.fov_y),
         ..Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 1.0)
     };
+    scene.prepare_ground(headless.gpu(), &camera, headless.size(), view.target_px)?;
     scene.with_frame(camera, Settings::default(), AFTER_ALL_MORPHS_S, |frame| headless.frame(frame))?;
     headless.picture()
 }

@@ -1,0 +1,182 @@
+//! Listed points of a terrain's patches: what of them is here, and what a view wants.
+
+use std::collections::VecDeque;
+
+use glam::Vec3;
+use lodestream_geometry::terrain::{PatchPoints, decode_points};
+use lodestream_protocol::blob::{BlobId, BlobPart};
+use lodestream_protocol::select::{Projection, State, Wanted, priority};
+use lodestream_protocol::terrain::{ListedPatch, PATCHES_PER_PAGE, TERRAIN, TerrainEntry, decode_directory};
+use lodestream_protocol::view::View;
+
+use super::changes::Change;
+
+/// Memory of points that are held, in bytes of their blobs times 16, the most that a byte decodes to. More is not
+/// asked for.
+const MAX_HELD_BYTES: u64 = 256 << 20;
+/// Most patches of a directory: a million of them is 16 MB.
+const MAX_PATCHES: u32 = 1 << 20;
+
+/// A patch of the directory.
+#[derive(Clone, Copy, Debug)]
+struct Patch {
+    listed: ListedPatch,
+    state: State,
+}
+
+/// See the module.
+#[derive(Debug)]
+pub(super) struct TerrainPoints {
+    entry: TerrainEntry,
+    pages: Vec<State>,
+    /// By place in the directory; empty where the page is missing.
+    patches: Vec<Vec<Patch>>,
+    held_bytes: u64,
+    /// For a renderer.
+    changes: VecDeque<Change>,
+}
+
+impl TerrainPoints {
+    pub(super) fn new(entry: TerrainEntry) -> Self {
+        let pages = entry.patches.min(MAX_PATCHES).div_ceil(PATCHES_PER_PAGE) as usize;
+        Self {
+            entry,
+            pages: vec![State::Absent; pages],
+            patches: vec![Vec::new(); pages],
+            held_bytes: 0,
+            changes: VecDeque::new(),
+        }
+    }
+
+    fn patch_mut(&mut self, number: u32) -> Option<&mut Patch> {
+        let (page, at) = (number / PATCHES_PER_PAGE, number % PATCHES_PER_PAGE);
+        self.patches.get_mut(page as usize)?.get_mut(at as usize)
+    }
+
+    pub(super) fn state(&self, part: BlobPart) -> State {
+        match part {
+            BlobPart::IndexPage(page) => self.pages.get(page as usize).copied().unwrap_or(State::Absent),
+            BlobPart::Chunk(patch) => {
+                let (page, at) = (patch / PATCHES_PER_PAGE, patch % PATCHES_PER_PAGE);
+                let patch = self.patches.get(page as usize).and_then(|page| page.get(at as usize));
+                patch.map_or(State::Absent, |patch| patch.state)
+            }
+            BlobPart::Base | BlobPart::Texture { .. } => State::Absent,
+        }
+    }
+
+    pub(super) fn set_state(&mut self, part: BlobPart, state: State) {
+        match part {
+            BlobPart::IndexPage(page) => {
+                if let Some(held) = self.pages.get_mut(page as usize) {
+                    *held = state;
+                }
+            }
+            BlobPart::Chunk(patch) => {
+                if let Some(patch) = self.patch_mut(patch) {
+                    patch.state = state;
+                }
+            }
+            BlobPart::Base | BlobPart::Texture { .. } => {}
+        }
+    }
+
+    /// Brings an entry of a wanted list up to date.
+    pub(super) fn refresh(&self, wanted: &mut Wanted) {
+        wanted.state = self.state(wanted.id.part);
+    }
+
+    /// Adds what `view` wants to `wanted`, whose order is by priority: pages of the directory after the base meshes,
+    /// points by the screen error that they remove. Says whether nothing of it is missing.
+    pub(super) fn want(&self, view: &View, wanted: &mut Vec<Wanted>) -> bool {
+        let before = wanted.len();
+        let mut settled = true;
+        for (page, &state) in (0..).zip(&self.pages) {
+            if matches!(state, State::Absent | State::InFlight) {
+                let urgent = priority::index_priority(f32::MAX);
+                wanted.push(Wanted::whole(BlobId::terrain_page(page), urgent, None, state));
+                settled = false;
+            }
+        }
+        let projection = Projection::new(view);
+        let frustum = view.frustum();
+        let (unit, height_unit) = (f64::from(self.entry.unit), f64::from(self.entry.height_unit));
+        let side = f64::from(1_u32 << self.entry.parameters.finest_level) * unit;
+        let worst = self.entry.parameters.worst_height() as f64 * height_unit;
+        let all =
+            (0..).zip(&self.patches).flat_map(|(page, patches)| (page * PATCHES_PER_PAGE..).zip(patches));
+        for (number, Patch { listed, state }) in all {
+            if !matches!(state, State::Absent | State::InFlight) {
+                continue;
+            }
+            let error = f64::from(listed.error) * height_unit;
+            let center =
+                [f64::from(listed.x) * side + 0.5 * side, 0.0, f64::from(listed.y) * side + 0.5 * side];
+            let relative = Vec3::from([0, 1, 2].map(|i| (center[i] - view.eye[i]) as f32));
+            let radius = (0.5 * side * std::f64::consts::SQRT_2 + worst + error) as f32;
+            if !frustum.sees(relative, radius) {
+                continue;
+            }
+            // The nearest point of the patch in the plane; its height does not matter for an estimate.
+            let outside = |from: f64, eye: f64| (from - eye).max(eye - from - side).max(0.0);
+            let across = outside(f64::from(listed.x) * side, view.eye[0])
+                .hypot(outside(f64::from(listed.y) * side, view.eye[2]));
+            let px = projection.error_px(error, across.max(0.02 * side)) as f32;
+            if px <= view.target_px || self.held_bytes + 16 * u64::from(listed.bytes) > MAX_HELD_BYTES {
+                continue;
+            }
+            let priority = priority::refine_priority(px, listed.bytes, 1.0);
+            let id = BlobId::terrain_points(number);
+            wanted.push(Wanted::whole(id, priority, Some(listed.bytes), *state));
+            settled = false;
+        }
+        if wanted.len() > before {
+            // Stable: what the selection ordered stays in its order.
+            wanted.sort_by_key(|wanted| std::cmp::Reverse(wanted.priority));
+        }
+        settled
+    }
+
+    /// Uses a blob that came whole; says why it cannot be used.
+    pub(super) fn take(&mut self, part: BlobPart, bytes: &[u8]) -> Result<(), String> {
+        match part {
+            BlobPart::IndexPage(page) => {
+                let first = page.saturating_mul(PATCHES_PER_PAGE);
+                let count = self.entry.patches.min(MAX_PATCHES).saturating_sub(first).min(PATCHES_PER_PAGE);
+                let listed = decode_directory(bytes, count).map_err(|why| why.to_string())?;
+                let Some(held) = self.patches.get_mut(page as usize) else {
+                    return Err("no such page".into());
+                };
+                *held = listed.into_iter().map(|listed| Patch { listed, state: State::Absent }).collect();
+            }
+            BlobPart::Chunk(number) => {
+                let finest = self.entry.parameters.finest_level;
+                let points: PatchPoints = decode_points(finest, bytes).map_err(|why| why.to_string())?;
+                let Some(patch) = self.patch_mut(number) else { return Err("no such patch".into()) };
+                let (x, y) = (i64::from(patch.listed.x), i64::from(patch.listed.y));
+                self.held_bytes += 16 * bytes.len() as u64;
+                self.changes.push_back(Change::TerrainPoints { x, y, points });
+            }
+            BlobPart::Base | BlobPart::Texture { .. } => return Err("terrains have no such part".into()),
+        }
+        self.set_state(part, State::Applied);
+        Ok(())
+    }
+
+    pub(super) fn has_changes(&self) -> bool {
+        !self.changes.is_empty()
+    }
+
+    pub(super) fn take_change(&mut self) -> Option<Change> {
+        self.changes.pop_front()
+    }
+
+    pub(super) fn drop_changes(&mut self) {
+        self.changes.clear();
+    }
+
+    /// Whether a name is that of a blob of a terrain.
+    pub(super) const fn owns(id: BlobId) -> bool {
+        id.asset == TERRAIN
+    }
+}

@@ -1,0 +1,264 @@
+// Terrain tiles to depth, world normal + roughness, and albedo.
+//
+// A tile is TILE_CELLS² cells of one spacing; its heights lie in an atlas with a margin of TILE_MARGIN points, which
+// normals need. Everything that two tiles share is computed from integers by the same operations, so that they
+// agree to the bit. Twin: twin/terrain.rs.
+
+// Compiled in where relief mapping is on.
+override RELIEF: bool = false;
+
+const TILE_CELLS: i32 = 16;
+
+struct Terrain {
+    // From the corner of the eye's grid cell to the eye, world units; y from the nearest height unit.
+    eye_fraction: vec3<f32>,
+    eye_height: i32, // in height units
+    unit: f32, // world units per grid unit
+    height_unit: f32, // world units per height unit
+    above: f32, // of the eye over the highest ground around, not below 0
+    relief_depth: f32, // world units
+    // Heights above which grass, hill and snow begin, and half the width over which one becomes the other; world units.
+    zones: vec4<f32>,
+    // The eye in each scale's repetition, world units: x, z of the near scale, of the far one.
+    eye_in_near: vec2<f32>,
+    eye_in_far: vec2<f32>,
+    // Lengths of one repetition of the near and far scale, world units, and of the patches that break them up.
+    periods: vec2<f32>,
+    padding: vec2<f32>,
+}
+
+@group(1) @binding(0) var<uniform> terrain: Terrain;
+@group(1) @binding(1) var tile_heights: texture_2d<i32>;
+@group(1) @binding(2) var layers: texture_2d_array<f32>; // rgb colour, a height
+@group(1) @binding(3) var layer_sampler: sampler;
+
+struct TileIn {
+    @builtin(vertex_index) vertex: u32, // row · (TILE_CELLS + 1) + column
+    @location(0) origin: vec2<i32>, // of the tile, from the eye's cell, grid units
+    @location(1) atlas: vec2<i32>, // texel of the tile's first point
+    @location(2) morph: vec2<f32>, // distance where points begin to slide, and one over the way until they have arrived
+    @location(3) spacing: u32, // binary logarithm, grid units
+}
+
+struct Ground {
+    @builtin(position) clip: vec4<f32>,
+    @location(0) position: vec3<f32>, // world axes, relative to the eye
+    @location(1) normal: vec3<f32>,
+    @location(2) height: f32, // world units, absolute
+    @location(3) @interpolate(flat) spacing: u32,
+}
+
+struct GBuffer {
+    @location(0) normal_roughness: vec4<f32>,
+    @location(1) albedo: vec4<f32>,
+}
+
+fn tile_height(tile: TileIn, p: vec2<i32>) -> i32 {
+    return textureLoad(tile_heights, tile.atlas + p, 0).x;
+}
+
+// Height over the eye's nearest height unit.
+fn relative_height(tile: TileIn, p: vec2<i32>) -> f32 {
+    return f32(tile_height(tile, p) - terrain.eye_height);
+}
+
+// A point of the plane, relative to the eye.
+fn across(tile: TileIn, p: vec2<i32>) -> vec2<f32> {
+    return vec2<f32>(tile.origin + (p << vec2(tile.spacing))) * terrain.unit - terrain.eye_fraction.xz;
+}
+
+// Slopes along both axes by central differences over `step` points.
+fn slope(tile: TileIn, p: vec2<i32>, step: i32) -> vec2<f32> {
+    let dx = f32(tile_height(tile, p + vec2(step, 0)) - tile_height(tile, p - vec2(step, 0)));
+    let dy = f32(tile_height(tile, p + vec2(0, step)) - tile_height(tile, p - vec2(0, step)));
+    return vec2(dx, dy) * (terrain.height_unit / (terrain.unit * f32((2 * step) << tile.spacing)));
+}
+
+struct Placed {
+    position: vec3<f32>,
+    slope: vec2<f32>,
+    height: f32,
+}
+
+fn place(tile: TileIn) -> Placed {
+    let row = i32(tile.vertex) / (TILE_CELLS + 1);
+    var p = vec2(i32(tile.vertex) - row * (TILE_CELLS + 1), row);
+    let flat_position = across(tile, p);
+    let d = length(vec3(flat_position, terrain.above));
+    let weight = clamp((d - tile.morph.x) * tile.morph.y, 0.0, 1.0);
+
+    // An odd point lies in the middle of an edge of the coarser triangulation: along a side or along the diagonal.
+    // On the outline, where a coarser tile may begin, a point that has arrived there goes on to the edge's end, because a
+    // point within a neighbour's edge would leave gaps of a rounding error's size.
+    let odd = p & vec2(1);
+    let on_side = (p == vec2(0)) | (p == vec2(TILE_CELLS));
+    if (weight >= 1.0 && ((on_side.x && odd.y == 1) || (on_side.y && odd.x == 1))) {
+        p -= odd;
+        let end = relative_height(tile, p);
+        let at = across(tile, p);
+        var out: Placed;
+        out.position = vec3(at.x, end * terrain.height_unit - terrain.eye_fraction.y, at.y);
+        out.slope = slope(tile, p, 2);
+        out.height = f32(tile_height(tile, p)) * terrain.height_unit;
+        return out;
+    }
+    let fine = relative_height(tile, p);
+    let coarse = 0.5 * (relative_height(tile, p - odd) + relative_height(tile, p + odd));
+    let h = mix(fine, coarse, weight);
+    let coarse_slope = 0.5 * (slope(tile, p - odd, 2) + slope(tile, p + odd, 2));
+    var out: Placed;
+    out.position = vec3(flat_position.x, h * terrain.height_unit - terrain.eye_fraction.y, flat_position.y);
+    out.slope = mix(slope(tile, p, 1), coarse_slope, weight);
+    out.height = (h + f32(terrain.eye_height)) * terrain.height_unit;
+    return out;
+}
+
+fn clip_position(world: vec3<f32>) -> vec4<f32> {
+    return frame.clip_from_view * vec4((frame.view_from_world * vec4(world, 0.0)).xyz, 1.0);
+}
+
+@vertex
+fn vs_terrain(tile: TileIn) -> Ground {
+    let placed = place(tile);
+    var out: Ground;
+    out.position = placed.position;
+    out.clip = clip_position(placed.position);
+    out.normal = normalize(vec3(-placed.slope.x, 1.0, -placed.slope.y));
+    out.height = placed.height;
+    out.spacing = tile.spacing;
+    return out;
+}
+
+// Weights of sand, grass, hill and snow; their sum is 1. Between zones one fades into the next; where the ground is
+// steep, neither grass nor snow nor sand stays and the hill's rock shows.
+fn zone_weights(height: f32, up: f32) -> vec4<f32> {
+    let half_width = terrain.zones.w;
+    let grass = smoothstep(terrain.zones.x - half_width, terrain.zones.x + half_width, height);
+    let hill = smoothstep(terrain.zones.y - half_width, terrain.zones.y + half_width, height);
+    let snow = smoothstep(terrain.zones.z - half_width, terrain.zones.z + half_width, height);
+    let by_height = vec4(1.0 - grass, grass * (1.0 - hill), grass * hill * (1.0 - snow), grass * hill * snow);
+    let steep = 1.0 - smoothstep(0.72, 0.86, up);
+    let weights = mix(by_height, vec4(0.0, 0.0, 1.0, 0.0), steep);
+    return weights / dot(weights, vec4(1.0));
+}
+
+fn level_colour(level: u32) -> vec3<f32> {
+    let hue = fract(f32(level) * 0.61803399 + 0.02) * 6.0;
+    let rgb = clamp(vec3(abs(hue - 3.0) - 1.0, 2.0 - abs(hue - 2.0), 2.0 - abs(hue - 4.0)), vec3(0.0), vec3(1.0));
+    return 0.15 + 0.65 * rgb;
+}
+
+// Texture coordinates at the far scale: turned, so that the two repetitions never line up.
+fn far_uv(across: vec2<f32>) -> vec2<f32> {
+    let p = across + terrain.eye_in_far;
+    return vec2(0.8 * p.x - 0.6 * p.y, 0.6 * p.x + 0.8 * p.y) / terrain.periods.y;
+}
+
+fn near_uv(across: vec2<f32>) -> vec2<f32> {
+    return (across + terrain.eye_in_near) / terrain.periods.x;
+}
+
+// Ground height of a layer at the near scale, 0 to 1.
+fn layer_height(uv: vec2<f32>, layer: i32, lod: f32) -> f32 {
+    return textureSampleLevel(layers, layer_sampler, uv, layer, lod).a;
+}
+
+// Where the eye's ray meets the ground's relief: linear search, then halvings, as in relief.wgsl, over the one layer that
+// weighs most. Gives the shift in the plane, world units.
+fn ground_relief(start: vec2<f32>, layer: i32, depth: f32, view: vec3<f32>, normal: vec3<f32>, lod: f32) -> vec2<f32> {
+    let cosine = max(-dot(view, normal), 0.15);
+    // Along the surface; its tilt is small where relief is near enough to be seen.
+    let tangent = view - normal * dot(view, normal);
+    let span = tangent.xz * (depth / cosine);
+    let steps = ceil(mix(20.0, 8.0, cosine));
+    var below = 1.0;
+    for (var i = 1.0; i < steps; i += 1.0) {
+        let t = i / steps;
+        if (t >= 1.0 - layer_height(near_uv(start + span * t), layer, lod)) {
+            below = t;
+            break;
+        }
+    }
+    var over = max(below - 1.0 / steps, 0.0);
+    for (var i = 0; i < 5; i++) {
+        let middle = 0.5 * (over + below);
+        if (middle >= 1.0 - layer_height(near_uv(start + span * middle), layer, lod)) {
+            below = middle;
+        } else {
+            over = middle;
+        }
+    }
+    return span * (0.5 * (over + below));
+}
+
+@fragment
+fn fs_terrain(g: Ground) -> GBuffer {
+    let start = g.position.xz;
+    // Derivatives first: they need uniform control flow.
+    let dx = dpdx(start);
+    let dy = dpdy(start);
+    let distance = max(length(g.position), 1e-30);
+    let view = g.position / distance;
+    var normal = normalize(g.normal);
+
+    // Borders of zones wander with the far scale's heights, so that they do not follow a contour line.
+    let turned_x = vec2(0.8 * dx.x - 0.6 * dx.y, 0.6 * dx.x + 0.8 * dx.y) / terrain.periods.y;
+    let turned_y = vec2(0.8 * dy.x - 0.6 * dy.y, 0.6 * dy.x + 0.8 * dy.y) / terrain.periods.y;
+    let blotch = textureSampleGrad(layers, layer_sampler, far_uv(start) * 0.25, 1, turned_x * 0.25, turned_y * 0.25).a;
+    let weights = zone_weights(g.height + (blotch - 0.5) * terrain.zones.w, normal.y);
+
+    var at = start;
+    if (RELIEF) {
+        let px = terrain.relief_depth * frame.scale_px / distance;
+        let depth = terrain.relief_depth * smoothstep(0.5, 1.5, px);
+        if (depth > 0.0) {
+            var layer = 0;
+            var most = weights.x;
+            if (weights.y > most) { layer = 1; most = weights.y; }
+            if (weights.z > most) { layer = 2; most = weights.z; }
+            if (weights.w > most) { layer = 3; most = weights.w; }
+            let size = f32(textureDimensions(layers).x);
+            let rho = max(length(dx), length(dy)) / terrain.periods.x * size;
+            let lod = max(log2(max(rho, 1e-6)), 0.0);
+            let strength = depth * most;
+            at = start + ground_relief(start, layer, strength, view, normal, lod);
+            let texel = exp2(lod) / size;
+            let uv = near_uv(at);
+            let du = layer_height(uv + vec2(texel, 0.0), layer, lod) - layer_height(uv - vec2(texel, 0.0), layer, lod);
+            let dv = layer_height(uv + vec2(0.0, texel), layer, lod) - layer_height(uv - vec2(0.0, texel), layer, lod);
+            let bump = vec2(du, dv) * (strength / (2.0 * texel * terrain.periods.x));
+            normal = normalize(normal - vec3(bump.x, 0.0, bump.y));
+        }
+    }
+
+    // Two scales of each layer, turned against each other, weighted by a third: no repetition is seen twice alike.
+    let uv = near_uv(at);
+    let fuv = far_uv(at);
+    var albedo = vec3(0.0);
+    for (var layer = 0; layer < 4; layer++) {
+        let near = textureSampleGrad(layers, layer_sampler, uv, layer, dx / terrain.periods.x, dy / terrain.periods.x).rgb;
+        let far = textureSampleGrad(layers, layer_sampler, fuv, layer, turned_x, turned_y).rgb;
+        albedo += weights[layer] * mix(near, far, 0.35 + 0.3 * blotch);
+    }
+    albedo *= 0.8 + 0.4 * blotch;
+    if (frame.shade == 1u) {
+        albedo = level_colour(g.spacing);
+    }
+    var out: GBuffer;
+    out.normal_roughness = vec4(normal, mix(0.95, 0.6, weights.w));
+    out.albedo = vec4(albedo, 1.0);
+    return out;
+}
+
+// Edges over the lit picture, moved towards the eye as in gbuffer.wgsl.
+@vertex
+fn vs_terrain_wire(tile: TileIn) -> @builtin(position) vec4<f32> {
+    var clip = clip_position(place(tile).position);
+    clip.z *= 1.002;
+    return clip;
+}
+
+@fragment
+fn fs_terrain_wire() -> @location(0) vec4<f32> {
+    return vec4(0.02, 0.02, 0.025, 1.0);
+}

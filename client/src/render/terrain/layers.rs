@@ -1,0 +1,219 @@
+//! Textures of the ground, made here: sand, grass, hill rock and snow, each with a height map, all seamless.
+//!
+//! Each is a few octaves of gradientless value noise (a lattice of hashed values, interpolated smoothly, periodic in the
+//! texture) shaped to its material: ripples for sand, tufts for grass, cracks for rock, drifts for snow. Computed once per
+//! process in integers and f32 without transcendental functions but the sRGB curve.
+
+/// Layers, in the order of the shader's weights.
+pub(crate) const LAYERS: u32 = 4;
+/// Texels along a side.
+pub(crate) const SIDE: u32 = 256;
+/// Mip levels, down to one texel.
+pub(crate) const LEVELS: u32 = SIDE.ilog2() + 1;
+
+/// Texels of one layer: sRGB colour, and height as alpha.
+type Layer = Vec<[f32; 4]>;
+
+/// All mip levels of all layers, as the device takes them: level after level of the first layer, then the next layer.
+/// RGBA, colour sRGB-encoded, alpha the height (1 is the surface).
+pub(crate) fn texels() -> Vec<u8> {
+    let mut bytes = Vec::new();
+    for layer in 0..LAYERS {
+        let mut texels = paint(layer);
+        let mut side = SIDE;
+        loop {
+            for [r, g, b, h] in &texels {
+                let byte = |x: f32| (x.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
+                bytes.extend([byte(srgb(*r)), byte(srgb(*g)), byte(srgb(*b)), byte(*h)]);
+            }
+            if side == 1 {
+                break;
+            }
+            texels = halved(&texels, side);
+            side /= 2;
+        }
+    }
+    bytes
+}
+
+/// Mean of two by two texels, in linear light.
+fn halved(texels: &Layer, side: u32) -> Layer {
+    let half = side / 2;
+    let at = |x: u32, y: u32| texels[(y * side + x) as usize];
+    (0..half * half)
+        .map(|i| {
+            let (x, y) = (2 * (i % half), 2 * (i / half));
+            let four = [at(x, y), at(x + 1, y), at(x, y + 1), at(x + 1, y + 1)];
+            [0, 1, 2, 3].map(|c| four.iter().map(|t| t[c]).sum::<f32>() * 0.25)
+        })
+        .collect()
+}
+
+/// Encoding curve of sRGB (IEC 61966-2-1).
+fn srgb(x: f32) -> f32 {
+    if x <= 0.003_130_8 { x * 12.92 } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 }
+}
+
+fn paint(layer: u32) -> Layer {
+    let mut texels: Layer = (0..SIDE * SIDE)
+        .map(|i| {
+            let (u, v) = ((i % SIDE) as f32 / SIDE as f32, (i / SIDE) as f32 / SIDE as f32);
+            match layer {
+                0 => sand(u, v),
+                1 => grass(u, v),
+                2 => rock(u, v),
+                _ => snow(u, v),
+            }
+        })
+        .collect();
+    stretch(&mut texels);
+    texels
+}
+
+/// Stretches heights to the whole of 0 to 1.
+fn stretch(texels: &mut Layer) {
+    let low = texels.iter().map(|t| t[3]).fold(f32::INFINITY, f32::min);
+    let high = texels.iter().map(|t| t[3]).fold(f32::NEG_INFINITY, f32::max);
+    for texel in texels {
+        texel[3] = (texel[3] - low) / (high - low).max(1e-6);
+    }
+}
+
+fn mix(a: [f32; 3], b: [f32; 3], t: f32) -> [f32; 3] {
+    [0, 1, 2].map(|i| a[i] + (b[i] - a[i]) * t.clamp(0.0, 1.0))
+}
+
+fn with_height([r, g, b]: [f32; 3], height: f32) -> [f32; 4] {
+    [r, g, b, height]
+}
+
+/// Ripples that bend, with grains.
+fn sand(u: f32, v: f32) -> [f32; 4] {
+    let bend = octaves(u, v, 4, 3, 11) - 0.5;
+    // A triangle wave across, rounded.
+    let phase = (v * 14.0 + bend * 5.0).rem_euclid(1.0);
+    let wave = smooth((phase * 2.0 - 1.0).abs());
+    let grain = value(u, v, 128, 12);
+    let tone = octaves(u, v, 3, 4, 13);
+    let colour = mix([0.46, 0.37, 0.24], [0.62, 0.52, 0.36], 0.55 * tone + 0.2 * wave + 0.25 * grain);
+    with_height(colour, 0.6 * wave + 0.25 * tone + 0.15 * grain)
+}
+
+/// Tufts, darker between, some dry.
+fn grass(u: f32, v: f32) -> [f32; 4] {
+    let tufts = octaves(u, v, 24, 3, 21);
+    let blades = value(u, v, 96, 22);
+    let dry = octaves(u, v, 5, 3, 23);
+    let height = 0.65 * tufts + 0.35 * blades;
+    let green = mix([0.045, 0.085, 0.02], [0.15, 0.21, 0.055], height * 1.3 - 0.15);
+    with_height(mix(green, [0.24, 0.22, 0.09], (dry - 0.5) * 1.2), height)
+}
+
+/// Blocks with cracks between: the distance to the nearest and second nearest of scattered points (Worley 1996).
+fn rock(u: f32, v: f32) -> [f32; 4] {
+    let bend = (octaves(u, v, 6, 3, 31) - 0.5) * 0.07;
+    let (near, second, cell) = worley(u + bend, v - bend, 9, 32);
+    let crack = smooth(((second - near) * 3.2).min(1.0));
+    let grain = octaves(u, v, 20, 4, 33);
+    let height = crack * (0.45 + 0.35 * cell) + 0.3 * grain;
+    let colour =
+        mix([0.10, 0.095, 0.085], [0.34, 0.315, 0.28], 0.55 * grain + 0.3 * crack + 0.25 * cell - 0.1);
+    with_height(colour, height)
+}
+
+/// Drifts.
+fn snow(u: f32, v: f32) -> [f32; 4] {
+    let drift = octaves(u, v, 4, 5, 41);
+    let grain = value(u, v, 128, 42);
+    with_height(
+        mix([0.68, 0.73, 0.80], [0.88, 0.90, 0.92], 0.8 * drift + 0.2 * grain),
+        0.9 * drift + 0.1 * grain,
+    )
+}
+
+fn smooth(t: f32) -> f32 {
+    t * t * (3.0 - 2.0 * t)
+}
+
+/// Hash of a lattice point (the finaliser of MurmurHash3, 32 bits) as 0 to 1.
+fn hashed(x: i32, y: i32, seed: u32) -> f32 {
+    let mut h = (x as u32).wrapping_mul(0x9E37_79B1)
+        ^ (y as u32).wrapping_mul(0x85EB_CA77)
+        ^ seed.wrapping_mul(0xC2B2_AE3D);
+    h = (h ^ (h >> 16)).wrapping_mul(0x85EB_CA6B);
+    h = (h ^ (h >> 13)).wrapping_mul(0xC2B2_AE35);
+    (h ^ (h >> 16)) as f32 / u32::MAX as f32
+}
+
+/// Value noise of `cells` cells to a texture's width, 0 to 1.
+fn value(u: f32, v: f32, cells: i32, seed: u32) -> f32 {
+    let (x, y) = (u * cells as f32, v * cells as f32);
+    let (fx, fy) = (smooth(x - x.floor()), smooth(y - y.floor()));
+    let (x, y) = (x.floor() as i32, y.floor() as i32);
+    let at = |dx: i32, dy: i32| hashed((x + dx).rem_euclid(cells), (y + dy).rem_euclid(cells), seed);
+    let row = |dy: i32| at(0, dy) + (at(1, dy) - at(0, dy)) * fx;
+    row(0) + (row(1) - row(0)) * fy
+}
+
+/// Octaves of value noise, each half as strong and twice as fine, 0 to 1.
+fn octaves(u: f32, v: f32, cells: i32, count: u32, seed: u32) -> f32 {
+    let (mut sum, mut weight, mut total) = (0.0, 1.0, 0.0);
+    for octave in 0..count {
+        sum += weight * value(u, v, cells << octave, seed.wrapping_add(octave * 101));
+        total += weight;
+        weight *= 0.5;
+    }
+    sum / total
+}
+
+/// Distances to the nearest and second nearest of one scattered point per cell, in cells, and a value of the nearest.
+fn worley(u: f32, v: f32, cells: i32, seed: u32) -> (f32, f32, f32) {
+    let (x, y) = (u * cells as f32, v * cells as f32);
+    let (cx, cy) = (x.floor() as i32, y.floor() as i32);
+    let (mut near, mut second, mut cell) = (f32::INFINITY, f32::INFINITY, 0.0);
+    for dy in -1..=1 {
+        for dx in -1..=1 {
+            let (px, py) = ((cx + dx).rem_euclid(cells), (cy + dy).rem_euclid(cells));
+            let sx = (cx + dx) as f32 + hashed(px, py, seed);
+            let sy = (cy + dy) as f32 + hashed(px, py, seed + 1);
+            let distance = ((sx - x) * (sx - x) + (sy - y) * (sy - y)).sqrt();
+            if distance < near {
+                (second, near, cell) = (near, distance, hashed(px, py, seed + 2));
+            } else {
+                second = second.min(distance);
+            }
+        }
+    }
+    (near, second, cell)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn layers_are_seamless_and_fill_their_heights() {
+        for layer in 0..LAYERS {
+            let texels = paint(layer);
+            let at = |x: u32, y: u32| texels[(y % SIDE * SIDE + x % SIDE) as usize];
+            // Steps across the seam are no larger than those elsewhere.
+            let step = |x: u32, y: u32, dx: u32, dy: u32| (at(x, y)[3] - at(x + dx, y + dy)[3]).abs();
+            let largest = (0..SIDE * SIDE)
+                .filter(|i| i % SIDE < SIDE - 1)
+                .map(|i| step(i % SIDE, i / SIDE, 1, 0))
+                .fold(0.0, f32::max);
+            for i in 0..SIDE {
+                assert!(step(SIDE - 1, i, 1, 0) <= largest && step(i, SIDE - 1, 0, 1) <= largest.max(0.6));
+            }
+            let heights: Vec<f32> = texels.iter().map(|t| t[3]).collect();
+            assert!(heights.iter().all(|h| (0.0..=1.0).contains(h)));
+            assert!(heights.iter().any(|&h| h > 0.999) && heights.iter().any(|&h| h < 0.001));
+        }
+    }
+
+    #[test]
+    fn mip_levels_are_all_there() {
+        let texels: u32 = (0..LEVELS).map(|level| (SIDE >> level).pow(2)).sum();
+        assert_eq!(super::texels().len() as u32, LAYERS * texels * 4);
+    }
+}

@@ -1,0 +1,233 @@
+//! What pictures of terrain show: ground without cracks, level of detail that agrees with the errors.
+
+use glam::DVec3;
+use image::RgbaImage;
+use lodestream_geometry::random::Random;
+use lodestream_geometry::terrain::{Parameters, Scratch, Terrain};
+use lodestream_protocol::terrain::TerrainEntry;
+
+use super::{headless, keep};
+use crate::image_compare::compare;
+use crate::render::twin::terrain::Tile;
+use crate::render::{Camera, Frame, Headless, Settings, Shade};
+use crate::scene_view::{GroundScene, Making};
+use crate::terrain::{Ground, TILE_CELLS, TileId};
+
+/// Hills of some hundred metres on patches of 512 m, heights in centimetres.
+fn entry(seed: u64) -> TerrainEntry {
+    TerrainEntry {
+        parameters: Parameters {
+            seed,
+            finest_level: 8,
+            extent_log2: 5,
+            amplitude: 9_000,
+            ..Parameters::default()
+        },
+        unit: 2.0,
+        height_unit: 0.01,
+        zones: [-40.0, 45.0, 110.0],
+        stamps: Vec::new(),
+        patches: 0,
+    }
+}
+
+fn scene(h: &Headless, entry: &TerrainEntry) -> GroundScene {
+    GroundScene::new(h.gpu(), h.renderer(), entry).unwrap()
+}
+
+fn draw(
+    h: &mut Headless,
+    ground: &mut GroundScene,
+    camera: Camera,
+    px: f64,
+    settings: Settings,
+) -> RgbaImage {
+    let gpu_size = h.size();
+    ground.prepare(h.gpu(), &Making::AtOnce, &camera, gpu_size, px).unwrap();
+    let frame = Frame { terrain: Some(ground.frame()), settings, ..Frame::new(camera, &[]) };
+    h.frame(&frame).unwrap();
+    h.picture().unwrap()
+}
+
+/// Height of the ground below a place.
+fn ground_height(entry: &TerrainEntry, x: f64, z: f64) -> f64 {
+    let terrain = Terrain::new(entry.parameters).unwrap();
+    let mut heights = Vec::new();
+    let [x, z] = [x, z].map(|v| (v / f64::from(entry.unit)).floor() as i64);
+    terrain.window(terrain.finest_level(), x, z, 2, 2, &mut Scratch::new(), &mut heights).unwrap();
+    f64::from(*heights.iter().max().unwrap()) * f64::from(entry.height_unit)
+}
+
+#[test]
+fn terrain_for_looking_at() {
+    let Some(mut h) = headless(640, 360) else { return };
+    let entry = entry(3);
+    let mut ground = scene(&h, &entry);
+    let low = DVec3::new(40.0, ground_height(&entry, 40.0, 60.0) + 2.0, 60.0);
+    let near = Camera::look_at(low, low + DVec3::new(1.0, -0.05, 0.6), DVec3::Y, 0.9);
+    let high = DVec3::new(0.0, 400.0, 0.0);
+    let views = [
+        ("terrain-near", near),
+        ("terrain-hill", Camera::look_at(high, high + DVec3::new(1.0, -0.35, 0.3), DVec3::Y, 0.9)),
+        (
+            "terrain-high",
+            Camera::look_at(high * 10.0, high * 10.0 + DVec3::new(1.0, -0.8, 0.3), DVec3::Y, 0.9),
+        ),
+        ("terrain-space", Camera::look_at(high * 120.0, DVec3::new(1.0, 0.0, 0.0), DVec3::Y, 0.9)),
+    ];
+    for (name, camera) in views {
+        let picture = draw(&mut h, &mut ground, camera, 1.0, Settings::default());
+        keep(&h, name);
+        println!("{name}: {} tiles at {:.2} px", ground.frame().parts.len(), ground.drawn_px());
+        let levels = Settings { shade: Shade::Level, wireframe: true, ..Settings::default() };
+        let other = draw(&mut h, &mut ground, camera, 4.0, levels);
+        keep(&h, &format!("{name}-levels"));
+        assert!(compare(&picture, &other, None).unwrap().max_difference > 8);
+    }
+}
+
+/// A camera somewhere over the middle of the world, from a man's height to a tower's, looking ahead or down.
+fn random_camera(entry: &TerrainEntry, random: &mut Random) -> Camera {
+    let mut place = || (random.unit() - 0.5) * 4000.0;
+    let (x, z) = (place(), place());
+    let over = 1.5 + 300.0 * random.unit().powi(3);
+    let eye = DVec3::new(x, ground_height(entry, x, z) + over, z);
+    let (turn, pitch) = (random.unit() * std::f64::consts::TAU, -0.6 + 0.65 * random.unit());
+    let ahead = DVec3::new(turn.cos(), pitch, turn.sin());
+    Camera::look_at(eye, eye + ahead, DVec3::Y, 0.5 + 0.7 * random.unit())
+}
+
+/// Direction in which a pixel looks, not normalised: one unit deep.
+fn ray(camera: &Camera, (width, height): (u32, u32), x: u32, y: u32) -> DVec3 {
+    let (tx, ty) = camera.tan_half_fov(width, height);
+    let ndc = [
+        (f64::from(x) + 0.5) / f64::from(width) * 2.0 - 1.0,
+        1.0 - (f64::from(y) + 0.5) / f64::from(height) * 2.0,
+    ];
+    camera.rotation * DVec3::new(ndc[0] * tx, ndc[1] * ty, -1.0)
+}
+
+#[test]
+fn no_background_shows_through_the_ground() {
+    let Some(mut h) = headless(320, 180) else { return };
+    let size = h.size();
+    let mut random = Random::new(11);
+    for number in 0..20 {
+        let entry = entry(number);
+        let mut ground = scene(&h, &entry);
+        let camera = random_camera(&entry, &mut random);
+        let px = 0.7 + 8.0 * random.unit();
+        draw(&mut h, &mut ground, camera, px, Settings::default());
+        let depth = h.depth().unwrap();
+        // From the middle of the world its edge is 14 km away, and no ground lies deeper than 400 m.
+        let steep = |ray: DVec3| ray.y / ray.x.hypot(ray.z) < -(camera.eye.y + 400.0) / 12_000.0;
+        let mut below = 0;
+        for y in 0..size.1 {
+            for x in 0..size.0 {
+                if steep(ray(&camera, size, x, y)) {
+                    below += 1;
+                    let gap = depth[(y * size.0 + x) as usize] <= 0.0;
+                    assert!(!gap, "camera {number} at {px:.2} px: background at {x}, {y}");
+                }
+            }
+        }
+        assert!(below > 2000, "camera {number} sees hardly any ground");
+    }
+}
+
+/// Where a ray (one unit deep) first meets a triangle, in depth.
+fn hit(ray: DVec3, [a, b, c]: [DVec3; 3]) -> Option<f64> {
+    // Möller and Trumbore 1997, from the origin.
+    let (ab, ac) = (b - a, c - a);
+    let p = ray.cross(ac);
+    let det = ab.dot(p);
+    if det.abs() < 1e-300 {
+        return None;
+    }
+    let t = -a;
+    let u = t.dot(p) / det;
+    let q = t.cross(ab);
+    let v = ray.dot(q) / det;
+    let depth = ac.dot(q) / det;
+    (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && depth > 0.0).then_some(depth)
+}
+
+#[test]
+fn pictures_show_what_the_twin_computes_and_stay_within_the_screen_error() {
+    let Some(mut h) = headless(240, 135) else { return };
+    let size = h.size();
+    let mut random = Random::new(5);
+    for number in 0..4 {
+        let entry = entry(40 + number);
+        let mut ground = scene(&h, &entry);
+        let maker = Ground::new(Terrain::new(entry.parameters).unwrap().into(), &entry);
+        let camera = random_camera(&entry, &mut random);
+        let px = 6.0;
+        draw(&mut h, &mut ground, camera, px, Settings::default());
+        let depth = h.depth().unwrap();
+
+        // The triangles that the twin makes of the same tiles.
+        let frame = ground.frame();
+        let (unit, height_unit) = (f64::from(entry.unit), f64::from(entry.height_unit));
+        let mut triangles: Vec<[DVec3; 3]> = Vec::new();
+        for part in frame.parts {
+            let side = i64::from(TILE_CELLS) << part.spacing;
+            let [x, y] = part.origin.map(|o| o.div_euclid(side) as i32);
+            let mut heights = Vec::new();
+            maker.heights(TileId { spacing: part.spacing, x, y }, &mut Scratch::new(), &mut heights);
+            let tile = Tile {
+                heights: &heights,
+                origin: [
+                    part.origin[0] as f64 * unit - camera.eye.x,
+                    part.origin[1] as f64 * unit - camera.eye.z,
+                ],
+                step: f64::from(1_u32 << part.spacing) * unit,
+                height_unit,
+                eye_height: camera.eye.y,
+                above: frame.above,
+                morph: part.morph,
+            };
+            let half = TILE_CELLS / 2;
+            for row in 0..TILE_CELLS {
+                for column in 0..TILE_CELLS {
+                    if part.quadrants & (1 << (row / half * 2 + column / half)) == 0 {
+                        continue;
+                    }
+                    let at = |c, r| DVec3::from(tile.place(column + c, row + r).position);
+                    triangles.push([at(0, 0), at(1, 1), at(1, 0)]);
+                    triangles.push([at(0, 0), at(0, 1), at(1, 1)]);
+                }
+            }
+        }
+
+        let terrain = Terrain::new(entry.parameters).unwrap();
+        let (mut looked_at, mut silhouettes, mut worst) = (0, 0, 0.0_f64);
+        for _ in 0..150 {
+            let (x, y) = (random.below(size.0 as usize) as u32, random.below(size.1 as usize) as u32);
+            let ray = ray(&camera, size, x, y);
+            let met = triangles.iter().filter_map(|t| hit(ray, *t)).fold(f64::INFINITY, f64::min);
+            let stored = f64::from(depth[(y * size.0 + x) as usize]);
+            let drawn = if stored > 0.0 { camera.near / stored } else { f64::INFINITY };
+            if met.is_infinite() && drawn.is_infinite() {
+                continue;
+            }
+            looked_at += 1;
+            let agrees = (drawn - met).abs() <= 2e-3 * met;
+            if !agrees {
+                // Where one hill ends in front of another, a rounding error decides which is seen.
+                silhouettes += 1;
+                continue;
+            }
+            // Against the finest level.
+            let at = camera.eye + ray * met;
+            let exact = terrain.height_between(at.x / unit, at.z / unit, &mut Scratch::new()) * height_unit;
+            let (_, ty) = camera.tan_half_fov(size.0, size.1);
+            worst = worst.max((at.y - exact).abs() * f64::from(size.1) / (2.0 * ty) / met);
+        }
+        println!(
+            "camera {number}: {looked_at} pixels, {silhouettes} silhouettes, worst {worst:.2} of {px} px"
+        );
+        assert!(looked_at > 40 && silhouettes * 30 <= looked_at, "{silhouettes} of {looked_at}");
+        assert!(worst <= px, "camera {number}: {worst:.2} px");
+    }
+}

@@ -1,0 +1,30 @@
+//! Terrain on the client: which tiles a view needs, and their heights. No GPU, socket or clock here.
+//!
+//! A *tile* is a square of [`TILE_CELLS`]² cells of one *spacing* (2^s grid units between neighbouring points),
+//! whatever patches it lies in. Tiles of all spacings form a quadtree over the world. A view draws tiles of
+//! spacing s up to a distance [`Ranges`] gives for s, and each tile's odd points slide onto the next coarser
+//! surface before that distance is reached (continuous distance-dependent level of detail, Strugar 2009), so
+//! tiles of different spacings meet without cracks, T-junctions or skirts, and the picture is a function of the pose
+//! alone.
+
+mod ground;
+mod maker;
+mod ranges;
+mod select;
+mod store;
+mod tile;
+
+pub use ground::{COARSER, Ground, GroundView, Tiles};
+pub use maker::{Maker, Tile};
+pub use ranges::{Ranges, clearance_distance};
+pub use select::{Eye, Picked, select};
+pub use store::TileStore;
+pub use tile::TileId;
+
+/// Cells along a tile's side. Small tiles follow the distance closely: with 16 the least that a view draws is a quarter
+/// of what it is with 32. Each costs a window of the generator of its own, whose margin then weighs more.
+pub const TILE_CELLS: u32 = 16;
+/// Points kept around a tile on each side: normals of both its own and the next coarser surface need them.
+pub const TILE_MARGIN: u32 = 2;
+/// Points along a side of what is kept of a tile.
+pub const TILE_POINTS: u32 = TILE_CELLS + 1 + 2 * TILE_MARGIN;

@@ -1,0 +1,106 @@
+//! Terrain on its way: what a client makes of it is what the server has, and nothing is sent that no view needs.
+
+use lodestream_client::core::Change;
+use lodestream_geometry::terrain::{Scratch, Terrain};
+use lodestream_server::daemon::SessionSettings;
+use lodestream_server::scene::of_files;
+
+use crate::support::daemon::{Server, Transport};
+use crate::support::picture::{draw, headless, keep};
+use crate::support::scene::TestScene;
+use crate::support::viewer::{Viewer, config};
+
+/// Hills with a pit, listed point by point over the corner of four patches, and a hut's worth of points far away.
+fn write_scene(folder: &std::path::Path, far: bool) -> std::path::PathBuf {
+    let mut points = Vec::new();
+    for y in -20..=20_i32 {
+        for x in -20..=20_i32 {
+            points.push(format!("[{x}, {y}, {}]", -2500 + 4 * (x * x + y * y)));
+        }
+    }
+    if far {
+        points.push("[2000, 2000, 5000]".to_owned());
+    }
+    let features = format!("{{\"mode\": \"fixed\", \"points\": [{}]}}", points.join(","));
+    std::fs::write(folder.join("pit.json"), features).unwrap();
+    let text = r#"name = "hills"
+[camera]
+eye = [60.0, 30.0, 70.0]
+target = [0.0, -10.0, 0.0]
+[terrain]
+seed = 5
+patch_cells = 64
+patches = 64
+amplitude = 12.0
+features = "pit.json"
+[[terrain.stamp]]
+kind = "ridge"
+from = [-200, -150]
+to = [200, -190]
+half_width = 60
+height = 40
+"#;
+    let path = folder.join("scene.toml");
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+#[test]
+fn listed_points_arrive_where_the_view_needs_them_and_give_the_servers_heights() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = of_files(&[write_scene(folder.path(), true)]).unwrap();
+    let theirs = scene.terrain.clone().unwrap();
+    assert_eq!(theirs.entry.patches, 5, "four around the pit, one far away");
+    let scene = TestScene::open(&scene, Vec::new());
+    let server = Server::start(scene.source(), SessionSettings::default());
+    for transport in Transport::BOTH {
+        let mut viewer = Viewer::start(&server.address(transport), config());
+        let status = viewer.settle();
+        assert_eq!((status.stats.decode_failures, status.stats.refused), (0, 0), "{:?}", status.stats);
+        let mut ours: Option<Terrain> = None;
+        let mut patches = 0;
+        for change in &viewer.changes {
+            match change {
+                Change::Scene(header) => {
+                    let entry = header.terrain.as_ref().unwrap();
+                    ours = Some(Terrain::with_stamps(entry.parameters, entry.stamps.clone()).unwrap());
+                }
+                Change::TerrainPoints { x, y, points } => {
+                    patches += 1;
+                    ours.as_mut().unwrap().set_points(*x, *y, points.clone()).unwrap();
+                }
+                _ => {}
+            }
+        }
+        // A single point two kilometres away is below a pixel.
+        assert_eq!(patches, 4, "{transport:?}");
+        let ours = ours.unwrap();
+        let (mut scratch, mut a, mut b) = (Scratch::new(), Vec::new(), Vec::new());
+        for terrain in [(&ours, &mut a), (&theirs.terrain, &mut b)] {
+            terrain.0.window(6, -128, -128, 257, 257, &mut scratch, terrain.1).unwrap();
+        }
+        assert!(a == b, "{transport:?}: heights differ");
+        assert!(a.contains(&-2500));
+    }
+    server.assert_healthy();
+}
+
+#[test]
+fn a_picture_of_streamed_terrain_shows_its_features() {
+    let Some(mut headless) = headless() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let scene = of_files(&[write_scene(folder.path(), false)]).unwrap();
+    let scene = TestScene::open(&scene, Vec::new());
+    let server = Server::start(scene.source(), SessionSettings::default());
+    let mut viewer = Viewer::start(&server.address(Transport::Quic), config());
+    viewer.settle();
+    let whole = draw(&mut headless, viewer.changes.clone());
+    keep(&whole, "terrain-pit");
+    let points = |change: &Change| !matches!(change, Change::TerrainPoints { .. });
+    let bare = draw(&mut headless, viewer.changes.into_iter().filter(points).collect());
+    keep(&bare, "terrain-no-pit");
+    let found = crate::support::picture::comparison(&whole, &bare);
+    println!("{found:?}");
+    assert!(found.covered > 0.5 && !crate::support::picture::same(&found), "{found:?}");
+    server.assert_healthy();
+}
