@@ -1,7 +1,7 @@
 //! What a server's sessions cost: memory and processor time of a process of its own, in real time on loopback.
 //!
 //! The server is the shipped daemon in a child process ([`serve`]), so that its memory and time are not the clients'.
-//! The clients are bare ([`crate::bare_client`]): they ask for all chunks of the scene and read what comes. The
+//! The clients are bare (`crate::bare_client`): they ask for all chunks of the scene and read what comes. The
 //! process's figures come from Linux's `/proc`. Memory depends on the allocator and processor time on the machine; both
 //! are good for how they grow.
 

@@ -1,7 +1,7 @@
 //! How much of a link the server fills, and how long an urgent blob waits behind bulk, in virtual time.
 //!
 //! The server is the shipped one, with its sessions, scheduler, limiter and transports. The client is a bare one
-//! ([`client`]): it asks for more than the link carries and reads what comes. Each case is measured in three runs:
+//! (`client`): it asks for more than the link carries and reads what comes. Each case is measured in three runs:
 //!
 //! - *cold*: one blob of a million bytes, asked for as soon as there is a connection;
 //! - *steady*: nothing but bulk; what comes in ten seconds, once two have passed;
