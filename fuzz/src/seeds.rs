@@ -242,7 +242,7 @@ fn messages() -> Vec<(String, Vec<u8>)> {
     let client = [
         ClientMessage::Hello(Hello {
             version_min: 1,
-            version_max: 2,
+            version_max: *lodestream_protocol::message::VERSIONS.end(),
             scene: "s".into(),
             view: Some(view),
             max_blob_bytes: 1 << 20,

@@ -113,7 +113,7 @@ impl BareClient {
     pub(crate) async fn hello(&self) -> anyhow::Result<()> {
         let hello = Hello {
             version_min: 1,
-            version_max: 2,
+            version_max: *lodestream_protocol::message::VERSIONS.end(),
             scene: String::new(),
             view: None,
             max_blob_bytes: 1 << 26,

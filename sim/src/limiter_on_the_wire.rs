@@ -29,7 +29,7 @@ const WINDOW_MS: u64 = 3000;
 fn requests() -> Vec<u8> {
     let hello = ClientMessage::Hello(Hello {
         version_min: 1,
-        version_max: 2,
+        version_max: *lodestream_protocol::message::VERSIONS.end(),
         scene: String::new(),
         view: None,
         max_blob_bytes: 1 << 26,
