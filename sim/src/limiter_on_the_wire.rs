@@ -82,6 +82,8 @@ fn sent_bytes(rate: u64, loss: f64) -> Vec<u64> {
         let mut sent = Vec::new();
         for step in 0..12_000 / STEP_MS {
             clock.sleep_until((200 + step * STEP_MS) * MS).await;
+            let closed = connection.close_reason();
+            assert!(closed.is_none(), "closed after {} ms: {closed:?}", step * STEP_MS);
             let counters = network.counters(server_address, client_address);
             let packets = counters.arrived + counters.lost;
             sent.push(counters.sent_payload_bytes + packets * u64::from(IP_UDP_BYTES));

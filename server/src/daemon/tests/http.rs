@@ -75,7 +75,7 @@ async fn slow_and_silent_peers_are_dropped() {
     let (mut near, far) = duplex(64 * 1024);
     let serving = tokio::spawn(accept_http(far, state.clone(), peer()));
     let started = Instant::now();
-    for byte in b"GET /health HTTP/1.1\r\nX-Slow: ".iter().cycle() {
+    for byte in b"GET /health HTTP/1.1\r\nX-Slow: ".iter().cycle().take(1000) {
         tokio::time::sleep(Duration::from_millis(500)).await;
         if near.write_all(&[*byte]).await.is_err() {
             break;

@@ -41,7 +41,8 @@ async fn the_push_is_in_the_same_flight_as_the_upgrade() {
     // Nothing more is ever sent; time does not pass.
     let mut received = Vec::new();
     while received.len() < 3300 {
-        near.read_buf(&mut received).await.unwrap();
+        let count = near.read_buf(&mut received).await.unwrap();
+        assert!(count > 0, "the server has closed after {} bytes", received.len());
     }
     let head = String::from_utf8_lossy(&received[..400]).to_ascii_lowercase();
     assert!(head.starts_with("http/1.1 101 "), "{head}");
@@ -87,21 +88,32 @@ async fn every_three_second_window_is_within_five_percent_of_the_rate() {
         let (near, far) = duplex(256 * 1024);
         tokio::spawn(accept_http(far, state.clone(), peer()));
         // Arrivals are noted on the raw stream, below the WebSocket.
-        let (near, mut relay) = {
+        let (near, relay) = {
             let (a, b) = duplex(256 * 1024);
             let (mut server_read, mut server_write) = tokio::io::split(near);
             let (mut client_read, mut client_write) = tokio::io::split(b);
-            tokio::spawn(async move { tokio::io::copy(&mut client_read, &mut server_write).await });
-            let relay = async move {
+            let note = async move {
                 let mut arrivals = Vec::new();
                 let mut buffer = vec![0; 64 * 1024];
                 let end = Instant::now() + Duration::from_secs(12);
                 while Instant::now() < end {
                     let count = server_read.read(&mut buffer).await.unwrap();
+                    // From a stream that has ended, nothing comes, at once and for ever.
+                    assert!(count > 0, "the server has closed after {} reads", arrivals.len());
                     arrivals.push((Instant::now(), count));
                     client_write.write_all(&buffer[..count]).await.unwrap();
                 }
                 arrivals
+            };
+            // One task for both ways: should it fail, the client finds its stream at an end.
+            let relay = async move {
+                tokio::select! {
+                    biased;
+                    arrivals = note => arrivals,
+                    ended = tokio::io::copy(&mut client_read, &mut server_write) => {
+                        panic!("nothing more goes to the server: {ended:?}")
+                    }
+                }
             };
             (a, tokio::spawn(relay))
         };
@@ -109,7 +121,7 @@ async fn every_three_second_window_is_within_five_percent_of_the_rate() {
         client.send(&hello()).await;
         client.send(&want_textures(4)).await;
         let reading = tokio::spawn(async move { while client.next().await.is_some() {} });
-        let arrivals = (&mut relay).await.unwrap();
+        let arrivals = relay.await.unwrap();
         reading.abort();
         let first = arrivals[0].0 + Duration::from_millis(200);
         for offset_ms in (0..8500).step_by(50) {
@@ -136,7 +148,7 @@ async fn an_urgent_blob_does_not_wait_behind_bulk() {
     let mut seen = 0;
     loop {
         // The first time it was pushed.
-        if let ServerFrame::Piece(piece) = client.next().await.unwrap()
+        if let ServerFrame::Piece(piece) = client.next().await.expect("closed before the urgent blob")
             && piece.id == urgent
             && piece.is_last()
         {
