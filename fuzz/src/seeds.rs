@@ -242,13 +242,12 @@ fn messages() -> Vec<(String, Vec<u8>)> {
     let client = [
         ClientMessage::Hello(Hello {
             version_min: 1,
-            version_max: *lodestream_protocol::message::VERSIONS.end(),
-            scene: "s".into(),
             view: Some(view),
             max_blob_bytes: 1 << 20,
             budget_bytes: 1 << 28,
             fingerprint: [3; 16],
             have: vec![BlobId::base(1)],
+            ..Hello::new("s")
         }),
         ClientMessage::Want(wants().map(|id| Want::whole(id, 9)).into()),
         ClientMessage::Want(vec![

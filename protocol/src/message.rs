@@ -3,7 +3,9 @@
 use bincode::{Decode, Encode};
 
 use crate::blob::BlobId;
-use crate::limits::{MAX_HAVE, MAX_IDS_PER_MESSAGE, MAX_NAME_BYTES, MAX_PAGES_PER_MESSAGE, MAX_REASON_BYTES};
+use crate::limits::{
+    MAX_BLOB_BYTES, MAX_HAVE, MAX_IDS_PER_MESSAGE, MAX_NAME_BYTES, MAX_PAGES_PER_MESSAGE, MAX_REASON_BYTES,
+};
 use crate::scene::{Fingerprint, SceneHeader, ScenePage};
 use crate::view::View;
 
@@ -50,6 +52,25 @@ pub struct Hello {
     pub fingerprint: Fingerprint,
     /// Blobs that the client still has from an earlier session, which are not sent unasked.
     pub have: Vec<BlobId>,
+}
+
+impl Hello {
+    /// A first message in the versions that this crate speaks, for the scene of that name (empty for the
+    /// server's default): from its start view, with nothing kept from an earlier session, blobs as long as
+    /// there are, and room for a gibibyte of them.
+    #[must_use]
+    pub fn new(scene: impl Into<String>) -> Self {
+        Self {
+            version_min: *VERSIONS.start(),
+            version_max: *VERSIONS.end(),
+            scene: scene.into(),
+            view: None,
+            max_blob_bytes: MAX_BLOB_BYTES,
+            budget_bytes: 1 << 30,
+            fingerprint: [0; 16],
+            have: Vec::new(),
+        }
+    }
 }
 
 /// One request: a blob, or the part of it from `offset` to `end`, and its priority.

@@ -111,17 +111,7 @@ impl BareClient {
 
     /// Says hello, without a view.
     pub(crate) async fn hello(&self) -> anyhow::Result<()> {
-        let hello = Hello {
-            version_min: 1,
-            version_max: *lodestream_protocol::message::VERSIONS.end(),
-            scene: String::new(),
-            view: None,
-            max_blob_bytes: 1 << 26,
-            budget_bytes: 1 << 30,
-            fingerprint: [0; 16],
-            have: Vec::new(),
-        };
-        self.say(&ClientMessage::Hello(hello)).await
+        self.say(&ClientMessage::Hello(Hello::new(""))).await
     }
 
     /// Asks for blobs.

@@ -27,16 +27,7 @@ const WINDOW_MS: u64 = 3000;
 
 /// Everything that a client says that wants all textures of four assets.
 fn requests() -> Vec<u8> {
-    let hello = ClientMessage::Hello(Hello {
-        version_min: 1,
-        version_max: *lodestream_protocol::message::VERSIONS.end(),
-        scene: String::new(),
-        view: None,
-        max_blob_bytes: 1 << 26,
-        budget_bytes: 1 << 30,
-        fingerprint: [0; 16],
-        have: Vec::new(),
-    });
+    let hello = ClientMessage::Hello(Hello::new(""));
     let textures = (0..4).flat_map(|a| (0..TEXTURE_LEVELS).map(move |level| BlobId::texture(a, 0, level)));
     let wants = ClientMessage::Want(textures.map(|id| Want::whole(id, 1)).collect());
     let mut bytes = vec![CONTROL_STREAM];

@@ -190,15 +190,14 @@ impl ClientSession {
     pub fn new(config: ClientConfig, view: Option<View>, resume: Resume, now: Time) -> Self {
         let Resume { fingerprint, mut have } = resume;
         have.truncate(MAX_HAVE);
+        let ClientConfig { max_blob_bytes, budget_bytes, .. } = config;
         let hello = Hello {
-            version_min: *VERSIONS.start(),
-            version_max: *VERSIONS.end(),
-            scene: config.scene.clone(),
             view,
-            max_blob_bytes: config.max_blob_bytes,
-            budget_bytes: config.budget_bytes,
+            max_blob_bytes,
+            budget_bytes,
             fingerprint,
             have,
+            ..Hello::new(config.scene.as_str())
         };
         Self {
             config,

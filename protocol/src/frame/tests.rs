@@ -20,14 +20,12 @@ fn client_messages() -> Vec<ClientMessage> {
     let wants = ids.iter().map(|&id| Want::whole(id, 1 << 30)).collect();
     vec![
         ClientMessage::Hello(Hello {
-            version_min: 1,
-            version_max: 3,
-            scene: "temple".into(),
             view: Some(view()),
             max_blob_bytes: 1 << 20,
             budget_bytes: 1 << 29,
             fingerprint: [9; 16],
             have: ids.clone(),
+            ..Hello::new("temple")
         }),
         ClientMessage::Want(wants),
         ClientMessage::Cancel(ids),
@@ -185,16 +183,7 @@ fn a_forged_count_is_refused_before_memory_is_reserved() {
 
 #[test]
 fn the_first_messages_are_short() {
-    let hello = Hello {
-        version_min: 1,
-        version_max: 2,
-        scene: String::new(),
-        view: Some(view()),
-        max_blob_bytes: 64 << 20,
-        budget_bytes: 512 << 20,
-        fingerprint: [0; 16],
-        have: Vec::new(),
-    };
+    let hello = Hello { view: Some(view()), ..Hello::new("") };
     assert!(encode_client(&ClientMessage::Hello(hello)).unwrap().len() < 100);
     let scene = MemoryScene::new(1, 8, 2);
     let page = scene.page(0).unwrap();

@@ -22,16 +22,8 @@ fn session(scene: &Arc<MemoryScene>, config: ServerConfig) -> ServerSession {
 }
 
 fn hello(scene: &SceneHeader) -> Hello {
-    Hello {
-        version_min: 1,
-        version_max: *crate::message::VERSIONS.end(),
-        scene: String::new(),
-        view: Some(scene.camera.view([1280, 720], 1.0)),
-        max_blob_bytes: 1 << 20,
-        budget_bytes: 1 << 30,
-        fingerprint: [0; 16],
-        have: Vec::new(),
-    }
+    let view = Some(scene.camera.view([1280, 720], 1.0));
+    Hello { view, max_blob_bytes: 1 << 20, ..Hello::new("") }
 }
 
 /// Everything that an open-ended poll gives at one moment.

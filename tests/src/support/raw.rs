@@ -16,16 +16,7 @@ use tokio_tungstenite::tungstenite::Message;
 
 /// A well-formed first message.
 pub(crate) fn hello() -> Hello {
-    Hello {
-        version_min: 1,
-        version_max: *lodestream_protocol::message::VERSIONS.end(),
-        scene: String::new(),
-        view: None,
-        max_blob_bytes: 1 << 26,
-        budget_bytes: 1 << 30,
-        fingerprint: [0; 16],
-        have: Vec::new(),
-    }
+    Hello::new("")
 }
 
 /// Asks for blobs, all equally urgent.

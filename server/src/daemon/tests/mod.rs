@@ -36,16 +36,7 @@ fn state_of(scene: MemoryScene, rate_bits_per_s: Option<u64>) -> Arc<ServerState
 }
 
 fn hello() -> ClientMessage {
-    ClientMessage::Hello(Hello {
-        version_min: 1,
-        version_max: *lodestream_protocol::message::VERSIONS.end(),
-        scene: String::new(),
-        view: None,
-        max_blob_bytes: 1 << 26,
-        budget_bytes: 1 << 30,
-        fingerprint: [0; 16],
-        have: Vec::new(),
-    })
+    ClientMessage::Hello(Hello::new(""))
 }
 
 /// Requests for every texture level of the first `assets` assets.
