@@ -7,33 +7,30 @@
 
 mod config;
 mod push;
+mod push_queue;
+mod requests;
 #[cfg(test)]
 mod tests;
+mod transmit;
 
 use std::collections::{HashMap, HashSet, VecDeque};
 use std::sync::Arc;
 
-use crate::blob::{BlobId, BlobPart};
-use crate::frame::{BlobPiece, FrameError, encode_server};
+use crate::blob::BlobId;
+use crate::frame::{BlobPiece, FrameError};
 use crate::limiter::{CeilingShare, TokenBucket};
-use crate::limits::{MAX_BLOB_BYTES, MAX_PIECE_BYTES};
-use crate::message::{
-    ClientMessage, Close, CloseCode, Hello, Refused, RefusedReason, ServerMessage, VERSIONS, Want, Welcome,
-};
-use crate::scheduler::{Cancelled, Outgoing, Scheduler, Unit};
+use crate::limits::MAX_BLOB_BYTES;
+use crate::message::{ClientMessage, Close, CloseCode, Hello, ServerMessage, VERSIONS, Welcome};
+use crate::scheduler::{Scheduler, Unit};
 use crate::select::Priority;
-use crate::select::priority::{index_priority, is_base};
-use crate::source::{SceneSource, SourceError};
+use crate::source::SceneSource;
 use crate::time::Time;
 use crate::view::View;
 
 pub use config::ServerConfig;
-use push::Refining;
 
 /// Most control messages that wait to be handed over. A peer that makes more is closed.
 const MAX_CONTROL_QUEUED: usize = 4096;
-/// Pushed units that are moved to the scheduler ahead of their turn.
-const PUSH_AHEAD: usize = 16;
 /// Least time between two orderings of what is pushed.
 const REPLAN_INTERVAL: std::time::Duration = std::time::Duration::from_millis(100);
 
@@ -294,181 +291,6 @@ impl ServerSession {
         }
     }
 
-    /// Takes back what the client may not need: what it has not asked for, as far as it has not begun.
-    fn drop_unasked(&mut self) {
-        let Self { scheduler, unasked, pushed_parts, .. } = self;
-        scheduler.retain(|unit| {
-            let dropped = unasked.contains(unit);
-            if let (true, Unit::Blob(id)) = (dropped, unit) {
-                pushed_parts.remove(id);
-            }
-            !dropped
-        });
-        unasked.clear();
-    }
-
-    fn replan(&mut self, now: Time) {
-        self.replanned = Some(now);
-        self.plan();
-    }
-
-    /// Orders anew what is pushed for the view last known.
-    fn plan(&mut self) {
-        self.replan_at = None;
-        self.drop_unasked();
-        if !self.client_wants {
-            // Nothing but pushes is queued.
-            self.scheduler.retain(|_| false);
-        }
-        self.refinement_pushed = false;
-        self.push = push::first_flight(&*self.source, &self.view);
-        let Self { handed, scheduler, .. } = self;
-        self.push.retain(|(_, unit)| !handed.contains_key(unit) && !scheduler.contains(unit));
-        self.bases_left = self.push.iter().filter(|(p, _)| is_base(*p)).map(|(_, unit)| *unit).collect();
-        let half_sent = self.scheduler.begun().filter(|(priority, _)| is_base(*priority));
-        self.bases_left.extend(half_sent.map(|(_, unit)| unit));
-        self.bases_told = false;
-    }
-
-    /// Moves the most urgent pushes to the scheduler.
-    fn refill(&mut self) {
-        let open = self.phase == Phase::Open;
-        while self.scheduler.queued() < PUSH_AHEAD {
-            let Some(&(priority, unit)) = self.push.last() else { break };
-            let fits = self.fits_push_budget(unit);
-            if !fits && !open {
-                break;
-            }
-            self.push.pop();
-            if !fits || self.handed.contains_key(&unit) {
-                // The client has it, or no room for more than it asks for.
-                self.bases_left.remove(&unit);
-                continue;
-            }
-            self.pushed_bytes = self.pushed_bytes.saturating_add(self.estimated_bytes(unit));
-            self.scheduler.want(unit, priority);
-        }
-        if self.bases_left.is_empty() && !self.refinement_pushed {
-            self.refinement_pushed = true;
-            if !self.client_refines && !self.resumes {
-                self.push_refinement();
-            }
-        }
-    }
-
-    fn estimated_bytes(&self, unit: Unit) -> u64 {
-        match unit {
-            // Typical lengths of asset and instance entries.
-            Unit::Page(page) => self
-                .source
-                .page(page)
-                .map_or(0, |page| 8 + 80 * page.assets.len() as u64 + 20 * page.instances.len() as u64),
-            Unit::Blob(id) => self.source.blob_len(&id).map_or(0, u64::from),
-        }
-    }
-
-    /// Whether a unit may be pushed. The first page always is: without it nothing can be placed; and all
-    /// pages once the client has spoken, since only they tell it what there is.
-    fn fits_push_budget(&self, unit: Unit) -> bool {
-        match unit {
-            Unit::Page(0) => true,
-            Unit::Page(_) if self.phase == Phase::Open => true,
-            _ => self.pushed_bytes.saturating_add(self.estimated_bytes(unit)) <= self.push_budget,
-        }
-    }
-
-    fn push_refinement(&mut self) {
-        let ServerConfig { push_after_hello_bytes, refine_before_hello_bytes, .. } = *self.config;
-        let room = self.push_budget.saturating_sub(self.pushed_bytes);
-        let budget = if self.phase == Phase::Open {
-            push_after_hello_bytes.min(room)
-        } else {
-            refine_before_hello_bytes.saturating_sub(self.pushed_bytes).min(push_after_hello_bytes).min(room)
-        };
-        if budget == 0 {
-            return;
-        }
-        for Refining { priority, id, end } in push::first_refinement(&*self.source, &self.view, budget) {
-            let unit = Unit::Blob(id);
-            if !self.handed.contains_key(&unit)
-                && !self.scheduler.contains(&unit)
-                && self.scheduler.want_part(unit, priority, 0..end.unwrap_or(u32::MAX))
-            {
-                self.unasked.insert(unit);
-                if let Some(end) = end {
-                    self.pushed_parts.insert(id, end);
-                }
-            }
-        }
-    }
-
-    fn want(&mut self, wants: &[Want]) {
-        self.client_wants = true;
-        self.done_told = false;
-        for want in wants {
-            self.client_refines |= matches!(want.id.part, BlobPart::Chunk(_));
-            self.unasked.remove(&Unit::Blob(want.id));
-            if let Err(reason) = self.want_one(want) {
-                self.tell(ServerMessage::Refused(Refused { id: want.id, reason }));
-            }
-        }
-    }
-
-    /// Queues what is missing of the part that is wanted.
-    fn want_one(&mut self, want: &Want) -> Result<(), RefusedReason> {
-        let Want { id, priority, offset, end } = *want;
-        let unit = Unit::Blob(id);
-        let length = self.source.blob_len(&id).ok_or(RefusedReason::NotFound)?;
-        if length > self.max_blob_bytes {
-            return Err(RefusedReason::TooLong);
-        }
-        let end = end.unwrap_or(length);
-        if end > length || (offset >= end && length > 0) || offset > length {
-            return Err(RefusedReason::OutOfRange);
-        }
-        let handed = self.handed.get(&unit).copied();
-        if let Some(pushed) = self.pushed_parts.remove(&id)
-            && handed.is_some()
-            && offset < pushed
-        {
-            // The wish has met the pushed part on its way, which the client takes for all of this run: it
-            // would not know what to do with another behind it. It asks on from there when it has it.
-            self.pushed_parts.insert(id, pushed);
-            if self.scheduler.contains(&unit) {
-                self.scheduler.want_part(unit, priority, 0..pushed);
-            }
-            return Ok(());
-        }
-        if handed.is_some_and(|handed| handed >= end) && !self.scheduler.contains(&unit) {
-            return Ok(());
-        }
-        let part = offset.max(handed.unwrap_or(0))..end;
-        if self.scheduler.want_part(unit, priority, part) { Ok(()) } else { Err(RefusedReason::QueueFull) }
-    }
-
-    fn cancel(&mut self, ids: &[BlobId]) {
-        for &id in ids {
-            self.handed.remove(&Unit::Blob(id));
-            self.pushed_parts.remove(&id);
-            self.bases_left.remove(&Unit::Blob(id));
-            if self.scheduler.cancel(id) == Cancelled::Begun {
-                self.abandoned.push_back(id);
-            }
-        }
-    }
-
-    fn want_pages(&mut self, pages: &[u32]) {
-        self.done_told = false;
-        for &page in pages {
-            if page < self.source.header().page_count {
-                if self.handed.remove(&Unit::Page(page)).is_some() {
-                    self.pages_handed = self.pages_handed.saturating_sub(1);
-                }
-                self.scheduler.want(Unit::Page(page), index_priority(f32::MAX));
-            }
-        }
-    }
-
     /// Call when the moment given by [`ServerSession::poll_timeout`] has come; earlier is harmless.
     pub fn handle_timeout(&mut self, now: Time) {
         let ServerConfig { hello_timeout, idle_timeout, stall_timeout, .. } = *self.config;
@@ -527,101 +349,6 @@ impl ServerSession {
             }
         }
         Some(next)
-    }
-
-    /// The next thing to send, if the limiter admits one now. Call until `None`, and only while the
-    /// transport can take it: what is handed over can no longer be overtaken.
-    pub fn poll_transmit(&mut self, now: Time) -> Option<Transmit> {
-        self.offered = now;
-        self.woken = now;
-        if let Some(message) = self.control.pop_front() {
-            return Some(self.transmit_message(now, message));
-        }
-        if self.phase == Phase::Closed {
-            return None;
-        }
-        if let Some(id) = self.abandoned.pop_front() {
-            return Some(Transmit::Abandon(id));
-        }
-        if self.replan_at.is_some_and(|at| at <= now) {
-            self.replan(now);
-        }
-        self.refill();
-        if let Some(share) = &mut self.share {
-            share.set_active(!self.scheduler.is_empty());
-            self.bucket.set_rate(Some(share.limit(self.config.limiter.rate_bits_per_s)));
-        }
-        if self.bucket.admits(now)
-            && let Some(transmit) = self.transmit_queued(now)
-        {
-            return Some(transmit);
-        }
-        self.tell_milestones(now)
-    }
-
-    /// Says that all base meshes are sent, or everything, once each.
-    fn tell_milestones(&mut self, now: Time) -> Option<Transmit> {
-        if self.phase != Phase::Open {
-            return None;
-        }
-        if !self.bases_told && self.bases_left.is_empty() {
-            self.bases_told = true;
-            return Some(self.transmit_message(now, ServerMessage::BasesSent));
-        }
-        if !self.done_told && self.scheduler.is_empty() && self.push.is_empty() {
-            self.done_told = true;
-            return Some(self.transmit_message(now, ServerMessage::Done));
-        }
-        None
-    }
-
-    fn transmit_queued(&mut self, now: Time) -> Option<Transmit> {
-        let source = Arc::clone(&self.source);
-        let longest = self.max_blob_bytes as usize;
-        let mut read = |id: &BlobId| {
-            let bytes = source.read(id)?;
-            if bytes.len() > longest {
-                let why = format!("{} bytes are more than the client takes", bytes.len());
-                return Err(SourceError::Unreadable { id: *id, why });
-            }
-            Ok(bytes)
-        };
-        let piece_bytes = self.config.piece_bytes.clamp(1, MAX_PIECE_BYTES as u32) as usize;
-        Some(match self.scheduler.next(piece_bytes, &mut read)? {
-            Outgoing::Page(page) => {
-                if self.handed.insert(Unit::Page(page), u32::MAX).is_none() {
-                    self.pages_handed = self.pages_handed.saturating_add(1);
-                }
-                self.bases_left.remove(&Unit::Page(page));
-                self.done_told = false;
-                let Some(page) = self.source.page(page) else { return self.transmit_queued(now) };
-                self.transmit_message(now, ServerMessage::ScenePage((*page).clone()))
-            }
-            Outgoing::Piece { piece, priority } => {
-                let handed = self.handed.entry(Unit::Blob(piece.id)).or_insert(0);
-                *handed = piece.offset.saturating_add(piece.bytes.len() as u32).max(*handed);
-                self.stats.blobs += u64::from(piece.offset == 0);
-                if piece.is_last() {
-                    self.bases_left.remove(&Unit::Blob(piece.id));
-                }
-                self.done_told = false;
-                self.stats.blob_bytes += piece.bytes.len() as u64;
-                self.stats.wire_bytes += self.bucket.spend(now, piece.bytes.len());
-                Transmit::Piece { piece, priority }
-            }
-            Outgoing::Failed { id, reason } => {
-                self.bases_left.remove(&Unit::Blob(id));
-                self.transmit_message(now, ServerMessage::Refused(Refused { id, reason }))
-            }
-        })
-    }
-
-    /// Control messages are never held back, but what they cost is.
-    fn transmit_message(&mut self, now: Time, message: ServerMessage) -> Transmit {
-        let bytes = encode_server(&message).map_or(0, |frame| frame.len());
-        self.stats.messages += 1;
-        self.stats.wire_bytes += self.bucket.spend(now, bytes);
-        Transmit::Message(message)
     }
 
     /// Why the session ended: set as soon as it is decided.

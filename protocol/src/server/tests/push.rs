@@ -1,0 +1,121 @@
+//! What comes unasked, before and after `Hello`.
+
+use super::*;
+use crate::blob::BlobPart;
+use crate::message::{ClientMessage, Want};
+use crate::view::View;
+
+#[test]
+fn before_hello_only_the_push_budget_is_sent() {
+    let scene = MemoryScene::new(12, 1, 3);
+    let mut server = session(&scene, ServerConfig::quic(None));
+    let pushed = drain(&mut server, Time::ZERO);
+    assert!(matches!(&pushed[0], Transmit::Message(ServerMessage::Welcome(_))));
+    assert!(matches!(&pushed[1], Transmit::Message(ServerMessage::ScenePage(page)) if page.page == 0));
+    // The nearest plane first.
+    assert_eq!(begun(&pushed).first(), Some(&BlobId::base(0)));
+    let bytes = server.stats().blob_bytes;
+    assert!((500..=3000).contains(&bytes), "{bytes} bytes");
+    assert!(server.poll_timeout().unwrap() >= Time::from_ms(10_000), "nothing to wake up for");
+
+    let config = ServerConfig::websocket(None);
+    let mut server = session(&scene, config);
+    let everything = begun(&drain(&mut server, Time::ZERO));
+    assert_eq!(everything.len(), 12);
+}
+
+#[test]
+fn hello_with_another_view_reorders_what_was_not_sent() {
+    let scene = MemoryScene::new(12, 1, 3);
+    let mut server = session(&scene, ServerConfig::quic(None));
+    let before = begun(&drain(&mut server, Time::ZERO));
+    let mut hello = hello(&scene.header);
+    // From the far end, looking on: only the last planes are in view.
+    hello.view = Some(View::look_at([0.0, 0.5, -29.0], [0.0, 0.0, -40.0], [0.0, 1.0, 0.0], 0.9, [640, 480]));
+    server.handle_message(Time::ZERO, ClientMessage::Hello(hello));
+    let after = drain(&mut server, Time::ZERO);
+    let bases: Vec<_> = begun(&after).into_iter().filter(|id| id.part == BlobPart::Base).collect();
+    assert!(bases.iter().all(|id| id.asset >= 9 && !before.contains(id)), "{bases:?}");
+    assert!(bases.contains(&BlobId::base(11)));
+    let told = after.iter().position(|t| matches!(t, Transmit::Message(ServerMessage::BasesSent)));
+    let last_base = after.iter().rposition(
+        |t| matches!(t, Transmit::Piece { piece, .. } if piece.id.part == BlobPart::Base && piece.is_last()),
+    );
+    assert!(told > last_base);
+}
+
+fn chunks(transmits: &[Transmit]) -> Vec<BlobId> {
+    begun(transmits).into_iter().filter(|id| matches!(id.part, BlobPart::Chunk(_))).collect()
+}
+
+#[test]
+fn a_client_that_repeats_the_start_view_and_asks_for_pages_is_still_pushed_chunks() {
+    let scene = MemoryScene::new(1, 1, 6);
+    let mut server = session(&scene, ServerConfig::quic(None));
+    drain(&mut server, Time::ZERO);
+    let hello = Hello { view: None, ..hello(&scene.header) };
+    server.handle_message(Time::ZERO, ClientMessage::Hello(hello));
+    server.poll_transmit(Time::ZERO);
+    let pages = vec![Want::whole(BlobId::index_page(0, 0), 9), Want::whole(BlobId::index_page(0, 1), 9)];
+    server.handle_message(Time::ZERO, ClientMessage::Want(pages));
+    let view = scene.header.camera.view([1280, 720], 1.0);
+    server.handle_message(Time::ZERO, ClientMessage::SetView(view));
+    let pushed = chunks(&drain(&mut server, Time::ZERO));
+    assert!(pushed.len() > 10, "{pushed:?}");
+}
+
+#[test]
+fn websocket_refines_the_start_view_with_its_first_window_and_no_more() {
+    let scene = MemoryScene::new(3, 1, 5);
+    let mut server = session(&scene, ServerConfig::websocket(None));
+    let first = drain(&mut server, Time::ZERO);
+    assert!(!chunks(&first).is_empty());
+    let bytes = server.stats().blob_bytes;
+    assert!((10_000..=14_000).contains(&bytes), "{bytes} bytes");
+    // QUIC's is kept for base meshes.
+    let mut server = session(&scene, ServerConfig::quic(None));
+    assert_eq!(chunks(&drain(&mut server, Time::ZERO)), []);
+}
+
+#[test]
+fn another_view_stops_the_push_at_once_and_gets_its_own() {
+    let scene = MemoryScene::new(12, 1, 4);
+    let far = View::look_at([0.0, 0.5, -29.0], [0.0, 0.0, -40.0], [0.0, 1.0, 0.0], 0.9, [640, 480]);
+    let in_far_view = |id: &BlobId| id.asset >= 9;
+    for late in [false, true] {
+        let mut server = session(&scene, ServerConfig::websocket(None));
+        let mut sent = begun(&drain(&mut server, Time::ZERO));
+        assert!(!in_far_view(&sent[0]));
+        if late {
+            // In the middle of what is pushed for the start view.
+            server.handle_message(Time::ZERO, ClientMessage::Hello(hello(&scene.header)));
+            let more: Vec<_> = (0..20).filter_map(|_| server.poll_transmit(Time::ZERO)).collect();
+            assert!(chunks(&more).iter().any(|id| !in_far_view(id)));
+            sent.extend(begun(&more));
+            server.handle_message(Time::ZERO, ClientMessage::SetView(far));
+        } else {
+            server.handle_message(
+                Time::ZERO,
+                ClientMessage::Hello(Hello { view: Some(far), ..hello(&scene.header) }),
+            );
+        }
+        let after = begun(&drain(&mut server, Time::ZERO));
+        assert!(after.len() > 5 && after.iter().all(in_far_view), "{after:?}");
+        assert!(after.iter().all(|id| !sent.contains(id)), "nothing is pushed twice");
+    }
+}
+
+#[test]
+fn what_a_returning_client_has_is_not_pushed() {
+    let scene = MemoryScene::new(4, 1, 3);
+    let have = vec![BlobId::base(0), BlobId::base(2), BlobId::base(99)];
+    for (fingerprint, expected) in [([3; 16], 2), ([4; 16], 4)] {
+        let config = ServerConfig { push_before_hello_bytes: 0, ..ServerConfig::quic(None) };
+        let mut server = session(&scene, config);
+        let hello = Hello { fingerprint, have: have.clone(), ..hello(&scene.header) };
+        server.handle_message(Time::ZERO, ClientMessage::Hello(hello));
+        let sent = begun(&drain(&mut server, Time::ZERO));
+        let bases = sent.iter().filter(|id| id.part == BlobPart::Base).count();
+        assert_eq!(bases, expected, "{sent:?}");
+    }
+}
