@@ -19,6 +19,7 @@ mod asset;
 mod buffer;
 mod camera;
 mod draw;
+mod gbuffer;
 mod gpu;
 mod graph;
 mod headless;

@@ -1,9 +1,10 @@
 //! Shader modules and pipelines, one per pass.
 
+use super::gbuffer::{GeometryPass, UNIFORM_BLOCK, shader};
 use super::gpu::Gpu;
 use super::instance::{INSTANCE_ATTRIBUTES, InstanceRaw};
 use super::material::MaterialKit;
-use super::targets::{ALBEDO, DEPTH, NORMAL, OCCLUSION, RADIANCE};
+use super::targets::{OCCLUSION, RADIANCE};
 use super::vertex::{RenderVertex, VERTEX_ATTRIBUTES};
 
 const GBUFFER: &str = concat!(
@@ -47,78 +48,33 @@ pub(crate) struct Pipelines {
 impl Pipelines {
     pub(crate) fn new(gpu: &Gpu, kit: &MaterialKit, target: wgpu::TextureFormat) -> Self {
         let device = &gpu.device;
-        let module = |label, text: &'static str| {
-            device.create_shader_module(wgpu::ShaderModuleDescriptor {
-                label: Some(label),
-                source: wgpu::ShaderSource::Wgsl(text.into()),
-            })
-        };
-        let (gbuffer, ssao) = (module("gbuffer", GBUFFER), module("ssao", SSAO));
-        let (lighting, tonemap) = (module("lighting", LIGHTING), module("tonemap", TONEMAP));
+        let (gbuffer, ssao) = (shader(gpu, "gbuffer", GBUFFER), shader(gpu, "ssao", SSAO));
+        let (lighting, tonemap) = (shader(gpu, "lighting", LIGHTING), shader(gpu, "tonemap", TONEMAP));
 
         let frame_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some("frame"),
-            entries: &[wgpu::BindGroupLayoutEntry {
-                binding: 0,
-                visibility: wgpu::ShaderStages::VERTEX_FRAGMENT,
-                ty: wgpu::BindingType::Buffer {
-                    ty: wgpu::BufferBindingType::Uniform,
-                    has_dynamic_offset: false,
-                    min_binding_size: None,
-                },
-                count: None,
-            }],
+            entries: &[UNIFORM_BLOCK],
         });
         let geometry_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: Some("geometry"),
             bind_group_layouts: &[Some(&frame_layout), Some(&kit.layout)],
             immediate_size: 0,
         });
-        let geometry = |entry: [&str; 2], targets: &[Option<wgpu::ColorTargetState>], relief: bool, wire| {
-            let constants: &[(&str, f64)] = if relief { &[("RELIEF", 1.0)] } else { &[] };
-            device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-                label: Some(entry[1]),
-                layout: Some(&geometry_layout),
-                vertex: wgpu::VertexState {
-                    module: &gbuffer,
-                    entry_point: Some(entry[0]),
-                    compilation_options: Default::default(),
-                    buffers: &[
-                        Some(wgpu::VertexBufferLayout {
-                            array_stride: size_of::<RenderVertex>() as u64,
-                            step_mode: wgpu::VertexStepMode::Vertex,
-                            attributes: &VERTEX_ATTRIBUTES,
-                        }),
-                        Some(wgpu::VertexBufferLayout {
-                            array_stride: size_of::<InstanceRaw>() as u64,
-                            step_mode: wgpu::VertexStepMode::Instance,
-                            attributes: &INSTANCE_ATTRIBUTES,
-                        }),
-                    ],
-                },
-                primitive: wgpu::PrimitiveState {
-                    cull_mode: None,
-                    polygon_mode: if wire { wgpu::PolygonMode::Line } else { wgpu::PolygonMode::Fill },
-                    ..Default::default()
-                },
-                depth_stencil: Some(wgpu::DepthStencilState {
-                    format: DEPTH,
-                    depth_write_enabled: Some(!wire),
-                    // Reversed depth: nearer is greater.
-                    depth_compare: Some(wgpu::CompareFunction::Greater),
-                    stencil: Default::default(),
-                    bias: Default::default(),
+        let geometry = GeometryPass {
+            module: &gbuffer,
+            layout: &geometry_layout,
+            buffers: &[
+                Some(wgpu::VertexBufferLayout {
+                    array_stride: size_of::<RenderVertex>() as u64,
+                    step_mode: wgpu::VertexStepMode::Vertex,
+                    attributes: &VERTEX_ATTRIBUTES,
                 }),
-                multisample: Default::default(),
-                fragment: Some(wgpu::FragmentState {
-                    module: &gbuffer,
-                    entry_point: Some(entry[1]),
-                    compilation_options: wgpu::PipelineCompilationOptions { constants, ..Default::default() },
-                    targets,
+                Some(wgpu::VertexBufferLayout {
+                    array_stride: size_of::<InstanceRaw>() as u64,
+                    step_mode: wgpu::VertexStepMode::Instance,
+                    attributes: &INSTANCE_ATTRIBUTES,
                 }),
-                multiview_mask: None,
-                cache: None,
-            })
+            ],
         };
         let full = |module: &wgpu::ShaderModule,
                     entry,
@@ -146,13 +102,11 @@ impl Pipelines {
                 cache: None,
             })
         };
-        let surfaces = [Some(NORMAL.into()), Some(ALBEDO.into())];
-        let lines = gpu.device.features().contains(wgpu::Features::POLYGON_MODE_LINE);
         let encode: &[(&str, f64)] = if target.is_srgb() { &[] } else { &[("ENCODE_SRGB", 1.0)] };
         Self {
-            surface: geometry(["vs_surface", "fs_surface"], &surfaces, false, false),
-            surface_relief: geometry(["vs_surface", "fs_surface"], &surfaces, true, false),
-            wire: lines.then(|| geometry(["vs_wire", "fs_wire"], &[Some(RADIANCE.into())], false, true)),
+            surface: geometry.surface(gpu, ["vs_surface", "fs_surface"], false),
+            surface_relief: geometry.surface(gpu, ["vs_surface", "fs_surface"], true),
+            wire: geometry.wire(gpu, ["vs_wire", "fs_wire"]),
             occlusion: full(&ssao, "fs_occlusion", OCCLUSION, &[]),
             blur: full(&ssao, "fs_blur", OCCLUSION, &[]),
             lighting: full(&lighting, "fs_lighting", RADIANCE, &[]),
