@@ -1,14 +1,18 @@
 //! The core: books, and the order in which things happen.
 
+mod blob_states;
+mod events;
+mod refinement;
+
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
 
 use bytes::Bytes;
-use lodestream_protocol::blob::{BlobId, BlobPart};
-use lodestream_protocol::client::{ClientEvent, ClientSession, Resume};
+use lodestream_protocol::blob::BlobId;
+use lodestream_protocol::client::{ClientSession, Resume};
 use lodestream_protocol::frame::{BlobPiece, FrameError, ServerFrame};
 use lodestream_protocol::limits::MAX_HAVE;
-use lodestream_protocol::message::{ClientMessage, Close, CloseCode, RefusedReason, Welcome};
+use lodestream_protocol::message::{ClientMessage, Close, CloseCode, Welcome};
 use lodestream_protocol::scene::SceneHeader;
 use lodestream_protocol::select::{Counters, Selection, Selector, State, Wanted};
 use lodestream_protocol::time::Time;
@@ -22,12 +26,6 @@ use super::failures::Failures;
 use super::milestones::Milestones;
 use super::scene::Scene;
 use super::stats::{Connection, Received, Stats};
-use super::terrain_points::TerrainPoints;
-
-/// Cost of handling a blob, beside its bytes, in units of [`ClientCore::update`]'s budget.
-const BLOB_COST: u64 = 256;
-/// Blobs kept that came before the scene page that tells what they belong to.
-const MAX_EARLY_BLOBS: usize = 256;
 
 /// What [`ClientCore::update`] leaves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -280,268 +278,6 @@ impl ClientCore {
         self.scene.refined.get(asset as usize)?.as_ref().map(super::asset::RefinedAsset::mesh)
     }
 
-    fn drain(&mut self, now: Time) {
-        while let Some(event) = self.session.as_mut().and_then(ClientSession::poll_event) {
-            match event {
-                ClientEvent::Connected(welcome) => self.welcomed(now, welcome),
-                ClientEvent::ScenePage(page) => match self.scene.add_page(page, self.config.max_entries) {
-                    Ok(assets) => {
-                        let (known, early): (Vec<_>, _) = std::mem::take(&mut self.early)
-                            .into_iter()
-                            .partition(|arrived| arrived.id.asset < assets.end);
-                        self.early = early;
-                        for arrived in known {
-                            self.arrive(now, arrived);
-                        }
-                    }
-                    Err(why) => {
-                        tracing::warn!("the scene description cannot be used: {why}");
-                        if let Some(session) = &mut self.session {
-                            session.close(now, CloseCode::Protocol, why);
-                        }
-                    }
-                },
-                ClientEvent::Blob { id, offset, total, bytes } => {
-                    self.in_flight.remove(&id);
-                    if self.config.track_received {
-                        self.received.entry(id).or_default().bytes += bytes.len() as u64;
-                    }
-                    tracing::trace!("{id}: {} of {total} bytes from {offset}", bytes.len());
-                    let arrived = Arrived { id, offset, total, bytes };
-                    if TerrainPoints::owns(id) {
-                        self.take_terrain(now, arrived);
-                    } else if id.asset < self.scene.asset_count() {
-                        self.arrive(now, arrived);
-                    } else if self.early.len() < MAX_EARLY_BLOBS {
-                        self.early.push(arrived);
-                    } else if let Some(session) = &mut self.session {
-                        session.evicted(now, &[id]);
-                    }
-                }
-                ClientEvent::Refused { id, reason } => self.refused(now, id, reason),
-                ClientEvent::BasesSent => self.bases_sent = true,
-                ClientEvent::Done => {}
-                ClientEvent::Closed(close) => {
-                    tracing::debug!("session closed: {close}");
-                    self.closed = Some(close);
-                }
-            }
-            self.stale = true;
-        }
-    }
-
-    fn welcomed(&mut self, now: Time, welcome: Welcome) {
-        let header = &welcome.scene;
-        let same = self.scene.header.as_ref().is_some_and(|old| old.fingerprint == header.fingerprint);
-        if !same {
-            self.scene = Scene::new(header.clone());
-            self.cache = BlobCache::new(self.config.cache_bytes);
-            self.failures = Failures::default();
-            self.wanted.clear();
-            // What was pushed before the answer was heard stays: it belongs to the new scene.
-        }
-        if self.view.is_none()
-            && let StartView::OfScene { viewport_px, target_px } = self.config.start
-        {
-            self.set_view(now, header.camera.view(viewport_px, target_px));
-        }
-        self.welcome = Some(welcome);
-    }
-
-    fn refused(&mut self, now: Time, id: BlobId, reason: RefusedReason) {
-        self.counts.refused += 1;
-        self.in_flight.remove(&id);
-        tracing::warn!("the server refuses {id}: {reason:?}");
-        match reason {
-            RefusedReason::QueueFull => self.set_state(id, State::Absent),
-            RefusedReason::Unreadable => {
-                self.failures.note(now, id);
-                self.set_state(id, State::Failed);
-            }
-            RefusedReason::NotFound | RefusedReason::TooLong | RefusedReason::OutOfRange => {
-                self.failures.give_up(id);
-                self.set_state(id, State::Failed);
-            }
-        }
-    }
-
-    pub(super) fn set_state(&mut self, id: BlobId, state: State) {
-        if let (true, Some(terrain)) = (TerrainPoints::owns(id), &mut self.scene.terrain) {
-            terrain.set_state(id.part, state);
-        } else if let Some(asset) = self.scene.states.get_mut(id.asset as usize) {
-            asset.set_state(id.part, state);
-        }
-    }
-
-    pub(super) fn set_held(&mut self, asset: u32, chunk: u32, bytes: u32) {
-        if let Some(state) = self.scene.states.get_mut(asset as usize) {
-            state.set_held(chunk, bytes);
-        }
-    }
-
-    /// Notes up to which stop a chunk is in use.
-    pub(super) fn set_stop(&mut self, id: BlobId, stop: Option<u8>) {
-        if let (BlobPart::Chunk(chunk), Some(state)) = (id.part, self.scene.states.get_mut(id.asset as usize))
-        {
-            state.set_stop(chunk, stop);
-        }
-    }
-
-    /// A blob is in use: whole, or a chunk up to a stop, whose rest is a matter of its own.
-    pub(super) fn set_applied(&mut self, id: BlobId, stop: Option<u8>) {
-        self.set_stop(id, stop);
-        if let Some(received) = self.received.get_mut(&id)
-            && let BlobPart::Chunk(chunk) = id.part
-            && let Some(info) = self.scene.states.get(id.asset as usize).and_then(|asset| asset.chunk(chunk))
-        {
-            received.used_bytes = received.used_bytes.max(info.extent(stop).payload_bytes.into());
-        }
-        if stop.is_none() {
-            self.set_state(id, State::Applied);
-        }
-    }
-
-    /// A blob's bytes are not here, neither its beginning nor all: the server may have to send it again.
-    pub(super) fn not_here(&mut self, now: Time, id: BlobId) {
-        self.cache.remove(id);
-        if let BlobPart::Chunk(chunk) = id.part {
-            self.set_held(id.asset, chunk, 0);
-        }
-        self.set_state(id, State::Absent);
-        if let Some(session) = &mut self.session {
-            session.evicted(now, &[id]);
-        }
-    }
-
-    pub(super) fn state(&self, id: BlobId) -> State {
-        match &self.scene.terrain {
-            Some(terrain) if TerrainPoints::owns(id) => terrain.state(id.part),
-            _ => self.scene.states.get(id.asset as usize).map_or(State::Absent, |asset| asset.state(id.part)),
-        }
-    }
-
-    /// A blob cannot be used: it is asked for again a few times, ever more slowly.
-    pub(super) fn failed(&mut self, now: Time, id: BlobId, why: &dyn std::fmt::Display) {
-        self.counts.decode_failures += 1;
-        let again = self.failures.note(now, id);
-        tracing::warn!("{id} cannot be used{}: {why}", if again { ", asking again" } else { "" });
-        self.not_here(now, id);
-        self.set_state(id, State::Failed);
-    }
-
-    /// Blobs are no longer here.
-    pub(super) fn dropped(&mut self, now: Time, gone: &[BlobId]) {
-        self.counts.evicted += gone.len() as u64;
-        for &id in gone {
-            if let BlobPart::Chunk(chunk) = id.part {
-                self.set_held(id.asset, chunk, 0);
-            }
-            // What is applied stays applied; it is only fetched again if it is undone and wanted again.
-            if self.state(id) == State::Cached {
-                self.set_state(id, State::Absent);
-            }
-        }
-        let gone: Vec<BlobId> = gone.iter().copied().filter(|id| self.state(*id) == State::Absent).collect();
-        if !gone.is_empty()
-            && let Some(session) = &mut self.session
-        {
-            session.evicted(now, &gone);
-        }
-    }
-
-    /// Selects, decodes, applies and undoes, within a budget of about `budget_bytes` of payload.
-    pub fn update(&mut self, now: Time, budget_bytes: u64) -> Progress {
-        let mut budget = budget_bytes;
-        let before = budget;
-        while budget > 0
-            && let Some((id, bytes)) = self.arrived.pop_front()
-        {
-            budget = budget.saturating_sub(BLOB_COST + bytes.len() as u64);
-            self.take(now, id, &bytes);
-        }
-        if self.stale && (now >= self.next_selection() || self.first_frame_may_be_now()) {
-            self.select(now);
-        }
-        for index in 0..self.wanted.len() {
-            if budget == 0 {
-                break;
-            }
-            self.refresh(index);
-            let wanted = self.wanted[index];
-            if wanted.state == State::Cached
-                && let Some(bytes) = self.apply_cached(now, &wanted)
-            {
-                budget = budget.saturating_sub(BLOB_COST + bytes);
-                self.stale = true;
-            }
-        }
-        if budget < before && self.session.is_some() {
-            self.ask(now, &[]);
-        }
-        if budget == 0 { Progress::More } else { Progress::Idle }
-    }
-
-    /// The first frame is worth a selection of its own: its moment is measured.
-    fn first_frame_may_be_now(&self) -> bool {
-        self.milestones.first_frame.is_none()
-    }
-
-    fn next_selection(&self) -> Time {
-        self.selected.map_or(Time::ZERO, |at| at + self.config.select_interval)
-    }
-
-    fn select(&mut self, now: Time) {
-        let Some(view) = self.view else { return };
-        if self.scene.header.is_none() {
-            return;
-        }
-        self.stale = false;
-        self.selected = Some(now);
-        self.counts.selections += 1;
-        let selection = self.selector.select(&view, &self.scene.instances, &self.scene.states);
-        let (counters, cancel, undo) = (selection.counters, selection.cancel.clone(), selection.undo.clone());
-        self.wanted.clone_from(&selection.wanted);
-        self.terrain_settled = self.scene.terrain.as_ref().is_none_or(|t| t.want(&view, &mut self.wanted));
-        let all_known = self.scene.is_complete() || self.bases_sent;
-        let started = self.started.unwrap_or(now);
-        self.milestones.note(started, now, self.received_bytes(), all_known, &counters);
-        for id in undo {
-            self.undo(now, id);
-        }
-        self.trim_cache(now);
-        self.ask(now, &cancel);
-        if self.is_settled() {
-            self.counts.settled_after.get_or_insert(now.since(started));
-        }
-    }
-
-    /// Asks for what is wanted and not here.
-    fn ask(&mut self, now: Time, cancel: &[BlobId]) {
-        (0..self.wanted.len()).for_each(|index| self.refresh(index));
-        let Some(session) = &mut self.session else { return };
-        let asked = session.set_wanted(now, &self.wanted, cancel);
-        for &id in cancel {
-            self.in_flight.remove(&id);
-            if self.state(id) == State::InFlight {
-                self.set_state(id, State::Absent);
-            }
-        }
-        for id in asked {
-            self.in_flight.insert(id);
-            self.set_state(id, State::InFlight);
-        }
-    }
-
-    /// Brings an entry of the last selection's list up to date.
-    fn refresh(&mut self, index: usize) {
-        let wanted = &mut self.wanted[index];
-        if let (true, Some(terrain)) = (TerrainPoints::owns(wanted.id), &self.scene.terrain) {
-            terrain.refresh(wanted);
-        } else if let Some(asset) = self.scene.states.get(wanted.id.asset as usize) {
-            asset.refresh(wanted);
-        }
-    }
-
     /// Transport payload received over all connections so far, handshakes included.
     #[must_use]
     pub const fn received_bytes(&self) -> u64 {
@@ -643,25 +379,5 @@ impl ClientCore {
             stats.mesh_bytes += refined.memory_bytes() as u64;
         }
         stats
-    }
-
-    fn undo(&mut self, now: Time, id: BlobId) {
-        let BlobPart::Chunk(chunk) = id.part else { return };
-        let Some(Some(refined)) = self.scene.refined.get_mut(id.asset as usize) else { return };
-        match refined.undo(chunk) {
-            Ok(()) => {
-                self.counts.undone += 1;
-                self.stale = true;
-                // The rest of a chunk that was there up to a stop may be under way.
-                let in_flight = self.state(id) == State::InFlight;
-                self.set_stop(id, None);
-                if self.cache.contains(id) {
-                    self.set_state(id, if in_flight { State::InFlight } else { State::Cached });
-                } else {
-                    self.not_here(now, id);
-                }
-            }
-            Err(why) => tracing::error!("{id} cannot be undone: {why}"),
-        }
     }
 }

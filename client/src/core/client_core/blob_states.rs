@@ -1,0 +1,94 @@
+//! Where each blob is: the books that selections read.
+
+use lodestream_protocol::blob::{BlobId, BlobPart};
+use lodestream_protocol::select::State;
+use lodestream_protocol::time::Time;
+
+use super::ClientCore;
+use crate::core::terrain_points::TerrainPoints;
+
+impl ClientCore {
+    pub(in crate::core) fn set_state(&mut self, id: BlobId, state: State) {
+        if let (true, Some(terrain)) = (TerrainPoints::owns(id), &mut self.scene.terrain) {
+            terrain.set_state(id.part, state);
+        } else if let Some(asset) = self.scene.states.get_mut(id.asset as usize) {
+            asset.set_state(id.part, state);
+        }
+    }
+
+    pub(in crate::core) fn set_held(&mut self, asset: u32, chunk: u32, bytes: u32) {
+        if let Some(state) = self.scene.states.get_mut(asset as usize) {
+            state.set_held(chunk, bytes);
+        }
+    }
+
+    /// Notes up to which stop a chunk is in use.
+    pub(in crate::core) fn set_stop(&mut self, id: BlobId, stop: Option<u8>) {
+        if let (BlobPart::Chunk(chunk), Some(state)) = (id.part, self.scene.states.get_mut(id.asset as usize))
+        {
+            state.set_stop(chunk, stop);
+        }
+    }
+
+    /// A blob is in use: whole, or a chunk up to a stop, whose rest is a matter of its own.
+    pub(in crate::core) fn set_applied(&mut self, id: BlobId, stop: Option<u8>) {
+        self.set_stop(id, stop);
+        if let Some(received) = self.received.get_mut(&id)
+            && let BlobPart::Chunk(chunk) = id.part
+            && let Some(info) = self.scene.states.get(id.asset as usize).and_then(|asset| asset.chunk(chunk))
+        {
+            received.used_bytes = received.used_bytes.max(info.extent(stop).payload_bytes.into());
+        }
+        if stop.is_none() {
+            self.set_state(id, State::Applied);
+        }
+    }
+
+    /// A blob's bytes are not here, neither its beginning nor all: the server may have to send it again.
+    pub(in crate::core) fn not_here(&mut self, now: Time, id: BlobId) {
+        self.cache.remove(id);
+        if let BlobPart::Chunk(chunk) = id.part {
+            self.set_held(id.asset, chunk, 0);
+        }
+        self.set_state(id, State::Absent);
+        if let Some(session) = &mut self.session {
+            session.evicted(now, &[id]);
+        }
+    }
+
+    pub(in crate::core) fn state(&self, id: BlobId) -> State {
+        match &self.scene.terrain {
+            Some(terrain) if TerrainPoints::owns(id) => terrain.state(id.part),
+            _ => self.scene.states.get(id.asset as usize).map_or(State::Absent, |asset| asset.state(id.part)),
+        }
+    }
+
+    /// A blob cannot be used: it is asked for again a few times, ever more slowly.
+    pub(in crate::core) fn failed(&mut self, now: Time, id: BlobId, why: &dyn std::fmt::Display) {
+        self.counts.decode_failures += 1;
+        let again = self.failures.note(now, id);
+        tracing::warn!("{id} cannot be used{}: {why}", if again { ", asking again" } else { "" });
+        self.not_here(now, id);
+        self.set_state(id, State::Failed);
+    }
+
+    /// Blobs are no longer here.
+    pub(in crate::core) fn dropped(&mut self, now: Time, gone: &[BlobId]) {
+        self.counts.evicted += gone.len() as u64;
+        for &id in gone {
+            if let BlobPart::Chunk(chunk) = id.part {
+                self.set_held(id.asset, chunk, 0);
+            }
+            // What is applied stays applied; it is only fetched again if it is undone and wanted again.
+            if self.state(id) == State::Cached {
+                self.set_state(id, State::Absent);
+            }
+        }
+        let gone: Vec<BlobId> = gone.iter().copied().filter(|id| self.state(*id) == State::Absent).collect();
+        if !gone.is_empty()
+            && let Some(session) = &mut self.session
+        {
+            session.evicted(now, &gone);
+        }
+    }
+}

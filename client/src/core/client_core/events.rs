@@ -1,0 +1,105 @@
+//! What the session tells: the scene, its pages, blobs and refusals.
+
+use lodestream_protocol::blob::BlobId;
+use lodestream_protocol::client::{ClientEvent, ClientSession};
+use lodestream_protocol::message::{CloseCode, RefusedReason, Welcome};
+use lodestream_protocol::select::State;
+use lodestream_protocol::time::Time;
+
+use super::ClientCore;
+use crate::core::arrivals::Arrived;
+use crate::core::cache::BlobCache;
+use crate::core::config::StartView;
+use crate::core::failures::Failures;
+use crate::core::scene::Scene;
+use crate::core::terrain_points::TerrainPoints;
+
+/// Blobs kept that came before the scene page that tells what they belong to.
+const MAX_EARLY_BLOBS: usize = 256;
+
+impl ClientCore {
+    pub(super) fn drain(&mut self, now: Time) {
+        while let Some(event) = self.session.as_mut().and_then(ClientSession::poll_event) {
+            match event {
+                ClientEvent::Connected(welcome) => self.welcomed(now, welcome),
+                ClientEvent::ScenePage(page) => match self.scene.add_page(page, self.config.max_entries) {
+                    Ok(assets) => {
+                        let (known, early): (Vec<_>, _) = std::mem::take(&mut self.early)
+                            .into_iter()
+                            .partition(|arrived| arrived.id.asset < assets.end);
+                        self.early = early;
+                        for arrived in known {
+                            self.arrive(now, arrived);
+                        }
+                    }
+                    Err(why) => {
+                        tracing::warn!("the scene description cannot be used: {why}");
+                        if let Some(session) = &mut self.session {
+                            session.close(now, CloseCode::Protocol, why);
+                        }
+                    }
+                },
+                ClientEvent::Blob { id, offset, total, bytes } => {
+                    self.in_flight.remove(&id);
+                    if self.config.track_received {
+                        self.received.entry(id).or_default().bytes += bytes.len() as u64;
+                    }
+                    tracing::trace!("{id}: {} of {total} bytes from {offset}", bytes.len());
+                    let arrived = Arrived { id, offset, total, bytes };
+                    if TerrainPoints::owns(id) {
+                        self.take_terrain(now, arrived);
+                    } else if id.asset < self.scene.asset_count() {
+                        self.arrive(now, arrived);
+                    } else if self.early.len() < MAX_EARLY_BLOBS {
+                        self.early.push(arrived);
+                    } else if let Some(session) = &mut self.session {
+                        session.evicted(now, &[id]);
+                    }
+                }
+                ClientEvent::Refused { id, reason } => self.refused(now, id, reason),
+                ClientEvent::BasesSent => self.bases_sent = true,
+                ClientEvent::Done => {}
+                ClientEvent::Closed(close) => {
+                    tracing::debug!("session closed: {close}");
+                    self.closed = Some(close);
+                }
+            }
+            self.stale = true;
+        }
+    }
+
+    fn welcomed(&mut self, now: Time, welcome: Welcome) {
+        let header = &welcome.scene;
+        let same = self.scene.header.as_ref().is_some_and(|old| old.fingerprint == header.fingerprint);
+        if !same {
+            self.scene = Scene::new(header.clone());
+            self.cache = BlobCache::new(self.config.cache_bytes);
+            self.failures = Failures::default();
+            self.wanted.clear();
+            // What was pushed before the answer was heard stays: it belongs to the new scene.
+        }
+        if self.view.is_none()
+            && let StartView::OfScene { viewport_px, target_px } = self.config.start
+        {
+            self.set_view(now, header.camera.view(viewport_px, target_px));
+        }
+        self.welcome = Some(welcome);
+    }
+
+    fn refused(&mut self, now: Time, id: BlobId, reason: RefusedReason) {
+        self.counts.refused += 1;
+        self.in_flight.remove(&id);
+        tracing::warn!("the server refuses {id}: {reason:?}");
+        match reason {
+            RefusedReason::QueueFull => self.set_state(id, State::Absent),
+            RefusedReason::Unreadable => {
+                self.failures.note(now, id);
+                self.set_state(id, State::Failed);
+            }
+            RefusedReason::NotFound | RefusedReason::TooLong | RefusedReason::OutOfRange => {
+                self.failures.give_up(id);
+                self.set_state(id, State::Failed);
+            }
+        }
+    }
+}

@@ -1,0 +1,126 @@
+//! The heavy part: selecting, decoding, applying and undoing, within a budget.
+
+use lodestream_protocol::blob::{BlobId, BlobPart};
+use lodestream_protocol::select::State;
+use lodestream_protocol::time::Time;
+
+use super::{ClientCore, Progress};
+use crate::core::terrain_points::TerrainPoints;
+
+/// Cost of handling a blob, beside its bytes, in units of [`ClientCore::update`]'s budget.
+const BLOB_COST: u64 = 256;
+
+impl ClientCore {
+    /// Selects, decodes, applies and undoes, within a budget of about `budget_bytes` of payload.
+    pub fn update(&mut self, now: Time, budget_bytes: u64) -> Progress {
+        let mut budget = budget_bytes;
+        let before = budget;
+        while budget > 0
+            && let Some((id, bytes)) = self.arrived.pop_front()
+        {
+            budget = budget.saturating_sub(BLOB_COST + bytes.len() as u64);
+            self.take(now, id, &bytes);
+        }
+        if self.stale && (now >= self.next_selection() || self.first_frame_may_be_now()) {
+            self.select(now);
+        }
+        for index in 0..self.wanted.len() {
+            if budget == 0 {
+                break;
+            }
+            self.refresh(index);
+            let wanted = self.wanted[index];
+            if wanted.state == State::Cached
+                && let Some(bytes) = self.apply_cached(now, &wanted)
+            {
+                budget = budget.saturating_sub(BLOB_COST + bytes);
+                self.stale = true;
+            }
+        }
+        if budget < before && self.session.is_some() {
+            self.ask(now, &[]);
+        }
+        if budget == 0 { Progress::More } else { Progress::Idle }
+    }
+
+    /// The first frame is worth a selection of its own: its moment is measured.
+    fn first_frame_may_be_now(&self) -> bool {
+        self.milestones.first_frame.is_none()
+    }
+
+    pub(super) fn next_selection(&self) -> Time {
+        self.selected.map_or(Time::ZERO, |at| at + self.config.select_interval)
+    }
+
+    fn select(&mut self, now: Time) {
+        let Some(view) = self.view else { return };
+        if self.scene.header.is_none() {
+            return;
+        }
+        self.stale = false;
+        self.selected = Some(now);
+        self.counts.selections += 1;
+        let selection = self.selector.select(&view, &self.scene.instances, &self.scene.states);
+        let (counters, cancel, undo) = (selection.counters, selection.cancel.clone(), selection.undo.clone());
+        self.wanted.clone_from(&selection.wanted);
+        self.terrain_settled = self.scene.terrain.as_ref().is_none_or(|t| t.want(&view, &mut self.wanted));
+        let all_known = self.scene.is_complete() || self.bases_sent;
+        let started = self.started.unwrap_or(now);
+        self.milestones.note(started, now, self.received_bytes(), all_known, &counters);
+        for id in undo {
+            self.undo(now, id);
+        }
+        self.trim_cache(now);
+        self.ask(now, &cancel);
+        if self.is_settled() {
+            self.counts.settled_after.get_or_insert(now.since(started));
+        }
+    }
+
+    /// Asks for what is wanted and not here.
+    fn ask(&mut self, now: Time, cancel: &[BlobId]) {
+        (0..self.wanted.len()).for_each(|index| self.refresh(index));
+        let Some(session) = &mut self.session else { return };
+        let asked = session.set_wanted(now, &self.wanted, cancel);
+        for &id in cancel {
+            self.in_flight.remove(&id);
+            if self.state(id) == State::InFlight {
+                self.set_state(id, State::Absent);
+            }
+        }
+        for id in asked {
+            self.in_flight.insert(id);
+            self.set_state(id, State::InFlight);
+        }
+    }
+
+    /// Brings an entry of the last selection's list up to date.
+    fn refresh(&mut self, index: usize) {
+        let wanted = &mut self.wanted[index];
+        if let (true, Some(terrain)) = (TerrainPoints::owns(wanted.id), &self.scene.terrain) {
+            terrain.refresh(wanted);
+        } else if let Some(asset) = self.scene.states.get(wanted.id.asset as usize) {
+            asset.refresh(wanted);
+        }
+    }
+
+    fn undo(&mut self, now: Time, id: BlobId) {
+        let BlobPart::Chunk(chunk) = id.part else { return };
+        let Some(Some(refined)) = self.scene.refined.get_mut(id.asset as usize) else { return };
+        match refined.undo(chunk) {
+            Ok(()) => {
+                self.counts.undone += 1;
+                self.stale = true;
+                // The rest of a chunk that was there up to a stop may be under way.
+                let in_flight = self.state(id) == State::InFlight;
+                self.set_stop(id, None);
+                if self.cache.contains(id) {
+                    self.set_state(id, if in_flight { State::InFlight } else { State::Cached });
+                } else {
+                    self.not_here(now, id);
+                }
+            }
+            Err(why) => tracing::error!("{id} cannot be undone: {why}"),
+        }
+    }
+}
