@@ -12,17 +12,10 @@ use super::library::Content;
 use super::offer::Item;
 use super::select::{Held, Selection, State, select};
 use super::wire::{Event, Request, Wire};
-use crate::scenario::camera_path::{CameraPath, Start};
+use crate::scenario::camera_drive::{CameraDrive, Reached};
+use crate::scenario::camera_path::CameraPath;
+use crate::scenario::outcome::note_quality;
 use crate::scenario::timeline::{Sample, Series, Stalls};
-use crate::scenario::viewer::FRAME;
-
-/// Where a path is at.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Phase {
-    Waiting,
-    Moving { since: Time, next: Time },
-    Resting { since: Time },
-}
 
 /// See the module.
 pub(super) struct Loader<'a> {
@@ -30,10 +23,7 @@ pub(super) struct Loader<'a> {
     most_in_flight: usize,
     clock: Clock,
     limit: Time,
-    viewport_px: [u32; 2],
-    target_px: f32,
-    path: CameraPath,
-    phase: Phase,
+    drive: CameraDrive,
     view: View,
     held: Held,
     selection: Selection,
@@ -64,10 +54,7 @@ impl<'a> Loader<'a> {
             most_in_flight,
             clock: Clock::start(),
             limit: Time::from(limit),
-            viewport_px,
-            target_px,
-            path,
-            phase: Phase::Waiting,
+            drive: CameraDrive::new(path, viewport_px, target_px),
             view: content.stage.camera.view(viewport_px, target_px),
             held: Held::nothing(content),
             selection: Selection::default(),
@@ -89,10 +76,7 @@ impl<'a> Loader<'a> {
 
     /// When the camera came to rest, if it moved.
     pub(super) fn rest(&self) -> Option<Time> {
-        match self.phase {
-            Phase::Resting { since } => Some(since),
-            Phase::Waiting | Phase::Moving { .. } => None,
-        }
+        self.drive.rest()
     }
 
     /// Loads until the picture is settled with the camera at rest (`Ok(true)`) or the time is up (`Ok(false)`).
@@ -115,7 +99,10 @@ impl<'a> Loader<'a> {
                 return Ok(false);
             }
             self.ask(&wire).await?;
-            let until = self.next_move().map_or(self.limit, |next| next.min(self.limit));
+            let until = self
+                .drive
+                .next_move(self.clock.now(), Some(self.reached()))
+                .map_or(self.limit, |next| next.min(self.limit));
             let left = Duration::from(until).saturating_sub(Duration::from(now));
             tokio::select! {
                 biased;
@@ -172,49 +159,16 @@ impl<'a> Loader<'a> {
         Ok(())
     }
 
-    /// Whether the path begins now.
-    fn begins(&self, now: Time) -> bool {
-        self.path.moves()
-            && match self.path.start {
-                Start::FirstFrame => self.first_frame.is_some(),
-                Start::Settled => self.selection.wanted.is_empty(),
-                Start::At { seconds } => now >= Time::from(Duration::from_secs_f64(seconds)),
-            }
+    /// What the path may wait for.
+    fn reached(&self) -> Reached {
+        Reached { first_frame: self.first_frame.is_some(), settled: self.selection.wanted.is_empty() }
     }
 
-    /// When the camera is to be moved next.
-    fn next_move(&self) -> Option<Time> {
-        match self.phase {
-            Phase::Moving { next, .. } => Some(next),
-            Phase::Waiting if self.begins(self.clock.now()) => Some(Time::ZERO),
-            Phase::Waiting => match self.path.start {
-                Start::At { seconds } if self.path.moves() => {
-                    Some(Time::from(Duration::from_secs_f64(seconds)))
-                }
-                _ => None,
-            },
-            Phase::Resting { .. } => None,
-        }
-    }
-
-    /// Puts the camera where it is now; whether that changed anything.
+    /// Puts the camera where it is now; whether it was due to move.
     fn move_camera(&mut self, now: Time) -> bool {
-        if self.phase == Phase::Waiting && self.begins(now) {
-            self.phase = Phase::Moving { since: now, next: now };
-        }
-        let Phase::Moving { since, next } = self.phase else { return false };
-        if now < next {
-            return false;
-        }
-        let seconds = now.since(since).as_secs_f64();
-        self.view =
-            self.path.camera(&self.content.stage.camera, seconds).view(self.viewport_px, self.target_px);
-        self.phase = if seconds >= self.path.seconds {
-            Phase::Resting { since: now }
-        } else {
-            Phase::Moving { since, next: now + FRAME }
-        };
-        true
+        let moved = self.drive.advance(now, &self.content.stage.camera, self.reached());
+        self.view = moved.unwrap_or(self.view);
+        moved.is_some()
     }
 
     /// Notes what there is now.
@@ -223,17 +177,9 @@ impl<'a> Loader<'a> {
         let error_px = Some(self.selection.error_px).filter(|px| self.selection.drawable && px.is_finite());
         if let Some(error_px) = error_px {
             self.first_frame.get_or_insert(here);
-            for (slot, px) in self.quality.iter_mut().zip(QUALITIES_PX) {
-                if error_px <= px {
-                    slot.get_or_insert(here);
-                }
-            }
-            if let Phase::Resting { since } = self.phase {
-                for (slot, px) in self.rest_quality.iter_mut().zip(QUALITIES_PX) {
-                    if error_px <= px {
-                        slot.get_or_insert(now.since(since));
-                    }
-                }
+            note_quality(&mut self.quality, error_px, here);
+            if let Some(since) = self.rest() {
+                note_quality(&mut self.rest_quality, error_px, now.since(since));
             }
         }
         self.series.push(Sample { at_ns: now.as_ns(), bytes, error_px });
@@ -241,7 +187,7 @@ impl<'a> Loader<'a> {
         if self.first_frame.is_some() {
             self.stalls.observe(now, bytes, wants);
         }
-        let at_rest = !self.path.moves() || matches!(self.phase, Phase::Resting { .. });
+        let at_rest = !self.drive.moves() || self.rest().is_some();
         if at_rest && !wants {
             self.settled.get_or_insert(here);
         }

@@ -1,11 +1,13 @@
 //! Scenarios: a plan of scenes, links and camera paths, run in virtual time, and what each run came to.
 
+pub(crate) mod camera_drive;
 pub mod camera_path;
 mod csv;
 #[cfg(test)]
 mod extremes;
 pub mod field;
 pub mod ledger;
+pub(crate) mod network;
 pub(crate) mod outcome;
 mod page;
 pub mod parallel;

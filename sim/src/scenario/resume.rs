@@ -18,7 +18,8 @@ use lodestream_server::daemon::quic::{serve_quic, server_config};
 use lodestream_server::daemon::{ServerState, SessionSettings};
 use tokio::time::{sleep, timeout};
 
-use super::run::{CLIENT, CLOSE_TIMEOUT, SERVER};
+use super::network::{CLIENT, SERVER};
+use super::run::CLOSE_TIMEOUT;
 use crate::clock::{VirtualClock, virtual_runtime};
 use crate::link::{IP_UDP_BYTES, LinkSettings};
 use crate::udp::UdpNetwork;

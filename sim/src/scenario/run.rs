@@ -7,7 +7,6 @@
 //! The server's limiter is off unless the plan sets it: the link is what limits.
 
 use std::future::Future;
-use std::net::SocketAddr;
 use std::num::NonZeroU64;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
@@ -22,26 +21,17 @@ use lodestream_server::daemon::certificate::Certificate;
 use lodestream_server::daemon::http::accept_http;
 use lodestream_server::daemon::quic::serve_quic;
 use lodestream_server::daemon::{ServerState, SessionSettings};
-use rand::{RngCore, SeedableRng};
-use rand_pcg::Pcg64Mcg;
 use tokio::time::timeout;
 
+use super::network::{CLIENT, QuicNetwork, SERVER, TcpNetwork, Traffic};
 use super::outcome;
 use super::pictures::{self, Gallery, Instant, Painter};
 use super::plan::{Case, CaseLink, PictureSettings, Plan, Transport};
 use super::report::RunResult;
 use super::resume::QuicSettings;
 use super::viewer::Viewer;
-use crate::clock::{VirtualClock, virtual_runtime};
-use crate::link::{IP_UDP_BYTES, LinkCounters, LinkSettings};
-use crate::stream_pipe::{self, Opening};
-use crate::tcp::IP_TCP_BYTES;
-use crate::udp::UdpNetwork;
-
-pub(crate) const SERVER: SocketAddr =
-    SocketAddr::new(std::net::IpAddr::V4(std::net::Ipv4Addr::new(10, 0, 0, 1)), 4433);
-pub(crate) const CLIENT: SocketAddr =
-    SocketAddr::new(std::net::IpAddr::V4(std::net::Ipv4Addr::new(10, 0, 0, 2)), 50_000);
+use crate::clock::virtual_runtime;
+use crate::link::LinkSettings;
 
 /// Virtual time that the server may take to close after the client has left.
 pub(super) const CLOSE_TIMEOUT: Duration = Duration::from_secs(60);
@@ -53,13 +43,6 @@ const PATIENCE: Duration = Duration::from_secs(60);
 const REFERENCE_BITS_PER_S: NonZeroU64 = NonZeroU64::new(10_000_000_000).expect("not zero");
 const REFERENCE_QUEUE_BYTES: u64 = 64 << 20;
 const REFERENCE_LIMIT: Duration = Duration::from_secs(60);
-
-/// What the network saw of a run.
-pub(crate) struct Traffic {
-    pub(crate) down: LinkCounters,
-    pub(crate) up: LinkCounters,
-    pub(crate) trace: u64,
-}
 
 /// A certificate whose length is always the same: its serial number is random, and one in 128 is a byte
 /// shorter than the others. Time of day and key matter to no byte count.
@@ -154,11 +137,6 @@ fn settled_picture(
     })
 }
 
-/// One direction of the link of a case, under a transport's headers.
-pub(crate) fn under(direction: &LinkSettings, overhead_bytes: u32) -> LinkSettings {
-    LinkSettings { overhead_bytes, ..direction.clone() }
-}
-
 /// Waits for the end of a session, but not for ever: one that is not over a while after the time limit, as
 /// where the server never answers at all, is cut off.
 pub(crate) async fn end_of(session: impl Future<Output = Close>, limit: Duration) -> Close {
@@ -174,17 +152,7 @@ async fn run_quic(
     limit: Duration,
     viewer: &mut Viewer<'_>,
 ) -> anyhow::Result<(Close, Traffic)> {
-    let mut seeds = Pcg64Mcg::seed_from_u64(seed);
-    let network = UdpNetwork::new(VirtualClock::start());
-    network.connect(SERVER, CLIENT, under(&case.link.down, IP_UDP_BYTES), seeds.next_u64());
-    network.connect(CLIENT, SERVER, under(&case.link.up, IP_UDP_BYTES), seeds.next_u64());
-    let mut next_seed = || {
-        let mut seed = [0; 32];
-        seeds.fill_bytes(&mut seed);
-        seed
-    };
-    let server = network.endpoint(SERVER, Some(quic.server), next_seed())?;
-    let client = network.endpoint(CLIENT, None, next_seed())?;
+    let QuicNetwork { network, server, client } = QuicNetwork::open(&case.link, quic.server, seed)?;
     let serving = tokio::spawn(serve_quic(server, Arc::clone(&state)));
 
     // The name is not looked at: the certificate is pinned.
@@ -198,8 +166,7 @@ async fn run_quic(
         Err(QuicOpenError::Timeout) => Close::new(CloseCode::Lost, "no connection within the time limit"),
         Err(why) => Close::new(CloseCode::Lost, format!("no connection: {why}")),
     };
-    let (down, up) = (network.counters(SERVER, CLIENT), network.counters(CLIENT, SERVER));
-    let traffic = Traffic { down, up, trace: network.trace() };
+    let traffic = Traffic::over_udp(&network);
     state.stop();
     let _ = timeout(CLOSE_TIMEOUT, serving).await;
     Ok((close, traffic))
@@ -212,25 +179,18 @@ async fn run_websocket(
     limit: Duration,
     viewer: &mut Viewer<'_>,
 ) -> anyhow::Result<(Close, Traffic)> {
-    let clock = VirtualClock::start();
-    let [down, up] = [&case.link.down, &case.link.up].map(|direction| under(direction, IP_TCP_BYTES));
-    let Opening { client, server, client_ready_ns, server_ready_ns, counters } =
-        stream_pipe::open(clock, down, up, seed)?;
     let served = Arc::clone(&state);
-    let serving = tokio::spawn(async move {
-        clock.sleep_until(server_ready_ns).await;
-        accept_http(server, served, CLIENT).await;
-    });
-    let close = if client_ready_ns > limit.as_nanos() as u64 {
-        Close::new(CloseCode::Lost, "no connection within the time limit")
-    } else {
-        clock.sleep_until(client_ready_ns).await;
+    let serve = |server| accept_http(server, served, CLIENT);
+    let TcpNetwork { client, in_time, serving, counters } =
+        TcpNetwork::open(&case.link, seed, limit, serve).await?;
+    let close = if in_time {
         let client_clock = viewer.clock();
         let host = SERVER.to_string();
         end_of(net::run_websocket(client, &host, viewer, client_clock), limit).await
+    } else {
+        Close::new(CloseCode::Lost, "no connection within the time limit")
     };
-    let [down, up] = counters.links();
-    let traffic = Traffic { down, up, trace: counters.trace() };
+    let traffic = Traffic::over_tcp(&counters);
     state.stop();
     let _ = timeout(CLOSE_TIMEOUT, serving).await;
     Ok((close, traffic))

@@ -8,31 +8,19 @@ use lodestream_client::net::{Clock, Host};
 use lodestream_protocol::Time;
 use lodestream_protocol::view::View;
 
-use super::camera_path::{CameraPath, Start};
+use super::camera_drive::{CameraDrive, Phase, Reached};
+use super::camera_path::CameraPath;
 use super::ledger::{Ledger, Use};
+use super::outcome::note_quality;
 use super::pictures::Painter;
 use super::plan::ClientSettings;
 use super::timeline::{Sample, Series, Stalls};
-
-/// Time between two positions of a camera that moves.
-pub(crate) const FRAME: Duration = Duration::from_millis(20);
 
 /// How a run ended, as seen by the client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Settled {
     pub(crate) after: Duration,
     pub(crate) bytes: u64,
-}
-
-/// Where a path is at.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Phase {
-    /// The start view, until the path begins; for ever where it does not move.
-    Waiting,
-    /// On the way since then; the next position is due at that time.
-    Moving { since: Time, next: Time },
-    /// At its end since then; so many selections had been made before.
-    Resting { since: Time, selections: u64 },
 }
 
 /// Runs the core after everything that arrives, without a budget: decoding and applying take no virtual
@@ -42,10 +30,9 @@ pub(crate) struct Viewer<'a> {
     core: ClientCore,
     clock: Clock,
     limit: Time,
-    viewport_px: [u32; 2],
-    client: ClientSettings,
-    path: CameraPath,
-    phase: Phase,
+    drive: CameraDrive,
+    /// Selections made before the camera came to rest.
+    selections_before_rest: u64,
     rest_quality: [Option<Duration>; QUALITIES_PX.len()],
     settled: Option<Settled>,
     gave_up: bool,
@@ -111,10 +98,8 @@ impl<'a> Viewer<'a> {
             core,
             clock,
             limit: Time::from(time_limit),
-            viewport_px,
-            client,
-            path,
-            phase: Phase::Waiting,
+            drive: CameraDrive::new(path, viewport_px, client.target_px),
+            selections_before_rest: 0,
             rest_quality: [None; QUALITIES_PX.len()],
             settled: None,
             gave_up: false,
@@ -142,10 +127,7 @@ impl<'a> Viewer<'a> {
 
     /// When the camera came to rest, if it moved.
     pub(crate) fn rest(&self) -> Option<Time> {
-        match self.phase {
-            Phase::Resting { since, .. } => Some(since),
-            Phase::Waiting | Phase::Moving { .. } => None,
-        }
+        self.drive.rest()
     }
 
     /// Time from then until every visible part had a screen error of at most [`QUALITIES_PX`] pixels.
@@ -182,47 +164,24 @@ impl<'a> Viewer<'a> {
         self.ledger.close(&self.core)
     }
 
-    /// Whether the path begins now.
-    fn begins(&self, now: Time) -> bool {
-        self.path.moves()
-            && self.core.scene().is_some()
-            && match self.path.start {
-                Start::FirstFrame => self.core.milestones().first_frame.is_some(),
-                Start::Settled => self.core.is_settled(),
-                Start::At { .. } => self.begins_at().is_some_and(|at| now >= at),
-            }
-    }
-
-    /// When the path begins, where that is a matter of time alone.
-    fn begins_at(&self) -> Option<Time> {
-        match self.path.start {
-            Start::At { seconds } if self.path.moves() && self.phase == Phase::Waiting => {
-                Some(Time::from(Duration::from_secs_f64(seconds)))
-            }
-            _ => None,
-        }
+    /// What the path may wait for, once the scene is known.
+    fn reached(&self) -> Option<Reached> {
+        self.core.scene().map(|_| Reached {
+            first_frame: self.core.milestones().first_frame.is_some(),
+            settled: self.core.is_settled(),
+        })
     }
 
     /// Puts the camera where it is now.
     fn move_camera(&mut self, now: Time) {
-        if self.phase == Phase::Waiting && self.begins(now) {
-            self.phase = Phase::Moving { since: now, next: now };
-        }
-        let Phase::Moving { since, next } = self.phase else { return };
-        let Some(start) = self.core.scene().map(|header| header.camera).filter(|_| now >= next) else {
-            return;
-        };
-        let seconds = now.since(since).as_secs_f64();
-        let view = self.path.camera(&start, seconds).view(self.viewport_px, self.client.target_px);
+        let start = self.core.scene().map(|header| header.camera);
+        let Some((start, reached)) = start.zip(self.reached()) else { return };
+        let Some(view) = self.drive.advance(now, &start, reached) else { return };
         // A view that is the same already is selected for already.
         let news = self.core.view() != Some(view);
         self.core.set_view(now, view);
-        self.phase = if seconds >= self.path.seconds {
-            let seen = self.core.last_selection().0;
-            Phase::Resting { since: now, selections: if news { seen } else { seen.saturating_sub(1) } }
-        } else {
-            Phase::Moving { since, next: now + FRAME }
-        };
+        let seen = self.core.last_selection().0;
+        self.selections_before_rest = if news { seen } else { seen.saturating_sub(1) };
     }
 
     /// Notes what the last update came to.
@@ -240,23 +199,19 @@ impl<'a> Viewer<'a> {
             self.stalls.observe(now, bytes, !counters.settled);
         }
         // What a selection says of an earlier view is no news of this one.
-        let of_this_view = match self.phase {
-            Phase::Waiting => !self.path.moves(),
+        let of_this_view = match self.drive.phase() {
+            Phase::Waiting => !self.drive.moves(),
             Phase::Moving { .. } => false,
-            Phase::Resting { since, selections } => {
-                let seen = number > selections;
+            Phase::Resting { since } => {
+                let seen = number > self.selections_before_rest;
                 if let Some(error_px) = error_px.filter(|_| seen) {
-                    for (slot, px) in self.rest_quality.iter_mut().zip(QUALITIES_PX) {
-                        if error_px <= px {
-                            slot.get_or_insert(now.since(since));
-                        }
-                    }
+                    note_quality(&mut self.rest_quality, error_px, now.since(since));
                 }
                 seen
             }
         };
         if self.settled.is_none() && of_this_view && self.core.is_settled() {
-            let first = self.core.stats().settled_after.filter(|_| !self.path.moves());
+            let first = self.core.stats().settled_after.filter(|_| !self.drive.moves());
             self.settled = Some(Settled { after: first.unwrap_or(Duration::from(now)), bytes });
         }
         self.gave_up = self.settled.is_none() && now >= self.limit;
@@ -286,13 +241,7 @@ impl Host for Viewer<'_> {
             // The last words are the transport's matter.
             None
         } else {
-            let next = match self.phase {
-                Phase::Moving { next, .. } => Some(next),
-                Phase::Waiting if self.begins(self.clock.now()) => Some(Time::ZERO),
-                // Past that moment, it waits for the scene.
-                Phase::Waiting => self.begins_at().filter(|at| *at > self.clock.now()),
-                Phase::Resting { .. } => None,
-            };
+            let next = self.drive.next_move(self.clock.now(), self.reached());
             Some(next.map_or(self.limit, |next| next.min(self.limit)))
         };
         let clock = self.clock;

@@ -21,10 +21,11 @@ use tokio::time::timeout;
 use super::relay_tcp::TcpRelay;
 use super::relay_udp::UdpRelay;
 use crate::link::{IP_UDP_BYTES, LinkCounters};
+use crate::scenario::network::{Traffic, under};
 use crate::scenario::outcome;
 use crate::scenario::plan::{Case, Plan, Transport};
 use crate::scenario::report::RunResult;
-use crate::scenario::run::{Traffic, end_of, under};
+use crate::scenario::run::end_of;
 use crate::scenario::viewer::Viewer;
 use crate::tcp::IP_TCP_BYTES;
 

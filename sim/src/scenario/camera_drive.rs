@@ -1,0 +1,106 @@
+//! A camera on its path: when it sets off, where it is next, and when it has come to rest.
+
+use std::time::Duration;
+
+use lodestream_protocol::Time;
+use lodestream_protocol::scene::Camera;
+use lodestream_protocol::view::View;
+
+use super::camera_path::{CameraPath, Start};
+
+/// Time between two positions of a camera that moves.
+const FRAME: Duration = Duration::from_millis(20);
+
+/// Where a path is at.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Phase {
+    /// The start view, until the path begins; for ever where it does not move.
+    Waiting,
+    /// On the way since then; the next position is due at that time.
+    Moving { since: Time, next: Time },
+    /// At its end since then.
+    Resting { since: Time },
+}
+
+/// What a client has come to that a path may wait for.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Reached {
+    pub(crate) first_frame: bool,
+    pub(crate) settled: bool,
+}
+
+/// A camera and its path.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct CameraDrive {
+    path: CameraPath,
+    viewport_px: [u32; 2],
+    target_px: f32,
+    phase: Phase,
+}
+
+impl CameraDrive {
+    pub(crate) fn new(path: CameraPath, viewport_px: [u32; 2], target_px: f32) -> Self {
+        Self { path, viewport_px, target_px, phase: Phase::Waiting }
+    }
+
+    pub(crate) fn phase(&self) -> Phase {
+        self.phase
+    }
+
+    /// Whether the camera moves at all.
+    pub(crate) fn moves(&self) -> bool {
+        self.path.moves()
+    }
+
+    /// When the camera came to rest, if it moved.
+    pub(crate) fn rest(&self) -> Option<Time> {
+        match self.phase {
+            Phase::Resting { since } => Some(since),
+            Phase::Waiting | Phase::Moving { .. } => None,
+        }
+    }
+
+    /// Whether the path begins now.
+    fn begins(&self, now: Time, reached: Reached) -> bool {
+        self.path.moves()
+            && match self.path.start {
+                Start::FirstFrame => reached.first_frame,
+                Start::Settled => reached.settled,
+                Start::At { seconds } => now >= Time::from(Duration::from_secs_f64(seconds)),
+            }
+    }
+
+    /// When the camera is to be moved next. A client that does not know the scene yet has reached nothing (`None`).
+    pub(crate) fn next_move(&self, now: Time, reached: Option<Reached>) -> Option<Time> {
+        match self.phase {
+            Phase::Moving { next, .. } => Some(next),
+            Phase::Waiting if reached.is_some_and(|reached| self.begins(now, reached)) => Some(Time::ZERO),
+            // Past that moment, it waits for the scene.
+            Phase::Waiting => match self.path.start {
+                Start::At { seconds } if self.path.moves() => {
+                    Some(Time::from(Duration::from_secs_f64(seconds))).filter(|at| *at > now)
+                }
+                _ => None,
+            },
+            Phase::Resting { .. } => None,
+        }
+    }
+
+    /// Puts the camera where it is now, `start` being where its path begins; gives the view if it is due to move.
+    pub(crate) fn advance(&mut self, now: Time, start: &Camera, reached: Reached) -> Option<View> {
+        if self.phase == Phase::Waiting && self.begins(now, reached) {
+            self.phase = Phase::Moving { since: now, next: now };
+        }
+        let Phase::Moving { since, next } = self.phase else { return None };
+        if now < next {
+            return None;
+        }
+        let seconds = now.since(since).as_secs_f64();
+        self.phase = if seconds >= self.path.seconds {
+            Phase::Resting { since: now }
+        } else {
+            Phase::Moving { since, next: now + FRAME }
+        };
+        Some(self.path.camera(start, seconds).view(self.viewport_px, self.target_px))
+    }
+}
