@@ -4,12 +4,11 @@
 //! `cargo bench -p lodestream-sim --bench prepare -- [MODEL.obj…]` takes the models named, else those of
 //! the folder `LODESTREAM_MODELS`, else a generated mesh. Import and quantisation are not timed. Times are
 //! the best of three and vary with the machine: use ratios.
-#![allow(unsafe_code)]
 
-use std::alloc::{GlobalAlloc, Layout, System};
+mod heap;
+
 use std::path::PathBuf;
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use anyhow::Context as _;
@@ -57,7 +56,7 @@ fn row(name: &str, mesh: &QuantisedMesh) -> anyhow::Result<()> {
     let mut refining = [f64::INFINITY; 2];
     let mut splits = 0.0;
     for _ in 0..RUNS {
-        let before = USED.load(Ordering::Relaxed);
+        let before = heap::used();
         let watch = StopWatch::new();
         let start = Instant::now();
         let prepared = prepare(mesh, &Settings::default(), &Serial, &watch)?;
@@ -123,7 +122,7 @@ struct Split {
 
 impl StopWatch {
     fn new() -> Self {
-        PEAK.store(USED.load(Ordering::Relaxed), Ordering::Relaxed);
+        heap::take_peak();
         let (seconds, peaks) = ([0.0; 3], [0; 3]);
         Self(Mutex::new(Split { last: Instant::now(), stage: Stage::Simplify, seconds, peaks }))
     }
@@ -145,7 +144,7 @@ impl Monitor for StopWatch {
                 Stage::Encode => 2,
             };
             split.seconds[stage] += now.duration_since(split.last).as_secs_f64();
-            let peak = PEAK.swap(USED.load(Ordering::Relaxed), Ordering::Relaxed);
+            let peak = heap::take_peak();
             split.peaks[stage] = split.peaks[stage].max(peak);
             (split.last, split.stage) = (now, progress.stage);
         }
@@ -214,33 +213,4 @@ fn height_field(size: u32) -> SourceMesh {
     }
     mesh.materials = vec![0; mesh.faces.len()];
     mesh
-}
-
-/// Bytes in use, and the most since the last reset.
-static USED: AtomicUsize = AtomicUsize::new(0);
-static PEAK: AtomicUsize = AtomicUsize::new(0);
-
-/// The system's allocator, counting.
-struct Counting;
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
-
-// SAFETY: everything is handed to the system's allocator as it came; the counters are beside it.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        // SAFETY: the caller keeps `alloc`'s contract.
-        let pointer = unsafe { System.alloc(layout) };
-        if !pointer.is_null() {
-            let used = USED.fetch_add(layout.size(), Ordering::Relaxed) + layout.size();
-            PEAK.fetch_max(used, Ordering::Relaxed);
-        }
-        pointer
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        USED.fetch_sub(layout.size(), Ordering::Relaxed);
-        // SAFETY: the caller keeps `dealloc`'s contract.
-        unsafe { System.dealloc(pointer, layout) }
-    }
 }

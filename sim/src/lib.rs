@@ -12,6 +12,7 @@ pub mod load;
 pub mod measure;
 pub mod reproduce;
 pub mod scenario;
+pub mod stopwatch;
 pub mod stream_pipe;
 pub mod tcp;
 pub mod trace;

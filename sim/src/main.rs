@@ -16,7 +16,7 @@ use clap::{Parser, Subcommand};
 use lodestream_geometry::{Codec, Metric};
 use lodestream_protocol::source::SceneSource;
 use lodestream_server::prepare::recipe::{self, Round};
-use lodestream_sim::baseline::{self, Library, draco::Encoder};
+use lodestream_sim::baseline::{self, Library, draco::Encoder, terrain_table};
 use lodestream_sim::{assess, measure, reproduce, scenario, train, truth};
 use progress::Progress;
 
@@ -111,6 +111,16 @@ enum Command {
     /// Prints the older system's table of transfer times for three models of as many triangles, with ours beside it.
     SeedTable {
         /// Prints JSON instead of a table.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Prints the older system's tables of terrain: times of many generations of a patch, and bytes; ours and a plain
+    /// diamond-square beside it.
+    TerrainTable {
+        /// Times each size is made.
+        #[arg(long, default_value_t = terrain_table::GENERATIONS, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+        generations: u32,
+        /// Prints JSON instead of tables.
         #[arg(long)]
         json: bool,
     },
@@ -234,6 +244,7 @@ fn main() -> ExitCode {
         }
         Command::Measure { a, b, samples, seed, json } => run_measure(&a, &b, samples, seed, json),
         Command::SeedTable { json } => run_seed_table(json),
+        Command::TerrainTable { generations, json } => run_terrain_table(generations, json),
         Command::Goodput(command) => command.run(),
         Command::Load(command) => command.run(),
         Command::Run { plan, seed, set, output, threads, cache, models, peers, draco_encoder, quiet } => {
@@ -395,6 +406,16 @@ fn run_assess(model: &Path, options: &assess::Options, json: bool) -> anyhow::Re
 
 fn run_seed_table(json: bool) -> anyhow::Result<()> {
     let table = baseline::seed_table::seed_table()?;
+    if json {
+        println!("{}", serde_json::to_string(&table)?);
+    } else {
+        println!("{table}");
+    }
+    Ok(())
+}
+
+fn run_terrain_table(generations: u32, json: bool) -> anyhow::Result<()> {
+    let table = terrain_table::terrain_table(generations)?;
     if json {
         println!("{}", serde_json::to_string(&table)?);
     } else {

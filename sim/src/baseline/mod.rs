@@ -20,6 +20,7 @@
 //! and the congestion control of the project's server; over TCP requests are pipelined on one connection, as
 //! HTTP/1.1 allows it, without TLS.
 
+pub mod diamond_square;
 pub mod draco;
 mod levels;
 pub mod library;
@@ -32,6 +33,7 @@ pub mod seed_models;
 pub mod seed_table;
 mod select;
 mod technique;
+pub mod terrain_table;
 #[cfg(test)]
 mod tests;
 mod wire;
