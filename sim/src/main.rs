@@ -194,7 +194,7 @@ enum Command {
     Truth {
         /// The plan (TOML); each case runs with its first seed.
         plan: PathBuf,
-        /// Folder for truth.json.
+        /// Folder for truth.json, and figures.json, which has a row per figure.
         #[arg(short, long, value_name = "DIR")]
         output: Option<PathBuf>,
         /// Runs of each case in real time; the median is compared.
@@ -368,8 +368,12 @@ fn run_truth(
     let scenes = open_scenes(&plan, cache, true)?;
     let compared = truth::run(&plan, &scenes, repeats, |comparison| println!("{comparison}"))?;
     match output {
-        Some(folder) => scenario::report::write_json(&folder, "truth.json", &compared)
-            .with_context(|| format!("{}: the report cannot be written", folder.display())),
+        Some(folder) => {
+            use scenario::report::write_json;
+            write_json(&folder, "truth.json", &compared)
+                .and_then(|()| write_json(&folder, "figures.json", &truth::figures(&compared)))
+                .with_context(|| format!("{}: the report cannot be written", folder.display()))
+        }
         None => Ok(()),
     }
 }

@@ -20,7 +20,7 @@ use lodestream_protocol::source::SceneSource;
 use crate::baseline::Technique;
 use crate::scenario::plan::Plan;
 use crate::scenario::report::RunResult;
-pub use report::{Comparison, Difference, compare};
+pub use report::{Comparison, Difference, Figure, compare, figures};
 
 /// Times a case may be repeated in real time.
 pub const MAX_REPEATS: u32 = 100;

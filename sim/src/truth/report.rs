@@ -91,6 +91,53 @@ pub fn compare(simulated: &RunResult, real: &[RunResult]) -> Comparison {
     }
 }
 
+/// A figure of a case, as a row of a table.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Figure<'a> {
+    /// The case: scene, transport, link, camera, seed.
+    pub scene: &'a str,
+    /// How client and server talked.
+    pub transport: Transport,
+    /// The link.
+    pub link: &'a str,
+    /// The camera path's name.
+    pub camera: &'a str,
+    /// Seed of loss and jitter.
+    pub seed: u64,
+    /// Runs in real time.
+    pub repeats: usize,
+    /// Bytes that the client received until the end, in virtual time.
+    pub virtual_bytes: u64,
+    /// Their median in real time.
+    pub real_bytes: u64,
+    /// What was measured.
+    #[serde(flatten)]
+    pub difference: &'a Difference,
+}
+
+/// A row for each case and figure.
+#[must_use]
+pub fn figures(compared: &[Comparison]) -> Vec<Figure<'_>> {
+    let mut figures = Vec::new();
+    for case in compared {
+        let Comparison { scene, transport, link, camera, seed, repeats, virtual_bytes, real_bytes, .. } =
+            case;
+        let row = |difference| Figure {
+            scene,
+            transport: *transport,
+            link,
+            camera,
+            seed: *seed,
+            repeats: *repeats,
+            virtual_bytes: *virtual_bytes,
+            real_bytes: *real_bytes,
+            difference,
+        };
+        figures.extend(case.differences.iter().map(row));
+    }
+    figures
+}
+
 /// Of an ascending list; the lower one of two.
 fn median<T: Copy>(sorted: &[T]) -> Option<T> {
     sorted.get(sorted.len().saturating_sub(1) / 2).copied()
@@ -127,5 +174,42 @@ impl fmt::Display for Comparison {
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reproduce::Rows;
+
+    #[test]
+    fn each_figure_of_each_case_is_a_row() {
+        let difference = |figure: &str, virtual_ms: f64, real_ms: Option<f64>| Difference {
+            figure: figure.to_owned(),
+            virtual_ms: Some(virtual_ms),
+            real_ms,
+            real_least_ms: real_ms,
+            real_greatest_ms: real_ms,
+            difference_ms: None,
+            difference_share: None,
+        };
+        let case = |link: &str, ms: f64| Comparison {
+            scene: "demo".to_owned(),
+            transport: Transport::Ws,
+            link: link.to_owned(),
+            camera: "still".to_owned(),
+            seed: 1,
+            repeats: 5,
+            virtual_bytes: 100,
+            real_bytes: 101,
+            differences: vec![difference("ttff", ms, Some(ms + 1.5)), difference("ttq 1 px", ms * 2.0, None)],
+        };
+        let compared = [case("slow", 170.0), case("fast", 20.0)];
+        let rows = Rows::from_json(&serde_json::to_string(&figures(&compared)).unwrap()).unwrap();
+        let cell = |row: usize, name: &str| rows.rows[row][rows.column(name).unwrap()].as_str();
+        assert_eq!(rows.rows.len(), 4);
+        let names = ["transport", "link", "figure", "virtual_ms", "real_ms", "real_bytes"];
+        assert_eq!(names.map(|name| cell(2, name)), ["ws", "fast", "ttff", "20.0", "21.5", "101"]);
+        assert_eq!(names.map(|name| cell(3, name)), ["ws", "fast", "ttq 1 px", "40.0", "", "101"]);
     }
 }
