@@ -11,6 +11,7 @@
 mod compare;
 mod fit;
 mod page;
+mod plot;
 mod rows;
 mod section;
 mod table;

@@ -3,14 +3,19 @@
 //! It shows the committed figures, and names what this run found otherwise: so two runs that agree with them write the
 //! same page, whatever the machine's speed.
 
-use super::table;
+use anyhow::Context as _;
+
 use super::{Outcome, Reproduction, Rows, Section};
+use super::{plot, table};
 use crate::html::{self, escaped};
+
+/// How a file says that it is SVG.
+const SVG_NAME: &str = " xmlns=\"http://www.w3.org/2000/svg\"";
 
 /// The page; `figures` are the committed ones of each of the reproduction's sections.
 ///
 /// # Errors
-/// Tables that name no column.
+/// Tables and plots that name no column.
 pub(super) fn html(made: &Reproduction, sections: &[(&Section, Rows)]) -> anyhow::Result<String> {
     let mut page = head(made, sections);
     for ((section, rows), outcome) in sections.iter().zip(&made.sections) {
@@ -54,6 +59,10 @@ fn one(section: &Section, rows: &Rows, outcome: &Outcome) -> anyhow::Result<Stri
     page += &format!("<p>{}</p>\n", verdict(section, outcome));
     for table in table::shown(section, rows)? {
         page += &html::table(1, &table.headings, &table.lines, marked);
+    }
+    for svg in plot::svgs(section, rows).with_context(|| section.name.clone())? {
+        // Within a page it needs no name of its language, which looks like something to fetch.
+        page += &format!("<figure class=\"plot\">{}</figure>\n", svg.replace(SVG_NAME, ""));
     }
     let mut commands = String::new();
     for command in &section.commands {
@@ -156,8 +165,13 @@ mod tests {
             if let Some(trade) = &section.trade {
                 assert!(page.contains(&marked(&trade.reason)), "{}", section.name);
             }
+            for plot in &section.plots {
+                assert!(page.contains(&plot.y.label), "{}: {}", section.name, plot.y.label);
+            }
         }
         assert!(!page.contains("src=") && !page.contains("<script") && !page.contains("http"));
+        let plots = sections.iter().map(|(section, _)| section.plots.len().div_ceil(plot::PER_PICTURE));
+        assert_eq!(page.matches("<svg").count(), plots.sum::<usize>());
         // How long a run took is not in it.
         let mut slower = made.clone();
         slower.sections[0].seconds = 1e3;

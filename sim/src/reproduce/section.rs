@@ -29,6 +29,13 @@
 //! [[section.fit]]                 # a table of exponents: how a figure grows with another (fit.rs)
 //! id = "growth"
 //! lines = [{ what = "bytes, QUIC", x = "instances", y = "total_bytes", only = { transport = "quic" } }]
+//!
+//! [[section.plot]]                # a curve on the page (plot.rs)
+//! title = "Bytes"
+//! x = { label = "bits", figures = ["label"] }      # what the axis says; products and quotients as in cells
+//! y = { label = "bytes", figures = ["payload_bytes"], log = true }   # as many figures as for x: points of a row
+//! # line = "{camera}"             # rows with the same text here are a line, with this name
+//! # only = { camera = "still" }
 //! ```
 
 use std::collections::BTreeMap;
@@ -68,6 +75,9 @@ pub struct Section {
     /// How figures grow.
     #[serde(default, rename = "fit")]
     pub fits: Vec<Fit>,
+    /// Curves on the page.
+    #[serde(default, rename = "plot")]
+    pub plots: Vec<Plot>,
 }
 
 /// A knob: speed for accuracy.
@@ -140,6 +150,38 @@ pub struct FitLine {
     pub only: BTreeMap<String, String>,
 }
 
+/// A curve.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Plot {
+    /// For people.
+    #[serde(default)]
+    pub title: String,
+    /// Rows with the same text here are a line, which has it as its name; figures in braces, as in cells.
+    #[serde(default)]
+    pub line: String,
+    /// The figure on which others depend, as a knob's setting.
+    pub x: PlotAxis,
+    /// The figure that depends on it.
+    pub y: PlotAxis,
+    /// Values that a row must have to be shown, by column.
+    #[serde(default)]
+    pub only: BTreeMap<String, String>,
+}
+
+/// An axis of a curve.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PlotAxis {
+    /// What it says.
+    pub label: String,
+    /// The figures, products and quotients as in cells: a row gives as many points.
+    pub figures: Vec<String>,
+    /// Whether equal factors are equally far apart.
+    #[serde(default)]
+    pub log: bool,
+}
+
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct List {
@@ -204,6 +246,13 @@ pub(crate) fn parse(text: &str) -> anyhow::Result<Vec<Section>> {
                 "{name}: ratios: {column}: {factor} is no factor of 1 or more"
             );
         }
+        for Plot { title, x, y, .. } in &section.plots {
+            let (across, up) = (x.figures.len(), y.figures.len());
+            anyhow::ensure!(
+                across == up && across > 0,
+                "{name}: plot {title:?}: {across} figures for x and {up} for y: as many are needed, at least one"
+            );
+        }
     }
     Ok(sections)
 }
@@ -233,6 +282,14 @@ mod tests {
             (GOOD.replace("y = 1.5", "z = 1.5"), "ratios", "z is no column"),
             (GOOD.replace("y = 1.5", "y = 0.5"), "y", "factor"),
             (GOOD.replace("title", "titel"), "titel", "unknown field"),
+            (
+                format!(
+                    "{GOOD}[[section.plot]]\ntitle = \"p\"\nx = {{ label = \"\", figures = [\"x\"] }}\n\
+                     y = {{ label = \"\", figures = [\"x\", \"y\"] }}\n"
+                ),
+                "plot \"p\"",
+                "1 figures for x and 2 for y",
+            ),
         ];
         for (text, what, why) in cases {
             let error = format!("{:#}", parse(&text).unwrap_err());

@@ -136,6 +136,11 @@ pub(super) fn of_row(expression: &str, rows: &Rows, row: &[String]) -> anyhow::R
     value(expression, &Group { rows, across: None, line: &[row] })
 }
 
+/// A template with a row's figures.
+pub(super) fn text_of_row(template: &str, rows: &Rows, row: &[String]) -> anyhow::Result<String> {
+    cell(template, &Group { rows, across: None, line: &[row] })
+}
+
 /// The rows behind a line.
 struct Group<'a> {
     rows: &'a Rows,

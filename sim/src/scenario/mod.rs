@@ -22,7 +22,7 @@ pub mod scene;
 #[cfg(test)]
 pub(crate) mod tests;
 pub mod timeline;
-mod units;
+pub(crate) mod units;
 pub(crate) mod viewer;
 
 pub use parallel::{Equipment, run, run_with};

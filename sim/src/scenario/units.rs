@@ -1,7 +1,7 @@
 //! Values as people read them, in as few digits as say enough.
 
 /// At most three significant digits, less zeros at the end.
-pub(super) fn plain(value: f64) -> String {
+pub(crate) fn plain(value: f64) -> String {
     let magnitude = if value == 0.0 { 0 } else { value.abs().log10().floor() as i32 };
     let decimals = (2 - magnitude).clamp(0, 9) as usize;
     let text = format!("{value:.decimals$}");

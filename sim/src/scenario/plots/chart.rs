@@ -34,26 +34,26 @@ const FONT: &str = "sans-serif";
 
 /// How values lie along an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Scale {
+pub(crate) enum Scale {
     Linear,
     Logarithmic,
 }
 
 /// An axis: what it says, and from where to where it goes.
 #[derive(Clone, Debug)]
-pub(super) struct Axis {
-    pub(super) label: String,
-    pub(super) scale: Scale,
-    pub(super) range: (f64, f64),
+pub(crate) struct Axis {
+    pub(crate) label: String,
+    pub(crate) scale: Scale,
+    pub(crate) range: (f64, f64),
     /// How a tick's value is written; `None` for an axis without ticks.
-    pub(super) format: Option<fn(f64) -> String>,
+    pub(crate) format: Option<fn(f64) -> String>,
     /// Where ticks stand if they fit, ascending; empty for round values.
-    pub(super) marked: Vec<f64>,
+    pub(crate) marked: Vec<f64>,
 }
 
 impl Axis {
     /// An axis that holds some values, of which there may be none, with room at both ends.
-    pub(super) fn holding(
+    pub(crate) fn holding(
         label: &str,
         scale: Scale,
         values: impl IntoIterator<Item = f64>,
@@ -92,7 +92,7 @@ impl Axis {
 
     /// Values at which a line is drawn and a number stands: one, two and five times powers of ten, and where
     /// that is too many, one and three times, or powers alone.
-    fn ticks(&self, most: usize) -> Vec<f64> {
+    pub(crate) fn ticks(&self, most: usize) -> Vec<f64> {
         let (from, to) = self.range;
         if self.format.is_none() {
             return Vec::new();
@@ -163,7 +163,7 @@ impl Ranged for Places {
 
 /// How a line is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Mark {
+pub(crate) enum Mark {
     /// A value holds until the next one.
     Steps,
     /// A dot at each value, and a line between them.
@@ -172,31 +172,31 @@ pub(super) enum Mark {
 
 /// A line; its place in a chart's legend says its colour.
 #[derive(Clone, Debug)]
-pub(super) struct Line {
-    pub(super) number: usize,
-    pub(super) points: Vec<(f64, f64)>,
+pub(crate) struct Line {
+    pub(crate) number: usize,
+    pub(crate) points: Vec<(f64, f64)>,
 }
 
 /// One coordinate system.
 #[derive(Clone, Debug)]
-pub(super) struct Panel {
-    pub(super) title: String,
-    pub(super) x: Axis,
-    pub(super) y: Axis,
-    pub(super) mark: Mark,
-    pub(super) lines: Vec<Line>,
+pub(crate) struct Panel {
+    pub(crate) title: String,
+    pub(crate) x: Axis,
+    pub(crate) y: Axis,
+    pub(crate) mark: Mark,
+    pub(crate) lines: Vec<Line>,
 }
 
 /// Panels side by side.
 #[derive(Clone, Debug)]
-pub(super) struct Chart {
-    pub(super) panels: Vec<Panel>,
+pub(crate) struct Chart {
+    pub(crate) panels: Vec<Panel>,
     /// Names of the lines, by number.
-    pub(super) legend: Vec<String>,
+    pub(crate) legend: Vec<String>,
 }
 
 /// Most lines of a chart: each colour once solid and once dashed.
-pub(super) const MAX_LINES: usize = 2 * COLOURS.len();
+pub(crate) const MAX_LINES: usize = 2 * COLOURS.len();
 
 type Failed = DrawingAreaErrorKind<std::io::Error>;
 type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
@@ -206,7 +206,7 @@ impl Chart {
     ///
     /// # Errors
     /// What the drawing library says.
-    pub(super) fn svg(&self) -> std::io::Result<String> {
+    pub(crate) fn svg(&self) -> std::io::Result<String> {
         let mut svg = String::new();
         self.draw(&mut svg).map_err(|why| std::io::Error::other(why.to_string()))?;
         Ok(svg)

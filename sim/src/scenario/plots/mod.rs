@@ -4,7 +4,7 @@
 //! over time is shown for the first seed of a case. Time is on a logarithmic axis: a first frame takes a fraction of a
 //! second, and a settled picture may take minutes.
 
-mod chart;
+pub(crate) mod chart;
 
 use std::collections::BTreeSet;
 use std::path::Path;
