@@ -2,6 +2,7 @@
 //!
 //! Exit codes: 0 done, 1 figures differ from those committed, 2 bad input (one line says what, where and what to do).
 
+mod frame_time_command;
 mod goodput_command;
 mod load_command;
 mod progress;
@@ -130,6 +131,9 @@ enum Command {
     /// Measures what a server's sessions cost it: memory and processor time of a process of its own, in real time on
     /// loopback. Needs Linux.
     Load(load_command::LoadCommand),
+    /// Settles a plan's case at several targets of screen error, in virtual time, and times frames of each, in real time
+    /// on the machine's graphics adapter.
+    FrameTime(frame_time_command::FrameTimeCommand),
     /// Streams scenes over simulated links in virtual time.
     Run {
         /// The plan (TOML).
@@ -247,6 +251,7 @@ fn main() -> ExitCode {
         Command::TerrainTable { generations, json } => run_terrain_table(generations, json),
         Command::Goodput(command) => command.run(),
         Command::Load(command) => command.run(),
+        Command::FrameTime(command) => command.run(),
         Command::Run { plan, seed, set, output, threads, cache, models, peers, draco_encoder, quiet } => {
             let beside = Beside { models, peers, draco_encoder };
             run_plan((&plan, &set), seed, &output, threads, cache, &beside, quiet)

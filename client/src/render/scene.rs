@@ -161,4 +161,6 @@ pub struct Counters {
     pub instances_culled: u32,
     /// Terrain tiles drawn; one of which only single quadrants are drawn counts once per quadrant.
     pub terrain_tiles: u32,
+    /// Triangles of these.
+    pub terrain_triangles: u64,
 }

@@ -208,6 +208,13 @@ impl SceneView {
         self.ground.as_ref().map_or(0, GroundScene::missing)
     }
 
+    /// Screen error that the last frame's terrain tiles were chosen for, in pixels: more than was asked for where that would
+    /// have taken too many. `None` without terrain.
+    #[must_use]
+    pub fn ground_px(&self) -> Option<f64> {
+        self.ground.as_ref().map(GroundScene::drawn_px)
+    }
+
     /// Draws the scene as it is now: hands the frame to `draw`.
     pub fn with_frame<R>(
         &self,

@@ -73,24 +73,43 @@ pub(super) fn run_case(
     gallery: Option<(&Gallery, usize)>,
 ) -> anyhow::Result<RunResult> {
     let drawing = plan.pictures.as_ref().zip(gallery);
+    let painter = drawing.map(|(settings, (gallery, _))| Painter::new(gallery.studio(), settings));
+    let (mut result, painter) = run_drawn(plan, case, scene, certificate, seed, painter.transpose()?)?;
+    if let Some((settings, (gallery, run))) = drawing {
+        let shots = painter.map(Painter::finish).transpose()?.unwrap_or_default();
+        let references = |view| settled_picture(case, scene, view, gallery, settings);
+        result.pictures = pictures::judged(shots, gallery, run, references)?;
+    }
+    Ok(result)
+}
+
+/// Runs a case with a seed, drawn by a painter if there is one, who is given back with all that has arrived.
+///
+/// # Errors
+/// As [`run_case`], but for what the graphics device refuses: that is the painter's to tell.
+pub(super) fn run_drawn<'a>(
+    plan: &Plan,
+    case: &Case,
+    scene: &Arc<dyn SceneSource>,
+    certificate: &Certificate,
+    seed: u64,
+    painter: Option<Painter<'a>>,
+) -> anyhow::Result<(RunResult, Option<Painter<'a>>)> {
     let quic = if case.resumed {
         QuicSettings::acquainted(scene, certificate)
     } else {
         QuicSettings::new(certificate)
     };
     let quic = quic?;
-    let (mut result, shots) = virtual_runtime().context("no runtime for virtual time")?.block_on(async {
+    virtual_runtime().context("no runtime for virtual time")?.block_on(async {
         let settings =
             SessionSettings { rate_bits_per_s: case.limiter_bits_per_s, ..SessionSettings::default() };
         let state = ServerState::new(Arc::clone(scene), settings);
         let limit = Duration::from_secs_f64(case.time_limit_s);
         let (viewport_px, client) = (plan.viewport_px, plan.client);
-        let mut viewer = match drawing {
+        let mut viewer = match painter {
             None => Viewer::new(viewport_px, client, case.path, limit),
-            Some((settings, (gallery, _))) => {
-                let painter = Painter::new(gallery.studio(), settings)?;
-                Viewer::drawn(viewport_px, client, case.path, limit, painter)
-            }
+            Some(painter) => Viewer::drawn(viewport_px, client, case.path, limit, painter),
         };
         let (close, traffic) = match case.transport {
             Transport::Quic => run_quic(case, state, quic, seed, limit, &mut viewer).await?,
@@ -101,14 +120,9 @@ pub(super) fn run_case(
         if viewer.settled().is_none() && !viewer.gave_up() && !by_the_link {
             anyhow::bail!("the session ended early: {close}");
         }
-        let shots = viewer.take_painter().map(Painter::finish).transpose()?.unwrap_or_default();
-        anyhow::Ok((outcome::result(plan, case, seed, &mut viewer, &close, &traffic), shots))
-    })?;
-    if let Some((settings, (gallery, run))) = drawing {
-        let references = |view| settled_picture(case, scene, view, gallery, settings);
-        result.pictures = pictures::judged(shots, gallery, run, references)?;
-    }
-    Ok(result)
+        let painter = viewer.take_painter();
+        Ok((outcome::result(plan, case, seed, &mut viewer, &close, &traffic), painter))
+    })
 }
 
 /// What a viewer shows whose camera stands still at a pose and who wants nothing more: over a link on which that takes

@@ -96,7 +96,9 @@ impl<'a> TileList<'a> {
             pass.draw_indexed(batch.indices.clone(), 0, batch.instances.clone());
             counters.draws += 1;
             let tiles = u64::from(batch.instances.end - batch.instances.start);
-            counters.triangles += u64::from(batch.indices.end - batch.indices.start) / 3 * tiles;
+            let triangles = u64::from(batch.indices.end - batch.indices.start) / 3 * tiles;
+            counters.triangles += triangles;
+            counters.terrain_triangles += triangles;
             counters.terrain_tiles += batch.instances.end - batch.instances.start;
         }
     }

@@ -9,6 +9,7 @@
 //! that moved, a run that did not settle) it is the settled picture of another viewer whose camera stands still at that
 //! pose, over a link of 10 Gbit/s: what the same selection wants there, and all of it.
 
+pub mod frame_time;
 mod painter;
 #[cfg(test)]
 mod tests;

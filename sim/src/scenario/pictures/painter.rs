@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError};
 use glam::{DQuat, DVec3};
 use image::RgbaImage;
 use lodestream_client::core::ClientCore;
-use lodestream_client::render::{Camera, Gpu, Headless, RenderError, Settings};
+use lodestream_client::render::{Camera, Counters, Gpu, Headless, RenderError, Settings};
 use lodestream_client::scene_view::SceneView;
 use lodestream_protocol::Time;
 use lodestream_protocol::view::View;
@@ -117,6 +117,26 @@ impl<'a> Painter<'a> {
         self.failed.map_or(Ok(self.shots), Err)
     }
 
+    /// The camera of the settled picture, where the run came to it.
+    pub(super) fn settled_view(&self) -> Option<View> {
+        self.shots.last().filter(|shot| shot.instant == Instant::Settled).map(|shot| shot.view)
+    }
+
+    /// Draws what the run's core had at its end, as often as one likes, and waits until it is done. Gives what the frame
+    /// took.
+    ///
+    /// # Errors
+    /// What the graphics device refuses.
+    pub(super) fn frame(&mut self, view: &View) -> Result<Counters, RenderError> {
+        let Self { studio, headless, scene, .. } = self;
+        studio.alone(|_| frame(headless, scene, view))
+    }
+
+    /// Screen error of the last frame's ground; `None` without one.
+    pub(super) fn ground_px(&self) -> Option<f64> {
+        self.scene.ground_px()
+    }
+
     fn note<T>(&mut self, result: Result<T, RenderError>) -> Option<T> {
         result.map_err(|why| self.failed.get_or_insert(why)).ok()
     }
@@ -154,6 +174,11 @@ fn upload(
 }
 
 fn draw(headless: &mut Headless, scene: &mut SceneView, view: &View) -> Result<RgbaImage, RenderError> {
+    frame(headless, scene, view)?;
+    headless.picture()
+}
+
+fn frame(headless: &mut Headless, scene: &mut SceneView, view: &View) -> Result<Counters, RenderError> {
     let camera = Camera {
         eye: DVec3::from(view.eye),
         rotation: DQuat::normalize(view.orientation().as_dquat()),
@@ -161,6 +186,5 @@ fn draw(headless: &mut Headless, scene: &mut SceneView, view: &View) -> Result<R
         ..Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 1.0)
     };
     scene.prepare_ground(headless.gpu(), &camera, headless.size(), view.target_px)?;
-    scene.with_frame(camera, Settings::default(), AFTER_ALL_MORPHS_S, |frame| headless.frame(frame))?;
-    headless.picture()
+    scene.with_frame(camera, Settings::default(), AFTER_ALL_MORPHS_S, |frame| headless.frame(frame))
 }

@@ -14,7 +14,7 @@ use super::super::{Equipment, run_with};
 use super::*;
 use crate::baseline::Library;
 
-fn may_draw() -> bool {
+pub(super) fn may_draw() -> bool {
     let skip = std::env::var("LODESTREAM_SKIP_GPU").is_ok_and(|v| v == "1");
     if skip {
         // Not `eprintln!`: the test runner would swallow it when the test "passes".
