@@ -75,6 +75,20 @@ fn run_refuses_plans_before_anything_is_prepared() {
 }
 
 #[test]
+fn frame_time_and_terrain_table_refuse_what_they_cannot_do() {
+    let plan = Path::new(env!("CARGO_MANIFEST_DIR")).join("plans/none.toml");
+    assert_refused(&simulator(&["frame-time", plan.to_str().unwrap()]), &["none.toml"]);
+    let targets = vec!["1"; 17].join(",");
+    let output = simulator(&["frame-time", plan.to_str().unwrap(), "--target-px", &targets]);
+    assert_refused(&output, &["17 targets", "16 are the most"]);
+    assert_eq!(simulator(&["frame-time", "a.toml", "--target-px", "0"]).status.code(), Some(2));
+    assert_eq!(simulator(&["terrain-table", "--generations", "0"]).status.code(), Some(2));
+    let output = simulator(&["terrain-table", "--generations", "1", "--json"]);
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((json["times"].as_array().unwrap().len(), json["bytes"].as_array().unwrap().len()), (12, 6));
+}
+
+#[test]
 fn run_says_what_models_and_peers_it_lacks() {
     let folder = tempfile::tempdir().unwrap();
     let output = folder.path().join("out");

@@ -88,7 +88,8 @@ pub fn frame_times(
         let plan = Plan { client, ..plan.clone() };
         let painter = Painter::new(&studio, &settings)?;
         let (run, painter) = run_drawn(&plan, case, scene, &certificate, seed, Some(painter))?;
-        let painter = painter.context("the painter has left")?;
+        let mut painter = painter.context("the painter has left")?;
+        painter.check()?;
         let view = painter.settled_view();
         let view = view.with_context(|| format!("{target_px} px: no settled picture: {}", run.ended))?;
         settled.push(Settled { run, painter, view, counters: Counters::default(), seconds: Vec::new() });

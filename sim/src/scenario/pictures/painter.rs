@@ -117,6 +117,14 @@ impl<'a> Painter<'a> {
         self.failed.map_or(Ok(self.shots), Err)
     }
 
+    /// Tells what went wrong while drawing, once.
+    ///
+    /// # Errors
+    /// The first thing.
+    pub(super) fn check(&mut self) -> Result<(), RenderError> {
+        self.failed.take().map_or(Ok(()), Err)
+    }
+
     /// The camera of the settled picture, where the run came to it.
     pub(super) fn settled_view(&self) -> Option<View> {
         self.shots.last().filter(|shot| shot.instant == Instant::Settled).map(|shot| shot.view)
