@@ -101,7 +101,12 @@ impl TerrainPoints {
         let projection = Projection::new(view);
         let frustum = view.frustum();
         let (unit, height_unit) = (f64::from(self.entry.unit), f64::from(self.entry.height_unit));
-        let side = f64::from(1_u32 << self.entry.parameters.finest_level) * unit;
+        let patch = f64::from(1_u32 << self.entry.parameters.finest_level) * unit;
+        // With erosion, points change the ground beyond their patch too.
+        let erosion = &self.entry.parameters.erosion;
+        let reach = erosion.reach(self.entry.parameters.finest_level) as f64 * unit;
+        let reach = if erosion.is_on() { reach } else { 0.0 };
+        let side = patch + 2.0 * reach;
         let worst = self.entry.parameters.worst_height() as f64 * height_unit;
         let all =
             (0..).zip(&self.patches).flat_map(|(page, patches)| (page * PATCHES_PER_PAGE..).zip(patches));
@@ -110,8 +115,8 @@ impl TerrainPoints {
                 continue;
             }
             let error = f64::from(listed.error) * height_unit;
-            let center =
-                [f64::from(listed.x) * side + 0.5 * side, 0.0, f64::from(listed.y) * side + 0.5 * side];
+            let from = [listed.x, listed.y].map(|at| f64::from(at) * patch - reach);
+            let center = [from[0] + 0.5 * side, 0.0, from[1] + 0.5 * side];
             let relative = Vec3::from([0, 1, 2].map(|i| (center[i] - view.eye[i]) as f32));
             let radius = (0.5 * side * std::f64::consts::SQRT_2 + worst + error) as f32;
             if !frustum.sees(relative, radius) {
@@ -119,9 +124,8 @@ impl TerrainPoints {
             }
             // The nearest point of the patch in the plane; its height does not matter for an estimate.
             let outside = |from: f64, eye: f64| (from - eye).max(eye - from - side).max(0.0);
-            let across = outside(f64::from(listed.x) * side, view.eye[0])
-                .hypot(outside(f64::from(listed.y) * side, view.eye[2]));
-            let px = projection.error_px(error, across.max(0.02 * side)) as f32;
+            let across = outside(from[0], view.eye[0]).hypot(outside(from[1], view.eye[2]));
+            let px = projection.error_px(error, across.max(0.02 * patch)) as f32;
             if px <= view.target_px || self.held_bytes + 16 * u64::from(listed.bytes) > MAX_HELD_BYTES {
                 continue;
             }

@@ -21,7 +21,7 @@ pub struct Ground {
     /// World units per grid unit and per height unit.
     unit: f64,
     height_unit: f64,
-    /// Largest error of drawing with spacing 2^s instead of 1, in grid units.
+    /// Error of drawing with spacing 2^s instead of 1 that holds for nearly every point, in grid units.
     errors: Vec<f64>,
     /// Lowest and highest height there can be, world units.
     bounds: [f64; 2],

@@ -47,12 +47,6 @@ impl PatchDifferences {
         self.levels.iter().position(|level| !level.is_empty()).map(|level| level as u8)
     }
 
-    /// Smallest and largest difference.
-    pub(super) fn range(&self) -> (i64, i64) {
-        let all = self.levels.iter().flatten();
-        all.fold((0, 0), |(low, high), p| (low.min(p.difference), high.max(p.difference)))
-    }
-
     /// Bytes that are held.
     pub(super) fn bytes(&self) -> usize {
         let listed: usize = self.levels.iter().map(|level| level.capacity() * size_of::<Listed>()).sum();

@@ -127,18 +127,22 @@ impl Terrain {
         if erosion.spike_limit > 0 {
             let range = self.parameters.ranges()[usize::from(erosion.level)];
             let limit = (i64::from(range) * i64::from(erosion.spike_limit)) >> 4;
-            pass(&heights, grown.width, &mut next, |around, out| remove_spikes(around, limit, out));
+            pass(&heights, grown.width, 1, &mut next, |around, out| remove_spikes(around, limit, out));
             keep(&pinned, &heights, &mut next);
             std::mem::swap(&mut heights, &mut next);
         }
         let talus = (i64::from(self.parameters.amplitude) * i64::from(erosion.talus)) >> 16;
         // Heights stay within their range, so what is narrow remains so.
         let narrow = talus <= i64::from(NARROW) && are_narrow(&heights);
-        for _ in 0..erosion.passes {
+        // What a pass leaves out at the rim, those after it need less of: a lone point costs a third of its square.
+        let first = margin + 1 - usize::from(erosion.passes);
+        for ring in first..=margin {
             if narrow {
-                pass(&heights, grown.width, &mut next, |around, out| slide::<true>(around, talus, out));
+                pass(&heights, grown.width, ring, &mut next, |around, out| slide::<true>(around, talus, out));
             } else {
-                pass(&heights, grown.width, &mut next, |around, out| slide::<false>(around, talus, out));
+                pass(&heights, grown.width, ring, &mut next, |around, out| {
+                    slide::<false>(around, talus, out)
+                });
             }
             keep(&pinned, &heights, &mut next);
             std::mem::swap(&mut heights, &mut next);
@@ -185,25 +189,31 @@ struct Around<'a> {
     below: [&'a [i32]; 3],
 }
 
-/// Works out every point but the outermost of a row-major array from those around it, row by row.
+/// Works out every point of a row-major array but those in its outermost `ring` ≥ 1 rows and columns from those around
+/// it, row by row. The rim of `next` is left as it is.
 #[inline(always)]
-fn pass(heights: &[i32], width: usize, next: &mut [i32], rule: impl Fn(&Around<'_>, &mut [i32])) {
-    next.copy_from_slice(heights);
-    if width < 3 {
+fn pass(
+    heights: &[i32],
+    width: usize,
+    ring: usize,
+    next: &mut [i32],
+    rule: impl Fn(&Around<'_>, &mut [i32]),
+) {
+    if width <= 2 * ring {
         return;
     }
-    let inner = width - 2;
-    for y in 1..heights.len() / width - 1 {
+    let inner = width - 2 * ring;
+    for y in ring..heights.len() / width - ring {
         let part = |y: usize, x: usize| &heights[y * width + x..][..inner];
-        let three = |y: usize| [0, 1, 2].map(|x| part(y, x));
+        let three = |y: usize| [ring - 1, ring, ring + 1].map(|x| part(y, x));
         let around = Around {
-            row: part(y, 1),
-            left: part(y, 0),
-            right: part(y, 2),
+            row: part(y, ring),
+            left: part(y, ring - 1),
+            right: part(y, ring + 1),
             above: three(y - 1),
             below: three(y + 1),
         };
-        rule(&around, &mut next[y * width + 1..][..inner]);
+        rule(&around, &mut next[y * width + ring..][..inner]);
     }
 }
 
@@ -273,7 +283,7 @@ mod tests {
         heights[10 * 21 + 10] = 100_003;
         let mut next = heights.clone();
         for _ in 0..9 {
-            pass(&heights, 21, &mut next, |around, out| slide::<true>(around, 10, out));
+            pass(&heights, 21, 1, &mut next, |around, out| slide::<true>(around, 10, out));
             std::mem::swap(&mut heights, &mut next);
         }
         assert_eq!(heights.iter().sum::<i32>(), 100_003);
@@ -286,7 +296,7 @@ mod tests {
     fn slopes_below_the_talus_stay() {
         let heights: Vec<i32> = (0..81).map(|i| i % 9 * 10).collect();
         let mut next = heights.clone();
-        pass(&heights, 9, &mut next, |around, out| slide::<true>(around, 10, out));
+        pass(&heights, 9, 1, &mut next, |around, out| slide::<true>(around, 10, out));
         assert_eq!(next, heights);
     }
 
@@ -296,15 +306,15 @@ mod tests {
         heights[40] = 100_000;
         heights[22] = i32::MIN;
         let mut next = heights.clone();
-        pass(&heights, 9, &mut next, |around, out| remove_spikes(around, 7, out));
+        pass(&heights, 9, 1, &mut next, |around, out| remove_spikes(around, 7, out));
         assert_eq!((next[40], next[22]), (5007, 3000 - 7));
         assert_eq!(next[50], 5000);
         // The limits of integers are no reason to overflow.
         let mut wild = [i32::MAX; 9];
         wild[4] = i32::MIN;
         let mut next = wild;
-        pass(&wild, 3, &mut next, |around, out| remove_spikes(around, i64::from(u32::MAX), out));
-        pass(&wild, 3, &mut next, |around, out| slide::<false>(around, 0, out));
+        pass(&wild, 3, 1, &mut next, |around, out| remove_spikes(around, i64::from(u32::MAX), out));
+        pass(&wild, 3, 1, &mut next, |around, out| slide::<false>(around, 0, out));
         assert!(next[4] < i32::MAX);
     }
 
@@ -317,8 +327,8 @@ mod tests {
             assert!(are_narrow(&heights));
             let (mut narrow, mut wide) = (heights.clone(), heights.clone());
             let talus = i64::from(spread) / 9;
-            pass(&heights, 40, &mut narrow, |around, out| slide::<true>(around, talus, out));
-            pass(&heights, 40, &mut wide, |around, out| slide::<false>(around, talus, out));
+            pass(&heights, 40, 1, &mut narrow, |around, out| slide::<true>(around, talus, out));
+            pass(&heights, 40, 1, &mut wide, |around, out| slide::<false>(around, talus, out));
             assert!(narrow == wide && narrow != heights && are_narrow(&narrow));
         }
     }

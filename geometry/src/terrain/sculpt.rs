@@ -34,8 +34,9 @@ impl Stamp {
         if x0 > x1 || y0 > y1 {
             return;
         }
-        let segments = Segments::new(self.line());
         let reach = self.reach();
+        let near = [[x0, y0], [x1, y1]].map(|at| at.map(|x| x << shift));
+        let segments = Segments::new(self.line(), near, reach);
         for y in y0..=y1 {
             let row = &mut heights[(y - rect.y) as usize * rect.width..][..rect.width];
             for x in x0..=x1 {
@@ -101,7 +102,7 @@ pub(super) fn saturate(value: i64) -> i32 {
 
 /// A line of segments, or one position.
 struct Segments {
-    first: Position,
+    alone: Option<Position>,
     segments: Vec<Segment>,
 }
 
@@ -113,19 +114,28 @@ struct Segment {
 }
 
 impl Segments {
-    fn new(line: Vec<Position>) -> Self {
+    /// Those of a line that come within `reach` of a rectangle, given by its corners.
+    fn new(line: Vec<Position>, [low, high]: [Position; 2], reach: i64) -> Self {
+        let near = |pair: &&[Position]| {
+            (0..2).all(|i| {
+                pair[0][i].min(pair[1][i]) - reach <= high[i] && pair[0][i].max(pair[1][i]) + reach >= low[i]
+            })
+        };
         let segment = |pair: &[Position]| {
             let squared = square(pair[0], pair[1]);
             // At most 2 × 2^44 × 2^16.
             Segment { from: pair[0], to: pair[1], length: ((squared as u64) << 16).isqrt() as i64 }
         };
-        Self { first: line[0], segments: line.windows(2).map(segment).collect() }
+        Self {
+            alone: (line.len() == 1).then(|| line[0]),
+            segments: line.windows(2).filter(near).map(segment).collect(),
+        }
     }
 
     /// The distance of a position, in 16ths of a grid unit; `None` from `reach` on.
     fn distance(&self, at: Position, reach: i64) -> Option<i64> {
-        if self.segments.is_empty() {
-            return root(square(self.first, at), reach);
+        if let Some(alone) = self.alone {
+            return root(square(alone, at), reach);
         }
         self.segments.iter().filter_map(|segment| segment.distance(at, reach)).min()
     }

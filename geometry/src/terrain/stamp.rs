@@ -151,6 +151,30 @@ impl Stamp {
         }
     }
 
+    /// Segments of its line; 1 for a position. What a point around it costs grows with them.
+    #[must_use]
+    pub fn segments(&self) -> usize {
+        match &self.shape {
+            Shape::RiverBed { line, .. } => line.len().saturating_sub(1).max(1),
+            _ => 1,
+        }
+    }
+
+    /// Height over width of its slopes, in 65536ths.
+    pub(super) fn steepness(&self) -> u64 {
+        let (height, width) = match self.shape {
+            Shape::Ridge { half_width, height, .. } => (height.unsigned_abs(), half_width),
+            Shape::Valley { half_width, depth, .. } => (depth.unsigned_abs(), half_width),
+            // The banks take half the width.
+            Shape::RiverBed { half_width, depth, .. } => (depth.unsigned_abs(), half_width / 2),
+            Shape::Crater { radius, depth, rim, .. } => {
+                (depth.unsigned_abs().saturating_add(rim.unsigned_abs()), radius)
+            }
+            Shape::Plateau { falloff, height, .. } => (height.unsigned_abs(), falloff),
+        };
+        (u64::from(height) << 16) / u64::from(width.max(1))
+    }
+
     fn put(&self, out: &mut Vec<u8>) {
         let kind = match self.shape {
             Shape::Ridge { .. } => 0,

@@ -10,6 +10,11 @@ use lodestream_geometry::terrain::{PARAMETERS_BYTES, Parameters, Stamp, decode_s
 
 pub use directory::{ListedPatch, PATCHES_PER_PAGE, TERRAIN, decode_directory, encode_directory};
 
+/// Most segments of all stamps of a scene's terrain: with so many around it, a tile takes some ten milliseconds.
+pub const MAX_SEGMENTS: usize = 2048;
+/// Most passes of erosion of a scene's terrain: a tile of points far apart, each eroded alone, takes some 30 ms.
+pub const MAX_EROSION_PASSES: u8 = 32;
+
 /// A terrain and how it lies in the world: grid x is world x, grid y world z, height world y; grid point (0, 0) with
 /// height 0 is the world's origin.
 ///
@@ -82,12 +87,21 @@ impl TerrainEntry {
         if !(self.zones.iter().all(|z| z.is_finite()) && sand < grass && grass < hill) {
             return Err("the terrain's zones are not three ascending heights");
         }
+        // What follows bounds the work of a viewer for each tile.
+        if self.parameters.erosion.passes > MAX_EROSION_PASSES {
+            return Err("the terrain's erosion has more than 32 passes");
+        }
+        if self.stamps.iter().map(Stamp::segments).sum::<usize>() > MAX_SEGMENTS {
+            return Err("the terrain's stamps have more than 2048 segments together");
+        }
         Ok(())
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use lodestream_geometry::terrain::{Mode, Shape};
+
     use super::*;
 
     fn entry() -> TerrainEntry {
@@ -123,5 +137,14 @@ mod tests {
         assert!(bad(|e| e.height_unit = f32::NAN).contains("units"));
         assert!(bad(|e| e.zones = [0.0, 0.0, 1.0]).contains("zones"));
         assert!(bad(|e| e.parameters.finest_level = 0).contains("parameters"));
+        assert!(bad(|e| e.parameters.erosion.passes = 33).contains("32 passes"));
+        assert!(
+            bad(|e| {
+                let line = (0..16).map(|i| [i, i]).collect();
+                let shape = Shape::RiverBed { line, half_width: 9, depth: 1 };
+                e.stamps = vec![Stamp { mode: Mode::Additive, shape }; 137];
+            })
+            .contains("2048 segments")
+        );
     }
 }

@@ -236,6 +236,10 @@ fn fs_terrain(g: Ground) -> GBuffer {
     let fuv = far_uv(at);
     var albedo = vec3(0.0);
     for (var layer = 0; layer < 4; layer++) {
+        // Most of the ground is one layer alone.
+        if (weights[layer] <= 0.0) {
+            continue;
+        }
         let near = textureSampleGrad(layers, layer_sampler, uv, layer, dx / terrain.periods.x, dy / terrain.periods.x).rgb;
         let far = textureSampleGrad(layers, layer_sampler, fuv, layer, turned_x, turned_y).rgb;
         albedo += weights[layer] * mix(near, far, 0.35 + 0.3 * blotch);

@@ -11,6 +11,16 @@ pub(crate) const SIDE: u32 = 256;
 /// Mip levels, down to one texel.
 pub(crate) const LEVELS: u32 = SIDE.ilog2() + 1;
 
+/// Bytes of all mip levels of all layers.
+pub(crate) const BYTES: u64 = {
+    let (mut texels, mut side) = (0, SIDE as u64);
+    while side > 0 {
+        texels += side * side;
+        side /= 2;
+    }
+    texels * LAYERS as u64 * 4
+};
+
 /// Texels of one layer: sRGB colour, and height as alpha.
 type Layer = Vec<[f32; 4]>;
 
@@ -214,6 +224,7 @@ mod tests {
     #[test]
     fn mip_levels_are_all_there() {
         let texels: u32 = (0..LEVELS).map(|level| (SIDE >> level).pow(2)).sum();
-        assert_eq!(super::texels().len() as u32, LAYERS * texels * 4);
+        assert_eq!(BYTES, u64::from(LAYERS * texels * 4));
+        assert_eq!(super::texels().len() as u64, BYTES);
     }
 }

@@ -257,7 +257,7 @@ impl TerrainGpu {
     #[must_use]
     pub fn bytes(&self) -> u64 {
         let heights = u64::from(ATLAS_SIDE) * u64::from(ATLAS_SIDE) * 4;
-        heights + layers::texels().len() as u64
+        heights + layers::BYTES
     }
 
     /// Writes what the shader knows of this frame.

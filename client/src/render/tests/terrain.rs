@@ -5,11 +5,12 @@ use image::RgbaImage;
 use lodestream_geometry::random::Random;
 use lodestream_geometry::terrain::{Parameters, Scratch, Terrain};
 use lodestream_protocol::terrain::TerrainEntry;
+use wgpu::util::DeviceExt;
 
 use super::{headless, keep};
 use crate::image_compare::compare;
-use crate::render::twin::terrain::Tile;
-use crate::render::{Camera, Frame, Headless, Settings, Shade};
+use crate::render::twin::terrain::{Tile, zone_weights};
+use crate::render::{Camera, Frame, Gpu, Headless, Settings, Shade};
 use crate::scene_view::{GroundScene, Making};
 use crate::terrain::{Ground, TILE_CELLS, TileId};
 
@@ -230,4 +231,99 @@ fn pictures_show_what_the_twin_computes_and_stay_within_the_screen_error() {
         assert!(looked_at > 40 && silhouettes * 30 <= looked_at, "{silhouettes} of {looked_at}");
         assert!(worst <= px, "camera {number}: {worst:.2} px");
     }
+}
+
+/// Runs `zone_weights` of the shader for heights and upward parts of normals.
+fn weights_on_the_gpu(gpu: &Gpu, zones: [f32; 4], places: &[[f32; 2]]) -> Vec<[f32; 4]> {
+    const ENTRY: &str = "
+        @group(2) @binding(0) var<storage, read> places: array<vec2<f32>>;
+        @group(2) @binding(1) var<storage, read_write> found: array<vec4<f32>>;
+        @compute @workgroup_size(64)
+        fn cs_zone_weights(@builtin(global_invocation_id) id: vec3<u32>) {
+            if (id.x < arrayLength(&places)) {
+                found[id.x] = zone_weights(places[id.x].x, places[id.x].y);
+            }
+        }";
+    let common = include_str!("../shaders/common.wgsl");
+    let source = format!("{common}{}{ENTRY}", include_str!("../shaders/terrain.wgsl"));
+    let device = &gpu.device;
+    let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
+        label: Some("zone weights"),
+        source: wgpu::ShaderSource::Wgsl(source.into()),
+    });
+    let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        label: Some("zone weights"),
+        layout: None,
+        module: &module,
+        entry_point: Some("cs_zone_weights"),
+        compilation_options: Default::default(),
+        cache: None,
+    });
+    let buffer = |contents: &[u8], usage| {
+        device.create_buffer_init(&wgpu::util::BufferInitDescriptor { label: None, contents, usage })
+    };
+    // `zones` follow eight numbers in the uniform block of 20.
+    let mut uniform = [0.0_f32; 20];
+    uniform[8..12].copy_from_slice(&zones);
+    let uniform = buffer(bytemuck::cast_slice(&uniform), wgpu::BufferUsages::UNIFORM);
+    let given = buffer(bytemuck::cast_slice(places), wgpu::BufferUsages::STORAGE);
+    let size = 16 * places.len() as u64;
+    let found = device.create_buffer(&wgpu::BufferDescriptor {
+        label: None,
+        size,
+        usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC,
+        mapped_at_creation: false,
+    });
+    let group = |index, entries: &[wgpu::BindGroupEntry<'_>]| {
+        let layout = &pipeline.get_bind_group_layout(index);
+        device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout, entries })
+    };
+    let terrain = group(1, &[wgpu::BindGroupEntry { binding: 0, resource: uniform.as_entire_binding() }]);
+    let lists = group(
+        2,
+        &[
+            wgpu::BindGroupEntry { binding: 0, resource: given.as_entire_binding() },
+            wgpu::BindGroupEntry { binding: 1, resource: found.as_entire_binding() },
+        ],
+    );
+    let mut encoder = device.create_command_encoder(&Default::default());
+    {
+        let mut pass = encoder.begin_compute_pass(&Default::default());
+        pass.set_pipeline(&pipeline);
+        pass.set_bind_group(1, &terrain, &[]);
+        pass.set_bind_group(2, &lists, &[]);
+        pass.dispatch_workgroups(places.len().div_ceil(64) as u32, 1, 1);
+    }
+    let read = device.create_buffer(&wgpu::BufferDescriptor {
+        label: None,
+        size,
+        usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    });
+    encoder.copy_buffer_to_buffer(&found, 0, &read, 0, size);
+    gpu.queue.submit([encoder.finish()]);
+    read.map_async(wgpu::MapMode::Read, .., |mapped| mapped.unwrap());
+    device.poll(wgpu::PollType::wait_indefinitely()).unwrap();
+    let bytes = read.get_mapped_range(..).unwrap();
+    bytemuck::cast_slice(&bytes).to_vec()
+}
+
+#[test]
+fn zone_weights_are_the_twins_and_sum_to_one() {
+    let Some(h) = headless(16, 16) else { return };
+    let zones = [-6.0, 105.0, 230.0, 8.9_f32];
+    let places: Vec<[f32; 2]> = (0..64)
+        .flat_map(|i| (0..=32).map(move |j| [i as f32 * 5.3 - 40.0, j as f32 / 32.0]))
+        .chain([[f32::from(u16::MAX) * 1e3, 1.0], [-1e9, 0.0]])
+        .collect();
+    let mut mixed = 0;
+    for (place, found) in places.iter().zip(weights_on_the_gpu(h.gpu(), zones, &places)) {
+        let expected = zone_weights(zones.map(f64::from), place[0].into(), place[1].into());
+        for (found, expected) in found.iter().zip(expected) {
+            assert!((f64::from(*found) - expected).abs() < 1e-5, "{place:?}: {found}, {expected}");
+        }
+        assert!((found.iter().sum::<f32>() - 1.0).abs() < 1e-6, "{place:?}: {found:?}");
+        mixed += usize::from(found.iter().filter(|&&weight| weight > 0.01).count() > 1);
+    }
+    assert!(mixed > 100, "{mixed} places with more than one zone");
 }
