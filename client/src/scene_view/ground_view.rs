@@ -8,7 +8,7 @@ use lodestream_protocol::terrain::TerrainEntry;
 use crate::render::{
     Camera, Gpu, RenderError, Renderer, TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart,
 };
-use crate::terrain::{COARSER, Ground, GroundView, Maker, TileStore, Tiles};
+use crate::terrain::{COARSER, Ground, GroundView, Maker, TileRegion, TileStore, Tiles};
 
 /// Tiles of one frame, at most: 512 triangles each.
 const MAX_TILES: usize = 4000;
@@ -36,6 +36,7 @@ pub struct GroundScene {
     state: u64,
     store: TileStore,
     parts: Vec<TerrainPart>,
+    regions: Vec<TileRegion>,
     above: f64,
     scratch: Scratch,
     /// Tiles that the last frame lacked.
@@ -57,12 +58,20 @@ impl GroundScene {
             height_unit: f64::from(entry.height_unit),
             zones: entry.zones,
         };
+        // Measuring the ground and painting its textures take some ten milliseconds each.
+        let (ground, on_gpu) = std::thread::scope(|scope| {
+            let ground = scope.spawn(|| Ground::new(Arc::new(terrain), entry));
+            let on_gpu = renderer.create_terrain(gpu, look);
+            (ground.join(), on_gpu)
+        });
+        let ground = ground.map_err(|_| RenderError::Terrain("measuring it failed".into()))?;
         Ok(Self {
-            gpu: renderer.create_terrain(gpu, look)?,
-            ground: Arc::new(Ground::new(Arc::new(terrain), entry)),
+            gpu: on_gpu?,
+            ground: Arc::new(ground),
             state: 0,
             store: TileStore::new(TERRAIN_SLOTS),
             parts: Vec::new(),
+            regions: Vec::new(),
             above: 0.0,
             scratch: Scratch::new(),
             missing: 0,
@@ -139,6 +148,7 @@ impl GroundScene {
             }
         }
         self.drawn_px = drawn.target_px;
+        self.regions = drawn.regions();
         self.parts.clear();
         self.parts.extend(drawn.picked.iter().filter_map(|picked| {
             Some(TerrainPart {
@@ -146,7 +156,8 @@ impl GroundScene {
                 spacing: picked.tile.spacing,
                 slot: self.store.slot(picked.tile)?,
                 quadrants: picked.quadrants,
-                morph: drawn.morph(picked.tile.spacing),
+                morph: drawn.morph(picked.tile),
+                regions: drawn.mask(picked.tile),
             })
         }));
         Ok(())
@@ -191,6 +202,6 @@ impl GroundScene {
     /// What [`GroundScene::prepare`] prepared.
     #[must_use]
     pub fn frame(&self) -> TerrainFrame<'_> {
-        TerrainFrame { terrain: &self.gpu, parts: &self.parts, above: self.above }
+        TerrainFrame { terrain: &self.gpu, parts: &self.parts, regions: &self.regions, above: self.above }
     }
 }

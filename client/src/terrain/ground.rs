@@ -2,17 +2,22 @@
 
 use std::sync::Arc;
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use lodestream_geometry::terrain::{Mode, PatchPoints, Scratch, Shape, Terrain, TerrainError};
 use lodestream_protocol::terrain::TerrainEntry;
 
-use super::{Eye, Picked, Ranges, TILE_CELLS, TILE_MARGIN, TILE_POINTS, TileId, select};
+use super::{
+    Eye, MAX_REGIONS, Picked, Ranges, Reaches, Region, TILE_CELLS, TILE_MARGIN, TILE_POINTS, TileId, select,
+    worthwhile,
+};
 use crate::render::Camera;
 
 /// Points to each side of the eye over which the highest ground is looked for, per spacing.
 const CLEARANCE_POINTS: i64 = 2;
 /// Factor between a screen error and the next one tried when a view needs too many tiles.
 pub const COARSER: f64 = 1.25;
+/// Regions of patches with listed points, at most; the rest are of stamps.
+const MAX_LISTED: usize = 8;
 
 /// A terrain and how it lies in the world.
 #[derive(Clone, Debug)]
@@ -21,8 +26,15 @@ pub struct Ground {
     /// World units per grid unit and per height unit.
     unit: f64,
     height_unit: f64,
-    /// Error of drawing with spacing 2^s instead of 1 that holds for nearly every point, in grid units.
+    /// Error of drawing with spacing 2^s instead of 1 that holds for nearly every point of ground without features, in
+    /// grid units.
     errors: Vec<f64>,
+    /// Where stamps make it rougher.
+    stamped: Vec<Region>,
+    /// Where listed points do: corners of rectangles, and errors.
+    listed: Vec<([DVec2; 2], Vec<f64>)>,
+    /// All regions.
+    regions: Vec<Region>,
     /// Lowest and highest height there can be, world units.
     bounds: [f64; 2],
     roots: [TileId; 4],
@@ -39,30 +51,31 @@ impl Ground {
         let spacing = across.saturating_sub(TILE_CELLS.ilog2() as u8);
         let root = |x, y| TileId { spacing, x, y };
         let [low, high] = bounds(&terrain);
-        let by_level = terrain.level_errors();
-        let finest = usize::from(parameters.finest_level);
-        let mut errors: Vec<f64> = (0..=usize::from(spacing))
-            .map(|s| {
-                // Where not even each patch's corners are drawn, anything that heights can do is possible.
-                let error = finest.checked_sub(s).map(|level| f64::from(by_level[level]));
-                error.unwrap_or(high - low) * height_unit / unit
-            })
-            .collect();
-        for s in 1..errors.len() {
-            errors[s] = errors[s].max(errors[s - 1]);
-        }
+        // Where not even each patch's corners are drawn, anything that heights can do is possible.
+        let by_spacing = |levels: &[u32]| -> Vec<f64> {
+            let coarsest = vec![high - low; usize::from(spacing)];
+            let errors = levels.iter().rev().map(|&error| f64::from(error)).chain(coarsest);
+            errors.take(usize::from(spacing) + 1).map(|error| error * height_unit / unit).collect()
+        };
+        let errors = by_spacing(&terrain.level_errors());
+        let rough = terrain.rough_places();
+        let stamped = rough.iter().map(|place| Region::new(place, by_spacing(&place.errors))).collect();
+        let stamped = worthwhile(stamped, &errors, MAX_REGIONS - MAX_LISTED);
         Self {
             bounds: [low, high].map(|h| h * height_unit),
             terrain,
             unit,
             height_unit,
             errors,
+            regions: stamped.clone(),
+            stamped,
+            listed: Vec::new(),
             roots: [root(-1, -1), root(0, -1), root(-1, 0), root(0, 0)],
         }
     }
 
     /// Lists points for a patch, in place of those it had. Gives the square of grid units (origin, side) whose heights may
-    /// have changed. The patch's own errors are measured and count from here on.
+    /// have changed. The patch's own errors are measured and count around it from here on.
     ///
     /// # Errors
     /// If there is no such patch, or a point is outside it.
@@ -82,12 +95,42 @@ impl Ground {
         let own = terrain.patch_errors(x, y, scratch)?;
         let [low, high] = bounds(terrain).map(|h| h * self.height_unit);
         self.bounds = [self.bounds[0].min(low), self.bounds[1].max(high)];
-        for (spacing, error) in self.errors.iter_mut().enumerate() {
-            let measured =
-                usize::from(n).checked_sub(spacing).map(|level| f64::from(own[level]) * self.height_unit);
-            *error = error.max(measured.unwrap_or(high - low) / self.unit);
+        let (origin, side) = ([(x << n) - reach, (y << n) - reach], (1 << n) + 2 * reach);
+        let levels = own.iter().rev().map(|&error| f64::from(error) * self.height_unit);
+        let errors = levels.chain(std::iter::repeat(high - low)).map(|error| error / self.unit);
+        let errors = errors.take(self.errors.len()).collect();
+        let corner = DVec2::new(origin[0] as f64, origin[1] as f64);
+        self.list([corner, corner + DVec2::splat(side as f64)], errors);
+        Ok((origin, side))
+    }
+
+    /// Adds a rectangle with listed points to the regions; when there are many it joins the one that grows least.
+    fn list(&mut self, [low, high]: [DVec2; 2], errors: Vec<f64>) {
+        let union = |[a, b]: [DVec2; 2]| [a.min(low), b.max(high)];
+        let area = |[a, b]: [DVec2; 2]| (b - a).x * (b - a).y;
+        let growth = |at: &[DVec2; 2]| area(union(*at)) - area(*at);
+        let nearest = (0..self.listed.len())
+            .min_by(|&i, &j| growth(&self.listed[i].0).total_cmp(&growth(&self.listed[j].0)));
+        match nearest {
+            Some(i) if self.listed.len() >= MAX_LISTED || growth(&self.listed[i].0) <= 0.0 => {
+                let (at, joined) = &mut self.listed[i];
+                *at = union(*at);
+                for (joined, error) in joined.iter_mut().zip(errors) {
+                    *joined = joined.max(error);
+                }
+            }
+            _ => self.listed.push(([low, high], errors)),
         }
-        Ok(([(x << n) - reach, (y << n) - reach], (1 << n) + 2 * reach))
+        let around =
+            |([low, high], errors): &([DVec2; 2], Vec<f64>)| Region::around(*low, *high, errors.clone());
+        self.regions.clone_from(&self.stamped);
+        self.regions.extend(worthwhile(self.listed.iter().map(around).collect(), &self.errors, MAX_LISTED));
+    }
+
+    /// Error of drawing with a spacing that holds within `reach` of a place, in grid units.
+    fn error_near(&self, spacing: usize, at: DVec2, reach: f64) -> f64 {
+        let near = self.regions.iter().filter(|region| region.distance(0, at) <= reach);
+        near.map(|region| region.errors[spacing]).fold(self.errors[spacing], f64::max)
     }
 
     /// The tiles that cover the world.
@@ -142,12 +185,14 @@ impl Ground {
         let mut best = (eye.y - self.bounds[1]).max(0.0);
         let at = [eye.x / self.unit, eye.z / self.unit];
         let mut heights = Vec::new();
-        for (spacing, error) in (0_u8..).zip(&self.errors) {
+        for spacing in 0..self.errors.len() as u8 {
             let step = (1_i64 << spacing) as f64;
             let first = at.map(|x| (x / step).clamp(-1e12, 1e12).floor() as i64 - CLEARANCE_POINTS);
             let side = 2 * CLEARANCE_POINTS + 2;
             self.points(spacing, first, side, scratch, &mut heights);
             let highest = heights.iter().copied().max().map_or(0.0, f64::from) * self.height_unit;
+            let seen = 2.0 * CLEARANCE_POINTS as f64 * step;
+            let error = self.error_near(usize::from(spacing), DVec2::from(at), seen);
             let over = eye.y - (highest + error * self.unit);
             // Ground further away than twice the clearance may be higher: 1 / sqrt(1 + 1/4) is 0.89.
             let reach = CLEARANCE_POINTS as f64 * step * self.unit / 2.0;
@@ -164,14 +209,14 @@ impl Ground {
         let eye = Eye { at: [view.eye.x / self.unit, view.eye.z / self.unit], above: view.above / self.unit };
         let mut px = target_px;
         loop {
-            let ranges = Ranges::new(&self.errors, view.scale_px, px, 1.0);
-            if let Some(picked) = select(&self.roots, &ranges, eye, max_tiles.max(64), &sees) {
-                return Tiles { picked, ranges, target_px: px, unit: self.unit };
+            let reaches = Reaches::new(&self.errors, &self.regions, view.scale_px, px);
+            if let Some(picked) = select(&self.roots, &reaches, eye, max_tiles.max(64), &sees) {
+                return Tiles { picked, reaches, target_px: px, unit: self.unit };
             }
             px *= COARSER;
             if px > 1e12 {
                 // Even the least that must be drawn is too much: cannot be with a handful of tiles per spacing.
-                return Tiles { picked: Vec::new(), ranges, target_px: px, unit: self.unit };
+                return Tiles { picked: Vec::new(), reaches, target_px: px, unit: self.unit };
             }
         }
     }
@@ -274,14 +319,49 @@ pub struct Tiles {
     /// The screen error that they are good for.
     pub target_px: f64,
     /// In grid units.
-    ranges: Ranges,
+    reaches: Reaches,
     unit: f64,
 }
 
 impl Tiles {
-    /// Distances at which points of a spacing begin to slide and have arrived, world units.
+    /// Distances at which a tile's points begin to slide and have arrived away from rough regions, world units.
     #[must_use]
-    pub fn morph(&self, spacing: u8) -> [f64; 2] {
-        self.ranges.morph(spacing).map(|d| d * self.unit)
+    pub fn morph(&self, tile: TileId) -> [f64; 2] {
+        self.reaches.plain(tile.spacing).map(|d| d * self.unit)
     }
+
+    /// Which of [`Self::regions`] may matter to points of a tile.
+    #[must_use]
+    pub fn mask(&self, tile: TileId) -> u32 {
+        self.reaches.mask(tile)
+    }
+
+    /// The rough regions, in world units.
+    #[must_use]
+    pub fn regions(&self) -> Vec<TileRegion> {
+        let world = |(region, ranges): (&Region, &Ranges)| TileRegion {
+            from: region.from * self.unit,
+            to: region.to * self.unit,
+            radius: region.radius * self.unit,
+            morph: (0..ranges.len() as u8).map(|s| ranges.morph(s).map(|d| d * self.unit)).collect(),
+        };
+        self.reaches.regions().map(world).collect()
+    }
+}
+
+/// A rough region of a view, in world units.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TileRegion {
+    /// One end of its segment.
+    pub from: DVec2,
+    /// The other.
+    pub to: DVec2,
+    /// Radius around it.
+    pub radius: f64,
+    /// By spacing: distances at which points in it, and in the width [`grown`] around it, begin to slide and have
+    /// arrived. They shrink by [`FALLOFF`] for each unit further away.
+    ///
+    /// [`FALLOFF`]: super::FALLOFF
+    /// [`grown`]: super::grown
+    pub morph: Vec<[f64; 2]>,
 }

@@ -10,13 +10,15 @@
 mod ground;
 mod maker;
 mod ranges;
+mod regions;
 mod select;
 mod store;
 mod tile;
 
-pub use ground::{COARSER, Ground, GroundView, Tiles};
+pub use ground::{COARSER, Ground, GroundView, TileRegion, Tiles};
 pub use maker::{Maker, Tile};
 pub use ranges::{Ranges, clearance_distance};
+pub use regions::{FALLOFF, MAX_REGIONS, Reaches, Region, grown, worthwhile};
 pub use select::{Eye, Picked, select};
 pub use store::TileStore;
 pub use tile::TileId;

@@ -1,6 +1,6 @@
 //! Which tiles a view draws.
 
-use super::{Ranges, TileId, clearance_distance};
+use super::{Reaches, TileId, clearance_distance};
 
 /// A tile, and which of its quadrants are drawn with its own spacing (bit q for [`TileId::child`] q; the others are
 /// drawn as finer tiles).
@@ -23,12 +23,12 @@ pub struct Eye {
 
 /// Picks the tiles of all spacings below `roots` that a view draws, front to back within a spacing.
 ///
-/// `ranges` are in grid units here; `sees` says whether a square (origin, side) may be in view. Stops with `None` if more
+/// `reaches` and all else are in grid units; `sees` says whether a square (origin, side) may be in view. Stops with `None` if more
 /// than `max_tiles` were needed: the caller then asks for less detail. Cost: a few comparisons per tile met.
 #[must_use]
 pub fn select(
     roots: &[TileId],
-    ranges: &Ranges,
+    reaches: &Reaches,
     eye: Eye,
     max_tiles: usize,
     sees: &dyn Fn(TileId) -> bool,
@@ -38,13 +38,12 @@ pub fn select(
     while let Some(tile) = open.pop() {
         let mut quadrants = 0b1111;
         if tile.spacing > 0 {
-            let finer = ranges.end(tile.spacing - 1);
             for quadrant in 0..4 {
                 let child = tile.child(quadrant);
                 let visible = sees(child);
                 if !visible {
                     quadrants &= !(1 << quadrant);
-                } else if distance(child, eye) < finer {
+                } else if distance(child, eye) < reaches.end(child) {
                     quadrants &= !(1 << quadrant);
                     open.push(child);
                 }
@@ -77,8 +76,10 @@ fn distance(tile: TileId, eye: Eye) -> f64 {
 mod tests {
     use std::collections::BTreeMap;
 
+    use glam::DVec2;
+
     use super::*;
-    use crate::terrain::TILE_CELLS;
+    use crate::terrain::{Region, TILE_CELLS};
 
     const ROOTS: [TileId; 4] = [
         TileId { spacing: 7, x: -1, y: -1 },
@@ -101,20 +102,30 @@ mod tests {
         all
     }
 
-    fn ranges(random: &mut lodestream_geometry::random::Random) -> Ranges {
-        let factor = 1.0 + random.below(20) as f64 * 0.1;
-        let errors: Vec<f64> = (0..9).map(|s| if s == 0 { 0.0 } else { 0.05 * factor.powi(s) }).collect();
-        Ranges::new(&errors, 500.0, 1.0 + random.below(8) as f64, 1.0)
+    /// Distances of a view, with up to four rough regions.
+    fn reaches(random: &mut lodestream_geometry::random::Random) -> Reaches {
+        let mut errors = || -> Vec<f64> {
+            let (first, factor) = (0.02 + 0.1 * random.unit(), 1.0 + random.below(20) as f64 * 0.1);
+            (0..9).map(|s| if s == 0 { 0.0 } else { first * factor.powi(s) }).collect()
+        };
+        let (plain, rough) = (errors(), [errors(), errors(), errors(), errors()]);
+        let mut regions = Vec::new();
+        for errors in rough.into_iter().take(random.below(5)) {
+            let mut place = || DVec2::new(random.unit(), random.unit()) * 4096.0 - 2048.0;
+            let (from, to) = (place(), place());
+            regions.push(Region { from, to, radius: 200.0 * random.unit(), errors });
+        }
+        Reaches::new(&plain, &regions, 500.0, 1.0 + random.below(8) as f64)
     }
 
     #[test]
     fn tiles_cover_the_world_once_and_neighbours_differ_by_one_spacing() {
         let mut random = lodestream_geometry::random::Random::new(7);
         for _ in 0..50 {
-            let ranges = ranges(&mut random);
+            let reaches = reaches(&mut random);
             let mut coordinate = || random.below(4096) as f64 - 2048.0;
             let eye = Eye { at: [coordinate(), coordinate()], above: (coordinate() * 0.1).max(0.0) };
-            let picked = select(&ROOTS, &ranges, eye, usize::MAX, &|_| true).unwrap();
+            let picked = select(&ROOTS, &reaches, eye, usize::MAX, &|_| true).unwrap();
             let drawn = quadrants(&picked);
             let world = 2 * ROOTS[0].side();
             assert_eq!(drawn.values().map(|(side, _)| side * side).sum::<i64>(), world * world);
@@ -137,8 +148,11 @@ mod tests {
                             let px = (ex + fx * t / 8) as f64 - eye.at[0];
                             let py = (ey + fy * t / 8) as f64 - eye.at[1];
                             let d = clearance_distance(px.hypot(py), eye.above);
-                            assert!(d >= ranges.end(spacing) * (1.0 - 1e-12), "the finer side still slides");
-                            assert!(d <= ranges.morph(other)[0], "the coarser side slides already");
+                            let at = DVec2::from(eye.at) + DVec2::new(px, py);
+                            let arrived = reaches.morph(spacing, at)[1];
+                            assert!(d >= arrived * (1.0 - 1e-12), "the finer side still slides");
+                            let begins = reaches.morph(other, at)[0];
+                            assert!(d <= begins * (1.0 + 1e-12), "the coarser side slides already");
                         }
                     }
                 }
@@ -149,25 +163,25 @@ mod tests {
     #[test]
     fn nothing_coarser_than_is_enough_is_drawn() {
         let mut random = lodestream_geometry::random::Random::new(8);
-        let ranges = ranges(&mut random);
+        let reaches = reaches(&mut random);
         let eye = Eye { at: [10.0, -300.0], above: 0.0 };
-        for p in select(&ROOTS, &ranges, eye, usize::MAX, &|_| true).unwrap() {
+        for p in select(&ROOTS, &reaches, eye, usize::MAX, &|_| true).unwrap() {
             for q in (0..4).filter(|q| p.quadrants & (1 << q) != 0 && p.tile.spacing > 0) {
-                assert!(distance(p.tile.child(q), eye) >= ranges.end(p.tile.spacing - 1));
+                assert!(distance(p.tile.child(q), eye) >= reaches.end(p.tile.child(q)));
             }
         }
     }
 
     #[test]
     fn what_is_out_of_view_is_left_out_and_too_much_is_said() {
-        let ranges = Ranges::new(&[0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0], 500.0, 1.0, 1.0);
+        let reaches = Reaches::new(&[0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0], &[], 500.0, 1.0);
         let eye = Eye { at: [0.5, 0.5], above: 0.0 };
         let right = |tile: TileId| tile.origin()[0] + tile.side() > 0;
-        let all = select(&ROOTS, &ranges, eye, usize::MAX, &|_| true).unwrap();
-        let half = select(&ROOTS, &ranges, eye, usize::MAX, &right).unwrap();
+        let all = select(&ROOTS, &reaches, eye, usize::MAX, &|_| true).unwrap();
+        let half = select(&ROOTS, &reaches, eye, usize::MAX, &right).unwrap();
         assert!(half.len() < all.len() * 6 / 10, "{} of {}", half.len(), all.len());
         assert!(half.iter().all(|p| right(p.tile)));
-        assert_eq!(select(&ROOTS, &ranges, eye, half.len() - 1, &right), None);
+        assert_eq!(select(&ROOTS, &reaches, eye, half.len() - 1, &right), None);
         assert!(TILE_CELLS.is_power_of_two());
     }
 }

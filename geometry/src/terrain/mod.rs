@@ -27,6 +27,7 @@ mod points_predict;
 mod query;
 mod rect;
 mod refine;
+mod roughness;
 mod sculpt;
 mod stamp;
 mod window;
@@ -39,6 +40,7 @@ pub use parameters::{
 };
 pub use points::{MAX_PATCH_POINTS, PatchPoint, PatchPoints};
 pub use points_code::{decode_points, encode_points};
+pub use roughness::RoughPlace;
 pub use stamp::{
     MAX_REACH, MAX_RIVER_POINTS, MAX_SEGMENT, MAX_STAMPS, Position, Shape, Stamp, decode_stamps,
     encode_stamps,

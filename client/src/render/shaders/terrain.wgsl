@@ -32,12 +32,27 @@ struct Terrain {
 @group(1) @binding(2) var layers: texture_2d_array<f32>; // rgb colour, a height
 @group(1) @binding(3) var layer_sampler: sampler;
 
+// Rough regions: what lies within a radius of a segment. Points slide later there, and around it.
+struct Regions {
+    lines: array<vec4<f32>, 32>, // ends of segments, relative to the eye
+    radii: array<vec4<f32>, 8>, // four regions to a vector
+    // By region, two spacings to a vector: where points begin to slide and have arrived.
+    morph: array<vec4<f32>, 512>,
+}
+
+@group(1) @binding(4) var<uniform> regions: Regions;
+
+// By how much a region's distances shrink per distance from it and the width grown around it.
+const FALLOFF: f32 = 64.0;
+// Diagonal of a tile of spacing 0, grid units.
+const DIAGONAL: f32 = 22.627417;
+
 struct TileIn {
     @builtin(vertex_index) vertex: u32, // row · (TILE_CELLS + 1) + column
     @location(0) origin: vec2<i32>, // of the tile, from the eye's cell, grid units
     @location(1) atlas: vec2<i32>, // texel of the tile's first point
-    @location(2) morph: vec2<f32>, // distance where points begin to slide, and one over the way until they have arrived
-    @location(3) spacing: u32, // binary logarithm, grid units
+    @location(2) morph: vec2<f32>, // distances where points begin to slide and have arrived, away from rough regions
+    @location(3) spacing_regions: vec2<u32>, // binary logarithm, grid units; bits of the regions that may matter
 }
 
 struct Ground {
@@ -64,14 +79,33 @@ fn relative_height(tile: TileIn, p: vec2<i32>) -> f32 {
 
 // A point of the plane, relative to the eye.
 fn across(tile: TileIn, p: vec2<i32>) -> vec2<f32> {
-    return vec2<f32>(tile.origin + (p << vec2(tile.spacing))) * terrain.unit - terrain.eye_fraction.xz;
+    return vec2<f32>(tile.origin + (p << vec2(tile.spacing_regions.x))) * terrain.unit - terrain.eye_fraction.xz;
 }
 
 // Slopes along both axes by central differences over `step` points.
 fn slope(tile: TileIn, p: vec2<i32>, step: i32) -> vec2<f32> {
     let dx = f32(tile_height(tile, p + vec2(step, 0)) - tile_height(tile, p - vec2(step, 0)));
     let dy = f32(tile_height(tile, p + vec2(0, step)) - tile_height(tile, p - vec2(0, step)));
-    return vec2(dx, dy) * (terrain.height_unit / (terrain.unit * f32((2 * step) << tile.spacing)));
+    return vec2(dx, dy) * (terrain.height_unit / (terrain.unit * f32((2 * step) << tile.spacing_regions.x)));
+}
+
+// Distances at which a point begins to slide and has arrived.
+fn morph_at(tile: TileIn, at: vec2<f32>) -> vec2<f32> {
+    var morph = tile.morph;
+    var left = tile.spacing_regions.y;
+    let grown = DIAGONAL * f32((1u << tile.spacing_regions.x) - 1u) * terrain.unit;
+    while (left != 0u) {
+        let r = firstTrailingBit(left);
+        left &= left - 1u;
+        let line = regions.lines[r];
+        let along = line.zw - line.xy;
+        let share = clamp(dot(at - line.xy, along) / max(dot(along, along), 1e-30), 0.0, 1.0);
+        let beyond = length(at - line.xy - share * along) - regions.radii[r / 4u][r % 4u] - grown;
+        let two = regions.morph[r * 16u + tile.spacing_regions.x / 2u];
+        let own = select(two.xy, two.zw, (tile.spacing_regions.x & 1u) == 1u);
+        morph = max(morph, own - FALLOFF * max(beyond, 0.0));
+    }
+    return morph;
 }
 
 struct Placed {
@@ -85,7 +119,8 @@ fn place(tile: TileIn) -> Placed {
     var p = vec2(i32(tile.vertex) - row * (TILE_CELLS + 1), row);
     let flat_position = across(tile, p);
     let d = length(vec3(flat_position, terrain.above));
-    let weight = clamp((d - tile.morph.x) * tile.morph.y, 0.0, 1.0);
+    let morph = morph_at(tile, flat_position);
+    let weight = clamp((d - morph.x) / (morph.y - morph.x), 0.0, 1.0);
 
     // An odd point lies in the middle of an edge of the coarser triangulation: along a side or along the diagonal.
     // On the outline, where a coarser tile may begin, a point that has arrived there goes on to the edge's end, because a
@@ -103,6 +138,13 @@ fn place(tile: TileIn) -> Placed {
         return out;
     }
     let fine = relative_height(tile, p);
+    if (weight <= 0.0) {
+        return Placed(
+            vec3(flat_position.x, fine * terrain.height_unit - terrain.eye_fraction.y, flat_position.y),
+            slope(tile, p, 1),
+            (fine + f32(terrain.eye_height)) * terrain.height_unit,
+        );
+    }
     let coarse = 0.5 * (relative_height(tile, p - odd) + relative_height(tile, p + odd));
     let h = mix(fine, coarse, weight);
     let coarse_slope = 0.5 * (slope(tile, p - odd, 2) + slope(tile, p + odd, 2));
@@ -125,7 +167,7 @@ fn vs_terrain(tile: TileIn) -> Ground {
     out.clip = clip_position(placed.position);
     out.normal = normalize(vec3(-placed.slope.x, 1.0, -placed.slope.y));
     out.height = placed.height;
-    out.spacing = tile.spacing;
+    out.spacing = tile.spacing_regions.x;
     return out;
 }
 

@@ -25,25 +25,32 @@ pub(crate) const BYTES: u64 = {
 type Layer = Vec<[f32; 4]>;
 
 /// All mip levels of all layers, as the device takes them: level after level of the first layer, then the next layer.
-/// RGBA, colour sRGB-encoded, alpha the height (1 is the surface).
+/// RGBA, colour sRGB-encoded, alpha the height (1 is the surface). Each layer is painted by a thread of its own.
 pub(crate) fn texels() -> Vec<u8> {
-    let mut bytes = Vec::new();
-    for layer in 0..LAYERS {
-        let mut texels = paint(layer);
-        let mut side = SIDE;
-        loop {
-            for [r, g, b, h] in &texels {
-                let byte = |x: f32| (x.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
-                bytes.extend([byte(srgb(*r)), byte(srgb(*g)), byte(srgb(*b)), byte(*h)]);
-            }
-            if side == 1 {
-                break;
-            }
-            texels = halved(&texels, side);
-            side /= 2;
+    let one_by_one = || (0..LAYERS).flat_map(mip_levels).collect();
+    std::thread::scope(|scope| {
+        let painters: Vec<_> = (0..LAYERS).map(|layer| scope.spawn(move || mip_levels(layer))).collect();
+        let painted: Result<Vec<_>, _> = painters.into_iter().map(|painter| painter.join()).collect();
+        painted.map_or_else(|_| one_by_one(), |layers| layers.concat())
+    })
+}
+
+/// All mip levels of a layer as bytes.
+fn mip_levels(layer: u32) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity((BYTES / u64::from(LAYERS)) as usize);
+    let mut texels = paint(layer);
+    let mut side = SIDE;
+    loop {
+        for [r, g, b, h] in &texels {
+            let byte = |x: f32| (x.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
+            bytes.extend([byte(srgb(*r)), byte(srgb(*g)), byte(srgb(*b)), byte(*h)]);
         }
+        if side == 1 {
+            return bytes;
+        }
+        texels = halved(&texels, side);
+        side /= 2;
     }
-    bytes
 }
 
 /// Mean of two by two texels, in linear light.

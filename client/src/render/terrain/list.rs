@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::grid::QUADRANT_INDICES;
-use super::{EyeCell, TerrainFrame, TerrainPipelines, first_texel};
+use super::{EyeCell, TerrainFrame, TerrainPipelines, arrival, first_texel};
 use crate::render::buffer::GrowingBuffer;
 use crate::render::gpu::{Gpu, RenderError};
 use crate::render::scene::Counters;
@@ -17,11 +17,12 @@ pub(crate) struct TileRaw {
     atlas: [i32; 2],
     morph: [f32; 2],
     spacing: u32,
+    regions: u32,
 }
 
 /// Layout of [`TileRaw`].
 pub(crate) const TILE_ATTRIBUTES: [wgpu::VertexAttribute; 4] =
-    wgpu::vertex_attr_array![0 => Sint32x2, 1 => Sint32x2, 2 => Float32x2, 3 => Uint32];
+    wgpu::vertex_attr_array![0 => Sint32x2, 1 => Sint32x2, 2 => Float32x2, 3 => Uint32x2];
 
 /// What is drawn at once: a run of the index pattern, for a run of instances.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -64,7 +65,7 @@ impl<'a> TileList<'a> {
             }
         }
         buffer.write(gpu, 0, &tiles)?;
-        frame.terrain.write_uniform(gpu, &at, eye, frame.above);
+        frame.terrain.write_uniform(gpu, &at, eye, &frame);
         Ok(Self { frame, batches })
     }
 
@@ -112,12 +113,11 @@ fn raw(part: &super::TerrainPart, eye: &EyeCell) -> Option<TileRaw> {
     if far {
         return None;
     }
-    let [begin, end] = part.morph;
-    let morph = if end.is_finite() { [begin as f32, (1.0 / (end - begin)) as f32] } else { [f32::MAX, 0.0] };
     Some(TileRaw {
         origin: origin.map(|o| o as i32),
         atlas: first_texel(part.slot),
-        morph,
+        morph: arrival(part.morph),
         spacing: u32::from(part.spacing),
+        regions: part.regions,
     })
 }

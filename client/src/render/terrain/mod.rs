@@ -7,13 +7,14 @@ mod grid;
 mod layers;
 mod list;
 mod pipeline;
+mod regions;
 
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 use wgpu::util::DeviceExt;
 
 use super::gpu::{Gpu, RenderError};
-use crate::terrain::{TILE_MARGIN, TILE_POINTS};
+use crate::terrain::{MAX_REGIONS, TILE_MARGIN, TILE_POINTS, TileRegion};
 
 pub(crate) use list::{TileList, TileRaw};
 pub(crate) use pipeline::TerrainPipelines;
@@ -59,6 +60,8 @@ pub struct TerrainPart {
     pub quadrants: u8,
     /// Distances at which its points begin to slide onto the next coarser surface and have arrived, world units.
     pub morph: [f64; 2],
+    /// Which rough regions of the frame may matter to its points: bit r for the r-th.
+    pub regions: u32,
 }
 
 /// What a frame draws of a terrain.
@@ -68,6 +71,8 @@ pub struct TerrainFrame<'a> {
     pub terrain: &'a TerrainGpu,
     /// Its tiles.
     pub parts: &'a [TerrainPart],
+    /// Where points slide later than elsewhere; at most [`MAX_REGIONS`] count.
+    pub regions: &'a [TileRegion],
     /// Height of the eye over the highest ground around, world units, not below 0.
     pub above: f64,
 }
@@ -125,6 +130,7 @@ pub struct TerrainGpu {
     look: TerrainLook,
     atlas: wgpu::Texture,
     uniform: wgpu::Buffer,
+    regions: wgpu::Buffer,
     group: wgpu::BindGroup,
     indices: wgpu::Buffer,
 }
@@ -176,6 +182,12 @@ impl TerrainGpu {
             usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
             mapped_at_creation: false,
         });
+        let regions = device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("terrain regions"),
+            size: size_of::<regions::RegionsUniform>() as u64,
+            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
         let software = gpu.adapter.get_info().device_type == wgpu::DeviceType::Cpu;
         let sampler = device.create_sampler(&wgpu::SamplerDescriptor {
             label: Some("ground"),
@@ -197,6 +209,7 @@ impl TerrainGpu {
                 wgpu::BindGroupEntry { binding: 1, resource: wgpu::BindingResource::TextureView(&heights) },
                 wgpu::BindGroupEntry { binding: 2, resource: wgpu::BindingResource::TextureView(&ground) },
                 wgpu::BindGroupEntry { binding: 3, resource: wgpu::BindingResource::Sampler(&sampler) },
+                wgpu::BindGroupEntry { binding: 4, resource: regions.as_entire_binding() },
             ],
         });
         let indices = device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
@@ -205,7 +218,7 @@ impl TerrainGpu {
             usage: wgpu::BufferUsages::INDEX,
         });
         gpu.check()?;
-        Ok(Self { look, atlas, uniform, group, indices })
+        Ok(Self { look, atlas, uniform, regions, group, indices })
     }
 
     /// How the terrain lies in the world.
@@ -261,7 +274,7 @@ impl TerrainGpu {
     }
 
     /// Writes what the shader knows of this frame.
-    fn write_uniform(&self, gpu: &Gpu, eye: &EyeCell, position: DVec3, above: f64) {
+    fn write_uniform(&self, gpu: &Gpu, eye: &EyeCell, position: DVec3, frame: &TerrainFrame<'_>) {
         let within = |period: f64| [position.x, position.z].map(|x| x.rem_euclid(period) as f32);
         let [sand, grass, hill] = self.look.zones;
         let width = 0.08 * ((grass - sand).min(hill - grass)).max(1e-3);
@@ -270,7 +283,7 @@ impl TerrainGpu {
             eye_height: eye.height,
             unit: self.look.unit as f32,
             height_unit: self.look.height_unit as f32,
-            above: above.max(0.0) as f32,
+            above: frame.above.max(0.0) as f32,
             relief_depth: RELIEF_DEPTH,
             zones: [sand, grass, hill, width],
             eye_in_near: within(PERIODS[0]),
@@ -280,7 +293,21 @@ impl TerrainGpu {
             padding: [0.0; 2],
         };
         gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
+        if !frame.regions.is_empty() {
+            let regions = regions::RegionsUniform::new(
+                &frame.regions[..frame.regions.len().min(MAX_REGIONS)],
+                position,
+            );
+            gpu.queue.write_buffer(&self.regions, 0, bytemuck::bytes_of(&regions));
+        }
     }
+}
+
+/// Distances at which points begin to slide and have arrived, for the shader: they arrive a little early, so that rounding
+/// errors leave none on its way where a coarser tile begins.
+pub(crate) fn arrival([begin, end]: [f64; 2]) -> [f32; 2] {
+    const EARLY: f64 = 0.995;
+    if end.is_finite() { [begin as f32, (begin + (end - begin) * EARLY) as f32] } else { [1e37, 2e37] }
 }
 
 /// Texel of a slot's first point, margin included.

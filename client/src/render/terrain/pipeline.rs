@@ -51,6 +51,7 @@ impl TerrainPipelines {
                     wgpu::ShaderStages::FRAGMENT,
                     wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
                 ),
+                wgpu::BindGroupLayoutEntry { binding: 4, ..UNIFORM_BLOCK },
             ],
         });
         let pipeline_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {

@@ -6,14 +6,14 @@ mod accuracy;
 mod pictures;
 mod shapes;
 mod streaming;
-mod terrain;
+pub(super) mod terrain;
 
 use std::io::Write;
 
 use super::{Gpu, Headless};
 
 /// A renderer for pictures of this size, or nothing if the tests are told to skip.
-fn headless(width: u32, height: u32) -> Option<Headless> {
+pub(super) fn headless(width: u32, height: u32) -> Option<Headless> {
     if std::env::var("LODESTREAM_SKIP_GPU").is_ok_and(|v| v == "1") {
         // Not `eprintln!`: the test runner would swallow it when the test "passes".
         let test = std::thread::current().name().unwrap_or("a test").to_owned();

@@ -1,9 +1,9 @@
 //! What pictures of terrain show: ground without cracks, level of detail that agrees with the errors.
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use image::RgbaImage;
 use lodestream_geometry::random::Random;
-use lodestream_geometry::terrain::{Parameters, Scratch, Terrain};
+use lodestream_geometry::terrain::{Mode, Parameters, Scratch, Shape, Stamp, Terrain};
 use lodestream_protocol::terrain::TerrainEntry;
 use wgpu::util::DeviceExt;
 
@@ -12,7 +12,7 @@ use crate::image_compare::compare;
 use crate::render::twin::terrain::{Tile, zone_weights};
 use crate::render::{Camera, Frame, Gpu, Headless, Settings, Shade};
 use crate::scene_view::{GroundScene, Making};
-use crate::terrain::{Ground, TILE_CELLS, TileId};
+use crate::terrain::{Ground, TILE_CELLS, TileId, TileRegion};
 
 /// Hills of some hundred metres on patches of 512 m, heights in centimetres.
 fn entry(seed: u64) -> TerrainEntry {
@@ -30,6 +30,20 @@ fn entry(seed: u64) -> TerrainEntry {
         stamps: Vec::new(),
         patches: 0,
     }
+}
+
+/// The same with a sharp crest, a crater and a river bed, rougher than the rest, in the middle.
+fn rough_entry(seed: u64) -> TerrainEntry {
+    let ridge = Shape::Ridge { from: [-900, -700], to: [700, 400], half_width: 260, height: 14_000 };
+    let crater = Shape::Crater { centre: [300, -500], radius: 120, depth: 3_000, rim: 2_000 };
+    let line = vec![[-800, 300], [-300, 500], [100, 350], [900, 800]];
+    let river = Shape::RiverBed { line, half_width: 16, depth: 900 };
+    let stamps = [ridge, crater, river].map(|shape| Stamp { mode: Mode::Additive, shape });
+    TerrainEntry { stamps: stamps.to_vec(), ..entry(seed) }
+}
+
+fn terrain(entry: &TerrainEntry) -> Terrain {
+    Terrain::with_stamps(entry.parameters, entry.stamps.clone()).unwrap()
 }
 
 fn scene(h: &Headless, entry: &TerrainEntry) -> GroundScene {
@@ -52,7 +66,7 @@ fn draw(
 
 /// Height of the ground below a place.
 fn ground_height(entry: &TerrainEntry, x: f64, z: f64) -> f64 {
-    let terrain = Terrain::new(entry.parameters).unwrap();
+    let terrain = terrain(entry);
     let mut heights = Vec::new();
     let [x, z] = [x, z].map(|v| (v / f64::from(entry.unit)).floor() as i64);
     terrain.window(terrain.finest_level(), x, z, 2, 2, &mut Scratch::new(), &mut heights).unwrap();
@@ -76,6 +90,17 @@ fn terrain_for_looking_at() {
         ),
         ("terrain-space", Camera::look_at(high * 120.0, DVec3::new(1.0, 0.0, 0.0), DVec3::Y, 0.9)),
     ];
+    let mut rough = scene(&h, &rough_entry(3));
+    let crest = DVec3::new(-600.0, ground_height(&rough_entry(3), -600.0, -1500.0) + 120.0, -1500.0);
+    let camera = Camera::look_at(crest, DVec3::new(200.0, 60.0, 0.0), DVec3::Y, 0.9);
+    for (px, name) in [(1.0, "terrain-rough"), (4.0, "terrain-rough-coarse")] {
+        draw(&mut h, &mut rough, camera, px, Settings::default());
+        keep(&h, name);
+        println!("{name}: {} tiles at {:.2} px", rough.frame().parts.len(), rough.drawn_px());
+    }
+    let levels = Settings { shade: Shade::Level, wireframe: true, ..Settings::default() };
+    draw(&mut h, &mut rough, camera, 4.0, levels);
+    keep(&h, "terrain-rough-levels");
     for (name, camera) in views {
         let picture = draw(&mut h, &mut ground, camera, 1.0, Settings::default());
         keep(&h, name);
@@ -114,7 +139,7 @@ fn no_background_shows_through_the_ground() {
     let size = h.size();
     let mut random = Random::new(11);
     for number in 0..20 {
-        let entry = entry(number);
+        let entry = if number % 2 == 0 { entry(number) } else { rough_entry(number) };
         let mut ground = scene(&h, &entry);
         let camera = random_camera(&entry, &mut random);
         let px = 0.7 + 8.0 * random.unit();
@@ -159,16 +184,30 @@ fn pictures_show_what_the_twin_computes_and_stay_within_the_screen_error() {
     let size = h.size();
     let mut random = Random::new(5);
     for number in 0..4 {
-        let entry = entry(40 + number);
+        let entry = if number % 2 == 0 { entry(40 + number) } else { rough_entry(40 + number) };
         let mut ground = scene(&h, &entry);
-        let maker = Ground::new(Terrain::new(entry.parameters).unwrap().into(), &entry);
-        let camera = random_camera(&entry, &mut random);
+        let maker = Ground::new(terrain(&entry).into(), &entry);
+        let mut camera = random_camera(&entry, &mut random);
+        if number % 2 == 1 {
+            // Over the crest, some hundred metres away.
+            let x = 400.0 * random.unit() - 500.0;
+            let aim = DVec3::new(x, ground_height(&entry, x, 0.55 * x - 300.0), 0.55 * x - 300.0);
+            let eye = aim + DVec3::new(300.0 * random.unit(), 140.0, 500.0 + 400.0 * random.unit());
+            camera = Camera::look_at(eye, aim, DVec3::Y, 0.6);
+        }
         let px = 6.0;
         draw(&mut h, &mut ground, camera, px, Settings::default());
         let depth = h.depth().unwrap();
 
         // The triangles that the twin makes of the same tiles.
         let frame = ground.frame();
+        let eye = DVec2::new(camera.eye.x, camera.eye.z);
+        let near = |region: &TileRegion| TileRegion {
+            from: region.from - eye,
+            to: region.to - eye,
+            ..region.clone()
+        };
+        let regions: Vec<TileRegion> = frame.regions.iter().map(near).collect();
         let (unit, height_unit) = (f64::from(entry.unit), f64::from(entry.height_unit));
         let mut triangles: Vec<[DVec3; 3]> = Vec::new();
         for part in frame.parts {
@@ -187,6 +226,8 @@ fn pictures_show_what_the_twin_computes_and_stay_within_the_screen_error() {
                 eye_height: camera.eye.y,
                 above: frame.above,
                 morph: part.morph,
+                spacing: part.spacing,
+                regions: &regions,
             };
             let half = TILE_CELLS / 2;
             for row in 0..TILE_CELLS {
@@ -201,7 +242,7 @@ fn pictures_show_what_the_twin_computes_and_stay_within_the_screen_error() {
             }
         }
 
-        let terrain = Terrain::new(entry.parameters).unwrap();
+        let terrain = terrain(&entry);
         let (mut looked_at, mut silhouettes, mut worst) = (0, 0, 0.0_f64);
         for _ in 0..150 {
             let (x, y) = (random.below(size.0 as usize) as u32, random.below(size.1 as usize) as u32);
@@ -213,7 +254,7 @@ fn pictures_show_what_the_twin_computes_and_stay_within_the_screen_error() {
                 continue;
             }
             looked_at += 1;
-            let agrees = (drawn - met).abs() <= 2e-3 * met;
+            let agrees = (drawn - met).abs() <= 3e-4 * met;
             if !agrees {
                 // Where one hill ends in front of another, a rounding error decides which is seen.
                 silhouettes += 1;
@@ -226,46 +267,57 @@ fn pictures_show_what_the_twin_computes_and_stay_within_the_screen_error() {
             worst = worst.max((at.y - exact).abs() * f64::from(size.1) / (2.0 * ty) / met);
         }
         println!(
-            "camera {number}: {looked_at} pixels, {silhouettes} silhouettes, worst {worst:.2} of {px} px"
+            "camera {number}: {looked_at} pixels, {silhouettes} silhouettes, {} tiles, {} regions, worst {worst:.2} of {px} px",
+            frame.parts.len(),
+            frame.regions.len()
         );
+        assert_eq!(frame.regions.is_empty(), number % 2 == 0);
         assert!(looked_at > 40 && silhouettes * 30 <= looked_at, "{silhouettes} of {looked_at}");
         assert!(worst <= px, "camera {number}: {worst:.2} px");
     }
 }
 
-/// Runs `zone_weights` of the shader for heights and upward parts of normals.
-fn weights_on_the_gpu(gpu: &Gpu, zones: [f32; 4], places: &[[f32; 2]]) -> Vec<[f32; 4]> {
-    const ENTRY: &str = "
-        @group(2) @binding(0) var<storage, read> places: array<vec2<f32>>;
+/// What a function of `terrain.wgsl` gives for pairs of numbers: `call` computes four numbers from `given`.
+/// `uniforms` are the blocks that it uses, by binding.
+pub(in crate::render) fn compute(
+    gpu: &Gpu,
+    call: &str,
+    uniforms: &[(u32, &[u8])],
+    places: &[[f32; 2]],
+) -> Vec<[f32; 4]> {
+    let entry = format!(
+        "@group(2) @binding(0) var<storage, read> places: array<vec2<f32>>;
         @group(2) @binding(1) var<storage, read_write> found: array<vec4<f32>>;
         @compute @workgroup_size(64)
-        fn cs_zone_weights(@builtin(global_invocation_id) id: vec3<u32>) {
-            if (id.x < arrayLength(&places)) {
-                found[id.x] = zone_weights(places[id.x].x, places[id.x].y);
-            }
-        }";
+        fn cs_compute(@builtin(global_invocation_id) id: vec3<u32>) {{
+            if (id.x < arrayLength(&places)) {{
+                let given = places[id.x];
+                found[id.x] = {call};
+            }}
+        }}"
+    );
     let common = include_str!("../shaders/common.wgsl");
-    let source = format!("{common}{}{ENTRY}", include_str!("../shaders/terrain.wgsl"));
+    let source = format!("{common}{}{entry}", include_str!("../shaders/terrain.wgsl"));
     let device = &gpu.device;
     let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
-        label: Some("zone weights"),
+        label: Some("compute"),
         source: wgpu::ShaderSource::Wgsl(source.into()),
     });
     let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-        label: Some("zone weights"),
+        label: Some("compute"),
         layout: None,
         module: &module,
-        entry_point: Some("cs_zone_weights"),
+        entry_point: Some("cs_compute"),
         compilation_options: Default::default(),
         cache: None,
     });
     let buffer = |contents: &[u8], usage| {
         device.create_buffer_init(&wgpu::util::BufferInitDescriptor { label: None, contents, usage })
     };
-    // `zones` follow eight numbers in the uniform block of 20.
-    let mut uniform = [0.0_f32; 20];
-    uniform[8..12].copy_from_slice(&zones);
-    let uniform = buffer(bytemuck::cast_slice(&uniform), wgpu::BufferUsages::UNIFORM);
+    let uniforms: Vec<_> = uniforms
+        .iter()
+        .map(|(binding, bytes)| (*binding, buffer(bytes, wgpu::BufferUsages::UNIFORM)))
+        .collect();
     let given = buffer(bytemuck::cast_slice(places), wgpu::BufferUsages::STORAGE);
     let size = 16 * places.len() as u64;
     let found = device.create_buffer(&wgpu::BufferDescriptor {
@@ -278,7 +330,14 @@ fn weights_on_the_gpu(gpu: &Gpu, zones: [f32; 4], places: &[[f32; 2]]) -> Vec<[f
         let layout = &pipeline.get_bind_group_layout(index);
         device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout, entries })
     };
-    let terrain = group(1, &[wgpu::BindGroupEntry { binding: 0, resource: uniform.as_entire_binding() }]);
+    let blocks: Vec<_> = uniforms
+        .iter()
+        .map(|(binding, block)| wgpu::BindGroupEntry {
+            binding: *binding,
+            resource: block.as_entire_binding(),
+        })
+        .collect();
+    let terrain = group(1, &blocks);
     let lists = group(
         2,
         &[
@@ -317,7 +376,12 @@ fn zone_weights_are_the_twins_and_sum_to_one() {
         .chain([[f32::from(u16::MAX) * 1e3, 1.0], [-1e9, 0.0]])
         .collect();
     let mut mixed = 0;
-    for (place, found) in places.iter().zip(weights_on_the_gpu(h.gpu(), zones, &places)) {
+    // `zones` follow eight numbers in the uniform block of 20.
+    let mut uniform = [0.0_f32; 20];
+    uniform[8..12].copy_from_slice(&zones);
+    let uniform = bytemuck::cast_slice(&uniform);
+    let found = compute(h.gpu(), "zone_weights(given.x, given.y)", &[(0, uniform)], &places);
+    for (place, found) in places.iter().zip(found) {
         let expected = zone_weights(zones.map(f64::from), place[0].into(), place[1].into());
         for (found, expected) in found.iter().zip(expected) {
             assert!((f64::from(*found) - expected).abs() < 1e-5, "{place:?}: {found}, {expected}");

@@ -1,6 +1,8 @@
 //! Twin of `terrain.wgsl`: where a tile's points lie, how steep the ground is there, and what covers it.
 
-use crate::terrain::{TILE_CELLS, TILE_MARGIN, TILE_POINTS};
+use glam::DVec2;
+
+use crate::terrain::{FALLOFF, TILE_CELLS, TILE_MARGIN, TILE_POINTS, TileRegion, grown};
 
 /// What the vertex shader knows of a tile, in world units relative to the eye.
 #[derive(Clone, Copy, Debug)]
@@ -19,6 +21,10 @@ pub struct Tile<'a> {
     pub above: f64,
     /// Where points begin to slide onto the coarser surface, and where they have arrived.
     pub morph: [f64; 2],
+    /// The spacing's number.
+    pub spacing: u8,
+    /// Rough regions, relative to the eye like the origin.
+    pub regions: &'a [TileRegion],
 }
 
 /// A point of a tile.
@@ -55,8 +61,10 @@ impl Tile<'_> {
     #[must_use]
     pub fn morph_weight(&self, column: u32, row: u32) -> f64 {
         let across = [column, row].map(f64::from).map(|p| p * self.step);
-        let d = (self.origin[0] + across[0]).hypot(self.origin[1] + across[1]).hypot(self.above);
-        let [begin, end] = self.morph;
+        let at = DVec2::from(self.origin) + DVec2::from(across);
+        let d = at.length().hypot(self.above);
+        let unit = self.step / f64::from(1_u32 << self.spacing);
+        let [begin, end] = morph_at(self.regions, self.spacing, unit, at, self.morph);
         if end.is_finite() { ((d - begin) / (end - begin)).clamp(0.0, 1.0) } else { 0.0 }
     }
 
@@ -79,6 +87,19 @@ impl Tile<'_> {
         let slope = [0, 1].map(|i| mix(fine_slope[i], 0.5 * (slopes[0][i] + slopes[1][i])));
         self.at(p, mix(self.height(p), coarse), slope)
     }
+}
+
+/// Distances at which a point slides, of a tile away from regions `plain`, among regions; `unit` is a grid unit in world
+/// units.
+#[must_use]
+pub fn morph_at(regions: &[TileRegion], spacing: u8, unit: f64, at: DVec2, plain: [f64; 2]) -> [f64; 2] {
+    regions.iter().fold(plain, |morph, region| {
+        let (along, offset) = (region.to - region.from, at - region.from);
+        let share = (offset.dot(along) / along.length_squared().max(1e-30)).clamp(0.0, 1.0);
+        let beyond = (offset - share * along).length() - region.radius - grown(spacing) * unit;
+        let own = region.morph[usize::from(spacing)];
+        [0, 1].map(|i| morph[i].max(own[i] - FALLOFF * beyond.max(0.0)))
+    })
 }
 
 /// Weights of sand, grass, hill and snow at a height on ground whose normal's upward part is `up`: `zones` as the shader
@@ -130,6 +151,8 @@ mod tests {
             eye_height: 3.0,
             above: 0.0,
             morph,
+            spacing: 0,
+            regions: &[],
         };
         let (own, arrived) = (tile([1e9, 2e9]), tile([1.0, 2.0]));
         for row in 0..=TILE_CELLS {
