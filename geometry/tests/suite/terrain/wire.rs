@@ -5,12 +5,14 @@ use lodestream_geometry::terrain::{
     encode_stamps,
 };
 
-/// Height units between two heights of [`valley`]; its depth is 240 of them.
-const STEP: i32 = 16;
+/// A winding valley through a patch of 257 x 257 points, coded: 4,129 additive points, a sixteenth of it. It is 16
+/// points wide, at its mouth 17, and 60 m deep; its cross-section is a raised cosine. Heights are multiples of 16 units, the
+/// height step: 25 cm.
+const VALLEY: &[u8] = include_bytes!("valley-4129.points");
 
-/// A winding valley through a patch of 257 x 257 points: 4,129 points, a sixteenth of it. It is 16 points wide,
-/// at its mouth 17, and 60 m deep at a step of 25 cm; its cross-section is a raised cosine.
-fn valley(step: i32) -> PatchPoints {
+/// The points of [`VALLEY`].
+fn valley() -> PatchPoints {
+    let step = 16;
     let mut points = Vec::new();
     for y in 0..257_u16 {
         let width = if y < 17 { 17_u16 } else { 16 };
@@ -29,12 +31,21 @@ fn valley(step: i32) -> PatchPoints {
 
 #[test]
 fn a_valley_of_4129_points_costs_less_than_2_kilobytes() {
-    let valley = valley(STEP);
-    assert_eq!(valley.len(), 4129);
-    let bytes = encode_points(8, &valley).unwrap();
-    assert_eq!(decode_points(8, &bytes).unwrap(), valley);
-    println!("{} bytes", bytes.len());
-    assert!(bytes.len() <= 2048, "{} bytes", bytes.len());
+    let points = decode_points(8, VALLEY).unwrap();
+    assert_eq!(points.len(), 4129);
+    assert!(points.as_slice().iter().all(|p| p.height % 16 == 0 && p.height < 0));
+    assert_eq!(encode_points(8, &points).unwrap(), VALLEY, "the same points, the same bytes");
+    println!("{} bytes", VALLEY.len());
+    assert!(VALLEY.len() <= 2048, "{} bytes", VALLEY.len());
+}
+
+/// `cargo test -p lodestream-geometry --test suite -- --ignored write_the_valley`, after the code has changed.
+#[test]
+#[ignore = "writes the fixture"]
+#[expect(clippy::disallowed_methods, reason = "only this writes, and only when asked to")]
+fn write_the_valley() {
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/suite/terrain/valley-4129.points");
+    std::fs::write(file, encode_points(8, &valley()).unwrap()).unwrap();
 }
 
 #[test]
