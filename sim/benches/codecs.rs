@@ -2,7 +2,7 @@
 //!
 //! `cargo bench -p lodestream-sim --bench codecs -- MODEL.obj…`, 12-bit positions. Bytes are as stored and
 //! sent: base mesh, index and chunks. Decoding is from there to deltas, decompression included; its times
-//! are the best of some runs by turns and vary with the machine: use the ratio.
+//! are the best of some runs by turns and vary with the machine: use the ratio. `--json` prints an object a line.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -22,24 +22,75 @@ fn main() -> anyhow::Result<()> {
     // Cargo adds `--bench`.
     let models: Vec<PathBuf> =
         std::env::args().skip(1).filter(|a| !a.starts_with('-')).map(PathBuf::from).collect();
-    println!(
-        "{:<16} {:>7} | {:>6} {:>7} {:>8} | {:>6} {:>8} | {:>8} {:>9} | {:>8} {:>9}",
-        "model",
-        "splits",
-        "index",
-        "range:",
-        "chunks",
-        "zstd:",
-        "chunks",
-        "bytes x",
-        "M splits/s",
-        "zstd",
-        "time x"
-    );
-    models.iter().try_for_each(|model| row(model))
+    let json = std::env::args().any(|a| a == "--json");
+    if !json {
+        println!(
+            "{:<16} {:>7} | {:>6} {:>6} {:>8} | {:>6} {:>6} {:>8} | {:>7} | {:>10} {:>6}",
+            "model",
+            "splits",
+            "range:",
+            "index",
+            "chunks",
+            "zstd:",
+            "index",
+            "chunks",
+            "bytes x",
+            "M splits/s",
+            "time x"
+        );
+    }
+    for model in &models {
+        let row = row(model)?;
+        if json { println!("{}", serde_json::to_string(&row)?) } else { row.print() }
+    }
+    Ok(())
 }
 
-fn row(model: &Path) -> anyhow::Result<()> {
+/// What was found of a model.
+#[derive(serde::Serialize)]
+struct Row {
+    model: String,
+    splits: u32,
+    range: Coded,
+    zstd: Coded,
+    zstd_over_range_bytes: f64,
+    zstd_over_range_time: f64,
+}
+
+/// With one codec.
+#[derive(serde::Serialize)]
+struct Coded {
+    base_bytes: usize,
+    index_bytes: usize,
+    chunk_bytes: usize,
+    decode_splits_per_s: f64,
+}
+
+impl Coded {
+    fn bytes(&self) -> f64 {
+        (self.base_bytes + self.index_bytes + self.chunk_bytes) as f64
+    }
+}
+
+impl Row {
+    fn print(&self) {
+        let Self { model, splits, range, zstd, .. } = self;
+        println!(
+            "{model:<16} {splits:>7} | {:>6} {:>6} {:>8} | {:>6} {:>6} {:>8} | {:>7.2} | {:>10.2} {:>6.2}",
+            range.base_bytes,
+            range.index_bytes,
+            range.chunk_bytes,
+            zstd.base_bytes,
+            zstd.index_bytes,
+            zstd.chunk_bytes,
+            self.zstd_over_range_bytes,
+            range.decode_splits_per_s / 1e6,
+            self.zstd_over_range_time
+        );
+    }
+}
+
+fn row(model: &Path) -> anyhow::Result<Row> {
     let imported = lodestream_server::import::import(model)
         .with_context(|| format!("cannot import {}", model.display()))?;
     let precision = Precision::Bits(12);
@@ -53,27 +104,23 @@ fn row(model: &Path) -> anyhow::Result<()> {
         }
     }
     let splits: u32 = assets[0].infos.iter().map(|info| info.vertices).sum();
-    let index: usize = assets[0].pages.iter().map(Vec::len).sum();
-    let mut bases = [0; 2];
-    for (bytes, asset) in bases.iter_mut().zip(&assets) {
-        *bytes = encode_base(&asset.base)?.len();
-    }
-    let chunks = assets.each_ref().map(|asset| asset.chunks.iter().map(Vec::len).sum::<usize>());
-    let all = [0, 1].map(|i| (bases[i] + chunks[i]) as f64 + index as f64);
-    let rate = best.map(|seconds| f64::from(splits) / seconds / 1e6);
-    println!(
-        "{:<16} {splits:>7} | {index:>6} {:>7} {:>8} | {:>6} {:>8} | {:>8.2} {:>9.2} | {:>8.2} {:>9.2}",
-        model.file_stem().map_or_else(String::new, |n| n.to_string_lossy().into_owned()),
-        bases[0],
-        chunks[0],
-        bases[1],
-        chunks[1],
-        all[1] / all[0],
-        rate[0],
-        rate[1],
-        best[1] / best[0]
-    );
-    Ok(())
+    let coded = |asset: &Prepared, seconds: f64| {
+        anyhow::Ok(Coded {
+            base_bytes: encode_base(&asset.base)?.len(),
+            index_bytes: asset.pages.iter().map(Vec::len).sum(),
+            chunk_bytes: asset.chunks.iter().map(Vec::len).sum(),
+            decode_splits_per_s: f64::from(splits) / seconds,
+        })
+    };
+    let (range, zstd) = (coded(&assets[0], best[0])?, coded(&assets[1], best[1])?);
+    Ok(Row {
+        model: model.file_stem().map_or_else(String::new, |n| n.to_string_lossy().into_owned()),
+        splits,
+        zstd_over_range_bytes: zstd.bytes() / range.bytes(),
+        zstd_over_range_time: best[1] / best[0],
+        range,
+        zstd,
+    })
 }
 
 /// Seconds to decode all chunks; applying them is not counted.

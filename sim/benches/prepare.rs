@@ -3,7 +3,7 @@
 //!
 //! `cargo bench -p lodestream-sim --bench prepare -- [MODEL.obj…]` takes the models named, else those of
 //! the folder `LODESTREAM_MODELS`, else a generated mesh. Import and quantisation are not timed. Times are
-//! the best of three and vary with the machine: use ratios.
+//! the best of three and vary with the machine: use ratios. `--json` prints an object a line.
 
 mod heap;
 
@@ -25,36 +25,89 @@ const RUNS: usize = 3;
 const TARGET: usize = 100;
 
 fn main() -> anyhow::Result<()> {
-    println!(
-        "{:<16} {:>8} | k faces/s: {:>8} {:>8} {:>8} {:>8} {:>11} | {:>9} | heap, B/face: {:>8} {:>8} {:>8} | \
-         k splits/s: {:>8} {:>8} {:>8} {:>12}",
-        "model",
-        "faces",
-        "simplify",
-        "measure",
-        "encode",
-        "all",
-        "meshopt 1 %",
-        "simplify",
-        "simplify",
-        "measure",
-        "encode",
-        "decode",
-        "apply",
-        "both",
-        "both / peer"
-    );
+    let json = std::env::args().any(|a| a == "--json");
+    if !json {
+        println!(
+            "{:<16} {:>8} | k faces/s: {:>8} {:>8} {:>8} {:>8} {:>11} | {:>9} | heap, B/face: {:>8} {:>8} {:>8} | \
+             k splits/s: {:>8} {:>8} {:>8} {:>12}",
+            "model",
+            "faces",
+            "simplify",
+            "measure",
+            "encode",
+            "all",
+            "meshopt 1 %",
+            "simplify",
+            "simplify",
+            "measure",
+            "encode",
+            "decode",
+            "apply",
+            "both",
+            "both / peer"
+        );
+    }
     for (name, mesh) in meshes()? {
-        row(&name, &mesh)?;
+        let row = row(name, &mesh)?;
+        if json { println!("{}", serde_json::to_string(&row)?) } else { row.print() }
     }
     Ok(())
 }
 
-fn row(name: &str, mesh: &QuantisedMesh) -> anyhow::Result<()> {
+/// What was found of a model.
+#[derive(serde::Serialize)]
+struct Row {
+    model: String,
+    faces: usize,
+    splits: u32,
+    simplify_faces_per_s: f64,
+    measure_faces_per_s: f64,
+    encode_faces_per_s: f64,
+    prepare_faces_per_s: f64,
+    /// meshoptimizer.
+    peer_faces_per_s: f64,
+    simplify_heap_bytes: usize,
+    measure_heap_bytes: usize,
+    encode_heap_bytes: usize,
+    decode_splits_per_s: f64,
+    apply_splits_per_s: f64,
+    /// Decoded and applied.
+    refine_splits_per_s: f64,
+    simplify_over_peer_time: f64,
+    refine_over_peer_time: f64,
+}
+
+impl Row {
+    fn print(&self) {
+        let heap = [self.simplify_heap_bytes, self.measure_heap_bytes, self.encode_heap_bytes]
+            .map(|bytes| bytes as f64 / self.faces as f64);
+        println!(
+            "{:<16} {:>8} |            {:>8.0} {:>8.0} {:>8.0} {:>8.0} {:>11.0} | {:>7.1} x |               {:>8.0} {:>8.0} \
+             {:>8.0} |             {:>8.0} {:>8.0} {:>8.0} {:>12.2}",
+            self.model,
+            self.faces,
+            self.simplify_faces_per_s / 1e3,
+            self.measure_faces_per_s / 1e3,
+            self.encode_faces_per_s / 1e3,
+            self.prepare_faces_per_s / 1e3,
+            self.peer_faces_per_s / 1e3,
+            self.simplify_over_peer_time,
+            heap[0],
+            heap[1],
+            heap[2],
+            self.decode_splits_per_s / 1e3,
+            self.apply_splits_per_s / 1e3,
+            self.refine_splits_per_s / 1e3,
+            self.refine_over_peer_time
+        );
+    }
+}
+
+fn row(model: String, mesh: &QuantisedMesh) -> anyhow::Result<Row> {
     let mut best = [f64::INFINITY; 5];
-    let mut heap = [0.0; 3];
+    let mut heap = [0; 3];
     let mut refining = [f64::INFINITY; 2];
-    let mut splits = 0.0;
+    let mut splits = 0;
     for _ in 0..RUNS {
         let before = heap::used();
         let watch = StopWatch::new();
@@ -62,37 +115,38 @@ fn row(name: &str, mesh: &QuantisedMesh) -> anyhow::Result<()> {
         let prepared = prepare(mesh, &Settings::default(), &Serial, &watch)?;
         let all = start.elapsed().as_secs_f64();
         let ([simplify, measure, encode], peaks) = watch.finish();
-        splits = prepared.infos.iter().map(|i| f64::from(i.vertices)).sum();
+        splits = prepared.infos.iter().map(|i| i.vertices).sum();
         for (best, time) in refining.iter_mut().zip(refine(&prepared)?) {
             *best = best.min(time);
         }
         drop(prepared);
-        heap = peaks.map(|peak| (peak - before) as f64 / mesh.faces.len() as f64);
+        heap = peaks.map(|peak| peak.saturating_sub(before));
         let peer = meshoptimizer(mesh)?;
         for (best, time) in best.iter_mut().zip([simplify, measure, encode, all, peer]) {
             *best = best.min(time);
         }
     }
-    let faces = mesh.faces.len() as f64;
-    let rate = best.map(|seconds| faces / seconds / 1000.0);
-    println!(
-        "{name:<16} {faces:>8} |            {:>8.0} {:>8.0} {:>8.0} {:>8.0} {:>11.0} | 1/{:<7.1} |               {:>8.0} {:>8.0} {:>8.0} | \
-                     {:>8.0} {:>8.0} {:>8.0} {:>12.2}",
-        rate[0],
-        rate[1],
-        rate[2],
-        rate[3],
-        rate[4],
-        best[0] / best[4],
-        heap[0],
-        heap[1],
-        heap[2],
-        splits / refining[0] / 1000.0,
-        splits / refining[1] / 1000.0,
-        splits / (refining[0] + refining[1]) / 1000.0,
-        (refining[0] + refining[1]) / best[4]
-    );
-    Ok(())
+    let [simplify, measure, encode, all, peer] = best;
+    let [decode, apply] = refining;
+    let (faces, split_count) = (mesh.faces.len() as f64, f64::from(splits));
+    Ok(Row {
+        model,
+        faces: mesh.faces.len(),
+        splits,
+        simplify_faces_per_s: faces / simplify,
+        measure_faces_per_s: faces / measure,
+        encode_faces_per_s: faces / encode,
+        prepare_faces_per_s: faces / all,
+        peer_faces_per_s: faces / peer,
+        simplify_heap_bytes: heap[0],
+        measure_heap_bytes: heap[1],
+        encode_heap_bytes: heap[2],
+        decode_splits_per_s: split_count / decode,
+        apply_splits_per_s: split_count / apply,
+        refine_splits_per_s: split_count / (decode + apply),
+        simplify_over_peer_time: simplify / peer,
+        refine_over_peer_time: (decode + apply) / peer,
+    })
 }
 
 /// Seconds that decoding and applying all chunks take.

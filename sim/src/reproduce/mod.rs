@@ -6,7 +6,8 @@
 //! time must be equal, figures that hang on the machine's speed only in their ratios to each other. Tables in
 //! the document are written from the figures and from nothing else (`table`).
 //!
-//! Commands run one after the other in processes of their own, as a reader would run them.
+//! Commands run one after the other in processes of their own, as a reader would run them; benchmarks need cargo and
+//! the sources in the current folder.
 
 mod compare;
 mod fit;
@@ -26,7 +27,7 @@ use serde::Serialize;
 
 pub use compare::{Difference, compare};
 pub use rows::Rows;
-pub use section::{Section, read};
+pub use section::{CommandLine, Section, read};
 
 /// What to reproduce, and with what.
 #[derive(Clone, Debug)]
@@ -116,6 +117,10 @@ pub fn run(options: &Options, mut report: impl FnMut(&str)) -> anyhow::Result<Re
         sections.len(),
         seconds / 60.0
     ));
+    if options.mode != Mode::Tables {
+        let benchmarks = sections.iter().filter(|s| runs(s, options)).flat_map(|s| &s.commands);
+        check_benchmarks(benchmarks.filter_map(CommandLine::benchmark))?;
+    }
     let mut outcomes = Vec::with_capacity(sections.len());
     let mut printed = BTreeMap::new();
     let mut figures = Vec::with_capacity(sections.len());
@@ -236,19 +241,19 @@ fn measure(section: &Section, options: &Options, printed: &mut Printed) -> anyho
     let mut rows = Rows::default();
     for (number, command) in (1..).zip(&section.commands) {
         let folder = options.output.join(&section.name).join(number.to_string());
-        let arguments = section::arguments(&command.run, options.models.as_deref(), &folder)?;
+        let line = command_line(command, options, &folder)?;
         let new = match &command.file {
             Some(file) => {
-                run_self(&section.name, &arguments)?;
+                execute(&section.name, &line)?;
                 let path = folder.join(file);
                 let text = std::fs::read_to_string(&path)
                     .with_context(|| format!("{}: cannot be read", path.display()))?;
                 if file.ends_with(".csv") { Rows::from_csv(&text) } else { Rows::from_json(&text) }
             }
             None => {
-                let text = match printed.get(&arguments) {
+                let text = match printed.get(&line) {
                     Some(text) => text,
-                    None => printed.entry(arguments.clone()).or_insert(run_self(&section.name, &arguments)?),
+                    None => printed.entry(line.clone()).or_insert(execute(&section.name, &line)?),
                 };
                 match &command.rows {
                     Some(field) => Rows::from_field(text, field),
@@ -256,15 +261,50 @@ fn measure(section: &Section, options: &Options, printed: &mut Printed) -> anyho
                 }
             }
         };
-        let new = new.with_context(|| format!("{}: lodestream-sim {}", section.name, command.run))?;
+        let new = new.with_context(|| format!("{}: {}", section.name, command.shown()))?;
         rows.extend(&command.label, &section.columns, &new).with_context(|| section.name.clone())?;
     }
     Ok(rows)
 }
 
-/// Runs this program; gives what it printed.
-fn run_self(section: &str, arguments: &[String]) -> anyhow::Result<String> {
-    let program = std::env::current_exe().context("this program cannot be found")?;
+/// Says what benchmarks need and lack, before anything has run.
+fn check_benchmarks<'a>(mut names: impl Iterator<Item = &'a str>) -> anyhow::Result<()> {
+    let Some(first) = names.next() else { return Ok(()) };
+    for name in std::iter::once(first).chain(names) {
+        let source = Path::new("sim/benches").join(name).with_extension("rs");
+        anyhow::ensure!(
+            source.is_file(),
+            "benchmark {name}: there is no {} here; run this in the checkout, or name other sections",
+            source.display()
+        );
+    }
+    let cargo = Command::new("cargo").arg("--version").output();
+    anyhow::ensure!(
+        cargo.is_ok_and(|output| output.status.success()),
+        "benchmark {first}: cargo cannot be run; install it, or name other sections"
+    );
+    Ok(())
+}
+
+/// Program and arguments of a command. Cargo runs benchmarks in their package's folder, so that their folders are absolute.
+fn command_line(command: &CommandLine, options: &Options, folder: &Path) -> anyhow::Result<Vec<String>> {
+    let models = options.models.as_deref();
+    let words = if command.benchmark().is_some() {
+        let models = models.map(std::path::absolute).transpose().context("the current folder is gone")?;
+        section::arguments(command.words(), models.as_deref(), &std::path::absolute(folder)?)?
+    } else {
+        section::arguments(command.words(), models, folder)?
+    };
+    Ok(command.line(words))
+}
+
+/// Runs this program, or a benchmark; gives what it printed.
+fn execute(section: &str, line: &[String]) -> anyhow::Result<String> {
+    let (program, arguments) = line.split_first().context("there is nothing to run")?;
+    let program = match program.as_str() {
+        "cargo" => PathBuf::from(program),
+        _ => std::env::current_exe().context("this program cannot be found")?,
+    };
     let output = Command::new(&program)
         .args(arguments)
         .output()
@@ -272,9 +312,10 @@ fn run_self(section: &str, arguments: &[String]) -> anyhow::Result<String> {
     if !output.status.success() {
         let why = String::from_utf8_lossy(&output.stderr);
         anyhow::bail!(
-            "{section}: lodestream-sim {}: {}",
-            arguments.join(" "),
-            why.lines().last().unwrap_or("it failed")
+            "{section}: {}: {}",
+            line.join(" "),
+            // Cargo ends with a line on the failure of what it ran.
+            why.lines().rfind(|line| !line.starts_with("error: bench failed")).unwrap_or("it failed")
         );
     }
     String::from_utf8(output.stdout).with_context(|| format!("{section}: its output is no text"))

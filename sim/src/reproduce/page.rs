@@ -67,7 +67,7 @@ fn one(section: &Section, rows: &Rows, outcome: &Outcome) -> anyhow::Result<Stri
     let mut commands = String::new();
     for command in &section.commands {
         let label = if command.label.is_empty() { String::new() } else { format!("   # {}", command.label) };
-        commands += &escaped(&format!("lodestream-sim {}{label}\n", command.run));
+        commands += &escaped(&format!("{}{label}\n", command.shown()));
     }
     page += &format!(
         "<details><summary>Commands, about {:.0} s</summary><pre>{commands}</pre></details>\n",

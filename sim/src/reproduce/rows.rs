@@ -20,16 +20,21 @@ pub struct Rows {
 }
 
 impl Rows {
-    /// A JSON object is a row, an array of objects one each. Fields of objects within are named `outer.inner`,
+    /// A JSON object is a row, an array of objects one each, and one may follow the other. Fields of objects within are named `outer.inner`,
     /// elements of arrays `outer.0`.
     ///
     /// # Errors
     /// What is no object or array of objects.
     pub fn from_json(text: &str) -> anyhow::Result<Self> {
-        match serde_json::from_str(text).context("no JSON")? {
-            Value::Array(objects) => Self::of(&objects),
-            object => Self::of(&[object]),
+        let mut objects = Vec::new();
+        for value in serde_json::Deserializer::from_str(text).into_iter() {
+            match value.context("no JSON")? {
+                Value::Array(some) => objects.extend(some),
+                object => objects.push(object),
+            }
         }
+        anyhow::ensure!(!text.trim().is_empty(), "no JSON: it is empty");
+        Self::of(&objects)
     }
 
     /// The same of the array that is a field of an object.
@@ -172,6 +177,9 @@ mod tests {
         assert_eq!(rows.rows[0], ["1", "0.25", "7", "", ""]);
         assert_eq!(rows.rows[1], ["x, y", "", "", "", "true"]);
         assert!(Rows::from_json("3").is_err() && Rows::from_json("{").is_err());
+        assert!(Rows::from_json("\n").is_err() && Rows::from_json("{\"a\": 1}\n{\"a\"").is_err());
+        let lines = Rows::from_json("{\"a\": 1}\n{\"a\": 2}\n").unwrap();
+        assert_eq!(lines.rows, [["1"], ["2"]]);
         let inner = Rows::from_field(r#"{"a": 1, "b": [{"c": 2}, {"c": 3}]}"#, "b").unwrap();
         assert_eq!(
             (inner.columns, inner.rows),

@@ -18,6 +18,7 @@
 //! run = "assess {models}/stanford-bunny.obj --position-bits 10 --json"   # {models}, {out}: folders
 //! # file = "results.csv"          # rows are taken from this file in {out} instead of from what is printed
 //! # rows = "level_ends"           # or from this field of what is printed
+//! # bench = "prepare {models}/stanford-bunny.obj"   # instead of `run`: this benchmark of the checkout, with --json
 //!
 //! [[section.table]]
 //! id = "position-bits"            # stands in the document as <!-- table: position-bits -->
@@ -92,15 +93,17 @@ pub struct Trade {
     pub reason: String,
 }
 
-/// A run of this program.
+/// A run of this program, or of one of its benchmarks.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CommandLine {
     /// First column of its rows.
     #[serde(default)]
     pub label: String,
-    /// Arguments, divided by spaces.
-    pub run: String,
+    /// Arguments of this program, divided by spaces.
+    pub run: Option<String>,
+    /// Name of a benchmark, then arguments of it.
+    pub bench: Option<String>,
     /// File with its rows.
     pub file: Option<String>,
     /// Field of the printed JSON object that holds the rows, if it is not the object itself.
@@ -188,22 +191,60 @@ struct List {
     section: Vec<Section>,
 }
 
+impl CommandLine {
+    /// What is run, divided by spaces.
+    pub(crate) fn words(&self) -> impl Iterator<Item = &str> {
+        self.run.iter().chain(&self.bench).flat_map(|line| line.split_whitespace())
+    }
+
+    /// The benchmark that it runs, if it is none of this program.
+    pub(crate) fn benchmark(&self) -> Option<&str> {
+        self.bench.as_ref()?.split_whitespace().next()
+    }
+
+    /// As a reader would type it, folders not filled in.
+    pub(crate) fn shown(&self) -> String {
+        let words = || self.words().map(str::to_owned).collect();
+        self.line(words()).join(" ")
+    }
+
+    /// Program and arguments, of [`Self::words`] with folders filled in.
+    pub(crate) fn line(&self, words: Vec<String>) -> Vec<String> {
+        let mut words = words.into_iter();
+        let mut line: Vec<String> = match &self.bench {
+            None => vec!["lodestream-sim".to_owned()],
+            Some(_) => ["cargo", "bench", "-q", "-p", "lodestream-sim", "--bench"]
+                .map(str::to_owned)
+                .into_iter()
+                .chain(words.next())
+                .chain(["--", "--json"].map(str::to_owned))
+                .collect(),
+        };
+        line.extend(words);
+        line
+    }
+}
+
 impl Section {
     /// Whether it reads models that are not part of the project.
     #[must_use]
     pub fn needs_models(&self) -> bool {
-        self.commands.iter().any(|c| c.run.contains(MODELS))
+        self.commands.iter().flat_map(CommandLine::words).any(|word| word.contains(MODELS))
     }
 
     /// The files that it reads of the folder of models.
     pub(crate) fn models(&self) -> impl Iterator<Item = &str> {
-        let words = self.commands.iter().flat_map(|c| c.run.split_whitespace());
+        let words = self.commands.iter().flat_map(CommandLine::words);
         words.filter_map(|word| word.strip_prefix(MODELS)?.strip_prefix('/'))
     }
 }
 
-/// The arguments of a command line, folders filled in.
-pub(crate) fn arguments(run: &str, models: Option<&Path>, out: &Path) -> anyhow::Result<Vec<String>> {
+/// The words of a command line, folders filled in.
+pub(crate) fn arguments<'a>(
+    words: impl Iterator<Item = &'a str>,
+    models: Option<&Path>,
+    out: &Path,
+) -> anyhow::Result<Vec<String>> {
     let fill = |word: &str| {
         let mut word = word.to_owned();
         for (mark, folder) in [(MODELS, models), (OUT, Some(out))] {
@@ -214,7 +255,7 @@ pub(crate) fn arguments(run: &str, models: Option<&Path>, out: &Path) -> anyhow:
         }
         Ok(word)
     };
-    run.split_whitespace().map(fill).collect()
+    words.map(fill).collect()
 }
 
 /// Reads a list of sections.
@@ -239,6 +280,16 @@ pub(crate) fn parse(text: &str) -> anyhow::Result<Vec<Section>> {
         );
         anyhow::ensure!(sections[..i].iter().all(|s| s.name != *name), "{name}: two sections have this name");
         anyhow::ensure!(!section.commands.is_empty(), "{name}: it has no command");
+        for (number, command) in (1..).zip(&section.commands) {
+            anyhow::ensure!(
+                command.run.is_some() != command.bench.is_some(),
+                "{name}: command {number}: it needs either `run` or `bench`"
+            );
+            anyhow::ensure!(
+                command.bench.is_none() || command.benchmark().is_some_and(|b| b.chars().all(plain)),
+                "{name}: command {number}: `bench` begins with no name of a benchmark"
+            );
+        }
         for (column, factor) in &section.ratios {
             anyhow::ensure!(section.columns.contains(column), "{name}: ratios: {column} is no column of it");
             anyhow::ensure!(
@@ -269,9 +320,23 @@ mod tests {
         let sections = parse(GOOD).unwrap();
         assert!(sections[0].needs_models());
         assert_eq!(sections[0].models().collect::<Vec<_>>(), ["m.obj"]);
-        let filled = |models| arguments(&sections[0].commands[0].run, models, Path::new("o/1"));
+        let filled = |models| arguments(sections[0].commands[0].words(), models, Path::new("o/1"));
         assert_eq!(filled(Some(Path::new("d"))).unwrap(), ["assess", "d/m.obj", "-o", "o/1"]);
         assert!(filled(None).is_err());
+    }
+
+    #[test]
+    fn a_benchmark_is_run_by_cargo_and_prints_json() {
+        let text =
+            GOOD.replace("run = \"assess {models}/m.obj -o {out}\"", "bench = \"prepare {models}/m.obj\"");
+        let sections = parse(&text).unwrap();
+        let command = &sections[0].commands[0];
+        assert_eq!(command.benchmark(), Some("prepare"));
+        assert_eq!(sections[0].models().collect::<Vec<_>>(), ["m.obj"]);
+        let expected = "cargo bench -q -p lodestream-sim --bench prepare -- --json {models}/m.obj";
+        assert_eq!(command.shown(), expected);
+        let words = arguments(command.words(), Some(Path::new("/d")), Path::new("o")).unwrap();
+        assert_eq!(command.line(words).join(" "), expected.replace("{models}", "/d"));
     }
 
     #[test]
@@ -281,6 +346,9 @@ mod tests {
             (format!("{GOOD}{GOOD}"), "a-1", "two sections"),
             (GOOD.replace("y = 1.5", "z = 1.5"), "ratios", "z is no column"),
             (GOOD.replace("y = 1.5", "y = 0.5"), "y", "factor"),
+            (GOOD.replace("run =", "bench = \"x\"\nrun ="), "command 1", "either"),
+            (GOOD.replace("run =", "label ="), "command 1", "either"),
+            (GOOD.replace("run = \"assess", "bench = \"../x"), "command 1", "no name"),
             (GOOD.replace("title", "titel"), "titel", "unknown field"),
             (
                 format!(
