@@ -27,7 +27,7 @@ impl Terrain {
     /// are no rougher than the rest.
     ///
     /// The steepest stamps come first, and 64 places at most: what lies beyond is taken to be no rougher than the ground.
-    /// Cost: a millisecond for a place.
+    /// Cost: 1.5 ms for a place, 3 with 15 segments of a stamp around it: 0.2 s at most.
     #[must_use]
     pub fn rough_places(&self) -> Vec<RoughPlace> {
         let mut stamps: Vec<&Stamp> = self.stamps.iter().collect();
