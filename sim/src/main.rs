@@ -145,8 +145,8 @@ enum Command {
         /// Another value for a key of the plan, as "client.target_px=4" or "sweep.seeds=3"; may be given more than once.
         #[arg(long, value_name = "KEY=VALUE")]
         set: Vec<String>,
-        /// Folder for the report: report.html, results.json and results.csv, plots, pictures if the plan asks for them, and
-        /// percentiles of cases with seeds enough.
+        /// Folder for the report: report.html, results.json and results.csv, plots, pictures if the plan asks for them,
+        /// percentiles of cases with seeds enough, and bytes and times until each level of a chain (levels.csv).
         #[arg(short, long, value_name = "DIR")]
         output: PathBuf,
         /// Runs at once [default: as many as there are processors]. The report does not depend on it.

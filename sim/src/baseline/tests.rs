@@ -13,8 +13,9 @@ use super::library::{Content, Entry};
 use super::offer::{Item, Offer, Stage, Texture};
 use super::select::{Held, State, select};
 use super::{Library, peers, run_case};
+use crate::scenario::levels;
 use crate::scenario::plan::{self, Plan};
-use crate::scenario::report::{RunResult, to_json};
+use crate::scenario::report::{RunResult, to_json, write};
 use crate::scenario::run::certificate;
 use crate::scenario::tests::{results_of, small_scene};
 use crate::scenario::{Equipment, run, run_with};
@@ -276,6 +277,15 @@ fn reports_do_not_depend_on_threads_and_levels_end_where_the_view_is_sharp() {
     let (chain, whole) = (of("chain", "still"), of("draco", "still"));
     assert_eq!((chain.ended.as_str(), whole.ended.as_str()), ("settled", "settled"));
     assert!(chain.ttff_ms < whole.ttff_ms, "{chain}, {whole}");
+    // The last of the chain's levels is what its run noted as sharp; every technique is laid beside each.
+    let levels = levels::of_plan(&plan, &results);
+    let last = levels.iter().rfind(|level| level.technique == "chain" && level.seed == 1).unwrap();
+    assert!(last.error_px <= 1.0, "{last:?}");
+    assert_eq!((last.ms, last.bytes), (chain.ttq_ms["1"], chain.ttq_bytes["1"]));
+    assert!(levels.len() > 2 * 7 && levels.len().is_multiple_of(7), "{}", levels.len());
+    write(folder.path(), &plan, &results).unwrap();
+    let csv = std::fs::read_to_string(folder.path().join("levels.csv")).unwrap();
+    assert_eq!(csv.lines().count(), 1 + levels.len());
     // A lap sees more, comes to rest, and is sharp there.
     let lap = of("chain", "orbit");
     assert!(lap.ended == "settled" && lap.rest_ttq_ms["1"].is_some(), "{lap:?}");

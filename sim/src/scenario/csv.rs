@@ -1,10 +1,11 @@
-//! Reports as comma-separated values (RFC 4180, with plain line feeds): a line per run or case.
+//! Reports as comma-separated values (RFC 4180, with plain line feeds): a line per run, case, picture or level.
 
 use std::collections::BTreeSet;
 use std::fmt::Display;
 
 use lodestream_client::core::QUALITIES_PX;
 
+use super::levels::Level;
 use super::percentiles::Percentiles;
 use super::report::{RunResult, error_name};
 
@@ -154,6 +155,24 @@ pub(super) fn of_percentiles(cases: &[Percentiles]) -> String {
             line.add_some(format!("{name}_p90"), spread.and_then(|s| s.p90));
             line.add_some(format!("{name}_p99"), spread.and_then(|s| s.p99));
         }
+        line
+    }))
+}
+
+/// A line per level of a chain and technique.
+#[must_use]
+pub(super) fn of_levels(levels: &[Level]) -> String {
+    table(levels.iter().map(|level| {
+        let mut line = Line::default();
+        line.add("scene", &level.scene);
+        line.add("transport", level.transport);
+        line.add("link", &level.link);
+        line.add("rate_bits_per_s", level.rate_bits_per_s);
+        line.add("seed", level.seed);
+        line.add("error_px", level.error_px);
+        line.add("technique", &level.technique);
+        line.add_some("bytes", level.bytes);
+        line.add_some("ms", level.ms);
         line
     }))
 }

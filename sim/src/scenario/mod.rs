@@ -7,6 +7,7 @@ mod csv;
 mod extremes;
 pub mod field;
 pub mod ledger;
+pub mod levels;
 pub(crate) mod network;
 pub(crate) mod outcome;
 mod page;

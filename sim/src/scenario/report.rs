@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use super::csv;
 use super::ledger::Use;
+use super::levels::{self, Level};
 use super::page;
 use super::percentiles::{self, Percentiles};
 use super::pictures::{self, Gallery, Picture};
@@ -173,9 +174,9 @@ pub fn to_json<T: Serialize>(objects: &[T]) -> serde_json::Result<Vec<u8>> {
 }
 
 /// Writes the report into a folder, which is created where it is missing: `results.json` and `results.csv`
-/// with a line per run, `percentiles.json` and `percentiles.csv` where a case has seeds enough, plots as SVG, and
-/// `report.html`, a page with all of it that needs no other file. Each file appears whole or not at all; percentiles,
-/// plots and pictures of an earlier report do not stay.
+/// with a line per run, `percentiles.json` and `percentiles.csv` where a case has seeds enough, `levels.csv` where a case is
+/// a chain of levels, plots as SVG, and `report.html`, a page that needs no other file. Each file appears whole or not at
+/// all; percentiles, levels, plots and pictures of an earlier report do not stay.
 ///
 /// # Errors
 /// What the system refuses.
@@ -206,6 +207,12 @@ pub fn write_drawn(
         remove(folder, "pictures.csv")?;
     } else {
         put(folder, "pictures.csv", csv::of_pictures(results).as_bytes())?;
+    }
+    let levels: Vec<Level> = levels::of_plan(plan, results);
+    if levels.is_empty() {
+        remove(folder, "levels.csv")?;
+    } else {
+        put(folder, "levels.csv", csv::of_levels(&levels).as_bytes())?;
     }
     let plots = plots::draw(plan, results)?;
     plots::remove_earlier(folder)?;
