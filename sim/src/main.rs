@@ -5,6 +5,7 @@
 mod frame_time_command;
 mod goodput_command;
 mod load_command;
+mod normals_command;
 mod progress;
 
 use std::num::{NonZeroU32, NonZeroUsize};
@@ -79,6 +80,8 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// Counts the normals of models that are sent, those further from what the faces say than a tolerance.
+    Normals(normals_command::NormalsCommand),
     /// Trains the priors of the entropy coder on some models and writes the table that the geometry crate
     /// includes. The format's version must change with it.
     Train {
@@ -249,6 +252,7 @@ fn main() -> ExitCode {
         Command::Measure { a, b, samples, seed, json } => run_measure(&a, &b, samples, seed, json),
         Command::SeedTable { json } => run_seed_table(json),
         Command::TerrainTable { generations, json } => run_terrain_table(generations, json),
+        Command::Normals(command) => command.run(),
         Command::Goodput(command) => command.run(),
         Command::Load(command) => command.run(),
         Command::FrameTime(command) => command.run(),

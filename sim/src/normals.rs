@@ -1,0 +1,115 @@
+//! How many normals of a model are sent: those further from what the faces say than a tolerance.
+
+use std::path::Path;
+
+use anyhow::Context as _;
+use lodestream_geometry::mesh::SourceMesh;
+use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
+use serde::Serialize;
+
+/// Wedges of a model that carry a normal of their own, at a tolerance.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SentNormals {
+    /// Name of the model's file.
+    pub model: String,
+    /// [`QuantiseSettings::normal_tolerance`], in degrees.
+    pub tolerance_degrees: f64,
+    /// Wedges of the quantised mesh.
+    pub wedges: usize,
+    /// Those that carry a normal.
+    pub sent: usize,
+}
+
+/// Counts a model file's normals at each of some tolerances, 0 to 180 degrees.
+///
+/// # Errors
+/// If the file cannot be imported or quantised.
+pub fn count(path: &Path, position_bits: u8, tolerances: &[f64]) -> anyhow::Result<Vec<SentNormals>> {
+    let imported = lodestream_server::import::import(path)
+        .with_context(|| format!("cannot import {}", path.display()))?;
+    let model = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
+    let count = |&degrees| of_mesh(&imported.mesh, &model, position_bits, degrees);
+    let counted: anyhow::Result<_> = tolerances.iter().map(count).collect();
+    counted.with_context(|| format!("cannot quantise {}", path.display()))
+}
+
+fn of_mesh(
+    mesh: &SourceMesh,
+    model: &str,
+    position_bits: u8,
+    tolerance_degrees: f64,
+) -> anyhow::Result<SentNormals> {
+    let precision = Precision::Bits(position_bits);
+    let settings =
+        QuantiseSettings { precision, normal_tolerance: tolerance_degrees, ..QuantiseSettings::default() };
+    let wedges = quantise(mesh, &settings)?.wedges;
+    let sent = wedges.iter().filter(|wedge| wedge.attributes.normal.is_some()).count();
+    Ok(SentNormals { model: model.to_owned(), tolerance_degrees, wedges: wedges.len(), sent })
+}
+
+impl std::fmt::Display for SentNormals {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "{}, {}°: {} of {} wedges send their normal, {:.1} %",
+            self.model,
+            self.tolerance_degrees,
+            self.sent,
+            self.wedges,
+            100.0 * self.sent as f64 / self.wedges as f64
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Four squares in the plane z = 0, apart from each other, whose normals lean by 0, 4, 8 and 20 degrees from +z; with
+    /// `leaning`, or else without any normals.
+    fn squares(leaning: bool) -> String {
+        let mut text = String::new();
+        for (i, degrees) in (0_u32..).zip([0.0, 4.0, 8.0, 20.0_f64]) {
+            for (x, y) in [(0, 0), (1, 0), (1, 1), (0, 1)] {
+                text += &format!("v {} {y} 0\n", 2 * i + x);
+            }
+            let lean = degrees.to_radians();
+            if leaning {
+                text += &format!("vn {} 0 {}\n", lean.sin(), lean.cos());
+            }
+            let corner = |k: u32| {
+                let v = 4 * i + k;
+                if leaning { format!("{v}//{}", i + 1) } else { v.to_string() }
+            };
+            text += &format!("f {}\n", [1, 2, 3, 4].map(corner).join(" "));
+        }
+        text
+    }
+
+    fn counted(text: &str, tolerances: &[f64]) -> Vec<SentNormals> {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("squares.obj");
+        std::fs::write(&file, text).unwrap();
+        count(&file, 14, tolerances).unwrap()
+    }
+
+    #[test]
+    fn those_that_lean_further_are_sent() {
+        let found = counted(&squares(true), &[0.5, 5.0, 10.0, 30.0]);
+        let rows: Vec<_> = found.iter().map(|n| (n.tolerance_degrees, n.wedges, n.sent)).collect();
+        assert_eq!(rows, [(0.5, 16, 12), (5.0, 16, 8), (10.0, 16, 4), (30.0, 16, 0)]);
+        assert!(found.iter().all(|n| n.model == "squares.obj"));
+    }
+
+    #[test]
+    fn without_normals_none_is_sent() {
+        let found = counted(&squares(false), &[0.0]);
+        assert_eq!((found[0].wedges, found[0].sent), (16, 0));
+    }
+
+    #[test]
+    fn a_file_that_is_none_is_named() {
+        let error = count(Path::new("no/model.obj"), 14, &[1.0]).unwrap_err();
+        assert!(format!("{error:#}").contains("no/model.obj"), "{error:#}");
+    }
+}
