@@ -10,6 +10,7 @@ pub mod image_error;
 pub mod link;
 pub mod load;
 pub mod measure;
+pub mod models;
 pub mod normals;
 pub mod reproduce;
 pub mod scenario;

@@ -5,6 +5,7 @@
 mod frame_time_command;
 mod goodput_command;
 mod load_command;
+mod models_command;
 mod normals_command;
 mod progress;
 
@@ -80,6 +81,9 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// Prepares models with the default settings and streams each over QUIC and WebSocket, over a simulated link of 2 Mbit/s
+    /// and 50 ms round trip: sizes, error of the base mesh, time to the first frame.
+    Models(models_command::ModelsCommand),
     /// Counts the normals of models that are sent, those further from what the faces say than a tolerance.
     Normals(normals_command::NormalsCommand),
     /// Trains the priors of the entropy coder on some models and writes the table that the geometry crate
@@ -252,6 +256,7 @@ fn main() -> ExitCode {
         Command::Measure { a, b, samples, seed, json } => run_measure(&a, &b, samples, seed, json),
         Command::SeedTable { json } => run_seed_table(json),
         Command::TerrainTable { generations, json } => run_terrain_table(generations, json),
+        Command::Models(command) => command.run(),
         Command::Normals(command) => command.run(),
         Command::Goodput(command) => command.run(),
         Command::Load(command) => command.run(),

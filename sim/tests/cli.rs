@@ -89,6 +89,31 @@ fn frame_time_and_terrain_table_refuse_what_they_cannot_do() {
 }
 
 #[test]
+fn normals_and_models_refuse_what_they_cannot_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let square = write(
+        folder.path(),
+        "square.obj",
+        "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvn 0 1 0\nf 1//1 2//1 3//1 4//1\n",
+    );
+    let said = simulator(&["normals", &square, "--tolerances", "89,91"]).stdout;
+    let expected = "square.obj, 89°: 4 of 4 wedges send their normal, 100.0 %\n\
+                    square.obj, 91°: 0 of 4 wedges send their normal, 0.0 %\n";
+    assert_eq!(String::from_utf8(said).unwrap(), expected);
+    for command in ["normals", "models"] {
+        assert_refused(&simulator(&[command, "no/model.obj"]), &["no/model.obj"]);
+        assert_eq!(simulator(&[command]).status.code(), Some(2));
+    }
+    for degrees in ["-1", "181", "nan", "flat"] {
+        assert_eq!(
+            simulator(&["normals", &square, &format!("--tolerances={degrees}")]).status.code(),
+            Some(2)
+        );
+    }
+    assert_eq!(simulator(&["normals", &square, "--position-bits", "25"]).status.code(), Some(2));
+}
+
+#[test]
 fn run_says_what_models_and_peers_it_lacks() {
     let folder = tempfile::tempdir().unwrap();
     let output = folder.path().join("out");
