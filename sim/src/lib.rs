@@ -23,6 +23,8 @@ pub mod truth;
 pub mod udp;
 
 #[cfg(test)]
+mod bounded_queue;
+#[cfg(test)]
 mod first_flight;
 #[cfg(test)]
 mod limiter_on_the_wire;

@@ -5,7 +5,7 @@
 //! have a constant length (Ed25519; those of ECDSA vary), and everything else on the runtime must
 //! be deterministic (`select!` biased, no hash order).
 //!
-//! A [`UdpNetwork`] holds one [`Link`] per ordered pair of addresses; a [`VirtualUdpSocket`] is what
+//! A [`UdpNetwork`] holds one [`Link`] per ordered pair of addresses, or for several; a [`VirtualUdpSocket`] is what
 //! quinn takes for a socket. Datagrams between addresses without a link vanish, as do those to an
 //! address without a socket. Sending never blocks: what the link's queue does not hold is dropped,
 //! as by a router behind a fast interface. Receive buffers are unlimited, since a receiver on the
@@ -49,7 +49,9 @@ struct Inbox {
 #[derive(Debug)]
 struct State {
     clock: VirtualClock,
-    links: BTreeMap<(SocketAddr, SocketAddr), Link>,
+    links: Vec<Link>,
+    /// Which link leads from one address to another.
+    routes: BTreeMap<(SocketAddr, SocketAddr), usize>,
     inboxes: BTreeMap<SocketAddr, Inbox>,
     sent: u64,
     trace: Trace,
@@ -65,7 +67,8 @@ impl UdpNetwork {
     pub fn new(clock: VirtualClock) -> Self {
         Self(Arc::new(Mutex::new(State {
             clock,
-            links: BTreeMap::new(),
+            links: Vec::new(),
+            routes: BTreeMap::new(),
             inboxes: BTreeMap::new(),
             sent: 0,
             trace: Trace::default(),
@@ -74,7 +77,25 @@ impl UdpNetwork {
 
     /// Adds (or replaces) the link that leads from one address to another.
     pub fn connect(&self, from: SocketAddr, to: SocketAddr, settings: LinkSettings, seed: u64) {
-        self.state().links.insert((from, to), Link::new(settings, seed));
+        let mut state = self.state();
+        let link = Link::new(settings, seed);
+        match state.routes.get(&(from, to)).copied() {
+            Some(place) => state.links[place] = link,
+            None => {
+                let place = state.links.len();
+                state.links.push(link);
+                state.routes.insert((from, to), place);
+            }
+        }
+    }
+
+    /// Leads what goes from one address to another through the link of another pair, queue and all. Without such a link
+    /// nothing changes.
+    pub fn share(&self, from: SocketAddr, to: SocketAddr, link: (SocketAddr, SocketAddr)) {
+        let mut state = self.state();
+        if let Some(place) = state.routes.get(&link).copied() {
+            state.routes.insert((from, to), place);
+        }
     }
 
     /// Opens a socket. It receives until it is dropped.
@@ -104,7 +125,9 @@ impl UdpNetwork {
     /// What the link between two addresses has done; zeroes where there is none.
     #[must_use]
     pub fn counters(&self, from: SocketAddr, to: SocketAddr) -> LinkCounters {
-        self.state().links.get(&(from, to)).map_or_else(LinkCounters::default, Link::counters)
+        let state = self.state();
+        let link = state.routes.get(&(from, to)).map(|place| &state.links[*place]);
+        link.map_or_else(LinkCounters::default, Link::counters)
     }
 
     /// Payload of the datagrams that the socket at `address` has been handed so far.
@@ -127,7 +150,8 @@ impl UdpNetwork {
 impl State {
     fn send(&mut self, from: SocketAddr, to: SocketAddr, payload: &[u8]) {
         let now_ns = self.clock.now_ns();
-        let Some(link) = self.links.get_mut(&(from, to)) else { return };
+        let Some(place) = self.routes.get(&(from, to)) else { return };
+        let link = &mut self.links[*place];
         let fate = link.offer(now_ns, payload.len());
         self.sent += 1;
         self.trace.add(now_ns);

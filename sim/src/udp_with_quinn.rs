@@ -20,7 +20,7 @@ struct Outcome {
     trace: u64,
 }
 
-fn configs() -> (quinn::ServerConfig, quinn::ClientConfig) {
+pub(crate) fn configs() -> (quinn::ServerConfig, quinn::ClientConfig) {
     let key = rcgen::KeyPair::generate_for(&rcgen::PKCS_ED25519).unwrap();
     let certificate =
         rcgen::CertificateParams::new(vec!["server".into()]).unwrap().self_signed(&key).unwrap();

@@ -3,6 +3,7 @@
 //! | module | idea |
 //! |---|---|
 //! | [`quic`], [`websocket`], [`http`] | the two transports, and the HTTP port that one of them shares |
+//! | [`congestion`] | how much of a QUIC connection may be in flight |
 //! | `drive` | the loop between a sans-IO session and a transport |
 //! | [`state`], [`metrics`] | what sessions share |
 //! | [`certificate`], [`shutdown`] | what their names say |
@@ -13,6 +14,7 @@
 //! runs them unchanged in paused time.
 
 pub mod certificate;
+pub mod congestion;
 mod drive;
 pub mod http;
 pub mod memory_scene;

@@ -16,7 +16,6 @@ use std::time::Duration;
 use anyhow::Context;
 use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::stream::ALPN;
-use quinn::congestion::CubicConfig;
 use quinn::crypto::rustls::QuicServerConfig;
 use quinn::{
     BloomTokenLog, Connection, IdleTimeout, Incoming, TransportConfig, ValidationTokenConfig, VarInt,
@@ -28,14 +27,12 @@ use tokio::time::timeout;
 use tracing::Instrument;
 
 use super::certificate::Certificate;
+use super::congestion::{INITIAL_WINDOW_BYTES, bounded_queue};
 use super::drive::drive;
 use super::metrics::Transport;
 use super::quic_stream::{QuicReceiver, QuicSender, first_send_window};
 use super::state::{Phase, ServerState, SessionGuard};
 
-/// First congestion window in bytes. The usual 14,720 would cost a round trip on the way to the first
-/// frame; 60,000 is a quarter of a second at 2 Mbit/s and fits into common router queues.
-pub const INITIAL_WINDOW_BYTES: u64 = 60_000;
 /// Silence after which QUIC itself gives up.
 const IDLE_TIMEOUT_MS: u32 = 20_000;
 /// Keeps bindings in address translators alive.
@@ -79,10 +76,8 @@ pub fn server_config(certificate: &Certificate) -> anyhow::Result<quinn::ServerC
     tls.session_storage = ServerSessionMemoryCache::new(MAX_TICKETS);
 
     let mut transport = TransportConfig::default();
-    let mut congestion = CubicConfig::default();
-    congestion.initial_window(INITIAL_WINDOW_BYTES);
     transport
-        .congestion_controller_factory(Arc::new(congestion))
+        .congestion_controller_factory(bounded_queue())
         .send_window(first_send_window(INITIAL_WINDOW_BYTES))
         .receive_window(VarInt::from_u32(RECEIVE_WINDOW_BYTES))
         .stream_receive_window(VarInt::from_u32(RECEIVE_WINDOW_BYTES))

@@ -6,9 +6,9 @@ use std::time::Duration;
 use anyhow::Context as _;
 use lodestream_client::net::{self, Pin};
 use lodestream_server::daemon::certificate::Certificate;
-use lodestream_server::daemon::quic::{INITIAL_WINDOW_BYTES, server_config};
+use lodestream_server::daemon::congestion::bounded_queue;
+use lodestream_server::daemon::quic::server_config;
 use quinn::VarInt;
-use quinn::congestion::CubicConfig;
 use tokio::time::timeout;
 
 use super::library::{Content, Entry};
@@ -113,11 +113,9 @@ async fn run_quic(
 
 /// The project's certificate and congestion control, quinn's defaults otherwise, and streams for requests.
 fn file_server_config(certificate: &Certificate) -> anyhow::Result<quinn::ServerConfig> {
-    let mut congestion = CubicConfig::default();
-    congestion.initial_window(INITIAL_WINDOW_BYTES);
     let mut transport = quinn::TransportConfig::default();
     transport
-        .congestion_controller_factory(Arc::new(congestion))
+        .congestion_controller_factory(bounded_queue())
         .max_concurrent_bidi_streams(VarInt::from_u32(MAX_STREAMS))
         .max_concurrent_uni_streams(VarInt::from_u32(0))
         .datagram_receive_buffer_size(None);
