@@ -494,7 +494,8 @@ impl ClientSession {
 
     /// Tells the session what the selection wants, most urgent first, and what is no longer needed. The
     /// session asks for as much of it as keeps the link busy, tells the server of changed priorities and
-    /// cancels the rest. Gives the blobs newly asked for; call again as blobs arrive.
+    /// cancels the rest. What is under way and less urgent does not count: the server sends it later. Gives the blobs
+    /// newly asked for; call again as blobs arrive.
     pub fn set_wanted(&mut self, _now: Time, wanted: &[Wanted], cancel: &[BlobId]) -> Vec<BlobId> {
         if self.close.is_some() {
             return Vec::new();
@@ -508,7 +509,13 @@ impl ClientSession {
         let depth =
             self.estimate.depth_bytes(self.config.min_in_flight_bytes..=self.config.max_in_flight_bytes);
         let mut asked = Vec::new();
+        let mut in_flight = self.in_flight_by_urgency().into_iter().peekable();
+        // Bytes under way that the server sends before what is looked at.
+        let mut ahead = 0_u64;
         for &Wanted { id, priority, bytes, state, held, end, .. } in wanted {
+            while let Some((_, left)) = in_flight.next_if(|(told, _)| *told >= priority) {
+                ahead = ahead.saturating_add(left);
+            }
             if matches!(state, State::Cached | State::Applied | State::Failed) {
                 continue;
             }
@@ -521,7 +528,10 @@ impl ClientSession {
                 }
                 continue;
             }
-            if self.in_flight_bytes >= depth || bytes.is_some_and(|b| b > self.config.max_blob_bytes) {
+            if ahead >= depth
+                || self.in_flight_bytes >= self.config.max_in_flight_bytes
+                || bytes.is_some_and(|b| b > self.config.max_blob_bytes)
+            {
                 continue;
             }
             let pending = self.pending.entry(id).or_default();
@@ -531,11 +541,25 @@ impl ClientSession {
             if pending.received.is_empty() {
                 (pending.from, pending.to) = (held, end);
             }
-            self.in_flight_bytes = self.in_flight_bytes.saturating_add(pending.left());
+            let left = pending.left();
+            self.in_flight_bytes = self.in_flight_bytes.saturating_add(left);
+            ahead = ahead.saturating_add(left);
             self.wants.insert(id);
             asked.push(id);
         }
         asked
+    }
+
+    /// What is under way, most urgent first: the priority last told, and bytes. What the server sends unasked comes
+    /// before all that is asked for.
+    fn in_flight_by_urgency(&self) -> Vec<(Priority, u64)> {
+        let mut in_flight: Vec<(Priority, u64)> = self
+            .pending
+            .values()
+            .map(|pending| (pending.asked.unwrap_or(Priority::MAX), pending.left()))
+            .collect();
+        in_flight.sort_unstable_by_key(|&(priority, _)| std::cmp::Reverse(priority));
+        in_flight
     }
 
     /// Asks for scene pages ahead of their turn.

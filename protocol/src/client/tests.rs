@@ -61,6 +61,30 @@ fn requests_are_as_deep_as_bandwidth_times_round_trip() {
 }
 
 #[test]
+fn what_is_under_way_and_less_urgent_holds_nothing_back() {
+    let (mut client, _) = connected();
+    client.handle_message(Time::from_ms(50), ServerMessage::Pong(1));
+    let now = Time::from_ms(50);
+    let list = |asset, priority| -> Vec<_> {
+        (0..2000).map(|c| Wanted { priority, ..wanted(BlobId::chunk(asset, c), 1000) }).collect()
+    };
+    let middle = client.set_wanted(now, &list(0, 1 << 30), &[]).len();
+    assert!(middle > 100);
+    // As much again of what is more urgent, and nothing of what is less.
+    let all = [list(1, 1 << 31), list(0, 1 << 30), list(2, 1 << 29)].concat();
+    let asked = client.set_wanted(now, &all, &[]);
+    assert_eq!(asked.len(), middle);
+    assert!(asked.iter().all(|id| id.asset == 1));
+    // In all there is a bound.
+    let mut in_flight = 2 * middle;
+    for (asset, priority) in (3..).zip((1..1000).map(|step| (1 << 31) + step)) {
+        in_flight += client.set_wanted(now, &list(asset, priority), &[]).len();
+    }
+    let most = ClientConfig::default().max_in_flight_bytes as usize / 1000;
+    assert!((most..most + 2).contains(&in_flight), "{in_flight}");
+}
+
+#[test]
 fn changed_priorities_are_told_small_changes_are_not() {
     let (mut client, _) = connected();
     let id = BlobId::chunk(0, 5);
