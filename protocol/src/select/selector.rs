@@ -404,12 +404,14 @@ impl Selector {
         let pages = asset.entry().index_pages();
         if seen.visible && asset.state(BlobPart::Base) != State::Failed && seen.unknown_px > threshold {
             // On a surface, the error falls with the square root of the number of chunks. Asking for as
-            // many pages again as are known makes the number of round trips logarithmic.
+            // many pages again as are known makes the number of round trips logarithmic. That is done an octave
+            // beyond the threshold, less urgently: the error of what is unknown is a bound, which often stands just above
+            // the threshold up to the last page, and these would come one a round trip.
             let known = asset.known_pages();
             for page in known..pages.min(known.saturating_mul(2).saturating_add(2)) {
                 #[allow(clippy::cast_precision_loss)]
                 let expected_px = seen.unknown_px * ((known + 1) as f32 / (page + 1) as f32).sqrt();
-                if page > known && expected_px <= threshold {
+                if page > known && expected_px <= threshold / 2.0 {
                     break;
                 }
                 want(BlobPart::IndexPage(page), index_priority(expected_px));

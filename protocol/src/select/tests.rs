@@ -209,6 +209,34 @@ fn bases_come_first_then_pages_then_chunks_and_unknown_is_root_error() {
 }
 
 #[test]
+fn pages_behind_an_error_just_above_the_target_do_not_come_one_a_round_trip() {
+    let chunks = plane(6);
+    let mut asset = AssetState::new(plane_entry("plane", &chunks, 1000));
+    asset.set_state(BlobPart::Base, State::Applied);
+    for (page, infos) in (0..2).zip(chunks.chunks(CHUNKS_PER_PAGE)) {
+        asset.add_index_page(page, infos.to_vec()).unwrap();
+    }
+    let instances = [InstanceEntry::at(0, [0.0; 3])];
+    // As far as makes the error of what is unknown 1.05 px.
+    let (mut near, mut far) = (1.0, 1e6);
+    for _ in 0..200 {
+        let middle = (near + far) / 2.0;
+        let unknown = Projection::new(&above([0.0, 1.0, middle]));
+        let bounds = unknown.bounds(asset.entry(), &instances[0]);
+        let px = unknown.error_px(f64::from(asset.unknown_error()), bounds.depth);
+        if px > 1.05 { near = middle } else { far = middle }
+    }
+    let mut selector = Selector::default();
+    let wanted = &selector.select(&above([0.0, 1.0, near]), &instances, &[asset]).wanted;
+    let pages: Vec<_> = wanted.iter().filter(|w| matches!(w.id.part, BlobPart::IndexPage(_))).collect();
+    let ids: Vec<_> = pages.iter().map(|page| page.id).collect();
+    assert_eq!(ids, (2..6).map(|page| BlobId::index_page(0, page)).collect::<Vec<_>>());
+    // Only the first is certain to be needed: the others come after whatever is above the target.
+    let above_target = priority::index_priority(1.0);
+    assert!(pages[0].priority >= above_target && pages[1].priority < 1.0_f32.to_bits(), "{pages:?}");
+}
+
+#[test]
 fn pages_may_come_in_any_order_and_wrong_ones_are_refused() {
     let chunks = plane(5);
     let mut asset = AssetState::new(plane_entry("plane", &chunks, 1000));
