@@ -48,7 +48,10 @@ pub use headless::Headless;
 pub use instance::Instance;
 pub use material::Material;
 pub use renderer::Renderer;
-pub use scene::{AmbientOcclusion, Counters, Drawable, Environment, Frame, OcclusionRadius, Settings, Shade};
+pub use scene::{
+    AmbientOcclusion, Counters, Drawable, Environment, Frame, MAX_RELIEF_STEPS, MAX_SAMPLES, OcclusionRadius,
+    Settings, Shade,
+};
 pub use terrain::{MAX_DRAWN_HEIGHT, TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart};
 pub use texture::{TextureData, TextureKind, TextureShape};
 pub use texture_file::{TextureFileError, TexturePixels};

@@ -8,6 +8,11 @@ use super::graph::PassId;
 use super::instance::Instance;
 use super::terrain::TerrainFrame;
 
+/// Most samples of ambient occlusion per pixel.
+pub const MAX_SAMPLES: u32 = super::twin::ssao::MAX_SAMPLES as u32;
+/// Most linear steps of relief mapping.
+pub const MAX_RELIEF_STEPS: u32 = 1024;
+
 /// An asset and where it stands. Several instances make one draw call per material.
 #[derive(Clone, Copy, Debug)]
 pub struct Drawable<'a> {
@@ -65,11 +70,13 @@ pub struct AmbientOcclusion {
     pub radius: OcclusionRadius,
     /// 0 = none, 1 = as sampled; more makes up for occluders thinner than the samples' spacing.
     pub strength: f32,
+    /// Samples per pixel, 1 to [`MAX_SAMPLES`]; powers of two are spread best. Most of what occlusion costs goes with them.
+    pub samples: u32,
 }
 
 impl Default for AmbientOcclusion {
     fn default() -> Self {
-        Self { radius: OcclusionRadius::Depth(0.06), strength: 1.5 }
+        Self { radius: OcclusionRadius::Depth(0.06), strength: 1.5, samples: 16 }
     }
 }
 
@@ -95,6 +102,9 @@ pub struct Settings {
     pub occlusion: Option<AmbientOcclusion>,
     /// Relief mapping for materials with a height map.
     pub relief: bool,
+    /// Steps of relief mapping's linear search at grazing angles, 1 to [`MAX_RELIEF_STEPS`]: details thinner than a step
+    /// may be jumped over. Looking straight down a quarter as many are taken, and on the ground five twelfths.
+    pub relief_steps: u32,
     /// Factor on radiance before tone mapping.
     pub exposure: f32,
     /// Seconds that a new vertex takes to its position; 0 = at once.
@@ -108,6 +118,7 @@ impl Default for Settings {
             wireframe: false,
             occlusion: Some(AmbientOcclusion::default()),
             relief: true,
+            relief_steps: 48,
             exposure: 1.0,
             morph_s: 0.25,
         }

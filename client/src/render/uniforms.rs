@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
 
-use super::scene::{Frame, OcclusionRadius, Shade};
+use super::scene::{Frame, MAX_RELIEF_STEPS, MAX_SAMPLES, OcclusionRadius, Shade};
 use super::twin::ssao;
 
 /// Shader twin: `struct Frame` in `common.wgsl`; keep the two in step.
@@ -29,8 +29,10 @@ pub(crate) struct FrameUniform {
     occlusion_strength: f32,
     scale_px: f32,
     shade: u32,
-    padding: [u32; 3],
-    kernel: [[f32; 4]; ssao::SAMPLES],
+    occlusion_samples: u32,
+    relief_steps: f32,
+    padding: u32,
+    kernel: [[f32; 4]; ssao::MAX_SAMPLES],
 }
 
 impl FrameUniform {
@@ -45,7 +47,11 @@ impl FrameUniform {
             OcclusionRadius::World(r) => (r, 0.0),
             OcclusionRadius::Depth(f) => (0.0, f),
         };
-        let kernel = ssao::kernel().map(|[x, y, z]| [x as f32, y as f32, z as f32, 0.0]);
+        let samples = occlusion.samples.clamp(1, MAX_SAMPLES);
+        let mut kernel = [[0.0; 4]; ssao::MAX_SAMPLES];
+        for (slot, [x, y, z]) in kernel.iter_mut().zip(ssao::kernel(samples as usize)) {
+            *slot = [x as f32, y as f32, z as f32, 0.0];
+        }
         Self {
             clip_from_view: camera.clip_from_view(width, height).to_cols_array_2d(),
             view_from_world: camera.view_from_world().to_cols_array_2d(),
@@ -66,7 +72,9 @@ impl FrameUniform {
             occlusion_strength: occlusion.strength,
             scale_px: (f64::from(height) / (2.0 * ty)) as f32,
             shade: u32::from(frame.settings.shade == Shade::Level),
-            padding: [0; 3],
+            occlusion_samples: samples,
+            relief_steps: frame.settings.relief_steps.clamp(1, MAX_RELIEF_STEPS) as f32,
+            padding: 0,
             kernel,
         }
     }
@@ -78,8 +86,8 @@ mod tests {
 
     #[test]
     fn size_is_what_the_shader_declares() {
-        // Two matrices, six vectors, sixteen scalars, sixteen kernel vectors; WGSL's uniform layout
+        // Two matrices, six vectors, sixteen scalars, the kernel's vectors; WGSL's uniform layout
         // has no holes in that order.
-        assert_eq!(size_of::<FrameUniform>(), 2 * 64 + 6 * 16 + 16 * 4 + ssao::SAMPLES * 16);
+        assert_eq!(size_of::<FrameUniform>(), 2 * 64 + 6 * 16 + 16 * 4 + ssao::MAX_SAMPLES * 16);
     }
 }

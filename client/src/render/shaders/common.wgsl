@@ -22,10 +22,10 @@ struct Frame {
     occlusion_strength: f32,
     scale_px: f32, // pixels per world unit at depth 1
     shade: u32,
+    occlusion_samples: u32,
+    relief_steps: f32, // linear steps at grazing angles
     padding_0: u32,
-    padding_1: u32,
-    padding_2: u32,
-    kernel: array<vec4<f32>, 16>,
+    kernel: array<vec4<f32>, 64>, // as many as there are samples
 }
 
 @group(0) @binding(0) var<uniform> frame: Frame;

@@ -2,9 +2,8 @@
 // Linear then binary search (Policarpo, Oliveira, Comba, "Real-time relief mapping on arbitrary
 // polygonal surfaces", 2005). Twin: twin/relief.rs.
 
-// Linear steps looking straight down and at grazing angles; halvings after them.
-const RELIEF_MIN_STEPS: f32 = 12.0;
-const RELIEF_MAX_STEPS: f32 = 48.0;
+// Share of the linear steps at grazing angles that is taken looking straight down; halvings after them.
+const RELIEF_STEPS_DOWN: f32 = 0.25;
 const RELIEF_HALVINGS: i32 = 8;
 // Smallest cosine between ray and normal that is followed; nearer to grazing the offset would grow
 // without bound.
@@ -76,7 +75,7 @@ fn relief(
     // The ray reaches full depth after depth / cosine.
     let reach = depth / max(cosine, RELIEF_MIN_COSINE);
     let span = vec2(dot(grad_u, view), dot(grad_v, view)) * reach;
-    let steps = ceil(mix(RELIEF_MAX_STEPS, RELIEF_MIN_STEPS, cosine));
+    let steps = ceil(mix(frame.relief_steps, frame.relief_steps * RELIEF_STEPS_DOWN, cosine));
     hit.uv = uv + span * relief_trace(uv, span, lod, steps);
 
     // Surface n·depth·(height − 1): its normal from central differences over one texel of that lod.

@@ -1,4 +1,4 @@
-// Ambient occlusion in screen space: 16 samples in the hemisphere above the surface, rotated per
+// Ambient occlusion in screen space: samples in the hemisphere above the surface, rotated per
 // pixel in a 4x4 pattern (after Mittring, "Finding next gen: CryEngine 2", 2007, with the normal-
 // oriented hemisphere of Filion and McNaughton, "StarCraft II effects and techniques", 2008), then a
 // 4x4 blur that cancels the pattern. Twin: twin/ssao.rs.
@@ -79,7 +79,7 @@ fn fs_occlusion(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let turn = vec2(cos(angle), sin(angle));
 
     var occluded = 0.0;
-    for (var i = 0; i < 16; i++) {
+    for (var i = 0u; i < frame.occlusion_samples; i++) {
         let k = frame.kernel[i].xyz;
         let turned = vec3(k.x * turn.x - k.y * turn.y, k.x * turn.y + k.y * turn.x, k.z);
         let sample = centre + frame_of * turned * radius;
@@ -100,7 +100,7 @@ fn fs_occlusion(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
             occluded += smoothstep(0.0, 1.0, radius / max(abs(depth - depth_there), 1e-30));
         }
     }
-    let open = 1.0 - frame.occlusion_strength * occluded / 16.0;
+    let open = 1.0 - frame.occlusion_strength * occluded / f32(frame.occlusion_samples);
     return vec4(clamp(open, 0.0, 1.0));
 }
 

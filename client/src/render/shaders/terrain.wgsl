@@ -212,7 +212,8 @@ fn ground_relief(start: vec2<f32>, layer: i32, depth: f32, view: vec3<f32>, norm
     // Along the surface; its tilt is small where relief is near enough to be seen.
     let tangent = view - normal * dot(view, normal);
     let span = tangent.xz * (depth / cosine);
-    let steps = ceil(mix(20.0, 8.0, cosine));
+    // 20 and 8 of 48: its relief is shallow.
+    let steps = ceil(mix(frame.relief_steps * 5.0 / 12.0, frame.relief_steps / 6.0, cosine));
     var below = 1.0;
     for (var i = 1.0; i < steps; i += 1.0) {
         let t = i / steps;

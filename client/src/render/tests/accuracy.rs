@@ -45,31 +45,38 @@ fn occlusion_matches_its_twin() {
     ];
     let camera = Camera::look_at(DVec3::new(0.6, 1.3, 2.2), DVec3::new(0.0, 0.1, 0.0), DVec3::Y, 0.8);
     let mut frame = Frame::new(camera, &drawables);
-    frame.settings.occlusion = Some(AmbientOcclusion { radius: OcclusionRadius::World(0.3), strength: 1.0 });
-    h.frame(&frame).unwrap();
-    let depth = h.depth().unwrap();
-    let raw = h.intermediate(Resource::OcclusionRaw, 1).unwrap();
-    let (tx, ty) = camera.tan_half_fov(width, height);
-    let twin = ssao::DepthPicture {
-        stored: &depth,
-        size_px: [width, height],
-        tan_half_fov: [tx, ty],
-        near: camera.near,
-        radius: (0.3, 0.0),
-    };
-    let (mut sum, mut different, mut darkest) = (0.0, 0, 1.0f64);
-    for (i, value) in raw.iter().enumerate() {
-        let pixel = [(i % width as usize) as i64, (i / width as usize) as i64];
-        let want = twin.openness(pixel, 1.0);
-        let difference = (f64::from(*value) / 255.0 - want).abs();
-        sum += difference;
-        // Samples that land on a pixel's border or a threshold may go either way in f32.
-        different += usize::from(difference > 0.01);
-        darkest = darkest.min(want);
+    for samples in [16, 8] {
+        let radius = OcclusionRadius::World(0.3);
+        frame.settings.occlusion = Some(AmbientOcclusion { radius, strength: 1.0, samples });
+        h.frame(&frame).unwrap();
+        let depth = h.depth().unwrap();
+        let raw = h.intermediate(Resource::OcclusionRaw, 1).unwrap();
+        let (tx, ty) = camera.tan_half_fov(width, height);
+        let twin = ssao::DepthPicture {
+            stored: &depth,
+            size_px: [width, height],
+            tan_half_fov: [tx, ty],
+            near: camera.near,
+            radius: (0.3, 0.0),
+            samples: samples as usize,
+        };
+        let (mut sum, mut different, mut darkest) = (0.0, 0, 1.0f64);
+        for (i, value) in raw.iter().enumerate() {
+            let pixel = [(i % width as usize) as i64, (i / width as usize) as i64];
+            let want = twin.openness(pixel, 1.0);
+            let difference = (f64::from(*value) / 255.0 - want).abs();
+            sum += difference;
+            // Samples that land on a pixel's border or a threshold may go either way in f32.
+            different += usize::from(difference > 0.01);
+            darkest = darkest.min(want);
+        }
+        let mean = sum / raw.len() as f64;
+        assert!(darkest < 0.6, "the scene has no corner: {darkest}");
+        assert!(
+            mean < 0.004 && different * 50 < raw.len(),
+            "{samples}: mean {mean}, {different} pixels differ"
+        );
     }
-    let mean = sum / raw.len() as f64;
-    assert!(darkest < 0.6, "the scene has no corner: {darkest}");
-    assert!(mean < 0.004 && different * 50 < raw.len(), "mean {mean}, {different} pixels differ");
 }
 
 #[test]
@@ -122,7 +129,7 @@ fn relief_matches_its_twin_and_the_exact_hit() {
         let reach = f64::from(relief_depth) / cosine;
         let (start, span) = ([p.x, 1.0 - p.y], [ray.x * reach, -ray.y * reach]);
         let uv = |s: f64| [0, 1].map(|a| start[a] + span[a] * s);
-        let traced = uv(map.trace(start, span, steps(cosine)));
+        let traced = uv(map.trace(start, span, steps(frame.settings.relief_steps, cosine)));
         let exact = uv(map.intersect(start, span));
         // Texel centre k holds the value k: undo the half texel.
         let got = [0, 1].map(|c| {

@@ -3,10 +3,11 @@
 /// Halvings after the linear search, as in the shader.
 pub const HALVINGS: u32 = 8;
 
-/// Linear steps for a cosine between ray and normal, as in the shader.
+/// Linear steps for a cosine between ray and normal, of `most` at grazing angles, as in the shader.
 #[must_use]
-pub fn steps(cosine: f64) -> u32 {
-    (48.0 + (12.0 - 48.0) * cosine.clamp(0.0, 1.0)).ceil() as u32
+pub fn steps(most: u32, cosine: f64) -> u32 {
+    let most = f64::from(most);
+    (most + (0.25 * most - most) * cosine.clamp(0.0, 1.0)).ceil() as u32
 }
 
 /// A height map that repeats, sampled bilinearly with texel centres at (i + ½) / size.
@@ -175,9 +176,9 @@ pub(crate) mod tests {
                 let angle = f(0.732) * std::f64::consts::TAU;
                 let (start, span) = ([f(0.618), f(0.414)], [reach * angle.cos(), reach * angle.sin()]);
                 let exact = map.intersect(start, span);
-                let traced = map.trace(start, span, steps(cosine));
+                let traced = map.trace(start, span, steps(48, cosine));
                 // A linear step can jump over a crest (it then hits later), never stop early.
-                assert!(traced > exact - 1.0 / f64::from(steps(cosine)) / 256.0 - 1e-9);
+                assert!(traced > exact - 1.0 / f64::from(steps(48, cosine)) / 256.0 - 1e-9);
                 wrong += usize::from(traced - exact > 0.01);
                 n += 1;
             }

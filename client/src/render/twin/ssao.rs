@@ -2,8 +2,8 @@
 
 use super::depth::{view_depth, view_ray};
 
-/// Samples per pixel.
-pub const SAMPLES: usize = 16;
+/// Most samples per pixel.
+pub const MAX_SAMPLES: usize = 64;
 /// As in the shader: height above the tangent plane, as a fraction of the radius, from which on a
 /// neighbour occludes.
 const MIN_ELEVATION: f64 = 0.03;
@@ -13,17 +13,16 @@ const MAX_RADIUS_PX: f64 = 256.0;
 /// Sample offsets in the unit hemisphere about +z: directions cosine-weighted (so that the mean is
 /// the occlusion integral itself), on a golden-angle spiral; lengths evenly
 /// from a tenth of the radius on.
-#[must_use]
-pub fn kernel() -> [[f64; 3]; SAMPLES] {
+pub fn kernel(samples: usize) -> impl ExactSizeIterator<Item = [f64; 3]> {
     // π (3 − √5).
     const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
-    std::array::from_fn(|i| {
-        let u = (i as f64 + 0.5) / SAMPLES as f64;
+    (0..samples).map(move |i| {
+        let u = (i as f64 + 0.5) / samples as f64;
         let (radial, height) = (u.sqrt(), (1.0 - u).sqrt());
         let (sin, cos) = (GOLDEN_ANGLE * i as f64).sin_cos();
-        // Lengths in another order than directions: 7 is coprime to 16.
-        let t = ((i * 7) % SAMPLES) as f64 / SAMPLES as f64;
-        let length = 0.1 + 0.9 * (t + 0.5 / SAMPLES as f64);
+        // Lengths in another order than directions: 7 is coprime to powers of two.
+        let t = ((i * 7) % samples) as f64 / samples as f64;
+        let length = 0.1 + 0.9 * (t + 0.5 / samples as f64);
         [radial * cos * length, radial * sin * length, height * length]
     })
 }
@@ -41,6 +40,8 @@ pub struct DepthPicture<'a> {
     pub near: f64,
     /// Radius in world units, and per unit of depth; added.
     pub radius: (f64, f64),
+    /// Samples per pixel.
+    pub samples: usize,
 }
 
 type V3 = [f64; 3];
@@ -119,10 +120,9 @@ impl DepthPicture<'_> {
         let centre = self.position_at(pixel);
         let normal = self.normal_at(pixel, centre);
         let [tangent, bitangent] = basis(normal);
-        let (sin, cos) =
-            (f64::from(rotation_index(pixel)) * std::f64::consts::TAU / SAMPLES as f64).sin_cos();
+        let (sin, cos) = (f64::from(rotation_index(pixel)) * std::f64::consts::TAU / 16.0).sin_cos();
         let mut occluded = 0.0;
-        for [x, y, z] in kernel() {
+        for [x, y, z] in kernel(self.samples) {
             let (x, y) = (x * cos - y * sin, x * sin + y * cos);
             let s: V3 =
                 [0, 1, 2].map(|i| centre[i] + radius * (tangent[i] * x + bitangent[i] * y + normal[i] * z));
@@ -142,7 +142,7 @@ impl DepthPicture<'_> {
                 occluded += t * t * (3.0 - 2.0 * t);
             }
         }
-        (1.0 - strength * occluded / SAMPLES as f64).clamp(0.0, 1.0)
+        (1.0 - strength * occluded / self.samples as f64).clamp(0.0, 1.0)
     }
 }
 
@@ -152,12 +152,15 @@ mod tests {
 
     #[test]
     fn kernel_is_a_cosine_weighted_hemisphere() {
-        let k = kernel();
-        let mean = |axis: usize| k.iter().map(|v| v[axis] / dot(*v, *v).sqrt()).sum::<f64>() / SAMPLES as f64;
-        // The mean of cos θ under a cosine-weighted distribution is 2/3.
-        assert!((mean(2) - 2.0 / 3.0).abs() < 0.02, "{}", mean(2));
-        assert!(mean(0).abs() < 0.1 && mean(1).abs() < 0.1);
-        assert!(k.iter().all(|v| v[2] > 0.0 && dot(*v, *v) <= 1.0));
+        for samples in [8, 16, 32, MAX_SAMPLES] {
+            let k: Vec<V3> = kernel(samples).collect();
+            let mean =
+                |axis: usize| k.iter().map(|v| v[axis] / dot(*v, *v).sqrt()).sum::<f64>() / samples as f64;
+            // The mean of cos θ under a cosine-weighted distribution is 2/3.
+            assert!((mean(2) - 2.0 / 3.0).abs() < 0.02, "{samples}: {}", mean(2));
+            assert!(mean(0).abs() < 0.1 && mean(1).abs() < 0.1, "{samples}: {} {}", mean(0), mean(1));
+            assert!(k.iter().all(|v| v[2] > 0.0 && dot(*v, *v) <= 1.0));
+        }
     }
 
     #[test]
@@ -186,6 +189,7 @@ mod tests {
             tan_half_fov: [0.5; 2],
             near: 0.01,
             radius: (0.5, 0.0),
+            samples: 16,
         };
         // A 4×4 window in the middle: every rotation once, as after the blur.
         let middle = i64::from(size / 2);
