@@ -33,7 +33,8 @@ pub(crate) struct FrameTimeCommand {
     json: bool,
 }
 
-fn target_px(text: &str) -> Result<f32, String> {
+/// A screen error on the command line.
+pub(crate) fn target_px(text: &str) -> Result<f32, String> {
     match text.parse::<f32>() {
         Ok(px) if (0.01..=1000.0).contains(&px) => Ok(px),
         _ => Err("a screen error from 0.01 to 1000 pixels is needed".to_owned()),

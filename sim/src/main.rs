@@ -2,6 +2,7 @@
 //!
 //! Exit codes: 0 done, 1 figures differ from those committed, 2 bad input (one line says what, where and what to do).
 
+mod draw_trade_command;
 mod frame_time_command;
 mod goodput_command;
 mod load_command;
@@ -141,6 +142,9 @@ enum Command {
     /// Settles a plan's case at several targets of screen error, in virtual time, and times frames of each, in real time
     /// on the machine's graphics adapter.
     FrameTime(frame_time_command::FrameTimeCommand),
+    /// Settles a plan's case in virtual time and draws it with several values of a setting of the renderer, in real time
+    /// on the machine's graphics adapter: time of a frame, and how far the picture is from that with the last value.
+    DrawTrade(draw_trade_command::DrawTradeCommand),
     /// Streams scenes over simulated links in virtual time.
     Run {
         /// The plan (TOML).
@@ -261,6 +265,7 @@ fn main() -> ExitCode {
         Command::Goodput(command) => command.run(),
         Command::Load(command) => command.run(),
         Command::FrameTime(command) => command.run(),
+        Command::DrawTrade(command) => command.run(),
         Command::Run { plan, seed, set, output, threads, cache, models, peers, draco_encoder, quiet } => {
             let beside = Beside { models, peers, draco_encoder };
             run_plan((&plan, &set), seed, &output, threads, cache, &beside, quiet)

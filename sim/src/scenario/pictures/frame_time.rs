@@ -1,30 +1,18 @@
 //! How long a frame of the settled scene takes, against the screen error that it was refined to.
-//!
-//! A run for each target settles in virtual time. Then the shipped renderer draws each one's settled view in turn, in real
-//! time, on whatever adapter there is: what else the machine does meanwhile falls on all of them, so that ratios hold
-//! where times do not. A frame is what a viewer does for one: choosing the ground's tiles, recording, drawing, and
-//! waiting until it is done. Nothing is read back.
 
 use std::fmt;
 use std::sync::Arc;
 
-use anyhow::Context as _;
-use lodestream_client::render::{Counters, Gpu};
+use lodestream_client::render::{Counters, Gpu, Settings};
 use lodestream_protocol::source::SceneSource;
-use lodestream_protocol::view::View;
 use serde::Serialize;
 
-use super::painter::{Painter, Studio};
-use crate::baseline::Technique;
-use crate::scenario::plan::{ClientSettings, PictureSettings, Plan};
-use crate::scenario::report::RunResult;
-use crate::scenario::run::{certificate, run_drawn};
-use crate::stopwatch::{Spread, median, paired_ratio, rounded, timed};
+use super::painter::Studio;
+pub use super::settled::MAX_FRAMES;
+use super::settled::{Settled, by_turns, settle};
+use crate::scenario::plan::{ClientSettings, Plan};
+use crate::stopwatch::{Spread, median, paired_ratio, rounded};
 
-/// Most frames of each target.
-pub const MAX_FRAMES: u32 = 10_000;
-/// Frames of each that are drawn before: they make the ground's tiles and fill caches.
-const WARM_UP: u32 = 2;
 /// The target with which others are compared.
 const REFERENCE_PX: f32 = 1.0;
 
@@ -73,63 +61,34 @@ pub fn frame_times(
     targets_px: &[f32],
     frames: u32,
 ) -> anyhow::Result<Vec<FrameTime>> {
-    let [case] = &plan.cases[..] else {
-        anyhow::bail!("the plan has {} cases: choose one, as with --set sweep.seeds=1", plan.cases.len());
-    };
-    anyhow::ensure!(case.technique == Technique::Lodestream, "frames of {} are not drawn", case.technique);
-    let seed = case.seeds.first().copied().unwrap_or(1);
-    let certificate = certificate()?;
     let adapter = gpu.describe();
     let studio = Studio::new(gpu);
-    let settings = PictureSettings { at_s: Vec::new(), size_px: plan.viewport_px };
-    let mut settled: Vec<Settled<'_>> = Vec::with_capacity(targets_px.len());
-    for &target_px in targets_px {
-        let client = ClientSettings { target_px, ..plan.client };
-        let plan = Plan { client, ..plan.clone() };
-        let painter = Painter::new(&studio, &settings)?;
-        let (run, painter) = run_drawn(&plan, case, scene, &certificate, seed, Some(painter))?;
-        let mut painter = painter.context("the painter has left")?;
-        painter.check()?;
-        let view = painter.settled_view();
-        let view = view.with_context(|| format!("{target_px} px: no settled picture: {}", run.ended))?;
-        settled.push(Settled { run, painter, view, counters: Counters::default(), seconds: Vec::new() });
-    }
-    for number in 0..WARM_UP + frames.max(1) {
-        for one in &mut settled {
-            let (counters, seconds) = timed(|| one.painter.frame(&one.view));
-            one.counters = counters?;
-            if number >= WARM_UP {
-                one.seconds.push(seconds);
-            }
-        }
-    }
-    let reference = targets_px.iter().position(|&px| px == REFERENCE_PX);
-    let reference = reference.map(|number| settled[number].seconds.clone());
-    let frame_time = |(&target_px, one): (&f32, Settled<'_>)| FrameTime {
-        target_px,
+    let clients = targets_px.iter().map(|&target_px| ClientSettings { target_px, ..plan.client });
+    let mut settled = settle(plan, scene, &studio, clients)?;
+    let mut counters = vec![Counters::default(); settled.len()];
+    let seconds = by_turns(settled.len(), frames, |number| {
+        let one = &mut settled[number];
+        counters[number] = one.painter.frame(&one.view, Settings::default())?;
+        anyhow::Ok(())
+    })?;
+    let reference = targets_px.iter().position(|&px| px == REFERENCE_PX).map(|number| &seconds[number]);
+    let frame_time = |number: usize, one: &Settled<'_>, counters: &Counters| FrameTime {
+        target_px: targets_px[number],
         size_px: plan.viewport_px,
         adapter: adapter.clone(),
         total_bytes: one.run.total_bytes,
-        mesh_triangles: one.counters.triangles - one.counters.terrain_triangles,
-        ground_triangles: one.counters.terrain_triangles,
-        ground_tiles: one.counters.terrain_tiles,
+        mesh_triangles: counters.triangles - counters.terrain_triangles,
+        ground_triangles: counters.terrain_triangles,
+        ground_tiles: counters.terrain_tiles,
         ground_px: one.painter.ground_px().map(|px| rounded(px, 3)),
-        draws: one.counters.draws,
+        draws: counters.draws,
         frames: frames.max(1),
-        over_one_px: reference.as_ref().map(|reference| rounded(paired_ratio(&one.seconds, reference), 3)),
-        spread: Spread::of(&one.seconds),
-        median_ms: rounded(median(one.seconds) * 1e3, 4),
+        over_one_px: reference.map(|reference| rounded(paired_ratio(&seconds[number], reference), 3)),
+        spread: Spread::of(&seconds[number]),
+        median_ms: rounded(median(seconds[number].clone()) * 1e3, 4),
     };
-    Ok(targets_px.iter().zip(settled).map(frame_time).collect())
-}
-
-/// A run that has settled, and its frames.
-struct Settled<'a> {
-    run: RunResult,
-    painter: Painter<'a>,
-    view: View,
-    counters: Counters,
-    seconds: Vec<f64>,
+    let each = settled.iter().zip(&counters).enumerate();
+    Ok(each.map(|(number, (one, counters))| frame_time(number, one, counters)).collect())
 }
 
 /// A line for people.

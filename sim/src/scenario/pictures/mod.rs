@@ -9,8 +9,10 @@
 //! that moved, a run that did not settle) it is the settled picture of another viewer whose camera stands still at that
 //! pose, over a link of 10 Gbit/s: what the same selection wants there, and all of it.
 
+pub mod draw_trade;
 pub mod frame_time;
 mod painter;
+mod settled;
 #[cfg(test)]
 mod tests;
 

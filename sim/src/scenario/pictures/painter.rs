@@ -135,9 +135,17 @@ impl<'a> Painter<'a> {
     ///
     /// # Errors
     /// What the graphics device refuses.
-    pub(super) fn frame(&mut self, view: &View) -> Result<Counters, RenderError> {
+    pub(super) fn frame(&mut self, view: &View, settings: Settings) -> Result<Counters, RenderError> {
         let Self { studio, headless, scene, .. } = self;
-        studio.alone(|_| frame(headless, scene, view))
+        studio.alone(|_| frame(headless, scene, view, settings))
+    }
+
+    /// The last frame's picture.
+    ///
+    /// # Errors
+    /// What the graphics device refuses.
+    pub(super) fn picture(&self) -> Result<RgbaImage, RenderError> {
+        self.studio.alone(|_| self.headless.picture())
     }
 
     /// Screen error of the last frame's ground; `None` without one.
@@ -182,11 +190,16 @@ fn upload(
 }
 
 fn draw(headless: &mut Headless, scene: &mut SceneView, view: &View) -> Result<RgbaImage, RenderError> {
-    frame(headless, scene, view)?;
+    frame(headless, scene, view, Settings::default())?;
     headless.picture()
 }
 
-fn frame(headless: &mut Headless, scene: &mut SceneView, view: &View) -> Result<Counters, RenderError> {
+fn frame(
+    headless: &mut Headless,
+    scene: &mut SceneView,
+    view: &View,
+    settings: Settings,
+) -> Result<Counters, RenderError> {
     let camera = Camera {
         eye: DVec3::from(view.eye),
         rotation: DQuat::normalize(view.orientation().as_dquat()),
@@ -194,5 +207,5 @@ fn frame(headless: &mut Headless, scene: &mut SceneView, view: &View) -> Result<
         ..Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 1.0)
     };
     scene.prepare_ground(headless.gpu(), &camera, headless.size(), view.target_px)?;
-    scene.with_frame(camera, Settings::default(), AFTER_ALL_MORPHS_S, |frame| headless.frame(frame))
+    scene.with_frame(camera, settings, AFTER_ALL_MORPHS_S, |frame| headless.frame(frame))
 }

@@ -1,0 +1,129 @@
+//! `lodestream-sim draw-trade`: its arguments, and a line for each value.
+
+use std::path::PathBuf;
+
+use anyhow::Context as _;
+use clap::Args;
+use lodestream_client::render::{Gpu, MAX_RELIEF_STEPS, MAX_SAMPLES};
+use lodestream_sim::scenario::pictures::draw_trade::{Knob, draw_trade};
+use lodestream_sim::scenario::pictures::frame_time::MAX_FRAMES;
+use lodestream_sim::scenario::{plan, scene};
+
+use crate::frame_time_command::target_px;
+
+/// Most values of a run: those of the ground keep a scene each on the graphics device.
+const MAX_VALUES: usize = 16;
+
+/// The plan must come to one case; it runs with its first seed.
+#[derive(Debug, Args)]
+pub(crate) struct DrawTradeCommand {
+    /// The plan (TOML).
+    plan: PathBuf,
+    /// Another value for a key of the plan, as "sweep.rate_bits_per_s=16000000"; may be given more than once.
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    #[command(flatten)]
+    knob: KnobArguments,
+    /// Frames with each value that are timed, after two that are not.
+    #[arg(long, default_value_t = 15, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_FRAMES)))]
+    frames: u32,
+    /// Folder of prepared packs [default: $XDG_CACHE_HOME/lodestream or ~/.cache/lodestream].
+    #[arg(long, env = "LODESTREAM_CACHE", value_name = "DIR")]
+    cache: Option<PathBuf>,
+    /// Prints JSON instead of text.
+    #[arg(long)]
+    json: bool,
+}
+
+/// One of them; the last value is the best, with which others are compared.
+#[derive(Debug, Args)]
+#[group(required = true, multiple = false)]
+struct KnobArguments {
+    /// Linear steps of relief mapping at grazing angles, divided by commas; 0 draws none.
+    #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_RELIEF_STEPS)))]
+    relief_steps: Option<Vec<u32>>,
+    /// Samples of ambient occlusion per pixel, divided by commas; 0 draws none.
+    #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_SAMPLES)))]
+    occlusion_samples: Option<Vec<u32>>,
+    /// Screen errors of the ground, in pixels, divided by commas.
+    #[arg(long, value_delimiter = ',', value_parser = target_px)]
+    ground_px: Option<Vec<f32>>,
+}
+
+impl KnobArguments {
+    fn knob(&self) -> anyhow::Result<Knob> {
+        let (knob, count) = match self {
+            Self { relief_steps: Some(steps), .. } => (Knob::ReliefSteps(steps.clone()), steps.len()),
+            Self { occlusion_samples: Some(samples), .. } => {
+                (Knob::OcclusionSamples(samples.clone()), samples.len())
+            }
+            Self { ground_px: Some(px), .. } => (Knob::GroundPx(px.clone()), px.len()),
+            _ => anyhow::bail!("name --relief-steps, --occlusion-samples or --ground-px"),
+        };
+        anyhow::ensure!(count <= MAX_VALUES, "{count} values are given; {MAX_VALUES} are the most");
+        Ok(knob)
+    }
+}
+
+impl DrawTradeCommand {
+    pub(crate) fn run(&self) -> anyhow::Result<()> {
+        let knob = self.knob.knob()?;
+        let plan = plan::read_with(&self.plan, &self.set)?;
+        // Before anything is prepared: without an adapter it would be for nothing.
+        let gpu = Gpu::headless().context("frames are to be drawn")?;
+        let cache = self.cache.clone().or_else(lodestream_server::prepare::cache::default_folder);
+        let cache = cache.context("no cache folder is known; name one with --cache DIR")?;
+        let one = plan.scenes.first().context("the plan has no scene")?;
+        let scene = scene::open(&one.choice, plan.codec, &cache, true)?;
+        let times = draw_trade(&plan, &scene, gpu, &knob, self.frames)
+            .with_context(|| self.plan.display().to_string())?;
+        if self.json {
+            println!("{}", serde_json::to_string(&times)?);
+        } else {
+            times.iter().for_each(|time| println!("{time}"));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Debug, Parser)]
+    struct Line {
+        #[command(flatten)]
+        command: DrawTradeCommand,
+    }
+
+    fn knob(arguments: &[&str]) -> Result<Knob, String> {
+        let words = ["draw-trade", "plan.toml"].iter().chain(arguments);
+        let line = Line::try_parse_from(words).map_err(|why| why.to_string())?;
+        line.command.knob.knob().map_err(|why| why.to_string())
+    }
+
+    #[test]
+    fn one_knob_is_turned() {
+        assert_eq!(knob(&["--relief-steps", "0,48,192"]), Ok(Knob::ReliefSteps(vec![0, 48, 192])));
+        assert_eq!(knob(&["--occlusion-samples", "0,64"]), Ok(Knob::OcclusionSamples(vec![0, 64])));
+        assert_eq!(knob(&["--ground-px", "8,0.5"]), Ok(Knob::GroundPx(vec![8.0, 0.5])));
+    }
+
+    #[test]
+    fn other_numbers_of_knobs_and_values_out_of_range_are_refused() {
+        let cases: [&[&str]; 7] = [
+            &[],
+            &["--relief-steps", "1", "--ground-px", "1"],
+            &["--relief-steps", "1025"],
+            &["--relief-steps", ""],
+            &["--occlusion-samples", "65"],
+            &["--ground-px", "0"],
+            &["--ground-px", "1,1,1,1,1,1,1,1,1,1,1,1,1,1,1,1,1"],
+        ];
+        for case in cases {
+            assert!(knob(case).is_err(), "{case:?}");
+        }
+    }
+}
