@@ -1,14 +1,11 @@
 //! `lodestream-sim draw-trade`: its arguments, and a line for each value.
 
-use std::path::PathBuf;
-
-use anyhow::Context as _;
 use clap::Args;
-use lodestream_client::render::{Gpu, MAX_RELIEF_STEPS, MAX_SAMPLES};
+use lodestream_client::render::{MAX_RELIEF_STEPS, MAX_SAMPLES};
 use lodestream_sim::scenario::pictures::draw_trade::{Knob, draw_trade};
 use lodestream_sim::scenario::pictures::frame_time::MAX_FRAMES;
-use lodestream_sim::scenario::{plan, scene};
 
+use crate::drawn_case::DrawnCase;
 use crate::frame_time_command::target_px;
 
 /// Most values of a run: those of the ground keep a scene each on the graphics device.
@@ -17,22 +14,13 @@ const MAX_VALUES: usize = 16;
 /// The plan must come to one case; it runs with its first seed.
 #[derive(Debug, Args)]
 pub(crate) struct DrawTradeCommand {
-    /// The plan (TOML).
-    plan: PathBuf,
-    /// Another value for a key of the plan, as "sweep.rate_bits_per_s=16000000"; may be given more than once.
-    #[arg(long, value_name = "KEY=VALUE")]
-    set: Vec<String>,
+    #[command(flatten)]
+    case: DrawnCase,
     #[command(flatten)]
     knob: KnobArguments,
     /// Frames with each value that are timed, after two that are not.
     #[arg(long, default_value_t = 15, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_FRAMES)))]
     frames: u32,
-    /// Folder of prepared packs [default: $XDG_CACHE_HOME/lodestream or ~/.cache/lodestream].
-    #[arg(long, env = "LODESTREAM_CACHE", value_name = "DIR")]
-    cache: Option<PathBuf>,
-    /// Prints JSON instead of text.
-    #[arg(long)]
-    json: bool,
 }
 
 /// One of them; the last value is the best, with which others are compared.
@@ -68,21 +56,7 @@ impl KnobArguments {
 impl DrawTradeCommand {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
         let knob = self.knob.knob()?;
-        let plan = plan::read_with(&self.plan, &self.set)?;
-        // Before anything is prepared: without an adapter it would be for nothing.
-        let gpu = Gpu::headless().context("frames are to be drawn")?;
-        let cache = self.cache.clone().or_else(lodestream_server::prepare::cache::default_folder);
-        let cache = cache.context("no cache folder is known; name one with --cache DIR")?;
-        let one = plan.scenes.first().context("the plan has no scene")?;
-        let scene = scene::open(&one.choice, plan.codec, &cache, true)?;
-        let times = draw_trade(&plan, &scene, gpu, &knob, self.frames)
-            .with_context(|| self.plan.display().to_string())?;
-        if self.json {
-            println!("{}", serde_json::to_string(&times)?);
-        } else {
-            times.iter().for_each(|time| println!("{time}"));
-        }
-        Ok(())
+        self.case.run(|plan, scene, gpu| draw_trade(plan, scene, gpu, &knob, self.frames))
     }
 }
 

@@ -3,6 +3,7 @@
 //! Exit codes: 0 done, 1 figures differ from those committed, 2 bad input (one line says what, where and what to do).
 
 mod draw_trade_command;
+mod drawn_case;
 mod frame_time_command;
 mod goodput_command;
 mod load_command;

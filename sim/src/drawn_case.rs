@@ -1,0 +1,52 @@
+//! What the commands that draw a plan's settled case have in common: its arguments, and how results are printed.
+
+use std::fmt::Display;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use anyhow::Context as _;
+use clap::Args;
+use lodestream_client::render::Gpu;
+use lodestream_protocol::source::SceneSource;
+use lodestream_sim::scenario::plan::Plan;
+use lodestream_sim::scenario::{plan, scene};
+use serde::Serialize;
+
+// No doc comment: it would take the place of the command's own in --help.
+#[derive(Debug, Args)]
+pub(crate) struct DrawnCase {
+    /// The plan (TOML).
+    plan: PathBuf,
+    /// Another value for a key of the plan, as "sweep.rate_bits_per_s=16000000"; may be given more than once.
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Folder of prepared packs [default: $XDG_CACHE_HOME/lodestream or ~/.cache/lodestream].
+    #[arg(long, env = "LODESTREAM_CACHE", value_name = "DIR")]
+    cache: Option<PathBuf>,
+    /// Prints JSON instead of text.
+    #[arg(long)]
+    json: bool,
+}
+
+impl DrawnCase {
+    /// Opens what the plan names, hands it to `draw`, and prints what comes of it.
+    pub(crate) fn run<T: Display + Serialize>(
+        &self,
+        draw: impl FnOnce(&Plan, &Arc<dyn SceneSource>, Gpu) -> anyhow::Result<Vec<T>>,
+    ) -> anyhow::Result<()> {
+        let plan = plan::read_with(&self.plan, &self.set)?;
+        // Before anything is prepared: without an adapter it would be for nothing.
+        let gpu = Gpu::headless().context("frames are to be drawn")?;
+        let cache = self.cache.clone().or_else(lodestream_server::prepare::cache::default_folder);
+        let cache = cache.context("no cache folder is known; name one with --cache DIR")?;
+        let one = plan.scenes.first().context("the plan has no scene")?;
+        let scene = scene::open(&one.choice, plan.codec, &cache, true)?;
+        let results = draw(&plan, &scene, gpu).with_context(|| self.plan.display().to_string())?;
+        if self.json {
+            println!("{}", serde_json::to_string(&results)?);
+        } else {
+            results.iter().for_each(|result| println!("{result}"));
+        }
+        Ok(())
+    }
+}
