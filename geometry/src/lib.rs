@@ -3,35 +3,31 @@
 //! The crate is pure: it opens no file and no socket, reads no clock, spawns no thread unless handed
 //! a [`pool::Pool`], and links no C.
 
-pub mod base;
-mod ceiling;
-pub mod check;
-pub mod closed_set;
-mod codec;
-mod context;
-pub mod distance;
+// Ground.
+pub mod entropy;
 pub mod error;
-pub mod index;
 pub mod mesh;
-pub mod normals;
-pub mod octahedral;
-pub mod pack;
-mod plain_coder;
 pub mod pool;
-pub mod prepare;
-pub mod quantise;
 pub mod random;
-mod range_coder;
-pub mod refine;
-pub mod screen;
+
+// From a mesh to a pack.
+pub mod quantise;
+
+mod collapse;
 mod simplify;
-mod slot_map;
-mod stars;
-pub mod steps;
-mod symbols;
+
+mod codec;
+
+pub mod prepare;
+
+mod asset;
+
+// From a pack back to a mesh.
+pub mod refine;
+
+pub mod check;
+
 pub mod terrain;
-pub mod training;
-mod vec3;
 
 #[cfg(test)]
 extern crate self as lodestream_geometry;
@@ -39,6 +35,18 @@ extern crate self as lodestream_geometry;
 #[path = "../tests/suite/common/mod.rs"]
 mod common;
 
-pub use codec::Codec;
+pub use asset::{base, pack, screen};
+pub use check::closed_set;
+pub use entropy::{Codec, steps};
 pub use error::{DecodeError, MeshError};
-pub use simplify::{Metric, Settings};
+pub use mesh::{distance, normals, octahedral};
+pub use prepare::training;
+pub use simplify::settings::{Metric, Settings};
+
+/// The chunk index: what a client must know of a chunk before it asks for it.
+pub mod index {
+    pub use crate::asset::index::{
+        CHUNKS_PER_PAGE, ChunkInfo, MAX_PARENTS, MAX_STOPS, Sphere, Stop, page_count,
+    };
+    pub use crate::codec::index_page::{decode_page, encode_page};
+}

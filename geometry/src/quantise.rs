@@ -3,8 +3,8 @@
 use std::collections::HashMap;
 
 use crate::error::MeshError;
+use crate::mesh::normals;
 use crate::mesh::{Attributes, Face, Grid, NO_COLOR, NONE, QuantisedMesh, SourceMesh, UvGrid, Wedge};
-use crate::normals;
 
 /// Default bits per axis of the position grid: 1/16384 of the longest side, a tenth of a pixel for an
 /// object that fills a 1600-pixel screen.

@@ -5,20 +5,11 @@ use crate::codec::model::{
     SIZE_RECENT_CONTEXTS, UV_OTHER, UV_RECENT, UV_REST, UV_SIGN,
 };
 use crate::codec::residual::{Recent, Residual, UNKNOWN};
+use crate::entropy::range_coder::Coder;
+use crate::entropy::symbols::{INTEGER_CONTEXTS, integer, signed};
 use crate::error::DecodeError;
-use crate::mesh::{Attributes, NO_COLOR, NORMAL_BITS};
-use crate::octahedral;
-use crate::range_coder::Coder;
-use crate::symbols::{INTEGER_CONTEXTS, integer, signed};
-
-/// Which attributes an asset has.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Kinds {
-    /// Bits per axis of texture coordinates, 0 for none.
-    pub(crate) uv_bits: u8,
-    pub(crate) colors: bool,
-    pub(crate) normals: bool,
-}
+use crate::mesh::octahedral;
+use crate::mesh::{Attributes, Kinds, NO_COLOR, NORMAL_BITS};
 
 /// What is expected of a new wedge.
 #[derive(Clone, Copy, Debug)]

@@ -1,55 +1,31 @@
 //! A chunk: births, the region's seeds and interior, then splits, breadth first.
 //!
-//! One function walks through the chunk for both directions ([`crate::range_coder::Coder`]), so what
+//! One function walks through the chunk for both directions ([`crate::entropy::range_coder::Coder`]), so what
 //! an encoder says and what a decoder hears cannot drift apart.
 
-use crate::ceiling::{least_bytes, most_elements};
-use crate::codec::Codec;
+use crate::asset::index::{ChunkInfo, Stop};
 use crate::codec::local::Local;
 use crate::codec::model::{
     AREAS, BENDS, BIRTH_AXIS, BIRTHS, DEPTHS, FLAG_AREA, FLAG_BEND, FLAG_VALENCE, INTERIOR, MAX_VALENCE,
-    MIX_FLAG, MORE_SEEDS, SEED_INTERIOR, SEED_ORIGIN, SEGMENTS, contexts,
+    MIX_FLAG, MORE_SEEDS, SEED_INTERIOR, SEED_ORIGIN, SEGMENTS, STREAMS, contexts,
 };
 use crate::codec::moves::{Whose, code_moves, code_shift};
 use crate::codec::plan::{Guide, Names};
 use crate::codec::residual::quarter_octaves;
+use crate::codec::source::Source;
 use crate::codec::split::{Splitter, code_split};
+use crate::collapse::NO_VERTEX;
+use crate::entropy::Codec;
+use crate::entropy::ceiling::{least_bytes, most_elements};
+use crate::entropy::plain_coder::{PlainDecoder, PlainEncoder};
+use crate::entropy::range_coder::{Coder, Decoder, Encoder};
+use crate::entropy::symbols::{index, integer, signed};
 use crate::error::DecodeError;
-use crate::index::{ChunkInfo, Stop};
-use crate::mesh::Wedge;
-use crate::plain_coder::{PlainDecoder, PlainEncoder};
-use crate::range_coder::{Coder, Decoder, Encoder};
+use crate::mesh::vec3::{dot, sub};
 use crate::refine::{ActiveMesh, ChunkDelta, Id};
-use crate::simplify::live::NO_VERTEX;
-use crate::simplify::placement::Placed;
-use crate::simplify::records::Records;
-use crate::symbols::{index, integer, signed};
-use crate::vec3::{dot, sub};
 
 /// Most vertices that one chunk may add: bounds a decoder's work.
 pub(crate) const MAX_SPLITS: u32 = 1 << 17;
-
-/// What an encoder needs beyond the plan.
-pub(crate) struct Source<'a> {
-    pub(crate) records: &'a Records,
-    /// Where a builder's vertex is when its chunk brings it.
-    pub(crate) place: &'a (dyn Fn(u32) -> Placed + 'a),
-    /// Where older vertices of the region go, ascending by vertex.
-    pub(crate) moves: &'a [Placed],
-    /// How many bits the grid leaves out that the chunk brings vertices to.
-    pub(crate) shift: u8,
-    /// The builder's wedges: the mesh's, and those kept by collapses.
-    pub(crate) wedges: &'a [Wedge],
-    pub(crate) materials: &'a [u16],
-    /// Builder's ids by slot of the mesh that is encoded against.
-    pub(crate) vertex_by_slot: &'a [u32],
-    pub(crate) wedge_by_slot: &'a [u32],
-    pub(crate) face_by_slot: &'a [u32],
-    /// Slots of the builder's vertices that are there.
-    pub(crate) slot_of_vertex: &'a [u32],
-    /// Whether a builder's vertex is interior to the region.
-    pub(crate) interior: &'a (dyn Fn(u32) -> bool + 'a),
-}
 
 /// An encoded chunk.
 pub(crate) struct Encoded {
@@ -158,7 +134,7 @@ impl ActiveMesh {
                     .and_then(|_| if stop.is_none() { decoder.end(fewest) } else { Ok(()) })
             }
             Codec::Plain if stop.is_some() => return fail("its codec has no stopping points".into()),
-            Codec::Plain => PlainDecoder::new(payload).and_then(|mut decoder| {
+            Codec::Plain => PlainDecoder::new(&STREAMS, payload).and_then(|mut decoder| {
                 code_chunk(&mut decoder, self, &mut local, (chunk, shift), &ends, info.vertices, None)?;
                 decoder.end(fewest)
             }),
@@ -185,7 +161,7 @@ pub(crate) fn encode(
             (encoder.finish(fewest(&said)), said)
         }
         Codec::Plain => {
-            let mut encoder = PlainEncoder::default();
+            let mut encoder = PlainEncoder::new(&STREAMS);
             let said = encode_with(&mut encoder, mesh, chunk, source)?;
             (encoder.finish(fewest(&said)), said)
         }

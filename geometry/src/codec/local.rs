@@ -7,13 +7,13 @@
 //! Positions are integers below 2^24 kept as `f64`, so sums and differences of them are exact.
 
 use crate::codec::fan::Spoke;
+use crate::entropy::steps;
 use crate::error::DecodeError;
 use crate::mesh::Attributes;
+use crate::mesh::slot_map::SlotMap;
+use crate::mesh::stars::END;
+use crate::mesh::vec3::{Vec3, add, cross, length, sub, triangle_normal};
 use crate::refine::{ActiveMesh, ChunkDelta, Id, Moved, NewFace, NewVertex, NewWedge, Repoint};
-use crate::slot_map::SlotMap;
-use crate::stars::END;
-use crate::steps;
-use crate::vec3::{Vec3, add, cross, length, sub, triangle_normal};
 
 /// Most faces that a region may have: bounds the work that a stranger's chunk can cause.
 pub(crate) const MAX_LOCAL_FACES: usize = 1 << 18;

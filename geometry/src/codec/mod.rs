@@ -1,27 +1,18 @@
-//! Coding chunks and the base mesh.
+//! Coding: chunks, the base mesh and the index, as symbols that [`crate::entropy`] turns into bytes.
 
-pub(crate) mod attributes;
-pub(crate) mod base;
+mod attributes;
+mod base_blob;
+pub(crate) mod base_mesh;
 pub(crate) mod chunk;
 mod fan;
 mod height;
+pub(crate) mod index_page;
 mod local;
 pub(crate) mod model;
 mod moves;
-pub(crate) mod plan;
-pub(crate) mod position;
+mod plan;
+mod position;
 mod residual;
+pub(crate) mod source;
 mod split;
 mod wedges;
-
-/// How the symbols of chunks and of the base mesh become bytes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Codec {
-    /// An adaptive range coder with trained priors: the fewest bytes, and stopping points inside chunks.
-    #[default]
-    Range,
-    /// Symbols as they are, sorted into streams, for a general-purpose compressor that the caller
-    /// applies to whole blobs: more bytes, less to do. Without stopping points, since a compressed blob
-    /// has no beginning that could be used.
-    Plain,
-}

@@ -2,8 +2,9 @@
 
 use std::sync::LazyLock;
 
-use crate::context::{Contexts, MAX_INPUTS, Prob};
-use crate::symbols::{INTEGER_CONTEXTS, tree_contexts};
+use crate::entropy::context::{Contexts, MAX_INPUTS, Prob};
+use crate::entropy::plain_coder::StreamTable;
+use crate::entropy::symbols::{INTEGER_CONTEXTS, tree_contexts};
 
 /// Valences up to this have contexts of their own.
 pub(crate) const MAX_VALENCE: usize = 12;
@@ -114,35 +115,25 @@ layout! { CONTEXTS:
     INDEX_STOP_ERROR = INTEGER_CONTEXTS,
 }
 
-/// Streams of bytes and of bits that [`crate::plain_coder`] sorts symbols into.
-pub(crate) const BYTE_STREAMS: usize = 11;
-pub(crate) const BIT_STREAMS: usize = 4;
-
-/// Where each stream of bytes begins in the layout: what is rare; lengths and starts of runs; groups;
-/// texture coordinates by axis; colours and normals; moves; residuals of positions by step; the base mesh.
-const BYTE_STARTS: [usize; BYTE_STREAMS] = [
-    0,
-    RUN_LENGTH,
-    RUN_START,
-    EXTRAS,
-    UV_RECENT,
-    UV_RECENT + SIZE_RECENT_CONTEXTS,
-    SAME_COLOR,
-    MOVE_ALONG,
-    RESIDUAL_RECENT,
-    RESIDUAL_RECENT + SIZE_RECENT_CONTEXTS,
-    RESIDUAL_RECENT + 2 * SIZE_RECENT_CONTEXTS,
-];
-/// The same of bits: of the region; of splits; of connectivity; of wedges, materials and the base mesh.
-const BIT_STARTS: [usize; BIT_STREAMS] = [0, FLAG_AREA, SINGLE_RUN, EXTRA_IN_RING];
-
-pub(crate) fn byte_stream(context: usize) -> usize {
-    BYTE_STARTS.partition_point(|&start| start <= context) - 1
-}
-
-pub(crate) fn bit_stream(context: usize) -> usize {
-    BIT_STARTS.partition_point(|&start| start <= context) - 1
-}
+/// Where [`crate::entropy::plain_coder`]'s streams begin in the layout. Bytes: what is rare; lengths and starts
+/// of runs; groups; texture coordinates by axis; colours and normals; moves; residuals of positions by step, with
+/// the base mesh. Bits: of the region; of splits; of connectivity; of wedges, materials and the base mesh.
+pub(crate) static STREAMS: StreamTable<11, 4> = StreamTable {
+    byte_starts: [
+        0,
+        RUN_LENGTH,
+        RUN_START,
+        EXTRAS,
+        UV_RECENT,
+        UV_RECENT + SIZE_RECENT_CONTEXTS,
+        SAME_COLOR,
+        MOVE_ALONG,
+        RESIDUAL_RECENT,
+        RESIDUAL_RECENT + SIZE_RECENT_CONTEXTS,
+        RESIDUAL_RECENT + 2 * SIZE_RECENT_CONTEXTS,
+    ],
+    bit_starts: [0, FLAG_AREA, SINGLE_RUN, EXTRA_IN_RING],
+};
 
 /// Mixers.
 pub(crate) const MIX_FLAG: usize = 0;
@@ -151,7 +142,7 @@ pub(crate) const MIX_RESIDUAL: usize = 2;
 pub(crate) const MIX_UV: usize = 5;
 pub(crate) const MIXERS: usize = 7;
 
-/// The trained priors ([`crate::training`]): part of the format, as its version says.
+/// The trained priors ([`crate::prepare::training`]): part of the format, as its version says.
 static PRIORS: &[u8] = include_bytes!("priors.bin");
 /// Bytes of the table: per context a probability and what it is worth, per mixer its weights.
 const PRIOR_BYTES: usize = CONTEXTS * 3 + MIXERS * MAX_INPUTS * 4;

@@ -1,6 +1,6 @@
 //! The older vertices of a region's interior: what the coarser grid left out of their positions.
 //!
-//! Coarse levels have coarse grids ([`crate::base::Base::shifts`]): a vertex of theirs lies on a point of its
+//! Coarse levels have coarse grids ([`crate::asset::base::Base::shifts`]): a vertex of theirs lies on a point of its
 //! grid near where it will be. The chunk that brings it to a finer grid says so before it splits anything.
 //! Mostly a vertex goes to the level's own grid; one that no finer chunk will reach again, because it lies on
 //! their outlines, goes to the grid that it keeps. Rounding moved it along the surface more than across, so
@@ -10,11 +10,11 @@ use crate::codec::fan::Spoke;
 use crate::codec::local::Local;
 use crate::codec::model::{MOVE_ACROSS, MOVE_ALONG, MOVE_REST, MOVE_STEPS, SHIFT, SHIFT_STEPS};
 use crate::codec::position::axes;
+use crate::collapse::Placed;
+use crate::entropy::range_coder::Coder;
+use crate::entropy::symbols::{integer, tree, tree_contexts, unzigzag, zigzag};
 use crate::error::DecodeError;
-use crate::range_coder::Coder;
-use crate::simplify::placement::Placed;
-use crate::symbols::{integer, tree, tree_contexts, unzigzag, zigzag};
-use crate::vec3::{Vec3, add, cross, sub};
+use crate::mesh::vec3::{Vec3, add, cross, sub};
 
 /// Whose grid it is.
 #[derive(Clone, Copy)]

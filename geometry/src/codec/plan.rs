@@ -10,11 +10,11 @@
 use std::collections::{HashMap, VecDeque};
 use std::hash::{BuildHasherDefault, Hasher};
 
-use crate::codec::chunk::Source;
 use crate::codec::local::Local;
-use crate::simplify::live::NO_VERTEX;
-use crate::simplify::placement::Placed;
-use crate::simplify::records::Records;
+use crate::codec::source::Source;
+use crate::collapse::NO_VERTEX;
+use crate::collapse::Placed;
+use crate::collapse::Records;
 
 /// Multiplicative hashing of slots (Knuth, TAOCP 3, §6.4): keys are small, distinct and ours.
 #[derive(Default)]

@@ -15,9 +15,9 @@ use crate::codec::model::{
     SIZE_RECENT_CONTEXTS,
 };
 use crate::codec::residual::{Recent, Residual, quarter_octaves};
+use crate::entropy::range_coder::Coder;
 use crate::error::DecodeError;
-use crate::range_coder::Coder;
-use crate::vec3::{Vec3, add, cross, dot, scale, sub};
+use crate::mesh::vec3::{Vec3, add, cross, dot, scale, sub};
 
 /// Shares of the neighbours' Laplacian, of the old vertex and of each end of the new edges, all
 /// relative to the ring's mean. Least squares over the models of BENCHMARKS.md, bunny left out.

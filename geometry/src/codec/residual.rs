@@ -6,8 +6,8 @@
 //! so that the same contexts serve all scales.
 
 use crate::codec::model::{CLASS_BITS, CLASSES, OTHERS, RECENTS, SIZES};
-use crate::range_coder::Coder;
-use crate::symbols::{integer, unzigzag, zigzag};
+use crate::entropy::range_coder::Coder;
+use crate::entropy::symbols::{integer, unzigzag, zigzag};
 
 /// Contexts of one kind of residual.
 #[derive(Clone, Copy, Debug)]

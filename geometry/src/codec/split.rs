@@ -1,6 +1,5 @@
 //! One vertex split: which faces go to the new vertex, which faces appear, position, wedges.
 
-use crate::codec::attributes::Kinds;
 use crate::codec::fan::{Fan, Spoke};
 use crate::codec::local::Local;
 use crate::codec::model::{
@@ -12,10 +11,11 @@ use crate::codec::plan::{Born, Guide};
 use crate::codec::position::{Roles, code_position};
 use crate::codec::residual::Recent;
 use crate::codec::wedges::{Fitting, code_wedges};
+use crate::entropy::range_coder::Coder;
+use crate::entropy::symbols::{index, integer, tree, tree_contexts};
 use crate::error::DecodeError;
-use crate::range_coder::Coder;
-use crate::symbols::{index, integer, tree, tree_contexts};
-use crate::vec3::{Vec3, add, cross, dot, scale, sub};
+use crate::mesh::Kinds;
+use crate::mesh::vec3::{Vec3, add, cross, dot, scale, sub};
 
 /// Most new faces of one split beyond the usual two.
 const MAX_EXTRAS: u32 = 1 << 16;

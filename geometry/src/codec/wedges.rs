@@ -9,10 +9,10 @@ use crate::codec::model::{
 use crate::codec::plan::{Guide, Want};
 use crate::codec::residual::quarter_octaves;
 use crate::codec::split::{Added, Split, Splitter};
+use crate::entropy::range_coder::Coder;
+use crate::entropy::symbols::{index, integer};
 use crate::error::DecodeError;
-use crate::range_coder::Coder;
-use crate::symbols::{index, integer};
-use crate::vec3::{Vec3, add, cross, dot, scale, sub};
+use crate::mesh::vec3::{Vec3, add, cross, dot, scale, sub};
 
 /// Contexts of corners: t, x, u.
 const AT_TARGET: usize = 0;

@@ -3,16 +3,19 @@
 
 use std::collections::BTreeMap;
 
-use crate::closed_set::{self, Member};
+use crate::asset::base::Base;
+use crate::asset::index::ChunkInfo;
+use crate::check::closed_set::{self, Member};
+use crate::collapse::NO_VERTEX;
 use crate::common;
 use crate::mesh::{QuantisedMesh, Wedge};
 use crate::pool::{Serial, Silent, Watched};
 use crate::prepare::{Edges, Encoded, build_base, encode_all, parents};
 use crate::random::Random;
 use crate::refine::{ActiveMesh, ChunkDelta, Id};
-use crate::simplify::live::NO_VERTEX;
-use crate::simplify::{Settings, Simplified, simplify};
-use crate::{base::Base, index::ChunkInfo};
+use crate::simplify::hierarchy::Simplified;
+use crate::simplify::settings::Settings;
+use crate::simplify::simplify;
 
 /// Faces by the builder's ids: wedges, rotated so that the least comes first.
 type Faces = BTreeMap<u32, [u32; 3]>;

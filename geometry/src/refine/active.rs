@@ -3,16 +3,16 @@
 
 use std::ops::Range;
 
-use crate::base::Base;
-use crate::codec::Codec;
-use crate::codec::attributes::Kinds;
+use crate::asset::base::Base;
+use crate::entropy::Codec;
+use crate::mesh::Kinds;
+use crate::mesh::slot_map::SlotMap;
+use crate::mesh::stars::Stars;
 use crate::mesh::{Grid, UvGrid, Wedge};
 use crate::refine::delta::{ChunkDelta, Id, Repoint};
 use crate::refine::places::{Place, Places};
 use crate::refine::render::Touched;
 use crate::refine::slots::Slots;
-use crate::slot_map::SlotMap;
-use crate::stars::Stars;
 
 /// A chunk that cannot be applied or undone now. Nothing was changed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

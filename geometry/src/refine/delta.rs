@@ -71,7 +71,7 @@ pub struct Repoint {
 pub struct ChunkDelta {
     /// Id of the chunk.
     pub chunk: u32,
-    /// The stop that it ends at, an index of [`crate::index::ChunkInfo::stops`]; `None` for the whole
+    /// The stop that it ends at, an index of [`crate::asset::index::ChunkInfo::stops`]; `None` for the whole
     /// chunk. Its ids are those of the whole chunk, of which it holds the first.
     pub stop: Option<u8>,
     /// Ids of the chunks that must be applied whole first.

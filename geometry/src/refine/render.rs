@@ -1,9 +1,9 @@
 //! What a renderer needs of a refined mesh.
 
 use crate::mesh::Wedge;
-use crate::octahedral;
+use crate::mesh::octahedral;
+use crate::mesh::vec3::{Vec3, add, length, triangle_normal};
 use crate::refine::active::ActiveMesh;
-use crate::vec3::{Vec3, add, length, triangle_normal};
 
 /// What changed with a chunk: slots whose data a renderer must fetch again.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

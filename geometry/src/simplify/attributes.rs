@@ -12,10 +12,10 @@
 
 use glam::DVec3;
 
-use crate::distance::{TriangleBvh, closest_point_on_triangle};
 use crate::mesh::UvGrid;
+use crate::mesh::distance::{TriangleBvh, closest_point_on_triangle};
+use crate::mesh::vec3::{Vec3, add, cross, dot, length, scale, sub, triangle_normal};
 use crate::simplify::live::Live;
-use crate::vec3::{Vec3, add, cross, dot, length, scale, sub, triangle_normal};
 
 /// Most samples of a region whose normals are compared.
 const NORMAL_SAMPLES: usize = 400;
@@ -238,7 +238,7 @@ mod tests {
         let chunks = || simplified.levels.iter().flatten();
         assert!(chunks().count() > 2);
         let cells = f64::from(1_u32 << mesh.grid.bits);
-        let most = |error: &dyn Fn(&crate::simplify::RegionChunk) -> f64| {
+        let most = |error: &dyn Fn(&crate::simplify::hierarchy::RegionChunk) -> f64| {
             chunks().map(error).fold(0.0, f64::max) / cells
         };
         (most(&|c| c.attribute_error), most(&|c| c.error))

@@ -15,14 +15,14 @@
 //! Manocha, "Appearance-preserving simplification", 1998, §4); [`MARGIN`] stands for what lies between
 //! the points.
 
-use crate::distance::TriangleBvh;
 use crate::mesh::UvGrid;
+use crate::mesh::distance::TriangleBvh;
+use crate::mesh::vec3::{Vec3, add, length, scale, sub};
 use crate::simplify::attributes::InputAttributes;
 use crate::simplify::input_faces::InputFaces;
 use crate::simplify::live::Live;
 use crate::simplify::star_table::each_edge;
 use crate::simplify::surroundings::{ROUNDING, Surroundings, compact};
-use crate::vec3::{Vec3, add, length, scale, sub};
 
 /// Safety factor for the surface between samples.
 pub(crate) const MARGIN: f64 = 1.08;

@@ -5,11 +5,11 @@
 //! coarse surface may be open between these: its middle and those of its edges are looked at, and more of it
 //! where one is far.
 
+use crate::mesh::vec3::{length, sub};
 use crate::simplify::deviation::{
     DENSE, Deviation, LEAP, LEAST_DENSE, MOST_DENSE, SUSPICIOUS, between, middle, over_face,
 };
 use crate::simplify::surroundings::{Surroundings, distance_to};
-use crate::vec3::{length, sub};
 
 /// The input's faces by their corners.
 pub(crate) struct InputFaces {

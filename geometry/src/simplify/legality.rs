@@ -7,9 +7,9 @@
 //! gave it): holes close, components vanish, seams shorten; faces that turn over cost extra. A closed
 //! manifold therefore stays one, down to nothing.
 
-use crate::simplify::Metric;
+use crate::mesh::vec3::{dot, sub, triangle_normal};
 use crate::simplify::region::Region;
-use crate::vec3::{dot, sub, triangle_normal};
+use crate::simplify::settings::Metric;
 
 /// Cosine of the largest angle by which a face may turn under the strict rules with quadrics: 75°.
 const MAX_TURN_COS: f64 = 0.258_819_045_102_520_76;

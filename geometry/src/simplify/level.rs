@@ -1,15 +1,15 @@
 //! One level: its regions, and how much each gives.
 
+use crate::collapse::Records;
 use crate::error::MeshError;
+use crate::mesh::vec3::Vec3;
 use crate::pool::Watched;
-use crate::simplify::Settings;
 use crate::simplify::live::Live;
 use crate::simplify::partition::{NOBODY, partition};
 use crate::simplify::queue::simplify_region;
-use crate::simplify::records::Records;
 use crate::simplify::region::Region;
+use crate::simplify::settings::Settings;
 use crate::simplify::star_table::each_edge;
-use crate::vec3::Vec3;
 
 /// Marks a vertex whose star lies in several regions, or that has none.
 const OUTLINE: u32 = u32::MAX;

@@ -2,15 +2,16 @@
 
 use std::collections::BTreeMap;
 
-use crate::distance::TriangleBvh;
+use crate::collapse::NO_VERTEX;
+use crate::collapse::Records;
 use crate::error::MeshError;
+use crate::mesh::distance::TriangleBvh;
+use crate::mesh::vec3::{Vec3, add, dot, length, scale, sub};
 use crate::pool::Watched;
-use crate::simplify::Settings;
 use crate::simplify::deviation::{Deviation, MARGIN};
 use crate::simplify::level::Level;
-use crate::simplify::live::{Live, NO_VERTEX};
-use crate::simplify::records::Records;
-use crate::vec3::{Vec3, add, dot, length, scale, sub};
+use crate::simplify::live::Live;
+use crate::simplify::settings::Settings;
 
 /// Input samples by which a region is judged while a level that keeps within the base's error is
 /// searched for.

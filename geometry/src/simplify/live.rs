@@ -1,10 +1,10 @@
 //! The mesh while it is being simplified: what is left of it, with adjacency and quadrics.
 
+use crate::collapse::Placed;
+use crate::mesh::vec3::{Vec3, add, cross, dot, length, scale, sub, triangle_normal};
 use crate::mesh::{Attributes, QuantisedMesh, Wedge};
-use crate::simplify::placement::Placed;
 use crate::simplify::quadric::Quadric;
 use crate::simplify::star_table::{StarTable, each_edge};
-use crate::vec3::{Vec3, add, cross, dot, length, scale, sub, triangle_normal};
 
 /// Weight of the plane that holds a boundary edge in place, per squared edge length.
 const BOUNDARY_WEIGHT: f64 = 10.0;
@@ -13,9 +13,6 @@ const SEAM_WEIGHT: f64 = 1.0;
 
 /// Longest chain of collapses that is followed to find what became of a vertex.
 const MOST_HOPS: usize = 10_000;
-
-/// A vertex that no collapse has removed has no parent.
-pub(crate) const NO_VERTEX: u32 = u32::MAX;
 
 /// What is left of a mesh at some point of its simplification. Ids are the input's throughout.
 pub(crate) struct Live {

@@ -4,17 +4,19 @@
 //! The collapses are performed part by part, between the stops, and each part is measured by what it
 //! changed; so stops cost what changes twice, not a whole measurement each.
 
+use crate::collapse::Placed;
+use crate::collapse::Records;
 use crate::error::MeshError;
+use crate::mesh::vec3::{Vec3, add, length, scale, sub};
 use crate::pool::Watched;
-use crate::simplify::RegionChunk;
 use crate::simplify::attributes::vertex_normals;
+use crate::simplify::commit::Committed;
 use crate::simplify::deviation::{Deviation, FarEdge, MARGIN, MOST_DENSE, MOST_SPARSE, SUSPICIOUS, extend};
+use crate::simplify::hierarchy::RegionChunk;
 use crate::simplify::level::Level;
 use crate::simplify::live::Live;
-use crate::simplify::placement::{self, Grid, Placed, Way, place};
-use crate::simplify::records::{Committed, Records};
+use crate::simplify::placement::{self, Grid, Way, place};
 use crate::simplify::surroundings::Surroundings;
-use crate::vec3::{Vec3, add, length, scale, sub};
 
 /// Where what was far on the way exceeds the samples' distance by this factor, edges are looked at
 /// again.

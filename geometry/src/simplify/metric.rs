@@ -1,8 +1,8 @@
 //! What collapses cost: quadrics, or edge length × curvature.
 
-use crate::simplify::Metric;
+use crate::mesh::vec3::{Vec3, dot, length, scale, sub, triangle_normal};
 use crate::simplify::region::Region;
-use crate::vec3::{Vec3, dot, length, scale, sub, triangle_normal};
+use crate::simplify::settings::Metric;
 
 /// Gives edges of flat areas an order: cost per fourth power of the edge length (a point quadric
 /// would do the same; this needs no memory).

@@ -5,7 +5,7 @@
 //! the next. A few rounds of majority voting then straighten the outlines: a straight outline leaves
 //! more interior vertices.
 
-use crate::vec3::{Vec3, dot};
+use crate::mesh::vec3::{Vec3, dot};
 
 /// Rounds of majority voting.
 const SMOOTHING_ROUNDS: usize = 3;

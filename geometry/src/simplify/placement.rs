@@ -6,8 +6,9 @@
 //! loses less than rounding to the nearest, and often gains. What is left out comes with the chunk that
 //! undoes the level (`codec/moves`).
 
+use crate::collapse::Placed;
+use crate::mesh::vec3::{Vec3, add, cross, dot, length, scale, sub};
 use crate::simplify::live::Live;
-use crate::vec3::{Vec3, add, cross, dot, length, scale, sub};
 
 /// How strongly a vertex is held where it was, against the planes that it stands for: less lets more
 /// vertices lie far off in the surface, which costs bits and gains nothing.
@@ -48,15 +49,6 @@ impl Grid {
             Self { way: Way::Stay, .. } => None,
         }
     }
-}
-
-/// Where a vertex is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Placed {
-    pub(crate) vertex: u32,
-    pub(crate) cell: [i32; 3],
-    /// How many of the lowest bits of `cell` are known to be zero.
-    pub(crate) shift: u8,
 }
 
 /// How many of the lowest bits the next coarser grid leaves out, where this one leaves out `shift`: its

@@ -1,7 +1,7 @@
 //! Quadric error metric: Garland and Heckbert, "Surface simplification using quadric error metrics",
 //! SIGGRAPH 1997, eq. 2; constraint planes of boundaries as in their §6.
 
-use crate::vec3::{Vec3, dot};
+use crate::mesh::vec3::{Vec3, dot};
 
 /// A weighted sum of squared distances to planes, `vᵀAv + 2bᵀv + c`, symmetric part stored once.
 ///

@@ -7,11 +7,11 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use crate::simplify::Metric;
+use crate::collapse::Records;
 use crate::simplify::legality::Rules;
 use crate::simplify::metric::Pricer;
-use crate::simplify::records::Records;
 use crate::simplify::region::Region;
+use crate::simplify::settings::Metric;
 
 /// Collapses until `limit` vertices are gone or nothing more is allowed: strictly first, then by the
 /// relaxed rules. For `round_share` see [`crate::Settings::round_share`].

@@ -4,12 +4,13 @@
 //! result depends on nothing but the region. Only vertices whose whole star lies in the region are
 //! removed or collapsed onto: the outline stays as it is.
 
-use crate::simplify::Metric;
-use crate::simplify::live::{Live, NO_VERTEX};
+use crate::collapse::NO_VERTEX;
+use crate::collapse::{Collapse, Moved, Records, Removed};
+use crate::mesh::stars::Stars;
+use crate::mesh::vec3::{Vec3, length, sub};
+use crate::simplify::live::Live;
 use crate::simplify::quadric::Quadric;
-use crate::simplify::records::{Collapse, Moved, Records, Removed};
-use crate::stars::Stars;
-use crate::vec3::{Vec3, length, sub};
+use crate::simplify::settings::Metric;
 
 /// No collapse.
 const NONE: u32 = u32::MAX;

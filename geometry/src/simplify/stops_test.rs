@@ -1,9 +1,10 @@
 //! Stops, on the collapses of every generated mesh.
 
+use crate::collapse::Records;
 use crate::common;
 use crate::pool::{Serial, Silent, Watched};
-use crate::simplify::records::Records;
-use crate::simplify::{Settings, simplify};
+use crate::simplify::settings::Settings;
+use crate::simplify::simplify;
 
 fn each_chunk(parts: usize, check: &mut dyn FnMut(&Records)) {
     for (_, source) in common::all() {

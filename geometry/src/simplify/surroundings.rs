@@ -4,9 +4,9 @@ use std::cell::OnceCell;
 
 use glam::DVec3;
 
-use crate::distance::{TriangleBvh, closest_point_on_triangle};
+use crate::mesh::distance::{TriangleBvh, closest_point_on_triangle};
+use crate::mesh::vec3::Vec3;
 use crate::simplify::live::Live;
-use crate::vec3::Vec3;
 
 /// Stays above distances that were rounded.
 pub(crate) const ROUNDING: f64 = 1.0 + 1e-6;

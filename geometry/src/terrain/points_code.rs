@@ -17,11 +17,11 @@ use super::TerrainError;
 use super::feature::Mode;
 use super::points::{MAX_PATCH_POINTS, PatchPoint, PatchPoints};
 use super::points_predict::Predictor;
-use crate::ceiling::{least_bytes, most_elements};
-use crate::context::{Contexts, Prob};
+use crate::entropy::ceiling::{least_bytes, most_elements};
+use crate::entropy::context::{Contexts, Prob};
+use crate::entropy::range_coder::{Coder, Decoder, Encoder};
+use crate::entropy::symbols::{INTEGER_CONTEXTS, integer, tree, tree_contexts, unzigzag, zigzag};
 use crate::error::DecodeError;
-use crate::range_coder::{Coder, Decoder, Encoder};
-use crate::symbols::{INTEGER_CONTEXTS, integer, tree, tree_contexts, unzigzag, zigzag};
 
 /// Cells of a mask, for each point, above which it is not considered: runs are smaller, and a decoder's work
 /// stays in proportion to its bytes.

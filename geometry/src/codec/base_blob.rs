@@ -1,84 +1,19 @@
-//! The base blob: what a client needs to draw an asset at all, and to ask for more.
+//! The base blob: head, description and base mesh as bytes.
 
-use crate::codec::Codec;
-use crate::codec::attributes::Kinds;
-use crate::codec::base::{self, BaseMesh};
+use crate::asset::base::{Base, FORMAT_VERSION, MAX_CHUNKS, MAX_DESCRIPTION_BYTES, Totals};
+use crate::asset::index::Sphere;
+use crate::codec::base_mesh::{self, BaseMesh};
+use crate::entropy::Codec;
+use crate::entropy::bytes::{Reader, put_varint};
 use crate::error::DecodeError;
-use crate::index::Sphere;
-use crate::mesh::{Face, Grid, UvGrid, Wedge};
-use crate::symbols::{Reader, put_varint};
-
-/// Version of the base blob, of index pages and of chunk payloads.
-pub const FORMAT_VERSION: u8 = 3;
-/// Most faces of a base mesh: bounds a decoder's memory.
-pub const MAX_BASE_FACES: usize = 1 << 20;
-/// Most chunks of one asset.
-pub const MAX_CHUNKS: u32 = 1 << 24;
-/// Most bytes of a description.
-pub const MAX_DESCRIPTION_BYTES: usize = 1 << 20;
-
-/// Sizes of the fully refined asset.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Totals {
-    /// Vertices.
-    pub vertices: u64,
-    /// Wedges.
-    pub wedges: u64,
-    /// Faces.
-    pub faces: u64,
-}
-
-/// The base mesh of an asset and what describes the asset as a whole.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Base {
-    /// Grid of the positions.
-    pub grid: Grid,
-    /// Grid of the texture coordinates.
-    pub uv_grid: UvGrid,
-    /// Bounding sphere of the input, relative to [`Grid::origin`].
-    pub sphere: Sphere,
-    /// Length of the bounding box's diagonal, in the asset's units.
-    pub diagonal: f32,
-    /// Geometric error of the base mesh, in the asset's units.
-    pub root_error: f32,
-    /// Chunks of the asset.
-    pub chunk_count: u32,
-    /// Levels above the base.
-    pub level_count: u8,
-    /// How many of the lowest bits of positions the grids leave out: the base mesh's, then each level's; falling
-    /// to 0. What has more bits is there for vertices that no later chunk could move.
-    pub shifts: Vec<u8>,
-    /// Materials that faces may name.
-    pub material_count: u16,
-    /// How the chunks are coded, and the base mesh unless [`Base::encode_as`] says otherwise.
-    pub codec: Codec,
-    /// Whether wedges have colours.
-    pub colors: bool,
-    /// Whether wedges may have explicit normals.
-    pub normals: bool,
-    /// Sizes of the fully refined asset.
-    pub totals: Totals,
-    /// Opaque here: materials and textures, as the protocol writes them.
-    pub description: Vec<u8>,
-    /// Positions of the base mesh.
-    pub positions: Vec<[i32; 3]>,
-    /// Its wedges.
-    pub wedges: Vec<Wedge>,
-    /// Its faces.
-    pub faces: Vec<Face>,
-}
+use crate::mesh::{Grid, Kinds, UvGrid};
 
 impl Base {
-    /// What its wedges carry.
-    pub(crate) fn kinds(&self) -> Kinds {
-        Kinds { uv_bits: self.uv_grid.bits, colors: self.colors, normals: self.normals }
-    }
-
     /// The blob's bytes. Vertices, wedges and faces must be in the order of
     /// their codec's traversal, as [`crate::prepare::prepare`] and [`Base::decode`] leave them.
     ///
     /// # Errors
-    /// On more than [`MAX_BASE_FACES`] faces and on faces with a repeated vertex.
+    /// On more than [`crate::base::MAX_BASE_FACES`] faces and on faces with a repeated vertex.
     pub fn encode(&self) -> Result<Vec<u8>, DecodeError> {
         self.encode_as(self.codec)
     }
@@ -118,7 +53,7 @@ impl Base {
             faces: self.faces.clone(),
         };
         out.extend(
-            base::encode(&base, mesh, self.grid.bits - shift, self.kinds(), self.material_count)?.bytes,
+            base_mesh::encode(&base, mesh, self.grid.bits - shift, self.kinds(), self.material_count)?.bytes,
         );
         Ok(out)
     }
@@ -179,7 +114,8 @@ impl Base {
         let description = r.take(length)?.to_vec();
         let rest = r.remaining();
         let kinds = Kinds { uv_bits, colors, normals };
-        let mesh = base::decode(r.take(rest)?, mesh.unwrap_or(codec), bits - shift, kinds, material_count)?;
+        let mesh =
+            base_mesh::decode(r.take(rest)?, mesh.unwrap_or(codec), bits - shift, kinds, material_count)?;
         Ok(Self {
             grid,
             uv_grid,

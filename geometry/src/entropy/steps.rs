@@ -11,7 +11,7 @@ thread_local! {
 
 /// Counts so many steps.
 #[inline]
-pub(crate) fn take(steps: u64) {
+pub fn take(steps: u64) {
     #[cfg(debug_assertions)]
     TAKEN.set(TAKEN.get() + steps);
     #[cfg(not(debug_assertions))]

@@ -1,9 +1,19 @@
-//! What a region's simplification did, in the order it was done: enough to redo and to undo it.
+//! What a region's simplification did, in the order it was done: enough to redo and to undo it. Simplification
+//! writes it; the encoder reads it backwards.
 
 use std::ops::Range;
 
-use crate::simplify::live::{Live, NO_VERTEX};
-use crate::vec3::{length, sub};
+/// Stands for the target of a vertex without faces, which is dropped.
+pub(crate) const NO_VERTEX: u32 = u32::MAX;
+
+/// Where a vertex is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Placed {
+    pub(crate) vertex: u32,
+    pub(crate) cell: [i32; 3],
+    /// How many of the lowest bits of `cell` are known to be zero.
+    pub(crate) shift: u8,
+}
 
 /// A corner of a face that moved with a collapse.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,14 +48,6 @@ pub(crate) struct Collapse {
     pub(crate) moved_end: u32,
     pub(crate) removed_end: u32,
     pub(crate) kept_end: u32,
-}
-
-/// How far a region's collapses are performed.
-#[derive(Default)]
-pub(crate) struct Committed {
-    collapses: usize,
-    /// Final ids of the wedges kept so far.
-    ids: Vec<u32>,
 }
 
 /// The collapses of one region in one level.
@@ -114,58 +116,5 @@ impl Records {
     pub(crate) fn coded_stops(&self) -> Range<usize> {
         let middle = self.stops.len() / 2;
         middle..(middle + 1).min(self.stops.len())
-    }
-
-    /// Performs the collapses up to `end` on the mesh, but for its stars and its list of faces
-    /// ([`Live::settle`]), and gives the kept wedges their final ids; `done` tells how far earlier calls
-    /// got. `changed(corner)` is called for every corner that got another vertex.
-    pub(crate) fn commit(
-        &mut self,
-        live: &mut Live,
-        done: &mut Committed,
-        end: usize,
-        changed: &mut dyn FnMut(u32),
-    ) {
-        let first = self.first_kept;
-        let final_id = |ids: &[u32], wedge: u32| {
-            if wedge >= first { ids[(wedge - first) as usize] } else { wedge }
-        };
-        let ids = &mut done.ids;
-        let (mut moved_at, mut removed_at) = match done.collapses.checked_sub(1) {
-            Some(i) => (self.collapses[i].moved_end as usize, self.collapses[i].removed_end as usize),
-            None => (0, 0),
-        };
-        let range = done.collapses..end;
-        done.collapses = end;
-        for collapse in &self.collapses[range] {
-            let (u, t) = (collapse.removed, collapse.target);
-            while ids.len() < collapse.kept_end as usize {
-                let source = final_id(ids, self.kept[ids.len()]);
-                self.kept[ids.len()] = source;
-                ids.push(live.keep_wedge(t, source));
-            }
-            for moved in &mut self.moved[moved_at..collapse.moved_end as usize] {
-                moved.from = final_id(ids, moved.from);
-                moved.to = final_id(ids, moved.to);
-                let face = moved.face as usize;
-                let k = live.face_vertices[face].iter().position(|&v| v == u).unwrap_or(0);
-                live.face_vertices[face][k] = t;
-                live.face_wedges[face][k] = moved.to;
-                changed(moved.face * 3 + k as u32);
-            }
-            for removed in &mut self.removed[removed_at..collapse.removed_end as usize] {
-                removed.wedges = live.face_wedges[removed.face as usize];
-                live.alive[removed.face as usize] = false;
-            }
-            moved_at = collapse.moved_end as usize;
-            removed_at = collapse.removed_end as usize;
-            if t != NO_VERTEX {
-                let quadric = live.quadrics[u as usize];
-                live.quadrics[t as usize].add(&quadric);
-                live.moved_to[u as usize] = t;
-                let step = length(sub(live.positions[u as usize], live.positions[t as usize]));
-                live.reach[t as usize] = live.reach[t as usize].max(live.reach[u as usize] + step);
-            }
-        }
     }
 }

@@ -2,8 +2,8 @@
 //!
 //! A chunk none of whose children is in the set (a leaf) may be there up to a stop only.
 
-use crate::base::Base;
-use crate::index::{ChunkInfo, Stop};
+use crate::asset::base::Base;
+use crate::asset::index::{ChunkInfo, Stop};
 use crate::random::Random;
 
 /// What a set of chunks may come to.

@@ -1,23 +1,24 @@
 //! Training of the priors that every stream starts from (`codec/model.rs`).
 //!
-//! The table belongs to the format: after training, [`crate::base::FORMAT_VERSION`] must change. Per
+//! The table belongs to the format: after training, [`crate::asset::base::FORMAT_VERSION`] must change. Per
 //! context the trained pair (probability, what it is worth) is the one that codes the sequences seen,
 //! chunk by chunk, in the fewest bits; weights of mixers are the means of those that chunks end with.
 
 use std::collections::BTreeMap;
 use std::sync::Mutex;
 
-use crate::codec::base::{BaseMesh, encode_with as encode_base};
+use crate::asset::index::CHUNKS_PER_PAGE;
+use crate::codec::base_mesh::{BaseMesh, encode_with as encode_base};
 use crate::codec::chunk::encode_with;
+use crate::codec::index_page::code_page;
 use crate::codec::model::{CONTEXTS, untrained};
-use crate::context::{Contexts, MAX_INPUTS, Prob};
+use crate::entropy::context::{Contexts, MAX_INPUTS, Prob};
+use crate::entropy::range_coder::Coder;
 use crate::error::{DecodeError, MeshError};
-use crate::index::{CHUNKS_PER_PAGE, code_page};
 use crate::mesh::QuantisedMesh;
 use crate::pool::{Pool, Silent};
 use crate::prepare::{Observer, prepare_observed};
-use crate::range_coder::Coder;
-use crate::simplify::Settings;
+use crate::simplify::settings::Settings;
 
 /// Rounds in which the weights of mixers settle.
 const WEIGHT_ROUNDS: usize = 24;

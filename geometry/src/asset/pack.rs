@@ -8,8 +8,8 @@
 //! All numbers little-endian; hashes are the first 16 bytes of BLAKE3. The crate reads and writes byte
 //! slices; files are the caller's.
 
+use crate::entropy::bytes::Reader;
 use crate::error::DecodeError;
-use crate::symbols::Reader;
 
 /// First bytes of every pack.
 pub const MAGIC: [u8; 8] = *b"LODSPACK";
@@ -25,7 +25,7 @@ pub const MAX_BLOBS: u32 = 1 << 25;
 /// What a blob is. The order is that of the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum BlobKind {
-    /// The base blob ([`crate::base::Base`]).
+    /// The base blob ([`crate::asset::base::Base`]).
     Base,
     /// An index page ([`crate::index`]).
     IndexPage(u32),

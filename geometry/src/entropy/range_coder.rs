@@ -2,22 +2,22 @@
 //!
 //! The interval arithmetic and carry handling are those of LZMA's range coder (Pavlov; after Martin,
 //! "Range encoding", 1979). Probabilities adapt fast at first, because a chunk has only a few hundred
-//! symbols per context, and start from trained values ([`crate::codec::model`]). A decision may look
+//! symbols per context, and may start from trained values. A decision may look
 //! at several contexts at once: their estimates are mixed in the logistic domain, with weights that
 //! adapt as well (Mahoney, "Adaptive weighing of context models for lossless data compression", 2005).
 //! Encoder and decoder implement one trait, [`Coder`], so that a model is written once and cannot
 //! disagree with itself.
 
-use crate::context::Contexts;
+use crate::entropy::context::Contexts;
+use crate::entropy::steps;
 use crate::error::DecodeError;
-use crate::steps;
 
 /// Range below which bytes are shifted out.
 const TOP: u32 = 1 << 24;
 
 /// Writes or reads symbols: a model calls it with the value it would write, and goes on with the
 /// value it gets back. An encoder returns what it was given; a decoder ignores it.
-pub(crate) trait Coder {
+pub trait Coder {
     /// Whether contexts matter: where they do not, nobody needs to work them out.
     const MODELS: bool = true;
     /// Codes one bit with the adaptive probability `context`.
@@ -45,7 +45,7 @@ pub(crate) trait Coder {
 
 /// Encodes symbols into bytes.
 #[derive(Debug)]
-pub(crate) struct Encoder {
+pub struct Encoder {
     contexts: Contexts,
     low: u64,
     range: u32,
@@ -58,13 +58,15 @@ pub(crate) struct Encoder {
 const HELD: usize = 5;
 
 impl Encoder {
-    pub(crate) fn new(contexts: Contexts) -> Self {
+    /// An encoder of nothing yet, which believes `contexts`.
+    #[must_use]
+    pub fn new(contexts: Contexts) -> Self {
         Self { contexts, low: 0, range: u32::MAX, cache: 0, pending: 1, out: Vec::new() }
     }
 
     /// Ends the stream and returns its bytes, padded with zeros if they are fewer than `fewest`.
     #[must_use]
-    pub(crate) fn finish(mut self, fewest: usize) -> Vec<u8> {
+    pub fn finish(mut self, fewest: usize) -> Vec<u8> {
         let least = self.out.len().max(1);
         for _ in 0..HELD {
             self.shift_low();
@@ -150,7 +152,7 @@ impl Coder for Encoder {
 
 /// Decodes symbols from bytes. Never panics; past the end it reads zeros and [`Coder::check`] fails.
 #[derive(Debug)]
-pub(crate) struct Decoder<'a> {
+pub struct Decoder<'a> {
     contexts: Contexts,
     bytes: &'a [u8],
     next: usize,
@@ -161,7 +163,7 @@ pub(crate) struct Decoder<'a> {
 impl<'a> Decoder<'a> {
     /// Starts decoding.
     #[must_use]
-    pub(crate) fn new(contexts: Contexts, bytes: &'a [u8]) -> Self {
+    pub fn new(contexts: Contexts, bytes: &'a [u8]) -> Self {
         let mut decoder = Self { contexts, bytes, next: 0, range: u32::MAX, code: 0 };
         for _ in 0..4 {
             decoder.code = (decoder.code << 8) | u32::from(decoder.byte());
@@ -173,7 +175,7 @@ impl<'a> Decoder<'a> {
     ///
     /// # Errors
     /// If the stream was too short, or has bytes that nothing needed, other than padding to `fewest`.
-    pub(crate) fn end(&self, fewest: usize) -> Result<(), DecodeError> {
+    pub fn end(&self, fewest: usize) -> Result<(), DecodeError> {
         self.check()?;
         nothing_left(self.bytes.get(self.next..).unwrap_or_default(), self.bytes.len() <= fewest)
     }
@@ -210,7 +212,7 @@ impl<'a> Decoder<'a> {
 }
 
 /// An error if anything is left, other than zeros where those are allowed.
-pub(crate) fn nothing_left(rest: &[u8], zeros: bool) -> Result<(), DecodeError> {
+pub fn nothing_left(rest: &[u8], zeros: bool) -> Result<(), DecodeError> {
     if rest.is_empty() || (zeros && rest.iter().all(|&b| b == 0)) {
         return Ok(());
     }
@@ -262,7 +264,7 @@ impl Coder for Decoder<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::context::{MAX_INPUTS, Prob};
+    use crate::entropy::context::{MAX_INPUTS, Prob};
     use proptest::prelude::*;
 
     fn contexts() -> Contexts {

@@ -5,8 +5,8 @@
 //! Where the source's normal lies further from it than a tolerance, the wedge carries it instead.
 
 use crate::mesh::QuantisedMesh;
-use crate::octahedral;
-use crate::vec3::{Vec3, add, dot, length, triangle_normal};
+use crate::mesh::octahedral;
+use crate::mesh::vec3::{Vec3, add, dot, length, triangle_normal};
 
 /// The unit normal of each wedge: its own, if it carries one, else the derived one; zero where the
 /// faces have no area. Cost: a sort of the wedges and one pass over the faces.

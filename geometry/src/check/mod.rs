@@ -13,12 +13,14 @@
 //! same delta as when everything coarser was applied; two random orders must give the same state, in
 //! one of which chunks were applied up to other stops first.
 
+pub mod closed_set;
+
 use std::collections::BTreeMap;
 
-use crate::base::Base;
-use crate::closed_set::{self, Member};
+use crate::asset::base::Base;
+use crate::asset::index::ChunkInfo;
+use crate::check::closed_set::Member;
 use crate::error::DecodeError;
-use crate::index::ChunkInfo;
 use crate::pool::{self, Pool};
 use crate::random::Random;
 use crate::refine::{ActiveMesh, ChunkDelta, Id, Snapshot};

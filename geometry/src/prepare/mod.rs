@@ -1,16 +1,22 @@
 //! Preparation: from a quantised mesh to a base mesh, an index and chunk payloads.
 
-use crate::base::{Base, MAX_BASE_FACES, Totals};
-use crate::codec::Codec;
-use crate::codec::attributes::Kinds;
-use crate::codec::base::{self as base_codec, BaseMesh};
-use crate::codec::chunk::{Encoded, Reached, Source, encode};
+pub mod training;
+
+use crate::asset::base::{Base, MAX_BASE_FACES, Totals};
+use crate::asset::index::{CHUNKS_PER_PAGE, ChunkInfo, Sphere};
+use crate::codec::base_mesh::{self as base_codec, BaseMesh};
+use crate::codec::chunk::{Encoded, Reached, encode};
+use crate::codec::index_page::{decode_page, encode_page};
+use crate::codec::source::Source;
+use crate::entropy::Codec;
 use crate::error::{DecodeError, MeshError};
-use crate::index::{CHUNKS_PER_PAGE, ChunkInfo, Sphere, decode_page, encode_page};
+use crate::mesh::Kinds;
 use crate::mesh::{Face, NO_COLOR, QuantisedMesh, Wedge};
 use crate::pool::{Monitor, Pool, Stage, Watched};
 use crate::refine::ActiveMesh;
-use crate::simplify::{RegionChunk, Settings, Simplified, simplify};
+use crate::simplify::hierarchy::{RegionChunk, Simplified};
+use crate::simplify::settings::Settings;
+use crate::simplify::simplify;
 
 #[cfg(test)]
 mod reference_test;

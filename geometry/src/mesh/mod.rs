@@ -5,6 +5,13 @@
 //! wedges. Two faces that meet at a uv seam therefore still share their vertices, so no
 //! simplification can tear the surface open along a seam.
 
+pub mod distance;
+pub mod normals;
+pub mod octahedral;
+pub(crate) mod slot_map;
+pub(crate) mod stars;
+pub(crate) mod vec3;
+
 /// Marks a [`Corner`] attribute that the source does not give.
 pub const NONE: u32 = u32::MAX;
 
@@ -50,6 +57,15 @@ pub struct SourceMesh {
     pub materials: Vec<u16>,
 }
 
+/// Which attributes an asset has.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Kinds {
+    /// Bits per axis of texture coordinates, 0 for none.
+    pub(crate) uv_bits: u8,
+    pub(crate) colors: bool,
+    pub(crate) normals: bool,
+}
+
 /// Bits per axis of an [`Attributes::normal`].
 pub const NORMAL_BITS: u8 = 10;
 /// The colour of a vertex that has none: white, opaque, so that multiplying by it changes nothing.
@@ -66,7 +82,7 @@ pub struct Attributes {
     /// bright, where linear ones would show bands in the dark), opacity linear; [`NO_COLOR`] where the
     /// source has none. Multiplies the material's colour.
     pub color: [u8; 4],
-    /// The normal as a point of the octahedral map ([`crate::octahedral`]), [`NORMAL_BITS`] per axis,
+    /// The normal as a point of the octahedral map ([`crate::mesh::octahedral`]), [`NORMAL_BITS`] per axis,
     /// where it differs from what the faces say; `None` where it is derived from them.
     pub normal: Option<[u16; 2]>,
 }

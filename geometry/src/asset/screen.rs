@@ -5,7 +5,7 @@
 //! the visible error is the larger of the geometric error and the weighted attribute error
 //! (ARCHITECTURE.md, "Errors").
 
-use crate::index::{ChunkInfo, Stop};
+use crate::asset::index::{ChunkInfo, Stop};
 
 /// What an attribute error counts against a geometric error of the same length. Half: texture that slides
 /// within a surface moves no outline, and shading is judged on patches as large as an input face.

@@ -3,9 +3,9 @@
 //! Integers only, so every machine believes the same.
 
 /// Observations after which adaptation stops getting slower.
-pub(crate) const MAX_COUNT: u8 = 120;
+pub const MAX_COUNT: u8 = 120;
 /// Most contexts that one decision looks at.
-pub(crate) const MAX_INPUTS: usize = 4;
+pub const MAX_INPUTS: usize = 4;
 /// Probabilities stay this far (of 65536) from 0 and 1, so no symbol costs nothing or everything.
 const MARGIN: i32 = 48;
 /// Speed at which mixing weights follow: weight += stretch × error / 2^this.
@@ -13,11 +13,11 @@ const LEARNING_SHIFT: u32 = 17;
 
 /// An adaptive estimate of the probability that a bit is set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Prob {
+pub struct Prob {
     /// In 65536ths.
-    pub(crate) p: u16,
+    pub p: u16,
     /// Observations that the estimate is worth.
-    pub(crate) seen: u8,
+    pub seen: u8,
 }
 
 impl Default for Prob {
@@ -29,7 +29,7 @@ impl Default for Prob {
 impl Prob {
     /// Moves the estimate towards what was seen, by 1/(n + 1.5).
     #[inline]
-    pub(crate) fn update(&mut self, bit: bool) {
+    pub fn update(&mut self, bit: bool) {
         let (p, rate) = (i32::from(self.p), RATE[usize::from(self.seen)]);
         // A step never passes its target, so it can only leave the range on one side.
         let p = if bit {
@@ -87,21 +87,27 @@ static STRETCH: [i16; 4096] = {
 
 /// All estimates of one stream.
 #[derive(Clone, Debug)]
-pub(crate) struct Contexts {
-    pub(crate) probs: Vec<Prob>,
+pub struct Contexts {
+    /// Estimates by context.
+    pub probs: Vec<Prob>,
     /// Mixing weights by mixer, in 65536ths.
-    pub(crate) weights: Vec<[i32; MAX_INPUTS]>,
+    pub weights: Vec<[i32; MAX_INPUTS]>,
 }
 
 /// A mixed estimate, and what it needs to learn from the outcome.
-pub(crate) struct Mixed<const N: usize> {
-    pub(crate) p: u16,
+pub struct Mixed<const N: usize> {
+    /// In 65536ths.
+    pub p: u16,
     stretched: [i32; N],
 }
 
 impl Contexts {
     /// Reads what [`Contexts::to_bytes`] wrote: `count` probabilities, the rest weights.
-    pub(crate) fn from_bytes(bytes: &[u8], count: usize) -> Self {
+    ///
+    /// # Panics
+    /// If there are fewer bytes than `count` probabilities take: the table is a program's own.
+    #[must_use]
+    pub fn from_bytes(bytes: &[u8], count: usize) -> Self {
         let (probs, weights) = bytes.split_at(count * 3);
         let prob = |b: &[u8]| Prob { p: u16::from_le_bytes([b[0], b[1]]), seen: b[2].min(MAX_COUNT) };
         let weight =
@@ -113,7 +119,9 @@ impl Contexts {
         }
     }
 
-    pub(crate) fn to_bytes(&self) -> Vec<u8> {
+    /// The table's bytes: three a context, then four a weight.
+    #[must_use]
+    pub fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(self.probs.len() * 3 + self.weights.len() * 4);
         for prob in &self.probs {
             bytes.extend(prob.p.to_le_bytes());
@@ -125,8 +133,10 @@ impl Contexts {
         bytes
     }
 
+    /// The estimate that several contexts give, mixed by the weights of `mixer`.
     #[inline(always)]
-    pub(crate) fn mixed<const N: usize>(&self, contexts: [usize; N], mixer: usize) -> Mixed<N> {
+    #[must_use]
+    pub fn mixed<const N: usize>(&self, contexts: [usize; N], mixer: usize) -> Mixed<N> {
         let weights = &self.weights[mixer];
         let mut dot = 0_i64;
         let mut stretched = [0; N];
@@ -138,14 +148,9 @@ impl Contexts {
         Mixed { p: SQUASH[(x + 2048) as usize], stretched }
     }
 
+    /// Moves the contexts and the weights that gave an estimate towards what was seen.
     #[inline(always)]
-    pub(crate) fn learn<const N: usize>(
-        &mut self,
-        contexts: [usize; N],
-        mixer: usize,
-        mixed: &Mixed<N>,
-        bit: bool,
-    ) {
+    pub fn learn<const N: usize>(&mut self, contexts: [usize; N], mixer: usize, mixed: &Mixed<N>, bit: bool) {
         let error = (i32::from(bit) << 16) - i32::from(mixed.p);
         let weights = &mut self.weights[mixer];
         for i in 0..N {

@@ -3,20 +3,20 @@
 
 use std::collections::{HashMap, HashSet, VecDeque};
 
-use crate::base::MAX_BASE_FACES;
-use crate::ceiling::{least_bytes, most_elements};
-use crate::codec::Codec;
-use crate::codec::attributes::{Expected, Kinds, code_attributes};
+use crate::asset::base::MAX_BASE_FACES;
+use crate::codec::attributes::{Expected, code_attributes};
 use crate::codec::model::{
     BASE_AXIS, BASE_GATE, BASE_MATERIAL, BASE_MORE, BASE_NEW_VERTEX, BASE_NEW_WEDGE, BASE_SAME_MATERIAL,
-    BASE_SAME_WEDGE, contexts,
+    BASE_SAME_WEDGE, STREAMS, contexts,
 };
 use crate::codec::residual::Recent;
+use crate::entropy::Codec;
+use crate::entropy::ceiling::{least_bytes, most_elements};
+use crate::entropy::plain_coder::{PlainDecoder, PlainEncoder};
+use crate::entropy::range_coder::{Coder, Decoder, Encoder};
+use crate::entropy::symbols::{INTEGER_CONTEXTS, index, integer, signed};
 use crate::error::DecodeError;
-use crate::mesh::{Face, Wedge};
-use crate::plain_coder::{PlainDecoder, PlainEncoder};
-use crate::range_coder::{Coder, Decoder, Encoder};
-use crate::symbols::{INTEGER_CONTEXTS, index, integer, signed};
+use crate::mesh::{Face, Kinds, Wedge};
 
 /// A small mesh in the order of the traversal.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -51,7 +51,7 @@ pub(crate) fn encode(
             (encoder.finish(least_bytes(said.0.elements())), said)
         }
         Codec::Plain => {
-            let mut encoder = PlainEncoder::default();
+            let mut encoder = PlainEncoder::new(&STREAMS);
             let said = encode_with(&mut encoder, mesh, bits, kinds, materials)?;
             (encoder.finish(least_bytes(said.0.elements())), said)
         }
@@ -95,7 +95,7 @@ pub(crate) fn decode(
             decoder.end(least_bytes(walk.elements()))?;
         }
         Codec::Plain => {
-            let mut decoder = PlainDecoder::new(bytes)?;
+            let mut decoder = PlainDecoder::new(&STREAMS, bytes)?;
             walk.run(&mut decoder, None)?;
             decoder.end(least_bytes(walk.elements()))?;
         }

@@ -1,7 +1,7 @@
 //! Vertex stars as linked lists through the corners of faces: constant memory per corner, cheap
 //! insertion, removal in the length of one star.
 
-use crate::steps;
+use crate::entropy::steps;
 
 /// Marks the end of a list.
 pub(crate) const END: u32 = u32::MAX;

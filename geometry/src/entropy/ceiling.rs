@@ -12,12 +12,12 @@ const FREE: u64 = 64;
 const PER_BYTE: u64 = 16;
 
 /// Most elements of so many bytes.
-pub(crate) fn most_elements(bytes: usize) -> u64 {
+pub fn most_elements(bytes: usize) -> u64 {
     (bytes as u64).saturating_mul(PER_BYTE).saturating_add(FREE)
 }
 
 /// Fewest bytes for so many elements.
-pub(crate) fn least_bytes(elements: u64) -> usize {
+pub fn least_bytes(elements: u64) -> usize {
     elements.saturating_sub(FREE).div_ceil(PER_BYTE) as usize
 }
 

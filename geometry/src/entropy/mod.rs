@@ -1,0 +1,42 @@
+//! Entropy coding: from symbols to bytes and back. Knows nothing of what the symbols mean.
+//!
+//! A model is written once, against [`range_coder::Coder`]: it says what it would write and goes on with what it gets
+//! back, so an encoder and its decoder cannot drift apart. Whole numbers and choices are in [`symbols`]; what a range
+//! coder believes is in [`context`]; how much may be believed of so many bytes, before anything is reserved, is in
+//! [`ceiling`].
+//!
+//! ```
+//! use lodestream_geometry::entropy::context::{Contexts, Prob};
+//! use lodestream_geometry::entropy::range_coder::{Coder, Decoder, Encoder};
+//! use lodestream_geometry::entropy::symbols::{INTEGER_CONTEXTS, integer};
+//!
+//! let contexts = || Contexts { probs: vec![Prob::default(); INTEGER_CONTEXTS], weights: Vec::new() };
+//! let mut encoder = Encoder::new(contexts());
+//! integer(&mut encoder, 0, 1234);
+//! let bytes = encoder.finish(0);
+//!
+//! let mut decoder = Decoder::new(contexts(), &bytes);
+//! assert_eq!(integer(&mut decoder, 0, 0), 1234);
+//! decoder.end(0)?;
+//! # Ok::<(), lodestream_geometry::DecodeError>(())
+//! ```
+
+pub mod bytes;
+pub mod ceiling;
+pub mod context;
+pub mod plain_coder;
+pub mod range_coder;
+pub mod steps;
+pub mod symbols;
+
+/// How the symbols of chunks and of the base mesh become bytes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Codec {
+    /// An adaptive range coder with trained priors: the fewest bytes, and stopping points inside chunks.
+    #[default]
+    Range,
+    /// Symbols as they are, sorted into streams, for a general-purpose compressor that the caller
+    /// applies to whole blobs: more bytes, less to do. Without stopping points, since a compressed blob
+    /// has no beginning that could be used.
+    Plain,
+}

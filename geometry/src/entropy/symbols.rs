@@ -1,0 +1,83 @@
+//! Symbols larger than a bit, on top of any coder: trees, unsigned and signed integers, indices.
+
+use crate::entropy::range_coder::Coder;
+use crate::error::DecodeError;
+
+/// Contexts that [`tree`] uses.
+pub const fn tree_contexts(bits: u32) -> usize {
+    1 << bits
+}
+
+/// Codes `value < 2^bits`, most significant bit first down a binary tree of contexts from `at` on.
+#[inline]
+pub fn tree<C: Coder>(coder: &mut C, at: usize, bits: u32, value: u32) -> u32 {
+    if let Some(got) = coder.whole(at, bits, value) {
+        return got;
+    }
+    let mut node = 1_usize;
+    for i in (0..bits).rev() {
+        let bit = coder.bit(at + node, (value >> i) & 1 == 1);
+        node = node * 2 + usize::from(bit);
+    }
+    node as u32 - (1 << bits)
+}
+
+/// Bits of the class symbol of [`integer`]: magnitudes of up to 31 bits.
+const CLASS_BITS: u32 = 5;
+/// Contexts that [`integer`] uses.
+pub const INTEGER_CONTEXTS: usize = tree_contexts(CLASS_BITS) + 32;
+
+/// Codes `value < 2^31` by Elias-gamma classes: the bit length adapts, the top bit below the leading
+/// one adapts per class, the rest is raw.
+pub fn integer<C: Coder>(coder: &mut C, at: usize, value: u32) -> u32 {
+    if let Some(got) = coder.whole(at, 31, value) {
+        return got;
+    }
+    let class = tree(coder, at, CLASS_BITS, 32 - value.leading_zeros());
+    match class {
+        0 | 1 => class,
+        _ => {
+            let below = class - 1;
+            let second = at + tree_contexts(CLASS_BITS) + class as usize;
+            let high = coder.bit(second, (value >> (below - 1)) & 1 == 1);
+            let rest = coder.raw(below - 1, value & ((1 << (below - 1)) - 1));
+            (1 << below) | (u32::from(high) << (below - 1)) | rest
+        }
+    }
+}
+
+/// Codes a signed integer of at most 30 bits: magnitude as [`integer`], then a raw sign.
+pub fn signed<C: Coder>(coder: &mut C, at: usize, value: i32) -> i32 {
+    if let Some(got) = coder.whole(at, 31, zigzag(value)) {
+        return unzigzag(got);
+    }
+    let magnitude = integer(coder, at, value.unsigned_abs()) as i32;
+    if magnitude == 0 {
+        return 0;
+    }
+    if coder.raw(1, u32::from(value < 0)) == 1 { magnitude.wrapping_neg() } else { magnitude }
+}
+
+/// Signed integers as unsigned ones, small ones first: 0, -1, 1, -2, …
+pub fn zigzag(value: i32) -> u32 {
+    ((value << 1) ^ (value >> 31)) as u32
+}
+
+/// The inverse of [`zigzag`].
+pub fn unzigzag(code: u32) -> i32 {
+    (code >> 1) as i32 ^ -((code & 1) as i32)
+}
+
+/// Bits needed to name one of `count` things: 0 for one.
+pub fn bits_for(count: usize) -> u32 {
+    usize::BITS - count.saturating_sub(1).leading_zeros()
+}
+
+/// Codes an index below `count` in as few raw bits as a power of two allows.
+pub fn index<C: Coder>(coder: &mut C, count: usize, value: usize, what: &str) -> Result<usize, DecodeError> {
+    let got = coder.raw(bits_for(count), value as u32) as usize;
+    if got >= count {
+        return Err(DecodeError::new(what, format!("index {got} of {count}")));
+    }
+    Ok(got)
+}
