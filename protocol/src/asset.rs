@@ -159,6 +159,14 @@ pub struct TextureLevel {
     pub format: TextureFormat,
 }
 
+/// Width and height of a texture's level, of which there are `levels`: each level is half as wide and high as the
+/// next finer one, the last as large as `finest`. Level 0 is the coarsest.
+#[must_use]
+pub fn level_size(finest: [u32; 2], levels: u32, level: u32) -> [u32; 2] {
+    let halvings = levels.saturating_sub(level.saturating_add(1));
+    finest.map(|side| side.checked_shr(halvings).unwrap_or(0).max(1))
+}
+
 impl AssetDescription {
     /// Encodes the description.
     ///

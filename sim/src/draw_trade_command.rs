@@ -1,7 +1,7 @@
 //! `lodestream-sim draw-trade`: its arguments, and a line for each value.
 
 use clap::Args;
-use lodestream_client::render::{MAX_RELIEF_STEPS, MAX_SAMPLES};
+use lodestream_render::{MAX_RELIEF_STEPS, MAX_SAMPLES};
 use lodestream_sim::scenario::pictures::draw_trade::{Knob, draw_trade};
 use lodestream_sim::scenario::pictures::frame_time::MAX_FRAMES;
 

@@ -6,8 +6,8 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 use clap::Args;
-use lodestream_client::render::Gpu;
 use lodestream_protocol::source::SceneSource;
+use lodestream_render::Gpu;
 use lodestream_sim::scenario::plan::Plan;
 use lodestream_sim::scenario::{plan, scene};
 use serde::Serialize;

@@ -4,7 +4,7 @@
 //! structure and hardly at colour, FLIP models what a person sees who flips between the two.
 
 use image::{DynamicImage, RgbaImage};
-use lodestream_client::image_compare::{CompareError, compare};
+use lodestream_render::image_compare::{CompareError, compare};
 use serde::Serialize;
 
 /// Pixels per degree of visual angle for which FLIP is stated: a monitor 0.7 m wide with 3840 pixels, seen from

@@ -9,7 +9,7 @@ use lodestream_protocol::time::Time;
 use super::asset::RefinedAsset;
 use super::changes::{Change, TextureChange};
 use super::client_core::ClientCore;
-use crate::render::{TexturePixels, TextureShape};
+use super::texture_file::TexturePixels;
 
 /// A blob, or part of it, as it arrived.
 #[derive(Clone, Debug)]
@@ -219,8 +219,8 @@ impl ClientCore {
         let info = refined.and_then(|r| r.description.textures.get(usize::from(texture)));
         let info = info.ok_or("no such texture")?;
         if self.config.track_changes {
-            let pixels = TexturePixels::decode(bytes, &TextureShape::from(info), u32::from(level))
-                .map_err(|why| why.to_string())?;
+            let pixels =
+                TexturePixels::decode(bytes, info, u32::from(level)).map_err(|why| why.to_string())?;
             self.scene.push_change(Change::Texture(TextureChange { asset, texture, level, pixels }));
         }
         self.counts.texture_levels += 1;

@@ -7,7 +7,7 @@ use lodestream_geometry::terrain::{PatchPoint, PatchPoints};
 use lodestream_protocol::asset::{Material, TextureInfo};
 use lodestream_protocol::scene::{InstanceEntry, SceneHeader};
 
-use crate::render::TexturePixels;
+use super::texture_file::TexturePixels;
 
 /// One step. Steps must be taken in order; each is consistent in itself.
 #[derive(Clone, Debug)]
@@ -109,10 +109,7 @@ impl Change {
                     + mesh.indices.iter().map(|run| run.faces.len() * 12).sum::<usize>()
             }
             Self::TerrainPoints { points, .. } => points.len() * size_of::<PatchPoint>(),
-            Self::Texture(texture) => match &texture.pixels {
-                TexturePixels::Rgba8(texels) | TexturePixels::R8(texels) => texels.len(),
-                TexturePixels::R16(texels) => 2 * texels.len(),
-            },
+            Self::Texture(texture) => texture.pixels.bytes(),
         }
     }
 }

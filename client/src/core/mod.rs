@@ -30,6 +30,7 @@ mod terrain_points;
 mod testing;
 #[cfg(test)]
 mod tests;
+mod texture_file;
 
 pub use asset::uv_per_unit;
 pub use changes::{Change, IndexRun, MeshChange, NewAsset, TextureChange, Vertex};
@@ -37,3 +38,4 @@ pub use client_core::{ClientCore, Progress};
 pub use config::{Config, StartView};
 pub use milestones::{Milestone, Milestones, QUALITIES_PX};
 pub use stats::{Connection, Received, Stats};
+pub use texture_file::{TextureFileError, TexturePixels};

@@ -5,9 +5,9 @@ use std::io::Write as _;
 use glam::{DVec3, Vec3};
 use image::RgbaImage;
 use lodestream_client::core::Change;
-use lodestream_client::image_compare::{Comparison, compare};
-use lodestream_client::render::{Camera, Gpu, Headless, Settings};
-use lodestream_client::scene_view::SceneView;
+use lodestream_render::SceneView;
+use lodestream_render::image_compare::{Comparison, compare};
+use lodestream_render::{Camera, Gpu, Headless, Settings};
 
 use super::PICTURE_PX;
 

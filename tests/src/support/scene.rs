@@ -3,8 +3,7 @@
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
-use lodestream_client::core::{Change, IndexRun, MeshChange, NewAsset, TextureChange, Vertex};
-use lodestream_client::render::{TexturePixels, TextureShape};
+use lodestream_client::core::{Change, IndexRun, MeshChange, NewAsset, TextureChange, TexturePixels, Vertex};
 use lodestream_geometry::closed_set::{Budget, lowest_error};
 use lodestream_protocol::source::SceneSource;
 use lodestream_protocol::{BlobId, BlobPart};
@@ -118,8 +117,7 @@ impl TestScene {
             for level in 0..u8::try_from(info.levels.len()).unwrap() {
                 let id = BlobId { asset: number, part: BlobPart::Texture { texture, level } };
                 let file = self.store.read(&id).unwrap();
-                let pixels =
-                    TexturePixels::decode(&file, &TextureShape::from(info), u32::from(level)).unwrap();
+                let pixels = TexturePixels::decode(&file, info, u32::from(level)).unwrap();
                 changes.push(Change::Texture(TextureChange { asset: number, texture, level, pixels }));
             }
         }

@@ -7,9 +7,9 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 use image::RgbaImage;
-use lodestream_client::render::{AmbientOcclusion, Counters, Gpu, Settings};
 use lodestream_protocol::source::SceneSource;
 use lodestream_protocol::view::View;
+use lodestream_render::{AmbientOcclusion, Counters, Gpu, Settings};
 use serde::Serialize;
 
 use super::painter::Studio;

@@ -3,8 +3,8 @@
 use std::fmt;
 use std::sync::Arc;
 
-use lodestream_client::render::{Counters, Gpu, Settings};
 use lodestream_protocol::source::SceneSource;
+use lodestream_render::{Counters, Gpu, Settings};
 use serde::Serialize;
 
 use super::painter::Studio;

@@ -22,8 +22,8 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 use image::RgbaImage;
-use lodestream_client::render::Gpu;
 use lodestream_protocol::view::View;
+use lodestream_render::Gpu;
 use serde::Serialize;
 
 use super::report::milliseconds;

@@ -6,10 +6,10 @@ use std::sync::{Mutex, PoisonError};
 use glam::{DQuat, DVec3};
 use image::RgbaImage;
 use lodestream_client::core::ClientCore;
-use lodestream_client::render::{Camera, Counters, Gpu, Headless, RenderError, Settings};
-use lodestream_client::scene_view::SceneView;
 use lodestream_protocol::Time;
 use lodestream_protocol::view::View;
+use lodestream_render::SceneView;
+use lodestream_render::{Camera, Counters, Gpu, Headless, RenderError, Settings};
 
 use super::{Instant, Shot};
 use crate::scenario::plan::PictureSettings;

@@ -1,0 +1,121 @@
+//! Image files of texture levels to pixels, for a background thread.
+
+use image::{DynamicImage, ImageReader, Limits};
+use lodestream_protocol::asset::{TextureInfo, TextureKind, level_size};
+use thiserror::Error;
+
+/// A texture level that cannot be used.
+#[derive(Debug, Error)]
+#[error("texture level {level} ({width}×{height}): {reason}")]
+pub struct TextureFileError {
+    level: u32,
+    width: u32,
+    height: u32,
+    reason: String,
+}
+
+/// Decoded pixels of one level, in the form that the texture's kind asks for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum TexturePixels {
+    /// Four bytes per texel.
+    Rgba8(Vec<u8>),
+    /// One byte per texel.
+    R8(Vec<u8>),
+    /// One 16-bit value per texel.
+    R16(Vec<u16>),
+}
+
+impl TexturePixels {
+    /// Decodes the image file (PNG or JPEG) of a level; level 0 is the coarsest. The file must have
+    /// the level's size: memory is reserved only after its header has been checked.
+    ///
+    /// # Errors
+    /// [`TextureFileError`] for anything but an intact image of that size.
+    pub fn decode(file: &[u8], info: &TextureInfo, level: u32) -> Result<Self, TextureFileError> {
+        let levels = u32::try_from(info.levels.len()).unwrap_or(u32::MAX);
+        let [width, height] = level_size([info.width, info.height], levels, level);
+        let error = |reason: String| TextureFileError { level, width, height, reason };
+        let mut reader = ImageReader::new(std::io::Cursor::new(file))
+            .with_guessed_format()
+            .map_err(|e| error(e.to_string()))?;
+        let mut limits = Limits::default();
+        limits.max_image_width = Some(width);
+        limits.max_image_height = Some(height);
+        // The pixels themselves with 16 bits on four channels, the decoder's buffers, and a
+        // constant for small pictures.
+        limits.max_alloc = Some(u64::from(width) * u64::from(height) * 24 + (1 << 20));
+        reader.limits(limits);
+        let image = reader.decode().map_err(|e| error(e.to_string()))?;
+        if (image.width(), image.height()) != (width, height) {
+            return Err(error(format!("the image has {}×{} pixels", image.width(), image.height())));
+        }
+        Ok(match (info.kind, image) {
+            (TextureKind::Color, image) => Self::Rgba8(image.into_rgba8().into_raw()),
+            (TextureKind::Height, DynamicImage::ImageLuma8(grey)) => Self::R8(grey.into_raw()),
+            (TextureKind::Height, image) => Self::R16(image.into_luma16().into_raw()),
+        })
+    }
+
+    /// Memory held, in bytes.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        match self {
+            Self::Rgba8(texels) | Self::R8(texels) => texels.len(),
+            Self::R16(texels) => 2 * texels.len(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::{GrayImage, ImageBuffer, ImageFormat, Luma, RgbImage};
+    use lodestream_protocol::asset::{TextureFormat, TextureLevel};
+
+    /// A texture with all levels down to 1×1.
+    fn full(width: u32, height: u32, kind: TextureKind) -> TextureInfo {
+        let count = width.max(height).ilog2() + 1;
+        let level = |level| {
+            let [width, height] = level_size([width, height], count, level);
+            TextureLevel { width, height, bytes: 1, format: TextureFormat::Png }
+        };
+        TextureInfo { kind, width, height, levels: (0..count).map(level).collect() }
+    }
+
+    fn png(image: impl Into<DynamicImage>) -> Vec<u8> {
+        let mut file = std::io::Cursor::new(Vec::new());
+        image.into().write_to(&mut file, ImageFormat::Png).unwrap();
+        file.into_inner()
+    }
+
+    #[test]
+    fn levels_decode_in_the_form_of_their_kind() {
+        let colour = full(4, 2, TextureKind::Color);
+        let file = png(RgbImage::from_pixel(4, 2, image::Rgb([1, 2, 3])));
+        let pixels = TexturePixels::decode(&file, &colour, 2).unwrap();
+        assert_eq!(pixels, TexturePixels::Rgba8([1, 2, 3, 255].repeat(8)));
+
+        let height = TextureInfo { kind: TextureKind::Height, ..colour };
+        let file = png(GrayImage::from_pixel(2, 1, Luma([77])));
+        assert_eq!(TexturePixels::decode(&file, &height, 1).unwrap(), TexturePixels::R8(vec![77; 2]));
+        let deep: ImageBuffer<Luma<u16>, _> = ImageBuffer::from_pixel(2, 1, Luma([54_321u16]));
+        let pixels = TexturePixels::decode(&png(deep), &height, 1).unwrap();
+        assert_eq!(pixels, TexturePixels::R16(vec![54_321; 2]));
+    }
+
+    #[test]
+    fn files_that_are_not_the_level_are_errors() {
+        let shape = full(8, 8, TextureKind::Color);
+        let right = png(RgbImage::new(8, 8));
+        let refused = |file: &[u8], level| TexturePixels::decode(file, &shape, level).is_err();
+        assert!(!refused(&right, 3));
+        assert!(refused(&right, 2), "larger than the level");
+        assert!(refused(&png(RgbImage::new(4, 4)), 3), "smaller than the level");
+        assert!(refused(b"not an image", 3));
+        for length in 0..right.len() - 1 {
+            // Cutting off the end marker alone may pass; cutting off pixels may not.
+            let _ = TexturePixels::decode(&right[..length], &shape, 3);
+        }
+        assert!(refused(&right[..right.len() / 2], 3));
+    }
+}

@@ -1,0 +1,207 @@
+//! The terrain of a scene in GPU memory: which tiles a frame draws, and where missing ones come from.
+
+use std::sync::Arc;
+
+use lodestream_geometry::terrain::{PatchPoints, Scratch, Terrain};
+use lodestream_protocol::terrain::TerrainEntry;
+
+use crate::tiles::{COARSER, Ground, GroundView, Maker, TileRegion, TileStore, Tiles};
+use crate::{
+    Camera, Gpu, RenderError, Renderer, TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart,
+};
+
+/// Tiles of one frame, at most: 512 triangles each.
+const MAX_TILES: usize = 4000;
+/// Finished tiles taken per frame, at most: each is a small upload.
+const TILES_PER_FRAME: usize = 400;
+/// Coarser screen errors tried while finer tiles are being made: a factor of 2^20 in all.
+const COARSER_STEPS: u32 = 64;
+
+/// Where tiles come from.
+#[derive(Debug, Default)]
+pub enum Making {
+    /// A thread of their own makes them; until they are there, coarser ones are drawn.
+    Apart(Maker),
+    /// The drawing thread makes what a frame needs before it is drawn: pictures are a function of the pose.
+    #[default]
+    AtOnce,
+}
+
+/// See the module.
+#[derive(Debug)]
+pub struct GroundScene {
+    gpu: TerrainGpu,
+    ground: Arc<Ground>,
+    /// Grows with every change of the ground.
+    state: u64,
+    store: TileStore,
+    parts: Vec<TerrainPart>,
+    regions: Vec<TileRegion>,
+    above: f64,
+    scratch: Scratch,
+    /// Tiles that the last frame lacked.
+    missing: usize,
+    /// Screen error of what is drawn, in pixels.
+    drawn_px: f64,
+}
+
+impl GroundScene {
+    /// The terrain of a scene.
+    ///
+    /// # Errors
+    /// What the graphics device refuses; [`RenderError::Terrain`] for parameters of which no terrain can be made.
+    pub fn new(gpu: &Gpu, renderer: &Renderer, entry: &TerrainEntry) -> Result<Self, RenderError> {
+        let terrain = Terrain::with_stamps(entry.parameters, entry.stamps.clone())
+            .map_err(|why| RenderError::Terrain(why.to_string()))?;
+        let look = TerrainLook {
+            unit: f64::from(entry.unit),
+            height_unit: f64::from(entry.height_unit),
+            zones: entry.zones,
+        };
+        // Measuring the ground and painting its textures take some ten milliseconds each.
+        let (ground, on_gpu) = std::thread::scope(|scope| {
+            let ground = scope.spawn(|| Ground::new(Arc::new(terrain), entry));
+            let on_gpu = renderer.create_terrain(gpu, look);
+            (ground.join(), on_gpu)
+        });
+        let ground = ground.map_err(|_| RenderError::Terrain("measuring it failed".into()))?;
+        Ok(Self {
+            gpu: on_gpu?,
+            ground: Arc::new(ground),
+            state: 0,
+            store: TileStore::new(TERRAIN_SLOTS),
+            parts: Vec::new(),
+            regions: Vec::new(),
+            above: 0.0,
+            scratch: Scratch::new(),
+            missing: 0,
+            drawn_px: f64::INFINITY,
+        })
+    }
+
+    /// Lists points for a patch, in place of those it had. Tiles that show it are made anew; the patch is measured, which
+    /// takes a millisecond with 257² points.
+    ///
+    /// # Errors
+    /// [`RenderError::Terrain`] if there is no such patch.
+    pub fn set_points(&mut self, x: i64, y: i64, points: PatchPoints) -> Result<(), RenderError> {
+        let ground = Arc::make_mut(&mut self.ground);
+        let (origin, side) = ground
+            .set_points(x, y, points, &mut self.scratch)
+            .map_err(|why| RenderError::Terrain(why.to_string()))?;
+        self.state += 1;
+        self.store.forget(origin, side);
+        Ok(())
+    }
+
+    /// Prepares what a frame draws from `camera` into a picture of `size` pixels, for a screen error of `target_px`.
+    ///
+    /// # Errors
+    /// What the graphics device refuses.
+    pub fn prepare(
+        &mut self,
+        gpu: &Gpu,
+        making: &Making,
+        camera: &Camera,
+        size: (u32, u32),
+        target_px: f64,
+    ) -> Result<(), RenderError> {
+        self.store.begin();
+        let view = GroundView::new(&self.ground, camera, size, &mut self.scratch);
+        self.above = view.above;
+        let wanted = self.ground.tiles(&view, target_px, MAX_TILES);
+        for picked in &wanted.picked {
+            self.store.touch(picked.tile);
+        }
+        if let Making::Apart(maker) = making {
+            for _ in 0..TILES_PER_FRAME {
+                let Some(tile) = maker.take() else { break };
+                // What was made of an older ground may be wrong.
+                if tile.state == self.state
+                    && let Some(slot) = self.store.insert(tile.id)
+                {
+                    self.gpu.upload(gpu, slot, &tile.heights)?;
+                }
+            }
+        }
+        let missing = |tiles: &Tiles, store: &TileStore| {
+            let absent =
+                tiles.picked.iter().map(|picked| picked.tile).filter(|&tile| store.slot(tile).is_none());
+            absent.collect::<Vec<_>>()
+        };
+        let mut absent = missing(&wanted, &self.store);
+        self.missing = absent.len();
+        let drawn = match making {
+            Making::Apart(maker) => {
+                // Coarse ones first: the picture is whole the sooner.
+                absent.sort_by_key(|tile| std::cmp::Reverse(tile.spacing));
+                maker.wish(&self.ground, self.state, absent.iter().copied());
+                self.finest_held(&view, wanted, &|tiles, store| missing(tiles, store).is_empty())
+            }
+            Making::AtOnce => wanted,
+        };
+        let mut heights = Vec::new();
+        for tile in missing(&drawn, &self.store) {
+            if let Some(slot) = self.store.insert(tile) {
+                self.ground.heights(tile, &mut self.scratch, &mut heights);
+                self.gpu.upload(gpu, slot, &heights)?;
+            }
+        }
+        self.drawn_px = drawn.target_px;
+        self.regions = drawn.regions();
+        self.parts.clear();
+        self.parts.extend(drawn.picked.iter().filter_map(|picked| {
+            Some(TerrainPart {
+                origin: picked.tile.origin(),
+                spacing: picked.tile.spacing,
+                slot: self.store.slot(picked.tile)?,
+                quadrants: picked.quadrants,
+                morph: drawn.morph(picked.tile),
+                regions: drawn.mask(picked.tile),
+            })
+        }));
+        Ok(())
+    }
+
+    /// The finest selection of which everything is held; if there is none, the coarsest that was tried, a handful of
+    /// tiles that are then made at once.
+    fn finest_held(
+        &self,
+        view: &GroundView,
+        wanted: Tiles,
+        held: &dyn Fn(&Tiles, &TileStore) -> bool,
+    ) -> Tiles {
+        let mut tiles = wanted;
+        for _ in 0..COARSER_STEPS {
+            if held(&tiles, &self.store) {
+                break;
+            }
+            tiles = self.ground.tiles(view, tiles.target_px * COARSER, MAX_TILES);
+        }
+        tiles
+    }
+
+    /// Tiles that the last frame lacked and that are being made.
+    #[must_use]
+    pub fn missing(&self) -> usize {
+        self.missing
+    }
+
+    /// Screen error that the last frame's tiles were chosen for, in pixels.
+    #[must_use]
+    pub fn drawn_px(&self) -> f64 {
+        self.drawn_px
+    }
+
+    /// Bytes in GPU memory.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.gpu.bytes()
+    }
+
+    /// What [`GroundScene::prepare`] prepared.
+    #[must_use]
+    pub fn frame(&self) -> TerrainFrame<'_> {
+        TerrainFrame { terrain: &self.gpu, parts: &self.parts, regions: &self.regions, above: self.above }
+    }
+}

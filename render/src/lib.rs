@@ -1,0 +1,64 @@
+//! Deferred renderer on wgpu: assets in GPU memory, a small frame graph, pictures.
+//!
+//! What a caller does, in order:
+//! 1. [`Gpu::headless`] or [`Gpu::for_surface`]: the device.
+//! 2. [`Renderer::new`] for the format of the target that will be drawn into.
+//! 3. [`Renderer::create_asset`] per asset; then [`AssetGpu::update_vertices`],
+//!    [`AssetGpu::update_indices`] and [`AssetGpu::update_texture`] as data arrives.
+//! 4. [`Renderer::record`] per frame, with a [`Frame`]: camera, instances per asset, settings, time.
+//!
+//! [`Headless`] does 2 and 4 into a texture and reads pictures back.
+//!
+//! Conventions: right-handed world; view space looks along −z with y up; reversed depth
+//! (1 at the near plane, 0 at infinity); colours are linear unless a name says sRGB; all passes
+//! work relative to the eye, so that f32 suffices on the GPU wherever the scene lies in f64 space.
+//! Surfaces are drawn from both sides: scanned meshes may be open, so nothing is culled, and the
+//! normal of a back face is flipped in the fragment shader.
+
+mod asset;
+mod buffer;
+mod camera;
+mod draw;
+mod gbuffer;
+mod gpu;
+mod graph;
+mod ground_scene;
+mod headless;
+pub mod image_compare;
+mod instance;
+mod material;
+mod pipelines;
+mod readback;
+mod renderer;
+mod scene;
+#[cfg(feature = "client")]
+mod scene_view;
+mod targets;
+mod terrain;
+mod texture;
+pub mod tiles;
+pub mod twin;
+mod uniforms;
+mod vertex;
+
+#[cfg(test)]
+mod tests;
+
+pub use asset::AssetGpu;
+pub use camera::Camera;
+pub use gpu::{Gpu, RenderError};
+pub use graph::PassId;
+pub use ground_scene::{GroundScene, Making};
+pub use headless::Headless;
+pub use instance::Instance;
+pub use material::Material;
+pub use renderer::Renderer;
+pub use scene::{
+    AmbientOcclusion, Counters, Drawable, Environment, Frame, MAX_RELIEF_STEPS, MAX_SAMPLES, OcclusionRadius,
+    Settings, Shade,
+};
+#[cfg(feature = "client")]
+pub use scene_view::SceneView;
+pub use terrain::{MAX_DRAWN_HEIGHT, TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart};
+pub use texture::{TextureData, TextureKind, TextureShape};
+pub use vertex::RenderVertex;

@@ -1,0 +1,270 @@
+//! From the core's changes to the renderer's assets: the part of a viewer that owns GPU memory.
+
+use std::collections::VecDeque;
+
+use glam::{DQuat, DVec3, Vec3};
+use lodestream_client::core::{Change, MeshChange, NewAsset, TexturePixels};
+use lodestream_protocol::scene::{InstanceEntry, SceneHeader};
+
+use crate::tiles::Maker;
+use crate::{
+    AssetGpu, Camera, Drawable, Environment, Frame, Gpu, GroundScene, Instance, Making, Material,
+    RenderError, RenderVertex, Renderer, Settings, TextureData, TextureShape,
+};
+
+/// Exposed radiance of a white surface that faces the sun: near the upper end of the tone curve.
+const SUNLIT_WHITE: f32 = 1.6;
+
+/// The scene in GPU memory, as far as it has arrived.
+#[derive(Debug, Default)]
+pub struct SceneView {
+    header: Option<SceneHeader>,
+    /// By asset number; `None` until the base mesh is there.
+    assets: Vec<Option<AssetGpu>>,
+    /// By asset number.
+    instances: Vec<Vec<Instance>>,
+    /// Steps that wait for a frame with time to spare; each is taken whole.
+    waiting: VecDeque<Vec<Change>>,
+    /// Last time that a mesh changed, in seconds of the core's clock.
+    changed_s: f32,
+    /// The scene's terrain, if it has one.
+    ground: Option<GroundScene>,
+    making: Making,
+}
+
+impl SceneView {
+    /// An empty scene.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// An empty scene whose terrain is made on a thread of its own; `notify` is called there after each tile.
+    ///
+    /// # Errors
+    /// Fails where the system gives no thread.
+    pub fn with_terrain_apart(notify: impl Fn() + Send + 'static) -> std::io::Result<Self> {
+        Ok(Self { making: Making::Apart(Maker::start(notify)?), ..Self::default() })
+    }
+
+    /// Takes one step of the core.
+    pub fn push(&mut self, step: Vec<Change>) {
+        self.waiting.push_back(step);
+    }
+
+    /// Steps that were not uploaded yet.
+    #[must_use]
+    pub fn waiting(&self) -> usize {
+        self.waiting.len()
+    }
+
+    /// Uploads waiting steps until they came to about `budget_bytes`, at least one. A step is uploaded
+    /// whole, so that no frame shows half of it.
+    ///
+    /// # Errors
+    /// What the graphics device refuses.
+    pub fn upload(
+        &mut self,
+        gpu: &Gpu,
+        renderer: &Renderer,
+        budget_bytes: usize,
+        now_s: f32,
+    ) -> Result<usize, RenderError> {
+        let mut bytes = 0;
+        while bytes < budget_bytes
+            && let Some(step) = self.waiting.pop_front()
+        {
+            for change in step {
+                bytes += change.bytes();
+                self.apply(gpu, renderer, change, now_s)?;
+            }
+        }
+        Ok(bytes)
+    }
+
+    fn apply(
+        &mut self,
+        gpu: &Gpu,
+        renderer: &Renderer,
+        change: Change,
+        now_s: f32,
+    ) -> Result<(), RenderError> {
+        match change {
+            Change::Scene(header) => {
+                let waiting = std::mem::take(&mut self.waiting);
+                let making = std::mem::take(&mut self.making);
+                let ground = match &header.terrain {
+                    Some(entry) => Some(GroundScene::new(gpu, renderer, entry)?),
+                    None => None,
+                };
+                *self = Self { header: Some(*header), waiting, ground, making, ..Self::default() };
+            }
+            Change::Instances(entries) => {
+                for entry in &entries {
+                    let asset = entry.asset as usize;
+                    if self.instances.len() <= asset {
+                        self.instances.resize_with(asset + 1, Vec::new);
+                    }
+                    self.instances[asset].push(place(entry));
+                }
+            }
+            Change::Asset(asset) => self.add(gpu, renderer, &asset),
+            Change::Mesh(mesh) => {
+                self.changed_s = now_s;
+                return self.refine(gpu, &mesh);
+            }
+            Change::TerrainPoints { x, y, points } => {
+                if let Some(ground) = &mut self.ground {
+                    ground.set_points(x, y, points)?;
+                }
+            }
+            Change::Texture(texture) => {
+                let asset = self.assets.get_mut(texture.asset as usize).and_then(Option::as_mut);
+                if let Some(asset) = asset {
+                    let (index, level) = (usize::from(texture.texture), u32::from(texture.level));
+                    return asset.update_texture(gpu, index, level, texels(&texture.pixels));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn add(&mut self, gpu: &Gpu, renderer: &Renderer, asset: &NewAsset) {
+        let materials: Vec<Material> = asset.materials.iter().map(Material::from).collect();
+        let textures: Vec<TextureShape> = asset.textures.iter().map(TextureShape::from).collect();
+        let mut new = renderer.create_asset(gpu, DVec3::from(asset.origin), &materials, &textures);
+        new.set_bounds(Vec3::from(asset.center).as_dvec3(), f64::from(asset.radius));
+        let number = asset.asset as usize;
+        if self.assets.len() <= number {
+            self.assets.resize_with(number + 1, || None);
+        }
+        self.assets[number] = Some(new);
+    }
+
+    fn refine(&mut self, gpu: &Gpu, mesh: &MeshChange) -> Result<(), RenderError> {
+        let Some(asset) = self.assets.get_mut(mesh.asset as usize).and_then(Option::as_mut) else {
+            return Ok(());
+        };
+        for (first, vertices) in &mesh.vertices {
+            let vertices: Vec<RenderVertex> = vertices
+                .iter()
+                .map(|v| {
+                    RenderVertex::new(v.data.position, v.data.normal, v.data.uv)
+                        .morphing(v.data.morph_from, v.birth_s)
+                        .coloured(v.data.color)
+                        .at_level(v.level)
+                })
+                .collect();
+            asset.update_vertices(gpu, *first as usize, &vertices)?;
+        }
+        for run in &mesh.indices {
+            asset.update_indices(gpu, usize::from(run.material), run.first as usize, &run.faces)?;
+        }
+        Ok(())
+    }
+
+    /// The scene's header, once it has arrived.
+    #[must_use]
+    pub const fn header(&self) -> Option<&SceneHeader> {
+        self.header.as_ref()
+    }
+
+    /// When a mesh was last changed, in seconds: for `morph_s` after that, vertices move.
+    #[must_use]
+    pub const fn changed_s(&self) -> f32 {
+        self.changed_s
+    }
+
+    /// GPU memory of all meshes, in bytes.
+    #[must_use]
+    pub fn geometry_bytes(&self) -> u64 {
+        let assets: u64 = self.assets.iter().flatten().map(AssetGpu::geometry_bytes).sum();
+        assets + self.ground.as_ref().map_or(0, GroundScene::bytes)
+    }
+
+    /// Chooses the terrain's tiles for the frames that follow from `camera`, into pictures of `size` pixels, for a screen
+    /// error of `target_px`. Scenes without terrain need no call.
+    ///
+    /// # Errors
+    /// What the graphics device refuses.
+    pub fn prepare_ground(
+        &mut self,
+        gpu: &Gpu,
+        camera: &Camera,
+        size: (u32, u32),
+        target_px: f32,
+    ) -> Result<(), RenderError> {
+        let Some(ground) = &mut self.ground else { return Ok(()) };
+        ground.prepare(gpu, &self.making, camera, size, f64::from(target_px))
+    }
+
+    /// Terrain tiles that the last frame lacked; coarser ones were drawn in their place.
+    #[must_use]
+    pub fn missing_tiles(&self) -> usize {
+        self.ground.as_ref().map_or(0, GroundScene::missing)
+    }
+
+    /// Screen error that the last frame's terrain tiles were chosen for, in pixels: more than was asked for where that would
+    /// have taken too many. `None` without terrain.
+    #[must_use]
+    pub fn ground_px(&self) -> Option<f64> {
+        self.ground.as_ref().map(GroundScene::drawn_px)
+    }
+
+    /// Draws the scene as it is now: hands the frame to `draw`.
+    pub fn with_frame<R>(
+        &self,
+        camera: Camera,
+        settings: Settings,
+        time_s: f32,
+        draw: impl FnOnce(&Frame<'_>) -> R,
+    ) -> R {
+        let drawables: Vec<Drawable<'_>> = self
+            .assets
+            .iter()
+            .zip(&self.instances)
+            .filter_map(|(asset, instances)| Some(Drawable { asset: asset.as_ref()?, instances }))
+            .collect();
+        let environment = self.header.as_ref().map_or_else(Environment::default, environment);
+        let settings = Settings { exposure: settings.exposure * exposure(&environment), ..settings };
+        let terrain = self.ground.as_ref().map(GroundScene::frame);
+        draw(&Frame { camera, drawables: &drawables, terrain, environment, settings, time_s })
+    }
+}
+
+fn texels(pixels: &TexturePixels) -> TextureData<'_> {
+    match pixels {
+        TexturePixels::Rgba8(texels) => TextureData::Rgba8(texels),
+        TexturePixels::R8(texels) => TextureData::R8(texels),
+        TexturePixels::R16(texels) => TextureData::R16(texels),
+    }
+}
+
+fn place(entry: &InstanceEntry) -> Instance {
+    let rotation: DQuat = entry.orientation().as_dquat();
+    Instance { translation: DVec3::from(entry.translation), rotation, scale: f64::from(entry.scale) }
+}
+
+/// Exposure at which a white surface that faces the sun comes out just below white, however strong the
+/// scene's lights are.
+fn exposure(environment: &Environment) -> f32 {
+    // BT.709 luminance.
+    let luminance = |c: Vec3| c.dot(Vec3::new(0.2126, 0.7152, 0.0722));
+    let sky = 0.5 * (environment.sky_zenith + environment.sky_horizon);
+    let lit = luminance(environment.sun + sky);
+    if lit > 0.0 { (SUNLIT_WHITE / lit).clamp(1e-3, 1e3) } else { 1.0 }
+}
+
+/// The scene's light. The background gives the sky, which is brighter towards the horizon and lights
+/// surfaces from above; the ambient light is what comes from below.
+fn environment(header: &SceneHeader) -> Environment {
+    let background = Vec3::from(header.background);
+    Environment {
+        to_sun: Vec3::from(header.light.direction).as_dvec3(),
+        sun: Vec3::from(header.light.color),
+        up: Vec3::from(header.camera.up).as_dvec3(),
+        sky_zenith: background * 0.7,
+        sky_horizon: background * 1.3,
+        ground: Vec3::from(header.light.ambient),
+    }
+}

@@ -1,0 +1,229 @@
+//! Shaders against their twins in f64.
+
+use glam::DVec3;
+
+use super::shapes::{asset, at, cube, fill, mips16, quad, sphere};
+use super::{headless, keep};
+use crate::graph::Resource;
+use crate::readback::read_texture;
+use crate::twin::depth::view_ray;
+use crate::twin::relief::{steps, tests::bricks};
+use crate::twin::{ssao, tone};
+use crate::{
+    AmbientOcclusion, Camera, Drawable, Frame, Instance, Material, OcclusionRadius, Renderer, TextureData,
+    TextureKind, TextureShape,
+};
+
+#[test]
+fn tone_curve_matches_its_twin() {
+    let Some(mut h) = headless(4, 4) else { return };
+    let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 0.1);
+    for value in [0.001f32, 0.01, 0.05, 0.18, 0.4, 0.9, 2.0, 7.0] {
+        let mut frame = Frame::new(camera, &[]);
+        // The picture's middle looks at the horizon; make all of the sky one radiance.
+        frame.environment.sky_horizon = glam::Vec3::splat(value * 0.5);
+        frame.environment.sky_zenith = frame.environment.sky_horizon;
+        frame.environment.ground = frame.environment.sky_horizon;
+        frame.settings.exposure = 2.0;
+        h.frame(&frame).unwrap();
+        let got = f64::from(h.picture().unwrap().get_pixel(2, 2)[0]);
+        let want = tone::encode_srgb(tone::filmic(f64::from(value))) * 255.0;
+        // Half a step of the target plus the radiance target's 11 bits.
+        assert!((got - want).abs() < 0.8, "{value}: {got} {want}");
+    }
+}
+
+#[test]
+fn occlusion_matches_its_twin() {
+    let (width, height) = (160, 90);
+    let Some(mut h) = headless(width, height) else { return };
+    let box_ = asset(&h, &cube(), Material::default());
+    let ball = asset(&h, &sphere(24), Material::default());
+    let drawables = [
+        Drawable { asset: &box_, instances: &[at(0.0, -1.0, 0.0, 2.0), at(0.3, 0.25, 0.3, 0.5)] },
+        Drawable { asset: &ball, instances: &[at(-0.4, 0.3, 0.2, 0.6)] },
+    ];
+    let camera = Camera::look_at(DVec3::new(0.6, 1.3, 2.2), DVec3::new(0.0, 0.1, 0.0), DVec3::Y, 0.8);
+    let mut frame = Frame::new(camera, &drawables);
+    for samples in [16, 8] {
+        let radius = OcclusionRadius::World(0.3);
+        frame.settings.occlusion = Some(AmbientOcclusion { radius, strength: 1.0, samples });
+        h.frame(&frame).unwrap();
+        let depth = h.depth().unwrap();
+        let raw = h.intermediate(Resource::OcclusionRaw, 1).unwrap();
+        let (tx, ty) = camera.tan_half_fov(width, height);
+        let twin = ssao::DepthPicture {
+            stored: &depth,
+            size_px: [width, height],
+            tan_half_fov: [tx, ty],
+            near: camera.near,
+            radius: (0.3, 0.0),
+            samples: samples as usize,
+        };
+        let (mut sum, mut different, mut darkest) = (0.0, 0, 1.0f64);
+        for (i, value) in raw.iter().enumerate() {
+            let pixel = [(i % width as usize) as i64, (i / width as usize) as i64];
+            let want = twin.openness(pixel, 1.0);
+            let difference = (f64::from(*value) / 255.0 - want).abs();
+            sum += difference;
+            // Samples that land on a pixel's border or a threshold may go either way in f32.
+            different += usize::from(difference > 0.01);
+            darkest = darkest.min(want);
+        }
+        let mean = sum / raw.len() as f64;
+        assert!(darkest < 0.6, "the scene has no corner: {darkest}");
+        assert!(
+            mean < 0.004 && different * 50 < raw.len(),
+            "{samples}: mean {mean}, {different} pixels differ"
+        );
+    }
+}
+
+#[test]
+fn relief_matches_its_twin_and_the_exact_hit() {
+    const SIZE: u32 = 64;
+    let (width, height) = (128, 96);
+    let Some(mut h) = headless(width, height) else { return };
+    let map = bricks(SIZE as usize);
+    // Deep, so that a search without its binary part would be off by more than a colour step.
+    let relief_depth = 0.3f32;
+    let shape = |kind, size| TextureShape::full(size, size, kind);
+    // The colour texture is a map of its own coordinates, 256 texels wide.
+    let material = Material {
+        base_colour: [1.0; 3],
+        relief_depth,
+        colour_texture: Some(0),
+        height_texture: Some(1),
+        ..Material::default()
+    };
+    let shapes = [shape(TextureKind::Colour, 256), shape(TextureKind::Height, SIZE)];
+    let mut wall = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[material], &shapes);
+    // One texture repeat over the unit square in the plane z = 0.
+    fill(&h, &mut wall, &quad([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0));
+    for level in 0..shapes[0].levels {
+        let (w, rows) = shapes[0].level_size(level);
+        // Means of the texels that a coarser one covers.
+        let mean = |k: u32, n: u32| (k * (256 / n) + (256 / n - 1) / 2) as u8;
+        let texel = |i: u32| [mean(i % w, w), mean(i / w, rows), 0, 255];
+        let pixels: Vec<u8> = (0..w * rows).flat_map(texel).collect();
+        wall.update_texture(h.gpu(), 0, level, TextureData::Rgba8(&pixels)).unwrap();
+    }
+    for (level, heights) in mips16(&map).iter().enumerate() {
+        wall.update_texture(h.gpu(), 1, level as u32, TextureData::R16(heights)).unwrap();
+    }
+    let drawables = [Drawable { asset: &wall, instances: &[Instance::default()] }];
+    let camera = Camera::look_at(DVec3::new(0.9, 0.75, 0.35), DVec3::new(0.45, 0.5, 0.0), DVec3::Y, 0.5);
+    let frame = Frame::new(camera, &drawables);
+    h.frame(&frame).unwrap();
+    keep(&h, "relief-accuracy");
+    let covered = h.coverage().unwrap();
+    let albedo = h.intermediate(Resource::Albedo, 4).unwrap();
+    let (tx, ty) = camera.tan_half_fov(width, height);
+    let (mut n, mut off_twin, mut off_exact, mut moved) = (0, 0, 0, 0);
+    for (i, _) in covered.iter().enumerate().filter(|(_, c)| **c) {
+        let pixel = [(i % width as usize) as i64, (i / width as usize) as i64];
+        let ray = (camera.rotation * DVec3::from(view_ray(pixel, [width, height], [tx, ty]))).normalize();
+        let p = camera.eye + ray * (-camera.eye.z / ray.z);
+        let cosine = -ray.z;
+        // Texture space: v down.
+        let reach = f64::from(relief_depth) / cosine;
+        let (start, span) = ([p.x, 1.0 - p.y], [ray.x * reach, -ray.y * reach]);
+        let uv = |s: f64| [0, 1].map(|a| start[a] + span[a] * s);
+        let traced = uv(map.trace(start, span, steps(frame.settings.relief_steps, cosine)));
+        let exact = uv(map.intersect(start, span));
+        // Texel centre k holds the value k: undo the half texel.
+        let got = [0, 1].map(|c| {
+            let stored = f64::from(albedo[i * 4 + c]);
+            (stored + 0.5) / 256.0
+        });
+        let inside = |q: [f64; 2]| q.iter().all(|x| (0.02..0.98).contains(x));
+        if !inside(got) || !inside(traced) || !inside(exact) {
+            continue;
+        }
+        let apart = |a: [f64; 2]| (a[0] - got[0]).hypot(a[1] - got[1]);
+        n += 1;
+        // Two steps of the 8-bit coordinates.
+        off_twin += usize::from(apart(traced) > 2.0 / 256.0);
+        off_exact += usize::from(apart(exact) > 2.5 / 256.0);
+        moved += usize::from(apart(start) > 4.0 / 256.0);
+    }
+    assert!(n > 3000, "only {n} pixels to compare");
+    assert!(moved * 4 > n, "relief moved only {moved} of {n} pixels");
+    assert!(off_twin * 500 < n, "{off_twin} of {n} pixels off the twin");
+    // Linear steps jump over some crests, which this deep a relief has at every joint.
+    assert!(off_exact * 20 < n, "{off_exact} of {n} pixels off the exact hit");
+}
+
+/// IEEE 754 binary16 to f64.
+fn half(bits: u16) -> f64 {
+    let (exponent, fraction) = (i32::from(bits >> 10 & 31), f64::from(bits & 1023) / 1024.0);
+    let size =
+        if exponent == 0 { fraction * 2f64.powi(-14) } else { (1.0 + fraction) * 2f64.powi(exponent - 15) };
+    if bits >> 15 == 1 { -size } else { size }
+}
+
+#[test]
+fn relief_normals_follow_the_height_map_on_any_placement() {
+    const SIZE: u32 = 64;
+    let (width, height) = (64, 64);
+    let Some(mut h) = headless(width, height) else { return };
+    let depth = 0.25;
+    let material = Material { relief_depth: depth as f32, height_texture: Some(0), ..Material::default() };
+    let shape = TextureShape { levels: 1, ..TextureShape::full(SIZE, SIZE, TextureKind::Height) };
+    // Heights rise to the right, or downwards in the picture (v up: they fall with v).
+    for (direction, want) in [(0, [-depth, 0.0, 1.0]), (1, [0.0, depth, 1.0])] {
+        let ramp = |i: u32| (if direction == 0 { i % SIZE } else { i / SIZE }) * 65_535 / SIZE;
+        let heights: Vec<u16> = (0..SIZE * SIZE).map(|i| ramp(i) as u16).collect();
+        let mut wall = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[material], &[shape]);
+        fill(&h, &mut wall, &quad([-0.5, -0.5, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0));
+        wall.update_texture(h.gpu(), 0, 0, TextureData::R16(&heights)).unwrap();
+        for instance in [
+            Instance::default(),
+            Instance {
+                translation: DVec3::new(100.0, -3.0, 7.0),
+                rotation: glam::DQuat::from_axis_angle(DVec3::new(1.0, 2.0, -0.5).normalize(), 1.1),
+                scale: 3.0,
+            },
+        ] {
+            let drawables = [Drawable { asset: &wall, instances: &[instance] }];
+            let eye = instance.to_world(DVec3::new(0.2, -0.1, 1.3));
+            let up = instance.rotation * DVec3::Y;
+            let camera = Camera::look_at(eye, instance.to_world(DVec3::ZERO), up, 0.25);
+            h.frame(&Frame::new(camera, &drawables)).unwrap();
+            let normals = h.intermediate(Resource::Normal, 8).unwrap();
+            let pixel = &normals[((height / 2 * width + width / 2) * 8) as usize..];
+            let got = [0, 1, 2].map(|c| half(u16::from_le_bytes([pixel[2 * c], pixel[2 * c + 1]])));
+            let want = instance.rotation * DVec3::from(want).normalize();
+            assert!((DVec3::from(got) - want).length() < 0.01, "{direction}: {got:?} {want}");
+        }
+    }
+}
+
+#[test]
+fn srgb_targets_show_the_same_picture() {
+    let Some(mut h) = headless(64, 64) else { return };
+    let format = wgpu::TextureFormat::Rgba8UnormSrgb;
+    let gpu = h.gpu().clone();
+    let mut other = Renderer::new(&gpu, format).unwrap();
+    let target = gpu.device.create_texture(&wgpu::TextureDescriptor {
+        label: None,
+        size: wgpu::Extent3d { width: 64, height: 64, depth_or_array_layers: 1 },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format,
+        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
+        view_formats: &[],
+    });
+    let ball = asset(&h, &sphere(24), Material::default());
+    let drawables = [Drawable { asset: &ball, instances: &[Instance::default()] }];
+    let camera = Camera::look_at(DVec3::new(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 0.7);
+    let frame = Frame::new(camera, &drawables);
+    h.frame(&frame).unwrap();
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    other.record(&gpu, &mut encoder, &target.create_view(&Default::default()), (64, 64), &frame).unwrap();
+    gpu.queue.submit([encoder.finish()]);
+    let encoded = read_texture(&gpu, &target, 4).unwrap();
+    let worst = h.picture().unwrap().iter().zip(&encoded).map(|(a, b)| a.abs_diff(*b)).max();
+    assert!(worst <= Some(1), "{worst:?}");
+}

@@ -1,0 +1,221 @@
+//! Command line of the viewer.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use clap::Parser;
+use glam::DVec3;
+use lodestream_protocol::scene::Camera;
+use lodestream_protocol::view::View;
+
+use lodestream_client::net::Address;
+
+/// Streams a scene from a Lodestream server and draws it.
+#[derive(Clone, Debug, Parser)]
+#[command(name = "lodestream-viewer", version, about)]
+pub(crate) struct Args {
+    /// The server: quic://HOST:PORT#sha256=FINGERPRINT (as the server prints it) or ws://HOST:PORT
+    pub(crate) address: Address,
+    /// Name of the scene; the server's default without
+    #[arg(long, default_value = "")]
+    pub(crate) scene: String,
+    /// Size of the window or picture in pixels
+    #[arg(long, value_name = "WxH", default_value = "1280x720")]
+    pub(crate) window: Size,
+    /// Draw no window: wait until the picture is settled and write it to --output
+    #[arg(long, requires = "output")]
+    pub(crate) headless: bool,
+    /// Where the picture goes (PNG)
+    #[arg(long, value_name = "FILE.png")]
+    pub(crate) output: Option<PathBuf>,
+    /// Where to look from: `eye=X,Y,Z;target=X,Y,Z`, then `;up=X,Y,Z` and `;fov=DEGREES` if wanted; the
+    /// scene's own camera without
+    #[arg(long, value_name = "CAMERA", allow_hyphen_values = true)]
+    pub(crate) camera: Option<CameraArg>,
+    /// Screen error to refine to, in pixels
+    #[arg(long, value_name = "PX", default_value = "1")]
+    pub(crate) pixel_error: PixelError,
+    /// End when the picture is settled
+    #[arg(long)]
+    pub(crate) exit_when_settled: bool,
+    /// End after this time (headless: 300 without)
+    #[arg(long, value_name = "SECONDS")]
+    pub(crate) timeout: Option<Seconds>,
+    /// Write the run's figures as JSON
+    #[arg(long, value_name = "FILE.json")]
+    pub(crate) stats: Option<PathBuf>,
+    /// Colour surfaces by their level of refinement
+    #[arg(long)]
+    pub(crate) colour_by_level: bool,
+    /// Draw the edges of triangles
+    #[arg(long)]
+    pub(crate) wireframe: bool,
+    /// No ambient occlusion
+    #[arg(long)]
+    pub(crate) no_ao: bool,
+    /// No relief mapping
+    #[arg(long)]
+    pub(crate) no_relief: bool,
+    /// Most faces in use, over all assets
+    #[arg(long, value_name = "FACES", default_value_t = 8_000_000)]
+    pub(crate) max_faces: u64,
+    /// Bytes of received data kept for reuse, in MiB
+    #[arg(long, value_name = "MIB", default_value_t = 128)]
+    pub(crate) cache_mib: u32,
+}
+
+/// A size in pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Size(pub(crate) [u32; 2]);
+
+impl FromStr for Size {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parse = |side: &str| side.parse().ok().filter(|n| (1..=16_384).contains(n));
+        text.split_once(['x', 'X'])
+            .and_then(|(w, h)| Some(Self([parse(w)?, parse(h)?])))
+            .ok_or_else(|| "write WIDTHxHEIGHT in pixels, each from 1 to 16384, for example 1280x720".into())
+    }
+}
+
+/// A screen error in pixels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct PixelError(pub(crate) f32);
+
+impl FromStr for PixelError {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let px = text.parse().ok().filter(|px: &f32| (1e-6..=1e6).contains(px));
+        px.map(Self).ok_or_else(|| "write a number of pixels above 0, for example 1 or 0.5".into())
+    }
+}
+
+/// A time in seconds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Seconds(pub(crate) std::time::Duration);
+
+impl FromStr for Seconds {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let seconds = text.parse().ok().filter(|s: &f64| *s > 0.0);
+        seconds
+            .and_then(|s| std::time::Duration::try_from_secs_f64(s).ok())
+            .map(Self)
+            .ok_or_else(|| "write a number of seconds above 0".into())
+    }
+}
+
+/// A camera on the command line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct CameraArg(pub(crate) Camera);
+
+impl FromStr for CameraArg {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let usage = "write eye=X,Y,Z;target=X,Y,Z[;up=X,Y,Z][;fov=DEGREES]";
+        let (mut eye, mut target, mut up, mut fov) = (None, None, DVec3::Y, 50.0_f64);
+        for part in text.split(';').map(str::trim).filter(|p| !p.is_empty()) {
+            let (name, value) =
+                part.split_once('=').ok_or_else(|| format!("{part:?} is no NAME=VALUE; {usage}"))?;
+            match name.trim() {
+                "eye" => eye = Some(vector(name, value)?),
+                "target" => target = Some(vector(name, value)?),
+                "up" => up = vector(name, value)?,
+                "fov" => {
+                    fov = value
+                        .trim()
+                        .parse()
+                        .ok()
+                        .filter(|f| (0.1..=175.0).contains(f))
+                        .ok_or_else(|| format!("fov={value} is no angle from 0.1 to 175 degrees"))?;
+                }
+                other => return Err(format!("{other:?} is unknown; {usage}")),
+            }
+        }
+        let (Some(eye), Some(target)) = (eye, target) else {
+            return Err(format!("eye and target are needed; {usage}"));
+        };
+        if eye == target {
+            return Err("eye and target are the same point".into());
+        }
+        #[allow(clippy::cast_possible_truncation)] // an angle in a small range
+        let fov_y = fov.to_radians() as f32;
+        Ok(Self(Camera { eye: eye.into(), target: target.into(), up: up.as_vec3().into(), fov_y }))
+    }
+}
+
+fn vector(name: &str, text: &str) -> Result<DVec3, String> {
+    let numbers: Vec<f64> = text.split(',').filter_map(|n| n.trim().parse().ok()).collect();
+    match numbers[..] {
+        [x, y, z] if text.matches(',').count() == 2 && [x, y, z].iter().all(|v| v.is_finite()) => {
+            Ok(DVec3::new(x, y, z))
+        }
+        _ => Err(format!("{name}={text} is no point: write {name}=X,Y,Z")),
+    }
+}
+
+impl Args {
+    /// The view of a camera for the picture asked for.
+    #[must_use]
+    pub(crate) fn view(&self, camera: &Camera) -> View {
+        camera.view(self.window.0, self.pixel_error.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Args::command().debug_assert();
+    }
+
+    #[test]
+    fn cameras_are_read() {
+        let CameraArg(camera) = "eye=1,2,-3.5; target=0,0,0 ;fov=90".parse().unwrap();
+        assert_eq!(camera.eye, [1.0, 2.0, -3.5]);
+        assert!((camera.fov_y - std::f32::consts::FRAC_PI_2).abs() < 1e-6);
+        for bad in [
+            "",
+            "eye=1,2,3",
+            "eye=1,2;target=0,0,0",
+            "eye=1,2,3,4;target=0,0,0",
+            "eye=a,b,c;target=0,0,0",
+            "eye=1,2,nan;target=0,0,0",
+            "eye=1,2,3;target=1,2,3",
+            "eye=1,2,3;target=0,0,0;fov=0",
+            "eye=1,2,3;target=0,0,0;roll=1",
+            "eye",
+        ] {
+            assert!(bad.parse::<CameraArg>().is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn sizes_errors_and_times_are_bounded() {
+        assert_eq!("640x360".parse(), Ok(Size([640, 360])));
+        for bad in ["640", "0x10", "10x0", "axb", "99999x1", "-1x5"] {
+            assert!(bad.parse::<Size>().is_err(), "{bad}");
+        }
+        assert!("0".parse::<PixelError>().is_err() && "nan".parse::<PixelError>().is_err());
+        assert!("0".parse::<Seconds>().is_err() && "1e300".parse::<Seconds>().is_err());
+        assert!(Args::try_parse_from(["viewer", "ws://h:1", "--headless"]).is_err());
+        assert!(Args::try_parse_from(["viewer", "quic://h:1"]).is_err());
+        let args = Args::try_parse_from([
+            "viewer",
+            "ws://h:1",
+            "--headless",
+            "--output",
+            "x.png",
+            "--camera",
+            "eye=-1,0,0;target=0,0,0",
+        ]);
+        assert!(args.is_ok(), "{args:?}");
+    }
+}

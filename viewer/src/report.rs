@@ -1,0 +1,116 @@
+//! The figures of a run as JSON, under the names that the simulator uses too.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use lodestream_client::core::{Milestone, QUALITIES_PX, Stats};
+
+/// What `--stats` writes.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct Report {
+    /// Name of the scene.
+    pub(crate) scene: String,
+    /// "quic" or "ws".
+    pub(crate) transport: &'static str,
+    /// Rate that the server's limiter admits; `None` if unlimited.
+    pub(crate) rate_bits_per_s: Option<u64>,
+    /// Round trip, in milliseconds.
+    pub(crate) rtt_ms: Option<f64>,
+    /// Share of packets lost; not known on real links.
+    pub(crate) loss: Option<f64>,
+    /// Seed of a simulation; none on real links.
+    pub(crate) seed: Option<u64>,
+    /// Time from the connect call until every visible instance could be drawn.
+    pub(crate) ttff_ms: Option<f64>,
+    /// Transport payload until then, handshake included.
+    pub(crate) first_frame_bytes: Option<u64>,
+    /// Time until every visible part had a screen error of at most so many pixels.
+    pub(crate) ttq_ms: BTreeMap<String, Option<f64>>,
+    /// Transport payload until then.
+    pub(crate) ttq_bytes: BTreeMap<String, Option<u64>>,
+    /// Transport payload in all, handshakes included.
+    pub(crate) total_bytes: u64,
+    /// Time until the first complete frame was presented (headless: drawn).
+    pub(crate) ttff_presented_ms: Option<f64>,
+    /// Whether the picture was as sharp as asked for.
+    pub(crate) settled: bool,
+    /// Time until it was.
+    pub(crate) settled_ms: Option<f64>,
+    /// Bound on the screen error over all visible parts at the end, in pixels; `None` while a visible
+    /// instance lacks its base mesh.
+    pub(crate) max_screen_error_px: Option<f64>,
+    /// Faces at the end, each asset once.
+    pub(crate) faces: u64,
+    /// Blobs that came damaged.
+    pub(crate) decode_failures: u64,
+}
+
+fn ms(duration: std::time::Duration) -> f64 {
+    duration.as_secs_f64() * 1e3
+}
+
+impl Report {
+    /// The report of a run.
+    #[must_use]
+    pub(crate) fn new(
+        stats: &Stats,
+        transport: &'static str,
+        presented: Option<std::time::Duration>,
+    ) -> Self {
+        let first = stats.milestones.first_frame;
+        let qualities: Vec<(String, Option<Milestone>)> =
+            QUALITIES_PX.iter().zip(stats.milestones.quality).map(|(px, m)| (px.to_string(), m)).collect();
+        let error = stats.counters.max_screen_error_px;
+        Self {
+            scene: stats.scene.clone(),
+            transport,
+            rate_bits_per_s: stats.rate_bits_per_s,
+            rtt_ms: stats.session.rtt.map(ms),
+            loss: None,
+            seed: None,
+            ttff_ms: first.map(|m| ms(m.after)),
+            first_frame_bytes: first.map(|m| m.bytes),
+            ttq_ms: qualities.iter().map(|(px, m)| (px.clone(), m.map(|m| ms(m.after)))).collect(),
+            ttq_bytes: qualities.iter().map(|(px, m)| (px.clone(), m.map(|m| m.bytes))).collect(),
+            total_bytes: stats.transport_bytes,
+            ttff_presented_ms: presented.map(ms),
+            settled: stats.settled,
+            settled_ms: stats.settled_after.map(ms),
+            max_screen_error_px: (first.is_some() && error.is_finite()).then_some(error),
+            faces: stats.faces,
+            decode_failures: stats.decode_failures,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lodestream_client::core::Milestones;
+    use std::time::Duration;
+
+    #[test]
+    fn names_and_units_are_those_of_the_simulator() {
+        let at = |ms, bytes| Some(Milestone { after: Duration::from_millis(ms), bytes });
+        let stats = Stats {
+            scene: "demo".into(),
+            transport_bytes: 9000,
+            milestones: Milestones {
+                first_frame: at(200, 1000),
+                quality: [at(300, 2000), at(400, 3000), None],
+            },
+            ..Stats::default()
+        };
+        let json = serde_json::to_value(Report::new(&stats, "ws", Some(Duration::from_millis(250)))).unwrap();
+        assert_eq!(json["scene"], "demo");
+        assert_eq!(json["transport"], "ws");
+        assert_eq!(json["ttff_ms"], 200.0);
+        assert_eq!(json["first_frame_bytes"], 1000);
+        assert_eq!(json["ttq_ms"]["16"], 300.0);
+        assert_eq!(json["ttq_ms"]["4"], 400.0);
+        assert!(json["ttq_ms"]["1"].is_null() && json["seed"].is_null() && json["rate_bits_per_s"].is_null());
+        assert_eq!(json["total_bytes"], 9000);
+        assert_eq!(json["ttff_presented_ms"], 250.0);
+    }
+}

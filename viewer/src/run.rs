@@ -1,0 +1,52 @@
+//! What the program does with its command line, and what its modes share.
+
+use std::time::Duration;
+
+use anyhow::Context;
+use clap::Parser;
+
+use crate::args::Args;
+use crate::report::Report;
+use lodestream_client::core::{Config, StartView, Stats};
+use lodestream_render::{AmbientOcclusion, Settings, Shade};
+
+/// Runs the program with the process's arguments.
+///
+/// # Errors
+/// One line that says what went wrong and what to do.
+pub(crate) fn run() -> anyhow::Result<()> {
+    let args = Args::parse();
+    if args.headless { crate::headless::run(&args) } else { crate::window::run(&args) }
+}
+
+/// The core's settings for these arguments.
+pub(crate) fn core_config(args: &Args) -> Config {
+    let start = match &args.camera {
+        Some(camera) => StartView::Given(args.view(&camera.0)),
+        None => StartView::OfScene { viewport_px: args.window.0, target_px: args.pixel_error.0 },
+    };
+    let mut config = Config::new(start);
+    config.session.scene.clone_from(&args.scene);
+    config.select.max_faces = args.max_faces;
+    config.cache_bytes = u64::from(args.cache_mib) << 20;
+    config
+}
+
+/// The renderer's settings for these arguments.
+pub(crate) fn settings(args: &Args) -> Settings {
+    let mut settings = Settings { relief: !args.no_relief, wireframe: args.wireframe, ..Settings::default() };
+    settings.occlusion = (!args.no_ao).then(AmbientOcclusion::default);
+    if args.colour_by_level {
+        settings.shade = Shade::Level;
+    }
+    settings
+}
+
+/// Writes `--stats`.
+pub(crate) fn write_stats(args: &Args, stats: &Stats, presented: Option<Duration>) -> anyhow::Result<()> {
+    let Some(path) = &args.stats else { return Ok(()) };
+    let report = Report::new(stats, args.address.transport(), presented);
+    let mut json = serde_json::to_string_pretty(&report)?;
+    json.push('\n');
+    std::fs::write(path, json).with_context(|| format!("cannot write {}", path.display()))
+}

@@ -1,0 +1,187 @@
+//! A camera that a user moves: orbiting a point, or flying.
+
+use glam::{DQuat, DVec3};
+use lodestream_protocol::scene;
+use lodestream_protocol::view::View;
+
+use lodestream_render::Camera;
+
+/// Radians per pixel of drag.
+const TURN_PER_PX: f64 = 0.005;
+/// Change of distance per line of the wheel.
+const DOLLY_PER_LINE: f64 = 0.88;
+/// Smallest angle between the view and up.
+const POLE: f64 = 0.02;
+
+/// How the mouse and keys move the camera.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Mode {
+    /// Around a point.
+    Orbit,
+    /// Wherever it looks.
+    Fly,
+}
+
+/// Directions in which keys push, each −1, 0 or 1: right, up, forward.
+pub(super) type Push = [f64; 3];
+
+/// The camera.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Rig {
+    pub(super) mode: Mode,
+    start: scene::Camera,
+    eye: DVec3,
+    target: DVec3,
+    up: DVec3,
+    fov_y: f32,
+    /// World units per second of flight.
+    speed: f64,
+}
+
+impl Rig {
+    pub(super) fn new(start: scene::Camera) -> Self {
+        let (eye, target) = (DVec3::from(start.eye), DVec3::from(start.target));
+        let up = glam::Vec3::from(start.up).as_dvec3().normalize_or(DVec3::Y);
+        let speed = 0.5 * (target - eye).length();
+        Self { mode: Mode::Orbit, start, eye, target, up, fov_y: start.fov_y, speed }
+    }
+
+    /// Back to where it started.
+    pub(super) fn reset(&mut self) {
+        *self = Self { mode: self.mode, ..Self::new(self.start) };
+    }
+
+    /// Changes the mode; the picture stays.
+    pub(super) fn toggle(&mut self) {
+        self.mode = match self.mode {
+            Mode::Orbit => Mode::Fly,
+            Mode::Fly => Mode::Orbit,
+        };
+    }
+
+    fn distance(&self) -> f64 {
+        (self.target - self.eye).length()
+    }
+
+    fn forward(&self) -> DVec3 {
+        (self.target - self.eye).normalize_or(DVec3::NEG_Z)
+    }
+
+    fn right(&self) -> DVec3 {
+        self.forward().cross(self.up).normalize_or(self.up.any_orthonormal_vector())
+    }
+
+    /// A drag of so many pixels to the right and down turns the view.
+    pub(super) fn turn(&mut self, dx: f64, dy: f64) {
+        let forward = self.forward();
+        // Never over the poles: up must stay up.
+        let angle = forward.angle_between(self.up);
+        let pitch = (-dy * TURN_PER_PX).max(angle - std::f64::consts::PI + POLE).min(angle - POLE);
+        let turned = DQuat::from_axis_angle(self.up, -dx * TURN_PER_PX)
+            * DQuat::from_axis_angle(self.right(), pitch)
+            * forward;
+        let distance = self.distance();
+        match self.mode {
+            Mode::Orbit => self.eye = self.target - turned * distance,
+            Mode::Fly => self.target = self.eye + turned * distance,
+        }
+    }
+
+    /// A drag that moves the scene along with the pointer.
+    pub(super) fn pan(&mut self, dx: f64, dy: f64, height_px: f64) {
+        let per_px = 2.0 * self.distance() * (f64::from(self.fov_y) * 0.5).tan() / height_px.max(1.0);
+        let right = self.right();
+        let up = right.cross(self.forward());
+        let shift = (right * -dx + up * dy) * per_px;
+        self.eye += shift;
+        self.target += shift;
+    }
+
+    /// The wheel: nearer to the target, or faster flight.
+    pub(super) fn wheel(&mut self, lines: f64) {
+        let factor = DOLLY_PER_LINE.powf(lines.clamp(-20.0, 20.0));
+        match self.mode {
+            Mode::Orbit => {
+                let distance = (self.distance() * factor).clamp(1e-9, 1e12);
+                self.eye = self.target - self.forward() * distance;
+            }
+            Mode::Fly => self.speed = (self.speed / factor).clamp(1e-9, 1e12),
+        }
+    }
+
+    /// Keys held for `seconds`.
+    pub(super) fn push(&mut self, push: Push, fast: bool, seconds: f64) {
+        let [right, up, forward] = push;
+        let direction = self.right() * right + self.up * up + self.forward() * forward;
+        let shift = direction.normalize_or_zero() * self.speed * seconds * if fast { 4.0 } else { 1.0 };
+        self.eye += shift;
+        self.target += shift;
+    }
+
+    /// What the protocol calls it.
+    pub(super) fn view(&self, viewport_px: [u32; 2], target_px: f32) -> View {
+        let up = self.up.as_vec3().into();
+        View { target_px, ..View::look_at(self.eye.into(), self.target.into(), up, self.fov_y, viewport_px) }
+    }
+
+    /// What the renderer calls it.
+    pub(super) fn camera(&self) -> Camera {
+        Camera::look_at(self.eye, self.target, self.up, f64::from(self.fov_y))
+    }
+
+    /// As `--camera` takes it.
+    pub(super) fn describe(&self) -> String {
+        let point = |p: DVec3| format!("{:.3},{:.3},{:.3}", p.x, p.y, p.z);
+        let fov = f64::from(self.fov_y).to_degrees();
+        format!("eye={};target={};fov={fov:.1}", point(self.eye), point(self.target))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rig() -> Rig {
+        Rig::new(scene::Camera { eye: [0.0, 0.0, 10.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov_y: 1.0 })
+    }
+
+    #[test]
+    fn orbiting_keeps_the_distance_and_the_target() {
+        let mut rig = rig();
+        for (dx, dy) in [(30.0, 12.0), (-500.0, 900.0), (4.0, -3000.0)] {
+            rig.turn(dx, dy);
+            assert!((rig.distance() - 10.0).abs() < 1e-9);
+            assert_eq!(rig.target, DVec3::ZERO);
+            let angle = rig.forward().angle_between(rig.up);
+            assert!((POLE * 0.9..=std::f64::consts::PI - POLE * 0.9).contains(&angle), "{angle}");
+            assert!(rig.view([64, 36], 1.0).check().is_ok());
+        }
+        // Dragging to the right turns the scene to the right: the eye goes left.
+        let mut rig = self::rig();
+        rig.turn(50.0, 0.0);
+        assert!(rig.eye.x < 0.0);
+    }
+
+    #[test]
+    fn flying_turns_about_the_eye_and_moves_where_it_looks() {
+        let mut rig = rig();
+        rig.toggle();
+        rig.turn(50.0, 0.0);
+        assert_eq!(rig.eye, DVec3::new(0.0, 0.0, 10.0));
+        assert!(rig.forward().x > 0.0, "dragging to the right looks to the right");
+        let before = rig.eye;
+        rig.push([0.0, 0.0, 1.0], false, 2.0);
+        assert!(((rig.eye - before).length() - 10.0).abs() < 1e-9, "half the first distance a second");
+        rig.reset();
+        assert_eq!((rig.eye, rig.mode), (DVec3::new(0.0, 0.0, 10.0), Mode::Fly));
+    }
+
+    #[test]
+    fn the_wheel_never_passes_the_target() {
+        let mut rig = rig();
+        for _ in 0..1000 {
+            rig.wheel(5.0);
+        }
+        assert!(rig.distance() > 0.0 && rig.forward().z < -0.99);
+    }
+}

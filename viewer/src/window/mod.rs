@@ -1,0 +1,30 @@
+//! The viewer's window: camera, overlay, and a frame whenever something has changed.
+
+mod app;
+mod camera;
+mod overlay;
+mod painter;
+
+use anyhow::{Context, anyhow};
+use winit::event_loop::EventLoop;
+
+use crate::args::Args;
+
+/// Runs the viewer in a window until it is closed.
+///
+/// # Errors
+/// One line that says what went wrong and what to do.
+pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
+    let events = EventLoop::<()>::with_user_event().build().map_err(|why| {
+        // What the window system says names its own source files; for people that is noise.
+        tracing::debug!("{why}");
+        anyhow!(
+            "no window can be opened: there is no display, or X11's libraries are missing (Debian and Ubuntu: \
+             apt-get install libx11-xcb1 libxcursor1 libxi6 libxkbcommon-x11-0); \
+             without a display, add --headless --output FILE.png"
+        )
+    })?;
+    let mut app = app::App::new(args.clone(), events.create_proxy(), events.owned_display_handle());
+    events.run_app(&mut app).context("the window system failed")?;
+    app.finish()
+}

@@ -1,0 +1,151 @@
+//! Surface, renderer and overlay painter: everything that a frame in a window needs.
+
+use std::sync::Arc;
+
+use anyhow::Context;
+use winit::dpi::PhysicalSize;
+use winit::event_loop::OwnedDisplayHandle;
+use winit::window::Window;
+
+use lodestream_render::{Counters, Frame, Gpu, Renderer};
+
+/// A window's surface and what draws into it.
+pub(super) struct Painter {
+    pub(super) window: Arc<Window>,
+    pub(super) gpu: Gpu,
+    pub(super) renderer: Renderer,
+    surface: wgpu::Surface<'static>,
+    config: wgpu::SurfaceConfiguration,
+    input: egui_winit::State,
+    overlay: egui_wgpu::Renderer,
+}
+
+/// What came of a frame.
+pub(super) struct Painted {
+    /// Counters of the scene's passes; `None` if no frame could be shown.
+    pub(super) counters: Option<Counters>,
+    /// When the overlay wants to be drawn again.
+    pub(super) repaint_after: std::time::Duration,
+}
+
+impl Painter {
+    pub(super) fn new(window: Arc<Window>, display: OwnedDisplayHandle) -> anyhow::Result<Self> {
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
+            backends: wgpu::Backends::from_env().unwrap_or(wgpu::Backends::PRIMARY),
+            flags: wgpu::InstanceFlags::empty(),
+            ..wgpu::InstanceDescriptor::new_with_display_handle(Box::new(display))
+        });
+        let surface = instance.create_surface(window.clone()).context("the window cannot be drawn into")?;
+        let gpu = Gpu::for_surface(&instance, &surface)?;
+        let size = window.inner_size();
+        let capabilities = surface.get_capabilities(&gpu.adapter);
+        let mut config = surface
+            .get_default_config(&gpu.adapter, size.width.max(1), size.height.max(1))
+            .context("the graphics device cannot draw into this window")?;
+        // The overlay blends in sRGB space, so a format without conversion is right for both.
+        let plain = capabilities.formats.iter().copied().find(|f| !f.is_srgb());
+        config.format = plain.unwrap_or(config.format);
+        config.present_mode = wgpu::PresentMode::AutoVsync;
+        surface.configure(&gpu.device, &config);
+        let renderer = Renderer::new(&gpu, config.format)?;
+        let context = egui::Context::default();
+        let input = egui_winit::State::new(context, egui::ViewportId::ROOT, &window, None, None, None);
+        let overlay = egui_wgpu::Renderer::new(&gpu.device, config.format, Default::default());
+        Ok(Self { window, gpu, renderer, surface, config, input, overlay })
+    }
+
+    /// Width and height in pixels.
+    pub(super) fn size(&self) -> [u32; 2] {
+        [self.config.width, self.config.height]
+    }
+
+    pub(super) fn resize(&mut self, size: PhysicalSize<u32>) {
+        if size.width > 0 && size.height > 0 {
+            let limit = self.gpu.device.limits().max_texture_dimension_2d;
+            self.config.width = size.width.min(limit);
+            self.config.height = size.height.min(limit);
+            self.surface.configure(&self.gpu.device, &self.config);
+        }
+    }
+
+    /// Offers an event to the overlay; says whether it took it, and whether it must be drawn again.
+    pub(super) fn offer(&mut self, event: &winit::event::WindowEvent) -> (bool, bool) {
+        let response = self.input.on_window_event(&self.window, event);
+        (response.consumed, response.repaint)
+    }
+
+    /// Draws the scene and the overlay over it.
+    pub(super) fn paint(
+        &mut self,
+        overlay: impl FnMut(&mut egui::Ui),
+        scene: impl FnOnce(&mut dyn FnMut(&Frame<'_>) -> anyhow::Result<Counters>) -> anyhow::Result<Counters>,
+    ) -> anyhow::Result<Painted> {
+        let raw = self.input.take_egui_input(&self.window);
+        let context = self.input.egui_ctx().clone();
+        let mut output = context.run_ui(raw, overlay);
+        // Taken out: egui insists that nobody forgets them.
+        let new_textures = std::mem::take(&mut output.textures_delta.set);
+        let old_textures = std::mem::take(&mut output.textures_delta.free);
+        self.input.handle_platform_output(&self.window, output.platform_output);
+        let repaint_after = output
+            .viewport_output
+            .values()
+            .map(|v| v.repaint_delay)
+            .min()
+            .unwrap_or(std::time::Duration::MAX);
+        let (device, queue) = (&self.gpu.device, &self.gpu.queue);
+        for (id, deltas) in &new_textures {
+            for delta in deltas {
+                self.overlay.update_texture(device, queue, *id, delta);
+            }
+        }
+        let counters = match self.surface.get_current_texture() {
+            wgpu::CurrentSurfaceTexture::Success(frame) | wgpu::CurrentSurfaceTexture::Suboptimal(frame) => {
+                let view = frame.texture.create_view(&Default::default());
+                let mut encoder = device.create_command_encoder(&Default::default());
+                let size = (self.config.width, self.config.height);
+                let counters = {
+                    let (gpu, renderer) = (&self.gpu, &mut self.renderer);
+                    scene(&mut |f| Ok(renderer.record(gpu, &mut encoder, &view, size, f)?))?
+                };
+                let screen = egui_wgpu::ScreenDescriptor {
+                    size_in_pixels: self.size(),
+                    pixels_per_point: output.pixels_per_point,
+                };
+                let jobs = context.tessellate(output.shapes, output.pixels_per_point);
+                let first = self.overlay.update_buffers(device, queue, &mut encoder, &jobs, &screen);
+                {
+                    let pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                        label: Some("overlay"),
+                        color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                            view: &view,
+                            depth_slice: None,
+                            resolve_target: None,
+                            ops: wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store },
+                        })],
+                        depth_stencil_attachment: None,
+                        timestamp_writes: None,
+                        occlusion_query_set: None,
+                        multiview_mask: None,
+                    });
+                    self.overlay.render(&mut pass.forget_lifetime(), &jobs, &screen);
+                }
+                queue.submit(first.into_iter().chain([encoder.finish()]));
+                self.window.pre_present_notify();
+                queue.present(frame);
+                Some(counters)
+            }
+            wgpu::CurrentSurfaceTexture::Outdated | wgpu::CurrentSurfaceTexture::Lost => {
+                self.surface.configure(device, &self.config);
+                self.window.request_redraw();
+                None
+            }
+            // Hidden, or busy: another frame will come.
+            _ => None,
+        };
+        for id in &old_textures {
+            self.overlay.free_texture(id);
+        }
+        Ok(Painted { counters, repaint_after })
+    }
+}
