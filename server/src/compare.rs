@@ -13,9 +13,9 @@ use lodestream_geometry::DecodeError;
 use lodestream_geometry::mesh::{Attributes, QuantisedMesh};
 use lodestream_geometry::quantise::quantise;
 use lodestream_geometry::refine::ActiveMesh;
+use lodestream_import::Part;
 use lodestream_protocol::asset::AssetDescription;
 
-use crate::import::{self, Part};
 use crate::prepare::describe::describe;
 use crate::prepare::{PrepareError, Recipe};
 use crate::store::{LoadedAsset, PackFile, StoreError};
@@ -78,7 +78,7 @@ pub fn compare(pack: &PackFile, model: &Path, part: &Part) -> Result<Difference,
     let asset = pack.load()?;
     let settings_error = |why| CompareError::Settings { path: pack.path().to_owned(), why };
     let recipe: Recipe = pack.settings()?.parse().map_err(settings_error)?;
-    let imported = import::import_part(model, part).map_err(PrepareError::from)?;
+    let imported = lodestream_import::import_part(model, part).map_err(PrepareError::from)?;
     let mesh = quantise(&imported.mesh, &recipe.quantise_settings())
         .map_err(|source| PrepareError::Mesh { path: model.to_owned(), source })?;
     if mesh.grid != asset.base.grid || mesh.uv_grid != asset.base.uv_grid {

@@ -149,7 +149,7 @@ mod tests {
         let dir = tempfile::TempDir::new().unwrap();
         let path = dir.path().join("a.obj");
         std::fs::write(&path, text(&fold(false))).unwrap();
-        let read = crate::import::import(&path).unwrap();
+        let read = lodestream_import::import(&path).unwrap();
         assert_eq!(
             read.mesh.positions,
             [[10.0, 0.0, 0.0], [11.0, 0.0, 0.0], [10.0, 1.0, 0.0], [10.0, 0.0, 1.0]]
@@ -183,7 +183,7 @@ mod tests {
         let dir = tempfile::TempDir::new().unwrap();
         let path = dir.path().join("a.obj");
         std::fs::write(&path, text(&mesh)).unwrap();
-        let read = crate::import::import(&path).unwrap().mesh;
+        let read = lodestream_import::import(&path).unwrap().mesh;
         // Vertex 0 has two colours: two lines, welded again.
         assert_eq!(read.positions.len(), 4);
         let color = |face: usize, corner: usize| read.colors[read.faces[face][corner].color as usize];

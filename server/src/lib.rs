@@ -1,14 +1,11 @@
-//! Import, preparation, pack store and the streaming daemon.
+//! Preparation, scenes, pack store and the streaming daemon.
 
 pub mod cli;
 pub mod compare;
 pub mod daemon;
 pub mod demo_scene;
 pub mod export_obj;
-pub mod import;
 pub mod inspect;
 pub mod prepare;
 pub mod scene;
 pub mod store;
-pub mod terrain;
-pub mod texture;

@@ -286,7 +286,7 @@ fn export_keeps_to_its_budget_and_is_a_model_again() {
         arguments.extend(["-o", text(&out)]);
         let output = run(&arguments);
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        let faces = lodestream_server::import::import(&out).unwrap().mesh.faces.len();
+        let faces = lodestream_import::import(&out).unwrap().mesh.faces.len();
         let said = stdout(&output);
         assert!(said.contains(&format!("{faces} faces")), "{said}");
         faces

@@ -238,7 +238,7 @@ fn meshes() -> anyhow::Result<Vec<(String, QuantisedMesh)>> {
         return Ok(vec![("generated".to_owned(), quantised(&height_field(200))?)]);
     }
     let load = |file: PathBuf| {
-        let mesh = lodestream_server::import::import(&file)
+        let mesh = lodestream_import::import(&file)
             .with_context(|| format!("cannot import {}", file.display()))?
             .mesh;
         let name = file.file_stem().map_or_else(String::new, |n| n.to_string_lossy().into_owned());

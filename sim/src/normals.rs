@@ -25,8 +25,8 @@ pub struct SentNormals {
 /// # Errors
 /// If the file cannot be imported or quantised.
 pub fn count(path: &Path, position_bits: u8, tolerances: &[f64]) -> anyhow::Result<Vec<SentNormals>> {
-    let imported = lodestream_server::import::import(path)
-        .with_context(|| format!("cannot import {}", path.display()))?;
+    let imported =
+        lodestream_import::import(path).with_context(|| format!("cannot import {}", path.display()))?;
     let model = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
     let count = |&degrees| of_mesh(&imported.mesh, &model, position_bits, degrees);
     let counted: anyhow::Result<_> = tolerances.iter().map(count).collect();

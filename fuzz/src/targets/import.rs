@@ -4,7 +4,7 @@ use std::cell::RefCell;
 
 use lodestream_geometry::mesh::{NONE, SourceMesh};
 use lodestream_geometry::quantise::{QuantiseSettings, quantise};
-use lodestream_server::import::{self, Part};
+use lodestream_import::Part;
 use tempfile::TempDir;
 
 use crate::meter::{Ceiling, within};
@@ -29,7 +29,7 @@ pub fn obj_import(data: &[u8]) -> bool {
         let path = folder.join("a.obj");
         std::fs::write(&path, obj).expect("a file in the temporary folder");
         std::fs::write(folder.join("m.mtl"), mtl).expect("a file in the temporary folder");
-        let Ok(imported) = within(OBJ, data.len(), || import::import(&path)) else { return false };
+        let Ok(imported) = within(OBJ, data.len(), || lodestream_import::import(&path)) else { return false };
         let materials = imported.materials.len();
         consistent(&imported.mesh, materials);
         true
@@ -51,12 +51,12 @@ pub fn gltf_import(data: &[u8]) -> bool {
             Part::Mesh { mesh: 0, linear: [[1.0, 0.5, 0.0], [0.0, -2.0, 0.0], [0.0, 0.0, 1.0]] },
         ];
         for part in parts {
-            if let Ok(imported) = within(GLTF, data.len(), || import::import_part(&path, &part)) {
+            if let Ok(imported) = within(GLTF, data.len(), || lodestream_import::import_part(&path, &part)) {
                 consistent(&imported.mesh, imported.materials.len());
                 accepted = true;
             }
         }
-        if let Ok(contents) = within(GLTF, data.len(), || import::gltf::contents(&path)) {
+        if let Ok(contents) = within(GLTF, data.len(), || lodestream_import::gltf::contents(&path)) {
             for placed in &contents.placed {
                 assert!(placed.scale > 0.0 && placed.scale.is_finite());
                 assert!(placed.translation.iter().chain(&placed.rotation).all(|x| x.is_finite()));

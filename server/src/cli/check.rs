@@ -6,10 +6,10 @@ use anyhow::Context as _;
 use clap::Args;
 use lodestream_geometry::check::{CheckReport, check};
 use lodestream_geometry::index::ChunkInfo;
+use lodestream_import::{Part, gltf};
 
 use super::Outcome;
 use crate::compare::{Difference, compare};
-use crate::import::{Part, gltf};
 use crate::prepare::Threads;
 use crate::store::PackFile;
 

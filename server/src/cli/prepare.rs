@@ -4,10 +4,10 @@ use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 use clap::Args;
+use lodestream_import::gltf;
 
 use super::Outcome;
 use super::recipe::RecipeArguments;
-use crate::import::gltf;
 use crate::prepare::{Options, prepare_to};
 use crate::scene::Asset;
 

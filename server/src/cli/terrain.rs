@@ -7,11 +7,11 @@ use clap::{Args, ValueEnum};
 use lodestream_geometry::terrain::{
     Distribution, Erosion, FeatureSet, MAX_FINEST_LEVEL, Parameters, Terrain, fingerprint,
 };
+use lodestream_import::terrain::features;
+use lodestream_import::terrain::height_map::{HeightMap, MapError};
 
 use super::Outcome;
 use crate::prepare::atomic::write_atomically;
-use crate::terrain::features;
-use crate::terrain::height_map::{HeightMap, MapError};
 
 /// How random offsets are distributed.
 #[derive(Clone, Copy, Debug, ValueEnum)]

@@ -130,7 +130,7 @@ fn the_importer_has_nothing_to_complain_about() {
     let (dir, summary) = small(1);
     let mut faces = 0;
     for asset in crate::scene::read(&summary.scene).unwrap().assets {
-        let imported = crate::import::import(&asset.file).unwrap();
+        let imported = lodestream_import::import(&asset.file).unwrap();
         assert_eq!(imported.warnings, Vec::<String>::new(), "{}", asset.name);
         faces += imported.mesh.faces.len();
         let described =

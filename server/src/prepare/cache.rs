@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::import::{self, ImportError};
+use lodestream_import::ImportError;
 
 /// Changes whenever the same input would give another pack without its format version changing: a
 /// better simplifier, other texture settings.
@@ -18,13 +18,13 @@ pub struct Key(blake3::Hash);
 /// # Errors
 /// An OBJ file that cannot be read. Other files may be missing: that is part of the key.
 pub fn key(obj: &Path, settings: &str, format_version: u32) -> Result<Key, ImportError> {
-    let bytes = import::read_file(obj, import::MAX_FILE_BYTES)?;
+    let bytes = lodestream_import::read_file(obj, lodestream_import::MAX_FILE_BYTES)?;
     let mut hasher = blake3::Hasher::new_derive_key("lodestream prepared pack");
     hasher.update(&format_version.to_le_bytes());
     hasher.update(&RECIPE_VERSION.to_le_bytes());
     hasher.update(blake3::hash(settings.as_bytes()).as_bytes());
     hasher.update(blake3::hash(&bytes).as_bytes());
-    for file in import::dependencies(obj, &bytes) {
+    for file in lodestream_import::dependencies(obj, &bytes) {
         // Where the files lie does not matter, only which names the OBJ and MTL files give them, and
         // those are hashed already.
         match hash_file(&file) {

@@ -3,13 +3,12 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use lodestream_import::ImageSource;
+use lodestream_import::texture::{self, Texture, TextureError, TextureKind, srgb_to_linear};
 use lodestream_protocol::asset::{
     AssetDescription, CodingError, MAX_TEXTURES, Material, TextureFormat, TextureInfo, TextureLevel,
 };
 use lodestream_protocol::limits::{MAX_BLOB_BYTES, MAX_NAME_BYTES};
-
-use crate::import::{self, ImageSource};
-use crate::texture::{self, Texture, TextureError, TextureKind, srgb_to_linear};
 
 /// Depth of relief at `-bm 1`, in units of texture coordinates, where nothing else is said: brick and
 /// cobble textures of a metre or two then have joints of a few centimetres.
@@ -59,7 +58,7 @@ pub enum DescribeError {
 /// See [`DescribeError`].
 pub fn describe(
     name: &str,
-    materials: &[import::Material],
+    materials: &[lodestream_import::Material],
     relief_depth: Option<f32>,
 ) -> Result<Described, DescribeError> {
     let mut textures = Textures::default();
@@ -172,15 +171,15 @@ mod tests {
         let (color, height) = (dir.path().join("c.png"), dir.path().join("h.png"));
         RgbImage::from_pixel(32, 16, Rgb([9, 200, 30])).save(&color).unwrap();
         GrayImage::from_fn(64, 64, |x, y| Luma([(x * y) as u8])).save(&height).unwrap();
-        let brick = import::Material {
+        let brick = lodestream_import::Material {
             name: "brick".repeat(99),
             base_color: [1.0; 3],
             color_texture: Some(color.into()),
             height_texture: Some(height.into()),
             height_scale: 0.5,
-            ..import::Material::default()
+            ..lodestream_import::Material::default()
         };
-        let again = import::Material { name: "same".into(), ..brick.clone() };
+        let again = lodestream_import::Material { name: "same".into(), ..brick.clone() };
         let described = describe("wall", &[brick, again], None).unwrap();
         assert!(described.warnings.is_empty(), "{:?}", described.warnings);
         let AssetDescription { materials, textures, .. } = &described.description;
@@ -196,16 +195,16 @@ mod tests {
             let lengths: Vec<usize> = info.levels.iter().map(|l| l.bytes as usize).collect();
             assert_eq!(lengths, blobs.iter().map(Vec::len).collect::<Vec<_>>());
         }
-        let fixed = describe("wall", &[import::Material::default()], Some(0.3)).unwrap();
+        let fixed = describe("wall", &[lodestream_import::Material::default()], Some(0.3)).unwrap();
         assert_eq!(fixed.description.materials[0].relief_depth, 0.0);
     }
 
     #[test]
     fn a_missing_texture_is_a_warning_and_a_colour() {
-        let material = import::Material {
+        let material = lodestream_import::Material {
             base_color: [1.0; 3],
             color_texture: Some(PathBuf::from("/no/brick.png").into()),
-            ..import::Material::default()
+            ..lodestream_import::Material::default()
         };
         let described = describe("wall", &[material], None).unwrap();
         assert_eq!(described.warnings.len(), 1);

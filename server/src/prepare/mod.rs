@@ -17,8 +17,8 @@ use lodestream_geometry::MeshError;
 use lodestream_geometry::base::FORMAT_VERSION;
 use lodestream_geometry::pack::{BlobKind, PACK_VERSION};
 use lodestream_geometry::quantise::quantise;
+use lodestream_import::ImportError;
 
-use crate::import::{self, ImportError};
 use crate::scene::Asset;
 use crate::store::{PackFile, StoreError};
 
@@ -170,7 +170,7 @@ fn prepare_with_key(
 ) -> Result<Report, PrepareError> {
     let Asset { name, file: model, part, recipe } = asset;
     let mesh_error = |source| PrepareError::Mesh { path: model.clone(), source };
-    let imported = import::import_part(model, part)?;
+    let imported = lodestream_import::import_part(model, part)?;
     let mut warnings = imported.warnings;
     let described = describe::describe(name, &imported.materials, recipe.relief_depth)
         .map_err(|source| PrepareError::Describe { path: model.clone(), source })?;

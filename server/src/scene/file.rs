@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use lodestream_import::{Part, gltf};
 use serde::Deserialize;
 use toml::Spanned;
 
-use crate::import::{Part, gltf};
 use crate::prepare::recipe::{
     Recipe, check_normal_tolerance, check_uv_bits, parse_codec, parse_metric, parse_round,
 };
@@ -34,7 +34,7 @@ pub enum SceneError {
     },
     /// The file cannot be read.
     #[error(transparent)]
-    Read(#[from] crate::import::ImportError),
+    Read(#[from] lodestream_import::ImportError),
     /// Something in the file is wrong.
     #[error("{}:{line}: {what}", path.display())]
     Line {
@@ -143,7 +143,7 @@ struct RawCamera {
 /// # Errors
 /// See [`SceneError`].
 pub fn read(path: &Path) -> Result<Scene, SceneError> {
-    let bytes = crate::import::read_file(path, MAX_SCENE_BYTES)?;
+    let bytes = lodestream_import::read_file(path, MAX_SCENE_BYTES)?;
     let text = std::str::from_utf8(&bytes).map_err(|error| {
         let line = 1 + bytes[..error.valid_up_to()].iter().filter(|&&b| b == b'\n').count();
         SceneError::Line { path: path.to_owned(), line, what: "is not UTF-8 text".to_owned() }
@@ -331,7 +331,7 @@ impl Source<'_> {
         let at = raw.span().start;
         let raw = raw.into_inner();
         let features = match raw.features_file(folder) {
-            Some(file) => crate::terrain::features::read(&file)
+            Some(file) => lodestream_import::terrain::features::read(&file)
                 .map_err(|why| self.error(at, format!("terrain: {why}")))?,
             None => Vec::new(),
         };

@@ -10,8 +10,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use glam::{DQuat, DVec3};
+use lodestream_import::{ImportError, Part, gltf, is_gltf};
 
-use crate::import::{ImportError, Part, gltf, is_gltf};
 use crate::prepare::Recipe;
 
 pub use compose::{ComposeError, Composed, compose};

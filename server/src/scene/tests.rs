@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
+use lodestream_import::Part;
 use tempfile::TempDir;
 
 use super::{Precision, Scene, of_files, parse};
-use crate::import::Part;
 use crate::prepare::recipe::Round;
 use lodestream_geometry::Codec;
 

@@ -234,7 +234,7 @@ mod tests {
     fn what_is_written_as_obj_is_read_back() {
         let file = tempfile::Builder::new().suffix(".obj").tempfile().unwrap();
         std::fs::write(file.path(), obj(&square(true, true)).unwrap()).unwrap();
-        let read = lodestream_server::import::import(file.path()).unwrap().mesh;
+        let read = lodestream_import::import(file.path()).unwrap().mesh;
         assert_eq!((read.positions.len(), read.faces.len()), (4, 2));
         assert_eq!(read.uvs[read.faces[0][1].uv as usize], [0.2, 0.0]);
     }

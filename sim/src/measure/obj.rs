@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use lodestream_geometry::mesh::SourceMesh;
-use lodestream_server::import::{self, ImportError};
+use lodestream_import::ImportError;
 
 use super::Surface;
 
@@ -13,7 +13,7 @@ use super::Surface;
 /// # Errors
 /// See [`ImportError`].
 pub fn read_obj(path: &Path) -> Result<Surface, ImportError> {
-    Ok(Surface::from(&import::import(path)?.mesh))
+    Ok(Surface::from(&lodestream_import::import(path)?.mesh))
 }
 
 /// Two models with attributes. Materials of one name have one number in both.
@@ -21,7 +21,7 @@ pub fn read_obj(path: &Path) -> Result<Surface, ImportError> {
 /// # Errors
 /// See [`ImportError`].
 pub fn read_models(a: &Path, b: &Path) -> Result<[SourceMesh; 2], ImportError> {
-    let (first, mut second) = (import::import(a)?, import::import(b)?);
+    let (first, mut second) = (lodestream_import::import(a)?, lodestream_import::import(b)?);
     let number: Vec<u16> = second
         .materials
         .iter()

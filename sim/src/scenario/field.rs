@@ -183,7 +183,7 @@ mod tests {
         assert_eq!((scene.assets.len(), scene.instances.as_ref().unwrap().len()), (2, 5));
         let mut volumes = Vec::new();
         for asset in &scene.assets {
-            let mesh = lodestream_server::import::import(&asset.file).unwrap().mesh;
+            let mesh = lodestream_import::import(&asset.file).unwrap().mesh;
             assert_eq!(mesh.faces.len(), 12 * 25);
             // Corners of the cube's sides have the same text, so welding closes the surface.
             let key = |p: [f64; 3]| p.map(|x| (x * 1e6).round() as i64);

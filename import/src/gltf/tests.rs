@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use tempfile::TempDir;
 
 use super::contents;
-use crate::import::{ImportError, Imported, Part, dependencies, import, import_part};
+use crate::{ImportError, Imported, Part, dependencies, import, import_part};
 
 const BYTE: u32 = 5120;
 const UBYTE: u32 = 5121;

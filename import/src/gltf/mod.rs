@@ -23,7 +23,7 @@ use std::path::{Path, PathBuf};
 use bytes::Bytes;
 use glam::{DMat3, DMat4, DQuat};
 
-use super::{ImportError, Imported, MAX_FILE_BYTES, Part, read_file};
+use crate::{ImportError, Imported, MAX_FILE_BYTES, Part, read_file};
 use container::{Document, Location};
 use mesh::Builder;
 
@@ -34,7 +34,7 @@ const SIMILARITY: f64 = 1e-5;
 /// One mesh of a file, placed by a similarity; what is not one is part of the mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlacedMesh {
-    /// The mesh, as [`super::import_part`] takes it.
+    /// The mesh, as [`crate::import_part`] takes it.
     pub part: Part,
     /// World position of the mesh's (0, 0, 0).
     pub translation: [f64; 3],
@@ -81,7 +81,7 @@ pub(super) fn import(path: &Path, part: &Part) -> Result<Imported, ImportError> 
 /// What meshes a file has, and where.
 ///
 /// # Errors
-/// As [`super::import`], short of what the meshes hold.
+/// As [`crate::import`], short of what the meshes hold.
 pub fn contents(path: &Path) -> Result<Contents, ImportError> {
     let document = open(path)?;
     let placed = nodes::placed(&document)?;
@@ -95,7 +95,7 @@ pub fn contents(path: &Path) -> Result<Contents, ImportError> {
 /// # Errors
 /// A file that is no glTF file, or has no such mesh: the message then names those that it has.
 pub fn part_named(path: &Path, name: &str) -> Result<Part, ImportError> {
-    if !super::is_gltf(path) {
+    if !crate::is_gltf(path) {
         return Err(ImportError::gltf(path, "only glTF files have meshes with names; leave the mesh out"));
     }
     let document = open(path)?;

@@ -13,8 +13,8 @@ use super::accessor::{Buffers, Elements};
 use super::container::Document;
 use super::ignored::Ignored;
 use super::material::{Converted, convert};
-use crate::import::{ImportError, Imported};
 use crate::texture::linear_to_srgb;
+use crate::{ImportError, Imported};
 
 /// Most triangles of one asset, over all nodes that are merged into it.
 const MAX_FACES: usize = 1 << 26;

@@ -16,7 +16,7 @@ use image::{DynamicImage, ExtendedColorType, ImageEncoder as _, ImageError, Imag
 
 use mip::Plane;
 
-use crate::import::ImageSource;
+use crate::ImageSource;
 
 /// Longest side of a texture, in pixels.
 pub const MAX_SIDE_PX: u32 = 16_384;
@@ -135,10 +135,10 @@ pub fn linear_to_srgb(linear: f64) -> u8 {
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, TextureError> {
-    crate::import::read_file(path, MAX_FILE_BYTES).map_err(|error| TextureError::Read {
+    crate::read_file(path, MAX_FILE_BYTES).map_err(|error| TextureError::Read {
         path: path.to_owned(),
         source: match error {
-            crate::import::ImportError::Read { source, .. } => source,
+            crate::ImportError::Read { source, .. } => source,
             _ => std::io::Error::other("not a regular file, or too large"),
         },
     })

@@ -8,7 +8,7 @@ use gltf::json::validation::Checked;
 use super::accessor::Buffers;
 use super::container::{Document, Location};
 use super::ignored::Ignored;
-use crate::import::{ImageSource, ImportError, Material};
+use crate::{ImageSource, ImportError, Material};
 
 /// A material and what its colour texture is looked up with.
 #[derive(Clone, Debug)]

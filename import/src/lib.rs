@@ -1,4 +1,5 @@
-//! Model files to [`SourceMesh`] and materials: OBJ with MTL, glTF 2.0 and GLB.
+//! Model files to [`SourceMesh`] and materials (OBJ with MTL, glTF 2.0 and GLB), their textures to mip levels, and
+//! terrain from files.
 //!
 //! OBJ and MTL are parsed by the crate `tobj` behind a pass of our own (`normalise`) that checks every
 //! line and reports its number: tobj 4 lets NaN and infinities through, makes up texture
@@ -9,12 +10,11 @@ mod error;
 #[cfg(test)]
 mod extremes;
 pub mod gltf;
-mod mtl;
-mod normalise;
 mod obj;
+pub mod terrain;
 #[cfg(test)]
 mod tests;
-mod triangulate;
+pub mod texture;
 
 use std::path::{Path, PathBuf};
 
@@ -135,7 +135,7 @@ pub fn dependencies(path: &Path, bytes: &[u8]) -> Vec<PathBuf> {
 ///
 /// # Errors
 /// Missing and unreadable files, anything but a regular file, and files above `limit` bytes.
-pub(crate) fn read_file(path: &Path, limit: u64) -> Result<Vec<u8>, ImportError> {
+pub fn read_file(path: &Path, limit: u64) -> Result<Vec<u8>, ImportError> {
     let read = |source| ImportError::Read { path: path.to_owned(), source };
     let metadata = std::fs::metadata(path).map_err(read)?;
     if !metadata.is_file() {

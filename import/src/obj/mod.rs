@@ -1,15 +1,19 @@
 //! OBJ files to one mesh with a material per face.
 
+mod mtl;
+mod normalise;
+mod triangulate;
+
 use std::collections::HashMap;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use lodestream_geometry::mesh::{Corner, NONE, SourceMesh};
 
-use super::mtl::{self, Library};
-use super::normalise::{Format, Normalised, logical_lines, normalise, unpack_color};
-use super::triangulate::triangulate;
-use super::{ImportError, Imported, MAX_FILE_BYTES, Material, read_file};
+use crate::{ImportError, Imported, MAX_FILE_BYTES, Material, read_file};
+use mtl::Library;
+use normalise::{Format, Normalised, logical_lines, normalise, unpack_color};
+use triangulate::triangulate;
 
 /// Most materials of one asset, as the protocol describes them.
 const MAX_MATERIALS: usize = lodestream_protocol::asset::MAX_MATERIALS;
