@@ -112,7 +112,7 @@ fn objects_groups_and_materials_merge() {
 fn a_missing_mtl_is_a_warning_and_the_material_grey() {
     let imported = read(&format!("mtllib no such.mtl\n{TRIANGLE}usemtl x\nf 1 2 3\n"));
     assert_eq!(imported.materials.len(), 1);
-    assert_eq!(imported.materials[0].base_color, [crate::texture::srgb_to_linear(0.8); 3]);
+    assert_eq!(imported.materials[0].base_color, [crate::srgb::srgb_to_linear(0.8); 3]);
     assert!(imported.warnings.iter().any(|w| w.contains("such.mtl") && w.contains("cannot be read")));
     assert!(imported.warnings.iter().any(|w| w.contains("\"x\"")), "{:?}", imported.warnings);
 }

@@ -8,7 +8,7 @@ use gltf::json::accessor::{ComponentType, Type};
 use gltf::json::validation::Checked;
 
 use super::container::Document;
-use crate::ImportError;
+use crate::error::ImportError;
 
 /// Most elements of an accessor that has no bytes of its own, only zeros and what is sparse.
 const MAX_ZEROS: usize = 1 << 16;

@@ -6,7 +6,8 @@ use std::path::{Component, Path, PathBuf};
 use bytes::Bytes;
 use gltf::json;
 
-use crate::{ImportError, MAX_FILE_BYTES, read_file};
+use crate::error::ImportError;
+use crate::file::{MAX_FILE_BYTES, read_file};
 
 /// Extensions that are understood, so that a file may require them.
 const SUPPORTED: [&str; 2] = ["KHR_mesh_quantization", "KHR_texture_transform"];

@@ -8,7 +8,8 @@ use gltf::json::validation::Checked;
 use super::accessor::Buffers;
 use super::container::{Document, Location};
 use super::ignored::Ignored;
-use crate::{ImageSource, ImportError, Material};
+use crate::error::ImportError;
+use crate::model::{ImageSource, Material};
 
 /// A material and what its colour texture is looked up with.
 #[derive(Clone, Debug)]

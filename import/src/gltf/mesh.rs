@@ -13,8 +13,9 @@ use super::accessor::{Buffers, Elements};
 use super::container::Document;
 use super::ignored::Ignored;
 use super::material::{Converted, convert};
-use crate::texture::linear_to_srgb;
-use crate::{ImportError, Imported};
+use crate::error::ImportError;
+use crate::model::Imported;
+use crate::srgb::linear_to_srgb;
 
 /// Most triangles of one asset, over all nodes that are merged into it.
 const MAX_FACES: usize = 1 << 26;

@@ -23,7 +23,9 @@ use std::path::{Path, PathBuf};
 use bytes::Bytes;
 use glam::{DMat3, DMat4, DQuat};
 
-use crate::{ImportError, Imported, MAX_FILE_BYTES, Part, read_file};
+use crate::error::ImportError;
+use crate::file::{MAX_FILE_BYTES, read_file};
+use crate::model::{Imported, Part};
 use container::{Document, Location};
 use mesh::Builder;
 
@@ -95,7 +97,7 @@ pub fn contents(path: &Path) -> Result<Contents, ImportError> {
 /// # Errors
 /// A file that is no glTF file, or has no such mesh: the message then names those that it has.
 pub fn part_named(path: &Path, name: &str) -> Result<Part, ImportError> {
-    if !crate::is_gltf(path) {
+    if !crate::file::is_gltf(path) {
         return Err(ImportError::gltf(path, "only glTF files have meshes with names; leave the mesh out"));
     }
     let document = open(path)?;

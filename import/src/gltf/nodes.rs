@@ -4,7 +4,7 @@ use glam::{DMat4, DQuat, DVec3};
 use gltf::json;
 
 use super::container::Document;
-use crate::ImportError;
+use crate::error::ImportError;
 
 /// A mesh of the file, placed.
 #[derive(Clone, Copy, Debug)]

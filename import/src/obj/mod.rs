@@ -10,7 +10,9 @@ use std::path::{Path, PathBuf};
 
 use lodestream_geometry::mesh::{Corner, NONE, SourceMesh};
 
-use crate::{ImportError, Imported, MAX_FILE_BYTES, Material, read_file};
+use crate::error::ImportError;
+use crate::file::{MAX_FILE_BYTES, read_file};
+use crate::model::{Imported, Material};
 use mtl::Library;
 use normalise::{Format, Normalised, logical_lines, normalise, unpack_color};
 use triangulate::triangulate;

@@ -7,8 +7,8 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use crate::Material;
-use crate::texture::srgb_to_linear;
+use crate::model::Material;
+use crate::srgb::srgb_to_linear;
 
 /// Largest MTL file, in bytes.
 const MAX_MTL_BYTES: u64 = 64 << 20;
@@ -20,7 +20,7 @@ pub(super) type Library = BTreeMap<String, Material>;
 
 /// Reads one MTL file into `library`. What cannot be used becomes a warning.
 pub(super) fn load(path: &Path, library: &mut Library, warnings: &mut Vec<String>) {
-    match crate::read_file(path, MAX_MTL_BYTES) {
+    match crate::file::read_file(path, MAX_MTL_BYTES) {
         Ok(bytes) => parse(path, &bytes, library, warnings),
         Err(error) => warnings.push(format!("{error}; faces that use its materials become grey")),
     }

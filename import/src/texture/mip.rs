@@ -5,7 +5,7 @@
 
 use image::{DynamicImage, RgbaImage};
 
-use super::srgb;
+use crate::srgb;
 
 /// An image with `N` 16-bit channels, row by row.
 pub(super) struct Plane<const N: usize> {

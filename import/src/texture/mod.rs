@@ -5,7 +5,6 @@
 //! are integer arithmetic, and the encoders are too.
 
 mod mip;
-mod srgb;
 
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
@@ -16,7 +15,9 @@ use image::{DynamicImage, ExtendedColorType, ImageEncoder as _, ImageError, Imag
 
 use mip::Plane;
 
-use crate::ImageSource;
+use crate::error::ImportError;
+use crate::file::read_file;
+use crate::model::ImageSource;
 
 /// Longest side of a texture, in pixels.
 pub const MAX_SIDE_PX: u32 = 16_384;
@@ -120,25 +121,11 @@ pub fn load(source: &ImageSource, kind: TextureKind) -> Result<Texture, TextureE
     }
 }
 
-/// Linear light of an sRGB-encoded value in `0..=1`, in steps of 1/255 of the encoded value, so that
-/// every machine gets the same bits.
-#[must_use]
-pub fn srgb_to_linear(encoded: f32) -> f32 {
-    let byte = (encoded.clamp(0.0, 1.0) * 255.0).round() as u8;
-    f32::from(srgb::to_linear(byte)) / 65_535.0
-}
-
-/// The sRGB byte nearest to a linear light in `0..=1`, likewise.
-#[must_use]
-pub fn linear_to_srgb(linear: f64) -> u8 {
-    srgb::from_linear((linear.clamp(0.0, 1.0) * 65_535.0).round() as u16)
-}
-
 fn read(path: &Path) -> Result<Vec<u8>, TextureError> {
-    crate::read_file(path, MAX_FILE_BYTES).map_err(|error| TextureError::Read {
+    read_file(path, MAX_FILE_BYTES).map_err(|error| TextureError::Read {
         path: path.to_owned(),
         source: match error {
-            crate::ImportError::Read { source, .. } => source,
+            ImportError::Read { source, .. } => source,
             _ => std::io::Error::other("not a regular file, or too large"),
         },
     })

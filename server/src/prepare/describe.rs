@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use lodestream_import::ImageSource;
-use lodestream_import::texture::{self, Texture, TextureError, TextureKind, srgb_to_linear};
+use lodestream_import::srgb::srgb_to_linear;
+use lodestream_import::texture::{self, Texture, TextureError, TextureKind};
 use lodestream_protocol::asset::{
     AssetDescription, CodingError, MAX_TEXTURES, Material, TextureFormat, TextureInfo, TextureLevel,
 };

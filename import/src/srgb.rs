@@ -31,13 +31,27 @@ static FROM_LINEAR: LazyLock<Vec<u8>> = LazyLock::new(|| {
 });
 
 /// 16-bit linear light of an sRGB byte.
-pub(super) fn to_linear(encoded: u8) -> u16 {
+pub(crate) fn to_linear(encoded: u8) -> u16 {
     TO_LINEAR[usize::from(encoded)]
 }
 
 /// The sRGB byte nearest to a 16-bit linear light.
-pub(super) fn from_linear(linear: u16) -> u8 {
+pub(crate) fn from_linear(linear: u16) -> u8 {
     FROM_LINEAR[usize::from(linear)]
+}
+
+/// Linear light of an sRGB-encoded value in `0..=1`, in steps of 1/255 of the encoded value, so that
+/// every machine gets the same bits.
+#[must_use]
+pub fn srgb_to_linear(encoded: f32) -> f32 {
+    let byte = (encoded.clamp(0.0, 1.0) * 255.0).round() as u8;
+    f32::from(to_linear(byte)) / 65_535.0
+}
+
+/// The sRGB byte nearest to a linear light in `0..=1`, likewise.
+#[must_use]
+pub fn linear_to_srgb(linear: f64) -> u8 {
+    from_linear((linear.clamp(0.0, 1.0) * 65_535.0).round() as u16)
 }
 
 #[cfg(test)]

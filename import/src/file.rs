@@ -1,0 +1,30 @@
+//! Files, before anything is known of what is in them.
+
+use std::path::Path;
+
+use crate::error::ImportError;
+
+/// Largest model file, in bytes; it is read whole.
+pub const MAX_FILE_BYTES: u64 = 4 << 30;
+
+/// Whether a file's name says that it is glTF.
+#[must_use]
+pub fn is_gltf(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gltf") || e.eq_ignore_ascii_case("glb"))
+}
+
+/// Reads a regular file whole.
+///
+/// # Errors
+/// Missing and unreadable files, anything but a regular file, and files above `limit` bytes.
+pub fn read_file(path: &Path, limit: u64) -> Result<Vec<u8>, ImportError> {
+    let read = |source| ImportError::Read { path: path.to_owned(), source };
+    let metadata = std::fs::metadata(path).map_err(read)?;
+    if !metadata.is_file() {
+        return Err(ImportError::NotAFile { path: path.to_owned() });
+    }
+    if metadata.len() > limit {
+        return Err(ImportError::TooLarge { path: path.to_owned(), bytes: metadata.len(), limit });
+    }
+    std::fs::read(path).map_err(read)
+}

@@ -1,0 +1,33 @@
+//! One way to every format: which reader a file is for is told by its name.
+
+use std::path::{Path, PathBuf};
+
+use crate::error::ImportError;
+use crate::file::is_gltf;
+use crate::model::{Imported, Part};
+use crate::{gltf, obj};
+
+/// Imports a model file whole, with what it names beside it.
+///
+/// # Errors
+/// Whatever makes the geometry unusable, and where; see [`ImportError`].
+pub fn import(path: &Path) -> Result<Imported, ImportError> {
+    import_part(path, &Part::Whole)
+}
+
+/// Imports a part of a model file.
+///
+/// # Errors
+/// As [`import`].
+pub fn import_part(path: &Path, part: &Part) -> Result<Imported, ImportError> {
+    match part {
+        Part::Whole if !is_gltf(path) => obj::import(path),
+        _ => gltf::import(path, part),
+    }
+}
+
+/// The files that are read beside a model file of the given content, each once, whether they exist or not.
+#[must_use]
+pub fn dependencies(path: &Path, bytes: &[u8]) -> Vec<PathBuf> {
+    if is_gltf(path) { gltf::dependencies(path, bytes) } else { obj::dependencies(path, bytes) }
+}
