@@ -168,6 +168,12 @@ impl Hills {
         }
     }
 
+    /// The same as another scene.
+    pub(crate) fn with_fingerprint(mut self, byte: u8) -> Self {
+        self.header.fingerprint = [byte; 16];
+        self
+    }
+
     pub(crate) fn camera(&self) -> Camera {
         self.header.camera
     }
@@ -246,8 +252,22 @@ impl Loopback {
     /// Opens a connection, 8 Mbit/s towards the client.
     pub(crate) fn connect(&mut self) {
         // Nothing is pushed before the client has said what it holds: counts are then exact.
+        self.connect_pushing(0);
+    }
+
+    /// Opens a connection over which base meshes overtake `Welcome`, as streams may.
+    pub(crate) fn connect_overtaken(&mut self) {
+        self.connect_pushing(u64::MAX);
+        let now = self.now;
+        let Some(server) = &mut self.server else { return };
+        let mut flight: Vec<_> = std::iter::from_fn(|| server.poll_transmit(now)).collect();
+        flight.sort_by_key(|transmit| !matches!(transmit, Transmit::Piece { .. }));
+        self.down.extend(flight.into_iter().map(|transmit| (now + LATENCY, transmit)));
+    }
+
+    fn connect_pushing(&mut self, push_before_hello_bytes: u64) {
         let config = ServerConfig {
-            push_before_hello_bytes: 0,
+            push_before_hello_bytes,
             refine_before_hello_bytes: 0,
             push_after_hello_bytes: self.push_bytes,
             ..ServerConfig::websocket(Some(8_000_000))

@@ -290,6 +290,22 @@ fn a_blob_that_heals_is_used() {
     assert_eq!(link.core.stats().applied_chunks, prepared().1.chunks.len() as u64);
 }
 
+/// The server was started anew with another scene: its base mesh, ahead of `Welcome`, was taken for the old
+/// scene's, which was there already, and the server would not send it again.
+#[test]
+fn after_a_restart_with_another_scene_a_base_ahead_of_welcome_is_not_taken_for_the_old_scenes() {
+    let mut link = Loopback::new(Hills::new(1), |_| {});
+    link.connect();
+    link.settle();
+    link.cut();
+    link.source = std::sync::Arc::new(Hills::compressed().with_fingerprint(9));
+    link.connect_overtaken();
+    link.settle();
+    assert_eq!(link.core.scene().unwrap().fingerprint, [9; 16]);
+    assert!(link.core.mesh(0).is_some(), "the new scene's asset never came");
+    assert!(link.times_sent().values().all(|n| *n <= 2), "{:?}", link.times_sent());
+}
+
 #[test]
 fn a_lost_connection_keeps_the_picture_and_fetches_only_what_is_missing() {
     let mut link = Loopback::new(Hills::new(2), |_| {});

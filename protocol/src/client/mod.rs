@@ -32,6 +32,8 @@ use estimate::Estimate;
 const ASSUMED_BYTES: u32 = 1500;
 /// Most blobs that are partly here. A server keeps fewer than ten open at once.
 const MAX_PARTIAL: usize = 1024;
+/// Most blobs held that came before `Welcome`. A server pushes some tens before it hears `Hello`.
+const MAX_EARLY: usize = 256;
 /// Least time between two `SetView`.
 const VIEW_INTERVAL: Duration = Duration::from_millis(100);
 /// Change of priority that is worth telling: a quarter octave of screen error.
@@ -89,7 +91,8 @@ pub enum ClientEvent {
     Connected(Welcome),
     /// A page of the scene description came.
     ScenePage(ScenePage),
-    /// A blob, or the part of it that was sent, is complete, asked for or not.
+    /// A blob, or the part of it that was sent, is complete, asked for or not. Told after
+    /// [`ClientEvent::Connected`] even where it came before.
     Blob {
         /// The blob.
         id: BlobId,
@@ -164,6 +167,9 @@ pub struct ClientSession {
     pending: BTreeMap<BlobId, Pending>,
     /// Sum of what is left of the blobs asked for.
     in_flight_bytes: u64,
+    /// Blobs that overtook `Welcome`, and their bytes: only it tells what scene they are of.
+    early: Vec<ClientEvent>,
+    early_bytes: u64,
     /// To be told: requests new or changed, and requests taken back.
     wants: BTreeSet<BlobId>,
     cancels: BTreeSet<BlobId>,
@@ -206,6 +212,8 @@ impl ClientSession {
             hello: Some(hello),
             pending: BTreeMap::new(),
             in_flight_bytes: 0,
+            early: Vec::new(),
+            early_bytes: 0,
             wants: BTreeSet::new(),
             cancels: BTreeSet::new(),
             pages: BTreeSet::new(),
@@ -279,6 +287,24 @@ impl ClientSession {
         let idle = Duration::from_millis(u64::from(welcome.idle_timeout_ms));
         self.welcome = Some((welcome.scene.page_count, idle));
         self.events.push_back(ClientEvent::Connected(welcome));
+        self.events.extend(std::mem::take(&mut self.early));
+    }
+
+    /// Tells of a blob, or keeps it until `Welcome` has told what scene it is of. What would be too much to keep
+    /// is given back to the server, to be asked for again.
+    fn arrived(&mut self, id: BlobId, offset: u32, total: u32, bytes: Bytes) {
+        let length = bytes.len() as u64;
+        let event = ClientEvent::Blob { id, offset, total, bytes };
+        if self.welcome.is_some() {
+            self.events.push_back(event);
+        } else if self.early.len() < MAX_EARLY
+            && self.early_bytes.saturating_add(length) <= self.config.max_in_flight_bytes
+        {
+            self.early_bytes += length;
+            self.early.push(event);
+        } else {
+            self.cancels.insert(id);
+        }
     }
 
     /// Takes a piece of a blob.
@@ -339,7 +365,7 @@ impl ClientSession {
             self.wants.remove(&id);
             self.cancels.remove(&id);
             self.blobs += 1;
-            self.events.push_back(ClientEvent::Blob { id, offset, total, bytes });
+            self.arrived(id, offset, total, bytes);
         }
     }
 
@@ -393,6 +419,7 @@ impl ClientSession {
         self.wants.clear();
         self.cancels.clear();
         self.pages.clear();
+        self.early.clear();
         self.close = Some(close.clone());
         self.events.push_back(ClientEvent::Closed(close));
     }

@@ -174,6 +174,37 @@ fn blobs_sent_unasked_are_taken() {
     assert!(matches!(client.poll_event(), Some(ClientEvent::Blob { id: got, .. }) if got == id));
 }
 
+/// After a restart, another scene's blob would be taken for one of the scene before.
+#[test]
+fn a_base_that_overtakes_welcome_is_told_after_it() {
+    let scene = MemoryScene::new(1, 1, 1);
+    let mut client = ClientSession::new(ClientConfig::default(), None, Resume::default(), Time::ZERO);
+    let id = BlobId::base(0);
+    client.handle_piece(Time::ZERO, piece(id, 0, 900, 900));
+    assert_eq!(client.poll_event(), None, "nobody knows yet what scene this is of");
+    client.handle_message(Time::ZERO, welcome(&scene));
+    assert!(matches!(client.poll_event(), Some(ClientEvent::Connected(_))));
+    assert!(matches!(client.poll_event(), Some(ClientEvent::Blob { id: told, .. }) if told == id));
+}
+
+#[test]
+fn what_is_held_until_welcome_is_bounded_and_the_rest_given_back() {
+    let config = ClientConfig { max_in_flight_bytes: 5000, ..ClientConfig::default() };
+    for (config, held) in [(ClientConfig::default(), MAX_EARLY), (config, 50)] {
+        let mut client = ClientSession::new(config, None, Resume::default(), Time::ZERO);
+        for chunk in 0..300 {
+            client.handle_piece(Time::ZERO, piece(BlobId::chunk(0, chunk), 0, 100, 100));
+        }
+        assert_eq!(client.early.len(), held);
+        let sent = std::iter::from_fn(|| client.poll_transmit(Time::ZERO));
+        let given_back: usize =
+            sent.map(|m| if let ClientMessage::Cancel(ids) = m { ids.len() } else { 0 }).sum();
+        assert_eq!(given_back, 300 - held);
+        client.handle_lost(Time::ZERO, "cut");
+        assert!(client.early.is_empty());
+    }
+}
+
 #[test]
 fn blobs_of_another_length_than_announced_end_the_session() {
     for (asked, announced) in

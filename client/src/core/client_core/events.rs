@@ -76,7 +76,8 @@ impl ClientCore {
             self.cache = BlobCache::new(self.config.cache_bytes);
             self.failures = Failures::default();
             self.wanted.clear();
-            // What was pushed before the answer was heard stays: it belongs to the new scene.
+            // What has arrived and was not looked at yet is the old scene's: the session tells of nothing before this.
+            self.arrived.clear();
         }
         if self.view.is_none()
             && let StartView::OfScene { viewport_px, target_px } = self.config.start

@@ -139,6 +139,7 @@ impl ClientCore {
             resume.have = held.take(MAX_HAVE).collect();
         }
         self.session = Some(ClientSession::new(self.config.session.clone(), self.view, resume, now));
+        self.early.clear();
         self.bases_sent = false;
         self.closed = None;
         self.welcome = None;
