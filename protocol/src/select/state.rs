@@ -251,7 +251,7 @@ impl AssetState {
         known
             .iter()
             .rev()
-            .filter(|info| info.level + 1 >= last.level)
+            .filter(|info| info.level.saturating_add(1) >= last.level)
             .map(|info| visible_error(info, 1.0))
             .fold(0.0, f32::max)
             .min(self.entry.root_error)

@@ -261,6 +261,21 @@ fn pages_may_come_in_any_order_and_wrong_ones_are_refused() {
     assert_eq!(asset.unknown_error(), 0.0);
 }
 
+/// 255 + 1 overflowed: a panic, or a bound of 0 behind which no page was asked for.
+#[test]
+fn a_page_of_level_255_bounds_what_follows_it() {
+    let mut chunks = plane(5);
+    chunks[63].level = 255;
+    let mut asset = AssetState::new(plane_entry("plane", &chunks, 1000));
+    asset.set_state(BlobPart::Base, State::Applied);
+    asset.add_index_page(0, chunks[..64].to_vec()).unwrap();
+    assert!(asset.unknown_error() >= chunks[63].error);
+    let mut selector = Selector::default();
+    let wanted =
+        &selector.select(&above([0.0, 0.2, 0.5]), &[InstanceEntry::at(0, [0.0; 3])], &[asset]).wanted;
+    assert!(wanted.iter().any(|w| w.id == BlobId::index_page(0, 1)), "{wanted:?}");
+}
+
 #[test]
 fn failed_chunks_block_what_hangs_on_them_and_only_that() {
     let mut asset = known_asset(4);
