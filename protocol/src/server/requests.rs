@@ -5,13 +5,15 @@ use crate::blob::{BlobId, BlobPart};
 use crate::message::{Refused, RefusedReason, ServerMessage, Want};
 use crate::scheduler::{Cancelled, Unit};
 use crate::select::priority::index_priority;
+use crate::terrain::TERRAIN;
 
 impl ServerSession {
     pub(super) fn want(&mut self, wants: &[Want]) {
         self.client_wants = true;
         self.done_told = false;
         for want in wants {
-            self.client_refines |= matches!(want.id.part, BlobPart::Chunk(_));
+            // Points of a terrain say nothing of chunks.
+            self.client_refines |= matches!(want.id.part, BlobPart::Chunk(_)) && want.id.asset != TERRAIN;
             self.unasked.remove(&Unit::Blob(want.id));
             if let Err(reason) = self.want_one(want) {
                 self.tell(ServerMessage::Refused(Refused { id: want.id, reason }));

@@ -119,3 +119,18 @@ fn what_a_returning_client_has_is_not_pushed() {
         assert_eq!(bases, expected, "{sent:?}");
     }
 }
+
+/// Points of a terrain are numbered as chunks are, but who asks for them may know no chunk yet.
+#[test]
+fn a_client_that_wants_points_of_a_terrain_is_still_pushed_chunks() {
+    let scene = MemoryScene::new(12, 1, 4);
+    let far = View::look_at([0.0, 0.5, -29.0], [0.0, 0.0, -40.0], [0.0, 1.0, 0.0], 0.9, [640, 480]);
+    let mut server = session(&scene, ServerConfig::quic(None));
+    server.handle_message(Time::ZERO, ClientMessage::Hello(hello(&scene.header)));
+    drain(&mut server, Time::ZERO);
+    let points = vec![Want::whole(BlobId::terrain_points(0), 9)];
+    server.handle_message(Time::ZERO, ClientMessage::Want(points));
+    server.handle_message(Time::ZERO, ClientMessage::SetView(far));
+    let pushed = chunks(&drain(&mut server, Time::ZERO));
+    assert!(pushed.len() > 5, "{pushed:?}");
+}
