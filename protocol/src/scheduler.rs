@@ -89,9 +89,10 @@ pub struct Scheduler {
 }
 
 impl Scheduler {
-    /// An empty queue of at most `max_queued` units.
+    /// An empty queue of at most `max_queued` units, and at least one.
     #[must_use]
     pub fn new(max_queued: usize) -> Self {
+        let max_queued = max_queued.max(1);
         Self { queue: BTreeMap::new(), keys: HashMap::new(), begun: Vec::new(), next_number: 0, max_queued }
     }
 

@@ -25,7 +25,7 @@ pub struct ServerConfig {
     /// Most bytes of a blob handed over at once. Small pieces let urgent blobs overtake; each costs a
     /// frame's overhead.
     pub piece_bytes: u32,
-    /// Most blobs queued; more are refused.
+    /// Most units queued, at least one; wants beyond are refused, pages and pushes wait.
     pub max_queued: usize,
     /// Time in which `Hello` must come.
     pub hello_timeout: Duration,

@@ -55,14 +55,18 @@ impl ServerSession {
             if !fits && !open {
                 break;
             }
-            self.push.pop();
             if !fits || self.handed.contains_key(&unit) {
                 // The client has it, or no room for more than it asks for.
+                self.push.pop();
                 self.bases_left.remove(&unit);
                 continue;
             }
+            if !self.scheduler.want(unit, priority) {
+                // The queue is full of what was asked for: this waits until there is room.
+                break;
+            }
+            self.push.pop();
             self.pushed_bytes = self.pushed_bytes.saturating_add(self.estimated_bytes(unit));
-            self.scheduler.want(unit, priority);
         }
         if self.bases_left.is_empty() && !self.refinement_pushed {
             self.refinement_pushed = true;

@@ -68,10 +68,15 @@ impl ServerSession {
         self.done_told = false;
         for &page in pages {
             if page < self.source.header().page_count {
-                if self.handed.remove(&Unit::Page(page)).is_some() {
+                let (unit, priority) = (Unit::Page(page), index_priority(f32::MAX));
+                let was_handed = self.handed.remove(&unit).is_some();
+                if was_handed {
                     self.pages_handed = self.pages_handed.saturating_sub(1);
                 }
-                self.scheduler.want(Unit::Page(page), index_priority(f32::MAX));
+                // Where the queue is full, it waits with what is pushed; what was not handed over is there already.
+                if !self.scheduler.want(unit, priority) && was_handed {
+                    self.push.push((priority, unit));
+                }
             }
         }
     }

@@ -134,3 +134,32 @@ fn a_client_that_wants_points_of_a_terrain_is_still_pushed_chunks() {
     let pushed = chunks(&drain(&mut server, Time::ZERO));
     assert!(pushed.len() > 5, "{pushed:?}");
 }
+
+/// Sixteen units are moved to the queue at a time: what did not fit was dropped.
+#[test]
+fn a_queue_shorter_than_the_push_loses_no_page() {
+    let scene = MemoryScene::new(1, 400, 2);
+    let pages = scene.header.page_count;
+    assert!(pages > 40);
+    for max_queued in [1, 5, 15] {
+        let config = ServerConfig { max_queued, ..ServerConfig::quic(None) };
+        let mut server = session(&scene, config);
+        server.handle_message(Time::ZERO, ClientMessage::Hello(hello(&scene.header)));
+        let mut told: Vec<u32> = pages_of(&drain(&mut server, Time::ZERO));
+        told.sort_unstable();
+        assert_eq!(told, (0..pages).collect::<Vec<_>>(), "a queue of {max_queued}");
+        // Nor does it lose pages that are asked for again.
+        server.handle_message(Time::ZERO, ClientMessage::WantScenePages((0..pages).collect()));
+        let mut told = pages_of(&drain(&mut server, Time::ZERO));
+        told.sort_unstable();
+        assert_eq!(told, (0..pages).collect::<Vec<_>>(), "again, with a queue of {max_queued}");
+    }
+}
+
+fn pages_of(transmits: &[Transmit]) -> Vec<u32> {
+    let page = |transmit: &Transmit| match transmit {
+        Transmit::Message(ServerMessage::ScenePage(page)) => Some(page.page),
+        _ => None,
+    };
+    transmits.iter().filter_map(page).collect()
+}
