@@ -2,7 +2,7 @@
 
 use lodestream_protocol::blob::BlobId;
 use lodestream_protocol::scene::Camera;
-use lodestream_protocol::select::State;
+use lodestream_protocol::select::{Share, State};
 use lodestream_protocol::view::View;
 
 use super::testing::{Hills, Loopback, prepared};
@@ -83,7 +83,7 @@ fn small_slices_of_work_come_to_the_same() {
 fn what_the_camera_left_is_undone_and_comes_back_from_the_cache() {
     let mut link = Loopback::new(Hills::new(1), |config: &mut Config| {
         // Out of view, nothing is kept.
-        config.select.keep_out_of_view = 0.0;
+        config.select.keep_out_of_view = Share::NONE;
     });
     link.connect();
     link.settle();
@@ -106,7 +106,7 @@ fn what_the_camera_left_is_undone_and_comes_back_from_the_cache() {
 /// A link whose client judges geometry alone and gets nothing unasked.
 fn frugal(source: Hills, stops: bool, adapt: impl FnOnce(&mut Config)) -> Loopback {
     let mut link = Loopback::new(source, |config: &mut Config| {
-        config.select.attribute_share = 0.0;
+        config.select.attribute_share = Share::NONE;
         config.select.stops = stops;
         adapt(config);
     });
@@ -160,7 +160,7 @@ fn chunks_stop_where_the_view_allows_and_only_their_rest_is_fetched_for_a_nearer
 fn chunks_at_stops_are_undone_and_come_back_from_the_cache() {
     let camera = Hills::new(1).camera();
     let near = view(Camera { eye: [0.0, 4.2, 7.0], ..camera }, 1.0);
-    let mut link = frugal(Hills::new(1), true, |config| config.select.keep_out_of_view = 0.0);
+    let mut link = frugal(Hills::new(1), true, |config| config.select.keep_out_of_view = Share::NONE);
     link.core.set_view(link.now, near);
     link.connect();
     link.settle();
@@ -224,7 +224,7 @@ fn a_damaged_rest_takes_its_beginning_along_and_both_are_fetched_again() {
 #[test]
 fn a_cache_that_is_too_small_fetches_again_but_stays_bounded() {
     let mut link = Loopback::new(Hills::new(1), |config: &mut Config| {
-        config.select.keep_out_of_view = 0.0;
+        config.select.keep_out_of_view = Share::NONE;
         config.cache_bytes = 2000;
     });
     link.connect();

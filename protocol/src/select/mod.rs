@@ -17,6 +17,7 @@
 pub mod priority;
 mod project;
 mod selector;
+mod settings;
 mod state;
 #[cfg(test)]
 mod tests;
@@ -25,55 +26,11 @@ use crate::blob::BlobId;
 
 pub use project::{Bounds, LocalView, Projection};
 pub use selector::{Selector, max_screen_error_px};
+pub use settings::{SelectSettings, SettingsError, Share, Weight};
 pub use state::{AssetState, PageError, State};
 
 /// How urgent a blob is; higher is first. The numbers of all kinds of blobs compare with each other.
 pub type Priority = u32;
-
-/// Knobs of the selection.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SelectSettings {
-    /// Most faces in use, over all assets (each asset once, however many instances it has). Above it
-    /// the threshold rises.
-    pub max_faces: u64,
-    /// Most payload bytes in use. Above it the threshold rises.
-    pub max_bytes: u64,
-    /// Chunks are undone below this fraction of the error at which they are applied. Nearer to 1 saves
-    /// memory, further below it flickers less when the camera wavers.
-    pub undo_below: f32,
-    /// Chunks out of view are undone only while more than this share of `max_faces` is in use.
-    pub keep_out_of_view: f32,
-    /// Most wanted blobs that one call lists.
-    pub max_wanted: usize,
-    /// How a blurred texel counts against a geometric error of one pixel.
-    pub texture_weight: f32,
-    /// Share, 0 to 1, of attribute errors' weight that counts ([`visible_error`]). Less saves bytes where
-    /// texture and shading may lag behind geometry; 0 judges geometry alone.
-    ///
-    /// [`visible_error`]: lodestream_geometry::screen::visible_error
-    pub attribute_share: f32,
-    /// Whether base meshes of instances out of view are fetched too, last.
-    pub prefetch_bases: bool,
-    /// Whether chunks are wanted only up to the first stop that suffices, where nothing finer is wanted.
-    /// Off, more bytes are fetched for a view, and fewer requests are needed when the camera nears.
-    pub stops: bool,
-}
-
-impl Default for SelectSettings {
-    fn default() -> Self {
-        Self {
-            max_faces: 8_000_000,
-            max_bytes: 512 << 20,
-            undo_below: 0.7,
-            keep_out_of_view: 0.5,
-            max_wanted: 512,
-            texture_weight: 0.25,
-            attribute_share: 1.0,
-            prefetch_bases: true,
-            stops: true,
-        }
-    }
-}
 
 /// One wanted blob.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

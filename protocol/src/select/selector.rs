@@ -150,7 +150,7 @@ impl Selector {
         let keep_out_of_view = {
             #[allow(clippy::cast_precision_loss)]
             let share = in_use.0 as f64 / self.settings.max_faces.max(1) as f64;
-            share <= f64::from(self.settings.keep_out_of_view)
+            share <= f64::from(self.settings.keep_out_of_view.get())
         };
         for (number, asset) in (0..).zip(assets) {
             self.refine(number, asset, threshold, keep_out_of_view);
@@ -180,7 +180,7 @@ impl Selector {
         let projection = Projection::new(view);
         let counters = &mut self.selection.counters;
         (counters.applied_faces, counters.applied_bytes) = in_use;
-        let floor_px = f64::from(view.target_px * self.settings.undo_below);
+        let floor_px = f64::from(view.target_px * self.settings.undo_below.get());
         let mut worst = 0.0_f64;
         for instance in instances {
             let Some(asset) = assets.get(instance.asset as usize) else { continue };
@@ -217,7 +217,7 @@ impl Selector {
                 continue;
             }
             let local = projection.local(asset.entry(), instance);
-            let share = self.settings.attribute_share.clamp(0.0, 1.0);
+            let share = self.settings.attribute_share.get();
             let seeks = &mut self.chunks[seen.first_chunk..];
             let entries = asset.chunks().iter().zip(asset.chunk_states());
             counters.tested_chunks += asset.chunks().len() as u64;
@@ -302,7 +302,7 @@ impl Selector {
 
     /// Lists the chunks of one asset that are wanted, no longer wanted, or to be undone.
     fn refine(&mut self, number: u32, asset: &AssetState, threshold: f32, keep_out_of_view: bool) {
-        let share = self.settings.attribute_share.clamp(0.0, 1.0);
+        let share = self.settings.attribute_share.get();
         let stops = self.settings.stops;
         let infos = asset.chunks();
         let states = asset.chunk_states();
@@ -312,7 +312,7 @@ impl Selector {
         // Over budget there is no room for hysteresis.
         let over = counters.applied_faces > self.settings.max_faces
             || counters.applied_bytes > self.settings.max_bytes;
-        let undo_below = if over { threshold } else { threshold * self.settings.undo_below };
+        let undo_below = if over { threshold } else { threshold * self.settings.undo_below.get() };
         // Children before parents: priorities and what must stay are passed up.
         for index in (0..infos.len()).rev() {
             let info = &infos[index];
@@ -435,7 +435,7 @@ impl Selector {
                 }
                 if *state != State::Applied {
                     pending += 1;
-                    let blur_px = texel_px.min(256.0) * self.settings.texture_weight;
+                    let blur_px = texel_px.min(256.0) * self.settings.texture_weight.get();
                     self.selection.wanted.push(Wanted::whole(
                         BlobId::texture(number, texture, level),
                         refine_priority(blur_px, about.bytes, seen.centrality),
@@ -455,7 +455,7 @@ impl Selector {
         let selection = &mut self.selection;
         selection.counters.settled = selection.wanted.is_empty();
         let order = |w: &Wanted| (Reverse(w.priority), w.id);
-        let most = self.settings.max_wanted.max(1);
+        let most = self.settings.max_wanted.get();
         if selection.wanted.len() > most {
             selection.wanted.select_nth_unstable_by_key(most, order);
             selection.wanted.truncate(most);

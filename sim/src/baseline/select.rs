@@ -217,7 +217,7 @@ fn want_textures(
     seen: &Seen,
     target_px: f32,
 ) {
-    let weight = SelectSettings::default().texture_weight;
+    let weight = SelectSettings::default().texture_weight.get();
     let textures = &content.stage.textures[asset as usize];
     for ((number, texture), states) in (0_u16..).zip(textures).zip(&held.textures[asset as usize]) {
         let px_per_uv = seen.px_per_unit / texture.uv_per_unit.max(f32::MIN_POSITIVE);

@@ -1,0 +1,140 @@
+//! Knobs of the selection: types that hold nothing but what can be used.
+
+use std::num::NonZeroUsize;
+
+/// A knob of the selection that has no such value.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum SettingsError {
+    /// A share that is not one.
+    #[error("{0} is not a share; give a number from 0 to 1")]
+    NotAShare(f32),
+    /// A weight that is not one.
+    #[error("{0} is not a weight; give a finite number that is not below 0")]
+    NotAWeight(f32),
+}
+
+/// A share of a whole: 0 to 1.
+#[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
+pub struct Share(f32);
+
+impl Share {
+    /// Nothing of it.
+    pub const NONE: Self = Self(0.0);
+    /// All of it.
+    pub const ALL: Self = Self(1.0);
+
+    /// A share.
+    ///
+    /// # Errors
+    /// Refuses what is not within 0 to 1.
+    pub const fn new(share: f32) -> Result<Self, SettingsError> {
+        if share >= 0.0 && share <= 1.0 { Ok(Self(share)) } else { Err(SettingsError::NotAShare(share)) }
+    }
+
+    /// The number.
+    #[must_use]
+    pub const fn get(self) -> f32 {
+        self.0
+    }
+}
+
+impl TryFrom<f32> for Share {
+    type Error = SettingsError;
+    fn try_from(share: f32) -> Result<Self, SettingsError> {
+        Self::new(share)
+    }
+}
+
+/// How much one thing counts against another: finite and not below 0.
+#[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
+pub struct Weight(f32);
+
+impl Weight {
+    /// A weight.
+    ///
+    /// # Errors
+    /// Refuses what is below 0 or not finite.
+    pub const fn new(weight: f32) -> Result<Self, SettingsError> {
+        if weight >= 0.0 && weight.is_finite() {
+            Ok(Self(weight))
+        } else {
+            Err(SettingsError::NotAWeight(weight))
+        }
+    }
+
+    /// The number.
+    #[must_use]
+    pub const fn get(self) -> f32 {
+        self.0
+    }
+}
+
+impl TryFrom<f32> for Weight {
+    type Error = SettingsError;
+    fn try_from(weight: f32) -> Result<Self, SettingsError> {
+        Self::new(weight)
+    }
+}
+
+/// Knobs of the selection.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SelectSettings {
+    /// Most faces in use, over all assets (each asset once, however many instances it has). Above it
+    /// the threshold rises.
+    pub max_faces: u64,
+    /// Most payload bytes in use. Above it the threshold rises.
+    pub max_bytes: u64,
+    /// Chunks are undone below this fraction of the error at which they are applied. Nearer to 1 saves
+    /// memory, further below it flickers less when the camera wavers.
+    pub undo_below: Share,
+    /// Chunks out of view are undone only while more than this share of `max_faces` is in use.
+    pub keep_out_of_view: Share,
+    /// Most wanted blobs that one call lists.
+    pub max_wanted: NonZeroUsize,
+    /// How a blurred texel counts against a geometric error of one pixel.
+    pub texture_weight: Weight,
+    /// How much of attribute errors' weight counts ([`visible_error`]). Less saves bytes where
+    /// texture and shading may lag behind geometry; none judges geometry alone.
+    ///
+    /// [`visible_error`]: lodestream_geometry::screen::visible_error
+    pub attribute_share: Share,
+    /// Whether base meshes of instances out of view are fetched too, last.
+    pub prefetch_bases: bool,
+    /// Whether chunks are wanted only up to the first stop that suffices, where nothing finer is wanted.
+    /// Off, more bytes are fetched for a view, and fewer requests are needed when the camera nears.
+    pub stops: bool,
+}
+
+impl Default for SelectSettings {
+    fn default() -> Self {
+        Self {
+            max_faces: 8_000_000,
+            max_bytes: 512 << 20,
+            undo_below: Share(0.7),
+            keep_out_of_view: Share(0.5),
+            max_wanted: const { NonZeroUsize::new(512).unwrap() },
+            texture_weight: Weight(0.25),
+            attribute_share: Share::ALL,
+            prefetch_bases: true,
+            stops: true,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn knobs_take_no_numbers_that_mean_something_else() {
+        for bad in [f32::NAN, -0.1, 1.001, f32::INFINITY, f32::NEG_INFINITY] {
+            assert!(Share::new(bad).is_err(), "{bad}");
+        }
+        for bad in [f32::NAN, -0.1, f32::INFINITY] {
+            assert!(Weight::new(bad).is_err(), "{bad}");
+        }
+        assert_eq!(Share::new(0.0), Ok(Share::NONE));
+        assert_eq!(Share::new(1.0), Ok(Share::ALL));
+        assert_eq!(Weight::new(3.0).map(Weight::get), Ok(3.0));
+    }
+}
