@@ -1,5 +1,8 @@
 //! Names of the blobs that travel from server to client.
 
+use bincode::de::Decoder;
+use bincode::enc::Encoder;
+use bincode::error::{DecodeError, EncodeError};
 use bincode::{Decode, Encode};
 
 /// Which part of an asset a blob holds.
@@ -23,50 +26,179 @@ pub enum BlobPart {
     },
 }
 
-/// Name of one blob within a scene. Two to eleven bytes on the wire.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Encode, Decode)]
-pub struct BlobId {
-    /// Number of the asset: the index of its entry, counted over all scene pages in order.
-    pub asset: u32,
-    /// Part of the asset.
-    pub part: BlobPart,
+/// Which part of a scene's terrain a blob holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum TerrainBlob {
+    /// A page of the directory of patches with listed points ([`crate::terrain::decode_directory`]).
+    DirectoryPage(u32),
+    /// The listed points of the directory's patch of this number.
+    Points(u32),
 }
+
+/// Name of one blob within a scene.
+///
+/// Two to eleven bytes on the wire: the asset's number, then the part. A terrain's blobs are written as if they were of
+/// asset 2³² − 1, which no scene has: a page of its directory as an index page, points as a chunk.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum BlobId {
+    /// Part of an asset.
+    Asset {
+        /// Number of the asset: the index of its entry, counted over all scene pages in order.
+        asset: u32,
+        /// Part of the asset.
+        part: BlobPart,
+    },
+    /// Part of the scene's terrain.
+    Terrain(TerrainBlob),
+}
+
+/// What stands on the wire where an asset's number would, in names of a terrain's blobs.
+const TERRAIN: u32 = u32::MAX;
 
 impl BlobId {
     /// The base mesh of an asset.
     #[must_use]
     pub const fn base(asset: u32) -> Self {
-        Self { asset, part: BlobPart::Base }
+        Self::Asset { asset, part: BlobPart::Base }
     }
 
     /// A page of an asset's chunk index.
     #[must_use]
     pub const fn index_page(asset: u32, page: u32) -> Self {
-        Self { asset, part: BlobPart::IndexPage(page) }
+        Self::Asset { asset, part: BlobPart::IndexPage(page) }
     }
 
     /// A chunk of an asset.
     #[must_use]
     pub const fn chunk(asset: u32, chunk: u32) -> Self {
-        Self { asset, part: BlobPart::Chunk(chunk) }
+        Self::Asset { asset, part: BlobPart::Chunk(chunk) }
     }
 
     /// A level of an asset's texture.
     #[must_use]
     pub const fn texture(asset: u32, texture: u16, level: u8) -> Self {
-        Self { asset, part: BlobPart::Texture { texture, level } }
+        Self::Asset { asset, part: BlobPart::Texture { texture, level } }
+    }
+
+    /// A page of the terrain's directory of patches with listed points.
+    #[must_use]
+    pub const fn terrain_page(page: u32) -> Self {
+        Self::Terrain(TerrainBlob::DirectoryPage(page))
+    }
+
+    /// The listed points of the `patch`-th patch of the terrain's directory.
+    #[must_use]
+    pub const fn terrain_points(patch: u32) -> Self {
+        Self::Terrain(TerrainBlob::Points(patch))
+    }
+
+    /// The asset that the blob is a part of, if any.
+    #[must_use]
+    pub const fn asset(&self) -> Option<u32> {
+        match *self {
+            Self::Asset { asset, .. } => Some(asset),
+            Self::Terrain(_) => None,
+        }
+    }
+
+    /// Which part of an asset it is, if of one.
+    #[must_use]
+    pub const fn part(&self) -> Option<BlobPart> {
+        match *self {
+            Self::Asset { part, .. } => Some(part),
+            Self::Terrain(_) => None,
+        }
     }
 }
 
+impl Encode for BlobId {
+    fn encode<E: Encoder>(&self, e: &mut E) -> Result<(), EncodeError> {
+        let (number, part) = match *self {
+            Self::Asset { asset: TERRAIN, .. } => {
+                return Err(EncodeError::Other("no asset has the number 2^32 - 1"));
+            }
+            Self::Asset { asset, part } => (asset, part),
+            Self::Terrain(TerrainBlob::DirectoryPage(page)) => (TERRAIN, BlobPart::IndexPage(page)),
+            Self::Terrain(TerrainBlob::Points(patch)) => (TERRAIN, BlobPart::Chunk(patch)),
+        };
+        number.encode(e)?;
+        part.encode(e)
+    }
+}
+
+impl<Context> Decode<Context> for BlobId {
+    fn decode<D: Decoder<Context = Context>>(d: &mut D) -> Result<Self, DecodeError> {
+        match (u32::decode(d)?, BlobPart::decode(d)?) {
+            (TERRAIN, BlobPart::IndexPage(page)) => Ok(Self::terrain_page(page)),
+            (TERRAIN, BlobPart::Chunk(patch)) => Ok(Self::terrain_points(patch)),
+            (TERRAIN, _) => Err(DecodeError::Other("a terrain has neither base mesh nor textures")),
+            (asset, part) => Ok(Self::Asset { asset, part }),
+        }
+    }
+}
+
+bincode::impl_borrow_decode!(BlobId);
+
 impl std::fmt::Display for BlobId {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self.part {
-            BlobPart::Base => write!(f, "asset {} base", self.asset),
-            BlobPart::IndexPage(page) => write!(f, "asset {} index page {page}", self.asset),
-            BlobPart::Chunk(chunk) => write!(f, "asset {} chunk {chunk}", self.asset),
-            BlobPart::Texture { texture, level } => {
-                write!(f, "asset {} texture {texture} level {level}", self.asset)
-            }
+        match *self {
+            Self::Asset { asset, part } => match part {
+                BlobPart::Base => write!(f, "asset {asset} base"),
+                BlobPart::IndexPage(page) => write!(f, "asset {asset} index page {page}"),
+                BlobPart::Chunk(chunk) => write!(f, "asset {asset} chunk {chunk}"),
+                BlobPart::Texture { texture, level } => {
+                    write!(f, "asset {asset} texture {texture} level {level}")
+                }
+            },
+            Self::Terrain(TerrainBlob::DirectoryPage(page)) => write!(f, "terrain directory page {page}"),
+            Self::Terrain(TerrainBlob::Points(patch)) => write!(f, "terrain points of patch {patch}"),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::coding::{decode_message, encode_message};
+
+    fn encoded(value: &impl Encode) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        encode_message(value, &mut bytes).unwrap();
+        bytes
+    }
+
+    #[test]
+    fn names_are_a_number_and_a_part_on_the_wire() {
+        for (id, number, part) in [
+            (BlobId::base(0), 0, BlobPart::Base),
+            (BlobId::chunk(7, 300), 7, BlobPart::Chunk(300)),
+            (BlobId::texture(70_000, 3, 2), 70_000, BlobPart::Texture { texture: 3, level: 2 }),
+            (BlobId::terrain_page(1), u32::MAX, BlobPart::IndexPage(1)),
+            (BlobId::terrain_points(2000), u32::MAX, BlobPart::Chunk(2000)),
+        ] {
+            let bytes = encoded(&id);
+            assert_eq!(bytes, encoded(&(number, part)), "{id}");
+            assert_eq!(decode_message::<BlobId>(&bytes).unwrap(), id);
+        }
+    }
+
+    #[test]
+    fn names_of_what_cannot_be_are_refused() {
+        for part in [BlobPart::Base, BlobPart::Texture { texture: 0, level: 0 }] {
+            assert!(decode_message::<BlobId>(&encoded(&(u32::MAX, part))).is_err());
+        }
+        assert!(encode_message(&BlobId::chunk(u32::MAX, 0), &mut Vec::new()).is_err());
+    }
+
+    #[test]
+    fn a_terrains_blobs_come_after_all_assets_pages_before_points() {
+        let order = [
+            BlobId::base(0),
+            BlobId::chunk(0, 9),
+            BlobId::base(1),
+            BlobId::terrain_page(7),
+            BlobId::terrain_points(0),
+        ];
+        assert!(order.is_sorted());
     }
 }

@@ -40,6 +40,6 @@ mod pair;
 #[cfg(test)]
 mod testing;
 
-pub use blob::{BlobId, BlobPart};
+pub use blob::{BlobId, BlobPart, TerrainBlob};
 pub use time::Time;
 pub use view::View;

@@ -176,10 +176,12 @@ impl Pair {
                     assert_eq!((bytes.as_ref(), total as usize), (&blob[range], blob.len()), "{id}");
                     world.blobs.push((now, id));
                     world.received_bytes += bytes.len() as u64;
-                    arrived(&mut world.assets[id.asset as usize], id, offset, &bytes);
+                    let (asset, part) = of_asset(id);
+                    arrived(&mut world.assets[asset], part, offset, &bytes);
                 }
                 ClientEvent::Refused { id, .. } => {
-                    world.assets[id.asset as usize].set_state(id.part, State::Failed);
+                    let (asset, part) = of_asset(id);
+                    world.assets[asset].set_state(part, State::Failed);
                 }
                 ClientEvent::BasesSent => world.bases_sent = Some(now),
                 ClientEvent::Done => world.done = Some(now),
@@ -200,25 +202,33 @@ impl Pair {
             self.world.first_frame.get_or_insert(self.now);
         }
         for id in self.client.set_wanted(self.now, &wanted, &cancel) {
-            self.world.assets[id.asset as usize].set_state(id.part, State::InFlight);
+            let (asset, part) = of_asset(id);
+            self.world.assets[asset].set_state(part, State::InFlight);
         }
         for id in cancel {
-            self.world.assets[id.asset as usize].set_state(id.part, State::Absent);
+            let (asset, part) = of_asset(id);
+            self.world.assets[asset].set_state(part, State::Absent);
         }
     }
 }
 
+/// The scenes of these tests have no terrain.
+fn of_asset(id: BlobId) -> (usize, BlobPart) {
+    let BlobId::Asset { asset, part } = id else { panic!("{id} is of no asset") };
+    (asset as usize, part)
+}
+
 /// Takes a blob into use, as far as its parents are there; cached ones follow.
-fn arrived(asset: &mut AssetState, id: BlobId, offset: u32, bytes: &[u8]) {
-    match id.part {
+fn arrived(asset: &mut AssetState, part: BlobPart, offset: u32, bytes: &[u8]) {
+    match part {
         BlobPart::IndexPage(page) => {
             let infos = decode_page(bytes, page * CHUNKS_PER_PAGE as u32).unwrap();
             asset.add_index_page(page, infos).unwrap();
         }
         BlobPart::Chunk(chunk) => {
-            assert_eq!(offset, asset.held_bytes(chunk), "{id}: bytes that are here, or a gap");
+            assert_eq!(offset, asset.held_bytes(chunk), "chunk {chunk}: bytes that are here, or a gap");
             asset.set_held(chunk, offset + bytes.len() as u32);
-            asset.set_state(id.part, State::Cached);
+            asset.set_state(part, State::Cached);
         }
         part => asset.set_state(part, State::Applied),
     }

@@ -256,11 +256,12 @@ fn number(n: usize) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::blob::BlobPart;
 
     fn read(id: &BlobId) -> Result<Bytes, SourceError> {
-        match id.part {
-            crate::BlobPart::Chunk(n) => Ok(Bytes::from(vec![n as u8; 1000])),
-            crate::BlobPart::IndexPage(_) => Err(SourceError::Unreadable { id: *id, why: "bad hash".into() }),
+        match id.part() {
+            Some(BlobPart::Chunk(n)) => Ok(Bytes::from(vec![n as u8; 1000])),
+            Some(BlobPart::IndexPage(_)) => Err(SourceError::Unreadable { id: *id, why: "bad hash".into() }),
             _ => Err(SourceError::NotFound(*id)),
         }
     }
@@ -273,8 +274,8 @@ mod tests {
     fn drain(scheduler: &mut Scheduler) -> Vec<u32> {
         std::iter::from_fn(|| scheduler.next(400, read))
             .map(|out| match out {
-                Outgoing::Piece { piece: BlobPiece { id, .. }, .. } => match id.part {
-                    crate::BlobPart::Chunk(n) => n,
+                Outgoing::Piece { piece: BlobPiece { id, .. }, .. } => match id.part() {
+                    Some(BlobPart::Chunk(n)) => n,
                     _ => 999,
                 },
                 Outgoing::Page(page) => 100 + page,

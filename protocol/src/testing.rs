@@ -135,11 +135,12 @@ impl SceneSource for MemoryScene {
     }
 
     fn blob_len(&self, id: &BlobId) -> Option<u32> {
-        let chunks = self.chunks.get(id.asset as usize)?;
-        match id.part {
-            BlobPart::Base => Some(900 + 100 * id.asset),
+        let BlobId::Asset { asset, part } = *id else { return None };
+        let chunks = self.chunks.get(asset as usize)?;
+        match part {
+            BlobPart::Base => Some(900 + 100 * asset),
             BlobPart::IndexPage(page) => {
-                self.index[id.asset as usize].get(page as usize).map(|bytes| bytes.len() as u32)
+                self.index[asset as usize].get(page as usize).map(|bytes| bytes.len() as u32)
             }
             BlobPart::Chunk(chunk) => chunks.get(chunk as usize).map(|info| info.payload_bytes),
             BlobPart::Texture { .. } => None,
@@ -148,8 +149,10 @@ impl SceneSource for MemoryScene {
 
     fn read(&self, id: &BlobId) -> Result<Bytes, SourceError> {
         let length = self.blob_len(id).ok_or(SourceError::NotFound(*id))?;
-        Ok(match id.part {
-            BlobPart::IndexPage(page) => self.index[id.asset as usize][page as usize].clone(),
+        Ok(match *id {
+            BlobId::Asset { asset, part: BlobPart::IndexPage(page) } => {
+                self.index[asset as usize][page as usize].clone()
+            }
             _ => contents(id, length),
         })
     }

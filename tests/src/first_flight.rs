@@ -33,7 +33,7 @@ async fn pushed(mut client: impl RawClient) -> BTreeSet<BlobId> {
     let mut blobs = BTreeSet::new();
     while let Ok(arrival) = timeout(Duration::from_secs(1), client.next()).await {
         if let Arrival::Blob(id, bytes) = arrival.expect("the session has ended") {
-            if id.part == BlobPart::Base {
+            if id.part() == Some(BlobPart::Base) {
                 decode_base(&bytes).unwrap();
             }
             assert!(blobs.insert(id), "{id} came twice");

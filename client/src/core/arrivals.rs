@@ -2,7 +2,7 @@
 
 use bytes::Bytes;
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_page};
-use lodestream_protocol::blob::{BlobId, BlobPart};
+use lodestream_protocol::blob::{BlobId, BlobPart, TerrainBlob};
 use lodestream_protocol::select::{State, Wanted};
 use lodestream_protocol::time::Time;
 
@@ -23,9 +23,17 @@ pub(super) struct Arrived {
 }
 
 impl ClientCore {
-    /// A blob of a known asset has arrived, or part of it. Chunks and texture levels are kept until a
-    /// selection wants them, what everything else depends on is used as soon as there is time.
-    pub(super) fn arrive(&mut self, now: Time, Arrived { id, offset, total, bytes }: Arrived) {
+    /// A blob of the terrain or of a known asset has arrived, or part of it. Chunks and texture levels are kept
+    /// until a selection wants them, what everything else depends on is used as soon as there is time.
+    pub(super) fn arrive(&mut self, now: Time, arrived: Arrived) {
+        match arrived.id {
+            BlobId::Asset { asset, part } => self.take_asset(now, asset, part, arrived),
+            BlobId::Terrain(blob) => self.take_terrain(now, blob, &arrived),
+        }
+    }
+
+    fn take_asset(&mut self, now: Time, asset: u32, part: BlobPart, arrived: Arrived) {
+        let Arrived { id, offset, total, bytes } = arrived;
         // What is withheld may come unasked, before or after the index page that tells of it.
         let withheld = |(asset, chunk)| id == BlobId::chunk(asset, chunk);
         if self.state(id) == State::Applied || self.config.withhold.is_some_and(withheld) {
@@ -33,10 +41,10 @@ impl ClientCore {
         }
         let whole = offset == 0 && bytes.len() == total as usize;
         self.set_state(id, State::Cached);
-        match id.part {
+        match part {
             BlobPart::Chunk(chunk) => match self.cache.extend(id, offset, bytes) {
                 Some(held) => {
-                    self.set_held(id.asset, chunk, held);
+                    self.set_held(asset, chunk, held);
                     self.trim_cache(now);
                 }
                 // Its beginning was dropped meanwhile: it is of no use, and the server must know.
@@ -52,13 +60,14 @@ impl ClientCore {
     }
 
     /// A blob of the terrain has arrived. It is small, and used at once.
-    pub(super) fn take_terrain(&mut self, now: Time, Arrived { id, offset, total, bytes }: Arrived) {
+    fn take_terrain(&mut self, now: Time, blob: TerrainBlob, arrived: &Arrived) {
+        let &Arrived { id, offset, total, ref bytes } = arrived;
         let whole = offset == 0 && bytes.len() == total as usize;
         let track = self.config.track_changes;
-        let Some(terrain) = self.scene.terrain.as_mut().filter(|t| t.state(id.part) != State::Applied) else {
+        let Some(terrain) = self.scene.terrain.as_mut().filter(|t| t.state(blob) != State::Applied) else {
             return;
         };
-        let taken = if whole { terrain.take(id.part, &bytes) } else { Err("only a part of it came".into()) };
+        let taken = if whole { terrain.take(blob, bytes) } else { Err("only a part of it came".into()) };
         if !track {
             terrain.drop_changes();
         }
@@ -72,7 +81,7 @@ impl ClientCore {
     /// fetched, dropped and fetched again.
     pub(super) fn trim_cache(&mut self, now: Time) {
         let needed = |id: BlobId| {
-            let state = self.scene.states.get(id.asset as usize).map(|asset| asset.state(id.part));
+            let state = self.scene.asset(id).map(|(asset, part)| asset.state(part));
             matches!(state, Some(State::Cached | State::InFlight))
                 && self.wanted.iter().any(|wanted| wanted.id == id)
         };
@@ -82,15 +91,17 @@ impl ClientCore {
 
     /// Uses a base mesh or index page.
     pub(super) fn take(&mut self, now: Time, id: BlobId, bytes: &[u8]) {
-        match id.part {
-            BlobPart::Base => self.take_base(now, id, bytes),
-            BlobPart::IndexPage(page) => self.take_page(now, id, page, bytes),
+        let BlobId::Asset { asset, part } = id else { return };
+        match part {
+            BlobPart::Base => self.take_base(now, asset, bytes),
+            BlobPart::IndexPage(page) => self.take_page(now, asset, page, bytes),
             BlobPart::Chunk(_) | BlobPart::Texture { .. } => {}
         }
     }
 
-    fn take_base(&mut self, now: Time, id: BlobId, bytes: &[u8]) {
-        let Some(state) = self.scene.states.get_mut(id.asset as usize) else { return };
+    fn take_base(&mut self, now: Time, asset: u32, bytes: &[u8]) {
+        let id = BlobId::base(asset);
+        let Some(state) = self.scene.states.get_mut(asset as usize) else { return };
         if state.state(BlobPart::Base) == State::Applied {
             return;
         }
@@ -100,13 +111,11 @@ impl ClientCore {
                 let levels: Vec<BlobId> = (0..)
                     .zip(textures)
                     .flat_map(|(texture, info)| {
-                        (0..)
-                            .zip(&info.levels)
-                            .map(move |(level, _)| BlobId::texture(id.asset, texture, level))
+                        (0..).zip(&info.levels).map(move |(level, _)| BlobId::texture(asset, texture, level))
                     })
                     .collect();
                 state.set_state(BlobPart::Base, State::Applied);
-                self.scene.set_base(id.asset, refined);
+                self.scene.set_base(asset, refined);
                 if !self.config.track_changes {
                     self.scene.drop_changes();
                 }
@@ -117,24 +126,25 @@ impl ClientCore {
         }
     }
 
-    fn take_page(&mut self, now: Time, id: BlobId, page: u32, bytes: &[u8]) {
+    fn take_page(&mut self, now: Time, asset: u32, page: u32, bytes: &[u8]) {
+        let id = BlobId::index_page(asset, page);
         if self.state(id) == State::Applied {
             return;
         }
         let first = page.saturating_mul(CHUNKS_PER_PAGE as u32);
         let added = decode_page(bytes, first).map_err(|why| why.to_string()).and_then(|infos| {
             let count = infos.len();
-            let state = self.scene.states.get_mut(id.asset as usize).ok_or("no such asset")?;
+            let state = self.scene.states.get_mut(asset as usize).ok_or("no such asset")?;
             state.add_index_page(page, infos).map_err(|why| why.to_string())?;
             Ok(count)
         });
         match added {
             Ok(count) => {
                 self.failures.forget(id);
-                let chunks = (first..).take(count).map(|chunk| BlobId::chunk(id.asset, chunk));
+                let chunks = (first..).take(count).map(|chunk| BlobId::chunk(asset, chunk));
                 self.find_in_cache(chunks.collect());
-                if let Some((asset, chunk)) = self.config.withhold
-                    && asset == id.asset
+                if let Some((withheld, chunk)) = self.config.withhold
+                    && withheld == asset
                 {
                     self.set_state(BlobId::chunk(asset, chunk), State::Failed);
                 }
@@ -148,8 +158,8 @@ impl ClientCore {
         for id in ids {
             if self.cache.contains(id) {
                 self.set_state(id, State::Cached);
-                if let BlobPart::Chunk(chunk) = id.part {
-                    self.set_held(id.asset, chunk, self.cache.held_bytes(id));
+                if let BlobId::Asset { asset, part: BlobPart::Chunk(chunk) } = id {
+                    self.set_held(asset, chunk, self.cache.held_bytes(id));
                 }
             }
         }
@@ -167,10 +177,17 @@ impl ClientCore {
             return Some(0);
         };
         let length = bytes.len() as u64;
-        let applied = match id.part {
-            BlobPart::Chunk(chunk) => self.apply_chunk(id.asset, chunk, stop, &bytes),
-            BlobPart::Texture { texture, level } => self.apply_texture(id.asset, texture, level, &bytes),
-            BlobPart::Base | BlobPart::IndexPage(_) => Ok(()),
+        let applied = match id {
+            BlobId::Asset { asset, part: BlobPart::Chunk(chunk) } => {
+                self.apply_chunk(asset, chunk, stop, &bytes)
+            }
+            BlobId::Asset { asset, part: BlobPart::Texture { texture, level } } => {
+                self.apply_texture(asset, texture, level, &bytes)
+            }
+            // Used as they arrive.
+            BlobId::Asset { part: BlobPart::Base | BlobPart::IndexPage(_), .. } | BlobId::Terrain(_) => {
+                Ok(())
+            }
         };
         match applied {
             Ok(()) => {
@@ -187,12 +204,12 @@ impl ClientCore {
     }
 
     fn is_ready(&self, id: BlobId) -> bool {
-        match id.part {
+        let Some((asset, part)) = self.scene.asset(id) else { return false };
+        match part {
             BlobPart::Chunk(chunk) => {
-                if self.config.withhold == Some((id.asset, chunk)) {
+                if self.config.withhold.is_some_and(|(asset, chunk)| id == BlobId::chunk(asset, chunk)) {
                     return false;
                 }
-                let Some(asset) = self.scene.states.get(id.asset as usize) else { return false };
                 let is_applied = |part| asset.state(part) == State::Applied;
                 asset.chunk(chunk).is_some_and(|info| {
                     is_applied(BlobPart::Base) && info.parents.iter().all(|p| is_applied(BlobPart::Chunk(*p)))

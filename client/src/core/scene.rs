@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
+use lodestream_protocol::blob::{BlobId, BlobPart};
 use lodestream_protocol::scene::{InstanceEntry, SceneHeader, ScenePage};
 use lodestream_protocol::select::AssetState;
 
@@ -84,6 +85,18 @@ impl Scene {
     /// Whether all pages are here.
     pub(crate) fn is_complete(&self) -> bool {
         self.header.as_ref().is_some_and(|h| self.next_page >= h.page_count)
+    }
+
+    /// The asset that a blob is a part of, if it is known, and which part.
+    pub(crate) fn asset(&self, id: BlobId) -> Option<(&AssetState, BlobPart)> {
+        let BlobId::Asset { asset, part } = id else { return None };
+        self.states.get(asset as usize).map(|state| (state, part))
+    }
+
+    /// The same, to be changed.
+    pub(crate) fn asset_mut(&mut self, id: BlobId) -> Option<(&mut AssetState, BlobPart)> {
+        let BlobId::Asset { asset, part } = id else { return None };
+        self.states.get_mut(asset as usize).map(|state| (state, part))
     }
 
     /// Number of known assets.

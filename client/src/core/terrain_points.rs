@@ -4,9 +4,9 @@ use std::collections::VecDeque;
 
 use glam::Vec3;
 use lodestream_geometry::terrain::{PatchPoints, decode_points};
-use lodestream_protocol::blob::{BlobId, BlobPart};
+use lodestream_protocol::blob::{BlobId, TerrainBlob};
 use lodestream_protocol::select::{Projection, State, Wanted, priority};
-use lodestream_protocol::terrain::{ListedPatch, PATCHES_PER_PAGE, TERRAIN, TerrainEntry, decode_directory};
+use lodestream_protocol::terrain::{ListedPatch, PATCHES_PER_PAGE, TerrainEntry, decode_directory};
 use lodestream_protocol::view::View;
 
 use super::changes::Change;
@@ -53,37 +53,32 @@ impl TerrainPoints {
         self.patches.get_mut(page as usize)?.get_mut(at as usize)
     }
 
-    pub(super) fn state(&self, part: BlobPart) -> State {
-        match part {
-            BlobPart::IndexPage(page) => self.pages.get(page as usize).copied().unwrap_or(State::Absent),
-            BlobPart::Chunk(patch) => {
+    pub(super) fn state(&self, blob: TerrainBlob) -> State {
+        match blob {
+            TerrainBlob::DirectoryPage(page) => {
+                self.pages.get(page as usize).copied().unwrap_or(State::Absent)
+            }
+            TerrainBlob::Points(patch) => {
                 let (page, at) = (patch / PATCHES_PER_PAGE, patch % PATCHES_PER_PAGE);
                 let patch = self.patches.get(page as usize).and_then(|page| page.get(at as usize));
                 patch.map_or(State::Absent, |patch| patch.state)
             }
-            BlobPart::Base | BlobPart::Texture { .. } => State::Absent,
         }
     }
 
-    pub(super) fn set_state(&mut self, part: BlobPart, state: State) {
-        match part {
-            BlobPart::IndexPage(page) => {
+    pub(super) fn set_state(&mut self, blob: TerrainBlob, state: State) {
+        match blob {
+            TerrainBlob::DirectoryPage(page) => {
                 if let Some(held) = self.pages.get_mut(page as usize) {
                     *held = state;
                 }
             }
-            BlobPart::Chunk(patch) => {
+            TerrainBlob::Points(patch) => {
                 if let Some(patch) = self.patch_mut(patch) {
                     patch.state = state;
                 }
             }
-            BlobPart::Base | BlobPart::Texture { .. } => {}
         }
-    }
-
-    /// Brings an entry of a wanted list up to date.
-    pub(super) fn refresh(&self, wanted: &mut Wanted) {
-        wanted.state = self.state(wanted.id.part);
     }
 
     /// Adds what `view` wants to `wanted`, whose order is by priority: pages of the directory after the base meshes,
@@ -142,9 +137,9 @@ impl TerrainPoints {
     }
 
     /// Uses a blob that came whole; says why it cannot be used.
-    pub(super) fn take(&mut self, part: BlobPart, bytes: &[u8]) -> Result<(), String> {
-        match part {
-            BlobPart::IndexPage(page) => {
+    pub(super) fn take(&mut self, blob: TerrainBlob, bytes: &[u8]) -> Result<(), String> {
+        match blob {
+            TerrainBlob::DirectoryPage(page) => {
                 let first = page.saturating_mul(PATCHES_PER_PAGE);
                 let count = self.entry.patches.min(MAX_PATCHES).saturating_sub(first).min(PATCHES_PER_PAGE);
                 let listed = decode_directory(bytes, count).map_err(|why| why.to_string())?;
@@ -153,7 +148,7 @@ impl TerrainPoints {
                 };
                 *held = listed.into_iter().map(|listed| Patch { listed, state: State::Absent }).collect();
             }
-            BlobPart::Chunk(number) => {
+            TerrainBlob::Points(number) => {
                 let finest = self.entry.parameters.finest_level;
                 let points: PatchPoints = decode_points(finest, bytes).map_err(|why| why.to_string())?;
                 let Some(patch) = self.patch_mut(number) else { return Err("no such patch".into()) };
@@ -161,9 +156,8 @@ impl TerrainPoints {
                 self.held_bytes += 16 * bytes.len() as u64;
                 self.changes.push_back(Change::TerrainPoints { x, y, points });
             }
-            BlobPart::Base | BlobPart::Texture { .. } => return Err("terrains have no such part".into()),
         }
-        self.set_state(part, State::Applied);
+        self.set_state(blob, State::Applied);
         Ok(())
     }
 
@@ -177,10 +171,5 @@ impl TerrainPoints {
 
     pub(super) fn drop_changes(&mut self) {
         self.changes.clear();
-    }
-
-    /// Whether a name is that of a blob of a terrain.
-    pub(super) const fn owns(id: BlobId) -> bool {
-        id.asset == TERRAIN
     }
 }

@@ -180,7 +180,7 @@ impl Hills {
 
     /// The blob with its middle byte changed.
     pub(crate) fn damage(&mut self, id: BlobId) {
-        let mut bytes = self.blobs[&id.part].to_vec();
+        let mut bytes = self.blobs[&id.part().unwrap()].to_vec();
         for byte in &mut bytes {
             *byte ^= 0x5A;
         }
@@ -198,11 +198,12 @@ impl SceneSource for Hills {
     }
 
     fn blob_len(&self, id: &BlobId) -> Option<u32> {
-        self.blobs.get(&id.part).filter(|_| id.asset < self.header.asset_count).map(|b| b.len() as u32)
+        let BlobId::Asset { asset, part } = *id else { return None };
+        self.blobs.get(&part).filter(|_| asset < self.header.asset_count).map(|b| b.len() as u32)
     }
 
     fn read(&self, id: &BlobId) -> Result<Bytes, SourceError> {
-        let real = self.blobs.get(&id.part).ok_or(SourceError::NotFound(*id))?;
+        let real = id.part().and_then(|part| self.blobs.get(&part)).ok_or(SourceError::NotFound(*id))?;
         Ok(self.damaged.get(id).unwrap_or(real).clone())
     }
 }

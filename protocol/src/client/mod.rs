@@ -323,7 +323,10 @@ impl ClientSession {
         if total > self.config.max_blob_bytes || run_end > total || end > u64::from(run_end) {
             return self.fail(&format!("{id} is longer than announced or allowed"));
         }
-        let known_base = self.base_bytes.get(&id.asset).copied().filter(|_| id.part == BlobPart::Base);
+        let known_base = match id {
+            BlobId::Asset { asset, part: BlobPart::Base } => self.base_bytes.get(&asset).copied(),
+            _ => None,
+        };
         if offset > 0 && !self.pending.contains_key(&id) {
             return;
         }

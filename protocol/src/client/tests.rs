@@ -74,7 +74,7 @@ fn what_is_under_way_and_less_urgent_holds_nothing_back() {
     let all = [list(1, 1 << 31), list(0, 1 << 30), list(2, 1 << 29)].concat();
     let asked = client.set_wanted(now, &all, &[]);
     assert_eq!(asked.len(), middle);
-    assert!(asked.iter().all(|id| id.asset == 1));
+    assert!(asked.iter().all(|id| id.asset() == Some(1)));
     // In all there is a bound.
     let mut in_flight = 2 * middle;
     for (asset, priority) in (3..).zip((1..1000).map(|step| (1 << 31) + step)) {

@@ -392,7 +392,7 @@ impl Selector {
         let mut want = |part: BlobPart, priority: Priority| {
             let state = asset.state(part);
             if !matches!(state, State::Applied | State::Failed) {
-                let id = BlobId { asset: number, part };
+                let id = BlobId::Asset { asset: number, part };
                 wanted.push(Wanted::whole(id, priority, asset.blob_bytes(part), state));
             }
         };

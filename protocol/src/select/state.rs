@@ -170,12 +170,13 @@ impl AssetState {
 
     /// Brings what a selection said of a blob up to date with what has arrived since.
     pub fn refresh(&self, wanted: &mut Wanted) {
-        wanted.state = match wanted.id.part {
-            BlobPart::Chunk(chunk) => {
+        wanted.state = match wanted.id.part() {
+            Some(BlobPart::Chunk(chunk)) => {
                 wanted.held = self.held_bytes(chunk);
                 self.chunk_state(chunk, wanted.stop)
             }
-            part => self.state(part),
+            Some(part) => self.state(part),
+            None => wanted.state,
         };
     }
 

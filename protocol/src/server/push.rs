@@ -83,12 +83,12 @@ pub(super) fn first_refinement(source: &dyn SceneSource, view: &View, budget_byt
     let mut left = budget_bytes - out.iter().map(|page| length(source, page)).sum::<u64>().min(budget_bytes);
     // Only now that the pages are known is it clear up to which stop each chunk is wanted.
     for wanted in &selector.select(view, &instances, &assets).wanted {
-        let BlobPart::Chunk(_) = wanted.id.part else {
+        let BlobId::Asset { asset, part: part @ BlobPart::Chunk(_) } = wanted.id else {
             // What ranks below a page not read must wait for it.
             break;
         };
-        let Some(&asset) = numbers.get(wanted.id.asset as usize) else { continue };
-        let id = BlobId { asset, part: wanted.id.part };
+        let Some(&asset) = numbers.get(asset as usize) else { continue };
+        let id = BlobId::Asset { asset, part };
         let chunk = Refining { priority: wanted.priority, id, end: wanted.end };
         match left.checked_sub(length(source, &chunk)) {
             Some(rest) => left = rest,
@@ -119,17 +119,19 @@ fn learn_pages(
     'turns: loop {
         let mut progress = false;
         for wanted in selector.select(view, instances, assets).wanted.clone() {
-            let Wanted { id: local, priority, end, .. } = wanted;
-            let Some(&number) = numbers.get(local.asset as usize) else { continue };
-            let asset = &mut assets[local.asset as usize];
-            let id = BlobId { asset: number, part: local.part };
+            let Wanted { id: BlobId::Asset { asset: local, part }, priority, end, .. } = wanted else {
+                continue;
+            };
+            let Some(&number) = numbers.get(local as usize) else { continue };
+            let asset = &mut assets[local as usize];
+            let id = BlobId::Asset { asset: number, part };
             let next = Refining { priority, id, end };
             let Some(rest) = left.checked_sub(length(source, &next)) else { break 'turns };
             progress = true;
-            let BlobPart::IndexPage(page) = id.part else {
+            let BlobPart::IndexPage(page) = part else {
                 left = rest;
-                asset.set_state(id.part, State::Applied);
-                sent.push(local);
+                asset.set_state(part, State::Applied);
+                sent.push((local, part));
                 continue;
             };
             if pages.len() == MAX_REFINED_PAGES {
@@ -140,7 +142,7 @@ fn learn_pages(
                     left = rest;
                     pages.push(next);
                 }
-                None => asset.set_state(id.part, State::Failed),
+                None => asset.set_state(part, State::Failed),
             }
             break;
         }
@@ -148,8 +150,8 @@ fn learn_pages(
             break;
         }
     }
-    for chunk in sent {
-        assets[chunk.asset as usize].set_state(chunk.part, State::Absent);
+    for (asset, part) in sent {
+        assets[asset as usize].set_state(part, State::Absent);
     }
     pages
 }
@@ -169,7 +171,7 @@ fn visible_assets(source: &dyn SceneSource, view: &View) -> (Vec<u32>, Vec<Insta
         .iter()
         .rev()
         .filter_map(|(_, unit)| match unit {
-            Unit::Blob(id) => Some(id.asset),
+            Unit::Blob(id) => id.asset(),
             Unit::Page(_) => None,
         })
         .take(MAX_REFINED_ASSETS)
@@ -214,11 +216,11 @@ mod tests {
             for next in &pushed {
                 let Refining { id, end, .. } = next;
                 bytes += u64::from(end.unwrap_or(scene.blob_len(id).unwrap()));
-                if let BlobPart::Chunk(chunk) = id.part {
-                    let page = BlobId::index_page(id.asset, chunk / CHUNKS_PER_PAGE as u32);
+                if let BlobId::Asset { asset, part: BlobPart::Chunk(chunk) } = *id {
+                    let page = BlobId::index_page(asset, chunk / CHUNKS_PER_PAGE as u32);
                     assert!(seen.contains(&page), "{id} before its page");
                     for &parent in &scene.chunks[0][chunk as usize].parents {
-                        let parent = BlobId::chunk(id.asset, parent);
+                        let parent = BlobId::chunk(asset, parent);
                         assert!(seen.contains(&parent), "{id} before its parent");
                         assert!(whole.contains(&parent), "{id}, though its parent comes in part");
                     }

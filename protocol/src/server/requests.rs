@@ -5,7 +5,6 @@ use crate::blob::{BlobId, BlobPart};
 use crate::message::{Refused, RefusedReason, ServerMessage, Want};
 use crate::scheduler::{Cancelled, Unit};
 use crate::select::priority::index_priority;
-use crate::terrain::TERRAIN;
 
 impl ServerSession {
     pub(super) fn want(&mut self, wants: &[Want]) {
@@ -13,7 +12,7 @@ impl ServerSession {
         self.done_told = false;
         for want in wants {
             // Points of a terrain say nothing of chunks.
-            self.client_refines |= matches!(want.id.part, BlobPart::Chunk(_)) && want.id.asset != TERRAIN;
+            self.client_refines |= matches!(want.id.part(), Some(BlobPart::Chunk(_)));
             self.unasked.remove(&Unit::Blob(want.id));
             if let Err(reason) = self.want_one(want) {
                 self.tell(ServerMessage::Refused(Refused { id: want.id, reason }));

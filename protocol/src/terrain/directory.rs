@@ -1,17 +1,11 @@
-//! Which patches have listed points: pages of a directory, and the names of the blobs.
-//!
-//! A terrain's blobs are named like an asset's: page p of its directory is index page p, the points of the directory's
-//! k-th patch are chunk k, of [`TERRAIN`].
+//! Which patches have listed points: pages of a directory ([`crate::blob::TerrainBlob`]).
 
 use bincode::config::{Configuration, Limit, LittleEndian, Varint};
 use bincode::{Decode, Encode};
 
-use crate::blob::BlobId;
 use crate::coding::CodingError;
 use crate::limits::MAX_BLOB_BYTES;
 
-/// The number in the place of an asset's in names of a terrain's blobs.
-pub const TERRAIN: u32 = u32::MAX;
 /// Patches on one page of the directory.
 pub const PATCHES_PER_PAGE: u32 = 1024;
 
@@ -29,20 +23,6 @@ pub struct ListedPatch {
     pub bytes: u32,
     /// How far at most the ground is off while the points are missing, in height units.
     pub error: u32,
-}
-
-impl BlobId {
-    /// A page of the directory of patches with listed points.
-    #[must_use]
-    pub const fn terrain_page(page: u32) -> Self {
-        Self::index_page(TERRAIN, page)
-    }
-
-    /// The listed points of the directory's `patch`-th patch.
-    #[must_use]
-    pub const fn terrain_points(patch: u32) -> Self {
-        Self::chunk(TERRAIN, patch)
-    }
 }
 
 /// A page of the directory as bytes. At most [`PATCHES_PER_PAGE`] patches.

@@ -143,7 +143,7 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
                 Ok(bytes) => {
                     sent_bytes += bytes as u64;
                     match piece {
-                        Some((id, last)) => metrics.piece_sent(&id.part, bytes, last),
+                        Some((id, last)) => metrics.piece_sent(&id, bytes, last),
                         None => metrics.control_sent(bytes),
                     }
                 }

@@ -83,8 +83,9 @@ impl SceneSource for MemoryScene {
     }
 
     fn blob_len(&self, id: &BlobId) -> Option<u32> {
-        let known = id.asset < self.header.asset_count;
-        match id.part {
+        let BlobId::Asset { asset, part } = *id else { return None };
+        let known = asset < self.header.asset_count;
+        match part {
             BlobPart::Base if known => Some(self.base_bytes),
             BlobPart::Texture { texture: 0, level } if known && level < TEXTURE_LEVELS => {
                 Some(self.texture_bytes)

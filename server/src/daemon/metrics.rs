@@ -4,8 +4,8 @@ use std::fmt::Write;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use lodestream_protocol::BlobPart;
 use lodestream_protocol::message::CloseCode;
+use lodestream_protocol::{BlobId, BlobPart, TerrainBlob};
 
 /// How a session travels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,12 +53,14 @@ pub struct Metrics {
     bases_sent_sum_us: AtomicU64,
 }
 
-const fn kind(part: &BlobPart) -> usize {
-    match part {
-        BlobPart::Base => 1,
-        BlobPart::IndexPage(_) => 2,
-        BlobPart::Chunk(_) => 3,
-        BlobPart::Texture { .. } => 4,
+/// A terrain's directory counts as index, its points as chunks.
+const fn kind(id: &BlobId) -> usize {
+    match id {
+        BlobId::Asset { part: BlobPart::Base, .. } => 1,
+        BlobId::Asset { part: BlobPart::IndexPage(_), .. }
+        | BlobId::Terrain(TerrainBlob::DirectoryPage(_)) => 2,
+        BlobId::Asset { part: BlobPart::Chunk(_), .. } | BlobId::Terrain(TerrainBlob::Points(_)) => 3,
+        BlobId::Asset { part: BlobPart::Texture { .. }, .. } => 4,
     }
 }
 
@@ -90,9 +92,9 @@ impl Metrics {
         add(&self.blobs[0], 1);
     }
 
-    pub(super) fn piece_sent(&self, part: &BlobPart, bytes: usize, last: bool) {
-        add(&self.bytes[kind(part)], bytes as u64);
-        add(&self.blobs[kind(part)], u64::from(last));
+    pub(super) fn piece_sent(&self, id: &BlobId, bytes: usize, last: bool) {
+        add(&self.bytes[kind(id)], bytes as u64);
+        add(&self.blobs[kind(id)], u64::from(last));
     }
 
     pub(super) fn message_rejected(&self) {
@@ -272,8 +274,8 @@ mod tests {
         metrics.session_started(Transport::Quic);
         metrics.session_started(Transport::WebSocket);
         metrics.session_ended(Transport::WebSocket, CloseCode::Timeout);
-        metrics.piece_sent(&BlobPart::Chunk(3), 1000, false);
-        metrics.piece_sent(&BlobPart::Chunk(3), 500, true);
+        metrics.piece_sent(&BlobId::chunk(0, 3), 1000, false);
+        metrics.piece_sent(&BlobId::chunk(0, 3), 500, true);
         metrics.bases_sent(Duration::from_millis(60));
         metrics.bases_sent(Duration::from_secs(60));
         let text = metrics.render(Some(2_000_000), false);

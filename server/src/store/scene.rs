@@ -6,7 +6,6 @@ use bytes::Bytes;
 use lodestream_protocol::BlobId;
 use lodestream_protocol::scene::{SceneHeader, ScenePage};
 use lodestream_protocol::source::{SceneSource, SourceError};
-use lodestream_protocol::terrain::TERRAIN;
 
 use super::lru::Lru;
 use super::{PackFile, StoreError, TerrainBlobs};
@@ -62,17 +61,20 @@ impl SceneSource for SceneStore {
     }
 
     fn blob_len(&self, id: &BlobId) -> Option<u32> {
-        if id.asset == TERRAIN {
-            return self.terrain.get(id.part).and_then(|bytes| u32::try_from(bytes.len()).ok());
+        match *id {
+            BlobId::Asset { asset, part } => self.packs.get(asset as usize)?.blob_len(part),
+            BlobId::Terrain(blob) => self.terrain.get(blob).and_then(|bytes| u32::try_from(bytes.len()).ok()),
         }
-        self.packs.get(id.asset as usize)?.blob_len(id.part)
     }
 
     fn read(&self, id: &BlobId) -> Result<Bytes, SourceError> {
-        if id.asset == TERRAIN {
-            return self.terrain.get(id.part).cloned().ok_or(SourceError::NotFound(*id));
-        }
-        let pack = self.packs.get(id.asset as usize).ok_or(SourceError::NotFound(*id))?;
+        let (asset, part) = match *id {
+            BlobId::Asset { asset, part } => (asset, part),
+            BlobId::Terrain(blob) => {
+                return self.terrain.get(blob).cloned().ok_or(SourceError::NotFound(*id));
+            }
+        };
+        let pack = self.packs.get(asset as usize).ok_or(SourceError::NotFound(*id))?;
         // A thread that panicked while it held the lock left the cache usable: entries are whole.
         let lock = || self.cache.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         if let Some(bytes) = lock().get(id) {
@@ -80,7 +82,7 @@ impl SceneSource for SceneStore {
         }
         // Read without the lock: two sessions may read the same blob, none waits for the disk of
         // another.
-        let bytes = pack.read(id.part).map_err(|error| match error {
+        let bytes = pack.read(part).map_err(|error| match error {
             StoreError::NoSuchBlob { .. } => SourceError::NotFound(*id),
             other => SourceError::Unreadable { id: *id, why: other.to_string() },
         })?;

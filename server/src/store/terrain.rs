@@ -2,7 +2,7 @@
 
 use bytes::Bytes;
 use lodestream_geometry::terrain::{Scratch, Terrain, TerrainError, encode_points};
-use lodestream_protocol::BlobPart;
+use lodestream_protocol::TerrainBlob;
 use lodestream_protocol::terrain::{ListedPatch, PATCHES_PER_PAGE, encode_directory};
 
 /// See the module. Made once when a scene is opened: features are small.
@@ -67,11 +67,10 @@ impl TerrainBlobs {
 
     /// A blob, if there is such a one.
     #[must_use]
-    pub fn get(&self, part: BlobPart) -> Option<&Bytes> {
-        match part {
-            BlobPart::IndexPage(page) => self.pages.get(page as usize),
-            BlobPart::Chunk(patch) => self.points.get(patch as usize),
-            BlobPart::Base | BlobPart::Texture { .. } => None,
+    pub fn get(&self, blob: TerrainBlob) -> Option<&Bytes> {
+        match blob {
+            TerrainBlob::DirectoryPage(page) => self.pages.get(page as usize),
+            TerrainBlob::Points(patch) => self.points.get(patch as usize),
         }
     }
 

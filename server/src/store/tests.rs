@@ -102,7 +102,7 @@ fn a_client_can_rebuild_the_asset_from_the_blobs_alone() {
     assert_eq!(page.assets[0].name, "sheet");
     assert_eq!(page.instances.iter().map(|i| i.asset).collect::<Vec<_>>(), [0, 0, 1]);
     let read = |part| {
-        let id = BlobId { asset: 0, part };
+        let id = BlobId::Asset { asset: 0, part };
         let bytes = store.read(&id).unwrap();
         assert_eq!(store.blob_len(&id), Some(bytes.len() as u32));
         assert_eq!(store.read(&id).unwrap(), bytes);

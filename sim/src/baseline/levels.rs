@@ -16,7 +16,7 @@ use lodestream_server::store::LoadedAsset;
 
 /// Reads an asset of a scene whole, from the blobs that a server sends.
 pub(super) fn load(scene: &dyn SceneSource, asset: u32) -> anyhow::Result<LoadedAsset> {
-    let read = |part| scene.read(&BlobId { asset, part });
+    let read = |part| scene.read(&BlobId::Asset { asset, part });
     let blob = read(BlobPart::Base)?;
     let base_bytes = blob.len() as u64;
     let base = decode_base(&blob)?;

@@ -6,10 +6,9 @@
 
 use std::cmp::Reverse;
 
-use lodestream_protocol::BlobId;
-use lodestream_protocol::View;
 use lodestream_protocol::select::priority::{base_priority, prefetch_priority, refine_priority};
 use lodestream_protocol::select::{Priority, Projection, SelectSettings};
+use lodestream_protocol::{BlobId, BlobPart, View};
 
 use super::library::Content;
 use super::offer::{Item, Offer};
@@ -48,8 +47,8 @@ impl Held {
         match item {
             Item::Piece { asset, piece } => self.pieces[asset as usize][piece as usize] = state,
             Item::Texture(id) => {
-                if let lodestream_protocol::BlobPart::Texture { texture, level } = id.part {
-                    self.textures[id.asset as usize][usize::from(texture)][usize::from(level)] = state;
+                if let BlobId::Asset { asset, part: BlobPart::Texture { texture, level } } = id {
+                    self.textures[asset as usize][usize::from(texture)][usize::from(level)] = state;
                 }
             }
         }

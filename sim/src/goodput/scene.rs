@@ -61,10 +61,13 @@ impl SceneSource for BulkScene {
     }
 
     fn blob_len(&self, id: &BlobId) -> Option<u32> {
-        match id.part {
-            BlobPart::Chunk(0..COLD) if id.asset == 0 => Some(BULK_BYTES),
-            BlobPart::Chunk(COLD) if id.asset == 0 => Some(COLD_BYTES),
-            BlobPart::Chunk(number) if id.asset == 0 && number < URGENT + URGENT_BLOBS => Some(URGENT_BYTES),
+        let BlobId::Asset { asset: 0, part: BlobPart::Chunk(number) } = *id else {
+            return self.scene.blob_len(id);
+        };
+        match number {
+            0..COLD => Some(BULK_BYTES),
+            COLD => Some(COLD_BYTES),
+            _ if number < URGENT + URGENT_BLOBS => Some(URGENT_BYTES),
             _ => self.scene.blob_len(id),
         }
     }

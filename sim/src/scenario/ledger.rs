@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use lodestream_client::core::{ClientCore, Received};
 use lodestream_protocol::select::{Selection, State};
-use lodestream_protocol::{BlobId, BlobPart};
+use lodestream_protocol::{BlobId, BlobPart, TerrainBlob};
 use serde::Serialize;
 
 /// Payload bytes that were of no use, or of use again.
@@ -63,7 +63,7 @@ impl Ledger {
 
     fn note(&mut self, selection: &Selection) {
         for wanted in &selection.wanted {
-            if !matches!(wanted.id.part, BlobPart::Chunk(_)) {
+            if !matches!(wanted.id.part(), Some(BlobPart::Chunk(_))) {
                 continue;
             }
             let length = wanted.bytes.unwrap_or(u32::MAX);
@@ -87,7 +87,7 @@ impl Ledger {
         let mut found = Use { cache_hits: self.hits, cache_misses: self.misses, ..Use::default() };
         found.blobs = received.len() as u64;
         found.unfinished_bytes = blob_bytes.saturating_sub(received.values().map(|came| came.bytes).sum());
-        for (id, came) in received.iter().filter(|(id, _)| matches!(id.part, BlobPart::Chunk(_))) {
+        for (id, came) in received.iter().filter(|(id, _)| is_refinement(id)) {
             let Received { bytes, used_bytes } = *came;
             found.chunk_bytes += bytes;
             match self.wishes.get(id) {
@@ -105,6 +105,11 @@ impl Ledger {
         }
         found
     }
+}
+
+/// Chunks, and points of a terrain, which nobody lists as wishes.
+const fn is_refinement(id: &BlobId) -> bool {
+    matches!(id, BlobId::Asset { part: BlobPart::Chunk(_), .. } | BlobId::Terrain(TerrainBlob::Points(_)))
 }
 
 #[cfg(test)]

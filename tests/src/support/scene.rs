@@ -115,7 +115,7 @@ impl TestScene {
         }));
         for (texture, info) in (0..).zip(&description.textures) {
             for level in 0..u8::try_from(info.levels.len()).unwrap() {
-                let id = BlobId { asset: number, part: BlobPart::Texture { texture, level } };
+                let id = BlobId::Asset { asset: number, part: BlobPart::Texture { texture, level } };
                 let file = self.store.read(&id).unwrap();
                 let pixels = TexturePixels::decode(&file, info, u32::from(level)).unwrap();
                 changes.push(Change::Texture(TextureChange { asset: number, texture, level, pixels }));

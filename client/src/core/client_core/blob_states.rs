@@ -5,14 +5,13 @@ use lodestream_protocol::select::State;
 use lodestream_protocol::time::Time;
 
 use super::ClientCore;
-use crate::core::terrain_points::TerrainPoints;
 
 impl ClientCore {
     pub(in crate::core) fn set_state(&mut self, id: BlobId, state: State) {
-        if let (true, Some(terrain)) = (TerrainPoints::owns(id), &mut self.scene.terrain) {
-            terrain.set_state(id.part, state);
-        } else if let Some(asset) = self.scene.states.get_mut(id.asset as usize) {
-            asset.set_state(id.part, state);
+        if let (BlobId::Terrain(blob), Some(terrain)) = (id, &mut self.scene.terrain) {
+            terrain.set_state(blob, state);
+        } else if let Some((asset, part)) = self.scene.asset_mut(id) {
+            asset.set_state(part, state);
         }
     }
 
@@ -24,8 +23,7 @@ impl ClientCore {
 
     /// Notes up to which stop a chunk is in use.
     pub(in crate::core) fn set_stop(&mut self, id: BlobId, stop: Option<u8>) {
-        if let (BlobPart::Chunk(chunk), Some(state)) = (id.part, self.scene.states.get_mut(id.asset as usize))
-        {
+        if let Some((state, BlobPart::Chunk(chunk))) = self.scene.asset_mut(id) {
             state.set_stop(chunk, stop);
         }
     }
@@ -34,8 +32,8 @@ impl ClientCore {
     pub(in crate::core) fn set_applied(&mut self, id: BlobId, stop: Option<u8>) {
         self.set_stop(id, stop);
         if let Some(received) = self.received.get_mut(&id)
-            && let BlobPart::Chunk(chunk) = id.part
-            && let Some(info) = self.scene.states.get(id.asset as usize).and_then(|asset| asset.chunk(chunk))
+            && let Some((asset, BlobPart::Chunk(chunk))) = self.scene.asset(id)
+            && let Some(info) = asset.chunk(chunk)
         {
             received.used_bytes = received.used_bytes.max(info.extent(stop).payload_bytes.into());
         }
@@ -47,8 +45,8 @@ impl ClientCore {
     /// A blob's bytes are not here, neither its beginning nor all: the server may have to send it again.
     pub(in crate::core) fn not_here(&mut self, now: Time, id: BlobId) {
         self.cache.remove(id);
-        if let BlobPart::Chunk(chunk) = id.part {
-            self.set_held(id.asset, chunk, 0);
+        if let BlobId::Asset { asset, part: BlobPart::Chunk(chunk) } = id {
+            self.set_held(asset, chunk, 0);
         }
         self.set_state(id, State::Absent);
         if let Some(session) = &mut self.session {
@@ -57,9 +55,9 @@ impl ClientCore {
     }
 
     pub(in crate::core) fn state(&self, id: BlobId) -> State {
-        match &self.scene.terrain {
-            Some(terrain) if TerrainPoints::owns(id) => terrain.state(id.part),
-            _ => self.scene.states.get(id.asset as usize).map_or(State::Absent, |asset| asset.state(id.part)),
+        match (id, &self.scene.terrain) {
+            (BlobId::Terrain(blob), Some(terrain)) => terrain.state(blob),
+            _ => self.scene.asset(id).map_or(State::Absent, |(asset, part)| asset.state(part)),
         }
     }
 
@@ -76,8 +74,8 @@ impl ClientCore {
     pub(in crate::core) fn dropped(&mut self, now: Time, gone: &[BlobId]) {
         self.counts.evicted += gone.len() as u64;
         for &id in gone {
-            if let BlobPart::Chunk(chunk) = id.part {
-                self.set_held(id.asset, chunk, 0);
+            if let BlobId::Asset { asset, part: BlobPart::Chunk(chunk) } = id {
+                self.set_held(asset, chunk, 0);
             }
             // What is applied stays applied; it is only fetched again if it is undone and wanted again.
             if self.state(id) == State::Cached {

@@ -12,7 +12,6 @@ use crate::core::cache::BlobCache;
 use crate::core::config::StartView;
 use crate::core::failures::Failures;
 use crate::core::scene::Scene;
-use crate::core::terrain_points::TerrainPoints;
 
 /// Blobs kept that came before the scene page that tells what they belong to.
 const MAX_EARLY_BLOBS: usize = 256;
@@ -26,7 +25,7 @@ impl ClientCore {
                     Ok(assets) => {
                         let (known, early): (Vec<_>, _) = std::mem::take(&mut self.early)
                             .into_iter()
-                            .partition(|arrived| arrived.id.asset < assets.end);
+                            .partition(|arrived| arrived.id.asset().is_none_or(|asset| asset < assets.end));
                         self.early = early;
                         for arrived in known {
                             self.arrive(now, arrived);
@@ -46,9 +45,7 @@ impl ClientCore {
                     }
                     tracing::trace!("{id}: {} of {total} bytes from {offset}", bytes.len());
                     let arrived = Arrived { id, offset, total, bytes };
-                    if TerrainPoints::owns(id) {
-                        self.take_terrain(now, arrived);
-                    } else if id.asset < self.scene.asset_count() {
+                    if id.asset().is_none_or(|asset| asset < self.scene.asset_count()) {
                         self.arrive(now, arrived);
                     } else if self.early.len() < MAX_EARLY_BLOBS {
                         self.early.push(arrived);

@@ -5,7 +5,6 @@ use lodestream_protocol::select::State;
 use lodestream_protocol::time::Time;
 
 use super::{ClientCore, Progress};
-use crate::core::terrain_points::TerrainPoints;
 
 /// Cost of handling a blob, beside its bytes, in units of [`ClientCore::update`]'s budget.
 const BLOB_COST: u64 = 256;
@@ -97,16 +96,16 @@ impl ClientCore {
     /// Brings an entry of the last selection's list up to date.
     fn refresh(&mut self, index: usize) {
         let wanted = &mut self.wanted[index];
-        if let (true, Some(terrain)) = (TerrainPoints::owns(wanted.id), &self.scene.terrain) {
-            terrain.refresh(wanted);
-        } else if let Some(asset) = self.scene.states.get(wanted.id.asset as usize) {
+        if let (BlobId::Terrain(blob), Some(terrain)) = (wanted.id, &self.scene.terrain) {
+            wanted.state = terrain.state(blob);
+        } else if let Some((asset, _)) = self.scene.asset(wanted.id) {
             asset.refresh(wanted);
         }
     }
 
     fn undo(&mut self, now: Time, id: BlobId) {
-        let BlobPart::Chunk(chunk) = id.part else { return };
-        let Some(Some(refined)) = self.scene.refined.get_mut(id.asset as usize) else { return };
+        let BlobId::Asset { asset, part: BlobPart::Chunk(chunk) } = id else { return };
+        let Some(Some(refined)) = self.scene.refined.get_mut(asset as usize) else { return };
         match refined.undo(chunk) {
             Ok(()) => {
                 self.counts.undone += 1;

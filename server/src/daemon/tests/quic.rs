@@ -185,7 +185,7 @@ async fn welcome_and_bases_come_before_hello() {
         match client.next().await {
             Arrival::Message(ServerMessage::Welcome(_)) => welcome = true,
             Arrival::Message(ServerMessage::ScenePage(_)) => page = true,
-            Arrival::Blob(BlobId { part: BlobPart::Base, .. }, bytes) => {
+            Arrival::Blob(BlobId::Asset { part: BlobPart::Base, .. }, bytes) => {
                 assert_eq!(bytes.len(), 1000);
                 bases += 1;
             }

@@ -25,7 +25,7 @@ async fn the_push_comes_before_hello() {
             other => panic!("{other:?}"),
         }
     }
-    assert!(assembler.complete.iter().all(|(id, _)| id.part == BlobPart::Base));
+    assert!(assembler.complete.iter().all(|(id, _)| id.part() == Some(BlobPart::Base)));
     assert_eq!(started.elapsed(), Duration::ZERO);
 }
 
