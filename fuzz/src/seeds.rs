@@ -5,10 +5,6 @@ use lodestream_geometry::Codec;
 use lodestream_geometry::mesh::SourceMesh;
 use lodestream_geometry::pack::{BlobKind, write};
 use lodestream_geometry::prepare::Prepared;
-use lodestream_geometry::terrain::{
-    Distribution, Erosion, Mode, Parameters, PatchPoint, PatchPoints, Shape, Stamp, encode_points,
-    encode_stamps,
-};
 use lodestream_protocol::asset::{AssetDescription, Material};
 use lodestream_protocol::blob::BlobId;
 use lodestream_protocol::frame::{BlobPiece, encode_client, encode_piece, encode_server};
@@ -16,6 +12,10 @@ use lodestream_protocol::message::{ClientMessage, Close, CloseCode, Hello, Serve
 use lodestream_protocol::scene::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
 use lodestream_protocol::stream::blob_head;
 use lodestream_protocol::view::View;
+use lodestream_terrain::{
+    Distribution, Erosion, Mode, Parameters, PatchPoint, PatchPoints, Shape, Stamp, encode_points,
+    encode_stamps,
+};
 
 use crate::common::shapes;
 use crate::fixtures;

@@ -27,8 +27,6 @@ pub mod refine;
 
 pub mod check;
 
-pub mod terrain;
-
 #[cfg(test)]
 extern crate self as lodestream_geometry;
 #[cfg(test)]

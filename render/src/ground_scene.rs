@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use lodestream_geometry::terrain::{PatchPoints, Scratch, Terrain};
 use lodestream_protocol::terrain::TerrainEntry;
+use lodestream_terrain::{PatchPoints, Scratch, Terrain};
 
 use crate::tiles::{COARSER, Ground, GroundView, Maker, TileRegion, TileStore, Tiles};
 use crate::{

@@ -6,7 +6,7 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
-use lodestream_geometry::terrain::{Parameters, Terrain, fingerprint};
+use lodestream_terrain::{Parameters, Terrain, fingerprint};
 use tempfile::TempDir;
 
 fn run(arguments: &[&str]) -> Output {

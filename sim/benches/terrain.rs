@@ -8,11 +8,11 @@ mod heap;
 
 use std::hint::black_box;
 
-use lodestream_geometry::terrain::{
-    Distribution, Erosion, FeatureSet, Mode, Parameters, Scratch, Shape, Terrain, TerrainError,
-};
 use lodestream_sim::baseline::terrain_table::{parameters, place};
 use lodestream_sim::stopwatch::{median, paired_ratio, timed};
+use lodestream_terrain::{
+    Distribution, Erosion, FeatureSet, Mode, Parameters, Scratch, Shape, Terrain, TerrainError,
+};
 
 fn main() -> Result<(), TerrainError> {
     println!(

@@ -1,9 +1,9 @@
 //! Terrain on its way: what a client makes of it is what the server has, and nothing is sent that no view needs.
 
 use lodestream_client::core::Change;
-use lodestream_geometry::terrain::{Scratch, Terrain};
 use lodestream_server::daemon::SessionSettings;
 use lodestream_server::scene::of_files;
+use lodestream_terrain::{Scratch, Terrain};
 
 use crate::support::daemon::{Server, Transport};
 use crate::support::picture::{draw, headless, keep};

@@ -3,9 +3,9 @@
 use std::ops::Range;
 
 use lodestream_geometry::refine::RenderVertex;
-use lodestream_geometry::terrain::{PatchPoint, PatchPoints};
 use lodestream_protocol::asset::{Material, TextureInfo};
 use lodestream_protocol::scene::{InstanceEntry, SceneHeader};
+use lodestream_terrain::{PatchPoint, PatchPoints};
 
 use super::texture_file::TexturePixels;
 

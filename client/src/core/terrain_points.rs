@@ -3,11 +3,11 @@
 use std::collections::VecDeque;
 
 use glam::Vec3;
-use lodestream_geometry::terrain::{PatchPoints, decode_points};
 use lodestream_protocol::blob::{BlobId, TerrainBlob};
 use lodestream_protocol::select::{Projection, State, Wanted, priority};
 use lodestream_protocol::terrain::{ListedPatch, PATCHES_PER_PAGE, TerrainEntry, decode_directory};
 use lodestream_protocol::view::View;
+use lodestream_terrain::{PatchPoints, decode_points};
 
 use super::changes::Change;
 

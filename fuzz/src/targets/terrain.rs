@@ -1,6 +1,6 @@
 //! What describes a terrain: parameters, stamps, the listed points of a patch.
 
-use lodestream_geometry::terrain::{
+use lodestream_terrain::{
     PARAMETERS_BYTES, Parameters, PatchPoints, Scratch, Stamp, Terrain, decode_points, decode_stamps,
     encode_points, encode_stamps,
 };

@@ -19,4 +19,3 @@ mod promises;
 mod render;
 mod sets;
 mod tangles;
-mod terrain;

@@ -15,7 +15,7 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use anyhow::{Context as _, bail};
-use lodestream_geometry::terrain::{FeatureSet, Mode, Point, Position, Shape};
+use lodestream_terrain::{FeatureSet, Mode, Point, Position, Shape};
 use serde::{Deserialize, Serialize};
 
 /// Largest file that is read, in bytes: four million points fit.

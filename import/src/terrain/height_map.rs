@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Context as _, bail};
-use lodestream_geometry::terrain::{FeatureSet, Mode, Parameters, Point, Scratch, Terrain};
+use lodestream_terrain::{FeatureSet, Mode, Parameters, Point, Scratch, Terrain};
 
 /// Largest side of a picture, in pixels.
 const MAX_SIDE: u32 = 16_384;

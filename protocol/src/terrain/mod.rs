@@ -6,7 +6,7 @@ use bincode::de::Decoder;
 use bincode::enc::Encoder;
 use bincode::error::{DecodeError, EncodeError};
 use bincode::{Decode, Encode};
-use lodestream_geometry::terrain::{PARAMETERS_BYTES, Parameters, Stamp, decode_stamps, encode_stamps};
+use lodestream_terrain::{PARAMETERS_BYTES, Parameters, Stamp, decode_stamps, encode_stamps};
 
 pub use directory::{ListedPatch, PATCHES_PER_PAGE, decode_directory, encode_directory};
 
@@ -100,7 +100,7 @@ impl TerrainEntry {
 
 #[cfg(test)]
 mod tests {
-    use lodestream_geometry::terrain::{Mode, Shape};
+    use lodestream_terrain::{Mode, Shape};
 
     use super::*;
 

@@ -3,8 +3,8 @@
 use glam::{DVec2, DVec3};
 use image::RgbaImage;
 use lodestream_geometry::random::Random;
-use lodestream_geometry::terrain::{Mode, Parameters, Scratch, Shape, Stamp, Terrain};
 use lodestream_protocol::terrain::TerrainEntry;
+use lodestream_terrain::{Mode, Parameters, Scratch, Shape, Stamp, Terrain};
 use wgpu::util::DeviceExt;
 
 use super::{headless, keep};

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
-use lodestream_geometry::terrain::{Mode, PatchPoints, Scratch, Shape, Terrain, TerrainError};
 use lodestream_protocol::terrain::TerrainEntry;
+use lodestream_terrain::{Mode, PatchPoints, Scratch, Shape, Terrain, TerrainError};
 
 use super::{
     Eye, MAX_REGIONS, Picked, Ranges, Reaches, Region, TILE_CELLS, TILE_MARGIN, TILE_POINTS, TileId, select,

@@ -5,7 +5,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
-use lodestream_geometry::terrain::Scratch;
+use lodestream_terrain::Scratch;
 
 use super::{Ground, TileId};
 

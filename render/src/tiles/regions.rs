@@ -11,7 +11,7 @@
 //! whichever region gives the finer spacing its end gives the coarser one a beginning beyond it.
 
 use glam::DVec2;
-use lodestream_geometry::terrain::RoughPlace;
+use lodestream_terrain::RoughPlace;
 
 use super::{Ranges, TILE_CELLS, TileId};
 

@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use clap::{Args, ValueEnum};
-use lodestream_geometry::terrain::{
-    Distribution, Erosion, FeatureSet, MAX_FINEST_LEVEL, Parameters, Terrain, fingerprint,
-};
 use lodestream_import::terrain::features;
 use lodestream_import::terrain::height_map::{HeightMap, MapError};
+use lodestream_terrain::{
+    Distribution, Erosion, FeatureSet, MAX_FINEST_LEVEL, Parameters, Terrain, fingerprint,
+};
 
 use super::Outcome;
 use crate::prepare::atomic::write_atomically;

@@ -2,10 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use lodestream_geometry::terrain::{
-    Distribution, Erosion, FeatureSet, Mode, Parameters, Scratch, Shape, Terrain,
-};
 use lodestream_protocol::terrain::TerrainEntry;
+use lodestream_terrain::{Distribution, Erosion, FeatureSet, Mode, Parameters, Scratch, Shape, Terrain};
 use serde::Deserialize;
 
 /// The terrain of a scene, ready to be described and to stand on.

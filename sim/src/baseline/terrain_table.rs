@@ -10,7 +10,7 @@ use std::hint::black_box;
 
 use anyhow::Context as _;
 use lodestream_geometry::random::Random;
-use lodestream_geometry::terrain::{
+use lodestream_terrain::{
     Mode, PARAMETERS_BYTES, Parameters, PatchPoint, PatchPoints, Scratch, Shape, Stamp, Terrain,
     encode_points, encode_stamps,
 };

@@ -1,7 +1,7 @@
 //! The parameters of a terrain: 24 bytes from which every height follows.
 
 use super::TerrainError;
-use crate::error::DecodeError;
+use lodestream_geometry::DecodeError;
 
 /// Bytes of encoded [`Parameters`].
 pub const PARAMETERS_BYTES: usize = 24;

@@ -1,4 +1,5 @@
 //! Terrain: the same bits wherever, in whatever order and piece they are made.
+#![allow(clippy::unwrap_used)]
 
 mod agreement;
 mod extremes;
@@ -8,7 +9,7 @@ mod golden_cases;
 mod spectrum;
 mod wire;
 
-use lodestream_geometry::terrain::{
+use lodestream_terrain::{
     Distribution, Erosion, FeatureSet, Mode, Parameters, Point, Scratch, Shape, Terrain,
 };
 use proptest::prelude::*;

@@ -1,7 +1,7 @@
 //! The ends of what is possible.
 
 use super::{parameters, window};
-use lodestream_geometry::terrain::{
+use lodestream_terrain::{
     FeatureSet, MAX_BASE_HEIGHT, MAX_WINDOW_POINTS, Mode, Parameters, PatchPoint, PatchPoints, Point,
     Scratch, Shape, Terrain,
 };

@@ -1,7 +1,7 @@
 //! Listed points end where they should, and change nothing that they should not.
 
 use super::{any_terrain, features, parameters, window};
-use lodestream_geometry::terrain::{
+use lodestream_terrain::{
     Erosion, FeatureSet, Features, Mode, Parameters, PatchPoint, PatchPoints, Point, Scratch, Terrain,
 };
 use proptest::prelude::*;

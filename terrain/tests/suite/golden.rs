@@ -2,7 +2,7 @@
 
 use super::golden_cases::hashes;
 
-/// The hashes, as `examples/terrain_golden.rs` prints them.
+/// The hashes, as `examples/golden.rs` prints them.
 const GOLDEN: &str = include_str!("golden.txt");
 
 #[test]

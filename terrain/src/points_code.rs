@@ -17,11 +17,13 @@ use super::TerrainError;
 use super::feature::Mode;
 use super::points::{MAX_PATCH_POINTS, PatchPoint, PatchPoints};
 use super::points_predict::Predictor;
-use crate::entropy::ceiling::{least_bytes, most_elements};
-use crate::entropy::context::{Contexts, Prob};
-use crate::entropy::range_coder::{Coder, Decoder, Encoder};
-use crate::entropy::symbols::{INTEGER_CONTEXTS, integer, tree, tree_contexts, unzigzag, zigzag};
-use crate::error::DecodeError;
+use lodestream_geometry::DecodeError;
+use lodestream_geometry::entropy::ceiling::{least_bytes, most_elements};
+use lodestream_geometry::entropy::context::{Contexts, Prob};
+use lodestream_geometry::entropy::range_coder::{Coder, Decoder, Encoder};
+use lodestream_geometry::entropy::symbols::{
+    INTEGER_CONTEXTS, integer, tree, tree_contexts, unzigzag, zigzag,
+};
 
 /// Cells of a mask, for each point, above which it is not considered: runs are smaller, and a decoder's work
 /// stays in proportion to its bytes.
@@ -389,7 +391,7 @@ mod tests {
 
     #[test]
     fn scattered_points_are_runs_and_cost_their_coordinates() {
-        let mut random = crate::random::Random::new(1);
+        let mut random = lodestream_geometry::random::Random::new(1);
         let mut below = |limit| random.below(limit);
         let list: std::collections::BTreeMap<_, _> =
             (0..500).map(|_| ((below(4097) as u16, below(4097) as u16), below(1 << 16) as i32)).collect();

@@ -1,6 +1,6 @@
 //! What features cost on the wire.
 
-use lodestream_geometry::terrain::{
+use lodestream_terrain::{
     Mode, PARAMETERS_BYTES, PatchPoint, PatchPoints, Shape, Stamp, decode_points, encode_points,
     encode_stamps,
 };
@@ -44,7 +44,7 @@ fn a_valley_of_4129_points_costs_less_than_2_kilobytes() {
 #[ignore = "writes the fixture"]
 #[expect(clippy::disallowed_methods, reason = "only this writes, and only when asked to")]
 fn write_the_valley() {
-    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/suite/terrain/valley-4129.points");
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/suite/valley-4129.points");
     std::fs::write(file, encode_points(8, &valley()).unwrap()).unwrap();
 }
 

@@ -6,7 +6,7 @@
 
 use super::stamp::{Position, Stamp};
 use super::{Erosion, Parameters, Scratch, Terrain, TerrainError};
-use crate::random::Random;
+use lodestream_geometry::random::Random;
 
 /// Levels that are measured at once: squares of 65 x 65 points.
 const SAMPLE_LEVELS: u8 = 6;

@@ -1,7 +1,7 @@
 //! Statistics: how rough the terrain is at each scale.
 
 use super::parameters;
-use lodestream_geometry::terrain::{Distribution, Parameters, Terrain};
+use lodestream_terrain::{Distribution, Parameters, Terrain};
 use std::f64::consts::TAU;
 
 const LEVEL: u8 = 10;

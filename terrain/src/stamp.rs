@@ -1,8 +1,8 @@
 //! Stamps: shapes that a few numbers describe.
 
 use super::feature::Mode;
-use crate::entropy::bytes::{Reader, put_varint};
-use crate::error::DecodeError;
+use lodestream_geometry::DecodeError;
+use lodestream_geometry::entropy::bytes::{Reader, put_varint};
 
 /// Most stamps of a terrain.
 pub const MAX_STAMPS: usize = 1024;

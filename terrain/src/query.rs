@@ -42,7 +42,7 @@ impl Terrain {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::terrain::Parameters;
+    use crate::Parameters;
 
     #[test]
     fn a_place_lies_on_the_triangle_of_its_cell() {

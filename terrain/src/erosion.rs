@@ -320,7 +320,7 @@ mod tests {
 
     #[test]
     fn narrow_and_wide_arithmetic_agree() {
-        let mut random = crate::random::Random::new(3);
+        let mut random = lodestream_geometry::random::Random::new(3);
         for spread in [100, NARROW] {
             let mut height = || random.below(2 * spread as usize + 1) as i32 - spread;
             let heights: Vec<i32> = (0..40 * 30).map(|_| height()).collect();

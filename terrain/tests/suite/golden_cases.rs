@@ -1,7 +1,7 @@
-//! Terrains whose heights are pinned by hash, for this machine and others: `examples/terrain_golden.rs`
+//! Terrains whose heights are pinned by hash, for this machine and others: `examples/golden.rs`
 //! prints them.
 
-use lodestream_geometry::terrain::{
+use lodestream_terrain::{
     Distribution, Erosion, FeatureSet, Mode, Parameters, Point, Scratch, Shape, Terrain, TerrainError,
     fingerprint,
 };
