@@ -22,8 +22,18 @@ impl Random {
     }
 
     /// A number below `limit` (0 for a limit of 0); the bias is below limit / 2^64.
+    ///
+    /// # Panics
+    /// With debug assertions, for a limit of 2^32 or more: on 32-bit machines there is none, so what came of it would not
+    /// be the same there. [`Self::below_u64`] takes it.
     pub fn below(&mut self, limit: usize) -> usize {
-        ((u128::from(self.next_u64()) * limit as u128) >> 64) as usize
+        debug_assert!(u32::try_from(limit).is_ok(), "a limit of {limit}, which 32-bit machines cannot have");
+        self.below_u64(limit as u64) as usize
+    }
+
+    /// As [`Self::below`], on every machine up to 2^64.
+    pub fn below_u64(&mut self, limit: u64) -> u64 {
+        ((u128::from(self.next_u64()) * u128::from(limit)) >> 64) as u64
     }
 
     /// A number in [0, 1).

@@ -46,7 +46,8 @@ impl Terrain {
         plain.measured(|levels| {
             let mut random = Random::new(u64::from(levels));
             let samples = (SAMPLES << (2 * (SAMPLE_LEVELS - levels))).min(MOST_SAMPLES);
-            let mut place = move || random.below(2 * edge as usize) as i64 - edge;
+            // 2^32 points each way in the largest world: more than `usize` holds on 32-bit machines.
+            let mut place = move || random.below_u64(2 * edge.unsigned_abs()) as i64 - edge;
             (0..samples).map(|_| [place(), place()]).collect()
         })
     }

@@ -20,12 +20,17 @@ pub(crate) fn hashes() -> Result<Vec<(&'static str, u64)>, TerrainError> {
     let weathered = Terrain::with_features(eroded, &features())?;
     let [plain, gaussian, rough, largest, smallest] =
         [plain, gaussian, rough, largest, smallest].map(Terrain::new);
-    let (plain, gaussian, largest) = (plain?, gaussian?, largest?);
+    let (plain, gaussian, largest, smallest) = (plain?, gaussian?, largest?, smallest?);
     let mut scratch = Scratch::new();
     let mut heights = Vec::new();
     let mut hash = |terrain: &Terrain, level: i8, x: i64, y: i64, width: usize, height: usize| {
         terrain.window(level, x, y, width, height, &mut scratch, &mut heights)?;
         Ok::<u64, TerrainError>(fingerprint(&heights))
+    };
+    // Worlds of 2^32 points each way: more than a 32-bit machine's `usize` counts.
+    let errors = |terrain: &Terrain| {
+        let errors: Vec<i32> = terrain.level_errors().into_iter().map(u32::cast_signed).collect();
+        fingerprint(&errors)
     };
     Ok(vec![
         ("patch 0,0", hash(&plain, 8, 0, 0, 257, 257)?),
@@ -35,12 +40,15 @@ pub(crate) fn hashes() -> Result<Vec<(&'static str, u64)>, TerrainError> {
         ("corners of patches", hash(&plain, -4, -64, -64, 129, 129)?),
         ("gaussian", hash(&gaussian, 8, 0, 0, 257, 257)?),
         ("rough", hash(&rough?, 8, 0, 0, 257, 257)?),
-        ("smallest patches, corner of the world", hash(&smallest?, 1, (1 << 31) - 9, -1 << 31, 10, 10)?),
+        ("smallest patches, corner of the world", hash(&smallest, 1, (1 << 31) - 9, -1 << 31, 10, 10)?),
         ("largest patches, edge of the world", hash(&largest, 12, (1 << 31) - 300, -150, 301, 300)?),
         ("features", hash(&featured, 8, -257, -257, 515, 515)?),
         ("features at level 3", hash(&featured, 3, -9, -9, 18, 18)?),
         ("erosion and features", hash(&weathered, 8, -257, -257, 515, 515)?),
         ("erosion and features at level 3", hash(&weathered, 3, -9, -9, 18, 18)?),
+        ("level errors", errors(&plain)),
+        ("level errors of the largest world, smallest patches", errors(&smallest)),
+        ("level errors of the largest world, largest patches", errors(&largest)),
     ])
 }
 
