@@ -8,8 +8,8 @@ mod heap;
 
 use std::hint::black_box;
 
-use lodestream_sim::baseline::terrain_table::{parameters, place};
-use lodestream_sim::stopwatch::{median, paired_ratio, timed};
+use lodestream_scenario::baseline::terrain_table::{parameters, place};
+use lodestream_scenario::stopwatch::{median, paired_ratio, timed};
 use lodestream_terrain::{
     Distribution, Erosion, FeatureSet, Mode, Parameters, Scratch, Shape, Terrain, TerrainError,
 };

@@ -2,8 +2,8 @@
 
 use clap::Args;
 use lodestream_render::{MAX_RELIEF_STEPS, MAX_SAMPLES};
-use lodestream_sim::scenario::pictures::draw_trade::{Knob, draw_trade};
-use lodestream_sim::scenario::pictures::frame_time::MAX_FRAMES;
+use lodestream_report::pictures::draw_trade::{Knob, draw_trade};
+use lodestream_report::pictures::frame_time::MAX_FRAMES;
 
 use crate::drawn_case::DrawnCase;
 use crate::frame_time_command::target_px;

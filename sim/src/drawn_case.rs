@@ -8,8 +8,8 @@ use anyhow::Context as _;
 use clap::Args;
 use lodestream_protocol::source::SceneSource;
 use lodestream_render::Gpu;
-use lodestream_sim::scenario::plan::Plan;
-use lodestream_sim::scenario::{plan, scene};
+use lodestream_scenario::plan::Plan;
+use lodestream_scenario::{plan, scene};
 use serde::Serialize;
 
 // No doc comment: it would take the place of the command's own in --help.

@@ -1,7 +1,7 @@
 //! `lodestream-sim frame-time`: its arguments, and a line for each target.
 
 use clap::Args;
-use lodestream_sim::scenario::pictures::frame_time::{MAX_FRAMES, frame_times};
+use lodestream_report::pictures::frame_time::{MAX_FRAMES, frame_times};
 
 use crate::drawn_case::DrawnCase;
 

@@ -3,8 +3,8 @@
 use std::num::NonZeroU64;
 
 use clap::Args;
-use lodestream_sim::goodput::{Case, measure};
-use lodestream_sim::scenario::plan::Transport;
+use lodestream_scenario::goodput::{Case, measure};
+use lodestream_scenario::plan::Transport;
 
 /// Every value may be a list, divided by commas; a case for each combination, the last changing fastest.
 #[derive(Debug, Args)]

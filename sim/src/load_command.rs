@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use anyhow::Context as _;
 use clap::Args;
-use lodestream_sim::load::{Case, measure, serve};
-use lodestream_sim::scenario::plan::{self, Transport};
-use lodestream_sim::scenario::scene;
+use lodestream_scenario::load::{Case, measure, serve};
+use lodestream_scenario::plan::{self, Transport};
+use lodestream_scenario::scene;
 
 /// Numbers may be lists, divided by commas; a case for each combination.
 #[derive(Debug, Args)]

@@ -18,11 +18,13 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 use clap::{Parser, Subcommand};
+use lodestream_assess::{assess, measure, train};
 use lodestream_geometry::{Codec, Metric};
 use lodestream_protocol::source::SceneSource;
+use lodestream_report::{pictures, reproduce};
+use lodestream_scenario::baseline::{self, Library, draco::Encoder, terrain_table};
+use lodestream_scenario::{self as scenario, truth};
 use lodestream_server::prepare::recipe::{self, Round};
-use lodestream_sim::baseline::{self, Library, draco::Encoder, terrain_table};
-use lodestream_sim::{assess, measure, reproduce, scenario, train, truth};
 use progress::Progress;
 
 /// Compares meshes and streams scenes over simulated links.
@@ -347,7 +349,7 @@ fn run_plan(
         None => plan,
     };
     // Before anything is prepared: without a graphics adapter it would be for nothing.
-    let device = plan.pictures.as_ref().map(|_| scenario::pictures::open_device()).transpose()?;
+    let device = plan.pictures.as_ref().map(|_| pictures::open_device()).transpose()?;
     let scenes = open_scenes(&plan, cache, quiet)?;
     let threads = threads.or(std::thread::available_parallelism().ok()).unwrap_or(NonZeroUsize::MIN);
     let library = Library::prepare(&plan, &scenes, |what| {
@@ -355,13 +357,16 @@ fn run_plan(
             eprintln!("{what}");
         }
     })?;
-    let gallery = device.map(|device| scenario::pictures::Gallery::new(device, output)).transpose()?;
-    let equipment = scenario::Equipment { library: &library, gallery: gallery.as_ref() };
+    let gallery = device.map(|device| pictures::Gallery::new(device, output)).transpose()?;
+    let equipment = scenario::Equipment {
+        library: &library,
+        gallery: gallery.as_ref().map(|gallery| gallery as &dyn scenario::parallel::Draw),
+    };
     let progress = Progress::new(plan.runs(), quiet);
     let results = scenario::run_with(&plan, &scenes, equipment, threads, |result| progress.line(result));
     progress.finish();
     let results = results?;
-    scenario::report::write_drawn(output, &plan, &results, gallery)
+    lodestream_report::write_drawn(output, &plan, &results, gallery)
         .with_context(|| format!("{}: the report cannot be written", output.display()))
 }
 
@@ -389,7 +394,7 @@ fn run_truth(
     let compared = truth::run(&plan, &scenes, repeats, |comparison| println!("{comparison}"))?;
     match output {
         Some(folder) => {
-            use scenario::report::write_json;
+            use lodestream_report::write_json;
             write_json(&folder, "truth.json", &compared)
                 .and_then(|()| write_json(&folder, "figures.json", &truth::figures(&compared)))
                 .with_context(|| format!("{}: the report cannot be written", folder.display()))

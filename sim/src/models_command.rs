@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Context as _;
 use clap::Args;
-use lodestream_sim::models;
+use lodestream_scenario::models;
 
 #[derive(Debug, Args)]
 pub(crate) struct ModelsCommand {

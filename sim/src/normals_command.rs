@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use lodestream_assess::normals;
 use lodestream_geometry::quantise::{DEFAULT_POSITION_BITS, MAX_POSITION_BITS, MIN_POSITION_BITS};
 use lodestream_server::prepare::recipe::check_normal_tolerance;
-use lodestream_sim::normals;
 
 #[derive(Debug, Args)]
 pub(crate) struct NormalsCommand {

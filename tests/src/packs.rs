@@ -3,6 +3,7 @@
 use std::num::NonZeroUsize;
 use std::path::Path;
 
+use lodestream_assess::measure::{Settings, compare, read_obj};
 use lodestream_geometry::check::check;
 use lodestream_geometry::closed_set::{Budget, lowest_error};
 use lodestream_protocol::BlobPart;
@@ -10,7 +11,6 @@ use lodestream_server::export_obj::write_obj;
 use lodestream_server::prepare::{Options, Threads, prepare_cached, prepare_to};
 use lodestream_server::scene::{Asset, of_files};
 use lodestream_server::store::PackFile;
-use lodestream_sim::measure::{Settings, compare, read_obj};
 
 use crate::support::scene::{TestScene, options};
 use crate::support::shapes::{ball, write_scene};

@@ -1,0 +1,192 @@
+//! Reports as comma-separated values (RFC 4180, with plain line feeds): a line per run, case, picture or level.
+
+use std::collections::BTreeSet;
+use std::fmt::Display;
+
+use lodestream_client::core::QUALITIES_PX;
+use lodestream_scenario::result::{RunResult, error_name};
+
+use super::levels::Level;
+use super::percentiles::Percentiles;
+
+/// A line that grows field by field, and the names of its fields.
+#[derive(Default)]
+struct Line {
+    names: Vec<String>,
+    fields: Vec<String>,
+}
+
+impl Line {
+    fn add(&mut self, name: impl Into<String>, value: impl Display) {
+        self.names.push(name.into());
+        self.fields.push(quoted(&value.to_string()));
+    }
+
+    /// Empty where there is no value.
+    fn add_some(&mut self, name: impl Into<String>, value: Option<impl Display>) {
+        self.add(name, value.map(|value| value.to_string()).unwrap_or_default());
+    }
+}
+
+/// A field as it may stand between commas.
+fn quoted(text: &str) -> String {
+    if text.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text.to_owned()
+    }
+}
+
+/// The names of the first line, then all lines. All have the same names.
+fn table(lines: impl Iterator<Item = Line>) -> String {
+    let mut text = String::new();
+    for (i, line) in lines.enumerate() {
+        if i == 0 {
+            text += &line.names.join(",");
+            text.push('\n');
+        }
+        text += &line.fields.join(",");
+        text.push('\n');
+    }
+    text
+}
+
+/// A line per run, under the names that `results.json` uses, without the series.
+#[must_use]
+pub(super) fn of_runs(results: &[RunResult]) -> String {
+    table(results.iter().map(|run| {
+        let mut line = Line::default();
+        line.add("scene", &run.scene);
+        line.add("technique", &run.technique);
+        line.add("transport", run.transport);
+        line.add("resumed", run.resumed);
+        line.add("link", &run.link);
+        line.add("camera", &run.camera);
+        line.add("rate_bits_per_s", run.rate_bits_per_s);
+        line.add("rtt_ms", run.rtt_ms);
+        line.add("loss", run.loss);
+        line.add("queue_bytes", run.queue_bytes);
+        line.add_some("limiter_bits_per_s", run.limiter_bits_per_s);
+        line.add("seed", run.seed);
+        line.add_some("ttff_ms", run.ttff_ms);
+        line.add_some("first_frame_bytes", run.first_frame_bytes);
+        line.add_some("ttff_bound_ms", run.ttff_bound_ms());
+        for px in QUALITIES_PX.map(error_name) {
+            line.add_some(format!("ttq_{px}_ms"), run.ttq_ms.get(&px).copied().flatten());
+            line.add_some(format!("ttq_{px}_bytes"), run.ttq_bytes.get(&px).copied().flatten());
+        }
+        line.add_some("settled_ms", run.settled_ms);
+        line.add("total_bytes", run.total_bytes);
+        line.add_some("rest_ms", run.rest_ms);
+        for px in QUALITIES_PX.map(error_name) {
+            line.add_some(format!("rest_ttq_{px}_ms"), run.rest_ttq_ms.get(&px).copied().flatten());
+        }
+        line.add_some("assets", run.assets);
+        line.add_some("instances", run.instances);
+        line.add_some("applied_faces", run.applied_faces);
+        line.add("stalls", run.stalls);
+        line.add("stalled_ms", run.stalled_ms);
+        line.add("blobs", run.usage.blobs);
+        line.add("chunk_bytes", run.usage.chunk_bytes);
+        line.add("wasted_bytes", run.usage.wasted_bytes);
+        line.add("finer_bytes", run.usage.finer_bytes);
+        line.add("undrawn_bytes", run.usage.undrawn_bytes);
+        line.add("repeated_bytes", run.usage.repeated_bytes);
+        line.add("unfinished_bytes", run.usage.unfinished_bytes);
+        line.add("cache_hits", run.usage.cache_hits);
+        line.add("cache_misses", run.usage.cache_misses);
+        line.add("packets_lost", run.packets_lost);
+        line.add("packets_dropped", run.packets_dropped);
+        line.add("packets_lost_up", run.packets_lost_up);
+        line.add("packets_dropped_up", run.packets_dropped_up);
+        line.add("ended", &run.ended);
+        line.add_some("ended_ms", run.ended_ms);
+        line.add("trace", &run.trace);
+        line
+    }))
+}
+
+/// A line per picture of a run, which `run` numbers from 1 in the plan's order.
+#[must_use]
+pub(super) fn of_pictures(results: &[RunResult]) -> String {
+    let pictures = (1_usize..).zip(results).flat_map(|(number, run)| {
+        run.pictures.iter().map(move |picture| {
+            let mut line = Line::default();
+            line.add("run", number);
+            line.add("scene", &run.scene);
+            line.add("transport", run.transport);
+            line.add("link", &run.link);
+            line.add("camera", &run.camera);
+            line.add("seed", run.seed);
+            line.add("instant", &picture.instant);
+            line.add("at_ms", picture.at_ms);
+            line.add("bytes", picture.bytes);
+            line.add_some("error_px", picture.error_px);
+            // Empty for equal pictures, whose PSNR is infinite.
+            line.add_some("psnr_db", picture.error.and_then(|error| error.psnr_db));
+            line.add_some("ssim", picture.error.map(|error| error.ssim));
+            line.add_some("flip", picture.error.map(|error| error.flip));
+            line.add("file", &picture.file);
+            line
+        })
+    });
+    table(pictures)
+}
+
+/// A line per case.
+#[must_use]
+pub(super) fn of_percentiles(cases: &[Percentiles]) -> String {
+    // Cases whose camera moves have more figures than others.
+    let names: BTreeSet<&String> = cases.iter().flat_map(|case| case.figures.keys()).collect();
+    table(cases.iter().map(|case| {
+        let mut line = Line::default();
+        line.add("scene", &case.scene);
+        line.add("technique", &case.technique);
+        line.add("transport", case.transport);
+        line.add("resumed", case.resumed);
+        line.add("link", &case.link);
+        line.add("camera", &case.camera);
+        line.add_some("limiter_bits_per_s", case.limiter_bits_per_s);
+        line.add("seeds", case.seeds);
+        line.add("settled", case.settled);
+        for &name in &names {
+            let spread = case.figures.get(name);
+            line.add_some(format!("{name}_p50"), spread.and_then(|s| s.p50));
+            line.add_some(format!("{name}_p90"), spread.and_then(|s| s.p90));
+            line.add_some(format!("{name}_p99"), spread.and_then(|s| s.p99));
+        }
+        line
+    }))
+}
+
+/// A line per level of a chain and technique.
+#[must_use]
+pub(super) fn of_levels(levels: &[Level]) -> String {
+    table(levels.iter().map(|level| {
+        let mut line = Line::default();
+        line.add("scene", &level.scene);
+        line.add("transport", level.transport);
+        line.add("link", &level.link);
+        line.add("rate_bits_per_s", level.rate_bits_per_s);
+        line.add("seed", level.seed);
+        line.add("error_px", level.error_px);
+        line.add("technique", &level.technique);
+        line.add_some("bytes", level.bytes);
+        line.add_some("ms", level.ms);
+        line
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fields_with_commas_and_quotes_are_quoted() {
+        let mut line = Line::default();
+        line.add("a", "x, \"y\"");
+        line.add_some("b", None::<u32>);
+        line.add("c", 1.5);
+        assert_eq!(table([line].into_iter()), "a,b,c\n\"x, \"\"y\"\"\",,1.5\n");
+    }
+}

@@ -1,0 +1,439 @@
+//! The report as one page of HTML that needs nothing beside itself: no script, no file, no network.
+
+use std::fmt::Display;
+use std::path::Path;
+
+use data_encoding::BASE64;
+use image::codecs::jpeg::JpegEncoder;
+use image::imageops::{self, FilterType};
+use lodestream_scenario::baseline::Technique;
+use lodestream_scenario::picture::Picture;
+use lodestream_scenario::plan::{Case, Plan};
+use lodestream_scenario::result::{RunResult, error_name};
+
+use super::percentiles::{self, MIN_SEEDS, Percentiles, Spread};
+use super::plots::{MAX_ERROR_PX, Plot};
+use super::units;
+use crate::html::{self, escaped};
+
+/// Most lines of a table; the files beside the page have all.
+const MAX_LINES: usize = 500;
+/// Most bytes of JPEG in a page.
+const MAX_PICTURE_BYTES: usize = 3 << 20;
+/// Widest picture in a page.
+const PICTURE_PX: u32 = 480;
+const JPEG_QUALITY: u8 = 85;
+
+/// Columns of the results that hold words.
+const TEXT_COLUMNS: usize = 7;
+
+/// A case and its runs.
+struct Shown<'a> {
+    case: &'a Case,
+    number: usize,
+    runs: &'a [RunResult],
+}
+
+/// The page, for the plots and pictures of a report; pictures are read from its folder. `adapter` is what drew them.
+///
+/// # Errors
+/// A picture that cannot be read.
+pub(super) fn html(
+    folder: &Path,
+    plan: &Plan,
+    results: &[RunResult],
+    plots: &[Plot],
+    adapter: Option<&str>,
+) -> std::io::Result<String> {
+    let mut cases = Vec::new();
+    let mut rest = results;
+    for (number, case) in (1..).zip(&plan.cases) {
+        let (runs, others) = rest.split_at(case.seeds.len().min(rest.len()));
+        rest = others;
+        if !runs.is_empty() {
+            cases.push(Shown { case, number, runs });
+        }
+    }
+    let scenes: Vec<&str> = plan.scenes.iter().map(|scene| scene.name.as_str()).collect();
+    let title = format!("Lodestream: {}", scenes.join(", "));
+    let mut page = String::new();
+    page += &summary(plan, &cases, adapter);
+    page += &results_table(plan, &cases);
+    page += &percentile_table(&percentiles::of_plan(plan, results));
+    if !plots.is_empty() {
+        page += "<h2>Over time</h2>\n";
+    }
+    for plot in plots {
+        page += &format!(
+            "<figure class=\"plot\"><h3>{}</h3>\n{}<figcaption>{} File: {}</figcaption></figure>\n",
+            escaped(&plot.title),
+            plot.svg,
+            escaped(plot.caption),
+            escaped(&plot.file)
+        );
+    }
+    page += &pictures(folder, &cases)?;
+    page += &format!("<h2>The plan</h2>\n<pre>{}</pre>\n", escaped(&plan.text));
+    page += WORDS;
+    Ok(html::page(&title, &page))
+}
+
+const WORDS: &str = "<h2>Words</h2>\n<dl>\n\
+    <dt>TTFF</dt><dd>Time from the client's connect call until it can draw every visible instance, at least as its base \
+    mesh.</dd>\n\
+    <dt>TTQ(e)</dt><dd>Time until no visible part has a screen error above e pixels.</dd>\n\
+    <dt>At rest</dt><dd>TTQ counted from when a camera that moved came to rest.</dd>\n\
+    <dt>Bytes</dt><dd>Transport payload that the client received, handshake included; a kB is 1,000 bytes.</dd>\n\
+    <dt>Stalls</dt><dd>Pauses of half a second or more, after the first frame, in which blobs were wanted and no byte \
+    came.</dd>\n\
+    <dt>Wasted</dt><dd>Share of the chunks' bytes that no selection of the run wanted.</dd>\n\
+    <dt>Never drawn</dt><dd>Share of the chunks' bytes that were not applied: wasted, finer than the view asked, or wanted \
+    for a moment.</dd>\n\
+    <dt>PSNR, SSIM, FLIP</dt><dd>Of a picture against the settled one: on 8-bit sRGB values; of luma, 11 × 11 Gaussian \
+    window (Wang et al. 2004); at 67 pixels per degree (Andersson et al. 2020).</dd>\n\
+    </dl>\n";
+
+/// A table of at most [`MAX_LINES`] lines: names of columns, of which the first `texts` hold words, and lines.
+fn table(texts: usize, names: &[String], lines: &[Vec<String>]) -> String {
+    let mut table = html::table(texts, names, lines.iter().take(MAX_LINES), escaped);
+    if lines.len() > MAX_LINES {
+        table += &format!("<p>{} more in the files beside this page.</p>\n", lines.len() - MAX_LINES);
+    }
+    table
+}
+
+fn strings<const N: usize>(texts: [&str; N]) -> Vec<String> {
+    texts.map(str::to_owned).to_vec()
+}
+
+fn summary(plan: &Plan, cases: &[Shown<'_>], adapter: Option<&str>) -> String {
+    let runs: usize = cases.iter().map(|shown| shown.runs.len()).sum();
+    let [width, height] = plan.viewport_px;
+    let target = plan.ttq_px.iter().copied().fold(f64::INFINITY, f64::min);
+    let mut seeds: Vec<u64> = cases.iter().flat_map(|shown| shown.case.seeds.iter().copied()).collect();
+    seeds.sort_unstable();
+    seeds.dedup();
+    let mut text = format!(
+        "<p>{} in {}, over simulated links in virtual time, by lodestream-sim {}. Seeds {}. View of {width} × {height} \
+         pixels, refined to a screen error of {target} px.",
+        count(runs, "run"),
+        count(cases.len(), "case"),
+        escaped(env!("CARGO_PKG_VERSION")),
+        ranges(&seeds),
+    );
+    if let Some(settings) = &plan.pictures {
+        let [width, height] = settings.size_px;
+        let by = adapter.map(|adapter| format!(", drawn by {}", escaped(adapter))).unwrap_or_default();
+        text += &format!(" Pictures of {width} × {height} pixels{by}.");
+    }
+    text + "</p>\n"
+}
+
+fn count(number: usize, what: &str) -> String {
+    if number == 1 { format!("1 {what}") } else { format!("{number} {what}s") }
+}
+
+/// Ascending numbers, those without a gap as one range.
+fn ranges(numbers: &[u64]) -> String {
+    let mut ranges: Vec<(u64, u64)> = Vec::new();
+    for &number in numbers {
+        match ranges.last_mut() {
+            Some((_, last)) if *last + 1 == number => *last = number,
+            _ => ranges.push((number, number)),
+        }
+    }
+    let text = |(from, to): &(u64, u64)| if from == to { from.to_string() } else { format!("{from}–{to}") };
+    ranges.iter().map(text).collect::<Vec<_>>().join(", ")
+}
+
+/// The errors of a plan's TTQ, the largest first.
+fn qualities(plan: &Plan) -> Vec<f64> {
+    let mut px = plan.ttq_px.clone();
+    px.sort_by(|a, b| b.total_cmp(a));
+    px
+}
+
+fn time(ms: Option<f64>) -> String {
+    ms.map_or("never".to_owned(), units::milliseconds)
+}
+
+fn some_bytes(bytes: Option<f64>) -> String {
+    bytes.map_or("–".to_owned(), units::bytes)
+}
+
+/// The middle one of a figure of all seeds (nearest rank).
+fn median(shown: &Shown<'_>, figure: impl Fn(&RunResult) -> Option<f64>) -> Option<f64> {
+    Spread::of(shown.runs.iter().map(figure)).and_then(|spread| spread.p50)
+}
+
+fn results_table(plan: &Plan, cases: &[Shown<'_>]) -> String {
+    let seeds = cases.iter().map(|shown| shown.runs.len()).max().unwrap_or(0);
+    let mut names = strings([
+        "Case",
+        "Scene",
+        "Technique",
+        "Transport",
+        "Link",
+        "Camera",
+        "Ended",
+        "Seeds",
+        "TTFF",
+        "Bytes until then",
+    ]);
+    names.extend(qualities(plan).iter().map(|px| format!("TTQ({px}\u{a0}px)")));
+    let moved = cases.iter().flat_map(|shown| shown.runs).any(|run| run.rest_ms.is_some());
+    if moved {
+        names.extend(qualities(plan).iter().map(|px| format!("At rest, TTQ({px}\u{a0}px)")));
+    }
+    names.extend(strings(["Settled", "Bytes in all", "Stalls", "Stalled", "Wasted", "Never drawn"]));
+    let line = |shown: &Shown<'_>| {
+        let first = &shown.runs[0];
+        let limit = shown.case.limiter_bits_per_s.map(|rate| format!(", limited to {}", units::rate(rate)));
+        let share = |part: fn(&RunResult) -> u64| {
+            let share = |run: &RunResult| match run.usage.chunk_bytes {
+                // Baselines have no chunks to waste.
+                0 => (shown.case.technique == Technique::Lodestream).then_some(0.0),
+                chunks => Some(100.0 * part(run) as f64 / chunks as f64),
+            };
+            median(shown, share).map_or("–".to_owned(), |percent| format!("{percent:.1} %"))
+        };
+        let mut line = vec![
+            shown.number.to_string(),
+            first.scene.clone(),
+            first.technique.clone(),
+            first.transport.to_string(),
+            format!("{}{}", first.link, limit.unwrap_or_default()),
+            first.camera.clone(),
+            endings(shown.runs),
+            shown.runs.len().to_string(),
+            time(median(shown, |run| run.ttff_ms)),
+            some_bytes(median(shown, |run| run.first_frame_bytes.map(|bytes| bytes as f64))),
+        ];
+        line.extend(
+            qualities(plan)
+                .into_iter()
+                .map(error_name)
+                .map(|px| time(median(shown, |run| run.ttq_ms.get(&px).copied().flatten()))),
+        );
+        if moved {
+            line.extend(qualities(plan).into_iter().map(error_name).map(|px| {
+                let at_rest = median(shown, |run| run.rest_ttq_ms.get(&px).copied().flatten());
+                // Where the camera stands still from the start, nothing is counted from its rest.
+                if shown.case.path.moves() { time(at_rest) } else { "–".to_owned() }
+            }));
+        }
+        line.extend([
+            time(median(shown, |run| run.settled_ms)),
+            some_bytes(median(shown, |run| Some(run.total_bytes as f64))),
+            median(shown, |run| Some(f64::from(run.stalls))).map(units::plain).unwrap_or_default(),
+            time(median(shown, |run| Some(run.stalled_ms))),
+            share(|run| run.usage.wasted_bytes),
+            share(|run| run.usage.undrawn_bytes),
+        ]);
+        line
+    };
+    let mut lines: Vec<Vec<String>> = cases.iter().map(line).collect();
+    let (texts, mut note) = same_once(&mut names, &mut lines, TEXT_COLUMNS, &[1, 4, 5, 6]);
+    if seeds > 1 {
+        note += "Figures are medians over the seeds of a case.";
+    }
+    format!("<h2>Results</h2>\n<p>{note}</p>\n{}", table(texts, &names, &lines))
+}
+
+/// Takes away columns in which all lines say the same, of some. Gives the number of columns with words that are left of
+/// `texts`, and a sentence that says what was the same.
+fn same_once(
+    names: &mut Vec<String>,
+    lines: &mut [Vec<String>],
+    mut texts: usize,
+    columns: &[usize],
+) -> (usize, String) {
+    let mut same = Vec::new();
+    // From the last one on, so that places stay.
+    for &column in columns.iter().rev() {
+        if lines.len() > 1 && lines.iter().all(|line| line[column] == lines[0][column]) {
+            same.push(format!("{}: {}", names.remove(column).to_lowercase(), lines[0][column]));
+            texts -= usize::from(column < texts);
+            for line in lines.iter_mut() {
+                line.remove(column);
+            }
+        }
+    }
+    same.reverse();
+    let note =
+        if same.is_empty() { String::new() } else { format!("All cases: {}. ", escaped(&same.join("; "))) };
+    (texts, note)
+}
+
+/// Why runs ended: the commonest reason, and how many had another.
+fn endings(runs: &[RunResult]) -> String {
+    let mut reasons: Vec<(&str, usize)> = Vec::new();
+    for run in runs {
+        match reasons.iter_mut().find(|(reason, _)| *reason == run.ended) {
+            Some((_, count)) => *count += 1,
+            None => reasons.push((&run.ended, 1)),
+        }
+    }
+    reasons.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
+    match reasons.as_slice() {
+        [] => String::new(),
+        [(reason, _)] => (*reason).to_owned(),
+        [(reason, count), ..] => format!("{reason} ({count} of {})", runs.len()),
+    }
+}
+
+fn percentile_table(cases: &[Percentiles]) -> String {
+    if cases.is_empty() {
+        return String::new();
+    }
+    let figures = ["ttff_ms", "ttq_16_ms", "ttq_4_ms", "ttq_1_ms", "settled_ms"];
+    let known: Vec<&str> = figures
+        .into_iter()
+        .filter(|name| cases.iter().any(|case| case.figures.contains_key(*name)))
+        .collect();
+    let mut names = strings(["Scene", "Transport", "Link", "Camera", "Seeds"]);
+    let words = |name: &str| match name.strip_suffix("_ms").unwrap_or(name) {
+        "ttff" => "TTFF".to_owned(),
+        "settled" => "settled".to_owned(),
+        quality => format!("TTQ({} px)", quality.trim_start_matches("ttq_")),
+    };
+    names.extend(known.iter().map(|name| format!("{} p50 / p90 / p99", words(name))));
+    let line = |case: &Percentiles| {
+        let mut line = vec![
+            case.scene.clone(),
+            case.transport.to_string(),
+            case.link.clone(),
+            case.camera.clone(),
+            case.seeds.to_string(),
+        ];
+        line.extend(known.iter().map(|name| {
+            let spread = case.figures.get(*name);
+            let place = |pick: fn(&Spread) -> Option<f64>| time(spread.and_then(pick));
+            format!("{} / {} / {}", place(|s| s.p50), place(|s| s.p90), place(|s| s.p99))
+        }));
+        line
+    };
+    let mut lines: Vec<Vec<String>> = cases.iter().map(line).collect();
+    let (texts, note) = same_once(&mut names, &mut lines, 4, &[0, 3, 4]);
+    format!(
+        "<h2>Percentiles</h2>\n<p>{note}Values that half, nine tenths and 99 of 100 seeds do not exceed (nearest rank; given \
+         from {MIN_SEEDS} seeds on).</p>\n{}",
+        table(texts, &names, &lines)
+    )
+}
+
+/// The pictures of the first seed of each case, until the page has enough of them.
+fn pictures(folder: &Path, cases: &[Shown<'_>]) -> std::io::Result<String> {
+    let mut html = String::new();
+    let (mut bytes, mut left_out) = (0, 0);
+    for shown in cases {
+        let run = &shown.runs[0];
+        let mut figures = String::new();
+        for (i, picture) in run.pictures.iter().enumerate() {
+            // Instants after the end share the last picture.
+            if run.pictures[i + 1..].iter().any(|later| later.file == picture.file) {
+                continue;
+            }
+            if bytes >= MAX_PICTURE_BYTES {
+                left_out += 1;
+                continue;
+            }
+            let jpeg = jpeg(&folder.join(&picture.file))?;
+            bytes += jpeg.len();
+            figures += &format!(
+                "<figure><img alt=\"{}\" src=\"data:image/jpeg;base64,{}\"><figcaption>{}</figcaption></figure>\n",
+                escaped(&picture.instant),
+                BASE64.encode(&jpeg),
+                caption(picture)
+            );
+        }
+        if !figures.is_empty() {
+            let name = format!("Case {}: {}, {}, seed {}", shown.number, run.scene, shown.case, run.seed);
+            html += &format!("<h3>{}</h3>\n<div class=\"pictures\">\n{figures}</div>\n", escaped(&name));
+        }
+    }
+    if html.is_empty() {
+        return Ok(html);
+    }
+    if left_out > 0 {
+        html += &format!("<p>{} more in the folder beside this page.</p>\n", count(left_out, "picture"));
+    }
+    Ok(format!(
+        "<h2>Pictures</h2>\n<p>What the client could draw at an instant, vertices that are new at their places, \
+         compared with the settled picture from the same pose.</p>\n{html}"
+    ))
+}
+
+fn caption(picture: &Picture) -> String {
+    let part = |text: &dyn Display| escaped(&text.to_string());
+    let mut text = format!("<b>{}</b>", part(&picture.instant));
+    let at = units::milliseconds(picture.at_ms);
+    if at != picture.instant {
+        text += &format!(" at {}", part(&at));
+    }
+    text += &format!(", {}", part(&units::bytes(picture.bytes as f64)));
+    if let Some(px) = picture.error_px {
+        let px = if px > MAX_ERROR_PX { "> 10,000".to_owned() } else { units::plain(px) };
+        text += &format!(", screen error {} px", part(&px));
+    }
+    text += "<br>";
+    match &picture.error {
+        None => text += "no settled picture to compare with",
+        Some(error) => {
+            let psnr = error.psnr_db.map_or("∞".to_owned(), |db| format!("{db:.1}"));
+            text += &format!("PSNR {psnr} dB, SSIM {:.4}, FLIP {:.4}", error.ssim, error.flip);
+        }
+    }
+    text
+}
+
+/// A picture of the report, small enough for a page.
+fn jpeg(file: &Path) -> std::io::Result<Vec<u8>> {
+    let fail = |why: image::ImageError| std::io::Error::other(format!("{}: {why}", file.display()));
+    let mut picture = image::open(file).map_err(fail)?.into_rgb8();
+    let (width, height) = picture.dimensions();
+    if width > PICTURE_PX {
+        let height = (u64::from(height) * u64::from(PICTURE_PX) / u64::from(width)).max(1) as u32;
+        picture = imageops::resize(&picture, PICTURE_PX, height, FilterType::Triangle);
+    }
+    let mut bytes = Vec::new();
+    picture.write_with_encoder(JpegEncoder::new_with_quality(&mut bytes, JPEG_QUALITY)).map_err(fail)?;
+    Ok(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_plan_says_is_text() {
+        assert_eq!(escaped("<a href=\"x\">&'"), "&lt;a href=&quot;x&quot;&gt;&amp;&#39;");
+        let lines = [vec!["<b>".to_owned(), "1".to_owned()]];
+        let html = table(1, &strings(["a & b", "n"]), &lines);
+        assert!(html.contains("<th class=\"text\">a &amp; b</th><th>n</th>"), "{html}");
+        assert!(html.contains("<td class=\"text\">&lt;b&gt;</td><td>1</td>"), "{html}");
+    }
+
+    #[test]
+    fn long_tables_say_what_they_leave_out() {
+        let html = table(1, &strings(["n"]), &vec![strings(["x"]); MAX_LINES + 2]);
+        assert_eq!(html.matches("<td").count(), MAX_LINES);
+        assert!(html.contains("<p>2 more in the files"), "{html}");
+    }
+
+    #[test]
+    fn what_all_lines_say_is_said_once() {
+        let mut names = strings(["Scene", "Link", "Seeds", "TTFF"]);
+        let mut lines = [strings(["a<b", "slow", "1", "5 s"]), strings(["a<b", "fast", "1", "5 s"])];
+        let found = same_once(&mut names, &mut lines, 2, &[0, 1, 2]);
+        assert_eq!(found, (1, "All cases: scene: a&lt;b; seeds: 1. ".to_owned()));
+        assert_eq!(names, ["Link", "TTFF"]);
+        assert_eq!(lines, [strings(["slow", "5 s"]), strings(["fast", "5 s"])]);
+    }
+
+    #[test]
+    fn seeds_without_a_gap_are_a_range() {
+        assert_eq!(ranges(&[1, 2, 3, 7, 9, 10]), "1–3, 7, 9–10");
+        assert_eq!(ranges(&[]), "");
+    }
+}

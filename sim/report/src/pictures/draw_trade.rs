@@ -1,0 +1,276 @@
+//! What a setting of the renderer costs and brings: time of a frame, and error of the picture, for each of its values.
+//!
+//! The settled scene is the same for all values; the last one is taken for the best, and its picture for the reference.
+
+use std::fmt;
+use std::sync::Arc;
+
+use anyhow::Context as _;
+use image::RgbaImage;
+use lodestream_protocol::source::SceneSource;
+use lodestream_protocol::view::View;
+use lodestream_render::{AmbientOcclusion, Counters, Gpu, Settings};
+use lodestream_scenario::picture::ImageError;
+use lodestream_scenario::plan::Plan;
+use lodestream_scenario::stopwatch::{Spread, median, paired_ratio, rounded};
+use serde::Serialize;
+
+use super::painter::Studio;
+use super::settled::{by_turns, settle};
+use crate::image_error::image_error;
+
+/// What is turned, and its values, the best one last.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Knob {
+    /// Linear steps of relief mapping at grazing angles; 0 draws none.
+    ReliefSteps(Vec<u32>),
+    /// Samples of ambient occlusion; 0 draws none.
+    OcclusionSamples(Vec<u32>),
+    /// Screen error of the ground, in pixels.
+    GroundPx(Vec<f32>),
+}
+
+/// Frames with one value.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DrawTime {
+    /// The value; 0 where what it is about is not drawn.
+    pub value: f32,
+    /// Width and height of the frames, which are the plan's viewport.
+    pub size_px: [u32; 2],
+    /// The graphics adapter.
+    pub adapter: String,
+    /// Triangles that a frame submits, each instance counted and unused slots too.
+    pub triangles: u64,
+    /// Those of them that are the ground's.
+    pub ground_triangles: u64,
+    /// Screen error of the ground. `None` without ground.
+    pub ground_px: Option<f64>,
+    /// Frames that were timed.
+    pub frames: u32,
+    /// The median time, in milliseconds.
+    pub median_ms: f64,
+    /// Least, mean and greatest.
+    #[serde(flatten)]
+    pub spread: Spread,
+    /// The time over that with the last value: the median over frames drawn one after the other.
+    pub over_best: f64,
+    /// How far the picture is from that with the last value.
+    #[serde(flatten)]
+    pub error: ImageError,
+}
+
+impl Knob {
+    fn values(&self) -> Vec<f32> {
+        match self {
+            Self::ReliefSteps(counts) | Self::OcclusionSamples(counts) => {
+                counts.iter().map(|&count| count as f32).collect()
+            }
+            Self::GroundPx(px) => px.clone(),
+        }
+    }
+
+    /// How a value is drawn, given by its number.
+    fn frame(&self, number: usize, view: View) -> (View, Settings) {
+        let usual = Settings::default();
+        match self {
+            Self::ReliefSteps(steps) => {
+                let relief_steps = steps[number];
+                (view, Settings { relief: relief_steps > 0, relief_steps, ..usual })
+            }
+            Self::OcclusionSamples(samples) => {
+                let samples = samples[number];
+                let some = AmbientOcclusion { samples, ..AmbientOcclusion::default() };
+                (view, Settings { occlusion: (samples > 0).then_some(some), ..usual })
+            }
+            Self::GroundPx(px) => (View { target_px: px[number], ..view }, usual),
+        }
+    }
+
+    /// Scenes on the graphics device that values need: other tiles of ground do not push each other out.
+    fn scenes(&self) -> usize {
+        match self {
+            Self::ReliefSteps(_) | Self::OcclusionSamples(_) => 1,
+            Self::GroundPx(px) => px.len(),
+        }
+    }
+}
+
+/// What a frame with one value left.
+#[derive(Clone, Debug, Default)]
+struct Drawn {
+    counters: Counters,
+    ground_px: Option<f64>,
+    picture: RgbaImage,
+}
+
+/// Settles the plan's case and times so many frames with each value, at least one.
+///
+/// # Errors
+/// A knob without values, a plan of more than one case, or of another technique; runs that do not settle; whatever ends
+/// a run early, and what the graphics device refuses.
+pub fn draw_trade(
+    plan: &Plan,
+    scene: &Arc<dyn SceneSource>,
+    gpu: Gpu,
+    knob: &Knob,
+    frames: u32,
+) -> anyhow::Result<Vec<DrawTime>> {
+    let values = knob.values();
+    let best = values.len().checked_sub(1).context("there is no value to draw with")?;
+    let adapter = gpu.describe();
+    let studio = Studio::new(gpu);
+    let mut settled = settle(plan, scene, &studio, vec![plan.client; knob.scenes()])?;
+    let scenes = settled.len();
+    let seconds = by_turns(values.len(), frames, |number| {
+        let one = &mut settled[number % scenes];
+        let (view, settings) = knob.frame(number, one.view);
+        one.painter.frame(&view, settings).map(|_| ())
+    })?;
+    // Once more, since scenes are shared: to be read back.
+    let draw = |number: usize| {
+        let one = &mut settled[number % scenes];
+        let (view, settings) = knob.frame(number, one.view);
+        let counters = one.painter.frame(&view, settings)?;
+        anyhow::Ok(Drawn { counters, ground_px: one.painter.ground_px(), picture: one.painter.picture()? })
+    };
+    let drawn = (0..values.len()).map(draw).collect::<anyhow::Result<Vec<_>>>()?;
+    let draw_time = |number: usize| {
+        let Drawn { counters, ground_px, picture } = &drawn[number];
+        let seconds_best = &seconds[best];
+        Ok(DrawTime {
+            value: values[number],
+            size_px: plan.viewport_px,
+            adapter: adapter.clone(),
+            triangles: counters.triangles,
+            ground_triangles: counters.terrain_triangles,
+            ground_px: ground_px.map(|px| rounded(px, 3)),
+            frames: frames.max(1),
+            median_ms: rounded(median(seconds[number].clone()) * 1e3, 4),
+            spread: Spread::of(&seconds[number]),
+            over_best: rounded(paired_ratio(&seconds[number], seconds_best), 3),
+            error: image_error(picture, &drawn[best].picture)?,
+        })
+    };
+    (0..values.len()).map(draw_time).collect()
+}
+
+/// A line for people.
+impl fmt::Display for DrawTime {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [width, height] = self.size_px;
+        let ImageError { psnr_db, ssim, flip } = self.error;
+        write!(
+            f,
+            "{}: {} triangles, {} of ground, {width} x {height} on {}: median of {} frames {:.1} ms ({:.1} to {:.1}), \
+             {:.2} times that of the last; PSNR {} dB, SSIM {ssim}, FLIP {flip}",
+            self.value,
+            self.triangles,
+            self.ground_triangles,
+            self.adapter,
+            self.frames,
+            self.median_ms,
+            self.spread.min_ms,
+            self.spread.max_ms,
+            self.over_best,
+            psnr_db.map_or("–".to_owned(), |db| db.to_string()),
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::super::open_device;
+    use super::super::tests::may_draw;
+    use super::*;
+    use crate::tests::small_scene;
+    use lodestream_scenario::plan;
+
+    fn of_knob(knob: &Knob) -> anyhow::Result<Vec<DrawTime>> {
+        let text = "scene = \"demo-small\"\nviewport_px = [320, 180]\n[[sweep]]\ntransport = \"quic\"\n\
+                    rate_bits_per_s = 16_000_000\nrtt_ms = 50\n";
+        let plan = plan::parse(text, Path::new("test.toml")).unwrap();
+        let gpu = open_device().expect("a graphics adapter (or LODESTREAM_SKIP_GPU=1)");
+        draw_trade(&plan, &small_scene(), gpu, knob, 2)
+    }
+
+    /// The value that is shipped must be what [`Settings::default`] draws.
+    #[test]
+    fn a_value_turns_its_knob_and_nothing_else() {
+        let usual = Settings::default();
+        let view = View {
+            eye: [0.0; 3],
+            rotation: [0.0, 0.0, 0.0, 1.0],
+            fov_y: 1.0,
+            viewport_px: [320, 180],
+            target_px: 1.0,
+        };
+        let steps = Knob::ReliefSteps(vec![0, usual.relief_steps]);
+        assert_eq!(steps.frame(1, view), (view, usual));
+        assert!(!steps.frame(0, view).1.relief);
+        let samples = Knob::OcclusionSamples(vec![0, AmbientOcclusion::default().samples]);
+        assert_eq!(samples.frame(1, view), (view, usual));
+        assert_eq!(samples.frame(0, view).1, Settings { occlusion: None, ..usual });
+        let ground = Knob::GroundPx(vec![4.0, 1.0]);
+        assert_eq!(ground.frame(0, view), (View { target_px: 4.0, ..view }, usual));
+        assert_eq!((ground.values(), ground.scenes(), steps.scenes()), (vec![4.0, 1.0], 2, 1));
+    }
+
+    /// Names that `docs/report/sections.toml` refers to.
+    #[test]
+    fn figures_have_their_names() {
+        let time = DrawTime {
+            value: 16.0,
+            size_px: [2, 1],
+            adapter: "none".to_owned(),
+            triangles: 5,
+            ground_triangles: 3,
+            ground_px: None,
+            frames: 1,
+            median_ms: 2.0,
+            spread: Spread { min_ms: 1.0, mean_ms: 2.0, max_ms: 3.0 },
+            over_best: 1.0,
+            error: ImageError { psnr_db: None, ssim: 1.0, flip: 0.0 },
+        };
+        let rows = crate::reproduce::Rows::from_json(&serde_json::to_string(&[time]).unwrap()).unwrap();
+        for name in [
+            "value",
+            "triangles",
+            "ground_px",
+            "median_ms",
+            "min_ms",
+            "max_ms",
+            "over_best",
+            "psnr_db",
+            "ssim",
+            "flip",
+        ] {
+            assert!(rows.columns.iter().any(|column| column == name), "{name}: {:?}", rows.columns);
+        }
+    }
+
+    #[test]
+    fn pictures_come_nearer_to_the_best_value() {
+        if !may_draw() {
+            return;
+        }
+        assert!(of_knob(&Knob::GroundPx(Vec::new())).is_err());
+        for knob in [
+            Knob::ReliefSteps(vec![0, 24, 192]),
+            Knob::OcclusionSamples(vec![0, 16, 64]),
+            Knob::GroundPx(vec![32.0, 4.0, 1.0]),
+        ] {
+            let times = of_knob(&knob).unwrap();
+            let [worst, better, best] = &times[..] else { panic!("{times:?}") };
+            assert_eq!(
+                (best.error, best.over_best),
+                (ImageError { psnr_db: None, ssim: 1.0, flip: 0.0 }, 1.0)
+            );
+            assert!(worst.error.flip > better.error.flip && better.error.flip > 0.0, "{times:?}");
+            assert!(worst.error.psnr_db < better.error.psnr_db, "{times:?}");
+            let turned = matches!(knob, Knob::GroundPx(_));
+            assert_eq!(worst.ground_triangles < best.ground_triangles, turned, "{times:?}");
+        }
+    }
+}

@@ -1,0 +1,222 @@
+//! Pictures of a run at chosen instants, and how far each is from what a settled viewer shows.
+//!
+//! At an instant, the run's viewer draws what its core has, as it is after the last thing that happened until then, by
+//! the renderer that is shipped. Virtual time stands still meanwhile, and the run goes on as if nobody had drawn. New
+//! vertices are drawn where they belong, as a quarter of a second later: a morph's progress would say more about the
+//! moment of drawing than about what has arrived.
+//!
+//! The reference of a picture is the run's settled picture where the camera was the same to the bit. Elsewhere (a camera
+//! that moved, a run that did not settle) it is the settled picture of another viewer whose camera stands still at that
+//! pose, over a link of 10 Gbit/s: what the same selection wants there, and all of it.
+
+pub mod draw_trade;
+pub mod frame_time;
+mod painter;
+mod settled;
+#[cfg(test)]
+mod tests;
+
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use anyhow::Context as _;
+use image::RgbaImage;
+use lodestream_protocol::view::View;
+use lodestream_render::Gpu;
+use lodestream_scenario::parallel::Draw;
+use lodestream_scenario::picture::Picture;
+use lodestream_scenario::plan::PictureSettings;
+use lodestream_scenario::result::{RunResult, milliseconds};
+use lodestream_scenario::run::Run;
+
+use crate::image_error::image_error;
+use painter::{Painter, Studio};
+
+/// The folder within a report's.
+pub const FOLDER: &str = "pictures";
+
+/// Where a picture stands in its run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Instant {
+    /// As soon as every visible instance could be drawn.
+    FirstFrame,
+    /// Seconds since the connect call.
+    At(f64),
+    /// Nothing more was wanted, with the camera at rest.
+    Settled,
+    /// The run ended before that.
+    End,
+}
+
+impl std::fmt::Display for Instant {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::FirstFrame => f.write_str("first frame"),
+            Self::At(seconds) => write!(f, "{seconds} s"),
+            Self::Settled => f.write_str("settled"),
+            Self::End => f.write_str("end"),
+        }
+    }
+}
+
+/// A picture as it was drawn.
+#[derive(Clone, Debug)]
+pub(super) struct Shot {
+    pub(super) instant: Instant,
+    pub(super) at_ns: u64,
+    pub(super) bytes: u64,
+    pub(super) error_px: Option<f64>,
+    /// The camera.
+    pub(super) view: View,
+    /// Instants after the end share their picture with the last shot.
+    pub(super) picture: Arc<RgbaImage>,
+}
+
+/// Opens the graphics device for a gallery.
+///
+/// # Errors
+/// No graphics adapter: says what to install.
+pub fn open_device() -> anyhow::Result<Gpu> {
+    Gpu::headless().context("the plan asks for [pictures]")
+}
+
+/// Where the pictures of a plan's runs are drawn and kept until the report is written.
+#[derive(Debug)]
+pub struct Gallery {
+    studio: Studio,
+    adapter: String,
+    folder: tempfile::TempDir,
+    output: PathBuf,
+}
+
+impl Gallery {
+    /// A gallery in a report's folder, which is created where it is missing.
+    ///
+    /// # Errors
+    /// A folder that cannot be written.
+    pub fn new(gpu: Gpu, output: &Path) -> anyhow::Result<Self> {
+        let fail = || format!("{}: cannot be written", output.display());
+        std::fs::create_dir_all(output).with_context(fail)?;
+        let folder = tempfile::Builder::new().prefix(".pictures-").tempdir_in(output).with_context(fail)?;
+        Ok(Self { adapter: gpu.describe(), studio: Studio::new(gpu), folder, output: output.to_owned() })
+    }
+
+    /// The graphics adapter, for people.
+    #[must_use]
+    pub fn adapter(&self) -> &str {
+        &self.adapter
+    }
+
+    /// What a viewer shows whose camera stands still at a pose and who wants nothing more. `None` where it never comes
+    /// to that.
+    fn settled_picture(
+        &self,
+        run: &Run<'_>,
+        view: View,
+        settings: &PictureSettings,
+    ) -> anyhow::Result<Option<RgbaImage>> {
+        let settings = PictureSettings { at_s: Vec::new(), ..settings.clone() };
+        let mut painter = Painter::new(&self.studio, &settings)?;
+        run.settle_at(view, &mut painter)?;
+        let settled = painter.finish()?.into_iter().find(|shot| shot.instant == Instant::Settled);
+        Ok(settled.map(|shot| Arc::unwrap_or_clone(shot.picture)))
+    }
+
+    /// Keeps a picture of a run, whose number in the plan counts from 0, unless it is kept already. Gives its file's
+    /// name in a report.
+    pub(super) fn keep(&self, run: usize, instant: Instant, picture: &RgbaImage) -> anyhow::Result<String> {
+        let name = format!("run-{:04}-{}.png", run + 1, instant.to_string().replace(' ', "-"));
+        let file = self.folder.path().join(&name);
+        if !file.exists() {
+            picture
+                .save_with_format(&file, image::ImageFormat::Png)
+                .with_context(|| format!("{}: cannot be written", file.display()))?;
+        }
+        Ok(format!("{FOLDER}/{name}"))
+    }
+
+    /// Moves the pictures into the report, in place of an earlier report's.
+    ///
+    /// # Errors
+    /// What the system refuses.
+    pub fn publish(self) -> std::io::Result<()> {
+        remove_earlier(&self.output)?;
+        let folder = self.output.join(FOLDER);
+        std::fs::create_dir_all(&folder)?;
+        for file in std::fs::read_dir(self.folder.path())? {
+            let file = file?;
+            std::fs::rename(file.path(), folder.join(file.file_name()))?;
+        }
+        Ok(())
+    }
+}
+
+impl Draw for Gallery {
+    fn drawn(&self, run: &Run<'_>, number: usize) -> anyhow::Result<RunResult> {
+        let Some(settings) = &run.plan.pictures else { return run.result(None) };
+        let mut painter = Painter::new(&self.studio, settings)?;
+        let mut result = run.result(Some(&mut painter))?;
+        let reference = |view| self.settled_picture(run, view, settings);
+        result.pictures = judged(painter.finish()?, self, number, reference)?;
+        Ok(result)
+    }
+}
+
+/// Compares each picture of a run with its reference and keeps it. `reference_at` draws what a settled viewer shows at a
+/// pose; it is asked once per pose, and not for that of a settled picture.
+pub(super) fn judged(
+    shots: Vec<Shot>,
+    gallery: &Gallery,
+    run: usize,
+    reference_at: impl Fn(View) -> anyhow::Result<Option<RgbaImage>>,
+) -> anyhow::Result<Vec<Picture>> {
+    let mut references: Vec<(View, Option<Arc<RgbaImage>>)> = Vec::new();
+    let Some(last) = shots.last().cloned() else { return Ok(Vec::new()) };
+    if last.instant == Instant::Settled {
+        references.push((last.view, Some(Arc::clone(&last.picture))));
+    }
+    let mut pictures = Vec::with_capacity(shots.len());
+    for Shot { instant, at_ns, bytes, error_px, view, picture } in shots {
+        let known = match references.iter().position(|(pose, _)| *pose == view) {
+            Some(known) => known,
+            None => {
+                references.push((view, reference_at(view)?.map(Arc::new)));
+                references.len() - 1
+            }
+        };
+        let reference = references[known].1.as_ref();
+        let of_the_end = Arc::ptr_eq(&picture, &last.picture);
+        pictures.push(Picture {
+            instant: instant.to_string(),
+            at_ms: milliseconds(at_ns),
+            bytes,
+            error_px: error_px.map(|px| (px * 1e4).round() / 1e4),
+            error: reference.map(|reference| image_error(&picture, reference)).transpose()?,
+            file: gallery.keep(run, if of_the_end { last.instant } else { instant }, &picture)?,
+        });
+    }
+    Ok(pictures)
+}
+
+/// Removes the pictures of an earlier report, and nothing else that may lie there.
+pub(super) fn remove_earlier(output: &Path) -> std::io::Result<()> {
+    let folder = output.join(FOLDER);
+    let entries = match std::fs::read_dir(&folder) {
+        Err(why) if why.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+        entries => entries?,
+    };
+    let ours = |name: &OsStr| {
+        let stem = name.to_str().and_then(|name| name.strip_prefix("run-")?.strip_suffix(".png"));
+        stem.is_some_and(|stem| stem.starts_with(|c: char| c.is_ascii_digit()))
+    };
+    for entry in entries {
+        let entry = entry?;
+        if ours(&entry.file_name()) {
+            std::fs::remove_file(entry.path())?;
+        }
+    }
+    // Where something else lies in it, it stays.
+    let _ = std::fs::remove_dir(&folder);
+    Ok(())
+}

@@ -1,0 +1,208 @@
+//! Draws what a run's core has, with the shipped renderer, without a window.
+
+use std::collections::VecDeque;
+use std::sync::{Mutex, PoisonError};
+
+use glam::{DQuat, DVec3};
+use image::RgbaImage;
+use lodestream_client::core::ClientCore;
+use lodestream_protocol::Time;
+use lodestream_protocol::view::View;
+use lodestream_render::SceneView;
+use lodestream_render::{Camera, Counters, Gpu, Headless, RenderError, Settings};
+use lodestream_scenario::observer::Observer;
+use lodestream_scenario::plan::PictureSettings;
+use lodestream_scenario::timeline::Sample;
+
+use super::{Instant, Shot};
+
+/// Decoded textures that may wait in the core between two pictures.
+const MAX_WAITING_BYTES: usize = 16 << 20;
+
+/// A time at which every vertex is where it belongs.
+const AFTER_ALL_MORPHS_S: f32 = f32::MAX;
+
+/// The graphics device of all runs. One draws at a time: who waits for the device may be served what another's frame
+/// brought about.
+#[derive(Debug)]
+pub(crate) struct Studio {
+    gpu: Mutex<Gpu>,
+}
+
+impl Studio {
+    pub(super) fn new(gpu: Gpu) -> Self {
+        Self { gpu: Mutex::new(gpu) }
+    }
+
+    fn alone<R>(&self, draw: impl FnOnce(&Gpu) -> R) -> R {
+        draw(&self.gpu.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+/// Takes the pictures of one run.
+#[derive(Debug)]
+pub(crate) struct Painter<'a> {
+    studio: &'a Studio,
+    headless: Headless,
+    scene: SceneView,
+    first_frame_due: bool,
+    due: VecDeque<f64>,
+    shots: Vec<Shot>,
+    failed: Option<RenderError>,
+}
+
+impl<'a> Painter<'a> {
+    /// Opens a picture of the plan's size.
+    ///
+    /// # Errors
+    /// What the graphics device refuses.
+    pub(crate) fn new(studio: &'a Studio, settings: &PictureSettings) -> Result<Self, RenderError> {
+        let [width, height] = settings.size_px;
+        let headless = studio.alone(|gpu| Headless::new(gpu.clone(), width, height))?;
+        Ok(Self {
+            studio,
+            headless,
+            scene: SceneView::new(),
+            first_frame_due: true,
+            due: settings.at_s.iter().copied().collect(),
+            shots: Vec::new(),
+            failed: None,
+        })
+    }
+
+    /// The pictures, in the order of time but for the last, which is the run's last.
+    ///
+    /// # Errors
+    /// The first thing that went wrong while drawing.
+    pub(crate) fn finish(self) -> Result<Vec<Shot>, RenderError> {
+        self.failed.map_or(Ok(self.shots), Err)
+    }
+
+    /// Tells what went wrong while drawing, once.
+    ///
+    /// # Errors
+    /// The first thing.
+    pub(super) fn check(&mut self) -> Result<(), RenderError> {
+        self.failed.take().map_or(Ok(()), Err)
+    }
+
+    /// The camera of the settled picture, where the run came to it.
+    pub(super) fn settled_view(&self) -> Option<View> {
+        self.shots.last().filter(|shot| shot.instant == Instant::Settled).map(|shot| shot.view)
+    }
+
+    /// Draws what the run's core had at its end, as often as one likes, and waits until it is done. Gives what the frame
+    /// took.
+    ///
+    /// # Errors
+    /// What the graphics device refuses.
+    pub(super) fn frame(&mut self, view: &View, settings: Settings) -> Result<Counters, RenderError> {
+        let Self { studio, headless, scene, .. } = self;
+        studio.alone(|_| frame(headless, scene, view, settings))
+    }
+
+    /// The last frame's picture.
+    ///
+    /// # Errors
+    /// What the graphics device refuses.
+    pub(super) fn picture(&self) -> Result<RgbaImage, RenderError> {
+        self.studio.alone(|_| self.headless.picture())
+    }
+
+    /// Screen error of the last frame's ground; `None` without one.
+    pub(super) fn ground_px(&self) -> Option<f64> {
+        self.scene.ground_px()
+    }
+
+    fn note<T>(&mut self, result: Result<T, RenderError>) -> Option<T> {
+        result.map_err(|why| self.failed.get_or_insert(why)).ok()
+    }
+
+    fn shoot(&mut self, core: &mut ClientCore, instant: Instant, seen: Sample) {
+        // Before the scene is known there is no camera, and nothing to look at.
+        let Some(view) = core.view().filter(|_| core.scene().is_some() && self.failed.is_none()) else {
+            return;
+        };
+        let picture = self.studio.alone(|gpu| {
+            upload(&mut self.scene, core, gpu, &self.headless)?;
+            draw(&mut self.headless, &mut self.scene, &view)
+        });
+        let Sample { at_ns, bytes, error_px } = seen;
+        if let Some(picture) = self.note(picture) {
+            self.shots.push(Shot { instant, at_ns, bytes, error_px, view, picture: picture.into() });
+        }
+    }
+}
+
+impl Observer for Painter<'_> {
+    /// Instants that lie before that time show the core as it is.
+    fn before(&mut self, now: Time, core: &mut ClientCore, last: Sample) {
+        while let Some(&at_s) = self.due.front()
+            && nanoseconds(at_s) < now.as_ns()
+        {
+            self.due.pop_front();
+            self.shoot(core, Instant::At(at_s), Sample { at_ns: nanoseconds(at_s), ..last });
+        }
+    }
+
+    fn after(&mut self, core: &mut ClientCore, now: Sample) {
+        if self.first_frame_due && core.milestones().first_frame.is_some() {
+            self.first_frame_due = false;
+            self.shoot(core, Instant::FirstFrame, now);
+        } else if core.waiting_bytes() > MAX_WAITING_BYTES {
+            // Texels are bulky; on the device they have a place.
+            let uploaded = self.studio.alone(|gpu| upload(&mut self.scene, core, gpu, &self.headless));
+            self.note(uploaded);
+        }
+    }
+
+    /// Instants until then that are still due show the same picture, and if the run is settled, later ones as well.
+    fn end(&mut self, core: &mut ClientCore, last: Sample, settled: bool) {
+        self.shoot(core, if settled { Instant::Settled } else { Instant::End }, last);
+        let Some(shot) = self.shots.pop() else { return };
+        for at_s in std::mem::take(&mut self.due) {
+            let at_ns = nanoseconds(at_s);
+            if settled || at_ns <= last.at_ns {
+                self.shots.push(Shot { instant: Instant::At(at_s), at_ns, ..shot.clone() });
+            }
+        }
+        self.shots.push(shot);
+    }
+}
+
+fn nanoseconds(seconds: f64) -> u64 {
+    (seconds * 1e9).round() as u64
+}
+
+/// Hands over all that is new in the core.
+fn upload(
+    scene: &mut SceneView,
+    core: &mut ClientCore,
+    gpu: &Gpu,
+    headless: &Headless,
+) -> Result<(), RenderError> {
+    scene.push(core.take_changes(Time::ZERO, usize::MAX));
+    scene.upload(gpu, headless.renderer(), usize::MAX, 0.0)?;
+    Ok(())
+}
+
+fn draw(headless: &mut Headless, scene: &mut SceneView, view: &View) -> Result<RgbaImage, RenderError> {
+    frame(headless, scene, view, Settings::default())?;
+    headless.picture()
+}
+
+fn frame(
+    headless: &mut Headless,
+    scene: &mut SceneView,
+    view: &View,
+    settings: Settings,
+) -> Result<Counters, RenderError> {
+    let camera = Camera {
+        eye: DVec3::from(view.eye),
+        rotation: DQuat::normalize(view.orientation().as_dquat()),
+        fov_y: f64::from(view.fov_y),
+        ..Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 1.0)
+    };
+    scene.prepare_ground(headless.gpu(), &camera, headless.size(), view.target_px)?;
+    scene.with_frame(camera, settings, AFTER_ALL_MORPHS_S, |frame| headless.frame(frame))
+}

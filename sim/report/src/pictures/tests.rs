@@ -1,0 +1,172 @@
+//! Pictures of whole runs over the small demo scene, drawn small.
+//!
+//! These need a graphics adapter; Mesa's software driver is enough. Without an adapter they fail.
+//! `LODESTREAM_SKIP_GPU=1` skips them, and says so.
+
+use std::io::Write as _;
+use std::num::NonZeroUsize;
+use std::path::Path;
+
+use lodestream_scenario::baseline::Library;
+use lodestream_scenario::picture::ImageError;
+use lodestream_scenario::plan::{self, Plan};
+use lodestream_scenario::result::{RunResult, to_json};
+use lodestream_scenario::{Equipment, run_with};
+
+use super::*;
+use crate::tests::{results_of, small_scene};
+use crate::{write, write_drawn};
+
+pub(super) fn may_draw() -> bool {
+    let skip = std::env::var("LODESTREAM_SKIP_GPU").is_ok_and(|v| v == "1");
+    if skip {
+        // Not `eprintln!`: the test runner would swallow it when the test "passes".
+        let test = std::thread::current().name().unwrap_or("a test").to_owned();
+        let _ = writeln!(std::io::stderr(), "SKIPPED, NOT PASSED (LODESTREAM_SKIP_GPU=1): {test}");
+    }
+    !skip
+}
+
+fn parse(head: &str, sweep: &str) -> Plan {
+    let text = format!("scene = \"demo-small\"\nviewport_px = [640, 360]\n{head}\n[[sweep]]\n{sweep}");
+    plan::parse(&text, Path::new("test.toml")).unwrap()
+}
+
+/// Runs a plan and writes its report.
+fn report(plan: &Plan, folder: &Path, threads: usize) -> Vec<RunResult> {
+    let device = open_device().expect("a graphics adapter (or LODESTREAM_SKIP_GPU=1)");
+    let gallery = Gallery::new(device, folder).unwrap();
+    let threads = NonZeroUsize::new(threads).unwrap();
+    let scenes = [small_scene()];
+    let library = Library::prepare(plan, &scenes, |_| {}).unwrap();
+    let equipment = Equipment { library: &library, gallery: Some(&gallery) };
+    let results = run_with(plan, &scenes, equipment, threads, |_| {}).unwrap();
+    write_drawn(folder, plan, &results, Some(gallery)).unwrap();
+    results
+}
+
+fn instants(run: &RunResult) -> Vec<&str> {
+    run.pictures.iter().map(|picture| picture.instant.as_str()).collect()
+}
+
+#[test]
+fn pictures_approach_the_settled_one_and_change_nothing_in_the_run() {
+    if !may_draw() {
+        return;
+    }
+    let sweep = "transport = [\"quic\", \"ws\"]\nrate_bits_per_s = 2_000_000\nrtt_ms = 50\njitter_ms = 5";
+    let plan = parse("[pictures]\nat_s = [0.3, 0.4, 9]\nsize_px = [96, 54]", sweep);
+    let folder = tempfile::tempdir().unwrap();
+    let results = report(&plan, folder.path(), 2);
+    for run in &results {
+        assert_eq!(instants(run), ["first frame", "0.3 s", "0.4 s", "9 s", "settled"], "{run:?}");
+        let [first, early, late, after, settled] = &run.pictures[..] else { unreachable!() };
+        assert_eq!((first.at_ms, Some(first.bytes)), (run.ttff_ms.unwrap(), run.first_frame_bytes));
+        assert_eq!((settled.at_ms, settled.bytes), (run.settled_ms.unwrap(), run.total_bytes));
+        assert_eq!((early.at_ms, late.at_ms, after.at_ms), (300.0, 400.0, 9000.0));
+        assert!(first.bytes < early.bytes && early.bytes < late.bytes && late.bytes < settled.bytes);
+        // Once settled, it stays as it is.
+        assert_eq!((after.bytes, &after.file), (settled.bytes, &settled.file));
+        let equal = Some(ImageError { psnr_db: None, ssim: 1.0, flip: 0.0 });
+        assert_eq!((after.error, settled.error), (equal, equal));
+        let [first, early, late] = [first, early, late].map(|picture| picture.error.unwrap());
+        // Shapes come before textures, which are most of a picture: early on, not every measure gets better.
+        for error in [first, early] {
+            assert!(
+                late.psnr_db > error.psnr_db && late.ssim > error.ssim && late.flip < error.flip,
+                "{run:?}"
+            );
+        }
+        assert!(late.psnr_db.is_some() && late.ssim < 1.0 && late.flip > 0.0, "{run:?}");
+        for picture in &run.pictures {
+            let drawn = image::open(folder.path().join(&picture.file)).unwrap();
+            assert_eq!((drawn.width(), drawn.height()), (96, 54));
+        }
+    }
+    // Nobody drew, and everything else is the same.
+    let undrawn: Vec<RunResult> =
+        results.iter().cloned().map(|run| RunResult { pictures: Vec::new(), ..run }).collect();
+    assert_eq!(to_json(&results_of(&plan)).unwrap(), to_json(&undrawn).unwrap());
+
+    // Again, on one thread: the same bytes in all files, and none left of the first time.
+    let files = |folder: &Path| {
+        let names = |folder: &Path| -> Vec<std::path::PathBuf> {
+            std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect()
+        };
+        let mut all = [names(folder), names(&folder.join(FOLDER))].concat();
+        all.retain(|file| file.is_file());
+        all.sort();
+        all.into_iter().map(|file| (file.clone(), std::fs::read(file).unwrap())).collect::<Vec<_>>()
+    };
+    let first = files(folder.path());
+    // Four pictures of each run, and beside them two tables of results, one of pictures, plots and the page.
+    assert_eq!(first.iter().filter(|(file, _)| file.extension().unwrap() == "png").count(), 8);
+    report(&plan, folder.path(), 1);
+    assert!(files(folder.path()) == first);
+
+    // The page needs nothing beside itself.
+    let page = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
+    assert_eq!(page.matches("src=\"data:image/jpeg;base64,").count(), 8);
+    assert_eq!(page.matches("src=").count(), 8);
+    assert!(
+        !page.contains("<script")
+            && !page.contains("<link")
+            && !page.contains("href=")
+            && !page.contains("@import")
+    );
+    assert_eq!(page.matches("<svg").count(), 3);
+    let csv = std::fs::read_to_string(folder.path().join("pictures.csv")).unwrap();
+    assert_eq!(csv.lines().count(), 1 + 2 * 5);
+
+    // A plan without pictures takes them away again, but not what somebody else put there.
+    std::fs::write(folder.path().join("pictures/run-away.png"), "mine").unwrap();
+    write(folder.path(), &plan, &undrawn).unwrap();
+    let left: Vec<_> =
+        std::fs::read_dir(folder.path().join(FOLDER)).unwrap().map(|e| e.unwrap().file_name()).collect();
+    assert_eq!(left, ["run-away.png"]);
+    assert!(!folder.path().join("pictures.csv").exists());
+    assert!(!folder.path().join("image-error-over-time.svg").exists());
+}
+
+#[test]
+fn a_moving_camera_is_judged_from_where_it_was() {
+    if !may_draw() {
+        return;
+    }
+    // Fast enough that pictures on the way are nearly settled: against any other pose they would be far off.
+    let sweep =
+        "transport = \"quic\"\nrate_bits_per_s = 50_000_000\nrtt_ms = 10\ncamera = [\"orbit\", \"teleport\"]";
+    let plan = parse("[pictures]\nat_s = [0.2, 4, 7]\nsize_px = [96, 54]", sweep);
+    let folder = tempfile::tempdir().unwrap();
+    let results = report(&plan, folder.path(), 2);
+    let read = |picture: &Picture| image::open(folder.path().join(&picture.file)).unwrap().into_rgba8();
+    for run in &results {
+        assert_eq!(instants(run), ["first frame", "0.2 s", "4 s", "7 s", "settled"], "{run:?}");
+        let settled = read(run.pictures.last().unwrap());
+        for picture in &run.pictures[1..4] {
+            let psnr_db = picture.error.unwrap().psnr_db.unwrap_or(f64::INFINITY);
+            assert!(psnr_db > 25.0, "{picture:?}");
+        }
+        if run.camera == "orbit" {
+            let elsewhere = image_error(&read(&run.pictures[2]), &settled).unwrap();
+            assert!(elsewhere.psnr_db.unwrap() < 18.0, "the camera has not moved: {elsewhere:?}");
+        }
+    }
+}
+
+#[test]
+fn a_run_that_does_not_settle_is_judged_by_one_that_does() {
+    if !may_draw() {
+        return;
+    }
+    let sweep = "transport = \"ws\"\nrate_bits_per_s = 100_000\nrtt_ms = 50";
+    let plan = parse("time_limit_s = 2.5\n[pictures]\nat_s = [0.01, 2, 3]\nsize_px = [96, 54]", sweep);
+    let folder = tempfile::tempdir().unwrap();
+    let run = report(&plan, folder.path(), 1).remove(0);
+    // At first there is no scene to look at, and nothing is said of what comes after the end.
+    assert_eq!(instants(&run), ["first frame", "2 s", "end"], "{run:?}");
+    let errors: Vec<ImageError> = run.pictures.iter().map(|picture| picture.error.unwrap()).collect();
+    assert!(errors.iter().all(|error| error.psnr_db.is_some_and(|db| db < 30.0)), "{errors:?}");
+    assert!(errors[0].flip > errors[2].flip, "{errors:?}");
+    assert_eq!((run.pictures[2].at_ms, run.pictures[2].bytes), (2500.0, run.total_bytes));
+}

@@ -1,0 +1,153 @@
+//! A client that asks and reads, and does nothing else, over either transport.
+
+use anyhow::Context as _;
+use futures_util::{SinkExt as _, StreamExt as _};
+use lodestream_netsim::clock::VirtualClock;
+use lodestream_protocol::BlobId;
+use lodestream_protocol::frame::{BlobPiece, Frame, ServerFrame, encode_client};
+use lodestream_protocol::message::{ClientMessage, Hello, Want};
+use lodestream_protocol::select::Priority;
+use lodestream_protocol::stream::{ALPN, BLOB_STREAM, BlobStreamReader, CONTROL_STREAM};
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::sync::mpsc;
+use tokio_tungstenite::client_async;
+use tokio_tungstenite::tungstenite::Message;
+use tokio_tungstenite::tungstenite::client::IntoClientRequest as _;
+use tokio_tungstenite::tungstenite::http::HeaderValue;
+use tokio_tungstenite::tungstenite::http::header::SEC_WEBSOCKET_PROTOCOL;
+
+/// Most wants in a message.
+const WANTS_PER_MESSAGE: usize = 500;
+/// Arrivals that may wait to be looked at, and messages to be sent.
+const WAITING: usize = 256;
+
+/// Bytes of a blob that came.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Arrival {
+    pub(crate) id: BlobId,
+    pub(crate) at_ns: u64,
+    pub(crate) bytes: u64,
+    /// Whether they are its last.
+    pub(crate) last: bool,
+}
+
+impl Arrival {
+    fn of(piece: &BlobPiece, clock: VirtualClock) -> Self {
+        let (at_ns, bytes) = (clock.now_ns(), piece.bytes.len() as u64);
+        Self { id: piece.id, at_ns, bytes, last: piece.is_last() }
+    }
+}
+
+/// See the module. Dropping it ends its tasks once they have something to do.
+#[derive(Debug)]
+pub(crate) struct BareClient {
+    requests: mpsc::Sender<Vec<u8>>,
+    arrivals: mpsc::Receiver<Arrival>,
+}
+
+impl BareClient {
+    /// Over a QUIC connection, whose endpoint is kept for as long.
+    pub(crate) async fn over_quic(
+        endpoint: quinn::Endpoint,
+        connection: quinn::Connection,
+        clock: VirtualClock,
+    ) -> anyhow::Result<Self> {
+        let (client, mut to_send, found) = Self::channels();
+        let mut control = connection.open_uni().await?;
+        control.write_all(&[CONTROL_STREAM]).await?;
+        tokio::spawn(async move {
+            while let Some(bytes) = to_send.recv().await {
+                if control.write_all(&bytes).await.is_err() {
+                    break;
+                }
+            }
+        });
+        tokio::spawn(async move {
+            let _endpoint = endpoint;
+            while let Ok(stream) = connection.accept_uni().await {
+                tokio::spawn(read_stream(stream, clock, found.clone()));
+            }
+        });
+        Ok(client)
+    }
+
+    /// Over a TCP connection, or what stands for one.
+    pub(crate) async fn over_websocket<S>(stream: S, host: &str, clock: VirtualClock) -> anyhow::Result<Self>
+    where
+        S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
+    {
+        let (client, mut to_send, found) = Self::channels();
+        let mut request = format!("ws://{host}/").into_client_request()?;
+        request.headers_mut().insert(SEC_WEBSOCKET_PROTOCOL, HeaderValue::from_static(ALPN));
+        let (socket, _) = client_async(request, stream).await?;
+        let (mut sink, mut stream) = socket.split();
+        tokio::spawn(async move {
+            while let Some(bytes) = to_send.recv().await {
+                if sink.send(Message::Binary(bytes.into())).await.is_err() {
+                    break;
+                }
+            }
+        });
+        tokio::spawn(async move {
+            while let Some(Ok(message)) = stream.next().await {
+                let Message::Binary(bytes) = message else { continue };
+                let frame = Frame::parse(bytes).and_then(Frame::into_server_frame);
+                if let Ok(Some(ServerFrame::Piece(piece))) = frame
+                    && found.send(Arrival::of(&piece, clock)).await.is_err()
+                {
+                    break;
+                }
+            }
+        });
+        Ok(client)
+    }
+
+    fn channels() -> (Self, mpsc::Receiver<Vec<u8>>, mpsc::Sender<Arrival>) {
+        let (requests, to_send) = mpsc::channel(WAITING);
+        let (found, arrivals) = mpsc::channel(WAITING);
+        (Self { requests, arrivals }, to_send, found)
+    }
+
+    /// Says hello, without a view.
+    pub(crate) async fn hello(&self) -> anyhow::Result<()> {
+        self.say(&ClientMessage::Hello(Hello::new(""))).await
+    }
+
+    /// Asks for blobs.
+    pub(crate) async fn want(&self, ids: &[BlobId], priority: Priority) -> anyhow::Result<()> {
+        for ids in ids.chunks(WANTS_PER_MESSAGE) {
+            let wants = ids.iter().map(|&id| Want::whole(id, priority)).collect();
+            self.say(&ClientMessage::Want(wants)).await?;
+        }
+        Ok(())
+    }
+
+    async fn say(&self, message: &ClientMessage) -> anyhow::Result<()> {
+        self.requests.send(encode_client(message)?).await.ok().context("the connection was lost")
+    }
+
+    /// The next bytes that come; `None` when the connection is over. May be dropped before it resolves.
+    pub(crate) async fn next(&mut self) -> Option<Arrival> {
+        self.arrivals.recv().await
+    }
+}
+
+/// Passes on what a stream brings, if it is a blob's.
+async fn read_stream(mut stream: quinn::RecvStream, clock: VirtualClock, found: mpsc::Sender<Arrival>) {
+    let mut kind = [0];
+    if stream.read_exact(&mut kind).await.is_err() {
+        return;
+    }
+    let mut blob = BlobStreamReader::new();
+    while let Ok(Some(chunk)) = stream.read_chunk(1 << 16, true).await {
+        if kind[0] != BLOB_STREAM {
+            continue;
+        }
+        let Ok(pieces) = blob.push(chunk.bytes) else { return };
+        for piece in &pieces {
+            if found.send(Arrival::of(piece, clock)).await.is_err() {
+                return;
+            }
+        }
+    }
+}

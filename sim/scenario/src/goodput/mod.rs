@@ -1,0 +1,289 @@
+//! How much of a link the server fills, and how long an urgent blob waits behind bulk, in virtual time.
+//!
+//! The server is the shipped one, with its sessions, scheduler, limiter and transports. The client is a bare one
+//! (`client`): it asks for more than the link carries and reads what comes. Each case is measured in three runs:
+//!
+//! - *cold*: one blob of a million bytes, asked for as soon as there is a connection;
+//! - *steady*: nothing but bulk; what comes in ten seconds, once two have passed;
+//! - *urgent*: the same, and every half second a blob of 8,000 bytes with the highest priority; the time from asking
+//!   until its last byte is here.
+//!
+//! Shares are of the link's rate. "Payload" counts bytes of blobs, "wire" whole IP packets.
+
+mod client;
+mod scene;
+
+use std::num::NonZeroU64;
+use std::sync::Arc;
+
+use anyhow::Context as _;
+use lodestream_netsim::clock::{VirtualClock, virtual_runtime};
+use lodestream_netsim::link::LinkSettings;
+use lodestream_server::daemon::certificate::Certificate;
+use lodestream_server::daemon::{ServerState, SessionSettings};
+use serde::Serialize;
+
+use crate::plan::Transport;
+use crate::result::milliseconds;
+use crate::run::certificate;
+use client::Client;
+use scene::{BulkScene, COLD_BYTES, URGENT_BLOBS, bulk, cold, urgent};
+
+const S: u64 = 1_000_000_000;
+/// Before anything is counted.
+const WARM_UP_NS: u64 = 2 * S;
+/// What is counted over.
+const WINDOW_NS: u64 = 10 * S;
+/// Between two urgent blobs.
+const URGENT_EVERY_NS: u64 = S / 2;
+/// Priorities are the bits of a positive `f32`: beyond a factor of two above bulk's, a blob overtakes.
+const BULK_PRIORITY: u32 = 1;
+const URGENT_PRIORITY: u32 = u32::MAX / 4;
+/// After which a run is given up; a million bytes at 64 kbit/s come sooner.
+const LIMIT_NS: u64 = 600 * S;
+
+/// A link and what the server is told of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Case {
+    /// How client and server talk.
+    pub transport: Transport,
+    /// Rate of the link in both directions.
+    pub rate_bits_per_s: NonZeroU64,
+    /// Round trip without queueing.
+    pub rtt_ms: u64,
+    /// Length of the link's queue.
+    pub queue_bytes: u64,
+    /// The server's limit as a share of the rate; `None` for no limit.
+    pub limiter_share: Option<f64>,
+}
+
+impl Case {
+    fn limiter_bits_per_s(&self) -> Option<u64> {
+        self.limiter_share.map(|share| (self.rate_bits_per_s.get() as f64 * share).round() as u64)
+    }
+
+    fn link(&self) -> LinkSettings {
+        LinkSettings::constant(self.rate_bits_per_s, self.rtt_ms * 500_000, self.queue_bytes, 0)
+    }
+
+    /// A number of bytes in a time, as a share of what the link carries.
+    fn share(&self, bytes: f64, ns: u64) -> f64 {
+        let share = bytes * 8.0 / (ns as f64 / 1e9 * self.rate_bits_per_s.get() as f64);
+        (share * 1e5).round() / 1e5
+    }
+}
+
+/// What was found out about a case.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Goodput {
+    /// How client and server talked.
+    pub transport: Transport,
+    /// Rate of the link.
+    pub rate_bits_per_s: u64,
+    /// Round trip without queueing.
+    pub rtt_ms: u64,
+    /// Length of the link's queue.
+    pub queue_bytes: u64,
+    /// The server's limit as a share of the rate.
+    pub limiter_share: Option<f64>,
+    /// From the connect call until a million bytes were here.
+    pub cold_ms: f64,
+    /// These bytes in that time.
+    pub cold_share: f64,
+    /// From asking for them until they were here.
+    pub cold_asked_ms: f64,
+    /// These bytes in that time.
+    pub cold_asked_share: f64,
+    /// Nothing but bulk: bytes of blobs.
+    pub steady_share: f64,
+    /// The same with all headers and retransmissions.
+    pub steady_wire_share: f64,
+    /// Packets that found the queue full meanwhile and before.
+    pub steady_packets_dropped: u64,
+    /// With urgent blobs in between: bytes of all blobs.
+    pub urgent_share: f64,
+    /// Time that half of the urgent blobs do not exceed.
+    pub urgent_p50_ms: f64,
+    /// The longest of these times.
+    pub urgent_max_ms: f64,
+}
+
+/// Measures a case.
+///
+/// # Errors
+/// Connections that fail, and links over which a run does not end in time.
+pub fn measure(case: &Case) -> anyhow::Result<Goodput> {
+    let certificate = certificate()?;
+    let [cold_ns, cold_asked_ns] =
+        in_virtual_time(case, &certificate, async |client| run_cold(client).await)?;
+    let steady = in_virtual_time(case, &certificate, async |client| run_bulk(client, false).await)?;
+    let urgent = in_virtual_time(case, &certificate, async |client| run_bulk(client, true).await)?;
+    let mut waits = urgent.waits_ns;
+    waits.sort_unstable();
+    let place = |i: usize| waits.get(i).map_or(f64::INFINITY, |ns| milliseconds(*ns));
+    Ok(Goodput {
+        transport: case.transport,
+        rate_bits_per_s: case.rate_bits_per_s.get(),
+        rtt_ms: case.rtt_ms,
+        queue_bytes: case.queue_bytes,
+        limiter_share: case.limiter_share,
+        cold_ms: milliseconds(cold_ns),
+        cold_share: case.share(f64::from(COLD_BYTES), cold_ns),
+        cold_asked_ms: milliseconds(cold_asked_ns),
+        cold_asked_share: case.share(f64::from(COLD_BYTES), cold_asked_ns),
+        steady_share: case.share(steady.payload_bytes as f64, WINDOW_NS),
+        steady_wire_share: case.share(steady.wire_bytes, WINDOW_NS),
+        steady_packets_dropped: steady.packets_dropped,
+        urgent_share: case.share(urgent.payload_bytes as f64, WINDOW_NS),
+        urgent_p50_ms: place(waits.len().div_ceil(2).max(1) - 1),
+        urgent_max_ms: place(waits.len().max(1) - 1),
+    })
+}
+
+/// Runs something with a client of a server of its own.
+fn in_virtual_time<T>(
+    case: &Case,
+    certificate: &Certificate,
+    run: impl AsyncFnOnce(&mut Client) -> anyhow::Result<T>,
+) -> anyhow::Result<T> {
+    virtual_runtime().context("no runtime for virtual time")?.block_on(async {
+        let clock = VirtualClock::start();
+        let settings =
+            SessionSettings { rate_bits_per_s: case.limiter_bits_per_s(), ..SessionSettings::default() };
+        let state = ServerState::new(Arc::new(BulkScene::new()), settings);
+        let limit = clock.sleep_until(LIMIT_NS);
+        let work = async {
+            let mut client = Client::connect(case, clock, &state, certificate).await?;
+            run(&mut client).await
+        };
+        let done = tokio::select! {
+            biased;
+            done = work => done,
+            () = limit => Err(anyhow::anyhow!("no end after {} s of virtual time", LIMIT_NS / S)),
+        };
+        state.stop();
+        done
+    })
+}
+
+/// Time until the cold blob is here: since the connect call, and since it was asked for.
+async fn run_cold(client: &mut Client) -> anyhow::Result<[u64; 2]> {
+    let asked_ns = client.clock.now_ns();
+    client.want(&[cold()], BULK_PRIORITY).await?;
+    loop {
+        let arrival = client.next().await?;
+        if arrival.id == cold() && arrival.last {
+            return Ok([arrival.at_ns, arrival.at_ns - asked_ns]);
+        }
+    }
+}
+
+/// What came within the window.
+#[derive(Debug, Default)]
+struct Bulk {
+    payload_bytes: u64,
+    wire_bytes: f64,
+    packets_dropped: u64,
+    /// From asking for each urgent blob until it was here.
+    waits_ns: Vec<u64>,
+}
+
+async fn run_bulk(client: &mut Client, with_urgent: bool) -> anyhow::Result<Bulk> {
+    const END_NS: u64 = WARM_UP_NS + WINDOW_NS;
+    client.want(&bulk(), BULK_PRIORITY).await?;
+    let mut found = Bulk::default();
+    let mut asked_ns = Vec::new();
+    let urgent_blobs = if with_urgent { URGENT_BLOBS } else { 0 };
+    let mut at_start = None;
+    let mut over = false;
+    // The next moment at which there is something to do: the window's two ends, and each urgent blob.
+    let mut next_ns = WARM_UP_NS;
+    // The last urgent blobs may still be on their way at the end.
+    while !over || found.waits_ns.len() < asked_ns.len() {
+        tokio::select! {
+            biased;
+            () = client.clock.sleep_until(next_ns), if !over => {
+                let now = client.clock.now_ns();
+                let wire_bytes = client.wire_bytes();
+                let before = *at_start.get_or_insert(wire_bytes);
+                if now >= END_NS {
+                    over = true;
+                    found.wire_bytes = wire_bytes - before;
+                    found.packets_dropped = client.downlink().queue_full;
+                } else if asked_ns.len() < urgent_blobs as usize {
+                    client.want(&[urgent(u32::try_from(asked_ns.len())?)], URGENT_PRIORITY).await?;
+                    asked_ns.push(now);
+                    next_ns = (now + URGENT_EVERY_NS).min(END_NS);
+                } else {
+                    next_ns = END_NS;
+                }
+            }
+            arrival = client.next() => {
+                let arrival = arrival?;
+                if (WARM_UP_NS..END_NS).contains(&arrival.at_ns) {
+                    found.payload_bytes += arrival.bytes;
+                }
+                let asked = (0..).zip(&asked_ns).find(|(number, _)| urgent(*number) == arrival.id);
+                if let Some((_, asked_ns)) = asked.filter(|_| arrival.last) {
+                    found.waits_ns.push(arrival.at_ns - asked_ns);
+                }
+            }
+        }
+    }
+    Ok(found)
+}
+
+impl std::fmt::Display for Goodput {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let limiter = self.limiter_share.map_or("off".to_owned(), |share| share.to_string());
+        write!(
+            f,
+            "{}, {} Mbit/s, RTT {} ms, queue {} bytes, limiter {limiter}: cold {:.1} % ({:.1} % since asked), steady {:.1} % \
+             ({:.1} % with headers), with urgent blobs {:.1} %, of which half wait at most {:.0} ms, all {:.0} ms",
+            self.transport,
+            self.rate_bits_per_s as f64 / 1e6,
+            self.rtt_ms,
+            self.queue_bytes,
+            self.cold_share * 100.0,
+            self.cold_asked_share * 100.0,
+            self.steady_share * 100.0,
+            self.steady_wire_share * 100.0,
+            self.urgent_share * 100.0,
+            self.urgent_p50_ms,
+            self.urgent_max_ms
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn case(transport: Transport, limiter_share: Option<f64>) -> Case {
+        let rate_bits_per_s = NonZeroU64::new(2_000_000).unwrap();
+        Case { transport, rate_bits_per_s, rtt_ms: 50, queue_bytes: 512_000, limiter_share }
+    }
+
+    #[test]
+    fn a_limit_below_the_rate_keeps_the_queue_short_and_the_link_full() {
+        for transport in [Transport::Quic, Transport::Ws] {
+            let found = measure(&case(transport, Some(0.95))).unwrap();
+            // A round trip, and the blob's own time.
+            assert!((82.0..=120.0).contains(&found.urgent_max_ms), "{found}");
+            assert!(found.steady_share > 0.85 && found.steady_wire_share <= 1.0, "{found}");
+            assert!(found.urgent_share > 0.85 && found.steady_packets_dropped == 0, "{found}");
+            // A million bytes take four seconds.
+            assert!((4000.0..5000.0).contains(&found.cold_asked_ms), "{found}");
+            assert!(found.cold_ms > found.cold_asked_ms + 49.0, "{found}");
+            assert_eq!(measure(&case(transport, Some(0.95))).unwrap(), found);
+        }
+    }
+
+    #[test]
+    fn without_a_limit_quic_keeps_the_queue_short_and_what_is_urgent_over_tcp_waits_in_it() {
+        let quic = measure(&case(Transport::Quic, None)).unwrap();
+        assert!(quic.urgent_max_ms < 200.0 && quic.steady_wire_share > 0.98, "{quic}");
+        let ws = measure(&case(Transport::Ws, None)).unwrap();
+        assert!(ws.urgent_max_ms > 200.0 && ws.steady_wire_share > 0.98, "{ws}");
+    }
+}

@@ -1,0 +1,31 @@
+//! Scenarios: a plan of scenes, links and camera paths, run in virtual time, and what each run came to.
+//!
+//! Nothing here draws: who wants pictures of a run looks on as an [`observer`].
+
+mod bare_client;
+pub mod baseline;
+pub(crate) mod camera_drive;
+pub mod camera_path;
+pub mod field;
+pub mod goodput;
+pub mod ledger;
+pub mod load;
+pub mod models;
+pub(crate) mod network;
+pub mod observer;
+pub(crate) mod outcome;
+pub mod parallel;
+pub mod picture;
+pub mod plan;
+pub mod result;
+mod resume;
+pub mod run;
+pub mod scene;
+pub mod stopwatch;
+#[cfg(test)]
+mod tests;
+pub mod timeline;
+pub mod truth;
+pub(crate) mod viewer;
+
+pub use parallel::{Equipment, run, run_with};

@@ -1,0 +1,148 @@
+//! From a run that is over to its figures.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use lodestream_client::core::{Milestone, QUALITIES_PX};
+use lodestream_client::net::Host as _;
+use lodestream_protocol::Time;
+use lodestream_protocol::message::Close;
+
+use super::ledger::Use;
+use super::network::Traffic;
+use super::plan::{Case, Plan};
+use super::result::{RunResult, error_name, milliseconds};
+use super::timeline::Stalls;
+use super::viewer::Viewer;
+
+/// The place of a screen error among those that clients note. Plans are checked to name no others.
+pub(crate) fn quality<T: Copy>(noted: &[Option<T>; QUALITIES_PX.len()], px: f64) -> Option<T> {
+    QUALITIES_PX.iter().position(|q| *q == px).and_then(|i| noted[i])
+}
+
+/// Notes a value for each screen error among those that is not exceeded for the first time.
+pub(crate) fn note_quality<T: Copy>(noted: &mut [Option<T>; QUALITIES_PX.len()], error_px: f64, value: T) {
+    for (slot, px) in noted.iter_mut().zip(QUALITIES_PX) {
+        if error_px <= px {
+            slot.get_or_insert(value);
+        }
+    }
+}
+
+/// A duration as reports give it.
+pub(crate) fn after_ms(after: Duration) -> f64 {
+    milliseconds(u64::try_from(after.as_nanos()).unwrap_or(u64::MAX))
+}
+
+/// What a client has noted, whatever it is a client of.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Noted {
+    pub(crate) first_frame: Option<Milestone>,
+    pub(crate) quality: [Option<Milestone>; QUALITIES_PX.len()],
+    /// When a camera that moved came to rest.
+    pub(crate) rest: Option<Time>,
+    pub(crate) rest_quality: [Option<Duration>; QUALITIES_PX.len()],
+    pub(crate) stalls: Stalls,
+}
+
+impl RunResult {
+    /// Of a run of which nothing came, and why.
+    #[must_use]
+    pub fn nothing(plan: &Plan, case: &Case, seed: u64, why: &str) -> Self {
+        line(plan, case, seed, why, &Noted::default(), &Traffic::default())
+    }
+}
+
+/// A run's case, what its client noted and what its network saw; of everything else, nothing.
+pub(crate) fn line(
+    plan: &Plan,
+    case: &Case,
+    seed: u64,
+    ended: &str,
+    noted: &Noted,
+    traffic: &Traffic,
+) -> RunResult {
+    let bytes = |m: Option<Milestone>| m.map(|m| m.bytes);
+    let time = |m: Option<Milestone>| m.map(|m| after_ms(m.after));
+    let reached = |px| quality(&noted.quality, px);
+    let rest_quality = |px: f64| (error_name(px), quality(&noted.rest_quality, px).map(after_ms));
+    let (stalls, stalled_ns) = noted.stalls.found();
+    RunResult {
+        scene: plan.scenes[case.scene].name.clone(),
+        technique: plan.technique_name(case),
+        transport: case.transport,
+        resumed: case.resumed,
+        link: case.link.name.clone(),
+        camera: case.camera.clone(),
+        rate_bits_per_s: case.link.down.rate.first(),
+        rtt_ms: case.rtt_ms(),
+        loss: case.link.down.loss.long_run(),
+        queue_bytes: case.link.down.queue_bytes,
+        limiter_bits_per_s: case.limiter_bits_per_s,
+        seed,
+        ttff_ms: time(noted.first_frame),
+        first_frame_bytes: bytes(noted.first_frame),
+        ttq_ms: plan.ttq_px.iter().map(|&px| (error_name(px), time(reached(px)))).collect(),
+        ttq_bytes: plan.ttq_px.iter().map(|&px| (error_name(px), bytes(reached(px)))).collect(),
+        total_bytes: 0,
+        settled_ms: None,
+        ended: ended.to_owned(),
+        ended_ms: None,
+        rest_ms: noted.rest.map(|at| milliseconds(at.as_ns())),
+        rest_ttq_ms: if noted.rest.is_some() {
+            plan.ttq_px.iter().copied().map(rest_quality).collect()
+        } else {
+            BTreeMap::new()
+        },
+        assets: None,
+        instances: None,
+        applied_faces: None,
+        stalls,
+        stalled_ms: milliseconds(stalled_ns),
+        usage: Use::default(),
+        packets_lost: traffic.down.lost,
+        packets_dropped: traffic.down.queue_full,
+        packets_lost_up: traffic.up.lost,
+        packets_dropped_up: traffic.up.queue_full,
+        trace: format!("{:016x}", traffic.trace),
+        series: Vec::new(),
+        pictures: Vec::new(),
+    }
+}
+
+pub(crate) fn result(
+    plan: &Plan,
+    case: &Case,
+    seed: u64,
+    viewer: &mut Viewer<'_>,
+    close: &Close,
+    traffic: &Traffic,
+) -> RunResult {
+    let (settled, gave_up) = (viewer.settled(), viewer.gave_up());
+    let stats = viewer.core().stats();
+    let counts = viewer.core().scene().map(|header| (header.asset_count, header.instance_count));
+    let (assets, instances) = counts.unzip();
+    let noted = Noted {
+        first_frame: stats.milestones.first_frame,
+        quality: stats.milestones.quality,
+        rest: viewer.rest(),
+        rest_quality: viewer.rest_quality(),
+        stalls: viewer.stalls,
+    };
+    let ended = match (settled, gave_up) {
+        (Some(_), _) => "settled",
+        (None, true) => "time limit",
+        (None, false) => &close.reason,
+    };
+    RunResult {
+        total_bytes: settled.map_or(stats.transport_bytes, |s| s.bytes),
+        settled_ms: settled.map(|s| after_ms(s.after)),
+        ended_ms: viewer.ended().map(|at| milliseconds(at.as_ns())),
+        assets,
+        instances,
+        applied_faces: Some(stats.counters.applied_faces),
+        usage: viewer.usage(),
+        series: viewer.series.samples().to_vec(),
+        ..line(plan, case, seed, ended, &noted, traffic)
+    }
+}

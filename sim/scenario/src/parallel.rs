@@ -1,0 +1,120 @@
+//! All runs of a plan, on several threads, reported in the plan's order.
+//!
+//! A run shares nothing with another but scenes, which are only read, and the server's certificate: so
+//! results do not depend on the number of threads.
+
+use std::collections::BTreeMap;
+use std::num::NonZeroUsize;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::sync_channel;
+
+use anyhow::Context as _;
+use lodestream_protocol::source::SceneSource;
+
+use super::plan::{Case, Plan};
+use super::result::RunResult;
+use super::run::{Run, certificate};
+use crate::baseline::{self, Library, Technique};
+
+/// Results that may wait for those before them.
+const WAITING_PER_THREAD: usize = 64;
+
+/// Runs all cases of a plan with all their seeds, without pictures. `scenes` are the plan's, in its order. `report` is
+/// told of each result in the plan's order.
+///
+/// # Errors
+/// The first session, in the plan's order, that ends for another reason than that the picture is settled,
+/// the time is up, or the connection is lost; baselines that cannot be measured.
+pub fn run(
+    plan: &Plan,
+    scenes: &[Arc<dyn SceneSource>],
+    threads: NonZeroUsize,
+    report: impl FnMut(&RunResult),
+) -> anyhow::Result<Vec<RunResult>> {
+    let library = Library::prepare(plan, scenes, |_| {})?;
+    run_with(plan, scenes, Equipment { library: &library, gallery: None }, threads, report)
+}
+
+/// What runs need besides scenes.
+#[derive(Clone, Copy)]
+pub struct Equipment<'a> {
+    /// Baselines, measured already.
+    pub library: &'a Library,
+    /// Who draws the pictures that the plan asks for; `None` for none.
+    pub gallery: Option<&'a dyn Draw>,
+}
+
+/// Runs and draws what they come to.
+pub trait Draw: Sync {
+    /// Runs a case with a seed and adds its pictures to the result, where the plan asks for some. `number` is the run's
+    /// in the plan, from 0.
+    ///
+    /// # Errors
+    /// As [`Run::result`], and what keeps a picture from being drawn or kept.
+    fn drawn(&self, run: &Run<'_>, number: usize) -> anyhow::Result<RunResult>;
+}
+
+/// The same with baselines that are measured already, and with the pictures that the plan asks for.
+///
+/// # Errors
+/// As [`run`], and what the graphics device or the gallery's folder refuses.
+pub fn run_with(
+    plan: &Plan,
+    scenes: &[Arc<dyn SceneSource>],
+    equipment: Equipment<'_>,
+    threads: NonZeroUsize,
+    mut report: impl FnMut(&RunResult),
+) -> anyhow::Result<Vec<RunResult>> {
+    let certificate = certificate()?;
+    let jobs: Vec<(usize, &Case, u64)> = (0..)
+        .zip(&plan.cases)
+        .flat_map(|(number, case)| case.seeds.iter().map(move |&seed| (number, case, seed)))
+        .collect();
+    let next = AtomicUsize::new(0);
+    let work = |job: usize| -> anyhow::Result<RunResult> {
+        let (number, case, seed) = jobs[job];
+        let scene = scenes.get(case.scene).context("the plan has a scene that was not opened")?;
+        let ran = if case.technique == Technique::Lodestream {
+            let run = Run { plan, case, scene, certificate: &certificate, seed };
+            match equipment.gallery {
+                Some(gallery) => gallery.drawn(&run, job),
+                None => run.result(None),
+            }
+        } else {
+            let entry = equipment.library.find(case).context("the case's baseline was not measured")?;
+            baseline::run_case(plan, case, entry, &certificate, seed)
+        };
+        ran.with_context(|| format!("case {} of {} ({case}), seed {seed}", number + 1, plan.cases.len()))
+    };
+    let threads = threads.get().min(jobs.len().max(1));
+    std::thread::scope(|scope| {
+        let (sender, receiver) = sync_channel(threads * WAITING_PER_THREAD);
+        for _ in 0..threads {
+            let (sender, next, work) = (sender.clone(), &next, &work);
+            let count = jobs.len();
+            scope.spawn(move || {
+                loop {
+                    let job = next.fetch_add(1, Ordering::Relaxed);
+                    // The other side is gone once something has failed.
+                    if job >= count || sender.send((job, work(job))).is_err() {
+                        break;
+                    }
+                }
+            });
+        }
+        drop(sender);
+        let mut results = Vec::with_capacity(jobs.len());
+        let mut early = BTreeMap::new();
+        for (job, result) in receiver {
+            early.insert(job, result);
+            while let Some(result) = early.remove(&results.len()) {
+                // Jobs are handed out in order, so whatever comes before a failure comes here before it.
+                let result = result?;
+                report(&result);
+                results.push(result);
+            }
+        }
+        Ok(results)
+    })
+}

@@ -1,0 +1,482 @@
+//! Plans: which scenes are streamed over which links, along which camera paths, as TOML.
+//!
+//! ```toml
+//! scene = "demo"              # "demo", "demo-small", "empty", a scene.toml relative to this file, a model by
+//!                             # itself: "model:stanford-bunny.obj", from the folder of models (--models), or a
+//!                             # field of boulders: "field:assets=10,faces=10000,instances=1000"
+//! position_bits = 12          # of models by themselves; without it the default
+//! codec = "range"             # or "zstd": how scenes that are prepared here are coded
+//! viewport_px = [1280, 720]
+//! ttq_px = [1, 4, 16]         # screen errors whose time is reported, of those that the client notes
+//! time_limit_s = 600          # virtual time after which a run is given up
+//! seeds = 1                   # how many (1, 2, 3 …), or which: [3, 14]
+//!
+//! [client]                    # what of the client is not as shipped
+//! target_px = 1               # screen error that is refined to; without it the smallest of ttq_px
+//! request_depth_bytes = 65536 # kept in flight, instead of what rate and round trip need
+//! prefetch_bases = true       # base meshes of what is out of view, last
+//! stops = true                # chunks only up to the stop that suffices
+//!
+//! [link.train]                # a link by name: how it is from server to client,
+//! down = { rate_trace = { file = "train.txt", at_end = "repeat" }, delay_ms = 40, jitter_ms = 20, reorder = true }
+//! up = { rate_bits_per_s = 500_000 }      # and in what the way back differs
+//!
+//! [camera.lap]                # a camera path by name
+//! path = "orbit"              # "still", "orbit", "fly-through", "teleport" or "swing"
+//! seconds = 12
+//!
+//! [pictures]                  # draws each run, which takes it seconds: the first frame, the settled one, and
+//! at_s = [1, 3]               # seconds since the connect call
+//! size_px = [640, 360]        # in the shape of viewport_px
+//!
+//! [[sweep]]                   # one case for each combination, one run for each seed of it
+//! transport = "quic"          # or "ws"; every value may be a list, and numbers a range:
+//! resumed = [false, true]     # over a new connection, or one that a ticket resumes; not for "ws"
+//! rate_bits_per_s = { from = 2_000_000, to = 16_000_000, factor = 2 }
+//! rtt_ms = [50]
+//! loss = [0, 0.01]            # in each direction; must be 0 for "ws"
+//! queue_bytes = 65536         # in each direction
+//! limiter_share = 0.95        # the server's limit, as a share of the link's rate; without it: no limit
+//!
+//! [[sweep]]
+//! transport = "quic"
+//! link = "train"              # instead of rate_bits_per_s, rtt_ms …
+//! camera = ["still", "lap"]
+//! technique = ["lodestream", "obj-gzip"]  # or "nodes", "chain", "obj", "draco", "seed-json"
+//! seeds = 30                  # scene, time_limit_s and seeds may be given per sweep
+//! ```
+//!
+//! A direction of a link has one of `rate_bits_per_s`, `rate_steps = [{ from_s = 0, bits_per_s = 2_000_000 }, …]`
+//! and `rate_trace` (a file with a number of Mbit/s per line, one line per second; `at_end` says whether it
+//! repeats or holds its last value), `delay_ms`, `jitter_ms` (evenly distributed from 0 to that), `reorder`
+//! (whether jitter may change the order), one of `loss` and `burst_loss = { to_bad, to_good, loss_good, loss_bad }`
+//! (Gilbert and Elliott, per packet), `queue_bytes` and `mtu_bytes`. A sweep's axes are the same, but `rtt_ms`
+//! stands for twice the delay; its `up` says in what the way back differs.
+//!
+//! A path begins (`starts`) at the `"first-frame"`, once it is `"settled"` (as teleports do), or at a time in
+//! seconds. `orbit` and `teleport` turn the camera about what it looks at by `degrees`; `fly-through` goes `distance`
+//! times as far as that is away; `swing` looks `degrees` to both sides, `times` times.
+//!
+//! Cases are in the order of the sweeps, and within a sweep by scene, transport, new or resumed, then link or rate,
+//! round trip, loss, jitter, queue and MTU, then camera, then technique; runs by case and then by seed. A case of `nodes`
+//! is one for each peer of the file that `peers` names (relative to this file) or the command line.
+
+mod axis;
+mod camera;
+mod change;
+mod client;
+mod link;
+mod pictures;
+mod seeds;
+mod sweep;
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use lodestream_client::core::QUALITIES_PX;
+use lodestream_geometry::Codec;
+use lodestream_netsim::link::LinkSettings;
+use lodestream_server::prepare::recipe;
+use serde::{Deserialize, Serialize};
+
+use super::camera_path::CameraPath;
+use super::field::Field;
+use crate::baseline::Technique;
+use crate::baseline::draco::Encoder;
+use crate::baseline::peers::{self, Peer};
+use camera::CameraFile;
+use client::ClientFile;
+pub use client::ClientSettings;
+use link::LinkFile;
+pub use pictures::PictureSettings;
+use pictures::PicturesFile;
+use seeds::Seeds;
+use sweep::Sweep;
+
+/// Longest plan file.
+const MAX_PLAN_BYTES: u64 = 1 << 20;
+
+/// Most runs of one plan: a slip in a list should not cost hours.
+const MAX_RUNS: usize = 10_000;
+
+/// A plan that cannot be run: which file, which field, what is wrong.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{file}: {field}: {message}")]
+pub struct PlanError {
+    /// The plan's file.
+    pub file: String,
+    /// The field (`sweep[1].loss[0]`) or the line (`line 7`).
+    pub field: String,
+    /// What is wrong with it, and what to do.
+    pub message: String,
+}
+
+/// What is wrong, before the file is named.
+#[derive(Debug)]
+struct Fault {
+    field: String,
+    message: String,
+}
+
+impl Fault {
+    fn new(field: impl Into<String>, message: impl Into<String>) -> Self {
+        Self { field: field.into(), message: message.into() }
+    }
+
+    /// The same, with what the field is a part of.
+    fn within(self, table: &str) -> Self {
+        Self { field: format!("{table}.{}", self.field), ..self }
+    }
+}
+
+/// How client and server talk.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Transport {
+    /// QUIC over UDP.
+    Quic,
+    /// WebSocket over TCP.
+    Ws,
+}
+
+impl std::fmt::Display for Transport {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(match self {
+            Self::Quic => "quic",
+            Self::Ws => "ws",
+        })
+    }
+}
+
+/// What is streamed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum SceneChoice {
+    /// The demo scene.
+    Demo,
+    /// The demo scene's small sibling, for tests.
+    DemoSmall,
+    /// A scene without anything in it.
+    Empty,
+    /// A scene file.
+    File(PathBuf),
+    /// A scene of a given size.
+    Field(Field),
+    /// A model by itself.
+    Model {
+        /// Its file, within the folder of models.
+        file: String,
+        /// The folder, once it is known.
+        folder: Option<PathBuf>,
+        /// Bits per axis of positions; the default where `None`.
+        position_bits: Option<u8>,
+    },
+}
+
+/// A scene, and how the plan names it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PlanScene {
+    /// For the report.
+    pub name: String,
+    /// What it is.
+    pub choice: SceneChoice,
+}
+
+/// A link in both directions, as a plan describes it; headers are the transport's matter.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CaseLink {
+    /// Its name, or its rate, round trip and loss in words.
+    pub name: String,
+    /// From server to client.
+    pub down: LinkSettings,
+    /// From client to server.
+    pub up: LinkSettings,
+}
+
+/// A scene, a link, a transport over it and a camera path: what some runs are about that differ by their seeds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Case {
+    /// Index into [`Plan::scenes`].
+    pub scene: usize,
+    /// How client and server talk.
+    pub transport: Transport,
+    /// Whether the client was there before: it then has a ticket and an address token of the server's, and nothing else.
+    pub resumed: bool,
+    /// The link.
+    pub link: CaseLink,
+    /// The path's name.
+    pub camera: String,
+    /// The path.
+    pub path: CameraPath,
+    /// How the scene gets to the client.
+    pub technique: Technique,
+    /// Index into [`Plan::peers`], for [`Technique::Nodes`]; `None` where no peers are known.
+    pub peer: Option<usize>,
+    /// Rate that the server limits the session to; `None` for no limit. Below the link's rate its queue stays
+    /// short, so that what is urgent arrives sooner.
+    pub limiter_bits_per_s: Option<u64>,
+    /// Virtual time after which a run is given up.
+    pub time_limit_s: f64,
+    /// Seeds of the runs.
+    pub seeds: Arc<[u64]>,
+}
+
+impl std::fmt::Display for Case {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        if self.technique != Technique::Lodestream {
+            write!(f, "{} over ", self.technique)?;
+        }
+        let resumed = if self.resumed { " resumed" } else { "" };
+        write!(f, "{}{resumed}, {}", self.transport, self.link.name)?;
+        if self.path.moves() { write!(f, ", camera {}", self.camera) } else { Ok(()) }
+    }
+}
+
+impl Case {
+    /// Round trip without queueing and jitter.
+    #[must_use]
+    pub fn rtt_ms(&self) -> f64 {
+        (self.link.down.delay_ns + self.link.up.delay_ns) as f64 / 1e6
+    }
+}
+
+/// A whole plan.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plan {
+    /// The scenes.
+    pub scenes: Vec<PlanScene>,
+    /// Size of the picture.
+    pub viewport_px: [u32; 2],
+    /// Screen errors whose time is reported, in pixels, as the plan writes them.
+    pub ttq_px: Vec<f64>,
+    /// What the client does.
+    pub client: ClientSettings,
+    /// How scenes that are prepared for the plan are coded; as shipped where `None`.
+    pub codec: Option<Codec>,
+    /// The cases.
+    pub cases: Vec<Case>,
+    /// Peers that are given as data.
+    pub peers: Vec<Peer>,
+    /// Draco's encoder, where there is one.
+    pub draco: Option<Encoder>,
+    /// Pictures of each run; `None` for none.
+    pub pictures: Option<PictureSettings>,
+    /// The plan as it is written.
+    pub text: String,
+}
+
+impl Plan {
+    /// The same plan with one seed for every case: one run of each, as a plan with more seeds has it.
+    #[must_use]
+    pub fn with_seed(mut self, seed: u64) -> Self {
+        for case in &mut self.cases {
+            case.seeds = [seed].into();
+        }
+        self
+    }
+
+    /// The same plan with other peers: each case of [`Technique::Nodes`] once for each of them.
+    #[must_use]
+    pub fn with_peers(mut self, peers: Vec<Peer>) -> Self {
+        let numbers: Vec<Option<usize>> =
+            if peers.is_empty() { vec![None] } else { (0..peers.len()).map(Some).collect() };
+        // Cases that stand for an earlier file's peers become one again.
+        self.cases.retain(|case| matches!(case.peer, None | Some(0)));
+        let of_case = |case: Case| {
+            let own = if case.technique == Technique::Nodes { numbers.clone() } else { vec![None] };
+            own.into_iter().map(move |peer| Case { peer, ..case.clone() })
+        };
+        self.cases = self.cases.into_iter().flat_map(of_case).collect();
+        self.peers = peers;
+        self
+    }
+
+    /// The same plan with a folder of models, for scenes that name one by its file.
+    #[must_use]
+    pub fn with_models(mut self, models: Option<&Path>) -> Self {
+        for scene in &mut self.scenes {
+            if let SceneChoice::Model { folder, .. } = &mut scene.choice {
+                *folder = models.map(Path::to_owned);
+            }
+        }
+        self
+    }
+
+    /// A case's technique, with the name of the peer where it is one.
+    #[must_use]
+    pub fn technique_name(&self, case: &Case) -> String {
+        match case.peer.and_then(|peer| self.peers.get(peer)) {
+            Some(peer) => format!("{}: {}", case.technique, peer.name),
+            None => case.technique.to_string(),
+        }
+    }
+
+    /// Number of runs.
+    #[must_use]
+    pub fn runs(&self) -> usize {
+        self.cases.iter().map(|case| case.seeds.len()).sum()
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PlanFile {
+    scene: String,
+    #[serde(default = "default_viewport")]
+    viewport_px: [u32; 2],
+    #[serde(default = "default_ttq")]
+    ttq_px: Vec<f64>,
+    #[serde(default = "default_time_limit")]
+    time_limit_s: f64,
+    #[serde(default)]
+    seeds: Seeds,
+    position_bits: Option<u8>,
+    codec: Option<String>,
+    #[serde(default)]
+    client: ClientFile,
+    peers: Option<String>,
+    #[serde(default)]
+    link: BTreeMap<String, LinkFile>,
+    #[serde(default)]
+    camera: BTreeMap<String, CameraFile>,
+    pictures: Option<PicturesFile>,
+    #[serde(default)]
+    sweep: Vec<Sweep>,
+}
+
+fn default_viewport() -> [u32; 2] {
+    [1280, 720]
+}
+
+fn default_ttq() -> Vec<f64> {
+    vec![1.0, 4.0, 16.0]
+}
+
+fn default_time_limit() -> f64 {
+    600.0
+}
+
+/// A scene as plans name it; files are relative to the current folder.
+///
+/// # Errors
+/// What is no name of a scene; models by themselves, which need a plan.
+pub fn scene_choice(name: &str) -> Result<SceneChoice, PlanError> {
+    let fail = |message: &str| PlanError {
+        file: "the command line".to_owned(),
+        field: "scene".to_owned(),
+        message: format!("{name:?} {message}"),
+    };
+    match sweep::scene_choice(name, Path::new(""), None).map_err(fail)? {
+        SceneChoice::Model { .. } => Err(fail("is a model; name a scene")),
+        choice => Ok(choice),
+    }
+}
+
+/// Reads a plan, and the traces that it names.
+///
+/// # Errors
+/// Names the file and the field or line that cannot be used.
+pub fn read(path: &Path) -> Result<Plan, PlanError> {
+    read_with(path, &[])
+}
+
+/// The same with other values for some of its keys, each as `KEY=VALUE` in TOML's words: `client.target_px=4`.
+///
+/// # Errors
+/// As [`read`]; a change that is none is named in place of a field.
+pub fn read_with(path: &Path, changes: &[String]) -> Result<Plan, PlanError> {
+    let fail = |field: &str, message: String| PlanError {
+        file: path.display().to_string(),
+        field: field.to_owned(),
+        message,
+    };
+    let length = std::fs::metadata(path).map_err(|e| fail("file", format!("cannot be read: {e}")))?.len();
+    if length > MAX_PLAN_BYTES {
+        return Err(fail("file", format!("has {length} bytes; a plan has at most {MAX_PLAN_BYTES}")));
+    }
+    let text = std::fs::read_to_string(path).map_err(|e| fail("file", format!("cannot be read: {e}")))?;
+    if changes.is_empty() {
+        return parse(&text, path);
+    }
+    // What is wrong with the plan as it is written is said of its lines.
+    parse(&text, path)?;
+    let text = change::changed(&text, changes)
+        .map_err(|Fault { field, message }| fail(&format!("--set {field}"), message))?;
+    parse(&text, path)
+}
+
+/// Parses the text of a plan; `path` is named in errors, and scene and trace files are relative to it.
+///
+/// # Errors
+/// As [`read`].
+pub fn parse(text: &str, path: &Path) -> Result<Plan, PlanError> {
+    let file = path.display().to_string();
+    let plan: PlanFile = toml::from_str(text).map_err(|error| {
+        let line = error.span().map_or(1, |span| 1 + text[..span.start].matches('\n').count());
+        let message = error.message().replace('\n', " ");
+        PlanError { file: file.clone(), field: format!("line {line}"), message }
+    })?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let plan = plan.check(folder).map_err(|Fault { field, message }| PlanError { file, field, message })?;
+    Ok(Plan { text: text.to_owned(), ..plan })
+}
+
+impl PlanFile {
+    fn check(self, folder: &Path) -> Result<Plan, Fault> {
+        if let Some(i) = self.viewport_px.iter().position(|x| !(1..=16_384).contains(x)) {
+            let message = format!("{} is not a size from 1 to 16384", self.viewport_px[i]);
+            return Err(Fault::new(format!("viewport_px[{i}]"), message));
+        }
+        if self.ttq_px.is_empty() {
+            return Err(Fault::new("ttq_px", "is empty; name at least one screen error"));
+        }
+        if let Some(i) = self.ttq_px.iter().position(|x| !QUALITIES_PX.contains(x)) {
+            let message =
+                format!("{} is not one of the qualities that clients note: {QUALITIES_PX:?}", self.ttq_px[i]);
+            return Err(Fault::new(format!("ttq_px[{i}]"), message));
+        }
+        if self.sweep.is_empty() {
+            return Err(Fault::new("sweep", "there is none; add a [[sweep]] with a transport and links"));
+        }
+        if let Some(bits) = self.position_bits.filter(|bits| !(8..=24).contains(bits)) {
+            return Err(Fault::new("position_bits", format!("{bits} is not a number of bits from 8 to 24")));
+        }
+        let codec = self.codec.as_deref().map(recipe::parse_codec).transpose();
+        let codec = codec.map_err(|why| Fault::new("codec", why))?;
+        let client = self.client.check(&self.ttq_px).map_err(|fault| fault.within("client"))?;
+        let peers = self.peers.as_ref().map(|file| peers::read(&folder.join(file))).transpose();
+        let peers = peers.map_err(|why| Fault::new("peers", why.to_string()))?.unwrap_or_default();
+        let mut book = sweep::Book::new(&self, folder)?;
+        for (s, sweep) in self.sweep.iter().enumerate() {
+            book.expand(sweep).map_err(|fault| fault.within(&format!("sweep[{s}]")))?;
+        }
+        let (scenes, cases) = book.finish();
+        let viewport_px = self.viewport_px;
+        let pictures = self.pictures.map(|file| file.check(viewport_px)).transpose();
+        let pictures = pictures.map_err(|fault| fault.within("pictures"))?;
+        let plan = Plan {
+            scenes,
+            viewport_px,
+            ttq_px: self.ttq_px,
+            client,
+            codec,
+            cases,
+            peers: Vec::new(),
+            draco: None,
+            pictures,
+            text: String::new(),
+        };
+        Ok(plan.with_peers(peers))
+    }
+}
+
+/// Checks a time limit, in seconds.
+fn time_limit(seconds: f64) -> Result<f64, Fault> {
+    if seconds > 0.0 && seconds <= 1e6 {
+        Ok(seconds)
+    } else {
+        Err(Fault::new("time_limit_s", format!("{seconds} is not a time from 0 to 1e6 seconds")))
+    }
+}

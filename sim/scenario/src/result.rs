@@ -1,0 +1,167 @@
+//! What a run came to: its figures, for people and as JSON.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::baseline::Technique;
+use super::ledger::Use;
+use super::picture::Picture;
+use super::plan::Transport;
+use super::timeline::Sample;
+
+/// One run of a plan. Times count from the client's connect call, in milliseconds of virtual time;
+/// `None` where the time limit came first. Bytes are transport payload that the client received,
+/// handshake included: payload of UDP datagrams, or of TCP segments.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RunResult {
+    /// The scene, as the plan names it.
+    pub scene: String,
+    /// How the scene got to the client: "lodestream", or a baseline's name.
+    pub technique: String,
+    /// How client and server talked.
+    pub transport: Transport,
+    /// Whether the connection was resumed with a ticket of an earlier one. The cache was empty nevertheless.
+    pub resumed: bool,
+    /// The link's name, or in words what it was like.
+    pub link: String,
+    /// The camera path's name.
+    pub camera: String,
+    /// Rate of the link from server to client, at the start. This, loss and queue are that direction's.
+    pub rate_bits_per_s: u64,
+    /// Round trip without queueing and jitter.
+    pub rtt_ms: f64,
+    /// Share of packets lost at random, in the long run.
+    pub loss: f64,
+    /// Length of the link's queue.
+    pub queue_bytes: u64,
+    /// Rate that the server limited the session to; `None` for no limit.
+    pub limiter_bits_per_s: Option<u64>,
+    /// Seed of the run.
+    pub seed: u64,
+    /// Until the client core could draw every visible instance.
+    pub ttff_ms: Option<f64>,
+    /// Bytes until then.
+    pub first_frame_bytes: Option<u64>,
+    /// Until no visible part had a larger screen error, by screen error in pixels.
+    pub ttq_ms: BTreeMap<String, Option<f64>>,
+    /// Bytes until then.
+    pub ttq_bytes: BTreeMap<String, Option<u64>>,
+    /// Bytes until the selection wanted nothing more with the camera at rest, or the time limit.
+    pub total_bytes: u64,
+    /// When that was.
+    pub settled_ms: Option<f64>,
+    /// Why the run ended: "settled", "time limit", or why the connection was lost.
+    pub ended: String,
+    /// When client and server had parted.
+    pub ended_ms: Option<f64>,
+    /// When a camera that moved came to rest.
+    pub rest_ms: Option<f64>,
+    /// From then until no visible part had a larger screen error, by screen error in pixels; empty where the
+    /// camera did not move, or did not come to rest.
+    pub rest_ttq_ms: BTreeMap<String, Option<f64>>,
+    /// Pauses of half a second or more, after the first frame, in which blobs were wanted and no byte came.
+    pub stalls: u32,
+    /// How long they lasted together.
+    pub stalled_ms: f64,
+    /// Distinct assets of the scene; `None` where the client never heard of it, and for baselines.
+    pub assets: Option<u32>,
+    /// Its instances.
+    pub instances: Option<u32>,
+    /// Faces of the chunks that were applied at the end; `None` for baselines, which have no chunks.
+    pub applied_faces: Option<u64>,
+    /// What of the chunks received was of use.
+    #[serde(flatten)]
+    pub usage: Use,
+    /// Packets from server to client that the link lost at random.
+    pub packets_lost: u64,
+    /// Packets from server to client that found the link's queue full.
+    pub packets_dropped: u64,
+    /// The same from client to server.
+    pub packets_lost_up: u64,
+    /// The same from client to server.
+    pub packets_dropped_up: u64,
+    /// Fingerprint of times and sizes of everything sent, in hexadecimal: equal for equal runs.
+    pub trace: String,
+    /// Bytes and screen error over time.
+    pub series: Vec<Sample>,
+    /// Pictures, and how far each is from the settled one: the first frame, instants of the plan, the last one.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub pictures: Vec<Picture>,
+}
+
+impl RunResult {
+    /// What a first frame takes at least: two round trips (one where the connection is resumed), and the time of its
+    /// bytes at the link's rate. WebSocket without TLS takes two as well: TCP's handshake, then the upgrade.
+    #[must_use]
+    pub fn ttff_bound_ms(&self) -> Option<f64> {
+        let round_trips = if self.resumed { 1.0 } else { 2.0 };
+        let transfer_ms = |bytes: u64| bytes as f64 * 8e3 / self.rate_bits_per_s as f64;
+        // To the microsecond, as other times.
+        let bound_ms = |bytes| round_trips * self.rtt_ms + transfer_ms(bytes);
+        self.first_frame_bytes.map(|bytes| (bound_ms(bytes) * 1e3).round() / 1e3)
+    }
+}
+
+/// One line for people.
+impl std::fmt::Display for RunResult {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let or_never = |ms: Option<f64>| ms.map_or("never".to_owned(), |ms| format!("{ms:.0} ms"));
+        write!(f, "{}: ", self.scene)?;
+        if self.technique != Technique::Lodestream.name() {
+            write!(f, "{} over ", self.technique)?;
+        }
+        write!(f, "{}, {}", self.transport, self.link)?;
+        if self.resumed {
+            write!(f, ", resumed")?;
+        }
+        if self.rest_ms.is_some() {
+            write!(f, ", camera {}", self.camera)?;
+        }
+        write!(f, ", seed {}: first frame {}", self.seed, or_never(self.ttff_ms))?;
+        if let Some(bytes) = self.first_frame_bytes {
+            write!(f, " ({bytes} bytes)")?;
+        }
+        for (px, ms) in coarse_first(&self.ttq_ms) {
+            write!(f, ", {px} px {}", or_never(ms))?;
+        }
+        for (px, ms) in coarse_first(&self.rest_ttq_ms) {
+            write!(f, ", at rest {px} px {}", or_never(ms))?;
+        }
+        write!(f, ", {} bytes in all, {}", self.total_bytes, self.ended)
+    }
+}
+
+/// Times by screen error, the largest first.
+fn coarse_first(times: &BTreeMap<String, Option<f64>>) -> Vec<(&str, Option<f64>)> {
+    let mut list: Vec<_> = times.iter().map(|(px, ms)| (px.as_str(), *ms)).collect();
+    let size = |px: &str| px.parse().unwrap_or(0.0_f64);
+    list.sort_by(|a, b| size(b.0).total_cmp(&size(a.0)));
+    list
+}
+
+/// The name of a screen error in [`RunResult::ttq_ms`]: as short as it can be written.
+#[must_use]
+pub fn error_name(px: f64) -> String {
+    px.to_string()
+}
+
+/// Milliseconds of virtual time, exact to the microsecond.
+#[must_use]
+pub fn milliseconds(ns: u64) -> f64 {
+    (ns as f64 / 1e3).round() / 1e3
+}
+
+/// The bytes of a JSON file: an array with one object per line.
+///
+/// # Errors
+/// What the serialiser says; results have no values that JSON lacks.
+pub fn to_json<T: Serialize>(objects: &[T]) -> serde_json::Result<Vec<u8>> {
+    let mut json = b"[".to_vec();
+    for (i, object) in objects.iter().enumerate() {
+        json.extend_from_slice(if i == 0 { b"\n" } else { b",\n" });
+        serde_json::to_writer(&mut json, object)?;
+    }
+    json.extend_from_slice(b"\n]\n");
+    Ok(json)
+}

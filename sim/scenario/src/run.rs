@@ -1,0 +1,228 @@
+//! One run: a case of a plan and a seed, on a runtime and network of its own.
+//!
+//! What runs is what is shipped: the server's connection handlers and the client's network code and
+//! core, over quinn or over WebSocket and HTTP. Simulated are the link ([`lodestream_netsim::udp`],
+//! [`lodestream_netsim::stream_pipe`]) and the clock. Selecting, decoding, applying and reading packs happen for
+//! real, but take no virtual time; drawing takes none either, and textures count as soon as they arrive.
+//! The server's limiter is off unless the plan sets it: the link is what limits.
+
+use std::future::Future;
+use std::num::NonZeroU64;
+use std::sync::Arc;
+use std::time::{Duration, SystemTime};
+
+use anyhow::Context as _;
+use lodestream_client::net::{self, QuicConnection, QuicOpenError};
+use lodestream_netsim::clock::virtual_runtime;
+use lodestream_netsim::link::LinkSettings;
+use lodestream_protocol::message::{Close, CloseCode};
+use lodestream_protocol::source::SceneSource;
+use lodestream_protocol::view::View;
+use lodestream_server::daemon::certificate::Certificate;
+use lodestream_server::daemon::http::accept_http;
+use lodestream_server::daemon::quic::serve_quic;
+use lodestream_server::daemon::{ServerState, SessionSettings};
+use tokio::time::timeout;
+
+use super::network::{CLIENT, QuicNetwork, SERVER, TcpNetwork, Traffic};
+use super::observer::Observer;
+use super::outcome;
+use super::plan::{Case, CaseLink, Plan, Transport};
+use super::result::RunResult;
+use super::resume::QuicSettings;
+use super::viewer::Viewer;
+
+/// Virtual time that the server may take to close after the client has left.
+pub(super) const CLOSE_TIMEOUT: Duration = Duration::from_secs(60);
+
+/// Virtual time after the limit in which client and server may part by themselves.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// Rate and queue of the link over which a reference picture is fetched, and virtual time that this may take.
+const REFERENCE_BITS_PER_S: NonZeroU64 = NonZeroU64::new(10_000_000_000).expect("not zero");
+const REFERENCE_QUEUE_BYTES: u64 = 64 << 20;
+const REFERENCE_LIMIT: Duration = Duration::from_secs(60);
+
+/// A certificate whose length is always the same: its serial number is random, and one in 128 is a byte
+/// shorter than the others. Time of day and key matter to no byte count.
+///
+/// # Errors
+/// What the library that makes it says.
+pub fn certificate() -> anyhow::Result<Certificate> {
+    let mut longest: Option<Certificate> = None;
+    for _ in 0..8 {
+        let next = Certificate::self_signed(SystemTime::now())?;
+        let length = |c: &Certificate| c.chain().first().map_or(0, |der| der.len());
+        if longest.as_ref().is_none_or(|c| length(c) < length(&next)) {
+            longest = Some(next);
+        }
+    }
+    longest.context("no certificate could be made")
+}
+
+/// A case of a plan and a seed, and what a run of them needs.
+#[derive(Clone, Copy)]
+pub struct Run<'a> {
+    /// The plan.
+    pub plan: &'a Plan,
+    /// One of its cases.
+    pub case: &'a Case,
+    /// The case's scene.
+    pub scene: &'a Arc<dyn SceneSource>,
+    /// The server's certificate.
+    pub certificate: &'a Certificate,
+    /// Of lost packets, jitter and the endpoints' random numbers.
+    pub seed: u64,
+}
+
+impl Run<'_> {
+    /// Runs it, with an observer if there is one. Must not be called within a runtime.
+    ///
+    /// # Errors
+    /// A session that ends for another reason than that the picture is settled, the time is up, or the
+    /// connection is lost or silent for too long.
+    pub fn result(&self, observer: Option<&mut dyn Observer>) -> anyhow::Result<RunResult> {
+        let Self { plan, case, scene, certificate, seed } = *self;
+        let quic = if case.resumed {
+            QuicSettings::acquainted(scene, certificate)
+        } else {
+            QuicSettings::new(certificate)
+        };
+        let quic = quic?;
+        virtual_runtime().context("no runtime for virtual time")?.block_on(async {
+            let settings =
+                SessionSettings { rate_bits_per_s: case.limiter_bits_per_s, ..SessionSettings::default() };
+            let state = ServerState::new(Arc::clone(scene), settings);
+            let limit = Duration::from_secs_f64(case.time_limit_s);
+            let mut viewer = Viewer::new(plan.viewport_px, plan.client, case.path, limit, observer);
+            let (close, traffic) = match case.transport {
+                Transport::Quic => run_quic(case, state, quic, seed, limit, &mut viewer).await?,
+                Transport::Ws => run_websocket(case, state, seed, limit, &mut viewer).await?,
+            };
+            viewer.end();
+            let by_the_link = matches!(close.code, CloseCode::Lost | CloseCode::Timeout);
+            if viewer.settled().is_none() && !viewer.gave_up() && !by_the_link {
+                anyhow::bail!("the session ended early: {close}");
+            }
+            Ok(outcome::result(plan, case, seed, &mut viewer, &close, &traffic))
+        })
+    }
+
+    /// Shows an observer a viewer of the same scene whose camera stands still at a pose, until nothing more is wanted:
+    /// over a link on which that takes next to no time. Must not be called within a runtime.
+    ///
+    /// # Errors
+    /// As [`Run::result`].
+    pub fn settle_at(&self, view: View, observer: &mut dyn Observer) -> anyhow::Result<()> {
+        let fast = LinkSettings::constant(REFERENCE_BITS_PER_S, 0, REFERENCE_QUEUE_BYTES, 0);
+        let link = CaseLink { name: String::new(), down: fast.clone(), up: fast };
+        let case = Case {
+            transport: Transport::Ws,
+            resumed: false,
+            link,
+            limiter_bits_per_s: None,
+            ..self.case.clone()
+        };
+        virtual_runtime().context("no runtime for virtual time")?.block_on(async {
+            let state = ServerState::new(Arc::clone(self.scene), SessionSettings::default());
+            let mut viewer = Viewer::at_pose(view, REFERENCE_LIMIT, observer);
+            run_websocket(&case, state, 0, REFERENCE_LIMIT, &mut viewer).await?;
+            viewer.end();
+            Ok(())
+        })
+    }
+}
+
+/// Waits for the end of a session, but not for ever: one that is not over a while after the time limit, as
+/// where the server never answers at all, is cut off.
+pub(crate) async fn end_of(session: impl Future<Output = Close>, limit: Duration) -> Close {
+    let cut_off = || Close::new(CloseCode::Lost, "no end in sight: cut off a minute after the time limit");
+    timeout(limit + PATIENCE, session).await.unwrap_or_else(|_| cut_off())
+}
+
+async fn run_quic(
+    case: &Case,
+    state: Arc<ServerState>,
+    quic: QuicSettings,
+    seed: u64,
+    limit: Duration,
+    viewer: &mut Viewer<'_>,
+) -> anyhow::Result<(Close, Traffic)> {
+    let QuicNetwork { network, server, client } = QuicNetwork::open(&case.link, quic.server, seed)?;
+    let serving = tokio::spawn(serve_quic(server, Arc::clone(&state)));
+
+    // The name is not looked at: the certificate is pinned.
+    let connecting = client.connect_with(quic.client, SERVER, "localhost")?;
+    let close = match QuicConnection::open(connecting, limit).await {
+        Ok(connection) => {
+            anyhow::ensure!(connection.is_early() == case.resumed, "the first session brought no ticket");
+            let clock = viewer.clock();
+            end_of(net::run_quic(connection, viewer, clock), limit).await
+        }
+        Err(QuicOpenError::Timeout) => Close::new(CloseCode::Lost, "no connection within the time limit"),
+        Err(why) => Close::new(CloseCode::Lost, format!("no connection: {why}")),
+    };
+    let traffic = Traffic::over_udp(&network);
+    state.stop();
+    let _ = timeout(CLOSE_TIMEOUT, serving).await;
+    Ok((close, traffic))
+}
+
+async fn run_websocket(
+    case: &Case,
+    state: Arc<ServerState>,
+    seed: u64,
+    limit: Duration,
+    viewer: &mut Viewer<'_>,
+) -> anyhow::Result<(Close, Traffic)> {
+    let served = Arc::clone(&state);
+    let serve = |server| accept_http(server, served, CLIENT);
+    let TcpNetwork { client, in_time, serving, counters } =
+        TcpNetwork::open(&case.link, seed, limit, serve).await?;
+    let close = if in_time {
+        let client_clock = viewer.clock();
+        let host = SERVER.to_string();
+        end_of(net::run_websocket(client, &host, viewer, client_clock), limit).await
+    } else {
+        Close::new(CloseCode::Lost, "no connection within the time limit")
+    };
+    let traffic = Traffic::over_tcp(&counters);
+    state.stop();
+    let _ = timeout(CLOSE_TIMEOUT, serving).await;
+    Ok((close, traffic))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{plan, tests::small_scene};
+    use super::*;
+
+    #[test]
+    fn the_client_counts_the_bytes_that_the_network_delivers() {
+        let text = "scene = \"demo-small\"\n[[sweep]]\ntransport = \"quic\"\n\
+                    rate_bits_per_s = [2_000_000]\nrtt_ms = [50]\nloss = [0.02]\n[[sweep]]\n\
+                    transport = \"ws\"\nrate_bits_per_s = [2_000_000]\nrtt_ms = [50]\n";
+        let plan = plan::parse(text, std::path::Path::new("test.toml")).unwrap();
+        let certificate = certificate().unwrap();
+        for case in &plan.cases {
+            let (counted, delivered) = virtual_runtime().unwrap().block_on(async {
+                let state = ServerState::new(small_scene(), SessionSettings::default());
+                let limit = Duration::from_secs(60);
+                let mut viewer = Viewer::new([640, 360], plan.client, case.path, limit, None);
+                let (_, traffic) = match case.transport {
+                    Transport::Quic => {
+                        let quic = QuicSettings::new(&certificate).unwrap();
+                        run_quic(case, state, quic, 1, limit, &mut viewer).await
+                    }
+                    Transport::Ws => run_websocket(case, state, 1, limit, &mut viewer).await,
+                }
+                .unwrap();
+                let delivered = traffic.down.arrived_payload_bytes;
+                (net::Host::core(&mut viewer).stats().transport_bytes, delivered)
+            });
+            // A packet or two may still be on its way when the client has left.
+            assert!(counted <= delivered && delivered - counted < 5000, "{case}: {counted} of {delivered}");
+            assert!(counted > 50_000, "{case}: {counted}");
+        }
+    }
+}

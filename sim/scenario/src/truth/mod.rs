@@ -1,0 +1,65 @@
+//! Does virtual time tell the truth? The cases of a plan, in virtual time and again in real time.
+//!
+//! In real time run the shipped daemon on its own threads, its real sockets on loopback, a relay in user
+//! space ([`relay_udp`], [`relay_tcp`]) that holds back what passes by the same link code ([`lodestream_netsim::link`],
+//! [`lodestream_netsim::tcp`]), and the simulator's client. What differs is what virtual time leaves out: the time
+//! that computing takes, the wake-ups of a real system, and the buffers of real sockets.
+//!
+//! A machine that does something else at the same time shows in the figures, so each case is repeated
+//! and the median is compared; least and greatest stand beside it.
+
+mod real;
+pub mod relay_tcp;
+pub mod relay_udp;
+mod report;
+
+use std::sync::Arc;
+
+use lodestream_protocol::source::SceneSource;
+
+use crate::baseline::Technique;
+use crate::plan::Plan;
+use crate::result::RunResult;
+pub use report::{Comparison, Difference, Figure, compare, figures};
+
+/// Times a case may be repeated in real time.
+pub const MAX_REPEATS: u32 = 100;
+
+/// Runs the cases of a plan, each with its first seed, in virtual time and `repeats` times in real time, one
+/// after the other. `report` is told of each case. `scenes` are the plan's, in its order.
+///
+/// # Errors
+/// A plan of nothing that can be repeated, sockets that the system refuses, and whatever ends a run early.
+pub fn run(
+    plan: &Plan,
+    scenes: &[Arc<dyn SceneSource>],
+    repeats: u32,
+    mut report: impl FnMut(&Comparison),
+) -> anyhow::Result<Vec<Comparison>> {
+    if let Some(other) = plan.cases.iter().find(|case| case.technique != Technique::Lodestream) {
+        anyhow::bail!(
+            "{} cannot be fetched in real time: there is no server for it; leave it out of the plan",
+            other.technique
+        );
+    }
+    if plan.cases.iter().any(|case| case.resumed) {
+        anyhow::bail!("resumed connections are not compared with real time; leave `resumed` out of the plan");
+    }
+    let mut all = Vec::with_capacity(plan.cases.len());
+    for case in &plan.cases {
+        let mut alone = plan.clone();
+        alone.cases = vec![case.clone()];
+        let first = case.seeds.first().copied().unwrap_or(1);
+        alone.cases[0].seeds = [first].into();
+        let one = std::num::NonZeroUsize::MIN;
+        let Some(simulated) = crate::run(&alone, scenes, one, |_| {})?.pop() else { continue };
+        let scene = &scenes[case.scene];
+        let measured = (0..repeats)
+            .map(|_| real::run_case(plan, case, scene, first))
+            .collect::<anyhow::Result<Vec<RunResult>>>()?;
+        let comparison = compare(&simulated, &measured);
+        report(&comparison);
+        all.push(comparison);
+    }
+    Ok(all)
+}

@@ -1,0 +1,246 @@
+//! The client of a simulated run: the shipped core, moved along a camera path, watched where a plan asks for pictures.
+
+use std::future::Future;
+use std::time::Duration;
+
+use lodestream_client::core::{ClientCore, Config, Progress, QUALITIES_PX, StartView};
+use lodestream_client::net::{Clock, Host};
+use lodestream_protocol::Time;
+use lodestream_protocol::view::View;
+
+use super::camera_drive::{CameraDrive, Phase, Reached};
+use super::camera_path::CameraPath;
+use super::ledger::{Ledger, Use};
+use super::observer::Observer;
+use super::outcome::note_quality;
+use super::plan::ClientSettings;
+use super::timeline::{Sample, Series, Stalls};
+
+/// How a run ended, as seen by the client.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Settled {
+    pub(crate) after: Duration,
+    pub(crate) bytes: u64,
+}
+
+/// Runs the core after everything that arrives, without a budget: decoding and applying take no virtual
+/// time. Leaves once the camera is at rest and nothing more is wanted, or at the time limit.
+#[derive(Debug)]
+pub(crate) struct Viewer<'a> {
+    core: ClientCore,
+    clock: Clock,
+    limit: Time,
+    drive: CameraDrive,
+    /// Selections made before the camera came to rest.
+    selections_before_rest: u64,
+    rest_quality: [Option<Duration>; QUALITIES_PX.len()],
+    settled: Option<Settled>,
+    gave_up: bool,
+    ended: Option<Time>,
+    ledger: Ledger,
+    pub(super) series: Series,
+    pub(super) stalls: Stalls,
+    /// What was seen last.
+    seen: Sample,
+    observer: Option<&'a mut dyn Observer>,
+}
+
+impl<'a> Viewer<'a> {
+    /// A client that calls connect now, watched by an observer if there is one.
+    pub(crate) fn new(
+        viewport_px: [u32; 2],
+        client: ClientSettings,
+        path: CameraPath,
+        time_limit: Duration,
+        observer: Option<&'a mut dyn Observer>,
+    ) -> Self {
+        let start = StartView::OfScene { viewport_px, target_px: client.target_px };
+        Self::starting(start, viewport_px, client, path, time_limit, observer)
+    }
+
+    /// A client whose camera stands still at a pose.
+    pub(super) fn at_pose(view: View, time_limit: Duration, observer: &'a mut dyn Observer) -> Self {
+        let (start, path) = (StartView::Given(view), CameraPath::STILL);
+        let client = ClientSettings::to(view.target_px);
+        Self::starting(start, view.viewport_px, client, path, time_limit, Some(observer))
+    }
+
+    fn starting(
+        start: StartView,
+        viewport_px: [u32; 2],
+        client: ClientSettings,
+        path: CameraPath,
+        time_limit: Duration,
+        observer: Option<&'a mut dyn Observer>,
+    ) -> Self {
+        let mut config = Config::new(start);
+        // Where nobody looks on, textures are fetched and counted, but their pixels are not decoded. An observer takes
+        // what is decoded before it is much, so that decoding never has to wait.
+        config.track_changes = observer.is_some();
+        config.max_waiting_bytes = usize::MAX;
+        config.track_received = true;
+        client.apply(&mut config);
+        let mut core = ClientCore::new(config);
+        let clock = Clock::start();
+        core.begin(clock.now());
+        Self {
+            core,
+            clock,
+            limit: Time::from(time_limit),
+            drive: CameraDrive::new(path, viewport_px, client.target_px),
+            selections_before_rest: 0,
+            rest_quality: [None; QUALITIES_PX.len()],
+            settled: None,
+            gave_up: false,
+            ended: None,
+            ledger: Ledger::default(),
+            series: Series::default(),
+            stalls: Stalls::default(),
+            seen: Sample { at_ns: 0, bytes: 0, error_px: None },
+            observer,
+        }
+    }
+
+    pub(crate) fn clock(&self) -> Clock {
+        self.clock
+    }
+
+    pub(crate) fn settled(&self) -> Option<Settled> {
+        self.settled
+    }
+
+    /// Whether the time limit came before the picture was settled.
+    pub(crate) fn gave_up(&self) -> bool {
+        self.gave_up
+    }
+
+    /// When the camera came to rest, if it moved.
+    pub(crate) fn rest(&self) -> Option<Time> {
+        self.drive.rest()
+    }
+
+    /// Time from then until every visible part had a screen error of at most [`QUALITIES_PX`] pixels.
+    pub(crate) fn rest_quality(&self) -> [Option<Duration>; QUALITIES_PX.len()] {
+        self.rest_quality
+    }
+
+    /// The session is over.
+    pub(crate) fn end(&mut self) {
+        let now = self.clock.now();
+        self.ended = Some(now);
+        self.stalls.end(now.min(self.limit));
+        if let Some(observer) = &mut self.observer {
+            let settled = self.settled;
+            // A picture that is settled stays what it is while the session closes.
+            let at_ns = settled.map_or(now.min(self.limit).as_ns(), |s| Time::from(s.after).as_ns());
+            let bytes = settled.map_or(self.seen.bytes, |s| s.bytes);
+            observer.end(&mut self.core, Sample { at_ns, bytes, ..self.seen }, settled.is_some());
+        }
+    }
+
+    /// When that was.
+    pub(crate) fn ended(&self) -> Option<Time> {
+        self.ended
+    }
+
+    /// What of the chunks received was of use.
+    pub(crate) fn usage(&self) -> Use {
+        self.ledger.close(&self.core)
+    }
+
+    /// What the path may wait for, once the scene is known.
+    fn reached(&self) -> Option<Reached> {
+        self.core.scene().map(|_| Reached {
+            first_frame: self.core.milestones().first_frame.is_some(),
+            settled: self.core.is_settled(),
+        })
+    }
+
+    /// Puts the camera where it is now.
+    fn move_camera(&mut self, now: Time) {
+        let start = self.core.scene().map(|header| header.camera);
+        let Some((start, reached)) = start.zip(self.reached()) else { return };
+        let Some(view) = self.drive.advance(now, &start, reached) else { return };
+        // A view that is the same already is selected for already.
+        let news = self.core.view() != Some(view);
+        self.core.set_view(now, view);
+        let seen = self.core.last_selection().0;
+        self.selections_before_rest = if news { seen } else { seen.saturating_sub(1) };
+    }
+
+    /// Notes what the last update came to.
+    fn observe(&mut self, now: Time) {
+        self.ledger.observe(&self.core);
+        let (number, selection) = self.core.last_selection();
+        let counters = selection.counters;
+        let bytes = self.core.received_bytes();
+        let drawn = self.core.milestones().first_frame.is_some();
+        let complete = drawn && counters.drawable_instances >= counters.visible_instances;
+        let error_px = Some(counters.max_screen_error_px).filter(|px| complete && px.is_finite());
+        self.seen = Sample { at_ns: now.as_ns(), bytes, error_px };
+        self.series.push(self.seen);
+        if drawn {
+            self.stalls.observe(now, bytes, !counters.settled);
+        }
+        // What a selection says of an earlier view is no news of this one.
+        let of_this_view = match self.drive.phase() {
+            Phase::Waiting => !self.drive.moves(),
+            Phase::Moving { .. } => false,
+            Phase::Resting { since } => {
+                let seen = number > self.selections_before_rest;
+                if let Some(error_px) = error_px.filter(|_| seen) {
+                    note_quality(&mut self.rest_quality, error_px, now.since(since));
+                }
+                seen
+            }
+        };
+        if self.settled.is_none() && of_this_view && self.core.is_settled() {
+            let first = self.core.stats().settled_after.filter(|_| !self.drive.moves());
+            self.settled = Some(Settled { after: first.unwrap_or(Duration::from(now)), bytes });
+        }
+        self.gave_up = self.settled.is_none() && now >= self.limit;
+    }
+}
+
+impl Host for Viewer<'_> {
+    fn core(&mut self) -> &mut ClientCore {
+        &mut self.core
+    }
+
+    fn turn(&mut self, now: Time) -> Progress {
+        if let Some(observer) = &mut self.observer {
+            observer.before(now, &mut self.core, self.seen);
+        }
+        self.move_camera(now);
+        let progress = self.core.update(now, u64::MAX);
+        self.observe(now);
+        if let Some(observer) = &mut self.observer {
+            observer.after(&mut self.core, self.seen);
+        }
+        progress
+    }
+
+    fn wake(&mut self) -> impl Future<Output = ()> {
+        let until = if self.wants_to_leave() {
+            // The last words are the transport's matter.
+            None
+        } else {
+            let next = self.drive.next_move(self.clock.now(), self.reached());
+            Some(next.map_or(self.limit, |next| next.min(self.limit)))
+        };
+        let clock = self.clock;
+        async move {
+            match until {
+                Some(until) => {
+                    let left = Duration::from(until).saturating_sub(Duration::from(clock.now()));
+                    tokio::time::sleep(left).await;
+                }
+                None => std::future::pending().await,
+            }
+        }
+    }
+
+    fn wants_to_leave(&self) -> bool {
+        self.settled.is_some() || self.gave_up
+    }
+}
