@@ -41,12 +41,15 @@ install_packages() {
         fail "apt-get could not install: $*"
 }
 
-# System packages: a C and C++ toolchain, Vulkan with at least a software driver; with "window", what a
-# window under X11 loads at run time.
+# System packages: a C and C++ toolchain, Vulkan with at least a software driver; with "tests", what tests run beside
+# cargo; with "window", what a window under X11 loads at run time.
 ensure_system() {
     local missing=()
     have cc && have c++ || missing+=(build-essential)
     have pkg-config || missing+=(pkg-config)
+    if [ "${1:-}" = tests ]; then
+        have python3 || missing+=(python3)
+    fi
     if ! have cargo && ! [ -x "$HOME/.cargo/bin/cargo" ]; then
         have curl || missing+=(curl ca-certificates)
     fi

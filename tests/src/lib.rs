@@ -11,6 +11,7 @@
 //! | `packs` | the same input gives the same packs; caches; exports; checks |
 //! | `bad_input` | what users may get wrong, and what disks may do to packs |
 //! | `terrain` | features of a terrain arrive, and only where a view needs them |
+//! | `wire` | docs/protocol.md is true: a reader written from it understands recorded sessions |
 //! | `models` | models of your own: `LODESTREAM_MODELS=DIR` |
 //!
 //! Scenes are generated and small. Tests on real sockets use loopback and give up after a bound that is
@@ -39,3 +40,5 @@ mod settled;
 mod support;
 #[cfg(test)]
 mod terrain;
+#[cfg(test)]
+mod wire;

@@ -1,0 +1,653 @@
+#!/usr/bin/env python3
+"""Reads a recorded session of Lodestream: what docs/protocol.md says, and nothing else.
+
+    python3 docs/protocol/reader.py RECORDING.json            prints what was said, as JSON
+    python3 docs/protocol/reader.py RECORDING.json --dump     prints the bytes with their meaning
+
+A recording is JSON. Over QUIC: {"transport": "quic", "streams": [{"from": "server", "number": 3, "bytes": HEX}]}, a
+stream each; over WebSocket: {"transport": "websocket", "from_client": HEX, "from_server": HEX}, all that went over
+the TCP connection. Python's standard library is all that is needed. What is not as the page says ends the program.
+"""
+
+import base64
+import hashlib
+import json
+import struct
+import sys
+
+CLIENT_TAGS = {1: "Hello", 2: "Want", 3: "Cancel", 0x84: "SetView", 5: "WantScenePages", 6: "Ping", 7: "Bye"}
+SERVER_TAGS = {0x41: "Welcome", 0x42: "ScenePage", 0x43: "Refused", 0xC4: "BasesSent", 0xC5: "Done",
+               0x46: "Pong", 0x47: "Close", 0x48: "Piece"}
+REFUSED = ["NotFound", "Unreadable", "QueueFull", "TooLong", "OutOfRange"]
+CLOSE_CODES = ["Normal", "ShuttingDown", "Version", "NoSuchScene", "Protocol", "Limit", "Timeout", "Busy", "Lost"]
+STAMPS = ["ridge", "valley", "crater", "plateau", "river bed"]
+TERRAIN = 0xFFFFFFFF
+MAX_BODY, MAX_PIECE, MAX_BLOB = 65536, 16384, 1 << 26
+ZSTD = bytes.fromhex("28b52ffd")
+
+
+class Broken(Exception):
+    """What was read is not what the page says."""
+
+
+def ensure(holds, why):
+    if not holds:
+        raise Broken(why)
+
+
+class Bytes:
+    """A cursor over bytes that notes where each field lies."""
+
+    def __init__(self, data, at=0, end=None, notes=None):
+        self.data, self.at = data, at
+        self.end = len(data) if end is None else end
+        self.notes = [] if notes is None else notes
+
+    def take(self, count):
+        ensure(self.at + count <= self.end, f"the bytes end early, at {self.at} of {self.end}")
+        taken = self.data[self.at:self.at + count]
+        self.at += count
+        return taken
+
+    def left(self):
+        return self.end - self.at
+
+    def part(self, count):
+        """A cursor over the next `count` bytes, which this one passes over."""
+        part = Bytes(self.data, self.at, self.at + count, self.notes)
+        self.take(count)
+        return part
+
+    def finish(self, what):
+        ensure(self.left() == 0, f"{self.left()} bytes are left over behind {what}")
+
+    def note(self, name, read, show=None):
+        """Reads with `read` and notes the bytes under a name."""
+        start = self.at
+        value = read()
+        self.notes.append((start, self.at, f"{name}: {show(value) if show else value}" if name else show(value)))
+        return value
+
+    # Values of messages.
+    def u8(self):
+        return self.take(1)[0]
+
+    def fixed(self, count):
+        return int.from_bytes(self.take(count), "little")
+
+    def integer(self, width):
+        first = self.u8()
+        if first <= 250:
+            return first
+        count = {251: 2, 252: 4, 253: 8}.get(first)
+        ensure(count is not None and count <= width, f"an integer of {width} bytes begins with {first}")
+        return self.fixed(count)
+
+    def u16(self):
+        return self.integer(2)
+
+    def u32(self):
+        return self.integer(4)
+
+    def u64(self):
+        return self.integer(8)
+
+    def i32(self):
+        return unzigzag(self.u32())
+
+    def f32(self):
+        return struct.unpack("<f", self.take(4))[0]
+
+    def f64(self):
+        return struct.unpack("<d", self.take(8))[0]
+
+    def flag(self):
+        value = self.u8()
+        ensure(value <= 1, f"a bool or option of {value}")
+        return value == 1
+
+    def text(self):
+        return self.take(self.u64()).decode("utf-8")
+
+    def leb128(self):
+        value = shift = 0
+        while True:
+            byte = self.u8()
+            value |= (byte & 0x7F) << shift
+            shift += 7
+            if byte < 0x80:
+                return value
+
+
+def unzigzag(code):
+    return code >> 1 ^ -(code & 1)
+
+
+def floats(read, count):
+    return lambda: [read() for _ in range(count)]
+
+
+def rounded(value):
+    if isinstance(value, list):
+        return ", ".join(rounded(x) for x in value)
+    return f"{value:.6g}"
+
+
+class Reader:
+    """Fields of messages, each noted; `b` is the cursor."""
+
+    def __init__(self, cursor):
+        self.b = cursor
+
+    def f(self, name, read, show=None):
+        return self.b.note(name, read, show)
+
+    def numbers(self, name, read, count):
+        return self.f(name, floats(read, count), rounded)
+
+    def number(self, name, read):
+        return self.f(name, read, rounded)
+
+    def fingerprint(self, name="fingerprint"):
+        return self.f(name, lambda: self.b.take(16).hex(), lambda _: "16 bytes")
+
+    def option(self, name, read):
+        there = self.f(name, self.b.flag, lambda there: "there" if there else "none")
+        return read() if there else None
+
+    def vec(self, name, read, most):
+        count = self.f(name, self.b.u64, lambda n: f"{n} of them")
+        ensure(count <= most, f"{count} {name}, at most {most}")
+        return [read() for _ in range(count)]
+
+    # Blob ids.
+    def blob_id(self, name="id"):
+        return self.f(name, self.read_id, show_id)
+
+    def read_id(self):
+        asset, part = self.b.u32(), self.b.u32()
+        found = {"asset": "terrain" if asset == TERRAIN else asset}
+        if part == 0:
+            found["base"] = True
+        elif part == 1:
+            found["page"] = self.b.u32()
+        elif part == 2:
+            found["chunk"] = self.b.u32()
+        elif part == 3:
+            found["texture"], found["level"] = self.b.u16(), self.b.u8()
+        else:
+            raise Broken(f"a blob id of part {part}")
+        return found
+
+    # From the client.
+    def hello(self):
+        return {
+            "version_min": self.f("version_min", self.b.u16),
+            "version_max": self.f("version_max", self.b.u16),
+            "scene": self.f("scene", self.b.text, repr),
+            "view": self.option("view", self.view),
+            "max_blob_bytes": self.f("max_blob_bytes", self.b.u32),
+            "budget_bytes": self.f("budget_bytes", self.b.u64),
+            "fingerprint": self.fingerprint(),
+            "have": self.vec("have", self.blob_id, 4096),
+        }
+
+    def view(self):
+        return {
+            "eye": self.numbers("eye", self.b.f64, 3),
+            "rotation": self.numbers("rotation", self.b.f32, 4),
+            "fov_y": self.number("fov_y", self.b.f32),
+            "viewport_px": self.f("viewport_px", floats(self.b.u32, 2)),
+            "target_px": self.number("target_px", self.b.f32),
+        }
+
+    def want(self):
+        return {
+            "id": self.blob_id(),
+            "priority": self.f("priority", self.b.u32),
+            "offset": self.f("offset", self.b.u32),
+            "end": self.option("end", lambda: self.f("end", self.b.u32)),
+        }
+
+    # From the server.
+    def welcome(self):
+        return {
+            "version": self.f("version", self.b.u16),
+            "session": self.f("session", self.b.u64),
+            "rate_bits_per_s": self.f("rate_bits_per_s", self.b.u64),
+            "idle_timeout_ms": self.f("idle_timeout_ms", self.b.u32),
+            "scene": self.header(),
+        }
+
+    def header(self):
+        return {
+            "name": self.f("name", self.b.text, repr),
+            "fingerprint": self.fingerprint(),
+            "asset_count": self.f("asset_count", self.b.u32),
+            "instance_count": self.f("instance_count", self.b.u32),
+            "page_count": self.f("page_count", self.b.u32),
+            "light": {
+                "direction": self.numbers("light.direction", self.b.f32, 3),
+                "color": self.numbers("light.color", self.b.f32, 3),
+                "ambient": self.numbers("light.ambient", self.b.f32, 3),
+            },
+            "background": self.numbers("background", self.b.f32, 3),
+            "terrain": self.option("terrain", self.terrain),
+            "camera": {
+                "eye": self.numbers("camera.eye", self.b.f64, 3),
+                "target": self.numbers("camera.target", self.b.f64, 3),
+                "up": self.numbers("camera.up", self.b.f32, 3),
+                "fov_y": self.number("camera.fov_y", self.b.f32),
+            },
+        }
+
+    def terrain(self):
+        b = self.b
+        seed = self.f("seed", lambda: b.fixed(8))
+        levels = self.f("n, erosion level", b.u8)
+        extent = self.f("e, distribution", b.u8)
+        ensure(extent >> 6 == 0, "unknown flags of a terrain")
+        entry = {
+            "seed": seed,
+            "finest_level": levels & 15,
+            "erosion_level": levels >> 4,
+            "extent_log2": extent & 31,
+            "gaussian": extent >> 5 == 1,
+            "amplitude": self.f("amplitude", lambda: b.fixed(4)),
+            "roughness": self.f("roughness", lambda: b.fixed(2)),
+            "base": self.f("base", lambda: struct.unpack("<i", b.take(4))[0]),
+            "passes": self.f("passes", b.u8),
+            "talus": self.f("talus", lambda: b.fixed(2)),
+            "spike_limit": self.f("spike limit", b.u8),
+            "unit": self.number("unit", b.f32),
+            "height_unit": self.number("height_unit", b.f32),
+            "zones": self.numbers("zones", b.f32, 3),
+        }
+        length = self.f("stamps", b.u64, lambda n: f"{n} bytes")
+        entry["stamps"] = Reader(b.part(length)).stamps() if length else []
+        entry["patches"] = self.f("patches", b.u32)
+        return entry
+
+    def stamps(self):
+        stamps = [self.stamp() for _ in range(self.f("stamps", self.b.leb128))]
+        self.b.finish("the stamps")
+        return stamps
+
+    def stamp(self):
+        b = self.b
+        head = self.f("stamp", b.u8)
+        kind = head & ~8
+        ensure(kind < len(STAMPS), f"a stamp of kind {kind}")
+        count = self.f("positions", b.leb128) if kind == 4 else 2 if kind < 2 else 1
+        line, last = [], [0, 0]
+        for _ in range(count):
+            last = self.f("position", lambda: [x + unzigzag(b.leb128()) for x in last])
+            line.append(last)
+        stamp = {"kind": STAMPS[kind], "fixed": head & 8 != 0, "line": line}
+        stamp["length"] = self.f("length", b.leb128)
+        stamp["height"] = self.f("height", lambda: unzigzag(b.leb128()))
+        if kind == 2:
+            stamp["rim"] = self.f("rim", lambda: unzigzag(b.leb128()))
+        if kind == 3:
+            stamp["falloff"] = self.f("falloff", b.leb128)
+        return stamp
+
+    def page(self):
+        return {
+            "page": self.f("page", self.b.u32),
+            "first_asset": self.f("first_asset", self.b.u32),
+            "first_instance": self.f("first_instance", self.b.u32),
+            "assets": self.vec("assets", self.asset, 64),
+            "instances": self.vec("instances", self.instance, 64),
+        }
+
+    def asset(self):
+        short = self.f("short", self.b.flag)
+        return {
+            "name": self.f("name", self.b.text, repr),
+            "fingerprint": self.fingerprint(),
+            "origin": self.numbers("origin", self.b.f32 if short else self.b.f64, 3),
+            "center": self.numbers("sphere's centre", self.b.f32, 3),
+            "radius": self.number("its radius", self.b.f32),
+            "root_error": self.number("root_error", self.b.f32),
+            "base_bytes": self.f("base_bytes", self.b.u32),
+            "chunk_count": self.f("chunk_count", self.b.u32),
+        }
+
+    def instance(self):
+        flags = self.f("flags", self.b.u8)
+        ensure(flags < 16, f"unknown flags of an instance: {flags}")
+        asset = self.f("asset", self.b.u32)
+        translation = self.numbers("translation", self.b.f32 if flags & 1 else self.b.f64, 3)
+        rotation = [0.0, 0.0, 0.0, 1.0]
+        if not flags & 2:
+            if flags & 4:
+                y, w = self.numbers("rotation about y", self.b.f32, 2)
+                rotation = [0.0, y, 0.0, w]
+            else:
+                rotation = self.numbers("rotation", self.b.f32, 4)
+        scale = 1.0 if flags & 8 else self.number("scale", self.b.f32)
+        return {"asset": asset, "translation": translation, "rotation": rotation, "scale": scale}
+
+    def named(self, name, names):
+        def read():
+            number = self.b.u32()
+            ensure(number < len(names), f"a {name} of {number}")
+            return names[number]
+        return self.f(name, read)
+
+    # Blobs.
+    def base(self):
+        b = self.b
+        version = self.f("version", b.u8)
+        ensure(version == 3, f"a base mesh of format version {version}")
+        bits = self.f("position bits", b.u8)
+        kinds = self.f("kinds", b.u8)
+        levels = self.f("level_count", b.u8)
+        shifts = self.f("shifts", lambda: list(b.take(1 + (levels + 1) // 2)))
+        origin = self.numbers("origin", b.f64, 3)
+        step = self.number("step", b.f64)
+        if kinds & 63:
+            self.numbers("uv origin", b.f64, 2)
+            self.numbers("uv step", b.f64, 2)
+        falls = [shifts[1 + k // 2] >> 4 * (k % 2) & 15 for k in range(levels)]
+        base = {
+            "position_bits": bits & 127,
+            "plain": bits >= 128,
+            "uv_bits": kinds & 63,
+            "colors": kinds & 64 != 0,
+            "normals": kinds & 128 != 0,
+            "level_count": levels,
+            "shifts": [(shifts[0] >> 4) - sum(falls[:k]) for k in range(levels + 1)],
+            "origin": origin,
+            "step": step,
+            "center": self.numbers("sphere's centre", b.f32, 3),
+            "radius": self.number("its radius", b.f32),
+            "diagonal": self.number("diagonal", b.f32),
+            "root_error": self.number("root_error", b.f32),
+            "chunk_count": self.f("chunk_count", b.leb128),
+            "material_count": self.f("material_count", b.leb128),
+            "vertices": self.f("vertices", b.leb128),
+            "wedges": self.f("wedges", b.leb128),
+            "faces": self.f("faces", b.leb128),
+        }
+        length = self.f("description", b.leb128, lambda n: f"{n} bytes")
+        base["description"] = Reader(b.part(length)).description()
+        self.f("mesh", lambda: b.take(b.left()), lambda mesh: f"{len(mesh)} bytes, range-coded")
+        return base
+
+    def description(self):
+        description = {
+            "name": self.f("name", self.b.text, repr),
+            "materials": self.vec("materials", self.material, 4096),
+            "textures": self.vec("textures", self.texture, 4096),
+        }
+        self.b.finish("the description")
+        return description
+
+    def material(self):
+        b = self.b
+        flags = self.f("flags", b.u8)
+        ensure(flags < 4, f"unknown flags of a material: {flags}")
+        material = {
+            "name": self.f("name", b.text, repr),
+            "base_color": self.f("base_color", lambda: [b.fixed(2) for _ in range(4)]),
+            "roughness": self.f("roughness", b.u8),
+        }
+        if flags & 1:
+            material["base_color_texture"] = self.f("base_color_texture", b.u16)
+        if flags & 2:
+            material["height_texture"] = self.f("height_texture", b.u16)
+            material["relief_depth"] = self.number("relief_depth", b.f32)
+        return material
+
+    def texture(self):
+        def level():
+            return {
+                "width": self.f("width", self.b.u32),
+                "height": self.f("height", self.b.u32),
+                "bytes": self.f("bytes", self.b.u32),
+                "format": self.named("format", ["jpeg", "png"]),
+            }
+        return {
+            "kind": self.named("kind", ["color", "height"]),
+            "width": self.f("width", self.b.u32),
+            "height": self.f("height", self.b.u32),
+            "levels": self.vec("levels", level, 16),
+        }
+
+    def patch(self):
+        return self.f("patch", lambda: [self.b.i32(), self.b.i32(), self.b.u32(), self.b.u32()])
+
+    def directory(self):
+        patches = self.vec("patches", self.patch, 1024)
+        self.b.finish("the directory")
+        return patches
+
+
+def show_id(found):
+    if found.get("base"):
+        return f"base mesh of asset {found['asset']}"
+    kinds = [f"{key} {value}" for key, value in found.items() if key != "asset"]
+    whose = "the terrain" if found["asset"] == "terrain" else f"asset {found['asset']}"
+    return f"{' '.join(kinds)} of {whose}"
+
+
+def read_body(name, r):
+    """The body of a message that is no piece."""
+    b = r.b
+    read = {
+        "Hello": r.hello,
+        "Want": lambda: r.vec("requests", r.want, 1024),
+        "Cancel": lambda: r.vec("ids", r.blob_id, 1024),
+        "SetView": r.view,
+        "WantScenePages": lambda: r.vec("pages", lambda: r.f("page", b.u32), 256),
+        "Ping": lambda: r.f("number", b.u32),
+        "Bye": lambda: None,
+        "Welcome": r.welcome,
+        "ScenePage": r.page,
+        "Refused": lambda: {"id": r.blob_id(), "reason": r.named("reason", REFUSED)},
+        "BasesSent": lambda: None,
+        "Done": lambda: None,
+        "Pong": lambda: r.f("number", b.u32),
+        "Close": lambda: {"code": r.named("code", CLOSE_CODES), "reason": r.f("reason", b.text, repr)},
+    }
+    return read[name]()
+
+
+def read_length(b):
+    """QUIC's integer of variable length."""
+    first = b.u8()
+    rest = b.take((1 << (first >> 6)) - 1)
+    return int.from_bytes(bytes([first & 63]) + rest, "big")
+
+
+def read_frame(b, tags):
+    """A frame: (name, value), or None for one to be skipped."""
+    tag = b.note("tag", b.u8, lambda tag: tags.get(tag, "unknown"))
+    length = b.note("length", lambda: read_length(b))
+    ensure(length <= MAX_BODY, f"a message of {length} bytes")
+    body = b.part(length)
+    if tag not in tags:
+        ensure(tag & 0x80, f"unknown message {tag:#04x}")
+        return None
+    r = Reader(body)
+    if tags[tag] == "Piece":
+        head = body.part(body.note("head", body.u8, lambda n: f"{n} bytes"))
+        h = Reader(head)
+        piece = {"id": h.blob_id(), "offset": h.f("offset", head.u32), "total": h.f("total", head.u32)}
+        piece["end"] = piece["total"] - h.f("behind", head.u32)
+        head.finish("the head of a piece")
+        piece["bytes"] = body.note("piece", lambda: body.take(body.left()), lambda taken: f"{len(taken)} bytes")
+        count = len(piece["bytes"])
+        ensure(piece["total"] <= MAX_BLOB and piece["end"] <= piece["total"], "a blob that is too long")
+        ensure(count <= MAX_PIECE and (count or piece["total"] == 0), "an empty piece, or one too long")
+        ensure(piece["offset"] + count <= piece["end"], "a piece beyond its run")
+        return "Piece", piece
+    value = read_body(tags[tag], r)
+    body.finish(tags[tag])
+    return tags[tag], value
+
+
+class Session:
+    """What both sides said, and the blobs that came."""
+
+    def __init__(self):
+        self.said = {"client": [], "server": []}
+        self.blobs = []
+        self.runs = {}
+
+    def frames(self, side, b):
+        tags = CLIENT_TAGS if side == "client" else SERVER_TAGS
+        while b.left():
+            self.frame(side, read_frame(b, tags))
+
+    def frame(self, side, frame):
+        if frame is None:
+            return
+        name, value = frame
+        first = {"client": "Hello", "server": "Welcome"}[side]
+        earlier = [name for name, _ in self.said[side]]
+        ensure((name == first) != bool(earlier) or name in ("Close", "Ping", "Bye"), f"{name} behind {earlier}")
+        if name == "Piece":
+            self.piece(value)
+        else:
+            self.said[side].append([name, value])
+
+    def piece(self, piece):
+        key = json.dumps(piece["id"])
+        run = self.runs.setdefault(key, {**piece, "bytes": b""})
+        ensure(run["offset"] + len(run["bytes"]) == piece["offset"], f"a gap in {show_id(piece['id'])}")
+        ensure((run["end"], run["total"]) == (piece["end"], piece["total"]), "a run that changes its end")
+        run["bytes"] += piece["bytes"]
+        if run["offset"] + len(run["bytes"]) == run["end"]:
+            self.run(self.runs.pop(key), None)
+
+    def stream(self, b):
+        """A blob's stream, behind its first byte."""
+        length = b.note("head", b.u8, lambda n: f"{n} bytes")
+        ensure(length <= 26, f"a head of {length} bytes")
+        head = b.part(length)
+        h = Reader(head)
+        run = {"id": h.blob_id(), "total": h.f("total", head.u32), "offset": h.f("offset", head.u32)}
+        run["end"] = run["total"] - h.f("behind", head.u32)
+        head.finish("the head of a stream")
+        ensure(run["total"] <= MAX_BLOB, "a blob that is too long")
+        ensure(run["offset"] < run["end"] or run["total"] == 0, "an empty run")
+        ensure(b.left() == run["end"] - run["offset"], f"{b.left()} bytes in a run to {run['end']}")
+        run["bytes"] = b.data[b.at:b.end]
+        self.run(run, b)
+
+    def run(self, run, cursor):
+        data = run.pop("bytes")
+        run["bytes"] = data.hex()
+        whole = run["offset"] == 0 and run["end"] == run["total"]
+        b = cursor or Bytes(data)
+        if whole and run["id"].get("base") and not data.startswith(ZSTD):
+            run["contents"] = Reader(b).base()
+        elif whole and run["id"]["asset"] == "terrain" and "page" in run["id"]:
+            run["contents"] = Reader(b).directory()
+        elif b.left():
+            b.note("blob", lambda: b.take(b.left()), lambda taken: f"{len(taken)} bytes")
+        self.blobs.append(run)
+
+    def outcome(self):
+        ensure(not self.runs, "a run that does not end")
+        return {"client": self.said["client"], "server": self.said["server"], "blobs": self.blobs}
+
+
+def read_quic(recording):
+    """Gives the session, and for each stream its title, bytes and notes."""
+    session, parts = Session(), []
+    for stream in recording["streams"]:
+        b = Bytes(bytes.fromhex(stream["bytes"]))
+        side = stream["from"]
+        kind = b.note("kind", b.u8, lambda kind: {0: "control", 1: "blob"}.get(kind, "unknown"))
+        ensure(kind == 0 or (kind == 1 and side == "server"), f"a stream of kind {kind} from the {side}")
+        if kind == 0:
+            session.frames(side, b)
+        else:
+            session.stream(b)
+        parts.append((f"stream {stream['number']}, from the {side}", b.data, b.notes))
+    return session, parts
+
+
+def read_websocket(recording):
+    """The same over WebSocket; the notes are of the frames within its messages."""
+    session, parts = Session(), []
+    heads = {}
+    for side in ("client", "server"):
+        data = bytes.fromhex(recording[f"from_{side}"])
+        head, _, rest = data.partition(b"\r\n\r\n")
+        heads[side] = head.decode("ascii").split("\r\n")
+        for message in websocket_messages(rest, masked=side == "client"):
+            b = Bytes(message)
+            session.frame(side, read_frame(b, CLIENT_TAGS if side == "client" else SERVER_TAGS))
+            b.finish("a frame")
+            parts.append((f"message from the {side}", message, b.notes))
+    check_upgrade(heads["client"], heads["server"])
+    return session, parts
+
+
+def fields(head):
+    return {name.strip().lower(): value.strip() for name, _, value in (line.partition(":") for line in head[1:])}
+
+
+def check_upgrade(request, answer):
+    asked, answered = fields(request), fields(answer)
+    ensure(request[0].split()[0] == "GET" and asked["sec-websocket-version"] == "13", "no upgrade asked for")
+    ensure(answer[0].split()[1] == "101", f"the server answers {answer[0]}")
+    magic = asked["sec-websocket-key"] + "258EAFA5-E914-47DA-95CA-C5AB0DC85B11"
+    key = base64.b64encode(hashlib.sha1(magic.encode()).digest()).decode()
+    ensure(answered["sec-websocket-accept"] == key, "the upgrade's key is wrong")
+    ensure(answered.get("sec-websocket-protocol", "lodestream/2") == "lodestream/2", "another subprotocol")
+
+
+def websocket_messages(data, masked):
+    """Binary messages of a WebSocket's bytes (RFC 6455 §5.2), up to a close frame."""
+    b, messages, parts = Bytes(data), [], []
+    while b.left():
+        first, second = b.u8(), b.u8()
+        opcode, length = first & 15, second & 127
+        if length >= 126:
+            length = int.from_bytes(b.take(2 if length == 126 else 8), "big")
+        ensure((second >= 128) == masked, "a frame that is masked, or is not, on the wrong side")
+        mask = b.take(4) if masked else bytes(4)
+        payload = bytes(x ^ mask[i % 4] for i, x in enumerate(b.take(length)))
+        if opcode == 8:
+            return messages
+        ensure(opcode in (0, 2, 9, 10), f"a frame of kind {opcode}")
+        if opcode in (0, 2):
+            parts.append(payload)
+            if first & 128:
+                messages.append(b"".join(parts))
+                parts = []
+    return messages
+
+
+def dump(parts):
+    """Bytes with their meaning, sixteen at most in a line."""
+    lines = []
+    for title, data, notes in parts:
+        lines.append(title)
+        for start, end, meaning in notes:
+            for at in range(start, max(end, start + 1), 16):
+                row = data[at:min(at + 16, end)].hex(" ")
+                lines.append(f"{at:04x}  {row:<47}  {meaning if at == start else ''}".rstrip())
+        lines.append("")
+    return "\n".join(lines).rstrip("\n")
+
+
+def main(arguments):
+    with open(arguments[0], encoding="utf-8") as file:
+        recording = json.load(file)
+    read = {"quic": read_quic, "websocket": read_websocket}[recording["transport"]]
+    session, parts = read(recording)
+    print(dump(parts) if "--dump" in arguments else json.dumps(session.outcome(), indent=1))
+
+
+if __name__ == "__main__":
+    try:
+        main(sys.argv[1:])
+    except Broken as why:
+        sys.exit(f"not as docs/protocol.md says: {why}")

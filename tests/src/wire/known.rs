@@ -1,0 +1,365 @@
+//! What Rust knows of a recorded session, in the names and shapes in which docs/protocol/reader.py prints it.
+
+use std::collections::BTreeMap;
+
+use bytes::Bytes;
+use lodestream_compress::decode_base;
+use lodestream_geometry::terrain::{Distribution, Mode, Shape, Stamp};
+use lodestream_geometry::{Codec, base::Base};
+use lodestream_protocol::asset::{AssetDescription, Material, TextureFormat, TextureInfo, TextureKind};
+use lodestream_protocol::frame::{BlobPiece, Frame, FrameReader, ServerFrame};
+use lodestream_protocol::message::{ClientMessage, Hello, ServerMessage, Want, Welcome};
+use lodestream_protocol::scene::{AssetEntry, InstanceEntry, SceneHeader, ScenePage};
+use lodestream_protocol::stream::{BLOB_STREAM, BlobStreamReader};
+use lodestream_protocol::terrain::{TERRAIN, TerrainEntry, decode_directory};
+use lodestream_protocol::{BlobId, BlobPart, View};
+use serde_json::{Map, Value, json};
+
+use super::record::{Recording, hex};
+
+/// A run of a blob.
+struct Run {
+    id: BlobId,
+    offset: u32,
+    end: u32,
+    total: u32,
+    bytes: Vec<u8>,
+}
+
+/// What came from the server.
+#[derive(Default)]
+pub(super) struct Known {
+    pub(super) messages: Vec<ServerMessage>,
+    runs: Vec<Run>,
+    begun: BTreeMap<BlobId, Run>,
+}
+
+impl Known {
+    /// Reads the server's side of a recording with the project's own readers.
+    pub(super) fn of(recording: &Recording) -> Self {
+        let mut this = Self::default();
+        match recording {
+            Recording::Quic(streams) => {
+                for (_, _, bytes) in streams.iter().filter(|(from, _, _)| *from == "server") {
+                    let rest = Bytes::copy_from_slice(&bytes[1..]);
+                    if bytes[0] == BLOB_STREAM {
+                        BlobStreamReader::new()
+                            .push(rest)
+                            .unwrap()
+                            .into_iter()
+                            .for_each(|piece| this.piece(piece));
+                        continue;
+                    }
+                    let mut frames = FrameReader::new();
+                    frames.push(&rest);
+                    while let Some(frame) = frames.next_frame().unwrap() {
+                        this.frame(frame);
+                    }
+                }
+            }
+            Recording::WebSocket { from_server, .. } => {
+                for message in messages(from_server) {
+                    this.frame(Frame::parse(message).unwrap());
+                }
+            }
+        }
+        assert!(this.begun.is_empty(), "a blob was recorded in part");
+        this
+    }
+
+    fn frame(&mut self, frame: Frame) {
+        match frame.into_server_frame().unwrap().unwrap() {
+            ServerFrame::Message(message) => self.messages.push(message),
+            ServerFrame::Piece(piece) => self.piece(piece),
+        }
+    }
+
+    fn piece(&mut self, piece: BlobPiece) {
+        let BlobPiece { id, offset, end, total, .. } = piece;
+        let run = self.begun.entry(id).or_insert(Run { id, offset, end, total, bytes: Vec::new() });
+        run.bytes.extend_from_slice(&piece.bytes);
+        if piece.is_last() {
+            self.runs.extend(self.begun.remove(&id));
+        }
+    }
+
+    /// All that was said, and the blobs.
+    pub(super) fn json(&self, said: &[Vec<ClientMessage>]) -> Value {
+        json!({
+            "client": said.iter().flatten().map(client_message).collect::<Vec<_>>(),
+            "server": self.messages.iter().map(server_message).collect::<Vec<_>>(),
+            "blobs": self.runs.iter().map(|run| self.run(run)).collect::<Vec<_>>(),
+        })
+    }
+
+    fn run(&self, run: &Run) -> Value {
+        let Run { id, offset, end, total, bytes } = run;
+        let mut value =
+            json!({"id": blob_id(*id), "offset": offset, "end": end, "total": total, "bytes": hex(bytes)});
+        let compressed = bytes.starts_with(&[0x28, 0xb5, 0x2f, 0xfd]);
+        if id.part == BlobPart::Base && !compressed {
+            value["contents"] = base(&decode_base(bytes).unwrap());
+        }
+        if let BlobId { asset: TERRAIN, part: BlobPart::IndexPage(_) } = id {
+            let count = self.messages.iter().find_map(|message| match message {
+                ServerMessage::Welcome(welcome) => {
+                    welcome.scene.terrain.as_ref().map(|terrain| terrain.patches)
+                }
+                _ => None,
+            });
+            let listed = decode_directory(bytes, count.unwrap()).unwrap();
+            value["contents"] = listed.iter().map(|p| json!([p.x, p.y, p.bytes, p.error])).collect();
+        }
+        value
+    }
+}
+
+/// Binary messages of what a server wrote over WebSocket, behind its answer to the upgrade.
+fn messages(bytes: &[u8]) -> Vec<Bytes> {
+    let head = bytes.windows(4).position(|four| four == b"\r\n\r\n").unwrap() + 4;
+    let mut rest = &bytes[head..];
+    let mut messages = Vec::new();
+    while rest.first() == Some(&0x82) {
+        let (start, length) = match rest[1] {
+            126 => (4, usize::from(u16::from_be_bytes([rest[2], rest[3]]))),
+            short => (2, usize::from(short)),
+        };
+        messages.push(Bytes::copy_from_slice(&rest[start..start + length]));
+        rest = &rest[start + length..];
+    }
+    messages
+}
+
+fn client_message(message: &ClientMessage) -> Value {
+    match message {
+        ClientMessage::Hello(hello) => json!(["Hello", self::hello(hello)]),
+        ClientMessage::Want(wants) => json!(["Want", wants.iter().map(want).collect::<Vec<_>>()]),
+        ClientMessage::Cancel(ids) => {
+            json!(["Cancel", ids.iter().map(|id| blob_id(*id)).collect::<Vec<_>>()])
+        }
+        ClientMessage::SetView(view) => json!(["SetView", self::view(view)]),
+        ClientMessage::WantScenePages(pages) => json!(["WantScenePages", pages]),
+        ClientMessage::Ping(number) => json!(["Ping", number]),
+        ClientMessage::Bye => json!(["Bye", null]),
+    }
+}
+
+fn server_message(message: &ServerMessage) -> Value {
+    match message {
+        ServerMessage::Welcome(welcome) => json!(["Welcome", self::welcome(welcome)]),
+        ServerMessage::ScenePage(page) => json!(["ScenePage", self::page(page)]),
+        ServerMessage::Refused(refused) => {
+            json!(["Refused", {"id": blob_id(refused.id), "reason": format!("{:?}", refused.reason)}])
+        }
+        ServerMessage::BasesSent => json!(["BasesSent", null]),
+        ServerMessage::Done => json!(["Done", null]),
+        ServerMessage::Pong(number) => json!(["Pong", number]),
+        ServerMessage::Close(close) => {
+            json!(["Close", {"code": format!("{:?}", close.code), "reason": close.reason}])
+        }
+    }
+}
+
+fn hello(hello: &Hello) -> Value {
+    json!({
+        "version_min": hello.version_min,
+        "version_max": hello.version_max,
+        "scene": hello.scene,
+        "view": hello.view.as_ref().map(view),
+        "max_blob_bytes": hello.max_blob_bytes,
+        "budget_bytes": hello.budget_bytes,
+        "fingerprint": hex(&hello.fingerprint),
+        "have": hello.have.iter().map(|id| blob_id(*id)).collect::<Vec<_>>(),
+    })
+}
+
+fn view(view: &View) -> Value {
+    json!({
+        "eye": view.eye,
+        "rotation": view.rotation,
+        "fov_y": view.fov_y,
+        "viewport_px": view.viewport_px,
+        "target_px": view.target_px,
+    })
+}
+
+fn want(want: &Want) -> Value {
+    json!({"id": blob_id(want.id), "priority": want.priority, "offset": want.offset, "end": want.end})
+}
+
+fn blob_id(id: BlobId) -> Value {
+    let mut value = Map::new();
+    value.insert("asset".into(), if id.asset == TERRAIN { json!("terrain") } else { json!(id.asset) });
+    match id.part {
+        BlobPart::Base => value.insert("base".into(), json!(true)),
+        BlobPart::IndexPage(page) => value.insert("page".into(), json!(page)),
+        BlobPart::Chunk(chunk) => value.insert("chunk".into(), json!(chunk)),
+        BlobPart::Texture { texture, level } => {
+            value.insert("texture".into(), json!(texture));
+            value.insert("level".into(), json!(level))
+        }
+    };
+    Value::Object(value)
+}
+
+fn welcome(welcome: &Welcome) -> Value {
+    json!({
+        "version": welcome.version,
+        "session": welcome.session,
+        "rate_bits_per_s": welcome.rate_bits_per_s,
+        "idle_timeout_ms": welcome.idle_timeout_ms,
+        "scene": header(&welcome.scene),
+    })
+}
+
+fn header(header: &SceneHeader) -> Value {
+    let SceneHeader { light, camera, .. } = header;
+    json!({
+        "name": header.name,
+        "fingerprint": hex(&header.fingerprint),
+        "asset_count": header.asset_count,
+        "instance_count": header.instance_count,
+        "page_count": header.page_count,
+        "light": {"direction": light.direction, "color": light.color, "ambient": light.ambient},
+        "background": header.background,
+        "terrain": header.terrain.as_deref().map(terrain),
+        "camera": {"eye": camera.eye, "target": camera.target, "up": camera.up, "fov_y": camera.fov_y},
+    })
+}
+
+fn terrain(entry: &TerrainEntry) -> Value {
+    let p = &entry.parameters;
+    json!({
+        "seed": p.seed,
+        "finest_level": p.finest_level,
+        "erosion_level": p.erosion.level,
+        "extent_log2": p.extent_log2,
+        "gaussian": p.distribution == Distribution::Gaussian,
+        "amplitude": p.amplitude,
+        "roughness": p.roughness,
+        "base": p.base,
+        "passes": p.erosion.passes,
+        "talus": p.erosion.talus,
+        "spike_limit": p.erosion.spike_limit,
+        "unit": entry.unit,
+        "height_unit": entry.height_unit,
+        "zones": entry.zones,
+        "stamps": entry.stamps.iter().map(stamp).collect::<Vec<_>>(),
+        "patches": entry.patches,
+    })
+}
+
+fn stamp(stamp: &Stamp) -> Value {
+    let mut value = match &stamp.shape {
+        Shape::Ridge { from, to, half_width, height } => {
+            json!({"kind": "ridge", "line": [from, to], "length": half_width, "height": height})
+        }
+        Shape::Valley { from, to, half_width, depth } => {
+            json!({"kind": "valley", "line": [from, to], "length": half_width, "height": depth})
+        }
+        Shape::Crater { centre, radius, depth, rim } => {
+            json!({"kind": "crater", "line": [centre], "length": radius, "height": depth, "rim": rim})
+        }
+        Shape::Plateau { centre, radius, falloff, height } => {
+            json!({"kind": "plateau", "line": [centre], "length": radius, "height": height, "falloff": falloff})
+        }
+        Shape::RiverBed { line, half_width, depth } => {
+            json!({"kind": "river bed", "line": line, "length": half_width, "height": depth})
+        }
+    };
+    value["fixed"] = json!(stamp.mode == Mode::Fixed);
+    value
+}
+
+fn page(page: &ScenePage) -> Value {
+    json!({
+        "page": page.page,
+        "first_asset": page.first_asset,
+        "first_instance": page.first_instance,
+        "assets": page.assets.iter().map(asset).collect::<Vec<_>>(),
+        "instances": page.instances.iter().map(instance).collect::<Vec<_>>(),
+    })
+}
+
+fn asset(asset: &AssetEntry) -> Value {
+    json!({
+        "name": asset.name,
+        "fingerprint": hex(&asset.fingerprint),
+        "origin": asset.origin,
+        "center": asset.sphere.center,
+        "radius": asset.sphere.radius,
+        "root_error": asset.root_error,
+        "base_bytes": asset.base_bytes,
+        "chunk_count": asset.chunk_count,
+    })
+}
+
+fn instance(instance: &InstanceEntry) -> Value {
+    json!({
+        "asset": instance.asset,
+        "translation": instance.translation,
+        "rotation": instance.rotation,
+        "scale": instance.scale,
+    })
+}
+
+fn base(base: &Base) -> Value {
+    json!({
+        "position_bits": base.grid.bits,
+        "plain": base.codec == Codec::Plain,
+        "uv_bits": base.uv_grid.bits,
+        "colors": base.colors,
+        "normals": base.normals,
+        "level_count": base.level_count,
+        "shifts": base.shifts,
+        "origin": base.grid.origin,
+        "step": base.grid.step,
+        "center": base.sphere.center,
+        "radius": base.sphere.radius,
+        "diagonal": base.diagonal,
+        "root_error": base.root_error,
+        "chunk_count": base.chunk_count,
+        "material_count": base.material_count,
+        "vertices": base.totals.vertices,
+        "wedges": base.totals.wedges,
+        "faces": base.totals.faces,
+        "description": description(&AssetDescription::decode(&base.description).unwrap()),
+    })
+}
+
+fn description(description: &AssetDescription) -> Value {
+    json!({
+        "name": description.name,
+        "materials": description.materials.iter().map(material).collect::<Vec<_>>(),
+        "textures": description.textures.iter().map(texture).collect::<Vec<_>>(),
+    })
+}
+
+fn material(material: &Material) -> Value {
+    let mut value = json!({
+        "name": material.name,
+        "base_color": material.base_color.map(|x| (x * 65_535.0).round() as u16),
+        "roughness": (material.roughness * 255.0).round() as u8,
+    });
+    if let Some(texture) = material.base_color_texture {
+        value["base_color_texture"] = json!(texture);
+    }
+    if let Some(texture) = material.height_texture {
+        value["height_texture"] = json!(texture);
+        value["relief_depth"] = json!(material.relief_depth);
+    }
+    value
+}
+
+fn texture(texture: &TextureInfo) -> Value {
+    let format = |format| if format == TextureFormat::Jpeg { "jpeg" } else { "png" };
+    let levels = texture.levels.iter();
+    let levels = levels
+        .map(|l| json!({"width": l.width, "height": l.height, "bytes": l.bytes, "format": format(l.format)}));
+    json!({
+        "kind": if texture.kind == TextureKind::Color { "color" } else { "height" },
+        "width": texture.width,
+        "height": texture.height,
+        "levels": levels.collect::<Vec<_>>(),
+    })
+}

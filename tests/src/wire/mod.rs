@@ -1,0 +1,195 @@
+//! docs/protocol.md is true: a reader that was written from it, in another language, understands what is said, and the
+//! bytes that it shows are those that are sent.
+//!
+//! The reader needs `python3` (3.8 or later, no packages). Where that is missing these tests fail;
+//! `LODESTREAM_SKIP_PYTHON=1` skips them and says so. `LODESTREAM_WRITE_PROTOCOL=1` writes the page's hex dump anew.
+
+mod known;
+mod record;
+mod scenes;
+
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use lodestream_protocol::message::{ClientMessage, CloseCode, Hello, RefusedReason, ServerMessage};
+use lodestream_protocol::source::SceneSource as _;
+use serde_json::Value;
+
+use crate::support::daemon::Transport;
+use crate::support::raw::hello;
+use known::Known;
+use record::{Recording, record};
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()
+}
+
+/// What the reader prints of a recording, or nothing if the tests are told to do without Python.
+fn read(recording: &Recording, arguments: &[&str]) -> Option<Result<String, String>> {
+    if std::env::var("LODESTREAM_SKIP_PYTHON").is_ok_and(|v| v == "1") {
+        // Not `eprintln!`: the test runner would swallow it when the test "passes".
+        let test = std::thread::current().name().unwrap_or("a test").to_owned();
+        let _ = writeln!(std::io::stderr(), "SKIPPED, NOT PASSED (LODESTREAM_SKIP_PYTHON=1): {test}");
+        return None;
+    }
+    let mut file = tempfile::NamedTempFile::new().unwrap();
+    file.write_all(recording.json().to_string().as_bytes()).unwrap();
+    let reader = root().join("docs/protocol/reader.py");
+    let output = Command::new("python3").arg("-B").arg(reader).arg(file.path()).args(arguments).output();
+    let output = output.expect("this test needs python3: install it (or set LODESTREAM_SKIP_PYTHON=1)");
+    let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
+    Some(if output.status.success() { Ok(text(output.stdout)) } else { Err(text(output.stderr)) })
+}
+
+/// Where two values differ. Floats may differ by how JSON is read: two units in the last place of an `f64`.
+fn differences(path: &str, read: &Value, known: &Value, found: &mut Vec<String>) {
+    match (read, known) {
+        (Value::Object(a), Value::Object(b)) => {
+            for key in a.keys().chain(b.keys().filter(|key| !a.contains_key(*key))) {
+                let none = Value::String("nothing".into());
+                let [a, b] = [a, b].map(|map| map.get(key).unwrap_or(&none));
+                differences(&format!("{path}.{key}"), a, b, found);
+            }
+        }
+        (Value::Array(a), Value::Array(b)) if a.len() == b.len() => {
+            for (n, (a, b)) in a.iter().zip(b).enumerate() {
+                differences(&format!("{path}[{n}]"), a, b, found);
+            }
+        }
+        (Value::Number(a), Value::Number(b)) if a.is_f64() || b.is_f64() => {
+            let (a, b) = (a.as_f64().unwrap(), b.as_f64().unwrap());
+            if (a - b).abs() > 2.0 * f64::EPSILON * b.abs() {
+                found.push(format!("{path}: {a} instead of {b}"));
+            }
+        }
+        (a, b) if a == b => {}
+        (a, b) => found.push(format!("{path}: {a} instead of {b}")),
+    }
+}
+
+/// Lays what the reader understood beside what Rust knows.
+fn assert_understood(recording: &Recording, known: &Known, said: &[Vec<ClientMessage>]) {
+    let Some(printed) = read(recording, &[]) else { return };
+    let printed = serde_json::from_str(&printed.unwrap()).unwrap();
+    let mut found = Vec::new();
+    differences("session", &printed, &known.json(said), &mut found);
+    assert!(found.is_empty(), "the reader of docs/protocol.md read\n{}", found.join("\n"));
+}
+
+#[test]
+fn a_reader_written_from_the_page_understands_all_that_is_said() {
+    let scene = scenes::gallery();
+    let said = scenes::conversation(&scene);
+    for transport in Transport::BOTH {
+        let recording = record(scene.source(), transport, &said);
+        let known = Known::of(&recording);
+        let seen =
+            |wanted: &dyn Fn(&ServerMessage) -> bool| known.messages.iter().filter(|m| wanted(m)).count();
+        assert!(matches!(&known.messages[0], ServerMessage::Welcome(w) if w.scene == *scene.store.header()));
+        assert_eq!(
+            seen(&|m| matches!(m, ServerMessage::ScenePage(_))),
+            4,
+            "{transport:?}: two pages, twice each"
+        );
+        assert_eq!(seen(&|m| *m == ServerMessage::Pong(0xdead_beef)), 1);
+        assert!(seen(&|m| *m == ServerMessage::BasesSent) > 0 && seen(&|m| *m == ServerMessage::Done) > 0);
+        for reason in [RefusedReason::NotFound, RefusedReason::OutOfRange] {
+            assert_eq!(
+                seen(&|m| matches!(m, ServerMessage::Refused(r) if r.reason == reason)),
+                1,
+                "{reason:?}"
+            );
+        }
+        let json = known.json(&said);
+        let blobs = json["blobs"].as_array().unwrap();
+        for (what, there) in [
+            ("the rest of a chunk", blobs.iter().any(|blob| blob["offset"].as_u64() > Some(0))),
+            ("a texture", blobs.iter().any(|blob| blob["id"]["texture"].is_u64())),
+            ("a described texture", json.to_string().contains("\"relief_depth\"")),
+            (
+                "a directory",
+                blobs.iter().any(|blob| blob["id"]["page"].is_u64() && blob["contents"].is_array()),
+            ),
+        ] {
+            assert!(there, "{transport:?}: {what} did not come");
+        }
+        assert_understood(&recording, &known, &said);
+    }
+}
+
+#[test]
+fn a_reader_written_from_the_page_understands_why_it_is_turned_away() {
+    let scene = scenes::tetrahedron();
+    let said = [vec![ClientMessage::Hello(Hello { version_min: 9, version_max: 300, ..hello() })]];
+    for transport in Transport::BOTH {
+        let recording = record(scene.source(), transport, &said);
+        let known = Known::of(&recording);
+        assert!(
+            matches!(known.messages.last(), Some(ServerMessage::Close(close)) if close.code == CloseCode::Version)
+        );
+        assert_understood(&recording, &known, &said);
+    }
+}
+
+#[test]
+fn the_reader_refuses_what_is_not_as_the_page_says() {
+    let scene = scenes::tetrahedron();
+    let said = [vec![ClientMessage::Hello(hello())]];
+    let Recording::Quic(streams) = record(scene.source(), Transport::Quic, &said) else { unreachable!() };
+    // In turn: kind, tag and version of the server's stream; length of the head and of the blob; the client's first tag.
+    for (stream, at) in [(1, 0), (1, 1), (1, 3), (2, 1), (2, 4), (0, 1)] {
+        let mut broken = streams.clone();
+        broken[stream].2[at] ^= 0x35;
+        let Some(outcome) = read(&Recording::Quic(broken), &[]) else { return };
+        let why = outcome.expect_err("nothing was wrong");
+        assert!(why.contains("not as docs/protocol.md says"), "stream {stream}, byte {at}: {why}");
+    }
+}
+
+/// The hex dump of the page: from its fence to the end.
+fn dump_of(page: &str) -> std::ops::Range<usize> {
+    let start = page.find("```hex\n").expect("docs/protocol.md has no hex dump") + "```hex\n".len();
+    start..start + page[start..].find("```\n").expect("the hex dump has no end")
+}
+
+#[test]
+fn the_page_shows_the_bytes_of_a_first_flight() {
+    let scene = scenes::tetrahedron();
+    let said = [vec![ClientMessage::Hello(hello())]];
+    let recording = record(scene.source(), Transport::Quic, &said);
+    assert_understood(&recording, &Known::of(&recording), &said);
+    let path = root().join("docs/protocol.md");
+    let page = std::fs::read_to_string(&path).unwrap();
+    let shown = &page[dump_of(&page)];
+    let dump = read(&recording, &["--dump"]).map(|dump| dump.unwrap());
+    if std::env::var("LODESTREAM_WRITE_PROTOCOL").is_ok_and(|v| v == "1") {
+        let mut page = page.clone();
+        page.replace_range(dump_of(&page), &dump.expect("writing the page needs python3"));
+        std::fs::write(&path, page).unwrap();
+        return;
+    }
+    // The bytes, whether or not there is Python.
+    let Recording::Quic(streams) = &recording else { unreachable!() };
+    let mut lines = shown.lines().filter(|line| !line.is_empty()).peekable();
+    for (from, number, bytes) in streams {
+        assert_eq!(lines.next(), Some(&*format!("stream {number}, from the {from}")));
+        let mut dumped = Vec::new();
+        while let Some(line) = lines.next_if(|line| !line.starts_with("stream")) {
+            assert_eq!(usize::from_str_radix(&line[..4], 16), Ok(dumped.len()), "{line}");
+            let hex = line[6..].split("  ").next().unwrap().split(' ');
+            dumped.extend(hex.map(|byte| u8::from_str_radix(byte, 16).unwrap()));
+        }
+        assert!(
+            dumped == *bytes,
+            "stream {number} is not what docs/protocol.md shows: {dumped:02x?}\n{bytes:02x?}"
+        );
+    }
+    assert_eq!(lines.next(), None, "docs/protocol.md shows a stream that there is not");
+    if let Some(dump) = dump {
+        assert!(
+            dump == shown,
+            "docs/protocol.md names other fields than its reader; the dump is now\n{dump}"
+        );
+    }
+}
