@@ -11,6 +11,7 @@
 //! | `packs` | the same input gives the same packs; caches; exports; checks |
 //! | `bad_input` | what users may get wrong, and what disks may do to packs |
 //! | `terrain` | features of a terrain arrive, and only where a view needs them |
+//! | `documents` | what documents name is there: links, files, code, commands |
 //! | `wire` | docs/protocol.md is true: a reader written from it understands recorded sessions |
 //! | `models` | models of your own: `LODESTREAM_MODELS=DIR` |
 //!
@@ -22,6 +23,8 @@
 
 #[cfg(test)]
 mod bad_input;
+#[cfg(test)]
+mod documents;
 #[cfg(test)]
 mod first_flight;
 #[cfg(test)]
