@@ -41,7 +41,7 @@ pub struct ChunkInfo {
     /// any chunk that has this one as a parent.
     pub error: f32,
     /// How far attributes slide while the chunk is missing, as a length in the asset's units
-    /// (ARCHITECTURE.md, "Errors"): texture over the surface, and shading. Monotone like `error`.
+    /// (docs/design/errors.md): texture over the surface, and shading. Monotone like `error`.
     pub attribute_error: f32,
     /// Stopping points before the chunk's end, coarse to fine.
     pub stops: Vec<Stop>,

@@ -3,7 +3,7 @@
 //! `magnification = scale / depth` pixels per world unit, where `scale = height_px / (2 tan(fov_y / 2))`
 //! and `depth` is the distance along the view axis; `screen error = visible error × magnification`, where
 //! the visible error is the larger of the geometric error and the weighted attribute error
-//! (ARCHITECTURE.md, "Errors").
+//! (docs/design/errors.md).
 
 use crate::asset::index::{ChunkInfo, Stop};
 

@@ -1,5 +1,5 @@
 //! The height of a new vertex above the plane of its ring, and how sure that is: a network of one hidden
-//! layer, trained once on the splits of several models (ARCHITECTURE.md, "Coding"); its weights belong to
+//! layer, trained once on the splits of several models (docs/design/coding.md); its weights belong to
 //! the format.
 //!
 //! Lengths are relative to the ring's radius. Sums run over the inputs in order, so every machine gets

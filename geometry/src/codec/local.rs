@@ -2,7 +2,7 @@
 //!
 //! Gathered from the mesh by breadth-first search over interior vertices, so numbering depends on
 //! nothing but the chunk: whatever else is applied, and in whatever order, the region's stars are
-//! the same (see ARCHITECTURE.md, "Why any order gives one mesh").
+//! the same (docs/design/refinement.md, "Why any order gives one mesh").
 //!
 //! Positions are integers below 2^24 kept as `f64`, so sums and differences of them are exact.
 

@@ -3,7 +3,7 @@
 //! A decision that a model foresees costs a thousandth of a bit, so a few kilobytes could stand for a
 //! million faces. No decoder believes that: vertices, wedges and faces together may be at most
 //! [`most_elements`] of the bytes. Real chunks have 1 to 2 elements a byte, a flat grid at eight bits 7
-//! (ARCHITECTURE.md, "Codecs"); what codes better than the ceiling is padded with zeros by its encoder
+//! (docs/design/coding.md, "Ceilings"); what codes better than the ceiling is padded with zeros by its encoder
 //! ([`least_bytes`]), so no decoder refuses what an encoder made.
 
 /// Elements that no byte need justify.

@@ -4,16 +4,18 @@ use std::collections::BTreeMap;
 
 use bytes::Bytes;
 use lodestream_compress::decode_base;
-use lodestream_geometry::terrain::{Distribution, Mode, Shape, Stamp};
-use lodestream_geometry::{Codec, base::Base};
+use lodestream_geometry::Codec;
+use lodestream_geometry::base::Base;
 use lodestream_protocol::asset::{AssetDescription, Material, TextureFormat, TextureInfo, TextureKind};
+use lodestream_protocol::blob::TerrainBlob;
 use lodestream_protocol::frame::{BlobPiece, Frame, FrameReader, ServerFrame};
 use lodestream_protocol::message::{ClientMessage, Hello, ServerMessage, Want, Welcome};
 use lodestream_protocol::scene::{AssetEntry, InstanceEntry, SceneHeader, ScenePage};
 use lodestream_protocol::stream::{BLOB_STREAM, BlobStreamReader};
-use lodestream_protocol::terrain::{TERRAIN, TerrainEntry, decode_directory};
+use lodestream_protocol::terrain::{TerrainEntry, decode_directory};
 use lodestream_protocol::{BlobId, BlobPart, View};
-use serde_json::{Map, Value, json};
+use lodestream_terrain::{Distribution, Mode, Shape, Stamp};
+use serde_json::{Value, json};
 
 use super::record::{Recording, hex};
 
@@ -97,10 +99,10 @@ impl Known {
         let mut value =
             json!({"id": blob_id(*id), "offset": offset, "end": end, "total": total, "bytes": hex(bytes)});
         let compressed = bytes.starts_with(&[0x28, 0xb5, 0x2f, 0xfd]);
-        if id.part == BlobPart::Base && !compressed {
+        if id.part() == Some(BlobPart::Base) && !compressed {
             value["contents"] = base(&decode_base(bytes).unwrap());
         }
-        if let BlobId { asset: TERRAIN, part: BlobPart::IndexPage(_) } = id {
+        if let BlobId::Terrain(TerrainBlob::DirectoryPage(_)) = id {
             let count = self.messages.iter().find_map(|message| match message {
                 ServerMessage::Welcome(welcome) => {
                     welcome.scene.terrain.as_ref().map(|terrain| terrain.patches)
@@ -188,18 +190,18 @@ fn want(want: &Want) -> Value {
 }
 
 fn blob_id(id: BlobId) -> Value {
-    let mut value = Map::new();
-    value.insert("asset".into(), if id.asset == TERRAIN { json!("terrain") } else { json!(id.asset) });
-    match id.part {
-        BlobPart::Base => value.insert("base".into(), json!(true)),
-        BlobPart::IndexPage(page) => value.insert("page".into(), json!(page)),
-        BlobPart::Chunk(chunk) => value.insert("chunk".into(), json!(chunk)),
-        BlobPart::Texture { texture, level } => {
-            value.insert("texture".into(), json!(texture));
-            value.insert("level".into(), json!(level))
-        }
-    };
-    Value::Object(value)
+    match id {
+        BlobId::Terrain(TerrainBlob::DirectoryPage(page)) => json!({"asset": "terrain", "page": page}),
+        BlobId::Terrain(TerrainBlob::Points(patch)) => json!({"asset": "terrain", "chunk": patch}),
+        BlobId::Asset { asset, part } => match part {
+            BlobPart::Base => json!({"asset": asset, "base": true}),
+            BlobPart::IndexPage(page) => json!({"asset": asset, "page": page}),
+            BlobPart::Chunk(chunk) => json!({"asset": asset, "chunk": chunk}),
+            BlobPart::Texture { texture, level } => {
+                json!({"asset": asset, "texture": texture, "level": level})
+            }
+        },
+    }
 }
 
 fn welcome(welcome: &Welcome) -> Value {
