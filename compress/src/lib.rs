@@ -12,7 +12,7 @@ use lodestream_geometry::base::Base;
 use lodestream_geometry::index::ChunkInfo;
 use lodestream_geometry::mesh::QuantisedMesh;
 use lodestream_geometry::pool::{Monitor, Pool};
-use lodestream_geometry::prepare::{Prepared, prepare_stored};
+use lodestream_geometry::prepare::{self, Hooks, Prepared};
 use lodestream_geometry::refine::{ActiveMesh, ChunkDelta};
 use lodestream_geometry::{Codec, DecodeError, MeshError, Settings};
 use zstd::zstd_safe;
@@ -151,7 +151,7 @@ pub fn decode_chunk(
     decode_prefix(mesh, chunk, info, None, stored)
 }
 
-/// Prepares a mesh: [`prepare_stored`], with chunks and their lengths as they are stored.
+/// Prepares a mesh: [`prepare::prepare`], with chunks and their lengths as they are stored.
 ///
 /// # Errors
 /// As there.
@@ -161,10 +161,11 @@ pub fn prepare(
     pool: &dyn Pool,
     monitor: &dyn Monitor,
 ) -> Result<Prepared, MeshError> {
-    prepare_stored(mesh, settings, pool, monitor, &|plain| match settings.codec {
-        Codec::Range => Ok(plain),
-        Codec::Plain => compress(&plain),
-    })
+    let hooks = Hooks::new(pool, monitor);
+    match settings.codec {
+        Codec::Range => prepare::prepare(mesh, settings, &hooks),
+        Codec::Plain => prepare::prepare(mesh, settings, &hooks.stored_by(&|plain| compress(&plain))),
+    }
 }
 
 #[cfg(test)]

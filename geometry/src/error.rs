@@ -1,5 +1,7 @@
 //! Error values of the crate: what was wrong, and where.
 
+use crate::simplify::settings::SettingsError;
+
 /// Bytes or values that cannot be what they claim to be.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{what}: {why}")]
@@ -62,6 +64,9 @@ pub enum MeshError {
         /// How many are supported.
         limit: usize,
     },
+    /// A knob that is out of its range.
+    #[error(transparent)]
+    BadSetting(#[from] SettingsError),
     /// Bits or a tolerance that cannot be had.
     #[error("position precision: {why}")]
     BadPrecision {

@@ -39,7 +39,7 @@ pub use entropy::{Codec, steps};
 pub use error::{DecodeError, MeshError};
 pub use mesh::{distance, normals, octahedral};
 pub use prepare::training;
-pub use simplify::settings::{Metric, Settings};
+pub use simplify::settings::{Metric, Settings, SettingsError};
 
 /// The chunk index: what a client must know of a chunk before it asks for it.
 pub mod index {

@@ -15,7 +15,7 @@ use anyhow::Context as _;
 use lodestream_geometry::Settings;
 use lodestream_geometry::mesh::{Corner, NONE, QuantisedMesh, SourceMesh};
 use lodestream_geometry::pool::{Monitor, Progress, Serial, Stage};
-use lodestream_geometry::prepare::{Prepared, prepare};
+use lodestream_geometry::prepare::{Hooks, Prepared, prepare};
 use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
 use lodestream_geometry::refine::ActiveMesh;
 
@@ -112,7 +112,7 @@ fn row(model: String, mesh: &QuantisedMesh) -> anyhow::Result<Row> {
         let before = heap::used();
         let watch = StopWatch::new();
         let start = Instant::now();
-        let prepared = prepare(mesh, &Settings::default(), &Serial, &watch)?;
+        let prepared = prepare(mesh, &Settings::default(), &Hooks::new(&Serial, &watch))?;
         let all = start.elapsed().as_secs_f64();
         let ([simplify, measure, encode], peaks) = watch.finish();
         splits = prepared.infos.iter().map(|i| i.vertices).sum();

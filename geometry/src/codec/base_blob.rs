@@ -52,9 +52,13 @@ impl Base {
             wedges: self.wedges.clone(),
             faces: self.faces.clone(),
         };
-        out.extend(
-            base_mesh::encode(&base, mesh, self.grid.bits - shift, self.kinds(), self.material_count)?.bytes,
-        );
+        out.extend(base_mesh::encode(
+            &base,
+            mesh,
+            self.grid.bits - shift,
+            self.kinds(),
+            self.material_count,
+        )?);
         Ok(out)
     }
 

@@ -12,6 +12,7 @@ use crate::codec::model::{
 use crate::codec::residual::Recent;
 use crate::entropy::Codec;
 use crate::entropy::ceiling::{least_bytes, most_elements};
+use crate::entropy::mute::Mute;
 use crate::entropy::plain_coder::{PlainDecoder, PlainEncoder};
 use crate::entropy::range_coder::{Coder, Decoder, Encoder};
 use crate::entropy::symbols::{INTEGER_CONTEXTS, index, integer, signed};
@@ -26,13 +27,28 @@ pub(crate) struct BaseMesh {
     pub(crate) faces: Vec<Face>,
 }
 
-/// An encoded base mesh, and where its elements come from in the mesh given.
-pub(crate) struct EncodedBase {
-    pub(crate) bytes: Vec<u8>,
+/// A base mesh in the order of the traversal, and where its elements come from in the mesh given.
+pub(crate) struct OrderedBase {
     pub(crate) mesh: BaseMesh,
     pub(crate) vertices: Vec<u32>,
     pub(crate) wedges: Vec<u32>,
     pub(crate) faces: Vec<u32>,
+}
+
+/// Brings a mesh into the order of the traversal. Fails as [`encode`] does.
+pub(crate) fn ordered(
+    mesh: &BaseMesh,
+    bits: u8,
+    kinds: Kinds,
+    materials: u16,
+) -> Result<OrderedBase, DecodeError> {
+    let (walk, wanted_mesh) = encode_with(&mut Mute, mesh, bits, kinds, materials)?;
+    Ok(OrderedBase {
+        mesh: walk.mesh,
+        vertices: wanted_mesh.vertices,
+        wedges: wanted_mesh.wedges,
+        faces: wanted_mesh.faces,
+    })
 }
 
 /// Encodes a mesh, given in any order. Fails on more than [`MAX_BASE_FACES`] faces and on faces with a
@@ -43,25 +59,18 @@ pub(crate) fn encode(
     bits: u8,
     kinds: Kinds,
     materials: u16,
-) -> Result<EncodedBase, DecodeError> {
-    let (bytes, (walk, guide)) = match codec {
+) -> Result<Vec<u8>, DecodeError> {
+    Ok(match codec {
         Codec::Range => {
             let mut encoder = Encoder::new(contexts());
-            let said = encode_with(&mut encoder, mesh, bits, kinds, materials)?;
-            (encoder.finish(least_bytes(said.0.elements())), said)
+            let (walk, _) = encode_with(&mut encoder, mesh, bits, kinds, materials)?;
+            encoder.finish(least_bytes(walk.elements()))
         }
         Codec::Plain => {
             let mut encoder = PlainEncoder::new(&STREAMS);
-            let said = encode_with(&mut encoder, mesh, bits, kinds, materials)?;
-            (encoder.finish(least_bytes(said.0.elements())), said)
+            let (walk, _) = encode_with(&mut encoder, mesh, bits, kinds, materials)?;
+            encoder.finish(least_bytes(walk.elements()))
         }
-    };
-    Ok(EncodedBase {
-        bytes,
-        mesh: walk.mesh,
-        vertices: guide.vertices,
-        wedges: guide.wedges,
-        faces: guide.faces,
     })
 }
 
@@ -72,11 +81,11 @@ pub(crate) fn encode_with<'a, C: Coder>(
     bits: u8,
     kinds: Kinds,
     materials: u16,
-) -> Result<(Walk, Guide<'a>), DecodeError> {
+) -> Result<(Walk, WantedMesh<'a>), DecodeError> {
     let mut walk = Walk::new(bits, kinds, materials, u64::MAX);
-    let mut guide = Guide::new(mesh);
-    walk.run(coder, Some(&mut guide))?;
-    Ok((walk, guide))
+    let mut wanted_mesh = WantedMesh::new(mesh);
+    walk.run(coder, Some(&mut wanted_mesh))?;
+    Ok((walk, wanted_mesh))
 }
 
 /// Decodes a mesh.
@@ -104,7 +113,7 @@ pub(crate) fn decode(
 }
 
 /// What the encoder wants said: the mesh, and the names of what was said so far.
-pub(crate) struct Guide<'a> {
+pub(crate) struct WantedMesh<'a> {
     mesh: &'a BaseMesh,
     /// Faces by directed edge (vertices of `mesh`), as (face, corner that starts the edge).
     edges: HashMap<(u32, u32), Vec<(u32, u8)>>,
@@ -117,7 +126,7 @@ pub(crate) struct Guide<'a> {
     faces: Vec<u32>,
 }
 
-impl<'a> Guide<'a> {
+impl<'a> WantedMesh<'a> {
     fn new(mesh: &'a BaseMesh) -> Self {
         let mut edges: HashMap<(u32, u32), Vec<(u32, u8)>> = HashMap::new();
         for (f, face) in mesh.faces.iter().enumerate() {
@@ -192,16 +201,20 @@ impl Walk {
         (self.mesh.positions.len() + self.mesh.wedges.len() + self.mesh.faces.len()) as u64
     }
 
-    fn run<C: Coder>(&mut self, coder: &mut C, mut guide: Option<&mut Guide<'_>>) -> Result<(), DecodeError> {
+    fn run<C: Coder>(
+        &mut self,
+        coder: &mut C,
+        mut wanted_mesh: Option<&mut WantedMesh<'_>>,
+    ) -> Result<(), DecodeError> {
         let mut queue: VecDeque<Gate> = VecDeque::new();
         let mut edges: HashSet<(u32, u32)> = HashSet::new();
         loop {
             let Some(gate) = queue.pop_front() else {
-                let seed = guide.as_mut().and_then(|g| g.seed());
+                let seed = wanted_mesh.as_mut().and_then(|g| g.seed());
                 if !coder.bit(BASE_MORE, seed.is_some()) {
                     return coder.check();
                 }
-                self.face(coder, None, seed, &mut guide, &mut queue, &mut edges)?;
+                self.face(coder, None, seed, &mut wanted_mesh, &mut queue, &mut edges)?;
                 continue;
             };
             let v = self.corners(gate.face);
@@ -209,9 +222,9 @@ impl Walk {
             if edges.contains(&(b, a)) {
                 continue;
             }
-            let face = guide.as_mut().and_then(|g| g.at_gate(b, a));
+            let face = wanted_mesh.as_mut().and_then(|g| g.at_gate(b, a));
             if coder.bit(BASE_GATE, face.is_some()) {
-                self.face(coder, Some(gate), face, &mut guide, &mut queue, &mut edges)?;
+                self.face(coder, Some(gate), face, &mut wanted_mesh, &mut queue, &mut edges)?;
             }
         }
     }
@@ -226,7 +239,7 @@ impl Walk {
         coder: &mut C,
         gate: Option<Gate>,
         want: Option<(u32, [u32; 3])>,
-        guide: &mut Option<&mut Guide<'_>>,
+        wanted_mesh: &mut Option<&mut WantedMesh<'_>>,
         queue: &mut VecDeque<Gate>,
         edges: &mut HashSet<(u32, u32)>,
     ) -> Result<(), DecodeError> {
@@ -250,16 +263,16 @@ impl Walk {
             };
             vertices[i] = match known {
                 Some((vertex, _)) => vertex,
-                None => self.vertex(coder, gate, i, &vertices, builder, guide)?,
+                None => self.vertex(coder, gate, i, &vertices, builder, wanted_mesh)?,
             };
             if vertices[..i].contains(&vertices[i]) {
                 return Err(DecodeError::new("base mesh", "a face uses a vertex twice"));
             }
             let uv_guess = known.map(|k| k.1).or((i > 0).then(|| wedges[i - 1]));
-            wedges[i] = self.wedge(coder, vertices[i], known.map(|k| k.1), uv_guess, builder, guide)?;
+            wedges[i] = self.wedge(coder, vertices[i], known.map(|k| k.1), uv_guess, builder, wanted_mesh)?;
         }
         let near = gate.map_or(0, |g| self.mesh.faces[g.face as usize].material);
-        let actual = match (&guide, want) {
+        let actual = match (&wanted_mesh, want) {
             (Some(g), Some((face, _))) => g.mesh.faces[face as usize].material,
             _ => near,
         };
@@ -273,7 +286,7 @@ impl Walk {
         }
         let face = self.mesh.faces.len() as u32;
         self.mesh.faces.push(Face { wedges, material });
-        if let (Some(g), Some((builder, _))) = (guide, want) {
+        if let (Some(g), Some((builder, _))) = (wanted_mesh, want) {
             g.faces.push(builder);
         }
         for k in 0..3 {
@@ -290,10 +303,10 @@ impl Walk {
         corner: usize,
         so_far: &[u32; 3],
         builder: Option<u32>,
-        guide: &mut Option<&mut Guide<'_>>,
+        wanted_mesh: &mut Option<&mut WantedMesh<'_>>,
     ) -> Result<u32, DecodeError> {
         let count = self.mesh.positions.len();
-        let wanted = match (guide.as_ref(), builder) {
+        let wanted = match (wanted_mesh.as_ref(), builder) {
             (Some(g), Some(w)) => g.local_vertex.get(&g.vertex_of(w)).copied(),
             _ => None,
         };
@@ -313,7 +326,7 @@ impl Walk {
             None if corner > 0 => at(so_far[corner - 1]),
             None => self.mesh.positions.last().copied().unwrap_or([1 << (self.bits - 1); 3]),
         };
-        let actual = match (guide.as_ref(), builder) {
+        let actual = match (wanted_mesh.as_ref(), builder) {
             (Some(g), Some(w)) => Some(g.mesh.positions[g.vertex_of(w) as usize]),
             _ => None,
         };
@@ -331,7 +344,7 @@ impl Walk {
         }
         self.mesh.positions.push(position);
         self.wedges_of.push(Vec::new());
-        if let (Some(g), Some(w)) = (guide, builder) {
+        if let (Some(g), Some(w)) = (wanted_mesh, builder) {
             let vertex = g.vertex_of(w);
             g.local_vertex.insert(vertex, count as u32);
             g.vertices.push(vertex);
@@ -346,10 +359,10 @@ impl Walk {
         guess: Option<u32>,
         near: Option<u32>,
         builder: Option<u32>,
-        guide: &mut Option<&mut Guide<'_>>,
+        wanted_mesh: &mut Option<&mut WantedMesh<'_>>,
     ) -> Result<u32, DecodeError> {
         let own = &self.wedges_of[vertex as usize];
-        let want = match (guide.as_ref(), builder) {
+        let want = match (wanted_mesh.as_ref(), builder) {
             (Some(g), Some(w)) => g.local_wedge.get(&w).copied(),
             _ => None,
         };
@@ -362,7 +375,7 @@ impl Walk {
                 return Ok(own[index(coder, own.len(), place, "base mesh: wedge")?]);
             }
         }
-        let actual = match (guide.as_ref(), builder) {
+        let actual = match (wanted_mesh.as_ref(), builder) {
             (Some(g), Some(w)) => Some(g.mesh.wedges[w as usize]),
             _ => None,
         };
@@ -374,7 +387,7 @@ impl Walk {
         let wedge = self.mesh.wedges.len() as u32;
         self.mesh.wedges.push(Wedge { vertex, attributes });
         self.wedges_of[vertex as usize].push(wedge);
-        if let (Some(g), Some(w)) = (guide, builder) {
+        if let (Some(g), Some(w)) = (wanted_mesh, builder) {
             g.local_wedge.insert(w, wedge);
             g.wedges.push(w);
         }

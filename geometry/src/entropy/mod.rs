@@ -24,6 +24,7 @@
 pub mod bytes;
 pub mod ceiling;
 pub mod context;
+pub mod mute;
 pub mod plain_coder;
 pub mod range_coder;
 pub mod steps;

@@ -34,51 +34,59 @@ pub struct Prepared {
     pub chunks: Vec<Vec<u8>>,
 }
 
-/// Prepares a mesh for streaming.
-///
-/// The result depends on the mesh and the settings alone, not on the pool. Cost: 21 to 33 µs
-/// a face on one core (BENCHMARKS.md).
-///
-/// # Errors
-/// [`MeshError::NoFaces`] for an empty mesh, [`MeshError::Cancelled`] if the monitor says so.
-pub fn prepare(
-    mesh: &QuantisedMesh,
-    settings: &Settings,
-    pool: &dyn Pool,
-    monitor: &dyn Monitor,
-) -> Result<Prepared, MeshError> {
-    prepare_stored(mesh, settings, pool, monitor, &Ok)
+/// What a preparation calls on: threads, who is told of progress, and what becomes of payloads.
+#[derive(Clone, Copy)]
+pub struct Hooks<'a> {
+    pool: &'a dyn Pool,
+    monitor: &'a dyn Monitor,
+    store: Store<'a>,
+    observe: Observer<'a>,
+}
+
+impl std::fmt::Debug for Hooks<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Hooks").finish_non_exhaustive()
+    }
+}
+
+impl<'a> Hooks<'a> {
+    /// Works on the threads of `pool`, tells `monitor`, and leaves payloads as they are.
+    #[must_use]
+    pub fn new(pool: &'a dyn Pool, monitor: &'a dyn Monitor) -> Self {
+        Self { pool, monitor, store: &Ok, observe: &|_, _, _| {} }
+    }
+
+    /// Payloads, and the lengths that the index says, are what `store` makes of them.
+    #[must_use]
+    pub fn stored_by(self, store: Store<'a>) -> Self {
+        Self { store, ..self }
+    }
+
+    /// Shows each chunk to `observe` before it is encoded.
+    pub(crate) fn observed_by(self, observe: Observer<'a>) -> Self {
+        Self { observe, ..self }
+    }
 }
 
 /// Turns a payload into what is stored and sent of it.
 pub type Store<'a> = &'a (dyn Fn(Vec<u8>) -> Result<Vec<u8>, DecodeError> + Sync);
+/// Sees each chunk just before it is encoded.
+pub(crate) type Observer<'a> = &'a (dyn Fn(&ActiveMesh, u32, &Source<'_>) + Sync);
 
-/// [`prepare`], where payloads, and the lengths that the index says, are what `store` makes of them.
+/// Prepares a mesh for streaming.
+///
+/// The result depends on the mesh, the settings and what payloads are stored as alone, not on the pool. Cost: 21 to
+/// 33 µs a face on one core (BENCHMARKS.md).
 ///
 /// # Errors
-/// As [`prepare`]; [`MeshError::Internal`] where `store` fails.
-pub fn prepare_stored(
-    mesh: &QuantisedMesh,
-    settings: &Settings,
-    pool: &dyn Pool,
-    monitor: &dyn Monitor,
-    store: Store<'_>,
-) -> Result<Prepared, MeshError> {
-    prepare_observed(mesh, settings, pool, monitor, (&|_, _, _| {}, store))
-}
-
-/// [`prepare_stored`], with somebody who sees each chunk before it is encoded.
-pub(crate) fn prepare_observed(
-    mesh: &QuantisedMesh,
-    settings: &Settings,
-    pool: &dyn Pool,
-    monitor: &dyn Monitor,
-    edges: Edges<'_>,
-) -> Result<Prepared, MeshError> {
+/// [`MeshError::BadSetting`] for a setting out of its range, [`MeshError::NoFaces`] for an empty mesh,
+/// [`MeshError::Cancelled`] if the monitor says so, [`MeshError::Internal`] where storing a payload fails.
+pub fn prepare(mesh: &QuantisedMesh, settings: &Settings, hooks: &Hooks<'_>) -> Result<Prepared, MeshError> {
+    settings.check()?;
     if mesh.faces.is_empty() {
         return Err(MeshError::NoFaces { dropped: 0 });
     }
-    let mut pool = Watched::new(pool, monitor, mesh.faces.len());
+    let mut pool = Watched::new(hooks.pool, hooks.monitor, mesh.faces.len());
     let simplified = simplify(mesh, settings, &mut pool)?;
     pool.begin(Stage::Encode)?;
     let order: Vec<(usize, usize)> = simplified
@@ -102,7 +110,7 @@ pub(crate) fn prepare_observed(
     let (mut base, first) = build_base(mesh, &simplified, order.len(), materials, settings.codec)?;
     let mut encoded: Vec<Payload> = Vec::with_capacity(order.len());
     let mut keep = |e: Encoded| encoded.push(Payload::of(e));
-    encode_all(mesh, &simplified, &order, &parents, &base, first, &pool, edges, &mut keep)?;
+    encode_all(mesh, &simplified, &order, &parents, &base, first, &pool, hooks, &mut keep)?;
 
     let mut errors: Vec<f64> = (0..order.len()).map(|id| chunk(id).error).collect();
     let mut slides: Vec<f64> = (0..order.len()).map(|id| chunk(id).attribute_error).collect();
@@ -228,7 +236,7 @@ fn build_base(
         colors: mesh.wedges.iter().any(|w| w.attributes.color != NO_COLOR),
         normals: mesh.wedges.iter().any(|w| w.attributes.normal.is_some()),
     };
-    let encoded = base_codec::encode(&base_mesh, codec, mesh.grid.bits, kinds, materials)
+    let ordered = base_codec::ordered(&base_mesh, mesh.grid.bits, kinds, materials)
         .map_err(|e| MeshError::Internal { why: e.to_string() })?;
     let mut min = [i32::MAX; 3];
     let mut max = [i32::MIN; 3];
@@ -259,16 +267,16 @@ fn build_base(
             faces: mesh.faces.len() as u64,
         },
         description: Vec::new(),
-        positions: encoded.mesh.positions,
+        positions: ordered.mesh.positions,
         shifts: simplified.shifts.iter().rev().copied().collect(),
-        wedges: encoded.mesh.wedges,
-        faces: encoded.mesh.faces,
+        wedges: ordered.mesh.wedges,
+        faces: ordered.mesh.faces,
     };
     let pick = |list: &[u32], order: &[u32]| order.iter().map(|&i| list[i as usize]).collect();
     let by_slot = BySlot {
-        vertices: pick(&vertices, &encoded.vertices),
-        wedges: pick(&wedges, &encoded.wedges),
-        faces: pick(&faces, &encoded.faces),
+        vertices: pick(&vertices, &ordered.vertices),
+        wedges: pick(&wedges, &ordered.wedges),
+        faces: pick(&faces, &ordered.faces),
     };
     Ok((base, by_slot))
 }
@@ -289,11 +297,6 @@ impl Payload {
     }
 }
 
-/// Sees each chunk just before it is encoded.
-pub(crate) type Observer<'a> = &'a (dyn Fn(&ActiveMesh, u32, &Source<'_>) + Sync);
-/// What happens to a chunk before and after it is encoded.
-pub(crate) type Edges<'a> = (Observer<'a>, Store<'a>);
-
 /// Encodes all chunks, level by level: within a level each against the same mesh, at the same time. `keep`
 /// gets them in order.
 #[allow(clippy::too_many_arguments)]
@@ -305,7 +308,7 @@ fn encode_all(
     base: &Base,
     mut by_slot: BySlot,
     pool: &Watched<'_>,
-    (observe, store): Edges<'_>,
+    hooks: &Hooks<'_>,
     keep: &mut dyn FnMut(Encoded),
 ) -> Result<(), MeshError> {
     let mut active = ActiveMesh::new(base);
@@ -330,9 +333,9 @@ fn encode_all(
                 slot_of_vertex: &slot_of_vertex,
                 interior: &|v| chunk.interior.binary_search(&v).is_ok(),
             };
-            observe(&active, (first + i) as u32, &source);
+            (hooks.observe)(&active, (first + i) as u32, &source);
             let encoded = encode(&active, (first + i) as u32, parents[first + i].clone(), &source)?;
-            Ok(Encoded { bytes: store(encoded.bytes)?, ..encoded })
+            Ok(Encoded { bytes: (hooks.store)(encoded.bytes)?, ..encoded })
         })?;
         for result in results {
             let encoded: Encoded =

@@ -17,7 +17,7 @@ use crate::entropy::range_coder::Coder;
 use crate::error::{DecodeError, MeshError};
 use crate::mesh::QuantisedMesh;
 use crate::pool::{Pool, Silent};
-use crate::prepare::{Observer, prepare_observed};
+use crate::prepare::{Hooks, Observer, prepare};
 use crate::simplify::settings::Settings;
 
 /// Rounds in which the weights of mixers settle.
@@ -139,7 +139,7 @@ fn record(
                 streams.insert(chunk, recorder);
             }
         };
-        let prepared = prepare_observed(mesh, settings, pool, &Silent, (observe, &Ok))?;
+        let prepared = prepare(mesh, settings, &Hooks::new(pool, &Silent).observed_by(observe))?;
         all.extend(streams.into_inner().unwrap_or_default().into_values());
         let base = &prepared.base;
         let mesh = BaseMesh {

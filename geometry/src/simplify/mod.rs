@@ -40,16 +40,12 @@ use crate::simplify::live::Live;
 use crate::simplify::measure::{Grids, measure};
 use crate::simplify::settings::Settings;
 
-/// A level's regions hold up to twice the faces asked for, and faces that share nothing have three
-/// vertices each: one chunk then still splits fewer than its decoder accepts.
-const MAX_REGION_FACES: usize = 20_000;
-/// Most parts of a chunk.
-const MAX_PARTS: usize = 16;
-/// Largest [`Settings::coarse_grid`].
-const MAX_COARSE_GRID: f64 = 4.0;
+/// Where a level is stuck, as many faces still fit into one region.
+const MAX_REGION_FACES: usize = *Settings::REGION_FACES.end();
 /// A level that removes less than this share of the vertices ends the hierarchy.
 const LEAST_PROGRESS: f64 = 0.05;
 
+/// `settings` must have passed [`Settings::check`].
 pub(crate) fn simplify(
     mesh: &QuantisedMesh,
     settings: &Settings,
@@ -61,8 +57,8 @@ pub(crate) fn simplify(
     let mut stray_error = 0.0_f64;
     let limit = Limit::new(&live, settings.base_error * diagonal(mesh));
     let faces_total = live.faces.len();
-    let region_faces = settings.region_faces.clamp(50, MAX_REGION_FACES);
-    let top_faces = (settings.top_regions.clamp(0.25, 16.0) * region_faces as f64) as usize;
+    let region_faces = settings.region_faces;
+    let top_faces = (settings.top_regions * region_faces as f64) as usize;
     let top_faces = top_faces.min(2 * MAX_REGION_FACES);
     let mut stuck = false;
     let mut shifts = vec![0];
@@ -81,12 +77,12 @@ pub(crate) fn simplify(
         pool.begin(Stage::Simplify)?;
         let vertices = level.vertices;
         for region in &mut records {
-            region.choose_stops(settings.parts.clamp(1, MAX_PARTS), settings.min_part_splits);
+            region.choose_stops(settings.parts, settings.min_part_splits);
         }
         let removed: usize = records.iter().map(|r| r.collapses.len()).sum();
         pool.begin(Stage::Measure)?;
         // What the base mesh lacks besides counts against what it may: no coarser grid on the last way there.
-        let share = if last { 0.0 } else { settings.coarse_grid.clamp(0.0, MAX_COARSE_GRID) };
+        let share = if last { 0.0 } else { settings.coarse_grid };
         let grids = Grids { shift, share, limit: limit.error };
         let (mut chunks, next) =
             measure(&mut live, &mut deviation, &level, records, grids, pool, &mut stray_error)?;

@@ -1,4 +1,6 @@
-//! Knobs of the simplification.
+//! Knobs of a preparation, and what they may be set to.
+
+use std::ops::RangeInclusive;
 
 use crate::entropy::Codec;
 
@@ -14,38 +16,40 @@ pub enum Metric {
     Melax,
 }
 
-/// Knobs of the simplification.
+/// Knobs of a preparation. Each has its range beside it, outside of which [`crate::prepare::prepare`] refuses it
+/// ([`Settings::check`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// Faces per region, 50 to 20,000. Smaller regions follow the view more closely but lock more
+    /// Faces per region ([`Self::REGION_FACES`]). Smaller regions follow the view more closely but lock more
     /// outlines (worse meshes at equal size) and need more chunks and index bytes.
     pub region_faces: usize,
-    /// Share of the removable vertices that one level removes, 0.1 to 0.9. More means fewer levels, so
+    /// Share of the removable vertices that one level removes ([`Self::LEVEL_SHARE`]). More means fewer levels, so
     /// fewer ancestors per chunk, but coarser steps.
     pub level_share: f64,
-    /// Regions that are merged into one at the top, 0.25 to 16: once no more faces are left than so many
+    /// Regions that are merged into one at the top ([`Self::TOP_REGIONS`]): once no more faces are left than so many
     /// regions hold (40,000 at most), one region of all of them goes as far as the base mesh's error
     /// allows. More means fewer levels and slightly fewer bytes in all, but a larger first step, which no
     /// view can do without; it is simplified on one thread.
     pub top_regions: f64,
-    /// Largest error of the base mesh as a share of the bounding box's diagonal.
+    /// Largest error of the base mesh as a share of the bounding box's diagonal ([`Self::BASE_ERROR`]).
     pub base_error: f64,
-    /// Fewest splits of a chunk; what falls short is left to the next level.
+    /// Fewest splits of a chunk ([`Self::MIN_SPLITS`]); what falls short is left to the next level.
     pub min_splits: usize,
-    /// Parts of a chunk, 1 to 16: between them a client may stop. More follow the view and a limit on
+    /// Parts of a chunk ([`Self::PARTS`]): between them a client may stop. More follow the view and a limit on
     /// faces more closely, and cost index bytes.
     pub parts: usize,
-    /// Fewest splits of a part.
+    /// Fewest splits of a part ([`Self::MIN_SPLITS`]).
     pub min_part_splits: usize,
     /// What a collapse is held to cost.
     pub metric: Metric,
     /// `None`: the cheapest collapse of a region first, from a heap. `Some(share)`: rounds of
-    /// collapses that share no face, each of this share of the vertices, 0.01 to 0.5: coarser.
+    /// collapses that share no face, each of this share of the vertices
+    /// ([`Self::ROUND_SHARE`]): coarser.
     pub round_share: Option<f64>,
     /// How the result is coded. [`Codec::Plain`] has no stopping points, whatever `parts` says.
     pub codec: Codec,
     /// How far apart the points of a level's grid of positions may be, as a share of the median of the errors of
-    /// the level's regions, 0 to 4; 0 keeps one grid for all levels. More makes coarse levels smaller and
+    /// the level's regions ([`Self::COARSE_GRID`]); 0 keeps one grid for all levels. More makes coarse levels smaller and
     /// the whole larger: what a coarse grid leaves out comes later.
     pub coarse_grid: f64,
     /// Lets each region of the finest level collapse one vertex of its outline, which tears the mesh.
@@ -70,5 +74,124 @@ impl Default for Settings {
             coarse_grid: 0.7,
             unlock_outlines: false,
         }
+    }
+}
+
+impl Settings {
+    /// Range of [`Self::region_faces`]. Its end: a level's regions hold up to twice the faces asked for, and faces
+    /// that share nothing have three vertices each; one chunk then still splits fewer than its decoder accepts.
+    pub const REGION_FACES: RangeInclusive<usize> = 50..=20_000;
+    /// Range of [`Self::level_share`].
+    pub const LEVEL_SHARE: RangeInclusive<f64> = 0.1..=0.9;
+    /// Range of [`Self::top_regions`].
+    pub const TOP_REGIONS: RangeInclusive<f64> = 0.25..=16.0;
+    /// Range of [`Self::base_error`].
+    pub const BASE_ERROR: RangeInclusive<f64> = 0.0..=1.0;
+    /// Range of [`Self::min_splits`] and [`Self::min_part_splits`].
+    pub const MIN_SPLITS: RangeInclusive<usize> = 1..=20_000;
+    /// Range of [`Self::parts`].
+    pub const PARTS: RangeInclusive<usize> = 1..=16;
+    /// Range of [`Self::round_share`].
+    pub const ROUND_SHARE: RangeInclusive<f64> = 0.01..=0.5;
+    /// Range of [`Self::coarse_grid`].
+    pub const COARSE_GRID: RangeInclusive<f64> = 0.0..=4.0;
+
+    /// Whether every knob is in its range.
+    ///
+    /// # Errors
+    /// Names the first that is not, with its range.
+    pub fn check(&self) -> Result<(), SettingsError> {
+        let whole = |setting, value: usize, range: RangeInclusive<usize>| {
+            if range.contains(&value) {
+                return Ok(());
+            }
+            let (least, most) = range.into_inner();
+            Err(SettingsError {
+                setting,
+                value: value.to_string(),
+                least: least.to_string(),
+                most: most.to_string(),
+            })
+        };
+        let real = |setting, value: f64, range: RangeInclusive<f64>| {
+            // Not a number is in no range.
+            if range.contains(&value) {
+                return Ok(());
+            }
+            let (least, most) = range.into_inner();
+            Err(SettingsError {
+                setting,
+                value: value.to_string(),
+                least: least.to_string(),
+                most: most.to_string(),
+            })
+        };
+        whole("region faces", self.region_faces, Self::REGION_FACES)?;
+        real("level share", self.level_share, Self::LEVEL_SHARE)?;
+        real("top regions", self.top_regions, Self::TOP_REGIONS)?;
+        real("base error", self.base_error, Self::BASE_ERROR)?;
+        whole("fewest splits of a chunk", self.min_splits, Self::MIN_SPLITS)?;
+        whole("parts of a chunk", self.parts, Self::PARTS)?;
+        whole("fewest splits of a part", self.min_part_splits, Self::MIN_SPLITS)?;
+        if let Some(share) = self.round_share {
+            real("round share", share, Self::ROUND_SHARE)?;
+        }
+        real("coarse grid", self.coarse_grid, Self::COARSE_GRID)
+    }
+}
+
+/// A knob that is out of its range.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{setting} {value} is out of range: {least} to {most}")]
+pub struct SettingsError {
+    /// What is set.
+    pub setting: &'static str,
+    /// What it is set to.
+    pub value: String,
+    /// The least that it may be.
+    pub least: String,
+    /// The most.
+    pub most: String,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_knob_is_refused_outside_its_range_and_accepted_at_its_ends() {
+        type Set = fn(&mut Settings, f64);
+        let knobs: [(&str, Set, f64, f64); 9] = [
+            ("region faces", |s, x| s.region_faces = x as usize, 50.0, 20_000.0),
+            ("level share", |s, x| s.level_share = x, 0.1, 0.9),
+            ("top regions", |s, x| s.top_regions = x, 0.25, 16.0),
+            ("base error", |s, x| s.base_error = x, 0.0, 1.0),
+            ("fewest splits of a chunk", |s, x| s.min_splits = x as usize, 1.0, 20_000.0),
+            ("parts of a chunk", |s, x| s.parts = x as usize, 1.0, 16.0),
+            ("fewest splits of a part", |s, x| s.min_part_splits = x as usize, 1.0, 20_000.0),
+            ("round share", |s, x| s.round_share = Some(x), 0.01, 0.5),
+            ("coarse grid", |s, x| s.coarse_grid = x, 0.0, 4.0),
+        ];
+        let checked = |set: Set, x: f64| {
+            let mut settings = Settings::default();
+            set(&mut settings, x);
+            settings.check().map_err(|e| e.setting)
+        };
+        assert_eq!(Settings::default().check(), Ok(()));
+        for (name, set, least, most) in knobs {
+            assert_eq!([least, most].map(|x| checked(set, x)), [Ok(()); 2], "{name}");
+            assert_eq!(checked(set, most + 1.0), Err(name));
+            // Whole numbers have nothing below none.
+            if least != 0.0 || name == "base error" {
+                assert_eq!(checked(set, least - 1.0), Err(name));
+            }
+        }
+        assert_eq!(checked(|s, x| s.level_share = x, f64::NAN), Err("level share"));
+    }
+
+    #[test]
+    fn the_message_says_what_and_which_range() {
+        let settings = Settings { top_regions: f64::INFINITY, ..Settings::default() };
+        assert_eq!(settings.check().unwrap_err().to_string(), "top regions inf is out of range: 0.25 to 16");
     }
 }

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use lodestream_geometry::MeshError;
 use lodestream_geometry::pool::{Monitor, Progress};
-use lodestream_geometry::prepare::prepare;
+use lodestream_geometry::prepare::{Hooks, prepare};
 
 use crate::common::{Shuffled, quantised, regions, shapes};
 
@@ -27,7 +27,7 @@ fn cancelling_takes_effect_at_any_report() {
     let threads = 3;
     let run = |no| {
         let monitor = Until { no, reports: AtomicUsize::new(0) };
-        let result = prepare(&mesh, &regions(200), &Shuffled { threads, seed: 4 }, &monitor);
+        let result = prepare(&mesh, &regions(200), &Hooks::new(&Shuffled { threads, seed: 4 }, &monitor));
         (result, monitor.reports.into_inner())
     };
     let (whole, reports) = run(usize::MAX);

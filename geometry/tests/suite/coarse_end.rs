@@ -4,8 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use lodestream_geometry::check::check;
 use lodestream_geometry::mesh::{Face, QuantisedMesh, Wedge};
-use lodestream_geometry::pool::Serial;
-use lodestream_geometry::prepare::Prepared;
+use lodestream_geometry::pool::{Serial, Silent};
+use lodestream_geometry::prepare::{Hooks, Prepared, prepare};
 use lodestream_geometry::{Metric, Settings};
 
 use crate::common::{prepared, quantised, regions, shapes};
@@ -113,9 +113,13 @@ fn the_top_is_one_chunk_of_as_many_faces_as_asked_for() {
 }
 
 #[test]
-fn top_regions_out_of_range_count_as_the_nearest_that_is_possible() {
+fn settings_out_of_range_are_refused_by_name() {
     let mesh = quantised(&shapes::torus(20, 30));
-    let chunks = |top_regions| prepared(&mesh, &Settings { top_regions, ..regions(50) }).chunks;
-    assert_eq!(chunks(-1.0), chunks(0.25));
-    assert_eq!(chunks(f64::INFINITY), chunks(16.0));
+    let refused = |settings: Settings| {
+        prepare(&mesh, &settings, &Hooks::new(&Serial, &Silent)).unwrap_err().to_string()
+    };
+    let top = |top_regions| refused(Settings { top_regions, ..regions(50) });
+    assert_eq!(top(-1.0), "top regions -1 is out of range: 0.25 to 16");
+    assert_eq!(top(f64::NAN), "top regions NaN is out of range: 0.25 to 16");
+    assert_eq!(refused(regions(49)), "region faces 49 is out of range: 50 to 20000");
 }

@@ -4,7 +4,7 @@ use lodestream_geometry::base::Base;
 use lodestream_geometry::check::check;
 use lodestream_geometry::index::decode_page;
 use lodestream_geometry::pool::{Serial, Silent};
-use lodestream_geometry::prepare::prepare;
+use lodestream_geometry::prepare::{Hooks, prepare};
 
 use crate::common::{Shuffled, all, prepared, quantised, regions};
 
@@ -16,7 +16,7 @@ fn bytes_do_not_depend_on_threads_or_on_the_order_of_tasks() {
         for (threads, seed) in [(1, 1), (2, 2), (5, 3)] {
             // Quantised anew: hash maps are seeded anew as well.
             let mesh = quantised(&source);
-            let again = prepare(&mesh, &settings, &Shuffled { threads, seed }, &Silent).unwrap();
+            let again = prepare(&mesh, &settings, &Hooks::new(&Shuffled { threads, seed }, &Silent)).unwrap();
             assert!(
                 again.base.encode().unwrap() == expected.base.encode().unwrap(),
                 "{name}: base, {threads} threads"

@@ -255,7 +255,10 @@ fn regions_are_never_larger_than_their_decoder_accepts() {
     // Nearly three splits a face. In one region they would be more than one chunk may have.
     let mesh = quantised(&shapes::soup(50_000));
     for top_regions in [1.5, 16.0] {
-        let asset = prepared(&mesh, &Settings { region_faces: 1 << 30, top_regions, ..Settings::default() });
+        let asset = prepared(
+            &mesh,
+            &Settings { region_faces: *Settings::REGION_FACES.end(), top_regions, ..Settings::default() },
+        );
         let (mesh, _) = deltas(&asset);
         assert_eq!(mesh.face_count(), 50_000);
         assert!(asset.infos.iter().map(|i| i.vertices).max() > Some(40_000));

@@ -11,6 +11,7 @@ mod codecs;
 mod determinism;
 mod errors;
 mod extremes;
+mod golden;
 mod grids;
 mod holes;
 mod hostile;

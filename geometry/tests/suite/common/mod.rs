@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use lodestream_geometry::Settings;
 use lodestream_geometry::mesh::{Attributes, Corner, QuantisedMesh, SourceMesh};
 use lodestream_geometry::pool::{Pool, Serial, Silent};
-use lodestream_geometry::prepare::{Prepared, prepare};
+use lodestream_geometry::prepare::{Hooks, Prepared, prepare};
 use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
 use lodestream_geometry::random::Random;
 
@@ -63,7 +63,7 @@ pub(crate) fn stopping(faces: usize) -> Settings {
 }
 
 pub(crate) fn prepared(mesh: &QuantisedMesh, settings: &Settings) -> Prepared {
-    prepare(mesh, settings, &Serial, &Silent).unwrap()
+    prepare(mesh, settings, &Hooks::new(&Serial, &Silent)).unwrap()
 }
 
 /// A face as geometry and attributes: per corner position and attributes, rotated so that the least
