@@ -2,7 +2,7 @@
 
 use crate::asset::base::{Base, FORMAT_VERSION, MAX_CHUNKS, MAX_DESCRIPTION_BYTES, Totals};
 use crate::asset::index::Sphere;
-use crate::codec::base_mesh::{self, BaseMesh};
+use crate::codec::base_mesh::{self, BaseFormat, BaseMesh};
 use crate::entropy::Codec;
 use crate::entropy::bytes::{Reader, put_varint};
 use crate::error::DecodeError;
@@ -52,13 +52,9 @@ impl Base {
             wedges: self.wedges.clone(),
             faces: self.faces.clone(),
         };
-        out.extend(base_mesh::encode(
-            &base,
-            mesh,
-            self.grid.bits - shift,
-            self.kinds(),
-            self.material_count,
-        )?);
+        let format =
+            BaseFormat { bits: self.grid.bits - shift, kinds: self.kinds(), materials: self.material_count };
+        out.extend(base_mesh::encode(&base, mesh, format)?);
         Ok(out)
     }
 
@@ -118,8 +114,8 @@ impl Base {
         let description = r.take(length)?.to_vec();
         let rest = r.remaining();
         let kinds = Kinds { uv_bits, colors, normals };
-        let mesh =
-            base_mesh::decode(r.take(rest)?, mesh.unwrap_or(codec), bits - shift, kinds, material_count)?;
+        let format = BaseFormat { bits: bits - shift, kinds, materials: material_count };
+        let mesh = base_mesh::decode(r.take(rest)?, mesh.unwrap_or(codec), format)?;
         Ok(Self {
             grid,
             uv_grid,

@@ -27,6 +27,13 @@ pub(crate) struct BaseMesh {
     pub(crate) faces: Vec<Face>,
 }
 
+impl BaseMesh {
+    /// Vertices, wedges and faces.
+    fn elements(&self) -> u64 {
+        (self.positions.len() + self.wedges.len() + self.faces.len()) as u64
+    }
+}
+
 /// A base mesh in the order of the traversal, and where its elements come from in the mesh given.
 pub(crate) struct OrderedBase {
     pub(crate) mesh: BaseMesh,
@@ -35,85 +42,83 @@ pub(crate) struct OrderedBase {
     pub(crate) faces: Vec<u32>,
 }
 
+/// What a base mesh's symbols depend on besides the mesh.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct BaseFormat {
+    /// Bits per axis of positions.
+    pub(crate) bits: u8,
+    pub(crate) kinds: Kinds,
+    /// Materials that faces may name.
+    pub(crate) materials: u16,
+}
+
 /// Brings a mesh into the order of the traversal. Fails as [`encode`] does.
-pub(crate) fn ordered(
-    mesh: &BaseMesh,
-    bits: u8,
-    kinds: Kinds,
-    materials: u16,
-) -> Result<OrderedBase, DecodeError> {
-    let (walk, wanted_mesh) = encode_with(&mut Mute, mesh, bits, kinds, materials)?;
-    Ok(OrderedBase {
-        mesh: walk.mesh,
-        vertices: wanted_mesh.vertices,
-        wedges: wanted_mesh.wedges,
-        faces: wanted_mesh.faces,
-    })
+pub(crate) fn ordered(mesh: &BaseMesh, format: BaseFormat) -> Result<OrderedBase, DecodeError> {
+    encode_with(&mut Mute, mesh, format)
 }
 
 /// Encodes a mesh, given in any order. Fails on more than [`MAX_BASE_FACES`] faces and on faces with a
 /// repeated vertex.
-pub(crate) fn encode(
-    mesh: &BaseMesh,
-    codec: Codec,
-    bits: u8,
-    kinds: Kinds,
-    materials: u16,
-) -> Result<Vec<u8>, DecodeError> {
+pub(crate) fn encode(mesh: &BaseMesh, codec: Codec, format: BaseFormat) -> Result<Vec<u8>, DecodeError> {
     Ok(match codec {
         Codec::Range => {
             let mut encoder = Encoder::new(contexts());
-            let (walk, _) = encode_with(&mut encoder, mesh, bits, kinds, materials)?;
-            encoder.finish(least_bytes(walk.elements()))
+            let said = encode_with(&mut encoder, mesh, format)?;
+            encoder.finish(least_bytes(said.mesh.elements()))
         }
         Codec::Plain => {
             let mut encoder = PlainEncoder::new(&STREAMS);
-            let (walk, _) = encode_with(&mut encoder, mesh, bits, kinds, materials)?;
-            encoder.finish(least_bytes(walk.elements()))
+            let said = encode_with(&mut encoder, mesh, format)?;
+            encoder.finish(least_bytes(said.mesh.elements()))
         }
     })
 }
 
 /// Says a mesh to any coder.
-pub(crate) fn encode_with<'a, C: Coder>(
+pub(crate) fn encode_with<C: Coder>(
     coder: &mut C,
-    mesh: &'a BaseMesh,
-    bits: u8,
-    kinds: Kinds,
-    materials: u16,
-) -> Result<(Walk, WantedMesh<'a>), DecodeError> {
-    let mut walk = Walk::new(bits, kinds, materials, u64::MAX);
-    let mut wanted_mesh = WantedMesh::new(mesh);
-    walk.run(coder, Some(&mut wanted_mesh))?;
-    Ok((walk, wanted_mesh))
+    mesh: &BaseMesh,
+    format: BaseFormat,
+) -> Result<OrderedBase, DecodeError> {
+    let mut walk = Walk::new(coder, format, u64::MAX);
+    walk.wanted = Some(WantedMesh::new(mesh));
+    walk.run()?;
+    let (vertices, wedges, faces) =
+        walk.wanted.map_or_else(Default::default, |wanted| (wanted.vertices, wanted.wedges, wanted.faces));
+    Ok(OrderedBase { mesh: walk.mesh, vertices, wedges, faces })
 }
 
 /// Decodes a mesh.
-pub(crate) fn decode(
-    bytes: &[u8],
-    codec: Codec,
-    bits: u8,
-    kinds: Kinds,
-    materials: u16,
-) -> Result<BaseMesh, DecodeError> {
-    let mut walk = Walk::new(bits, kinds, materials, most_elements(bytes.len()));
+pub(crate) fn decode(bytes: &[u8], codec: Codec, format: BaseFormat) -> Result<BaseMesh, DecodeError> {
+    let most = most_elements(bytes.len());
     match codec {
         Codec::Range => {
             let mut decoder = Decoder::new(contexts(), bytes);
-            walk.run(&mut decoder, None)?;
-            decoder.end(least_bytes(walk.elements()))?;
+            let mesh = decode_with(&mut decoder, format, most)?;
+            decoder.end(least_bytes(mesh.elements()))?;
+            Ok(mesh)
         }
         Codec::Plain => {
             let mut decoder = PlainDecoder::new(&STREAMS, bytes)?;
-            walk.run(&mut decoder, None)?;
-            decoder.end(least_bytes(walk.elements()))?;
+            let mesh = decode_with(&mut decoder, format, most)?;
+            decoder.end(least_bytes(mesh.elements()))?;
+            Ok(mesh)
         }
     }
+}
+
+fn decode_with<C: Coder>(
+    coder: &mut C,
+    format: BaseFormat,
+    most_elements: u64,
+) -> Result<BaseMesh, DecodeError> {
+    let mut walk = Walk::new(coder, format, most_elements);
+    walk.run()?;
     Ok(walk.mesh)
 }
 
 /// What the encoder wants said: the mesh, and the names of what was said so far.
-pub(crate) struct WantedMesh<'a> {
+struct WantedMesh<'a> {
     mesh: &'a BaseMesh,
     /// Faces by directed edge (vertices of `mesh`), as (face, corner that starts the edge).
     edges: HashMap<(u32, u32), Vec<(u32, u8)>>,
@@ -173,15 +178,21 @@ impl<'a> WantedMesh<'a> {
     }
 }
 
-/// The traversal, with its models and the mesh so far.
-pub(crate) struct Walk {
-    bits: u8,
-    kinds: Kinds,
-    materials: u16,
+/// The traversal, with the mesh so far.
+struct Walk<'a, C> {
+    /// Writes, reads or records symbols.
+    coder: &'a mut C,
+    /// What an encoder wants said; a decoder has none.
+    wanted: Option<WantedMesh<'a>>,
+    format: BaseFormat,
     /// What its bytes can justify.
     most_elements: u64,
     mesh: BaseMesh,
     wedges_of: Vec<Vec<u32>>,
+    /// Where faces may grow yet.
+    queue: VecDeque<Gate>,
+    /// Directed edges that have a face.
+    edges: HashSet<(u32, u32)>,
 }
 
 /// Where a face grows from: a face there, and its corners along the shared edge and opposite.
@@ -191,40 +202,38 @@ struct Gate {
     k: usize,
 }
 
-impl Walk {
-    fn new(bits: u8, kinds: Kinds, materials: u16, most_elements: u64) -> Self {
-        Self { bits, kinds, materials, most_elements, mesh: BaseMesh::default(), wedges_of: Vec::new() }
+impl<'a, C: Coder> Walk<'a, C> {
+    fn new(coder: &'a mut C, format: BaseFormat, most_elements: u64) -> Self {
+        Self {
+            coder,
+            wanted: None,
+            format,
+            most_elements,
+            mesh: BaseMesh::default(),
+            wedges_of: Vec::new(),
+            queue: VecDeque::new(),
+            edges: HashSet::new(),
+        }
     }
 
-    /// Vertices, wedges and faces so far.
-    fn elements(&self) -> u64 {
-        (self.mesh.positions.len() + self.mesh.wedges.len() + self.mesh.faces.len()) as u64
-    }
-
-    fn run<C: Coder>(
-        &mut self,
-        coder: &mut C,
-        mut wanted_mesh: Option<&mut WantedMesh<'_>>,
-    ) -> Result<(), DecodeError> {
-        let mut queue: VecDeque<Gate> = VecDeque::new();
-        let mut edges: HashSet<(u32, u32)> = HashSet::new();
+    fn run(&mut self) -> Result<(), DecodeError> {
         loop {
-            let Some(gate) = queue.pop_front() else {
-                let seed = wanted_mesh.as_mut().and_then(|g| g.seed());
-                if !coder.bit(BASE_MORE, seed.is_some()) {
-                    return coder.check();
+            let Some(gate) = self.queue.pop_front() else {
+                let seed = self.wanted.as_mut().and_then(WantedMesh::seed);
+                if !self.coder.bit(BASE_MORE, seed.is_some()) {
+                    return self.coder.check();
                 }
-                self.face(coder, None, seed, &mut wanted_mesh, &mut queue, &mut edges)?;
+                self.face(None, seed)?;
                 continue;
             };
             let v = self.corners(gate.face);
             let (a, b) = (v[gate.k], v[(gate.k + 1) % 3]);
-            if edges.contains(&(b, a)) {
+            if self.edges.contains(&(b, a)) {
                 continue;
             }
-            let face = wanted_mesh.as_mut().and_then(|g| g.at_gate(b, a));
-            if coder.bit(BASE_GATE, face.is_some()) {
-                self.face(coder, Some(gate), face, &mut wanted_mesh, &mut queue, &mut edges)?;
+            let face = self.wanted.as_mut().and_then(|w| w.at_gate(b, a));
+            if self.coder.bit(BASE_GATE, face.is_some()) {
+                self.face(Some(gate), face)?;
             }
         }
     }
@@ -234,19 +243,11 @@ impl Walk {
     }
 
     /// One face: at a gate its first two corners are the gate's, reversed.
-    fn face<C: Coder>(
-        &mut self,
-        coder: &mut C,
-        gate: Option<Gate>,
-        want: Option<(u32, [u32; 3])>,
-        wanted_mesh: &mut Option<&mut WantedMesh<'_>>,
-        queue: &mut VecDeque<Gate>,
-        edges: &mut HashSet<(u32, u32)>,
-    ) -> Result<(), DecodeError> {
+    fn face(&mut self, gate: Option<Gate>, want: Option<(u32, [u32; 3])>) -> Result<(), DecodeError> {
         if self.mesh.faces.len() >= MAX_BASE_FACES {
             return Err(DecodeError::new("base mesh", format!("more than {MAX_BASE_FACES} faces")));
         }
-        if self.elements() >= self.most_elements {
+        if self.mesh.elements() >= self.most_elements {
             return Err(DecodeError::new("base mesh", "more faces than its bytes can be"));
         }
         let mut vertices = [0; 3];
@@ -263,59 +264,60 @@ impl Walk {
             };
             vertices[i] = match known {
                 Some((vertex, _)) => vertex,
-                None => self.vertex(coder, gate, i, &vertices, builder, wanted_mesh)?,
+                None => self.vertex(gate, &vertices[..i], builder)?,
             };
             if vertices[..i].contains(&vertices[i]) {
                 return Err(DecodeError::new("base mesh", "a face uses a vertex twice"));
             }
             let uv_guess = known.map(|k| k.1).or((i > 0).then(|| wedges[i - 1]));
-            wedges[i] = self.wedge(coder, vertices[i], known.map(|k| k.1), uv_guess, builder, wanted_mesh)?;
+            wedges[i] = self.wedge(vertices[i], known.map(|k| k.1), uv_guess, builder)?;
         }
         let near = gate.map_or(0, |g| self.mesh.faces[g.face as usize].material);
-        let actual = match (&wanted_mesh, want) {
+        let actual = match (&self.wanted, want) {
             (Some(g), Some((face, _))) => g.mesh.faces[face as usize].material,
             _ => near,
         };
         let mut material = near;
-        if self.materials > 1 && !coder.bit(BASE_SAME_MATERIAL, actual == near) {
-            let got = integer(coder, BASE_MATERIAL, u32::from(actual));
+        if self.format.materials > 1 && !self.coder.bit(BASE_SAME_MATERIAL, actual == near) {
+            let got = integer(self.coder, BASE_MATERIAL, u32::from(actual));
             material = u16::try_from(got).unwrap_or(u16::MAX);
         }
-        if material >= self.materials.max(1) {
-            return Err(DecodeError::new("base mesh", format!("material {material} of {}", self.materials)));
+        if material >= self.format.materials.max(1) {
+            return Err(DecodeError::new(
+                "base mesh",
+                format!("material {material} of {}", self.format.materials),
+            ));
         }
         let face = self.mesh.faces.len() as u32;
         self.mesh.faces.push(Face { wedges, material });
-        if let (Some(g), Some((builder, _))) = (wanted_mesh, want) {
+        if let (Some(g), Some((builder, _))) = (&mut self.wanted, want) {
             g.faces.push(builder);
         }
         for k in 0..3 {
-            edges.insert((vertices[k], vertices[(k + 1) % 3]));
-            queue.push_back(Gate { face, k });
+            self.edges.insert((vertices[k], vertices[(k + 1) % 3]));
+            self.queue.push_back(Gate { face, k });
         }
-        coder.check()
+        self.coder.check()
     }
 
-    fn vertex<C: Coder>(
+    /// A corner's vertex; `so_far` are those of the corners before.
+    fn vertex(
         &mut self,
-        coder: &mut C,
         gate: Option<Gate>,
-        corner: usize,
-        so_far: &[u32; 3],
+        so_far: &[u32],
         builder: Option<u32>,
-        wanted_mesh: &mut Option<&mut WantedMesh<'_>>,
     ) -> Result<u32, DecodeError> {
         let count = self.mesh.positions.len();
-        let wanted = match (wanted_mesh.as_ref(), builder) {
+        let wanted = match (&self.wanted, builder) {
             (Some(g), Some(w)) => g.local_vertex.get(&g.vertex_of(w)).copied(),
             _ => None,
         };
         let context = usize::from(gate.is_some());
-        if count > 0 && !coder.bit(BASE_NEW_VERTEX + context, wanted.is_none()) {
-            return Ok(index(coder, count, wanted.unwrap_or(0) as usize, "base mesh: vertex")? as u32);
+        if count > 0 && !self.coder.bit(BASE_NEW_VERTEX + context, wanted.is_none()) {
+            return Ok(index(self.coder, count, wanted.unwrap_or(0) as usize, "base mesh: vertex")? as u32);
         }
         let at = |v: u32| self.mesh.positions[v as usize];
-        let top = (1 << self.bits) - 1;
+        let top = (1 << self.format.bits) - 1;
         let guess = match gate {
             // Parallelogram rule (Touma and Gotsman, 1998).
             Some(gate) => {
@@ -323,10 +325,10 @@ impl Walk {
                 let (a, b, c) = (at(v[gate.k]), at(v[(gate.k + 1) % 3]), at(v[(gate.k + 2) % 3]));
                 [0, 1, 2].map(|i| (a[i] + b[i] - c[i]).clamp(0, top))
             }
-            None if corner > 0 => at(so_far[corner - 1]),
-            None => self.mesh.positions.last().copied().unwrap_or([1 << (self.bits - 1); 3]),
+            None if !so_far.is_empty() => at(so_far[so_far.len() - 1]),
+            None => self.mesh.positions.last().copied().unwrap_or([1 << (self.format.bits - 1); 3]),
         };
-        let actual = match (wanted_mesh.as_ref(), builder) {
+        let actual = match (&self.wanted, builder) {
             (Some(g), Some(w)) => Some(g.mesh.positions[g.vertex_of(w) as usize]),
             _ => None,
         };
@@ -334,7 +336,7 @@ impl Walk {
         for axis in 0..3 {
             let residual = actual.map_or(0, |p| p[axis] - guess[axis]);
             position[axis] = guess[axis].wrapping_add(signed(
-                coder,
+                self.coder,
                 BASE_AXIS + (context * 3 + axis) * INTEGER_CONTEXTS,
                 residual,
             ));
@@ -344,7 +346,7 @@ impl Walk {
         }
         self.mesh.positions.push(position);
         self.wedges_of.push(Vec::new());
-        if let (Some(g), Some(w)) = (wanted_mesh, builder) {
+        if let (Some(g), Some(w)) = (&mut self.wanted, builder) {
             let vertex = g.vertex_of(w);
             g.local_vertex.insert(vertex, count as u32);
             g.vertices.push(vertex);
@@ -352,30 +354,29 @@ impl Walk {
         Ok(count as u32)
     }
 
-    fn wedge<C: Coder>(
+    /// A corner's wedge, perhaps `guess`; `near` is a wedge near by.
+    fn wedge(
         &mut self,
-        coder: &mut C,
         vertex: u32,
         guess: Option<u32>,
         near: Option<u32>,
         builder: Option<u32>,
-        wanted_mesh: &mut Option<&mut WantedMesh<'_>>,
     ) -> Result<u32, DecodeError> {
         let own = &self.wedges_of[vertex as usize];
-        let want = match (wanted_mesh.as_ref(), builder) {
+        let want = match (&self.wanted, builder) {
             (Some(g), Some(w)) => g.local_wedge.get(&w).copied(),
             _ => None,
         };
         if let Some(guess) = guess.or(own.first().copied()) {
-            if coder.bit(BASE_SAME_WEDGE, want == Some(guess)) {
+            if self.coder.bit(BASE_SAME_WEDGE, want == Some(guess)) {
                 return Ok(guess);
             }
-            if !coder.bit(BASE_NEW_WEDGE, want.is_none()) {
+            if !self.coder.bit(BASE_NEW_WEDGE, want.is_none()) {
                 let place = own.iter().position(|&w| Some(w) == want).unwrap_or(0);
-                return Ok(own[index(coder, own.len(), place, "base mesh: wedge")?]);
+                return Ok(own[index(self.coder, own.len(), place, "base mesh: wedge")?]);
             }
         }
-        let actual = match (wanted_mesh.as_ref(), builder) {
+        let actual = match (&self.wanted, builder) {
             (Some(g), Some(w)) => Some(g.mesh.wedges[w as usize]),
             _ => None,
         };
@@ -383,11 +384,12 @@ impl Walk {
         let uv = near.map_or([0; 2], |w| w.uv);
         let expected = Expected { uv, uv_size: None, near, normal: [0.0; 3], first: own.is_empty() };
         let actual = actual.map(|w| w.attributes);
-        let attributes = code_attributes(coder, self.kinds, &mut Recent::default(), &expected, actual)?;
+        let attributes =
+            code_attributes(self.coder, self.format.kinds, &mut Recent::default(), &expected, actual)?;
         let wedge = self.mesh.wedges.len() as u32;
         self.mesh.wedges.push(Wedge { vertex, attributes });
         self.wedges_of[vertex as usize].push(wedge);
-        if let (Some(g), Some(w)) = (wanted_mesh, builder) {
+        if let (Some(g), Some(w)) = (&mut self.wanted, builder) {
             g.local_wedge.insert(w, wedge);
             g.wedges.push(w);
         }
@@ -421,16 +423,16 @@ mod tests {
     #[test]
     fn a_million_faces_in_a_few_kilobytes_are_refused_before_they_are_there() {
         let mut greedy = Greedy(Encoder::new(contexts()));
-        let kinds = Kinds::default();
-        let mut walk = Walk::new(12, kinds, 1, u64::MAX);
-        assert!(walk.run(&mut greedy, None).is_err());
+        let format = BaseFormat { bits: 12, kinds: Kinds::default(), materials: 1 };
+        let mut walk = Walk::new(&mut greedy, format, u64::MAX);
+        assert!(walk.run().is_err());
         assert_eq!(walk.mesh.faces.len(), MAX_BASE_FACES);
         let bytes = greedy.0.finish(0);
         assert!(bytes.len() < MAX_BASE_FACES / 32, "{} bytes", bytes.len());
-        let mut walk = Walk::new(12, kinds, 1, most_elements(bytes.len()));
         let mut decoder = Decoder::new(contexts(), &bytes);
-        let why = walk.run(&mut decoder, None).unwrap_err().to_string();
+        let mut walk = Walk::new(&mut decoder, format, most_elements(bytes.len()));
+        let why = walk.run().unwrap_err().to_string();
         assert!(why.contains("more faces than its bytes can be"), "{why}");
-        assert!(walk.elements() <= most_elements(bytes.len()) + 6);
+        assert!(walk.mesh.elements() <= most_elements(bytes.len()) + 6);
     }
 }

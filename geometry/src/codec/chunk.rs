@@ -4,16 +4,16 @@
 //! an encoder says and what a decoder hears cannot drift apart.
 
 use crate::asset::index::{ChunkInfo, Stop};
-use crate::codec::local::Local;
+use crate::codec::chunk_coder::{ChunkCoder, Resolution};
+use crate::codec::local::{Elements, Local};
 use crate::codec::model::{
     AREAS, BENDS, BIRTH_AXIS, BIRTHS, DEPTHS, FLAG_AREA, FLAG_BEND, FLAG_VALENCE, INTERIOR, MAX_VALENCE,
     MIX_FLAG, MORE_SEEDS, SEED_INTERIOR, SEED_ORIGIN, SEGMENTS, STREAMS, contexts,
 };
-use crate::codec::moves::{Whose, code_moves, code_shift};
+use crate::codec::moves::Whose;
 use crate::codec::plan::{Guide, Names};
 use crate::codec::residual::quarter_octaves;
 use crate::codec::source::Source;
-use crate::codec::split::{Splitter, code_split};
 use crate::collapse::NO_VERTEX;
 use crate::entropy::Codec;
 use crate::entropy::ceiling::{least_bytes, most_elements};
@@ -43,26 +43,21 @@ pub(crate) struct Encoded {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Reached {
     pub(crate) bytes: u32,
-    pub(crate) vertices: u32,
-    pub(crate) wedges: u32,
-    pub(crate) faces: u32,
+    pub(crate) added: Elements,
 }
 
 impl Reached {
-    fn elements(&self) -> u64 {
-        u64::from(self.vertices) + u64::from(self.wedges) + u64::from(self.faces)
-    }
-
     /// The index's entry of a stopping point with the given error.
     pub(crate) fn stop(&self, error: f32) -> Stop {
-        let Self { bytes, vertices, wedges, faces } = *self;
-        Stop { payload_bytes: bytes, error, vertices, wedges, faces }
+        let Elements { vertices, wedges, faces } = self.added;
+        Stop { payload_bytes: self.bytes, error, vertices, wedges, faces }
     }
+}
 
-    fn of(stop: &Stop) -> Self {
-        let Stop { payload_bytes: bytes, vertices, wedges, faces, .. } = *stop;
-        Self { bytes, vertices, wedges, faces }
-    }
+/// What the index announces of a stop.
+fn announced(stop: &Stop) -> Elements {
+    let Stop { vertices, wedges, faces, .. } = *stop;
+    Elements { vertices, wedges, faces }
 }
 
 impl ActiveMesh {
@@ -115,31 +110,38 @@ impl ActiveMesh {
             return fail(format!("{} vertices announced, at most {MAX_SPLITS} possible", info.vertices));
         }
         let whole = info.extent(None);
-        let ends: Vec<Reached> = info.stops.iter().chain([&whole]).take(segments).map(Reached::of).collect();
+        let ends: Vec<Elements> = info.stops.iter().chain([&whole]).take(segments).map(announced).collect();
         let Some(&shift) = self.shifts.get(usize::from(info.level)) else {
             return fail(format!("level {} does not exist", info.level));
         };
         // Before anything is reserved, and before any work.
-        let elements = ends.last().map_or(0, Reached::elements);
+        let elements = ends.last().map_or(0, Elements::total);
         if elements > most_elements(payload.len()) {
             return fail(format!("{elements} elements announced, more than {} bytes can be", payload.len()));
         }
         let fewest = least_bytes(elements);
         // Room for the splits announced, if each takes 16 bits, which is usual.
-        let mut local = Local::new(self, chunk, (info.vertices as usize).min(payload.len() / 2));
+        let splits = (info.vertices as usize).min(payload.len() / 2);
         let decoded = match self.codec {
             Codec::Range => {
                 let mut decoder = Decoder::new(contexts(), payload);
-                code_chunk(&mut decoder, self, &mut local, (chunk, shift), &ends, info.vertices, None)
-                    .and_then(|_| if stop.is_none() { decoder.end(fewest) } else { Ok(()) })
+                let mut hearing = ChunkCoder::hearing(&mut decoder, self, chunk, shift, splits);
+                let heard = hearing.chunk(&ends, info.vertices);
+                let local = hearing.local;
+                // Behind a stop comes what nobody reads.
+                let ended = heard.and_then(|_| if stop.is_none() { decoder.end(fewest) } else { Ok(()) });
+                ended.map(|()| local)
             }
             Codec::Plain if stop.is_some() => return fail("its codec has no stopping points".into()),
             Codec::Plain => PlainDecoder::new(&STREAMS, payload).and_then(|mut decoder| {
-                code_chunk(&mut decoder, self, &mut local, (chunk, shift), &ends, info.vertices, None)?;
-                decoder.end(fewest)
+                let mut hearing = ChunkCoder::hearing(&mut decoder, self, chunk, shift, splits);
+                hearing.chunk(&ends, info.vertices)?;
+                let local = hearing.local;
+                decoder.end(fewest)?;
+                Ok(local)
             }),
         };
-        decoded.map_err(|e| DecodeError::new(format!("chunk {chunk}"), e.why))?;
+        let local = decoded.map_err(|e| DecodeError::new(format!("chunk {chunk}"), e.why))?;
         Ok(ChunkDelta { stop, ..local.into_delta(chunk, info.parents.clone()) })
     }
 }
@@ -151,266 +153,251 @@ pub(crate) fn encode(
     parents: Vec<u32>,
     source: &Source<'_>,
 ) -> Result<Encoded, DecodeError> {
-    let fewest = |said: &(Local<'_>, Names, Vec<Reached>)| {
-        said.2.last().map_or(0, |reached| least_bytes(reached.elements()))
-    };
-    let (bytes, (local, names, mut stops)) = match mesh.codec {
+    let (bytes, said) = match mesh.codec {
         Codec::Range => {
             let mut encoder = Encoder::new(contexts());
             let said = encode_with(&mut encoder, mesh, chunk, source)?;
-            (encoder.finish(fewest(&said)), said)
+            (encoder.finish(said.least_bytes()), said)
         }
         Codec::Plain => {
             let mut encoder = PlainEncoder::new(&STREAMS);
             let said = encode_with(&mut encoder, mesh, chunk, source)?;
-            (encoder.finish(fewest(&said)), said)
+            (encoder.finish(said.least_bytes()), said)
         }
     };
-    let (v, w, f) = local.added();
+    let Said { local, names, reached: mut stops } = said;
+    let added = local.added();
     let tail = |list: &[u32], count: u32| list[list.len() - count as usize..].to_vec();
     // Births come before the gathered region; everything else new comes after it.
     let births = source.records.collapses.iter().filter(|c| c.target == NO_VERTEX).count();
     let mut vertices = names.vertices[..births].to_vec();
-    vertices.extend(tail(&names.vertices, v - births as u32));
+    vertices.extend(tail(&names.vertices, added.vertices - births as u32));
     stops.pop();
     for stop in &mut stops {
-        let fewest = least_bytes(stop.elements()) as u32;
+        let fewest = least_bytes(stop.added.total()) as u32;
         stop.bytes = stop.bytes.max(fewest).min(bytes.len() as u32);
     }
     Ok(Encoded {
         bytes,
         vertices,
-        wedges: tail(&names.wedges, w),
-        faces: tail(&names.faces, f),
+        wedges: tail(&names.wedges, added.wedges),
+        faces: tail(&names.faces, added.faces),
         delta: local.into_delta(chunk, parents),
         stops,
     })
 }
 
-/// Says a chunk to any coder: the region as it is then, the builder's names of it, and what was reached
-/// at each stopping point and at the end.
+/// A chunk that was said.
+pub(crate) struct Said<'m> {
+    /// The region as it is then.
+    local: Local<'m>,
+    /// The builder's names of it.
+    names: Names,
+    /// What was reached at each stopping point and at the end.
+    reached: Vec<Reached>,
+}
+
+impl Said<'_> {
+    /// Fewest bytes that justify it.
+    fn least_bytes(&self) -> usize {
+        self.reached.last().map_or(0, |reached| least_bytes(reached.added.total()))
+    }
+}
+
+/// Says a chunk to any coder.
 pub(crate) fn encode_with<'m, C: Coder>(
     coder: &mut C,
     mesh: &'m ActiveMesh,
     chunk: u32,
     source: &Source<'_>,
-) -> Result<(Local<'m>, Names, Vec<Reached>), DecodeError> {
-    let mut local = Local::new(mesh, chunk, source.records.collapses.len());
-    let mut guide = Guide::new(source);
+) -> Result<Said<'m>, DecodeError> {
+    let guide = Guide::new(source);
     let mut vertices = guide.births().len() as u32;
-    let ends: Vec<Reached> = guide
+    let ends: Vec<Elements> = guide
         .segments()
         .iter()
         .map(|splits| {
             vertices += splits;
-            Reached { vertices, ..Reached::default() }
+            Elements { vertices, ..Elements::default() }
         })
         .collect();
-    let reached =
-        code_chunk(coder, mesh, &mut local, (chunk, source.shift), &ends, vertices, Some(&mut guide))?;
-    Ok((local, guide.names, reached))
+    let mut saying = ChunkCoder::saying(coder, mesh, chunk, guide);
+    let reached = saying.chunk(&ends, vertices)?;
+    let names = saying.guide.map_or_else(Names::default, |guide| guide.names);
+    Ok(Said { local: saying.local, names, reached })
 }
 
-/// Codes a chunk up to the last of `ends`, whose numbers of vertices are those at the ends of its
-/// segments; `total` is what the whole chunk adds. Answers what was reached at each.
-fn code_chunk<C: Coder>(
-    coder: &mut C,
-    mesh: &ActiveMesh,
-    local: &mut Local<'_>,
-    (chunk, shift): (u32, u8),
-    ends: &[Reached],
-    total: u32,
-    mut guide: Option<&mut Guide<'_>>,
-) -> Result<Vec<Reached>, DecodeError> {
-    code_births(coder, local, (mesh.grid.bits, shift), total, &mut guide)?;
-    code_region(coder, mesh, local, chunk, &mut guide)?;
-    let moving = |v| guide.as_ref().and_then(|g| g.moving(v));
-    code_moves(coder, local, (mesh.grid.bits, shift), &moving)?;
-    let mut splitter = Splitter::new((mesh.grid.bits, shift), mesh.kinds, mesh.indices.len() as u16);
-    let interior = local.vertices.iter().filter(|v| v.interior).count();
-    let area: f64 = (0..local.faces.len() as u32).map(|f| local.face_area(f)).sum();
-    let decoding = guide.is_none();
-    let mut reached = Vec::with_capacity(ends.len());
-    for (segment, end) in ends.iter().enumerate() {
-        if let Some(guide) = &mut guide {
-            guide.begin_segment(segment, local);
-        }
-        // Twice three shares of the area each: what a star has at the segment's end, were all equal.
-        let fair = 3.0 * area / (interior + end.vertices as usize).max(1) as f64;
-        code_segment(coder, &mut splitter, local, end, (segment, fair), decoding, &mut guide)?;
-        let (vertices, wedges, faces) = local.added();
-        // Vertices can be too many as well: those that start without faces come before any end.
-        let [came, announced] = [(vertices, wedges, faces), (end.vertices, end.wedges, end.faces)];
-        if decoding && came != announced {
-            return Err(DecodeError::new(
-                "chunk",
-                format!("it adds {came:?} vertices, wedges and faces; {announced:?} were announced"),
-            ));
-        }
-        reached.push(Reached { bytes: coder.bytes() as u32, vertices, wedges, faces });
-    }
-    Ok(reached)
-}
-
-/// Splits until so many vertices are there: every interior vertex is asked whether it splits; if so, both
-/// halves are asked in the next pass.
-fn code_segment<C: Coder>(
-    coder: &mut C,
-    splitter: &mut Splitter,
-    local: &mut Local<'_>,
-    end: &Reached,
-    (segment, fair): (usize, f64),
-    decoding: bool,
-    guide: &mut Option<&mut Guide<'_>>,
-) -> Result<(), DecodeError> {
-    let mut asked: Vec<u32> =
-        (0..local.vertices.len() as u32).filter(|&v| local.vertices[v as usize].interior).collect();
-    let mut pass = 0;
-    while local.added().0 < end.vertices {
-        let mut next = Vec::new();
-        for &v in &asked {
-            if local.added().0 >= end.vertices {
-                break;
-            }
-            let want = guide.as_ref().is_some_and(|g| g.splits(v));
-            let area = local.star(v, &mut splitter.star);
-            if !code_flag(coder, local, (v, area), fair, (segment.min(SEGMENTS - 1), pass), want) {
-                continue;
-            }
-            let u = code_split(coder, splitter, local, v, guide)?;
-            next.extend([v, u]);
-            let (_, wedges, faces) = local.added();
-            if decoding && (wedges > end.wedges || faces > end.faces) {
-                return Err(DecodeError::new("chunk", "it adds more than was announced"));
-            }
-        }
-        if next.is_empty() && local.added().0 < end.vertices {
-            return Err(DecodeError::new("chunk", "it adds fewer vertices than were announced"));
-        }
-        asked = next;
-        pass += 1;
-    }
-    Ok(())
-}
-
-/// Whether a vertex, whose star has this area, splits.
-fn code_flag<C: Coder>(
-    coder: &mut C,
-    local: &Local<'_>,
-    (v, area): (u32, f64),
+/// One pass over the vertices of a segment.
+struct Pass {
+    /// The segment, as contexts tell them apart.
+    segment: usize,
+    /// How many passes came before.
+    depth: usize,
+    /// Area of a star at the segment's end, were all equal.
     fair: f64,
-    (segment, pass): (usize, usize),
-    want: bool,
-) -> bool {
-    if !C::MODELS {
-        return coder.bit(FLAG_AREA, want);
-    }
-    let size = (quarter_octaves(area / fair) / 2 + 6).clamp(0, AREAS as i32 - 1) as usize;
-    let depth = pass.min(DEPTHS - 1);
-    let at = local.position(v);
-    let bend = local.mean_of_ends(v, 0, at).map_or(0.0, |mean| {
-        let lift = sub(at, mean);
-        dot(lift, lift) / area.max(1e-9)
-    });
-    let bend = (quarter_octaves(bend) / 4 + 7).clamp(0, BENDS as i32 - 1) as usize;
-    let valence = local.valence(v).min(MAX_VALENCE);
-    coder.mix(
-        [
-            FLAG_AREA + (size * DEPTHS + depth) * SEGMENTS + segment,
-            FLAG_BEND + (size * BENDS + bend) * SEGMENTS + segment,
-            FLAG_VALENCE + ((depth * (MAX_VALENCE + 1) + valence) * 4 + (size / 4)) * SEGMENTS + segment,
-        ],
-        MIX_FLAG,
-        want,
-    )
 }
 
-/// Vertices that start without faces: positions relative to one another.
-fn code_births<C: Coder>(
-    coder: &mut C,
-    local: &mut Local<'_>,
-    (bits, shift): (u8, u8),
-    total: u32,
-    guide: &mut Option<&mut Guide<'_>>,
-) -> Result<(), DecodeError> {
-    let wanted = guide.as_ref().map_or_else(Vec::new, |g| g.births());
-    let births = integer(coder, BIRTHS, wanted.len() as u32);
-    if births > total {
-        return Err(DecodeError::new("chunk", "more vertices appear than were announced"));
-    }
-    let mut previous = [1 << (bits - 1); 3];
-    for i in 0..births as usize {
-        let name = wanted.get(i).copied();
-        let actual = guide.as_ref().and_then(|g| Some((g.source.place)(name?)));
-        let own = code_shift(coder, Whose::New, shift, actual.map_or(0, |a| a.shift));
-        previous = previous.map(|x| x >> own << own);
-        for (axis, x) in previous.iter_mut().enumerate() {
-            let residual = actual.map_or(0, |p| (p.cell[axis] - *x) >> own);
-            *x = x.wrapping_add(signed(coder, BIRTH_AXIS, residual).wrapping_shl(own.into()));
-            if *x < 0 || *x >= 1 << bits {
-                return Err(DecodeError::new("chunk", "a position is off the grid"));
+impl<C: Coder> ChunkCoder<'_, '_, C> {
+    /// Codes a chunk up to the last of `ends`, whose numbers of vertices are those at the ends of its
+    /// segments; `total` is what the whole chunk adds. Answers what was reached at each.
+    fn chunk(&mut self, ends: &[Elements], total: u32) -> Result<Vec<Reached>, DecodeError> {
+        self.births(total)?;
+        self.region()?;
+        self.moves()?;
+        let local = &self.local;
+        let interior = local.vertices.iter().filter(|v| v.interior).count();
+        let area: f64 = (0..local.faces.len() as u32).map(|f| local.face_area(f)).sum();
+        let mut reached = Vec::with_capacity(ends.len());
+        for (segment, end) in ends.iter().enumerate() {
+            if let Some(guide) = &mut self.guide {
+                guide.begin_segment(segment, &self.local);
             }
+            // Twice three shares of the area each.
+            let fair = 3.0 * area / (interior + end.vertices as usize).max(1) as f64;
+            self.segment(end, Pass { segment: segment.min(SEGMENTS - 1), depth: 0, fair })?;
+            let added = self.local.added();
+            // Vertices can be too many as well: those that start without faces come before any end.
+            if self.decodes() && added != *end {
+                return Err(DecodeError::new("chunk", format!("it adds {added}; {end} were announced")));
+            }
+            reached.push(Reached { bytes: self.coder.bytes() as u32, added });
         }
-        local.add_vertex(previous.map(f64::from), None, own);
-        if let (Some(g), Some(name)) = (guide.as_mut(), name) {
-            g.names.vertex(name);
-        }
-        coder.check()?;
+        Ok(reached)
     }
-    Ok(())
-}
 
-/// Seeds, and from each the interior vertices that it reaches.
-fn code_region<C: Coder>(
-    coder: &mut C,
-    mesh: &ActiveMesh,
-    local: &mut Local<'_>,
-    chunk: u32,
-    guide: &mut Option<&mut Guide<'_>>,
-) -> Result<(), DecodeError> {
-    let needed = guide.as_ref().map_or_else(Vec::new, |g| g.needed());
-    loop {
-        let next = guide.as_ref().and_then(|g| {
-            needed
-                .iter()
-                .find(|v| !g.names.local_vertex.contains_key(v))
-                .map(|&v| g.source.slot_of_vertex[v as usize])
-        });
-        if !coder.bit(MORE_SEEDS, next.is_some()) {
-            return coder.check();
+    /// Splits until so many vertices are there: every interior vertex is asked whether it splits; if so, both
+    /// halves are asked in the next pass.
+    fn segment(&mut self, end: &Elements, mut pass: Pass) -> Result<(), DecodeError> {
+        let vertices = &self.local.vertices;
+        let mut asked: Vec<u32> =
+            (0..vertices.len() as u32).filter(|&v| vertices[v as usize].interior).collect();
+        while self.local.added().vertices < end.vertices {
+            let mut next = Vec::new();
+            for &v in &asked {
+                if self.local.added().vertices >= end.vertices {
+                    break;
+                }
+                if !self.flag(v, &pass) {
+                    continue;
+                }
+                let u = self.split(v)?;
+                next.extend([v, u]);
+                let added = self.local.added();
+                if self.decodes() && (added.wedges > end.wedges || added.faces > end.faces) {
+                    return Err(DecodeError::new("chunk", "it adds more than was announced"));
+                }
+            }
+            if next.is_empty() && self.local.added().vertices < end.vertices {
+                return Err(DecodeError::new("chunk", "it adds fewer vertices than were announced"));
+            }
+            asked = next;
+            pass.depth += 1;
         }
-        // The origin counts back from this chunk; the base mesh is origin 0.
-        let want = next.map_or(Id { origin: 0, index: 0 }, |slot| mesh.vertex_id(slot));
-        let back = integer(coder, SEED_ORIGIN, chunk - want.origin);
-        let place = chunk.checked_sub(back).and_then(|origin| Some((origin, mesh.place(origin)?)));
-        let Some((origin, place)) = place else {
-            return Err(DecodeError::new("chunk", "a seed lies in a chunk that is not applied"));
-        };
-        let number = index(coder, place.vertices.len(), want.index as usize, "chunk: seed")?;
-        let seed = mesh.vertex_slot(Id { origin, index: number as u32 });
-        // A vertex of the outline that no star of the region holds is named without its star, which other
-        // regions may change.
-        let inside =
-            guide.as_ref().is_some_and(|g| (g.source.interior)(g.source.vertex_by_slot[seed as usize]));
-        if !coder.bit(SEED_INTERIOR, inside) {
-            local.name_outline(seed)?;
-            if let Some(g) = guide {
-                name_gathered(g, mesh, local);
+        Ok(())
+    }
+
+    /// Whether a vertex splits; looks at its star.
+    fn flag(&mut self, v: u32, pass: &Pass) -> bool {
+        let want = self.guide.as_ref().is_some_and(|g| g.splits(v));
+        let local = &self.local;
+        let area = local.star(v, &mut self.scratch.star);
+        if !C::MODELS {
+            return self.coder.bit(FLAG_AREA, want);
+        }
+        let Pass { segment, depth, fair } = *pass;
+        let size = (quarter_octaves(area / fair) / 2 + 6).clamp(0, AREAS as i32 - 1) as usize;
+        let depth = depth.min(DEPTHS - 1);
+        let at = local.position(v);
+        let bend = local.mean_of_ends(v, 0, at).map_or(0.0, |mean| {
+            let lift = sub(at, mean);
+            dot(lift, lift) / area.max(1e-9)
+        });
+        let bend = (quarter_octaves(bend) / 4 + 7).clamp(0, BENDS as i32 - 1) as usize;
+        let valence = local.valence(v).min(MAX_VALENCE);
+        self.coder.mix(
+            [
+                FLAG_AREA + (size * DEPTHS + depth) * SEGMENTS + segment,
+                FLAG_BEND + (size * BENDS + bend) * SEGMENTS + segment,
+                FLAG_VALENCE + ((depth * (MAX_VALENCE + 1) + valence) * 4 + (size / 4)) * SEGMENTS + segment,
+            ],
+            MIX_FLAG,
+            want,
+        )
+    }
+
+    /// Vertices that start without faces: positions relative to one another.
+    fn births(&mut self, total: u32) -> Result<(), DecodeError> {
+        let Resolution { bits, shift } = self.resolution;
+        let wanted = self.guide.as_ref().map_or_else(Vec::new, Guide::births);
+        let births = integer(self.coder, BIRTHS, wanted.len() as u32);
+        if births > total {
+            return Err(DecodeError::new("chunk", "more vertices appear than were announced"));
+        }
+        let mut previous = [1 << (bits - 1); 3];
+        for i in 0..births as usize {
+            let name = wanted.get(i).copied();
+            let actual = self.guide.as_ref().and_then(|g| Some((g.source.place)(name?)));
+            let own = self.shift(Whose::New, shift, actual.map_or(0, |a| a.shift));
+            previous = previous.map(|x| x >> own << own);
+            for (axis, x) in previous.iter_mut().enumerate() {
+                let residual = actual.map_or(0, |p| (p.cell[axis] - *x) >> own);
+                *x = x.wrapping_add(signed(self.coder, BIRTH_AXIS, residual).wrapping_shl(own.into()));
+                if *x < 0 || *x >= 1 << bits {
+                    return Err(DecodeError::new("chunk", "a position is off the grid"));
+                }
+            }
+            self.local.add_vertex(previous.map(f64::from), None, own);
+            if let (Some(guide), Some(name)) = (&mut self.guide, name) {
+                guide.names.vertex(name);
+            }
+            self.coder.check()?;
+        }
+        Ok(())
+    }
+
+    /// Seeds, and from each the interior vertices that it reaches.
+    fn region(&mut self) -> Result<(), DecodeError> {
+        let Self { coder, mesh, local, guide, .. } = self;
+        let needed = guide.as_ref().map_or_else(Vec::new, Guide::needed);
+        loop {
+            let next = guide.as_ref().and_then(|g| {
+                needed
+                    .iter()
+                    .find(|v| !g.names.local_vertex.contains_key(v))
+                    .map(|&v| g.source.slot_of_vertex[v as usize])
+            });
+            if !coder.bit(MORE_SEEDS, next.is_some()) {
+                return coder.check();
+            }
+            // The origin counts back from this chunk; the base mesh is origin 0.
+            let want = next.map_or(Id { origin: 0, index: 0 }, |slot| mesh.vertex_id(slot));
+            let back = integer(*coder, SEED_ORIGIN, self.chunk - want.origin);
+            let place = self.chunk.checked_sub(back).and_then(|origin| Some((origin, mesh.place(origin)?)));
+            let Some((origin, place)) = place else {
+                return Err(DecodeError::new("chunk", "a seed lies in a chunk that is not applied"));
+            };
+            let number = index(*coder, place.vertices.len(), want.index as usize, "chunk: seed")?;
+            let seed = mesh.vertex_slot(Id { origin, index: number as u32 });
+            let interior = |slot: u32| {
+                let guide = guide.as_ref();
+                guide.is_some_and(|g| (g.source.interior)(g.source.vertex_by_slot[slot as usize]))
+            };
+            // A vertex of the outline that no star of the region holds is named without its star, which other
+            // regions may change.
+            if coder.bit(SEED_INTERIOR, interior(seed)) {
+                let mut previous = 0_usize;
+                local.explore(seed, &mut |slot, outlook| {
+                    let inside = coder.bit(INTERIOR + outlook * 4 + previous, interior(slot));
+                    previous = (previous << 1 | usize::from(inside)) & 3;
+                    inside
+                })?;
+            } else {
+                local.name_outline(seed)?;
+            }
+            if let Some(guide) = guide {
+                name_gathered(guide, mesh, local);
             }
             coder.check()?;
-            continue;
-        }
-        let mut previous = 0_usize;
-        local.explore(seed, &mut |slot, outlook| {
-            let want =
-                guide.as_ref().is_some_and(|g| (g.source.interior)(g.source.vertex_by_slot[slot as usize]));
-            let inside = coder.bit(INTERIOR + outlook * 4 + previous, want);
-            previous = (previous << 1 | usize::from(inside)) & 3;
-            inside
-        })?;
-        coder.check()?;
-        if let Some(g) = guide {
-            name_gathered(g, mesh, local);
         }
     }
 }

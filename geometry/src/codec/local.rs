@@ -55,6 +55,27 @@ struct Gathered {
 
 const NONE: u32 = u32::MAX;
 
+/// So many elements of each kind.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Elements {
+    pub(crate) vertices: u32,
+    pub(crate) wedges: u32,
+    pub(crate) faces: u32,
+}
+
+impl Elements {
+    /// All kinds together.
+    pub(crate) fn total(&self) -> u64 {
+        u64::from(self.vertices) + u64::from(self.wedges) + u64::from(self.faces)
+    }
+}
+
+impl std::fmt::Display for Elements {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} vertices, {} wedges and {} faces", self.vertices, self.wedges, self.faces)
+    }
+}
+
 /// The region, in local numbers; new elements are appended.
 pub(crate) struct Local<'a> {
     mesh: &'a ActiveMesh,
@@ -97,10 +118,10 @@ impl<'a> Local<'a> {
         }
     }
 
-    /// (vertices, wedges, faces) added so far.
-    pub(crate) fn added(&self) -> (u32, u32, u32) {
+    /// Elements added so far.
+    pub(crate) fn added(&self) -> Elements {
         let faces = self.faces.len() - self.gathered.len();
-        (self.new_vertices.len() as u32, self.new_wedges, faces as u32)
+        Elements { vertices: self.new_vertices.len() as u32, wedges: self.new_wedges, faces: faces as u32 }
     }
 
     /// Gathers the interior vertices that can be reached from the one at `seed`, and their stars.

@@ -62,7 +62,7 @@ layout! { CONTEXTS:
     RUN_START = (MAX_VALENCE + 1) * 8,
     RUN_GAP = 8 * 16,
     LABEL = 2,
-    GATE = 4,
+    CUT = 4,
     EXTRAS = INTEGER_CONTEXTS,
     EXTRA_IN_RING = 1,
     SAME_MOVED_WEDGE = 1,

@@ -6,11 +6,11 @@
 //! their outlines, goes to the grid that it keeps. Rounding moved it along the surface more than across, so
 //! the axis nearest the normal comes last and is expected to keep it in the tangent plane.
 
+use crate::codec::chunk_coder::{ChunkCoder, Resolution};
 use crate::codec::fan::Spoke;
 use crate::codec::local::Local;
 use crate::codec::model::{MOVE_ACROSS, MOVE_ALONG, MOVE_REST, MOVE_STEPS, SHIFT, SHIFT_STEPS};
 use crate::codec::position::axes;
-use crate::collapse::Placed;
 use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::{integer, tree, tree_contexts, unzigzag, zigzag};
 use crate::error::DecodeError;
@@ -25,63 +25,60 @@ pub(crate) enum Whose {
     Moving,
 }
 
-/// Codes how many of the lowest bits of a vertex's cell are zero, at most `most`.
-pub(crate) fn code_shift<C: Coder>(coder: &mut C, whose: Whose, most: u8, want: u8) -> u8 {
-    for shift in (1..=most).rev() {
-        let step = usize::from(most - shift).min(SHIFT_STEPS - 1);
-        if !coder.bit(SHIFT + whose as usize * SHIFT_STEPS + step, want < shift) {
-            return shift;
+impl<C: Coder> ChunkCoder<'_, '_, C> {
+    /// Codes how many of the lowest bits of a vertex's cell are zero, at most `most`.
+    pub(crate) fn shift(&mut self, whose: Whose, most: u8, want: u8) -> u8 {
+        for shift in (1..=most).rev() {
+            let step = usize::from(most - shift).min(SHIFT_STEPS - 1);
+            if !self.coder.bit(SHIFT + whose as usize * SHIFT_STEPS + step, want < shift) {
+                return shift;
+            }
         }
+        0
     }
-    0
-}
 
-/// Moves the vertices that the region holds to their grids, the finest of which leaves out `shift` bits;
-/// `wanted` is what an encoder wants of one.
-pub(crate) fn code_moves<C: Coder>(
-    coder: &mut C,
-    local: &mut Local<'_>,
-    (bits, shift): (u8, u8),
-    wanted: &dyn Fn(u32) -> Option<Placed>,
-) -> Result<(), DecodeError> {
-    let mut star: Vec<Spoke> = Vec::new();
-    // Those that start without faces come first, and are where they belong.
-    for v in local.added().0..local.vertices.len() as u32 {
-        let vertex = &local.vertices[v as usize];
-        let now = vertex.shift;
-        if !vertex.interior || now == 0 {
-            continue;
-        }
-        let want = wanted(v);
-        let to = code_shift(coder, Whose::Moving, now.min(shift), want.map_or(0, |m| m.shift));
-        local.star(v, &mut star);
-        let before = local.position(v).map(|x| x as i32);
-        let normal = normal(local, v, &star);
-        let [a, b, c] = axes(normal);
-        let steps = usize::from(now - to).min(MOVE_STEPS) * tree_contexts(4);
-        let mut position = before;
-        let mut guess = 0;
-        for axis in [a, b, c] {
-            let offset = want.map_or(0, |m| (m.cell[axis] - before[axis]) >> to);
-            if axis == c && normal[c] != 0.0 {
-                let went = |k: usize| f64::from((position[k] - before[k]) >> to);
-                let third = -(normal[a] * went(a) + normal[b] * went(b)) / normal[c];
-                // A cast rounds towards zero.
-                guess = (third + if third < 0.0 { -0.5 } else { 0.5 }) as i32;
+    /// Moves the vertices that the region holds to their grids.
+    pub(crate) fn moves(&mut self) -> Result<(), DecodeError> {
+        let Resolution { bits, shift } = self.resolution;
+        let mut star: Vec<Spoke> = Vec::new();
+        // Those that start without faces come first, and are where they belong.
+        for v in self.local.added().vertices..self.local.vertices.len() as u32 {
+            let vertex = &self.local.vertices[v as usize];
+            let now = vertex.shift;
+            if !vertex.interior || now == 0 {
+                continue;
             }
-            let at = if axis == c { MOVE_ACROSS } else { MOVE_ALONG } + steps;
-            let got = guess.wrapping_add(code_offset(coder, at, offset.wrapping_sub(guess)));
-            position[axis] = before[axis].wrapping_add(got.wrapping_shl(to.into()));
-            if position[axis] < 0 || position[axis] >= 1 << bits {
-                return Err(DecodeError::new("chunk", "a vertex moves off the grid"));
+            let want = self.guide.as_ref().and_then(|g| g.moving(v));
+            let to = self.shift(Whose::Moving, now.min(shift), want.map_or(0, |m| m.shift));
+            self.local.star(v, &mut star);
+            let before = self.local.position(v).map(|x| x as i32);
+            let normal = normal(&self.local, v, &star);
+            let [a, b, c] = axes(normal);
+            let steps = usize::from(now - to).min(MOVE_STEPS) * tree_contexts(4);
+            let mut position = before;
+            let mut guess = 0;
+            for axis in [a, b, c] {
+                let offset = want.map_or(0, |m| (m.cell[axis] - before[axis]) >> to);
+                if axis == c && normal[c] != 0.0 {
+                    let went = |k: usize| f64::from((position[k] - before[k]) >> to);
+                    let third = -(normal[a] * went(a) + normal[b] * went(b)) / normal[c];
+                    // A cast rounds towards zero.
+                    guess = (third + if third < 0.0 { -0.5 } else { 0.5 }) as i32;
+                }
+                let at = if axis == c { MOVE_ACROSS } else { MOVE_ALONG } + steps;
+                let got = guess.wrapping_add(code_offset(self.coder, at, offset.wrapping_sub(guess)));
+                position[axis] = before[axis].wrapping_add(got.wrapping_shl(to.into()));
+                if position[axis] < 0 || position[axis] >= 1 << bits {
+                    return Err(DecodeError::new("chunk", "a vertex moves off the grid"));
+                }
+            }
+            self.coder.check()?;
+            if to != now || position != before {
+                self.local.move_vertex(v, &star, position, to);
             }
         }
-        coder.check()?;
-        if to != now || position != before {
-            local.move_vertex(v, &star, position, to);
-        }
+        Ok(())
     }
-    Ok(())
 }
 
 /// Sum of the normals of a vertex's faces, weighted by area.

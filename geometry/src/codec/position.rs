@@ -7,6 +7,7 @@
 //! shape about the place that is known by then ([`crate::codec::height`]). Only + − × ÷ √ in a fixed
 //! order, so every machine predicts the same integers.
 
+use crate::codec::chunk_coder::ChunkCoder;
 use crate::codec::fan::Spoke;
 use crate::codec::height::{self, INPUTS};
 use crate::codec::local::Local;
@@ -14,7 +15,7 @@ use crate::codec::model::{
     MIX_RESIDUAL, RESIDUAL_OTHER, RESIDUAL_RECENT, RESIDUAL_REST, RESIDUAL_SIGN, SIZE_OTHER_CONTEXTS,
     SIZE_RECENT_CONTEXTS,
 };
-use crate::codec::residual::{Recent, Residual, quarter_octaves};
+use crate::codec::residual::{Residual, quarter_octaves};
 use crate::entropy::range_coder::Coder;
 use crate::error::DecodeError;
 use crate::mesh::vec3::{Vec3, add, cross, dot, scale, sub};
@@ -59,44 +60,44 @@ pub(crate) struct Roles {
     pub(crate) ends: [Option<u32>; 2],
 }
 
-/// Codes the position of `vertex`, whose star is given.
-#[allow(clippy::too_many_arguments)]
-pub(crate) fn code_position<C: Coder>(
-    coder: &mut C,
-    recent: &mut Recent,
-    local: &Local<'_>,
-    star: &[Spoke],
-    vertex: u32,
-    roles: Roles,
-    actual: Option<[i32; 3]>,
-    (bits, shift): (u8, u8),
-) -> Result<[i32; 3], DecodeError> {
-    let ring = ring(local, star, vertex);
-    let top = f64::from((1_u32 << bits) - 1);
-    let mut exact = tangential_guess(local, &ring, roles);
-    let mut position = [0_i32; 3];
-    let mut other = 3;
-    for (step, &axis) in ring.axes.iter().enumerate() {
-        let mut size = quarter_octaves(ring.radius * TANGENTIAL_SIZE);
-        if step == 2 && ring.normal[axis] != 0.0 {
-            let (third, log) = third_axis(local, star, &ring, roles.target, exact);
-            exact[axis] = third;
-            size = log;
+impl<C: Coder> ChunkCoder<'_, '_, C> {
+    /// Codes the position of `vertex`, whose star is given, on a grid that leaves out `shift` bits.
+    pub(crate) fn position(
+        &mut self,
+        vertex: u32,
+        star: &[Spoke],
+        roles: Roles,
+        shift: u8,
+        actual: Option<[i32; 3]>,
+    ) -> Result<[i32; 3], DecodeError> {
+        let (local, bits) = (&self.local, self.resolution.bits);
+        let ring = ring(local, star, vertex);
+        let top = f64::from((1_u32 << bits) - 1);
+        let mut exact = tangential_guess(local, &ring, roles);
+        let mut position = [0_i32; 3];
+        let mut other = 3;
+        for (step, &axis) in ring.axes.iter().enumerate() {
+            let mut size = quarter_octaves(ring.radius * TANGENTIAL_SIZE);
+            if step == 2 && ring.normal[axis] != 0.0 {
+                let (third, log) = third_axis(local, star, &ring, roles.target, exact);
+                exact[axis] = third;
+                size = log;
+            }
+            // Nothing here is negative, so cutting off rounds down.
+            let cell = 1.0 / f64::from(1_u32 << shift);
+            let guess = (exact[axis].clamp(0.0, top) * cell + 0.5) as i32;
+            let size = size - 4 * i32::from(shift);
+            let residual = actual.map_or(0, |p| (p[axis] >> shift) - guess);
+            let got = POSITION[step].code(self.coder, size, self.recent.class(step), other, residual);
+            position[axis] = guess.wrapping_add(got).wrapping_shl(shift.into());
+            if position[axis] < 0 || position[axis] >= 1 << bits {
+                return Err(DecodeError::new("chunk", "a position is off the grid"));
+            }
+            exact[axis] = f64::from(position[axis]);
+            other = self.recent.follow(step, got, size);
         }
-        // Nothing here is negative, so cutting off rounds down.
-        let cell = 1.0 / f64::from(1_u32 << shift);
-        let guess = (exact[axis].clamp(0.0, top) * cell + 0.5) as i32;
-        let size = size - 4 * i32::from(shift);
-        let residual = actual.map_or(0, |p| (p[axis] >> shift) - guess);
-        let got = POSITION[step].code(coder, size, recent.class(step), other, residual);
-        position[axis] = guess.wrapping_add(got).wrapping_shl(shift.into());
-        if position[axis] < 0 || position[axis] >= 1 << bits {
-            return Err(DecodeError::new("chunk", "a position is off the grid"));
-        }
-        exact[axis] = f64::from(position[axis]);
-        other = recent.follow(step, got, size);
+        Ok(position)
     }
-    Ok(position)
 }
 
 fn ring(local: &Local<'_>, star: &[Spoke], vertex: u32) -> Ring {

@@ -1,202 +1,153 @@
 //! One vertex split: which faces go to the new vertex, which faces appear, position, wedges.
 
-use crate::codec::fan::{Fan, Spoke};
+use crate::codec::chunk_coder::ChunkCoder;
+use crate::codec::fan::Fan;
 use crate::codec::local::Local;
 use crate::codec::model::{
-    EXTRA_IN_RING, EXTRAS, GATE, LABEL, LONG_RUN, MAX_VALENCE, MIX_START, RUN_GAP, RUN_LENGTH, RUN_START,
+    CUT, EXTRA_IN_RING, EXTRAS, LABEL, LONG_RUN, MAX_VALENCE, MIX_START, RUN_GAP, RUN_LENGTH, RUN_START,
     SINGLE_RUN,
 };
-use crate::codec::moves::{Whose, code_shift};
-use crate::codec::plan::{Born, Guide};
-use crate::codec::position::{Roles, code_position};
-use crate::codec::residual::Recent;
-use crate::codec::wedges::{Fitting, code_wedges};
+use crate::codec::moves::Whose;
+use crate::codec::plan::Born;
+use crate::codec::position::Roles;
+use crate::codec::scratch::{Added, Cut, RingVertex, Scratch, Split};
 use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::{index, integer, tree, tree_contexts};
 use crate::error::DecodeError;
-use crate::mesh::Kinds;
 use crate::mesh::vec3::{Vec3, add, cross, dot, scale, sub};
 
 /// Most new faces of one split beyond the usual two.
 const MAX_EXTRAS: u32 = 1 << 16;
 
-/// A place where a new face may appear: between a face that stays and one that goes, or at an end.
-pub(crate) struct Gate {
-    /// Ring vertex of the new face.
-    pub(crate) x: u32,
-    /// The new face is (t, x, u), else (u, x, t).
-    pub(crate) left: bool,
-    /// Neighbouring spokes: one that stays, one that moves.
-    pub(crate) stays: Option<usize>,
-    pub(crate) moves: usize,
-}
+impl<C: Coder> ChunkCoder<'_, '_, C> {
+    /// Codes the split of `t`, whose star is the one looked at last; returns the new vertex.
+    pub(crate) fn split(&mut self, t: u32) -> Result<u32, DecodeError> {
+        let born = self.guide.as_mut().map_or_else(Vec::new, |g| g.begin_split(t));
+        let mut split = std::mem::take(&mut self.scratch.split);
+        split.t = t;
+        split.fan.sort(&self.scratch.star);
+        self.labels(&mut split)?;
+        find_cuts(&mut split);
+        self.faces(&mut split, born)?;
+        self.grow(&mut split);
 
-/// A face that the split adds: third vertex, orientation, and the gate that it fills.
-pub(crate) struct Added {
-    pub(crate) x: u32,
-    pub(crate) left: bool,
-    pub(crate) gate: Option<usize>,
-    /// Number in the region.
-    pub(crate) local: u32,
-    /// Builder's face, when encoding.
-    pub(crate) face: Option<u32>,
-}
-
-/// What splits of one chunk share: grids, running means, scratch space.
-pub(crate) struct Splitter {
-    grid: (u8, u8),
-    pub(crate) kinds: Kinds,
-    pub(crate) materials: u16,
-    pub(crate) recent: Recent,
-    pub(crate) recent_uv: Recent,
-    /// The star that was looked at last.
-    pub(crate) star: Vec<Spoke>,
-    ring: Vec<RingVertex>,
-    scores: Vec<(f64, usize)>,
-    split: Split,
-    pub(crate) fitting: Fitting,
-}
-
-/// What was decided about a split so far.
-#[derive(Default)]
-pub(crate) struct Split {
-    pub(crate) t: u32,
-    pub(crate) u: u32,
-    pub(crate) fan: Fan,
-    pub(crate) moves: Vec<bool>,
-    pub(crate) gates: Vec<Gate>,
-    pub(crate) added: Vec<Added>,
-    /// The wedge that each spoke had at the old vertex.
-    pub(crate) targets: Vec<u32>,
-}
-
-impl Splitter {
-    pub(crate) fn new(grid: (u8, u8), kinds: Kinds, materials: u16) -> Self {
-        Self {
-            grid,
-            kinds,
-            materials,
-            recent: Recent::default(),
-            recent_uv: Recent::default(),
-            star: Vec::new(),
-            ring: Vec::new(),
-            scores: Vec::new(),
-            split: Split::default(),
-            fitting: Fitting::default(),
-        }
+        let u = split.u;
+        let actual = self.guide.as_ref().map(|g| (g.source.place)(g.new_vertex()));
+        let shift = self.shift(Whose::New, self.resolution.shift, actual.map_or(0, |a| a.shift));
+        let end = |i: usize| split.added.get(i).map(|a| a.x);
+        let roles = Roles { target: t, ends: [end(0), end(1)] };
+        let mut star = std::mem::take(&mut self.scratch.star);
+        self.local.star(u, &mut star);
+        self.local.vertices[u as usize].shift = shift;
+        let position = self.position(u, &star, roles, shift, actual.map(|a| a.cell))?;
+        self.local.place_vertex(u, &star, position);
+        self.scratch.star = star;
+        self.wedges(&split)?;
+        self.coder.check()?;
+        self.scratch.split = split;
+        Ok(u)
     }
-}
 
-/// Codes the split of `t`, whose star the splitter holds; returns the new vertex.
-pub(crate) fn code_split<C: Coder>(
-    coder: &mut C,
-    splitter: &mut Splitter,
-    local: &mut Local<'_>,
-    t: u32,
-    guide: &mut Option<&mut Guide<'_>>,
-) -> Result<u32, DecodeError> {
-    let born = guide.as_mut().map_or_else(Vec::new, |g| g.begin_split(t));
-    let mut split = std::mem::take(&mut splitter.split);
-    split.t = t;
-    split.fan.sort(&splitter.star);
-    code_labels(coder, splitter, local, &mut split, guide.as_deref())?;
-    find_gates(&mut split);
-    code_faces(coder, local, &mut split, born)?;
-    grow(local, &mut split, guide);
-
-    let u = split.u;
-    let actual = guide.as_ref().map(|g| (g.source.place)(g.new_vertex()));
-    let (bits, shift) = splitter.grid;
-    let shift = code_shift(coder, Whose::New, shift, actual.map_or(0, |a| a.shift));
-    let end = |i: usize| split.added.get(i).map(|a| a.x);
-    let roles = Roles { target: t, ends: [end(0), end(1)] };
-    local.star(u, &mut splitter.star);
-    local.vertices[u as usize].shift = shift;
-    let position = code_position(
-        coder,
-        &mut splitter.recent,
-        local,
-        &splitter.star,
-        u,
-        roles,
-        actual.map(|a| a.cell),
-        (bits, shift),
-    )?;
-    local.place_vertex(u, &splitter.star, position);
-    code_wedges(coder, splitter, local, &split, guide)?;
-    coder.check()?;
-    splitter.split = split;
-    Ok(u)
-}
-
-/// Makes the new vertex and its faces. Until its place is known, it is where the old one is.
-fn grow(local: &mut Local<'_>, split: &mut Split, guide: &mut Option<&mut Guide<'_>>) {
-    let t = split.t;
-    let u = local.add_vertex(local.position(t), Some(t), 0);
-    split.u = u;
-    if let Some(guide) = guide {
-        let name = guide.new_vertex();
-        guide.names.vertex(name);
-    }
-    split.targets.clear();
-    for (spoke, moves) in split.fan.spokes.iter().zip(&split.moves) {
-        split.targets.push(local.spoke_wedges(spoke)[0]);
-        if *moves {
-            local.move_corner(spoke, u);
-        }
-    }
-    for face in &mut split.added {
-        face.local = local.add_face(if face.left { [t, face.x, u] } else { [u, face.x, t] });
-        if let (Some(guide), Some(name)) = (guide.as_mut(), face.face) {
-            guide.names.faces.push(name);
-        }
-    }
-}
-
-/// Which spokes move to the new vertex.
-fn code_labels<C: Coder>(
-    coder: &mut C,
-    splitter: &mut Splitter,
-    local: &Local<'_>,
-    split: &mut Split,
-    guide: Option<&Guide<'_>>,
-) -> Result<(), DecodeError> {
-    let (fan, moves) = (&split.fan, &mut split.moves);
-    let n = fan.spokes.len();
-    let wanted: Option<Vec<bool>> = guide.map(|g| fan.spokes.iter().map(|s| g.moves(s.face)).collect());
-    moves.clear();
-    moves.resize(n, false);
-    if fan.segments.len() == 1 {
-        let closed = fan.segments[0].closed;
-        let run = wanted.as_ref().map(|w| single_run(w, closed));
-        if coder.bit(SINGLE_RUN + usize::from(closed), run.as_ref().is_some_and(Option::is_some)) {
-            let (start, length) = run.flatten().unwrap_or((0, 0));
-            let length = code_length(coder, n, closed, length)?;
-            let starts = match length {
-                0 => 0,
-                _ if closed && length == n => 1,
-                _ if closed => n,
-                _ => n - length + 1,
-            };
-            let mut at = 0;
-            if starts > 1 {
-                rank_starts(local, fan, split.t, length, starts, splitter);
-                at = code_start(coder, &splitter.scores, n, start)?;
+    /// Which spokes move to the new vertex.
+    fn labels(&mut self, split: &mut Split) -> Result<(), DecodeError> {
+        let (fan, moves) = (&split.fan, &mut split.moves);
+        let n = fan.spokes.len();
+        let guide = self.guide.as_ref();
+        let wanted: Option<Vec<bool>> = guide.map(|g| fan.spokes.iter().map(|s| g.moves(s.face)).collect());
+        moves.clear();
+        moves.resize(n, false);
+        if fan.segments.len() == 1 {
+            let closed = fan.segments[0].closed;
+            let run = wanted.as_ref().map(|w| single_run(w, closed));
+            if self.coder.bit(SINGLE_RUN + usize::from(closed), run.as_ref().is_some_and(Option::is_some)) {
+                let (start, length) = run.flatten().unwrap_or((0, 0));
+                let length = code_length(self.coder, n, closed, length)?;
+                let starts = match length {
+                    0 => 0,
+                    _ if closed && length == n => 1,
+                    _ if closed => n,
+                    _ => n - length + 1,
+                };
+                let mut at = 0;
+                if starts > 1 {
+                    rank_starts(&self.local, fan, split.t, length, starts, &mut self.scratch);
+                    at = code_start(self.coder, &self.scratch.scores, n, start)?;
+                }
+                // A run of a closed star may reach over the end of the list.
+                let (over, end) = ((at + length).saturating_sub(n), (at + length).min(n));
+                moves[at..end].fill(true);
+                moves[..over].fill(true);
+                return Ok(());
             }
-            // A run of a closed star may reach over the end of the list.
-            let (over, end) = ((at + length).saturating_sub(n), (at + length).min(n));
-            moves[at..end].fill(true);
-            moves[..over].fill(true);
-            return Ok(());
+        }
+        let mut previous = false;
+        for (i, label) in moves.iter_mut().enumerate() {
+            let want = wanted.as_ref().is_some_and(|w| w[i]);
+            previous = self.coder.bit(LABEL + usize::from(previous), want);
+            *label = previous;
+        }
+        Ok(())
+    }
+
+    /// The faces that the split adds.
+    fn faces(&mut self, split: &mut Split, mut born: Vec<Born>) -> Result<(), DecodeError> {
+        let Split { t, fan, cuts, added, .. } = split;
+        added.clear();
+        for (number, cut) in cuts.iter().enumerate() {
+            let found = born.iter().position(|b| b.x == cut.x && b.left == cut.left);
+            let context = usize::from(cut.stays.is_some()) * 2 + usize::from(cut.left);
+            if self.coder.bit(CUT + context, found.is_some()) {
+                let face = found.map(|i| born.remove(i).face);
+                added.push(Added { x: cut.x, left: cut.left, cut: Some(number), local: 0, face });
+            }
+        }
+        let extras = integer(self.coder, EXTRAS, born.len() as u32);
+        if extras > MAX_EXTRAS {
+            return Err(DecodeError::new("chunk", format!("a split adds {extras} faces")));
+        }
+        let ring = if extras > 0 { fan.ring() } else { Vec::new() };
+        for i in 0..extras as usize {
+            let want = born.get(i);
+            let place = want.and_then(|w| ring.iter().position(|&v| v == w.x));
+            let x = if !ring.is_empty() && self.coder.bit(EXTRA_IN_RING, place.is_some()) {
+                ring[index(self.coder, ring.len(), place.unwrap_or(0), "chunk: ring vertex")?]
+            } else {
+                let want = want.map_or(0, |w| w.x as usize);
+                index(self.coder, self.local.vertices.len(), want, "chunk: vertex")? as u32
+            };
+            if x == *t {
+                return Err(DecodeError::new("chunk", "a face uses a vertex twice"));
+            }
+            let left = self.coder.raw(1, u32::from(want.is_some_and(|w| w.left))) == 1;
+            added.push(Added { x, left, cut: None, local: 0, face: want.map(|w| w.face) });
+            self.coder.check()?;
+        }
+        Ok(())
+    }
+
+    /// Makes the new vertex and its faces. Until its place is known, it is where the old one is.
+    fn grow(&mut self, split: &mut Split) {
+        let (local, t) = (&mut self.local, split.t);
+        let u = local.add_vertex(local.position(t), Some(t), 0);
+        split.u = u;
+        if let Some(guide) = &mut self.guide {
+            let name = guide.new_vertex();
+            guide.names.vertex(name);
+        }
+        split.targets.clear();
+        for (spoke, moves) in split.fan.spokes.iter().zip(&split.moves) {
+            split.targets.push(local.spoke_wedges(spoke)[0]);
+            if *moves {
+                local.move_corner(spoke, u);
+            }
+        }
+        for face in &mut split.added {
+            face.local = local.add_face(if face.left { [t, face.x, u] } else { [u, face.x, t] });
+            if let (Some(guide), Some(name)) = (&mut self.guide, face.face) {
+                guide.names.faces.push(name);
+            }
         }
     }
-    let mut previous = false;
-    for (i, label) in moves.iter_mut().enumerate() {
-        let want = wanted.as_ref().is_some_and(|w| w[i]);
-        previous = coder.bit(LABEL + usize::from(previous), want);
-        *label = previous;
-    }
-    Ok(())
 }
 
 fn code_length<C: Coder>(coder: &mut C, n: usize, closed: bool, length: usize) -> Result<usize, DecodeError> {
@@ -255,8 +206,8 @@ fn single_run(moves: &[bool], closed: bool) -> Option<(usize, usize)> {
 ///
 /// The score is linear in what was seen to tell starts apart, with weights from a logistic regression
 /// over the splits of several models (bunny left out), so differences are log odds.
-fn rank_starts(local: &Local<'_>, fan: &Fan, t: u32, length: usize, starts: usize, splitter: &mut Splitter) {
-    let (ring, scores) = (&mut splitter.ring, &mut splitter.scores);
+fn rank_starts(local: &Local<'_>, fan: &Fan, t: u32, length: usize, starts: usize, scratch: &mut Scratch) {
+    let Scratch { ring, scores, .. } = scratch;
     let whole = look_around(local, fan, t, ring);
     if fan.segments[0].closed {
         // Runs may reach over the end of the list.
@@ -343,72 +294,21 @@ const STRAIGHT: f64 = -0.513;
 const LENGTH: f64 = -1.17;
 const INSIDE: f64 = 0.65;
 
-/// A neighbour, relative to the star's centre.
-#[derive(Clone, Copy)]
-struct RingVertex {
-    at: Vec3,
-    length: f64,
-    valence: f64,
-    interior: f64,
-    /// Of the face from here to the next, doubled.
-    area: f64,
-}
-
 /// Where new faces are expected: around each run of moving spokes.
-fn find_gates(split: &mut Split) {
-    let Split { fan, moves, gates, .. } = split;
-    gates.clear();
+fn find_cuts(split: &mut Split) {
+    let Split { fan, moves, cuts, .. } = split;
+    cuts.clear();
     for segment in &fan.segments {
         let (start, end) = (segment.start, segment.end);
         for i in (start..end).filter(|&i| moves[i]) {
             let before = if i > start { Some(i - 1) } else { segment.closed.then_some(end - 1) };
             let after = if i + 1 < end { Some(i + 1) } else { segment.closed.then_some(start) };
             if before.is_none_or(|j| !moves[j]) {
-                gates.push(Gate { x: fan.spokes[i].a, left: true, stays: before, moves: i });
+                cuts.push(Cut { x: fan.spokes[i].a, left: true, stays: before, moves: i });
             }
             if after.is_none_or(|j| !moves[j]) {
-                gates.push(Gate { x: fan.spokes[i].b, left: false, stays: after, moves: i });
+                cuts.push(Cut { x: fan.spokes[i].b, left: false, stays: after, moves: i });
             }
         }
     }
-}
-
-/// The faces that the split adds.
-fn code_faces<C: Coder>(
-    coder: &mut C,
-    local: &Local<'_>,
-    split: &mut Split,
-    mut born: Vec<Born>,
-) -> Result<(), DecodeError> {
-    let Split { t, fan, gates, added, .. } = split;
-    added.clear();
-    for (number, gate) in gates.iter().enumerate() {
-        let found = born.iter().position(|b| b.x == gate.x && b.left == gate.left);
-        let context = usize::from(gate.stays.is_some()) * 2 + usize::from(gate.left);
-        if coder.bit(GATE + context, found.is_some()) {
-            let face = found.map(|i| born.remove(i).face);
-            added.push(Added { x: gate.x, left: gate.left, gate: Some(number), local: 0, face });
-        }
-    }
-    let extras = integer(coder, EXTRAS, born.len() as u32);
-    if extras > MAX_EXTRAS {
-        return Err(DecodeError::new("chunk", format!("a split adds {extras} faces")));
-    }
-    let ring = if extras > 0 { fan.ring() } else { Vec::new() };
-    for i in 0..extras as usize {
-        let want = born.get(i);
-        let place = want.and_then(|w| ring.iter().position(|&v| v == w.x));
-        let x = if !ring.is_empty() && coder.bit(EXTRA_IN_RING, place.is_some()) {
-            ring[index(coder, ring.len(), place.unwrap_or(0), "chunk: ring vertex")?]
-        } else {
-            index(coder, local.vertices.len(), want.map_or(0, |w| w.x as usize), "chunk: vertex")? as u32
-        };
-        if x == *t {
-            return Err(DecodeError::new("chunk", "a face uses a vertex twice"));
-        }
-        let left = coder.raw(1, u32::from(want.is_some_and(|w| w.left))) == 1;
-        added.push(Added { x, left, gate: None, local: 0, face: want.map(|w| w.face) });
-        coder.check()?;
-    }
-    Ok(())
 }

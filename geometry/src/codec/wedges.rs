@@ -2,13 +2,14 @@
 //! attributes of wedges that are new.
 
 use crate::codec::attributes::{Expected, code_attributes};
+use crate::codec::chunk_coder::ChunkCoder;
 use crate::codec::local::Local;
 use crate::codec::model::{
     MATERIAL, NEW_MOVED_WEDGE, NEW_WEDGE, SAME_MATERIAL, SAME_MOVED_WEDGE, SAME_WEDGE,
 };
-use crate::codec::plan::{Guide, Want};
+use crate::codec::plan::Want;
 use crate::codec::residual::quarter_octaves;
-use crate::codec::split::{Added, Split, Splitter};
+use crate::codec::scratch::{Added, Fitting, Split};
 use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::{index, integer};
 use crate::error::DecodeError;
@@ -19,97 +20,168 @@ const AT_TARGET: usize = 0;
 const AT_THIRD: usize = 1;
 const AT_NEW: usize = 2;
 
-/// Codes the wedges of the corners that moved and of the new faces, and the latter's materials.
-pub(crate) fn code_wedges<C: Coder>(
-    coder: &mut C,
-    splitter: &mut Splitter,
-    local: &mut Local<'_>,
-    split: &Split,
-    guide: &mut Option<&mut Guide<'_>>,
-) -> Result<(), DecodeError> {
-    code_moved(coder, splitter, local, split, guide)?;
-    for face in &split.added {
-        code_face(coder, splitter, local, split, face, guide)?;
-    }
-    Ok(())
-}
-
-/// Wedges of the new vertex for the faces that moved to it.
-fn code_moved<C: Coder>(
-    coder: &mut C,
-    splitter: &mut Splitter,
-    local: &mut Local<'_>,
-    split: &Split,
-    guide: &mut Option<&mut Guide<'_>>,
-) -> Result<(), DecodeError> {
-    let mut pairs = std::mem::take(&mut splitter.fitting.pairs);
-    pairs.clear();
-    for i in (0..split.fan.spokes.len()).filter(|&i| split.moves[i]) {
-        let spoke = split.fan.spokes[i];
-        let from = split.targets[i];
-        let same = pairs.iter().find(|p| p.0 == from).map(|p| p.1);
-        let first = local.first_wedge(split.u);
-        let want = guide.as_ref().map(|g| g.wedge(g.names.faces[spoke.face as usize], split.u, same, first));
-        let wedge = match same {
-            Some(same) if coder.bit(SAME_MOVED_WEDGE, want == Some(Want::Known(same))) => same,
-            _ => {
-                let new = first.is_none() || coder.bit(NEW_MOVED_WEDGE, matches!(want, Some(Want::New(_))));
-                if new {
-                    let expected = expected(splitter, local, split, from);
-                    new_wedge(coder, splitter, local, split.u, &expected, want, guide)?
-                } else {
-                    chosen(coder, local, split.u, want)?
-                }
-            }
-        };
-        if same.is_none() {
-            pairs.push((from, wedge));
-        }
-        local.set_wedge(spoke.face, spoke.k, wedge);
-    }
-    splitter.fitting.pairs = pairs;
-    Ok(())
-}
-
-/// One of a vertex's wedges.
-fn chosen<C: Coder>(
-    coder: &mut C,
-    local: &Local<'_>,
+/// A corner of a new face.
+struct Corner {
+    /// [`AT_TARGET`], [`AT_THIRD`] or [`AT_NEW`].
+    kind: usize,
     vertex: u32,
-    want: Option<Want>,
-) -> Result<u32, DecodeError> {
-    let place = local.wedges_of(vertex).position(|w| want == Some(Want::Known(w))).unwrap_or(0);
-    let place = index(coder, local.wedges_of(vertex).count(), place, "chunk: wedge")?;
-    local.wedges_of(vertex).nth(place).ok_or_else(|| DecodeError::new("chunk", "a vertex without wedges"))
+    /// The wedge that a neighbour has there.
+    guess: Option<u32>,
+    /// A wedge near by.
+    near: Option<u32>,
+    /// Builder's face, when encoding.
+    face: Option<u32>,
 }
 
-/// Scratch space of [`code_moved`].
-#[derive(Default)]
-pub(crate) struct Fitting {
-    /// (wedge of t, wedge of u) pairs so far.
-    pairs: Vec<(u32, u32)>,
-    /// (place, texture coordinate, weight) of each wedge that was seen.
-    points: Vec<(Vec3, Vec3, f64)>,
-    seen: Vec<u32>,
-}
+impl<C: Coder> ChunkCoder<'_, '_, C> {
+    /// Codes the wedges of the corners that moved and of the new faces, and the latter's materials.
+    pub(crate) fn wedges(&mut self, split: &Split) -> Result<(), DecodeError> {
+        self.moved(split)?;
+        for face in &split.added {
+            self.face(split, face)?;
+        }
+        Ok(())
+    }
 
-/// What the faces that moved with one wedge of t say about the wedge of u: texture coordinates by
-/// an affine fit over the ring, weighted by nearness, at the place of u.
-fn expected(splitter: &mut Splitter, local: &Local<'_>, split: &Split, from: u32) -> Expected {
-    let kinds = splitter.kinds;
-    let near = Some(local.wedges[from as usize].attributes);
-    let mut expected = Expected { uv: [0; 2], uv_size: None, near, normal: [0.0; 3], first: false };
-    if kinds.uv_bits > 0 || kinds.normals {
-        expected.normal = normal_of_moved(local, split);
+    /// Wedges of the new vertex for the faces that moved to it.
+    fn moved(&mut self, split: &Split) -> Result<(), DecodeError> {
+        let mut pairs = std::mem::take(&mut self.scratch.fitting.pairs);
+        pairs.clear();
+        for i in (0..split.fan.spokes.len()).filter(|&i| split.moves[i]) {
+            let spoke = split.fan.spokes[i];
+            let from = split.targets[i];
+            let same = pairs.iter().find(|p| p.0 == from).map(|p| p.1);
+            let first = self.local.first_wedge(split.u);
+            let guide = self.guide.as_ref();
+            let want = guide.map(|g| g.wedge(g.names.faces[spoke.face as usize], split.u, same, first));
+            let wedge = match same {
+                Some(same) if self.coder.bit(SAME_MOVED_WEDGE, want == Some(Want::Known(same))) => same,
+                _ => {
+                    let new = matches!(want, Some(Want::New(_)));
+                    if first.is_none() || self.coder.bit(NEW_MOVED_WEDGE, new) {
+                        let expected = self.expected(split, from);
+                        self.new_wedge(split.u, &expected, want)?
+                    } else {
+                        self.chosen(split.u, want)?
+                    }
+                }
+            };
+            if same.is_none() {
+                pairs.push((from, wedge));
+            }
+            self.local.set_wedge(spoke.face, spoke.k, wedge);
+        }
+        self.scratch.fitting.pairs = pairs;
+        Ok(())
     }
-    if kinds.uv_bits > 0 {
-        let Fitting { points, seen, .. } = &mut splitter.fitting;
-        gather_points(local, split, from, points, seen);
-        let (uv, spread) = fit(points, expected.normal);
-        expected.uv = [0, 1].map(|k| (uv[k] + 0.5).floor().clamp(-1.0e9, 1.0e9) as i32);
-        expected.uv_size = Some(quarter_octaves(spread * UV_SIZE));
+
+    /// One of a vertex's wedges.
+    fn chosen(&mut self, vertex: u32, want: Option<Want>) -> Result<u32, DecodeError> {
+        let wedges = || self.local.wedges_of(vertex);
+        let place = wedges().position(|w| want == Some(Want::Known(w))).unwrap_or(0);
+        let place = index(self.coder, wedges().count(), place, "chunk: wedge")?;
+        wedges().nth(place).ok_or_else(|| DecodeError::new("chunk", "a vertex without wedges"))
     }
-    expected
+
+    /// What the faces that moved with one wedge of t say about the wedge of u: texture coordinates by
+    /// an affine fit over the ring, weighted by nearness, at the place of u.
+    fn expected(&mut self, split: &Split, from: u32) -> Expected {
+        let (kinds, local) = (self.mesh.kinds, &self.local);
+        let near = Some(local.wedges[from as usize].attributes);
+        let mut expected = Expected { uv: [0; 2], uv_size: None, near, normal: [0.0; 3], first: false };
+        if kinds.uv_bits > 0 || kinds.normals {
+            expected.normal = normal_of_moved(local, split);
+        }
+        if kinds.uv_bits > 0 {
+            let Fitting { points, seen, .. } = &mut self.scratch.fitting;
+            gather_points(local, split, from, points, seen);
+            let (uv, spread) = fit(points, expected.normal);
+            expected.uv = [0, 1].map(|k| (uv[k] + 0.5).floor().clamp(-1.0e9, 1.0e9) as i32);
+            expected.uv_size = Some(quarter_octaves(spread * UV_SIZE));
+        }
+        expected
+    }
+
+    fn new_wedge(
+        &mut self,
+        vertex: u32,
+        expected: &Expected,
+        want: Option<Want>,
+    ) -> Result<u32, DecodeError> {
+        let builder = match want {
+            Some(Want::New(builder)) => Some(builder),
+            _ => None,
+        };
+        let want = builder.and_then(|b| Some(self.guide.as_ref()?.source.wedges[b as usize].attributes));
+        let expected = Expected { first: self.local.first_wedge(vertex).is_none(), ..*expected };
+        let attributes = code_attributes(self.coder, self.mesh.kinds, &mut self.recent_uv, &expected, want)?;
+        let wedge = self.local.add_wedge(vertex, attributes);
+        if let (Some(guide), Some(builder)) = (&mut self.guide, builder) {
+            guide.names.wedge(builder);
+        }
+        Ok(wedge)
+    }
+
+    /// Wedges and material of one new face.
+    fn face(&mut self, split: &Split, added: &Added) -> Result<(), DecodeError> {
+        let cut = added.cut.map(|c| &split.cuts[c]);
+        // The neighbours' wedges at t, x and u.
+        let (mut at_t, mut at_x, mut at_u, mut beside) = (None, None, None, None);
+        if let Some(cut) = cut {
+            let moving = &split.fan.spokes[cut.moves];
+            let [centre, a, b] = self.local.spoke_wedges(moving);
+            at_u = Some(centre);
+            at_x = Some(if cut.left { a } else { b });
+            at_t = Some(split.targets[cut.stays.unwrap_or(cut.moves)]);
+            beside = Some(moving.face);
+        } else if let Some(spoke) = split.fan.spokes.first() {
+            at_t = Some(split.targets[0]);
+            beside = Some(spoke.face);
+        }
+        let corner = |kind, vertex, guess| Corner { kind, vertex, guess, near: at_t, face: added.face };
+        let t_wedge = self.corner(&corner(AT_TARGET, split.t, at_t))?;
+        let x_wedge = self.corner(&corner(AT_THIRD, added.x, at_x))?;
+        let u_guess = at_u.or(self.local.first_wedge(split.u));
+        let u_wedge = self.corner(&corner(AT_NEW, split.u, u_guess))?;
+
+        let near = beside.map_or(0, |f| self.local.faces[f as usize].material);
+        let want = match (added.face, &self.guide) {
+            (Some(face), Some(g)) => g.source.materials[face as usize],
+            _ => near,
+        };
+        let mut material = near;
+        let materials = self.materials();
+        if materials > 1 && !self.coder.bit(SAME_MATERIAL, want == near) {
+            let got = integer(self.coder, MATERIAL, u32::from(want));
+            material = u16::try_from(got).unwrap_or(u16::MAX);
+            if material >= materials {
+                return Err(DecodeError::new("chunk", format!("material {material} of {materials}")));
+            }
+        }
+        let wedges = if added.left { [t_wedge, x_wedge, u_wedge] } else { [u_wedge, x_wedge, t_wedge] };
+        self.local.set_face(added.local, wedges, material);
+        Ok(())
+    }
+
+    /// The wedge at a corner of a new face.
+    fn corner(&mut self, corner: &Corner) -> Result<u32, DecodeError> {
+        let Corner { kind, vertex, guess, near, face } = *corner;
+        let first = self.local.first_wedge(vertex);
+        let want = self.guide.as_ref().and_then(|g| Some(g.wedge(face?, vertex, guess, first)));
+        if let Some(guess) = guess
+            && self.coder.bit(SAME_WEDGE + kind, want == Some(Want::Known(guess)))
+        {
+            return Ok(guess);
+        }
+        if first.is_none() || self.coder.bit(NEW_WEDGE + kind, matches!(want, Some(Want::New(_)))) {
+            let near = guess.or(first).or(near);
+            let near = near.map(|w| self.local.wedges[w as usize].attributes);
+            let uv = near.map_or([0; 2], |w| w.uv);
+            let expected = Expected { uv, uv_size: None, near, normal: [0.0; 3], first: false };
+            return self.new_wedge(vertex, &expected, want);
+        }
+        self.chosen(vertex, want)
+    }
 }
 
 /// Sum of the normals of the faces that moved, weighted by area.
@@ -195,96 +267,4 @@ fn fit(points: &[(Vec3, Vec3, f64)], normal: Vec3) -> (Vec3, f64) {
     let gx = scale(sub(scale(xv, yy), scale(yv, xy)), 1.0 / determinant);
     let gy = scale(sub(scale(yv, xx), scale(xv, xy)), 1.0 / determinant);
     (add(value, add(scale(gx, x), scale(gy, y))), spread)
-}
-
-fn new_wedge<C: Coder>(
-    coder: &mut C,
-    splitter: &mut Splitter,
-    local: &mut Local<'_>,
-    vertex: u32,
-    expected: &Expected,
-    want: Option<Want>,
-    guide: &mut Option<&mut Guide<'_>>,
-) -> Result<u32, DecodeError> {
-    let builder = match want {
-        Some(Want::New(builder)) => Some(builder),
-        _ => None,
-    };
-    let want = builder.and_then(|b| Some(guide.as_ref()?.source.wedges[b as usize].attributes));
-    let expected = Expected { first: local.first_wedge(vertex).is_none(), ..*expected };
-    let attributes = code_attributes(coder, splitter.kinds, &mut splitter.recent_uv, &expected, want)?;
-    let wedge = local.add_wedge(vertex, attributes);
-    if let (Some(guide), Some(builder)) = (guide.as_mut(), builder) {
-        guide.names.wedge(builder);
-    }
-    Ok(wedge)
-}
-
-/// Wedges and material of one new face.
-fn code_face<C: Coder>(
-    coder: &mut C,
-    splitter: &mut Splitter,
-    local: &mut Local<'_>,
-    split: &Split,
-    added: &Added,
-    guide: &mut Option<&mut Guide<'_>>,
-) -> Result<(), DecodeError> {
-    let gate = added.gate.map(|g| &split.gates[g]);
-    // The neighbours' wedges at t, x and u.
-    let (mut at_t, mut at_x, mut at_u, mut beside) = (None, None, None, None);
-    if let Some(gate) = gate {
-        let moving = &split.fan.spokes[gate.moves];
-        let [centre, a, b] = local.spoke_wedges(moving);
-        at_u = Some(centre);
-        at_x = Some(if gate.left { a } else { b });
-        at_t = Some(split.targets[gate.stays.unwrap_or(gate.moves)]);
-        beside = Some(moving.face);
-    } else if let Some(spoke) = split.fan.spokes.first() {
-        at_t = Some(split.targets[0]);
-        beside = Some(spoke.face);
-    }
-    let mut corner = |coder: &mut C,
-                      local: &mut Local<'_>,
-                      kind: usize,
-                      vertex: u32,
-                      guess: Option<u32>,
-                      guide: &mut Option<&mut Guide<'_>>|
-     -> Result<u32, DecodeError> {
-        let first = local.first_wedge(vertex);
-        let want = guide.as_ref().and_then(|g| Some(g.wedge(added.face?, vertex, guess, first)));
-        if let Some(guess) = guess
-            && coder.bit(SAME_WEDGE + kind, want == Some(Want::Known(guess)))
-        {
-            return Ok(guess);
-        }
-        if first.is_none() || coder.bit(NEW_WEDGE + kind, matches!(want, Some(Want::New(_)))) {
-            let near = guess.or(first).or(at_t);
-            let near = near.map(|w| local.wedges[w as usize].attributes);
-            let uv = near.map_or([0; 2], |w| w.uv);
-            let expected = Expected { uv, uv_size: None, near, normal: [0.0; 3], first: false };
-            return new_wedge(coder, splitter, local, vertex, &expected, want, guide);
-        }
-        chosen(coder, local, vertex, want)
-    };
-    let t_wedge = corner(coder, local, AT_TARGET, split.t, at_t, guide)?;
-    let x_wedge = corner(coder, local, AT_THIRD, added.x, at_x, guide)?;
-    let u_guess = at_u.or(local.first_wedge(split.u));
-    let u_wedge = corner(coder, local, AT_NEW, split.u, u_guess, guide)?;
-
-    let near = beside.map_or(0, |f| local.faces[f as usize].material);
-    let want = match (added.face, guide.as_ref()) {
-        (Some(face), Some(g)) => g.source.materials[face as usize],
-        _ => near,
-    };
-    let mut material = near;
-    let materials = splitter.materials;
-    if materials > 1 && !coder.bit(SAME_MATERIAL, want == near) {
-        material = integer(coder, MATERIAL, u32::from(want)).min(u32::from(u16::MAX)) as u16;
-        if material >= materials {
-            return Err(DecodeError::new("chunk", format!("material {material} of {materials}")));
-        }
-    }
-    let wedges = if added.left { [t_wedge, x_wedge, u_wedge] } else { [u_wedge, x_wedge, t_wedge] };
-    local.set_face(added.local, wedges, material);
-    Ok(())
 }

@@ -4,7 +4,7 @@ pub mod training;
 
 use crate::asset::base::{Base, MAX_BASE_FACES, Totals};
 use crate::asset::index::{CHUNKS_PER_PAGE, ChunkInfo, Sphere};
-use crate::codec::base_mesh::{self as base_codec, BaseMesh};
+use crate::codec::base_mesh::{self, BaseFormat, BaseMesh};
 use crate::codec::chunk::{Encoded, Reached, encode};
 use crate::codec::index_page::{decode_page, encode_page};
 use crate::codec::source::Source;
@@ -211,7 +211,7 @@ fn build_base(
     vertices.sort_unstable();
     vertices.dedup();
     let place = |list: &[u32], x: u32| list.binary_search(&x).map_or(0, |i| i as u32);
-    let base_mesh = BaseMesh {
+    let coarsest = BaseMesh {
         positions: vertices.iter().map(|&v| live.cell(v)).collect(),
         wedges: wedges
             .iter()
@@ -236,7 +236,7 @@ fn build_base(
         colors: mesh.wedges.iter().any(|w| w.attributes.color != NO_COLOR),
         normals: mesh.wedges.iter().any(|w| w.attributes.normal.is_some()),
     };
-    let ordered = base_codec::ordered(&base_mesh, mesh.grid.bits, kinds, materials)
+    let ordered = base_mesh::ordered(&coarsest, BaseFormat { bits: mesh.grid.bits, kinds, materials })
         .map_err(|e| MeshError::Internal { why: e.to_string() })?;
     let mut min = [i32::MAX; 3];
     let mut max = [i32::MIN; 3];

@@ -1,0 +1,76 @@
+//! What codes a chunk: one walk serves both directions ([`crate::entropy::range_coder::Coder`]), so what an encoder
+//! says and what a decoder hears cannot drift apart.
+//!
+//! The walk is told file by file: `chunk` (vertices without faces, the region, which vertices split), `moves`,
+//! `split`, `position`, `wedges`.
+
+use crate::codec::local::Local;
+use crate::codec::plan::Guide;
+use crate::codec::residual::Recent;
+use crate::codec::scratch::Scratch;
+use crate::refine::ActiveMesh;
+
+/// How fine the positions are that a chunk brings.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Resolution {
+    /// Bits per axis of the asset's grid.
+    pub(crate) bits: u8,
+    /// How many of the lowest bits the chunk's grid leaves out, at most.
+    pub(crate) shift: u8,
+}
+
+/// Codes one chunk against a mesh to which its parents are applied.
+pub(crate) struct ChunkCoder<'a, 'm, C> {
+    /// Writes, reads or records symbols.
+    pub(crate) coder: &'a mut C,
+    pub(crate) mesh: &'m ActiveMesh,
+    pub(crate) chunk: u32,
+    pub(crate) resolution: Resolution,
+    /// What an encoder wants to say; a decoder has none.
+    pub(crate) guide: Option<Guide<'a>>,
+    /// The region as far as it is known, and what was added to it.
+    pub(crate) local: Local<'m>,
+    /// How the last residuals compared with what was expected: of positions, and of texture coordinates.
+    pub(crate) recent: Recent,
+    pub(crate) recent_uv: Recent,
+    pub(crate) scratch: Scratch,
+}
+
+impl<'a, 'm, C> ChunkCoder<'a, 'm, C> {
+    /// For an encoder, of what `guide` wants.
+    pub(crate) fn saying(coder: &'a mut C, mesh: &'m ActiveMesh, chunk: u32, guide: Guide<'a>) -> Self {
+        let (shift, splits) = (guide.source.shift, guide.source.records.collapses.len());
+        Self { guide: Some(guide), ..Self::hearing(coder, mesh, chunk, shift, splits) }
+    }
+
+    /// For a decoder, of a chunk of about so many splits, whose grid leaves out `shift` bits.
+    pub(crate) fn hearing(
+        coder: &'a mut C,
+        mesh: &'m ActiveMesh,
+        chunk: u32,
+        shift: u8,
+        splits: usize,
+    ) -> Self {
+        Self {
+            coder,
+            mesh,
+            chunk,
+            resolution: Resolution { bits: mesh.grid.bits, shift },
+            guide: None,
+            local: Local::new(mesh, chunk, splits),
+            recent: Recent::default(),
+            recent_uv: Recent::default(),
+            scratch: Scratch::default(),
+        }
+    }
+
+    /// Whether nobody says what is wanted, so that what was announced must be held to.
+    pub(crate) fn decodes(&self) -> bool {
+        self.guide.is_none()
+    }
+
+    /// Materials that faces may name.
+    pub(crate) fn materials(&self) -> u16 {
+        self.mesh.indices.len() as u16
+    }
+}
