@@ -79,7 +79,20 @@ pub enum MeshError {
         /// What went wrong.
         why: String,
     },
+    /// The pool of threads does not keep its promise.
+    #[error(transparent)]
+    SkippedTask(#[from] SkippedTask),
     /// Preparation was cancelled.
     #[error("preparation was cancelled")]
     Cancelled,
+}
+
+/// A pool that returned before all its tasks were done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the pool of threads left out task {task} of {count}: it must run each exactly once")]
+pub struct SkippedTask {
+    /// The first task without a result.
+    pub task: usize,
+    /// How many there were.
+    pub count: usize,
 }

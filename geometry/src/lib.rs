@@ -36,7 +36,7 @@ mod common;
 pub use asset::{base, pack, screen};
 pub use check::closed_set;
 pub use entropy::{Codec, steps};
-pub use error::{DecodeError, MeshError};
+pub use error::{DecodeError, MeshError, SkippedTask};
 pub use mesh::{distance, normals, octahedral};
 pub use prepare::training;
 pub use simplify::settings::{Metric, Settings, SettingsError};

@@ -3,7 +3,7 @@
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::error::MeshError;
+use crate::error::{MeshError, SkippedTask};
 
 /// Runs independent tasks, on as many threads as the implementor likes.
 ///
@@ -69,7 +69,11 @@ impl Monitor for Silent {
 }
 
 /// Runs `f(i)` for all `i` and returns the results in order.
-pub(crate) fn map<T: Send>(pool: &dyn Pool, count: usize, f: &(dyn Fn(usize) -> T + Sync)) -> Vec<T> {
+pub(crate) fn map<T: Send>(
+    pool: &dyn Pool,
+    count: usize,
+    f: &(dyn Fn(usize) -> T + Sync),
+) -> Result<Vec<T>, SkippedTask> {
     let slots: Vec<Mutex<Option<T>>> = (0..count).map(|_| Mutex::new(None)).collect();
     pool.run(count, &|i| {
         let value = f(i);
@@ -77,7 +81,8 @@ pub(crate) fn map<T: Send>(pool: &dyn Pool, count: usize, f: &(dyn Fn(usize) -> 
             *slot = Some(value);
         }
     });
-    slots.into_iter().filter_map(|s| s.into_inner().ok().flatten()).collect()
+    let results = slots.into_iter().map(|slot| slot.into_inner().ok().flatten());
+    results.enumerate().map(|(task, result)| result.ok_or(SkippedTask { task, count })).collect()
 }
 
 /// A pool whose tasks are skipped once the monitor has said no.
@@ -123,6 +128,31 @@ impl<'a> Watched<'a> {
         if cancelled.into_inner() {
             return Err(MeshError::Cancelled);
         }
-        Ok(results.into_iter().flatten().collect())
+        // None is empty unless cancelled.
+        Ok(results?.into_iter().flatten().collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Leaves out one task.
+    struct Without(usize);
+
+    impl Pool for Without {
+        fn run(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
+            (0..count).filter(|&i| i != self.0).for_each(task);
+        }
+    }
+
+    #[test]
+    fn a_skipped_task_is_named_and_shifts_no_result() {
+        assert_eq!(map(&Without(7), 4, &|i| i * 10), Ok(vec![0, 10, 20, 30]));
+        assert_eq!(map(&Without(1), 4, &|i| i * 10), Err(SkippedTask { task: 1, count: 4 }));
+        let watched = Watched::new(&Without(3), &Silent, 0);
+        let error = watched.map(4, &|i| i).unwrap_err();
+        assert_eq!(error, MeshError::SkippedTask(SkippedTask { task: 3, count: 4 }));
+        assert!(error.to_string().contains("left out task 3 of 4"), "{error}");
     }
 }

@@ -91,7 +91,8 @@ pub fn check(
     let reference = Reference { base, infos, payloads, deltas, boundary, closed_manifold, doubles, start };
     let mut seeds = Random::new(seed);
     let seeds: Vec<u64> = (0..sets).map(|_| seeds.next_u64()).collect();
-    let reports = pool::map(pool, sets, &|i| reference.try_set(&mut Random::new(seeds[i])));
+    let reports = pool::map(pool, sets, &|i| reference.try_set(&mut Random::new(seeds[i])))
+        .map_err(|e| DecodeError::new("check", e.to_string()))?;
     Ok(reports.into_iter().fold(CheckReport::default(), |a, b| CheckReport {
         sets: a.sets + 1,
         cracks: a.cracks + b.cracks,

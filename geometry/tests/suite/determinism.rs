@@ -3,10 +3,10 @@
 use lodestream_geometry::base::Base;
 use lodestream_geometry::check::check;
 use lodestream_geometry::index::decode_page;
-use lodestream_geometry::pool::{Serial, Silent};
+use lodestream_geometry::pool::{Pool, Serial, Silent};
 use lodestream_geometry::prepare::{Hooks, prepare};
 
-use crate::common::{Shuffled, all, prepared, quantised, regions};
+use crate::common::{Shuffled, all, prepared, quantised, regions, shapes};
 
 #[test]
 fn bytes_do_not_depend_on_threads_or_on_the_order_of_tasks() {
@@ -45,4 +45,20 @@ fn a_check_does_not_depend_on_threads() {
     let asset = prepared(&quantised(&all()[3].1), &regions(50));
     let on = |pool| check(&asset.base, &asset.infos, &asset.chunks, 12, 5, pool).unwrap();
     assert_eq!(on(&Serial), on(&Shuffled { threads: 3, seed: 8 }));
+}
+
+/// Leaves out one of its tasks, where it has several.
+struct Forgetful;
+
+impl Pool for Forgetful {
+    fn run(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
+        (0..count).filter(|&i| count < 2 || i != count / 2).for_each(task);
+    }
+}
+
+#[test]
+fn a_pool_that_skips_a_task_is_an_error_and_no_other_asset() {
+    let mesh = quantised(&shapes::torus(30, 40));
+    let result = prepare(&mesh, &regions(200), &Hooks::new(&Forgetful, &Silent));
+    assert!(result.is_err_and(|e| e.to_string().contains("left out task")));
 }
