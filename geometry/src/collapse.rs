@@ -17,7 +17,7 @@ pub(crate) struct Placed {
 
 /// A corner of a face that moved with a collapse.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Moved {
+pub(crate) struct MovedCorner {
     pub(crate) face: u32,
     /// Wedge of the removed vertex.
     pub(crate) from: u32,
@@ -27,7 +27,7 @@ pub(crate) struct Moved {
 
 /// A face that vanished with a collapse, with its corners at that time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Removed {
+pub(crate) struct RemovedFace {
     pub(crate) face: u32,
     pub(crate) wedges: [u32; 3],
     /// The corner that is neither the removed vertex nor its target, where a split could not find it
@@ -54,8 +54,8 @@ pub(crate) struct Collapse {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Records {
     pub(crate) collapses: Vec<Collapse>,
-    pub(crate) moved: Vec<Moved>,
-    pub(crate) removed: Vec<Removed>,
+    pub(crate) moved: Vec<MovedCorner>,
+    pub(crate) removed: Vec<RemovedFace>,
     /// Wedges that a collapse kept: the source wedge of each. Until [`Records::commit`] they are
     /// numbered from `first_kept` on.
     pub(crate) kept: Vec<u32>,
@@ -71,7 +71,7 @@ pub(crate) struct Records {
 
 impl Records {
     /// The parts of one collapse.
-    pub(crate) fn parts(&self, index: usize) -> (&Collapse, &[Moved], &[Removed]) {
+    pub(crate) fn parts(&self, index: usize) -> (&Collapse, &[MovedCorner], &[RemovedFace]) {
         let collapse = &self.collapses[index];
         let (moved, removed) = match index.checked_sub(1).map(|i| &self.collapses[i]) {
             Some(before) => (before.moved_end, before.removed_end),

@@ -1,11 +1,11 @@
 //! Bounds on everything that a peer may send. What lies beyond is refused with a reason.
 
+pub use lodestream_geometry::base::{MAX_CHUNKS, MAX_DESCRIPTION_BYTES};
+
 /// Longest body of a control message, in bytes.
 pub const MAX_MESSAGE_BYTES: usize = 64 * 1024;
 /// Most memory that decoding one control message may reserve, in bytes.
 pub const MAX_DECODED_BYTES: usize = 256 * 1024;
-/// Longest encoded asset description, in bytes.
-pub const MAX_DESCRIPTION_BYTES: usize = 512 * 1024;
 /// Most blob bytes in one frame.
 pub const MAX_PIECE_BYTES: usize = 16 * 1024;
 /// Longest frame: tag, length and body.
@@ -30,7 +30,5 @@ pub const MAX_ASSETS: u32 = 1 << 20;
 pub const MAX_INSTANCES: u32 = 1 << 24;
 /// Most pages of a scene description.
 pub const MAX_SCENE_PAGES: u32 = 1 << 20;
-/// Most chunks of an asset.
-pub const MAX_CHUNKS: u32 = 1 << 22;
 /// Largest width or height of a viewport, in pixels.
 pub const MAX_VIEWPORT_PX: u32 = 65_535;

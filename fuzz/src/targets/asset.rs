@@ -109,7 +109,7 @@ pub fn base_decoder(data: &[u8]) -> bool {
     true
 }
 
-/// Places of 2^24 chunks take 2 MB, index lists of 65,535 materials 4 MB. The rest is the mesh.
+/// Places of 2^22 chunks take 0.5 MB, index lists of 65,535 materials 4 MB. The rest is the mesh.
 const BASE: Ceiling =
     Ceiling { base_bytes: 8 << 20, bytes_per_byte: 8192, base_steps: 1 << 16, steps_per_byte: 1 << 13 };
 

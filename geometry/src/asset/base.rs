@@ -9,9 +9,9 @@ pub const FORMAT_VERSION: u8 = 3;
 /// Most faces of a base mesh: bounds a decoder's memory.
 pub const MAX_BASE_FACES: usize = 1 << 20;
 /// Most chunks of one asset.
-pub const MAX_CHUNKS: u32 = 1 << 24;
+pub const MAX_CHUNKS: u32 = 1 << 22;
 /// Most bytes of a description.
-pub const MAX_DESCRIPTION_BYTES: usize = 1 << 20;
+pub const MAX_DESCRIPTION_BYTES: usize = 512 * 1024;
 
 /// Sizes of the fully refined asset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -16,11 +16,11 @@ use crate::collapse::NO_VERTEX;
 use crate::collapse::Placed;
 use crate::collapse::Records;
 
-/// Multiplicative hashing of slots (Knuth, TAOCP 3, §6.4): keys are small, distinct and ours.
+/// Multiplicative hashing of the builder's ids (Knuth, TAOCP 3, §6.4): keys are small, distinct and ours.
 #[derive(Default)]
-pub(crate) struct SlotHasher(u64);
+pub(crate) struct BuilderHasher(u64);
 
-impl Hasher for SlotHasher {
+impl Hasher for BuilderHasher {
     fn finish(&self) -> u64 {
         self.0
     }
@@ -34,7 +34,7 @@ impl Hasher for SlotHasher {
     }
 }
 
-pub(crate) type SlotMap<T> = HashMap<u32, T, BuildHasherDefault<SlotHasher>>;
+pub(crate) type BuilderMap<T> = HashMap<u32, T, BuildHasherDefault<BuilderHasher>>;
 
 /// Builder ids by local number, and back.
 #[derive(Default)]
@@ -42,8 +42,8 @@ pub(crate) struct Names {
     pub(crate) vertices: Vec<u32>,
     pub(crate) wedges: Vec<u32>,
     pub(crate) faces: Vec<u32>,
-    pub(crate) local_vertex: SlotMap<u32>,
-    pub(crate) local_wedge: SlotMap<u32>,
+    pub(crate) local_vertex: BuilderMap<u32>,
+    pub(crate) local_wedge: BuilderMap<u32>,
 }
 
 impl Names {
@@ -94,14 +94,14 @@ pub(crate) struct Guide<'a> {
     ends: Vec<usize>,
     pub(crate) names: Names,
     /// Wedges of the faces that this chunk touches, as they are at the end of the current segment.
-    state: SlotMap<[u32; 3]>,
-    unmade: SlotMap<Unmade>,
-    children: SlotMap<VecDeque<u32>>,
+    state: BuilderMap<[u32; 3]>,
+    unmade: BuilderMap<Unmade>,
+    children: BuilderMap<VecDeque<u32>>,
     /// Faces that are not there, by a vertex that holds two of their corners.
-    pending: SlotMap<Vec<u32>>,
+    pending: BuilderMap<Vec<u32>>,
     current: (u32, u32),
     /// Some wedge of each vertex that takes part.
-    any_wedge: SlotMap<u32>,
+    any_wedge: BuilderMap<u32>,
 }
 
 impl<'a> Guide<'a> {
@@ -115,12 +115,12 @@ impl<'a> Guide<'a> {
             records,
             ends,
             names: Names::default(),
-            state: SlotMap::default(),
-            unmade: SlotMap::default(),
-            children: SlotMap::default(),
-            pending: SlotMap::default(),
+            state: BuilderMap::default(),
+            unmade: BuilderMap::default(),
+            children: BuilderMap::default(),
+            pending: BuilderMap::default(),
             current: (NO_VERTEX, NO_VERTEX),
-            any_wedge: SlotMap::default(),
+            any_wedge: BuilderMap::default(),
         }
     }
 

@@ -25,7 +25,7 @@ pub(crate) struct Place {
 const PAGE: usize = 64;
 
 /// Places by origin, in pages that exist once one of their origins is applied. A stranger's asset may
-/// claim 2^24 chunks in a few bytes: that costs 2 MB here, and whole places would cost 2 GB.
+/// claim 2^22 chunks in a few bytes: that costs 0.5 MB here, and whole places would cost 0.5 GB.
 #[derive(Clone, Debug)]
 pub(crate) struct Places {
     pages: Vec<Option<Box<[Option<Place>; PAGE]>>>,

@@ -52,8 +52,8 @@ pub(crate) struct Deviation {
     pub(crate) mean_edge: f64,
 }
 
-/// New place of a sample: (sample, face, distance).
-pub(crate) type Place = (u32, u32, f32);
+/// Where a sample is found anew: (sample, face, distance).
+pub(crate) type Attachment = (u32, u32, f32);
 
 /// An edge, and the distance of its farthest point from the input.
 pub(crate) type FarEdge = ([u32; 2], f64);
@@ -124,7 +124,7 @@ impl Deviation {
         changed: &dyn Fn(u32) -> bool,
         samples: &[u32],
         mut error: f64,
-    ) -> (Vec<Place>, f64) {
+    ) -> (Vec<Attachment>, f64) {
         let live = region.live;
         let mut places = Vec::new();
         for &sample in samples {
@@ -167,7 +167,7 @@ impl Deviation {
 
     /// The largest distance of the samples, exactly; and the new places of those that were nearer than
     /// was thought.
-    pub(crate) fn settle(&self, region: &Surroundings<'_>, samples: &[u32]) -> (Vec<Place>, f64) {
+    pub(crate) fn settle(&self, region: &Surroundings<'_>, samples: &[u32]) -> (Vec<Attachment>, f64) {
         let farthest = samples
             .iter()
             .copied()
@@ -284,7 +284,7 @@ impl Deviation {
     }
 
     /// Takes over the new places of samples.
-    pub(crate) fn attach(&mut self, places: &[Place]) {
+    pub(crate) fn attach(&mut self, places: &[Attachment]) {
         for &(sample, face, distance) in places {
             self.attached[sample as usize] = face;
             self.distance[sample as usize] = distance;

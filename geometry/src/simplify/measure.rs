@@ -15,7 +15,7 @@ use crate::simplify::deviation::{Deviation, FarEdge, MARGIN, MOST_DENSE, MOST_SP
 use crate::simplify::hierarchy::RegionChunk;
 use crate::simplify::level::Level;
 use crate::simplify::live::Live;
-use crate::simplify::placement::{self, Grid, Way, place};
+use crate::simplify::placement::{self, Rounding, Way, place};
 use crate::simplify::surroundings::Surroundings;
 
 /// Where what was far on the way exceeds the samples' distance by this factor, edges are looked at
@@ -42,9 +42,9 @@ struct Course {
     moved: f64,
 }
 
-/// How vertices come to lie on grids.
+/// How vertices may come to lie on coarser grids.
 #[derive(Clone, Copy)]
-pub(crate) struct Grids {
+pub(crate) struct Coarsening {
     /// Bits that the grid of this level's start leaves out.
     pub(crate) shift: u8,
     /// [`crate::simplify::Settings::coarse_grid`], or 0 to stay on that grid.
@@ -60,7 +60,7 @@ pub(crate) fn measure(
     deviation: &mut Deviation,
     level: &Level,
     records: Vec<Records>,
-    grids: Grids,
+    coarsening: Coarsening,
     pool: &Watched<'_>,
     stray_error: &mut f64,
 ) -> Result<(Vec<RegionChunk>, u8), MeshError> {
@@ -78,25 +78,28 @@ pub(crate) fn measure(
     let interior = level.interior_vertices();
     let mut errors: Vec<f64> =
         courses.iter().filter(|c| !c.records.collapses.is_empty()).map(|c| c.error).collect();
-    let mut grid =
-        Grid { shift: placement::coarser(live, grids.shift, grids.share, &mut errors), way: Way::Best };
-    while grid.shift > 0 || latest.part > parts as u32 {
+    let mut rounding = Rounding {
+        shift: placement::coarser(live, coarsening.shift, coarsening.share, &mut errors),
+        way: Way::Best,
+    };
+    while rounding.shift > 0 || latest.part > parts as u32 {
         latest.part += 1;
         for (course, (faces, vertices)) in courses.iter_mut().zip(level.faces.iter().zip(&interior)) {
-            course.place(live, faces, vertices, grid, &mut latest);
+            course.place(live, faces, vertices, rounding, &mut latest);
         }
         look(live, deviation, level, &mut courses, &samples, &mut latest, pool)?;
-        let Some(gentler) = grid.gentler(grids.shift).filter(|_| worst(&courses) > grids.limit) else {
+        let Some(gentler) = rounding.gentler(coarsening.shift).filter(|_| worst(&courses) > coarsening.limit)
+        else {
             break;
         };
         courses.iter_mut().for_each(|c| c.lift(live));
-        grid = gentler;
+        rounding = gentler;
     }
     for m in courses.iter().flat_map(|c| &c.moves) {
         let v = m.vertex as usize;
         live.reach[v] += length(sub(live.positions[v], live.position(m.cell)));
     }
-    let shift = grid.shift;
+    let shift = rounding.shift;
     Ok((finish(live, deviation, level, courses, (&samples, interior), pool, stray_error)?, shift))
 }
 
@@ -214,13 +217,20 @@ impl Course {
     }
 
     /// Puts what is left of a region with collapses on a grid. Nothing that was known of it holds then.
-    fn place(&mut self, live: &mut Live, faces: &[u32], vertices: &[u32], grid: Grid, latest: &mut Latest) {
+    fn place(
+        &mut self,
+        live: &mut Live,
+        faces: &[u32],
+        vertices: &[u32],
+        rounding: Rounding,
+        latest: &mut Latest,
+    ) {
         self.corners.clear();
         self.performed = !self.records.collapses.is_empty();
         if !self.performed {
             return;
         }
-        self.moves = if grid.shift > 0 { place(live, vertices, grid) } else { Vec::new() };
+        self.moves = if rounding.shift > 0 { place(live, vertices, rounding) } else { Vec::new() };
         for &face in faces.iter().filter(|&&f| live.alive[f as usize]) {
             latest.changed_in[face as usize] = latest.part;
             self.corners.extend([face * 3, face * 3 + 1, face * 3 + 2]);

@@ -37,7 +37,7 @@ use crate::simplify::hierarchy::{RegionChunk, Simplified};
 use crate::simplify::level::{Level, truncate_globally};
 use crate::simplify::limit::{Limit, limit_error};
 use crate::simplify::live::Live;
-use crate::simplify::measure::{Grids, measure};
+use crate::simplify::measure::{Coarsening, measure};
 use crate::simplify::settings::Settings;
 
 /// Where a level is stuck, as many faces still fit into one region.
@@ -83,9 +83,9 @@ pub(crate) fn simplify(
         pool.begin(Stage::Measure)?;
         // What the base mesh lacks besides counts against what it may: no coarser grid on the last way there.
         let share = if last { 0.0 } else { settings.coarse_grid };
-        let grids = Grids { shift, share, limit: limit.error };
+        let coarsening = Coarsening { shift, share, limit: limit.error };
         let (mut chunks, next) =
-            measure(&mut live, &mut deviation, &level, records, grids, pool, &mut stray_error)?;
+            measure(&mut live, &mut deviation, &level, records, coarsening, pool, &mut stray_error)?;
         if settings.codec == Codec::Plain {
             chunks.iter_mut().for_each(RegionChunk::forget_stops);
         }

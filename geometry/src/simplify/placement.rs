@@ -20,9 +20,9 @@ const LEAST_BITS: u8 = 4;
 /// Most of the lowest bits that a grid leaves out.
 pub(crate) const MAX_SHIFT: u8 = 15;
 
-/// Where vertices go.
+/// How vertices are brought to a coarser grid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Grid {
+pub(crate) struct Rounding {
     /// How many of the lowest bits of cells are left out.
     pub(crate) shift: u8,
     pub(crate) way: Way,
@@ -39,7 +39,7 @@ pub(crate) enum Way {
     Stay,
 }
 
-impl Grid {
+impl Rounding {
     /// The next to try where this does too much, on no finer grid than the one that leaves out `least` bits.
     pub(crate) fn gentler(self, least: u8) -> Option<Self> {
         match self {
@@ -62,20 +62,21 @@ pub(crate) fn coarser(live: &Live, shift: u8, share: f64, errors: &mut [f64]) ->
 }
 
 /// Puts those of the given vertices that have faces on a grid; answers where they were.
-pub(crate) fn place(live: &mut Live, vertices: &[u32], grid: Grid) -> Vec<Placed> {
+pub(crate) fn place(live: &mut Live, vertices: &[u32], rounding: Rounding) -> Vec<Placed> {
     let mut moves = Vec::new();
     for &v in vertices {
         if live.moved_to[v as usize] != v || live.stars.corners(v).next().is_none() {
             continue;
         }
         moves.push(live.placed(v));
-        if grid.way == Way::Stay {
+        if rounding.way == Way::Stay {
             continue;
         }
-        let nearest = live.on_grid(live.positions[v as usize], grid.shift);
-        let best = grid.way == Way::Best;
-        live.positions[v as usize] = if best { self::best(live, v, grid.shift, nearest) } else { nearest };
-        live.shifts[v as usize] = grid.shift;
+        let nearest = live.on_grid(live.positions[v as usize], rounding.shift);
+        let best = rounding.way == Way::Best;
+        live.positions[v as usize] =
+            if best { self::best(live, v, rounding.shift, nearest) } else { nearest };
+        live.shifts[v as usize] = rounding.shift;
     }
     moves
 }

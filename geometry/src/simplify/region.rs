@@ -5,7 +5,7 @@
 //! removed or collapsed onto: the outline stays as it is.
 
 use crate::collapse::NO_VERTEX;
-use crate::collapse::{Collapse, Moved, Records, Removed};
+use crate::collapse::{Collapse, MovedCorner, Records, RemovedFace};
 use crate::mesh::stars::Stars;
 use crate::mesh::vec3::{Vec3, length, sub};
 use crate::simplify::live::Live;
@@ -168,7 +168,7 @@ impl Region {
     fn remove_face(&mut self, face: usize, k: usize, t: u32, lonely: &mut Vec<u32>) {
         let corners = self.corners[face];
         let third = corners.into_iter().find(|&v| v != corners[k] && v != t);
-        self.records.removed.push(Removed { face: self.faces[face], wedges: self.wedges[face], third });
+        self.records.removed.push(RemovedFace { face: self.faces[face], wedges: self.wedges[face], third });
         for j in (0..3).filter(|&j| j != k) {
             self.stars.remove(corners[j], (face * 3 + j) as u32);
             if self.stars.is_empty(corners[j]) {
@@ -188,7 +188,7 @@ impl Region {
                 kept
             }
         };
-        self.records.moved.push(Moved { face: self.faces[face], from, to });
+        self.records.moved.push(MovedCorner { face: self.faces[face], from, to });
         self.corners[face][k] = t;
         self.wedges[face][k] = to;
         self.stars.insert(t, (face * 3 + k) as u32);
