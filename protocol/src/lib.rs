@@ -24,6 +24,7 @@ pub mod frame;
 pub mod limiter;
 pub mod limits;
 pub mod message;
+pub mod pose;
 pub mod scene;
 pub mod scheduler;
 pub mod select;

@@ -16,6 +16,7 @@ use crate::limits::{
     MAX_ASSETS, MAX_BLOB_BYTES, MAX_CHUNKS, MAX_ENTRIES_PER_PAGE, MAX_INSTANCES, MAX_NAME_BYTES,
     MAX_SCENE_PAGES,
 };
+use crate::pose::Pose;
 use crate::terrain::TerrainEntry;
 use crate::view::View;
 
@@ -56,7 +57,7 @@ pub struct Light {
     pub ambient: [f32; 3],
 }
 
-/// A camera without a viewport.
+/// A camera without a viewport: where a viewer starts, and about which point it may turn.
 #[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
 pub struct Camera {
     /// Position of the eye, in world units.
@@ -74,6 +75,13 @@ impl Camera {
     #[must_use]
     pub fn view(&self, viewport_px: [u32; 2], target_px: f32) -> View {
         View { target_px, ..View::look_at(self.eye, self.target, self.up, self.fov_y, viewport_px) }
+    }
+
+    /// The camera as programs compute with it.
+    #[must_use]
+    pub fn pose(&self) -> Pose {
+        let up = Vec3::from(self.up).as_dvec3();
+        Pose::look_at(DVec3::from(self.eye), DVec3::from(self.target), up, f64::from(self.fov_y))
     }
 }
 

@@ -2,10 +2,11 @@
 
 use bincode::{Decode, Encode};
 use geometry::screen::scale_px;
-use glam::{DVec3, Mat3, Quat, Vec3};
+use glam::{DQuat, DVec3, Mat3, Quat, Vec3};
 use lodestream_geometry as geometry;
 
 use crate::limits::MAX_VIEWPORT_PX;
+use crate::pose::Pose;
 
 /// A perspective view of the scene.
 ///
@@ -54,6 +55,16 @@ impl View {
             return Err("the target screen error is not a positive number");
         }
         Ok(())
+    }
+
+    /// The camera of the view.
+    #[must_use]
+    pub fn pose(&self) -> Pose {
+        Pose {
+            eye: DVec3::from(self.eye),
+            rotation: DQuat::normalize(self.orientation().as_dquat()),
+            fov_y: f64::from(self.fov_y),
+        }
     }
 
     /// Rotation from view space to world space.

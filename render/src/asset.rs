@@ -8,7 +8,7 @@ use super::buffer::GrowingBuffer;
 use super::gpu::{Gpu, RenderError};
 use super::material::{BoundMaterial, Material, MaterialKit};
 use super::texture::{StreamedTexture, TextureData, TextureShape};
-use super::vertex::RenderVertex;
+use super::vertex::PackedVertex;
 
 /// Slots between two touched ones that are sent along, because one longer upload is cheaper than
 /// two; vertices cost a star to compute each, faces nothing.
@@ -31,7 +31,7 @@ pub struct AssetGpu {
     kit: MaterialKit,
     origin: DVec3,
     bounds: Option<(DVec3, f64)>,
-    vertices: GrowingBuffer<RenderVertex>,
+    vertices: GrowingBuffer<PackedVertex>,
     parts: Vec<Part>,
     textures: Vec<StreamedTexture>,
 }
@@ -97,7 +97,7 @@ impl AssetGpu {
         &mut self,
         gpu: &Gpu,
         first: usize,
-        vertices: &[RenderVertex],
+        vertices: &[PackedVertex],
     ) -> Result<(), RenderError> {
         self.vertices.write(gpu, first as u64, vertices)
     }
@@ -112,7 +112,7 @@ impl AssetGpu {
         &mut self,
         gpu: &Gpu,
         slots: &[u32],
-        mut vertex: impl FnMut(u32) -> RenderVertex,
+        mut vertex: impl FnMut(u32) -> PackedVertex,
     ) -> Result<(), RenderError> {
         for run in runs(slots, MAX_VERTEX_GAP) {
             let first = *run.start() as usize;

@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::asset::AssetGpu;
+use super::camera::may_see;
 use super::instance::{Instance, InstanceRaw};
 use super::pipelines::Pipelines;
 use super::scene::{Counters, Frame};
@@ -104,7 +105,7 @@ fn place(
     instance: &Instance,
     asset: &AssetGpu,
     frame: &Frame<'_>,
-    (width, height): (u32, u32),
+    size: (u32, u32),
 ) -> Option<(f64, InstanceRaw)> {
     let raw = instance.relative_to(asset.origin(), frame.camera.eye);
     if !raw.offset.iter().chain(&raw.rotation).chain([&raw.scale]).all(|x| x.is_finite()) {
@@ -114,6 +115,6 @@ fn place(
     let Some((centre, radius)) = asset.bounds() else { return Some((origin.length(), raw)) };
     let centre = origin + instance.rotation * (centre * instance.scale);
     let radius = radius * instance.scale.abs();
-    let visible = frame.camera.may_see(centre, radius, width, height);
+    let visible = may_see(&frame.camera, centre, radius, size);
     visible.then(|| ((centre.length() - radius).max(0.0), raw))
 }

@@ -2,13 +2,12 @@
 
 use std::sync::Arc;
 
+use lodestream_protocol::pose::Pose;
 use lodestream_protocol::terrain::TerrainEntry;
 use lodestream_terrain::{PatchPoints, Scratch, Terrain};
 
 use crate::tiles::{COARSER, Ground, GroundView, Maker, TileRegion, TileStore, Tiles};
-use crate::{
-    Camera, Gpu, RenderError, Renderer, TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart,
-};
+use crate::{Gpu, RenderError, Renderer, TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart};
 
 /// Tiles of one frame, at most: 512 triangles each.
 const MAX_TILES: usize = 4000;
@@ -102,7 +101,7 @@ impl GroundScene {
         &mut self,
         gpu: &Gpu,
         making: &Making,
-        camera: &Camera,
+        camera: &Pose,
         size: (u32, u32),
         target_px: f64,
     ) -> Result<(), RenderError> {

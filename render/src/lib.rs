@@ -45,12 +45,12 @@ mod vertex;
 mod tests;
 
 pub use asset::AssetGpu;
-pub use camera::Camera;
 pub use gpu::{Gpu, RenderError};
 pub use graph::PassId;
 pub use ground_scene::{GroundScene, Making};
 pub use headless::Headless;
 pub use instance::Instance;
+pub use lodestream_protocol::pose::Pose;
 pub use material::Material;
 pub use renderer::Renderer;
 pub use scene::{
@@ -61,4 +61,4 @@ pub use scene::{
 pub use scene_view::SceneView;
 pub use terrain::{MAX_DRAWN_HEIGHT, TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart};
 pub use texture::{TextureData, TextureKind, TextureShape};
-pub use vertex::RenderVertex;
+pub use vertex::PackedVertex;

@@ -5,7 +5,7 @@ use super::gpu::Gpu;
 use super::instance::{INSTANCE_ATTRIBUTES, InstanceRaw};
 use super::material::MaterialKit;
 use super::targets::{OCCLUSION, RADIANCE};
-use super::vertex::{RenderVertex, VERTEX_ATTRIBUTES};
+use super::vertex::{PackedVertex, VERTEX_ATTRIBUTES};
 
 const GBUFFER: &str = concat!(
     include_str!("shaders/common.wgsl"),
@@ -65,7 +65,7 @@ impl Pipelines {
             layout: &geometry_layout,
             buffers: &[
                 Some(wgpu::VertexBufferLayout {
-                    array_stride: size_of::<RenderVertex>() as u64,
+                    array_stride: size_of::<PackedVertex>() as u64,
                     step_mode: wgpu::VertexStepMode::Vertex,
                     attributes: &VERTEX_ATTRIBUTES,
                 }),

@@ -1,9 +1,9 @@
 //! What a frame is made of, and what it reports.
 
 use glam::{DVec3, Vec3};
+use lodestream_protocol::pose::Pose;
 
 use super::asset::AssetGpu;
-use super::camera::Camera;
 use super::graph::PassId;
 use super::instance::Instance;
 use super::terrain::TerrainFrame;
@@ -86,7 +86,7 @@ pub enum Shade {
     /// Their materials.
     #[default]
     Material,
-    /// Their level of refinement, [`super::RenderVertex::level`].
+    /// Their level of refinement, [`super::PackedVertex::level`].
     Level,
 }
 
@@ -105,6 +105,10 @@ pub struct Settings {
     /// Steps of relief mapping's linear search at grazing angles, 1 to [`MAX_RELIEF_STEPS`]: details thinner than a step
     /// may be jumped over. Looking straight down a quarter as many are taken, and on the ground five twelfths.
     pub relief_steps: u32,
+    /// Distance of the near plane in world units, > 0: the depth that is stored is `near / view depth`. Reversed
+    /// floating-point depth has the same relative precision everywhere, so this may be tiny: a thousandth of the
+    /// smallest thing worth looking at costs nothing.
+    pub near: f64,
     /// Factor on radiance before tone mapping.
     pub exposure: f32,
     /// Seconds that a new vertex takes to its position; 0 = at once.
@@ -119,6 +123,7 @@ impl Default for Settings {
             occlusion: Some(AmbientOcclusion::default()),
             relief: true,
             relief_steps: 48,
+            near: 1e-4,
             exposure: 1.0,
             morph_s: 0.25,
         }
@@ -129,7 +134,7 @@ impl Default for Settings {
 #[derive(Clone, Copy, Debug)]
 pub struct Frame<'a> {
     /// Where from.
-    pub camera: Camera,
+    pub camera: Pose,
     /// What.
     pub drawables: &'a [Drawable<'a>],
     /// On which ground.
@@ -138,14 +143,14 @@ pub struct Frame<'a> {
     pub environment: Environment,
     /// How.
     pub settings: Settings,
-    /// Now, in seconds of the clock of [`super::RenderVertex::birth_s`].
+    /// Now, in seconds of the clock of [`super::PackedVertex::birth_s`].
     pub time_s: f32,
 }
 
 impl<'a> Frame<'a> {
     /// A frame with default light and settings, at a time when every morph is over.
     #[must_use]
-    pub fn new(camera: Camera, drawables: &'a [Drawable<'a>]) -> Self {
+    pub fn new(camera: Pose, drawables: &'a [Drawable<'a>]) -> Self {
         Self {
             camera,
             drawables,

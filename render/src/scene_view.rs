@@ -4,12 +4,13 @@ use std::collections::VecDeque;
 
 use glam::{DQuat, DVec3, Vec3};
 use lodestream_client::core::{Change, MeshChange, NewAsset, TexturePixels};
+use lodestream_protocol::pose::Pose;
 use lodestream_protocol::scene::{InstanceEntry, SceneHeader};
 
 use crate::tiles::Maker;
 use crate::{
-    AssetGpu, Camera, Drawable, Environment, Frame, Gpu, GroundScene, Instance, Making, Material,
-    RenderError, RenderVertex, Renderer, Settings, TextureData, TextureShape,
+    AssetGpu, Drawable, Environment, Frame, Gpu, GroundScene, Instance, Making, Material, PackedVertex,
+    RenderError, Renderer, Settings, TextureData, TextureShape,
 };
 
 /// Exposed radiance of a white surface that faces the sun: near the upper end of the tone curve.
@@ -146,10 +147,10 @@ impl SceneView {
             return Ok(());
         };
         for (first, vertices) in &mesh.vertices {
-            let vertices: Vec<RenderVertex> = vertices
+            let vertices: Vec<PackedVertex> = vertices
                 .iter()
                 .map(|v| {
-                    RenderVertex::new(v.data.position, v.data.normal, v.data.uv)
+                    PackedVertex::new(v.data.position, v.data.normal, v.data.uv)
                         .morphing(v.data.morph_from, v.birth_s)
                         .coloured(v.data.color)
                         .at_level(v.level)
@@ -190,7 +191,7 @@ impl SceneView {
     pub fn prepare_ground(
         &mut self,
         gpu: &Gpu,
-        camera: &Camera,
+        camera: &Pose,
         size: (u32, u32),
         target_px: f32,
     ) -> Result<(), RenderError> {
@@ -214,7 +215,7 @@ impl SceneView {
     /// Draws the scene as it is now: hands the frame to `draw`.
     pub fn with_frame<R>(
         &self,
-        camera: Camera,
+        camera: Pose,
         settings: Settings,
         time_s: f32,
         draw: impl FnOnce(&Frame<'_>) -> R,

@@ -3,6 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
 
+use super::camera::{clip_from_view, view_from_world};
 use super::scene::{Frame, MAX_RELIEF_STEPS, MAX_SAMPLES, OcclusionRadius, Shade};
 use super::twin::ssao;
 
@@ -37,7 +38,7 @@ pub(crate) struct FrameUniform {
 
 impl FrameUniform {
     pub(crate) fn new(frame: &Frame<'_>, (width, height): (u32, u32)) -> Self {
-        let camera = &frame.camera;
+        let (camera, near) = (&frame.camera, frame.settings.near);
         let (tx, ty) = camera.tan_half_fov(width, height);
         let env = &frame.environment;
         let direction = |d: DVec3| d.try_normalize().unwrap_or(DVec3::Y).as_vec3().extend(0.0).to_array();
@@ -53,8 +54,8 @@ impl FrameUniform {
             *slot = [x as f32, y as f32, z as f32, 0.0];
         }
         Self {
-            clip_from_view: camera.clip_from_view(width, height).to_cols_array_2d(),
-            view_from_world: camera.view_from_world().to_cols_array_2d(),
+            clip_from_view: clip_from_view(camera, near, (width, height)).to_cols_array_2d(),
+            view_from_world: view_from_world(camera).to_cols_array_2d(),
             to_sun: direction(env.to_sun),
             sun: colour(env.sun),
             up: direction(env.up),
@@ -63,7 +64,7 @@ impl FrameUniform {
             ground: colour(env.ground),
             size_px: [width as f32, height as f32],
             tan_half_fov: [tx as f32, ty as f32],
-            near: camera.near as f32,
+            near: near as f32,
             time_s: frame.time_s,
             morph_s: frame.settings.morph_s.max(0.0),
             exposure: frame.settings.exposure,

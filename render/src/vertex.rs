@@ -8,7 +8,7 @@ use bytemuck::{Pod, Zeroable};
 /// surface would open along seams while it morphs.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-pub struct RenderVertex {
+pub struct PackedVertex {
     /// Position relative to the asset's origin, in the asset's units.
     pub position: [f32; 3],
     /// Moment at which the vertex appeared, in seconds of the clock of [`super::Frame::time_s`].
@@ -26,7 +26,7 @@ pub struct RenderVertex {
     pub colour: [u8; 4],
 }
 
-impl RenderVertex {
+impl PackedVertex {
     /// A white vertex that stands still: `morph_from = position`, born at time 0, level 0.
     #[must_use]
     pub fn new(position: [f32; 3], normal: [f32; 3], uv: [f32; 2]) -> Self {
@@ -62,7 +62,7 @@ pub(crate) fn pack_normal(n: [f32; 3]) -> [i16; 4] {
     [q(n[0]), q(n[1]), q(n[2]), 0]
 }
 
-/// Layout of [`RenderVertex`] at shader locations 0 to 6.
+/// Layout of [`PackedVertex`] at shader locations 0 to 6.
 pub(crate) const VERTEX_ATTRIBUTES: [wgpu::VertexAttribute; 7] = wgpu::vertex_attr_array![
     0 => Float32x3, 1 => Float32, 2 => Float32x3, 3 => Uint32, 4 => Float32x2, 5 => Snorm16x4, 6 => Unorm8x4
 ];
@@ -73,7 +73,7 @@ mod tests {
 
     #[test]
     fn layout_matches_the_struct() {
-        assert_eq!(size_of::<RenderVertex>(), 52);
+        assert_eq!(size_of::<PackedVertex>(), 52);
         let offsets: Vec<u64> = VERTEX_ATTRIBUTES.iter().map(|a| a.offset).collect();
         assert_eq!(offsets, [0, 12, 16, 28, 32, 40, 48]);
     }

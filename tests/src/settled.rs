@@ -1,11 +1,41 @@
 //! What is streamed ends up looking like the model.
 
+use std::sync::Arc;
+
+use bytes::Bytes;
+use lodestream_protocol::BlobId;
+use lodestream_protocol::scene::{SceneHeader, ScenePage};
+use lodestream_protocol::source::{SceneSource, SourceError};
 use lodestream_server::daemon::SessionSettings;
 
 use crate::support::daemon::{Server, Transport};
 use crate::support::picture::{comparison, draw, headless, keep, same};
 use crate::support::scene::TestScene;
 use crate::support::viewer::{Viewer, config};
+
+/// A scene of which one blob cannot be had.
+struct Lacking {
+    scene: Arc<dyn SceneSource>,
+    blob: BlobId,
+}
+
+impl SceneSource for Lacking {
+    fn header(&self) -> &SceneHeader {
+        self.scene.header()
+    }
+
+    fn page(&self, page: u32) -> Option<Arc<ScenePage>> {
+        self.scene.page(page)
+    }
+
+    fn blob_len(&self, id: &BlobId) -> Option<u32> {
+        self.scene.blob_len(id)
+    }
+
+    fn read(&self, id: &BlobId) -> Result<Bytes, SourceError> {
+        if *id == self.blob { Err(SourceError::NotFound(*id)) } else { self.scene.read(id) }
+    }
+}
 
 /// Guards the whole way from pack to picture: a settled client shows what the model itself would show,
 /// drawn by the same renderer with every chunk applied locally. And guards the comparison: with one chunk
@@ -34,14 +64,16 @@ fn the_settled_picture_is_that_of_the_whole_model() {
     }
 
     // The ball's first chunk: without it, whatever refines its region is missing too.
-    let mut config = config();
-    config.withhold = Some((scene.asset("ball"), 0));
-    let mut viewer = Viewer::start(&server.address(Transport::WebSocket), config);
-    viewer.settle();
+    let lacking = Lacking { scene: scene.source(), blob: BlobId::chunk(scene.asset("ball"), 0) };
+    let other = Server::start(Arc::new(lacking), SessionSettings::default());
+    let mut viewer = Viewer::start(&other.address(Transport::WebSocket), config());
+    let status = viewer.settle();
+    assert_eq!(status.stats.refused, 1, "{:?}", status.stats);
     let lacking = draw(&mut headless, viewer.changes);
     keep(&lacking, "withheld");
     let found = comparison(&lacking, &whole);
     println!("withheld: {found:?}");
     assert!(!same(&found), "a missing chunk goes unnoticed: {found:?}");
     server.assert_healthy();
+    other.assert_healthy();
 }

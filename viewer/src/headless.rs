@@ -4,30 +4,17 @@ use std::sync::mpsc;
 use std::time::Duration;
 
 use anyhow::{Context, bail};
-use glam::DVec3;
-use lodestream_protocol::scene;
+use lodestream_client::net::{End, Retry};
+use lodestream_client::streaming::{Status, Streaming};
+use lodestream_render::{Frame, Gpu, Headless, SceneView};
 
 use crate::args::Args;
 use crate::run::{core_config, settings, write_stats};
-use lodestream_client::net::{End, Retry};
-use lodestream_client::streaming::{Status, Streaming};
-use lodestream_render::SceneView;
-use lodestream_render::{Camera, Frame, Gpu, Headless};
 
 /// Time until a run without `--timeout` ends.
 const DEFAULT_TIMEOUT: Duration = Duration::from_secs(300);
 /// Attempts to reach the server.
 const ATTEMPTS: u32 = 3;
-
-/// The renderer's camera for a scene's.
-pub(super) fn camera(camera: &scene::Camera) -> Camera {
-    Camera::look_at(
-        DVec3::from(camera.eye),
-        DVec3::from(camera.target),
-        glam::Vec3::from(camera.up).as_dvec3(),
-        f64::from(camera.fov_y),
-    )
-}
 
 /// Runs the viewer without a window.
 ///
@@ -113,7 +100,7 @@ fn seconds(duration: Duration) -> f32 {
 fn draw(headless: &mut Headless, scene: &mut SceneView, args: &Args, time_s: f32) -> anyhow::Result<()> {
     let start = args.camera.map(|c| c.0).or_else(|| scene.header().map(|h| h.camera));
     let Some(start) = start else { bail!("the server sent no scene") };
-    let camera = camera(&start);
+    let camera = start.pose();
     scene.prepare_ground(headless.gpu(), &camera, headless.size(), args.pixel_error.0)?;
     scene.with_frame(camera, settings(args), time_s, |frame: &Frame<'_>| headless.frame(frame))?;
     Ok(())

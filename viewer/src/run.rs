@@ -4,11 +4,11 @@ use std::time::Duration;
 
 use anyhow::Context;
 use clap::Parser;
+use lodestream_client::core::{Config, StartView, Stats};
+use lodestream_render::{AmbientOcclusion, Settings, Shade};
 
 use crate::args::Args;
 use crate::report::Report;
-use lodestream_client::core::{Config, StartView, Stats};
-use lodestream_render::{AmbientOcclusion, Settings, Shade};
 
 /// Runs the program with the process's arguments.
 ///

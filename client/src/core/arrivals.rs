@@ -34,9 +34,7 @@ impl ClientCore {
 
     fn take_asset(&mut self, now: Time, asset: u32, part: BlobPart, arrived: Arrived) {
         let Arrived { id, offset, total, bytes } = arrived;
-        // What is withheld may come unasked, before or after the index page that tells of it.
-        let withheld = |(asset, chunk)| id == BlobId::chunk(asset, chunk);
-        if self.state(id) == State::Applied || self.config.withhold.is_some_and(withheld) {
+        if self.state(id) == State::Applied {
             return;
         }
         let whole = offset == 0 && bytes.len() == total as usize;
@@ -143,11 +141,6 @@ impl ClientCore {
                 self.failures.forget(id);
                 let chunks = (first..).take(count).map(|chunk| BlobId::chunk(asset, chunk));
                 self.find_in_cache(chunks.collect());
-                if let Some((withheld, chunk)) = self.config.withhold
-                    && withheld == asset
-                {
-                    self.set_state(BlobId::chunk(asset, chunk), State::Failed);
-                }
             }
             Err(why) => self.failed(now, id, &why),
         }
@@ -207,9 +200,6 @@ impl ClientCore {
         let Some((asset, part)) = self.scene.asset(id) else { return false };
         match part {
             BlobPart::Chunk(chunk) => {
-                if self.config.withhold.is_some_and(|(asset, chunk)| id == BlobId::chunk(asset, chunk)) {
-                    return false;
-                }
                 let is_applied = |part| asset.state(part) == State::Applied;
                 asset.chunk(chunk).is_some_and(|info| {
                     is_applied(BlobPart::Base) && info.parents.iter().all(|p| is_applied(BlobPart::Chunk(*p)))

@@ -42,9 +42,6 @@ pub struct Config {
     pub track_received: bool,
     /// Most assets and instances of a scene that are taken; a scene beyond that is refused.
     pub max_entries: u32,
-    /// A chunk (asset, number) that is never asked for nor applied: for tests that must see what a
-    /// missing chunk does to the picture.
-    pub withhold: Option<(u32, u32)>,
 }
 
 impl Config {
@@ -61,7 +58,6 @@ impl Config {
             track_changes: true,
             track_received: false,
             max_entries: 1 << 20,
-            withhold: None,
         }
     }
 }

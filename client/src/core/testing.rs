@@ -1,7 +1,7 @@
 //! For tests: a scene of real prepared meshes in memory, and a core and a server session joined by a link
 //! in virtual time.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::io::Cursor;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
@@ -107,6 +107,8 @@ pub(crate) struct Hills {
     blobs: BTreeMap<BlobPart, Bytes>,
     /// Served instead of the real bytes.
     pub(crate) damaged: BTreeMap<BlobId, Bytes>,
+    /// Announced, but not there.
+    pub(crate) missing: BTreeSet<BlobId>,
 }
 
 impl Hills {
@@ -165,6 +167,7 @@ impl Hills {
             }),
             blobs,
             damaged: BTreeMap::new(),
+            missing: BTreeSet::new(),
         }
     }
 
@@ -203,7 +206,8 @@ impl SceneSource for Hills {
     }
 
     fn read(&self, id: &BlobId) -> Result<Bytes, SourceError> {
-        let real = id.part().and_then(|part| self.blobs.get(&part)).ok_or(SourceError::NotFound(*id))?;
+        let real = id.part().and_then(|part| self.blobs.get(&part)).filter(|_| !self.missing.contains(id));
+        let real = real.ok_or(SourceError::NotFound(*id))?;
         Ok(self.damaged.get(id).unwrap_or(real).clone())
     }
 }

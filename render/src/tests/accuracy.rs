@@ -10,14 +10,14 @@ use crate::twin::depth::view_ray;
 use crate::twin::relief::{steps, tests::bricks};
 use crate::twin::{ssao, tone};
 use crate::{
-    AmbientOcclusion, Camera, Drawable, Frame, Instance, Material, OcclusionRadius, Renderer, TextureData,
+    AmbientOcclusion, Drawable, Frame, Instance, Material, OcclusionRadius, Pose, Renderer, TextureData,
     TextureKind, TextureShape,
 };
 
 #[test]
 fn tone_curve_matches_its_twin() {
     let Some(mut h) = headless(4, 4) else { return };
-    let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 0.1);
+    let camera = Pose::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 0.1);
     for value in [0.001f32, 0.01, 0.05, 0.18, 0.4, 0.9, 2.0, 7.0] {
         let mut frame = Frame::new(camera, &[]);
         // The picture's middle looks at the horizon; make all of the sky one radiance.
@@ -43,7 +43,7 @@ fn occlusion_matches_its_twin() {
         Drawable { asset: &box_, instances: &[at(0.0, -1.0, 0.0, 2.0), at(0.3, 0.25, 0.3, 0.5)] },
         Drawable { asset: &ball, instances: &[at(-0.4, 0.3, 0.2, 0.6)] },
     ];
-    let camera = Camera::look_at(DVec3::new(0.6, 1.3, 2.2), DVec3::new(0.0, 0.1, 0.0), DVec3::Y, 0.8);
+    let camera = Pose::look_at(DVec3::new(0.6, 1.3, 2.2), DVec3::new(0.0, 0.1, 0.0), DVec3::Y, 0.8);
     let mut frame = Frame::new(camera, &drawables);
     for samples in [16, 8] {
         let radius = OcclusionRadius::World(0.3);
@@ -56,7 +56,7 @@ fn occlusion_matches_its_twin() {
             stored: &depth,
             size_px: [width, height],
             tan_half_fov: [tx, ty],
-            near: camera.near,
+            near: frame.settings.near,
             radius: (0.3, 0.0),
             samples: samples as usize,
         };
@@ -112,7 +112,7 @@ fn relief_matches_its_twin_and_the_exact_hit() {
         wall.update_texture(h.gpu(), 1, level as u32, TextureData::R16(heights)).unwrap();
     }
     let drawables = [Drawable { asset: &wall, instances: &[Instance::default()] }];
-    let camera = Camera::look_at(DVec3::new(0.9, 0.75, 0.35), DVec3::new(0.45, 0.5, 0.0), DVec3::Y, 0.5);
+    let camera = Pose::look_at(DVec3::new(0.9, 0.75, 0.35), DVec3::new(0.45, 0.5, 0.0), DVec3::Y, 0.5);
     let frame = Frame::new(camera, &drawables);
     h.frame(&frame).unwrap();
     keep(&h, "relief-accuracy");
@@ -188,7 +188,7 @@ fn relief_normals_follow_the_height_map_on_any_placement() {
             let drawables = [Drawable { asset: &wall, instances: &[instance] }];
             let eye = instance.to_world(DVec3::new(0.2, -0.1, 1.3));
             let up = instance.rotation * DVec3::Y;
-            let camera = Camera::look_at(eye, instance.to_world(DVec3::ZERO), up, 0.25);
+            let camera = Pose::look_at(eye, instance.to_world(DVec3::ZERO), up, 0.25);
             h.frame(&Frame::new(camera, &drawables)).unwrap();
             let normals = h.intermediate(Resource::Normal, 8).unwrap();
             let pixel = &normals[((height / 2 * width + width / 2) * 8) as usize..];
@@ -217,7 +217,7 @@ fn srgb_targets_show_the_same_picture() {
     });
     let ball = asset(&h, &sphere(24), Material::default());
     let drawables = [Drawable { asset: &ball, instances: &[Instance::default()] }];
-    let camera = Camera::look_at(DVec3::new(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 0.7);
+    let camera = Pose::look_at(DVec3::new(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 0.7);
     let frame = Frame::new(camera, &drawables);
     h.frame(&frame).unwrap();
     let mut encoder = gpu.device.create_command_encoder(&Default::default());

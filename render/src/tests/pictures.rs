@@ -7,7 +7,7 @@ use super::shapes::{Mesh, asset, at, brick_asset, cube, quad, sphere};
 use super::{headless, keep};
 use crate::image_compare::compare;
 use crate::{
-    Camera, Drawable, Frame, Headless, Instance, Material, PassId, RenderError, RenderVertex, Settings, Shade,
+    Drawable, Frame, Headless, Instance, Material, PackedVertex, PassId, Pose, RenderError, Settings, Shade,
 };
 
 fn luma(image: &RgbaImage, x: u32, y: u32) -> f64 {
@@ -15,8 +15,8 @@ fn luma(image: &RgbaImage, x: u32, y: u32) -> f64 {
     0.299 * f64::from(p[0]) + 0.587 * f64::from(p[1]) + 0.114 * f64::from(p[2])
 }
 
-fn front_camera() -> Camera {
-    Camera::look_at(DVec3::new(0.0, 0.0, 3.0), DVec3::ZERO, DVec3::Y, 0.8)
+fn front_camera() -> Pose {
+    Pose::look_at(DVec3::new(0.0, 0.0, 3.0), DVec3::ZERO, DVec3::Y, 0.8)
 }
 
 /// Draws one frame and returns its picture.
@@ -26,7 +26,7 @@ fn picture(h: &mut Headless, frame: &Frame<'_>) -> RgbaImage {
 }
 
 /// A still life: cube, two spheres and a floor, brick wall behind.
-fn still_life<R>(h: &mut Headless, draw: impl FnOnce(&mut Headless, &[Drawable<'_>], Camera) -> R) -> R {
+fn still_life<R>(h: &mut Headless, draw: impl FnOnce(&mut Headless, &[Drawable<'_>], Pose) -> R) -> R {
     let clay = Material { base_colour: [0.55, 0.42, 0.33], ..Material::default() };
     let glaze = Material { base_colour: [0.12, 0.3, 0.42], roughness: 0.35, ..Material::default() };
     let stone = Material { base_colour: [0.42, 0.42, 0.4], ..Material::default() };
@@ -41,7 +41,7 @@ fn still_life<R>(h: &mut Headless, draw: impl FnOnce(&mut Headless, &[Drawable<'
         Drawable { asset: &floor, instances: &[Instance::default()] },
         Drawable { asset: &wall, instances: &[Instance::default()] },
     ];
-    let camera = Camera::look_at(DVec3::new(1.6, 1.5, 3.4), DVec3::new(0.1, 0.6, 0.0), DVec3::Y, 0.75);
+    let camera = Pose::look_at(DVec3::new(1.6, 1.5, 3.4), DVec3::new(0.1, 0.6, 0.0), DVec3::Y, 0.75);
     draw(h, &drawables, camera)
 }
 
@@ -123,7 +123,7 @@ fn up_is_up_right_is_right_and_near_hides_far() {
     assert!(covered[60 * 120 + 60] && !covered[119 * 120 + 119]);
     let depth = h.depth().unwrap();
     let nearest = f64::from(depth[60 * 120 + 60]);
-    assert!((front_camera().near / nearest - 2.8).abs() < 1e-4, "{nearest}");
+    assert!((Settings::default().near / nearest - 2.8).abs() < 1e-4, "{nearest}");
 }
 
 #[test]
@@ -180,7 +180,7 @@ fn back_faces_are_drawn_and_lit_like_front_faces() {
     let front = quad([-1.0, -1.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], 1.0);
     let back = (front.0.clone(), front.1.iter().map(|f| [f[0], f[2], f[1]]).collect());
     let flipped: (Vec<_>, _) =
-        (back.0.iter().map(|v| RenderVertex { normal: v.normal.map(|x| -x), ..*v }).collect(), back.1);
+        (back.0.iter().map(|v| PackedVertex { normal: v.normal.map(|x| -x), ..*v }).collect(), back.1);
     let mut shoot = |mesh| {
         let asset = asset(&h, mesh, Material::default());
         let drawables = [Drawable { asset: &asset, instances: &[Instance::default()] }];
@@ -199,7 +199,7 @@ fn flat_surfaces_carry_no_occlusion() {
         Material::default(),
     );
     let ball = asset(&h, &sphere(12), Material::default());
-    let camera = Camera::look_at(DVec3::new(0.0, 1.0, 5.0), DVec3::new(0.0, 0.2, 0.0), DVec3::Y, 0.9);
+    let camera = Pose::look_at(DVec3::new(0.0, 1.0, 5.0), DVec3::new(0.0, 0.2, 0.0), DVec3::Y, 0.9);
     let mut shoot = |drawables: &[Drawable<'_>], on: bool| {
         let mut frame = Frame::new(camera, drawables);
         if !on {
@@ -243,11 +243,9 @@ fn far_from_zero_the_picture_is_the_same() {
     let mut shoot = |offset: DVec3| {
         let instance = Instance { translation: offset, scale: 0.002, ..Instance::default() };
         let drawables = [Drawable { asset: &ball, instances: &[instance] }];
-        let camera = Camera {
-            near: 1e-5,
-            ..Camera::look_at(offset + DVec3::new(0.0, 0.0, 0.004), offset, DVec3::Y, 0.8)
-        };
-        picture(&mut h, &Frame::new(camera, &drawables))
+        let camera = Pose::look_at(offset + DVec3::new(0.0, 0.0, 0.004), offset, DVec3::Y, 0.8);
+        let settings = Settings { near: 1e-5, ..Settings::default() };
+        picture(&mut h, &Frame { settings, ..Frame::new(camera, &drawables) })
     };
     // A two-millimetre ball at zero and 10,000 km away (where f64 still resolves nanometres).
     let c = compare(&shoot(DVec3::ZERO), &shoot(DVec3::new(1e7, -1e7, 1e7)), None).unwrap();
@@ -302,7 +300,7 @@ fn strange_views_and_places_do_not_fail() {
     let drawables = [Drawable { asset: &ball, instances: &places }];
     for fov_y in [0.001, 1.0, 3.1, f64::NAN, -1.0, 100.0] {
         for eye in [DVec3::ZERO, DVec3::new(0.0, 0.0, 0.5), DVec3::splat(1e30), DVec3::NAN] {
-            let camera = Camera::look_at(eye, DVec3::ZERO, DVec3::Y, fov_y);
+            let camera = Pose::look_at(eye, DVec3::ZERO, DVec3::Y, fov_y);
             h.frame(&Frame::new(camera, &drawables)).unwrap();
         }
     }

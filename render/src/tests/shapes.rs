@@ -4,16 +4,16 @@ use glam::DVec3;
 
 use crate::twin::relief::HeightMap;
 use crate::twin::relief::tests::bricks;
-use crate::{AssetGpu, Headless, Instance, Material, RenderVertex, TextureData, TextureKind, TextureShape};
+use crate::{AssetGpu, Headless, Instance, Material, PackedVertex, TextureData, TextureKind, TextureShape};
 
 /// Vertices and faces.
-pub(super) type Mesh = (Vec<RenderVertex>, Vec<[u32; 3]>);
+pub(super) type Mesh = (Vec<PackedVertex>, Vec<[u32; 3]>);
 
 /// A quad from `corner` along two edges; seen from outside, `u × v` points at the viewer.
 pub(super) fn quad(corner: [f32; 3], u: [f32; 3], v: [f32; 3], repeat: f32) -> Mesh {
     let (c, u, v) = (glam::Vec3::from(corner), glam::Vec3::from(u), glam::Vec3::from(v));
     let n = u.cross(v).normalize().to_array();
-    let at = |s: f32, t: f32| RenderVertex::new((c + u * s + v * t).to_array(), n, [s * repeat, t * repeat]);
+    let at = |s: f32, t: f32| PackedVertex::new((c + u * s + v * t).to_array(), n, [s * repeat, t * repeat]);
     (vec![at(0.0, 0.0), at(1.0, 0.0), at(1.0, 1.0), at(0.0, 1.0)], vec![[0, 1, 2], [0, 2, 3]])
 }
 
@@ -50,7 +50,7 @@ pub(super) fn sphere(rings: u32) -> Mesh {
             let (sin, cos) = (std::f32::consts::TAU * s).sin_cos();
             let (ring, y) = (std::f32::consts::PI * t).sin_cos();
             let n = [ring * cos, -y, -ring * sin];
-            vertices.push(RenderVertex::new(n.map(|x| x * 0.5), n, [s * 4.0, t * 2.0]));
+            vertices.push(PackedVertex::new(n.map(|x| x * 0.5), n, [s * 4.0, t * 2.0]));
         }
     }
     let at = |i, j| j * (columns + 1) + i;

@@ -6,12 +6,12 @@ use super::headless;
 use super::shapes::{asset, at, fill, quad, sphere};
 use crate::image_compare::compare;
 use crate::{
-    AssetGpu, Camera, Drawable, Frame, Headless, Instance, Material, RenderError, RenderVertex, TextureData,
+    AssetGpu, Drawable, Frame, Headless, Instance, Material, PackedVertex, Pose, RenderError, TextureData,
     TextureKind, TextureShape,
 };
 
-fn camera() -> Camera {
-    Camera::look_at(DVec3::new(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 0.8)
+fn camera() -> Pose {
+    Pose::look_at(DVec3::new(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 0.8)
 }
 
 fn shoot(h: &mut Headless, asset: &AssetGpu) -> image::RgbaImage {
@@ -60,7 +60,7 @@ fn piecewise_uploads_equal_one_upload() {
         parts.update_indices(h.gpu(), 0, i * 37, piece).unwrap();
     }
     for (i, piece) in mesh.0.chunks(11).enumerate() {
-        parts.update_vertices(h.gpu(), i * 11, &vec![RenderVertex::default(); piece.len()]).unwrap();
+        parts.update_vertices(h.gpu(), i * 11, &vec![PackedVertex::default(); piece.len()]).unwrap();
         parts.update_vertices(h.gpu(), i * 11, piece).unwrap();
     }
     assert_eq!(shoot(&mut h, &parts), want);
@@ -89,7 +89,7 @@ fn unknown_names_and_wrong_sizes_are_errors() {
     assert!(matches!(texture(&mut a, 1, 0, &[]), Err(RenderError::NoSuch { what: "texture", .. })));
     assert!(matches!(texture(&mut a, 0, 9, &[]), Err(RenderError::NoSuch { what: "texture level", .. })));
     assert!(matches!(texture(&mut a, 0, 0, &[0; 5]), Err(RenderError::LevelSize { .. })));
-    let far = a.update_vertices(g, usize::MAX - 1, &[RenderVertex::default()]);
+    let far = a.update_vertices(g, usize::MAX - 1, &[PackedVertex::default()]);
     assert!(matches!(far, Err(RenderError::TooLarge { .. })));
     assert!(g.take_error().is_none());
 }
@@ -146,8 +146,8 @@ fn new_vertices_move_from_where_they_split() {
     let Some(mut h) = headless(64, 64) else { return };
     let ground = quad([-0.5, -0.5, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0);
     let shifted = |dx: f32| {
-        let move_by = |v: &RenderVertex| {
-            RenderVertex::new([v.position[0] + dx, v.position[1], 0.0], [0.0, 0.0, 1.0], v.uv)
+        let move_by = |v: &PackedVertex| {
+            PackedVertex::new([v.position[0] + dx, v.position[1], 0.0], [0.0, 0.0, 1.0], v.uv)
         };
         (ground.0.iter().map(move_by).collect::<Vec<_>>(), ground.1.clone())
     };

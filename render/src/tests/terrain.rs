@@ -11,8 +11,7 @@ use super::{headless, keep};
 use crate::image_compare::compare;
 use crate::tiles::{Ground, TILE_CELLS, TileId, TileRegion};
 use crate::twin::terrain::{Tile, zone_weights};
-use crate::{Camera, Frame, Gpu, Headless, Settings, Shade};
-use crate::{GroundScene, Making};
+use crate::{Frame, Gpu, GroundScene, Headless, Making, Pose, Settings, Shade};
 
 /// Hills of some hundred metres on patches of 512 m, heights in centimetres.
 fn entry(seed: u64) -> TerrainEntry {
@@ -50,13 +49,7 @@ fn scene(h: &Headless, entry: &TerrainEntry) -> GroundScene {
     GroundScene::new(h.gpu(), h.renderer(), entry).unwrap()
 }
 
-fn draw(
-    h: &mut Headless,
-    ground: &mut GroundScene,
-    camera: Camera,
-    px: f64,
-    settings: Settings,
-) -> RgbaImage {
+fn draw(h: &mut Headless, ground: &mut GroundScene, camera: Pose, px: f64, settings: Settings) -> RgbaImage {
     let gpu_size = h.size();
     ground.prepare(h.gpu(), &Making::AtOnce, &camera, gpu_size, px).unwrap();
     let frame = Frame { terrain: Some(ground.frame()), settings, ..Frame::new(camera, &[]) };
@@ -79,20 +72,17 @@ fn terrain_for_looking_at() {
     let entry = entry(3);
     let mut ground = scene(&h, &entry);
     let low = DVec3::new(40.0, ground_height(&entry, 40.0, 60.0) + 2.0, 60.0);
-    let near = Camera::look_at(low, low + DVec3::new(1.0, -0.05, 0.6), DVec3::Y, 0.9);
+    let near = Pose::look_at(low, low + DVec3::new(1.0, -0.05, 0.6), DVec3::Y, 0.9);
     let high = DVec3::new(0.0, 400.0, 0.0);
     let views = [
         ("terrain-near", near),
-        ("terrain-hill", Camera::look_at(high, high + DVec3::new(1.0, -0.35, 0.3), DVec3::Y, 0.9)),
-        (
-            "terrain-high",
-            Camera::look_at(high * 10.0, high * 10.0 + DVec3::new(1.0, -0.8, 0.3), DVec3::Y, 0.9),
-        ),
-        ("terrain-space", Camera::look_at(high * 120.0, DVec3::new(1.0, 0.0, 0.0), DVec3::Y, 0.9)),
+        ("terrain-hill", Pose::look_at(high, high + DVec3::new(1.0, -0.35, 0.3), DVec3::Y, 0.9)),
+        ("terrain-high", Pose::look_at(high * 10.0, high * 10.0 + DVec3::new(1.0, -0.8, 0.3), DVec3::Y, 0.9)),
+        ("terrain-space", Pose::look_at(high * 120.0, DVec3::new(1.0, 0.0, 0.0), DVec3::Y, 0.9)),
     ];
     let mut rough = scene(&h, &rough_entry(3));
     let crest = DVec3::new(-600.0, ground_height(&rough_entry(3), -600.0, -1500.0) + 120.0, -1500.0);
-    let camera = Camera::look_at(crest, DVec3::new(200.0, 60.0, 0.0), DVec3::Y, 0.9);
+    let camera = Pose::look_at(crest, DVec3::new(200.0, 60.0, 0.0), DVec3::Y, 0.9);
     for (px, name) in [(1.0, "terrain-rough"), (4.0, "terrain-rough-coarse")] {
         draw(&mut h, &mut rough, camera, px, Settings::default());
         keep(&h, name);
@@ -113,18 +103,18 @@ fn terrain_for_looking_at() {
 }
 
 /// A camera somewhere over the middle of the world, from a man's height to a tower's, looking ahead or down.
-fn random_camera(entry: &TerrainEntry, random: &mut Random) -> Camera {
+fn random_camera(entry: &TerrainEntry, random: &mut Random) -> Pose {
     let mut place = || (random.unit() - 0.5) * 4000.0;
     let (x, z) = (place(), place());
     let over = 1.5 + 300.0 * random.unit().powi(3);
     let eye = DVec3::new(x, ground_height(entry, x, z) + over, z);
     let (turn, pitch) = (random.unit() * std::f64::consts::TAU, -0.6 + 0.65 * random.unit());
     let ahead = DVec3::new(turn.cos(), pitch, turn.sin());
-    Camera::look_at(eye, eye + ahead, DVec3::Y, 0.5 + 0.7 * random.unit())
+    Pose::look_at(eye, eye + ahead, DVec3::Y, 0.5 + 0.7 * random.unit())
 }
 
 /// Direction in which a pixel looks, not normalised: one unit deep.
-fn ray(camera: &Camera, (width, height): (u32, u32), x: u32, y: u32) -> DVec3 {
+fn ray(camera: &Pose, (width, height): (u32, u32), x: u32, y: u32) -> DVec3 {
     let (tx, ty) = camera.tan_half_fov(width, height);
     let ndc = [
         (f64::from(x) + 0.5) / f64::from(width) * 2.0 - 1.0,
@@ -193,7 +183,7 @@ fn pictures_show_what_the_twin_computes_and_stay_within_the_screen_error() {
             let x = 400.0 * random.unit() - 500.0;
             let aim = DVec3::new(x, ground_height(&entry, x, 0.55 * x - 300.0), 0.55 * x - 300.0);
             let eye = aim + DVec3::new(300.0 * random.unit(), 140.0, 500.0 + 400.0 * random.unit());
-            camera = Camera::look_at(eye, aim, DVec3::Y, 0.6);
+            camera = Pose::look_at(eye, aim, DVec3::Y, 0.6);
         }
         let px = 6.0;
         draw(&mut h, &mut ground, camera, px, Settings::default());
@@ -249,7 +239,7 @@ fn pictures_show_what_the_twin_computes_and_stay_within_the_screen_error() {
             let ray = ray(&camera, size, x, y);
             let met = triangles.iter().filter_map(|t| hit(ray, *t)).fold(f64::INFINITY, f64::min);
             let stored = f64::from(depth[(y * size.0 + x) as usize]);
-            let drawn = if stored > 0.0 { camera.near / stored } else { f64::INFINITY };
+            let drawn = if stored > 0.0 { Settings::default().near / stored } else { f64::INFINITY };
             if met.is_infinite() && drawn.is_infinite() {
                 continue;
             }

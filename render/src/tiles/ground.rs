@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
+use lodestream_protocol::pose::Pose;
 use lodestream_protocol::terrain::TerrainEntry;
 use lodestream_terrain::{Mode, PatchPoints, Scratch, Shape, Terrain, TerrainError};
 
@@ -10,7 +11,6 @@ use super::{
     Eye, MAX_REGIONS, Picked, Ranges, Reaches, Region, TILE_CELLS, TILE_MARGIN, TILE_POINTS, TileId, select,
     worthwhile,
 };
-use crate::Camera;
 
 /// Points to each side of the eye over which the highest ground is looked for, per spacing.
 const CLEARANCE_POINTS: i64 = 2;
@@ -290,7 +290,7 @@ pub struct GroundView {
 impl GroundView {
     /// The view of a camera with a picture of `size` pixels, over `ground`.
     #[must_use]
-    pub fn new(ground: &Ground, camera: &Camera, size: (u32, u32), scratch: &mut Scratch) -> Self {
+    pub fn new(ground: &Ground, camera: &Pose, size: (u32, u32), scratch: &mut Scratch) -> Self {
         let (tx, ty) = camera.tan_half_fov(size.0, size.1);
         let plane = |x: f64, y: f64, t: f64| camera.rotation * DVec3::new(x, y, -t);
         // A length across the view at depth z covers scale / z pixels; depth is distance times the cosine of the angle

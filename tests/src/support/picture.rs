@@ -2,12 +2,10 @@
 
 use std::io::Write as _;
 
-use glam::{DVec3, Vec3};
 use image::RgbaImage;
 use lodestream_client::core::Change;
-use lodestream_render::SceneView;
 use lodestream_render::image_compare::{Comparison, compare};
-use lodestream_render::{Camera, Gpu, Headless, Settings};
+use lodestream_render::{Gpu, Headless, SceneView, Settings};
 
 use super::PICTURE_PX;
 
@@ -35,13 +33,7 @@ pub(crate) fn draw(headless: &mut Headless, changes: Vec<Change>) -> Picture {
     let mut view = SceneView::new();
     view.push(changes);
     view.upload(headless.gpu(), headless.renderer(), usize::MAX, 0.0).unwrap();
-    let camera = view.header().expect("a scene").camera;
-    let camera = Camera::look_at(
-        DVec3::from(camera.eye),
-        DVec3::from(camera.target),
-        Vec3::from(camera.up).as_dvec3(),
-        f64::from(camera.fov_y),
-    );
+    let camera = view.header().expect("a scene").camera.pose();
     view.prepare_ground(headless.gpu(), &camera, headless.size(), 1.0).unwrap();
     view.with_frame(camera, Settings::default(), f32::MAX, |frame| headless.frame(frame)).unwrap();
     Picture { image: headless.picture().unwrap(), covered: headless.coverage().unwrap() }

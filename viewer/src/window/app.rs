@@ -4,6 +4,9 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use lodestream_client::net::{End, Retry};
+use lodestream_client::streaming::{Controls, Status, Streaming};
+use lodestream_render::{Counters, Pose, SceneView, Settings};
 use winit::application::ApplicationHandler;
 use winit::dpi::{LogicalSize, PhysicalPosition};
 use winit::event::{ElementState, MouseButton, MouseScrollDelta, StartCause, WindowEvent};
@@ -16,10 +19,6 @@ use super::overlay::{self, Choices, Facts};
 use super::painter::Painter;
 use crate::args::Args;
 use crate::run::{core_config, settings, write_stats};
-use lodestream_client::net::{End, Retry};
-use lodestream_client::streaming::{Controls, Status, Streaming};
-use lodestream_render::SceneView;
-use lodestream_render::{Camera, Counters, Settings};
 
 /// Attempts to reach the server for the first time.
 const ATTEMPTS: u32 = 5;
@@ -219,8 +218,8 @@ impl Running {
             waiting_steps: self.scene.waiting(),
         };
         let camera = self.rig.map_or_else(
-            || Camera::look_at(glam::DVec3::Z, glam::DVec3::ZERO, glam::DVec3::Y, 1.0),
-            |rig| rig.camera(),
+            || Pose::look_at(glam::DVec3::Z, glam::DVec3::ZERO, glam::DVec3::Y, 1.0),
+            |rig| rig.pose(),
         );
         let [width, height] = self.painter.size();
         self.scene.prepare_ground(&self.painter.gpu, &camera, (width, height), self.choices.target_px)?;

@@ -1,10 +1,9 @@
 //! A camera that a user moves: orbiting a point, or flying.
 
 use glam::{DQuat, DVec3};
+use lodestream_protocol::pose::Pose;
 use lodestream_protocol::scene;
 use lodestream_protocol::view::View;
-
-use lodestream_render::Camera;
 
 /// Radians per pixel of drag.
 const TURN_PER_PX: f64 = 0.005;
@@ -118,15 +117,15 @@ impl Rig {
         self.target += shift;
     }
 
-    /// What the protocol calls it.
+    /// What the server is told.
     pub(super) fn view(&self, viewport_px: [u32; 2], target_px: f32) -> View {
         let up = self.up.as_vec3().into();
         View { target_px, ..View::look_at(self.eye.into(), self.target.into(), up, self.fov_y, viewport_px) }
     }
 
-    /// What the renderer calls it.
-    pub(super) fn camera(&self) -> Camera {
-        Camera::look_at(self.eye, self.target, self.up, f64::from(self.fov_y))
+    /// What is drawn from.
+    pub(super) fn pose(&self) -> Pose {
+        Pose::look_at(self.eye, self.target, self.up, f64::from(self.fov_y))
     }
 
     /// As `--camera` takes it.

@@ -3,13 +3,11 @@
 use std::collections::VecDeque;
 use std::sync::{Mutex, PoisonError};
 
-use glam::{DQuat, DVec3};
 use image::RgbaImage;
 use lodestream_client::core::ClientCore;
 use lodestream_protocol::Time;
 use lodestream_protocol::view::View;
-use lodestream_render::SceneView;
-use lodestream_render::{Camera, Counters, Gpu, Headless, RenderError, Settings};
+use lodestream_render::{Counters, Gpu, Headless, RenderError, SceneView, Settings};
 use lodestream_scenario::observer::Observer;
 use lodestream_scenario::plan::PictureSettings;
 use lodestream_scenario::timeline::Sample;
@@ -197,12 +195,7 @@ fn frame(
     view: &View,
     settings: Settings,
 ) -> Result<Counters, RenderError> {
-    let camera = Camera {
-        eye: DVec3::from(view.eye),
-        rotation: DQuat::normalize(view.orientation().as_dquat()),
-        fov_y: f64::from(view.fov_y),
-        ..Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 1.0)
-    };
+    let camera = view.pose();
     scene.prepare_ground(headless.gpu(), &camera, headless.size(), view.target_px)?;
     scene.with_frame(camera, settings, AFTER_ALL_MORPHS_S, |frame| headless.frame(frame))
 }
