@@ -6,7 +6,8 @@ use lodestream_protocol::pose::Pose;
 /// Projection from view space to clip space: `clip = (x/tx, y/ty, near, −z)`, so depth is
 /// `near / −z` (Lapidous and Jiao, "Optimal depth buffer for low-cost graphics hardware", 1999;
 /// Upchurch and Desbrun, "Tightening the precision of perspective rendering", 2012).
-pub(crate) fn clip_from_view(pose: &Pose, near: f64, (width_px, height_px): (u32, u32)) -> Mat4 {
+#[must_use]
+pub fn clip_from_view(pose: &Pose, near: f64, (width_px, height_px): (u32, u32)) -> Mat4 {
     let (tx, ty) = pose.tan_half_fov(width_px, height_px);
     Mat4::from_cols(
         Vec4::new((1.0 / tx) as f32, 0.0, 0.0, 0.0),

@@ -62,6 +62,9 @@ pub enum RenderError {
         /// Samples handed in.
         got: usize,
     },
+    /// A host's view that cannot be drawn into.
+    #[error("target: {0}")]
+    Target(String),
     /// A terrain cannot be made.
     #[error("terrain: {0}")]
     Terrain(String),
@@ -85,11 +88,11 @@ pub struct Gpu {
     error: Arc<Mutex<Option<String>>>,
 }
 
-/// Features that the renderer uses where they exist.
-const WANTED: wgpu::Features =
-    wgpu::Features::POLYGON_MODE_LINE.union(wgpu::Features::TEXTURE_FORMAT_16BIT_NORM);
-
 impl Gpu {
+    /// Features that the renderer uses where the device has them.
+    pub const WANTED_FEATURES: wgpu::Features =
+        wgpu::Features::POLYGON_MODE_LINE.union(wgpu::Features::TEXTURE_FORMAT_16BIT_NORM);
+
     /// Opens a device that draws into textures only; needs no display. Prefers real GPUs to
     /// software ones; the environment variable `WGPU_BACKEND` restricts the back ends tried.
     ///
@@ -116,6 +119,15 @@ impl Gpu {
         Self::open(instance, Some(surface))
     }
 
+    /// Takes the device of a program that has one. It needs no feature or limit beyond WebGPU's defaults; with
+    /// [`Gpu::WANTED_FEATURES`] wireframes can be drawn and height maps keep 16 bits.
+    ///
+    /// The device's error handlers stay the host's: what wgpu reports goes there, and [`Gpu::take_error`] has none.
+    #[must_use]
+    pub fn from_parts(adapter: wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Self {
+        Self { adapter, device, queue, error: Arc::default() }
+    }
+
     fn open(instance: &wgpu::Instance, surface: Option<&wgpu::Surface<'_>>) -> Result<Self, RenderError> {
         let adapter = pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions {
             power_preference: wgpu::PowerPreference::HighPerformance,
@@ -126,7 +138,7 @@ impl Gpu {
         let info = adapter.get_info();
         let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("lodestream"),
-            required_features: WANTED & adapter.features(),
+            required_features: Self::WANTED_FEATURES & adapter.features(),
             required_limits: adapter.limits(),
             ..Default::default()
         }))

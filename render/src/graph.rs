@@ -21,6 +21,8 @@ pub enum PassId {
     Wireframe,
     /// Radiance to display values.
     ToneMap,
+    /// The same into a host's targets: with depth, or leaving what is there.
+    Composite,
 }
 
 /// What passes hand on.
@@ -50,6 +52,10 @@ pub(crate) struct Needs {
     pub(crate) geometry: bool,
     pub(crate) occlusion: bool,
     pub(crate) wireframe: bool,
+    /// The target has depth.
+    pub(crate) depth: bool,
+    /// What the target holds stays where no surface is.
+    pub(crate) keep: bool,
 }
 
 /// The passes that could run, in order.
@@ -69,10 +75,14 @@ pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
         if needs.wireframe {
             passes.push(pass(PassId::Wireframe, &[Depth, Radiance], &[Radiance]));
         }
-    } else {
+    } else if !needs.keep {
         passes.push(pass(PassId::Sky, &[], &[Radiance]));
     }
-    passes.push(pass(PassId::ToneMap, &[Radiance], &[Target]));
+    if needs.geometry && (needs.depth || needs.keep) {
+        passes.push(pass(PassId::Composite, &[Radiance, Depth], &[Target]));
+    } else if !needs.keep {
+        passes.push(pass(PassId::ToneMap, &[Radiance], &[Target]));
+    }
     passes
 }
 
@@ -109,7 +119,7 @@ mod tests {
 
     #[test]
     fn nothing_to_draw_needs_only_the_sky() {
-        let needs = Needs { occlusion: true, wireframe: true, geometry: false };
+        let needs = Needs { occlusion: true, wireframe: true, ..Needs::default() };
         assert_eq!(ids(needs, &[Resource::Target]), [PassId::Sky, PassId::ToneMap]);
         assert_eq!(
             resources(&plan(&candidates(needs), &[Resource::Target])),
@@ -127,7 +137,7 @@ mod tests {
 
     #[test]
     fn everything_asked_for_runs_in_order() {
-        let needs = Needs { geometry: true, occlusion: true, wireframe: true };
+        let needs = Needs { geometry: true, occlusion: true, wireframe: true, ..Needs::default() };
         assert_eq!(
             ids(needs, &[Resource::Target]),
             [
@@ -142,15 +152,28 @@ mod tests {
     }
 
     #[test]
+    fn a_host_that_keeps_its_picture_gets_no_sky() {
+        let needs = Needs { keep: true, ..Needs::default() };
+        assert_eq!(ids(needs, &[Resource::Target]), []);
+        let needs = Needs { geometry: true, ..needs };
+        assert_eq!(ids(needs, &[Resource::Target]), [PassId::GBuffer, PassId::Lighting, PassId::Composite]);
+        let needs = Needs { depth: true, ..Needs::default() };
+        assert_eq!(ids(needs, &[Resource::Target]), [PassId::Sky, PassId::ToneMap]);
+    }
+
+    #[test]
     fn every_read_was_written_before() {
-        for bits in 0..8 {
-            let needs = Needs { geometry: bits & 1 != 0, occlusion: bits & 2 != 0, wireframe: bits & 4 != 0 };
+        for bits in 0..32 {
+            let bit = |n: u32| bits >> n & 1 != 0;
+            let needs =
+                Needs { geometry: bit(0), occlusion: bit(1), wireframe: bit(2), depth: bit(3), keep: bit(4) };
             let mut written = Vec::new();
             for pass in plan(&candidates(needs), &[Resource::Target]) {
                 assert!(pass.reads.iter().all(|r| written.contains(r)), "{needs:?} {pass:?}");
                 written.extend_from_slice(pass.writes);
             }
-            assert!(written.contains(&Resource::Target));
+            // Nothing is drawn only where there is nothing and what is there stays.
+            assert_eq!(written.contains(&Resource::Target), needs.geometry || !needs.keep, "{needs:?}");
         }
     }
 }

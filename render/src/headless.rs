@@ -9,6 +9,7 @@ use super::graph::{PassId, Resource};
 use super::readback::read_texture;
 use super::renderer::Renderer;
 use super::scene::{Counters, Frame};
+use super::target::Target;
 
 /// Format of the pictures: plain bytes; the shader applies the sRGB curve.
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
@@ -80,7 +81,7 @@ impl Headless {
         let view = self.target.create_view(&Default::default());
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
         let size = self.size();
-        let counters = self.renderer.record(&self.gpu, &mut encoder, &view, size, frame)?;
+        let counters = self.renderer.record(&self.gpu, &mut encoder, &Target::colour(&view, size), frame)?;
         self.gpu.queue.submit([encoder.finish()]);
         self.gpu
             .device

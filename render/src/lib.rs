@@ -1,11 +1,13 @@
 //! Deferred renderer on wgpu: assets in GPU memory, a small frame graph, pictures.
 //!
 //! What a caller does, in order:
-//! 1. [`Gpu::headless`] or [`Gpu::for_surface`]: the device.
+//! 1. [`Gpu::headless`], [`Gpu::for_surface`], or [`Gpu::from_parts`] of a program that has a device: the device.
 //! 2. [`Renderer::new`] for the format of the target that will be drawn into.
 //! 3. [`Renderer::create_asset`] per asset; then [`AssetGpu::update_vertices`],
 //!    [`AssetGpu::update_indices`] and [`AssetGpu::update_texture`] as data arrives.
-//! 4. [`Renderer::record`] per frame, with a [`Frame`]: camera, instances per asset, settings, time.
+//! 4. [`Renderer::record`] per frame, into a [`Target`], with a [`Frame`]: camera, instances per asset, settings, time.
+//!
+//! With the feature `client`, `SceneView` does 3 and 4 from what a client hands over.
 //!
 //! [`Headless`] does 2 and 4 into a texture and reads pictures back.
 //!
@@ -18,6 +20,7 @@
 mod asset;
 mod buffer;
 mod camera;
+mod composite;
 mod draw;
 mod gbuffer;
 mod gpu;
@@ -33,6 +36,7 @@ mod renderer;
 mod scene;
 #[cfg(feature = "client")]
 mod scene_view;
+mod target;
 mod targets;
 mod terrain;
 mod texture;
@@ -45,6 +49,7 @@ mod vertex;
 mod tests;
 
 pub use asset::AssetGpu;
+pub use camera::clip_from_view;
 pub use gpu::{Gpu, RenderError};
 pub use graph::PassId;
 pub use ground_scene::{GroundScene, Making};
@@ -59,6 +64,7 @@ pub use scene::{
 };
 #[cfg(feature = "client")]
 pub use scene_view::SceneView;
+pub use target::{Load, Target};
 pub use terrain::{MAX_DRAWN_HEIGHT, TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart};
 pub use texture::{TextureData, TextureKind, TextureShape};
 pub use vertex::PackedVertex;

@@ -27,6 +27,13 @@ const TONEMAP: &str = concat!(
     include_str!("shaders/fullscreen.wgsl"),
     include_str!("shaders/tonemap.wgsl")
 );
+/// For [`super::composite`].
+pub(crate) const COMPOSITE: &str = concat!(
+    include_str!("shaders/common.wgsl"),
+    include_str!("shaders/fullscreen.wgsl"),
+    include_str!("shaders/tonemap.wgsl"),
+    include_str!("shaders/composite.wgsl")
+);
 
 /// Everything compiled for one target format.
 #[derive(Debug)]

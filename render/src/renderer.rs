@@ -6,6 +6,7 @@ use glam::DVec3;
 
 use super::asset::AssetGpu;
 use super::buffer::GrowingBuffer;
+use super::composite::{Composites, depth_attachment};
 use super::draw::DrawList;
 use super::gpu::{Gpu, RenderError};
 use super::graph::{self, Needs, PassId, Resource};
@@ -13,6 +14,7 @@ use super::instance::InstanceRaw;
 use super::material::{Material, MaterialKit};
 use super::pipelines::Pipelines;
 use super::scene::{Counters, Frame};
+use super::target::{Load, Target};
 use super::targets::Targets;
 use super::terrain::{TerrainGpu, TerrainLook, TerrainPipelines, TileList, TileRaw};
 use super::texture::TextureShape;
@@ -23,6 +25,7 @@ use super::uniforms::FrameUniform;
 pub struct Renderer {
     kit: MaterialKit,
     pipelines: Pipelines,
+    composites: Composites,
     targets: Targets,
     frame_buffer: wgpu::Buffer,
     frame_group: wgpu::BindGroup,
@@ -58,6 +61,7 @@ impl Renderer {
         Ok(Self {
             kit,
             pipelines,
+            composites: Composites::default(),
             targets: Targets::default(),
             frame_buffer,
             frame_group,
@@ -98,22 +102,23 @@ impl Renderer {
         TerrainGpu::new(gpu, pipelines, look)
     }
 
-    /// Records a frame of `size` pixels into `target`. Uploads happen at once, drawing when the
+    /// Records a frame into `target`. Uploads happen at once, drawing when the
     /// caller submits `encoder` to the device's queue; one frame must be submitted before the next
     /// is recorded.
     ///
     /// # Errors
-    /// [`RenderError::TooLarge`] for a size that the device cannot draw (or 0), and
-    /// [`RenderError::Device`] with the first error that wgpu reported since the last frame.
+    /// [`RenderError::TooLarge`] for a size that the device cannot draw (or 0), [`RenderError::Target`] for views
+    /// that cannot be drawn into, and [`RenderError::Device`] with the first error that wgpu reported since the
+    /// last frame.
     pub fn record(
         &mut self,
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
-        target: &wgpu::TextureView,
-        size: (u32, u32),
+        target: &Target<'_>,
         frame: &Frame<'_>,
     ) -> Result<Counters, RenderError> {
-        let mut counters = Counters::default();
+        target.check(self.target_format)?;
+        let (size, mut counters) = (target.size, Counters::default());
         let list = DrawList::new(frame, size, &mut counters);
         let ground = match frame.terrain {
             Some(terrain) => Some(TileList::new(gpu, terrain, frame.camera.eye, &mut self.tiles)?),
@@ -124,11 +129,14 @@ impl Renderer {
             tracing::warn!("{} cannot draw wireframes; they are left out", gpu.describe());
             self.warned_wireframe = true;
         }
+        let has_surfaces = !list.batches.is_empty() || ground.is_some();
         let plan = graph::plan(
             &graph::candidates(Needs {
-                geometry: !list.batches.is_empty() || ground.is_some(),
+                geometry: has_surfaces,
                 occlusion: frame.settings.occlusion.is_some_and(|o| o.strength > 0.0),
                 wireframe: frame.settings.wireframe && self.pipelines.wire.is_some(),
+                depth: target.depth.is_some(),
+                keep: target.load == Load::Keep,
             }),
             &[Resource::Target],
         );
@@ -136,6 +144,11 @@ impl Renderer {
         self.instances.write(gpu, 0, &list.instances)?;
         let uniform = FrameUniform::new(frame, size);
         gpu.queue.write_buffer(&self.frame_buffer, 0, bytemuck::bytes_of(&uniform));
+        if plan.iter().any(|pass| pass.id == PassId::Composite) {
+            self.composites.ensure(gpu, self.target_format, target);
+        } else if target.load == Load::Clear {
+            clear_depth(encoder, target);
+        }
         for pass in &plan {
             self.run(gpu, encoder, pass.id, target, frame, (&list, ground.as_ref()), &mut counters);
             counters.passes.push(pass.id);
@@ -155,7 +168,7 @@ impl Renderer {
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         id: PassId,
-        target: &wgpu::TextureView,
+        target: &Target<'_>,
         frame: &Frame<'_>,
         list: (&DrawList<'_>, Option<&TileList<'_>>),
         counters: &mut Counters,
@@ -178,7 +191,12 @@ impl Renderer {
             PassId::Sky => self.full(gpu, encoder, &p.sky, &[], Radiance),
             PassId::ToneMap => {
                 let group = self.inputs(gpu, &p.tonemap, &[Radiance]);
-                fullscreen(encoder, &p.tonemap, &group, target);
+                fullscreen(encoder, &p.tonemap, &group, &Target { depth: None, ..*target });
+            }
+            PassId::Composite => {
+                let Some(pipeline) = self.composites.get(target) else { return };
+                let group = self.inputs(gpu, pipeline, &[Radiance, Depth]);
+                fullscreen(encoder, pipeline, &group, target);
             }
         }
     }
@@ -194,7 +212,7 @@ impl Renderer {
     ) {
         if let Some(target) = self.targets.view(write) {
             let group = self.inputs(gpu, pipeline, reads);
-            fullscreen(encoder, pipeline, &group, &target);
+            fullscreen(encoder, pipeline, &group, &Target::colour(&target, (0, 0)));
         }
     }
 
@@ -278,12 +296,16 @@ fn fullscreen(
     encoder: &mut wgpu::CommandEncoder,
     pipeline: &wgpu::RenderPipeline,
     group: &wgpu::BindGroup,
-    target: &wgpu::TextureView,
+    target: &Target<'_>,
 ) {
+    let load = match target.load {
+        Load::Clear => wgpu::LoadOp::Clear(wgpu::Color::BLACK),
+        Load::Keep => wgpu::LoadOp::Load,
+    };
     let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
         label: Some("fullscreen"),
-        color_attachments: &[Some(attachment(target, wgpu::LoadOp::Clear(wgpu::Color::BLACK)))],
-        depth_stencil_attachment: None,
+        color_attachments: &[Some(attachment(target.colour, load))],
+        depth_stencil_attachment: depth_attachment(target),
         timestamp_writes: None,
         occlusion_query_set: None,
         multiview_mask: None,
@@ -291,4 +313,19 @@ fn fullscreen(
     pass.set_pipeline(pipeline);
     pass.set_bind_group(0, group, &[]);
     pass.draw(0..3, 0..1);
+}
+
+/// A target's depth where no surface is drawn.
+fn clear_depth(encoder: &mut wgpu::CommandEncoder, target: &Target<'_>) {
+    if target.depth.is_some() {
+        // The pass ends as it begins: clearing is all it does.
+        drop(encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("clear depth"),
+            color_attachments: &[],
+            depth_stencil_attachment: depth_attachment(target),
+            timestamp_writes: None,
+            occlusion_query_set: None,
+            multiview_mask: None,
+        }));
+    }
 }

@@ -6,11 +6,12 @@ use glam::{DQuat, DVec3, Vec3};
 use lodestream_client::core::{Change, MeshChange, NewAsset, TexturePixels};
 use lodestream_protocol::pose::Pose;
 use lodestream_protocol::scene::{InstanceEntry, SceneHeader};
+use lodestream_protocol::view::View;
 
 use crate::tiles::Maker;
 use crate::{
-    AssetGpu, Drawable, Environment, Frame, Gpu, GroundScene, Instance, Making, Material, PackedVertex,
-    RenderError, Renderer, Settings, TextureData, TextureShape,
+    AssetGpu, Counters, Drawable, Environment, Frame, Gpu, GroundScene, Instance, Making, Material,
+    PackedVertex, RenderError, Renderer, Settings, Target, TextureData, TextureShape,
 };
 
 /// Exposed radiance of a white surface that faces the sun: near the upper end of the tone curve.
@@ -210,6 +211,29 @@ impl SceneView {
     #[must_use]
     pub fn ground_px(&self) -> Option<f64> {
         self.ground.as_ref().map(GroundScene::drawn_px)
+    }
+
+    /// Records the scene as it is now into a target, as `view` sees it: terrain tiles for its screen error, then
+    /// the frame. `time_s` is of the clock of the changes; `f32::MAX` puts every vertex where it belongs.
+    ///
+    /// # Errors
+    /// As [`Renderer::record`].
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "the device's three, then what of the scene is drawn where"
+    )]
+    pub fn record(
+        &mut self,
+        gpu: &Gpu,
+        renderer: &mut Renderer,
+        encoder: &mut wgpu::CommandEncoder,
+        target: &Target<'_>,
+        view: &View,
+        settings: Settings,
+        time_s: f32,
+    ) -> Result<Counters, RenderError> {
+        self.prepare_ground(gpu, &view.pose(), target.size, view.target_px)?;
+        self.with_frame(view.pose(), settings, time_s, |frame| renderer.record(gpu, encoder, target, frame))
     }
 
     /// Draws the scene as it is now: hands the frame to `draw`.

@@ -16,12 +16,17 @@ fn encode_srgb(x: vec3<f32>) -> vec3<f32> {
     return select(1.055 * pow(x, vec3(1.0 / 2.4)) - 0.055, 12.92 * x, x <= vec3(0.0031308));
 }
 
-@fragment
-fn fs_tonemap(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
-    let radiance = textureLoad(radiance_map, vec2<i32>(at.xy), 0).rgb;
+// What a pixel shows.
+fn display(pixel: vec2<i32>) -> vec4<f32> {
+    let radiance = textureLoad(radiance_map, pixel, 0).rgb;
     let shown = filmic(max(radiance * frame.exposure, vec3(0.0)));
     if (ENCODE_SRGB) {
         return vec4(encode_srgb(shown), 1.0);
     }
     return vec4(shown, 1.0);
+}
+
+@fragment
+fn fs_tonemap(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
+    return display(vec2<i32>(at.xy));
 }

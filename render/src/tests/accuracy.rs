@@ -10,8 +10,8 @@ use crate::twin::depth::view_ray;
 use crate::twin::relief::{steps, tests::bricks};
 use crate::twin::{ssao, tone};
 use crate::{
-    AmbientOcclusion, Drawable, Frame, Instance, Material, OcclusionRadius, Pose, Renderer, TextureData,
-    TextureKind, TextureShape,
+    AmbientOcclusion, Drawable, Frame, Instance, Material, OcclusionRadius, Pose, Renderer, Target,
+    TextureData, TextureKind, TextureShape,
 };
 
 #[test]
@@ -221,7 +221,8 @@ fn srgb_targets_show_the_same_picture() {
     let frame = Frame::new(camera, &drawables);
     h.frame(&frame).unwrap();
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
-    other.record(&gpu, &mut encoder, &target.create_view(&Default::default()), (64, 64), &frame).unwrap();
+    let view = target.create_view(&Default::default());
+    other.record(&gpu, &mut encoder, &Target::colour(&view, (64, 64)), &frame).unwrap();
     gpu.queue.submit([encoder.finish()]);
     let encoded = read_texture(&gpu, &target, 4).unwrap();
     let worst = h.picture().unwrap().iter().zip(&encoded).map(|(a, b)| a.abs_diff(*b)).max();

@@ -7,7 +7,7 @@ use winit::dpi::PhysicalSize;
 use winit::event_loop::OwnedDisplayHandle;
 use winit::window::Window;
 
-use lodestream_render::{Counters, Frame, Gpu, Renderer};
+use lodestream_render::{Counters, Frame, Gpu, Renderer, Target};
 
 /// A window's surface and what draws into it.
 pub(super) struct Painter {
@@ -106,7 +106,9 @@ impl Painter {
                 let size = (self.config.width, self.config.height);
                 let counters = {
                     let (gpu, renderer) = (&self.gpu, &mut self.renderer);
-                    scene(&mut |f| Ok(renderer.record(gpu, &mut encoder, &view, size, f)?))?
+                    scene(&mut |f| {
+                        Ok(renderer.record(gpu, &mut encoder, &Target::colour(&view, size), f)?)
+                    })?
                 };
                 let screen = egui_wgpu::ScreenDescriptor {
                     size_in_pixels: self.size(),

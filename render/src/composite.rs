@@ -1,0 +1,93 @@
+//! The last pass into a host's targets, where depth goes along or what is there stays.
+
+use super::gbuffer::shader;
+use super::gpu::Gpu;
+use super::pipelines::COMPOSITE;
+use super::target::{Load, Target};
+
+/// Pipelines by depth format and load, compiled when a host first needs them.
+#[derive(Debug, Default)]
+pub(crate) struct Composites {
+    made: Vec<(Kind, wgpu::RenderPipeline)>,
+}
+
+type Kind = (Option<wgpu::TextureFormat>, Load);
+
+fn kind(target: &Target<'_>) -> Kind {
+    (target.depth.map(|view| view.texture().format()), target.load)
+}
+
+impl Composites {
+    /// Compiles what `target` needs, of which the colour has `format`.
+    pub(crate) fn ensure(&mut self, gpu: &Gpu, format: wgpu::TextureFormat, target: &Target<'_>) {
+        let kind = kind(target);
+        if self.get(target).is_none() {
+            self.made.push((kind, pipeline(gpu, format, kind)));
+        }
+    }
+
+    /// What [`Composites::ensure`] compiled.
+    pub(crate) fn get(&self, target: &Target<'_>) -> Option<&wgpu::RenderPipeline> {
+        let kind = kind(target);
+        self.made.iter().find(|(made, _)| *made == kind).map(|(_, pipeline)| pipeline)
+    }
+}
+
+fn pipeline(gpu: &Gpu, format: wgpu::TextureFormat, (depth, load): Kind) -> wgpu::RenderPipeline {
+    let module = shader(gpu, "composite", COMPOSITE);
+    let entry = if depth.is_some() { "fs_composite" } else { "fs_overlay" };
+    let keep = load == Load::Keep;
+    let constants =
+        [("ENCODE_SRGB", f64::from(u8::from(!format.is_srgb()))), ("KEEP", f64::from(u8::from(keep)))];
+    gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some(entry),
+        layout: None,
+        vertex: wgpu::VertexState {
+            module: &module,
+            entry_point: Some("vs_fullscreen"),
+            compilation_options: Default::default(),
+            buffers: &[],
+        },
+        primitive: Default::default(),
+        depth_stencil: depth.map(|format| wgpu::DepthStencilState {
+            format,
+            depth_write_enabled: Some(true),
+            // Reversed depth: nearer is greater.
+            depth_compare: Some(if keep {
+                wgpu::CompareFunction::Greater
+            } else {
+                wgpu::CompareFunction::Always
+            }),
+            stencil: Default::default(),
+            bias: Default::default(),
+        }),
+        multisample: Default::default(),
+        fragment: Some(wgpu::FragmentState {
+            module: &module,
+            entry_point: Some(entry),
+            compilation_options: wgpu::PipelineCompilationOptions {
+                constants: &constants,
+                ..Default::default()
+            },
+            targets: &[Some(format.into())],
+        }),
+        multiview_mask: None,
+        cache: None,
+    })
+}
+
+/// What a pass into `target` does with the depth that is there.
+pub(crate) fn depth_attachment<'a>(
+    target: &Target<'a>,
+) -> Option<wgpu::RenderPassDepthStencilAttachment<'a>> {
+    let load = match target.load {
+        Load::Keep => wgpu::LoadOp::Load,
+        // 0 is infinitely far.
+        Load::Clear => wgpu::LoadOp::Clear(0.0),
+    };
+    target.depth.map(|view| wgpu::RenderPassDepthStencilAttachment {
+        view,
+        depth_ops: Some(wgpu::Operations { load, store: wgpu::StoreOp::Store }),
+        stencil_ops: None,
+    })
+}

@@ -1,0 +1,30 @@
+// The finished picture into a host's targets: colour as tonemap.wgsl has it, and the depth it lies at.
+
+@group(0) @binding(2) var depth_map: texture_depth_2d;
+
+// Whether what the host drew stays where none of our surfaces is.
+override KEEP: bool = false;
+
+struct Composite {
+    @location(0) colour: vec4<f32>,
+    @builtin(frag_depth) depth: f32,
+}
+
+// For targets with depth: the depth test leaves what of the host's is nearer.
+@fragment
+fn fs_composite(@builtin(position) at: vec4<f32>) -> Composite {
+    let depth = textureLoad(depth_map, vec2<i32>(at.xy), 0);
+    if (KEEP && depth <= 0.0) {
+        discard;
+    }
+    return Composite(display(vec2<i32>(at.xy)), depth);
+}
+
+// For targets without.
+@fragment
+fn fs_overlay(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
+    if (textureLoad(depth_map, vec2<i32>(at.xy), 0) <= 0.0) {
+        discard;
+    }
+    return display(vec2<i32>(at.xy));
+}
