@@ -13,6 +13,7 @@
 //! | `terrain` | features of a terrain arrive, and only where a view needs them |
 //! | `documents` | what documents name is there: links, files, code, commands |
 //! | `wire` | docs/protocol.md is true: a reader written from it understands recorded sessions |
+//! | `dependencies` | what each crate makes its users compile |
 //! | `models` | models of your own: `LODESTREAM_MODELS=DIR` |
 //!
 //! Scenes are generated and small. Tests on real sockets use loopback and give up after a bound that is
@@ -23,6 +24,8 @@
 
 #[cfg(test)]
 mod bad_input;
+#[cfg(test)]
+mod dependencies;
 #[cfg(test)]
 mod documents;
 #[cfg(test)]

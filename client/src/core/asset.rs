@@ -8,11 +8,14 @@ use geometry::base::Base;
 use geometry::index::ChunkInfo;
 use geometry::mesh::NONE;
 use geometry::refine::{ActiveMesh, ChunkDelta, RefineError, Touched};
+#[cfg(feature = "zstd")]
 use lodestream_compress::{decode_base, decode_prefix};
 use lodestream_geometry as geometry;
 use lodestream_protocol::asset::{AssetDescription, CodingError};
 
 use super::changes::{IndexRun, MeshChange, Vertex, runs};
+#[cfg(not(feature = "zstd"))]
+use super::stored::{decode_base, decode_prefix};
 
 /// A chunk or base mesh that cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

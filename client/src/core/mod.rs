@@ -25,6 +25,8 @@ mod failures;
 mod milestones;
 mod scene;
 mod stats;
+#[cfg(not(feature = "zstd"))]
+mod stored;
 mod terrain_points;
 #[cfg(test)]
 mod testing;

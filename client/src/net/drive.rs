@@ -30,6 +30,7 @@ impl Clock {
     }
 
     /// A clock that started at `start`.
+    #[cfg(feature = "runtime")]
     #[must_use]
     pub const fn since(start: Instant) -> Self {
         Self { start }

@@ -1,27 +1,53 @@
 //! The client's network: addresses, transports, and the loop that drives a [`ClientCore`] over them.
 //!
-//! [`run_quic`] and [`run_websocket`] run one session over a transport that is open; both work on any
-//! tokio runtime, also in virtual time over simulated endpoints and streams. [`stream`] connects over
-//! real sockets, again and again, as a viewer does.
+//! [`Streaming`](crate::streaming::Streaming) connects over real sockets, again and again, on threads of its own. With
+//! the feature `runtime` a host does so on its own tokio runtime: `stream` as the former, and `run_quic` and
+//! `run_websocket` for one session over a transport that is open, also in virtual time over simulated endpoints and
+//! streams.
 
 mod address;
+#[cfg(any(feature = "quic", feature = "websocket"))]
+#[cfg_attr(not(feature = "runtime"), allow(unreachable_pub))]
 mod drive;
 mod pin;
+#[cfg(feature = "quic")]
+mod pin_verifier;
+#[cfg(feature = "quic")]
+#[cfg_attr(not(feature = "runtime"), allow(unreachable_pub))]
 mod quic;
+#[cfg(feature = "quic")]
+#[cfg_attr(not(feature = "runtime"), allow(unreachable_pub))]
 mod quic_open;
+#[cfg(feature = "quic")]
 mod quic_sender;
+#[cfg(any(feature = "quic", feature = "websocket"))]
+#[cfg_attr(not(feature = "runtime"), allow(unreachable_pub))]
 mod reconnect;
-#[cfg(test)]
+#[cfg(all(test, feature = "websocket"))]
 mod tests;
+#[cfg(feature = "websocket")]
+#[cfg_attr(not(feature = "runtime"), allow(unreachable_pub))]
 mod websocket;
 
 pub use address::{Address, AddressError, Scheme};
-pub use drive::{Clock, Host};
+#[cfg(any(feature = "quic", feature = "websocket"))]
+pub use drive::Clock;
+#[cfg(all(feature = "runtime", any(feature = "quic", feature = "websocket")))]
+pub use drive::Host;
 pub use pin::{Pin, PinError};
+#[cfg(all(feature = "runtime", feature = "quic"))]
 pub use quic::{QuicSetupError, client_config, endpoint, run_quic};
+#[cfg(all(feature = "runtime", feature = "quic"))]
 pub use quic_open::{QuicConnection, QuicOpenError};
-pub use reconnect::{End, Retry, stream};
+#[cfg(all(feature = "runtime", any(feature = "quic", feature = "websocket")))]
+pub use reconnect::stream;
+#[cfg(any(feature = "quic", feature = "websocket"))]
+pub use reconnect::{End, Retry};
+#[cfg(all(feature = "runtime", feature = "websocket"))]
 pub use websocket::run_websocket;
+
+#[cfg(all(not(feature = "runtime"), any(feature = "quic", feature = "websocket")))]
+pub(crate) use {drive::Host, reconnect::stream};
 
 #[allow(unused_imports)] // named in the documentation above
 use crate::core::ClientCore;

@@ -15,7 +15,8 @@ use quinn::crypto::rustls::QuicClientConfig;
 use quinn::{Chunk, Connection, ConnectionError, ReadError, RecvStream, TokenMemoryCache, VarInt};
 
 use super::drive::{Clock, Host, Receive, Received, drive};
-use super::pin::{Pin, PinVerifier};
+use super::pin::Pin;
+use super::pin_verifier::PinVerifier;
 use super::quic_open::QuicConnection;
 use super::quic_sender::{QuicSender, SEND_QUEUE_BYTES};
 

@@ -5,17 +5,25 @@ use std::time::Duration;
 
 use lodestream_protocol::client::Backoff;
 use lodestream_protocol::message::{Close, CloseCode};
-use tokio::net::{TcpStream, lookup_host};
+#[cfg(feature = "websocket")]
+use tokio::net::TcpStream;
+use tokio::net::lookup_host;
 use tokio::time::{Instant, sleep_until, timeout};
 
 use super::address::{Address, Scheme};
 use super::drive::{Clock, Host};
-use super::quic::{self, client_config, endpoint, run_quic};
-use super::quic_open::{QuicConnection, QuicOpenError};
+#[cfg(feature = "websocket")]
 use super::websocket::run_websocket;
+#[cfg(feature = "quic")]
+use super::{
+    pin::Pin,
+    quic::{self, client_config, endpoint, run_quic},
+    quic_open::{QuicConnection, QuicOpenError},
+};
 
 /// Time that name lookup and the opening of a connection may take.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(4);
+#[cfg(feature = "quic")]
 /// Time in which a closed QUIC connection tells the server.
 const GOODBYE_TIMEOUT: Duration = Duration::from_millis(300);
 
@@ -28,7 +36,14 @@ pub struct Retry {
     pub reconnect: bool,
 }
 
-/// Why [`stream`] came to an end.
+impl Default for Retry {
+    /// Five attempts, and again whenever a session is lost: for a program with a user before it.
+    fn default() -> Self {
+        Self { first_attempts: 5, reconnect: true }
+    }
+}
+
+/// Why streaming came to an end.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum End {
     /// The host wanted to leave.
@@ -44,6 +59,19 @@ pub enum End {
     Closed(Close),
 }
 
+impl std::fmt::Display for End {
+    /// One line for people: what happened, and what they may do.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Left => f.write_str("the program left"),
+            Self::Unreachable { attempts, why } => {
+                write!(f, "{why} ({attempts} attempts); is the server running, and is the address right?")
+            }
+            Self::Closed(close) => f.write_str(&close.reason),
+        }
+    }
+}
+
 /// Streams from a server until the host leaves: connects, runs the session, and connects again with ever
 /// longer pauses when it is lost. `report` is told in words what is going on (`None`: all is well).
 pub async fn stream<H: Host>(
@@ -57,15 +85,14 @@ pub async fn stream<H: Host>(
     let mut backoff = Backoff::new();
     let mut reached = false;
     let mut attempts = 0;
-    // Kept over attempts, since it holds what resumes a session.
-    let mut quic_config = None;
+    let mut kept = Kept::default();
     loop {
         if host.wants_to_leave() {
             return End::Left;
         }
         let close = tokio::select! {
             biased;
-            close = connect_and_run(address, &mut quic_config, host, clock) => close,
+            close = connect_and_run(address, &mut kept, host, clock) => close,
         };
         if host.wants_to_leave() {
             return End::Left;
@@ -103,59 +130,99 @@ pub async fn stream<H: Host>(
     }
 }
 
+/// What attempts leave to those after them.
+#[derive(Default)]
+struct Kept {
+    /// Holds what resumes a session.
+    #[cfg(feature = "quic")]
+    quic: Option<quinn::ClientConfig>,
+}
+
 /// One attempt: opens a connection and runs a session over it.
-async fn connect_and_run<H: Host>(
+async fn connect_and_run<H: Host>(address: &Address, kept: &mut Kept, host: &mut H, clock: Clock) -> Close {
+    match address.scheme {
+        #[cfg(feature = "websocket")]
+        Scheme::WebSocket => over_websocket(address, host, clock).await,
+        #[cfg(feature = "quic")]
+        Scheme::Quic(pin) => over_quic(address, pin, &mut kept.quic, host, clock).await,
+        #[cfg(not(all(feature = "quic", feature = "websocket")))]
+        _ => {
+            let _ = kept;
+            let why = format!("{address}: this program was built without that transport");
+            Close::new(CloseCode::Protocol, why)
+        }
+    }
+}
+
+fn lost(why: String) -> Close {
+    Close::new(CloseCode::Lost, why)
+}
+
+#[cfg(feature = "websocket")]
+async fn over_websocket<H: Host>(address: &Address, host: &mut H, clock: Clock) -> Close {
+    let server = match find(address).await {
+        Ok(server) => server,
+        Err(why) => return lost(why),
+    };
+    match timeout(CONNECT_TIMEOUT, TcpStream::connect(server)).await {
+        Ok(Ok(stream)) => {
+            let _ = stream.set_nodelay(true);
+            run_websocket(stream, &address.authority(), host, clock).await
+        }
+        Ok(Err(why)) => lost(format!("{address} cannot be reached: {why}")),
+        Err(_) => lost(format!("{address} does not answer")),
+    }
+}
+
+#[cfg(feature = "quic")]
+async fn over_quic<H: Host>(
     address: &Address,
-    quic_config: &mut Option<quinn::ClientConfig>,
+    pin: Pin,
+    kept: &mut Option<quinn::ClientConfig>,
     host: &mut H,
     clock: Clock,
 ) -> Close {
-    let lost = |why: String| Close::new(CloseCode::Lost, why);
-    let authority = address.authority();
-    let server = match timeout(CONNECT_TIMEOUT, resolve(&authority)).await {
-        Ok(Ok(server)) => server,
-        Ok(Err(why)) => return lost(format!("{authority} cannot be found: {why}")),
-        Err(_) => return lost(format!("{authority} cannot be found: name lookup takes too long")),
+    let server = match find(address).await {
+        Ok(server) => server,
+        Err(why) => return lost(why),
     };
-    match address.scheme {
-        Scheme::WebSocket => match timeout(CONNECT_TIMEOUT, TcpStream::connect(server)).await {
-            Ok(Ok(stream)) => {
-                let _ = stream.set_nodelay(true);
-                run_websocket(stream, &authority, host, clock).await
+    let config = match kept.take().map_or_else(|| client_config(pin), Ok) {
+        Ok(config) => kept.insert(config).clone(),
+        Err(why) => return lost(why.to_string()),
+    };
+    let endpoint = match endpoint(server, config) {
+        Ok(endpoint) => endpoint,
+        Err(why) => return lost(why.to_string()),
+    };
+    // The name is not looked at: the certificate is pinned.
+    let connecting = match endpoint.connect(server, "localhost") {
+        Ok(connecting) => connecting,
+        Err(why) => return lost(format!("{address} cannot be reached: {why}")),
+    };
+    let close = match QuicConnection::open(connecting, CONNECT_TIMEOUT).await {
+        Ok(opened) => {
+            let (connection, early) = (opened.connection().clone(), opened.is_early());
+            let close = run_quic(opened, host, clock).await;
+            // With early data, a session can have begun before the certificate was seen.
+            match connection.close_reason() {
+                Some(why) if early && is_wrong_certificate(&why) => refused(address, &why),
+                _ => close,
             }
-            Ok(Err(why)) => lost(format!("{address} cannot be reached: {why}")),
-            Err(_) => lost(format!("{address} does not answer")),
-        },
-        Scheme::Quic(pin) => {
-            let config = match quic_config.take().map_or_else(|| client_config(pin), Ok) {
-                Ok(config) => quic_config.insert(config).clone(),
-                Err(why) => return lost(why.to_string()),
-            };
-            let endpoint = match endpoint(server, config) {
-                Ok(endpoint) => endpoint,
-                Err(why) => return lost(why.to_string()),
-            };
-            // The name is not looked at: the certificate is pinned.
-            let connecting = match endpoint.connect(server, "localhost") {
-                Ok(connecting) => connecting,
-                Err(why) => return lost(format!("{address} cannot be reached: {why}")),
-            };
-            let close = match QuicConnection::open(connecting, CONNECT_TIMEOUT).await {
-                Ok(opened) => {
-                    let (connection, early) = (opened.connection().clone(), opened.is_early());
-                    let close = run_quic(opened, host, clock).await;
-                    // With early data, a session can have begun before the certificate was seen.
-                    match connection.close_reason() {
-                        Some(why) if early && is_wrong_certificate(&why) => refused(address, &why),
-                        _ => close,
-                    }
-                }
-                Err(QuicOpenError::Handshake(why)) => refused(address, &why),
-                Err(QuicOpenError::Timeout) => lost(format!("{address} does not answer")),
-            };
-            let _ = timeout(GOODBYE_TIMEOUT, endpoint.wait_idle()).await;
-            close
         }
+        Err(QuicOpenError::Handshake(why)) => refused(address, &why),
+        Err(QuicOpenError::Timeout) => lost(format!("{address} does not answer")),
+    };
+    let _ = timeout(GOODBYE_TIMEOUT, endpoint.wait_idle()).await;
+    close
+}
+
+/// Looks the address's name up.
+async fn find(address: &Address) -> Result<SocketAddr, String> {
+    let authority = address.authority();
+    match timeout(CONNECT_TIMEOUT, resolve(&authority)).await {
+        Ok(Ok(server)) => Ok(server),
+        Ok(Err(why)) => Err(format!("{authority} cannot be found: {why}")),
+        Err(_) => Err(format!("{authority} cannot be found: name lookup takes too long")),
     }
 }
 
@@ -164,11 +231,13 @@ async fn resolve(authority: &str) -> std::io::Result<SocketAddr> {
     lookup_host(authority).await?.next().ok_or_else(none)
 }
 
+#[cfg(feature = "quic")]
 fn is_wrong_certificate(why: &quinn::ConnectionError) -> bool {
     matches!(why, quinn::ConnectionError::TransportError(e)
         if e.reason.contains("ApplicationVerificationFailure") || e.reason.contains("invalid peer certificate"))
 }
 
+#[cfg(feature = "quic")]
 /// A handshake that failed. A wrong certificate will be wrong again.
 fn refused(address: &Address, why: &quinn::ConnectionError) -> Close {
     if is_wrong_certificate(why) {

@@ -3,7 +3,8 @@
 use lodestream_protocol::message::{Close, CloseCode};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
 
-use super::{Clock, End, Retry, run_websocket, stream};
+use super::websocket::run_websocket;
+use super::{Clock, End, Retry, stream};
 use crate::core::{ClientCore, Config, StartView};
 
 fn core() -> ClientCore {

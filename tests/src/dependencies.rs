@@ -1,0 +1,67 @@
+//! What each crate makes its users compile: as `cargo tree` tells it, of the crate alone.
+
+use std::collections::BTreeSet;
+use std::process::Command;
+
+/// Names of all crates that a package's library needs, with features besides its defaults.
+fn needs(package: &str, arguments: &[&str]) -> BTreeSet<String> {
+    let mut command = Command::new(env!("CARGO"));
+    command.current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
+    command.args([
+        "tree",
+        "--offline",
+        "--locked",
+        "--edges",
+        "normal,build",
+        "--prefix",
+        "none",
+        "-p",
+        package,
+    ]);
+    let output = command.args(arguments).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let names = String::from_utf8(output.stdout).unwrap();
+    let names: BTreeSet<String> =
+        names.lines().filter_map(|line| line.split_whitespace().next()).map(str::to_owned).collect();
+    // Guards against a listing of another form, in which nothing would ever be found.
+    assert!(names.contains(package), "{names:?}");
+    names
+}
+
+/// Asserts that a package needs none of these crates.
+fn lacks(package: &str, arguments: &[&str], none: &[&str]) {
+    let needs = needs(package, arguments);
+    for name in none {
+        assert!(!needs.contains(*name), "{package} {arguments:?} needs {name}");
+    }
+}
+
+#[test]
+fn an_embedder_of_the_client_compiles_no_window_and_no_renderer() {
+    let graphics = ["wgpu", "winit", "egui", "clap", "lodestream-render", "lodestream-server"];
+    lacks("lodestream-client", &[], &graphics);
+    assert!(needs("lodestream-client", &[]).contains("tokio"));
+    let network = ["tokio", "quinn", "rustls", "ring", "tungstenite", "tokio-tungstenite", "socket2"];
+    lacks("lodestream-client", &["--no-default-features"], &network);
+    // Nor C. (`cc` is among the crates, for BLAKE3, which asks it for nothing with its feature `pure`.)
+    lacks("lodestream-client", &["--no-default-features"], &["zstd", "zstd-sys"]);
+    lacks("lodestream-client", &["--no-default-features", "--features", "quic"], &["tokio-tungstenite"]);
+    lacks("lodestream-client", &["--no-default-features", "--features", "websocket"], &["quinn", "rustls"]);
+}
+
+#[test]
+fn an_embedder_of_the_renderer_compiles_no_network() {
+    let network = ["tokio", "quinn", "rustls", "tungstenite", "winit", "egui", "clap"];
+    lacks("lodestream-render", &[], &[&network[..], &["lodestream-client"]].concat());
+    lacks("lodestream-render", &["--features", "client"], &network);
+    assert!(needs("lodestream-render", &["--features", "client"]).contains("lodestream-client"));
+}
+
+#[test]
+fn the_simulated_links_know_nothing_of_ours() {
+    let ours: Vec<String> = needs("lodestream-netsim", &[])
+        .into_iter()
+        .filter(|name| name.starts_with("lodestream-") && name != "lodestream-netsim")
+        .collect();
+    assert!(ours.is_empty(), "{ours:?}");
+}
