@@ -110,17 +110,19 @@ fn is_identifier(span: &str) -> bool {
     name.chars().all(is_word) && (is_camel || is_snake)
 }
 
-/// `geometry::refine::ActiveMesh`: every name stands in a source, and the first, if it is a crate of ours, has a folder.
+/// `geometry::refine::ActiveMesh`: if the first name is a crate of ours, the others stand in its sources; else all stand
+/// in some source, and a crate of others is not looked into.
 fn item(repository: &Repository, span: &str, wrong: &mut dyn FnMut(String)) {
     let path = span.split(['(', '<', '{', ' ']).next().unwrap_or("");
-    let mut names = path.split("::").filter(|name| !name.is_empty());
-    let Some(first) = names.next() else { return };
-    if repository.foreign_crates.contains(first) {
+    let names: Vec<&str> = path.split("::").filter(|name| !name.is_empty()).collect();
+    let Some(first) = names.first() else { return };
+    if repository.foreign_crates.contains(*first) {
         return;
     }
-    for name in std::iter::once(first).chain(names) {
-        if !repository.has_word(name.trim_start_matches("lodestream_").trim_end_matches('!')) {
-            wrong(format!("`{span}`: {name} stands in no source"));
+    let home = first.trim_start_matches("lodestream_");
+    for name in names.iter().map(|name| name.trim_start_matches("lodestream_").trim_end_matches('!')) {
+        if name != home && !repository.has_word_in(home, name) || !repository.has_word(name) {
+            wrong(format!("`{span}`: {name} stands in no source of {home}"));
         }
     }
 }

@@ -31,6 +31,8 @@ pub(super) struct Repository {
     pub(super) folders: BTreeSet<String>,
     /// Words of all sources, and of file names.
     words: BTreeSet<String>,
+    /// Words of each package's own sources, by its name without "lodestream-".
+    words_of: BTreeMap<String, BTreeSet<String>>,
     pub(super) packages: BTreeMap<String, Package>,
     pub(super) programs: BTreeMap<String, Program>,
     /// Crates of others, as they are written in paths of modules.
@@ -50,6 +52,7 @@ impl Repository {
             files: BTreeSet::new(),
             folders: BTreeSet::new(),
             words: BTreeSet::new(),
+            words_of: BTreeMap::new(),
             packages: BTreeMap::new(),
             programs: BTreeMap::new(),
             foreign_crates: ["std", "core"].map(str::to_owned).into(),
@@ -75,6 +78,17 @@ impl Repository {
         let names = files.flat_map(|file| file.split(['/', '.'])).map(str::to_owned).collect::<Vec<_>>();
         this.words.extend(names);
         this.find_programs(&sources);
+        for (file, text) in &sources {
+            let homes =
+                this.packages.iter().filter(|(_, package)| Path::new(file).starts_with(&package.folder));
+            if let Some((name, _)) = homes.max_by_key(|(_, package)| package.folder.as_os_str().len()) {
+                let names = text.split(|c| !is_word(c)).chain(file.split(['/', '.'])).map(str::to_owned);
+                this.words_of
+                    .entry(name.trim_start_matches("lodestream-").to_owned())
+                    .or_default()
+                    .extend(names);
+            }
+        }
         this
     }
 
@@ -151,6 +165,11 @@ impl Repository {
 
     pub(super) fn has_word(&self, word: &str) -> bool {
         self.words.contains(word)
+    }
+
+    /// Whether a word stands in the sources of a package, or in any where there is no such package.
+    pub(super) fn has_word_in(&self, package: &str, word: &str) -> bool {
+        self.words_of.get(package).map_or_else(|| self.has_word(word), |words| words.contains(word))
     }
 
     /// Whether there is a file or folder of this path: from the root, beside a document, or as the end of one's path.

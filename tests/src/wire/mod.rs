@@ -12,8 +12,14 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use lodestream_protocol::limits::{
+    MAX_ASSETS, MAX_BLOB_BYTES, MAX_CHUNKS, MAX_DECODED_BYTES, MAX_DESCRIPTION_BYTES, MAX_ENTRIES_PER_PAGE,
+    MAX_FRAME_BYTES, MAX_HAVE, MAX_IDS_PER_MESSAGE, MAX_INSTANCES, MAX_MESSAGE_BYTES, MAX_NAME_BYTES,
+    MAX_PAGES_PER_MESSAGE, MAX_PIECE_BYTES, MAX_REASON_BYTES, MAX_SCENE_PAGES,
+};
 use lodestream_protocol::message::{ClientMessage, CloseCode, Hello, RefusedReason, ServerMessage};
 use lodestream_protocol::source::SceneSource as _;
+use lodestream_protocol::terrain::{MAX_EROSION_PASSES, MAX_SEGMENTS};
 use serde_json::Value;
 
 use crate::support::daemon::Transport;
@@ -144,6 +150,47 @@ fn the_reader_refuses_what_is_not_as_the_page_says() {
         let Some(outcome) = read(&Recording::Quic(broken), &[]) else { return };
         let why = outcome.expect_err("nothing was wrong");
         assert!(why.contains("not as docs/protocol.md says"), "stream {stream}, byte {at}: {why}");
+    }
+}
+
+/// The numbers in a text, without the commas of their thousands.
+fn numbers(text: &str) -> Vec<u64> {
+    let text = text.replace(',', "");
+    text.split(|c: char| !c.is_ascii_digit()).filter_map(|digits| digits.parse().ok()).collect()
+}
+
+#[test]
+fn the_page_states_the_limits_and_close_codes_of_the_program() {
+    let page = std::fs::read_to_string(root().join("docs/protocol.md")).unwrap();
+    let rows: Vec<Vec<&str>> =
+        page.lines().filter(|l| l.starts_with('|')).map(|l| l.split('|').map(str::trim).collect()).collect();
+    for (what, limits) in [
+        ("body of a message", &[MAX_MESSAGE_BYTES as u64][..]),
+        ("memory that decoding a message claims", &[MAX_DECODED_BYTES as u64]),
+        ("a WebSocket message", &[MAX_FRAME_BYTES as u64]),
+        ("bytes of a piece", &[MAX_PIECE_BYTES as u64]),
+        ("a blob", &[u64::from(MAX_BLOB_BYTES)]),
+        ("requests of a Want, ids of a Cancel", &[MAX_IDS_PER_MESSAGE as u64]),
+        ("ids in `have`", &[MAX_HAVE as u64]),
+        ("pages in a WantScenePages", &[MAX_PAGES_PER_MESSAGE as u64]),
+        ("assets, and instances, of a page", &[MAX_ENTRIES_PER_PAGE as u64]),
+        ("names; reasons", &[MAX_NAME_BYTES as u64, MAX_REASON_BYTES as u64]),
+        ("assets of a scene; instances; pages", &[MAX_ASSETS, MAX_INSTANCES, MAX_SCENE_PAGES].map(u64::from)),
+        ("chunks of an asset", &[u64::from(MAX_CHUNKS)]),
+        ("an asset's description", &[MAX_DESCRIPTION_BYTES as u64]),
+        (
+            "segments of a terrain's stamps; passes of erosion",
+            &[MAX_SEGMENTS as u64, u64::from(MAX_EROSION_PASSES)],
+        ),
+    ] {
+        let row = rows.iter().find(|row| row[1] == what).unwrap_or_else(|| panic!("no row {what:?}"));
+        assert_eq!(numbers(row[2]), limits, "{what}");
+    }
+    for code in CloseCode::ALL {
+        let (number, name) = (code.number().to_string(), format!("{code:?}"));
+        let row = rows.iter().find(|row| row[1] == number && row[2] == name);
+        let row = row.unwrap_or_else(|| panic!("no row for {number} {name}"));
+        assert_eq!(row[4] == "later", code.worth_retrying(), "{name}");
     }
 }
 
