@@ -81,7 +81,10 @@ fn code(repository: &Repository, document: &str, span: &str, wrong: &mut dyn FnM
     }
     if span.starts_with("lodestream-") && !span.contains(['/', '.', '*']) {
         let known = repository.packages.contains_key(span) || repository.programs.contains_key(span);
-        return if known { () } else { wrong(format!("`{span}` is neither a package nor a program")) };
+        if !known {
+            wrong(format!("`{span}` is neither a package nor a program"));
+        }
+        return;
     }
     let is_name = |c: char| is_word(c) || matches!(c, '/' | '.' | '-' | '*');
     let (stem, extension) = span.rsplit_once('.').unwrap_or((span, ""));
@@ -157,10 +160,11 @@ fn arguments(
 ) {
     let is_command =
         |word: &&&str| word.chars().all(|c| c.is_ascii_lowercase() || c == '-') && !word.starts_with('-');
-    if let Some(command) = words.first().filter(|_| !program.commands.is_empty()).filter(is_command) {
-        if !program.commands.contains(*command) && *command != "help" {
-            wrong(format!("{name} has no command {command}"));
-        }
+    let command = words.first().filter(|_| !program.commands.is_empty()).filter(is_command);
+    if let Some(command) =
+        command.filter(|command| !program.commands.contains(**command) && **command != "help")
+    {
+        wrong(format!("{name} has no command {command}"));
     }
     for flag in words.iter().filter(|word| word.starts_with("--") && word.len() > 2) {
         let flag = flag.split('=').next().unwrap_or("").trim_end_matches([',', '.', ')', '"', '\'', ']']);
