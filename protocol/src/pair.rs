@@ -235,7 +235,7 @@ fn arrived(asset: &mut AssetState, part: BlobPart, offset: u32, bytes: &[u8]) {
     for chunk in 0..asset.chunks().len() as u32 {
         let part = BlobPart::Chunk(chunk);
         let ready = |&parent: &u32| asset.state(BlobPart::Chunk(parent)) == State::Applied;
-        let info = &asset.chunks()[chunk as usize];
+        let Some(info) = asset.chunk(chunk) else { continue };
         if asset.state(part) == State::Cached && info.parents.iter().all(ready) {
             // As far as the bytes go.
             let held = asset.held_bytes(chunk);

@@ -7,7 +7,8 @@
 //!
 //! Base meshes of visible instances come before all refinement, those out of view after it.
 
-use super::Priority;
+/// How urgent a blob is; higher is first. The numbers of all kinds of blobs compare with each other.
+pub type Priority = u32;
 
 /// Above any screen error in pixels.
 const BASE: f32 = 1e20;

@@ -5,8 +5,11 @@ use std::cmp::Reverse;
 use lodestream_geometry::index::ChunkInfo;
 use lodestream_geometry::screen::{visible_error, visible_error_at};
 
-use super::priority::{base_priority, index_priority, prefetch_priority, refine_priority};
-use super::{AssetState, Counters, Priority, Projection, SelectSettings, Selection, State, Wanted};
+use super::priority::{Priority, base_priority, index_priority, prefetch_priority, refine_priority};
+use super::project::Projection;
+use super::selection::{Counters, Selection, State, Wanted};
+use super::settings::SelectSettings;
+use super::state::{AssetState, Chunk};
 use crate::blob::{BlobId, BlobPart};
 use crate::scene::InstanceEntry;
 use crate::view::View;
@@ -94,19 +97,18 @@ pub fn max_screen_error_px(view: &View, instances: &[InstanceEntry], assets: &[A
         let scale = f64::from(instance.scale);
         worst = worst.max(projection.error_px(f64::from(asset.unknown_error()) * scale, bounds.depth));
         let local = projection.local(asset.entry(), instance);
-        for (chunk, info) in (0..).zip(asset.chunks()).filter(|(_, info)| info.level > 0) {
-            if asset.state(BlobPart::Chunk(chunk)) != State::Applied {
-                let error = remaining_error(asset, chunk, info, 1.0);
-                worst = local.error_px(&info.sphere, error).map_or(worst, |(px, _)| worst.max(px));
-            }
+        for chunk in asset.chunks().iter().flatten().filter(|chunk| chunk.state() != State::Applied) {
+            let error = remaining_error(chunk, 1.0);
+            worst = local.error_px(&chunk.info().sphere, error).map_or(worst, |(px, _)| worst.max(px));
         }
     }
     worst
 }
 
 /// The length that shows where a chunk is not in use, or only up to a stop.
-fn remaining_error(asset: &AssetState, chunk: u32, info: &ChunkInfo, share: f32) -> f32 {
-    match asset.stop(chunk) {
+fn remaining_error(chunk: &Chunk, share: f32) -> f32 {
+    let info = chunk.info();
+    match chunk.stop() {
         Some(stop) => visible_error_at(info, &info.extent(Some(stop)), share),
         None => visible_error(info, share),
     }
@@ -219,18 +221,15 @@ impl Selector {
             let local = projection.local(asset.entry(), instance);
             let share = self.settings.attribute_share.get();
             let seeks = &mut self.chunks[seen.first_chunk..];
-            let entries = asset.chunks().iter().zip(asset.chunk_states());
             counters.tested_chunks += asset.chunks().len() as u64;
-            for ((seek, (info, state)), chunk) in seeks.iter_mut().zip(entries).zip(0..) {
-                let error = visible_error(info, share);
-                let Some((px, centrality)) = local.error_px(&info.sphere, error) else {
+            for (seek, chunk) in seeks.iter_mut().zip(asset.chunks()) {
+                let Some(chunk) = chunk else { continue };
+                let error = visible_error(chunk.info(), share);
+                let Some((px, centrality)) = local.error_px(&chunk.info().sphere, error) else {
                     continue;
                 };
-                if info.level == 0 {
-                    continue;
-                }
-                if *state != State::Applied {
-                    let left = remaining_error(asset, chunk, info, share);
+                if chunk.state() != State::Applied {
+                    let left = remaining_error(chunk, share);
                     worst = worst.max(if left < error { px * f64::from(left / error) } else { px });
                 }
                 #[allow(clippy::cast_possible_truncation)]
@@ -254,7 +253,8 @@ impl Selector {
                 continue;
             }
             let seeks = &mut self.chunks[seen.first_chunk..];
-            for (index, info) in asset.chunks().iter().enumerate().rev() {
+            for (index, chunk) in asset.chunks().iter().enumerate().rev() {
+                let Some(info) = chunk.as_ref().map(Chunk::info) else { continue };
                 let Seek { error_px, centrality, .. } = seeks[index];
                 if error_px <= 0.0 {
                     continue;
@@ -304,9 +304,8 @@ impl Selector {
     fn refine(&mut self, number: u32, asset: &AssetState, threshold: f32, keep_out_of_view: bool) {
         let share = self.settings.attribute_share.get();
         let stops = self.settings.stops;
-        let infos = asset.chunks();
-        let states = asset.chunk_states();
-        let seeks = &mut self.chunks[self.seen[number as usize].first_chunk..][..infos.len()];
+        let chunks = asset.chunks();
+        let seeks = &mut self.chunks[self.seen[number as usize].first_chunk..][..chunks.len()];
         let far = self.seen[number as usize].far;
         let counters = &mut self.selection.counters;
         // Over budget there is no room for hysteresis.
@@ -314,20 +313,20 @@ impl Selector {
             || counters.applied_bytes > self.settings.max_bytes;
         let undo_below = if over { threshold } else { threshold * self.settings.undo_below.get() };
         // Children before parents: priorities and what must stay are passed up.
-        for index in (0..infos.len()).rev() {
-            let info = &infos[index];
+        for (index, chunk) in chunks.iter().enumerate().rev() {
+            let Some(chunk) = chunk else { continue };
+            let info = chunk.info();
             let seek = &mut seeks[index];
-            let chunk = u32::try_from(index).unwrap_or(u32::MAX);
-            let applied = asset.extent_in_use(chunk).is_some();
+            let applied = chunk.extent_in_use().is_some();
             if seek.error_px > threshold {
                 seek.stop = if stops { enough(info, seek, threshold, share) } else { None };
-                if asset.chunk_state(chunk, seek.stop) != State::Applied {
-                    let left_px = match asset.stop(chunk) {
+                if chunk.state_up_to(seek.stop) != State::Applied {
+                    let left_px = match chunk.stop() {
                         None => seek.error_px,
                         Some(stop) => seek.finer_px.max(px_at(info, seek, stop, share)),
                     };
                     let need = info.extent(seek.stop).payload_bytes;
-                    let bytes = need.saturating_sub(asset.held_bytes(chunk)).max(1);
+                    let bytes = need.saturating_sub(chunk.held_bytes()).max(1);
                     seek.priority = seek.priority.max(refine_priority(left_px, bytes, seek.centrality));
                 }
             }
@@ -340,28 +339,30 @@ impl Selector {
                 parent.kept |= kept;
                 parent.inner |= error_px > threshold;
             }
-            let id = BlobId::chunk(number, chunk);
+            let id = BlobId::chunk(number, u32::try_from(index).unwrap_or(u32::MAX));
             if applied && !kept {
                 self.selection.undo.push(id);
-            } else if states[index] == State::InFlight && seeks[index].error_px < undo_below {
+            } else if chunk.state() == State::InFlight && seeks[index].error_px < undo_below {
                 self.selection.cancel.push(id);
             }
         }
         // Parents before children: what can never come blocks what hangs on it.
-        for index in 0..infos.len() {
-            let info = &infos[index];
-            let blocked = info.level == 0
-                || states[index] == State::Failed
+        for (index, chunk) in chunks.iter().enumerate() {
+            let Some(chunk) = chunk else {
+                seeks[index].blocked = true;
+                continue;
+            };
+            let info = chunk.info();
+            let blocked = chunk.state() == State::Failed
                 || info.parents.iter().any(|&parent| seeks[parent as usize].blocked);
             let seek = &mut seeks[index];
             seek.blocked = blocked;
-            if info.level == 0 || seek.error_px <= threshold {
+            if seek.error_px <= threshold {
                 continue;
             }
             counters.needed_chunks += 1;
-            let chunk = u32::try_from(index).unwrap_or(u32::MAX);
-            let (stop, held) = (seek.stop, asset.held_bytes(chunk));
-            let state = asset.chunk_state(chunk, stop);
+            let (stop, held) = (seek.stop, chunk.held_bytes());
+            let state = chunk.state_up_to(stop);
             if state == State::Applied {
                 continue;
             }
@@ -371,7 +372,7 @@ impl Selector {
                 counters.missing_bytes += u64::from(need.saturating_sub(held));
             }
             if !blocked {
-                let id = BlobId::chunk(number, chunk);
+                let id = BlobId::chunk(number, u32::try_from(index).unwrap_or(u32::MAX));
                 let (bytes, end) = (Some(info.payload_bytes), stop.map(|_| need));
                 self.selection.wanted.push(Wanted {
                     id,
@@ -483,11 +484,8 @@ fn enough(info: &ChunkInfo, seek: &Seek, threshold: f32, share: f32) -> Option<u
 
 /// Faces and payload bytes of what is in use of all assets' chunks.
 fn usage(assets: &[AssetState]) -> (u64, u64) {
-    let in_use = |asset: &AssetState| {
-        let chunks = u32::try_from(asset.chunks().len()).unwrap_or(u32::MAX);
-        (0..chunks).filter_map(|chunk| asset.extent_in_use(chunk)).fold((0, 0), |(faces, bytes), extent| {
-            (faces + u64::from(extent.faces), bytes + u64::from(extent.payload_bytes))
-        })
-    };
-    assets.iter().map(in_use).fold((0, 0), |a, b| (a.0 + b.0, a.1 + b.1))
+    let chunks = assets.iter().flat_map(AssetState::chunks).flatten();
+    chunks.filter_map(Chunk::extent_in_use).fold((0, 0), |(faces, bytes), extent| {
+        (faces + u64::from(extent.faces), bytes + u64::from(extent.payload_bytes))
+    })
 }

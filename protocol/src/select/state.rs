@@ -6,22 +6,69 @@ use lodestream_geometry::screen::visible_error;
 use crate::asset::{AssetDescription, TextureLevel};
 use crate::blob::{BlobId, BlobPart};
 use crate::scene::AssetEntry;
-use crate::select::Wanted;
 
-/// Where a blob is, as far as the caller is concerned.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum State {
-    /// Not here and not asked for.
-    #[default]
-    Absent,
-    /// Asked for, or about to be pushed.
-    InFlight,
-    /// The bytes are here, but not in use (yet, or any longer).
-    Cached,
-    /// In use: drawn (base, chunk, texture level) or known (index page).
-    Applied,
-    /// Will not come: refused or damaged. Neither it nor its children are wanted.
-    Failed,
+use super::selection::{State, Wanted};
+
+/// One chunk: what the index says of it, and where it is.
+#[derive(Clone, Debug)]
+pub struct Chunk {
+    info: ChunkInfo,
+    state: State,
+    /// Bytes of its beginning that are here.
+    held: u32,
+    /// The stop up to which it is in use, where it is not in use whole.
+    stop: Option<u8>,
+}
+
+impl Chunk {
+    /// What the index says of it.
+    #[must_use]
+    pub const fn info(&self) -> &ChunkInfo {
+        &self.info
+    }
+
+    /// Where it is. [`State::Applied`] is in use whole.
+    #[must_use]
+    pub const fn state(&self) -> State {
+        self.state
+    }
+
+    /// Bytes of its beginning that are here.
+    #[must_use]
+    pub const fn held_bytes(&self) -> u32 {
+        self.held
+    }
+
+    /// The stop up to which it is in use; `None` where it is whole or not in use.
+    #[must_use]
+    pub const fn stop(&self) -> Option<u8> {
+        match self.state {
+            State::Applied => None,
+            _ => self.stop,
+        }
+    }
+
+    /// What of it is in use, if anything.
+    #[must_use]
+    pub fn extent_in_use(&self) -> Option<Stop> {
+        match (self.state, self.stop) {
+            (State::Applied, _) => Some(self.info.extent(None)),
+            (_, stop @ Some(_)) => Some(self.info.extent(stop)),
+            _ => None,
+        }
+    }
+
+    /// Where as much of it is as takes it to a stop.
+    #[must_use]
+    pub fn state_up_to(&self, stop: Option<u8>) -> State {
+        match self.state {
+            State::Applied | State::Failed => self.state,
+            _ if stop.is_some() && self.stop >= stop => State::Applied,
+            _ if self.held >= self.info.extent(stop).payload_bytes => State::Cached,
+            State::Cached => State::Absent,
+            state => state,
+        }
+    }
 }
 
 /// What is known of one asset and where its blobs are. The caller keeps one per asset, in the order of
@@ -31,11 +78,8 @@ pub struct AssetState {
     entry: AssetEntry,
     base: State,
     pages: Vec<State>,
-    chunks: Vec<ChunkInfo>,
-    states: Vec<State>,
-    /// Chunks up to the last known one: bytes of the beginning that are here, and the stop that is in use.
-    held: Vec<u32>,
-    stops: Vec<Option<u8>>,
+    /// Chunks up to the last known one.
+    chunks: Vec<Option<Chunk>>,
     /// Number of leading index pages that are known without a gap.
     known_pages: u32,
     /// Upper bound on the error of any chunk whose index page is not known yet.
@@ -83,9 +127,6 @@ impl AssetState {
             base: State::Absent,
             pages,
             chunks: Vec::new(),
-            states: Vec::new(),
-            held: Vec::new(),
-            stops: Vec::new(),
             known_pages: 0,
             unknown_error,
             textures: Vec::new(),
@@ -104,7 +145,7 @@ impl AssetState {
         match part {
             BlobPart::Base => self.base,
             BlobPart::IndexPage(page) => self.pages.get(page as usize).copied().unwrap_or_default(),
-            BlobPart::Chunk(chunk) => self.states.get(chunk as usize).copied().unwrap_or_default(),
+            BlobPart::Chunk(chunk) => self.known(chunk).map_or(State::Absent, Chunk::state),
             BlobPart::Texture { texture, level } => self
                 .textures
                 .get(usize::from(texture))
@@ -113,58 +154,34 @@ impl AssetState {
         }
     }
 
+    /// A chunk, if its page is known.
+    #[must_use]
+    pub fn known(&self, chunk: u32) -> Option<&Chunk> {
+        self.chunks.get(chunk as usize)?.as_ref()
+    }
+
+    fn known_mut(&mut self, chunk: u32) -> Option<&mut Chunk> {
+        self.chunks.get_mut(chunk as usize)?.as_mut()
+    }
+
     /// Sets how many bytes of a chunk's beginning are here.
     pub fn set_held(&mut self, chunk: u32, bytes: u32) {
-        if let Some(held) = self.held.get_mut(chunk as usize) {
-            *held = bytes;
+        if let Some(chunk) = self.known_mut(chunk) {
+            chunk.held = bytes;
         }
     }
 
     /// Bytes of a chunk's beginning that are here.
     #[must_use]
     pub fn held_bytes(&self, chunk: u32) -> u32 {
-        self.held.get(chunk as usize).copied().unwrap_or(0)
+        self.known(chunk).map_or(0, Chunk::held_bytes)
     }
 
     /// Says that a chunk is in use up to a stop ([`ChunkInfo::stops`]), or no longer: its state is then
     /// that of the rest. A chunk that is [`State::Applied`] is in use whole.
     pub fn set_stop(&mut self, chunk: u32, stop: Option<u8>) {
-        if let Some(slot) = self.stops.get_mut(chunk as usize) {
-            *slot = stop;
-        }
-    }
-
-    /// The stop up to which a chunk is in use; `None` where it is whole or not in use.
-    #[must_use]
-    pub fn stop(&self, chunk: u32) -> Option<u8> {
-        match self.states.get(chunk as usize) {
-            Some(State::Applied) | None => None,
-            Some(_) => self.stops[chunk as usize],
-        }
-    }
-
-    /// What of a chunk is in use, if anything.
-    #[must_use]
-    pub fn extent_in_use(&self, chunk: u32) -> Option<Stop> {
-        let info = self.chunk(chunk)?;
-        match (self.states[chunk as usize], self.stop(chunk)) {
-            (State::Applied, _) => Some(info.extent(None)),
-            (_, stop @ Some(_)) => Some(info.extent(stop)),
-            _ => None,
-        }
-    }
-
-    /// Where as much of a chunk is as takes it to a stop.
-    #[must_use]
-    pub fn chunk_state(&self, chunk: u32, stop: Option<u8>) -> State {
-        let state = self.state(BlobPart::Chunk(chunk));
-        let Some(info) = self.chunk(chunk) else { return state };
-        match state {
-            State::Applied | State::Failed => state,
-            _ if stop.is_some() && self.stop(chunk) >= stop => State::Applied,
-            _ if self.held_bytes(chunk) >= info.extent(stop).payload_bytes => State::Cached,
-            State::Cached => State::Absent,
-            _ => state,
+        if let Some(chunk) = self.known_mut(chunk) {
+            chunk.stop = stop;
         }
     }
 
@@ -173,7 +190,7 @@ impl AssetState {
         wanted.state = match wanted.id.part() {
             Some(BlobPart::Chunk(chunk)) => {
                 wanted.held = self.held_bytes(chunk);
-                self.chunk_state(chunk, wanted.stop)
+                self.known(chunk).map_or(State::Absent, |chunk| chunk.state_up_to(wanted.stop))
             }
             Some(part) => self.state(part),
             None => wanted.state,
@@ -188,9 +205,7 @@ impl AssetState {
             BlobPart::IndexPage(page) => {
                 self.pages.get_mut(page as usize).filter(|old| **old != State::Applied)
             }
-            BlobPart::Chunk(chunk) => {
-                self.states.get_mut(chunk as usize).filter(|_| self.chunks[chunk as usize].level > 0)
-            }
+            BlobPart::Chunk(chunk) => self.known_mut(chunk).map(|chunk| &mut chunk.state),
             BlobPart::Texture { texture, level } => self
                 .textures
                 .get_mut(usize::from(texture))
@@ -220,17 +235,16 @@ impl AssetState {
                 return Err(PageError::ParentNotOlder(id));
             }
         }
-        // Unknown chunks in between have level 0, which no real chunk has.
         let end = first + infos.len();
         if self.chunks.len() < end {
-            self.chunks.resize(end, ChunkInfo::default());
-            self.states.resize(end, State::Absent);
-            self.held.resize(end, 0);
-            self.stops.resize(end, None);
+            self.chunks.resize(end, None);
         }
-        for (slot, mut info) in self.chunks[first..end].iter_mut().zip(infos) {
-            info.level = info.level.max(1);
-            *slot = info;
+        for (slot, info) in self.chunks[first..end].iter_mut().zip(infos) {
+            match slot {
+                // Told again: where it is stays.
+                Some(chunk) => chunk.info = info,
+                None => *slot = Some(Chunk { info, state: State::Absent, held: 0, stop: None }),
+            }
         }
         self.pages[page as usize] = State::Applied;
         while self.pages.get(self.known_pages as usize) == Some(&State::Applied) {
@@ -247,11 +261,10 @@ impl AssetState {
         if self.known_pages as usize == self.pages.len() {
             return 0.0;
         }
-        let known = &self.chunks[..self.known_pages as usize * CHUNKS_PER_PAGE];
-        let Some(last) = known.last() else { return self.entry.root_error };
+        let known =
+            self.chunks[..self.known_pages as usize * CHUNKS_PER_PAGE].iter().flatten().map(Chunk::info);
+        let Some(last) = known.clone().last() else { return self.entry.root_error };
         known
-            .iter()
-            .rev()
             .filter(|info| info.level.saturating_add(1) >= last.level)
             .map(|info| visible_error(info, 1.0))
             .fold(0.0, f32::max)
@@ -274,19 +287,13 @@ impl AssetState {
     /// A chunk's index entry, if its page is known.
     #[must_use]
     pub fn chunk(&self, chunk: u32) -> Option<&ChunkInfo> {
-        self.chunks.get(chunk as usize).filter(|info| info.level > 0)
+        self.known(chunk).map(Chunk::info)
     }
 
-    /// Entries of all known chunks, by id; entries with level 0 are not known yet.
+    /// All chunks up to the last known one, by id; `None` where the page is not known.
     #[must_use]
-    pub fn chunks(&self) -> &[ChunkInfo] {
+    pub fn chunks(&self) -> &[Option<Chunk>] {
         &self.chunks
-    }
-
-    /// States of all chunks up to the last known one.
-    #[must_use]
-    pub fn chunk_states(&self) -> &[State] {
-        &self.states
     }
 
     /// Number of leading index pages that are known without a gap.

@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use proptest::prelude::*;
 
 use super::*;
-use crate::blob::BlobPart;
+use crate::blob::{BlobId, BlobPart};
 use crate::scene::InstanceEntry;
 use crate::testing::{plane, plane_entry};
 use crate::view::View;
@@ -52,18 +52,17 @@ fn settle(selector: &mut Selector, view: &View, instances: &[InstanceEntry], ass
 /// Every applied chunk's parents are applied.
 fn assert_closed(assets: &[AssetState]) {
     for asset in assets {
-        for (info, state) in asset.chunks().iter().zip(asset.chunk_states()) {
-            if *state == State::Applied {
-                for &parent in &info.parents {
-                    assert_eq!(asset.chunk_states()[parent as usize], State::Applied);
-                }
+        for chunk in asset.chunks().iter().flatten().filter(|chunk| chunk.state() == State::Applied) {
+            for &parent in &chunk.info().parents {
+                assert_eq!(asset.state(BlobPart::Chunk(parent)), State::Applied);
             }
         }
     }
 }
 
 fn applied(asset: &AssetState) -> HashSet<usize> {
-    (0..).zip(asset.chunk_states()).filter(|(_, s)| **s == State::Applied).map(|(i, _)| i).collect()
+    let is_applied = |chunk: &Chunk| chunk.state() == State::Applied;
+    (0..).zip(asset.chunks()).filter(|(_, c)| c.as_ref().is_some_and(is_applied)).map(|(i, _)| i).collect()
 }
 
 #[test]

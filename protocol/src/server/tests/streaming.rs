@@ -6,7 +6,7 @@ use std::time::Duration;
 use super::*;
 use crate::client::Resume;
 use crate::pair::Pair;
-use crate::select::{State, max_screen_error_px};
+use crate::select::{AssetState, State, max_screen_error_px};
 use crate::source::SceneSource as _;
 use crate::view::View;
 
@@ -117,8 +117,13 @@ fn stops_save_bytes_and_nearer_views_fetch_the_rest_only() {
             let counters = pair.selector.last().counters;
             assert!(counters.settled, "{counters:?}");
             let worst = max_screen_error_px(&pair.view, &pair.world.instances, &pair.world.assets);
-            let complete =
-                pair.world.assets.iter().all(|a| a.chunk_states().iter().all(|s| *s == State::Applied));
+            let complete = pair
+                .world
+                .assets
+                .iter()
+                .flat_map(AssetState::chunks)
+                .flatten()
+                .all(|c| c.state() == State::Applied);
             assert!(worst <= 1.0 || complete, "{worst} px left");
             received.push(pair.world.received_bytes);
         }
