@@ -2,10 +2,20 @@
 
 use proptest::prelude::*;
 
+use super::downloads::{MAX_PARTIAL, Pending};
+use super::early::MAX_EARLY;
 use super::*;
-use crate::message::Refused;
+use crate::blob::BlobId;
+use crate::frame::BlobPiece;
+use crate::limits::MAX_BLOB_BYTES;
+use crate::message::{
+    ClientMessage, Close, CloseCode, Refused, RefusedReason, ServerMessage, VERSIONS, Want, Welcome,
+};
+use crate::select::{State, Wanted};
 use crate::source::SceneSource;
 use crate::testing::{MemoryScene, contents};
+use crate::time::Time;
+use crate::view::View;
 
 fn welcome(scene: &MemoryScene) -> ServerMessage {
     ServerMessage::Welcome(Welcome {
@@ -201,7 +211,7 @@ fn what_is_held_until_welcome_is_bounded_and_the_rest_given_back() {
             sent.map(|m| if let ClientMessage::Cancel(ids) = m { ids.len() } else { 0 }).sum();
         assert_eq!(given_back, 300 - held);
         client.handle_lost(Time::ZERO, "cut");
-        assert!(client.early.is_empty());
+        assert!(client.early.len() == 0);
     }
 }
 
@@ -226,7 +236,7 @@ fn a_total_is_not_believed_before_the_bytes_are_here() {
     let (mut client, _) = connected();
     let id = BlobId::index_page(0, 0);
     client.handle_piece(Time::ZERO, piece(id, 0, MAX_BLOB_BYTES, 10));
-    assert!(client.pending[&id].received.capacity() < 1000);
+    assert!(client.downloads.pending[&id].received.capacity() < 1000);
     let small = ClientConfig { max_blob_bytes: 5000, ..ClientConfig::default() };
     let mut client = ClientSession::new(small, None, Resume::default(), Time::ZERO);
     client.handle_piece(Time::ZERO, piece(id, 0, 5001, 10));
@@ -240,7 +250,7 @@ fn too_many_half_sent_blobs_end_the_session() {
         client.handle_piece(Time::ZERO, piece(BlobId::chunk(0, chunk), 0, 20, 10));
     }
     assert_eq!(closed(&mut client).unwrap().code, CloseCode::Protocol);
-    assert!(client.pending.is_empty());
+    assert!(client.downloads.pending.is_empty());
 }
 
 #[test]
@@ -328,8 +338,8 @@ proptest! {
                 5 => client.handle_abandoned(now, id),
                 _ => client.handle_message(now, ServerMessage::Refused(Refused { id, reason: RefusedReason::QueueFull })),
             }
-            let left: u64 = client.pending.values().filter(|p| p.asked.is_some()).map(Pending::left).sum();
-            prop_assert_eq!(client.in_flight_bytes, left);
+            let left: u64 = client.downloads.pending.values().filter(|p| p.asked.is_some()).map(Pending::left).sum();
+            prop_assert_eq!(client.downloads.in_flight_bytes, left);
             while client.poll_transmit(now).is_some() {}
             while let Some(event) = client.poll_event() {
                 if let ClientEvent::Blob { id, offset, bytes, .. } = event {

@@ -1,0 +1,313 @@
+//! One session: what its server says, what is asked of it, and when it ends.
+
+use std::collections::{BTreeSet, VecDeque};
+use std::time::Duration;
+
+use super::config::{ClientConfig, Resume};
+use super::downloads::{Complete, Depth, Downloads, take_first};
+use super::early::Early;
+use super::estimate::Estimate;
+use super::event::{ClientEvent, ClientStats};
+use super::keepalive::Keepalive;
+use super::view_updates::ViewUpdates;
+use crate::blob::BlobId;
+use crate::frame::{BlobPiece, FrameError, ServerFrame};
+use crate::limits::{MAX_HAVE, MAX_PAGES_PER_MESSAGE};
+use crate::message::{ClientMessage, Close, CloseCode, Hello, ServerMessage, VERSIONS, Welcome};
+use crate::select::Wanted;
+use crate::time::Time;
+use crate::view::View;
+
+/// A session with a server.
+#[derive(Debug)]
+pub struct ClientSession {
+    config: ClientConfig,
+    close: Option<Close>,
+    /// The first message, not sent yet.
+    hello: Option<Hello>,
+    /// The last message, not sent yet.
+    bye: bool,
+    /// Pages of the scene, once the server has answered.
+    page_count: Option<u32>,
+    pub(super) downloads: Downloads,
+    pub(super) early: Early,
+    /// Scene pages to ask for.
+    pages: BTreeSet<u32>,
+    view: ViewUpdates,
+    events: VecDeque<ClientEvent>,
+    estimate: Estimate,
+    keepalive: Keepalive,
+    /// Blob bytes received.
+    blob_bytes: u64,
+}
+
+impl ClientSession {
+    /// A session that begins now; `Hello` is the first thing to transmit. `view` may be `None` where the
+    /// scene's start view is wanted.
+    #[must_use]
+    pub fn new(config: ClientConfig, view: Option<View>, resume: Resume, now: Time) -> Self {
+        let Resume { fingerprint, mut have } = resume;
+        have.truncate(MAX_HAVE);
+        let ClientConfig { max_blob_bytes, budget_bytes, .. } = config;
+        let hello = Hello {
+            view,
+            max_blob_bytes,
+            budget_bytes,
+            fingerprint,
+            have,
+            ..Hello::new(config.scene.as_str())
+        };
+        Self {
+            close: None,
+            hello: Some(hello),
+            bye: false,
+            page_count: None,
+            downloads: Downloads::default(),
+            early: Early::default(),
+            pages: BTreeSet::new(),
+            view: ViewUpdates::default(),
+            events: VecDeque::new(),
+            estimate: Estimate::new(now),
+            keepalive: Keepalive::new(&config, now),
+            blob_bytes: 0,
+            config,
+        }
+    }
+
+    /// Takes a frame of the server.
+    pub fn handle_frame(&mut self, now: Time, frame: ServerFrame) {
+        match frame {
+            ServerFrame::Message(message) => self.handle_message(now, message),
+            ServerFrame::Piece(piece) => self.handle_piece(now, piece),
+        }
+    }
+
+    /// Takes a control message of the server.
+    pub fn handle_message(&mut self, now: Time, message: ServerMessage) {
+        if self.close.is_some() {
+            return;
+        }
+        self.keepalive.heard(now);
+        match message {
+            ServerMessage::Welcome(welcome) => self.welcome(welcome),
+            ServerMessage::Close(close) => self.end(close),
+            // On QUIC, blobs may overtake the control stream, but control messages keep their order.
+            _ if self.page_count.is_none() => self.fail("the server's first message must be Welcome"),
+            ServerMessage::ScenePage(page) => {
+                for (asset, entry) in (page.first_asset..).zip(&page.assets) {
+                    self.downloads.announce_base(asset, entry.base_bytes);
+                }
+                self.events.push_back(ClientEvent::ScenePage(page));
+            }
+            ServerMessage::Refused(refused) => {
+                self.downloads.forget(refused.id);
+                self.events.push_back(ClientEvent::Refused { id: refused.id, reason: refused.reason });
+            }
+            ServerMessage::BasesSent => self.events.push_back(ClientEvent::BasesSent),
+            ServerMessage::Done => self.events.push_back(ClientEvent::Done),
+            ServerMessage::Pong(nonce) => {
+                if let Some(rtt) = self.keepalive.pong(now, nonce) {
+                    self.estimate.measured_rtt(rtt);
+                }
+            }
+        }
+    }
+
+    fn welcome(&mut self, welcome: Welcome) {
+        if self.page_count.is_some() {
+            return self.fail("the server sent a second Welcome");
+        }
+        if !VERSIONS.contains(&welcome.version) {
+            let reason = format!("the server speaks version {}, this viewer {VERSIONS:?}", welcome.version);
+            return self.end(Close::new(CloseCode::Version, reason));
+        }
+        self.estimate.rate_hint(welcome.rate_bits_per_s);
+        self.keepalive.welcomed(Duration::from_millis(u64::from(welcome.idle_timeout_ms)));
+        self.page_count = Some(welcome.scene.page_count);
+        self.events.push_back(ClientEvent::Connected(welcome));
+        self.events.extend(self.early.take().into_iter().map(told));
+    }
+
+    /// Takes a piece of a blob.
+    ///
+    /// Pieces that do not continue what is here are passed over: they belong to a blob that was cancelled
+    /// while they were under way.
+    pub fn handle_piece(&mut self, now: Time, piece: BlobPiece) {
+        if self.close.is_some() {
+            return;
+        }
+        self.keepalive.heard(now);
+        self.blob_bytes += piece.bytes.len() as u64;
+        self.estimate.received(now, piece.bytes.len());
+        match self.downloads.take(piece, self.config.max_blob_bytes) {
+            Ok(Some(blob)) => self.arrived(blob),
+            Ok(None) => {}
+            Err(why) => self.fail(&why.to_string()),
+        }
+    }
+
+    /// Tells of a blob, or keeps it until `Welcome` has told what scene it is of. What would be too much to keep
+    /// is given back to the server, to be asked for again.
+    fn arrived(&mut self, blob: Complete) {
+        if self.page_count.is_some() {
+            self.events.push_back(told(blob));
+        } else if let Err(blob) = self.early.hold(blob, self.config.max_in_flight_bytes) {
+            self.downloads.give_back(&[blob.id]);
+        }
+    }
+
+    /// The stream of a blob was reset: what came of it is dropped.
+    pub fn handle_abandoned(&mut self, _now: Time, id: BlobId) {
+        self.downloads.abandoned(id);
+    }
+
+    /// Takes what the driver could not decode: ends the session.
+    pub fn handle_frame_error(&mut self, _now: Time, error: &FrameError) {
+        self.fail(&error.to_string());
+    }
+
+    /// The transport failed or ended.
+    pub fn handle_lost(&mut self, _now: Time, reason: &str) {
+        self.end(Close::new(CloseCode::Lost, reason));
+    }
+
+    fn fail(&mut self, why: &str) {
+        self.leave(Close::new(CloseCode::Protocol, why));
+    }
+
+    fn leave(&mut self, close: Close) {
+        if self.close.is_none() {
+            self.bye = true;
+            self.end(close);
+        }
+    }
+
+    fn end(&mut self, close: Close) {
+        if self.close.is_some() {
+            return;
+        }
+        self.downloads.clear();
+        self.early.take();
+        self.pages.clear();
+        self.close = Some(close.clone());
+        self.events.push_back(ClientEvent::Closed(close));
+    }
+
+    /// Leaves: `Bye` is sent, then the session is closed.
+    pub fn close(&mut self, _now: Time, code: CloseCode, reason: &str) {
+        self.leave(Close::new(code, reason));
+    }
+
+    /// Call when the moment given by [`ClientSession::poll_timeout`] has come; earlier is harmless.
+    pub fn handle_timeout(&mut self, now: Time) {
+        if self.close.is_none()
+            && let Some(reason) = self.keepalive.overdue(now)
+        {
+            self.end(Close::new(CloseCode::Timeout, reason));
+        }
+    }
+
+    /// When to call [`ClientSession::handle_timeout`] and then [`ClientSession::poll_transmit`].
+    #[must_use]
+    pub fn poll_timeout(&self) -> Option<Time> {
+        if self.close.is_some() {
+            return None;
+        }
+        let next = self.keepalive.next(self.hello.is_none());
+        Some(self.view.next().map_or(next, |at| next.min(at)))
+    }
+
+    /// The next message to send. Call until `None`, while the transport can take it.
+    pub fn poll_transmit(&mut self, now: Time) -> Option<ClientMessage> {
+        if self.close.is_some() {
+            return std::mem::take(&mut self.bye).then_some(ClientMessage::Bye);
+        }
+        if let Some(hello) = self.hello.take() {
+            self.view.greeted(now, hello.view.is_some());
+            return Some(ClientMessage::Hello(hello));
+        }
+        if let Some(nonce) = self.keepalive.poll_ping(now) {
+            return Some(ClientMessage::Ping(nonce));
+        }
+        if let Some(message) = self.downloads.poll_message() {
+            return Some(message);
+        }
+        if !self.pages.is_empty() {
+            return Some(ClientMessage::WantScenePages(take_first(&mut self.pages, MAX_PAGES_PER_MESSAGE)));
+        }
+        self.view.poll(now).map(ClientMessage::SetView)
+    }
+
+    /// The next thing that happened.
+    pub fn poll_event(&mut self) -> Option<ClientEvent> {
+        self.events.pop_front()
+    }
+
+    /// Tells the session what the selection wants, most urgent first, and what is no longer needed. The
+    /// session asks for as much of it as keeps the link busy, tells the server of changed priorities and
+    /// cancels the rest. What is under way and less urgent does not count: the server sends it later. Gives the blobs
+    /// newly asked for; call again as blobs arrive.
+    pub fn set_wanted(&mut self, _now: Time, wanted: &[Wanted], cancel: &[BlobId]) -> Vec<BlobId> {
+        if self.close.is_some() {
+            return Vec::new();
+        }
+        let ClientConfig { min_in_flight_bytes, max_in_flight_bytes, max_blob_bytes, .. } = self.config;
+        let depth = Depth {
+            ahead_bytes: self.estimate.depth_bytes(min_in_flight_bytes..=max_in_flight_bytes),
+            most_bytes: max_in_flight_bytes,
+            max_blob_bytes,
+        };
+        self.downloads.set_wanted(wanted, cancel, depth)
+    }
+
+    /// Asks for scene pages ahead of their turn.
+    pub fn want_scene_pages(&mut self, pages: impl IntoIterator<Item = u32>) {
+        if let Some(count) = self.page_count {
+            self.pages.extend(pages.into_iter().filter(|page| *page < count));
+        }
+    }
+
+    /// Tells the server of a new view; sent at most every 100 ms.
+    pub fn set_view(&mut self, _now: Time, view: View) {
+        match &mut self.hello {
+            Some(hello) => hello.view = Some(view),
+            None => self.view.set(view),
+        }
+    }
+
+    /// These blobs were dropped from the client's cache and may be asked for again.
+    pub fn evicted(&mut self, _now: Time, ids: &[BlobId]) {
+        if self.close.is_none() {
+            self.downloads.give_back(ids);
+        }
+    }
+
+    /// Whether the session has ended and nothing more will be sent.
+    #[must_use]
+    pub const fn is_closed(&self) -> bool {
+        self.close.is_some() && !self.bye
+    }
+
+    /// Whether a blob has been asked for and not arrived.
+    #[must_use]
+    pub fn is_in_flight(&self, id: &BlobId) -> bool {
+        self.downloads.pending.contains_key(id)
+    }
+
+    /// Counters and estimates.
+    #[must_use]
+    pub fn stats(&self) -> ClientStats {
+        ClientStats {
+            blob_bytes: self.blob_bytes,
+            blobs: self.downloads.completed,
+            in_flight_bytes: self.downloads.in_flight_bytes,
+            in_flight_blobs: self.downloads.pending.len(),
+            rtt: self.estimate.rtt(),
+            bytes_per_s: self.estimate.bytes_per_s(),
+        }
+    }
+}
+
+fn told(Complete { id, offset, total, bytes }: Complete) -> ClientEvent {
+    ClientEvent::Blob { id, offset, total, bytes }
+}
