@@ -9,13 +9,13 @@ use bytes::Bytes;
 
 use crate::blob::{BlobId, BlobPart};
 use crate::client::{ClientConfig, ClientEvent, ClientSession, Resume};
-use crate::frame::{Frame, encode_client, encode_piece, encode_server};
+use crate::frame::{Frame, encode_client, encode_piece};
 use crate::message::{Close, Welcome};
 use crate::scene::InstanceEntry;
 use crate::select::{AssetState, Selection, Selector, State};
 use crate::server::{ServerConfig, ServerSession, Transmit};
 use crate::source::SceneSource;
-use crate::testing::MemoryScene;
+use crate::testing::{MemoryScene, SlowScene};
 use crate::time::Time;
 use crate::view::View;
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_page};
@@ -76,6 +76,12 @@ pub(crate) struct Pair {
     pub(crate) latency: Duration,
     pub(crate) link_rate: u64,
     pub(crate) scene: Arc<MemoryScene>,
+    /// How long the store takes where it says that it has to be waited for.
+    pub(crate) read_time: Duration,
+    /// Reads under way, with the moment they are done.
+    pub(crate) reads: VecDeque<(Time, BlobId)>,
+    /// Most reads that were under way at a time.
+    pub(crate) most_reads: usize,
     up: Pipe,
     down: Pipe,
 }
@@ -83,8 +89,22 @@ pub(crate) struct Pair {
 impl Pair {
     /// Both ends begin at time zero. The link is a little faster than the limiter.
     pub(crate) fn new(scene: &Arc<MemoryScene>, config: ServerConfig, resume: Resume) -> Self {
+        Self::of(Arc::clone(scene) as _, scene, config, resume)
+    }
+
+    /// The same over a store that lets the session wait.
+    pub(crate) fn slow(scene: &Arc<MemoryScene>, config: ServerConfig, is_slow: fn(&BlobId) -> bool) -> Self {
+        let source = Arc::new(SlowScene { scene: Arc::clone(scene), is_slow });
+        Self::of(source, scene, config, Resume::default())
+    }
+
+    fn of(
+        source: Arc<dyn SceneSource>,
+        scene: &Arc<MemoryScene>,
+        config: ServerConfig,
+        resume: Resume,
+    ) -> Self {
         let rate = config.limiter.rate_bits_per_s.unwrap_or(0);
-        let source: Arc<dyn SceneSource> = Arc::clone(scene) as _;
         let view = scene.header.camera.view([1280, 720], 1.0);
         let now = Time::ZERO;
         Self {
@@ -98,6 +118,9 @@ impl Pair {
             latency: Duration::from_millis(25),
             link_rate: rate + rate / 10,
             scene: Arc::clone(scene),
+            read_time: Duration::from_millis(40),
+            reads: VecDeque::new(),
+            most_reads: 0,
             up: Pipe::default(),
             down: Pipe::default(),
         }
@@ -112,6 +135,7 @@ impl Pair {
                 self.client.poll_timeout(),
                 self.up.queue.front().map(|(at, _)| *at),
                 self.down.queue.front().map(|(at, _)| *at),
+                self.reads.front().map(|(at, _)| *at),
                 Some(self.down.ready_at()).filter(|at| *at > self.now),
             ];
             match next.into_iter().flatten().min() {
@@ -147,14 +171,22 @@ impl Pair {
         while let Some(message) = self.client.poll_transmit(now) {
             self.up.send(now, encode_client(&message).unwrap(), 0, self.latency);
         }
+        while let Some((_, id)) = self.reads.pop_front_if(|(at, _)| *at <= now) {
+            self.server.handle_read(now, id, &self.scene.read(&id));
+        }
         while self.down.ready_at() <= now {
             let Some(transmit) = self.server.poll_transmit(now) else { break };
             let bytes = match transmit {
-                Transmit::Message(message) => encode_server(&message).unwrap(),
+                Transmit::Message { frame, .. } => frame.to_vec(),
                 Transmit::Piece { piece, .. } => encode_piece(&piece).unwrap(),
                 Transmit::Abandon(_) => continue,
             };
             self.down.send(now, bytes, self.link_rate, self.latency);
+        }
+        while let Some(id) = self.server.poll_read() {
+            assert!(self.reads.iter().all(|(_, read)| *read != id), "{id} is read twice at a time");
+            self.reads.push_back((now + self.read_time, id));
+            self.most_reads = self.most_reads.max(self.reads.len());
         }
     }
 

@@ -23,8 +23,16 @@ pub enum SourceError {
     },
 }
 
-/// One scene with its blobs. Shared by all sessions; calls are made from the session's own thread, so
-/// they should be quick (memory or page cache).
+/// What a store has of a blob at hand.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Reading {
+    /// The bytes.
+    Ready(Bytes),
+    /// Not yet: [`SceneSource::read`] gets them, and may take its time.
+    Pending,
+}
+
+/// One scene with its blobs. Shared by all sessions.
 pub trait SceneSource: Send + Sync {
     /// What holds for the whole scene.
     fn header(&self) -> &SceneHeader;
@@ -35,9 +43,41 @@ pub trait SceneSource: Send + Sync {
     /// Length of a blob in bytes, or `None` where there is no such blob. Must not read the blob.
     fn blob_len(&self, id: &BlobId) -> Option<u32>;
 
-    /// The blob's bytes, as long as [`SceneSource::blob_len`] says.
+    /// The blob's bytes, as long as [`SceneSource::blob_len`] says. May take as long as a disk or a store of objects
+    /// does; where it does, [`SceneSource::try_read`] says so, and drivers call this elsewhere than on the thread that
+    /// serves the network.
     ///
     /// # Errors
-    /// Fails where the blob is missing or damaged.
+    /// Fails where the blob is missing or damaged, or the store does not answer in the time that it allows itself.
     fn read(&self, id: &BlobId) -> Result<Bytes, SourceError>;
+
+    /// The blob's bytes if they are at hand, without waiting for anything. As it stands, for stores in memory, it reads.
+    ///
+    /// # Errors
+    /// As [`SceneSource::read`].
+    fn try_read(&self, id: &BlobId) -> Result<Reading, SourceError> {
+        self.read(id).map(Reading::Ready)
+    }
+}
+
+/// A source that reads everything at once, on the thread that asks: for virtual time, in which a disk takes none.
+#[derive(Clone, Copy, Debug)]
+pub struct Immediate<S>(pub S);
+
+impl<S: SceneSource> SceneSource for Immediate<S> {
+    fn header(&self) -> &SceneHeader {
+        self.0.header()
+    }
+
+    fn page(&self, page: u32) -> Option<Arc<ScenePage>> {
+        self.0.page(page)
+    }
+
+    fn blob_len(&self, id: &BlobId) -> Option<u32> {
+        self.0.blob_len(id)
+    }
+
+    fn read(&self, id: &BlobId) -> Result<Bytes, SourceError> {
+        self.0.read(id)
+    }
 }

@@ -7,7 +7,7 @@ use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, Sphere, Stop, encod
 
 use crate::blob::{BlobId, BlobPart};
 use crate::scene::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
-use crate::source::{SceneSource, SourceError};
+use crate::source::{Reading, SceneSource, SourceError};
 
 /// A square of side 2 about the origin in the xz plane, refined as a quadtree: level l has 4^l patches
 /// and errors of 0.2 / 2^l, with two stops on the way. Parents are the patch above and its neighbour to the
@@ -155,6 +155,34 @@ impl SceneSource for MemoryScene {
             }
             _ => contents(id, length),
         })
+    }
+}
+
+/// A scene whose store has to be waited for, for some of the blobs.
+pub(crate) struct SlowScene {
+    pub(crate) scene: Arc<MemoryScene>,
+    pub(crate) is_slow: fn(&BlobId) -> bool,
+}
+
+impl SceneSource for SlowScene {
+    fn header(&self) -> &SceneHeader {
+        self.scene.header()
+    }
+
+    fn page(&self, page: u32) -> Option<Arc<ScenePage>> {
+        self.scene.page(page)
+    }
+
+    fn blob_len(&self, id: &BlobId) -> Option<u32> {
+        self.scene.blob_len(id)
+    }
+
+    fn read(&self, id: &BlobId) -> Result<Bytes, SourceError> {
+        self.scene.read(id)
+    }
+
+    fn try_read(&self, id: &BlobId) -> Result<Reading, SourceError> {
+        if (self.is_slow)(id) { Ok(Reading::Pending) } else { self.read(id).map(Reading::Ready) }
     }
 }
 

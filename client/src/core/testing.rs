@@ -312,7 +312,9 @@ impl Loopback {
         let now = self.now;
         while let Some((_, transmit)) = self.down.pop_front_if(|(at, _)| *at <= now) {
             match transmit {
-                Transmit::Message(message) => self.core.handle_frame(now, ServerFrame::Message(message)),
+                Transmit::Message { message, .. } => {
+                    self.core.handle_frame(now, ServerFrame::Message(message))
+                }
                 Transmit::Piece { piece, .. } => self.core.handle_piece(now, piece),
                 Transmit::Abandon(id) => self.core.handle_abandoned(now, id),
             }

@@ -1,251 +1,353 @@
-//! What the server sends unasked: the first flight for a view, and the first refinement behind it.
+//! What is pushed next: ordered for a view, ordered anew for another, within the budgets.
 
-use std::collections::HashMap;
-use std::sync::Arc;
+use std::collections::{HashMap, HashSet};
+use std::time::Duration;
 
-use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_page};
+use bytes::Bytes;
 
-use crate::blob::{BlobId, BlobPart};
-use crate::scene::{AssetEntry, InstanceEntry, ScenePage};
+use super::config::ServerConfig;
+use super::first_flight::first_flight;
+use super::refinement::{MAX_REFINED_PAGES, Missing, Refining, first_refinement};
+use super::requests::Requests;
+use crate::blob::BlobId;
 use crate::scheduler::Unit;
-use crate::select::priority::{base_priority, index_priority};
-use crate::select::{AssetState, Priority, Projection, SelectSettings, Selector, State, Wanted};
-use crate::source::SceneSource;
+use crate::select::priority::{Priority, is_base};
+use crate::source::{Reading, SceneSource, SourceError};
+use crate::time::Time;
 use crate::view::View;
 
-/// Screen error as which pages without a visible instance count: what looks worse than this is refined
-/// first, but a camera that turns should not wait for long.
-const HIDDEN_PAGE_PX: f32 = 16.0;
-/// Most assets whose first refinement is pushed, the largest on the screen.
-const MAX_REFINED_ASSETS: usize = 64;
-/// Most index pages decoded for it.
-const MAX_REFINED_PAGES: usize = 64;
+/// Pushed units that are moved to the scheduler ahead of their turn.
+const PUSH_AHEAD: usize = 16;
+/// Least time between two orderings of what is pushed.
+const REPLAN_INTERVAL: Duration = Duration::from_millis(100);
 
-/// The first flight for a view: scene pages and base meshes, least urgent first (so that the next is
-/// popped from the end). Base meshes out of view are left to the client.
-pub(super) fn first_flight(source: &dyn SceneSource, view: &View) -> Vec<(Priority, Unit)> {
-    let projection = Projection::new(view);
-    let pages = all_pages(source);
-    let assets: Vec<(u32, &AssetEntry)> =
-        pages.iter().flat_map(|page| page.assets.iter().map(|asset| (page.page, asset))).collect();
-    let mut best = vec![0; assets.len()];
-    let mut page_best = vec![0; pages.len()];
-    for (page, best_on_page) in pages.iter().zip(&mut page_best) {
-        for instance in &page.instances {
-            let Some((_, asset)) = assets.get(instance.asset as usize) else { continue };
-            let bounds = projection.bounds(asset, instance);
-            if bounds.visible {
-                let priority = base_priority(bounds.coverage_px, bounds.centrality);
-                let best = &mut best[instance.asset as usize];
-                *best = priority.max(*best);
-                *best_on_page = priority.max(*best_on_page);
+/// See the module.
+#[derive(Debug)]
+pub(super) struct Push {
+    view: View,
+    /// What is pushed next, least urgent first.
+    queue: Vec<(Priority, Unit)>,
+    /// Units without which a visible instance cannot be drawn, not handed over yet.
+    bases_left: HashSet<Unit>,
+    bases_told: bool,
+    refinement_pushed: bool,
+    /// The first refinement, as far as it is not asked for.
+    unasked: HashSet<Unit>,
+    /// Index pages that the refinement is chosen by, where the store had to be waited for.
+    pages: Pages,
+    /// The client holds parts of the scene already, so guesses at what it lacks would be wrong.
+    resumes: bool,
+    bytes: u64,
+    budget: u64,
+    /// The view has changed since the last ordering.
+    replan_at: Option<Time>,
+    /// When it was last ordered because the view had changed.
+    replanned: Option<Time>,
+}
+
+/// Index pages that are read for the server's own use.
+#[derive(Debug, Default)]
+struct Pages {
+    due: Vec<BlobId>,
+    under_way: HashSet<BlobId>,
+    here: HashMap<BlobId, Result<Bytes, SourceError>>,
+}
+
+impl Push {
+    /// Nothing ordered yet; `budget` bounds the bytes.
+    pub(super) fn new(view: View, budget: u64) -> Self {
+        Self {
+            view,
+            queue: Vec::new(),
+            bases_left: HashSet::new(),
+            bases_told: false,
+            refinement_pushed: false,
+            unasked: HashSet::new(),
+            pages: Pages::default(),
+            resumes: false,
+            bytes: 0,
+            budget,
+            replan_at: None,
+            replanned: None,
+        }
+    }
+
+    /// The client has spoken: what it looks at, what room it has, and whether it was here before.
+    pub(super) fn open(&mut self, view: Option<View>, budget: u64, resumes: bool) {
+        self.view = view.unwrap_or(self.view);
+        self.budget = budget;
+        self.bytes = 0;
+        self.resumes = resumes;
+    }
+
+    /// The session is over.
+    pub(super) fn clear(&mut self) {
+        *self = Self { bases_told: self.bases_told, ..Self::new(self.view, 0) };
+    }
+
+    /// What is looked at.
+    pub(super) const fn view(&self) -> &View {
+        &self.view
+    }
+
+    /// The view has changed: what was pushed for another stops at once. It is ordered anew soon, if `order`.
+    pub(super) fn set_view(&mut self, now: Time, view: View, requests: &mut Requests, order: bool) {
+        self.view = view;
+        self.drop_unasked(requests);
+        if order {
+            let at = self.replanned.map_or(now, |last| now.max(last + REPLAN_INTERVAL));
+            self.replan_at.get_or_insert(at);
+        }
+    }
+
+    /// When it should be ordered anew.
+    pub(super) const fn replan_at(&self) -> Option<Time> {
+        self.replan_at
+    }
+
+    /// Orders anew if it is time.
+    pub(super) fn replan_if_due(
+        &mut self,
+        now: Time,
+        source: &dyn SceneSource,
+        requests: &mut Requests,
+    ) -> bool {
+        let due = self.replan_at.is_some_and(|at| at <= now);
+        if due {
+            self.replanned = Some(now);
+            self.plan(source, requests);
+        }
+        due
+    }
+
+    /// Takes back what the client may not need: what it has not asked for, as far as it has not begun.
+    fn drop_unasked(&mut self, requests: &mut Requests) {
+        requests.take_back(&self.unasked);
+        self.unasked.clear();
+    }
+
+    /// Orders anew what is pushed for the view last known.
+    pub(super) fn plan(&mut self, source: &dyn SceneSource, requests: &mut Requests) {
+        self.replan_at = None;
+        self.drop_unasked(requests);
+        if !requests.asks() {
+            // Nothing but pushes is queued.
+            requests.scheduler.retain(|_| false);
+        }
+        self.refinement_pushed = false;
+        self.queue = first_flight(source, &self.view);
+        self.queue.retain(|(_, unit)| !requests.has(unit));
+        self.bases_left = self.queue.iter().filter(|(p, _)| is_base(*p)).map(|(_, unit)| *unit).collect();
+        let half_sent = requests.scheduler.begun().filter(|(priority, _)| is_base(*priority));
+        self.bases_left.extend(half_sent.map(|(_, unit)| unit));
+        self.bases_told = false;
+    }
+
+    /// Moves the most urgent pushes to the scheduler. `open`: the client has spoken.
+    pub(super) fn refill(
+        &mut self,
+        source: &dyn SceneSource,
+        requests: &mut Requests,
+        config: &ServerConfig,
+        open: bool,
+    ) {
+        while requests.scheduler.queued() < PUSH_AHEAD {
+            let Some(&(priority, unit)) = self.queue.last() else { break };
+            let fits = self.fits(source, unit, open);
+            if !fits && !open {
+                break;
+            }
+            if !fits || requests.was_handed(&unit) {
+                // The client has it, or no room for more than it asks for.
+                self.queue.pop();
+                self.bases_left.remove(&unit);
+                continue;
+            }
+            if !requests.scheduler.want(unit, priority) {
+                // The queue is full of what was asked for: this waits until there is room.
+                break;
+            }
+            self.queue.pop();
+            self.bytes = self.bytes.saturating_add(estimated_bytes(source, unit));
+        }
+        if self.bases_left.is_empty() && !self.refinement_pushed && !self.pages.is_waited_for() {
+            self.refinement_pushed = true;
+            if !requests.refines() && !self.resumes {
+                self.push_refinement(source, requests, config, open);
             }
         }
     }
-    // A base mesh is of no use before the page that lists its asset.
-    for (&(page, _), &priority) in assets.iter().zip(&best) {
-        if let Some(best_on_page) = page_best.get_mut(page as usize) {
-            *best_on_page = priority.max(*best_on_page);
+
+    /// Whether a unit may be pushed. The first page always is: without it nothing can be placed; and all
+    /// pages once the client has spoken, since only they tell it what there is.
+    fn fits(&self, source: &dyn SceneSource, unit: Unit, open: bool) -> bool {
+        match unit {
+            Unit::Page(0) => true,
+            Unit::Page(_) if open => true,
+            _ => self.bytes.saturating_add(estimated_bytes(source, unit)) <= self.budget,
         }
     }
-    let hidden = index_priority(HIDDEN_PAGE_PX);
-    let of_pages = (0..).zip(&page_best).map(|(page, &priority)| (priority.max(hidden), Unit::Page(page)));
-    let of_bases = (0..).zip(&best).filter(|(_, priority)| **priority > 0);
-    let of_bases = of_bases.map(|(asset, &priority)| (priority, Unit::Blob(BlobId::base(asset))));
-    let mut flight: Vec<_> = of_pages.chain(of_bases).collect();
-    // Pages before base meshes, low numbers first, among equals.
-    flight.sort_unstable_by_key(|&(priority, unit)| (priority, std::cmp::Reverse(unit)));
-    flight
-}
 
-fn all_pages(source: &dyn SceneSource) -> Vec<Arc<ScenePage>> {
-    (0..source.header().page_count).map_while(|page| source.page(page)).collect()
-}
-
-/// One blob of the first refinement.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Refining {
-    pub(super) priority: Priority,
-    pub(super) id: BlobId,
-    /// How many of its bytes the view wants; `None` for all.
-    pub(super) end: Option<u32>,
-}
-
-/// The first refinement for a view, most urgent first: index pages of what is visible and, by the same
-/// selection as the client's, the first chunks, until `budget_bytes` are used up.
-///
-/// The client takes over with its first `Want` of a chunk; until that arrives, a round trip after the
-/// index pages, the link would lie idle.
-pub(super) fn first_refinement(source: &dyn SceneSource, view: &View, budget_bytes: u64) -> Vec<Refining> {
-    let (numbers, instances, mut assets) = visible_assets(source, view);
-    let mut selector = Selector::new(SelectSettings { prefetch_bases: false, ..SelectSettings::default() });
-    let mut out = learn_pages(source, view, &mut selector, budget_bytes, (&numbers, &instances, &mut assets));
-    let mut left = budget_bytes - out.iter().map(|page| length(source, page)).sum::<u64>().min(budget_bytes);
-    // Only now that the pages are known is it clear up to which stop each chunk is wanted.
-    for wanted in &selector.select(view, &instances, &assets).wanted {
-        let BlobId::Asset { asset, part: part @ BlobPart::Chunk(_) } = wanted.id else {
-            // What ranks below a page not read must wait for it.
-            break;
+    fn push_refinement(
+        &mut self,
+        source: &dyn SceneSource,
+        requests: &mut Requests,
+        config: &ServerConfig,
+        open: bool,
+    ) {
+        let &ServerConfig { push_after_hello_bytes, refine_before_hello_bytes, .. } = config;
+        let room = self.budget.saturating_sub(self.bytes);
+        let budget = if open {
+            push_after_hello_bytes.min(room)
+        } else {
+            refine_before_hello_bytes.saturating_sub(self.bytes).min(push_after_hello_bytes).min(room)
         };
-        let Some(&asset) = numbers.get(asset as usize) else { continue };
-        let id = BlobId::Asset { asset, part };
-        let chunk = Refining { priority: wanted.priority, id, end: wanted.end };
-        match left.checked_sub(length(source, &chunk)) {
-            Some(rest) => left = rest,
-            None => break,
+        if budget == 0 {
+            return;
         }
-        out.push(chunk);
-    }
-    out.sort_by_key(|next| std::cmp::Reverse(next.priority));
-    out
-}
-
-fn length(source: &dyn SceneSource, next: &Refining) -> u64 {
-    next.end.or_else(|| source.blob_len(&next.id)).map_or(u64::MAX, u64::from)
-}
-
-/// Reads the index pages that come within the budget if the chunks above them are sent too.
-fn learn_pages(
-    source: &dyn SceneSource,
-    view: &View,
-    selector: &mut Selector,
-    budget_bytes: u64,
-    (numbers, instances, assets): (&[u32], &[InstanceEntry], &mut [AssetState]),
-) -> Vec<Refining> {
-    let mut pages: Vec<Refining> = Vec::new();
-    let mut sent = Vec::new();
-    let mut left = budget_bytes;
-    // Pages make chunks and further pages known; each turn of the loop uses up bytes or ends.
-    'turns: loop {
-        let mut progress = false;
-        for wanted in selector.select(view, instances, assets).wanted.clone() {
-            let Wanted { id: BlobId::Asset { asset: local, part }, priority, end, .. } = wanted else {
-                continue;
-            };
-            let Some(&number) = numbers.get(local as usize) else { continue };
-            let asset = &mut assets[local as usize];
-            let id = BlobId::Asset { asset: number, part };
-            let next = Refining { priority, id, end };
-            let Some(rest) = left.checked_sub(length(source, &next)) else { break 'turns };
-            progress = true;
-            let BlobPart::IndexPage(page) = part else {
-                left = rest;
-                asset.set_state(part, State::Applied);
-                sent.push((local, part));
-                continue;
-            };
-            if pages.len() == MAX_REFINED_PAGES {
-                break 'turns;
-            }
-            match learn(source, &id, page, asset) {
-                Some(()) => {
-                    left = rest;
-                    pages.push(next);
+        let read = |id: &BlobId| match self.pages.here.get(id) {
+            Some(read) => read.clone().map(Reading::Ready),
+            None => source.try_read(id),
+        };
+        match first_refinement(source, &self.view, budget, &read) {
+            Ok(refinement) => {
+                self.pages.here = HashMap::new();
+                for Refining { priority, id, end } in refinement {
+                    let unit = Unit::Blob(id);
+                    if !requests.has(&unit) && requests.push_part(id, priority, end) {
+                        self.unasked.insert(unit);
+                    }
                 }
-                None => asset.set_state(part, State::Failed),
             }
-            break;
-        }
-        if !progress {
-            break;
+            Err(Missing(pages)) if self.pages.here.len() < MAX_REFINED_PAGES => {
+                self.refinement_pushed = false;
+                self.pages.wait(pages);
+            }
+            Err(_) => self.pages.here = HashMap::new(),
         }
     }
-    for (asset, part) in sent {
-        assets[asset as usize].set_state(part, State::Absent);
+
+    /// A page of the scene finds no room in the queue: it waits here, before all else.
+    pub(super) fn wait_page(&mut self, page: u32, priority: Priority) {
+        self.queue.push((priority, Unit::Page(page)));
     }
-    pages
+
+    /// The client asks for a blob: it is no longer a guess.
+    pub(super) fn asked_for(&mut self, id: BlobId) {
+        self.unasked.remove(&Unit::Blob(id));
+    }
+
+    /// A unit was handed over, cannot be, or is not wanted.
+    pub(super) fn settled(&mut self, unit: Unit) {
+        self.bases_left.remove(&unit);
+    }
+
+    /// Whether all base meshes have been handed over, of which nothing was told yet.
+    pub(super) fn bases_to_tell(&self) -> bool {
+        !self.bases_told && self.bases_left.is_empty()
+    }
+
+    /// The client is told.
+    pub(super) fn tell_bases(&mut self) {
+        self.bases_told = true;
+    }
+
+    /// Whether all base meshes have been handed over.
+    pub(super) fn has_all_bases(&self) -> bool {
+        self.bases_left.is_empty()
+    }
+
+    /// Whether nothing is left to push.
+    pub(super) fn is_empty(&self) -> bool {
+        self.queue.is_empty()
+    }
+
+    /// Whether there is something that may be pushed.
+    pub(super) fn has_work(&self, source: &dyn SceneSource, open: bool) -> bool {
+        self.queue.last().is_some_and(|(_, unit)| open || self.fits(source, *unit, open))
+    }
+
+    /// The next index page that the driver should have the store read.
+    pub(super) fn poll_read(&mut self) -> Option<BlobId> {
+        let id = self.pages.due.pop()?;
+        self.pages.under_way.insert(id);
+        Some(id)
+    }
+
+    /// A read that [`Push::poll_read`] gave is done.
+    pub(super) fn handle_read(&mut self, id: BlobId, bytes: &Result<Bytes, SourceError>) {
+        if self.pages.under_way.remove(&id) {
+            self.pages.here.insert(id, bytes.clone());
+        }
+    }
+
+    #[cfg(test)]
+    pub(super) fn queued(&self) -> usize {
+        self.queue.len()
+    }
 }
 
-/// Reads an index page into the state of its asset.
-fn learn(source: &dyn SceneSource, id: &BlobId, page: u32, asset: &mut AssetState) -> Option<()> {
-    let bytes = source.read(id).ok()?;
-    let first = page.checked_mul(u32::try_from(CHUNKS_PER_PAGE).ok()?)?;
-    asset.add_index_page(page, decode_page(&bytes, first).ok()?).ok()
+impl Pages {
+    fn is_waited_for(&self) -> bool {
+        !self.due.is_empty() || !self.under_way.is_empty()
+    }
+
+    fn wait(&mut self, pages: Vec<BlobId>) {
+        self.due.extend(pages.into_iter().filter(|id| !self.here.contains_key(id)));
+    }
 }
 
-/// The assets that cover most of the screen: their numbers, their instances (with assets renumbered) and
-/// states in which only the base is there.
-fn visible_assets(source: &dyn SceneSource, view: &View) -> (Vec<u32>, Vec<InstanceEntry>, Vec<AssetState>) {
-    let flight = first_flight(source, view);
-    let numbers: Vec<u32> = flight
-        .iter()
-        .rev()
-        .filter_map(|(_, unit)| match unit {
-            Unit::Blob(id) => id.asset(),
-            Unit::Page(_) => None,
-        })
-        .take(MAX_REFINED_ASSETS)
-        .collect();
-    let local: HashMap<u32, u32> = numbers.iter().copied().zip(0..).collect();
-    let pages = all_pages(source);
-    let entries: Vec<&AssetEntry> = pages.iter().flat_map(|page| &page.assets).collect();
-    let assets = numbers
-        .iter()
-        .filter_map(|&number| entries.get(number as usize))
-        .map(|&entry| {
-            let mut state = AssetState::new(entry.clone());
-            state.set_state(BlobPart::Base, State::Applied);
-            state
-        })
-        .collect();
-    let instances = pages
-        .iter()
-        .flat_map(|page| &page.instances)
-        .filter_map(|instance| local.get(&instance.asset).map(|&asset| InstanceEntry { asset, ..*instance }))
-        .collect();
-    (numbers, instances, assets)
+fn estimated_bytes(source: &dyn SceneSource, unit: Unit) -> u64 {
+    match unit {
+        // Typical lengths of asset and instance entries.
+        Unit::Page(page) => source
+            .page(page)
+            .map_or(0, |page| 8 + 80 * page.assets.len() as u64 + 20 * page.instances.len() as u64),
+        Unit::Blob(id) => source.blob_len(&id).map_or(0, u64::from),
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scheduler::Outgoing;
     use crate::testing::MemoryScene;
-    use std::collections::HashSet;
 
-    fn refinement(scene: &MemoryScene, budget: u64) -> Vec<Refining> {
-        first_refinement(scene, &scene.header.camera.view([1280, 720], 1.0), budget)
+    fn start(scene: &MemoryScene) -> View {
+        scene.header.camera.view([1280, 720], 1.0)
     }
 
     #[test]
-    fn the_first_refinement_keeps_to_its_budget_and_to_what_can_be_applied() {
-        let scene = MemoryScene::new(3, 2, 5);
-        for budget in [0, 1000, 20_000, 64_000, 400_000] {
-            let pushed = refinement(&scene, budget);
-            let (mut seen, mut whole) = (HashSet::new(), HashSet::new());
-            let mut bytes = 0;
-            for next in &pushed {
-                let Refining { id, end, .. } = next;
-                bytes += u64::from(end.unwrap_or(scene.blob_len(id).unwrap()));
-                if let BlobId::Asset { asset, part: BlobPart::Chunk(chunk) } = *id {
-                    let page = BlobId::index_page(asset, chunk / CHUNKS_PER_PAGE as u32);
-                    assert!(seen.contains(&page), "{id} before its page");
-                    for &parent in &scene.chunks[0][chunk as usize].parents {
-                        let parent = BlobId::chunk(asset, parent);
-                        assert!(seen.contains(&parent), "{id} before its parent");
-                        assert!(whole.contains(&parent), "{id}, though its parent comes in part");
-                    }
-                }
-                assert!(seen.insert(*id), "{id} twice");
-                if end.is_none() {
-                    whole.insert(*id);
-                }
+    fn the_refinement_follows_the_last_base_mesh_and_stops_for_another_view() {
+        let scene = MemoryScene::new(2, 1, 5);
+        let (mut push, mut requests) = (Push::new(start(&scene), u64::MAX), Requests::new(1000));
+        let config = ServerConfig::quic(None);
+        push.plan(&*scene, &mut requests);
+        push.refill(&*scene, &mut requests, &config, true);
+        assert!(!push.has_all_bases() && push.unasked.is_empty());
+        while !push.has_all_bases() {
+            match requests.next(&*scene, 1 << 14).unwrap() {
+                Outgoing::Page(page) => push.settled(Unit::Page(page)),
+                Outgoing::Piece { piece, .. } => push.settled(Unit::Blob(piece.id)),
+                Outgoing::Failed { id, .. } => push.settled(Unit::Blob(id)),
             }
-            assert!(bytes <= budget && (budget < 20_000 || bytes * 4 > budget * 3), "{bytes} of {budget}");
         }
+        push.refill(&*scene, &mut requests, &config, true);
+        assert!(push.bases_to_tell() && push.unasked.len() > 10);
+        let other = View { eye: [0.0, 9.0, 0.5], ..start(&scene) };
+        push.set_view(Time::ZERO, other, &mut requests, false);
+        assert!(requests.scheduler.is_empty() && push.unasked.is_empty());
+        assert_eq!(push.replan_at(), None);
     }
 
     #[test]
-    fn the_largest_and_nearest_base_comes_first_and_behind_its_page() {
-        let scene = MemoryScene::new(20, 1, 2);
-        let view = scene.header.camera.view([1280, 720], 1.0);
-        let mut flight = first_flight(&*scene, &view);
-        flight.reverse();
-        let units: Vec<_> = flight.iter().map(|(_, unit)| *unit).collect();
-        assert_eq!(units[..2], [Unit::Page(0), Unit::Blob(BlobId::base(0))]);
-        for asset in 0..20 {
-            let base = units.iter().position(|u| *u == Unit::Blob(BlobId::base(asset))).unwrap();
-            let page = units.iter().position(|u| *u == Unit::Page(asset / 8)).unwrap();
-            assert!(page < base, "asset {asset}");
-        }
+    fn nothing_is_moved_beyond_the_budget_before_the_client_has_spoken() {
+        let scene = MemoryScene::new(12, 1, 2);
+        let (mut push, mut requests) = (Push::new(start(&scene), 3000), Requests::new(1000));
+        push.plan(&*scene, &mut requests);
+        push.refill(&*scene, &mut requests, &ServerConfig::quic(None), false);
+        assert!(push.bytes <= 3000 && !push.is_empty() && !push.has_work(&*scene, false));
+        push.open(None, u64::MAX, false);
+        assert!(push.has_work(&*scene, true));
     }
 }

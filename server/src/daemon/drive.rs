@@ -13,6 +13,7 @@ use lodestream_protocol::message::{ClientMessage, Close, CloseCode, ServerMessag
 use lodestream_protocol::server::{ServerSession, Transmit};
 use tokio::time::{Instant, sleep_until};
 
+use super::reads::Reads;
 use super::state::{Phase, SessionGuard};
 
 /// What came from the client.
@@ -109,6 +110,7 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
     let metrics = state.metrics();
     let config = state.config(guard.transport);
     let mut session = ServerSession::new(config, state.scene().clone(), guard.id, clock.now());
+    let mut reads = Reads::new(state.scene().clone());
     let mut allowance = Allowance { tokens: MESSAGE_BURST, refilled: clock.now() };
     let mut receiving = true;
     let mut sent_bytes = 0_u64;
@@ -135,9 +137,11 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
                     piece = Some((sent.id, sent.is_last()));
                     all_done = false;
                 }
-                Transmit::Message(ServerMessage::Done) => all_done = true,
-                Transmit::Message(ServerMessage::BasesSent) => metrics.bases_sent(now.since(Time::ZERO)),
-                Transmit::Message(_) | Transmit::Abandon(_) => {}
+                Transmit::Message { message: ServerMessage::Done, .. } => all_done = true,
+                Transmit::Message { message: ServerMessage::BasesSent, .. } => {
+                    metrics.bases_sent(now.since(Time::ZERO));
+                }
+                Transmit::Message { .. } | Transmit::Abandon(_) => {}
             }
             match sender.start(transmit) {
                 Ok(bytes) => {
@@ -157,6 +161,9 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
                     );
                 }
             }
+        }
+        while let Some(id) = session.poll_read() {
+            reads.begin(id);
         }
         if let Some(close) = session.close_reason() {
             let until = *close_until.get_or_insert(now + CLOSE_TIMEOUT);
@@ -207,6 +214,9 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
                     guard.ended = CloseCode::Lost;
                     return Close::new(CloseCode::Lost, why);
                 }
+            }
+            Some((id, bytes)) = reads.next(), if !reads.is_empty() => {
+                session.handle_read(clock.now(), id, &bytes);
             }
             () = sleep_until(wake) => {}
         }

@@ -21,6 +21,7 @@ pub mod memory_scene;
 pub mod metrics;
 pub mod quic;
 mod quic_stream;
+mod reads;
 pub mod shutdown;
 pub mod state;
 #[cfg(test)]

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use bytes::{Buf, Bytes};
 use lodestream_protocol::BlobId;
-use lodestream_protocol::frame::{FrameError, FrameReader, encode_server};
+use lodestream_protocol::frame::{FrameError, FrameReader};
 use lodestream_protocol::message::{Close, CloseCode};
 use lodestream_protocol::server::Transmit;
 use lodestream_protocol::stream::{CONTROL_STREAM, blob_head, quic_priority};
@@ -208,10 +208,9 @@ async fn write(stream: &mut SendStream, bytes: &mut Bytes) -> Result<bool, Strin
 impl Deliver for QuicSender {
     fn start(&mut self, transmit: Transmit) -> Result<usize, FrameError> {
         match transmit {
-            Transmit::Message(message) => {
-                let frame = encode_server(&message)?;
+            Transmit::Message { frame, .. } => {
                 let length = frame.len();
-                self.pending = Pending::Control(frame.into());
+                self.pending = Pending::Control(frame);
                 Ok(length)
             }
             Transmit::Piece { piece, priority } => {

@@ -8,7 +8,7 @@ use std::time::Duration;
 use bytes::Bytes;
 use futures_util::stream::{SplitSink, SplitStream};
 use futures_util::{Sink, SinkExt, StreamExt};
-use lodestream_protocol::frame::{Frame, FrameError, encode_piece, encode_server};
+use lodestream_protocol::frame::{Frame, FrameError, encode_piece};
 use lodestream_protocol::limits::MAX_FRAME_BYTES;
 use lodestream_protocol::message::{Close, CloseCode};
 use lodestream_protocol::server::Transmit;
@@ -185,13 +185,13 @@ where
 {
     fn start(&mut self, transmit: Transmit) -> Result<usize, FrameError> {
         let frame = match transmit {
-            Transmit::Message(message) => encode_server(&message)?,
-            Transmit::Piece { piece, .. } => encode_piece(&piece)?,
+            Transmit::Message { frame, .. } => frame,
+            Transmit::Piece { piece, .. } => encode_piece(&piece)?.into(),
             Transmit::Abandon(_) => return Ok(0),
         };
         let length = frame.len();
         self.sent_bytes += length as u64;
-        self.pending = Pending::Frame(frame.into());
+        self.pending = Pending::Frame(frame);
         Ok(length)
     }
 

@@ -1,11 +1,11 @@
 //! A scene over opened packs: what the sessions of a server share.
 
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use bytes::Bytes;
-use lodestream_protocol::BlobId;
 use lodestream_protocol::scene::{SceneHeader, ScenePage};
-use lodestream_protocol::source::{SceneSource, SourceError};
+use lodestream_protocol::source::{Reading, SceneSource, SourceError};
+use lodestream_protocol::{BlobId, BlobPart};
 
 use super::lru::Lru;
 use super::{PackFile, StoreError, TerrainBlobs};
@@ -41,13 +41,31 @@ impl SceneStore {
         let Composed { header, pages, asset_order, terrain } = compose(scene, &entries)?;
         let mut packs: Vec<Option<PackFile>> = packs.into_iter().map(Some).collect();
         let packs = asset_order.iter().filter_map(|&i| packs.get_mut(i).and_then(Option::take)).collect();
-        Ok(Self {
+        let store = Self {
             header,
             pages: pages.into_iter().map(Arc::new).collect(),
             packs,
             terrain,
             cache: Mutex::new(Lru::new(cache_bytes)),
-        })
+        };
+        store.read_bases(cache_bytes)?;
+        Ok(store)
+    }
+
+    /// Reads as many base meshes as there is room for: a first flight should wait for no disk.
+    fn read_bases(&self, mut room: u64) -> Result<(), StoreError> {
+        for (asset, pack) in (0..).zip(&self.packs) {
+            let bytes = pack.read(BlobPart::Base)?;
+            let Some(left) = room.checked_sub(bytes.len() as u64) else { break };
+            room = left;
+            self.cache().insert(BlobId::base(asset), bytes);
+        }
+        Ok(())
+    }
+
+    fn cache(&self) -> MutexGuard<'_, Lru<BlobId>> {
+        // A thread that panicked while it held the lock left the cache usable: entries are whole.
+        self.cache.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -67,6 +85,14 @@ impl SceneSource for SceneStore {
         }
     }
 
+    fn try_read(&self, id: &BlobId) -> Result<Reading, SourceError> {
+        match id {
+            BlobId::Terrain(_) => self.read(id).map(Reading::Ready),
+            _ if self.blob_len(id).is_none() => Err(SourceError::NotFound(*id)),
+            BlobId::Asset { .. } => Ok(self.cache().get(id).map_or(Reading::Pending, Reading::Ready)),
+        }
+    }
+
     fn read(&self, id: &BlobId) -> Result<Bytes, SourceError> {
         let (asset, part) = match *id {
             BlobId::Asset { asset, part } => (asset, part),
@@ -75,9 +101,7 @@ impl SceneSource for SceneStore {
             }
         };
         let pack = self.packs.get(asset as usize).ok_or(SourceError::NotFound(*id))?;
-        // A thread that panicked while it held the lock left the cache usable: entries are whole.
-        let lock = || self.cache.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        if let Some(bytes) = lock().get(id) {
+        if let Some(bytes) = self.cache().get(id) {
             return Ok(bytes);
         }
         // Read without the lock: two sessions may read the same blob, none waits for the disk of
@@ -86,7 +110,7 @@ impl SceneSource for SceneStore {
             StoreError::NoSuchBlob { .. } => SourceError::NotFound(*id),
             other => SourceError::Unreadable { id: *id, why: other.to_string() },
         })?;
-        lock().insert(*id, bytes.clone());
+        self.cache().insert(*id, bytes.clone());
         Ok(bytes)
     }
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use lodestream_protocol::source::SceneSource;
+use lodestream_protocol::source::{Immediate, SceneSource};
 use lodestream_server::inspect::inspect;
 use lodestream_server::prepare::{Options, prepare_cached};
 use lodestream_server::scene::Scene;
@@ -84,7 +84,7 @@ pub fn measure(file: &Path, cache: &Path) -> anyhow::Result<Model> {
     let pack = prepare_cached(asset, cache, &Options { quiet: true, ..Options::default() })?.pack;
     let summary = inspect(pack.path())?;
     let store = SceneStore::new(&scene, vec![pack], DEFAULT_CACHE_BYTES).with_context(context)?;
-    let source: Arc<dyn SceneSource> = Arc::new(store);
+    let source: Arc<dyn SceneSource> = Arc::new(Immediate(store));
     let plan = plan::parse(PLAN, Path::new("models"))?;
     let results = run(&plan, &[source], NonZeroUsize::MIN, |_| ()).with_context(context)?;
     let [quic, ws] = &results[..] else { anyhow::bail!("{}: it was not streamed", context()) };

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 use lodestream_geometry::Codec;
-use lodestream_protocol::source::SceneSource;
+use lodestream_protocol::source::{Immediate, SceneSource};
 use lodestream_server::daemon::memory_scene::MemoryScene;
 use lodestream_server::demo_scene;
 use lodestream_server::prepare::{Options, Recipe, prepare_cached};
@@ -65,5 +65,5 @@ fn prepare(scene: &Scene, recipe: Recipe, cache: &Path, quiet: bool) -> anyhow::
     for asset in &scene.assets {
         packs.push(prepare_cached(asset, cache, &options)?.pack);
     }
-    Ok(Arc::new(SceneStore::new(scene, packs, DEFAULT_CACHE_BYTES)?))
+    Ok(Arc::new(Immediate(SceneStore::new(scene, packs, DEFAULT_CACHE_BYTES)?)))
 }

@@ -7,7 +7,7 @@ use proptest::prelude::*;
 use super::*;
 use crate::limits::MAX_IDS_PER_MESSAGE;
 use crate::message::{ClientMessage, CloseCode, Want};
-use crate::server::MAX_CONTROL_QUEUED;
+use crate::server::session::MAX_CONTROL_QUEUED;
 use crate::view::View;
 
 #[test]
@@ -133,12 +133,12 @@ proptest! {
                     prop_assert!(!piece.bytes.is_empty() && piece.bytes.len() <= 1200);
                 }
             }
-            prop_assert!(server.scheduler.queued() <= 200);
-            prop_assert!(server.scheduler.begun().count() <= 9);
+            prop_assert!(server.requests.scheduler.queued() <= 200);
+            prop_assert!(server.requests.scheduler.begun().count() <= 9);
             prop_assert!(server.control.len() <= MAX_CONTROL_QUEUED + 1);
-            prop_assert!(server.abandoned.len() <= 9 * 60);
-            prop_assert!(server.handed.len() <= 2 * (85 + 2 + 1) + 2);
-            prop_assert!(server.push.len() <= scene.pages.len() + 2);
+            prop_assert!(server.requests.abandoned_count() <= 9 * 60);
+            prop_assert!(server.requests.handed_count() <= 2 * (85 + 2 + 1) + 2);
+            prop_assert!(server.push.queued() <= scene.pages.len() + 2);
         }
         // Left alone with a transport that takes everything, it comes to rest.
         for _ in 0..1_000_000 {

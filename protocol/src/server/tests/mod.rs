@@ -3,6 +3,7 @@
 mod bad_peers;
 mod push;
 mod rate;
+mod reads;
 mod requests;
 mod streaming;
 
@@ -43,7 +44,7 @@ fn begun(transmits: &[Transmit]) -> Vec<BlobId> {
 
 fn last_close(transmits: &[Transmit]) -> Option<&Close> {
     match transmits.last() {
-        Some(Transmit::Message(ServerMessage::Close(close))) => Some(close),
+        Some(Transmit::Message { message: ServerMessage::Close(close), .. }) => Some(close),
         _ => None,
     }
 }

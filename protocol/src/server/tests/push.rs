@@ -10,8 +10,10 @@ fn before_hello_only_the_push_budget_is_sent() {
     let scene = MemoryScene::new(12, 1, 3);
     let mut server = session(&scene, ServerConfig::quic(None));
     let pushed = drain(&mut server, Time::ZERO);
-    assert!(matches!(&pushed[0], Transmit::Message(ServerMessage::Welcome(_))));
-    assert!(matches!(&pushed[1], Transmit::Message(ServerMessage::ScenePage(page)) if page.page == 0));
+    assert!(matches!(&pushed[0], Transmit::Message { message: ServerMessage::Welcome(_), .. }));
+    assert!(
+        matches!(&pushed[1], Transmit::Message { message: ServerMessage::ScenePage(page), .. } if page.page == 0)
+    );
     // The nearest plane first.
     assert_eq!(begun(&pushed).first(), Some(&BlobId::base(0)));
     let bytes = server.stats().blob_bytes;
@@ -37,7 +39,8 @@ fn hello_with_another_view_reorders_what_was_not_sent() {
     let bases: Vec<_> = begun(&after).into_iter().filter(|id| id.part() == Some(BlobPart::Base)).collect();
     assert!(bases.iter().all(|id| id.asset() >= Some(9) && !before.contains(id)), "{bases:?}");
     assert!(bases.contains(&BlobId::base(11)));
-    let told = after.iter().position(|t| matches!(t, Transmit::Message(ServerMessage::BasesSent)));
+    let told =
+        after.iter().position(|t| matches!(t, Transmit::Message { message: ServerMessage::BasesSent, .. }));
     let last_base = after.iter().rposition(
         |t| matches!(t, Transmit::Piece { piece, .. } if piece.id.part() == Some(BlobPart::Base) && piece.is_last()),
     );
@@ -158,7 +161,7 @@ fn a_queue_shorter_than_the_push_loses_no_page() {
 
 fn pages_of(transmits: &[Transmit]) -> Vec<u32> {
     let page = |transmit: &Transmit| match transmit {
-        Transmit::Message(ServerMessage::ScenePage(page)) => Some(page.page),
+        Transmit::Message { message: ServerMessage::ScenePage(page), .. } => Some(page.page),
         _ => None,
     };
     transmits.iter().filter_map(page).collect()

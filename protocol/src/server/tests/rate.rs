@@ -14,7 +14,7 @@ fn every_window_of_a_saturated_session_is_within_five_percent_of_the_rate() {
         let mut sent = Vec::new();
         let mut now = Time::ZERO;
         while now < Time::from_ms(8000) {
-            if server.scheduler.queued() < 500 {
+            if server.requests.scheduler.queued() < 500 {
                 let ids: Vec<_> = chunks.by_ref().take(900).collect();
                 server.handle_message(now, ClientMessage::Cancel(ids.clone()));
                 let wants = ids.iter().map(|&id| Want::whole(id, 5)).collect();

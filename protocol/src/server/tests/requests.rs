@@ -76,7 +76,7 @@ fn parts_are_sent_once_and_bad_ones_are_refused_with_a_reason() {
                 Transmit::Piece { piece, .. } if piece.id == id => {
                     sent.push((piece.offset, piece.offset + piece.bytes.len() as u32, piece.end));
                 }
-                Transmit::Message(ServerMessage::Refused(why)) => refused = Some(why.reason),
+                Transmit::Message { message: ServerMessage::Refused(why), .. } => refused = Some(why.reason),
                 _ => {}
             }
         }
@@ -133,11 +133,13 @@ fn cancelled_blobs_stop_half_way() {
     let mut server = session(&scene, config);
     server.handle_message(Time::ZERO, ClientMessage::Hello(hello(&scene.header)));
     let mut now = Time::ZERO;
-    while server.scheduler.begun().next().is_none() {
+    while server.requests.scheduler.begun().next().is_none() {
         assert!(server.poll_transmit(now).is_some());
         now = now + Duration::from_millis(1);
     }
-    let Some((_, Unit::Blob(id))) = server.scheduler.begun().next() else { panic!("no blob has begun") };
+    let Some((_, Unit::Blob(id))) = server.requests.scheduler.begun().next() else {
+        panic!("no blob has begun")
+    };
     server.handle_message(now, ClientMessage::Cancel(vec![id]));
     assert_eq!(server.poll_transmit(now), Some(Transmit::Abandon(id)));
     let later = drain(&mut server, now + Duration::from_secs(60));
@@ -157,7 +159,7 @@ fn requests_beyond_the_queue_or_the_scene_are_refused() {
     let refused: Vec<_> = drain(&mut server, Time::ZERO)
         .into_iter()
         .filter_map(|t| match t {
-            Transmit::Message(ServerMessage::Refused(refused)) => Some(refused.reason),
+            Transmit::Message { message: ServerMessage::Refused(refused), .. } => Some(refused.reason),
             _ => None,
         })
         .collect();

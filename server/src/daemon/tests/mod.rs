@@ -4,6 +4,7 @@ mod bad_peers;
 mod http;
 mod quic;
 mod shutdown;
+mod slow_store;
 mod websocket;
 
 use std::net::{Ipv4Addr, SocketAddr};

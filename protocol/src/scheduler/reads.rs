@@ -1,0 +1,172 @@
+//! Blobs that a store is reading, or has read, for a session's queue: few, in no order of their own.
+
+use std::cmp::Reverse;
+use std::ops::Range;
+
+use bytes::Bytes;
+
+use crate::blob::BlobId;
+use crate::message::RefusedReason;
+use crate::select::priority::Priority;
+use crate::source::SourceError;
+
+/// Order in the queue: most urgent first, then first come, first served.
+pub(super) type Key = (Reverse<Priority>, u64);
+
+/// Most blobs of a session that are read ahead of their turn or under way from the store. Each keeps its bytes in
+/// memory; more would be read for nothing when the view changes, fewer leave the link idle where a read takes long.
+pub const MAX_READS: usize = 8;
+
+/// Where a read stands.
+#[derive(Clone, Debug)]
+enum Stage {
+    /// The driver has not heard of it.
+    Due,
+    /// The driver has.
+    UnderWay,
+    /// The bytes are here, or will not come.
+    Done(Result<Bytes, RefusedReason>),
+}
+
+#[derive(Debug)]
+struct Read {
+    id: BlobId,
+    stage: Stage,
+    /// What it is for; `None` where that was taken back while it was under way.
+    purpose: Option<(Key, Range<u32>)>,
+}
+
+/// A blob whose read is done.
+#[derive(Debug)]
+pub(super) struct Loaded {
+    pub(super) id: BlobId,
+    pub(super) priority: Priority,
+    pub(super) part: Range<u32>,
+    pub(super) bytes: Result<Bytes, RefusedReason>,
+}
+
+/// See the module.
+#[derive(Debug, Default)]
+pub(super) struct Reads {
+    list: Vec<Read>,
+    /// The store has let something wait: what comes next is read ahead.
+    slow: bool,
+}
+
+/// What to tell a client whose blob could not be read.
+pub(super) const fn refusal(error: &SourceError) -> RefusedReason {
+    match error {
+        SourceError::NotFound(_) => RefusedReason::NotFound,
+        SourceError::Unreadable { .. } => RefusedReason::Unreadable,
+    }
+}
+
+impl Reads {
+    /// Whether another blob may be read.
+    pub(super) const fn has_room(&self) -> bool {
+        self.list.len() < MAX_READS
+    }
+
+    /// Whether blobs are worth reading before their turn.
+    pub(super) const fn is_slow(&self) -> bool {
+        self.slow
+    }
+
+    /// A read has to wait for the store. One that is under way for nobody serves.
+    pub(super) fn wait(&mut self, id: BlobId, key: Key, part: Range<u32>) {
+        self.slow = true;
+        match self.list.iter_mut().find(|read| read.id == id && read.purpose.is_none()) {
+            Some(read) => read.purpose = Some((key, part)),
+            None => self.list.push(Read { id, stage: Stage::Due, purpose: Some((key, part)) }),
+        }
+    }
+
+    /// A blob was read at once, ahead of its turn.
+    pub(super) fn keep(
+        &mut self,
+        id: BlobId,
+        key: Key,
+        part: Range<u32>,
+        bytes: Result<Bytes, RefusedReason>,
+    ) {
+        self.list.push(Read { id, stage: Stage::Done(bytes), purpose: Some((key, part)) });
+    }
+
+    /// The next read that the driver should begin.
+    pub(super) fn poll(&mut self) -> Option<BlobId> {
+        let read = self.list.iter_mut().find(|read| matches!(read.stage, Stage::Due))?;
+        read.stage = Stage::UnderWay;
+        Some(read.id)
+    }
+
+    /// A read that the driver began is done. What nobody waits for any longer is dropped.
+    pub(super) fn done(&mut self, id: BlobId, bytes: &Result<Bytes, SourceError>) {
+        self.list.retain_mut(|read| {
+            if read.id == id && !matches!(read.stage, Stage::Done(_)) {
+                read.stage = Stage::Done(bytes.as_ref().map(Bytes::clone).map_err(refusal));
+            }
+            read.purpose.is_some() || !matches!(read.stage, Stage::Done(_))
+        });
+    }
+
+    /// The most urgent blob whose read is done: its place in the order.
+    pub(super) fn first(&self) -> Option<Key> {
+        self.list.iter().filter(|read| matches!(read.stage, Stage::Done(_))).filter_map(Read::key).min()
+    }
+
+    /// Takes the blob that [`Reads::first`] gave.
+    pub(super) fn take(&mut self, key: Key) -> Option<Loaded> {
+        let index = self.list.iter().position(|read| read.key() == Some(key))?;
+        match self.list.swap_remove(index) {
+            Read { id, stage: Stage::Done(bytes), purpose: Some(((Reverse(priority), _), part)) } => {
+                Some(Loaded { id, priority, part, bytes })
+            }
+            _ => None,
+        }
+    }
+
+    /// Whether something is read, or to be read, for this blob.
+    pub(super) fn contains(&self, id: BlobId) -> bool {
+        self.list.iter().any(|read| read.id == id && read.purpose.is_some())
+    }
+
+    /// Whether nobody waits for a read.
+    pub(super) fn is_empty(&self) -> bool {
+        self.list.iter().all(|read| read.purpose.is_none())
+    }
+
+    /// What is wanted of a blob has changed: its priority, and how far. `false` where nothing is read for it.
+    pub(super) fn want(&mut self, id: BlobId, priority: Priority, part: &Range<u32>) -> bool {
+        let purposes =
+            self.list.iter_mut().filter(|read| read.id == id).filter_map(|read| read.purpose.as_mut());
+        let Some((key, wanted)) = purposes.into_iter().next() else { return false };
+        key.0 = Reverse(priority);
+        *wanted = wanted.start.min(part.start)..wanted.end.max(part.end);
+        true
+    }
+
+    /// Drops what `keep` says no to; `true` if there was such. What is under way from the store stays counted until it
+    /// is here.
+    pub(super) fn retain(&mut self, mut keep: impl FnMut(BlobId) -> bool) -> bool {
+        let mut dropped = false;
+        self.list.retain_mut(|read| {
+            if read.purpose.is_none() || keep(read.id) {
+                return true;
+            }
+            dropped = true;
+            read.purpose = None;
+            matches!(read.stage, Stage::UnderWay)
+        });
+        dropped
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.list.clear();
+    }
+}
+
+impl Read {
+    fn key(&self) -> Option<Key> {
+        self.purpose.as_ref().map(|(key, _)| *key)
+    }
+}

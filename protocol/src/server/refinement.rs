@@ -1,0 +1,240 @@
+//! The first refinement for a view, which the server sends unasked behind the base meshes.
+
+use std::collections::HashMap;
+
+use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_page};
+
+use super::first_flight::{all_pages, first_flight};
+use crate::blob::{BlobId, BlobPart};
+use crate::scene::{AssetEntry, InstanceEntry};
+use crate::scheduler::Unit;
+use crate::select::priority::Priority;
+use crate::select::{AssetState, SelectSettings, Selector, State, Wanted};
+use crate::source::{Reading, SceneSource, SourceError};
+use crate::view::View;
+
+/// Most assets whose first refinement is pushed, the largest on the screen.
+const MAX_REFINED_ASSETS: usize = 64;
+/// Most index pages decoded for it.
+pub(super) const MAX_REFINED_PAGES: usize = 64;
+/// Most index pages named as missing at a time.
+const MAX_MISSING: usize = 8;
+
+/// One blob of the first refinement.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Refining {
+    pub(super) priority: Priority,
+    pub(super) id: BlobId,
+    /// How many of its bytes the view wants; `None` for all.
+    pub(super) end: Option<u32>,
+}
+
+/// Index pages that have to be read before a refinement can be chosen.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Missing(pub(super) Vec<BlobId>);
+
+/// Gives an index page.
+pub(super) type ReadPage<'a> = &'a dyn Fn(&BlobId) -> Result<Reading, SourceError>;
+
+/// The first refinement for a view, most urgent first: index pages of what is visible and, by the same
+/// selection as the client's, the first chunks, until `budget_bytes` are used up.
+///
+/// The client takes over with its first `Want` of a chunk; until that arrives, a round trip after the
+/// index pages, the link would lie idle.
+///
+/// `read` gives index pages; where it has not all of them at hand, the missing ones are what comes back instead.
+pub(super) fn first_refinement(
+    source: &dyn SceneSource,
+    view: &View,
+    budget_bytes: u64,
+    read: ReadPage<'_>,
+) -> Result<Vec<Refining>, Missing> {
+    let (numbers, instances, mut assets) = visible_assets(source, view);
+    let mut selector = Selector::new(SelectSettings { prefetch_bases: false, ..SelectSettings::default() });
+    let known = (&numbers[..], &instances[..], &mut assets[..]);
+    let mut out = learn_pages(source, view, &mut selector, budget_bytes, read, known)?;
+    let mut left = budget_bytes - out.iter().map(|page| length(source, page)).sum::<u64>().min(budget_bytes);
+    // Only now that the pages are known is it clear up to which stop each chunk is wanted.
+    for wanted in &selector.select(view, &instances, &assets).wanted {
+        let BlobId::Asset { asset, part: part @ BlobPart::Chunk(_) } = wanted.id else {
+            // What ranks below a page not read must wait for it.
+            break;
+        };
+        let Some(&asset) = numbers.get(asset as usize) else { continue };
+        let id = BlobId::Asset { asset, part };
+        let chunk = Refining { priority: wanted.priority, id, end: wanted.end };
+        match left.checked_sub(length(source, &chunk)) {
+            Some(rest) => left = rest,
+            None => break,
+        }
+        out.push(chunk);
+    }
+    out.sort_by_key(|next| std::cmp::Reverse(next.priority));
+    Ok(out)
+}
+
+fn length(source: &dyn SceneSource, next: &Refining) -> u64 {
+    next.end.or_else(|| source.blob_len(&next.id)).map_or(u64::MAX, u64::from)
+}
+
+/// Reads the index pages that come within the budget if the chunks above them are sent too.
+fn learn_pages(
+    source: &dyn SceneSource,
+    view: &View,
+    selector: &mut Selector,
+    budget_bytes: u64,
+    read: ReadPage<'_>,
+    (numbers, instances, assets): (&[u32], &[InstanceEntry], &mut [AssetState]),
+) -> Result<Vec<Refining>, Missing> {
+    let mut pages: Vec<Refining> = Vec::new();
+    let mut sent = Vec::new();
+    let mut missing = Vec::new();
+    let mut left = budget_bytes;
+    // Pages make chunks and further pages known; each turn of the loop uses up bytes or ends.
+    'turns: loop {
+        let mut progress = false;
+        for wanted in selector.select(view, instances, assets).wanted.clone() {
+            let Wanted { id: BlobId::Asset { asset: local, part }, priority, end, .. } = wanted else {
+                continue;
+            };
+            let Some(&number) = numbers.get(local as usize) else { continue };
+            let asset = &mut assets[local as usize];
+            let id = BlobId::Asset { asset: number, part };
+            let next = Refining { priority, id, end };
+            let Some(rest) = left.checked_sub(length(source, &next)) else { break 'turns };
+            progress = true;
+            let BlobPart::IndexPage(page) = part else {
+                left = rest;
+                asset.set_state(part, State::Applied);
+                sent.push((local, part));
+                continue;
+            };
+            if pages.len() == MAX_REFINED_PAGES {
+                break 'turns;
+            }
+            match read(&id) {
+                Ok(Reading::Ready(bytes)) if learn(&bytes, page, asset).is_some() => {
+                    left = rest;
+                    pages.push(next);
+                }
+                // The others that are wanted now can be read at the same time.
+                Ok(Reading::Pending) => {
+                    missing.push(id);
+                    continue;
+                }
+                Ok(Reading::Ready(_)) | Err(_) => asset.set_state(part, State::Failed),
+            }
+            break;
+        }
+        if !progress || !missing.is_empty() {
+            break;
+        }
+    }
+    if !missing.is_empty() {
+        missing.truncate(MAX_MISSING);
+        return Err(Missing(missing));
+    }
+    for (asset, part) in sent {
+        assets[asset as usize].set_state(part, State::Absent);
+    }
+    Ok(pages)
+}
+
+/// Takes an index page into the state of its asset.
+fn learn(bytes: &[u8], page: u32, asset: &mut AssetState) -> Option<()> {
+    let first = page.checked_mul(u32::try_from(CHUNKS_PER_PAGE).ok()?)?;
+    asset.add_index_page(page, decode_page(bytes, first).ok()?).ok()
+}
+
+/// The assets that cover most of the screen: their numbers, their instances (with assets renumbered) and
+/// states in which only the base is there.
+fn visible_assets(source: &dyn SceneSource, view: &View) -> (Vec<u32>, Vec<InstanceEntry>, Vec<AssetState>) {
+    let flight = first_flight(source, view);
+    let numbers: Vec<u32> = flight
+        .iter()
+        .rev()
+        .filter_map(|(_, unit)| match unit {
+            Unit::Blob(id) => id.asset(),
+            Unit::Page(_) => None,
+        })
+        .take(MAX_REFINED_ASSETS)
+        .collect();
+    let local: HashMap<u32, u32> = numbers.iter().copied().zip(0..).collect();
+    let pages = all_pages(source);
+    let entries: Vec<&AssetEntry> = pages.iter().flat_map(|page| &page.assets).collect();
+    let assets = numbers
+        .iter()
+        .filter_map(|&number| entries.get(number as usize))
+        .map(|&entry| {
+            let mut state = AssetState::new(entry.clone());
+            state.set_state(BlobPart::Base, State::Applied);
+            state
+        })
+        .collect();
+    let instances = pages
+        .iter()
+        .flat_map(|page| &page.instances)
+        .filter_map(|instance| local.get(&instance.asset).map(|&asset| InstanceEntry { asset, ..*instance }))
+        .collect();
+    (numbers, instances, assets)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::MemoryScene;
+    use std::collections::HashSet;
+
+    fn refinement(scene: &MemoryScene, budget: u64) -> Vec<Refining> {
+        let view = scene.header.camera.view([1280, 720], 1.0);
+        first_refinement(scene, &view, budget, &|id| scene.try_read(id)).unwrap()
+    }
+
+    #[test]
+    fn pages_that_are_not_at_hand_are_named_until_all_that_is_needed_is_there() {
+        let scene = MemoryScene::new(3, 2, 5);
+        let view = scene.header.camera.view([1280, 720], 1.0);
+        let here = std::cell::RefCell::new(HashSet::new());
+        let read = |id: &BlobId| {
+            if here.borrow().contains(id) { scene.try_read(id) } else { Ok(Reading::Pending) }
+        };
+        for _ in 0..MAX_REFINED_PAGES {
+            match first_refinement(&*scene, &view, 64_000, &read) {
+                Ok(pushed) => return assert_eq!(pushed, refinement(&scene, 64_000)),
+                Err(Missing(pages)) => {
+                    assert!((1..=MAX_MISSING).contains(&pages.len()));
+                    assert!(pages.iter().all(|id| here.borrow_mut().insert(*id)), "named twice: {pages:?}");
+                }
+            }
+        }
+        panic!("never complete");
+    }
+
+    #[test]
+    fn the_first_refinement_keeps_to_its_budget_and_to_what_can_be_applied() {
+        let scene = MemoryScene::new(3, 2, 5);
+        for budget in [0, 1000, 20_000, 64_000, 400_000] {
+            let pushed = refinement(&scene, budget);
+            let (mut seen, mut whole) = (HashSet::new(), HashSet::new());
+            let mut bytes = 0;
+            for next in &pushed {
+                let Refining { id, end, .. } = next;
+                bytes += u64::from(end.unwrap_or(scene.blob_len(id).unwrap()));
+                if let BlobId::Asset { asset, part: BlobPart::Chunk(chunk) } = *id {
+                    let page = BlobId::index_page(asset, chunk / CHUNKS_PER_PAGE as u32);
+                    assert!(seen.contains(&page), "{id} before its page");
+                    for &parent in &scene.chunks[0][chunk as usize].parents {
+                        let parent = BlobId::chunk(asset, parent);
+                        assert!(seen.contains(&parent), "{id} before its parent");
+                        assert!(whole.contains(&parent), "{id}, though its parent comes in part");
+                    }
+                }
+                assert!(seen.insert(*id), "{id} twice");
+                if end.is_none() {
+                    whole.insert(*id);
+                }
+            }
+            assert!(bytes <= budget && (budget < 20_000 || bytes * 4 > budget * 3), "{bytes} of {budget}");
+        }
+    }
+}
