@@ -167,60 +167,98 @@ pub fn level_size(finest: [u32; 2], levels: u32, level: u32) -> [u32; 2] {
     finest.map(|side| side.checked_shr(halvings).unwrap_or(0).max(1))
 }
 
+/// A description that cannot be.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum DescriptionError {
+    /// Longer than [`MAX_NAME_BYTES`].
+    #[error("the asset's name is too long")]
+    AssetName,
+    /// More than [`MAX_MATERIALS`].
+    #[error("too many materials")]
+    TooManyMaterials,
+    /// More than [`MAX_TEXTURES`].
+    #[error("too many textures")]
+    TooManyTextures,
+    /// Longer than [`MAX_NAME_BYTES`].
+    #[error("a material's name is too long")]
+    MaterialName,
+    /// An index beyond the last.
+    #[error("a material names a missing texture")]
+    MissingTexture,
+    /// A depth that is none.
+    #[error("a relief depth is not a finite positive number")]
+    ReliefDepth,
+    /// At least one, at most [`MAX_TEXTURE_LEVELS`].
+    #[error("a texture has no level, or too many")]
+    LevelCount,
+    /// A level smaller than the one before.
+    #[error("a texture's levels are not ordered coarse to fine")]
+    LevelOrder,
+    /// Longer than [`MAX_BLOB_BYTES`].
+    #[error("a texture level is too long")]
+    LevelTooLong,
+    /// Another than the texture's.
+    #[error("a texture's finest level has another size")]
+    FinestLevel,
+    /// More than 2^15 texels a side.
+    #[error("a texture is too large")]
+    TextureTooLarge,
+    /// The bytes are no description.
+    #[error(transparent)]
+    Coding(#[from] CodingError),
+}
+
 impl AssetDescription {
     /// Encodes the description.
     ///
     /// # Errors
     /// Refuses descriptions that [`AssetDescription::decode`] would refuse.
-    pub fn encode(&self) -> Result<Vec<u8>, CodingError> {
+    pub fn encode(&self) -> Result<Vec<u8>, DescriptionError> {
         self.check()?;
-        encode_description(self)
+        Ok(encode_description(self)?)
     }
 
     /// Decodes a description, all of `bytes`.
     ///
     /// # Errors
     /// Refuses truncated, overlong and inconsistent descriptions.
-    pub fn decode(bytes: &[u8]) -> Result<Self, CodingError> {
+    pub fn decode(bytes: &[u8]) -> Result<Self, DescriptionError> {
         let this: Self = decode_description(bytes)?;
         this.check()?;
         Ok(this)
     }
 
-    fn check(&self) -> Result<(), CodingError> {
-        let ensure = |ok: bool, why| if ok { Ok(()) } else { Err(CodingError::OutOfRange(why)) };
-        ensure(self.name.len() <= MAX_NAME_BYTES, "the asset's name is too long")?;
-        ensure(self.materials.len() <= MAX_MATERIALS, "too many materials")?;
-        ensure(self.textures.len() <= MAX_TEXTURES, "too many textures")?;
+    fn check(&self) -> Result<(), DescriptionError> {
+        let ensure = |ok: bool, why| if ok { Ok(()) } else { Err(why) };
+        ensure(self.name.len() <= MAX_NAME_BYTES, DescriptionError::AssetName)?;
+        ensure(self.materials.len() <= MAX_MATERIALS, DescriptionError::TooManyMaterials)?;
+        ensure(self.textures.len() <= MAX_TEXTURES, DescriptionError::TooManyTextures)?;
         let textures = self.textures.len();
         for material in &self.materials {
-            ensure(material.name.len() <= MAX_NAME_BYTES, "a material's name is too long")?;
+            ensure(material.name.len() <= MAX_NAME_BYTES, DescriptionError::MaterialName)?;
             let known = |t: Option<u16>| t.is_none_or(|t| usize::from(t) < textures);
             ensure(
                 known(material.base_color_texture) && known(material.height_texture),
-                "a material names a missing texture",
+                DescriptionError::MissingTexture,
             )?;
             ensure(
                 material.relief_depth.is_finite() && material.relief_depth >= 0.0,
-                "a relief depth is not a finite positive number",
+                DescriptionError::ReliefDepth,
             )?;
         }
         for texture in &self.textures {
-            ensure(
-                (1..=MAX_TEXTURE_LEVELS).contains(&texture.levels.len()),
-                "a texture has no level, or too many",
-            )?;
+            ensure((1..=MAX_TEXTURE_LEVELS).contains(&texture.levels.len()), DescriptionError::LevelCount)?;
             let mut last = (0, 0);
             for level in &texture.levels {
                 ensure(
                     level.width >= last.0.max(1) && level.height >= last.1.max(1),
-                    "a texture's levels are not ordered coarse to fine",
+                    DescriptionError::LevelOrder,
                 )?;
-                ensure(level.bytes <= MAX_BLOB_BYTES, "a texture level is too long")?;
+                ensure(level.bytes <= MAX_BLOB_BYTES, DescriptionError::LevelTooLong)?;
                 last = (level.width, level.height);
             }
-            ensure(last == (texture.width, texture.height), "a texture's finest level has another size")?;
-            ensure(texture.width <= 1 << 15 && texture.height <= 1 << 15, "a texture is too large")?;
+            ensure(last == (texture.width, texture.height), DescriptionError::FinestLevel)?;
+            ensure(texture.width <= 1 << 15 && texture.height <= 1 << 15, DescriptionError::TextureTooLarge)?;
         }
         Ok(())
     }
@@ -284,7 +322,7 @@ mod tests {
         }
         let mut longer = bytes;
         longer.push(0);
-        assert_eq!(AssetDescription::decode(&longer), Err(CodingError::TrailingBytes { left: 1 }));
+        assert_eq!(AssetDescription::decode(&longer), Err(CodingError::TrailingBytes { left: 1 }.into()));
     }
 
     #[test]

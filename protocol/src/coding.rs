@@ -16,9 +16,21 @@ const DESCRIPTION: Limited<{ 4 * MAX_DESCRIPTION_BYTES }> =
 /// Why bytes are not the value they should be.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CodingError {
-    /// The bytes end early, hold an unknown variant or exceed a limit.
-    #[error("{0}")]
-    Malformed(String),
+    /// The bytes end early.
+    #[error("the bytes end too early")]
+    EndsEarly,
+    /// A length or count is beyond what may be.
+    #[error("a length exceeds its limit")]
+    LimitExceeded,
+    /// A number that stands for none of the values of a type.
+    #[error("unknown variant of {0}")]
+    UnknownVariant(&'static str),
+    /// A value that its type refuses.
+    #[error("{why}")]
+    Value {
+        /// What is wrong with it.
+        why: String,
+    },
     /// Bytes are left over.
     #[error("{left} bytes are left over at the end")]
     TrailingBytes {
@@ -33,26 +45,23 @@ pub enum CodingError {
         /// How many may be.
         limit: usize,
     },
-    /// A value out of its range.
-    #[error("{0}")]
-    OutOfRange(&'static str),
 }
 
 impl From<DecodeError> for CodingError {
     fn from(error: DecodeError) -> Self {
         // The crate's own texts print whole types; a peer's operator needs the gist only.
-        Self::Malformed(match error {
-            DecodeError::UnexpectedEnd { .. } => "the bytes end too early".to_owned(),
-            DecodeError::LimitExceeded => "a length exceeds its limit".to_owned(),
-            DecodeError::UnexpectedVariant { type_name, .. } => format!("unknown variant of {type_name}"),
-            other => other.to_string(),
-        })
+        match error {
+            DecodeError::UnexpectedEnd { .. } => Self::EndsEarly,
+            DecodeError::LimitExceeded => Self::LimitExceeded,
+            DecodeError::UnexpectedVariant { type_name, .. } => Self::UnknownVariant(type_name),
+            other => Self::Value { why: other.to_string() },
+        }
     }
 }
 
 impl From<EncodeError> for CodingError {
     fn from(error: EncodeError) -> Self {
-        Self::Malformed(error.to_string())
+        Self::Value { why: error.to_string() }
     }
 }
 

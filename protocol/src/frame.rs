@@ -11,7 +11,7 @@ use crate::blob::BlobId;
 pub use crate::coding::CodingError;
 use crate::coding::{decode_message, encode_message};
 use crate::limits::{MAX_BLOB_BYTES, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, MAX_PIECE_BYTES};
-use crate::message::{ClientMessage, ServerMessage};
+use crate::message::{ClientMessage, MessageError, ServerMessage};
 
 /// Bit of a tag that lets a peer skip the message if the tag is unknown to it.
 pub const OPTIONAL: u8 = 0x80;
@@ -64,6 +64,35 @@ pub enum FrameError {
         /// What is wrong.
         why: CodingError,
     },
+    /// The message says what cannot be.
+    #[error("malformed message: {0}")]
+    Message(#[from] MessageError),
+    /// The piece says what cannot be.
+    #[error("malformed piece: {0}")]
+    Piece(#[from] PieceError),
+}
+
+/// A piece of a blob, or the head of a blob's stream, that cannot be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PieceError {
+    /// The blob is longer than [`MAX_BLOB_BYTES`].
+    #[error("the blob is too long")]
+    BlobTooLong,
+    /// More bytes than [`MAX_PIECE_BYTES`].
+    #[error("{0} bytes, but at most {MAX_PIECE_BYTES} are allowed")]
+    TooLong(usize),
+    /// The run ends before its blob begins, or behind its end.
+    #[error("the run reaches beyond its blob")]
+    RunBeyondBlob,
+    /// The piece ends behind its run.
+    #[error("the piece reaches beyond its run")]
+    BeyondRun,
+    /// A piece without bytes, of a blob that has some.
+    #[error("the piece is empty")]
+    Empty,
+    /// A run without bytes, of a blob that has some.
+    #[error("the run is empty")]
+    EmptyRun,
 }
 
 impl FrameError {
@@ -100,21 +129,21 @@ impl BlobPiece {
         u64::from(self.offset) + self.bytes.len() as u64 >= u64::from(self.end)
     }
 
-    fn check(&self) -> Result<(), CodingError> {
+    fn check(&self) -> Result<(), PieceError> {
         if self.total > MAX_BLOB_BYTES {
-            return Err(CodingError::OutOfRange("the blob is too long"));
+            return Err(PieceError::BlobTooLong);
         }
         if self.bytes.len() > MAX_PIECE_BYTES {
-            return Err(CodingError::TooLong { bytes: self.bytes.len(), limit: MAX_PIECE_BYTES });
+            return Err(PieceError::TooLong(self.bytes.len()));
         }
         if self.end > self.total {
-            return Err(CodingError::OutOfRange("the run reaches beyond its blob"));
+            return Err(PieceError::RunBeyondBlob);
         }
         if u64::from(self.offset) + self.bytes.len() as u64 > u64::from(self.end) {
-            return Err(CodingError::OutOfRange("the piece reaches beyond its run"));
+            return Err(PieceError::BeyondRun);
         }
         if self.bytes.is_empty() && self.total > 0 {
-            return Err(CodingError::OutOfRange("the piece is empty"));
+            return Err(PieceError::Empty);
         }
         Ok(())
     }
@@ -202,8 +231,7 @@ impl Frame {
             unknown if unknown & OPTIONAL != 0 => return Ok(None),
             unknown => return Err(FrameError::UnknownTag(unknown)),
         };
-        let checked = message.check();
-        checked.map_err(|why| FrameError::Body { what: "message", why: CodingError::OutOfRange(why) })?;
+        message.check()?;
         Ok(Some(message))
     }
 
@@ -225,8 +253,7 @@ impl Frame {
             unknown if unknown & OPTIONAL != 0 => return Ok(None),
             unknown => return Err(FrameError::UnknownTag(unknown)),
         };
-        let checked = message.check();
-        checked.map_err(|why| FrameError::Body { what: "message", why: CodingError::OutOfRange(why) })?;
+        message.check()?;
         Ok(Some(ServerFrame::Message(message)))
     }
 
@@ -237,12 +264,9 @@ impl Frame {
         let head = body.get(1..end).ok_or(FrameError::Truncated)?;
         // What is left of the blob behind the run is nearly always nothing: one byte.
         let (id, offset, total, behind): (_, _, u32, u32) = decode("piece", head)?;
-        let run_end = total.checked_sub(behind).ok_or(FrameError::Body {
-            what: "piece",
-            why: CodingError::OutOfRange("the run ends before its blob begins"),
-        })?;
+        let run_end = total.checked_sub(behind).ok_or(PieceError::RunBeyondBlob)?;
         let piece = BlobPiece { id, offset, end: run_end, total, bytes: body.slice(end..) };
-        piece.check().map_err(|why| FrameError::Body { what: "piece", why })?;
+        piece.check()?;
         Ok(piece)
     }
 }
@@ -273,8 +297,7 @@ fn wrap(tag: u8, body: &[u8]) -> Result<Vec<u8>, FrameError> {
 /// # Errors
 /// Refuses messages that [`Frame::into_client_message`] would refuse.
 pub fn encode_client(message: &ClientMessage) -> Result<Vec<u8>, FrameError> {
-    let checked = message.check();
-    checked.map_err(|why| FrameError::Body { what: "message", why: CodingError::OutOfRange(why) })?;
+    message.check()?;
     match message {
         ClientMessage::Hello(hello) => frame("Hello", tag::HELLO, hello),
         ClientMessage::Want(wants) => frame("Want", tag::WANT, wants),
@@ -291,8 +314,7 @@ pub fn encode_client(message: &ClientMessage) -> Result<Vec<u8>, FrameError> {
 /// # Errors
 /// Refuses messages that [`Frame::into_server_frame`] would refuse.
 pub fn encode_server(message: &ServerMessage) -> Result<Vec<u8>, FrameError> {
-    let checked = message.check();
-    checked.map_err(|why| FrameError::Body { what: "message", why: CodingError::OutOfRange(why) })?;
+    message.check()?;
     match message {
         ServerMessage::Welcome(welcome) => frame("Welcome", tag::WELCOME, welcome),
         ServerMessage::ScenePage(page) => frame("ScenePage", tag::SCENE_PAGE, page),
@@ -309,7 +331,7 @@ pub fn encode_server(message: &ServerMessage) -> Result<Vec<u8>, FrameError> {
 /// # Errors
 /// Refuses pieces longer than [`MAX_PIECE_BYTES`] or beyond their blob.
 pub fn encode_piece(piece: &BlobPiece) -> Result<Vec<u8>, FrameError> {
-    piece.check().map_err(|why| FrameError::Body { what: "piece", why })?;
+    piece.check()?;
     let mut body = vec![0];
     encode_message(&(piece.id, piece.offset, piece.total, piece.total - piece.end), &mut body)
         .map_err(|why| FrameError::Body { what: "piece", why })?;

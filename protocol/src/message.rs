@@ -6,8 +6,8 @@ use crate::blob::BlobId;
 use crate::limits::{
     MAX_BLOB_BYTES, MAX_HAVE, MAX_IDS_PER_MESSAGE, MAX_NAME_BYTES, MAX_PAGES_PER_MESSAGE, MAX_REASON_BYTES,
 };
-use crate::scene::{Fingerprint, SceneHeader, ScenePage};
-use crate::view::View;
+use crate::scene::{Fingerprint, SceneError, SceneHeader, ScenePage};
+use crate::view::{View, ViewError};
 
 /// Versions of the protocol that this crate speaks.
 pub const VERSIONS: std::ops::RangeInclusive<u16> = 3..=3;
@@ -238,25 +238,57 @@ impl std::fmt::Display for Close {
     }
 }
 
-fn ensure(ok: bool, why: &'static str) -> Result<(), &'static str> {
+/// A message that says what cannot be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum MessageError {
+    /// Longer than [`MAX_NAME_BYTES`].
+    #[error("the scene's name is too long")]
+    SceneName,
+    /// The lowest is above the highest.
+    #[error("the range of versions is empty")]
+    Versions,
+    /// More than [`MAX_HAVE`].
+    #[error("the list of held blobs is too long")]
+    Have,
+    /// More than [`MAX_IDS_PER_MESSAGE`].
+    #[error("too many wants in one message")]
+    TooManyWants,
+    /// More than [`MAX_IDS_PER_MESSAGE`].
+    #[error("too many cancels in one message")]
+    TooManyCancels,
+    /// More than [`MAX_PAGES_PER_MESSAGE`].
+    #[error("too many scene pages in one message")]
+    TooManyPages,
+    /// Longer than [`MAX_REASON_BYTES`].
+    #[error("the reason of a close is too long")]
+    Reason,
+    /// Its view.
+    #[error(transparent)]
+    View(#[from] ViewError),
+    /// Its part of the scene's description.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+}
+
+fn ensure(ok: bool, why: MessageError) -> Result<(), MessageError> {
     if ok { Ok(()) } else { Err(why) }
 }
 
 impl ClientMessage {
     /// Why the message cannot be accepted, if so; decoding calls this.
-    pub(crate) fn check(&self) -> Result<(), &'static str> {
+    pub(crate) fn check(&self) -> Result<(), MessageError> {
         match self {
             Self::Hello(hello) => {
-                ensure(hello.scene.len() <= MAX_NAME_BYTES, "the scene's name is too long")?;
-                ensure(hello.version_min <= hello.version_max, "the range of versions is empty")?;
-                ensure(hello.have.len() <= MAX_HAVE, "the list of held blobs is too long")?;
-                hello.view.map_or(Ok(()), |view| view.check())
+                ensure(hello.scene.len() <= MAX_NAME_BYTES, MessageError::SceneName)?;
+                ensure(hello.version_min <= hello.version_max, MessageError::Versions)?;
+                ensure(hello.have.len() <= MAX_HAVE, MessageError::Have)?;
+                hello.view.map_or(Ok(()), |view| view.check().map_err(MessageError::View))
             }
-            Self::Want(wants) => ensure(wants.len() <= MAX_IDS_PER_MESSAGE, "too many wants in one message"),
-            Self::Cancel(ids) => ensure(ids.len() <= MAX_IDS_PER_MESSAGE, "too many cancels in one message"),
-            Self::SetView(view) => view.check(),
+            Self::Want(wants) => ensure(wants.len() <= MAX_IDS_PER_MESSAGE, MessageError::TooManyWants),
+            Self::Cancel(ids) => ensure(ids.len() <= MAX_IDS_PER_MESSAGE, MessageError::TooManyCancels),
+            Self::SetView(view) => Ok(view.check()?),
             Self::WantScenePages(pages) => {
-                ensure(pages.len() <= MAX_PAGES_PER_MESSAGE, "too many scene pages in one message")
+                ensure(pages.len() <= MAX_PAGES_PER_MESSAGE, MessageError::TooManyPages)
             }
             Self::Ping(_) | Self::Bye => Ok(()),
         }
@@ -265,13 +297,11 @@ impl ClientMessage {
 
 impl ServerMessage {
     /// Why the message cannot be accepted, if so; decoding calls this.
-    pub(crate) fn check(&self) -> Result<(), &'static str> {
+    pub(crate) fn check(&self) -> Result<(), MessageError> {
         match self {
-            Self::Welcome(welcome) => welcome.scene.check(),
-            Self::ScenePage(page) => page.check(),
-            Self::Close(close) => {
-                ensure(close.reason.len() <= MAX_REASON_BYTES, "the reason of a close is too long")
-            }
+            Self::Welcome(welcome) => Ok(welcome.scene.check()?),
+            Self::ScenePage(page) => Ok(page.check()?),
+            Self::Close(close) => ensure(close.reason.len() <= MAX_REASON_BYTES, MessageError::Reason),
             Self::Refused(_) | Self::BasesSent | Self::Done | Self::Pong(_) => Ok(()),
         }
     }

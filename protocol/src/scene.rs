@@ -17,8 +17,8 @@ use crate::limits::{
     MAX_SCENE_PAGES,
 };
 use crate::pose::Pose;
-use crate::terrain::TerrainEntry;
-use crate::view::View;
+use crate::terrain::{TerrainEntry, TerrainEntryError};
+use crate::view::{View, ViewError};
 
 /// First 16 bytes of a BLAKE3 hash: enough to name contents, short enough for the first flight.
 pub type Fingerprint = [u8; 16];
@@ -251,7 +251,75 @@ impl<Context> Decode<Context> for AssetEntry {
 bincode::impl_borrow_decode!(InstanceEntry);
 bincode::impl_borrow_decode!(AssetEntry);
 
-fn ensure(ok: bool, why: &'static str) -> Result<(), &'static str> {
+/// A header or page of a scene that cannot be used: what of it is out of range.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum SceneError {
+    /// Longer than [`MAX_NAME_BYTES`].
+    #[error("the scene's name is too long")]
+    NameTooLong,
+    /// More than [`MAX_ASSETS`].
+    #[error("the scene has too many assets")]
+    TooManyAssets,
+    /// More than [`MAX_INSTANCES`].
+    #[error("the scene has too many instances")]
+    TooManyInstances,
+    /// More than [`MAX_SCENE_PAGES`].
+    #[error("the scene has too many pages")]
+    TooManyPages,
+    /// Direction, colour or ambient light.
+    #[error("a light is not finite")]
+    Light,
+    /// A colour that is none.
+    #[error("the background is not finite")]
+    Background,
+    /// A direction that is none.
+    #[error("the start camera's up is not finite")]
+    CameraUp,
+    /// A point that is none.
+    #[error("the start camera's target is not finite")]
+    CameraTarget,
+    /// More than [`MAX_ENTRIES_PER_PAGE`].
+    #[error("a scene page has too many entries")]
+    TooManyEntries,
+    /// Its own, or those of its first entries.
+    #[error("a scene page's numbers are out of range")]
+    PageNumbers,
+    /// Longer than [`MAX_NAME_BYTES`].
+    #[error("an asset's name is too long")]
+    AssetName,
+    /// Origin or sphere.
+    #[error("an asset's bounds are not finite")]
+    AssetBounds,
+    /// Error of a base mesh.
+    #[error("an asset's root error is not a finite positive number")]
+    RootError,
+    /// Longer than [`MAX_BLOB_BYTES`].
+    #[error("an asset's base mesh is too long")]
+    BaseTooLong,
+    /// More than [`MAX_CHUNKS`].
+    #[error("an asset has too many chunks")]
+    TooManyChunks,
+    /// Assets come before their instances.
+    #[error("an instance refers to an asset of a later page")]
+    AssetOfLaterPage,
+    /// A point that is none.
+    #[error("an instance's place is not finite")]
+    InstancePlace,
+    /// A rotation that is none.
+    #[error("an instance's rotation is not a unit quaternion")]
+    InstanceRotation,
+    /// A scale that is none.
+    #[error("an instance's scale is not a finite positive number")]
+    InstanceScale,
+    /// The start camera's view.
+    #[error(transparent)]
+    Camera(#[from] ViewError),
+    /// The ground.
+    #[error(transparent)]
+    Terrain(#[from] TerrainEntryError),
+}
+
+fn ensure(ok: bool, why: SceneError) -> Result<(), SceneError> {
     if ok { Ok(()) } else { Err(why) }
 }
 
@@ -264,21 +332,24 @@ impl SceneHeader {
     ///
     /// # Errors
     /// Names what is out of range.
-    pub fn check(&self) -> Result<(), &'static str> {
-        ensure(self.name.len() <= MAX_NAME_BYTES, "the scene's name is too long")?;
-        ensure(self.asset_count <= MAX_ASSETS, "the scene has too many assets")?;
-        ensure(self.instance_count <= MAX_INSTANCES, "the scene has too many instances")?;
-        ensure(self.page_count <= MAX_SCENE_PAGES, "the scene has too many pages")?;
+    pub fn check(&self) -> Result<(), SceneError> {
+        ensure(self.name.len() <= MAX_NAME_BYTES, SceneError::NameTooLong)?;
+        ensure(self.asset_count <= MAX_ASSETS, SceneError::TooManyAssets)?;
+        ensure(self.instance_count <= MAX_INSTANCES, SceneError::TooManyInstances)?;
+        ensure(self.page_count <= MAX_SCENE_PAGES, SceneError::TooManyPages)?;
         let light = &self.light;
         ensure(
             finite32(&light.direction) && finite32(&light.color) && finite32(&light.ambient),
-            "a light is not finite",
+            SceneError::Light,
         )?;
-        ensure(finite32(&self.background), "the background is not finite")?;
-        self.terrain.as_ref().map_or(Ok(()), |terrain| terrain.check())?;
-        ensure(finite32(&self.camera.up), "the start camera's up is not finite")?;
-        ensure(self.camera.target.iter().all(|x| x.is_finite()), "the start camera's target is not finite")?;
-        self.camera.view([1, 1], 1.0).check()
+        ensure(finite32(&self.background), SceneError::Background)?;
+        if let Some(terrain) = &self.terrain {
+            terrain.check()?;
+        }
+        ensure(finite32(&self.camera.up), SceneError::CameraUp)?;
+        ensure(self.camera.target.iter().all(|x| x.is_finite()), SceneError::CameraTarget)?;
+        self.camera.view([1, 1], 1.0).check()?;
+        Ok(())
     }
 }
 
@@ -287,45 +358,39 @@ impl ScenePage {
     ///
     /// # Errors
     /// Names what is out of range.
-    pub fn check(&self) -> Result<(), &'static str> {
+    pub fn check(&self) -> Result<(), SceneError> {
         ensure(
             self.assets.len() <= MAX_ENTRIES_PER_PAGE && self.instances.len() <= MAX_ENTRIES_PER_PAGE,
-            "a scene page has too many entries",
+            SceneError::TooManyEntries,
         )?;
         ensure(
             self.page < MAX_SCENE_PAGES
                 && self.first_asset <= MAX_ASSETS
                 && self.first_instance <= MAX_INSTANCES,
-            "a scene page's numbers are out of range",
+            SceneError::PageNumbers,
         )?;
         for asset in &self.assets {
-            ensure(asset.name.len() <= MAX_NAME_BYTES, "an asset's name is too long")?;
+            ensure(asset.name.len() <= MAX_NAME_BYTES, SceneError::AssetName)?;
             ensure(
                 asset.origin.iter().all(|x| x.is_finite())
                     && finite32(&asset.sphere.center)
                     && asset.sphere.radius.is_finite()
                     && asset.sphere.radius >= 0.0,
-                "an asset's bounds are not finite",
+                SceneError::AssetBounds,
             )?;
-            ensure(
-                asset.root_error.is_finite() && asset.root_error >= 0.0,
-                "an asset's root error is not a finite positive number",
-            )?;
-            ensure(asset.base_bytes <= MAX_BLOB_BYTES, "an asset's base mesh is too long")?;
-            ensure(asset.chunk_count <= MAX_CHUNKS, "an asset has too many chunks")?;
+            ensure(asset.root_error.is_finite() && asset.root_error >= 0.0, SceneError::RootError)?;
+            ensure(asset.base_bytes <= MAX_BLOB_BYTES, SceneError::BaseTooLong)?;
+            ensure(asset.chunk_count <= MAX_CHUNKS, SceneError::TooManyChunks)?;
         }
         // Entries are at most 64.
         #[allow(clippy::cast_possible_truncation)]
         let known_assets = self.first_asset + self.assets.len() as u32;
         for instance in &self.instances {
-            ensure(instance.asset < known_assets, "an instance refers to an asset of a later page")?;
-            ensure(instance.translation.iter().all(|x| x.is_finite()), "an instance's place is not finite")?;
+            ensure(instance.asset < known_assets, SceneError::AssetOfLaterPage)?;
+            ensure(instance.translation.iter().all(|x| x.is_finite()), SceneError::InstancePlace)?;
             let length = instance.rotation.iter().map(|x| x * x).sum::<f32>();
-            ensure((0.9..=1.1).contains(&length), "an instance's rotation is not a unit quaternion")?;
-            ensure(
-                instance.scale.is_finite() && instance.scale > 0.0,
-                "an instance's scale is not a finite positive number",
-            )?;
+            ensure((0.9..=1.1).contains(&length), SceneError::InstanceRotation)?;
+            ensure(instance.scale.is_finite() && instance.scale > 0.0, SceneError::InstanceScale)?;
         }
         Ok(())
     }

@@ -14,7 +14,7 @@ use bytes::Bytes;
 
 use crate::blob::BlobId;
 use crate::coding::{CodingError, decode_message, encode_message};
-use crate::frame::{BlobPiece, FrameError};
+use crate::frame::{BlobPiece, FrameError, PieceError};
 use crate::limits::{MAX_BLOB_BYTES, MAX_PIECE_BYTES};
 
 /// Name of the protocol in TLS ALPN and as WebSocket subprotocol.
@@ -46,7 +46,7 @@ pub fn blob_head(first: &BlobPiece) -> Result<Vec<u8>, FrameError> {
     }
     let mut out = vec![BLOB_STREAM, 0];
     let body = |why| FrameError::Body { what: "blob head", why };
-    let behind = total.checked_sub(end).ok_or(body(CodingError::OutOfRange("the run is too long")))?;
+    let behind = total.checked_sub(end).ok_or(PieceError::RunBeyondBlob)?;
     encode_message(&(id, total, offset, behind), &mut out).map_err(body)?;
     // At most 26 bytes.
     #[allow(clippy::cast_possible_truncation)]
@@ -96,10 +96,10 @@ impl BlobStreamReader {
                 let (id, total, offset, behind) =
                     decode_message::<(BlobId, u32, u32, u32)>(&self.head[1..]).map_err(body)?;
                 if total > MAX_BLOB_BYTES {
-                    return Err(body(CodingError::OutOfRange("the blob is too long")));
+                    return Err(PieceError::BlobTooLong.into());
                 }
                 let end = total.checked_sub(behind).filter(|&end| offset < end || total == 0);
-                self.end = end.ok_or(body(CodingError::OutOfRange("the run is empty")))?;
+                self.end = end.ok_or(PieceError::EmptyRun)?;
                 self.next = offset;
                 self.blob = Some((id, total));
                 if total == 0 {

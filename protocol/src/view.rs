@@ -25,6 +25,26 @@ pub struct View {
     pub target_px: f32,
 }
 
+/// A view that cannot be used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ViewError {
+    /// The eye is not a finite point.
+    #[error("the eye is not a finite point")]
+    Eye,
+    /// The rotation is no unit quaternion.
+    #[error("the view's rotation is not a unit quaternion")]
+    Rotation,
+    /// The field of view is 0, negative, or half a turn.
+    #[error("the field of view is not within (0, pi)")]
+    FieldOfView,
+    /// The viewport has no pixels, or more than [`MAX_VIEWPORT_PX`] a side.
+    #[error("the viewport is empty or too large")]
+    Viewport,
+    /// The target is not a finite number above 0.
+    #[error("the target screen error is not a positive number")]
+    Target,
+}
+
 impl View {
     /// A view from `eye` towards `target`, with `up` roughly up (any other axis where they align).
     #[must_use]
@@ -37,22 +57,22 @@ impl View {
     ///
     /// # Errors
     /// Names the value that is out of range.
-    pub fn check(&self) -> Result<(), &'static str> {
+    pub fn check(&self) -> Result<(), ViewError> {
         if !self.eye.iter().all(|x| x.is_finite()) {
-            return Err("the eye is not a finite point");
+            return Err(ViewError::Eye);
         }
         let length = self.rotation.iter().map(|x| x * x).sum::<f32>();
         if !(0.9..=1.1).contains(&length) {
-            return Err("the view's rotation is not a unit quaternion");
+            return Err(ViewError::Rotation);
         }
         if !(self.fov_y > 1e-4 && self.fov_y < std::f32::consts::PI - 1e-4) {
-            return Err("the field of view is not within (0, pi)");
+            return Err(ViewError::FieldOfView);
         }
         if !self.viewport_px.iter().all(|x| (1..=MAX_VIEWPORT_PX).contains(x)) {
-            return Err("the viewport is empty or too large");
+            return Err(ViewError::Viewport);
         }
         if !(self.target_px > 0.0 && self.target_px.is_finite()) {
-            return Err("the target screen error is not a positive number");
+            return Err(ViewError::Target);
         }
         Ok(())
     }

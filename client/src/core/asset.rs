@@ -11,7 +11,7 @@ use geometry::refine::{ActiveMesh, ChunkDelta, RefineError, Touched};
 #[cfg(feature = "zstd")]
 use lodestream_compress::{decode_base, decode_prefix};
 use lodestream_geometry as geometry;
-use lodestream_protocol::asset::{AssetDescription, CodingError};
+use lodestream_protocol::asset::{AssetDescription, DescriptionError};
 
 use super::changes::{IndexRun, MeshChange, Vertex, runs};
 #[cfg(not(feature = "zstd"))]
@@ -23,7 +23,7 @@ pub(crate) enum AssetError {
     #[error(transparent)]
     Decode(#[from] DecodeError),
     #[error("description: {0}")]
-    Description(#[from] CodingError),
+    Description(#[from] DescriptionError),
     #[error(transparent)]
     Refine(#[from] RefineError),
     #[error("the base mesh tells of {base} chunks, the scene of {scene}")]

@@ -25,33 +25,57 @@ pub struct ListedPatch {
     pub error: u32,
 }
 
+/// A page of the directory that cannot be.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum DirectoryError {
+    /// The bytes are no page.
+    #[error(transparent)]
+    Coding(#[from] CodingError),
+    /// More than [`PATCHES_PER_PAGE`].
+    #[error("a page of the terrain's directory has {0} patches; at most {PATCHES_PER_PAGE} can be said")]
+    TooMany(usize),
+    /// Another number than the scene says.
+    #[error("a page of the terrain's directory has {got} patches, but should have {expected}")]
+    WrongCount {
+        /// How many it has.
+        got: usize,
+        /// How many it should have.
+        expected: u32,
+    },
+    /// The points of a patch are longer than a blob may be.
+    #[error("the points of patch {at} of a page of the terrain's directory are too long")]
+    PointsTooLong {
+        /// Its place on the page.
+        at: usize,
+    },
+}
+
 /// A page of the directory as bytes. At most [`PATCHES_PER_PAGE`] patches.
 ///
 /// # Errors
 /// If there are more.
-pub fn encode_directory(patches: &[ListedPatch]) -> Result<Vec<u8>, CodingError> {
+pub fn encode_directory(patches: &[ListedPatch]) -> Result<Vec<u8>, DirectoryError> {
     if patches.len() > PATCHES_PER_PAGE as usize {
-        return Err(CodingError::OutOfRange("a page of the terrain's directory has too many patches"));
+        return Err(DirectoryError::TooMany(patches.len()));
     }
-    Ok(bincode::encode_to_vec(patches, CONFIG)?)
+    Ok(bincode::encode_to_vec(patches, CONFIG).map_err(CodingError::from)?)
 }
 
 /// Reads a page of the directory that must hold `count` patches.
 ///
 /// # Errors
 /// If the bytes are not such a page. Memory is bounded by the bytes.
-pub fn decode_directory(bytes: &[u8], count: u32) -> Result<Vec<ListedPatch>, CodingError> {
-    let (patches, used): (Vec<ListedPatch>, usize) = bincode::decode_from_slice(bytes, CONFIG)?;
+pub fn decode_directory(bytes: &[u8], count: u32) -> Result<Vec<ListedPatch>, DirectoryError> {
+    let (patches, used): (Vec<ListedPatch>, usize) =
+        bincode::decode_from_slice(bytes, CONFIG).map_err(CodingError::from)?;
     if used != bytes.len() {
-        return Err(CodingError::TrailingBytes { left: bytes.len() - used });
+        return Err(CodingError::TrailingBytes { left: bytes.len() - used }.into());
     }
     if patches.len() != count as usize {
-        return Err(CodingError::OutOfRange(
-            "a page of the terrain's directory has another number of patches",
-        ));
+        return Err(DirectoryError::WrongCount { got: patches.len(), expected: count });
     }
-    if patches.iter().any(|patch| patch.bytes > MAX_BLOB_BYTES) {
-        return Err(CodingError::OutOfRange("the points of a terrain's patch are too long"));
+    if let Some(at) = patches.iter().position(|patch| patch.bytes > MAX_BLOB_BYTES) {
+        return Err(DirectoryError::PointsTooLong { at });
     }
     Ok(patches)
 }

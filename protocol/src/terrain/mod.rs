@@ -8,7 +8,7 @@ use bincode::error::{DecodeError, EncodeError};
 use bincode::{Decode, Encode};
 use lodestream_terrain::{PARAMETERS_BYTES, Parameters, Stamp, decode_stamps, encode_stamps};
 
-pub use directory::{ListedPatch, PATCHES_PER_PAGE, decode_directory, encode_directory};
+pub use directory::{DirectoryError, ListedPatch, PATCHES_PER_PAGE, decode_directory, encode_directory};
 
 /// Most segments of all stamps of a scene's terrain: with so many around it, a tile takes some ten milliseconds.
 pub const MAX_SEGMENTS: usize = 2048;
@@ -33,6 +33,26 @@ pub struct TerrainEntry {
     pub stamps: Vec<Stamp>,
     /// Number of patches whose listed points are blobs of their own.
     pub patches: u32,
+}
+
+/// A terrain that a scene cannot have: what of it is out of range.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum TerrainEntryError {
+    /// What heights follow from.
+    #[error("the terrain's parameters are out of range")]
+    Parameters,
+    /// World units per grid or height unit.
+    #[error("the terrain's units are not between 1e-6 and 1e6")]
+    Units,
+    /// Where sand, grass and hill end.
+    #[error("the terrain's zones are not three ascending heights")]
+    Zones,
+    /// More than [`MAX_EROSION_PASSES`].
+    #[error("the terrain's erosion has more than 32 passes")]
+    Erosion,
+    /// More than [`MAX_SEGMENTS`].
+    #[error("the terrain's stamps have more than 2048 segments together")]
+    Segments,
 }
 
 impl Encode for TerrainEntry {
@@ -77,22 +97,22 @@ impl TerrainEntry {
     ///
     /// # Errors
     /// Names what is out of range.
-    pub fn check(&self) -> Result<(), &'static str> {
-        self.parameters.check().map_err(|_| "the terrain's parameters are out of range")?;
+    pub fn check(&self) -> Result<(), TerrainEntryError> {
+        self.parameters.check().map_err(|_| TerrainEntryError::Parameters)?;
         let length = |x: f32| x.is_finite() && (1e-6..=1e6).contains(&x);
         if !length(self.unit) || !length(self.height_unit) {
-            return Err("the terrain's units are not between 1e-6 and 1e6");
+            return Err(TerrainEntryError::Units);
         }
         let [sand, grass, hill] = self.zones;
         if !(self.zones.iter().all(|z| z.is_finite()) && sand < grass && grass < hill) {
-            return Err("the terrain's zones are not three ascending heights");
+            return Err(TerrainEntryError::Zones);
         }
         // What follows bounds the work of a viewer for each tile.
         if self.parameters.erosion.passes > MAX_EROSION_PASSES {
-            return Err("the terrain's erosion has more than 32 passes");
+            return Err(TerrainEntryError::Erosion);
         }
         if self.stamps.iter().map(Stamp::segments).sum::<usize>() > MAX_SEGMENTS {
-            return Err("the terrain's stamps have more than 2048 segments together");
+            return Err(TerrainEntryError::Segments);
         }
         Ok(())
     }
@@ -131,7 +151,7 @@ mod tests {
         let bad = |change: fn(&mut TerrainEntry)| {
             let mut entry = entry();
             change(&mut entry);
-            entry.check().unwrap_err()
+            entry.check().unwrap_err().to_string()
         };
         assert!(bad(|e| e.unit = 0.0).contains("units"));
         assert!(bad(|e| e.height_unit = f32::NAN).contains("units"));

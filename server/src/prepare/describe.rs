@@ -7,7 +7,7 @@ use lodestream_import::ImageSource;
 use lodestream_import::srgb::srgb_to_linear;
 use lodestream_import::texture::{self, Texture, TextureError, TextureKind};
 use lodestream_protocol::asset::{
-    AssetDescription, CodingError, MAX_TEXTURES, Material, TextureFormat, TextureInfo, TextureLevel,
+    AssetDescription, DescriptionError, MAX_TEXTURES, Material, TextureFormat, TextureInfo, TextureLevel,
 };
 use lodestream_protocol::limits::{MAX_BLOB_BYTES, MAX_NAME_BYTES};
 
@@ -47,7 +47,7 @@ pub enum DescribeError {
     },
     /// Values that the protocol refuses.
     #[error("the asset cannot be described: {0}")]
-    Refused(#[from] CodingError),
+    Refused(#[from] DescriptionError),
 }
 
 /// Describes an asset: reads and encodes the textures of its materials.

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use glam::{DQuat, DVec3, Quat, Vec3};
 use lodestream_protocol::limits::{MAX_ENTRIES_PER_PAGE, MAX_INSTANCES};
 use lodestream_protocol::scene::{
-    AssetEntry, Camera, Fingerprint, InstanceEntry, Light, SceneHeader, ScenePage,
+    AssetEntry, Camera, Fingerprint, InstanceEntry, Light, SceneError, SceneHeader, ScenePage,
 };
 
 use crate::store::{TerrainBlobs, TerrainBlobsError};
@@ -43,7 +43,7 @@ pub enum ComposeError {
     Terrain(#[from] TerrainBlobsError),
     /// A value that the protocol refuses.
     #[error("the scene cannot be described: {0}")]
-    Refused(&'static str),
+    Refused(#[from] SceneError),
 }
 
 /// A scene description.
@@ -106,9 +106,9 @@ pub fn compose(scene: &Scene, entries: &[AssetEntry]) -> Result<Composed, Compos
         None => TerrainBlobs::default(),
     };
     header.fingerprint = fingerprint(&header, &pages, &terrain);
-    header.check().map_err(ComposeError::Refused)?;
+    header.check()?;
     for page in &pages {
-        page.check().map_err(ComposeError::Refused)?;
+        page.check()?;
     }
     Ok(Composed { header, pages, asset_order, terrain })
 }

@@ -203,7 +203,7 @@ impl RawTerrain {
             patches: u32::try_from(terrain.patches_with_points().count())
                 .map_err(|_| "too many patches have points")?,
         };
-        entry.check()?;
+        entry.check().map_err(|why| why.to_string())?;
         Ok(SceneTerrain { entry, terrain })
     }
 
