@@ -173,8 +173,12 @@ impl<N: Fn()> StreamHost<N> {
 
     fn report(&mut self, now: Time, end: Option<End>) {
         self.reported = Some(now);
-        let stats = self.core.stats();
+        let mut stats = self.core.stats();
         let settled = stats.settled && !self.core.has_changes();
+        if self.core.has_changes() {
+            // What the renderer has not fetched yet is under way too.
+            stats.lacking_blobs = 0;
+        }
         self.status.send_replace(Status { stats, message: self.message.clone(), settled, end });
         (self.notify)();
     }

@@ -1,14 +1,18 @@
-//! Blobs that came damaged or not at all: asked for again a few times, ever more slowly, then never.
+//! Blobs that came damaged or not at all. What came damaged is asked for again a few times, ever more slowly, then
+//! never: each time costs its bytes. What the server refuses because it cannot read it costs nothing to ask for, and
+//! its disk may be mended: it is asked for as long as the session lasts, at most once in [`LONGEST_PAUSE`].
 
 use std::collections::BTreeMap;
 use std::time::Duration;
 
 use lodestream_protocol::{BlobId, Time};
 
-/// Attempts in all before a blob is given up.
+/// Attempts in all before a damaged blob is given up, and a refused one counts as lacking for good.
 const MAX_ATTEMPTS: u32 = 4;
 /// Pause before the second attempt; doubled before each further one.
 const FIRST_PAUSE: Duration = Duration::from_millis(500);
+/// Longest pause before another attempt at a refused blob.
+const LONGEST_PAUSE: Duration = Duration::from_secs(30);
 
 #[derive(Clone, Copy, Debug)]
 struct Failure {
@@ -24,13 +28,26 @@ pub(crate) struct Failures {
 }
 
 impl Failures {
-    /// Notes a failure; says whether the blob will be asked for again.
-    pub(crate) fn note(&mut self, now: Time, id: BlobId) -> bool {
-        let failure = self.blobs.entry(id).or_insert(Failure { attempts: 0, retry_at: None });
-        failure.attempts += 1;
-        failure.retry_at =
-            (failure.attempts < MAX_ATTEMPTS).then(|| now + FIRST_PAUSE * (1 << (failure.attempts - 1)));
+    /// Notes that a blob came damaged; says whether it will be asked for again.
+    pub(crate) fn damaged(&mut self, now: Time, id: BlobId) -> bool {
+        let failure = self.again(now, id);
+        if failure.attempts >= MAX_ATTEMPTS {
+            failure.retry_at = None;
+        }
         failure.retry_at.is_some()
+    }
+
+    /// Notes that the server cannot read a blob: it is asked for again, however often that happens.
+    pub(crate) fn refused(&mut self, now: Time, id: BlobId) {
+        self.again(now, id);
+    }
+
+    fn again(&mut self, now: Time, id: BlobId) -> &mut Failure {
+        let failure = self.blobs.entry(id).or_insert(Failure { attempts: 0, retry_at: None });
+        failure.attempts = failure.attempts.saturating_add(1);
+        let doublings = (failure.attempts - 1).min(16);
+        failure.retry_at = Some(now + (FIRST_PAUSE * (1 << doublings)).min(LONGEST_PAUSE));
+        failure
     }
 
     /// Gives a blob up.
@@ -51,6 +68,16 @@ impl Failures {
         self.blobs.iter_mut().filter_map(|(id, f)| due(f).then_some(*id)).collect()
     }
 
+    /// Blobs that failed [`MAX_ATTEMPTS`] times, or were given up.
+    pub(crate) fn lacking(&self) -> usize {
+        self.blobs.values().filter(|f| f.attempts >= MAX_ATTEMPTS).count()
+    }
+
+    /// Whether a blob waits to be asked for again that may well come: not one of [`Failures::lacking`].
+    pub(crate) fn hopeful(&self) -> bool {
+        self.blobs.values().any(|f| f.attempts < MAX_ATTEMPTS && f.retry_at.is_some())
+    }
+
     /// When [`Failures::due`] has something.
     pub(crate) fn next(&self) -> Option<Time> {
         self.blobs.values().filter_map(|f| f.retry_at).min()
@@ -66,7 +93,7 @@ mod tests {
         let mut failures = Failures::default();
         let id = BlobId::chunk(0, 3);
         let (mut now, mut pauses) = (Time::ZERO, Vec::new());
-        while failures.note(now, id) {
+        while failures.damaged(now, id) {
             let at = failures.next().unwrap();
             assert!(failures.due(now).is_empty());
             assert_eq!(failures.due(at), [id]);
@@ -82,10 +109,29 @@ mod tests {
     fn success_starts_afresh_and_giving_up_is_final() {
         let mut failures = Failures::default();
         let id = BlobId::base(0);
-        failures.note(Time::ZERO, id);
+        failures.damaged(Time::ZERO, id);
         failures.forget(id);
         assert_eq!(failures.next(), None);
         failures.give_up(id);
-        assert!(!failures.note(Time::ZERO, id));
+        assert!(!failures.damaged(Time::ZERO, id));
+        assert_eq!(failures.lacking(), 1);
+    }
+
+    #[test]
+    fn what_is_refused_is_asked_for_as_long_as_it_takes() {
+        let mut failures = Failures::default();
+        let id = BlobId::chunk(0, 3);
+        let mut now = Time::ZERO;
+        for attempt in 1..100 {
+            failures.refused(now, id);
+            assert_eq!(failures.hopeful(), attempt < 4, "attempt {attempt}");
+            let at = failures.next().unwrap();
+            assert!(at.since(now) <= LONGEST_PAUSE);
+            assert_eq!(failures.due(at), [id]);
+            now = at;
+        }
+        assert_eq!(failures.lacking(), 1);
+        failures.forget(id);
+        assert_eq!(failures.lacking(), 0);
     }
 }

@@ -79,8 +79,10 @@ pub struct Stats {
     pub selections: u64,
     /// Connections opened so far.
     pub connections: u64,
-    /// Whether the picture is as sharp as target and budgets allow, and nothing is under way.
+    /// Whether the picture is as sharp as target and budgets allow, and nothing is under way or lacking.
     pub settled: bool,
+    /// Blobs that the picture lacks when all else is here, because they came damaged or are refused; else 0.
+    pub lacking_blobs: u64,
     /// When it first settled, since the connect call.
     pub settled_after: Option<Duration>,
 }

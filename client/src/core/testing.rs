@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::io::Cursor;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Duration;
 
 use bytes::Bytes;
@@ -109,6 +109,8 @@ pub(crate) struct Hills {
     pub(crate) damaged: BTreeMap<BlobId, Bytes>,
     /// Announced, but not there.
     pub(crate) missing: BTreeSet<BlobId>,
+    /// What the server cannot read from its disk.
+    pub(crate) unreadable: Mutex<BTreeSet<BlobId>>,
 }
 
 impl Hills {
@@ -168,6 +170,7 @@ impl Hills {
             blobs,
             damaged: BTreeMap::new(),
             missing: BTreeSet::new(),
+            unreadable: Mutex::default(),
         }
     }
 
@@ -206,6 +209,9 @@ impl SceneSource for Hills {
     }
 
     fn read(&self, id: &BlobId) -> Result<Bytes, SourceError> {
+        if self.unreadable.lock().unwrap().contains(id) {
+            return Err(SourceError::Unreadable { id: *id, why: "the disk rots".into() });
+        }
         let real = id.part().and_then(|part| self.blobs.get(&part)).filter(|_| !self.missing.contains(id));
         let real = real.ok_or(SourceError::NotFound(*id))?;
         Ok(self.damaged.get(id).unwrap_or(real).clone())

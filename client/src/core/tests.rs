@@ -266,9 +266,31 @@ fn damaged_blobs_are_asked_for_a_few_times_and_cost_nothing_else() {
     let stats = link.core.stats();
     assert_eq!(link.times_sent()[&bad], 4, "no storm");
     assert_eq!(stats.decode_failures, 4);
-    assert!(stats.settled, "{stats:?}");
+    assert_eq!(
+        (stats.settled, stats.lacking_blobs),
+        (false, 1),
+        "a picture that lacks a chunk is not settled"
+    );
     assert!(!link.core.mesh(0).unwrap().is_applied(1));
     assert!(link.core.mesh(0).unwrap().is_applied(0));
+}
+
+/// A disk that is mended late, after any number of refusals: the client still asks, and gets what was damaged.
+#[test]
+fn what_was_refused_for_ten_minutes_comes_once_it_can_be_read() {
+    let scene = Hills::new(1);
+    scene.unreadable.lock().unwrap().insert(BlobId::chunk(0, 0));
+    let mut link = Loopback::new(scene, |_| {});
+    link.core.set_view(link.now, finest());
+    link.connect();
+    link.run(600_000);
+    let stats = link.core.stats();
+    assert_eq!((stats.settled, stats.lacking_blobs), (false, 1), "{stats:?}");
+    assert!((4..=30).contains(&stats.refused), "asked for again, without a storm: {}", stats.refused);
+    link.source.unreadable.lock().unwrap().clear();
+    link.settle();
+    assert_eq!(link.core.stats().applied_chunks, prepared().1.chunks.len() as u64);
+    assert_eq!(link.core.stats().lacking_blobs, 0);
 }
 
 #[test]

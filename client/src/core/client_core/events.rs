@@ -91,7 +91,7 @@ impl ClientCore {
         match reason {
             RefusedReason::QueueFull => self.set_state(id, State::Absent),
             RefusedReason::Unreadable => {
-                self.failures.note(now, id);
+                self.failures.refused(now, id);
                 self.set_state(id, State::Failed);
             }
             RefusedReason::NotFound | RefusedReason::TooLong | RefusedReason::OutOfRange => {

@@ -285,15 +285,26 @@ impl ClientCore {
         self.earlier_bytes + self.transport_bytes
     }
 
-    /// Whether the picture is as sharp as target and budgets allow, and nothing is under way.
+    /// Whether the picture is as sharp as target and budgets allow, and nothing is under way or lacking.
     #[must_use]
     pub fn is_settled(&self) -> bool {
+        self.nothing_under_way() && self.failures.lacking() == 0
+    }
+
+    /// Blobs without which the picture stays coarser than it might be, once everything else is here: they came damaged
+    /// or the server refuses them, time and again. 0 while anything else is under way.
+    #[must_use]
+    pub fn lacking_blobs(&self) -> usize {
+        if self.nothing_under_way() { self.failures.lacking() } else { 0 }
+    }
+
+    fn nothing_under_way(&self) -> bool {
         self.scene.is_complete()
             && !self.stale
             && self.counters().settled
             && self.terrain_settled
             && self.arrived.is_empty()
-            && self.failures.next().is_none()
+            && !self.failures.hopeful()
     }
 
     /// Counters of the last selection.
@@ -370,6 +381,7 @@ impl ClientCore {
             selections: self.counts.selections,
             connections: self.counts.connections,
             settled: self.is_settled(),
+            lacking_blobs: self.lacking_blobs() as u64,
             settled_after: self.counts.settled_after,
             ..Stats::default()
         };
