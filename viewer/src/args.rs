@@ -44,6 +44,9 @@ pub(crate) struct Args {
     /// Write the run's figures as JSON
     #[arg(long, value_name = "FILE.json")]
     pub(crate) stats: Option<PathBuf>,
+    /// Print the run's figures as a table at the end
+    #[arg(long)]
+    pub(crate) figures: bool,
     /// Colour surfaces by their level of refinement
     #[arg(long)]
     pub(crate) colour_by_level: bool,

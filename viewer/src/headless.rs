@@ -9,7 +9,7 @@ use lodestream_client::streaming::{Status, Streaming};
 use lodestream_render::{Frame, Gpu, Headless, SceneView};
 
 use crate::args::Args;
-use crate::run::{core_config, settings, write_stats};
+use crate::run::{core_config, settings, tell_figures};
 
 /// Time until a run without `--timeout` ends.
 const DEFAULT_TIMEOUT: Duration = Duration::from_secs(300);
@@ -66,6 +66,14 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         if status.settled {
             break status;
         }
+        // What is refused may come once the server's disk is mended, but a picture is not held up for that.
+        if status.stats.lacking_blobs > 0 {
+            tracing::warn!(
+                "{} blobs came damaged or are refused by the server, whose log says why; the picture is coarser for it",
+                status.stats.lacking_blobs
+            );
+            break status;
+        }
         let left = deadline.saturating_sub(clock.now().into());
         if left.is_zero() {
             if scene.header().is_none() || presented.is_none() {
@@ -90,7 +98,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     // A time at which every vertex is where it belongs.
     draw(&mut headless, &mut scene, args, f32::MAX)?;
     headless.save_png(output)?;
-    write_stats(args, &status.stats, presented)
+    tell_figures(args, &status.stats, presented)
 }
 
 fn seconds(duration: Duration) -> f32 {

@@ -1,6 +1,7 @@
 //! The program `lodestream-viewer`: command line, headless mode, window.
 
 mod args;
+mod figures;
 mod headless;
 mod report;
 mod run;

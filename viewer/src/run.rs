@@ -1,5 +1,6 @@
 //! What the program does with its command line, and what its modes share.
 
+use std::io::Write as _;
 use std::time::Duration;
 
 use anyhow::Context;
@@ -8,6 +9,7 @@ use lodestream_client::core::{Config, StartView, Stats};
 use lodestream_render::{AmbientOcclusion, Settings, Shade};
 
 use crate::args::Args;
+use crate::figures::Figures;
 use crate::report::Report;
 
 /// Runs the program with the process's arguments.
@@ -42,10 +44,14 @@ pub(crate) fn settings(args: &Args) -> Settings {
     settings
 }
 
-/// Writes `--stats`.
-pub(crate) fn write_stats(args: &Args, stats: &Stats, presented: Option<Duration>) -> anyhow::Result<()> {
-    let Some(path) = &args.stats else { return Ok(()) };
+/// Prints `--figures` and writes `--stats`.
+pub(crate) fn tell_figures(args: &Args, stats: &Stats, presented: Option<Duration>) -> anyhow::Result<()> {
     let report = Report::new(stats, args.address.transport(), presented);
+    if args.figures {
+        // A reader that is gone wants no figures.
+        let _ = write!(std::io::stdout(), "{}", Figures(&report));
+    }
+    let Some(path) = &args.stats else { return Ok(()) };
     let mut json = serde_json::to_string_pretty(&report)?;
     json.push('\n');
     std::fs::write(path, json).with_context(|| format!("cannot write {}", path.display()))

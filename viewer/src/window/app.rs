@@ -18,7 +18,7 @@ use super::camera::{Mode, Push, Rig};
 use super::overlay::{self, Choices, Facts};
 use super::painter::Painter;
 use crate::args::Args;
-use crate::run::{core_config, settings, write_stats};
+use crate::run::{core_config, settings, tell_figures};
 
 /// Attempts to reach the server for the first time.
 const ATTEMPTS: u32 = 5;
@@ -71,7 +71,7 @@ impl App {
             return Err(error);
         }
         let Some(running) = self.running else { return Ok(()) };
-        write_stats(&self.args, &running.status.stats, running.presented)
+        tell_figures(&self.args, &running.status.stats, running.presented)
     }
 
     fn start(&self, events: &ActiveEventLoop) -> anyhow::Result<Running> {

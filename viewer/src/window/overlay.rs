@@ -106,7 +106,11 @@ fn rows(stats: &Stats, facts: &Facts<'_>) -> Vec<(&'static str, String)> {
     let px = |px: f64| if px.is_finite() { format!("{px:.2} px") } else { "–".into() };
     let first = stats.milestones.first_frame;
     let one_px = stats.milestones.quality[2];
-    let state = if stats.settled { "settled" } else { "refining" };
+    let state = match stats.lacking_blobs {
+        0 if stats.settled => "settled".to_owned(),
+        0 => "refining".to_owned(),
+        lacking => format!("lacks {lacking} blobs that are damaged or refused"),
+    };
     vec![
         ("scene", format!("{} ({}/{} instances)", stats.scene, stats.instances, stats.scene_instances)),
         ("server", facts.address.to_owned()),

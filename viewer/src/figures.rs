@@ -1,0 +1,87 @@
+//! The figures of a run as a table for people: what `--figures` prints.
+
+use std::fmt::{self, Display, Formatter};
+
+use crate::report::Report;
+
+/// A report, shown as a table of times and bytes.
+pub(crate) struct Figures<'a>(pub(crate) &'a Report);
+
+impl Display for Figures<'_> {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let report = self.0;
+        let one_px = "1".to_owned();
+        let link = report.rate_bits_per_s.map_or_else(
+            || format!("over {}", report.transport),
+            |rate| {
+                #[allow(clippy::cast_precision_loss)] // a rate to three digits
+                let megabits = rate as f64 / 1e6;
+                format!("over {}, limited to {megabits} Mbit/s", report.transport)
+            },
+        );
+        let settled = report.settled_ms.map(|_| report.total_bytes);
+        row(f, &link, "time", "bytes")?;
+        let rows = [
+            ("first frame: everything in view as base mesh", report.ttff_ms, report.first_frame_bytes),
+            ("first frame on the screen or in the file", report.ttff_presented_ms, None),
+            (
+                "screen error of 1 pixel or less everywhere",
+                report.ttq_ms.get(&one_px).copied().flatten(),
+                report.ttq_bytes.get(&one_px).copied().flatten(),
+            ),
+            ("settled, textures included", report.settled_ms, settled),
+        ];
+        for (what, ms, bytes) in rows {
+            row(f, what, &seconds(ms), &bytes.map(size).unwrap_or_default())?;
+        }
+        Ok(())
+    }
+}
+
+fn row(f: &mut Formatter<'_>, what: &str, time: &str, size: &str) -> fmt::Result {
+    writeln!(f, "{}", format!("{what:<52} {time:>14} {size:>12}").trim_end())
+}
+
+fn seconds(ms: Option<f64>) -> String {
+    ms.map_or_else(|| "not reached".to_owned(), |ms| format!("{:.2} s", ms / 1e3))
+}
+
+fn size(bytes: u64) -> String {
+    #[allow(clippy::cast_precision_loss)] // to three digits
+    let bytes = bytes as f64;
+    if bytes < 1e6 { format!("{:.1} kB", bytes / 1e3) } else { format!("{:.2} MB", bytes / 1e6) }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use lodestream_client::core::{Milestone, Milestones, Stats};
+
+    use super::*;
+
+    #[test]
+    fn what_was_not_reached_is_said_and_what_was_has_its_bytes() {
+        let at = |ms, bytes| Some(Milestone { after: Duration::from_millis(ms), bytes });
+        let mut stats = Stats {
+            rate_bits_per_s: Some(2_000_000),
+            transport_bytes: 1_234_567,
+            milestones: Milestones { first_frame: at(178, 20_400), quality: [at(300, 2000), None, None] },
+            ..Stats::default()
+        };
+        let report = Report::new(&stats, "quic", Some(Duration::from_millis(1570)));
+        let expected = "\
+over quic, limited to 2 Mbit/s                                 time        bytes
+first frame: everything in view as base mesh                 0.18 s      20.4 kB
+first frame on the screen or in the file                     1.57 s
+screen error of 1 pixel or less everywhere              not reached
+settled, textures included                              not reached
+";
+        assert_eq!(Figures(&report).to_string(), expected);
+        stats.milestones.quality[2] = at(2220, 558_000);
+        stats.settled_after = Some(Duration::from_millis(3550));
+        let report = Report::new(&stats, "quic", None);
+        let table = Figures(&report).to_string();
+        assert!(table.contains("2.22 s     558.0 kB") && table.contains("3.55 s      1.23 MB"), "{table}");
+    }
+}
