@@ -322,6 +322,10 @@ fn after_a_restart_with_another_scene_a_base_ahead_of_welcome_is_not_taken_for_t
     link.cut();
     link.source = std::sync::Arc::new(Hills::compressed().with_fingerprint(9));
     link.connect_overtaken();
+    // The old scene's picture is settled until the server has said which one it serves now.
+    while !link.core.is_open() {
+        link.run(1);
+    }
     link.settle();
     assert_eq!(link.core.scene().unwrap().fingerprint, [9; 16]);
     assert!(link.core.mesh(0).is_some(), "the new scene's asset never came");
