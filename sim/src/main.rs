@@ -182,7 +182,7 @@ enum Command {
         #[arg(long)]
         quiet: bool,
     },
-    /// Makes the figures of BENCHMARKS.md anew and says what differs from those committed. Reads the project's
+    /// Makes the figures of the benchmarks' pages anew and says what differs from those committed. Reads the project's
     /// own files: run it in its folder.
     Reproduce {
         /// Sections to run [default: all].
@@ -197,13 +197,20 @@ enum Command {
         /// The list of sections.
         #[arg(long, value_name = "FILE", default_value = "docs/report/sections.toml")]
         sections: PathBuf,
-        /// The document with the tables.
-        #[arg(long, value_name = "FILE", default_value = "BENCHMARKS.md")]
-        document: PathBuf,
-        /// Replaces the committed figures and the document's tables instead of comparing.
+        /// A page with tables, or a folder of pages; may be given more than once [default: BENCHMARKS.md and
+        /// docs/benchmarks].
+        #[arg(long, value_name = "FILE|DIR")]
+        document: Vec<PathBuf>,
+        /// Nodes of view-dependent peers; rows that need them are left out without them.
+        #[arg(long, env = "LODESTREAM_PEERS", value_name = "FILE")]
+        peers: Option<PathBuf>,
+        /// Draco's encoder [default: draco_encoder, where $PATH has it]; rows that need it are left out without it.
+        #[arg(long, env = "LODESTREAM_DRACO_ENCODER", value_name = "FILE")]
+        draco_encoder: Option<PathBuf>,
+        /// Replaces the committed figures and the pages' tables instead of comparing.
         #[arg(long)]
         update: bool,
-        /// Runs nothing: replaces the document's tables by tables of the committed figures.
+        /// Runs nothing: replaces the pages' tables by tables of the committed figures.
         #[arg(long, conflicts_with = "update")]
         tables: bool,
     },
@@ -273,13 +280,26 @@ fn main() -> ExitCode {
             let beside = Beside { models, peers, draco_encoder };
             run_plan((&plan, &set), seed, &output, threads, cache, &beside, quiet)
         }
-        Command::Reproduce { only, output, models, sections, document, update, tables } => {
+        Command::Reproduce {
+            only,
+            output,
+            models,
+            sections,
+            document: documents,
+            peers,
+            draco_encoder,
+            update,
+            tables,
+        } => {
             let mode = match (update, tables) {
                 (true, _) => reproduce::Mode::Update,
                 (_, true) => reproduce::Mode::Tables,
                 _ => reproduce::Mode::Compare,
             };
-            let options = reproduce::Options { sections, document, models, only, output, mode };
+            let beside = [("LODESTREAM_PEERS", peers), ("LODESTREAM_DRACO_ENCODER", draco_encoder)];
+            let environment =
+                beside.into_iter().filter_map(|(name, file)| file.map(|file| (name, file))).collect();
+            let options = reproduce::Options { sections, documents, models, environment, only, output, mode };
             return match reproduce::run(&options, |line| println!("{line}")) {
                 Ok(made) if made.agrees() => ExitCode::SUCCESS,
                 Ok(_) => ExitCode::FAILURE,

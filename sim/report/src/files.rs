@@ -7,12 +7,12 @@ use lodestream_scenario::plan::Plan;
 use lodestream_scenario::result::{RunResult, to_json};
 use serde::Serialize;
 
-use super::csv;
 use super::levels::{self, Level};
 use super::page;
 use super::percentiles::{self, Percentiles};
 use super::pictures::{self, Gallery};
 use super::plots;
+use super::tables;
 
 /// Writes the report into a folder, which is created where it is missing: `results.json` and `results.csv`
 /// with a line per run, `percentiles.json` and `percentiles.csv` where a case has seeds enough, `levels.csv` where a case is
@@ -43,17 +43,17 @@ pub fn write_drawn(
     }
     let json = |json: serde_json::Result<Vec<u8>>| json.map_err(std::io::Error::other);
     put(folder, "results.json", &json(to_json(results))?)?;
-    put(folder, "results.csv", csv::of_runs(results).as_bytes())?;
+    put(folder, "results.csv", tables::of_runs(results).as_bytes())?;
     if results.iter().all(|run| run.pictures.is_empty()) {
         remove(folder, "pictures.csv")?;
     } else {
-        put(folder, "pictures.csv", csv::of_pictures(results).as_bytes())?;
+        put(folder, "pictures.csv", tables::of_pictures(results).as_bytes())?;
     }
     let levels: Vec<Level> = levels::of_plan(plan, results);
     if levels.is_empty() {
         remove(folder, "levels.csv")?;
     } else {
-        put(folder, "levels.csv", csv::of_levels(&levels).as_bytes())?;
+        put(folder, "levels.csv", tables::of_levels(&levels).as_bytes())?;
     }
     let plots = plots::draw(plan, results)?;
     plots::remove_earlier(folder)?;
@@ -68,7 +68,7 @@ pub fn write_drawn(
         return remove(folder, "percentiles.csv");
     }
     put(folder, "percentiles.json", &json(to_json(&spread))?)?;
-    put(folder, "percentiles.csv", csv::of_percentiles(&spread).as_bytes())
+    put(folder, "percentiles.csv", tables::of_percentiles(&spread).as_bytes())
 }
 
 /// Removes what an earlier report may have left.

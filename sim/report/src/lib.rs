@@ -1,6 +1,6 @@
 //! What is said of runs: tables as CSV, plots, pictures, a page, and the benchmarks' figures with one command.
 
-mod csv;
+mod csv_text;
 mod files;
 mod html;
 pub mod image_error;
@@ -10,6 +10,7 @@ pub mod percentiles;
 pub mod pictures;
 pub mod plots;
 pub mod reproduce;
+mod tables;
 #[cfg(test)]
 mod tests;
 mod units;

@@ -2,9 +2,11 @@
 
 use std::fmt;
 
+use lodestream_scenario::baseline::lacks_something_here;
 use serde::Serialize;
 
-use super::{Rows, Section};
+use super::rows::Rows;
+use super::section::Section;
 
 /// A figure that is not as committed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -25,10 +27,38 @@ impl fmt::Display for Difference {
     }
 }
 
+/// Rows that could not be made anew.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct RowsLeftOut {
+    /// How many.
+    pub rows: usize,
+    /// The technique whose rows they are.
+    pub of: String,
+    /// Why.
+    pub why: String,
+}
+
+impl fmt::Display for RowsLeftOut {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} rows of {}: {}", self.rows, self.of, self.why)
+    }
+}
+
+/// Figures laid beside those committed.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Compared {
+    /// What differs by more than it may.
+    pub(crate) differences: Vec<Difference>,
+    /// Committed rows with nothing beside them, and why.
+    pub(crate) left_out: Vec<RowsLeftOut>,
+    /// What was found, and the committed rows where nothing was.
+    pub(crate) kept: Rows,
+}
+
 /// What differs by more than it may: columns with a ratio as ratios to the column's geometric mean, by
-/// that factor; all others at all.
+/// that factor; all others at all. Rows of techniques that lack something on this machine are left out.
 #[must_use]
-pub fn compare(section: &Section, expected: &Rows, found: &Rows) -> Vec<Difference> {
+pub(crate) fn compare(section: &Section, expected: &Rows, found: &Rows) -> Compared {
     let whole = |what: &str, expected: String, found: String| Difference {
         row: what.to_owned(),
         column: "all".to_owned(),
@@ -36,17 +66,23 @@ pub fn compare(section: &Section, expected: &Rows, found: &Rows) -> Vec<Differen
         found,
     };
     if expected.columns != found.columns {
-        return vec![whole("columns", expected.columns.join(", "), found.columns.join(", "))];
+        let difference = whole("columns", expected.columns.join(", "), found.columns.join(", "));
+        return Compared { differences: vec![difference], left_out: Vec::new(), kept: found.clone() };
     }
-    if expected.rows.len() != found.rows.len() {
-        let count = |rows: &Rows| format!("{} rows", rows.rows.len());
-        return vec![whole("rows", count(expected), count(found))];
+    let Aligned { pairs, alone, left_out, kept } = aligned(expected, found);
+    let kept = Rows { columns: found.columns.clone(), rows: kept };
+    if alone > 0 {
+        let differences = vec![whole("rows", count(expected), count(found))];
+        return Compared { differences, left_out, kept };
     }
     let mut differences = Vec::new();
     for (c, column) in expected.columns.iter().enumerate() {
         let factor = section.ratios.get(column);
-        let means = [expected, found].map(|rows| geometric_mean(rows, c));
-        for (number, (was, is)) in (1..).zip(expected.rows.iter().zip(&found.rows)) {
+        let means = [
+            geometric_mean(pairs.iter().map(|pair| &pair.was[c])),
+            geometric_mean(pairs.iter().map(|pair| &pair.is[c])),
+        ];
+        for &Pair { number, was, is } in &pairs {
             let same = was[c] == is[c]
                 || factor.is_some_and(|factor| {
                     let ratio = |text: &str, mean: f64| text.parse::<f64>().map(|x| x / mean);
@@ -65,12 +101,79 @@ pub fn compare(section: &Section, expected: &Rows, found: &Rows) -> Vec<Differen
             }
         }
     }
-    differences
+    Compared { differences, left_out, kept }
 }
 
-/// Of the figures of a column that are above 0; 1 where there are none.
-fn geometric_mean(rows: &Rows, column: usize) -> f64 {
-    let figures = rows.rows.iter().filter_map(|row| row[column].parse::<f64>().ok());
+fn count(rows: &Rows) -> String {
+    format!("{} rows", rows.rows.len())
+}
+
+/// A committed row, its number, and what was found.
+#[derive(Clone, Copy)]
+struct Pair<'a> {
+    number: usize,
+    was: &'a [String],
+    is: &'a [String],
+}
+
+/// Rows beside each other.
+#[derive(Default)]
+struct Aligned<'a> {
+    pairs: Vec<Pair<'a>>,
+    /// Rows with nothing beside them.
+    alone: usize,
+    left_out: Vec<RowsLeftOut>,
+    kept: Vec<Vec<String>>,
+}
+
+/// Lays rows beside each other in their order. A row that says why its technique was not run here stands for all committed
+/// rows of it that follow: nodes have one for each peer, and where no peers are known only one in all.
+fn aligned<'a>(expected: &'a Rows, found: &'a Rows) -> Aligned<'a> {
+    let mut all = Aligned::default();
+    let places = expected.column("technique").zip(expected.column("ended"));
+    let mut rest = (1..).zip(&expected.rows).peekable();
+    // The technique of the last row, if that was left out.
+    let mut last: Option<&str> = None;
+    for is in &found.rows {
+        let lacking = places.filter(|&(_, ended)| lacks_something_here(&is[ended]));
+        if let Some((technique, ended)) = lacking {
+            let (name, why) = (is[technique].as_str(), is[ended].as_str());
+            let of_it = |(_, was): &(usize, &Vec<String>)| {
+                let peer = was[technique].strip_prefix(name).is_some_and(|rest| rest.starts_with(": "));
+                (was[technique] == name || peer) && was[ended] != why
+            };
+            let before = all.kept.len();
+            while let Some((_, was)) = rest.next_if(of_it) {
+                all.kept.push(was.clone());
+            }
+            let rows = all.kept.len() - before;
+            match all.left_out.iter_mut().find(|of| of.of == name && of.why == why) {
+                Some(of) => of.rows += rows,
+                None if rows > 0 => {
+                    all.left_out.push(RowsLeftOut { rows, of: name.to_owned(), why: why.to_owned() });
+                }
+                None => {}
+            }
+            // Other seeds say the same once more.
+            if rows > 0 || last == Some(name) {
+                last = Some(name);
+                continue;
+            }
+        }
+        last = None;
+        match rest.next() {
+            Some((number, was)) => all.pairs.push(Pair { number, was, is }),
+            None => all.alone += 1,
+        }
+        all.kept.push(is.clone());
+    }
+    all.alone += rest.count();
+    all
+}
+
+/// Of the figures that are above 0; 1 where there are none.
+fn geometric_mean<'a>(figures: impl Iterator<Item = &'a String>) -> f64 {
+    let figures = figures.filter_map(|figure| figure.parse::<f64>().ok());
     let (mut sum, mut count) = (0.0, 0.0_f64);
     for figure in figures.filter(|&f| f > 0.0) {
         sum += figure.ln();
@@ -102,7 +205,7 @@ mod tests {
     #[test]
     fn bytes_must_be_equal_and_speeds_in_proportion() {
         let expected = rows([["10", "100"], ["20", "200"]]);
-        let differ = |found| compare(&section(), &expected, &found);
+        let differ = |found| compare(&section(), &expected, &found).differences;
         assert!(differ(expected.clone()).is_empty());
         // A machine that is three times as fast.
         assert!(differ(rows([["10", "300"], ["20", "600"]])).is_empty());
@@ -118,9 +221,59 @@ mod tests {
         let expected = rows([["10", "100"], ["20", "200"]]);
         let mut fewer = expected.clone();
         fewer.rows.pop();
-        assert_eq!(compare(&section(), &expected, &fewer)[0].found, "1 rows");
+        assert_eq!(compare(&section(), &expected, &fewer).differences[0].found, "1 rows");
         let mut renamed = expected.clone();
         renamed.columns[1] = "size".to_owned();
-        assert_eq!(compare(&section(), &expected, &renamed)[0].row, "columns");
+        assert_eq!(compare(&section(), &expected, &renamed).differences[0].row, "columns");
+    }
+
+    const RUNS: &str = "label,technique,bytes,speed,ended\n,ours,1,1,settled\n,nodes: a,2,1,settled\n\
+                        ,nodes: b,3,1,settled\n,draco,4,1,settled\n,ours,5,1,settled\n,nodes: a,,,not run: of two\n\
+                        ,nodes: b,,,not run: of two\n,draco,6,1,settled\n";
+
+    /// Without the file of peers nodes have one row and not one each, and the whole table was said to differ.
+    #[test]
+    fn rows_that_need_what_is_not_here_are_left_out_and_the_others_compared() {
+        let peers = "not run: no file of peers is named (--peers FILE)";
+        let draco = "not run: draco_encoder is not on this machine";
+        let found = |last: &str| {
+            let text = format!(
+                "label,technique,bytes,speed,ended\n,ours,1,1,settled\n,nodes,,,{peers}\n,draco,,,{draco}\n\
+                 ,ours,{last},1,settled\n,nodes,,,{peers}\n,draco,,,{draco}\n"
+            );
+            Rows::from_csv(&text).unwrap()
+        };
+        let expected = Rows::from_csv(RUNS).unwrap();
+        let compared = compare(&section(), &expected, &found("5"));
+        assert_eq!(compared.differences, []);
+        let said: Vec<String> = compared.left_out.iter().map(ToString::to_string).collect();
+        assert_eq!(said, [format!("4 rows of nodes: {peers}"), format!("2 rows of draco: {draco}")]);
+        assert_eq!(compared.kept, expected);
+        // What is here is compared all the same, under its number; what is not here is kept.
+        let compared = compare(&section(), &expected, &found("7"));
+        assert_eq!(compared.differences[0].to_string(), "row 5, bytes: 7 instead of 5");
+        assert_eq!(compared.kept.rows[4][2], "7");
+        // Another row is still missing, and a technique that fails for its own reasons is no reason to leave it out.
+        let mut fewer = found("5");
+        fewer.rows.remove(0);
+        assert_eq!(compare(&section(), &expected, &fewer).differences[0].column, "all");
+        let mut elsewhere = Rows::from_csv(RUNS).unwrap();
+        elsewhere.rows[3][4] = "not run: the nodes of \"a\" lie elsewhere than the model".to_owned();
+        let compared = compare(&section(), &expected, &elsewhere);
+        assert_eq!((compared.left_out.len(), compared.differences[0].column.as_str()), (0, "ended"));
+    }
+
+    #[test]
+    fn what_is_not_here_may_have_seeds_and_may_be_committed_as_such() {
+        let peers = "not run: no file of peers is named (--peers FILE)";
+        let expected =
+            "label,technique,seed,ended\n,nodes: a,1,settled\n,nodes: a,2,settled\n,ours,1,settled\n";
+        let found =
+            format!("label,technique,seed,ended\n,nodes,1,{peers}\n,nodes,2,{peers}\n,ours,1,settled\n");
+        let (expected, found) = (Rows::from_csv(expected).unwrap(), Rows::from_csv(&found).unwrap());
+        let compared = compare(&section(), &expected, &found);
+        assert_eq!((compared.differences.len(), compared.left_out[0].rows), (0, 2));
+        let same = compare(&section(), &found, &found);
+        assert_eq!((same.differences.len(), same.left_out.len()), (0, 0));
     }
 }

@@ -1,15 +1,16 @@
-//! The figures of BENCHMARKS.md from scratch, with one command.
+//! The benchmarks' figures from scratch, with one command.
 //!
 //! `docs/report/sections.toml` lists sections; each is a few commands of this program, the figures that are
 //! kept of what they print or write, and tables that show them (`section`). A section's figures lie beside
 //! it as CSV. Running it makes them anew and lays them beside those committed (`compare`): bytes and virtual
-//! time must be equal, figures that hang on the machine's speed only in their ratios to each other. Tables in
-//! the document are written from the figures and from nothing else (`table`).
+//! time must be equal, figures that hang on the machine's speed only in their ratios to each other. Tables on
+//! pages (`document`) are written from the figures and from nothing else (`table`).
 //!
 //! Commands run one after the other in processes of their own, as a reader would run them; benchmarks need cargo and
 //! the sources in the current folder.
 
 mod compare;
+mod document;
 mod fit;
 mod page;
 mod plot;
@@ -25,7 +26,9 @@ use std::time::Instant;
 use anyhow::Context as _;
 use serde::Serialize;
 
-pub use compare::{Difference, compare};
+use compare::{Compared, compare};
+pub use compare::{Difference, RowsLeftOut};
+use document::Documents;
 pub use rows::Rows;
 pub use section::{CommandLine, Section, read};
 
@@ -34,10 +37,12 @@ pub use section::{CommandLine, Section, read};
 pub struct Options {
     /// The list of sections; their committed figures lie beside it.
     pub sections: PathBuf,
-    /// The document with the tables.
-    pub document: PathBuf,
+    /// Pages with the tables, and folders of such; where none are named, the project's.
+    pub documents: Vec<PathBuf>,
     /// Folder of models that are not part of the project.
     pub models: Option<PathBuf>,
+    /// What commands find in their environment, as the file of peers.
+    pub environment: Vec<(&'static str, PathBuf)>,
     /// Names of the sections to run; all if empty.
     pub only: Vec<String>,
     /// Where reports and figures go.
@@ -51,9 +56,10 @@ pub struct Options {
 pub enum Mode {
     /// They are compared with those found.
     Compare,
-    /// They are replaced by those found, and the document's tables by tables of these.
+    /// They are replaced by those found, and the pages' tables by tables of these. Rows that cannot be made anew here
+    /// stay.
     Update,
-    /// Nothing is run: the document's tables are replaced by tables of the committed figures.
+    /// Nothing is run: the pages' tables are replaced by tables of the committed figures.
     Tables,
 }
 
@@ -68,8 +74,11 @@ pub struct Outcome {
     pub seconds: f64,
     /// Figures that differ from those committed by more than they may.
     pub differences: Vec<Difference>,
-    /// Tables in the document that do not show these figures.
+    /// Tables on pages that do not show these figures.
     pub stale_tables: Vec<String>,
+    /// Rows that could not be made anew, and why; they are not compared.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub rows_left_out: Vec<RowsLeftOut>,
 }
 
 /// What was run, and on what.
@@ -98,7 +107,7 @@ impl Reproduction {
 /// Runs the sections. `report` is told, in words, what begins and how it ended.
 ///
 /// # Errors
-/// A list or document that cannot be read, an unknown section, and commands that fail.
+/// A list or page that cannot be read, an unknown section, and commands that fail.
 pub fn run(options: &Options, mut report: impl FnMut(&str)) -> anyhow::Result<Reproduction> {
     let sections = read(&options.sections)?;
     for name in &options.only {
@@ -121,11 +130,12 @@ pub fn run(options: &Options, mut report: impl FnMut(&str)) -> anyhow::Result<Re
         let benchmarks = sections.iter().filter(|s| runs(s, options)).flat_map(|s| &s.commands);
         check_benchmarks(benchmarks.filter_map(CommandLine::benchmark))?;
     }
+    let mut documents = Documents::read(&options.documents, Path::new(""))?;
     let mut outcomes = Vec::with_capacity(sections.len());
     let mut printed = BTreeMap::new();
     let mut figures = Vec::with_capacity(sections.len());
     for section in &sections {
-        let (outcome, rows) = one(section, options, &mut printed, &mut report)?;
+        let (outcome, rows) = one(section, options, &mut documents, &mut printed, &mut report)?;
         outcomes.push(outcome);
         figures.push((*section, rows));
     }
@@ -151,6 +161,7 @@ fn runs(section: &Section, options: &Options) -> bool {
 fn one(
     section: &Section,
     options: &Options,
+    documents: &mut Documents,
     printed: &mut Printed,
     report: &mut impl FnMut(&str),
 ) -> anyhow::Result<(Outcome, Rows)> {
@@ -161,6 +172,7 @@ fn one(
         seconds: 0.0,
         differences: Vec::new(),
         stale_tables: Vec::new(),
+        rows_left_out: Vec::new(),
     };
     if options.mode != Mode::Tables && !runs(section, options) {
         let why = "its models are not here; name their folder with --models DIR";
@@ -172,7 +184,7 @@ fn one(
     }
     if options.mode == Mode::Tables {
         let rows = read_rows(&committed)?;
-        write_tables(options, section, &rows)?;
+        write_tables(documents, section, &rows)?;
         outcome.left_out = Some("only its tables were written".to_owned());
         return Ok((outcome, rows));
     }
@@ -180,28 +192,34 @@ fn one(
     let start = Instant::now();
     let rows = measure(section, options, printed)?;
     outcome.seconds = start.elapsed().as_secs_f64();
-    let csv = rows.to_csv();
-    write(&options.output.join(format!("{}.csv", section.name)), csv.as_bytes())?;
+    write(&options.output.join(format!("{}.csv", section.name)), rows.to_csv().as_bytes())?;
     let expected = if options.mode == Mode::Update {
-        write(&committed, csv.as_bytes())?;
-        write_tables(options, section, &rows)?;
-        rows
+        // What cannot be made anew here is not lost.
+        let Compared { kept, left_out, .. } = match committed.exists() {
+            true => compare(section, &read_rows(&committed)?, &rows),
+            false => Compared { kept: rows, ..Compared::default() },
+        };
+        outcome.rows_left_out = left_out;
+        write(&committed, kept.to_csv().as_bytes())?;
+        write_tables(documents, section, &kept)?;
+        kept
     } else {
         let expected = read_rows(&committed)?;
-        outcome.differences = compare(section, &expected, &rows);
-        // The document shows the committed figures; those of another machine may differ where they may.
-        outcome.stale_tables = table::stale(&read_document(options)?, section, &expected)
-            .with_context(|| format!("{}: {}", options.document.display(), section.name))?;
+        let compared = compare(section, &expected, &rows);
+        (outcome.differences, outcome.rows_left_out) = (compared.differences, compared.left_out);
+        // Pages show the committed figures; those of another machine may differ where they may.
+        for stale in documents.stale(section, &expected).with_context(|| section.name.clone())? {
+            let (file, table) = (stale.file.display(), stale.table);
+            report(&format!("  {file}: table {table} does not show the committed figures"));
+            outcome.stale_tables.push(table);
+        }
         expected
     };
     for difference in &outcome.differences {
         report(&format!("  {difference}"));
     }
-    for table in &outcome.stale_tables {
-        report(&format!(
-            "  {}: table {table} does not show the committed figures",
-            options.document.display()
-        ));
+    for rows in &outcome.rows_left_out {
+        report(&format!("  left out: {rows}"));
     }
     let verdict = match (options.mode == Mode::Update, outcome.differences.len(), outcome.stale_tables.len())
     {
@@ -213,17 +231,10 @@ fn one(
     Ok((outcome, expected))
 }
 
-fn read_document(options: &Options) -> anyhow::Result<String> {
-    std::fs::read_to_string(&options.document)
-        .with_context(|| format!("{}: cannot be read", options.document.display()))
-}
-
-/// Writes a section's tables into the document.
-fn write_tables(options: &Options, section: &Section, rows: &Rows) -> anyhow::Result<()> {
-    let document = read_document(options)?;
-    let updated = table::update(&document, section, rows)
-        .with_context(|| format!("{}: {}", options.document.display(), section.name))?;
-    if updated == document { Ok(()) } else { write(&options.document, updated.as_bytes()) }
+/// Writes a section's tables into the pages.
+fn write_tables(documents: &mut Documents, section: &Section, rows: &Rows) -> anyhow::Result<()> {
+    let changed = documents.update(section, rows).with_context(|| section.name.clone())?;
+    changed.iter().try_for_each(|(file, text)| write(file, text.as_bytes()))
 }
 
 /// Committed figures.
@@ -244,7 +255,7 @@ fn measure(section: &Section, options: &Options, printed: &mut Printed) -> anyho
         let line = command_line(command, options, &folder)?;
         let new = match &command.file {
             Some(file) => {
-                execute(&section.name, &line)?;
+                execute(&section.name, &line, options)?;
                 let path = folder.join(file);
                 let text = std::fs::read_to_string(&path)
                     .with_context(|| format!("{}: cannot be read", path.display()))?;
@@ -253,7 +264,7 @@ fn measure(section: &Section, options: &Options, printed: &mut Printed) -> anyho
             None => {
                 let text = match printed.get(&line) {
                     Some(text) => text,
-                    None => printed.entry(line.clone()).or_insert(execute(&section.name, &line)?),
+                    None => printed.entry(line.clone()).or_insert(execute(&section.name, &line, options)?),
                 };
                 match &command.rows {
                     Some(field) => Rows::from_field(text, field),
@@ -299,7 +310,7 @@ fn command_line(command: &CommandLine, options: &Options, folder: &Path) -> anyh
 }
 
 /// Runs this program, or a benchmark; gives what it printed.
-fn execute(section: &str, line: &[String]) -> anyhow::Result<String> {
+fn execute(section: &str, line: &[String], options: &Options) -> anyhow::Result<String> {
     let (program, arguments) = line.split_first().context("there is nothing to run")?;
     let program = match program.as_str() {
         "cargo" => PathBuf::from(program),
@@ -307,6 +318,7 @@ fn execute(section: &str, line: &[String]) -> anyhow::Result<String> {
     };
     let output = Command::new(&program)
         .args(arguments)
+        .envs(options.environment.iter().map(|(name, path)| (name, path)))
         .output()
         .with_context(|| format!("{} cannot be run", program.display()))?;
     if !output.status.success() {

@@ -101,6 +101,9 @@ fn verdict(section: &Section, outcome: &Outcome) -> String {
             format!("Differs: {}.", list.join("; "))
         }
     };
+    for rows in &outcome.rows_left_out {
+        text += &format!(" Left out: {rows}.");
+    }
     escaped(&text)
 }
 
@@ -121,12 +124,12 @@ fn marked(text: &str) -> String {
 mod tests {
     use std::path::Path;
 
-    use super::super::{Difference, section};
+    use super::super::{Difference, RowsLeftOut, section};
     use super::*;
 
     /// The project's own list and figures.
     fn committed() -> Vec<(Section, Rows)> {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().join("docs/report");
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/report");
         let rows = |name: &str| std::fs::read_to_string(folder.join(format!("{name}.csv"))).unwrap();
         let sections = section::read(&folder.join("sections.toml")).unwrap();
         sections.into_iter().map(|s| (s.clone(), Rows::from_csv(&rows(&s.name)).unwrap())).collect()
@@ -139,6 +142,7 @@ mod tests {
             seconds: 1.0,
             differences: Vec::new(),
             stale_tables: Vec::new(),
+            rows_left_out: Vec::new(),
         };
         Reproduction {
             version: "1".to_owned(),
@@ -191,8 +195,11 @@ mod tests {
             expected: figure("1"),
             found: figure("2"),
         }];
+        let rows = RowsLeftOut { rows: 16, of: "nodes".to_owned(), why: "no file".to_owned() };
+        made.sections[1].rows_left_out = vec![rows];
         let shown: Vec<_> = sections.iter().map(|(section, rows)| (section, rows.clone())).collect();
         let page = html(&made, &shown).unwrap();
+        assert!(page.contains("Left out: 16 rows of nodes: no file."), "{page}");
         assert!(
             page.contains("Not run: no models.") && page.contains("Differs: row 1, bytes: 2 instead of 1.")
         );

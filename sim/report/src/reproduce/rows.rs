@@ -2,10 +2,10 @@
 //!
 //! Figures are kept as they are written, so that what is equal stays equal.
 
-use std::fmt::Write as _;
-
 use anyhow::Context as _;
 use serde_json::Value;
+
+use crate::csv_text::csv_text;
 
 /// Name of the column that says which command a row is from.
 const LABEL: &str = "label";
@@ -72,38 +72,18 @@ impl Rows {
     /// # Errors
     /// Rows of different lengths.
     pub fn from_csv(text: &str) -> anyhow::Result<Self> {
-        let mut lines = text.lines();
-        let columns = split(lines.next().context("it is empty")?);
-        let rows: Vec<Vec<String>> = lines.map(split).collect();
-        for (i, row) in rows.iter().enumerate() {
-            anyhow::ensure!(
-                row.len() == columns.len(),
-                "line {} has {} values for {} columns",
-                i + 2,
-                row.len(),
-                columns.len()
-            );
-        }
-        Ok(Self { columns, rows })
+        let mut reader = csv::Reader::from_reader(text.as_bytes());
+        let words = |record: &csv::StringRecord| record.iter().map(str::to_owned).collect::<Vec<_>>();
+        let columns = words(reader.headers().context("no CSV")?);
+        anyhow::ensure!(!columns.is_empty(), "no CSV: it is empty");
+        let rows = reader.records().map(|record| Ok(words(&record.context("no CSV")?)));
+        Ok(Self { rows: rows.collect::<anyhow::Result<_>>()?, columns })
     }
 
     /// The same as CSV.
     #[must_use]
     pub fn to_csv(&self) -> String {
-        let mut text = String::new();
-        for row in std::iter::once(&self.columns).chain(&self.rows) {
-            for (i, value) in row.iter().enumerate() {
-                let comma = if i > 0 { "," } else { "" };
-                // Writing to a string cannot fail.
-                let _ = if value.contains([',', '"']) {
-                    write!(text, "{comma}\"{}\"", value.replace('"', "\"\""))
-                } else {
-                    write!(text, "{comma}{value}")
-                };
-            }
-            text.push('\n');
-        }
-        text
+        csv_text(std::iter::once(&self.columns).chain(&self.rows))
     }
 
     /// The place of a column.
@@ -146,24 +126,6 @@ fn flatten(name: &str, value: &Value, fields: &mut Vec<(String, String)>) {
     }
 }
 
-fn split(line: &str) -> Vec<String> {
-    let (mut values, mut quoted) = (vec![String::new()], false);
-    let mut letters = line.chars().peekable();
-    while let Some(letter) = letters.next() {
-        let last = values.len() - 1;
-        match letter {
-            '"' if quoted && letters.peek() == Some(&'"') => {
-                letters.next();
-                values[last].push('"');
-            }
-            '"' => quoted = !quoted,
-            ',' if !quoted => values.push(String::new()),
-            _ => values[last].push(letter),
-        }
-    }
-    values
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -198,7 +160,10 @@ mod tests {
             ],
         };
         assert_eq!(Rows::from_csv(&rows.to_csv()).unwrap(), rows);
-        assert!(Rows::from_csv("a,b\n1\n").is_err() && Rows::from_csv("").is_err());
+        for (text, why) in [("a,b\n1\n", "1 fields"), ("", "empty")] {
+            let error = format!("{:#}", Rows::from_csv(text).unwrap_err());
+            assert!(error.contains(why), "{error}");
+        }
     }
 
     #[test]

@@ -21,7 +21,7 @@
 //! # bench = "prepare {models}/stanford-bunny.obj"   # instead of `run`: this benchmark of the checkout, with --json
 //!
 //! [[section.table]]
-//! id = "position-bits"            # stands in the document as <!-- table: position-bits -->
+//! id = "position-bits"            # stands on a page as <!-- table: position-bits -->
 //! columns = [["bits", "{label}"], ["chunks, B", "{payload_bytes:,}"], ["view", "{view.bytes*100:.0} %"]]
 //! # only = { scene = "demo" }     # leaves out rows with other values in these columns
 //! # by = ["transport"]            # rows with equal values in these columns share a line,
@@ -362,22 +362,6 @@ mod tests {
         for (text, what, why) in cases {
             let error = format!("{:#}", parse(&text).unwrap_err());
             assert!(error.contains(what) && error.contains(why), "{error}");
-        }
-    }
-
-    /// The project's own list.
-    #[test]
-    fn the_committed_list_and_its_tables_agree() {
-        let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
-        let document = std::fs::read_to_string(root.join("BENCHMARKS.md")).unwrap();
-        let sections = read(&root.join("docs/report/sections.toml")).unwrap();
-        assert!(!sections.is_empty());
-        for section in sections {
-            let csv = root.join("docs/report").join(format!("{}.csv", section.name));
-            let rows = super::super::Rows::from_csv(&std::fs::read_to_string(&csv).unwrap()).unwrap();
-            assert_eq!(rows.columns[1..], section.columns[..], "{}", section.name);
-            let stale = super::super::table::stale(&document, &section, &rows).unwrap();
-            assert!(stale.is_empty(), "BENCHMARKS.md does not show {}: {stale:?}", csv.display());
         }
     }
 }

@@ -16,34 +16,11 @@ use super::Rows;
 use super::fit;
 use super::section::{Fit, Section, Table};
 
-/// The document with the section's tables written anew.
-///
-/// # Errors
-/// Tables without a mark in the document, and templates that name no column.
-pub(crate) fn update(document: &str, section: &Section, rows: &Rows) -> anyhow::Result<String> {
-    all(section, rows)?.into_iter().try_fold(document.to_owned(), |document, (id, text)| {
-        let [start, end] = place(&document, id)?;
-        Ok(format!("{}{text}{}", &document[..start], &document[end..]))
-    })
-}
-
-/// The section's tables in the document that are not those of the figures.
-///
-/// # Errors
-/// As [`update`].
-pub(crate) fn stale(document: &str, section: &Section, rows: &Rows) -> anyhow::Result<Vec<String>> {
-    let mut stale = Vec::new();
-    for (id, text) in all(section, rows)? {
-        let [start, end] = place(document, id)?;
-        if document[start..end] != text {
-            stale.push(id.to_owned());
-        }
-    }
-    Ok(stale)
-}
-
 /// The section's tables by their marks, those of exponents last.
-fn all<'a>(section: &'a Section, rows: &Rows) -> anyhow::Result<Vec<(&'a str, String)>> {
+///
+/// # Errors
+/// Templates, conditions and fits that name no column.
+pub(super) fn all<'a>(section: &'a Section, rows: &Rows) -> anyhow::Result<Vec<(&'a str, String)>> {
     let shown = shown(section, rows)?;
     Ok(shown.into_iter().map(|shown| (shown.id, markdown(&shown))).collect())
 }
@@ -74,13 +51,17 @@ pub(crate) fn shown<'a>(section: &'a Section, rows: &Rows) -> anyhow::Result<Vec
     section.tables.iter().map(table).chain(section.fits.iter().map(fit)).collect()
 }
 
-/// Where a table begins and ends.
-fn place(document: &str, id: &str) -> anyhow::Result<[usize; 2]> {
-    let mark = format!("<!-- table: {id} -->\n");
-    let start = document.find(&mark).with_context(|| format!("there is no line {}", mark.trim_end()))?;
-    let start = start + mark.len();
+/// The line above a table.
+pub(super) fn mark(id: &str) -> String {
+    format!("<!-- table: {id} -->\n")
+}
+
+/// Where a table begins and ends, if the document has its mark.
+pub(super) fn place(document: &str, id: &str) -> Option<[usize; 2]> {
+    let mark = mark(id);
+    let start = document.find(&mark)? + mark.len();
     let rows = document[start..].split_inclusive('\n').take_while(|line| line.starts_with('|'));
-    Ok([start, start + rows.map(str::len).sum::<usize>()])
+    Some([start, start + rows.map(str::len).sum::<usize>()])
 }
 
 fn markdown(table: &Shown<'_>) -> String {
@@ -242,6 +223,7 @@ fn thousands(number: f64) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::document::Documents;
     use super::super::section::parse;
     use super::*;
 
@@ -258,25 +240,26 @@ mod tests {
     #[test]
     fn a_table_is_written_from_figures_and_then_it_is_not_stale() {
         let rows = Rows::from_csv(ROWS).unwrap();
-        assert_eq!(stale(DOCUMENT, &section(), &rows).unwrap(), ["one"]);
-        let document = update(DOCUMENT, &section(), &rows).unwrap();
+        let mut documents = Documents::of(DOCUMENT);
+        assert_eq!(documents.stale(&section(), &rows).unwrap()[0].table, "one");
+        let changed = documents.update(&section(), &rows).unwrap();
         assert_eq!(
-            document,
+            changed[0].1,
             "Text.\n\n<!-- table: one -->\n| what | B | of |\n|---|---|---|\n| **a** | 1,234,567 | 25.0 % |\n\
              | **b** | 999 | – % |\n\nMore.\n"
         );
-        assert!(stale(&document, &section(), &rows).unwrap().is_empty());
-        assert_eq!(update(&document, &section(), &rows).unwrap(), document);
+        assert!(documents.stale(&section(), &rows).unwrap().is_empty());
+        assert!(documents.update(&section(), &rows).unwrap().is_empty());
     }
 
     #[test]
     fn what_is_missing_is_named() {
         let rows = Rows::from_csv(ROWS).unwrap();
-        let error = update("Text.\n", &section(), &rows).unwrap_err();
+        let error = Documents::of("Text.\n").update(&section(), &rows).unwrap_err();
         assert!(format!("{error:#}").contains("<!-- table: one -->"));
         let mut other = section();
         other.tables[0].columns[1][1] = "{size}".to_owned();
-        let error = update(DOCUMENT, &other, &rows).unwrap_err();
+        let error = Documents::of(DOCUMENT).update(&other, &rows).unwrap_err();
         assert!(format!("{error:#}").contains("no column size"), "{error:#}");
         let line = [rows.rows[0].as_slice()];
         let group = Group { rows: &rows, across: None, line: &line };

@@ -101,6 +101,15 @@ impl Library {
     }
 }
 
+const NO_DRACO: &str = "not run: draco_encoder is not on this machine";
+const NO_PEERS: &str = "not run: no file of peers is named (--peers FILE)";
+
+/// Whether a run ended before it began because something is not on this machine: elsewhere it may come to something.
+#[must_use]
+pub fn lacks_something_here(ended: &str) -> bool {
+    [NO_DRACO, NO_PEERS].contains(&ended)
+}
+
 fn entry(
     stage: &Arc<Stage>,
     measured: &[Measured],
@@ -109,11 +118,11 @@ fn entry(
     plan: &Plan,
 ) -> Entry {
     if technique.needs_draco() && plan.draco.is_none() {
-        return Entry::NotRun("not run: draco_encoder is not on this machine".to_owned());
+        return Entry::NotRun(NO_DRACO.to_owned());
     }
     if technique == Technique::Nodes {
         let Some(peer) = peer.and_then(|peer| plan.peers.get(peer)) else {
-            return Entry::NotRun("not run: no file of peers is named (--peers FILE)".to_owned());
+            return Entry::NotRun(NO_PEERS.to_owned());
         };
         return nodes(stage, peer);
     }

@@ -38,7 +38,7 @@ pub mod terrain_table;
 mod tests;
 mod wire;
 
-pub use library::Library;
+pub use library::{Library, lacks_something_here};
 pub(crate) use run::run_case;
 pub use technique::Technique;
 

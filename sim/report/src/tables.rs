@@ -1,4 +1,4 @@
-//! Reports as comma-separated values (RFC 4180, with plain line feeds): a line per run, case, picture or level.
+//! A report's tables as comma-separated values: a line per run, case, picture or level.
 
 use std::collections::BTreeSet;
 use std::fmt::Display;
@@ -6,6 +6,7 @@ use std::fmt::Display;
 use lodestream_client::core::QUALITIES_PX;
 use lodestream_scenario::result::{RunResult, error_name};
 
+use super::csv_text::csv_text;
 use super::levels::Level;
 use super::percentiles::Percentiles;
 
@@ -19,7 +20,7 @@ struct Line {
 impl Line {
     fn add(&mut self, name: impl Into<String>, value: impl Display) {
         self.names.push(name.into());
-        self.fields.push(quoted(&value.to_string()));
+        self.fields.push(value.to_string());
     }
 
     /// Empty where there is no value.
@@ -28,27 +29,11 @@ impl Line {
     }
 }
 
-/// A field as it may stand between commas.
-fn quoted(text: &str) -> String {
-    if text.contains([',', '"', '\n', '\r']) {
-        format!("\"{}\"", text.replace('"', "\"\""))
-    } else {
-        text.to_owned()
-    }
-}
-
 /// The names of the first line, then all lines. All have the same names.
 fn table(lines: impl Iterator<Item = Line>) -> String {
-    let mut text = String::new();
-    for (i, line) in lines.enumerate() {
-        if i == 0 {
-            text += &line.names.join(",");
-            text.push('\n');
-        }
-        text += &line.fields.join(",");
-        text.push('\n');
-    }
-    text
+    let lines: Vec<Line> = lines.collect();
+    let names = lines.first().map(|line| &line.names);
+    csv_text(names.into_iter().chain(lines.iter().map(|line| &line.fields)))
 }
 
 /// A line per run, under the names that `results.json` uses, without the series.
@@ -175,18 +160,4 @@ pub(super) fn of_levels(levels: &[Level]) -> String {
         line.add_some("ms", level.ms);
         line
     }))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn fields_with_commas_and_quotes_are_quoted() {
-        let mut line = Line::default();
-        line.add("a", "x, \"y\"");
-        line.add_some("b", None::<u32>);
-        line.add("c", 1.5);
-        assert_eq!(table([line].into_iter()), "a,b,c\n\"x, \"\"y\"\"\",,1.5\n");
-    }
 }
