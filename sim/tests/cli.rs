@@ -135,6 +135,82 @@ fn run_says_what_models_and_peers_it_lacks() {
     assert!(!output.exists());
 }
 
+/// Its message named `--models`, which only `run` took.
+#[test]
+fn truth_takes_the_folder_of_models_that_its_message_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    write(folder.path(), "square.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n");
+    let plan = write(
+        folder.path(),
+        "square.toml",
+        "scene = \"model:square.obj\"\n[[sweep]]\ntransport = \"ws\"\nrate_bits_per_s = 2_000_000\nrtt_ms = 10\n",
+    );
+    let truth = |options: &[&str]| {
+        let (output, cache) = (at("out"), at("cache"));
+        let arguments =
+            [&["truth", &plan, "--repeats", "1", "-o", &output, "--cache", &cache], options].concat();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-sim"));
+        command.args(arguments).env_remove("LODESTREAM_MODELS").output().unwrap()
+    };
+    assert_refused(&truth(&[]), &["square.obj", "--models DIR"]);
+    let peers = write(folder.path(), "peers.json", "[{\"peer\": 3}]");
+    assert_refused(&truth(&["--peers", &peers]), &["peers.json", "line 1"]);
+    let done = truth(&["--models", folder.path().to_str().unwrap()]);
+    assert!(done.status.success(), "{done:?}");
+    let json: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(at("out/truth.json")).unwrap()).unwrap();
+    assert_eq!((json.as_array().unwrap().len(), &json[0]["repeats"]), (1, &1.into()));
+}
+
+/// A table of which some rows need what is not on this machine was said to differ.
+#[test]
+fn reproduce_leaves_out_rows_that_need_the_file_of_peers() {
+    let folder = tempfile::tempdir().unwrap();
+    let plan = write(
+        folder.path(),
+        "plan.toml",
+        "scene = \"empty\"\n[[sweep]]\ntransport = \"ws\"\nrate_bits_per_s = 2_000_000\nrtt_ms = 50\n\
+         technique = [\"nodes\", \"lodestream\"]\n",
+    );
+    let sections = write(
+        folder.path(),
+        "sections.toml",
+        &format!(
+            "[[section]]\nname = \"others\"\ntitle = \"t\"\nseconds = 1\n\
+             columns = [\"technique\", \"total_bytes\", \"ended\"]\n\
+             [[section.command]]\nrun = \"run {plan} --quiet -o {{out}}\"\nfile = \"results.csv\"\n"
+        ),
+    );
+    let page = write(folder.path(), "page.md", "# Figures\n");
+    let output = folder.path().join("out");
+    let reproduce = |extra: &[&str]| {
+        let output = output.to_str().unwrap();
+        let all =
+            [&["reproduce", "--sections", &sections, "--document", &page, "-o", output], extra].concat();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-sim"));
+        command.args(all).env_remove("LODESTREAM_PEERS").env_remove("LODESTREAM_MODELS").output().unwrap()
+    };
+    let peers = Path::new(env!("CARGO_MANIFEST_DIR")).join("peers/example.json");
+    assert!(reproduce(&["--peers", peers.to_str().unwrap(), "--update"]).status.success());
+    let csv = folder.path().join("others.csv");
+    let committed = std::fs::read_to_string(&csv).unwrap();
+    assert_eq!(committed.matches("nodes: example").count(), 2, "{committed}");
+    for extra in [&[][..], &["--update"]] {
+        let again = reproduce(extra);
+        let text = String::from_utf8(again.stdout).unwrap();
+        assert!(again.status.success(), "{text}");
+        assert!(
+            text.contains("left out: 2 rows of nodes: not run: no file of peers is named (--peers FILE)"),
+            "{text}"
+        );
+        assert_eq!(std::fs::read_to_string(&csv).unwrap(), committed);
+    }
+    // What is here is compared all the same.
+    std::fs::write(&csv, committed.replace(",settled", ",never")).unwrap();
+    assert_eq!(reproduce(&[]).status.code(), Some(1));
+}
+
 #[test]
 fn the_older_systems_table_has_a_line_for_each_way_of_sending() {
     let text = String::from_utf8(simulator(&["seed-table"]).stdout).unwrap();

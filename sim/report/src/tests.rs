@@ -128,10 +128,8 @@ fn encoder(folder: &Path) -> Encoder {
 #[cfg(unix)]
 fn reports_do_not_depend_on_threads_and_levels_end_where_the_view_is_sharp() {
     let folder = tempfile::tempdir().unwrap();
-    let sweep = format!(
-        "transport = \"quic\"\nrate_bits_per_s = 2_000_000\nrtt_ms = 50\nloss = 0.01\nseeds = 2\n\
-         camera = [\"still\", \"orbit\"]\n"
-    );
+    let sweep = "transport = \"quic\"\nrate_bits_per_s = 2_000_000\nrtt_ms = 50\nloss = 0.01\nseeds = 2\n\
+                 camera = [\"still\", \"orbit\"]\n";
     let plan = Plan {
         draco: Some(encoder(folder.path())),
         ..parse("time_limit_s = 60", &format!("{sweep}{TECHNIQUES}"))

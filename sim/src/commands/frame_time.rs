@@ -3,14 +3,14 @@
 use clap::Args;
 use lodestream_report::pictures::frame_time::{MAX_FRAMES, frame_times};
 
-use crate::drawn_case::DrawnCase;
+use crate::arguments::{DrawnCase, target_px};
 
 /// Most targets of a run.
 const MAX_TARGETS: usize = 16;
 
 /// The plan must come to one case; it runs with its first seed.
 #[derive(Debug, Args)]
-pub(crate) struct FrameTimeCommand {
+pub(crate) struct FrameTime {
     #[command(flatten)]
     case: DrawnCase,
     /// Screen errors to refine to, in pixels, divided by commas.
@@ -21,15 +21,7 @@ pub(crate) struct FrameTimeCommand {
     frames: u32,
 }
 
-/// A screen error on the command line.
-pub(crate) fn target_px(text: &str) -> Result<f32, String> {
-    match text.parse::<f32>() {
-        Ok(px) if (0.01..=1000.0).contains(&px) => Ok(px),
-        _ => Err("a screen error from 0.01 to 1000 pixels is needed".to_owned()),
-    }
-}
-
-impl FrameTimeCommand {
+impl FrameTime {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
         anyhow::ensure!(
             self.target_px.len() <= MAX_TARGETS,

@@ -12,6 +12,8 @@ use lodestream_scenario::plan::Plan;
 use lodestream_scenario::{plan, scene};
 use serde::Serialize;
 
+use super::CacheFolder;
+
 // No doc comment: it would take the place of the command's own in --help.
 #[derive(Debug, Args)]
 pub(crate) struct DrawnCase {
@@ -20,9 +22,8 @@ pub(crate) struct DrawnCase {
     /// Another value for a key of the plan, as "sweep.rate_bits_per_s=16000000"; may be given more than once.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Folder of prepared packs [default: $XDG_CACHE_HOME/lodestream or ~/.cache/lodestream].
-    #[arg(long, env = "LODESTREAM_CACHE", value_name = "DIR")]
-    cache: Option<PathBuf>,
+    #[command(flatten)]
+    cache: CacheFolder,
     /// Prints JSON instead of text.
     #[arg(long)]
     json: bool,
@@ -37,10 +38,8 @@ impl DrawnCase {
         let plan = plan::read_with(&self.plan, &self.set)?;
         // Before anything is prepared: without an adapter it would be for nothing.
         let gpu = Gpu::headless().context("frames are to be drawn")?;
-        let cache = self.cache.clone().or_else(lodestream_server::prepare::cache::default_folder);
-        let cache = cache.context("no cache folder is known; name one with --cache DIR")?;
         let one = plan.scenes.first().context("the plan has no scene")?;
-        let scene = scene::open(&one.choice, plan.codec, &cache, true)?;
+        let scene = scene::open(&one.choice, plan.codec, &self.cache.path()?, true)?;
         let results = draw(&plan, &scene, gpu).with_context(|| self.plan.display().to_string())?;
         if self.json {
             println!("{}", serde_json::to_string(&results)?);

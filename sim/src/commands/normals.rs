@@ -8,7 +8,7 @@ use lodestream_geometry::quantise::{DEFAULT_POSITION_BITS, MAX_POSITION_BITS, MI
 use lodestream_server::prepare::recipe::check_normal_tolerance;
 
 #[derive(Debug, Args)]
-pub(crate) struct NormalsCommand {
+pub(crate) struct Normals {
     /// The models.
     #[arg(required = true, value_name = "MODEL")]
     models: Vec<PathBuf>,
@@ -31,7 +31,7 @@ fn tolerance(text: &str) -> Result<f64, String> {
     text.parse().map_err(|_| "a number of degrees is needed".to_owned()).and_then(check_normal_tolerance)
 }
 
-impl NormalsCommand {
+impl Normals {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
         let mut all = Vec::new();
         for model in &self.models {

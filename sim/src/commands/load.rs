@@ -1,20 +1,19 @@
 //! `lodestream-sim load`: its arguments, and a line for each case.
 
-use std::path::PathBuf;
-
-use anyhow::Context as _;
 use clap::Args;
 use lodestream_scenario::load::{Case, measure, serve};
 use lodestream_scenario::plan::{self, Transport};
 use lodestream_scenario::scene;
 
+use crate::arguments::{CacheFolder, transport};
+
 /// Numbers may be lists, divided by commas; a case for each combination.
 #[derive(Debug, Args)]
-pub(crate) struct LoadCommand {
+pub(crate) struct Load {
     /// The scene, as plans name it: "demo", "field:assets=100,faces=10000,instances=1000" …
     scene: String,
     /// Transports: quic, ws.
-    #[arg(long, value_delimiter = ',', default_value = "quic,ws", value_parser = super::goodput_command::transport)]
+    #[arg(long, value_delimiter = ',', default_value = "quic,ws", value_parser = transport)]
     transport: Vec<Transport>,
     /// Clients at once.
     #[arg(long, value_delimiter = ',', default_value = "1,10,100,500", value_parser = clap::value_parser!(u32).range(1..=900))]
@@ -25,9 +24,8 @@ pub(crate) struct LoadCommand {
     /// How long is counted, after two seconds in which clients connect.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=600))]
     seconds: u32,
-    /// Folder of prepared packs [default: $XDG_CACHE_HOME/lodestream or ~/.cache/lodestream].
-    #[arg(long, env = "LODESTREAM_CACHE", value_name = "DIR")]
-    cache: Option<PathBuf>,
+    #[command(flatten)]
+    cache: CacheFolder,
     /// Prints JSON instead of text.
     #[arg(long)]
     json: bool,
@@ -36,12 +34,10 @@ pub(crate) struct LoadCommand {
     serve: bool,
 }
 
-impl LoadCommand {
+impl Load {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
-        let cache = self.cache.clone().or_else(lodestream_server::prepare::cache::default_folder);
-        let cache = cache.context("no cache folder is known; name one with --cache DIR")?;
         let choice = plan::scene_choice(&self.scene)?;
-        let source = scene::open(&choice, None, &cache, true)?;
+        let source = scene::open(&choice, None, &self.cache.path()?, true)?;
         if self.serve {
             return serve(source, self.rate_bits_per_s);
         }
@@ -50,7 +46,7 @@ impl LoadCommand {
             for &clients in &self.clients {
                 let Self { rate_bits_per_s, seconds, .. } = *self;
                 let case = Case { transport, clients, rate_bits_per_s, seconds };
-                let found = measure(&self.scene, &source, self.cache.as_deref(), &case)?;
+                let found = measure(&self.scene, &source, self.cache.named(), &case)?;
                 if !self.json {
                     println!("{found}");
                 }

@@ -5,15 +5,14 @@ use lodestream_render::{MAX_RELIEF_STEPS, MAX_SAMPLES};
 use lodestream_report::pictures::draw_trade::{Knob, draw_trade};
 use lodestream_report::pictures::frame_time::MAX_FRAMES;
 
-use crate::drawn_case::DrawnCase;
-use crate::frame_time_command::target_px;
+use crate::arguments::{DrawnCase, target_px};
 
 /// Most values of a run: those of the ground keep a scene each on the graphics device.
 const MAX_VALUES: usize = 16;
 
 /// The plan must come to one case; it runs with its first seed.
 #[derive(Debug, Args)]
-pub(crate) struct DrawTradeCommand {
+pub(crate) struct DrawTrade {
     #[command(flatten)]
     case: DrawnCase,
     #[command(flatten)]
@@ -53,7 +52,7 @@ impl KnobArguments {
     }
 }
 
-impl DrawTradeCommand {
+impl DrawTrade {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
         let knob = self.knob.knob()?;
         self.case.run(|plan, scene, gpu| draw_trade(plan, scene, gpu, &knob, self.frames))
@@ -69,7 +68,7 @@ mod tests {
     #[derive(Debug, Parser)]
     struct Line {
         #[command(flatten)]
-        command: DrawTradeCommand,
+        command: DrawTrade,
     }
 
     fn knob(arguments: &[&str]) -> Result<Knob, String> {

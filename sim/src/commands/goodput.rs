@@ -6,9 +6,11 @@ use clap::Args;
 use lodestream_scenario::goodput::{Case, measure};
 use lodestream_scenario::plan::Transport;
 
+use crate::arguments::transport;
+
 /// Every value may be a list, divided by commas; a case for each combination, the last changing fastest.
 #[derive(Debug, Args)]
-pub(crate) struct GoodputCommand {
+pub(crate) struct Goodput {
     /// Transports: quic, ws.
     #[arg(long, value_delimiter = ',', default_value = "quic,ws", value_parser = transport)]
     transport: Vec<Transport>,
@@ -33,14 +35,6 @@ pub(crate) struct GoodputCommand {
 #[derive(Clone, Copy, Debug)]
 struct LimiterShare(Option<f64>);
 
-pub(crate) fn transport(text: &str) -> Result<Transport, String> {
-    match text {
-        "quic" => Ok(Transport::Quic),
-        "ws" => Ok(Transport::Ws),
-        _ => Err("quic or ws is needed".to_owned()),
-    }
-}
-
 /// From a rate at which a million bytes come within the time limit, to one whose ten seconds can be simulated.
 fn rate(text: &str) -> Result<NonZeroU64, String> {
     match text.parse::<NonZeroU64>() {
@@ -57,7 +51,7 @@ fn limiter_share(text: &str) -> Result<LimiterShare, String> {
     }
 }
 
-impl GoodputCommand {
+impl Goodput {
     fn cases(&self) -> Vec<Case> {
         let mut cases = Vec::new();
         for &transport in &self.transport {

@@ -1,0 +1,44 @@
+//! The folder of prepared packs, and scenes from it.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use anyhow::Context as _;
+use clap::Args;
+use lodestream_protocol::source::SceneSource;
+use lodestream_scenario::plan::Plan;
+use lodestream_scenario::scene;
+use lodestream_server::prepare::cache::default_folder;
+
+// No doc comment: it would take the place of the command's own in --help.
+#[derive(Debug, Args)]
+pub(crate) struct CacheFolder {
+    /// Folder of prepared packs [default: $XDG_CACHE_HOME/lodestream or ~/.cache/lodestream].
+    #[arg(long, env = "LODESTREAM_CACHE", value_name = "DIR")]
+    cache: Option<PathBuf>,
+}
+
+impl CacheFolder {
+    /// The folder that is named, if one is.
+    pub(crate) fn named(&self) -> Option<&Path> {
+        self.cache.as_deref()
+    }
+
+    /// The folder.
+    ///
+    /// # Errors
+    /// None is named, and the system has no usual place for it.
+    pub(crate) fn path(&self) -> anyhow::Result<PathBuf> {
+        let path = self.cache.clone().or_else(default_folder);
+        path.context("no cache folder is known; name one with --cache DIR")
+    }
+
+    /// Opens the scenes of a plan, prepared where that is not done yet.
+    ///
+    /// # Errors
+    /// Whatever keeps a scene from being generated, read or prepared.
+    pub(crate) fn open_scenes(&self, plan: &Plan, quiet: bool) -> anyhow::Result<Vec<Arc<dyn SceneSource>>> {
+        let folder = self.path()?;
+        plan.scenes.iter().map(|scene| scene::open(&scene.choice, plan.codec, &folder, quiet)).collect()
+    }
+}

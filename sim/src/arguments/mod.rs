@@ -1,0 +1,11 @@
+//! Arguments that several commands have, and values that they take.
+
+mod beside;
+mod cache;
+mod drawn_case;
+mod values;
+
+pub(crate) use beside::Beside;
+pub(crate) use cache::CacheFolder;
+pub(crate) use drawn_case::DrawnCase;
+pub(crate) use values::{target_px, transport};

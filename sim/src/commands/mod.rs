@@ -1,0 +1,85 @@
+//! The commands, one file each: its arguments, and what it does with them by the libraries.
+
+mod assess;
+mod draw_trade;
+mod frame_time;
+mod goodput;
+mod load;
+mod measure;
+mod models;
+mod normals;
+mod reproduce;
+mod run;
+mod seed_table;
+mod terrain_table;
+mod train;
+mod truth;
+
+use std::process::ExitCode;
+
+use clap::Subcommand;
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Assesses the geometry of a model: sizes, speeds, quality, honesty of errors, cost of access.
+    Assess(assess::Assess),
+    /// Prepares models with the default settings and streams each over QUIC and WebSocket, over a simulated link of 2 Mbit/s
+    /// and 50 ms round trip: sizes, error of the base mesh, time to the first frame.
+    Models(models::Models),
+    /// Counts the normals of models that are sent, those further from what the faces say than a tolerance.
+    Normals(normals::Normals),
+    /// Trains the priors of the entropy coder on some models and writes the table that the geometry crate
+    /// includes. The format's version must change with it.
+    Train(train::Train),
+    /// Measures the two-sided distance between the surfaces of two model files, and how their attributes
+    /// differ.
+    Measure(measure::Measure),
+    /// Prints the older system's table of transfer times for three models of as many triangles, with ours beside it.
+    SeedTable(seed_table::SeedTable),
+    /// Prints the older system's tables of terrain: times of many generations of a patch, and bytes; ours and a plain
+    /// diamond-square beside it.
+    TerrainTable(terrain_table::TerrainTable),
+    /// Measures how much of a link the server fills, and how long an urgent blob of 8,000 bytes waits behind bulk, in
+    /// virtual time.
+    Goodput(goodput::Goodput),
+    /// Measures what a server's sessions cost it: memory and processor time of a process of its own, in real time on
+    /// loopback. Needs Linux.
+    Load(load::Load),
+    /// Settles a plan's case at several targets of screen error, in virtual time, and times frames of each, in real time
+    /// on the machine's graphics adapter.
+    FrameTime(frame_time::FrameTime),
+    /// Settles a plan's case in virtual time and draws it with several values of a setting of the renderer, in real time
+    /// on the machine's graphics adapter: time of a frame, and how far the picture is from that with the last value.
+    DrawTrade(draw_trade::DrawTrade),
+    /// Streams scenes over simulated links in virtual time.
+    Run(run::Run),
+    /// Makes the figures of the benchmarks' pages anew and says what differs from those committed. Reads the project's
+    /// own files: run it in its folder.
+    Reproduce(reproduce::Reproduce),
+    /// Runs the cases of a plan in virtual time and again in real time, over real sockets on loopback and a
+    /// relay with the same link code, and says how they differ.
+    Truth(truth::Truth),
+}
+
+impl Command {
+    pub(crate) fn run(&self) -> anyhow::Result<ExitCode> {
+        match self {
+            Self::Assess(command) => command.run(),
+            Self::Models(command) => command.run(),
+            Self::Normals(command) => command.run(),
+            Self::Train(command) => command.run(),
+            Self::Measure(command) => command.run(),
+            Self::SeedTable(command) => command.run(),
+            Self::TerrainTable(command) => command.run(),
+            Self::Goodput(command) => command.run(),
+            Self::Load(command) => command.run(),
+            Self::FrameTime(command) => command.run(),
+            Self::DrawTrade(command) => command.run(),
+            Self::Run(command) => command.run(),
+            Self::Truth(command) => command.run(),
+            // What it finds is its exit code.
+            Self::Reproduce(command) => return command.run(),
+        }
+        .map(|()| ExitCode::SUCCESS)
+    }
+}

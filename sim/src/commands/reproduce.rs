@@ -1,0 +1,63 @@
+//! `lodestream-sim reproduce`: its arguments, and what differs.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Args;
+use lodestream_report::reproduce::{self, Mode, Options};
+
+#[derive(Debug, Args)]
+pub(crate) struct Reproduce {
+    /// Sections to run [default: all].
+    #[arg(value_name = "SECTION")]
+    only: Vec<String>,
+    /// Folder for figures, reports, reproduction.json and reproduction.html, a page with every section.
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Folder of models that are not part of the project; sections that need them are left out without it.
+    #[arg(long, env = "LODESTREAM_MODELS", value_name = "DIR")]
+    models: Option<PathBuf>,
+    /// The list of sections.
+    #[arg(long, value_name = "FILE", default_value = "docs/report/sections.toml")]
+    sections: PathBuf,
+    /// A page with tables, or a folder of pages; may be given more than once [default: BENCHMARKS.md and
+    /// docs/benchmarks].
+    #[arg(long, value_name = "FILE|DIR")]
+    document: Vec<PathBuf>,
+    /// Nodes of view-dependent peers; rows that need them are left out without them.
+    #[arg(long, env = "LODESTREAM_PEERS", value_name = "FILE")]
+    peers: Option<PathBuf>,
+    /// Draco's encoder [default: draco_encoder, where $PATH has it]; rows that need it are left out without it.
+    #[arg(long, env = "LODESTREAM_DRACO_ENCODER", value_name = "FILE")]
+    draco_encoder: Option<PathBuf>,
+    /// Replaces the committed figures and the pages' tables instead of comparing.
+    #[arg(long)]
+    update: bool,
+    /// Runs nothing: replaces the pages' tables by tables of the committed figures.
+    #[arg(long, conflicts_with = "update")]
+    tables: bool,
+}
+
+impl Reproduce {
+    /// Whether figures are as committed is what it exits with.
+    pub(crate) fn run(&self) -> anyhow::Result<ExitCode> {
+        let mode = match (self.update, self.tables) {
+            (true, _) => Mode::Update,
+            (_, true) => Mode::Tables,
+            _ => Mode::Compare,
+        };
+        // Its commands take these from their environment.
+        let beside = [("LODESTREAM_PEERS", &self.peers), ("LODESTREAM_DRACO_ENCODER", &self.draco_encoder)];
+        let options = Options {
+            sections: self.sections.clone(),
+            documents: self.document.clone(),
+            models: self.models.clone(),
+            environment: beside.into_iter().filter_map(|(name, file)| Some((name, file.clone()?))).collect(),
+            only: self.only.clone(),
+            output: self.output.clone(),
+            mode,
+        };
+        let made = reproduce::run(&options, |line| println!("{line}"))?;
+        Ok(if made.agrees() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    }
+}
