@@ -12,6 +12,8 @@
 mod compare;
 mod document;
 mod fit;
+#[cfg(test)]
+mod headline_test;
 mod page;
 mod plot;
 mod rows;
