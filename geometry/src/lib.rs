@@ -7,6 +7,7 @@
 pub mod entropy;
 pub mod error;
 pub mod mesh;
+pub mod numbers;
 pub mod pool;
 pub mod random;
 

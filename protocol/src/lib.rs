@@ -17,6 +17,16 @@
 //! | [`server`], [`client`] | the two session state machines |
 //! | [`scheduler`], [`limiter`] | what is sent next, and when |
 
+#![cfg_attr(
+    not(test),
+    warn(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        clippy::cast_precision_loss,
+        clippy::cast_sign_loss
+    )
+)]
+
 pub mod asset;
 pub mod blob;
 pub mod client;

@@ -1,5 +1,15 @@
 //! The parameters of a terrain: 24 bytes from which every height follows.
 
+#![cfg_attr(
+    not(test),
+    warn(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        clippy::cast_precision_loss,
+        clippy::cast_sign_loss
+    )
+)]
+
 use super::TerrainError;
 use lodestream_geometry::DecodeError;
 
@@ -176,24 +186,21 @@ impl Parameters {
     /// If the bytes are not parameters of a terrain that can be made.
     pub fn decode(bytes: &[u8; PARAMETERS_BYTES]) -> Result<Self, DecodeError> {
         let error = |why: String| DecodeError::new("terrain parameters", why);
-        let le = |range: std::ops::Range<usize>| {
-            bytes[range].iter().rev().fold(0_u64, |value, &b| value << 8 | u64::from(b))
-        };
         if bytes[9] >> 6 != 0 {
             return Err(error(format!("unknown flags {:#04x}", bytes[9] & 0xc0)));
         }
         let parameters = Self {
-            seed: le(0..8),
+            seed: u64::from_le_bytes(std::array::from_fn(|i| bytes[i])),
             finest_level: bytes[8] & 15,
             extent_log2: bytes[9] & 31,
             distribution: if bytes[9] & 32 == 0 { Distribution::Uniform } else { Distribution::Gaussian },
-            amplitude: le(10..14) as u32,
-            roughness: le(14..16) as u16,
-            base: le(16..20) as u32 as i32,
+            amplitude: u32::from_le_bytes([bytes[10], bytes[11], bytes[12], bytes[13]]),
+            roughness: u16::from_le_bytes([bytes[14], bytes[15]]),
+            base: i32::from_le_bytes([bytes[16], bytes[17], bytes[18], bytes[19]]),
             erosion: Erosion {
                 level: bytes[8] >> 4,
                 passes: bytes[20],
-                talus: le(21..23) as u16,
+                talus: u16::from_le_bytes([bytes[21], bytes[22]]),
                 spike_limit: bytes[23],
             },
         };

@@ -13,6 +13,16 @@
 //!
 //! An empty list is no bytes.
 
+#![cfg_attr(
+    not(test),
+    warn(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        clippy::cast_precision_loss,
+        clippy::cast_sign_loss
+    )
+)]
+
 use super::TerrainError;
 use super::feature::Mode;
 use super::points::{MAX_PATCH_POINTS, PatchPoint, PatchPoints};
@@ -24,6 +34,7 @@ use lodestream_geometry::entropy::range_coder::{Coder, Decoder, Encoder};
 use lodestream_geometry::entropy::symbols::{
     INTEGER_CONTEXTS, integer, tree, tree_contexts, unzigzag, zigzag,
 };
+use lodestream_geometry::numbers::{id32, low32};
 
 /// Cells of a mask, for each point, above which it is not considered: runs are smaller, and a decoder's work
 /// stays in proportion to its bytes.
@@ -165,7 +176,7 @@ fn code<C: Coder>(
     // 0: additive, 1: fixed, 2: each says.
     let modes = if fixed == 0 { 0 } else { 1 + u32::from(fixed < given.len()) };
     let modes = coder.raw(2, modes);
-    let count = integer(coder, COUNT, given.len() as u32);
+    let count = integer(coder, COUNT, id32(given.len()));
     if modes > 2 || count == 0 {
         return Err(error("a list without points, or of unknown kind"));
     }
@@ -209,7 +220,7 @@ fn code_mask<C: Coder>(
             let [row, above, top] = &rows;
             let around = row[x..x + 2].iter().chain(&above[x..x + 5]).chain(&top[x + 1..x + 4]);
             let context = around.fold(0, |context, &bit| context << 1 | usize::from(bit));
-            let cell = [x as u32, y];
+            let cell = [id32(x), y];
             let listed = coder.bit(MASK + context, left.next_if_eq(&cell).is_some());
             rows[0][x + 2] = listed;
             if listed {
@@ -246,22 +257,24 @@ fn code_runs<C: Coder>(
         let down = integer(coder, RUNS, next_y.wrapping_sub(y));
         let (row, column) = if down > 0 {
             // Near where the last run began.
-            let shift = zigzag(next_x.wrapping_sub(start) as i32);
+            let shift = zigzag(next_x.wrapping_sub(start).cast_signed());
             let shift = unzigzag(integer(coder, RUNS + INTEGER_CONTEXTS, shift));
             (u64::from(y) + u64::from(down), i64::from(start) + i64::from(shift))
         } else {
             let gap = integer(coder, RUNS + 2 * INTEGER_CONTEXTS, next_x.wrapping_sub(end));
             (u64::from(y), i64::from(end) + i64::from(gap))
         };
-        let length = integer(coder, RUNS + 3 * INTEGER_CONTEXTS, (length as u32).wrapping_sub(1));
+        let length = integer(coder, RUNS + 3 * INTEGER_CONTEXTS, id32(length).wrapping_sub(1));
         let stop = column + i64::from(length) + 1;
-        if row >= u64::from(height) || column < 0 || stop > i64::from(width) {
-            return Err(error("a run is outside the patch"));
+        let outside = || error("a run is outside the patch");
+        if row >= u64::from(height) || stop > i64::from(width) {
+            return Err(outside());
         }
         if cells.len() + length as usize + 1 > count {
             return Err(error(format!("runs of more than {count} points")));
         }
-        (y, start, end) = (row as u32, column as u32, stop as u32);
+        let number = |x: i64| u32::try_from(x).map_err(|_| outside());
+        (y, start, end) = (u32::try_from(row).map_err(|_| outside())?, number(column)?, number(stop)?);
         cells.extend((start..end).map(|x| [x, y]));
         coder.check()?;
     }
@@ -278,7 +291,7 @@ fn code_heights<C: Coder>(
 ) -> Result<Vec<PatchPoint>, DecodeError> {
     let given = list.unwrap_or_default();
     let first = given.first().map_or(0, |p| p.height);
-    let first = coder.raw(32, first as u32) as i32;
+    let first = coder.raw(32, first.cast_unsigned()).cast_signed();
     // All arithmetic is modulo 2^32, which loses nothing: multiples of the step are exact.
     let step = given.iter().fold(0, |step, p| gcd(step, p.height.abs_diff(first))).max(1);
     let step = coder.raw(32, step);
@@ -286,9 +299,10 @@ fn code_heights<C: Coder>(
         return Err(error("heights have a step of 0"));
     }
     let (wide_first, wide_step) = (i64::from(first), i64::from(step));
-    let steps_of = |p: &PatchPoint| ((i64::from(p.height) - wide_first) / wide_step) as i32;
+    let steps_of = |p: &PatchPoint| low32(((i64::from(p.height) - wide_first) / wide_step).into());
     // A list of changes changes nothing where it says nothing.
-    let unlisted = (modes == 0 && wide_first % wide_step == 0).then(|| (-wide_first / wide_step) as i32);
+    let unlisted =
+        (modes == 0 && wide_first % wide_step == 0).then(|| low32((-wide_first / wide_step).into()));
     let mut predictor = Predictor::new(lattice.cells[0] as usize, unlisted);
     let mut points = Vec::with_capacity(cells.len());
     let mut mode = usize::from(modes == 1);
@@ -303,7 +317,10 @@ fn code_heights<C: Coder>(
         let residual = given.get(i).map_or(0, |p| steps_of(p).wrapping_sub(prediction.value));
         let steps = prediction.value.wrapping_add(unzigzag(code_residual(coder, at, zigzag(residual))));
         predictor.learn(column as usize, &prediction, steps);
-        let place = |axis: usize, cell: u32| (lattice.first[axis] + cell * lattice.step[axis]) as u16;
+        // Within the patch, as the lattice was checked to be.
+        let place = |axis: usize, cell: u32| {
+            u16::try_from(lattice.first[axis] + cell * lattice.step[axis]).unwrap_or(u16::MAX)
+        };
         points.push(PatchPoint {
             x: place(0, column),
             y: place(1, row),
@@ -320,15 +337,15 @@ fn code_residual<C: Coder>(coder: &mut C, at: usize, value: u32) -> u32 {
     if class < 2 {
         return class;
     }
-    let mut got = 1_u64;
+    let mut got = 1_u32;
     let mut below = class - 1;
     for depth in 0..2.min(class - 1) {
         below -= 1;
         let context = at + tree_contexts(CLASS_BITS) + (2 * class.min(32) as usize + depth as usize).min(65);
-        got = got << 1 | u64::from(coder.bit(context, value >> below & 1 == 1));
+        got = got << 1 | u32::from(coder.bit(context, value >> below & 1 == 1));
     }
-    let rest = coder.raw(below, value & ((1_u64 << below) - 1) as u32);
-    (got << below) as u32 | rest
+    let rest = coder.raw(below, value & ((1 << below) - 1));
+    got << below | rest
 }
 
 #[cfg(test)]

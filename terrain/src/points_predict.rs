@@ -4,12 +4,24 @@
 //! Valleys and ridges wind, so a row of heights is the row above, shifted; the predictors include such shifts,
 //! and weights between two of them are a fraction of a point. Integers only, so both sides agree.
 
+#![cfg_attr(
+    not(test),
+    warn(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        clippy::cast_precision_loss,
+        clippy::cast_sign_loss
+    )
+)]
+
+use lodestream_geometry::numbers::low32;
+
 /// Predictors.
 const COUNT: usize = 10;
 /// Columns that are looked at on both sides.
 const BESIDE: usize = 3;
 /// Largest magnitude of an error that is kept.
-const MOST: i64 = 1 << 20;
+const MOST: u32 = 1 << 20;
 
 /// A known point of a row.
 #[derive(Clone, Copy, Debug, Default)]
@@ -89,7 +101,7 @@ impl Predictor {
         let (mut sum, mut weights) = (0, 0);
         for (i, guess) in guesses.iter().enumerate() {
             let error: u64 = around.iter().map(|known| u64::from(known.errors[i])).sum();
-            let weight = ((1 << 40) / (1 + error * error)).max(1) as i64;
+            let weight = ((1 << 40) / (1 + error * error)).max(1).cast_signed();
             sum += i128::from(weight) * i128::from(*guess);
             weights += i128::from(weight);
         }
@@ -97,7 +109,7 @@ impl Predictor {
             + u64::from(above[x + 1].residual);
         // Bits of the square, so that there are two steps for each doubling.
         let doubt = 128 - (u128::from(residuals) * u128::from(residuals)).leading_zeros();
-        let value = (2 * sum + weights).div_euclid(2 * weights) as i32;
+        let value = low32((2 * sum + weights).div_euclid(2 * weights));
         Prediction { value, doubt: (doubt as usize).min(11), guesses }
     }
 
@@ -108,8 +120,10 @@ impl Predictor {
         self.rows[0][column + BESIDE] = Known {
             listed: true,
             value: value_of,
-            residual: value.wrapping_sub(prediction.value).unsigned_abs().min(MOST as u32),
-            errors: prediction.guesses.map(|guess| (guess - value_of).abs().min(MOST) as u32),
+            residual: value.wrapping_sub(prediction.value).unsigned_abs().min(MOST),
+            errors: prediction.guesses.map(|guess| {
+                u32::try_from((guess - value_of).unsigned_abs()).map_or(MOST, |error| error.min(MOST))
+            }),
         };
     }
 }

@@ -1,8 +1,19 @@
 //! Stamps: shapes that a few numbers describe.
 
+#![cfg_attr(
+    not(test),
+    warn(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        clippy::cast_precision_loss,
+        clippy::cast_sign_loss
+    )
+)]
+
 use super::feature::Mode;
 use lodestream_geometry::DecodeError;
 use lodestream_geometry::entropy::bytes::{Reader, put_varint};
+use lodestream_geometry::numbers::id32;
 
 /// Most stamps of a terrain.
 pub const MAX_STAMPS: usize = 1024;
@@ -217,25 +228,25 @@ impl Stamp {
         let positions = match kind {
             0 | 1 => 2,
             2 | 3 => 1,
-            4 => reader.varint(MAX_RIVER_POINTS as u64)? as usize,
+            4 => reader.varint32(id32(MAX_RIVER_POINTS))? as usize,
             _ => return Err(reader.error(format!("unknown kind {kind}"))),
         };
         let mut line = Vec::with_capacity(positions);
         let mut last = [0_i64, 0];
         for _ in 0..positions {
             for c in &mut last {
-                *c += unzigzag(reader.varint(4 * MAX_COORDINATE as u64)?);
+                *c += unzigzag(reader.varint(4 * MAX_COORDINATE.unsigned_abs())?);
             }
             line.push(last);
         }
-        let length = reader.varint(u64::from(MAX_REACH))? as u32;
+        let length = reader.varint32(MAX_REACH)?;
         let height = read_height(reader)?;
         let shape = match kind {
             0 => Shape::Ridge { from: line[0], to: line[1], half_width: length, height },
             1 => Shape::Valley { from: line[0], to: line[1], half_width: length, depth: height },
             2 => Shape::Crater { centre: line[0], radius: length, depth: height, rim: read_height(reader)? },
             3 => {
-                let falloff = reader.varint(u64::from(MAX_REACH))? as u32;
+                let falloff = reader.varint32(MAX_REACH)?;
                 Shape::Plateau { centre: line[0], radius: length, falloff, height }
             }
             _ => Shape::RiverBed { line, half_width: length, depth: height },
@@ -273,7 +284,7 @@ pub fn encode_stamps(stamps: &[Stamp]) -> Result<Vec<u8>, DecodeError> {
 /// If the bytes are not stamps that pass [`Stamp::check`], or something is left over.
 pub fn decode_stamps(bytes: &[u8]) -> Result<Vec<Stamp>, DecodeError> {
     let mut reader = Reader::new(bytes, "stamps");
-    let count = reader.varint(MAX_STAMPS as u64)? as usize;
+    let count = reader.varint32(id32(MAX_STAMPS))? as usize;
     if count * LEAST_BYTES > reader.remaining() {
         return Err(reader.error(format!("{count} stamps in {} bytes", reader.remaining())));
     }
@@ -291,11 +302,11 @@ fn read_height(reader: &mut Reader<'_>) -> Result<i32, DecodeError> {
 
 /// Signed integers as unsigned ones, small ones first.
 fn zigzag(value: i64) -> u64 {
-    ((value << 1) ^ (value >> 63)) as u64
+    ((value << 1) ^ (value >> 63)).cast_unsigned()
 }
 
 fn unzigzag(code: u64) -> i64 {
-    (code >> 1) as i64 ^ -((code & 1) as i64)
+    (code >> 1).cast_signed() ^ -(code & 1).cast_signed()
 }
 
 #[cfg(test)]

@@ -1,5 +1,15 @@
 //! A prepared asset: what it consists of, what it is good for on a screen, and the file that holds it.
 
+#![cfg_attr(
+    not(test),
+    warn(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        clippy::cast_precision_loss,
+        clippy::cast_sign_loss
+    )
+)]
+
 pub mod base;
 pub(crate) mod index;
 pub mod pack;

@@ -191,7 +191,7 @@ pub fn write(fingerprint: [u8; 32], blobs: &[(BlobKind, &[u8])]) -> Result<Vec<u
         table.extend(hash(bytes));
         offset += u64::from(length);
     }
-    let mut out = Vec::with_capacity(offset as usize);
+    let mut out = Vec::with_capacity(usize::try_from(offset).unwrap_or(0));
     out.extend(MAGIC);
     out.extend(PACK_VERSION.to_le_bytes());
     out.extend([0; 2]);

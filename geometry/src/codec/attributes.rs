@@ -96,7 +96,8 @@ fn code_color<C: Coder>(
     [0, 1, 2, 3].map(|channel| {
         let residual = want.map_or(0, |w| i32::from(w.color[channel]) - i32::from(near[channel]));
         let got = signed(coder, COLOR + channel * INTEGER_CONTEXTS, residual);
-        i32::from(near[channel]).wrapping_add(got) as u8
+        // Modulo 256.
+        near[channel].wrapping_add(got.to_le_bytes()[0])
     })
 }
 

@@ -7,6 +7,7 @@ use crate::entropy::Codec;
 use crate::entropy::bytes::{Reader, put_varint};
 use crate::error::DecodeError;
 use crate::mesh::{Grid, Kinds, UvGrid};
+use crate::numbers::id32;
 
 impl Base {
     /// The blob's bytes. Vertices, wedges and faces must be in the order of
@@ -106,11 +107,12 @@ impl Base {
         if grid.step < 0.0 || sphere.radius < 0.0 || root_error < 0.0 {
             return Err(r.error("a length is negative"));
         }
-        let chunk_count = r.varint(u64::from(MAX_CHUNKS))? as u32;
-        let material_count = r.varint(u64::from(u16::MAX))? as u16;
+        let chunk_count = r.varint32(MAX_CHUNKS)?;
+        let material_count = r.varint32(u16::MAX.into())?;
+        let material_count = u16::try_from(material_count).map_err(|_| r.error("too many materials"))?;
         let limit = u64::from(u32::MAX);
         let totals = Totals { vertices: r.varint(limit)?, wedges: r.varint(limit)?, faces: r.varint(limit)? };
-        let length = r.varint(MAX_DESCRIPTION_BYTES as u64)? as usize;
+        let length = r.varint32(id32(MAX_DESCRIPTION_BYTES))? as usize;
         let description = r.take(length)?.to_vec();
         let rest = r.remaining();
         let kinds = Kinds { uv_bits, colors, normals };
@@ -141,7 +143,7 @@ impl Base {
 /// How many of the lowest bits are zero in all coordinates, at most `most`.
 fn common_shift(positions: &[[i32; 3]], most: u8) -> u8 {
     let low = positions.iter().flatten().fold(0, |all, x| all | x).trailing_zeros();
-    low.min(most.into()) as u8
+    u8::try_from(low).map_or(most, |low| low.min(most))
 }
 
 /// The bits that grids leave out: of the base mesh's positions as they are coded, of the coarsest grid, and

@@ -18,6 +18,7 @@ use crate::entropy::range_coder::{Coder, Decoder, Encoder};
 use crate::entropy::symbols::{INTEGER_CONTEXTS, index, integer, signed};
 use crate::error::DecodeError;
 use crate::mesh::{Face, Kinds, Wedge};
+use crate::numbers::id32;
 
 /// A small mesh in the order of the traversal.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -136,8 +137,8 @@ impl<'a> WantedMesh<'a> {
         let mut edges: HashMap<(u32, u32), Vec<(u32, u8)>> = HashMap::new();
         for (f, face) in mesh.faces.iter().enumerate() {
             let v = face.wedges.map(|w| mesh.wedges[w as usize].vertex);
-            for k in 0..3 {
-                edges.entry((v[k], v[(k + 1) % 3])).or_default().push((f as u32, k as u8));
+            for (k, corner) in (0..3).zip(0_u8..) {
+                edges.entry((v[k], v[(k + 1) % 3])).or_default().push((id32(f), corner));
             }
         }
         Self {
@@ -164,7 +165,7 @@ impl<'a> WantedMesh<'a> {
         while self.next_seed < self.done.len() && self.done[self.next_seed] {
             self.next_seed += 1;
         }
-        (self.next_seed < self.done.len()).then(|| self.take(self.next_seed as u32, 0))
+        (self.next_seed < self.done.len()).then(|| self.take(id32(self.next_seed), 0))
     }
 
     fn take(&mut self, face: u32, k: usize) -> (u32, [u32; 3]) {
@@ -288,7 +289,7 @@ impl<'a, C: Coder> Walk<'a, C> {
                 format!("material {material} of {}", self.format.materials),
             ));
         }
-        let face = self.mesh.faces.len() as u32;
+        let face = id32(self.mesh.faces.len());
         self.mesh.faces.push(Face { wedges, material });
         if let (Some(g), Some((builder, _))) = (&mut self.wanted, want) {
             g.faces.push(builder);
@@ -314,7 +315,7 @@ impl<'a, C: Coder> Walk<'a, C> {
         };
         let context = usize::from(gate.is_some());
         if count > 0 && !self.coder.bit(BASE_NEW_VERTEX + context, wanted.is_none()) {
-            return Ok(index(self.coder, count, wanted.unwrap_or(0) as usize, "base mesh: vertex")? as u32);
+            return index(self.coder, count, wanted.unwrap_or(0) as usize, "base mesh: vertex").map(id32);
         }
         let at = |v: u32| self.mesh.positions[v as usize];
         let top = (1 << self.format.bits) - 1;
@@ -348,10 +349,10 @@ impl<'a, C: Coder> Walk<'a, C> {
         self.wedges_of.push(Vec::new());
         if let (Some(g), Some(w)) = (&mut self.wanted, builder) {
             let vertex = g.vertex_of(w);
-            g.local_vertex.insert(vertex, count as u32);
+            g.local_vertex.insert(vertex, id32(count));
             g.vertices.push(vertex);
         }
-        Ok(count as u32)
+        Ok(id32(count))
     }
 
     /// A corner's wedge, perhaps `guess`; `near` is a wedge near by.
@@ -386,7 +387,7 @@ impl<'a, C: Coder> Walk<'a, C> {
         let actual = actual.map(|w| w.attributes);
         let attributes =
             code_attributes(self.coder, self.format.kinds, &mut Recent::default(), &expected, actual)?;
-        let wedge = self.mesh.wedges.len() as u32;
+        let wedge = id32(self.mesh.wedges.len());
         self.mesh.wedges.push(Wedge { vertex, attributes });
         self.wedges_of[vertex as usize].push(wedge);
         if let (Some(g), Some(w)) = (&mut self.wanted, builder) {

@@ -22,6 +22,7 @@ use crate::entropy::range_coder::{Coder, Decoder, Encoder};
 use crate::entropy::symbols::{index, integer, signed};
 use crate::error::DecodeError;
 use crate::mesh::vec3::{dot, sub};
+use crate::numbers::{class, id32, real};
 use crate::refine::{ActiveMesh, ChunkDelta, Id};
 
 /// Most vertices that one chunk may add: bounds a decoder's work.
@@ -171,11 +172,11 @@ pub(crate) fn encode(
     // Births come before the gathered region; everything else new comes after it.
     let births = source.records.collapses.iter().filter(|c| c.target == NO_VERTEX).count();
     let mut vertices = names.vertices[..births].to_vec();
-    vertices.extend(tail(&names.vertices, added.vertices - births as u32));
+    vertices.extend(tail(&names.vertices, added.vertices - id32(births)));
     stops.pop();
     for stop in &mut stops {
-        let fewest = least_bytes(stop.added.total()) as u32;
-        stop.bytes = stop.bytes.max(fewest).min(bytes.len() as u32);
+        let fewest = id32(least_bytes(stop.added.total()));
+        stop.bytes = stop.bytes.max(fewest).min(id32(bytes.len()));
     }
     Ok(Encoded {
         bytes,
@@ -212,7 +213,7 @@ pub(crate) fn encode_with<'m, C: Coder>(
     source: &Source<'_>,
 ) -> Result<Said<'m>, DecodeError> {
     let guide = Guide::new(source);
-    let mut vertices = guide.births().len() as u32;
+    let mut vertices = id32(guide.births().len());
     let ends: Vec<Elements> = guide
         .segments()
         .iter()
@@ -246,21 +247,21 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         self.moves()?;
         let local = &self.local;
         let interior = local.vertices.iter().filter(|v| v.interior).count();
-        let area: f64 = (0..local.faces.len() as u32).map(|f| local.face_area(f)).sum();
+        let area: f64 = (0..id32(local.faces.len())).map(|f| local.face_area(f)).sum();
         let mut reached = Vec::with_capacity(ends.len());
         for (segment, end) in ends.iter().enumerate() {
             if let Some(guide) = &mut self.guide {
                 guide.begin_segment(segment, &self.local);
             }
             // Twice three shares of the area each.
-            let fair = 3.0 * area / (interior + end.vertices as usize).max(1) as f64;
+            let fair = 3.0 * area / real((interior + end.vertices as usize).max(1));
             self.segment(end, Pass { segment: segment.min(SEGMENTS - 1), depth: 0, fair })?;
             let added = self.local.added();
             // Vertices can be too many as well: those that start without faces come before any end.
             if self.decodes() && added != *end {
                 return Err(DecodeError::new("chunk", format!("it adds {added}; {end} were announced")));
             }
-            reached.push(Reached { bytes: self.coder.bytes() as u32, added });
+            reached.push(Reached { bytes: id32(self.coder.bytes()), added });
         }
         Ok(reached)
     }
@@ -270,7 +271,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
     fn segment(&mut self, end: &Elements, mut pass: Pass) -> Result<(), DecodeError> {
         let vertices = &self.local.vertices;
         let mut asked: Vec<u32> =
-            (0..vertices.len() as u32).filter(|&v| vertices[v as usize].interior).collect();
+            (0..id32(vertices.len())).filter(|&v| vertices[v as usize].interior).collect();
         while self.local.added().vertices < end.vertices {
             let mut next = Vec::new();
             for &v in &asked {
@@ -305,14 +306,14 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
             return self.coder.bit(FLAG_AREA, want);
         }
         let Pass { segment, depth, fair } = *pass;
-        let size = (quarter_octaves(area / fair) / 2 + 6).clamp(0, AREAS as i32 - 1) as usize;
+        let size = class(quarter_octaves(area / fair) / 2 + 6, AREAS);
         let depth = depth.min(DEPTHS - 1);
         let at = local.position(v);
         let bend = local.mean_of_ends(v, 0, at).map_or(0.0, |mean| {
             let lift = sub(at, mean);
             dot(lift, lift) / area.max(1e-9)
         });
-        let bend = (quarter_octaves(bend) / 4 + 7).clamp(0, BENDS as i32 - 1) as usize;
+        let bend = class(quarter_octaves(bend) / 4 + 7, BENDS);
         let valence = local.valence(v).min(MAX_VALENCE);
         self.coder.mix(
             [
@@ -329,7 +330,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
     fn births(&mut self, total: u32) -> Result<(), DecodeError> {
         let Resolution { bits, shift } = self.resolution;
         let wanted = self.guide.as_ref().map_or_else(Vec::new, Guide::births);
-        let births = integer(self.coder, BIRTHS, wanted.len() as u32);
+        let births = integer(self.coder, BIRTHS, id32(wanted.len()));
         if births > total {
             return Err(DecodeError::new("chunk", "more vertices appear than were announced"));
         }
@@ -377,7 +378,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
                 return Err(DecodeError::new("chunk", "a seed lies in a chunk that is not applied"));
             };
             let number = index(*coder, place.vertices.len(), want.index as usize, "chunk: seed")?;
-            let seed = mesh.vertex_slot(Id { origin, index: number as u32 });
+            let seed = mesh.vertex_slot(Id { origin, index: id32(number) });
             let interior = |slot: u32| {
                 let guide = guide.as_ref();
                 guide.is_some_and(|g| (g.source.interior)(g.source.vertex_by_slot[slot as usize]))
@@ -406,7 +407,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
 fn name_gathered(guide: &mut Guide<'_>, mesh: &ActiveMesh, local: &Local<'_>) {
     let (source, names) = (guide.source, &mut guide.names);
     for v in names.vertices.len()..local.vertices.len() {
-        names.vertex(source.vertex_by_slot[mesh.vertex_slot(local.vertex_id(v as u32)) as usize]);
+        names.vertex(source.vertex_by_slot[mesh.vertex_slot(local.vertex_id(id32(v))) as usize]);
     }
     for w in &local.wedges[names.wedges.len()..] {
         names.wedge(source.wedge_by_slot[mesh.wedge_slot(w.id) as usize]);

@@ -71,6 +71,6 @@ impl<'a, 'm, C> ChunkCoder<'a, 'm, C> {
 
     /// Materials that faces may name.
     pub(crate) fn materials(&self) -> u16 {
-        self.mesh.indices.len() as u16
+        self.mesh.material_count()
     }
 }

@@ -1,5 +1,7 @@
 //! The faces around a vertex in a canonical order.
 
+use crate::numbers::id32;
+
 /// One face of a star: corner `k` is at the centre, `a` and `b` follow counter-clockwise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Spoke {
@@ -154,11 +156,11 @@ struct Search {
 
 impl Search {
     fn new(star: &[Spoke]) -> Self {
-        let mut by_a: Vec<(u32, u32)> = star.iter().enumerate().map(|(i, s)| (s.a, i as u32)).collect();
+        let mut by_a: Vec<(u32, u32)> = star.iter().enumerate().map(|(i, s)| (s.a, id32(i))).collect();
         by_a.sort_unstable();
         let mut ends: Vec<u32> = star.iter().map(|s| s.b).collect();
         ends.sort_unstable();
-        Self { by_a, ends, cursor: (0..star.len() as u32).collect(), used: vec![false; star.len()] }
+        Self { by_a, ends, cursor: (0..id32(star.len())).collect(), used: vec![false; star.len()] }
     }
 }
 
@@ -182,7 +184,7 @@ impl Faces for Search {
             }
             at += 1;
         }
-        self.cursor[run] = at as u32;
+        self.cursor[run] = id32(at);
         found
     }
 

@@ -5,6 +5,8 @@
 //! Lengths are relative to the ring's radius. Sums run over the inputs in order, so every machine gets
 //! the same bits.
 
+use crate::numbers::truncated;
+
 /// Numbers that the network sees: the neighbours' heights weighted by nearness, the height of the
 /// neighbours' Laplacian, the place in the plane (away from the old vertex, across, distance
 /// squared), the ring's mean h·x², h·y² and h², the height of the old vertex, Laplacian × distance squared, valence / 6 − 1, and
@@ -35,7 +37,7 @@ pub(crate) fn predict(inputs: &[f64; INPUTS]) -> (f64, i32) {
     }
     let log = out[1].clamp(-16.0, 4.0) * 4.0;
     // Rounded down: a cast rounds towards zero, and `floor` is a call where the target has no instruction.
-    let cut = log as i32;
+    let cut = truncated(log);
     (out[0].clamp(-LIMIT, LIMIT), cut - i32::from(log < f64::from(cut)))
 }
 

@@ -9,6 +9,7 @@ use crate::codec::model::{
 use crate::entropy::range_coder::{Coder, Decoder, Encoder};
 use crate::entropy::symbols::{integer, signed};
 use crate::error::DecodeError;
+use crate::numbers::{id32, truncated};
 
 /// Encodes the entries of one page: about 12 bytes a chunk.
 ///
@@ -48,7 +49,7 @@ pub(crate) fn code_page<C: Coder>(
     if let Some(infos) = infos {
         may_be_coded(infos, first)?;
     }
-    let count = coder.raw(7, infos.map_or(0, |i| i.len() as u32)) as usize;
+    let count = coder.raw(7, infos.map_or(0, |i| id32(i.len()))) as usize;
     if count > CHUNKS_PER_PAGE {
         return Err(fail(format!("{count} chunks; a page has {CHUNKS_PER_PAGE}")));
     }
@@ -59,7 +60,7 @@ pub(crate) fn code_page<C: Coder>(
     let mut page = Vec::with_capacity(count);
     let mut previous = ChunkInfo::default();
     for i in 0..count {
-        let id = first.checked_add(i as u32).ok_or_else(|| fail("a chunk id is out of range"))?;
+        let id = first.checked_add(id32(i)).ok_or_else(|| fail("a chunk id is out of range"))?;
         let info = code_info(coder, &grid, id, &previous, infos.map(|all| &all[i]))?;
         coder.check()?;
         page.push(info.clone());
@@ -103,6 +104,8 @@ fn may_be_coded(infos: &[ChunkInfo], first: u32) -> Result<(), DecodeError> {
 
 /// Bits per axis of a centre.
 const CENTER_BITS: u32 = 11;
+/// Largest cell of an axis.
+const TOP_CELL: u16 = (1 << CENTER_BITS) - 1;
 
 /// The grid of a page's centres.
 struct CenterGrid {
@@ -122,7 +125,7 @@ impl CenterGrid {
                 }
             }
             let extent = (0..3).map(|k| max[k] - min[k]).fold(0.0, f32::max);
-            (origin, step) = (min, raise(extent / ((1 << CENTER_BITS) - 1) as f32));
+            (origin, step) = (min, raise(extent / f32::from(TOP_CELL)));
         }
         let mut number = |x: f32| f32::from_bits(coder.raw(32, x.to_bits()));
         let origin = origin.map(&mut number);
@@ -134,10 +137,11 @@ impl CenterGrid {
     }
 
     fn snap(&self, center: [f32; 3]) -> [u32; 3] {
-        let top = ((1 << CENTER_BITS) - 1) as f32;
+        let top = f32::from(TOP_CELL);
         [0, 1, 2].map(|k| {
             if self.step > 0.0 {
-                ((center[k] - self.origin[k]) / self.step).round().clamp(0.0, top) as u32
+                let cell = ((center[k] - self.origin[k]) / self.step).round().clamp(0.0, top);
+                truncated(cell.into()).unsigned_abs()
             } else {
                 0
             }
@@ -145,7 +149,7 @@ impl CenterGrid {
     }
 
     fn center(&self, cell: [u32; 3]) -> [f32; 3] {
-        [0, 1, 2].map(|k| self.origin[k] + self.step * cell[k] as f32)
+        [0, 1, 2].map(|k| self.origin[k] + self.step * f32::from(u16::try_from(cell[k]).unwrap_or(TOP_CELL)))
     }
 }
 
@@ -168,8 +172,8 @@ fn raise(x: f32) -> f32 {
 
 /// Codes a length, rounded up, by its difference from another.
 fn code_length<C: Coder>(coder: &mut C, at: usize, near: f32, want: Option<f32>) -> Result<f32, DecodeError> {
-    let near = length_code(near) as i32;
-    let got = near.wrapping_add(signed(coder, at, want.map_or(0, |x| length_code(x) as i32 - near)));
+    let near = length_code(near).cast_signed();
+    let got = near.wrapping_add(signed(coder, at, want.map_or(0, |x| length_code(x).cast_signed() - near)));
     let length = u32::try_from(got).ok().filter(|&c| c <= f32::MAX.to_bits() >> LOST_BITS).map(length_of);
     length.ok_or_else(|| fail("a length is out of range"))
 }
@@ -177,7 +181,7 @@ fn code_length<C: Coder>(coder: &mut C, at: usize, near: f32, want: Option<f32>)
 /// Codes a count by its difference from a guess.
 fn code_count<C: Coder>(coder: &mut C, at: usize, guess: u32, want: Option<u32>) -> Result<u32, DecodeError> {
     let guess = guess.min(MAX_COUNT);
-    let got = signed(coder, at, want.map_or(0, |x| x.min(MAX_COUNT) as i32 - guess as i32));
+    let got = signed(coder, at, want.map_or(0, |x| x.min(MAX_COUNT).cast_signed() - guess.cast_signed()));
     guess.checked_add_signed(got).filter(|&c| c <= MAX_COUNT).ok_or_else(|| fail("a count is out of range"))
 }
 
@@ -193,7 +197,7 @@ fn code_info<C: Coder>(
 ) -> Result<ChunkInfo, DecodeError> {
     let rise =
         integer(coder, INDEX_LEVEL, want.map_or(0, |w| u32::from(w.level.wrapping_sub(previous.level))));
-    let level = previous.level.wrapping_add(rise as u8);
+    let level = u8::try_from(rise).map_err(|_| fail("a level is out of range"))?.wrapping_add(previous.level);
     let cell = want.map_or([0; 3], |w| grid.snap(w.sphere.center)).map(|x| coder.raw(CENTER_BITS, x));
     let center = grid.center(cell);
     if !center.iter().all(|x| x.is_finite()) {
@@ -225,7 +229,7 @@ fn code_info<C: Coder>(
         wedges,
         faces,
     };
-    info.stops = code_stops(coder, &info, previous.stops.len() as u32, want.map(|w| w.stops.as_slice()))?;
+    info.stops = code_stops(coder, &info, id32(previous.stops.len()), want.map(|w| w.stops.as_slice()))?;
     Ok(info)
 }
 
@@ -233,11 +237,11 @@ fn code_info<C: Coder>(
 fn share(whole: u32, part: u32, of: u32) -> u32 {
     (u64::from(whole) * u64::from(part))
         .checked_div(u64::from(of))
-        .map_or(whole, |x| x.min(u64::from(MAX_COUNT)) as u32)
+        .map_or(whole, |x| u32::try_from(x).map_or(MAX_COUNT, |x| x.min(MAX_COUNT)))
 }
 
 fn code_parents<C: Coder>(coder: &mut C, id: u32, want: Option<&[u32]>) -> Result<Vec<u32>, DecodeError> {
-    let count = integer(coder, INDEX_PARENTS, want.map_or(0, |w| w.len() as u32)) as usize;
+    let count = integer(coder, INDEX_PARENTS, want.map_or(0, |w| id32(w.len()))) as usize;
     if count > MAX_PARENTS.min(id as usize) {
         return Err(fail(format!("chunk {id} has {count} parents")));
     }
@@ -265,7 +269,7 @@ fn code_stops<C: Coder>(
     before: u32,
     want: Option<&[Stop]>,
 ) -> Result<Vec<Stop>, DecodeError> {
-    let count = code_count(coder, INDEX_STOPS, before, want.map(|w| w.len() as u32))?;
+    let count = code_count(coder, INDEX_STOPS, before, want.map(|w| id32(w.len())))?;
     if count as usize > MAX_STOPS {
         return Err(fail(format!("{count} stops in one chunk")));
     }

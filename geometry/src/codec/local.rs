@@ -13,6 +13,7 @@ use crate::mesh::Attributes;
 use crate::mesh::slot_map::SlotMap;
 use crate::mesh::stars::END;
 use crate::mesh::vec3::{Vec3, add, cross, length, sub, triangle_normal};
+use crate::numbers::{id32, truncated};
 use crate::refine::{ActiveMesh, ChunkDelta, Id, Moved, NewFace, NewVertex, NewWedge, Repoint};
 
 /// Most faces that a region may have: bounds the work that a stranger's chunk can cause.
@@ -121,7 +122,7 @@ impl<'a> Local<'a> {
     /// Elements added so far.
     pub(crate) fn added(&self) -> Elements {
         let faces = self.faces.len() - self.gathered.len();
-        Elements { vertices: self.new_vertices.len() as u32, wedges: self.new_wedges, faces: faces as u32 }
+        Elements { vertices: id32(self.new_vertices.len()), wedges: self.new_wedges, faces: id32(faces) }
     }
 
     /// Gathers the interior vertices that can be reached from the one at `seed`, and their stars.
@@ -239,7 +240,7 @@ impl<'a> Local<'a> {
     }
 
     fn old_vertex(&mut self, slot: u32, interior: bool) -> u32 {
-        self.vertex_at.insert(slot, self.vertices.len() as u32);
+        self.vertex_at.insert(slot, id32(self.vertices.len()));
         let position = self.mesh.positions[slot as usize].map(f64::from);
         self.push_vertex(self.mesh.vertex_id(slot), position, interior, self.mesh.vertex_shift[slot as usize])
     }
@@ -255,8 +256,8 @@ impl<'a> Local<'a> {
     }
 
     pub(crate) fn add_vertex(&mut self, position: Vec3, parent: Option<u32>, shift: u8) -> u32 {
-        let id = Id { origin: self.own, index: self.new_vertices.len() as u32 };
-        self.new_vertices.push((self.vertices.len() as u32, parent));
+        let id = Id { origin: self.own, index: id32(self.new_vertices.len()) };
+        self.new_vertices.push((id32(self.vertices.len()), parent));
         self.push_vertex(id, position, true, shift)
     }
 
@@ -276,11 +277,11 @@ impl<'a> Local<'a> {
         self.vertices.push(LocalVertex { position, sum: [0.0; 3], ends: 0, star: END, interior, shift });
         self.vertex_ids.push(id);
         self.wedge_ends.push([NONE; 2]);
-        (self.vertices.len() - 1) as u32
+        id32(self.vertices.len() - 1)
     }
 
     fn push_wedge(&mut self, id: Id, vertex: u32, attributes: Attributes) -> u32 {
-        let local = self.wedges.len() as u32;
+        let local = id32(self.wedges.len());
         self.wedges.push(LocalWedge { id, vertex, attributes, next: NONE });
         let [first, last] = &mut self.wedge_ends[vertex as usize];
         match *last {
@@ -292,7 +293,7 @@ impl<'a> Local<'a> {
     }
 
     fn push_face(&mut self, face: LocalFace) -> u32 {
-        let local = self.faces.len() as u32;
+        let local = id32(self.faces.len());
         let [a, b, c] = face.corners;
         let places = face.corners.map(|v| self.position(v));
         self.faces.push(face);
@@ -308,7 +309,7 @@ impl<'a> Local<'a> {
         let vertex = &mut self.vertices[vertex as usize];
         vertex.sum = add(vertex.sum, ends);
         vertex.ends += 2;
-        self.faces[face as usize].next[k] = std::mem::replace(&mut vertex.star, face * 4 + k as u32);
+        self.faces[face as usize].next[k] = std::mem::replace(&mut vertex.star, face * 4 + id32(k));
     }
 
     /// The opposite.
@@ -316,7 +317,7 @@ impl<'a> Local<'a> {
         let vertex = &mut self.vertices[vertex as usize];
         vertex.sum = sub(vertex.sum, ends);
         vertex.ends -= 2;
-        let (corner, after) = (face * 4 + k as u32, self.faces[face as usize].next[k]);
+        let (corner, after) = (face * 4 + id32(k), self.faces[face as usize].next[k]);
         if vertex.star == corner {
             vertex.star = after;
             return;
@@ -348,7 +349,7 @@ impl<'a> Local<'a> {
         let was = &self.vertices[vertex as usize];
         self.moves.push(Moved {
             vertex: self.vertex_ids[vertex as usize],
-            from: was.position.map(|x| x as i32),
+            from: was.position.map(truncated),
             to: position,
             shifts: [was.shift, shift],
         });
@@ -466,7 +467,7 @@ impl<'a> Local<'a> {
         let new_wedges = &self.wedges[self.wedges.len() - self.new_wedges as usize..];
         let (old, new_faces) = self.faces.split_at(self.gathered.len());
         let vertex = |&(v, parent): &(u32, Option<u32>)| NewVertex {
-            position: self.position(v).map(|x| x as i32),
+            position: self.position(v).map(truncated),
             shift: self.vertices[v as usize].shift,
             parent: parent.map(|p| self.vertex_id(p)),
         };
@@ -476,7 +477,7 @@ impl<'a> Local<'a> {
         for (face, before) in old.iter().zip(&self.gathered) {
             for k in (0..3).filter(|&k| face.wedges[k] != before.wedges[k]) {
                 let (from, to) = (wedge_id(before.wedges[k]), wedge_id(face.wedges[k]));
-                repoints.push(Repoint { face: before.id, corner: k as u8, from, to });
+                repoints.push(Repoint { face: before.id, corner: u8::try_from(k).unwrap_or(0), from, to });
             }
         }
         ChunkDelta {

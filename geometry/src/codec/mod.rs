@@ -1,5 +1,15 @@
 //! Coding: chunks, the base mesh and the index, as symbols that [`crate::entropy`] turns into bytes.
 
+#![cfg_attr(
+    not(test),
+    warn(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        clippy::cast_precision_loss,
+        clippy::cast_sign_loss
+    )
+)]
+
 mod attributes;
 mod base_blob;
 pub(crate) mod base_mesh;

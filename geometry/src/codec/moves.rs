@@ -15,6 +15,7 @@ use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::{integer, tree, tree_contexts, unzigzag, zigzag};
 use crate::error::DecodeError;
 use crate::mesh::vec3::{Vec3, add, cross, sub};
+use crate::numbers::{id32, truncated};
 
 /// Whose grid it is.
 #[derive(Clone, Copy)]
@@ -42,7 +43,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         let Resolution { bits, shift } = self.resolution;
         let mut star: Vec<Spoke> = Vec::new();
         // Those that start without faces come first, and are where they belong.
-        for v in self.local.added().vertices..self.local.vertices.len() as u32 {
+        for v in self.local.added().vertices..id32(self.local.vertices.len()) {
             let vertex = &self.local.vertices[v as usize];
             let now = vertex.shift;
             if !vertex.interior || now == 0 {
@@ -51,7 +52,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
             let want = self.guide.as_ref().and_then(|g| g.moving(v));
             let to = self.shift(Whose::Moving, now.min(shift), want.map_or(0, |m| m.shift));
             self.local.star(v, &mut star);
-            let before = self.local.position(v).map(|x| x as i32);
+            let before = self.local.position(v).map(truncated);
             let normal = normal(&self.local, v, &star);
             let [a, b, c] = axes(normal);
             let steps = usize::from(now - to).min(MOVE_STEPS) * tree_contexts(4);
@@ -62,8 +63,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
                 if axis == c && normal[c] != 0.0 {
                     let went = |k: usize| f64::from((position[k] - before[k]) >> to);
                     let third = -(normal[a] * went(a) + normal[b] * went(b)) / normal[c];
-                    // A cast rounds towards zero.
-                    guess = (third + if third < 0.0 { -0.5 } else { 0.5 }) as i32;
+                    guess = truncated(third + if third < 0.0 { -0.5 } else { 0.5 });
                 }
                 let at = if axis == c { MOVE_ACROSS } else { MOVE_ALONG } + steps;
                 let got = guess.wrapping_add(code_offset(self.coder, at, offset.wrapping_sub(guess)));

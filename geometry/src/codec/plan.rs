@@ -15,6 +15,7 @@ use crate::codec::source::Source;
 use crate::collapse::NO_VERTEX;
 use crate::collapse::Placed;
 use crate::collapse::Records;
+use crate::numbers::id32;
 
 /// Multiplicative hashing of the builder's ids (Knuth, TAOCP 3, §6.4): keys are small, distinct and ours.
 #[derive(Default)]
@@ -48,12 +49,12 @@ pub(crate) struct Names {
 
 impl Names {
     pub(crate) fn vertex(&mut self, builder: u32) {
-        self.local_vertex.insert(builder, self.vertices.len() as u32);
+        self.local_vertex.insert(builder, id32(self.vertices.len()));
         self.vertices.push(builder);
     }
 
     pub(crate) fn wedge(&mut self, builder: u32) {
-        self.local_wedge.insert(builder, self.wedges.len() as u32);
+        self.local_wedge.insert(builder, id32(self.wedges.len()));
         self.wedges.push(builder);
     }
 }
@@ -134,7 +135,7 @@ impl<'a> Guide<'a> {
         self.ends
             .windows(2)
             .map(|e| {
-                self.records.collapses[e[1]..e[0]].iter().filter(|c| c.target != NO_VERTEX).count() as u32
+                id32(self.records.collapses[e[1]..e[0]].iter().filter(|c| c.target != NO_VERTEX).count())
             })
             .collect()
     }

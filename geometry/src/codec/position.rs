@@ -19,6 +19,7 @@ use crate::codec::residual::{Residual, quarter_octaves};
 use crate::entropy::range_coder::Coder;
 use crate::error::DecodeError;
 use crate::mesh::vec3::{Vec3, add, cross, dot, scale, sub};
+use crate::numbers::{real, truncated};
 
 /// Shares of the neighbours' Laplacian, of the old vertex and of each end of the new edges, all
 /// relative to the ring's mean. Least squares over the models of BENCHMARKS.md, bunny left out.
@@ -85,7 +86,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
             }
             // Nothing here is negative, so cutting off rounds down.
             let cell = 1.0 / f64::from(1_u32 << shift);
-            let guess = (exact[axis].clamp(0.0, top) * cell + 0.5) as i32;
+            let guess = truncated(exact[axis].clamp(0.0, top) * cell + 0.5);
             let size = size - 4 * i32::from(shift);
             let residual = actual.map_or(0, |p| (p[axis] >> shift) - guess);
             let got = POSITION[step].code(self.coder, size, self.recent.class(step), other, residual);
@@ -126,7 +127,7 @@ fn ring(local: &Local<'_>, star: &[Spoke], vertex: u32) -> Ring {
         normal = scale(normal, 1.0 / size);
     }
     let axes = axes(normal);
-    let radius = (square / star.len().max(1) as f64).sqrt().max(0.25);
+    let radius = (square / real(star.len().max(1))).sqrt().max(0.25);
     Ring { mean, normal, laplacian, radius, axes }
 }
 

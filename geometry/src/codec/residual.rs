@@ -8,6 +8,7 @@
 use crate::codec::model::{CLASS_BITS, CLASSES, OTHERS, RECENTS, SIZES};
 use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::{integer, unzigzag, zigzag};
+use crate::numbers::{class, id32};
 
 /// Contexts of one kind of residual.
 #[derive(Clone, Copy, Debug)]
@@ -31,7 +32,7 @@ const MOST: i32 = 12;
 
 impl Recent {
     pub(crate) fn class(&self, step: usize) -> usize {
-        (self.0[step] / 32 + 2).clamp(0, RECENTS as i32 - 1) as usize
+        class(self.0[step] / 32 + 2, RECENTS)
     }
 
     /// Takes note of a residual; answers its class for [`Residual::code`]'s `other`.
@@ -39,7 +40,7 @@ impl Recent {
         let ratio = quarter_octaves(f64::from(residual.unsigned_abs()) + 0.25) - size;
         let ratio = ratio.clamp(-MOST, MOST);
         self.0[step] += (ratio * 16 - self.0[step]) / 16;
-        ((ratio + MOST + 2) / 4).clamp(0, OTHERS as i32 - 1) as usize
+        class((ratio + MOST + 2) / 4, OTHERS)
     }
 }
 
@@ -65,10 +66,13 @@ impl Residual {
         if let Some(got) = coder.whole(self.recent, 31, zigzag(value)) {
             return unzigzag(got);
         }
-        let shift = (size.div_euclid(4) - COARSE + 1).clamp(0, 24);
-        let bucket = (size - 4 * shift + 16).clamp(0, SIZES as i32 - 1) as usize;
-        let low =
-            if shift > 0 { coder.raw(shift as u32, (value & ((1 << shift) - 1)) as u32) as i32 } else { 0 };
+        let shift = (size.div_euclid(4) - COARSE + 1).clamp(0, 24).unsigned_abs();
+        let bucket = class(size - 4 * shift.cast_signed() + 16, SIZES);
+        let low = if shift > 0 {
+            coder.raw(shift, (value & ((1 << shift) - 1)).cast_unsigned()).cast_signed()
+        } else {
+            0
+        };
         let high = value >> shift;
         let magnitude = high.unsigned_abs();
         let class = class_of(magnitude);
@@ -85,11 +89,12 @@ impl Residual {
             start.wrapping_add(integer(coder, self.rest, magnitude.wrapping_sub(start) & 0x3fff_ffff))
         } else {
             start + coder.raw(width, magnitude.wrapping_sub(start) & ((1 << width) - 1))
-        } as i32;
+        }
+        .cast_signed();
         if got != 0 && coder.bit(self.sign, high < 0) {
             got = got.wrapping_neg();
         }
-        got.wrapping_shl(shift as u32) | low
+        got.wrapping_shl(shift) | low
     }
 }
 
@@ -115,5 +120,5 @@ const CLASS_RANGE: [(u32, u32); CLASSES] = [
 const LAST_CLASS: usize = CLASSES - 1;
 
 fn class_of(magnitude: u32) -> u32 {
-    CLASS_RANGE.iter().rposition(|c| c.0 <= magnitude).unwrap_or(0) as u32
+    CLASS_RANGE.iter().rposition(|c| c.0 <= magnitude).map_or(0, id32)
 }

@@ -15,6 +15,7 @@ use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::{index, integer, tree, tree_contexts};
 use crate::error::DecodeError;
 use crate::mesh::vec3::{Vec3, add, cross, dot, scale, sub};
+use crate::numbers::{class, id32, real, truncated};
 
 /// Most new faces of one split beyond the usual two.
 const MAX_EXTRAS: u32 = 1 << 16;
@@ -101,7 +102,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
                 added.push(Added { x: cut.x, left: cut.left, cut: Some(number), local: 0, face });
             }
         }
-        let extras = integer(self.coder, EXTRAS, born.len() as u32);
+        let extras = integer(self.coder, EXTRAS, id32(born.len()));
         if extras > MAX_EXTRAS {
             return Err(DecodeError::new("chunk", format!("a split adds {extras} faces")));
         }
@@ -113,7 +114,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
                 ring[index(self.coder, ring.len(), place.unwrap_or(0), "chunk: ring vertex")?]
             } else {
                 let want = want.map_or(0, |w| w.x as usize);
-                index(self.coder, self.local.vertices.len(), want, "chunk: vertex")? as u32
+                id32(index(self.coder, self.local.vertices.len(), want, "chunk: vertex")?)
             };
             if x == *t {
                 return Err(DecodeError::new("chunk", "a face uses a vertex twice"));
@@ -153,9 +154,9 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
 fn code_length<C: Coder>(coder: &mut C, n: usize, closed: bool, length: usize) -> Result<usize, DecodeError> {
     let length = if n <= 15 {
         let at = RUN_LENGTH + (n.min(MAX_VALENCE) * 2 + usize::from(closed)) * tree_contexts(4);
-        tree(coder, at, 4, length as u32)
+        tree(coder, at, 4, id32(length))
     } else {
-        integer(coder, LONG_RUN, length as u32)
+        integer(coder, LONG_RUN, id32(length))
     } as usize;
     if length > n {
         return Err(DecodeError::new("chunk", "more faces move than there are"));
@@ -174,13 +175,13 @@ fn code_start<C: Coder>(
     if scores.len() > 64 {
         return Ok(scores[index(coder, scores.len(), want, "chunk: start of a run")?].1);
     }
-    if let Some(rank) = coder.whole(RUN_START, 6, want as u32) {
+    if let Some(rank) = coder.whole(RUN_START, 6, id32(want)) {
         let start = scores.get(rank as usize);
         return start.map(|s| s.1).ok_or_else(|| DecodeError::new("chunk", "a run starts nowhere"));
     }
     let last = scores.len() - 1;
     for rank in 0..last {
-        let gap = ((scores[rank + 1].0 - scores[rank].0) * 4.0).min(15.0) as usize;
+        let gap = class(truncated((scores[rank + 1].0 - scores[rank].0) * 4.0), 16);
         let contexts = [RUN_START + n.min(MAX_VALENCE) * 8 + rank.min(7), RUN_GAP + rank.min(7) * 16 + gap];
         if coder.mix(contexts, MIX_START, rank == want) {
             return Ok(scores[rank].1);
@@ -222,7 +223,7 @@ fn rank_starts(local: &Local<'_>, fan: &Fan, t: u32, length: usize, starts: usiz
         let area = run[1..length].iter().fold(left.area, |sum, v| sum + v.area);
         let score = VALENCE * (left.valence + right.valence)
             + SHARE * area / whole.area
-            + OUTWARD * dot(middle, whole.outward) / length as f64
+            + OUTWARD * dot(middle, whole.outward) / real(length)
             + STRAIGHT * dot(left.at, right.at) / (left.length * right.length).max(1e-9)
             + LENGTH * (left.length + right.length) * whole.inverse
             + INSIDE * (left.interior + right.interior);
@@ -257,7 +258,7 @@ fn look_around(local: &Local<'_>, fan: &Fan, t: u32, ring: &mut Vec<RingVertex>)
         let size = dot(at, at);
         mean = add(mean, at);
         square += size;
-        let (valence, interior) = (local.valence(v) as f64, f64::from(u8::from(vertex.interior)));
+        let (valence, interior) = (real(local.valence(v)), f64::from(u8::from(vertex.interior)));
         ring.push(RingVertex { at, length: size.sqrt(), valence, interior, area });
     };
     for spoke in &fan.spokes {
@@ -267,8 +268,8 @@ fn look_around(local: &Local<'_>, fan: &Fan, t: u32, ring: &mut Vec<RingVertex>)
         see(fan.spokes[n - 1].b, 0.0);
     }
     let count = ring.len();
-    let inverse = 1.0 / (square / count as f64).sqrt().max(1e-9);
-    mean = scale(mean, 1.0 / count as f64);
+    let inverse = 1.0 / (square / real(count)).sqrt().max(1e-9);
+    mean = scale(mean, 1.0 / real(count));
     let mut normal = [0.0; 3];
     let mut area = 0.0;
     for i in 0..n {

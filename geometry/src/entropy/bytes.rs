@@ -5,10 +5,10 @@ use crate::error::DecodeError;
 /// Appends a number in LEB128.
 pub fn put_varint(out: &mut Vec<u8>, mut value: u64) {
     while value >= 0x80 {
-        out.push(value as u8 | 0x80);
+        out.push(value.to_le_bytes()[0] | 0x80);
         value >>= 7;
     }
-    out.push(value as u8);
+    out.push(value.to_le_bytes()[0]);
 }
 
 /// Reads bytes with bounds checks; every method fails, without moving on, where the bytes end too early.
@@ -101,5 +101,14 @@ impl<'a> Reader<'a> {
             }
         }
         Err(self.error("a number is too long"))
+    }
+
+    /// The same of 32 bits.
+    ///
+    /// # Errors
+    /// As [`Self::varint`].
+    pub fn varint32(&mut self, limit: u32) -> Result<u32, DecodeError> {
+        let value = self.varint(limit.into())?;
+        u32::try_from(value).map_err(|_| self.error(format!("{value} exceeds {limit}")))
     }
 }

@@ -18,7 +18,7 @@ pub fn most_elements(bytes: usize) -> u64 {
 
 /// Fewest bytes for so many elements.
 pub fn least_bytes(elements: u64) -> usize {
-    elements.saturating_sub(FREE).div_ceil(PER_BYTE) as usize
+    usize::try_from(elements.saturating_sub(FREE).div_ceil(PER_BYTE)).unwrap_or(usize::MAX)
 }
 
 #[cfg(test)]

@@ -29,6 +29,11 @@ impl Default for Prob {
 impl Prob {
     /// Moves the estimate towards what was seen, by 1/(n + 1.5).
     #[inline]
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "below 65536 and not negative: see the step, and the test over all estimates"
+    )]
     pub fn update(&mut self, bit: bool) {
         let (p, rate) = (i32::from(self.p), RATE[usize::from(self.seen)]);
         // A step never passes its target, so it can only leave the range on one side.
@@ -43,6 +48,7 @@ impl Prob {
 }
 
 /// 2^15 / (n + 1.5).
+#[expect(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "below 256")]
 const RATE: [i32; 256] = {
     let mut table = [0; 256];
     let mut n = 0;
@@ -60,6 +66,12 @@ const LOGISTIC: [i32; 33] = [
 ];
 
 /// Log odds in 256ths, from -2048 to 2047, to probabilities in 65536ths: [`LOGISTIC`], interpolated.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "indices below 4096, values of LOGISTIC"
+)]
 static SQUASH: [u16; 4096] = {
     let mut table = [0; 4096];
     let mut i = 0;
@@ -72,6 +84,7 @@ static SQUASH: [u16; 4096] = {
 };
 
 /// The inverse: probabilities in 4096ths to log odds.
+#[expect(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "below 4096")]
 static STRETCH: [i16; 4096] = {
     let mut table = [0; 4096];
     let (mut p, mut x) = (0_usize, 0_usize);
@@ -144,8 +157,8 @@ impl Contexts {
             stretched[i] = i32::from(STRETCH[usize::from(self.probs[contexts[i]].p >> 4)]);
             dot += i64::from(stretched[i]) * i64::from(weights[i]);
         }
-        let x = (dot >> 16).clamp(-2047, 2047) as i32;
-        Mixed { p: SQUASH[(x + 2048) as usize], stretched }
+        let x = (dot >> 16).clamp(-2047, 2047) + 2048;
+        Mixed { p: SQUASH[usize::try_from(x).unwrap_or(0)], stretched }
     }
 
     /// Moves the contexts and the weights that gave an estimate towards what was seen.
@@ -158,6 +171,29 @@ impl Contexts {
             // Below 2^11 times 2^16.
             let step = (mixed.stretched[i] * error) >> LEARNING_SHIFT;
             weights[i] = (weights[i] + step).clamp(-(1 << 20), 1 << 20);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_estimate_leaves_its_range() {
+        for p in 0..=u16::MAX {
+            for seen in 0..=MAX_COUNT {
+                for bit in [false, true] {
+                    let mut prob = Prob { p, seen };
+                    prob.update(bit);
+                    let inside =
+                        i32::from(prob.p) <= 65536 - MARGIN && i32::from(prob.p) >= MARGIN.min(p.into());
+                    assert!(
+                        inside && (bit || prob.p <= p.max(48)) && (!bit || prob.p >= p.min(65488)),
+                        "{p} {seen} {bit}"
+                    );
+                }
+            }
         }
     }
 }

@@ -21,6 +21,16 @@
 //! # Ok::<(), lodestream_geometry::DecodeError>(())
 //! ```
 
+#![cfg_attr(
+    not(test),
+    warn(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        clippy::cast_precision_loss,
+        clippy::cast_sign_loss
+    )
+)]
+
 pub mod bytes;
 pub mod ceiling;
 pub mod context;

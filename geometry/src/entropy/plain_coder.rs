@@ -12,6 +12,7 @@ use crate::entropy::bytes::{Reader, put_varint};
 use crate::entropy::range_coder::{Coder, nothing_left};
 use crate::entropy::steps;
 use crate::error::DecodeError;
+use crate::numbers::id32;
 
 /// Which contexts' symbols lie together: each stream takes those from its start on, up to the next one's. One more
 /// takes the bits that no context is known of.
@@ -139,7 +140,7 @@ impl<'a, const BYTES: usize, const BITS: usize> PlainDecoder<'a, BYTES, BITS> {
         let mut reader = Reader::new(bytes, "coded data");
         let mut lengths = Vec::with_capacity(BYTES + BITS);
         for _ in 0..BYTES + BITS {
-            lengths.push(reader.varint(bytes.len() as u64)? as usize);
+            lengths.push(reader.varint32(id32(bytes.len()))? as usize);
         }
         let mut streams = Vec::with_capacity(BYTES + BITS + 1);
         for length in lengths {
@@ -202,8 +203,11 @@ impl<const BYTES: usize, const BITS: usize> Coder for PlainDecoder<'_, BYTES, BI
             let Some((&byte, rest)) = stream.split_first() else { break };
             *stream = rest;
             value |= u64::from(byte & 0x7f) << shift;
-            if byte < 0x80 && value >> bits == 0 {
-                return Some(value as u32);
+            if byte < 0x80
+                && value >> bits == 0
+                && let Ok(value) = u32::try_from(value)
+            {
+                return Some(value);
             }
             if byte < 0x80 {
                 break;

@@ -50,7 +50,7 @@ pub struct Encoder {
     low: u64,
     range: u32,
     cache: u8,
-    pending: u64,
+    pending: usize,
     out: Vec<u8>,
 }
 
@@ -84,14 +84,14 @@ impl Encoder {
 
     fn shift_low(&mut self) {
         if self.low < 0xff00_0000 || self.low > 0xffff_ffff {
-            let carry = (self.low >> 32) as u8;
+            let carry = u8::from(self.low > 0xffff_ffff);
             let mut byte = self.cache;
             while self.pending > 0 {
                 self.out.push(byte.wrapping_add(carry));
                 byte = 0xff;
                 self.pending -= 1;
             }
-            self.cache = (self.low >> 24) as u8;
+            self.cache = self.low.to_le_bytes()[3];
         }
         self.pending += 1;
         self.low = (self.low & 0x00ff_ffff) << 8;
@@ -146,7 +146,7 @@ impl Coder for Encoder {
     }
 
     fn bytes(&self) -> usize {
-        self.out.len() + self.pending as usize + HELD - 2
+        self.out.len() + self.pending + HELD - 2
     }
 }
 

@@ -2,6 +2,7 @@
 
 use crate::entropy::range_coder::Coder;
 use crate::error::DecodeError;
+use crate::numbers::id32;
 
 /// Contexts that [`tree`] uses.
 pub const fn tree_contexts(bits: u32) -> usize {
@@ -14,12 +15,12 @@ pub fn tree<C: Coder>(coder: &mut C, at: usize, bits: u32, value: u32) -> u32 {
     if let Some(got) = coder.whole(at, bits, value) {
         return got;
     }
-    let mut node = 1_usize;
+    let mut node = 1_u32;
     for i in (0..bits).rev() {
-        let bit = coder.bit(at + node, (value >> i) & 1 == 1);
-        node = node * 2 + usize::from(bit);
+        let bit = coder.bit(at + node as usize, (value >> i) & 1 == 1);
+        node = node * 2 + u32::from(bit);
     }
-    node as u32 - (1 << bits)
+    node - (1 << bits)
 }
 
 /// Bits of the class symbol of [`integer`]: magnitudes of up to 31 bits.
@@ -51,7 +52,7 @@ pub fn signed<C: Coder>(coder: &mut C, at: usize, value: i32) -> i32 {
     if let Some(got) = coder.whole(at, 31, zigzag(value)) {
         return unzigzag(got);
     }
-    let magnitude = integer(coder, at, value.unsigned_abs()) as i32;
+    let magnitude = integer(coder, at, value.unsigned_abs()).cast_signed();
     if magnitude == 0 {
         return 0;
     }
@@ -60,12 +61,12 @@ pub fn signed<C: Coder>(coder: &mut C, at: usize, value: i32) -> i32 {
 
 /// Signed integers as unsigned ones, small ones first: 0, -1, 1, -2, …
 pub fn zigzag(value: i32) -> u32 {
-    ((value << 1) ^ (value >> 31)) as u32
+    ((value << 1) ^ (value >> 31)).cast_unsigned()
 }
 
 /// The inverse of [`zigzag`].
 pub fn unzigzag(code: u32) -> i32 {
-    (code >> 1) as i32 ^ -((code & 1) as i32)
+    (code >> 1).cast_signed() ^ -(code & 1).cast_signed()
 }
 
 /// Bits needed to name one of `count` things: 0 for one.
@@ -75,7 +76,7 @@ pub fn bits_for(count: usize) -> u32 {
 
 /// Codes an index below `count` in as few raw bits as a power of two allows.
 pub fn index<C: Coder>(coder: &mut C, count: usize, value: usize, what: &str) -> Result<usize, DecodeError> {
-    let got = coder.raw(bits_for(count), value as u32) as usize;
+    let got = coder.raw(bits_for(count), id32(value)) as usize;
     if got >= count {
         return Err(DecodeError::new(what, format!("index {got} of {count}")));
     }

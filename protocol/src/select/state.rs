@@ -1,6 +1,7 @@
 //! What is known of an asset, and where its blobs are.
 
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, Stop};
+use lodestream_geometry::numbers::id32;
 use lodestream_geometry::screen::visible_error;
 
 use crate::asset::{AssetDescription, TextureLevel};
@@ -230,7 +231,7 @@ impl AssetState {
         if infos.len() != expected {
             return Err(PageError::WrongCount { page, got: infos.len(), expected });
         }
-        for (info, id) in infos.iter().zip((page * CHUNKS_PER_PAGE as u32)..) {
+        for (info, id) in infos.iter().zip((page * id32(CHUNKS_PER_PAGE))..) {
             if info.parents.iter().any(|&parent| parent >= id) {
                 return Err(PageError::ParentNotOlder(id));
             }

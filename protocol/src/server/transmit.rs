@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use bytes::Bytes;
+use lodestream_geometry::numbers::id32;
 
 use super::session::{Phase, ServerSession};
 use crate::blob::BlobId;
@@ -79,7 +80,7 @@ impl ServerSession {
 
     fn transmit_queued(&mut self, now: Time) -> Option<Transmit> {
         let source = Arc::clone(&self.source);
-        let piece_bytes = self.config.piece_bytes.clamp(1, MAX_PIECE_BYTES as u32) as usize;
+        let piece_bytes = self.config.piece_bytes.clamp(1, id32(MAX_PIECE_BYTES)) as usize;
         match self.requests.next(&*source, piece_bytes)? {
             Outgoing::Page(page) => {
                 self.push.settled(Unit::Page(page));
