@@ -4,7 +4,7 @@ use std::sync::mpsc;
 use std::time::Duration;
 
 use anyhow::{Context, bail};
-use lodestream_client::net::{End, Retry};
+use lodestream_client::net::Retry;
 use lodestream_client::streaming::{Status, Streaming};
 use lodestream_render::{Frame, Gpu, Headless, SceneView};
 
@@ -55,13 +55,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
             presented = Some(Duration::from(clock.now()));
         }
         if let Some(end) = &status.end {
-            match end {
-                End::Left => bail!("interrupted"),
-                End::Unreachable { attempts, why } => {
-                    bail!("{why} ({attempts} attempts); is the server running, and is the address right?")
-                }
-                End::Closed(close) => bail!("{}", close.reason),
-            }
+            bail!("{end}");
         }
         if status.settled {
             break status;

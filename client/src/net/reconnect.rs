@@ -63,7 +63,7 @@ impl std::fmt::Display for End {
     /// One line for people: what happened, and what they may do.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::Left => f.write_str("the program left"),
+            Self::Left => f.write_str("interrupted"),
             Self::Unreachable { attempts, why } => {
                 write!(f, "{why} ({attempts} attempts); is the server running, and is the address right?")
             }

@@ -4,8 +4,8 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use lodestream_client::net::{End, Retry};
-use lodestream_client::streaming::{Controls, Status, Streaming};
+use lodestream_client::net::Retry;
+use lodestream_client::streaming::{Controls, Streaming};
 use lodestream_render::{Counters, Pose, SceneView, Settings};
 use winit::application::ApplicationHandler;
 use winit::dpi::{LogicalSize, PhysicalPosition};
@@ -15,13 +15,13 @@ use winit::keyboard::{KeyCode, PhysicalKey};
 use winit::window::{Window, WindowId};
 
 use super::camera::{Mode, Push, Rig};
+use super::news::News;
 use super::overlay::{self, Choices, Facts};
-use super::painter::Painter;
+use super::painter::{Painted, Painter};
+use super::steps::{self, Steps};
 use crate::args::Args;
 use crate::run::{core_config, settings, tell_figures};
 
-/// Attempts to reach the server for the first time.
-const ATTEMPTS: u32 = 5;
 /// Bytes uploaded per frame, so that a burst of chunks does not make it late.
 const UPLOAD_BYTES: usize = 8 << 20;
 /// Time between two pictures of the overlay while nothing else changes.
@@ -33,7 +33,7 @@ struct Running {
     streaming: Streaming,
     scene: SceneView,
     rig: Option<Rig>,
-    status: Status,
+    news: News,
     adapter: String,
     settings: Settings,
     choices: Choices,
@@ -71,7 +71,7 @@ impl App {
             return Err(error);
         }
         let Some(running) = self.running else { return Ok(()) };
-        tell_figures(&self.args, &running.status.stats, running.presented)
+        tell_figures(&self.args, &running.news.status().stats, running.presented)
     }
 
     fn start(&self, events: &ActiveEventLoop) -> anyhow::Result<Running> {
@@ -82,12 +82,15 @@ impl App {
             .with_min_inner_size(LogicalSize::new(64, 64));
         let painter = Painter::new(Arc::new(events.create_window(attributes)?), self.display.clone())?;
         let proxy = self.proxy.clone();
-        let retry = Retry { first_attempts: ATTEMPTS, reconnect: true };
-        let streaming =
-            Streaming::start(self.args.address.clone(), core_config(&self.args), retry, move || {
+        let streaming = Streaming::start(
+            self.args.address.clone(),
+            core_config(&self.args),
+            Retry::default(),
+            move || {
                 // Fails only once the window is gone.
                 let _ = proxy.send_event(());
-            })?;
+            },
+        )?;
         let settings = settings(&self.args);
         let proxy = self.proxy.clone();
         let scene = SceneView::with_terrain_apart(move || {
@@ -100,7 +103,7 @@ impl App {
             streaming,
             scene,
             rig: self.args.camera.map(|camera| Rig::new(camera.0)),
-            status: Status::default(),
+            news: News::default(),
             choices: Choices::new(&settings, self.args.pixel_error.0),
             settings,
             keys: BTreeSet::new(),
@@ -150,9 +153,7 @@ impl Running {
             self.scene.push(step);
             news = true;
         }
-        news |= status.message != self.status.message || status.settled != self.status.settled;
-        self.status = status;
-        news
+        self.news.take(status) || news
     }
 
     /// Tells the streaming thread where the camera is, unless the selection is frozen.
@@ -172,7 +173,7 @@ impl Running {
         let (start, bytes) = self.window_start;
         let elapsed = (now - start).as_secs_f64();
         if elapsed >= 0.5 {
-            let received = self.status.stats.transport_bytes;
+            let received = self.news.status().stats.transport_bytes;
             #[allow(clippy::cast_precision_loss)]
             let bits = received.saturating_sub(bytes) as f64 * 8.0;
             self.bits_per_s = bits / elapsed;
@@ -183,27 +184,33 @@ impl Running {
     /// Draws a frame; says when the next is due.
     fn frame(&mut self, args: &Args) -> anyhow::Result<Duration> {
         let began = Instant::now();
-        self.receive();
         let now_s = Duration::from(self.streaming.clock().now()).as_secs_f32();
-        self.scene.upload(&self.painter.gpu, &self.painter.renderer, UPLOAD_BYTES, now_s)?;
-        if self.rig.is_none() {
-            self.rig = self.scene.header().map(|header| Rig::new(header.camera));
+        let painted = steps::run(&mut FrameSteps { running: self, args, began, now_s })?;
+        if let Some(counters) = painted.counters {
+            self.counters = counters;
+            let first = self.news.status().stats.milestones.first_frame;
+            if first.is_some() && self.scene.waiting() == 0 && self.presented.is_none() {
+                self.presented = Some(self.streaming.clock().now().into());
+            }
         }
-        let (push, fast) = (self.pushed(), self.keys.contains(&KeyCode::ShiftLeft));
-        let seconds = (began - self.moved).as_secs_f64().min(0.25);
-        self.moved = began;
-        if let Some(rig) = &mut self.rig
-            && push != [0.0; 3]
-        {
-            rig.push(push, fast, seconds);
+        self.frame_ms = began.elapsed().as_secs_f64() * 1e3;
+        let morphing = now_s - self.scene.changed_s() <= self.settings.morph_s;
+        if self.is_moving() || morphing || self.scene.waiting() > 0 || self.scene.missing_tiles() > 0 {
+            return Ok(Duration::ZERO);
         }
-        self.measure(began);
+        // Figures change while something is received, and once more when nothing was for a while.
+        let figures = !self.news.status().settled || self.bits_per_s > 0.0 || self.presented.is_none();
+        Ok(if figures { painted.repaint_after.min(OVERLAY_INTERVAL) } else { painted.repaint_after })
+    }
 
+    /// Draws scene and overlay, and takes what was changed there.
+    fn paint(&mut self, args: &Args, now_s: f32) -> anyhow::Result<Painted> {
         let address = args.address.to_string();
+        let message = self.news.message();
         let facts = Facts {
             adapter: &self.adapter,
             address: &address,
-            message: self.status.message.as_deref(),
+            message: message.as_deref(),
             frame_ms: self.frame_ms,
             fps: self.fps,
             bits_per_s: self.bits_per_s,
@@ -224,7 +231,7 @@ impl Running {
         let [width, height] = self.painter.size();
         self.scene.prepare_ground(&self.painter.gpu, &camera, (width, height), self.choices.target_px)?;
         let mut choices = self.choices;
-        let (stats, scene, settings) = (&self.status.stats, &self.scene, self.settings);
+        let (stats, scene, settings) = (&self.news.status().stats, &self.scene, self.settings);
         let painted = self.painter.paint(
             |ui| overlay::show(ui, stats, &facts, &mut choices),
             |draw| scene.with_frame(camera, settings, now_s, |frame| draw(frame)),
@@ -234,22 +241,7 @@ impl Running {
             choices.apply(&mut self.settings);
             self.painter.window.request_redraw();
         }
-        self.steer();
-        if let Some(counters) = painted.counters {
-            self.counters = counters;
-            let complete = self.status.stats.milestones.first_frame.is_some() && self.scene.waiting() == 0;
-            if complete && self.presented.is_none() {
-                self.presented = Some(self.streaming.clock().now().into());
-            }
-        }
-        self.frame_ms = began.elapsed().as_secs_f64() * 1e3;
-        let morphing = now_s - self.scene.changed_s() <= self.settings.morph_s;
-        if self.is_moving() || morphing || self.scene.waiting() > 0 || self.scene.missing_tiles() > 0 {
-            return Ok(Duration::ZERO);
-        }
-        // Figures change while something is received, and once more when nothing was for a while.
-        let figures = !self.status.settled || self.bits_per_s > 0.0 || self.presented.is_none();
-        Ok(if figures { painted.repaint_after.min(OVERLAY_INTERVAL) } else { painted.repaint_after })
+        Ok(painted)
     }
 
     fn key(&mut self, code: KeyCode, pressed: bool) {
@@ -283,6 +275,49 @@ impl Running {
     }
 }
 
+/// A frame of the window.
+struct FrameSteps<'a> {
+    running: &'a mut Running,
+    args: &'a Args,
+    began: Instant,
+    now_s: f32,
+}
+
+impl Steps for FrameSteps<'_> {
+    type Painted = Painted;
+
+    fn receive(&mut self) -> anyhow::Result<()> {
+        let running = &mut *self.running;
+        running.receive();
+        running.scene.upload(&running.painter.gpu, &running.painter.renderer, UPLOAD_BYTES, self.now_s)?;
+        if running.rig.is_none() {
+            running.rig = running.scene.header().map(|header| Rig::new(header.camera));
+        }
+        Ok(())
+    }
+
+    fn move_camera(&mut self) {
+        let running = &mut *self.running;
+        let (push, fast) = (running.pushed(), running.keys.contains(&KeyCode::ShiftLeft));
+        let seconds = (self.began - running.moved).as_secs_f64().min(0.25);
+        running.moved = self.began;
+        if let Some(rig) = &mut running.rig
+            && push != [0.0; 3]
+        {
+            rig.push(push, fast, seconds);
+        }
+        running.measure(self.began);
+    }
+
+    fn send_view(&mut self) {
+        self.running.steer();
+    }
+
+    fn paint(&mut self) -> anyhow::Result<Painted> {
+        self.running.paint(self.args, self.now_s)
+    }
+}
+
 impl ApplicationHandler<()> for App {
     fn resumed(&mut self, events: &ActiveEventLoop) {
         if self.running.is_none() {
@@ -310,19 +345,7 @@ impl ApplicationHandler<()> for App {
         if running.receive() || self.args.timeout.is_some_and(|limit| elapsed >= limit.0) {
             running.painter.window.request_redraw();
         }
-        let ended = match &running.status.end {
-            Some(End::Unreachable { attempts, why }) => {
-                Some(format!("{why} ({attempts} attempts); is the server running, and is the address right?"))
-            }
-            // What is here stays on the screen.
-            Some(End::Closed(close)) if running.scene.header().is_none() => Some(close.reason.clone()),
-            Some(End::Closed(close)) => {
-                running.status.message = Some(format!("the server ended the session: {}", close.reason));
-                None
-            }
-            Some(End::Left) | None => None,
-        };
-        if let Some(why) = ended {
+        if let Some(why) = running.news.fatal(running.scene.header().is_some()) {
             self.fail(events, anyhow::anyhow!(why));
         }
     }
@@ -377,7 +400,7 @@ impl ApplicationHandler<()> for App {
                             events.set_control_flow(until.map_or(ControlFlow::Wait, ControlFlow::WaitUntil));
                         }
                         let elapsed: Duration = running.streaming.clock().now().into();
-                        let settled = running.status.settled
+                        let settled = running.news.status().settled
                             && running.presented.is_some()
                             && running.scene.waiting() == 0;
                         (self.args.exit_when_settled && settled)

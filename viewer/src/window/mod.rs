@@ -2,8 +2,10 @@
 
 mod app;
 mod camera;
+mod news;
 mod overlay;
 mod painter;
+mod steps;
 
 use anyhow::{Context, anyhow};
 use winit::event_loop::EventLoop;

@@ -1,0 +1,81 @@
+//! What the window knows of the session: its newest status, and what of it a user reads.
+
+use std::borrow::Cow;
+
+use lodestream_client::net::End;
+use lodestream_client::streaming::Status;
+
+/// The newest status.
+#[derive(Debug, Default)]
+pub(super) struct News {
+    status: Status,
+}
+
+impl News {
+    /// Takes a newer status; says whether the picture looks different for it.
+    pub(super) fn take(&mut self, status: Status) -> bool {
+        let before = (self.message().map(Cow::into_owned), self.status.settled);
+        self.status = status;
+        (self.message().as_deref(), self.status.settled) != (before.0.as_deref(), before.1)
+    }
+
+    pub(super) fn status(&self) -> &Status {
+        &self.status
+    }
+
+    /// What is written over the picture. Made of the status whenever it is asked for: a message put aside would be
+    /// replaced by the next status before anybody saw it.
+    pub(super) fn message(&self) -> Option<Cow<'_, str>> {
+        match &self.status.end {
+            Some(End::Closed(close)) => {
+                Some(Cow::Owned(format!("the server ended the session: {}", close.reason)))
+            }
+            Some(End::Unreachable { .. } | End::Left) | None => {
+                self.status.message.as_deref().map(Cow::Borrowed)
+            }
+        }
+    }
+
+    /// Why the program has to end. What is here stays on the screen, so a session that ends is no reason where there
+    /// is a scene.
+    pub(super) fn fatal(&self, has_scene: bool) -> Option<String> {
+        match &self.status.end {
+            Some(end @ End::Unreachable { .. }) => Some(end.to_string()),
+            Some(end @ End::Closed(_)) if !has_scene => Some(end.to_string()),
+            Some(End::Closed(_) | End::Left) | None => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lodestream_protocol::message::{Close, CloseCode};
+
+    fn closed() -> Status {
+        let close = Close::new(CloseCode::Protocol, "the scene is gone");
+        Status { end: Some(End::Closed(close)), ..Status::default() }
+    }
+
+    /// The status came with an event, the frame that it led to took it again, and the message was lost between.
+    #[test]
+    fn the_message_of_the_sessions_end_is_still_there_when_the_frame_is_drawn() {
+        let mut news = News::default();
+        assert!(news.take(closed()), "the end is worth a frame");
+        // The frame looks for news before it is drawn.
+        assert!(!news.take(closed()));
+        let message = news.message().expect("a message");
+        assert!(message.contains("ended the session: the scene is gone"), "{message}");
+    }
+
+    #[test]
+    fn only_an_end_that_leaves_nothing_to_see_ends_the_program() {
+        let mut news = News::default();
+        assert_eq!(news.fatal(false), None);
+        news.take(closed());
+        assert_eq!((news.fatal(true), news.fatal(false).as_deref()), (None, Some("the scene is gone")));
+        let end = Some(End::Unreachable { attempts: 3, why: "nobody answers".into() });
+        news.take(Status { end, ..Status::default() });
+        assert!(news.fatal(true).unwrap().starts_with("nobody answers (3 attempts); is the server running"));
+    }
+}
