@@ -14,6 +14,7 @@
 //! | `documents` | what documents name is there: links, files, code, commands |
 //! | `wire` | docs/protocol.md is true: a reader written from it understands recorded sessions |
 //! | `dependencies` | what each crate makes its users compile |
+//! | `embed` | a program of somebody else's that draws the scene, built and run |
 //! | `models` | models of your own: `LODESTREAM_MODELS=DIR` |
 //!
 //! Scenes are generated and small. Tests on real sockets use loopback and give up after a bound that is
@@ -28,6 +29,8 @@ mod bad_input;
 mod dependencies;
 #[cfg(test)]
 mod documents;
+#[cfg(test)]
+mod embed;
 #[cfg(test)]
 mod first_flight;
 #[cfg(test)]

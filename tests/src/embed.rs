@@ -1,0 +1,97 @@
+//! `examples/embed`: a package of its own, built as a stranger would, drawing what a daemon serves.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use lodestream_server::daemon::SessionSettings;
+
+use crate::support::LIMIT;
+use crate::support::daemon::{Server, Transport};
+use crate::support::picture::{Picture, comparison, draw, headless, keep, same};
+use crate::support::scene::TestScene;
+
+/// What the example clears its picture to, sRGB.
+const SKY: [u8; 3] = [170, 108, 89];
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+#[test]
+fn embedding_takes_at_most_120_lines_in_all() {
+    let folder = root().join("examples/embed");
+    let files = ["Cargo.toml", "src/main.rs"];
+    let lines: usize =
+        files.iter().map(|file| std::fs::read_to_string(folder.join(file)).unwrap().lines().count()).sum();
+    assert!((50..=120).contains(&lines), "{lines} lines");
+    // What is not counted is not there.
+    assert_eq!(std::fs::read_dir(folder.join("src")).unwrap().count(), 1);
+}
+
+/// Builds the example with the workspace's versions of everything, without a network; gives the program.
+fn build() -> PathBuf {
+    let root = root();
+    let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), Into::into);
+    let folder = root.join("examples/embed");
+    std::fs::copy(root.join("Cargo.lock"), folder.join("Cargo.lock")).unwrap();
+    let output = Command::new(env!("CARGO"))
+        .current_dir(&folder)
+        // Where and how the workspace is built, so that what both need is built once.
+        .args(["build", "--offline", "--config", "profile.dev.opt-level=1"])
+        .args(["--config", "profile.dev.debug=\"line-tables-only\"", "--target-dir"])
+        .arg(&target)
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    target.join("debug/embed").with_extension(std::env::consts::EXE_EXTENSION)
+}
+
+#[test]
+fn a_program_of_somebody_elses_draws_what_the_viewer_draws() {
+    let Some(mut headless) = headless() else { return };
+    let program = build();
+    let scene = TestScene::small();
+    let server = Server::start(scene.source(), SessionSettings::default());
+    let folder = tempfile::tempdir().unwrap();
+    // What the viewer's own renderer shows of the whole model, before the program's sky.
+    let mut whole = draw(&mut headless, scene.whole());
+    for (pixel, covered) in whole.image.pixels_mut().zip(&whole.covered) {
+        if !covered {
+            *pixel = image::Rgba([SKY[0], SKY[1], SKY[2], 255]);
+        }
+    }
+    for transport in Transport::BOTH {
+        let file = folder.path().join(format!("{transport:?}.png"));
+        let mut child = Command::new(&program)
+            .arg(server.url(transport))
+            .arg(&file)
+            .stdout(Stdio::null())
+            .spawn()
+            .unwrap();
+        let until = Instant::now() + 5 * LIMIT;
+        let status = loop {
+            if let Some(status) = child.try_wait().unwrap() {
+                break status;
+            }
+            if Instant::now() > until {
+                child.kill().unwrap();
+                panic!("{transport:?}: no end");
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        };
+        assert!(status.success(), "{transport:?}: {status}");
+        let image = image::open(&file).unwrap().into_rgba8();
+        let picture = Picture { image, covered: whole.covered.clone() };
+        keep(&picture, &format!("embed-{transport:?}"));
+        let found = comparison(&picture, &whole);
+        println!("{transport:?}: {found:?}");
+        assert!(found.covered >= 0.2 && same(&found), "{transport:?}: {found:?}");
+        // Elsewhere what the program drew by itself is left.
+        let is_sky = |pixel: &image::Rgba<u8>| SKY.iter().zip(pixel.0).all(|(a, b)| a.abs_diff(b) <= 1);
+        let free = || picture.image.pixels().zip(&whole.covered).filter(|(_, covered)| !**covered);
+        let (sky, all) = (free().filter(|(pixel, _)| is_sky(pixel)).count(), free().count());
+        assert!(all > 1000 && sky * 100 >= all * 99, "{transport:?}: {sky} of {all} pixels");
+    }
+    server.assert_healthy();
+}
