@@ -14,6 +14,7 @@ pub mod gltf;
 mod import;
 mod model;
 mod obj;
+pub mod recipe;
 pub mod srgb;
 pub mod terrain;
 #[cfg(test)]

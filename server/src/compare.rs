@@ -14,10 +14,11 @@ use lodestream_geometry::mesh::{Attributes, QuantisedMesh};
 use lodestream_geometry::quantise::quantise;
 use lodestream_geometry::refine::ActiveMesh;
 use lodestream_import::Part;
+use lodestream_import::recipe::{ReadError, Recipe};
 use lodestream_protocol::asset::AssetDescription;
 
+use crate::prepare::PrepareError;
 use crate::prepare::describe::describe;
-use crate::prepare::{PrepareError, Recipe};
 use crate::store::{LoadedAsset, PackFile, StoreError};
 
 /// What differs; nothing in a sound pack.
@@ -58,7 +59,7 @@ pub enum CompareError {
         /// The pack.
         path: PathBuf,
         /// What is wrong with them.
-        why: String,
+        why: ReadError,
     },
     /// The pack was made of something else, or otherwise than it says.
     #[error("{} gives another grid than {} has: the pack was made of another file", model.display(), pack.display())]

@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use lodestream_geometry::mesh::NO_COLOR;
+use lodestream_import::recipe::codec_name;
 use serde::Serialize;
 
-use crate::prepare::recipe::codec_name;
 use crate::store::{PackFile, StoreError};
 
 /// The numbers; lengths are in the asset's units.

@@ -2,6 +2,7 @@
 
 pub mod cli;
 pub mod compare;
+pub mod compose;
 pub mod daemon;
 pub mod demo_scene;
 pub mod export_obj;

@@ -8,7 +8,7 @@ use lodestream_geometry::check::{CheckReport, check};
 use lodestream_geometry::index::ChunkInfo;
 use lodestream_import::{Part, gltf};
 
-use super::Outcome;
+use super::outcome::Outcome;
 use crate::compare::{Difference, compare};
 use crate::prepare::Threads;
 use crate::store::PackFile;

@@ -6,7 +6,7 @@ use anyhow::Context as _;
 use clap::Args;
 use lodestream_geometry::closed_set::{Budget, lowest_error};
 
-use super::Outcome;
+use super::outcome::Outcome;
 use super::recipe::positive;
 use super::units::parse_size;
 use crate::export_obj::write_obj;

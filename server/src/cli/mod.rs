@@ -4,6 +4,7 @@ mod check;
 mod demo_scene;
 mod export;
 mod inspect;
+mod outcome;
 mod prepare;
 mod recipe;
 mod serve;
@@ -14,6 +15,8 @@ use std::io::Write as _;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+
+use outcome::Outcome;
 
 /// Exit code for input that cannot be used, as clap has it for arguments that cannot.
 const BAD_INPUT: u8 = 2;
@@ -44,21 +47,6 @@ enum Command {
     Terrain(terrain::Arguments),
     /// Read a 16-bit height map as features of a terrain.
     TerrainImport(terrain::ImportArguments),
-}
-
-/// What a command that ran has to say.
-#[derive(Debug, PartialEq, Eq)]
-struct Outcome {
-    /// For standard output.
-    text: String,
-    /// Whether the answer is good; exit code 1 otherwise.
-    good: bool,
-}
-
-impl Outcome {
-    fn good(text: impl Into<String>) -> Self {
-        Self { text: text.into(), good: true }
-    }
 }
 
 /// Runs the program with its command line.

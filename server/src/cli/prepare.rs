@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::Args;
 use lodestream_import::gltf;
 
-use super::Outcome;
+use super::outcome::Outcome;
 use super::recipe::RecipeArguments;
 use crate::prepare::{Options, prepare_to};
 use crate::scene::Asset;

@@ -2,22 +2,21 @@
 
 use clap::Args;
 use lodestream_geometry::{Codec, Metric};
-
-use crate::prepare::recipe::{
-    Recipe, Round, check_normal_tolerance, check_uv_bits, parse_codec, parse_metric, parse_round,
+use lodestream_import::recipe::{
+    NormalTolerance, PositionBits, Precision, Recipe, ReliefDepth, Round, Tolerance, UvBits, parse_codec,
+    parse_metric,
 };
-use crate::scene::Precision;
 
 /// How finely positions are kept; one of the two, or neither for the default.
 #[derive(Clone, Copy, Debug, Args)]
 #[group(required = false, multiple = false)]
 struct PrecisionArguments {
-    /// Bits per axis of positions. More bits cost about 3 bits a vertex each [default: 14].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(4..=24))]
-    position_bits: Option<u8>,
+    /// Bits per axis of positions, 4 to 24. More bits cost about 3 bits a vertex each [default: 14].
+    #[arg(long, value_name = "N")]
+    position_bits: Option<PositionBits>,
     /// Largest error of a position, in the model's units; decides the bits.
-    #[arg(long, value_name = "LENGTH", value_parser = positive)]
-    tolerance: Option<f64>,
+    #[arg(long, value_name = "LENGTH")]
+    tolerance: Option<Tolerance>,
 }
 
 /// What a pack should hold, and how it is made.
@@ -26,27 +25,27 @@ pub(super) struct RecipeArguments {
     #[command(flatten)]
     precision: PrecisionArguments,
     /// Bits per axis of texture coordinates, 1 to 16 [default: 12].
-    #[arg(long, value_name = "N", value_parser = uv_bits)]
-    uv_bits: Option<u8>,
+    #[arg(long, value_name = "N")]
+    uv_bits: Option<UvBits>,
     /// Largest angle between a normal of the model and what its faces say before the normal is sent:
     /// 0 sends all, 180 none [default: 10].
-    #[arg(long, value_name = "DEGREES", value_parser = normal_tolerance)]
-    normal_tolerance: Option<f64>,
+    #[arg(long, value_name = "DEGREES")]
+    normal_tolerance: Option<NormalTolerance>,
     /// What a collapse is held to cost: qem (quadric error) or melax (length × curvature)
     /// [default: qem].
     #[arg(long, value_name = "METRIC", value_parser = parse_metric)]
     metric: Option<Metric>,
     /// Order of collapses: heap (the cheapest first), or rounds of this share of the vertices, 0.01 to
     /// 0.5 [default: heap].
-    #[arg(long, value_name = "heap | SHARE", value_parser = parse_round)]
+    #[arg(long, value_name = "heap | SHARE")]
     round_size: Option<Round>,
     /// How the geometry is coded: range (the fewest bytes; chunks may be sent in part) or zstd (less to
     /// do for clients) [default: range].
     #[arg(long, value_name = "CODEC", value_parser = parse_codec)]
     codec: Option<Codec>,
-    /// Depth of relief, in units of texture coordinates, instead of what the materials say.
-    #[arg(long, value_name = "DEPTH", value_parser = positive)]
-    relief_depth: Option<f64>,
+    /// Depth of relief, 0 to 1 in units of texture coordinates, instead of what the materials say.
+    #[arg(long, value_name = "DEPTH")]
+    relief_depth: Option<ReliefDepth>,
 }
 
 impl RecipeArguments {
@@ -59,7 +58,7 @@ impl RecipeArguments {
             metric: self.metric,
             round: self.round_size,
             codec: self.codec,
-            relief_depth: self.relief_depth.map(|depth| depth as f32),
+            relief_depth: self.relief_depth,
         }
     }
 }
@@ -69,12 +68,4 @@ pub(super) fn positive(text: &str) -> Result<f64, String> {
         Ok(value) if value.is_finite() && value > 0.0 => Ok(value),
         _ => Err("a positive number is needed".to_owned()),
     }
-}
-
-fn uv_bits(text: &str) -> Result<u8, String> {
-    text.parse().map_err(|_| "a whole number is needed".to_owned()).and_then(check_uv_bits)
-}
-
-fn normal_tolerance(text: &str) -> Result<f64, String> {
-    text.parse().map_err(|_| "a number of degrees is needed".to_owned()).and_then(check_normal_tolerance)
 }

@@ -10,7 +10,7 @@ use anyhow::Context as _;
 use clap::Args;
 use tracing_subscriber::EnvFilter;
 
-use super::Outcome;
+use super::outcome::Outcome;
 use super::recipe::RecipeArguments;
 use super::units::{Rate, parse_rate};
 use crate::daemon::{self, DaemonOptions, SessionSettings};

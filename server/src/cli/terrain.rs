@@ -10,7 +10,7 @@ use lodestream_terrain::{
     Distribution, Erosion, FeatureSet, MAX_FINEST_LEVEL, Parameters, Terrain, fingerprint,
 };
 
-use super::Outcome;
+use super::outcome::Outcome;
 use crate::prepare::atomic::write_atomically;
 
 /// How random offsets are distributed.

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use lodestream_import::ImageSource;
+use lodestream_import::recipe::ReliefDepth;
 use lodestream_import::srgb::srgb_to_linear;
 use lodestream_import::texture::{self, Texture, TextureError, TextureKind};
 use lodestream_protocol::asset::{
@@ -60,7 +61,7 @@ pub enum DescribeError {
 pub fn describe(
     name: &str,
     materials: &[lodestream_import::Material],
-    relief_depth: Option<f32>,
+    relief_depth: Option<ReliefDepth>,
 ) -> Result<Described, DescribeError> {
     let mut textures = Textures::default();
     let mut described = Vec::with_capacity(materials.len());
@@ -72,7 +73,7 @@ pub fn describe(
             base_color = FALLBACK_COLOR.map(srgb_to_linear);
         }
         let [r, g, b] = base_color;
-        let depth = relief_depth.unwrap_or(DEFAULT_RELIEF_DEPTH * material.height_scale.abs());
+        let depth = relief_depth.map_or(DEFAULT_RELIEF_DEPTH * material.height_scale.abs(), ReliefDepth::get);
         described.push(Material {
             name: truncated(&material.name),
             base_color: [r, g, b, material.opacity],
@@ -196,7 +197,9 @@ mod tests {
             let lengths: Vec<usize> = info.levels.iter().map(|l| l.bytes as usize).collect();
             assert_eq!(lengths, blobs.iter().map(Vec::len).collect::<Vec<_>>());
         }
-        let fixed = describe("wall", &[lodestream_import::Material::default()], Some(0.3)).unwrap();
+        let fixed =
+            describe("wall", &[lodestream_import::Material::default()], ReliefDepth::try_from(0.3).ok())
+                .unwrap();
         assert_eq!(fixed.description.materials[0].relief_depth, 0.0);
     }
 

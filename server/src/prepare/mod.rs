@@ -4,7 +4,6 @@ pub mod atomic;
 pub mod cache;
 pub mod describe;
 mod progress;
-pub mod recipe;
 mod threads;
 
 use std::fmt;
@@ -18,12 +17,12 @@ use lodestream_geometry::base::FORMAT_VERSION;
 use lodestream_geometry::pack::{BlobKind, PACK_VERSION};
 use lodestream_geometry::quantise::quantise;
 use lodestream_import::ImportError;
+use lodestream_import::recipe::{Recipe, ReliefDepth};
 
 use crate::scene::Asset;
 use crate::store::{PackFile, StoreError};
 
 pub use progress::Reporter;
-pub use recipe::Recipe;
 pub use threads::Threads;
 
 /// How to prepare.
@@ -155,7 +154,7 @@ pub fn prepare_cached(asset: &Asset, folder: &Path, options: &Options) -> Result
 fn settings_text(asset: &Asset) -> String {
     let Asset { name, file: _, part, recipe } = asset;
     let (quantise, settings) = (recipe.quantise_settings(), recipe.settings());
-    format!("{name:?} {part:?} {quantise:?} {settings:?} {:?}", recipe.relief_depth)
+    format!("{name:?} {part:?} {quantise:?} {settings:?} {:?}", recipe.relief_depth.map(ReliefDepth::get))
 }
 
 fn pack_version() -> u32 {

@@ -3,16 +3,13 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use lodestream_import::recipe::{Impossible, Precision, Recipe, Round, parse_codec, parse_metric};
 use lodestream_import::{Part, gltf};
 use serde::Deserialize;
 use toml::Spanned;
 
-use crate::prepare::recipe::{
-    Recipe, check_normal_tolerance, check_uv_bits, parse_codec, parse_metric, parse_round,
-};
-
-use super::terrain::RawTerrain;
-use super::{Asset, Camera, DEFAULT_FOV_Y_DEGREES, Instance, Precision, Scene, SceneTerrain, unit};
+use super::model::{Asset, Camera, DEFAULT_FOV_Y_DEGREES, Instance, Scene, unit};
+use super::terrain::{RawTerrain, SceneTerrain};
 
 /// Largest scene file, in bytes.
 const MAX_SCENE_BYTES: u64 = 256 << 20;
@@ -233,44 +230,27 @@ impl Source<'_> {
         let raw = raw.into_inner();
         self.check_name("the asset", &raw.name, at)?;
         let error = |what: &str| self.error(at, format!("asset {:?}: {what}", raw.name));
-        let precision = match (raw.position_bits, raw.tolerance) {
-            (Some(_), Some(_)) => {
-                return Err(error("position_bits and tolerance exclude each other; keep one"));
-            }
-            (Some(bits), None) if !(4..=24).contains(&bits) => {
-                return Err(error("position_bits must be 4 to 24"));
-            }
-            (Some(bits), None) => Some(Precision::Bits(bits)),
-            (None, Some(length)) if !(length.is_finite() && length > 0.0) => {
-                return Err(error("tolerance must be a positive length"));
-            }
-            (None, Some(length)) => Some(Precision::Tolerance(length)),
-            (None, None) => None,
-        };
-        if raw.relief_depth.is_some_and(|depth| !(0.0..=1.0).contains(&depth)) {
-            return Err(error("relief_depth must be 0 to 1, in units of texture coordinates"));
+        if raw.position_bits.is_some() && raw.tolerance.is_some() {
+            return Err(error("position_bits and tolerance exclude each other; keep one"));
         }
-        let round = match &raw.round_size {
-            None => None,
-            Some(RawRound::Word(word)) => Some(parse_round(word)),
-            Some(RawRound::Share(share)) => Some(parse_round(&share.to_string())),
-        };
         let bad = |field: &'static str| {
             let error = &error;
-            move |why: String| error(&format!("{field}: {why}"))
+            move |why: Impossible| error(&format!("{field}: {why}"))
         };
+        let bits = knob(raw.position_bits).map_err(bad("position_bits"))?;
+        let tolerance = knob(raw.tolerance).map_err(bad("tolerance"))?;
+        let round = raw.round_size.as_ref().map(|round| match round {
+            RawRound::Word(word) => word.parse(),
+            RawRound::Share(share) => Round::try_from(*share),
+        });
         let recipe = Recipe {
-            precision,
-            uv_bits: raw.uv_bits.map(check_uv_bits).transpose().map_err(bad("uv_bits"))?,
-            normal_tolerance: raw
-                .normal_tolerance
-                .map(check_normal_tolerance)
-                .transpose()
-                .map_err(bad("normal_tolerance"))?,
+            precision: bits.map(Precision::Bits).or(tolerance.map(Precision::Tolerance)),
+            uv_bits: knob(raw.uv_bits).map_err(bad("uv_bits"))?,
+            normal_tolerance: knob(raw.normal_tolerance).map_err(bad("normal_tolerance"))?,
             metric: raw.metric.as_deref().map(parse_metric).transpose().map_err(bad("metric"))?,
             round: round.transpose().map_err(bad("round_size"))?,
             codec: raw.codec.as_deref().map(parse_codec).transpose().map_err(bad("codec"))?,
-            relief_depth: raw.relief_depth,
+            relief_depth: knob(raw.relief_depth).map_err(bad("relief_depth"))?,
         };
         let file = folder.join(&raw.file);
         let part = match &raw.mesh {
@@ -389,6 +369,13 @@ impl Source<'_> {
     }
 }
 
+/// A number of the file, where there is one, as what it sets.
+fn knob<Number, Knob: TryFrom<Number, Error = Impossible>>(
+    number: Option<Number>,
+) -> Result<Option<Knob>, Impossible> {
+    number.map(Knob::try_from).transpose()
+}
+
 /// Yaw about +y, then pitch about the turned x, then roll about the turned z, in degrees.
 fn quaternion(angles: &Angles) -> [f64; 4] {
     let half = |degrees: f64| (degrees.to_radians() / 2.0).sin_cos();
@@ -449,9 +436,9 @@ fov_y_degrees = 60
         let scene = parse(Path::new("dir/scene.toml"), FULL).unwrap();
         assert_eq!(scene.name, "court");
         assert_eq!(scene.assets[0].file, Path::new("dir/column.obj"));
-        assert_eq!(scene.assets[0].recipe.precision, Some(Precision::Bits(12)));
-        assert_eq!(scene.assets[1].recipe.precision, Some(Precision::Tolerance(0.001)));
-        assert_eq!(scene.assets[1].recipe.relief_depth, Some(0.04));
+        assert_eq!(scene.assets[0].recipe.precision, "12".parse().ok().map(Precision::Bits));
+        assert_eq!(scene.assets[1].recipe.precision, "0.001".parse().ok().map(Precision::Tolerance));
+        assert_eq!(scene.assets[1].recipe.relief_depth, "0.04".parse().ok());
         let instances = scene.instances.unwrap();
         assert_eq!(instances[0].translation, [1.0, 2.0, 1e7]);
         let [x, y, z, w] = instances[0].rotation;

@@ -2,12 +2,12 @@
 
 use std::path::PathBuf;
 
+use lodestream_geometry::Codec;
 use lodestream_import::Part;
+use lodestream_import::recipe::{Precision, Round};
 use tempfile::TempDir;
 
-use super::{Precision, Scene, of_files, parse};
-use crate::prepare::recipe::Round;
-use lodestream_geometry::Codec;
+use super::{Scene, of_files, parse};
 
 /// Two meshes, "hull" and "mast" (placed twice, once mirrored), of one triangle each.
 fn ship(dir: &TempDir) -> PathBuf {
@@ -88,10 +88,10 @@ fn scene_files_place_gltf_models_whole_by_mesh_and_merged() {
     assert_eq!(names(&scene), ["fleet/hull", "fleet/mast", "fleet/mast-2", "pole", "toy"]);
     assert_eq!(scene.assets[4].part, Part::Whole);
     let recipe = scene.assets[1].recipe;
-    assert_eq!((recipe.uv_bits, recipe.normal_tolerance), (Some(10), Some(4.5)));
-    assert_eq!(recipe.round, Some(Round::Share(0.25)));
+    assert_eq!((recipe.uv_bits, recipe.normal_tolerance), ("10".parse().ok(), "4.5".parse().ok()));
+    assert_eq!(recipe.round, Round::try_from(0.25).ok());
     assert_eq!((recipe.codec, scene.assets[4].recipe.codec), (Some(Codec::Plain), None));
-    assert_eq!(scene.assets[3].recipe.precision, Some(Precision::Bits(9)));
+    assert_eq!(scene.assets[3].recipe.precision, "9".parse().ok().map(Precision::Bits));
     assert_eq!(scene.assets[4].recipe.round, Some(Round::Heap));
     let instances = scene.instances.unwrap();
     assert_eq!(instances.iter().map(|i| i.asset).collect::<Vec<_>>(), [0, 1, 2, 3, 4]);

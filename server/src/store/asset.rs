@@ -10,7 +10,8 @@ use lodestream_geometry::refine::ActiveMesh;
 use lodestream_protocol::BlobPart;
 use lodestream_protocol::asset::AssetDescription;
 
-use super::{PackFile, StoreError};
+use super::error::StoreError;
+use super::file::PackFile;
 
 /// See the module.
 #[derive(Clone, Debug)]

@@ -14,7 +14,7 @@ use lodestream_geometry::screen::visible_error;
 use lodestream_protocol::BlobPart;
 use lodestream_protocol::scene::{AssetEntry, Fingerprint};
 
-use super::StoreError;
+use super::error::StoreError;
 
 /// An open pack. Reading is by offset, so threads share it without a lock.
 #[derive(Debug)]

@@ -7,9 +7,11 @@ use lodestream_protocol::scene::{SceneHeader, ScenePage};
 use lodestream_protocol::source::{Reading, SceneSource, SourceError};
 use lodestream_protocol::{BlobId, BlobPart};
 
+use super::error::StoreError;
+use super::file::PackFile;
 use super::lru::Lru;
-use super::{PackFile, StoreError, TerrainBlobs};
-use crate::scene::{Composed, Scene, compose};
+use crate::compose::{Composed, TerrainBlobs, compose};
+use crate::scene::Scene;
 
 /// Memory that a scene's blobs may take, by default: a demo scene fits whole, and a large one falls
 /// back on the system's page cache.

@@ -5,6 +5,7 @@ use std::path::Path;
 use anyhow::Context as _;
 use lodestream_geometry::mesh::SourceMesh;
 use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
+use lodestream_import::recipe::{NormalTolerance, PositionBits};
 use serde::Serialize;
 
 /// Wedges of a model that carry a normal of their own, at a tolerance.
@@ -20,15 +21,19 @@ pub struct SentNormals {
     pub sent: usize,
 }
 
-/// Counts a model file's normals at each of some tolerances, 0 to 180 degrees.
+/// Counts a model file's normals at each of some tolerances.
 ///
 /// # Errors
 /// If the file cannot be imported or quantised.
-pub fn count(path: &Path, position_bits: u8, tolerances: &[f64]) -> anyhow::Result<Vec<SentNormals>> {
+pub fn count(
+    path: &Path,
+    position_bits: PositionBits,
+    tolerances: &[NormalTolerance],
+) -> anyhow::Result<Vec<SentNormals>> {
     let imported =
         lodestream_import::import(path).with_context(|| format!("cannot import {}", path.display()))?;
     let model = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
-    let count = |&degrees| of_mesh(&imported.mesh, &model, position_bits, degrees);
+    let count = |&tolerance| of_mesh(&imported.mesh, &model, position_bits, tolerance);
     let counted: anyhow::Result<_> = tolerances.iter().map(count).collect();
     counted.with_context(|| format!("cannot quantise {}", path.display()))
 }
@@ -36,10 +41,11 @@ pub fn count(path: &Path, position_bits: u8, tolerances: &[f64]) -> anyhow::Resu
 fn of_mesh(
     mesh: &SourceMesh,
     model: &str,
-    position_bits: u8,
-    tolerance_degrees: f64,
+    position_bits: PositionBits,
+    tolerance: NormalTolerance,
 ) -> anyhow::Result<SentNormals> {
-    let precision = Precision::Bits(position_bits);
+    let precision = Precision::Bits(position_bits.get());
+    let tolerance_degrees = tolerance.get();
     let settings =
         QuantiseSettings { precision, normal_tolerance: tolerance_degrees, ..QuantiseSettings::default() };
     let wedges = quantise(mesh, &settings)?.wedges;
@@ -90,7 +96,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("squares.obj");
         std::fs::write(&file, text).unwrap();
-        count(&file, 14, tolerances).unwrap()
+        let tolerances: Vec<_> = tolerances.iter().map(|&degrees| degrees.try_into().unwrap()).collect();
+        count(&file, PositionBits::default(), &tolerances).unwrap()
     }
 
     #[test]
@@ -109,7 +116,7 @@ mod tests {
 
     #[test]
     fn a_file_that_is_none_is_named() {
-        let error = count(Path::new("no/model.obj"), 14, &[1.0]).unwrap_err();
+        let error = count(Path::new("no/model.obj"), PositionBits::default(), &[]).unwrap_err();
         assert!(format!("{error:#}").contains("no/model.obj"), "{error:#}");
     }
 }

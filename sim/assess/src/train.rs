@@ -7,14 +7,15 @@ use lodestream_geometry::Settings;
 use lodestream_geometry::pool::Serial;
 use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
 use lodestream_geometry::training;
+use lodestream_import::recipe::PositionBits;
 
 /// The table's bytes for some models, each prepared with the default settings.
 ///
 /// # Errors
 /// If a model cannot be imported or prepared.
-pub fn train(models: &[PathBuf], position_bits: u8) -> anyhow::Result<Vec<u8>> {
+pub fn train(models: &[PathBuf], position_bits: PositionBits) -> anyhow::Result<Vec<u8>> {
     let settings =
-        QuantiseSettings { precision: Precision::Bits(position_bits), ..QuantiseSettings::default() };
+        QuantiseSettings { precision: Precision::Bits(position_bits.get()), ..QuantiseSettings::default() };
     let mut meshes = Vec::with_capacity(models.len());
     for path in models {
         let imported =

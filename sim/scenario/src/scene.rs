@@ -5,11 +5,12 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 use lodestream_geometry::Codec;
+use lodestream_import::recipe::{Precision, Recipe};
 use lodestream_protocol::source::{Immediate, SceneSource};
 use lodestream_server::daemon::memory_scene::MemoryScene;
 use lodestream_server::demo_scene;
-use lodestream_server::prepare::{Options, Recipe, prepare_cached};
-use lodestream_server::scene::{self, Precision, Scene};
+use lodestream_server::prepare::{Options, prepare_cached};
+use lodestream_server::scene::{self, Scene};
 use lodestream_server::store::{DEFAULT_CACHE_BYTES, SceneStore};
 
 use super::plan::SceneChoice;

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::Args;
 use lodestream_assess::assess::{self, Options};
 use lodestream_geometry::{Codec, Metric};
-use lodestream_server::prepare::recipe::{self, Round};
+use lodestream_import::recipe::{self, CoarseGrid, LevelShare, PositionBits, RegionFaces, Round, TopRegions};
 
 use crate::print::print;
 
@@ -14,30 +14,26 @@ use crate::print::print;
 pub(crate) struct Assess {
     /// The model.
     model: PathBuf,
-    /// Bits per axis of positions.
-    #[arg(long, default_value_t = 12)]
-    position_bits: u8,
-    /// Faces per region.
-    #[arg(long, default_value_t = 1000)]
-    region_faces: usize,
-    /// Share of the removable vertices that one level removes.
-    #[arg(long, default_value_t = lodestream_geometry::Settings::default().level_share)]
-    level_share: f64,
+    /// Bits per axis of positions, 4 to 24.
+    #[arg(long, default_value = "12")]
+    position_bits: PositionBits,
+    /// Faces per region, 50 to 20,000.
+    #[arg(long, default_value_t = RegionFaces::default())]
+    region_faces: RegionFaces,
+    /// Share of the removable vertices that one level removes, 0.1 to 0.9.
+    #[arg(long, default_value_t = LevelShare::default())]
+    level_share: LevelShare,
     /// Regions that are merged into one at the top, 0.25 to 16.
-    #[arg(
-        long,
-        default_value_t = lodestream_geometry::Settings::default().top_regions,
-        value_parser = top_regions
-    )]
-    top_regions: f64,
-    /// Distance of the points of a level's grid of positions over the level's error; 0 for one grid.
-    #[arg(long, default_value_t = lodestream_geometry::Settings::default().coarse_grid, value_parser = coarse_grid)]
-    coarse_grid: f64,
+    #[arg(long, default_value_t = TopRegions::default())]
+    top_regions: TopRegions,
+    /// Distance of the points of a level's grid of positions over the level's error, 0 to 4; 0 for one grid.
+    #[arg(long, default_value_t = CoarseGrid::default())]
+    coarse_grid: CoarseGrid,
     /// What a collapse is held to cost: qem or melax.
     #[arg(long, default_value = "qem", value_parser = recipe::parse_metric)]
     metric: Metric,
-    /// Order of collapses: heap, or rounds of this share of the vertices.
-    #[arg(long, default_value = "heap", value_parser = recipe::parse_round)]
+    /// Order of collapses: heap, or rounds of this share of the vertices, 0.01 to 0.5.
+    #[arg(long, default_value = "heap")]
     round_size: Round,
     /// How the geometry is coded: range or zstd.
     #[arg(long, default_value = "range", value_parser = recipe::parse_codec)]
@@ -57,20 +53,6 @@ pub(crate) struct Assess {
     /// Prints one JSON object instead of text.
     #[arg(long)]
     json: bool,
-}
-
-fn top_regions(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(regions) if (0.25..=16.0).contains(&regions) => Ok(regions),
-        _ => Err("a number of regions from 0.25 to 16 is needed".to_owned()),
-    }
-}
-
-fn coarse_grid(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(share) if (0.0..=4.0).contains(&share) => Ok(share),
-        _ => Err("a share from 0 to 4 is needed".to_owned()),
-    }
 }
 
 impl Assess {

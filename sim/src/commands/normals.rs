@@ -4,8 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use lodestream_assess::normals;
-use lodestream_geometry::quantise::{DEFAULT_POSITION_BITS, MAX_POSITION_BITS, MIN_POSITION_BITS};
-use lodestream_server::prepare::recipe::check_normal_tolerance;
+use lodestream_import::recipe::{NormalTolerance, PositionBits};
 
 #[derive(Debug, Args)]
 pub(crate) struct Normals {
@@ -13,22 +12,14 @@ pub(crate) struct Normals {
     #[arg(required = true, value_name = "MODEL")]
     models: Vec<PathBuf>,
     /// Angles in degrees, 0 to 180, divided by commas.
-    #[arg(long, value_delimiter = ',', default_value = "0,1,2,3,5,7.5,10,15,20,30,45", value_parser = tolerance)]
-    tolerances: Vec<f64>,
-    /// Bits per axis of positions, on whose grid the faces lie.
-    #[arg(
-        long,
-        default_value_t = DEFAULT_POSITION_BITS,
-        value_parser = clap::value_parser!(u8).range(i64::from(MIN_POSITION_BITS)..=i64::from(MAX_POSITION_BITS))
-    )]
-    position_bits: u8,
+    #[arg(long, value_delimiter = ',', default_value = "0,1,2,3,5,7.5,10,15,20,30,45")]
+    tolerances: Vec<NormalTolerance>,
+    /// Bits per axis of positions, 4 to 24, on whose grid the faces lie.
+    #[arg(long, default_value_t = PositionBits::default())]
+    position_bits: PositionBits,
     /// Prints JSON instead of text.
     #[arg(long)]
     json: bool,
-}
-
-fn tolerance(text: &str) -> Result<f64, String> {
-    text.parse().map_err(|_| "a number of degrees is needed".to_owned()).and_then(check_normal_tolerance)
 }
 
 impl Normals {

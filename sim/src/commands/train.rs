@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use anyhow::Context as _;
 use clap::Args;
 use lodestream_assess::train;
+use lodestream_import::recipe::PositionBits;
 
 #[derive(Debug, Args)]
 pub(crate) struct Train {
@@ -14,9 +15,9 @@ pub(crate) struct Train {
     /// The table: `geometry/src/codec/priors.bin`.
     #[arg(short, long)]
     output: PathBuf,
-    /// Bits per axis of positions.
-    #[arg(long, default_value_t = 12)]
-    position_bits: u8,
+    /// Bits per axis of positions, 4 to 24.
+    #[arg(long, default_value = "12")]
+    position_bits: PositionBits,
 }
 
 impl Train {

@@ -22,7 +22,7 @@ use lodestream_geometry::prepare::Prepared;
 use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
 use lodestream_geometry::refine::{ActiveMesh, ChunkDelta};
 use lodestream_geometry::{Codec, Metric, Settings};
-use lodestream_server::prepare::recipe::Round;
+use lodestream_import::recipe::{CoarseGrid, LevelShare, PositionBits, RegionFaces, Round, TopRegions};
 use serde::Serialize;
 
 use crate::measure::Surface;
@@ -35,15 +35,15 @@ pub use quality::LevelEnd;
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
     /// Bits per axis of positions.
-    pub position_bits: u8,
+    pub position_bits: PositionBits,
     /// Faces per region.
-    pub region_faces: usize,
+    pub region_faces: RegionFaces,
     /// Share of the removable vertices that one level removes.
-    pub level_share: f64,
-    /// Regions that are merged into one at the top, 0.25 to 16.
-    pub top_regions: f64,
+    pub level_share: LevelShare,
+    /// Regions that are merged into one at the top.
+    pub top_regions: TopRegions,
     /// [`Settings::coarse_grid`].
-    pub coarse_grid: f64,
+    pub coarse_grid: CoarseGrid,
     /// What a collapse is held to cost.
     pub metric: Metric,
     /// Order of collapses.
@@ -162,13 +162,13 @@ pub fn assess(path: &Path, options: &Options) -> anyhow::Result<Assessment> {
         imported.mesh.colors.clear();
         imported.mesh.materials.fill(0);
     }
-    let precision = Precision::Bits(options.position_bits);
+    let precision = Precision::Bits(options.position_bits.get());
     let mesh = quantise(&imported.mesh, &QuantiseSettings { precision, ..QuantiseSettings::default() })?;
     let settings = Settings {
-        region_faces: options.region_faces,
-        level_share: options.level_share,
-        top_regions: options.top_regions,
-        coarse_grid: options.coarse_grid,
+        region_faces: options.region_faces.get(),
+        level_share: options.level_share.get(),
+        top_regions: options.top_regions.get(),
+        coarse_grid: options.coarse_grid.get(),
         metric: options.metric,
         round_share: options.round.share(),
         codec: options.codec,

@@ -78,8 +78,8 @@ use std::sync::Arc;
 
 use lodestream_client::core::QUALITIES_PX;
 use lodestream_geometry::Codec;
+use lodestream_import::recipe::{PositionBits, parse_codec};
 use lodestream_netsim::link::LinkSettings;
-use lodestream_server::prepare::recipe;
 use serde::{Deserialize, Serialize};
 
 use super::camera_path::CameraPath;
@@ -171,7 +171,7 @@ pub enum SceneChoice {
         /// The folder, once it is known.
         folder: Option<PathBuf>,
         /// Bits per axis of positions; the default where `None`.
-        position_bits: Option<u8>,
+        position_bits: Option<PositionBits>,
     },
 }
 
@@ -440,15 +440,14 @@ impl PlanFile {
         if self.sweep.is_empty() {
             return Err(Fault::new("sweep", "there is none; add a [[sweep]] with a transport and links"));
         }
-        if let Some(bits) = self.position_bits.filter(|bits| !(8..=24).contains(bits)) {
-            return Err(Fault::new("position_bits", format!("{bits} is not a number of bits from 8 to 24")));
-        }
-        let codec = self.codec.as_deref().map(recipe::parse_codec).transpose();
-        let codec = codec.map_err(|why| Fault::new("codec", why))?;
+        let position_bits = self.position_bits.map(PositionBits::try_from).transpose();
+        let position_bits = position_bits.map_err(|why| Fault::new("position_bits", why.to_string()))?;
+        let codec = self.codec.as_deref().map(parse_codec).transpose();
+        let codec = codec.map_err(|why| Fault::new("codec", why.to_string()))?;
         let client = self.client.check(&self.ttq_px).map_err(|fault| fault.within("client"))?;
         let peers = self.peers.as_ref().map(|file| peers::read(&folder.join(file))).transpose();
         let peers = peers.map_err(|why| Fault::new("peers", why.to_string()))?.unwrap_or_default();
-        let mut book = sweep::Book::new(&self, folder)?;
+        let mut book = sweep::Book::new(&self, position_bits, folder)?;
         for (s, sweep) in self.sweep.iter().enumerate() {
             book.expand(sweep).map_err(|fault| fault.within(&format!("sweep[{s}]")))?;
         }

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Component, Path};
 use std::sync::Arc;
 
+use lodestream_import::recipe::PositionBits;
 use lodestream_netsim::link::{IP_UDP_BYTES, LinkSettings, Loss};
 use serde::Deserialize;
 
@@ -56,7 +57,7 @@ type Place = (&'static str, usize);
 pub(super) struct Book<'a> {
     folder: &'a Path,
     scene: &'a str,
-    position_bits: Option<u8>,
+    position_bits: Option<PositionBits>,
     time_limit_s: f64,
     seeds: Arc<[u64]>,
     links: BTreeMap<&'a str, CaseLink>,
@@ -67,7 +68,11 @@ pub(super) struct Book<'a> {
 }
 
 impl<'a> Book<'a> {
-    pub(super) fn new(plan: &'a PlanFile, folder: &'a Path) -> Result<Self, Fault> {
+    pub(super) fn new(
+        plan: &'a PlanFile,
+        position_bits: Option<PositionBits>,
+        folder: &'a Path,
+    ) -> Result<Self, Fault> {
         let mut links = BTreeMap::new();
         for (name, file) in &plan.link {
             let table = format!("link.{name}");
@@ -84,7 +89,7 @@ impl<'a> Book<'a> {
         let mut book = Self {
             folder,
             scene: &plan.scene,
-            position_bits: plan.position_bits,
+            position_bits,
             time_limit_s: time_limit(plan.time_limit_s)?,
             seeds: plan.seeds.list()?,
             links,
@@ -329,7 +334,7 @@ impl Sweep {
 pub(super) fn scene_choice(
     name: &str,
     folder: &Path,
-    position_bits: Option<u8>,
+    position_bits: Option<PositionBits>,
 ) -> Result<SceneChoice, &'static str> {
     let choice = match name {
         "" => return Err("is empty; name \"demo\", \"demo-small\", \"empty\" or a scene.toml"),

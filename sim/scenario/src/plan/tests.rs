@@ -95,7 +95,7 @@ fn models_are_named_by_files_of_a_folder_that_the_plan_does_not_know() {
     let text = format!("position_bits = 12\n{}", GOOD.replace("demo", "model:bunny.obj"));
     let plan = parse_at(&text).unwrap().with_models(Some(Path::new("models")));
     let folder = Some("models".into());
-    let expected = SceneChoice::Model { file: "bunny.obj".into(), folder, position_bits: Some(12) };
+    let expected = SceneChoice::Model { file: "bunny.obj".into(), folder, position_bits: "12".parse().ok() };
     assert_eq!((&plan.scenes[0].choice, plan.scenes[0].name.as_str()), (&expected, "model:bunny.obj"));
     for bad in ["model:", "model:../bunny.obj", "model:/bunny.obj"] {
         let error = parse_at(&GOOD.replace("demo", bad)).unwrap_err();
@@ -443,5 +443,21 @@ fn keys_may_be_changed_from_outside() {
             error.to_string().contains(message) && !error.to_string().contains('\n'),
             "{change}: {error}"
         );
+    }
+}
+
+#[test]
+fn a_plan_took_other_position_bits_than_a_scene_file_or_a_flag() {
+    for bits in [4, 24] {
+        let plan = parse_at(&format!("position_bits = {bits}\n{}", GOOD.replace("demo", "model:bunny.obj")))
+            .unwrap();
+        let SceneChoice::Model { position_bits, .. } = &plan.scenes[0].choice else {
+            panic!("{:?}", plan.scenes)
+        };
+        assert_eq!(position_bits.map(|bits| bits.get()), Some(bits));
+    }
+    for bits in [3, 25] {
+        let error = parse_at(&format!("position_bits = {bits}\n{GOOD}")).unwrap_err();
+        assert_eq!(error.message, format!("4 to 24 bits are possible; {bits} is not"));
     }
 }

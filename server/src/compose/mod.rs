@@ -1,6 +1,8 @@
 //! A scene whose models are prepared, as the description that is sent: assets and instances in
 //! pages, nearest and largest first.
 
+mod terrain_blobs;
+
 use std::collections::BTreeMap;
 
 use glam::{DQuat, DVec3, Quat, Vec3};
@@ -9,9 +11,8 @@ use lodestream_protocol::scene::{
     AssetEntry, Camera, Fingerprint, InstanceEntry, Light, SceneError, SceneHeader, ScenePage,
 };
 
-use crate::store::{TerrainBlobs, TerrainBlobsError};
-
-use super::{DEFAULT_FOV_Y_DEGREES, Instance, Scene, SceneTerrain};
+use crate::scene::{DEFAULT_FOV_Y_DEGREES, Instance, Scene, SceneTerrain};
+pub use terrain_blobs::{TerrainBlobs, TerrainBlobsError};
 
 /// Gap between models side by side, as a share of their mean radius.
 const GAP: f64 = 0.25;
@@ -302,7 +303,7 @@ mod tests {
     #[test]
     fn pages_hold_the_near_and_the_seen_first_and_assets_before_their_instances() {
         let mut scene = Scene::of_models(&["a.obj", "b.obj", "never.obj"].map(PathBuf::from)).unwrap();
-        scene.camera = Some(super::super::Camera {
+        scene.camera = Some(crate::scene::Camera {
             eye: [0.0; 3],
             target: [0.0, 0.0, -1.0],
             up: [0.0, 1.0, 0.0],
