@@ -4,6 +4,8 @@ pub mod atomic;
 pub mod cache;
 pub mod describe;
 mod progress;
+#[cfg(test)]
+mod tests;
 mod threads;
 
 use std::fmt;
@@ -28,7 +30,7 @@ pub use threads::Threads;
 /// How to prepare.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Options {
-    /// What the asset itself does not say.
+    /// Choices that come before those of the asset itself: flags come before files.
     pub recipe: Recipe,
     /// Threads; as many as there are cores where `None`. The pack does not depend on it.
     pub threads: Option<NonZeroUsize>,
@@ -116,7 +118,7 @@ pub fn prepare_to(asset: &Asset, options: &Options, pack: &Path) -> Result<Repor
 
 /// The asset with all choices made, and the key of its pack.
 fn keyed(asset: &Asset, options: &Options) -> Result<(Asset, cache::Key), ImportError> {
-    let asset = Asset { recipe: asset.recipe.or(options.recipe), ..asset.clone() };
+    let asset = Asset { recipe: options.recipe.or(asset.recipe), ..asset.clone() };
     let key = cache::key(&asset.file, &settings_text(&asset), pack_version())?;
     Ok((asset, key))
 }
