@@ -9,6 +9,7 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use super::model::{Asset, Camera, DEFAULT_FOV_Y_DEGREES, Instance, Scene, unit};
+use super::names::Names;
 use super::terrain::{RawTerrain, SceneTerrain};
 
 /// Largest scene file, in bytes.
@@ -189,6 +190,9 @@ impl Source<'_> {
             scene.terrain = Some(self.terrain(folder, terrain)?);
         }
         let mut numbers = BTreeMap::new();
+        // What the file names itself comes before the names of meshes in its models.
+        let mut names = Names::default();
+        raw.asset.iter().for_each(|asset| names.reserve(asset.get_ref().name.as_str()));
         for raw in raw.asset {
             let at = raw.span().start;
             let (asset, merge) = self.asset(folder, raw)?;
@@ -198,7 +202,7 @@ impl Source<'_> {
             if merge {
                 scene.add_merged(asset)
             } else {
-                scene.add_model(asset)?
+                scene.add_model(asset, &mut names)?
             };
         }
         if let Some(instances) = raw.instance {

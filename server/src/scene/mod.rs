@@ -2,6 +2,7 @@
 
 mod file;
 mod model;
+mod names;
 mod terrain;
 #[cfg(test)]
 mod tests;

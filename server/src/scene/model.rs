@@ -7,6 +7,7 @@ use glam::{DQuat, DVec3};
 use lodestream_import::recipe::Recipe;
 use lodestream_import::{ImportError, Part, gltf, is_gltf};
 
+use super::names::Names;
 use super::terrain::SceneTerrain;
 
 /// A model of a scene.
@@ -117,32 +118,26 @@ impl Scene {
     /// A glTF file that cannot be read: its meshes become assets, so they must be known.
     pub fn of_models(files: &[PathBuf]) -> Result<Self, ImportError> {
         let mut scene = Self::empty();
-        let mut names: Vec<String> = Vec::new();
+        let mut names = Names::default();
         for file in files {
             let mut asset = Asset::of_file(file);
-            let stem = asset.name.clone();
-            let alike = |name: &&String| **name == stem || name.starts_with(&format!("{stem}-"));
-            let taken = names.iter().filter(alike).count();
-            if taken > 0 {
-                asset.name = format!("{stem}-{}", taken + 1);
-            }
-            names.push(asset.name.clone());
-            scene.add_model(asset)?;
+            asset.name = names.take(&asset.name);
+            scene.add_model(asset, &mut names)?;
         }
-        scene.name = match &names[..] {
-            [one] => one.clone(),
+        scene.name = match files {
+            [one] => Asset::of_file(one).name,
             _ => "models".to_owned(),
         };
         Ok(scene)
     }
 
     /// Adds a model: one asset, or for a whole glTF file one for each of its meshes. Returns its number
-    /// among [`Scene::models`].
-    pub(super) fn add_model(&mut self, asset: Asset) -> Result<usize, ImportError> {
+    /// among [`Scene::models`]. The asset's own name stays; its meshes' must be none of those that are taken.
+    pub(super) fn add_model(&mut self, asset: Asset, names: &mut Names) -> Result<usize, ImportError> {
         if asset.part != Part::Whole || !is_gltf(&asset.file) {
             return Ok(self.add_merged(asset));
         }
-        let placed = self.add_meshes(&asset)?;
+        let placed = self.add_meshes(&asset, names)?;
         self.models.push(placed);
         Ok(self.models.len() - 1)
     }
@@ -156,7 +151,7 @@ impl Scene {
 
     /// Adds the meshes that a glTF file places, each once (and once more for each mirror or uneven scale
     /// that it is placed with), named after the model and the mesh.
-    fn add_meshes(&mut self, model: &Asset) -> Result<Vec<Instance>, ImportError> {
+    fn add_meshes(&mut self, model: &Asset, names: &mut Names) -> Result<Vec<Instance>, ImportError> {
         let contents = gltf::contents(&model.file)?;
         let mut known: Vec<(Part, usize)> = Vec::new();
         let mut by_mesh: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
@@ -169,7 +164,7 @@ impl Scene {
             let number = found.unwrap_or_else(|| {
                 let own = contents.names.get(mesh).map_or("mesh", String::as_str);
                 let name = format!("{}/{}", model.name, &own[..own.floor_char_boundary(MAX_MESH_NAME_BYTES)]);
-                let name = if same.is_empty() { name } else { format!("{name}-{}", same.len() + 1) };
+                let name = names.take(&name);
                 same.push(known.len());
                 self.assets.push(Asset { name, part: placed.part, ..model.clone() });
                 known.push((placed.part, self.assets.len() - 1));

@@ -115,3 +115,35 @@ fn scene_files_place_gltf_models_whole_by_mesh_and_merged() {
         assert!(message.contains(fragment), "{message:?} lacks {fragment:?}");
     }
 }
+
+#[test]
+fn a_model_named_like_the_second_of_another_kept_that_name() {
+    let named = |files: &[&str]| {
+        let files: Vec<PathBuf> = files.iter().map(PathBuf::from).collect();
+        let names: Vec<String> =
+            of_files(&files).unwrap().assets.into_iter().map(|asset| asset.name).collect();
+        names
+    };
+    assert_eq!(named(&["chair-2.obj", "chair.obj"]), ["chair-2", "chair"]);
+    assert_eq!(named(&["a/chair.obj", "b/chair.obj", "chair-2.obj"]), ["chair", "chair-2", "chair-2-2"]);
+    assert_eq!(named(&["a/chair.obj", "chair-2.obj", "b/chair.obj"]), ["chair", "chair-2", "chair-3"]);
+}
+
+#[test]
+fn a_mesh_named_like_the_second_form_of_another_kept_that_name() {
+    let dir = TempDir::new().unwrap();
+    let path = ship(&dir);
+    // "mast" is placed twice, once mirrored: its second form is "mast-2".
+    let text = std::fs::read_to_string(&path).unwrap().replace("hull", "mast-2");
+    std::fs::write(&path, text).unwrap();
+    assert_eq!(
+        names(&of_files(std::slice::from_ref(&path)).unwrap()),
+        ["ship/mast-2", "ship/mast", "ship/mast-3"]
+    );
+    // A scene file's own names stay, wherever they stand.
+    let text = "[[asset]]\nname = 'ship'\nfile = 'ship.gltf'\n\
+        [[asset]]\nname = 'ship/mast'\nfile = 'ship.gltf'\nmerge = true\n\
+        [[instance]]\nasset = 'ship/mast'\n";
+    let scene = parse(&dir.path().join("scene.toml"), text).unwrap();
+    assert_eq!(names(&scene), ["ship/mast-2", "ship/mast-3", "ship/mast-4", "ship/mast"]);
+}
