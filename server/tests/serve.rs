@@ -28,9 +28,15 @@ impl Drop for Server {
 
 impl Server {
     fn start(folder: &Path) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_lodestream-server"))
-            .args(["serve", "model.obj", "--listen", "127.0.0.1:0", "--http", "127.0.0.1:0"])
-            .args(["--cache", "cache"])
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-server"));
+        command.args(["serve", "model.obj"]);
+        Self::started(command, folder)
+    }
+
+    /// A server of a command that ends with the files to serve.
+    fn started(mut command: Command, folder: &Path) -> Self {
+        let mut child = command
+            .args(["--listen", "127.0.0.1:0", "--http", "127.0.0.1:0", "--cache", "cache"])
             .current_dir(folder)
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
@@ -112,4 +118,25 @@ fn an_address_that_is_taken_is_told_in_one_line() {
     let errors: Vec<&str> = errors.lines().filter(|line| line.starts_with("error: ")).collect();
     assert_eq!(output.status.code(), Some(2), "{errors:?}");
     assert!(errors.len() == 1 && errors[0].contains(&address), "{errors:?}");
+}
+
+#[test]
+fn a_scene_of_more_assets_than_files_may_be_open_did_not_start() {
+    let folder = tempfile::tempdir().unwrap();
+    let names: Vec<String> = (0..200).map(|i| format!("{i}.obj")).collect();
+    for name in &names {
+        std::fs::write(folder.path().join(name), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    }
+    let mut command = Command::new("sh");
+    command.args([
+        "-c",
+        "ulimit -n 160 && exec \"$0\" serve \"$@\"",
+        env!("CARGO_BIN_EXE_lodestream-server"),
+    ]);
+    command.args(&names);
+    let server = Server::started(command, folder.path());
+    assert!(server.get("/health").starts_with("HTTP/1.1 200"));
+    server.signal("-TERM");
+    let (status, errors) = server.ended();
+    assert!(status.success(), "{status}: {errors}");
 }

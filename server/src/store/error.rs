@@ -31,6 +31,12 @@ pub enum StoreError {
         /// What is wrong.
         source: DecodeError,
     },
+    /// While it was not open, the file became another.
+    #[error("{}: is another pack than when it was opened; start the server again", path.display())]
+    Replaced {
+        /// The pack.
+        path: PathBuf,
+    },
     /// There is no such blob in the pack.
     #[error("{}: has no {what}", path.display())]
     NoSuchBlob {

@@ -2,7 +2,8 @@
 
 use std::fs::File;
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
+use std::sync::Arc;
 
 use bytes::Bytes;
 use lodestream_compress::decode_base;
@@ -15,12 +16,14 @@ use lodestream_protocol::BlobPart;
 use lodestream_protocol::scene::{AssetEntry, Fingerprint};
 
 use super::error::StoreError;
+use super::handles::{Handles, PooledFile};
 
-/// An open pack. Reading is by offset, so threads share it without a lock.
+/// An open pack. Reading is by offset, so threads share it without a lock; its file may be closed in between.
 #[derive(Debug)]
 pub struct PackFile {
-    path: PathBuf,
-    file: File,
+    file: PooledFile,
+    /// Names the table, and so all contents.
+    head: Head,
     entries: Vec<Entry>,
     fingerprint: Fingerprint,
     total_bytes: u64,
@@ -33,8 +36,12 @@ impl PackFile {
     /// A file that is missing, not a pack, of another version, truncated or damaged. Damage within a
     /// blob shows when that is read.
     pub fn open(path: &Path) -> Result<Self, StoreError> {
+        Self::open_among(Handles::shared(), path)
+    }
+
+    pub(super) fn open_among(handles: Arc<Handles>, path: &Path) -> Result<Self, StoreError> {
         let read_error = |source| StoreError::Read { path: path.to_owned(), source };
-        let file = File::open(path).map_err(read_error)?;
+        let (pooled, file) = PooledFile::open(handles, path).map_err(read_error)?;
         let metadata = file.metadata().map_err(read_error)?;
         if !metadata.is_file() {
             return Err(StoreError::NotAFile { path: path.to_owned() });
@@ -58,13 +65,13 @@ impl PackFile {
         // The table holds the hash of every blob, so its own hash names the contents.
         let mut fingerprint = Fingerprint::default();
         fingerprint.copy_from_slice(&blake3::hash(&table).as_bytes()[..16]);
-        Ok(Self { path: path.to_owned(), file, entries, fingerprint, total_bytes: length })
+        Ok(Self { file: pooled, head, entries, fingerprint, total_bytes: length })
     }
 
     /// Where the pack is.
     #[must_use]
     pub fn path(&self) -> &Path {
-        &self.path
+        self.file.path()
     }
 
     /// Length of the pack.
@@ -95,22 +102,38 @@ impl PackFile {
     /// A blob that is missing, unreadable or damaged.
     pub fn read(&self, part: BlobPart) -> Result<Bytes, StoreError> {
         let kind = kind(part);
-        let entry = find(&self.entries, kind)
-            .ok_or_else(|| StoreError::NoSuchBlob { path: self.path.clone(), what: format!("{kind:?}") })?;
+        let entry = find(&self.entries, kind).ok_or_else(|| StoreError::NoSuchBlob {
+            path: self.path().to_owned(),
+            what: format!("{kind:?}"),
+        })?;
         self.read_entry(entry).map(Bytes::from)
     }
 
     pub(super) fn read_entry(&self, entry: &Entry) -> Result<Vec<u8>, StoreError> {
         // The table's lengths were checked against the file's, so this reserves no more than it has.
         let mut bytes = vec![0; entry.length as usize];
-        read_at(&self.file, &mut bytes, entry.offset)
-            .map_err(|source| StoreError::Read { path: self.path.clone(), source })?;
+        let file = self.file.get(|file| self.check_same(file), |source| self.unreadable(source))?;
+        read_at(&file, &mut bytes, entry.offset).map_err(|source| self.unreadable(source))?;
         entry.verify(&bytes).map_err(|source| self.damaged(source))?;
         Ok(bytes)
     }
 
+    /// Whether a file that was opened again has the table that was read from the first: then it holds the same blobs,
+    /// and whether a blob is sound shows when it is read.
+    fn check_same(&self, file: &File) -> Result<(), StoreError> {
+        let mut head = [0; HEAD_BYTES];
+        let same = read_at(file, &mut head, 0).is_ok()
+            && Head::parse(&head).is_ok_and(|head| head == self.head)
+            && file.metadata().is_ok_and(|metadata| metadata.len() == self.total_bytes);
+        if same { Ok(()) } else { Err(StoreError::Replaced { path: self.path().to_owned() }) }
+    }
+
+    fn unreadable(&self, source: io::Error) -> StoreError {
+        StoreError::Read { path: self.path().to_owned(), source }
+    }
+
     pub(crate) fn damaged(&self, source: DecodeError) -> StoreError {
-        StoreError::Format { path: self.path.clone(), source }
+        StoreError::Format { path: self.path().to_owned(), source }
     }
 
     /// Reads every blob, which checks its hash. Costs about as much as reading the file.

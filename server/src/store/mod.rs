@@ -3,6 +3,7 @@
 mod asset;
 mod error;
 mod file;
+mod handles;
 mod lru;
 mod scene;
 #[cfg(test)]

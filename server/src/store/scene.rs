@@ -17,6 +17,9 @@ use crate::scene::Scene;
 /// back on the system's page cache.
 pub const DEFAULT_CACHE_BYTES: u64 = 256 << 20;
 
+/// Cost of a blob in memory beside its bytes, so that many tiny ones are bounded too.
+const ENTRY_BYTES: u64 = 128;
+
 /// See the module.
 #[derive(Debug)]
 pub struct SceneStore {
@@ -25,7 +28,7 @@ pub struct SceneStore {
     /// By asset number.
     packs: Vec<PackFile>,
     terrain: TerrainBlobs,
-    cache: Mutex<Lru<BlobId>>,
+    cache: Mutex<Lru<BlobId, Bytes>>,
 }
 
 impl SceneStore {
@@ -60,12 +63,17 @@ impl SceneStore {
             let bytes = pack.read(BlobPart::Base)?;
             let Some(left) = room.checked_sub(bytes.len() as u64) else { break };
             room = left;
-            self.cache().insert(BlobId::base(asset), bytes);
+            self.keep(BlobId::base(asset), bytes);
         }
         Ok(())
     }
 
-    fn cache(&self) -> MutexGuard<'_, Lru<BlobId>> {
+    fn keep(&self, id: BlobId, bytes: Bytes) {
+        let cost = bytes.len() as u64 + ENTRY_BYTES;
+        self.cache().insert(id, bytes, cost);
+    }
+
+    fn cache(&self) -> MutexGuard<'_, Lru<BlobId, Bytes>> {
         // A thread that panicked while it held the lock left the cache usable: entries are whole.
         self.cache.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -112,7 +120,7 @@ impl SceneSource for SceneStore {
             StoreError::NoSuchBlob { .. } => SourceError::NotFound(*id),
             other => SourceError::Unreadable { id: *id, why: other.to_string() },
         })?;
-        self.cache().insert(*id, bytes.clone());
+        self.keep(*id, bytes.clone());
         Ok(bytes)
     }
 }

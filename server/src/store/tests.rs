@@ -10,8 +10,9 @@ use lodestream_protocol::source::{SceneSource, SourceError};
 use lodestream_protocol::{BlobId, BlobPart};
 use tempfile::TempDir;
 
+use super::handles::Handles;
 use super::*;
-use crate::prepare::{Options, prepare_cached};
+use crate::prepare::{Options, prepare_cached, prepare_to};
 use crate::scene::{self, Scene};
 
 /// A wavy, textured sheet of 2·n² faces, and a scene of two instances of it and one of a triangle.
@@ -151,4 +152,35 @@ fn missing_blobs_are_not_found_and_damaged_ones_unreadable() {
     assert!(store.blob_len(&finest).is_some());
     let error = store.read(&finest).unwrap_err().to_string();
     assert!(error.contains("damaged"), "{error}");
+}
+
+#[test]
+fn a_pack_that_was_closed_to_make_room_is_read_again() {
+    let dir = TempDir::new().unwrap();
+    let scene = scene(dir.path(), 4);
+    let path = |i: usize| dir.path().join(format!("{i}.lsp"));
+    for i in 0..5 {
+        prepare_to(&scene.assets[0], &options(), &path(i)).unwrap();
+    }
+    let handles = Handles::new(2);
+    let open = |i| PackFile::open_among(std::sync::Arc::clone(&handles), &path(i)).unwrap();
+    let packs: Vec<PackFile> = (0..5).map(open).collect();
+    assert_eq!(handles.count(), 2);
+    for _ in 0..2 {
+        for pack in &packs {
+            pack.verify().unwrap();
+            assert_eq!(handles.count(), 2);
+        }
+    }
+    // What was written again with the same contents is the same pack; another asset's is not.
+    prepare_to(&scene.assets[0], &options(), &path(0)).unwrap();
+    packs[0].verify().unwrap();
+    prepare_to(&scene.assets[1], &options(), &path(1)).unwrap();
+    let error = packs[1].verify().unwrap_err().to_string();
+    assert!(error.contains("1.lsp: is another pack"), "{error}");
+    std::fs::remove_file(path(2)).unwrap();
+    let error = packs[2].verify().unwrap_err().to_string();
+    assert!(error.contains("2.lsp: cannot be read"), "{error}");
+    drop(packs);
+    assert_eq!(handles.count(), 0);
 }
