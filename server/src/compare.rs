@@ -109,7 +109,7 @@ fn geometry(asset: &LoadedAsset, mesh: &QuantisedMesh) -> Result<Difference, Dec
     let shown = |a: Attributes| (a.uv, a.color, a.normal);
     let known: BTreeSet<_> = mesh.wedges.iter().map(|w| shown(w.attributes)).collect();
     let strange = |a: Attributes| usize::from(!known.contains(&shown(a)));
-    let mut active = ActiveMesh::new(&asset.base);
+    let mut active = ActiveMesh::growing(&asset.base);
     let mut found = Difference { faces: mesh.faces.len(), ..Difference::default() };
     found.strange_wedges = asset.base.wedges.iter().map(|w| strange(w.attributes)).sum();
     for (id, (info, payload)) in (0..).zip(asset.infos.iter().zip(&asset.chunks)) {

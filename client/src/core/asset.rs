@@ -1,5 +1,4 @@
-//! One asset as the client has it: its refined mesh, the deltas that undo needs, and what changed since a
-//! renderer last looked.
+//! One asset as the client has it: its refined mesh, and what changed since a renderer last looked.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +6,7 @@ use geometry::DecodeError;
 use geometry::base::Base;
 use geometry::index::ChunkInfo;
 use geometry::mesh::NONE;
-use geometry::refine::{ActiveMesh, ChunkDelta, RefineError, Touched};
+use geometry::refine::{ActiveMesh, RaiseError, RefineError, Touched};
 #[cfg(feature = "zstd")]
 use lodestream_compress::{decode_base, decode_prefix};
 use lodestream_geometry as geometry;
@@ -26,6 +25,8 @@ pub(crate) enum AssetError {
     Description(#[from] DescriptionError),
     #[error(transparent)]
     Refine(#[from] RefineError),
+    #[error(transparent)]
+    Raise(#[from] RaiseError),
     #[error("the base mesh tells of {base} chunks, the scene of {scene}")]
     ChunkCount { base: u32, scene: u32 },
     #[error("the base mesh names material {used}, but only {count} are described")]
@@ -69,7 +70,6 @@ pub(crate) struct RefinedAsset {
     /// Texture coordinates per asset unit; 0 where there are none.
     pub(crate) uv_per_unit: f32,
     mesh: ActiveMesh,
-    deltas: BTreeMap<u32, ChunkDelta>,
     dirty: Option<Dirty>,
     /// When a chunk's vertices were first handed to a renderer, in seconds.
     births: BTreeMap<u32, f32>,
@@ -93,7 +93,6 @@ impl RefinedAsset {
             origin: base.grid.origin,
             uv_per_unit: uv_per_unit(&base),
             mesh: ActiveMesh::new(&base),
-            deltas: BTreeMap::new(),
             dirty: track_changes.then(Dirty::default),
             births: BTreeMap::new(),
             levels: BTreeMap::new(),
@@ -114,8 +113,9 @@ impl RefinedAsset {
         }
     }
 
-    /// Decodes and applies a chunk whose parents are applied, up to a stop or whole. A chunk that is
-    /// applied up to a stop is undone first. On failure it is not applied, and nothing else has changed.
+    /// Decodes and applies a chunk whose parents are applied, up to a stop or whole; one that is applied up to a stop is
+    /// taken on from there. On failure it is not applied, and nothing else has changed: where the rest is damaged, its
+    /// beginning is not to be trusted either.
     pub(crate) fn apply(
         &mut self,
         chunk: u32,
@@ -125,44 +125,41 @@ impl RefinedAsset {
     ) -> Result<(), AssetError> {
         // What is raised keeps its birth, and what is new of it appears as it is: it has no place to
         // morph from but that of its oldest ancestor, which the beginning has moved on from.
-        let birth = self.births.get(&chunk).copied();
-        if self.mesh.applied_stop(chunk).is_some() {
-            self.undo(chunk)?;
-        }
-        let delta = decode_prefix(&self.mesh, chunk, info, stop, bytes)?;
-        if let Some(birth) = birth {
-            self.births.insert(chunk, birth);
-        }
-        let touched = self.mesh.apply(&delta)?;
-        if let Some(dirty) = &mut self.dirty {
-            dirty.add(touched);
-        }
-        self.deltas.insert(chunk, delta);
+        let touched = if self.mesh.applied_stop(chunk).is_some() {
+            match self.mesh.raise(chunk, info, stop, bytes) {
+                Ok(touched) => touched,
+                Err(why) => {
+                    self.undo(chunk)?;
+                    return Err(why.into());
+                }
+            }
+        } else {
+            let delta = decode_prefix(&self.mesh, chunk, info, stop, bytes)?;
+            self.mesh.apply(&delta)?
+        };
+        self.note(touched);
         self.levels.insert(chunk, info.level);
         Ok(())
     }
 
     /// Undoes an applied chunk that no applied chunk needs.
     pub(crate) fn undo(&mut self, chunk: u32) -> Result<(), AssetError> {
-        let delta = self.deltas.get(&chunk).ok_or(RefineError::NotApplied(chunk))?;
-        let touched = self.mesh.undo(delta)?;
-        if let Some(dirty) = &mut self.dirty {
-            dirty.add(touched);
-        }
-        self.deltas.remove(&chunk);
+        let touched = self.mesh.undo(chunk)?;
+        self.note(touched);
         self.births.remove(&chunk);
         self.levels.remove(&chunk);
         Ok(())
     }
 
+    fn note(&mut self, touched: Touched) {
+        if let Some(dirty) = &mut self.dirty {
+            dirty.add(touched);
+        }
+    }
+
     /// The mesh as it is now.
     pub(crate) const fn mesh(&self) -> &ActiveMesh {
         &self.mesh
-    }
-
-    /// Memory of mesh and deltas, in bytes.
-    pub(crate) fn memory_bytes(&self) -> usize {
-        self.mesh.bytes() + self.deltas.values().map(ChunkDelta::bytes).sum::<usize>()
     }
 
     /// Whether [`RefinedAsset::take_changes`] has something.

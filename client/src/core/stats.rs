@@ -65,7 +65,7 @@ pub struct Stats {
     pub texture_levels: u64,
     /// Bytes in the cache.
     pub cached_bytes: u64,
-    /// Memory of meshes and deltas, in bytes.
+    /// Memory of meshes, in bytes, with what undoing needs.
     pub mesh_bytes: u64,
     /// Chunks undone so far.
     pub undone: u64,

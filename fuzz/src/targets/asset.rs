@@ -163,7 +163,7 @@ pub fn chunk_decoder(data: &[u8]) -> bool {
     let before = mesh.snapshot();
     if active.apply(&delta).is_ok() {
         drawable(&active);
-        active.undo(&delta).expect("what was applied can be undone");
+        active.undo(chunk as u32).expect("what was applied can be undone");
     }
     assert!(active.snapshot() == before, "a chunk left a trace");
     true

@@ -1,5 +1,6 @@
 //! Sequences of decoding, applying and undoing, in any order and from damaged payloads.
 
+use lodestream_geometry::index::ChunkInfo;
 use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, Id, RefineError, Snapshot};
 
 use super::asset::drawable;
@@ -30,7 +31,7 @@ pub fn apply_undo(data: &[u8]) -> bool {
 struct Player<'a> {
     fixture: &'a Fixture,
     mesh: ActiveMesh,
-    /// By chunk: the delta that is applied, or was last.
+    /// By chunk: the delta that was applied last, to be applied again or forged.
     deltas: Vec<Option<ChunkDelta>>,
     /// The mesh's state, if it was asked for since it last changed.
     state: Option<Snapshot>,
@@ -84,8 +85,23 @@ impl<'a> Player<'a> {
         }
         let mut payload = self.fixture.asset.chunks[source].clone();
         damage(&mut payload);
-        if let Ok(delta) = self.mesh.decode_prefix(chunk as u32, &info, stop, &payload) {
+        if self.mesh.applied_stop(chunk as u32).is_some() {
+            self.raise(chunk, &info, stop, &payload);
+        } else if let Ok(delta) = self.mesh.decode_prefix(chunk as u32, &info, stop, &payload) {
             self.apply(delta);
+        }
+    }
+
+    fn raise(&mut self, chunk: usize, info: &ChunkInfo, stop: Option<u8>, payload: &[u8]) {
+        let before = self.state.take().unwrap_or_else(|| self.mesh.snapshot());
+        let faces = self.mesh.face_count();
+        match self.mesh.raise(chunk as u32, info, stop, payload) {
+            Ok(_) => assert_eq!(self.mesh.applied_stop(chunk as u32), stop),
+            Err(_) => {
+                assert!(self.mesh.snapshot() == before, "a refused raise left a trace");
+                assert_eq!(self.mesh.face_count(), faces);
+                self.state = Some(before);
+            }
         }
     }
 
@@ -106,10 +122,9 @@ impl<'a> Player<'a> {
     }
 
     fn undo(&mut self, chunk: usize) {
-        let Some(delta) = &self.deltas[chunk] else { return };
         let before = self.state.take().unwrap_or_else(|| self.mesh.snapshot());
         let applied = self.mesh.is_applied(chunk as u32);
-        match self.mesh.undo(delta) {
+        match self.mesh.undo(chunk as u32) {
             Ok(_) => assert!(applied),
             Err(why) => {
                 assert!(self.mesh.snapshot() == before, "a refused undo left a trace");

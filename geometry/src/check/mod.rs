@@ -126,7 +126,7 @@ impl Reference<'_> {
             report.order_dependent += 1;
         }
         let back = closed_set::random_order(self.infos, &set, random);
-        let undone = back.iter().rev().all(|&member| other.undo(self.delta(member)).is_ok());
+        let undone = back.iter().rev().all(|&member| other.undo(member.chunk).is_ok());
         if !undone || other.snapshot() != self.start {
             report.undo_errors += 1;
         }
@@ -143,12 +143,21 @@ impl Reference<'_> {
         mesh.decode_prefix(member.chunk, &self.infos[id], member.stop, &self.payloads[id])
     }
 
-    /// Applies a chunk, up to one of its stops first if it has any, and undoes that.
+    /// Applies a chunk, up to one of its stops first if it has any, and takes it on from there.
     fn apply_by_way_of_a_stop(&self, mesh: &mut ActiveMesh, member: Member, random: &mut Random) -> bool {
-        let ways = &self.deltas[member.chunk as usize];
+        let id = member.chunk as usize;
+        let ways = &self.deltas[id];
         let way = &ways[random.below(ways.len())];
-        (way.stop == member.stop || (mesh.apply(way).is_ok() && mesh.undo(way).is_ok()))
-            && mesh.apply(self.delta(member)).is_ok()
+        if mesh.apply(way).is_err() {
+            return false;
+        }
+        if way.stop == member.stop {
+            return true;
+        }
+        if way.stop.is_some() {
+            return mesh.raise(member.chunk, &self.infos[id], member.stop, &self.payloads[id]).is_ok();
+        }
+        mesh.undo(member.chunk).is_ok() && mesh.apply(self.delta(member)).is_ok()
     }
 
     fn cracks(&self, state: &Snapshot) -> usize {

@@ -311,7 +311,7 @@ fn encode_all(
     hooks: &Hooks<'_>,
     keep: &mut dyn FnMut(Encoded),
 ) -> Result<(), MeshError> {
-    let mut active = ActiveMesh::new(base);
+    let mut active = ActiveMesh::growing(base);
     let mut slot_of_vertex = vec![u32::MAX; mesh.positions.len()];
     for (slot, &v) in by_slot.vertices.iter().enumerate() {
         slot_of_vertex[v as usize] = slot as u32;

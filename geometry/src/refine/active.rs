@@ -1,70 +1,23 @@
 //! The refined mesh: structure of arrays over slots. Chunks get slots when they are applied, so memory
 //! follows what is applied, not what exists; ids stay canonical (see [`Id`]).
 
-use std::ops::Range;
-
 use crate::asset::base::Base;
 use crate::entropy::Codec;
 use crate::mesh::Kinds;
 use crate::mesh::slot_map::SlotMap;
 use crate::mesh::stars::Stars;
 use crate::mesh::{Grid, UvGrid, Wedge};
-use crate::refine::delta::{ChunkDelta, Id, Repoint};
-use crate::refine::places::{Place, Places};
+use crate::refine::delta::{Id, Repoint};
+use crate::refine::places::{Place, Places, Undo, VertexState};
 use crate::refine::render::Touched;
 use crate::refine::slots::Slots;
-
-/// A chunk that cannot be applied or undone now. Nothing was changed.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum RefineError {
-    /// Applied already.
-    #[error("chunk {0} is applied already")]
-    AlreadyApplied(u32),
-    /// Not applied.
-    #[error("chunk {0} is not applied")]
-    NotApplied(u32),
-    /// There is no such chunk.
-    #[error("chunk {chunk} does not exist: the asset has {count}")]
-    NoSuchChunk {
-        /// The chunk.
-        chunk: u32,
-        /// How many there are.
-        count: u32,
-    },
-    /// A parent is missing.
-    #[error("chunk {chunk} needs chunk {parent}, which is not applied")]
-    MissingParent {
-        /// The chunk.
-        chunk: u32,
-        /// Its parent.
-        parent: u32,
-    },
-    /// A parent is applied only up to a stop.
-    #[error("chunk {chunk} needs the whole of chunk {parent}, which is applied only up to a stop")]
-    PartialParent {
-        /// The chunk.
-        chunk: u32,
-        /// Its parent.
-        parent: u32,
-    },
-    /// A child is still applied.
-    #[error("chunk {chunk} cannot be undone: {children} chunks that need it are applied")]
-    HasChildren {
-        /// The chunk.
-        chunk: u32,
-        /// Applied chunks that name it as a parent or refer to what it brought.
-        children: u32,
-    },
-    /// The delta does not fit the mesh.
-    #[error("chunk {0} does not fit the mesh: its data refers to what is not there")]
-    Mismatch(u32),
-}
 
 /// A mesh of a base and any closed set of chunks, those without applied children perhaps up to a stop.
 ///
 /// Memory ([`Self::bytes`]): 85 to 148 bytes a face, measured on eleven meshes with every chunk applied before
 /// vertices knew what moved them, which adds 5 bytes a vertex (and 4 a move, not counted);
-/// what it is depends on how far the lists have grown beyond what they hold.
+/// what it is depends on how far the lists have grown beyond what they hold. What undoing a chunk puts back is 8 bytes a
+/// corner and 36 a vertex that the chunk moved, and nothing in a mesh that only grows.
 #[derive(Clone, Debug)]
 pub struct ActiveMesh {
     pub(crate) grid: Grid,
@@ -89,17 +42,21 @@ pub struct ActiveMesh {
     pub(crate) face_origin: Vec<u32>,
     pub(crate) materials: Vec<u16>,
     /// Slot of each face in the index list of its material.
-    draw_slots: Vec<u32>,
+    pub(crate) draw_slots: Vec<u32>,
     /// Index lists, one per material; unused entries are `[0, 0, 0]`.
     pub(crate) indices: Vec<Vec<[u32; 3]>>,
     pub(crate) stars: Stars,
-    vertex_slots: Slots,
-    wedge_slots: Slots,
-    face_slots: Slots,
-    index_slots: Vec<Slots>,
-    live_faces: usize,
-    live_vertices: usize,
-    applied_chunks: usize,
+    pub(crate) vertex_slots: Slots,
+    pub(crate) wedge_slots: Slots,
+    pub(crate) face_slots: Slots,
+    pub(crate) index_slots: Vec<Slots>,
+    pub(crate) live_faces: usize,
+    pub(crate) live_vertices: usize,
+    pub(crate) applied_chunks: usize,
+    /// Chunks cannot be undone: nothing is kept for it.
+    pub(crate) only_grows: bool,
+    /// What undoing the applied chunks puts back, in bytes.
+    pub(crate) undo_bytes: usize,
 }
 
 impl ActiveMesh {
@@ -134,6 +91,8 @@ impl ActiveMesh {
             live_faces: 0,
             live_vertices: 0,
             applied_chunks: 0,
+            only_grows: false,
+            undo_bytes: 0,
         };
         mesh.reserve(
             0,
@@ -151,6 +110,12 @@ impl ActiveMesh {
             mesh.put_face(slot as u32, face.wedges);
         }
         mesh
+    }
+
+    /// The base mesh alone, of a mesh that only grows: chunks cannot be undone or raised, and no memory is spent on it.
+    #[must_use]
+    pub fn growing(base: &Base) -> Self {
+        Self { only_grows: true, ..Self::new(base) }
     }
 
     /// Grid of the positions.
@@ -213,220 +178,10 @@ impl ActiveMesh {
             + self.indices.iter().map(|i| i.capacity() * 12).sum::<usize>()
             + self.stars.bytes()
             + self.places.bytes()
+            + self.undo_bytes
     }
 
-    /// Applies a decoded chunk, or its beginning up to a stop, once its parents are applied whole.
-    ///
-    /// To go from one stop to another, or on to the whole, undo the one and apply the other; between the
-    /// two, and before any of its children is applied, the other may be decoded. [`Touched::merge`] makes
-    /// one change of them for a renderer.
-    ///
-    /// # Errors
-    /// See [`RefineError`]; the mesh is then unchanged.
-    pub fn apply(&mut self, delta: &ChunkDelta) -> Result<Touched, RefineError> {
-        self.may_apply(delta)?;
-        if !self.moves_corners_once(&delta.repoints) {
-            return Err(RefineError::Mismatch(delta.chunk));
-        }
-        let origin = delta.chunk + 1;
-        // Not the parents alone: an index that names too few must not make references dangle.
-        let mut needs = delta.needs();
-        let movers: Vec<u32> =
-            delta.moves.iter().map(|m| self.vertex_mover[self.vertex_slot(m.vertex) as usize]).collect();
-        // What moves a vertex on can be undone only first.
-        needs.extend(movers.iter().filter(|&&mover| mover != 0));
-        needs.sort_unstable();
-        needs.dedup();
-        for &need in &needs {
-            if let Some(place) = self.places.get_mut(need) {
-                place.children += 1;
-            }
-        }
-        let materials: Vec<u16> = delta.faces.iter().map(|f| f.material).collect();
-        self.reserve(origin, delta.vertices.len(), delta.wedges.len(), &materials);
-        let place = self.places.get(origin).cloned().unwrap_or_default();
-        for (slot, vertex) in place.vertices.clone().zip(&delta.vertices) {
-            self.positions[slot as usize] = vertex.position;
-            self.vertex_shift[slot as usize] = vertex.shift;
-            // A parent inside this chunk has a smaller index, so its ancestor is already known.
-            self.morph_from[slot as usize] = match vertex.parent {
-                Some(parent) if parent.origin == origin => {
-                    self.morph_from[(place.vertices.start + parent.index) as usize]
-                }
-                Some(parent) => self.positions[self.vertex_slot(parent) as usize],
-                None => vertex.position,
-            };
-        }
-        for (slot, wedge) in place.wedges.clone().zip(&delta.wedges) {
-            self.wedges[slot as usize] =
-                Wedge { vertex: self.vertex_slot(wedge.vertex), attributes: wedge.attributes };
-        }
-        let mut touched = Touched::default();
-        for m in &delta.moves {
-            // After the new vertices, which come from where it was.
-            self.move_vertex(m.vertex, (m.to, m.from), m.shifts[1], origin, &mut touched);
-        }
-        for (slot, face) in place.faces.clone().zip(&delta.faces) {
-            self.put_face(slot, face.wedges.map(|w| self.wedge_slot(w)));
-            touched.face(slot);
-        }
-        for repoint in &delta.repoints {
-            let face = self.face_slot(repoint.face);
-            self.move_corner(face, repoint.corner, self.wedge_slot(repoint.to));
-            touched.face(face);
-        }
-        if let Some(place) = self.places.get_mut(origin) {
-            place.needs = needs;
-            place.movers = movers;
-            place.stop = delta.stop;
-        }
-        self.applied_chunks += 1;
-        self.finish_touched(&mut touched);
-        Ok(touched)
-    }
-
-    /// Undoes an applied chunk none of whose children is applied; `delta` is what was applied.
-    ///
-    /// # Errors
-    /// See [`RefineError`]; the mesh is then unchanged.
-    pub fn undo(&mut self, delta: &ChunkDelta) -> Result<Touched, RefineError> {
-        let not_applied = RefineError::NotApplied(delta.chunk);
-        let origin = delta.chunk.checked_add(1).ok_or(not_applied.clone())?;
-        let place = self.places.get(origin).cloned().ok_or(not_applied)?;
-        if place.children > 0 {
-            return Err(RefineError::HasChildren { chunk: delta.chunk, children: place.children });
-        }
-        if place.stop != delta.stop
-            || !self.fits(delta, true)
-            || place.faces.len() != delta.faces.len()
-            || place.wedges.len() != delta.wedges.len()
-            || place.vertices.len() != delta.vertices.len()
-            || place.movers.len() != delta.moves.len()
-            || !self.moves_corners_once(&delta.repoints)
-        {
-            return Err(RefineError::Mismatch(delta.chunk));
-        }
-        let mut touched = Touched::default();
-        for slot in place.faces.clone() {
-            for k in 0..3 {
-                let vertex = self.wedges[self.faces[slot as usize][k] as usize].vertex;
-                self.stars.remove(vertex, slot * 3 + k as u32);
-                touched.vertex(vertex);
-            }
-            let (material, draw) = (self.materials[slot as usize], self.draw_slots[slot as usize]);
-            self.indices[usize::from(material)][draw as usize] = [0; 3];
-            touched.draws.push((material, draw));
-        }
-        for repoint in &delta.repoints {
-            let face = self.face_slot(repoint.face);
-            self.move_corner(face, repoint.corner, self.wedge_slot(repoint.from));
-            touched.face(face);
-        }
-        for (m, &mover) in delta.moves.iter().zip(&place.movers) {
-            self.move_vertex(m.vertex, (m.from, m.from), m.shifts[0], mover, &mut touched);
-        }
-        for &need in &place.needs {
-            if let Some(place) = self.places.get_mut(need) {
-                place.children -= 1;
-            }
-        }
-        self.live_faces -= place.faces.len();
-        self.live_vertices -= place.vertices.len();
-        self.applied_chunks -= 1;
-        self.vertex_slots.give_back(place.vertices);
-        self.wedge_slots.give_back(place.wedges);
-        self.face_slots.give_back(place.faces);
-        for (material, range) in place.draws {
-            self.index_slots[usize::from(material)].give_back(range);
-        }
-        self.places.remove(origin);
-        self.finish_touched(&mut touched);
-        Ok(touched)
-    }
-
-    fn may_apply(&self, delta: &ChunkDelta) -> Result<(), RefineError> {
-        let chunk = delta.chunk;
-        let count = self.places.len() as u32 - 1;
-        if chunk >= count {
-            return Err(RefineError::NoSuchChunk { chunk, count });
-        }
-        if self.is_applied(chunk) {
-            return Err(RefineError::AlreadyApplied(chunk));
-        }
-        for &parent in &delta.parents {
-            if parent == chunk || !self.is_applied(parent) {
-                return Err(RefineError::MissingParent { chunk, parent });
-            }
-        }
-        if !self.fits(delta, false) {
-            return Err(RefineError::Mismatch(chunk));
-        }
-        // Not the parents alone, for the reason given in `apply`.
-        let partial = delta.needs().into_iter().find(|&need| self.applied_stop(need - 1).is_some());
-        partial.map_or(Ok(()), |need| Err(RefineError::PartialParent { chunk, parent: need - 1 }))
-    }
-
-    /// Whether no corner is moved twice; the corners must be there. Marks them for the moment, which
-    /// costs less than sorting them.
-    fn moves_corners_once(&mut self, repoints: &[Repoint]) -> bool {
-        const MARK: u32 = u32::MAX;
-        let mut before = Vec::with_capacity(repoints.len());
-        for r in repoints {
-            let (face, k) = (self.face_slot(r.face) as usize, usize::from(r.corner));
-            let corner = std::mem::replace(&mut self.faces[face][k], MARK);
-            if corner == MARK {
-                break;
-            }
-            before.push((face, k, corner));
-        }
-        for &(face, k, corner) in &before {
-            self.faces[face][k] = corner;
-        }
-        before.len() == repoints.len()
-    }
-
-    /// Whether everything that the delta refers to is there, or is its own.
-    fn fits(&self, delta: &ChunkDelta, applied: bool) -> bool {
-        let own = delta.chunk + 1;
-        let known = |id: Id, count: usize, range: fn(&Place) -> &Range<u32>| {
-            if id.origin == own {
-                (id.index as usize) < count
-            } else {
-                self.place(id.origin).is_some_and(|p| (id.index as usize) < range(p).len())
-            }
-        };
-        let wedge = |id: Id| known(id, delta.wedges.len(), |p| &p.wedges);
-        delta.vertices.iter().enumerate().all(|(i, v)| {
-            v.parent.is_none_or(|p| {
-                known(p, delta.vertices.len(), |p| &p.vertices) && (p.origin != own || (p.index as usize) < i)
-            })
-        }) && delta.wedges.iter().all(|w| known(w.vertex, delta.vertices.len(), |p| &p.vertices))
-            && delta
-                .faces
-                .iter()
-                .all(|f| usize::from(f.material) < self.indices.len() && f.wedges.iter().all(|&w| wedge(w)))
-            && delta.moves.is_sorted_by(|a, b| a.vertex < b.vertex)
-            && delta.moves.iter().all(|m| {
-                let at = if applied { m.to } else { m.from };
-                m.vertex.origin != own
-                    && known(m.vertex, 0, |p| &p.vertices)
-                    && self.positions[self.vertex_slot(m.vertex) as usize] == at
-            })
-            && delta.repoints.iter().all(|r| {
-                // Corners move to wedges that the chunk brings, from wedges that were there: then whatever
-                // moves them on needs this chunk, and undoing it leaves none at a wedge that is gone.
-                let ours = r.from.origin != own && r.to.origin == own && r.face.origin != own;
-                let at = if applied { r.to } else { r.from };
-                ours && r.corner < 3
-                    && known(r.face, 0, |p| &p.faces)
-                    && wedge(r.from)
-                    && wedge(r.to)
-                    && self.faces[self.face_slot(r.face) as usize][usize::from(r.corner)]
-                        == self.wedge_slot(at)
-            })
-    }
-
-    fn reserve(&mut self, origin: u32, vertices: usize, wedges: usize, materials: &[u16]) {
+    pub(crate) fn reserve(&mut self, origin: u32, vertices: usize, wedges: usize, materials: &[u16]) {
         let place = Place {
             vertices: self.vertex_slots.take(vertices as u32),
             wedges: self.wedge_slots.take(wedges as u32),
@@ -435,7 +190,7 @@ impl ActiveMesh {
             stop: None,
             children: 0,
             needs: Vec::new(),
-            movers: Vec::new(),
+            undo: Undo::default(),
         };
         let (v, w, f) = (
             self.vertex_slots.high() as usize,
@@ -483,7 +238,7 @@ impl ActiveMesh {
         self.places.insert(origin, Place { draws, ..place });
     }
 
-    fn put_face(&mut self, slot: u32, wedges: [u32; 3]) {
+    pub(crate) fn put_face(&mut self, slot: u32, wedges: [u32; 3]) {
         self.faces[slot as usize] = wedges;
         for (k, wedge) in wedges.into_iter().enumerate() {
             self.stars.insert(self.wedges[wedge as usize].vertex, slot * 3 + k as u32);
@@ -492,38 +247,46 @@ impl ActiveMesh {
         self.indices[list][self.draw_slots[slot as usize] as usize] = wedges;
     }
 
-    fn move_vertex(
-        &mut self,
-        vertex: Id,
-        (to, from): ([i32; 3], [i32; 3]),
-        shift: u8,
-        mover: u32,
-        touched: &mut Touched,
-    ) {
-        let slot = self.vertex_slot(vertex);
-        self.positions[slot as usize] = to;
-        self.morph_from[slot as usize] = from;
-        self.vertex_shift[slot as usize] = shift;
-        self.vertex_mover[slot as usize] = mover;
+    pub(crate) fn vertex_state(&self, slot: u32) -> VertexState {
+        let at = slot as usize;
+        VertexState {
+            position: self.positions[at],
+            morph_from: self.morph_from[at],
+            shift: self.vertex_shift[at],
+            mover: self.vertex_mover[at],
+        }
+    }
+
+    pub(crate) fn move_vertex(&mut self, slot: u32, to: VertexState, touched: &mut Touched) {
+        let at = slot as usize;
+        self.positions[at] = to.position;
+        self.morph_from[at] = to.morph_from;
+        self.vertex_shift[at] = to.shift;
+        self.vertex_mover[at] = to.mover;
         for corner in self.stars.corners(slot) {
             touched.face(corner / 3);
         }
     }
 
-    fn move_corner(&mut self, face: u32, corner: u8, to: u32) {
-        let k = usize::from(corner);
-        let from = self.faces[face as usize][k];
+    /// The wedge that a corner (`face × 3 + k`) is at.
+    pub(crate) fn corner_wedge(&self, corner: u32) -> u32 {
+        self.faces[(corner / 3) as usize][(corner % 3) as usize]
+    }
+
+    pub(crate) fn move_corner(&mut self, corner: u32, to: u32) {
+        let (face, k) = ((corner / 3) as usize, (corner % 3) as usize);
+        let from = self.faces[face][k];
         let (old, new) = (self.wedges[from as usize].vertex, self.wedges[to as usize].vertex);
-        self.stars.remove(old, face * 3 + k as u32);
-        self.stars.insert(new, face * 3 + k as u32);
-        self.faces[face as usize][k] = to;
-        let list = usize::from(self.materials[face as usize]);
-        self.indices[list][self.draw_slots[face as usize] as usize][k] = to;
+        self.stars.remove(old, corner);
+        self.stars.insert(new, corner);
+        self.faces[face][k] = to;
+        let list = usize::from(self.materials[face]);
+        self.indices[list][self.draw_slots[face] as usize][k] = to;
     }
 
     /// Completes a list of touched faces: their index entries, and every wedge around their corners,
     /// whose normals may have changed.
-    fn finish_touched(&self, touched: &mut Touched) {
+    pub(crate) fn finish_touched(&self, touched: &mut Touched) {
         let faces = std::mem::take(&mut touched.faces);
         for &face in &faces {
             touched.draws.push((self.materials[face as usize], self.draw_slots[face as usize]));
@@ -548,7 +311,7 @@ impl ActiveMesh {
     fn touch_star(&self, vertex: u32, wedges: &mut Vec<u32>) {
         let first = wedges.len();
         for corner in self.stars.corners(vertex) {
-            let wedge = self.faces[(corner / 3) as usize][(corner % 3) as usize];
+            let wedge = self.corner_wedge(corner);
             if wedges[first..].last() != Some(&wedge) {
                 wedges.push(wedge);
             }
@@ -570,6 +333,11 @@ impl ActiveMesh {
 
     pub(crate) fn face_slot(&self, id: Id) -> u32 {
         self.place(id.origin).map_or(0, |p| p.faces.start + id.index)
+    }
+
+    /// The corner (`face × 3 + k`, by slot) that moves.
+    pub(crate) fn corner_slot(&self, repoint: &Repoint) -> u32 {
+        self.face_slot(repoint.face) * 3 + u32::from(repoint.corner)
     }
 
     /// Ids of slots that are in use.

@@ -112,15 +112,4 @@ impl ChunkDelta {
         self.repoints.iter().flat_map(|r| [r.face, r.from, r.to]).for_each(&mut need);
         needs
     }
-
-    /// Memory held, in bytes.
-    #[must_use]
-    pub fn bytes(&self) -> usize {
-        self.moves.len() * size_of::<Moved>()
-            + self.vertices.len() * size_of::<NewVertex>()
-            + self.wedges.len() * size_of::<NewWedge>()
-            + self.faces.len() * size_of::<NewFace>()
-            + self.repoints.len() * size_of::<Repoint>()
-            + self.parents.len() * 4
-    }
 }

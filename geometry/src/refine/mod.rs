@@ -1,13 +1,16 @@
 //! Refinement: a mesh to which chunks are applied, and from which they are undone.
 
 mod active;
+mod apply;
 mod delta;
+mod error;
 mod places;
 mod render;
 mod slots;
 mod snapshot;
 
-pub use active::{ActiveMesh, RefineError};
+pub use active::ActiveMesh;
 pub use delta::{ChunkDelta, Id, Moved, NewFace, NewVertex, NewWedge, Repoint};
+pub use error::{RaiseError, RefineError};
 pub use render::{RenderVertex, Touched};
 pub use snapshot::Snapshot;

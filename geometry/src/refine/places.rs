@@ -17,8 +17,33 @@ pub(crate) struct Place {
     pub(crate) children: u32,
     /// Origins among whose children this one was counted.
     pub(crate) needs: Vec<u32>,
-    /// What had put the vertices that it moves where they were, in the order of its moves.
-    pub(crate) movers: Vec<u32>,
+    /// What undoing it puts back.
+    pub(crate) undo: Undo,
+}
+
+/// What chunks change of a vertex that is older than they are.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct VertexState {
+    pub(crate) position: [i32; 3],
+    pub(crate) morph_from: [i32; 3],
+    pub(crate) shift: u8,
+    pub(crate) mover: u32,
+}
+
+/// What undoing a chunk puts back, by slot.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Undo {
+    /// Older vertices that it moved, as they are put back.
+    pub(crate) vertices: Box<[(u32, VertexState)]>,
+    /// Corners of older faces that it moved (`face × 3 + k`), and the wedges that they were at.
+    pub(crate) corners: Box<[(u32, u32)]>,
+}
+
+impl Undo {
+    /// Memory held, in bytes.
+    pub(crate) fn bytes(&self) -> usize {
+        size_of_val(&*self.vertices) + size_of_val(&*self.corners)
+    }
 }
 
 /// Origins per page: those of one index page, which is asked for as a whole.
@@ -59,13 +84,14 @@ impl Places {
         page[origin as usize % PAGE] = Some(place);
     }
 
-    pub(crate) fn remove(&mut self, origin: u32) {
-        let Some(slot) = self.pages.get_mut(origin as usize / PAGE) else { return };
-        let Some(page) = slot else { return };
-        page[origin as usize % PAGE] = None;
+    pub(crate) fn remove(&mut self, origin: u32) -> Option<Place> {
+        let slot = self.pages.get_mut(origin as usize / PAGE)?;
+        let page = slot.as_mut()?;
+        let place = page[origin as usize % PAGE].take();
         if page.iter().all(Option::is_none) {
             *slot = None;
         }
+        place
     }
 
     /// The applied origins, ascending.

@@ -107,13 +107,13 @@ fn what_moved_a_vertex_is_undone_after_what_moves_it_on() {
         ..ChunkDelta::default()
     };
     active.apply(&forged).unwrap();
-    let refused = active.undo(first);
+    let refused = active.undo(first.chunk);
     assert!(
         matches!(refused, Err(RefineError::HasChildren { chunk, .. }) if chunk == first.chunk),
         "{refused:?}"
     );
-    active.undo(&forged).unwrap();
+    active.undo(forged.chunk).unwrap();
     assert!(active.snapshot() == before);
-    active.undo(first).unwrap();
+    active.undo(first.chunk).unwrap();
     assert!(active.snapshot() == ActiveMesh::new(&asset.base).snapshot());
 }

@@ -10,7 +10,7 @@ use lodestream_geometry::mesh::QuantisedMesh;
 use lodestream_geometry::pool::Serial;
 use lodestream_geometry::prepare::Prepared;
 use lodestream_geometry::random::Random;
-use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, RefineError};
+use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, RaiseError, RefineError};
 
 use crate::common::{all, closed, plain_faces, prepared, quantised, regions, shapes, stopping};
 
@@ -161,7 +161,7 @@ fn random_walks_of_apply_and_undo_leave_no_trace() {
             let id = from[random.below(from.len())];
             let undone = applied[id as usize].take();
             if let Some(delta) = &undone {
-                active.undo(delta).unwrap();
+                active.undo(delta.chunk).unwrap();
             }
             if undone.is_none() || up.contains(&id) {
                 // To a stop or to the end, whatever was there before.
@@ -186,7 +186,8 @@ fn random_walks_of_apply_and_undo_leave_no_trace() {
         loop {
             let (_, down) = moves(&asset.infos, &active);
             let Some(&id) = down.get(random.below(down.len())) else { break };
-            active.undo(&applied[id as usize].take().unwrap()).unwrap();
+            active.undo(id).unwrap();
+            applied[id as usize] = None;
         }
         assert!(active.snapshot() == start, "{name}: not back at the base mesh");
         assert!(
@@ -196,6 +197,58 @@ fn random_walks_of_apply_and_undo_leave_no_trace() {
             full.wedge_slots()
         );
     }
+}
+
+#[test]
+fn a_chunk_taken_on_from_stop_to_stop_is_what_it_would_be_at_once() {
+    let asset = prepared(&quantised(&shapes::medley(1)), &stopping(200));
+    let mut active = ActiveMesh::new(&asset.base);
+    let mut raised = 0;
+    for (id, (info, payload)) in (0..).zip(asset.infos.iter().zip(&asset.chunks)) {
+        let not_applied = active.raise(id, info, None, payload);
+        assert_eq!(not_applied, Err(RaiseError::Refine(RefineError::NotApplied(id))));
+        let stops: Vec<Option<u8>> = (0..info.stops.len() as u8).map(Some).chain([None]).collect();
+        apply(&mut active, &asset, Member { chunk: id, stop: stops[0] });
+        for stops in stops.windows(2) {
+            let (before, slots, bytes) = (active.snapshot(), active.wedge_slots(), active.bytes());
+            // Refused, the mesh is as it was: damaged bytes, another chunk's, no bytes, no such stop.
+            for damaged in [&payload[..payload.len() / 9], &[0xa5; 4000], &[]] {
+                let refused = active.raise(id, info, stops[1], damaged);
+                assert!(matches!(refused, Err(RaiseError::Decode(_))), "chunk {id}: {refused:?}");
+                assert!(active.snapshot() == before && active.applied_stop(id) == stops[0]);
+                assert_eq!((active.wedge_slots(), active.bytes()), (slots, bytes));
+            }
+            assert!(active.raise(id, info, Some(99), payload).is_err());
+            let mut fresh = active.clone();
+            fresh.undo(id).unwrap();
+            apply(&mut fresh, &asset, Member { chunk: id, stop: stops[1] });
+            active.raise(id, info, stops[1], payload).unwrap();
+            assert!(active.snapshot() == fresh.snapshot(), "chunk {id} from {stops:?}");
+            assert_eq!(
+                (active.face_count(), active.vertex_count()),
+                (fresh.face_count(), fresh.vertex_count())
+            );
+            assert_eq!(active.applied_stop(id), stops[1]);
+            raised += 1;
+        }
+        let whole = active.raise(id, info, None, payload);
+        assert_eq!(whole, Err(RaiseError::Refine(RefineError::AlreadyApplied(id))));
+    }
+    assert!(raised > 20, "only {raised} times");
+}
+
+#[test]
+fn a_mesh_that_only_grows_is_the_same_and_smaller_but_undoes_nothing() {
+    let asset = prepared(&quantised(&shapes::sphere(40, 60, 0.05)), &stopping(200));
+    let (full, whole) = deltas(&asset);
+    let mut growing = ActiveMesh::growing(&asset.base);
+    whole.iter().for_each(|delta| drop(growing.apply(delta).unwrap()));
+    assert!(growing.snapshot() == full.snapshot());
+    let last = asset.base.chunk_count - 1;
+    assert_eq!(growing.undo(last), Err(RefineError::OnlyGrows(last)));
+    assert!(growing.snapshot() == full.snapshot());
+    let (kept, none) = (full.bytes(), growing.bytes());
+    assert!(none < kept && kept < none + none / 4, "{kept} bytes, {none} without what undoing needs");
 }
 
 #[test]
@@ -225,7 +278,7 @@ fn children_wait_until_a_chunk_that_ends_at_a_stop_is_whole() {
         let mut blind = whole[id as usize].clone();
         blind.parents.retain(|&p| p != parent);
         match active.apply(&blind) {
-            Ok(_) => drop(active.undo(&blind).unwrap()),
+            Ok(_) => drop(active.undo(id).unwrap()),
             Err(why) => assert!(why == refusal || why == RefineError::Mismatch(id), "{why}"),
         }
         // Or a link that was forged: what it names must be whole, used or not.
@@ -234,11 +287,10 @@ fn children_wait_until_a_chunk_that_ends_at_a_stop_is_whole() {
         assert!(active.apply(&whole[id as usize]).is_err());
         let why = active.decode(id, info, &asset.chunks[id as usize]).unwrap_err().to_string();
         assert!(why.contains("only up to a stop"), "{why}");
-        // What is applied is what must be undone.
-        assert_eq!(active.undo(&whole[parent as usize]), Err(RefineError::Mismatch(parent)));
         assert_eq!(active.apply(&partial), Err(RefineError::AlreadyApplied(parent)));
         assert!(active.snapshot() == before);
-        active.undo(&partial).unwrap();
+        active.undo(parent).unwrap();
+        assert_eq!(active.undo(parent), Err(RefineError::NotApplied(parent)));
         apply(&mut active, &asset, Member { chunk: parent, stop: None });
         active.apply(&whole[id as usize]).unwrap();
         assert_eq!(active.applied_stop(parent), None);

@@ -129,7 +129,7 @@ impl LoadedAsset {
     /// # Errors
     /// A chunk that cannot be decoded or applied.
     pub fn refined(&self, set: &[Member]) -> Result<ActiveMesh, DecodeError> {
-        let mut mesh = ActiveMesh::new(&self.base);
+        let mut mesh = ActiveMesh::growing(&self.base);
         for &Member { chunk: id, stop } in set {
             let missing = || DecodeError::new(format!("chunk {id}"), "there is no such chunk");
             let info = self.infos.get(id as usize).ok_or_else(missing)?;

@@ -389,7 +389,7 @@ impl ClientCore {
             stats.faces += refined.mesh().face_count() as u64;
             stats.vertices += refined.mesh().vertex_count() as u64;
             stats.applied_chunks += refined.mesh().applied_count() as u64;
-            stats.mesh_bytes += refined.memory_bytes() as u64;
+            stats.mesh_bytes += refined.mesh().bytes() as u64;
         }
         stats
     }

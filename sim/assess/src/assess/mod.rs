@@ -189,7 +189,7 @@ pub fn assess(path: &Path, options: &Options) -> anyhow::Result<Assessment> {
         deltas.push(delta);
     }
     for delta in deltas.iter().rev() {
-        active.undo(delta)?;
+        active.undo(delta.chunk)?;
     }
     let (applied, apply_s) = timed(|| deltas.iter().try_for_each(|d| active.apply(d).map(drop)));
     applied?;
