@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use lodestream_client::core::{ClientCore, Milestone, Progress};
-use lodestream_client::net::{Clock, Host, run_quic, run_websocket};
+use lodestream_client::net::{Clock, Host, WebSocketConnection, run_quic, run_websocket};
 use lodestream_compress::decode_base;
 use lodestream_netsim::clock::virtual_runtime;
 use lodestream_protocol::message::ClientMessage;
@@ -112,7 +112,8 @@ fn the_first_frame_comes_after_two_round_trips_and_its_bytes() {
         let clock = Clock::start();
         let mut host = UntilFirstFrame::new(clock.now());
         let (stream, _) = tcp_connect(state(scene), RATE_BITS_PER_S, RTT_MS).await;
-        run_websocket(stream, &SERVER.to_string(), &mut host, clock).await;
+        let connection = WebSocketConnection::open(stream, &SERVER.to_string(), Duration::from_secs(9)).await;
+        run_websocket(connection.unwrap(), &mut host, clock).await;
         host.first_frame(scene)
     });
     for (name, first) in [("QUIC", over_quic), ("WebSocket", over_websocket)] {

@@ -7,6 +7,10 @@
 
 mod address;
 #[cfg(any(feature = "quic", feature = "websocket"))]
+mod addresses;
+#[cfg(any(feature = "quic", feature = "websocket"))]
+mod connect;
+#[cfg(any(feature = "quic", feature = "websocket"))]
 #[cfg_attr(not(feature = "runtime"), allow(unreachable_pub))]
 mod drive;
 mod pin;
@@ -44,7 +48,7 @@ pub use reconnect::stream;
 #[cfg(any(feature = "quic", feature = "websocket"))]
 pub use reconnect::{End, Retry};
 #[cfg(all(feature = "runtime", feature = "websocket"))]
-pub use websocket::run_websocket;
+pub use websocket::{WebSocketConnection, run_websocket};
 
 #[cfg(all(not(feature = "runtime"), any(feature = "quic", feature = "websocket")))]
 pub(crate) use {drive::Host, reconnect::stream};

@@ -14,6 +14,8 @@ use lodestream_protocol::stream::{ALPN, BLOB_STREAM, BlobStreamReader, CONTROL_S
 use quinn::crypto::rustls::QuicClientConfig;
 use quinn::{Chunk, Connection, ConnectionError, ReadError, RecvStream, TokenMemoryCache, VarInt};
 
+use tokio::time::timeout;
+
 use super::drive::{Clock, Host, Receive, Received, drive};
 use super::pin::Pin;
 use super::pin_verifier::PinVerifier;
@@ -27,6 +29,8 @@ const RECEIVE_WINDOW_BYTES: u32 = 4 << 20;
 /// Silence after which the connection counts as lost, and how often it is broken before that.
 const IDLE_TIMEOUT: Duration = Duration::from_secs(10);
 const KEEP_ALIVE: Duration = Duration::from_secs(3);
+/// Time until the server must have let a stream be opened.
+const CONTROL_TIMEOUT: Duration = Duration::from_secs(4);
 /// Bytes taken from a stream at once.
 const READ_BYTES: usize = 16 * 1024;
 /// Tickets and address tokens kept of a server; each is used once, and every connection brings new ones.
@@ -108,9 +112,16 @@ pub fn endpoint(server: SocketAddr, config: quinn::ClientConfig) -> Result<quinn
 /// Runs one session over a connection until it ends; says why.
 pub async fn run_quic<H: Host>(connection: impl Into<QuicConnection>, host: &mut H, clock: Clock) -> Close {
     let QuicConnection { connection, early } = connection.into();
-    match QuicSender::open(connection.clone(), early).await {
-        Ok(sender) => drive(host, clock, QuicReceiver::new(connection), sender).await,
-        Err(why) => closed_by(&why),
+    // Immediate with every server that lets a client speak at all.
+    match timeout(CONTROL_TIMEOUT, QuicSender::open(connection.clone(), early)).await {
+        Ok(Ok(sender)) => drive(host, clock, QuicReceiver::new(connection), sender).await,
+        Ok(Err(why)) => closed_by(&why),
+        Err(_) => {
+            let limit = CONTROL_TIMEOUT.as_secs();
+            let why =
+                format!("the server lets nothing be said to it for {limit} s: is it a lodestream server?");
+            Close::new(CloseCode::Lost, why)
+        }
     }
 }
 

@@ -1,31 +1,17 @@
 //! Connecting over real sockets, and again when the connection is lost.
 
-use std::net::SocketAddr;
-use std::time::Duration;
+use std::future::Future;
+use std::pin::pin;
 
 use lodestream_protocol::client::Backoff;
-use lodestream_protocol::message::{Close, CloseCode};
-#[cfg(feature = "websocket")]
-use tokio::net::TcpStream;
-use tokio::net::lookup_host;
-use tokio::time::{Instant, sleep_until, timeout};
+use lodestream_protocol::message::Close;
+use tokio::time::{Instant, sleep_until};
 
-use super::address::{Address, Scheme};
+use super::address::Address;
+use super::addresses::{Resolver, System};
+use super::connect::{Kept, connect};
 use super::drive::{Clock, Host};
-#[cfg(feature = "websocket")]
-use super::websocket::run_websocket;
-#[cfg(feature = "quic")]
-use super::{
-    pin::Pin,
-    quic::{self, client_config, endpoint, run_quic},
-    quic_open::{QuicConnection, QuicOpenError},
-};
-
-/// Time that name lookup and the opening of a connection may take.
-const CONNECT_TIMEOUT: Duration = Duration::from_secs(4);
-#[cfg(feature = "quic")]
-/// Time in which a closed QUIC connection tells the server.
-const GOODBYE_TIMEOUT: Duration = Duration::from_millis(300);
+use crate::core::Progress;
 
 /// How often to try.
 #[derive(Clone, Copy, Debug)]
@@ -73,9 +59,22 @@ impl std::fmt::Display for End {
 }
 
 /// Streams from a server until the host leaves: connects, runs the session, and connects again with ever
-/// longer pauses when it is lost. `report` is told in words what is going on (`None`: all is well).
+/// longer pauses when it is lost. Every step of that has a deadline, and none outlasts the host's wish to leave.
+/// `report` is told in words what is going on (`None`: all is well).
 pub async fn stream<H: Host>(
     address: &Address,
+    host: &mut H,
+    clock: Clock,
+    retry: Retry,
+    report: impl FnMut(&mut H, Option<String>),
+) -> End {
+    stream_to(address, &System, host, clock, retry, report).await
+}
+
+/// As [`stream`], to where a resolver says that the address's name is.
+pub(super) async fn stream_to<H: Host>(
+    address: &Address,
+    resolver: &impl Resolver,
     host: &mut H,
     clock: Clock,
     retry: Retry,
@@ -90,9 +89,10 @@ pub async fn stream<H: Host>(
         if host.wants_to_leave() {
             return End::Left;
         }
-        let close = tokio::select! {
-            biased;
-            close = connect_and_run(address, &mut kept, host, clock) => close,
+        let close = match meanwhile(host, clock, connect(address, &mut kept, resolver)).await {
+            None => return End::Left,
+            Some(Err(close)) => close,
+            Some(Ok(connection)) => connection.run(address, &mut kept, host, clock).await,
         };
         if host.wants_to_leave() {
             return End::Left;
@@ -114,140 +114,29 @@ pub async fn stream<H: Host>(
         let random = u32::try_from(clock.now().as_ns() & 0xFFFF_FFFF).unwrap_or(0);
         let wait = backoff.next_wait(random);
         report(host, Some(format!("{}; connecting again in {:.1} s", close.reason, wait.as_secs_f32())));
-        let until = Instant::now() + wait;
-        while Instant::now() < until && !host.wants_to_leave() {
-            // The picture goes on: what is here can be refined and drawn without a server.
-            let now = clock.now();
-            host.core().handle_timeout(now);
-            let _ = host.turn(now);
-            tokio::select! {
-                biased;
-                () = sleep_until(until) => {}
-                () = host.wake() => {}
-            }
+        if meanwhile(host, clock, sleep_until(Instant::now() + wait)).await.is_none() {
+            return End::Left;
         }
         report(host, Some(format!("connecting to {address}")));
     }
 }
 
-/// What attempts leave to those after them.
-#[derive(Default)]
-struct Kept {
-    /// Holds what resumes a session.
-    #[cfg(feature = "quic")]
-    quic: Option<quinn::ClientConfig>,
-}
-
-/// One attempt: opens a connection and runs a session over it.
-async fn connect_and_run<H: Host>(address: &Address, kept: &mut Kept, host: &mut H, clock: Clock) -> Close {
-    match address.scheme {
-        #[cfg(feature = "websocket")]
-        Scheme::WebSocket => over_websocket(address, host, clock).await,
-        #[cfg(feature = "quic")]
-        Scheme::Quic(pin) => over_quic(address, pin, &mut kept.quic, host, clock).await,
-        #[cfg(not(all(feature = "quic", feature = "websocket")))]
-        _ => {
-            let _ = kept;
-            let why = format!("{address}: this program was built without that transport");
-            Close::new(CloseCode::Protocol, why)
+/// Waits for something while the picture goes on: what is here can be refined and drawn without a server. `None` once
+/// the host wants to leave.
+async fn meanwhile<H: Host, T>(host: &mut H, clock: Clock, what: impl Future<Output = T>) -> Option<T> {
+    let mut what = pin!(what);
+    loop {
+        let now = clock.now();
+        host.core().handle_timeout(now);
+        let again = host.turn(now) == Progress::More;
+        if host.wants_to_leave() {
+            return None;
+        }
+        tokio::select! {
+            biased;
+            done = &mut what => return Some(done),
+            () = tokio::task::yield_now(), if again => {}
+            () = host.wake() => {}
         }
     }
-}
-
-fn lost(why: String) -> Close {
-    Close::new(CloseCode::Lost, why)
-}
-
-#[cfg(feature = "websocket")]
-async fn over_websocket<H: Host>(address: &Address, host: &mut H, clock: Clock) -> Close {
-    let server = match find(address).await {
-        Ok(server) => server,
-        Err(why) => return lost(why),
-    };
-    match timeout(CONNECT_TIMEOUT, TcpStream::connect(server)).await {
-        Ok(Ok(stream)) => {
-            let _ = stream.set_nodelay(true);
-            run_websocket(stream, &address.authority(), host, clock).await
-        }
-        Ok(Err(why)) => lost(format!("{address} cannot be reached: {why}")),
-        Err(_) => lost(format!("{address} does not answer")),
-    }
-}
-
-#[cfg(feature = "quic")]
-async fn over_quic<H: Host>(
-    address: &Address,
-    pin: Pin,
-    kept: &mut Option<quinn::ClientConfig>,
-    host: &mut H,
-    clock: Clock,
-) -> Close {
-    let server = match find(address).await {
-        Ok(server) => server,
-        Err(why) => return lost(why),
-    };
-    let config = match kept.take().map_or_else(|| client_config(pin), Ok) {
-        Ok(config) => kept.insert(config).clone(),
-        Err(why) => return lost(why.to_string()),
-    };
-    let endpoint = match endpoint(server, config) {
-        Ok(endpoint) => endpoint,
-        Err(why) => return lost(why.to_string()),
-    };
-    // The name is not looked at: the certificate is pinned.
-    let connecting = match endpoint.connect(server, "localhost") {
-        Ok(connecting) => connecting,
-        Err(why) => return lost(format!("{address} cannot be reached: {why}")),
-    };
-    let close = match QuicConnection::open(connecting, CONNECT_TIMEOUT).await {
-        Ok(opened) => {
-            let (connection, early) = (opened.connection().clone(), opened.is_early());
-            let close = run_quic(opened, host, clock).await;
-            // With early data, a session can have begun before the certificate was seen.
-            match connection.close_reason() {
-                Some(why) if early && is_wrong_certificate(&why) => refused(address, &why),
-                _ => close,
-            }
-        }
-        Err(QuicOpenError::Handshake(why)) => refused(address, &why),
-        Err(QuicOpenError::Timeout) => lost(format!("{address} does not answer")),
-    };
-    let _ = timeout(GOODBYE_TIMEOUT, endpoint.wait_idle()).await;
-    close
-}
-
-/// Looks the address's name up.
-async fn find(address: &Address) -> Result<SocketAddr, String> {
-    let authority = address.authority();
-    match timeout(CONNECT_TIMEOUT, resolve(&authority)).await {
-        Ok(Ok(server)) => Ok(server),
-        Ok(Err(why)) => Err(format!("{authority} cannot be found: {why}")),
-        Err(_) => Err(format!("{authority} cannot be found: name lookup takes too long")),
-    }
-}
-
-async fn resolve(authority: &str) -> std::io::Result<SocketAddr> {
-    let none = || std::io::Error::new(std::io::ErrorKind::NotFound, "no address");
-    lookup_host(authority).await?.next().ok_or_else(none)
-}
-
-#[cfg(feature = "quic")]
-fn is_wrong_certificate(why: &quinn::ConnectionError) -> bool {
-    matches!(why, quinn::ConnectionError::TransportError(e)
-        if e.reason.contains("ApplicationVerificationFailure") || e.reason.contains("invalid peer certificate"))
-}
-
-#[cfg(feature = "quic")]
-/// A handshake that failed. A wrong certificate will be wrong again.
-fn refused(address: &Address, why: &quinn::ConnectionError) -> Close {
-    if is_wrong_certificate(why) {
-        return Close::new(
-            CloseCode::Protocol,
-            format!(
-                "{address} has another certificate than the address names after #sha256=: copy the address that the server prints at start"
-            ),
-        );
-    }
-    let close = quic::closed_by(why);
-    Close { reason: format!("{address} cannot be reached: {}", close.reason), ..close }
 }

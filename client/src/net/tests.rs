@@ -1,11 +1,17 @@
 //! The client against servers that are none.
 
+use std::net::SocketAddr;
+
 use lodestream_protocol::message::{Close, CloseCode};
+use lodestream_protocol::time::Time;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
 
-use super::websocket::run_websocket;
-use super::{Clock, End, Retry, stream};
-use crate::core::{ClientCore, Config, StartView};
+use super::addresses::Resolver;
+use super::connect::STEP_TIMEOUT;
+use super::reconnect::stream_to;
+use super::websocket::{WebSocketConnection, run_websocket};
+use super::{Clock, End, Host, Retry, stream};
+use crate::core::{ClientCore, Config, Progress, StartView};
 
 fn core() -> ClientCore {
     ClientCore::new(Config::new(StartView::OfScene { viewport_px: [64, 64], target_px: 1.0 }))
@@ -20,7 +26,13 @@ async fn answered(answer: &'static [u8]) -> Close {
         let _ = server.write_all(answer).await;
     };
     let mut core = core();
-    let (close, ()) = tokio::join!(run_websocket(client, "host:1", &mut core, Clock::start()), peer);
+    let session = async {
+        match WebSocketConnection::open(client, "host:1", STEP_TIMEOUT).await {
+            Ok(connection) => run_websocket(connection, &mut core, Clock::start()).await,
+            Err(why) => why,
+        }
+    };
+    let (close, ()) = tokio::join!(session, peer);
     assert!(core.scene().is_none());
     close
 }
@@ -55,4 +67,113 @@ async fn an_address_where_nobody_listens_is_given_up_after_some_attempts() {
         "{end:?}"
     );
     assert!(told[0].contains("connecting again"), "{told:?}");
+}
+
+/// A TCP port that takes connections, of which nobody ever hears anything.
+fn silent() -> (std::net::TcpListener, SocketAddr) {
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    (listener, address)
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_peer_that_accepts_and_stays_silent_is_given_up() {
+    let (client, server) = duplex(4096);
+    let why = WebSocketConnection::open(client, "host:1", STEP_TIMEOUT).await.err().unwrap();
+    drop(server);
+    assert!(
+        why.code.worth_retrying() && why.reason.contains("no answer to the WebSocket request within 4 s"),
+        "{why}"
+    );
+
+    let (_listener, at) = silent();
+    let retry = Retry { first_attempts: 2, reconnect: true };
+    let mut told = Vec::new();
+    let address = format!("ws://{at}").parse().unwrap();
+    let end = stream(&address, &mut core(), Clock::start(), retry, |_, message| told.extend(message)).await;
+    assert!(
+        matches!(&end, End::Unreachable { attempts: 2, why } if why.contains(&at.to_string()) && why.contains("4 s")),
+        "{end:?}"
+    );
+    assert!(told[0].contains("no answer") && told[0].contains("connecting again"), "{told:?}");
+}
+
+/// A host that wants to leave after some turns.
+struct Leaving {
+    core: ClientCore,
+    turns: u32,
+}
+
+impl Host for Leaving {
+    fn core(&mut self) -> &mut ClientCore {
+        &mut self.core
+    }
+
+    fn turn(&mut self, now: Time) -> Progress {
+        self.turns = self.turns.saturating_sub(1);
+        self.core.update(now, u64::MAX)
+    }
+
+    async fn wake(&mut self) {}
+
+    fn wants_to_leave(&self) -> bool {
+        self.turns == 0
+    }
+}
+
+/// Leaving waits for no deadline: the clock stands still, but for those who only wait for it.
+#[tokio::test]
+async fn a_host_may_leave_while_a_peer_stays_silent() {
+    let (_listener, at) = silent();
+    let address = format!("ws://{at}").parse().unwrap();
+    let mut host = Leaving { core: core(), turns: 5 };
+    let retry = Retry { first_attempts: u32::MAX, reconnect: true };
+    let start = Clock::start();
+    let leaving = stream(&address, &mut host, start, retry, |_, _| ());
+    // Only guards against waiting for ever.
+    let end = tokio::time::timeout(std::time::Duration::from_secs(60), leaving).await;
+    assert_eq!(end, Ok(End::Left));
+}
+
+struct Fixed(Vec<SocketAddr>);
+
+impl Resolver for Fixed {
+    async fn resolve(&self, _: &str) -> std::io::Result<Vec<SocketAddr>> {
+        Ok(self.0.clone())
+    }
+}
+
+#[tokio::test]
+async fn a_name_whose_first_address_refuses_is_reached_at_its_second() {
+    // A port that was free a moment ago, and one where somebody says that he is none of ours.
+    let nobody = silent().1;
+    let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let somebody = listener.local_addr().unwrap();
+    let peer = async move {
+        let (mut stream, _) = listener.accept().await.unwrap();
+        let _ = stream.read(&mut [0; 1024]).await;
+        let _ = stream.write_all(b"HTTP/1.1 503 Service Unavailable\r\ncontent-length: 0\r\n\r\n").await;
+    };
+    let address = "ws://name.example:80".parse().unwrap();
+    let retry = Retry { first_attempts: 1, reconnect: true };
+    let (resolver, mut core) = (Fixed(vec![nobody, somebody]), core());
+    let streaming = stream_to(&address, &resolver, &mut core, Clock::start(), retry, |_, _| ());
+    let (end, ()) = tokio::join!(streaming, peer);
+    let End::Unreachable { why, .. } = end else { panic!("{end:?}") };
+    assert!(why.contains("503") && why.contains(&format!("{nobody}: ")), "{why}");
+    assert!(why.contains(&format!("{somebody}: ")), "{why}");
+}
+
+#[cfg(feature = "quic")]
+#[tokio::test(start_paused = true)]
+async fn quic_tries_every_address_of_a_name_in_bounded_time_too() {
+    // Sockets that nobody reads.
+    let sockets = [(); 2].map(|()| std::net::UdpSocket::bind("127.0.0.1:0").unwrap());
+    let servers = sockets.each_ref().map(|socket| socket.local_addr().unwrap());
+    let address = format!("quic://name.example:80#sha256={}", "ab".repeat(32)).parse().unwrap();
+    let retry = Retry { first_attempts: 1, reconnect: true };
+    let (resolver, mut core) = (Fixed(servers.to_vec()), core());
+    let end = stream_to(&address, &resolver, &mut core, Clock::start(), retry, |_, _| ()).await;
+    let End::Unreachable { why, .. } = end else { panic!("{end:?}") };
+    assert!(servers.iter().all(|server| why.contains(&format!("{server}: no answer within 4 s"))), "{why}");
 }

@@ -7,6 +7,7 @@ use std::pin::Pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::task::{Context, Poll, ready};
+use std::time::Duration;
 
 use futures_util::stream::{SplitSink, SplitStream};
 use futures_util::{Sink, SinkExt, StreamExt};
@@ -15,6 +16,7 @@ use lodestream_protocol::limits::MAX_FRAME_BYTES;
 use lodestream_protocol::message::{Close, CloseCode};
 use lodestream_protocol::stream::ALPN;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+use tokio::time::timeout;
 use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 use tokio_tungstenite::tungstenite::error::CapacityError;
 use tokio_tungstenite::tungstenite::http::HeaderValue;
@@ -32,19 +34,52 @@ const MAX_QUEUED: usize = 8;
 /// WebSocket close codes are the protocol's plus this.
 const CLOSE_CODE_BASE: u16 = 4000;
 
-/// Runs one session over an open TCP connection (or what stands for one) until it ends; says why.
-/// `authority` is the `HOST:PORT` that the server is told.
-pub async fn run_websocket<S, H>(stream: S, authority: &str, host: &mut H, clock: Clock) -> Close
+/// A WebSocket on which a session can begin.
+#[derive(Debug)]
+pub struct WebSocketConnection<S> {
+    socket: WebSocketStream<Counting<S>>,
+    received: Arc<AtomicU64>,
+}
+
+impl<S: AsyncRead + AsyncWrite + Unpin> WebSocketConnection<S> {
+    /// Asks for a WebSocket over an open TCP connection (or what stands for one). `authority` is the `HOST:PORT` that
+    /// the server is told.
+    ///
+    /// # Errors
+    /// Says why there is none: the answer is another or none within `limit`, or the connection is lost.
+    pub async fn open(stream: S, authority: &str, limit: Duration) -> Result<Self, Close> {
+        timeout(limit, handshake(stream, authority)).await.unwrap_or_else(|_| {
+            let why = format!(
+                "it accepts connections, but gave no answer to the WebSocket request within {} s: is it a lodestream \
+                 server?",
+                limit.as_secs_f32()
+            );
+            Err(Close::new(CloseCode::Lost, why))
+        })
+    }
+}
+
+/// Runs one session over a WebSocket until it ends; says why.
+pub async fn run_websocket<S, H>(connection: WebSocketConnection<S>, host: &mut H, clock: Clock) -> Close
 where
     S: AsyncRead + AsyncWrite + Unpin,
     H: Host,
+{
+    let (sink, stream) = connection.socket.split();
+    let receiver = WebSocketReceiver { stream, received: connection.received };
+    drive(host, clock, receiver, WebSocketSender { sink, queue: VecDeque::new(), unflushed: false }).await
+}
+
+async fn handshake<S>(stream: S, authority: &str) -> Result<WebSocketConnection<S>, Close>
+where
+    S: AsyncRead + AsyncWrite + Unpin,
 {
     let received = Arc::new(AtomicU64::new(0));
     let stream = Counting { stream, received: received.clone() };
     let lost = |why: String| Close::new(CloseCode::Lost, why);
     let mut request = match format!("ws://{authority}/").into_client_request() {
         Ok(request) => request,
-        Err(why) => return lost(why.to_string()),
+        Err(why) => return Err(lost(why.to_string())),
     };
     request.headers_mut().insert(SEC_WEBSOCKET_PROTOCOL, HeaderValue::from_static(ALPN));
     let limits = WebSocketConfig::default()
@@ -53,18 +88,15 @@ where
         .max_write_buffer_size(2 * MAX_FRAME_BYTES)
         .max_message_size(Some(MAX_FRAME_BYTES))
         .max_frame_size(Some(MAX_FRAME_BYTES));
-    let socket = match client_async_with_config(request, stream, Some(limits)).await {
-        Ok((socket, _)) => socket,
+    match client_async_with_config(request, stream, Some(limits)).await {
+        Ok((socket, _)) => Ok(WebSocketConnection { socket, received }),
         Err(Error::Http(response)) => {
             let status = response.status();
             let code = if status.is_server_error() { CloseCode::Busy } else { CloseCode::Protocol };
-            return Close::new(code, format!("the server answers the WebSocket request with {status}"));
+            Err(Close::new(code, format!("the server answers the WebSocket request with {status}")))
         }
-        Err(why) => return lost(format!("the WebSocket handshake failed: {why}")),
-    };
-    let (sink, stream) = socket.split();
-    let receiver = WebSocketReceiver { stream, received };
-    drive(host, clock, receiver, WebSocketSender { sink, queue: VecDeque::new(), unflushed: false }).await
+        Err(why) => Err(lost(format!("the WebSocket handshake failed: {why}"))),
+    }
 }
 
 /// A stream that counts what is read from it.

@@ -12,7 +12,7 @@ use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use anyhow::Context as _;
-use lodestream_client::net::{self, QuicConnection, QuicOpenError};
+use lodestream_client::net::{self, QuicConnection, QuicOpenError, WebSocketConnection};
 use lodestream_netsim::clock::virtual_runtime;
 use lodestream_netsim::link::LinkSettings;
 use lodestream_protocol::message::{Close, CloseCode};
@@ -182,7 +182,13 @@ async fn run_websocket(
     let close = if in_time {
         let client_clock = viewer.clock();
         let host = SERVER.to_string();
-        end_of(net::run_websocket(client, &host, viewer, client_clock), limit).await
+        let session = async {
+            match WebSocketConnection::open(client, &host, limit).await {
+                Ok(connection) => net::run_websocket(connection, viewer, client_clock).await,
+                Err(why) => why,
+            }
+        };
+        end_of(session, limit).await
     } else {
         Close::new(CloseCode::Lost, "no connection within the time limit")
     };

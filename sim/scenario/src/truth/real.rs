@@ -90,7 +90,13 @@ async fn over_websocket(relay: &Relay, limit: Duration, viewer: &mut Viewer<'_>)
     stream.set_nodelay(true)?;
     let clock = viewer.clock();
     let host = relay.address.to_string();
-    Ok(end_of(net::run_websocket(stream, &host, viewer, clock), limit).await)
+    let session = async {
+        match net::WebSocketConnection::open(stream, &host, limit).await {
+            Ok(connection) => net::run_websocket(connection, viewer, clock).await,
+            Err(why) => why,
+        }
+    };
+    Ok(end_of(session, limit).await)
 }
 
 /// The shipped daemon on threads of its own.
