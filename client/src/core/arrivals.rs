@@ -9,6 +9,7 @@ use lodestream_protocol::time::Time;
 use super::asset::RefinedAsset;
 use super::changes::{Change, TextureChange};
 use super::client_core::ClientCore;
+use super::terrain_points::TerrainBlobError;
 use super::texture_file::TexturePixels;
 
 /// A blob, or part of it, as it arrived.
@@ -65,12 +66,13 @@ impl ClientCore {
         let Some(terrain) = self.scene.terrain.as_mut().filter(|t| t.state(blob) != State::Applied) else {
             return;
         };
-        let taken = if whole { terrain.take(blob, bytes) } else { Err("only a part of it came".into()) };
+        let taken = if whole { terrain.take(blob, bytes) } else { Err(TerrainBlobError::Partial) };
         if !track {
             terrain.drop_changes();
         }
         match taken {
             Ok(()) => self.failures.forget(id),
+            Err(why @ TerrainBlobError::BeyondWorld { .. }) => self.end_session(now, &why),
             Err(why) => self.failed(now, id, &why),
         }
     }

@@ -3,9 +3,12 @@
 use std::collections::VecDeque;
 
 use glam::Vec3;
+use lodestream_geometry::DecodeError;
 use lodestream_protocol::blob::{BlobId, TerrainBlob};
 use lodestream_protocol::select::{Projection, State, Wanted, priority};
-use lodestream_protocol::terrain::{ListedPatch, PATCHES_PER_PAGE, TerrainEntry, decode_directory};
+use lodestream_protocol::terrain::{
+    DirectoryError, ListedPatch, PATCHES_PER_PAGE, TerrainEntry, decode_directory,
+};
 use lodestream_protocol::view::View;
 use lodestream_terrain::{PatchPoints, decode_points};
 
@@ -16,6 +19,38 @@ use super::changes::Change;
 const MAX_HELD_BYTES: u64 = 256 << 20;
 /// Most patches of a directory: a million of them is 16 MB.
 const MAX_PATCHES: u32 = 1 << 20;
+
+/// A blob of the terrain that cannot be used.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub(super) enum TerrainBlobError {
+    /// Only a part of it came.
+    #[error("only a part of it came")]
+    Partial,
+    /// Not a page of the directory.
+    #[error(transparent)]
+    Directory(#[from] DirectoryError),
+    /// Not points.
+    #[error(transparent)]
+    Points(#[from] DecodeError),
+    /// Of something that does not exist.
+    #[error("there is no such {0}")]
+    Unknown(&'static str),
+    /// What no world can have: asking again does not help.
+    #[error(
+        "the terrain lists points in patch ({x}, {y}), but its patches are {lowest} to {highest} each way: the server's \
+         scene is damaged"
+    )]
+    BeyondWorld {
+        /// Column of the patch.
+        x: i32,
+        /// Row of the patch.
+        y: i32,
+        /// Lowest column and row.
+        lowest: i64,
+        /// Highest column and row.
+        highest: i64,
+    },
+}
 
 /// A patch of the directory.
 #[derive(Clone, Copy, Debug)]
@@ -136,22 +171,22 @@ impl TerrainPoints {
         settled
     }
 
-    /// Uses a blob that came whole; says why it cannot be used.
-    pub(super) fn take(&mut self, blob: TerrainBlob, bytes: &[u8]) -> Result<(), String> {
+    /// Uses a blob that came whole.
+    pub(super) fn take(&mut self, blob: TerrainBlob, bytes: &[u8]) -> Result<(), TerrainBlobError> {
         match blob {
             TerrainBlob::DirectoryPage(page) => {
                 let first = page.saturating_mul(PATCHES_PER_PAGE);
                 let count = self.entry.patches.min(MAX_PATCHES).saturating_sub(first).min(PATCHES_PER_PAGE);
-                let listed = decode_directory(bytes, count).map_err(|why| why.to_string())?;
-                let Some(held) = self.patches.get_mut(page as usize) else {
-                    return Err("no such page".into());
-                };
+                let listed = decode_directory(bytes, count)?;
+                self.check_patches(&listed)?;
+                let held = self.patches.get_mut(page as usize);
+                let held = held.ok_or(TerrainBlobError::Unknown("page of the directory"))?;
                 *held = listed.into_iter().map(|listed| Patch { listed, state: State::Absent }).collect();
             }
             TerrainBlob::Points(number) => {
                 let finest = self.entry.parameters.finest_level;
-                let points: PatchPoints = decode_points(finest, bytes).map_err(|why| why.to_string())?;
-                let Some(patch) = self.patch_mut(number) else { return Err("no such patch".into()) };
+                let points: PatchPoints = decode_points(finest, bytes)?;
+                let patch = self.patch_mut(number).ok_or(TerrainBlobError::Unknown("patch"))?;
                 let (x, y) = (i64::from(patch.listed.x), i64::from(patch.listed.y));
                 self.held_bytes += 16 * bytes.len() as u64;
                 self.changes.push_back(Change::TerrainPoints { x, y, points });
@@ -159,6 +194,18 @@ impl TerrainPoints {
         }
         self.set_state(blob, State::Applied);
         Ok(())
+    }
+
+    /// Whether all patches are in the world: points of others cannot be put anywhere.
+    fn check_patches(&self, listed: &[ListedPatch]) -> Result<(), TerrainBlobError> {
+        let edge = 1_i64 << self.entry.parameters.extent_log2;
+        let inside = |at: i32| (-edge..edge).contains(&i64::from(at));
+        match listed.iter().find(|patch| !inside(patch.x) || !inside(patch.y)) {
+            Some(&ListedPatch { x, y, .. }) => {
+                Err(TerrainBlobError::BeyondWorld { x, y, lowest: -edge, highest: edge - 1 })
+            }
+            None => Ok(()),
+        }
     }
 
     pub(super) fn has_changes(&self) -> bool {

@@ -21,7 +21,9 @@ use lodestream_protocol::message::ClientMessage;
 use lodestream_protocol::scene::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
 use lodestream_protocol::server::{ServerConfig, ServerSession, Transmit};
 use lodestream_protocol::source::{SceneSource, SourceError};
+use lodestream_protocol::terrain::{ListedPatch, TerrainEntry, encode_directory};
 use lodestream_protocol::time::Time;
+use lodestream_terrain::Parameters;
 
 use super::{ClientCore, Config, Progress, StartView};
 
@@ -107,6 +109,8 @@ pub(crate) struct Hills {
     blobs: BTreeMap<BlobPart, Bytes>,
     /// Served instead of the real bytes.
     pub(crate) damaged: BTreeMap<BlobId, Bytes>,
+    /// The page of the terrain's directory, where there is terrain.
+    directory: Bytes,
     /// Announced, but not there.
     pub(crate) missing: BTreeSet<BlobId>,
     /// What the server cannot read from its disk.
@@ -169,6 +173,7 @@ impl Hills {
             }),
             blobs,
             damaged: BTreeMap::new(),
+            directory: Bytes::new(),
             missing: BTreeSet::new(),
             unreadable: Mutex::default(),
         }
@@ -177,6 +182,20 @@ impl Hills {
     /// The same as another scene.
     pub(crate) fn with_fingerprint(mut self, byte: u8) -> Self {
         self.header.fingerprint = [byte; 16];
+        self
+    }
+
+    /// The same on a terrain of 2^`extent_log2` patches to each side, of which `listed` have points.
+    pub(crate) fn on_terrain(mut self, extent_log2: u8, listed: &[ListedPatch]) -> Self {
+        self.header.terrain = Some(Box::new(TerrainEntry {
+            parameters: Parameters { extent_log2, ..Parameters::default() },
+            unit: 1.0,
+            height_unit: 0.01,
+            zones: [0.0, 120.0, 300.0],
+            stamps: Vec::new(),
+            patches: listed.len() as u32,
+        }));
+        self.directory = encode_directory(listed).unwrap().into();
         self
     }
 
@@ -204,6 +223,9 @@ impl SceneSource for Hills {
     }
 
     fn blob_len(&self, id: &BlobId) -> Option<u32> {
+        if *id == BlobId::terrain_page(0) {
+            return Some(self.directory.len() as u32);
+        }
         let BlobId::Asset { asset, part } = *id else { return None };
         self.blobs.get(&part).filter(|_| asset < self.header.asset_count).map(|b| b.len() as u32)
     }
@@ -211,6 +233,9 @@ impl SceneSource for Hills {
     fn read(&self, id: &BlobId) -> Result<Bytes, SourceError> {
         if self.unreadable.lock().unwrap().contains(id) {
             return Err(SourceError::Unreadable { id: *id, why: "the disk rots".into() });
+        }
+        if *id == BlobId::terrain_page(0) {
+            return Ok(self.directory.clone());
         }
         let real = id.part().and_then(|part| self.blobs.get(&part)).filter(|_| !self.missing.contains(id));
         let real = real.ok_or(SourceError::NotFound(*id))?;

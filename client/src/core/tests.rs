@@ -1,8 +1,10 @@
 //! Tests of the core against a real server session, in virtual time.
 
 use lodestream_protocol::blob::BlobId;
+use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::scene::Camera;
 use lodestream_protocol::select::{Share, State};
+use lodestream_protocol::terrain::ListedPatch;
 use lodestream_protocol::view::View;
 
 use super::testing::{Hills, Loopback, prepared};
@@ -369,6 +371,27 @@ fn a_chunk_that_the_server_lacks_is_given_up_and_the_rest_settles() {
     assert!(!mesh.is_applied(0));
     assert!(mesh.face_count() < prepared().0.faces.len());
     assert_eq!(link.core.state(BlobId::chunk(0, 0)), State::Failed);
+}
+
+#[test]
+fn a_terrain_that_lists_a_patch_beyond_its_world_ends_the_session_and_not_the_viewer() {
+    let patch = |x: i32, y: i32| ListedPatch { x, y, bytes: 100, error: 900 };
+    let run = |listed: &[ListedPatch]| {
+        let mut link = Loopback::new(Hills::new(1).on_terrain(4, listed), |_| {});
+        link.connect();
+        link.run(200);
+        (link.core.closed().cloned(), link.core.take_changes(link.now, usize::MAX))
+    };
+    // From -16 to 15 each way there is ground.
+    let (closed, _) = run(&[patch(-16, 15), patch(15, -16)]);
+    assert_eq!(closed, None);
+    for (x, y) in [(16, 0), (0, 16), (-17, 0), (0, -17), (i32::MAX, 0), (0, i32::MIN)] {
+        let (closed, changes) = run(&[patch(0, 0), patch(x, y)]);
+        let closed = closed.expect("the session goes on");
+        assert_eq!(closed.code, CloseCode::Protocol);
+        assert!(closed.reason.contains(&format!("({x}, {y})")), "{closed}");
+        assert!(!changes.iter().any(|change| matches!(change, Change::TerrainPoints { .. })));
+    }
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Where each blob is: the books that selections read.
 
 use lodestream_protocol::blob::{BlobId, BlobPart};
+use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::select::State;
 use lodestream_protocol::time::Time;
 
@@ -68,6 +69,14 @@ impl ClientCore {
         tracing::warn!("{id} cannot be used{}: {why}", if again { ", asking again" } else { "" });
         self.not_here(now, id);
         self.set_state(id, State::Failed);
+    }
+
+    /// The server says what cannot be: asking again does not help.
+    pub(in crate::core) fn end_session(&mut self, now: Time, why: &dyn std::fmt::Display) {
+        tracing::warn!("the session cannot go on: {why}");
+        if let Some(session) = &mut self.session {
+            session.close(now, CloseCode::Protocol, &why.to_string());
+        }
     }
 
     /// Blobs are no longer here.

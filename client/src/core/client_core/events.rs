@@ -2,7 +2,7 @@
 
 use lodestream_protocol::blob::BlobId;
 use lodestream_protocol::client::{ClientEvent, ClientSession};
-use lodestream_protocol::message::{CloseCode, RefusedReason, Welcome};
+use lodestream_protocol::message::{RefusedReason, Welcome};
 use lodestream_protocol::select::State;
 use lodestream_protocol::time::Time;
 
@@ -31,12 +31,7 @@ impl ClientCore {
                             self.arrive(now, arrived);
                         }
                     }
-                    Err(why) => {
-                        tracing::warn!("the scene description cannot be used: {why}");
-                        if let Some(session) = &mut self.session {
-                            session.close(now, CloseCode::Protocol, why);
-                        }
-                    }
+                    Err(why) => self.end_session(now, &why),
                 },
                 ClientEvent::Blob { id, offset, total, bytes } => {
                     self.in_flight.remove(&id);
