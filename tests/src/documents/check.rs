@@ -38,7 +38,8 @@ pub(super) fn document(repository: &Repository, name: &str, text: &str) -> Vec<S
                 for target in links(line.text) {
                     link(repository, name, &target, &mut wrong);
                 }
-                for span in code_spans(line.text) {
+                // What once was may name what is gone.
+                for span in code_spans(line.text).into_iter().filter(|_| !name.ends_with("CHANGELOG.md")) {
                     code(repository, name, span, &mut wrong);
                 }
             }
