@@ -38,6 +38,23 @@ target = [0.25, 0.25, 0.25]
     open(text, |_| {})
 }
 
+/// A model with the wall's material, its texture laid over it along z. Unlike the wall's, its base mesh is no zstd frame, in
+/// which the reader could not look.
+fn textured(obj: &str) -> String {
+    let mut out = String::from("mtllib wall.mtl\nusemtl brick\n");
+    for line in obj.lines() {
+        let mut words = line.split_whitespace();
+        match words.next() {
+            Some("v") => {
+                let at: Vec<f64> = words.map(|word| word.parse().unwrap()).collect();
+                writeln!(out, "{line}\nvt {:.6} {:.6}", 0.5 + 0.3 * at[0], 0.5 + 0.3 * at[1]).unwrap();
+            }
+            _ => writeln!(out, "f {}", words.map(|v| format!("{v}/{v} ")).collect::<String>()).unwrap(),
+        }
+    }
+    out
+}
+
 /// Every kind of asset, instance and stamp, on two scene pages.
 pub(super) fn gallery() -> TestScene {
     let mut text = String::from(
@@ -51,6 +68,7 @@ color = [0.25, 0.5, 0.75]
 [[asset]]
 name = "ball"
 file = "ball.obj"
+relief_depth = 0.03
 [[asset]]
 name = "wall"
 file = "wall.obj"
@@ -124,7 +142,7 @@ depth = 2
     let features = format!("{{\"mode\": \"fixed\", \"points\": [{}]}}", points.join(","));
     open(&text, |folder| {
         write_wall(folder);
-        std::fs::write(folder.join("ball.obj"), ball(30, 40)).unwrap();
+        std::fs::write(folder.join("ball.obj"), textured(&ball(30, 40))).unwrap();
         std::fs::write(folder.join("points.json"), features).unwrap();
     })
 }
