@@ -18,7 +18,7 @@ use crate::source::SceneSource;
 use crate::testing::{MemoryScene, SlowScene};
 use crate::time::Time;
 use crate::view::View;
-use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_page};
+use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_stated_page};
 
 /// A direction of the link: what is under way, with its arrival.
 #[derive(Default)]
@@ -254,7 +254,7 @@ fn of_asset(id: BlobId) -> (usize, BlobPart) {
 fn arrived(asset: &mut AssetState, part: BlobPart, offset: u32, bytes: &[u8]) {
     match part {
         BlobPart::IndexPage(page) => {
-            let infos = decode_page(bytes, page * CHUNKS_PER_PAGE as u32).unwrap();
+            let infos = decode_stated_page(bytes, page * CHUNKS_PER_PAGE as u32).unwrap();
             asset.add_index_page(page, infos).unwrap();
         }
         BlobPart::Chunk(chunk) => {

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use bytes::Bytes;
-use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, Sphere, Stop, encode_page};
+use lodestream_geometry::index::{ChunkInfo, Sphere, Stop, encode_pages};
 
 use crate::blob::{BlobId, BlobPart};
 use crate::scene::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
@@ -187,8 +187,8 @@ impl SceneSource for SlowScene {
 }
 
 fn index_pages(infos: &[ChunkInfo]) -> Vec<Bytes> {
-    let pages = (0..).step_by(CHUNKS_PER_PAGE).zip(infos.chunks(CHUNKS_PER_PAGE));
-    pages.map(|(first, infos)| Bytes::from(encode_page(infos, first).unwrap())).collect()
+    let (pages, _) = encode_pages(infos).unwrap();
+    pages.into_iter().map(Bytes::from).collect()
 }
 
 /// Bytes that differ from blob to blob and from place to place.

@@ -1,7 +1,7 @@
 //! From bytes to what is drawn: what becomes of a blob that has arrived.
 
 use bytes::Bytes;
-use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_page};
+use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_stated_page};
 use lodestream_protocol::blob::{BlobId, BlobPart, TerrainBlob};
 use lodestream_protocol::select::{State, Wanted};
 use lodestream_protocol::time::Time;
@@ -132,8 +132,8 @@ impl ClientCore {
             return;
         }
         let first = page.saturating_mul(CHUNKS_PER_PAGE as u32);
-        let added = decode_page(bytes, first).map_err(|why| why.to_string()).and_then(|infos| {
-            let count = infos.len();
+        let added = decode_stated_page(bytes, first).map_err(|why| why.to_string()).and_then(|infos| {
+            let count = infos.chunks.len();
             let state = self.scene.states.get_mut(asset as usize).ok_or("no such asset")?;
             state.add_index_page(page, infos).map_err(|why| why.to_string())?;
             Ok(count)

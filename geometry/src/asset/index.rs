@@ -74,6 +74,22 @@ impl ChunkInfo {
     }
 }
 
+/// One page of the index.
+#[derive(Clone, Debug, PartialEq, Default)]
+pub struct IndexPage {
+    /// Its chunks.
+    pub chunks: Vec<ChunkInfo>,
+    /// The largest visible error (all attributes counted) of the chunks on later pages; `None` where
+    /// [`expected_rest_error`](crate::index::expected_rest_error) of this page and those before it is not below that.
+    pub rest_error: Option<f32>,
+}
+
+impl From<Vec<ChunkInfo>> for IndexPage {
+    fn from(chunks: Vec<ChunkInfo>) -> Self {
+        Self { chunks, rest_error: None }
+    }
+}
+
 /// The number of pages that `chunks` entries fill.
 #[must_use]
 pub fn page_count(chunks: usize) -> usize {

@@ -1,6 +1,7 @@
 //! Index pages: the entries of up to 64 chunks, each said by how it differs from the one before.
 
-use crate::asset::index::{CHUNKS_PER_PAGE, ChunkInfo, MAX_PARENTS, MAX_STOPS, Sphere, Stop};
+use crate::asset::index::{CHUNKS_PER_PAGE, ChunkInfo, IndexPage, MAX_PARENTS, MAX_STOPS, Sphere, Stop};
+use crate::asset::screen::visible_error;
 use crate::codec::model::{
     INDEX_ATTRIBUTE, INDEX_BYTES, INDEX_ERROR, INDEX_FACES, INDEX_FIRST_PARENT, INDEX_LEVEL,
     INDEX_NEXT_PARENT, INDEX_PARENTS, INDEX_RADIUS, INDEX_STOP_BYTES, INDEX_STOP_ERROR, INDEX_STOP_FACES,
@@ -26,7 +27,67 @@ pub fn encode_page(infos: &[ChunkInfo], first: u32) -> Result<Vec<u8>, DecodeErr
     Ok(encoder.finish(0))
 }
 
-/// Decodes one index page, as sent on the wire.
+/// Encodes the entries of all chunks of an asset, page by page; gives the pages, and the entries as
+/// [`decode_page`] gives them.
+///
+/// A page states the largest error of the chunks behind it where [`expected_rest_error`] would not bound it.
+///
+/// # Errors
+/// As [`encode_page`].
+pub fn encode_pages(infos: &[ChunkInfo]) -> Result<(Vec<Vec<u8>>, Vec<ChunkInfo>), DecodeError> {
+    let mut pages = Vec::new();
+    // Rounding belongs to the index: what counts is what clients see.
+    let mut seen: Vec<ChunkInfo> = Vec::with_capacity(infos.len());
+    for page in infos.chunks(CHUNKS_PER_PAGE) {
+        let first = id32(seen.len());
+        let bytes = encode_page(page, first)?;
+        seen.extend(decode_page(&bytes, first)?);
+        pages.push(bytes);
+    }
+    let mut rest_error = 0.0_f32;
+    for (number, page) in pages.iter_mut().enumerate().rev() {
+        let first = number * CHUNKS_PER_PAGE;
+        let end = seen.len().min(first + CHUNKS_PER_PAGE);
+        if rest_error > expected_rest_error(&seen[..end]) {
+            let mut encoder = Encoder::new(contexts());
+            let stated = Some(rest_error);
+            code_stated_page(&mut encoder, id32(first), Some(&infos[first..end]), stated)?;
+            *page = encoder.finish(0);
+        }
+        let errors = seen[first..end].iter().map(|info| visible_error(info, 1.0));
+        rest_error = errors.fold(rest_error, f32::max);
+    }
+    Ok((pages, seen))
+}
+
+/// What the chunks of the first pages say of the largest visible error of those that follow, where the last of these
+/// pages states nothing else.
+///
+/// A chunk's error is at most that of any of its parents. Chunks are numbered level by level, and parents lie in the
+/// nearest coarser level that has one there, as a rule the one before: so it is the largest among the last two levels.
+/// Where a region had no chunks for some levels, parents lie further up, and the page says so.
+#[must_use]
+pub fn expected_rest_error<'a>(known: impl IntoIterator<Item = &'a ChunkInfo, IntoIter: Clone>) -> f32 {
+    let known = known.into_iter();
+    let Some(last) = known.clone().last() else { return f32::MAX };
+    known
+        .filter(|info| info.level.saturating_add(1) >= last.level)
+        .map(|info| visible_error(info, 1.0))
+        .fold(0.0, f32::max)
+}
+
+/// Decodes one index page and what it states of those behind it; see [`decode_page`].
+///
+/// # Errors
+/// As [`decode_page`].
+pub fn decode_stated_page(bytes: &[u8], first: u32) -> Result<IndexPage, DecodeError> {
+    let mut decoder = Decoder::new(contexts(), bytes);
+    let page = code_stated_page(&mut decoder, first, None, None)?;
+    decoder.end(0)?;
+    Ok(page)
+}
+
+/// Decodes the chunks of one index page, as sent on the wire.
 ///
 /// `first` is the id of the page's first chunk (`page × CHUNKS_PER_PAGE`).
 ///
@@ -34,27 +95,48 @@ pub fn encode_page(infos: &[ChunkInfo], first: u32) -> Result<Vec<u8>, DecodeErr
 /// Refuses truncated pages, counts beyond [`CHUNKS_PER_PAGE`], parents that are not older than their
 /// child, stops that are not ascending, and values that are not finite.
 pub fn decode_page(bytes: &[u8], first: u32) -> Result<Vec<ChunkInfo>, DecodeError> {
-    let mut decoder = Decoder::new(contexts(), bytes);
-    let page = code_page(&mut decoder, first, None)?;
-    decoder.end(0)?;
-    Ok(page)
+    decode_stated_page(bytes, first).map(|page| page.chunks)
 }
 
-/// Codes a page with any coder: says `infos` if given, and answers what a decoder hears.
+/// Codes the chunks of a page with any coder: says `infos` if given, and answers what a decoder hears.
 pub(crate) fn code_page<C: Coder>(
     coder: &mut C,
     first: u32,
     infos: Option<&[ChunkInfo]>,
 ) -> Result<Vec<ChunkInfo>, DecodeError> {
+    code_stated_page(coder, first, infos, None).map(|page| page.chunks)
+}
+
+/// What a page says in the place of its number of chunks where it is full and states the largest error of those
+/// behind it. Only a full page has any behind it.
+const STATES: u32 = 65;
+const _: () = assert!(STATES as usize == CHUNKS_PER_PAGE + 1);
+
+fn code_stated_page<C: Coder>(
+    coder: &mut C,
+    first: u32,
+    infos: Option<&[ChunkInfo]>,
+    stated: Option<f32>,
+) -> Result<IndexPage, DecodeError> {
     if let Some(infos) = infos {
         may_be_coded(infos, first)?;
     }
-    let count = coder.raw(7, infos.map_or(0, |i| id32(i.len()))) as usize;
+    let count = infos.map_or(0, |i| id32(i.len()));
+    let count = coder.raw(7, if stated.is_some() { STATES } else { count });
+    let mut rest_error = None;
+    if count == STATES {
+        let stated = length_of(coder.raw(15, stated.map_or(0, length_code)));
+        if !stated.is_finite() {
+            return Err(fail("the error behind a page is not finite"));
+        }
+        rest_error = Some(stated);
+    }
+    let count = if count == STATES { CHUNKS_PER_PAGE } else { count as usize };
     if count > CHUNKS_PER_PAGE {
         return Err(fail(format!("{count} chunks; a page has {CHUNKS_PER_PAGE}")));
     }
     if count == 0 {
-        return coder.check().map(|()| Vec::new());
+        return coder.check().map(|()| IndexPage::default());
     }
     let grid = CenterGrid::code(coder, infos)?;
     let mut page = Vec::with_capacity(count);
@@ -66,7 +148,7 @@ pub(crate) fn code_page<C: Coder>(
         page.push(info.clone());
         previous = info;
     }
-    Ok(page)
+    Ok(IndexPage { chunks: page, rest_error })
 }
 
 fn fail(why: impl Into<String>) -> DecodeError {
@@ -304,4 +386,55 @@ fn code_stops<C: Coder>(
         stops.push(stop);
     }
     Ok(stops)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn chunk(level: u8, error: f32, parents: Vec<u32>) -> ChunkInfo {
+        ChunkInfo {
+            level,
+            error,
+            parents,
+            payload_bytes: 900,
+            vertices: 300,
+            faces: 600,
+            ..ChunkInfo::default()
+        }
+    }
+
+    #[test]
+    fn pages_state_an_error_only_where_it_does_not_follow_and_are_as_before_otherwise() {
+        let mut infos = vec![chunk(1, 1.0, vec![]), chunk(1, 0.5, vec![])];
+        infos.extend((2..64).map(|_| chunk(2, 0.25, vec![1])));
+        infos.extend((64..130).map(|_| chunk(3, 0.125, vec![2])));
+        let (pages, seen) = encode_pages(&infos).unwrap();
+        for (number, page) in pages.iter().enumerate() {
+            let first = number * CHUNKS_PER_PAGE;
+            let end = infos.len().min(first + CHUNKS_PER_PAGE);
+            assert_eq!(*page, encode_page(&infos[first..end], first as u32).unwrap());
+            let decoded = decode_stated_page(page, first as u32).unwrap();
+            assert_eq!((&decoded.chunks[..], decoded.rest_error), (&seen[first..end], None));
+        }
+        // The last one hangs on the first: its error follows from nothing that the second page holds.
+        infos[129] = chunk(5, 0.75, vec![0]);
+        let (stating, seen) = encode_pages(&infos).unwrap();
+        assert_eq!(stating[0], pages[0], "its own chunks bound what follows");
+        let second = decode_stated_page(&stating[1], 64).unwrap();
+        assert_eq!((&second.chunks[..], second.rest_error), (&seen[64..128], Some(seen[129].error)));
+        assert!(stating[1].len() <= pages[1].len() + 3);
+        for length in 0..stating[1].len() {
+            let cut = decode_stated_page(&stating[1][..length], 64);
+            assert_ne!(cut.ok().as_ref(), Some(&second), "length {length}");
+        }
+    }
+
+    #[test]
+    fn a_stated_error_that_is_no_number_is_refused() {
+        let mut encoder = Encoder::new(contexts());
+        encoder.raw(7, STATES);
+        encoder.raw(15, 0x7F80);
+        assert!(decode_stated_page(&encoder.finish(0), 0).unwrap_err().to_string().contains("not finite"));
+    }
 }

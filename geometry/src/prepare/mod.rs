@@ -3,10 +3,10 @@
 pub mod training;
 
 use crate::asset::base::{Base, MAX_BASE_FACES, Totals};
-use crate::asset::index::{CHUNKS_PER_PAGE, ChunkInfo, Sphere};
+use crate::asset::index::{ChunkInfo, Sphere};
 use crate::codec::base_mesh::{self, BaseFormat, BaseMesh};
 use crate::codec::chunk::{Encoded, Reached, encode};
-use crate::codec::index_page::{decode_page, encode_page};
+use crate::codec::index_page::encode_pages;
 use crate::codec::source::Source;
 use crate::entropy::Codec;
 use crate::error::{DecodeError, MeshError};
@@ -152,17 +152,7 @@ pub fn prepare(mesh: &QuantisedMesh, settings: &Settings, hooks: &Hooks<'_>) -> 
             faces: e.faces,
         })
         .collect();
-    // Rounding belongs to the index: what counts is what clients see.
-    let mut pages = Vec::new();
-    let mut seen = Vec::with_capacity(infos.len());
-    for page in infos.chunks(CHUNKS_PER_PAGE) {
-        let first = seen.len() as u32;
-        let internal = |e: DecodeError| MeshError::Internal { why: e.to_string() };
-        let bytes = encode_page(page, first).map_err(internal)?;
-        seen.extend(decode_page(&bytes, first).map_err(internal)?);
-        pages.push(bytes);
-    }
-    let infos = seen;
+    let (pages, infos) = encode_pages(&infos).map_err(|e| MeshError::Internal { why: e.to_string() })?;
     base.root_error = infos.iter().map(|i| i.error).fold(base.root_error, f32::max);
     Ok(Prepared { base, infos, pages, chunks: encoded.into_iter().map(|e| e.bytes).collect() })
 }

@@ -2,11 +2,12 @@
 
 use lodestream_geometry::closed_set::{self, Member};
 use lodestream_geometry::distance::TriangleBvh;
-use lodestream_geometry::index::ChunkInfo;
+use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, decode_stated_page, expected_rest_error};
 use lodestream_geometry::mesh::QuantisedMesh;
 use lodestream_geometry::prepare::Prepared;
 use lodestream_geometry::random::Random;
 use lodestream_geometry::refine::ActiveMesh;
+use lodestream_geometry::screen::visible_error;
 
 use crate::common::{all, prepared, quantised, regions, shapes, stopping, with_bits};
 use crate::promises::{apply, deltas};
@@ -21,6 +22,23 @@ fn errors_are_monotone_along_parents() {
                 assert!((p as usize) < id && asset.infos[p as usize].level <= info.level);
                 assert!(asset.infos[p as usize].error >= info.error, "{name}: chunk {id}, parent {p}");
             }
+        }
+    }
+}
+
+/// What an index page says of those behind it, in words or by its chunks, is never below what they hold.
+#[test]
+fn pages_bound_the_errors_of_those_behind_them() {
+    for (name, source) in all() {
+        let asset = prepared(&quantised(&source), &regions(200));
+        for (number, bytes) in asset.pages.iter().enumerate().take(asset.pages.len() - 1) {
+            let end = (number + 1) * CHUNKS_PER_PAGE;
+            let page = decode_stated_page(bytes, (end - CHUNKS_PER_PAGE) as u32).unwrap();
+            let bound = page.rest_error.unwrap_or_else(|| expected_rest_error(&asset.infos[..end]));
+            let errors = asset.infos[end..].iter().map(|info| visible_error(info, 1.0));
+            let largest = errors.fold(0.0, f32::max);
+            assert!(bound >= largest, "{name}: {bound} on page {number}, {largest} behind it");
+            assert!(page.rest_error.is_none_or(|stated| stated == largest));
         }
     }
 }

@@ -1,8 +1,7 @@
 //! What is known of an asset, and where its blobs are.
 
-use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, Stop};
+use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, IndexPage, Stop, expected_rest_error};
 use lodestream_geometry::numbers::id32;
-use lodestream_geometry::screen::visible_error;
 
 use crate::asset::{AssetDescription, TextureLevel};
 use crate::blob::{BlobId, BlobPart};
@@ -83,6 +82,8 @@ pub struct AssetState {
     chunks: Vec<Option<Chunk>>,
     /// Number of leading index pages that are known without a gap.
     known_pages: u32,
+    /// What the index pages state of those behind them, where they do.
+    rest_errors: Vec<Option<f32>>,
     /// Upper bound on the error of any chunk whose index page is not known yet.
     unknown_error: f32,
     textures: Vec<TextureState>,
@@ -121,7 +122,8 @@ impl AssetState {
     /// An asset of which only the scene's entry is known.
     #[must_use]
     pub fn new(entry: AssetEntry) -> Self {
-        let pages = vec![State::Absent; entry.index_pages() as usize];
+        let page_count = entry.index_pages() as usize;
+        let pages = vec![State::Absent; page_count];
         let unknown_error = if pages.is_empty() { 0.0 } else { entry.root_error };
         Self {
             entry,
@@ -129,6 +131,7 @@ impl AssetState {
             pages,
             chunks: Vec::new(),
             known_pages: 0,
+            rest_errors: vec![None; page_count],
             unknown_error,
             textures: Vec::new(),
         }
@@ -222,7 +225,8 @@ impl AssetState {
     ///
     /// # Errors
     /// Refuses pages that do not fit the asset; nothing changes then.
-    pub fn add_index_page(&mut self, page: u32, infos: Vec<ChunkInfo>) -> Result<(), PageError> {
+    pub fn add_index_page(&mut self, page: u32, contents: impl Into<IndexPage>) -> Result<(), PageError> {
+        let IndexPage { chunks: infos, rest_error } = contents.into();
         if page as usize >= self.pages.len() {
             return Err(PageError::NoSuchPage(page));
         }
@@ -247,6 +251,7 @@ impl AssetState {
                 None => *slot = Some(Chunk { info, state: State::Absent, held: 0, stop: None }),
             }
         }
+        self.rest_errors[page as usize] = rest_error;
         self.pages[page as usize] = State::Applied;
         while self.pages.get(self.known_pages as usize) == Some(&State::Applied) {
             self.known_pages += 1;
@@ -255,21 +260,16 @@ impl AssetState {
         Ok(())
     }
 
-    /// An unknown chunk's error is at most that of any of its parents. Chunks are numbered level by
-    /// level, and parents lie in the nearest coarser level that has one there, as a rule the one before:
-    /// so the largest error among the last two known levels bounds what follows.
+    /// What the last page known without a gap says of those behind it: either in so many words, or by its chunks and
+    /// those before ([`expected_rest_error`]).
     fn bound_of_unknown(&self) -> f32 {
         if self.known_pages as usize == self.pages.len() {
             return 0.0;
         }
-        let known =
-            self.chunks[..self.known_pages as usize * CHUNKS_PER_PAGE].iter().flatten().map(Chunk::info);
-        let Some(last) = known.clone().last() else { return self.entry.root_error };
-        known
-            .filter(|info| info.level.saturating_add(1) >= last.level)
-            .map(|info| visible_error(info, 1.0))
-            .fold(0.0, f32::max)
-            .min(self.entry.root_error)
+        let Some(last) = self.known_pages.checked_sub(1) else { return self.entry.root_error };
+        let known = self.chunks[..self.known_pages as usize * CHUNKS_PER_PAGE].iter().flatten();
+        let stated = self.rest_errors[last as usize];
+        stated.unwrap_or_else(|| expected_rest_error(known.map(Chunk::info))).min(self.entry.root_error)
     }
 
     /// The base mesh arrived with this description. `uv_per_unit` gives texture coordinates per asset

@@ -9,7 +9,7 @@ use crate::blob::{BlobId, BlobPart};
 use crate::scene::InstanceEntry;
 use crate::testing::{plane, plane_entry};
 use crate::view::View;
-use lodestream_geometry::index::CHUNKS_PER_PAGE;
+use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, Sphere, decode_stated_page, encode_pages};
 
 /// An asset whose base is applied and whose index is known.
 fn known_asset(levels: u8) -> AssetState {
@@ -275,6 +275,43 @@ fn a_page_of_level_255_bounds_what_follows_it() {
     let wanted =
         &selector.select(&above([0.0, 0.2, 0.5]), &[InstanceEntry::at(0, [0.0; 3])], &[asset]).wanted;
     assert!(wanted.iter().any(|w| w.id == BlobId::index_page(0, 1)), "{wanted:?}");
+}
+
+/// A region that had no chunks for two levels: its chunk's parent is three levels up, and its error far above what the
+/// levels between have. The bound was theirs, so the page was not asked for.
+#[test]
+fn what_is_unknown_is_bounded_where_parents_lie_several_levels_up() {
+    let chunk = |level: u8, error: f32, parents: &[u32]| ChunkInfo {
+        level,
+        error,
+        parents: parents.to_vec(),
+        sphere: Sphere { center: [0.0; 3], radius: 1.0 },
+        payload_bytes: 700,
+        vertices: 300,
+        wedges: 300,
+        faces: 600,
+        ..ChunkInfo::default()
+    };
+    let mut chunks = vec![chunk(1, 0.2, &[]), chunk(1, 0.02, &[])];
+    chunks.extend((2..33).map(|_| chunk(2, 0.01, &[1])));
+    chunks.extend((33..64).map(|id| chunk(3, 0.005, &[id - 31])));
+    chunks.push(chunk(4, 0.19, &[0]));
+    let (pages, chunks) = encode_pages(&chunks).unwrap();
+    let mut asset = AssetState::new(plane_entry("plane", &chunks, 1000));
+    asset.set_state(BlobPart::Base, State::Applied);
+    asset.add_index_page(0, decode_stated_page(&pages[0], 0).unwrap()).unwrap();
+    assert!(asset.unknown_error() >= chunks[64].error, "{} is no bound", asset.unknown_error());
+    // Nor is it more than it must be.
+    assert_eq!(asset.unknown_error(), chunks[64].error);
+    for id in 0..64 {
+        asset.set_state(BlobPart::Chunk(id), State::Applied);
+    }
+    let instances = [InstanceEntry::at(0, [0.0; 3])];
+    let mut selector = Selector::default();
+    let wanted = &selector.select(&above([0.0, 12.0, 16.0]), &instances, std::slice::from_ref(&asset)).wanted;
+    assert!(wanted.iter().any(|w| w.id == BlobId::index_page(0, 1)), "{wanted:?}");
+    asset.add_index_page(1, decode_stated_page(&pages[1], 64).unwrap()).unwrap();
+    assert_eq!(asset.unknown_error(), 0.0);
 }
 
 #[test]

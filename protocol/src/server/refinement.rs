@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_page};
+use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_stated_page};
 
 use super::first_flight::{all_pages, first_flight};
 use crate::blob::{BlobId, BlobPart};
@@ -143,7 +143,7 @@ fn learn_pages(
 /// Takes an index page into the state of its asset.
 fn learn(bytes: &[u8], page: u32, asset: &mut AssetState) -> Option<()> {
     let first = page.checked_mul(u32::try_from(CHUNKS_PER_PAGE).ok()?)?;
-    asset.add_index_page(page, decode_page(bytes, first).ok()?).ok()
+    asset.add_index_page(page, decode_stated_page(bytes, first).ok()?).ok()
 }
 
 /// The assets that cover most of the screen: their numbers, their instances (with assets renumbered) and
