@@ -44,7 +44,6 @@ fn seed(name: impl Into<String>, bytes: Vec<u8>) -> (String, Vec<u8>) {
     (name.into(), bytes)
 }
 
-#[allow(clippy::expect_used)]
 fn pack(asset: &Prepared) -> Vec<u8> {
     let base = encode_base(&asset.base).expect("a prepared base is encoded");
     let stored = |chunk: &Vec<u8>| match asset.base.codec {
@@ -62,7 +61,6 @@ fn packs() -> Vec<(String, Vec<u8>)> {
     fixtures::all().iter().map(|f| seed(f.name, pack(&f.asset))).collect()
 }
 
-#[allow(clippy::expect_used)]
 fn bases() -> Vec<(String, Vec<u8>)> {
     let encode = |f: &fixtures::Fixture| f.asset.base.encode().expect("a prepared base is encoded");
     fixtures::all().iter().map(|f| seed(f.name, encode(f))).collect()
@@ -235,7 +233,6 @@ fn base64(bytes: &[u8]) -> String {
     text
 }
 
-#[allow(clippy::expect_used)]
 fn messages() -> Vec<(String, Vec<u8>)> {
     let view = View::look_at([0.0, 1.0, 5.0], [0.0; 3], [0.0, 1.0, 0.0], 1.0, [1280, 720]);
     let wants = || [BlobId::base(0), BlobId::chunk(1, 70_000), BlobId::texture(2, 3, 4)];
@@ -324,7 +321,6 @@ fn messages() -> Vec<(String, Vec<u8>)> {
     seeds
 }
 
-#[allow(clippy::expect_used)]
 fn terrain() -> Vec<(String, Vec<u8>)> {
     let erosion = Erosion { level: 7, passes: 5, talus: 300, spike_limit: 8 };
     let eroded =

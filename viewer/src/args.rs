@@ -145,7 +145,7 @@ impl FromStr for CameraArg {
         if eye == target {
             return Err("eye and target are the same point".into());
         }
-        #[allow(clippy::cast_possible_truncation)] // an angle in a small range
+        // An angle in a small range.
         let fov_y = fov.to_radians() as f32;
         Ok(Self(Camera { eye: eye.into(), target: target.into(), up: up.as_vec3().into(), fov_y }))
     }

@@ -14,7 +14,7 @@ impl Display for Figures<'_> {
         let link = report.rate_bits_per_s.map_or_else(
             || format!("over {}", report.transport),
             |rate| {
-                #[allow(clippy::cast_precision_loss)] // a rate to three digits
+                // A rate to three digits.
                 let megabits = rate as f64 / 1e6;
                 format!("over {}, limited to {megabits} Mbit/s", report.transport)
             },
@@ -47,7 +47,7 @@ fn seconds(ms: Option<f64>) -> String {
 }
 
 fn size(bytes: u64) -> String {
-    #[allow(clippy::cast_precision_loss)] // to three digits
+    // To three digits.
     let bytes = bytes as f64;
     if bytes < 1e6 { format!("{:.1} kB", bytes / 1e3) } else { format!("{:.2} MB", bytes / 1e6) }
 }

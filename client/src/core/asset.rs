@@ -230,7 +230,7 @@ pub fn uv_per_unit(base: &Base) -> f32 {
         surface += (q - p).cross(r - p).length();
         uv += (t - s).perp_dot(u - s).abs();
     }
-    #[allow(clippy::cast_possible_truncation)] // a density, not a count
+    // A density, not a count.
     if surface > 0.0 { (uv / surface).sqrt() as f32 } else { 0.0 }
 }
 

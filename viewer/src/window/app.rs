@@ -174,7 +174,6 @@ impl Running {
         let elapsed = (now - start).as_secs_f64();
         if elapsed >= 0.5 {
             let received = self.news.status().stats.transport_bytes;
-            #[allow(clippy::cast_precision_loss)]
             let bits = received.saturating_sub(bytes) as f64 * 8.0;
             self.bits_per_s = bits / elapsed;
             self.window_start = (now, received);

@@ -162,7 +162,6 @@ fn rows(stats: &Stats, facts: &Facts<'_>) -> Vec<(&'static str, String)> {
 
 /// Bytes for people.
 fn bytes(bytes: u64) -> String {
-    #[allow(clippy::cast_precision_loss)]
     let b = bytes as f64;
     match bytes {
         0..10_000 => format!("{bytes} B"),

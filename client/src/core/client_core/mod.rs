@@ -328,7 +328,7 @@ impl ClientCore {
     /// What a renderer must fetch since the last call, in order, about `max_bytes` of it. `now` is the
     /// birth of vertices that appear for the first time.
     pub fn take_changes(&mut self, now: Time, max_bytes: usize) -> Vec<Change> {
-        #[allow(clippy::cast_possible_truncation)] // seconds since the start: milliseconds for 4 hours
+        // Seconds since the start: milliseconds for 4 hours.
         let now_s = Duration::from(now).as_secs_f64() as f32;
         self.scene.take_changes(now_s, max_bytes)
     }

@@ -18,7 +18,6 @@ const NORMAL_DECIMALS: usize = 4;
 fn decimals(step: f64) -> usize {
     if step > 0.0 && step.is_finite() {
         // The logarithm is far from f64's ends, and so is its ceiling.
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let places = (-step.log10()).ceil().clamp(0.0, 17.0) as usize;
         places
     } else {
@@ -127,7 +126,6 @@ fn uvs(out: &mut Vec<u8>, mesh: &QuantisedMesh) -> io::Result<Vec<usize>> {
 fn normals(out: &mut Vec<u8>, mesh: &QuantisedMesh) -> io::Result<Vec<usize>> {
     let scale = 10_f64.powi(NORMAL_DECIMALS as i32);
     // Components are at most 1.
-    #[allow(clippy::cast_possible_truncation)]
     let rounded = wedge_normals(mesh).into_iter().map(|n| n.map(|x| (x * scale).round() as i32));
     lines(out, rounded, |out, normal| {
         out.extend_from_slice(b"vn");

@@ -58,7 +58,6 @@ struct Builder {
 impl Builder {
     fn corner(&mut self, position: [f64; 3], uv: [f64; 2]) -> Corner {
         // A few hundred of each.
-        #[allow(clippy::cast_possible_truncation)]
         let corner = Corner {
             position: self.mesh.positions.len() as u32,
             uv: self.mesh.uvs.len() as u32,
@@ -66,7 +65,6 @@ impl Builder {
             color: NONE,
         };
         self.mesh.positions.push(position);
-        #[allow(clippy::cast_possible_truncation)]
         self.mesh.uvs.push(uv.map(|x| x as f32));
         corner
     }

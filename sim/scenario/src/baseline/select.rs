@@ -120,7 +120,7 @@ pub(super) fn select(content: &Content, held: &Held, view: &View) -> Selection {
         }
         seen.visible = true;
         seen.centrality = seen.centrality.max(bounds.centrality);
-        #[allow(clippy::cast_possible_truncation)] // as the project's selection has it
+        // As the project's selection has it.
         {
             let px_per_unit = projection.px_per_unit(asset, instance, bounds.depth) as f32;
             seen.px_per_unit = seen.px_per_unit.max(px_per_unit);
@@ -141,7 +141,6 @@ pub(super) fn select(content: &Content, held: &Held, view: &View) -> Selection {
                 if usable[number][parent as usize] && !usable[number][child] {
                     selection.error_px = selection.error_px.max(error_px);
                 }
-                #[allow(clippy::cast_possible_truncation)]
                 let missing = &mut seen.missing[child];
                 *missing = (missing.0.max(error_px as f32), missing.1.max(centrality));
             }
@@ -232,7 +231,7 @@ fn want_textures(
                 let item = Item::Texture(BlobId::texture(asset, number, level));
                 selection.wanted.push(Wanted { item, priority, bytes: u64::from(bytes), state });
             }
-            #[allow(clippy::cast_precision_loss)] // a texture's side
+            // A texture's side.
             let texels = texels.max(1) as f32;
             texel_px = px_per_uv / texels;
         }
