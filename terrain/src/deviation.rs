@@ -4,8 +4,11 @@
 //! level lie within those of the one before, so the largest vertical distance between two levels' surfaces
 //! is at a point of the finer.
 
+use super::error::TerrainError;
+use super::parameters::{Erosion, Parameters};
 use super::stamp::{Position, Stamp};
-use super::{Erosion, Parameters, Scratch, Terrain, TerrainError};
+use super::window::Scratch;
+use super::world::Terrain;
 use lodestream_geometry::random::Random;
 
 /// Levels that are measured at once: squares of 65 x 65 points.

@@ -5,13 +5,13 @@
 //! the averages are those of diamond-square, the result is what diamond-square would make with the listed
 //! heights put in as it goes; but points need not know in which order.
 
-use super::Terrain;
-use super::feature::Mode;
+use super::mode::Mode;
 use super::points::PatchPoints;
 use super::rect::Rect;
 use super::refine::{Detail, View, refine};
 use super::sculpt::saturate;
 use super::window::{Buffers, Scratch, descend};
+use super::world::Terrain;
 
 /// A listed point, in the patch's coordinates of the level in which it appears.
 #[derive(Clone, Copy, Debug)]

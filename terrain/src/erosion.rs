@@ -9,14 +9,15 @@
 //! A point's height follows from those at most [`Erosion::margin`] points away, so any rectangle is eroded
 //! alone with that margin, and neighbours agree.
 
+use super::differences::PatchDifferences;
 use super::differences::{Listed, row_points};
-use super::feature::Mode;
+use super::mode::Mode;
 use super::parameters::Erosion;
 use super::rect::Rect;
 use super::refine::{Detail, View, refine};
 use super::sculpt::saturate;
 use super::window::{Scratch, descend, needed};
-use super::{PatchDifferences, Terrain};
+use super::world::Terrain;
 
 /// Most points of the erosion level in a block that is eroded at once for a coarser level.
 const BLOCK_SIDE: usize = 512;

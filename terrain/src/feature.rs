@@ -1,22 +1,14 @@
 //! Features as an author writes them: lists of points and stamps on the global grid of the finest level.
 
+use super::error::TerrainError;
+use super::mode::Mode;
+use super::parameters::Parameters;
 use super::points::{MAX_PATCH_POINTS, PatchPoint, PatchPoints};
 use super::stamp::{MAX_STAMPS, Shape, Stamp};
-use super::{Parameters, TerrainError};
 use std::collections::{BTreeMap, HashSet};
 
 /// Most points of all lists of a terrain.
 pub const MAX_POINTS: usize = 1 << 22;
-
-/// What a feature does to the terrain under it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Mode {
-    /// Heights become what is given.
-    Fixed,
-    /// Heights change by what is given.
-    #[default]
-    Additive,
-}
 
 /// A height, or a change of height, at one point of the finest grid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -10,7 +10,7 @@
     )
 )]
 
-use super::TerrainError;
+use super::error::TerrainError;
 use lodestream_geometry::DecodeError;
 
 /// Bytes of encoded [`Parameters`].

@@ -1,7 +1,7 @@
 //! The listed points of one patch.
 
-use super::TerrainError;
-use super::feature::Mode;
+use super::error::TerrainError;
+use super::mode::Mode;
 
 /// Most points listed for one patch: as many as a patch of level 10 has.
 pub const MAX_PATCH_POINTS: usize = 1025 * 1025;

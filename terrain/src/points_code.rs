@@ -23,8 +23,8 @@
     )
 )]
 
-use super::TerrainError;
-use super::feature::Mode;
+use super::error::TerrainError;
+use super::mode::Mode;
 use super::points::{MAX_PATCH_POINTS, PatchPoint, PatchPoints};
 use super::points_predict::Predictor;
 use lodestream_geometry::DecodeError;

@@ -1,6 +1,8 @@
 //! Heights at single places.
 
-use super::{Scratch, Terrain, TerrainError};
+use super::error::TerrainError;
+use super::window::Scratch;
+use super::world::Terrain;
 
 impl Terrain {
     /// The height of a point of the finest grid.

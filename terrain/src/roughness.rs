@@ -1,7 +1,7 @@
 //! Where stamps make the ground rougher than it is without: places to draw finer than the rest.
 
-use super::Terrain;
 use super::stamp::{Position, Stamp};
+use super::world::Terrain;
 
 /// Most places that are measured, those of the steepest stamps first.
 const MOST_PLACES: usize = 64;

@@ -3,7 +3,7 @@
 //!
 //! Integers throughout, with one square root, which IEEE 754 rounds correctly everywhere.
 
-use super::feature::Mode;
+use super::mode::Mode;
 use super::rect::Rect;
 use super::stamp::{Position, Shape, Stamp};
 

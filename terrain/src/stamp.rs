@@ -10,7 +10,7 @@
     )
 )]
 
-use super::feature::Mode;
+use super::mode::Mode;
 use lodestream_geometry::DecodeError;
 use lodestream_geometry::entropy::bytes::{Reader, put_varint};
 use lodestream_geometry::numbers::id32;
