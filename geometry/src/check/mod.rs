@@ -21,6 +21,7 @@ use crate::asset::base::Base;
 use crate::asset::index::ChunkInfo;
 use crate::check::closed_set::Member;
 use crate::error::DecodeError;
+use crate::mesh::corner;
 use crate::pool::{self, Pool};
 use crate::random::Random;
 use crate::refine::{ActiveMesh, ChunkDelta, Id, Snapshot};
@@ -215,7 +216,7 @@ fn edges(state: &Snapshot, doubles: &BTreeMap<Id, Id>) -> (Boundary, BTreeMap<(I
     for &(_, wedges, _) in &state.faces {
         let v = wedges.map(|w| single(doubles, vertex(w)));
         for k in 0..3 {
-            let (a, b) = (v[k], v[(k + 1) % 3]);
+            let (a, b) = (v[k], v[corner::next(k)]);
             add(&mut boundary, a, b, 1);
             *counts.entry((a.min(b), a.max(b))).or_insert(0) += 1;
         }

@@ -17,6 +17,7 @@ use crate::entropy::plain_coder::{PlainDecoder, PlainEncoder};
 use crate::entropy::range_coder::{Coder, Decoder, Encoder};
 use crate::entropy::symbols::{INTEGER_CONTEXTS, index, integer, signed};
 use crate::error::DecodeError;
+use crate::mesh::corner;
 use crate::mesh::{Face, Kinds, Wedge};
 use crate::numbers::id32;
 
@@ -138,7 +139,7 @@ impl<'a> WantedMesh<'a> {
         for (f, face) in mesh.faces.iter().enumerate() {
             let v = face.wedges.map(|w| mesh.wedges[w as usize].vertex);
             for (k, corner) in (0..3).zip(0_u8..) {
-                edges.entry((v[k], v[(k + 1) % 3])).or_default().push((id32(f), corner));
+                edges.entry((v[k], v[corner::next(k)])).or_default().push((id32(f), corner));
             }
         }
         Self {
@@ -171,7 +172,7 @@ impl<'a> WantedMesh<'a> {
     fn take(&mut self, face: u32, k: usize) -> (u32, [u32; 3]) {
         self.done[face as usize] = true;
         let w = self.mesh.faces[face as usize].wedges;
-        (face, [w[k], w[(k + 1) % 3], w[(k + 2) % 3]])
+        (face, [w[k], w[corner::next(k)], w[corner::previous(k)]])
     }
 
     fn vertex_of(&self, wedge: u32) -> u32 {
@@ -228,7 +229,7 @@ impl<'a, C: Coder> Walk<'a, C> {
                 continue;
             };
             let v = self.corners(gate.face);
-            let (a, b) = (v[gate.k], v[(gate.k + 1) % 3]);
+            let (a, b) = (v[gate.k], v[corner::next(gate.k)]);
             if self.edges.contains(&(b, a)) {
                 continue;
             }
@@ -295,7 +296,7 @@ impl<'a, C: Coder> Walk<'a, C> {
             g.faces.push(builder);
         }
         for k in 0..3 {
-            self.edges.insert((vertices[k], vertices[(k + 1) % 3]));
+            self.edges.insert((vertices[k], vertices[corner::next(k)]));
             self.queue.push_back(Gate { face, k });
         }
         self.coder.check()
@@ -323,7 +324,7 @@ impl<'a, C: Coder> Walk<'a, C> {
             // Parallelogram rule (Touma and Gotsman, 1998).
             Some(gate) => {
                 let v = self.corners(gate.face);
-                let (a, b, c) = (at(v[gate.k]), at(v[(gate.k + 1) % 3]), at(v[(gate.k + 2) % 3]));
+                let (a, b, c) = (at(v[gate.k]), at(v[corner::next(gate.k)]), at(v[corner::previous(gate.k)]));
                 [0, 1, 2].map(|i| (a[i] + b[i] - c[i]).clamp(0, top))
             }
             None if !so_far.is_empty() => at(so_far[so_far.len() - 1]),

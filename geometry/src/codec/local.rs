@@ -10,6 +10,7 @@ use crate::codec::fan::Spoke;
 use crate::entropy::steps;
 use crate::error::DecodeError;
 use crate::mesh::Attributes;
+use crate::mesh::corner;
 use crate::mesh::slot_map::SlotMap;
 use crate::mesh::stars::END;
 use crate::mesh::vec3::{Vec3, add, cross, length, sub, triangle_normal};
@@ -232,7 +233,7 @@ impl<'a> Local<'a> {
     /// unknown, outside or inside.
     fn outlook(&self, wedges: &[u32; 3], k: usize) -> usize {
         let mut context = 0;
-        for other in [(k + 1) % 3, (k + 2) % 3] {
+        for other in [corner::next(k), corner::previous(k)] {
             let known = self.known_vertex(wedges[other]).map(|v| self.vertices[v as usize].interior);
             context = context * 3 + known.map_or(0, |inside| 1 + usize::from(inside));
         }

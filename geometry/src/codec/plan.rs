@@ -15,6 +15,7 @@ use crate::codec::source::Source;
 use crate::collapse::NO_VERTEX;
 use crate::collapse::Placed;
 use crate::collapse::Records;
+use crate::mesh::corner;
 use crate::numbers::id32;
 
 /// Multiplicative hashing of the builder's ids (Knuth, TAOCP 3, §6.4): keys are small, distinct and ours.
@@ -258,7 +259,7 @@ impl<'a> Guide<'a> {
                 born.push(Born {
                     face,
                     x: self.names.local_vertex.get(&third).copied().unwrap_or(vertex),
-                    left: corners[(at + 1) % 3] == t,
+                    left: corners[corner::next(at)] == t,
                 });
             }
         }

@@ -5,9 +5,11 @@
 //! wedges. Two faces that meet at a uv seam therefore still share their vertices, so no
 //! simplification can tear the surface open along a seam.
 
+pub(crate) mod corner;
 pub mod distance;
 pub mod normals;
 pub mod octahedral;
+pub(crate) mod rows;
 pub(crate) mod slot_map;
 pub(crate) mod stars;
 pub(crate) mod vec3;

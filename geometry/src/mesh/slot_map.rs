@@ -23,6 +23,26 @@ impl Default for SlotMap {
 }
 
 impl SlotMap {
+    /// A map that holds so many slots before it grows.
+    pub(crate) fn with_room(slots: usize) -> Self {
+        let bits = (slots * 2).next_power_of_two().trailing_zeros().max(FIRST_BITS);
+        Self { places: vec![(EMPTY, 0); 1 << bits], taken: 0, shift: 32 - bits }
+    }
+
+    /// The number of a slot: the one that it has, or else the given one, which it then has.
+    #[inline]
+    pub(crate) fn number_or(&mut self, slot: u32, number: u32) -> u32 {
+        if 2 * (self.taken + 1) > self.places.len() {
+            self.grow();
+        }
+        let at = self.find(slot);
+        if self.places[at].0 == EMPTY {
+            self.places[at] = (slot, number);
+            self.taken += 1;
+        }
+        self.places[at].1
+    }
+
     #[inline]
     pub(crate) fn get(&self, slot: u32) -> Option<u32> {
         let (key, number) = self.places[self.find(slot)];
@@ -84,5 +104,11 @@ mod tests {
             assert_eq!(map.get(slot), Some(number as u32));
         }
         assert!(map.get(500).is_none() && map.get(90_001).is_none());
+        let mut roomy = SlotMap::with_room(slots.len());
+        let places = roomy.places.len();
+        for (number, &slot) in (0..).zip(&slots) {
+            assert_eq!((roomy.number_or(slot, number), roomy.number_or(slot, 7)), (number, number));
+        }
+        assert_eq!(roomy.places.len(), places, "it grew");
     }
 }

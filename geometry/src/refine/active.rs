@@ -4,6 +4,7 @@
 use crate::asset::base::Base;
 use crate::entropy::Codec;
 use crate::mesh::Kinds;
+use crate::mesh::corner::{self, face_of, side_of};
 use crate::mesh::slot_map::SlotMap;
 use crate::mesh::stars::Stars;
 use crate::mesh::{Grid, UvGrid, Wedge};
@@ -241,7 +242,7 @@ impl ActiveMesh {
     pub(crate) fn put_face(&mut self, slot: u32, wedges: [u32; 3]) {
         self.faces[slot as usize] = wedges;
         for (k, wedge) in wedges.into_iter().enumerate() {
-            self.stars.insert(self.wedges[wedge as usize].vertex, slot * 3 + k as u32);
+            self.stars.insert(self.wedges[wedge as usize].vertex, corner::corner(slot, k));
         }
         let list = usize::from(self.materials[slot as usize]);
         self.indices[list][self.draw_slots[slot as usize] as usize] = wedges;
@@ -264,17 +265,17 @@ impl ActiveMesh {
         self.vertex_shift[at] = to.shift;
         self.vertex_mover[at] = to.mover;
         for corner in self.stars.corners(slot) {
-            touched.face(corner / 3);
+            touched.face(face_of(corner));
         }
     }
 
     /// The wedge that a corner (`face × 3 + k`) is at.
     pub(crate) fn corner_wedge(&self, corner: u32) -> u32 {
-        self.faces[(corner / 3) as usize][(corner % 3) as usize]
+        corner::at(&self.faces, corner)
     }
 
     pub(crate) fn move_corner(&mut self, corner: u32, to: u32) {
-        let (face, k) = ((corner / 3) as usize, (corner % 3) as usize);
+        let (face, k) = (face_of(corner) as usize, side_of(corner));
         let from = self.faces[face][k];
         let (old, new) = (self.wedges[from as usize].vertex, self.wedges[to as usize].vertex);
         self.stars.remove(old, corner);
@@ -337,7 +338,7 @@ impl ActiveMesh {
 
     /// The corner (`face × 3 + k`, by slot) that moves.
     pub(crate) fn corner_slot(&self, repoint: &Repoint) -> u32 {
-        self.face_slot(repoint.face) * 3 + u32::from(repoint.corner)
+        corner::corner(self.face_slot(repoint.face), repoint.corner.into())
     }
 
     /// Ids of slots that are in use.

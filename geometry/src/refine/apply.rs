@@ -8,6 +8,7 @@ use std::ops::Range;
 
 use crate::asset::index::ChunkInfo;
 use crate::mesh::Wedge;
+use crate::mesh::corner::{corner, face_of};
 use crate::refine::active::ActiveMesh;
 use crate::refine::delta::{ChunkDelta, Id, Repoint};
 use crate::refine::error::{RaiseError, RefineError};
@@ -123,7 +124,7 @@ impl ActiveMesh {
         for repoint in &delta.repoints {
             let corner = self.corner_slot(repoint);
             self.move_corner(corner, self.wedge_slot(repoint.to));
-            touched.face(corner / 3);
+            touched.face(face_of(corner));
         }
         if let Some(place) = self.places.get_mut(origin) {
             place.needs = needs;
@@ -162,7 +163,7 @@ impl ActiveMesh {
         for slot in place.faces.clone() {
             for k in 0..3 {
                 let vertex = self.wedges[self.faces[slot as usize][k] as usize].vertex;
-                self.stars.remove(vertex, slot * 3 + k as u32);
+                self.stars.remove(vertex, corner(slot, k));
                 touched.vertex(vertex);
             }
             let (material, draw) = (self.materials[slot as usize], self.draw_slots[slot as usize]);
@@ -171,7 +172,7 @@ impl ActiveMesh {
         }
         for &(corner, wedge) in &place.undo.corners {
             self.move_corner(corner, wedge);
-            touched.face(corner / 3);
+            touched.face(face_of(corner));
         }
         for &(slot, state) in &place.undo.vertices {
             self.move_vertex(slot, state, &mut touched);

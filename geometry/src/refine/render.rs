@@ -1,6 +1,7 @@
 //! What a renderer needs of a refined mesh.
 
 use crate::mesh::Wedge;
+use crate::mesh::corner::{face_of, side_of};
 use crate::mesh::octahedral;
 use crate::mesh::vec3::{Vec3, add, length, triangle_normal};
 use crate::refine::active::ActiveMesh;
@@ -108,8 +109,8 @@ impl ActiveMesh {
         }
         let mut normal = [0.0; 3];
         for corner in self.stars.corners(wedge.vertex) {
-            let face = self.faces[(corner / 3) as usize];
-            if self.wedges[face[(corner % 3) as usize] as usize].attributes.group == wedge.attributes.group {
+            let face = self.faces[face_of(corner) as usize];
+            if self.wedges[face[side_of(corner)] as usize].attributes.group == wedge.attributes.group {
                 let [a, b, c] = face.map(|w| self.cell(w));
                 normal = add(normal, triangle_normal(a, b, c));
             }

@@ -14,6 +14,7 @@ use glam::DVec3;
 
 use crate::mesh::UvGrid;
 use crate::mesh::distance::{TriangleBvh, closest_point_on_triangle};
+use crate::mesh::rows::Rows;
 use crate::mesh::vec3::{Vec3, add, cross, dot, length, scale, sub, triangle_normal};
 use crate::simplify::live::Live;
 
@@ -33,9 +34,8 @@ struct Texture {
     grid: UvGrid,
     /// Length on the surface for one unit of texture coordinates; 0 where there is no texture.
     length_per_uv: Vec<f32>,
-    /// Wedges of each vertex: where they begin, and one more at the end.
-    first: Vec<u32>,
-    uvs: Vec<[i32; 2]>,
+    /// Texture coordinates of each vertex's wedges.
+    uvs: Rows<[i32; 2]>,
 }
 
 impl InputAttributes {
@@ -86,16 +86,7 @@ impl InputAttributes {
 impl Texture {
     fn new(live: &Live, grid: UvGrid) -> Self {
         let count = live.positions.len();
-        let mut first = vec![0_u32; count + 1];
-        live.wedges.iter().for_each(|w| first[w.vertex as usize + 1] += 1);
-        (0..count).for_each(|v| first[v + 1] += first[v]);
-        let mut next = first.clone();
-        let mut uvs = vec![[0; 2]; live.wedges.len()];
-        for wedge in &live.wedges {
-            let at = &mut next[wedge.vertex as usize];
-            uvs[*at as usize] = wedge.attributes.uv;
-            *at += 1;
-        }
+        let uvs = Rows::new(count, || live.wedges.iter().map(|w| (w.vertex, w.attributes.uv)));
         let length_per_uv = (0..count as u32).map(|v| {
             let (mut surface, mut map) = (0.0, 0.0);
             for face in live.stars.corners(v).map(|c| c / 3) {
@@ -108,7 +99,7 @@ impl Texture {
             }
             if map > 0.0 { (surface / map).sqrt() as f32 } else { 0.0 }
         });
-        Self { length_per_uv: length_per_uv.collect(), grid, first, uvs }
+        Self { length_per_uv: length_per_uv.collect(), grid, uvs }
     }
 
     /// How far the texture at a vertex of the input has slid, or `enough` where it is no farther.
@@ -138,10 +129,10 @@ impl Texture {
             let [u, v] = uv_of(&self.grid, live.wedges[wedges[k] as usize].attributes.uv);
             [u, v, 0.0]
         });
-        let own = self.first[sample as usize]..self.first[sample as usize + 1];
+        let own = self.uvs.row(sample).iter();
         let difference = own
-            .map(|w| {
-                let [a, b] = uv_of(&self.grid, self.uvs[w as usize]);
+            .map(|&uv| {
+                let [a, b] = uv_of(&self.grid, uv);
                 ((a - u) * (a - u) + (b - v) * (b - v)).sqrt()
             })
             .fold(f64::INFINITY, f64::min);

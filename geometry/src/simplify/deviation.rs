@@ -16,10 +16,11 @@
 //! the points.
 
 use crate::mesh::UvGrid;
+use crate::mesh::corner;
 use crate::mesh::distance::TriangleBvh;
+use crate::mesh::rows::Rows;
 use crate::mesh::vec3::{Vec3, add, length, scale, sub};
 use crate::simplify::attributes::InputAttributes;
-use crate::simplify::input_faces::InputFaces;
 use crate::simplify::live::Live;
 use crate::simplify::star_table::each_edge;
 use crate::simplify::surroundings::{ROUNDING, Surroundings, compact};
@@ -41,7 +42,8 @@ pub(crate) const LEAP: f64 = 1.5;
 /// The input surface, its samples, and where the samples are now.
 pub(crate) struct Deviation {
     pub(crate) input: TriangleBvh,
-    pub(crate) input_faces: InputFaces,
+    /// The input's faces by their corners.
+    pub(crate) input_faces: Rows<u32>,
     attributes: InputAttributes,
     /// Samples beyond the vertices.
     middles: Vec<Vec3>,
@@ -81,7 +83,9 @@ impl Deviation {
         attached.extend(&open);
         let input = TriangleBvh::new(&live.positions, &live.face_vertices);
         Self {
-            input_faces: InputFaces::new(live.positions.len(), input.triangles()),
+            input_faces: Rows::new(live.positions.len(), || {
+                (0..).zip(input.triangles()).flat_map(|(id, triangle)| triangle.map(|vertex| (vertex, id)))
+            }),
             input,
             attributes: InputAttributes::new(live, uv_grid),
             middles: open.iter().map(|&f| live.centroid(f as usize)).collect(),
@@ -205,10 +209,12 @@ impl Deviation {
                 continue;
             }
             let vertices = live.face_vertices[face];
-            let (apex, next, before) = (vertices[k], vertices[(k + 1) % 3], vertices[(k + 2) % 3]);
+            let (apex, next, before) =
+                (vertices[k], vertices[corner::next(k)], vertices[corner::previous(k)]);
             self.edge(live, [apex, next], far, &mut error, most);
             // Most edges are some other face's "next"; what is left are ends of fans.
-            let next_of = |c: u32| live.face_vertices[(c / 3) as usize][(c as usize + 1) % 3];
+            let next_of =
+                |c: u32| live.face_vertices[corner::face_of(c) as usize][corner::next(corner::side_of(c))];
             if !live.stars.corners(apex).any(|c| next_of(c) == before) {
                 self.edge(live, [apex, before], far, &mut error, most);
             }

@@ -11,36 +11,6 @@ use crate::simplify::deviation::{
 };
 use crate::simplify::surroundings::{Surroundings, distance_to};
 
-/// The input's faces by their corners.
-pub(crate) struct InputFaces {
-    /// Where each vertex's faces begin; one more at the end.
-    first: Vec<u32>,
-    faces: Vec<u32>,
-}
-
-impl InputFaces {
-    pub(crate) fn new(vertices: usize, triangles: &[[u32; 3]]) -> Self {
-        let mut first = vec![0_u32; vertices + 1];
-        triangles.iter().flatten().for_each(|&v| first[v as usize + 1] += 1);
-        (0..vertices).for_each(|v| first[v + 1] += first[v]);
-        let mut next = first.clone();
-        let mut faces = vec![0; 3 * triangles.len()];
-        for (id, triangle) in (0..).zip(triangles) {
-            for &vertex in triangle {
-                let at = &mut next[vertex as usize];
-                faces[*at as usize] = id;
-                *at += 1;
-            }
-        }
-        Self { first, faces }
-    }
-
-    /// The faces around `vertex`.
-    fn at(&self, vertex: u32) -> &[u32] {
-        &self.faces[self.first[vertex as usize] as usize..self.first[vertex as usize + 1] as usize]
-    }
-}
-
 impl Deviation {
     /// Looks at the input faces around the samples whose corners are near several coarse faces, one of them
     /// `placed` anew: adds those that may be far and answers the largest distance, at least `error`. A face
@@ -58,7 +28,7 @@ impl Deviation {
         let live = region.live;
         let vertices = live.positions.len();
         for &sample in samples.iter().filter(|&&s| (s as usize) < vertices) {
-            for &face in self.input_faces.at(sample) {
+            for &face in self.input_faces.row(sample) {
                 let corners = self.input.triangles()[face as usize];
                 // Once per region: from its first corner that is among the samples.
                 let first = |v: &&u32| **v == sample || samples.binary_search(v).is_ok();

@@ -7,6 +7,7 @@
 //! gave it): holes close, components vanish, seams shorten; faces that turn over cost extra. A closed
 //! manifold therefore stays one, down to nothing.
 
+use crate::mesh::corner;
 use crate::mesh::vec3::{dot, sub, triangle_normal};
 use crate::simplify::region::Region;
 use crate::simplify::settings::Metric;
@@ -52,7 +53,7 @@ impl Rules {
         ring.clear();
         for corner in region.stars.corners(v) {
             let (corners, k) = (region.corners[(corner / 3) as usize], (corner % 3) as usize);
-            for w in [corners[(k + 1) % 3], corners[(k + 2) % 3]] {
+            for w in [corners[corner::next(k)], corners[corner::previous(k)]] {
                 let around = &mut self.around[w as usize];
                 if around.stamp != self.stamp {
                     around.stamp = self.stamp;
@@ -92,7 +93,7 @@ impl Rules {
                 let (corners, k) = (region.corners[(corner / 3) as usize], (corner % 3) as usize);
                 let both = corners.contains(&t);
                 removed += u32::from(v == u && both);
-                for w in [corners[(k + 1) % 3], corners[(k + 2) % 3]] {
+                for w in [corners[corner::next(k)], corners[corner::previous(k)]] {
                     let around = &mut self.around[w as usize];
                     if around.stamp != self.stamp {
                         *around = Around { stamp: self.stamp, ..Around::default() };
@@ -160,8 +161,8 @@ impl Rules {
             if corners.contains(&t) {
                 continue;
             }
-            let a = region.positions[corners[(k + 1) % 3] as usize];
-            let b = region.positions[corners[(k + 2) % 3] as usize];
+            let a = region.positions[corners[corner::next(k)] as usize];
+            let b = region.positions[corners[corner::previous(k)] as usize];
             let before = triangle_normal(region.positions[u as usize], a, b);
             let after = triangle_normal(to, a, b);
             let (n0, n1) = (dot(before, before), dot(after, after));

@@ -1,6 +1,7 @@
 //! The mesh while it is being simplified: what is left of it, with adjacency and quadrics.
 
 use crate::collapse::Placed;
+use crate::mesh::corner;
 use crate::mesh::vec3::{Vec3, add, cross, dot, length, scale, sub, triangle_normal};
 use crate::mesh::{Attributes, QuantisedMesh, Wedge};
 use crate::simplify::quadric::Quadric;
@@ -209,7 +210,7 @@ impl Live {
     /// order that does not depend on the direction of the edge.
     fn edge_attributes(&self, corner: u32) -> (u32, u32, u16) {
         let (face, k) = ((corner / 3) as usize, (corner % 3) as usize);
-        let (a, b) = (self.face_wedges[face][k], self.face_wedges[face][(k + 1) % 3]);
+        let (a, b) = (self.face_wedges[face][k], self.face_wedges[face][corner::next(k)]);
         (a.min(b), a.max(b), self.material[face])
     }
 }

@@ -7,6 +7,7 @@
 //! undoes the level (`codec/moves`).
 
 use crate::collapse::Placed;
+use crate::mesh::corner;
 use crate::mesh::vec3::{Vec3, add, cross, dot, length, scale, sub};
 use crate::simplify::live::Live;
 
@@ -108,7 +109,7 @@ fn upright(live: &Live, v: u32, x: Vec3) -> bool {
     let p = live.positions[v as usize];
     live.stars.corners(v).all(|corner| {
         let (triangle, k) = (live.triangle((corner / 3) as usize), (corner % 3) as usize);
-        let (a, b) = (triangle[(k + 1) % 3], triangle[(k + 2) % 3]);
+        let (a, b) = (triangle[corner::next(k)], triangle[corner::previous(k)]);
         let (before, after) = (cross(sub(a, p), sub(b, p)), cross(sub(a, x), sub(b, x)));
         dot(before, after) > LEAST_COSINE * length(before) * length(after)
     })

@@ -6,14 +6,12 @@
 
 use crate::collapse::NO_VERTEX;
 use crate::collapse::{Collapse, MovedCorner, Records, RemovedFace};
+use crate::mesh::slot_map::SlotMap;
 use crate::mesh::stars::Stars;
 use crate::mesh::vec3::{Vec3, length, sub};
 use crate::simplify::live::Live;
 use crate::simplify::quadric::Quadric;
 use crate::simplify::settings::Metric;
-
-/// No collapse.
-const NONE: u32 = u32::MAX;
 
 /// A region's mesh, in local indices.
 pub(crate) struct Region {
@@ -228,34 +226,23 @@ impl Region {
     }
 }
 
-/// Numbers vertices in the order in which they are met: a hash table with open addressing, twice as
-/// large as it can become full.
+/// Numbers vertices in the order in which they are met.
 struct LocalNames {
-    slots: Vec<u32>,
-    mask: usize,
+    names: SlotMap,
     vertices: Vec<u32>,
 }
 
 impl LocalNames {
     fn new(faces: usize) -> Self {
-        let size = (faces * 3 * 2).next_power_of_two().max(8);
-        Self { slots: vec![NONE; size], mask: size - 1, vertices: Vec::with_capacity(faces) }
+        Self { names: SlotMap::with_room(3 * faces), vertices: Vec::with_capacity(faces) }
     }
 
     fn local(&mut self, vertex: u32) -> u32 {
-        // Fibonacci hashing (Knuth, volume 3, §6.4).
-        let mut at = (vertex.wrapping_mul(0x9e37_79b9) >> 4) as usize & self.mask;
-        loop {
-            match self.slots[at] {
-                NONE => {
-                    let name = self.vertices.len() as u32;
-                    self.slots[at] = name;
-                    self.vertices.push(vertex);
-                    return name;
-                }
-                name if self.vertices[name as usize] == vertex => return name,
-                _ => at = (at + 1) & self.mask,
-            }
+        let next = self.vertices.len() as u32;
+        let name = self.names.number_or(vertex, next);
+        if name == next {
+            self.vertices.push(vertex);
         }
+        name
     }
 }

@@ -1,43 +1,25 @@
 //! Vertex stars of a mesh that changes rarely: one array of corners, sorted by vertex.
 
+use crate::mesh::corner::{corner, face_of, next, previous, side_of};
+use crate::mesh::rows::Rows;
+
 /// For each vertex, the corners (`face × 3 + k`) of the live faces around it, ascending.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct StarTable {
-    /// Where each vertex's corners begin; one more at the end.
-    first: Vec<u32>,
-    corners: Vec<u32>,
-}
+pub(crate) struct StarTable(Rows<u32>);
 
 impl StarTable {
-    /// Sorts the corners of the given faces by vertex (a counting sort: time and memory are linear in
-    /// vertices and faces).
+    /// Sorts the corners of the given faces, which ascend, by vertex.
     pub(crate) fn rebuild(&mut self, vertices: usize, faces: &[u32], face_vertices: &[[u32; 3]]) {
-        self.first.clear();
-        self.first.resize(vertices + 1, 0);
-        for &face in faces {
-            for v in face_vertices[face as usize] {
-                self.first[v as usize] += 1;
-            }
-        }
-        let mut sum = 0;
-        for first in &mut self.first {
-            sum += *first;
-            *first = sum;
-        }
-        self.corners.resize(faces.len() * 3, 0);
-        for &face in faces.iter().rev() {
-            for (k, v) in face_vertices[face as usize].into_iter().enumerate().rev() {
-                let at = &mut self.first[v as usize];
-                *at -= 1;
-                self.corners[*at as usize] = face * 3 + k as u32;
-            }
-        }
+        self.0.rebuild(vertices, || {
+            faces
+                .iter()
+                .flat_map(|&face| (0..3).map(move |k| (face_vertices[face as usize][k], corner(face, k))))
+        });
     }
 
     /// The corners at a vertex.
     pub(crate) fn corners(&self, vertex: u32) -> impl Iterator<Item = u32> + Clone + '_ {
-        let (from, to) = (self.first[vertex as usize], self.first[vertex as usize + 1]);
-        self.corners[from as usize..to as usize].iter().copied()
+        self.0.row(vertex).iter().copied()
     }
 }
 
@@ -50,17 +32,17 @@ pub(crate) fn each_edge(
 ) {
     let mut spokes: Vec<(u32, u32)> = Vec::new();
     let mut run: Vec<u32> = Vec::new();
-    for v in 0..stars.first.len().saturating_sub(1) as u32 {
+    for v in 0..stars.0.len() as u32 {
         spokes.clear();
-        for corner in stars.corners(v) {
-            let (face, k) = (corner / 3, corner % 3);
-            let corners = face_vertices[face as usize];
-            let (next, last) = ((k + 1) % 3, (k + 2) % 3);
-            if corners[next as usize] > v {
-                spokes.push((corners[next as usize], corner));
+        for at in stars.corners(v) {
+            let (face, k) = (face_of(at), side_of(at));
+            let vertices = face_vertices[face as usize];
+            let (next, previous) = (next(k), previous(k));
+            if vertices[next] > v {
+                spokes.push((vertices[next], at));
             }
-            if corners[last as usize] > v {
-                spokes.push((corners[last as usize], face * 3 + last));
+            if vertices[previous] > v {
+                spokes.push((vertices[previous], corner(face, previous)));
             }
         }
         spokes.sort_unstable();
