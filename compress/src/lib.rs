@@ -6,6 +6,9 @@
 //! [`decode_chunk`] for either. Index pages are range-coded under both codecs: sessions look into them, and
 //! they are small.
 
+#[cfg(feature = "files")]
+pub mod whole_file;
+
 use std::borrow::Cow;
 
 use lodestream_geometry::base::Base;

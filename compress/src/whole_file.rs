@@ -1,6 +1,5 @@
 //! Files that are whole or absent.
 
-use std::fs::{File, Permissions};
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -10,19 +9,35 @@ use std::path::Path;
 /// # Errors
 /// Whatever creating, writing, syncing or renaming says.
 pub fn write_atomically(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
+    let mut builder = tempfile::Builder::new();
+    #[cfg(unix)]
+    {
+        // Temporary files are private by default; these are meant to be shared, subject to the umask.
+        use std::os::unix::fs::PermissionsExt as _;
+        builder.permissions(std::fs::Permissions::from_mode(0o666));
+    }
+    write_by(builder, path, write)
+}
+
+/// The same for a file that, on Unix, its owner alone may read: a private key.
+///
+/// # Errors
+/// As [`write_atomically`].
+pub fn write_privately(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
+    // Temporary files are made with mode 0600 on Unix.
+    write_by(tempfile::Builder::new(), path, write)
+}
+
+fn write_by(
+    mut builder: tempfile::Builder<'_, '_>,
+    path: &Path,
+    write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> io::Result<()> {
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
     };
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".lodestream-").suffix(".part");
-    #[cfg(unix)]
-    {
-        // Temporary files are private by default; packs are meant to be shared, subject to the umask.
-        use std::os::unix::fs::PermissionsExt as _;
-        builder.permissions(Permissions::from_mode(0o666));
-    }
-    let temporary = builder.tempfile_in(folder)?;
+    let temporary = builder.prefix(".lodestream-").suffix(".part").tempfile_in(folder)?;
     let mut buffered = io::BufWriter::with_capacity(1 << 20, temporary);
     write(&mut buffered)?;
     let temporary = buffered.into_inner().map_err(io::IntoInnerError::into_error)?;
@@ -30,7 +45,7 @@ pub fn write_atomically(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::R
     temporary.persist(path).map_err(|error| error.error)?;
     // The rename itself must survive a crash too; folders cannot be synced everywhere.
     #[cfg(unix)]
-    File::open(folder)?.sync_all()?;
+    std::fs::File::open(folder)?.sync_all()?;
     Ok(())
 }
 
@@ -52,6 +67,16 @@ mod tests {
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
         write_atomically(&path, |out| out.write_all(b"new")).unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"new");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_private_file_is_its_owners_alone() {
+        use std::os::unix::fs::PermissionsExt as _;
+        let dir = tempfile::TempDir::new().unwrap();
+        let path = dir.path().join("key.pem");
+        write_privately(&path, |out| out.write_all(b"secret")).unwrap();
+        assert_eq!(std::fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
     }
 
     #[test]

@@ -4,13 +4,13 @@ use std::path::PathBuf;
 
 use anyhow::Context as _;
 use clap::Args;
+use lodestream_compress::whole_file::write_atomically;
 use lodestream_geometry::closed_set::{Budget, lowest_error};
 
 use super::outcome::Outcome;
 use super::recipe::positive;
 use super::units::parse_size;
 use crate::export_obj::write_obj;
-use crate::prepare::atomic::write_atomically;
 use crate::store::PackFile;
 
 /// What limits the mesh; nothing means all of it.

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use clap::{Args, ValueEnum};
+use lodestream_compress::whole_file::write_atomically;
 use lodestream_import::terrain::features;
 use lodestream_import::terrain::height_map::{HeightMap, MapError};
 use lodestream_terrain::{
@@ -11,7 +12,6 @@ use lodestream_terrain::{
 };
 
 use super::outcome::Outcome;
-use crate::prepare::atomic::write_atomically;
 
 /// How random offsets are distributed.
 #[derive(Clone, Copy, Debug, ValueEnum)]

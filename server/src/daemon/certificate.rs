@@ -8,12 +8,13 @@
 //! Keys are Ed25519: signatures are short and of constant length, which makes simulated handshakes
 //! repeat byte count by byte count.
 
-use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context, bail};
+use lodestream_compress::whole_file::write_privately;
+use pem::{EncodeConfig, LineEnding, Pem};
 use rustls::client::WebPkiServerVerifier;
 use rustls::client::danger::ServerCertVerifier;
 use rustls::crypto::ring::cipher_suite::TLS13_AES_128_GCM_SHA256;
@@ -156,16 +157,14 @@ impl Certificate {
     }
 
     /// Writes certificate and key into one file, readable by the owner alone, in one step.
-    fn write(&self, folder: &Path, path: &PathBuf) -> anyhow::Result<()> {
+    fn write(&self, folder: &Path, path: &Path) -> anyhow::Result<()> {
         std::fs::create_dir_all(folder)?;
-        // Temporary files are made with mode 0600 on Unix.
-        let mut file = tempfile::NamedTempFile::new_in(folder)?;
-        for certificate in &self.chain {
-            file.write_all(pem("CERTIFICATE", certificate).as_bytes())?;
-        }
-        file.write_all(pem("PRIVATE KEY", self.key.secret_der()).as_bytes())?;
-        file.as_file().sync_all()?;
-        file.persist(path)?;
+        write_privately(path, |out| {
+            for certificate in &self.chain {
+                out.write_all(pem_text("CERTIFICATE", certificate).as_bytes())?;
+            }
+            out.write_all(pem_text("PRIVATE KEY", self.key.secret_der()).as_bytes())
+        })?;
         Ok(())
     }
 }
@@ -179,28 +178,10 @@ fn read_pem(path: &Path) -> anyhow::Result<Vec<u8>> {
     std::fs::read(path).with_context(about)
 }
 
-/// PEM text (RFC 7468).
-fn pem(label: &str, der: &[u8]) -> String {
-    const ALPHABET: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let mut body = String::new();
-    for group in der.chunks(3) {
-        let bits =
-            group.iter().fold(0_u32, |all, &byte| all << 8 | u32::from(byte)) << (8 * (3 - group.len()));
-        for i in 0..4 {
-            if i <= group.len() {
-                body.push(char::from(ALPHABET[(bits >> (18 - 6 * i)) as usize & 63]));
-            } else {
-                body.push('=');
-            }
-        }
-        if body.len() % 65 == 64 {
-            body.push('\n');
-        }
-    }
-    if !body.ends_with('\n') {
-        body.push('\n');
-    }
-    format!("-----BEGIN {label}-----\n{body}-----END {label}-----\n")
+/// PEM text (RFC 7468), with the line ends of Unix on every machine.
+fn pem_text(label: &str, der: &[u8]) -> String {
+    let config = EncodeConfig::new().set_line_ending(LineEnding::LF);
+    pem::encode_config(&Pem::new(label, der), config)
 }
 
 #[cfg(test)]

@@ -1,6 +1,5 @@
 //! From a model file to a prepared pack.
 
-pub mod atomic;
 pub mod cache;
 pub mod describe;
 mod progress;
@@ -13,6 +12,7 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use lodestream_compress::whole_file::write_atomically;
 use lodestream_compress::{encode_base, prepare};
 use lodestream_geometry::MeshError;
 use lodestream_geometry::base::FORMAT_VERSION;
@@ -206,7 +206,7 @@ fn prepare_with_key(
     let write_error = |source| PrepareError::Write { path: pack.to_owned(), source };
     let bytes = lodestream_geometry::pack::write(key.bytes(), &blobs)
         .map_err(|error| write_error(std::io::Error::other(error)))?;
-    atomic::write_atomically(pack, |out| out.write_all(&bytes)).map_err(write_error)?;
+    write_atomically(pack, |out| out.write_all(&bytes)).map_err(write_error)?;
     Ok(Report {
         faces: mesh.faces.len(),
         vertices: mesh.positions.len(),

@@ -1,8 +1,8 @@
 //! The files of a report.
 
-use std::io::Write;
 use std::path::Path;
 
+use lodestream_compress::whole_file::write_atomically;
 use lodestream_scenario::plan::Plan;
 use lodestream_scenario::result::{RunResult, to_json};
 use serde::Serialize;
@@ -89,9 +89,5 @@ pub fn write_json<T: Serialize>(folder: &Path, name: &str, objects: &[T]) -> std
 }
 
 fn put(folder: &Path, name: &str, bytes: &[u8]) -> std::io::Result<()> {
-    let temporary = folder.join(format!(".{name}.partial"));
-    let mut file = std::fs::File::create(&temporary)?;
-    file.write_all(bytes)?;
-    file.sync_all()?;
-    std::fs::rename(&temporary, folder.join(name))
+    write_atomically(&folder.join(name), |out| out.write_all(bytes))
 }

@@ -26,6 +26,7 @@ use std::process::Command;
 use std::time::Instant;
 
 use anyhow::Context as _;
+use lodestream_compress::whole_file::write_atomically;
 use serde::Serialize;
 
 use compare::{Compared, compare};
@@ -355,9 +356,7 @@ fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
         if let Some(folder) = path.parent() {
             std::fs::create_dir_all(folder)?;
         }
-        let partial = path.with_extension("partial");
-        std::fs::write(&partial, bytes)?;
-        std::fs::rename(&partial, path)
+        write_atomically(path, |out| out.write_all(bytes))
     };
     put().with_context(|| format!("{}: cannot be written", path.display()))
 }
