@@ -67,8 +67,8 @@ fn the_settled_picture_is_that_of_the_whole_model() {
     let lacking = Lacking { scene: scene.source(), blob: BlobId::chunk(scene.asset("ball"), 0) };
     let other = Server::start(Arc::new(lacking), SessionSettings::default());
     let mut viewer = Viewer::start(&other.address(Transport::WebSocket), config());
-    let status = viewer.settle();
-    assert_eq!(status.stats.refused, 1, "{:?}", status.stats);
+    let status = viewer.wait("all but one chunk", |status| status.stats.lacking_blobs == 1);
+    assert_eq!((status.settled, status.stats.refused), (false, 1), "{:?}", status.stats);
     let lacking = draw(&mut headless, viewer.changes);
     keep(&lacking, "withheld");
     let found = comparison(&lacking, &whole);
