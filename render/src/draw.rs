@@ -4,9 +4,10 @@ use glam::DVec3;
 
 use super::asset::AssetGpu;
 use super::camera::may_see;
+use super::counters::Counters;
 use super::instance::{Instance, InstanceRaw};
 use super::pipelines::Pipelines;
-use super::scene::{Counters, Frame};
+use super::scene::Frame;
 
 /// The instances of one asset that are drawn: a range of the frame's instance buffer.
 pub(crate) struct Batch<'a> {

@@ -4,11 +4,12 @@ use std::path::Path;
 
 use image::RgbaImage;
 
+use super::counters::Counters;
 use super::gpu::{Gpu, RenderError};
 use super::graph::{PassId, Resource};
 use super::readback::read_texture;
 use super::renderer::Renderer;
-use super::scene::{Counters, Frame};
+use super::scene::Frame;
 use super::target::Target;
 
 /// Format of the pictures: plain bytes; the shader applies the sRGB curve.

@@ -21,6 +21,7 @@ mod asset;
 mod buffer;
 mod camera;
 mod composite;
+mod counters;
 mod draw;
 mod gbuffer;
 mod gpu;
@@ -50,6 +51,7 @@ mod tests;
 
 pub use asset::AssetGpu;
 pub use camera::clip_from_view;
+pub use counters::Counters;
 pub use gpu::{Gpu, RenderError};
 pub use graph::PassId;
 pub use ground_scene::{GroundScene, Making};
@@ -59,8 +61,8 @@ pub use lodestream_protocol::pose::Pose;
 pub use material::Material;
 pub use renderer::Renderer;
 pub use scene::{
-    AmbientOcclusion, Counters, Drawable, Environment, Frame, MAX_RELIEF_STEPS, MAX_SAMPLES, OcclusionRadius,
-    Settings, Shade,
+    AmbientOcclusion, Drawable, Environment, Frame, MAX_RELIEF_STEPS, MAX_SAMPLES, OcclusionRadius, Settings,
+    Shade,
 };
 #[cfg(feature = "client")]
 pub use scene_view::SceneView;

@@ -5,8 +5,8 @@ use bytemuck::{Pod, Zeroable};
 use super::grid::QUADRANT_INDICES;
 use super::{EyeCell, TerrainFrame, TerrainPipelines, arrival, first_texel};
 use crate::buffer::GrowingBuffer;
+use crate::counters::Counters;
 use crate::gpu::{Gpu, RenderError};
-use crate::scene::Counters;
 use crate::tiles::TILE_CELLS;
 
 /// An instance of the grid: `TileIn` of `terrain.wgsl`.

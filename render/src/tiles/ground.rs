@@ -7,10 +7,10 @@ use lodestream_protocol::pose::Pose;
 use lodestream_protocol::terrain::TerrainEntry;
 use lodestream_terrain::{Mode, PatchPoints, Scratch, Shape, Terrain, TerrainError};
 
-use super::{
-    Eye, MAX_REGIONS, Picked, Ranges, Reaches, Region, TILE_CELLS, TILE_MARGIN, TILE_POINTS, TileId, select,
-    worthwhile,
-};
+use super::ranges::Ranges;
+use super::regions::{MAX_REGIONS, Reaches, Region, worthwhile};
+use super::select::{Eye, Picked, select};
+use super::tile::{TILE_CELLS, TILE_MARGIN, TILE_POINTS, TileId};
 
 /// Points to each side of the eye over which the highest ground is looked for, per spacing.
 const CLEARANCE_POINTS: i64 = 2;

@@ -7,7 +7,8 @@ use std::thread::JoinHandle;
 
 use lodestream_terrain::Scratch;
 
-use super::{Ground, TileId};
+use super::ground::Ground;
+use super::tile::TileId;
 
 /// Finished tiles that may wait for the renderer: some 2 KB each.
 const MAX_READY: usize = 512;

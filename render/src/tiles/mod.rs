@@ -21,12 +21,4 @@ pub use ranges::{Ranges, clearance_distance};
 pub use regions::{FALLOFF, MAX_REGIONS, Reaches, Region, grown, worthwhile};
 pub use select::{Eye, Picked, select};
 pub use store::TileStore;
-pub use tile::TileId;
-
-/// Cells along a tile's side. Small tiles follow the distance closely: with 16 the least that a view draws is a quarter
-/// of what it is with 32. Each costs a window of the generator of its own, whose margin then weighs more.
-pub const TILE_CELLS: u32 = 16;
-/// Points kept around a tile on each side: normals of both its own and the next coarser surface need them.
-pub const TILE_MARGIN: u32 = 2;
-/// Points along a side of what is kept of a tile.
-pub const TILE_POINTS: u32 = TILE_CELLS + 1 + 2 * TILE_MARGIN;
+pub use tile::{TILE_CELLS, TILE_MARGIN, TILE_POINTS, TileId};

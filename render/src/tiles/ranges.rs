@@ -1,6 +1,6 @@
 //! Up to which distance each spacing is drawn.
 
-use super::TILE_CELLS;
+use super::tile::TILE_CELLS;
 
 /// Share of a range over which points slide onto the coarser surface.
 const MORPH_SHARE: f64 = 0.15;

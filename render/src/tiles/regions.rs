@@ -13,7 +13,8 @@
 use glam::DVec2;
 use lodestream_terrain::RoughPlace;
 
-use super::{Ranges, TILE_CELLS, TileId};
+use super::ranges::Ranges;
+use super::tile::{TILE_CELLS, TileId};
 
 /// Most regions: bits of a tile's mask.
 pub const MAX_REGIONS: usize = 32;

@@ -1,6 +1,8 @@
 //! Which tiles a view draws.
 
-use super::{Reaches, TileId, clearance_distance};
+use super::ranges::clearance_distance;
+use super::regions::Reaches;
+use super::tile::TileId;
 
 /// A tile, and which of its quadrants are drawn with its own spacing (bit q for [`TileId::child`] q; the others are
 /// drawn as finer tiles).

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::{TILE_MARGIN, TileId};
+use super::tile::{TILE_MARGIN, TileId};
 
 /// Slots and what they hold. Tiles that were drawn last stay longest.
 #[derive(Clone, Debug)]
