@@ -3,9 +3,9 @@
 //! Errors of a chain fall in few steps, which no list of thresholds in a plan would meet: just at a level's error
 //! the chain stands best, and a little below it has to wait for the next level.
 
-use lodestream_scenario::baseline::Technique;
 use lodestream_scenario::plan::{Case, Plan, Transport};
 use lodestream_scenario::result::{RunResult, milliseconds};
+use lodestream_scenario::technique::Technique;
 use lodestream_scenario::timeline::Sample;
 
 /// What a technique took until the screen error of a level of the chain.

@@ -6,10 +6,10 @@ use std::path::Path;
 use data_encoding::BASE64;
 use image::codecs::jpeg::JpegEncoder;
 use image::imageops::{self, FilterType};
-use lodestream_scenario::baseline::Technique;
 use lodestream_scenario::picture::Picture;
 use lodestream_scenario::plan::{Case, Plan};
 use lodestream_scenario::result::{RunResult, error_name};
+use lodestream_scenario::technique::Technique;
 
 use super::percentiles::{self, MIN_SEEDS, Percentiles, Spread};
 use super::plots::{MAX_ERROR_PX, Plot};

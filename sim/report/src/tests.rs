@@ -5,7 +5,8 @@ use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
 use lodestream_protocol::source::SceneSource;
-use lodestream_scenario::baseline::{Library, draco::Encoder};
+use lodestream_scenario::baseline::Library;
+use lodestream_scenario::draco::Encoder;
 use lodestream_scenario::plan::{self, Plan, SceneChoice, Transport};
 use lodestream_scenario::result::{RunResult, to_json};
 use lodestream_scenario::truth::{Comparison, Difference, figures};

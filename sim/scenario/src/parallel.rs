@@ -15,7 +15,8 @@ use lodestream_protocol::source::SceneSource;
 use super::plan::{Case, Plan};
 use super::result::RunResult;
 use super::run::{Run, certificate};
-use crate::baseline::{self, Library, Technique};
+use crate::baseline::{self, Library};
+use crate::technique::Technique;
 
 /// Results that may wait for those before them.
 const WAITING_PER_THREAD: usize = 64;

@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::baseline::Technique;
 use super::ledger::Use;
 use super::picture::Picture;
 use super::plan::Transport;
+use super::technique::Technique;
 use super::timeline::Sample;
 
 /// One run of a plan. Times count from the client's connect call, in milliseconds of virtual time;

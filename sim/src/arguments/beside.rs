@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use lodestream_scenario::baseline::{draco::Encoder, peers};
+use lodestream_scenario::draco::Encoder;
+use lodestream_scenario::peers;
 use lodestream_scenario::plan::Plan;
 
 // No doc comment: it would take the place of the command's own in --help.

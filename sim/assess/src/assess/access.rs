@@ -6,7 +6,7 @@ use lodestream_geometry::screen::{scale_px, screen_error_px, visible_error};
 use lodestream_protocol::View;
 use serde::Serialize;
 
-use super::Model;
+use super::model::Model;
 
 /// Spots and views that are averaged over.
 const TRIALS: usize = 40;

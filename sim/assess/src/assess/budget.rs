@@ -3,8 +3,9 @@
 use lodestream_geometry::closed_set::{self, Budget};
 use serde::Serialize;
 
+use super::model::Model;
+use super::options::Options;
 use super::quality::distance;
-use super::{Model, Options};
 
 /// RMS distances asked for, over the diagonal.
 const TARGETS: [f64; 3] = [100e-5, 40e-5, 20e-5];

@@ -23,7 +23,8 @@ use lodestream_geometry::refine::{ActiveMesh, Id};
 use serde::Serialize;
 
 use super::lattice::Target;
-use super::{Model, Options};
+use super::model::Model;
+use super::options::Options;
 use crate::measure::Surface;
 
 /// Distances below this share of the diagonal are rounding errors.

@@ -1,5 +1,5 @@
 //! Assesses the geometry of one model: sizes, speeds, quality at level ends, honesty of the stated
-//! errors, and what random access costs. The tables in BENCHMARKS.md come from here.
+//! errors, and what random access costs. The benchmarks' tables of geometry come from here.
 //!
 //! Sizes and distances repeat exactly for the same model and settings; times are wall-clock times of
 //! this machine on one thread and are good for ratios within one run only.
@@ -8,57 +8,28 @@ mod access;
 mod budget;
 mod honesty;
 mod lattice;
+mod model;
+mod options;
 mod quality;
 
 use std::path::Path;
 use std::time::Instant;
 
 use anyhow::Context as _;
-use lodestream_compress::{decode_base, decode_chunk, decode_prefix, encode_base, prepare};
-use lodestream_geometry::closed_set::Member;
-use lodestream_geometry::mesh::{Corner, NONE, QuantisedMesh};
+use lodestream_compress::{decode_base, decode_chunk, encode_base, prepare};
+use lodestream_geometry::Settings;
+use lodestream_geometry::mesh::{Corner, NONE};
 use lodestream_geometry::pool::{Serial, Silent};
-use lodestream_geometry::prepare::Prepared;
 use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
-use lodestream_geometry::refine::{ActiveMesh, ChunkDelta};
-use lodestream_geometry::{Codec, Metric, Settings};
-use lodestream_import::recipe::{CoarseGrid, LevelShare, PositionBits, RegionFaces, Round, TopRegions};
+use lodestream_geometry::refine::ActiveMesh;
 use serde::Serialize;
 
-use crate::measure::Surface;
 pub use access::{Spot, ViewShare};
 pub use budget::BytesToRms;
 pub use honesty::{RandomSets, Ratios};
+use model::{Model, surface};
+pub use options::Options;
 pub use quality::LevelEnd;
-
-/// What to assess, and how.
-#[derive(Clone, Copy, Debug)]
-pub struct Options {
-    /// Bits per axis of positions.
-    pub position_bits: PositionBits,
-    /// Faces per region.
-    pub region_faces: RegionFaces,
-    /// Share of the removable vertices that one level removes.
-    pub level_share: LevelShare,
-    /// Regions that are merged into one at the top.
-    pub top_regions: TopRegions,
-    /// [`Settings::coarse_grid`].
-    pub coarse_grid: CoarseGrid,
-    /// What a collapse is held to cost.
-    pub metric: Metric,
-    /// Order of collapses.
-    pub round: Round,
-    /// How base mesh and chunks are coded; bytes are those stored and sent.
-    pub codec: Codec,
-    /// Leaves out texture coordinates, normals and colours.
-    pub positions_only: bool,
-    /// Random closed sets whose stated error is compared with the measured distance.
-    pub random_sets: usize,
-    /// Points on each surface for every distance.
-    pub samples: usize,
-    /// Seed of everything random.
-    pub seed: u64,
-}
 
 /// Everything that was found out about a model.
 #[derive(Clone, Debug, Serialize)]
@@ -107,44 +78,6 @@ pub struct Assessment {
     pub spot: Spot,
     /// What a view that the object fills needs.
     pub view: ViewShare,
-}
-
-/// A prepared model with everything decoded.
-struct Model {
-    mesh: QuantisedMesh,
-    input: Surface,
-    prepared: Prepared,
-    deltas: Vec<ChunkDelta>,
-}
-
-impl Model {
-    /// The surface with a closed set of chunks applied.
-    fn surface(&self, set: &[Member]) -> anyhow::Result<Surface> {
-        let mut active = ActiveMesh::new(&self.prepared.base);
-        for &Member { chunk, stop } in set {
-            let id = chunk as usize;
-            if stop.is_none() {
-                active.apply(&self.deltas[id])?;
-            } else {
-                let (info, payload) = (&self.prepared.infos[id], &self.prepared.chunks[id]);
-                active.apply(&decode_prefix(&active, chunk, info, stop, payload)?)?;
-            }
-        }
-        Ok(surface(&active.to_mesh()))
-    }
-
-    /// Error that the index states for each chunk where a closed set lacks it, or the rest of it.
-    fn left(&self, set: &[Member]) -> Vec<f64> {
-        let mut left: Vec<f64> = self.prepared.infos.iter().map(|i| f64::from(i.error)).collect();
-        for &Member { chunk, stop } in set {
-            left[chunk as usize] = f64::from(self.prepared.infos[chunk as usize].extent(stop).error);
-        }
-        left
-    }
-
-    fn diagonal(&self) -> f64 {
-        f64::from(self.prepared.base.diagonal)
-    }
 }
 
 /// Assesses an OBJ file.
@@ -231,14 +164,6 @@ fn timed<T>(work: impl FnOnce() -> T) -> (T, f64) {
     let start = Instant::now();
     let result = work();
     (result, start.elapsed().as_secs_f64().max(1e-9))
-}
-
-/// The triangles of a mesh, in the asset's units.
-fn surface(mesh: &QuantisedMesh) -> Surface {
-    Surface {
-        positions: mesh.positions.iter().map(|&p| mesh.grid.position(p)).collect(),
-        triangles: mesh.faces.iter().map(|f| f.wedges.map(|w| mesh.wedges[w as usize].vertex)).collect(),
-    }
 }
 
 impl std::fmt::Display for Assessment {

@@ -5,7 +5,8 @@ use std::num::NonZeroUsize;
 use lodestream_geometry::closed_set::{self, Budget, Member};
 use serde::Serialize;
 
-use super::{Model, Options};
+use super::model::Model;
+use super::options::Options;
 use crate::measure::{self, Comparison};
 
 /// The mesh with all chunks up to a level.

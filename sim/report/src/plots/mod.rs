@@ -13,9 +13,9 @@ use chart::{Axis, Chart, Line, MAX_LINES, Mark, Panel, Scale};
 
 use super::percentiles::{self, Percentiles};
 use super::units;
-use lodestream_scenario::baseline::Technique;
 use lodestream_scenario::plan::{Case, Plan};
 use lodestream_scenario::result::{RunResult, error_name};
+use lodestream_scenario::technique::Technique;
 
 /// Most plots of a kind.
 const MAX_PLOTS: usize = 12;

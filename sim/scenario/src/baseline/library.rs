@@ -10,12 +10,14 @@ use lodestream_client::core::uv_per_unit;
 use lodestream_protocol::source::SceneSource;
 use lodestream_server::store::LoadedAsset;
 
-use super::draco::Encoder;
 use super::levels::{self, Level};
+use super::mesh_text;
+use super::nodes::offer;
 use super::offer::{Offer, Stage, Texture};
-use super::peers::Peer;
-use super::{Technique, mesh_text};
+use crate::draco::Encoder;
+use crate::peers::Peer;
 use crate::plan::{Case, Plan};
+use crate::technique::Technique;
 
 /// Shares of the faces of the older system's levels, in percent.
 const SEED_PERCENT: [u64; 5] = [10, 30, 50, 70, 100];
@@ -146,7 +148,7 @@ fn nodes(stage: &Arc<Stage>, peer: &Peer) -> Entry {
         let count = stage.assets.len();
         return Entry::NotRun(format!("not run: nodes are those of one model, the scene has {count}"));
     };
-    let offer = peer.offer(asset.origin);
+    let offer = offer(peer, asset.origin);
     let center = Vec3::from(asset.sphere.center);
     let touches = |piece: u32| {
         let sphere = &offer.pieces[piece as usize].sphere;

@@ -21,18 +21,16 @@
 //! HTTP/1.1 allows it, without TLS.
 
 pub mod diamond_square;
-pub mod draco;
 mod levels;
 pub mod library;
 mod loader;
 pub mod mesh_text;
+pub mod nodes;
 pub mod offer;
-pub mod peers;
 mod run;
 pub mod seed_models;
 pub mod seed_table;
 mod select;
-mod technique;
 pub mod terrain_table;
 #[cfg(test)]
 mod tests;
@@ -40,7 +38,3 @@ mod wire;
 
 pub use library::{Library, lacks_something_here};
 pub(crate) use run::run_case;
-pub use technique::Technique;
-
-/// Most requests under way at once: as many connections to a host as browsers open for HTTP/1.1.
-pub const MOST_IN_FLIGHT: usize = 6;

@@ -9,9 +9,11 @@ use lodestream_protocol::scene::{AssetEntry, Camera, InstanceEntry};
 use lodestream_protocol::select::Projection;
 
 use super::library::{Content, Entry};
+use super::nodes;
 use super::offer::{Item, Offer, Stage, Texture};
+use super::run_case;
 use super::select::{Held, State, select};
-use super::{peers, run_case};
+use crate::peers;
 use crate::plan::{self, Plan};
 use crate::result::RunResult;
 use crate::run::certificate;
@@ -49,7 +51,8 @@ fn have(held: &mut Held, asset: u32, piece: u32) {
 
 /// The example's peer with two roots that share a child.
 fn example() -> Offer {
-    peers::parse(include_str!("../../../peers/example.json"), "example").unwrap()[1].offer([0.0; 3])
+    let peers = peers::parse(include_str!("../../../peers/example.json"), "example").unwrap();
+    nodes::offer(&peers[1], [0.0; 3])
 }
 
 #[test]

@@ -63,8 +63,10 @@
 
 mod axis;
 mod camera;
+mod case;
 mod change;
 mod client;
+mod fault;
 mod link;
 mod pictures;
 mod seeds;
@@ -73,23 +75,22 @@ mod sweep;
 mod tests;
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::path::Path;
 
 use lodestream_client::core::QUALITIES_PX;
 use lodestream_geometry::Codec;
 use lodestream_import::recipe::{PositionBits, parse_codec};
-use lodestream_netsim::link::LinkSettings;
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
-use super::camera_path::CameraPath;
-use super::field::Field;
-use crate::baseline::Technique;
-use crate::baseline::draco::Encoder;
-use crate::baseline::peers::{self, Peer};
+use crate::draco::Encoder;
+use crate::peers::{self, Peer};
+use crate::technique::Technique;
 use camera::CameraFile;
+pub use case::{Case, CaseLink, PlanScene, SceneChoice, Transport};
 use client::ClientFile;
 pub use client::ClientSettings;
+use fault::Fault;
+pub use fault::PlanError;
 use link::LinkFile;
 pub use pictures::PictureSettings;
 use pictures::PicturesFile;
@@ -101,146 +102,6 @@ const MAX_PLAN_BYTES: u64 = 1 << 20;
 
 /// Most runs of one plan: a slip in a list should not cost hours.
 const MAX_RUNS: usize = 10_000;
-
-/// A plan that cannot be run: which file, which field, what is wrong.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{file}: {field}: {message}")]
-pub struct PlanError {
-    /// The plan's file.
-    pub file: String,
-    /// The field (`sweep[1].loss[0]`) or the line (`line 7`).
-    pub field: String,
-    /// What is wrong with it, and what to do.
-    pub message: String,
-}
-
-/// What is wrong, before the file is named.
-#[derive(Debug)]
-struct Fault {
-    field: String,
-    message: String,
-}
-
-impl Fault {
-    fn new(field: impl Into<String>, message: impl Into<String>) -> Self {
-        Self { field: field.into(), message: message.into() }
-    }
-
-    /// The same, with what the field is a part of.
-    fn within(self, table: &str) -> Self {
-        Self { field: format!("{table}.{}", self.field), ..self }
-    }
-}
-
-/// How client and server talk.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Transport {
-    /// QUIC over UDP.
-    Quic,
-    /// WebSocket over TCP.
-    Ws,
-}
-
-impl std::fmt::Display for Transport {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.pad(match self {
-            Self::Quic => "quic",
-            Self::Ws => "ws",
-        })
-    }
-}
-
-/// What is streamed.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum SceneChoice {
-    /// The demo scene.
-    Demo,
-    /// The demo scene's small sibling, for tests.
-    DemoSmall,
-    /// A scene without anything in it.
-    Empty,
-    /// A scene file.
-    File(PathBuf),
-    /// A scene of a given size.
-    Field(Field),
-    /// A model by itself.
-    Model {
-        /// Its file, within the folder of models.
-        file: String,
-        /// The folder, once it is known.
-        folder: Option<PathBuf>,
-        /// Bits per axis of positions; the default where `None`.
-        position_bits: Option<PositionBits>,
-    },
-}
-
-/// A scene, and how the plan names it.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct PlanScene {
-    /// For the report.
-    pub name: String,
-    /// What it is.
-    pub choice: SceneChoice,
-}
-
-/// A link in both directions, as a plan describes it; headers are the transport's matter.
-#[derive(Clone, Debug, PartialEq)]
-pub struct CaseLink {
-    /// Its name, or its rate, round trip and loss in words.
-    pub name: String,
-    /// From server to client.
-    pub down: LinkSettings,
-    /// From client to server.
-    pub up: LinkSettings,
-}
-
-/// A scene, a link, a transport over it and a camera path: what some runs are about that differ by their seeds.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Case {
-    /// Index into [`Plan::scenes`].
-    pub scene: usize,
-    /// How client and server talk.
-    pub transport: Transport,
-    /// Whether the client was there before: it then has a ticket and an address token of the server's, and nothing else.
-    pub resumed: bool,
-    /// The link.
-    pub link: CaseLink,
-    /// The path's name.
-    pub camera: String,
-    /// The path.
-    pub path: CameraPath,
-    /// How the scene gets to the client.
-    pub technique: Technique,
-    /// Index into [`Plan::peers`], for [`Technique::Nodes`]; `None` where no peers are known.
-    pub peer: Option<usize>,
-    /// Rate that the server limits the session to; `None` for no limit. Below the link's rate its queue stays
-    /// short, so that what is urgent arrives sooner.
-    pub limiter_bits_per_s: Option<u64>,
-    /// Virtual time after which a run is given up.
-    pub time_limit_s: f64,
-    /// Seeds of the runs.
-    pub seeds: Arc<[u64]>,
-}
-
-impl std::fmt::Display for Case {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        if self.technique != Technique::Lodestream {
-            write!(f, "{} over ", self.technique)?;
-        }
-        let resumed = if self.resumed { " resumed" } else { "" };
-        write!(f, "{}{resumed}, {}", self.transport, self.link.name)?;
-        if self.path.moves() { write!(f, ", camera {}", self.camera) } else { Ok(()) }
-    }
-}
-
-impl Case {
-    /// Round trip without queueing and jitter.
-    #[must_use]
-    pub fn rtt_ms(&self) -> f64 {
-        (self.link.down.delay_ns + self.link.up.delay_ns) as f64 / 1e6
-    }
-}
 
 /// A whole plan.
 #[derive(Clone, Debug, PartialEq)]

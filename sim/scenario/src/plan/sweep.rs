@@ -13,9 +13,9 @@ use super::camera;
 use super::link::{BurstFile, Direction};
 use super::seeds::Seeds;
 use super::{Case, CaseLink, Fault, MAX_RUNS, PlanFile, PlanScene, SceneChoice, Transport, time_limit};
-use crate::baseline::Technique;
 use crate::camera_path::CameraPath;
 use crate::field::Field;
+use crate::technique::Technique;
 
 /// Smallest packets that QUIC can be spoken in: its datagrams of 1,200 bytes (RFC 9000, §14) and headers.
 const MIN_QUIC_MTU_BYTES: u32 = 1200 + IP_UDP_BYTES;

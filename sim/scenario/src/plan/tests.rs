@@ -77,7 +77,7 @@ fn techniques_change_fastest_and_nodes_stand_for_each_peer() {
     assert_eq!(names(&plan), ["lodestream", "nodes", "obj-gzip"].repeat(2));
     assert_eq!(plan.cases[2].to_string(), "obj-gzip over quic, 2 Mbit/s, RTT 50 ms, loss 0 %");
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../peers/example.json");
-    let peers = crate::baseline::peers::read(&example).unwrap();
+    let peers = crate::peers::read(&example).unwrap();
     let with = plan.with_peers(peers.clone());
     let nodes = peers.iter().map(|peer| format!("nodes: {}", peer.name));
     let expected: Vec<String> =

@@ -17,9 +17,9 @@ use std::sync::Arc;
 
 use lodestream_protocol::source::SceneSource;
 
-use crate::baseline::Technique;
 use crate::plan::Plan;
 use crate::result::RunResult;
+use crate::technique::Technique;
 pub use report::{Comparison, Difference, Figure, compare, figures};
 
 /// Times a case may be repeated in real time.

@@ -2,6 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
+/// Most requests under way at once: as many connections to a host as browsers open for HTTP/1.1.
+pub const MOST_IN_FLIGHT: usize = 6;
+
 /// How a scene's geometry gets from server to client.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -50,7 +53,7 @@ impl Technique {
     pub const fn most_in_flight(self) -> usize {
         match self {
             Self::SeedJson => 1,
-            _ => super::MOST_IN_FLIGHT,
+            _ => MOST_IN_FLIGHT,
         }
     }
 }

@@ -16,10 +16,7 @@
 
 use std::path::Path;
 
-use lodestream_geometry::index::Sphere;
 use serde::Deserialize;
-
-use super::offer::{Offer, Piece};
 
 /// Longest file.
 const MAX_FILE_BYTES: u64 = 64 << 20;
@@ -220,55 +217,11 @@ fn check_node(number: usize, node: NodeFile, count: usize) -> Result<Node, Fault
     Ok(Node { bytes, error, center, radius, children: checked })
 }
 
-impl Peer {
-    /// The peer's pieces of an asset whose grid begins at `origin`: the index, then its nodes.
-    #[must_use]
-    pub fn offer(&self, origin: [f64; 3]) -> Offer {
-        let index = Piece {
-            bytes: self.index_bytes,
-            error: 0.0,
-            sphere: Sphere { center: [0.0; 3], radius: 0.0 },
-            parents: Vec::new(),
-            draws: false,
-        };
-        #[allow(clippy::cast_possible_truncation)] // spheres are f32 throughout
-        let piece = |node: &Node| Piece {
-            bytes: node.bytes,
-            error: node.error,
-            sphere: Sphere {
-                center: [0, 1, 2].map(|k| (node.center[k] - origin[k]) as f32),
-                radius: node.radius,
-            },
-            parents: vec![0],
-            draws: true,
-        };
-        let mut pieces: Vec<Piece> = std::iter::once(index).chain(self.nodes.iter().map(piece)).collect();
-        for (number, node) in (1_u32..).zip(&self.nodes) {
-            for &child in &node.children {
-                pieces[child as usize + 1].parents.push(number);
-            }
-        }
-        Offer { pieces }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const EXAMPLE: &str = include_str!("../../../peers/example.json");
-
-    #[test]
-    fn the_example_is_read_and_its_roots_are_those_without_parents() {
-        let peers = parse(EXAMPLE, "example.json").unwrap();
-        assert_eq!(peers.len(), 2);
-        let offer = peers[1].offer([1.0, 0.0, 0.0]);
-        assert_eq!(offer.roots().collect::<Vec<_>>(), [1, 2], "two roots after the index");
-        let shared = &offer.pieces[4];
-        assert_eq!(shared.parents, [0, 1, 2], "the index, and both roots");
-        assert_eq!(shared.sphere.center[0], peers[1].nodes[3].center[0] as f32 - 1.0);
-        assert_eq!(offer.bytes(), peers[1].index_bytes + peers[1].nodes.iter().map(|n| n.bytes).sum::<u64>());
-    }
+    const EXAMPLE: &str = include_str!("../../peers/example.json");
 
     #[test]
     fn what_cannot_be_used_is_refused_by_place() {

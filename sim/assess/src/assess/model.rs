@@ -1,0 +1,55 @@
+//! The model that is assessed, prepared and decoded.
+
+use lodestream_compress::decode_prefix;
+use lodestream_geometry::closed_set::Member;
+use lodestream_geometry::mesh::QuantisedMesh;
+use lodestream_geometry::prepare::Prepared;
+use lodestream_geometry::refine::{ActiveMesh, ChunkDelta};
+
+use crate::measure::Surface;
+
+/// A prepared model with everything decoded.
+pub(super) struct Model {
+    pub(super) mesh: QuantisedMesh,
+    pub(super) input: Surface,
+    pub(super) prepared: Prepared,
+    pub(super) deltas: Vec<ChunkDelta>,
+}
+
+impl Model {
+    /// The surface with a closed set of chunks applied.
+    pub(super) fn surface(&self, set: &[Member]) -> anyhow::Result<Surface> {
+        let mut active = ActiveMesh::new(&self.prepared.base);
+        for &Member { chunk, stop } in set {
+            let id = chunk as usize;
+            if stop.is_none() {
+                active.apply(&self.deltas[id])?;
+            } else {
+                let (info, payload) = (&self.prepared.infos[id], &self.prepared.chunks[id]);
+                active.apply(&decode_prefix(&active, chunk, info, stop, payload)?)?;
+            }
+        }
+        Ok(surface(&active.to_mesh()))
+    }
+
+    /// Error that the index states for each chunk where a closed set lacks it, or the rest of it.
+    pub(super) fn left(&self, set: &[Member]) -> Vec<f64> {
+        let mut left: Vec<f64> = self.prepared.infos.iter().map(|i| f64::from(i.error)).collect();
+        for &Member { chunk, stop } in set {
+            left[chunk as usize] = f64::from(self.prepared.infos[chunk as usize].extent(stop).error);
+        }
+        left
+    }
+
+    pub(super) fn diagonal(&self) -> f64 {
+        f64::from(self.prepared.base.diagonal)
+    }
+}
+
+/// The triangles of a mesh, in the asset's units.
+pub(super) fn surface(mesh: &QuantisedMesh) -> Surface {
+    Surface {
+        positions: mesh.positions.iter().map(|&p| mesh.grid.position(p)).collect(),
+        triangles: mesh.faces.iter().map(|f| f.wedges.map(|w| mesh.wedges[w as usize].vertex)).collect(),
+    }
+}
