@@ -15,6 +15,7 @@
 //! | `wire` | docs/protocol.md is true: a reader written from it understands recorded sessions |
 //! | `dependencies` | what each crate makes its users compile |
 //! | `embed` | a program of somebody else's that draws the scene, built and run |
+//! | `imports` | files do not import in circles |
 //! | `models` | models of your own: `LODESTREAM_MODELS=DIR` |
 //!
 //! Scenes are generated and small. Tests on real sockets use loopback and give up after a bound that is
@@ -35,6 +36,8 @@ mod embed;
 mod first_flight;
 #[cfg(test)]
 mod hostile;
+#[cfg(test)]
+mod imports;
 #[cfg(test)]
 mod limiter;
 #[cfg(test)]

@@ -9,6 +9,8 @@ mod window;
 
 use std::process::ExitCode;
 
+use args::Args;
+use clap::Parser;
 use tracing_subscriber::EnvFilter;
 
 /// What is logged unless `RUST_LOG` says otherwise.
@@ -17,7 +19,7 @@ const LOGGED: &str = "warn,lodestream_client=info,lodestream_render=info,lodestr
 fn main() -> ExitCode {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(LOGGED));
     tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
-    match run::run() {
+    match run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(why) => {
             eprintln!("error: {why:#}");
@@ -25,4 +27,13 @@ fn main() -> ExitCode {
             ExitCode::from(2)
         }
     }
+}
+
+/// Runs the program with the process's arguments.
+///
+/// # Errors
+/// One line that says what went wrong and what to do.
+fn run() -> anyhow::Result<()> {
+    let args = Args::parse();
+    if args.headless { headless::run(&args) } else { window::run(&args) }
 }

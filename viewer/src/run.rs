@@ -1,25 +1,15 @@
-//! What the program does with its command line, and what its modes share.
+//! What the modes of the program share: settings from its command line, and what it tells at the end.
 
 use std::io::Write as _;
 use std::time::Duration;
 
 use anyhow::Context;
-use clap::Parser;
 use lodestream_client::core::{Config, StartView, Stats};
 use lodestream_render::{AmbientOcclusion, Settings, Shade};
 
 use crate::args::Args;
 use crate::figures::Figures;
 use crate::report::Report;
-
-/// Runs the program with the process's arguments.
-///
-/// # Errors
-/// One line that says what went wrong and what to do.
-pub(crate) fn run() -> anyhow::Result<()> {
-    let args = Args::parse();
-    if args.headless { crate::headless::run(&args) } else { crate::window::run(&args) }
-}
 
 /// The core's settings for these arguments.
 pub(crate) fn core_config(args: &Args) -> Config {

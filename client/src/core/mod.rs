@@ -16,6 +16,7 @@
 //! in a bounded cache.
 
 mod arrivals;
+mod arrived;
 mod asset;
 mod cache;
 mod changes;

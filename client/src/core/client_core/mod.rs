@@ -18,7 +18,7 @@ use lodestream_protocol::select::{Counters, Selection, Selector, State, Wanted};
 use lodestream_protocol::time::Time;
 use lodestream_protocol::view::View;
 
-use super::arrivals::Arrived;
+use super::arrived::Arrived;
 use super::cache::BlobCache;
 use super::changes::Change;
 use super::config::{Config, StartView};

@@ -1,9 +1,9 @@
 //! Tests: what plans mean, and what is refused.
 
-use lodestream_netsim::link::{AtEnd, GilbertElliott, Jitter, Loss, Rate};
+use lodestream_netsim::link::{AtEnd, GilbertElliott, Jitter, LinkSettings, Loss, Rate};
 
 use super::*;
-use crate::camera_path::{Motion, Start};
+use crate::camera_path::{CameraPath, Motion, Start};
 
 const GOOD: &str = "scene = \"demo\"\n[[sweep]]\ntransport = \"quic\"\n\
                     rate_bits_per_s = [2_000_000, 8_000_000]\nrtt_ms = [50]\nloss = [0, 0.01]\n";
