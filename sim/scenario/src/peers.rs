@@ -224,6 +224,14 @@ mod tests {
     const EXAMPLE: &str = include_str!("../../peers/example.json");
 
     #[test]
+    fn the_example_is_read() {
+        let peers = parse(EXAMPLE, "example.json").unwrap();
+        let nodes: Vec<usize> = peers.iter().map(|peer| peer.nodes.len()).collect();
+        assert_eq!((peers[0].name.as_str(), nodes), ("example, one node a level", vec![3, 5]));
+        assert_eq!(peers[1].nodes[0].children, [2, 3]);
+    }
+
+    #[test]
     fn what_cannot_be_used_is_refused_by_place() {
         let good = r#"[{"peer":"p","kind":"cluster-dag","index_bytes":10,"total_bytes":500,"nodes":[
             {"bytes":100,"vertices":3,"faces":1,"error":0.5,"center":[0,0,0],"radius":1,"children":[1]},
