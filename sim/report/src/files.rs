@@ -60,7 +60,7 @@ pub fn write_drawn(
     for plot in &plots {
         put(folder, &plot.file, plot.svg.as_bytes())?;
     }
-    let page = page::html(folder, plan, results, &plots, adapter.as_deref())?;
+    let page = page::page(folder, plan, results, &plots, adapter.as_deref())?;
     put(folder, "report.html", page.as_bytes())?;
     let spread: Vec<Percentiles> = percentiles::of_plan(plan, results);
     if spread.is_empty() {

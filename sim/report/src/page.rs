@@ -1,6 +1,5 @@
 //! The report as one page of HTML that needs nothing beside itself: no script, no file, no network.
 
-use std::fmt::Display;
 use std::path::Path;
 
 use data_encoding::BASE64;
@@ -10,11 +9,12 @@ use lodestream_scenario::picture::Picture;
 use lodestream_scenario::plan::{Case, Plan};
 use lodestream_scenario::result::{RunResult, error_name};
 use lodestream_scenario::technique::Technique;
+use maud::{Markup, PreEscaped, html};
 
+use super::html as pages;
 use super::percentiles::{self, MIN_SEEDS, Percentiles, Spread};
 use super::plots::{MAX_ERROR_PX, Plot};
 use super::units;
-use crate::html::{self, escaped};
 
 /// Most lines of a table; the files beside the page have all.
 const MAX_LINES: usize = 500;
@@ -38,7 +38,7 @@ struct Shown<'a> {
 ///
 /// # Errors
 /// A picture that cannot be read.
-pub(super) fn html(
+pub(super) fn page(
     folder: &Path,
     plan: &Plan,
     results: &[RunResult],
@@ -56,77 +56,103 @@ pub(super) fn html(
     }
     let scenes: Vec<&str> = plan.scenes.iter().map(|scene| scene.name.as_str()).collect();
     let title = format!("Lodestream: {}", scenes.join(", "));
-    let mut page = String::new();
-    page += &summary(plan, &cases, adapter);
-    page += &results_table(plan, &cases);
-    page += &percentile_table(&percentiles::of_plan(plan, results));
-    if !plots.is_empty() {
-        page += "<h2>Over time</h2>\n";
-    }
-    for plot in plots {
-        page += &format!(
-            "<figure class=\"plot\"><h3>{}</h3>\n{}<figcaption>{} File: {}</figcaption></figure>\n",
-            escaped(&plot.title),
-            plot.svg,
-            escaped(plot.caption),
-            escaped(&plot.file)
-        );
-    }
-    page += &pictures(folder, &cases)?;
-    page += &format!("<h2>The plan</h2>\n<pre>{}</pre>\n", escaped(&plan.text));
-    page += WORDS;
-    Ok(html::page(&title, &page))
+    let page = html! {
+        (summary(plan, &cases, adapter))
+        (results_table(plan, &cases))
+        (percentile_table(&percentiles::of_plan(plan, results)))
+        @if !plots.is_empty() {
+            h2 { "Over time" } "\n"
+        }
+        @for plot in plots {
+            figure class="plot" {
+                h3 { (plot.title) } "\n"
+                (PreEscaped(&plot.svg))
+                figcaption { (plot.caption) " File: " (plot.file) }
+            }
+            "\n"
+        }
+        (pictures(folder, &cases)?)
+        h2 { "The plan" } "\n"
+        pre { (plan.text) } "\n"
+        (words())
+    };
+    Ok(pages::page(&title, &page))
 }
 
-const WORDS: &str = "<h2>Words</h2>\n<dl>\n\
-    <dt>TTFF</dt><dd>Time from the client's connect call until it can draw every visible instance, at least as its base \
-    mesh.</dd>\n\
-    <dt>TTQ(e)</dt><dd>Time until no visible part has a screen error above e pixels.</dd>\n\
-    <dt>At rest</dt><dd>TTQ counted from when a camera that moved came to rest.</dd>\n\
-    <dt>Bytes</dt><dd>Transport payload that the client received, handshake included; a kB is 1,000 bytes.</dd>\n\
-    <dt>Stalls</dt><dd>Pauses of half a second or more, after the first frame, in which blobs were wanted and no byte \
-    came.</dd>\n\
-    <dt>Wasted</dt><dd>Share of the chunks' bytes that no selection of the run wanted.</dd>\n\
-    <dt>Never drawn</dt><dd>Share of the chunks' bytes that were not applied: wasted, finer than the view asked, or wanted \
-    for a moment.</dd>\n\
-    <dt>PSNR, SSIM, FLIP</dt><dd>Of a picture against the settled one: on 8-bit sRGB values; of luma, 11 × 11 Gaussian \
-    window (Wang et al. 2004); at 67 pixels per degree (Andersson et al. 2020).</dd>\n\
-    </dl>\n";
+/// Words that the page uses, and what they mean.
+const WORDS: [(&str, &str); 8] = [
+    (
+        "TTFF",
+        "Time from the client's connect call until it can draw every visible instance, at least as its base mesh.",
+    ),
+    ("TTQ(e)", "Time until no visible part has a screen error above e pixels."),
+    ("At rest", "TTQ counted from when a camera that moved came to rest."),
+    ("Bytes", "Transport payload that the client received, handshake included; a kB is 1,000 bytes."),
+    (
+        "Stalls",
+        "Pauses of half a second or more, after the first frame, in which blobs were wanted and no byte came.",
+    ),
+    ("Wasted", "Share of the chunks' bytes that no selection of the run wanted."),
+    (
+        "Never drawn",
+        "Share of the chunks' bytes that were not applied: wasted, finer than the view asked, or wanted for a moment.",
+    ),
+    (
+        "PSNR, SSIM, FLIP",
+        "Of a picture against the settled one: on 8-bit sRGB values; of luma, 11 × 11 Gaussian window (Wang et al. 2004); \
+         at 67 pixels per degree (Andersson et al. 2020).",
+    ),
+];
+
+fn words() -> Markup {
+    html! {
+        h2 { "Words" } "\n"
+        dl {
+            "\n"
+            @for (word, meaning) in WORDS {
+                dt { (word) } dd { (meaning) } "\n"
+            }
+        }
+        "\n"
+    }
+}
 
 /// A table of at most [`MAX_LINES`] lines: names of columns, of which the first `texts` hold words, and lines.
-fn table(texts: usize, names: &[String], lines: &[Vec<String>]) -> String {
-    let mut table = html::table(texts, names, lines.iter().take(MAX_LINES), escaped);
-    if lines.len() > MAX_LINES {
-        table += &format!("<p>{} more in the files beside this page.</p>\n", lines.len() - MAX_LINES);
+fn table(texts: usize, names: &[String], lines: &[Vec<String>]) -> Markup {
+    html! {
+        (pages::table(texts, names, lines.iter().take(MAX_LINES), pages::plain))
+        @if lines.len() > MAX_LINES {
+            p { (lines.len() - MAX_LINES) " more in the files beside this page." } "\n"
+        }
     }
-    table
 }
 
 fn strings<const N: usize>(texts: [&str; N]) -> Vec<String> {
     texts.map(str::to_owned).to_vec()
 }
 
-fn summary(plan: &Plan, cases: &[Shown<'_>], adapter: Option<&str>) -> String {
+fn summary(plan: &Plan, cases: &[Shown<'_>], adapter: Option<&str>) -> Markup {
     let runs: usize = cases.iter().map(|shown| shown.runs.len()).sum();
     let [width, height] = plan.viewport_px;
     let target = plan.ttq_px.iter().copied().fold(f64::INFINITY, f64::min);
     let mut seeds: Vec<u64> = cases.iter().flat_map(|shown| shown.case.seeds.iter().copied()).collect();
     seeds.sort_unstable();
     seeds.dedup();
-    let mut text = format!(
-        "<p>{} in {}, over simulated links in virtual time, by lodestream-sim {}. Seeds {}. View of {width} × {height} \
-         pixels, refined to a screen error of {target} px.",
-        count(runs, "run"),
-        count(cases.len(), "case"),
-        escaped(env!("CARGO_PKG_VERSION")),
-        ranges(&seeds),
-    );
-    if let Some(settings) = &plan.pictures {
+    let pictures = plan.pictures.as_ref().map(|settings| {
         let [width, height] = settings.size_px;
-        let by = adapter.map(|adapter| format!(", drawn by {}", escaped(adapter))).unwrap_or_default();
-        text += &format!(" Pictures of {width} × {height} pixels{by}.");
+        let by = adapter.map(|adapter| format!(", drawn by {adapter}")).unwrap_or_default();
+        format!(" Pictures of {width} × {height} pixels{by}.")
+    });
+    html! {
+        p {
+            (count(runs, "run")) " in " (count(cases.len(), "case"))
+            ", over simulated links in virtual time, by lodestream-sim " (env!("CARGO_PKG_VERSION"))
+            ". Seeds " (ranges(&seeds)) ". View of " (width) " × " (height)
+            " pixels, refined to a screen error of " (target) " px."
+            @if let Some(pictures) = pictures { (pictures) }
+        }
+        "\n"
     }
-    text + "</p>\n"
 }
 
 fn count(number: usize, what: &str) -> String {
@@ -166,7 +192,7 @@ fn median(shown: &Shown<'_>, figure: impl Fn(&RunResult) -> Option<f64>) -> Opti
     Spread::of(shown.runs.iter().map(figure)).and_then(|spread| spread.p50)
 }
 
-fn results_table(plan: &Plan, cases: &[Shown<'_>]) -> String {
+fn results_table(plan: &Plan, cases: &[Shown<'_>]) -> Markup {
     let seeds = cases.iter().map(|shown| shown.runs.len()).max().unwrap_or(0);
     let mut names = strings([
         "Case",
@@ -237,7 +263,11 @@ fn results_table(plan: &Plan, cases: &[Shown<'_>]) -> String {
     if seeds > 1 {
         note += "Figures are medians over the seeds of a case.";
     }
-    format!("<h2>Results</h2>\n<p>{note}</p>\n{}", table(texts, &names, &lines))
+    html! {
+        h2 { "Results" } "\n"
+        p { (note) } "\n"
+        (table(texts, &names, &lines))
+    }
 }
 
 /// Takes away columns in which all lines say the same, of some. Gives the number of columns with words that are left of
@@ -260,8 +290,7 @@ fn same_once(
         }
     }
     same.reverse();
-    let note =
-        if same.is_empty() { String::new() } else { format!("All cases: {}. ", escaped(&same.join("; "))) };
+    let note = if same.is_empty() { String::new() } else { format!("All cases: {}. ", same.join("; ")) };
     (texts, note)
 }
 
@@ -282,9 +311,9 @@ fn endings(runs: &[RunResult]) -> String {
     }
 }
 
-fn percentile_table(cases: &[Percentiles]) -> String {
+fn percentile_table(cases: &[Percentiles]) -> Markup {
     if cases.is_empty() {
-        return String::new();
+        return Markup::default();
     }
     let figures = ["ttff_ms", "ttq_16_ms", "ttq_4_ms", "ttq_1_ms", "settled_ms"];
     let known: Vec<&str> = figures
@@ -315,20 +344,24 @@ fn percentile_table(cases: &[Percentiles]) -> String {
     };
     let mut lines: Vec<Vec<String>> = cases.iter().map(line).collect();
     let (texts, note) = same_once(&mut names, &mut lines, 4, &[0, 3, 4]);
-    format!(
-        "<h2>Percentiles</h2>\n<p>{note}Values that half, nine tenths and 99 of 100 seeds do not exceed (nearest rank; given \
-         from {MIN_SEEDS} seeds on).</p>\n{}",
-        table(texts, &names, &lines)
-    )
+    html! {
+        h2 { "Percentiles" } "\n"
+        p {
+            (note) "Values that half, nine tenths and 99 of 100 seeds do not exceed (nearest rank; given from " (MIN_SEEDS)
+            " seeds on)."
+        }
+        "\n"
+        (table(texts, &names, &lines))
+    }
 }
 
 /// The pictures of the first seed of each case, until the page has enough of them.
-fn pictures(folder: &Path, cases: &[Shown<'_>]) -> std::io::Result<String> {
-    let mut html = String::new();
+fn pictures(folder: &Path, cases: &[Shown<'_>]) -> std::io::Result<Markup> {
+    let mut of_cases = Vec::new();
     let (mut bytes, mut left_out) = (0, 0);
     for shown in cases {
         let run = &shown.runs[0];
-        let mut figures = String::new();
+        let mut figures = Vec::new();
         for (i, picture) in run.pictures.iter().enumerate() {
             // Instants after the end share the last picture.
             if run.pictures[i + 1..].iter().any(|later| later.file == picture.file) {
@@ -340,51 +373,58 @@ fn pictures(folder: &Path, cases: &[Shown<'_>]) -> std::io::Result<String> {
             }
             let jpeg = jpeg(&folder.join(&picture.file))?;
             bytes += jpeg.len();
-            figures += &format!(
-                "<figure><img alt=\"{}\" src=\"data:image/jpeg;base64,{}\"><figcaption>{}</figcaption></figure>\n",
-                escaped(&picture.instant),
-                BASE64.encode(&jpeg),
-                caption(picture)
-            );
+            let source = format!("data:image/jpeg;base64,{}", BASE64.encode(&jpeg));
+            figures.push((picture, source));
         }
         if !figures.is_empty() {
             let name = format!("Case {}: {}, {}, seed {}", shown.number, run.scene, shown.case, run.seed);
-            html += &format!("<h3>{}</h3>\n<div class=\"pictures\">\n{figures}</div>\n", escaped(&name));
+            of_cases.push((name, figures));
         }
     }
-    if html.is_empty() {
-        return Ok(html);
+    if of_cases.is_empty() {
+        return Ok(Markup::default());
     }
-    if left_out > 0 {
-        html += &format!("<p>{} more in the folder beside this page.</p>\n", count(left_out, "picture"));
-    }
-    Ok(format!(
-        "<h2>Pictures</h2>\n<p>What the client could draw at an instant, vertices that are new at their places, \
-         compared with the settled picture from the same pose.</p>\n{html}"
-    ))
+    Ok(html! {
+        h2 { "Pictures" } "\n"
+        p {
+            "What the client could draw at an instant, vertices that are new at their places, compared with the settled "
+            "picture from the same pose."
+        }
+        "\n"
+        @for (name, figures) in &of_cases {
+            h3 { (name) } "\n"
+            div class="pictures" {
+                "\n"
+                @for (picture, source) in figures {
+                    figure { img alt=(picture.instant) src=(source); figcaption { (caption(picture)) } } "\n"
+                }
+            }
+            "\n"
+        }
+        @if left_out > 0 {
+            p { (count(left_out, "picture")) " more in the folder beside this page." } "\n"
+        }
+    })
 }
 
-fn caption(picture: &Picture) -> String {
-    let part = |text: &dyn Display| escaped(&text.to_string());
-    let mut text = format!("<b>{}</b>", part(&picture.instant));
+fn caption(picture: &Picture) -> Markup {
     let at = units::milliseconds(picture.at_ms);
-    if at != picture.instant {
-        text += &format!(" at {}", part(&at));
+    let error_px = picture.error_px.map(|px| match px > MAX_ERROR_PX {
+        true => "> 10,000".to_owned(),
+        false => units::plain(px),
+    });
+    let against = picture.error.map_or("no settled picture to compare with".to_owned(), |error| {
+        let psnr = error.psnr_db.map_or("∞".to_owned(), |db| format!("{db:.1}"));
+        format!("PSNR {psnr} dB, SSIM {:.4}, FLIP {:.4}", error.ssim, error.flip)
+    });
+    html! {
+        b { (picture.instant) }
+        @if at != picture.instant { " at " (at) }
+        ", " (units::bytes(picture.bytes as f64))
+        @if let Some(px) = error_px { ", screen error " (px) " px" }
+        br;
+        (against)
     }
-    text += &format!(", {}", part(&units::bytes(picture.bytes as f64)));
-    if let Some(px) = picture.error_px {
-        let px = if px > MAX_ERROR_PX { "> 10,000".to_owned() } else { units::plain(px) };
-        text += &format!(", screen error {} px", part(&px));
-    }
-    text += "<br>";
-    match &picture.error {
-        None => text += "no settled picture to compare with",
-        Some(error) => {
-            let psnr = error.psnr_db.map_or("∞".to_owned(), |db| format!("{db:.1}"));
-            text += &format!("PSNR {psnr} dB, SSIM {:.4}, FLIP {:.4}", error.ssim, error.flip);
-        }
-    }
-    text
 }
 
 /// A picture of the report, small enough for a page.
@@ -406,17 +446,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_a_plan_says_is_text() {
-        assert_eq!(escaped("<a href=\"x\">&'"), "&lt;a href=&quot;x&quot;&gt;&amp;&#39;");
-        let lines = [vec!["<b>".to_owned(), "1".to_owned()]];
-        let html = table(1, &strings(["a & b", "n"]), &lines);
-        assert!(html.contains("<th class=\"text\">a &amp; b</th><th>n</th>"), "{html}");
-        assert!(html.contains("<td class=\"text\">&lt;b&gt;</td><td>1</td>"), "{html}");
-    }
-
-    #[test]
     fn long_tables_say_what_they_leave_out() {
-        let html = table(1, &strings(["n"]), &vec![strings(["x"]); MAX_LINES + 2]);
+        let html = table(1, &strings(["n"]), &vec![strings(["x"]); MAX_LINES + 2]).into_string();
         assert_eq!(html.matches("<td").count(), MAX_LINES);
         assert!(html.contains("<p>2 more in the files"), "{html}");
     }
@@ -426,7 +457,7 @@ mod tests {
         let mut names = strings(["Scene", "Link", "Seeds", "TTFF"]);
         let mut lines = [strings(["a<b", "slow", "1", "5 s"]), strings(["a<b", "fast", "1", "5 s"])];
         let found = same_once(&mut names, &mut lines, 2, &[0, 1, 2]);
-        assert_eq!(found, (1, "All cases: scene: a&lt;b; seeds: 1. ".to_owned()));
+        assert_eq!(found, (1, "All cases: scene: a<b; seeds: 1. ".to_owned()));
         assert_eq!(names, ["Link", "TTFF"]);
         assert_eq!(lines, [strings(["slow", "5 s"]), strings(["fast", "5 s"])]);
     }

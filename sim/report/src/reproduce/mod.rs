@@ -151,7 +151,7 @@ pub fn run(options: &Options, mut report: impl FnMut(&str)) -> anyhow::Result<Re
     };
     let json = serde_json::to_vec_pretty(&made)?;
     write(&options.output.join("reproduction.json"), &json)?;
-    write(&options.output.join("reproduction.html"), page::html(&made, &figures)?.as_bytes())?;
+    write(&options.output.join("reproduction.html"), page::page(&made, &figures)?.as_bytes())?;
     Ok(made)
 }
 

@@ -4,10 +4,11 @@
 //! same page, whatever the machine's speed.
 
 use anyhow::Context as _;
+use maud::{Markup, PreEscaped, html};
 
-use super::{Outcome, Reproduction, Rows, Section};
+use super::{CommandLine, Outcome, Reproduction, Rows, Section};
 use super::{plot, table};
-use crate::html::{self, escaped};
+use crate::html as pages;
 
 /// How a file says that it is SVG.
 const SVG_NAME: &str = " xmlns=\"http://www.w3.org/2000/svg\"";
@@ -16,69 +17,79 @@ const SVG_NAME: &str = " xmlns=\"http://www.w3.org/2000/svg\"";
 ///
 /// # Errors
 /// Tables and plots that name no column.
-pub(super) fn html(made: &Reproduction, sections: &[(&Section, Rows)]) -> anyhow::Result<String> {
-    let mut page = head(made, sections);
-    for ((section, rows), outcome) in sections.iter().zip(&made.sections) {
-        page += &one(section, rows, outcome)?;
-    }
-    Ok(html::page("Lodestream: figures and what they cost", &page))
+pub(super) fn page(made: &Reproduction, sections: &[(&Section, Rows)]) -> anyhow::Result<String> {
+    let bodies =
+        sections.iter().zip(&made.sections).map(|((section, rows), outcome)| one(section, rows, outcome));
+    let bodies = bodies.collect::<anyhow::Result<Vec<Markup>>>()?;
+    let body = html! {
+        (head(made, sections))
+        @for body in bodies { (body) }
+    };
+    Ok(pages::page("Lodestream: figures and what they cost", &body))
 }
 
 /// Versions, models, contents.
-fn head(made: &Reproduction, sections: &[(&Section, Rows)]) -> String {
-    let mut page = format!(
-        "<p>Made by lodestream-sim {} on {}. Figures are the committed ones; beside each section stands what this run \
-         found otherwise. Bytes and virtual time must be equal; what hangs on a machine's speed is compared in ratios to \
-         the column's geometric mean.</p>\n<h2>Sections</h2>\n<ul>\n",
-        escaped(&made.version),
-        escaped(&made.machine)
-    );
-    for (section, _) in sections {
-        page += &format!("<li><a href=\"#{}\">{}</a></li>\n", section.name, escaped(&section.title));
+fn head(made: &Reproduction, sections: &[(&Section, Rows)]) -> Markup {
+    let models: Vec<Vec<String>> =
+        made.models.iter().map(|(name, hash)| vec![name.clone(), hash.clone()]).collect();
+    let names = ["model", "BLAKE3 of the file"].map(str::to_owned);
+    html! {
+        p {
+            "Made by lodestream-sim " (made.version) " on " (made.machine) ". Figures are the committed ones; beside each "
+            "section stands what this run found otherwise. Bytes and virtual time must be equal; what hangs on a machine's "
+            "speed is compared in ratios to the column's geometric mean."
+        }
+        "\n"
+        h2 { "Sections" } "\n"
+        ul {
+            "\n"
+            @for (section, _) in sections {
+                li { a href={ "#" (section.name) } { (section.title) } } "\n"
+            }
+        }
+        "\n"
+        @if !models.is_empty() {
+            h2 { "Models" } "\n"
+            (pages::table(2, &names, &models, pages::plain))
+        }
     }
-    page += "</ul>\n";
-    if !made.models.is_empty() {
-        let lines: Vec<Vec<String>> =
-            made.models.iter().map(|(name, hash)| vec![name.clone(), hash.clone()]).collect();
-        let names = ["model", "BLAKE3 of the file"].map(str::to_owned);
-        page += &format!("<h2>Models</h2>\n{}", html::table(2, &names, &lines, escaped));
-    }
-    page
 }
 
-fn one(section: &Section, rows: &Rows, outcome: &Outcome) -> anyhow::Result<String> {
-    let mut page = format!("<h2 id=\"{}\">{}</h2>\n", section.name, escaped(&section.title));
-    if let Some(trade) = &section.trade {
-        page += &format!(
-            "<dl><dt>Knob</dt><dd>{}</dd><dt>Default</dt><dd>{}</dd><dt>Why</dt><dd>{}</dd></dl>\n",
-            marked(&trade.knob),
-            marked(&trade.default),
-            marked(&trade.reason)
-        );
-    }
-    page += &format!("<p>{}</p>\n", verdict(section, outcome));
-    for table in table::shown(section, rows)? {
-        page += &html::table(1, &table.headings, &table.lines, marked);
-    }
-    for svg in plot::svgs(section, rows).with_context(|| section.name.clone())? {
-        // Within a page it needs no name of its language, which looks like something to fetch.
-        page += &format!("<figure class=\"plot\">{}</figure>\n", svg.replace(SVG_NAME, ""));
-    }
-    let mut commands = String::new();
-    for command in &section.commands {
-        let label = if command.label.is_empty() { String::new() } else { format!("   # {}", command.label) };
-        commands += &escaped(&format!("{}{label}\n", command.shown()));
-    }
-    page += &format!(
-        "<details><summary>Commands, about {:.0} s</summary><pre>{commands}</pre></details>\n",
-        section.seconds
-    );
-    page += &format!(
-        "<details><summary>All figures ({}.csv)</summary>{}</details>\n",
-        section.name,
-        html::table(1, &rows.columns, &rows.rows, escaped)
-    );
-    Ok(page)
+fn one(section: &Section, rows: &Rows, outcome: &Outcome) -> anyhow::Result<Markup> {
+    let tables = table::shown(section, rows)?;
+    let plots = plot::svgs(section, rows).with_context(|| section.name.clone())?;
+    let command = |command: &CommandLine| match command.label.as_str() {
+        "" => format!("{}\n", command.shown()),
+        label => format!("{}   # {label}\n", command.shown()),
+    };
+    let commands: String = section.commands.iter().map(command).collect();
+    Ok(html! {
+        h2 id=(section.name) { (section.title) } "\n"
+        @if let Some(trade) = &section.trade {
+            dl {
+                dt { "Knob" } dd { (marked(&trade.knob)) }
+                dt { "Default" } dd { (marked(&trade.default)) }
+                dt { "Why" } dd { (marked(&trade.reason).into_string()) }
+            }
+            "\n"
+        }
+        p { (verdict(section, outcome)) } "\n"
+        @for table in &tables { (pages::table(1, &table.headings, &table.lines, marked)) }
+        @for svg in &plots {
+            // Within a page it needs no name of its language, which looks like something to fetch.
+            figure class="plot" { (PreEscaped(svg.replace(SVG_NAME, ""))) } "\n"
+        }
+        details {
+            summary { "Commands, about " (format!("{:.0}", section.seconds)) " s" }
+            pre { (commands) }
+        }
+        "\n"
+        details {
+            summary { "All figures (" (section.name) ".csv)" }
+            (pages::table(1, &rows.columns, &rows.rows, pages::plain))
+        }
+        "\n"
+    })
 }
 
 /// Tolerances, and what came of the section.
@@ -104,12 +115,12 @@ fn verdict(section: &Section, outcome: &Outcome) -> String {
     for rows in &outcome.rows_left_out {
         text += &format!(" Left out: {rows}.");
     }
-    escaped(&text)
+    text
 }
 
 /// Text with Markdown's `code` and **bold**.
-fn marked(text: &str) -> String {
-    let mut html = escaped(text);
+fn marked(text: &str) -> Markup {
+    let mut html = pages::plain(text).into_string();
     for (mark, tag) in [("`", "code"), ("**", "b")] {
         while let Some((before, rest)) = html.split_once(mark)
             && let Some((inside, after)) = rest.split_once(mark)
@@ -117,7 +128,7 @@ fn marked(text: &str) -> String {
             html = format!("{before}<{tag}>{inside}</{tag}>{after}");
         }
     }
-    html
+    PreEscaped(html)
 }
 
 #[cfg(test)]
@@ -158,16 +169,16 @@ mod tests {
         let sections = committed();
         let made = reproduction(&sections);
         let shown: Vec<_> = sections.iter().map(|(section, rows)| (section, rows.clone())).collect();
-        let page = html(&made, &shown).unwrap();
+        let page = page(&made, &shown).unwrap();
         assert!(page.len() < 1_000_000, "{} bytes", page.len());
         assert!(page.contains("&lt;one&gt;") && page.contains("m.obj") && !page.contains("<one>"));
         for (section, rows) in &sections {
             assert!(page.contains(&format!("<h2 id=\"{}\">", section.name)), "{}", section.name);
             for figure in &rows.rows[0] {
-                assert!(page.contains(&escaped(figure)), "{}: {figure}", section.name);
+                assert!(page.contains(&pages::plain(figure).into_string()), "{}: {figure}", section.name);
             }
             if let Some(trade) = &section.trade {
-                assert!(page.contains(&marked(&trade.reason)), "{}", section.name);
+                assert!(page.contains(&marked(&trade.reason).into_string()), "{}", section.name);
             }
             for plot in &section.plots {
                 assert!(page.contains(&plot.y.label), "{}: {}", section.name, plot.y.label);
@@ -179,7 +190,7 @@ mod tests {
         // How long a run took is not in it.
         let mut slower = made.clone();
         slower.sections[0].seconds = 1e3;
-        assert_eq!(html(&slower, &shown).unwrap(), page);
+        assert_eq!(super::page(&slower, &shown).unwrap(), page);
     }
 
     #[test]
@@ -198,7 +209,7 @@ mod tests {
         let rows = RowsLeftOut { rows: 16, of: "nodes".to_owned(), why: "no file".to_owned() };
         made.sections[1].rows_left_out = vec![rows];
         let shown: Vec<_> = sections.iter().map(|(section, rows)| (section, rows.clone())).collect();
-        let page = html(&made, &shown).unwrap();
+        let page = page(&made, &shown).unwrap();
         assert!(page.contains("Left out: 16 rows of nodes: no file."), "{page}");
         assert!(
             page.contains("Not run: no models.") && page.contains("Differs: row 1, bytes: 2 instead of 1.")
@@ -207,7 +218,7 @@ mod tests {
 
     #[test]
     fn code_and_bold_are_marked() {
-        assert_eq!(marked("a `--b` **c** `d"), "a <code>--b</code> <b>c</b> `d");
-        assert_eq!(marked("<`&`>"), "&lt;<code>&amp;</code>&gt;");
+        assert_eq!(marked("a `--b` **c** `d").into_string(), "a <code>--b</code> <b>c</b> `d");
+        assert_eq!(marked("<`&`>").into_string(), "&lt;<code>&amp;</code>&gt;");
     }
 }
