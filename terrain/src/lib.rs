@@ -13,7 +13,6 @@
 //!
 //! Grid x is a scene's x, grid y its z, height its y.
 
-mod base;
 mod deviation;
 mod differences;
 mod erosion;
