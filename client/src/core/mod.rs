@@ -15,8 +15,6 @@
 //! chunk is applied whole or not at all, and what no view needs is undone, finest first, its bytes kept
 //! in a bounded cache.
 
-mod arrivals;
-mod arrived;
 mod asset;
 mod cache;
 mod changes;

@@ -7,7 +7,7 @@ use lodestream_protocol::select::State;
 use lodestream_protocol::time::Time;
 
 use super::ClientCore;
-use crate::core::arrived::Arrived;
+use super::arrivals::Arrived;
 use crate::core::cache::BlobCache;
 use crate::core::config::StartView;
 use crate::core::failures::Failures;

@@ -1,5 +1,6 @@
 //! The core: books, and the order in which things happen.
 
+mod arrivals;
 mod blob_states;
 mod events;
 mod refinement;
@@ -18,7 +19,6 @@ use lodestream_protocol::select::{Counters, Selection, Selector, State, Wanted};
 use lodestream_protocol::time::Time;
 use lodestream_protocol::view::View;
 
-use super::arrived::Arrived;
 use super::cache::BlobCache;
 use super::changes::Change;
 use super::config::{Config, StartView};
@@ -26,6 +26,7 @@ use super::failures::Failures;
 use super::milestones::Milestones;
 use super::scene::Scene;
 use super::stats::{Connection, Received, Stats};
+use arrivals::Arrived;
 
 /// What [`ClientCore::update`] leaves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,16 +1,27 @@
 //! From bytes to what is drawn: what becomes of a blob that has arrived.
 
+use bytes::Bytes;
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_stated_page};
 use lodestream_protocol::blob::{BlobId, BlobPart, TerrainBlob};
 use lodestream_protocol::select::{State, Wanted};
 use lodestream_protocol::time::Time;
 
-use super::arrived::Arrived;
-use super::asset::RefinedAsset;
-use super::changes::{Change, TextureChange};
-use super::client_core::ClientCore;
-use super::terrain_points::TerrainBlobError;
-use super::texture_file::TexturePixels;
+use super::ClientCore;
+use crate::core::asset::RefinedAsset;
+use crate::core::changes::{Change, TextureChange};
+use crate::core::terrain_points::TerrainBlobError;
+use crate::core::texture_file::TexturePixels;
+
+/// A blob, or part of it, as it arrived.
+#[derive(Clone, Debug)]
+pub(super) struct Arrived {
+    pub(super) id: BlobId,
+    /// Where in the blob the bytes begin.
+    pub(super) offset: u32,
+    /// Length of the whole blob.
+    pub(super) total: u32,
+    pub(super) bytes: Bytes,
+}
 
 impl ClientCore {
     /// A blob of the terrain or of a known asset has arrived, or part of it. Chunks and texture levels are kept
