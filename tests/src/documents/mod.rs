@@ -6,6 +6,7 @@
 
 mod check;
 mod markdown;
+mod quotes;
 mod repository;
 
 use repository::Repository;
