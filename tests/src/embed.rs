@@ -39,7 +39,8 @@ fn build() -> PathBuf {
         .current_dir(&folder)
         // Where and how the workspace is built, so that what both need is built once.
         .args(["build", "--offline", "--config", "profile.dev.opt-level=1"])
-        .args(["--config", "profile.dev.debug=\"line-tables-only\"", "--target-dir"])
+        .args(["--config", "profile.dev.debug=\"line-tables-only\""])
+        .args(["--config", "profile.dev.package.\"*\".debug=false", "--target-dir"])
         .arg(&target)
         .output()
         .unwrap();
