@@ -1,9 +1,7 @@
 //! Any rectangle of any level, alone: from the patch corners around it, level by level.
 
-use super::Terrain;
-use super::noise::LevelNoise;
 use super::rect::Rect;
-use super::refine::{Offsets, Value, View, refine};
+use super::refine::{Value, View};
 
 /// Memory that generation uses again and again: at most about four values for each point of the largest
 /// window. One per thread.
@@ -91,45 +89,5 @@ pub(super) fn descend<V: Value>(
     for row in 0..rect.height {
         let start = ((rect.y - have.y) as usize + row) * have.width + (rect.x - have.x) as usize;
         out.extend_from_slice(&buffers.last[start..][..rect.width]);
-    }
-}
-
-impl Terrain {
-    /// Heights without features or erosion of a rectangle of `level`, below 0 too.
-    pub(super) fn base_window(&self, level: i8, rect: Rect, buffers: &mut Buffers<i32>, out: &mut Vec<i32>) {
-        if level < 0 {
-            return self.corners(rect, u32::from(level.unsigned_abs()), out);
-        }
-        descend(
-            rect,
-            0,
-            level.unsigned_abs(),
-            buffers,
-            out,
-            |rect, out| self.corners(rect, 0, out),
-            |parent, level, out| {
-                let noise = self.noise(level);
-                if noise.is_gaussian() {
-                    refine(parent, level, &Offsets::<true>(noise), out);
-                } else {
-                    refine(parent, level, &Offsets::<false>(noise), out);
-                }
-            },
-        );
-    }
-
-    /// Every 2^`sparse`th corner of patches.
-    fn corners(&self, rect: Rect, sparse: u32, out: &mut Vec<i32>) {
-        out.clear();
-        let noise = self.noise(0);
-        for y in rect.y..=rect.bottom() {
-            for x in rect.x..=rect.right() {
-                out.push(self.parameters.base + noise.at(x << sparse, y << sparse));
-            }
-        }
-    }
-
-    pub(super) fn noise(&self, level: u8) -> &LevelNoise {
-        &self.noise[usize::from(level)]
     }
 }

@@ -103,7 +103,10 @@ impl Reads {
     pub(super) fn done(&mut self, id: BlobId, bytes: &Result<Bytes, SourceError>) {
         self.list.retain_mut(|read| {
             if read.id == id && !matches!(read.stage, Stage::Done(_)) {
-                read.stage = Stage::Done(bytes.as_ref().map(Bytes::clone).map_err(refusal));
+                read.stage = Stage::Done(match bytes {
+                    Ok(bytes) => Ok(bytes.clone()),
+                    Err(error) => Err(refusal(error)),
+                });
             }
             read.purpose.is_some() || !matches!(read.stage, Stage::Done(_))
         });
