@@ -1,28 +1,13 @@
 //! The tiles of a frame as the GPU gets them.
 
-use bytemuck::{Pod, Zeroable};
-
+use super::atlas::{EyeCell, TerrainFrame, arrival, first_texel};
 use super::grid::QUADRANT_INDICES;
-use super::{EyeCell, TerrainFrame, TerrainPipelines, arrival, first_texel};
+use super::pipeline::TerrainPipelines;
+use super::tile_raw::TileRaw;
 use crate::buffer::GrowingBuffer;
 use crate::counters::Counters;
 use crate::gpu::{Gpu, RenderError};
 use crate::tiles::TILE_CELLS;
-
-/// An instance of the grid: `TileIn` of `terrain.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-pub(crate) struct TileRaw {
-    origin: [i32; 2],
-    atlas: [i32; 2],
-    morph: [f32; 2],
-    spacing: u32,
-    regions: u32,
-}
-
-/// Layout of [`TileRaw`].
-pub(crate) const TILE_ATTRIBUTES: [wgpu::VertexAttribute; 4] =
-    wgpu::vertex_attr_array![0 => Sint32x2, 1 => Sint32x2, 2 => Float32x2, 3 => Uint32x2];
 
 /// What is drawn at once: a run of the index pattern, for a run of instances.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,6 +1,6 @@
 //! Pipelines of the terrain.
 
-use super::list::{TILE_ATTRIBUTES, TileRaw};
+use super::tile_raw::{TILE_ATTRIBUTES, TileRaw};
 use crate::gbuffer::{GeometryPass, UNIFORM_BLOCK, shader};
 use crate::gpu::Gpu;
 

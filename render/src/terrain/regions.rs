@@ -3,6 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec2, DVec3};
 
+use super::atlas::arrival;
 use crate::tiles::{MAX_REGIONS, TileRegion};
 
 /// Spacings that have distances of their own: more than any terrain has.
@@ -30,7 +31,7 @@ impl RegionsUniform {
             out.lines[r] = [from.x, from.y, to.x, to.y];
             out.radii[r / 4][r % 4] = region.radius as f32;
             for (s, morph) in region.morph.iter().take(SPACINGS).enumerate() {
-                let [begin, end] = super::arrival(*morph);
+                let [begin, end] = arrival(*morph);
                 out.morph[r][s / 2][2 * (s % 2)] = begin;
                 out.morph[r][s / 2][2 * (s % 2) + 1] = end;
             }
@@ -77,7 +78,8 @@ mod tests {
                 .filter(|r| mask & (1 << r) != 0)
                 .map(|r| {
                     let eye = DVec2::new(eye.x, eye.z);
-                    let morph = regions[r].morph.iter().map(|m| super::super::arrival(*m).map(f64::from));
+                    let morph =
+                        regions[r].morph.iter().map(|m| crate::terrain::regions::arrival(*m).map(f64::from));
                     TileRegion {
                         from: regions[r].from - eye,
                         to: regions[r].to - eye,

@@ -1,0 +1,314 @@
+//! Terrain in GPU memory: an atlas of tiles' heights, and the ground's textures.
+//!
+//! All tiles share one index pattern; a tile is an instance with a place in the atlas. Heights stay integers until the
+//! vertex shader has subtracted the eye, so millimetres survive on a grid of thousands of kilometres.
+
+use bytemuck::{Pod, Zeroable};
+use glam::DVec3;
+use wgpu::util::DeviceExt;
+
+use super::pipeline::TerrainPipelines;
+use super::{grid, layers, regions};
+use crate::gpu::{Gpu, RenderError};
+use crate::tiles::{MAX_REGIONS, TILE_MARGIN, TILE_POINTS, TileRegion};
+
+/// Texels along a side of the atlas.
+const ATLAS_SIDE: u32 = 2048;
+/// Tiles along a side of the atlas.
+const ATLAS_TILES: u32 = ATLAS_SIDE / TILE_POINTS;
+
+/// Tiles that can be held at once.
+pub const TERRAIN_SLOTS: u32 = ATLAS_TILES * ATLAS_TILES;
+
+/// Lengths of one repetition of the ground's textures near and far, in metres. Their ratio is no fraction of small
+/// numbers.
+const PERIODS: [f64; 2] = [4.0, 23.7];
+/// Depth of the ground's relief, world units.
+const RELIEF_DEPTH: f32 = 0.12;
+
+/// Heights up to this far from zero are drawn as they are; others as this.
+pub const MAX_DRAWN_HEIGHT: i32 = (1 << 30) - 1;
+
+/// How a terrain lies in the world and looks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TerrainLook {
+    /// World units per grid unit, above 0.
+    pub unit: f64,
+    /// World units per height unit, above 0.
+    pub height_unit: f64,
+    /// Heights in world units above which grass, hill and snow begin, ascending.
+    pub zones: [f32; 3],
+}
+
+/// One tile to draw.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TerrainPart {
+    /// First grid point, in grid units.
+    pub origin: [i64; 2],
+    /// Binary logarithm of the distance between points, in grid units.
+    pub spacing: u8,
+    /// Where its heights are.
+    pub slot: u32,
+    /// Quadrants drawn, as in [`crate::tiles::Picked`].
+    pub quadrants: u8,
+    /// Distances at which its points begin to slide onto the next coarser surface and have arrived, world units.
+    pub morph: [f64; 2],
+    /// Which rough regions of the frame may matter to its points: bit r for the r-th.
+    pub regions: u32,
+}
+
+/// What a frame draws of a terrain.
+#[derive(Clone, Copy, Debug)]
+pub struct TerrainFrame<'a> {
+    /// The terrain.
+    pub terrain: &'a TerrainGpu,
+    /// Its tiles.
+    pub parts: &'a [TerrainPart],
+    /// Where points slide later than elsewhere; at most [`MAX_REGIONS`] count.
+    pub regions: &'a [TileRegion],
+    /// Height of the eye over the highest ground around, world units, not below 0.
+    pub above: f64,
+}
+
+/// `Terrain` of `terrain.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+struct TerrainUniform {
+    eye_fraction: [f32; 3],
+    eye_height: i32,
+    unit: f32,
+    height_unit: f32,
+    above: f32,
+    relief_depth: f32,
+    zones: [f32; 4],
+    eye_in_near: [f32; 2],
+    eye_in_far: [f32; 2],
+    periods: [f32; 2],
+    padding: [f32; 2],
+}
+
+/// Where the eye stands on the grid.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct EyeCell {
+    /// Corner of the eye's grid cell.
+    pub(crate) cell: [i64; 2],
+    /// Nearest height unit.
+    pub(crate) height: i32,
+    /// From there to the eye, world units.
+    pub(crate) fraction: DVec3,
+}
+
+impl EyeCell {
+    pub(crate) fn new(eye: DVec3, look: &TerrainLook) -> Self {
+        // Beyond 2^40 units nothing of the terrain is drawn anyway.
+        let limit = 1.1e12;
+        let cell = [eye.x, eye.z].map(|x| (x / look.unit).clamp(-limit, limit).floor());
+        let height = (eye.y / look.height_unit).round();
+        let height = height.clamp(-f64::from(MAX_DRAWN_HEIGHT), f64::from(MAX_DRAWN_HEIGHT));
+        Self {
+            cell: cell.map(|x| x as i64),
+            height: height as i32,
+            fraction: DVec3::new(
+                eye.x - cell[0] * look.unit,
+                eye.y - height * look.height_unit,
+                eye.z - cell[1] * look.unit,
+            ),
+        }
+    }
+}
+
+/// A terrain's tiles in GPU memory.
+#[derive(Debug)]
+pub struct TerrainGpu {
+    pub(crate) look: TerrainLook,
+    pub(crate) atlas: wgpu::Texture,
+    pub(crate) uniform: wgpu::Buffer,
+    pub(crate) regions: wgpu::Buffer,
+    pub(crate) group: wgpu::BindGroup,
+    pub(crate) indices: wgpu::Buffer,
+}
+
+impl TerrainGpu {
+    pub(crate) fn new(
+        gpu: &Gpu,
+        pipelines: &TerrainPipelines,
+        look: TerrainLook,
+    ) -> Result<Self, RenderError> {
+        let device = &gpu.device;
+        let allowed = device.limits().max_texture_dimension_2d;
+        if allowed < ATLAS_SIDE {
+            let what = "the atlas of terrain tiles (side in texels)";
+            return Err(RenderError::TooLarge { what, needed: ATLAS_SIDE.into(), allowed: allowed.into() });
+        }
+        let atlas = device.create_texture(&wgpu::TextureDescriptor {
+            label: Some("terrain heights"),
+            size: wgpu::Extent3d { width: ATLAS_SIDE, height: ATLAS_SIDE, depth_or_array_layers: 1 },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::R32Sint,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+            view_formats: &[],
+        });
+        let ground = device.create_texture_with_data(
+            &gpu.queue,
+            &wgpu::TextureDescriptor {
+                label: Some("ground"),
+                size: wgpu::Extent3d {
+                    width: layers::SIDE,
+                    height: layers::SIDE,
+                    depth_or_array_layers: layers::LAYERS,
+                },
+                mip_level_count: layers::LEVELS,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format: wgpu::TextureFormat::Rgba8UnormSrgb,
+                usage: wgpu::TextureUsages::TEXTURE_BINDING,
+                view_formats: &[],
+            },
+            wgpu::util::TextureDataOrder::LayerMajor,
+            &layers::texels(),
+        );
+        let uniform = device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("terrain"),
+            size: size_of::<TerrainUniform>() as u64,
+            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        let regions = device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("terrain regions"),
+            size: size_of::<regions::RegionsUniform>() as u64,
+            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        let software = gpu.adapter.get_info().device_type == wgpu::DeviceType::Cpu;
+        let sampler = device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("ground"),
+            address_mode_u: wgpu::AddressMode::Repeat,
+            address_mode_v: wgpu::AddressMode::Repeat,
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
+            mipmap_filter: wgpu::MipmapFilterMode::Linear,
+            anisotropy_clamp: if software { 1 } else { 8 },
+            ..Default::default()
+        });
+        let view = |texture: &wgpu::Texture| texture.create_view(&Default::default());
+        let (heights, ground) = (view(&atlas), view(&ground));
+        let group = device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("terrain"),
+            layout: &pipelines.layout,
+            entries: &[
+                wgpu::BindGroupEntry { binding: 0, resource: uniform.as_entire_binding() },
+                wgpu::BindGroupEntry { binding: 1, resource: wgpu::BindingResource::TextureView(&heights) },
+                wgpu::BindGroupEntry { binding: 2, resource: wgpu::BindingResource::TextureView(&ground) },
+                wgpu::BindGroupEntry { binding: 3, resource: wgpu::BindingResource::Sampler(&sampler) },
+                wgpu::BindGroupEntry { binding: 4, resource: regions.as_entire_binding() },
+            ],
+        });
+        let indices = device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+            label: Some("terrain indices"),
+            contents: bytemuck::cast_slice(&grid::indices()),
+            usage: wgpu::BufferUsages::INDEX,
+        });
+        gpu.check()?;
+        Ok(Self { look, atlas, uniform, regions, group, indices })
+    }
+
+    /// How the terrain lies in the world.
+    #[must_use]
+    pub fn look(&self) -> TerrainLook {
+        self.look
+    }
+
+    /// Writes a tile's heights (rows of `TILE_POINTS`, margin included) into a slot.
+    ///
+    /// # Errors
+    /// [`RenderError::NoSuch`] for a slot at or past [`TERRAIN_SLOTS`], [`RenderError::LevelSize`] for another number of
+    /// heights.
+    pub fn upload(&self, gpu: &Gpu, slot: u32, heights: &[i32]) -> Result<(), RenderError> {
+        if slot >= TERRAIN_SLOTS {
+            return Err(RenderError::NoSuch {
+                what: "terrain slot",
+                index: slot as usize,
+                count: TERRAIN_SLOTS as usize,
+            });
+        }
+        let expected = (TILE_POINTS * TILE_POINTS) as usize;
+        if heights.len() != expected {
+            let (width, height) = (TILE_POINTS, TILE_POINTS);
+            return Err(RenderError::LevelSize { level: 0, width, height, expected, got: heights.len() });
+        }
+        let heights: Vec<i32> =
+            heights.iter().map(|h| (*h).clamp(-MAX_DRAWN_HEIGHT, MAX_DRAWN_HEIGHT)).collect();
+        let [x, y] = texel(slot);
+        gpu.queue.write_texture(
+            wgpu::TexelCopyTextureInfo {
+                texture: &self.atlas,
+                mip_level: 0,
+                origin: wgpu::Origin3d { x, y, z: 0 },
+                aspect: wgpu::TextureAspect::All,
+            },
+            bytemuck::cast_slice(&heights),
+            wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(TILE_POINTS * 4),
+                rows_per_image: Some(TILE_POINTS),
+            },
+            wgpu::Extent3d { width: TILE_POINTS, height: TILE_POINTS, depth_or_array_layers: 1 },
+        );
+        Ok(())
+    }
+
+    /// Bytes in GPU memory.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        let heights = u64::from(ATLAS_SIDE) * u64::from(ATLAS_SIDE) * 4;
+        heights + layers::BYTES
+    }
+
+    /// Writes what the shader knows of this frame.
+    pub(crate) fn write_uniform(&self, gpu: &Gpu, eye: &EyeCell, position: DVec3, frame: &TerrainFrame<'_>) {
+        let within = |period: f64| [position.x, position.z].map(|x| x.rem_euclid(period) as f32);
+        let [sand, grass, hill] = self.look.zones;
+        let width = 0.08 * ((grass - sand).min(hill - grass)).max(1e-3);
+        let uniform = TerrainUniform {
+            eye_fraction: eye.fraction.as_vec3().to_array(),
+            eye_height: eye.height,
+            unit: self.look.unit as f32,
+            height_unit: self.look.height_unit as f32,
+            above: frame.above.max(0.0) as f32,
+            relief_depth: RELIEF_DEPTH,
+            zones: [sand, grass, hill, width],
+            eye_in_near: within(PERIODS[0]),
+            // The far scale is turned; its repetition is that of the turned axes, a multiple of 5 periods (0.6, 0.8).
+            eye_in_far: within(PERIODS[1] * 20.0),
+            periods: PERIODS.map(|p| p as f32),
+            padding: [0.0; 2],
+        };
+        gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
+        if !frame.regions.is_empty() {
+            let regions = regions::RegionsUniform::new(
+                &frame.regions[..frame.regions.len().min(MAX_REGIONS)],
+                position,
+            );
+            gpu.queue.write_buffer(&self.regions, 0, bytemuck::bytes_of(&regions));
+        }
+    }
+}
+
+/// Distances at which points begin to slide and have arrived, for the shader: they arrive a little early, so that rounding
+/// errors leave none on its way where a coarser tile begins.
+pub(crate) fn arrival([begin, end]: [f64; 2]) -> [f32; 2] {
+    const EARLY: f64 = 0.995;
+    if end.is_finite() { [begin as f32, (begin + (end - begin) * EARLY) as f32] } else { [1e37, 2e37] }
+}
+
+/// Texel of a slot's first point, margin included.
+fn texel(slot: u32) -> [u32; 2] {
+    [slot % ATLAS_TILES * TILE_POINTS, slot / ATLAS_TILES * TILE_POINTS]
+}
+
+/// Texel of a slot's first point without its margin.
+pub(crate) fn first_texel(slot: u32) -> [i32; 2] {
+    texel(slot).map(|x| (x + TILE_MARGIN) as i32)
+}
