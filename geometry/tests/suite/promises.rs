@@ -199,16 +199,15 @@ fn random_walks_of_apply_and_undo_leave_no_trace() {
     }
 }
 
-#[test]
-fn a_chunk_taken_on_from_stop_to_stop_is_what_it_would_be_at_once() {
-    let asset = prepared(&quantised(&shapes::medley(1)), &stopping(200));
+/// Takes every chunk from stop to stop; says how often.
+fn raise_all(asset: &Prepared) -> usize {
     let mut active = ActiveMesh::new(&asset.base);
     let mut raised = 0;
     for (id, (info, payload)) in (0..).zip(asset.infos.iter().zip(&asset.chunks)) {
         let not_applied = active.raise(id, info, None, payload);
         assert_eq!(not_applied, Err(RaiseError::Refine(RefineError::NotApplied(id))));
         let stops: Vec<Option<u8>> = (0..info.stops.len() as u8).map(Some).chain([None]).collect();
-        apply(&mut active, &asset, Member { chunk: id, stop: stops[0] });
+        apply(&mut active, asset, Member { chunk: id, stop: stops[0] });
         for stops in stops.windows(2) {
             let (before, slots, bytes) = (active.snapshot(), active.wedge_slots(), active.bytes());
             // Refused, the mesh is as it was: damaged bytes, another chunk's, no bytes, no such stop.
@@ -221,7 +220,7 @@ fn a_chunk_taken_on_from_stop_to_stop_is_what_it_would_be_at_once() {
             assert!(active.raise(id, info, Some(99), payload).is_err());
             let mut fresh = active.clone();
             fresh.undo(id).unwrap();
-            apply(&mut fresh, &asset, Member { chunk: id, stop: stops[1] });
+            apply(&mut fresh, asset, Member { chunk: id, stop: stops[1] });
             active.raise(id, info, stops[1], payload).unwrap();
             assert!(active.snapshot() == fresh.snapshot(), "chunk {id} from {stops:?}");
             assert_eq!(
@@ -233,6 +232,17 @@ fn a_chunk_taken_on_from_stop_to_stop_is_what_it_would_be_at_once() {
         }
         let whole = active.raise(id, info, None, payload);
         assert_eq!(whole, Err(RaiseError::Refine(RefineError::AlreadyApplied(id))));
+    }
+    raised
+}
+
+#[test]
+fn a_chunk_taken_on_from_stop_to_stop_is_what_it_would_be_at_once() {
+    let mut raised = 0;
+    for source in
+        [shapes::medley(1), shapes::sphere(40, 60, 0.05), shapes::materials(shapes::torus(30, 40), 3)]
+    {
+        raised += raise_all(&prepared(&quantised(&source), &stopping(200)));
     }
     assert!(raised > 20, "only {raised} times");
 }
