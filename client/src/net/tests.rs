@@ -1,5 +1,8 @@
 //! The client against servers that are none.
 
+// Helpers of tests are tests, whatever the lint thinks of functions without #[test].
+#![allow(clippy::unwrap_used)]
+
 use std::net::SocketAddr;
 
 use lodestream_protocol::message::{Close, CloseCode};

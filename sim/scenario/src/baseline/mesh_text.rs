@@ -18,8 +18,7 @@ const NORMAL_DECIMALS: usize = 4;
 fn decimals(step: f64) -> usize {
     if step > 0.0 && step.is_finite() {
         // The logarithm is far from f64's ends, and so is its ceiling.
-        let places = (-step.log10()).ceil().clamp(0.0, 17.0) as usize;
-        places
+        (-step.log10()).ceil().clamp(0.0, 17.0) as usize
     } else {
         0
     }
