@@ -6,8 +6,10 @@ use lodestream_protocol::pose::Pose;
 use lodestream_protocol::terrain::TerrainEntry;
 use lodestream_terrain::{PatchPoints, Scratch, Terrain};
 
+use crate::gpu::{Gpu, RenderError};
+use crate::renderer::Renderer;
+use crate::terrain::{TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart};
 use crate::tiles::{COARSER, Ground, GroundView, Maker, TileRegion, TileStore, Tiles};
-use crate::{Gpu, RenderError, Renderer, TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart};
 
 /// Tiles of one frame, at most: 512 triangles each.
 const MAX_TILES: usize = 4000;

@@ -8,11 +8,18 @@ use lodestream_protocol::pose::Pose;
 use lodestream_protocol::scene::{InstanceEntry, SceneHeader};
 use lodestream_protocol::view::View;
 
+use crate::asset::AssetGpu;
+use crate::counters::Counters;
+use crate::gpu::{Gpu, RenderError};
+use crate::ground_scene::{GroundScene, Making};
+use crate::instance::Instance;
+use crate::material::Material;
+use crate::renderer::Renderer;
+use crate::scene::{Drawable, Environment, Frame, Settings};
+use crate::target::Target;
+use crate::texture::{TextureData, TextureShape};
 use crate::tiles::Maker;
-use crate::{
-    AssetGpu, Counters, Drawable, Environment, Frame, Gpu, GroundScene, Instance, Making, Material,
-    PackedVertex, RenderError, Renderer, Settings, Target, TextureData, TextureShape,
-};
+use crate::vertex::PackedVertex;
 
 /// Exposed radiance of a white surface that faces the sun: near the upper end of the tone curve.
 const SUNLIT_WHITE: f32 = 1.6;
