@@ -77,7 +77,7 @@ pub struct CaseLink {
 /// A scene, a link, a transport over it and a camera path: what some runs are about that differ by their seeds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Case {
-    /// Index into [`Plan::scenes`].
+    /// Index into [`Plan::scenes`](super::Plan::scenes).
     pub scene: usize,
     /// How client and server talk.
     pub transport: Transport,
@@ -91,7 +91,7 @@ pub struct Case {
     pub path: CameraPath,
     /// How the scene gets to the client.
     pub technique: Technique,
-    /// Index into [`Plan::peers`], for [`Technique::Nodes`]; `None` where no peers are known.
+    /// Index into [`Plan::peers`](super::Plan::peers), for [`Technique::Nodes`]; `None` where no peers are known.
     pub peer: Option<usize>,
     /// Rate that the server limits the session to; `None` for no limit. Below the link's rate its queue stays
     /// short, so that what is urgent arrives sooner.
