@@ -16,7 +16,7 @@ use lodestream_geometry::index::ChunkInfo;
 use lodestream_geometry::mesh::QuantisedMesh;
 use lodestream_geometry::pool::{Monitor, Pool};
 use lodestream_geometry::prepare::{self, Hooks, Prepared};
-use lodestream_geometry::refine::{ActiveMesh, ChunkDelta};
+use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, ChunkError};
 use lodestream_geometry::{Codec, DecodeError, MeshError, Settings};
 use zstd::zstd_safe;
 
@@ -135,7 +135,7 @@ pub fn decode_prefix(
     info: &ChunkInfo,
     stop: Option<u8>,
     stored: &[u8],
-) -> Result<ChunkDelta, DecodeError> {
+) -> Result<ChunkDelta, ChunkError> {
     let payload = plain_chunk(mesh.codec(), stored)
         .map_err(|e| DecodeError::new(format!("chunk {chunk}"), e.to_string()))?;
     mesh.decode_prefix(chunk, info, stop, &payload)
@@ -150,7 +150,7 @@ pub fn decode_chunk(
     chunk: u32,
     info: &ChunkInfo,
     stored: &[u8],
-) -> Result<ChunkDelta, DecodeError> {
+) -> Result<ChunkDelta, ChunkError> {
     decode_prefix(mesh, chunk, info, None, stored)
 }
 

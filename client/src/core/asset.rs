@@ -6,7 +6,7 @@ use geometry::DecodeError;
 use geometry::base::Base;
 use geometry::index::ChunkInfo;
 use geometry::mesh::NONE;
-use geometry::refine::{ActiveMesh, RaiseError, RefineError, Touched};
+use geometry::refine::{ActiveMesh, ChunkError, RefineError, Touched};
 #[cfg(feature = "zstd")]
 use lodestream_compress::{decode_base, decode_prefix};
 use lodestream_geometry as geometry;
@@ -26,7 +26,7 @@ pub(crate) enum AssetError {
     #[error(transparent)]
     Refine(#[from] RefineError),
     #[error(transparent)]
-    Raise(#[from] RaiseError),
+    Chunk(#[from] ChunkError),
     #[error("the base mesh tells of {base} chunks, the scene of {scene}")]
     ChunkCount { base: u32, scene: u32 },
     #[error("the base mesh names material {used}, but only {count} are described")]

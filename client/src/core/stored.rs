@@ -2,7 +2,7 @@
 
 use lodestream_geometry::base::Base;
 use lodestream_geometry::index::ChunkInfo;
-use lodestream_geometry::refine::{ActiveMesh, ChunkDelta};
+use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, ChunkError};
 use lodestream_geometry::{Codec, DecodeError};
 
 /// First bytes of a zstd frame (RFC 8878 §3.1.1). No base blob of the range coder begins so.
@@ -28,10 +28,10 @@ pub(super) fn decode_prefix(
     info: &ChunkInfo,
     stop: Option<u8>,
     stored: &[u8],
-) -> Result<ChunkDelta, DecodeError> {
+) -> Result<ChunkDelta, ChunkError> {
     match mesh.codec() {
         Codec::Range => mesh.decode_prefix(chunk, info, stop, stored),
-        Codec::Plain => Err(is_frame(format!("chunk {chunk}"))),
+        Codec::Plain => Err(is_frame(format!("chunk {chunk}")).into()),
     }
 }
 

@@ -24,7 +24,7 @@ use crate::error::DecodeError;
 use crate::mesh::corner;
 use crate::pool::{self, Pool};
 use crate::random::Random;
-use crate::refine::{ActiveMesh, ChunkDelta, Id, Snapshot};
+use crate::refine::{ActiveMesh, ChunkDelta, ChunkError, Id, Snapshot};
 
 /// What a check found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -78,7 +78,7 @@ pub fn check(
     for (id, info) in infos.iter().enumerate() {
         let id = id as u32;
         let stops = (0..info.stops.len()).map(|stop| Some(stop as u8)).chain([None]);
-        let ways: Result<Vec<ChunkDelta>, DecodeError> =
+        let ways: Result<Vec<ChunkDelta>, ChunkError> =
             stops.map(|stop| mesh.decode_prefix(id, info, stop, &payloads[id as usize])).collect();
         let ways = ways?;
         mesh.apply(&ways[info.stops.len()])
@@ -139,7 +139,7 @@ impl Reference<'_> {
         &ways[member.stop.map_or(ways.len() - 1, usize::from)]
     }
 
-    fn decode(&self, mesh: &ActiveMesh, member: Member) -> Result<ChunkDelta, DecodeError> {
+    fn decode(&self, mesh: &ActiveMesh, member: Member) -> Result<ChunkDelta, ChunkError> {
         let id = member.chunk as usize;
         mesh.decode_prefix(member.chunk, &self.infos[id], member.stop, &self.payloads[id])
     }

@@ -23,7 +23,7 @@ use crate::entropy::symbols::{index, integer, signed};
 use crate::error::DecodeError;
 use crate::mesh::vec3::{dot, sub};
 use crate::numbers::{class, id32, real};
-use crate::refine::{ActiveMesh, ChunkDelta, Id};
+use crate::refine::{ActiveMesh, ChunkDelta, ChunkError, Id, RefineError};
 
 /// Most vertices that one chunk may add: bounds a decoder's work.
 pub(crate) const MAX_SPLITS: u32 = 1 << 17;
@@ -68,8 +68,8 @@ impl ActiveMesh {
     /// Cost: 2 to 4 µs a split (BENCHMARKS.md); work and memory are bounded whatever the bytes say.
     ///
     /// # Errors
-    /// If a parent is missing or the payload is not what `info` announces.
-    pub fn decode(&self, chunk: u32, info: &ChunkInfo, payload: &[u8]) -> Result<ChunkDelta, DecodeError> {
+    /// [`ChunkError::Refine`] if a parent is missing, [`ChunkError::Decode`] if the payload is not what `info` announces.
+    pub fn decode(&self, chunk: u32, info: &ChunkInfo, payload: &[u8]) -> Result<ChunkDelta, ChunkError> {
         self.decode_prefix(chunk, info, None, payload)
     }
 
@@ -81,9 +81,38 @@ impl ActiveMesh {
     /// apply the whole first. The chunk itself must not be applied meanwhile.
     ///
     /// # Errors
-    /// If a parent is missing or not whole, if the chunk is applied, or if the payload is not what `info`
-    /// announces.
+    /// [`ChunkError::Refine`] if a parent is missing or not whole, or if the chunk is applied, [`ChunkError::Decode`] if
+    /// the payload is not what `info` announces.
     pub fn decode_prefix(
+        &self,
+        chunk: u32,
+        info: &ChunkInfo,
+        stop: Option<u8>,
+        payload: &[u8],
+    ) -> Result<ChunkDelta, ChunkError> {
+        self.may_decode(chunk, info)?;
+        Ok(self.decode_checked(chunk, info, stop, payload)?)
+    }
+
+    /// Whether the mesh is as decoding a chunk needs it.
+    fn may_decode(&self, chunk: u32, info: &ChunkInfo) -> Result<(), RefineError> {
+        let count = u32::try_from(self.places.len() - 1).unwrap_or(u32::MAX);
+        if chunk >= count {
+            return Err(RefineError::NoSuchChunk { chunk, count });
+        }
+        if let Some(&parent) = info.parents.iter().find(|&&p| p >= chunk || !self.is_applied(p)) {
+            return Err(RefineError::MissingParent { chunk, parent });
+        }
+        if let Some(&parent) = info.parents.iter().find(|&&p| self.applied_stop(p).is_some()) {
+            return Err(RefineError::PartialParent { chunk, parent });
+        }
+        if self.is_applied(chunk) {
+            return Err(RefineError::AlreadyApplied(chunk));
+        }
+        Ok(())
+    }
+
+    fn decode_checked(
         &self,
         chunk: u32,
         info: &ChunkInfo,
@@ -91,18 +120,6 @@ impl ActiveMesh {
         payload: &[u8],
     ) -> Result<ChunkDelta, DecodeError> {
         let fail = |why: String| Err(DecodeError::new(format!("chunk {chunk}"), why));
-        if chunk as usize + 1 >= self.places.len() {
-            return fail(format!("the asset has {} chunks", self.places.len() - 1));
-        }
-        if let Some(parent) = info.parents.iter().find(|&&p| p >= chunk || !self.is_applied(p)) {
-            return fail(format!("its parent {parent} is not applied"));
-        }
-        if let Some(parent) = info.parents.iter().find(|&&p| self.applied_stop(p).is_some()) {
-            return fail(format!("its parent {parent} is applied only up to a stop"));
-        }
-        if self.is_applied(chunk) {
-            return fail("it is applied already".into());
-        }
         let segments = stop.map_or(info.stops.len(), usize::from) + 1;
         if stop.is_some() && segments > info.stops.len() {
             return fail(format!("it has {} stops, not {segments}", info.stops.len()));

@@ -11,7 +11,7 @@ use crate::mesh::Wedge;
 use crate::mesh::corner::{corner, face_of};
 use crate::refine::active::ActiveMesh;
 use crate::refine::delta::{ChunkDelta, Id, Repoint};
-use crate::refine::error::{RaiseError, RefineError};
+use crate::refine::error::{ChunkError, RefineError};
 use crate::refine::places::{Place, Undo, VertexState};
 use crate::refine::render::Touched;
 
@@ -58,11 +58,11 @@ impl ActiveMesh {
         info: &ChunkInfo,
         stop: Option<u8>,
         payload: &[u8],
-    ) -> Result<Touched, RaiseError> {
+    ) -> Result<Touched, ChunkError> {
         let (origin, place) = self.take_place(chunk, true)?;
         let forward = self.forward(&place.undo);
         let mut touched = self.take_out(&place);
-        let decoded = self.decode_prefix(chunk, info, stop, payload).map_err(RaiseError::from);
+        let decoded = self.decode_prefix(chunk, info, stop, payload);
         match decoded.and_then(|delta| Ok(self.may_apply(&delta).map(|()| delta)?)) {
             Ok(delta) => {
                 self.release(place);

@@ -53,13 +53,23 @@ pub enum RefineError {
     Mismatch(u32),
 }
 
-/// A chunk that cannot be taken on to another stop. Nothing was changed.
+/// A chunk that cannot be decoded, or not be taken on to another stop. Nothing was changed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum RaiseError {
+pub enum ChunkError {
     /// Its bytes are not what the index announces.
     #[error(transparent)]
     Decode(#[from] DecodeError),
-    /// It is not applied, or whole already, or what was decoded does not fit.
+    /// The mesh is not as it must be for that: a parent is missing, say. The bytes may be sound.
     #[error(transparent)]
     Refine(#[from] RefineError),
+}
+
+/// For who only wants to say why: which of both it was is lost.
+impl From<ChunkError> for DecodeError {
+    fn from(error: ChunkError) -> Self {
+        match error {
+            ChunkError::Decode(error) => error,
+            ChunkError::Refine(error) => Self::new("refinement", error.to_string()),
+        }
+    }
 }

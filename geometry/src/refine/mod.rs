@@ -11,6 +11,6 @@ mod snapshot;
 
 pub use active::ActiveMesh;
 pub use delta::{ChunkDelta, Id, Moved, NewFace, NewVertex, NewWedge, Repoint};
-pub use error::{RaiseError, RefineError};
+pub use error::{ChunkError, RefineError};
 pub use render::{RenderVertex, Touched};
 pub use snapshot::Snapshot;

@@ -10,7 +10,7 @@ use lodestream_geometry::mesh::QuantisedMesh;
 use lodestream_geometry::pool::Serial;
 use lodestream_geometry::prepare::Prepared;
 use lodestream_geometry::random::Random;
-use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, RaiseError, RefineError};
+use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, ChunkError, RefineError};
 
 use crate::common::{all, closed, plain_faces, prepared, quantised, regions, shapes, stopping};
 
@@ -205,7 +205,7 @@ fn raise_all(asset: &Prepared) -> usize {
     let mut raised = 0;
     for (id, (info, payload)) in (0..).zip(asset.infos.iter().zip(&asset.chunks)) {
         let not_applied = active.raise(id, info, None, payload);
-        assert_eq!(not_applied, Err(RaiseError::Refine(RefineError::NotApplied(id))));
+        assert_eq!(not_applied, Err(ChunkError::Refine(RefineError::NotApplied(id))));
         let stops: Vec<Option<u8>> = (0..info.stops.len() as u8).map(Some).chain([None]).collect();
         apply(&mut active, asset, Member { chunk: id, stop: stops[0] });
         for stops in stops.windows(2) {
@@ -213,7 +213,7 @@ fn raise_all(asset: &Prepared) -> usize {
             // Refused, the mesh is as it was: damaged bytes, another chunk's, no bytes, no such stop.
             for damaged in [&payload[..payload.len() / 9], &[0xa5; 4000], &[]] {
                 let refused = active.raise(id, info, stops[1], damaged);
-                assert!(matches!(refused, Err(RaiseError::Decode(_))), "chunk {id}: {refused:?}");
+                assert!(matches!(refused, Err(ChunkError::Decode(_))), "chunk {id}: {refused:?}");
                 assert!(active.snapshot() == before && active.applied_stop(id) == stops[0]);
                 assert_eq!((active.wedge_slots(), active.bytes()), (slots, bytes));
             }
@@ -231,7 +231,7 @@ fn raise_all(asset: &Prepared) -> usize {
             raised += 1;
         }
         let whole = active.raise(id, info, None, payload);
-        assert_eq!(whole, Err(RaiseError::Refine(RefineError::AlreadyApplied(id))));
+        assert_eq!(whole, Err(ChunkError::Refine(RefineError::AlreadyApplied(id))));
     }
     raised
 }
