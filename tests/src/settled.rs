@@ -68,7 +68,8 @@ fn the_settled_picture_is_that_of_the_whole_model() {
     let other = Server::start(Arc::new(lacking), SessionSettings::default());
     let mut viewer = Viewer::start(&other.address(Transport::WebSocket), config());
     let status = viewer.wait("all but one chunk", |status| status.stats.lacking_blobs == 1);
-    assert_eq!((status.settled, status.stats.refused), (false, 1), "{:?}", status.stats);
+    // What is pushed unasked is refused too, however often it is tried.
+    assert!(!status.settled && (1..=4).contains(&status.stats.refused), "{:?}", status.stats);
     let lacking = draw(&mut headless, viewer.changes);
     keep(&lacking, "withheld");
     let found = comparison(&lacking, &whole);
