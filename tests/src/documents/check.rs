@@ -6,7 +6,7 @@ use super::repository::{Repository, is_word, join};
 /// Longest line of prose.
 const MAX_LINE: usize = 120;
 /// Paths of those who write, which mean nothing to those who read.
-const FOREIGN_PATHS: [&str; 5] = ["/work/", "/root/", "/home/", "/Users/", "/tmp/"];
+const FOREIGN_PATHS: [&str; 4] = ["/root/", "/home/", "/Users/", "/tmp/"];
 /// Extensions of files that a document names only if they are here.
 const OWN_FILES: [&str; 4] = ["rs", "md", "wgsl", "py"];
 
