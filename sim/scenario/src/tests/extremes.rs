@@ -162,7 +162,8 @@ fn a_server_that_never_answers_is_given_up_by_the_clients_own_deadline() {
                 [[sweep]]\ntransport = \"ws\"\nlink = \"mute\"\n";
     let result = &results(plan::parse(mute, Path::new("extreme.toml")).unwrap())[0];
     assert!(result.ended.contains("gave no answer to the WebSocket request"), "{result}");
-    assert!((4_000.0..=6_000.0).contains(&result.ended_ms.unwrap()), "{result:?}");
+    // Its time limit, and what the run then waits for last words.
+    assert!((5_000.0..=10_000.0).contains(&result.ended_ms.unwrap()), "{result:?}");
 }
 
 #[test]
