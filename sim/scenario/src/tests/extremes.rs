@@ -154,7 +154,7 @@ fn a_time_limit_holds_where_not_even_the_last_words_get_out() {
 }
 
 #[test]
-fn a_server_that_never_answers_is_given_up_by_the_clients_own_deadline() {
+fn a_server_that_never_answers_is_given_up_at_the_time_limit() {
     // TCP's handshake is over after 51 ms; the answer to the request for a WebSocket never comes.
     let mute = "scene = \"empty\"\ntime_limit_s = 5\n[link.mute]\n\
                 down = { rate_steps = [{ from_s = 0, bits_per_s = 2_000_000 }, { from_s = 0.06, bits_per_s = 0 }, \
@@ -162,7 +162,7 @@ fn a_server_that_never_answers_is_given_up_by_the_clients_own_deadline() {
                 [[sweep]]\ntransport = \"ws\"\nlink = \"mute\"\n";
     let result = &results(plan::parse(mute, Path::new("extreme.toml")).unwrap())[0];
     assert!(result.ended.contains("gave no answer to the WebSocket request"), "{result}");
-    // Its time limit, and what the run then waits for last words.
+    // The plan's limit is that of opening; then the run waits for last words.
     assert!((5_000.0..=10_000.0).contains(&result.ended_ms.unwrap()), "{result:?}");
 }
 
