@@ -1,4 +1,7 @@
 //! Stores that take their time: sessions go on, and end.
+//!
+//! In real time: a paused clock stands still for as long as a blocking read is under way, and whatever
+//! waits for a timer meanwhile would wait for ever.
 
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Mutex, PoisonError};
@@ -59,7 +62,7 @@ async fn blobs(client: &mut Client<DuplexStream>, assembler: &mut Assembler, cou
     }
 }
 
-#[tokio::test(start_paused = true)]
+#[tokio::test]
 async fn a_read_that_waits_holds_up_nothing_else() {
     let (state, go) = held(false);
     let mut client = Client::in_memory(&state).await;
@@ -74,7 +77,7 @@ async fn a_read_that_waits_holds_up_nothing_else() {
     assert_eq!(assembler.complete.last().map(|(id, _)| *id), Some(HELD));
 }
 
-#[tokio::test(start_paused = true)]
+#[tokio::test]
 async fn a_session_ends_while_a_read_is_under_way() {
     let (state, go) = held(false);
     let mut client = Client::in_memory(&state).await;
@@ -83,11 +86,13 @@ async fn a_session_ends_while_a_read_is_under_way() {
     blobs(&mut client, &mut Assembler::default(), 2 + 15).await;
     client.send(&ClientMessage::Bye).await;
     while client.next().await.is_some() {}
-    state.all_sessions_ended().await;
+    drop(client);
+    let ended = tokio::time::timeout(REAL_TIME_LIMIT, state.all_sessions_ended()).await;
+    assert!(ended.is_ok(), "the session waits for the read");
     drop(go);
 }
 
-#[tokio::test(start_paused = true)]
+#[tokio::test]
 async fn a_store_that_panics_is_told_as_a_blob_that_cannot_be_read() {
     let (state, go) = held(true);
     let mut client = Client::in_memory(&state).await;
