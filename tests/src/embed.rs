@@ -35,12 +35,22 @@ fn build() -> PathBuf {
     let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), Into::into);
     let folder = root.join("examples/embed");
     std::fs::copy(root.join("Cargo.lock"), folder.join("Cargo.lock")).unwrap();
+    // Where and how the workspace is built, so that dependencies are built once. Our own crates have other
+    // features here and are built again: without optimisation, which is soonest.
+    let manifest: toml::Table =
+        toml::from_str(&std::fs::read_to_string(root.join("Cargo.toml")).unwrap()).unwrap();
+    let mut dev = manifest["profile"]["dev"].as_table().unwrap().clone();
+    dev.insert("opt-level".into(), toml::Value::Integer(0));
+    dev["package"].as_table_mut().unwrap().retain(|package, _| !package.starts_with("lodestream"));
+    let profile = toml::Table::from_iter([("dev".to_owned(), dev.into())]);
+    let config = toml::Table::from_iter([("profile".to_owned(), profile.into())]);
+    let file = target.join("embed-profile.toml");
+    std::fs::write(&file, config.to_string()).unwrap();
     let output = Command::new(env!("CARGO"))
         .current_dir(&folder)
-        // Where and how the workspace is built, so that what both need is built once.
-        .args(["build", "--offline", "--config", "profile.dev.opt-level=1"])
-        .args(["--config", "profile.dev.debug=\"line-tables-only\""])
-        .args(["--config", "profile.dev.package.\"*\".debug=false", "--target-dir"])
+        .args(["build", "--offline", "--config"])
+        .arg(&file)
+        .arg("--target-dir")
         .arg(&target)
         .output()
         .unwrap();
