@@ -364,7 +364,7 @@ class Reader:
             "center": self.numbers("sphere's centre", b.f32, 3),
             "radius": self.number("its radius", b.f32),
             "diagonal": self.number("diagonal", b.f32),
-            "root_error": self.number("root_error", b.f32),
+            "geometric_error": self.number("geometric_error", b.f32),
             "chunk_count": self.f("chunk_count", b.leb128),
             "material_count": self.f("material_count", b.leb128),
             "vertices": self.f("vertices", b.leb128),

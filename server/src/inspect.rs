@@ -101,7 +101,7 @@ pub fn inspect(path: &Path) -> Result<Summary, StoreError> {
         total_bytes: pack.total_bytes(),
         bits_per_vertex: 8.0 * (asset.head_bytes() + payload_bytes) as f64
             / base.totals.vertices.max(1) as f64,
-        root_error: f64::from(base.root_error),
+        root_error: f64::from(base.geometric_error),
         diagonal: f64::from(base.diagonal),
         grid_step: base.grid.step,
     })

@@ -149,7 +149,7 @@ impl Hills {
                 .infos
                 .iter()
                 .map(|i| geometry::screen::visible_error(i, 1.0))
-                .fold(base.root_error, f32::max),
+                .fold(base.geometric_error, f32::max),
             base_bytes: blobs[&BlobPart::Base].len() as u32,
             chunk_count: base.chunk_count,
         };

@@ -36,7 +36,7 @@ pub struct Base {
     /// Length of the bounding box's diagonal, in the asset's units.
     pub diagonal: f32,
     /// Geometric error of the base mesh, in the asset's units.
-    pub root_error: f32,
+    pub geometric_error: f32,
     /// Chunks of the asset.
     pub chunk_count: u32,
     /// Levels above the base.

@@ -38,7 +38,8 @@ impl Base {
                 out.extend(x.to_le_bytes());
             }
         }
-        for x in self.sphere.center.iter().chain([&self.sphere.radius, &self.diagonal, &self.root_error]) {
+        for x in self.sphere.center.iter().chain([&self.sphere.radius, &self.diagonal, &self.geometric_error])
+        {
             out.extend(x.to_le_bytes());
         }
         put_varint(&mut out, u64::from(self.chunk_count));
@@ -103,8 +104,8 @@ impl Base {
             return Err(r.error("its grids reach beyond 32-bit numbers"));
         }
         let sphere = Sphere { center: [r.f32()?, r.f32()?, r.f32()?], radius: r.f32()? };
-        let (diagonal, root_error) = (r.f32()?, r.f32()?);
-        if grid.step < 0.0 || sphere.radius < 0.0 || root_error < 0.0 {
+        let (diagonal, geometric_error) = (r.f32()?, r.f32()?);
+        if grid.step < 0.0 || sphere.radius < 0.0 || geometric_error < 0.0 {
             return Err(r.error("a length is negative"));
         }
         let chunk_count = r.varint32(MAX_CHUNKS)?;
@@ -123,7 +124,7 @@ impl Base {
             uv_grid,
             sphere,
             diagonal,
-            root_error,
+            geometric_error,
             chunk_count,
             level_count,
             material_count,

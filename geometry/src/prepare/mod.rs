@@ -129,7 +129,7 @@ pub fn prepare(mesh: &QuantisedMesh, settings: &Settings, hooks: &Hooks<'_>) -> 
         }
     }
     let root = errors.iter().copied().fold(simplified.stray_error, f64::max);
-    base.root_error = round_up(root * mesh.grid.step);
+    base.geometric_error = round_up(root * mesh.grid.step);
     let levels = simplified.levels.len();
     let infos: Vec<ChunkInfo> = encoded
         .iter()
@@ -153,7 +153,7 @@ pub fn prepare(mesh: &QuantisedMesh, settings: &Settings, hooks: &Hooks<'_>) -> 
         })
         .collect();
     let (pages, infos) = encode_pages(&infos).map_err(|e| MeshError::Internal { why: e.to_string() })?;
-    base.root_error = infos.iter().map(|i| i.error).fold(base.root_error, f32::max);
+    base.geometric_error = infos.iter().map(|i| i.error).fold(base.geometric_error, f32::max);
     Ok(Prepared { base, infos, pages, chunks: encoded.into_iter().map(|e| e.bytes).collect() })
 }
 
@@ -244,7 +244,7 @@ fn build_base(
         uv_grid: mesh.uv_grid,
         sphere: Sphere { center: center.map(|x| x as f32), radius: round_up(radius) },
         diagonal: (2.0 * radius) as f32,
-        root_error: 0.0,
+        geometric_error: 0.0,
         chunk_count: chunks as u32,
         level_count: simplified.levels.len().min(255) as u8,
         material_count: materials,

@@ -15,7 +15,7 @@ fn whole(name: &str, mesh: &QuantisedMesh, sets: usize) -> Prepared {
     let asset = prepared(mesh, &Settings::default());
     let report = check(&asset.base, &asset.infos, &asset.chunks, sets, 7, &Serial).unwrap();
     assert_eq!((report.cracks, report.order_dependent, report.undo_errors), (0, 0, 0), "{name}");
-    let error = f64::from(asset.base.root_error / asset.base.diagonal);
+    let error = f64::from(asset.base.geometric_error / asset.base.diagonal);
     assert!(error <= 0.05, "{name}: {error} of the diagonal, {} faces", asset.base.faces.len());
     asset
 }
@@ -99,7 +99,7 @@ fn the_top_is_one_chunk_of_as_many_faces_as_asked_for() {
             let report = check(&asset.base, &asset.infos, &asset.chunks, 6, 9, &Serial).unwrap();
             let found = (report.cracks, report.order_dependent, report.undo_errors);
             assert_eq!(found, (0, 0, 0), "{top_regions}");
-            let error = f64::from(asset.base.root_error / asset.base.diagonal);
+            let error = f64::from(asset.base.geometric_error / asset.base.diagonal);
             assert!(error <= 0.05, "{top_regions}: {error} of the diagonal");
             let coarsest: Vec<_> = asset.infos.iter().filter(|i| i.parents.is_empty()).collect();
             assert_eq!(coarsest.len(), 1, "{top_regions}");

@@ -17,7 +17,7 @@ fn errors_are_monotone_along_parents() {
     for (name, source) in all() {
         let asset = prepared(&quantised(&source), &regions(200));
         for (id, info) in asset.infos.iter().enumerate() {
-            assert!(info.error <= asset.base.root_error, "{name}: chunk {id} and the root");
+            assert!(info.error <= asset.base.geometric_error, "{name}: chunk {id} and the root");
             for &p in &info.parents {
                 assert!((p as usize) < id && asset.infos[p as usize].level <= info.level);
                 assert!(asset.infos[p as usize].error >= info.error, "{name}: chunk {id}, parent {p}");
@@ -133,7 +133,7 @@ fn errors_bound_the_sampled_distance_and_are_not_absurd() {
                     if attempt == 0 { Vec::new() } else { closed_set::random(&asset.infos, &mut random) };
                 let mut error = stated(&asset, &set);
                 if attempt == 0 {
-                    error = error.max(asset.base.root_error);
+                    error = error.max(asset.base.geometric_error);
                 }
                 let coarse = Surface::new(&refined(&asset, &set));
                 let cells = input.farthest(&coarse, area).max(coarse.farthest(&input, area));

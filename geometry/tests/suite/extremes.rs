@@ -55,7 +55,7 @@ fn tiny_and_huge_coordinates() {
     for scale in [1e-30, 1e-10, 1e10, 1e30, 3e37] {
         let mesh = quantised(&shapes::placed(shapes::sphere(16, 24, 0.05), scale, 0.0));
         let asset = survives(&format!("scale {scale}"), &mesh, 200);
-        assert!(asset.base.root_error > 0.0 && f64::from(asset.base.root_error) < scale, "{scale}");
+        assert!(asset.base.geometric_error > 0.0 && f64::from(asset.base.geometric_error) < scale, "{scale}");
         assert!(asset.infos.iter().any(|i| i.error > 0.0));
     }
 }
@@ -234,7 +234,7 @@ fn dust_settles(count: u32) {
     let mesh = with_bits(&shapes::dust(count), 12);
     let asset = prepared(&mesh, &Settings::default());
     assert!(asset.base.faces.len() <= 2 * count as usize, "{} faces", asset.base.faces.len());
-    assert!(asset.base.root_error <= 0.05 * asset.base.diagonal, "{}", asset.base.root_error);
+    assert!(asset.base.geometric_error <= 0.05 * asset.base.diagonal, "{}", asset.base.geometric_error);
     assert!(plain_faces(&deltas(&asset).0.to_mesh()) == plain_faces(&mesh));
 }
 

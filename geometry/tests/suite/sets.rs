@@ -88,7 +88,7 @@ fn stops_make_sets_smaller() {
         asset.infos.iter().map(|i| ChunkInfo { stops: Vec::new(), ..i.clone() }).collect();
     let (mut with, mut without) = (0, 0);
     for share in 1..20 {
-        let limit = f64::from(asset.base.root_error) / f64::from(share);
+        let limit = f64::from(asset.base.geometric_error) / f64::from(share);
         let sets =
             [&asset.infos, &bare].map(|infos| lowest_error(&asset.base, infos, 0, Budget::Error(limit)));
         assert!(sets.iter().all(|s| s.error <= limit));

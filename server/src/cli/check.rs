@@ -47,7 +47,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         ),
         good: cracks == 0 && order_dependent == 0 && undo_errors == 0,
     };
-    for line in rising_errors(asset.base.root_error, &asset.infos) {
+    for line in rising_errors(asset.base.geometric_error, &asset.infos) {
         outcome.text.push_str(&line);
         outcome.good = false;
     }

@@ -171,7 +171,7 @@ impl PackFile {
 
     /// What shows of the base mesh's error: attributes may be off by more than the geometry is.
     fn root_error(&self, base: &Base) -> Result<f32, StoreError> {
-        let mut error = base.root_error;
+        let mut error = base.geometric_error;
         for page in 0..page_count(base.chunk_count as usize) as u32 {
             let bytes = self.read(BlobPart::IndexPage(page))?;
             let infos = decode_page(&bytes, page * CHUNKS_PER_PAGE as u32).map_err(|e| self.damaged(e))?;

@@ -319,7 +319,7 @@ fn base(base: &Base) -> Value {
         "center": base.sphere.center,
         "radius": base.sphere.radius,
         "diagonal": base.diagonal,
-        "root_error": base.root_error,
+        "geometric_error": base.geometric_error,
         "chunk_count": base.chunk_count,
         "material_count": base.material_count,
         "vertices": base.totals.vertices,

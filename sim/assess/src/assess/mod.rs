@@ -144,7 +144,7 @@ pub fn assess(path: &Path, options: &Options) -> anyhow::Result<Assessment> {
         payload_bytes,
         bits_per_vertex: (base_bytes.len() + index_bytes + payload_bytes) as f64 * 8.0
             / model.mesh.positions.len() as f64,
-        root_error: f64::from(base.root_error) / model.diagonal(),
+        root_error: f64::from(base.geometric_error) / model.diagonal(),
         prepare_faces_per_s: model.mesh.faces.len() as f64 / prepare_s,
         decode_splits_per_s: splits as f64 / decode_s,
         apply_splits_per_s: splits as f64 / apply_s,
