@@ -161,7 +161,7 @@ impl<'a> Player<'a> {
 /// Changes one reference or number of a delta.
 fn forge(delta: &mut ChunkDelta, input: &mut Input<'_>) {
     let (what, at) = (input.u8(), usize::from(input.u8()));
-    let id = Id { origin: u32::from(input.u8()), index: u32::from(input.u8()) };
+    let id = Id { owner: u32::from(input.u8()), index: u32::from(input.u8()) };
     fn pick<T>(list: &mut [T], at: usize) -> Option<&mut T> {
         let count = list.len().max(1);
         list.get_mut(at % count)

@@ -175,8 +175,8 @@ impl Reference<'_> {
 
     /// Where a vertex of the input is in this mesh.
     fn ancestor(&self, state: &Snapshot, mut vertex: Id) -> Id {
-        while vertex.origin > 0 && state.vertices.binary_search_by_key(&vertex, |v| v.0).is_err() {
-            let whole = Member { chunk: vertex.origin - 1, stop: None };
+        while vertex.owner > 0 && state.vertices.binary_search_by_key(&vertex, |v| v.0).is_err() {
+            let whole = Member { chunk: vertex.owner - 1, stop: None };
             match self.delta(whole).vertices[vertex.index as usize].parent {
                 Some(parent) => vertex = parent,
                 None => break,

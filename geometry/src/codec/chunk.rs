@@ -8,7 +8,7 @@ use crate::codec::chunk_coder::{ChunkCoder, Resolution};
 use crate::codec::local::{Elements, Local};
 use crate::codec::model::{
     AREAS, BENDS, BIRTH_AXIS, BIRTHS, DEPTHS, FLAG_AREA, FLAG_BEND, FLAG_VALENCE, INTERIOR, MAX_VALENCE,
-    MIX_FLAG, MORE_SEEDS, SEED_INTERIOR, SEED_ORIGIN, SEGMENTS, STREAMS, contexts,
+    MIX_FLAG, MORE_SEEDS, SEED_INTERIOR, SEED_OWNER, SEGMENTS, STREAMS, contexts,
 };
 use crate::codec::moves::Whose;
 use crate::codec::plan::{Guide, Names};
@@ -387,15 +387,15 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
             if !coder.bit(MORE_SEEDS, next.is_some()) {
                 return coder.check();
             }
-            // The origin counts back from this chunk; the base mesh is origin 0.
-            let want = next.map_or(Id { origin: 0, index: 0 }, |slot| mesh.vertex_id(slot));
-            let back = integer(*coder, SEED_ORIGIN, self.chunk - want.origin);
-            let place = self.chunk.checked_sub(back).and_then(|origin| Some((origin, mesh.place(origin)?)));
-            let Some((origin, place)) = place else {
+            // The owner counts back from this chunk; the base mesh is owner 0.
+            let want = next.map_or(Id { owner: 0, index: 0 }, |slot| mesh.vertex_id(slot));
+            let back = integer(*coder, SEED_OWNER, self.chunk - want.owner);
+            let place = self.chunk.checked_sub(back).and_then(|owner| Some((owner, mesh.place(owner)?)));
+            let Some((owner, place)) = place else {
                 return Err(DecodeError::new("chunk", "a seed lies in a chunk that is not applied"));
             };
             let number = index(*coder, place.vertices.len(), want.index as usize, "chunk: seed")?;
-            let seed = mesh.vertex_slot(Id { origin, index: id32(number) });
+            let seed = mesh.vertex_slot(Id { owner, index: id32(number) });
             let interior = |slot: u32| {
                 let guide = guide.as_ref();
                 guide.is_some_and(|g| (g.source.interior)(g.source.vertex_by_slot[slot as usize]))

@@ -81,7 +81,7 @@ impl std::fmt::Display for Elements {
 /// The region, in local numbers; new elements are appended.
 pub(crate) struct Local<'a> {
     mesh: &'a ActiveMesh,
-    /// Origin of what the chunk adds.
+    /// Owner of what the chunk adds.
     own: u32,
     pub(crate) vertices: Vec<LocalVertex>,
     pub(crate) wedges: Vec<LocalWedge>,
@@ -257,13 +257,13 @@ impl<'a> Local<'a> {
     }
 
     pub(crate) fn add_vertex(&mut self, position: Vec3, parent: Option<u32>, shift: u8) -> u32 {
-        let id = Id { origin: self.own, index: id32(self.new_vertices.len()) };
+        let id = Id { owner: self.own, index: id32(self.new_vertices.len()) };
         self.new_vertices.push((id32(self.vertices.len()), parent));
         self.push_vertex(id, position, true, shift)
     }
 
     pub(crate) fn add_wedge(&mut self, vertex: u32, attributes: Attributes) -> u32 {
-        let id = Id { origin: self.own, index: self.new_wedges };
+        let id = Id { owner: self.own, index: self.new_wedges };
         self.new_wedges += 1;
         self.push_wedge(id, vertex, attributes)
     }

@@ -161,7 +161,7 @@ impl<'a> Case<'a> {
     fn named(&self, mesh: &ActiveMesh, set: &[Member]) -> Faces {
         let moved = self.moved(set);
         let snapshot = mesh.snapshot();
-        let name = |lists: &[Vec<u32>], id: Id| lists[id.origin as usize][id.index as usize];
+        let name = |lists: &[Vec<u32>], id: Id| lists[id.owner as usize][id.index as usize];
         for &(id, position) in &snapshot.vertices {
             let vertex = name(&self.vertices, id);
             let left = || self.simplified.live.cell(vertex);

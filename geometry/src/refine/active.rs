@@ -30,17 +30,17 @@ pub struct ActiveMesh {
     /// Where a vertex was before the chunk that brought it, or moved it last, was applied: a new one's is the
     /// position of its oldest ancestor within the chunk's parents.
     pub(crate) morph_from: Vec<[i32; 3]>,
-    pub(crate) vertex_origin: Vec<u32>,
-    /// The origin that put a vertex where it is: its own, or a chunk's that moved it.
+    pub(crate) vertex_owner: Vec<u32>,
+    /// The owner that put a vertex where it is: its own, or a chunk's that moved it.
     pub(crate) vertex_mover: Vec<u32>,
     /// How many of the lowest bits of a position are zero, at most.
     pub(crate) vertex_shift: Vec<u8>,
     /// [`Base::shifts`].
     pub(crate) shifts: Vec<u8>,
     pub(crate) wedges: Vec<Wedge>,
-    pub(crate) wedge_origin: Vec<u32>,
+    pub(crate) wedge_owner: Vec<u32>,
     pub(crate) faces: Vec<[u32; 3]>,
-    pub(crate) face_origin: Vec<u32>,
+    pub(crate) face_owner: Vec<u32>,
     pub(crate) materials: Vec<u16>,
     /// Slot of each face in the index list of its material.
     pub(crate) draw_slots: Vec<u32>,
@@ -73,14 +73,14 @@ impl ActiveMesh {
             places: Places::new(base.chunk_count),
             positions: Vec::new(),
             morph_from: Vec::new(),
-            vertex_origin: Vec::new(),
+            vertex_owner: Vec::new(),
             vertex_mover: Vec::new(),
             vertex_shift: Vec::new(),
             shifts: base.shifts.clone(),
             wedges: Vec::new(),
-            wedge_origin: Vec::new(),
+            wedge_owner: Vec::new(),
             faces: Vec::new(),
-            face_origin: Vec::new(),
+            face_owner: Vec::new(),
             materials: Vec::new(),
             draw_slots: Vec::new(),
             indices: vec![Vec::new(); materials],
@@ -134,7 +134,7 @@ impl ActiveMesh {
     /// Whether a chunk is applied, whole or up to a stop.
     #[must_use]
     pub fn is_applied(&self, chunk: u32) -> bool {
-        chunk.checked_add(1).is_some_and(|origin| self.places.get(origin).is_some())
+        chunk.checked_add(1).is_some_and(|owner| self.places.get(owner).is_some())
     }
 
     /// The stop that a chunk is applied up to; `None` if it is whole or not applied.
@@ -167,10 +167,10 @@ impl ActiveMesh {
         self.positions.capacity() * 12
             + self.morph_from.capacity() * 12
             + self.vertex_shift.capacity()
-            + (self.vertex_origin.capacity()
+            + (self.vertex_owner.capacity()
                 + self.vertex_mover.capacity()
-                + self.wedge_origin.capacity()
-                + self.face_origin.capacity())
+                + self.wedge_owner.capacity()
+                + self.face_owner.capacity())
                 * 4
             + self.wedges.capacity() * size_of::<Wedge>()
             + self.faces.capacity() * 12
@@ -182,7 +182,7 @@ impl ActiveMesh {
             + self.undo_bytes
     }
 
-    pub(crate) fn reserve(&mut self, origin: u32, vertices: usize, wedges: usize, materials: &[u16]) {
+    pub(crate) fn reserve(&mut self, owner: u32, vertices: usize, wedges: usize, materials: &[u16]) {
         let place = Place {
             vertices: self.vertex_slots.take(vertices as u32),
             wedges: self.wedge_slots.take(wedges as u32),
@@ -200,23 +200,23 @@ impl ActiveMesh {
         );
         grow(&mut self.positions, v, [0; 3]);
         grow(&mut self.morph_from, v, [0; 3]);
-        grow(&mut self.vertex_origin, v, 0);
+        grow(&mut self.vertex_owner, v, 0);
         grow(&mut self.vertex_mover, v, 0);
         grow(&mut self.vertex_shift, v, 0);
         grow(&mut self.wedges, w, Wedge::default());
-        grow(&mut self.wedge_origin, w, 0);
+        grow(&mut self.wedge_owner, w, 0);
         grow(&mut self.faces, f, [0; 3]);
-        grow(&mut self.face_origin, f, 0);
+        grow(&mut self.face_owner, f, 0);
         grow(&mut self.materials, f, 0);
         grow(&mut self.draw_slots, f, 0);
         self.stars.grow(v, f);
         for slot in place.vertices.clone() {
-            self.vertex_origin[slot as usize] = origin;
-            self.vertex_mover[slot as usize] = origin;
+            self.vertex_owner[slot as usize] = owner;
+            self.vertex_mover[slot as usize] = owner;
             self.stars.clear(slot);
         }
         for slot in place.wedges.clone() {
-            self.wedge_origin[slot as usize] = origin;
+            self.wedge_owner[slot as usize] = owner;
         }
         let mut order: Vec<(u16, u32)> = materials.iter().copied().zip(place.faces.clone()).collect();
         order.sort_unstable();
@@ -230,13 +230,13 @@ impl ActiveMesh {
             for (&(_, face), draw) in run.iter().zip(range.clone()) {
                 self.draw_slots[face as usize] = draw;
                 self.materials[face as usize] = material;
-                self.face_origin[face as usize] = origin;
+                self.face_owner[face as usize] = owner;
             }
             draws.push((material, range));
         }
         self.live_vertices += vertices;
         self.live_faces += materials.len();
-        self.places.insert(origin, Place { draws, ..place });
+        self.places.insert(owner, Place { draws, ..place });
     }
 
     pub(crate) fn put_face(&mut self, slot: u32, wedges: [u32; 3]) {
@@ -319,21 +319,21 @@ impl ActiveMesh {
         }
     }
 
-    pub(crate) fn place(&self, origin: u32) -> Option<&Place> {
-        self.places.get(origin)
+    pub(crate) fn place(&self, owner: u32) -> Option<&Place> {
+        self.places.get(owner)
     }
 
     /// Slots of ids; 0 for ids that are not there, which [`Self::fits`] has excluded.
     pub(crate) fn vertex_slot(&self, id: Id) -> u32 {
-        self.place(id.origin).map_or(0, |p| p.vertices.start + id.index)
+        self.place(id.owner).map_or(0, |p| p.vertices.start + id.index)
     }
 
     pub(crate) fn wedge_slot(&self, id: Id) -> u32 {
-        self.place(id.origin).map_or(0, |p| p.wedges.start + id.index)
+        self.place(id.owner).map_or(0, |p| p.wedges.start + id.index)
     }
 
     pub(crate) fn face_slot(&self, id: Id) -> u32 {
-        self.place(id.origin).map_or(0, |p| p.faces.start + id.index)
+        self.place(id.owner).map_or(0, |p| p.faces.start + id.index)
     }
 
     /// The corner (`face × 3 + k`, by slot) that moves.
@@ -343,18 +343,18 @@ impl ActiveMesh {
 
     /// Ids of slots that are in use.
     pub(crate) fn vertex_id(&self, slot: u32) -> Id {
-        let origin = self.vertex_origin[slot as usize];
-        Id { origin, index: slot - self.place(origin).map_or(slot, |p| p.vertices.start) }
+        let owner = self.vertex_owner[slot as usize];
+        Id { owner, index: slot - self.place(owner).map_or(slot, |p| p.vertices.start) }
     }
 
     pub(crate) fn wedge_id(&self, slot: u32) -> Id {
-        let origin = self.wedge_origin[slot as usize];
-        Id { origin, index: slot - self.place(origin).map_or(slot, |p| p.wedges.start) }
+        let owner = self.wedge_owner[slot as usize];
+        Id { owner, index: slot - self.place(owner).map_or(slot, |p| p.wedges.start) }
     }
 
     pub(crate) fn face_id(&self, slot: u32) -> Id {
-        let origin = self.face_origin[slot as usize];
-        Id { origin, index: slot - self.place(origin).map_or(slot, |p| p.faces.start) }
+        let owner = self.face_owner[slot as usize];
+        Id { owner, index: slot - self.place(owner).map_or(slot, |p| p.faces.start) }
     }
 }
 

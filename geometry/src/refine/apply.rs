@@ -59,7 +59,7 @@ impl ActiveMesh {
         stop: Option<u8>,
         payload: &[u8],
     ) -> Result<Touched, ChunkError> {
-        let (origin, place) = self.take_place(chunk, true)?;
+        let (owner, place) = self.take_place(chunk, true)?;
         let forward = self.forward(&place.undo);
         let mut touched = self.take_out(&place);
         let decoded = self.decode_prefix(chunk, info, stop, payload);
@@ -71,7 +71,7 @@ impl ActiveMesh {
                 Ok(touched)
             }
             Err(why) => {
-                self.put_back(origin, place, forward);
+                self.put_back(owner, place, forward);
                 Err(why)
             }
         }
@@ -79,7 +79,7 @@ impl ActiveMesh {
 
     /// Applies what [`Self::may_apply`] has let pass.
     fn insert(&mut self, delta: &ChunkDelta) -> Touched {
-        let origin = delta.chunk + 1;
+        let owner = delta.chunk + 1;
         let undo = if self.only_grows { Undo::default() } else { self.before(delta) };
         // Not the parents alone: an index that names too few must not make references dangle.
         let mut needs = delta.needs();
@@ -93,14 +93,14 @@ impl ActiveMesh {
             }
         }
         let materials: Vec<u16> = delta.faces.iter().map(|f| f.material).collect();
-        self.reserve(origin, delta.vertices.len(), delta.wedges.len(), &materials);
-        let place = self.places.get(origin).cloned().unwrap_or_default();
+        self.reserve(owner, delta.vertices.len(), delta.wedges.len(), &materials);
+        let place = self.places.get(owner).cloned().unwrap_or_default();
         for (slot, vertex) in place.vertices.clone().zip(&delta.vertices) {
             self.positions[slot as usize] = vertex.position;
             self.vertex_shift[slot as usize] = vertex.shift;
             // A parent inside this chunk has a smaller index, so its ancestor is already known.
             self.morph_from[slot as usize] = match vertex.parent {
-                Some(parent) if parent.origin == origin => {
+                Some(parent) if parent.owner == owner => {
                     self.morph_from[(place.vertices.start + parent.index) as usize]
                 }
                 Some(parent) => self.positions[self.vertex_slot(parent) as usize],
@@ -114,7 +114,7 @@ impl ActiveMesh {
         let mut touched = Touched::default();
         for m in &delta.moves {
             // After the new vertices, which come from where it was.
-            let state = VertexState { position: m.to, morph_from: m.from, shift: m.shifts[1], mover: origin };
+            let state = VertexState { position: m.to, morph_from: m.from, shift: m.shifts[1], mover: owner };
             self.move_vertex(self.vertex_slot(m.vertex), state, &mut touched);
         }
         for (slot, face) in place.faces.clone().zip(&delta.faces) {
@@ -126,7 +126,7 @@ impl ActiveMesh {
             self.move_corner(corner, self.wedge_slot(repoint.to));
             touched.face(face_of(corner));
         }
-        if let Some(place) = self.places.get_mut(origin) {
+        if let Some(place) = self.places.get_mut(owner) {
             place.needs = needs;
             self.undo_bytes += undo.bytes();
             place.undo = undo;
@@ -181,7 +181,7 @@ impl ActiveMesh {
     }
 
     /// Puts back what [`Self::take_out`] took, where it was.
-    fn put_back(&mut self, origin: u32, place: Place, forward: Forward) {
+    fn put_back(&mut self, owner: u32, place: Place, forward: Forward) {
         // Who looks again finds what he has.
         let mut unchanged = Touched::default();
         for (&(slot, _), state) in place.undo.vertices.iter().zip(forward.vertices) {
@@ -193,7 +193,7 @@ impl ActiveMesh {
         for slot in place.faces.clone() {
             self.put_face(slot, self.faces[slot as usize]);
         }
-        self.places.insert(origin, place);
+        self.places.insert(owner, place);
     }
 
     /// Gives back what a chunk that was taken out held.
@@ -215,12 +215,12 @@ impl ActiveMesh {
         }
     }
 
-    /// The origin and the place of a chunk that may be undone (`raised`: and that is not whole), which is then no longer
+    /// The owner and the place of a chunk that may be undone (`raised`: and that is not whole), which is then no longer
     /// applied.
     fn take_place(&mut self, chunk: u32, raised: bool) -> Result<(u32, Place), RefineError> {
         let not_applied = RefineError::NotApplied(chunk);
-        let origin = chunk.checked_add(1).ok_or(not_applied.clone())?;
-        match self.places.get(origin) {
+        let owner = chunk.checked_add(1).ok_or(not_applied.clone())?;
+        match self.places.get(owner) {
             None => return Err(not_applied),
             Some(_) if self.only_grows => return Err(RefineError::OnlyGrows(chunk)),
             Some(place) if raised && place.stop.is_none() => return Err(RefineError::AlreadyApplied(chunk)),
@@ -229,7 +229,7 @@ impl ActiveMesh {
             }
             Some(_) => {}
         }
-        self.places.remove(origin).map(|place| (origin, place)).ok_or(not_applied)
+        self.places.remove(owner).map(|place| (owner, place)).ok_or(not_applied)
     }
 
     fn may_apply(&mut self, delta: &ChunkDelta) -> Result<(), RefineError> {
@@ -279,16 +279,16 @@ impl ActiveMesh {
     fn fits(&self, delta: &ChunkDelta) -> bool {
         let own = delta.chunk + 1;
         let known = |id: Id, count: usize, range: fn(&Place) -> &Range<u32>| {
-            if id.origin == own {
+            if id.owner == own {
                 (id.index as usize) < count
             } else {
-                self.place(id.origin).is_some_and(|p| (id.index as usize) < range(p).len())
+                self.place(id.owner).is_some_and(|p| (id.index as usize) < range(p).len())
             }
         };
         let wedge = |id: Id| known(id, delta.wedges.len(), |p| &p.wedges);
         delta.vertices.iter().enumerate().all(|(i, v)| {
             v.parent.is_none_or(|p| {
-                known(p, delta.vertices.len(), |p| &p.vertices) && (p.origin != own || (p.index as usize) < i)
+                known(p, delta.vertices.len(), |p| &p.vertices) && (p.owner != own || (p.index as usize) < i)
             })
         }) && delta.wedges.iter().all(|w| known(w.vertex, delta.vertices.len(), |p| &p.vertices))
             && delta
@@ -297,14 +297,14 @@ impl ActiveMesh {
                 .all(|f| usize::from(f.material) < self.indices.len() && f.wedges.iter().all(|&w| wedge(w)))
             && delta.moves.is_sorted_by(|a, b| a.vertex < b.vertex)
             && delta.moves.iter().all(|m| {
-                m.vertex.origin != own
+                m.vertex.owner != own
                     && known(m.vertex, 0, |p| &p.vertices)
                     && self.positions[self.vertex_slot(m.vertex) as usize] == m.from
             })
             && delta.repoints.iter().all(|r| {
                 // Corners move to wedges that the chunk brings, from wedges that were there: then whatever
                 // moves them on needs this chunk, and undoing it leaves none at a wedge that is gone.
-                let ours = r.from.origin != own && r.to.origin == own && r.face.origin != own;
+                let ours = r.from.owner != own && r.to.owner == own && r.face.owner != own;
                 ours && r.corner < 3
                     && known(r.face, 0, |p| &p.faces)
                     && wedge(r.from)

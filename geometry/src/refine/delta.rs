@@ -5,9 +5,9 @@ use crate::mesh::Attributes;
 /// The id of a vertex, wedge or face: who brought it, and which of theirs it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Id {
-    /// 0 for the base mesh, chunk id + 1 for a chunk.
-    pub origin: u32,
-    /// Index among the elements of its origin.
+    /// What brought it: 0 for the base mesh, chunk id + 1 for a chunk.
+    pub owner: u32,
+    /// Index among the elements of its owner.
     pub index: u32,
 }
 
@@ -89,7 +89,7 @@ pub struct ChunkDelta {
 }
 
 impl ChunkDelta {
-    /// The origins of the parents and of everything older that the delta refers to, ascending; without
+    /// The owners of the parents and of everything older that the delta refers to, ascending; without
     /// the base mesh, which is always there.
     pub(crate) fn needs(&self) -> Vec<u32> {
         let own = self.chunk + 1;
@@ -98,8 +98,8 @@ impl ChunkDelta {
         needs.dedup();
         let mut last = 0;
         let mut need = |id: Id| {
-            if id.origin != last && id.origin != own && id.origin != 0 {
-                last = id.origin;
+            if id.owner != last && id.owner != own && id.owner != 0 {
+                last = id.owner;
                 if let Err(at) = needs.binary_search(&last) {
                     needs.insert(at, last);
                 }

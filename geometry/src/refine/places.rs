@@ -1,9 +1,9 @@
-//! What is known of each applied origin: memory follows what is applied, not how many chunks the
+//! What is known of each applied owner: memory follows what is applied, not how many chunks the
 //! asset claims to have.
 
 use std::ops::Range;
 
-/// Where an applied origin's elements are.
+/// Where an applied owner's elements are.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Place {
     pub(crate) vertices: Range<u32>,
@@ -15,7 +15,7 @@ pub(crate) struct Place {
     pub(crate) stop: Option<u8>,
     /// Applied chunks that name this one as a parent, or refer to what it brought.
     pub(crate) children: u32,
-    /// Origins among whose children this one was counted.
+    /// Owners among whose children this one was counted.
     pub(crate) needs: Vec<u32>,
     /// What undoing it puts back.
     pub(crate) undo: Undo,
@@ -46,55 +46,55 @@ impl Undo {
     }
 }
 
-/// Origins per page: those of one index page, which is asked for as a whole.
+/// Owners per page: those of one index page, which is asked for as a whole.
 const PAGE: usize = 64;
 
-/// Places by origin, in pages that exist once one of their origins is applied. A stranger's asset may
+/// Places by owner, in pages that exist once one of their owners is applied. A stranger's asset may
 /// claim 2^22 chunks in a few bytes: that costs 0.5 MB here, and whole places would cost 0.5 GB.
 #[derive(Clone, Debug)]
 pub(crate) struct Places {
     pages: Vec<Option<Box<[Option<Place>; PAGE]>>>,
-    origins: usize,
+    owners: usize,
 }
 
 impl Places {
     /// None applied, of the base mesh and so many chunks.
     pub(crate) fn new(chunks: u32) -> Self {
-        let origins = chunks as usize + 1;
-        Self { pages: vec![None; origins.div_ceil(PAGE)], origins }
+        let owners = chunks as usize + 1;
+        Self { pages: vec![None; owners.div_ceil(PAGE)], owners }
     }
 
-    /// How many origins there may be: the chunks and the base mesh.
+    /// How many owners there may be: the chunks and the base mesh.
     pub(crate) fn len(&self) -> usize {
-        self.origins
+        self.owners
     }
 
-    pub(crate) fn get(&self, origin: u32) -> Option<&Place> {
-        self.pages.get(origin as usize / PAGE)?.as_ref()?[origin as usize % PAGE].as_ref()
+    pub(crate) fn get(&self, owner: u32) -> Option<&Place> {
+        self.pages.get(owner as usize / PAGE)?.as_ref()?[owner as usize % PAGE].as_ref()
     }
 
-    pub(crate) fn get_mut(&mut self, origin: u32) -> Option<&mut Place> {
-        self.pages.get_mut(origin as usize / PAGE)?.as_mut()?[origin as usize % PAGE].as_mut()
+    pub(crate) fn get_mut(&mut self, owner: u32) -> Option<&mut Place> {
+        self.pages.get_mut(owner as usize / PAGE)?.as_mut()?[owner as usize % PAGE].as_mut()
     }
 
-    /// `origin` must be below [`Self::len`].
-    pub(crate) fn insert(&mut self, origin: u32, place: Place) {
-        let page = &mut self.pages[origin as usize / PAGE];
+    /// `owner` must be below [`Self::len`].
+    pub(crate) fn insert(&mut self, owner: u32, place: Place) {
+        let page = &mut self.pages[owner as usize / PAGE];
         let page = page.get_or_insert_with(|| Box::new([const { None }; PAGE]));
-        page[origin as usize % PAGE] = Some(place);
+        page[owner as usize % PAGE] = Some(place);
     }
 
-    pub(crate) fn remove(&mut self, origin: u32) -> Option<Place> {
-        let slot = self.pages.get_mut(origin as usize / PAGE)?;
+    pub(crate) fn remove(&mut self, owner: u32) -> Option<Place> {
+        let slot = self.pages.get_mut(owner as usize / PAGE)?;
         let page = slot.as_mut()?;
-        let place = page[origin as usize % PAGE].take();
+        let place = page[owner as usize % PAGE].take();
         if page.iter().all(Option::is_none) {
             *slot = None;
         }
         place
     }
 
-    /// The applied origins, ascending.
+    /// The applied owners, ascending.
     pub(crate) fn iter(&self) -> impl Iterator<Item = (u32, &Place)> {
         self.pages.iter().enumerate().filter_map(|(i, page)| Some((i, page.as_ref()?))).flat_map(
             |(i, page)| {
@@ -120,15 +120,15 @@ mod tests {
         let mut places = Places::new(1 << 24);
         let empty = places.bytes();
         assert!(empty < 3 << 20, "{empty} bytes");
-        for origin in [1 << 24, 0, 63, 64] {
-            places.insert(origin, Place { children: origin, ..Place::default() });
+        for owner in [1 << 24, 0, 63, 64] {
+            places.insert(owner, Place { children: owner, ..Place::default() });
         }
-        let there: Vec<(u32, u32)> = places.iter().map(|(origin, place)| (origin, place.children)).collect();
+        let there: Vec<(u32, u32)> = places.iter().map(|(owner, place)| (owner, place.children)).collect();
         assert_eq!(there, [(0, 0), (63, 63), (64, 64), (1 << 24, 1 << 24)]);
         assert!(places.bytes() > empty);
-        for origin in [63, 1 << 24, 64, 0, 5, u32::MAX] {
-            places.remove(origin);
-            assert!(places.get(origin).is_none() && places.get_mut(origin).is_none());
+        for owner in [63, 1 << 24, 64, 0, 5, u32::MAX] {
+            places.remove(owner);
+            assert!(places.get(owner).is_none() && places.get_mut(owner).is_none());
         }
         assert_eq!((places.iter().count(), places.bytes()), (0, empty));
     }

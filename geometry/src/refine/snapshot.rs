@@ -20,8 +20,8 @@ impl ActiveMesh {
     #[must_use]
     pub fn snapshot(&self) -> Snapshot {
         let mut snapshot = Snapshot::default();
-        for (origin, place) in self.places.iter() {
-            let id = |start: u32, slot: u32| Id { origin, index: slot - start };
+        for (owner, place) in self.places.iter() {
+            let id = |start: u32, slot: u32| Id { owner, index: slot - start };
             for slot in place.vertices.clone() {
                 snapshot.vertices.push((id(place.vertices.start, slot), self.positions[slot as usize]));
             }

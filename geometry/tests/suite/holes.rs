@@ -40,7 +40,7 @@ fn flip(odd: &mut BTreeSet<(Id, Id)>, a: Id, b: Id) {
 /// Where a vertex of the input is in a mesh without some of the chunks.
 fn ancestor(state: &Snapshot, deltas: &[ChunkDelta], mut vertex: Id) -> Id {
     while state.vertices.binary_search_by_key(&vertex, |v| v.0).is_err() {
-        let parent = deltas[vertex.origin as usize - 1].vertices[vertex.index as usize].parent;
+        let parent = deltas[vertex.owner as usize - 1].vertices[vertex.index as usize].parent;
         let Some(parent) = parent else { break };
         vertex = parent;
     }

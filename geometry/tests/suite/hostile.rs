@@ -255,10 +255,10 @@ fn forged_deltas_are_refused_without_change() {
         for delta in &deltas {
             let before = mesh.snapshot();
             let missing = [
-                Id { origin: 0, index: u32::MAX },
-                Id { origin: u32::MAX, index: 0 },
-                Id { origin: delta.chunk + 2, index: 0 },
-                Id { origin: delta.chunk + 1, index: u32::MAX },
+                Id { owner: 0, index: u32::MAX },
+                Id { owner: u32::MAX, index: 0 },
+                Id { owner: delta.chunk + 2, index: 0 },
+                Id { owner: delta.chunk + 1, index: u32::MAX },
             ];
             let refused = |mesh: &mut ActiveMesh, change: &dyn Fn(&mut ChunkDelta)| {
                 let mut forged = delta.clone();
@@ -276,7 +276,7 @@ fn forged_deltas_are_refused_without_change() {
                 refused(&mut mesh, &|d| d.repoints.iter_mut().for_each(|r| r.face = id));
                 refused(&mut mesh, &|d| d.repoints.iter_mut().for_each(|r| r.from = id));
                 refused(&mut mesh, &|d| d.repoints.iter_mut().for_each(|r| r.to = id));
-                refused(&mut mesh, &|d| d.chunk = id.origin.max(asset.base.chunk_count));
+                refused(&mut mesh, &|d| d.chunk = id.owner.max(asset.base.chunk_count));
             }
             refused(&mut mesh, &|d| d.repoints.iter_mut().for_each(|r| r.corner = 3));
             // To where it is, and from what does not exist before: undoing would leave the corner there.
@@ -293,7 +293,7 @@ fn forged_deltas_are_refused_without_change() {
             // A vertex twice, from where it is not, or one that comes with the chunk.
             refused(&mut mesh, &|d| d.moves.extend(d.moves.last().copied()));
             refused(&mut mesh, &|d| d.moves.iter_mut().for_each(|m| m.from[1] ^= 1));
-            refused(&mut mesh, &|d| d.moves.iter_mut().for_each(|m| m.vertex.origin = d.chunk + 1));
+            refused(&mut mesh, &|d| d.moves.iter_mut().for_each(|m| m.vertex.owner = d.chunk + 1));
             refused(&mut mesh, &|d| d.parents.push(d.chunk));
             refused(&mut mesh, &|d| d.parents.push(u32::MAX));
             mesh.apply(delta).unwrap();

@@ -122,7 +122,7 @@ fn vertices_morph_from_where_they_or_their_ancestors_were() {
 /// Where a new vertex was on the mesh without its chunk.
 fn source_of(delta: &ChunkDelta, index: usize, before: &[(Id, [i32; 3])]) -> [i32; 3] {
     match delta.vertices[index].parent {
-        Some(p) if p.origin == delta.chunk + 1 => source_of(delta, p.index as usize, before),
+        Some(p) if p.owner == delta.chunk + 1 => source_of(delta, p.index as usize, before),
         Some(p) => before[before.binary_search_by_key(&p, |v| v.0).unwrap()].1,
         None => delta.vertices[index].position,
     }

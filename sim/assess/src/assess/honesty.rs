@@ -176,7 +176,7 @@ pub(super) fn per_chunk(model: &Model) -> anyhow::Result<Ratios> {
         let coarse = Target::new(&coarse);
         let brings = run[0].chunk..run[0].chunk + run.len() as u32;
         for (face, id) in input_ids.iter().enumerate() {
-            let own = id.origin.checked_sub(1).filter(|chunk| brings.contains(chunk));
+            let own = id.owner.checked_sub(1).filter(|chunk| brings.contains(chunk));
             input.distances(face, area, &coarse, &mut |_, distance, nearest| {
                 for chunk in owner[nearest as usize].iter().chain(&own) {
                     measured[*chunk as usize] = measured[*chunk as usize].max(distance);
