@@ -86,3 +86,8 @@ ensure_rust() {
     fi
     export PATH
 }
+
+# Prints the folder that cargo builds into.
+target_directory() {
+    cargo metadata --locked --no-deps --format-version 1 | sed -n 's/.*"target_directory":"\([^"]*\)".*/\1/p'
+}
