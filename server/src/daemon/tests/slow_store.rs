@@ -1,13 +1,15 @@
 //! Stores that take their time: sessions go on, and end.
 //!
 //! In real time: a paused clock stands still for as long as a blocking read is under way, and whatever
-//! waits for a timer meanwhile would wait for ever.
+//! waits for a timer meanwhile would wait for ever. So every wait here has a limit of its own.
 
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Mutex, PoisonError};
 
 use lodestream_protocol::scene::{SceneHeader, ScenePage};
 use lodestream_protocol::source::{Reading, SceneSource, SourceError};
+
+use tokio::time::timeout;
 
 use super::*;
 
@@ -53,10 +55,15 @@ impl SceneSource for Held {
     }
 }
 
+/// [`Client::next`], which must come.
+async fn next(client: &mut Client<DuplexStream>) -> Option<ServerFrame> {
+    timeout(REAL_TIME_LIMIT, client.next()).await.expect("the session waits for the read")
+}
+
 /// Reads until so many blobs are complete.
 async fn blobs(client: &mut Client<DuplexStream>, assembler: &mut Assembler, count: usize) {
     while assembler.complete.len() < count {
-        if let ServerFrame::Piece(piece) = client.next().await.expect("closed before all came") {
+        if let ServerFrame::Piece(piece) = next(client).await.expect("closed before all came") {
             assembler.push(piece);
         }
     }
@@ -85,9 +92,9 @@ async fn a_session_ends_while_a_read_is_under_way() {
     client.send(&want_textures(2)).await;
     blobs(&mut client, &mut Assembler::default(), 2 + 15).await;
     client.send(&ClientMessage::Bye).await;
-    while client.next().await.is_some() {}
+    while next(&mut client).await.is_some() {}
     drop(client);
-    let ended = tokio::time::timeout(REAL_TIME_LIMIT, state.all_sessions_ended()).await;
+    let ended = timeout(REAL_TIME_LIMIT, state.all_sessions_ended()).await;
     assert!(ended.is_ok(), "the session waits for the read");
     drop(go);
 }
@@ -100,7 +107,9 @@ async fn a_store_that_panics_is_told_as_a_blob_that_cannot_be_read() {
     client.send(&ClientMessage::Want(vec![Want::whole(HELD, 1)])).await;
     go.send(()).unwrap();
     loop {
-        if let ServerFrame::Message(ServerMessage::Refused(refused)) = client.next().await.expect("closed") {
+        if let ServerFrame::Message(ServerMessage::Refused(refused)) =
+            next(&mut client).await.expect("closed")
+        {
             assert_eq!(refused.id, HELD);
             return;
         }
