@@ -59,6 +59,7 @@ pub use headless::Headless;
 pub use instance::Instance;
 pub use lodestream_protocol::pose::Pose;
 pub use material::Material;
+pub use readback::TargetCopy;
 pub use renderer::Renderer;
 pub use scene::{
     AmbientOcclusion, Drawable, Environment, Frame, MAX_RELIEF_STEPS, MAX_SAMPLES, OcclusionRadius, Settings,
@@ -70,3 +71,6 @@ pub use target::{Load, Target};
 pub use terrain::{MAX_DRAWN_HEIGHT, TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart};
 pub use texture::{TextureData, TextureKind, TextureShape};
 pub use vertex::PackedVertex;
+
+/// What a window shows while there is no scene in it: sRGB.
+pub const EMPTY_WINDOW: [u8; 3] = [18, 20, 26];

@@ -25,7 +25,8 @@ pub fn write(folder: &Path, plan: &Plan, results: &[RunResult]) -> std::io::Resu
     write_drawn(folder, plan, results, None)
 }
 
-/// The same, with the pictures of runs that were drawn, and `pictures.csv` with a line per picture.
+/// The same, with the pictures of runs that were drawn, `pictures.csv` with a line per picture, and `first-seconds.csv`
+/// with a line per run whose first seconds the plan asks for.
 ///
 /// # Errors
 /// What the system refuses.
@@ -48,6 +49,11 @@ pub fn write_drawn(
         remove(folder, "pictures.csv")?;
     } else {
         put(folder, "pictures.csv", tables::of_pictures(results).as_bytes())?;
+    }
+    if results.iter().all(|run| run.first_seconds.is_none()) {
+        remove(folder, "first-seconds.csv")?;
+    } else {
+        put(folder, "first-seconds.csv", tables::of_first_seconds(results).as_bytes())?;
     }
     let levels: Vec<Level> = levels::of_plan(plan, results);
     if levels.is_empty() {

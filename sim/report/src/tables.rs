@@ -118,6 +118,41 @@ pub(super) fn of_pictures(results: &[RunResult]) -> String {
     table(pictures)
 }
 
+/// Instants whose error stands beside the integral, in seconds.
+const FIRST_INSTANTS_S: [f64; 3] = [0.5, 1.0, 2.0];
+
+/// A line per run whose first seconds were looked at.
+#[must_use]
+pub(super) fn of_first_seconds(results: &[RunResult]) -> String {
+    let lines = (1_usize..).zip(results).filter_map(|(number, run)| {
+        let seconds = run.first_seconds?;
+        let flip = |instant: &str| {
+            let picture = run.pictures.iter().find(|picture| picture.instant == instant)?;
+            picture.error.map(|error| error.flip)
+        };
+        let mut line = Line::default();
+        line.add("run", number);
+        line.add("scene", &run.scene);
+        line.add("transport", run.transport);
+        line.add("link", &run.link);
+        line.add("rate_bits_per_s", run.rate_bits_per_s);
+        line.add("camera", &run.camera);
+        line.add("seed", run.seed);
+        line.add_some("ttff_ms", run.ttff_ms);
+        line.add_some("first_frame_bytes", run.first_frame_bytes);
+        line.add("blank_flip", seconds.blank_flip);
+        line.add_some("first_flip", flip("first frame"));
+        for at_s in FIRST_INSTANTS_S {
+            line.add_some(format!("flip_at_{}_ms", at_s * 1e3), flip(&format!("{at_s} s")));
+        }
+        line.add("until_s", seconds.until_s);
+        line.add("flip_s", seconds.flip_s);
+        line.add("dissimilarity_s", seconds.dissimilarity_s);
+        Some(line)
+    });
+    table(lines)
+}
+
 /// A line per case.
 #[must_use]
 pub(super) fn of_percentiles(cases: &[Percentiles]) -> String {

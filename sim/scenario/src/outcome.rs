@@ -107,6 +107,7 @@ pub(crate) fn line(
         trace: format!("{:016x}", traffic.trace),
         series: Vec::new(),
         pictures: Vec::new(),
+        first_seconds: None,
     }
 }
 

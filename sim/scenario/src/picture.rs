@@ -20,6 +20,46 @@ pub struct Picture {
     pub file: String,
 }
 
+/// How far the screen was from the settled picture in the first seconds, all in all: a picture counts until the next one
+/// is there, and before the first frame there is an empty window.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct FirstSecondsError {
+    /// How long they last, from the connect call.
+    pub until_s: f64,
+    /// FLIP of the empty window.
+    pub blank_flip: f64,
+    /// ∫ FLIP dt, in seconds: 0 where the settled picture is there at once.
+    pub flip_s: f64,
+    /// ∫ (1 − SSIM) dt, in seconds.
+    pub dissimilarity_s: f64,
+}
+
+impl FirstSecondsError {
+    /// Integrates the errors of pictures, given with their times in seconds, in order; the first is the first frame.
+    /// Values are rounded to six decimals.
+    #[must_use]
+    pub fn integrated(until_s: f64, blank: ImageError, pictures: &[(f64, ImageError)]) -> Self {
+        let (mut flip_s, mut dissimilarity_s) = (0.0, 0.0);
+        let mut add = |from: f64, to: f64, error: &ImageError| {
+            let seconds = (to.min(until_s) - from).max(0.0);
+            flip_s += seconds * error.flip;
+            dissimilarity_s += seconds * (1.0 - error.ssim);
+        };
+        let first = pictures.first().map_or(until_s, |(at, _)| *at);
+        add(0.0, first, &blank);
+        for (i, (at, error)) in pictures.iter().enumerate() {
+            add(*at, pictures.get(i + 1).map_or(until_s, |(next, _)| *next), error);
+        }
+        let rounded = |seconds: f64| (seconds * 1e6).round() / 1e6;
+        Self {
+            until_s,
+            blank_flip: blank.flip,
+            flip_s: rounded(flip_s),
+            dissimilarity_s: rounded(dissimilarity_s),
+        }
+    }
+}
+
 /// What separates a picture from its reference. Opacity is not looked at.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ImageError {
@@ -32,4 +72,20 @@ pub struct ImageError {
     /// Mean FLIP error, 0 for equal pictures, 1 at most (Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström,
     /// Fairchild, "FLIP: A difference evaluator for alternating images", 2020).
     pub flip: f64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_picture_counts_until_the_next_and_an_empty_window_before_the_first() {
+        let error = |flip, ssim| ImageError { psnr_db: None, ssim, flip };
+        let (blank, coarse, fine) = (error(0.8, 0.2), error(0.2, 0.7), error(0.0, 1.0));
+        let seen = FirstSecondsError::integrated(3.0, blank, &[(0.5, coarse), (1.5, fine), (4.0, coarse)]);
+        assert_eq!((seen.flip_s, seen.dissimilarity_s), (0.6, 0.7));
+        let never = FirstSecondsError::integrated(3.0, blank, &[]);
+        assert_eq!((never.flip_s, never.blank_flip), (2.4, 0.8));
+        assert_eq!(FirstSecondsError::integrated(3.0, blank, &[(3.5, coarse)]).flip_s, 2.4);
+    }
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::ledger::Use;
-use super::picture::Picture;
+use super::picture::{FirstSecondsError, Picture};
 use super::plan::Transport;
 use super::technique::Technique;
 use super::timeline::Sample;
@@ -88,6 +88,9 @@ pub struct RunResult {
     /// Pictures, and how far each is from the settled one: the first frame, instants of the plan, the last one.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub pictures: Vec<Picture>,
+    /// The error of the first seconds, where the plan asks for it and the run settled with the camera where it began.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub first_seconds: Option<FirstSecondsError>,
 }
 
 impl RunResult {

@@ -11,6 +11,7 @@ mod normals;
 mod reproduce;
 mod run;
 mod seed_table;
+mod shown;
 mod terrain_table;
 mod train;
 mod truth;
@@ -56,6 +57,8 @@ pub(crate) enum Command {
     /// Makes the figures of the benchmarks' pages anew and says what differs from those committed. Reads the project's
     /// own files: run it in its folder.
     Reproduce(reproduce::Reproduce),
+    /// Holds the frames that a viewer's window showed against the last of them: `lodestream-viewer --frames DIR` keeps them.
+    Shown(shown::Shown),
     /// Runs the cases of a plan in virtual time and again in real time, over real sockets on loopback and a
     /// relay with the same link code, and says how they differ.
     Truth(truth::Truth),
@@ -76,6 +79,7 @@ impl Command {
             Self::FrameTime(command) => command.run(),
             Self::DrawTrade(command) => command.run(),
             Self::Run(command) => command.run(),
+            Self::Shown(command) => command.run(),
             Self::Truth(command) => command.run(),
             // What it finds is its exit code.
             Self::Reproduce(command) => return command.run(),

@@ -13,6 +13,7 @@ pub mod draw_trade;
 pub mod frame_time;
 mod painter;
 mod settled;
+pub mod shown;
 #[cfg(test)]
 mod tests;
 
@@ -23,9 +24,9 @@ use std::sync::Arc;
 use anyhow::Context as _;
 use image::RgbaImage;
 use lodestream_protocol::view::View;
-use lodestream_render::Gpu;
+use lodestream_render::{EMPTY_WINDOW, Gpu};
 use lodestream_scenario::parallel::Draw;
-use lodestream_scenario::picture::Picture;
+use lodestream_scenario::picture::{FirstSecondsError, Picture};
 use lodestream_scenario::plan::PictureSettings;
 use lodestream_scenario::result::{RunResult, milliseconds};
 use lodestream_scenario::run::Run;
@@ -158,7 +159,12 @@ impl Draw for Gallery {
         let mut painter = Painter::new(&self.studio, settings)?;
         let mut result = run.result(Some(&mut painter))?;
         let reference = |view| self.settled_picture(run, view, settings);
-        result.pictures = judged(painter.finish()?, self, number, reference)?;
+        let shots = painter.finish()?;
+        let settled = shots.last().filter(|shot| shot.instant == Instant::Settled).cloned();
+        result.pictures = judged(shots, self, number, reference)?;
+        if let (Some(first), Some(settled)) = (settings.first, settled) {
+            result.first_seconds = Some(first_seconds(first.until_s, &settled.picture, &result.pictures)?);
+        }
         Ok(result)
     }
 }
@@ -197,6 +203,24 @@ pub(super) fn judged(
         });
     }
     Ok(pictures)
+}
+
+/// What a window shows before there is a scene in it, in the size of a picture.
+fn blank(of: &RgbaImage) -> RgbaImage {
+    let [r, g, b] = EMPTY_WINDOW;
+    RgbaImage::from_pixel(of.width(), of.height(), image::Rgba([r, g, b, 255]))
+}
+
+/// The error of the first seconds of a run whose camera stood still.
+fn first_seconds(
+    until_s: f64,
+    settled: &RgbaImage,
+    pictures: &[Picture],
+) -> anyhow::Result<FirstSecondsError> {
+    // What is here before the first frame is not shown.
+    let shown = pictures.iter().skip_while(|picture| picture.instant != Instant::FirstFrame.to_string());
+    let errors: Vec<_> = shown.filter_map(|picture| Some((picture.at_ms / 1e3, picture.error?))).collect();
+    Ok(FirstSecondsError::integrated(until_s, image_error(&blank(settled), settled)?, &errors))
 }
 
 /// Removes the pictures of an earlier report, and nothing else that may lie there.

@@ -45,7 +45,7 @@ pub(super) fn settle<'a>(
     let case = only_case(plan)?;
     let seed = case.seeds.first().copied().unwrap_or(1);
     let certificate = certificate()?;
-    let settings = PictureSettings { at_s: Vec::new(), size_px: plan.viewport_px };
+    let settings = PictureSettings { at_s: Vec::new(), size_px: plan.viewport_px, first: None };
     let settle = |client: ClientSettings| {
         let plan = Plan { client, ..plan.clone() };
         let mut painter = Painter::new(studio, &settings)?;

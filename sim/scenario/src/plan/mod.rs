@@ -92,8 +92,8 @@ pub use client::ClientSettings;
 use fault::Fault;
 pub use fault::PlanError;
 use link::LinkFile;
-pub use pictures::PictureSettings;
 use pictures::PicturesFile;
+pub use pictures::{FirstSeconds, PictureSettings};
 use seeds::Seeds;
 use sweep::Sweep;
 

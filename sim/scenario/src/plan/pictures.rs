@@ -4,8 +4,13 @@ use serde::Deserialize;
 
 use super::Fault;
 
-/// Most instants.
+/// Most instants that are listed.
 const MAX_INSTANTS: usize = 16;
+/// Longest time over which errors are integrated, in seconds, and most pictures in it.
+const MAX_FIRST_S: f64 = 60.0;
+const MAX_FIRST_PICTURES: f64 = 100.0;
+/// Bytes of the pictures of a run.
+const MAX_BYTES: f64 = 600e6;
 /// Longest side of a picture: what a run holds until it is over stays below 300 MB.
 const MAX_SIDE_PX: u32 = 2048;
 /// Shortest side.
@@ -20,6 +25,17 @@ pub struct PictureSettings {
     pub at_s: Vec<f64>,
     /// Width and height.
     pub size_px: [u32; 2],
+    /// The first seconds, over which the error is integrated; their pictures are among [`Self::at_s`].
+    pub first: Option<FirstSeconds>,
+}
+
+/// The first seconds after the connect call, in which pictures are drawn at even distances.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FirstSeconds {
+    /// How long they last.
+    pub until_s: f64,
+    /// Time from picture to picture.
+    pub every_s: f64,
 }
 
 #[derive(Clone, Debug, Deserialize)]
@@ -28,6 +44,29 @@ pub(super) struct PicturesFile {
     #[serde(default = "default_instants")]
     at_s: Vec<f64>,
     size_px: Option<[u32; 2]>,
+    first_s: Option<f64>,
+    #[serde(default = "default_distance")]
+    every_s: f64,
+}
+
+fn default_distance() -> f64 {
+    0.05
+}
+
+fn first_seconds(until_s: f64, every_s: f64) -> Result<FirstSeconds, Fault> {
+    if !(until_s > 0.0 && until_s <= MAX_FIRST_S) {
+        return Err(Fault::new(
+            "first_s",
+            format!("{until_s} is not a time from 0 to {MAX_FIRST_S} seconds"),
+        ));
+    }
+    if !(every_s > 0.0 && every_s <= until_s) || until_s / every_s > MAX_FIRST_PICTURES {
+        let message = format!(
+            "{every_s} s from picture to picture makes no 1 to {MAX_FIRST_PICTURES} pictures in {until_s} s"
+        );
+        return Err(Fault::new("every_s", message));
+    }
+    Ok(FirstSeconds { until_s, every_s })
 }
 
 fn default_instants() -> Vec<f64> {
@@ -66,6 +105,25 @@ impl PicturesFile {
             );
             return Err(Fault::new("size_px", message));
         }
-        Ok(PictureSettings { at_s: self.at_s, size_px })
+        let first = self.first_s.map(|until_s| first_seconds(until_s, self.every_s)).transpose()?;
+        let mut at_s = self.at_s;
+        if let Some(FirstSeconds { until_s, every_s }) = first {
+            at_s.extend((1..).map(|i| f64::from(i) * every_s).take_while(|at| *at < until_s + 0.5 * every_s));
+            // To the microsecond, so that what is listed as well is there once.
+            at_s.iter_mut().for_each(|at| *at = (*at * 1e6).round() / 1e6);
+            at_s.sort_by(f64::total_cmp);
+            at_s.dedup();
+            let bytes = at_s.len() as f64 * 4.0 * f64::from(size_px[0]) * f64::from(size_px[1]);
+            if bytes > MAX_BYTES {
+                let message = format!(
+                    "{} pictures of this size take {:.0} MB; {:.0} are the most",
+                    at_s.len(),
+                    bytes / 1e6,
+                    MAX_BYTES / 1e6
+                );
+                return Err(Fault::new("size_px", message));
+            }
+        }
+        Ok(PictureSettings { at_s, size_px, first })
     }
 }

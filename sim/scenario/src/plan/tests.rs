@@ -365,10 +365,13 @@ fn pictures_have_the_shape_of_the_view_and_instants_in_order() {
         |pictures: &str| parse_at(&GOOD.replace("[[sweep]]", &format!("[pictures]\n{pictures}\n[[sweep]]")));
     assert_eq!(parse_at(GOOD).unwrap().pictures, None);
     let settings = |pictures: &str| with(pictures).unwrap().pictures.unwrap();
-    let usual = PictureSettings { at_s: vec![1.0, 3.0], size_px: [640, 360] };
+    let usual = PictureSettings { at_s: vec![1.0, 3.0], size_px: [640, 360], first: None };
     assert_eq!(settings(""), usual);
-    let small = PictureSettings { at_s: Vec::new(), size_px: [320, 180] };
+    let small = PictureSettings { at_s: Vec::new(), size_px: [320, 180], first: None };
     assert_eq!(settings("at_s = []\nsize_px = [320, 180]"), small);
+    let first = settings("at_s = [0.25, 0.3, 2]\nfirst_s = 0.4\nevery_s = 0.1");
+    assert_eq!(first.at_s, [0.1, 0.2, 0.25, 0.3, 0.4, 2.0]);
+    assert_eq!(first.first, Some(FirstSeconds { until_s: 0.4, every_s: 0.1 }));
     // The nearest size in whole pixels.
     assert_eq!(settings("size_px = [100, 56]").size_px, [100, 56]);
     for (pictures, field, message) in [
@@ -376,6 +379,8 @@ fn pictures_have_the_shape_of_the_view_and_instants_in_order() {
         ("at_s = [nan]", "pictures.at_s[0]", "not a time"),
         ("at_s = [3, 3]", "pictures.at_s[1]", "after the instant before"),
         ("at_s = [1,2,3,4,5,6,7,8,9,10,11,12,13,14,15,16,17]", "pictures.at_s", "16 are the most"),
+        ("first_s = 0", "pictures.first_s", "not a time"),
+        ("first_s = 3\nevery_s = 0.001", "pictures.every_s", "100 pictures"),
         ("size_px = [640, 352]", "pictures.size_px", "shape"),
         ("size_px = [360, 640]", "pictures.size_px", "shape"),
         ("size_px = [4096, 2304]", "pictures.size_px[0]", "16 to 2048"),

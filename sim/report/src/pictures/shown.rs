@@ -1,0 +1,125 @@
+//! The frames that a viewer's window really showed (`lodestream-viewer --frames DIR`), held against the last of them.
+
+use std::path::Path;
+
+use anyhow::{Context as _, ensure};
+use image::RgbaImage;
+use lodestream_scenario::picture::{FirstSecondsError, ImageError};
+use serde::{Deserialize, Serialize};
+
+use super::blank;
+use crate::image_error::image_error;
+
+/// Longest `frames.json`, in bytes.
+const MAX_INDEX_BYTES: u64 = 1 << 20;
+
+/// What `frames.json` says.
+#[derive(Debug, Deserialize)]
+struct Index {
+    until_ms: f64,
+    settled: bool,
+    frames: Vec<Entry>,
+}
+
+#[derive(Debug, Deserialize)]
+struct Entry {
+    at_ms: f64,
+    whole: bool,
+    file: String,
+}
+
+/// How far a frame is from the last one.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ShownFrame {
+    /// When it was shown, in milliseconds after the connect call.
+    pub at_ms: f64,
+    /// Whether it held everything of the first frame.
+    pub whole: bool,
+    /// Its error.
+    #[serde(flatten)]
+    pub error: ImageError,
+}
+
+/// What a window showed.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ShownFrames {
+    /// Whether the last frame is the settled picture: what the others are held against is no reference otherwise.
+    pub settled: bool,
+    /// The error of the first seconds.
+    pub first_seconds: FirstSecondsError,
+    /// The frames in order, without the last.
+    pub frames: Vec<ShownFrame>,
+}
+
+/// Judges the frames in a folder that a viewer has written.
+///
+/// # Errors
+/// A folder without them, pictures that cannot be read or that differ in size.
+pub fn judge(folder: &Path) -> anyhow::Result<ShownFrames> {
+    let index = folder.join("frames.json");
+    let unread = || format!("{}: cannot be read", index.display());
+    ensure!(
+        std::fs::metadata(&index).with_context(unread)?.len() <= MAX_INDEX_BYTES,
+        "{}: is longer than {MAX_INDEX_BYTES} bytes: not written by lodestream-viewer --frames",
+        index.display()
+    );
+    let text = std::fs::read_to_string(&index).with_context(unread)?;
+    let Index { until_ms, settled, frames } = serde_json::from_str(&text)
+        .with_context(|| format!("{}: not written by lodestream-viewer --frames", index.display()))?;
+    let picture = |entry: &Entry| -> anyhow::Result<RgbaImage> {
+        // Names of the viewer's making, and nobody else's.
+        let path = folder.join(Path::new(&entry.file).file_name().unwrap_or_default());
+        let image = image::open(&path).with_context(|| format!("{}: no picture", path.display()))?;
+        Ok(image.into_rgba8())
+    };
+    let Some((last, earlier)) = frames.split_last() else {
+        anyhow::bail!("{}: no frame was shown", index.display());
+    };
+    let reference = picture(last)?;
+    let mut shown = Vec::with_capacity(earlier.len());
+    for entry in earlier {
+        let error = image_error(&picture(entry)?, &reference)
+            .with_context(|| format!("{} and {} cannot be compared", entry.file, last.file))?;
+        shown.push(ShownFrame { at_ms: entry.at_ms, whole: entry.whole, error });
+    }
+    let blank = image_error(&blank(&reference), &reference)?;
+    let mut errors: Vec<_> = shown.iter().map(|frame| (frame.at_ms / 1e3, frame.error)).collect();
+    errors.push((last.at_ms / 1e3, image_error(&reference, &reference)?));
+    let first_seconds = FirstSecondsError::integrated(until_ms / 1e3, blank, &errors);
+    Ok(ShownFrames { settled, first_seconds, frames: shown })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::Rgba;
+
+    #[test]
+    fn frames_are_held_against_the_last_and_count_until_the_next() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, value: u8| {
+            let picture = RgbaImage::from_pixel(16, 16, Rgba([value, value, value, 255]));
+            picture.save(folder.path().join(name)).unwrap();
+        };
+        write("a.png", 250);
+        write("b.png", 200);
+        let index = |frames: &str| {
+            let text = format!("{{\"until_ms\": 3000, \"settled\": true, \"frames\": [{frames}]}}");
+            std::fs::write(folder.path().join("frames.json"), text).unwrap();
+            judge(folder.path())
+        };
+        let found = index(
+            r#"{"at_ms": 500, "whole": false, "file": "a.png"}, {"at_ms": 1000, "whole": true, "file": "b.png"},
+               {"at_ms": 4000, "whole": true, "file": "b.png"}"#,
+        )
+        .unwrap();
+        let FirstSecondsError { blank_flip, flip_s, .. } = found.first_seconds;
+        let bright = found.frames[0].error.flip;
+        assert!(bright > 0.01 && blank_flip > bright && found.frames[1].error.flip == 0.0, "{found:?}");
+        assert!((flip_s - 0.5 * blank_flip - 0.5 * bright).abs() < 1e-5, "{found:?}");
+        let none = index("").unwrap_err().to_string();
+        assert!(none.contains("no frame was shown"), "{none}");
+        let lost = index(r#"{"at_ms": 1, "whole": true, "file": "../../c.png"}"#).unwrap_err().to_string();
+        assert!(lost.contains("c.png: no picture"), "{lost}");
+    }
+}

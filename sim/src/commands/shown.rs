@@ -1,0 +1,43 @@
+//! `lodestream-sim shown`: its arguments, and a line for each frame that a window showed.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use lodestream_report::pictures::shown;
+
+#[derive(Debug, Args)]
+pub(crate) struct Shown {
+    /// The folder that lodestream-viewer --frames has written
+    #[arg(value_name = "DIR")]
+    folder: PathBuf,
+    /// Prints JSON instead of text.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Shown {
+    pub(crate) fn run(&self) -> anyhow::Result<()> {
+        let found = shown::judge(&self.folder)?;
+        if self.json {
+            println!("{}", serde_json::to_string(&found)?);
+            return Ok(());
+        }
+        for frame in &found.frames {
+            let psnr = frame.error.psnr_db.map_or("equal".into(), |db| format!("{db:.1} dB"));
+            let part = if frame.whole { "" } else { ", not all of the first frame" };
+            println!(
+                "{:6.0} ms: FLIP {:.3}, SSIM {:.3}, {psnr}{part}",
+                frame.at_ms, frame.error.flip, frame.error.ssim
+            );
+        }
+        let first = found.first_seconds;
+        println!(
+            "first {} s: {:.3} s of FLIP against the {} (an empty window: FLIP {:.3})",
+            first.until_s,
+            first.flip_s,
+            if found.settled { "settled picture" } else { "last frame, which is not settled" },
+            first.blank_flip
+        );
+        Ok(())
+    }
+}
