@@ -41,14 +41,15 @@ install_packages() {
         fail "apt-get could not install: $*"
 }
 
-# System packages: a C and C++ toolchain, Vulkan with at least a software driver; with "tests", what tests run beside
-# cargo; with "window", what a window under X11 loads at run time.
+# System packages: a C and C++ toolchain, Vulkan with at least a software driver; with "window", what a window under X11
+# loads at run time; with "tests", that too, an X server without a screen, and what else tests run beside cargo.
 ensure_system() {
     local missing=()
     have cc && have c++ || missing+=(build-essential)
     have pkg-config || missing+=(pkg-config)
     if [ "${1:-}" = tests ]; then
         have python3 || missing+=(python3)
+        [ "$(uname -s)" != Linux ] || have Xvfb || missing+=(xvfb)
     fi
     if ! have cargo && ! [ -x "$HOME/.cargo/bin/cargo" ]; then
         have curl || missing+=(curl ca-certificates)
@@ -56,7 +57,7 @@ ensure_system() {
     if [ "$(uname -s)" = Linux ]; then
         have_library libvulkan.so.1 || missing+=(libvulkan1)
         have_vulkan_driver || missing+=(mesa-vulkan-drivers)
-        if [ "${1:-}" = window ]; then
+        if [ "${1:-}" = window ] || [ "${1:-}" = tests ]; then
             have_library libX11-xcb.so.1 || missing+=(libx11-xcb1)
             have_library libXcursor.so.1 || missing+=(libxcursor1)
             have_library libXi.so.6 || missing+=(libxi6)

@@ -20,6 +20,8 @@ const SLICE_BYTES: u64 = 16 * 1024;
 const STEP_BYTES: usize = 4 << 20;
 /// Steps that may wait for the renderer.
 const MAX_STEPS: usize = 4;
+/// What is said of a server that does not answer while its connection is not given up.
+const SILENT: &str = "the server does not answer; waiting for it";
 /// Time between two statuses.
 const STATUS_INTERVAL: Duration = Duration::from_millis(50);
 
@@ -178,6 +180,7 @@ impl<N: Fn()> StreamHost<N> {
         if self.core.has_changes() {
             // What the renderer has not fetched yet is under way too.
             stats.lacking_blobs = 0;
+            stats.lacking.clear();
         }
         self.status.send_replace(Status { stats, message: self.message.clone(), settled, end });
         (self.notify)();
@@ -208,7 +211,11 @@ impl<N: Fn()> Host for StreamHost<N> {
         let progress = self.core.update(now, SLICE_BYTES);
         self.publish(now);
         if self.core.is_open() {
-            self.message = None;
+            let told = self.message.is_some();
+            self.message = self.core.silence(now).map(|_| SILENT.to_owned());
+            if self.message.is_some() != told {
+                self.reported = None;
+            }
         }
         let settled = self.core.is_settled() && !self.core.has_changes();
         let news = settled != self.status.borrow().settled;

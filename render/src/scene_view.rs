@@ -34,6 +34,8 @@ pub struct SceneView {
     instances: Vec<Vec<Instance>>,
     /// Steps that wait for a frame with time to spare; each is taken whole.
     waiting: VecDeque<Vec<Change>>,
+    /// Everything that the first frame needs is uploaded.
+    whole: bool,
     /// Last time that a mesh changed, in seconds of the core's clock.
     changed_s: f32,
     /// The scene's terrain, if it has one.
@@ -65,6 +67,12 @@ impl SceneView {
     #[must_use]
     pub fn waiting(&self) -> usize {
         self.waiting.len()
+    }
+
+    /// Whether everything that the first frame needs is uploaded: before that, a picture lacks objects.
+    #[must_use]
+    pub const fn is_whole(&self) -> bool {
+        self.whole
     }
 
     /// Uploads waiting steps until they came to about `budget_bytes`, at least one. A step is uploaded
@@ -118,6 +126,7 @@ impl SceneView {
                 }
             }
             Change::Asset(asset) => self.add(gpu, renderer, &asset),
+            Change::FirstFrame => self.whole = true,
             Change::Mesh(mesh) => {
                 self.changed_s = now_s;
                 return self.refine(gpu, &mesh);

@@ -5,11 +5,13 @@
 //! |---|---|
 //! | `first_flight` | the server's push alone makes every visible instance drawable, in few bytes and round trips |
 //! | `settled` | what is streamed ends up looking like the model |
+//! | `silence` | a server that is gone without a word is told |
 //! | `limiter` | bytes on the wire against the rate |
 //! | `robustness` | clients and servers that die, and come back |
 //! | `hostile` | peers that break every rule |
 //! | `packs` | the same input gives the same packs; caches; exports; checks |
 //! | `bad_input` | what users may get wrong, and what disks may do to packs |
+//! | `window` | the viewer's program: what is on the screen first, and how it ends |
 //! | `terrain` | features of a terrain arrive, and only where a view needs them |
 //! | `documents` | what documents name is there: links, files, code, commands |
 //! | `wire` | docs/protocol.md is true: a reader written from it understands recorded sessions |
@@ -49,8 +51,12 @@ mod robustness;
 #[cfg(test)]
 mod settled;
 #[cfg(test)]
+mod silence;
+#[cfg(test)]
 mod support;
 #[cfg(test)]
 mod terrain;
+#[cfg(test)]
+mod window;
 #[cfg(test)]
 mod wire;

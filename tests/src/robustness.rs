@@ -52,7 +52,7 @@ fn run_and_kill(address: &Address) {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     let has_chunk = Arc::new(Notify::new());
     let mut host = Doomed { core: ClientCore::new(config()), has_chunk: has_chunk.clone() };
-    let retry = Retry { first_attempts: 3, reconnect: false };
+    let retry = Retry { first_attempts: 3, first_within: Duration::MAX, reconnect: false };
     runtime.block_on(async {
         tokio::select! {
             biased;

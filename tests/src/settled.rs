@@ -2,40 +2,13 @@
 
 use std::sync::Arc;
 
-use bytes::Bytes;
 use lodestream_protocol::BlobId;
-use lodestream_protocol::scene::{SceneHeader, ScenePage};
-use lodestream_protocol::source::{SceneSource, SourceError};
 use lodestream_server::daemon::SessionSettings;
 
 use crate::support::daemon::{Server, Transport};
 use crate::support::picture::{comparison, draw, headless, keep, same};
-use crate::support::scene::TestScene;
+use crate::support::scene::{Lacking, TestScene};
 use crate::support::viewer::{Viewer, config};
-
-/// A scene of which one blob cannot be had.
-struct Lacking {
-    scene: Arc<dyn SceneSource>,
-    blob: BlobId,
-}
-
-impl SceneSource for Lacking {
-    fn header(&self) -> &SceneHeader {
-        self.scene.header()
-    }
-
-    fn page(&self, page: u32) -> Option<Arc<ScenePage>> {
-        self.scene.page(page)
-    }
-
-    fn blob_len(&self, id: &BlobId) -> Option<u32> {
-        self.scene.blob_len(id)
-    }
-
-    fn read(&self, id: &BlobId) -> Result<Bytes, SourceError> {
-        if *id == self.blob { Err(SourceError::NotFound(*id)) } else { self.scene.read(id) }
-    }
-}
 
 /// Guards the whole way from pack to picture: a settled client shows what the model itself would show,
 /// drawn by the same renderer with every chunk applied locally. And guards the comparison: with one chunk

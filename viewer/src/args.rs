@@ -10,9 +10,11 @@ use lodestream_protocol::view::View;
 
 use lodestream_client::net::Address;
 
+use crate::outcome::EXIT_CODES;
+
 /// Streams a scene from a Lodestream server and draws it.
 #[derive(Clone, Debug, Parser)]
-#[command(name = "lodestream-viewer", version, about)]
+#[command(name = "lodestream-viewer", version, about, after_help = EXIT_CODES)]
 pub(crate) struct Args {
     /// The server: quic://HOST:PORT#sha256=FINGERPRINT (as the server prints it) or ws://HOST:PORT
     pub(crate) address: Address,
@@ -35,7 +37,7 @@ pub(crate) struct Args {
     /// Screen error to refine to, in pixels
     #[arg(long, value_name = "PX", default_value = "1")]
     pub(crate) pixel_error: PixelError,
-    /// End when the picture is settled
+    /// End when the picture is settled, or when it is incomplete and nothing more will come
     #[arg(long)]
     pub(crate) exit_when_settled: bool,
     /// End after this time (headless: 300 without)
@@ -44,6 +46,13 @@ pub(crate) struct Args {
     /// Write the run's figures as JSON
     #[arg(long, value_name = "FILE.json")]
     pub(crate) stats: Option<PathBuf>,
+    /// Keep pictures of the frames that the window shows in the first three seconds, and of the last one, in this folder,
+    /// with their times in frames.json
+    #[arg(long, value_name = "DIR", conflicts_with = "headless")]
+    pub(crate) frames: Option<PathBuf>,
+    /// Begin without the overlay; H shows and hides it
+    #[arg(long)]
+    pub(crate) no_overlay: bool,
     /// Print the run's figures as a table at the end
     #[arg(long)]
     pub(crate) figures: bool,

@@ -59,6 +59,7 @@ mod tests {
     use lodestream_client::core::{Milestone, Milestones, Stats};
 
     use super::*;
+    use crate::frames::Shown;
 
     #[test]
     fn what_was_not_reached_is_said_and_what_was_has_its_bytes() {
@@ -69,7 +70,9 @@ mod tests {
             milestones: Milestones { first_frame: at(178, 20_400), quality: [at(300, 2000), None, None] },
             ..Stats::default()
         };
-        let report = Report::new(&stats, "quic", Some(Duration::from_millis(1570)));
+        let mut shown = Shown::default();
+        shown.note(Duration::from_millis(1570), true, &Default::default());
+        let report = Report::new(&stats, "quic", &shown);
         let expected = "\
 over quic, limited to 2 Mbit/s                                 time        bytes
 first frame: everything in view as base mesh                 0.18 s      20.4 kB
@@ -80,7 +83,7 @@ settled, textures included                              not reached
         assert_eq!(Figures(&report).to_string(), expected);
         stats.milestones.quality[2] = at(2220, 558_000);
         stats.settled_after = Some(Duration::from_millis(3550));
-        let report = Report::new(&stats, "quic", None);
+        let report = Report::new(&stats, "quic", &Shown::default());
         let table = Figures(&report).to_string();
         assert!(table.contains("2.22 s     558.0 kB") && table.contains("3.55 s      1.23 MB"), "{table}");
     }

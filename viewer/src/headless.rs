@@ -6,35 +6,53 @@ use std::time::Duration;
 use anyhow::{Context, bail};
 use lodestream_client::net::Retry;
 use lodestream_client::streaming::{Status, Streaming};
-use lodestream_render::{Frame, Gpu, Headless, SceneView};
+use lodestream_render::{Counters, Frame, Gpu, Headless, SceneView};
 
 use crate::args::Args;
+use crate::frames::Shown;
+use crate::outcome::{Outcome, lacks};
 use crate::run::{core_config, settings, tell_figures};
+use crate::signals;
 
 /// Time until a run without `--timeout` ends.
 const DEFAULT_TIMEOUT: Duration = Duration::from_secs(300);
 /// Attempts to reach the server.
 const ATTEMPTS: u32 = 3;
 
+/// What the loop is woken for.
+enum Event {
+    /// There may be something to look at.
+    News,
+    /// A signal asks for the end.
+    End(u8),
+}
+
 /// Runs the viewer without a window.
 ///
 /// # Errors
 /// One line that says what went wrong and what to do.
-pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
+pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let output = args.output.as_ref().context("--headless needs --output FILE.png")?;
     let [width, height] = args.window.0;
+    // One token at most waits: it only says that there is something to look at. A signal finds room beside it.
+    let (sender, events) = mpsc::sync_channel(2);
+    let ending = sender.clone();
+    signals::on_end(move |signal| {
+        // Fails only once the run is over.
+        let _ = ending.send(Event::End(signal));
+    })?;
+    let retry = Retry { first_attempts: ATTEMPTS, ..Retry::default() };
+    // First of all: the server answers while the device is opened and its pipelines are made.
+    let mut streaming = Streaming::start(args.address.clone(), core_config(args), retry, move || {
+        let _ = sender.try_send(Event::News);
+    })?;
     let mut headless = Headless::new(Gpu::headless()?, width, height)?;
     let mut scene = SceneView::new();
-    // One token at most waits: it only says that there is something to look at.
-    let (sender, notified) = mpsc::sync_channel(1);
-    let retry = Retry { first_attempts: ATTEMPTS, reconnect: true };
-    let mut streaming = Streaming::start(args.address.clone(), core_config(args), retry, move || {
-        let _ = sender.try_send(());
-    })?;
     let clock = streaming.clock();
     let deadline = args.timeout.map_or(DEFAULT_TIMEOUT, |t| t.0);
-    let mut presented = None;
+    let mut shown = Shown::default();
     let mut message = None;
+    let mut outcome = Outcome::Finished;
     let status: Status = loop {
         // The status first: what it says is settled lies in the steps taken after it.
         let status = streaming.status();
@@ -50,9 +68,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
                 tracing::info!("{text}");
             }
         }
-        if presented.is_none() && status.stats.milestones.first_frame.is_some() {
-            draw(&mut headless, &mut scene, args, seconds(clock.now().into()))?;
-            presented = Some(Duration::from(clock.now()));
+        if shown.presented().is_none() && scene.is_whole() {
+            let counters = draw(&mut headless, &mut scene, args, seconds(clock.now().into()))?;
+            shown.note(clock.now().into(), true, &counters);
         }
         if let Some(end) = &status.end {
             bail!("{end}");
@@ -62,15 +80,13 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         }
         // What is refused may come once the server's disk is mended, but a picture is not held up for that.
         if status.stats.lacking_blobs > 0 {
-            tracing::warn!(
-                "{} blobs came damaged or are refused by the server, whose log says why; the picture is coarser for it",
-                status.stats.lacking_blobs
-            );
+            tracing::warn!("{}", lacks(status.stats.lacking_blobs, &status.stats.lacking));
+            outcome = Outcome::Incomplete;
             break status;
         }
         let left = deadline.saturating_sub(clock.now().into());
         if left.is_zero() {
-            if scene.header().is_none() || presented.is_none() {
+            if scene.header().is_none() || shown.presented().is_none() {
                 bail!(
                     "nothing could be drawn within {} s{}",
                     deadline.as_secs_f32(),
@@ -86,24 +102,38 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
             );
             break status;
         }
-        let _ = notified.recv_timeout(left.min(Duration::from_millis(100)));
+        if let Ok(Event::End(signal)) = events.recv_timeout(left.min(Duration::from_millis(100))) {
+            tell_figures(args, &status.stats, &shown)?;
+            tracing::warn!("interrupted: no picture was written");
+            return Ok(Outcome::Interrupted(signal));
+        }
     };
     drop(streaming);
     // A time at which every vertex is where it belongs.
     draw(&mut headless, &mut scene, args, f32::MAX)?;
     headless.save_png(output)?;
-    tell_figures(args, &status.stats, presented)
+    if status.settled {
+        shown.note_settled(clock.now().into());
+    }
+    tell_figures(args, &status.stats, &shown)?;
+    Ok(outcome)
 }
 
 fn seconds(duration: Duration) -> f32 {
     duration.as_secs_f32()
 }
 
-fn draw(headless: &mut Headless, scene: &mut SceneView, args: &Args, time_s: f32) -> anyhow::Result<()> {
+fn draw(
+    headless: &mut Headless,
+    scene: &mut SceneView,
+    args: &Args,
+    time_s: f32,
+) -> anyhow::Result<Counters> {
     let start = args.camera.map(|c| c.0).or_else(|| scene.header().map(|h| h.camera));
     let Some(start) = start else { bail!("the server sent no scene") };
     let camera = start.pose();
     scene.prepare_ground(headless.gpu(), &camera, headless.size(), args.pixel_error.0)?;
-    scene.with_frame(camera, settings(args), time_s, |frame: &Frame<'_>| headless.frame(frame))?;
-    Ok(())
+    let counters =
+        scene.with_frame(camera, settings(args), time_s, |frame: &Frame<'_>| headless.frame(frame))?;
+    Ok(counters)
 }

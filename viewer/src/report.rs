@@ -6,6 +6,8 @@ use serde::Serialize;
 
 use lodestream_client::core::{Milestone, QUALITIES_PX, Stats};
 
+use crate::frames::{Shown, ShownFrame};
+
 /// What `--stats` writes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Report {
@@ -33,10 +35,19 @@ pub(crate) struct Report {
     pub(crate) total_bytes: u64,
     /// Time until the first complete frame was presented (headless: drawn).
     pub(crate) ttff_presented_ms: Option<f64>,
-    /// Whether the picture was as sharp as asked for.
+    /// The frames shown in the first seconds.
+    pub(crate) frames: Vec<ShownFrame>,
+    /// Whether everything had come that makes the picture as sharp as asked for.
     pub(crate) settled: bool,
-    /// Time until it was.
+    /// Time until it had.
     pub(crate) settled_ms: Option<f64>,
+    /// Time until the picture that stays as it is was on the screen (headless: in the file), the terrain's tiles
+    /// included.
+    pub(crate) settled_presented_ms: Option<f64>,
+    /// How many blobs the view lacks for good: they are damaged, or the server refuses them.
+    pub(crate) lacking_blobs: u64,
+    /// The first few of them.
+    pub(crate) lacking: Vec<String>,
     /// Bound on the screen error over all visible parts at the end, in pixels; `None` while a visible
     /// instance lacks its base mesh.
     pub(crate) max_screen_error_px: Option<f64>,
@@ -53,11 +64,7 @@ fn ms(duration: std::time::Duration) -> f64 {
 impl Report {
     /// The report of a run.
     #[must_use]
-    pub(crate) fn new(
-        stats: &Stats,
-        transport: &'static str,
-        presented: Option<std::time::Duration>,
-    ) -> Self {
+    pub(crate) fn new(stats: &Stats, transport: &'static str, shown: &Shown) -> Self {
         let first = stats.milestones.first_frame;
         let qualities: Vec<(String, Option<Milestone>)> =
             QUALITIES_PX.iter().zip(stats.milestones.quality).map(|(px, m)| (px.to_string(), m)).collect();
@@ -74,9 +81,13 @@ impl Report {
             ttq_ms: qualities.iter().map(|(px, m)| (px.clone(), m.map(|m| ms(m.after)))).collect(),
             ttq_bytes: qualities.iter().map(|(px, m)| (px.clone(), m.map(|m| m.bytes))).collect(),
             total_bytes: stats.transport_bytes,
-            ttff_presented_ms: presented.map(ms),
+            ttff_presented_ms: shown.presented().map(ms),
+            frames: shown.frames().to_vec(),
             settled: stats.settled,
             settled_ms: stats.settled_after.map(ms),
+            settled_presented_ms: shown.settled().map(ms),
+            lacking_blobs: stats.lacking_blobs,
+            lacking: stats.lacking.iter().map(ToString::to_string).collect(),
             max_screen_error_px: (first.is_some() && error.is_finite()).then_some(error),
             faces: stats.faces,
             decode_failures: stats.decode_failures,
@@ -102,7 +113,9 @@ mod tests {
             },
             ..Stats::default()
         };
-        let json = serde_json::to_value(Report::new(&stats, "ws", Some(Duration::from_millis(250)))).unwrap();
+        let mut shown = Shown::default();
+        shown.note(Duration::from_millis(250), true, &Default::default());
+        let json = serde_json::to_value(Report::new(&stats, "ws", &shown)).unwrap();
         assert_eq!(json["scene"], "demo");
         assert_eq!(json["transport"], "ws");
         assert_eq!(json["ttff_ms"], 200.0);
@@ -112,5 +125,6 @@ mod tests {
         assert!(json["ttq_ms"]["1"].is_null() && json["seed"].is_null() && json["rate_bits_per_s"].is_null());
         assert_eq!(json["total_bytes"], 9000);
         assert_eq!(json["ttff_presented_ms"], 250.0);
+        assert_eq!(json["frames"][0]["at_ms"], 250.0);
     }
 }

@@ -1,7 +1,6 @@
 //! What the modes of the program share: settings from its command line, and what it tells at the end.
 
 use std::io::Write as _;
-use std::time::Duration;
 
 use anyhow::Context;
 use lodestream_client::core::{Config, StartView, Stats};
@@ -9,6 +8,7 @@ use lodestream_render::{AmbientOcclusion, Settings, Shade};
 
 use crate::args::Args;
 use crate::figures::Figures;
+use crate::frames::Shown;
 use crate::report::Report;
 
 /// The core's settings for these arguments.
@@ -35,8 +35,8 @@ pub(crate) fn settings(args: &Args) -> Settings {
 }
 
 /// Prints `--figures` and writes `--stats`.
-pub(crate) fn tell_figures(args: &Args, stats: &Stats, presented: Option<Duration>) -> anyhow::Result<()> {
-    let report = Report::new(stats, args.address.transport(), presented);
+pub(crate) fn tell_figures(args: &Args, stats: &Stats, shown: &Shown) -> anyhow::Result<()> {
+    let report = Report::new(stats, args.address.transport(), shown);
     if args.figures {
         // A reader that is gone wants no figures.
         let _ = write!(std::io::stdout(), "{}", Figures(&report));

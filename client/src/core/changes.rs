@@ -20,6 +20,9 @@ pub enum Change {
     Asset(NewAsset),
     /// Some slots of an asset's mesh have new contents.
     Mesh(MeshChange),
+    /// Everything that the first frame needs lies before this: every visible instance's base mesh, at least. Once a
+    /// scene.
+    FirstFrame,
     /// A level of a texture was decoded.
     Texture(TextureChange),
     /// The listed points of a patch of the terrain, in place of those it had.
@@ -102,6 +105,7 @@ impl Change {
     pub fn bytes(&self) -> usize {
         match self {
             Self::Scene(_) => size_of::<SceneHeader>(),
+            Self::FirstFrame => 0,
             Self::Instances(list) => list.len() * size_of::<InstanceEntry>(),
             Self::Asset(asset) => (asset.materials.len() + 1) * size_of::<Material>(),
             Self::Mesh(mesh) => {

@@ -68,14 +68,14 @@ impl Failures {
         self.blobs.iter_mut().filter_map(|(id, f)| due(f).then_some(*id)).collect()
     }
 
-    /// Blobs that failed [`MAX_ATTEMPTS`] times, or were given up.
-    pub(crate) fn lacking(&self) -> usize {
-        self.blobs.values().filter(|f| f.attempts >= MAX_ATTEMPTS).count()
+    /// Whether a blob failed [`MAX_ATTEMPTS`] times, or was given up.
+    pub(crate) fn is_lacking(&self, id: BlobId) -> bool {
+        self.blobs.get(&id).is_some_and(|f| f.attempts >= MAX_ATTEMPTS)
     }
 
-    /// Whether a blob waits to be asked for again that may well come: not one of [`Failures::lacking`].
-    pub(crate) fn hopeful(&self) -> bool {
-        self.blobs.values().any(|f| f.attempts < MAX_ATTEMPTS && f.retry_at.is_some())
+    /// Whether a blob waits to be asked for again that may well come: not one that [`Failures::is_lacking`].
+    pub(crate) fn is_hopeful(&self, id: BlobId) -> bool {
+        self.blobs.get(&id).is_some_and(|f| f.attempts < MAX_ATTEMPTS && f.retry_at.is_some())
     }
 
     /// When [`Failures::due`] has something.
@@ -114,7 +114,7 @@ mod tests {
         assert_eq!(failures.next(), None);
         failures.give_up(id);
         assert!(!failures.damaged(Time::ZERO, id));
-        assert_eq!(failures.lacking(), 1);
+        assert!(failures.is_lacking(id));
     }
 
     #[test]
@@ -124,14 +124,14 @@ mod tests {
         let mut now = Time::ZERO;
         for attempt in 1..100 {
             failures.refused(now, id);
-            assert_eq!(failures.hopeful(), attempt < 4, "attempt {attempt}");
+            assert_eq!(failures.is_hopeful(id), attempt < 4, "attempt {attempt}");
             let at = failures.next().unwrap();
             assert!(at.since(now) <= LONGEST_PAUSE);
             assert_eq!(failures.due(at), [id]);
             now = at;
         }
-        assert_eq!(failures.lacking(), 1);
+        assert!(failures.is_lacking(id));
         failures.forget(id);
-        assert_eq!(failures.lacking(), 0);
+        assert!(!failures.is_lacking(id));
     }
 }

@@ -17,6 +17,11 @@ pub struct Milestone {
     pub bytes: u64,
 }
 
+/// Whether every instance that a selection found visible can be drawn. `all_known`: no other may be.
+pub(crate) const fn is_drawable(all_known: bool, counters: &Counters) -> bool {
+    all_known && counters.drawable_instances >= counters.visible_instances
+}
+
 /// The milestones of a run. They are noted once and kept over reconnections.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Milestones {
@@ -29,7 +34,7 @@ pub struct Milestones {
 impl Milestones {
     /// Notes what a selection has found. `all_known`: no instance that may be visible is still unknown.
     pub(crate) fn note(&mut self, start: Time, now: Time, bytes: u64, all_known: bool, counters: &Counters) {
-        if !all_known || counters.drawable_instances < counters.visible_instances {
+        if !is_drawable(all_known, counters) {
             return;
         }
         let here = Milestone { after: now.since(start), bytes };

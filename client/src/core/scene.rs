@@ -26,9 +26,24 @@ pub(crate) struct Scene {
     pub(super) terrain: Option<TerrainPoints>,
     next_page: u32,
     early: BTreeMap<u32, ScenePage>,
-    /// Changes for a renderer that do not belong to a mesh, in order.
+    /// Changes for a renderer that say what there is: the scene, instances, assets, in order.
     changes: VecDeque<Change>,
+    /// Texture levels, which may be many megabytes.
+    textures: VecDeque<Change>,
     waiting_bytes: usize,
+    first_frame: FirstFrame,
+}
+
+/// Whether a renderer knows that it has everything of the first frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum FirstFrame {
+    /// There is none yet.
+    #[default]
+    Ahead,
+    /// It is here; the renderer is told once it has been given all of it.
+    Here,
+    /// The renderer was told.
+    Told,
 }
 
 impl Scene {
@@ -127,12 +142,23 @@ impl Scene {
     /// Notes a change that does not belong to a mesh.
     pub(crate) fn push_change(&mut self, change: Change) {
         self.waiting_bytes += change.bytes();
-        self.changes.push_back(change);
+        match change {
+            Change::Texture(_) => self.textures.push_back(change),
+            _ => self.changes.push_back(change),
+        }
+    }
+
+    /// Everything that the first frame needs is here.
+    pub(crate) fn note_first_frame(&mut self) {
+        if self.first_frame == FirstFrame::Ahead {
+            self.first_frame = FirstFrame::Here;
+        }
     }
 
     /// Drops the changes of a scene that nobody draws.
     pub(crate) fn drop_changes(&mut self) {
         self.changes.clear();
+        self.textures.clear();
         self.waiting_bytes = 0;
     }
 
@@ -144,10 +170,13 @@ impl Scene {
     /// Whether [`Scene::take_changes`] has something.
     pub(crate) fn has_changes(&self) -> bool {
         let terrain = self.terrain.as_ref().is_some_and(TerrainPoints::has_changes);
-        !self.changes.is_empty() || terrain || self.refined.iter().flatten().any(RefinedAsset::has_changes)
+        let other = !self.changes.is_empty() || !self.textures.is_empty();
+        let mark = self.first_frame == FirstFrame::Here;
+        other || mark || terrain || self.refined.iter().flatten().any(RefinedAsset::has_changes)
     }
 
-    /// Changes, in order, until they hold about `max_bytes`; at least one if there is any.
+    /// Changes, in order, until they hold about `max_bytes`; at least one if there is any. Shapes come before textures, so
+    /// that no object is absent while others are painted.
     pub(crate) fn take_changes(&mut self, now_s: f32, max_bytes: usize) -> Vec<Change> {
         let mut taken = Vec::new();
         let mut bytes = 0;
@@ -161,21 +190,32 @@ impl Scene {
         if !self.changes.is_empty() {
             return taken;
         }
-        while bytes < max_bytes
-            && let Some(change) = self.terrain.as_mut().and_then(TerrainPoints::take_change)
-        {
-            bytes += change.bytes();
-            taken.push(change);
-        }
         for (number, refined) in (0..).zip(&mut self.refined) {
             if bytes >= max_bytes {
-                break;
+                return taken;
             }
             if let Some(change) = refined.as_mut().and_then(|r| r.take_changes(number, now_s)) {
                 let change = Change::Mesh(change);
                 bytes += change.bytes();
                 taken.push(change);
             }
+        }
+        if self.first_frame == FirstFrame::Here {
+            self.first_frame = FirstFrame::Told;
+            taken.push(Change::FirstFrame);
+        }
+        while bytes < max_bytes
+            && let Some(change) = self.terrain.as_mut().and_then(TerrainPoints::take_change)
+        {
+            bytes += change.bytes();
+            taken.push(change);
+        }
+        while bytes < max_bytes
+            && let Some(change) = self.textures.pop_front()
+        {
+            bytes += change.bytes();
+            self.waiting_bytes = self.waiting_bytes.saturating_sub(change.bytes());
+            taken.push(change);
         }
         taken
     }

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use lodestream_protocol::BlobId;
 use lodestream_protocol::client::ClientStats;
 use lodestream_protocol::select::Counters;
 
@@ -29,6 +30,9 @@ pub struct Received {
     /// Of a chunk: how many of its bytes were ever in use, from its beginning on.
     pub used_bytes: u64,
 }
+
+/// Blobs in [`Stats::lacking`], at most.
+pub(crate) const MAX_LACKING: usize = 4;
 
 /// Everything countable, as it is now.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -81,8 +85,10 @@ pub struct Stats {
     pub connections: u64,
     /// Whether the picture is as sharp as target and budgets allow, and nothing is under way or lacking.
     pub settled: bool,
-    /// Blobs that the picture lacks when all else is here, because they came damaged or are refused; else 0.
+    /// Blobs that the view lacks when all else is here, because they came damaged or are refused; else 0.
     pub lacking_blobs: u64,
+    /// The first few of them.
+    pub lacking: Vec<BlobId>,
     /// When it first settled, since the connect call.
     pub settled_after: Option<Duration>,
 }

@@ -117,8 +117,9 @@ impl TerrainPoints {
     }
 
     /// Adds what `view` wants to `wanted`, whose order is by priority: pages of the directory after the base meshes,
-    /// points by the screen error that they remove. Says whether nothing of it is missing.
-    pub(super) fn want(&self, view: &View, wanted: &mut Vec<Wanted>) -> bool {
+    /// points by the screen error that they remove; and to `failed` what of it will not come. Says whether nothing of it
+    /// may still come.
+    pub(super) fn want(&self, view: &View, wanted: &mut Vec<Wanted>, failed: &mut Vec<BlobId>) -> bool {
         let before = wanted.len();
         let mut settled = true;
         for (page, &state) in (0..).zip(&self.pages) {
@@ -126,6 +127,8 @@ impl TerrainPoints {
                 let urgent = priority::index_priority(f32::MAX);
                 wanted.push(Wanted::whole(BlobId::terrain_page(page), urgent, None, state));
                 settled = false;
+            } else if state == State::Failed {
+                failed.push(BlobId::terrain_page(page));
             }
         }
         let projection = Projection::new(view);
@@ -141,7 +144,7 @@ impl TerrainPoints {
         let all =
             (0..).zip(&self.patches).flat_map(|(page, patches)| (page * PATCHES_PER_PAGE..).zip(patches));
         for (number, Patch { listed, state }) in all {
-            if !matches!(state, State::Absent | State::InFlight) {
+            if !matches!(state, State::Absent | State::InFlight | State::Failed) {
                 continue;
             }
             let error = f64::from(listed.error) * height_unit;
@@ -161,6 +164,10 @@ impl TerrainPoints {
             }
             let priority = priority::refine_priority(px, listed.bytes, 1.0);
             let id = BlobId::terrain_points(number);
+            if *state == State::Failed {
+                failed.push(id);
+                continue;
+            }
             wanted.push(Wanted::whole(id, priority, Some(listed.bytes), *state));
             settled = false;
         }

@@ -2,10 +2,11 @@
 
 use std::future::Future;
 use std::pin::pin;
+use std::time::Duration;
 
 use lodestream_protocol::client::Backoff;
-use lodestream_protocol::message::Close;
-use tokio::time::{Instant, sleep_until};
+use lodestream_protocol::message::{Close, CloseCode};
+use tokio::time::{Instant, sleep_until, timeout_at};
 
 use super::address::Address;
 use super::addresses::{Resolver, System};
@@ -13,19 +14,24 @@ use super::connect::{Kept, connect};
 use super::drive::{Clock, Host};
 use crate::core::Progress;
 
+/// Time that an attempt is given at least: where less is left, none is begun.
+const LEAST_ATTEMPT: Duration = Duration::from_secs(1);
+
 /// How often to try.
 #[derive(Clone, Copy, Debug)]
 pub struct Retry {
     /// Attempts until the first session; afterwards there is no limit.
     pub first_attempts: u32,
+    /// Time until the first connection, over all attempts.
+    pub first_within: Duration,
     /// Whether to connect again when a session is lost.
     pub reconnect: bool,
 }
 
 impl Default for Retry {
-    /// Five attempts, and again whenever a session is lost: for a program with a user before it.
+    /// Five attempts in 4.5 s, and again whenever a session is lost: for a program with a user before it.
     fn default() -> Self {
-        Self { first_attempts: 5, reconnect: true }
+        Self { first_attempts: 5, first_within: Duration::from_millis(4500), reconnect: true }
     }
 }
 
@@ -51,7 +57,9 @@ impl std::fmt::Display for End {
         match self {
             Self::Left => f.write_str("interrupted"),
             Self::Unreachable { attempts, why } => {
-                write!(f, "{why} ({attempts} attempts); is the server running, and is the address right?")
+                let attempts =
+                    if *attempts == 1 { "1 attempt".into() } else { format!("{attempts} attempts") };
+                write!(f, "{why} ({attempts}); is the server running, and is the address right?")
             }
             Self::Closed(close) => f.write_str(&close.reason),
         }
@@ -85,11 +93,15 @@ pub(super) async fn stream_to<H: Host>(
     let mut reached = false;
     let mut attempts = 0;
     let mut kept = Kept::default();
+    // `None`: further away than there is time.
+    let until = Instant::now().checked_add(retry.first_within);
     loop {
         if host.wants_to_leave() {
             return End::Left;
         }
-        let close = match meanwhile(host, clock, connect(address, &mut kept, resolver)).await {
+        let limit = until.filter(|_| !reached);
+        let connecting = within(limit, retry.first_within, connect(address, &mut kept, resolver));
+        let close = match meanwhile(host, clock, connecting).await {
             None => return End::Left,
             Some(Err(close)) => close,
             Some(Ok(connection)) => connection.run(address, &mut kept, host, clock).await,
@@ -104,20 +116,35 @@ pub(super) async fn stream_to<H: Host>(
         if !close.code.worth_retrying() || (reached && !retry.reconnect) {
             return End::Closed(close);
         }
-        if !reached && attempts >= retry.first_attempts {
-            return End::Unreachable { attempts, why: close.reason };
-        }
         if host.core().stats().session.blobs > 0 {
             backoff.succeeded();
         }
         // Spreads the clients of a restarted server; any number will do.
         let random = u32::try_from(clock.now().as_ns() & 0xFFFF_FFFF).unwrap_or(0);
         let wait = backoff.next_wait(random);
+        let late = until.is_some_and(|until| Instant::now() + wait + LEAST_ATTEMPT > until);
+        if !reached && (late || attempts >= retry.first_attempts) {
+            return End::Unreachable { attempts, why: close.reason };
+        }
         report(host, Some(format!("{}; connecting again in {:.1} s", close.reason, wait.as_secs_f32())));
         if meanwhile(host, clock, sleep_until(Instant::now() + wait)).await.is_none() {
             return End::Left;
         }
         report(host, Some(format!("connecting to {address}")));
+    }
+}
+
+/// Connects in time, where there is a limit.
+async fn within<T>(
+    limit: Option<Instant>,
+    all: Duration,
+    connecting: impl Future<Output = Result<T, Close>>,
+) -> Result<T, Close> {
+    match limit {
+        None => connecting.await,
+        Some(limit) => timeout_at(limit, connecting).await.unwrap_or_else(|_| {
+            Err(Close::new(CloseCode::Lost, format!("no connection within {} s", all.as_secs_f32())))
+        }),
     }
 }
 

@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used)]
 
 use std::net::SocketAddr;
+use std::time::Duration;
 
 use lodestream_protocol::message::{Close, CloseCode};
 use lodestream_protocol::time::Time;
@@ -62,7 +63,7 @@ async fn an_address_where_nobody_listens_is_given_up_after_some_attempts() {
     // A port that was free a moment ago.
     let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let address = format!("ws://127.0.0.1:{port}").parse().unwrap();
-    let retry = Retry { first_attempts: 2, reconnect: true };
+    let retry = attempts(2);
     let mut told = Vec::new();
     let end = stream(&address, &mut core(), Clock::start(), retry, |_, message| told.extend(message)).await;
     assert!(
@@ -70,6 +71,30 @@ async fn an_address_where_nobody_listens_is_given_up_after_some_attempts() {
         "{end:?}"
     );
     assert!(told[0].contains("connecting again"), "{told:?}");
+}
+
+fn attempts(first_attempts: u32) -> Retry {
+    Retry { first_attempts, first_within: Duration::MAX, reconnect: true }
+}
+
+/// It took half a minute: five attempts of four seconds and the pauses between.
+#[tokio::test(start_paused = true)]
+async fn an_address_where_nobody_answers_fails_within_five_seconds() {
+    let (_listener, at) = silent();
+    // A socket that nobody reads.
+    let socket = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+    let mut addresses = vec![format!("ws://{at}")];
+    if cfg!(feature = "quic") {
+        addresses.push(format!("quic://{}#sha256={}", socket.local_addr().unwrap(), "ab".repeat(32)));
+    }
+    for address in addresses {
+        let clock = Clock::start();
+        let address = address.parse().unwrap();
+        let end = stream(&address, &mut core(), clock, Retry::default(), |_, _| ()).await;
+        let took = clock.now();
+        assert!(matches!(&end, End::Unreachable { why, .. } if why.contains("within 4 s")), "{end:?}");
+        assert!(took < Time::from_ms(5000), "{address}: {took:?}");
+    }
 }
 
 /// A TCP port that takes connections, of which nobody ever hears anything.
@@ -90,7 +115,7 @@ async fn a_peer_that_accepts_and_stays_silent_is_given_up() {
     );
 
     let (_listener, at) = silent();
-    let retry = Retry { first_attempts: 2, reconnect: true };
+    let retry = attempts(2);
     let mut told = Vec::new();
     let address = format!("ws://{at}").parse().unwrap();
     let end = stream(&address, &mut core(), Clock::start(), retry, |_, message| told.extend(message)).await;
@@ -130,7 +155,7 @@ async fn a_host_may_leave_while_a_peer_stays_silent() {
     let (_listener, at) = silent();
     let address = format!("ws://{at}").parse().unwrap();
     let mut host = Leaving { core: core(), turns: 5 };
-    let retry = Retry { first_attempts: u32::MAX, reconnect: true };
+    let retry = attempts(u32::MAX);
     let start = Clock::start();
     let leaving = stream(&address, &mut host, start, retry, |_, _| ());
     // Only guards against waiting for ever.
@@ -158,7 +183,7 @@ async fn a_name_whose_first_address_refuses_is_reached_at_its_second() {
         let _ = stream.write_all(b"HTTP/1.1 503 Service Unavailable\r\ncontent-length: 0\r\n\r\n").await;
     };
     let address = "ws://name.example:80".parse().unwrap();
-    let retry = Retry { first_attempts: 1, reconnect: true };
+    let retry = attempts(1);
     let (resolver, mut core) = (Fixed(vec![nobody, somebody]), core());
     let streaming = stream_to(&address, &resolver, &mut core, Clock::start(), retry, |_, _| ());
     let (end, ()) = tokio::join!(streaming, peer);
@@ -174,7 +199,7 @@ async fn quic_tries_every_address_of_a_name_in_bounded_time_too() {
     let sockets = [(); 2].map(|()| std::net::UdpSocket::bind("127.0.0.1:0").unwrap());
     let servers = sockets.each_ref().map(|socket| socket.local_addr().unwrap());
     let address = format!("quic://name.example:80#sha256={}", "ab".repeat(32)).parse().unwrap();
-    let retry = Retry { first_attempts: 1, reconnect: true };
+    let retry = attempts(1);
     let (resolver, mut core) = (Fixed(servers.to_vec()), core());
     let end = stream_to(&address, &resolver, &mut core, Clock::start(), retry, |_, _| ()).await;
     let End::Unreachable { why, .. } = end else { panic!("{end:?}") };

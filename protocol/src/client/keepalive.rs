@@ -1,4 +1,4 @@
-//! Signs of life: what was heard when, and pings.
+//! Signs of life: what was heard when, pings, and how long a server may be silent before somebody is told.
 
 use std::time::Duration;
 
@@ -7,6 +7,11 @@ use crate::time::Time;
 
 /// Pings while nothing is heard otherwise; short enough for a round trip soon after the start.
 const FIRST_PING: Duration = Duration::from_millis(500);
+/// Silence after which a ping asks whether the server is still there, unless one is under way already.
+const PROBE_AFTER: Duration = Duration::from_secs(1);
+/// Time that the answer to a ping may take before the server counts as silent; on slow links two round trips, if that
+/// is more.
+const ANSWER_WITHIN: Duration = Duration::from_millis(800);
 
 /// See the module.
 #[derive(Debug)]
@@ -65,12 +70,31 @@ impl Keepalive {
         if self.server_idle.is_none() {
             next = next.min(self.started + self.welcome_timeout);
         }
-        if may_ping { next.min(self.ping_due) } else { next }
+        if may_ping { next.min(self.ping_at()) } else { next }
+    }
+
+    /// When to ping: in turn, or since nothing was heard. One that was sent since then is answer enough to come.
+    fn ping_at(&self) -> Time {
+        let asked = self.ping.is_some_and(|(_, sent)| sent >= self.heard);
+        if asked || self.server_idle.is_none() {
+            self.ping_due
+        } else {
+            self.ping_due.min(self.heard + PROBE_AFTER)
+        }
+    }
+
+    /// For how long the server has been silent, if that is longer than an answer takes: nothing has come since a ping,
+    /// whose answer took `rtt` before. The connection is not lost for that.
+    pub(super) fn silence(&self, now: Time, rtt: Option<Duration>) -> Option<Duration> {
+        self.server_idle?;
+        let (_, asked) = self.ping.filter(|(_, sent)| *sent >= self.heard)?;
+        let within = rtt.map_or(ANSWER_WITHIN, |rtt| ANSWER_WITHIN.max(2 * rtt));
+        (now >= asked + within).then(|| now.since(self.heard))
     }
 
     /// The number of a ping to send now, if one is due.
     pub(super) fn poll_ping(&mut self, now: Time) -> Option<u32> {
-        if now < self.ping_due {
+        if now < self.ping_at() {
             return None;
         }
         // Often at first, for the round trip; then to stay well within the server's patience.
@@ -114,5 +138,29 @@ mod tests {
             assert!(keepalive.ping_due.since(now) <= Duration::from_secs(4));
             now = keepalive.ping_due;
         }
+    }
+
+    #[test]
+    fn silence_is_asked_about_once_and_told_within_two_seconds() {
+        let mut keepalive = Keepalive::new(&ClientConfig::default(), Time::ZERO);
+        keepalive.welcomed(Duration::from_secs(60));
+        for ms in [0, 500, 1000, 1500, 2000] {
+            assert!(keepalive.poll_ping(Time::from_ms(ms)).is_some());
+            keepalive.heard(Time::from_ms(ms + 20));
+        }
+        // Heard last after 2.02 s. The next ping in turn is seconds away.
+        assert_eq!(keepalive.next(true), Time::from_ms(3020));
+        assert_eq!(keepalive.poll_ping(Time::from_ms(3019)), None);
+        assert!(keepalive.poll_ping(Time::from_ms(3020)).is_some());
+        assert!(keepalive.next(true) > Time::from_ms(6000), "one ping is enough");
+        let rtt = Some(Duration::from_millis(20));
+        assert_eq!(keepalive.silence(Time::from_ms(3819), rtt), None);
+        assert_eq!(keepalive.silence(Time::from_ms(3820), rtt), Some(Duration::from_millis(1800)));
+        let slow = Some(Duration::from_secs(3));
+        assert_eq!(keepalive.silence(Time::from_ms(9019), slow), None, "a slow link is no silence");
+        assert!(keepalive.silence(Time::from_ms(9020), slow).is_some());
+        keepalive.heard(Time::from_ms(9100));
+        assert_eq!(keepalive.silence(Time::from_ms(9100), rtt), None);
+        assert!(keepalive.next(true) <= Time::from_ms(10_100), "asked again a second after the last word");
     }
 }

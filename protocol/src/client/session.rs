@@ -217,6 +217,13 @@ impl ClientSession {
         Some(self.view.next().map_or(next, |at| next.min(at)))
     }
 
+    /// For how long nothing has come from the server, if that is longer than its answer to a ping takes: at most two
+    /// seconds after the last word, but for links with round trips of half a second and more. The session goes on.
+    #[must_use]
+    pub fn silence(&self, now: Time) -> Option<Duration> {
+        if self.close.is_some() { None } else { self.keepalive.silence(now, self.estimate.rtt()) }
+    }
+
     /// The next message to send. Call until `None`, while the transport can take it.
     pub fn poll_transmit(&mut self, now: Time) -> Option<ClientMessage> {
         if self.close.is_some() {

@@ -81,6 +81,8 @@ pub struct Selection {
     pub wanted: Vec<Wanted>,
     /// Blobs in flight that no view needs.
     pub cancel: Vec<BlobId>,
+    /// Blobs that the view needs and that will not come ([`State::Failed`]): the picture stays coarser for them.
+    pub failed: Vec<BlobId>,
     /// Applied chunks that the view does not need, in an order in which they may be undone.
     pub undo: Vec<BlobId>,
     /// What was counted.

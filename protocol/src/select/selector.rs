@@ -164,6 +164,7 @@ impl Selector {
 
     fn reset(&mut self, assets: &[AssetState]) {
         self.selection.wanted.clear();
+        self.selection.failed.clear();
         self.selection.cancel.clear();
         self.selection.undo.clear();
         self.selection.counters = Counters::default();
@@ -357,6 +358,10 @@ impl Selector {
                 || info.parents.iter().any(|&parent| seeks[parent as usize].blocked);
             let seek = &mut seeks[index];
             seek.blocked = blocked;
+            if chunk.state() == State::Failed && (seek.error_px > threshold || seek.inner) {
+                let id = BlobId::chunk(number, u32::try_from(index).unwrap_or(u32::MAX));
+                self.selection.failed.push(id);
+            }
             if seek.error_px <= threshold {
                 continue;
             }
@@ -389,12 +394,14 @@ impl Selector {
 
     fn want_base_and_pages(&mut self, number: u32, asset: &AssetState, threshold: f32) {
         let seen = self.seen[number as usize];
-        let wanted = &mut self.selection.wanted;
+        let Selection { wanted, failed, .. } = &mut self.selection;
         let mut want = |part: BlobPart, priority: Priority| {
-            let state = asset.state(part);
-            if !matches!(state, State::Applied | State::Failed) {
-                let id = BlobId::Asset { asset: number, part };
-                wanted.push(Wanted::whole(id, priority, asset.blob_bytes(part), state));
+            let id = BlobId::Asset { asset: number, part };
+            match asset.state(part) {
+                State::Applied => {}
+                State::Failed if seen.visible => failed.push(id),
+                State::Failed => {}
+                state => wanted.push(Wanted::whole(id, priority, asset.blob_bytes(part), state)),
             }
         };
         if seen.visible {
@@ -431,14 +438,19 @@ impl Selector {
             let mut texel_px = px_per_uv.min(f32::MAX);
             let mut pending = 0;
             for (level, (about, state)) in (0..).zip(&info.levels) {
-                if *state == State::Failed || texel_px <= threshold.max(1.0) || pending == 2 {
+                if texel_px <= threshold.max(1.0) || pending == 2 {
+                    break;
+                }
+                let id = BlobId::texture(number, texture, level);
+                if *state == State::Failed {
+                    self.selection.failed.push(id);
                     break;
                 }
                 if *state != State::Applied {
                     pending += 1;
                     let blur_px = texel_px.min(256.0) * self.settings.texture_weight.get();
                     self.selection.wanted.push(Wanted::whole(
-                        BlobId::texture(number, texture, level),
+                        id,
                         refine_priority(blur_px, about.bytes, seen.centrality),
                         Some(about.bytes),
                         *state,

@@ -7,6 +7,7 @@ pub(crate) mod scene;
 pub(crate) mod shapes;
 pub(crate) mod viewer;
 pub(crate) mod virtual_link;
+pub(crate) mod window;
 
 use std::time::Duration;
 

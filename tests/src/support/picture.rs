@@ -15,12 +15,20 @@ pub(crate) struct Picture {
     pub(crate) covered: Vec<bool>,
 }
 
-/// A renderer, or nothing if the tests are told to skip what needs a graphics adapter.
-pub(crate) fn headless() -> Option<Headless> {
-    if std::env::var("LODESTREAM_SKIP_GPU").is_ok_and(|v| v == "1") {
+/// Whether the tests are told to skip what needs a graphics adapter; says so.
+pub(crate) fn skipped() -> bool {
+    let skip = std::env::var("LODESTREAM_SKIP_GPU").is_ok_and(|v| v == "1");
+    if skip {
         // Not `eprintln!`: the test runner would swallow it when the test "passes".
         let test = std::thread::current().name().unwrap_or("a test").to_owned();
         let _ = writeln!(std::io::stderr(), "SKIPPED, NOT PASSED (LODESTREAM_SKIP_GPU=1): {test}");
+    }
+    skip
+}
+
+/// A renderer, or nothing if the tests are told to skip what needs a graphics adapter.
+pub(crate) fn headless() -> Option<Headless> {
+    if skipped() {
         return None;
     }
     let gpu = Gpu::headless().expect("these tests need a graphics adapter (or LODESTREAM_SKIP_GPU=1)");

@@ -3,9 +3,11 @@
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
+use bytes::Bytes;
 use lodestream_client::core::{Change, IndexRun, MeshChange, NewAsset, TextureChange, TexturePixels, Vertex};
 use lodestream_geometry::closed_set::{Budget, lowest_error};
-use lodestream_protocol::source::SceneSource;
+use lodestream_protocol::scene::{SceneHeader, ScenePage};
+use lodestream_protocol::source::{SceneSource, SourceError};
 use lodestream_protocol::{BlobId, BlobPart};
 use lodestream_server::prepare::{Options, prepare_cached};
 use lodestream_server::scene::{Scene, of_files};
@@ -121,5 +123,29 @@ impl TestScene {
                 changes.push(Change::Texture(TextureChange { asset: number, texture, level, pixels }));
             }
         }
+    }
+}
+
+/// A scene of which one blob cannot be had.
+pub(crate) struct Lacking {
+    pub(crate) scene: Arc<dyn SceneSource>,
+    pub(crate) blob: BlobId,
+}
+
+impl SceneSource for Lacking {
+    fn header(&self) -> &SceneHeader {
+        self.scene.header()
+    }
+
+    fn page(&self, page: u32) -> Option<Arc<ScenePage>> {
+        self.scene.page(page)
+    }
+
+    fn blob_len(&self, id: &BlobId) -> Option<u32> {
+        self.scene.blob_len(id)
+    }
+
+    fn read(&self, id: &BlobId) -> Result<Bytes, SourceError> {
+        if *id == self.blob { Err(SourceError::NotFound(*id)) } else { self.scene.read(id) }
     }
 }

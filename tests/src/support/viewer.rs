@@ -25,7 +25,7 @@ pub(crate) fn config() -> Config {
 impl Viewer {
     pub(crate) fn start(address: &Address, config: Config) -> Self {
         let (sender, notified) = mpsc::sync_channel(1);
-        let retry = Retry { first_attempts: 3, reconnect: true };
+        let retry = Retry { first_attempts: 3, first_within: Duration::MAX, reconnect: true };
         let streaming = Streaming::start(address.clone(), config, retry, move || {
             let _ = sender.try_send(());
         });

@@ -7,7 +7,7 @@ use std::time::SystemTime;
 
 use lodestream_client::net::{Pin, client_config};
 use lodestream_netsim::clock::VirtualClock;
-use lodestream_netsim::link::{IP_UDP_BYTES, LinkCounters, LinkSettings};
+use lodestream_netsim::link::{IP_UDP_BYTES, LinkCounters, LinkSettings, Rate};
 use lodestream_netsim::stream_pipe::{self, Opening, StreamCounters, StreamEnd};
 use lodestream_netsim::tcp::IP_TCP_BYTES;
 use lodestream_netsim::udp::UdpNetwork;
@@ -20,6 +20,12 @@ pub(crate) const SERVER: SocketAddr =
     SocketAddr::new(std::net::IpAddr::V4(std::net::Ipv4Addr::new(10, 0, 0, 1)), 4433);
 const CLIENT: SocketAddr =
     SocketAddr::new(std::net::IpAddr::V4(std::net::Ipv4Addr::new(10, 0, 0, 2)), 50_000);
+
+/// A link on which nothing passes any more after some time, for as long as tests last.
+pub(crate) fn cut_after(cut_ms: u64, rate_bits_per_s: u64) -> Rate {
+    let cut_ns = cut_ms * 1_000_000;
+    Rate::steps(&[(0, rate_bits_per_s), (cut_ns, 0), (cut_ns + 3_600_000_000_000, 1)]).unwrap()
+}
 
 fn link(rate_bits_per_s: u64, rtt_ms: u64, overhead_bytes: u32) -> LinkSettings {
     LinkSettings::constant(
@@ -44,8 +50,16 @@ pub(crate) struct QuicLink {
 
 impl QuicLink {
     pub(crate) fn new(state: Arc<ServerState>, rate_bits_per_s: u64, rtt_ms: u64) -> Self {
+        Self::over(state, link(rate_bits_per_s, rtt_ms, IP_UDP_BYTES))
+    }
+
+    /// The same with another rate, which may change.
+    pub(crate) fn with_rate(state: Arc<ServerState>, rate: Rate, rtt_ms: u64) -> Self {
+        Self::over(state, LinkSettings { rate, ..link(1, rtt_ms, IP_UDP_BYTES) })
+    }
+
+    fn over(state: Arc<ServerState>, settings: LinkSettings) -> Self {
         let network = UdpNetwork::new(VirtualClock::start());
-        let settings = link(rate_bits_per_s, rtt_ms, IP_UDP_BYTES);
         network.connect(SERVER, CLIENT, settings.clone(), 1);
         network.connect(CLIENT, SERVER, settings, 2);
         let endpoint = |address, config, seed| {
@@ -90,8 +104,16 @@ pub(crate) async fn tcp_connect(
     rate_bits_per_s: u64,
     rtt_ms: u64,
 ) -> (StreamEnd, TcpWire) {
+    tcp_over(state, link(rate_bits_per_s, rtt_ms, IP_TCP_BYTES)).await
+}
+
+/// The same with another rate, which may change.
+pub(crate) async fn tcp_with_rate(state: Arc<ServerState>, rate: Rate, rtt_ms: u64) -> (StreamEnd, TcpWire) {
+    tcp_over(state, LinkSettings { rate, ..link(1, rtt_ms, IP_TCP_BYTES) }).await
+}
+
+async fn tcp_over(state: Arc<ServerState>, settings: LinkSettings) -> (StreamEnd, TcpWire) {
     let clock = VirtualClock::start();
-    let settings = link(rate_bits_per_s, rtt_ms, IP_TCP_BYTES);
     let Opening { client, server, client_ready_ns, server_ready_ns, counters } =
         stream_pipe::open(clock, settings.clone(), settings, 1).unwrap();
     tokio::spawn(async move {

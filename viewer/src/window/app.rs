@@ -1,11 +1,10 @@
 //! The application: events in, frames out.
 
-use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use lodestream_client::net::Retry;
-use lodestream_client::streaming::{Controls, Streaming};
+use lodestream_client::streaming::{Controls, Status, Streaming};
 use lodestream_render::{Counters, Pose, SceneView, Settings};
 use winit::application::ApplicationHandler;
 use winit::dpi::{LogicalSize, PhysicalPosition};
@@ -14,16 +13,22 @@ use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoopProxy, OwnedDispl
 use winit::keyboard::{KeyCode, PhysicalKey};
 use winit::window::{Window, WindowId};
 
-use super::camera::{Mode, Push, Rig};
+use super::camera::{Mode, Rig};
+use super::film::Film;
+use super::keys::Keys;
 use super::news::News;
-use super::overlay::{self, Choices, Facts};
-use super::painter::{Painted, Painter};
+use super::overlay::{self, Choices, Facts, State};
+use super::painter::{self, Painted, Painter};
 use super::steps::{self, Steps};
 use crate::args::Args;
+use crate::frames::Shown;
+use crate::outcome::{Outcome, lacks};
 use crate::run::{core_config, settings, tell_figures};
 
 /// Bytes uploaded per frame, so that a burst of chunks does not make it late.
 const UPLOAD_BYTES: usize = 8 << 20;
+/// Steps that are taken from the streaming thread before they are uploaded, at most.
+const MAX_WAITING_STEPS: usize = 16;
 /// Time between two pictures of the overlay while nothing else changes.
 const OVERLAY_INTERVAL: Duration = Duration::from_millis(250);
 
@@ -37,64 +42,89 @@ struct Running {
     adapter: String,
     settings: Settings,
     choices: Choices,
-    keys: BTreeSet<KeyCode>,
+    keys: Keys,
     button: Option<MouseButton>,
     pointer: PhysicalPosition<f64>,
     drawn: Option<Instant>,
-    moved: Instant,
     counters: Counters,
     frame_ms: f64,
     fps: f64,
     /// (moment, bytes) at the beginning of the interval over which throughput is measured.
     window_start: (Instant, u64),
     bits_per_s: f64,
-    presented: Option<Duration>,
+    shown: Shown,
+    film: Film,
+    /// When the window said last what it waits for, before there was a scene in it.
+    waiting: Option<Instant>,
+    state: State,
+    /// Whether it was said that the picture is incomplete.
+    told_incomplete: bool,
+}
+
+/// What comes from other threads.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Event {
+    /// The streaming thread has something, or a tile of the terrain was made.
+    News,
+    /// A signal of this number asks for the end.
+    End(u8),
 }
 
 /// The application.
 pub(super) struct App {
     args: Args,
-    proxy: EventLoopProxy<()>,
+    proxy: EventLoopProxy<Event>,
     display: OwnedDisplayHandle,
     running: Option<Running>,
+    outcome: Outcome,
     error: Option<anyhow::Error>,
 }
 
 impl App {
-    pub(super) fn new(args: Args, proxy: EventLoopProxy<()>, display: OwnedDisplayHandle) -> Self {
-        Self { args, proxy, display, running: None, error: None }
+    pub(super) fn new(args: Args, proxy: EventLoopProxy<Event>, display: OwnedDisplayHandle) -> Self {
+        Self { args, proxy, display, running: None, outcome: Outcome::Finished, error: None }
     }
 
     /// After the event loop: writes what is to be written, and says what went wrong.
-    pub(super) fn finish(self) -> anyhow::Result<()> {
+    pub(super) fn finish(self) -> anyhow::Result<Outcome> {
         if let Some(error) = self.error {
             return Err(error);
         }
-        let Some(running) = self.running else { return Ok(()) };
-        tell_figures(&self.args, &running.news.status().stats, running.presented)
+        if let Some(running) = self.running {
+            tell_figures(&self.args, &running.news.status().stats, &running.shown)?;
+            if let Some(folder) = &self.args.frames {
+                running.film.write(&running.painter.gpu, folder, running.state != State::Refining)?;
+            }
+        }
+        Ok(self.outcome)
     }
 
     fn start(&self, events: &ActiveEventLoop) -> anyhow::Result<Running> {
-        let [width, height] = self.args.window.0;
-        let attributes = Window::default_attributes()
-            .with_title(format!("Lodestream – {}", self.args.address))
-            .with_inner_size(winit::dpi::PhysicalSize::new(width, height))
-            .with_min_inner_size(LogicalSize::new(64, 64));
-        let painter = Painter::new(Arc::new(events.create_window(attributes)?), self.display.clone())?;
         let proxy = self.proxy.clone();
+        // First of all: the server answers while the window's device is opened and its pipelines are made.
         let streaming = Streaming::start(
             self.args.address.clone(),
             core_config(&self.args),
             Retry::default(),
             move || {
                 // Fails only once the window is gone.
-                let _ = proxy.send_event(());
+                let _ = proxy.send_event(Event::News);
             },
+        )?;
+        let [width, height] = self.args.window.0;
+        let attributes = Window::default_attributes()
+            .with_title(format!("Lodestream – {}", self.args.address))
+            .with_inner_size(winit::dpi::PhysicalSize::new(width, height))
+            .with_min_inner_size(LogicalSize::new(64, 64));
+        let painter = Painter::new(
+            Arc::new(events.create_window(attributes)?),
+            self.display.clone(),
+            self.args.frames.is_some(),
         )?;
         let settings = settings(&self.args);
         let proxy = self.proxy.clone();
         let scene = SceneView::with_terrain_apart(move || {
-            let _ = proxy.send_event(());
+            let _ = proxy.send_event(Event::News);
         })?;
         let now = Instant::now();
         Ok(Running {
@@ -104,19 +134,25 @@ impl App {
             scene,
             rig: self.args.camera.map(|camera| Rig::new(camera.0)),
             news: News::default(),
-            choices: Choices::new(&settings, self.args.pixel_error.0),
+            choices: Choices {
+                hidden: self.args.no_overlay,
+                ..Choices::new(&settings, self.args.pixel_error.0)
+            },
             settings,
-            keys: BTreeSet::new(),
+            keys: Keys::default(),
             button: None,
             pointer: PhysicalPosition::default(),
             drawn: None,
-            moved: now,
             counters: Counters::default(),
             frame_ms: 0.0,
             fps: 0.0,
             window_start: (now, 0),
             bits_per_s: 0.0,
-            presented: None,
+            shown: Shown::default(),
+            film: Film::default(),
+            waiting: None,
+            state: State::Refining,
+            told_incomplete: false,
         })
     }
 
@@ -127,27 +163,16 @@ impl App {
 }
 
 impl Running {
-    /// Keys that push the camera.
-    fn pushed(&self) -> Push {
-        let axis = |plus: KeyCode, minus: KeyCode| {
-            f64::from(i8::from(self.keys.contains(&plus)) - i8::from(self.keys.contains(&minus)))
-        };
-        [
-            axis(KeyCode::KeyD, KeyCode::KeyA),
-            axis(KeyCode::KeyE, KeyCode::KeyQ),
-            axis(KeyCode::KeyW, KeyCode::KeyS),
-        ]
-    }
-
-    fn is_moving(&self) -> bool {
-        self.rig.is_some() && self.pushed() != [0.0; 3]
+    fn now(&self) -> Duration {
+        self.streaming.clock().now().into()
     }
 
     /// Takes what the streaming thread has; says whether the picture may look different.
     fn receive(&mut self) -> bool {
+        // The status first: what it says is settled lies in the steps taken after it.
         let status = self.streaming.status();
         let mut news = false;
-        while self.scene.waiting() < 16
+        while self.scene.waiting() < MAX_WAITING_STEPS
             && let Some(step) = self.streaming.take()
         {
             self.scene.push(step);
@@ -183,29 +208,59 @@ impl Running {
     /// Draws a frame; says when the next is due.
     fn frame(&mut self, args: &Args) -> anyhow::Result<Duration> {
         let began = Instant::now();
-        let now_s = Duration::from(self.streaming.clock().now()).as_secs_f32();
+        let now_s = self.now().as_secs_f32();
         let painted = steps::run(&mut FrameSteps { running: self, args, began, now_s })?;
-        if let Some(counters) = painted.counters {
-            self.counters = counters;
-            let first = self.news.status().stats.milestones.first_frame;
-            if first.is_some() && self.scene.waiting() == 0 && self.presented.is_none() {
-                self.presented = Some(self.streaming.clock().now().into());
-            }
-        }
         self.frame_ms = began.elapsed().as_secs_f64() * 1e3;
+        let shows = painted.counters.is_some();
+        if let Some(counters) = painted.counters {
+            let (now, whole) = (self.now(), self.scene.is_whole());
+            self.shown.note(now, whole, &counters);
+            if let Some(copy) = painted.copy {
+                self.film.add(now, whole, copy);
+            }
+            self.counters = counters;
+        }
         let morphing = now_s - self.scene.changed_s() <= self.settings.morph_s;
-        if self.is_moving() || morphing || self.scene.waiting() > 0 || self.scene.missing_tiles() > 0 {
+        let rests = !morphing && self.scene.waiting() == 0 && self.scene.missing_tiles() == 0;
+        self.look_at_state(shows && rests && self.shown.presented().is_some());
+        if self.keys.is_pushing() || (shows && !rests) {
             return Ok(Duration::ZERO);
         }
         // Figures change while something is received, and once more when nothing was for a while.
-        let figures = !self.news.status().settled || self.bits_per_s > 0.0 || self.presented.is_none();
+        let figures = self.state == State::Refining || self.bits_per_s > 0.0;
         Ok(if figures { painted.repaint_after.min(OVERLAY_INTERVAL) } else { painted.repaint_after })
+    }
+
+    /// Says how far the picture is. `rests`: the last frame showed all that has come, and it will stay as it is.
+    fn look_at_state(&mut self, rests: bool) {
+        let Status { settled, stats, .. } = self.news.status();
+        self.state = match (settled, stats.lacking_blobs) {
+            (true, _) if rests => State::Settled,
+            (false, 1..) if rests => State::Incomplete,
+            _ => State::Refining,
+        };
+        match self.state {
+            State::Settled => self.shown.note_settled(self.streaming.clock().now().into()),
+            State::Incomplete if !self.told_incomplete => {
+                self.told_incomplete = true;
+                tracing::warn!("{}", lacks(stats.lacking_blobs, &stats.lacking));
+            }
+            State::Incomplete | State::Refining => {}
+        }
     }
 
     /// Draws scene and overlay, and takes what was changed there.
     fn paint(&mut self, args: &Args, now_s: f32) -> anyhow::Result<Painted> {
         let address = args.address.to_string();
-        let message = self.news.message();
+        let shows = self.shown.may_show(self.scene.is_whole(), self.now());
+        if !shows {
+            // What arrives meanwhile changes nothing on the screen, and a frame would keep the first one waiting.
+            if let Some(left) = self.waiting.and_then(|at| OVERLAY_INTERVAL.checked_sub(at.elapsed())) {
+                return Ok(Painted { counters: None, copy: None, repaint_after: left });
+            }
+            self.waiting = Some(Instant::now());
+        }
+        let message = self.news.message().or_else(|| (!shows).then(|| self.loading().into()));
         let facts = Facts {
             adapter: &self.adapter,
             address: &address,
@@ -213,7 +268,8 @@ impl Running {
             frame_ms: self.frame_ms,
             fps: self.fps,
             bits_per_s: self.bits_per_s,
-            presented: self.presented,
+            presented: self.shown.presented(),
+            state: self.state,
             mode: match self.rig.map(|rig| rig.mode) {
                 Some(Mode::Fly) => "fly",
                 _ => "orbit",
@@ -228,12 +284,16 @@ impl Running {
             |rig| rig.pose(),
         );
         let [width, height] = self.painter.size();
-        self.scene.prepare_ground(&self.painter.gpu, &camera, (width, height), self.choices.target_px)?;
+        if shows {
+            self.scene.prepare_ground(&self.painter.gpu, &camera, (width, height), self.choices.target_px)?;
+        }
         let mut choices = self.choices;
         let (stats, scene, settings) = (&self.news.status().stats, &self.scene, self.settings);
         let painted = self.painter.paint(
             |ui| overlay::show(ui, stats, &facts, &mut choices),
-            |draw| scene.with_frame(camera, settings, now_s, |frame| draw(frame)),
+            shows.then_some(|draw: &mut painter::DrawScene<'_>| {
+                scene.with_frame(camera, settings, now_s, |frame| draw(frame))
+            }),
         )?;
         if choices != self.choices {
             self.choices = choices;
@@ -243,19 +303,27 @@ impl Running {
         Ok(painted)
     }
 
+    /// What is said while the first frame is not complete.
+    fn loading(&self) -> String {
+        let stats = &self.news.status().stats;
+        let (here, all) = (stats.counters.drawable_instances, stats.counters.visible_instances);
+        if all == 0 {
+            "waiting for the scene".into()
+        } else {
+            format!("loading: {here} of {all} objects in view")
+        }
+    }
+
     fn key(&mut self, code: KeyCode, pressed: bool) {
-        if !pressed {
-            self.keys.remove(&code);
-            return;
-        }
-        if self.keys.is_empty() {
-            self.moved = Instant::now();
-        }
-        self.keys.insert(code);
-        if let Some(rig) = &mut self.rig {
+        let now = self.now();
+        self.keys.set(now, code, pressed, self.rig.as_mut());
+        if let Some(rig) = &mut self.rig
+            && pressed
+        {
             match code {
                 KeyCode::KeyF => rig.toggle(),
                 KeyCode::KeyR => rig.reset(),
+                KeyCode::KeyH => self.choices.hidden ^= true,
                 _ => {}
             }
         }
@@ -288,7 +356,9 @@ impl Steps for FrameSteps<'_> {
     fn receive(&mut self) -> anyhow::Result<()> {
         let running = &mut *self.running;
         running.receive();
-        running.scene.upload(&running.painter.gpu, &running.painter.renderer, UPLOAD_BYTES, self.now_s)?;
+        // What the first frame needs is little, and is not put off.
+        let budget = if running.scene.is_whole() { UPLOAD_BYTES } else { usize::MAX };
+        running.scene.upload(&running.painter.gpu, &running.painter.renderer, budget, self.now_s)?;
         if running.rig.is_none() {
             running.rig = running.scene.header().map(|header| Rig::new(header.camera));
         }
@@ -297,14 +367,8 @@ impl Steps for FrameSteps<'_> {
 
     fn move_camera(&mut self) {
         let running = &mut *self.running;
-        let (push, fast) = (running.pushed(), running.keys.contains(&KeyCode::ShiftLeft));
-        let seconds = (self.began - running.moved).as_secs_f64().min(0.25);
-        running.moved = self.began;
-        if let Some(rig) = &mut running.rig
-            && push != [0.0; 3]
-        {
-            rig.push(push, fast, seconds);
-        }
+        let now = running.now();
+        running.keys.advance(now, running.rig.as_mut());
         running.measure(self.began);
     }
 
@@ -317,7 +381,7 @@ impl Steps for FrameSteps<'_> {
     }
 }
 
-impl ApplicationHandler<()> for App {
+impl ApplicationHandler<Event> for App {
     fn resumed(&mut self, events: &ActiveEventLoop) {
         if self.running.is_none() {
             match self.start(events) {
@@ -336,12 +400,15 @@ impl ApplicationHandler<()> for App {
         }
     }
 
-    /// The streaming thread has something.
-    fn user_event(&mut self, events: &ActiveEventLoop, (): ()) {
+    fn user_event(&mut self, events: &ActiveEventLoop, event: Event) {
+        if let Event::End(signal) = event {
+            self.outcome = Outcome::Interrupted(signal);
+            return events.exit();
+        }
         let Some(running) = &mut self.running else { return };
         // An idle window draws no frames, in which its time would be looked at.
-        let elapsed: Duration = running.streaming.clock().now().into();
-        if running.receive() || self.args.timeout.is_some_and(|limit| elapsed >= limit.0) {
+        let late = self.args.timeout.is_some_and(|limit| running.now() >= limit.0);
+        if running.receive() || late {
             running.painter.window.request_redraw();
         }
         if let Some(why) = running.news.fatal(running.scene.header().is_some()) {
@@ -371,7 +438,8 @@ impl ApplicationHandler<()> for App {
                 }
             }
             WindowEvent::Focused(false) => {
-                running.keys.clear();
+                let now = running.now();
+                running.keys.release(now, running.rig.as_mut());
                 running.button = None;
             }
             WindowEvent::MouseInput { state, button, .. } => {
@@ -389,25 +457,24 @@ impl ApplicationHandler<()> for App {
                 }
             }
             WindowEvent::RedrawRequested => {
-                let done = match running.frame(&self.args) {
+                match running.frame(&self.args) {
+                    Ok(wait) if wait.is_zero() => {
+                        running.painter.window.request_redraw();
+                        events.set_control_flow(ControlFlow::Wait);
+                    }
                     Ok(wait) => {
-                        if wait.is_zero() {
-                            running.painter.window.request_redraw();
-                            events.set_control_flow(ControlFlow::Wait);
-                        } else {
-                            let until = Instant::now().checked_add(wait);
-                            events.set_control_flow(until.map_or(ControlFlow::Wait, ControlFlow::WaitUntil));
-                        }
-                        let elapsed: Duration = running.streaming.clock().now().into();
-                        let settled = running.news.status().settled
-                            && running.presented.is_some()
-                            && running.scene.waiting() == 0;
-                        (self.args.exit_when_settled && settled)
-                            || self.args.timeout.is_some_and(|limit| elapsed >= limit.0)
+                        let until = Instant::now().checked_add(wait);
+                        events.set_control_flow(until.map_or(ControlFlow::Wait, ControlFlow::WaitUntil));
                     }
                     Err(why) => return self.fail(events, why),
-                };
-                if done {
+                }
+                if self.args.exit_when_settled && running.state != State::Refining {
+                    if running.state == State::Incomplete {
+                        self.outcome = Outcome::Incomplete;
+                    }
+                    events.exit();
+                }
+                if self.args.timeout.is_some_and(|limit| running.now() >= limit.0) {
                     events.exit();
                 }
             }

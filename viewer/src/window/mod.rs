@@ -2,6 +2,8 @@
 
 mod app;
 mod camera;
+mod film;
+mod keys;
 mod news;
 mod overlay;
 mod painter;
@@ -11,13 +13,16 @@ use anyhow::{Context, anyhow};
 use winit::event_loop::EventLoop;
 
 use crate::args::Args;
+use crate::outcome::Outcome;
+use crate::signals;
+use app::Event;
 
 /// Runs the viewer in a window until it is closed.
 ///
 /// # Errors
 /// One line that says what went wrong and what to do.
-pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
-    let events = EventLoop::<()>::with_user_event().build().map_err(|why| {
+pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let events = EventLoop::<Event>::with_user_event().build().map_err(|why| {
         // What the window system says names its own source files; for people that is noise.
         tracing::debug!("{why}");
         anyhow!(
@@ -25,6 +30,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
              apt-get install libx11-xcb1 libxcursor1 libxi6 libxkbcommon-x11-0); \
              without a display, add --headless --output FILE.png"
         )
+    })?;
+    let proxy = events.create_proxy();
+    signals::on_end(move |signal| {
+        // Fails only once the window is gone.
+        let _ = proxy.send_event(Event::End(signal));
     })?;
     let mut app = app::App::new(args.clone(), events.create_proxy(), events.owned_display_handle());
     events.run_app(&mut app).context("the window system failed")?;

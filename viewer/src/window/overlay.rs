@@ -5,6 +5,8 @@ use std::time::Duration;
 use lodestream_client::core::Stats;
 use lodestream_render::{AmbientOcclusion, Counters, Settings, Shade};
 
+use crate::outcome::lacks;
+
 /// What the user may change.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Choices {
@@ -12,6 +14,8 @@ pub(super) struct Choices {
     pub(super) target_px: f32,
     /// The selection stays with the view of the moment it was frozen.
     pub(super) frozen: bool,
+    /// Messages alone are shown.
+    pub(super) hidden: bool,
     pub(super) wireframe: bool,
     pub(super) by_level: bool,
     pub(super) occlusion: bool,
@@ -23,6 +27,7 @@ impl Choices {
         Self {
             target_px,
             frozen: false,
+            hidden: false,
             wireframe: settings.wireframe,
             by_level: settings.shade == Shade::Level,
             occlusion: settings.occlusion.is_some(),
@@ -38,6 +43,18 @@ impl Choices {
     }
 }
 
+/// How far the picture is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum State {
+    /// It will change.
+    #[default]
+    Refining,
+    /// It is as sharp as asked for and will stay as it is.
+    Settled,
+    /// It will stay as it is, but lacks something that does not come.
+    Incomplete,
+}
+
 /// What is shown and not part of [`Stats`].
 #[derive(Clone, Debug, Default)]
 pub(super) struct Facts<'a> {
@@ -48,6 +65,7 @@ pub(super) struct Facts<'a> {
     pub(super) fps: f64,
     pub(super) bits_per_s: f64,
     pub(super) presented: Option<Duration>,
+    pub(super) state: State,
     pub(super) mode: &'static str,
     pub(super) camera: String,
     pub(super) draw: Counters,
@@ -67,6 +85,9 @@ pub(super) fn show(ui: &mut egui::Ui, stats: &Stats, facts: &Facts<'_>, choices:
                 });
             },
         );
+    }
+    if choices.hidden {
+        return;
     }
     let frame = egui::Frame::window(&context.global_style()).multiply_with_opacity(0.8);
     let window = egui::Window::new("Lodestream").default_pos([8.0, 8.0]).resizable(false).frame(frame);
@@ -96,7 +117,7 @@ pub(super) fn show(ui: &mut egui::Ui, stats: &Stats, facts: &Facts<'_>, choices:
             ui.checkbox(&mut choices.relief, "relief");
         });
         ui.separator();
-        ui.small("drag: turn · right drag: pan · wheel: nearer · F: fly or orbit · WASD QE: move · R: reset");
+        ui.small("drag: turn · right drag: pan · wheel: nearer · F: fly or orbit · WASD QE: move · R: reset · H: hide this");
     });
 }
 
@@ -106,10 +127,10 @@ fn rows(stats: &Stats, facts: &Facts<'_>) -> Vec<(&'static str, String)> {
     let px = |px: f64| if px.is_finite() { format!("{px:.2} px") } else { "–".into() };
     let first = stats.milestones.first_frame;
     let one_px = stats.milestones.quality[2];
-    let state = match stats.lacking_blobs {
-        0 if stats.settled => "settled".to_owned(),
-        0 => "refining".to_owned(),
-        lacking => format!("lacks {lacking} blobs that are damaged or refused"),
+    let state = match facts.state {
+        State::Settled => "settled".to_owned(),
+        State::Refining => "refining".to_owned(),
+        State::Incomplete => lacks(stats.lacking_blobs, &stats.lacking),
     };
     vec![
         ("scene", format!("{} ({}/{} instances)", stats.scene, stats.instances, stats.scene_instances)),

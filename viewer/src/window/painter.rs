@@ -7,7 +7,7 @@ use winit::dpi::PhysicalSize;
 use winit::event_loop::OwnedDisplayHandle;
 use winit::window::Window;
 
-use lodestream_render::{Counters, Frame, Gpu, Renderer, Target};
+use lodestream_render::{Counters, EMPTY_WINDOW, Frame, Gpu, Renderer, Target, TargetCopy};
 
 /// A window's surface and what draws into it.
 pub(super) struct Painter {
@@ -18,18 +18,30 @@ pub(super) struct Painter {
     config: wgpu::SurfaceConfiguration,
     input: egui_winit::State,
     overlay: egui_wgpu::Renderer,
+    /// Whether frames are copied for [`Painted::copy`].
+    copies: bool,
 }
+
+/// Draws a scene's frame into the window.
+pub(super) type DrawScene<'a> = dyn FnMut(&Frame<'_>) -> anyhow::Result<Counters> + 'a;
 
 /// What came of a frame.
 pub(super) struct Painted {
-    /// Counters of the scene's passes; `None` if no frame could be shown.
+    /// Counters of the scene's passes; `None` if no frame with the scene was shown.
     pub(super) counters: Option<Counters>,
+    /// What was shown, where it is to be kept.
+    pub(super) copy: Option<TargetCopy>,
     /// When the overlay wants to be drawn again.
     pub(super) repaint_after: std::time::Duration,
 }
 
 impl Painter {
-    pub(super) fn new(window: Arc<Window>, display: OwnedDisplayHandle) -> anyhow::Result<Self> {
+    /// `copies`: frames are to be kept.
+    pub(super) fn new(
+        window: Arc<Window>,
+        display: OwnedDisplayHandle,
+        copies: bool,
+    ) -> anyhow::Result<Self> {
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
             backends: wgpu::Backends::from_env().unwrap_or(wgpu::Backends::PRIMARY),
             flags: wgpu::InstanceFlags::empty(),
@@ -46,12 +58,19 @@ impl Painter {
         let plain = capabilities.formats.iter().copied().find(|f| !f.is_srgb());
         config.format = plain.unwrap_or(config.format);
         config.present_mode = wgpu::PresentMode::AutoVsync;
+        if copies {
+            anyhow::ensure!(
+                capabilities.usages.contains(wgpu::TextureUsages::COPY_SRC),
+                "this window's frames cannot be kept: its surface cannot be copied from"
+            );
+            config.usage |= wgpu::TextureUsages::COPY_SRC;
+        }
         surface.configure(&gpu.device, &config);
         let renderer = Renderer::new(&gpu, config.format)?;
         let context = egui::Context::default();
         let input = egui_winit::State::new(context, egui::ViewportId::ROOT, &window, None, None, None);
         let overlay = egui_wgpu::Renderer::new(&gpu.device, config.format, Default::default());
-        Ok(Self { window, gpu, renderer, surface, config, input, overlay })
+        Ok(Self { window, gpu, renderer, surface, config, input, overlay, copies })
     }
 
     /// Width and height in pixels.
@@ -74,11 +93,11 @@ impl Painter {
         (response.consumed, response.repaint)
     }
 
-    /// Draws the scene and the overlay over it.
+    /// Draws the scene, if there is one, and the overlay over it.
     pub(super) fn paint(
         &mut self,
         overlay: impl FnMut(&mut egui::Ui),
-        scene: impl FnOnce(&mut dyn FnMut(&Frame<'_>) -> anyhow::Result<Counters>) -> anyhow::Result<Counters>,
+        scene: Option<impl FnOnce(&mut DrawScene<'_>) -> anyhow::Result<Counters>>,
     ) -> anyhow::Result<Painted> {
         let raw = self.input.take_egui_input(&self.window);
         let context = self.input.egui_ctx().clone();
@@ -99,16 +118,21 @@ impl Painter {
                 self.overlay.update_texture(device, queue, *id, delta);
             }
         }
+        let mut copy = None;
         let counters = match self.surface.get_current_texture() {
             wgpu::CurrentSurfaceTexture::Success(frame) | wgpu::CurrentSurfaceTexture::Suboptimal(frame) => {
                 let view = frame.texture.create_view(&Default::default());
                 let mut encoder = device.create_command_encoder(&Default::default());
                 let size = (self.config.width, self.config.height);
-                let counters = {
-                    let (gpu, renderer) = (&self.gpu, &mut self.renderer);
-                    scene(&mut |f| {
-                        Ok(renderer.record(gpu, &mut encoder, &Target::colour(&view, size), f)?)
-                    })?
+                let (gpu, renderer) = (&self.gpu, &mut self.renderer);
+                let mut record = |frame: &Frame<'_>| {
+                    Ok(renderer.record(gpu, &mut encoder, &Target::colour(&view, size), frame)?)
+                };
+                let counters = scene.map(|scene| scene(&mut record)).transpose()?;
+                let load = if counters.is_some() {
+                    wgpu::LoadOp::Load
+                } else {
+                    wgpu::LoadOp::Clear(nothing(self.config.format))
                 };
                 let screen = egui_wgpu::ScreenDescriptor {
                     size_in_pixels: self.size(),
@@ -123,7 +147,7 @@ impl Painter {
                             view: &view,
                             depth_slice: None,
                             resolve_target: None,
-                            ops: wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store },
+                            ops: wgpu::Operations { load, store: wgpu::StoreOp::Store },
                         })],
                         depth_stencil_attachment: None,
                         timestamp_writes: None,
@@ -132,10 +156,13 @@ impl Painter {
                     });
                     self.overlay.render(&mut pass.forget_lifetime(), &jobs, &screen);
                 }
+                if self.copies && counters.is_some() {
+                    copy = Some(TargetCopy::record(&self.gpu, &mut encoder, &frame.texture)?);
+                }
                 queue.submit(first.into_iter().chain([encoder.finish()]));
                 self.window.pre_present_notify();
                 queue.present(frame);
-                Some(counters)
+                counters
             }
             wgpu::CurrentSurfaceTexture::Outdated | wgpu::CurrentSurfaceTexture::Lost => {
                 self.surface.configure(device, &self.config);
@@ -148,6 +175,16 @@ impl Painter {
         for id in &old_textures {
             self.overlay.free_texture(id);
         }
-        Ok(Painted { counters, repaint_after })
+        Ok(Painted { counters, copy, repaint_after })
     }
+}
+
+/// [`EMPTY_WINDOW`] as it is given to a target of this format.
+fn nothing(format: wgpu::TextureFormat) -> wgpu::Color {
+    let [r, g, b] = EMPTY_WINDOW.map(|value| {
+        let encoded = f64::from(value) / 255.0;
+        // The sRGB curve (IEC 61966-2-1).
+        if format.is_srgb() { ((encoded + 0.055) / 1.055).powf(2.4) } else { encoded }
+    });
+    wgpu::Color { r, g, b, a: 1.0 }
 }

@@ -69,6 +69,7 @@ impl ClientCore {
         tracing::warn!("{id} cannot be used{}: {why}", if again { ", asking again" } else { "" });
         self.not_here(now, id);
         self.set_state(id, State::Failed);
+        self.stale = true;
     }
 
     /// The server says what cannot be: asking again does not help.

@@ -68,6 +68,7 @@ impl ClientCore {
             self.cache = BlobCache::new(self.config.cache_bytes);
             self.failures = Failures::default();
             self.wanted.clear();
+            self.failed.clear();
             // What has arrived and was not looked at yet is the old scene's: the session tells of nothing before this.
             self.arrived.clear();
         }

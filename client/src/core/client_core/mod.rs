@@ -25,7 +25,7 @@ use super::config::{Config, StartView};
 use super::failures::Failures;
 use super::milestones::Milestones;
 use super::scene::Scene;
-use super::stats::{Connection, Received, Stats};
+use super::stats::{Connection, MAX_LACKING, Received, Stats};
 use arrivals::Arrived;
 
 /// What [`ClientCore::update`] leaves.
@@ -58,6 +58,8 @@ pub struct ClientCore {
     view: Option<View>,
     /// The last selection's list, states kept up to date.
     pub(super) wanted: Vec<Wanted>,
+    /// What the view needs and failed, as of the last selection.
+    failed: Vec<BlobId>,
     /// Whether something happened that the last selection did not see.
     stale: bool,
     /// Whether the view lacks no listed points of the terrain.
@@ -107,6 +109,7 @@ impl ClientCore {
             received: BTreeMap::new(),
             view,
             wanted: Vec::new(),
+            failed: Vec::new(),
             stale: false,
             terrain_settled: true,
             selected: None,
@@ -244,6 +247,12 @@ impl ClientCore {
         self.session.is_some() && self.welcome.is_some() && self.closed.is_none()
     }
 
+    /// For how long the server has been silent, if that is longer than an answer takes ([`ClientSession::silence`]).
+    #[must_use]
+    pub fn silence(&self, now: Time) -> Option<Duration> {
+        self.session.as_ref()?.silence(now)
+    }
+
     /// Why the session ended, once it has and all its messages are sent.
     #[must_use]
     pub fn closed(&self) -> Option<&Close> {
@@ -289,14 +298,17 @@ impl ClientCore {
     /// Whether the picture is as sharp as target and budgets allow, and nothing is under way or lacking.
     #[must_use]
     pub fn is_settled(&self) -> bool {
-        self.nothing_under_way() && self.failures.lacking() == 0
+        self.nothing_under_way() && self.lacking().next().is_none()
     }
 
-    /// Blobs without which the picture stays coarser than it might be, once everything else is here: they came damaged
-    /// or the server refuses them, time and again. 0 while anything else is under way.
-    #[must_use]
-    pub fn lacking_blobs(&self) -> usize {
-        if self.nothing_under_way() { self.failures.lacking() } else { 0 }
+    /// Blobs without which the view stays coarser than it might be, once everything else is here: they came damaged
+    /// or the server refuses them, time and again. None while anything else is under way.
+    pub fn lacking_blobs(&self) -> impl Iterator<Item = BlobId> {
+        self.nothing_under_way().then(|| self.lacking()).into_iter().flatten()
+    }
+
+    fn lacking(&self) -> impl Iterator<Item = BlobId> {
+        self.failed.iter().copied().filter(|id| self.failures.is_lacking(*id))
     }
 
     fn nothing_under_way(&self) -> bool {
@@ -305,7 +317,7 @@ impl ClientCore {
             && self.counters().settled
             && self.terrain_settled
             && self.arrived.is_empty()
-            && !self.failures.hopeful()
+            && !self.failed.iter().any(|id| self.failures.is_hopeful(*id))
     }
 
     /// Counters of the last selection.
@@ -382,7 +394,8 @@ impl ClientCore {
             selections: self.counts.selections,
             connections: self.counts.connections,
             settled: self.is_settled(),
-            lacking_blobs: self.lacking_blobs() as u64,
+            lacking_blobs: self.lacking_blobs().count() as u64,
+            lacking: self.lacking_blobs().take(MAX_LACKING).collect(),
             settled_after: self.counts.settled_after,
             ..Stats::default()
         };

@@ -5,6 +5,7 @@ use lodestream_protocol::select::State;
 use lodestream_protocol::time::Time;
 
 use super::{ClientCore, Progress};
+use crate::core::milestones::is_drawable;
 
 /// Cost of handling a blob, beside its bytes, in units of [`ClientCore::update`]'s budget.
 const BLOB_COST: u64 = 256;
@@ -62,10 +63,16 @@ impl ClientCore {
         let selection = self.selector.select(&view, &self.scene.instances, &self.scene.states);
         let (counters, cancel, undo) = (selection.counters, selection.cancel.clone(), selection.undo.clone());
         self.wanted.clone_from(&selection.wanted);
-        self.terrain_settled = self.scene.terrain.as_ref().is_none_or(|t| t.want(&view, &mut self.wanted));
+        self.failed.clone_from(&selection.failed);
+        let terrain = self.scene.terrain.as_ref();
+        self.terrain_settled =
+            terrain.is_none_or(|terrain| terrain.want(&view, &mut self.wanted, &mut self.failed));
         let all_known = self.scene.is_complete() || self.bases_sent;
         let started = self.started.unwrap_or(now);
         self.milestones.note(started, now, self.received_bytes(), all_known, &counters);
+        if self.config.track_changes && is_drawable(all_known, &counters) {
+            self.scene.note_first_frame();
+        }
         for id in undo {
             self.undo(now, id);
         }

@@ -1,0 +1,94 @@
+//! The viewer's program in a window of a virtual X server.
+
+use std::io::{BufRead as _, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+/// Bound on a run; far above what one takes on a busy machine without a GPU.
+pub(crate) const RUN_LIMIT: Duration = Duration::from_secs(240);
+
+/// An X server without a screen, on a display of its own.
+pub(crate) struct Display {
+    server: Child,
+    name: String,
+}
+
+impl Display {
+    pub(crate) fn start() -> Self {
+        let mut server = Command::new("Xvfb")
+            .args(["-displayfd", "1", "-screen", "0", "800x600x24", "-nolisten", "tcp"])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect(
+                "these tests need Xvfb (Debian and Ubuntu: apt-get install xvfb), or LODESTREAM_SKIP_GPU=1",
+            );
+        let mut number = String::new();
+        BufReader::new(server.stdout.take().unwrap()).read_line(&mut number).unwrap();
+        assert!(!number.trim().is_empty(), "Xvfb has ended");
+        Self { server, name: format!(":{}", number.trim()) }
+    }
+}
+
+impl Drop for Display {
+    fn drop(&mut self) {
+        let _ = self.server.kill();
+        let _ = self.server.wait();
+    }
+}
+
+/// The program: cargo builds it beside these tests when it tests the whole workspace.
+fn program() -> PathBuf {
+    let tests = std::env::current_exe().unwrap();
+    let folder = tests.parent().and_then(Path::parent).unwrap();
+    let program = folder.join("lodestream-viewer").with_extension(std::env::consts::EXE_EXTENSION);
+    assert!(program.exists(), "{} is missing: run cargo build -p lodestream-viewer", program.display());
+    program
+}
+
+/// A running viewer.
+pub(crate) struct Window {
+    child: Child,
+    _display: Display,
+}
+
+impl Window {
+    /// Opens a small window on a display of its own. What it logs is what it logs for anybody.
+    pub(crate) fn open(address: &str, arguments: &[&str]) -> Self {
+        let display = Display::start();
+        let child = Command::new(program())
+            .args([address, "--window", "320x180"])
+            .args(arguments)
+            .env("DISPLAY", &display.name)
+            .env_remove("WAYLAND_DISPLAY")
+            .env_remove("XDG_RUNTIME_DIR")
+            .env_remove("RUST_LOG")
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        Self { child, _display: display }
+    }
+
+    /// Sends SIGTERM.
+    #[cfg(unix)]
+    pub(crate) fn terminate(&self) {
+        let id = self.child.id().to_string();
+        assert!(Command::new("kill").args(["-TERM", &id]).status().unwrap().success());
+    }
+
+    /// Waits until it has ended by itself.
+    pub(crate) fn end(mut self) -> Output {
+        let until = Instant::now() + RUN_LIMIT;
+        while self.child.try_wait().unwrap().is_none() {
+            if Instant::now() > until {
+                self.child.kill().unwrap();
+                let output = self.child.wait_with_output().unwrap();
+                panic!("the window did not end: {}", String::from_utf8_lossy(&output.stderr));
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        self.child.wait_with_output().unwrap()
+    }
+}

@@ -1,0 +1,100 @@
+//! The frames that were shown, and whether the first of them may be.
+
+use std::time::Duration;
+
+use lodestream_render::Counters;
+use serde::Serialize;
+
+/// On links so slow that the first frame takes longer, what is here of it is shown meanwhile.
+const HOLD_BACK: Duration = Duration::from_secs(2);
+/// Frames are kept for so long after the connect call, and so many.
+const KEPT_FOR: Duration = Duration::from_secs(10);
+const MAX_KEPT: usize = 1000;
+
+/// A frame that was shown.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub(crate) struct ShownFrame {
+    /// When it was handed to the screen (headless: drawn), in milliseconds after the connect call.
+    pub(crate) at_ms: f64,
+    /// Whether it held everything of the first frame.
+    pub(crate) whole: bool,
+    /// Instances drawn: with a camera that rests they never become fewer.
+    pub(crate) instances: u32,
+    /// Triangles drawn.
+    pub(crate) triangles: u64,
+}
+
+/// What was shown when.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Shown {
+    began: bool,
+    presented: Option<Duration>,
+    settled: Option<Duration>,
+    frames: Vec<ShownFrame>,
+}
+
+impl Shown {
+    /// Whether the scene may be shown: all that the first frame means is there, or nobody shall wait for it any longer.
+    pub(crate) fn may_show(&mut self, whole: bool, now: Duration) -> bool {
+        self.began |= whole || now >= HOLD_BACK;
+        self.began
+    }
+
+    /// Notes a frame with the scene in it.
+    pub(crate) fn note(&mut self, now: Duration, whole: bool, drawn: &Counters) {
+        if whole {
+            self.presented.get_or_insert(now);
+        }
+        if now <= KEPT_FOR && self.frames.len() < MAX_KEPT {
+            let &Counters { instances, triangles, .. } = drawn;
+            self.frames.push(ShownFrame { at_ms: now.as_secs_f64() * 1e3, whole, instances, triangles });
+        }
+    }
+
+    /// Notes that the picture of the last frame will not change by itself.
+    pub(crate) fn note_settled(&mut self, now: Duration) {
+        self.settled.get_or_insert(now);
+    }
+
+    /// When the first frame was shown that held everything.
+    pub(crate) const fn presented(&self) -> Option<Duration> {
+        self.presented
+    }
+
+    /// When the settled picture was shown first.
+    pub(crate) const fn settled(&self) -> Option<Duration> {
+        self.settled
+    }
+
+    /// The frames of the first seconds.
+    pub(crate) fn frames(&self) -> &[ShownFrame] {
+        &self.frames
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_is_shown_before_all_of_the_first_frame_is_there() {
+        let mut shown = Shown::default();
+        let ms = Duration::from_millis;
+        assert!(!shown.may_show(false, ms(100)) && !shown.may_show(false, ms(1999)));
+        assert!(shown.may_show(true, ms(300)));
+        assert!(shown.may_show(false, ms(400)), "a scene that begins anew is shown as it comes");
+        shown.note(ms(450), true, &Counters::default());
+        shown.note(ms(500), true, &Counters::default());
+        assert_eq!((shown.presented(), shown.frames().len()), (Some(ms(450)), 2));
+    }
+
+    #[test]
+    fn on_a_slow_link_what_is_there_is_shown_and_not_called_presented() {
+        let mut shown = Shown::default();
+        assert!(shown.may_show(false, HOLD_BACK));
+        shown.note(HOLD_BACK, false, &Counters::default());
+        assert_eq!(shown.presented(), None);
+        shown.note(2 * HOLD_BACK, true, &Counters::default());
+        assert_eq!(shown.presented(), Some(2 * HOLD_BACK));
+    }
+}

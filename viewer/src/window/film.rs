@@ -1,0 +1,77 @@
+//! Pictures of the frames that were shown, for `--frames`.
+
+use std::path::Path;
+use std::time::Duration;
+
+use anyhow::Context as _;
+use lodestream_render::{Gpu, TargetCopy};
+use serde::Serialize;
+
+/// Frames are kept for so long after the connect call, at this distance at least: 3 s at 30 frames a second.
+const KEPT_FOR: Duration = Duration::from_secs(3);
+const LEAST_DISTANCE: Duration = Duration::from_millis(33);
+
+/// A kept frame.
+#[derive(Debug)]
+struct Kept {
+    at: Duration,
+    whole: bool,
+    copy: TargetCopy,
+}
+
+/// The frames kept so far. They stay in the device's memory until the end, so that keeping them costs a copy.
+#[derive(Debug, Default)]
+pub(super) struct Film {
+    first: Vec<Kept>,
+    /// The last frame of all.
+    last: Option<Kept>,
+}
+
+/// What `frames.json` says of a frame.
+#[derive(Debug, Serialize)]
+struct Entry {
+    at_ms: f64,
+    whole: bool,
+    file: String,
+}
+
+/// `frames.json`.
+#[derive(Debug, Serialize)]
+struct Index {
+    /// Until when frames were kept, in milliseconds after the connect call.
+    until_ms: f64,
+    /// Whether the last frame will not change by itself: it is settled, or as good as it will be.
+    settled: bool,
+    /// The frames, the last of which is the run's last.
+    frames: Vec<Entry>,
+}
+
+impl Film {
+    /// Whether it is worth copying a frame that is shown `now`: the first seconds' and any that may be the last.
+    pub(super) fn add(&mut self, at: Duration, whole: bool, copy: TargetCopy) {
+        if let Some(last) = self.last.replace(Kept { at, whole, copy })
+            && last.at <= KEPT_FOR
+            && self.first.last().is_none_or(|before| last.at >= before.at + LEAST_DISTANCE)
+        {
+            self.first.push(last);
+        }
+    }
+
+    /// Writes all pictures and `frames.json` into a folder, which is created where it is missing.
+    pub(super) fn write(self, gpu: &Gpu, folder: &Path, settled: bool) -> anyhow::Result<()> {
+        let fail = |path: &Path| format!("cannot write {}", path.display());
+        std::fs::create_dir_all(folder).with_context(|| fail(folder))?;
+        let mut frames = Vec::new();
+        for (number, Kept { at, whole, copy }) in (1..).zip(self.first.into_iter().chain(self.last)) {
+            let file = format!("frame-{number:04}.png");
+            let path = folder.join(&file);
+            copy.picture(gpu)?.save(&path).with_context(|| fail(&path))?;
+            frames.push(Entry { at_ms: at.as_secs_f64() * 1e3, whole, file });
+        }
+        let index = Index { until_ms: KEPT_FOR.as_secs_f64() * 1e3, settled, frames };
+        let path = folder.join("frames.json");
+        let mut json = serde_json::to_string_pretty(&index)?;
+        json.push('\n');
+        std::fs::write(&path, json).with_context(|| fail(&path))
+    }
+}

@@ -1,0 +1,99 @@
+//! Keys that are held, and how far they push the camera: by real time, whatever a frame takes.
+
+use std::collections::BTreeSet;
+use std::time::Duration;
+
+use winit::keyboard::KeyCode;
+
+use super::camera::{Push, Rig};
+
+/// The keys that are held.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Keys {
+    held: BTreeSet<KeyCode>,
+    /// Until when the camera was moved.
+    until: Duration,
+}
+
+impl Keys {
+    fn push(&self) -> Push {
+        let axis = |plus: KeyCode, minus: KeyCode| {
+            f64::from(i8::from(self.held.contains(&plus)) - i8::from(self.held.contains(&minus)))
+        };
+        [
+            axis(KeyCode::KeyD, KeyCode::KeyA),
+            axis(KeyCode::KeyE, KeyCode::KeyQ),
+            axis(KeyCode::KeyW, KeyCode::KeyS),
+        ]
+    }
+
+    /// Whether the camera is pushed.
+    pub(super) fn is_pushing(&self) -> bool {
+        self.push() != [0.0; 3]
+    }
+
+    /// Moves the camera up to `now`, for all the time since it was moved last.
+    pub(super) fn advance(&mut self, now: Duration, rig: Option<&mut Rig>) {
+        let seconds = now.saturating_sub(self.until).as_secs_f64();
+        self.until = now.max(self.until);
+        if let Some(rig) = rig
+            && self.is_pushing()
+        {
+            rig.push(self.push(), self.held.contains(&KeyCode::ShiftLeft), seconds);
+        }
+    }
+
+    /// A key went down or up, at `now`: what was held until then has moved the camera until then.
+    pub(super) fn set(&mut self, now: Duration, code: KeyCode, pressed: bool, rig: Option<&mut Rig>) {
+        self.advance(now, rig);
+        if pressed {
+            self.held.insert(code);
+        } else {
+            self.held.remove(&code);
+        }
+    }
+
+    /// All keys are let go of: the window lost them.
+    pub(super) fn release(&mut self, now: Duration, rig: Option<&mut Rig>) {
+        self.advance(now, rig);
+        self.held.clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lodestream_protocol::scene::Camera;
+
+    /// Where a key that is held from 1 s to 9 s takes the camera, with frames every `frame_ms`.
+    fn flown(frame_ms: u64) -> glam::DVec3 {
+        let camera = Camera { eye: [0.0, 0.0, 10.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov_y: 1.0 };
+        let (mut rig, mut keys) = (Rig::new(camera), Keys::default());
+        let (down, up) = (Duration::from_secs(1), Duration::from_secs(9));
+        let (mut pressed, mut released) = (false, false);
+        for frame in 0..=12_000 / frame_ms {
+            let now = Duration::from_millis(frame * frame_ms);
+            if !pressed && now >= down {
+                keys.set(down, KeyCode::KeyW, true, Some(&mut rig));
+                pressed = true;
+            }
+            if !released && now >= up {
+                keys.set(up, KeyCode::KeyW, false, Some(&mut rig));
+                released = true;
+            }
+            keys.advance(now, Some(&mut rig));
+        }
+        rig.pose().eye
+    }
+
+    /// A frame counted for a quarter of a second at most: where each took two, eight seconds of flight were one.
+    #[test]
+    fn the_camera_flies_as_far_whatever_a_frame_takes() {
+        let smooth = flown(10);
+        // Half the first distance a second, forward.
+        assert!((smooth - glam::DVec3::new(0.0, 0.0, 10.0 - 40.0)).length() < 1e-9, "{smooth}");
+        for frame_ms in [16, 333, 2000, 4000] {
+            assert!((flown(frame_ms) - smooth).length() < 1e-9, "{frame_ms} ms a frame");
+        }
+    }
+}
