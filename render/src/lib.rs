@@ -62,8 +62,8 @@ pub use material::Material;
 pub use readback::TargetCopy;
 pub use renderer::Renderer;
 pub use scene::{
-    AmbientOcclusion, Drawable, Environment, Frame, MAX_RELIEF_STEPS, MAX_SAMPLES, OcclusionRadius, Settings,
-    Shade,
+    AmbientOcclusion, Drawable, Environment, Frame, MAX_RELIEF_STEPS, MAX_SAMPLES, MIN_RENDER_SCALE,
+    OcclusionRadius, Settings, Shade,
 };
 #[cfg(feature = "client")]
 pub use scene_view::SceneView;

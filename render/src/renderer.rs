@@ -14,7 +14,7 @@ use super::graph::{self, Needs, PassId, Resource};
 use super::instance::InstanceRaw;
 use super::material::{Material, MaterialKit};
 use super::pipelines::Pipelines;
-use super::scene::Frame;
+use super::scene::{Frame, MIN_RENDER_SCALE};
 use super::target::{Load, Target};
 use super::targets::Targets;
 use super::terrain::{TerrainGpu, TerrainLook, TerrainPipelines, TileList, TileRaw};
@@ -119,7 +119,7 @@ impl Renderer {
         frame: &Frame<'_>,
     ) -> Result<Counters, RenderError> {
         target.check(self.target_format)?;
-        let (size, mut counters) = (target.size, Counters::default());
+        let (size, mut counters) = (drawn_size(target, frame.settings.render_scale), Counters::default());
         let list = DrawList::new(frame, size, &mut counters);
         let ground = match frame.terrain {
             Some(terrain) => Some(TileList::new(gpu, terrain, frame.camera.eye, &mut self.tiles)?),
@@ -143,7 +143,7 @@ impl Renderer {
         );
         self.targets.ensure(gpu, size, &graph::resources(&plan))?;
         self.instances.write(gpu, 0, &list.instances)?;
-        let uniform = FrameUniform::new(frame, size);
+        let uniform = FrameUniform::new(frame, size, target.size);
         gpu.queue.write_buffer(&self.frame_buffer, 0, bytemuck::bytes_of(&uniform));
         if plan.iter().any(|pass| pass.id == PassId::Composite) {
             self.composites.ensure(gpu, self.target_format, target);
@@ -279,6 +279,17 @@ impl Renderer {
             ground.draw(&mut pass, pipelines, tiles, (over, relief), counters);
         }
     }
+}
+
+/// The size in which a target's picture is drawn.
+fn drawn_size(target: &Target<'_>, scale: f32) -> (u32, u32) {
+    if target.depth.is_some() || target.load == Load::Keep || !(scale < 1.0) {
+        return target.size;
+    }
+    // At least a pixel, at most the target's.
+    let side =
+        |side: u32| ((side as f32 * scale.max(MIN_RENDER_SCALE)).round() as u32).clamp(1.min(side), side);
+    (side(target.size.0), side(target.size.1))
 }
 
 fn attachment(

@@ -9,6 +9,8 @@ use super::terrain::TerrainFrame;
 
 /// Most samples of ambient occlusion per pixel.
 pub const MAX_SAMPLES: u32 = super::twin::ssao::MAX_SAMPLES as u32;
+/// Least share of a target's sides in which a picture is drawn.
+pub const MIN_RENDER_SCALE: f32 = 0.25;
 /// Most linear steps of relief mapping.
 pub const MAX_RELIEF_STEPS: u32 = 1024;
 
@@ -112,6 +114,10 @@ pub struct Settings {
     pub exposure: f32,
     /// Seconds that a new vertex takes to its position; 0 = at once.
     pub morph_s: f32,
+    /// Share of the target's sides in which the picture is drawn, [`MIN_RENDER_SCALE`] to 1, before it is enlarged
+    /// (bilinear): half of it costs a quarter per pixel. Targets with depth, and those that keep what is in them, are
+    /// always drawn in full.
+    pub render_scale: f32,
 }
 
 impl Default for Settings {
@@ -125,6 +131,7 @@ impl Default for Settings {
             near: 1e-4,
             exposure: 1.0,
             morph_s: 0.25,
+            render_scale: 1.0,
         }
     }
 }

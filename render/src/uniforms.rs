@@ -32,12 +32,14 @@ pub(crate) struct FrameUniform {
     shade: u32,
     occlusion_samples: u32,
     relief_steps: f32,
-    padding: u32,
+    /// Width, and height shifted by 16 bits, of the target: with `Settings::render_scale` more than `size_px`.
+    target_px: u32,
     kernel: [[f32; 4]; ssao::MAX_SAMPLES],
 }
 
 impl FrameUniform {
-    pub(crate) fn new(frame: &Frame<'_>, (width, height): (u32, u32)) -> Self {
+    /// The block of a frame that is drawn in one size and shown in another; sides fit into 16 bits.
+    pub(crate) fn new(frame: &Frame<'_>, (width, height): (u32, u32), target: (u32, u32)) -> Self {
         let (camera, near) = (&frame.camera, frame.settings.near);
         let (tx, ty) = camera.tan_half_fov(width, height);
         let env = &frame.environment;
@@ -75,7 +77,7 @@ impl FrameUniform {
             shade: u32::from(frame.settings.shade == Shade::Level),
             occlusion_samples: samples,
             relief_steps: frame.settings.relief_steps.clamp(1, MAX_RELIEF_STEPS) as f32,
-            padding: 0,
+            target_px: target.0 | (target.1 << 16),
             kernel,
         }
     }

@@ -81,7 +81,7 @@ fn the_first_frame_on_the_screen_holds_everything_and_no_later_one_lacks_it() {
     let found = compare(&first, &last, None).unwrap();
     println!("{} frames, first against last: {found:?}", shown.len());
     // Coarse, but the same things in the same places.
-    assert!(found.ssim >= 0.6, "{found:?}");
+    assert!(found.ssim >= 0.5, "{found:?}");
     assert_eq!(index["settled"], true);
     server.assert_healthy();
 }

@@ -24,7 +24,7 @@ struct Frame {
     shade: u32,
     occlusion_samples: u32,
     relief_steps: f32, // linear steps at grazing angles
-    padding_0: u32,
+    target_px: u32, // width, and height shifted by 16 bits, of what is shown: more than size_px where that is enlarged
     kernel: array<vec4<f32>, 64>, // as many as there are samples
 }
 

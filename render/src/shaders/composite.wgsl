@@ -17,7 +17,7 @@ fn fs_composite(@builtin(position) at: vec4<f32>) -> Composite {
     if (KEEP && depth <= 0.0) {
         discard;
     }
-    return Composite(display(vec2<i32>(at.xy)), depth);
+    return Composite(display(at.xy), depth);
 }
 
 // For targets without.
@@ -26,5 +26,5 @@ fn fs_overlay(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     if (textureLoad(depth_map, vec2<i32>(at.xy), 0) <= 0.0) {
         discard;
     }
-    return display(vec2<i32>(at.xy));
+    return display(at.xy);
 }

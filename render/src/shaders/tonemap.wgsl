@@ -16,9 +16,32 @@ fn encode_srgb(x: vec3<f32>) -> vec3<f32> {
     return select(1.055 * pow(x, vec3(1.0 / 2.4)) - 0.055, 12.92 * x, x <= vec3(0.0031308));
 }
 
-// What a pixel shows.
-fn display(pixel: vec2<i32>) -> vec4<f32> {
-    let radiance = textureLoad(radiance_map, pixel, 0).rgb;
+fn radiance_of(texel: vec2<i32>) -> vec3<f32> {
+    return textureLoad(radiance_map, texel, 0).rgb;
+}
+
+// The radiance at a point of the target, in its pixels: of the pixel where both have one size, else between the nearest
+// four (bilinear), texel centres lying at halves.
+fn radiance_at(at: vec2<f32>) -> vec3<f32> {
+    let size = vec2<f32>(textureDimensions(radiance_map));
+    let shown = vec2(f32(frame.target_px & 0xffffu), f32(frame.target_px >> 16u));
+    if (all(size == shown)) {
+        return radiance_of(vec2<i32>(at));
+    }
+    let place = at * size / shown - 0.5;
+    let low = vec2<i32>(floor(place));
+    let last = vec2<i32>(size) - 1;
+    let a = clamp(low, vec2(0), last);
+    let b = clamp(low + 1, vec2(0), last);
+    let part = fract(place);
+    let above = mix(radiance_of(a), radiance_of(vec2(b.x, a.y)), part.x);
+    let below = mix(radiance_of(vec2(a.x, b.y)), radiance_of(b), part.x);
+    return mix(above, below, part.y);
+}
+
+// What a point of the target shows.
+fn display(at: vec2<f32>) -> vec4<f32> {
+    let radiance = radiance_at(at);
     let shown = filmic(max(radiance * frame.exposure, vec3(0.0)));
     if (ENCODE_SRGB) {
         return vec4(encode_srgb(shown), 1.0);
@@ -28,5 +51,5 @@ fn display(pixel: vec2<i32>) -> vec4<f32> {
 
 @fragment
 fn fs_tonemap(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
-    return display(vec2<i32>(at.xy));
+    return display(at.xy);
 }

@@ -7,7 +7,8 @@ use super::shapes::{Mesh, asset, at, brick_asset, cube, quad, sphere};
 use super::{headless, keep};
 use crate::image_compare::compare;
 use crate::{
-    Drawable, Frame, Headless, Instance, Material, PackedVertex, PassId, Pose, RenderError, Settings, Shade,
+    Drawable, Frame, Headless, Instance, MIN_RENDER_SCALE, Material, PackedVertex, PassId, Pose, RenderError,
+    Settings, Shade,
 };
 
 fn luma(image: &RgbaImage, x: u32, y: u32) -> f64 {
@@ -304,4 +305,35 @@ fn strange_views_and_places_do_not_fail() {
             h.frame(&Frame::new(camera, &drawables)).unwrap();
         }
     }
+}
+
+/// A picture drawn in half the size and enlarged shows the same things in the same places, only softer.
+#[test]
+fn a_smaller_scale_is_the_same_picture_only_softer() {
+    let Some(mut h) = headless(321, 179) else { return };
+    still_life(&mut h, |h, drawables, camera| {
+        let mut at = |render_scale: f32| {
+            let settings = Settings { render_scale, ..Settings::default() };
+            picture(h, &Frame { settings, ..Frame::new(camera, drawables) })
+        };
+        let full = at(1.0);
+        // Not a number, and more than all, are all of it.
+        assert!(at(f32::NAN) == full && at(2.0) == full);
+        // What is lost is what an enlarged thumbnail of the full picture lacks as well.
+        let softer = |share: f32| {
+            use image::imageops::{FilterType::Triangle, resize};
+            let [w, h] = [full.width(), full.height()].map(|side| (side as f32 * share).round() as u32);
+            resize(&resize(&full, w, h, Triangle), full.width(), full.height(), Triangle)
+        };
+        for (scale, share, least) in [(0.5, 0.5, 0.9), (0.0, MIN_RENDER_SCALE, 0.8)] {
+            let drawn = at(scale);
+            let found = compare(&drawn, &softer(share), None).unwrap();
+            let moved = RgbaImage::from_fn(drawn.width(), drawn.height(), |x, y| {
+                *drawn.get_pixel((x + 2).min(drawn.width() - 1), y)
+            });
+            let moved = compare(&moved, &softer(share), None).unwrap();
+            println!("{scale}: {found:?}, two pixels to the side {:.3}", moved.ssim);
+            assert!(found.ssim >= least && moved.ssim < found.ssim - 0.01, "{scale}: {found:?}, {moved:?}");
+        }
+    });
 }

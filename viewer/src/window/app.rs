@@ -19,6 +19,7 @@ use super::keys::Keys;
 use super::news::News;
 use super::overlay::{self, Choices, Facts, State};
 use super::painter::{self, Painted, Painter};
+use super::quality::{Quality, Step};
 use super::steps::{self, Steps};
 use crate::args::Args;
 use crate::frames::Shown;
@@ -52,6 +53,11 @@ struct Running {
     /// (moment, bytes) at the beginning of the interval over which throughput is measured.
     window_start: (Instant, u64),
     bits_per_s: f64,
+    quality: Quality,
+    /// Whether a frame followed the last one at once, so that the time between them is what it took.
+    in_a_row: bool,
+    /// Whether the scene was in the last frame.
+    showed: bool,
     shown: Shown,
     film: Film,
     /// When the window said last what it waits for, before there was a scene in it.
@@ -129,7 +135,6 @@ impl App {
         let now = Instant::now();
         Ok(Running {
             adapter: painter.gpu.describe(),
-            painter,
             streaming,
             scene,
             rig: self.args.camera.map(|camera| Rig::new(camera.0)),
@@ -148,8 +153,12 @@ impl App {
             fps: 0.0,
             window_start: (now, 0),
             bits_per_s: 0.0,
+            quality: Quality::new(painter.is_software()),
+            in_a_row: false,
+            showed: false,
             shown: Shown::default(),
             film: Film::default(),
+            painter,
             waiting: None,
             state: State::Refining,
             told_incomplete: false,
@@ -186,14 +195,21 @@ impl Running {
         if let Some(rig) = &self.rig
             && !self.choices.frozen
         {
-            let view = rig.view(self.painter.size(), self.choices.target_px);
+            // Only while it moves: the first picture waits for nothing coarser.
+            let meshes = if self.quality.is_moving(self.now()) { self.step().meshes } else { 1.0 };
+            let view = rig.view(self.painter.size(), self.choices.target_px * meshes);
             self.streaming.control(Controls { view: Some(view), leave: false });
         }
     }
 
     fn measure(&mut self, now: Instant) {
         if let Some(drawn) = self.drawn.replace(now) {
-            self.fps = 1.0 / (now - drawn).as_secs_f64().max(1e-6);
+            let seconds = (now - drawn).as_secs_f64();
+            self.fps = 1.0 / seconds.max(1e-6);
+            let clock = self.now();
+            if self.showed && (self.in_a_row || !self.quality.is_moving(clock)) {
+                self.quality.drawn(clock, seconds);
+            }
         }
         let (start, bytes) = self.window_start;
         let elapsed = (now - start).as_secs_f64();
@@ -212,6 +228,7 @@ impl Running {
         let painted = steps::run(&mut FrameSteps { running: self, args, began, now_s })?;
         self.frame_ms = began.elapsed().as_secs_f64() * 1e3;
         let shows = painted.counters.is_some();
+        self.showed = shows;
         if let Some(counters) = painted.counters {
             let (now, whole) = (self.now(), self.scene.is_whole());
             self.shown.note(now, whole, &counters);
@@ -221,14 +238,25 @@ impl Running {
             self.counters = counters;
         }
         let morphing = now_s - self.scene.changed_s() <= self.settings.morph_s;
-        let rests = !morphing && self.scene.waiting() == 0 && self.scene.missing_tiles() == 0;
+        let full = !self.choices.adapt || self.quality.is_full();
+        let rests = !morphing && full && self.scene.waiting() == 0 && self.scene.missing_tiles() == 0;
         self.look_at_state(shows && rests && self.shown.presented().is_some());
-        if self.keys.is_pushing() || (shows && !rests) {
+        // While the camera may move on, the picture is not made better yet.
+        let better = if full { None } else { self.quality.due(self.now()) };
+        self.in_a_row =
+            self.keys.is_pushing() || (shows && !rests && better.is_none_or(|wait| wait.is_zero()));
+        if self.in_a_row {
             return Ok(Duration::ZERO);
         }
         // Figures change while something is received, and once more when nothing was for a while.
         let figures = self.state == State::Refining || self.bits_per_s > 0.0;
-        Ok(if figures { painted.repaint_after.min(OVERLAY_INTERVAL) } else { painted.repaint_after })
+        let repaint_after = painted.repaint_after.min(better.filter(|_| shows).unwrap_or(Duration::MAX));
+        Ok(if figures { repaint_after.min(OVERLAY_INTERVAL) } else { repaint_after })
+    }
+
+    /// What the frame gives up of its quality.
+    fn step(&self) -> Step {
+        if self.choices.adapt { self.quality.step() } else { Quality::new(false).step() }
     }
 
     /// Says how far the picture is. `rests`: the last frame showed all that has come, and it will stay as it is.
@@ -270,6 +298,7 @@ impl Running {
             bits_per_s: self.bits_per_s,
             presented: self.shown.presented(),
             state: self.state,
+            quality: if self.choices.adapt { self.quality.describe() } else { "full".into() },
             mode: match self.rig.map(|rig| rig.mode) {
                 Some(Mode::Fly) => "fly",
                 _ => "orbit",
@@ -284,11 +313,19 @@ impl Running {
             |rig| rig.pose(),
         );
         let [width, height] = self.painter.size();
+        let step = self.step();
         if shows {
-            self.scene.prepare_ground(&self.painter.gpu, &camera, (width, height), self.choices.target_px)?;
+            self.scene.prepare_ground(
+                &self.painter.gpu,
+                &camera,
+                (width, height),
+                self.choices.target_px * step.ground,
+            )?;
         }
         let mut choices = self.choices;
-        let (stats, scene, settings) = (&self.news.status().stats, &self.scene, self.settings);
+        let mut settings = Settings { render_scale: step.render_scale, ..self.settings };
+        settings.occlusion = settings.occlusion.filter(|_| step.occlusion);
+        let (stats, scene) = (&self.news.status().stats, &self.scene);
         let painted = self.painter.paint(
             |ui| overlay::show(ui, stats, &facts, &mut choices),
             shows.then_some(|draw: &mut painter::DrawScene<'_>| {
@@ -338,6 +375,7 @@ impl Running {
             (Some(rig), Some(MouseButton::Right | MouseButton::Middle)) => rig.pan(dx, dy, height),
             _ => return false,
         }
+        self.quality.moved(self.now());
         true
     }
 }
@@ -369,6 +407,9 @@ impl Steps for FrameSteps<'_> {
         let running = &mut *self.running;
         let now = running.now();
         running.keys.advance(now, running.rig.as_mut());
+        if running.keys.is_pushing() {
+            running.quality.moved(now);
+        }
         running.measure(self.began);
     }
 
@@ -454,6 +495,8 @@ impl ApplicationHandler<Event> for App {
                 if let Some(rig) = &mut running.rig {
                     rig.wheel(lines);
                     redraw = true;
+                    let now = running.now();
+                    running.quality.moved(now);
                 }
             }
             WindowEvent::RedrawRequested => {

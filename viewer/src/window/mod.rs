@@ -7,6 +7,7 @@ mod keys;
 mod news;
 mod overlay;
 mod painter;
+mod quality;
 mod steps;
 
 use anyhow::{Context, anyhow};

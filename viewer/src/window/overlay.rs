@@ -14,6 +14,8 @@ pub(super) struct Choices {
     pub(super) target_px: f32,
     /// The selection stays with the view of the moment it was frozen.
     pub(super) frozen: bool,
+    /// Frames are drawn worse while the camera moves, as far as the device needs.
+    pub(super) adapt: bool,
     /// Messages alone are shown.
     pub(super) hidden: bool,
     pub(super) wireframe: bool,
@@ -27,6 +29,7 @@ impl Choices {
         Self {
             target_px,
             frozen: false,
+            adapt: true,
             hidden: false,
             wireframe: settings.wireframe,
             by_level: settings.shade == Shade::Level,
@@ -66,6 +69,7 @@ pub(super) struct Facts<'a> {
     pub(super) bits_per_s: f64,
     pub(super) presented: Option<Duration>,
     pub(super) state: State,
+    pub(super) quality: String,
     pub(super) mode: &'static str,
     pub(super) camera: String,
     pub(super) draw: Counters,
@@ -115,6 +119,7 @@ pub(super) fn show(ui: &mut egui::Ui, stats: &Stats, facts: &Facts<'_>, choices:
         ui.horizontal_wrapped(|ui| {
             ui.checkbox(&mut choices.occlusion, "ambient occlusion");
             ui.checkbox(&mut choices.relief, "relief");
+            ui.checkbox(&mut choices.adapt, "coarser while moving");
         });
         ui.separator();
         ui.small("drag: turn · right drag: pan · wheel: nearer · F: fly or orbit · WASD QE: move · R: reset · H: hide this");
@@ -162,6 +167,7 @@ fn rows(stats: &Stats, facts: &Facts<'_>) -> Vec<(&'static str, String)> {
             "screen error",
             format!("{} (threshold {}), {state}", px(c.max_screen_error_px), px(c.threshold_px)),
         ),
+        ("quality", facts.quality.clone()),
         ("faces", format!("{} refined · {} drawn", thousands(stats.faces), thousands(facts.draw.triangles))),
         (
             "memory",

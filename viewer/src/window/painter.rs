@@ -58,6 +58,10 @@ impl Painter {
         let plain = capabilities.formats.iter().copied().find(|f| !f.is_srgb());
         config.format = plain.unwrap_or(config.format);
         config.present_mode = wgpu::PresentMode::AutoVsync;
+        if is_software(&gpu) {
+            // Frames that wait behind others would only show where the camera was.
+            config.desired_maximum_frame_latency = 1;
+        }
         if copies {
             anyhow::ensure!(
                 capabilities.usages.contains(wgpu::TextureUsages::COPY_SRC),
@@ -71,6 +75,11 @@ impl Painter {
         let input = egui_winit::State::new(context, egui::ViewportId::ROOT, &window, None, None, None);
         let overlay = egui_wgpu::Renderer::new(&gpu.device, config.format, Default::default());
         Ok(Self { window, gpu, renderer, surface, config, input, overlay, copies })
+    }
+
+    /// Whether the device is a processor that draws by software.
+    pub(super) fn is_software(&self) -> bool {
+        is_software(&self.gpu)
     }
 
     /// Width and height in pixels.
@@ -177,6 +186,10 @@ impl Painter {
         }
         Ok(Painted { counters, copy, repaint_after })
     }
+}
+
+fn is_software(gpu: &Gpu) -> bool {
+    gpu.adapter.get_info().device_type == wgpu::DeviceType::Cpu
 }
 
 /// [`EMPTY_WINDOW`] as it is given to a target of this format.

@@ -1,0 +1,206 @@
+//! How well a frame is drawn while the camera moves: as well as the device can at [`LEAST_FPS`], and in full once it
+//! rests.
+
+use std::time::Duration;
+
+/// Frames a second that a moving camera needs.
+const LEAST_FPS: f64 = 15.0;
+/// Time of a frame that is aimed at: some below what is needed, since frames differ.
+const AIM_S: f64 = 0.85 / LEAST_FPS;
+/// A finer step is taken while moving where it would fit into this share of the time, for so many frames in a row.
+const ROOM: f64 = 0.6;
+const ROOM_FRAMES: u32 = 8;
+/// The camera rests when it has not moved for so long.
+const REST: Duration = Duration::from_millis(200);
+
+/// What of the quality a step gives up.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Step {
+    /// Share of the picture's sides in which it is drawn.
+    pub(super) render_scale: f32,
+    /// Factor on the ground's screen error.
+    pub(super) ground: f32,
+    /// Factor on the meshes' screen error.
+    pub(super) meshes: f32,
+    /// Whether there is ambient occlusion.
+    pub(super) occlusion: bool,
+    /// Time of a frame over that of the first step, roughly: what decides is measured after the step was taken.
+    cost: f64,
+}
+
+/// From the best on, in the order in which quality is given up: the ground's error, which is seen least; pixels; last
+/// the meshes, whose chunks have to be undone and applied again, and occlusion.
+const STEPS: [Step; 6] = [
+    Step { render_scale: 1.0, ground: 1.0, meshes: 1.0, occlusion: true, cost: 1.0 },
+    Step { render_scale: 1.0, ground: 4.0, meshes: 1.0, occlusion: true, cost: 0.75 },
+    Step { render_scale: 0.7, ground: 4.0, meshes: 1.0, occlusion: true, cost: 0.45 },
+    Step { render_scale: 0.5, ground: 8.0, meshes: 1.0, occlusion: true, cost: 0.28 },
+    Step { render_scale: 0.35, ground: 8.0, meshes: 2.0, occlusion: true, cost: 0.18 },
+    Step { render_scale: 0.25, ground: 16.0, meshes: 4.0, occlusion: false, cost: 0.1 },
+];
+
+/// Chooses the step of each frame.
+#[derive(Clone, Debug)]
+pub(super) struct Quality {
+    step: usize,
+    moved: Option<Duration>,
+    /// Frames in a row in which a finer step would have fitted.
+    roomy: u32,
+}
+
+impl Quality {
+    /// On a device that is known to be `slow` the first frames are drawn as fast as can be; on others in full.
+    pub(super) fn new(slow: bool) -> Self {
+        Self { step: if slow { STEPS.len() - 1 } else { 0 }, moved: None, roomy: 0 }
+    }
+
+    /// The camera has moved.
+    pub(super) fn moved(&mut self, now: Duration) {
+        self.moved = Some(now);
+    }
+
+    /// Whether the camera counts as moving.
+    pub(super) fn is_moving(&self, now: Duration) -> bool {
+        self.moved.is_some_and(|at| now < at + REST)
+    }
+
+    /// Takes note of a frame with the scene in it, which took `frame_s` seconds and was done at `now`.
+    pub(super) fn drawn(&mut self, now: Duration, frame_s: f64) {
+        if !self.is_moving(now) {
+            // Two at a time: each is a frame that the user waits for.
+            self.step = self.step.saturating_sub(2);
+            self.roomy = 0;
+            return;
+        }
+        let expected = |step: usize| frame_s * STEPS[step].cost / STEPS[self.step].cost;
+        if frame_s > 1.0 / LEAST_FPS {
+            let enough = (self.step..STEPS.len()).find(|&step| expected(step) <= AIM_S);
+            // Where the estimate says that the present step is enough and it was not, one more.
+            self.step = enough.unwrap_or(STEPS.len() - 1).max((self.step + 1).min(STEPS.len() - 1));
+            self.roomy = 0;
+        } else if self.step > 0 && expected(self.step - 1) <= ROOM * AIM_S {
+            self.roomy += 1;
+            if self.roomy >= ROOM_FRAMES {
+                self.step -= 1;
+                self.roomy = 0;
+            }
+        } else {
+            self.roomy = 0;
+        }
+    }
+
+    /// What the next frame is drawn with.
+    pub(super) const fn step(&self) -> Step {
+        STEPS[self.step]
+    }
+
+    /// When another frame is due for a better picture: never, at once, or once the camera counts as resting.
+    pub(super) fn due(&self, now: Duration) -> Option<Duration> {
+        if self.step == 0 {
+            return None;
+        }
+        Some(self.moved.map_or(Duration::ZERO, |at| (at + REST).saturating_sub(now)))
+    }
+
+    /// Whether nothing is given up.
+    pub(super) const fn is_full(&self) -> bool {
+        self.step == 0
+    }
+
+    /// For the overlay.
+    pub(super) fn describe(&self) -> String {
+        let Step { render_scale, ground, meshes, occlusion, .. } = self.step();
+        if self.is_full() {
+            return "full".into();
+        }
+        let mut text = format!("step {} of {}: ", self.step, STEPS.len() - 1);
+        let scale =
+            (render_scale < 1.0).then(|| format!("{:.0} % of the pixels' sides", render_scale * 100.0));
+        let error =
+            |what: &str, factor: f32| (factor > 1.0).then(|| format!("{what} {factor:.0}× as coarse"));
+        let parts = [
+            scale,
+            error("ground", ground),
+            error("meshes", meshes),
+            (!occlusion).then(|| "no occlusion".to_owned()),
+        ];
+        text.push_str(&parts.into_iter().flatten().collect::<Vec<_>>().join(", "));
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A device that takes `full_s` for a frame in full, and for others as the table says but for a `bias` of its own.
+    struct Device {
+        full_s: f64,
+        bias: f64,
+    }
+
+    /// Frames of a camera that moves from 1 s to 5 s: (when done, time taken, step).
+    fn frames(device: &Device, quality: &mut Quality) -> Vec<(f64, f64, usize)> {
+        let (mut now, mut all) = (0.0, Vec::new());
+        while now < 10.0 {
+            let drawn_with = quality.step;
+            let took = device.full_s * STEPS[drawn_with].cost.powf(device.bias);
+            now += took.max(1.0 / 60.0);
+            if (1.0..5.0).contains(&now) {
+                quality.moved(Duration::from_secs_f64(now));
+            }
+            quality.drawn(Duration::from_secs_f64(now), took);
+            all.push((now, took, drawn_with));
+        }
+        all
+    }
+
+    #[test]
+    fn a_slow_device_flies_at_fifteen_frames_a_second_and_rests_in_full() {
+        // Estimates are off by as much as devices differ: where pixels cost nothing, and where they cost all.
+        for bias in [0.8, 1.0, 1.3] {
+            let device = Device { full_s: 0.4, bias };
+            let mut quality = Quality::new(false);
+            let all = frames(&device, &mut quality);
+            let flying: Vec<_> = all.iter().filter(|(at, ..)| (2.5..5.0).contains(at)).collect();
+            assert!(flying.iter().all(|(_, took, _)| *took <= 1.0 / LEAST_FPS), "{bias}: {flying:?}");
+            let changes = flying.windows(2).filter(|pair| pair[0].2 != pair[1].2).count();
+            assert!(changes <= 1, "{bias}: quality goes to and fro: {flying:?}");
+            let rest: Vec<usize> = all.iter().filter(|(at, ..)| *at > 5.3).map(|(.., step)| *step).collect();
+            assert!(rest.is_sorted_by(|a, b| a >= b) && quality.is_full(), "{bias}: {rest:?}");
+        }
+    }
+
+    #[test]
+    fn a_fast_device_never_gives_anything_up() {
+        let mut quality = Quality::new(false);
+        assert!(
+            frames(&Device { full_s: 0.01, bias: 1.0 }, &mut quality).iter().all(|(.., step)| *step == 0)
+        );
+    }
+
+    #[test]
+    fn a_device_known_to_be_slow_begins_with_its_fastest_frame_and_ends_in_full() {
+        let mut quality = Quality::new(true);
+        assert_eq!(quality.due(Duration::ZERO), Some(Duration::ZERO));
+        let mut steps = vec![quality.step];
+        for frame in 1..=3 {
+            quality.drawn(Duration::from_secs(frame), 0.1);
+            steps.push(quality.step);
+        }
+        assert_eq!(steps, [5, 3, 1, 0]);
+        assert_eq!(quality.due(Duration::from_secs(9)), None);
+    }
+
+    #[test]
+    fn what_is_given_up_grows_from_step_to_step_and_is_said() {
+        for pair in STEPS.windows(2) {
+            assert!(pair[0].render_scale >= pair[1].render_scale && pair[0].ground <= pair[1].ground);
+            assert!(pair[0].meshes <= pair[1].meshes && pair[0].cost > pair[1].cost);
+        }
+        let mut quality = Quality::new(true);
+        assert!(quality.describe().contains("step 5 of 5: 25 % of the pixels' sides, ground 16× as coarse"));
+        quality.step = 0;
+        assert_eq!(quality.describe(), "full");
+    }
+}
