@@ -30,6 +30,8 @@ use crate::run::{core_config, settings, tell_figures};
 const UPLOAD_BYTES: usize = 8 << 20;
 /// Steps that are taken from the streaming thread before they are uploaded, at most.
 const MAX_WAITING_STEPS: usize = 16;
+/// Time between two looks at the tiles that are being made, while nothing else changes.
+const TILES_INTERVAL: Duration = Duration::from_millis(50);
 /// Time between two pictures of the overlay while nothing else changes.
 const OVERLAY_INTERVAL: Duration = Duration::from_millis(250);
 
@@ -56,6 +58,10 @@ struct Running {
     quality: Quality,
     /// Whether a frame followed the last one at once, so that the time between them is what it took.
     in_a_row: bool,
+    /// Whether the last frame showed all there is but for tiles of the terrain.
+    only_tiles_missing: bool,
+    /// Something else than time asks for a frame.
+    dirty: bool,
     /// Whether the scene was in the last frame.
     showed: bool,
     shown: Shown,
@@ -155,6 +161,8 @@ impl App {
             bits_per_s: 0.0,
             quality: Quality::new(painter.is_software()),
             in_a_row: false,
+            only_tiles_missing: false,
+            dirty: false,
             showed: false,
             shown: Shown::default(),
             film: Film::default(),
@@ -221,8 +229,35 @@ impl Running {
         }
     }
 
+    /// Whether the picture would be the last one again: nothing but tiles of the terrain is waited for, and those that came
+    /// since are not enough for finer ground. Drawing it would only take the processor from those who make them.
+    fn is_unchanged(&mut self) -> anyhow::Result<bool> {
+        if !self.only_tiles_missing || std::mem::take(&mut self.dirty) || self.keys.is_pushing() {
+            return Ok(false);
+        }
+        let before = self.scene.ground_px();
+        self.prepare_ground()?;
+        Ok(self.scene.missing_tiles() > 0 && self.scene.ground_px() == before)
+    }
+
+    fn camera(&self) -> Pose {
+        self.rig.map_or_else(
+            || Pose::look_at(glam::DVec3::Z, glam::DVec3::ZERO, glam::DVec3::Y, 1.0),
+            |rig| rig.pose(),
+        )
+    }
+
+    fn prepare_ground(&mut self) -> anyhow::Result<()> {
+        let [width, height] = self.painter.size();
+        let (camera, px) = (self.camera(), self.choices.target_px * self.step().ground);
+        Ok(self.scene.prepare_ground(&self.painter.gpu, &camera, (width, height), px)?)
+    }
+
     /// Draws a frame; says when the next is due.
     fn frame(&mut self, args: &Args) -> anyhow::Result<Duration> {
+        if self.is_unchanged()? {
+            return Ok(TILES_INTERVAL);
+        }
         let began = Instant::now();
         let now_s = self.now().as_secs_f32();
         let painted = steps::run(&mut FrameSteps { running: self, args, began, now_s })?;
@@ -240,11 +275,17 @@ impl Running {
         let morphing = now_s - self.scene.changed_s() <= self.settings.morph_s;
         let full = !self.choices.adapt || self.quality.is_full();
         let rests = !morphing && full && self.scene.waiting() == 0 && self.scene.missing_tiles() == 0;
+        let only_tiles = !morphing && full && self.scene.waiting() == 0 && self.news.status().settled;
+        self.only_tiles_missing = shows && only_tiles && self.scene.missing_tiles() > 0;
         self.look_at_state(shows && rests && self.shown.presented().is_some());
         // While the camera may move on, the picture is not made better yet.
         let better = if full { None } else { self.quality.due(self.now()) };
         self.in_a_row =
             self.keys.is_pushing() || (shows && !rests && better.is_none_or(|wait| wait.is_zero()));
+        if self.only_tiles_missing && !self.keys.is_pushing() {
+            self.in_a_row = false;
+            return Ok(TILES_INTERVAL);
+        }
         if self.in_a_row {
             return Ok(Duration::ZERO);
         }
@@ -287,6 +328,8 @@ impl Running {
                 return Ok(Painted { counters: None, copy: None, repaint_after: left });
             }
             self.waiting = Some(Instant::now());
+        } else {
+            self.prepare_ground()?;
         }
         let message = self.news.message().or_else(|| (!shows).then(|| self.loading().into()));
         let facts = Facts {
@@ -308,20 +351,7 @@ impl Running {
             gpu_bytes: self.scene.geometry_bytes(),
             waiting_steps: self.scene.waiting(),
         };
-        let camera = self.rig.map_or_else(
-            || Pose::look_at(glam::DVec3::Z, glam::DVec3::ZERO, glam::DVec3::Y, 1.0),
-            |rig| rig.pose(),
-        );
-        let [width, height] = self.painter.size();
-        let step = self.step();
-        if shows {
-            self.scene.prepare_ground(
-                &self.painter.gpu,
-                &camera,
-                (width, height),
-                self.choices.target_px * step.ground,
-            )?;
-        }
+        let (camera, step) = (self.camera(), self.step());
         let mut choices = self.choices;
         let mut settings = Settings { render_scale: step.render_scale, ..self.settings };
         settings.occlusion = settings.occlusion.filter(|_| step.occlusion);
@@ -450,6 +480,7 @@ impl ApplicationHandler<Event> for App {
         // An idle window draws no frames, in which its time would be looked at.
         let late = self.args.timeout.is_some_and(|limit| running.now() >= limit.0);
         if running.receive() || late {
+            running.dirty = true;
             running.painter.window.request_redraw();
         }
         if let Some(why) = running.news.fatal(running.scene.header().is_some()) {
@@ -524,6 +555,7 @@ impl ApplicationHandler<Event> for App {
             _ => {}
         }
         if redraw {
+            running.dirty = true;
             running.painter.window.request_redraw();
         }
     }

@@ -27,6 +27,7 @@ use std::time::Instant;
 
 use anyhow::Context as _;
 use lodestream_compress::whole_file::write_atomically;
+use lodestream_scenario::baseline::lacks_something_here;
 use serde::Serialize;
 
 use compare::{Compared, compare};
@@ -193,7 +194,15 @@ fn one(
     }
     report(&format!("{}: {}, about {:.0} s", section.name, section.title, section.seconds));
     let start = Instant::now();
-    let rows = measure(section, options, printed)?;
+    let rows = match measure(section, options, printed)? {
+        Measured::Rows(rows) => rows,
+        Measured::Lacking(why) => {
+            report(&format!("  left out: {why}"));
+            outcome.left_out = Some(why);
+            let rows = if committed.exists() { read_rows(&committed)? } else { Rows::default() };
+            return Ok((outcome, rows));
+        }
+    };
     outcome.seconds = start.elapsed().as_secs_f64();
     write(&options.output.join(format!("{}.csv", section.name)), rows.to_csv().as_bytes())?;
     let expected = if options.mode == Mode::Update {
@@ -250,8 +259,22 @@ fn read_rows(committed: &Path) -> anyhow::Result<Rows> {
 /// What commands printed that write no files: several sections show the same defaults beside their knob.
 type Printed = BTreeMap<Vec<String>, String>;
 
+/// What came of a section's commands.
+enum Measured {
+    Rows(Rows),
+    /// There is no table, since all of it needs what is not on this machine.
+    Lacking(String),
+}
+
+/// What a run in a folder lacked of this machine, as its results say.
+fn lacked(folder: &Path) -> Option<String> {
+    let results = Rows::from_csv(&std::fs::read_to_string(folder.join("results.csv")).ok()?).ok()?;
+    let ended = results.column("ended")?;
+    results.rows.iter().map(|row| &row[ended]).find(|ended| lacks_something_here(ended)).cloned()
+}
+
 /// Runs a section's commands; a row, or a file of rows, each.
-fn measure(section: &Section, options: &Options, printed: &mut Printed) -> anyhow::Result<Rows> {
+fn measure(section: &Section, options: &Options, printed: &mut Printed) -> anyhow::Result<Measured> {
     let mut rows = Rows::default();
     for (number, command) in (1..).zip(&section.commands) {
         let folder = options.output.join(&section.name).join(number.to_string());
@@ -260,6 +283,9 @@ fn measure(section: &Section, options: &Options, printed: &mut Printed) -> anyho
             Some(file) => {
                 execute(&section.name, &line, options)?;
                 let path = folder.join(file);
+                if let Some(why) = lacked(&folder).filter(|_| !path.exists()) {
+                    return Ok(Measured::Lacking(format!("there is no {file}: {why}")));
+                }
                 let text = std::fs::read_to_string(&path)
                     .with_context(|| format!("{}: cannot be read", path.display()))?;
                 if file.ends_with(".csv") { Rows::from_csv(&text) } else { Rows::from_json(&text) }
@@ -278,7 +304,7 @@ fn measure(section: &Section, options: &Options, printed: &mut Printed) -> anyho
         let new = new.with_context(|| format!("{}: {}", section.name, command.shown()))?;
         rows.extend(&command.label, &section.columns, &new).with_context(|| section.name.clone())?;
     }
-    Ok(rows)
+    Ok(Measured::Rows(rows))
 }
 
 /// Says what benchmarks need and lack, before anything has run.
@@ -359,4 +385,24 @@ fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
         write_atomically(path, |out| out.write_all(bytes))
     };
     put().with_context(|| format!("{}: cannot be written", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A section of which nothing could be run here ended all of it with "cannot be read".
+    #[test]
+    fn a_table_that_is_not_there_is_explained_by_what_the_machine_lacks() {
+        let folder = tempfile::tempdir().unwrap();
+        let results = |ended: &str| {
+            std::fs::write(folder.path().join("results.csv"), format!("run,ended\n1,settled\n2,{ended}\n"))
+                .unwrap();
+            lacked(folder.path())
+        };
+        assert_eq!(lacked(folder.path()), None);
+        assert_eq!(results("time limit"), None);
+        let why = "not run: draco_encoder is not on this machine";
+        assert_eq!(results(why).as_deref(), Some(why));
+    }
 }
