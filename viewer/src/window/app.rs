@@ -133,6 +133,7 @@ impl App {
             self.display.clone(),
             self.args.frames.is_some(),
         )?;
+        tracing::debug!(now = ?Duration::from(streaming.clock().now()), "window and pipelines are made");
         let settings = settings(&self.args);
         let proxy = self.proxy.clone();
         let scene = SceneView::with_terrain_apart(move || {
@@ -258,6 +259,8 @@ impl Running {
         if self.is_unchanged()? {
             return Ok(TILES_INTERVAL);
         }
+        // What has come until now is in this frame.
+        self.dirty = false;
         let began = Instant::now();
         let now_s = self.now().as_secs_f32();
         let painted = steps::run(&mut FrameSteps { running: self, args, began, now_s })?;
@@ -266,6 +269,9 @@ impl Running {
         self.showed = shows;
         if let Some(counters) = painted.counters {
             let (now, whole) = (self.now(), self.scene.is_whole());
+            if whole && self.shown.presented().is_none() {
+                tracing::debug!(?now, frame_ms = self.frame_ms, "first frame presented");
+            }
             self.shown.note(now, whole, &counters);
             if let Some(copy) = painted.copy {
                 self.film.add(now, whole, copy);
@@ -425,8 +431,12 @@ impl Steps for FrameSteps<'_> {
         let running = &mut *self.running;
         running.receive();
         // What the first frame needs is little, and is not put off.
-        let budget = if running.scene.is_whole() { UPLOAD_BYTES } else { usize::MAX };
+        let was_whole = running.scene.is_whole();
+        let budget = if was_whole { UPLOAD_BYTES } else { usize::MAX };
         running.scene.upload(&running.painter.gpu, &running.painter.renderer, budget, self.now_s)?;
+        if running.scene.is_whole() && !was_whole {
+            tracing::debug!(now = ?running.now(), "first frame uploaded");
+        }
         if running.rig.is_none() {
             running.rig = running.scene.header().map(|header| Rig::new(header.camera));
         }
