@@ -1,6 +1,7 @@
 //! The terrain of a scene in GPU memory: which tiles a frame draws, and where missing ones come from.
 
 use std::sync::Arc;
+use std::thread::JoinHandle;
 
 use lodestream_protocol::pose::Pose;
 use lodestream_protocol::terrain::TerrainEntry;
@@ -8,6 +9,7 @@ use lodestream_terrain::{PatchPoints, Scratch, Terrain};
 
 use crate::gpu::{Gpu, RenderError};
 use crate::renderer::Renderer;
+use crate::terrain::layers;
 use crate::terrain::{TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart};
 use crate::tiles::{COARSER, Ground, GroundView, Maker, TileRegion, TileStore, Tiles};
 
@@ -46,14 +48,54 @@ pub struct GroundScene {
     drawn_px: f64,
 }
 
+/// What of a terrain needs no device, being made on a thread of its own: its errors are measured, and the ground's
+/// textures are painted.
+#[derive(Debug)]
+pub struct Measuring {
+    entry: TerrainEntry,
+    thread: JoinHandle<Result<Ground, RenderError>>,
+}
+
+impl Measuring {
+    /// Begins.
+    ///
+    /// # Errors
+    /// Fails where the system gives no thread.
+    pub fn start(entry: &TerrainEntry) -> std::io::Result<Self> {
+        let (entry, of) = (entry.clone(), entry.clone());
+        let measure = move || {
+            let ground = measured(&of)?;
+            layers::texels();
+            Ok(ground)
+        };
+        let thread = std::thread::Builder::new().name("ground".into()).spawn(measure)?;
+        Ok(Self { entry, thread })
+    }
+
+    fn finish(self) -> Result<Ground, RenderError> {
+        self.thread.join().unwrap_or_else(|_| Err(RenderError::Terrain("measuring it failed".into())))
+    }
+}
+
+fn measured(entry: &TerrainEntry) -> Result<Ground, RenderError> {
+    let terrain = Terrain::with_stamps(entry.parameters, entry.stamps.clone())
+        .map_err(|why| RenderError::Terrain(why.to_string()))?;
+    Ok(Ground::new(Arc::new(terrain), entry))
+}
+
 impl GroundScene {
-    /// The terrain of a scene.
+    /// The terrain of a scene, which somebody may have begun to measure.
     ///
     /// # Errors
     /// What the graphics device refuses; [`RenderError::Terrain`] for parameters of which no terrain can be made.
-    pub fn new(gpu: &Gpu, renderer: &Renderer, entry: &TerrainEntry) -> Result<Self, RenderError> {
-        let terrain = Terrain::with_stamps(entry.parameters, entry.stamps.clone())
-            .map_err(|why| RenderError::Terrain(why.to_string()))?;
+    pub fn new(
+        gpu: &Gpu,
+        renderer: &Renderer,
+        entry: &TerrainEntry,
+        begun: Option<Measuring>,
+    ) -> Result<Self, RenderError> {
+        // What was begun may be another scene's.
+        let begun = begun.filter(|begun| begun.entry == *entry);
         let look = TerrainLook {
             unit: f64::from(entry.unit),
             height_unit: f64::from(entry.height_unit),
@@ -61,11 +103,11 @@ impl GroundScene {
         };
         // Measuring the ground and painting its textures take some ten milliseconds each.
         let (ground, on_gpu) = std::thread::scope(|scope| {
-            let ground = scope.spawn(|| Ground::new(Arc::new(terrain), entry));
+            let ground = scope.spawn(|| begun.map_or_else(|| measured(entry), Measuring::finish));
             let on_gpu = renderer.create_terrain(gpu, look);
             (ground.join(), on_gpu)
         });
-        let ground = ground.map_err(|_| RenderError::Terrain("measuring it failed".into()))?;
+        let ground = ground.map_err(|_| RenderError::Terrain("measuring it failed".into()))??;
         Ok(Self {
             gpu: on_gpu?,
             ground: Arc::new(ground),

@@ -54,7 +54,7 @@ pub use camera::clip_from_view;
 pub use counters::Counters;
 pub use gpu::{Gpu, RenderError};
 pub use graph::PassId;
-pub use ground_scene::{GroundScene, Making};
+pub use ground_scene::{GroundScene, Making, Measuring};
 pub use headless::Headless;
 pub use instance::Instance;
 pub use lodestream_protocol::pose::Pose;

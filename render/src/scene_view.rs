@@ -11,7 +11,7 @@ use lodestream_protocol::view::View;
 use crate::asset::AssetGpu;
 use crate::counters::Counters;
 use crate::gpu::{Gpu, RenderError};
-use crate::ground_scene::{GroundScene, Making};
+use crate::ground_scene::{GroundScene, Making, Measuring};
 use crate::instance::Instance;
 use crate::material::Material;
 use crate::renderer::Renderer;
@@ -41,6 +41,8 @@ pub struct SceneView {
     /// The scene's terrain, if it has one.
     ground: Option<GroundScene>,
     making: Making,
+    /// The terrain of a scene that waits to be uploaded.
+    measuring: Option<Measuring>,
 }
 
 impl SceneView {
@@ -58,8 +60,14 @@ impl SceneView {
         Ok(Self { making: Making::Apart(Maker::start(notify)?), ..Self::default() })
     }
 
-    /// Takes one step of the core.
+    /// Takes one step of the core. What needs no device of a scene that begins is begun at once.
     pub fn push(&mut self, step: Vec<Change>) {
+        for change in &step {
+            if let Change::Scene(header) = change {
+                // Without a thread it is done when it is needed.
+                self.measuring = header.terrain.as_deref().and_then(|entry| Measuring::start(entry).ok());
+            }
+        }
         self.waiting.push_back(step);
     }
 
@@ -110,8 +118,9 @@ impl SceneView {
             Change::Scene(header) => {
                 let waiting = std::mem::take(&mut self.waiting);
                 let making = std::mem::take(&mut self.making);
+                let begun = self.measuring.take();
                 let ground = match &header.terrain {
-                    Some(entry) => Some(GroundScene::new(gpu, renderer, entry)?),
+                    Some(entry) => Some(GroundScene::new(gpu, renderer, entry, begun)?),
                     None => None,
                 };
                 *self = Self { header: Some(*header), waiting, ground, making, ..Self::default() };

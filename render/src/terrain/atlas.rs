@@ -167,7 +167,7 @@ impl TerrainGpu {
                 view_formats: &[],
             },
             wgpu::util::TextureDataOrder::LayerMajor,
-            &layers::texels(),
+            layers::texels(),
         );
         let uniform = device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("terrain"),

@@ -4,6 +4,8 @@
 //! texture) shaped to its material: ripples for sand, tufts for grass, cracks for rock, drifts for snow. Computed once per
 //! process in integers and f32 without transcendental functions but the sRGB curve.
 
+use std::sync::OnceLock;
+
 /// Layers, in the order of the shader's weights.
 pub(crate) const LAYERS: u32 = 4;
 /// Texels along a side.
@@ -25,8 +27,14 @@ pub(crate) const BYTES: u64 = {
 type Layer = Vec<[f32; 4]>;
 
 /// All mip levels of all layers, as the device takes them: level after level of the first layer, then the next layer.
-/// RGBA, colour sRGB-encoded, alpha the height (1 is the surface). Each layer is painted by a thread of its own.
-pub(crate) fn texels() -> Vec<u8> {
+/// RGBA, colour sRGB-encoded, alpha the height (1 is the surface). Painted by the first who asks, each layer by a thread
+/// of its own; the others wait for it.
+pub(crate) fn texels() -> &'static [u8] {
+    static TEXELS: OnceLock<Vec<u8>> = OnceLock::new();
+    TEXELS.get_or_init(painted)
+}
+
+fn painted() -> Vec<u8> {
     let one_by_one = || (0..LAYERS).flat_map(mip_levels).collect();
     std::thread::scope(|scope| {
         let painters: Vec<_> = (0..LAYERS).map(|layer| scope.spawn(move || mip_levels(layer))).collect();

@@ -2,7 +2,7 @@
 
 mod atlas;
 mod grid;
-mod layers;
+pub(crate) mod layers;
 mod list;
 mod pipeline;
 mod regions;

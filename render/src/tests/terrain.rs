@@ -46,7 +46,7 @@ fn terrain(entry: &TerrainEntry) -> Terrain {
 }
 
 fn scene(h: &Headless, entry: &TerrainEntry) -> GroundScene {
-    GroundScene::new(h.gpu(), h.renderer(), entry).unwrap()
+    GroundScene::new(h.gpu(), h.renderer(), entry, None).unwrap()
 }
 
 fn draw(h: &mut Headless, ground: &mut GroundScene, camera: Pose, px: f64, settings: Settings) -> RgbaImage {

@@ -114,7 +114,7 @@ impl App {
     fn start(&self, events: &ActiveEventLoop) -> anyhow::Result<Running> {
         let proxy = self.proxy.clone();
         // First of all: the server answers while the window's device is opened and its pipelines are made.
-        let streaming = Streaming::start(
+        let mut streaming = Streaming::start(
             self.args.address.clone(),
             core_config(&self.args),
             Retry::default(),
@@ -128,17 +128,25 @@ impl App {
             .with_title(format!("Lodestream – {}", self.args.address))
             .with_inner_size(winit::dpi::PhysicalSize::new(width, height))
             .with_min_inner_size(LogicalSize::new(64, 64));
+        let proxy = self.proxy.clone();
+        let mut scene = SceneView::with_terrain_apart(move || {
+            let _ = proxy.send_event(Event::News);
+        })?;
+        // What needs no device is done while it is opened: the terrain is measured.
         let painter = Painter::new(
             Arc::new(events.create_window(attributes)?),
             self.display.clone(),
             self.args.frames.is_some(),
+            || {
+                while scene.waiting() < MAX_WAITING_STEPS
+                    && let Some(step) = streaming.take()
+                {
+                    scene.push(step);
+                }
+            },
         )?;
         tracing::debug!(now = ?Duration::from(streaming.clock().now()), "window and pipelines are made");
         let settings = settings(&self.args);
-        let proxy = self.proxy.clone();
-        let scene = SceneView::with_terrain_apart(move || {
-            let _ = proxy.send_event(Event::News);
-        })?;
         let now = Instant::now();
         Ok(Running {
             adapter: painter.gpu.describe(),
@@ -168,7 +176,7 @@ impl App {
             shown: Shown::default(),
             film: Film::default(),
             painter,
-            waiting: None,
+            waiting: Some(now),
             state: State::Refining,
             told_incomplete: false,
         })

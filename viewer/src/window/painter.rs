@@ -9,6 +9,9 @@ use winit::window::Window;
 
 use lodestream_render::{Counters, EMPTY_WINDOW, Frame, Gpu, Renderer, Target, TargetCopy};
 
+/// Time between two looks at whether the device is open.
+const OPENING_INTERVAL: std::time::Duration = std::time::Duration::from_millis(2);
+
 /// A window's surface and what draws into it.
 pub(super) struct Painter {
     pub(super) window: Arc<Window>,
@@ -25,31 +28,23 @@ pub(super) struct Painter {
 /// Draws a scene's frame into the window.
 pub(super) type DrawScene<'a> = dyn FnMut(&Frame<'_>) -> anyhow::Result<Counters> + 'a;
 
-/// What came of a frame.
-pub(super) struct Painted {
-    /// Counters of the scene's passes; `None` if no frame with the scene was shown.
-    pub(super) counters: Option<Counters>,
-    /// What was shown, where it is to be kept.
-    pub(super) copy: Option<TargetCopy>,
-    /// When the overlay wants to be drawn again.
-    pub(super) repaint_after: std::time::Duration,
+/// What of a painter can be made on any thread.
+struct Device {
+    gpu: Gpu,
+    renderer: Renderer,
+    surface: wgpu::Surface<'static>,
+    config: wgpu::SurfaceConfiguration,
+    overlay: egui_wgpu::Renderer,
 }
 
-impl Painter {
-    /// `copies`: frames are to be kept.
-    pub(super) fn new(
-        window: Arc<Window>,
-        display: OwnedDisplayHandle,
+impl Device {
+    fn open(
+        instance: &wgpu::Instance,
+        surface: wgpu::Surface<'static>,
+        size: PhysicalSize<u32>,
         copies: bool,
     ) -> anyhow::Result<Self> {
-        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
-            backends: wgpu::Backends::from_env().unwrap_or(wgpu::Backends::PRIMARY),
-            flags: wgpu::InstanceFlags::empty(),
-            ..wgpu::InstanceDescriptor::new_with_display_handle(Box::new(display))
-        });
-        let surface = instance.create_surface(window.clone()).context("the window cannot be drawn into")?;
-        let gpu = Gpu::for_surface(&instance, &surface)?;
-        let size = window.inner_size();
+        let gpu = Gpu::for_surface(instance, &surface)?;
         let capabilities = surface.get_capabilities(&gpu.adapter);
         let mut config = surface
             .get_default_config(&gpu.adapter, size.width.max(1), size.height.max(1))
@@ -71,9 +66,48 @@ impl Painter {
         }
         surface.configure(&gpu.device, &config);
         let renderer = Renderer::new(&gpu, config.format)?;
+        let overlay = egui_wgpu::Renderer::new(&gpu.device, config.format, Default::default());
+        Ok(Self { gpu, renderer, surface, config, overlay })
+    }
+}
+
+/// What came of a frame.
+pub(super) struct Painted {
+    /// Counters of the scene's passes; `None` if no frame with the scene was shown.
+    pub(super) counters: Option<Counters>,
+    /// What was shown, where it is to be kept.
+    pub(super) copy: Option<TargetCopy>,
+    /// When the overlay wants to be drawn again.
+    pub(super) repaint_after: std::time::Duration,
+}
+
+impl Painter {
+    /// Opens the window's device and makes the pipelines on a thread of their own; until that is done, `meanwhile` is called
+    /// again and again. `copies`: frames are to be kept.
+    pub(super) fn new(
+        window: Arc<Window>,
+        display: OwnedDisplayHandle,
+        copies: bool,
+        mut meanwhile: impl FnMut(),
+    ) -> anyhow::Result<Self> {
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
+            backends: wgpu::Backends::from_env().unwrap_or(wgpu::Backends::PRIMARY),
+            flags: wgpu::InstanceFlags::empty(),
+            ..wgpu::InstanceDescriptor::new_with_display_handle(Box::new(display))
+        });
+        let surface = instance.create_surface(window.clone()).context("the window cannot be drawn into")?;
+        let size = window.inner_size();
+        let opening = std::thread::Builder::new()
+            .name("device".into())
+            .spawn(move || Device::open(&instance, surface, size, copies))?;
+        while !opening.is_finished() {
+            meanwhile();
+            std::thread::sleep(OPENING_INTERVAL);
+        }
+        let device = opening.join().map_err(|_| anyhow::anyhow!("opening the graphics device failed"))??;
+        let Device { gpu, renderer, surface, config, overlay } = device;
         let context = egui::Context::default();
         let input = egui_winit::State::new(context, egui::ViewportId::ROOT, &window, None, None, None);
-        let overlay = egui_wgpu::Renderer::new(&gpu.device, config.format, Default::default());
         Ok(Self { window, gpu, renderer, surface, config, input, overlay, copies })
     }
 
