@@ -110,7 +110,8 @@ pub fn prepare(mesh: &QuantisedMesh, settings: &Settings, hooks: &Hooks<'_>) -> 
     let (mut base, first) = build_base(mesh, &simplified, order.len(), materials, settings.codec)?;
     let mut encoded: Vec<Payload> = Vec::with_capacity(order.len());
     let mut keep = |e: Encoded| encoded.push(Payload::of(e));
-    encode_all(mesh, &simplified, &order, &parents, &base, first, &pool, hooks, &mut keep)?;
+    let plan = Plan { mesh, simplified: &simplified, order: &order, parents: &parents, base: &base };
+    encode_all(&plan, first, &pool, hooks, &mut keep)?;
 
     let mut errors: Vec<f64> = (0..order.len()).map(|id| chunk(id).error).collect();
     let mut slides: Vec<f64> = (0..order.len()).map(|id| chunk(id).attribute_error).collect();
@@ -287,20 +288,27 @@ impl Payload {
     }
 }
 
-/// Encodes all chunks, level by level: within a level each against the same mesh, at the same time. `keep`
-/// gets them in order.
-#[allow(clippy::too_many_arguments)]
+/// What there is to encode.
+struct Plan<'a> {
+    mesh: &'a QuantisedMesh,
+    simplified: &'a Simplified,
+    /// Level and region of each chunk.
+    order: &'a [(usize, usize)],
+    /// Of each chunk, those before it on which it depends.
+    parents: &'a [Vec<u32>],
+    base: &'a Base,
+}
+
+/// Encodes all chunks, level by level: within a level each against the same mesh, at the same time. `by_slot` is the
+/// base's; `keep` gets chunks in order.
 fn encode_all(
-    mesh: &QuantisedMesh,
-    simplified: &Simplified,
-    order: &[(usize, usize)],
-    parents: &[Vec<u32>],
-    base: &Base,
+    plan: &Plan<'_>,
     mut by_slot: BySlot,
     pool: &Watched<'_>,
     hooks: &Hooks<'_>,
     keep: &mut dyn FnMut(Encoded),
 ) -> Result<(), MeshError> {
+    let &Plan { mesh, simplified, order, parents, base } = plan;
     let mut active = ActiveMesh::growing(base);
     let mut slot_of_vertex = vec![u32::MAX; mesh.positions.len()];
     for (slot, &v) in by_slot.vertices.iter().enumerate() {

@@ -10,7 +10,7 @@ use crate::collapse::NO_VERTEX;
 use crate::common;
 use crate::mesh::{QuantisedMesh, Wedge};
 use crate::pool::{Serial, Silent, Watched};
-use crate::prepare::{Encoded, Hooks, build_base, encode_all, parents};
+use crate::prepare::{Encoded, Hooks, Plan, build_base, encode_all, parents};
 use crate::random::Random;
 use crate::refine::{ActiveMesh, ChunkDelta, Id};
 use crate::simplify::hierarchy::Simplified;
@@ -67,18 +67,8 @@ impl<'a> Case<'a> {
             wedges.push(e.wedges);
             faces.push(e.faces);
         };
-        encode_all(
-            mesh,
-            &simplified,
-            &order,
-            &parents,
-            &base,
-            first,
-            &pool,
-            &Hooks::new(&Serial, &Silent),
-            &mut keep,
-        )
-        .unwrap();
+        let plan = Plan { mesh, simplified: &simplified, order: &order, parents: &parents, base: &base };
+        encode_all(&plan, first, &pool, &Hooks::new(&Serial, &Silent), &mut keep).unwrap();
         Self { mesh, simplified, order, infos, payloads, base, deltas, vertices, wedges, faces }
     }
 
