@@ -283,7 +283,8 @@ impl Renderer {
 
 /// The size in which a target's picture is drawn.
 fn drawn_size(target: &Target<'_>, scale: f32) -> (u32, u32) {
-    if target.depth.is_some() || target.load == Load::Keep || !(scale < 1.0) {
+    let enlarged = scale < 1.0;
+    if target.depth.is_some() || target.load == Load::Keep || !enlarged {
         return target.size;
     }
     // At least a pixel, at most the target's.

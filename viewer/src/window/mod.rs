@@ -8,6 +8,7 @@ mod news;
 mod overlay;
 mod painter;
 mod quality;
+mod running;
 mod steps;
 
 use anyhow::{Context, anyhow};

@@ -1,0 +1,421 @@
+//! What lives as long as the window, and what a frame of it does.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use lodestream_client::net::Retry;
+use lodestream_client::streaming::{Controls, Status, Streaming};
+use lodestream_render::{Counters, Pose, SceneView, Settings};
+use winit::dpi::{LogicalSize, PhysicalPosition};
+use winit::event::MouseButton;
+use winit::event_loop::{ActiveEventLoop, OwnedDisplayHandle};
+use winit::keyboard::KeyCode;
+use winit::window::Window;
+
+use super::camera::{Mode, Rig};
+use super::film::Film;
+use super::keys::Keys;
+use super::news::News;
+use super::overlay::{self, Choices, Facts, State};
+use super::painter::{self, Painted, Painter};
+use super::quality::{Quality, Step};
+use super::steps::{self, Steps};
+use crate::args::Args;
+use crate::frames::Shown;
+use crate::outcome::lacks;
+use crate::run::{core_config, settings};
+
+/// Bytes uploaded per frame, so that a burst of chunks does not make it late.
+const UPLOAD_BYTES: usize = 8 << 20;
+/// Steps that are taken from the streaming thread before they are uploaded, at most.
+const MAX_WAITING_STEPS: usize = 16;
+/// Time between two looks at the tiles that are being made, while nothing else changes.
+const TILES_INTERVAL: Duration = Duration::from_millis(50);
+/// Time between two pictures of the overlay while nothing else changes.
+const OVERLAY_INTERVAL: Duration = Duration::from_millis(250);
+
+/// What lives as long as the window.
+pub(super) struct Running {
+    pub(super) painter: Painter,
+    pub(super) streaming: Streaming,
+    pub(super) scene: SceneView,
+    pub(super) rig: Option<Rig>,
+    pub(super) news: News,
+    pub(super) adapter: String,
+    pub(super) settings: Settings,
+    pub(super) choices: Choices,
+    pub(super) keys: Keys,
+    pub(super) button: Option<MouseButton>,
+    pub(super) pointer: PhysicalPosition<f64>,
+    pub(super) drawn: Option<Instant>,
+    pub(super) counters: Counters,
+    pub(super) frame_ms: f64,
+    pub(super) fps: f64,
+    /// (moment, bytes) at the beginning of the interval over which throughput is measured.
+    pub(super) window_start: (Instant, u64),
+    pub(super) bits_per_s: f64,
+    pub(super) quality: Quality,
+    /// Whether a frame followed the last one at once, so that the time between them is what it took.
+    pub(super) in_a_row: bool,
+    /// Whether the last frame showed all there is but for tiles of the terrain.
+    pub(super) only_tiles_missing: bool,
+    /// Something else than time asks for a frame.
+    pub(super) dirty: bool,
+    /// Whether the scene was in the last frame.
+    pub(super) showed: bool,
+    pub(super) shown: Shown,
+    pub(super) film: Film,
+    /// When the window said last what it waits for, before there was a scene in it.
+    pub(super) waiting: Option<Instant>,
+    pub(super) state: State,
+    /// Whether it was said that the picture is incomplete.
+    pub(super) told_incomplete: bool,
+}
+
+impl Running {
+    /// Begins to stream, opens the window and its device.
+    ///
+    /// # Errors
+    /// One line that says what went wrong and what to do.
+    pub(super) fn start(
+        args: &Args,
+        notify: impl Fn() + Clone + Send + 'static,
+        display: OwnedDisplayHandle,
+        events: &ActiveEventLoop,
+    ) -> anyhow::Result<Self> {
+        // First of all: the server answers while the window's device is opened and its pipelines are made.
+        let mut streaming =
+            Streaming::start(args.address.clone(), core_config(args), Retry::default(), notify.clone())?;
+        let [width, height] = args.window.0;
+        let attributes = Window::default_attributes()
+            .with_title(format!("Lodestream – {}", args.address))
+            .with_inner_size(winit::dpi::PhysicalSize::new(width, height))
+            .with_min_inner_size(LogicalSize::new(64, 64));
+        let mut scene = SceneView::with_terrain_apart(notify)?;
+        // What needs no device is done while it is opened: the terrain is measured.
+        let painter = Painter::new(
+            Arc::new(events.create_window(attributes)?),
+            display,
+            args.frames.is_some(),
+            || {
+                while scene.waiting() < MAX_WAITING_STEPS
+                    && let Some(step) = streaming.take()
+                {
+                    scene.push(step);
+                }
+            },
+        )?;
+        tracing::debug!(now = ?Duration::from(streaming.clock().now()), "window and pipelines are made");
+        let settings = settings(args);
+        let now = Instant::now();
+        Ok(Self {
+            adapter: painter.gpu.describe(),
+            streaming,
+            scene,
+            rig: args.camera.map(|camera| Rig::new(camera.0)),
+            news: News::default(),
+            choices: Choices { hidden: args.no_overlay, ..Choices::new(&settings, args.pixel_error.0) },
+            settings,
+            keys: Keys::default(),
+            button: None,
+            pointer: PhysicalPosition::default(),
+            drawn: None,
+            counters: Counters::default(),
+            frame_ms: 0.0,
+            fps: 0.0,
+            window_start: (now, 0),
+            bits_per_s: 0.0,
+            quality: Quality::new(painter.is_software()),
+            in_a_row: false,
+            only_tiles_missing: false,
+            dirty: false,
+            showed: false,
+            shown: Shown::default(),
+            film: Film::default(),
+            painter,
+            waiting: Some(now),
+            state: State::Refining,
+            told_incomplete: false,
+        })
+    }
+
+    pub(super) fn now(&self) -> Duration {
+        self.streaming.clock().now().into()
+    }
+
+    /// Takes what the streaming thread has; says whether the picture may look different.
+    pub(super) fn receive(&mut self) -> bool {
+        // The status first: what it says is settled lies in the steps taken after it.
+        let status = self.streaming.status();
+        let mut news = false;
+        while self.scene.waiting() < MAX_WAITING_STEPS
+            && let Some(step) = self.streaming.take()
+        {
+            self.scene.push(step);
+            news = true;
+        }
+        self.news.take(status) || news
+    }
+
+    /// Tells the streaming thread where the camera is, unless the selection is frozen.
+    pub(super) fn steer(&self) {
+        if let Some(rig) = &self.rig
+            && !self.choices.frozen
+        {
+            // Only while it moves: the first picture waits for nothing coarser.
+            let meshes = if self.quality.is_moving(self.now()) { self.step().meshes } else { 1.0 };
+            let view = rig.view(self.painter.size(), self.choices.target_px * meshes);
+            self.streaming.control(Controls { view: Some(view), leave: false });
+        }
+    }
+
+    fn measure(&mut self, now: Instant) {
+        if let Some(drawn) = self.drawn.replace(now) {
+            let seconds = (now - drawn).as_secs_f64();
+            self.fps = 1.0 / seconds.max(1e-6);
+            let clock = self.now();
+            if self.showed && (self.in_a_row || !self.quality.is_moving(clock)) {
+                self.quality.drawn(clock, seconds);
+            }
+        }
+        let (start, bytes) = self.window_start;
+        let elapsed = (now - start).as_secs_f64();
+        if elapsed >= 0.5 {
+            let received = self.news.status().stats.transport_bytes;
+            let bits = received.saturating_sub(bytes) as f64 * 8.0;
+            self.bits_per_s = bits / elapsed;
+            self.window_start = (now, received);
+        }
+    }
+
+    /// Whether the picture would be the last one again: nothing but tiles of the terrain is waited for, and those that came
+    /// since are not enough for finer ground. Drawing it would only take the processor from those who make them.
+    fn is_unchanged(&mut self) -> anyhow::Result<bool> {
+        if !self.only_tiles_missing || std::mem::take(&mut self.dirty) || self.keys.is_pushing() {
+            return Ok(false);
+        }
+        let before = self.scene.ground_px();
+        self.prepare_ground()?;
+        Ok(self.scene.missing_tiles() > 0 && self.scene.ground_px() == before)
+    }
+
+    fn camera(&self) -> Pose {
+        self.rig.map_or_else(
+            || Pose::look_at(glam::DVec3::Z, glam::DVec3::ZERO, glam::DVec3::Y, 1.0),
+            |rig| rig.pose(),
+        )
+    }
+
+    fn prepare_ground(&mut self) -> anyhow::Result<()> {
+        let [width, height] = self.painter.size();
+        let (camera, px) = (self.camera(), self.choices.target_px * self.step().ground);
+        Ok(self.scene.prepare_ground(&self.painter.gpu, &camera, (width, height), px)?)
+    }
+
+    /// Draws a frame; says when the next is due.
+    pub(super) fn frame(&mut self, args: &Args) -> anyhow::Result<Duration> {
+        if self.is_unchanged()? {
+            return Ok(TILES_INTERVAL);
+        }
+        // What has come until now is in this frame.
+        self.dirty = false;
+        let began = Instant::now();
+        let now_s = self.now().as_secs_f32();
+        let painted = steps::run(&mut FrameSteps { running: self, args, began, now_s })?;
+        self.frame_ms = began.elapsed().as_secs_f64() * 1e3;
+        let shows = painted.counters.is_some();
+        self.showed = shows;
+        if let Some(counters) = painted.counters {
+            let (now, whole) = (self.now(), self.scene.is_whole());
+            if whole && self.shown.presented().is_none() {
+                tracing::debug!(?now, frame_ms = self.frame_ms, "first frame presented");
+            }
+            self.shown.note(now, whole, &counters);
+            if let Some(copy) = painted.copy {
+                self.film.add(now, whole, copy);
+            }
+            self.counters = counters;
+        }
+        let morphing = now_s - self.scene.changed_s() <= self.settings.morph_s;
+        let full = !self.choices.adapt || self.quality.is_full();
+        let rests = !morphing && full && self.scene.waiting() == 0 && self.scene.missing_tiles() == 0;
+        let only_tiles = !morphing && full && self.scene.waiting() == 0 && self.news.status().settled;
+        self.only_tiles_missing = shows && only_tiles && self.scene.missing_tiles() > 0;
+        self.look_at_state(shows && rests && self.shown.presented().is_some());
+        // While the camera may move on, the picture is not made better yet.
+        let better = if full { None } else { self.quality.due(self.now()) };
+        self.in_a_row =
+            self.keys.is_pushing() || (shows && !rests && better.is_none_or(|wait| wait.is_zero()));
+        if self.only_tiles_missing && !self.keys.is_pushing() {
+            self.in_a_row = false;
+            return Ok(TILES_INTERVAL);
+        }
+        if self.in_a_row {
+            return Ok(Duration::ZERO);
+        }
+        // Figures change while something is received, and once more when nothing was for a while.
+        let figures = self.state == State::Refining || self.bits_per_s > 0.0;
+        let repaint_after = painted.repaint_after.min(better.filter(|_| shows).unwrap_or(Duration::MAX));
+        Ok(if figures { repaint_after.min(OVERLAY_INTERVAL) } else { repaint_after })
+    }
+
+    /// What the frame gives up of its quality.
+    fn step(&self) -> Step {
+        if self.choices.adapt { self.quality.step() } else { Quality::new(false).step() }
+    }
+
+    /// Says how far the picture is. `rests`: the last frame showed all that has come, and it will stay as it is.
+    fn look_at_state(&mut self, rests: bool) {
+        let Status { settled, stats, .. } = self.news.status();
+        self.state = match (settled, stats.lacking_blobs) {
+            (true, _) if rests => State::Settled,
+            (false, 1..) if rests => State::Incomplete,
+            _ => State::Refining,
+        };
+        match self.state {
+            State::Settled => self.shown.note_settled(self.streaming.clock().now().into()),
+            State::Incomplete if !self.told_incomplete => {
+                self.told_incomplete = true;
+                tracing::warn!("{}", lacks(stats.lacking_blobs, &stats.lacking));
+            }
+            State::Incomplete | State::Refining => {}
+        }
+    }
+
+    /// Draws scene and overlay, and takes what was changed there.
+    fn paint(&mut self, args: &Args, now_s: f32) -> anyhow::Result<Painted> {
+        let address = args.address.to_string();
+        let shows = self.shown.may_show(self.scene.is_whole(), self.now());
+        if !shows {
+            // What arrives meanwhile changes nothing on the screen, and a frame would keep the first one waiting.
+            if let Some(left) = self.waiting.and_then(|at| OVERLAY_INTERVAL.checked_sub(at.elapsed())) {
+                return Ok(Painted { counters: None, copy: None, repaint_after: left });
+            }
+            self.waiting = Some(Instant::now());
+        } else {
+            self.prepare_ground()?;
+        }
+        let message = self.news.message().or_else(|| (!shows).then(|| self.loading().into()));
+        let facts = Facts {
+            adapter: &self.adapter,
+            address: &address,
+            message: message.as_deref(),
+            frame_ms: self.frame_ms,
+            fps: self.fps,
+            bits_per_s: self.bits_per_s,
+            presented: self.shown.presented(),
+            state: self.state,
+            quality: if self.choices.adapt { self.quality.describe() } else { "full".into() },
+            mode: match self.rig.map(|rig| rig.mode) {
+                Some(Mode::Fly) => "fly",
+                _ => "orbit",
+            },
+            camera: self.rig.map(|rig| rig.describe()).unwrap_or_default(),
+            draw: self.counters.clone(),
+            gpu_bytes: self.scene.geometry_bytes(),
+            waiting_steps: self.scene.waiting(),
+        };
+        let (camera, step) = (self.camera(), self.step());
+        let mut choices = self.choices;
+        let mut settings = Settings { render_scale: step.render_scale, ..self.settings };
+        settings.occlusion = settings.occlusion.filter(|_| step.occlusion);
+        let (stats, scene) = (&self.news.status().stats, &self.scene);
+        let painted = self.painter.paint(
+            |ui| overlay::show(ui, stats, &facts, &mut choices),
+            shows.then_some(|draw: &mut painter::DrawScene<'_>| {
+                scene.with_frame(camera, settings, now_s, |frame| draw(frame))
+            }),
+        )?;
+        if choices != self.choices {
+            self.choices = choices;
+            choices.apply(&mut self.settings);
+            self.painter.window.request_redraw();
+        }
+        Ok(painted)
+    }
+
+    /// What is said while the first frame is not complete.
+    fn loading(&self) -> String {
+        let stats = &self.news.status().stats;
+        let (here, all) = (stats.counters.drawable_instances, stats.counters.visible_instances);
+        if all == 0 {
+            "waiting for the scene".into()
+        } else {
+            format!("loading: {here} of {all} objects in view")
+        }
+    }
+
+    pub(super) fn key(&mut self, code: KeyCode, pressed: bool) {
+        let now = self.now();
+        self.keys.set(now, code, pressed, self.rig.as_mut());
+        if let Some(rig) = &mut self.rig
+            && pressed
+        {
+            match code {
+                KeyCode::KeyF => rig.toggle(),
+                KeyCode::KeyR => rig.reset(),
+                KeyCode::KeyH => self.choices.hidden ^= true,
+                _ => {}
+            }
+        }
+    }
+
+    pub(super) fn drag(&mut self, to: PhysicalPosition<f64>) -> bool {
+        let (dx, dy) = (to.x - self.pointer.x, to.y - self.pointer.y);
+        self.pointer = to;
+        let height = f64::from(self.painter.size()[1]);
+        match (&mut self.rig, self.button) {
+            (Some(rig), Some(MouseButton::Left)) => rig.turn(dx, dy),
+            (Some(rig), Some(MouseButton::Right | MouseButton::Middle)) => rig.pan(dx, dy, height),
+            _ => return false,
+        }
+        self.quality.moved(self.now());
+        true
+    }
+}
+
+/// A frame of the window.
+struct FrameSteps<'a> {
+    running: &'a mut Running,
+    args: &'a Args,
+    began: Instant,
+    now_s: f32,
+}
+
+impl Steps for FrameSteps<'_> {
+    type Painted = Painted;
+
+    fn receive(&mut self) -> anyhow::Result<()> {
+        let running = &mut *self.running;
+        running.receive();
+        // What the first frame needs is little, and is not put off.
+        let was_whole = running.scene.is_whole();
+        let budget = if was_whole { UPLOAD_BYTES } else { usize::MAX };
+        running.scene.upload(&running.painter.gpu, &running.painter.renderer, budget, self.now_s)?;
+        if running.scene.is_whole() && !was_whole {
+            tracing::debug!(now = ?running.now(), "first frame uploaded");
+        }
+        if running.rig.is_none() {
+            running.rig = running.scene.header().map(|header| Rig::new(header.camera));
+        }
+        Ok(())
+    }
+
+    fn move_camera(&mut self) {
+        let running = &mut *self.running;
+        let now = running.now();
+        running.keys.advance(now, running.rig.as_mut());
+        if running.keys.is_pushing() {
+            running.quality.moved(now);
+        }
+        running.measure(self.began);
+    }
+
+    fn send_view(&mut self) {
+        self.running.steer();
+    }
+
+    fn paint(&mut self) -> anyhow::Result<Painted> {
+        self.running.paint(self.args, self.now_s)
+    }
+}
