@@ -55,14 +55,10 @@ pub(super) struct Running {
     pub(super) window_start: (Instant, u64),
     pub(super) bits_per_s: f64,
     pub(super) quality: Quality,
-    /// Whether a frame followed the last one at once, so that the time between them is what it took.
-    pub(super) in_a_row: bool,
     /// Whether the last frame showed all there is but for tiles of the terrain.
     pub(super) only_tiles_missing: bool,
     /// Something else than time asks for a frame.
     pub(super) dirty: bool,
-    /// Whether the scene was in the last frame.
-    pub(super) showed: bool,
     pub(super) shown: Shown,
     pub(super) film: Film,
     /// When the window said last what it waits for, before there was a scene in it.
@@ -126,10 +122,8 @@ impl Running {
             window_start: (now, 0),
             bits_per_s: 0.0,
             quality: Quality::new(painter.is_software()),
-            in_a_row: false,
             only_tiles_missing: false,
             dirty: false,
-            showed: false,
             shown: Shown::default(),
             film: Film::default(),
             painter,
@@ -147,6 +141,11 @@ impl Running {
     pub(super) fn receive(&mut self) -> bool {
         // The status first: what it says is settled lies in the steps taken after it.
         let status = self.streaming.status();
+        if let Some(message) = &status.message
+            && Some(message) != self.news.status().message.as_ref()
+        {
+            tracing::info!("{message}");
+        }
         let mut news = false;
         while self.scene.waiting() < MAX_WAITING_STEPS
             && let Some(step) = self.streaming.take()
@@ -171,12 +170,7 @@ impl Running {
 
     fn measure(&mut self, now: Instant) {
         if let Some(drawn) = self.drawn.replace(now) {
-            let seconds = (now - drawn).as_secs_f64();
-            self.fps = 1.0 / seconds.max(1e-6);
-            let clock = self.now();
-            if self.showed && (self.in_a_row || !self.quality.is_moving(clock)) {
-                self.quality.drawn(clock, seconds);
-            }
+            self.fps = 1.0 / (now - drawn).as_secs_f64().max(1e-6);
         }
         let (start, bytes) = self.window_start;
         let elapsed = (now - start).as_secs_f64();
@@ -224,7 +218,7 @@ impl Running {
         let painted = steps::run(&mut FrameSteps { running: self, args, began, now_s })?;
         self.frame_ms = began.elapsed().as_secs_f64() * 1e3;
         let shows = painted.counters.is_some();
-        self.showed = shows;
+        let full = !self.choices.adapt || self.quality.is_full();
         if let Some(counters) = painted.counters {
             let (now, whole) = (self.now(), self.scene.is_whole());
             if whole && self.shown.presented().is_none() {
@@ -235,22 +229,20 @@ impl Running {
                 self.film.add(now, whole, copy);
             }
             self.counters = counters;
+            // What the screen is waited for is in it.
+            self.quality.drawn(now, self.frame_ms / 1e3);
         }
         let morphing = now_s - self.scene.changed_s() <= self.settings.morph_s;
-        let full = !self.choices.adapt || self.quality.is_full();
         let rests = !morphing && full && self.scene.waiting() == 0 && self.scene.missing_tiles() == 0;
         let only_tiles = !morphing && full && self.scene.waiting() == 0 && self.news.status().settled;
         self.only_tiles_missing = shows && only_tiles && self.scene.missing_tiles() > 0;
         self.look_at_state(shows && rests && self.shown.presented().is_some());
         // While the camera may move on, the picture is not made better yet.
         let better = if full { None } else { self.quality.due(self.now()) };
-        self.in_a_row =
-            self.keys.is_pushing() || (shows && !rests && better.is_none_or(|wait| wait.is_zero()));
         if self.only_tiles_missing && !self.keys.is_pushing() {
-            self.in_a_row = false;
             return Ok(TILES_INTERVAL);
         }
-        if self.in_a_row {
+        if self.keys.is_pushing() || (shows && !rests && better.is_none_or(|wait| wait.is_zero())) {
             return Ok(Duration::ZERO);
         }
         // Figures change while something is received, and once more when nothing was for a while.
