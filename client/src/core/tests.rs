@@ -275,6 +275,17 @@ fn damaged_blobs_are_asked_for_a_few_times_and_cost_nothing_else() {
     );
     assert!(!link.core.mesh(0).unwrap().is_applied(1));
     assert!(link.core.mesh(0).unwrap().is_applied(0));
+
+    // It matters where it is looked at, and nowhere else.
+    let camera = Hills::new(1).camera();
+    let away = Camera { target: [0.0, 1e6, 0.0], up: [1.0, 0.0, 0.0], ..camera };
+    link.core.set_view(link.now, view(away, 1e-4));
+    link.run(2000);
+    let stats = link.core.stats();
+    assert_eq!((stats.counters.visible_instances, stats.settled, stats.lacking_blobs), (0, true, 0));
+    link.core.set_view(link.now, finest());
+    link.run(2000);
+    assert!(link.core.lacking_blobs().eq([bad]) && !link.core.is_settled());
 }
 
 /// A disk that is mended late, after any number of refusals: the client still asks, and gets what was damaged.
