@@ -112,6 +112,12 @@ impl TargetCopy {
         Ok(Self { copied: Copied::record(gpu, encoder, target, 4)?, size, bgra })
     }
 
+    /// Memory that the copy takes.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.copied.buffer.size()
+    }
+
     /// The picture, opaque. Waits for the device; call once the commands have been submitted.
     ///
     /// # Errors

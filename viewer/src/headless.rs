@@ -34,8 +34,9 @@ enum Event {
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let output = args.output.as_ref().context("--headless needs --output FILE.png")?;
     let [width, height] = args.window.0;
-    // One token at most waits: it only says that there is something to look at. A signal finds room beside it.
-    let (sender, events) = mpsc::sync_channel(2);
+    // News are left out where some wait already: they only say that there is something to look at. A signal waits for
+    // room.
+    let (sender, events) = mpsc::sync_channel(1);
     let ending = sender.clone();
     signals::on_end(move |signal| {
         // Fails only once the run is over.

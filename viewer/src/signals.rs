@@ -1,4 +1,5 @@
-//! The end that a user or the system asks for: Ctrl-C, `kill`, a terminal that is closed.
+//! The end that a user or the system asks for: Ctrl-C or `kill`. A terminal that is closed ends the program as ever, unless
+//! `nohup` says otherwise.
 
 /// Calls `tell` with the number of the first signal that asks for the end; the second ends the program at once.
 ///
@@ -20,7 +21,7 @@ pub(crate) fn on_end(tell: impl FnOnce(u8) + Send + 'static) -> std::io::Result<
 }
 
 #[cfg(unix)]
-struct Signals([(u8, tokio::signal::unix::Signal); 3]);
+struct Signals([(u8, tokio::signal::unix::Signal); 2]);
 
 #[cfg(unix)]
 impl Signals {
@@ -28,16 +29,15 @@ impl Signals {
         use tokio::signal::unix::{SignalKind, signal};
         let catch =
             |number: u8| Ok::<_, std::io::Error>((number, signal(SignalKind::from_raw(number.into()))?));
-        // SIGHUP, SIGINT and SIGTERM, whose numbers POSIX fixes.
-        Ok(Self([catch(1)?, catch(2)?, catch(15)?]))
+        // SIGINT and SIGTERM, whose numbers POSIX fixes.
+        Ok(Self([catch(2)?, catch(15)?]))
     }
 
     async fn next(&mut self) -> u8 {
-        let [(hangup, a), (interrupt, b), (terminate, c)] = &mut self.0;
+        let [(interrupt, a), (terminate, b)] = &mut self.0;
         tokio::select! {
-            _ = a.recv() => *hangup,
-            _ = b.recv() => *interrupt,
-            _ = c.recv() => *terminate,
+            _ = a.recv() => *interrupt,
+            _ = b.recv() => *terminate,
         }
     }
 }

@@ -73,7 +73,7 @@ impl Keepalive {
         if may_ping { next.min(self.ping_at()) } else { next }
     }
 
-    /// When to ping: in turn, or since nothing was heard. One that was sent since then is answer enough to come.
+    /// When to ping: in turn, or because nothing was heard; for that but once, until something is.
     fn ping_at(&self) -> Time {
         let asked = self.ping.is_some_and(|(_, sent)| sent >= self.heard);
         if asked || self.server_idle.is_none() {

@@ -23,6 +23,18 @@ impl Line {
         self.fields.push(value.to_string());
     }
 
+    /// A line that begins with a run and its number in the plan.
+    fn of_run(number: usize, run: &RunResult) -> Self {
+        let mut line = Self::default();
+        line.add("run", number);
+        line.add("scene", &run.scene);
+        line.add("transport", run.transport);
+        line.add("link", &run.link);
+        line.add("camera", &run.camera);
+        line.add("seed", run.seed);
+        line
+    }
+
     /// Empty where there is no value.
     fn add_some(&mut self, name: impl Into<String>, value: Option<impl Display>) {
         self.add(name, value.map(|value| value.to_string()).unwrap_or_default());
@@ -96,13 +108,7 @@ pub(super) fn of_runs(results: &[RunResult]) -> String {
 pub(super) fn of_pictures(results: &[RunResult]) -> String {
     let pictures = (1_usize..).zip(results).flat_map(|(number, run)| {
         run.pictures.iter().map(move |picture| {
-            let mut line = Line::default();
-            line.add("run", number);
-            line.add("scene", &run.scene);
-            line.add("transport", run.transport);
-            line.add("link", &run.link);
-            line.add("camera", &run.camera);
-            line.add("seed", run.seed);
+            let mut line = Line::of_run(number, run);
             line.add("instant", &picture.instant);
             line.add("at_ms", picture.at_ms);
             line.add("bytes", picture.bytes);
@@ -130,14 +136,8 @@ pub(super) fn of_first_seconds(results: &[RunResult]) -> String {
             let picture = run.pictures.iter().find(|picture| picture.instant == instant)?;
             picture.error.map(|error| error.flip)
         };
-        let mut line = Line::default();
-        line.add("run", number);
-        line.add("scene", &run.scene);
-        line.add("transport", run.transport);
-        line.add("link", &run.link);
+        let mut line = Line::of_run(number, run);
         line.add("rate_bits_per_s", run.rate_bits_per_s);
-        line.add("camera", &run.camera);
-        line.add("seed", run.seed);
         line.add_some("ttff_ms", run.ttff_ms);
         line.add_some("first_frame_bytes", run.first_frame_bytes);
         line.add("blank_flip", seconds.blank_flip);

@@ -10,6 +10,8 @@ use serde::Serialize;
 /// Frames are kept for so long after the connect call, at this distance at least: 3 s at 30 frames a second.
 const KEPT_FOR: Duration = Duration::from_secs(3);
 const LEAST_DISTANCE: Duration = Duration::from_millis(33);
+/// Memory of kept frames: all of them at 1280×720.
+const MAX_BYTES: u64 = 512 << 20;
 
 /// A kept frame.
 #[derive(Debug)]
@@ -23,6 +25,8 @@ struct Kept {
 #[derive(Debug, Default)]
 pub(super) struct Film {
     first: Vec<Kept>,
+    /// Memory of these.
+    bytes: u64,
     /// The last frame of all.
     last: Option<Kept>,
 }
@@ -47,12 +51,14 @@ struct Index {
 }
 
 impl Film {
-    /// Whether it is worth copying a frame that is shown `now`: the first seconds' and any that may be the last.
+    /// Keeps a frame: one of the first seconds' for good, while there is room, another until the next is there.
     pub(super) fn add(&mut self, at: Duration, whole: bool, copy: TargetCopy) {
         if let Some(last) = self.last.replace(Kept { at, whole, copy })
             && last.at <= KEPT_FOR
             && self.first.last().is_none_or(|before| last.at >= before.at + LEAST_DISTANCE)
+            && self.bytes + last.copy.bytes() <= MAX_BYTES
         {
+            self.bytes += last.copy.bytes();
             self.first.push(last);
         }
     }

@@ -39,6 +39,9 @@ const STEPS: [Step; 6] = [
     Step { render_scale: 0.25, ground: 16.0, meshes: 4.0, occlusion: false, cost: 0.1 },
 ];
 
+/// Nothing given up.
+pub(super) const FULL: Step = STEPS[0];
+
 /// Chooses the step of each frame.
 #[derive(Clone, Debug)]
 pub(super) struct Quality {

@@ -18,7 +18,7 @@ use super::keys::Keys;
 use super::news::News;
 use super::overlay::{self, Choices, Facts, State};
 use super::painter::{self, Painted, Painter};
-use super::quality::{Quality, Step};
+use super::quality::{self, Quality, Step};
 use super::steps::{self, Steps};
 use crate::args::Args;
 use crate::frames::Shown;
@@ -37,35 +37,35 @@ const OVERLAY_INTERVAL: Duration = Duration::from_millis(250);
 /// What lives as long as the window.
 pub(super) struct Running {
     pub(super) painter: Painter,
-    pub(super) streaming: Streaming,
+    streaming: Streaming,
     pub(super) scene: SceneView,
     pub(super) rig: Option<Rig>,
     pub(super) news: News,
-    pub(super) adapter: String,
-    pub(super) settings: Settings,
-    pub(super) choices: Choices,
+    adapter: String,
+    settings: Settings,
+    choices: Choices,
     pub(super) keys: Keys,
     pub(super) button: Option<MouseButton>,
-    pub(super) pointer: PhysicalPosition<f64>,
-    pub(super) drawn: Option<Instant>,
-    pub(super) counters: Counters,
-    pub(super) frame_ms: f64,
-    pub(super) fps: f64,
+    pointer: PhysicalPosition<f64>,
+    drawn: Option<Instant>,
+    counters: Counters,
+    frame_ms: f64,
+    fps: f64,
     /// (moment, bytes) at the beginning of the interval over which throughput is measured.
-    pub(super) window_start: (Instant, u64),
-    pub(super) bits_per_s: f64,
+    window_start: (Instant, u64),
+    bits_per_s: f64,
     pub(super) quality: Quality,
     /// Whether the last frame showed all there is but for tiles of the terrain.
-    pub(super) only_tiles_missing: bool,
+    only_tiles_missing: bool,
     /// Something else than time asks for a frame.
     pub(super) dirty: bool,
     pub(super) shown: Shown,
     pub(super) film: Film,
     /// When the window said last what it waits for, before there was a scene in it.
-    pub(super) waiting: Option<Instant>,
+    waiting: Option<Instant>,
     pub(super) state: State,
     /// Whether it was said that the picture is incomplete.
-    pub(super) told_incomplete: bool,
+    told_incomplete: bool,
 }
 
 impl Running {
@@ -253,7 +253,7 @@ impl Running {
 
     /// What the frame gives up of its quality.
     fn step(&self) -> Step {
-        if self.choices.adapt { self.quality.step() } else { Quality::new(false).step() }
+        if self.choices.adapt { self.quality.step() } else { quality::FULL }
     }
 
     /// Says how far the picture is. `rests`: the last frame showed all that has come, and it will stay as it is.
