@@ -47,6 +47,8 @@ pub(super) const FULL: Step = STEPS[0];
 pub(super) struct Quality {
     step: usize,
     moved: Option<Duration>,
+    /// What the last frame says that one in full takes, in seconds, by the table's costs.
+    full_s: f64,
     /// Frames in a row in which a finer step would have fitted.
     roomy: u32,
 }
@@ -54,11 +56,14 @@ pub(super) struct Quality {
 impl Quality {
     /// On a device that is known to be `slow` the first frames are drawn as fast as can be; on others in full.
     pub(super) fn new(slow: bool) -> Self {
-        Self { step: if slow { STEPS.len() - 1 } else { 0 }, moved: None, roomy: 0 }
+        Self { step: if slow { STEPS.len() - 1 } else { 0 }, moved: None, full_s: 0.0, roomy: 0 }
     }
 
-    /// The camera has moved.
+    /// The camera has moved. Where it rested before, the first frame need not be slow to show that frames are.
     pub(super) fn moved(&mut self, now: Duration) {
+        if !self.is_moving(now) && self.full_s * self.step().cost > 1.0 / LEAST_FPS {
+            self.step = self.enough().max(self.step);
+        }
         self.moved = Some(now);
     }
 
@@ -67,21 +72,21 @@ impl Quality {
         self.moved.is_some_and(|at| now < at + REST)
     }
 
-    /// Takes note of a frame with the scene in it, which took `frame_s` seconds and was done at `now`.
-    pub(super) fn drawn(&mut self, now: Duration, frame_s: f64) {
-        if !self.is_moving(now) {
+    /// Takes note of a frame with the scene in it, which took `frame_s` seconds from when it was `begun` on: whether the
+    /// camera moves is what counted then, since a slow frame outlasts [`REST`].
+    pub(super) fn drawn(&mut self, begun: Duration, frame_s: f64) {
+        self.full_s = frame_s / self.step().cost;
+        if !self.is_moving(begun) {
             // Two at a time: each is a frame that the user waits for.
             self.step = self.step.saturating_sub(2);
             self.roomy = 0;
             return;
         }
-        let expected = |step: usize| frame_s * STEPS[step].cost / STEPS[self.step].cost;
         if frame_s > 1.0 / LEAST_FPS {
-            let enough = (self.step..STEPS.len()).find(|&step| expected(step) <= AIM_S);
             // Where the estimate says that the present step is enough and it was not, one more.
-            self.step = enough.unwrap_or(STEPS.len() - 1).max((self.step + 1).min(STEPS.len() - 1));
+            self.step = self.enough().max((self.step + 1).min(STEPS.len() - 1));
             self.roomy = 0;
-        } else if self.step > 0 && expected(self.step - 1) <= ROOM * AIM_S {
+        } else if self.step > 0 && self.full_s * STEPS[self.step - 1].cost <= ROOM * AIM_S {
             self.roomy += 1;
             if self.roomy >= ROOM_FRAMES {
                 self.step -= 1;
@@ -90,6 +95,11 @@ impl Quality {
         } else {
             self.roomy = 0;
         }
+    }
+
+    /// The best step that should be fast enough; the last one if none is.
+    fn enough(&self) -> usize {
+        STEPS.iter().position(|step| self.full_s * step.cost <= AIM_S).unwrap_or(STEPS.len() - 1)
     }
 
     /// What the next frame is drawn with.
@@ -146,13 +156,14 @@ mod tests {
     fn frames(device: &Device, quality: &mut Quality) -> Vec<(f64, f64, usize)> {
         let (mut now, mut all) = (0.0, Vec::new());
         while now < 10.0 {
+            let begun = Duration::from_secs_f64(now);
+            if (1.0..5.0).contains(&now) {
+                quality.moved(begun);
+            }
             let drawn_with = quality.step;
             let took = device.full_s * STEPS[drawn_with].cost.powf(device.bias);
             now += took.max(1.0 / 60.0);
-            if (1.0..5.0).contains(&now) {
-                quality.moved(Duration::from_secs_f64(now));
-            }
-            quality.drawn(Duration::from_secs_f64(now), took);
+            quality.drawn(begun, took);
             all.push((now, took, drawn_with));
         }
         all
@@ -167,6 +178,8 @@ mod tests {
             let all = frames(&device, &mut quality);
             let flying: Vec<_> = all.iter().filter(|(at, ..)| (2.5..5.0).contains(at)).collect();
             assert!(flying.iter().all(|(_, took, _)| *took <= 1.0 / LEAST_FPS), "{bias}: {flying:?}");
+            let first = all.iter().find(|(at, took, _)| *at - took >= 1.0).expect("it moves");
+            assert!(first.2 > 1, "{bias}: the first frame under way is drawn in full: {first:?}");
             let changes = flying.windows(2).filter(|pair| pair[0].2 != pair[1].2).count();
             assert!(changes <= 1, "{bias}: quality goes to and fro: {flying:?}");
             let rest: Vec<usize> = all.iter().filter(|(at, ..)| *at > 5.3).map(|(.., step)| *step).collect();

@@ -213,8 +213,8 @@ impl Running {
         }
         // What has come until now is in this frame.
         self.dirty = false;
-        let began = Instant::now();
-        let now_s = self.now().as_secs_f32();
+        let (began, begun) = (Instant::now(), self.now());
+        let now_s = begun.as_secs_f32();
         let painted = steps::run(&mut FrameSteps { running: self, args, began, now_s })?;
         self.frame_ms = began.elapsed().as_secs_f64() * 1e3;
         let shows = painted.counters.is_some();
@@ -230,7 +230,7 @@ impl Running {
             }
             self.counters = counters;
             // What the screen is waited for is in it.
-            self.quality.drawn(now, self.frame_ms / 1e3);
+            self.quality.drawn(begun, self.frame_ms / 1e3);
         }
         let morphing = now_s - self.scene.changed_s() <= self.settings.morph_s;
         let rests = !morphing && full && self.scene.waiting() == 0 && self.scene.missing_tiles() == 0;
