@@ -413,6 +413,7 @@ class Reader:
             "kind": self.named("kind", ["color", "height"]),
             "width": self.f("width", self.b.u32),
             "height": self.f("height", self.b.u32),
+            "mean": self.option("mean", lambda: self.f("sRGB", lambda: list(self.b.take(3)))),
             "levels": self.vec("levels", level, 16),
         }
 

@@ -142,6 +142,9 @@ pub struct TextureInfo {
     pub width: u32,
     /// Height of the finest level, in texels.
     pub height: u32,
+    /// Mean colour, sRGB, its mean taken in linear light and by opacity: what the texture is drawn as until its first
+    /// level is here. Of colours alone.
+    pub mean: Option<[u8; 3]>,
     /// Levels, coarsest first; each is a whole image, at least one.
     pub levels: Vec<TextureLevel>,
 }
@@ -286,6 +289,7 @@ mod tests {
                     kind,
                     width: 512,
                     height: 256,
+                    mean: (kind == TextureKind::Color).then_some([180, 90, 40]),
                     levels: vec![
                         TextureLevel { width: 64, height: 32, bytes: 900, format: TextureFormat::Jpeg },
                         TextureLevel { width: 512, height: 256, bytes: 30_000, format: TextureFormat::Png },

@@ -10,7 +10,7 @@ use crate::scene::{Fingerprint, SceneError, SceneHeader, ScenePage};
 use crate::view::{View, ViewError};
 
 /// Versions of the protocol that this crate speaks.
-pub const VERSIONS: std::ops::RangeInclusive<u16> = 3..=3;
+pub const VERSIONS: std::ops::RangeInclusive<u16> = 4..=4;
 
 /// From client to server.
 #[derive(Clone, Debug, PartialEq)]

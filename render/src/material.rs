@@ -47,13 +47,20 @@ impl From<&protocol::Material> for Material {
     }
 }
 
+/// Linear light of an sRGB byte (IEC 61966-2-1).
+fn from_srgb(encoded: u8) -> f32 {
+    let encoded = f32::from(encoded) / 255.0;
+    if encoded <= 0.04045 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
+}
+
 impl From<&protocol::TextureInfo> for TextureShape {
     fn from(t: &protocol::TextureInfo) -> Self {
         let kind = match t.kind {
             protocol::TextureKind::Color => TextureKind::Colour,
             protocol::TextureKind::Height => TextureKind::Height,
         };
-        Self { width: t.width, height: t.height, levels: t.levels.len() as u32, kind }
+        let mean = t.mean.map_or([1.0; 3], |mean| mean.map(from_srgb));
+        Self { width: t.width, height: t.height, levels: t.levels.len() as u32, kind, mean }
     }
 }
 
@@ -153,16 +160,17 @@ impl MaterialKit {
 
     /// Makes what the shaders read for one material with its textures as they are now.
     pub(crate) fn bind(&self, gpu: &Gpu, material: &Material, textures: &[StreamedTexture]) -> BoundMaterial {
-        let find = |index: Option<usize>, kind| {
-            index.and_then(|i| textures.get(i)).filter(|t| t.kind() == kind).and_then(StreamedTexture::view)
-        };
-        let colour = find(material.colour_texture, TextureKind::Colour);
-        let height = find(material.height_texture, TextureKind::Height);
+        let find =
+            |index: Option<usize>, kind| index.and_then(|i| textures.get(i)).filter(|t| t.kind() == kind);
+        let of_colour = find(material.colour_texture, TextureKind::Colour);
+        let colour = of_colour.and_then(StreamedTexture::view);
+        let height = find(material.height_texture, TextureKind::Height).and_then(StreamedTexture::view);
+        let stand_in = of_colour.filter(|_| colour.is_none()).map_or([1.0; 3], StreamedTexture::mean);
         let relief = height.is_some() && material.relief_depth > 0.0;
         let uniform = gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
             label: Some("material"),
             contents: bytemuck::bytes_of(&MaterialUniform {
-                base_colour: material.base_colour,
+                base_colour: std::array::from_fn(|i| material.base_colour[i] * stand_in[i]),
                 roughness: material.roughness.clamp(0.05, 1.0),
                 relief_depth: if relief { material.relief_depth.min(1.0) } else { 0.0 },
                 padding: [0.0; 3],

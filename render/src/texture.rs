@@ -23,7 +23,7 @@ pub enum TextureKind {
 }
 
 /// Size and purpose of a texture, known before any of its levels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TextureShape {
     /// Width of the finest level in texels.
     pub width: u32,
@@ -34,13 +34,15 @@ pub struct TextureShape {
     pub levels: u32,
     /// Purpose.
     pub kind: TextureKind,
+    /// Mean colour, linear: stands for a colour texture until its coarsest level is here.
+    pub mean: [f32; 3],
 }
 
 impl TextureShape {
-    /// A shape with all levels down to 1×1.
+    /// A shape with all levels down to 1×1, white until then.
     #[must_use]
     pub fn full(width: u32, height: u32, kind: TextureKind) -> Self {
-        Self { width, height, levels: width.max(height).max(1).ilog2() + 1, kind }
+        Self { width, height, levels: width.max(height).max(1).ilog2() + 1, kind, mean: [1.0; 3] }
     }
 
     /// Width and height of a level; level 0 is the coarsest, as on the wire.
@@ -131,6 +133,11 @@ impl StreamedTexture {
             TextureKind::Height => wgpu::TextureFormat::R8Unorm,
         };
         Self { shape, format, present: vec![false; shape.levels as usize], limit, allocated: None }
+    }
+
+    /// What stands for the texture while it has no level, linear.
+    pub(crate) fn mean(&self) -> [f32; 3] {
+        self.shape.mean
     }
 
     pub(crate) fn kind(&self) -> TextureKind {

@@ -96,6 +96,7 @@ fn description() -> AssetDescription {
             kind: TextureKind::Color,
             width: 32,
             height: 32,
+            mean: Some([59, 59, 9]),
             levels: levels.into(),
         }],
     }

@@ -79,7 +79,7 @@ mod tests {
             let [width, height] = level_size([width, height], count, level);
             TextureLevel { width, height, bytes: 1, format: TextureFormat::Png }
         };
-        TextureInfo { kind, width, height, levels: (0..count).map(level).collect() }
+        TextureInfo { kind, width, height, mean: None, levels: (0..count).map(level).collect() }
     }
 
     fn png(image: impl Into<DynamicImage>) -> Vec<u8> {

@@ -14,7 +14,7 @@ use crate::error::DecodeError;
 /// First bytes of every pack.
 pub const MAGIC: [u8; 8] = *b"LODSPACK";
 /// Version of the file's layout.
-pub const PACK_VERSION: u16 = 1;
+pub const PACK_VERSION: u16 = 2;
 /// Bytes of the head.
 pub const HEAD_BYTES: usize = 64;
 /// Bytes of a table entry.

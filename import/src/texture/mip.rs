@@ -90,6 +90,20 @@ impl Plane<4> {
         self.samples.iter().flat_map(pixel).collect()
     }
 
+    /// The mean colour as sRGB bytes, weighted by opacity as coarser levels are.
+    pub(super) fn mean_srgb(&self) -> [u8; 3] {
+        let (mut weighted, mut plain, mut opacity) = ([0u64; 3], [0u64; 3], 0u64);
+        for [r, g, b, a] in &self.samples {
+            opacity += u64::from(*a);
+            for (i, value) in [r, g, b].into_iter().enumerate() {
+                weighted[i] += u64::from(*a) * u64::from(*value);
+                plain[i] += u64::from(*value);
+            }
+        }
+        let (sums, by) = if opacity > 0 { (weighted, opacity) } else { (plain, self.samples.len() as u64) };
+        sums.map(|sum| srgb::from_linear(((sum + by / 2) / by) as u16))
+    }
+
     /// The next coarser level: colours weighted by opacity, so that the colour of invisible pixels
     /// does not bleed into visible ones.
     pub(super) fn halve_premultiplied(&self) -> Self {
@@ -142,6 +156,22 @@ mod tests {
             }
             assert!(weight.iter().all(|&w| w == u64::from(output)), "{input} to {output}");
         }
+    }
+
+    #[test]
+    fn the_mean_colour_is_that_of_the_light_and_of_what_can_be_seen() {
+        let half = Plane::<4> {
+            width: 2,
+            height: 1,
+            samples: vec![[0, 65_535, 20_000, 65_535], [65_535, 65_535, 20_000, 65_535]],
+        };
+        let [r, g, b] = half.mean_srgb();
+        assert_eq!((r, g, b), (188, 255, srgb::from_linear(20_000)), "half the light is 188 of 255");
+        let hidden =
+            Plane::<4> { width: 2, height: 1, samples: vec![[65_535, 0, 0, 0], [0, 65_535, 0, 1000]] };
+        assert_eq!(hidden.mean_srgb(), [0, 255, 0]);
+        let nothing = Plane::<4> { width: 1, height: 1, samples: vec![[65_535, 0, 0, 0]] };
+        assert_eq!(nothing.mean_srgb(), [255, 0, 0]);
     }
 
     #[test]

@@ -52,6 +52,8 @@ pub struct Texture {
     pub height_px: u32,
     /// Whether any pixel is transparent.
     pub alpha: bool,
+    /// Mean colour, sRGB, taken in linear light and weighted by opacity; of colours alone.
+    pub mean: Option<[u8; 3]>,
     /// Encoded levels, coarse first. Counted from the finest, level k is
     /// `max(1, width_px >> k) × max(1, height_px >> k)`, as GPUs have it.
     pub levels: Vec<Vec<u8>>,
@@ -183,7 +185,8 @@ fn encode_color(path: &Path, image: &DynamicImage) -> Result<Texture, TextureErr
         plane = plane.halve_premultiplied();
     }
     levels.reverse();
-    Ok(Texture { kind: TextureKind::Color, width_px, height_px, alpha, levels })
+    let mean = Some(plane.mean_srgb());
+    Ok(Texture { kind: TextureKind::Color, width_px, height_px, alpha, mean, levels })
 }
 
 fn encode_color_level(plane: &Plane<4>, alpha: bool, grey: bool) -> Result<Vec<u8>, ImageError> {
@@ -247,7 +250,7 @@ fn encode_height(path: &Path, image: DynamicImage) -> Result<Texture, TextureErr
         plane = plane.halve();
     }
     levels.reverse();
-    Ok(Texture { kind: TextureKind::Height, width_px, height_px, alpha: false, levels })
+    Ok(Texture { kind: TextureKind::Height, width_px, height_px, alpha: false, mean: None, levels })
 }
 
 /// Exporters often write normal maps as `map_Bump`: bluish, with red and green about the middle.

@@ -362,6 +362,7 @@ fn texture_levels_follow_texel_density() {
             kind: TextureKind::Color,
             width: 2048,
             height: 2048,
+            mean: None,
             levels: [32, 128, 512, 2048].map(level).to_vec(),
         }],
     };

@@ -95,6 +95,26 @@ fn unknown_names_and_wrong_sizes_are_errors() {
 }
 
 #[test]
+fn a_texture_of_which_nothing_is_here_is_drawn_in_its_mean_colour() {
+    let Some(mut h) = headless(16, 16) else { return };
+    let mesh = quad([-1.0, -1.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], 1.0);
+    let (bytes, linear) = ([180, 90, 40, 255], [0.456_41, 0.102_24, 0.021_22]);
+    let shape = TextureShape { mean: linear, ..TextureShape::full(4, 4, TextureKind::Colour) };
+    let material = Material { base_colour: [0.5; 3], colour_texture: Some(0), ..Material::default() };
+    let mut a = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[material], &[shape]);
+    fill(&h, &mut a, &mesh);
+    let before = shoot(&mut h, &a);
+    for level in 0..shape.levels {
+        let (w, height) = shape.level_size(level);
+        let texels = bytes.repeat((w * height) as usize);
+        a.update_texture(h.gpu(), 0, level, TextureData::Rgba8(&texels)).unwrap();
+        let after = shoot(&mut h, &a);
+        let off = before.as_raw().iter().zip(after.as_raw()).map(|(x, y)| x.abs_diff(*y)).max();
+        assert!(off.is_some_and(|off| off <= 1), "level {level}: {off:?} off the mean");
+    }
+}
+
+#[test]
 fn texture_levels_sharpen_the_picture_in_any_order() {
     let Some(mut h) = headless(64, 64) else { return };
     let size = 64u32;

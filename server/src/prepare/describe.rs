@@ -148,6 +148,7 @@ impl Textures {
             },
             width: texture.width_px,
             height: texture.height_px,
+            mean: texture.mean,
             levels,
         });
         self.levels.push(texture.levels);
@@ -192,6 +193,10 @@ mod tests {
         assert_eq!(
             textures[0].levels.iter().map(|l| (l.width, l.height)).collect::<Vec<_>>(),
             [(8, 4), (16, 8), (32, 16)]
+        );
+        assert_eq!(
+            textures.iter().map(|texture| texture.mean).collect::<Vec<_>>(),
+            [Some([9, 200, 30]), None]
         );
         for (info, blobs) in textures.iter().zip(&described.textures) {
             let lengths: Vec<usize> = info.levels.iter().map(|l| l.bytes as usize).collect();

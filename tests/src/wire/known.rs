@@ -362,6 +362,7 @@ fn texture(texture: &TextureInfo) -> Value {
         "kind": if texture.kind == TextureKind::Color { "color" } else { "height" },
         "width": texture.width,
         "height": texture.height,
+        "mean": texture.mean,
         "levels": levels.collect::<Vec<_>>(),
     })
 }
