@@ -151,8 +151,12 @@ impl Push {
         config: &ServerConfig,
         open: bool,
     ) {
-        while requests.scheduler.queued() < PUSH_AHEAD {
-            let Some(&(priority, unit)) = self.queue.last() else { break };
+        while let Some(&(priority, unit)) = self.queue.last() {
+            // What is asked for meanwhile does not keep base meshes waiting.
+            let is_first = requests.scheduler.peek().is_none_or(|(next, _)| next < priority);
+            if requests.scheduler.queued() >= PUSH_AHEAD && !is_first {
+                break;
+            }
             let fits = self.fits(source, unit, open);
             if !fits && !open {
                 break;
@@ -338,6 +342,32 @@ mod tests {
         push.set_view(Time::ZERO, other, &mut requests, false);
         assert!(requests.scheduler.is_empty() && push.unasked.is_empty());
         assert_eq!(push.replan_at(), None);
+    }
+
+    #[test]
+    fn what_is_asked_for_meanwhile_does_not_keep_base_meshes_waiting() {
+        let scene = MemoryScene::new(40, 1, 5);
+        let (mut push, mut requests) = (Push::new(start(&scene), u64::MAX), Requests::new(1000));
+        let config = ServerConfig::quic(None);
+        push.plan(&*scene, &mut requests);
+        for chunk in 0..2 * PUSH_AHEAD as u32 {
+            let want = crate::message::Want::whole(BlobId::chunk(0, chunk), 9.0_f32.to_bits());
+            requests.want(&*scene, &want).unwrap();
+        }
+        loop {
+            push.refill(&*scene, &mut requests, &config, true);
+            if push.has_all_bases() {
+                break;
+            }
+            match requests.next(&*scene, 1 << 14).unwrap() {
+                Outgoing::Page(page) => push.settled(Unit::Page(page)),
+                Outgoing::Piece { piece, .. } => {
+                    assert_eq!(piece.id.part(), Some(crate::blob::BlobPart::Base), "before all bases");
+                    push.settled(Unit::Blob(piece.id));
+                }
+                Outgoing::Failed { id, .. } => push.settled(Unit::Blob(id)),
+            }
+        }
     }
 
     #[test]
