@@ -78,6 +78,8 @@ pub(crate) struct MemoryScene {
     pub(crate) chunks: Vec<Vec<ChunkInfo>>,
     /// Real index pages, per asset.
     index: Vec<Vec<Bytes>>,
+    /// Levels of the one texture that each asset has, none if 0.
+    pub(crate) texture_levels: u8,
 }
 
 impl MemoryScene {
@@ -121,7 +123,7 @@ impl MemoryScene {
         };
         header.check().unwrap();
         let index = chunks.iter().map(|infos| index_pages(infos)).collect();
-        Arc::new(Self { header, pages, chunks, index })
+        Arc::new(Self { header, pages, chunks, index, texture_levels: 0 })
     }
 }
 
@@ -143,6 +145,9 @@ impl SceneSource for MemoryScene {
                 self.index[asset as usize].get(page as usize).map(|bytes| bytes.len() as u32)
             }
             BlobPart::Chunk(chunk) => chunks.get(chunk as usize).map(|info| info.payload_bytes),
+            BlobPart::Texture { texture: 0, level } if level < self.texture_levels => {
+                Some(200 << u32::from(level))
+            }
             BlobPart::Texture { .. } => None,
         }
     }

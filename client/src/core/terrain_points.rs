@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use glam::Vec3;
 use lodestream_geometry::DecodeError;
 use lodestream_protocol::blob::{BlobId, TerrainBlob};
-use lodestream_protocol::select::{Projection, State, Wanted, priority};
+use lodestream_protocol::select::{Projection, State, Wanted, priority, shape_priority};
 use lodestream_protocol::terrain::{
     DirectoryError, ListedPatch, PATCHES_PER_PAGE, TerrainEntry, decode_directory,
 };
@@ -124,7 +124,7 @@ impl TerrainPoints {
         let mut settled = true;
         for (page, &state) in (0..).zip(&self.pages) {
             if matches!(state, State::Absent | State::InFlight) {
-                let urgent = priority::index_priority(f32::MAX);
+                let urgent = priority::DIRECTORY;
                 wanted.push(Wanted::whole(BlobId::terrain_page(page), urgent, None, state));
                 settled = false;
             } else if state == State::Failed {
@@ -162,7 +162,8 @@ impl TerrainPoints {
             if px <= view.target_px || self.held_bytes + 16 * u64::from(listed.bytes) > MAX_HELD_BYTES {
                 continue;
             }
-            let priority = priority::refine_priority(px, listed.bytes, 1.0);
+            let radius_px = projection.error_px(0.5 * side, across.max(0.5 * side)) as f32;
+            let priority = shape_priority(view, px, radius_px, listed.bytes);
             let id = BlobId::terrain_points(number);
             if *state == State::Failed {
                 failed.push(id);

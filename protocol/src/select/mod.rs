@@ -7,13 +7,15 @@
 //! chunks are shared by its instances, so the largest over the instances counts. Chunks pass their error
 //! on to their parents, without which they cannot be applied; so the chunks above any threshold are closed
 //! under parents. Wanted are the missing ones above the threshold (the view's target, or more where
-//! the budgets are exceeded), most urgent first ([`priority`]); unneeded are the applied ones below a
+//! the budgets are exceeded), those first that make the most visible difference per byte, with what hangs on them
+//! ([`priority`]); unneeded are the applied ones below a
 //! smaller threshold, so that nothing flickers when the camera wavers.
 //!
 //! A chunk none of whose children is above the threshold is wanted up to the first stop whose error, at
 //! the same magnification, is not above it; once a child is, or the stop does no longer, the rest. Budgets
 //! count it whole.
 
+pub(crate) mod difference;
 pub mod priority;
 mod project;
 mod selection;
@@ -23,6 +25,7 @@ mod state;
 #[cfg(test)]
 mod tests;
 
+pub use difference::shape_priority;
 pub use priority::Priority;
 pub use project::{Bounds, LocalView, Projection};
 pub use selection::{Counters, Selection, State, Wanted};

@@ -1,26 +1,23 @@
 //! How urgent a blob is: numbers that all kinds of blobs share.
 //!
-//! A priority is the bit pattern of a positive `f32`, which orders as the float does. The exponent is the
-//! octave of the screen error that the blob removes, so that everything above 4 px comes before anything
-//! below it and the worst parts of the picture improve first; within the octave, the mantissa ranks by
-//! screen error removed per byte, and by nearness to the centre of the picture.
+//! A priority is the bit pattern of a positive `f32`, which orders as the float does. Of what refines the picture it is
+//! the visible difference that a blob makes per byte, in square pixels a byte ([`super::difference`]), so the order is
+//! the greedy one by worth; what is near the centre of the picture comes somewhat sooner.
 //!
 //! Base meshes of visible instances come before all refinement, those out of view after it.
 
 /// How urgent a blob is; higher is first. The numbers of all kinds of blobs compare with each other.
 pub type Priority = u32;
 
-/// Above any screen error in pixels.
+/// Above what any refinement is worth.
 const BASE: f32 = 1e20;
-/// Below any screen error worth refining.
+/// Below what any refinement is worth.
 const PREFETCH: f32 = 1e-17;
-/// Bytes at which a chunk ranks in the middle of its octave.
-const MIDDLE_BYTES: f32 = 1024.0;
+/// What refinement may be worth, in square pixels a byte.
+const WORTH: std::ops::RangeInclusive<f32> = 1e-6..=1e9;
 
-const MANTISSA: u32 = (1 << 23) - 1;
-
-/// Largest screen error that makes a difference: beyond the picture's height all is lost alike.
-const MAX_ERROR_PX: f32 = 65_536.0;
+/// Before all refinement, but after base meshes: what the client cannot know its wishes without.
+pub const DIRECTORY: Priority = WORTH.end().to_bits();
 
 /// Priority of a visible instance's base mesh (and of the scene page that places it): the larger on the
 /// screen and the nearer to its centre, the sooner.
@@ -38,29 +35,15 @@ pub fn prefetch_priority(coverage_px: f32) -> Priority {
 /// Whether the priority is that of something without which a visible instance cannot be drawn.
 #[must_use]
 pub const fn is_base(priority: Priority) -> bool {
-    priority >= 0x5000_0000 // 8.6e9, between MAX_ERROR_PX and every base priority
+    priority >= 0x5000_0000 // 8.6e9, between what refinement is worth at most and every base priority
 }
 
-/// Priority of something that removes `error_px` of screen error for `bytes`; `centrality` is 1 in the
-/// middle of the picture and falls towards 0 outwards.
+/// Priority of something that makes a visible difference of `difference_px2` square pixels for `bytes`; `centrality` is 1
+/// in the middle of the picture and falls towards 0 outwards.
 #[must_use]
-pub fn refine_priority(error_px: f32, bytes: u32, centrality: f32) -> Priority {
-    let error_px = error_px.clamp(1e-6, MAX_ERROR_PX);
-    let bits = error_px.to_bits();
-    let in_octave = f32::from_bits((bits & MANTISSA) | 1.0_f32.to_bits());
-    #[allow(clippy::cast_precision_loss)]
-    let gain = in_octave * centrality.clamp(0.01, 1.0) * MIDDLE_BYTES / bytes.max(1) as f32;
-    // gain / (1 + gain) maps (0, ∞) to (0, 1) without losing the order.
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
-    let rank = (gain / (1.0 + gain) * MANTISSA as f32) as u32;
-    (bits & !MANTISSA) | rank.min(MANTISSA)
-}
-
-/// Priority of an index page whose chunks have a screen error of at most `error_px`: the first of its
-/// octave, because nothing behind it can be asked for without it.
-#[must_use]
-pub fn index_priority(error_px: f32) -> Priority {
-    error_px.clamp(1e-6, MAX_ERROR_PX).to_bits() | MANTISSA
+pub fn refine_priority(difference_px2: f32, bytes: f32, centrality: f32) -> Priority {
+    let worth = difference_px2 / bytes.max(1.0) * centrality.clamp(0.01, 1.0).sqrt();
+    worth.clamp(*WORTH.start(), *WORTH.end()).to_bits()
 }
 
 #[cfg(test)]
@@ -68,21 +51,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn octave_decides_then_error_per_byte_then_centrality() {
-        assert!(refine_priority(4.0, 60_000, 0.1) > refine_priority(3.9, 10, 1.0));
-        assert!(refine_priority(5.0, 500, 1.0) > refine_priority(7.9, 5000, 1.0));
-        assert!(refine_priority(5.0, 500, 1.0) > refine_priority(5.0, 500, 0.5));
-        assert!(index_priority(5.0) > refine_priority(7.9, 1, 1.0));
-        assert!(index_priority(3.9) < refine_priority(4.1, 60_000, 0.1));
+    fn difference_per_byte_decides_then_centrality() {
+        assert!(refine_priority(4.0, 10.0, 1.0) > refine_priority(3.9, 10.0, 1.0));
+        assert!(refine_priority(500.0, 500.0, 1.0) > refine_priority(700.0, 5000.0, 1.0));
+        assert!(refine_priority(500.0, 500.0, 1.0) > refine_priority(500.0, 500.0, 0.5));
     }
 
     #[test]
     fn classes_do_not_mix() {
-        for error in [1e-9, 1.0, 1e6, f32::MAX] {
-            let refine = refine_priority(error, 1, 1.0).max(index_priority(error));
-            assert!(base_priority(0.0, 0.0) > refine && !is_base(refine));
-            assert!(prefetch_priority(f32::MAX) < refine_priority(error, u32::MAX, 0.0));
+        for difference in [0.0, 1e-30, 1.0, 1e6, f32::MAX] {
+            let refine = refine_priority(difference, 1.0, 1.0);
+            assert!(base_priority(0.0, 0.0) > refine && !is_base(refine) && refine <= DIRECTORY);
+            assert!(prefetch_priority(f32::MAX) < refine_priority(difference, 1e9, 0.0));
         }
-        assert!(is_base(base_priority(0.0, 0.0)));
+        assert!(is_base(base_priority(0.0, 0.0)) && !is_base(DIRECTORY));
     }
 }

@@ -5,7 +5,8 @@ use std::cmp::Reverse;
 use lodestream_geometry::index::ChunkInfo;
 use lodestream_geometry::screen::{visible_error, visible_error_at};
 
-use super::priority::{Priority, base_priority, index_priority, prefetch_priority, refine_priority};
+use super::difference::{Package, Picture, seen_error};
+use super::priority::{Priority, base_priority, prefetch_priority, refine_priority};
 use super::project::Projection;
 use super::selection::{Counters, Selection, State, Wanted};
 use super::settings::SelectSettings;
@@ -57,11 +58,14 @@ struct Seen {
 struct Seek {
     /// Screen error while it is missing, the largest over instances, itself and its descendants.
     error_px: f32,
-    /// The same of itself alone, and of its descendants alone.
+    /// The same of itself alone.
     own_px: f32,
-    finer_px: f32,
     centrality: f32,
-    /// The largest over itself and its missing descendants; 0: not wanted.
+    /// Visible difference while it is missing, the sum over instances.
+    difference_px2: f32,
+    /// What its missing descendants are worth, then it with them.
+    package: Package,
+    /// By what it is worth with its missing descendants; 0: not wanted.
     priority: Priority,
     /// Applied, and needed by something applied.
     kept: bool,
@@ -154,10 +158,11 @@ impl Selector {
             let share = in_use.0 as f64 / self.settings.max_faces.max(1) as f64;
             share <= f64::from(self.settings.keep_out_of_view.get())
         };
+        let picture = Picture::new(view);
         for (number, asset) in (0..).zip(assets) {
             self.refine(number, asset, threshold, keep_out_of_view);
-            self.want_base_and_pages(number, asset, threshold);
-            self.want_textures(number, asset, threshold);
+            self.want_base_and_pages(number, asset, threshold, &picture);
+            self.want_textures(number, asset, threshold, &picture);
         }
         self.finish()
     }
@@ -180,7 +185,7 @@ impl Selector {
 
     /// The pass over instances: screen errors per chunk, and the achieved error.
     fn look(&mut self, view: &View, instances: &[InstanceEntry], assets: &[AssetState], in_use: (u64, u64)) {
-        let projection = Projection::new(view);
+        let (projection, picture) = (Projection::new(view), Picture::new(view));
         let counters = &mut self.selection.counters;
         (counters.applied_faces, counters.applied_bytes) = in_use;
         let floor_px = f64::from(view.target_px * self.settings.undo_below.get());
@@ -235,8 +240,12 @@ impl Selector {
                 }
                 #[allow(clippy::cast_possible_truncation)]
                 {
+                    let info = chunk.info();
                     seek.own_px = seek.own_px.max(px as f32);
                     seek.error_px = seek.own_px;
+                    let px_per_unit = px as f32 / error.max(f32::MIN_POSITIVE);
+                    let seen_px = px_per_unit * seen_error(info.error, info.attribute_error, share);
+                    seek.difference_px2 += picture.shape_px2(seen_px, px_per_unit * info.sphere.radius);
                 }
                 seek.centrality = seek.centrality.max(centrality);
             }
@@ -263,7 +272,6 @@ impl Selector {
                 for &parent in &info.parents {
                     let parent = &mut seeks[parent as usize];
                     parent.error_px = parent.error_px.max(error_px);
-                    parent.finer_px = parent.finer_px.max(error_px);
                     parent.centrality = parent.centrality.max(centrality);
                 }
                 if error_px > target_px {
@@ -313,7 +321,7 @@ impl Selector {
         let over = counters.applied_faces > self.settings.max_faces
             || counters.applied_bytes > self.settings.max_bytes;
         let undo_below = if over { threshold } else { threshold * self.settings.undo_below.get() };
-        // Children before parents: priorities and what must stay are passed up.
+        // Children before parents: what they are worth and what must stay is passed up.
         for (index, chunk) in chunks.iter().enumerate().rev() {
             let Some(chunk) = chunk else { continue };
             let info = chunk.info();
@@ -322,21 +330,24 @@ impl Selector {
             if seek.error_px > threshold {
                 seek.stop = if stops { enough(info, seek, threshold, share) } else { None };
                 if chunk.state_up_to(seek.stop) != State::Applied {
-                    let left_px = match chunk.stop() {
-                        None => seek.error_px,
-                        Some(stop) => seek.finer_px.max(px_at(info, seek, stop, share)),
+                    let left = match chunk.stop() {
+                        Some(stop) if seek.own_px > 0.0 => px_at(info, seek, stop, share) / seek.own_px,
+                        _ => 1.0,
                     };
                     let need = info.extent(seek.stop).payload_bytes;
-                    let bytes = need.saturating_sub(chunk.held_bytes()).max(1);
-                    seek.priority = seek.priority.max(refine_priority(left_px, bytes, seek.centrality));
+                    #[allow(clippy::cast_precision_loss)]
+                    let bytes = need.saturating_sub(chunk.held_bytes()).max(1) as f32;
+                    let own = Package { difference_px2: left * seek.difference_px2, bytes };
+                    seek.package = own.with(seek.package);
+                    seek.priority = seek.package.priority(seek.centrality);
                 }
             }
             let out_of_view = seek.error_px <= 0.0 && !far;
             seek.kept |= applied && (seek.error_px >= undo_below || (out_of_view && keep_out_of_view));
-            let Seek { priority, kept, error_px, .. } = *seek;
+            let Seek { package, kept, error_px, .. } = *seek;
             for &parent in &info.parents {
                 let parent = &mut seeks[parent as usize];
-                parent.priority = parent.priority.max(priority);
+                parent.package.add(package, info.parents.len());
                 parent.kept |= kept;
                 parent.inner |= error_px > threshold;
             }
@@ -347,7 +358,7 @@ impl Selector {
                 self.selection.cancel.push(id);
             }
         }
-        // Parents before children: what can never come blocks what hangs on it.
+        // Parents before children: what can never come blocks what hangs on it, and nothing comes before its parents.
         for (index, chunk) in chunks.iter().enumerate() {
             let Some(chunk) = chunk else {
                 seeks[index].blocked = true;
@@ -356,7 +367,10 @@ impl Selector {
             let info = chunk.info();
             let blocked = chunk.state() == State::Failed
                 || info.parents.iter().any(|&parent| seeks[parent as usize].blocked);
+            let parents = info.parents.iter().map(|&parent| seeks[parent as usize].priority);
+            let first = parents.filter(|&priority| priority > 0).min().unwrap_or(Priority::MAX);
             let seek = &mut seeks[index];
+            seek.priority = seek.priority.min(first);
             seek.blocked = blocked;
             if chunk.state() == State::Failed && (seek.error_px > threshold || seek.inner) {
                 let id = BlobId::chunk(number, u32::try_from(index).unwrap_or(u32::MAX));
@@ -392,7 +406,7 @@ impl Selector {
         }
     }
 
-    fn want_base_and_pages(&mut self, number: u32, asset: &AssetState, threshold: f32) {
+    fn want_base_and_pages(&mut self, number: u32, asset: &AssetState, threshold: f32, picture: &Picture) {
         let seen = self.seen[number as usize];
         let Selection { wanted, failed, .. } = &mut self.selection;
         let mut want = |part: BlobPart, priority: Priority| {
@@ -422,13 +436,13 @@ impl Selector {
                 if page > known && expected_px <= threshold / 2.0 {
                     break;
                 }
-                want(BlobPart::IndexPage(page), index_priority(expected_px));
+                want(BlobPart::IndexPage(page), picture.page_priority(expected_px, seen.coverage_px));
             }
         }
     }
 
     /// A texture's next level is wanted while a texel of the last one covers more than a pixel.
-    fn want_textures(&mut self, number: u32, asset: &AssetState, threshold: f32) {
+    fn want_textures(&mut self, number: u32, asset: &AssetState, threshold: f32, picture: &Picture) {
         let seen = self.seen[number as usize];
         if !seen.visible || asset.state(BlobPart::Base) != State::Applied {
             return;
@@ -448,10 +462,13 @@ impl Selector {
                 }
                 if *state != State::Applied {
                     pending += 1;
-                    let blur_px = texel_px.min(256.0) * self.settings.texture_weight.get();
+                    let weight = self.settings.texture_weight.get();
+                    let difference_px2 = picture.texture_px2(texel_px, seen.coverage_px, weight);
+                    #[allow(clippy::cast_precision_loss)]
+                    let bytes = about.bytes as f32;
                     self.selection.wanted.push(Wanted::whole(
                         id,
-                        refine_priority(blur_px, about.bytes, seen.centrality),
+                        refine_priority(difference_px2, bytes, seen.centrality),
                         Some(about.bytes),
                         *state,
                     ));

@@ -91,7 +91,7 @@ pub struct SelectSettings {
     pub keep_out_of_view: Share,
     /// Most wanted blobs that one call lists.
     pub max_wanted: NonZeroUsize,
-    /// How a blurred texel counts against a geometric error of one pixel.
+    /// How much of the area that a texture covers counts as different while the texture is a blur, against shapes.
     pub texture_weight: Weight,
     /// How much of attribute errors' weight counts ([`visible_error`]). Less saves bytes where
     /// texture and shading may lag behind geometry; none judges geometry alone.
@@ -113,7 +113,7 @@ impl Default for SelectSettings {
             undo_below: Share(0.7),
             keep_out_of_view: Share(0.5),
             max_wanted: const { NonZeroUsize::new(512).unwrap() },
-            texture_weight: Weight(0.25),
+            texture_weight: Weight(0.02),
             attribute_share: Share::ALL,
             prefetch_bases: true,
             stops: true,

@@ -178,7 +178,7 @@ fn the_threshold_rises_until_budgets_hold() {
 }
 
 #[test]
-fn bases_come_first_then_pages_then_chunks_and_unknown_is_root_error() {
+fn bases_come_first_and_what_is_unknown_is_the_root_error() {
     let chunks = plane(5);
     let mut fresh = AssetState::new(plane_entry("fresh", &chunks, 1000));
     let instances = [
@@ -193,8 +193,11 @@ fn bases_come_first_then_pages_then_chunks_and_unknown_is_root_error() {
     };
     assert_eq!(max_screen_error_px(&view, &instances, &[fresh.clone(), known_asset(5)]), f64::INFINITY);
     let wanted = parts(&[fresh.clone(), known_asset(5)]);
-    assert_eq!(wanted[..2], [BlobId::base(0), BlobId::index_page(0, 0)]);
-    assert!(wanted[2..].iter().any(|id| matches!(id.part(), Some(BlobPart::Chunk(_)))));
+    assert_eq!(wanted[0], BlobId::base(0));
+    let before_chunks = wanted.iter().position(|id| *id == BlobId::index_page(0, 0)).unwrap();
+    let chunks_after =
+        wanted[before_chunks..].iter().filter(|id| matches!(id.part(), Some(BlobPart::Chunk(_))));
+    assert!(chunks_after.count() > 10, "{wanted:?}");
 
     fresh.set_state(BlobPart::Base, State::Applied);
     let root_px = max_screen_error_px(&view, &instances[..1], &[fresh.clone()]);
@@ -206,6 +209,46 @@ fn bases_come_first_then_pages_then_chunks_and_unknown_is_root_error() {
     let known_px = max_screen_error_px(&view, &instances[..1], &[fresh.clone()]);
     assert!(known_px < root_px && known_px > 1.0, "{known_px} of {root_px}");
     assert_eq!(parts(&[fresh])[0], BlobId::index_page(0, 1));
+}
+
+/// Of two chunks as far off and as long the larger comes first, whatever octave of screen error they are in; and a small
+/// one on which much hangs comes before one on which nothing does.
+#[test]
+fn what_makes_the_most_difference_per_byte_comes_first_and_parents_before_their_children() {
+    let chunk = |error: f32, radius: f32, payload_bytes: u32, parents: &[u32]| ChunkInfo {
+        level: 1 + u8::from(!parents.is_empty()),
+        error,
+        parents: parents.to_vec(),
+        sphere: Sphere { center: [0.0; 3], radius },
+        payload_bytes,
+        vertices: 300,
+        wedges: 300,
+        faces: 600,
+        ..ChunkInfo::default()
+    };
+    let order = |chunks: &[ChunkInfo]| {
+        let mut asset = AssetState::new(plane_entry("plane", chunks, 1000));
+        asset.set_state(BlobPart::Base, State::Applied);
+        asset.add_index_page(0, chunks.to_vec()).unwrap();
+        let (view, instances) = (above([0.0, 3.0, 0.5]), [InstanceEntry::at(0, [0.0; 3])]);
+        let mut selector = Selector::default();
+        let wanted = selector.select(&view, &instances, &[asset]).wanted.clone();
+        assert!(wanted.is_sorted_by_key(|wanted| std::cmp::Reverse(wanted.priority)));
+        wanted
+            .iter()
+            .filter_map(|wanted| match wanted.id.part() {
+                Some(BlobPart::Chunk(chunk)) => Some(chunk),
+                _ => None,
+            })
+            .collect::<Vec<_>>()
+    };
+    // Three times the error on a tenth of the size.
+    assert_eq!(order(&[chunk(0.03, 0.1, 800, &[]), chunk(0.01, 1.0, 800, &[])]), [1, 0]);
+    assert_eq!(order(&[chunk(0.01, 1.0, 8000, &[]), chunk(0.01, 1.0, 800, &[])]), [1, 0]);
+    let behind = [chunk(0.01, 0.2, 800, &[]), chunk(0.01, 0.3, 800, &[]), chunk(0.05, 1.0, 800, &[0])];
+    assert_eq!(order(&behind), [0, 2, 1]);
+    // The child is worth more than its parent, and comes right behind it.
+    assert_eq!(order(&[chunk(0.01, 0.5, 9000, &[]), chunk(0.1, 1.0, 100, &[0])]), [0, 1]);
 }
 
 #[test]
@@ -232,9 +275,8 @@ fn pages_behind_an_error_just_above_the_target_do_not_come_one_a_round_trip() {
         wanted.iter().filter(|w| matches!(w.id.part(), Some(BlobPart::IndexPage(_)))).collect();
     let ids: Vec<_> = pages.iter().map(|page| page.id).collect();
     assert_eq!(ids, (2..6).map(|page| BlobId::index_page(0, page)).collect::<Vec<_>>());
-    // Only the first is certain to be needed: the others come after whatever is above the target.
-    let above_target = priority::index_priority(1.0);
-    assert!(pages[0].priority >= above_target && pages[1].priority < 1.0_f32.to_bits(), "{pages:?}");
+    // Only the first is certain to be needed: it comes before the others, each further one later.
+    assert!(pages.windows(2).all(|pair| pair[0].priority > pair[1].priority), "{pages:?}");
 }
 
 #[test]

@@ -8,8 +8,9 @@ use super::first_flight::{all_pages, first_flight};
 use crate::blob::{BlobId, BlobPart};
 use crate::scene::{AssetEntry, InstanceEntry};
 use crate::scheduler::Unit;
-use crate::select::priority::Priority;
-use crate::select::{AssetState, SelectSettings, Selector, State, Wanted};
+use crate::select::difference::Picture;
+use crate::select::priority::{Priority, refine_priority};
+use crate::select::{AssetState, Projection, SelectSettings, Selector, State, Wanted};
 use crate::source::{Reading, SceneSource, SourceError};
 use crate::view::View;
 
@@ -19,6 +20,12 @@ const MAX_REFINED_ASSETS: usize = 64;
 pub(super) const MAX_REFINED_PAGES: usize = 64;
 /// Most index pages named as missing at a time.
 const MAX_MISSING: usize = 8;
+/// Most textures of an asset of which something is pushed.
+const MAX_TEXTURES: u16 = 8;
+/// Levels that are pushed of each, from the coarsest on: some hundred bytes together.
+const COARSE_LEVELS: u8 = 2;
+/// Least radius of an asset on the screen whose textures are pushed, in pixels: with less, the mean colour may do.
+const LEAST_TEXTURED_PX: f32 = 32.0;
 
 /// One blob of the first refinement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,7 +44,7 @@ pub(super) struct Missing(pub(super) Vec<BlobId>);
 pub(super) type ReadPage<'a> = &'a dyn Fn(&BlobId) -> Result<Reading, SourceError>;
 
 /// The first refinement for a view, most urgent first: index pages of what is visible and, by the same
-/// selection as the client's, the first chunks, until `budget_bytes` are used up.
+/// selection as the client's, the first chunks and the coarsest levels of textures, until `budget_bytes` are used up.
 ///
 /// The client takes over with its first `Want` of a chunk; until that arrives, a round trip after the
 /// index pages, the link would lie idle.
@@ -50,7 +57,10 @@ pub(super) fn first_refinement(
     read: ReadPage<'_>,
 ) -> Result<Vec<Refining>, Missing> {
     let (numbers, instances, mut assets) = visible_assets(source, view);
-    let mut selector = Selector::new(SelectSettings { prefetch_bases: false, ..SelectSettings::default() });
+    let settings = SelectSettings { prefetch_bases: false, ..SelectSettings::default() };
+    let mut textures =
+        coarse_textures(source, view, &settings, (&numbers, &instances, &assets)).into_iter().peekable();
+    let mut selector = Selector::new(settings);
     let known = (&numbers[..], &instances[..], &mut assets[..]);
     let mut out = learn_pages(source, view, &mut selector, budget_bytes, read, known)?;
     let mut left = budget_bytes - out.iter().map(|page| length(source, page)).sum::<u64>().min(budget_bytes);
@@ -61,16 +71,74 @@ pub(super) fn first_refinement(
             break;
         };
         let Some(&asset) = numbers.get(asset as usize) else { continue };
+        while let Some(level) = textures.next_if(|level| level.priority >= wanted.priority) {
+            left = left.saturating_sub(length(source, &level));
+            out.push(level);
+        }
         let id = BlobId::Asset { asset, part };
         let chunk = Refining { priority: wanted.priority, id, end: wanted.end };
         match left.checked_sub(length(source, &chunk)) {
             Some(rest) => left = rest,
             None => break,
         }
+        if let Some(page) = out.iter_mut().find(|page| page.id == page_of(asset, part)) {
+            // No chunk before its page.
+            page.priority = page.priority.max(chunk.priority);
+        }
         out.push(chunk);
     }
+    // Stable, so pages stay before chunks that are as urgent.
     out.sort_by_key(|next| std::cmp::Reverse(next.priority));
     Ok(out)
+}
+
+/// The index page that lists a chunk.
+fn page_of(asset: u32, part: BlobPart) -> BlobId {
+    match part {
+        BlobPart::Chunk(chunk) => {
+            BlobId::index_page(asset, chunk / u32::try_from(CHUNKS_PER_PAGE).unwrap_or(u32::MAX))
+        }
+        _ => BlobId::base(asset),
+    }
+}
+
+/// The coarsest levels of the textures of what is visible, most urgent first. What they are of and how dense, the server
+/// does not know: all count as blurs.
+fn coarse_textures(
+    source: &dyn SceneSource,
+    view: &View,
+    settings: &SelectSettings,
+    (numbers, instances, assets): (&[u32], &[InstanceEntry], &[AssetState]),
+) -> Vec<Refining> {
+    let (projection, picture) = (Projection::new(view), Picture::new(view));
+    let mut seen = vec![(0.0_f32, 0.0_f32); assets.len()];
+    for instance in instances {
+        let (Some(asset), Some(seen)) =
+            (assets.get(instance.asset as usize), seen.get_mut(instance.asset as usize))
+        else {
+            continue;
+        };
+        let bounds = projection.bounds(asset.entry(), instance);
+        if bounds.visible {
+            *seen = (seen.0.max(bounds.coverage_px), seen.1.max(bounds.centrality));
+        }
+    }
+    let mut out = Vec::new();
+    for (&asset, (coverage_px, centrality)) in
+        numbers.iter().zip(seen).filter(|(_, seen)| seen.0 >= LEAST_TEXTURED_PX)
+    {
+        let difference_px2 = picture.texture_px2(f32::MAX, coverage_px, settings.texture_weight.get());
+        for id in (0..MAX_TEXTURES)
+            .flat_map(|texture| (0..COARSE_LEVELS).map(move |level| BlobId::texture(asset, texture, level)))
+        {
+            let Some(bytes) = source.blob_len(&id) else { continue };
+            #[allow(clippy::cast_precision_loss)]
+            let priority = refine_priority(difference_px2, bytes as f32, centrality);
+            out.push(Refining { priority, id, end: None });
+        }
+    }
+    out.sort_by_key(|level| std::cmp::Reverse(level.priority));
+    out
 }
 
 fn length(source: &dyn SceneSource, next: &Refining) -> u64 {
@@ -208,6 +276,33 @@ mod tests {
             }
         }
         panic!("never complete");
+    }
+
+    #[test]
+    fn the_coarsest_levels_of_textures_come_among_the_first_chunks_of_what_is_large() {
+        let mut scene = MemoryScene::new(3, 1, 5);
+        std::sync::Arc::get_mut(&mut scene).unwrap().texture_levels = 4;
+        let pushed = refinement(&scene, 64_000);
+        let levels: Vec<_> = pushed
+            .iter()
+            .filter_map(|next| match next.id {
+                BlobId::Asset { asset, part: BlobPart::Texture { texture: 0, level } } => {
+                    Some((asset, level))
+                }
+                _ => None,
+            })
+            .collect();
+        assert!(levels.contains(&(0, 0)) && levels.contains(&(0, 1)), "{levels:?}");
+        assert!(levels.iter().all(|&(_, level)| level < COARSE_LEVELS), "{levels:?}");
+        let place = |id| pushed.iter().position(|next| next.id == id).unwrap_or(usize::MAX);
+        assert!(place(BlobId::texture(0, 0, 0)) < place(BlobId::texture(0, 0, 1)));
+        let chunks = pushed.iter().filter(|next| matches!(next.id.part(), Some(BlobPart::Chunk(_))));
+        assert!(chunks.count() > 10);
+        assert!(place(BlobId::texture(0, 0, 0)) < pushed.len() / 2, "{pushed:?}");
+        // Far away the mean colour does.
+        let far = View { eye: [0.0, 1.0, 4000.0], ..scene.header.camera.view([1280, 720], 1.0) };
+        let pushed = first_refinement(&*scene, &far, 64_000, &|id| scene.try_read(id)).unwrap();
+        assert!(pushed.iter().all(|next| !matches!(next.id.part(), Some(BlobPart::Texture { .. }))));
     }
 
     #[test]

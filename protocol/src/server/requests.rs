@@ -9,7 +9,7 @@ use crate::blob::{BlobId, BlobPart};
 use crate::limits::MAX_BLOB_BYTES;
 use crate::message::{RefusedReason, Want};
 use crate::scheduler::{Cancelled, Outgoing, Scheduler, Unit};
-use crate::select::priority::{Priority, index_priority};
+use crate::select::priority::{DIRECTORY, Priority};
 use crate::source::{Reading, SceneSource, SourceError};
 
 /// See the module.
@@ -144,7 +144,7 @@ impl Requests {
 
     /// Queues a page of the scene, again if it was sent.
     pub(super) fn want_page(&mut self, page: u32) -> PageWanted {
-        let (unit, priority) = (Unit::Page(page), index_priority(f32::MAX));
+        let (unit, priority) = (Unit::Page(page), DIRECTORY);
         let again = self.handed.remove(&unit).is_some();
         if again {
             self.pages_handed = self.pages_handed.saturating_sub(1);

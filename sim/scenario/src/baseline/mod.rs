@@ -26,6 +26,7 @@ pub mod library;
 mod loader;
 pub mod mesh_text;
 pub mod nodes;
+mod octave;
 pub mod offer;
 mod run;
 pub mod seed_models;

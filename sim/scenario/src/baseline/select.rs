@@ -1,4 +1,5 @@
-//! Which pieces a view wants, by the project's own rule (`protocol::select`): its projection, its priorities.
+//! Which pieces a view wants, by the project's own projection and rule (`protocol::select`), the worst first: by octaves
+//! of screen error, which takes them to a screen error sooner than the project's own order by visible difference does.
 //!
 //! A piece is refined into its children while its error projects to more than the target; children out of view
 //! are not wanted. A child of several pieces needs all of them, so what it is worth is passed on to them. The
@@ -6,15 +7,18 @@
 
 use std::cmp::Reverse;
 
-use lodestream_protocol::select::priority::{base_priority, prefetch_priority, refine_priority};
-use lodestream_protocol::select::{Priority, Projection, SelectSettings};
+use lodestream_protocol::select::priority::{base_priority, prefetch_priority};
+use lodestream_protocol::select::{Priority, Projection};
 use lodestream_protocol::{BlobId, BlobPart, View};
 
 use super::library::Content;
+use super::octave::octave_priority;
 use super::offer::{Item, Offer};
 
 /// Texture levels that are wanted of one texture at once, as in the project's selection.
 const PENDING_LEVELS: usize = 2;
+/// How a blurred texel counts against a screen error of one pixel.
+const TEXTURE_WEIGHT: f32 = 0.25;
 
 /// Where an item is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -178,7 +182,7 @@ fn want_pieces(
                 0
             }
         } else if error_px > target_px {
-            refine_priority(error_px, u32::try_from(piece.bytes).unwrap_or(u32::MAX), centrality)
+            octave_priority(error_px, u32::try_from(piece.bytes).unwrap_or(u32::MAX), centrality)
         } else {
             0
         };
@@ -215,7 +219,6 @@ fn want_textures(
     seen: &Seen,
     target_px: f32,
 ) {
-    let weight = SelectSettings::default().texture_weight.get();
     let textures = &content.stage.textures[asset as usize];
     for ((number, texture), states) in (0_u16..).zip(textures).zip(&held.textures[asset as usize]) {
         let px_per_uv = seen.px_per_unit / texture.uv_per_unit.max(f32::MIN_POSITIVE);
@@ -227,7 +230,7 @@ fn want_textures(
             }
             if state != State::Here {
                 pending += 1;
-                let priority = refine_priority(texel_px.min(256.0) * weight, bytes, seen.centrality);
+                let priority = octave_priority(texel_px.min(256.0) * TEXTURE_WEIGHT, bytes, seen.centrality);
                 let item = Item::Texture(BlobId::texture(asset, number, level));
                 selection.wanted.push(Wanted { item, priority, bytes: u64::from(bytes), state });
             }
