@@ -204,3 +204,30 @@ pub(crate) struct BoundMaterial {
     /// Whether the relief pipeline has something to do.
     pub(crate) relief: bool,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mean_colour_is_linear_and_white_where_none_is_said() {
+        let info = |mean| protocol::TextureInfo {
+            kind: protocol::TextureKind::Color,
+            width: 8,
+            height: 8,
+            mean,
+            levels: vec![protocol::TextureLevel {
+                width: 8,
+                height: 8,
+                bytes: 100,
+                format: protocol::TextureFormat::Png,
+            }],
+        };
+        assert_eq!(TextureShape::from(&info(None)).mean, [1.0; 3]);
+        let [r, g, b] = TextureShape::from(&info(Some([255, 188, 10]))).mean;
+        assert!(
+            (r - 1.0).abs() < 1e-6 && (g - 0.5029).abs() < 1e-4 && (b - 0.003_035).abs() < 1e-6,
+            "{r} {g} {b}"
+        );
+    }
+}

@@ -1,7 +1,7 @@
 //! How urgent a blob is: numbers that all kinds of blobs share.
 //!
 //! A priority is the bit pattern of a positive `f32`, which orders as the float does. Of what refines the picture it is
-//! the visible difference that a blob makes per byte, in square pixels a byte ([`super::difference`]), so the order is
+//! the visible difference that a blob makes per byte, in square pixels a byte (`difference` beside this), so the order is
 //! the greedy one by worth; what is near the centre of the picture comes somewhat sooner.
 //!
 //! Base meshes of visible instances come before all refinement, those out of view after it.

@@ -72,8 +72,10 @@ pub(super) fn first_refinement(
         };
         let Some(&asset) = numbers.get(asset as usize) else { continue };
         while let Some(level) = textures.next_if(|level| level.priority >= wanted.priority) {
-            left = left.saturating_sub(length(source, &level));
-            out.push(level);
+            if let Some(rest) = left.checked_sub(length(source, &level)) {
+                left = rest;
+                out.push(level);
+            }
         }
         let id = BlobId::Asset { asset, part };
         let chunk = Refining { priority: wanted.priority, id, end: wanted.end };
@@ -282,6 +284,10 @@ mod tests {
     fn the_coarsest_levels_of_textures_come_among_the_first_chunks_of_what_is_large() {
         let mut scene = MemoryScene::new(3, 1, 5);
         std::sync::Arc::get_mut(&mut scene).unwrap().texture_levels = 4;
+        for budget in [1000, 20_000, 64_000] {
+            let bytes = |next: &Refining| u64::from(next.end.or(scene.blob_len(&next.id)).unwrap());
+            assert!(refinement(&scene, budget).iter().map(bytes).sum::<u64>() <= budget);
+        }
         let pushed = refinement(&scene, 64_000);
         let levels: Vec<_> = pushed
             .iter()
