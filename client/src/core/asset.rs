@@ -142,6 +142,12 @@ impl RefinedAsset {
         Ok(())
     }
 
+    /// What a chunk that was just applied brings does not move to its place: it is there. What was handed to a renderer
+    /// already keeps its birth.
+    pub(crate) fn appear_at_once(&mut self, chunk: u32) {
+        self.births.entry(chunk).or_insert(LONG_AGO_S);
+    }
+
     /// Undoes an applied chunk that no applied chunk needs.
     pub(crate) fn undo(&mut self, chunk: u32) -> Result<(), AssetError> {
         let touched = self.mesh.undo(chunk)?;
@@ -210,6 +216,8 @@ impl RefinedAsset {
     }
 }
 
+/// Birth of vertices whose morph is over when they are first seen.
+const LONG_AGO_S: f32 = -1e9;
 /// Unchanged slots that are sent along rather than beginning a new upload: an upload costs about as much
 /// as computing this many normals.
 const VERTEX_GAP: u32 = 8;

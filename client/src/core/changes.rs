@@ -58,7 +58,8 @@ pub struct NewAsset {
 pub struct Vertex {
     /// Place, normal, texture coordinates.
     pub data: RenderVertex,
-    /// When it was first seen, in seconds of the driver's clock; 0 for the base mesh.
+    /// When it was first seen, in seconds of the driver's clock; 0 for the base mesh, long before that where it shall not
+    /// move to its place but be there.
     pub birth_s: f32,
     /// Level that brought it; 0 is the base mesh.
     pub level: u32,

@@ -454,6 +454,8 @@ fn changes_rebuild_the_mesh_step_by_step() {
             assert_eq!(vertex.data, mesh.render_vertex(*wedge));
         }
     }
+    // What was far off is at its place at once, what was near moves there.
+    assert!(vertices.iter().flatten().any(|v| v.level > 0 && v.birth_s < 0.0));
     assert!(vertices.iter().flatten().any(|v| v.level > 1 && v.birth_s > 0.0));
     assert!(steps > 3 && textures == 3, "{steps} {textures}");
 }

@@ -36,13 +36,16 @@ pub struct Wanted {
     pub end: Option<u32>,
     /// The stop up to which a chunk is to be applied; `None` for the whole chunk.
     pub stop: Option<u8>,
+    /// Screen error of a chunk's own while it is missing, in whole pixels rounded down, at most `u16::MAX`; 0 for other
+    /// blobs.
+    pub error_px: u16,
 }
 
 impl Wanted {
     /// All of a blob of which nothing is here.
     #[must_use]
     pub const fn whole(id: BlobId, priority: Priority, bytes: Option<u32>, state: State) -> Self {
-        Self { id, priority, bytes, state, held: 0, end: None, stop: None }
+        Self { id, priority, bytes, state, held: 0, end: None, stop: None, error_px: 0 }
     }
 }
 

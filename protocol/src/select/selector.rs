@@ -393,6 +393,9 @@ impl Selector {
             if !blocked {
                 let id = BlobId::chunk(number, u32::try_from(index).unwrap_or(u32::MAX));
                 let (bytes, end) = (Some(info.payload_bytes), stop.map(|_| need));
+                // Saturates.
+                #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+                let error_px = seek.own_px as u16;
                 self.selection.wanted.push(Wanted {
                     id,
                     priority: seek.priority,
@@ -401,6 +404,7 @@ impl Selector {
                     held,
                     end,
                     stop,
+                    error_px,
                 });
             }
         }

@@ -12,6 +12,10 @@ use crate::core::changes::{Change, TextureChange};
 use crate::core::terrain_points::TerrainBlobError;
 use crate::core::texture_file::TexturePixels;
 
+/// Screen error above which a chunk brings what was missing rather than refines: it appears at once, without a morph, in
+/// pixels.
+const MAX_MORPH_PX: u16 = 8;
+
 /// A blob, or part of it, as it arrived.
 #[derive(Clone, Debug)]
 pub(super) struct Arrived {
@@ -163,7 +167,7 @@ impl ClientCore {
     /// Puts a chunk or texture level to use whose bytes are here, if all it needs is in place. Gives the
     /// length of what was decoded, or `None` if it has to wait.
     pub(super) fn apply_cached(&mut self, now: Time, wanted: &Wanted) -> Option<u64> {
-        let Wanted { id, stop, .. } = *wanted;
+        let Wanted { id, stop, error_px, .. } = *wanted;
         if !self.is_ready(id) {
             return None;
         }
@@ -174,7 +178,7 @@ impl ClientCore {
         let length = bytes.len() as u64;
         let applied = match id {
             BlobId::Asset { asset, part: BlobPart::Chunk(chunk) } => {
-                self.apply_chunk(asset, chunk, stop, &bytes)
+                self.apply_chunk(asset, chunk, stop, &bytes, error_px)
             }
             BlobId::Asset { asset, part: BlobPart::Texture { texture, level } } => {
                 self.apply_texture(asset, texture, level, &bytes)
@@ -212,7 +216,14 @@ impl ClientCore {
         }
     }
 
-    fn apply_chunk(&mut self, asset: u32, chunk: u32, stop: Option<u8>, bytes: &[u8]) -> Result<(), String> {
+    fn apply_chunk(
+        &mut self,
+        asset: u32,
+        chunk: u32,
+        stop: Option<u8>,
+        bytes: &[u8],
+        error_px: u16,
+    ) -> Result<(), String> {
         let info = self.scene.states.get(asset as usize).and_then(|state| state.chunk(chunk));
         let refined = self.scene.refined.get_mut(asset as usize).and_then(Option::as_mut);
         let (Some(info), Some(refined)) = (info, refined) else { return Err("no such chunk".into()) };
@@ -220,7 +231,11 @@ impl ClientCore {
         if bytes.len() < needed || bytes.len() > info.payload_bytes as usize {
             return Err(format!("{} bytes, but the index says {needed}", bytes.len()));
         }
-        refined.apply(chunk, info, stop, bytes).map_err(|why| why.to_string())
+        refined.apply(chunk, info, stop, bytes).map_err(|why| why.to_string())?;
+        if error_px > MAX_MORPH_PX {
+            refined.appear_at_once(chunk);
+        }
+        Ok(())
     }
 
     fn apply_texture(&mut self, asset: u32, texture: u16, level: u8, bytes: &[u8]) -> Result<(), String> {
