@@ -4,8 +4,8 @@
 //! surface that lies up to `e` pixels off over a region of radius `r` is seen by its outline, which is of the order of
 //! `e · r`, and by its shading, whose angle is off by the order of `e / r` over the area `r²`; both grow as `e · r` does,
 //! up to the whole area. A texture's level changes its surface by the contrast that it adds, which matters less once its
-//! texels are small. The constants are those for which pictures on the way come nearest to the settled one
-//! (docs/design/viewing.md, "What comes first").
+//! texels are small. The constants keep pictures on the way near the settled one without making the last errors wait
+//! long (docs/design/viewing.md, "What comes first"; docs/decisions.md has what was tried).
 
 use super::priority::{Priority, refine_priority};
 use crate::view::View;
