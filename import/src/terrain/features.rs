@@ -12,9 +12,8 @@
 //! ```
 
 use std::io::{self, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, bail};
 use lodestream_terrain::{FeatureSet, Mode, Point, Position, Shape};
 use serde::{Deserialize, Serialize};
 
@@ -48,28 +47,73 @@ enum RawStamp {
     RiverBed { line: Vec<Position>, half_width: u32, depth: i32 },
 }
 
+/// A feature file that cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum FeatureFileError {
+    /// The file cannot be read.
+    #[error("{}: cannot be read: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// The file is larger than is read.
+    #[error("{}: {bytes} bytes of features, at most {MAX_FILE_BYTES} are read; list fewer points", path.display())]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// Its size.
+        bytes: u64,
+    },
+    /// The text is no JSON, or not of the form that the module states.
+    #[error("{}: is no feature file: {source}; {EXPECTED}", path.display())]
+    Form {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, with line and column.
+        source: serde_json::Error,
+    },
+    /// A point's height does not fit 32 bits.
+    #[error(
+        "{}: feature set {set}: point {point}: the height {height} is beyond {} to {}",
+        path.display(), i32::MIN, i32::MAX
+    )]
+    Height {
+        /// The file.
+        path: PathBuf,
+        /// Which set, from 0.
+        set: usize,
+        /// Which of its points, from 0.
+        point: usize,
+        /// Its height.
+        height: i64,
+    },
+}
+
+/// What a feature file holds, for those who wrote something else.
+const EXPECTED: &str = r#"write {"mode": "fixed" or "additive", "points": [[x, y, height], ...], "stamps": [...]}, or a list of such, in whole numbers"#;
+
 /// Reads a file of features. Whether they fit a terrain is not checked yet.
 ///
 /// # Errors
-/// If the file cannot be read, is too large, or is not as the module says. Messages name the file, and where in
-/// it, and what should be there.
-pub fn read(path: &Path) -> anyhow::Result<Vec<FeatureSet>> {
-    let name = path.display();
-    let size = std::fs::metadata(path).with_context(|| format!("{name}: cannot be read"))?.len();
-    if size > MAX_FILE_BYTES {
-        bail!("{name}: {size} bytes of features, at most {MAX_FILE_BYTES} are read; list fewer points");
+/// See [`FeatureFileError`].
+pub fn read(path: &Path) -> Result<Vec<FeatureSet>, FeatureFileError> {
+    let unreadable = |source| FeatureFileError::Read { path: path.to_owned(), source };
+    let bytes = std::fs::metadata(path).map_err(unreadable)?.len();
+    if bytes > MAX_FILE_BYTES {
+        return Err(FeatureFileError::TooLarge { path: path.to_owned(), bytes });
     }
-    let text = std::fs::read(path).with_context(|| format!("{name}: cannot be read"))?;
-    parse(&text).with_context(|| format!("{name}: is no feature file"))
+    parse(path, &std::fs::read(path).map_err(unreadable)?)
 }
 
-fn parse(text: &[u8]) -> anyhow::Result<Vec<FeatureSet>> {
+/// Parses what a feature file at `path` holds.
+fn parse(path: &Path, text: &[u8]) -> Result<Vec<FeatureSet>, FeatureFileError> {
     let list = text.iter().find(|b| !b.is_ascii_whitespace()) == Some(&b'[');
     let raw: Result<Vec<RawSet>, _> =
         if list { serde_json::from_slice(text) } else { serde_json::from_slice(text).map(|set| vec![set]) };
-    let expected = r#"write {"mode": "fixed" or "additive", "points": [[x, y, height], ...], "stamps": [...]}, or a list of such, in whole numbers"#;
-    let raw = raw.map_err(|error| anyhow::anyhow!("{error}; {expected}"))?;
-    raw.into_iter().enumerate().map(|(i, set)| set.resolve(i)).collect()
+    let raw = raw.map_err(|source| FeatureFileError::Form { path: path.to_owned(), source })?;
+    raw.into_iter().enumerate().map(|(i, set)| set.resolve(path, i)).collect()
 }
 
 /// Writes one set of features.
@@ -82,23 +126,18 @@ pub fn write(out: &mut dyn Write, set: &FeatureSet) -> io::Result<()> {
 }
 
 impl RawSet {
-    fn resolve(self, set: usize) -> anyhow::Result<FeatureSet> {
-        let point = |(i, [x, y, height]): (usize, [i64; 3])| {
-            let Ok(height) = i32::try_from(height) else {
-                bail!(
-                    "feature set {set}: point {i}: the height {height} is beyond {} to {}",
-                    i32::MIN,
-                    i32::MAX
-                );
-            };
-            Ok(Point { x, y, height })
+    /// The set that is number `set` of the file at `path`.
+    fn resolve(self, path: &Path, set: usize) -> Result<FeatureSet, FeatureFileError> {
+        let point = |(point, [x, y, height]): (usize, [i64; 3])| match i32::try_from(height) {
+            Ok(height) => Ok(Point { x, y, height }),
+            Err(_) => Err(FeatureFileError::Height { path: path.to_owned(), set, point, height }),
         };
         Ok(FeatureSet {
             mode: match self.mode {
                 RawMode::Fixed => Mode::Fixed,
                 RawMode::Additive => Mode::Additive,
             },
-            points: self.points.into_iter().enumerate().map(point).collect::<anyhow::Result<_>>()?,
+            points: self.points.into_iter().enumerate().map(point).collect::<Result<_, _>>()?,
             stamps: self.stamps.into_iter().map(Shape::from).collect(),
         })
     }
@@ -159,12 +198,13 @@ mod tests {
 
     #[test]
     fn every_kind_is_read_and_written() {
-        let sets = parse(ALL.as_bytes()).unwrap();
+        let path = Path::new("f.json");
+        let sets = parse(path, ALL.as_bytes()).unwrap();
         assert_eq!((sets.len(), sets[0].stamps.len(), sets[1].mode), (2, 5, Mode::Fixed));
         assert_eq!(sets[0].points, [Point { x: 3, y: -5, height: 120 }]);
         let mut text = Vec::new();
         write(&mut text, &sets[0]).unwrap();
-        assert_eq!(parse(&text).unwrap(), sets[..1]);
+        assert_eq!(parse(path, &text).unwrap(), sets[..1]);
     }
 
     #[test]
@@ -187,10 +227,18 @@ mod tests {
             ),
             (r#"[{"mode": "fixed"}"#, &["EOF"]),
         ] {
-            let error = parse(text.as_bytes()).unwrap_err().to_string();
+            let error = parse(Path::new("f.json"), text.as_bytes()).unwrap_err().to_string();
+            assert!(error.starts_with("f.json: "), "{error}");
             for fragment in fragments {
                 assert!(error.contains(fragment), "{text}: {error}");
             }
         }
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_read_is_named_with_the_reason() {
+        let error = read(Path::new("/no/f.json")).unwrap_err();
+        assert!(matches!(error, FeatureFileError::Read { .. }));
+        assert!(error.to_string().starts_with("/no/f.json: cannot be read: "), "{error}");
     }
 }

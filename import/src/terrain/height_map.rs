@@ -1,9 +1,8 @@
 //! Height maps: 16-bit grey pictures as fixed points.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, bail};
-use lodestream_terrain::{FeatureSet, Mode, Parameters, Point, Scratch, Terrain};
+use lodestream_terrain::{FeatureSet, Mode, Parameters, Point, Scratch, Terrain, TerrainError};
 
 /// Largest side of a picture, in pixels.
 const MAX_SIDE: u32 = 16_384;
@@ -32,28 +31,65 @@ pub struct MapError {
     pub rms: f64,
 }
 
+/// A picture that cannot be used as a height map.
+#[derive(Debug, thiserror::Error)]
+pub enum HeightMapError {
+    /// The file cannot be read.
+    #[error("{}: cannot be read: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The file is no picture, or one of more than 16,384 pixels a side.
+    #[error("{}: is no readable picture of at most {MAX_SIDE} pixels a side: {source}", path.display())]
+    Decode {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: image::ImageError,
+    },
+    /// Its pixels are not 16-bit grey.
+    #[error("{}: has {color:?} pixels; save it as 16-bit grey without alpha", path.display())]
+    Color {
+        /// The file.
+        path: PathBuf,
+        /// What they are.
+        color: image::ColorType,
+    },
+    /// White would be at a height beyond 32 bits.
+    #[error("{}: white would be at {white}, beyond 32 bits; give a smaller scale", path.display())]
+    TooHigh {
+        /// The file.
+        path: PathBuf,
+        /// The height of white, in height units.
+        white: f64,
+    },
+}
+
 impl HeightMap {
     /// Reads a picture: black is `offset`, each step of grey `scale` height units.
     ///
     /// # Errors
-    /// If the file is no 16-bit grey PNG of at most 16,384 pixels a side, or heights leave 32 bits.
-    pub fn open(path: &Path, scale: f64, offset: i32) -> anyhow::Result<Self> {
-        let name = path.display();
+    /// See [`HeightMapError`].
+    pub fn open(path: &Path, scale: f64, offset: i32) -> Result<Self, HeightMapError> {
         let mut reader = image::ImageReader::open(path)
             .and_then(image::ImageReader::with_guessed_format)
-            .with_context(|| format!("{name}: cannot be read"))?;
+            .map_err(|source| HeightMapError::Read { path: path.to_owned(), source })?;
         let mut limits = image::Limits::default();
         (limits.max_image_width, limits.max_image_height) = (Some(MAX_SIDE), Some(MAX_SIDE));
         reader.limits(limits);
-        let picture = reader.decode().with_context(|| format!("{name}: is no readable picture"))?;
+        let picture =
+            reader.decode().map_err(|source| HeightMapError::Decode { path: path.to_owned(), source })?;
         let image::DynamicImage::ImageLuma16(picture) = picture else {
-            bail!("{name}: has {:?} pixels; save it as 16-bit grey without alpha", picture.color());
+            return Err(HeightMapError::Color { path: path.to_owned(), color: picture.color() });
         };
         let (width, height) = (picture.width() as usize, picture.height() as usize);
         let map = Self { width, height, grey: picture.into_raw(), scale, offset };
-        let highest = scale * f64::from(u16::MAX) + f64::from(offset);
-        if !(f64::from(i32::MIN)..=f64::from(i32::MAX)).contains(&highest) {
-            bail!("{name}: white would be at {highest}, beyond 32 bits; give a smaller scale");
+        let white = scale * f64::from(u16::MAX) + f64::from(offset);
+        if !(f64::from(i32::MIN)..=f64::from(i32::MAX)).contains(&white) {
+            return Err(HeightMapError::TooHigh { path: path.to_owned(), white });
         }
         Ok(map)
     }
@@ -91,7 +127,7 @@ impl HeightMap {
         parameters: Parameters,
         features: &FeatureSet,
         at: [i64; 2],
-    ) -> anyhow::Result<MapError> {
+    ) -> Result<MapError, TerrainError> {
         let terrain = Terrain::with_features(parameters, std::slice::from_ref(features))?;
         let (mut scratch, mut heights) = (Scratch::new(), Vec::new());
         let (mut max, mut squares) = (0.0_f64, 0.0);
@@ -146,5 +182,24 @@ mod tests {
         assert_eq!(four.points.len(), 40 * 27);
         let [four, sixteen] = [four, sixteen].map(|features| map.error(parameters, &features, at).unwrap());
         assert!(four.rms < sixteen.rms / 8.0 && four.rms > 0.0 && four.max < 1000.0, "{four:?} {sixteen:?}");
+    }
+
+    #[test]
+    fn a_picture_that_is_no_height_map_is_refused_with_what_to_do() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("map.png");
+        let refusal = |scale| HeightMap::open(&path, scale, 0).unwrap_err().to_string();
+        assert!(refusal(1.0).contains("map.png: cannot be read: "), "{}", refusal(1.0));
+        std::fs::write(&path, "no picture").unwrap();
+        assert!(refusal(1.0).contains("map.png: is no readable picture"), "{}", refusal(1.0));
+        image::RgbImage::new(2, 2).save(&path).unwrap();
+        assert!(
+            refusal(1.0).ends_with("Rgb8 pixels; save it as 16-bit grey without alpha"),
+            "{}",
+            refusal(1.0)
+        );
+        image::ImageBuffer::<image::Luma<u16>, Vec<u16>>::new(2, 2).save(&path).unwrap();
+        assert!(refusal(1e6).ends_with("beyond 32 bits; give a smaller scale"), "{}", refusal(1e6));
+        assert!(HeightMap::open(&path, 1.0, 0).is_ok());
     }
 }
