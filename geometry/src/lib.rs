@@ -7,6 +7,7 @@
 pub mod entropy;
 pub mod error;
 pub mod mesh;
+mod name;
 pub mod numbers;
 pub mod pool;
 pub mod random;
@@ -39,6 +40,7 @@ pub use check::closed_set;
 pub use entropy::{Codec, steps};
 pub use error::{DecodeError, MeshError, SkippedTask};
 pub use mesh::{distance, normals, octahedral};
+pub use name::UnknownName;
 pub use prepare::training;
 pub use simplify::settings::{Metric, Settings, SettingsError};
 

@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use lodestream_geometry::mesh::NO_COLOR;
-use lodestream_import::recipe::codec_name;
 use serde::Serialize;
 
 use crate::store::{PackFile, StoreError};
@@ -30,7 +29,7 @@ pub struct Summary {
     /// Textures.
     pub textures: u64,
     /// How base mesh and chunks are coded: `range` or `zstd`.
-    pub codec: &'static str,
+    pub codec: String,
     /// Bits per axis of positions.
     pub position_bits: u8,
     /// Bits per axis of texture coordinates; 0 without any.
@@ -87,7 +86,7 @@ pub fn inspect(path: &Path) -> Result<Summary, StoreError> {
         components: components(mesh.positions.len(), &faces),
         materials: u64::from(base.material_count),
         textures: asset.description.textures.len() as u64,
-        codec: codec_name(base.codec),
+        codec: base.codec.to_string(),
         position_bits: base.grid.bits,
         uv_bits: base.uv_grid.bits,
         levels: base.level_count,

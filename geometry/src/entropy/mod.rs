@@ -40,7 +40,13 @@ pub mod range_coder;
 pub mod steps;
 pub mod symbols;
 
-/// How the symbols of chunks and of the base mesh become bytes.
+use std::fmt;
+use std::str::FromStr;
+
+use crate::name::UnknownName;
+
+/// How the symbols of chunks and of the base mesh become bytes; `range` or `zstd` in words, after the compressor that
+/// goes with the second.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Codec {
     /// An adaptive range coder with trained priors: the fewest bytes, and stopping points inside chunks.
@@ -50,4 +56,39 @@ pub enum Codec {
     /// applies to whole blobs: more bytes, less to do. Without stopping points, since a compressed blob
     /// has no beginning that could be used.
     Plain,
+}
+
+impl fmt::Display for Codec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Range => "range",
+            Self::Plain => "zstd",
+        })
+    }
+}
+
+impl FromStr for Codec {
+    type Err = UnknownName;
+
+    fn from_str(name: &str) -> Result<Self, UnknownName> {
+        match name {
+            "range" => Ok(Self::Range),
+            "zstd" => Ok(Self::Plain),
+            _ => Err(UnknownName::new("range or zstd", name)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_codec_is_read_by_the_name_that_it_shows() {
+        for codec in [Codec::Range, Codec::Plain] {
+            assert_eq!(codec.to_string().parse(), Ok(codec));
+        }
+        let refusal = "plain".parse::<Codec>().unwrap_err();
+        assert_eq!(refusal.to_string(), "range or zstd is possible; \"plain\" is not");
+    }
 }

@@ -1,10 +1,13 @@
 //! Knobs of a preparation, and what they may be set to.
 
+use std::fmt;
 use std::ops::RangeInclusive;
+use std::str::FromStr;
 
 use crate::entropy::Codec;
+use crate::name::UnknownName;
 
-/// What a half-edge collapse is held to cost.
+/// What a half-edge collapse is held to cost; `qem` or `melax` in words.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Metric {
     /// The quadric error metric of Garland and Heckbert (1997): squared distances to the planes of the
@@ -14,6 +17,27 @@ pub enum Metric {
     /// Edge length × curvature, from the faces as they are (Melax, "A simple, fast, and effective
     /// polygon reduction algorithm", 1998); no face may turn by more than 90°.
     Melax,
+}
+
+impl fmt::Display for Metric {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Qem => "qem",
+            Self::Melax => "melax",
+        })
+    }
+}
+
+impl FromStr for Metric {
+    type Err = UnknownName;
+
+    fn from_str(name: &str) -> Result<Self, UnknownName> {
+        match name {
+            "qem" => Ok(Self::Qem),
+            "melax" => Ok(Self::Melax),
+            _ => Err(UnknownName::new("qem or melax", name)),
+        }
+    }
 }
 
 /// Knobs of a preparation. Each has its range beside it, outside of which [`crate::prepare::prepare`] refuses it
@@ -187,6 +211,15 @@ mod tests {
             }
         }
         assert_eq!(checked(|s, x| s.level_share = x, f64::NAN), Err("level share"));
+    }
+
+    #[test]
+    fn a_metric_is_read_by_the_name_that_it_shows() {
+        for metric in [Metric::Qem, Metric::Melax] {
+            assert_eq!(metric.to_string().parse(), Ok(metric));
+        }
+        let refusal = "best".parse::<Metric>().unwrap_err();
+        assert_eq!(refusal.to_string(), "qem or melax is possible; \"best\" is not");
     }
 
     #[test]

@@ -9,7 +9,6 @@ use lodestream_geometry::{Codec, Metric, Settings};
 use super::knob::{
     Impossible, NormalTolerance, PositionBits, RegionFaces, ReliefDepth, Round, Tolerance, UvBits,
 };
-use super::words::{codec_name, metric_name, parse_codec, parse_metric};
 
 /// How finely an asset's positions are kept.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -91,12 +90,12 @@ impl fmt::Display for Recipe {
             quantise::Precision::Tolerance(length) => write!(f, "tolerance {length}")?,
         }
         write!(f, ", uv-bits {}, normal-tolerance {}°", quantise.uv_bits, quantise.normal_tolerance)?;
-        write!(f, ", metric {}", metric_name(settings.metric))?;
+        write!(f, ", metric {}", settings.metric)?;
         match settings.round_share {
             None => write!(f, ", round-size heap")?,
             Some(share) => write!(f, ", round-size {share}")?,
         }
-        write!(f, ", region-faces {}, codec {}", settings.region_faces, codec_name(settings.codec))?;
+        write!(f, ", region-faces {}, codec {}", settings.region_faces, settings.codec)?;
         self.relief_depth.map_or(Ok(()), |depth| write!(f, ", relief-depth {depth}"))
     }
 }
@@ -154,9 +153,9 @@ impl Recipe {
             "tolerance" => self.precision = Some(Precision::Tolerance(value.parse()?)),
             "uv-bits" => self.uv_bits = Some(value.parse()?),
             "normal-tolerance" => self.normal_tolerance = Some(value.trim_end_matches('°').parse()?),
-            "metric" => self.metric = Some(parse_metric(value)?),
+            "metric" => self.metric = Some(value.parse::<Metric>()?),
             "round-size" => self.round = Some(value.parse()?),
-            "codec" => self.codec = Some(parse_codec(value)?),
+            "codec" => self.codec = Some(value.parse::<Codec>()?),
             "relief-depth" => self.relief_depth = Some(value.parse()?),
             // Told, but no choice yet.
             "region-faces" => drop(value.parse::<RegionFaces>()?),

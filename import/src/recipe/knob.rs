@@ -4,10 +4,10 @@ use std::fmt;
 use std::ops::RangeInclusive;
 use std::str::FromStr;
 
-use lodestream_geometry::Settings;
 use lodestream_geometry::quantise::{
     DEFAULT_NORMAL_TOLERANCE, DEFAULT_POSITION_BITS, DEFAULT_UV_BITS, MAX_POSITION_BITS, MIN_POSITION_BITS,
 };
+use lodestream_geometry::{Settings, UnknownName};
 
 /// A value that a knob cannot have.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -21,6 +21,12 @@ impl Impossible {
     /// What is possible, as the first half of a sentence, and what was given instead.
     pub(super) fn new(possible: impl Into<String>, given: impl Into<String>) -> Self {
         Self { possible: possible.into(), given: given.into() }
+    }
+}
+
+impl From<UnknownName> for Impossible {
+    fn from(unknown: UnknownName) -> Self {
+        Self::new(format!("{} is possible", unknown.possible), format!("{:?}", unknown.given))
     }
 }
 

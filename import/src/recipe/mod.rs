@@ -19,11 +19,9 @@
 
 mod choices;
 mod knob;
-mod words;
 
 pub use choices::{Precision, ReadError, Recipe};
 pub use knob::{
     CoarseGrid, Impossible, LevelShare, NormalTolerance, PositionBits, RegionFaces, ReliefDepth, Round,
     RoundShare, Tolerance, TopRegions, UvBits,
 };
-pub use words::{codec_name, parse_codec, parse_metric};

@@ -3,8 +3,7 @@
 use clap::Args;
 use lodestream_geometry::{Codec, Metric};
 use lodestream_import::recipe::{
-    NormalTolerance, PositionBits, Precision, Recipe, ReliefDepth, Round, Tolerance, UvBits, parse_codec,
-    parse_metric,
+    NormalTolerance, PositionBits, Precision, Recipe, ReliefDepth, Round, Tolerance, UvBits,
 };
 
 /// How finely positions are kept; one of the two, or neither for the default.
@@ -33,7 +32,7 @@ pub(super) struct RecipeArguments {
     normal_tolerance: Option<NormalTolerance>,
     /// What a collapse is held to cost: qem (quadric error) or melax (length × curvature)
     /// [default: qem].
-    #[arg(long, value_name = "METRIC", value_parser = parse_metric)]
+    #[arg(long, value_name = "METRIC")]
     metric: Option<Metric>,
     /// Order of collapses: heap (the cheapest first), or rounds of this share of the vertices, 0.01 to
     /// 0.5 [default: heap].
@@ -41,7 +40,7 @@ pub(super) struct RecipeArguments {
     round_size: Option<Round>,
     /// How the geometry is coded: range (the fewest bytes; chunks may be sent in part) or zstd (less to
     /// do for clients) [default: range].
-    #[arg(long, value_name = "CODEC", value_parser = parse_codec)]
+    #[arg(long, value_name = "CODEC")]
     codec: Option<Codec>,
     /// Depth of relief, 0 to 1 in units of texture coordinates, instead of what the materials say.
     #[arg(long, value_name = "DEPTH")]

@@ -2,8 +2,10 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
-use lodestream_import::recipe::{Impossible, Precision, Recipe, Round, parse_codec, parse_metric};
+use lodestream_geometry::UnknownName;
+use lodestream_import::recipe::{Impossible, Precision, Recipe, Round};
 use lodestream_import::{Part, gltf};
 use serde::Deserialize;
 use toml::Spanned;
@@ -251,9 +253,9 @@ impl Source<'_> {
             precision: bits.map(Precision::Bits).or(tolerance.map(Precision::Tolerance)),
             uv_bits: knob(raw.uv_bits).map_err(bad("uv_bits"))?,
             normal_tolerance: knob(raw.normal_tolerance).map_err(bad("normal_tolerance"))?,
-            metric: raw.metric.as_deref().map(parse_metric).transpose().map_err(bad("metric"))?,
+            metric: choice(raw.metric.as_deref()).map_err(bad("metric"))?,
             round: round.transpose().map_err(bad("round_size"))?,
-            codec: raw.codec.as_deref().map(parse_codec).transpose().map_err(bad("codec"))?,
+            codec: choice(raw.codec.as_deref()).map_err(bad("codec"))?,
             relief_depth: knob(raw.relief_depth).map_err(bad("relief_depth"))?,
         };
         let file = folder.join(&raw.file);
@@ -378,6 +380,11 @@ fn knob<Number, Knob: TryFrom<Number, Error = Impossible>>(
     number: Option<Number>,
 ) -> Result<Option<Knob>, Impossible> {
     number.map(Knob::try_from).transpose()
+}
+
+/// A word of the file, where there is one, as what it names.
+fn choice<Choice: FromStr<Err = UnknownName>>(word: Option<&str>) -> Result<Option<Choice>, Impossible> {
+    Ok(word.map(str::parse).transpose()?)
 }
 
 /// Yaw about +y, then pitch about the turned x, then roll about the turned z, in degrees.

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::Args;
 use lodestream_assess::assess::{self, Options};
 use lodestream_geometry::{Codec, Metric};
-use lodestream_import::recipe::{self, CoarseGrid, LevelShare, PositionBits, RegionFaces, Round, TopRegions};
+use lodestream_import::recipe::{CoarseGrid, LevelShare, PositionBits, RegionFaces, Round, TopRegions};
 
 use crate::print::print;
 
@@ -30,13 +30,13 @@ pub(crate) struct Assess {
     #[arg(long, default_value_t = CoarseGrid::default())]
     coarse_grid: CoarseGrid,
     /// What a collapse is held to cost: qem or melax.
-    #[arg(long, default_value = "qem", value_parser = recipe::parse_metric)]
+    #[arg(long, default_value_t = Metric::default())]
     metric: Metric,
     /// Order of collapses: heap, or rounds of this share of the vertices, 0.01 to 0.5.
     #[arg(long, default_value = "heap")]
     round_size: Round,
     /// How the geometry is coded: range or zstd.
-    #[arg(long, default_value = "range", value_parser = recipe::parse_codec)]
+    #[arg(long, default_value_t = Codec::default())]
     codec: Codec,
     /// Leaves out texture coordinates, normals and colours.
     #[arg(long)]

@@ -78,8 +78,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use lodestream_client::core::QUALITIES_PX;
-use lodestream_geometry::Codec;
-use lodestream_import::recipe::{PositionBits, parse_codec};
+use lodestream_geometry::{Codec, UnknownName};
+use lodestream_import::recipe::PositionBits;
 use serde::Deserialize;
 
 use crate::draco::Encoder;
@@ -303,8 +303,8 @@ impl PlanFile {
         }
         let position_bits = self.position_bits.map(PositionBits::try_from).transpose();
         let position_bits = position_bits.map_err(|why| Fault::new("position_bits", why.to_string()))?;
-        let codec = self.codec.as_deref().map(parse_codec).transpose();
-        let codec = codec.map_err(|why| Fault::new("codec", why.to_string()))?;
+        let codec = self.codec.as_deref().map(str::parse).transpose();
+        let codec = codec.map_err(|why: UnknownName| Fault::new("codec", why.to_string()))?;
         let client = self.client.check(&self.ttq_px).map_err(|fault| fault.within("client"))?;
         let peers = self.peers.as_ref().map(|file| peers::read(&folder.join(file))).transpose();
         let peers = peers.map_err(|why| Fault::new("peers", why.to_string()))?.unwrap_or_default();
