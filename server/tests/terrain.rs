@@ -134,7 +134,8 @@ fn what_cannot_be_used_is_refused_with_a_reason() {
     let patch = ["terrain", "--level", "6", "--patch", "0,0", "--raw", text(&out)];
     let with = |more: &[&'static str]| [&patch[..], more].concat();
     refused(&dir, &with(&["--finest", "5"]), &["level 6 is outside 0..=5"]);
-    refused(&dir, &with(&["--finest", "13"]), &["a finest level of 13", "--finest"]);
+    let deep = ["terrain", "--level", "13", "--patch", "0,0", "--raw", text(&out)];
+    refused(&dir, &deep, &["--finest", "1 to 12 levels are possible; 13 is not"]);
     refused(&dir, &with(&["--amplitude", "4000000000"]), &["lower the amplitude"]);
     refused(&dir, &with(&["--erosion", "3", "--erosion-level", "7"]), &["erosion level is 7"]);
     let far = ["terrain", "--level", "6", "--patch", "33554432,0", "--raw", text(&out)];

@@ -10,8 +10,12 @@
     )
 )]
 
+use std::fmt;
+use std::str::FromStr;
+
+use lodestream_geometry::{DecodeError, UnknownName};
+
 use super::error::TerrainError;
-use lodestream_geometry::DecodeError;
 
 /// Bytes of encoded [`Parameters`].
 pub const PARAMETERS_BYTES: usize = 24;
@@ -22,7 +26,8 @@ pub const MAX_BASE_HEIGHT: u64 = (1 << 29) - 1;
 /// Roughness at which the range of offsets halves from level to level.
 pub const HALVING: u16 = 1 << 14;
 
-/// How the random offsets are distributed. Both have the same variance, a third of the range squared.
+/// How the random offsets are distributed; `uniform` or `gaussian` in words. Both have the same variance, a third of
+/// the range squared.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Distribution {
     /// Every offset in ± the range is as likely as any other.
@@ -38,6 +43,27 @@ impl Distribution {
         match self {
             Self::Uniform => 1,
             Self::Gaussian => 2,
+        }
+    }
+}
+
+impl fmt::Display for Distribution {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Uniform => "uniform",
+            Self::Gaussian => "gaussian",
+        })
+    }
+}
+
+impl FromStr for Distribution {
+    type Err = UnknownName;
+
+    fn from_str(name: &str) -> Result<Self, UnknownName> {
+        match name {
+            "uniform" => Ok(Self::Uniform),
+            "gaussian" => Ok(Self::Gaussian),
+            _ => Err(UnknownName::new("uniform or gaussian", name)),
         }
     }
 }
@@ -213,6 +239,15 @@ impl Parameters {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    #[test]
+    fn a_distribution_is_read_by_the_name_that_it_shows() {
+        for distribution in [Distribution::Uniform, Distribution::Gaussian] {
+            assert_eq!(distribution.to_string().parse(), Ok(distribution));
+        }
+        let refusal = "normal".parse::<Distribution>().unwrap_err();
+        assert_eq!(refusal.to_string(), "uniform or gaussian is possible; \"normal\" is not");
+    }
 
     proptest! {
         #[test]

@@ -6,9 +6,9 @@ use std::str::FromStr;
 use lodestream_geometry::quantise::{self, QuantiseSettings};
 use lodestream_geometry::{Codec, Metric, Settings};
 
-use super::knob::{
-    Impossible, NormalTolerance, PositionBits, RegionFaces, ReliefDepth, Round, Tolerance, UvBits,
-};
+use crate::knob::Impossible;
+
+use super::knob::{NormalTolerance, PositionBits, RegionFaces, ReliefDepth, Round, Tolerance, UvBits};
 
 /// How finely an asset's positions are kept.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,82 +1,14 @@
 //! Numbers within their ranges.
 
 use std::fmt;
-use std::ops::RangeInclusive;
 use std::str::FromStr;
 
+use lodestream_geometry::Settings;
 use lodestream_geometry::quantise::{
     DEFAULT_NORMAL_TOLERANCE, DEFAULT_POSITION_BITS, DEFAULT_UV_BITS, MAX_POSITION_BITS, MIN_POSITION_BITS,
 };
-use lodestream_geometry::{Settings, UnknownName};
 
-/// A value that a knob cannot have.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{possible}; {given} is not")]
-pub struct Impossible {
-    possible: String,
-    given: String,
-}
-
-impl Impossible {
-    /// What is possible, as the first half of a sentence, and what was given instead.
-    pub(super) fn new(possible: impl Into<String>, given: impl Into<String>) -> Self {
-        Self { possible: possible.into(), given: given.into() }
-    }
-}
-
-impl From<UnknownName> for Impossible {
-    fn from(unknown: UnknownName) -> Self {
-        Self::new(format!("{} is possible", unknown.possible), format!("{:?}", unknown.given))
-    }
-}
-
-/// A number type with one range.
-macro_rules! knob {
-    ($(#[$about:meta])* $name:ident($number:ty), $range:expr, $unit:literal) => {
-        $(#[$about])*
-        #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
-        pub struct $name($number);
-
-        impl $name {
-            /// What is possible, both ends included.
-            pub const RANGE: RangeInclusive<$number> = $range;
-
-            /// The number.
-            #[must_use]
-            pub const fn get(self) -> $number {
-                self.0
-            }
-
-            fn refusal(given: impl Into<String>) -> Impossible {
-                let (low, high) = (Self::RANGE.start(), Self::RANGE.end());
-                Impossible::new(format!("{low} to {high} {} are possible", $unit), given)
-            }
-        }
-
-        impl TryFrom<$number> for $name {
-            type Error = Impossible;
-
-            fn try_from(number: $number) -> Result<Self, Impossible> {
-                // What is no number at all is in no range.
-                if Self::RANGE.contains(&number) { Ok(Self(number)) } else { Err(Self::refusal(number.to_string())) }
-            }
-        }
-
-        impl FromStr for $name {
-            type Err = Impossible;
-
-            fn from_str(text: &str) -> Result<Self, Impossible> {
-                text.parse().map_err(|_| Self::refusal(format!("{text:?}"))).and_then(|n: $number| Self::try_from(n))
-            }
-        }
-
-        impl fmt::Display for $name {
-            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                self.0.fmt(f)
-            }
-        }
-    };
-}
+use crate::knob::{Impossible, knob};
 
 knob! {
     /// Bits per axis of positions. Each more costs about 3 bits a vertex.

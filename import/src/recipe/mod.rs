@@ -22,6 +22,6 @@ mod knob;
 
 pub use choices::{Precision, ReadError, Recipe};
 pub use knob::{
-    CoarseGrid, Impossible, LevelShare, NormalTolerance, PositionBits, RegionFaces, ReliefDepth, Round,
-    RoundShare, Tolerance, TopRegions, UvBits,
+    CoarseGrid, LevelShare, NormalTolerance, PositionBits, RegionFaces, ReliefDepth, Round, RoundShare,
+    Tolerance, TopRegions, UvBits,
 };

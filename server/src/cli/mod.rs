@@ -153,6 +153,11 @@ mod tests {
             "terrain --level 8 --patch 0,0 --hash --raw a.i32",
             "terrain --level 8 --patch 0 --hash",
             "terrain --level 8 --patch 0,0 --hash --roughness 2",
+            "terrain --level 8 --patch 0,0 --hash --distribution normal",
+            "terrain --level 8 --patch 0,0 --hash --finest 13",
+            "terrain --level 8 --patch 0,0 --hash --erosion 33",
+            "terrain --level 8 --patch 0,0 --hash --erosion 8 --talus 1",
+            "terrain --level 8 --patch 0,0 --hash --spike-limit 16",
             "terrain-import map.png -o f.json --every 0",
         ] {
             let words = std::iter::once("lodestream-server").chain(line.split(' '));

@@ -3,24 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
-use clap::{Args, ValueEnum};
+use clap::Args;
 use lodestream_compress::whole_file::write_atomically;
-use lodestream_import::terrain::features;
 use lodestream_import::terrain::height_map::{HeightMap, MapError};
-use lodestream_terrain::{
-    Distribution, Erosion, FeatureSet, MAX_FINEST_LEVEL, Parameters, Terrain, fingerprint,
-};
+use lodestream_import::terrain::{ErosionPasses, FinestLevel, Roughness, SpikeLimit, Talus, features};
+use lodestream_terrain::{Distribution, Erosion, FeatureSet, Parameters, Terrain, fingerprint};
 
 use super::outcome::Outcome;
-
-/// How random offsets are distributed.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum DistributionArgument {
-    /// All within the range are as likely.
-    Uniform,
-    /// Like a Gaussian of the same variance.
-    Gaussian,
-}
 
 /// What a terrain follows from, beside its levels.
 #[derive(Clone, Copy, Debug, Args)]
@@ -32,11 +21,12 @@ struct TerrainArguments {
     #[arg(long, value_name = "UNITS", default_value_t = Parameters::default().amplitude)]
     amplitude: u32,
     /// Factor on the range of offsets from level to level, 0 to just below 2.
-    #[arg(long, value_name = "FACTOR", default_value_t = 0.5, value_parser = roughness)]
-    roughness: f64,
-    /// How offsets are distributed.
-    #[arg(long, value_enum, default_value_t = DistributionArgument::Uniform)]
-    distribution: DistributionArgument,
+    #[arg(long, value_name = "FACTOR", default_value = "0.5")]
+    roughness: Roughness,
+    /// How offsets are distributed: uniform (all within the range are as likely) or gaussian (like a Gaussian of the
+    /// same variance).
+    #[arg(long, default_value_t = Distribution::default())]
+    distribution: Distribution,
     /// Mean height, in height units.
     #[arg(long, value_name = "UNITS", default_value_t = 0, allow_negative_numbers = true)]
     base: i32,
@@ -45,20 +35,20 @@ struct TerrainArguments {
 /// Smoothing after generation.
 #[derive(Clone, Copy, Debug, Args)]
 struct ErosionArguments {
-    /// Passes of thermal erosion, 0 to 255.
-    #[arg(long, value_name = "K", default_value_t = 0)]
-    erosion: u8,
+    /// Passes of thermal erosion, 0 to 32.
+    #[arg(long, value_name = "K", default_value = "0")]
+    erosion: ErosionPasses,
     /// The level that erodes [default: the finest].
     #[arg(long, value_name = "L")]
     erosion_level: Option<u8>,
     /// Height difference of neighbours at that level below which nothing slides, as a fraction of the
     /// amplitude, 0 to just below 1 [default: 1/2 per 2^L].
-    #[arg(long, value_name = "FRACTION", value_parser = fraction)]
-    talus: Option<f64>,
-    /// How far a point may stand out of its neighbours, in ranges of that level's offsets, 1/16 to 15; else
+    #[arg(long, value_name = "FRACTION")]
+    talus: Option<Talus>,
+    /// How far a point may stand out of its neighbours, in ranges of that level's offsets, to just below 16; with 0
     /// spikes stay.
-    #[arg(long, value_name = "RANGES", value_parser = spike_limit)]
-    spike_limit: Option<f64>,
+    #[arg(long, value_name = "RANGES", default_value = "0")]
+    spike_limit: SpikeLimit,
 }
 
 /// Where the heights go.
@@ -87,7 +77,7 @@ pub(super) struct Arguments {
     /// The finest level n, 1 to 12, on whose grid patches and features are; level N is every 2^(n - N)th point
     /// of it [default: N].
     #[arg(long, value_name = "n")]
-    finest: Option<u8>,
+    finest: Option<FinestLevel>,
     /// The patch: it covers X * 2^n to (X + 1) * 2^n in x, and likewise in y.
     #[arg(long, value_name = "X,Y", value_parser = pair, allow_hyphen_values = true)]
     patch: [i64; 2],
@@ -122,25 +112,22 @@ pub(super) struct ImportArguments {
     #[arg(long, value_name = "UNITS", default_value_t = 0, allow_negative_numbers = true)]
     offset: i32,
     /// The finest level of the terrain that the error is measured with, 1 to 12.
-    #[arg(long, value_name = "n", default_value_t = 8)]
-    finest: u8,
+    #[arg(long, value_name = "n", default_value = "8")]
+    finest: FinestLevel,
     #[command(flatten)]
     terrain: TerrainArguments,
 }
 
 impl TerrainArguments {
     /// In the largest world that a level has.
-    fn resolve(self, finest_level: u8, erosion: Erosion) -> Parameters {
+    fn resolve(self, finest: FinestLevel, erosion: Erosion) -> Parameters {
         Parameters {
             seed: self.seed,
-            finest_level,
-            extent_log2: 31_u8.saturating_sub(finest_level),
-            distribution: match self.distribution {
-                DistributionArgument::Uniform => Distribution::Uniform,
-                DistributionArgument::Gaussian => Distribution::Gaussian,
-            },
+            finest_level: finest.get(),
+            extent_log2: 31 - finest.get(),
+            distribution: self.distribution,
             amplitude: self.amplitude,
-            roughness: (self.roughness * 32_768.0).round() as u16,
+            roughness: self.roughness.in_parameters(),
             base: self.base,
             erosion,
         }
@@ -148,28 +135,24 @@ impl TerrainArguments {
 }
 
 impl ErosionArguments {
-    fn resolve(self, finest: u8) -> Erosion {
-        let level = self.erosion_level.unwrap_or(finest);
+    fn resolve(self, finest: FinestLevel) -> Erosion {
+        let level = self.erosion_level.unwrap_or(finest.get());
         let erosion = Erosion {
             level,
-            passes: self.erosion,
+            passes: self.erosion.get(),
             talus: self.talus.map_or_else(
                 || (1_u16 << 15).checked_shr(u32::from(level)).unwrap_or(0),
-                |fraction| (fraction * 65_536.0).round().min(65_535.0) as u16,
+                Talus::in_parameters,
             ),
-            spike_limit: self.spike_limit.map_or(0, |ranges| (ranges * 16.0).round() as u8),
+            spike_limit: self.spike_limit.in_parameters(),
         };
         if erosion.is_on() { erosion } else { Erosion { level, ..Erosion::default() } }
     }
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
-    let finest = arguments.finest.unwrap_or(arguments.level);
-    if finest > MAX_FINEST_LEVEL || finest == 0 {
-        anyhow::bail!(
-            "a finest level of {finest}, must be 1 to {MAX_FINEST_LEVEL}: give --finest or another --level"
-        );
-    }
+    let finest = arguments.finest.map_or_else(|| FinestLevel::try_from(arguments.level), Ok);
+    let finest = finest.context("the finest level, which is --level where --finest is not given")?;
     let parameters = arguments.terrain.resolve(finest, arguments.erosion.resolve(finest));
     let file = arguments.features.as_deref();
     let sets = file.map_or(Ok(Vec::new()), features::read)?;
@@ -224,7 +207,7 @@ pub(super) fn import(arguments: &ImportArguments) -> anyhow::Result<Outcome> {
     parameters.check()?;
     let map = HeightMap::open(&arguments.map, arguments.scale, arguments.offset)?;
     let at = arguments.at;
-    let set = map.features(at, arguments.every as usize, arguments.finest);
+    let set = map.features(at, arguments.every as usize, arguments.finest.get());
     let source = || arguments.map.display().to_string();
     let error = map.error(parameters, &set, at).with_context(source)?;
     let smooth = map.error(Parameters { amplitude: 0, ..parameters }, &set, at).with_context(source)?;
@@ -248,22 +231,4 @@ fn pair(text: &str) -> Result<[i64; 2], String> {
     text.split_once(',')
         .and_then(|(x, y)| Some([number(x)?, number(y)?]))
         .ok_or_else(|| format!("{text:?} is not X,Y; write for example -3,5"))
-}
-
-/// A number in a range.
-fn between(text: &str, low: f64, high: f64, range: &str) -> Result<f64, String> {
-    let number = text.parse::<f64>().ok().filter(|x| (low..=high).contains(x));
-    number.ok_or_else(|| format!("{text:?} is not a number {range}"))
-}
-
-fn roughness(text: &str) -> Result<f64, String> {
-    between(text, 0.0, 65_535.0 / 32_768.0, "from 0 to 1.99996")
-}
-
-fn fraction(text: &str) -> Result<f64, String> {
-    between(text, 0.0, 65_535.0 / 65_536.0, "from 0 to 0.99998")
-}
-
-fn spike_limit(text: &str) -> Result<f64, String> {
-    between(text, 1.0 / 16.0, 255.0 / 16.0, "from 0.0625 to 15.9375")
 }

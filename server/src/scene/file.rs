@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use lodestream_geometry::UnknownName;
-use lodestream_import::recipe::{Impossible, Precision, Recipe, Round};
-use lodestream_import::{Part, gltf};
+use lodestream_import::recipe::{Precision, Recipe, Round};
+use lodestream_import::{Impossible, Part, gltf};
 use serde::Deserialize;
 use toml::Spanned;
 

@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use lodestream_import::Impossible;
+use lodestream_import::terrain::{ErosionPasses, FinestLevel, Roughness, SpikeLimit, Talus, TalusSlope};
 use lodestream_protocol::terrain::TerrainEntry;
 use lodestream_terrain::{Distribution, Erosion, FeatureSet, Mode, Parameters, Scratch, Shape, Terrain};
 use serde::Deserialize;
@@ -129,13 +131,17 @@ fn repose() -> f64 {
     35.0
 }
 
-/// Binary logarithm of a power of two.
-fn log2(name: &str, value: u64, range: std::ops::RangeInclusive<u32>) -> Result<u8, String> {
-    let log = value.checked_ilog2().unwrap_or(0);
-    if value.is_power_of_two() && range.contains(&log) {
-        return Ok(log as u8);
-    }
-    Err(format!("{name} must be a power of two from {} to {}", 1_u64 << range.start(), 1_u64 << range.end()))
+/// A number of the file as what it sets.
+fn knob<Number, Knob: TryFrom<Number, Error = Impossible>>(
+    name: &'static str,
+    number: Number,
+) -> Result<Knob, String> {
+    number.try_into().map_err(refusal(name))
+}
+
+/// The refusal of a value of a key.
+fn refusal<Why: std::fmt::Display>(name: &'static str) -> impl Fn(Why) -> String {
+    move |why| format!("{name}: {why}")
 }
 
 /// A number of units as an integer.
@@ -154,34 +160,27 @@ impl RawTerrain {
                 return Err(format!("{name} must be a length from 1e-6 to 1e6"));
             }
         }
-        let finest_level = log2("patch_cells", u64::from(self.patch_cells), 1..=12)?;
-        let patches = log2("patches", self.patches, 1..=31)?;
-        if !(0.0..2.0).contains(&self.roughness) {
-            return Err(
-                "roughness must be a factor from 0 to below 2; 0.5 halves offsets from level to level".into(),
-            );
-        }
+        let finest = FinestLevel::of_patch_cells(self.patch_cells).map_err(refusal("patch_cells"))?;
+        let patches =
+            self.patches.checked_ilog2().filter(|n| self.patches.is_power_of_two() && (1..=31).contains(n));
+        let Some(extent_log2) = patches.and_then(|n| u8::try_from(n - 1).ok()) else {
+            return Err(format!("patches must be a power of two from 2 to {}", 1_u64 << 31));
+        };
+        let roughness: Roughness = knob("roughness", self.roughness)?;
+        let distribution = self.distribution.as_deref().map_or(Ok(Distribution::default()), str::parse);
         let amplitude: u32 = units("amplitude", self.amplitude, self.height_unit)?;
         let mut parameters = Parameters {
             seed: self.seed,
-            finest_level,
-            extent_log2: patches - 1,
-            distribution: match self.distribution.as_deref() {
-                None | Some("uniform") => Distribution::Uniform,
-                Some("gaussian") => Distribution::Gaussian,
-                Some(other) => {
-                    return Err(format!(
-                        "distribution {other:?} is unknown; write \"uniform\" or \"gaussian\""
-                    ));
-                }
-            },
+            finest_level: finest.get(),
+            extent_log2,
+            distribution: distribution.map_err(refusal("distribution"))?,
             amplitude,
-            roughness: (self.roughness * 32768.0).round().min(65535.0) as u16,
+            roughness: roughness.in_parameters(),
             base: units("base", self.base, self.height_unit)?,
             erosion: Erosion::default(),
         };
         if let Some(erosion) = &self.erosion {
-            parameters.erosion = erosion.resolve(finest_level, amplitude, self.unit, self.height_unit)?;
+            parameters.erosion = erosion.resolve(finest, amplitude, self.unit, self.height_unit)?;
         }
         parameters.check().map_err(|why| why.to_string())?;
         let (base, amplitude) = (self.base as f32, self.amplitude as f32);
@@ -214,25 +213,25 @@ impl RawTerrain {
 }
 
 impl RawErosion {
-    fn resolve(&self, finest: u8, amplitude: u32, unit: f32, height_unit: f32) -> Result<Erosion, String> {
-        let level = self.level.unwrap_or(finest);
-        if level > finest {
-            return Err(format!("erosion level {level} is finer than the finest level, {finest}"));
-        }
-        if !(0.0..90.0).contains(&self.talus_degrees) {
-            return Err("talus_degrees must be a slope from 0 to below 90".into());
-        }
-        if !(0.0..16.0).contains(&self.spikes) {
-            return Err("spikes must be 0 (off) to below 16 ranges of the level's offsets".into());
-        }
-        let step = f64::from(unit) * f64::from(1_u32 << (finest - level));
-        let rise = self.talus_degrees.to_radians().tan() * step / f64::from(height_unit);
-        let share = rise / f64::from(amplitude.max(1)) * 65536.0;
+    fn resolve(
+        &self,
+        finest: FinestLevel,
+        amplitude: u32,
+        unit: f32,
+        height_unit: f32,
+    ) -> Result<Erosion, String> {
+        let level = self.level.unwrap_or(finest.get());
+        let slope: TalusSlope = knob("talus_degrees", self.talus_degrees)?;
+        let passes: ErosionPasses = knob("passes", self.passes)?;
+        let spikes: SpikeLimit = knob("spikes", self.spikes)?;
+        // A level finer than the finest is refused with the other parameters.
+        let step = f64::from(unit) * f64::from(1_u32 << finest.get().saturating_sub(level));
+        let rise = slope.rise(step) / f64::from(height_unit);
         Ok(Erosion {
             level,
-            passes: self.passes,
-            talus: share.round().clamp(0.0, 65535.0) as u16,
-            spike_limit: (self.spikes * 16.0).round() as u8,
+            passes: passes.get(),
+            talus: Talus::of_rise(rise, amplitude).in_parameters(),
+            spike_limit: spikes.in_parameters(),
         })
     }
 }
@@ -298,5 +297,59 @@ impl RawStamp {
             RawMode::Additive => Mode::Additive,
         };
         Ok(FeatureSet { mode, points: Vec::new(), stamps: vec![shape] })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn resolved(keys: &str) -> Result<Parameters, String> {
+        let raw: RawTerrain = toml::from_str(&format!("amplitude = 10.0\n{keys}")).unwrap();
+        raw.resolve(Vec::new()).map(|terrain| terrain.entry.parameters)
+    }
+
+    /// Each by the same type as the flag of the tool `terrain`.
+    #[test]
+    fn what_a_key_cannot_be_is_refused_with_its_name_and_range() {
+        for (keys, refusal) in [
+            ("patch_cells = 300", "patch_cells: a power of two from 2 to 4096 is possible; 300 is not"),
+            ("patches = 1", "patches must be a power of two from 2 to 2147483648"),
+            (
+                "roughness = 2.0",
+                "roughness: 0 to below 2 times the range of the level above are possible; 2 is not",
+            ),
+            ("distribution = 'normal'", "distribution: uniform or gaussian is possible; \"normal\" is not"),
+            ("erosion = { passes = 33 }", "passes: 0 to 32 passes are possible; 33 is not"),
+            (
+                "erosion = { talus_degrees = 90 }",
+                "talus_degrees: 0 to below 90 degrees are possible; 90 is not",
+            ),
+            ("erosion = { spikes = 16 }", "spikes: 0 to below 16 ranges of offsets are possible; 16 is not"),
+            (
+                "erosion = { level = 9 }",
+                "terrain parameter erosion level is 9, must be 0 to the finest level",
+            ),
+        ] {
+            assert_eq!(resolved(keys), Err(refusal.to_owned()), "{keys}");
+        }
+    }
+
+    #[test]
+    fn keys_become_the_integers_of_the_parameters() {
+        let text = "patch_cells = 64\npatches = 16\ndistribution = 'gaussian'\nroughness = 0.6\n\
+                    erosion = { level = 4, passes = 32, talus_degrees = 35, spikes = 1.5 }";
+        let erosion = Erosion { level: 4, passes: 32, talus: 18_356, spike_limit: 24 };
+        let expected = Parameters {
+            seed: 0,
+            finest_level: 6,
+            extent_log2: 3,
+            distribution: Distribution::Gaussian,
+            amplitude: 1000,
+            roughness: 19_661,
+            base: 0,
+            erosion,
+        };
+        assert_eq!(resolved(text), Ok(expected));
     }
 }
