@@ -5,10 +5,12 @@
 //! is at a point of the finer.
 
 use super::error::TerrainError;
+use super::numbers::{index, signed, span};
 use super::parameters::{Erosion, Parameters};
 use super::stamp::{Position, Stamp};
 use super::window::Scratch;
 use super::world::Terrain;
+use lodestream_geometry::numbers::id32;
 use lodestream_geometry::random::Random;
 
 /// Levels that are measured at once: squares of 65 x 65 points.
@@ -50,7 +52,7 @@ impl Terrain {
             let mut random = Random::new(u64::from(levels));
             let samples = (SAMPLES << (2 * (SAMPLE_LEVELS - levels))).min(MOST_SAMPLES);
             // 2^32 points each way in the largest world: more than `usize` holds on 32-bit machines.
-            let mut place = move || random.below_u64(2 * edge.unsigned_abs()) as i64 - edge;
+            let mut place = move || random.below_u64(2 * edge.unsigned_abs()).cast_signed() - edge;
             (0..samples).map(|_| [place(), place()]).collect()
         })
     }
@@ -90,8 +92,8 @@ impl Terrain {
         let cells = 1_i64 << levels;
         for place in places {
             let [x, y] = place.map(|x| (x >> (shift + levels) << levels).clamp(-edge, edge - cells));
-            let side = cells as usize + 1;
-            if self.window(to as i8, x, y, side, side, &mut scratch, &mut heights).is_ok() {
+            let side = index(cells) + 1;
+            if self.window(signed(to), x, y, side, side, &mut scratch, &mut heights).is_ok() {
                 for (level, worst) in (0..levels).zip(&mut worst) {
                     tally.clear();
                     distances(&heights, side, u32::from(levels - level), |distance| tally.add(distance));
@@ -139,7 +141,7 @@ impl Tally {
                 // The largest number of the class.
                 let log = class / 8 + 2;
                 return if class < 8 {
-                    class as u32
+                    id32(class)
                 } else {
                     let first = (8 + class % 8) as u64 + 1;
                     u32::try_from((first << (log - 3)) - 1).unwrap_or(u32::MAX)
@@ -169,7 +171,7 @@ fn distances(heights: &[i32], side: usize, shift: u32, mut each: impl FnMut(u32)
     };
     for top in (0..side - 1).step_by(step) {
         for row in top..top + step + usize::from(top + step + 1 == side) {
-            let v = (row - top) as i64;
+            let v = span(row - top);
             for left in (0..side - 1).step_by(step) {
                 let at = |x: usize, y: usize| i64::from(heights[y * side + x]);
                 let [a, b] = [at(left, top), at(left + step, top)];
@@ -178,7 +180,7 @@ fn distances(heights: &[i32], side: usize, shift: u32, mut each: impl FnMut(u32)
                 let lower = (a << shift) + v * (c - a);
                 let upper = (a << shift) + v * (d - b);
                 let line = &heights[row * side + left..][..=step];
-                let (first, second) = line.split_at(v as usize);
+                let (first, second) = line.split_at(index(v));
                 for (u, &height) in (0_i64..).zip(first) {
                     whole((i64::from(height) << shift) - lower - u * (d - c));
                 }

@@ -6,10 +6,10 @@
 //! heights put in as it goes; but points need not know in which order.
 
 use super::mode::Mode;
+use super::numbers::{index, saturate, signed, span};
 use super::points::PatchPoints;
 use super::rect::Rect;
 use super::refine::{Detail, View, refine};
-use super::sculpt::saturate;
 use super::window::{Buffers, Scratch, descend};
 use super::world::Terrain;
 
@@ -44,7 +44,7 @@ impl PatchDifferences {
 
     /// The coarsest level with points.
     fn first_level(&self) -> Option<u8> {
-        self.levels.iter().position(|level| !level.is_empty()).map(|level| level as u8)
+        (0..).zip(&self.levels).find(|(_, points)| !points.is_empty()).map(|(level, _)| level)
     }
 
     /// Bytes that are held.
@@ -72,10 +72,10 @@ pub(super) fn row_points(
     let from = row.partition_point(|p| i64::from(p.x) < x);
     for point in &row[from..] {
         let column = i64::from(point.x) - x;
-        if column >= width as i64 {
+        if column >= span(width) {
             break;
         }
-        each(column as usize, point);
+        each(index(column), point);
     }
 }
 
@@ -165,7 +165,7 @@ impl Terrain {
             let (x_end, y_end) = at(right, bottom);
             let rect = Rect::from_corners(x, y, x_end, y_end);
             if rect.len() <= SPARSE * block.len() {
-                self.stamped(n as i8, rect, &mut scratch.heights, &mut heights);
+                self.stamped(signed(n), rect, &mut scratch.heights, &mut heights);
                 for &i in block {
                     let (column, row) = (points[i].x - left, points[i].y - top);
                     under[i] = heights[usize::from(row) * rect.width + usize::from(column)];
@@ -173,7 +173,7 @@ impl Terrain {
             } else {
                 for &i in block {
                     let (x, y) = at(points[i].x, points[i].y);
-                    self.stamped(n as i8, Rect::new(x, y, 1, 1), &mut scratch.heights, &mut heights);
+                    self.stamped(signed(n), Rect::new(x, y, 1, 1), &mut scratch.heights, &mut heights);
                     under[i] = heights[0];
                 }
             }
@@ -198,7 +198,7 @@ impl Terrain {
                             corner.y,
                             &mut change,
                         );
-                        let i = (at.y - rect.y) as usize * rect.width + (at.x - rect.x) as usize;
+                        let i = rect.index_of(at.x, at.y);
                         heights[i] = saturate(i64::from(heights[i]) + change[0]);
                     }
                 }
@@ -213,7 +213,7 @@ impl Terrain {
                     continue;
                 }
                 for (row, changes) in sums.chunks(part.width).enumerate() {
-                    let start = ((part.y - rect.y) as usize + row) * rect.width + (part.x - rect.x) as usize;
+                    let start = rect.index_of(part.x, part.y) + row * rect.width;
                     for (height, change) in heights[start..][..part.width].iter_mut().zip(changes) {
                         *height = saturate(i64::from(*height) + change);
                     }

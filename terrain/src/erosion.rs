@@ -12,10 +12,10 @@
 use super::differences::PatchDifferences;
 use super::differences::{Listed, row_points};
 use super::mode::Mode;
+use super::numbers::{index, saturate, signed, span};
 use super::parameters::Erosion;
 use super::rect::Rect;
 use super::refine::{Detail, View, refine};
-use super::sculpt::saturate;
 use super::window::{Scratch, descend, needed};
 use super::world::Terrain;
 
@@ -62,7 +62,7 @@ impl Terrain {
     pub(super) fn eroded_window(&self, level: i8, rect: Rect, scratch: &mut Scratch, out: &mut Vec<i32>) {
         let eroding = self.parameters.erosion.level;
         if i32::from(level) < i32::from(eroding) {
-            let sparse = (i32::from(eroding) - i32::from(level)) as u32;
+            let sparse = i32::from(eroding).abs_diff(i32::from(level));
             return self.eroded_subset(rect, sparse, scratch, out);
         }
         let level = level.unsigned_abs();
@@ -73,11 +73,11 @@ impl Terrain {
             *out = eroded;
             return;
         }
-        self.featured(eroding as i8, coarse, scratch, out);
+        self.featured(signed(eroding), coarse, scratch, out);
         let differences: Vec<i64> =
             eroded.iter().zip(&*out).map(|(&after, &before)| i64::from(after) - i64::from(before)).collect();
-        self.featured(level as i8, rect, scratch, out);
-        let patches: Vec<_> = self.touched(level as i8, rect).collect();
+        self.featured(signed(level), rect, scratch, out);
+        let patches: Vec<_> = self.touched(signed(level), rect).collect();
         let Scratch { differences: buffers, sums, .. } = scratch;
         let step = |parent: View<'_, i64>, level: u8, out: &mut [i64]| {
             refine(parent, level, &Eroded { patches: &patches, level }, out);
@@ -100,8 +100,8 @@ impl Terrain {
             for left in (0..rect.width).step_by(side) {
                 let (width, height) = (side.min(rect.width - left), side.min(rect.height - top));
                 let block = Rect::new(
-                    (rect.x + left as i64) << sparse,
-                    (rect.y + top as i64) << sparse,
+                    (rect.x + span(left)) << sparse,
+                    (rect.y + span(top)) << sparse,
                     ((width - 1) << sparse) + 1,
                     ((height - 1) << sparse) + 1,
                 );
@@ -119,10 +119,10 @@ impl Terrain {
     fn erode(&self, rect: Rect, scratch: &mut Scratch, out: &mut Vec<i32>) {
         let erosion = self.parameters.erosion;
         let margin = erosion.margin();
-        let m = margin as i64;
+        let m = span(margin);
         let grown = Rect::new(rect.x - m, rect.y - m, rect.width + 2 * margin, rect.height + 2 * margin);
         let mut heights = Vec::new();
-        self.featured(erosion.level as i8, grown, scratch, &mut heights);
+        self.featured(signed(erosion.level), grown, scratch, &mut heights);
         let pinned = self.pinned(erosion.level, grown);
         let mut next = heights.clone();
         if erosion.spike_limit > 0 {
@@ -157,14 +157,14 @@ impl Terrain {
     /// Where fixed points of the levels up to `level` are, in a rectangle of it.
     fn pinned(&self, level: u8, rect: Rect) -> Vec<usize> {
         let mut pinned = Vec::new();
-        for (&(px, py), patch) in self.touched(level as i8, rect) {
+        for (&(px, py), patch) in self.touched(signed(level), rect) {
             for appears in 0..=level {
                 let shift = level - appears;
                 for point in patch.level(appears).iter().filter(|p| p.mode == Mode::Fixed) {
                     let x = (px << level) + (i64::from(point.x) << shift) - rect.x;
                     let y = (py << level) + (i64::from(point.y) << shift) - rect.y;
-                    if (0..rect.width as i64).contains(&x) && (0..rect.height as i64).contains(&y) {
-                        pinned.push(y as usize * rect.width + x as usize);
+                    if (0..span(rect.width)).contains(&x) && (0..span(rect.height)).contains(&y) {
+                        pinned.push(index(y) * rect.width + index(x));
                     }
                 }
             }
@@ -177,7 +177,7 @@ impl Erosion {
     /// Finest grid units around a patch in which features of other patches matter to its heights.
     #[must_use]
     pub fn reach(&self, finest_level: u8) -> i64 {
-        (self.margin() as i64) << finest_level.saturating_sub(self.level)
+        span(self.margin()) << finest_level.saturating_sub(self.level)
     }
 }
 
@@ -253,14 +253,15 @@ fn slide<const NARROW: bool>(around: &Around<'_>, talus: i64, out: &mut [i32]) {
     let Around { row, left, right, above, below } = around;
     let n = out.len();
     let [row, left, right, above, below] = [*row, *left, *right, above[1], below[1]].map(|part| &part[..n]);
+    // Exact where it is used.
+    let narrow = saturate(talus);
     for i in 0..n {
         let height = row[i];
         let neighbours = [left[i], right[i], above[i], below[i]];
         out[i] = if NARROW {
-            let talus = talus as i32;
             let from = |neighbour: i32| {
                 let difference = neighbour - height;
-                ((difference - talus).max(0) >> SLIDE_SHIFT) - ((-difference - talus).max(0) >> SLIDE_SHIFT)
+                ((difference - narrow).max(0) >> SLIDE_SHIFT) - ((-difference - narrow).max(0) >> SLIDE_SHIFT)
             };
             height + neighbours.map(from).iter().sum::<i32>()
         } else {
@@ -268,8 +269,13 @@ fn slide<const NARROW: bool>(around: &Around<'_>, talus: i64, out: &mut [i32]) {
                 let difference = i64::from(neighbour) - i64::from(height);
                 ((difference - talus).max(0) >> SLIDE_SHIFT) - ((-difference - talus).max(0) >> SLIDE_SHIFT)
             };
-            // Between the lowest and the highest of the five, so it fits.
-            (i64::from(height) + neighbours.map(from).iter().sum::<i64>()) as i32
+            let slid = i64::from(height) + neighbours.map(from).iter().sum::<i64>();
+            #[expect(
+                clippy::cast_possible_truncation,
+                reason = "between the lowest and the highest of the five"
+            )]
+            let slid = slid as i32;
+            slid
         };
     }
 }

@@ -127,6 +127,11 @@ fn by_patch(
 
 /// The patches that a coordinate belongs to, two on a border, and the coordinate in each.
 fn homes(at: i64, n: u8, patches: i64) -> impl Iterator<Item = (i64, u16)> {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "the lowest bits, at most 12"
+    )]
     let (patch, local) = (at >> n, (at & ((1 << n) - 1)) as u16);
     let before = (local == 0).then_some((patch - 1, 1_u16 << n));
     let inside = move |&(patch, _): &(i64, u16)| (-patches..patches).contains(&patch);

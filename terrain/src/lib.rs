@@ -13,6 +13,16 @@
 //!
 //! Grid x is a scene's x, grid y its z, height its y.
 
+#![cfg_attr(
+    not(test),
+    warn(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        clippy::cast_precision_loss,
+        clippy::cast_sign_loss
+    )
+)]
+
 mod deviation;
 mod differences;
 mod erosion;
@@ -21,6 +31,7 @@ mod feature;
 mod fingerprint;
 mod mode;
 mod noise;
+mod numbers;
 mod parameters;
 mod points;
 mod points_code;

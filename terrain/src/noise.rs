@@ -39,9 +39,9 @@ impl LevelNoise {
     /// SplitMix64: a step in x is a step of its counter, a step in y is a new key, so x and y do not swap.
     #[inline(always)]
     pub(super) fn row(&self, x: i64, y: i64) -> RowNoise {
-        let key = mix(self.key.wrapping_add(((y << self.shift) as u64).wrapping_mul(GOLDEN)));
+        let key = mix(self.key.wrapping_add((y << self.shift).cast_unsigned().wrapping_mul(GOLDEN)));
         RowNoise {
-            at: key.wrapping_add(((x << self.shift) as u64).wrapping_mul(GOLDEN)),
+            at: key.wrapping_add((x << self.shift).cast_unsigned().wrapping_mul(GOLDEN)),
             step: GOLDEN << self.shift,
         }
     }
@@ -57,13 +57,18 @@ impl LevelNoise {
         if GAUSSIAN {
             // Four parts of 16 bits have the variance 2^32 / 3: 2^16 of them are a range.
             let parts = (hash & 0xffff) + (hash >> 16 & 0xffff) + (hash >> 32 & 0xffff) + (hash >> 48);
-            let centred = parts as i64 - 2 * 0xffff;
-            ((centred * i64::from(self.range) + (1 << 15)) >> 16) as i32
+            let centred = parts.cast_signed() - 2 * 0xffff;
+            #[expect(
+                clippy::cast_possible_truncation,
+                reason = "at most two ranges, and a range is below 2^29"
+            )]
+            let offset = ((centred * i64::from(self.range) + (1 << 15)) >> 16) as i32;
+            offset
         } else {
             // Lemire's multiply and shift, "Fast random integer generation in an interval", 2019; its bias
             // is below range / 2^32.
             let count = 2 * u64::from(self.range) + 1;
-            (((hash >> 32) * count) >> 32) as i32 - self.range as i32
+            (((hash >> 32) * count) >> 32) as i32 - self.range.cast_signed()
         }
     }
 

@@ -1,15 +1,5 @@
 //! The parameters of a terrain: 24 bytes from which every height follows.
 
-#![cfg_attr(
-    not(test),
-    warn(
-        clippy::cast_possible_truncation,
-        clippy::cast_possible_wrap,
-        clippy::cast_precision_loss,
-        clippy::cast_sign_loss
-    )
-)]
-
 use std::fmt;
 use std::str::FromStr;
 

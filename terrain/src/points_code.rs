@@ -13,16 +13,6 @@
 //!
 //! An empty list is no bytes.
 
-#![cfg_attr(
-    not(test),
-    warn(
-        clippy::cast_possible_truncation,
-        clippy::cast_possible_wrap,
-        clippy::cast_precision_loss,
-        clippy::cast_sign_loss
-    )
-)]
-
 use super::error::TerrainError;
 use super::mode::Mode;
 use super::points::{MAX_PATCH_POINTS, PatchPoint, PatchPoints};

@@ -4,16 +4,6 @@
 //! Valleys and ridges wind, so a row of heights is the row above, shifted; the predictors include such shifts,
 //! and weights between two of them are a fraction of a point. Integers only, so both sides agree.
 
-#![cfg_attr(
-    not(test),
-    warn(
-        clippy::cast_possible_truncation,
-        clippy::cast_possible_wrap,
-        clippy::cast_precision_loss,
-        clippy::cast_sign_loss
-    )
-)]
-
 use lodestream_geometry::numbers::low32;
 
 /// Predictors.

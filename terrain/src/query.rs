@@ -1,6 +1,7 @@
 //! Heights at single places.
 
 use super::error::TerrainError;
+use super::numbers::{real, truncated};
 use super::window::Scratch;
 use super::world::Terrain;
 
@@ -27,9 +28,9 @@ impl Terrain {
         let edge = 1_i64 << (self.parameters.extent_log2 + self.parameters.finest_level);
         // The cell and the place in it; the last cell's far side belongs to it.
         let place = |at: f64| {
-            let at = if at.is_nan() { 0.0 } else { at.clamp(-edge as f64, edge as f64) };
-            let cell = (at.floor() as i64).min(edge - 1);
-            (cell, at - cell as f64)
+            let at = if at.is_nan() { 0.0 } else { at.clamp(real(-edge), real(edge)) };
+            let cell = truncated(at.floor()).min(edge - 1);
+            (cell, at - real(cell))
         };
         let ((cell_x, u), (cell_y, v)) = (place(x), place(y));
         let mut heights = Vec::with_capacity(4);

@@ -1,5 +1,7 @@
 //! Rectangles of grid points, and what they need of the next coarser level.
 
+use super::numbers::{index, span};
+
 /// Points of one level, in global coordinates of that level.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Rect {
@@ -16,12 +18,17 @@ impl Rect {
 
     /// The last column.
     pub(super) fn right(&self) -> i64 {
-        self.x + self.width as i64 - 1
+        self.x + span(self.width) - 1
     }
 
     /// The last row.
     pub(super) fn bottom(&self) -> i64 {
-        self.y + self.height as i64 - 1
+        self.y + span(self.height) - 1
+    }
+
+    /// Where a point of the rectangle is in a list of its points, row by row.
+    pub(super) fn index_of(&self, x: i64, y: i64) -> usize {
+        index(y - self.y) * self.width + index(x - self.x)
     }
 
     pub(super) fn len(&self) -> usize {
@@ -50,7 +57,7 @@ impl Rect {
 
     /// The rectangle between two points, both included.
     pub(super) fn from_corners(x: i64, y: i64, right: i64, bottom: i64) -> Self {
-        Self::new(x, y, (right - x + 1) as usize, (bottom - y + 1) as usize)
+        Self::new(x, y, index(right - x + 1), index(bottom - y + 1))
     }
 }
 
@@ -58,7 +65,7 @@ fn parent_span(first: i64, last: i64, level: u8) -> (i64, usize) {
     let on_border = |c: i64| c & ((1 << level) - 1) == 0;
     let from = if on_border(first) { first >> 1 } else { (first - 1) >> 1 };
     let to = if on_border(last) { last >> 1 } else { (last + 2) >> 1 };
-    (from, (to - from + 1) as usize)
+    (from, index(to - from + 1))
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@
 //! patch's border average their two ends only: a border follows from itself, so neighbours agree on it.
 
 use super::noise::{LevelNoise, RowNoise};
+use super::numbers::{index, span};
 use super::rect::Rect;
 
 /// A number that can be averaged: heights, or differences of heights.
@@ -92,12 +93,12 @@ pub(super) fn refine<V: Value, D: Detail<V>>(parent: View<'_, V>, level: u8, det
     let Rect { x, y, width, height } = parent.rect.child();
     let border = (1_i64 << level) - 1;
     // Columns of the parent, from its first on, that are borders between two patches.
-    let first_border = (-(x >> 1)).rem_euclid(1 << (level - 1)) as usize;
+    let first_border = index((-(x >> 1)).rem_euclid(1 << (level - 1)));
     let cells = parent.rect.width - 1;
     for j in 0..parent.rect.height {
         let above = parent.row(j);
         if j + 1 < parent.rect.height {
-            let row_y = y + 2 * j as i64 + 1;
+            let row_y = y + 2 * span(j) + 1;
             let row = &mut out[(2 * j + 1) * width..][..width];
             between_rows(above, parent.row(j + 1), x, row_y, detail, row);
             detail.give(x, row_y, row);
@@ -112,7 +113,7 @@ pub(super) fn refine<V: Value, D: Detail<V>>(parent: View<'_, V>, level: u8, det
             }
             detail.give(x, row_y, row);
         }
-        let row_y = y + 2 * j as i64;
+        let row_y = y + 2 * span(j);
         let edge = j == 0 || j + 1 == parent.rect.height || row_y & border == 0;
         let (before, rest) = out.split_at_mut(2 * j * width);
         let (row, after) = rest.split_at_mut(width);

@@ -1,5 +1,6 @@
 //! Where stamps make the ground rougher than it is without: places to draw finer than the rest.
 
+use super::numbers::{real, truncated};
 use super::stamp::{Position, Stamp};
 use super::world::Terrain;
 
@@ -53,7 +54,7 @@ fn parts(stamp: &Stamp) -> Vec<(Position, Position, i64, Vec<Position>)> {
     let mut parts = Vec::new();
     for &pair in pairs {
         let (from, away) = (middle(pair), sideways(pair));
-        let at = |eighths: i64| [0, 1].map(|i| from[i] + (away[i] * reach as f64) as i64 * eighths / 8);
+        let at = |eighths: i64| [0, 1].map(|i| from[i] + truncated(away[i] * real(reach)) * eighths / 8);
         let along = [from, pair[0], pair[1]];
         let mut across = [2, 4, 6, 8].map(at).to_vec();
         if reach <= 4 * CREST || pair[0] == pair[1] {
@@ -68,7 +69,7 @@ fn parts(stamp: &Stamp) -> Vec<(Position, Position, i64, Vec<Position>)> {
 
 /// Unit vector across a segment.
 fn sideways([a, b]: [Position; 2]) -> [f64; 2] {
-    let [dx, dy] = [0, 1].map(|i| (b[i] - a[i]) as f64);
+    let [dx, dy] = [0, 1].map(|i| real(b[i] - a[i]));
     let length = (dx * dx + dy * dy).sqrt();
     if length > 0.0 { [-dy / length, dx / length] } else { [0.0, 1.0] }
 }

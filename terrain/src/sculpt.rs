@@ -4,6 +4,7 @@
 //! Integers throughout, with one square root, which IEEE 754 rounds correctly everywhere.
 
 use super::mode::Mode;
+use super::numbers::{index, real, saturate, truncated};
 use super::rect::Rect;
 use super::stamp::{Position, Shape, Stamp};
 
@@ -38,11 +39,11 @@ impl Stamp {
         let near = [[x0, y0], [x1, y1]].map(|at| at.map(|x| x << shift));
         let segments = Segments::new(self.line(), near, reach);
         for y in y0..=y1 {
-            let row = &mut heights[(y - rect.y) as usize * rect.width..][..rect.width];
+            let row = &mut heights[rect.index_of(rect.x, y)..][..rect.width];
             for x in x0..=x1 {
                 let distance = segments.distance([x << shift, y << shift], reach);
                 if let Some((weight, target)) = distance.and_then(|d| self.effect(d)) {
-                    let height = &mut row[(x - rect.x) as usize];
+                    let height = &mut row[index(x - rect.x)];
                     let from = i64::from(*height);
                     let changed = match self.mode {
                         Mode::Additive => from + ((target * weight) >> 16),
@@ -95,11 +96,6 @@ fn smooth(t: i64) -> i64 {
     (((t * t) >> 16) * (3 * ONE - 2 * t)) >> 16
 }
 
-/// The nearest 32-bit number.
-pub(super) fn saturate(value: i64) -> i32 {
-    value.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32
-}
-
 /// A line of segments, or one position.
 struct Segments {
     alone: Option<Position>,
@@ -124,7 +120,11 @@ impl Segments {
         let segment = |pair: &[Position]| {
             let squared = square(pair[0], pair[1]);
             // At most 2 × 2^44 × 2^16.
-            Segment { from: pair[0], to: pair[1], length: ((squared as u64) << 16).isqrt() as i64 }
+            Segment {
+                from: pair[0],
+                to: pair[1],
+                length: (squared.cast_unsigned() << 16).isqrt().cast_signed(),
+            }
         };
         Self {
             alone: (line.len() == 1).then(|| line[0]),
@@ -171,7 +171,7 @@ fn square(a: Position, b: Position) -> i64 {
 /// The square root in 16ths, rounded down; `None` from `reach` ≤ 2^21 on.
 fn root(squared: i64, reach: i64) -> Option<i64> {
     // Below 2^50, where the correctly rounded root has the right integer part.
-    (squared < reach * reach).then(|| ((squared << 8) as f64).sqrt() as i64)
+    (squared < reach * reach).then(|| truncated(real(squared << 8).sqrt()))
 }
 
 #[cfg(test)]

@@ -1,15 +1,5 @@
 //! Stamps: shapes that a few numbers describe.
 
-#![cfg_attr(
-    not(test),
-    warn(
-        clippy::cast_possible_truncation,
-        clippy::cast_possible_wrap,
-        clippy::cast_precision_loss,
-        clippy::cast_sign_loss
-    )
-)]
-
 use super::mode::Mode;
 use lodestream_geometry::DecodeError;
 use lodestream_geometry::entropy::bytes::{Reader, put_varint};

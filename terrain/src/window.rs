@@ -70,7 +70,7 @@ pub(super) fn descend<V: Value>(
     for level in from + 1..=to {
         let i = usize::from(level - from);
         let need = wanted[i - 1];
-        let start = (need.y - have.y) as usize * have.width + (need.x - have.x) as usize;
+        let start = have.index_of(need.x, need.y);
         let parent = View { values: &buffers.last[start..], stride: have.width, rect: need };
         let child = need.child();
         // Every value is written: what is there need not be cleared.
@@ -87,7 +87,7 @@ pub(super) fn descend<V: Value>(
     }
     out.clear();
     for row in 0..rect.height {
-        let start = ((rect.y - have.y) as usize + row) * have.width + (rect.x - have.x) as usize;
+        let start = have.index_of(rect.x, rect.y) + row * have.width;
         out.extend_from_slice(&buffers.last[start..][..rect.width]);
     }
 }

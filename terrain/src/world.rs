@@ -4,6 +4,7 @@ use super::differences::PatchDifferences;
 use super::error::TerrainError;
 use super::feature::{FeatureSet, Features};
 use super::noise::LevelNoise;
+use super::numbers::{signed, span};
 use super::parameters::Parameters;
 use super::points::PatchPoints;
 use super::rect::Rect;
@@ -126,7 +127,7 @@ impl Terrain {
         let around = Rect::from_corners(left, top, right, bottom);
         let own = self.patches.contains_key(&(x, y));
         let others = reach > 0
-            && self.touched(n as i8, around).any(|(&(px, py), _)| {
+            && self.touched(signed(n), around).any(|(&(px, py), _)| {
                 let patch = Rect::from_corners(px << n, py << n, (px + 1) << n, (py + 1) << n);
                 patch.intersection(&around).is_some()
             });
@@ -152,13 +153,13 @@ impl Terrain {
     /// n: the level of all points.
     #[must_use]
     pub fn finest_level(&self) -> i8 {
-        self.parameters.finest_level as i8
+        signed(self.parameters.finest_level)
     }
 
     /// The coarsest level there is: the world is two of its cells wide.
     #[must_use]
     pub fn coarsest_level(&self) -> i8 {
-        -(self.parameters.extent_log2 as i8)
+        -signed(self.parameters.extent_log2)
     }
 
     /// Largest coordinate of a level's points; the smallest is its negative. The world's own edge belongs to
@@ -211,7 +212,7 @@ impl Terrain {
     /// Heights with stamps only.
     pub(super) fn stamped(&self, level: i8, rect: Rect, buffers: &mut Buffers<i32>, out: &mut Vec<i32>) {
         self.base_window(level, rect, buffers, out);
-        let shift = (i32::from(self.parameters.finest_level) - i32::from(level)) as u32;
+        let shift = i32::from(self.parameters.finest_level).abs_diff(i32::from(level));
         for stamp in &self.stamps {
             stamp.apply(self.parameters.base, rect, shift, out);
         }
@@ -223,7 +224,7 @@ impl Terrain {
         if width.checked_mul(height).is_none_or(|points| points == 0 || points > limit) {
             return Err(TerrainError::BadWindow { width, height, limit });
         }
-        let (x_end, y_end) = (x.saturating_add(width as i64 - 1), y.saturating_add(height as i64 - 1));
+        let (x_end, y_end) = (x.saturating_add(span(width) - 1), y.saturating_add(span(height) - 1));
         if x < -edge || y < -edge || x_end > edge || y_end > edge {
             return Err(TerrainError::OutsideWorld { level, x, y, x_end, y_end, edge });
         }
@@ -259,7 +260,7 @@ impl Terrain {
         }
         self.check_patch(x, y)?;
         let points = (1 << level) + 1;
-        self.window(level as i8, x << level, y << level, points, points, scratch, out)
+        self.window(signed(level), x << level, y << level, points, points, scratch, out)
     }
 
     pub(super) fn check_patch(&self, x: i64, y: i64) -> Result<(), TerrainError> {
