@@ -6,6 +6,8 @@ use std::path::Path;
 /// Writes `path` by way of a temporary file in the same folder: written, synced, renamed. Whatever goes
 /// wrong, `path` is what it was before.
 ///
+/// A link is followed, and what is there and no regular file (a pipe, `/dev/null`) is not replaced but written to.
+///
 /// # Errors
 /// Whatever creating, writing, syncing or renaming says.
 pub fn write_atomically(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
@@ -33,6 +35,13 @@ fn write_by(
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> io::Result<()> {
+    if std::fs::metadata(path).is_ok_and(|at| !at.is_file() && !at.is_dir()) {
+        let mut buffered = io::BufWriter::new(std::fs::OpenOptions::new().write(true).open(path)?);
+        write(&mut buffered)?;
+        return buffered.flush();
+    }
+    // Where there is nothing yet, nothing is a link.
+    let path = &std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
@@ -77,6 +86,36 @@ mod tests {
         let path = dir.path().join("key.pem");
         write_privately(&path, |out| out.write_all(b"secret")).unwrap();
         assert_eq!(std::fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
+    }
+
+    /// As root, `--stats /dev/null` would otherwise leave everybody a file there.
+    #[cfg(unix)]
+    #[test]
+    fn what_is_no_file_is_written_to_and_not_replaced() {
+        use std::io::Read as _;
+        use std::os::unix::fs::FileTypeExt as _;
+        let dir = tempfile::TempDir::new().unwrap();
+        let path = dir.path().join("pipe");
+        assert!(std::process::Command::new("mkfifo").arg(&path).status().unwrap().success());
+        // Opened for both, so that neither end waits for the other.
+        let mut pipe = std::fs::OpenOptions::new().read(true).write(true).open(&path).unwrap();
+        write_atomically(&path, |out| out.write_all(b"told")).unwrap();
+        assert!(std::fs::symlink_metadata(&path).unwrap().file_type().is_fifo());
+        let mut told = [0; 4];
+        pipe.read_exact(&mut told).unwrap();
+        assert_eq!(&told, b"told");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_stays_one_and_the_file_that_it_names_is_written() {
+        let dir = tempfile::TempDir::new().unwrap();
+        let [file, link] = ["file", "link"].map(|name| dir.path().join(name));
+        std::fs::write(&file, "old").unwrap();
+        std::os::unix::fs::symlink("file", &link).unwrap();
+        write_atomically(&link, |out| out.write_all(b"new")).unwrap();
+        assert!(std::fs::symlink_metadata(&link).unwrap().is_symlink());
+        assert_eq!(std::fs::read(&file).unwrap(), b"new");
     }
 
     #[test]

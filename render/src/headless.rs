@@ -1,7 +1,5 @@
 //! Pictures without a window: draw into a texture, read it back, write PNG.
 
-use std::path::Path;
-
 use image::RgbaImage;
 
 use super::counters::Counters;
@@ -130,15 +128,5 @@ impl Headless {
     pub(crate) fn intermediate(&self, resource: Resource, bytes_per_texel: u32) -> Option<Vec<u8>> {
         let texture = self.renderer.intermediate(resource)?;
         read_texture(&self.gpu, texture, bytes_per_texel).ok()
-    }
-
-    /// Writes the last picture as PNG.
-    ///
-    /// # Errors
-    /// [`RenderError::Picture`] with the path if the file cannot be written.
-    pub fn save_png(&self, path: &Path) -> Result<(), RenderError> {
-        self.picture()?
-            .save_with_format(path, image::ImageFormat::Png)
-            .map_err(|e| RenderError::Picture(format!("cannot write {}: {e}", path.display())))
     }
 }

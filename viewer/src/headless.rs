@@ -9,6 +9,7 @@ use lodestream_client::streaming::{Status, Streaming};
 use lodestream_render::{Counters, Frame, Gpu, Headless, SceneView};
 
 use crate::args::Args;
+use crate::files::write_png;
 use crate::frames::Shown;
 use crate::outcome::{Outcome, lacks};
 use crate::run::{core_config, settings, tell_figures};
@@ -112,7 +113,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     drop(streaming);
     // A time at which every vertex is where it belongs.
     draw(&mut headless, &mut scene, args, f32::MAX)?;
-    headless.save_png(output)?;
+    write_png(output, &headless.picture()?)?;
     if status.settled {
         shown.note_settled(clock.now().into());
     }

@@ -2,6 +2,7 @@
 
 mod args;
 mod figures;
+mod files;
 mod frames;
 mod headless;
 mod outcome;

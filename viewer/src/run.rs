@@ -2,12 +2,12 @@
 
 use std::io::Write as _;
 
-use anyhow::Context;
 use lodestream_client::core::{Config, StartView, Stats};
 use lodestream_render::{AmbientOcclusion, Settings, Shade};
 
 use crate::args::Args;
 use crate::figures::Figures;
+use crate::files::write_json;
 use crate::frames::Shown;
 use crate::report::Report;
 
@@ -41,8 +41,5 @@ pub(crate) fn tell_figures(args: &Args, stats: &Stats, shown: &Shown) -> anyhow:
         // A reader that is gone wants no figures.
         let _ = write!(std::io::stdout(), "{}", Figures(&report));
     }
-    let Some(path) = &args.stats else { return Ok(()) };
-    let mut json = serde_json::to_string_pretty(&report)?;
-    json.push('\n');
-    std::fs::write(path, json).with_context(|| format!("cannot write {}", path.display()))
+    args.stats.as_ref().map_or(Ok(()), |path| write_json(path, &report))
 }

@@ -31,5 +31,5 @@ fn keep(headless: &Headless, name: &str) {
         .map_or_else(|| std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../target"), Into::into);
     let folder = target.join("pictures");
     std::fs::create_dir_all(&folder).unwrap();
-    headless.save_png(&folder.join(format!("{name}.png"))).unwrap();
+    headless.picture().unwrap().save(folder.join(format!("{name}.png"))).unwrap();
 }

@@ -7,6 +7,8 @@ use anyhow::Context as _;
 use lodestream_render::{Gpu, TargetCopy};
 use serde::Serialize;
 
+use crate::files::{cannot_write, write_json, write_png};
+
 /// Frames are kept for so long after the connect call, at this distance at least: 3 s at 30 frames a second.
 const KEPT_FOR: Duration = Duration::from_secs(3);
 const LEAST_DISTANCE: Duration = Duration::from_millis(33);
@@ -65,19 +67,14 @@ impl Film {
 
     /// Writes all pictures and `frames.json` into a folder, which is created where it is missing.
     pub(super) fn write(self, gpu: &Gpu, folder: &Path, settled: bool) -> anyhow::Result<()> {
-        let fail = |path: &Path| format!("cannot write {}", path.display());
-        std::fs::create_dir_all(folder).with_context(|| fail(folder))?;
+        std::fs::create_dir_all(folder).with_context(|| cannot_write(folder))?;
         let mut frames = Vec::new();
         for (number, Kept { at, whole, copy }) in (1..).zip(self.first.into_iter().chain(self.last)) {
             let file = format!("frame-{number:04}.png");
-            let path = folder.join(&file);
-            copy.picture(gpu)?.save(&path).with_context(|| fail(&path))?;
+            write_png(&folder.join(&file), &copy.picture(gpu)?)?;
             frames.push(Entry { at_ms: at.as_secs_f64() * 1e3, whole, file });
         }
         let index = Index { until_ms: KEPT_FOR.as_secs_f64() * 1e3, settled, frames };
-        let path = folder.join("frames.json");
-        let mut json = serde_json::to_string_pretty(&index)?;
-        json.push('\n');
-        std::fs::write(&path, json).with_context(|| fail(&path))
+        write_json(&folder.join("frames.json"), &index)
     }
 }
