@@ -184,3 +184,26 @@ fn a_pack_that_was_closed_to_make_room_is_read_again() {
     drop(packs);
     assert_eq!(handles.count(), 0);
 }
+
+/// Every pack was kept open: 1,100 assets could not be served where a process may have 1,024 files.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_scene_of_many_packs_keeps_few_files_open() {
+    let dir = TempDir::new().unwrap();
+    let scene = scene(dir.path(), 1);
+    let path = |i: usize| dir.path().join(format!("{i}.lsp"));
+    prepare_to(&scene.assets[0], &options(), &path(0)).unwrap();
+    for i in 1..200 {
+        std::fs::copy(path(0), path(i)).unwrap();
+    }
+    let packs: Vec<PackFile> = (0..200).map(|i| PackFile::open(&path(i)).unwrap()).collect();
+    let open = || {
+        let files = std::fs::read_dir("/proc/self/fd").unwrap().flatten();
+        files
+            .filter(|fd| std::fs::read_link(fd.path()).is_ok_and(|file| file.starts_with(dir.path())))
+            .count()
+    };
+    assert!(open() <= 128, "{} files are open", open());
+    packs.iter().for_each(|pack| pack.verify().unwrap());
+    assert!(open() <= 128, "{} files are open once all were read", open());
+}
