@@ -1,5 +1,5 @@
-//! Model files to [`SourceMesh`](lodestream_geometry::mesh::SourceMesh) and materials (OBJ with MTL, glTF 2.0 and GLB), their textures to mip levels, and
-//! terrain from files.
+//! Model files to [`SourceMesh`](lodestream_geometry::mesh::SourceMesh) and materials (OBJ with MTL, glTF 2.0 and
+//! GLB), their textures to mip levels, and terrain from files; with the knobs of both.
 //!
 //! OBJ and MTL are parsed by the crate `tobj` behind a pass of our own (`normalise`) that checks every
 //! line and reports its number: tobj 4 lets NaN and infinities through, makes up texture
