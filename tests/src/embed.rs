@@ -1,5 +1,6 @@
 //! `examples/embed`: a package of its own, built as a stranger would, drawing what a daemon serves.
 
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -46,7 +47,17 @@ fn build() -> PathBuf {
     let config = toml::Table::from_iter([("profile".to_owned(), profile.into())]);
     let file = target.join("embed-profile.toml");
     std::fs::write(&file, config.to_string()).unwrap();
-    let output = Command::new(env!("CARGO"))
+    let mut cargo = Command::new(env!("CARGO"));
+    // What cargo tells tests of their own package is nothing to the other build. ring's build script watches it: with it,
+    // ring and all that depends on it were built again here, and again by the workspace's next build.
+    let of_this_package = |name: &OsStr| {
+        let own = ["CARGO_MANIFEST_", "CARGO_PKG_", "CARGO_CRATE_NAME", "CARGO_PRIMARY_PACKAGE"];
+        name.to_str().is_some_and(|name| own.iter().any(|start| name.starts_with(start)))
+    };
+    for (name, _) in std::env::vars_os().filter(|(name, _)| of_this_package(name)) {
+        cargo.env_remove(name);
+    }
+    let output = cargo
         .current_dir(&folder)
         .args(["build", "--offline", "--config"])
         .arg(&file)
