@@ -6,6 +6,7 @@ use bytes::Bytes;
 
 use crate::blob::BlobId;
 use crate::scene::{SceneHeader, ScenePage};
+use crate::select::Occluder;
 
 /// Why a blob cannot be had.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -51,6 +52,12 @@ pub trait SceneSource: Send + Sync {
     /// Fails where the blob is missing or damaged, or the store does not answer in the time that it allows itself.
     fn read(&self, id: &BlobId) -> Result<Bytes, SourceError>;
 
+    /// A coarse surface of an asset, by which is judged what hides what; `None` where there is none at hand.
+    fn occluder(&self, asset: u32) -> Option<Arc<Occluder>> {
+        let _ = asset;
+        None
+    }
+
     /// The blob's bytes if they are at hand, without waiting for anything. As it stands, for stores in memory, it reads.
     ///
     /// # Errors
@@ -79,5 +86,9 @@ impl<S: SceneSource> SceneSource for Immediate<S> {
 
     fn read(&self, id: &BlobId) -> Result<Bytes, SourceError> {
         self.0.read(id)
+    }
+
+    fn occluder(&self, asset: u32) -> Option<Arc<Occluder>> {
+        self.0.occluder(asset)
     }
 }

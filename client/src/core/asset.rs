@@ -11,6 +11,7 @@ use geometry::refine::{ActiveMesh, ChunkError, RefineError, Touched};
 use lodestream_compress::{decode_base, decode_prefix};
 use lodestream_geometry as geometry;
 use lodestream_protocol::asset::{AssetDescription, DescriptionError};
+use lodestream_protocol::select::Occluder;
 
 use super::changes::{IndexRun, MeshChange, Vertex, runs};
 #[cfg(not(feature = "zstd"))]
@@ -74,7 +75,12 @@ pub(crate) struct RefinedAsset {
     /// When a chunk's vertices were first handed to a renderer, in seconds.
     births: BTreeMap<u32, f32>,
     levels: BTreeMap<u32, u8>,
+    /// Faces of the surface that is known to hide things.
+    occluding_faces: usize,
 }
+
+/// A surface of so many faces hides as well as a finer one: its error is far below the sizes of regions.
+const OCCLUDER_FACES: usize = 2048;
 
 impl RefinedAsset {
     /// Decodes a base blob. `track_changes`: a renderer will ask for changes.
@@ -96,6 +102,7 @@ impl RefinedAsset {
             dirty: track_changes.then(Dirty::default),
             births: BTreeMap::new(),
             levels: BTreeMap::new(),
+            occluding_faces: 0,
         };
         asset.touch_all();
         Ok(asset)
@@ -161,6 +168,18 @@ impl RefinedAsset {
         if let Some(dirty) = &mut self.dirty {
             dirty.add(touched);
         }
+    }
+
+    /// The surface as it is now, where it is worth while: at first, and once it has grown by half since, until it is fine
+    /// enough for all that it hides.
+    pub(crate) fn better_occluder(&mut self) -> Option<Occluder> {
+        let faces = self.mesh.face_count();
+        if self.occluding_faces >= OCCLUDER_FACES || 2 * faces < 3 * self.occluding_faces.max(1) {
+            return None;
+        }
+        self.occluding_faces = faces;
+        let (positions, faces) = self.mesh.surface();
+        Some(Occluder::new(positions, faces))
     }
 
     /// The mesh as it is now.

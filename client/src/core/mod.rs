@@ -22,6 +22,7 @@ mod client_core;
 mod config;
 mod failures;
 mod milestones;
+mod motion;
 mod scene;
 mod stats;
 #[cfg(not(feature = "zstd"))]

@@ -1,6 +1,7 @@
 //! The scene as far as its description has arrived.
 
 use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
 
 use lodestream_protocol::blob::{BlobId, BlobPart};
 use lodestream_protocol::scene::{InstanceEntry, SceneHeader, ScenePage};
@@ -137,6 +138,15 @@ impl Scene {
             textures: refined.description.textures.clone(),
         }));
         self.refined[asset as usize] = Some(refined);
+    }
+
+    /// Tells selections what surfaces are known by now.
+    pub(crate) fn renew_occluders(&mut self) {
+        for (state, refined) in self.states.iter_mut().zip(&mut self.refined) {
+            if let Some(occluder) = refined.as_mut().and_then(RefinedAsset::better_occluder) {
+                state.set_occluder(Arc::new(occluder));
+            }
+        }
     }
 
     /// Notes a change that does not belong to a mesh.

@@ -79,6 +79,17 @@ impl ActiveMesh {
         self.vertex_mover[vertex as usize].checked_sub(1)
     }
 
+    /// The surface alone: positions by vertex slot, relative to [`crate::mesh::Grid::origin`], and three of their indices a
+    /// face. Cost: one pass over vertices and faces.
+    #[must_use]
+    pub fn surface(&self) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
+        let step = self.grid.step;
+        let positions = self.positions.iter().map(|q| q.map(|x| (f64::from(x) * step) as f32)).collect();
+        let drawn = self.indices.iter().flatten().filter(|face| **face != [0; 3]);
+        let faces = drawn.map(|face| face.map(|wedge| self.wedges[wedge as usize].vertex)).collect();
+        (positions, faces)
+    }
+
     /// The data of a wedge slot.
     ///
     /// The normal is the wedge's own, if it has one, else the sum of the face normals, weighted by

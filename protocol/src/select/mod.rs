@@ -16,6 +16,7 @@
 //! count it whole.
 
 pub(crate) mod difference;
+mod occluder;
 pub mod priority;
 mod project;
 mod selection;
@@ -24,8 +25,10 @@ mod settings;
 mod state;
 #[cfg(test)]
 mod tests;
+pub(crate) mod visibility;
 
 pub use difference::shape_priority;
+pub use occluder::Occluder;
 pub use priority::Priority;
 pub use project::{Bounds, LocalView, Projection};
 pub use selection::{Counters, Selection, State, Wanted};

@@ -35,6 +35,12 @@ impl Projection {
         Self { eye: DVec3::from(view.eye), frustum: view.frustum(), scale_px: view.scale_px() }
     }
 
+    /// Pixels per unit of tangent.
+    #[must_use]
+    pub const fn scale_px(&self) -> f64 {
+        self.scale_px
+    }
+
     /// Screen error of a world-space length at a depth, in pixels.
     #[must_use]
     pub fn error_px(&self, error: f64, depth: f64) -> f64 {

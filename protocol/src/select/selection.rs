@@ -71,6 +71,9 @@ pub struct Counters {
     /// Upper bound on the screen error over all visible parts with what is applied now, in pixels;
     /// infinite while a visible instance lacks its base mesh.
     pub max_screen_error_px: f64,
+    /// The same over what is seen: without what the scene's own surfaces hide, but for less than a hundredth of a region's
+    /// disc.
+    pub seen_screen_error_px: f64,
     /// Screen error above which chunks are wanted now: the view's target, or more over budget.
     pub threshold_px: f64,
     /// Whether nothing is wanted: the picture is as sharp as target and budgets allow.

@@ -6,11 +6,12 @@ use lodestream_geometry::index::ChunkInfo;
 use lodestream_geometry::screen::{visible_error, visible_error_at};
 
 use super::difference::{Package, Picture, seen_error};
-use super::priority::{Priority, base_priority, prefetch_priority, refine_priority};
+use super::priority::{Priority, base_priority, hidden, prefetch_priority, refine_priority};
 use super::project::Projection;
 use super::selection::{Counters, Selection, State, Wanted};
 use super::settings::SelectSettings;
 use super::state::{AssetState, Chunk};
+use super::visibility::{Placed, Visibility};
 use crate::blob::{BlobId, BlobPart};
 use crate::scene::InstanceEntry;
 use crate::view::View;
@@ -19,6 +20,8 @@ use crate::view::View;
 const RELAXED_SHARE: u64 = 10;
 /// The threshold falls only where it can fall by this factor.
 const THRESHOLD_FALL: f32 = 0.8;
+/// What the screen error of what is seen counts: regions of whose disc a hundredth is seen, at least. Shares are roots.
+const LEAST_SHOWN: f32 = 0.1;
 /// Bins per octave of the histogram of errors: a resolution of 1/8 octave, 9 %.
 const BIN_SHIFT: u32 = 20;
 const BINS: usize = 1 << (31 - BIN_SHIFT);
@@ -35,6 +38,12 @@ pub struct Selector {
     chunks: Vec<Seek>,
     /// Faces and payload bytes by bin of screen error.
     histogram: Vec<(u64, u64)>,
+    visibility: Visibility,
+    /// Of the chunks of one instance: screen error and centrality of those in view, and how much of each is seen.
+    found: Vec<Option<(f64, f32)>>,
+    shares: Vec<f32>,
+    /// How far the eye may get until what is wanted now is here.
+    way: f32,
 }
 
 /// What the instances of one asset add up to.
@@ -129,12 +138,22 @@ impl Selector {
             seen: Vec::new(),
             chunks: Vec::new(),
             histogram: Vec::new(),
+            visibility: Visibility::default(),
+            found: Vec::new(),
+            shares: Vec::new(),
+            way: 0.0,
         }
     }
 
     /// The settings; changes hold from the next call.
     pub fn settings_mut(&mut self) -> &mut SelectSettings {
         &mut self.settings
+    }
+
+    /// How far the eye may get until what is wanted now is here, in world units: its speed times a round trip. What comes
+    /// into view on the way counts as seen. 0 at first.
+    pub const fn set_way(&mut self, way: f32) {
+        self.way = way;
     }
 
     /// What the last call found.
@@ -189,8 +208,9 @@ impl Selector {
         let counters = &mut self.selection.counters;
         (counters.applied_faces, counters.applied_bytes) = in_use;
         let floor_px = f64::from(view.target_px * self.settings.undo_below.get());
-        let mut worst = 0.0_f64;
-        for instance in instances {
+        let (mut worst, mut worst_seen) = (0.0_f64, 0.0_f64);
+        let mut drawn = false;
+        for (number, instance) in (0..).zip(instances) {
             let Some(asset) = assets.get(instance.asset as usize) else { continue };
             let seen = &mut self.seen[instance.asset as usize];
             seen.placed = true;
@@ -205,12 +225,12 @@ impl Selector {
             if asset.state(BlobPart::Base) == State::Applied {
                 counters.drawable_instances += 1;
             } else {
-                worst = f64::INFINITY;
+                (worst, worst_seen) = (f64::INFINITY, f64::INFINITY);
             }
             let scale = f64::from(instance.scale);
             let px_of = |error: f32| projection.error_px(f64::from(error) * scale, bounds.depth);
             let unknown_px = px_of(asset.unknown_error());
-            worst = worst.max(unknown_px);
+            (worst, worst_seen) = (worst.max(unknown_px), worst_seen.max(unknown_px));
             #[allow(clippy::cast_possible_truncation)]
             {
                 seen.unknown_px = seen.unknown_px.max(unknown_px as f32);
@@ -220,37 +240,64 @@ impl Selector {
             // No chunk's visible error exceeds the root error, and no sphere is nearer than the asset's.
             let root_px = px_of(asset.entry().root_error);
             if root_px < floor_px {
-                worst = worst.max(root_px);
+                (worst, worst_seen) = (worst.max(root_px), worst_seen.max(root_px));
                 seen.far = true;
                 continue;
             }
             let local = projection.local(asset.entry(), instance);
             let share = self.settings.attribute_share.get();
-            let seeks = &mut self.chunks[seen.first_chunk..];
             counters.tested_chunks += asset.chunks().len() as u64;
-            for (seek, chunk) in seeks.iter_mut().zip(asset.chunks()) {
-                let Some(chunk) = chunk else { continue };
-                let error = visible_error(chunk.info(), share);
-                let Some((px, centrality)) = local.error_px(&chunk.info().sphere, error) else {
-                    continue;
-                };
+            self.found.clear();
+            self.found.extend(asset.chunks().iter().map(|chunk| {
+                let info = chunk.as_ref()?.info();
+                local.error_px(&info.sphere, visible_error(info, share))
+            }));
+            self.shares.clear();
+            self.shares.resize(asset.chunks().len(), 1.0);
+            let found = &self.found;
+            // What is applied, or too small to be wanted, need not be looked for.
+            let asks = |number: usize, chunk: &Chunk| {
+                chunk.state() != State::Applied && found[number].is_some_and(|(px, _)| px > floor_px)
+            };
+            let numbered = (0..).zip(asset.chunks());
+            if self.settings.hidden_last
+                && asset.occluder().is_some()
+                && numbered.filter_map(|(at, chunk)| Some((at, chunk.as_ref()?))).any(|(at, c)| asks(at, c))
+            {
+                if !std::mem::replace(&mut drawn, true) {
+                    self.visibility.draw(view, self.way, instances, assets);
+                }
+                let placed = Placed::new(view, asset.entry(), instance);
+                self.visibility.shares(number, &placed, asset.chunks(), asks, &mut self.shares);
+            }
+            let seeks = &mut self.chunks[seen.first_chunk..];
+            let about = found.iter().zip(&self.shares);
+            for ((seek, chunk), (found, &shown)) in seeks.iter_mut().zip(asset.chunks()).zip(about) {
+                let (Some(chunk), &Some((px, centrality))) = (chunk, found) else { continue };
+                let info = chunk.info();
+                let error = visible_error(info, share);
                 if chunk.state() != State::Applied {
                     let left = remaining_error(chunk, share);
-                    worst = worst.max(if left < error { px * f64::from(left / error) } else { px });
+                    let left_px = if left < error { px * f64::from(left / error) } else { px };
+                    worst = worst.max(left_px);
+                    if shown > LEAST_SHOWN {
+                        worst_seen = worst_seen.max(left_px);
+                    }
                 }
                 #[allow(clippy::cast_possible_truncation)]
                 {
-                    let info = chunk.info();
                     seek.own_px = seek.own_px.max(px as f32);
                     seek.error_px = seek.own_px;
                     let px_per_unit = px as f32 / error.max(f32::MIN_POSITIVE);
                     let seen_px = px_per_unit * seen_error(info.error, info.attribute_error, share);
-                    seek.difference_px2 += picture.shape_px2(seen_px, px_per_unit * info.sphere.radius);
+                    let whole = picture.shape_px2(seen_px, px_per_unit * info.sphere.radius);
+                    seek.difference_px2 += if shown > 0.0 { shown * whole } else { hidden(whole) };
                 }
                 seek.centrality = seek.centrality.max(centrality);
             }
         }
         counters.max_screen_error_px = worst;
+        counters.seen_screen_error_px = worst_seen;
     }
 
     /// Passes errors on to parents and finds the threshold at which the budgets hold.

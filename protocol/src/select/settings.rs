@@ -103,6 +103,10 @@ pub struct SelectSettings {
     /// Whether chunks are wanted only up to the first stop that suffices, where nothing finer is wanted.
     /// Off, more bytes are fetched for a view, and fewer requests are needed when the camera nears.
     pub stops: bool,
+    /// Whether what the scene's own surfaces hide comes last, as far as they are known ([`AssetState::set_occluder`]).
+    ///
+    /// [`AssetState::set_occluder`]: super::AssetState::set_occluder
+    pub hidden_last: bool,
 }
 
 impl Default for SelectSettings {
@@ -117,6 +121,7 @@ impl Default for SelectSettings {
             attribute_share: Share::ALL,
             prefetch_bases: true,
             stops: true,
+            hidden_last: true,
         }
     }
 }

@@ -1,5 +1,7 @@
 //! What is known of an asset, and where its blobs are.
 
+use std::sync::Arc;
+
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, IndexPage, Stop, expected_rest_error};
 use lodestream_geometry::numbers::id32;
 
@@ -7,6 +9,7 @@ use crate::asset::{AssetDescription, TextureLevel};
 use crate::blob::{BlobId, BlobPart};
 use crate::scene::AssetEntry;
 
+use super::occluder::Occluder;
 use super::selection::{State, Wanted};
 
 /// One chunk: what the index says of it, and where it is.
@@ -18,6 +21,8 @@ pub struct Chunk {
     held: u32,
     /// The stop up to which it is in use, where it is not in use whole.
     stop: Option<u8>,
+    /// How far the occluder may be off where this chunk refines.
+    margin: f32,
 }
 
 impl Chunk {
@@ -46,6 +51,13 @@ impl Chunk {
             State::Applied => None,
             _ => self.stop,
         }
+    }
+
+    /// How far its asset's occluder may be off where this chunk refines, in the asset's units: the error of the coarsest of
+    /// its ancestors, itself among them, that the occluder lacks.
+    #[must_use]
+    pub(super) const fn margin(&self) -> f32 {
+        self.margin
     }
 
     /// What of it is in use, if anything.
@@ -87,6 +99,7 @@ pub struct AssetState {
     /// Upper bound on the error of any chunk whose index page is not known yet.
     unknown_error: f32,
     textures: Vec<TextureState>,
+    occluder: Option<Arc<Occluder>>,
 }
 
 /// A texture's levels and density.
@@ -134,6 +147,7 @@ impl AssetState {
             rest_errors: vec![None; page_count],
             unknown_error,
             textures: Vec::new(),
+            occluder: None,
         }
     }
 
@@ -244,11 +258,12 @@ impl AssetState {
         if self.chunks.len() < end {
             self.chunks.resize(end, None);
         }
-        for (slot, info) in self.chunks[first..end].iter_mut().zip(infos) {
-            match slot {
+        for (id, info) in (first..end).zip(infos) {
+            let margin = self.margin_of(&info, false);
+            match &mut self.chunks[id] {
                 // Told again: where it is stays.
                 Some(chunk) => chunk.info = info,
-                None => *slot = Some(Chunk { info, state: State::Absent, held: 0, stop: None }),
+                slot => *slot = Some(Chunk { info, state: State::Absent, held: 0, stop: None, margin }),
             }
         }
         self.rest_errors[page as usize] = rest_error;
@@ -258,6 +273,31 @@ impl AssetState {
         }
         self.unknown_error = self.bound_of_unknown();
         Ok(())
+    }
+
+    /// The surface as it is now, for what it hides: with the chunks that are [`State::Applied`] whole, or finer.
+    pub fn set_occluder(&mut self, occluder: Arc<Occluder>) {
+        self.occluder = Some(occluder);
+        for id in 0..self.chunks.len() {
+            let Some(chunk) = &self.chunks[id] else { continue };
+            let margin = self.margin_of(&chunk.info, chunk.state == State::Applied);
+            if let Some(chunk) = &mut self.chunks[id] {
+                chunk.margin = margin;
+            }
+        }
+    }
+
+    /// What hides other things, if it is known.
+    #[must_use]
+    pub const fn occluder(&self) -> Option<&Arc<Occluder>> {
+        self.occluder.as_ref()
+    }
+
+    /// [`Chunk::margin`] of a chunk whose parents have theirs. `drawn`: the occluder has it.
+    fn margin_of(&self, info: &ChunkInfo, drawn: bool) -> f32 {
+        let own = if drawn { 0.0 } else { info.error };
+        let parents = info.parents.iter().filter_map(|&parent| self.known(parent));
+        parents.map(Chunk::margin).fold(own, f32::max)
     }
 
     /// What the last page known without a gap says of those behind it: either in so many words, or by its chunks and

@@ -234,10 +234,13 @@ fn visible_assets(source: &dyn SceneSource, view: &View) -> (Vec<u32>, Vec<Insta
     let entries: Vec<&AssetEntry> = pages.iter().flat_map(|page| &page.assets).collect();
     let assets = numbers
         .iter()
-        .filter_map(|&number| entries.get(number as usize))
-        .map(|&entry| {
+        .filter_map(|&number| Some((number, entries.get(number as usize)?)))
+        .map(|(number, &entry)| {
             let mut state = AssetState::new(entry.clone());
             state.set_state(BlobPart::Base, State::Applied);
+            if let Some(occluder) = source.occluder(number) {
+                state.set_occluder(occluder);
+            }
             state
         })
         .collect();

@@ -1,9 +1,12 @@
 //! A scene over opened packs: what the sessions of a server share.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use bytes::Bytes;
+use lodestream_compress::decode_base;
+use lodestream_geometry::refine::ActiveMesh;
 use lodestream_protocol::scene::{SceneHeader, ScenePage};
+use lodestream_protocol::select::Occluder;
 use lodestream_protocol::source::{Reading, SceneSource, SourceError};
 use lodestream_protocol::{BlobId, BlobPart};
 
@@ -20,6 +23,9 @@ pub const DEFAULT_CACHE_BYTES: u64 = 256 << 20;
 /// Cost of a blob in memory beside its bytes, so that many tiny ones are bounded too.
 const ENTRY_BYTES: u64 = 128;
 
+/// Longest base mesh that is decoded to learn what it hides, in bytes: some milliseconds, once, on the thread that asks.
+const MAX_OCCLUDER_BYTES: usize = 64 << 10;
+
 /// See the module.
 #[derive(Debug)]
 pub struct SceneStore {
@@ -27,6 +33,8 @@ pub struct SceneStore {
     pages: Vec<Arc<ScenePage>>,
     /// By asset number.
     packs: Vec<PackFile>,
+    /// By asset number: what hides other things, once somebody asked.
+    occluders: Vec<OnceLock<Option<Arc<Occluder>>>>,
     terrain: TerrainBlobs,
     cache: Mutex<Lru<BlobId, Bytes>>,
 }
@@ -45,10 +53,12 @@ impl SceneStore {
             .collect::<Result<Vec<_>, _>>()?;
         let Composed { header, pages, asset_order, terrain } = compose(scene, &entries)?;
         let mut packs: Vec<Option<PackFile>> = packs.into_iter().map(Some).collect();
-        let packs = asset_order.iter().filter_map(|&i| packs.get_mut(i).and_then(Option::take)).collect();
+        let packs: Vec<PackFile> =
+            asset_order.iter().filter_map(|&i| packs.get_mut(i).and_then(Option::take)).collect();
         let store = Self {
             header,
             pages: pages.into_iter().map(Arc::new).collect(),
+            occluders: packs.iter().map(|_| OnceLock::new()).collect(),
             packs,
             terrain,
             cache: Mutex::new(Lru::new(cache_bytes)),
@@ -93,6 +103,22 @@ impl SceneSource for SceneStore {
             BlobId::Asset { asset, part } => self.packs.get(asset as usize)?.blob_len(part),
             BlobId::Terrain(blob) => self.terrain.get(blob).and_then(|bytes| u32::try_from(bytes.len()).ok()),
         }
+    }
+
+    fn occluder(&self, asset: u32) -> Option<Arc<Occluder>> {
+        let slot = self.occluders.get(asset as usize)?;
+        if let Some(known) = slot.get() {
+            return known.clone();
+        }
+        let id = BlobId::base(asset);
+        // Where it is not in memory, the disk is not waited for: later it may be.
+        let base = self.cache().get(&id)?;
+        let decoded = (base.len() <= MAX_OCCLUDER_BYTES).then(|| decode_base(&base)).and_then(Result::ok);
+        let occluder = decoded.map(|base| {
+            let (positions, faces) = ActiveMesh::growing(&base).surface();
+            Arc::new(Occluder::new(positions, faces))
+        });
+        slot.get_or_init(|| occluder).clone()
     }
 
     fn try_read(&self, id: &BlobId) -> Result<Reading, SourceError> {

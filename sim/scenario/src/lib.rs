@@ -29,6 +29,7 @@ pub mod technique;
 mod tests;
 pub mod timeline;
 pub mod truth;
-pub(crate) mod viewer;
+pub(crate) mod unjudged;
+mod viewer;
 
 pub use parallel::{Equipment, run, run_with};

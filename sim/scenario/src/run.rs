@@ -30,6 +30,7 @@ use super::outcome;
 use super::plan::{Case, CaseLink, Plan, Transport};
 use super::result::RunResult;
 use super::resume::QuicSettings;
+use super::unjudged::Unjudged;
 use super::viewer::Viewer;
 
 /// Virtual time that the server may take to close after the client has left.
@@ -92,7 +93,10 @@ impl Run<'_> {
         virtual_runtime().context("no runtime for virtual time")?.block_on(async {
             let settings =
                 SessionSettings { rate_bits_per_s: case.limiter_bits_per_s, ..SessionSettings::default() };
-            let state = ServerState::new(Arc::clone(scene), settings);
+            // Where a client does not ask what hides what, the server does not either.
+            let scene = Arc::clone(scene);
+            let scene = if plan.client.hidden_last { scene } else { Arc::new(Unjudged(scene)) };
+            let state = ServerState::new(scene, settings);
             let limit = Duration::from_secs_f64(case.time_limit_s);
             let mut viewer = Viewer::new(plan.viewport_px, plan.client, case.path, limit, observer);
             let (close, traffic) = match case.transport {

@@ -24,6 +24,7 @@ use super::changes::Change;
 use super::config::{Config, StartView};
 use super::failures::Failures;
 use super::milestones::Milestones;
+use super::motion::Motion;
 use super::scene::Scene;
 use super::stats::{Connection, MAX_LACKING, Received, Stats};
 use arrivals::Arrived;
@@ -56,6 +57,7 @@ pub struct ClientCore {
     /// What came of each blob, where that is counted.
     received: BTreeMap<BlobId, Received>,
     view: Option<View>,
+    motion: Motion,
     /// The last selection's list, states kept up to date.
     pub(super) wanted: Vec<Wanted>,
     /// What the view needs and failed, as of the last selection.
@@ -108,6 +110,7 @@ impl ClientCore {
             in_flight: BTreeSet::new(),
             received: BTreeMap::new(),
             view,
+            motion: Motion::default(),
             wanted: Vec::new(),
             failed: Vec::new(),
             stale: false,
@@ -264,6 +267,7 @@ impl ClientCore {
         if self.view == Some(view) || view.check().is_err() {
             return;
         }
+        self.motion.moved(now, self.view.map(|view| view.eye), view.eye);
         self.view = Some(view);
         self.stale = true;
         if let Some(session) = &mut self.session {

@@ -1,5 +1,7 @@
 //! The heavy part: selecting, decoding, applying and undoing, within a budget.
 
+use std::time::Duration;
+
 use lodestream_protocol::blob::{BlobId, BlobPart};
 use lodestream_protocol::select::State;
 use lodestream_protocol::time::Time;
@@ -9,6 +11,9 @@ use crate::core::milestones::is_drawable;
 
 /// Cost of handling a blob, beside its bytes, in units of [`ClientCore::update`]'s budget.
 const BLOB_COST: u64 = 256;
+
+/// Round trip while none has been measured.
+const USUAL_ROUND_TRIP: Duration = Duration::from_millis(100);
 
 impl ClientCore {
     /// Selects, decodes, applies and undoes, within a budget of about `budget_bytes` of payload.
@@ -60,6 +65,9 @@ impl ClientCore {
         self.stale = false;
         self.selected = Some(now);
         self.counts.selections += 1;
+        self.scene.renew_occluders();
+        let round_trip = self.session.as_ref().and_then(|session| session.stats().rtt);
+        self.selector.set_way(self.motion.way(now, round_trip.unwrap_or(USUAL_ROUND_TRIP)));
         let selection = self.selector.select(&view, &self.scene.instances, &self.scene.states);
         let (counters, cancel, undo) = (selection.counters, selection.cancel.clone(), selection.undo.clone());
         self.wanted.clone_from(&selection.wanted);

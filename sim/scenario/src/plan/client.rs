@@ -16,19 +16,22 @@ pub struct ClientSettings {
     pub prefetch_bases: bool,
     /// Whether chunks are fetched only up to the first stop that suffices.
     pub stops: bool,
+    /// Whether what the scene's own surfaces hide comes last, for the server's pushes too.
+    pub hidden_last: bool,
 }
 
 impl ClientSettings {
     /// The settings as shipped, refining to a screen error.
     #[must_use]
     pub fn to(target_px: f32) -> Self {
-        Self { target_px, request_depth_bytes: None, prefetch_bases: true, stops: true }
+        Self { target_px, request_depth_bytes: None, prefetch_bases: true, stops: true, hidden_last: true }
     }
 
     /// Changes a configuration accordingly.
     pub(crate) fn apply(&self, config: &mut Config) {
         config.select.prefetch_bases = self.prefetch_bases;
         config.select.stops = self.stops;
+        config.select.hidden_last = self.hidden_last;
         if let Some(depth) = self.request_depth_bytes {
             config.session.min_in_flight_bytes = depth;
             config.session.max_in_flight_bytes = depth;
@@ -43,6 +46,7 @@ pub(super) struct ClientFile {
     request_depth_bytes: Option<u64>,
     prefetch_bases: Option<bool>,
     stops: Option<bool>,
+    hidden_last: Option<bool>,
 }
 
 impl ClientFile {
@@ -65,6 +69,7 @@ impl ClientFile {
             request_depth_bytes: self.request_depth_bytes,
             prefetch_bases: self.prefetch_bases.unwrap_or(shipped.prefetch_bases),
             stops: self.stops.unwrap_or(shipped.stops),
+            hidden_last: self.hidden_last.unwrap_or(shipped.hidden_last),
             ..shipped
         })
     }

@@ -406,6 +406,7 @@ fn the_client_and_the_codec_are_as_shipped_unless_the_plan_says_otherwise() {
         request_depth_bytes: Some(9000),
         prefetch_bases: false,
         stops: false,
+        hidden_last: true,
     };
     assert_eq!((own.client, own.codec), (expected, Some(Codec::Plain)));
     for (text, field, message) in [

@@ -1,0 +1,264 @@
+//! What a view sees of the scene's surfaces, found by a small rasteriser: pure, deterministic, some hundred pixels wide.
+//!
+//! Coarse surfaces ([`Occluder`]) are drawn into a buffer of depths. Of a region of the finer surface only a sphere is known,
+//! which bounds its coarse surface too. It is seen as far as points in the buffer lie in its sphere, and nearer to its
+//! centre than to those of the other regions of its level. Where the buffer lies behind the middle of the sphere one sees
+//! through it: there little is expected of it, but it is not called hidden. Spheres are larger by what coarse surfaces may
+//! be off, and edges give way by a pixel (docs/design/viewing.md, "What is seen, first").
+
+mod depth;
+#[cfg(test)]
+mod tests;
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use glam::{DVec3, Mat3, Vec3};
+use lodestream_geometry::index::Sphere;
+
+use super::occluder::Occluder;
+use super::project::Projection;
+use super::state::{AssetState, Chunk};
+use crate::scene::{AssetEntry, InstanceEntry};
+use crate::view::View;
+
+use depth::DepthBuffer;
+
+/// Pixels along the longer side of the buffer.
+const LONG_SIDE: u32 = 256;
+/// Faces that are drawn at most, of the largest instances on the screen.
+const MAX_FACES: usize = 1 << 16;
+/// Least radius of an instance that hides anything, in pixels of the buffer.
+const LEAST_RADIUS: f32 = 2.0;
+/// Pixels of the buffer by which edges give way at most for an eye that moves.
+const MAX_UNCOVERED: u32 = 8;
+/// What a pixel counts at which one sees through the middle of a region.
+const SEEN_THROUGH: f32 = 0.01;
+/// Radius of that middle, in radii.
+const CORE: f32 = 0.25;
+/// A point belongs to regions of a level that are so much farther than the nearest, in squares.
+const NEARLY: f32 = 1.15;
+/// The same for points at a centre, in squared radii.
+const NEARLY_AT_THE_CENTRE: f32 = 0.02;
+
+/// What a view sees.
+#[derive(Debug, Default)]
+pub(crate) struct Visibility {
+    buffer: DepthBuffer,
+    /// How near the point at a pixel is to the region that it is nearest to, and in which turn that was found: one level of
+    /// one instance. What is of another turn does not count, so nothing needs to be cleared.
+    nearest: Vec<(u32, f32)>,
+    turn: u32,
+    /// What was found of each instance in what is drawn, by chunk.
+    known: HashMap<u32, Vec<Option<f32>>>,
+    drawn: Option<Drawn>,
+}
+
+/// What a buffer shows.
+#[derive(Debug)]
+struct Drawn {
+    view: View,
+    way: f32,
+    instances: usize,
+    occluders: Vec<Option<Arc<Occluder>>>,
+    /// The instances that are drawn, ascending: the others are too small, or one too many, to say what is seen of them.
+    numbers: Vec<u32>,
+}
+
+/// One instance in the axes of the view: x to the right, y downwards, z along the view, in world units.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Placed {
+    to_view: Mat3,
+    offset: Vec3,
+    scale: f32,
+}
+
+impl Placed {
+    pub(crate) fn new(view: &View, asset: &AssetEntry, instance: &InstanceEntry) -> Self {
+        let turned = view.orientation().conjugate();
+        let down_and_forward = Mat3::from_diagonal(Vec3::new(1.0, -1.0, -1.0));
+        let from_world = down_and_forward * Mat3::from_quat(turned);
+        let origin = instance.to_world(asset.origin, [0.0; 3]) - DVec3::from(view.eye);
+        Self {
+            to_view: from_world * Mat3::from_quat(instance.orientation()) * instance.scale,
+            offset: from_world * origin.as_vec3(),
+            scale: instance.scale,
+        }
+    }
+
+    fn place(&self, point: [f32; 3]) -> Vec3 {
+        self.to_view * Vec3::from(point) + self.offset
+    }
+}
+
+impl Drawn {
+    fn shows(&self, view: &View, way: f32, instances: usize, assets: &[AssetState]) -> bool {
+        let same = |(drawn, asset): (&Option<Arc<Occluder>>, &AssetState)| match (drawn, asset.occluder()) {
+            (Some(drawn), Some(known)) => Arc::ptr_eq(drawn, known),
+            (None, None) => true,
+            _ => false,
+        };
+        (self.view, self.way, self.instances, self.occluders.len()) == (*view, way, instances, assets.len())
+            && self.occluders.iter().zip(assets).all(same)
+    }
+}
+
+impl Visibility {
+    /// Draws what hides, unless the buffer shows it already. `way`: how far the eye may get, in world units, until what is
+    /// seen now matters; edges give way by what that uncovers.
+    pub(crate) fn draw(&mut self, view: &View, way: f32, instances: &[InstanceEntry], assets: &[AssetState]) {
+        if self.drawn.as_ref().is_some_and(|drawn| drawn.shows(view, way, instances.len(), assets)) {
+            return;
+        }
+        self.known.clear();
+        self.buffer.clear(view, LONG_SIDE);
+        let projection = Projection::new(view);
+        // Pixels of the buffer per pixel of the view.
+        #[allow(clippy::cast_possible_truncation)]
+        let px = self.buffer.scale() / projection.scale_px() as f32;
+        let mut order = Vec::new();
+        let mut faces = 0;
+        for (number, instance) in (0..).zip(instances) {
+            let Some(asset) = assets.get(instance.asset as usize) else { continue };
+            let Some(occluder) = asset.occluder() else { continue };
+            let bounds = projection.bounds(asset.entry(), instance);
+            let radius = bounds.coverage_px * px;
+            if bounds.visible && radius >= LEAST_RADIUS {
+                faces += occluder.faces().len();
+                order.push((radius, number, instance, asset, occluder));
+            }
+        }
+        if faces > MAX_FACES {
+            // Stable, so instances as large keep their order.
+            order.sort_by(|a, b| b.0.total_cmp(&a.0));
+        }
+        let mut left = MAX_FACES;
+        let (mut corners, mut numbers) = (Vec::new(), Vec::new());
+        for (_, number, instance, asset, occluder) in order {
+            let Some(rest) = left.checked_sub(occluder.faces().len()) else { break };
+            left = rest;
+            numbers.push(number);
+            let placed = Placed::new(view, asset.entry(), instance);
+            corners.clear();
+            corners
+                .extend(occluder.positions().iter().map(|&point| self.buffer.project(placed.place(point))));
+            for &[a, b, c] in occluder.faces() {
+                let corner = |i: u32| corners.get(i as usize).copied();
+                if let (Some(a), Some(b), Some(c)) = (corner(a), corner(b), corner(c)) {
+                    self.buffer.triangle(number, [a, b, c]);
+                }
+            }
+        }
+        self.buffer.find_points();
+        let uncovered = way * self.buffer.scale() * self.buffer.nearest();
+        // Saturates.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        self.buffer.erode(1 + (uncovered.ceil() as u32).min(MAX_UNCOVERED));
+        let occluders = assets.iter().map(|asset| asset.occluder().cloned()).collect();
+        numbers.sort_unstable();
+        self.drawn = Some(Drawn { view: *view, way, instances: instances.len(), occluders, numbers });
+    }
+
+    /// How much of each chunk's region is seen of an instance, 0 to 1; 0 only where it is hidden. Asked are the chunks for
+    /// which `asks` says so; the others keep what `shares` had.
+    ///
+    /// The regions of a level share the surface out among them: a point belongs to those in whose sphere it lies nearest to
+    /// the centre, measured by radii, and to the others that are nearly as near.
+    pub(crate) fn shares(
+        &mut self,
+        number: u32,
+        placed: &Placed,
+        chunks: &[Option<Chunk>],
+        asks: impl Fn(usize, &Chunk) -> bool,
+        shares: &mut [f32],
+    ) {
+        if self.drawn.as_ref().is_none_or(|drawn| drawn.numbers.binary_search(&number).is_err()) {
+            return;
+        }
+        let known = self.known.entry(number).or_default();
+        known.resize(chunks.len(), None);
+        let mut known = std::mem::take(known);
+        let level = |chunk: &Option<Chunk>| chunk.as_ref().map_or(0, |chunk| chunk.info().level);
+        let mut first = 0;
+        for of_level in chunks.chunk_by(|a, b| level(a) == level(b)) {
+            let numbered = || (first..).zip(of_level).filter_map(|(at, chunk)| Some((at, chunk.as_ref()?)));
+            if numbered().any(|(at, chunk)| known[at].is_none() && asks(at, chunk)) {
+                self.begin_turn();
+                for (_, chunk) in numbered() {
+                    self.claim(number, &Region::new(placed, chunk));
+                }
+                for (at, chunk) in numbered().filter(|(at, chunk)| asks(*at, chunk)) {
+                    known[at] = Some(self.share(number, &Region::new(placed, chunk)));
+                }
+            }
+            first += of_level.len();
+        }
+        for ((share, known), (at, chunk)) in shares.iter_mut().zip(&known).zip((0..).zip(chunks)) {
+            if let (Some(known), Some(chunk)) = (known, chunk)
+                && asks(at, chunk)
+            {
+                *share = *known;
+            }
+        }
+        self.known.insert(number, known);
+    }
+
+    fn begin_turn(&mut self) {
+        let next = self.turn.checked_add(1);
+        if next.is_none() || self.nearest.len() != self.buffer.pixels() {
+            self.nearest.clear();
+            self.nearest.resize(self.buffer.pixels(), (0, f32::MAX));
+        }
+        self.turn = next.unwrap_or(1);
+    }
+
+    /// Notes how near the points of an instance are to a region.
+    fn claim(&mut self, number: u32, region: &Region) {
+        let Self { buffer, nearest, turn, .. } = self;
+        let _ = buffer.points_around(number, region.center, region.reach, |pixel, point| {
+            let distance = region.distance(point);
+            let nearest = &mut nearest[pixel];
+            if nearest.0 != *turn || distance < nearest.1 {
+                *nearest = (*turn, distance);
+            }
+        });
+    }
+
+    /// The root, so that outlines of what is long and thin count by their length.
+    fn share(&self, number: u32, region: &Region) -> f32 {
+        let mut seen = 0.0;
+        let weight = self.buffer.points_around(number, region.center, region.reach, |pixel, point| {
+            let distance = region.distance(point);
+            let (turn, nearest) = self.nearest[pixel];
+            let belongs = turn == self.turn && distance <= NEARLY * nearest + NEARLY_AT_THE_CENTRE;
+            seen += if distance <= 1.0 && belongs { 1.0 } else { 0.0 };
+        });
+        let Some(weight) = weight else { return 1.0 };
+        let core = CORE * region.radius + (region.reach - region.radius);
+        seen = seen * weight + SEEN_THROUGH * self.buffer.seen_through(region.center, core);
+        let disc = region.radius * self.buffer.scale() / region.center.z;
+        (seen / (std::f32::consts::PI * disc * disc).max(1.0)).min(1.0).sqrt()
+    }
+}
+
+/// A region in the axes of the view.
+#[derive(Clone, Copy, Debug)]
+struct Region {
+    center: Vec3,
+    radius: f32,
+    /// The radius, and what is drawn may be off.
+    reach: f32,
+}
+
+impl Region {
+    fn new(placed: &Placed, chunk: &Chunk) -> Self {
+        let Sphere { center, radius } = chunk.info().sphere;
+        let radius = radius * placed.scale;
+        Self { center: placed.place(center), radius, reach: radius + chunk.margin() * placed.scale }
+    }
+
+    /// How far a point is from the centre, in radii, squared.
+    fn distance(&self, point: Vec3) -> f32 {
+        (point - self.center).length_squared() / (self.reach * self.reach)
+    }
+}

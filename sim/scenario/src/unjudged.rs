@@ -1,0 +1,33 @@
+//! A scene of which nobody knows what hides what.
+
+use std::sync::Arc;
+
+use bytes::Bytes;
+use lodestream_protocol::BlobId;
+use lodestream_protocol::scene::{SceneHeader, ScenePage};
+use lodestream_protocol::source::{Reading, SceneSource, SourceError};
+
+/// Another scene, without its occluders.
+pub(crate) struct Unjudged(pub(crate) Arc<dyn SceneSource>);
+
+impl SceneSource for Unjudged {
+    fn header(&self) -> &SceneHeader {
+        self.0.header()
+    }
+
+    fn page(&self, page: u32) -> Option<Arc<ScenePage>> {
+        self.0.page(page)
+    }
+
+    fn blob_len(&self, id: &BlobId) -> Option<u32> {
+        self.0.blob_len(id)
+    }
+
+    fn read(&self, id: &BlobId) -> Result<Bytes, SourceError> {
+        self.0.read(id)
+    }
+
+    fn try_read(&self, id: &BlobId) -> Result<Reading, SourceError> {
+        self.0.try_read(id)
+    }
+}
