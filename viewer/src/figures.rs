@@ -25,6 +25,11 @@ impl Display for Figures<'_> {
             ("first frame: everything in view as base mesh", report.ttff_ms, report.first_frame_bytes),
             ("first frame on the screen or in the file", report.ttff_presented_ms, None),
             (
+                "screen error of 1 pixel or less where it is seen",
+                report.seen_ttq_ms.get(&one_px).copied().flatten(),
+                report.seen_ttq_bytes.get(&one_px).copied().flatten(),
+            ),
+            (
                 "screen error of 1 pixel or less everywhere",
                 report.ttq_ms.get(&one_px).copied().flatten(),
                 report.ttq_bytes.get(&one_px).copied().flatten(),
@@ -67,7 +72,11 @@ mod tests {
         let mut stats = Stats {
             rate_bits_per_s: Some(2_000_000),
             transport_bytes: 1_234_567,
-            milestones: Milestones { first_frame: at(178, 20_400), quality: [at(300, 2000), None, None] },
+            milestones: Milestones {
+                first_frame: at(178, 20_400),
+                quality: [at(300, 2000), None, None],
+                seen_quality: [at(300, 2000), at(400, 3000), at(1980, 500_000)],
+            },
             ..Stats::default()
         };
         let mut shown = Shown::default();
@@ -77,6 +86,7 @@ mod tests {
 over quic, limited to 2 Mbit/s                                 time        bytes
 first frame: everything in view as base mesh                 0.18 s      20.4 kB
 first frame on the screen or in the file                     1.57 s
+screen error of 1 pixel or less where it is seen             1.98 s     500.0 kB
 screen error of 1 pixel or less everywhere              not reached
 settled, textures included                              not reached
 ";

@@ -31,6 +31,10 @@ pub(crate) struct Report {
     pub(crate) ttq_ms: BTreeMap<String, Option<f64>>,
     /// Transport payload until then.
     pub(crate) ttq_bytes: BTreeMap<String, Option<u64>>,
+    /// Time until every part that is seen had, whatever the scene's own surfaces hide.
+    pub(crate) seen_ttq_ms: BTreeMap<String, Option<f64>>,
+    /// Transport payload until then.
+    pub(crate) seen_ttq_bytes: BTreeMap<String, Option<u64>>,
     /// Transport payload in all, handshakes included.
     pub(crate) total_bytes: u64,
     /// Time until the first complete frame was presented (headless: drawn).
@@ -66,8 +70,12 @@ impl Report {
     #[must_use]
     pub(crate) fn new(stats: &Stats, transport: &'static str, shown: &Shown) -> Self {
         let first = stats.milestones.first_frame;
-        let qualities: Vec<(String, Option<Milestone>)> =
-            QUALITIES_PX.iter().zip(stats.milestones.quality).map(|(px, m)| (px.to_string(), m)).collect();
+        let by_error = |noted: [Option<Milestone>; QUALITIES_PX.len()]| {
+            QUALITIES_PX.map(|px| px.to_string()).into_iter().zip(noted)
+        };
+        let times = |noted| by_error(noted).map(|(px, m)| (px, m.map(|m| ms(m.after)))).collect();
+        let sizes = |noted| by_error(noted).map(|(px, m)| (px, m.map(|m| m.bytes))).collect();
+        let (all, seen) = (stats.milestones.quality, stats.milestones.seen_quality);
         let error = stats.counters.max_screen_error_px;
         Self {
             scene: stats.scene.clone(),
@@ -78,8 +86,10 @@ impl Report {
             seed: None,
             ttff_ms: first.map(|m| ms(m.after)),
             first_frame_bytes: first.map(|m| m.bytes),
-            ttq_ms: qualities.iter().map(|(px, m)| (px.clone(), m.map(|m| ms(m.after)))).collect(),
-            ttq_bytes: qualities.iter().map(|(px, m)| (px.clone(), m.map(|m| m.bytes))).collect(),
+            ttq_ms: times(all),
+            ttq_bytes: sizes(all),
+            seen_ttq_ms: times(seen),
+            seen_ttq_bytes: sizes(seen),
             total_bytes: stats.transport_bytes,
             ttff_presented_ms: shown.presented().map(ms),
             frames: shown.frames().to_vec(),
@@ -110,6 +120,7 @@ mod tests {
             milestones: Milestones {
                 first_frame: at(200, 1000),
                 quality: [at(300, 2000), at(400, 3000), None],
+                seen_quality: [at(300, 2000), at(350, 2500), None],
             },
             ..Stats::default()
         };
@@ -122,6 +133,7 @@ mod tests {
         assert_eq!(json["first_frame_bytes"], 1000);
         assert_eq!(json["ttq_ms"]["16"], 300.0);
         assert_eq!(json["ttq_ms"]["4"], 400.0);
+        assert_eq!((&json["seen_ttq_ms"]["4"], &json["seen_ttq_bytes"]["4"]), (&350.0.into(), &2500.into()));
         assert!(json["ttq_ms"]["1"].is_null() && json["seed"].is_null() && json["rate_bits_per_s"].is_null());
         assert_eq!(json["total_bytes"], 9000);
         assert_eq!(json["ttff_presented_ms"], 250.0);

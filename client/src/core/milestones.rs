@@ -29,6 +29,8 @@ pub struct Milestones {
     pub first_frame: Option<Milestone>,
     /// Every visible part had a screen error of at most [`QUALITIES_PX`] pixels (TTQ).
     pub quality: [Option<Milestone>; 3],
+    /// The same over what is seen: without what the scene's own surfaces hide.
+    pub seen_quality: [Option<Milestone>; 3],
 }
 
 impl Milestones {
@@ -39,9 +41,15 @@ impl Milestones {
         }
         let here = Milestone { after: now.since(start), bytes };
         self.first_frame.get_or_insert(here);
-        for (slot, px) in self.quality.iter_mut().zip(QUALITIES_PX) {
-            if counters.max_screen_error_px <= px {
-                slot.get_or_insert(here);
+        let errors = [
+            (&mut self.quality, counters.max_screen_error_px),
+            (&mut self.seen_quality, counters.seen_screen_error_px),
+        ];
+        for (slots, error_px) in errors {
+            for (slot, px) in slots.iter_mut().zip(QUALITIES_PX) {
+                if error_px <= px {
+                    slot.get_or_insert(here);
+                }
             }
         }
     }
@@ -58,6 +66,7 @@ mod tests {
             visible_instances: 2,
             drawable_instances,
             max_screen_error_px,
+            seen_screen_error_px: max_screen_error_px / 3.0,
             ..Counters::default()
         };
         let start = Time::from_ms(10);
@@ -69,5 +78,6 @@ mod tests {
         let at = |ms, bytes| Some(Milestone { after: Duration::from_millis(ms), bytes });
         assert_eq!(m.first_frame, at(30, 300));
         assert_eq!(m.quality, [at(30, 300), at(40, 400), at(40, 400)]);
+        assert_eq!(m.seen_quality, [at(30, 300), at(30, 300), at(40, 400)]);
     }
 }

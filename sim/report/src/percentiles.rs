@@ -75,6 +75,12 @@ pub(super) fn figures(run: &RunResult) -> BTreeMap<String, Option<f64>> {
     for (px, ms) in &run.rest_ttq_ms {
         add(&format!("rest_ttq_{px}_ms"), *ms);
     }
+    for (px, ms) in &run.seen_ttq_ms {
+        add(&format!("seen_ttq_{px}_ms"), *ms);
+    }
+    for (px, ms) in &run.rest_seen_ttq_ms {
+        add(&format!("rest_seen_ttq_{px}_ms"), *ms);
+    }
     figures
 }
 

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::fmt::Display;
 
 use lodestream_client::core::QUALITIES_PX;
+use lodestream_scenario::picture::Picture;
 use lodestream_scenario::result::{RunResult, error_name};
 
 use super::csv_text::csv_text;
@@ -72,11 +73,19 @@ pub(super) fn of_runs(results: &[RunResult]) -> String {
             line.add_some(format!("ttq_{px}_ms"), run.ttq_ms.get(&px).copied().flatten());
             line.add_some(format!("ttq_{px}_bytes"), run.ttq_bytes.get(&px).copied().flatten());
         }
+        for px in QUALITIES_PX.map(error_name) {
+            line.add_some(format!("seen_ttq_{px}_ms"), run.seen_ttq_ms.get(&px).copied().flatten());
+            line.add_some(format!("seen_ttq_{px}_bytes"), run.seen_ttq_bytes.get(&px).copied().flatten());
+        }
         line.add_some("settled_ms", run.settled_ms);
         line.add("total_bytes", run.total_bytes);
         line.add_some("rest_ms", run.rest_ms);
         for px in QUALITIES_PX.map(error_name) {
             line.add_some(format!("rest_ttq_{px}_ms"), run.rest_ttq_ms.get(&px).copied().flatten());
+        }
+        for px in QUALITIES_PX.map(error_name) {
+            let reached = run.rest_seen_ttq_ms.get(&px).copied().flatten();
+            line.add_some(format!("rest_seen_ttq_{px}_ms"), reached);
         }
         line.add_some("assets", run.assets);
         line.add_some("instances", run.instances);
@@ -127,6 +136,15 @@ pub(super) fn of_pictures(results: &[RunResult]) -> String {
 /// Instants whose error stands beside the integral, in seconds.
 const FIRST_INSTANTS_S: [f64; 3] = [0.5, 1.0, 2.0];
 
+/// Error from which on a picture is hardly told from the settled one.
+const CLOSE_FLIP: f64 = 0.005;
+
+/// The first picture from which on none is farther off than [`CLOSE_FLIP`].
+fn close_for_good(pictures: &[Picture]) -> Option<&Picture> {
+    let is_close = |picture: &&Picture| picture.error.is_some_and(|error| error.flip <= CLOSE_FLIP);
+    pictures.iter().rev().take_while(is_close).last()
+}
+
 /// A line per run whose first seconds were looked at.
 #[must_use]
 pub(super) fn of_first_seconds(results: &[RunResult]) -> String {
@@ -145,6 +163,9 @@ pub(super) fn of_first_seconds(results: &[RunResult]) -> String {
         for at_s in FIRST_INSTANTS_S {
             line.add_some(format!("flip_at_{}_ms", at_s * 1e3), flip(&format!("{at_s} s")));
         }
+        let near = close_for_good(&run.pictures);
+        line.add_some("flip_0.005_ms", near.map(|picture| picture.at_ms));
+        line.add_some("flip_0.005_bytes", near.map(|picture| picture.bytes));
         line.add("until_s", seconds.until_s);
         line.add("flip_s", seconds.flip_s);
         line.add("dissimilarity_s", seconds.dissimilarity_s);

@@ -39,9 +39,11 @@ pub(crate) fn after_ms(after: Duration) -> f64 {
 pub(crate) struct Noted {
     pub(crate) first_frame: Option<Milestone>,
     pub(crate) quality: [Option<Milestone>; QUALITIES_PX.len()],
+    pub(crate) seen_quality: [Option<Milestone>; QUALITIES_PX.len()],
     /// When a camera that moved came to rest.
     pub(crate) rest: Option<Time>,
     pub(crate) rest_quality: [Option<Duration>; QUALITIES_PX.len()],
+    pub(crate) rest_seen_quality: [Option<Duration>; QUALITIES_PX.len()],
     pub(crate) stalls: Stalls,
 }
 
@@ -64,8 +66,22 @@ pub(crate) fn line(
 ) -> RunResult {
     let bytes = |m: Option<Milestone>| m.map(|m| m.bytes);
     let time = |m: Option<Milestone>| m.map(|m| after_ms(m.after));
-    let reached = |px| quality(&noted.quality, px);
-    let rest_quality = |px: f64| (error_name(px), quality(&noted.rest_quality, px).map(after_ms));
+    let by_error = |noted: &[Option<Milestone>; QUALITIES_PX.len()]| {
+        let reached = |px| (error_name(px), quality(noted, px));
+        plan.ttq_px.iter().copied().map(reached).collect::<Vec<_>>()
+    };
+    let times = |noted: &[(String, Option<Milestone>)]| {
+        noted.iter().map(|(px, reached)| (px.clone(), time(*reached))).collect()
+    };
+    let sizes = |noted: &[(String, Option<Milestone>)]| {
+        noted.iter().map(|(px, reached)| (px.clone(), bytes(*reached))).collect()
+    };
+    let (all, seen) = (by_error(&noted.quality), by_error(&noted.seen_quality));
+    let at_rest = |reached: &[Option<Duration>; QUALITIES_PX.len()]| {
+        let reached = |px| (error_name(px), quality(reached, px).map(after_ms));
+        let px = plan.ttq_px.iter().copied().filter(|_| noted.rest.is_some());
+        px.map(reached).collect::<BTreeMap<_, _>>()
+    };
     let (stalls, stalled_ns) = noted.stalls.found();
     RunResult {
         scene: plan.scenes[case.scene].name.clone(),
@@ -82,18 +98,17 @@ pub(crate) fn line(
         seed,
         ttff_ms: time(noted.first_frame),
         first_frame_bytes: bytes(noted.first_frame),
-        ttq_ms: plan.ttq_px.iter().map(|&px| (error_name(px), time(reached(px)))).collect(),
-        ttq_bytes: plan.ttq_px.iter().map(|&px| (error_name(px), bytes(reached(px)))).collect(),
+        ttq_ms: times(&all),
+        ttq_bytes: sizes(&all),
+        seen_ttq_ms: times(&seen),
+        seen_ttq_bytes: sizes(&seen),
         total_bytes: 0,
         settled_ms: None,
         ended: ended.to_owned(),
         ended_ms: None,
         rest_ms: noted.rest.map(|at| milliseconds(at.as_ns())),
-        rest_ttq_ms: if noted.rest.is_some() {
-            plan.ttq_px.iter().copied().map(rest_quality).collect()
-        } else {
-            BTreeMap::new()
-        },
+        rest_ttq_ms: at_rest(&noted.rest_quality),
+        rest_seen_ttq_ms: at_rest(&noted.rest_seen_quality),
         assets: None,
         instances: None,
         applied_faces: None,
@@ -126,8 +141,10 @@ pub(crate) fn result(
     let noted = Noted {
         first_frame: stats.milestones.first_frame,
         quality: stats.milestones.quality,
+        seen_quality: stats.milestones.seen_quality,
         rest: viewer.rest(),
         rest_quality: viewer.rest_quality(),
+        rest_seen_quality: viewer.rest_seen_quality(),
         stalls: viewer.stalls,
     };
     let ended = match (settled, gave_up) {

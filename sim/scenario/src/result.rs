@@ -47,6 +47,11 @@ pub struct RunResult {
     pub ttq_ms: BTreeMap<String, Option<f64>>,
     /// Bytes until then.
     pub ttq_bytes: BTreeMap<String, Option<u64>>,
+    /// Until no part that is seen had a larger one: of what the scene's own surfaces hide, nothing is asked. As the client
+    /// knows it; `None` for baselines, which do not know.
+    pub seen_ttq_ms: BTreeMap<String, Option<f64>>,
+    /// Bytes until then.
+    pub seen_ttq_bytes: BTreeMap<String, Option<u64>>,
     /// Bytes until the selection wanted nothing more with the camera at rest, or the time limit.
     pub total_bytes: u64,
     /// When that was.
@@ -60,6 +65,8 @@ pub struct RunResult {
     /// From then until no visible part had a larger screen error, by screen error in pixels; empty where the
     /// camera did not move, or did not come to rest.
     pub rest_ttq_ms: BTreeMap<String, Option<f64>>,
+    /// The same of what is seen.
+    pub rest_seen_ttq_ms: BTreeMap<String, Option<f64>>,
     /// Pauses of half a second or more, after the first frame, in which blobs were wanted and no byte came.
     pub stalls: u32,
     /// How long they lasted together.

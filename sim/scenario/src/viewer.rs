@@ -34,6 +34,7 @@ pub(crate) struct Viewer<'a> {
     /// Selections made before the camera came to rest.
     selections_before_rest: u64,
     rest_quality: [Option<Duration>; QUALITIES_PX.len()],
+    rest_seen_quality: [Option<Duration>; QUALITIES_PX.len()],
     settled: Option<Settled>,
     gave_up: bool,
     ended: Option<Time>,
@@ -90,6 +91,7 @@ impl<'a> Viewer<'a> {
             drive: CameraDrive::new(path, viewport_px, client.target_px),
             selections_before_rest: 0,
             rest_quality: [None; QUALITIES_PX.len()],
+            rest_seen_quality: [None; QUALITIES_PX.len()],
             settled: None,
             gave_up: false,
             ended: None,
@@ -122,6 +124,11 @@ impl<'a> Viewer<'a> {
     /// Time from then until every visible part had a screen error of at most [`QUALITIES_PX`] pixels.
     pub(crate) fn rest_quality(&self) -> [Option<Duration>; QUALITIES_PX.len()] {
         self.rest_quality
+    }
+
+    /// The same over the parts that are seen.
+    pub(crate) fn rest_seen_quality(&self) -> [Option<Duration>; QUALITIES_PX.len()] {
+        self.rest_seen_quality
     }
 
     /// The session is over.
@@ -190,6 +197,11 @@ impl<'a> Viewer<'a> {
                 let seen = number > self.selections_before_rest;
                 if let Some(error_px) = error_px.filter(|_| seen) {
                     note_quality(&mut self.rest_quality, error_px, now.since(since));
+                    note_quality(
+                        &mut self.rest_seen_quality,
+                        counters.seen_screen_error_px,
+                        now.since(since),
+                    );
                 }
                 seen
             }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use lodestream_client::core::Stats;
+use lodestream_client::core::{Milestone, Stats};
 use lodestream_render::{AmbientOcclusion, Counters, Settings, Shade};
 
 use crate::outcome::lacks;
@@ -131,7 +131,11 @@ fn rows(stats: &Stats, facts: &Facts<'_>) -> Vec<(&'static str, String)> {
     let c = &stats.counters;
     let px = |px: f64| if px.is_finite() { format!("{px:.2} px") } else { "–".into() };
     let first = stats.milestones.first_frame;
-    let one_px = stats.milestones.quality[2];
+    let at = |m: Option<Milestone>| match m {
+        Some(m) => format!("{} at {}", ms(Some(m.after)), bytes(m.bytes)),
+        None => "–".into(),
+    };
+    let [seen, everywhere] = [stats.milestones.seen_quality[2], stats.milestones.quality[2]];
     let state = match facts.state {
         State::Settled => "settled".to_owned(),
         State::Refining => "refining".to_owned(),
@@ -151,10 +155,7 @@ fn rows(stats: &Stats, facts: &Facts<'_>) -> Vec<(&'static str, String)> {
                 ms(facts.presented)
             ),
         ),
-        (
-            "error ≤ 1 px",
-            format!("{} at {}", ms(one_px.map(|m| m.after)), one_px.map_or("–".into(), |m| bytes(m.bytes))),
-        ),
+        ("error ≤ 1 px", format!("where seen {}, everywhere {}", at(seen), at(everywhere))),
         ("received", format!("{} ({:.2} Mbit/s)", bytes(stats.transport_bytes), facts.bits_per_s / 1e6)),
         (
             "chunks",
@@ -165,7 +166,12 @@ fn rows(stats: &Stats, facts: &Facts<'_>) -> Vec<(&'static str, String)> {
         ),
         (
             "screen error",
-            format!("{} (threshold {}), {state}", px(c.max_screen_error_px), px(c.threshold_px)),
+            format!(
+                "{}, where seen {} (threshold {}), {state}",
+                px(c.max_screen_error_px),
+                px(c.seen_screen_error_px),
+                px(c.threshold_px)
+            ),
         ),
         ("quality", facts.quality.clone()),
         ("faces", format!("{} refined · {} drawn", thousands(stats.faces), thousands(facts.draw.triangles))),
