@@ -52,7 +52,7 @@ fn what_is_not_there_is_found() {
         ("`no_such_file.rs`", "is not there"),
         ("`geometry/no-such-folder/`", "is not there"),
         ("`geometry::refine::NoSuchMesh`", "NoSuchMesh stands in no source of geometry"),
-        ("`protocol::refine::ActiveMesh`", "ActiveMesh stands in no source of protocol"),
+        ("`protocol::refine::SlotMap`", "SlotMap stands in no source of protocol"),
         ("`NoSuchStruct` and `no_such_fn()`", "stands in no source"),
         ("`lodestream-nothing`", "neither a package nor a program"),
         ("`lodestream-server serv model.obj`", "no command serv"),
