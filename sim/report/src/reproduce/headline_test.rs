@@ -13,12 +13,14 @@ const TECHNIQUES: [(&str, &str); 6] = [
     ("OBJ + gzip", "obj-gzip"),
     ("older JSON system", "seed-json"),
 ];
-/// What the table's lines show: their name, the scene, the column.
-const FIGURES: [(&str, &str, &str); 8] = [
+/// What the table's lines show: their name, the scene, the column. What is seen only we know: of the others, the column
+/// without `seen_` is shown.
+const FIGURES: [(&str, &str, &str); 9] = [
     ("demo, first frame, ms", "demo", "ttff_ms"),
-    ("demo, 4 px, ms", "demo", "ttq_4_ms"),
-    ("demo, 1 px, ms", "demo", "ttq_1_ms"),
-    ("demo, bytes to 1 px", "demo", "ttq_1_bytes"),
+    ("demo, 4 px where it is seen, ms", "demo", "seen_ttq_4_ms"),
+    ("demo, 1 px where it is seen, ms", "demo", "seen_ttq_1_ms"),
+    ("demo, bytes to that", "demo", "seen_ttq_1_bytes"),
+    ("demo, 1 px of what is hidden too, ms", "demo", "ttq_1_ms"),
     ("bunny, first frame, ms", "model:stanford-bunny.obj", "ttff_ms"),
     ("bunny, 4 px, ms", "model:stanford-bunny.obj", "ttq_4_ms"),
     ("bunny, 1 px, ms", "model:stanford-bunny.obj", "ttq_1_ms"),
@@ -75,12 +77,13 @@ fn the_readme_and_the_benchmarks_begin_with_figures_that_were_measured() {
     let baselines = Rows::from_csv(&file("docs/report/baselines.csv")).unwrap();
     for (line, scene, column) in FIGURES {
         for (heading, technique) in TECHNIQUES {
+            let column = if technique == "lodestream" { column } else { column.trim_start_matches("seen_") };
             let measured = figure(&baselines, scene, technique, column);
             assert_eq!(cell(line, heading), measured.as_deref().unwrap_or(DASH), "{line}, {heading}");
         }
     }
     // A figure of the demo, so that not all may be dashes.
-    assert_ne!(cell("demo, 1 px, ms", "Lodestream"), DASH);
+    assert_ne!(cell("demo, 1 px where it is seen, ms", "Lodestream"), DASH);
 
     let geometry = Rows::from_csv(&file("docs/report/geometry.csv")).unwrap();
     let bunny = geometry.rows.iter().find(|row| row[0] == "stanford-bunny").unwrap();
