@@ -11,6 +11,7 @@ mod depth;
 mod tests;
 
 use std::collections::HashMap;
+use std::ops::Range;
 use std::sync::Arc;
 
 use glam::{DVec3, Mat3, Vec3};
@@ -22,7 +23,7 @@ use super::state::{AssetState, Chunk};
 use crate::scene::{AssetEntry, InstanceEntry};
 use crate::view::View;
 
-use depth::DepthBuffer;
+use depth::{DepthBuffer, Frame};
 
 /// Pixels along the longer side of the buffer.
 const LONG_SIDE: u32 = 256;
@@ -41,6 +42,10 @@ const NEARLY: f32 = 1.15;
 /// The same for points at a centre, in squared radii.
 const NEARLY_AT_THE_CENTRE: f32 = 0.02;
 
+/// Claims of one level that are kept; a region beyond counts as seen. Regions share points with some neighbours, so that
+/// only an index that lies about them gets there.
+const MAX_CLAIMS: usize = 1 << 20;
+
 /// What a view sees.
 #[derive(Debug, Default)]
 pub(crate) struct Visibility {
@@ -49,6 +54,9 @@ pub(crate) struct Visibility {
     /// one instance. What is of another turn does not count, so nothing needs to be cleared.
     nearest: Vec<(u32, f32)>,
     turn: u32,
+    /// Of one level of one instance: the points in each region, as pixel and distance, one region after the other.
+    claims: Vec<(u32, f32)>,
+    claimed: Vec<Claimed>,
     /// What was found of each instance in what is drawn, by chunk.
     known: HashMap<u32, Vec<Option<f32>>>,
     drawn: Option<Drawn>,
@@ -61,8 +69,17 @@ struct Drawn {
     way: f32,
     instances: usize,
     occluders: Vec<Option<Arc<Occluder>>>,
-    /// The instances that are drawn, ascending: the others are too small, or one too many, to say what is seen of them.
-    numbers: Vec<u32>,
+    /// The instances that are drawn, ascending, and within which pixels: the others are too small, or one too many, to say what is seen of them.
+    frames: Vec<(u32, Frame)>,
+}
+
+/// A region, and what it claims.
+#[derive(Clone, Debug)]
+struct Claimed {
+    region: Region,
+    claims: Range<usize>,
+    /// Pixels that each claim stands for; `None` for a region that reaches to the eye.
+    weight: Option<f32>,
 }
 
 /// One instance in the axes of the view: x to the right, y downwards, z along the view, in world units.
@@ -92,6 +109,11 @@ impl Placed {
 }
 
 impl Drawn {
+    fn frame(&self, number: u32) -> Option<&Frame> {
+        let at = self.frames.binary_search_by_key(&number, |(number, _)| *number).ok()?;
+        Some(&self.frames[at].1)
+    }
+
     fn shows(&self, view: &View, way: f32, instances: usize, assets: &[AssetState]) -> bool {
         let same = |(drawn, asset): (&Option<Arc<Occluder>>, &AssetState)| match (drawn, asset.occluder()) {
             (Some(drawn), Some(known)) => Arc::ptr_eq(drawn, known),
@@ -133,17 +155,17 @@ impl Visibility {
             order.sort_by(|a, b| b.0.total_cmp(&a.0));
         }
         let mut left = MAX_FACES;
-        let (mut corners, mut numbers) = (Vec::new(), Vec::new());
+        let (mut corners, mut frames) = (Vec::new(), Vec::new());
         for (_, number, instance, asset, occluder) in order {
             let Some(rest) = left.checked_sub(occluder.faces().len()) else { break };
             left = rest;
-            numbers.push(number);
             let placed = Placed::new(view, asset.entry(), instance);
             corners.clear();
             corners
                 .extend(occluder.positions().iter().map(|&point| self.buffer.project(placed.place(point))));
+            frames.push((number, self.buffer.frame(&corners)));
             for &[a, b, c] in occluder.faces() {
-                let corner = |i: u32| corners.get(i as usize).copied();
+                let corner = |i: u32| corners.get(i as usize);
                 if let (Some(a), Some(b), Some(c)) = (corner(a), corner(b), corner(c)) {
                     self.buffer.triangle(number, [a, b, c]);
                 }
@@ -155,8 +177,8 @@ impl Visibility {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         self.buffer.erode(1 + (uncovered.ceil() as u32).min(MAX_UNCOVERED));
         let occluders = assets.iter().map(|asset| asset.occluder().cloned()).collect();
-        numbers.sort_unstable();
-        self.drawn = Some(Drawn { view: *view, way, instances: instances.len(), occluders, numbers });
+        frames.sort_unstable_by_key(|(number, _)| *number);
+        self.drawn = Some(Drawn { view: *view, way, instances: instances.len(), occluders, frames });
     }
 
     /// How much of each chunk's region is seen of an instance, 0 to 1; 0 only where it is hidden. Asked are the chunks for
@@ -172,9 +194,7 @@ impl Visibility {
         asks: impl Fn(usize, &Chunk) -> bool,
         shares: &mut [f32],
     ) {
-        if self.drawn.as_ref().is_none_or(|drawn| drawn.numbers.binary_search(&number).is_err()) {
-            return;
-        }
+        let Some(frame) = self.drawn.as_ref().and_then(|drawn| drawn.frame(number)).cloned() else { return };
         let known = self.known.entry(number).or_default();
         known.resize(chunks.len(), None);
         let mut known = std::mem::take(known);
@@ -185,10 +205,12 @@ impl Visibility {
             if numbered().any(|(at, chunk)| known[at].is_none() && asks(at, chunk)) {
                 self.begin_turn();
                 for (_, chunk) in numbered() {
-                    self.claim(number, &Region::new(placed, chunk));
+                    self.claim(number, &frame, Region::new(placed, chunk));
                 }
-                for (at, chunk) in numbered().filter(|(at, chunk)| asks(*at, chunk)) {
-                    known[at] = Some(self.share(number, &Region::new(placed, chunk)));
+                for ((at, chunk), claimed) in numbered().zip(&self.claimed) {
+                    if asks(at, chunk) {
+                        known[at] = Some(self.share(claimed));
+                    }
                 }
             }
             first += of_level.len();
@@ -210,32 +232,39 @@ impl Visibility {
             self.nearest.resize(self.buffer.pixels(), (0, f32::MAX));
         }
         self.turn = next.unwrap_or(1);
+        self.claims.clear();
+        self.claimed.clear();
     }
 
-    /// Notes how near the points of an instance are to a region.
-    fn claim(&mut self, number: u32, region: &Region) {
-        let Self { buffer, nearest, turn, .. } = self;
-        let _ = buffer.points_around(number, region.center, region.reach, |pixel, point| {
+    /// Notes which points of an instance lie in a region, and how near they are to it.
+    fn claim(&mut self, number: u32, frame: &Frame, region: Region) {
+        let Self { buffer, nearest, turn, claims, claimed, .. } = self;
+        let first = claims.len();
+        let full = first >= MAX_CLAIMS;
+        let weight = buffer.points_around(number, frame, region.center, region.reach, |pixel, point| {
             let distance = region.distance(point);
-            let nearest = &mut nearest[pixel];
-            if nearest.0 != *turn || distance < nearest.1 {
-                *nearest = (*turn, distance);
+            if distance <= 1.0 {
+                let nearest = &mut nearest[pixel];
+                if nearest.0 != *turn || distance < nearest.1 {
+                    *nearest = (*turn, distance);
+                }
+                // Saturates far beyond what a buffer has.
+                claims.push((u32::try_from(pixel).unwrap_or(u32::MAX), distance));
             }
         });
+        claimed.push(Claimed { region, claims: first..claims.len(), weight: weight.filter(|_| !full) });
     }
 
     /// The root, so that outlines of what is long and thin count by their length.
-    fn share(&self, number: u32, region: &Region) -> f32 {
-        let mut seen = 0.0;
-        let weight = self.buffer.points_around(number, region.center, region.reach, |pixel, point| {
-            let distance = region.distance(point);
-            let (turn, nearest) = self.nearest[pixel];
-            let belongs = turn == self.turn && distance <= NEARLY * nearest + NEARLY_AT_THE_CENTRE;
-            seen += if distance <= 1.0 && belongs { 1.0 } else { 0.0 };
-        });
+    fn share(&self, Claimed { region, claims, weight }: &Claimed) -> f32 {
+        let belongs = |&&(pixel, distance): &&(u32, f32)| {
+            distance <= NEARLY * self.nearest[pixel as usize].1 + NEARLY_AT_THE_CENTRE
+        };
+        #[allow(clippy::cast_precision_loss)]
+        let seen = self.claims[claims.clone()].iter().filter(belongs).count() as f32;
         let Some(weight) = weight else { return 1.0 };
         let core = CORE * region.radius + (region.reach - region.radius);
-        seen = seen * weight + SEEN_THROUGH * self.buffer.seen_through(region.center, core);
+        let seen = seen * weight + SEEN_THROUGH * self.buffer.seen_through(region.center, core);
         let disc = region.radius * self.buffer.scale() / region.center.z;
         (seen / (std::f32::consts::PI * disc * disc).max(1.0)).min(1.0).sqrt()
     }
