@@ -37,6 +37,19 @@ fn a_view_settles_within_its_target() {
 }
 
 #[test]
+fn base_meshes_that_come_at_once_are_all_seen_in_slices_of_the_budget() {
+    let mut link = Loopback::new(Hills::new(24), |_| {});
+    link.budget = 1;
+    // Base meshes are enough: nothing comes after them that would call for another selection.
+    link.core.set_view(link.now, view(Hills::new(24).camera(), 1e6));
+    link.connect_overtaken();
+    link.settle();
+    let stats = link.core.stats();
+    assert!(stats.milestones.first_frame.is_some(), "{stats:?}");
+    assert_eq!(stats.counters.drawable_instances, stats.counters.visible_instances);
+}
+
+#[test]
 fn everything_applied_is_the_input() {
     for source in [Hills::new(1), Hills::compressed()] {
         everything_of(source);

@@ -25,6 +25,8 @@ impl ClientCore {
         {
             budget = budget.saturating_sub(BLOB_COST + bytes.len() as u64);
             self.take(now, id, &bytes);
+            // A selection may have come between: what a slice of the budget left over is news to it.
+            self.stale = true;
         }
         if self.stale && (now >= self.next_selection() || self.first_frame_may_be_now()) {
             self.select(now);
