@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use lodestream_geometry::mesh::NO_COLOR;
+use lodestream_geometry::mesh::components::components;
 use serde::Serialize;
 
 use crate::store::{PackFile, StoreError};
@@ -83,7 +84,7 @@ pub fn inspect(path: &Path) -> Result<Summary, StoreError> {
         wedges: base.totals.wedges,
         explicit_normals: attributes().filter(|a| a.normal.is_some()).count() as u64,
         colors: attributes().any(|a| a.color != NO_COLOR),
-        components: components(mesh.positions.len(), &faces),
+        components: count_components(mesh.positions.len(), &faces),
         materials: u64::from(base.material_count),
         textures: asset.description.textures.len() as u64,
         codec: base.codec.to_string(),
@@ -106,39 +107,8 @@ pub fn inspect(path: &Path) -> Result<Summary, StoreError> {
     })
 }
 
-/// Connected components of `vertices` vertices under the faces, by union–find with path halving
-/// (Tarjan and van Leeuwen, "Worst-case analysis of set union algorithms", 1984).
-fn components(vertices: usize, faces: &[[u32; 3]]) -> u64 {
-    let mut parent: Vec<u32> = (0..vertices as u32).collect();
-    let mut count = vertices as u64;
-    fn root(parent: &mut [u32], mut v: u32) -> u32 {
-        while parent[v as usize] != v {
-            let above = parent[parent[v as usize] as usize];
-            parent[v as usize] = above;
-            v = above;
-        }
-        v
-    }
-    for &[a, b, c] in faces {
-        for (p, q) in [(a, b), (b, c)] {
-            let (p, q) = (root(&mut parent, p), root(&mut parent, q));
-            if p != q {
-                parent[p.max(q) as usize] = p.min(q);
-                count -= 1;
-            }
-        }
-    }
-    count
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn components_share_no_vertex() {
-        assert_eq!(components(7, &[[0, 1, 2], [3, 4, 5], [5, 6, 3]]), 2);
-        assert_eq!(components(7, &[[0, 1, 2], [3, 4, 5], [5, 6, 0]]), 1);
-        assert_eq!(components(3, &[[2, 1, 0]]), 1);
-    }
+/// How many components share no vertex.
+fn count_components(vertices: usize, faces: &[[u32; 3]]) -> u64 {
+    let least = components(vertices, faces);
+    least.iter().zip(0..).filter(|&(&least, v)| least == v).count() as u64
 }

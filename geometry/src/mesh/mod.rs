@@ -5,10 +5,12 @@
 //! wedges. Two faces that meet at a uv seam therefore still share their vertices, so no
 //! simplification can tear the surface open along a seam.
 
+pub mod components;
 pub(crate) mod corner;
 pub mod distance;
 pub mod normals;
 pub mod octahedral;
+pub(crate) mod principal_axes;
 pub(crate) mod rows;
 pub(crate) mod slot_map;
 pub(crate) mod stars;

@@ -17,7 +17,7 @@ const OUTLINE: u32 = u32::MAX;
 const MOST_OF_A_REGION: f64 = 0.85;
 
 /// The regions of one level.
-pub(crate) struct Level {
+pub(crate) struct Level<'a> {
     pub(crate) region_of_face: Vec<u32>,
     pub(crate) faces: Vec<Vec<u32>>,
     /// Region of each interior vertex, else [`OUTLINE`].
@@ -26,11 +26,13 @@ pub(crate) struct Level {
     capacity: Vec<usize>,
     /// Live vertices.
     pub(crate) vertices: usize,
+    /// Vertices that no level removes, ascending.
+    held: &'a [u32],
 }
 
-impl Level {
-    /// Cuts the live faces into `count` regions.
-    pub(crate) fn new(live: &Live, number: usize, count: usize) -> Self {
+impl<'a> Level<'a> {
+    /// Cuts the live faces into `count` regions; the vertices of `held`, ascending, stay.
+    pub(crate) fn new(live: &Live, number: usize, count: usize, held: &'a [u32]) -> Self {
         let list = &live.faces;
         let centroids: Vec<Vec3> = list.iter().map(|&f| live.centroid(f as usize)).collect();
         let adjacent = if count > 1 { adjacency(live) } else { Vec::new() };
@@ -53,7 +55,7 @@ impl Level {
                 capacity[first as usize] += 1;
             }
         }
-        Self { region_of_face, faces, interior, capacity, vertices }
+        Self { region_of_face, faces, interior, capacity, vertices, held }
     }
 
     /// The interior vertices of each region, ascending.
@@ -80,6 +82,7 @@ impl Level {
         pool.map(self.faces.len(), &|r| {
             let limit = if last { usize::MAX } else { (self.capacity[r] as f64 * share) as usize };
             let mut region = self.region(live, r, settings);
+            region.hold(|v| self.held.binary_search(&v).is_ok());
             if tear {
                 region.tear_outline();
             }
@@ -87,7 +90,7 @@ impl Level {
         })
     }
 
-    /// Simplifies one region again, keeping the vertices of `held`, ascending: by at most so many
+    /// Simplifies one region again, keeping the vertices of `held`, ascending, too: by at most so many
     /// collapses up to a cost.
     pub(crate) fn simplify_again(
         &self,
@@ -98,7 +101,7 @@ impl Level {
         settings: &Settings,
     ) -> Records {
         let mut region = self.region(live, r, settings);
-        region.hold(held);
+        region.hold(|v| [self.held, held].iter().any(|held| held.binary_search(&v).is_ok()));
         let mut records = simplify_region(region, most, settings.round_share);
         let keep = records.collapses.partition_point(|c| c.cost <= highest_cost);
         records.truncate(keep);
@@ -113,7 +116,7 @@ impl Level {
 
 /// Cuts all regions' collapses at one cost, so that a level removes its share where it hurts least;
 /// regions left with too few splits keep none.
-pub(crate) fn truncate_globally(records: &mut [Records], level: &Level, settings: &Settings) {
+pub(crate) fn truncate_globally(records: &mut [Records], level: &Level<'_>, settings: &Settings) {
     let mut costs: Vec<f64> = records.iter().flat_map(|r| r.collapses.iter().map(|c| c.cost)).collect();
     let total: usize = level.capacity.iter().sum();
     let target = (total as f64 * settings.level_share) as usize;

@@ -21,6 +21,12 @@ const LEAST_SEARCH_SAMPLES: usize = 1000;
 
 /// Input faces with an edge longer than this share of the limit have points of their own.
 const LARGE: f64 = 0.25;
+/// How far apart the points of the largest faces are, as a share of the limit, and at least, as a share of the mesh's
+/// diagonal.
+const POINT_SPACING: f64 = 0.5;
+const LEAST_SPACING: f64 = 0.01;
+/// Beyond so many, large faces have four points each, however large they are.
+const MOST_POINTS: usize = 1 << 20;
 /// Parts of a face's edges between the points that are compared with the input.
 const LATTICE: u32 = 5;
 /// How often a region is simplified again, each time with more vertices held.
@@ -32,7 +38,7 @@ const MOST_ATTEMPTS: usize = 8;
 pub(crate) fn limit_error(
     live: &Live,
     deviation: &Deviation,
-    level: &Level,
+    level: &Level<'_>,
     records: &mut [Records],
     limit: &Limit,
     settings: &Settings,
@@ -60,12 +66,21 @@ pub(crate) struct Limit {
 }
 
 impl Limit {
-    pub(crate) fn new(live: &Live, error: f64) -> Self {
+    pub(crate) fn new(live: &Live, error: f64, diagonal: f64) -> Self {
+        let spacing = (POINT_SPACING * error).max(LEAST_SPACING * diagonal);
         let mut points = Vec::new();
-        for corners in &live.face_vertices {
+        for &corners in &live.face_vertices {
             let [a, b, c] = corners.map(|v| live.positions[v as usize]);
             let longest = [sub(b, a), sub(c, b), sub(a, c)].map(length).into_iter().fold(0.0, f64::max);
-            if longest > LARGE * error {
+            if longest > 2.0 * spacing && points.len() < MOST_POINTS {
+                lay([a, b, c], spacing, &mut |point| {
+                    let nearest = corners.into_iter().min_by(|&v, &w| {
+                        let distance = |v: u32| length(sub(live.positions[v as usize], point));
+                        distance(v).total_cmp(&distance(w))
+                    });
+                    points.extend(nearest.map(|v| (v, point)));
+                });
+            } else if longest > LARGE * error {
                 points.push((corners[0], scale(add(add(a, b), c), 1.0 / 3.0)));
                 for (v, p, q) in [(corners[0], a, b), (corners[1], b, c), (corners[2], c, a)] {
                     points.push((v, scale(add(p, q), 0.5)));
@@ -84,11 +99,27 @@ impl Limit {
     }
 }
 
+/// Lays points over a face so that no part of it is wider than `spacing` without one, by halving the longest edge: a face
+/// that is long and narrow has few.
+fn lay(corners: [Vec3; 3], spacing: f64, visit: &mut impl FnMut(Vec3)) {
+    let edge = |k: usize| length(sub(corners[(k + 1) % 3], corners[k]));
+    let longest = (0..3).fold(0, |longest, k| if edge(k) > edge(longest) { k } else { longest });
+    if edge(longest).is_nan() || edge(longest) <= spacing {
+        let [a, b, c] = corners;
+        return visit(scale(add(add(a, b), c), 1.0 / 3.0));
+    }
+    let [a, b, c] = [0, 1, 2].map(|i| corners[(longest + i) % 3]);
+    let middle = scale(add(a, b), 0.5);
+    visit(middle);
+    lay([a, middle, c], spacing, visit);
+    lay([middle, b, c], spacing, visit);
+}
+
 /// A region that may go too far.
 struct Limited<'a> {
     live: &'a Live,
     deviation: &'a Deviation,
-    level: &'a Level,
+    level: &'a Level<'a>,
     r: usize,
     samples: &'a [u32],
     points: &'a Limit,

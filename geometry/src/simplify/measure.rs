@@ -58,7 +58,7 @@ pub(crate) struct Coarsening {
 pub(crate) fn measure(
     live: &mut Live,
     deviation: &mut Deviation,
-    level: &Level,
+    level: &Level<'_>,
     records: Vec<Records>,
     coarsening: Coarsening,
     pool: &Watched<'_>,
@@ -126,7 +126,7 @@ impl Latest {
 fn look(
     live: &Live,
     deviation: &mut Deviation,
-    level: &Level,
+    level: &Level<'_>,
     courses: &mut [Course],
     samples: &[Vec<u32>],
     latest: &mut Latest,
@@ -263,7 +263,7 @@ impl Course {
 fn finish(
     live: &Live,
     deviation: &mut Deviation,
-    level: &Level,
+    level: &Level<'_>,
     courses: Vec<Course>,
     (samples, mut interior): (&[Vec<u32>], Vec<Vec<u32>>),
     pool: &Watched<'_>,

@@ -8,6 +8,7 @@
 mod attributes;
 mod commit;
 mod deviation;
+mod extent;
 pub(crate) mod hierarchy;
 mod input_faces;
 mod legality;
@@ -33,6 +34,7 @@ use crate::mesh::QuantisedMesh;
 use crate::mesh::vec3::{length, sub};
 use crate::pool::{Stage, Watched};
 use crate::simplify::deviation::{Deviation, extend};
+use crate::simplify::extent::corners_to_hold;
 use crate::simplify::hierarchy::{RegionChunk, Simplified};
 use crate::simplify::level::{Level, truncate_globally};
 use crate::simplify::limit::{Limit, limit_error};
@@ -55,7 +57,9 @@ pub(crate) fn simplify(
     let mut deviation = Deviation::new(&live, mesh.uv_grid);
     let mut levels = Vec::new();
     let mut stray_error = 0.0_f64;
-    let limit = Limit::new(&live, settings.base_error * diagonal(mesh));
+    let diagonal = diagonal(mesh);
+    let limit = Limit::new(&live, settings.base_error * diagonal, diagonal);
+    let held = corners_to_hold(&live, limit.error, diagonal);
     let faces_total = live.faces.len();
     let region_faces = settings.region_faces;
     let top_faces = (settings.top_regions * region_faces as f64) as usize;
@@ -66,7 +70,8 @@ pub(crate) fn simplify(
     loop {
         pool.begin(Stage::Simplify)?;
         let last = live.faces.len() <= if stuck { top_faces.max(MAX_REGION_FACES) } else { top_faces };
-        let level = Level::new(&live, levels.len(), if last { 1 } else { live.faces.len() / region_faces });
+        let count = if last { 1 } else { live.faces.len() / region_faces };
+        let level = Level::new(&live, levels.len(), count, &held);
         let tear = settings.unlock_outlines && levels.is_empty();
         let mut records = level.simplify(&live, last, tear, settings, pool)?;
         if !last {

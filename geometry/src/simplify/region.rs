@@ -95,10 +95,10 @@ impl Region {
         self.quadrics[u as usize].evaluate(self.positions[t as usize]) + self.own_cost[t as usize]
     }
 
-    /// Forbids to remove the given vertices, ascending global ids, or all faces around one.
-    pub(crate) fn hold(&mut self, vertices: &[u32]) {
-        for (held, v) in self.held.iter_mut().zip(&self.vertices) {
-            *held = vertices.binary_search(v).is_ok();
+    /// Forbids to remove the vertices for which `holds` answers by global id, or all faces around one.
+    pub(crate) fn hold(&mut self, holds: impl Fn(u32) -> bool) {
+        for (held, &v) in self.held.iter_mut().zip(&self.vertices) {
+            *held = holds(v);
         }
     }
 

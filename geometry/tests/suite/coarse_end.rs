@@ -44,6 +44,36 @@ fn thirteen_hundred_components_have_a_small_base() {
 }
 
 #[test]
+fn large_thin_parts_are_no_shards() {
+    let [width, height, thickness] = [1.5, 0.9, 0.03];
+    let (columns, rows, layers, z) = (3, 4, 3, 2.0);
+    let mut scene = shapes::crowd(200);
+    // One behind the other: what is left of one is near enough to all of them.
+    for wall in 0..columns * rows * layers {
+        let (layer, wall) = (wall / (columns * rows), wall % (columns * rows));
+        let at = [
+            f64::from(wall % columns) * 1.7 - 2.5,
+            f64::from(wall / columns) - 2.0,
+            z + 0.06 * f64::from(layer),
+        ];
+        scene = shapes::join(scene, &shapes::slab([width, height, thickness]), at);
+    }
+    let base = whole("walls", &quantised(&scene), 4).base;
+    // What of the base mesh a look along z meets, where the walls are; a coarse grid of positions may move them.
+    let mut area = 0.0;
+    for face in &base.faces {
+        let [a, b, c] =
+            face.wedges.map(|w| base.grid.position(base.positions[base.wedges[w as usize].vertex as usize]));
+        if [a, b, c].iter().all(|p| (p[2] - z).abs() < 0.05 * f64::from(base.diagonal)) {
+            area += 0.5 * ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])).abs();
+        }
+    }
+    let share = area / (2.0 * f64::from(columns * rows * layers) * width * height);
+    assert!((0.9..1.2).contains(&share), "{share} of the walls is left, {} faces", base.faces.len());
+    assert!(base.faces.len() <= 800, "{} faces", base.faces.len());
+}
+
+#[test]
 fn holes_close() {
     let mesh = quantised(&shapes::perforated(60, 80));
     let before = boundary(&mesh.wedges, &mesh.faces);

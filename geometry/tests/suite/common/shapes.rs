@@ -325,6 +325,15 @@ pub(crate) fn cube(size: f64) -> SourceMesh {
     bare(positions, &faces)
 }
 
+/// A closed box with a corner at the origin.
+pub(crate) fn slab(sides: [f64; 3]) -> SourceMesh {
+    let mut mesh = cube(1.0);
+    for p in &mut mesh.positions {
+        *p = [0, 1, 2].map(|k| p[k] * sides[k]);
+    }
+    mesh
+}
+
 /// Triangles that share nothing.
 pub(crate) fn soup(count: u32) -> SourceMesh {
     let mut random = Random::new(5);
