@@ -21,6 +21,10 @@ use crate::texture::{TextureData, TextureShape};
 use crate::tiles::Maker;
 use crate::vertex::PackedVertex;
 
+/// Screen error of the ground's surface over that of meshes: since its normals are those of a surface twice as fine, its
+/// picture is as near to the finest as with an error as small as theirs and normals of its own.
+const GROUND_ERRORS: f64 = 2.4;
+
 /// Exposed radiance of a white surface that faces the sun: near the upper end of the tone curve.
 const SUNLIT_WHITE: f32 = 1.6;
 
@@ -209,8 +213,9 @@ impl SceneView {
         assets + self.ground.as_ref().map_or(0, GroundScene::bytes)
     }
 
-    /// Chooses the terrain's tiles for the frames that follow from `camera`, into pictures of `size` pixels, for a screen
-    /// error of `target_px`. Scenes without terrain need no call.
+    /// Chooses the terrain's tiles for the frames that follow from `camera`, into pictures of `size` pixels, where meshes
+    /// have a screen error of `target_px`: the ground's surface has 2.4 times that, and normals of a finer one. Scenes
+    /// without terrain need no call.
     ///
     /// # Errors
     /// What the graphics device refuses.
@@ -222,7 +227,7 @@ impl SceneView {
         target_px: f32,
     ) -> Result<(), RenderError> {
         let Some(ground) = &mut self.ground else { return Ok(()) };
-        ground.prepare(gpu, &self.making, camera, size, f64::from(target_px))
+        ground.prepare(gpu, &self.making, camera, size, GROUND_ERRORS * f64::from(target_px))
     }
 
     /// Terrain tiles that the last frame lacked; coarser ones were drawn in their place.

@@ -1,13 +1,16 @@
 // Terrain tiles to depth, world normal + roughness, and albedo.
 //
-// A tile is TILE_CELLS² cells of one spacing; its heights lie in an atlas with a margin of TILE_MARGIN points, which
-// normals need. Everything that two tiles share is computed from integers by the same operations, so that they
+// A tile is TILE_CELLS² cells of one spacing; its heights lie in an atlas, CELL_SAMPLES to a cell's side, with a margin
+// that normals need. Normals are looked up by pixel, in rises between samples. Everything that two tiles share is computed from integers by the same operations, so that they
 // agree to the bit. Twin: twin/terrain.rs.
 
 // Compiled in where relief mapping is on.
 override RELIEF: bool = false;
 
-const TILE_CELLS: i32 = 16;
+const TILE_CELLS: i32 = 8;
+const CELL_SAMPLES: i32 = 2;
+// What rises count in, height units per sample.
+const RISE_UNIT: f32 = 1024.0;
 
 struct Terrain {
     // From the corner of the eye's grid cell to the eye, world units; y from the nearest height unit.
@@ -42,10 +45,13 @@ struct Regions {
 
 @group(1) @binding(4) var<uniform> regions: Regions;
 
+// Rises along both axes: of a tile, and of the next coarser one.
+@group(1) @binding(5) var rises: texture_2d<f32>;
+
 // By how much a region's distances shrink per distance from it and the width grown around it.
 const FALLOFF: f32 = 64.0;
 // Diagonal of a tile of spacing 0, grid units.
-const DIAGONAL: f32 = 22.627417;
+const DIAGONAL: f32 = 11.313708;
 
 struct TileIn {
     @builtin(vertex_index) vertex: u32, // row · (TILE_CELLS + 1) + column
@@ -58,9 +64,10 @@ struct TileIn {
 struct Ground {
     @builtin(position) clip: vec4<f32>,
     @location(0) position: vec3<f32>, // world axes, relative to the eye
-    @location(1) normal: vec3<f32>,
+    @location(1) sample: vec2<f32>, // texel of the atlas
     @location(2) height: f32, // world units, absolute
-    @location(3) @interpolate(flat) spacing: u32,
+    @location(3) coarser: f32, // how far on the way to the next coarser surface
+    @location(4) @interpolate(flat) spacing: u32,
 }
 
 struct GBuffer {
@@ -69,7 +76,7 @@ struct GBuffer {
 }
 
 fn tile_height(tile: TileIn, p: vec2<i32>) -> i32 {
-    return textureLoad(tile_heights, tile.atlas + p, 0).x;
+    return textureLoad(tile_heights, tile.atlas + p * CELL_SAMPLES, 0).x;
 }
 
 // Height over the eye's nearest height unit.
@@ -80,13 +87,6 @@ fn relative_height(tile: TileIn, p: vec2<i32>) -> f32 {
 // A point of the plane, relative to the eye.
 fn across(tile: TileIn, p: vec2<i32>) -> vec2<f32> {
     return vec2<f32>(tile.origin + (p << vec2(tile.spacing_regions.x))) * terrain.unit - terrain.eye_fraction.xz;
-}
-
-// Slopes along both axes by central differences over `step` points.
-fn slope(tile: TileIn, p: vec2<i32>, step: i32) -> vec2<f32> {
-    let dx = f32(tile_height(tile, p + vec2(step, 0)) - tile_height(tile, p - vec2(step, 0)));
-    let dy = f32(tile_height(tile, p + vec2(0, step)) - tile_height(tile, p - vec2(0, step)));
-    return vec2(dx, dy) * (terrain.height_unit / (terrain.unit * f32((2 * step) << tile.spacing_regions.x)));
 }
 
 // Distances at which a point begins to slide and has arrived.
@@ -110,7 +110,8 @@ fn morph_at(tile: TileIn, at: vec2<f32>) -> vec2<f32> {
 
 struct Placed {
     position: vec3<f32>,
-    slope: vec2<f32>,
+    point: vec2<i32>, // of the tile
+    coarser: f32,
     height: f32,
 }
 
@@ -131,28 +132,30 @@ fn place(tile: TileIn) -> Placed {
         p -= odd;
         let end = relative_height(tile, p);
         let at = across(tile, p);
-        var out: Placed;
-        out.position = vec3(at.x, end * terrain.height_unit - terrain.eye_fraction.y, at.y);
-        out.slope = slope(tile, p, 2);
-        out.height = f32(tile_height(tile, p)) * terrain.height_unit;
-        return out;
+        return Placed(
+            vec3(at.x, end * terrain.height_unit - terrain.eye_fraction.y, at.y),
+            p,
+            1.0,
+            f32(tile_height(tile, p)) * terrain.height_unit,
+        );
     }
     let fine = relative_height(tile, p);
     if (weight <= 0.0) {
         return Placed(
             vec3(flat_position.x, fine * terrain.height_unit - terrain.eye_fraction.y, flat_position.y),
-            slope(tile, p, 1),
+            p,
+            0.0,
             (fine + f32(terrain.eye_height)) * terrain.height_unit,
         );
     }
     let coarse = 0.5 * (relative_height(tile, p - odd) + relative_height(tile, p + odd));
     let h = mix(fine, coarse, weight);
-    let coarse_slope = 0.5 * (slope(tile, p - odd, 2) + slope(tile, p + odd, 2));
-    var out: Placed;
-    out.position = vec3(flat_position.x, h * terrain.height_unit - terrain.eye_fraction.y, flat_position.y);
-    out.slope = mix(slope(tile, p, 1), coarse_slope, weight);
-    out.height = (h + f32(terrain.eye_height)) * terrain.height_unit;
-    return out;
+    return Placed(
+        vec3(flat_position.x, h * terrain.height_unit - terrain.eye_fraction.y, flat_position.y),
+        p,
+        weight,
+        (h + f32(terrain.eye_height)) * terrain.height_unit,
+    );
 }
 
 fn clip_position(world: vec3<f32>) -> vec4<f32> {
@@ -165,7 +168,8 @@ fn vs_terrain(tile: TileIn) -> Ground {
     var out: Ground;
     out.position = placed.position;
     out.clip = clip_position(placed.position);
-    out.normal = normalize(vec3(-placed.slope.x, 1.0, -placed.slope.y));
+    out.sample = vec2<f32>(tile.atlas + placed.point * CELL_SAMPLES) + 0.5;
+    out.coarser = placed.coarser;
     out.height = placed.height;
     out.spacing = tile.spacing_regions.x;
     return out;
@@ -242,7 +246,11 @@ fn fs_terrain(g: Ground) -> GBuffer {
     let dy = dpdy(start);
     let distance = max(length(g.position), 1e-30);
     let view = g.position / distance;
-    var normal = normalize(g.normal);
+    let rise = textureSampleLevel(rises, layer_sampler, g.sample / vec2<f32>(textureDimensions(rises)), 0.0);
+    // A sample of the finest spacing is half a unit too.
+    let run = terrain.unit * exp2(f32(g.spacing)) / f32(CELL_SAMPLES);
+    let slope = mix(rise.xy, rise.zw, g.coarser) * (RISE_UNIT * terrain.height_unit / run);
+    var normal = normalize(vec3(-slope.x, 1.0, -slope.y));
 
     // Borders of zones wander with the far scale's heights, so that they do not follow a contour line.
     let turned_x = vec2(0.8 * dx.x - 0.6 * dx.y, 0.6 * dx.x + 0.8 * dx.y) / terrain.periods.y;

@@ -8,14 +8,15 @@ use glam::DVec3;
 use wgpu::util::DeviceExt;
 
 use super::pipeline::TerrainPipelines;
+use super::rises::rises;
 use super::{grid, layers, regions};
 use crate::gpu::{Gpu, RenderError};
-use crate::tiles::{MAX_REGIONS, TILE_MARGIN, TILE_POINTS, TileRegion};
+use crate::tiles::{MAX_REGIONS, TILE_MARGIN, TILE_SAMPLES, TileRegion};
 
 /// Texels along a side of the atlas.
 const ATLAS_SIDE: u32 = 2048;
 /// Tiles along a side of the atlas.
-const ATLAS_TILES: u32 = ATLAS_SIDE / TILE_POINTS;
+const ATLAS_TILES: u32 = ATLAS_SIDE / TILE_SAMPLES;
 
 /// Tiles that can be held at once.
 pub const TERRAIN_SLOTS: u32 = ATLAS_TILES * ATLAS_TILES;
@@ -122,6 +123,8 @@ impl EyeCell {
 pub struct TerrainGpu {
     pub(crate) look: TerrainLook,
     pub(crate) atlas: wgpu::Texture,
+    /// Rises of the tiles' own and of the next coarser tiles' samples, where the heights are.
+    pub(crate) rises: wgpu::Texture,
     pub(crate) uniform: wgpu::Buffer,
     pub(crate) regions: wgpu::Buffer,
     pub(crate) group: wgpu::BindGroup,
@@ -140,16 +143,20 @@ impl TerrainGpu {
             let what = "the atlas of terrain tiles (side in texels)";
             return Err(RenderError::TooLarge { what, needed: ATLAS_SIDE.into(), allowed: allowed.into() });
         }
-        let atlas = device.create_texture(&wgpu::TextureDescriptor {
-            label: Some("terrain heights"),
-            size: wgpu::Extent3d { width: ATLAS_SIDE, height: ATLAS_SIDE, depth_or_array_layers: 1 },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wgpu::TextureFormat::R32Sint,
-            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-            view_formats: &[],
-        });
+        let atlas = |label, format| {
+            device.create_texture(&wgpu::TextureDescriptor {
+                label: Some(label),
+                size: wgpu::Extent3d { width: ATLAS_SIDE, height: ATLAS_SIDE, depth_or_array_layers: 1 },
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format,
+                usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+                view_formats: &[],
+            })
+        };
+        let rises = atlas("terrain rises", wgpu::TextureFormat::Rgba16Float);
+        let atlas = atlas("terrain heights", wgpu::TextureFormat::R32Sint);
         let ground = device.create_texture_with_data(
             &gpu.queue,
             &wgpu::TextureDescriptor {
@@ -193,7 +200,7 @@ impl TerrainGpu {
             ..Default::default()
         });
         let view = |texture: &wgpu::Texture| texture.create_view(&Default::default());
-        let (heights, ground) = (view(&atlas), view(&ground));
+        let (heights, ground, slopes) = (view(&atlas), view(&ground), view(&rises));
         let group = device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("terrain"),
             layout: &pipelines.layout,
@@ -203,6 +210,7 @@ impl TerrainGpu {
                 wgpu::BindGroupEntry { binding: 2, resource: wgpu::BindingResource::TextureView(&ground) },
                 wgpu::BindGroupEntry { binding: 3, resource: wgpu::BindingResource::Sampler(&sampler) },
                 wgpu::BindGroupEntry { binding: 4, resource: regions.as_entire_binding() },
+                wgpu::BindGroupEntry { binding: 5, resource: wgpu::BindingResource::TextureView(&slopes) },
             ],
         });
         let indices = device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
@@ -211,7 +219,7 @@ impl TerrainGpu {
             usage: wgpu::BufferUsages::INDEX,
         });
         gpu.check()?;
-        Ok(Self { look, atlas, uniform, regions, group, indices })
+        Ok(Self { look, atlas, rises, uniform, regions, group, indices })
     }
 
     /// How the terrain lies in the world.
@@ -220,7 +228,7 @@ impl TerrainGpu {
         self.look
     }
 
-    /// Writes a tile's heights (rows of `TILE_POINTS`, margin included) into a slot.
+    /// Writes a tile's heights (rows of `TILE_SAMPLES`, margin included) into a slot.
     ///
     /// # Errors
     /// [`RenderError::NoSuch`] for a slot at or past [`TERRAIN_SLOTS`], [`RenderError::LevelSize`] for another number of
@@ -233,37 +241,41 @@ impl TerrainGpu {
                 count: TERRAIN_SLOTS as usize,
             });
         }
-        let expected = (TILE_POINTS * TILE_POINTS) as usize;
+        let expected = (TILE_SAMPLES * TILE_SAMPLES) as usize;
         if heights.len() != expected {
-            let (width, height) = (TILE_POINTS, TILE_POINTS);
+            let (width, height) = (TILE_SAMPLES, TILE_SAMPLES);
             return Err(RenderError::LevelSize { level: 0, width, height, expected, got: heights.len() });
         }
         let heights: Vec<i32> =
             heights.iter().map(|h| (*h).clamp(-MAX_DRAWN_HEIGHT, MAX_DRAWN_HEIGHT)).collect();
         let [x, y] = texel(slot);
-        gpu.queue.write_texture(
-            wgpu::TexelCopyTextureInfo {
-                texture: &self.atlas,
-                mip_level: 0,
-                origin: wgpu::Origin3d { x, y, z: 0 },
-                aspect: wgpu::TextureAspect::All,
-            },
-            bytemuck::cast_slice(&heights),
-            wgpu::TexelCopyBufferLayout {
-                offset: 0,
-                bytes_per_row: Some(TILE_POINTS * 4),
-                rows_per_image: Some(TILE_POINTS),
-            },
-            wgpu::Extent3d { width: TILE_POINTS, height: TILE_POINTS, depth_or_array_layers: 1 },
-        );
+        let write = |texture, bytes: &[u8]| {
+            gpu.queue.write_texture(
+                wgpu::TexelCopyTextureInfo {
+                    texture,
+                    mip_level: 0,
+                    origin: wgpu::Origin3d { x, y, z: 0 },
+                    aspect: wgpu::TextureAspect::All,
+                },
+                bytes,
+                wgpu::TexelCopyBufferLayout {
+                    offset: 0,
+                    bytes_per_row: Some(bytes.len() as u32 / TILE_SAMPLES),
+                    rows_per_image: Some(TILE_SAMPLES),
+                },
+                wgpu::Extent3d { width: TILE_SAMPLES, height: TILE_SAMPLES, depth_or_array_layers: 1 },
+            );
+        };
+        write(&self.atlas, bytemuck::cast_slice(&heights));
+        write(&self.rises, bytemuck::cast_slice(&rises(&heights)));
         Ok(())
     }
 
     /// Bytes in GPU memory.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        let heights = u64::from(ATLAS_SIDE) * u64::from(ATLAS_SIDE) * 4;
-        heights + layers::BYTES
+        // Four bytes of height and eight of rises a sample.
+        u64::from(ATLAS_SIDE) * u64::from(ATLAS_SIDE) * 12 + layers::BYTES
     }
 
     /// Writes what the shader knows of this frame.
@@ -305,7 +317,7 @@ pub(crate) fn arrival([begin, end]: [f64; 2]) -> [f32; 2] {
 
 /// Texel of a slot's first point, margin included.
 fn texel(slot: u32) -> [u32; 2] {
-    [slot % ATLAS_TILES * TILE_POINTS, slot / ATLAS_TILES * TILE_POINTS]
+    [slot % ATLAS_TILES * TILE_SAMPLES, slot / ATLAS_TILES * TILE_SAMPLES]
 }
 
 /// Texel of a slot's first point without its margin.

@@ -6,6 +6,7 @@ pub(crate) mod layers;
 mod list;
 mod pipeline;
 mod regions;
+mod rises;
 mod tile_raw;
 
 pub use atlas::{MAX_DRAWN_HEIGHT, TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart};

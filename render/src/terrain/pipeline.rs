@@ -52,6 +52,14 @@ impl TerrainPipelines {
                     wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
                 ),
                 wgpu::BindGroupLayoutEntry { binding: 4, ..UNIFORM_BLOCK },
+                entry(
+                    5,
+                    wgpu::ShaderStages::FRAGMENT,
+                    texture(
+                        wgpu::TextureSampleType::Float { filterable: true },
+                        wgpu::TextureViewDimension::D2,
+                    ),
+                ),
             ],
         });
         let pipeline_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {

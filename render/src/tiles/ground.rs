@@ -10,7 +10,7 @@ use lodestream_terrain::{Mode, PatchPoints, Scratch, Shape, Terrain, TerrainErro
 use super::ranges::Ranges;
 use super::regions::{MAX_REGIONS, Reaches, Region, worthwhile};
 use super::select::{Eye, Picked, select};
-use super::tile::{TILE_CELLS, TILE_MARGIN, TILE_POINTS, TileId};
+use super::tile::{CELL_SAMPLES, TILE_CELLS, TILE_MARGIN, TILE_SAMPLES, TileId};
 
 /// Points to each side of the eye over which the highest ground is looked for, per spacing.
 const CLEARANCE_POINTS: i64 = 2;
@@ -145,13 +145,27 @@ impl Ground {
         &self.terrain
     }
 
-    /// A tile's heights with its margin, rows of [`TILE_POINTS`], into `out`. Beyond the world's edge they are
-    /// those of the edge. Cost: some 700 points of the generator.
+    /// A tile's heights with its margin, rows of [`TILE_SAMPLES`], into `out`. Beyond the world's edge they are
+    /// those of the edge; between points of the finest level they are those of its triangles. Cost: some 700 points of the
+    /// generator.
     pub fn heights(&self, tile: TileId, scratch: &mut Scratch, out: &mut Vec<i32>) {
         let margin = i64::from(TILE_MARGIN);
-        let side = i64::from(TILE_POINTS);
-        let first = [tile.x, tile.y].map(|x| i64::from(x) * i64::from(TILE_CELLS) - margin);
-        self.points(tile.spacing, first, side, scratch, out);
+        let side = i64::from(TILE_SAMPLES);
+        let first = |cells: u32| [tile.x, tile.y].map(|x| i64::from(x) * i64::from(cells));
+        if let Some(finer) = tile.spacing.checked_sub(1) {
+            let first = first(TILE_CELLS * CELL_SAMPLES).map(|x| x - margin);
+            return self.points(finer, first, side, scratch, out);
+        }
+        let mut points = Vec::new();
+        let across = side / i64::from(CELL_SAMPLES) + 1;
+        let first = first(TILE_CELLS).map(|x| x - margin / i64::from(CELL_SAMPLES));
+        self.points(0, first, across, scratch, &mut points);
+        out.clear();
+        out.extend((0..side * side).map(|i| {
+            let (x, y) = (i % side, i / side);
+            let at = |x: i64, y: i64| points[(y * across + x) as usize];
+            i32::midpoint(at(x / 2, y / 2), at((x + 1) / 2, (y + 1) / 2))
+        }));
     }
 
     /// A square of `side`² points of a spacing from point `first` on, clamped to the world.

@@ -13,7 +13,7 @@ use super::tile::TileId;
 /// Finished tiles that may wait for the renderer: some 2 KB each.
 const MAX_READY: usize = 512;
 
-/// A tile's heights, rows of [`super::TILE_POINTS`].
+/// A tile's heights, rows of [`super::TILE_SAMPLES`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Tile {
     /// Which.

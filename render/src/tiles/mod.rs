@@ -1,7 +1,7 @@
 //! Terrain on the client: which tiles a view needs, and their heights. No GPU, socket or clock here.
 //!
 //! A *tile* is a square of [`TILE_CELLS`]² cells of one *spacing* (2^s grid units between neighbouring points),
-//! whatever patches it lies in. Tiles of all spacings form a quadtree over the world. A view draws tiles of
+//! whatever patches it lies in. Its heights are sampled twice as densely, for normals. Tiles of all spacings form a quadtree over the world. A view draws tiles of
 //! spacing s up to a distance [`Ranges`] gives for s, and each tile's odd points slide onto the next coarser
 //! surface before that distance is reached (continuous distance-dependent level of detail, Strugar 2009), so
 //! tiles of different spacings meet without cracks, T-junctions or skirts, and the picture is a function of the pose
@@ -21,4 +21,4 @@ pub use ranges::{Ranges, clearance_distance};
 pub use regions::{FALLOFF, MAX_REGIONS, Reaches, Region, grown, worthwhile};
 pub use select::{Eye, Picked, select};
 pub use store::TileStore;
-pub use tile::{TILE_CELLS, TILE_MARGIN, TILE_POINTS, TileId};
+pub use tile::{CELL_SAMPLES, TILE_CELLS, TILE_MARGIN, TILE_SAMPLES, TileId};

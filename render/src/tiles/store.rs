@@ -128,9 +128,9 @@ mod tests {
         for x in 0..8 {
             store.insert(tile(x));
         }
-        // Points 32 to 48, borders included: tiles 1 (16 to 32), 2 and 3 (48 to 64).
-        store.forget([32, 0], 16);
-        assert_eq!(store.len(), 5);
-        assert!([1, 2, 3].iter().all(|&x| store.slot(tile(x)).is_none()));
+        // Points 16 to 32, borders included: tiles 1 (8 to 16), 2, 3 and 4 (32 to 40).
+        store.forget([16, 0], 16);
+        assert_eq!(store.len(), 4);
+        assert!([1, 2, 3, 4].iter().all(|&x| store.slot(tile(x)).is_none()));
     }
 }

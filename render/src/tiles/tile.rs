@@ -1,12 +1,14 @@
 //! Names of tiles.
 
-/// Cells along a tile's side. Small tiles follow the distance closely: with 16 the least that a view draws is a quarter
-/// of what it is with 32. Each costs a window of the generator of its own, whose margin then weighs more.
-pub const TILE_CELLS: u32 = 16;
-/// Points kept around a tile on each side: normals of both its own and the next coarser surface need them.
+/// Cells along a tile's side, two triangles each. Small tiles follow the distance closely, and each costs a window of the
+/// generator of its own, whose margin then weighs more.
+pub const TILE_CELLS: u32 = 8;
+/// Samples of the height along a cell's side: normals are those of a surface finer than the one that is drawn.
+pub const CELL_SAMPLES: u32 = 2;
+/// Samples kept around a tile on each side: normals of both its own and the next coarser surface need them.
 pub const TILE_MARGIN: u32 = 2;
-/// Points along a side of what is kept of a tile.
-pub const TILE_POINTS: u32 = TILE_CELLS + 1 + 2 * TILE_MARGIN;
+/// Samples along a side of what is kept of a tile.
+pub const TILE_SAMPLES: u32 = TILE_CELLS * CELL_SAMPLES + 1 + 2 * TILE_MARGIN;
 
 /// A square of [`TILE_CELLS`]² cells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]

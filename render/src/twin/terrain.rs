@@ -2,16 +2,16 @@
 
 use glam::DVec2;
 
-use crate::tiles::{FALLOFF, TILE_CELLS, TILE_MARGIN, TILE_POINTS, TileRegion, grown};
+use crate::tiles::{CELL_SAMPLES, FALLOFF, TILE_CELLS, TILE_MARGIN, TILE_SAMPLES, TileRegion, grown};
 
 /// What the vertex shader knows of a tile, in world units relative to the eye.
 #[derive(Clone, Copy, Debug)]
 pub struct Tile<'a> {
-    /// Heights in height units, rows of [`TILE_POINTS`].
+    /// Heights in height units, rows of [`TILE_SAMPLES`].
     pub heights: &'a [i32],
     /// First point in the plane.
     pub origin: [f64; 2],
-    /// Distance between points.
+    /// Distance between points; samples are half as far apart.
     pub step: f64,
     /// World units per height unit.
     pub height_unit: f64,
@@ -27,34 +27,31 @@ pub struct Tile<'a> {
     pub regions: &'a [TileRegion],
 }
 
-/// A point of a tile.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Point {
-    /// World axes, relative to the eye.
-    pub position: [f64; 3],
-    /// Rise per world unit along x and z.
-    pub slope: [f64; 2],
-}
-
 impl Tile<'_> {
-    fn height(&self, p: [i64; 2]) -> f64 {
+    fn sample(&self, p: [i64; 2]) -> f64 {
         let margin = i64::from(TILE_MARGIN);
         let [x, y] = p.map(|p| (p + margin) as usize);
-        f64::from(self.heights[y * TILE_POINTS as usize + x]) * self.height_unit
+        f64::from(self.heights[y * TILE_SAMPLES as usize + x]) * self.height_unit
     }
 
-    fn slope(&self, p: [i64; 2], step: i64) -> [f64; 2] {
-        let [x, y] = p;
-        let run = 2.0 * step as f64 * self.step;
+    fn height(&self, p: [i64; 2]) -> f64 {
+        self.sample(p.map(|p| p * i64::from(CELL_SAMPLES)))
+    }
+
+    /// Rise per world unit along x and z, at a sample, from samples so many away.
+    #[must_use]
+    pub fn slope(&self, sample: [u32; 2], step: u32) -> [f64; 2] {
+        let ([x, y], step) = (sample.map(i64::from), i64::from(step));
+        let run = 2.0 * step as f64 * self.step / f64::from(CELL_SAMPLES);
         [
-            (self.height([x + step, y]) - self.height([x - step, y])) / run,
-            (self.height([x, y + step]) - self.height([x, y - step])) / run,
+            (self.sample([x + step, y]) - self.sample([x - step, y])) / run,
+            (self.sample([x, y + step]) - self.sample([x, y - step])) / run,
         ]
     }
 
-    fn at(&self, p: [i64; 2], height: f64, slope: [f64; 2]) -> Point {
+    fn at(&self, p: [i64; 2], height: f64) -> [f64; 3] {
         let [x, z] = [0, 1].map(|i| self.origin[i] + p[i] as f64 * self.step);
-        Point { position: [x, height - self.eye_height, z], slope }
+        [x, height - self.eye_height, z]
     }
 
     /// Share of the way that a point has gone onto the coarser surface.
@@ -68,9 +65,9 @@ impl Tile<'_> {
         if end.is_finite() { ((d - begin) / (end - begin)).clamp(0.0, 1.0) } else { 0.0 }
     }
 
-    /// Where the vertex shader puts a point.
+    /// Where the vertex shader puts a point: world axes, relative to the eye.
     #[must_use]
-    pub fn place(&self, column: u32, row: u32) -> Point {
+    pub fn place(&self, column: u32, row: u32) -> [f64; 3] {
         let p = [i64::from(column), i64::from(row)];
         let odd = p.map(|p| p & 1);
         let weight = self.morph_weight(column, row);
@@ -79,13 +76,11 @@ impl Tile<'_> {
         let side = i64::from(TILE_CELLS);
         let on_side = p.map(|p| p == 0 || p == side);
         if weight >= 1.0 && (on_side[0] && odd[1] == 1 || on_side[1] && odd[0] == 1) {
-            return self.at(before, self.height(before), self.slope(before, 2));
+            return self.at(before, self.height(before));
         }
         let mix = |a: f64, b: f64| a + (b - a) * weight;
         let coarse = 0.5 * (self.height(before) + self.height(after));
-        let (fine_slope, slopes) = (self.slope(p, 1), [self.slope(before, 2), self.slope(after, 2)]);
-        let slope = [0, 1].map(|i| mix(fine_slope[i], 0.5 * (slopes[0][i] + slopes[1][i])));
-        self.at(p, mix(self.height(p), coarse), slope)
+        self.at(p, mix(self.height(p), coarse))
     }
 }
 
@@ -141,7 +136,7 @@ mod tests {
 
     #[test]
     fn a_tile_that_has_arrived_is_the_coarser_surface() {
-        let points = i64::from(TILE_POINTS);
+        let points = i64::from(TILE_SAMPLES);
         let heights: Vec<i32> = (0..points * points).map(|i| ((i * i * 31 + i * 7) % 113) as i32).collect();
         let tile = |morph| Tile {
             heights: &heights,
@@ -157,16 +152,16 @@ mod tests {
         let (own, arrived) = (tile([1e9, 2e9]), tile([1.0, 2.0]));
         for row in 0..=TILE_CELLS {
             for column in 0..=TILE_CELLS {
-                let at = own.place(column, row).position;
+                let at = own.place(column, row);
                 assert_eq!([at[0], at[2]], [100.0 + 2.0 * f64::from(column), 50.0 + 2.0 * f64::from(row)]);
                 let even = |x: u32| x - (x & 1);
                 let ends = [(even(column), even(row)), (column + (column & 1), row + (row & 1))];
-                let [a, b] = ends.map(|(c, r)| own.place(c, r).position);
+                let [a, b] = ends.map(|(c, r)| own.place(c, r));
                 let on_side = [column, row].map(|x| x == 0 || x == TILE_CELLS);
                 let ends_there = on_side[0] && row & 1 == 1 || on_side[1] && column & 1 == 1;
                 let middle = [0, 1, 2].map(|i| 0.5 * (a[i] + b[i]));
                 let expected = if ends_there { a } else { middle };
-                assert_eq!(arrived.place(column, row).position, expected);
+                assert_eq!(arrived.place(column, row), expected);
             }
         }
     }
