@@ -1,8 +1,9 @@
 //! One asset in GPU memory: vertices, an index list per material, materials and textures.
 
 use std::ops::RangeInclusive;
+use std::sync::atomic::{AtomicU64, Ordering};
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 use super::buffer::GrowingBuffer;
 use super::gpu::{Gpu, RenderError};
@@ -22,6 +23,12 @@ fn runs(slots: &[u32], gap: u32) -> impl Iterator<Item = RangeInclusive<u32>> + 
         .filter_map(|run| Some(*run.first()?..=*run.last()?))
 }
 
+/// Names a state of the geometry of one asset, no other asset's and none before.
+fn new_stamp() -> u64 {
+    static NEXT: AtomicU64 = AtomicU64::new(0);
+    NEXT.fetch_add(1, Ordering::Relaxed)
+}
+
 /// An asset as the renderer draws it. Made by [`super::Renderer::create_asset`].
 ///
 /// Vertices are addressed by wedge slot, faces by face slot within their material; an unused face
@@ -31,6 +38,11 @@ pub struct AssetGpu {
     kit: MaterialKit,
     origin: DVec3,
     bounds: Option<(DVec3, f64)>,
+    /// Corners of the box around all vertices that were ever written, where they are and whence they come.
+    extent: [Vec3; 2],
+    /// When the youngest vertex that moves was born.
+    moved_s: f32,
+    stamp: u64,
     vertices: GrowingBuffer<PackedVertex>,
     parts: Vec<Part>,
     textures: Vec<StreamedTexture>,
@@ -69,7 +81,17 @@ impl AssetGpu {
             })
             .collect();
         let vertices = GrowingBuffer::new("vertex buffer", wgpu::BufferUsages::VERTEX);
-        Self { kit, origin, bounds: None, vertices, parts, textures }
+        Self {
+            kit,
+            origin,
+            bounds: None,
+            extent: [Vec3::INFINITY, Vec3::NEG_INFINITY],
+            moved_s: f32::NEG_INFINITY,
+            stamp: new_stamp(),
+            vertices,
+            parts,
+            textures,
+        }
     }
 
     /// The point that vertex positions are relative to, in the asset's units.
@@ -88,6 +110,22 @@ impl AssetGpu {
         self.bounds
     }
 
+    /// A sphere that holds all vertices: what was told, or what was written.
+    pub(crate) fn sphere(&self) -> (DVec3, f64) {
+        let [low, high] = self.extent.map(Vec3::as_dvec3);
+        self.bounds.unwrap_or((0.5 * (low + high), 0.5 * low.distance(high)))
+    }
+
+    /// Equal for equal geometry, as far as it does not depend on time.
+    pub(crate) fn stamp(&self) -> u64 {
+        self.stamp
+    }
+
+    /// Whether vertices may still be on their way at `time_s`, when they take `morph_s` to where they belong.
+    pub(crate) fn is_moving(&self, time_s: f32, morph_s: f32) -> bool {
+        time_s < self.moved_s + morph_s
+    }
+
     /// Replaces the vertices from slot `first` on. The buffer grows as needed; slots skipped over
     /// are zero.
     ///
@@ -99,7 +137,18 @@ impl AssetGpu {
         first: usize,
         vertices: &[PackedVertex],
     ) -> Result<(), RenderError> {
-        self.vertices.write(gpu, first as u64, vertices)
+        self.vertices.write(gpu, first as u64, vertices)?;
+        self.stamp = new_stamp();
+        for vertex in vertices {
+            for at in [vertex.position, vertex.morph_from].map(Vec3::from) {
+                let [low, high] = self.extent;
+                self.extent = [low.min(at), high.max(at)];
+            }
+            if vertex.morph_from != vertex.position {
+                self.moved_s = self.moved_s.max(vertex.birth_s);
+            }
+        }
+        Ok(())
     }
 
     /// Replaces the vertices of single slots, in ascending order, from what `vertex` says of each.
@@ -163,13 +212,16 @@ impl AssetGpu {
             .get_mut(material)
             .ok_or(RenderError::NoSuch { what: "material", index: material, count })?
             .indices
-            .write(gpu, first as u64, faces)
+            .write(gpu, first as u64, faces)?;
+        self.stamp = new_stamp();
+        Ok(())
     }
 
     /// Forgets the face slots of `material` from `len` on (they are not drawn any more).
     pub fn truncate_indices(&mut self, material: usize, len: usize) {
         if let Some(part) = self.parts.get_mut(material) {
             part.indices.truncate(len as u64);
+            self.stamp = new_stamp();
         }
     }
 

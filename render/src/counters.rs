@@ -15,6 +15,12 @@ pub struct Counters {
     pub instances: u32,
     /// Instances left out because their bounds lie outside the view.
     pub instances_culled: u32,
+    /// Shadow maps that had to be drawn anew.
+    pub shadow_maps: u32,
+    /// Shadow maps that show things as they were, by [`super::Shadows::patience`].
+    pub late_shadow_maps: u32,
+    /// Triangles that were drawn into shadow maps; not in `triangles`.
+    pub shadow_triangles: u64,
     /// Terrain tiles drawn; one of which only single quadrants are drawn counts once per quadrant.
     pub terrain_tiles: u32,
     /// Triangles of these.

@@ -2,12 +2,13 @@
 
 use glam::DVec3;
 
-use super::asset::AssetGpu;
+use super::asset::{AssetGpu, PartDraw};
 use super::camera::may_see;
 use super::counters::Counters;
 use super::instance::{Instance, InstanceRaw};
 use super::pipelines::Pipelines;
 use super::scene::Frame;
+use super::shadows::{Casters, Receivers};
 
 /// The instances of one asset that are drawn: a range of the frame's instance buffer.
 pub(crate) struct Batch<'a> {
@@ -19,17 +20,18 @@ pub(crate) struct Batch<'a> {
 }
 
 /// What a frame draws.
-#[derive(Default)]
 pub(crate) struct DrawList<'a> {
     pub(crate) instances: Vec<InstanceRaw>,
     pub(crate) batches: Vec<Batch<'a>>,
+    /// Between which distances they are.
+    pub(crate) receivers: Receivers,
 }
 
 impl<'a> DrawList<'a> {
     /// Leaves out instances whose bounds lie outside the view, or whose place is not finite; the
     /// rest is drawn from near to far, so that the depth test spares what is hidden.
     pub(crate) fn new(frame: &Frame<'a>, size: (u32, u32), counters: &mut Counters) -> Self {
-        let mut list = Self::default();
+        let mut list = Self { instances: Vec::new(), batches: Vec::new(), receivers: Receivers::NONE };
         for drawable in frame.drawables.iter().filter(|d| d.asset.is_drawable()) {
             let mut seen: Vec<_> = drawable
                 .instances
@@ -37,16 +39,52 @@ impl<'a> DrawList<'a> {
                 .filter_map(|instance| place(instance, drawable.asset, frame, size))
                 .collect();
             counters.instances_culled += (drawable.instances.len() - seen.len()) as u32;
-            seen.sort_by(|a, b| a.0.total_cmp(&b.0));
-            let Some((distance, _)) = seen.first().copied() else { continue };
-            let first = list.instances.len() as u32;
-            list.instances.extend(seen.iter().map(|(_, raw)| raw));
-            let end = list.instances.len() as u32;
-            list.batches.push(Batch { asset: drawable.asset, first, end, distance });
+            seen.sort_by(|a, b| a.distance.total_cmp(&b.distance));
+            let Some(distance) = seen.first().map(|placed| placed.distance) else { continue };
+            for Placed { distance, radius, .. } in seen.iter().filter(|placed| placed.in_view) {
+                // What is looked at from within its sphere is taken to be an eighth of its size away.
+                list.receivers.add(distance.max(radius / 8.0), distance + 2.0 * radius);
+            }
+            let batch = list.batch(drawable.asset, distance, seen.iter().map(|placed| placed.raw));
+            list.batches.push(batch);
         }
         list.batches.sort_by(|a, b| a.distance.total_cmp(&b.distance));
         counters.instances = list.instances.len() as u32;
         list
+    }
+
+    fn batch(
+        &mut self,
+        asset: &'a AssetGpu,
+        distance: f64,
+        instances: impl Iterator<Item = InstanceRaw>,
+    ) -> Batch<'a> {
+        let first = self.instances.len() as u32;
+        self.instances.extend(instances);
+        Batch { asset, first, end: self.instances.len() as u32, distance }
+    }
+
+    /// Adds what may cast shadows into a cascade's map, seen or not.
+    pub(crate) fn casters<'c>(&mut self, frame: &Frame<'a>, casters: &mut Casters<'c>)
+    where
+        'a: 'c,
+    {
+        for drawable in frame.drawables.iter().filter(|d| d.asset.is_drawable()) {
+            let (centre, radius) = drawable.asset.sphere();
+            let placed = drawable.instances.iter().filter_map(|instance| {
+                let raw = finite(instance.relative_to(drawable.asset.origin(), frame.camera.eye))?;
+                let centre = middle(&raw) + instance.rotation * (centre * instance.scale);
+                let top = casters.top_of(frame.camera.eye, centre, radius * instance.scale.abs())?;
+                Some((instance, raw, top))
+            });
+            let placed: Vec<_> = placed.collect();
+            if placed.is_empty() {
+                continue;
+            }
+            casters.asset(drawable.asset, placed.iter().map(|(instance, _, top)| (*instance, *top)), frame);
+            let batch = self.batch(drawable.asset, 0.0, placed.iter().map(|(_, raw, _)| *raw));
+            casters.batches.push(batch);
+        }
     }
 
     /// Draws all surfaces; `relief` says whether height maps are honoured.
@@ -58,12 +96,15 @@ impl<'a> DrawList<'a> {
         relief: bool,
         counters: &mut Counters,
     ) {
-        self.each(pass, instances, counters, |pass, material_relief| {
-            pass.set_pipeline(if relief && material_relief {
+        each(&self.batches, pass, instances, |pass, part, triangles| {
+            pass.set_pipeline(if relief && part.material.relief {
                 &pipelines.surface_relief
             } else {
                 &pipelines.surface
             });
+            pass.set_bind_group(1, &part.material.group, &[]);
+            counters.draws += 1;
+            counters.triangles += triangles;
         });
     }
 
@@ -75,47 +116,61 @@ impl<'a> DrawList<'a> {
         instances: &wgpu::Buffer,
         counters: &mut Counters,
     ) {
-        self.each(pass, instances, counters, |pass, _| pass.set_pipeline(wire));
+        pass.set_pipeline(wire);
+        each(&self.batches, pass, instances, |pass, part, triangles| {
+            pass.set_bind_group(1, &part.material.group, &[]);
+            counters.draws += 1;
+            counters.triangles += triangles;
+        });
     }
+}
 
-    fn each(
-        &self,
-        pass: &mut wgpu::RenderPass<'_>,
-        instances: &wgpu::Buffer,
-        counters: &mut Counters,
-        choose: impl Fn(&mut wgpu::RenderPass<'_>, bool),
-    ) {
-        pass.set_vertex_buffer(1, instances.slice(..));
-        for batch in &self.batches {
-            let Some((vertices, parts)) = batch.asset.draws() else { continue };
-            pass.set_vertex_buffer(0, vertices.slice(..));
-            for part in parts {
-                choose(pass, part.material.relief);
-                pass.set_bind_group(1, &part.material.group, &[]);
-                pass.set_index_buffer(part.indices.slice(..), wgpu::IndexFormat::Uint32);
-                pass.draw_indexed(0..part.faces * 3, 0, batch.first..batch.end);
-                counters.draws += 1;
-                counters.triangles += u64::from(part.faces) * u64::from(batch.end - batch.first);
-            }
+/// Draws all parts of some batches; `prepare` chooses how, and is told how many triangles each has.
+pub(crate) fn each(
+    batches: &[Batch<'_>],
+    pass: &mut wgpu::RenderPass<'_>,
+    instances: &wgpu::Buffer,
+    mut prepare: impl FnMut(&mut wgpu::RenderPass<'_>, &PartDraw<'_>, u64),
+) {
+    pass.set_vertex_buffer(1, instances.slice(..));
+    for batch in batches {
+        let Some((vertices, parts)) = batch.asset.draws() else { continue };
+        pass.set_vertex_buffer(0, vertices.slice(..));
+        for part in parts {
+            prepare(pass, &part, u64::from(part.faces) * u64::from(batch.end - batch.first));
+            pass.set_index_buffer(part.indices.slice(..), wgpu::IndexFormat::Uint32);
+            pass.draw_indexed(0..part.faces * 3, 0, batch.first..batch.end);
         }
     }
 }
 
-/// Distance of an instance's bounds from the eye and what the GPU gets, unless it is out of view.
-fn place(
-    instance: &Instance,
-    asset: &AssetGpu,
-    frame: &Frame<'_>,
-    size: (u32, u32),
-) -> Option<(f64, InstanceRaw)> {
-    let raw = instance.relative_to(asset.origin(), frame.camera.eye);
-    if !raw.offset.iter().chain(&raw.rotation).chain([&raw.scale]).all(|x| x.is_finite()) {
-        return None;
-    }
-    let origin = DVec3::from(raw.offset.map(f64::from));
-    let Some((centre, radius)) = asset.bounds() else { return Some((origin.length(), raw)) };
-    let centre = origin + instance.rotation * (centre * instance.scale);
+/// An instance as the GPU gets it, unless its place is not finite.
+fn finite(raw: InstanceRaw) -> Option<InstanceRaw> {
+    raw.offset.iter().chain(&raw.rotation).chain([&raw.scale]).all(|x| x.is_finite()).then_some(raw)
+}
+
+/// Where an instance's origin lies, relative to the eye.
+fn middle(raw: &InstanceRaw) -> DVec3 {
+    DVec3::from(raw.offset.map(f64::from))
+}
+
+/// An instance that is drawn.
+struct Placed {
+    /// Of its sphere from the eye.
+    distance: f64,
+    radius: f64,
+    /// Whether its sphere reaches into the view: what nobody told the bounds of is always drawn.
+    in_view: bool,
+    raw: InstanceRaw,
+}
+
+/// An instance as it is drawn, unless it is known to be out of view.
+fn place(instance: &Instance, asset: &AssetGpu, frame: &Frame<'_>, size: (u32, u32)) -> Option<Placed> {
+    let raw = finite(instance.relative_to(asset.origin(), frame.camera.eye))?;
+    let (centre, radius) = asset.sphere();
+    let centre = middle(&raw) + instance.rotation * (centre * instance.scale);
     let radius = radius * instance.scale.abs();
-    let visible = may_see(&frame.camera, centre, radius, size);
-    visible.then(|| ((centre.length() - radius).max(0.0), raw))
+    let in_view = may_see(&frame.camera, centre, radius, size);
+    let distance = (centre.length() - radius).max(0.0);
+    (in_view || asset.bounds().is_none()).then_some(Placed { distance, radius, in_view, raw })
 }

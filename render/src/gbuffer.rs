@@ -10,34 +10,47 @@ pub(crate) struct GeometryPass<'a> {
     pub(crate) buffers: &'a [Option<wgpu::VertexBufferLayout<'a>>],
 }
 
+/// What is made of the pixels.
+struct Fragment<'a> {
+    entry: &'a str,
+    constants: &'a [(&'a str, f64)],
+    targets: &'a [Option<wgpu::ColorTargetState>],
+}
+
 impl GeometryPass<'_> {
     /// Fills the G-buffer, with relief mapping or without; entry points of the vertex and fragment stages.
     pub(crate) fn surface(&self, gpu: &Gpu, entry: [&str; 2], relief: bool) -> wgpu::RenderPipeline {
         let constants: &[(&str, f64)] = if relief { &[("RELIEF", 1.0)] } else { &[] };
         let targets = [Some(NORMAL.into()), Some(ALBEDO.into())];
-        self.pipeline(gpu, entry, &targets, constants, wgpu::PolygonMode::Fill)
+        let fragment = Fragment { entry: entry[1], constants, targets: &targets };
+        self.pipeline(gpu, entry[0], Some(fragment), wgpu::PolygonMode::Fill)
+    }
+
+    /// Draws nothing but depth.
+    pub(crate) fn caster(&self, gpu: &Gpu, entry: &str) -> wgpu::RenderPipeline {
+        self.pipeline(gpu, entry, None, wgpu::PolygonMode::Fill)
     }
 
     /// Draws the edges of what is visible; `None` where the device cannot draw triangles as lines.
     pub(crate) fn wire(&self, gpu: &Gpu, entry: [&str; 2]) -> Option<wgpu::RenderPipeline> {
         let lines = gpu.device.features().contains(wgpu::Features::POLYGON_MODE_LINE);
-        lines.then(|| self.pipeline(gpu, entry, &[Some(RADIANCE.into())], &[], wgpu::PolygonMode::Line))
+        let fragment = Fragment { entry: entry[1], constants: &[], targets: &[Some(RADIANCE.into())] };
+        lines.then(|| self.pipeline(gpu, entry[0], Some(fragment), wgpu::PolygonMode::Line))
     }
 
     fn pipeline(
         &self,
         gpu: &Gpu,
-        entry: [&str; 2],
-        targets: &[Option<wgpu::ColorTargetState>],
-        constants: &[(&str, f64)],
+        vertex: &str,
+        fragment: Option<Fragment<'_>>,
         polygon_mode: wgpu::PolygonMode,
     ) -> wgpu::RenderPipeline {
         gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-            label: Some(entry[1]),
+            label: Some(fragment.as_ref().map_or(vertex, |fragment| fragment.entry)),
             layout: Some(self.layout),
             vertex: wgpu::VertexState {
                 module: self.module,
-                entry_point: Some(entry[0]),
+                entry_point: Some(vertex),
                 compilation_options: Default::default(),
                 buffers: self.buffers,
             },
@@ -51,9 +64,9 @@ impl GeometryPass<'_> {
                 bias: Default::default(),
             }),
             multisample: Default::default(),
-            fragment: Some(wgpu::FragmentState {
+            fragment: fragment.map(|Fragment { entry, constants, targets }| wgpu::FragmentState {
                 module: self.module,
-                entry_point: Some(entry[1]),
+                entry_point: Some(entry),
                 compilation_options: wgpu::PipelineCompilationOptions { constants, ..Default::default() },
                 targets,
             }),

@@ -13,6 +13,10 @@ pub enum PassId {
     Occlusion,
     /// 4×4 blur that removes the rotation's pattern.
     OcclusionBlur,
+    /// What casts shadows, as the sun sees it; maps that nothing has changed in stay as they are.
+    ShadowMaps,
+    /// How much of the sun's light reaches each pixel.
+    Sunlight,
     /// Sun and ambient light on the surfaces, sky elsewhere.
     Lighting,
     /// Sky alone, when there is no surface.
@@ -33,6 +37,9 @@ pub(crate) enum Resource {
     Albedo,
     OcclusionRaw,
     Occlusion,
+    /// Of fixed size; not allocated with those of the picture's.
+    ShadowMaps,
+    Sunlight,
     Radiance,
     /// The caller's target; not allocated here.
     Target,
@@ -51,6 +58,7 @@ pub(crate) struct Pass {
 pub(crate) struct Needs {
     pub(crate) geometry: bool,
     pub(crate) occlusion: bool,
+    pub(crate) shadows: bool,
     pub(crate) wireframe: bool,
     /// The target has depth.
     pub(crate) depth: bool,
@@ -60,18 +68,22 @@ pub(crate) struct Needs {
 
 /// The passes that could run, in order.
 pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
-    use Resource::{Albedo, Depth, Normal, Occlusion, OcclusionRaw, Radiance, Target};
+    use Resource::{Albedo, Depth, Normal, Occlusion, OcclusionRaw, Radiance, ShadowMaps, Sunlight, Target};
     let pass = |id, reads, writes| Pass { id, reads, writes };
     let mut passes = Vec::new();
     if needs.geometry {
         passes.push(pass(PassId::GBuffer, &[], &[Depth, Normal, Albedo]));
         passes.push(pass(PassId::Occlusion, &[Depth], &[OcclusionRaw]));
         passes.push(pass(PassId::OcclusionBlur, &[Depth, OcclusionRaw], &[Occlusion]));
-        passes.push(if needs.occlusion {
-            pass(PassId::Lighting, &[Depth, Normal, Albedo, Occlusion], &[Radiance])
-        } else {
-            pass(PassId::Lighting, &[Depth, Normal, Albedo], &[Radiance])
-        });
+        passes.push(pass(PassId::ShadowMaps, &[], &[ShadowMaps]));
+        passes.push(pass(PassId::Sunlight, &[Depth, ShadowMaps], &[Sunlight]));
+        let lit_by: &[Resource] = match (needs.occlusion, needs.shadows) {
+            (false, false) => &[Depth, Normal, Albedo],
+            (true, false) => &[Depth, Normal, Albedo, Occlusion],
+            (false, true) => &[Depth, Normal, Albedo, Sunlight],
+            (true, true) => &[Depth, Normal, Albedo, Occlusion, Sunlight],
+        };
+        passes.push(pass(PassId::Lighting, lit_by, &[Radiance]));
         if needs.wireframe {
             passes.push(pass(PassId::Wireframe, &[Depth, Radiance], &[Radiance]));
         }
@@ -137,13 +149,16 @@ mod tests {
 
     #[test]
     fn everything_asked_for_runs_in_order() {
-        let needs = Needs { geometry: true, occlusion: true, wireframe: true, ..Needs::default() };
+        let needs =
+            Needs { geometry: true, occlusion: true, shadows: true, wireframe: true, ..Needs::default() };
         assert_eq!(
             ids(needs, &[Resource::Target]),
             [
                 PassId::GBuffer,
                 PassId::Occlusion,
                 PassId::OcclusionBlur,
+                PassId::ShadowMaps,
+                PassId::Sunlight,
                 PassId::Lighting,
                 PassId::Wireframe,
                 PassId::ToneMap
@@ -163,10 +178,16 @@ mod tests {
 
     #[test]
     fn every_read_was_written_before() {
-        for bits in 0..32 {
+        for bits in 0..64 {
             let bit = |n: u32| bits >> n & 1 != 0;
-            let needs =
-                Needs { geometry: bit(0), occlusion: bit(1), wireframe: bit(2), depth: bit(3), keep: bit(4) };
+            let needs = Needs {
+                geometry: bit(0),
+                occlusion: bit(1),
+                wireframe: bit(2),
+                depth: bit(3),
+                keep: bit(4),
+                shadows: bit(5),
+            };
             let mut written = Vec::new();
             for pass in plan(&candidates(needs), &[Resource::Target]) {
                 assert!(pass.reads.iter().all(|r| written.contains(r)), "{needs:?} {pass:?}");

@@ -9,12 +9,15 @@ use lodestream_terrain::{PatchPoints, Scratch, Terrain};
 
 use crate::gpu::{Gpu, RenderError};
 use crate::renderer::Renderer;
+use crate::shadows::Cascade;
 use crate::terrain::layers;
 use crate::terrain::{TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart};
-use crate::tiles::{COARSER, Ground, GroundView, Maker, TileRegion, TileStore, Tiles};
+use crate::tiles::{COARSER, Ground, GroundView, Maker, Picked, TileId, TileRegion, TileStore, Tiles};
 
-/// Tiles of one frame, at most: 512 triangles each.
+/// Tiles of one frame, at most: 128 triangles each.
 const MAX_TILES: usize = 4000;
+/// Tiles out of view that cast shadows, at most.
+const MAX_CASTERS: usize = 1000;
 /// Finished tiles taken per frame, at most: each is a small upload.
 const TILES_PER_FRAME: usize = 400;
 /// Coarser screen errors tried while finer tiles are being made: a factor of 2^20 in all.
@@ -39,11 +42,13 @@ pub struct GroundScene {
     state: u64,
     store: TileStore,
     parts: Vec<TerrainPart>,
+    /// Tiles out of view that may cast shadows into it.
+    casters: Vec<TerrainPart>,
+    /// Tiles in view that the last frame lacked.
+    absent: Vec<TileId>,
     regions: Vec<TileRegion>,
     above: f64,
     scratch: Scratch,
-    /// Tiles that the last frame lacked.
-    missing: usize,
     /// Screen error of what is drawn, in pixels.
     drawn_px: f64,
 }
@@ -114,10 +119,11 @@ impl GroundScene {
             state: 0,
             store: TileStore::new(TERRAIN_SLOTS),
             parts: Vec::new(),
+            casters: Vec::new(),
+            absent: Vec::new(),
             regions: Vec::new(),
             above: 0.0,
             scratch: Scratch::new(),
-            missing: 0,
             drawn_px: f64::INFINITY,
         })
     }
@@ -167,56 +173,86 @@ impl GroundScene {
                 }
             }
         }
-        let missing = |tiles: &Tiles, store: &TileStore| {
-            let absent =
-                tiles.picked.iter().map(|picked| picked.tile).filter(|&tile| store.slot(tile).is_none());
-            absent.collect::<Vec<_>>()
-        };
-        let mut absent = missing(&wanted, &self.store);
-        self.missing = absent.len();
+        self.absent = self.store.absent(&wanted.picked);
         let drawn = match making {
             Making::Apart(maker) => {
                 // Coarse ones first: the picture is whole the sooner.
-                absent.sort_by_key(|tile| std::cmp::Reverse(tile.spacing));
-                maker.wish(&self.ground, self.state, absent.iter().copied());
-                self.finest_held(&view, wanted, &|tiles, store| missing(tiles, store).is_empty())
+                self.absent.sort_by_key(|tile| std::cmp::Reverse(tile.spacing));
+                maker.wish(&self.ground, self.state, self.absent.iter().copied());
+                self.finest_held(&view, wanted)
             }
             Making::AtOnce => wanted,
         };
+        self.make(gpu, &self.store.absent(&drawn.picked))?;
+        self.drawn_px = drawn.target_px;
+        self.regions = drawn.regions();
+        self.parts = self.placed(&drawn, |tile| drawn.mask(tile));
+        self.casters.clear();
+        Ok(())
+    }
+
+    /// Prepares what of the ground out of view casts shadows into the maps of `cascades`, after what is in view. What
+    /// another thread has not made yet casts none.
+    pub(crate) fn prepare_casters(
+        &mut self,
+        gpu: &Gpu,
+        making: &Making,
+        (camera, size): (&Pose, (u32, u32)),
+        cascades: &[Cascade],
+    ) -> Result<(), RenderError> {
+        let view = GroundView::new(&self.ground, camera, size, &mut self.scratch);
+        let matters = |column| cascades.iter().any(|cascade| cascade.is_reached(column));
+        let mut tiles = self.ground.tiles_out_of_view(&view, self.drawn_px, MAX_CASTERS, &matters);
+        for picked in &tiles.picked {
+            self.store.touch(picked.tile);
+        }
+        let absent = self.store.absent(&tiles.picked);
+        match making {
+            Making::Apart(maker) => {
+                let wished = self.absent.iter().chain(&absent).copied();
+                maker.wish(&self.ground, self.state, wished.collect::<Vec<_>>().into_iter());
+                tiles.picked.retain(|picked| self.store.slot(picked.tile).is_some());
+            }
+            Making::AtOnce => self.make(gpu, &absent)?,
+        }
+        // Where ground is rougher, what is out of view may be a little coarser than elsewhere.
+        self.casters = self.placed(&tiles, |_| 0);
+        Ok(())
+    }
+
+    /// Makes tiles that are not held, as far as there is room for them.
+    fn make(&mut self, gpu: &Gpu, tiles: &[TileId]) -> Result<(), RenderError> {
         let mut heights = Vec::new();
-        for tile in missing(&drawn, &self.store) {
+        for &tile in tiles {
             if let Some(slot) = self.store.insert(tile) {
                 self.ground.heights(tile, &mut self.scratch, &mut heights);
                 self.gpu.upload(gpu, slot, &heights)?;
             }
         }
-        self.drawn_px = drawn.target_px;
-        self.regions = drawn.regions();
-        self.parts.clear();
-        self.parts.extend(drawn.picked.iter().filter_map(|picked| {
+        Ok(())
+    }
+
+    /// Those tiles that are held, as they are drawn.
+    fn placed(&self, tiles: &Tiles, regions: impl Fn(TileId) -> u32) -> Vec<TerrainPart> {
+        let part = |picked: &Picked| {
             Some(TerrainPart {
                 origin: picked.tile.origin(),
                 spacing: picked.tile.spacing,
                 slot: self.store.slot(picked.tile)?,
                 quadrants: picked.quadrants,
-                morph: drawn.morph(picked.tile),
-                regions: drawn.mask(picked.tile),
+                morph: tiles.morph(picked.tile),
+                regions: regions(picked.tile),
             })
-        }));
-        Ok(())
+        };
+        tiles.picked.iter().filter_map(part).collect()
     }
 
     /// The finest selection of which everything is held; if there is none, the coarsest that was tried, a handful of
     /// tiles that are then made at once.
-    fn finest_held(
-        &self,
-        view: &GroundView,
-        wanted: Tiles,
-        held: &dyn Fn(&Tiles, &TileStore) -> bool,
-    ) -> Tiles {
+    fn finest_held(&self, view: &GroundView, wanted: Tiles) -> Tiles {
         let mut tiles = wanted;
         for _ in 0..COARSER_STEPS {
-            if held(&tiles, &self.store) {
+            if self.store.absent(&tiles.picked).is_empty() {
                 break;
             }
             tiles = self.ground.tiles(view, tiles.target_px * COARSER, MAX_TILES);
@@ -227,7 +263,7 @@ impl GroundScene {
     /// Tiles that the last frame lacked and that are being made.
     #[must_use]
     pub fn missing(&self) -> usize {
-        self.missing
+        self.absent.len()
     }
 
     /// Screen error that the last frame's tiles were chosen for, in pixels.
@@ -245,6 +281,7 @@ impl GroundScene {
     /// What [`GroundScene::prepare`] prepared.
     #[must_use]
     pub fn frame(&self) -> TerrainFrame<'_> {
-        TerrainFrame { terrain: &self.gpu, parts: &self.parts, regions: &self.regions, above: self.above }
+        let Self { gpu: terrain, parts, casters, regions, above, drawn_px, .. } = self;
+        TerrainFrame { terrain, parts, casters, regions, above: *above, error_px: *drawn_px }
     }
 }

@@ -37,6 +37,7 @@ mod renderer;
 mod scene;
 #[cfg(feature = "client")]
 mod scene_view;
+mod shadows;
 mod target;
 mod targets;
 mod terrain;
@@ -67,6 +68,7 @@ pub use scene::{
 };
 #[cfg(feature = "client")]
 pub use scene_view::SceneView;
+pub use shadows::{MAP_SIDES, MAX_CASCADES, MAX_FILTER, Shadows};
 pub use target::{Load, Target};
 pub use terrain::{MAX_DRAWN_HEIGHT, TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart};
 pub use texture::{TextureData, TextureKind, TextureShape};

@@ -4,7 +4,7 @@ use super::gbuffer::{GeometryPass, UNIFORM_BLOCK, shader};
 use super::gpu::Gpu;
 use super::instance::{INSTANCE_ATTRIBUTES, InstanceRaw};
 use super::material::MaterialKit;
-use super::targets::{OCCLUSION, RADIANCE};
+use super::targets::{OCCLUSION, RADIANCE, SUNLIGHT};
 use super::vertex::{PackedVertex, VERTEX_ATTRIBUTES};
 
 const GBUFFER: &str = concat!(
@@ -15,7 +15,14 @@ const GBUFFER: &str = concat!(
 const SSAO: &str = concat!(
     include_str!("shaders/common.wgsl"),
     include_str!("shaders/fullscreen.wgsl"),
+    include_str!("shaders/surface.wgsl"),
     include_str!("shaders/ssao.wgsl")
+);
+const SHADOWS: &str = concat!(
+    include_str!("shaders/common.wgsl"),
+    include_str!("shaders/fullscreen.wgsl"),
+    include_str!("shaders/surface.wgsl"),
+    include_str!("shaders/sunlight.wgsl")
 );
 const LIGHTING: &str = concat!(
     include_str!("shaders/common.wgsl"),
@@ -46,8 +53,11 @@ pub(crate) struct Pipelines {
     pub(crate) wire: Option<wgpu::RenderPipeline>,
     pub(crate) occlusion: wgpu::RenderPipeline,
     pub(crate) blur: wgpu::RenderPipeline,
-    pub(crate) lighting: wgpu::RenderPipeline,
-    pub(crate) lighting_occlusion: wgpu::RenderPipeline,
+    /// Into maps of shadows.
+    pub(crate) caster: wgpu::RenderPipeline,
+    pub(crate) sunlight: wgpu::RenderPipeline,
+    /// Without occlusion and with, of each without shadows and with.
+    pub(crate) lighting: [[wgpu::RenderPipeline; 2]; 2],
     pub(crate) sky: wgpu::RenderPipeline,
     pub(crate) tonemap: wgpu::RenderPipeline,
 }
@@ -56,17 +66,22 @@ impl Pipelines {
     pub(crate) fn new(gpu: &Gpu, kit: &MaterialKit, target: wgpu::TextureFormat) -> Self {
         let device = &gpu.device;
         let (gbuffer, ssao) = (shader(gpu, "gbuffer", GBUFFER), shader(gpu, "ssao", SSAO));
+        let sunlight = shader(gpu, "sunlight", SHADOWS);
         let (lighting, tonemap) = (shader(gpu, "lighting", LIGHTING), shader(gpu, "tonemap", TONEMAP));
 
         let frame_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some("frame"),
             entries: &[UNIFORM_BLOCK],
         });
-        let geometry_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-            label: Some("geometry"),
-            bind_group_layouts: &[Some(&frame_layout), Some(&kit.layout)],
-            immediate_size: 0,
-        });
+        let layout = |label, groups: &[Option<&wgpu::BindGroupLayout>]| {
+            device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+                label: Some(label),
+                bind_group_layouts: groups,
+                immediate_size: 0,
+            })
+        };
+        let geometry_layout = layout("geometry", &[Some(&frame_layout), Some(&kit.layout)]);
+        let caster_layout = layout("casters", &[Some(&frame_layout)]);
         let geometry = GeometryPass {
             module: &gbuffer,
             layout: &geometry_layout,
@@ -116,8 +131,14 @@ impl Pipelines {
             wire: geometry.wire(gpu, ["vs_wire", "fs_wire"]),
             occlusion: full(&ssao, "fs_occlusion", OCCLUSION, &[]),
             blur: full(&ssao, "fs_blur", OCCLUSION, &[]),
-            lighting: full(&lighting, "fs_lighting", RADIANCE, &[]),
-            lighting_occlusion: full(&lighting, "fs_lighting", RADIANCE, &[("OCCLUSION", 1.0)]),
+            caster: GeometryPass { layout: &caster_layout, ..geometry }.caster(gpu, "vs_caster"),
+            sunlight: full(&sunlight, "fs_sunlight", SUNLIGHT, &[]),
+            lighting: [0.0, 1.0].map(|occlusion| {
+                [0.0, 1.0].map(|shadows| {
+                    let constants = [("OCCLUSION", occlusion), ("SHADOWS", shadows)];
+                    full(&lighting, "fs_lighting", RADIANCE, &constants)
+                })
+            }),
             sky: full(&lighting, "fs_sky", RADIANCE, &[]),
             tonemap: full(&tonemap, "fs_tonemap", target, encode),
             frame_layout,

@@ -6,7 +6,7 @@ use image::RgbaImage;
 
 use super::gpu::{Gpu, RenderError};
 
-/// A copy of a 2D texture's mip level 0 on its way to memory.
+/// A copy of a 2D texture's mip level 0, all layers, on its way to memory.
 #[derive(Debug)]
 struct Copied {
     buffer: wgpu::Buffer,
@@ -25,7 +25,8 @@ impl Copied {
     ) -> Result<Self, RenderError> {
         let row_bytes = texture.width() * bytes_per_texel;
         let padded_bytes = row_bytes.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
-        let size = u64::from(padded_bytes) * u64::from(texture.height());
+        let rows = texture.height() * texture.depth_or_array_layers();
+        let size = u64::from(padded_bytes) * u64::from(rows);
         let limit = gpu.device.limits().max_buffer_size;
         if size > limit {
             return Err(RenderError::TooLarge {
@@ -43,11 +44,11 @@ impl Copied {
         let layout = wgpu::TexelCopyBufferLayout {
             offset: 0,
             bytes_per_row: Some(padded_bytes),
-            rows_per_image: None,
+            rows_per_image: Some(texture.height()),
         };
         let into = wgpu::TexelCopyBufferInfo { buffer: &buffer, layout };
         encoder.copy_texture_to_buffer(texture.as_image_copy(), into, texture.size());
-        Ok(Self { buffer, row_bytes, padded_bytes, rows: texture.height() })
+        Ok(Self { buffer, row_bytes, padded_bytes, rows })
     }
 
     /// The texels, rows from the top, tightly packed. Waits for the device.

@@ -15,6 +15,7 @@ use super::instance::InstanceRaw;
 use super::material::{Material, MaterialKit};
 use super::pipelines::Pipelines;
 use super::scene::{Frame, MIN_RENDER_SCALE};
+use super::shadows::{self, Casters, ShadowMaps, Sun};
 use super::target::{Load, Target};
 use super::targets::Targets;
 use super::terrain::{TerrainGpu, TerrainLook, TerrainPipelines, TileList, TileRaw};
@@ -32,6 +33,7 @@ pub struct Renderer {
     frame_group: wgpu::BindGroup,
     instances: GrowingBuffer<InstanceRaw>,
     tiles: GrowingBuffer<TileRaw>,
+    shadow_maps: ShadowMaps,
     /// Compiled with the first terrain: most scenes have none.
     terrain: OnceLock<TerrainPipelines>,
     target_format: wgpu::TextureFormat,
@@ -58,6 +60,7 @@ impl Renderer {
             layout: &pipelines.frame_layout,
             entries: &[wgpu::BindGroupEntry { binding: 0, resource: frame_buffer.as_entire_binding() }],
         });
+        let shadow_maps = ShadowMaps::new(gpu, &pipelines.frame_layout);
         gpu.check()?;
         Ok(Self {
             kit,
@@ -68,6 +71,7 @@ impl Renderer {
             frame_group,
             instances: GrowingBuffer::new("instance buffer", wgpu::BufferUsages::VERTEX),
             tiles: GrowingBuffer::new("terrain tiles", wgpu::BufferUsages::VERTEX),
+            shadow_maps,
             terrain: OnceLock::new(),
             target_format,
             warned_wireframe: false,
@@ -120,9 +124,22 @@ impl Renderer {
     ) -> Result<Counters, RenderError> {
         target.check(self.target_format)?;
         let (size, mut counters) = (drawn_size(target, frame.settings.render_scale), Counters::default());
-        let list = DrawList::new(frame, size, &mut counters);
+        let mut list = DrawList::new(frame, size, &mut counters);
+        let shadows = frame.settings.shadows.filter(|_| frame.environment.sun.max_element() > 0.0);
+        let shadows = shadows.map(|shadows| shadows.clamped(gpu.device.limits().max_texture_dimension_2d));
+        let cascades = shadows.map(|shadows| shadows::of_frame(frame, target.size, &list, shadows));
+        let cascades = cascades.unwrap_or_default();
+        let mut casters: Vec<Casters<'_>> = Vec::new();
+        if let Some(shadows) = shadows {
+            casters = (1..=cascades.len())
+                .filter_map(|count| Casters::new(&cascades[..count], shadows.map_side))
+                .collect();
+            casters.iter_mut().for_each(|casters| list.casters(frame, casters));
+        }
         let ground = match frame.terrain {
-            Some(terrain) => Some(TileList::new(gpu, terrain, frame.camera.eye, &mut self.tiles)?),
+            Some(terrain) => {
+                Some(TileList::new(gpu, terrain, frame.camera.eye, &mut casters, &mut self.tiles)?)
+            }
             None => None,
         };
         let ground = ground.filter(|ground| !ground.is_empty());
@@ -135,6 +152,7 @@ impl Renderer {
             &graph::candidates(Needs {
                 geometry: has_surfaces,
                 occlusion: frame.settings.occlusion.is_some_and(|o| o.strength > 0.0),
+                shadows: !casters.is_empty(),
                 wireframe: frame.settings.wireframe && self.pipelines.wire.is_some(),
                 depth: target.depth.is_some(),
                 keep: target.load == Load::Keep,
@@ -150,12 +168,37 @@ impl Renderer {
         } else if target.load == Load::Clear {
             clear_depth(encoder, target);
         }
+        if let Some(shadows) = shadows
+            && plan.iter().any(|pass| pass.id == PassId::ShadowMaps)
+        {
+            let ground_px = frame.terrain.map(|terrain| terrain.error_px);
+            let sun = Sun { shadows, cascades: &casters, frame: &uniform, eye: frame.camera.eye, ground_px };
+            self.shadow_maps.record(
+                gpu,
+                encoder,
+                &sun,
+                (&self.pipelines.caster, self.instances.buffer()),
+                |pass, cascade| match (&ground, self.terrain.get(), self.tiles.buffer()) {
+                    (Some(ground), Some(pipelines), Some(tiles)) => {
+                        ground.cast(pass, pipelines, tiles, cascade)
+                    }
+                    _ => 0,
+                },
+                &mut counters,
+            );
+        }
         for pass in &plan {
             self.run(gpu, encoder, pass.id, target, frame, (&list, ground.as_ref()), &mut counters);
             counters.passes.push(pass.id);
         }
         gpu.check()?;
         Ok(counters)
+    }
+
+    /// The maps of shadows.
+    #[cfg(test)]
+    pub(crate) fn shadow_maps(&self) -> &ShadowMaps {
+        &self.shadow_maps
     }
 
     /// The intermediate texture of a resource, if the last frame's plan had it.
@@ -174,20 +217,23 @@ impl Renderer {
         list: (&DrawList<'_>, Option<&TileList<'_>>),
         counters: &mut Counters,
     ) {
-        use Resource::{Albedo, Depth, Normal, Occlusion, OcclusionRaw, Radiance};
+        use Resource::{Albedo, Depth, Normal, Occlusion, OcclusionRaw, Radiance, Sunlight};
         let p = &self.pipelines;
         match id {
             PassId::GBuffer | PassId::Wireframe => self.geometry(encoder, id, frame, list, counters),
             PassId::Occlusion => self.full(gpu, encoder, &p.occlusion, &[Depth], OcclusionRaw),
             PassId::OcclusionBlur => self.full(gpu, encoder, &p.blur, &[Depth, OcclusionRaw], Occlusion),
-            PassId::Lighting if counters.passes.contains(&PassId::OcclusionBlur) => {
-                let reads = [Depth, Normal, Albedo, Occlusion];
-                self.full(gpu, encoder, &p.lighting_occlusion, &reads, Radiance);
-            }
+            // Before all others: what has changed of the maps is drawn when the frame is planned.
+            PassId::ShadowMaps => {}
+            PassId::Sunlight => self.sunlight(gpu, encoder),
             PassId::Lighting => {
-                // The shader reads no occlusion then, but its slot must be filled: any will do.
-                let reads = [Depth, Normal, Albedo, Albedo];
-                self.full(gpu, encoder, &p.lighting, &reads, Radiance);
+                let [occlusion, shadows] =
+                    [PassId::OcclusionBlur, PassId::Sunlight].map(|pass| counters.passes.contains(&pass));
+                // The shader reads none of what there is not, but its slot must be filled: any will do.
+                let or = |there, resource| if there { resource } else { Albedo };
+                let reads = [Depth, Normal, Albedo, or(occlusion, Occlusion), or(shadows, Sunlight)];
+                let pipeline = &p.lighting[usize::from(occlusion)][usize::from(shadows)];
+                self.full(gpu, encoder, pipeline, &reads, Radiance);
             }
             PassId::Sky => self.full(gpu, encoder, &p.sky, &[], Radiance),
             PassId::ToneMap => {
@@ -199,6 +245,30 @@ impl Renderer {
                 let group = self.inputs(gpu, pipeline, &[Radiance, Depth]);
                 fullscreen(encoder, pipeline, &group, target);
             }
+        }
+    }
+
+    /// Looks the shadow maps up for each pixel.
+    fn sunlight(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder) {
+        let pipeline = &self.pipelines.sunlight;
+        let (Some(depth), Some(into)) =
+            (self.targets.view(Resource::Depth), self.targets.view(Resource::Sunlight))
+        else {
+            return;
+        };
+        let first = [
+            wgpu::BindGroupEntry { binding: 0, resource: self.frame_buffer.as_entire_binding() },
+            wgpu::BindGroupEntry { binding: 1, resource: wgpu::BindingResource::TextureView(&depth) },
+        ];
+        let group = self.shadow_maps.bindings(|maps| {
+            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some("sunlight"),
+                layout: &pipeline.get_bind_group_layout(0),
+                entries: &first.into_iter().chain(maps).collect::<Vec<_>>(),
+            })
+        });
+        if let Some(group) = group {
+            fullscreen(encoder, pipeline, &group, &Target::colour(&into, (0, 0)));
         }
     }
 

@@ -5,6 +5,7 @@ use lodestream_protocol::pose::Pose;
 
 use super::asset::AssetGpu;
 use super::instance::Instance;
+use super::shadows::Shadows;
 use super::terrain::TerrainFrame;
 
 /// Most samples of ambient occlusion per pixel.
@@ -89,6 +90,8 @@ pub enum Shade {
     Material,
     /// Their level of refinement, [`super::PackedVertex::level`].
     Level,
+    /// The cascade whose map says whether the sun reaches them.
+    Cascade,
 }
 
 /// How to draw.
@@ -101,6 +104,8 @@ pub struct Settings {
     pub wireframe: bool,
     /// Ambient occlusion; `None` saves two passes.
     pub occlusion: Option<AmbientOcclusion>,
+    /// Shadows of the sun; `None` saves two passes.
+    pub shadows: Option<Shadows>,
     /// Relief mapping for materials with a height map.
     pub relief: bool,
     /// Steps of relief mapping's linear search at grazing angles, 1 to [`MAX_RELIEF_STEPS`]: details thinner than a step
@@ -126,6 +131,7 @@ impl Default for Settings {
             shade: Shade::Material,
             wireframe: false,
             occlusion: Some(AmbientOcclusion::default()),
+            shadows: Some(Shadows::default()),
             relief: true,
             relief_steps: 48,
             near: 1e-4,

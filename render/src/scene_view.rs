@@ -10,12 +10,14 @@ use lodestream_protocol::view::View;
 
 use crate::asset::AssetGpu;
 use crate::counters::Counters;
+use crate::draw::DrawList;
 use crate::gpu::{Gpu, RenderError};
 use crate::ground_scene::{GroundScene, Making, Measuring};
 use crate::instance::Instance;
 use crate::material::Material;
 use crate::renderer::Renderer;
 use crate::scene::{Drawable, Environment, Frame, Settings};
+use crate::shadows::{self, Shadows};
 use crate::target::Target;
 use crate::texture::{TextureData, TextureShape};
 use crate::tiles::Maker;
@@ -214,8 +216,8 @@ impl SceneView {
     }
 
     /// Chooses the terrain's tiles for the frames that follow from `camera`, into pictures of `size` pixels, where meshes
-    /// have a screen error of `target_px`: the ground's surface has 2.4 times that, and normals of a finer one. Scenes
-    /// without terrain need no call.
+    /// have a screen error of `target_px`: the ground's surface has 2.4 times that, and normals of a finer one. Where
+    /// there are to be `shadows`, also tiles out of view that cast some into it. Scenes without terrain need no call.
     ///
     /// # Errors
     /// What the graphics device refuses.
@@ -225,9 +227,17 @@ impl SceneView {
         camera: &Pose,
         size: (u32, u32),
         target_px: f32,
+        shadows: Option<Shadows>,
     ) -> Result<(), RenderError> {
         let Some(ground) = &mut self.ground else { return Ok(()) };
-        ground.prepare(gpu, &self.making, camera, size, GROUND_ERRORS * f64::from(target_px))
+        ground.prepare(gpu, &self.making, camera, size, GROUND_ERRORS * f64::from(target_px))?;
+        let Some(shadows) = shadows else { return Ok(()) };
+        let cascades = self.with_frame(*camera, Settings::default(), f32::MAX, |frame| {
+            let list = DrawList::new(frame, size, &mut Counters::default());
+            shadows::of_frame(frame, size, &list, shadows)
+        });
+        let Some(ground) = &mut self.ground else { return Ok(()) };
+        ground.prepare_casters(gpu, &self.making, (camera, size), &cascades)
     }
 
     /// Terrain tiles that the last frame lacked; coarser ones were drawn in their place.
@@ -262,7 +272,7 @@ impl SceneView {
         settings: Settings,
         time_s: f32,
     ) -> Result<Counters, RenderError> {
-        self.prepare_ground(gpu, &view.pose(), target.size, view.target_px)?;
+        self.prepare_ground(gpu, &view.pose(), target.size, view.target_px, settings.shadows)?;
         self.with_frame(view.pose(), settings, time_s, |frame| renderer.record(gpu, encoder, target, frame))
     }
 

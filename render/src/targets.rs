@@ -13,6 +13,8 @@ pub(crate) const ALBEDO: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8UnormSr
 pub(crate) const NORMAL: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 /// Ambient occlusion, 1 = open.
 pub(crate) const OCCLUSION: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
+/// Share of the sun's light, and the number of the cascade that said so in 255ths (255: none).
+pub(crate) const SUNLIGHT: wgpu::TextureFormat = wgpu::TextureFormat::Rg8Unorm;
 /// Linear radiance.
 pub(crate) const RADIANCE: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 
@@ -50,8 +52,9 @@ impl Targets {
                 Resource::Normal => NORMAL,
                 Resource::Albedo => ALBEDO,
                 Resource::OcclusionRaw | Resource::Occlusion => OCCLUSION,
+                Resource::Sunlight => SUNLIGHT,
                 Resource::Radiance => RADIANCE,
-                Resource::Target => continue,
+                Resource::ShadowMaps | Resource::Target => continue,
             };
             self.textures.entry(*resource).or_insert_with(|| {
                 gpu.device.create_texture(&wgpu::TextureDescriptor {

@@ -1,10 +1,11 @@
 //! The uniform block that every pass reads: `Frame` of `common.wgsl`.
 
 use bytemuck::{Pod, Zeroable};
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Mat4, Vec3};
 
 use super::camera::{clip_from_view, view_from_world};
 use super::scene::{Frame, MAX_RELIEF_STEPS, MAX_SAMPLES, OcclusionRadius, Shade};
+use super::shadows::Cascade;
 use super::twin::ssao;
 
 /// Shader twin: `struct Frame` in `common.wgsl`; keep the two in step.
@@ -74,11 +75,29 @@ impl FrameUniform {
             occlusion_radius_depth: radius_depth,
             occlusion_strength: occlusion.strength,
             scale_px: (f64::from(height) / (2.0 * ty)) as f32,
-            shade: u32::from(frame.settings.shade == Shade::Level),
+            shade: match frame.settings.shade {
+                Shade::Material => 0,
+                Shade::Level => 1,
+                Shade::Cascade => 2,
+            },
             occlusion_samples: samples,
             relief_steps: frame.settings.relief_steps.clamp(1, MAX_RELIEF_STEPS) as f32,
             target_px: target.0 | (target.1 << 16),
             kernel,
+        }
+    }
+
+    /// The same, but as the sun sees what casts shadows into a cascade's map: across its square, with 1 at `top` along
+    /// its light from its middle and 0 at the lowest that it serves.
+    pub(crate) fn as_the_sun_sees(&self, cascade: &Cascade, top: f64, eye: DVec3) -> Self {
+        let at = cascade.place_of(eye, DVec3::ZERO);
+        let scale = DVec3::new(2.0 / cascade.side, 2.0 / cascade.side, 1.0 / (top + cascade.below));
+        let offset = (at + DVec3::Z * cascade.below) * scale;
+        let diagonal = Mat4::from_scale(scale.as_vec3());
+        Self {
+            clip_from_view: (Mat4::from_translation(offset.as_vec3()) * diagonal).to_cols_array_2d(),
+            view_from_world: Mat4::from_mat3(cascade.axes.transpose().as_mat3()).to_cols_array_2d(),
+            ..*self
         }
     }
 }

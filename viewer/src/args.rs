@@ -65,6 +65,9 @@ pub(crate) struct Args {
     /// No ambient occlusion
     #[arg(long)]
     pub(crate) no_ao: bool,
+    /// No shadows of the sun
+    #[arg(long)]
+    pub(crate) no_shadows: bool,
     /// No relief mapping
     #[arg(long)]
     pub(crate) no_relief: bool,

@@ -134,7 +134,13 @@ fn draw(
     let start = args.camera.map(|c| c.0).or_else(|| scene.header().map(|h| h.camera));
     let Some(start) = start else { bail!("the server sent no scene") };
     let camera = start.pose();
-    scene.prepare_ground(headless.gpu(), &camera, headless.size(), args.pixel_error.0)?;
+    scene.prepare_ground(
+        headless.gpu(),
+        &camera,
+        headless.size(),
+        args.pixel_error.0,
+        settings(args).shadows,
+    )?;
     let counters =
         scene.with_frame(camera, settings(args), time_s, |frame: &Frame<'_>| headless.frame(frame))?;
     Ok(counters)

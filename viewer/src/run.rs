@@ -3,7 +3,7 @@
 use std::io::Write as _;
 
 use lodestream_client::core::{Config, StartView, Stats};
-use lodestream_render::{AmbientOcclusion, Settings, Shade};
+use lodestream_render::{AmbientOcclusion, Settings, Shade, Shadows};
 
 use crate::args::Args;
 use crate::figures::Figures;
@@ -28,6 +28,7 @@ pub(crate) fn core_config(args: &Args) -> Config {
 pub(crate) fn settings(args: &Args) -> Settings {
     let mut settings = Settings { relief: !args.no_relief, wireframe: args.wireframe, ..Settings::default() };
     settings.occlusion = (!args.no_ao).then(AmbientOcclusion::default);
+    settings.shadows = (!args.no_shadows).then(Shadows::default);
     if args.colour_by_level {
         settings.shade = Shade::Level;
     }

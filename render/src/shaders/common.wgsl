@@ -52,3 +52,10 @@ fn rotate(q: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
     let t = 2.0 * cross(q.xyz, v);
     return v + q.w * t + cross(q.xyz, t);
 }
+
+// Colours that tell levels apart: steps of the golden angle round the hue circle.
+fn level_colour(level: u32) -> vec3<f32> {
+    let hue = fract(f32(level) * 0.61803399 + 0.02) * 6.0;
+    let rgb = clamp(vec3(abs(hue - 3.0) - 1.0, 2.0 - abs(hue - 2.0), 2.0 - abs(hue - 4.0)), vec3(0.0), vec3(1.0));
+    return 0.15 + 0.65 * rgb;
+}

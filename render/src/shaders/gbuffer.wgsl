@@ -76,13 +76,6 @@ fn vs_surface(v: VertexIn) -> Surface {
     return out;
 }
 
-// Colours that tell levels apart: steps of the golden angle round the hue circle.
-fn level_colour(level: u32) -> vec3<f32> {
-    let hue = fract(f32(level) * 0.61803399 + 0.02) * 6.0;
-    let rgb = clamp(vec3(abs(hue - 3.0) - 1.0, 2.0 - abs(hue - 2.0), 2.0 - abs(hue - 4.0)), vec3(0.0), vec3(1.0));
-    return 0.15 + 0.65 * rgb;
-}
-
 @fragment
 fn fs_surface(s: Surface, @builtin(front_facing) front: bool) -> GBuffer {
     // Derivatives first: they need uniform control flow.
@@ -115,6 +108,12 @@ fn fs_surface(s: Surface, @builtin(front_facing) front: bool) -> GBuffer {
     out.normal_roughness = vec4(normal, material.roughness);
     out.albedo = vec4(albedo, 1.0);
     return out;
+}
+
+// Into a map of shadows: `frame` is then as the sun sees it.
+@vertex
+fn vs_caster(v: VertexIn) -> @builtin(position) vec4<f32> {
+    return clip_position(placed(v));
 }
 
 // Edges over the lit picture. Moved towards the eye by two thousandths of their depth, which

@@ -1,11 +1,13 @@
 // Sun and ambient light on the G-buffer, sky where there is no surface.
 
 override OCCLUSION: bool = false;
+override SHADOWS: bool = false;
 
 @group(0) @binding(1) var depth_map: texture_2d<f32>;
 @group(0) @binding(2) var normal_map: texture_2d<f32>;
 @group(0) @binding(3) var albedo_map: texture_2d<f32>;
 @group(0) @binding(4) var occlusion_map: texture_2d<f32>;
+@group(0) @binding(5) var sunlight_map: texture_2d<f32>;
 
 // Reflectance of dielectrics looking straight at them.
 const F0: f32 = 0.04;
@@ -48,15 +50,23 @@ fn fs_lighting(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     }
     let surface = textureLoad(normal_map, pixel, 0);
     let normal = normalize(surface.xyz);
-    let albedo = textureLoad(albedo_map, pixel, 0).rgb;
+    var albedo = textureLoad(albedo_map, pixel, 0).rgb;
     var open = 1.0;
     if (OCCLUSION) {
         open = textureLoad(occlusion_map, pixel, 0).x;
     }
+    var sun = frame.sun.rgb;
+    if (SHADOWS) {
+        let sunlight = textureLoad(sunlight_map, pixel, 0);
+        sun *= sunlight.x;
+        if (frame.shade == 2u && sunlight.y < 1.0) {
+            albedo = level_colour(u32(round(sunlight.y * 255.0)));
+        }
+    }
     let to_sun = frame.to_sun.xyz;
     let cosine = max(dot(normal, to_sun), 0.0);
-    let diffuse = albedo * (frame.sun.rgb * cosine + ambient(normal) * open);
-    let shine = frame.sun.rgb * cosine * highlight(normal, -ray, to_sun, surface.w);
+    let diffuse = albedo * (sun * cosine + ambient(normal) * open);
+    let shine = sun * cosine * highlight(normal, -ray, to_sun, surface.w);
     return vec4(diffuse + shine, 1.0);
 }
 

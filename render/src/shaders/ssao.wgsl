@@ -3,7 +3,6 @@
 // oriented hemisphere of Filion and McNaughton, "StarCraft II effects and techniques", 2008), then a
 // 4x4 blur that cancels the pattern. Twin: twin/ssao.rs.
 
-@group(0) @binding(1) var depth_map: texture_2d<f32>;
 @group(0) @binding(2) var raw_map: texture_2d<f32>;
 
 // A neighbour counts as an occluder from this height above the tangent plane on, as a fraction of
@@ -13,34 +12,6 @@ const MIN_ELEVATION: f32 = 0.03;
 const MIN_RADIUS_PX: f32 = 1.0;
 // Above it the samples are too scattered to make sense.
 const MAX_RADIUS_PX: f32 = 256.0;
-
-fn depth_at(pixel: vec2<i32>) -> f32 {
-    let p = clamp(pixel, vec2(0), vec2<i32>(frame.size_px) - 1);
-    return view_depth(textureLoad(depth_map, p, 0).x);
-}
-
-fn position_at(pixel: vec2<i32>) -> vec3<f32> {
-    return view_ray(pixel) * depth_at(pixel);
-}
-
-// Normal of the surface from depth, taking on each axis the neighbour that is nearer in depth, so
-// that silhouettes do not bend it. Geometric, not shaded: smooth normals on coarse facets would
-// make them occlude themselves.
-fn normal_at(pixel: vec2<i32>, centre: vec3<f32>) -> vec3<f32> {
-    let right = position_at(pixel + vec2(1, 0)) - centre;
-    let left = centre - position_at(pixel - vec2(1, 0));
-    let down = position_at(pixel + vec2(0, 1)) - centre;
-    let up = centre - position_at(pixel - vec2(0, 1));
-    let dx = select(left, right, pixel.x == 0 || (abs(right.z) < abs(left.z) && pixel.x + 1 < i32(frame.size_px.x)));
-    let dy = select(up, down, pixel.y == 0 || (abs(down.z) < abs(up.z) && pixel.y + 1 < i32(frame.size_px.y)));
-    let n = cross(dx, dy);
-    let len = length(n);
-    let towards_eye = -normalize(centre);
-    if (!(len > 1e-30 && len < 1e30)) {
-        return towards_eye;
-    }
-    return select(-n, n, dot(n, towards_eye) > 0.0) / len;
-}
 
 // Any two directions perpendicular to n (Duff et al., "Building an orthonormal basis, revisited",
 // 2017).

@@ -188,12 +188,6 @@ fn zone_weights(height: f32, up: f32) -> vec4<f32> {
     return weights / dot(weights, vec4(1.0));
 }
 
-fn level_colour(level: u32) -> vec3<f32> {
-    let hue = fract(f32(level) * 0.61803399 + 0.02) * 6.0;
-    let rgb = clamp(vec3(abs(hue - 3.0) - 1.0, 2.0 - abs(hue - 2.0), 2.0 - abs(hue - 4.0)), vec3(0.0), vec3(1.0));
-    return 0.15 + 0.65 * rgb;
-}
-
 // Texture coordinates at the far scale: turned, so that the two repetitions never line up.
 fn far_uv(across: vec2<f32>) -> vec2<f32> {
     let p = across + terrain.eye_in_far;
@@ -303,6 +297,12 @@ fn fs_terrain(g: Ground) -> GBuffer {
     out.normal_roughness = vec4(normal, mix(0.95, 0.6, weights.w));
     out.albedo = vec4(albedo, 1.0);
     return out;
+}
+
+// Into a map of shadows.
+@vertex
+fn vs_terrain_caster(tile: TileIn) -> @builtin(position) vec4<f32> {
+    return clip_position(place(tile).position);
 }
 
 // Edges over the lit picture, moved towards the eye as in gbuffer.wgsl.

@@ -65,10 +65,14 @@ pub struct TerrainFrame<'a> {
     pub terrain: &'a TerrainGpu,
     /// Its tiles.
     pub parts: &'a [TerrainPart],
+    /// Tiles out of view that may cast shadows into it.
+    pub casters: &'a [TerrainPart],
     /// Where points slide later than elsewhere; at most [`MAX_REGIONS`] count.
     pub regions: &'a [TileRegion],
     /// Height of the eye over the highest ground around, world units, not below 0.
     pub above: f64,
+    /// Screen error that the tiles were chosen for, in pixels.
+    pub error_px: f64,
 }
 
 /// `Terrain` of `terrain.wgsl`.
@@ -129,6 +133,18 @@ pub struct TerrainGpu {
     pub(crate) regions: wgpu::Buffer,
     pub(crate) group: wgpu::BindGroup,
     pub(crate) indices: wgpu::Buffer,
+    /// What was written into each slot.
+    slots: Vec<Slot>,
+    written: u64,
+}
+
+/// A tile's heights, in short.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Slot {
+    /// Lowest and highest, height units.
+    pub(crate) heights: [i32; 2],
+    /// Its number among all that were ever written.
+    pub(crate) stamp: u64,
 }
 
 impl TerrainGpu {
@@ -219,7 +235,8 @@ impl TerrainGpu {
             usage: wgpu::BufferUsages::INDEX,
         });
         gpu.check()?;
-        Ok(Self { look, atlas, rises, uniform, regions, group, indices })
+        let slots = vec![Slot::default(); TERRAIN_SLOTS as usize];
+        Ok(Self { look, atlas, rises, uniform, regions, group, indices, slots, written: 0 })
     }
 
     /// How the terrain lies in the world.
@@ -233,7 +250,7 @@ impl TerrainGpu {
     /// # Errors
     /// [`RenderError::NoSuch`] for a slot at or past [`TERRAIN_SLOTS`], [`RenderError::LevelSize`] for another number of
     /// heights.
-    pub fn upload(&self, gpu: &Gpu, slot: u32, heights: &[i32]) -> Result<(), RenderError> {
+    pub fn upload(&mut self, gpu: &Gpu, slot: u32, heights: &[i32]) -> Result<(), RenderError> {
         if slot >= TERRAIN_SLOTS {
             return Err(RenderError::NoSuch {
                 what: "terrain slot",
@@ -248,6 +265,9 @@ impl TerrainGpu {
         }
         let heights: Vec<i32> =
             heights.iter().map(|h| (*h).clamp(-MAX_DRAWN_HEIGHT, MAX_DRAWN_HEIGHT)).collect();
+        self.written += 1;
+        let ends = [heights.iter().min(), heights.iter().max()].map(|end| end.copied().unwrap_or(0));
+        self.slots[slot as usize] = Slot { heights: ends, stamp: self.written };
         let [x, y] = texel(slot);
         let write = |texture, bytes: &[u8]| {
             gpu.queue.write_texture(
@@ -269,6 +289,11 @@ impl TerrainGpu {
         write(&self.atlas, bytemuck::cast_slice(&heights));
         write(&self.rises, bytemuck::cast_slice(&rises(&heights)));
         Ok(())
+    }
+
+    /// What lies in a slot.
+    pub(crate) fn slot(&self, slot: u32) -> Slot {
+        self.slots.get(slot as usize).copied().unwrap_or_default()
     }
 
     /// Bytes in GPU memory.

@@ -1,12 +1,16 @@
 //! The tiles of a frame as the GPU gets them.
 
-use super::atlas::{EyeCell, TerrainFrame, arrival, first_texel};
+use glam::DVec3;
+
+use super::TerrainPart;
+use super::atlas::{EyeCell, TerrainFrame, TerrainGpu, arrival, first_texel};
 use super::grid::QUADRANT_INDICES;
 use super::pipeline::TerrainPipelines;
 use super::tile_raw::TileRaw;
 use crate::buffer::GrowingBuffer;
 use crate::counters::Counters;
 use crate::gpu::{Gpu, RenderError};
+use crate::shadows::{Casters, Receivers};
 use crate::tiles::TILE_CELLS;
 
 /// What is drawn at once: a run of the index pattern, for a run of instances.
@@ -20,38 +24,64 @@ struct Batch {
 pub(crate) struct TileList<'a> {
     frame: TerrainFrame<'a>,
     batches: Vec<Batch>,
+    /// By cascade: what casts shadows into its map.
+    casters: Vec<Vec<Batch>>,
+}
+
+/// Adds the distances between which a frame shows ground.
+pub(crate) fn receivers(frame: &TerrainFrame<'_>, eye: DVec3, receivers: &mut Receivers) {
+    let farthest = frame.parts.iter().map(|part| {
+        let (centre, radius) = sphere(part, frame.terrain, eye);
+        centre.length() + radius
+    });
+    let farthest = farthest.fold(0.0, f64::max);
+    // Below the highest ground around the eye nothing is known of what is nearest.
+    let nearest = if frame.above > 0.0 { frame.above } else { farthest };
+    receivers.add(nearest, farthest);
+}
+
+/// A sphere around a tile, relative to the eye, world units.
+fn sphere(part: &TerrainPart, terrain: &TerrainGpu, eye: DVec3) -> (DVec3, f64) {
+    let look = terrain.look;
+    let side = look.unit * (i64::from(TILE_CELLS) << part.spacing) as f64;
+    let [low, high] = terrain.slot(part.slot).heights.map(|height| f64::from(height) * look.height_unit);
+    let corner = DVec3::new(part.origin[0] as f64 * look.unit, low, part.origin[1] as f64 * look.unit);
+    let box_ = DVec3::new(side, high - low, side);
+    (corner + 0.5 * box_ - eye, 0.5 * box_.length())
 }
 
 impl<'a> TileList<'a> {
-    /// Writes the frame's tiles into `buffer`: whole ones first, then those of which single quadrants are drawn.
+    /// Writes the frame's tiles into `buffer`, then for each cascade those that may cast shadows into its map.
     pub(crate) fn new(
         gpu: &Gpu,
         frame: TerrainFrame<'a>,
-        eye: glam::DVec3,
+        eye: DVec3,
+        cascades: &mut [Casters<'_>],
         buffer: &mut GrowingBuffer<TileRaw>,
     ) -> Result<Self, RenderError> {
         let at = EyeCell::new(eye, &frame.terrain.look);
         let mut tiles = Vec::with_capacity(frame.parts.len());
-        let mut batches = Vec::new();
-        let quadrant = |q: u32| q * QUADRANT_INDICES..(q + 1) * QUADRANT_INDICES;
-        for run in 0..5 {
-            let (indices, first) = match run {
-                0 => (0..4 * QUADRANT_INDICES, tiles.len()),
-                q => (quadrant(q - 1), tiles.len()),
-            };
-            let taken = |quadrants: u8| match run {
-                0 => quadrants == 0b1111,
-                q => quadrants != 0b1111 && quadrants & (1 << (q - 1)) != 0,
-            };
-            let parts = frame.parts.iter().filter(|part| taken(part.quadrants));
-            tiles.extend(parts.filter_map(|part| raw(part, &at)));
-            if tiles.len() > first {
-                batches.push(Batch { indices, instances: first as u32..tiles.len() as u32 });
-            }
+        let batches = batches(frame.parts.iter(), &at, &mut tiles);
+        let mut casters = Vec::with_capacity(cascades.len());
+        for into in cascades {
+            let parts: Vec<_> = frame
+                .parts
+                .iter()
+                .chain(frame.casters)
+                .filter(|part| {
+                    let (centre, radius) = sphere(part, frame.terrain, eye);
+                    let top = into.top_of(eye, centre, radius);
+                    if let Some(top) = top {
+                        into.tile(part, frame.terrain.slot(part.slot).stamp, top);
+                    }
+                    top.is_some()
+                })
+                .collect();
+            casters.push(self::batches(parts.into_iter(), &at, &mut tiles));
         }
         buffer.write(gpu, 0, &tiles)?;
         frame.terrain.write_uniform(gpu, &at, eye, &frame);
-        Ok(Self { frame, batches })
+        Ok(Self { frame, batches, casters })
     }
 
     /// Whether there is something to draw.
@@ -75,23 +105,67 @@ impl<'a> TileList<'a> {
             (false, _) => &pipelines.plain,
         };
         pass.set_pipeline(pipeline);
+        let triangles = self.run(pass, instances, &self.batches);
+        counters.draws += self.batches.len() as u32;
+        counters.triangles += triangles;
+        counters.terrain_triangles += triangles;
+        counters.terrain_tiles +=
+            self.batches.iter().map(|b| b.instances.end - b.instances.start).sum::<u32>();
+    }
+
+    /// Draws what casts shadows into a cascade's map. Gives the number of triangles.
+    pub(crate) fn cast(
+        &self,
+        pass: &mut wgpu::RenderPass<'_>,
+        pipelines: &TerrainPipelines,
+        instances: &wgpu::Buffer,
+        cascade: usize,
+    ) -> u64 {
+        pass.set_pipeline(&pipelines.caster);
+        self.casters.get(cascade).map_or(0, |batches| self.run(pass, instances, batches))
+    }
+
+    fn run(&self, pass: &mut wgpu::RenderPass<'_>, instances: &wgpu::Buffer, batches: &[Batch]) -> u64 {
         pass.set_bind_group(1, &self.frame.terrain.group, &[]);
         pass.set_vertex_buffer(0, instances.slice(..));
         pass.set_index_buffer(self.frame.terrain.indices.slice(..), wgpu::IndexFormat::Uint16);
-        for batch in &self.batches {
+        let draw = |batch: &Batch| {
             pass.draw_indexed(batch.indices.clone(), 0, batch.instances.clone());
-            counters.draws += 1;
             let tiles = u64::from(batch.instances.end - batch.instances.start);
-            let triangles = u64::from(batch.indices.end - batch.indices.start) / 3 * tiles;
-            counters.triangles += triangles;
-            counters.terrain_triangles += triangles;
-            counters.terrain_tiles += batch.instances.end - batch.instances.start;
-        }
+            u64::from(batch.indices.end - batch.indices.start) / 3 * tiles
+        };
+        batches.iter().map(draw).sum()
     }
 }
 
+/// Adds tiles to a list, whole ones first, then those of which single quadrants are drawn, and says how to draw them.
+fn batches<'p>(
+    parts: impl Iterator<Item = &'p TerrainPart> + Clone,
+    eye: &EyeCell,
+    tiles: &mut Vec<TileRaw>,
+) -> Vec<Batch> {
+    let quadrant = |q: u32| q * QUADRANT_INDICES..(q + 1) * QUADRANT_INDICES;
+    let mut batches = Vec::new();
+    for run in 0..5 {
+        let (indices, first) = match run {
+            0 => (0..4 * QUADRANT_INDICES, tiles.len()),
+            q => (quadrant(q - 1), tiles.len()),
+        };
+        let taken = |quadrants: u8| match run {
+            0 => quadrants == 0b1111,
+            q => quadrants != 0b1111 && quadrants & (1 << (q - 1)) != 0,
+        };
+        let parts = parts.clone().filter(|part| taken(part.quadrants));
+        tiles.extend(parts.filter_map(|part| raw(part, eye)));
+        if tiles.len() > first {
+            batches.push(Batch { indices, instances: first as u32..tiles.len() as u32 });
+        }
+    }
+    batches
+}
+
 /// What the shader gets of a tile, unless it is too far from the eye for integers of 32 bits.
-fn raw(part: &super::TerrainPart, eye: &EyeCell) -> Option<TileRaw> {
+fn raw(part: &TerrainPart, eye: &EyeCell) -> Option<TileRaw> {
     let side = i64::from(TILE_CELLS) << part.spacing;
     let origin = [0, 1].map(|i| part.origin[i] - eye.cell[i]);
     let far = origin.iter().any(|&o| i32::try_from(o).is_err() || i32::try_from(o + side).is_err());

@@ -10,6 +10,6 @@ mod rises;
 mod tile_raw;
 
 pub use atlas::{MAX_DRAWN_HEIGHT, TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart};
-pub(crate) use list::TileList;
+pub(crate) use list::{TileList, receivers};
 pub(crate) use pipeline::TerrainPipelines;
 pub(crate) use tile_raw::TileRaw;

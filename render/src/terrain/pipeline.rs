@@ -16,6 +16,8 @@ pub(crate) struct TerrainPipelines {
     pub(crate) relief: wgpu::RenderPipeline,
     /// Absent where the device cannot draw triangles as lines.
     pub(crate) wire: Option<wgpu::RenderPipeline>,
+    /// Into maps of shadows.
+    pub(crate) caster: wgpu::RenderPipeline,
 }
 
 impl TerrainPipelines {
@@ -80,6 +82,7 @@ impl TerrainPipelines {
             plain: tiles.surface(gpu, ["vs_terrain", "fs_terrain"], false),
             relief: tiles.surface(gpu, ["vs_terrain", "fs_terrain"], true),
             wire: tiles.wire(gpu, ["vs_terrain_wire", "fs_terrain_wire"]),
+            caster: tiles.caster(gpu, "vs_terrain_caster"),
             layout,
         }
     }

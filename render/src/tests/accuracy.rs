@@ -8,6 +8,7 @@ use crate::graph::Resource;
 use crate::readback::read_texture;
 use crate::twin::depth::view_ray;
 use crate::twin::relief::{steps, tests::bricks};
+use crate::twin::surface::DepthPicture;
 use crate::twin::{ssao, tone};
 use crate::{
     AmbientOcclusion, Drawable, Frame, Instance, Material, OcclusionRadius, Pose, Renderer, Target,
@@ -52,14 +53,13 @@ fn occlusion_matches_its_twin() {
         let depth = h.depth().unwrap();
         let raw = h.intermediate(Resource::OcclusionRaw, 1).unwrap();
         let (tx, ty) = camera.tan_half_fov(width, height);
-        let twin = ssao::DepthPicture {
+        let picture = DepthPicture {
             stored: &depth,
             size_px: [width, height],
             tan_half_fov: [tx, ty],
             near: frame.settings.near,
-            radius: (0.3, 0.0),
-            samples: samples as usize,
         };
+        let twin = ssao::Occlusion { picture, radius: (0.3, 0.0), samples: samples as usize };
         let (mut sum, mut different, mut darkest) = (0.0, 0, 1.0f64);
         for (i, value) in raw.iter().enumerate() {
             let pixel = [(i % width as usize) as i64, (i / width as usize) as i64];

@@ -5,6 +5,7 @@
 mod accuracy;
 mod host;
 mod pictures;
+mod shadows;
 mod shapes;
 mod streaming;
 pub(super) mod terrain;

@@ -58,7 +58,15 @@ fn still_life_for_looking_at() {
         assert_eq!(counters.triangles, 12 + 2 * (32 * 64 * 2) + 2 + 2);
         assert_eq!(
             counters.passes,
-            [PassId::GBuffer, PassId::Occlusion, PassId::OcclusionBlur, PassId::Lighting, PassId::ToneMap]
+            [
+                PassId::GBuffer,
+                PassId::Occlusion,
+                PassId::OcclusionBlur,
+                PassId::ShadowMaps,
+                PassId::Sunlight,
+                PassId::Lighting,
+                PassId::ToneMap
+            ]
         );
 
         let with = |change: fn(&mut Settings)| {

@@ -8,10 +8,16 @@ use lodestream_terrain::{Mode, Parameters, Scratch, Shape, Stamp, Terrain};
 use wgpu::util::DeviceExt;
 
 use super::{headless, keep};
+use crate::draw::DrawList;
+use crate::graph::Resource;
 use crate::image_compare::compare;
+use crate::shadows;
 use crate::tiles::{Ground, TILE_CELLS, TileId, TileRegion};
+use crate::twin::depth::view_ray;
 use crate::twin::terrain::{Tile, zone_weights};
-use crate::{Frame, Gpu, GroundScene, Headless, Making, Pose, Settings, Shade};
+use crate::{
+    Counters, Environment, Frame, Gpu, GroundScene, Headless, Making, Pose, Settings, Shade, Shadows,
+};
 
 /// Hills of some hundred metres on patches of 512 m, heights in centimetres.
 fn entry(seed: u64) -> TerrainEntry {
@@ -55,6 +61,120 @@ fn draw(h: &mut Headless, ground: &mut GroundScene, camera: Pose, px: f64, setti
     let frame = Frame { terrain: Some(ground.frame()), settings, ..Frame::new(camera, &[]) };
     h.frame(&frame).unwrap();
     h.picture().unwrap()
+}
+
+/// The same with shadows, of what is out of view too or not.
+fn draw_in_the_sun(
+    h: &mut Headless,
+    ground: &mut GroundScene,
+    (camera, to_sun): (Pose, DVec3),
+    out_of_view: bool,
+) -> Vec<u8> {
+    let size = h.size();
+    ground.prepare(h.gpu(), &Making::AtOnce, &camera, size, 2.0).unwrap();
+    let environment = Environment { to_sun, ..Environment::default() };
+    let with = |ground: &GroundScene, draw: &mut dyn FnMut(&Frame<'_>)| {
+        draw(&Frame { terrain: Some(ground.frame()), environment, ..Frame::new(camera, &[]) });
+    };
+    if out_of_view {
+        let mut cascades = Vec::new();
+        with(ground, &mut |frame| {
+            let list = DrawList::new(frame, size, &mut Counters::default());
+            cascades = shadows::of_frame(frame, size, &list, Shadows::default());
+        });
+        ground.prepare_casters(h.gpu(), &Making::AtOnce, (&camera, size), &cascades).unwrap();
+    }
+    with(ground, &mut |frame| drop(h.frame(frame).unwrap()));
+    h.intermediate(Resource::Sunlight, 2).unwrap().chunks(2).map(|lit| lit[0]).collect()
+}
+
+/// Whether the sun is seen from places of the ground, by steps along rays over its finest level.
+struct Rays {
+    terrain: Terrain,
+    entry: TerrainEntry,
+    /// Heights of points from `first` on, rows of `side`.
+    heights: Vec<i32>,
+    first: i64,
+    side: usize,
+}
+
+impl Rays {
+    fn new(entry: &TerrainEntry, reach: f64) -> Self {
+        let terrain = terrain(entry);
+        let first = -(reach / f64::from(entry.unit)) as i64;
+        let side = (2 * -first + 1) as usize;
+        let mut heights = Vec::new();
+        let level = terrain.finest_level();
+        terrain.window(level, first, first, side, side, &mut Scratch::new(), &mut heights).unwrap();
+        Self { terrain, entry: entry.clone(), heights, first, side }
+    }
+
+    /// Height of the ground, between points as on a bilinear patch; nothing beyond what was looked at.
+    fn height(&self, x: f64, z: f64) -> Option<f64> {
+        let [x, z] = [x, z].map(|v| v / f64::from(self.entry.unit) - self.first as f64);
+        let (i, j) = (x.floor(), z.floor());
+        let inside = i >= 0.0 && j >= 0.0 && i + 1.0 < self.side as f64 && j + 1.0 < self.side as f64;
+        let at = |a: f64, b: f64| f64::from(self.heights[(j + b) as usize * self.side + (i + a) as usize]);
+        let mix = |a: f64, b: f64, t: f64| a + (b - a) * t;
+        inside.then(|| {
+            let height =
+                mix(mix(at(0.0, 0.0), at(1.0, 0.0), x - i), mix(at(0.0, 1.0), at(1.0, 1.0), x - i), z - j);
+            height * f64::from(self.entry.height_unit)
+        })
+    }
+
+    /// By how much of its length from a place a ray to the sun clears the ground, at the least: below 0 it is dark there.
+    fn clearance(&self, at: DVec3, to_sun: DVec3) -> f64 {
+        let sun = to_sun.normalize();
+        let mut least = f64::INFINITY;
+        let highest = self.terrain.parameters().worst_height() as f64 * f64::from(self.entry.height_unit);
+        let mut along = 2.0;
+        while let Some(place) = Some(at + sun * along).filter(|place| place.y <= highest) {
+            let Some(height) = self.height(place.x, place.z) else { break };
+            least = least.min((place.y - height) / along);
+            along += 2.0;
+        }
+        least
+    }
+}
+
+#[test]
+fn hills_cast_shadows_on_hills_even_from_out_of_view() {
+    let Some(mut h) = headless(160, 90) else { return };
+    let entry = rough_entry(3);
+    let mut ground = scene(&h, &entry);
+    let rays = Rays::new(&entry, 3000.0);
+    // Before the crest, the sun low behind it and behind the eye.
+    let eye = DVec3::new(-100.0, ground_height(&entry, -100.0, 400.0) + 30.0, 400.0);
+    let camera = Pose::look_at(eye, eye + DVec3::new(0.1, -0.2, 1.0), DVec3::Y, 0.9);
+    let to_sun = DVec3::new(0.3, 0.11, -0.95);
+    let seen = draw_in_the_sun(&mut h, &mut ground, (camera, to_sun), false);
+    let all = draw_in_the_sun(&mut h, &mut ground, (camera, to_sun), true);
+    keep(&h, "terrain-shadows");
+    let depth = h.depth().unwrap();
+    let (width, height) = h.size();
+    let (tx, ty) = camera.tan_half_fov(width, height);
+    let (mut judged, mut wrong, mut dark, mut missing) = (0, 0, 0, 0);
+    for (i, stored) in depth.iter().enumerate().filter(|(_, stored)| **stored > 0.0) {
+        let pixel = [(i % width as usize) as i64, (i / width as usize) as i64];
+        let ray = DVec3::from(view_ray(pixel, [width, height], [tx, ty]));
+        let distance = Settings::default().near / f64::from(*stored);
+        let at = eye + camera.rotation * ray * distance;
+        let Some(floor) = rays.height(at.x, at.z).filter(|_| distance < 1200.0) else { continue };
+        let place = DVec3::new(at.x, floor, at.z);
+        // What is nearly touched is nobody's fault: the surface that is drawn is a few pixels off.
+        let clearance = rays.clearance(place, to_sun);
+        if clearance.abs() < 0.03 {
+            continue;
+        }
+        judged += 1;
+        dark += usize::from(clearance < 0.0);
+        wrong += usize::from((all[i] > 127) != (clearance > 0.0));
+        missing += usize::from(seen[i] > 127 && clearance < 0.0);
+    }
+    assert!(judged > 2000 && dark * 10 > judged, "{judged} {dark}");
+    assert!(wrong * 50 < judged, "{wrong} of {judged} pixels have the wrong light, {dark} are dark");
+    assert!(missing > 4 * wrong, "nothing comes from out of view: {missing} {wrong} of {judged}");
 }
 
 /// Height of the ground below a place.

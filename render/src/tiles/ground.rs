@@ -16,6 +16,8 @@ use super::tile::{CELL_SAMPLES, TILE_CELLS, TILE_MARGIN, TILE_SAMPLES, TileId};
 const CLEARANCE_POINTS: i64 = 2;
 /// Factor between a screen error and the next one tried when a view needs too many tiles.
 pub const COARSER: f64 = 1.25;
+/// Screen error of ground out of view over that of what is seen.
+pub const OUT_OF_VIEW: f64 = 4.0;
 /// Regions of patches with listed points, at most; the rest are of stamps.
 const MAX_LISTED: usize = 8;
 
@@ -224,7 +226,8 @@ impl Ground {
         let mut px = target_px;
         loop {
             let reaches = Reaches::new(&self.errors, &self.regions, view.scale_px, px);
-            if let Some(picked) = select(&self.roots, &reaches, eye, max_tiles.max(64), &sees) {
+            let end = |tile| reaches.end(tile);
+            if let Some(picked) = select(&self.roots, &end, eye, max_tiles.max(64), &sees) {
                 return Tiles { picked, reaches, target_px: px, unit: self.unit };
             }
             px *= COARSER;
@@ -235,12 +238,53 @@ impl Ground {
         }
     }
 
-    /// Whether a tile's column from the lowest to the highest height there is reaches into the view.
-    fn sees(&self, view: &GroundView, tile: TileId) -> bool {
+    /// Which tiles out of a view lie where `matters` says so of the lowest and highest corners of a tile's column, world
+    /// units, such as where shadows come from. Where [`Ground::tiles`] with the same view draws for `target_px`, these
+    /// are as good as for [`OUT_OF_VIEW`] times as much, and coarser where that takes more than `max_tiles`.
+    #[must_use]
+    pub fn tiles_out_of_view(
+        &self,
+        view: &GroundView,
+        target_px: f64,
+        max_tiles: usize,
+        matters: &dyn Fn([DVec3; 2]) -> bool,
+    ) -> Tiles {
+        let eye = Eye { at: [view.eye.x / self.unit, view.eye.z / self.unit], above: view.above / self.unit };
+        let reaches = |px| Reaches::new(&self.errors, &self.regions, view.scale_px, px);
+        let seen = reaches(target_px);
+        let mut px = target_px * OUT_OF_VIEW;
+        loop {
+            let reaches = reaches(px);
+            // What is seen is divided as it is drawn, and then left out.
+            let end = |tile| if self.sees(view, tile) { seen.end(tile) } else { reaches.end(tile) };
+            // What is seen and does not matter is left out in any case, but its number is bounded by the view's own.
+            let picked = select(&self.roots, &end, eye, usize::MAX, &|tile| matters(self.column(tile)));
+            let unseen = |mut picked: Picked| {
+                let seen = |quadrant: u8| {
+                    let divided = picked.tile.spacing > 0;
+                    self.sees(view, if divided { picked.tile.child(quadrant) } else { picked.tile })
+                };
+                picked.quadrants &= !(0..4).filter(|q| seen(*q)).fold(0, |bits, q| bits | 1 << q);
+                (picked.quadrants != 0).then_some(picked)
+            };
+            let picked: Vec<Picked> = picked.into_iter().flatten().filter_map(unseen).collect();
+            if picked.len() <= max_tiles || px > 1e12 {
+                return Tiles { picked, reaches, target_px: px, unit: self.unit };
+            }
+            px *= COARSER;
+        }
+    }
+
+    /// A tile's column from the lowest to the highest height there is: its corners, world units.
+    fn column(&self, tile: TileId) -> [DVec3; 2] {
         let [x, z] = tile.origin().map(|x| x as f64 * self.unit);
         let side = tile.side() as f64 * self.unit;
-        let low = DVec3::new(x, self.bounds[0], z) - view.eye;
-        let high = DVec3::new(x + side, self.bounds[1], z + side) - view.eye;
+        [DVec3::new(x, self.bounds[0], z), DVec3::new(x + side, self.bounds[1], z + side)]
+    }
+
+    /// Whether a tile's column from the lowest to the highest height there is reaches into the view.
+    fn sees(&self, view: &GroundView, tile: TileId) -> bool {
+        let [low, high] = self.column(tile).map(|corner| corner - view.eye);
         view.planes.iter().all(|n| {
             let corner = DVec3::select(n.cmpge(DVec3::ZERO), high, low);
             n.dot(corner) >= 0.0

@@ -15,7 +15,7 @@ mod select;
 mod store;
 mod tile;
 
-pub use ground::{COARSER, Ground, GroundView, TileRegion, Tiles};
+pub use ground::{COARSER, Ground, GroundView, OUT_OF_VIEW, TileRegion, Tiles};
 pub use maker::{Maker, Tile};
 pub use ranges::{Ranges, clearance_distance};
 pub use regions::{FALLOFF, MAX_REGIONS, Reaches, Region, grown, worthwhile};

@@ -1,7 +1,6 @@
 //! Which tiles a view draws.
 
 use super::ranges::clearance_distance;
-use super::regions::Reaches;
 use super::tile::TileId;
 
 /// A tile, and which of its quadrants are drawn with its own spacing (bit q for [`TileId::child`] q; the others are
@@ -25,12 +24,15 @@ pub struct Eye {
 
 /// Picks the tiles of all spacings below `roots` that a view draws, front to back within a spacing.
 ///
-/// `reaches` and all else are in grid units; `sees` says whether a square (origin, side) may be in view. Stops with `None` if more
-/// than `max_tiles` were needed: the caller then asks for less detail. Cost: a few comparisons per tile met.
+/// `end` says up to which distance a tile is drawn with its spacing ([`Reaches::end`]), in grid units as all else; `sees`
+/// whether it may be in view. Stops with `None` if more than `max_tiles` were needed: the caller then asks for less
+/// detail. Cost: a few comparisons per tile met.
+///
+/// [`Reaches::end`]: super::Reaches::end
 #[must_use]
 pub fn select(
     roots: &[TileId],
-    reaches: &Reaches,
+    end: &dyn Fn(TileId) -> f64,
     eye: Eye,
     max_tiles: usize,
     sees: &dyn Fn(TileId) -> bool,
@@ -45,7 +47,7 @@ pub fn select(
                 let visible = sees(child);
                 if !visible {
                     quadrants &= !(1 << quadrant);
-                } else if distance(child, eye) < reaches.end(child) {
+                } else if distance(child, eye) < end(child) {
                     quadrants &= !(1 << quadrant);
                     open.push(child);
                 }
@@ -81,7 +83,7 @@ mod tests {
     use glam::DVec2;
 
     use super::*;
-    use crate::tiles::{Region, TILE_CELLS};
+    use crate::tiles::{Reaches, Region, TILE_CELLS};
 
     const ROOTS: [TileId; 4] = [
         TileId { spacing: 7, x: -1, y: -1 },
@@ -127,7 +129,7 @@ mod tests {
             let reaches = reaches(&mut random);
             let mut coordinate = || random.below(4096) as f64 - 2048.0;
             let eye = Eye { at: [coordinate(), coordinate()], above: (coordinate() * 0.1).max(0.0) };
-            let picked = select(&ROOTS, &reaches, eye, usize::MAX, &|_| true).unwrap();
+            let picked = select(&ROOTS, &|tile| reaches.end(tile), eye, usize::MAX, &|_| true).unwrap();
             let drawn = quadrants(&picked);
             let world = 2 * ROOTS[0].side();
             assert_eq!(drawn.values().map(|(side, _)| side * side).sum::<i64>(), world * world);
@@ -167,7 +169,7 @@ mod tests {
         let mut random = lodestream_geometry::random::Random::new(8);
         let reaches = reaches(&mut random);
         let eye = Eye { at: [10.0, -300.0], above: 0.0 };
-        for p in select(&ROOTS, &reaches, eye, usize::MAX, &|_| true).unwrap() {
+        for p in select(&ROOTS, &|tile| reaches.end(tile), eye, usize::MAX, &|_| true).unwrap() {
             for q in (0..4).filter(|q| p.quadrants & (1 << q) != 0 && p.tile.spacing > 0) {
                 assert!(distance(p.tile.child(q), eye) >= reaches.end(p.tile.child(q)));
             }
@@ -179,11 +181,11 @@ mod tests {
         let reaches = Reaches::new(&[0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0], &[], 500.0, 1.0);
         let eye = Eye { at: [0.5, 0.5], above: 0.0 };
         let right = |tile: TileId| tile.origin()[0] + tile.side() > 0;
-        let all = select(&ROOTS, &reaches, eye, usize::MAX, &|_| true).unwrap();
-        let half = select(&ROOTS, &reaches, eye, usize::MAX, &right).unwrap();
+        let all = select(&ROOTS, &|tile| reaches.end(tile), eye, usize::MAX, &|_| true).unwrap();
+        let half = select(&ROOTS, &|tile| reaches.end(tile), eye, usize::MAX, &right).unwrap();
         assert!(half.len() < all.len() * 6 / 10, "{} of {}", half.len(), all.len());
         assert!(half.iter().all(|p| right(p.tile)));
-        assert_eq!(select(&ROOTS, &reaches, eye, half.len() - 1, &right), None);
+        assert_eq!(select(&ROOTS, &|tile| reaches.end(tile), eye, half.len() - 1, &right), None);
         assert!(TILE_CELLS.is_power_of_two());
     }
 }

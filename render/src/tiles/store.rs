@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::select::Picked;
 use super::tile::{TILE_MARGIN, TileId};
 
 /// Slots and what they hold. Tiles that were drawn last stay longest.
@@ -41,6 +42,12 @@ impl TileStore {
     #[must_use]
     pub fn slot(&self, tile: TileId) -> Option<u32> {
         self.held.get(&tile).map(|(slot, _)| *slot)
+    }
+
+    /// Those of some tiles that are not held.
+    #[must_use]
+    pub fn absent(&self, picked: &[Picked]) -> Vec<TileId> {
+        picked.iter().map(|picked| picked.tile).filter(|tile| !self.held.contains_key(tile)).collect()
     }
 
     /// Notes that a tile is needed in this frame; whether it is held.

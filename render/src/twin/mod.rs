@@ -6,6 +6,8 @@
 pub mod depth;
 pub mod relief;
 pub mod ssao;
+pub mod sunlight;
+pub mod surface;
 pub mod terrain;
 pub mod tone;
 pub mod transform;

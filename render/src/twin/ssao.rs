@@ -1,6 +1,6 @@
 //! Screen-space ambient occlusion: `ssao.wgsl`, before the blur.
 
-use super::depth::{view_depth, view_ray};
+use super::surface::{DepthPicture, V3, dot, sub};
 
 /// Most samples per pixel.
 pub const MAX_SAMPLES: usize = 64;
@@ -27,39 +27,15 @@ pub fn kernel(samples: usize) -> impl ExactSizeIterator<Item = [f64; 3]> {
     })
 }
 
-/// A depth buffer with its projection.
+/// Occlusion of a depth buffer's surfaces.
 #[derive(Clone, Copy, Debug)]
-pub struct DepthPicture<'a> {
-    /// Stored depths, rows from the top.
-    pub stored: &'a [f32],
-    /// Width and height.
-    pub size_px: [u32; 2],
-    /// `(tan(fov_x / 2), tan(fov_y / 2))`.
-    pub tan_half_fov: [f64; 2],
-    /// Near plane.
-    pub near: f64,
+pub struct Occlusion<'a> {
+    /// The surfaces.
+    pub picture: DepthPicture<'a>,
     /// Radius in world units, and per unit of depth; added.
     pub radius: (f64, f64),
     /// Samples per pixel.
     pub samples: usize,
-}
-
-type V3 = [f64; 3];
-
-fn sub(a: V3, b: V3) -> V3 {
-    [0, 1, 2].map(|i| a[i] - b[i])
-}
-
-fn dot(a: V3, b: V3) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn cross(a: V3, b: V3) -> V3 {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-fn scale(a: V3, s: f64) -> V3 {
-    a.map(|x| x * s)
 }
 
 /// Two perpendiculars to the unit vector `n` (Duff et al., 2017).
@@ -78,47 +54,20 @@ pub fn rotation_index(pixel: [i64; 2]) -> u32 {
     ((xy & 1) << 3) | ((y & 1) << 2) | (xy & 2) | ((y & 2) >> 1)
 }
 
-impl DepthPicture<'_> {
-    fn depth_at(&self, p: [i64; 2]) -> f64 {
-        let clamp = |x: i64, n: u32| x.clamp(0, i64::from(n) - 1) as usize;
-        let (x, y) = (clamp(p[0], self.size_px[0]), clamp(p[1], self.size_px[1]));
-        let stored = self.stored[y * self.size_px[0] as usize + x];
-        // The shader uses a large number instead of infinity.
-        view_depth(f64::from(stored), self.near).min(1e30)
-    }
-
-    fn position_at(&self, p: [i64; 2]) -> V3 {
-        scale(view_ray(p, self.size_px, self.tan_half_fov), self.depth_at(p))
-    }
-
-    fn normal_at(&self, p: [i64; 2], centre: V3) -> V3 {
-        let at = |dx, dy| self.position_at([p[0] + dx, p[1] + dy]);
-        let pick = |before: V3, after: V3, first: bool, last: bool| {
-            if first || (after[2].abs() < before[2].abs() && !last) { after } else { before }
-        };
-        let last = |i: usize| p[i] + 1 >= i64::from(self.size_px[i]);
-        let dx = pick(sub(centre, at(-1, 0)), sub(at(1, 0), centre), p[0] == 0, last(0));
-        let dy = pick(sub(centre, at(0, -1)), sub(at(0, 1), centre), p[1] == 0, last(1));
-        let n = cross(dx, dy);
-        let length = dot(n, n).sqrt();
-        let towards_eye = scale(centre, -1.0 / dot(centre, centre).sqrt());
-        if !(length > 1e-30 && length < 1e30) {
-            return towards_eye;
-        }
-        scale(n, if dot(n, towards_eye) > 0.0 { 1.0 } else { -1.0 } / length)
-    }
-
+impl Occlusion<'_> {
     /// How open the surface at a pixel is: 1 = nothing near hides the sky, 0 = buried.
     #[must_use]
     pub fn openness(&self, pixel: [i64; 2], strength: f64) -> f64 {
-        let depth = self.depth_at(pixel);
-        let scale_px = f64::from(self.size_px[1]) / (2.0 * self.tan_half_fov[1]);
+        let Self { picture, .. } = self;
+        let DepthPicture { size_px, tan_half_fov, .. } = *picture;
+        let depth = picture.depth_at(pixel);
+        let scale_px = f64::from(size_px[1]) / (2.0 * tan_half_fov[1]);
         let radius = (self.radius.0 + self.radius.1 * depth).min(MAX_RADIUS_PX * depth / scale_px);
         if depth >= 1e30 || radius * scale_px < MIN_RADIUS_PX * depth {
             return 1.0;
         }
-        let centre = self.position_at(pixel);
-        let normal = self.normal_at(pixel, centre);
+        let centre = picture.position_at(pixel);
+        let normal = picture.normal_at(pixel, centre);
         let [tangent, bitangent] = basis(normal);
         let (sin, cos) = (f64::from(rotation_index(pixel)) * std::f64::consts::TAU / 16.0).sin_cos();
         let mut occluded = 0.0;
@@ -129,14 +78,14 @@ impl DepthPicture<'_> {
             if s[2] >= 0.0 {
                 continue;
             }
-            let ndc = [0, 1].map(|i| s[i] / (self.tan_half_fov[i] * -s[2]));
+            let ndc = [0, 1].map(|i| s[i] / (tan_half_fov[i] * -s[2]));
             if ndc.iter().any(|n| n.abs() >= 1.0) {
                 continue;
             }
             let uv = [ndc[0] * 0.5 + 0.5, 0.5 - ndc[1] * 0.5];
-            let there = [0, 1].map(|i| (uv[i] * f64::from(self.size_px[i])) as i64);
-            let depth_there = self.depth_at(there);
-            let height = dot(sub(self.position_at(there), centre), normal);
+            let there = [0, 1].map(|i| (uv[i] * f64::from(size_px[i])) as i64);
+            let depth_there = picture.depth_at(there);
+            let height = dot(sub(picture.position_at(there), centre), normal);
             if depth_there < -s[2] && height > MIN_ELEVATION * radius {
                 let t = (radius / (depth - depth_there).abs().max(1e-30)).clamp(0.0, 1.0);
                 occluded += t * t * (3.0 - 2.0 * t);
@@ -149,6 +98,7 @@ impl DepthPicture<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::twin::depth::view_ray;
 
     #[test]
     fn kernel_is_a_cosine_weighted_hemisphere() {
@@ -183,18 +133,12 @@ mod tests {
     }
 
     fn mean_openness(stored: &[f32], size: u32) -> f64 {
-        let picture = DepthPicture {
-            stored,
-            size_px: [size; 2],
-            tan_half_fov: [0.5; 2],
-            near: 0.01,
-            radius: (0.5, 0.0),
-            samples: 16,
-        };
+        let picture = DepthPicture { stored, size_px: [size; 2], tan_half_fov: [0.5; 2], near: 0.01 };
+        let occlusion = Occlusion { picture, radius: (0.5, 0.0), samples: 16 };
         // A 4×4 window in the middle: every rotation once, as after the blur.
         let middle = i64::from(size / 2);
         let window = (0..16).map(|i| [middle - 2 + i % 4, middle - 2 + i / 4]);
-        window.map(|p| picture.openness(p, 1.0)).sum::<f64>() / 16.0
+        window.map(|p| occlusion.openness(p, 1.0)).sum::<f64>() / 16.0
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! `lodestream-sim draw-trade`: its arguments, and a line for each value.
 
 use clap::Args;
-use lodestream_render::{MAX_RELIEF_STEPS, MAX_SAMPLES};
+use lodestream_render::{MAP_SIDES, MAX_FILTER, MAX_RELIEF_STEPS, MAX_SAMPLES};
 use lodestream_report::pictures::draw_trade::{Knob, draw_trade};
 use lodestream_report::pictures::frame_time::MAX_FRAMES;
 
@@ -32,6 +32,12 @@ struct KnobArguments {
     /// Samples of ambient occlusion per pixel, divided by commas; 0 draws none.
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_SAMPLES)))]
     occlusion_samples: Option<Vec<u32>>,
+    /// Texels along a side of the shadows' maps, divided by commas; 0 draws none.
+    #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(0..=i64::from(MAP_SIDES[1])))]
+    shadow_sides: Option<Vec<u32>>,
+    /// Bilinear lookups of shadows along a side, divided by commas; 0 draws none.
+    #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_FILTER)))]
+    shadow_filters: Option<Vec<u32>>,
     /// Screen errors of the ground, in pixels, divided by commas.
     #[arg(long, value_delimiter = ',', value_parser = target_px)]
     ground_px: Option<Vec<f32>>,
@@ -44,8 +50,14 @@ impl KnobArguments {
             Self { occlusion_samples: Some(samples), .. } => {
                 (Knob::OcclusionSamples(samples.clone()), samples.len())
             }
+            Self { shadow_sides: Some(sides), .. } => (Knob::ShadowSides(sides.clone()), sides.len()),
+            Self { shadow_filters: Some(filters), .. } => {
+                (Knob::ShadowFilters(filters.clone()), filters.len())
+            }
             Self { ground_px: Some(px), .. } => (Knob::GroundPx(px.clone()), px.len()),
-            _ => anyhow::bail!("name --relief-steps, --occlusion-samples or --ground-px"),
+            _ => anyhow::bail!(
+                "name --relief-steps, --occlusion-samples, --shadow-sides, --shadow-filters or --ground-px"
+            ),
         };
         anyhow::ensure!(count <= MAX_VALUES, "{count} values are given; {MAX_VALUES} are the most");
         Ok(knob)

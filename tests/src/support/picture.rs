@@ -42,8 +42,9 @@ pub(crate) fn draw(headless: &mut Headless, changes: Vec<Change>) -> Picture {
     view.push(changes);
     view.upload(headless.gpu(), headless.renderer(), usize::MAX, 0.0).unwrap();
     let camera = view.header().expect("a scene").camera.pose();
-    view.prepare_ground(headless.gpu(), &camera, headless.size(), 1.0).unwrap();
-    view.with_frame(camera, Settings::default(), f32::MAX, |frame| headless.frame(frame)).unwrap();
+    let settings = Settings::default();
+    view.prepare_ground(headless.gpu(), &camera, headless.size(), 1.0, settings.shadows).unwrap();
+    view.with_frame(camera, settings, f32::MAX, |frame| headless.frame(frame)).unwrap();
     Picture { image: headless.picture().unwrap(), covered: headless.coverage().unwrap() }
 }
 

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use lodestream_client::core::{Milestone, Stats};
-use lodestream_render::{AmbientOcclusion, Counters, Settings, Shade};
+use lodestream_render::{AmbientOcclusion, Counters, Settings, Shade, Shadows};
 
 use crate::outcome::lacks;
 
@@ -19,8 +19,9 @@ pub(super) struct Choices {
     /// Messages alone are shown.
     pub(super) hidden: bool,
     pub(super) wireframe: bool,
-    pub(super) by_level: bool,
+    pub(super) shade: Shade,
     pub(super) occlusion: bool,
+    pub(super) shadows: bool,
     pub(super) relief: bool,
 }
 
@@ -32,16 +33,18 @@ impl Choices {
             adapt: true,
             hidden: false,
             wireframe: settings.wireframe,
-            by_level: settings.shade == Shade::Level,
+            shade: settings.shade,
             occlusion: settings.occlusion.is_some(),
+            shadows: settings.shadows.is_some(),
             relief: settings.relief,
         }
     }
 
     pub(super) fn apply(&self, settings: &mut Settings) {
         settings.wireframe = self.wireframe;
-        settings.shade = if self.by_level { Shade::Level } else { Shade::Material };
+        settings.shade = self.shade;
         settings.occlusion = self.occlusion.then(AmbientOcclusion::default);
+        settings.shadows = self.shadows.then(Shadows::default);
         settings.relief = self.relief;
     }
 }
@@ -114,10 +117,16 @@ pub(super) fn show(ui: &mut egui::Ui, stats: &Stats, facts: &Facts<'_>, choices:
         ui.horizontal_wrapped(|ui| {
             ui.checkbox(&mut choices.frozen, "freeze selection");
             ui.checkbox(&mut choices.wireframe, "wireframe");
-            ui.checkbox(&mut choices.by_level, "colour by level");
+        });
+        ui.horizontal_wrapped(|ui| {
+            ui.label("colours");
+            ui.selectable_value(&mut choices.shade, Shade::Material, "material");
+            ui.selectable_value(&mut choices.shade, Shade::Level, "level");
+            ui.selectable_value(&mut choices.shade, Shade::Cascade, "shadow map");
         });
         ui.horizontal_wrapped(|ui| {
             ui.checkbox(&mut choices.occlusion, "ambient occlusion");
+            ui.checkbox(&mut choices.shadows, "shadows");
             ui.checkbox(&mut choices.relief, "relief");
             ui.checkbox(&mut choices.adapt, "coarser while moving");
         });

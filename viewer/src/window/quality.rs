@@ -10,6 +10,8 @@ const AIM_S: f64 = 0.85 / LEAST_FPS;
 /// A finer step is taken while moving where it would fit into this share of the time, for so many frames in a row.
 const ROOM: f64 = 0.6;
 const ROOM_FRAMES: u32 = 8;
+/// Frames by which shadows may be late while more of the scene is on its way.
+const LATE_WHILE_COMING: u32 = 3;
 /// The camera rests when it has not moved for so long.
 const REST: Duration = Duration::from_millis(200);
 
@@ -22,21 +24,23 @@ pub(super) struct Step {
     pub(super) ground: f32,
     /// Factor on the meshes' screen error.
     pub(super) meshes: f32,
+    /// Frames for which a map of shadows may show things as they were.
+    pub(super) late_shadows: u32,
     /// Whether there is ambient occlusion.
     pub(super) occlusion: bool,
     /// Time of a frame over that of the first step, roughly: what decides is measured after the step was taken.
     cost: f64,
 }
 
-/// From the best on, in the order in which quality is given up: the ground's error, which is seen least; pixels; last
-/// the meshes, whose chunks have to be undone and applied again, and occlusion.
+/// From the best on, in the order in which quality is given up: the ground's error and how soon shadows follow what
+/// casts them, which are seen least; pixels; last the meshes, whose chunks have to be undone and applied again, and occlusion.
 const STEPS: [Step; 6] = [
-    Step { render_scale: 1.0, ground: 1.0, meshes: 1.0, occlusion: true, cost: 1.0 },
-    Step { render_scale: 1.0, ground: 4.0, meshes: 1.0, occlusion: true, cost: 0.75 },
-    Step { render_scale: 0.7, ground: 4.0, meshes: 1.0, occlusion: true, cost: 0.45 },
-    Step { render_scale: 0.5, ground: 8.0, meshes: 1.0, occlusion: true, cost: 0.28 },
-    Step { render_scale: 0.35, ground: 8.0, meshes: 2.0, occlusion: true, cost: 0.18 },
-    Step { render_scale: 0.25, ground: 16.0, meshes: 4.0, occlusion: false, cost: 0.1 },
+    Step { render_scale: 1.0, ground: 1.0, meshes: 1.0, late_shadows: 0, occlusion: true, cost: 1.0 },
+    Step { render_scale: 1.0, ground: 4.0, meshes: 1.0, late_shadows: 8, occlusion: true, cost: 0.75 },
+    Step { render_scale: 0.7, ground: 4.0, meshes: 1.0, late_shadows: 8, occlusion: true, cost: 0.45 },
+    Step { render_scale: 0.5, ground: 8.0, meshes: 1.0, late_shadows: 8, occlusion: true, cost: 0.28 },
+    Step { render_scale: 0.35, ground: 8.0, meshes: 2.0, late_shadows: 8, occlusion: true, cost: 0.18 },
+    Step { render_scale: 0.25, ground: 16.0, meshes: 4.0, late_shadows: 8, occlusion: false, cost: 0.1 },
 ];
 
 /// Nothing given up.
@@ -107,6 +111,12 @@ impl Quality {
         STEPS[self.step]
     }
 
+    /// Frames for which maps of shadows may show things as they were while more of the scene is on its way: some on a
+    /// device that is too slow to draw all anew each time.
+    pub(super) fn late_shadows(&self) -> u32 {
+        if self.full_s > 1.0 / LEAST_FPS { LATE_WHILE_COMING } else { 0 }
+    }
+
     /// When another frame is due for a better picture: never, at once, or once the camera counts as resting.
     pub(super) fn due(&self, now: Duration) -> Option<Duration> {
         if self.step == 0 {
@@ -122,7 +132,7 @@ impl Quality {
 
     /// For the overlay.
     pub(super) fn describe(&self) -> String {
-        let Step { render_scale, ground, meshes, occlusion, .. } = self.step();
+        let Step { render_scale, ground, meshes, late_shadows, occlusion, .. } = self.step();
         if self.is_full() {
             return "full".into();
         }
@@ -135,6 +145,7 @@ impl Quality {
             scale,
             error("ground", ground),
             error("meshes", meshes),
+            (late_shadows > 0).then(|| format!("shadows up to {late_shadows} frames late")),
             (!occlusion).then(|| "no occlusion".to_owned()),
         ];
         text.push_str(&parts.into_iter().flatten().collect::<Vec<_>>().join(", "));

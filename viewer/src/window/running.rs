@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use lodestream_client::net::Retry;
 use lodestream_client::streaming::{Controls, Status, Streaming};
-use lodestream_render::{Counters, Pose, SceneView, Settings};
+use lodestream_render::{Counters, Pose, SceneView, Settings, Shadows};
 use winit::dpi::{LogicalSize, PhysicalPosition};
 use winit::event::MouseButton;
 use winit::event_loop::{ActiveEventLoop, OwnedDisplayHandle};
@@ -203,7 +203,8 @@ impl Running {
     fn prepare_ground(&mut self) -> anyhow::Result<()> {
         let [width, height] = self.painter.size();
         let (camera, px) = (self.camera(), self.choices.target_px * self.step().ground);
-        Ok(self.scene.prepare_ground(&self.painter.gpu, &camera, (width, height), px)?)
+        let shadows = self.settings.shadows;
+        Ok(self.scene.prepare_ground(&self.painter.gpu, &camera, (width, height), px, shadows)?)
     }
 
     /// Draws a frame; says when the next is due.
@@ -233,7 +234,8 @@ impl Running {
             self.quality.drawn(begun, self.frame_ms / 1e3);
         }
         let morphing = now_s - self.scene.changed_s() <= self.settings.morph_s;
-        let rests = !morphing && full && self.scene.waiting() == 0 && self.scene.missing_tiles() == 0;
+        let exact = full && self.counters.late_shadow_maps == 0;
+        let rests = !morphing && exact && self.scene.waiting() == 0 && self.scene.missing_tiles() == 0;
         let only_tiles = !morphing && full && self.scene.waiting() == 0 && self.news.status().settled;
         self.only_tiles_missing = shows && only_tiles && self.scene.missing_tiles() > 0;
         self.look_at_state(shows && rests && self.shown.presented().is_some());
@@ -311,6 +313,11 @@ impl Running {
         let mut choices = self.choices;
         let mut settings = Settings { render_scale: step.render_scale, ..self.settings };
         settings.occlusion = settings.occlusion.filter(|_| step.occlusion);
+        // While there is more to come, the next frame is soon enough.
+        let morphing = now_s - self.scene.changed_s() <= self.settings.morph_s;
+        let settled = self.news.status().settled && self.scene.waiting() == 0 && !morphing;
+        let coming = if settled { 0 } else { self.quality.late_shadows() };
+        settings.shadows = settings.shadows.map(|s| Shadows { patience: step.late_shadows.max(coming), ..s });
         let (stats, scene) = (&self.news.status().stats, &self.scene);
         let painted = self.painter.paint(
             |ui| overlay::show(ui, stats, &facts, &mut choices),

@@ -9,7 +9,7 @@ use anyhow::Context as _;
 use image::RgbaImage;
 use lodestream_protocol::source::SceneSource;
 use lodestream_protocol::view::View;
-use lodestream_render::{AmbientOcclusion, Counters, Gpu, Settings};
+use lodestream_render::{AmbientOcclusion, Counters, Gpu, Settings, Shadows};
 use lodestream_scenario::picture::ImageError;
 use lodestream_scenario::plan::Plan;
 use lodestream_scenario::stopwatch::{Spread, median, paired_ratio, rounded};
@@ -26,6 +26,10 @@ pub enum Knob {
     ReliefSteps(Vec<u32>),
     /// Samples of ambient occlusion; 0 draws none.
     OcclusionSamples(Vec<u32>),
+    /// Texels along a side of the shadows' maps, which each frame draws anew; 0 draws none.
+    ShadowSides(Vec<u32>),
+    /// Bilinear lookups of shadows along a side, in maps that stay as they are; 0 draws none.
+    ShadowFilters(Vec<u32>),
     /// Screen error of the ground, in pixels.
     GroundPx(Vec<f32>),
 }
@@ -43,6 +47,8 @@ pub struct DrawTime {
     pub triangles: u64,
     /// Those of them that are the ground's.
     pub ground_triangles: u64,
+    /// Triangles that a frame draws into shadow maps, where these have changed; not among the others.
+    pub shadow_triangles: u64,
     /// Screen error of the ground. `None` without ground.
     pub ground_px: Option<f64>,
     /// Frames that were timed.
@@ -62,9 +68,10 @@ pub struct DrawTime {
 impl Knob {
     fn values(&self) -> Vec<f32> {
         match self {
-            Self::ReliefSteps(counts) | Self::OcclusionSamples(counts) => {
-                counts.iter().map(|&count| count as f32).collect()
-            }
+            Self::ReliefSteps(counts)
+            | Self::OcclusionSamples(counts)
+            | Self::ShadowSides(counts)
+            | Self::ShadowFilters(counts) => counts.iter().map(|&count| count as f32).collect(),
             Self::GroundPx(px) => px.clone(),
         }
     }
@@ -82,6 +89,14 @@ impl Knob {
                 let some = AmbientOcclusion { samples, ..AmbientOcclusion::default() };
                 (view, Settings { occlusion: (samples > 0).then_some(some), ..usual })
             }
+            Self::ShadowSides(sides) => {
+                let some = Shadows { map_side: sides[number], ..Shadows::default() };
+                (view, Settings { shadows: (sides[number] > 0).then_some(some), ..usual })
+            }
+            Self::ShadowFilters(filters) => {
+                let some = Shadows { filter: filters[number], ..Shadows::default() };
+                (view, Settings { shadows: (filters[number] > 0).then_some(some), ..usual })
+            }
             Self::GroundPx(px) => (View { target_px: px[number], ..view }, usual),
         }
     }
@@ -89,8 +104,8 @@ impl Knob {
     /// Scenes on the graphics device that values need: other tiles of ground do not push each other out.
     fn scenes(&self) -> usize {
         match self {
-            Self::ReliefSteps(_) | Self::OcclusionSamples(_) => 1,
             Self::GroundPx(px) => px.len(),
+            _ => 1,
         }
     }
 }
@@ -143,6 +158,7 @@ pub fn draw_trade(
             adapter: adapter.clone(),
             triangles: counters.triangles,
             ground_triangles: counters.terrain_triangles,
+            shadow_triangles: counters.shadow_triangles,
             ground_px: ground_px.map(|px| rounded(px, 3)),
             frames: frames.max(1),
             median_ms: rounded(median(seconds[number].clone()) * 1e3, 4),
@@ -161,11 +177,12 @@ impl fmt::Display for DrawTime {
         let ImageError { psnr_db, ssim, flip } = self.error;
         write!(
             f,
-            "{}: {} triangles, {} of ground, {width} x {height} on {}: median of {} frames {:.1} ms ({:.1} to {:.1}), \
+            "{}: {} triangles, {} of ground, {} into shadow maps, {width} x {height} on {}: median of {} frames {:.1} ms ({:.1} to {:.1}), \
              {:.2} times that of the last; PSNR {} dB, SSIM {ssim}, FLIP {flip}",
             self.value,
             self.triangles,
             self.ground_triangles,
+            self.shadow_triangles,
             self.adapter,
             self.frames,
             self.median_ms,
@@ -212,6 +229,12 @@ mod tests {
         let samples = Knob::OcclusionSamples(vec![0, AmbientOcclusion::default().samples]);
         assert_eq!(samples.frame(1, view), (view, usual));
         assert_eq!(samples.frame(0, view).1, Settings { occlusion: None, ..usual });
+        let sides = Knob::ShadowSides(vec![0, Shadows::default().map_side]);
+        assert_eq!(sides.frame(1, view), (view, usual));
+        assert_eq!(sides.frame(0, view).1, Settings { shadows: None, ..usual });
+        let filters = Knob::ShadowFilters(vec![0, Shadows::default().filter]);
+        assert_eq!(filters.frame(1, view), (view, usual));
+        assert_eq!(filters.frame(0, view).1, Settings { shadows: None, ..usual });
         let ground = Knob::GroundPx(vec![4.0, 1.0]);
         assert_eq!(ground.frame(0, view), (View { target_px: 4.0, ..view }, usual));
         assert_eq!((ground.values(), ground.scenes(), steps.scenes()), (vec![4.0, 1.0], 2, 1));
@@ -226,6 +249,7 @@ mod tests {
             adapter: "none".to_owned(),
             triangles: 5,
             ground_triangles: 3,
+            shadow_triangles: 2,
             ground_px: None,
             frames: 1,
             median_ms: 2.0,
@@ -237,6 +261,8 @@ mod tests {
         for name in [
             "value",
             "triangles",
+            "ground_triangles",
+            "shadow_triangles",
             "ground_px",
             "median_ms",
             "min_ms",
@@ -259,6 +285,8 @@ mod tests {
         for knob in [
             Knob::ReliefSteps(vec![0, 24, 192]),
             Knob::OcclusionSamples(vec![0, 16, 64]),
+            Knob::ShadowSides(vec![0, 256, 2048]),
+            Knob::ShadowFilters(vec![0, 1, 3]),
             Knob::GroundPx(vec![32.0, 4.0, 1.0]),
         ] {
             let times = of_knob(&knob).unwrap();

@@ -185,7 +185,8 @@ fn upload(
 }
 
 fn draw(headless: &mut Headless, scene: &mut SceneView, view: &View) -> Result<RgbaImage, RenderError> {
-    frame(headless, scene, view, Settings::default())?;
+    // What is judged is what has arrived of the surfaces: shadows would count some of it twice.
+    frame(headless, scene, view, Settings { shadows: None, ..Settings::default() })?;
     headless.picture()
 }
 
@@ -196,6 +197,6 @@ fn frame(
     settings: Settings,
 ) -> Result<Counters, RenderError> {
     let camera = view.pose();
-    scene.prepare_ground(headless.gpu(), &camera, headless.size(), view.target_px)?;
+    scene.prepare_ground(headless.gpu(), &camera, headless.size(), view.target_px, settings.shadows)?;
     scene.with_frame(camera, settings, AFTER_ALL_MORPHS_S, |frame| headless.frame(frame))
 }
