@@ -25,6 +25,8 @@ pub enum PassId {
     Wireframe,
     /// Radiance to display values.
     ToneMap,
+    /// Edges of the picture smoothed.
+    AntiAlias,
     /// The same into a host's targets: with depth, or leaving what is there.
     Composite,
 }
@@ -41,6 +43,8 @@ pub(crate) enum Resource {
     ShadowMaps,
     Sunlight,
     Radiance,
+    /// What is shown, but for its edges.
+    Display,
     /// The caller's target; not allocated here.
     Target,
 }
@@ -53,6 +57,13 @@ pub(crate) struct Pass {
     writes: &'static [Resource],
 }
 
+impl Pass {
+    /// Whether it writes a resource.
+    pub(crate) fn writes(&self, resource: Resource) -> bool {
+        self.writes.contains(&resource)
+    }
+}
+
 /// What decides about passes.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Needs {
@@ -60,6 +71,7 @@ pub(crate) struct Needs {
     pub(crate) occlusion: bool,
     pub(crate) shadows: bool,
     pub(crate) wireframe: bool,
+    pub(crate) antialias: bool,
     /// The target has depth.
     pub(crate) depth: bool,
     /// What the target holds stays where no surface is.
@@ -68,7 +80,9 @@ pub(crate) struct Needs {
 
 /// The passes that could run, in order.
 pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
-    use Resource::{Albedo, Depth, Normal, Occlusion, OcclusionRaw, Radiance, ShadowMaps, Sunlight, Target};
+    use Resource::{
+        Albedo, Depth, Display, Normal, Occlusion, OcclusionRaw, Radiance, ShadowMaps, Sunlight, Target,
+    };
     let pass = |id, reads, writes| Pass { id, reads, writes };
     let mut passes = Vec::new();
     if needs.geometry {
@@ -92,7 +106,11 @@ pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
     }
     if needs.geometry && (needs.depth || needs.keep) {
         passes.push(pass(PassId::Composite, &[Radiance, Depth], &[Target]));
+    } else if needs.antialias && needs.geometry {
+        passes.push(pass(PassId::ToneMap, &[Radiance], &[Display]));
+        passes.push(pass(PassId::AntiAlias, &[Display], &[Target]));
     } else if !needs.keep {
+        // What is nothing but sky has no edges.
         passes.push(pass(PassId::ToneMap, &[Radiance], &[Target]));
     }
     passes
@@ -149,8 +167,14 @@ mod tests {
 
     #[test]
     fn everything_asked_for_runs_in_order() {
-        let needs =
-            Needs { geometry: true, occlusion: true, shadows: true, wireframe: true, ..Needs::default() };
+        let needs = Needs {
+            geometry: true,
+            occlusion: true,
+            shadows: true,
+            wireframe: true,
+            antialias: true,
+            ..Needs::default()
+        };
         assert_eq!(
             ids(needs, &[Resource::Target]),
             [
@@ -161,7 +185,8 @@ mod tests {
                 PassId::Sunlight,
                 PassId::Lighting,
                 PassId::Wireframe,
-                PassId::ToneMap
+                PassId::ToneMap,
+                PassId::AntiAlias
             ]
         );
     }
@@ -178,7 +203,7 @@ mod tests {
 
     #[test]
     fn every_read_was_written_before() {
-        for bits in 0..64 {
+        for bits in 0..128 {
             let bit = |n: u32| bits >> n & 1 != 0;
             let needs = Needs {
                 geometry: bit(0),
@@ -187,6 +212,7 @@ mod tests {
                 depth: bit(3),
                 keep: bit(4),
                 shadows: bit(5),
+                antialias: bit(6),
             };
             let mut written = Vec::new();
             for pass in plan(&candidates(needs), &[Resource::Target]) {

@@ -4,7 +4,7 @@ use super::gbuffer::{GeometryPass, UNIFORM_BLOCK, shader};
 use super::gpu::Gpu;
 use super::instance::{INSTANCE_ATTRIBUTES, InstanceRaw};
 use super::material::MaterialKit;
-use super::targets::{OCCLUSION, RADIANCE, SUNLIGHT};
+use super::targets::{DISPLAY, OCCLUSION, RADIANCE, SUNLIGHT};
 use super::vertex::{PackedVertex, VERTEX_ATTRIBUTES};
 
 const GBUFFER: &str = concat!(
@@ -28,6 +28,11 @@ const LIGHTING: &str = concat!(
     include_str!("shaders/common.wgsl"),
     include_str!("shaders/fullscreen.wgsl"),
     include_str!("shaders/lighting.wgsl")
+);
+const ANTIALIAS: &str = concat!(
+    include_str!("shaders/common.wgsl"),
+    include_str!("shaders/fullscreen.wgsl"),
+    include_str!("shaders/antialias.wgsl")
 );
 const TONEMAP: &str = concat!(
     include_str!("shaders/common.wgsl"),
@@ -60,6 +65,9 @@ pub(crate) struct Pipelines {
     pub(crate) lighting: [[wgpu::RenderPipeline; 2]; 2],
     pub(crate) sky: wgpu::RenderPipeline,
     pub(crate) tonemap: wgpu::RenderPipeline,
+    /// The same where edges are smoothed after it.
+    pub(crate) tonemap_display: wgpu::RenderPipeline,
+    pub(crate) antialias: wgpu::RenderPipeline,
 }
 
 impl Pipelines {
@@ -67,6 +75,7 @@ impl Pipelines {
         let device = &gpu.device;
         let (gbuffer, ssao) = (shader(gpu, "gbuffer", GBUFFER), shader(gpu, "ssao", SSAO));
         let sunlight = shader(gpu, "sunlight", SHADOWS);
+        let antialias = shader(gpu, "antialias", ANTIALIAS);
         let (lighting, tonemap) = (shader(gpu, "lighting", LIGHTING), shader(gpu, "tonemap", TONEMAP));
 
         let frame_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
@@ -124,6 +133,7 @@ impl Pipelines {
                 cache: None,
             })
         };
+        let decode: &[(&str, f64)] = if target.is_srgb() { &[("DECODE_SRGB", 1.0)] } else { &[] };
         let encode: &[(&str, f64)] = if target.is_srgb() { &[] } else { &[("ENCODE_SRGB", 1.0)] };
         Self {
             surface: geometry.surface(gpu, ["vs_surface", "fs_surface"], false),
@@ -141,6 +151,8 @@ impl Pipelines {
             }),
             sky: full(&lighting, "fs_sky", RADIANCE, &[]),
             tonemap: full(&tonemap, "fs_tonemap", target, encode),
+            tonemap_display: full(&tonemap, "fs_tonemap", DISPLAY, &[("ENCODE_SRGB", 1.0)]),
+            antialias: full(&antialias, "fs_antialias", target, decode),
             frame_layout,
         }
     }

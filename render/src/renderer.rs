@@ -10,7 +10,7 @@ use super::composite::{Composites, depth_attachment};
 use super::counters::Counters;
 use super::draw::DrawList;
 use super::gpu::{Gpu, RenderError};
-use super::graph::{self, Needs, PassId, Resource};
+use super::graph::{self, Needs, Pass, PassId, Resource};
 use super::instance::InstanceRaw;
 use super::material::{Material, MaterialKit};
 use super::pipelines::Pipelines;
@@ -154,6 +154,8 @@ impl Renderer {
                 occlusion: frame.settings.occlusion.is_some_and(|o| o.strength > 0.0),
                 shadows: !casters.is_empty(),
                 wireframe: frame.settings.wireframe && self.pipelines.wire.is_some(),
+                // What is enlarged is smoothed by that.
+                antialias: frame.settings.antialias && size == target.size,
                 depth: target.depth.is_some(),
                 keep: target.load == Load::Keep,
             }),
@@ -188,7 +190,7 @@ impl Renderer {
             );
         }
         for pass in &plan {
-            self.run(gpu, encoder, pass.id, target, frame, (&list, ground.as_ref()), &mut counters);
+            self.run(gpu, encoder, *pass, target, frame, (&list, ground.as_ref()), &mut counters);
             counters.passes.push(pass.id);
         }
         gpu.check()?;
@@ -211,16 +213,16 @@ impl Renderer {
         &self,
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
-        id: PassId,
+        pass: Pass,
         target: &Target<'_>,
         frame: &Frame<'_>,
         list: (&DrawList<'_>, Option<&TileList<'_>>),
         counters: &mut Counters,
     ) {
-        use Resource::{Albedo, Depth, Normal, Occlusion, OcclusionRaw, Radiance, Sunlight};
+        use Resource::{Albedo, Depth, Display, Normal, Occlusion, OcclusionRaw, Radiance, Sunlight};
         let p = &self.pipelines;
-        match id {
-            PassId::GBuffer | PassId::Wireframe => self.geometry(encoder, id, frame, list, counters),
+        match pass.id {
+            PassId::GBuffer | PassId::Wireframe => self.geometry(encoder, pass.id, frame, list, counters),
             PassId::Occlusion => self.full(gpu, encoder, &p.occlusion, &[Depth], OcclusionRaw),
             PassId::OcclusionBlur => self.full(gpu, encoder, &p.blur, &[Depth, OcclusionRaw], Occlusion),
             // Before all others: what has changed of the maps is drawn when the frame is planned.
@@ -236,6 +238,13 @@ impl Renderer {
                 self.full(gpu, encoder, pipeline, &reads, Radiance);
             }
             PassId::Sky => self.full(gpu, encoder, &p.sky, &[], Radiance),
+            PassId::ToneMap if pass.writes(Display) => {
+                self.full(gpu, encoder, &p.tonemap_display, &[Radiance], Display);
+            }
+            PassId::AntiAlias => {
+                let group = self.inputs(gpu, &p.antialias, &[Display]);
+                fullscreen(encoder, &p.antialias, &group, &Target { depth: None, ..*target });
+            }
             PassId::ToneMap => {
                 let group = self.inputs(gpu, &p.tonemap, &[Radiance]);
                 fullscreen(encoder, &p.tonemap, &group, &Target { depth: None, ..*target });

@@ -106,6 +106,9 @@ pub struct Settings {
     pub occlusion: Option<AmbientOcclusion>,
     /// Shadows of the sun; `None` saves two passes.
     pub shadows: Option<Shadows>,
+    /// Smooth edges in the finished picture. Left out where a picture is enlarged, which smooths it already, and for
+    /// targets with depth or with something in them, whose host may do it when all is drawn.
+    pub antialias: bool,
     /// Relief mapping for materials with a height map.
     pub relief: bool,
     /// Steps of relief mapping's linear search at grazing angles, 1 to [`MAX_RELIEF_STEPS`]: details thinner than a step
@@ -132,6 +135,7 @@ impl Default for Settings {
             wireframe: false,
             occlusion: Some(AmbientOcclusion::default()),
             shadows: Some(Shadows::default()),
+            antialias: true,
             relief: true,
             relief_steps: 48,
             near: 1e-4,

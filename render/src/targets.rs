@@ -15,6 +15,8 @@ pub(crate) const NORMAL: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 pub(crate) const OCCLUSION: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
 /// Share of the sun's light, and the number of the cascade that said so in 255ths (255: none).
 pub(crate) const SUNLIGHT: wgpu::TextureFormat = wgpu::TextureFormat::Rg8Unorm;
+/// Display values, sRGB-encoded by the shader.
+pub(crate) const DISPLAY: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 /// Linear radiance.
 pub(crate) const RADIANCE: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 
@@ -54,6 +56,7 @@ impl Targets {
                 Resource::OcclusionRaw | Resource::Occlusion => OCCLUSION,
                 Resource::Sunlight => SUNLIGHT,
                 Resource::Radiance => RADIANCE,
+                Resource::Display => DISPLAY,
                 Resource::ShadowMaps | Resource::Target => continue,
             };
             self.textures.entry(*resource).or_insert_with(|| {

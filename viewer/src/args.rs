@@ -68,6 +68,9 @@ pub(crate) struct Args {
     /// No shadows of the sun
     #[arg(long)]
     pub(crate) no_shadows: bool,
+    /// No smoothing of edges
+    #[arg(long)]
+    pub(crate) no_aa: bool,
     /// No relief mapping
     #[arg(long)]
     pub(crate) no_relief: bool,

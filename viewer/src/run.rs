@@ -28,6 +28,7 @@ pub(crate) fn core_config(args: &Args) -> Config {
 pub(crate) fn settings(args: &Args) -> Settings {
     let mut settings = Settings { relief: !args.no_relief, wireframe: args.wireframe, ..Settings::default() };
     settings.occlusion = (!args.no_ao).then(AmbientOcclusion::default);
+    settings.antialias = !args.no_aa;
     settings.shadows = (!args.no_shadows).then(Shadows::default);
     if args.colour_by_level {
         settings.shade = Shade::Level;

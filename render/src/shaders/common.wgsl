@@ -59,3 +59,8 @@ fn level_colour(level: u32) -> vec3<f32> {
     let rgb = clamp(vec3(abs(hue - 3.0) - 1.0, 2.0 - abs(hue - 2.0), 2.0 - abs(hue - 4.0)), vec3(0.0), vec3(1.0));
     return 0.15 + 0.65 * rgb;
 }
+
+// Decoding curve of sRGB (IEC 61966-2-1).
+fn linear_from_srgb(c: vec3<f32>) -> vec3<f32> {
+    return select(pow((c + 0.055) / 1.055, vec3(2.4)), c / 12.92, c <= vec3(0.04045));
+}

@@ -59,11 +59,6 @@ fn clip_position(world: vec3<f32>) -> vec4<f32> {
     return frame.clip_from_view * vec4((frame.view_from_world * vec4(world, 0.0)).xyz, 1.0);
 }
 
-// Decoding curve of sRGB (IEC 61966-2-1).
-fn linear_from_srgb(c: vec3<f32>) -> vec3<f32> {
-    return select(pow((c + 0.055) / 1.055, vec3(2.4)), c / 12.92, c <= vec3(0.04045));
-}
-
 @vertex
 fn vs_surface(v: VertexIn) -> Surface {
     var out: Surface;

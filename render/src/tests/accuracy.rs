@@ -9,9 +9,9 @@ use crate::readback::read_texture;
 use crate::twin::depth::view_ray;
 use crate::twin::relief::{steps, tests::bricks};
 use crate::twin::surface::DepthPicture;
-use crate::twin::{ssao, tone};
+use crate::twin::{antialias, ssao, tone};
 use crate::{
-    AmbientOcclusion, Drawable, Frame, Instance, Material, OcclusionRadius, Pose, Renderer, Target,
+    AmbientOcclusion, Drawable, Frame, Headless, Instance, Material, OcclusionRadius, Pose, Renderer, Target,
     TextureData, TextureKind, TextureShape,
 };
 
@@ -77,6 +77,55 @@ fn occlusion_matches_its_twin() {
             "{samples}: mean {mean}, {different} pixels differ"
         );
     }
+}
+
+#[test]
+fn smoothed_edges_match_their_twin_and_come_nearer_to_the_truth() {
+    const FINER: u32 = 8;
+    let size = (120, 68);
+    let Some(mut h) = headless(size.0, size.1) else { return };
+    let Some(mut fine) = headless(size.0 * FINER, size.1 * FINER) else { return };
+    let camera = Pose::look_at(DVec3::new(0.6, 1.3, 2.2), DVec3::new(0.0, 0.1, 0.0), DVec3::Y, 0.8);
+    let scene = |h: &mut Headless, antialias: bool| {
+        let box_ = asset(h, &cube(), Material::default());
+        let ball = asset(h, &sphere(24), Material { base_colour: [0.1, 0.2, 0.5], ..Material::default() });
+        let drawables = [
+            Drawable { asset: &box_, instances: &[at(0.0, -1.0, 0.0, 2.0), at(0.3, 0.25, 0.3, 0.5)] },
+            Drawable { asset: &ball, instances: &[at(-0.4, 0.3, 0.2, 0.6)] },
+        ];
+        let mut frame = Frame::new(camera, &drawables);
+        frame.settings.antialias = antialias;
+        h.frame(&frame).unwrap();
+        h.picture().unwrap()
+    };
+    let stairs = scene(&mut h, false);
+    let smooth = scene(&mut h, true);
+    keep(&h, "smoothed-edges");
+    let display = h.intermediate(Resource::Display, 4).unwrap();
+    let pixels: Vec<[f64; 3]> =
+        display.chunks(4).map(|p| std::array::from_fn(|c| f64::from(p[c]) / 255.0)).collect();
+    let twin = antialias::Display { pixels: &pixels, size_px: [size.0, size.1] };
+    let truth = scene(&mut fine, false);
+    // As much light as the pixels that lie in one give together.
+    let mean = |x: u32, y: u32, c: usize| {
+        let of = |i: u32| truth.get_pixel(x * FINER + i % FINER, y * FINER + i / FINER)[c];
+        let light = |i: u32| tone::decode_srgb(f64::from(of(i)) / 255.0);
+        tone::encode_srgb((0..FINER * FINER).map(light).sum::<f64>() / f64::from(FINER * FINER))
+    };
+    let (mut different, mut before, mut after) = (0, 0.0, 0.0);
+    for (x, y, pixel) in smooth.enumerate_pixels() {
+        let want = twin.smoothed([i64::from(x), i64::from(y)]);
+        for c in 0..3 {
+            let got = f64::from(pixel[c]) / 255.0;
+            different += usize::from((got - want[c]).abs() > 1.5 / 255.0);
+            let mean = mean(x, y, c);
+            after += (got - mean).powi(2);
+            before += (f64::from(stairs.get_pixel(x, y)[c]) / 255.0 - mean).powi(2);
+        }
+    }
+    assert!(different * 300 < pixels.len() * 3, "{different} values differ from the twin's");
+    // The errors' squares, of which edges have nearly all.
+    assert!(after < 0.6 * before, "{before} {after}");
 }
 
 #[test]

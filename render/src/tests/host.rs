@@ -26,7 +26,9 @@ fn scene<R>(h: &mut Headless, draw: impl FnOnce(&mut Headless, &Frame<'_>) -> R)
         Drawable { asset: &ball, instances: &[at(0.7, 0.1, -0.4, 1.0)] },
     ];
     let camera = Pose::look_at(DVec3::new(0.2, 0.8, 2.6), DVec3::ZERO, DVec3::Y, 0.8);
-    draw(h, &Frame::new(camera, &drawables))
+    // Edges of a host's picture are the host's to smooth.
+    let settings = Settings { antialias: false, ..Settings::default() };
+    draw(h, &Frame { settings, ..Frame::new(camera, &drawables) })
 }
 
 /// A host's picture and depth.

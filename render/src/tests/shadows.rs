@@ -61,7 +61,7 @@ impl Yard {
 
     fn frame<'a>(&self, camera: Pose, drawables: &'a [Drawable<'a>], shadows: Shadows) -> Frame<'a> {
         let environment = Environment { to_sun: self.to_sun, ..Environment::default() };
-        let settings = Settings { shadows: Some(shadows), ..Settings::default() };
+        let settings = Settings { shadows: Some(shadows), antialias: false, ..Settings::default() };
         Frame { environment, settings, ..Frame::new(camera, drawables) }
     }
 }

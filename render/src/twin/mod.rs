@@ -3,6 +3,7 @@
 //! Each file mirrors one shader stage step by step, and where a stage approximates something, it
 //! also holds the exact computation.
 
+pub mod antialias;
 pub mod depth;
 pub mod relief;
 pub mod ssao;

@@ -38,6 +38,9 @@ struct KnobArguments {
     /// Bilinear lookups of shadows along a side, divided by commas; 0 draws none.
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_FILTER)))]
     shadow_filters: Option<Vec<u32>>,
+    /// Whether edges are smoothed, 0 or 1, divided by commas.
+    #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(0..=1))]
+    smooth_edges: Option<Vec<u32>>,
     /// Screen errors of the ground, in pixels, divided by commas.
     #[arg(long, value_delimiter = ',', value_parser = target_px)]
     ground_px: Option<Vec<f32>>,
@@ -54,9 +57,10 @@ impl KnobArguments {
             Self { shadow_filters: Some(filters), .. } => {
                 (Knob::ShadowFilters(filters.clone()), filters.len())
             }
+            Self { smooth_edges: Some(smooth), .. } => (Knob::SmoothEdges(smooth.clone()), smooth.len()),
             Self { ground_px: Some(px), .. } => (Knob::GroundPx(px.clone()), px.len()),
             _ => anyhow::bail!(
-                "name --relief-steps, --occlusion-samples, --shadow-sides, --shadow-filters or --ground-px"
+                "name --relief-steps, --occlusion-samples, --shadow-sides, --shadow-filters, --smooth-edges or --ground-px"
             ),
         };
         anyhow::ensure!(count <= MAX_VALUES, "{count} values are given; {MAX_VALUES} are the most");

@@ -22,6 +22,7 @@ pub(super) struct Choices {
     pub(super) shade: Shade,
     pub(super) occlusion: bool,
     pub(super) shadows: bool,
+    pub(super) antialias: bool,
     pub(super) relief: bool,
 }
 
@@ -36,6 +37,7 @@ impl Choices {
             shade: settings.shade,
             occlusion: settings.occlusion.is_some(),
             shadows: settings.shadows.is_some(),
+            antialias: settings.antialias,
             relief: settings.relief,
         }
     }
@@ -45,6 +47,7 @@ impl Choices {
         settings.shade = self.shade;
         settings.occlusion = self.occlusion.then(AmbientOcclusion::default);
         settings.shadows = self.shadows.then(Shadows::default);
+        settings.antialias = self.antialias;
         settings.relief = self.relief;
     }
 }
@@ -128,6 +131,7 @@ pub(super) fn show(ui: &mut egui::Ui, stats: &Stats, facts: &Facts<'_>, choices:
             ui.checkbox(&mut choices.occlusion, "ambient occlusion");
             ui.checkbox(&mut choices.shadows, "shadows");
             ui.checkbox(&mut choices.relief, "relief");
+            ui.checkbox(&mut choices.antialias, "smooth edges");
             ui.checkbox(&mut choices.adapt, "coarser while moving");
         });
         ui.separator();

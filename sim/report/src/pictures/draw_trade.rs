@@ -30,6 +30,8 @@ pub enum Knob {
     ShadowSides(Vec<u32>),
     /// Bilinear lookups of shadows along a side, in maps that stay as they are; 0 draws none.
     ShadowFilters(Vec<u32>),
+    /// Whether edges are smoothed: 0 or 1.
+    SmoothEdges(Vec<u32>),
     /// Screen error of the ground, in pixels.
     GroundPx(Vec<f32>),
 }
@@ -71,7 +73,8 @@ impl Knob {
             Self::ReliefSteps(counts)
             | Self::OcclusionSamples(counts)
             | Self::ShadowSides(counts)
-            | Self::ShadowFilters(counts) => counts.iter().map(|&count| count as f32).collect(),
+            | Self::ShadowFilters(counts)
+            | Self::SmoothEdges(counts) => counts.iter().map(|&count| count as f32).collect(),
             Self::GroundPx(px) => px.clone(),
         }
     }
@@ -97,6 +100,7 @@ impl Knob {
                 let some = Shadows { filter: filters[number], ..Shadows::default() };
                 (view, Settings { shadows: (filters[number] > 0).then_some(some), ..usual })
             }
+            Self::SmoothEdges(smooth) => (view, Settings { antialias: smooth[number] > 0, ..usual }),
             Self::GroundPx(px) => (View { target_px: px[number], ..view }, usual),
         }
     }
@@ -235,6 +239,9 @@ mod tests {
         let filters = Knob::ShadowFilters(vec![0, Shadows::default().filter]);
         assert_eq!(filters.frame(1, view), (view, usual));
         assert_eq!(filters.frame(0, view).1, Settings { shadows: None, ..usual });
+        let edges = Knob::SmoothEdges(vec![0, 1]);
+        assert_eq!(edges.frame(1, view), (view, usual));
+        assert_eq!(edges.frame(0, view).1, Settings { antialias: false, ..usual });
         let ground = Knob::GroundPx(vec![4.0, 1.0]);
         assert_eq!(ground.frame(0, view), (View { target_px: 4.0, ..view }, usual));
         assert_eq!((ground.values(), ground.scenes(), steps.scenes()), (vec![4.0, 1.0], 2, 1));
