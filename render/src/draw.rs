@@ -23,7 +23,7 @@ pub(crate) struct Batch<'a> {
 pub(crate) struct DrawList<'a> {
     pub(crate) instances: Vec<InstanceRaw>,
     pub(crate) batches: Vec<Batch<'a>>,
-    /// Between which distances they are.
+    /// Where those in view are.
     pub(crate) receivers: Receivers,
 }
 
@@ -41,9 +41,8 @@ impl<'a> DrawList<'a> {
             counters.instances_culled += (drawable.instances.len() - seen.len()) as u32;
             seen.sort_by(|a, b| a.distance.total_cmp(&b.distance));
             let Some(distance) = seen.first().map(|placed| placed.distance) else { continue };
-            for Placed { distance, radius, .. } in seen.iter().filter(|placed| placed.in_view) {
-                // What is looked at from within its sphere is taken to be an eighth of its size away.
-                list.receivers.add(distance.max(radius / 8.0), distance + 2.0 * radius);
+            for Placed { centre, radius, .. } in seen.iter().filter(|placed| placed.in_view) {
+                list.receivers.add(*centre, *radius);
             }
             let batch = list.batch(drawable.asset, distance, seen.iter().map(|placed| placed.raw));
             list.batches.push(batch);
@@ -156,9 +155,11 @@ fn middle(raw: &InstanceRaw) -> DVec3 {
 
 /// An instance that is drawn.
 struct Placed {
-    /// Of its sphere from the eye.
-    distance: f64,
+    /// Its sphere, relative to the eye.
+    centre: DVec3,
     radius: f64,
+    /// Of the sphere from the eye.
+    distance: f64,
     /// Whether its sphere reaches into the view: what nobody told the bounds of is always drawn.
     in_view: bool,
     raw: InstanceRaw,
@@ -172,5 +173,5 @@ fn place(instance: &Instance, asset: &AssetGpu, frame: &Frame<'_>, size: (u32, u
     let radius = radius * instance.scale.abs();
     let in_view = may_see(&frame.camera, centre, radius, size);
     let distance = (centre.length() - radius).max(0.0);
-    (in_view || asset.bounds().is_none()).then_some(Placed { distance, radius, in_view, raw })
+    (in_view || asset.bounds().is_none()).then_some(Placed { centre, radius, distance, in_view, raw })
 }

@@ -90,7 +90,7 @@ pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
         passes.push(pass(PassId::Occlusion, &[Depth], &[OcclusionRaw]));
         passes.push(pass(PassId::OcclusionBlur, &[Depth, OcclusionRaw], &[Occlusion]));
         passes.push(pass(PassId::ShadowMaps, &[], &[ShadowMaps]));
-        passes.push(pass(PassId::Sunlight, &[Depth, ShadowMaps], &[Sunlight]));
+        passes.push(pass(PassId::Sunlight, &[Depth, Normal, ShadowMaps], &[Sunlight]));
         let lit_by: &[Resource] = match (needs.occlusion, needs.shadows) {
             (false, false) => &[Depth, Normal, Albedo],
             (true, false) => &[Depth, Normal, Albedo, Occlusion],

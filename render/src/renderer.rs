@@ -127,7 +127,7 @@ impl Renderer {
         let mut list = DrawList::new(frame, size, &mut counters);
         let shadows = frame.settings.shadows.filter(|_| frame.environment.sun.max_element() > 0.0);
         let shadows = shadows.map(|shadows| shadows.clamped(gpu.device.limits().max_texture_dimension_2d));
-        let cascades = shadows.map(|shadows| shadows::of_frame(frame, target.size, &list, shadows));
+        let cascades = shadows.map(|shadows| shadows::of_frame(frame, &list, shadows));
         let cascades = cascades.unwrap_or_default();
         let mut casters: Vec<Casters<'_>> = Vec::new();
         if let Some(shadows) = shadows {
@@ -260,14 +260,16 @@ impl Renderer {
     /// Looks the shadow maps up for each pixel.
     fn sunlight(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder) {
         let pipeline = &self.pipelines.sunlight;
-        let (Some(depth), Some(into)) =
-            (self.targets.view(Resource::Depth), self.targets.view(Resource::Sunlight))
+        let view = |resource| self.targets.view(resource);
+        let (Some(depth), Some(normal), Some(into)) =
+            (view(Resource::Depth), view(Resource::Normal), view(Resource::Sunlight))
         else {
             return;
         };
         let first = [
             wgpu::BindGroupEntry { binding: 0, resource: self.frame_buffer.as_entire_binding() },
             wgpu::BindGroupEntry { binding: 1, resource: wgpu::BindingResource::TextureView(&depth) },
+            wgpu::BindGroupEntry { binding: 5, resource: wgpu::BindingResource::TextureView(&normal) },
         ];
         let group = self.shadow_maps.bindings(|maps| {
             gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {

@@ -234,7 +234,7 @@ impl SceneView {
         let Some(shadows) = shadows else { return Ok(()) };
         let cascades = self.with_frame(*camera, Settings::default(), f32::MAX, |frame| {
             let list = DrawList::new(frame, size, &mut Counters::default());
-            shadows::of_frame(frame, size, &list, shadows)
+            shadows::of_frame(frame, &list, shadows)
         });
         let Some(ground) = &mut self.ground else { return Ok(()) };
         ground.prepare_casters(gpu, &self.making, (camera, size), &cascades)

@@ -15,6 +15,7 @@ struct Shadows {
 @group(0) @binding(2) var maps: texture_depth_2d_array;
 @group(0) @binding(3) var map_sampler: sampler_comparison;
 @group(0) @binding(4) var<uniform> shadows: Shadows;
+@group(0) @binding(5) var normal_map: texture_2d<f32>;
 
 // Share of a map's side at its border over which the next one takes over.
 const BLEND: f32 = 0.05;
@@ -45,11 +46,17 @@ fn fs_sunlight(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     }
     let centre = view_ray(pixel) * depth;
     let world_from_view = transpose(frame.view_from_world);
-    let normal = (world_from_view * vec4(normal_at(pixel, centre), 0.0)).xyz;
+    var normal = (world_from_view * vec4(normal_at(pixel, centre), 0.0)).xyz;
     let position = (world_from_view * vec4(centre, 0.0)).xyz;
-    let cosine = dot(normal, frame.to_sun.xyz);
+    var cosine = dot(normal, frame.to_sun.xyz);
     if (cosine <= 0.0) {
-        return vec4(0.0, 1.0, 0.0, 0.0);
+        // A facet may face away from the sun where the surface that it stands for does not, and where depths of neighbours
+        // belong to other surfaces they say nothing: what the surface is lit by decides.
+        normal = normalize(textureLoad(normal_map, pixel, 0).xyz);
+        cosine = dot(normal, frame.to_sun.xyz);
+        if (cosine <= 0.0) {
+            return vec4(0.0, 1.0, 0.0, 0.0);
+        }
     }
     let sine = sqrt(max(1.0 - cosine * cosine, 0.0));
     // A lookup reaches so many texels from the place that is asked for, along a side; sqrt(2) as many along the diagonal.

@@ -9,13 +9,16 @@ use crate::gpu::Gpu;
 use crate::targets::DEPTH;
 use crate::uniforms::FrameUniform;
 
+/// Screen errors of ground may differ by so much while a map is late.
+const MOST_GROUND_RATIO: f64 = 2.5;
+
 /// What a layer shows: where, up to how far above its middle, and of what.
 #[derive(Debug, PartialEq)]
 struct Drawn {
     cascade: Cascade,
     top: f64,
     key: Vec<u64>,
-    /// Screen error of the ground, without which shadows of a finer ground would fall on a coarser one.
+    /// Screen error of the ground.
     ground_px: Option<f64>,
     /// Frames that showed it although something had changed.
     late: u32,
@@ -129,9 +132,10 @@ impl ShadowMaps {
             let cascade = &casters.cascade;
             if let Some(drawn) = &mut self.drawn[layer]
                 && drawn.cascade == *cascade
-                && drawn.ground_px == ground_px
+                && alike(drawn.ground_px, ground_px)
             {
-                let same = drawn.top == casters.top && drawn.key == casters.key;
+                let same =
+                    drawn.top == casters.top && drawn.key == casters.key && drawn.ground_px == ground_px;
                 drawn.late = if same { 0 } else { drawn.late + 1 };
                 if drawn.late <= shadows.patience {
                     counters.late_shadow_maps += u32::from(!same);
@@ -180,6 +184,15 @@ impl ShadowMaps {
         let places = self.drawn.iter().flatten().map(|drawn| (drawn.cascade, drawn.top));
         let uniform = SunlightUniform::new(shadows, places, eye);
         gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
+    }
+}
+
+/// Whether a map of ground with one screen error may serve ground with another for a while: a much finer or coarser one
+/// would lie in its own shadow.
+fn alike(drawn: Option<f64>, now: Option<f64>) -> bool {
+    match (drawn, now) {
+        (Some(drawn), Some(now)) => (1.0 / MOST_GROUND_RATIO..=MOST_GROUND_RATIO).contains(&(drawn / now)),
+        (drawn, now) => drawn == now,
     }
 }
 

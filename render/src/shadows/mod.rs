@@ -18,18 +18,13 @@ pub(crate) use sunlight::SunlightUniform;
 #[cfg(test)]
 pub(crate) use sunlight::map_from_world;
 
-/// The cascades of a frame in a picture of `size` pixels, of which `list` holds what is in view.
-pub(crate) fn of_frame(
-    frame: &Frame<'_>,
-    size: (u32, u32),
-    list: &DrawList<'_>,
-    shadows: Shadows,
-) -> Vec<Cascade> {
+/// The cascades of a frame, of which `list` holds what is in view.
+pub(crate) fn of_frame(frame: &Frame<'_>, list: &DrawList<'_>, shadows: Shadows) -> Vec<Cascade> {
     let mut seen = list.receivers;
     if let Some(terrain) = &frame.terrain {
         terrain::receivers(terrain, frame.camera.eye, &mut seen);
     }
-    cascades(&frame.camera, size, frame.environment.to_sun, seen, shadows.cascades as usize)
+    cascades(frame.camera.eye, frame.environment.to_sun, seen, shadows.cascades as usize)
 }
 
 /// Most cascades.

@@ -37,7 +37,7 @@ pub(crate) fn receivers(frame: &TerrainFrame<'_>, eye: DVec3, receivers: &mut Re
     let farthest = farthest.fold(0.0, f64::max);
     // Below the highest ground around the eye nothing is known of what is nearest.
     let nearest = if frame.above > 0.0 { frame.above } else { farthest };
-    receivers.add(nearest, farthest);
+    receivers.add_around(nearest, farthest);
 }
 
 /// A sphere around a tile, relative to the eye, world units.

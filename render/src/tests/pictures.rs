@@ -278,7 +278,9 @@ fn instances_out_of_view_are_left_out() {
     let places: Vec<_> = (0..10).map(|i| at(f64::from(i) * 4.0, 0.0, 0.0, 1.0)).collect();
     let mut shoot = |ball: &crate::AssetGpu| {
         let drawables = [Drawable { asset: ball, instances: &places }];
-        let counters = h.frame(&Frame::new(front_camera(), &drawables)).unwrap();
+        // Bounds also say how large a map of shadows is.
+        let settings = Settings { shadows: None, ..Settings::default() };
+        let counters = h.frame(&Frame { settings, ..Frame::new(front_camera(), &drawables) }).unwrap();
         (counters.instances, counters.instances_culled, h.picture().unwrap())
     };
     let (drawn, culled, all) = shoot(&ball);

@@ -80,7 +80,7 @@ fn draw_in_the_sun(
         let mut cascades = Vec::new();
         with(ground, &mut |frame| {
             let list = DrawList::new(frame, size, &mut Counters::default());
-            cascades = shadows::of_frame(frame, size, &list, Shadows::default());
+            cascades = shadows::of_frame(frame, &list, Shadows::default());
         });
         ground.prepare_casters(h.gpu(), &Making::AtOnce, (&camera, size), &cascades).unwrap();
     }

@@ -48,12 +48,13 @@ pub fn reach(filter: u32) -> f64 {
 }
 
 /// Share of the sun's light that reaches a pixel, by maps of which the nearest comes first. `rotation` turns view space
-/// into the world.
+/// into the world; `lit_by` is the normal that the pixel is lit by, in the world.
 #[must_use]
 pub fn sunlight(
     picture: &DepthPicture<'_>,
     pixel: [i64; 2],
     (rotation, to_sun): (DQuat, DVec3),
+    lit_by: DVec3,
     maps: &[Map<'_>],
     filter: u32,
 ) -> f64 {
@@ -61,12 +62,16 @@ pub fn sunlight(
         return 1.0;
     }
     let centre = picture.position_at(pixel);
-    let normal = rotation * DVec3::from(picture.normal_at(pixel, centre));
+    let mut normal = rotation * DVec3::from(picture.normal_at(pixel, centre));
     let position = rotation * DVec3::from(centre);
     let to_sun = to_sun.normalize();
-    let cosine = normal.dot(to_sun);
+    let mut cosine = normal.dot(to_sun);
     if cosine <= 0.0 {
-        return 0.0;
+        normal = lit_by.normalize();
+        cosine = normal.dot(to_sun);
+        if cosine <= 0.0 {
+            return 0.0;
+        }
     }
     let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
     let (mut lit, mut left) = (0.0, 1.0);

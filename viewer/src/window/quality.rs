@@ -36,11 +36,11 @@ pub(super) struct Step {
 /// casts them, which are seen least; pixels; last the meshes, whose chunks have to be undone and applied again, and occlusion.
 const STEPS: [Step; 6] = [
     Step { render_scale: 1.0, ground: 1.0, meshes: 1.0, late_shadows: 0, occlusion: true, cost: 1.0 },
-    Step { render_scale: 1.0, ground: 4.0, meshes: 1.0, late_shadows: 8, occlusion: true, cost: 0.75 },
-    Step { render_scale: 0.7, ground: 4.0, meshes: 1.0, late_shadows: 8, occlusion: true, cost: 0.45 },
-    Step { render_scale: 0.5, ground: 8.0, meshes: 1.0, late_shadows: 8, occlusion: true, cost: 0.28 },
-    Step { render_scale: 0.35, ground: 8.0, meshes: 2.0, late_shadows: 8, occlusion: true, cost: 0.18 },
-    Step { render_scale: 0.25, ground: 16.0, meshes: 4.0, late_shadows: 8, occlusion: false, cost: 0.1 },
+    Step { render_scale: 1.0, ground: 4.0, meshes: 1.0, late_shadows: 12, occlusion: true, cost: 0.75 },
+    Step { render_scale: 0.7, ground: 4.0, meshes: 1.0, late_shadows: 12, occlusion: true, cost: 0.45 },
+    Step { render_scale: 0.5, ground: 8.0, meshes: 1.0, late_shadows: 12, occlusion: true, cost: 0.28 },
+    Step { render_scale: 0.35, ground: 8.0, meshes: 2.0, late_shadows: 12, occlusion: true, cost: 0.18 },
+    Step { render_scale: 0.25, ground: 16.0, meshes: 4.0, late_shadows: 12, occlusion: false, cost: 0.1 },
 ];
 
 /// Nothing given up.
