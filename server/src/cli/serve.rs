@@ -13,6 +13,7 @@ use tracing_subscriber::EnvFilter;
 use super::outcome::Outcome;
 use super::recipe::RecipeArguments;
 use super::units::{Rate, parse_rate};
+use crate::daemon::origin::Origin;
 use crate::daemon::{self, DaemonOptions, SessionSettings};
 use crate::prepare::{Options, cache, prepare_cached};
 use crate::scene::{self, Scene};
@@ -38,6 +39,10 @@ pub(super) struct Arguments {
     /// Most sessions at once.
     #[arg(long, env = "LODESTREAM_MAX_SESSIONS", value_name = "N", default_value_t = 1000)]
     max_sessions: u64,
+    /// Web pages that may open sessions over WebSocket, by origin (https://example.org), divided by commas; * for any.
+    /// Programs that are no browser need none.
+    #[arg(long, env = "LODESTREAM_ALLOW_ORIGIN", value_name = "ORIGIN", value_delimiter = ',')]
+    allow_origin: Vec<Origin>,
     /// Certificate chain (PEM) [default: a self-signed one, kept in the cache folder].
     #[arg(long, env = "LODESTREAM_CERT", value_name = "FILE", requires = "key")]
     cert: Option<PathBuf>,
@@ -63,6 +68,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<Outcome> {
         listen: Some(arguments.listen),
         http: Some(arguments.http),
         certificate: arguments.cert.zip(arguments.key),
+        origins: arguments.allow_origin.into_iter().collect(),
         sessions: SessionSettings {
             rate_bits_per_s: arguments.rate.0,
             max_sessions: arguments.max_sessions,

@@ -177,6 +177,13 @@ fn upgrade(
         response.headers_mut().insert(header::UPGRADE, HeaderValue::from_static("websocket"));
         return response;
     }
+    if let Err(origin) = state.origins().check(headers) {
+        tracing::info!(%peer, ?origin, "session refused: a web page that --allow-origin does not name");
+        return text(
+            StatusCode::FORBIDDEN,
+            "web pages may open sessions where the server's --allow-origin names them\n",
+        );
+    }
     if !lists(headers, &header::SEC_WEBSOCKET_VERSION, "13") {
         let mut response = text(StatusCode::UPGRADE_REQUIRED, "only WebSocket version 13 is understood\n");
         response.headers_mut().insert(header::SEC_WEBSOCKET_VERSION, HeaderValue::from_static("13"));

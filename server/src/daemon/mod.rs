@@ -6,6 +6,7 @@
 //! | [`congestion`] | how much of a QUIC connection may be in flight |
 //! | `drive` | the loop between a sans-IO session and a transport |
 //! | [`state`], [`metrics`] | what sessions share |
+//! | [`origin`] | which web pages may open sessions |
 //! | [`certificate`], [`shutdown`] | what their names say |
 //! | [`memory_scene`] | a scene made of numbers, for tests |
 //!
@@ -19,6 +20,7 @@ mod drive;
 pub mod http;
 pub mod memory_scene;
 pub mod metrics;
+pub mod origin;
 pub mod quic;
 mod quic_stream;
 mod reads;
@@ -39,6 +41,7 @@ use tokio::net::TcpListener;
 use tokio::time::timeout;
 
 use self::certificate::Certificate;
+use self::origin::AllowedOrigins;
 use self::shutdown::{Signals, StopRequests};
 pub use self::state::{ServerState, SessionSettings};
 
@@ -58,6 +61,8 @@ pub struct DaemonOptions {
     pub certificate: Option<(PathBuf, PathBuf)>,
     /// Limits of the sessions.
     pub sessions: SessionSettings,
+    /// Web pages that may open sessions over WebSocket.
+    pub origins: AllowedOrigins,
 }
 
 impl DaemonOptions {
@@ -70,6 +75,7 @@ impl DaemonOptions {
             state_folder: state_folder.into(),
             certificate: None,
             sessions: SessionSettings::default(),
+            origins: AllowedOrigins::default(),
         }
     }
 }
@@ -130,7 +136,8 @@ impl Daemon {
                 Some((listener, address))
             }
         };
-        Ok(Self { state: ServerState::new(scene, options.sessions), quic, http })
+        let state = ServerState::with_origins(scene, options.sessions, options.origins);
+        Ok(Self { state, quic, http })
     }
 
     /// Addresses for viewers: `quic://HOST:PORT#sha256=FINGERPRINT` (64 lowercase hexadecimal digits, the

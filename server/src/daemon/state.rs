@@ -11,6 +11,7 @@ use lodestream_protocol::source::SceneSource;
 use tokio::sync::watch;
 
 use super::metrics::{Metrics, Transport};
+use super::origin::AllowedOrigins;
 
 /// Knobs that all sessions share.
 #[derive(Clone, Copy, Debug)]
@@ -44,6 +45,7 @@ pub enum Phase {
 pub struct ServerState {
     scene: Arc<dyn SceneSource>,
     settings: SessionSettings,
+    origins: AllowedOrigins,
     quic: Arc<ServerConfig>,
     websocket: Arc<ServerConfig>,
     metrics: Metrics,
@@ -66,11 +68,22 @@ impl ServerState {
     /// The state of a daemon that serves one scene, with the protocol's defaults for each transport.
     #[must_use]
     pub fn new(scene: Arc<dyn SceneSource>, settings: SessionSettings) -> Arc<Self> {
-        let rate = settings.rate_bits_per_s;
-        Self::with_configs(scene, settings, ServerConfig::quic(rate), ServerConfig::websocket(rate))
+        Self::with_origins(scene, settings, AllowedOrigins::default())
     }
 
-    /// The same with configurations of one's own for the sessions.
+    /// The same, open to web pages of some origins.
+    #[must_use]
+    pub fn with_origins(
+        scene: Arc<dyn SceneSource>,
+        settings: SessionSettings,
+        origins: AllowedOrigins,
+    ) -> Arc<Self> {
+        let rate = settings.rate_bits_per_s;
+        let (quic, websocket) = (ServerConfig::quic(rate), ServerConfig::websocket(rate));
+        Arc::new(Self::of(scene, settings, origins, quic, websocket))
+    }
+
+    /// The same with configurations of one's own for the sessions, open to no web page.
     #[must_use]
     pub fn with_configs(
         scene: Arc<dyn SceneSource>,
@@ -78,16 +91,27 @@ impl ServerState {
         quic: ServerConfig,
         websocket: ServerConfig,
     ) -> Arc<Self> {
-        Arc::new(Self {
+        Arc::new(Self::of(scene, settings, AllowedOrigins::default(), quic, websocket))
+    }
+
+    fn of(
+        scene: Arc<dyn SceneSource>,
+        settings: SessionSettings,
+        origins: AllowedOrigins,
+        quic: ServerConfig,
+        websocket: ServerConfig,
+    ) -> Self {
+        Self {
             scene,
             settings,
+            origins,
             quic: Arc::new(quic),
             websocket: Arc::new(websocket),
             metrics: Metrics::default(),
             phase: watch::Sender::new(Phase::Running),
             sessions: watch::Sender::new(0),
             next_session: AtomicU64::new(1),
-        })
+        }
     }
 
     /// The scene.
@@ -100,6 +124,11 @@ impl ServerState {
     #[must_use]
     pub const fn settings(&self) -> &SessionSettings {
         &self.settings
+    }
+
+    /// The web pages that may open sessions.
+    pub(super) const fn origins(&self) -> &AllowedOrigins {
+        &self.origins
     }
 
     /// The counters.

@@ -51,6 +51,38 @@ async fn the_push_is_in_the_same_flight_as_the_upgrade() {
     assert!(head.contains("sec-websocket-protocol: lodestream/2"), "{head}");
 }
 
+/// The first line of the answer to a page of `origin` that asks for a session.
+async fn answer_to(state: &Arc<ServerState>, origin: &str) -> String {
+    let (mut near, far) = duplex(64 * 1024);
+    tokio::spawn(accept_http(far, Arc::clone(state), peer()));
+    let request = format!(
+        "GET /stream HTTP/1.1\r\nHost: localhost:8080\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\
+         Origin: {origin}\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+    );
+    near.write_all(request.as_bytes()).await.unwrap();
+    let mut received = Vec::new();
+    while !received.contains(&b'\n') {
+        assert!(near.read_buf(&mut received).await.unwrap() > 0, "the server has closed without a word");
+    }
+    let text = String::from_utf8_lossy(&received).into_owned();
+    text.lines().next().unwrap_or_default().to_owned()
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_page_of_another_origin_could_read_the_models_of_a_local_server() {
+    let state = state_of(MemoryScene::new(1, 100, 100), None);
+    // The server's own name helps no page: it serves none, and names can be made to mean this machine.
+    for origin in ["https://evil.example", "http://localhost:8080", "null"] {
+        assert!(answer_to(&state, origin).await.starts_with("HTTP/1.1 403"), "{origin}");
+    }
+    assert_eq!(state.metrics().active_sessions(), 0, "refused pages take no place");
+    let allowed = ["https://viewer.example".parse().unwrap()].into_iter().collect();
+    let scene = Arc::new(MemoryScene::new(1, 100, 100));
+    let state = ServerState::with_origins(scene, SessionSettings::default(), allowed);
+    assert!(answer_to(&state, "https://viewer.example").await.starts_with("HTTP/1.1 101"));
+    assert!(answer_to(&state, "https://evil.example").await.starts_with("HTTP/1.1 403"));
+}
+
 #[tokio::test(start_paused = true)]
 async fn what_is_wanted_arrives_whole() {
     let state = state_of(MemoryScene::new(2, 1500, 70_000), None);
