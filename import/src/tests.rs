@@ -109,6 +109,56 @@ fn objects_groups_and_materials_merge() {
 }
 
 #[test]
+fn a_model_could_make_files_of_whoever_prepares_it_public() {
+    let dir = TempDir::new().unwrap();
+    let secret = write(&dir, "secret.png", "a picture of somebody's");
+    let absolute = secret.display().to_string();
+    for (mtl, name) in [
+        ("m.mtl", "../secret.png"),
+        ("m.mtl", absolute.as_str()),
+        ("m.mtl", "..\\secret.png"),
+        ("sub/m.mtl", "../../secret.png"),
+        ("m.mtl", "x/../../secret.png"),
+    ] {
+        write(&dir, &format!("model/{mtl}"), format!("newmtl red\nKd 1 0 0\nmap_Kd {name}\ndisp {name}\n"));
+        let path = write(&dir, "model/a.obj", format!("mtllib {mtl}\n{TRIANGLE}usemtl red\nf 1 2 3\n"));
+        let Imported { materials, warnings, .. } = import(&path).unwrap();
+        assert_eq!((&materials[0].color_texture, &materials[0].height_texture), (&None, &None), "{name}");
+        assert_eq!(materials[0].base_color[1], 0.0, "the rest of the material counts");
+        assert!(warnings.iter().any(|w| w.contains("not in the model's folder")), "{name}: {warnings:?}");
+        let files = dependencies(&path, &std::fs::read(&path).unwrap());
+        assert_eq!(files, [dir.path().join("model").join(mtl)], "{name}");
+    }
+    // What stays inside may go up on its way.
+    write(&dir, "model/sub/m.mtl", "newmtl red\nmap_Kd ../tex/red.png\n");
+    let path = write(&dir, "model/a.obj", format!("mtllib sub/m.mtl\n{TRIANGLE}usemtl red\nf 1 2 3\n"));
+    let Imported { materials, warnings, .. } = import(&path).unwrap();
+    assert!(warnings.is_empty(), "{warnings:?}");
+    assert_eq!(materials[0].color_texture, Some(dir.path().join("model/sub/../tex/red.png").into()));
+    // Nor are files read as materials.
+    write(&dir, "m.mtl", "newmtl red\nKd 1 0 0\n");
+    let path = write(&dir, "model/a.obj", format!("mtllib ../m.mtl\n{TRIANGLE}usemtl red\nf 1 2 3\n"));
+    let Imported { warnings, .. } = import(&path).unwrap();
+    assert!(warnings.iter().any(|w| w.contains("not in the model's folder")), "{warnings:?}");
+    assert!(dependencies(&path, &std::fs::read(&path).unwrap()).is_empty());
+}
+
+#[cfg(unix)]
+#[test]
+fn a_pipe_in_place_of_a_file_holds_nobody_up() {
+    let dir = TempDir::new().unwrap();
+    for name in ["m.mtl", "red.png"] {
+        let made = std::process::Command::new("mkfifo").arg(dir.path().join(name)).status();
+        assert!(made.unwrap().success());
+    }
+    let path = write(&dir, "a.obj", format!("mtllib m.mtl\n{TRIANGLE}usemtl red\nf 1 2 3\n"));
+    let Imported { warnings, .. } = import(&path).unwrap();
+    assert!(warnings.iter().any(|w| w.contains("not a regular file")), "{warnings:?}");
+    let picture = dir.path().join("red.png").into();
+    assert!(crate::texture::load(&picture, crate::texture::TextureKind::Color).is_err());
+}
+
+#[test]
 fn a_missing_mtl_is_a_warning_and_the_material_grey() {
     let imported = read(&format!("mtllib no such.mtl\n{TRIANGLE}usemtl x\nf 1 2 3\n"));
     assert_eq!(imported.materials.len(), 1);

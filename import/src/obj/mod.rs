@@ -32,8 +32,8 @@ pub(super) fn import(path: &Path) -> Result<Imported, ImportError> {
     let normalised = normalise(path, &bytes)?;
     let mut warnings = Vec::new();
     let mut library = Library::new();
-    for file in libraries(path, &bytes) {
-        mtl::load(&file, &mut library, &mut warnings);
+    for file in libraries(path, &bytes, &mut warnings) {
+        mtl::load(folder(path), &file, &mut library, &mut warnings);
     }
     drop(bytes);
     if normalised.left_out > 0 {
@@ -58,10 +58,10 @@ pub(super) fn import(path: &Path) -> Result<Imported, ImportError> {
 /// The files that are read beside an OBJ file of the given content: MTL files, then textures, each
 /// once, whether they exist or not.
 pub(super) fn dependencies(path: &Path, bytes: &[u8]) -> Vec<PathBuf> {
-    let mut files = libraries(path, bytes);
+    let mut files = libraries(path, bytes, &mut Vec::new());
     let mut library = Library::new();
     for file in &files {
-        mtl::load(file, &mut library, &mut Vec::new());
+        mtl::load(folder(path), file, &mut library, &mut Vec::new());
     }
     for material in library.into_values() {
         for texture in [material.color_texture, material.height_texture].into_iter().flatten() {
@@ -73,9 +73,17 @@ pub(super) fn dependencies(path: &Path, bytes: &[u8]) -> Vec<PathBuf> {
     files
 }
 
+/// The folder of a model, in which and below which its other files lie.
+fn folder(path: &Path) -> &Path {
+    path.parent().unwrap_or(Path::new(""))
+}
+
 /// MTL files named by `mtllib` lines, in order, each once.
-fn libraries(path: &Path, bytes: &[u8]) -> Vec<PathBuf> {
-    let folder = path.parent().unwrap_or(Path::new(""));
+fn libraries(path: &Path, bytes: &[u8], warnings: &mut Vec<String>) -> Vec<PathBuf> {
+    let mut located = |name: &str| {
+        let found = mtl::locate(folder(path), folder(path), name);
+        found.map_err(|why| warnings.push(format!("{}: mtllib {why}", path.display()))).ok()
+    };
     let mut files = Vec::new();
     for (_, line) in logical_lines(bytes) {
         let Some(names) = line.strip_prefix("mtllib").filter(|rest| rest.starts_with(char::is_whitespace))
@@ -83,11 +91,10 @@ fn libraries(path: &Path, bytes: &[u8]) -> Vec<PathBuf> {
             continue;
         };
         // The rest of the line is one name with blanks in it, or several names.
-        let whole = mtl::locate(folder, names);
-        let named = if whole.exists() {
-            vec![whole]
-        } else {
-            names.split_whitespace().map(|name| mtl::locate(folder, name)).collect()
+        let named = match located(names) {
+            Some(whole) if whole.exists() => vec![whole],
+            None if names.split_whitespace().count() == 1 => Vec::new(),
+            _ => names.split_whitespace().filter_map(&mut located).collect(),
         };
         for file in named {
             if !files.contains(&file) {

@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use crate::model::Material;
 use crate::srgb::srgb_to_linear;
@@ -18,15 +18,15 @@ const MAX_WARNINGS: usize = 20;
 /// Materials by name; of two with the same name the later counts, as in `tobj`.
 pub(super) type Library = BTreeMap<String, Material>;
 
-/// Reads one MTL file into `library`. What cannot be used becomes a warning.
-pub(super) fn load(path: &Path, library: &mut Library, warnings: &mut Vec<String>) {
+/// Reads one MTL file of a model in folder `root` into `library`. What cannot be used becomes a warning.
+pub(super) fn load(root: &Path, path: &Path, library: &mut Library, warnings: &mut Vec<String>) {
     match crate::file::read_file(path, MAX_MTL_BYTES) {
-        Ok(bytes) => parse(path, &bytes, library, warnings),
+        Ok(bytes) => parse(root, path, &bytes, library, warnings),
         Err(error) => warnings.push(format!("{error}; faces that use its materials become grey")),
     }
 }
 
-fn parse(path: &Path, bytes: &[u8], library: &mut Library, warnings: &mut Vec<String>) {
+fn parse(root: &Path, path: &Path, bytes: &[u8], library: &mut Library, warnings: &mut Vec<String>) {
     let mut found = Vec::new();
     let text = sanitise(&String::from_utf8_lossy(bytes), &mut found);
     let left_out = found.len().saturating_sub(MAX_WARNINGS);
@@ -39,7 +39,11 @@ fn parse(path: &Path, bytes: &[u8], library: &mut Library, warnings: &mut Vec<St
         Ok((materials, _)) => {
             let folder = path.parent().unwrap_or(Path::new(""));
             for material in materials {
-                library.insert(material.name.clone(), convert(&material, folder));
+                let mut locate = |name: &str| {
+                    let found = locate(root, folder, name);
+                    found.map_err(|why| warnings.push(format!("{}: {why}", path.display()))).ok()
+                };
+                library.insert(material.name.clone(), convert(&material, &mut locate));
             }
         }
         Err(error) => warnings.push(format!("{}: {error}; its materials are not used", path.display())),
@@ -107,7 +111,8 @@ fn sanitise(text: &str, warnings: &mut Vec<(usize, String)>) -> String {
     out
 }
 
-fn convert(material: &tobj::Material, folder: &Path) -> Material {
+/// `locate` says where a texture of some name is.
+fn convert(material: &tobj::Material, locate: &mut dyn FnMut(&str) -> Option<PathBuf>) -> Material {
     let default = Material::default();
     let color = material.diffuse_texture.as_deref().map(texture_options);
     // Displacement is the more exact word for a height map; a bump map is the common one.
@@ -126,9 +131,9 @@ fn convert(material: &tobj::Material, folder: &Path) -> Material {
         base_color,
         opacity: material.dissolve.map_or(1.0, |d| d.clamp(0.0, 1.0) as f32),
         roughness: material.shininess.map_or(default.roughness, roughness),
-        color_texture: color.map(|t| locate(folder, &t.file).into()),
+        color_texture: color.and_then(|t| locate(&t.file)).map(Into::into),
         height_scale: height.as_ref().map_or(1.0, |t| t.bump),
-        height_texture: height.map(|t| locate(folder, &t.file).into()),
+        height_texture: height.and_then(|t| locate(&t.file)).map(Into::into),
     }
 }
 
@@ -178,15 +183,34 @@ fn split_word(text: &str) -> (&str, &str) {
     (word, tail.trim_start())
 }
 
-/// The path relative to the MTL file's folder; backslashes count as separators where the name as
-/// written does not exist (files written on Windows).
-pub(super) fn locate(folder: &Path, name: &str) -> PathBuf {
+/// The file that is named in `folder`, within `root`, the model's folder; backslashes count as separators where the name
+/// as written does not exist (files written on Windows).
+///
+/// # Errors
+/// In one line: names that lead out of the model's folder. Whoever prepares a stranger's model would publish files of
+/// his own otherwise.
+pub(super) fn locate(root: &Path, folder: &Path, name: &str) -> Result<PathBuf, String> {
     let name = name.trim().trim_matches('"');
-    let path = folder.join(name);
+    let inside = |name: &str| {
+        let below = folder.strip_prefix(root).unwrap_or(Path::new(""));
+        let depth = below.components().chain(Path::new(name).components()).try_fold(
+            0_usize,
+            |depth, part| match part {
+                Component::Normal(_) => Some(depth + 1),
+                Component::CurDir => Some(depth),
+                Component::ParentDir => depth.checked_sub(1),
+                Component::RootDir | Component::Prefix(_) => None,
+            },
+        );
+        depth.map(|_| folder.join(name)).ok_or_else(|| {
+            format!("{name:?} is not in the model's folder or below it and is left out; put the file there")
+        })
+    };
+    let path = inside(name)?;
     if !path.exists() && name.contains('\\') {
-        return folder.join(name.replace('\\', "/"));
+        return inside(&name.replace('\\', "/"));
     }
-    path
+    Ok(path)
 }
 
 #[cfg(test)]
@@ -195,7 +219,7 @@ mod tests {
 
     fn read(text: &str) -> (Library, Vec<String>) {
         let (mut library, mut warnings) = (Library::new(), Vec::new());
-        parse(Path::new("dir/m.mtl"), text.as_bytes(), &mut library, &mut warnings);
+        parse(Path::new("dir"), Path::new("dir/m.mtl"), text.as_bytes(), &mut library, &mut warnings);
         (library, warnings)
     }
 
@@ -242,7 +266,7 @@ mod tests {
     fn random_bytes_give_no_material_and_no_panic() {
         let noise: Vec<u8> = (0..20_000u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
         let (mut library, mut warnings) = (Library::new(), Vec::new());
-        parse(Path::new("x.mtl"), &noise, &mut library, &mut warnings);
+        parse(Path::new(""), Path::new("x.mtl"), &noise, &mut library, &mut warnings);
         assert!(library.is_empty());
         assert!(warnings.len() <= MAX_WARNINGS + 1);
     }
