@@ -63,6 +63,17 @@ impl Server {
         answer
     }
 
+    /// Asks for something that is refused with a line in the log.
+    fn log_a_line(&self) {
+        let mut stream = TcpStream::connect(&self.http).unwrap();
+        stream.set_read_timeout(Some(LIMIT)).unwrap();
+        let request = "GET / HTTP/1.1\r\nHost: s\r\nConnection: upgrade\r\nUpgrade: websocket\r\nOrigin: https://e\r\n\r\n";
+        stream.write_all(request.as_bytes()).unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        assert!(answer.starts_with("HTTP/1.1 403"), "{answer}");
+    }
+
     fn signal(&self, name: &str) {
         let id = self.child.id().to_string();
         assert!(Command::new("kill").args([name, &id]).status().unwrap().success());
@@ -79,7 +90,9 @@ impl Server {
             std::thread::sleep(Duration::from_millis(10));
         };
         let mut errors = String::new();
-        self.child.stderr.take().unwrap().read_to_string(&mut errors).unwrap();
+        if let Some(mut stderr) = self.child.stderr.take() {
+            stderr.read_to_string(&mut errors).unwrap();
+        }
         (status, errors)
     }
 }
@@ -101,6 +114,39 @@ fn a_server_starts_from_its_cache_and_ends_when_asked() {
         assert!(status.success(), "{signal}: {status}: {errors}");
         assert_eq!(errors.contains("prepared in"), prepares, "{signal}: {errors}");
     }
+}
+
+#[test]
+fn a_log_that_nobody_reads_held_the_server_up() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let server = Server::start(folder.path());
+    // More than the pipe and the server hold.
+    for _ in 0..2500 {
+        server.log_a_line();
+    }
+    assert!(server.get("/health").starts_with("HTTP/1.1 200"));
+    let metrics = server.get("/metrics");
+    let dropped = metrics.lines().find_map(|line| line.strip_prefix("lodestream_dropped_log_lines "));
+    assert!(dropped.is_some_and(|count| count.parse::<u64>().unwrap() > 0), "{dropped:?}");
+    server.signal("-TERM");
+    let (status, _) = server.ended();
+    assert!(status.success(), "{status}");
+}
+
+#[test]
+fn a_log_whose_reader_is_gone_ended_the_server() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let mut server = Server::start(folder.path());
+    drop(server.child.stderr.take());
+    for _ in 0..20 {
+        server.log_a_line();
+    }
+    assert!(server.get("/health").starts_with("HTTP/1.1 200"));
+    server.signal("-TERM");
+    let (status, _) = server.ended();
+    assert!(status.success(), "{status}");
 }
 
 #[test]

@@ -9,7 +9,7 @@ use glam::{DMat3, DVec3};
 const STEPS: f64 = 16.0;
 /// The nearest map's reach, in distances to what is nearest.
 const NEAREST_DISTANCES: f64 = 8.0;
-/// Ratio of distances that maps of a frame may span: beyond it there are no shadows.
+/// The last map's reach over the first's, at most: what is nearer still has the first's texels.
 const MOST_RATIO: f64 = 128.0;
 /// Reaches of neighbouring maps differ by at most this factor where there are enough of them.
 const RATIO: f64 = 4.0;
@@ -53,7 +53,7 @@ pub(crate) struct Cascade {
     pub(crate) centre: DVec3,
     /// World units along a side.
     pub(crate) side: f64,
-    /// How far above its middle, along the light, there are surfaces of its own range of depths.
+    /// How far above its middle, along the light, there are surfaces of its own range of distances.
     pub(crate) above: f64,
     /// How far below it serves surfaces: all that any map serves, so that what lies on a map is looked up there.
     pub(crate) below: f64,

@@ -43,8 +43,8 @@ pub struct Shadows {
     /// Texels along a side of each map, within [`MAP_SIDES`]; four bytes each. Edges of shadows are blurred by about a
     /// texel, which is one to five pixels at 720 lines and 2048 texels.
     pub map_side: u32,
-    /// Texels over which an edge is blurred, less one: this many bilinear lookups squared, 1 to [`MAX_FILTER`]. Contact
-    /// shadows begin further from what casts them the wider it is.
+    /// Texels over which an edge is blurred, less one: this many bilinear lookups squared, 1 to [`MAX_FILTER`]. The wider
+    /// it is, the further from what casts them shadows begin.
     pub filter: u32,
     /// Frames for which a map may show things as they were while it stays in its place, for cameras that move on slow
     /// devices. With 0 a frame is a function of what it is made of.

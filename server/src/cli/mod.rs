@@ -4,6 +4,7 @@ mod check;
 mod demo_scene;
 mod export;
 mod inspect;
+mod log;
 mod outcome;
 mod prepare;
 mod recipe;

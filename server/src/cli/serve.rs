@@ -1,6 +1,5 @@
 //! `serve`: prepares a scene's models where needed, then streams.
 
-use std::io::IsTerminal as _;
 use std::net::SocketAddr;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -8,8 +7,8 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 use clap::Args;
-use tracing_subscriber::EnvFilter;
 
+use super::log::Log;
 use super::outcome::Outcome;
 use super::recipe::RecipeArguments;
 use super::units::{Rate, parse_rate};
@@ -64,6 +63,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<Outcome> {
     };
     let options = Options { recipe: arguments.recipe.resolve(), threads: arguments.threads, quiet: false };
     let source = open_scene(&scene, &cache, &options)?;
+    let log = Log::to_stderr();
     let daemon = DaemonOptions {
         listen: Some(arguments.listen),
         http: Some(arguments.http),
@@ -74,23 +74,12 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<Outcome> {
             max_sessions: arguments.max_sessions,
             ..SessionSettings::default()
         },
+        dropped_log_lines: Some(log.dropped_lines()),
         ..DaemonOptions::new(cache)
     };
-    log_to_stderr();
     let runtime = tokio::runtime::Runtime::new().context("cannot start the network threads")?;
     runtime.block_on(daemon::run(daemon, source))?;
     Ok(Outcome::good(""))
-}
-
-/// Logs go to standard error; `RUST_LOG` chooses what (by default: sessions and their ends).
-fn log_to_stderr() {
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info"));
-    // Fails where a log is set up already, and then that one is as good.
-    let _ = tracing_subscriber::fmt()
-        .with_env_filter(filter)
-        .with_ansi(std::io::stderr().is_terminal())
-        .with_writer(std::io::stderr)
-        .try_init();
 }
 
 /// Prepares what is not in the cache and opens all packs.

@@ -1,5 +1,6 @@
 //! Counters of the daemon, and their text form for Prometheus.
 
+use std::sync::OnceLock;
 use std::time::Duration;
 
 use lodestream_protocol::message::CloseCode;
@@ -7,6 +8,7 @@ use lodestream_protocol::{BlobId, BlobPart, TerrainBlob};
 use prometheus::{
     Histogram, HistogramOpts, IntCounter, IntCounterVec, IntGauge, IntGaugeVec, Opts, Registry, TextEncoder,
 };
+use tracing_appender::non_blocking::ErrorCounter;
 
 /// How a session travels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,6 +56,8 @@ pub struct Metrics {
     bases_sent: Histogram,
     rate: IntGauge,
     draining: IntGauge,
+    dropped_log_lines: IntGauge,
+    log: OnceLock<ErrorCounter>,
 }
 
 /// A terrain's directory counts as index, its points as chunks.
@@ -139,6 +143,11 @@ impl Metrics {
             bases_sent,
             rate: gauge("lodestream_rate_bits_per_second", "Limit of each session; 0 for none.")?,
             draining: gauge("lodestream_draining", "1 while the server shuts down.")?,
+            dropped_log_lines: gauge(
+                "lodestream_dropped_log_lines",
+                "Log lines left out because whoever reads the log was too slow.",
+            )?,
+            log: OnceLock::new(),
             registry,
         })
     }
@@ -215,11 +224,19 @@ impl Metrics {
         self.bytes.iter().map(IntCounter::get).sum()
     }
 
+    /// Tells how the log's lines that are left out are counted, once.
+    pub fn watch_log(&self, dropped: ErrorCounter) {
+        // A second log would be a second process's.
+        let _ = self.log.set(dropped);
+    }
+
     /// All counters in Prometheus' text format (version 0.0.4).
     #[must_use]
     pub fn render(&self, rate_bits_per_s: Option<u64>, draining: bool) -> String {
         self.rate.set(i64::try_from(rate_bits_per_s.unwrap_or(0)).unwrap_or(i64::MAX));
         self.draining.set(i64::from(draining));
+        let dropped = self.log.get().map_or(0, ErrorCounter::dropped_lines);
+        self.dropped_log_lines.set(i64::try_from(dropped).unwrap_or(i64::MAX));
         let mut text = String::with_capacity(4096);
         // Fails for a family without metrics, and there is none.
         let _ = TextEncoder::new().encode_utf8(&self.registry.gather(), &mut text);
@@ -256,6 +273,7 @@ mod tests {
             "lodestream_bases_sent_seconds_count 2",
             "lodestream_rate_bits_per_second 2000000",
             "lodestream_draining 0",
+            "lodestream_dropped_log_lines 0",
             "# TYPE lodestream_sessions gauge",
             "# TYPE lodestream_sessions_total counter",
             "# TYPE lodestream_bases_sent_seconds histogram",

@@ -30,15 +30,17 @@ pub mod state;
 mod tests;
 pub mod websocket;
 
+use std::io::Write as _;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
-use anyhow::{Context, bail};
+use anyhow::{Context, anyhow, bail};
 use lodestream_protocol::source::SceneSource;
 use tokio::net::TcpListener;
 use tokio::time::timeout;
+use tracing_appender::non_blocking::ErrorCounter;
 
 use self::certificate::Certificate;
 use self::origin::AllowedOrigins;
@@ -63,6 +65,8 @@ pub struct DaemonOptions {
     pub sessions: SessionSettings,
     /// Web pages that may open sessions over WebSocket.
     pub origins: AllowedOrigins,
+    /// What counts the log's lines that were left out, if that can happen.
+    pub dropped_log_lines: Option<ErrorCounter>,
 }
 
 impl DaemonOptions {
@@ -76,6 +80,7 @@ impl DaemonOptions {
             certificate: None,
             sessions: SessionSettings::default(),
             origins: AllowedOrigins::default(),
+            dropped_log_lines: None,
         }
     }
 }
@@ -90,7 +95,8 @@ pub async fn run(options: DaemonOptions, scene: Arc<dyn SceneSource>) -> anyhow:
     let signals = Signals::listen()?;
     let daemon = Daemon::bind(options, scene).await?;
     for url in daemon.urls() {
-        println!("{url}");
+        // Whoever wants none may have closed it.
+        let _ = writeln!(std::io::stdout(), "{url}");
     }
     daemon.serve(signals).await
 }
@@ -137,6 +143,9 @@ impl Daemon {
             }
         };
         let state = ServerState::with_origins(scene, options.sessions, options.origins);
+        if let Some(dropped) = options.dropped_log_lines {
+            state.metrics().watch_log(dropped);
+        }
         Ok(Self { state, quic, http })
     }
 
@@ -176,7 +185,7 @@ impl Daemon {
     /// Serves until asked to end, then drains. A second request ends it at once.
     ///
     /// # Errors
-    /// Fails where a second request came before all sessions had ended.
+    /// Fails where a listener ends by itself, or a second request came before all sessions had ended.
     pub async fn serve(self, mut stop: impl StopRequests) -> anyhow::Result<()> {
         let Self { state, quic, http } = self;
         let mut listeners = tokio::task::JoinSet::new();
@@ -191,7 +200,16 @@ impl Daemon {
             rate_bits_per_s = state.settings().rate_bits_per_s,
             "serving"
         );
-        stop.next().await;
+        tokio::select! {
+            biased;
+            () = stop.next() => {}
+            // While the daemon runs none ends but by a fault.
+            Some(ended) = listeners.join_next() => {
+                state.stop();
+                return Err(ended.err().map_or_else(|| anyhow!("it ended"), Into::into))
+                    .context("a listener has failed; start the server again");
+            }
+        }
         tracing::info!(sessions = state.metrics().active_sessions(), "shutting down: draining");
         state.drain();
         let drained = async {

@@ -1,0 +1,58 @@
+//! The daemon's log on standard error, which holds nothing up: what nobody reads is left out, and counted.
+
+use std::io::IsTerminal as _;
+use std::sync::mpsc::sync_channel;
+use std::time::Duration;
+
+use tracing_appender::non_blocking::{ErrorCounter, NonBlockingBuilder, WorkerGuard};
+use tracing_subscriber::EnvFilter;
+
+/// Lines that wait for their reader, at most.
+const MAX_LINES: usize = 1024;
+/// How long the end waits until what was logged is written.
+const LAST_LINES: Duration = Duration::from_millis(1500);
+
+/// A log that is being written; dropping it waits until it is, or for [`LAST_LINES`].
+#[derive(Debug)]
+pub(super) struct Log {
+    dropped_lines: ErrorCounter,
+    written: Option<WorkerGuard>,
+}
+
+impl Log {
+    /// Begins; `RUST_LOG` chooses what is logged (by default: sessions and their ends).
+    pub(super) fn to_stderr() -> Self {
+        let builder = NonBlockingBuilder::default().buffered_lines_limit(MAX_LINES).lossy(true);
+        let (writer, written) = builder.finish(std::io::stderr());
+        let dropped_lines = writer.error_counter();
+        let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info"));
+        // Fails where a log is set up already, and then that one is as good.
+        let _ = tracing_subscriber::fmt()
+            .with_env_filter(filter)
+            .with_ansi(std::io::stderr().is_terminal())
+            .with_writer(writer)
+            .try_init();
+        Self { dropped_lines, written: Some(written) }
+    }
+
+    /// What counts the lines that were left out.
+    pub(super) fn dropped_lines(&self) -> ErrorCounter {
+        self.dropped_lines.clone()
+    }
+}
+
+impl Drop for Log {
+    fn drop(&mut self) {
+        let Some(written) = self.written.take() else { return };
+        let (done, ended) = sync_channel::<()>(1);
+        // Where nobody reads, the guard says so on standard error, and waits for its reader.
+        let waiting = std::thread::Builder::new().spawn(move || {
+            drop(written);
+            drop(done);
+        });
+        if waiting.is_ok() {
+            // It ends by being disconnected, or is left behind.
+            let _ = ended.recv_timeout(LAST_LINES);
+        }
+    }
+}
