@@ -7,8 +7,8 @@ use super::camera::may_see;
 use super::counters::Counters;
 use super::instance::{Instance, InstanceRaw};
 use super::pipelines::Pipelines;
+use super::receivers::Receivers;
 use super::scene::Frame;
-use super::shadows::{Casters, Receivers};
 
 /// The instances of one asset that are drawn: a range of the frame's instance buffer.
 pub(crate) struct Batch<'a> {
@@ -52,7 +52,8 @@ impl<'a> DrawList<'a> {
         list
     }
 
-    fn batch(
+    /// Adds instances of an asset.
+    pub(crate) fn batch(
         &mut self,
         asset: &'a AssetGpu,
         distance: f64,
@@ -61,29 +62,6 @@ impl<'a> DrawList<'a> {
         let first = self.instances.len() as u32;
         self.instances.extend(instances);
         Batch { asset, first, end: self.instances.len() as u32, distance }
-    }
-
-    /// Adds what may cast shadows into a cascade's map, seen or not.
-    pub(crate) fn casters<'c>(&mut self, frame: &Frame<'a>, casters: &mut Casters<'c>)
-    where
-        'a: 'c,
-    {
-        for drawable in frame.drawables.iter().filter(|d| d.asset.is_drawable()) {
-            let (centre, radius) = drawable.asset.sphere();
-            let placed = drawable.instances.iter().filter_map(|instance| {
-                let raw = finite(instance.relative_to(drawable.asset.origin(), frame.camera.eye))?;
-                let centre = middle(&raw) + instance.rotation * (centre * instance.scale);
-                let top = casters.top_of(frame.camera.eye, centre, radius * instance.scale.abs())?;
-                Some((instance, raw, top))
-            });
-            let placed: Vec<_> = placed.collect();
-            if placed.is_empty() {
-                continue;
-            }
-            casters.asset(drawable.asset, placed.iter().map(|(instance, _, top)| (*instance, *top)), frame);
-            let batch = self.batch(drawable.asset, 0.0, placed.iter().map(|(_, raw, _)| *raw));
-            casters.batches.push(batch);
-        }
     }
 
     /// Draws all surfaces; `relief` says whether height maps are honoured.
@@ -144,12 +122,12 @@ pub(crate) fn each(
 }
 
 /// An instance as the GPU gets it, unless its place is not finite.
-fn finite(raw: InstanceRaw) -> Option<InstanceRaw> {
+pub(crate) fn finite(raw: InstanceRaw) -> Option<InstanceRaw> {
     raw.offset.iter().chain(&raw.rotation).chain([&raw.scale]).all(|x| x.is_finite()).then_some(raw)
 }
 
 /// Where an instance's origin lies, relative to the eye.
-fn middle(raw: &InstanceRaw) -> DVec3 {
+pub(crate) fn middle(raw: &InstanceRaw) -> DVec3 {
     DVec3::from(raw.offset.map(f64::from))
 }
 

@@ -33,6 +33,7 @@ mod instance;
 mod material;
 mod pipelines;
 mod readback;
+mod receivers;
 mod renderer;
 mod scene;
 #[cfg(feature = "client")]
@@ -63,12 +64,11 @@ pub use material::Material;
 pub use readback::TargetCopy;
 pub use renderer::Renderer;
 pub use scene::{
-    AmbientOcclusion, Drawable, Environment, Frame, MAX_RELIEF_STEPS, MAX_SAMPLES, MIN_RENDER_SCALE,
-    OcclusionRadius, Settings, Shade,
+    AmbientOcclusion, Drawable, Environment, Frame, MAP_SIDES, MAX_CASCADES, MAX_FILTER, MAX_RELIEF_STEPS,
+    MAX_SAMPLES, MIN_RENDER_SCALE, OcclusionRadius, Settings, Shade, Shadows,
 };
 #[cfg(feature = "client")]
 pub use scene_view::SceneView;
-pub use shadows::{MAP_SIDES, MAX_CASCADES, MAX_FILTER, Shadows};
 pub use target::{Load, Target};
 pub use terrain::{MAX_DRAWN_HEIGHT, TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart};
 pub use texture::{TextureData, TextureKind, TextureShape};

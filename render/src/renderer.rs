@@ -134,7 +134,7 @@ impl Renderer {
             casters = (1..=cascades.len())
                 .filter_map(|count| Casters::new(&cascades[..count], shadows.map_side))
                 .collect();
-            casters.iter_mut().for_each(|casters| list.casters(frame, casters));
+            casters.iter_mut().for_each(|casters| casters.add_meshes(&mut list, frame));
         }
         let ground = match frame.terrain {
             Some(terrain) => {

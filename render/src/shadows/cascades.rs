@@ -5,6 +5,8 @@
 
 use glam::{DMat3, DVec3};
 
+use crate::receivers::Receivers;
+
 /// Steps by which a map moves, to its side. Each is a whole number of texels; in between a map serves as it is.
 const STEPS: f64 = 16.0;
 /// The nearest map's reach, in distances to what is nearest.
@@ -13,36 +15,6 @@ const NEAREST_DISTANCES: f64 = 8.0;
 const MOST_RATIO: f64 = 128.0;
 /// Reaches of neighbouring maps differ by at most this factor where there are enough of them.
 const RATIO: f64 = 4.0;
-
-/// Where a view shows surfaces, relative to the eye, world units.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Receivers {
-    nearest: f64,
-    farthest: f64,
-    /// Corners of a box around all of them.
-    low: DVec3,
-    high: DVec3,
-}
-
-impl Receivers {
-    /// Of nothing.
-    pub(crate) const NONE: Self =
-        Self { nearest: f64::INFINITY, farthest: 0.0, low: DVec3::INFINITY, high: DVec3::NEG_INFINITY };
-
-    /// Takes in a sphere. What is looked at from within is taken to be an eighth of its size away.
-    pub(crate) fn add(&mut self, centre: DVec3, radius: f64) {
-        self.nearest = self.nearest.min((centre.length() - radius).max(radius / 8.0));
-        self.farthest = self.farthest.max(centre.length() + radius);
-        self.low = self.low.min(centre - radius);
-        self.high = self.high.max(centre + radius);
-    }
-
-    /// Takes in what lies all around, between two distances.
-    pub(crate) fn add_around(&mut self, nearest: f64, farthest: f64) {
-        self.add(DVec3::ZERO, farthest);
-        self.nearest = self.nearest.min(nearest);
-    }
-}
 
 /// One map's place: a square across the light, in axes of which the last points to the sun.
 #[derive(Clone, Copy, Debug, PartialEq)]

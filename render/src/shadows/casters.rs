@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::Cascade;
 use crate::asset::AssetGpu;
-use crate::draw::Batch;
+use crate::draw::{Batch, DrawList, finite, middle};
 use crate::instance::Instance;
 use crate::scene::Frame;
 use crate::terrain::TerrainPart;
@@ -45,8 +45,32 @@ impl<'a> Casters<'a> {
         self.cascade.top_of(eye, centre, radius).filter(|_| !held())
     }
 
+    /// Adds the frame's instances that may cast shadows into the map, seen or not, to what `list` uploads.
+    pub(crate) fn add_meshes<'f>(&mut self, list: &mut DrawList<'f>, frame: &Frame<'f>)
+    where
+        'f: 'a,
+    {
+        let eye = frame.camera.eye;
+        for drawable in frame.drawables.iter().filter(|d| d.asset.is_drawable()) {
+            let (centre, radius) = drawable.asset.sphere();
+            let placed = drawable.instances.iter().filter_map(|instance| {
+                let raw = finite(instance.relative_to(drawable.asset.origin(), eye))?;
+                let centre = middle(&raw) + instance.rotation * (centre * instance.scale);
+                let top = self.top_of(eye, centre, radius * instance.scale.abs())?;
+                Some((instance, raw, top))
+            });
+            let placed: Vec<_> = placed.collect();
+            if placed.is_empty() {
+                continue;
+            }
+            self.asset(drawable.asset, placed.iter().map(|(instance, _, top)| (*instance, *top)), frame);
+            let batch = list.batch(drawable.asset, 0.0, placed.iter().map(|(_, raw, _)| *raw));
+            self.batches.push(batch);
+        }
+    }
+
     /// Takes note of an asset's instances and of how high each reaches.
-    pub(crate) fn asset<'i>(
+    fn asset<'i>(
         &mut self,
         asset: &AssetGpu,
         instances: impl Iterator<Item = (&'i Instance, f64)>,

@@ -2,10 +2,11 @@
 
 use glam::DVec3;
 
-use super::{Cascade, Casters, MAX_CASCADES, Shadows, SunlightUniform};
+use super::{Cascade, Casters, SunlightUniform};
 use crate::counters::Counters;
 use crate::draw::each;
 use crate::gpu::Gpu;
+use crate::scene::{MAX_CASCADES, Shadows};
 use crate::targets::DEPTH;
 use crate::uniforms::FrameUniform;
 

@@ -3,7 +3,8 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat4, DVec3};
 
-use super::{Cascade, MAX_CASCADES, Shadows};
+use super::Cascade;
+use crate::scene::{MAX_CASCADES, Shadows};
 
 /// `Cascade` of the shader.
 #[repr(C)]

@@ -10,7 +10,8 @@ use super::tile_raw::TileRaw;
 use crate::buffer::GrowingBuffer;
 use crate::counters::Counters;
 use crate::gpu::{Gpu, RenderError};
-use crate::shadows::{Casters, Receivers};
+use crate::receivers::Receivers;
+use crate::shadows::Casters;
 use crate::tiles::TILE_CELLS;
 
 /// What is drawn at once: a run of the index pattern, for a run of instances.
