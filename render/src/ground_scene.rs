@@ -46,6 +46,10 @@ pub struct GroundScene {
     casters: Vec<TerrainPart>,
     /// Tiles in view that the last frame lacked.
     absent: Vec<TileId>,
+    /// How many of those it lacked that cast shadows from out of view.
+    absent_casters: usize,
+    /// What was prepared last.
+    view: Option<GroundView>,
     regions: Vec<TileRegion>,
     above: f64,
     scratch: Scratch,
@@ -121,6 +125,8 @@ impl GroundScene {
             parts: Vec::new(),
             casters: Vec::new(),
             absent: Vec::new(),
+            absent_casters: 0,
+            view: None,
             regions: Vec::new(),
             above: 0.0,
             scratch: Scratch::new(),
@@ -188,25 +194,27 @@ impl GroundScene {
         self.regions = drawn.regions();
         self.parts = self.placed(&drawn, |tile| drawn.mask(tile));
         self.casters.clear();
+        self.absent_casters = 0;
+        self.view = Some(view);
         Ok(())
     }
 
-    /// Prepares what of the ground out of view casts shadows into the maps of `cascades`, after what is in view. What
-    /// another thread has not made yet casts none.
+    /// Prepares what of the ground out of the view that was prepared casts shadows into the maps of `cascades`. What another
+    /// thread has not made yet casts none.
     pub(crate) fn prepare_casters(
         &mut self,
         gpu: &Gpu,
         making: &Making,
-        (camera, size): (&Pose, (u32, u32)),
         cascades: &[Cascade],
     ) -> Result<(), RenderError> {
-        let view = GroundView::new(&self.ground, camera, size, &mut self.scratch);
+        let Some(view) = self.view else { return Ok(()) };
         let matters = |column| cascades.iter().any(|cascade| cascade.is_reached(column));
         let mut tiles = self.ground.tiles_out_of_view(&view, self.drawn_px, MAX_CASTERS, &matters);
         for picked in &tiles.picked {
             self.store.touch(picked.tile);
         }
         let absent = self.store.absent(&tiles.picked);
+        self.absent_casters = absent.len();
         match making {
             Making::Apart(maker) => {
                 let wished = self.absent.iter().chain(&absent).copied();
@@ -263,7 +271,7 @@ impl GroundScene {
     /// Tiles that the last frame lacked and that are being made.
     #[must_use]
     pub fn missing(&self) -> usize {
-        self.absent.len()
+        self.absent.len() + self.absent_casters
     }
 
     /// Screen error that the last frame's tiles were chosen for, in pixels.

@@ -237,7 +237,7 @@ impl SceneView {
             shadows::of_frame(frame, &list, shadows)
         });
         let Some(ground) = &mut self.ground else { return Ok(()) };
-        ground.prepare_casters(gpu, &self.making, (camera, size), &cascades)
+        ground.prepare_casters(gpu, &self.making, &cascades)
     }
 
     /// Terrain tiles that the last frame lacked; coarser ones were drawn in their place.

@@ -31,11 +31,11 @@ pub(crate) struct TileList<'a> {
 
 /// Adds the distances between which a frame shows ground.
 pub(crate) fn receivers(frame: &TerrainFrame<'_>, eye: DVec3, receivers: &mut Receivers) {
-    let farthest = frame.parts.iter().map(|part| {
+    let reach = |part: &TerrainPart| {
         let (centre, radius) = sphere(part, frame.terrain, eye);
         centre.length() + radius
-    });
-    let farthest = farthest.fold(0.0, f64::max);
+    };
+    let Some(farthest) = frame.parts.iter().map(reach).reduce(f64::max) else { return };
     // Below the highest ground around the eye nothing is known of what is nearest.
     let nearest = if frame.above > 0.0 { frame.above } else { farthest };
     receivers.add_around(nearest, farthest);
@@ -87,7 +87,7 @@ impl<'a> TileList<'a> {
 
     /// Whether there is something to draw.
     pub(crate) fn is_empty(&self) -> bool {
-        self.batches.is_empty()
+        self.batches.is_empty() && self.casters.iter().all(Vec::is_empty)
     }
 
     /// Draws the surfaces, or the edges over them.

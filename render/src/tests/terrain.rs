@@ -12,7 +12,7 @@ use crate::draw::DrawList;
 use crate::graph::Resource;
 use crate::image_compare::compare;
 use crate::shadows;
-use crate::tiles::{Ground, TILE_CELLS, TileId, TileRegion};
+use crate::tiles::{Ground, Maker, TILE_CELLS, TileId, TileRegion};
 use crate::twin::depth::view_ray;
 use crate::twin::terrain::{Tile, zone_weights};
 use crate::{
@@ -63,6 +63,15 @@ fn draw(h: &mut Headless, ground: &mut GroundScene, camera: Pose, px: f64, setti
     h.picture().unwrap()
 }
 
+/// Prepares what casts shadows into a view of prepared ground from out of it.
+fn prepare_casters(h: &Headless, ground: &mut GroundScene, making: &Making, camera: Pose, to_sun: DVec3) {
+    let environment = Environment { to_sun, ..Environment::default() };
+    let frame = Frame { terrain: Some(ground.frame()), environment, ..Frame::new(camera, &[]) };
+    let list = DrawList::new(&frame, h.size(), &mut Counters::default());
+    let cascades = shadows::of_frame(&frame, &list, Shadows::default());
+    ground.prepare_casters(h.gpu(), making, &cascades).unwrap();
+}
+
 /// The same with shadows, of what is out of view too or not.
 fn draw_in_the_sun(
     h: &mut Headless,
@@ -72,19 +81,11 @@ fn draw_in_the_sun(
 ) -> Vec<u8> {
     let size = h.size();
     ground.prepare(h.gpu(), &Making::AtOnce, &camera, size, 2.0).unwrap();
-    let environment = Environment { to_sun, ..Environment::default() };
-    let with = |ground: &GroundScene, draw: &mut dyn FnMut(&Frame<'_>)| {
-        draw(&Frame { terrain: Some(ground.frame()), environment, ..Frame::new(camera, &[]) });
-    };
     if out_of_view {
-        let mut cascades = Vec::new();
-        with(ground, &mut |frame| {
-            let list = DrawList::new(frame, size, &mut Counters::default());
-            cascades = shadows::of_frame(frame, &list, Shadows::default());
-        });
-        ground.prepare_casters(h.gpu(), &Making::AtOnce, (&camera, size), &cascades).unwrap();
+        prepare_casters(h, ground, &Making::AtOnce, camera, to_sun);
     }
-    with(ground, &mut |frame| drop(h.frame(frame).unwrap()));
+    let environment = Environment { to_sun, ..Environment::default() };
+    h.frame(&Frame { terrain: Some(ground.frame()), environment, ..Frame::new(camera, &[]) }).unwrap();
     h.intermediate(Resource::Sunlight, 2).unwrap().chunks(2).map(|lit| lit[0]).collect()
 }
 
@@ -136,6 +137,33 @@ impl Rays {
         }
         least
     }
+}
+
+#[test]
+fn ground_is_missing_while_some_of_what_casts_shadows_is() {
+    let Some(h) = headless(160, 90) else { return };
+    let entry = rough_entry(3);
+    let eye = DVec3::new(-100.0, ground_height(&entry, -100.0, 400.0) + 30.0, 400.0);
+    let camera = Pose::look_at(eye, eye + DVec3::new(0.1, -0.2, 1.0), DVec3::Y, 0.9);
+    let to_sun = DVec3::new(0.3, 0.11, -0.95);
+    let prepare = |ground: &mut GroundScene, making: &Making| {
+        ground.prepare(h.gpu(), making, &camera, h.size(), 2.0).unwrap();
+        prepare_casters(&h, ground, making, camera, to_sun);
+        (ground.missing(), ground.frame().parts.len(), ground.frame().casters.len())
+    };
+    let (_, parts, casters) = prepare(&mut scene(&h, &entry), &Making::AtOnce);
+    assert!(casters > 10, "{casters}");
+    let mut ground = scene(&h, &entry);
+    let apart = Making::Apart(Maker::start(|| {}).unwrap());
+    // However long a thread that nobody waits for takes.
+    let made = loop {
+        let (missing, parts, casters) = prepare(&mut ground, &apart);
+        if missing == 0 {
+            break (parts, casters);
+        }
+        std::thread::yield_now();
+    };
+    assert_eq!(made, (parts, casters), "what came apart is what is made at once");
 }
 
 #[test]
