@@ -388,7 +388,6 @@ class Reader:
     def material(self):
         b = self.b
         flags = self.f("flags", b.u8)
-        ensure(flags < 4, f"unknown flags of a material: {flags}")
         material = {
             "name": self.f("name", b.text, repr),
             "base_color": self.f("base_color", lambda: [b.fixed(2) for _ in range(4)]),
@@ -399,6 +398,27 @@ class Reader:
         if flags & 2:
             material["height_texture"] = self.f("height_texture", b.u16)
             material["relief_depth"] = self.number("relief_depth", b.f32)
+        if flags & 4:
+            material["metallic"] = self.f("metallic", b.u8)
+        if flags & 8:
+            material["emission"] = [self.number("emission", b.f32) for _ in range(3)]
+        if flags & 16:
+            material["surface_texture"] = self.f("surface_texture", b.u16)
+        if flags & 32:
+            material["normal_texture"] = self.f("normal_texture", b.u16)
+            material["normal_scale"] = self.number("normal_scale", b.f32)
+        if flags & 64:
+            material["emission_texture"] = self.f("emission_texture", b.u16)
+        if flags & 128:
+            second = self.f("second", b.u8)
+            alpha, u, v = second & 3, second >> 3 & 3, second >> 5
+            ensure(alpha < 3 and u < 3 and v < 3, f"unknown flags of a material: {second}")
+            wraps = ["repeat", "clamp", "mirror"]
+            material["alpha"] = ["opaque", "mask", "blend"][alpha]
+            material["unlit"] = bool(second & 4)
+            material["wrap"] = [wraps[u], wraps[v]]
+            if alpha == 1:
+                material["cutoff"] = self.f("cutoff", b.u8)
         return material
 
     def texture(self):
@@ -410,7 +430,7 @@ class Reader:
                 "format": self.named("format", ["jpeg", "png"]),
             }
         return {
-            "kind": self.named("kind", ["color", "height"]),
+            "kind": self.named("kind", ["color", "height", "normal", "surface"]),
             "width": self.f("width", self.b.u32),
             "height": self.f("height", self.b.u32),
             "mean": self.option("mean", lambda: self.f("sRGB", lambda: list(self.b.take(3)))),

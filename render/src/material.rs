@@ -58,8 +58,14 @@ impl From<&protocol::TextureInfo> for TextureShape {
         let kind = match t.kind {
             protocol::TextureKind::Color => TextureKind::Colour,
             protocol::TextureKind::Height => TextureKind::Height,
+            protocol::TextureKind::Normal => TextureKind::Normal,
+            protocol::TextureKind::Surface => TextureKind::Surface,
         };
-        let mean = t.mean.map_or([1.0; 3], |mean| mean.map(from_srgb));
+        let decode = |encoded| match kind {
+            TextureKind::Colour => from_srgb(encoded),
+            _ => f32::from(encoded) / 255.0,
+        };
+        let mean = t.mean.map_or([1.0; 3], |mean| mean.map(decode));
         Self { width: t.width, height: t.height, levels: t.levels.len() as u32, kind, mean }
     }
 }

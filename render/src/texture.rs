@@ -20,6 +20,10 @@ pub enum TextureKind {
     Colour,
     /// Heights for relief mapping: 0 = deepest, the largest value = the surface itself.
     Height,
+    /// Normals of a surface: a component c is stored as (c + 1) / 2.
+    Normal,
+    /// Occlusion (red), roughness (green) and metal (blue).
+    Surface,
 }
 
 /// Size and purpose of a texture, known before any of its levels.
@@ -34,7 +38,7 @@ pub struct TextureShape {
     pub levels: u32,
     /// Purpose.
     pub kind: TextureKind,
-    /// Mean colour, linear: stands for a colour texture until its coarsest level is here.
+    /// Mean of the texels, colours linear: stands for a colour or surface texture until its coarsest level is here.
     pub mean: [f32; 3],
 }
 
@@ -75,10 +79,11 @@ impl TextureData<'_> {
 
     fn convert(&self, format: wgpu::TextureFormat) -> Vec<u8> {
         let grey = |g: u8| [g, g, g, 255];
+        use wgpu::TextureFormat::{Rgba8Unorm, Rgba8UnormSrgb};
         match (format, self) {
-            (wgpu::TextureFormat::Rgba8UnormSrgb, Self::Rgba8(d)) => d.to_vec(),
-            (wgpu::TextureFormat::Rgba8UnormSrgb, Self::R8(d)) => d.iter().flat_map(|&g| grey(g)).collect(),
-            (wgpu::TextureFormat::Rgba8UnormSrgb, Self::R16(d)) => {
+            (Rgba8UnormSrgb | Rgba8Unorm, Self::Rgba8(d)) => d.to_vec(),
+            (Rgba8UnormSrgb | Rgba8Unorm, Self::R8(d)) => d.iter().flat_map(|&g| grey(g)).collect(),
+            (Rgba8UnormSrgb | Rgba8Unorm, Self::R16(d)) => {
                 d.iter().flat_map(|&g| grey((g >> 8) as u8)).collect()
             }
             // × 257 maps 0..=255 onto 0..=65535 exactly.
@@ -125,6 +130,7 @@ impl StreamedTexture {
         let limit = (0..shape.levels).rev().find(fits);
         let format = match shape.kind {
             TextureKind::Colour => wgpu::TextureFormat::Rgba8UnormSrgb,
+            TextureKind::Normal | TextureKind::Surface => wgpu::TextureFormat::Rgba8Unorm,
             TextureKind::Height
                 if gpu.device.features().contains(wgpu::Features::TEXTURE_FORMAT_16BIT_NORM) =>
             {

@@ -50,9 +50,9 @@ impl TexturePixels {
             return Err(error(format!("the image has {}×{} pixels", image.width(), image.height())));
         }
         Ok(match (info.kind, image) {
-            (TextureKind::Color, image) => Self::Rgba8(image.into_rgba8().into_raw()),
             (TextureKind::Height, DynamicImage::ImageLuma8(grey)) => Self::R8(grey.into_raw()),
             (TextureKind::Height, image) => Self::R16(image.into_luma16().into_raw()),
+            (_, image) => Self::Rgba8(image.into_rgba8().into_raw()),
         })
     }
 

@@ -81,6 +81,7 @@ pub fn describe(
             base_color_texture: color,
             height_texture: height,
             relief_depth: if height.is_some() { depth.clamp(0.0, 1.0) } else { 0.0 },
+            ..Material::default()
         });
     }
     let description =

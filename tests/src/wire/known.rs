@@ -6,7 +6,9 @@ use bytes::Bytes;
 use lodestream_compress::decode_base;
 use lodestream_geometry::Codec;
 use lodestream_geometry::base::Base;
-use lodestream_protocol::asset::{AssetDescription, Material, TextureFormat, TextureInfo, TextureKind};
+use lodestream_protocol::asset::{
+    Alpha, AssetDescription, Material, TextureFormat, TextureInfo, TextureKind, Wrap,
+};
 use lodestream_protocol::blob::TerrainBlob;
 use lodestream_protocol::frame::{BlobPiece, Frame, FrameReader, ServerFrame};
 use lodestream_protocol::message::{ClientMessage, Hello, ServerMessage, Want, Welcome};
@@ -350,6 +352,39 @@ fn material(material: &Material) -> Value {
         value["height_texture"] = json!(texture);
         value["relief_depth"] = json!(material.relief_depth);
     }
+    if material.metallic > 0.0 {
+        value["metallic"] = json!((material.metallic * 255.0).round() as u8);
+    }
+    if material.emission != [0.0; 3] {
+        value["emission"] = json!(material.emission);
+    }
+    if let Some(texture) = material.surface_texture {
+        value["surface_texture"] = json!(texture);
+    }
+    if let Some(texture) = material.normal_texture {
+        value["normal_texture"] = json!(texture);
+        value["normal_scale"] = json!(material.normal_scale);
+    }
+    if let Some(texture) = material.emission_texture {
+        value["emission_texture"] = json!(texture);
+    }
+    if (material.alpha, material.unlit, material.wrap) != (Alpha::Opaque, false, [Wrap::Repeat; 2]) {
+        let wrap = |wrap| match wrap {
+            Wrap::Repeat => "repeat",
+            Wrap::Clamp => "clamp",
+            Wrap::Mirror => "mirror",
+        };
+        value["alpha"] = json!(match material.alpha {
+            Alpha::Opaque => "opaque",
+            Alpha::Mask(_) => "mask",
+            Alpha::Blend => "blend",
+        });
+        value["unlit"] = json!(material.unlit);
+        value["wrap"] = json!(material.wrap.map(wrap));
+        if let Alpha::Mask(cutoff) = material.alpha {
+            value["cutoff"] = json!((cutoff * 255.0).round() as u8);
+        }
+    }
     value
 }
 
@@ -359,7 +394,12 @@ fn texture(texture: &TextureInfo) -> Value {
     let levels = levels
         .map(|l| json!({"width": l.width, "height": l.height, "bytes": l.bytes, "format": format(l.format)}));
     json!({
-        "kind": if texture.kind == TextureKind::Color { "color" } else { "height" },
+        "kind": match texture.kind {
+            TextureKind::Color => "color",
+            TextureKind::Height => "height",
+            TextureKind::Normal => "normal",
+            TextureKind::Surface => "surface",
+        },
         "width": texture.width,
         "height": texture.height,
         "mean": texture.mean,

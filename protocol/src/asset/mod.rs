@@ -3,8 +3,11 @@
 //! Travels inside the base mesh (`geometry::base::Base::description`, opaque there), so it is part of
 //! the first flight: an untextured mesh of one material takes about 20 bytes.
 
+mod material;
+
 use bincode::{Decode, Encode};
 
+pub use self::material::{Alpha, MAX_EMISSION, MAX_NORMAL_SCALE, Material, Wrap};
 pub use crate::coding::CodingError;
 use crate::coding::{decode_description, encode_description};
 use crate::limits::{MAX_BLOB_BYTES, MAX_NAME_BYTES};
@@ -27,94 +30,6 @@ pub struct AssetDescription {
     pub textures: Vec<TextureInfo>,
 }
 
-/// Surface parameters of the faces that name this material.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Material {
-    /// Name for people.
-    pub name: String,
-    /// Linear red, green, blue and opacity, each in 0..=1; kept in steps of 1/65535. Multiplies the
-    /// base colour texture, if any.
-    pub base_color: [f32; 4],
-    /// Roughness in 0..=1, kept in steps of 1/255.
-    pub roughness: f32,
-    /// Index of the colour texture.
-    pub base_color_texture: Option<u16>,
-    /// Index of the height map for relief mapping; white is the surface, black is the deepest point.
-    pub height_texture: Option<u16>,
-    /// Depth of black in the height map below the surface, in units of texture coordinates
-    /// (uv space: 0.05 is a twentieth of the texture's width). Zero without height map.
-    pub relief_depth: f32,
-}
-
-impl Default for Material {
-    fn default() -> Self {
-        Self {
-            name: String::new(),
-            base_color: [0.8, 0.8, 0.8, 1.0],
-            roughness: 0.8,
-            base_color_texture: None,
-            height_texture: None,
-            relief_depth: 0.0,
-        }
-    }
-}
-
-#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // clamped to the range first
-fn to_u16(x: f32) -> u16 {
-    (x.clamp(0.0, 1.0) * 65_535.0).round() as u16
-}
-
-#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-fn to_u8(x: f32) -> u8 {
-    (x.clamp(0.0, 1.0) * 255.0).round() as u8
-}
-
-const HAS_COLOR: u8 = 1;
-const HAS_HEIGHT: u8 = 2;
-
-// By hand: one byte of flags instead of one per option, and fixed-point colours (8 bytes, not 20).
-impl Encode for Material {
-    fn encode<E: bincode::enc::Encoder>(&self, e: &mut E) -> Result<(), bincode::error::EncodeError> {
-        let flags = if self.base_color_texture.is_some() { HAS_COLOR } else { 0 }
-            | if self.height_texture.is_some() { HAS_HEIGHT } else { 0 };
-        flags.encode(e)?;
-        self.name.encode(e)?;
-        for x in self.base_color {
-            to_u16(x).to_le_bytes().encode(e)?;
-        }
-        to_u8(self.roughness).encode(e)?;
-        if let Some(texture) = self.base_color_texture {
-            texture.encode(e)?;
-        }
-        if let Some(texture) = self.height_texture {
-            texture.encode(e)?;
-            self.relief_depth.encode(e)?;
-        }
-        Ok(())
-    }
-}
-
-impl<Context> Decode<Context> for Material {
-    fn decode<D: bincode::de::Decoder<Context = Context>>(
-        d: &mut D,
-    ) -> Result<Self, bincode::error::DecodeError> {
-        let flags = u8::decode(d)?;
-        if flags & !(HAS_COLOR | HAS_HEIGHT) != 0 {
-            return Err(bincode::error::DecodeError::Other("unknown material flags"));
-        }
-        let name = String::decode(d)?;
-        let mut base_color = [0.0; 4];
-        for x in &mut base_color {
-            *x = f32::from(u16::from_le_bytes(<[u8; 2]>::decode(d)?)) / 65_535.0;
-        }
-        let roughness = f32::from(u8::decode(d)?) / 255.0;
-        let base_color_texture = if flags & HAS_COLOR == 0 { None } else { Some(u16::decode(d)?) };
-        let (height_texture, relief_depth) =
-            if flags & HAS_HEIGHT == 0 { (None, 0.0) } else { (Some(u16::decode(d)?), f32::decode(d)?) };
-        Ok(Self { name, base_color, roughness, base_color_texture, height_texture, relief_depth })
-    }
-}
-
 /// What the texels of a texture mean.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
 pub enum TextureKind {
@@ -122,14 +37,18 @@ pub enum TextureKind {
     Color,
     /// Heights for relief mapping, one channel, linear, lossless.
     Height,
+    /// Normals, linear: a component c is stored as (c + 1) / 2; x along u, y along v upwards, z out of the surface.
+    Normal,
+    /// Occlusion of ambient light (red, 1: open), roughness (green) and metal (blue), linear.
+    Surface,
 }
 
 /// Image format of a texture level.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
 pub enum TextureFormat {
-    /// JPEG, for opaque colour.
+    /// JPEG, for opaque colour, surfaces and normals.
     Jpeg,
-    /// PNG, for heights and for colour with alpha.
+    /// PNG, for heights, for colour with alpha, and where it is smaller.
     Png,
 }
 
@@ -142,8 +61,8 @@ pub struct TextureInfo {
     pub width: u32,
     /// Height of the finest level, in texels.
     pub height: u32,
-    /// Mean colour, sRGB, its mean taken in linear light and by opacity: what the texture is drawn as until its first
-    /// level is here. Of colours alone.
+    /// What the texture is drawn as until its first level is here: the mean colour, sRGB, its mean taken in linear light
+    /// and by opacity; of surfaces the mean of each channel. Of heights and normals none.
     pub mean: Option<[u8; 3]>,
     /// Levels, coarsest first; each is a whole image, at least one.
     pub levels: Vec<TextureLevel>,
@@ -191,6 +110,12 @@ pub enum DescriptionError {
     /// A depth that is none.
     #[error("a relief depth is not a finite positive number")]
     ReliefDepth,
+    /// Light that is none, or beyond [`MAX_EMISSION`].
+    #[error("a material's emission is not from 0 to {MAX_EMISSION}")]
+    Emission,
+    /// A factor that is none, or beyond [`MAX_NORMAL_SCALE`].
+    #[error("a normal map's scale is not from 0 to {MAX_NORMAL_SCALE}")]
+    NormalScale,
     /// At least one, at most [`MAX_TEXTURE_LEVELS`].
     #[error("a texture has no level, or too many")]
     LevelCount,
@@ -239,11 +164,11 @@ impl AssetDescription {
         let textures = self.textures.len();
         for material in &self.materials {
             ensure(material.name.len() <= MAX_NAME_BYTES, DescriptionError::MaterialName)?;
-            let known = |t: Option<u16>| t.is_none_or(|t| usize::from(t) < textures);
-            ensure(
-                known(material.base_color_texture) && known(material.height_texture),
-                DescriptionError::MissingTexture,
-            )?;
+            let known = material.textures().all(|texture| usize::from(texture) < textures);
+            ensure(known, DescriptionError::MissingTexture)?;
+            let lit = material.emission.iter().all(|light| (0.0..=MAX_EMISSION).contains(light));
+            ensure(lit, DescriptionError::Emission)?;
+            ensure((0.0..=MAX_NORMAL_SCALE).contains(&material.normal_scale), DescriptionError::NormalScale)?;
             ensure(
                 material.relief_depth.is_finite() && material.relief_depth >= 0.0,
                 DescriptionError::ReliefDepth,
@@ -267,8 +192,6 @@ impl AssetDescription {
     }
 }
 
-bincode::impl_borrow_decode!(Material);
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -283,6 +206,7 @@ mod tests {
                 base_color_texture: Some(0),
                 height_texture: Some(1),
                 relief_depth: 0.05,
+                ..Material::default()
             }],
             textures: [TextureKind::Color, TextureKind::Height]
                 .map(|kind| TextureInfo {
@@ -337,6 +261,82 @@ mod tests {
         let mut unordered = textured();
         unordered.textures[0].levels.reverse();
         assert!(unordered.encode().is_err());
+    }
+
+    fn lamp() -> Material {
+        Material {
+            metallic: 0.2,
+            emission: [12.5, 0.0, 1e-6],
+            alpha: Alpha::Mask(0.6),
+            unlit: true,
+            wrap: [Wrap::Mirror, Wrap::Clamp],
+            surface_texture: Some(1),
+            normal_texture: Some(1),
+            normal_scale: 0.5,
+            emission_texture: Some(0),
+            ..textured().materials[0].clone()
+        }
+    }
+
+    #[test]
+    fn all_that_a_material_may_have_comes_back() {
+        let fields: [fn(&mut Material); 10] = [
+            |m| m.metallic = 0.0,
+            |m| m.emission = [0.0; 3],
+            |m| m.alpha = Alpha::Blend,
+            |m| m.unlit = false,
+            |m| m.wrap = [Wrap::Repeat, Wrap::Mirror],
+            |m| m.surface_texture = None,
+            |m| (m.normal_texture, m.normal_scale) = (None, 1.0),
+            |m| m.emission_texture = None,
+            |m| m.base_color_texture = None,
+            |m| (m.height_texture, m.relief_depth) = (None, 0.0),
+        ];
+        for mask in 0..1_u32 << fields.len() {
+            let mut description = textured();
+            description.materials[0] = lamp();
+            for (i, without) in fields.iter().enumerate() {
+                if mask & (1 << i) != 0 {
+                    without(&mut description.materials[0]);
+                }
+            }
+            let bytes = description.encode().unwrap();
+            let back = AssetDescription::decode(&bytes).unwrap();
+            assert_eq!(back.materials[0].wrap, description.materials[0].wrap);
+            assert_eq!(back.encode().unwrap(), bytes, "{mask:b}");
+            // 0.2 and 0.6 are whole 255ths, so all is exact but the base colour.
+            let exact = |m: &Material| Material { base_color: [0.0; 4], ..m.clone() };
+            assert_eq!(exact(&back.materials[0]), exact(&description.materials[0]), "{mask:b}");
+        }
+    }
+
+    #[test]
+    fn materials_that_cannot_be_are_refused() {
+        let refused = |change: fn(&mut Material), why| {
+            let mut description = textured();
+            change(&mut description.materials[0]);
+            assert_eq!(description.encode(), Err(why));
+        };
+        refused(|m| m.emission[1] = f32::NAN, DescriptionError::Emission);
+        refused(|m| m.emission[2] = 2.0 * MAX_EMISSION, DescriptionError::Emission);
+        refused(|m| m.normal_scale = -1.0, DescriptionError::NormalScale);
+        refused(|m| m.emission_texture = Some(2), DescriptionError::MissingTexture);
+        // By the wire: both of mask and blend, an unknown wrap mode, a flag for a metal that is none.
+        let plain =
+            AssetDescription { name: String::new(), materials: vec![Material::default()], textures: vec![] };
+        let bytes = plain.encode().unwrap();
+        let flags = bytes.iter().position(|&b| b == 0).unwrap() + 2;
+        let with = |first: u8, last: &[u8]| {
+            let mut bytes = bytes.clone();
+            bytes[flags] = first;
+            let end = bytes.len() - 1;
+            bytes.splice(end..end, last.iter().copied());
+            AssetDescription::decode(&bytes)
+        };
+        assert!(with(0, &[]).is_ok() && with(4, &[9]).is_ok() && with(128, &[2]).is_ok());
+        for (first, last) in [(4, 0), (128, 0), (128, 3), (128, 24), (128, 130)] {
+            assert!(with(first, &[last]).is_err(), "{first} {last}");
+        }
     }
 
     proptest::proptest! {

@@ -1,0 +1,291 @@
+//! How the faces of an asset reflect and give light: metallic–roughness, as glTF 2.0 states it (§3.9).
+
+use bincode::de::Decoder;
+use bincode::enc::Encoder;
+use bincode::error::{DecodeError, EncodeError};
+use bincode::{Decode, Encode};
+
+/// Most light that a material may give off, in units of the scene's.
+pub const MAX_EMISSION: f32 = 65_504.0;
+/// Largest factor on a normal map's slopes.
+pub const MAX_NORMAL_SCALE: f32 = 64.0;
+
+/// Surface parameters of the faces that name this material.
+///
+/// Maps are all looked up with the vertices' one set of texture coordinates and wrap alike.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Material {
+    /// Name for people.
+    pub name: String,
+    /// Linear red, green, blue and opacity, each in 0..=1; kept in steps of 1/65535. Multiplies the
+    /// base colour texture, if any.
+    pub base_color: [f32; 4],
+    /// Perceptual roughness in 0..=1, kept in steps of 1/255; multiplies the surface texture's green.
+    pub roughness: f32,
+    /// 0: reflects like glass or plastic; 1: like a metal of that base colour. In 0..=1, kept in steps of 1/255;
+    /// multiplies the surface texture's blue.
+    pub metallic: f32,
+    /// Linear red, green and blue that the surface gives off, each in 0..=[`MAX_EMISSION`]. Multiplies the emission
+    /// texture, if any.
+    pub emission: [f32; 3],
+    /// What is seen of what lies behind.
+    pub alpha: Alpha,
+    /// Whether the base colour is what is seen, whatever light falls on it (`KHR_materials_unlit`).
+    pub unlit: bool,
+    /// How maps continue beyond 0..=1, along u and along v.
+    pub wrap: [Wrap; 2],
+    /// Index of the colour texture.
+    pub base_color_texture: Option<u16>,
+    /// Index of the texture of occlusion (red), roughness (green) and metal (blue).
+    pub surface_texture: Option<u16>,
+    /// Index of the normal map: x along u, y along v upwards, z out of the surface.
+    pub normal_texture: Option<u16>,
+    /// Factor on the x and y of the normal map, in 0..=[`MAX_NORMAL_SCALE`]. 1 without one.
+    pub normal_scale: f32,
+    /// Index of the texture of emitted colours.
+    pub emission_texture: Option<u16>,
+    /// Index of the height map for relief mapping; white is the surface, black is the deepest point.
+    pub height_texture: Option<u16>,
+    /// Depth of black in the height map below the surface, in units of texture coordinates
+    /// (uv space: 0.05 is a twentieth of the texture's width). Zero without height map.
+    pub relief_depth: f32,
+}
+
+/// What opacity does to a surface.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Alpha {
+    /// Nothing.
+    #[default]
+    Opaque,
+    /// The surface is there where opacity is at least this much, in 0..=1, kept in steps of 1/255; elsewhere it is not.
+    Mask(f32),
+    /// What lies behind is seen through it.
+    Blend,
+}
+
+/// How a texture continues beyond its edge.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Wrap {
+    /// Begins again.
+    #[default]
+    Repeat,
+    /// Keeps the colour of its edge.
+    Clamp,
+    /// Begins again as its mirror image.
+    Mirror,
+}
+
+impl Default for Material {
+    fn default() -> Self {
+        Self {
+            name: String::new(),
+            base_color: [0.8, 0.8, 0.8, 1.0],
+            roughness: 0.8,
+            metallic: 0.0,
+            emission: [0.0; 3],
+            alpha: Alpha::Opaque,
+            unlit: false,
+            wrap: [Wrap::Repeat; 2],
+            base_color_texture: None,
+            surface_texture: None,
+            normal_texture: None,
+            normal_scale: 1.0,
+            emission_texture: None,
+            height_texture: None,
+            relief_depth: 0.0,
+        }
+    }
+}
+
+impl Material {
+    /// The textures that it names, in the order of its fields.
+    pub fn textures(&self) -> impl Iterator<Item = u16> {
+        let all = [
+            self.base_color_texture,
+            self.surface_texture,
+            self.normal_texture,
+            self.emission_texture,
+            self.height_texture,
+        ];
+        all.into_iter().flatten()
+    }
+}
+
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // clamped to the range first
+fn to_u16(x: f32) -> u16 {
+    (x.clamp(0.0, 1.0) * 65_535.0).round() as u16
+}
+
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+fn to_u8(x: f32) -> u8 {
+    (x.clamp(0.0, 1.0) * 255.0).round() as u8
+}
+
+fn from_u8(x: u8) -> f32 {
+    f32::from(x) / 255.0
+}
+
+/// Bits of the first byte: which of the fields that most materials lack are there.
+mod has {
+    pub(super) const COLOR: u8 = 1;
+    pub(super) const HEIGHT: u8 = 2;
+    pub(super) const METAL: u8 = 4;
+    pub(super) const EMISSION: u8 = 8;
+    pub(super) const SURFACE_TEXTURE: u8 = 16;
+    pub(super) const NORMAL_TEXTURE: u8 = 32;
+    pub(super) const EMISSION_TEXTURE: u8 = 64;
+    /// A second byte follows.
+    pub(super) const MORE: u8 = 128;
+}
+
+/// Bits of the second byte.
+mod more {
+    pub(super) const MASK: u8 = 1;
+    pub(super) const BLEND: u8 = 2;
+    pub(super) const UNLIT: u8 = 4;
+    /// Two bits each: 0 repeat, 1 clamp, 2 mirror.
+    pub(super) const WRAP_U: u8 = 8;
+    pub(super) const WRAP_V: u8 = 32;
+    pub(super) const KNOWN: u8 = 127;
+}
+
+fn wrap_bits(wrap: Wrap) -> u8 {
+    match wrap {
+        Wrap::Repeat => 0,
+        Wrap::Clamp => 1,
+        Wrap::Mirror => 2,
+    }
+}
+
+fn wrap_of(bits: u8) -> Result<Wrap, DecodeError> {
+    match bits & 3 {
+        0 => Ok(Wrap::Repeat),
+        1 => Ok(Wrap::Clamp),
+        2 => Ok(Wrap::Mirror),
+        _ => Err(DecodeError::Other("unknown wrap mode")),
+    }
+}
+
+impl Material {
+    fn second_byte(&self) -> u8 {
+        let alpha = match self.alpha {
+            Alpha::Opaque => 0,
+            Alpha::Mask(_) => more::MASK,
+            Alpha::Blend => more::BLEND,
+        };
+        let [u, v] = self.wrap.map(wrap_bits);
+        alpha | if self.unlit { more::UNLIT } else { 0 } | u * more::WRAP_U | v * more::WRAP_V
+    }
+
+    fn first_byte(&self) -> u8 {
+        let present = [
+            (has::COLOR, self.base_color_texture.is_some()),
+            (has::HEIGHT, self.height_texture.is_some()),
+            (has::METAL, to_u8(self.metallic) > 0),
+            (has::EMISSION, self.emission != [0.0; 3]),
+            (has::SURFACE_TEXTURE, self.surface_texture.is_some()),
+            (has::NORMAL_TEXTURE, self.normal_texture.is_some()),
+            (has::EMISSION_TEXTURE, self.emission_texture.is_some()),
+            (has::MORE, self.second_byte() != 0),
+        ];
+        present.iter().map(|&(bit, is)| if is { bit } else { 0 }).sum()
+    }
+}
+
+// By hand: bytes of flags instead of one per option, and fixed-point colours (8 bytes, not 20). A material that needs
+// none of what most lack takes 11 bytes and its name.
+impl Encode for Material {
+    fn encode<E: Encoder>(&self, e: &mut E) -> Result<(), EncodeError> {
+        self.first_byte().encode(e)?;
+        self.name.encode(e)?;
+        for x in self.base_color {
+            to_u16(x).to_le_bytes().encode(e)?;
+        }
+        to_u8(self.roughness).encode(e)?;
+        if let Some(texture) = self.base_color_texture {
+            texture.encode(e)?;
+        }
+        if let Some(texture) = self.height_texture {
+            texture.encode(e)?;
+            self.relief_depth.encode(e)?;
+        }
+        if to_u8(self.metallic) > 0 {
+            to_u8(self.metallic).encode(e)?;
+        }
+        if self.emission != [0.0; 3] {
+            self.emission.encode(e)?;
+        }
+        if let Some(texture) = self.surface_texture {
+            texture.encode(e)?;
+        }
+        if let Some(texture) = self.normal_texture {
+            texture.encode(e)?;
+            self.normal_scale.encode(e)?;
+        }
+        if let Some(texture) = self.emission_texture {
+            texture.encode(e)?;
+        }
+        if self.second_byte() != 0 {
+            self.second_byte().encode(e)?;
+            if let Alpha::Mask(cutoff) = self.alpha {
+                to_u8(cutoff).encode(e)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl<Context> Decode<Context> for Material {
+    fn decode<D: Decoder<Context = Context>>(d: &mut D) -> Result<Self, DecodeError> {
+        let flags = u8::decode(d)?;
+        let name = String::decode(d)?;
+        let mut base_color = [0.0; 4];
+        for x in &mut base_color {
+            *x = f32::from(u16::from_le_bytes(<[u8; 2]>::decode(d)?)) / 65_535.0;
+        }
+        let roughness = from_u8(u8::decode(d)?);
+        let mut this = Self { name, base_color, roughness, ..Self::default() };
+        let is = |bit| flags & bit != 0;
+        if is(has::COLOR) {
+            this.base_color_texture = Some(u16::decode(d)?);
+        }
+        if is(has::HEIGHT) {
+            (this.height_texture, this.relief_depth) = (Some(u16::decode(d)?), f32::decode(d)?);
+        }
+        if is(has::METAL) {
+            this.metallic = from_u8(u8::decode(d)?);
+        }
+        if is(has::EMISSION) {
+            this.emission = <[f32; 3]>::decode(d)?;
+        }
+        if is(has::SURFACE_TEXTURE) {
+            this.surface_texture = Some(u16::decode(d)?);
+        }
+        if is(has::NORMAL_TEXTURE) {
+            (this.normal_texture, this.normal_scale) = (Some(u16::decode(d)?), f32::decode(d)?);
+        }
+        if is(has::EMISSION_TEXTURE) {
+            this.emission_texture = Some(u16::decode(d)?);
+        }
+        if is(has::MORE) {
+            let second = u8::decode(d)?;
+            if second & !more::KNOWN != 0 || second & (more::MASK | more::BLEND) == more::MASK | more::BLEND {
+                return Err(DecodeError::Other("unknown material flags"));
+            }
+            this.unlit = second & more::UNLIT != 0;
+            this.wrap = [wrap_of(second / more::WRAP_U)?, wrap_of(second / more::WRAP_V)?];
+            if second & more::MASK != 0 {
+                this.alpha = Alpha::Mask(from_u8(u8::decode(d)?));
+            } else if second & more::BLEND != 0 {
+                this.alpha = Alpha::Blend;
+            }
+        }
+        if this.first_byte() != flags {
+            // One description, one encoding: what is flagged and zero would come back shorter.
+            return Err(DecodeError::Other("a material flags what it has not"));
+        }
+        Ok(this)
+    }
+}
+
+bincode::impl_borrow_decode!(Material);
