@@ -27,6 +27,7 @@ const SHADOWS: &str = concat!(
 const LIGHTING: &str = concat!(
     include_str!("shaders/common.wgsl"),
     include_str!("shaders/fullscreen.wgsl"),
+    include_str!("shaders/sky.wgsl"),
     include_str!("shaders/lighting.wgsl")
 );
 const ANTIALIAS: &str = concat!(

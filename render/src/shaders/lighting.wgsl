@@ -16,19 +16,6 @@ fn world_ray(pixel: vec2<i32>) -> vec3<f32> {
     return (transpose(frame.view_from_world) * vec4(normalize(view_ray(pixel)), 0.0)).xyz;
 }
 
-fn sky(direction: vec3<f32>) -> vec3<f32> {
-    let height = dot(direction, frame.up.xyz);
-    let above = mix(frame.sky_horizon.rgb, frame.sky_zenith.rgb, pow(max(height, 0.0), 0.5));
-    return mix(frame.ground.rgb, above, smoothstep(-0.12, 0.0, height));
-}
-
-// Light from the whole sky on a surface, as seen from its normal.
-fn ambient(normal: vec3<f32>) -> vec3<f32> {
-    let height = dot(normal, frame.up.xyz);
-    let above = 0.5 * (frame.sky_horizon.rgb + frame.sky_zenith.rgb);
-    return mix(frame.ground.rgb, above, 0.5 + 0.5 * height);
-}
-
 // Blinn-Phong with the exponent of a Beckmann lobe of that roughness (Walter et al., 2007:
 // n = 2/α² − 2) and normalised (n + 8) / 8 (Akenine-Möller et al., "Real-Time Rendering", 3rd ed.,
 // 7.5.1), Schlick's Fresnel term.
