@@ -7,7 +7,8 @@ use glam::{DVec3, Vec3};
 
 use super::buffer::GrowingBuffer;
 use super::gpu::{Gpu, RenderError};
-use super::material::{BoundMaterial, Material, MaterialKit};
+use super::material::Material;
+use super::material_kit::{BoundMaterial, Features, MaterialKit};
 use super::texture::{StreamedTexture, TextureData, TextureShape};
 use super::vertex::PackedVertex;
 
@@ -259,7 +260,7 @@ impl AssetGpu {
         if slot.upload(gpu, level, data)? {
             for part in &mut self.parts {
                 let m = &part.material;
-                if m.colour_texture == Some(texture) || m.height_texture == Some(texture) {
+                if m.uses(texture) {
                     part.bound = self.kit.bind(gpu, m, &self.textures);
                 }
             }
@@ -287,6 +288,11 @@ impl AssetGpu {
                 .filter(|draw| draw.faces > 0)
         });
         Some((self.vertices.buffer()?, parts))
+    }
+
+    /// Whether any of its faces have a material of which something holds.
+    pub(crate) fn any(&self, holds: impl Fn(Features) -> bool) -> bool {
+        self.parts.iter().any(|part| part.indices.len() > 0 && holds(part.bound.features))
     }
 
     /// Whether any pixel could come of this asset.

@@ -1,16 +1,19 @@
 //! From drawables to draw calls: which instances may be seen, and the geometry passes' commands.
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 
 use super::asset::{AssetGpu, PartDraw};
 use super::camera::may_see;
 use super::counters::Counters;
+use super::gpu::Gpu;
 use super::instance::{Instance, InstanceRaw};
-use super::pipelines::Pipelines;
+use super::material_kit::Features;
+use super::mesh_pipelines::MeshPipelines;
 use super::receivers::Receivers;
 use super::scene::Frame;
 
 /// The instances of one asset that are drawn: a range of the frame's instance buffer.
+#[derive(Clone, Copy)]
 pub(crate) struct Batch<'a> {
     asset: &'a AssetGpu,
     first: u32,
@@ -64,25 +67,91 @@ impl<'a> DrawList<'a> {
         Batch { asset, first, end: self.instances.len() as u32, distance }
     }
 
-    /// Draws all surfaces; `relief` says whether height maps are honoured.
+    /// Whether anything has a material of which something holds.
+    pub(crate) fn any(&self, holds: impl Fn(Features) -> bool) -> bool {
+        self.batches.iter().any(|batch| batch.asset.any(&holds))
+    }
+
+    /// Draws all surfaces that are not seen through; `relief` says whether height maps are honoured.
     pub(crate) fn surfaces(
         &self,
+        gpu: &Gpu,
         pass: &mut wgpu::RenderPass<'_>,
-        pipelines: &Pipelines,
+        pipelines: &MeshPipelines,
         instances: &wgpu::Buffer,
         relief: bool,
         counters: &mut Counters,
     ) {
         each(&self.batches, pass, instances, |pass, part, triangles| {
-            pass.set_pipeline(if relief && part.material.relief {
-                &pipelines.surface_relief
-            } else {
-                &pipelines.surface
-            });
+            let features = part.material.features;
+            if features.blend {
+                return false;
+            }
+            pass.set_pipeline(pipelines.surface(gpu, features, relief));
             pass.set_bind_group(1, &part.material.group, &[]);
             counters.draws += 1;
             counters.triangles += triangles;
+            true
         });
+    }
+
+    /// Adds what surfaces give off.
+    pub(crate) fn emission(
+        &self,
+        gpu: &Gpu,
+        pass: &mut wgpu::RenderPass<'_>,
+        pipelines: &MeshPipelines,
+        instances: &wgpu::Buffer,
+        counters: &mut Counters,
+    ) {
+        pass.set_pipeline(pipelines.emission(gpu));
+        each(&self.batches, pass, instances, |pass, part, triangles| {
+            let Features { emits: true, blend: false, .. } = part.material.features else { return false };
+            pass.set_bind_group(1, &part.material.group, &[]);
+            counters.draws += 1;
+            counters.triangles += triangles;
+            true
+        });
+    }
+
+    /// Draws what is seen through, instances from far to near; of each the faces that face away first.
+    pub(crate) fn transparent(
+        &self,
+        gpu: &Gpu,
+        pass: &mut wgpu::RenderPass<'_>,
+        pipelines: &MeshPipelines,
+        instances: &wgpu::Buffer,
+        counters: &mut Counters,
+    ) {
+        let with = self.batches.iter().filter(|batch| batch.asset.any(|features| features.blend));
+        let mut order: Vec<_> = with
+            .flat_map(|batch| (batch.first..batch.end).map(move |instance| (batch, instance)))
+            .map(|(batch, instance)| (self.distance(batch, instance), batch, instance))
+            .collect();
+        order.sort_by(|(a, ..), (b, ..)| b.total_cmp(a));
+        for (_, batch, instance) in order {
+            let one = Batch { first: instance, end: instance + 1, ..*batch };
+            // Of single instances, whose faces alone say what is in front of what.
+            for facing in 0..2 {
+                each(std::slice::from_ref(&one), pass, instances, |pass, part, triangles| {
+                    if !part.material.features.blend {
+                        return false;
+                    }
+                    pass.set_pipeline(&pipelines.transparent(gpu, part.material.features)[facing]);
+                    pass.set_bind_group(1, &part.material.group, &[]);
+                    counters.draws += 1;
+                    counters.triangles += triangles;
+                    true
+                });
+            }
+        }
+    }
+
+    /// How far the middle of an instance of a batch is from the eye.
+    fn distance(&self, batch: &Batch<'_>, instance: u32) -> f64 {
+        let Some(raw) = self.instances.get(instance as usize) else { return 0.0 };
+        let rotation = DQuat::from_array(raw.rotation.map(f64::from));
+        (middle(raw) + rotation * (batch.asset.sphere().0 * f64::from(raw.scale))).length()
     }
 
     /// Draws all edges.
@@ -98,23 +167,26 @@ impl<'a> DrawList<'a> {
             pass.set_bind_group(1, &part.material.group, &[]);
             counters.draws += 1;
             counters.triangles += triangles;
+            true
         });
     }
 }
 
-/// Draws all parts of some batches; `prepare` chooses how, and is told how many triangles each has.
+/// Draws parts of some batches; `prepare` chooses which and how, and is told how many triangles each has.
 pub(crate) fn each(
     batches: &[Batch<'_>],
     pass: &mut wgpu::RenderPass<'_>,
     instances: &wgpu::Buffer,
-    mut prepare: impl FnMut(&mut wgpu::RenderPass<'_>, &PartDraw<'_>, u64),
+    mut prepare: impl FnMut(&mut wgpu::RenderPass<'_>, &PartDraw<'_>, u64) -> bool,
 ) {
     pass.set_vertex_buffer(1, instances.slice(..));
     for batch in batches {
         let Some((vertices, parts)) = batch.asset.draws() else { continue };
         pass.set_vertex_buffer(0, vertices.slice(..));
         for part in parts {
-            prepare(pass, &part, u64::from(part.faces) * u64::from(batch.end - batch.first));
+            if !prepare(pass, &part, u64::from(part.faces) * u64::from(batch.end - batch.first)) {
+                continue;
+            }
             pass.set_index_buffer(part.indices.slice(..), wgpu::IndexFormat::Uint32);
             pass.draw_indexed(0..part.faces * 3, 0, batch.first..batch.end);
         }

@@ -17,25 +17,89 @@ struct Fragment<'a> {
     targets: &'a [Option<wgpu::ColorTargetState>],
 }
 
+/// Which triangles make pixels, and what those do to depth.
+#[derive(Clone, Copy)]
+struct Raster {
+    polygon_mode: wgpu::PolygonMode,
+    cull: Option<wgpu::Face>,
+    compare: wgpu::CompareFunction,
+    write: bool,
+}
+
+impl Raster {
+    /// Reversed depth: nearer is greater.
+    const FILL: Self = Self {
+        polygon_mode: wgpu::PolygonMode::Fill,
+        cull: None,
+        compare: wgpu::CompareFunction::Greater,
+        write: true,
+    };
+}
+
+/// Light added to what is there.
+const ADD: wgpu::BlendState = {
+    let add = wgpu::BlendComponent {
+        src_factor: wgpu::BlendFactor::One,
+        dst_factor: wgpu::BlendFactor::One,
+        operation: wgpu::BlendOperation::Add,
+    };
+    wgpu::BlendState { color: add, alpha: add }
+};
+
 impl GeometryPass<'_> {
-    /// Fills the G-buffer, with relief mapping or without; entry points of the vertex and fragment stages.
-    pub(crate) fn surface(&self, gpu: &Gpu, entry: [&str; 2], relief: bool) -> wgpu::RenderPipeline {
-        let constants: &[(&str, f64)] = if relief { &[("RELIEF", 1.0)] } else { &[] };
+    /// Fills the G-buffer; entry points of the vertex and fragment stages, and what is compiled in.
+    pub(crate) fn surface(
+        &self,
+        gpu: &Gpu,
+        entry: [&str; 2],
+        constants: &[(&str, f64)],
+    ) -> wgpu::RenderPipeline {
         let targets = [Some(NORMAL.into()), Some(ALBEDO.into())];
         let fragment = Fragment { entry: entry[1], constants, targets: &targets };
-        self.pipeline(gpu, entry[0], Some(fragment), wgpu::PolygonMode::Fill)
+        self.pipeline(gpu, entry[0], Some(fragment), Raster::FILL)
     }
 
     /// Draws nothing but depth.
     pub(crate) fn caster(&self, gpu: &Gpu, entry: &str) -> wgpu::RenderPipeline {
-        self.pipeline(gpu, entry, None, wgpu::PolygonMode::Fill)
+        self.pipeline(gpu, entry, None, Raster::FILL)
+    }
+
+    /// Draws nothing but depth, where the fragment stage leaves a pixel.
+    pub(crate) fn pierced_caster(&self, gpu: &Gpu, entry: [&str; 2]) -> wgpu::RenderPipeline {
+        let fragment = Fragment { entry: entry[1], constants: &[], targets: &[] };
+        self.pipeline(gpu, entry[0], Some(fragment), Raster::FILL)
+    }
+
+    /// Adds light to the picture where the same surfaces were drawn into the G-buffer.
+    pub(crate) fn emission(&self, gpu: &Gpu, entry: [&str; 2]) -> wgpu::RenderPipeline {
+        let target = wgpu::ColorTargetState { blend: Some(ADD), ..RADIANCE.into() };
+        let fragment = Fragment { entry: entry[1], constants: &[], targets: &[Some(target)] };
+        let raster = Raster { compare: wgpu::CompareFunction::Equal, write: false, ..Raster::FILL };
+        self.pipeline(gpu, entry[0], Some(fragment), raster)
+    }
+
+    /// Puts faces that are seen through over the picture, first those that face away.
+    pub(crate) fn transparent(
+        &self,
+        gpu: &Gpu,
+        entry: [&str; 2],
+        constants: &[(&str, f64)],
+    ) -> [wgpu::RenderPipeline; 2] {
+        let blend = Some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING);
+        let targets = [Some(wgpu::ColorTargetState { blend, ..RADIANCE.into() })];
+        [wgpu::Face::Front, wgpu::Face::Back].map(|cull| {
+            let fragment = Fragment { entry: entry[1], constants, targets: &targets };
+            let raster = Raster { cull: Some(cull), write: false, ..Raster::FILL };
+            self.pipeline(gpu, entry[0], Some(fragment), raster)
+        })
     }
 
     /// Draws the edges of what is visible; `None` where the device cannot draw triangles as lines.
     pub(crate) fn wire(&self, gpu: &Gpu, entry: [&str; 2]) -> Option<wgpu::RenderPipeline> {
         let lines = gpu.device.features().contains(wgpu::Features::POLYGON_MODE_LINE);
         let fragment = Fragment { entry: entry[1], constants: &[], targets: &[Some(RADIANCE.into())] };
-        lines.then(|| self.pipeline(gpu, entry[0], Some(fragment), wgpu::PolygonMode::Line))
+        let raster = Raster { polygon_mode: wgpu::PolygonMode::Line, write: false, ..Raster::FILL };
+        lines.then(|| self.pipeline(gpu, entry[0], Some(fragment), raster))
     }
 
     fn pipeline(
@@ -43,7 +107,7 @@ impl GeometryPass<'_> {
         gpu: &Gpu,
         vertex: &str,
         fragment: Option<Fragment<'_>>,
-        polygon_mode: wgpu::PolygonMode,
+        Raster { polygon_mode, cull, compare, write }: Raster,
     ) -> wgpu::RenderPipeline {
         gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some(fragment.as_ref().map_or(vertex, |fragment| fragment.entry)),
@@ -54,12 +118,11 @@ impl GeometryPass<'_> {
                 compilation_options: Default::default(),
                 buffers: self.buffers,
             },
-            primitive: wgpu::PrimitiveState { cull_mode: None, polygon_mode, ..Default::default() },
+            primitive: wgpu::PrimitiveState { cull_mode: cull, polygon_mode, ..Default::default() },
             depth_stencil: Some(wgpu::DepthStencilState {
                 format: DEPTH,
-                depth_write_enabled: Some(polygon_mode == wgpu::PolygonMode::Fill),
-                // Reversed depth: nearer is greater.
-                depth_compare: Some(wgpu::CompareFunction::Greater),
+                depth_write_enabled: Some(write),
+                depth_compare: Some(compare),
                 stencil: Default::default(),
                 bias: Default::default(),
             }),

@@ -21,6 +21,10 @@ pub enum PassId {
     Lighting,
     /// Sky alone, when there is no surface.
     Sky,
+    /// Light that surfaces give off.
+    Emission,
+    /// What is seen through, from far to near over the lit picture.
+    Transparency,
     /// Triangle edges over the lit picture.
     Wireframe,
     /// Radiance to display values.
@@ -70,6 +74,8 @@ pub(crate) struct Needs {
     pub(crate) geometry: bool,
     pub(crate) occlusion: bool,
     pub(crate) shadows: bool,
+    pub(crate) emission: bool,
+    pub(crate) transparency: bool,
     pub(crate) wireframe: bool,
     pub(crate) antialias: bool,
     /// The target has depth.
@@ -98,6 +104,14 @@ pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
             (true, true) => &[Depth, Normal, Albedo, Occlusion, Sunlight],
         };
         passes.push(pass(PassId::Lighting, lit_by, &[Radiance]));
+        if needs.emission {
+            passes.push(pass(PassId::Emission, &[Depth, Radiance], &[Radiance]));
+        }
+        if needs.transparency {
+            let seen_by: &[Resource] =
+                if needs.shadows { &[Depth, Radiance, ShadowMaps] } else { &[Depth, Radiance] };
+            passes.push(pass(PassId::Transparency, seen_by, &[Radiance]));
+        }
         if needs.wireframe {
             passes.push(pass(PassId::Wireframe, &[Depth, Radiance], &[Radiance]));
         }
@@ -171,6 +185,8 @@ mod tests {
             geometry: true,
             occlusion: true,
             shadows: true,
+            emission: true,
+            transparency: true,
             wireframe: true,
             antialias: true,
             ..Needs::default()
@@ -184,6 +200,8 @@ mod tests {
                 PassId::ShadowMaps,
                 PassId::Sunlight,
                 PassId::Lighting,
+                PassId::Emission,
+                PassId::Transparency,
                 PassId::Wireframe,
                 PassId::ToneMap,
                 PassId::AntiAlias
@@ -203,7 +221,7 @@ mod tests {
 
     #[test]
     fn every_read_was_written_before() {
-        for bits in 0..128 {
+        for bits in 0..512 {
             let bit = |n: u32| bits >> n & 1 != 0;
             let needs = Needs {
                 geometry: bit(0),
@@ -213,6 +231,8 @@ mod tests {
                 keep: bit(4),
                 shadows: bit(5),
                 antialias: bit(6),
+                emission: bit(7),
+                transparency: bit(8),
             };
             let mut written = Vec::new();
             for pass in plan(&candidates(needs), &[Resource::Target]) {

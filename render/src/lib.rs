@@ -31,6 +31,8 @@ mod headless;
 pub mod image_compare;
 mod instance;
 mod material;
+mod material_kit;
+mod mesh_pipelines;
 mod pipelines;
 mod readback;
 mod receivers;
@@ -60,7 +62,7 @@ pub use ground_scene::{GroundScene, Making, Measuring};
 pub use headless::Headless;
 pub use instance::Instance;
 pub use lodestream_protocol::pose::Pose;
-pub use material::Material;
+pub use material::{Alpha, Material, Wrap};
 pub use readback::TargetCopy;
 pub use renderer::Renderer;
 pub use scene::{

@@ -1,25 +1,43 @@
-//! Materials and what the shaders see of them.
+//! How surfaces look.
 
-use bytemuck::{Pod, Zeroable};
 use lodestream_protocol::asset as protocol;
-use wgpu::util::DeviceExt;
+pub use lodestream_protocol::asset::{Alpha, Wrap};
 
-use super::gpu::Gpu;
-use super::texture::{StreamedTexture, TextureKind, TextureShape};
+use super::texture::{TextureKind, TextureShape};
 
-/// How a surface looks.
+/// How a surface looks: metallic–roughness, as glTF 2.0 states it. Textures are named by their index among the asset's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Material {
-    /// Diffuse colour, linear; multiplied with the colour texture.
+    /// Colour, linear; multiplied with the colour texture.
     pub base_colour: [f32; 3],
-    /// 0 = mirror-like highlights, 1 = matt.
+    /// 0 to 1; multiplied with the colour texture's.
+    pub opacity: f32,
+    /// What opacity does.
+    pub alpha: Alpha,
+    /// Perceptual: 0 = mirror-like highlights, 1 = matt; multiplied with the surface texture's green.
     pub roughness: f32,
+    /// 0 = like glass or plastic, 1 = metal of that colour; multiplied with the surface texture's blue.
+    pub metallic: f32,
+    /// Light that is given off, linear radiance; multiplied with the emission texture.
+    pub emission: [f32; 3],
+    /// Show the base colour, whatever light falls on it, and no emission.
+    pub unlit: bool,
+    /// How maps continue beyond their edges, along u and v.
+    pub wrap: [Wrap; 2],
     /// Depth of the height map below the surface, in units of texture coordinates (0.05 = a
     /// twentieth of the texture's width); 0 = no relief.
     pub relief_depth: f32,
-    /// Index into the asset's textures.
+    /// Factor on the slopes of the normal map.
+    pub normal_scale: f32,
+    /// A [`TextureKind::Colour`].
     pub colour_texture: Option<usize>,
-    /// Index into the asset's textures.
+    /// A [`TextureKind::Surface`].
+    pub surface_texture: Option<usize>,
+    /// A [`TextureKind::Normal`].
+    pub normal_texture: Option<usize>,
+    /// A [`TextureKind::Colour`].
+    pub emission_texture: Option<usize>,
+    /// A [`TextureKind::Height`].
     pub height_texture: Option<usize>,
 }
 
@@ -27,21 +45,61 @@ impl Default for Material {
     fn default() -> Self {
         Self {
             base_colour: [0.7; 3],
+            opacity: 1.0,
+            alpha: Alpha::Opaque,
             roughness: 0.8,
+            metallic: 0.0,
+            emission: [0.0; 3],
+            unlit: false,
+            wrap: [Wrap::Repeat; 2],
             relief_depth: 0.0,
+            normal_scale: 1.0,
             colour_texture: None,
+            surface_texture: None,
+            normal_texture: None,
+            emission_texture: None,
             height_texture: None,
         }
     }
 }
 
+impl Material {
+    /// Whether it looks like another with this texture as with that.
+    pub(crate) fn uses(&self, texture: usize) -> bool {
+        [
+            self.colour_texture,
+            self.surface_texture,
+            self.normal_texture,
+            self.emission_texture,
+            self.height_texture,
+        ]
+        .contains(&Some(texture))
+    }
+
+    /// Whether it gives light off.
+    pub(crate) fn emits(&self) -> bool {
+        !self.unlit && self.emission.iter().any(|&light| light > 0.0)
+    }
+}
+
 impl From<&protocol::Material> for Material {
     fn from(m: &protocol::Material) -> Self {
+        let [r, g, b, opacity] = m.base_color;
         Self {
-            base_colour: [m.base_color[0], m.base_color[1], m.base_color[2]],
+            base_colour: [r, g, b],
+            opacity,
+            alpha: m.alpha,
             roughness: m.roughness,
+            metallic: m.metallic,
+            emission: m.emission,
+            unlit: m.unlit,
+            wrap: m.wrap,
             relief_depth: m.relief_depth,
+            normal_scale: m.normal_scale,
             colour_texture: m.base_color_texture.map(usize::from),
+            surface_texture: m.surface_texture.map(usize::from),
+            normal_texture: m.normal_texture.map(usize::from),
+            emission_texture: m.emission_texture.map(usize::from),
             height_texture: m.height_texture.map(usize::from),
         }
     }
@@ -68,147 +126,6 @@ impl From<&protocol::TextureInfo> for TextureShape {
         let mean = t.mean.map_or([1.0; 3], |mean| mean.map(decode));
         Self { width: t.width, height: t.height, levels: t.levels.len() as u32, kind, mean }
     }
-}
-
-/// `Material` of `gbuffer.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, Pod, Zeroable)]
-struct MaterialUniform {
-    base_colour: [f32; 3],
-    roughness: f32,
-    relief_depth: f32,
-    padding: [f32; 3],
-}
-
-/// What all materials share: layout, sampler, and textures that stand for absent ones.
-#[derive(Clone, Debug)]
-pub(crate) struct MaterialKit {
-    pub(crate) layout: wgpu::BindGroupLayout,
-    sampler: wgpu::Sampler,
-    white: wgpu::TextureView,
-    flat: wgpu::TextureView,
-}
-
-impl MaterialKit {
-    pub(crate) fn new(gpu: &Gpu) -> Self {
-        let texture = |binding| wgpu::BindGroupLayoutEntry {
-            binding,
-            visibility: wgpu::ShaderStages::FRAGMENT,
-            ty: wgpu::BindingType::Texture {
-                sample_type: wgpu::TextureSampleType::Float { filterable: true },
-                view_dimension: wgpu::TextureViewDimension::D2,
-                multisampled: false,
-            },
-            count: None,
-        };
-        let layout = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-            label: Some("material"),
-            entries: &[
-                wgpu::BindGroupLayoutEntry {
-                    binding: 0,
-                    visibility: wgpu::ShaderStages::FRAGMENT,
-                    ty: wgpu::BindingType::Buffer {
-                        ty: wgpu::BufferBindingType::Uniform,
-                        has_dynamic_offset: false,
-                        min_binding_size: None,
-                    },
-                    count: None,
-                },
-                texture(1),
-                texture(2),
-                wgpu::BindGroupLayoutEntry {
-                    binding: 3,
-                    visibility: wgpu::ShaderStages::FRAGMENT,
-                    ty: wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
-                    count: None,
-                },
-            ],
-        });
-        // Anisotropic filtering sharpens floors at grazing angles but multiplies the work of a
-        // software driver, which is why only real GPUs use it.
-        let software = gpu.adapter.get_info().device_type == wgpu::DeviceType::Cpu;
-        let sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-            label: Some("material"),
-            address_mode_u: wgpu::AddressMode::Repeat,
-            address_mode_v: wgpu::AddressMode::Repeat,
-            mag_filter: wgpu::FilterMode::Linear,
-            min_filter: wgpu::FilterMode::Linear,
-            mipmap_filter: wgpu::MipmapFilterMode::Linear,
-            anisotropy_clamp: if software { 1 } else { 8 },
-            ..Default::default()
-        });
-        let single = |format, data: &[u8]| {
-            gpu.device
-                .create_texture_with_data(
-                    &gpu.queue,
-                    &wgpu::TextureDescriptor {
-                        label: Some("absent texture"),
-                        size: wgpu::Extent3d { width: 1, height: 1, depth_or_array_layers: 1 },
-                        mip_level_count: 1,
-                        sample_count: 1,
-                        dimension: wgpu::TextureDimension::D2,
-                        format,
-                        usage: wgpu::TextureUsages::TEXTURE_BINDING,
-                        view_formats: &[],
-                    },
-                    wgpu::util::TextureDataOrder::LayerMajor,
-                    data,
-                )
-                .create_view(&Default::default())
-        };
-        Self {
-            layout,
-            sampler,
-            white: single(wgpu::TextureFormat::Rgba8UnormSrgb, &[255; 4]),
-            flat: single(wgpu::TextureFormat::R8Unorm, &[255]),
-        }
-    }
-
-    /// Makes what the shaders read for one material with its textures as they are now.
-    pub(crate) fn bind(&self, gpu: &Gpu, material: &Material, textures: &[StreamedTexture]) -> BoundMaterial {
-        let find =
-            |index: Option<usize>, kind| index.and_then(|i| textures.get(i)).filter(|t| t.kind() == kind);
-        let of_colour = find(material.colour_texture, TextureKind::Colour);
-        let colour = of_colour.and_then(StreamedTexture::view);
-        let height = find(material.height_texture, TextureKind::Height).and_then(StreamedTexture::view);
-        let stand_in = of_colour.filter(|_| colour.is_none()).map_or([1.0; 3], StreamedTexture::mean);
-        let relief = height.is_some() && material.relief_depth > 0.0;
-        let uniform = gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
-            label: Some("material"),
-            contents: bytemuck::bytes_of(&MaterialUniform {
-                base_colour: std::array::from_fn(|i| material.base_colour[i] * stand_in[i]),
-                roughness: material.roughness.clamp(0.05, 1.0),
-                relief_depth: if relief { material.relief_depth.min(1.0) } else { 0.0 },
-                padding: [0.0; 3],
-            }),
-            usage: wgpu::BufferUsages::UNIFORM,
-        });
-        let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("material"),
-            layout: &self.layout,
-            entries: &[
-                wgpu::BindGroupEntry { binding: 0, resource: uniform.as_entire_binding() },
-                wgpu::BindGroupEntry {
-                    binding: 1,
-                    resource: wgpu::BindingResource::TextureView(colour.as_ref().unwrap_or(&self.white)),
-                },
-                wgpu::BindGroupEntry {
-                    binding: 2,
-                    resource: wgpu::BindingResource::TextureView(height.as_ref().unwrap_or(&self.flat)),
-                },
-                wgpu::BindGroupEntry { binding: 3, resource: wgpu::BindingResource::Sampler(&self.sampler) },
-            ],
-        });
-        BoundMaterial { group, relief }
-    }
-}
-
-/// A material ready to draw with.
-#[derive(Debug)]
-pub(crate) struct BoundMaterial {
-    pub(crate) group: wgpu::BindGroup,
-    /// Whether the relief pipeline has something to do.
-    pub(crate) relief: bool,
 }
 
 #[cfg(test)]

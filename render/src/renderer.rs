@@ -12,7 +12,8 @@ use super::draw::DrawList;
 use super::gpu::{Gpu, RenderError};
 use super::graph::{self, Needs, Pass, PassId, Resource};
 use super::instance::InstanceRaw;
-use super::material::{Material, MaterialKit};
+use super::material::Material;
+use super::material_kit::{Features, MaterialKit};
 use super::pipelines::Pipelines;
 use super::scene::{Frame, MIN_RENDER_SCALE};
 use super::shadows::{self, Casters, ShadowMaps, Sun};
@@ -94,6 +95,7 @@ impl Renderer {
         materials: &[Material],
         textures: &[TextureShape],
     ) -> AssetGpu {
+        materials.iter().for_each(|material| self.pipelines.meshes.ensure(gpu, Features::of(material)));
         AssetGpu::new(gpu, self.kit.clone(), origin, materials, textures)
     }
 
@@ -143,7 +145,7 @@ impl Renderer {
             None => None,
         };
         let ground = ground.filter(|ground| !ground.is_empty());
-        if frame.settings.wireframe && self.pipelines.wire.is_none() && !self.warned_wireframe {
+        if frame.settings.wireframe && self.pipelines.meshes.wire.is_none() && !self.warned_wireframe {
             tracing::warn!("{} cannot draw wireframes; they are left out", gpu.describe());
             self.warned_wireframe = true;
         }
@@ -153,7 +155,9 @@ impl Renderer {
                 geometry: has_surfaces,
                 occlusion: frame.settings.occlusion.is_some_and(|o| o.strength > 0.0),
                 shadows: !casters.is_empty(),
-                wireframe: frame.settings.wireframe && self.pipelines.wire.is_some(),
+                emission: list.any(|features| features.emits && !features.blend),
+                transparency: list.any(|features| features.blend),
+                wireframe: frame.settings.wireframe && self.pipelines.meshes.wire.is_some(),
                 // What is enlarged is smoothed by that.
                 antialias: frame.settings.antialias && size == target.size,
                 depth: target.depth.is_some(),
@@ -179,7 +183,7 @@ impl Renderer {
                 gpu,
                 encoder,
                 &sun,
-                (&self.pipelines.caster, self.instances.buffer()),
+                (&self.pipelines.meshes, self.instances.buffer()),
                 |pass, cascade| match (&ground, self.terrain.get(), self.tiles.buffer()) {
                     (Some(ground), Some(pipelines), Some(tiles)) => {
                         ground.cast(pass, pipelines, tiles, cascade)
@@ -188,6 +192,9 @@ impl Renderer {
                 },
                 &mut counters,
             );
+        }
+        if casters.is_empty() && plan.iter().any(|pass| pass.id == PassId::Transparency) {
+            self.shadow_maps.none(gpu);
         }
         for pass in &plan {
             self.run(gpu, encoder, *pass, target, frame, (&list, ground.as_ref()), &mut counters);
@@ -222,7 +229,9 @@ impl Renderer {
         use Resource::{Albedo, Depth, Display, Normal, Occlusion, OcclusionRaw, Radiance, Sunlight};
         let p = &self.pipelines;
         match pass.id {
-            PassId::GBuffer | PassId::Wireframe => self.geometry(encoder, pass.id, frame, list, counters),
+            PassId::GBuffer | PassId::Emission | PassId::Transparency | PassId::Wireframe => {
+                self.geometry(gpu, encoder, pass.id, frame, list, counters);
+            }
             PassId::Occlusion => self.full(gpu, encoder, &p.occlusion, &[Depth], OcclusionRaw),
             PassId::OcclusionBlur => self.full(gpu, encoder, &p.blur, &[Depth, OcclusionRaw], Occlusion),
             // Before all others: what has changed of the maps is drawn when the frame is planned.
@@ -312,9 +321,10 @@ impl Renderer {
         })
     }
 
-    /// The two passes that draw triangles: surfaces, or edges over the lit picture.
+    /// The passes that draw triangles: surfaces; what they give off, what is seen through and edges over the lit picture.
     fn geometry(
         &self,
+        gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         id: PassId,
         frame: &Frame<'_>,
@@ -323,13 +333,13 @@ impl Renderer {
     ) {
         let view = |r| self.targets.view(r);
         let Some(depth) = view(Resource::Depth) else { return };
-        let over = id == PassId::Wireframe;
+        let over = id != PassId::GBuffer;
         let colours = if over { vec![Resource::Radiance] } else { vec![Resource::Normal, Resource::Albedo] };
         let views: Vec<_> = colours.into_iter().filter_map(view).collect();
         let load = if over { wgpu::LoadOp::Load } else { wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT) };
         let attachments: Vec<_> = views.iter().map(|view| Some(attachment(view, load))).collect();
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some(if over { "wireframe" } else { "gbuffer" }),
+            label: Some("geometry"),
             color_attachments: &attachments,
             depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                 view: &depth,
@@ -345,20 +355,43 @@ impl Renderer {
             multiview_mask: None,
         });
         pass.set_bind_group(0, &self.frame_group, &[]);
-        let relief = frame.settings.relief;
+        let (meshes, relief) = (&self.pipelines.meshes, frame.settings.relief);
         if let Some(instances) = self.instances.buffer() {
-            match (&self.pipelines.wire, over) {
-                (Some(wire), true) => list.wires(&mut pass, wire, instances, counters),
-                (_, false) => list.surfaces(&mut pass, &self.pipelines, instances, relief, counters),
-                (None, true) => {}
+            match id {
+                PassId::Emission => list.emission(gpu, &mut pass, meshes, instances, counters),
+                PassId::Transparency => {
+                    if let Some(light) = self.light(gpu) {
+                        pass.set_bind_group(0, &light, &[]);
+                        list.transparent(gpu, &mut pass, meshes, instances, counters);
+                    }
+                }
+                PassId::Wireframe => {
+                    if let Some(wire) = &meshes.wire {
+                        list.wires(&mut pass, wire, instances, counters);
+                    }
+                }
+                _ => list.surfaces(gpu, &mut pass, meshes, instances, relief, counters),
             }
         }
         // After the assets, which hide much of it.
         if let (Some(ground), Some(pipelines), Some(tiles)) =
             (ground, self.terrain.get(), self.tiles.buffer())
+            && matches!(id, PassId::GBuffer | PassId::Wireframe)
         {
             ground.draw(&mut pass, pipelines, tiles, (over, relief), counters);
         }
+    }
+
+    /// What is lit where it is drawn reads of the frame and of the sun.
+    fn light(&self, gpu: &Gpu) -> Option<wgpu::BindGroup> {
+        let frame = wgpu::BindGroupEntry { binding: 0, resource: self.frame_buffer.as_entire_binding() };
+        self.shadow_maps.bindings(|maps| {
+            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some("light"),
+                layout: &self.pipelines.meshes.light_layout,
+                entries: &std::iter::once(frame).chain(maps).collect::<Vec<_>>(),
+            })
+        })
     }
 }
 

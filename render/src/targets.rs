@@ -7,9 +7,9 @@ use super::graph::Resource;
 
 /// Depth: reversed, 32-bit floating point.
 pub(crate) const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
-/// Albedo, linear values stored with sRGB's spacing.
+/// Albedo, linear values stored with sRGB's spacing, and metal in its fourth channel.
 pub(crate) const ALBEDO: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8UnormSrgb;
-/// World normal in xyz, roughness in w.
+/// World normal on an octahedron in xy, roughness, and how open to the sky its material says that it is.
 pub(crate) const NORMAL: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 /// Ambient occlusion, 1 = open.
 pub(crate) const OCCLUSION: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;

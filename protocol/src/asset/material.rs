@@ -174,7 +174,8 @@ impl Material {
             Alpha::Blend => more::BLEND,
         };
         let [u, v] = self.wrap.map(wrap_bits);
-        alpha | if self.unlit { more::UNLIT } else { 0 } | u * more::WRAP_U | v * more::WRAP_V
+        let unlit = if self.unlit { more::UNLIT } else { 0 };
+        alpha | unlit | (u * more::WRAP_U) | (v * more::WRAP_V)
     }
 
     fn first_byte(&self) -> u8 {

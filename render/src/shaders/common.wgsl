@@ -32,6 +32,9 @@ struct Frame {
 
 const PI: f32 = 3.14159265;
 
+// Most that a picture of radiance holds, 16-bit floating point.
+const MAX_RADIANCE: f32 = 65504.0;
+
 // View depth where nothing was drawn.
 const FAR: f32 = 1e30;
 
@@ -63,4 +66,18 @@ fn level_colour(level: u32) -> vec3<f32> {
 // Decoding curve of sRGB (IEC 61966-2-1).
 fn linear_from_srgb(c: vec3<f32>) -> vec3<f32> {
     return select(pow((c + 0.055) / 1.055, vec3(2.4)), c / 12.92, c <= vec3(0.04045));
+}
+
+// A direction on the square -1..1, as on an octahedron that is unfolded (Cigolle et al., "A survey of efficient
+// representations for independent unit vectors", 2014).
+fn octahedral(n: vec3<f32>) -> vec2<f32> {
+    let p = n.xy / (abs(n.x) + abs(n.y) + abs(n.z));
+    let folded = (1.0 - abs(p.yx)) * select(vec2(-1.0), vec2(1.0), p >= vec2(0.0));
+    return select(folded, p, n.z >= 0.0);
+}
+
+fn from_octahedral(p: vec2<f32>) -> vec3<f32> {
+    let z = 1.0 - abs(p.x) - abs(p.y);
+    let folded = (1.0 - abs(p.yx)) * select(vec2(-1.0), vec2(1.0), p >= vec2(0.0));
+    return normalize(vec3(select(folded, p, z >= 0.0), z));
 }

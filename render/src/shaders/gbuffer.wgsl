@@ -1,18 +1,30 @@
-// Surfaces to depth, world normal + roughness, and albedo.
+// Surfaces to depth, world normal, roughness, occlusion, albedo and metal.
 
-// Compiled in for materials with a height map only.
+// Compiled in only for materials that have something for them to do: a height map, a normal or surface map, an opacity
+// below which there is a hole.
 override RELIEF: bool = false;
+override MAPS: bool = false;
+override MASK: bool = false;
 
 struct Material {
-    base_colour: vec3<f32>,
+    base_colour: vec4<f32>, // with opacity
+    emission: vec3<f32>,
+    normal_scale: f32,
     roughness: f32,
+    metallic: f32,
+    occlusion: f32,
+    cutoff: f32, // of opacity
     relief_depth: f32, // units of texture coordinates
+    unlit: u32,
 }
 
 @group(1) @binding(0) var<uniform> material: Material;
 @group(1) @binding(1) var colour_map: texture_2d<f32>;
 @group(1) @binding(2) var height_map: texture_2d<f32>;
 @group(1) @binding(3) var map_sampler: sampler;
+@group(1) @binding(4) var surface_map: texture_2d<f32>; // occlusion, roughness, metal
+@group(1) @binding(5) var normal_map: texture_2d<f32>;
+@group(1) @binding(6) var emission_map: texture_2d<f32>;
 
 struct VertexIn {
     @location(0) position: vec3<f32>,
@@ -27,17 +39,23 @@ struct VertexIn {
 }
 
 struct Surface {
-    @builtin(position) clip: vec4<f32>,
+    // Alike in all passes, which meet at the same depths.
+    @builtin(position) @invariant clip: vec4<f32>,
     @location(0) position: vec3<f32>, // world axes, relative to the eye
     @location(1) normal: vec3<f32>,
     @location(2) uv: vec2<f32>, // v down, as textures are stored
     @location(3) @interpolate(flat) level: u32,
-    @location(4) colour: vec3<f32>, // linear, so that what lies between vertices is too
+    @location(4) colour: vec4<f32>, // linear, so that what lies between vertices is too; with opacity
 }
 
-struct GBuffer {
-    @location(0) normal_roughness: vec4<f32>,
-    @location(1) albedo: vec4<f32>,
+// What is known of a surface where it is seen.
+struct Shaded {
+    albedo: vec3<f32>,
+    opacity: f32,
+    normal: vec3<f32>,
+    roughness: f32,
+    metal: f32,
+    occlusion: f32,
 }
 
 // Geomorph (Hoppe, "Progressive Meshes", 1996, section 3.2): how far a vertex has come from the
@@ -67,13 +85,47 @@ fn vs_surface(v: VertexIn) -> Surface {
     out.normal = rotate(v.rotation, v.normal.xyz);
     out.uv = vec2(v.uv.x, 1.0 - v.uv.y);
     out.level = v.level;
-    out.colour = linear_from_srgb(v.colour.rgb);
+    out.colour = vec4(linear_from_srgb(v.colour.rgb), v.colour.a);
     return out;
 }
 
-@fragment
-fn fs_surface(s: Surface, @builtin(front_facing) front: bool) -> GBuffer {
-    // Derivatives first: they need uniform control flow.
+// Gradients of u and v along a surface from screen-space derivatives (Schüler, "Normal mapping without precomputed
+// tangents", 2006, revisited 2013): grad u . dp = du for both screen directions, grad u . n = 0.
+struct Gradients {
+    u: vec3<f32>,
+    v: vec3<f32>,
+    exist: bool,
+}
+
+fn gradients(
+    normal: vec3<f32>, dp_dx: vec3<f32>, dp_dy: vec3<f32>, duv_dx: vec2<f32>, duv_dy: vec2<f32>,
+) -> Gradients {
+    let across_y = cross(dp_dy, normal);
+    let across_x = cross(normal, dp_dx);
+    let det = dot(dp_dx, across_y);
+    let exist = abs(det) >= 1e-30;
+    let scale = select(0.0, 1.0 / det, exist);
+    return Gradients(
+        (across_y * duv_dx.x + across_x * duv_dy.x) * scale,
+        (across_y * duv_dx.y + across_x * duv_dy.y) * scale,
+        exist,
+    );
+}
+
+// A normal from its map, in the frame of both gradients: x along u, y against the stored v, which runs down.
+fn mapped_normal(texel: vec3<f32>, normal: vec3<f32>, along: Gradients) -> vec3<f32> {
+    let longest = max(dot(along.u, along.u), dot(along.v, along.v));
+    if (!along.exist || longest < 1e-30) {
+        return normal;
+    }
+    let slope = (texel * 2.0 - 1.0) * vec3(material.normal_scale, material.normal_scale, 1.0);
+    let tilted = (along.u * slope.x - along.v * slope.y) * inverseSqrt(longest) + normal * slope.z;
+    let len = length(tilted);
+    return select(normal, tilted / len, len > 1e-6);
+}
+
+// All of a surface at a fragment. In uniform control flow, for derivatives.
+fn shaded(s: Surface, front: bool) -> Shaded {
     let dp_dx = dpdx(s.position);
     let dp_dy = dpdy(s.position);
     let duv_dx = dpdx(s.uv);
@@ -88,27 +140,74 @@ fn fs_surface(s: Surface, @builtin(front_facing) front: bool) -> GBuffer {
     normal = select(-view, normal / normal_length, normal_length > 1e-6);
 
     var uv = s.uv;
-    if (RELIEF) {
-        let hit = relief(s.uv, normal, view, view_length, dp_dx, dp_dy, duv_dx, duv_dy);
-        uv = hit.uv;
-        normal = hit.normal;
+    var out = Shaded(vec3(0.0), 1.0, normal, material.roughness, material.metallic, material.occlusion);
+    if (RELIEF || MAPS) {
+        let along = gradients(normal, dp_dx, dp_dy, duv_dx, duv_dy);
+        if (RELIEF) {
+            let hit = relief(s.uv, normal, view, view_length, along, duv_dx, duv_dy);
+            uv = hit.uv;
+            out.normal = hit.normal;
+        }
+        if (MAPS) {
+            let texel = textureSampleGrad(normal_map, map_sampler, uv, duv_dx, duv_dy).xyz;
+            out.normal = mapped_normal(texel, out.normal, along);
+            let surface = textureSampleGrad(surface_map, map_sampler, uv, duv_dx, duv_dy);
+            out.occlusion *= surface.r;
+            out.roughness *= surface.g;
+            out.metal *= surface.b;
+        }
     }
-
-    let texel = textureSampleGrad(colour_map, map_sampler, uv, duv_dx, duv_dy).rgb;
-    var albedo = material.base_colour * s.colour * texel;
+    let texel = textureSampleGrad(colour_map, map_sampler, uv, duv_dx, duv_dy);
+    let colour = material.base_colour * s.colour * texel;
+    out.albedo = colour.rgb;
+    out.opacity = colour.a;
     if (frame.shade == 1u) {
-        albedo = level_colour(s.level);
+        out.albedo = level_colour(s.level);
     }
-    var out: GBuffer;
-    out.normal_roughness = vec4(normal, material.roughness);
-    out.albedo = vec4(albedo, 1.0);
+    // Narrower lobes than this flicker.
+    out.roughness = clamp(out.roughness, 0.05, 1.0);
     return out;
+}
+
+@fragment
+fn fs_surface(s: Surface, @builtin(front_facing) front: bool) -> GBuffer {
+    let surface = shaded(s, front);
+    if (MASK && surface.opacity < material.cutoff) {
+        discard;
+    }
+    return g_buffer(surface.normal, surface.roughness, surface.occlusion, surface.albedo, surface.metal, material.unlit == 1u);
+}
+
+// What surfaces give off, onto the lit picture.
+@fragment
+fn fs_emission(s: Surface) -> @location(0) vec4<f32> {
+    let texel = textureSampleGrad(emission_map, map_sampler, s.uv, dpdx(s.uv), dpdy(s.uv)).rgb;
+    return vec4(min(material.emission * texel, vec3(MAX_RADIANCE)), 0.0);
 }
 
 // Into a map of shadows: `frame` is then as the sun sees it.
 @vertex
 fn vs_caster(v: VertexIn) -> @builtin(position) vec4<f32> {
     return clip_position(placed(v));
+}
+
+// The same of what has holes.
+struct Pierced {
+    @builtin(position) clip: vec4<f32>,
+    @location(0) uv: vec2<f32>,
+    @location(1) opacity: f32,
+}
+
+@vertex
+fn vs_pierced(v: VertexIn) -> Pierced {
+    return Pierced(clip_position(placed(v)), vec2(v.uv.x, 1.0 - v.uv.y), v.colour.a);
+}
+
+@fragment
+fn fs_pierced(p: Pierced) {
+    if (material.base_colour.a * p.opacity * textureSample(colour_map, map_sampler, p.uv).a < material.cutoff) {
+        discard;
+    }
 }
 
 // Edges over the lit picture. Moved towards the eye by two thousandths of their depth, which

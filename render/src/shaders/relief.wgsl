@@ -42,22 +42,16 @@ fn relief_trace(start: vec2<f32>, span: vec2<f32>, lod: f32, steps: f32) -> f32 
 }
 
 fn relief(
-    uv: vec2<f32>, normal: vec3<f32>, view: vec3<f32>, view_length: f32,
-    dp_dx: vec3<f32>, dp_dy: vec3<f32>, duv_dx: vec2<f32>, duv_dy: vec2<f32>,
+    uv: vec2<f32>, normal: vec3<f32>, view: vec3<f32>, view_length: f32, along: Gradients,
+    duv_dx: vec2<f32>, duv_dy: vec2<f32>,
 ) -> ReliefHit {
     var hit = ReliefHit(uv, normal);
     let cosine = -dot(view, normal);
-    // Gradients of u and v along the surface from screen-space derivatives (Schüler, "Normal
-    // mapping without precomputed tangents", 2006, revisited 2013): grad u . dp = du for both
-    // screen directions, grad u . n = 0.
-    let across_y = cross(dp_dy, normal);
-    let across_x = cross(normal, dp_dx);
-    let det = dot(dp_dx, across_y);
-    if (cosine <= 0.0 || abs(det) < 1e-30) {
+    if (cosine <= 0.0 || !along.exist) {
         return hit;
     }
-    let grad_u = (across_y * duv_dx.x + across_x * duv_dy.x) / det;
-    let grad_v = (across_y * duv_dx.y + across_x * duv_dy.y) / det;
+    let grad_u = along.u;
+    let grad_v = along.v;
 
     // Depth in world units: what a step of relief_depth in texture coordinates is on the surface.
     // Thinner than half a pixel it is left out; between half and one it fades in.

@@ -18,3 +18,11 @@ fn ambient(normal: vec3<f32>) -> vec3<f32> {
 fn reflected(direction: vec3<f32>, roughness: f32) -> vec3<f32> {
     return mix(sky(direction), ambient(direction), roughness);
 }
+
+// What a layer of microfacets mirrors of an even sky: this much of its reflectance straight on, and so much besides
+// (Karis, "Physically based shading on mobile", 2014: a fit by Lazarov's form).
+fn environment_brdf(cosine: f32, roughness: f32) -> vec2<f32> {
+    let r = roughness * vec4(-1.0, -0.0275, -0.572, 0.022) + vec4(1.0, 0.0425, 1.04, -0.04);
+    let a = min(r.x * r.x, exp2(-9.28 * cosine)) * r.x + r.y;
+    return vec2(-1.04, 1.04) * a + r.zw;
+}

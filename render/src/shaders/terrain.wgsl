@@ -1,8 +1,8 @@
 // Terrain tiles to depth, world normal + roughness, and albedo.
 //
 // A tile is TILE_CELLS² cells of one spacing; its heights lie in an atlas, CELL_SAMPLES to a cell's side, with a margin
-// that normals need. Normals are looked up by pixel, in rises between samples. Everything that two tiles share is computed from integers by the same operations, so that they
-// agree to the bit. Twin: twin/terrain.rs.
+// that normals need. Normals are looked up by pixel, in rises between samples. Everything that two tiles share is
+// computed from integers by the same operations, so that they agree to the bit. Twin: twin/terrain.rs.
 
 // Compiled in where relief mapping is on.
 override RELIEF: bool = false;
@@ -68,11 +68,6 @@ struct Ground {
     @location(2) height: f32, // world units, absolute
     @location(3) coarser: f32, // how far on the way to the next coarser surface
     @location(4) @interpolate(flat) spacing: u32,
-}
-
-struct GBuffer {
-    @location(0) normal_roughness: vec4<f32>,
-    @location(1) albedo: vec4<f32>,
 }
 
 fn tile_height(tile: TileIn, p: vec2<i32>) -> i32 {
@@ -293,10 +288,7 @@ fn fs_terrain(g: Ground) -> GBuffer {
     if (frame.shade == 1u) {
         albedo = level_colour(g.spacing);
     }
-    var out: GBuffer;
-    out.normal_roughness = vec4(normal, mix(0.95, 0.6, weights.w));
-    out.albedo = vec4(albedo, 1.0);
-    return out;
+    return g_buffer(normal, mix(0.95, 0.6, weights.w), 1.0, albedo, 0.0, false);
 }
 
 // Into a map of shadows.

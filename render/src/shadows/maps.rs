@@ -6,7 +6,8 @@ use super::{Cascade, Casters, SunlightUniform};
 use crate::counters::Counters;
 use crate::draw::each;
 use crate::gpu::Gpu;
-use crate::scene::{MAX_CASCADES, Shadows};
+use crate::mesh_pipelines::MeshPipelines;
+use crate::scene::{MAP_SIDES, MAX_CASCADES, Shadows};
 use crate::targets::DEPTH;
 use crate::uniforms::FrameUniform;
 
@@ -108,14 +109,22 @@ impl ShadowMaps {
         })))
     }
 
-    /// Draws the maps of which something has changed, meshes by `pipeline`; `ground` draws what of the terrain casts into
+    /// Says that there are no shadows; what is lit where it is drawn looks them up all the same.
+    pub(crate) fn none(&mut self, gpu: &Gpu) {
+        self.drawn.clear();
+        self.texture.get_or_insert_with(|| texture(gpu, MAP_SIDES[0], 1));
+        let uniform = SunlightUniform::new(Shadows::default(), std::iter::empty(), DVec3::ZERO);
+        gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
+    }
+
+    /// Draws the maps of which something has changed, meshes by `pipelines`; `ground` draws what of the terrain casts into
     /// one, and gives its number of triangles.
     pub(crate) fn record(
         &mut self,
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         sun: &Sun<'_>,
-        (pipeline, instances): (&wgpu::RenderPipeline, Option<&wgpu::Buffer>),
+        (pipelines, instances): (&MeshPipelines, Option<&wgpu::Buffer>),
         mut ground: impl FnMut(&mut wgpu::RenderPass<'_>, usize) -> u64,
         counters: &mut Counters,
     ) {
@@ -174,9 +183,20 @@ impl ShadowMaps {
             });
             pass.set_bind_group(0, group, &[]);
             if let Some(instances) = instances {
-                pass.set_pipeline(pipeline);
-                each(&casters.batches, &mut pass, instances, |_, _, triangles| {
+                each(&casters.batches, &mut pass, instances, |pass, part, triangles| {
+                    let features = part.material.features;
+                    if features.blend {
+                        // What is seen through lets light through.
+                        return false;
+                    }
+                    if features.mask {
+                        pass.set_pipeline(pipelines.pierced_caster(gpu));
+                        pass.set_bind_group(1, &part.material.group, &[]);
+                    } else {
+                        pass.set_pipeline(&pipelines.caster);
+                    }
                     counters.shadow_triangles += triangles;
+                    true
                 });
             }
             counters.shadow_triangles += ground(&mut pass, layer);

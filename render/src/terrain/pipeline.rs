@@ -4,8 +4,11 @@ use super::tile_raw::{TILE_ATTRIBUTES, TileRaw};
 use crate::gbuffer::{GeometryPass, UNIFORM_BLOCK, shader};
 use crate::gpu::Gpu;
 
-const TERRAIN: &str =
-    concat!(include_str!("../shaders/common.wgsl"), include_str!("../shaders/terrain.wgsl"));
+const TERRAIN: &str = concat!(
+    include_str!("../shaders/common.wgsl"),
+    include_str!("../shaders/targets.wgsl"),
+    include_str!("../shaders/terrain.wgsl")
+);
 
 /// What draws tiles.
 #[derive(Debug)]
@@ -79,8 +82,8 @@ impl TerrainPipelines {
             })],
         };
         Self {
-            plain: tiles.surface(gpu, ["vs_terrain", "fs_terrain"], false),
-            relief: tiles.surface(gpu, ["vs_terrain", "fs_terrain"], true),
+            plain: tiles.surface(gpu, ["vs_terrain", "fs_terrain"], &[]),
+            relief: tiles.surface(gpu, ["vs_terrain", "fs_terrain"], &[("RELIEF", 1.0)]),
             wire: tiles.wire(gpu, ["vs_terrain_wire", "fs_terrain_wire"]),
             caster: tiles.caster(gpu, "vs_terrain_caster"),
             layout,

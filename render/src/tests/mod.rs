@@ -4,6 +4,7 @@
 
 mod accuracy;
 mod host;
+mod materials;
 mod pictures;
 mod shadows;
 mod shapes;

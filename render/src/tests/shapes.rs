@@ -105,6 +105,7 @@ pub(super) fn brick_asset(h: &Headless, mesh: &Mesh, depth: f32) -> AssetGpu {
         height_texture: Some(1),
         base_colour: [1.0; 3],
         roughness: 0.85,
+        ..Material::default()
     };
     let mut asset = h.renderer().create_asset(
         h.gpu(),

@@ -448,7 +448,11 @@ pub(crate) fn compute(
         }}"
     );
     let common = include_str!("../shaders/common.wgsl");
-    let source = format!("{common}{}{entry}", include_str!("../shaders/terrain.wgsl"));
+    let source = format!(
+        "{common}{}{}{entry}",
+        include_str!("../shaders/targets.wgsl"),
+        include_str!("../shaders/terrain.wgsl")
+    );
     let device = &gpu.device;
     let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some("compute"),

@@ -1,0 +1,172 @@
+//! Pipelines that meshes are drawn with: variants are compiled when the first material needs them.
+
+use std::sync::OnceLock;
+
+use super::gbuffer::{GeometryPass, shader};
+use super::gpu::Gpu;
+use super::instance::{INSTANCE_ATTRIBUTES, InstanceRaw};
+use super::material_kit::{Features, MaterialKit};
+use super::vertex::{PackedVertex, VERTEX_ATTRIBUTES};
+
+const SURFACE: &str = concat!(
+    include_str!("shaders/common.wgsl"),
+    include_str!("shaders/targets.wgsl"),
+    include_str!("shaders/gbuffer.wgsl"),
+    include_str!("shaders/relief.wgsl")
+);
+const TRANSPARENT: &str = concat!(
+    include_str!("shaders/common.wgsl"),
+    include_str!("shaders/targets.wgsl"),
+    include_str!("shaders/gbuffer.wgsl"),
+    include_str!("shaders/relief.wgsl"),
+    include_str!("shaders/shadows.wgsl"),
+    include_str!("shaders/sky.wgsl"),
+    include_str!("shaders/brdf.wgsl"),
+    include_str!("shaders/forward.wgsl")
+);
+
+/// See the module.
+#[derive(Debug)]
+pub(crate) struct MeshPipelines {
+    module: wgpu::ShaderModule,
+    /// Frame and material.
+    layout: wgpu::PipelineLayout,
+    /// Frame, shadow maps and sky; and material.
+    lit_layout: wgpu::PipelineLayout,
+    pub(crate) light_layout: wgpu::BindGroupLayout,
+    /// By relief, maps and mask.
+    surfaces: [OnceLock<wgpu::RenderPipeline>; 8],
+    /// Absent where the device cannot draw triangles as lines.
+    pub(crate) wire: Option<wgpu::RenderPipeline>,
+    /// Into maps of shadows.
+    pub(crate) caster: wgpu::RenderPipeline,
+    pierced_caster: OnceLock<wgpu::RenderPipeline>,
+    emission: OnceLock<wgpu::RenderPipeline>,
+    /// Without maps and with.
+    transparent: [OnceLock<[wgpu::RenderPipeline; 2]>; 2],
+}
+
+const BUFFERS: [Option<wgpu::VertexBufferLayout<'_>>; 2] = [
+    Some(wgpu::VertexBufferLayout {
+        array_stride: size_of::<PackedVertex>() as u64,
+        step_mode: wgpu::VertexStepMode::Vertex,
+        attributes: &VERTEX_ATTRIBUTES,
+    }),
+    Some(wgpu::VertexBufferLayout {
+        array_stride: size_of::<InstanceRaw>() as u64,
+        step_mode: wgpu::VertexStepMode::Instance,
+        attributes: &INSTANCE_ATTRIBUTES,
+    }),
+];
+
+fn pass<'a>(module: &'a wgpu::ShaderModule, layout: &'a wgpu::PipelineLayout) -> GeometryPass<'a> {
+    GeometryPass { module, layout, buffers: &BUFFERS }
+}
+
+impl MeshPipelines {
+    pub(crate) fn new(gpu: &Gpu, kit: &MaterialKit, frame_layout: &wgpu::BindGroupLayout) -> Self {
+        let layout = |label, groups: &[Option<&wgpu::BindGroupLayout>]| {
+            gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+                label: Some(label),
+                bind_group_layouts: groups,
+                immediate_size: 0,
+            })
+        };
+        let module = shader(gpu, "gbuffer", SURFACE);
+        let light_layout = light_layout(gpu);
+        let caster_layout = layout("casters", &[Some(frame_layout)]);
+        let mesh_layout = layout("meshes", &[Some(frame_layout), Some(&kit.layout)]);
+        let this = Self {
+            wire: pass(&module, &mesh_layout).wire(gpu, ["vs_wire", "fs_wire"]),
+            caster: pass(&module, &caster_layout).caster(gpu, "vs_caster"),
+            lit_layout: layout("lit meshes", &[Some(&light_layout), Some(&kit.layout)]),
+            layout: mesh_layout,
+            light_layout,
+            module,
+            surfaces: Default::default(),
+            pierced_caster: OnceLock::new(),
+            emission: OnceLock::new(),
+            transparent: Default::default(),
+        };
+        // What most scenes need.
+        this.variant(gpu, [false; 3]);
+        this.variant(gpu, [true, false, false]);
+        this
+    }
+
+    fn variant(&self, gpu: &Gpu, [relief, maps, mask]: [bool; 3]) -> &wgpu::RenderPipeline {
+        let at = usize::from(relief) | usize::from(maps) << 1 | usize::from(mask) << 2;
+        self.surfaces[at].get_or_init(|| {
+            let constants = [("RELIEF", relief), ("MAPS", maps), ("MASK", mask)];
+            let constants = constants.map(|(name, on)| (name, f64::from(u8::from(on))));
+            pass(&self.module, &self.layout).surface(gpu, ["vs_surface", "fs_surface"], &constants)
+        })
+    }
+
+    /// Compiles what a material will be drawn with; nothing where that is done.
+    pub(crate) fn ensure(&self, gpu: &Gpu, material: Features) {
+        if material.blend {
+            self.transparent(gpu, material);
+            return;
+        }
+        self.surface(gpu, material, true);
+        if material.mask {
+            self.pierced_caster(gpu);
+        }
+        if material.emits {
+            self.emission(gpu);
+        }
+    }
+
+    /// Into the G-buffer; `relief` says whether height maps are honoured.
+    pub(crate) fn surface(&self, gpu: &Gpu, material: Features, relief: bool) -> &wgpu::RenderPipeline {
+        self.variant(gpu, [relief && material.relief, material.maps, material.mask])
+    }
+
+    /// Into maps of shadows, of materials with holes; with their group 1.
+    pub(crate) fn pierced_caster(&self, gpu: &Gpu) -> &wgpu::RenderPipeline {
+        self.pierced_caster.get_or_init(|| {
+            pass(&self.module, &self.layout).pierced_caster(gpu, ["vs_pierced", "fs_pierced"])
+        })
+    }
+
+    /// Onto the lit picture.
+    pub(crate) fn emission(&self, gpu: &Gpu) -> &wgpu::RenderPipeline {
+        self.emission
+            .get_or_init(|| pass(&self.module, &self.layout).emission(gpu, ["vs_surface", "fs_emission"]))
+    }
+
+    /// Over the lit picture: faces that face away, and those that face the eye.
+    pub(crate) fn transparent(&self, gpu: &Gpu, material: Features) -> &[wgpu::RenderPipeline; 2] {
+        self.transparent[usize::from(material.maps)].get_or_init(|| {
+            let module = shader(gpu, "transparent", TRANSPARENT);
+            let maps = [("MAPS", f64::from(u8::from(material.maps)))];
+            pass(&module, &self.lit_layout).transparent(gpu, ["vs_surface", "fs_transparent"], &maps)
+        })
+    }
+}
+
+/// Group 0 of what is lit where it is drawn: the frame, the shadow maps with how they are looked up.
+fn light_layout(gpu: &Gpu) -> wgpu::BindGroupLayout {
+    let entry = |binding, visibility, ty| wgpu::BindGroupLayoutEntry { binding, visibility, ty, count: None };
+    let block = wgpu::BindingType::Buffer {
+        ty: wgpu::BufferBindingType::Uniform,
+        has_dynamic_offset: false,
+        min_binding_size: None,
+    };
+    let maps = wgpu::BindingType::Texture {
+        sample_type: wgpu::TextureSampleType::Depth,
+        view_dimension: wgpu::TextureViewDimension::D2Array,
+        multisampled: false,
+    };
+    let fragment = wgpu::ShaderStages::FRAGMENT;
+    gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some("light"),
+        entries: &[
+            entry(0, wgpu::ShaderStages::VERTEX_FRAGMENT, block),
+            entry(2, fragment, maps),
+            entry(3, fragment, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Comparison)),
+            entry(4, fragment, block),
+        ],
+    })
+}

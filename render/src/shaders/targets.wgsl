@@ -1,0 +1,19 @@
+// What the G-buffer holds of a surface beside its depth.
+
+struct GBuffer {
+    @location(0) normal: vec4<f32>, // octahedral, roughness, occlusion
+    @location(1) albedo: vec4<f32>, // with metal
+}
+
+// In place of a normal: what is seen is the albedo, in whatever light.
+const UNLIT: vec2<f32> = vec2(2.0, 2.0);
+
+fn g_buffer(
+    normal: vec3<f32>, roughness: f32, occlusion: f32, albedo: vec3<f32>, metal: f32, unlit: bool,
+) -> GBuffer {
+    return GBuffer(vec4(select(octahedral(normal), UNLIT, unlit), roughness, occlusion), vec4(albedo, metal));
+}
+
+fn is_unlit(stored: vec4<f32>) -> bool {
+    return stored.x > 1.5;
+}
