@@ -67,7 +67,7 @@ pub use readback::TargetCopy;
 pub use renderer::Renderer;
 pub use scene::{
     AmbientOcclusion, Drawable, Environment, Frame, MAP_SIDES, MAX_CASCADES, MAX_FILTER, MAX_RELIEF_STEPS,
-    MAX_SAMPLES, MIN_RENDER_SCALE, OcclusionRadius, Settings, Shade, Shadows,
+    MAX_SAMPLES, MIN_RENDER_SCALE, OcclusionRadius, Settings, Shade, Shadows, ToneMapping,
 };
 #[cfg(feature = "client")]
 pub use scene_view::SceneView;

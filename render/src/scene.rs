@@ -137,6 +137,16 @@ pub enum Shade {
     Cascade,
 }
 
+/// From radiance to what a display shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ToneMapping {
+    /// Narkowicz's fit of the ACES curve, as films have it: contrast in the middle, soft highlights.
+    #[default]
+    Filmic,
+    /// Khronos' neutral one: base colours come out as they are, highlights alone are compressed. For products.
+    Neutral,
+}
+
 /// How to draw.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
@@ -163,6 +173,10 @@ pub struct Settings {
     pub near: f64,
     /// Factor on radiance before tone mapping.
     pub exposure: f32,
+    /// From radiance to what is shown.
+    pub tone_mapping: ToneMapping,
+    /// Noise of half a step of 256 against bands in even gradients, the same in each frame.
+    pub dither: bool,
     /// Seconds that a new vertex takes to its position; 0 = at once.
     pub morph_s: f32,
     /// Share of the target's sides in which the picture is drawn, [`MIN_RENDER_SCALE`] to 1, before it is enlarged
@@ -183,6 +197,8 @@ impl Default for Settings {
             relief_steps: 48,
             near: 1e-4,
             exposure: 1.0,
+            tone_mapping: ToneMapping::Filmic,
+            dither: true,
             morph_s: 0.25,
             render_scale: 1.0,
         }

@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Mat4, Vec3};
 
 use super::camera::{clip_from_view, view_from_world};
-use super::scene::{Frame, MAX_RELIEF_STEPS, MAX_SAMPLES, OcclusionRadius, Shade};
+use super::scene::{Frame, MAX_RELIEF_STEPS, MAX_SAMPLES, OcclusionRadius, Shade, ToneMapping};
 use super::shadows::Cascade;
 use super::twin::ssao;
 
@@ -35,6 +35,9 @@ pub(crate) struct FrameUniform {
     relief_steps: f32,
     /// Width, and height shifted by 16 bits, of the target: with `Settings::render_scale` more than `size_px`.
     target_px: u32,
+    tone_mapping: u32,
+    dither: f32,
+    padding: [f32; 2],
     kernel: [[f32; 4]; ssao::MAX_SAMPLES],
 }
 
@@ -83,6 +86,12 @@ impl FrameUniform {
             occlusion_samples: samples,
             relief_steps: frame.settings.relief_steps.clamp(1, MAX_RELIEF_STEPS) as f32,
             target_px: target.0 | (target.1 << 16),
+            tone_mapping: match frame.settings.tone_mapping {
+                ToneMapping::Filmic => 0,
+                ToneMapping::Neutral => 1,
+            },
+            dither: if frame.settings.dither { 1.0 / 255.0 } else { 0.0 },
+            padding: [0.0; 2],
             kernel,
         }
     }
@@ -108,8 +117,8 @@ mod tests {
 
     #[test]
     fn size_is_what_the_shader_declares() {
-        // Two matrices, six vectors, sixteen scalars, the kernel's vectors; WGSL's uniform layout
+        // Two matrices, six vectors, twenty scalars, the kernel's vectors; WGSL's uniform layout
         // has no holes in that order.
-        assert_eq!(size_of::<FrameUniform>(), 2 * 64 + 6 * 16 + 16 * 4 + ssao::MAX_SAMPLES * 16);
+        assert_eq!(size_of::<FrameUniform>(), 2 * 64 + 6 * 16 + 20 * 4 + ssao::MAX_SAMPLES * 16);
     }
 }

@@ -25,6 +25,9 @@ struct Frame {
     occlusion_samples: u32,
     relief_steps: f32, // linear steps at grazing angles
     target_px: u32, // width, and height shifted by 16 bits, of what is shown: more than size_px where that is enlarged
+    tone_mapping: u32,
+    dither: f32, // of display values
+    padding: vec2<f32>,
     kernel: array<vec4<f32>, 64>, // as many as there are samples
 }
 

@@ -6,6 +6,29 @@ override ENCODE_SRGB: bool = false;
 
 @group(0) @binding(1) var radiance_map: texture_2d<f32>;
 
+// The neutral curve (Khronos, "PBR neutral tone mapper", 2024): base colours below 0.8 stay what they are but for the four
+// hundredths that a dielectric mirrors; what is brighter is compressed and loses its hue towards white.
+fn neutral(given: vec3<f32>) -> vec3<f32> {
+    let start = 0.8 - 0.04;
+    let least = min(given.r, min(given.g, given.b));
+    let offset = select(0.04, least - 6.25 * least * least, least < 0.08);
+    let colour = given - offset;
+    let peak = max(colour.r, max(colour.g, colour.b));
+    if (peak < start) {
+        return colour;
+    }
+    let room = 1.0 - start;
+    let compressed = 1.0 - room * room / (peak + room - start);
+    let white = 1.0 - 1.0 / (0.15 * (peak - compressed) + 1.0);
+    return mix(colour * (compressed / peak), vec3(compressed), white);
+}
+
+// Noise from -0.5 to 0.5 that is even over any 3 × 3 pixels (Jimenez, "Next generation post processing in Call of Duty",
+// 2014).
+fn noise(at: vec2<f32>) -> f32 {
+    return fract(52.9829189 * fract(dot(floor(at), vec2(0.06711056, 0.00583715)))) - 0.5;
+}
+
 // Fit of the ACES filmic curve (Narkowicz, "ACES filmic tone mapping curve", 2016).
 fn filmic(x: vec3<f32>) -> vec3<f32> {
     return clamp((x * (2.51 * x + 0.03)) / (x * (2.43 * x + 0.59) + 0.14), vec3(0.0), vec3(1.0));
@@ -42,11 +65,19 @@ fn radiance_at(at: vec2<f32>) -> vec3<f32> {
 // What a point of the target shows.
 fn display(at: vec2<f32>) -> vec4<f32> {
     let radiance = radiance_at(at);
-    let shown = filmic(max(radiance * frame.exposure, vec3(0.0)));
-    if (ENCODE_SRGB) {
-        return vec4(encode_srgb(shown), 1.0);
+    let given = clamp(radiance * frame.exposure, vec3(0.0), vec3(MAX_RADIANCE));
+    var shown = vec3(0.0);
+    if (frame.tone_mapping == 1u) {
+        shown = neutral(given);
+    } else {
+        shown = filmic(given);
     }
-    return vec4(shown, 1.0);
+    // Against banding: as much noise as the target's 256 steps are wide.
+    let encoded = clamp(encode_srgb(shown) + noise(at) * frame.dither, vec3(0.0), vec3(1.0));
+    if (ENCODE_SRGB) {
+        return vec4(encoded, 1.0);
+    }
+    return vec4(linear_from_srgb(encoded), 1.0);
 }
 
 @fragment

@@ -12,7 +12,7 @@ use crate::twin::surface::DepthPicture;
 use crate::twin::{antialias, brdf, ssao, tone};
 use crate::{
     AmbientOcclusion, Drawable, Frame, Headless, Instance, Material, OcclusionRadius, Pose, Renderer, Target,
-    TextureData, TextureKind, TextureShape,
+    TextureData, TextureKind, TextureShape, ToneMapping,
 };
 
 #[test]
@@ -26,11 +26,58 @@ fn tone_curve_matches_its_twin() {
         frame.environment.sky_zenith = frame.environment.sky_horizon;
         frame.environment.ground = frame.environment.sky_horizon;
         frame.settings.exposure = 2.0;
+        frame.settings.dither = false;
         h.frame(&frame).unwrap();
         let got = f64::from(h.picture().unwrap().get_pixel(2, 2)[0]);
         let want = tone::encode_srgb(tone::filmic(f64::from(value))) * 255.0;
         // Half a step of the target plus the radiance target's 11 bits.
         assert!((got - want).abs() < 0.8, "{value}: {got} {want}");
+    }
+}
+
+#[test]
+fn the_neutral_curve_matches_its_twin_and_keeps_base_colours() {
+    let Some(mut h) = headless(4, 4) else { return };
+    let camera = Pose::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 0.1);
+    for value in [[0.01, 0.02, 0.03], [0.5, 0.3, 0.1], [0.2, 0.9, 0.4], [8.0, 2.0, 0.5], [900.0, 0.0, 5.0]] {
+        let mut frame = Frame::new(camera, &[]);
+        let colour = glam::DVec3::from(value).as_vec3();
+        frame.environment.sky_horizon = colour;
+        frame.environment.sky_zenith = colour;
+        frame.environment.ground = colour;
+        frame.settings.dither = false;
+        frame.settings.tone_mapping = ToneMapping::Neutral;
+        h.frame(&frame).unwrap();
+        let got = h.picture().unwrap().get_pixel(2, 2).0;
+        for (got, want) in got.into_iter().zip(tone::neutral(value)) {
+            let want = tone::encode_srgb(want.clamp(0.0, 1.0)) * 255.0;
+            assert!((f64::from(got) - want).abs() < 0.8, "{value:?}: {got} {want}");
+        }
+    }
+    // What is lit by what it is made for looks as it is: a base colour and the four hundredths that it mirrors.
+    let shown = tone::neutral([0.54, 0.34, 0.24]);
+    assert!(shown.iter().zip([0.5, 0.3, 0.2]).all(|(got, want)| (got - want).abs() < 1e-12));
+}
+
+#[test]
+fn dithered_gradients_have_no_bands_and_their_mean() {
+    let (width, height) = (128, 64);
+    let Some(mut h) = headless(width, height) else { return };
+    let camera = Pose::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 0.1);
+    let mut frame = Frame::new(camera, &[]);
+    for value in [0.0302_f32, 0.0304, 0.0307] {
+        let all = glam::Vec3::splat(value);
+        (frame.environment.sky_horizon, frame.environment.sky_zenith, frame.environment.ground) =
+            (all, all, all);
+        h.frame(&frame).unwrap();
+        let stored: Vec<half::f16> =
+            bytemuck::pod_collect_to_vec(&h.intermediate(Resource::Radiance, 8).unwrap());
+        let exact = tone::encode_srgb(tone::filmic(stored[0].to_f64())) * 255.0;
+        let picture = h.picture().unwrap();
+        let shown = || picture.pixels().map(|pixel| f64::from(pixel[0]));
+        let mean = shown().sum::<f64>() / f64::from(width * height);
+        assert!((mean - exact).abs() < 0.02, "{mean} {exact}");
+        assert!(shown().all(|x| (x - exact).abs() <= 1.0));
     }
 }
 

@@ -6,6 +6,23 @@ pub fn filmic(x: f64) -> f64 {
     ((x * (2.51 * x + 0.03)) / (x * (2.43 * x + 0.59) + 0.14)).clamp(0.0, 1.0)
 }
 
+/// Khronos' neutral curve ("PBR neutral tone mapper", 2024).
+#[must_use]
+pub fn neutral(given: [f64; 3]) -> [f64; 3] {
+    let start = 0.8 - 0.04;
+    let least = given.into_iter().fold(f64::INFINITY, f64::min);
+    let offset = if least < 0.08 { least - 6.25 * least * least } else { 0.04 };
+    let colour = given.map(|x| x - offset);
+    let peak = colour.into_iter().fold(0.0, f64::max);
+    if peak < start {
+        return colour;
+    }
+    let room = 1.0 - start;
+    let compressed = 1.0 - room * room / (peak + room - start);
+    let white = 1.0 - 1.0 / (0.15 * (peak - compressed) + 1.0);
+    colour.map(|x| x * compressed / peak * (1.0 - white) + compressed * white)
+}
+
 /// Linear value to sRGB, both in 0..=1 (IEC 61966-2-1).
 #[must_use]
 pub fn encode_srgb(x: f64) -> f64 {

@@ -187,7 +187,12 @@ fn upload(
 fn draw(headless: &mut Headless, scene: &mut SceneView, view: &View) -> Result<RgbaImage, RenderError> {
     // What is judged is what has arrived of the surfaces: shadows would count some of it twice, and smoothed edges hide
     // some.
-    frame(headless, scene, view, Settings { shadows: None, antialias: false, ..Settings::default() })?;
+    frame(
+        headless,
+        scene,
+        view,
+        Settings { shadows: None, antialias: false, dither: false, ..Settings::default() },
+    )?;
     headless.picture()
 }
 
