@@ -54,7 +54,10 @@ fn fs_lighting(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let cosine = max(dot(normal, to_sun), 0.0);
     let diffuse = albedo * (sun * cosine + ambient(normal) * open);
     let shine = sun * cosine * highlight(normal, -ray, to_sun, surface.w);
-    return vec4(diffuse + shine, 1.0);
+    let share = environment_brdf(max(dot(normal, -ray), 0.0), surface.w);
+    let mirrored = reflected(reflect(ray, normal), surface.w) * (F0 * share.x + share.y) * open;
+    let distance = view_depth(textureLoad(depth_map, pixel, 0).x) * length(view_ray(pixel));
+    return vec4(hazed(diffuse + shine + mirrored, ray, distance), 1.0);
 }
 
 @fragment

@@ -11,8 +11,8 @@ use crate::twin::relief::{steps, tests::bricks};
 use crate::twin::surface::DepthPicture;
 use crate::twin::{antialias, ssao, tone};
 use crate::{
-    AmbientOcclusion, Drawable, Frame, Headless, Instance, Material, OcclusionRadius, Pose, Renderer, Target,
-    TextureData, TextureKind, TextureShape,
+    AmbientOcclusion, Drawable, Frame, Headless, Instance, Material, OcclusionRadius, PlainSky, Pose,
+    Renderer, Sky, Target, TextureData, TextureKind, TextureShape,
 };
 
 #[test]
@@ -21,10 +21,10 @@ fn tone_curve_matches_its_twin() {
     let camera = Pose::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 0.1);
     for value in [0.001f32, 0.01, 0.05, 0.18, 0.4, 0.9, 2.0, 7.0] {
         let mut frame = Frame::new(camera, &[]);
-        // The picture's middle looks at the horizon; make all of the sky one radiance.
-        frame.environment.sky_horizon = glam::Vec3::splat(value * 0.5);
-        frame.environment.sky_zenith = frame.environment.sky_horizon;
-        frame.environment.ground = frame.environment.sky_horizon;
+        // Make all of the sky one radiance.
+        let all = glam::Vec3::splat(value * 0.5);
+        frame.environment.sky =
+            Sky::Plain(PlainSky { zenith: all, horizon: all, ground: all, ..PlainSky::default() });
         frame.settings.exposure = 2.0;
         h.frame(&frame).unwrap();
         let got = f64::from(h.picture().unwrap().get_pixel(2, 2)[0]);
