@@ -99,7 +99,7 @@ fn the_sky_is_that_of_followed_paths() {
         let ((h, c), (y, x)) = (height.to_radians().sin_cos(), azimuth.to_radians().sin_cos());
         DVec3::new(c * x, c * y, h)
     };
-    let (mut squares, mut count) = (0.0, 0.0);
+    let (mut squares, mut count) = (0.0f64, 0.0);
     for sun_height in [60.0, 25.0, 4.0] {
         let sun = degrees(sun_height, 0.0);
         for (height, azimuth) in [(85.0, 0.0), (45.0, 90.0), (30.0, 20.0), (10.0, 180.0), (2.0, 60.0)] {
@@ -116,7 +116,7 @@ fn the_sky_is_that_of_followed_paths() {
             count += 3.0;
         }
     }
-    let rms: f64 = (squares / count as f64).sqrt();
+    let rms = (squares / count).sqrt();
     println!("RMS {rms:.4}");
     assert!(rms < 0.12, "{rms}");
 }

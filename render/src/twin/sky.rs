@@ -358,7 +358,7 @@ mod tests {
     #[test]
     fn the_table_of_the_split_sum_is_near_its_integral() {
         let table = split_sum();
-        let (mut worst, mut fit_worst, mut squares, mut count) = ([0.0f64; 2], [0.0f64; 2], 0.0, 0.0);
+        let (mut worst, mut fit_worst, mut squares, mut count) = ([0.0f64; 2], [0.0f64; 2], 0.0f64, 0.0);
         for i in 0..40 {
             for j in 0..40 {
                 let (cosine, roughness) = ((f64::from(i) + 0.5) / 40.0, (f64::from(j) + 0.5) / 40.0);
@@ -379,7 +379,7 @@ mod tests {
                 }
             }
         }
-        let rms: f64 = (squares / count as f64).sqrt();
+        let rms = (squares / count).sqrt();
         println!(
             "split sum: worst of the table {worst:.4?}, of a fit {fit_worst:.4?}, RMS of the table {rms:.5}"
         );
