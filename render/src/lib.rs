@@ -41,6 +41,7 @@ mod scene;
 #[cfg(feature = "client")]
 mod scene_view;
 mod shadows;
+mod sky;
 mod target;
 mod targets;
 mod terrain;
@@ -66,8 +67,9 @@ pub use material::{Alpha, Material, Wrap};
 pub use readback::TargetCopy;
 pub use renderer::Renderer;
 pub use scene::{
-    AmbientOcclusion, Drawable, Environment, Frame, MAP_SIDES, MAX_CASCADES, MAX_FILTER, MAX_RELIEF_STEPS,
-    MAX_SAMPLES, MIN_RENDER_SCALE, OcclusionRadius, Settings, Shade, Shadows, ToneMapping,
+    Air, AmbientOcclusion, Drawable, Environment, Frame, Haze, MAP_SIDES, MAX_CASCADES, MAX_FILTER,
+    MAX_RELIEF_STEPS, MAX_SAMPLES, MIN_RENDER_SCALE, OcclusionRadius, PlainSky, Settings, Shade, Shadows,
+    Sky, ToneMapping,
 };
 #[cfg(feature = "client")]
 pub use scene_view::SceneView;

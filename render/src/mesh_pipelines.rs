@@ -146,7 +146,7 @@ impl MeshPipelines {
     }
 }
 
-/// Group 0 of what is lit where it is drawn: the frame, the shadow maps with how they are looked up.
+/// Group 0 of what is lit where it is drawn: the frame, the shadow maps with how they are looked up, and the sky's.
 fn light_layout(gpu: &Gpu) -> wgpu::BindGroupLayout {
     let entry = |binding, visibility, ty| wgpu::BindGroupLayoutEntry { binding, visibility, ty, count: None };
     let block = wgpu::BindingType::Buffer {
@@ -159,6 +159,11 @@ fn light_layout(gpu: &Gpu) -> wgpu::BindGroupLayout {
         view_dimension: wgpu::TextureViewDimension::D2Array,
         multisampled: false,
     };
+    let texture = |view_dimension| wgpu::BindingType::Texture {
+        sample_type: wgpu::TextureSampleType::Float { filterable: true },
+        view_dimension,
+        multisampled: false,
+    };
     let fragment = wgpu::ShaderStages::FRAGMENT;
     gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
         label: Some("light"),
@@ -167,6 +172,10 @@ fn light_layout(gpu: &Gpu) -> wgpu::BindGroupLayout {
             entry(2, fragment, maps),
             entry(3, fragment, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Comparison)),
             entry(4, fragment, block),
+            entry(10, fragment, texture(wgpu::TextureViewDimension::D2)),
+            entry(11, fragment, texture(wgpu::TextureViewDimension::D2Array)),
+            entry(12, fragment, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
+            entry(13, fragment, texture(wgpu::TextureViewDimension::D2)),
         ],
     })
 }

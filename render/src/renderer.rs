@@ -17,6 +17,7 @@ use super::material_kit::{Features, MaterialKit};
 use super::pipelines::Pipelines;
 use super::scene::{Frame, MIN_RENDER_SCALE};
 use super::shadows::{self, Casters, ShadowMaps, Sun};
+use super::sky::SkyGpu;
 use super::target::{Load, Target};
 use super::targets::Targets;
 use super::terrain::{TerrainGpu, TerrainLook, TerrainPipelines, TileList, TileRaw};
@@ -35,6 +36,7 @@ pub struct Renderer {
     instances: GrowingBuffer<InstanceRaw>,
     tiles: GrowingBuffer<TileRaw>,
     shadow_maps: ShadowMaps,
+    sky: SkyGpu,
     /// Compiled with the first terrain: most scenes have none.
     terrain: OnceLock<TerrainPipelines>,
     target_format: wgpu::TextureFormat,
@@ -73,6 +75,7 @@ impl Renderer {
             instances: GrowingBuffer::new("instance buffer", wgpu::BufferUsages::VERTEX),
             tiles: GrowingBuffer::new("terrain tiles", wgpu::BufferUsages::VERTEX),
             shadow_maps,
+            sky: SkyGpu::new(gpu),
             terrain: OnceLock::new(),
             target_format,
             warned_wireframe: false,
@@ -127,7 +130,8 @@ impl Renderer {
         target.check(self.target_format)?;
         let (size, mut counters) = (drawn_size(target, frame.settings.render_scale), Counters::default());
         let mut list = DrawList::new(frame, size, &mut counters);
-        let shadows = frame.settings.shadows.filter(|_| frame.environment.sun.max_element() > 0.0);
+        let sky = self.sky.light(gpu, &frame.environment);
+        let shadows = frame.settings.shadows.filter(|_| sky.sun.max_element() > 0.0);
         let shadows = shadows.map(|shadows| shadows.clamped(gpu.device.limits().max_texture_dimension_2d));
         let cascades = shadows.map(|shadows| shadows::of_frame(frame, &list, shadows));
         let cascades = cascades.unwrap_or_default();
@@ -167,7 +171,7 @@ impl Renderer {
         );
         self.targets.ensure(gpu, size, &graph::resources(&plan))?;
         self.instances.write(gpu, 0, &list.instances)?;
-        let uniform = FrameUniform::new(frame, size, target.size);
+        let uniform = FrameUniform::new(frame, &sky, size, target.size);
         gpu.queue.write_buffer(&self.frame_buffer, 0, bytemuck::bytes_of(&uniform));
         if plan.iter().any(|pass| pass.id == PassId::Composite) {
             self.composites.ensure(gpu, self.target_format, target);
@@ -244,9 +248,9 @@ impl Renderer {
                 let or = |there, resource| if there { resource } else { Albedo };
                 let reads = [Depth, Normal, Albedo, or(occlusion, Occlusion), or(shadows, Sunlight)];
                 let pipeline = &p.lighting[usize::from(occlusion)][usize::from(shadows)];
-                self.full(gpu, encoder, pipeline, &reads, Radiance);
+                self.lit(gpu, encoder, pipeline, &reads, true);
             }
-            PassId::Sky => self.full(gpu, encoder, &p.sky, &[], Radiance),
+            PassId::Sky => self.lit(gpu, encoder, &p.sky, &[], false),
             PassId::ToneMap if pass.writes(Display) => {
                 self.full(gpu, encoder, &p.tonemap_display, &[Radiance], Display);
             }
@@ -307,17 +311,49 @@ impl Renderer {
         }
     }
 
+    /// A fullscreen pass that looks the sky up, into radiance; only surfaces reflect it.
+    fn lit(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        pipeline: &wgpu::RenderPipeline,
+        reads: &[Resource],
+        surfaces: bool,
+    ) {
+        if let Some(target) = self.targets.view(Resource::Radiance) {
+            let [seen, lobes, split_sum] = self.sky.views();
+            let view = |binding, view| (binding, wgpu::BindingResource::TextureView(view));
+            let sampler = (12, wgpu::BindingResource::Sampler(self.sky.sampler()));
+            let more = [view(11, &lobes), view(13, &split_sum)].into_iter().filter(|_| surfaces);
+            let entries: Vec<_> = [view(10, &seen), sampler].into_iter().chain(more).collect();
+            let group = self.inputs_and(gpu, pipeline, reads, &entries);
+            fullscreen(encoder, pipeline, &group, &Target::colour(&target, (0, 0)));
+        }
+    }
+
     fn inputs(&self, gpu: &Gpu, pipeline: &wgpu::RenderPipeline, reads: &[Resource]) -> wgpu::BindGroup {
+        self.inputs_and(gpu, pipeline, reads, &[])
+    }
+
+    fn inputs_and(
+        &self,
+        gpu: &Gpu,
+        pipeline: &wgpu::RenderPipeline,
+        reads: &[Resource],
+        more: &[(u32, wgpu::BindingResource<'_>)],
+    ) -> wgpu::BindGroup {
         let views: Vec<_> = reads.iter().filter_map(|r| self.targets.view(*r)).collect();
         let frame = wgpu::BindGroupEntry { binding: 0, resource: self.frame_buffer.as_entire_binding() };
         let textures = views.iter().zip(1..).map(|(view, binding)| wgpu::BindGroupEntry {
             binding,
             resource: wgpu::BindingResource::TextureView(view),
         });
+        let more =
+            more.iter().map(|(binding, of)| wgpu::BindGroupEntry { binding: *binding, resource: of.clone() });
         gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("pass inputs"),
             layout: &pipeline.get_bind_group_layout(0),
-            entries: &std::iter::once(frame).chain(textures).collect::<Vec<_>>(),
+            entries: &std::iter::once(frame).chain(textures).chain(more).collect::<Vec<_>>(),
         })
     }
 
@@ -382,14 +418,26 @@ impl Renderer {
         }
     }
 
-    /// What is lit where it is drawn reads of the frame and of the sun.
+    /// What is lit where it is drawn reads of the frame, of the sun and of the sky.
     fn light(&self, gpu: &Gpu) -> Option<wgpu::BindGroup> {
         let frame = wgpu::BindGroupEntry { binding: 0, resource: self.frame_buffer.as_entire_binding() };
+        let [seen, lobes, split_sum] = self.sky.views();
+        let view = |binding, view| wgpu::BindGroupEntry {
+            binding,
+            resource: wgpu::BindingResource::TextureView(view),
+        };
+        let sampler = wgpu::BindingResource::Sampler(self.sky.sampler());
+        let sky = [
+            view(10, &seen),
+            view(11, &lobes),
+            wgpu::BindGroupEntry { binding: 12, resource: sampler },
+            view(13, &split_sum),
+        ];
         self.shadow_maps.bindings(|maps| {
             gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
                 label: Some("light"),
                 layout: &self.pipelines.meshes.light_layout,
-                entries: &std::iter::once(frame).chain(maps).collect::<Vec<_>>(),
+                entries: &std::iter::once(frame).chain(maps).chain(sky).collect::<Vec<_>>(),
             })
         })
     }
@@ -419,7 +467,7 @@ fn attachment(
     }
 }
 
-fn fullscreen(
+pub(crate) fn fullscreen(
     encoder: &mut wgpu::CommandEncoder,
     pipeline: &wgpu::RenderPipeline,
     group: &wgpu::BindGroup,

@@ -16,7 +16,7 @@ use crate::ground_scene::{GroundScene, Making, Measuring};
 use crate::instance::Instance;
 use crate::material::Material;
 use crate::renderer::Renderer;
-use crate::scene::{Drawable, Environment, Frame, Settings, Shadows};
+use crate::scene::{Air, Drawable, Environment, Frame, Haze, PlainSky, Settings, Shadows, Sky};
 use crate::shadows;
 use crate::target::Target;
 use crate::texture::{TextureData, TextureShape};
@@ -29,6 +29,8 @@ const GROUND_ERRORS: f64 = 2.4;
 
 /// Exposed radiance of a white surface that faces the sun: near the upper end of the tone curve.
 const SUNLIT_WHITE: f32 = 1.6;
+/// Range of sight over half the ground's side: where the ground ends, a tenth of its contrast is left.
+const HAZE_OVER_REACH: f64 = 1.3;
 
 /// The scene in GPU memory, as far as it has arrived.
 #[derive(Debug, Default)]
@@ -38,6 +40,8 @@ pub struct SceneView {
     assets: Vec<Option<AssetGpu>>,
     /// By asset number.
     instances: Vec<Vec<Instance>>,
+    /// Its light is as its description says, without air.
+    plain: bool,
     /// Steps that wait for a frame with time to spare; each is taken whole.
     waiting: VecDeque<Vec<Change>>,
     /// Everything that the first frame needs is uploaded.
@@ -81,6 +85,12 @@ impl SceneView {
     #[must_use]
     pub fn waiting(&self) -> usize {
         self.waiting.len()
+    }
+
+    /// Whether the sun shines through an atmosphere and ground ends in haze (as it does from the start), or light and
+    /// sky have the colours of the scene's description and nothing is hazy.
+    pub const fn show_air(&mut self, air: bool) {
+        self.plain = !air;
     }
 
     /// Whether everything that the first frame needs is uploaded: before that, a picture lacks objects.
@@ -129,7 +139,8 @@ impl SceneView {
                     Some(entry) => Some(GroundScene::new(gpu, renderer, entry, begun)?),
                     None => None,
                 };
-                *self = Self { header: Some(*header), waiting, ground, making, ..Self::default() };
+                let plain = self.plain;
+                *self = Self { header: Some(*header), plain, waiting, ground, making, ..Self::default() };
             }
             Change::Instances(entries) => {
                 for entry in &entries {
@@ -290,7 +301,8 @@ impl SceneView {
             .zip(&self.instances)
             .filter_map(|(asset, instances)| Some(Drawable { asset: asset.as_ref()?, instances }))
             .collect();
-        let environment = self.header.as_ref().map_or_else(Environment::default, environment);
+        let environment =
+            self.header.as_ref().map_or_else(Environment::default, |header| environment(header, self.plain));
         let settings = Settings { exposure: settings.exposure * exposure(&environment), ..settings };
         let terrain = self.ground.as_ref().map(GroundScene::frame);
         draw(&Frame { camera, drawables: &drawables, terrain, environment, settings, time_s })
@@ -315,21 +327,37 @@ fn place(entry: &InstanceEntry) -> Instance {
 fn exposure(environment: &Environment) -> f32 {
     // BT.709 luminance.
     let luminance = |c: Vec3| c.dot(Vec3::new(0.2126, 0.7152, 0.0722));
-    let sky = 0.5 * (environment.sky_zenith + environment.sky_horizon);
-    let lit = luminance(environment.sun + sky);
+    let lit = match &environment.sky {
+        Sky::Air(air) => air.brightness,
+        Sky::Plain(plain) => luminance(plain.sun + 0.5 * (plain.zenith + plain.horizon)),
+    };
     if lit > 0.0 { (SUNLIT_WHITE / lit).clamp(1e-3, 1e3) } else { 1.0 }
 }
 
-/// The scene's light. The background gives the sky, which is brighter towards the horizon and lights
-/// surfaces from above; the ambient light is what comes from below.
-fn environment(header: &SceneHeader) -> Environment {
-    let background = Vec3::from(header.background);
+/// The scene's light. A scene with a sun has an atmosphere, unless `plain` colours are asked for: then the background
+/// gives the sky, which is brighter towards the horizon and lights surfaces from above, and the ambient light is what
+/// comes from below. Ground ends in haze. How strong the sun is, [`exposure`] makes up for.
+fn environment(header: &SceneHeader, plain: bool) -> Environment {
+    let light = &header.light;
+    let (sun, background) = (Vec3::from(light.color), Vec3::from(header.background));
+    let sky = if plain || sun.max_element() <= 0.0 {
+        Sky::Plain(PlainSky {
+            sun,
+            zenith: background * 0.7,
+            horizon: background * 1.3,
+            ground: Vec3::from(light.ambient),
+        })
+    } else {
+        Sky::Air(Air::default())
+    };
     Environment {
-        to_sun: Vec3::from(header.light.direction).as_dvec3(),
-        sun: Vec3::from(header.light.color),
+        to_sun: Vec3::from(light.direction).as_dvec3(),
         up: Vec3::from(header.camera.up).as_dvec3(),
-        sky_zenith: background * 0.7,
-        sky_horizon: background * 1.3,
-        ground: Vec3::from(header.light.ambient),
+        sky,
+        haze: header.terrain.as_ref().filter(|_| !plain).map(|terrain| {
+            let parameters = &terrain.parameters;
+            let half = f64::from(u32::from(parameters.finest_level + parameters.extent_log2)).exp2();
+            Haze { visibility: HAZE_OVER_REACH * half * f64::from(terrain.unit) }
+        }),
     }
 }

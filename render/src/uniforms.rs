@@ -1,11 +1,12 @@
 //! The uniform block that every pass reads: `Frame` of `common.wgsl`.
 
 use bytemuck::{Pod, Zeroable};
-use glam::{DVec3, Mat4, Vec3};
+use glam::{DVec3, Mat4};
 
 use super::camera::{clip_from_view, view_from_world};
 use super::scene::{Frame, MAX_RELIEF_STEPS, MAX_SAMPLES, OcclusionRadius, Shade, ToneMapping};
 use super::shadows::Cascade;
+use super::sky::SkyLight;
 use super::twin::ssao;
 
 /// Shader twin: `struct Frame` in `common.wgsl`; keep the two in step.
@@ -17,9 +18,10 @@ pub(crate) struct FrameUniform {
     to_sun: [f32; 4],
     sun: [f32; 4],
     up: [f32; 4],
-    sky_zenith: [f32; 4],
-    sky_horizon: [f32; 4],
-    ground: [f32; 4],
+    /// Across up, towards where the sun stands, and the extinction by haze per world unit.
+    sky_side: [f32; 4],
+    sun_disc: [f32; 4],
+    irradiance: [[f32; 4]; 9],
     size_px: [f32; 2],
     tan_half_fov: [f32; 2],
     near: f32,
@@ -43,12 +45,15 @@ pub(crate) struct FrameUniform {
 
 impl FrameUniform {
     /// The block of a frame that is drawn in one size and shown in another; sides fit into 16 bits.
-    pub(crate) fn new(frame: &Frame<'_>, (width, height): (u32, u32), target: (u32, u32)) -> Self {
+    pub(crate) fn new(
+        frame: &Frame<'_>,
+        sky: &SkyLight,
+        (width, height): (u32, u32),
+        target: (u32, u32),
+    ) -> Self {
         let (camera, near) = (&frame.camera, frame.settings.near);
         let (tx, ty) = camera.tan_half_fov(width, height);
-        let env = &frame.environment;
-        let direction = |d: DVec3| d.try_normalize().unwrap_or(DVec3::Y).as_vec3().extend(0.0).to_array();
-        let colour = |c: Vec3| c.extend(0.0).to_array();
+        let direction = |d: DVec3, w: f32| d.as_vec3().extend(w).to_array();
         let occlusion = frame.settings.occlusion.unwrap_or_default();
         let (radius_world, radius_depth) = match occlusion.radius {
             OcclusionRadius::World(r) => (r, 0.0),
@@ -62,12 +67,12 @@ impl FrameUniform {
         Self {
             clip_from_view: clip_from_view(camera, near, (width, height)).to_cols_array_2d(),
             view_from_world: view_from_world(camera).to_cols_array_2d(),
-            to_sun: direction(env.to_sun),
-            sun: colour(env.sun),
-            up: direction(env.up),
-            sky_zenith: colour(env.sky_zenith),
-            sky_horizon: colour(env.sky_horizon),
-            ground: colour(env.ground),
+            to_sun: direction(sky.to_sun, 0.0),
+            sun: sky.sun.extend(0.0).to_array(),
+            up: direction(sky.up, 0.0),
+            sky_side: direction(sky.side, sky.haze),
+            sun_disc: sky.disc,
+            irradiance: sky.irradiance,
             size_px: [width as f32, height as f32],
             tan_half_fov: [tx as f32, ty as f32],
             near: near as f32,
@@ -117,8 +122,8 @@ mod tests {
 
     #[test]
     fn size_is_what_the_shader_declares() {
-        // Two matrices, six vectors, twenty scalars, the kernel's vectors; WGSL's uniform layout
+        // Two matrices, fourteen vectors, twenty scalars, the kernel's vectors; WGSL's uniform layout
         // has no holes in that order.
-        assert_eq!(size_of::<FrameUniform>(), 2 * 64 + 6 * 16 + 20 * 4 + ssao::MAX_SAMPLES * 16);
+        assert_eq!(size_of::<FrameUniform>(), 2 * 64 + 14 * 16 + 20 * 4 + ssao::MAX_SAMPLES * 16);
     }
 }

@@ -8,9 +8,9 @@ struct Frame {
     to_sun: vec4<f32>,
     sun: vec4<f32>,
     up: vec4<f32>,
-    sky_zenith: vec4<f32>,
-    sky_horizon: vec4<f32>,
-    ground: vec4<f32>,
+    sky_side: vec4<f32>, // across up, towards where the sun stands; w: extinction by haze per world unit
+    sun_disc: vec4<f32>, // radiance; w: angular radius
+    irradiance: array<vec4<f32>, 9>, // see ambient() in sky.wgsl
     size_px: vec2<f32>,
     tan_half_fov: vec2<f32>,
     near: f32,

@@ -15,5 +15,6 @@ fn fs_transparent(s: Surface, @builtin(front_facing) front: bool) -> @location(0
     }
     let r = Reflector(surface.albedo, surface.metal, surface.roughness, surface.normal, to_eye, surface.occlusion);
     let given = material.emission * textureSampleGrad(emission_map, map_sampler, s.uv, dpdx(s.uv), dpdy(s.uv)).rgb;
-    return vec4(min(lit(r, sun) + given, vec3(MAX_RADIANCE)) * opacity, opacity);
+    let seen = min(lit(r, sun) + given, vec3(MAX_RADIANCE));
+    return vec4(hazed(seen, -to_eye, length(s.position)) * opacity, opacity);
 }

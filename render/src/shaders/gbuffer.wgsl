@@ -182,7 +182,9 @@ fn fs_surface(s: Surface, @builtin(front_facing) front: bool) -> GBuffer {
 @fragment
 fn fs_emission(s: Surface) -> @location(0) vec4<f32> {
     let texel = textureSampleGrad(emission_map, map_sampler, s.uv, dpdx(s.uv), dpdy(s.uv)).rgb;
-    return vec4(min(material.emission * texel, vec3(MAX_RADIANCE)), 0.0);
+    // Haze takes its share; what it adds is there already.
+    let left = exp(-min(max(frame.sky_side.w, 0.0) * length(s.position), 80.0));
+    return vec4(min(material.emission * texel, vec3(MAX_RADIANCE)) * left, 0.0);
 }
 
 // Into a map of shadows: `frame` is then as the sun sees it.

@@ -37,7 +37,8 @@ fn fs_lighting(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
             surface.albedo = level_colour(u32(round(sunlight.y * 255.0)));
         }
     }
-    return vec4(lit(surface, sun), 1.0);
+    let distance = view_depth(textureLoad(depth_map, pixel, 0).x) * length(view_ray(pixel));
+    return vec4(hazed(lit(surface, sun), ray, distance), 1.0);
 }
 
 @fragment

@@ -11,8 +11,8 @@ use crate::twin::relief::{steps, tests::bricks};
 use crate::twin::surface::DepthPicture;
 use crate::twin::{antialias, brdf, ssao, tone};
 use crate::{
-    AmbientOcclusion, Drawable, Frame, Headless, Instance, Material, OcclusionRadius, Pose, Renderer, Target,
-    TextureData, TextureKind, TextureShape, ToneMapping,
+    AmbientOcclusion, Drawable, Frame, Headless, Instance, Material, OcclusionRadius, PlainSky, Pose,
+    Renderer, Sky, Target, TextureData, TextureKind, TextureShape, ToneMapping,
 };
 
 #[test]
@@ -21,10 +21,10 @@ fn tone_curve_matches_its_twin() {
     let camera = Pose::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 0.1);
     for value in [0.001f32, 0.01, 0.05, 0.18, 0.4, 0.9, 2.0, 7.0] {
         let mut frame = Frame::new(camera, &[]);
-        // The picture's middle looks at the horizon; make all of the sky one radiance.
-        frame.environment.sky_horizon = glam::Vec3::splat(value * 0.5);
-        frame.environment.sky_zenith = frame.environment.sky_horizon;
-        frame.environment.ground = frame.environment.sky_horizon;
+        // Make all of the sky one radiance.
+        let all = glam::Vec3::splat(value * 0.5);
+        frame.environment.sky =
+            Sky::Plain(PlainSky { zenith: all, horizon: all, ground: all, ..PlainSky::default() });
         frame.settings.exposure = 2.0;
         frame.settings.dither = false;
         h.frame(&frame).unwrap();
@@ -42,9 +42,8 @@ fn the_neutral_curve_matches_its_twin_and_keeps_base_colours() {
     for value in [[0.01, 0.02, 0.03], [0.5, 0.3, 0.1], [0.2, 0.9, 0.4], [8.0, 2.0, 0.5], [900.0, 0.0, 5.0]] {
         let mut frame = Frame::new(camera, &[]);
         let colour = glam::DVec3::from(value).as_vec3();
-        frame.environment.sky_horizon = colour;
-        frame.environment.sky_zenith = colour;
-        frame.environment.ground = colour;
+        let plain = PlainSky { zenith: colour, horizon: colour, ground: colour, ..PlainSky::default() };
+        frame.environment.sky = Sky::Plain(plain);
         frame.settings.dither = false;
         frame.settings.tone_mapping = ToneMapping::Neutral;
         h.frame(&frame).unwrap();
@@ -67,8 +66,8 @@ fn dithered_gradients_have_no_bands_and_their_mean() {
     let mut frame = Frame::new(camera, &[]);
     for value in [0.0302_f32, 0.0304, 0.0307] {
         let all = glam::Vec3::splat(value);
-        (frame.environment.sky_horizon, frame.environment.sky_zenith, frame.environment.ground) =
-            (all, all, all);
+        let plain = PlainSky { zenith: all, horizon: all, ground: all, ..PlainSky::default() };
+        frame.environment.sky = Sky::Plain(plain);
         h.frame(&frame).unwrap();
         let stored: Vec<half::f16> =
             bytemuck::pod_collect_to_vec(&h.intermediate(Resource::Radiance, 8).unwrap());

@@ -9,8 +9,8 @@ use crate::graph::Resource;
 use crate::twin::brdf::{Reflector, from_octahedral, from_sky};
 use crate::twin::depth::view_ray;
 use crate::{
-    Alpha, AssetGpu, Drawable, Environment, Frame, Headless, Instance, Material, PassId, Pose, Settings,
-    TextureData, TextureKind, TextureShape, Wrap,
+    Alpha, AssetGpu, Drawable, Environment, Frame, Headless, Instance, Material, PassId, PlainSky, Pose,
+    Settings, Sky, TextureData, TextureKind, TextureShape, Wrap,
 };
 
 /// A picture that is kept in 16-bit floating point, four numbers a pixel.
@@ -25,9 +25,15 @@ fn middle(h: &Headless, resource: Resource) -> [f64; 4] {
     halves(h, resource)[(height / 2 * width + width / 2) as usize]
 }
 
-fn sky_alone(radiance: f32) -> Environment {
+/// A sun and an even sky.
+fn of_light(sun: f32, radiance: f32) -> Environment {
     let all = Vec3::splat(radiance);
-    Environment { sun: Vec3::ZERO, sky_zenith: all, sky_horizon: all, ground: all, ..Environment::default() }
+    let plain = PlainSky { sun: Vec3::splat(sun), zenith: all, horizon: all, ground: all };
+    Environment { sky: Sky::Plain(plain), ..Environment::default() }
+}
+
+fn sky_alone(radiance: f32) -> Environment {
+    of_light(0.0, radiance)
 }
 
 /// Nothing but materials in light that nothing takes away.
@@ -91,6 +97,8 @@ fn sphere_rms(
     let (normals, radiance) = (halves(h, Resource::Normal), halves(h, Resource::Radiance));
     let tan_half_fov: [f64; 2] = camera.tan_half_fov(width, height).into();
     let to_sun = environment.to_sun.normalize().to_array();
+    let Sky::Plain(plain) = environment.sky else { panic!("light that is known") };
+    let sun = plain.sun.to_array().map(f64::from);
     let (mut squares, mut sum, mut count) = (0.0, 0.0, 0);
     for (i, (stored, got)) in normals.iter().zip(&radiance).enumerate() {
         // Sky has no alpha; at the rim a pixel is partly sky.
@@ -104,7 +112,7 @@ fn sphere_rms(
         let to_eye = (-ray).to_array();
         let (metal, roughness) = (f64::from(material.metallic), f64::from(material.roughness));
         let reflector = Reflector { albedo, metal, roughness, normal, to_eye };
-        let from_sun = reflector.from_light(to_sun, environment.sun.to_array().map(f64::from));
+        let from_sun = reflector.from_light(to_sun, sun);
         let from_sky = from_sky(&reflector, 32, |direction| sky(direction.into()));
         for c in 0..3 {
             let want = from_sun[c] + from_sky[c];
@@ -121,7 +129,7 @@ fn sphere_rms(
 fn spheres_reflect_as_the_integral_over_all_light_says() {
     let Some(mut h) = headless(32, 32) else { return };
     let even = sky_alone(0.5);
-    let sun = Environment { sun: Vec3::splat(1.0), ..sky_alone(0.0) };
+    let sun = of_light(1.0, 0.0);
     println!("metal roughness | sun alone, an even sky: RMS in shares of the mean");
     for metallic in [0.0, 1.0] {
         for roughness in [0.1, 0.3, 0.5, 0.7, 1.0] {

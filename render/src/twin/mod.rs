@@ -7,6 +7,7 @@ pub mod antialias;
 pub mod brdf;
 pub mod depth;
 pub mod relief;
+pub mod sky;
 pub mod ssao;
 pub mod sunlight;
 pub mod surface;
