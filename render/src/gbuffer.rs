@@ -1,7 +1,7 @@
-//! Pipelines of the geometry passes: what fills the G-buffer, and the wireframe over the picture.
+//! Pipelines of the geometry passes: what fills the G-buffer, and the edges that the wireframe is made of.
 
 use super::gpu::Gpu;
-use super::targets::{ALBEDO, DEPTH, NORMAL, RADIANCE};
+use super::targets::{ALBEDO, DEPTH, EDGES, NORMAL};
 
 /// Shader, bindings and vertices of something that is drawn into the G-buffer.
 pub(crate) struct GeometryPass<'a> {
@@ -31,10 +31,17 @@ impl GeometryPass<'_> {
         self.pipeline(gpu, entry, None, wgpu::PolygonMode::Fill)
     }
 
-    /// Draws the edges of what is visible; `None` where the device cannot draw triangles as lines.
+    /// Counts the edges of what is visible in each pixel; `None` where the device cannot draw triangles as lines.
     pub(crate) fn wire(&self, gpu: &Gpu, entry: [&str; 2]) -> Option<wgpu::RenderPipeline> {
         let lines = gpu.device.features().contains(wgpu::Features::POLYGON_MODE_LINE);
-        let fragment = Fragment { entry: entry[1], constants: &[], targets: &[Some(RADIANCE.into())] };
+        let sum = wgpu::BlendComponent {
+            src_factor: wgpu::BlendFactor::One,
+            dst_factor: wgpu::BlendFactor::One,
+            operation: wgpu::BlendOperation::Add,
+        };
+        let blend = wgpu::BlendState { color: sum, alpha: sum };
+        let target = wgpu::ColorTargetState { blend: Some(blend), ..EDGES.into() };
+        let fragment = Fragment { entry: entry[1], constants: &[], targets: &[Some(target)] };
         lines.then(|| self.pipeline(gpu, entry[0], Some(fragment), wgpu::PolygonMode::Line))
     }
 

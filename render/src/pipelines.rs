@@ -30,6 +30,11 @@ const LIGHTING: &str = concat!(
     include_str!("shaders/sky.wgsl"),
     include_str!("shaders/lighting.wgsl")
 );
+const WIREFRAME: &str = concat!(
+    include_str!("shaders/common.wgsl"),
+    include_str!("shaders/fullscreen.wgsl"),
+    include_str!("shaders/wireframe.wgsl")
+);
 const ANTIALIAS: &str = concat!(
     include_str!("shaders/common.wgsl"),
     include_str!("shaders/fullscreen.wgsl"),
@@ -57,6 +62,8 @@ pub(crate) struct Pipelines {
     pub(crate) surface_relief: wgpu::RenderPipeline,
     /// Absent where the device cannot draw triangles as lines.
     pub(crate) wire: Option<wgpu::RenderPipeline>,
+    /// The edges over the lit picture.
+    pub(crate) wireframe: wgpu::RenderPipeline,
     pub(crate) occlusion: wgpu::RenderPipeline,
     pub(crate) blur: wgpu::RenderPipeline,
     /// Into maps of shadows.
@@ -76,7 +83,8 @@ impl Pipelines {
         let device = &gpu.device;
         let (gbuffer, ssao) = (shader(gpu, "gbuffer", GBUFFER), shader(gpu, "ssao", SSAO));
         let sunlight = shader(gpu, "sunlight", SHADOWS);
-        let antialias = shader(gpu, "antialias", ANTIALIAS);
+        let (antialias, wireframe) =
+            (shader(gpu, "antialias", ANTIALIAS), shader(gpu, "wireframe", WIREFRAME));
         let (lighting, tonemap) = (shader(gpu, "lighting", LIGHTING), shader(gpu, "tonemap", TONEMAP));
 
         let frame_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
@@ -110,7 +118,7 @@ impl Pipelines {
         };
         let full = |module: &wgpu::ShaderModule,
                     entry,
-                    format: wgpu::TextureFormat,
+                    target: wgpu::ColorTargetState,
                     constants: &[(&str, f64)]| {
             device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
                 label: Some(entry),
@@ -128,32 +136,35 @@ impl Pipelines {
                     module,
                     entry_point: Some(entry),
                     compilation_options: wgpu::PipelineCompilationOptions { constants, ..Default::default() },
-                    targets: &[Some(format.into())],
+                    targets: &[Some(target)],
                 }),
                 multiview_mask: None,
                 cache: None,
             })
         };
+        let over =
+            wgpu::ColorTargetState { blend: Some(wgpu::BlendState::ALPHA_BLENDING), ..RADIANCE.into() };
         let decode: &[(&str, f64)] = if target.is_srgb() { &[("DECODE_SRGB", 1.0)] } else { &[] };
         let encode: &[(&str, f64)] = if target.is_srgb() { &[] } else { &[("ENCODE_SRGB", 1.0)] };
         Self {
             surface: geometry.surface(gpu, ["vs_surface", "fs_surface"], false),
             surface_relief: geometry.surface(gpu, ["vs_surface", "fs_surface"], true),
             wire: geometry.wire(gpu, ["vs_wire", "fs_wire"]),
-            occlusion: full(&ssao, "fs_occlusion", OCCLUSION, &[]),
-            blur: full(&ssao, "fs_blur", OCCLUSION, &[]),
+            wireframe: full(&wireframe, "fs_wireframe", over, &[]),
+            occlusion: full(&ssao, "fs_occlusion", OCCLUSION.into(), &[]),
+            blur: full(&ssao, "fs_blur", OCCLUSION.into(), &[]),
             caster: GeometryPass { layout: &caster_layout, ..geometry }.caster(gpu, "vs_caster"),
-            sunlight: full(&sunlight, "fs_sunlight", SUNLIGHT, &[]),
+            sunlight: full(&sunlight, "fs_sunlight", SUNLIGHT.into(), &[]),
             lighting: [0.0, 1.0].map(|occlusion| {
                 [0.0, 1.0].map(|shadows| {
                     let constants = [("OCCLUSION", occlusion), ("SHADOWS", shadows)];
-                    full(&lighting, "fs_lighting", RADIANCE, &constants)
+                    full(&lighting, "fs_lighting", RADIANCE.into(), &constants)
                 })
             }),
-            sky: full(&lighting, "fs_sky", RADIANCE, &[]),
-            tonemap: full(&tonemap, "fs_tonemap", target, encode),
-            tonemap_display: full(&tonemap, "fs_tonemap", DISPLAY, &[("ENCODE_SRGB", 1.0)]),
-            antialias: full(&antialias, "fs_antialias", target, decode),
+            sky: full(&lighting, "fs_sky", RADIANCE.into(), &[]),
+            tonemap: full(&tonemap, "fs_tonemap", target.into(), encode),
+            tonemap_display: full(&tonemap, "fs_tonemap", DISPLAY.into(), &[("ENCODE_SRGB", 1.0)]),
+            antialias: full(&antialias, "fs_antialias", target.into(), decode),
             frame_layout,
         }
     }

@@ -222,7 +222,7 @@ impl Renderer {
         use Resource::{Albedo, Depth, Display, Normal, Occlusion, OcclusionRaw, Radiance, Sunlight};
         let p = &self.pipelines;
         match pass.id {
-            PassId::GBuffer | PassId::Wireframe => self.geometry(encoder, pass.id, frame, list, counters),
+            PassId::GBuffer | PassId::Edges => self.geometry(encoder, pass.id, frame, list, counters),
             PassId::Occlusion => self.full(gpu, encoder, &p.occlusion, &[Depth], OcclusionRaw),
             PassId::OcclusionBlur => self.full(gpu, encoder, &p.blur, &[Depth, OcclusionRaw], Occlusion),
             // Before all others: what has changed of the maps is drawn when the frame is planned.
@@ -237,6 +237,7 @@ impl Renderer {
                 let pipeline = &p.lighting[usize::from(occlusion)][usize::from(shadows)];
                 self.full(gpu, encoder, pipeline, &reads, Radiance);
             }
+            PassId::Wireframe => self.over(gpu, encoder, &p.wireframe, &[Resource::Edges], Radiance),
             PassId::Sky => self.full(gpu, encoder, &p.sky, &[], Radiance),
             PassId::ToneMap if pass.writes(Display) => {
                 self.full(gpu, encoder, &p.tonemap_display, &[Radiance], Display);
@@ -298,6 +299,22 @@ impl Renderer {
         }
     }
 
+    /// The same, over what is there.
+    fn over(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        pipeline: &wgpu::RenderPipeline,
+        reads: &[Resource],
+        write: Resource,
+    ) {
+        if let Some(target) = self.targets.view(write) {
+            let group = self.inputs(gpu, pipeline, reads);
+            let target = Target { load: Load::Keep, ..Target::colour(&target, (0, 0)) };
+            fullscreen(encoder, pipeline, &group, &target);
+        }
+    }
+
     fn inputs(&self, gpu: &Gpu, pipeline: &wgpu::RenderPipeline, reads: &[Resource]) -> wgpu::BindGroup {
         let views: Vec<_> = reads.iter().filter_map(|r| self.targets.view(*r)).collect();
         let frame = wgpu::BindGroupEntry { binding: 0, resource: self.frame_buffer.as_entire_binding() };
@@ -312,7 +329,7 @@ impl Renderer {
         })
     }
 
-    /// The two passes that draw triangles: surfaces, or edges over the lit picture.
+    /// The two passes that draw triangles: surfaces, or their edges.
     fn geometry(
         &self,
         encoder: &mut wgpu::CommandEncoder,
@@ -323,19 +340,19 @@ impl Renderer {
     ) {
         let view = |r| self.targets.view(r);
         let Some(depth) = view(Resource::Depth) else { return };
-        let over = id == PassId::Wireframe;
-        let colours = if over { vec![Resource::Radiance] } else { vec![Resource::Normal, Resource::Albedo] };
+        let edges = id == PassId::Edges;
+        let colours = if edges { vec![Resource::Edges] } else { vec![Resource::Normal, Resource::Albedo] };
         let views: Vec<_> = colours.into_iter().filter_map(view).collect();
-        let load = if over { wgpu::LoadOp::Load } else { wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT) };
+        let load = wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT);
         let attachments: Vec<_> = views.iter().map(|view| Some(attachment(view, load))).collect();
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some(if over { "wireframe" } else { "gbuffer" }),
+            label: Some(if edges { "edges" } else { "gbuffer" }),
             color_attachments: &attachments,
             depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                 view: &depth,
                 depth_ops: Some(wgpu::Operations {
                     // 0 is infinitely far.
-                    load: if over { wgpu::LoadOp::Load } else { wgpu::LoadOp::Clear(0.0) },
+                    load: if edges { wgpu::LoadOp::Load } else { wgpu::LoadOp::Clear(0.0) },
                     store: wgpu::StoreOp::Store,
                 }),
                 stencil_ops: None,
@@ -347,7 +364,7 @@ impl Renderer {
         pass.set_bind_group(0, &self.frame_group, &[]);
         let relief = frame.settings.relief;
         if let Some(instances) = self.instances.buffer() {
-            match (&self.pipelines.wire, over) {
+            match (&self.pipelines.wire, edges) {
                 (Some(wire), true) => list.wires(&mut pass, wire, instances, counters),
                 (_, false) => list.surfaces(&mut pass, &self.pipelines, instances, relief, counters),
                 (None, true) => {}
@@ -357,7 +374,7 @@ impl Renderer {
         if let (Some(ground), Some(pipelines), Some(tiles)) =
             (ground, self.terrain.get(), self.tiles.buffer())
         {
-            ground.draw(&mut pass, pipelines, tiles, (over, relief), counters);
+            ground.draw(&mut pass, pipelines, tiles, (edges, relief), counters);
         }
     }
 }

@@ -32,6 +32,9 @@ struct Frame {
 
 const PI: f32 = 3.14159265;
 
+// What an edge of a triangle adds to the count of a pixel that it crosses.
+const EDGE: f32 = 0.0625;
+
 // View depth where nothing was drawn.
 const FAR: f32 = 1e30;
 
