@@ -1,7 +1,7 @@
-//! Pipelines of the geometry passes: what fills the G-buffer, and the wireframe over the picture.
+//! Pipelines of the geometry passes: what fills the G-buffer, and the edges that the wireframe is made of.
 
 use super::gpu::Gpu;
-use super::targets::{ALBEDO, DEPTH, NORMAL, RADIANCE};
+use super::targets::{ALBEDO, DEPTH, EDGES, NORMAL, RADIANCE};
 
 /// Shader, bindings and vertices of something that is drawn into the G-buffer.
 pub(crate) struct GeometryPass<'a> {
@@ -36,7 +36,7 @@ impl Raster {
     };
 }
 
-/// Light added to what is there.
+/// Added to what is there.
 const ADD: wgpu::BlendState = {
     let add = wgpu::BlendComponent {
         src_factor: wgpu::BlendFactor::One,
@@ -94,10 +94,11 @@ impl GeometryPass<'_> {
         })
     }
 
-    /// Draws the edges of what is visible; `None` where the device cannot draw triangles as lines.
+    /// Counts the edges of what is visible in each pixel; `None` where the device cannot draw triangles as lines.
     pub(crate) fn wire(&self, gpu: &Gpu, entry: [&str; 2]) -> Option<wgpu::RenderPipeline> {
         let lines = gpu.device.features().contains(wgpu::Features::POLYGON_MODE_LINE);
-        let fragment = Fragment { entry: entry[1], constants: &[], targets: &[Some(RADIANCE.into())] };
+        let target = wgpu::ColorTargetState { blend: Some(ADD), ..EDGES.into() };
+        let fragment = Fragment { entry: entry[1], constants: &[], targets: &[Some(target)] };
         let raster = Raster { polygon_mode: wgpu::PolygonMode::Line, write: false, ..Raster::FILL };
         lines.then(|| self.pipeline(gpu, entry[0], Some(fragment), raster))
     }

@@ -25,7 +25,9 @@ pub enum PassId {
     Emission,
     /// What is seen through, from far to near over the lit picture.
     Transparency,
-    /// Triangle edges over the lit picture.
+    /// Triangle edges, counted per pixel.
+    Edges,
+    /// The same over the lit picture, where they are not too close together.
     Wireframe,
     /// Radiance to display values.
     ToneMap,
@@ -46,6 +48,8 @@ pub(crate) enum Resource {
     /// Of fixed size; not allocated with those of the picture's.
     ShadowMaps,
     Sunlight,
+    /// How many edges of triangles cross each pixel.
+    Edges,
     Radiance,
     /// What is shown, but for its edges.
     Display,
@@ -87,7 +91,8 @@ pub(crate) struct Needs {
 /// The passes that could run, in order.
 pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
     use Resource::{
-        Albedo, Depth, Display, Normal, Occlusion, OcclusionRaw, Radiance, ShadowMaps, Sunlight, Target,
+        Albedo, Depth, Display, Edges, Normal, Occlusion, OcclusionRaw, Radiance, ShadowMaps, Sunlight,
+        Target,
     };
     let pass = |id, reads, writes| Pass { id, reads, writes };
     let mut passes = Vec::new();
@@ -113,7 +118,8 @@ pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
             passes.push(pass(PassId::Transparency, seen_by, &[Radiance]));
         }
         if needs.wireframe {
-            passes.push(pass(PassId::Wireframe, &[Depth, Radiance], &[Radiance]));
+            passes.push(pass(PassId::Edges, &[Depth], &[Edges]));
+            passes.push(pass(PassId::Wireframe, &[Edges, Radiance], &[Radiance]));
         }
     } else if !needs.keep {
         passes.push(pass(PassId::Sky, &[], &[Radiance]));
@@ -202,6 +208,7 @@ mod tests {
                 PassId::Lighting,
                 PassId::Emission,
                 PassId::Transparency,
+                PassId::Edges,
                 PassId::Wireframe,
                 PassId::ToneMap,
                 PassId::AntiAlias

@@ -27,6 +27,11 @@ const LIGHTING: &str = concat!(
     include_str!("shaders/brdf.wgsl"),
     include_str!("shaders/lighting.wgsl")
 );
+const WIREFRAME: &str = concat!(
+    include_str!("shaders/common.wgsl"),
+    include_str!("shaders/fullscreen.wgsl"),
+    include_str!("shaders/wireframe.wgsl")
+);
 const ANTIALIAS: &str = concat!(
     include_str!("shaders/common.wgsl"),
     include_str!("shaders/fullscreen.wgsl"),
@@ -51,6 +56,8 @@ pub(crate) struct Pipelines {
     /// Group 0 of the geometry passes: the frame's uniform block.
     pub(crate) frame_layout: wgpu::BindGroupLayout,
     pub(crate) meshes: MeshPipelines,
+    /// The edges over the lit picture.
+    pub(crate) wireframe: wgpu::RenderPipeline,
     pub(crate) occlusion: wgpu::RenderPipeline,
     pub(crate) blur: wgpu::RenderPipeline,
     pub(crate) sunlight: wgpu::RenderPipeline,
@@ -68,7 +75,8 @@ impl Pipelines {
         let device = &gpu.device;
         let ssao = shader(gpu, "ssao", SSAO);
         let sunlight = shader(gpu, "sunlight", SHADOWS);
-        let antialias = shader(gpu, "antialias", ANTIALIAS);
+        let (antialias, wireframe) =
+            (shader(gpu, "antialias", ANTIALIAS), shader(gpu, "wireframe", WIREFRAME));
         let (lighting, tonemap) = (shader(gpu, "lighting", LIGHTING), shader(gpu, "tonemap", TONEMAP));
 
         let frame_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
@@ -77,7 +85,7 @@ impl Pipelines {
         });
         let full = |module: &wgpu::ShaderModule,
                     entry,
-                    format: wgpu::TextureFormat,
+                    target: wgpu::ColorTargetState,
                     constants: &[(&str, f64)]| {
             device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
                 label: Some(entry),
@@ -95,29 +103,32 @@ impl Pipelines {
                     module,
                     entry_point: Some(entry),
                     compilation_options: wgpu::PipelineCompilationOptions { constants, ..Default::default() },
-                    targets: &[Some(format.into())],
+                    targets: &[Some(target)],
                 }),
                 multiview_mask: None,
                 cache: None,
             })
         };
+        let over =
+            wgpu::ColorTargetState { blend: Some(wgpu::BlendState::ALPHA_BLENDING), ..RADIANCE.into() };
         let decode: &[(&str, f64)] = if target.is_srgb() { &[("DECODE_SRGB", 1.0)] } else { &[] };
         let encode: &[(&str, f64)] = if target.is_srgb() { &[] } else { &[("ENCODE_SRGB", 1.0)] };
         Self {
             meshes: MeshPipelines::new(gpu, kit, &frame_layout),
-            occlusion: full(&ssao, "fs_occlusion", OCCLUSION, &[]),
-            blur: full(&ssao, "fs_blur", OCCLUSION, &[]),
-            sunlight: full(&sunlight, "fs_sunlight", SUNLIGHT, &[]),
+            wireframe: full(&wireframe, "fs_wireframe", over, &[]),
+            occlusion: full(&ssao, "fs_occlusion", OCCLUSION.into(), &[]),
+            blur: full(&ssao, "fs_blur", OCCLUSION.into(), &[]),
+            sunlight: full(&sunlight, "fs_sunlight", SUNLIGHT.into(), &[]),
             lighting: [0.0, 1.0].map(|occlusion| {
                 [0.0, 1.0].map(|shadows| {
                     let constants = [("OCCLUSION", occlusion), ("SHADOWS", shadows)];
-                    full(&lighting, "fs_lighting", RADIANCE, &constants)
+                    full(&lighting, "fs_lighting", RADIANCE.into(), &constants)
                 })
             }),
-            sky: full(&lighting, "fs_sky", RADIANCE, &[]),
-            tonemap: full(&tonemap, "fs_tonemap", target, encode),
-            tonemap_display: full(&tonemap, "fs_tonemap", DISPLAY, &[("ENCODE_SRGB", 1.0)]),
-            antialias: full(&antialias, "fs_antialias", target, decode),
+            sky: full(&lighting, "fs_sky", RADIANCE.into(), &[]),
+            tonemap: full(&tonemap, "fs_tonemap", target.into(), encode),
+            tonemap_display: full(&tonemap, "fs_tonemap", DISPLAY.into(), &[("ENCODE_SRGB", 1.0)]),
+            antialias: full(&antialias, "fs_antialias", target.into(), decode),
             frame_layout,
         }
     }

@@ -233,7 +233,7 @@ impl Renderer {
         use Resource::{Albedo, Depth, Display, Normal, Occlusion, OcclusionRaw, Radiance, Sunlight};
         let p = &self.pipelines;
         match pass.id {
-            PassId::GBuffer | PassId::Emission | PassId::Transparency | PassId::Wireframe => {
+            PassId::GBuffer | PassId::Emission | PassId::Transparency | PassId::Edges => {
                 self.geometry(gpu, encoder, pass.id, frame, list, counters);
             }
             PassId::Occlusion => self.full(gpu, encoder, &p.occlusion, &[Depth], OcclusionRaw),
@@ -250,6 +250,7 @@ impl Renderer {
                 let pipeline = &p.lighting[usize::from(occlusion)][usize::from(shadows)];
                 self.lit(gpu, encoder, pipeline, &reads, true);
             }
+            PassId::Wireframe => self.over(gpu, encoder, &p.wireframe, &[Resource::Edges], Radiance),
             PassId::Sky => self.lit(gpu, encoder, &p.sky, &[], false),
             PassId::ToneMap if pass.writes(Display) => {
                 self.full(gpu, encoder, &p.tonemap_display, &[Radiance], Display);
@@ -331,6 +332,22 @@ impl Renderer {
         }
     }
 
+    /// A fullscreen pass from intermediate textures over what is in another.
+    fn over(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        pipeline: &wgpu::RenderPipeline,
+        reads: &[Resource],
+        write: Resource,
+    ) {
+        if let Some(target) = self.targets.view(write) {
+            let group = self.inputs(gpu, pipeline, reads);
+            let target = Target { load: Load::Keep, ..Target::colour(&target, (0, 0)) };
+            fullscreen(encoder, pipeline, &group, &target);
+        }
+    }
+
     fn inputs(&self, gpu: &Gpu, pipeline: &wgpu::RenderPipeline, reads: &[Resource]) -> wgpu::BindGroup {
         self.inputs_and(gpu, pipeline, reads, &[])
     }
@@ -370,9 +387,16 @@ impl Renderer {
         let view = |r| self.targets.view(r);
         let Some(depth) = view(Resource::Depth) else { return };
         let over = id != PassId::GBuffer;
-        let colours = if over { vec![Resource::Radiance] } else { vec![Resource::Normal, Resource::Albedo] };
+        let colours = match id {
+            PassId::GBuffer => vec![Resource::Normal, Resource::Albedo],
+            PassId::Edges => vec![Resource::Edges],
+            _ => vec![Resource::Radiance],
+        };
         let views: Vec<_> = colours.into_iter().filter_map(view).collect();
-        let load = if over { wgpu::LoadOp::Load } else { wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT) };
+        let load = match id {
+            PassId::Emission | PassId::Transparency => wgpu::LoadOp::Load,
+            _ => wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
+        };
         let attachments: Vec<_> = views.iter().map(|view| Some(attachment(view, load))).collect();
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("geometry"),
@@ -401,7 +425,7 @@ impl Renderer {
                         list.transparent(gpu, &mut pass, meshes, instances, counters);
                     }
                 }
-                PassId::Wireframe => {
+                PassId::Edges => {
                     if let Some(wire) = &meshes.wire {
                         list.wires(&mut pass, wire, instances, counters);
                     }
@@ -412,7 +436,7 @@ impl Renderer {
         // After the assets, which hide much of it.
         if let (Some(ground), Some(pipelines), Some(tiles)) =
             (ground, self.terrain.get(), self.tiles.buffer())
-            && matches!(id, PassId::GBuffer | PassId::Wireframe)
+            && matches!(id, PassId::GBuffer | PassId::Edges)
         {
             ground.draw(&mut pass, pipelines, tiles, (over, relief), counters);
         }

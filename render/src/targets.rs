@@ -17,6 +17,8 @@ pub(crate) const OCCLUSION: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
 pub(crate) const SUNLIGHT: wgpu::TextureFormat = wgpu::TextureFormat::Rg8Unorm;
 /// Display values, sRGB-encoded by the shader.
 pub(crate) const DISPLAY: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
+/// How many edges of triangles cross a pixel, in sixteenths.
+pub(crate) const EDGES: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
 /// Linear radiance.
 pub(crate) const RADIANCE: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 
@@ -55,6 +57,7 @@ impl Targets {
                 Resource::Albedo => ALBEDO,
                 Resource::OcclusionRaw | Resource::Occlusion => OCCLUSION,
                 Resource::Sunlight => SUNLIGHT,
+                Resource::Edges => EDGES,
                 Resource::Radiance => RADIANCE,
                 Resource::Display => DISPLAY,
                 Resource::ShadowMaps | Resource::Target => continue,

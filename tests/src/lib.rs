@@ -5,6 +5,7 @@
 //! |---|---|
 //! | `first_flight` | the server's push alone makes every visible instance drawable, in few bytes and round trips |
 //! | `settled` | what is streamed ends up looking like the model |
+//! | `walls` | nothing is seen, and no sunlight comes, through the demo's closed walls |
 //! | `silence` | a server that is gone without a word is told |
 //! | `limiter` | bytes on the wire against the rate |
 //! | `robustness` | clients and servers that die, and come back |
@@ -56,6 +57,8 @@ mod silence;
 mod support;
 #[cfg(test)]
 mod terrain;
+#[cfg(test)]
+mod walls;
 #[cfg(test)]
 mod window;
 #[cfg(test)]

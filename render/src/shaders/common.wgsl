@@ -38,6 +38,9 @@ const PI: f32 = 3.14159265;
 // Most that a picture of radiance holds, 16-bit floating point.
 const MAX_RADIANCE: f32 = 65504.0;
 
+// What an edge of a triangle adds to the count of a pixel that it crosses.
+const EDGE: f32 = 0.0625;
+
 // View depth where nothing was drawn.
 const FAR: f32 = 1e30;
 

@@ -212,8 +212,8 @@ fn fs_pierced(p: Pierced) {
     }
 }
 
-// Edges over the lit picture. Moved towards the eye by two thousandths of their depth, which
-// keeps them in front of the faces they belong to.
+// Edges, counted. Moved towards the eye by two thousandths of their depth, which keeps them in
+// front of the faces they belong to.
 @vertex
 fn vs_wire(v: VertexIn) -> @builtin(position) vec4<f32> {
     var clip = clip_position(placed(v));
@@ -223,5 +223,5 @@ fn vs_wire(v: VertexIn) -> @builtin(position) vec4<f32> {
 
 @fragment
 fn fs_wire() -> @location(0) vec4<f32> {
-    return vec4(0.02, 0.02, 0.025, 1.0);
+    return vec4(EDGE, 0.0, 0.0, 1.0);
 }

@@ -297,7 +297,7 @@ fn vs_terrain_caster(tile: TileIn) -> @builtin(position) vec4<f32> {
     return clip_position(place(tile).position);
 }
 
-// Edges over the lit picture, moved towards the eye as in gbuffer.wgsl.
+// Edges, counted, moved towards the eye as in gbuffer.wgsl.
 @vertex
 fn vs_terrain_wire(tile: TileIn) -> @builtin(position) vec4<f32> {
     var clip = clip_position(place(tile).position);
@@ -307,5 +307,5 @@ fn vs_terrain_wire(tile: TileIn) -> @builtin(position) vec4<f32> {
 
 @fragment
 fn fs_terrain_wire() -> @location(0) vec4<f32> {
-    return vec4(0.02, 0.02, 0.025, 1.0);
+    return vec4(EDGE, 0.0, 0.0, 1.0);
 }

@@ -90,7 +90,7 @@ impl<'a> TileList<'a> {
         self.batches.is_empty() && self.casters.iter().all(Vec::is_empty)
     }
 
-    /// Draws the surfaces, or the edges over them.
+    /// Draws the surfaces, or their edges.
     pub(crate) fn draw(
         &self,
         pass: &mut wgpu::RenderPass<'_>,

@@ -11,6 +11,7 @@ mod shadows;
 mod shapes;
 mod streaming;
 pub(super) mod terrain;
+mod wireframe;
 
 use std::io::Write;
 

@@ -84,18 +84,23 @@ impl TestScene {
     /// What a renderer would be told if everything were there from the start: no network, no selection,
     /// every chunk applied, every texture level decoded.
     pub(crate) fn whole(&self) -> Vec<Change> {
+        self.refined(0.0)
+    }
+
+    /// The same with as few chunks of each asset as keep its error, in its units.
+    pub(crate) fn refined(&self, error: f64) -> Vec<Change> {
         let header = self.store.header();
         let mut changes = vec![Change::Scene(Box::new(header.clone()))];
         for page in 0..header.page_count {
             changes.push(Change::Instances(self.store.page(page).unwrap().instances.clone()));
         }
         for (number, asset) in (0..).zip(&self.assets) {
-            self.whole_asset(number, asset, &mut changes);
+            self.refined_asset(number, asset, error, &mut changes);
         }
         changes
     }
 
-    fn whole_asset(&self, number: u32, asset: &LoadedAsset, changes: &mut Vec<Change>) {
+    fn refined_asset(&self, number: u32, asset: &LoadedAsset, error: f64, changes: &mut Vec<Change>) {
         let description = &asset.description;
         changes.push(Change::Asset(NewAsset {
             asset: number,
@@ -105,9 +110,10 @@ impl TestScene {
             materials: description.materials.clone(),
             textures: description.textures.clone(),
         }));
-        let all = lowest_error(&asset.base, &asset.infos, 0, Budget::Everything);
-        assert_eq!((all.members.len(), all.error), (asset.infos.len(), 0.0));
-        let mesh = asset.refined(&all.members).unwrap();
+        let budget = if error > 0.0 { Budget::Error(error) } else { Budget::Everything };
+        let set = lowest_error(&asset.base, &asset.infos, 0, budget);
+        assert!(set.error <= error && (error > 0.0 || set.members.len() == asset.infos.len()));
+        let mesh = asset.refined(&set.members).unwrap();
         let vertex = |slot| Vertex { data: mesh.render_vertex(slot), birth_s: 0.0, level: 0 };
         let run = |material| IndexRun { material, first: 0, faces: mesh.indices(material).to_vec() };
         changes.push(Change::Mesh(MeshChange {
