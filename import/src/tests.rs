@@ -154,8 +154,8 @@ fn a_pipe_in_place_of_a_file_holds_nobody_up() {
     let path = write(&dir, "a.obj", format!("mtllib m.mtl\n{TRIANGLE}usemtl red\nf 1 2 3\n"));
     let Imported { warnings, .. } = import(&path).unwrap();
     assert!(warnings.iter().any(|w| w.contains("not a regular file")), "{warnings:?}");
-    let picture = dir.path().join("red.png").into();
-    assert!(crate::texture::load(&picture, crate::texture::TextureKind::Color).is_err());
+    let picture = crate::texture::TextureSource::opaque(dir.path().join("red.png").into());
+    assert!(crate::texture::load(&picture).is_err());
 }
 
 #[test]
