@@ -1,5 +1,7 @@
 //! What glTF files come to, and what each bad one is told. Files are written here, byte by byte.
 
+mod materials;
+
 use std::path::{Path, PathBuf};
 
 use glam::{DMat4, DVec3};

@@ -1,5 +1,6 @@
 //! Sizes, formats, light and refusals.
 
+mod maps;
 mod quality;
 
 use std::io::Cursor;

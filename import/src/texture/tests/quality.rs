@@ -13,7 +13,7 @@ use super::super::encode::png;
 use super::super::{normal, surface};
 use super::noise;
 
-const SIDE_PX: u32 = 256;
+const SIDE_PX: u32 = 128;
 
 /// A bytewise normal map of heights in texels.
 fn normals(height: impl Fn(f64, f64) -> f64) -> RgbImage {
