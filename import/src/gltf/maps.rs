@@ -134,7 +134,10 @@ impl<'a, 'b> Maps<'a, 'b> {
         let wrap = wrap(self.document, texture.index);
         match self.leading {
             Some(leading) if leading.wrap != wrap => {
-                self.warn(&format!("its {what} wraps otherwise than its {}, and is drawn like that", leading.what));
+                self.warn(&format!(
+                    "its {what} wraps otherwise than its {}, and is drawn like that",
+                    leading.what
+                ));
             }
             Some(_) => {}
             None => self.leading = Some(Leading { what, uv_set, transform, wrap }),

@@ -35,7 +35,8 @@ pub(super) fn convert(
     buffers: &mut Buffers<'_>,
     warnings: &mut Vec<String>,
 ) -> Result<Converted, ImportError> {
-    let mut material = Material { base_color: [1.0; 3], roughness: 1.0, metallic: 1.0, ..Material::default() };
+    let mut material =
+        Material { base_color: [1.0; 3], roughness: 1.0, metallic: 1.0, ..Material::default() };
     let Some(index) = index else {
         return Ok(Converted { material, uv_set: 0, uv_transform: UvTransform::IDENTITY });
     };
@@ -80,7 +81,8 @@ fn metallic_roughness(source: &json::Material, material: &mut Material, maps: &m
     (material.base_color, material.opacity) = ([r, g, b], opacity);
     material.roughness = unit(pbr.roughness_factor.0);
     material.metallic = unit(pbr.metallic_factor.0);
-    material.color_texture = maps.image("base colour texture", pbr.base_color_texture.as_ref().map(Texture::from));
+    material.color_texture =
+        maps.image("base colour texture", pbr.base_color_texture.as_ref().map(Texture::from));
     if material.unlit {
         return;
     }
@@ -99,7 +101,8 @@ fn specular_glossiness(glossy: &PbrSpecularGlossiness, material: &mut Material, 
     let [r, g, b, opacity] = glossy.diffuse_factor.0.map(unit);
     (material.base_color, material.opacity) = ([r, g, b], opacity);
     material.metallic = 0.0;
-    material.color_texture = maps.image("diffuse texture", glossy.diffuse_texture.as_ref().map(Texture::from));
+    material.color_texture =
+        maps.image("diffuse texture", glossy.diffuse_texture.as_ref().map(Texture::from));
     if glossy.diffuse_texture.is_none() && [r, g, b] == [0.0; 3] {
         (material.base_color, material.metallic) = (glossy.specular_factor.0.map(unit), 1.0);
     }
@@ -140,10 +143,12 @@ fn more_maps(source: &json::Material, material: &mut Material, maps: &mut Maps<'
     let strength = source.extensions.as_ref().and_then(|e| e.emissive_strength.as_ref());
     let strength = strength.map_or(1.0, |s| s.emissive_strength.0);
     let strength = if strength.is_nan() { 1.0 } else { strength.clamp(0.0, MAX_EMISSION) };
-    material.emission = source.emissive_factor.0.map(|x| if x.is_nan() { 0.0 } else { x.clamp(0.0, 1.0) * strength });
+    material.emission =
+        source.emissive_factor.0.map(|x| if x.is_nan() { 0.0 } else { x.clamp(0.0, 1.0) * strength });
     // Nothing multiplied by a texture is nothing.
     if material.emission != [0.0; 3] {
-        material.emission_texture = maps.image("emissive texture", source.emissive_texture.as_ref().map(Texture::from));
+        material.emission_texture =
+            maps.image("emissive texture", source.emissive_texture.as_ref().map(Texture::from));
         if source.emissive_texture.is_some() && material.emission_texture.is_none() {
             material.emission = [0.0; 3];
         }

@@ -174,7 +174,7 @@ impl Material {
             Alpha::Blend => more::BLEND,
         };
         let [u, v] = self.wrap.map(wrap_bits);
-        alpha | if self.unlit { more::UNLIT } else { 0 } | u * more::WRAP_U | v * more::WRAP_V
+        alpha | if self.unlit { more::UNLIT } else { 0 } | (u * more::WRAP_U) | (v * more::WRAP_V)
     }
 
     fn first_byte(&self) -> u8 {

@@ -57,7 +57,10 @@ fn every_field_has_its_place() {
     assert_eq!(name(material.color_texture.as_ref()).as_deref(), Some("0.png"));
     assert_eq!(channel(material.surface.occlusion.as_ref()), ("3.png".into(), Component::Red, false, 32_768));
     let whole = u16::MAX;
-    assert_eq!(channel(material.surface.roughness.as_ref()), ("1.png".into(), Component::Green, false, whole));
+    assert_eq!(
+        channel(material.surface.roughness.as_ref()),
+        ("1.png".into(), Component::Green, false, whole)
+    );
     assert_eq!(channel(material.surface.metallic.as_ref()), ("1.png".into(), Component::Blue, false, whole));
     assert_eq!(name(material.normal_texture.as_ref()).as_deref(), Some("2.png"));
     assert_eq!(material.normal_scale, 0.5);
@@ -143,7 +146,9 @@ fn samplers_say_how_maps_continue() {
 
 #[test]
 fn values_out_of_range_are_brought_into_it() {
-    for (value, unit, positive) in [(json!(-3), 0.0, 0.0), (json!(7), 1.0, 7.0), (json!(1e39), 1.0, MAX_EMISSION)] {
+    for (value, unit, positive) in
+        [(json!(-3), 0.0, 0.0), (json!(7), 1.0, 7.0), (json!(1e39), 1.0, MAX_EMISSION)]
+    {
         let (material, _) = read(&textured(json!({
             "pbrMetallicRoughness":
                 {"baseColorFactor": [value, value, value, value], "metallicFactor": value, "roughnessFactor": value},
@@ -222,8 +227,7 @@ fn no_file_is_refused_for_its_materials() {
 #[test]
 fn transmission_is_seen_through_and_glossiness_is_roughness_turned_round() {
     let glass = |more: Value| {
-        let (material, _) =
-            read(&textured(json!({"extensions": {"KHR_materials_transmission": more}})));
+        let (material, _) = read(&textured(json!({"extensions": {"KHR_materials_transmission": more}})));
         (material.alpha, material.opacity)
     };
     let (alpha, opacity) = glass(json!({"transmissionFactor": 0.5}));
@@ -231,9 +235,8 @@ fn transmission_is_seen_through_and_glossiness_is_roughness_turned_round() {
     assert_eq!(glass(json!({})), (Alpha::Opaque, 1.0));
     let mapped = json!({"transmissionFactor": 1, "transmissionTexture": {"index": 0}});
     assert_eq!(glass(mapped), (Alpha::Opaque, 1.0), "where it is transparent is not known");
-    let glossy = |more: Value| {
-        read(&textured(json!({"extensions": {"KHR_materials_pbrSpecularGlossiness": more}}))).0
-    };
+    let glossy =
+        |more: Value| read(&textured(json!({"extensions": {"KHR_materials_pbrSpecularGlossiness": more}}))).0;
     let painted = glossy(json!({"diffuseFactor": [0.5, 0, 0, 1], "glossinessFactor": 0.75,
         "diffuseTexture": {"index": 1}}));
     assert_eq!((painted.base_color, painted.metallic, painted.roughness), ([0.5, 0.0, 0.0], 0.0, 0.25));
@@ -241,7 +244,10 @@ fn transmission_is_seen_through_and_glossiness_is_roughness_turned_round() {
     let mapped = glossy(json!({"glossinessFactor": 0.5, "specularGlossinessTexture": {"index": 2}}));
     assert_eq!(mapped.roughness, 1.0);
     assert_eq!(channel(mapped.surface.roughness.as_ref()), ("2.png".into(), Component::Alpha, true, 32_768));
-    assert_eq!(mapped.surface, SurfaceMap { roughness: mapped.surface.roughness.clone(), ..SurfaceMap::default() });
+    assert_eq!(
+        mapped.surface,
+        SurfaceMap { roughness: mapped.surface.roughness.clone(), ..SurfaceMap::default() }
+    );
     let gold = glossy(json!({"diffuseFactor": [0, 0, 0, 1], "specularFactor": [1, 0.75, 0.25]}));
     assert_eq!((gold.base_color, gold.metallic), ([1.0, 0.75, 0.25], 1.0));
     let both = read(&textured(json!({

@@ -17,8 +17,8 @@ use lodestream_protocol::asset::{MAX_EMISSION, MAX_NORMAL_SCALE};
 
 use crate::model::{Alpha, Channel, Component, ImageSource, Material, SurfaceMap};
 use crate::srgb::srgb_to_linear;
-pub(super) use options::locate;
 use options::TextureOptions;
+pub(super) use options::locate;
 use sanitise::sanitise;
 
 /// Largest MTL file, in bytes.
@@ -90,7 +90,8 @@ fn convert(material: &tobj::Material, textures: &mut Textures<'_>) -> Material {
     let number = |keyword: &str| unknown(keyword).and_then(|text| text.parse::<f64>().ok());
     let color = texture(material.diffuse_texture.as_ref());
     let opacity_map = texture(material.dissolve_texture.as_ref());
-    let [emission_map, rough, metal, normal] = ["map_Ke", "map_Pr", "map_Pm", "norm"].map(|k| texture(unknown(k)));
+    let [emission_map, rough, metal, normal] =
+        ["map_Ke", "map_Pr", "map_Pm", "norm"].map(|k| texture(unknown(k)));
     // Displacement is the more exact word for a height map; a bump map is the common one.
     let height = texture(unknown("disp").or(material.normal_texture.as_ref()));
     let name = &material.name;
@@ -112,7 +113,9 @@ fn convert(material: &tobj::Material, textures: &mut Textures<'_>) -> Material {
     let opacity_texture = textures.channel(opacity_map.as_ref(), mask);
     let normal = normal.filter(|normal| {
         if normal.bump < 0.0 {
-            textures.warn(&format!("the normal map of material {name:?} has a factor below zero and is left out"));
+            textures.warn(&format!(
+                "the normal map of material {name:?} has a factor below zero and is left out"
+            ));
         }
         normal.bump >= 0.0
     });
@@ -135,7 +138,9 @@ fn convert(material: &tobj::Material, textures: &mut Textures<'_>) -> Material {
         },
         // Without the map where metal is is not known, and metal everywhere is the worse guess.
         metallic: match factor(number("Pm"), metal.is_some()) {
-            Some(metallic) if surface.metallic.is_some() == metal.is_some() => metallic.clamp(0.0, 1.0) as f32,
+            Some(metallic) if surface.metallic.is_some() == metal.is_some() => {
+                metallic.clamp(0.0, 1.0) as f32
+            }
             _ => 0.0,
         },
         emission: match factor(material.emissive, emission_map.is_some()) {

@@ -42,7 +42,9 @@ pub(super) fn sanitise(text: &str, warnings: &mut Vec<(usize, String)>) -> Strin
         let (keyword, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
         let rest = rest.trim();
         let lower = keyword.to_ascii_lowercase();
-        let Some(&(_, written, takes)) = KEYWORDS.iter().find(|(known, ..)| *known == lower) else { continue };
+        let Some(&(_, written, takes)) = KEYWORDS.iter().find(|(known, ..)| *known == lower) else {
+            continue;
+        };
         let mut ignore = |why: &str| warnings.push((number + 1, format!("{why}; the line is ignored")));
         if rest.is_empty() {
             ignore(&format!("{keyword} without a value"));

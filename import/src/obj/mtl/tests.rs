@@ -41,8 +41,7 @@ fn a_colour_of_one_value_which_panics_in_the_parser_is_grey() {
 
 #[test]
 fn bad_lines_are_warned_of_and_the_rest_is_used() {
-    let (library, warnings) =
-        read("Kd 1 0 0\nnewmtl a\nKd spectral x.rfl\nNs abc\nmap_Kd\nd nan\nd 0.25\n");
+    let (library, warnings) = read("Kd 1 0 0\nnewmtl a\nKd spectral x.rfl\nNs abc\nmap_Kd\nd nan\nd 0.25\n");
     assert_eq!(library["a"].opacity, 0.25);
     assert_eq!(warnings.len(), 5, "{warnings:?}");
     assert!(warnings[0].contains("dir/m.mtl:1: Kd before the first newmtl"));
@@ -83,7 +82,9 @@ fn every_statement_has_its_place() {
 
 #[test]
 fn maps_without_factors_count_as_they_are() {
-    let (library, warnings) = read("newmtl a\nKe 0 0 0\nPm 0\nmap_Ke e.png\nmap_Pr r.png\nmap_Pm m.png\nmap_Kd c.png\nmap_d c.png\n");
+    let (library, warnings) = read(
+        "newmtl a\nKe 0 0 0\nPm 0\nmap_Ke e.png\nmap_Pr r.png\nmap_Pm m.png\nmap_Kd c.png\nmap_d c.png\n",
+    );
     assert!(warnings.is_empty(), "{warnings:?}");
     let a = &library["a"];
     assert_eq!((a.emission, a.roughness, a.metallic), ([1.0; 3], 1.0, 1.0));
@@ -91,12 +92,16 @@ fn maps_without_factors_count_as_they_are() {
     // The same file: its luminance would be the picture's own.
     assert_eq!(a.opacity_texture.as_ref().map(|o| o.component), Some(Component::Alpha));
     let (library, _) = read("newmtl b\n");
-    assert_eq!((library["b"].emission, library["b"].metallic, library["b"].alpha), ([0.0; 3], 0.0, Alpha::Opaque));
+    assert_eq!(
+        (library["b"].emission, library["b"].metallic, library["b"].alpha),
+        ([0.0; 3], 0.0, Alpha::Opaque)
+    );
 }
 
 #[test]
 fn what_nobody_could_see_is_drawn_opaque_and_d_comes_before_tr() {
-    let (library, warnings) = read("newmtl a\nd 0\nnewmtl b\nd 0.5\nTr 0.75\nnewmtl c\nTr 0.75\nnewmtl d\nd 0\nmap_d m.png\n");
+    let (library, warnings) =
+        read("newmtl a\nd 0\nnewmtl b\nd 0.5\nTr 0.75\nnewmtl c\nTr 0.75\nnewmtl d\nd 0\nmap_d m.png\n");
     assert_eq!(warnings.len(), 1, "{warnings:?}");
     assert!(warnings[0].contains("\"a\" would be invisible"), "{warnings:?}");
     let of = |name: &str| (library[name].opacity, library[name].alpha);

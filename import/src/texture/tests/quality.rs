@@ -83,8 +83,7 @@ fn spread(mut values: Vec<f64>) -> [f64; 3] {
 fn jpeg_turns_normals_by_less_than_is_seen() {
     let maps = generated().map(|(name, map)| (name.to_owned(), map));
     for (name, map) in maps.into_iter().chain(real("Normal.png")) {
-        let lossless =
-            png(map.as_raw(), map.width(), map.height(), ExtendedColorType::Rgb8).unwrap().len();
+        let lossless = png(map.as_raw(), map.width(), map.height(), ExtendedColorType::Rgb8).unwrap().len();
         for quality in [85, 90, 95] {
             let (coded, bytes) = jpeg(&map, quality);
             let [mean, most, max] = angles(&map, &coded);
@@ -100,8 +99,7 @@ fn jpeg_turns_normals_by_less_than_is_seen() {
 #[test]
 fn jpeg_changes_surfaces_by_less_than_is_seen() {
     for (name, map) in real("OcclusionRoughMetal.png") {
-        let lossless =
-            png(map.as_raw(), map.width(), map.height(), ExtendedColorType::Rgb8).unwrap().len();
+        let lossless = png(map.as_raw(), map.width(), map.height(), ExtendedColorType::Rgb8).unwrap().len();
         for quality in [80, 85, 90] {
             let (coded, bytes) = jpeg(&map, quality);
             let off = |c: usize| {
@@ -109,7 +107,9 @@ fn jpeg_changes_surfaces_by_less_than_is_seen() {
                 spread(pairs.map(|(a, b)| f64::from(a.0[c].abs_diff(b.0[c]))).collect())
             };
             let [occlusion, roughness, metal] = [0, 1, 2].map(off);
-            println!("{name} {quality}: {bytes} of {lossless} bytes, {occlusion:.1?} {roughness:.1?} {metal:.1?}");
+            println!(
+                "{name} {quality}: {bytes} of {lossless} bytes, {occlusion:.1?} {roughness:.1?} {metal:.1?}"
+            );
             if quality == surface::JPEG_QUALITY {
                 assert!(roughness[0] < 3.0 && metal[0] < 3.0, "{name}: {roughness:?} {metal:?}");
             }
