@@ -5,7 +5,9 @@ use lodestream_geometry::Codec;
 use lodestream_geometry::mesh::SourceMesh;
 use lodestream_geometry::pack::{BlobKind, write};
 use lodestream_geometry::prepare::Prepared;
-use lodestream_protocol::asset::{AssetDescription, Material};
+use lodestream_protocol::asset::{
+    Alpha, AssetDescription, Material, TextureFormat, TextureInfo, TextureKind, TextureLevel, Wrap,
+};
 use lodestream_protocol::blob::BlobId;
 use lodestream_protocol::frame::{BlobPiece, encode_client, encode_piece, encode_server};
 use lodestream_protocol::message::{ClientMessage, Close, CloseCode, Hello, ServerMessage, Want, Welcome};
@@ -324,6 +326,36 @@ fn messages() -> Vec<(String, Vec<u8>)> {
     };
     let description = description.encode().expect("a description is encoded");
     seeds.push(seed("description", [&[4], &description[..]].concat()));
+    let texture = |kind| TextureInfo {
+        kind,
+        width: 8,
+        height: 8,
+        mean: None,
+        levels: vec![TextureLevel { width: 8, height: 8, bytes: 99, format: TextureFormat::Jpeg }],
+    };
+    let full = Material {
+        metallic: 0.5,
+        emission: [1.0, 2.0, 3.0],
+        alpha: Alpha::Mask(0.25),
+        unlit: true,
+        wrap: [Wrap::Clamp, Wrap::Mirror],
+        base_color_texture: Some(0),
+        surface_texture: Some(1),
+        normal_texture: Some(2),
+        normal_scale: 0.5,
+        emission_texture: Some(0),
+        height_texture: Some(3),
+        relief_depth: 0.125,
+        ..Material::default()
+    };
+    let kinds = [TextureKind::Color, TextureKind::Surface, TextureKind::Normal, TextureKind::Height];
+    let description = AssetDescription {
+        materials: vec![full, Material { alpha: Alpha::Blend, ..Material::default() }],
+        textures: kinds.map(texture).into(),
+        ..AssetDescription::default()
+    };
+    let description = description.encode().expect("a description is encoded");
+    seeds.push(seed("materials", [&[4], &description[..]].concat()));
     seeds
 }
 

@@ -26,7 +26,7 @@ impl Ignored {
         }
         for name in document.unknown_extensions() {
             let instead = match name {
-                "KHR_materials_transmission" => " (drawn as plain transparency)",
+                "KHR_materials_transmission" => " (plain opacity, where no texture says how much)",
                 "KHR_materials_pbrSpecularGlossiness" => " (drawn as metallic-roughness)",
                 _ => "",
             };
