@@ -5,7 +5,9 @@ use lodestream_geometry::Codec;
 use lodestream_geometry::mesh::SourceMesh;
 use lodestream_geometry::pack::{BlobKind, write};
 use lodestream_geometry::prepare::Prepared;
-use lodestream_protocol::asset::{AssetDescription, Material};
+use lodestream_protocol::asset::{
+    Alpha, AssetDescription, Material, TextureFormat, TextureInfo, TextureKind, TextureLevel, Wrap,
+};
 use lodestream_protocol::blob::BlobId;
 use lodestream_protocol::frame::{BlobPiece, encode_client, encode_piece, encode_server};
 use lodestream_protocol::message::{ClientMessage, Close, CloseCode, Hello, ServerMessage, Want, Welcome};
@@ -164,7 +166,9 @@ fn obj(mesh: &SourceMesh) -> String {
 
 fn models() -> Vec<(String, Vec<u8>)> {
     const MTL: &str = "newmtl m0\nKd 0.5 0.25 1\nd 0.5\nNs 10\nmap_Kd -s 2 2 1 a b.png\nbump -bm 0.25 h.png\n\
-                       newmtl m1\nKd 0.5\nTr 0.25\ndisp -mm 0 1 d.png\n";
+                       newmtl m1\nKd 0.5\nTr 0.25\ndisp -mm 0 1 d.png\n\
+                       newmtl m2\nKe 1 2 0.5\nPr 0.5\nPm 1\nillum 0\nmap_Kd -clamp on a.png\nmap_Ke e.png\n\
+                       map_Pr -imfchan g s.png\nmap_Pm -imfchan b s.png\nmap_d a.png\nnorm -bm 0.5 n.png\n";
     let texts = [
         ("torus", obj(&shapes::materials(shapes::torus(3, 4), 2))),
         ("frigate", obj(&shapes::frigate(1)).lines().take(40).map(|l| format!("{l}\n")).collect::<String>() + "f 1 2 3\n"),
@@ -190,6 +194,9 @@ fn glb(json: &str, bin: &[u8]) -> Vec<u8> {
     [&b"glTF"[..], &2_u32.to_le_bytes(), &length, &body].concat()
 }
 
+/// The beginning of a material with everything that one can have, and the textures that it names before it.
+const MAPS: &str = r#""images":[{"uri":"a.png"},{"bufferView":1,"mimeType":"image/png"}],"samplers":[{"wrapS":33071,"wrapT":33648}],"textures":[{"source":0,"sampler":0},{"source":1,"sampler":0}],"extensionsUsed":["KHR_materials_emissive_strength"],"extensionsRequired":["KHR_materials_transmission"],"materials":[{"normalTexture":{"index":0,"scale":0.5,"extensions":{"KHR_texture_transform":{"offset":[0.5,0],"rotation":1,"scale":[2,1]}}},"occlusionTexture":{"index":1,"strength":0.5,"texCoord":1},"emissiveTexture":{"index":0},"emissiveFactor":[1,0.5,0],"alphaMode":"MASK","alphaCutoff":0.25,"doubleSided":true,"extensions":{"KHR_materials_emissive_strength":{"emissiveStrength":4},"KHR_materials_unlit":{},"KHR_materials_transmission":{"transmissionFactor":0.5},"KHR_materials_pbrSpecularGlossiness":{"diffuseFactor":[0,0,0,1],"glossinessFactor":0.5,"specularGlossinessTexture":{"index":1}}},"name":"m","#;
+
 fn scenes() -> Vec<(String, Vec<u8>)> {
     // Four corners of a square, their uvs, six indices.
     let mut bin: Vec<u8> = Vec::new();
@@ -214,6 +221,7 @@ fn scenes() -> Vec<(String, Vec<u8>)> {
         seed("fan.glb", glb(&file("", 6, nested, r#","material":0"#), &bin)),
         seed("nodes.glb", glb(&file("", 4, nested, ""), &bin)),
         seed("data-uri.gltf", file(&data, 4, nested, "").into_bytes()),
+        seed("materials.glb", glb(&file("", 4, one, r#","material":0"#).replace(r#""materials":[{"name":"m","#, MAPS), &bin)),
         seed("sparse.glb", glb(&file("", 4, one, "").replace(r#","count":4,"min":[0,0,0]"#, r#","count":4,"sparse":{"count":1,"indices":{"bufferView":2,"componentType":5121},"values":{"bufferView":0}},"min":[0,0,0]"#), &bin)),
     ]
 }
@@ -318,6 +326,36 @@ fn messages() -> Vec<(String, Vec<u8>)> {
     };
     let description = description.encode().expect("a description is encoded");
     seeds.push(seed("description", [&[4], &description[..]].concat()));
+    let texture = |kind| TextureInfo {
+        kind,
+        width: 8,
+        height: 8,
+        mean: None,
+        levels: vec![TextureLevel { width: 8, height: 8, bytes: 99, format: TextureFormat::Jpeg }],
+    };
+    let full = Material {
+        metallic: 0.5,
+        emission: [1.0, 2.0, 3.0],
+        alpha: Alpha::Mask(0.25),
+        unlit: true,
+        wrap: [Wrap::Clamp, Wrap::Mirror],
+        base_color_texture: Some(0),
+        surface_texture: Some(1),
+        normal_texture: Some(2),
+        normal_scale: 0.5,
+        emission_texture: Some(0),
+        height_texture: Some(3),
+        relief_depth: 0.125,
+        ..Material::default()
+    };
+    let kinds = [TextureKind::Color, TextureKind::Surface, TextureKind::Normal, TextureKind::Height];
+    let description = AssetDescription {
+        materials: vec![full, Material { alpha: Alpha::Blend, ..Material::default() }],
+        textures: kinds.map(texture).into(),
+        ..AssetDescription::default()
+    };
+    let description = description.encode().expect("a description is encoded");
+    seeds.push(seed("materials", [&[4], &description[..]].concat()));
     seeds
 }
 

@@ -26,4 +26,4 @@ pub use error::ImportError;
 pub use file::{MAX_FILE_BYTES, is_gltf, read_file};
 pub use import::{dependencies, import, import_part};
 pub use knob::Impossible;
-pub use model::{ImageSource, Imported, Material, Part};
+pub use model::{Alpha, Channel, Component, ImageSource, Imported, Material, Part, SurfaceMap};

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use bytes::Bytes;
 use lodestream_geometry::mesh::SourceMesh;
+use lodestream_protocol::asset::Wrap;
 
 use crate::srgb::srgb_to_linear;
 
@@ -23,7 +24,7 @@ pub enum Part {
 }
 
 /// An image that a material uses: a file, or bytes of a model file.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct ImageSource {
     /// The file; where `bytes` are given, a name for messages.
     pub path: PathBuf,
@@ -37,7 +38,85 @@ impl From<PathBuf> for ImageSource {
     }
 }
 
-/// A surface description.
+/// What of an image's texels is meant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Component {
+    /// The first channel.
+    Red,
+    /// The second.
+    Green,
+    /// The third.
+    Blue,
+    /// Opacity; 1 in an image without.
+    Alpha,
+    /// Grey, or the luminance of a colour.
+    Luminance,
+    /// Opacity where any texel is transparent, else luminance: the two ways in which masks are drawn.
+    Mask,
+}
+
+/// One value for each texel of an image: `1 + strength · (v − 1)`, `v` being the component, or 1 less it.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Channel {
+    /// The image.
+    pub image: ImageSource,
+    /// What of it.
+    pub component: Component,
+    /// Whether white means 0 (glossiness, where roughness is wanted).
+    pub inverted: bool,
+    /// How much of it counts, in steps of 1/65535.
+    pub strength: u16,
+}
+
+impl Channel {
+    /// A component as it is.
+    #[must_use]
+    pub fn plain(image: ImageSource, component: Component) -> Self {
+        Self { image, component, inverted: false, strength: u16::MAX }
+    }
+}
+
+/// Where a surface texture's channels come from; those without a source are 1.
+#[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub struct SurfaceMap {
+    /// How open to ambient light (glTF's `occlusionTexture`).
+    pub occlusion: Option<Channel>,
+    /// Factor on the roughness (glTF's `metallicRoughnessTexture`, `map_Pr`).
+    pub roughness: Option<Channel>,
+    /// Factor on the metal (glTF's `metallicRoughnessTexture`, `map_Pm`).
+    pub metallic: Option<Channel>,
+}
+
+impl SurfaceMap {
+    /// Its channels, as a surface texture has them: red, green, blue.
+    #[must_use]
+    pub fn channels(&self) -> [Option<&Channel>; 3] {
+        [self.occlusion.as_ref(), self.roughness.as_ref(), self.metallic.as_ref()]
+    }
+
+    /// Whether no channel has a source.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.channels().iter().all(Option::is_none)
+    }
+}
+
+/// What a material's opacity does.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Alpha {
+    /// Nothing.
+    #[default]
+    Opaque,
+    /// The surface is there where opacity is at least this much, in `0..=1`.
+    Mask(f32),
+    /// What lies behind is seen through it.
+    Blend,
+    /// What its textures' opacity looks like ([`crate::texture::Transparency`]): a mask at 0.5 where nearly every
+    /// texel is either there or not, transparency else.
+    Guess,
+}
+
+/// A surface description. Its maps share one set of texture coordinates.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
     /// Name in the file.
@@ -46,10 +125,35 @@ pub struct Material {
     pub base_color: [f32; 3],
     /// Opacity in `0..=1` (`d`).
     pub opacity: f32,
-    /// Perceptual roughness in `0..=1` (from `Ns`).
+    /// Perceptual roughness in `0..=1` (`Pr`, or from `Ns`).
     pub roughness: f32,
+    /// Metal in `0..=1` (`Pm`).
+    pub metallic: f32,
+    /// Light given off, linear, in `0..=`[`MAX_EMISSION`](lodestream_protocol::asset::MAX_EMISSION) (`Ke`).
+    pub emission: [f32; 3],
+    /// What opacity does.
+    pub alpha: Alpha,
+    /// Whether light does not matter (`illum 0`; `KHR_materials_unlit`).
+    pub unlit: bool,
+    /// How maps continue beyond `0..=1`, along u and along v.
+    pub wrap: [Wrap; 2],
     /// Colour texture (`map_Kd`; `baseColorTexture`).
     pub color_texture: Option<ImageSource>,
+    /// Opacity of the colour texture, instead of its own (`map_d`).
+    pub opacity_texture: Option<Channel>,
+    /// Occlusion, roughness and metal.
+    pub surface: SurfaceMap,
+    /// Normal map: x along u, y along v upwards, z out of the surface (`norm`; `normalTexture`).
+    ///
+    /// glTF's v runs down the image, but its y runs up: "the normal vectors use the convention +X is right and +Y is
+    /// up" (specification 2.0, `material.normalTexture`), which is what makes shaders that take tangents from v-down
+    /// coordinates turn green around (three.js, pull request 13784). Coordinates are v-up here, so texels stay as
+    /// they are.
+    pub normal_texture: Option<ImageSource>,
+    /// Factor on x and y of the normal map (`-bm`); 1 where not given.
+    pub normal_scale: f32,
+    /// Texture of emitted colours (`map_Ke`; `emissiveTexture`).
+    pub emission_texture: Option<ImageSource>,
     /// Height texture (`map_Bump`, `bump` or `disp`; glTF has none).
     pub height_texture: Option<ImageSource>,
     /// Factor on the heights (`-bm`); 1 where not given.
@@ -63,10 +167,30 @@ impl Default for Material {
             base_color: [srgb_to_linear(0.8); 3],
             opacity: 1.0,
             roughness: 0.6,
+            metallic: 0.0,
+            emission: [0.0; 3],
+            alpha: Alpha::Opaque,
+            unlit: false,
+            wrap: [Wrap::Repeat; 2],
             color_texture: None,
+            opacity_texture: None,
+            surface: SurfaceMap::default(),
+            normal_texture: None,
+            normal_scale: 1.0,
+            emission_texture: None,
             height_texture: None,
             height_scale: 1.0,
         }
+    }
+}
+
+impl Material {
+    /// The images that its textures are made of, in the order of its fields; one may come twice.
+    pub fn images(&self) -> impl Iterator<Item = &ImageSource> {
+        let channels = [self.opacity_texture.as_ref()].into_iter().chain(self.surface.channels());
+        let whole = [&self.normal_texture, &self.emission_texture, &self.height_texture];
+        let channels = channels.flatten().map(|channel| &channel.image);
+        self.color_texture.iter().chain(channels).chain(whole.into_iter().flatten())
     }
 }
 

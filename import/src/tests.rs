@@ -120,10 +120,13 @@ fn a_model_could_make_files_of_whoever_prepares_it_public() {
         ("sub/m.mtl", "../../secret.png"),
         ("m.mtl", "x/../../secret.png"),
     ] {
-        write(&dir, &format!("model/{mtl}"), format!("newmtl red\nKd 1 0 0\nmap_Kd {name}\ndisp {name}\n"));
+        let keywords = ["map_Kd", "map_Ke", "map_Pr", "map_Pm", "map_d", "norm", "disp"];
+        let lines: String = keywords.map(|keyword| format!("{keyword} {name}\n")).concat();
+        write(&dir, &format!("model/{mtl}"), format!("newmtl red\nKd 1 0 0\nPm 1\n{lines}"));
         let path = write(&dir, "model/a.obj", format!("mtllib {mtl}\n{TRIANGLE}usemtl red\nf 1 2 3\n"));
         let Imported { materials, warnings, .. } = import(&path).unwrap();
-        assert_eq!((&materials[0].color_texture, &materials[0].height_texture), (&None, &None), "{name}");
+        assert_eq!(materials[0].images().count(), 0, "{name}");
+        assert_eq!((materials[0].metallic, materials[0].emission), (0.0, [0.0; 3]), "{name}");
         assert_eq!(materials[0].base_color[1], 0.0, "the rest of the material counts");
         assert!(warnings.iter().any(|w| w.contains("not in the model's folder")), "{name}: {warnings:?}");
         let files = dependencies(&path, &std::fs::read(&path).unwrap());
@@ -154,8 +157,8 @@ fn a_pipe_in_place_of_a_file_holds_nobody_up() {
     let path = write(&dir, "a.obj", format!("mtllib m.mtl\n{TRIANGLE}usemtl red\nf 1 2 3\n"));
     let Imported { warnings, .. } = import(&path).unwrap();
     assert!(warnings.iter().any(|w| w.contains("not a regular file")), "{warnings:?}");
-    let picture = dir.path().join("red.png").into();
-    assert!(crate::texture::load(&picture, crate::texture::TextureKind::Color).is_err());
+    let picture = crate::texture::TextureSource::opaque(dir.path().join("red.png").into());
+    assert!(crate::texture::load(&picture).is_err());
 }
 
 #[test]

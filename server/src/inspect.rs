@@ -4,6 +4,7 @@ use std::path::Path;
 
 use lodestream_geometry::mesh::NO_COLOR;
 use lodestream_geometry::mesh::components::components;
+use lodestream_protocol::asset::{Alpha, AssetDescription, Material, TextureKind};
 use serde::Serialize;
 
 use crate::store::{PackFile, StoreError};
@@ -27,8 +28,26 @@ pub struct Summary {
     pub components: u64,
     /// Materials.
     pub materials: u64,
-    /// Textures.
+    /// Materials that are cut out where their opacity is low.
+    pub masked_materials: u64,
+    /// Materials that are seen through.
+    pub blended_materials: u64,
+    /// Materials that light does not matter to.
+    pub unlit_materials: u64,
+    /// Materials that give off light.
+    pub emissive_materials: u64,
+    /// Materials that are metal, wholly or in part.
+    pub metallic_materials: u64,
+    /// Textures, of every kind.
     pub textures: u64,
+    /// Textures of colours, emitted ones too.
+    pub color_textures: u64,
+    /// Height maps.
+    pub height_textures: u64,
+    /// Normal maps.
+    pub normal_textures: u64,
+    /// Textures of occlusion, roughness and metal.
+    pub surface_textures: u64,
     /// How base mesh and chunks are coded: `range` or `zstd`.
     pub codec: String,
     /// Bits per axis of positions.
@@ -77,6 +96,9 @@ pub fn inspect(path: &Path) -> Result<Summary, StoreError> {
     let attributes = || mesh.wedges.iter().map(|wedge| wedge.attributes);
     let payload_bytes = asset.payload_bytes;
     let base = &asset.base;
+    let AssetDescription { materials, textures, .. } = &asset.description;
+    let materials = |of: &dyn Fn(&Material) -> bool| materials.iter().filter(|m| of(m)).count() as u64;
+    let textures = |kind| textures.iter().filter(|texture| texture.kind == kind).count() as u64;
     Ok(Summary {
         settings: pack.settings()?,
         vertices: base.totals.vertices,
@@ -86,7 +108,16 @@ pub fn inspect(path: &Path) -> Result<Summary, StoreError> {
         colors: attributes().any(|a| a.color != NO_COLOR),
         components: count_components(mesh.positions.len(), &faces),
         materials: u64::from(base.material_count),
+        masked_materials: materials(&|m| matches!(m.alpha, Alpha::Mask(_))),
+        blended_materials: materials(&|m| m.alpha == Alpha::Blend),
+        unlit_materials: materials(&|m| m.unlit),
+        emissive_materials: materials(&|m| m.emission != [0.0; 3]),
+        metallic_materials: materials(&|m| m.metallic > 0.0),
         textures: asset.description.textures.len() as u64,
+        color_textures: textures(TextureKind::Color),
+        height_textures: textures(TextureKind::Height),
+        normal_textures: textures(TextureKind::Normal),
+        surface_textures: textures(TextureKind::Surface),
         codec: base.codec.to_string(),
         position_bits: base.grid.bits,
         uv_bits: base.uv_grid.bits,

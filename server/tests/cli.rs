@@ -149,7 +149,8 @@ fn decorated(dir: &TempDir) -> PathBuf {
     std::fs::write(&path, obj).unwrap();
     std::fs::write(
         dir.path().join("sheet.mtl"),
-        "newmtl wave\nKd 0.2 0.4 1\nmap_Kd wave.png\nnewmtl foam\nKd 1 1 1\n",
+        "newmtl wave\nKd 0.2 0.4 1\nmap_Kd wave.png\nmap_Pr -imfchan g wave.png\nnorm wave.png\n\
+         newmtl foam\nKd 1 1 1\nd 0.5\nKe 0 0.5 2\nPm 0.5\n",
     )
     .unwrap();
     image::RgbImage::from_fn(32, 32, |x, y| image::Rgb([x as u8 * 8, y as u8 * 8, 0]))
@@ -191,6 +192,13 @@ fn check_compares_every_kind_of_pack_with_its_model() {
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         let fields = inspected(&pack);
         assert!(fields["colors"].as_bool().unwrap() && fields["chunks"].as_u64() > Some(1), "{fields}");
+        let counts = ["blended_materials", "masked_materials", "emissive_materials", "metallic_materials"]
+            .map(|name| fields[name].as_u64());
+        assert_eq!(counts, [Some(1), Some(0), Some(1), Some(1)]);
+        let textures =
+            ["textures", "color_textures", "normal_textures", "surface_textures", "height_textures"]
+                .map(|name| fields[name].as_u64());
+        assert_eq!(textures, [Some(3), Some(1), Some(1), Some(1), Some(0)]);
         let output = run(&["check", text(&pack), "--random-sets", "8", "--source", text(&obj)]);
         let expected = "sets 8 cracks 0 order-dependent 0 undo-errors 0\n\
             source faces 4608 missing 0 foreign 0 strange-wedges 0 differing-materials 0\n";
@@ -218,7 +226,7 @@ fn check_finds_what_hashes_cannot() {
         if kind == BlobKind::Base {
             change_base(bytes, |base| {
                 let mut description = AssetDescription::decode(&base.description).unwrap();
-                description.materials[0].base_color[0] *= 0.5;
+                description.materials[1].metallic = 1.0;
                 base.description = description.encode().unwrap();
             });
         }

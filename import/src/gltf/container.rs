@@ -1,6 +1,7 @@
 //! GLB and glTF files to their JSON, and the bytes of buffers and images: embedded, in data URIs, or in
 //! files beside the model.
 
+use std::collections::BTreeSet;
 use std::path::{Component, Path, PathBuf};
 
 use bytes::Bytes;
@@ -10,7 +11,18 @@ use crate::error::ImportError;
 use crate::file::{MAX_FILE_BYTES, read_file};
 
 /// Extensions that are understood, so that a file may require them.
-const SUPPORTED: [&str; 2] = ["KHR_mesh_quantization", "KHR_texture_transform"];
+const SUPPORTED: [&str; 4] = [
+    "KHR_mesh_quantization",
+    "KHR_texture_transform",
+    "KHR_materials_unlit",
+    "KHR_materials_emissive_strength",
+];
+
+/// Whether what a file looks like without the extension is worth more than a refusal, also where the file requires
+/// it: surfaces that shine otherwise, lights and notes.
+fn dispensable(name: &str) -> bool {
+    name.contains("_materials_") || name.contains("_lights_") || name == "KHR_xmp_json_ld"
+}
 
 const MAGIC: &[u8; 4] = b"glTF";
 const CHUNK_JSON: u32 = 0x4E4F_534A;
@@ -48,7 +60,8 @@ impl Document {
             )));
         }
         let missing: Vec<&str> = head.extensions_required.iter().map(String::as_str).collect();
-        let missing: Vec<&str> = missing.into_iter().filter(|name| !SUPPORTED.contains(name)).collect();
+        let missing: Vec<&str> =
+            missing.into_iter().filter(|name| !SUPPORTED.contains(name) && !dispensable(name)).collect();
         if !missing.is_empty() {
             let names = missing.join(", ");
             return Err(error(format!(
@@ -65,9 +78,11 @@ impl Document {
         ImportError::gltf(&self.path, what)
     }
 
-    /// Extensions that the file uses and that are not understood.
+    /// Extensions that the file uses and that are not understood, each once.
     pub(super) fn unknown_extensions(&self) -> impl Iterator<Item = &str> {
-        self.root.extensions_used.iter().map(String::as_str).filter(|name| !SUPPORTED.contains(name))
+        let names: BTreeSet<&String> =
+            self.root.extensions_used.iter().chain(&self.root.extensions_required).collect();
+        names.into_iter().map(String::as_str).filter(|name| !SUPPORTED.contains(name))
     }
 
     /// The bytes of one buffer: at least as many as it says.

@@ -25,7 +25,12 @@ impl Ignored {
             }
         }
         for name in document.unknown_extensions() {
-            ignored.note(&format!("extension {name}"));
+            let instead = match name {
+                "KHR_materials_transmission" => " (plain opacity, where no texture says how much)",
+                "KHR_materials_pbrSpecularGlossiness" => " (drawn as metallic-roughness)",
+                _ => "",
+            };
+            ignored.note(&format!("extension {name}{instead}"));
         }
         ignored
     }

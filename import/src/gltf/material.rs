@@ -1,47 +1,28 @@
 //! Materials of the file to [`Material`]s, with the texture coordinates that they use.
 
 use gltf::json;
+use gltf::json::extensions::material::PbrSpecularGlossiness;
 use gltf::json::material::AlphaMode;
-use gltf::json::texture::WrappingMode;
 use gltf::json::validation::Checked;
+use lodestream_protocol::asset::{MAX_EMISSION, MAX_NORMAL_SCALE};
 
 use super::accessor::Buffers;
-use super::container::{Document, Location};
-use super::ignored::Ignored;
+use super::container::Document;
+use super::maps::{Maps, Texture, UvTransform};
 use crate::error::ImportError;
-use crate::model::{ImageSource, Material};
+use crate::model::{Alpha, Channel, Component, Material, SurfaceMap};
 
-/// A material and what its colour texture is looked up with.
+/// How much of what a surface transmits is seen of what lies behind it, which is then neither bent nor tinted: a
+/// pane of `transmissionFactor` 1 keeps a tenth of itself, so that it is still there.
+const SEEN_THROUGH: f32 = 0.9;
+
+/// A material and what its maps are looked up with.
 #[derive(Clone, Debug)]
 pub(super) struct Converted {
     pub(super) material: Material,
     /// Which TEXCOORD_n.
     pub(super) uv_set: u32,
     pub(super) uv_transform: UvTransform,
-}
-
-/// `KHR_texture_transform`: `uv' = offset + rotation × scale × uv`, `v` down.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct UvTransform {
-    /// Rows of the 2 × 3 matrix.
-    rows: [[f64; 3]; 2],
-}
-
-impl UvTransform {
-    const IDENTITY: Self = Self { rows: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]] };
-
-    fn new(transform: &json::extensions::texture::TextureTransform) -> Self {
-        let [ox, oy] = transform.offset.0.map(f64::from);
-        let [sx, sy] = transform.scale.0.map(f64::from);
-        let (sin, cos) = f64::from(transform.rotation.0).sin_cos();
-        Self { rows: [[cos * sx, sin * sy, ox], [-sin * sx, cos * sy, oy]] }
-    }
-
-    /// Texture coordinates with `v` up, of those of the file.
-    pub(super) fn apply(&self, [u, v]: [f64; 2]) -> [f32; 2] {
-        let row = |r: [f64; 3]| r[0] * u + r[1] * v + r[2];
-        [row(self.rows[0]) as f32, (1.0 - row(self.rows[1])) as f32]
-    }
 }
 
 /// Converts the material `index` of the file; `None` is glTF's default material.
@@ -52,97 +33,151 @@ pub(super) fn convert(
     document: &Document,
     index: Option<usize>,
     buffers: &mut Buffers<'_>,
-    ignored: &mut Ignored,
     warnings: &mut Vec<String>,
 ) -> Result<Converted, ImportError> {
-    let mut converted = Converted {
-        material: Material { base_color: [1.0; 3], roughness: 1.0, ..Material::default() },
-        uv_set: 0,
-        uv_transform: UvTransform::IDENTITY,
+    let mut material =
+        Material { base_color: [1.0; 3], roughness: 1.0, metallic: 1.0, ..Material::default() };
+    let Some(index) = index else {
+        return Ok(Converted { material, uv_set: 0, uv_transform: UvTransform::IDENTITY });
     };
-    let Some(index) = index else { return Ok(converted) };
     let Some(source) = document.root.materials.get(index) else {
         return Err(document.error(format!("materials[{index}] does not exist")));
     };
-    note_ignored(source, ignored);
-    let pbr = &source.pbr_metallic_roughness;
-    let factor = pbr.base_color_factor.0.map(|x| if x.is_finite() { x.clamp(0.0, 1.0) } else { 1.0 });
-    let roughness = pbr.roughness_factor.0;
-    let material = &mut converted.material;
     material.name = source.name.clone().unwrap_or_else(|| format!("material-{index}"));
-    material.base_color = [factor[0], factor[1], factor[2]];
-    material.opacity =
-        if matches!(source.alpha_mode, Checked::Valid(AlphaMode::Opaque)) { 1.0 } else { factor[3] };
-    material.roughness = if roughness.is_finite() { roughness.clamp(0.0, 1.0) } else { 1.0 };
-    if let Some(info) = &pbr.base_color_texture {
-        material.color_texture = image(document, info.index.value(), buffers, ignored, warnings);
-        converted.uv_set = info.tex_coord;
-        if let Some(transform) = info.extensions.as_ref().and_then(|e| e.texture_transform.as_ref()) {
-            converted.uv_set = transform.tex_coord.unwrap_or(info.tex_coord);
-            converted.uv_transform = UvTransform::new(transform);
-        }
+    let mut maps = Maps::new(document, buffers, warnings, material.name.clone());
+    let extensions = source.extensions.as_ref();
+    material.unlit = extensions.is_some_and(|e| e.unlit.is_some());
+    // Who wrote both models meant metallic-roughness for readers of that.
+    match extensions.and_then(|e| e.pbr_specular_glossiness.as_ref()).filter(|_| !has_core(source)) {
+        Some(glossy) => specular_glossiness(glossy, &mut material, &mut maps),
+        None => metallic_roughness(source, &mut material, &mut maps),
     }
-    Ok(converted)
+    if !material.unlit {
+        more_maps(source, &mut material, &mut maps);
+    }
+    alpha(source, &mut material, &mut maps);
+    material.wrap = maps.wrap();
+    let (uv_set, uv_transform) = maps.lookup();
+    Ok(Converted { material, uv_set, uv_transform })
 }
 
-fn note_ignored(source: &json::Material, ignored: &mut Ignored) {
+/// A number in 0..=1; 1, the default of all such, where it is none.
+fn unit(x: f32) -> f32 {
+    if x.is_nan() { 1.0 } else { x.clamp(0.0, 1.0) }
+}
+
+/// Whether `pbrMetallicRoughness` says anything.
+fn has_core(source: &json::Material) -> bool {
     let pbr = &source.pbr_metallic_roughness;
-    for (what, used) in [
-        ("normal textures", source.normal_texture.is_some()),
-        ("occlusion textures", source.occlusion_texture.is_some()),
-        ("metallic-roughness textures", pbr.metallic_roughness_texture.is_some()),
-        ("emission", source.emissive_texture.is_some() || source.emissive_factor.0 != [0.0; 3]),
-        ("alphaMode BLEND (drawn opaque)", source.alpha_mode == Checked::Valid(AlphaMode::Blend)),
-        ("alphaMode MASK (drawn opaque)", source.alpha_mode == Checked::Valid(AlphaMode::Mask)),
-    ] {
-        if used {
-            ignored.note(what);
+    pbr.base_color_texture.is_some()
+        || pbr.metallic_roughness_texture.is_some()
+        || pbr.base_color_factor.0 != [1.0; 4]
+        || [pbr.metallic_factor.0, pbr.roughness_factor.0] != [1.0; 2]
+}
+
+fn metallic_roughness(source: &json::Material, material: &mut Material, maps: &mut Maps<'_, '_>) {
+    let pbr = &source.pbr_metallic_roughness;
+    let [r, g, b, opacity] = pbr.base_color_factor.0.map(unit);
+    (material.base_color, material.opacity) = ([r, g, b], opacity);
+    material.roughness = unit(pbr.roughness_factor.0);
+    material.metallic = unit(pbr.metallic_factor.0);
+    material.color_texture =
+        maps.image("base colour texture", pbr.base_color_texture.as_ref().map(Texture::from));
+    if material.unlit {
+        return;
+    }
+    let texture = pbr.metallic_roughness_texture.as_ref().map(Texture::from);
+    if let Some(image) = maps.image("metallic-roughness texture", texture) {
+        material.surface.roughness = Some(Channel::plain(image.clone(), Component::Green));
+        material.surface.metallic = Some(Channel::plain(image, Component::Blue));
+    } else if pbr.metallic_roughness_texture.is_some() {
+        // Where metal is meant to be is not known, and metal everywhere is the worse guess.
+        material.metallic = 0.0;
+    }
+}
+
+/// Diffuse colour as base colour and glossiness as roughness; what reflects only is a metal of that colour.
+fn specular_glossiness(glossy: &PbrSpecularGlossiness, material: &mut Material, maps: &mut Maps<'_, '_>) {
+    let [r, g, b, opacity] = glossy.diffuse_factor.0.map(unit);
+    (material.base_color, material.opacity) = ([r, g, b], opacity);
+    material.metallic = 0.0;
+    material.color_texture =
+        maps.image("diffuse texture", glossy.diffuse_texture.as_ref().map(Texture::from));
+    if glossy.diffuse_texture.is_none() && [r, g, b] == [0.0; 3] {
+        (material.base_color, material.metallic) = (glossy.specular_factor.0.map(unit), 1.0);
+    }
+    let gloss = unit(glossy.glossiness_factor.0);
+    material.roughness = 1.0 - gloss;
+    let texture = glossy.specular_glossiness_texture.as_ref().map(Texture::from);
+    if let Some(image) = maps.image("specular-glossiness texture", texture) {
+        // Roughness is 1 − factor × texel: the factor is the channel's.
+        let strength = (gloss * f32::from(u16::MAX)).round() as u16;
+        let channel = Channel { image, component: Component::Alpha, inverted: true, strength };
+        (material.surface.roughness, material.roughness) = (Some(channel), 1.0);
+    }
+}
+
+fn more_maps(source: &json::Material, material: &mut Material, maps: &mut Maps<'_, '_>) {
+    if let Some(normal) = &source.normal_texture {
+        if normal.scale >= 0.0 {
+            let others = normal.extensions.as_ref().map(|e| &e.others);
+            let texture = maps.untyped(normal.index.value(), normal.tex_coord, others);
+            material.normal_texture = maps.image("normal texture", Some(texture));
+            material.normal_scale = normal.scale.min(MAX_NORMAL_SCALE);
+        } else {
+            maps.warn("its normal texture has a scale below zero and is left out");
+        }
+    }
+    if let Some(occlusion) = &source.occlusion_texture {
+        let strength = unit(occlusion.strength.0);
+        let others = occlusion.extensions.as_ref().map(|e| &e.others);
+        let texture = maps.untyped(occlusion.index.value(), occlusion.tex_coord, others);
+        if strength > 0.0
+            && let Some(image) = maps.image("occlusion texture", Some(texture))
+        {
+            let strength = (strength * f32::from(u16::MAX)).round() as u16;
+            let channel = Channel { strength, ..Channel::plain(image, Component::Red) };
+            material.surface = SurfaceMap { occlusion: Some(channel), ..material.surface.clone() };
+        }
+    }
+    let strength = source.extensions.as_ref().and_then(|e| e.emissive_strength.as_ref());
+    let strength = strength.map_or(1.0, |s| s.emissive_strength.0);
+    let strength = if strength.is_nan() { 1.0 } else { strength.clamp(0.0, MAX_EMISSION) };
+    material.emission =
+        source.emissive_factor.0.map(|x| if x.is_nan() { 0.0 } else { x.clamp(0.0, 1.0) * strength });
+    // Nothing multiplied by a texture is nothing.
+    if material.emission != [0.0; 3] {
+        material.emission_texture =
+            maps.image("emissive texture", source.emissive_texture.as_ref().map(Texture::from));
+        if source.emissive_texture.is_some() && material.emission_texture.is_none() {
+            material.emission = [0.0; 3];
         }
     }
 }
 
-/// The image of a texture; a warning and `None` where there is none.
-fn image(
-    document: &Document,
-    texture: usize,
-    buffers: &mut Buffers<'_>,
-    ignored: &mut Ignored,
-    warnings: &mut Vec<String>,
-) -> Option<ImageSource> {
-    let found = find_image(document, texture, buffers);
-    if let Err(why) = &found {
-        warnings.push(format!("{}: {why}; the material is drawn without it", document.path.display()));
+fn alpha(source: &json::Material, material: &mut Material, maps: &mut Maps<'_, '_>) {
+    match source.alpha_mode {
+        Checked::Valid(AlphaMode::Mask) => {
+            let cutoff = source.alpha_cutoff.map_or(0.5, |cutoff| cutoff.0);
+            // "A value greater than 1.0 will render the entire material as fully transparent" (§3.9.4).
+            if cutoff > 1.0 {
+                material.opacity = 0.0;
+            }
+            material.alpha = Alpha::Mask(if cutoff.is_nan() { 0.5 } else { cutoff.clamp(0.0, 1.0) });
+        }
+        Checked::Valid(AlphaMode::Blend) => material.alpha = Alpha::Blend,
+        // An opaque material's alpha says nothing.
+        Checked::Valid(AlphaMode::Opaque) => material.opacity = 1.0,
+        Checked::Invalid => {
+            material.opacity = 1.0;
+            maps.warn("its alphaMode is none that is known; it is drawn opaque");
+        }
     }
-    let sampler =
-        document.root.textures.get(texture)?.sampler.and_then(|s| document.root.samplers.get(s.value()));
-    let repeats = |wrap| matches!(wrap, Checked::Valid(WrappingMode::Repeat));
-    if sampler.is_some_and(|s| !repeats(s.wrap_s) || !repeats(s.wrap_t)) {
-        ignored.note("wrapping modes other than REPEAT");
+    let Some(transmission) = source.extensions.as_ref().and_then(|e| e.transmission.as_ref()) else { return };
+    let factor = transmission.transmission_factor.0;
+    // Where a texture says what is transmitted, the factor alone would make all of it vanish.
+    if factor > 0.0 && transmission.transmission_texture.is_none() && material.alpha == Alpha::Opaque {
+        material.alpha = Alpha::Blend;
+        material.opacity *= 1.0 - SEEN_THROUGH * factor.min(1.0);
     }
-    found.ok()
-}
-
-fn find_image(document: &Document, texture: usize, buffers: &mut Buffers<'_>) -> Result<ImageSource, String> {
-    let root = &document.root;
-    let Some(source) = root.textures.get(texture).map(|texture| texture.source.value()) else {
-        return Err(format!("textures[{texture}] does not exist"));
-    };
-    let Some(image) = root.images.get(source) else {
-        return Err(format!("textures[{texture}] has no PNG or JPEG image"));
-    };
-    // A name for people; no file is looked for under it.
-    let label = || {
-        let mut label = document.path.clone().into_os_string();
-        label.push(format!("#images[{source}]"));
-        label.into()
-    };
-    let bytes = match (&image.buffer_view, &image.uri) {
-        (Some(view), _) => buffers.view(view.value()).map_err(|e| e.to_string())?.0,
-        (None, Some(uri)) => match document.locate(uri).map_err(|e| format!("images[{source}]: {e}"))? {
-            Location::File(path) => return Ok(ImageSource { path, bytes: None }),
-            Location::Inline(bytes) => bytes,
-        },
-        (None, None) => return Err(format!("images[{source}] has neither a uri nor a bufferView")),
-    };
-    Ok(ImageSource { path: label(), bytes: Some(bytes) })
 }

@@ -128,8 +128,7 @@ impl<'a> Builder<'a> {
                 limit: MAX_MATERIALS,
             });
         }
-        let converted =
-            convert(self.document, index, &mut self.buffers, &mut self.ignored, &mut self.warnings)?;
+        let converted = convert(self.document, index, &mut self.buffers, &mut self.warnings)?;
         self.materials.push(converted);
         let number = (self.materials.len() - 1) as u16;
         self.material_of.insert(index, number);

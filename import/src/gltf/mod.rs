@@ -2,8 +2,8 @@
 //!
 //! Meshes of triangles (lists, strips, fans; indexed or not; every component type, sparse accessors too)
 //! with positions, normals, one set of texture coordinates and vertex colours; nodes flattened to
-//! transformations in f64; base colour factor and texture, roughness. What a file has beyond that is
-//! named in a warning, and refused where the file requires it.
+//! transformations in f64; metallic-roughness materials with all their maps. What a file has beyond that is named in a
+//! warning, and refused where the file requires it and the picture would be another without it.
 //!
 //! The crate `gltf` parses the JSON. Its types are used without its validation, which panics on some
 //! indices out of range (gltf-json 1.4, `primitive_validate_hook`): every index is looked up here with a
@@ -12,6 +12,7 @@
 mod accessor;
 mod container;
 mod ignored;
+mod maps;
 mod material;
 mod mesh;
 mod nodes;

@@ -63,10 +63,10 @@ pub(super) fn dependencies(path: &Path, bytes: &[u8]) -> Vec<PathBuf> {
     for file in &files {
         mtl::load(folder(path), file, &mut library, &mut Vec::new());
     }
-    for material in library.into_values() {
-        for texture in [material.color_texture, material.height_texture].into_iter().flatten() {
-            if !files.contains(&texture.path) {
-                files.push(texture.path);
+    for material in library.values() {
+        for image in material.images() {
+            if !files.contains(&image.path) {
+                files.push(image.path.clone());
             }
         }
     }

@@ -68,6 +68,17 @@ impl<const N: usize> Plane<N> {
     }
 }
 
+impl<const N: usize> Plane<N> {
+    /// The mean of each channel.
+    pub(super) fn mean(&self) -> [u16; N] {
+        let count = self.samples.len().max(1) as u64;
+        std::array::from_fn(|c| {
+            let sum: u64 = self.samples.iter().map(|sample| u64::from(sample[c])).sum();
+            ((sum + count / 2) / count) as u16
+        })
+    }
+}
+
 impl Plane<4> {
     /// Linear light with opacity, of an sRGB image.
     pub(super) fn from_srgb(image: &RgbaImage) -> Self {

@@ -5,6 +5,7 @@ pub mod describe;
 mod progress;
 #[cfg(test)]
 mod tests;
+mod textures;
 mod threads;
 
 use std::fmt;

@@ -36,3 +36,49 @@ fn a_flag_was_lost_where_the_scene_file_had_a_value() {
     assert!(told[0].starts_with("position-bits 16,") && told[1].starts_with("tolerance 0.01,"), "{told:?}");
     assert!(told[2].starts_with("position-bits 14,"), "{told:?}");
 }
+
+/// Real glTF files, prepared short of their geometry.
+///
+/// ```sh
+/// LODESTREAM_MODELS=… cargo test --release -p lodestream-server no_sample -- --ignored --nocapture
+/// ```
+#[test]
+#[ignore = "needs $LODESTREAM_MODELS, a folder with glTF files"]
+fn no_sample_is_refused_for_its_materials() {
+    let models = std::env::var_os("LODESTREAM_MODELS").expect("$LODESTREAM_MODELS names a folder");
+    let (mut folders, mut files) = (vec![std::path::PathBuf::from(models)], Vec::new());
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if lodestream_import::is_gltf(&path) {
+                files.push(path);
+            }
+        }
+    }
+    files.sort();
+    assert!(!files.is_empty());
+    for path in files {
+        let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        match lodestream_import::import(&path) {
+            Ok(imported) => {
+                let described = super::describe::describe(&name, &imported.materials, None).unwrap();
+                let lost: Vec<_> = imported.warnings.iter().chain(&described.warnings).collect();
+                println!(
+                    "{name}: {} materials, {} textures",
+                    imported.materials.len(),
+                    described.textures.len()
+                );
+                lost.iter().for_each(|warning| println!("    {}", warning.rsplit('/').next().unwrap_or("")));
+            }
+            Err(error) => {
+                let why = error.to_string();
+                println!("{name}: {}", why.rsplit('/').next().unwrap_or(""));
+                let geometry =
+                    ["draco", "meshopt", "has no faces", ": nodes["].iter().any(|word| why.contains(word));
+                assert!(geometry, "{why}");
+            }
+        }
+    }
+}

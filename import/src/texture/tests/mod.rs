@@ -1,6 +1,12 @@
 //! Sizes, formats, light and refusals.
 
-use image::{GrayImage, ImageFormat, Luma, Rgb, RgbImage, Rgba, RgbaImage};
+mod maps;
+mod quality;
+
+use std::io::Cursor;
+use std::path::PathBuf;
+
+use image::{DynamicImage, GrayImage, ImageFormat, Luma, Rgb, RgbImage, Rgba, RgbaImage};
 use tempfile::TempDir;
 
 use super::*;
@@ -9,6 +15,10 @@ fn save(dir: &TempDir, name: &str, image: impl Into<DynamicImage>) -> PathBuf {
     let path = dir.path().join(name);
     image.into().save(&path).unwrap();
     path
+}
+
+fn color(path: PathBuf) -> TextureSource {
+    TextureSource::Color { image: Some(path.into()), opacity: None, used: Opacity::Blended }
 }
 
 fn noise(x: u32, y: u32) -> u8 {
@@ -20,22 +30,22 @@ fn levels_halve_from_coarse_to_fine_and_are_the_same_every_time() {
     let dir = TempDir::new().unwrap();
     let image = RgbImage::from_fn(100, 37, |x, y| Rgb([noise(x, y), noise(y, x), 9]));
     let path = save(&dir, "a.png", image);
-    let texture = load(&path.clone().into(), TextureKind::Color).unwrap();
+    let texture = load(&color(path.clone())).unwrap();
     let sizes: Vec<_> = texture
         .levels
         .iter()
         .map(|bytes| image::load_from_memory(bytes).map(|i| (i.width(), i.height())).unwrap())
         .collect();
     assert_eq!(sizes, [(6, 2), (12, 4), (25, 9), (50, 18), (100, 37)]);
-    assert_eq!((texture.width_px, texture.height_px, texture.alpha), (100, 37, false));
-    assert_eq!(load(&path.clone().into(), TextureKind::Color).unwrap(), texture);
+    assert_eq!((texture.width_px, texture.height_px, texture.transparency), (100, 37, Transparency::None));
+    assert_eq!(load(&color(path.clone())).unwrap(), texture);
 }
 
 #[test]
 fn colours_are_averaged_in_linear_light() {
     let dir = TempDir::new().unwrap();
     let image = RgbImage::from_fn(16, 16, |x, y| Rgb([if (x + y) % 2 == 0 { 255 } else { 0 }; 3]));
-    let texture = load(&save(&dir, "a.png", image).into(), TextureKind::Color).unwrap();
+    let texture = load(&color(save(&dir, "a.png", image))).unwrap();
     let coarse = image::load_from_memory(&texture.levels[0]).unwrap().to_rgb8();
     // Half the light is 188 in sRGB, not 128.
     assert!(coarse.pixels().all(|p| p.0 == [188; 3]), "{:?}", coarse.get_pixel(0, 0));
@@ -46,13 +56,13 @@ fn noise_is_jpeg_flat_colour_png_and_transparency_png() {
     let dir = TempDir::new().unwrap();
     let format = |texture: &Texture| image::guess_format(texture.levels.last().unwrap()).unwrap();
     let noisy = RgbImage::from_fn(64, 64, |x, y| Rgb([noise(x, y), noise(y, x), noise(x + 7, y)]));
-    let texture = load(&save(&dir, "n.png", noisy).into(), TextureKind::Color).unwrap();
+    let texture = load(&color(save(&dir, "n.png", noisy))).unwrap();
     assert_eq!(format(&texture), ImageFormat::Jpeg);
-    let flat = load(&save(&dir, "f.png", RgbImage::new(64, 64)).into(), TextureKind::Color).unwrap();
+    let flat = load(&color(save(&dir, "f.png", RgbImage::new(64, 64)))).unwrap();
     assert_eq!(format(&flat), ImageFormat::Png);
     let clear = RgbaImage::from_fn(64, 64, |x, y| Rgba([noise(x, y), 0, 0, if x < 32 { 0 } else { 255 }]));
-    let texture = load(&save(&dir, "c.png", clear).into(), TextureKind::Color).unwrap();
-    assert!(texture.alpha);
+    let texture = load(&color(save(&dir, "c.png", clear))).unwrap();
+    assert_eq!(texture.transparency, Transparency::Holes);
     assert_eq!(format(&texture), ImageFormat::Png);
 }
 
@@ -65,7 +75,7 @@ fn invisible_colours_do_not_bleed() {
             16,
             |x, _| if x % 2 == 0 { Rgba([200, 0, 0, 255]) } else { Rgba([0, 255, 0, 0]) },
         );
-    let texture = load(&save(&dir, "a.png", image).into(), TextureKind::Color).unwrap();
+    let texture = load(&color(save(&dir, "a.png", image))).unwrap();
     let coarse = image::load_from_memory(&texture.levels[0]).unwrap().to_rgba8();
     assert!(coarse.pixels().all(|p| p.0 == [200, 0, 0, 128]), "{:?}", coarse.get_pixel(0, 0));
 }
@@ -74,11 +84,11 @@ fn invisible_colours_do_not_bleed() {
 fn heights_are_lossless_in_their_own_depth() {
     let dir = TempDir::new().unwrap();
     let shallow = GrayImage::from_fn(32, 32, |x, y| Luma([noise(x, y)]));
-    let texture = load(&save(&dir, "8.png", shallow.clone()).into(), TextureKind::Height).unwrap();
+    let texture = load(&TextureSource::Height(save(&dir, "8.png", shallow.clone()).into())).unwrap();
     assert_eq!(image::load_from_memory(&texture.levels[2]).unwrap(), DynamicImage::from(shallow));
     let deep =
         image::ImageBuffer::<Luma<u16>, _>::from_fn(32, 32, |x, y| Luma([u16::from(noise(x, y)) * 251 + 3]));
-    let texture = load(&save(&dir, "16.png", deep.clone()).into(), TextureKind::Height).unwrap();
+    let texture = load(&TextureSource::Height(save(&dir, "16.png", deep.clone()).into())).unwrap();
     assert_eq!(image::load_from_memory(&texture.levels[2]).unwrap(), DynamicImage::from(deep));
     assert_eq!(texture.levels.len(), 3);
 }
@@ -87,25 +97,25 @@ fn heights_are_lossless_in_their_own_depth() {
 fn a_normal_map_is_not_taken_for_heights() {
     let dir = TempDir::new().unwrap();
     let path = save(&dir, "n.png", RgbImage::from_pixel(8, 8, Rgb([128, 127, 255])));
-    let message = load(&path.clone().into(), TextureKind::Height).unwrap_err().to_string();
+    let message = load(&TextureSource::Height(path.clone().into())).unwrap_err().to_string();
     assert!(message.contains("normal map"), "{message}");
 }
 
 #[test]
 fn bad_files_say_what_is_wrong_in_one_line() {
     let dir = TempDir::new().unwrap();
-    let missing = load(&dir.path().join("none.png").into(), TextureKind::Color).unwrap_err().to_string();
+    let missing = load(&color(dir.path().join("none.png"))).unwrap_err().to_string();
     assert!(missing.contains("none.png: cannot be read"), "{missing}");
     let path = dir.path().join("noise.png");
     std::fs::write(&path, [7; 100]).unwrap();
-    let noise = load(&path.clone().into(), TextureKind::Color).unwrap_err().to_string();
+    let noise = load(&color(path.clone())).unwrap_err().to_string();
     assert!(noise.contains("not a readable PNG or JPEG"), "{noise}");
     let mut truncated = Vec::new();
     let image = DynamicImage::from(RgbImage::from_fn(64, 64, |x, y| Rgb([noise_of(x), noise_of(y), 0])));
     image.write_to(&mut Cursor::new(&mut truncated), ImageFormat::Png).unwrap();
     truncated.truncate(truncated.len() / 2);
     std::fs::write(&path, truncated).unwrap();
-    let cut = load(&path.clone().into(), TextureKind::Color).unwrap_err().to_string();
+    let cut = load(&color(path.clone())).unwrap_err().to_string();
     assert!(cut.contains("noise.png") && !cut.contains('\n'), "{cut}");
 }
 
@@ -122,7 +132,7 @@ fn absurd_sizes_are_refused_before_decoding() {
         png_header(&mut header, width, height);
         let path = dir.path().join("huge.png");
         std::fs::write(&path, header).unwrap();
-        let error = load(&path.clone().into(), TextureKind::Color).unwrap_err();
+        let error = load(&color(path.clone())).unwrap_err();
         assert!(matches!(error, TextureError::TooLarge { .. }), "{error}");
         assert!(error.to_string().contains("scale it down"));
     }

@@ -1,0 +1,192 @@
+//! The images that one material's maps are, and the one way in which they are all looked up.
+
+use gltf::json;
+use gltf::json::extensions::texture::TextureTransform;
+use gltf::json::texture::WrappingMode;
+use gltf::json::validation::Checked;
+use lodestream_protocol::asset::Wrap;
+use serde_json::{Map, Value};
+
+use super::accessor::Buffers;
+use super::container::{Document, Location};
+use crate::model::ImageSource;
+
+/// `KHR_texture_transform`: `uv' = offset + rotation × scale × uv`, `v` down.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct UvTransform {
+    /// Rows of the 2 × 3 matrix.
+    rows: [[f64; 3]; 2],
+}
+
+impl UvTransform {
+    pub(super) const IDENTITY: Self = Self { rows: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]] };
+
+    /// `None` where a number of it is not finite.
+    fn new(transform: &TextureTransform) -> Option<Self> {
+        let [ox, oy] = transform.offset.0.map(f64::from);
+        let [sx, sy] = transform.scale.0.map(f64::from);
+        let (sin, cos) = f64::from(transform.rotation.0).sin_cos();
+        let rows = [[cos * sx, sin * sy, ox], [-sin * sx, cos * sy, oy]];
+        rows.iter().flatten().all(|x| x.is_finite()).then_some(Self { rows })
+    }
+
+    /// Texture coordinates with `v` up, of those of the file.
+    pub(super) fn apply(&self, [u, v]: [f64; 2]) -> [f32; 2] {
+        let row = |r: [f64; 3]| r[0] * u + r[1] * v + r[2];
+        [row(self.rows[0]) as f32, (1.0 - row(self.rows[1])) as f32]
+    }
+}
+
+/// A reference to a texture of the file.
+#[derive(Clone, Debug)]
+pub(super) struct Texture {
+    pub(super) index: usize,
+    pub(super) uv_set: u32,
+    pub(super) transform: Option<TextureTransform>,
+}
+
+/// How the first map of a material that was found is looked up, which all others must be too: a mesh has one set of
+/// texture coordinates, with the transformation applied.
+#[derive(Clone, Copy)]
+struct Leading {
+    what: &'static str,
+    uv_set: u32,
+    transform: UvTransform,
+    wrap: [Wrap; 2],
+}
+
+/// The maps of one material; those that cannot be had become warnings.
+pub(super) struct Maps<'a, 'b> {
+    document: &'a Document,
+    buffers: &'a mut Buffers<'b>,
+    warnings: &'a mut Vec<String>,
+    material: String,
+    leading: Option<Leading>,
+}
+
+impl<'a, 'b> Maps<'a, 'b> {
+    pub(super) fn new(
+        document: &'a Document,
+        buffers: &'a mut Buffers<'b>,
+        warnings: &'a mut Vec<String>,
+        material: String,
+    ) -> Self {
+        Self { document, buffers, warnings, material, leading: None }
+    }
+
+    /// Which TEXCOORD_n, and what becomes of it.
+    pub(super) fn lookup(&self) -> (u32, UvTransform) {
+        self.leading.map_or((0, UvTransform::IDENTITY), |leading| (leading.uv_set, leading.transform))
+    }
+
+    /// How they continue beyond their edges.
+    pub(super) fn wrap(&self) -> [Wrap; 2] {
+        self.leading.map_or([Wrap::Repeat; 2], |leading| leading.wrap)
+    }
+
+    pub(super) fn warn(&mut self, what: &str) {
+        self.warnings.push(format!("{}: material {:?}: {what}", self.document.path.display(), self.material));
+    }
+
+    /// A reference whose extensions the crate gltf leaves as they are.
+    pub(super) fn untyped(
+        &mut self,
+        index: usize,
+        uv_set: u32,
+        extensions: Option<&Map<String, Value>>,
+    ) -> Texture {
+        let transform = extensions.and_then(|all| all.get("KHR_texture_transform"));
+        let transform = transform.and_then(|value| {
+            let parsed = serde_json::from_value(value.clone());
+            parsed.map_err(|e| self.warn(&format!("a KHR_texture_transform is not used: {e}"))).ok()
+        });
+        Texture { index, uv_set, transform }
+    }
+
+    /// The image of a map, called `what` in messages. The first that is found decides how all are looked up.
+    pub(super) fn image(&mut self, what: &'static str, texture: Option<Texture>) -> Option<ImageSource> {
+        let texture = texture?;
+        let uv_set = texture.transform.as_ref().and_then(|t| t.tex_coord).unwrap_or(texture.uv_set);
+        let transform = match texture.transform.as_ref().map(UvTransform::new) {
+            Some(None) => {
+                self.warn(&format!("the transformation of its {what} is not finite and is not used"));
+                UvTransform::IDENTITY
+            }
+            Some(Some(transform)) => transform,
+            None => UvTransform::IDENTITY,
+        };
+        if let Some(leading) = self.leading
+            && (leading.uv_set, leading.transform) != (uv_set, transform)
+        {
+            self.warn(&format!(
+                "its {what} has other texture coordinates than its {}, and is left out; give both the same",
+                leading.what
+            ));
+            return None;
+        }
+        let image = match find_image(self.document, texture.index, self.buffers) {
+            Ok(image) => image,
+            Err(why) => {
+                self.warn(&format!("{why}; it is drawn without its {what}"));
+                return None;
+            }
+        };
+        let wrap = wrap(self.document, texture.index);
+        match self.leading {
+            Some(leading) if leading.wrap != wrap => {
+                self.warn(&format!(
+                    "its {what} wraps otherwise than its {}, and is drawn like that",
+                    leading.what
+                ));
+            }
+            Some(_) => {}
+            None => self.leading = Some(Leading { what, uv_set, transform, wrap }),
+        }
+        Some(image)
+    }
+}
+
+impl From<&json::texture::Info> for Texture {
+    fn from(info: &json::texture::Info) -> Self {
+        let transform = info.extensions.as_ref().and_then(|e| e.texture_transform.clone());
+        Self { index: info.index.value(), uv_set: info.tex_coord, transform }
+    }
+}
+
+/// How a texture's sampler continues it: again and again where nothing, or nothing known, is said.
+fn wrap(document: &Document, texture: usize) -> [Wrap; 2] {
+    let sampler = document.root.textures.get(texture).and_then(|t| t.sampler);
+    let Some(sampler) = sampler.and_then(|s| document.root.samplers.get(s.value())) else {
+        return [Wrap::Repeat; 2];
+    };
+    [sampler.wrap_s, sampler.wrap_t].map(|mode| match mode {
+        Checked::Valid(WrappingMode::ClampToEdge) => Wrap::Clamp,
+        Checked::Valid(WrappingMode::MirroredRepeat) => Wrap::Mirror,
+        Checked::Valid(WrappingMode::Repeat) | Checked::Invalid => Wrap::Repeat,
+    })
+}
+
+fn find_image(document: &Document, texture: usize, buffers: &mut Buffers<'_>) -> Result<ImageSource, String> {
+    let root = &document.root;
+    let Some(source) = root.textures.get(texture).map(|texture| texture.source.value()) else {
+        return Err(format!("textures[{texture}] does not exist"));
+    };
+    let Some(image) = root.images.get(source) else {
+        return Err(format!("textures[{texture}] has no PNG or JPEG image"));
+    };
+    // A name for people; no file is looked for under it.
+    let label = || {
+        let mut label = document.path.clone().into_os_string();
+        label.push(format!("#images[{source}]"));
+        label.into()
+    };
+    let bytes = match (&image.buffer_view, &image.uri) {
+        (Some(view), _) => buffers.view(view.value()).map_err(|e| e.to_string())?.0,
+        (None, Some(uri)) => match document.locate(uri).map_err(|e| format!("images[{source}]: {e}"))? {
+            Location::File(path) => return Ok(ImageSource { path, bytes: None }),
+            Location::Inline(bytes) => bytes,
+        },
+        (None, None) => return Err(format!("images[{source}] has neither a uri nor a bufferView")),
+    };
+    Ok(ImageSource { path: label(), bytes: Some(bytes) })
+}

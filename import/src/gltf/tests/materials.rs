@@ -1,0 +1,258 @@
+//! What materials come to: every field, what files leave out, and what they get wrong.
+
+use lodestream_protocol::asset::{MAX_EMISSION, Wrap};
+use serde_json::{Value, json};
+
+use super::Model;
+use crate::{Alpha, Channel, Component, Imported, Material, SurfaceMap};
+
+/// A quad with texture coordinates, and a texture for each image `0.png` to `5.png` beside it.
+fn textured(material: Value) -> Model {
+    let mut model = Model::quad();
+    let uvs = model.floats("VEC2", 2, &[0., 0., 1., 0., 1., 1., 0., 1.]);
+    model.attribute("TEXCOORD_0", uvs);
+    model.json["images"] = (0..6).map(|i| json!({"uri": format!("{i}.png")})).collect();
+    model.json["textures"] = (0..6).map(|i| json!({"source": i})).collect();
+    model.json["materials"] = json!([material]);
+    model.primitive()["material"] = json!(0);
+    model
+}
+
+fn read(model: &Model) -> (Material, Vec<String>) {
+    let Imported { materials, warnings, .. } = model.read().unwrap();
+    (materials[0].clone(), warnings)
+}
+
+fn converted(material: Value) -> Material {
+    let (material, warnings) = read(&textured(material));
+    assert!(warnings.is_empty(), "{warnings:?}");
+    material
+}
+
+fn name(image: Option<&crate::ImageSource>) -> Option<String> {
+    image.map(|image| image.path.file_name().unwrap().to_string_lossy().into_owned())
+}
+
+fn channel(channel: Option<&Channel>) -> (String, Component, bool, u16) {
+    let channel = channel.unwrap();
+    (name(Some(&channel.image)).unwrap(), channel.component, channel.inverted, channel.strength)
+}
+
+#[test]
+fn every_field_has_its_place() {
+    let material = converted(json!({
+        "name": "brick",
+        "pbrMetallicRoughness": {
+            "baseColorFactor": [0.5, 1, 0.25, 0.75], "metallicFactor": 0.25, "roughnessFactor": 0.5,
+            "baseColorTexture": {"index": 0}, "metallicRoughnessTexture": {"index": 1},
+        },
+        "normalTexture": {"index": 2, "scale": 0.5},
+        "occlusionTexture": {"index": 3, "strength": 0.5},
+        "emissiveTexture": {"index": 4}, "emissiveFactor": [1, 0.5, 0],
+        "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": 8}},
+        "alphaMode": "MASK", "alphaCutoff": 0.25, "doubleSided": true,
+    }));
+    assert_eq!((material.base_color, material.opacity), ([0.5, 1.0, 0.25], 0.75));
+    assert_eq!((material.metallic, material.roughness), (0.25, 0.5));
+    assert_eq!(name(material.color_texture.as_ref()).as_deref(), Some("0.png"));
+    assert_eq!(channel(material.surface.occlusion.as_ref()), ("3.png".into(), Component::Red, false, 32_768));
+    let whole = u16::MAX;
+    assert_eq!(
+        channel(material.surface.roughness.as_ref()),
+        ("1.png".into(), Component::Green, false, whole)
+    );
+    assert_eq!(channel(material.surface.metallic.as_ref()), ("1.png".into(), Component::Blue, false, whole));
+    assert_eq!(name(material.normal_texture.as_ref()).as_deref(), Some("2.png"));
+    assert_eq!(material.normal_scale, 0.5);
+    assert_eq!(name(material.emission_texture.as_ref()).as_deref(), Some("4.png"));
+    assert_eq!(material.emission, [8.0, 4.0, 0.0]);
+    assert_eq!(material.alpha, Alpha::Mask(0.25));
+    assert_eq!((material.unlit, material.wrap), (false, [Wrap::Repeat; 2]));
+}
+
+#[test]
+fn what_is_left_out_is_what_the_format_says() {
+    let plain = converted(json!({"alphaMode": "MASK", "normalTexture": {"index": 0}}));
+    assert_eq!((plain.metallic, plain.roughness, plain.normal_scale), (1.0, 1.0, 1.0));
+    assert_eq!((plain.alpha, plain.emission), (Alpha::Mask(0.5), [0.0; 3]));
+    // Of a file without materials too.
+    let none = Model::quad().read().unwrap().materials;
+    assert_eq!((none[0].metallic, none[0].roughness, none[0].alpha), (1.0, 1.0, Alpha::Opaque));
+    let blended =
+        converted(json!({"alphaMode": "BLEND", "pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 0.5]}}));
+    assert_eq!((blended.alpha, blended.opacity), (Alpha::Blend, 0.5));
+    let emissive = json!({"emissiveTexture": {"index": 4}});
+    assert_eq!(converted(emissive).emission_texture, None, "a factor of zero makes it black");
+}
+
+#[test]
+fn unlit_materials_have_their_colour_alone() {
+    let mut model = textured(json!({
+        "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "metallicRoughnessTexture": {"index": 1}},
+        "normalTexture": {"index": 2}, "emissiveTexture": {"index": 3}, "emissiveFactor": [1, 1, 1],
+        "extensions": {"KHR_materials_unlit": {}},
+    }));
+    model.json["extensionsUsed"] = json!(["KHR_materials_unlit"]);
+    model.json["extensionsRequired"] = json!(["KHR_materials_unlit"]);
+    let (material, warnings) = read(&model);
+    assert!(material.unlit && warnings.is_empty(), "{warnings:?}");
+    assert!(material.color_texture.is_some() && material.surface.is_empty());
+    assert_eq!((&material.normal_texture, &material.emission_texture), (&None, &None));
+    assert_eq!(material.emission, [0.0; 3]);
+}
+
+#[test]
+fn maps_with_coordinates_of_their_own_are_left_out_by_name() {
+    let turned = json!({"KHR_texture_transform": {"offset": [0.25, 0], "texCoord": 1}});
+    let mut model = textured(json!({
+        "name": "wall",
+        "normalTexture": {"index": 2, "extensions": turned},
+        "occlusionTexture": {"index": 3},
+        "emissiveTexture": {"index": 4, "texCoord": 0, "extensions": turned}, "emissiveFactor": [1, 1, 1],
+    }));
+    let uvs = model.json["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"].clone();
+    model.primitive()["attributes"]["TEXCOORD_1"] = uvs;
+    let imported = model.read().unwrap();
+    let material = &imported.materials[0];
+    // Without a base colour texture the first map leads.
+    assert!(material.normal_texture.is_some() && material.emission_texture.is_some());
+    assert_eq!(imported.mesh.uvs[0], [0.25, 1.0]);
+    assert!(material.surface.is_empty());
+    let [warning, _unused] = &imported.warnings[..] else { panic!("{:?}", imported.warnings) };
+    for part in ["\"wall\"", "its occlusion texture", "other texture coordinates than its normal texture"] {
+        assert!(warning.contains(part), "{warning:?} lacks {part:?}");
+    }
+}
+
+#[test]
+fn samplers_say_how_maps_continue() {
+    let mut model = textured(json!({
+        "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}, "normalTexture": {"index": 1},
+    }));
+    model.json["samplers"] = json!([{"wrapS": 33071, "wrapT": 33648}, {}]);
+    model.json["textures"][0]["sampler"] = json!(0);
+    model.json["textures"][1]["sampler"] = json!(0);
+    let (material, warnings) = read(&model);
+    assert_eq!(material.wrap, [Wrap::Clamp, Wrap::Mirror]);
+    assert!(warnings.is_empty(), "{warnings:?}");
+    model.json["textures"][1]["sampler"] = json!(1);
+    let (material, warnings) = read(&model);
+    assert_eq!(material.wrap, [Wrap::Clamp, Wrap::Mirror]);
+    assert!(material.normal_texture.is_some());
+    assert!(warnings[0].contains("its normal texture wraps otherwise"), "{warnings:?}");
+    model.json["textures"][0]["sampler"] = json!(7);
+    assert_eq!(read(&model).0.wrap, [Wrap::Repeat; 2]);
+}
+
+#[test]
+fn values_out_of_range_are_brought_into_it() {
+    for (value, unit, positive) in
+        [(json!(-3), 0.0, 0.0), (json!(7), 1.0, 7.0), (json!(1e39), 1.0, MAX_EMISSION)]
+    {
+        let (material, _) = read(&textured(json!({
+            "pbrMetallicRoughness":
+                {"baseColorFactor": [value, value, value, value], "metallicFactor": value, "roughnessFactor": value},
+            "emissiveFactor": [1, value, value],
+            "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": value}},
+            "occlusionTexture": {"index": 0, "strength": value},
+            "alphaMode": "BLEND",
+        })));
+        assert_eq!((material.base_color, material.opacity), ([unit; 3], unit), "{value}");
+        assert_eq!((material.metallic, material.roughness), (unit, unit), "{value}");
+        assert_eq!(material.emission[0], positive, "{value}");
+        assert_eq!(material.surface.is_empty(), unit == 0.0, "occlusion of strength 0 is none");
+    }
+    let mask = |cutoff: Value| {
+        let (material, _) = read(&textured(json!({"alphaMode": "MASK", "alphaCutoff": cutoff})));
+        (material.alpha, material.opacity)
+    };
+    assert_eq!(mask(json!(-1)), (Alpha::Mask(0.0), 1.0));
+    assert_eq!(mask(json!(1.5)), (Alpha::Mask(1.0), 0.0), "nothing of it is there");
+    let scaled = |scale: Value| read(&textured(json!({"normalTexture": {"index": 0, "scale": scale}})));
+    assert_eq!(scaled(json!(1e39)).0.normal_scale, 64.0);
+    let (negative, warnings) = scaled(json!(-1));
+    assert_eq!(negative.normal_texture, None);
+    assert!(warnings[0].contains("scale below zero"), "{warnings:?}");
+    let (unknown, warnings) = read(&textured(json!({"alphaMode": "GLASS"})));
+    assert_eq!(unknown.alpha, Alpha::Opaque);
+    assert!(warnings[0].contains("alphaMode"), "{warnings:?}");
+    let infinite = json!({"KHR_texture_transform": {"scale": [1e39, 1]}});
+    let (_, warnings) = read(&textured(
+        json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, "extensions": infinite}}}),
+    ));
+    assert!(warnings[0].contains("not finite"), "{warnings:?}");
+    let odd = json!({"KHR_texture_transform": {"scale": "large"}});
+    let (material, warnings) = read(&textured(json!({"normalTexture": {"index": 0, "extensions": odd}})));
+    assert!(material.normal_texture.is_some());
+    assert!(warnings[0].contains("KHR_texture_transform is not used"), "{warnings:?}");
+}
+
+#[test]
+fn a_lost_map_does_not_make_everything_metal_or_light() {
+    let (material, warnings) = read(&textured(json!({
+        "pbrMetallicRoughness": {"metallicRoughnessTexture": {"index": 9}},
+        "emissiveTexture": {"index": 9}, "emissiveFactor": [1, 1, 1],
+    })));
+    assert_eq!((material.metallic, material.emission), (0.0, [0.0; 3]));
+    assert!(warnings[0].contains("textures[9] does not exist"), "{warnings:?}");
+    assert!(warnings[0].contains("without its metallic-roughness texture"), "{warnings:?}");
+}
+
+#[test]
+fn no_file_is_refused_for_its_materials() {
+    let required = [
+        "KHR_materials_anisotropy",
+        "KHR_materials_clearcoat",
+        "KHR_materials_emissive_strength",
+        "KHR_materials_ior",
+        "KHR_materials_iridescence",
+        "KHR_materials_pbrSpecularGlossiness",
+        "KHR_materials_sheen",
+        "KHR_materials_specular",
+        "KHR_materials_transmission",
+        "KHR_materials_unlit",
+        "KHR_materials_volume",
+        "KHR_lights_punctual",
+    ];
+    for name in required {
+        let mut model = textured(json!({"extensions": {name: {}}}));
+        model.json["extensionsUsed"] = json!([name]);
+        model.json["extensionsRequired"] = json!([name]);
+        let (_, warnings) = read(&model);
+        let understood = name.ends_with("unlit") || name.ends_with("emissive_strength");
+        assert_eq!(warnings.iter().any(|w| w.contains(name)), !understood, "{name}: {warnings:?}");
+    }
+}
+
+#[test]
+fn transmission_is_seen_through_and_glossiness_is_roughness_turned_round() {
+    let glass = |more: Value| {
+        let (material, _) = read(&textured(json!({"extensions": {"KHR_materials_transmission": more}})));
+        (material.alpha, material.opacity)
+    };
+    let (alpha, opacity) = glass(json!({"transmissionFactor": 0.5}));
+    assert_eq!((alpha, (opacity - 0.55).abs() < 1e-6), (Alpha::Blend, true));
+    assert_eq!(glass(json!({})), (Alpha::Opaque, 1.0));
+    let mapped = json!({"transmissionFactor": 1, "transmissionTexture": {"index": 0}});
+    assert_eq!(glass(mapped), (Alpha::Opaque, 1.0), "where it is transparent is not known");
+    let glossy =
+        |more: Value| read(&textured(json!({"extensions": {"KHR_materials_pbrSpecularGlossiness": more}}))).0;
+    let painted = glossy(json!({"diffuseFactor": [0.5, 0, 0, 1], "glossinessFactor": 0.75,
+        "diffuseTexture": {"index": 1}}));
+    assert_eq!((painted.base_color, painted.metallic, painted.roughness), ([0.5, 0.0, 0.0], 0.0, 0.25));
+    assert_eq!(name(painted.color_texture.as_ref()).as_deref(), Some("1.png"));
+    let mapped = glossy(json!({"glossinessFactor": 0.5, "specularGlossinessTexture": {"index": 2}}));
+    assert_eq!(mapped.roughness, 1.0);
+    assert_eq!(channel(mapped.surface.roughness.as_ref()), ("2.png".into(), Component::Alpha, true, 32_768));
+    assert_eq!(
+        mapped.surface,
+        SurfaceMap { roughness: mapped.surface.roughness.clone(), ..SurfaceMap::default() }
+    );
+    let gold = glossy(json!({"diffuseFactor": [0, 0, 0, 1], "specularFactor": [1, 0.75, 0.25]}));
+    assert_eq!((gold.base_color, gold.metallic), ([1.0, 0.75, 0.25], 1.0));
+    let both = read(&textured(json!({
+        "pbrMetallicRoughness": {"metallicFactor": 0.5},
+        "extensions": {"KHR_materials_pbrSpecularGlossiness": {"diffuseFactor": [0, 0, 1, 1]}},
+    })));
+    assert_eq!((both.0.base_color, both.0.metallic), ([1.0; 3], 0.5));
+}

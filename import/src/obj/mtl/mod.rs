@@ -1,0 +1,203 @@
+//! MTL files to [`Material`]s.
+//!
+//! `tobj` reads the values; the pass before it drops lines that it would fail or panic on, with a
+//! warning. Texture options (`-bm`, `-s`, …) are split from the file names here. Beside what is Wavefront's, the
+//! keywords for physically based shading are read that exporters have agreed on: `Pr`, `Pm`, their maps and `norm`
+//! (Exocortex, "Extending Wavefront MTL for physically-based rendering").
+
+mod options;
+mod sanitise;
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use lodestream_protocol::asset::{MAX_EMISSION, MAX_NORMAL_SCALE};
+
+use crate::model::{Alpha, Channel, Component, ImageSource, Material, SurfaceMap};
+use crate::srgb::srgb_to_linear;
+use options::TextureOptions;
+pub(super) use options::locate;
+use sanitise::sanitise;
+
+/// Largest MTL file, in bytes.
+const MAX_MTL_BYTES: u64 = 64 << 20;
+/// Warnings are for people: past this many per file, only their number is told.
+const MAX_WARNINGS: usize = 20;
+
+/// Materials by name; of two with the same name the later counts, as in `tobj`.
+pub(super) type Library = BTreeMap<String, Material>;
+
+/// Reads one MTL file of a model in folder `root` into `library`. What cannot be used becomes a warning.
+pub(super) fn load(root: &Path, path: &Path, library: &mut Library, warnings: &mut Vec<String>) {
+    match crate::file::read_file(path, MAX_MTL_BYTES) {
+        Ok(bytes) => parse(root, path, &bytes, library, warnings),
+        Err(error) => warnings.push(format!("{error}; faces that use its materials become grey")),
+    }
+}
+
+fn parse(root: &Path, path: &Path, bytes: &[u8], library: &mut Library, warnings: &mut Vec<String>) {
+    let mut found = Vec::new();
+    let text = sanitise(&String::from_utf8_lossy(bytes), &mut found);
+    let left_out = found.len().saturating_sub(MAX_WARNINGS);
+    found.truncate(MAX_WARNINGS);
+    warnings.extend(found.into_iter().map(|(line, what)| format!("{}:{line}: {what}", path.display())));
+    if left_out > 0 {
+        warnings.push(format!("{}: {left_out} more lines were ignored", path.display()));
+    }
+    match tobj::load_mtl_buf(&mut text.as_bytes()) {
+        Ok((materials, _)) => {
+            let folder = path.parent().unwrap_or(Path::new(""));
+            for material in materials {
+                let mut textures = Textures { root, folder, file: path, warnings };
+                library.insert(material.name.clone(), convert(&material, &mut textures));
+            }
+        }
+        Err(error) => warnings.push(format!("{}: {error}; its materials are not used", path.display())),
+    }
+}
+
+/// The textures of one material, as its lines name them; what cannot be used becomes a warning.
+struct Textures<'a> {
+    root: &'a Path,
+    folder: &'a Path,
+    file: &'a Path,
+    warnings: &'a mut Vec<String>,
+}
+
+impl Textures<'_> {
+    fn image(&mut self, texture: Option<&TextureOptions>) -> Option<ImageSource> {
+        let found = options::locate(self.root, self.folder, &texture?.file);
+        found.map_err(|why| self.warn(&why)).ok().map(Into::into)
+    }
+
+    /// One value a texel; `otherwise` where the line does not say which.
+    fn channel(&mut self, texture: Option<&TextureOptions>, otherwise: Component) -> Option<Channel> {
+        let component = texture.and_then(|t| t.component).unwrap_or(otherwise);
+        Some(Channel::plain(self.image(texture)?, component))
+    }
+
+    fn warn(&mut self, what: &str) {
+        self.warnings.push(format!("{}: {what}", self.file.display()));
+    }
+}
+
+fn convert(material: &tobj::Material, textures: &mut Textures<'_>) -> Material {
+    let default = Material::default();
+    let unknown = |keyword: &str| material.unknown_param.get(keyword);
+    let texture = |text: Option<&String>| text.map(|text| TextureOptions::parse(text));
+    let number = |keyword: &str| unknown(keyword).and_then(|text| text.parse::<f64>().ok());
+    let color = texture(material.diffuse_texture.as_ref());
+    let opacity_map = texture(material.dissolve_texture.as_ref());
+    let [emission_map, rough, metal, normal] =
+        ["map_Ke", "map_Pr", "map_Pm", "norm"].map(|k| texture(unknown(k)));
+    // Displacement is the more exact word for a height map; a bump map is the common one.
+    let height = texture(unknown("disp").or(material.normal_texture.as_ref()));
+    let name = &material.name;
+
+    let opacity = material.dissolve.map_or(1.0, |d| d.clamp(0.0, 1.0) as f32);
+    let opacity = if opacity == 0.0 {
+        // What nobody would ever see nobody would have modelled: some exporters count from the other end.
+        if opacity_map.is_none() {
+            textures.warn(&format!("material {name:?} would be invisible (d 0 or Tr 1) and is drawn opaque"));
+        }
+        1.0
+    } else {
+        opacity
+    };
+    let same_file = |a: &Option<TextureOptions>| {
+        a.as_ref().zip(color.as_ref()).is_some_and(|(a, color)| a.file == color.file)
+    };
+    let mask = if same_file(&opacity_map) { Component::Alpha } else { Component::Mask };
+    let opacity_texture = textures.channel(opacity_map.as_ref(), mask);
+    let normal = normal.filter(|normal| {
+        if normal.bump < 0.0 {
+            textures.warn(&format!(
+                "the normal map of material {name:?} has a factor below zero and is left out"
+            ));
+        }
+        normal.bump >= 0.0
+    });
+    let surface = SurfaceMap {
+        occlusion: None,
+        roughness: textures.channel(rough.as_ref(), Component::Luminance),
+        metallic: textures.channel(metal.as_ref(), Component::Luminance),
+    };
+    let emission_texture = textures.image(emission_map.as_ref());
+    let first = [&color, &opacity_map, &rough, &metal, &normal, &emission_map, &height];
+    Material {
+        name: name.clone(),
+        base_color: factor(material.diffuse, color.is_some())
+            .map_or(default.base_color, |rgb| rgb.map(|x| srgb_to_linear(x.clamp(0.0, 1.0) as f32))),
+        opacity,
+        roughness: match (factor(number("Pr"), rough.is_some()), material.shininess) {
+            (Some(roughness), _) => roughness.clamp(0.0, 1.0) as f32,
+            (None, Some(exponent)) => roughness_of(exponent),
+            (None, None) => default.roughness,
+        },
+        // Without the map where metal is is not known, and metal everywhere is the worse guess.
+        metallic: match factor(number("Pm"), metal.is_some()) {
+            Some(metallic) if surface.metallic.is_some() == metal.is_some() => {
+                metallic.clamp(0.0, 1.0) as f32
+            }
+            _ => 0.0,
+        },
+        emission: match factor(material.emissive, emission_map.is_some()) {
+            Some(rgb) if emission_texture.is_some() == emission_map.is_some() => rgb.map(emitted),
+            _ => [0.0; 3],
+        },
+        alpha: match opacity_texture {
+            _ if opacity < 1.0 => Alpha::Blend,
+            Some(_) => Alpha::Guess,
+            None => Alpha::Opaque,
+        },
+        unlit: material.illumination_model == Some(0),
+        wrap: first.into_iter().flatten().next().map_or(default.wrap, |texture| texture.wrap),
+        color_texture: textures.image(color.as_ref()),
+        opacity_texture,
+        surface,
+        normal_scale: normal.as_ref().map_or(1.0, |t| t.bump.min(MAX_NORMAL_SCALE)),
+        normal_texture: textures.image(normal.as_ref()),
+        emission_texture,
+        height_scale: height.as_ref().map_or(1.0, |t| t.bump),
+        height_texture: textures.image(height.as_ref()),
+    }
+}
+
+/// A factor beside a texture of the same: some exporters write zero and mean the texture, which alone is meant as it is.
+fn factor<T: Ones>(stated: Option<T>, textured: bool) -> Option<T> {
+    match stated {
+        Some(value) if textured && value == T::ZEROS => Some(T::ONES),
+        Some(value) => Some(value),
+        None => textured.then_some(T::ONES),
+    }
+}
+
+trait Ones: PartialEq {
+    const ZEROS: Self;
+    const ONES: Self;
+}
+
+impl Ones for f64 {
+    const ZEROS: Self = 0.0;
+    const ONES: Self = 1.0;
+}
+
+impl Ones for [f64; 3] {
+    const ZEROS: Self = [0.0; 3];
+    const ONES: Self = [1.0; 3];
+}
+
+/// Light of a `Ke`: up to 1 encoded as a `Kd` is, above as it stands.
+fn emitted(x: f64) -> f32 {
+    let x = x.clamp(0.0, f64::from(MAX_EMISSION)) as f32;
+    if x <= 1.0 { srgb_to_linear(x) } else { x }
+}
+
+/// Perceptual roughness of a Phong exponent: α² = 2 / (n + 2) (Walter et al., "Microfacet models for
+/// refraction", 2007, §5.2) with α = roughness² (Burley 2012). Square roots only, so that every
+/// machine gets the same bits.
+fn roughness_of(exponent: f64) -> f32 {
+    (2.0 / (exponent.max(0.0) + 2.0)).sqrt().sqrt() as f32
+}

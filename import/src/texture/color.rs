@@ -1,0 +1,120 @@
+//! Colours, with opacity or without.
+
+use std::path::{Path, PathBuf};
+
+use image::{ExtendedColorType, ImageError, Rgba, RgbaImage};
+use lodestream_protocol::asset::TextureKind;
+
+use super::channel::Channels;
+use super::coverage::Coverage;
+use super::decode::decode;
+use super::encode::{levels, png, smaller};
+use super::mip::Plane;
+use super::{Opacity, Texture, TextureError, Transparency};
+use crate::model::{Channel, ImageSource};
+
+/// Quality of colour JPEGs, 1–100. 85 is where the artefacts of a photograph stop being visible at
+/// its own resolution; the size grows by half from there to 92.
+const JPEG_QUALITY: u8 = 85;
+
+pub(super) fn load(
+    image: Option<&ImageSource>,
+    opacity: Option<&Channel>,
+    used: Opacity,
+) -> Result<Texture, TextureError> {
+    let (path, mut rgba) = composed(image, opacity)?;
+    let transparency = if used == Opacity::Ignored {
+        // Or what is under it would be lost in coarser levels.
+        rgba.pixels_mut().for_each(|p| p.0[3] = u8::MAX);
+        Transparency::None
+    } else {
+        transparency(&rgba)
+    };
+    let threshold = match used {
+        Opacity::Tested(threshold) => Some(threshold),
+        Opacity::Guessed if transparency == Transparency::Holes => Some(128),
+        _ => None,
+    };
+    let coverage = threshold.map(|threshold| Coverage::of(&rgba, threshold));
+    encode(&path, &rgba, transparency, coverage.as_ref())
+}
+
+/// Colours with the opacity that counts, at the larger size of the two.
+fn composed(
+    image: Option<&ImageSource>,
+    opacity: Option<&Channel>,
+) -> Result<(PathBuf, RgbaImage), TextureError> {
+    let path = image.or(opacity.map(|o| &o.image)).map(|image| image.path.clone()).unwrap_or_default();
+    let Some(channel) = opacity else {
+        let image = image.map(decode).transpose()?;
+        return Ok((path, image.map_or_else(|| RgbaImage::new(1, 1), |image| image.to_rgba8())));
+    };
+    let mut channels = Channels::default();
+    let mask = channels.plane(channel)?;
+    let Some(image) = image else {
+        let white = |x, y| Rgba([u8::MAX, u8::MAX, u8::MAX, mask.byte(x, y)]);
+        return Ok((path, RgbaImage::from_fn(mask.width, mask.height, white)));
+    };
+    let colors = channels.image(image)?.to_rgba8();
+    let size = super::channel::larger([colors.dimensions(), (mask.width, mask.height)]);
+    let mask = mask.resized(size);
+    // Through linear light, as every other mean of colours.
+    let mut colors = if colors.dimensions() == size {
+        colors
+    } else {
+        let bytes = Plane::<4>::from_srgb(&colors).resized(size).to_srgb();
+        RgbaImage::from_raw(size.0, size.1, bytes).unwrap_or_default()
+    };
+    for (x, y, pixel) in colors.enumerate_pixels_mut() {
+        pixel.0[3] = mask.byte(x, y);
+    }
+    Ok((path, colors))
+}
+
+fn transparency(rgba: &RgbaImage) -> Transparency {
+    if rgba.pixels().all(|p| p.0[3] == u8::MAX) {
+        return Transparency::None;
+    }
+    let between = rgba.pixels().filter(|p| (32..224).contains(&p.0[3])).count();
+    if between * 10 <= rgba.pixels().len() { Transparency::Holes } else { Transparency::Graded }
+}
+
+fn encode(
+    path: &Path,
+    rgba: &RgbaImage,
+    transparency: Transparency,
+    coverage: Option<&Coverage>,
+) -> Result<Texture, TextureError> {
+    let (width_px, height_px) = rgba.dimensions();
+    let grey = rgba.pixels().all(|p| p.0[0] == p.0[1] && p.0[1] == p.0[2]);
+    let alpha = transparency != Transparency::None;
+    let (levels, coarsest) =
+        levels(path, Plane::<4>::from_srgb(rgba), Plane::halve_premultiplied, |plane| {
+            encode_level(plane, alpha, grey, coverage)
+        })?;
+    let mean = Some(coarsest.mean_srgb());
+    Ok(Texture { kind: TextureKind::Color, width_px, height_px, transparency, mean, levels })
+}
+
+fn encode_level(
+    plane: &Plane<4>,
+    alpha: bool,
+    grey: bool,
+    coverage: Option<&Coverage>,
+) -> Result<Vec<u8>, ImageError> {
+    let mut rgba = plane.to_srgb();
+    let (width, height) = (plane.width, plane.height);
+    if alpha {
+        if let Some(coverage) = coverage {
+            coverage.restore(&mut rgba);
+        }
+        return png(&rgba, width, height, ExtendedColorType::Rgba8);
+    }
+    let pixels = rgba.as_chunks::<4>().0;
+    let (bytes, format): (Vec<u8>, _) = if grey {
+        (pixels.iter().map(|p| p[0]).collect(), ExtendedColorType::L8)
+    } else {
+        (pixels.iter().flat_map(|p| [p[0], p[1], p[2]]).collect(), ExtendedColorType::Rgb8)
+    };
+    smaller(&bytes, width, height, format, JPEG_QUALITY)
+}

@@ -1,0 +1,71 @@
+//! What can be wrong with a texture, in one line.
+
+use std::path::{Path, PathBuf};
+
+use super::{MAX_PIXELS, MAX_SIDE_PX};
+
+/// A texture that cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum TextureError {
+    /// The file cannot be read.
+    #[error("{}: cannot be read: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The file is no image that is read here.
+    #[error("{}: is not a readable PNG or JPEG: {why}", path.display())]
+    Decode {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        why: String,
+    },
+    /// The image is larger than supported.
+    #[error(
+        "{}: is {width_px} × {height_px} pixels; at most {MAX_SIDE_PX} on a side and {MAX_PIXELS} in all are supported, so scale it down",
+        path.display()
+    )]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// Width in pixels.
+        width_px: u32,
+        /// Height in pixels.
+        height_px: u32,
+    },
+    /// Where heights belong, the colours of a normal map were found.
+    #[error("{}: looks like a normal map, but heights (grey) are needed for relief", path.display())]
+    NormalMap {
+        /// The file.
+        path: PathBuf,
+    },
+    /// An encoder failed.
+    #[error("{}: a mip level cannot be encoded: {why}", path.display())]
+    Encode {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        why: String,
+    },
+}
+
+impl TextureError {
+    /// The image that it is about.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        match self {
+            Self::Read { path, .. }
+            | Self::Decode { path, .. }
+            | Self::TooLarge { path, .. }
+            | Self::NormalMap { path }
+            | Self::Encode { path, .. } => path,
+        }
+    }
+}
+
+pub(super) fn one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}

@@ -1,0 +1,55 @@
+//! Heights, lossless.
+
+use image::{DynamicImage, ExtendedColorType};
+use lodestream_protocol::asset::TextureKind;
+
+use super::decode::decode;
+use super::encode::{levels, png};
+use super::mip::Plane;
+use super::{Texture, TextureError, Transparency};
+use crate::model::ImageSource;
+
+pub(super) fn load(source: &ImageSource) -> Result<Texture, TextureError> {
+    let image = decode(source)?;
+    if looks_like_normals(&image) {
+        return Err(TextureError::NormalMap { path: source.path.clone() });
+    }
+    let deep = matches!(
+        image,
+        DynamicImage::ImageLuma16(_)
+            | DynamicImage::ImageLumaA16(_)
+            | DynamicImage::ImageRgb16(_)
+            | DynamicImage::ImageRgba16(_)
+    );
+    let (width_px, height_px) = (image.width(), image.height());
+    let plane = Plane::<1>::from_heights(&image, deep);
+    drop(image);
+    let (levels, _) = levels(&source.path, plane, Plane::halve, |plane| {
+        let (bytes, format) = if deep {
+            // Sixteen-bit samples are taken in native order and written in PNG's.
+            (plane.samples.iter().flat_map(|s| s[0].to_ne_bytes()).collect(), ExtendedColorType::L16)
+        } else {
+            (plane.samples.iter().map(|s| s[0] as u8).collect::<Vec<u8>>(), ExtendedColorType::L8)
+        };
+        png(&bytes, plane.width, plane.height, format)
+    })?;
+    let transparency = Transparency::None;
+    Ok(Texture { kind: TextureKind::Height, width_px, height_px, transparency, mean: None, levels })
+}
+
+/// Exporters often write normal maps as `map_Bump`: bluish, with red and green about the middle.
+fn looks_like_normals(image: &DynamicImage) -> bool {
+    if !image.color().has_color() {
+        return false;
+    }
+    let rgb = image.to_rgb8();
+    let mut sums = [0u64; 3];
+    for pixel in rgb.pixels() {
+        for (sum, &value) in sums.iter_mut().zip(&pixel.0) {
+            *sum += u64::from(value);
+        }
+    }
+    let count = u64::from(rgb.width()) * u64::from(rgb.height());
+    let [r, g, b] = sums.map(|sum| sum / count.max(1));
+    b >= 200 && r.abs_diff(128) <= 32 && g.abs_diff(128) <= 32
+}

@@ -1,0 +1,178 @@
+//! Maps other than colours and heights, and what becomes of opacity.
+
+use image::{DynamicImage, GrayImage, Luma, Rgb, RgbImage, Rgba, RgbaImage};
+use tempfile::TempDir;
+
+use super::super::{Opacity, Texture, TextureSource, Transparency, load};
+use super::{noise, save};
+use crate::model::{Channel, Component, SurfaceMap};
+
+fn finest(texture: &Texture) -> DynamicImage {
+    image::load_from_memory(texture.levels.last().unwrap()).unwrap()
+}
+
+fn coarsest(texture: &Texture) -> DynamicImage {
+    image::load_from_memory(&texture.levels[0]).unwrap()
+}
+
+#[test]
+fn a_surface_is_composed_of_its_images_at_the_larger_size() {
+    let dir = TempDir::new().unwrap();
+    // The left half half open, the right half open; flat, so that JPEG changes nothing that is asked.
+    let occlusion = GrayImage::from_fn(2, 2, |x, _| Luma([if x == 0 { 55 } else { 255 }]));
+    let occlusion = save(&dir, "o.png", occlusion);
+    let rough = save(&dir, "r.png", RgbImage::from_pixel(32, 16, Rgb([9, 102, 51])));
+    let half = Channel { strength: 32_768, ..Channel::plain(occlusion.clone().into(), Component::Red) };
+    let map = SurfaceMap {
+        occlusion: Some(half),
+        roughness: Some(Channel::plain(rough.clone().into(), Component::Green)),
+        metallic: Some(Channel::plain(rough.clone().into(), Component::Blue)),
+    };
+    let texture = load(&TextureSource::Surface(map.clone())).unwrap();
+    assert_eq!((texture.width_px, texture.height_px, texture.levels.len()), (32, 16, 3));
+    let image = finest(&texture).to_rgb8();
+    let near = |at: (u32, u32), expected: [u8; 3]| {
+        let texel = image.get_pixel(at.0, at.1).0;
+        assert!(texel.iter().zip(expected).all(|(a, b)| a.abs_diff(b) <= 2), "{texel:?} {expected:?}");
+    };
+    // 1 + (55/255 − 1) / 2.
+    near((0, 8), [155, 102, 51]);
+    near((31, 8), [255, 102, 51]);
+    // Between the centres of two texels at an eighth of their distance beyond the middle.
+    near((18, 8), [(155.0_f64 + 100.0 * (18.5 / 16.0 - 0.5)).round() as u8, 102, 51]);
+    assert_eq!(texture.mean, Some([205, 102, 51]));
+    assert_eq!(load(&TextureSource::Surface(map)).unwrap(), texture);
+    // Alone, turned round: the others are 1.
+    let glossy = Channel { inverted: true, ..Channel::plain(rough.into(), Component::Red) };
+    let map = SurfaceMap { roughness: Some(glossy), ..SurfaceMap::default() };
+    assert_eq!(load(&TextureSource::Surface(map)).unwrap().mean, Some([255, 246, 255]));
+}
+
+#[test]
+fn an_image_that_cannot_be_read_leaves_the_others() {
+    let dir = TempDir::new().unwrap();
+    let rough = save(&dir, "r.png", RgbImage::new(8, 8));
+    let missing = dir.path().join("none.png");
+    let map = SurfaceMap {
+        occlusion: Some(Channel::plain(missing.clone().into(), Component::Red)),
+        roughness: Some(Channel::plain(rough.clone().into(), Component::Green)),
+        metallic: None,
+    };
+    let source = TextureSource::Surface(map);
+    let error = load(&source).unwrap_err();
+    assert_eq!(error.path(), missing);
+    let left = source.without(error.path()).unwrap();
+    assert_eq!(load(&left).unwrap().mean, Some([255, 0, 255]));
+    assert_eq!(left.without(&rough), None);
+}
+
+#[test]
+fn coarser_normals_point_where_the_finer_do_together_and_are_unit() {
+    let dir = TempDir::new().unwrap();
+    // Ridges: half leans left, half up; together between them.
+    let byte = |x: f64| ((x + 1.0) * 127.5).round() as u8;
+    let ridges = RgbImage::from_fn(64, 64, |x, _| {
+        let slope = [if x % 2 == 0 { -0.8 } else { 0.0 }, if x % 2 == 0 { 0.0 } else { 0.8 }, 0.6];
+        Rgb(slope.map(byte))
+    });
+    let texture = load(&TextureSource::Normal(save(&dir, "n.png", ridges).into())).unwrap();
+    assert_eq!((texture.mean, texture.levels.len()), (None, 4));
+    for (level, bytes) in texture.levels.iter().enumerate() {
+        for pixel in image::load_from_memory(bytes).unwrap().to_rgb8().pixels() {
+            let vector = pixel.0.map(|c| f64::from(c) / 127.5 - 1.0);
+            let length = vector.iter().map(|c| c * c).sum::<f64>().sqrt();
+            assert!((length - 1.0).abs() < 0.03, "level {level}: {pixel:?} has length {length}");
+        }
+    }
+    let coarse = coarsest(&texture).to_rgb8().get_pixel(0, 0).0;
+    let length = (0.4_f64 * 0.4 * 2.0 + 0.36).sqrt();
+    let expected = [-0.4, 0.4, 0.6].map(|x| byte(x / length));
+    assert!(coarse.iter().zip(expected).all(|(a, b)| a.abs_diff(b) <= 2), "{coarse:?} {expected:?}");
+    // What has no direction points out of the surface, also where opposites meet.
+    let opposed =
+        RgbImage::from_fn(16, 16, |x, _| if x % 2 == 0 { Rgb([0, 127, 127]) } else { Rgb([255, 128, 128]) });
+    let texture = load(&TextureSource::Normal(save(&dir, "o.png", opposed).into())).unwrap();
+    let [x, y, z] = coarsest(&texture).to_rgb8().get_pixel(0, 0).0;
+    assert!(x.abs_diff(128) <= 2 && y.abs_diff(128) <= 2 && z >= 253, "{x} {y} {z}");
+}
+
+#[test]
+fn masks_keep_their_coverage_in_coarser_levels() {
+    let dir = TempDir::new().unwrap();
+    // Lone leaves: a quarter of the texels, whose means hardly ever reach one half. No two are alike, so that few means
+    // are.
+    let leaves = RgbaImage::from_fn(128, 128, |x, y| {
+        let at = u32::from(noise(x / 2, y / 2));
+        Rgba([10, 200, 30, (if at < 64 { 128 + at * 127 / 64 } else { (255 - at) / 3 }) as u8])
+    });
+    let path = save(&dir, "leaves.png", leaves);
+    let shares = |used: Opacity| {
+        let source = TextureSource::Color { image: Some(path.clone().into()), opacity: None, used };
+        let texture = load(&source).unwrap();
+        assert_eq!(load(&source).unwrap(), texture);
+        let share = |bytes: &Vec<u8>| {
+            let image = image::load_from_memory(bytes).unwrap().to_rgba8();
+            image.pixels().filter(|p| p.0[3] >= 128).count() as f64 / image.pixels().len() as f64
+        };
+        texture.levels.iter().map(share).collect::<Vec<f64>>()
+    };
+    let tested = shares(Opacity::Tested(128));
+    let whole = tested[tested.len() - 1];
+    assert!((0.15..0.35).contains(&whole), "{tested:?}");
+    for (level, share) in tested.iter().enumerate() {
+        let texels = f64::from(8_u32 << level).powi(2);
+        assert!((share - whole).abs() < 0.02 + 1.0 / texels, "level {level}: {tested:?}");
+    }
+    let blended = shares(Opacity::Blended);
+    assert!(blended[0] < 0.5 * whole, "they vanish without: {blended:?}");
+}
+
+#[test]
+fn what_is_there_or_not_is_guessed_to_be_a_mask() {
+    let dir = TempDir::new().unwrap();
+    let holes = RgbaImage::from_fn(64, 64, |x, y| Rgba([9, 9, 9, if noise(x, y) < 64 { 255 } else { 0 }]));
+    let path = save(&dir, "holes.png", holes);
+    let of = |used: Opacity| {
+        load(&TextureSource::Color { image: Some(path.clone().into()), opacity: None, used }).unwrap()
+    };
+    assert_eq!(of(Opacity::Guessed).transparency, Transparency::Holes);
+    assert_eq!(of(Opacity::Guessed), of(Opacity::Tested(128)));
+    assert_ne!(of(Opacity::Guessed), of(Opacity::Blended));
+}
+
+#[test]
+fn opacity_that_says_nothing_is_dropped() {
+    let dir = TempDir::new().unwrap();
+    let image =
+        RgbaImage::from_fn(64, 64, |x, y| Rgba([noise(x, y), noise(y, x), 7, if x < 32 { 0 } else { 255 }]));
+    let path = save(&dir, "a.png", image.clone());
+    let texture = load(&TextureSource::opaque(path.into())).unwrap();
+    assert_eq!(texture.transparency, Transparency::None);
+    let plain = save(&dir, "b.png", DynamicImage::from(image).to_rgb8());
+    assert_eq!(load(&TextureSource::opaque(plain.into())).unwrap().levels, texture.levels);
+}
+
+#[test]
+fn opacity_of_a_file_of_its_own_takes_the_place_of_the_images() {
+    let dir = TempDir::new().unwrap();
+    let color = save(&dir, "c.png", RgbImage::from_pixel(16, 16, Rgb([200, 100, 50])));
+    let grey = GrayImage::from_fn(32, 32, |x, _| Luma([if x < 16 { 0 } else { 255 }]));
+    let channel = |path: std::path::PathBuf| Channel::plain(path.into(), Component::Mask);
+    let source = |image: Option<std::path::PathBuf>, opacity| TextureSource::Color {
+        image: image.map(Into::into),
+        opacity: Some(channel(opacity)),
+        used: Opacity::Guessed,
+    };
+    let cut = load(&source(Some(color.clone()), save(&dir, "m.png", grey))).unwrap();
+    assert_eq!((cut.width_px, cut.transparency), (32, Transparency::Holes));
+    let image = finest(&cut).to_rgba8();
+    assert_eq!([image.get_pixel(0, 0).0, image.get_pixel(31, 9).0], [[200, 100, 50, 0], [200, 100, 50, 255]]);
+    // Drawn in the alpha channel, without a colour.
+    let graded = RgbaImage::from_fn(16, 16, |x, _| Rgba([0, 0, 0, x as u8 * 16]));
+    let faded = load(&source(None, save(&dir, "g.png", graded))).unwrap();
+    assert_eq!(faded.transparency, Transparency::Graded);
+    assert_eq!(finest(&faded).to_rgba8().get_pixel(8, 0).0, [255, 255, 255, 128]);
+    let white =
+        load(&source(Some(color), save(&dir, "w.png", GrayImage::from_pixel(4, 4, Luma([255]))))).unwrap();
+    assert_eq!(white.transparency, Transparency::None);
+}
