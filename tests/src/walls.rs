@@ -7,7 +7,7 @@ use std::path::Path;
 
 use glam::{DVec3, Vec3};
 use lodestream_client::core::Change;
-use lodestream_render::{Headless, Pose, SceneView, Settings};
+use lodestream_render::{Headless, PlainSky, Pose, SceneView, Settings, Sky};
 use lodestream_server::demo_scene::{Options, generate};
 use lodestream_server::scene::{Scene, read};
 
@@ -54,9 +54,10 @@ fn look(h: &mut Headless, view: &SceneView, [eye, target]: [[f64; 3]; 2], shadow
     let [sun, none] = [true, false].map(|sun| {
         let drawn = view.with_frame(pose, settings, f32::MAX, |frame| {
             let mut frame = *frame;
-            if !sun {
-                frame.environment.sun = Vec3::ZERO;
-            }
+            // Colours that do not follow the sun, so that they stay when it goes.
+            let plain = PlainSky::default();
+            let light = if sun { plain.sun } else { Vec3::ZERO };
+            frame.environment.sky = Sky::Plain(PlainSky { sun: light, ..plain });
             h.frame(&frame)
         });
         drawn.unwrap();
