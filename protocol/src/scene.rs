@@ -38,12 +38,26 @@ pub struct SceneHeader {
     pub page_count: u32,
     /// Light.
     pub light: Light,
-    /// Linear red, green, blue of what no surface covers.
+    /// Linear red, green, blue of what no surface covers. With [`DEFAULT_BACKGROUND`] and [`DEFAULT_AMBIENT`] that is
+    /// left to who draws: an atmosphere, say.
     pub background: [f32; 3],
     /// The ground, if the scene has one.
     pub terrain: Option<Box<TerrainEntry>>,
     /// Where a viewer starts.
     pub camera: Camera,
+}
+
+/// Ambient light of scenes that state none, linear.
+pub const DEFAULT_AMBIENT: [f32; 3] = [0.25; 3];
+/// Background of scenes that state none, linear.
+pub const DEFAULT_BACKGROUND: [f32; 3] = [0.35, 0.45, 0.6];
+
+impl SceneHeader {
+    /// Whether the scene states what light comes from all around.
+    #[must_use]
+    pub fn states_sky(&self) -> bool {
+        self.light.ambient != DEFAULT_AMBIENT || self.background != DEFAULT_BACKGROUND
+    }
 }
 
 /// One directional light and an even ambient one; linear radiometric values.

@@ -87,8 +87,8 @@ impl SceneView {
         self.waiting.len()
     }
 
-    /// Whether the sun shines through an atmosphere and ground ends in haze (as it does from the start), or light and
-    /// sky have the colours of the scene's description and nothing is hazy.
+    /// Whether the sun of a scene that states no ambient light and no background shines through an atmosphere, and ground
+    /// ends in haze (as it does from the start); or light and sky have the description's colours and nothing is hazy.
     pub const fn show_air(&mut self, air: bool) {
         self.plain = !air;
     }
@@ -334,13 +334,13 @@ fn exposure(environment: &Environment) -> f32 {
     if lit > 0.0 { (SUNLIT_WHITE / lit).clamp(1e-3, 1e3) } else { 1.0 }
 }
 
-/// The scene's light. A scene with a sun has an atmosphere, unless `plain` colours are asked for: then the background
-/// gives the sky, which is brighter towards the horizon and lights surfaces from above, and the ambient light is what
-/// comes from below. Ground ends in haze. How strong the sun is, [`exposure`] makes up for.
+/// The scene's light. A scene with a sun that states no ambient light and no background has an atmosphere, unless `plain`
+/// colours are asked for. Else the background gives the sky, which is brighter towards the horizon and lights surfaces
+/// from above, and the ambient light is what comes from below. Ground ends in haze. How strong the sun is, [`exposure`] makes up for.
 fn environment(header: &SceneHeader, plain: bool) -> Environment {
     let light = &header.light;
     let (sun, background) = (Vec3::from(light.color), Vec3::from(header.background));
-    let sky = if plain || sun.max_element() <= 0.0 {
+    let sky = if plain || header.states_sky() || sun.max_element() <= 0.0 {
         Sky::Plain(PlainSky {
             sun,
             zenith: background * 0.7,

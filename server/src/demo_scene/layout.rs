@@ -123,8 +123,6 @@ pub(super) fn scene_text(assets: &[AssetEntry], instances: &[Instance], seed: u6
         "# Lodestream's demo scene, seed {seed}. Metres, y up. Rotations are quaternions (x, y, z, w).\n\
          name = \"demo\"\n\n\
          [light]\ndirection = [0.75, 0.55, 0.36]\ncolor = [1.0, 0.88, 0.72]\nintensity = 1.75\n\n\
-         [ambient]\ncolor = [0.10, 0.125, 0.17]\n\n\
-         [background]\ncolor = [0.13, 0.26, 0.50]\n\n\
          [camera]\neye = [2.0, 2.5, 51.6]\ntarget = [-0.3, 4.1, 14.0]\nfov_y_degrees = 43.0\n"
     );
     text.push_str(&ground::terrain_text(seed));

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use glam::{DQuat, DVec3};
 use lodestream_import::recipe::Recipe;
 use lodestream_import::{ImportError, Part, gltf, is_gltf};
+use lodestream_protocol::scene::{DEFAULT_AMBIENT, DEFAULT_BACKGROUND};
 
 use super::names::Names;
 use super::terrain::SceneTerrain;
@@ -188,8 +189,8 @@ impl Scene {
             models: Vec::new(),
             light_direction: unit([0.4, 1.0, 0.6]).unwrap_or([0.0, 1.0, 0.0]),
             light_color: [1.0; 3],
-            ambient: [0.25; 3],
-            background: [0.35, 0.45, 0.6],
+            ambient: DEFAULT_AMBIENT,
+            background: DEFAULT_BACKGROUND,
             terrain: None,
             camera: None,
         }
