@@ -85,15 +85,15 @@ impl<'a> DrawList<'a> {
         });
     }
 
-    /// Draws all edges.
-    pub(crate) fn wires(
+    /// Draws all by one pipeline: their edges, or how often each pixel is drawn.
+    pub(crate) fn with(
         &self,
         pass: &mut wgpu::RenderPass<'_>,
-        wire: &wgpu::RenderPipeline,
+        pipeline: &wgpu::RenderPipeline,
         instances: &wgpu::Buffer,
         counters: &mut Counters,
     ) {
-        pass.set_pipeline(wire);
+        pass.set_pipeline(pipeline);
         each(&self.batches, pass, instances, |pass, part, triangles| {
             pass.set_bind_group(1, &part.material.group, &[]);
             counters.draws += 1;

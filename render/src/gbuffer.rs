@@ -1,7 +1,9 @@
 //! Pipelines of the geometry passes: what fills the G-buffer, and the wireframe over the picture.
 
 use super::gpu::Gpu;
-use super::targets::{ALBEDO, DEPTH, NORMAL, RADIANCE};
+use super::targets::{ALBEDO, DEPTH, NORMAL, OVERDRAW, RADIANCE};
+
+const COUNT: &str = include_str!("shaders/overdraw.wgsl");
 
 /// Shader, bindings and vertices of something that is drawn into the G-buffer.
 pub(crate) struct GeometryPass<'a> {
@@ -12,6 +14,7 @@ pub(crate) struct GeometryPass<'a> {
 
 /// What is made of the pixels.
 struct Fragment<'a> {
+    module: &'a wgpu::ShaderModule,
     entry: &'a str,
     constants: &'a [(&'a str, f64)],
     targets: &'a [Option<wgpu::ColorTargetState>],
@@ -22,7 +25,7 @@ impl GeometryPass<'_> {
     pub(crate) fn surface(&self, gpu: &Gpu, entry: [&str; 2], relief: bool) -> wgpu::RenderPipeline {
         let constants: &[(&str, f64)] = if relief { &[("RELIEF", 1.0)] } else { &[] };
         let targets = [Some(NORMAL.into()), Some(ALBEDO.into())];
-        let fragment = Fragment { entry: entry[1], constants, targets: &targets };
+        let fragment = Fragment { module: self.module, entry: entry[1], constants, targets: &targets };
         self.pipeline(gpu, entry[0], Some(fragment), wgpu::PolygonMode::Fill)
     }
 
@@ -34,8 +37,26 @@ impl GeometryPass<'_> {
     /// Draws the edges of what is visible; `None` where the device cannot draw triangles as lines.
     pub(crate) fn wire(&self, gpu: &Gpu, entry: [&str; 2]) -> Option<wgpu::RenderPipeline> {
         let lines = gpu.device.features().contains(wgpu::Features::POLYGON_MODE_LINE);
-        let fragment = Fragment { entry: entry[1], constants: &[], targets: &[Some(RADIANCE.into())] };
+        let targets = [Some(RADIANCE.into())];
+        let fragment = Fragment { module: self.module, entry: entry[1], constants: &[], targets: &targets };
         lines.then(|| self.pipeline(gpu, entry[0], Some(fragment), wgpu::PolygonMode::Line))
+    }
+
+    /// Adds one to a pixel whenever something is drawn there that lies before what was drawn.
+    pub(crate) fn overdraw(&self, gpu: &Gpu, entry: &str) -> wgpu::RenderPipeline {
+        let module = shader(gpu, "overdraw", COUNT);
+        let add = wgpu::BlendComponent {
+            src_factor: wgpu::BlendFactor::One,
+            dst_factor: wgpu::BlendFactor::One,
+            operation: wgpu::BlendOperation::Add,
+        };
+        let targets = [Some(wgpu::ColorTargetState {
+            format: OVERDRAW,
+            blend: Some(wgpu::BlendState { color: add, alpha: add }),
+            write_mask: wgpu::ColorWrites::ALL,
+        })];
+        let fragment = Fragment { module: &module, entry: "fs_overdraw", constants: &[], targets: &targets };
+        self.pipeline(gpu, entry, Some(fragment), wgpu::PolygonMode::Fill)
     }
 
     fn pipeline(
@@ -64,8 +85,8 @@ impl GeometryPass<'_> {
                 bias: Default::default(),
             }),
             multisample: Default::default(),
-            fragment: fragment.map(|Fragment { entry, constants, targets }| wgpu::FragmentState {
-                module: self.module,
+            fragment: fragment.map(|Fragment { module, entry, constants, targets }| wgpu::FragmentState {
+                module,
                 entry_point: Some(entry),
                 compilation_options: wgpu::PipelineCompilationOptions { constants, ..Default::default() },
                 targets,

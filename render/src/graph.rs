@@ -7,6 +7,8 @@
 /// A pass over the picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum PassId {
+    /// How often each pixel is drawn, in place of the surfaces.
+    Overdraw,
     /// Surfaces to depth, normal and albedo.
     GBuffer,
     /// Ambient occlusion, 16 rotated samples.
@@ -29,6 +31,30 @@ pub enum PassId {
     AntiAlias,
     /// The same into a host's targets: with depth, or leaving what is there.
     Composite,
+    /// What another pass hands on, in place of the picture.
+    Debug,
+}
+
+impl PassId {
+    /// Its name in figures.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Overdraw => "overdraw",
+            Self::GBuffer => "g_buffer",
+            Self::Occlusion => "occlusion",
+            Self::OcclusionBlur => "occlusion_blur",
+            Self::ShadowMaps => "shadow_maps",
+            Self::Sunlight => "sunlight",
+            Self::Lighting => "lighting",
+            Self::Sky => "sky",
+            Self::Wireframe => "wireframe",
+            Self::ToneMap => "tone_map",
+            Self::AntiAlias => "anti_alias",
+            Self::Composite => "composite",
+            Self::Debug => "debug",
+        }
+    }
 }
 
 /// What passes hand on.
@@ -45,6 +71,8 @@ pub(crate) enum Resource {
     Radiance,
     /// What is shown, but for its edges.
     Display,
+    /// How often each pixel was drawn.
+    Overdraw,
     /// The caller's target; not allocated here.
     Target,
 }
@@ -76,17 +104,24 @@ pub(crate) struct Needs {
     pub(crate) depth: bool,
     /// What the target holds stays where no surface is.
     pub(crate) keep: bool,
+    /// What is shown of the surfaces in place of the picture.
+    pub(crate) shown: Option<Resource>,
 }
 
 /// The passes that could run, in order.
 pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
     use Resource::{
-        Albedo, Depth, Display, Normal, Occlusion, OcclusionRaw, Radiance, ShadowMaps, Sunlight, Target,
+        Albedo, Depth, Display, Normal, Occlusion, OcclusionRaw, Overdraw, Radiance, ShadowMaps, Sunlight,
+        Target,
     };
     let pass = |id, reads, writes| Pass { id, reads, writes };
     let mut passes = Vec::new();
     if needs.geometry {
         passes.push(pass(PassId::GBuffer, &[], &[Depth, Normal, Albedo]));
+        if needs.shown == Some(Overdraw) {
+            // Drawn anew: the depth that it tests against begins empty.
+            passes.push(pass(PassId::Overdraw, &[], &[Depth, Overdraw]));
+        }
         passes.push(pass(PassId::Occlusion, &[Depth], &[OcclusionRaw]));
         passes.push(pass(PassId::OcclusionBlur, &[Depth, OcclusionRaw], &[Occlusion]));
         passes.push(pass(PassId::ShadowMaps, &[], &[ShadowMaps]));
@@ -104,7 +139,17 @@ pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
     } else if !needs.keep {
         passes.push(pass(PassId::Sky, &[], &[Radiance]));
     }
-    if needs.geometry && (needs.depth || needs.keep) {
+    if let (Some(shown), true) = (needs.shown, needs.geometry) {
+        let reads: &[Resource] = match shown {
+            Normal => &[Depth, Normal],
+            Albedo => &[Depth, Albedo],
+            Occlusion => &[Depth, Occlusion],
+            Sunlight => &[Depth, Sunlight],
+            Overdraw => &[Depth, Overdraw],
+            _ => &[Depth],
+        };
+        passes.push(pass(PassId::Debug, reads, &[Target]));
+    } else if needs.geometry && (needs.depth || needs.keep) {
         passes.push(pass(PassId::Composite, &[Radiance, Depth], &[Target]));
     } else if needs.antialias && needs.geometry {
         passes.push(pass(PassId::ToneMap, &[Radiance], &[Display]));
@@ -202,10 +247,35 @@ mod tests {
     }
 
     #[test]
+    fn what_is_shown_in_place_of_the_picture_runs_what_makes_it_alone() {
+        let all =
+            Needs { geometry: true, occlusion: true, shadows: true, antialias: true, ..Needs::default() };
+        let shown = |shown| ids(Needs { shown: Some(shown), ..all }, &[Resource::Target]);
+        use PassId::{Debug, GBuffer, Occlusion, OcclusionBlur, Overdraw, ShadowMaps, Sunlight};
+        assert_eq!(shown(Resource::Normal), [GBuffer, Debug]);
+        assert_eq!(shown(Resource::Depth), [GBuffer, Debug]);
+        assert_eq!(shown(Resource::Occlusion), [GBuffer, Occlusion, OcclusionBlur, Debug]);
+        assert_eq!(shown(Resource::Sunlight), [GBuffer, ShadowMaps, Sunlight, Debug]);
+        assert_eq!(shown(Resource::Overdraw), [Overdraw, Debug]);
+        let sky = Needs { shown: Some(Resource::Normal), ..Needs::default() };
+        assert_eq!(ids(sky, &[Resource::Target]), [PassId::Sky, PassId::ToneMap]);
+    }
+
+    #[test]
     fn every_read_was_written_before() {
-        for bits in 0..128 {
+        let shown = [
+            None,
+            Some(Resource::Depth),
+            Some(Resource::Normal),
+            Some(Resource::Albedo),
+            Some(Resource::Occlusion),
+            Some(Resource::Sunlight),
+            Some(Resource::Overdraw),
+        ];
+        for (bits, shown) in (0..128).flat_map(|bits| shown.map(|shown| (bits, shown))) {
             let bit = |n: u32| bits >> n & 1 != 0;
             let needs = Needs {
+                shown,
                 geometry: bit(0),
                 occlusion: bit(1),
                 wireframe: bit(2),

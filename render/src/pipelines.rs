@@ -7,7 +7,8 @@ use super::material::MaterialKit;
 use super::targets::{DISPLAY, OCCLUSION, RADIANCE, SUNLIGHT};
 use super::vertex::{PackedVertex, VERTEX_ATTRIBUTES};
 
-const GBUFFER: &str = concat!(
+/// For [`super::debug`], too.
+pub(crate) const GBUFFER: &str = concat!(
     include_str!("shaders/common.wgsl"),
     include_str!("shaders/gbuffer.wgsl"),
     include_str!("shaders/relief.wgsl")
@@ -47,6 +48,27 @@ pub(crate) const COMPOSITE: &str = concat!(
     include_str!("shaders/tonemap.wgsl"),
     include_str!("shaders/composite.wgsl")
 );
+
+/// For [`super::debug`].
+pub(crate) const DEBUG: &str = concat!(
+    include_str!("shaders/common.wgsl"),
+    include_str!("shaders/fullscreen.wgsl"),
+    include_str!("shaders/debug.wgsl")
+);
+
+/// Vertices and instances of meshes.
+pub(crate) const MESH_BUFFERS: [Option<wgpu::VertexBufferLayout<'_>>; 2] = [
+    Some(wgpu::VertexBufferLayout {
+        array_stride: size_of::<PackedVertex>() as u64,
+        step_mode: wgpu::VertexStepMode::Vertex,
+        attributes: &VERTEX_ATTRIBUTES,
+    }),
+    Some(wgpu::VertexBufferLayout {
+        array_stride: size_of::<InstanceRaw>() as u64,
+        step_mode: wgpu::VertexStepMode::Instance,
+        attributes: &INSTANCE_ATTRIBUTES,
+    }),
+];
 
 /// Everything compiled for one target format.
 #[derive(Debug)]
@@ -92,22 +114,7 @@ impl Pipelines {
         };
         let geometry_layout = layout("geometry", &[Some(&frame_layout), Some(&kit.layout)]);
         let caster_layout = layout("casters", &[Some(&frame_layout)]);
-        let geometry = GeometryPass {
-            module: &gbuffer,
-            layout: &geometry_layout,
-            buffers: &[
-                Some(wgpu::VertexBufferLayout {
-                    array_stride: size_of::<PackedVertex>() as u64,
-                    step_mode: wgpu::VertexStepMode::Vertex,
-                    attributes: &VERTEX_ATTRIBUTES,
-                }),
-                Some(wgpu::VertexBufferLayout {
-                    array_stride: size_of::<InstanceRaw>() as u64,
-                    step_mode: wgpu::VertexStepMode::Instance,
-                    attributes: &INSTANCE_ATTRIBUTES,
-                }),
-            ],
-        };
+        let geometry = GeometryPass { module: &gbuffer, layout: &geometry_layout, buffers: &MESH_BUFFERS };
         let full = |module: &wgpu::ShaderModule,
                     entry,
                     format: wgpu::TextureFormat,

@@ -8,6 +8,7 @@ use super::asset::AssetGpu;
 use super::buffer::GrowingBuffer;
 use super::composite::{Composites, depth_attachment};
 use super::counters::Counters;
+use super::debug::{self, DebugPipelines};
 use super::draw::DrawList;
 use super::gpu::{Gpu, RenderError};
 use super::graph::{self, Needs, Pass, PassId, Resource};
@@ -20,6 +21,7 @@ use super::target::{Load, Target};
 use super::targets::Targets;
 use super::terrain::{TerrainGpu, TerrainLook, TerrainPipelines, TileList, TileRaw};
 use super::texture::TextureShape;
+use super::timing::{PassEncoder, Timer, Timings};
 use super::uniforms::FrameUniform;
 
 /// Draws frames into targets of one format.
@@ -28,6 +30,7 @@ pub struct Renderer {
     kit: MaterialKit,
     pipelines: Pipelines,
     composites: Composites,
+    debug: DebugPipelines,
     targets: Targets,
     frame_buffer: wgpu::Buffer,
     frame_group: wgpu::BindGroup,
@@ -38,6 +41,8 @@ pub struct Renderer {
     terrain: OnceLock<TerrainPipelines>,
     target_format: wgpu::TextureFormat,
     warned_wireframe: bool,
+    /// Where somebody asked what passes take.
+    timer: Option<Timer>,
 }
 
 impl Renderer {
@@ -66,6 +71,7 @@ impl Renderer {
             kit,
             pipelines,
             composites: Composites::default(),
+            debug: DebugPipelines::default(),
             targets: Targets::default(),
             frame_buffer,
             frame_group,
@@ -75,6 +81,7 @@ impl Renderer {
             terrain: OnceLock::new(),
             target_format,
             warned_wireframe: false,
+            timer: None,
         })
     }
 
@@ -82,6 +89,21 @@ impl Renderer {
     #[must_use]
     pub fn target_format(&self) -> wgpu::TextureFormat {
         self.target_format
+    }
+
+    /// Times passes from the next frame on, or no longer. Timestamps are two queries a pass, read back without waiting.
+    pub fn time_passes(&mut self, gpu: &Gpu, on: bool) {
+        match (&self.timer, on) {
+            (None, true) => self.timer = Some(Timer::new(gpu)),
+            (_, false) => self.timer = None,
+            (Some(_), true) => {}
+        }
+    }
+
+    /// What passes took in the last frames, of which the newest are not yet back from the device; empty unless
+    /// [`Renderer::time_passes`] asked for it.
+    pub fn timings(&mut self) -> Timings {
+        self.timer.as_mut().map(Timer::timings).unwrap_or_default()
     }
 
     /// Makes an empty asset. Positions of its vertices will be relative to `origin` (asset units);
@@ -123,6 +145,7 @@ impl Renderer {
         frame: &Frame<'_>,
     ) -> Result<Counters, RenderError> {
         target.check(self.target_format)?;
+        let mut passes = PassEncoder::new(encoder, self.timer.as_mut().map(Timer::begin));
         let (size, mut counters) = (drawn_size(target, frame.settings.render_scale), Counters::default());
         let mut list = DrawList::new(frame, size, &mut counters);
         let shadows = frame.settings.shadows.filter(|_| frame.environment.sun.max_element() > 0.0);
@@ -148,11 +171,14 @@ impl Renderer {
             self.warned_wireframe = true;
         }
         let has_surfaces = !list.batches.is_empty() || ground.is_some();
+        let occlusion = frame.settings.occlusion.is_some_and(|o| o.strength > 0.0);
+        let shown = debug::shown(frame.settings.shade, occlusion, !casters.is_empty());
         let plan = graph::plan(
             &graph::candidates(Needs {
                 geometry: has_surfaces,
-                occlusion: frame.settings.occlusion.is_some_and(|o| o.strength > 0.0),
+                occlusion,
                 shadows: !casters.is_empty(),
+                shown: shown.map(|(_, resource)| resource),
                 wireframe: frame.settings.wireframe && self.pipelines.wire.is_some(),
                 // What is enlarged is smoothed by that.
                 antialias: frame.settings.antialias && size == target.size,
@@ -165,19 +191,29 @@ impl Renderer {
         self.instances.write(gpu, 0, &list.instances)?;
         let uniform = FrameUniform::new(frame, size, target.size);
         gpu.queue.write_buffer(&self.frame_buffer, 0, bytemuck::bytes_of(&uniform));
-        if plan.iter().any(|pass| pass.id == PassId::Composite) {
+        let runs = |id| plan.iter().any(|pass| pass.id == id);
+        if let Some((shown, _)) = shown.filter(|_| runs(PassId::Debug)) {
+            self.debug.ensure(gpu, self.target_format, shown, target);
+            if runs(PassId::Overdraw) {
+                self.debug.ensure_overdraw(gpu, &self.pipelines.frame_layout, &self.kit);
+                self.terrain.get().inspect(|terrain| {
+                    terrain.prepare_overdraw(gpu, &self.pipelines.frame_layout);
+                });
+            }
+        } else if runs(PassId::Composite) {
             self.composites.ensure(gpu, self.target_format, target);
         } else if target.load == Load::Clear {
-            clear_depth(encoder, target);
+            clear_depth(passes.encoder, target);
         }
+        passes.planned();
         if let Some(shadows) = shadows
-            && plan.iter().any(|pass| pass.id == PassId::ShadowMaps)
+            && runs(PassId::ShadowMaps)
         {
             let ground_px = frame.terrain.map(|terrain| terrain.error_px);
             let sun = Sun { shadows, cascades: &casters, frame: &uniform, eye: frame.camera.eye, ground_px };
             self.shadow_maps.record(
                 gpu,
-                encoder,
+                &mut passes,
                 &sun,
                 (&self.pipelines.caster, self.instances.buffer()),
                 |pass, cascade| match (&ground, self.terrain.get(), self.tiles.buffer()) {
@@ -188,11 +224,14 @@ impl Renderer {
                 },
                 &mut counters,
             );
+            passes.recorded(PassId::ShadowMaps);
         }
         for pass in &plan {
-            self.run(gpu, encoder, *pass, target, frame, (&list, ground.as_ref()), &mut counters);
+            self.run(gpu, &mut passes, *pass, target, frame, (&list, ground.as_ref()), &mut counters);
+            passes.recorded(pass.id);
             counters.passes.push(pass.id);
         }
+        passes.end(self.timer.as_mut());
         gpu.check()?;
         Ok(counters)
     }
@@ -212,7 +251,7 @@ impl Renderer {
     fn run(
         &self,
         gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
+        encoder: &mut PassEncoder<'_>,
         pass: Pass,
         target: &Target<'_>,
         frame: &Frame<'_>,
@@ -221,10 +260,15 @@ impl Renderer {
     ) {
         use Resource::{Albedo, Depth, Display, Normal, Occlusion, OcclusionRaw, Radiance, Sunlight};
         let p = &self.pipelines;
+        let full = |encoder: &mut PassEncoder<'_>, pipeline, reads: &[Resource], write| {
+            self.full(gpu, encoder, pass.id, (pipeline, reads), write);
+        };
         match pass.id {
-            PassId::GBuffer | PassId::Wireframe => self.geometry(encoder, pass.id, frame, list, counters),
-            PassId::Occlusion => self.full(gpu, encoder, &p.occlusion, &[Depth], OcclusionRaw),
-            PassId::OcclusionBlur => self.full(gpu, encoder, &p.blur, &[Depth, OcclusionRaw], Occlusion),
+            PassId::GBuffer | PassId::Wireframe | PassId::Overdraw => {
+                self.geometry(encoder, pass.id, frame, list, counters)
+            }
+            PassId::Occlusion => full(encoder, &p.occlusion, &[Depth], OcclusionRaw),
+            PassId::OcclusionBlur => full(encoder, &p.blur, &[Depth, OcclusionRaw], Occlusion),
             // Before all others: what has changed of the maps is drawn when the frame is planned.
             PassId::ShadowMaps => {}
             PassId::Sunlight => self.sunlight(gpu, encoder),
@@ -235,30 +279,42 @@ impl Renderer {
                 let or = |there, resource| if there { resource } else { Albedo };
                 let reads = [Depth, Normal, Albedo, or(occlusion, Occlusion), or(shadows, Sunlight)];
                 let pipeline = &p.lighting[usize::from(occlusion)][usize::from(shadows)];
-                self.full(gpu, encoder, pipeline, &reads, Radiance);
+                full(encoder, pipeline, &reads, Radiance);
             }
-            PassId::Sky => self.full(gpu, encoder, &p.sky, &[], Radiance),
+            PassId::Sky => full(encoder, &p.sky, &[], Radiance),
             PassId::ToneMap if pass.writes(Display) => {
-                self.full(gpu, encoder, &p.tonemap_display, &[Radiance], Display);
+                full(encoder, &p.tonemap_display, &[Radiance], Display);
             }
             PassId::AntiAlias => {
                 let group = self.inputs(gpu, &p.antialias, &[Display]);
-                fullscreen(encoder, &p.antialias, &group, &Target { depth: None, ..*target });
+                fullscreen(encoder, pass.id, &p.antialias, &group, &Target { depth: None, ..*target });
             }
             PassId::ToneMap => {
                 let group = self.inputs(gpu, &p.tonemap, &[Radiance]);
-                fullscreen(encoder, &p.tonemap, &group, &Target { depth: None, ..*target });
+                fullscreen(encoder, pass.id, &p.tonemap, &group, &Target { depth: None, ..*target });
+            }
+            PassId::Debug => {
+                let settings = &frame.settings;
+                // Of what there is not the plan has no pass.
+                let [occlusion, shadows] =
+                    [PassId::OcclusionBlur, PassId::Sunlight].map(|pass| counters.passes.contains(&pass));
+                let Some((shown, resource)) = debug::shown(settings.shade, occlusion, shadows) else {
+                    return;
+                };
+                let Some(pipeline) = self.debug.get(shown, target) else { return };
+                let group = self.inputs(gpu, pipeline, &[Depth, resource]);
+                fullscreen(encoder, pass.id, pipeline, &group, target);
             }
             PassId::Composite => {
                 let Some(pipeline) = self.composites.get(target) else { return };
                 let group = self.inputs(gpu, pipeline, &[Radiance, Depth]);
-                fullscreen(encoder, pipeline, &group, target);
+                fullscreen(encoder, pass.id, pipeline, &group, target);
             }
         }
     }
 
     /// Looks the shadow maps up for each pixel.
-    fn sunlight(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder) {
+    fn sunlight(&self, gpu: &Gpu, encoder: &mut PassEncoder<'_>) {
         let pipeline = &self.pipelines.sunlight;
         let view = |resource| self.targets.view(resource);
         let (Some(depth), Some(normal), Some(into)) =
@@ -279,7 +335,7 @@ impl Renderer {
             })
         });
         if let Some(group) = group {
-            fullscreen(encoder, pipeline, &group, &Target::colour(&into, (0, 0)));
+            fullscreen(encoder, PassId::Sunlight, pipeline, &group, &Target::colour(&into, (0, 0)));
         }
     }
 
@@ -287,14 +343,14 @@ impl Renderer {
     fn full(
         &self,
         gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
-        pipeline: &wgpu::RenderPipeline,
-        reads: &[Resource],
+        encoder: &mut PassEncoder<'_>,
+        id: PassId,
+        (pipeline, reads): (&wgpu::RenderPipeline, &[Resource]),
         write: Resource,
     ) {
         if let Some(target) = self.targets.view(write) {
             let group = self.inputs(gpu, pipeline, reads);
-            fullscreen(encoder, pipeline, &group, &Target::colour(&target, (0, 0)));
+            fullscreen(encoder, id, pipeline, &group, &Target::colour(&target, (0, 0)));
         }
     }
 
@@ -312,10 +368,10 @@ impl Renderer {
         })
     }
 
-    /// The two passes that draw triangles: surfaces, or edges over the lit picture.
+    /// The passes that draw triangles: surfaces, edges over the lit picture, or how often each pixel is drawn.
     fn geometry(
         &self,
-        encoder: &mut wgpu::CommandEncoder,
+        encoder: &mut PassEncoder<'_>,
         id: PassId,
         frame: &Frame<'_>,
         (list, ground): (&DrawList<'_>, Option<&TileList<'_>>),
@@ -324,12 +380,16 @@ impl Renderer {
         let view = |r| self.targets.view(r);
         let Some(depth) = view(Resource::Depth) else { return };
         let over = id == PassId::Wireframe;
-        let colours = if over { vec![Resource::Radiance] } else { vec![Resource::Normal, Resource::Albedo] };
-        let views: Vec<_> = colours.into_iter().filter_map(view).collect();
+        let (colours, meshes): (&[Resource], _) = match id {
+            PassId::Wireframe => (&[Resource::Radiance], self.pipelines.wire.as_ref()),
+            PassId::Overdraw => (&[Resource::Overdraw], self.debug.overdraw()),
+            _ => (&[Resource::Normal, Resource::Albedo], None),
+        };
+        let views: Vec<_> = colours.iter().copied().filter_map(view).collect();
         let load = if over { wgpu::LoadOp::Load } else { wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT) };
         let attachments: Vec<_> = views.iter().map(|view| Some(attachment(view, load))).collect();
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some(if over { "wireframe" } else { "gbuffer" }),
+        let descriptor = wgpu::RenderPassDescriptor {
+            label: Some(id.name()),
             color_attachments: &attachments,
             depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                 view: &depth,
@@ -340,24 +400,26 @@ impl Renderer {
                 }),
                 stencil_ops: None,
             }),
-            timestamp_writes: None,
-            occlusion_query_set: None,
-            multiview_mask: None,
-        });
+            ..Default::default()
+        };
+        let mut pass = encoder.begin(id, &descriptor);
         pass.set_bind_group(0, &self.frame_group, &[]);
         let relief = frame.settings.relief;
         if let Some(instances) = self.instances.buffer() {
-            match (&self.pipelines.wire, over) {
-                (Some(wire), true) => list.wires(&mut pass, wire, instances, counters),
-                (_, false) => list.surfaces(&mut pass, &self.pipelines, instances, relief, counters),
-                (None, true) => {}
+            match (id, meshes) {
+                (PassId::GBuffer, _) => {
+                    list.surfaces(&mut pass, &self.pipelines, instances, relief, counters);
+                }
+                (_, Some(pipeline)) => list.with(&mut pass, pipeline, instances, counters),
+                (_, None) => {}
             }
         }
         // After the assets, which hide much of it.
         if let (Some(ground), Some(pipelines), Some(tiles)) =
             (ground, self.terrain.get(), self.tiles.buffer())
+            && let Some(pipeline) = pipelines.of(id, relief)
         {
-            ground.draw(&mut pass, pipelines, tiles, (over, relief), counters);
+            ground.draw(&mut pass, pipeline, tiles, counters);
         }
     }
 }
@@ -387,7 +449,8 @@ fn attachment(
 }
 
 fn fullscreen(
-    encoder: &mut wgpu::CommandEncoder,
+    encoder: &mut PassEncoder<'_>,
+    id: PassId,
     pipeline: &wgpu::RenderPipeline,
     group: &wgpu::BindGroup,
     target: &Target<'_>,
@@ -396,14 +459,14 @@ fn fullscreen(
         Load::Clear => wgpu::LoadOp::Clear(wgpu::Color::BLACK),
         Load::Keep => wgpu::LoadOp::Load,
     };
-    let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-        label: Some("fullscreen"),
-        color_attachments: &[Some(attachment(target.colour, load))],
+    let attachments = [Some(attachment(target.colour, load))];
+    let descriptor = wgpu::RenderPassDescriptor {
+        label: Some(id.name()),
+        color_attachments: &attachments,
         depth_stencil_attachment: depth_attachment(target),
-        timestamp_writes: None,
-        occlusion_query_set: None,
-        multiview_mask: None,
-    });
+        ..Default::default()
+    };
+    let mut pass = encoder.begin(id, &descriptor);
     pass.set_pipeline(pipeline);
     pass.set_bind_group(0, group, &[]);
     pass.draw(0..3, 0..1);

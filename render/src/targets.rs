@@ -17,6 +17,8 @@ pub(crate) const OCCLUSION: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
 pub(crate) const SUNLIGHT: wgpu::TextureFormat = wgpu::TextureFormat::Rg8Unorm;
 /// Display values, sRGB-encoded by the shader.
 pub(crate) const DISPLAY: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
+/// How often a pixel was drawn: whole numbers up to 2048 are exact.
+pub(crate) const OVERDRAW: wgpu::TextureFormat = wgpu::TextureFormat::R16Float;
 /// Linear radiance.
 pub(crate) const RADIANCE: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 
@@ -57,6 +59,7 @@ impl Targets {
                 Resource::Sunlight => SUNLIGHT,
                 Resource::Radiance => RADIANCE,
                 Resource::Display => DISPLAY,
+                Resource::Overdraw => OVERDRAW,
                 Resource::ShadowMaps | Resource::Target => continue,
             };
             self.textures.entry(*resource).or_insert_with(|| {

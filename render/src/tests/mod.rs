@@ -3,12 +3,14 @@
 //! Without an adapter they fail. `LODESTREAM_SKIP_GPU=1` skips them, and says so.
 
 mod accuracy;
+mod debug;
 mod host;
 mod pictures;
 mod shadows;
 mod shapes;
 mod streaming;
 pub(super) mod terrain;
+mod timing;
 
 use std::io::Write;
 

@@ -4,6 +4,7 @@
 //! also holds the exact computation.
 
 pub mod antialias;
+pub mod debug;
 pub mod depth;
 pub mod relief;
 pub mod ssao;
