@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use lodestream_client::net::Retry;
 use lodestream_client::streaming::{Controls, Status, Streaming};
-use lodestream_render::{AmbientOcclusion, Counters, Pose, SceneView, Settings, Shadows};
+use lodestream_render::{AmbientOcclusion, Counters, Pose, SceneView, Settings, Shadows, Timings};
 use winit::dpi::{LogicalSize, PhysicalPosition};
 use winit::event::MouseButton;
 use winit::event_loop::{ActiveEventLoop, OwnedDisplayHandle};
@@ -314,7 +314,10 @@ impl Running {
             draw: self.counters.clone(),
             gpu_bytes: self.scene.geometry_bytes(),
             waiting_steps: self.scene.waiting(),
+            times: if self.choices.timed { self.painter.renderer.timings() } else { Timings::default() },
         };
+        let table = self.choices.timed && !self.choices.hidden;
+        self.painter.renderer.time_passes(&self.painter.gpu, table || args.stats.is_some());
         let (camera, step) = (self.camera(), self.step());
         let mut choices = self.choices;
         let antialias = self.settings.antialias && step.antialias;
