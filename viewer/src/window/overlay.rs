@@ -13,6 +13,9 @@ use crate::outcome::lacks;
 /// Texels along a side of maps of shadows that are offered.
 const SIDES: [u32; 5] = [512, 1024, 2048, 4096, 8192];
 
+/// Height of the window's title and borders, in points: what does not fit under it is scrolled.
+const FRAME_HEIGHT: f32 = 60.0;
+
 /// What the user may change.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Choices {
@@ -125,43 +128,50 @@ pub(super) fn show(ui: &mut egui::Ui, stats: &Stats, facts: &Facts<'_>, choices:
     let frame = egui::Frame::window(&context.global_style()).multiply_with_opacity(0.8);
     let window = egui::Window::new("Lodestream").default_pos([8.0, 8.0]).resizable(false).frame(frame);
     window.show(&context, |ui| {
-        ui.style_mut().override_text_style = Some(egui::TextStyle::Small);
-        egui::Grid::new("figures").num_columns(2).spacing([10.0, 0.0]).show(ui, |ui| {
-            for (name, value) in rows(stats, facts) {
-                ui.label(name);
-                ui.label(value);
-                ui.end_row();
-            }
-        });
-        ui.separator();
-        ui.horizontal(|ui| {
-            ui.label("pixel error");
-            let slider =
-                egui::Slider::new(&mut choices.target_px, 0.1..=64.0).logarithmic(true).max_decimals(2);
-            ui.add(slider.suffix(" px"));
-        });
-        ui.horizontal_wrapped(|ui| {
-            ui.checkbox(&mut choices.frozen, "freeze selection");
-            ui.checkbox(&mut choices.wireframe, "wireframe");
-        });
-        egui::ComboBox::from_label("view").selected_text(choices.shade.name()).show_ui(ui, |ui| {
-            for shade in Shade::ALL {
-                ui.selectable_value(&mut choices.shade, shade, shade.name());
-            }
-        });
-        ui.horizontal_wrapped(|ui| {
-            ui.checkbox(&mut choices.occlusion, "ambient occlusion");
-            ui.checkbox(&mut choices.shadows, "shadows");
-            ui.checkbox(&mut choices.relief, "relief");
-            ui.checkbox(&mut choices.antialias, "smooth edges");
-            ui.checkbox(&mut choices.adapt, "coarser while moving");
-        });
-        ui.collapsing("parameters of passes", |ui| parameters(ui, choices));
-        let times = ui.collapsing("times of passes", |ui| times(ui, &facts.times));
-        choices.timed = times.body_returned.is_some();
-        ui.separator();
-        ui.small("drag: turn · right drag: pan · wheel: nearer · F: fly or orbit · WASD QE: move · R: reset · H: hide this");
+        let most = (context.content_rect().height() - FRAME_HEIGHT).max(FRAME_HEIGHT);
+        egui::ScrollArea::vertical()
+            .max_height(most)
+            .min_scrolled_height(most)
+            .show(ui, |ui| contents(ui, stats, facts, choices));
     });
+}
+
+fn contents(ui: &mut egui::Ui, stats: &Stats, facts: &Facts<'_>, choices: &mut Choices) {
+    ui.style_mut().override_text_style = Some(egui::TextStyle::Small);
+    egui::Grid::new("figures").num_columns(2).spacing([10.0, 0.0]).show(ui, |ui| {
+        for (name, value) in rows(stats, facts) {
+            ui.label(name);
+            ui.label(value);
+            ui.end_row();
+        }
+    });
+    ui.separator();
+    ui.horizontal(|ui| {
+        ui.label("pixel error");
+        let slider = egui::Slider::new(&mut choices.target_px, 0.1..=64.0).logarithmic(true).max_decimals(2);
+        ui.add(slider.suffix(" px"));
+    });
+    ui.horizontal_wrapped(|ui| {
+        ui.checkbox(&mut choices.frozen, "freeze selection");
+        ui.checkbox(&mut choices.wireframe, "wireframe");
+    });
+    egui::ComboBox::from_label("view").selected_text(choices.shade.name()).show_ui(ui, |ui| {
+        for shade in Shade::ALL {
+            ui.selectable_value(&mut choices.shade, shade, shade.name());
+        }
+    });
+    ui.horizontal_wrapped(|ui| {
+        ui.checkbox(&mut choices.occlusion, "ambient occlusion");
+        ui.checkbox(&mut choices.shadows, "shadows");
+        ui.checkbox(&mut choices.relief, "relief");
+        ui.checkbox(&mut choices.antialias, "smooth edges");
+        ui.checkbox(&mut choices.adapt, "coarser while moving");
+    });
+    ui.collapsing("parameters of passes", |ui| parameters(ui, choices));
+    let times = ui.collapsing("times of passes", |ui| times(ui, &facts.times));
+    choices.timed = times.body_returned.is_some();
+    ui.separator();
+    ui.small("drag: turn · right drag: pan · wheel: nearer · F: fly or orbit · WASD QE: move · R: reset · H: hide this");
 }
 
 /// What passes can be told.
