@@ -11,9 +11,11 @@ pub(crate) struct Composites {
     made: Vec<(Kind, wgpu::RenderPipeline)>,
 }
 
-type Kind = (Option<wgpu::TextureFormat>, Load);
+/// Format of the depth of a target, and what becomes of what it holds.
+pub(crate) type Kind = (Option<wgpu::TextureFormat>, Load);
 
-fn kind(target: &Target<'_>) -> Kind {
+/// A target's kind.
+pub(crate) fn kind(target: &Target<'_>) -> Kind {
     (target.depth.map(|view| view.texture().format()), target.load)
 }
 
@@ -33,17 +35,27 @@ impl Composites {
     }
 }
 
-fn pipeline(gpu: &Gpu, format: wgpu::TextureFormat, (depth, load): Kind) -> wgpu::RenderPipeline {
+fn pipeline(gpu: &Gpu, format: wgpu::TextureFormat, kind: Kind) -> wgpu::RenderPipeline {
+    let is = |yes: bool| f64::from(u8::from(yes));
+    let constants = [("ENCODE_SRGB", is(!format.is_srgb())), ("KEEP", is(kind.1 == Load::Keep))];
     let module = shader(gpu, "composite", COMPOSITE);
-    let entry = if depth.is_some() { "fs_composite" } else { "fs_overlay" };
-    let keep = load == Load::Keep;
-    let constants =
-        [("ENCODE_SRGB", f64::from(u8::from(!format.is_srgb()))), ("KEEP", f64::from(u8::from(keep)))];
+    into_target(gpu, &module, (format, kind), ["fs_overlay", "fs_composite"], &constants)
+}
+
+/// What draws the whole of a host's target, by one of two entry points: without depth, and with.
+pub(crate) fn into_target(
+    gpu: &Gpu,
+    module: &wgpu::ShaderModule,
+    (format, (depth, load)): (wgpu::TextureFormat, Kind),
+    [flat, deep]: [&str; 2],
+    constants: &[(&str, f64)],
+) -> wgpu::RenderPipeline {
+    let entry = if depth.is_some() { deep } else { flat };
     gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: Some(entry),
         layout: None,
         vertex: wgpu::VertexState {
-            module: &module,
+            module,
             entry_point: Some("vs_fullscreen"),
             compilation_options: Default::default(),
             buffers: &[],
@@ -53,22 +65,18 @@ fn pipeline(gpu: &Gpu, format: wgpu::TextureFormat, (depth, load): Kind) -> wgpu
             format,
             depth_write_enabled: Some(true),
             // Reversed depth: nearer is greater.
-            depth_compare: Some(if keep {
-                wgpu::CompareFunction::Greater
-            } else {
-                wgpu::CompareFunction::Always
+            depth_compare: Some(match load {
+                Load::Keep => wgpu::CompareFunction::Greater,
+                Load::Clear => wgpu::CompareFunction::Always,
             }),
             stencil: Default::default(),
             bias: Default::default(),
         }),
         multisample: Default::default(),
         fragment: Some(wgpu::FragmentState {
-            module: &module,
+            module,
             entry_point: Some(entry),
-            compilation_options: wgpu::PipelineCompilationOptions {
-                constants: &constants,
-                ..Default::default()
-            },
+            compilation_options: wgpu::PipelineCompilationOptions { constants, ..Default::default() },
             targets: &[Some(format.into())],
         }),
         multiview_mask: None,

@@ -154,6 +154,28 @@ impl<'a> DrawList<'a> {
         (middle(raw) + rotation * (batch.asset.sphere().0 * f64::from(raw.scale))).length()
     }
 
+    /// Counts how often pixels are drawn, by what is seen through or by all else.
+    pub(crate) fn overdraw(
+        &self,
+        gpu: &Gpu,
+        pass: &mut wgpu::RenderPass<'_>,
+        (pipelines, instances): (&MeshPipelines, &wgpu::Buffer),
+        seen_through: bool,
+        counters: &mut Counters,
+    ) {
+        each(&self.batches, pass, instances, |pass, part, triangles| {
+            let features = part.material.features;
+            if features.blend != seen_through {
+                return false;
+            }
+            pass.set_pipeline(pipelines.overdraw(gpu, features));
+            pass.set_bind_group(1, &part.material.group, &[]);
+            counters.draws += 1;
+            counters.triangles += triangles;
+            true
+        });
+    }
+
     /// Draws all edges.
     pub(crate) fn wires(
         &self,

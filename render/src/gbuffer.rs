@@ -1,7 +1,9 @@
 //! Pipelines of the geometry passes: what fills the G-buffer, and the edges that the wireframe is made of.
 
 use super::gpu::Gpu;
-use super::targets::{ALBEDO, DEPTH, EDGES, NORMAL, RADIANCE};
+use super::targets::{ALBEDO, DEPTH, EDGES, NORMAL, OVERDRAW, RADIANCE};
+
+const COUNT: &str = include_str!("shaders/overdraw.wgsl");
 
 /// Shader, bindings and vertices of something that is drawn into the G-buffer.
 pub(crate) struct GeometryPass<'a> {
@@ -12,6 +14,7 @@ pub(crate) struct GeometryPass<'a> {
 
 /// What is made of the pixels.
 struct Fragment<'a> {
+    module: &'a wgpu::ShaderModule,
     entry: &'a str,
     constants: &'a [(&'a str, f64)],
     targets: &'a [Option<wgpu::ColorTargetState>],
@@ -55,7 +58,7 @@ impl GeometryPass<'_> {
         constants: &[(&str, f64)],
     ) -> wgpu::RenderPipeline {
         let targets = [Some(NORMAL.into()), Some(ALBEDO.into())];
-        let fragment = Fragment { entry: entry[1], constants, targets: &targets };
+        let fragment = Fragment { module: self.module, entry: entry[1], constants, targets: &targets };
         self.pipeline(gpu, entry[0], Some(fragment), Raster::FILL)
     }
 
@@ -66,14 +69,15 @@ impl GeometryPass<'_> {
 
     /// Draws nothing but depth, where the fragment stage leaves a pixel.
     pub(crate) fn pierced_caster(&self, gpu: &Gpu, entry: [&str; 2]) -> wgpu::RenderPipeline {
-        let fragment = Fragment { entry: entry[1], constants: &[], targets: &[] };
+        let fragment = Fragment { module: self.module, entry: entry[1], constants: &[], targets: &[] };
         self.pipeline(gpu, entry[0], Some(fragment), Raster::FILL)
     }
 
     /// Adds light to the picture where the same surfaces were drawn into the G-buffer.
     pub(crate) fn emission(&self, gpu: &Gpu, entry: [&str; 2]) -> wgpu::RenderPipeline {
         let target = wgpu::ColorTargetState { blend: Some(ADD), ..RADIANCE.into() };
-        let fragment = Fragment { entry: entry[1], constants: &[], targets: &[Some(target)] };
+        let fragment =
+            Fragment { module: self.module, entry: entry[1], constants: &[], targets: &[Some(target)] };
         let raster = Raster { compare: wgpu::CompareFunction::Equal, write: false, ..Raster::FILL };
         self.pipeline(gpu, entry[0], Some(fragment), raster)
     }
@@ -88,7 +92,7 @@ impl GeometryPass<'_> {
         let blend = Some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING);
         let targets = [Some(wgpu::ColorTargetState { blend, ..RADIANCE.into() })];
         [wgpu::Face::Front, wgpu::Face::Back].map(|cull| {
-            let fragment = Fragment { entry: entry[1], constants, targets: &targets };
+            let fragment = Fragment { module: self.module, entry: entry[1], constants, targets: &targets };
             let raster = Raster { cull: Some(cull), write: false, ..Raster::FILL };
             self.pipeline(gpu, entry[0], Some(fragment), raster)
         })
@@ -98,9 +102,37 @@ impl GeometryPass<'_> {
     pub(crate) fn wire(&self, gpu: &Gpu, entry: [&str; 2]) -> Option<wgpu::RenderPipeline> {
         let lines = gpu.device.features().contains(wgpu::Features::POLYGON_MODE_LINE);
         let target = wgpu::ColorTargetState { blend: Some(ADD), ..EDGES.into() };
-        let fragment = Fragment { entry: entry[1], constants: &[], targets: &[Some(target)] };
+        let fragment =
+            Fragment { module: self.module, entry: entry[1], constants: &[], targets: &[Some(target)] };
         let raster = Raster { polygon_mode: wgpu::PolygonMode::Line, write: false, ..Raster::FILL };
         lines.then(|| self.pipeline(gpu, entry[0], Some(fragment), raster))
+    }
+
+    /// Adds one to a pixel whenever something is drawn there that lies before what was drawn.
+    pub(crate) fn overdraw(&self, gpu: &Gpu, entry: &str) -> wgpu::RenderPipeline {
+        self.count(gpu, (&shader(gpu, "overdraw", COUNT), [entry, "fs_overdraw"]), Raster::FILL)
+    }
+
+    /// The same where the fragment stage, which is the shader's own, leaves a pixel.
+    pub(crate) fn pierced_overdraw(&self, gpu: &Gpu, entry: [&str; 2]) -> wgpu::RenderPipeline {
+        self.count(gpu, (self.module, entry), Raster::FILL)
+    }
+
+    /// The same of what is seen through, which hides nothing.
+    pub(crate) fn transparent_overdraw(&self, gpu: &Gpu, entry: &str) -> wgpu::RenderPipeline {
+        let raster = Raster { write: false, ..Raster::FILL };
+        self.count(gpu, (&shader(gpu, "overdraw", COUNT), [entry, "fs_overdraw"]), raster)
+    }
+
+    fn count(
+        &self,
+        gpu: &Gpu,
+        (module, entry): (&wgpu::ShaderModule, [&str; 2]),
+        raster: Raster,
+    ) -> wgpu::RenderPipeline {
+        let target = wgpu::ColorTargetState { blend: Some(ADD), ..OVERDRAW.into() };
+        let fragment = Fragment { module, entry: entry[1], constants: &[], targets: &[Some(target)] };
+        self.pipeline(gpu, entry[0], Some(fragment), raster)
     }
 
     fn pipeline(
@@ -128,8 +160,8 @@ impl GeometryPass<'_> {
                 bias: Default::default(),
             }),
             multisample: Default::default(),
-            fragment: fragment.map(|Fragment { entry, constants, targets }| wgpu::FragmentState {
-                module: self.module,
+            fragment: fragment.map(|Fragment { module, entry, constants, targets }| wgpu::FragmentState {
+                module,
                 entry_point: Some(entry),
                 compilation_options: wgpu::PipelineCompilationOptions { constants, ..Default::default() },
                 targets,

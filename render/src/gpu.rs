@@ -90,8 +90,9 @@ pub struct Gpu {
 
 impl Gpu {
     /// Features that the renderer uses where the device has them.
-    pub const WANTED_FEATURES: wgpu::Features =
-        wgpu::Features::POLYGON_MODE_LINE.union(wgpu::Features::TEXTURE_FORMAT_16BIT_NORM);
+    pub const WANTED_FEATURES: wgpu::Features = wgpu::Features::POLYGON_MODE_LINE
+        .union(wgpu::Features::TEXTURE_FORMAT_16BIT_NORM)
+        .union(wgpu::Features::TIMESTAMP_QUERY);
 
     /// Opens a device that draws into textures only; needs no display. Prefers real GPUs to
     /// software ones; the environment variable `WGPU_BACKEND` restricts the back ends tried.
@@ -120,7 +121,7 @@ impl Gpu {
     }
 
     /// Takes the device of a program that has one. It needs no feature or limit beyond WebGPU's defaults; with
-    /// [`Gpu::WANTED_FEATURES`] wireframes can be drawn and height maps keep 16 bits.
+    /// [`Gpu::WANTED_FEATURES`] wireframes can be drawn, height maps keep 16 bits and passes can be timed on the device.
     ///
     /// The device's error handlers stay the host's: what wgpu reports goes there, and [`Gpu::take_error`] has none.
     #[must_use]

@@ -7,6 +7,8 @@
 /// A pass over the picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum PassId {
+    /// How often each pixel is drawn, in place of the surfaces.
+    Overdraw,
     /// Surfaces to depth, normal and albedo.
     GBuffer,
     /// Ambient occlusion, 16 rotated samples.
@@ -35,6 +37,33 @@ pub enum PassId {
     AntiAlias,
     /// The same into a host's targets: with depth, or leaving what is there.
     Composite,
+    /// What another pass hands on, in place of the picture.
+    Debug,
+}
+
+impl PassId {
+    /// Its name in figures.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Overdraw => "overdraw",
+            Self::GBuffer => "g_buffer",
+            Self::Occlusion => "occlusion",
+            Self::OcclusionBlur => "occlusion_blur",
+            Self::ShadowMaps => "shadow_maps",
+            Self::Sunlight => "sunlight",
+            Self::Lighting => "lighting",
+            Self::Sky => "sky",
+            Self::Emission => "emission",
+            Self::Transparency => "transparency",
+            Self::Edges => "edges",
+            Self::Wireframe => "wireframe",
+            Self::ToneMap => "tone_map",
+            Self::AntiAlias => "anti_alias",
+            Self::Composite => "composite",
+            Self::Debug => "debug",
+        }
+    }
 }
 
 /// What passes hand on.
@@ -53,6 +82,8 @@ pub(crate) enum Resource {
     Radiance,
     /// What is shown, but for its edges.
     Display,
+    /// How often each pixel was drawn.
+    Overdraw,
     /// The caller's target; not allocated here.
     Target,
 }
@@ -86,18 +117,24 @@ pub(crate) struct Needs {
     pub(crate) depth: bool,
     /// What the target holds stays where no surface is.
     pub(crate) keep: bool,
+    /// What the pass that shows something in place of the picture reads.
+    pub(crate) shown: Option<&'static [Resource]>,
 }
 
 /// The passes that could run, in order.
 pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
     use Resource::{
-        Albedo, Depth, Display, Edges, Normal, Occlusion, OcclusionRaw, Radiance, ShadowMaps, Sunlight,
-        Target,
+        Albedo, Depth, Display, Edges, Normal, Occlusion, OcclusionRaw, Overdraw, Radiance, ShadowMaps,
+        Sunlight, Target,
     };
     let pass = |id, reads, writes| Pass { id, reads, writes };
     let mut passes = Vec::new();
     if needs.geometry {
         passes.push(pass(PassId::GBuffer, &[], &[Depth, Normal, Albedo]));
+        if needs.shown.is_some_and(|shown| shown.contains(&Overdraw)) {
+            // Drawn anew: the depth that it tests against begins empty.
+            passes.push(pass(PassId::Overdraw, &[], &[Depth, Overdraw]));
+        }
         passes.push(pass(PassId::Occlusion, &[Depth], &[OcclusionRaw]));
         passes.push(pass(PassId::OcclusionBlur, &[Depth, OcclusionRaw], &[Occlusion]));
         passes.push(pass(PassId::ShadowMaps, &[], &[ShadowMaps]));
@@ -124,7 +161,9 @@ pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
     } else if !needs.keep {
         passes.push(pass(PassId::Sky, &[], &[Radiance]));
     }
-    if needs.geometry && (needs.depth || needs.keep) {
+    if let (Some(shown), true) = (needs.shown, needs.geometry) {
+        passes.push(pass(PassId::Debug, shown, &[Target]));
+    } else if needs.geometry && (needs.depth || needs.keep) {
         passes.push(pass(PassId::Composite, &[Radiance, Depth], &[Target]));
     } else if needs.antialias && needs.geometry {
         passes.push(pass(PassId::ToneMap, &[Radiance], &[Display]));
@@ -227,10 +266,46 @@ mod tests {
     }
 
     #[test]
+    fn what_is_shown_in_place_of_the_picture_runs_what_makes_it_alone() {
+        use PassId::{Debug, GBuffer, Occlusion, OcclusionBlur, Overdraw, ShadowMaps, Sunlight};
+        use Resource::{Albedo, Depth, Normal};
+        let all = Needs {
+            geometry: true,
+            occlusion: true,
+            shadows: true,
+            emission: true,
+            transparency: true,
+            wireframe: true,
+            antialias: true,
+            ..Needs::default()
+        };
+        let shown = |shown| ids(Needs { shown: Some(shown), ..all }, &[Resource::Target]);
+        assert_eq!(shown(&[Depth, Normal]), [GBuffer, Debug]);
+        assert_eq!(shown(&[Depth, Normal, Albedo]), [GBuffer, Debug]);
+        assert_eq!(shown(&[Depth]), [GBuffer, Debug]);
+        assert_eq!(shown(&[Depth, Resource::Occlusion]), [GBuffer, Occlusion, OcclusionBlur, Debug]);
+        assert_eq!(shown(&[Depth, Resource::Sunlight]), [GBuffer, ShadowMaps, Sunlight, Debug]);
+        assert_eq!(shown(&[Depth, Resource::Overdraw]), [Overdraw, Debug]);
+        let sky = Needs { shown: Some(&[Depth, Normal]), ..Needs::default() };
+        assert_eq!(ids(sky, &[Resource::Target]), [PassId::Sky, PassId::ToneMap]);
+    }
+
+    #[test]
     fn every_read_was_written_before() {
-        for bits in 0..512 {
+        let shown: [Option<&'static [Resource]>; 8] = [
+            None,
+            Some(&[Resource::Depth]),
+            Some(&[Resource::Depth, Resource::Normal]),
+            Some(&[Resource::Depth, Resource::Albedo]),
+            Some(&[Resource::Depth, Resource::Normal, Resource::Albedo]),
+            Some(&[Resource::Depth, Resource::Occlusion]),
+            Some(&[Resource::Depth, Resource::Sunlight]),
+            Some(&[Resource::Depth, Resource::Overdraw]),
+        ];
+        for (bits, shown) in (0..512).flat_map(|bits| shown.map(|shown| (bits, shown))) {
             let bit = |n: u32| bits >> n & 1 != 0;
             let needs = Needs {
+                shown,
                 geometry: bit(0),
                 occlusion: bit(1),
                 wireframe: bit(2),

@@ -9,6 +9,7 @@ use super::readback::read_texture;
 use super::renderer::Renderer;
 use super::scene::Frame;
 use super::target::Target;
+use super::timing::Timings;
 
 /// Format of the pictures: plain bytes; the shader applies the sRGB curve.
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
@@ -87,8 +88,19 @@ impl Headless {
             .poll(wgpu::PollType::wait_indefinitely())
             .map_err(|e| RenderError::Device(e.to_string()))?;
         self.gpu.check()?;
-        self.has_surfaces = counters.passes.contains(&PassId::GBuffer);
+        self.has_surfaces =
+            counters.passes.iter().any(|pass| [PassId::GBuffer, PassId::Overdraw].contains(pass));
         Ok(counters)
+    }
+
+    /// As [`Renderer::time_passes`].
+    pub fn time_passes(&mut self, on: bool) {
+        self.renderer.time_passes(&self.gpu, on);
+    }
+
+    /// As [`Renderer::timings`].
+    pub fn timings(&mut self) -> Timings {
+        self.renderer.timings()
     }
 
     /// The last picture, sRGB.
@@ -121,6 +133,12 @@ impl Headless {
     /// As [`Headless::picture`].
     pub fn coverage(&self) -> Result<Vec<bool>, RenderError> {
         Ok(self.depth()?.into_iter().map(|d| d > 0.0).collect())
+    }
+
+    /// The renderer, for drawing elsewhere.
+    #[cfg(test)]
+    pub(crate) fn renderer_mut(&mut self) -> &mut Renderer {
+        &mut self.renderer
     }
 
     /// Bytes of an intermediate texture of the last frame, if it has been drawn.

@@ -22,6 +22,7 @@ mod buffer;
 mod camera;
 mod composite;
 mod counters;
+mod debug;
 mod draw;
 mod gbuffer;
 mod gpu;
@@ -47,6 +48,7 @@ mod targets;
 mod terrain;
 mod texture;
 pub mod tiles;
+mod timing;
 pub mod twin;
 mod uniforms;
 mod vertex;
@@ -76,6 +78,7 @@ pub use scene_view::SceneView;
 pub use target::{Load, Target};
 pub use terrain::{MAX_DRAWN_HEIGHT, TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart};
 pub use texture::{TextureData, TextureKind, TextureShape};
+pub use timing::{PassTime, Timings};
 pub use vertex::PackedVertex;
 
 /// What a window shows while there is no scene in it: sRGB.

@@ -44,6 +44,8 @@ pub(crate) struct MeshPipelines {
     emission: OnceLock<wgpu::RenderPipeline>,
     /// Without maps and with.
     transparent: [OnceLock<[wgpu::RenderPipeline; 2]>; 2],
+    /// Of what is solid, what has holes, and what is seen through.
+    overdraw: [OnceLock<wgpu::RenderPipeline>; 3],
 }
 
 const BUFFERS: [Option<wgpu::VertexBufferLayout<'_>>; 2] = [
@@ -87,6 +89,7 @@ impl MeshPipelines {
             pierced_caster: OnceLock::new(),
             emission: OnceLock::new(),
             transparent: Default::default(),
+            overdraw: Default::default(),
         };
         // What most scenes need.
         this.variant(gpu, [false; 3]);
@@ -143,6 +146,19 @@ impl MeshPipelines {
             let maps = [("MAPS", f64::from(u8::from(material.maps)))];
             pass(&module, &self.lit_layout).transparent(gpu, ["vs_surface", "fs_transparent"], &maps)
         })
+    }
+
+    /// Counts how often pixels are drawn.
+    pub(crate) fn overdraw(&self, gpu: &Gpu, material: Features) -> &wgpu::RenderPipeline {
+        let pass = pass(&self.module, &self.layout);
+        match material {
+            Features { blend: true, .. } => {
+                self.overdraw[2].get_or_init(|| pass.transparent_overdraw(gpu, "vs_caster"))
+            }
+            Features { mask: true, .. } => self.overdraw[1]
+                .get_or_init(|| pass.pierced_overdraw(gpu, ["vs_pierced", "fs_pierced_overdraw"])),
+            _ => self.overdraw[0].get_or_init(|| pass.overdraw(gpu, "vs_caster")),
+        }
     }
 }
 

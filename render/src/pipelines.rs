@@ -50,6 +50,14 @@ pub(crate) const COMPOSITE: &str = concat!(
     include_str!("shaders/composite.wgsl")
 );
 
+/// For [`super::debug`].
+pub(crate) const DEBUG: &str = concat!(
+    include_str!("shaders/common.wgsl"),
+    include_str!("shaders/fullscreen.wgsl"),
+    include_str!("shaders/targets.wgsl"),
+    include_str!("shaders/debug.wgsl")
+);
+
 /// Everything compiled for one target format.
 #[derive(Debug)]
 pub(crate) struct Pipelines {

@@ -8,6 +8,7 @@ use super::asset::AssetGpu;
 use super::buffer::GrowingBuffer;
 use super::composite::{Composites, depth_attachment};
 use super::counters::Counters;
+use super::debug::{self, DebugPipelines};
 use super::draw::DrawList;
 use super::gpu::{Gpu, RenderError};
 use super::graph::{self, Needs, Pass, PassId, Resource};
@@ -22,6 +23,7 @@ use super::target::{Load, Target};
 use super::targets::Targets;
 use super::terrain::{TerrainGpu, TerrainLook, TerrainPipelines, TileList, TileRaw};
 use super::texture::TextureShape;
+use super::timing::{PassEncoder, Timer, Timings};
 use super::uniforms::FrameUniform;
 
 /// Draws frames into targets of one format.
@@ -30,6 +32,7 @@ pub struct Renderer {
     kit: MaterialKit,
     pipelines: Pipelines,
     composites: Composites,
+    debug: DebugPipelines,
     targets: Targets,
     frame_buffer: wgpu::Buffer,
     frame_group: wgpu::BindGroup,
@@ -41,6 +44,8 @@ pub struct Renderer {
     terrain: OnceLock<TerrainPipelines>,
     target_format: wgpu::TextureFormat,
     warned_wireframe: bool,
+    /// Where somebody asked what passes take.
+    timer: Option<Timer>,
 }
 
 impl Renderer {
@@ -69,6 +74,7 @@ impl Renderer {
             kit,
             pipelines,
             composites: Composites::default(),
+            debug: DebugPipelines::default(),
             targets: Targets::default(),
             frame_buffer,
             frame_group,
@@ -79,6 +85,7 @@ impl Renderer {
             terrain: OnceLock::new(),
             target_format,
             warned_wireframe: false,
+            timer: None,
         })
     }
 
@@ -86,6 +93,21 @@ impl Renderer {
     #[must_use]
     pub fn target_format(&self) -> wgpu::TextureFormat {
         self.target_format
+    }
+
+    /// Times passes from the next frame on, or no longer. Timestamps are two queries a pass, read back without waiting.
+    pub fn time_passes(&mut self, gpu: &Gpu, on: bool) {
+        match (&self.timer, on) {
+            (None, true) => self.timer = Some(Timer::new(gpu)),
+            (_, false) => self.timer = None,
+            (Some(_), true) => {}
+        }
+    }
+
+    /// What passes took in the last frames, of which the newest are not yet back from the device; empty unless
+    /// [`Renderer::time_passes`] asked for it.
+    pub fn timings(&mut self) -> Timings {
+        self.timer.as_mut().map(Timer::timings).unwrap_or_default()
     }
 
     /// Makes an empty asset. Positions of its vertices will be relative to `origin` (asset units);
@@ -128,6 +150,7 @@ impl Renderer {
         frame: &Frame<'_>,
     ) -> Result<Counters, RenderError> {
         target.check(self.target_format)?;
+        let mut passes = PassEncoder::new(encoder, self.timer.as_mut().map(Timer::begin));
         let (size, mut counters) = (drawn_size(target, frame.settings.render_scale), Counters::default());
         let mut list = DrawList::new(frame, size, &mut counters);
         let sky = self.sky.light(gpu, &frame.environment);
@@ -154,13 +177,16 @@ impl Renderer {
             self.warned_wireframe = true;
         }
         let has_surfaces = !list.batches.is_empty() || ground.is_some();
+        let occlusion = frame.settings.occlusion.is_some_and(|o| o.strength > 0.0);
+        let shown = debug::shown(frame.settings.shade, occlusion, !casters.is_empty());
         let plan = graph::plan(
             &graph::candidates(Needs {
                 geometry: has_surfaces,
-                occlusion: frame.settings.occlusion.is_some_and(|o| o.strength > 0.0),
+                occlusion,
                 shadows: !casters.is_empty(),
                 emission: list.any(|features| features.emits && !features.blend),
                 transparency: list.any(|features| features.blend),
+                shown: shown.map(|(_, reads)| reads),
                 wireframe: frame.settings.wireframe && self.pipelines.meshes.wire.is_some(),
                 // What is enlarged is smoothed by that.
                 antialias: frame.settings.antialias && size == target.size,
@@ -173,19 +199,31 @@ impl Renderer {
         self.instances.write(gpu, 0, &list.instances)?;
         let uniform = FrameUniform::new(frame, &sky, size, target.size);
         gpu.queue.write_buffer(&self.frame_buffer, 0, bytemuck::bytes_of(&uniform));
-        if plan.iter().any(|pass| pass.id == PassId::Composite) {
+        let runs = |id| plan.iter().any(|pass| pass.id == id);
+        if let Some((shown, _)) = shown.filter(|_| runs(PassId::Debug)) {
+            self.debug.ensure(gpu, self.target_format, shown, target);
+            if runs(PassId::Overdraw) {
+                self.terrain.get().inspect(|terrain| {
+                    terrain.prepare_overdraw(gpu, &self.pipelines.frame_layout);
+                });
+            }
+        } else if runs(PassId::Composite) {
             self.composites.ensure(gpu, self.target_format, target);
         } else if target.load == Load::Clear {
-            clear_depth(encoder, target);
+            clear_depth(passes.encoder, target);
         }
+        if casters.is_empty() && runs(PassId::Transparency) {
+            self.shadow_maps.none(gpu);
+        }
+        passes.planned();
         if let Some(shadows) = shadows
-            && plan.iter().any(|pass| pass.id == PassId::ShadowMaps)
+            && runs(PassId::ShadowMaps)
         {
             let ground_px = frame.terrain.map(|terrain| terrain.error_px);
             let sun = Sun { shadows, cascades: &casters, frame: &uniform, eye: frame.camera.eye, ground_px };
             self.shadow_maps.record(
                 gpu,
-                encoder,
+                &mut passes,
                 &sun,
                 (&self.pipelines.meshes, self.instances.buffer()),
                 |pass, cascade| match (&ground, self.terrain.get(), self.tiles.buffer()) {
@@ -196,14 +234,14 @@ impl Renderer {
                 },
                 &mut counters,
             );
-        }
-        if casters.is_empty() && plan.iter().any(|pass| pass.id == PassId::Transparency) {
-            self.shadow_maps.none(gpu);
+            passes.recorded(PassId::ShadowMaps);
         }
         for pass in &plan {
-            self.run(gpu, encoder, *pass, target, frame, (&list, ground.as_ref()), &mut counters);
+            self.run(gpu, &mut passes, *pass, target, frame, (&list, ground.as_ref()), &mut counters);
+            passes.recorded(pass.id);
             counters.passes.push(pass.id);
         }
+        passes.end(self.timer.as_mut());
         gpu.check()?;
         Ok(counters)
     }
@@ -223,7 +261,7 @@ impl Renderer {
     fn run(
         &self,
         gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
+        encoder: &mut PassEncoder<'_>,
         pass: Pass,
         target: &Target<'_>,
         frame: &Frame<'_>,
@@ -232,12 +270,15 @@ impl Renderer {
     ) {
         use Resource::{Albedo, Depth, Display, Normal, Occlusion, OcclusionRaw, Radiance, Sunlight};
         let p = &self.pipelines;
+        let full = |encoder: &mut PassEncoder<'_>, pipeline, reads: &[Resource], write| {
+            self.full(gpu, encoder, pass.id, (pipeline, reads), write);
+        };
         match pass.id {
-            PassId::GBuffer | PassId::Emission | PassId::Transparency | PassId::Edges => {
-                self.geometry(gpu, encoder, pass.id, frame, list, counters);
+            PassId::GBuffer | PassId::Overdraw | PassId::Emission | PassId::Transparency | PassId::Edges => {
+                self.geometry(gpu, encoder, pass.id, frame, list, counters)
             }
-            PassId::Occlusion => self.full(gpu, encoder, &p.occlusion, &[Depth], OcclusionRaw),
-            PassId::OcclusionBlur => self.full(gpu, encoder, &p.blur, &[Depth, OcclusionRaw], Occlusion),
+            PassId::Occlusion => full(encoder, &p.occlusion, &[Depth], OcclusionRaw),
+            PassId::OcclusionBlur => full(encoder, &p.blur, &[Depth, OcclusionRaw], Occlusion),
             // Before all others: what has changed of the maps is drawn when the frame is planned.
             PassId::ShadowMaps => {}
             PassId::Sunlight => self.sunlight(gpu, encoder),
@@ -248,31 +289,48 @@ impl Renderer {
                 let or = |there, resource| if there { resource } else { Albedo };
                 let reads = [Depth, Normal, Albedo, or(occlusion, Occlusion), or(shadows, Sunlight)];
                 let pipeline = &p.lighting[usize::from(occlusion)][usize::from(shadows)];
-                self.lit(gpu, encoder, pipeline, &reads, true);
+                self.lit(gpu, encoder, pass.id, (pipeline, &reads), true);
             }
-            PassId::Wireframe => self.over(gpu, encoder, &p.wireframe, &[Resource::Edges], Radiance),
-            PassId::Sky => self.lit(gpu, encoder, &p.sky, &[], false),
+            PassId::Wireframe => {
+                self.over(gpu, encoder, pass.id, (&p.wireframe, &[Resource::Edges]), Radiance);
+            }
+            PassId::Sky => self.lit(gpu, encoder, pass.id, (&p.sky, &[]), false),
             PassId::ToneMap if pass.writes(Display) => {
-                self.full(gpu, encoder, &p.tonemap_display, &[Radiance], Display);
+                full(encoder, &p.tonemap_display, &[Radiance], Display);
             }
             PassId::AntiAlias => {
                 let group = self.inputs(gpu, &p.antialias, &[Display]);
-                fullscreen(encoder, &p.antialias, &group, &Target { depth: None, ..*target });
+                fullscreen(encoder, pass.id, &p.antialias, &group, &Target { depth: None, ..*target });
             }
             PassId::ToneMap => {
                 let group = self.inputs(gpu, &p.tonemap, &[Radiance]);
-                fullscreen(encoder, &p.tonemap, &group, &Target { depth: None, ..*target });
+                fullscreen(encoder, pass.id, &p.tonemap, &group, &Target { depth: None, ..*target });
+            }
+            PassId::Debug => {
+                let settings = &frame.settings;
+                // Of what there is not the plan has no pass.
+                let [occlusion, shadows] =
+                    [PassId::OcclusionBlur, PassId::Sunlight].map(|pass| counters.passes.contains(&pass));
+                let Some((shown, reads)) = debug::shown(settings.shade, occlusion, shadows) else {
+                    return;
+                };
+                let Some(pipeline) = self.debug.get(shown, target) else { return };
+                // The shader reads none of what is not shown, but its slots must be filled.
+                let mut slots = [Depth; 3];
+                slots[..reads.len()].copy_from_slice(reads);
+                let group = self.inputs(gpu, pipeline, &slots);
+                fullscreen(encoder, pass.id, pipeline, &group, target);
             }
             PassId::Composite => {
                 let Some(pipeline) = self.composites.get(target) else { return };
                 let group = self.inputs(gpu, pipeline, &[Radiance, Depth]);
-                fullscreen(encoder, pipeline, &group, target);
+                fullscreen(encoder, pass.id, pipeline, &group, target);
             }
         }
     }
 
     /// Looks the shadow maps up for each pixel.
-    fn sunlight(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder) {
+    fn sunlight(&self, gpu: &Gpu, encoder: &mut PassEncoder<'_>) {
         let pipeline = &self.pipelines.sunlight;
         let view = |resource| self.targets.view(resource);
         let (Some(depth), Some(normal), Some(into)) =
@@ -293,7 +351,7 @@ impl Renderer {
             })
         });
         if let Some(group) = group {
-            fullscreen(encoder, pipeline, &group, &Target::colour(&into, (0, 0)));
+            fullscreen(encoder, PassId::Sunlight, pipeline, &group, &Target::colour(&into, (0, 0)));
         }
     }
 
@@ -301,14 +359,14 @@ impl Renderer {
     fn full(
         &self,
         gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
-        pipeline: &wgpu::RenderPipeline,
-        reads: &[Resource],
+        encoder: &mut PassEncoder<'_>,
+        id: PassId,
+        (pipeline, reads): (&wgpu::RenderPipeline, &[Resource]),
         write: Resource,
     ) {
         if let Some(target) = self.targets.view(write) {
             let group = self.inputs(gpu, pipeline, reads);
-            fullscreen(encoder, pipeline, &group, &Target::colour(&target, (0, 0)));
+            fullscreen(encoder, id, pipeline, &group, &Target::colour(&target, (0, 0)));
         }
     }
 
@@ -316,9 +374,9 @@ impl Renderer {
     fn lit(
         &self,
         gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
-        pipeline: &wgpu::RenderPipeline,
-        reads: &[Resource],
+        encoder: &mut PassEncoder<'_>,
+        id: PassId,
+        (pipeline, reads): (&wgpu::RenderPipeline, &[Resource]),
         surfaces: bool,
     ) {
         if let Some(target) = self.targets.view(Resource::Radiance) {
@@ -328,7 +386,7 @@ impl Renderer {
             let more = [view(11, &lobes), view(13, &split_sum)].into_iter().filter(|_| surfaces);
             let entries: Vec<_> = [view(10, &seen), sampler].into_iter().chain(more).collect();
             let group = self.inputs_and(gpu, pipeline, reads, &entries);
-            fullscreen(encoder, pipeline, &group, &Target::colour(&target, (0, 0)));
+            fullscreen(encoder, id, pipeline, &group, &Target::colour(&target, (0, 0)));
         }
     }
 
@@ -336,15 +394,15 @@ impl Renderer {
     fn over(
         &self,
         gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
-        pipeline: &wgpu::RenderPipeline,
-        reads: &[Resource],
+        encoder: &mut PassEncoder<'_>,
+        id: PassId,
+        (pipeline, reads): (&wgpu::RenderPipeline, &[Resource]),
         write: Resource,
     ) {
         if let Some(target) = self.targets.view(write) {
             let group = self.inputs(gpu, pipeline, reads);
             let target = Target { load: Load::Keep, ..Target::colour(&target, (0, 0)) };
-            fullscreen(encoder, pipeline, &group, &target);
+            fullscreen(encoder, id, pipeline, &group, &target);
         }
     }
 
@@ -374,11 +432,12 @@ impl Renderer {
         })
     }
 
-    /// The passes that draw triangles: surfaces; what they give off, what is seen through and edges over the lit picture.
+    /// The passes that draw triangles: surfaces; what they give off, what is seen through and edges over the lit
+    /// picture; or how often each pixel is drawn.
     fn geometry(
         &self,
         gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
+        encoder: &mut PassEncoder<'_>,
         id: PassId,
         frame: &Frame<'_>,
         (list, ground): (&DrawList<'_>, Option<&TileList<'_>>),
@@ -386,20 +445,21 @@ impl Renderer {
     ) {
         let view = |r| self.targets.view(r);
         let Some(depth) = view(Resource::Depth) else { return };
-        let over = id != PassId::GBuffer;
-        let colours = match id {
-            PassId::GBuffer => vec![Resource::Normal, Resource::Albedo],
-            PassId::Edges => vec![Resource::Edges],
-            _ => vec![Resource::Radiance],
+        let colours: &[Resource] = match id {
+            PassId::GBuffer => &[Resource::Normal, Resource::Albedo],
+            PassId::Overdraw => &[Resource::Overdraw],
+            PassId::Edges => &[Resource::Edges],
+            _ => &[Resource::Radiance],
         };
-        let views: Vec<_> = colours.into_iter().filter_map(view).collect();
+        let views: Vec<_> = colours.iter().copied().filter_map(view).collect();
+        let over = !matches!(id, PassId::GBuffer | PassId::Overdraw);
         let load = match id {
             PassId::Emission | PassId::Transparency => wgpu::LoadOp::Load,
             _ => wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
         };
         let attachments: Vec<_> = views.iter().map(|view| Some(attachment(view, load))).collect();
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some("geometry"),
+        let descriptor = wgpu::RenderPassDescriptor {
+            label: Some(id.name()),
             color_attachments: &attachments,
             depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                 view: &depth,
@@ -410,10 +470,9 @@ impl Renderer {
                 }),
                 stencil_ops: None,
             }),
-            timestamp_writes: None,
-            occlusion_query_set: None,
-            multiview_mask: None,
-        });
+            ..Default::default()
+        };
+        let mut pass = encoder.begin(id, &descriptor);
         pass.set_bind_group(0, &self.frame_group, &[]);
         let (meshes, relief) = (&self.pipelines.meshes, frame.settings.relief);
         if let Some(instances) = self.instances.buffer() {
@@ -430,15 +489,19 @@ impl Renderer {
                         list.wires(&mut pass, wire, instances, counters);
                     }
                 }
+                PassId::Overdraw => list.overdraw(gpu, &mut pass, (meshes, instances), false, counters),
                 _ => list.surfaces(gpu, &mut pass, meshes, instances, relief, counters),
             }
         }
         // After the assets, which hide much of it.
         if let (Some(ground), Some(pipelines), Some(tiles)) =
             (ground, self.terrain.get(), self.tiles.buffer())
-            && matches!(id, PassId::GBuffer | PassId::Edges)
+            && let Some(pipeline) = pipelines.of(id, relief)
         {
-            ground.draw(&mut pass, pipelines, tiles, (over, relief), counters);
+            ground.draw(&mut pass, pipeline, tiles, counters);
+        }
+        if let (PassId::Overdraw, Some(instances)) = (id, self.instances.buffer()) {
+            list.overdraw(gpu, &mut pass, (meshes, instances), true, counters);
         }
     }
 
@@ -492,7 +555,8 @@ fn attachment(
 }
 
 pub(crate) fn fullscreen(
-    encoder: &mut wgpu::CommandEncoder,
+    encoder: &mut PassEncoder<'_>,
+    id: PassId,
     pipeline: &wgpu::RenderPipeline,
     group: &wgpu::BindGroup,
     target: &Target<'_>,
@@ -501,14 +565,14 @@ pub(crate) fn fullscreen(
         Load::Clear => wgpu::LoadOp::Clear(wgpu::Color::BLACK),
         Load::Keep => wgpu::LoadOp::Load,
     };
-    let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-        label: Some("fullscreen"),
-        color_attachments: &[Some(attachment(target.colour, load))],
+    let attachments = [Some(attachment(target.colour, load))];
+    let descriptor = wgpu::RenderPassDescriptor {
+        label: Some(id.name()),
+        color_attachments: &attachments,
         depth_stencil_attachment: depth_attachment(target),
-        timestamp_writes: None,
-        occlusion_query_set: None,
-        multiview_mask: None,
-    });
+        ..Default::default()
+    };
+    let mut pass = encoder.begin(id, &descriptor);
     pass.set_pipeline(pipeline);
     pass.set_bind_group(0, group, &[]);
     pass.draw(0..3, 0..1);

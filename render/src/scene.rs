@@ -216,7 +216,8 @@ impl Shadows {
     }
 }
 
-/// What colours the surfaces.
+/// What colours the surfaces: what they look like, or what passes hand on. Of the latter only the passes that make it
+/// run, nothing is lit, tone-mapped or smoothed, and where there is no surface the picture is black.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Shade {
     /// Their materials.
@@ -226,6 +227,55 @@ pub enum Shade {
     Level,
     /// The cascade whose map says whether the sun reaches them.
     Cascade,
+    /// World normals: −1 to 1 of each axis as 0 to 255; black for what is unlit.
+    Normal,
+    /// Their colour without light, sRGB.
+    Albedo,
+    /// Roughness as red, metal as green, and how open to the sky materials say that they are as blue: 0 to 1 as 0 to
+    /// 255 each.
+    Surface,
+    /// View depth: a colour for each power of two of world units, down to two fifths as bright at its far end.
+    Depth,
+    /// Ambient occlusion: open is white. White without [`Settings::occlusion`].
+    Occlusion,
+    /// Share of the sun's light that shadows leave: white is all. White without [`Settings::shadows`].
+    Sunlight,
+    /// How often a pixel was drawn, each time before what was there: dark blue once, green four times, dark red eight
+    /// times and more. What is seen through counts where it lies before all that is not.
+    Overdraw,
+}
+
+impl Shade {
+    /// All there are.
+    pub const ALL: [Self; 10] = [
+        Self::Material,
+        Self::Level,
+        Self::Cascade,
+        Self::Normal,
+        Self::Albedo,
+        Self::Surface,
+        Self::Depth,
+        Self::Occlusion,
+        Self::Sunlight,
+        Self::Overdraw,
+    ];
+
+    /// Its name for people and on command lines.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Material => "material",
+            Self::Level => "level",
+            Self::Cascade => "cascade",
+            Self::Normal => "normal",
+            Self::Albedo => "albedo",
+            Self::Surface => "surface",
+            Self::Depth => "depth",
+            Self::Occlusion => "occlusion",
+            Self::Sunlight => "sunlight",
+            Self::Overdraw => "overdraw",
+        }
+    }
 }
 
 /// From radiance to what a display shows.
@@ -243,7 +293,7 @@ pub enum ToneMapping {
 pub struct Settings {
     /// What colours the surfaces.
     pub shade: Shade,
-    /// Draw the edges of the triangles over the surface. Needs a device that can (most can);
+    /// Draw the edges of the triangles over the lit surface. Needs a device that can (most can);
     /// elsewhere it is left out and a warning logged.
     pub wireframe: bool,
     /// Ambient occlusion; `None` saves two passes.

@@ -19,6 +19,8 @@ pub(crate) const SUNLIGHT: wgpu::TextureFormat = wgpu::TextureFormat::Rg8Unorm;
 pub(crate) const DISPLAY: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 /// How many edges of triangles cross a pixel, in sixteenths.
 pub(crate) const EDGES: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
+/// How often a pixel was drawn: whole numbers up to 2048 are exact.
+pub(crate) const OVERDRAW: wgpu::TextureFormat = wgpu::TextureFormat::R16Float;
 /// Linear radiance.
 pub(crate) const RADIANCE: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 
@@ -60,6 +62,7 @@ impl Targets {
                 Resource::Edges => EDGES,
                 Resource::Radiance => RADIANCE,
                 Resource::Display => DISPLAY,
+                Resource::Overdraw => OVERDRAW,
                 Resource::ShadowMaps | Resource::Target => continue,
             };
             self.textures.entry(*resource).or_insert_with(|| {

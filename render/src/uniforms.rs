@@ -84,9 +84,10 @@ impl FrameUniform {
             occlusion_strength: occlusion.strength,
             scale_px: (f64::from(height) / (2.0 * ty)) as f32,
             shade: match frame.settings.shade {
-                Shade::Material => 0,
                 Shade::Level => 1,
                 Shade::Cascade => 2,
+                // Others show what passes hand on as it is.
+                _ => 0,
             },
             occlusion_samples: samples,
             relief_steps: frame.settings.relief_steps.clamp(1, MAX_RELIEF_STEPS) as f32,

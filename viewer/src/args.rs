@@ -4,11 +4,13 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use clap::Parser;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
 use lodestream_protocol::scene::Camera;
 use lodestream_protocol::view::View;
 
 use lodestream_client::net::Address;
+use lodestream_render::Shade;
 
 use crate::outcome::EXIT_CODES;
 
@@ -56,8 +58,11 @@ pub(crate) struct Args {
     /// Print the run's figures as a table at the end
     #[arg(long)]
     pub(crate) figures: bool,
-    /// Colour surfaces by their level of refinement
-    #[arg(long)]
+    /// What colours the surfaces: their materials, or what passes hand on
+    #[arg(long, value_name = "NAME", default_value = "material", value_parser = shades())]
+    pub(crate) view: Shade,
+    /// The same as --view level
+    #[arg(long, conflicts_with = "view")]
     pub(crate) colour_by_level: bool,
     /// Draw the edges of triangles
     #[arg(long)]
@@ -80,6 +85,14 @@ pub(crate) struct Args {
     /// Bytes of received data kept for reuse, in MiB
     #[arg(long, value_name = "MIB", default_value_t = 128)]
     pub(crate) cache_mib: u32,
+}
+
+/// Reads a [`Shade`] by its name.
+fn shades() -> impl TypedValueParser<Value = Shade> {
+    PossibleValuesParser::new(Shade::ALL.map(Shade::name)).try_map(|name| {
+        // One of those offered.
+        Shade::ALL.into_iter().find(|shade| shade.name() == name).ok_or("no such view")
+    })
 }
 
 /// A size in pixels.
@@ -179,7 +192,7 @@ fn vector(name: &str, text: &str) -> Result<DVec3, String> {
 impl Args {
     /// The view of a camera for the picture asked for.
     #[must_use]
-    pub(crate) fn view(&self, camera: &Camera) -> View {
+    pub(crate) fn view_of(&self, camera: &Camera) -> View {
         camera.view(self.window.0, self.pixel_error.0)
     }
 }
@@ -212,6 +225,20 @@ mod tests {
             "eye",
         ] {
             assert!(bad.parse::<CameraArg>().is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn every_view_has_a_name_that_is_read() {
+        for shade in Shade::ALL {
+            let args = Args::try_parse_from(["viewer", "ws://h:1", "--view", shade.name()]).unwrap();
+            assert_eq!(args.view, shade);
+            assert_eq!(crate::run::settings(&args).shade, shade);
+        }
+        let args = Args::try_parse_from(["viewer", "ws://h:1", "--colour-by-level"]).unwrap();
+        assert_eq!(crate::run::settings(&args).shade, Shade::Level);
+        for bad in [&["--view", "velocity"][..], &["--view", "normal", "--colour-by-level"]] {
+            assert!(Args::try_parse_from(["viewer", "ws://h:1"].iter().chain(bad)).is_err(), "{bad:?}");
         }
     }
 

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use lodestream_render::Counters;
+use lodestream_render::{Counters, Timings};
 use serde::Serialize;
 
 /// On links so slow that the first frame takes longer, what is here of it is shown meanwhile.
@@ -31,6 +31,7 @@ pub(crate) struct Shown {
     presented: Option<Duration>,
     settled: Option<Duration>,
     frames: Vec<ShownFrame>,
+    times: Timings,
 }
 
 impl Shown {
@@ -49,6 +50,16 @@ impl Shown {
             let &Counters { instances, triangles, .. } = drawn;
             self.frames.push(ShownFrame { at_ms: now.as_secs_f64() * 1e3, whole, instances, triangles });
         }
+    }
+
+    /// Notes what the last frames' passes took.
+    pub(crate) fn note_times(&mut self, times: Timings) {
+        self.times = times;
+    }
+
+    /// What the last frames' passes took.
+    pub(crate) const fn times(&self) -> &Timings {
+        &self.times
     }
 
     /// Notes that the picture of the last frame will not change by itself.

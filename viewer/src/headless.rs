@@ -49,6 +49,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         let _ = sender.try_send(Event::News);
     })?;
     let mut headless = Headless::new(Gpu::headless()?, width, height)?;
+    headless.time_passes(args.stats.is_some());
     let mut scene = SceneView::new();
     let clock = streaming.clock();
     let deadline = args.timeout.map_or(DEFAULT_TIMEOUT, |t| t.0);
@@ -105,6 +106,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
             break status;
         }
         if let Ok(Event::End(signal)) = events.recv_timeout(left.min(Duration::from_millis(100))) {
+            shown.note_times(headless.timings());
             tell_figures(args, &status.stats, &shown)?;
             tracing::warn!("interrupted: no picture was written");
             return Ok(Outcome::Interrupted(signal));
@@ -113,6 +115,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     drop(streaming);
     // A time at which every vertex is where it belongs.
     draw(&mut headless, &mut scene, args, f32::MAX)?;
+    shown.note_times(headless.timings());
     write_png(output, &headless.picture()?)?;
     if status.settled {
         shown.note_settled(clock.now().into());

@@ -6,6 +6,8 @@ use serde::Serialize;
 
 use lodestream_client::core::{Milestone, QUALITIES_PX, Stats};
 
+use lodestream_render::{PassTime, Timings};
+
 use crate::frames::{Shown, ShownFrame};
 
 /// What `--stats` writes.
@@ -59,6 +61,45 @@ pub(crate) struct Report {
     pub(crate) faces: u64,
     /// Blobs that came damaged.
     pub(crate) decode_failures: u64,
+    /// What drawing the last frames took.
+    pub(crate) drawing: Drawing,
+}
+
+/// Means over the last frames that were drawn.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub(crate) struct Drawing {
+    /// Over how many, at most 30.
+    pub(crate) frames: u32,
+    /// To choose what is drawn and to upload it, on the processor.
+    pub(crate) plan_cpu_ms: f64,
+    /// The last frame's passes, in order.
+    pub(crate) passes: Vec<Pass>,
+}
+
+/// What a pass took.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct Pass {
+    /// Its name.
+    pub(crate) name: &'static str,
+    /// To record it, on the processor.
+    pub(crate) cpu_ms: f64,
+    /// On the graphics device; `None` where it has no timestamps.
+    pub(crate) gpu_ms: Option<f64>,
+}
+
+impl From<&Timings> for Drawing {
+    fn from(times: &Timings) -> Self {
+        let pass = |&PassTime { pass, cpu, gpu }: &PassTime| Pass {
+            name: pass.name(),
+            cpu_ms: ms(cpu),
+            gpu_ms: gpu.map(ms),
+        };
+        Self {
+            frames: times.frames,
+            plan_cpu_ms: ms(times.plan),
+            passes: times.passes.iter().map(pass).collect(),
+        }
+    }
 }
 
 fn ms(duration: std::time::Duration) -> f64 {
@@ -101,6 +142,7 @@ impl Report {
             max_screen_error_px: (first.is_some() && error.is_finite()).then_some(error),
             faces: stats.faces,
             decode_failures: stats.decode_failures,
+            drawing: shown.times().into(),
         }
     }
 }
@@ -109,6 +151,7 @@ impl Report {
 mod tests {
     use super::*;
     use lodestream_client::core::Milestones;
+    use lodestream_render::PassId;
     use std::time::Duration;
 
     #[test]
@@ -126,6 +169,9 @@ mod tests {
         };
         let mut shown = Shown::default();
         shown.note(Duration::from_millis(250), true, &Default::default());
+        let pass = |pass, gpu| PassTime { pass, cpu: Duration::from_micros(250), gpu };
+        let passes = vec![pass(PassId::GBuffer, Some(Duration::from_millis(3))), pass(PassId::ToneMap, None)];
+        shown.note_times(Timings { frames: 2, plan: Duration::from_millis(1), passes });
         let json = serde_json::to_value(Report::new(&stats, "ws", &shown)).unwrap();
         assert_eq!(json["scene"], "demo");
         assert_eq!(json["transport"], "ws");
@@ -138,5 +184,14 @@ mod tests {
         assert_eq!(json["total_bytes"], 9000);
         assert_eq!(json["ttff_presented_ms"], 250.0);
         assert_eq!(json["frames"][0]["at_ms"], 250.0);
+        let drawing = serde_json::json!({
+            "frames": 2,
+            "plan_cpu_ms": 1.0,
+            "passes": [
+                { "name": "g_buffer", "cpu_ms": 0.25, "gpu_ms": 3.0 },
+                { "name": "tone_map", "cpu_ms": 0.25, "gpu_ms": null },
+            ],
+        });
+        assert_eq!(json["drawing"], drawing);
     }
 }

@@ -14,7 +14,7 @@ use crate::report::Report;
 /// The core's settings for these arguments.
 pub(crate) fn core_config(args: &Args) -> Config {
     let start = match &args.camera {
-        Some(camera) => StartView::Given(args.view(&camera.0)),
+        Some(camera) => StartView::Given(args.view_of(&camera.0)),
         None => StartView::OfScene { viewport_px: args.window.0, target_px: args.pixel_error.0 },
     };
     let mut config = Config::new(start);
@@ -30,9 +30,7 @@ pub(crate) fn settings(args: &Args) -> Settings {
     settings.occlusion = (!args.no_ao).then(AmbientOcclusion::default);
     settings.antialias = !args.no_aa;
     settings.shadows = (!args.no_shadows).then(Shadows::default);
-    if args.colour_by_level {
-        settings.shade = Shade::Level;
-    }
+    settings.shade = if args.colour_by_level { Shade::Level } else { args.view };
     settings
 }
 

@@ -205,11 +205,24 @@ fn vs_pierced(v: VertexIn) -> Pierced {
     return Pierced(clip_position(placed(v)), vec2(v.uv.x, 1.0 - v.uv.y), v.colour.a);
 }
 
+fn is_hole(p: Pierced) -> bool {
+    return material.base_colour.a * p.opacity * textureSample(colour_map, map_sampler, p.uv).a < material.cutoff;
+}
+
 @fragment
 fn fs_pierced(p: Pierced) {
-    if (material.base_colour.a * p.opacity * textureSample(colour_map, map_sampler, p.uv).a < material.cutoff) {
+    if (is_hole(p)) {
         discard;
     }
+}
+
+// Counted as in overdraw.wgsl.
+@fragment
+fn fs_pierced_overdraw(p: Pierced) -> @location(0) vec4<f32> {
+    if (is_hole(p)) {
+        discard;
+    }
+    return vec4(1.0, 0.0, 0.0, 0.0);
 }
 
 // Edges, counted. Moved towards the eye by two thousandths of their depth, which keeps them in

@@ -6,9 +6,11 @@ use super::{Cascade, Casters, SunlightUniform};
 use crate::counters::Counters;
 use crate::draw::each;
 use crate::gpu::Gpu;
+use crate::graph::PassId;
 use crate::mesh_pipelines::MeshPipelines;
 use crate::scene::{MAP_SIDES, MAX_CASCADES, Shadows};
 use crate::targets::DEPTH;
+use crate::timing::PassEncoder;
 use crate::uniforms::FrameUniform;
 
 /// Screen errors of ground may differ by so much while a map is late.
@@ -122,7 +124,7 @@ impl ShadowMaps {
     pub(crate) fn record(
         &mut self,
         gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
+        encoder: &mut PassEncoder<'_>,
         sun: &Sun<'_>,
         (pipelines, instances): (&MeshPipelines, Option<&wgpu::Buffer>),
         mut ground: impl FnMut(&mut wgpu::RenderPass<'_>, usize) -> u64,
@@ -165,7 +167,7 @@ impl ShadowMaps {
                 array_layer_count: Some(1),
                 ..Default::default()
             });
-            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            let descriptor = wgpu::RenderPassDescriptor {
                 label: Some("shadow map"),
                 color_attachments: &[],
                 depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
@@ -177,10 +179,9 @@ impl ShadowMaps {
                     }),
                     stencil_ops: None,
                 }),
-                timestamp_writes: None,
-                occlusion_query_set: None,
-                multiview_mask: None,
-            });
+                ..Default::default()
+            };
+            let mut pass = encoder.begin(PassId::ShadowMaps, &descriptor);
             pass.set_bind_group(0, group, &[]);
             if let Some(instances) = instances {
                 each(&casters.batches, &mut pass, instances, |pass, part, triangles| {

@@ -5,8 +5,11 @@ use glam::{DVec3, Vec3};
 use super::SkyGpu;
 use crate::gbuffer::shader;
 use crate::gpu::Gpu;
+use crate::graph::PassId;
 use crate::readback::read_texture;
+use crate::renderer::fullscreen;
 use crate::tests::headless;
+use crate::timing::PassEncoder;
 use crate::twin::sky::{Sky as Twin, environment_brdf, split_sum};
 use crate::uniforms::FrameUniform;
 use crate::{Air, Environment, Frame, Haze, PlainSky, Pose, Sky};
@@ -109,7 +112,8 @@ fn pixels(gpu: &Gpu, sky: &mut SkyGpu, environment: Environment) -> Vec<[f32; 4]
     });
     let mut encoder = device.create_command_encoder(&Default::default());
     let into = target.create_view(&Default::default());
-    crate::renderer::fullscreen(&mut encoder, &pipeline, &group, &crate::Target::colour(&into, (0, 0)));
+    let mut pass = PassEncoder::new(&mut encoder, None);
+    fullscreen(&mut pass, PassId::Sky, &pipeline, &group, &crate::Target::colour(&into, (0, 0)));
     gpu.queue.submit([encoder.finish()]);
     gpu.check().unwrap();
     bytemuck::pod_collect_to_vec(&read_texture(gpu, &target, 16).unwrap())

@@ -90,21 +90,14 @@ impl<'a> TileList<'a> {
         self.batches.is_empty() && self.casters.iter().all(Vec::is_empty)
     }
 
-    /// Draws the surfaces, or their edges.
+    /// Draws the surfaces, their edges, or how often each pixel is drawn.
     pub(crate) fn draw(
         &self,
         pass: &mut wgpu::RenderPass<'_>,
-        pipelines: &TerrainPipelines,
+        pipeline: &wgpu::RenderPipeline,
         instances: &wgpu::Buffer,
-        (wires, relief): (bool, bool),
         counters: &mut Counters,
     ) {
-        let pipeline = match (wires, &pipelines.wire) {
-            (true, Some(wire)) => wire,
-            (true, None) => return,
-            (false, _) if relief => &pipelines.relief,
-            (false, _) => &pipelines.plain,
-        };
         pass.set_pipeline(pipeline);
         let triangles = self.run(pass, instances, &self.batches);
         counters.draws += self.batches.len() as u32;

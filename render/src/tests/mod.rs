@@ -3,6 +3,7 @@
 //! Without an adapter they fail. `LODESTREAM_SKIP_GPU=1` skips them, and says so.
 
 mod accuracy;
+mod debug;
 mod haze;
 mod host;
 mod materials;
@@ -11,6 +12,7 @@ mod shadows;
 mod shapes;
 mod streaming;
 pub(super) mod terrain;
+mod timing;
 mod wireframe;
 
 use std::io::Write;

@@ -546,3 +546,19 @@ fn zone_weights_are_the_twins_and_sum_to_one() {
     }
     assert!(mixed > 100, "{mixed} places with more than one zone");
 }
+
+#[test]
+fn ground_is_counted_where_it_is_drawn() {
+    let Some(mut h) = headless(96, 54) else { return };
+    let mut ground = scene(&h, &entry(7));
+    let camera = Pose::look_at(DVec3::new(0.0, 260.0, 900.0), DVec3::new(0.0, 60.0, 0.0), DVec3::Y, 0.9);
+    let settings = Settings { shade: Shade::Overdraw, ..Settings::default() };
+    draw(&mut h, &mut ground, camera, 4.0, settings);
+    let counts: Vec<half::f16> =
+        bytemuck::pod_collect_to_vec(&h.intermediate(Resource::Overdraw, 2).unwrap());
+    let seen = h.coverage().unwrap();
+    assert!(seen.contains(&true) && seen.contains(&false));
+    for (count, seen) in counts.iter().zip(seen) {
+        assert!((count.to_f32() >= 1.0) == seen, "{count}");
+    }
+}

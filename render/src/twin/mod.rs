@@ -5,6 +5,7 @@
 
 pub mod antialias;
 pub mod brdf;
+pub mod debug;
 pub mod depth;
 pub mod relief;
 pub mod sky;

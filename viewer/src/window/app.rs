@@ -43,7 +43,8 @@ impl App {
         if let Some(error) = self.error {
             return Err(error);
         }
-        if let Some(running) = self.running {
+        if let Some(mut running) = self.running {
+            running.shown.note_times(running.painter.renderer.timings());
             tell_figures(&self.args, &running.news.status().stats, &running.shown)?;
             if let Some(folder) = &self.args.frames {
                 running.film.write(&running.painter.gpu, folder, running.state != State::Refining)?;

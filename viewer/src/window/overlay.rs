@@ -3,9 +3,18 @@
 use std::time::Duration;
 
 use lodestream_client::core::{Milestone, Stats};
-use lodestream_render::{AmbientOcclusion, Counters, Settings, Shade, Shadows};
+use lodestream_render::{
+    AmbientOcclusion, Counters, MAX_CASCADES, MAX_FILTER, MAX_RELIEF_STEPS, MAX_SAMPLES, OcclusionRadius,
+    Settings, Shade, Shadows, Timings,
+};
 
 use crate::outcome::lacks;
+
+/// Texels along a side of maps of shadows that are offered.
+const SIDES: [u32; 5] = [512, 1024, 2048, 4096, 8192];
+
+/// Height of the window's title and borders, in points: what does not fit under it is scrolled.
+const FRAME_HEIGHT: f32 = 60.0;
 
 /// What the user may change.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,12 +27,20 @@ pub(super) struct Choices {
     pub(super) adapt: bool,
     /// Messages alone are shown.
     pub(super) hidden: bool,
+    /// Passes are timed: their table is open.
+    pub(super) timed: bool,
     pub(super) wireframe: bool,
     pub(super) shade: Shade,
     pub(super) occlusion: bool,
+    /// How, where there is occlusion.
+    pub(super) ambient: AmbientOcclusion,
     pub(super) shadows: bool,
+    /// How, where there are shadows.
+    pub(super) maps: Shadows,
     pub(super) antialias: bool,
     pub(super) relief: bool,
+    pub(super) relief_steps: u32,
+    pub(super) exposure: f32,
 }
 
 impl Choices {
@@ -33,22 +50,29 @@ impl Choices {
             frozen: false,
             adapt: true,
             hidden: false,
+            timed: false,
             wireframe: settings.wireframe,
             shade: settings.shade,
             occlusion: settings.occlusion.is_some(),
+            ambient: settings.occlusion.unwrap_or_default(),
             shadows: settings.shadows.is_some(),
+            maps: settings.shadows.unwrap_or_default(),
             antialias: settings.antialias,
             relief: settings.relief,
+            relief_steps: settings.relief_steps,
+            exposure: settings.exposure,
         }
     }
 
     pub(super) fn apply(&self, settings: &mut Settings) {
         settings.wireframe = self.wireframe;
         settings.shade = self.shade;
-        settings.occlusion = self.occlusion.then(AmbientOcclusion::default);
-        settings.shadows = self.shadows.then(Shadows::default);
+        settings.occlusion = self.occlusion.then_some(self.ambient);
+        settings.shadows = self.shadows.then_some(self.maps);
         settings.antialias = self.antialias;
         settings.relief = self.relief;
+        settings.relief_steps = self.relief_steps;
+        settings.exposure = self.exposure;
     }
 }
 
@@ -81,6 +105,8 @@ pub(super) struct Facts<'a> {
     pub(super) draw: Counters,
     pub(super) gpu_bytes: u64,
     pub(super) waiting_steps: usize,
+    /// Empty unless [`Choices::timed`].
+    pub(super) times: Timings,
 }
 
 /// Draws the overlay.
@@ -102,40 +128,104 @@ pub(super) fn show(ui: &mut egui::Ui, stats: &Stats, facts: &Facts<'_>, choices:
     let frame = egui::Frame::window(&context.global_style()).multiply_with_opacity(0.8);
     let window = egui::Window::new("Lodestream").default_pos([8.0, 8.0]).resizable(false).frame(frame);
     window.show(&context, |ui| {
-        ui.style_mut().override_text_style = Some(egui::TextStyle::Small);
-        egui::Grid::new("figures").num_columns(2).spacing([10.0, 0.0]).show(ui, |ui| {
-            for (name, value) in rows(stats, facts) {
-                ui.label(name);
-                ui.label(value);
-                ui.end_row();
+        let most = (context.content_rect().height() - FRAME_HEIGHT).max(FRAME_HEIGHT);
+        egui::ScrollArea::vertical()
+            .max_height(most)
+            .min_scrolled_height(most)
+            .show(ui, |ui| contents(ui, stats, facts, choices));
+    });
+}
+
+fn contents(ui: &mut egui::Ui, stats: &Stats, facts: &Facts<'_>, choices: &mut Choices) {
+    ui.style_mut().override_text_style = Some(egui::TextStyle::Small);
+    egui::Grid::new("figures").num_columns(2).spacing([10.0, 0.0]).show(ui, |ui| {
+        for (name, value) in rows(stats, facts) {
+            ui.label(name);
+            ui.label(value);
+            ui.end_row();
+        }
+    });
+    ui.separator();
+    ui.horizontal(|ui| {
+        ui.label("pixel error");
+        let slider = egui::Slider::new(&mut choices.target_px, 0.1..=64.0).logarithmic(true).max_decimals(2);
+        ui.add(slider.suffix(" px"));
+    });
+    ui.horizontal_wrapped(|ui| {
+        ui.checkbox(&mut choices.frozen, "freeze selection");
+        ui.checkbox(&mut choices.wireframe, "wireframe");
+    });
+    egui::ComboBox::from_label("view").selected_text(choices.shade.name()).show_ui(ui, |ui| {
+        for shade in Shade::ALL {
+            ui.selectable_value(&mut choices.shade, shade, shade.name());
+        }
+    });
+    ui.horizontal_wrapped(|ui| {
+        ui.checkbox(&mut choices.occlusion, "ambient occlusion");
+        ui.checkbox(&mut choices.shadows, "shadows");
+        ui.checkbox(&mut choices.relief, "relief");
+        ui.checkbox(&mut choices.antialias, "smooth edges");
+        ui.checkbox(&mut choices.adapt, "coarser while moving");
+    });
+    ui.collapsing("parameters of passes", |ui| parameters(ui, choices));
+    let times = ui.collapsing("times of passes", |ui| times(ui, &facts.times));
+    choices.timed = times.body_returned.is_some();
+    ui.separator();
+    ui.small("drag: turn · right drag: pan · wheel: nearer · F: fly or orbit · WASD QE: move · R: reset · H: hide this");
+}
+
+/// What passes can be told.
+fn parameters(ui: &mut egui::Ui, choices: &mut Choices) {
+    let Choices { ambient, maps, .. } = choices;
+    let slider = |ui: &mut egui::Ui, name: &str, slider: egui::Slider<'_>| {
+        ui.label(name);
+        ui.add(slider);
+        ui.end_row();
+    };
+    egui::Grid::new("parameters").num_columns(2).spacing([10.0, 0.0]).show(ui, |ui| {
+        slider(ui, "occlusion: samples", egui::Slider::new(&mut ambient.samples, 1..=MAX_SAMPLES));
+        slider(ui, "strength", egui::Slider::new(&mut ambient.strength, 0.0..=4.0));
+        match &mut ambient.radius {
+            OcclusionRadius::Depth(share) => {
+                slider(ui, "radius over depth", egui::Slider::new(share, 0.005..=0.5).logarithmic(true));
+            }
+            OcclusionRadius::World(radius) => {
+                slider(ui, "radius, world units", egui::Slider::new(radius, 1e-3..=1e3).logarithmic(true));
+            }
+        }
+        slider(ui, "shadows: maps", egui::Slider::new(&mut maps.cascades, 1..=MAX_CASCADES as u32));
+        ui.label("texels along a side");
+        egui::ComboBox::from_id_salt("side").selected_text(maps.map_side.to_string()).show_ui(ui, |ui| {
+            for side in SIDES {
+                ui.selectable_value(&mut maps.map_side, side, side.to_string());
             }
         });
-        ui.separator();
-        ui.horizontal(|ui| {
-            ui.label("pixel error");
-            let slider =
-                egui::Slider::new(&mut choices.target_px, 0.1..=64.0).logarithmic(true).max_decimals(2);
-            ui.add(slider.suffix(" px"));
-        });
-        ui.horizontal_wrapped(|ui| {
-            ui.checkbox(&mut choices.frozen, "freeze selection");
-            ui.checkbox(&mut choices.wireframe, "wireframe");
-        });
-        ui.horizontal_wrapped(|ui| {
-            ui.label("colours");
-            ui.selectable_value(&mut choices.shade, Shade::Material, "material");
-            ui.selectable_value(&mut choices.shade, Shade::Level, "level");
-            ui.selectable_value(&mut choices.shade, Shade::Cascade, "shadow map");
-        });
-        ui.horizontal_wrapped(|ui| {
-            ui.checkbox(&mut choices.occlusion, "ambient occlusion");
-            ui.checkbox(&mut choices.shadows, "shadows");
-            ui.checkbox(&mut choices.relief, "relief");
-            ui.checkbox(&mut choices.antialias, "smooth edges");
-            ui.checkbox(&mut choices.adapt, "coarser while moving");
-        });
-        ui.separator();
-        ui.small("drag: turn · right drag: pan · wheel: nearer · F: fly or orbit · WASD QE: move · R: reset · H: hide this");
+        ui.end_row();
+        slider(ui, "filter", egui::Slider::new(&mut maps.filter, 1..=MAX_FILTER));
+        let steps = egui::Slider::new(&mut choices.relief_steps, 1..=MAX_RELIEF_STEPS).logarithmic(true);
+        slider(ui, "relief: steps", steps);
+        slider(ui, "exposure", egui::Slider::new(&mut choices.exposure, 0.05..=20.0).logarithmic(true));
+    });
+}
+
+/// What passes took, a row each.
+fn times(ui: &mut egui::Ui, times: &Timings) {
+    let ms = |time: Duration| format!("{:.2}", time.as_secs_f64() * 1e3);
+    egui::Grid::new("times").num_columns(3).spacing([10.0, 0.0]).striped(true).show(ui, |ui| {
+        let mut row = |cells: [&str; 3]| {
+            for cell in cells {
+                ui.label(cell);
+            }
+            ui.end_row();
+        };
+        row([&format!("mean of {} frames, ms", times.frames), "processor", "graphics"]);
+        row(["choose and upload", &ms(times.plan), ""]);
+        for time in &times.passes {
+            row([&time.pass.name().replace('_', " "), &ms(time.cpu), &time.gpu.map_or("–".into(), ms)]);
+        }
+        let cpu: Duration = times.passes.iter().map(|time| time.cpu).sum();
+        let gpu: Option<Duration> = times.passes.iter().map(|time| time.gpu).sum();
+        row(["all", &ms(times.plan + cpu), &gpu.map_or("–".into(), ms)]);
     });
 }
 
@@ -232,6 +322,27 @@ fn thousands(n: u64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_chosen_comes_from_the_settings_and_goes_back_there() {
+        let mut settings = Settings {
+            shade: Shade::Depth,
+            occlusion: Some(AmbientOcclusion { samples: 5, ..AmbientOcclusion::default() }),
+            shadows: None,
+            antialias: false,
+            relief_steps: 7,
+            exposure: 2.0,
+            ..Settings::default()
+        };
+        let mut choices = Choices::new(&settings, 1.0);
+        let mut back = Settings::default();
+        choices.apply(&mut back);
+        assert_eq!(back, settings);
+        (choices.shadows, choices.maps.cascades, choices.ambient.samples) = (true, 2, 9);
+        choices.apply(&mut settings);
+        assert_eq!(settings.shadows, Some(Shadows { cascades: 2, ..Shadows::default() }));
+        assert_eq!(settings.occlusion.map(|occlusion| occlusion.samples), Some(9));
+    }
 
     #[test]
     fn numbers_are_readable() {

@@ -26,25 +26,42 @@ pub(super) struct Step {
     pub(super) meshes: f32,
     /// Frames for which a map of shadows may show things as they were.
     pub(super) late_shadows: u32,
-    /// Whether there is ambient occlusion.
-    pub(super) occlusion: bool,
+    /// Most cascades of shadows.
+    pub(super) cascades: u32,
+    /// Whether edges are smoothed, where the picture is not enlarged.
+    pub(super) antialias: bool,
+    /// Most samples of ambient occlusion per pixel; 0 is none.
+    pub(super) samples: u32,
     /// Time of a frame over that of the first step, roughly: what decides is measured after the step was taken.
     cost: f64,
 }
 
-/// From the best on, in the order in which quality is given up: the ground's error and how soon shadows follow what
-/// casts them, which are seen least; pixels; last the meshes, whose chunks have to be undone and applied again, and occlusion.
-const STEPS: [Step; 6] = [
-    Step { render_scale: 1.0, ground: 1.0, meshes: 1.0, late_shadows: 0, occlusion: true, cost: 1.0 },
-    Step { render_scale: 1.0, ground: 4.0, meshes: 1.0, late_shadows: 12, occlusion: true, cost: 0.75 },
-    Step { render_scale: 0.7, ground: 4.0, meshes: 1.0, late_shadows: 12, occlusion: true, cost: 0.45 },
-    Step { render_scale: 0.5, ground: 8.0, meshes: 1.0, late_shadows: 12, occlusion: true, cost: 0.28 },
-    Step { render_scale: 0.35, ground: 8.0, meshes: 2.0, late_shadows: 12, occlusion: true, cost: 0.18 },
-    Step { render_scale: 0.25, ground: 16.0, meshes: 4.0, late_shadows: 12, occlusion: false, cost: 0.1 },
-];
-
 /// Nothing given up.
-pub(super) const FULL: Step = STEPS[0];
+pub(super) const FULL: Step = Step {
+    render_scale: 1.0,
+    ground: 1.0,
+    meshes: 1.0,
+    late_shadows: 0,
+    cascades: u32::MAX,
+    antialias: true,
+    samples: u32::MAX,
+    cost: 1.0,
+};
+
+const UNSEEN: Step = Step { ground: 4.0, late_shadows: 12, cost: 0.75, ..FULL };
+const SMALLER: Step = Step { render_scale: 0.7, cost: 0.45, ..UNSEEN };
+const HALF: Step = Step { render_scale: 0.5, ground: 8.0, cost: 0.28, ..SMALLER };
+const TWO_MAPS: Step = Step { cascades: 2, cost: 0.23, ..HALF };
+const STAIRS: Step = Step { render_scale: 0.35, meshes: 2.0, antialias: false, cost: 0.17, ..TWO_MAPS };
+const FEW_SAMPLES: Step = Step { samples: 4, cost: 0.14, ..STAIRS };
+const FASTEST: Step =
+    Step { render_scale: 0.25, ground: 16.0, meshes: 4.0, samples: 0, cost: 0.1, ..FEW_SAMPLES };
+
+/// From the best on. Quality begins to be given up in this order: the ground's error and how soon shadows follow what
+/// casts them, which are seen least; pixels; cascades of shadows; smoothed edges, which an enlarged picture lacks
+/// already, and the meshes' error, whose chunks have to be undone and applied again; samples of occlusion, at last all
+/// of them.
+const STEPS: [Step; 8] = [FULL, UNSEEN, SMALLER, HALF, TWO_MAPS, STAIRS, FEW_SAMPLES, FASTEST];
 
 /// Chooses the step of each frame.
 #[derive(Clone, Debug)]
@@ -81,8 +98,8 @@ impl Quality {
     pub(super) fn drawn(&mut self, begun: Duration, frame_s: f64) {
         self.full_s = frame_s / self.step().cost;
         if !self.is_moving(begun) {
-            // Two at a time: each is a frame that the user waits for.
-            self.step = self.step.saturating_sub(2);
+            // Two at a time, or half of them: each is a frame that the user waits for.
+            self.step = self.step.saturating_sub(2).min(self.step / 2);
             self.roomy = 0;
             return;
         }
@@ -132,7 +149,8 @@ impl Quality {
 
     /// For the overlay.
     pub(super) fn describe(&self) -> String {
-        let Step { render_scale, ground, meshes, late_shadows, occlusion, .. } = self.step();
+        let Step { render_scale, ground, meshes, late_shadows, cascades, antialias, samples, .. } =
+            self.step();
         if self.is_full() {
             return "full".into();
         }
@@ -141,12 +159,19 @@ impl Quality {
             (render_scale < 1.0).then(|| format!("{:.0} % of the pixels' sides", render_scale * 100.0));
         let error =
             |what: &str, factor: f32| (factor > 1.0).then(|| format!("{what} {factor:.0}× as coarse"));
+        let occlusion = match samples {
+            0 => Some("no occlusion".to_owned()),
+            u32::MAX => None,
+            some => Some(format!("{some} samples of occlusion")),
+        };
         let parts = [
             scale,
             error("ground", ground),
             error("meshes", meshes),
             (late_shadows > 0).then(|| format!("shadows up to {late_shadows} frames late")),
-            (!occlusion).then(|| "no occlusion".to_owned()),
+            (cascades < u32::MAX).then(|| format!("{cascades} shadow maps")),
+            (!antialias).then(|| "edges not smoothed".to_owned()),
+            occlusion,
         ];
         text.push_str(&parts.into_iter().flatten().collect::<Vec<_>>().join(", "));
         text
@@ -215,18 +240,58 @@ mod tests {
             quality.drawn(Duration::from_secs(frame), 0.1);
             steps.push(quality.step);
         }
-        assert_eq!(steps, [5, 3, 1, 0]);
+        assert_eq!(steps, [7, 3, 1, 0]);
         assert_eq!(quality.due(Duration::from_secs(9)), None);
+    }
+
+    /// The order in which a device that gets slower and slower gives things up, by virtual time.
+    #[test]
+    fn scale_cascades_edges_and_samples_are_given_up_in_this_order() {
+        let (mut quality, mut now) = (Quality::new(false), 0.0);
+        let mut given_up: Vec<&str> = Vec::new();
+        let mut steps = vec![0];
+        for frame in 0..200 {
+            // Each frame in full takes 3 % more than the one before.
+            let took = 0.05 * 1.03_f64.powi(frame) * quality.step().cost;
+            quality.moved(Duration::from_secs_f64(now));
+            quality.drawn(Duration::from_secs_f64(now), took);
+            now += took;
+            let step = quality.step();
+            steps.push(quality.step);
+            for (what, is) in [
+                ("scale", step.render_scale < 1.0),
+                ("cascades", step.cascades < 4),
+                ("edges", !step.antialias),
+                ("samples", step.samples < 16),
+                ("occlusion", step.samples == 0),
+            ] {
+                if is && !given_up.contains(&what) {
+                    given_up.push(what);
+                }
+            }
+        }
+        assert_eq!(given_up, ["scale", "cascades", "edges", "samples", "occlusion"]);
+        assert!(steps.is_sorted() && (0..STEPS.len()).all(|step| steps.contains(&step)), "{steps:?}");
     }
 
     #[test]
     fn what_is_given_up_grows_from_step_to_step_and_is_said() {
         for pair in STEPS.windows(2) {
             assert!(pair[0].render_scale >= pair[1].render_scale && pair[0].ground <= pair[1].ground);
-            assert!(pair[0].meshes <= pair[1].meshes && pair[0].cost > pair[1].cost);
+            // Steps that are nearer to each other would be jumped over.
+            assert!(pair[0].meshes <= pair[1].meshes && pair[0].cost * AIM_S * LEAST_FPS > pair[1].cost);
+            assert!(pair[0].cascades >= pair[1].cascades && pair[0].samples >= pair[1].samples);
+            assert!(pair[0].antialias >= pair[1].antialias && pair[0].late_shadows <= pair[1].late_shadows);
         }
         let mut quality = Quality::new(true);
-        assert!(quality.describe().contains("step 5 of 5: 25 % of the pixels' sides, ground 16× as coarse"));
+        let fastest = quality.describe();
+        assert!(
+            fastest.contains("step 7 of 7: 25 % of the pixels' sides, ground 16× as coarse"),
+            "{fastest}"
+        );
+        assert!(fastest.ends_with("2 shadow maps, edges not smoothed, no occlusion"), "{fastest}");
+        quality.step = 6;
+        assert!(quality.describe().ends_with("edges not smoothed, 4 samples of occlusion"));
         quality.step = 0;
         assert_eq!(quality.describe(), "full");
     }

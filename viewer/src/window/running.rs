@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use lodestream_client::net::Retry;
 use lodestream_client::streaming::{Controls, Status, Streaming};
-use lodestream_render::{Counters, Pose, SceneView, Settings, Shadows};
+use lodestream_render::{AmbientOcclusion, Counters, Pose, SceneView, Settings, Shadows, Timings};
 use winit::dpi::{LogicalSize, PhysicalPosition};
 use winit::event::MouseButton;
 use winit::event_loop::{ActiveEventLoop, OwnedDisplayHandle};
@@ -203,7 +203,7 @@ impl Running {
     fn prepare_ground(&mut self) -> anyhow::Result<()> {
         let [width, height] = self.painter.size();
         let (camera, px) = (self.camera(), self.choices.target_px * self.step().ground);
-        let shadows = self.settings.shadows;
+        let shadows = self.shadows();
         Ok(self.scene.prepare_ground(&self.painter.gpu, &camera, (width, height), px, shadows)?)
     }
 
@@ -258,6 +258,12 @@ impl Running {
         if self.choices.adapt { self.quality.step() } else { quality::FULL }
     }
 
+    /// The frame's shadows, but for how late they may be.
+    fn shadows(&self) -> Option<Shadows> {
+        let most = self.step().cascades;
+        self.settings.shadows.map(|shadows| Shadows { cascades: shadows.cascades.min(most), ..shadows })
+    }
+
     /// Says how far the picture is. `rests`: the last frame showed all that has come, and it will stay as it is.
     fn look_at_state(&mut self, rests: bool) {
         let Status { settled, stats, .. } = self.news.status();
@@ -308,16 +314,24 @@ impl Running {
             draw: self.counters.clone(),
             gpu_bytes: self.scene.geometry_bytes(),
             waiting_steps: self.scene.waiting(),
+            times: if self.choices.timed { self.painter.renderer.timings() } else { Timings::default() },
         };
+        let table = self.choices.timed && !self.choices.hidden;
+        self.painter.renderer.time_passes(&self.painter.gpu, table || args.stats.is_some());
         let (camera, step) = (self.camera(), self.step());
         let mut choices = self.choices;
-        let mut settings = Settings { render_scale: step.render_scale, ..self.settings };
-        settings.occlusion = settings.occlusion.filter(|_| step.occlusion);
+        let antialias = self.settings.antialias && step.antialias;
+        let mut settings = Settings { render_scale: step.render_scale, antialias, ..self.settings };
+        settings.occlusion = settings
+            .occlusion
+            .filter(|_| step.samples > 0)
+            .map(|occlusion| AmbientOcclusion { samples: occlusion.samples.min(step.samples), ..occlusion });
         // While there is more to come, the next frame is soon enough.
         let morphing = now_s - self.scene.changed_s() <= self.settings.morph_s;
         let settled = self.news.status().settled && self.scene.waiting() == 0 && !morphing;
         let coming = if settled { 0 } else { self.quality.late_shadows() };
-        settings.shadows = settings.shadows.map(|s| Shadows { patience: step.late_shadows.max(coming), ..s });
+        let patience = step.late_shadows.max(coming);
+        settings.shadows = self.shadows().map(|shadows| Shadows { patience, ..shadows });
         let (stats, scene) = (&self.news.status().stats, &self.scene);
         let painted = self.painter.paint(
             |ui| overlay::show(ui, stats, &facts, &mut choices),
