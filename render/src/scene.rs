@@ -288,6 +288,20 @@ pub enum ToneMapping {
     Neutral,
 }
 
+impl ToneMapping {
+    /// All there are.
+    pub const ALL: [Self; 2] = [Self::Filmic, Self::Neutral];
+
+    /// What people call it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Filmic => "filmic",
+            Self::Neutral => "neutral",
+        }
+    }
+}
+
 /// How to draw.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {

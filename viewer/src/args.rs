@@ -10,7 +10,7 @@ use lodestream_protocol::scene::Camera;
 use lodestream_protocol::view::View;
 
 use lodestream_client::net::Address;
-use lodestream_render::Shade;
+use lodestream_render::{Shade, ToneMapping};
 
 use crate::outcome::EXIT_CODES;
 
@@ -64,6 +64,12 @@ pub(crate) struct Args {
     /// The same as --view level
     #[arg(long, conflicts_with = "view")]
     pub(crate) colour_by_level: bool,
+    /// How bright light is shown: as films have it, or with base colours as they are
+    #[arg(long, value_name = "NAME", default_value = "filmic", value_parser = tones())]
+    pub(crate) tone_mapping: ToneMapping,
+    /// Factor on light before that, 0.001 to 1000
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = exposure)]
+    pub(crate) exposure: f32,
     /// Draw the edges of triangles
     #[arg(long)]
     pub(crate) wireframe: bool,
@@ -93,6 +99,20 @@ fn shades() -> impl TypedValueParser<Value = Shade> {
         // One of those offered.
         Shade::ALL.into_iter().find(|shade| shade.name() == name).ok_or("no such view")
     })
+}
+
+/// Reads a [`ToneMapping`] by its name.
+fn tones() -> impl TypedValueParser<Value = ToneMapping> {
+    PossibleValuesParser::new(ToneMapping::ALL.map(ToneMapping::name)).try_map(|name| {
+        // One of those offered.
+        ToneMapping::ALL.into_iter().find(|tone| tone.name() == name).ok_or("no such curve")
+    })
+}
+
+/// Reads a factor on light.
+fn exposure(text: &str) -> Result<f32, String> {
+    let factor: f32 = text.parse().map_err(|_| "not a number".to_owned())?;
+    if (0.001..=1000.0).contains(&factor) { Ok(factor) } else { Err("not from 0.001 to 1000".to_owned()) }
 }
 
 /// A size in pixels.

@@ -29,6 +29,8 @@ pub(crate) fn settings(args: &Args) -> Settings {
     let mut settings = Settings { relief: !args.no_relief, wireframe: args.wireframe, ..Settings::default() };
     settings.occlusion = (!args.no_ao).then(AmbientOcclusion::default);
     settings.antialias = !args.no_aa;
+    settings.tone_mapping = args.tone_mapping;
+    settings.exposure = args.exposure;
     settings.shadows = (!args.no_shadows).then(Shadows::default);
     settings.shade = if args.colour_by_level { Shade::Level } else { args.view };
     settings

@@ -5,7 +5,7 @@ use std::time::Duration;
 use lodestream_client::core::{Milestone, Stats};
 use lodestream_render::{
     AmbientOcclusion, Counters, MAX_CASCADES, MAX_FILTER, MAX_RELIEF_STEPS, MAX_SAMPLES, OcclusionRadius,
-    Settings, Shade, Shadows, Timings,
+    Settings, Shade, Shadows, Timings, ToneMapping,
 };
 
 use crate::outcome::lacks;
@@ -41,6 +41,7 @@ pub(super) struct Choices {
     pub(super) relief: bool,
     pub(super) relief_steps: u32,
     pub(super) exposure: f32,
+    pub(super) tone_mapping: ToneMapping,
 }
 
 impl Choices {
@@ -61,6 +62,7 @@ impl Choices {
             relief: settings.relief,
             relief_steps: settings.relief_steps,
             exposure: settings.exposure,
+            tone_mapping: settings.tone_mapping,
         }
     }
 
@@ -73,6 +75,7 @@ impl Choices {
         settings.relief = self.relief;
         settings.relief_steps = self.relief_steps;
         settings.exposure = self.exposure;
+        settings.tone_mapping = self.tone_mapping;
     }
 }
 
@@ -205,6 +208,13 @@ fn parameters(ui: &mut egui::Ui, choices: &mut Choices) {
         let steps = egui::Slider::new(&mut choices.relief_steps, 1..=MAX_RELIEF_STEPS).logarithmic(true);
         slider(ui, "relief: steps", steps);
         slider(ui, "exposure", egui::Slider::new(&mut choices.exposure, 0.05..=20.0).logarithmic(true));
+        ui.label("tone mapping");
+        egui::ComboBox::from_id_salt("tone").selected_text(choices.tone_mapping.name()).show_ui(ui, |ui| {
+            for tone in ToneMapping::ALL {
+                ui.selectable_value(&mut choices.tone_mapping, tone, tone.name());
+            }
+        });
+        ui.end_row();
     });
 }
 
@@ -332,6 +342,7 @@ mod tests {
             antialias: false,
             relief_steps: 7,
             exposure: 2.0,
+            tone_mapping: ToneMapping::Neutral,
             ..Settings::default()
         };
         let mut choices = Choices::new(&settings, 1.0);
