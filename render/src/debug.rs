@@ -25,7 +25,7 @@ pub(crate) enum Shown {
 /// occlusion and with shadows or without.
 pub(crate) fn shown(shade: Shade, occlusion: bool, shadows: bool) -> Option<(Shown, &'static [Resource])> {
     match shade {
-        Shade::Material | Shade::Level | Shade::Cascade => None,
+        Shade::Material | Shade::Level | Shade::Cascade | Shade::Lamps => None,
         Shade::Normal => Some((Shown::Normal, &[Resource::Depth, Resource::Normal])),
         Shade::Albedo => Some((Shown::Albedo, &[Resource::Depth, Resource::Albedo])),
         // Roughness and occlusion lie beside the normal, metal beside albedo.

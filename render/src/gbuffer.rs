@@ -40,7 +40,7 @@ impl Raster {
 }
 
 /// Added to what is there.
-const ADD: wgpu::BlendState = {
+pub(crate) const ADD: wgpu::BlendState = {
     let add = wgpu::BlendComponent {
         src_factor: wgpu::BlendFactor::One,
         dst_factor: wgpu::BlendFactor::One,

@@ -23,6 +23,8 @@ pub enum PassId {
     Lighting,
     /// Sky alone, when there is no surface.
     Sky,
+    /// Light of lamps: which reach which tile, and what they add.
+    Lamps,
     /// Light that surfaces give off.
     Emission,
     /// What is seen through, from far to near over the lit picture.
@@ -54,6 +56,7 @@ impl PassId {
             Self::Sunlight => "sunlight",
             Self::Lighting => "lighting",
             Self::Sky => "sky",
+            Self::Lamps => "lamps",
             Self::Emission => "emission",
             Self::Transparency => "transparency",
             Self::Edges => "edges",
@@ -109,6 +112,7 @@ pub(crate) struct Needs {
     pub(crate) geometry: bool,
     pub(crate) occlusion: bool,
     pub(crate) shadows: bool,
+    pub(crate) lamps: bool,
     pub(crate) emission: bool,
     pub(crate) transparency: bool,
     pub(crate) wireframe: bool,
@@ -146,6 +150,9 @@ pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
             (true, true) => &[Depth, Normal, Albedo, Occlusion, Sunlight],
         };
         passes.push(pass(PassId::Lighting, lit_by, &[Radiance]));
+        if needs.lamps {
+            passes.push(pass(PassId::Lamps, &[Depth, Normal, Albedo, Radiance], &[Radiance]));
+        }
         if needs.emission {
             passes.push(pass(PassId::Emission, &[Depth, Radiance], &[Radiance]));
         }
@@ -230,6 +237,7 @@ mod tests {
             geometry: true,
             occlusion: true,
             shadows: true,
+            lamps: true,
             emission: true,
             transparency: true,
             wireframe: true,
@@ -245,6 +253,7 @@ mod tests {
                 PassId::ShadowMaps,
                 PassId::Sunlight,
                 PassId::Lighting,
+                PassId::Lamps,
                 PassId::Emission,
                 PassId::Transparency,
                 PassId::Edges,
@@ -273,6 +282,7 @@ mod tests {
             geometry: true,
             occlusion: true,
             shadows: true,
+            lamps: true,
             emission: true,
             transparency: true,
             wireframe: true,
@@ -302,7 +312,7 @@ mod tests {
             Some(&[Resource::Depth, Resource::Sunlight]),
             Some(&[Resource::Depth, Resource::Overdraw]),
         ];
-        for (bits, shown) in (0..512).flat_map(|bits| shown.map(|shown| (bits, shown))) {
+        for (bits, shown) in (0..1024).flat_map(|bits| shown.map(|shown| (bits, shown))) {
             let bit = |n: u32| bits >> n & 1 != 0;
             let needs = Needs {
                 shown,
@@ -315,6 +325,7 @@ mod tests {
                 antialias: bit(6),
                 emission: bit(7),
                 transparency: bit(8),
+                lamps: bit(9),
             };
             let mut written = Vec::new();
             for pass in plan(&candidates(needs), &[Resource::Target]) {

@@ -13,10 +13,11 @@ use super::draw::DrawList;
 use super::gpu::{Gpu, RenderError};
 use super::graph::{self, Needs, Pass, PassId, Resource};
 use super::instance::InstanceRaw;
+use super::lights::{LampList, LampPass};
 use super::material::Material;
 use super::material_kit::{Features, MaterialKit};
 use super::pipelines::Pipelines;
-use super::scene::{Frame, MIN_RENDER_SCALE};
+use super::scene::{Frame, MIN_RENDER_SCALE, Shade};
 use super::shadows::{self, Casters, ShadowMaps, Sun};
 use super::sky::SkyGpu;
 use super::target::{Load, Target};
@@ -40,6 +41,7 @@ pub struct Renderer {
     tiles: GrowingBuffer<TileRaw>,
     shadow_maps: ShadowMaps,
     sky: SkyGpu,
+    lamps: LampPass,
     /// Compiled with the first terrain: most scenes have none.
     terrain: OnceLock<TerrainPipelines>,
     target_format: wgpu::TextureFormat,
@@ -82,6 +84,7 @@ impl Renderer {
             tiles: GrowingBuffer::new("terrain tiles", wgpu::BufferUsages::VERTEX),
             shadow_maps,
             sky: SkyGpu::new(gpu),
+            lamps: LampPass::new(gpu),
             terrain: OnceLock::new(),
             target_format,
             warned_wireframe: false,
@@ -179,11 +182,14 @@ impl Renderer {
         let has_surfaces = !list.batches.is_empty() || ground.is_some();
         let occlusion = frame.settings.occlusion.is_some_and(|o| o.strength > 0.0);
         let shown = debug::shown(frame.settings.shade, occlusion, !casters.is_empty());
+        let lamps = Some(LampList::new(frame, size)).filter(|list| !list.lamps.is_empty());
+        let lamps = lamps.filter(|_| LampPass::is_possible(gpu));
         let plan = graph::plan(
             &graph::candidates(Needs {
                 geometry: has_surfaces,
                 occlusion,
                 shadows: !casters.is_empty(),
+                lamps: lamps.is_some(),
                 emission: list.any(|features| features.emits && !features.blend),
                 transparency: list.any(|features| features.blend),
                 shown: shown.map(|(_, reads)| reads),
@@ -197,6 +203,9 @@ impl Renderer {
         );
         self.targets.ensure(gpu, size, &graph::resources(&plan))?;
         self.instances.write(gpu, 0, &list.instances)?;
+        if let Some(lamps) = &lamps {
+            self.lamps.prepare(gpu, lamps)?;
+        }
         let uniform = FrameUniform::new(frame, &sky, size, target.size);
         gpu.queue.write_buffer(&self.frame_buffer, 0, bytemuck::bytes_of(&uniform));
         let runs = |id| plan.iter().any(|pass| pass.id == id);
@@ -291,6 +300,7 @@ impl Renderer {
                 let pipeline = &p.lighting[usize::from(occlusion)][usize::from(shadows)];
                 self.lit(gpu, encoder, pass.id, (pipeline, &reads), true);
             }
+            PassId::Lamps => self.lamps(gpu, encoder, frame.settings.shade == Shade::Lamps),
             PassId::Wireframe => {
                 self.over(gpu, encoder, pass.id, (&p.wireframe, &[Resource::Edges]), Radiance);
             }
@@ -368,6 +378,29 @@ impl Renderer {
             let group = self.inputs(gpu, pipeline, reads);
             fullscreen(encoder, id, pipeline, &group, &Target::colour(&target, (0, 0)));
         }
+    }
+
+    /// Tells lamps by tiles, and adds their light to the picture; or shows how many there are in its place.
+    fn lamps(&self, gpu: &Gpu, encoder: &mut PassEncoder<'_>, counted: bool) {
+        let view = |resource| self.targets.view(resource);
+        let (Some(depth), Some(normal), Some(albedo), Some(into)) =
+            (view(Resource::Depth), view(Resource::Normal), view(Resource::Albedo), view(Resource::Radiance))
+        else {
+            return;
+        };
+        self.lamps.cull(gpu, &mut encoder.begin_compute(PassId::Lamps), &self.frame_buffer, &depth);
+        let mut pass = encoder.begin(
+            PassId::Lamps,
+            &wgpu::RenderPassDescriptor {
+                label: Some("lamps"),
+                color_attachments: &[Some(attachment(&into, wgpu::LoadOp::Load))],
+                depth_stencil_attachment: None,
+                timestamp_writes: None,
+                occlusion_query_set: None,
+                multiview_mask: None,
+            },
+        );
+        self.lamps.light(gpu, &mut pass, &self.frame_buffer, &[depth, normal, albedo], counted);
     }
 
     /// A fullscreen pass that looks the sky up, into radiance; only surfaces reflect it.

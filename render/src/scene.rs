@@ -5,6 +5,7 @@ use lodestream_protocol::pose::Pose;
 
 use super::asset::AssetGpu;
 use super::instance::Instance;
+use super::lights::{Light, LightCulling};
 use super::terrain::TerrainFrame;
 
 /// Most samples of ambient occlusion per pixel.
@@ -240,6 +241,8 @@ pub enum Shade {
     Occlusion,
     /// Share of the sun's light that shadows leave: white is all. White without [`Settings::shadows`].
     Sunlight,
+    /// How many lamps are looked at for a pixel: blue for few, over green and yellow to red for 64; black for none.
+    Lamps,
     /// How often a pixel was drawn, each time before what was there: dark blue once, green four times, dark red eight
     /// times and more. What is seen through counts where it lies before all that is not.
     Overdraw,
@@ -247,7 +250,7 @@ pub enum Shade {
 
 impl Shade {
     /// All there are.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Material,
         Self::Level,
         Self::Cascade,
@@ -257,6 +260,7 @@ impl Shade {
         Self::Depth,
         Self::Occlusion,
         Self::Sunlight,
+        Self::Lamps,
         Self::Overdraw,
     ];
 
@@ -273,6 +277,7 @@ impl Shade {
             Self::Depth => "depth",
             Self::Occlusion => "occlusion",
             Self::Sunlight => "sunlight",
+            Self::Lamps => "lamps",
             Self::Overdraw => "overdraw",
         }
     }
@@ -314,6 +319,8 @@ pub struct Settings {
     pub occlusion: Option<AmbientOcclusion>,
     /// Shadows of the sun; `None` saves two passes.
     pub shadows: Option<Shadows>,
+    /// How lamps are told from those that do not reach a pixel.
+    pub lights: LightCulling,
     /// Smooth edges in the finished picture. Left out where a picture is enlarged, which smooths it already, and for
     /// targets with depth or with something in them, whose host may do it when all is drawn.
     pub antialias: bool,
@@ -347,6 +354,7 @@ impl Default for Settings {
             wireframe: false,
             occlusion: Some(AmbientOcclusion::default()),
             shadows: Some(Shadows::default()),
+            lights: LightCulling::default(),
             antialias: true,
             relief: true,
             relief_steps: 48,
@@ -369,6 +377,9 @@ pub struct Frame<'a> {
     pub drawables: &'a [Drawable<'a>],
     /// On which ground.
     pub terrain: Option<TerrainFrame<'a>>,
+    /// Lit by which lamps, beside sun and sky; of more than [`super::MAX_LIGHTS`] in view the furthest are left out. A
+    /// device without compute shaders leaves all out.
+    pub lights: &'a [Light],
     /// In which light.
     pub environment: Environment,
     /// How.
@@ -385,6 +396,7 @@ impl<'a> Frame<'a> {
             camera,
             drawables,
             terrain: None,
+            lights: &[],
             environment: Environment::default(),
             settings: Settings::default(),
             time_s: f32::MAX,

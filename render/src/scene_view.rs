@@ -305,7 +305,7 @@ impl SceneView {
             self.header.as_ref().map_or_else(Environment::default, |header| environment(header, self.plain));
         let settings = Settings { exposure: settings.exposure * exposure(&environment), ..settings };
         let terrain = self.ground.as_ref().map(GroundScene::frame);
-        draw(&Frame { camera, drawables: &drawables, terrain, environment, settings, time_s })
+        draw(&Frame { camera, drawables: &drawables, terrain, lights: &[], environment, settings, time_s })
     }
 }
 

@@ -17,7 +17,7 @@ const FRAMES: usize = 30;
 /// Frames whose timestamps may be under way.
 const RING: usize = 4;
 /// Stretches of a frame that are stamped, at most: its passes, and each map of shadows.
-const STRETCHES: usize = 16;
+const STRETCHES: usize = 24;
 /// A timestamp's bytes.
 const STAMP: u64 = wgpu::QUERY_SIZE as u64;
 
@@ -260,6 +260,14 @@ impl FrameTimer {
         let now = Instant::now();
         now - std::mem::replace(&mut self.lap, now)
     }
+
+    /// Where the device writes the beginning of a pass, or of some of it; the end comes after it.
+    fn stretch(&mut self, pass: PassId) -> Option<(&wgpu::QuerySet, u32)> {
+        let (_, query_set) = self.stamps.as_ref()?;
+        let first = (self.stretches.len() < STRETCHES).then_some(2 * self.stretches.len() as u32)?;
+        self.stretches.push(pass);
+        Some((query_set, first))
+    }
 }
 
 /// A host's encoder, and the times of what is recorded with it where they are asked for.
@@ -279,18 +287,28 @@ impl<'e> PassEncoder<'e> {
         pass: PassId,
         descriptor: &wgpu::RenderPassDescriptor<'_>,
     ) -> wgpu::RenderPass<'_> {
-        let writes = self.timer.as_mut().and_then(|FrameTimer { stamps, stretches, .. }| {
-            let (_, query_set) = stamps.as_ref()?;
-            let first = (stretches.len() < STRETCHES).then_some(2 * stretches.len() as u32)?;
-            stretches.push(pass);
-            Some(wgpu::RenderPassTimestampWrites {
+        let writes = self.timer.as_mut().and_then(|timer| timer.stretch(pass)).map(|(query_set, first)| {
+            wgpu::RenderPassTimestampWrites {
                 query_set,
                 beginning_of_pass_write_index: Some(first),
                 end_of_pass_write_index: Some(first + 1),
-            })
+            }
         });
         self.encoder
             .begin_render_pass(&wgpu::RenderPassDescriptor { timestamp_writes: writes, ..descriptor.clone() })
+    }
+
+    /// The same for what computes.
+    pub(crate) fn begin_compute(&mut self, pass: PassId) -> wgpu::ComputePass<'_> {
+        let writes = self.timer.as_mut().and_then(|timer| timer.stretch(pass)).map(|(query_set, first)| {
+            wgpu::ComputePassTimestampWrites {
+                query_set,
+                beginning_of_pass_write_index: Some(first),
+                end_of_pass_write_index: Some(first + 1),
+            }
+        });
+        let descriptor = wgpu::ComputePassDescriptor { label: Some(pass.name()), timestamp_writes: writes };
+        self.encoder.begin_compute_pass(&descriptor)
     }
 
     /// What was done since the last lap was to plan the frame.

@@ -6,6 +6,7 @@ mod accuracy;
 mod debug;
 mod haze;
 mod host;
+mod lights;
 mod materials;
 mod pictures;
 mod shadows;

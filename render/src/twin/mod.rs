@@ -7,6 +7,7 @@ pub mod antialias;
 pub mod brdf;
 pub mod debug;
 pub mod depth;
+pub mod lights;
 pub mod relief;
 pub mod sky;
 pub mod ssao;

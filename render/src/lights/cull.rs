@@ -1,0 +1,188 @@
+//! The pass of lamps: which may reach which tile of the picture, and their light on what is there.
+
+use std::sync::OnceLock;
+
+use super::list::{LampList, LampRaw, LampsUniform};
+use crate::buffer::GrowingBuffer;
+use crate::gbuffer::{ADD, shader};
+use crate::gpu::{Gpu, RenderError};
+use crate::targets::RADIANCE;
+
+const CULL: &str =
+    concat!(include_str!("../shaders/common.wgsl"), include_str!("../shaders/cull_lights.wgsl"));
+
+const LIGHT: &str = concat!(
+    include_str!("../shaders/common.wgsl"),
+    include_str!("../shaders/fullscreen.wgsl"),
+    include_str!("../shaders/targets.wgsl"),
+    include_str!("../shaders/sky.wgsl"),
+    include_str!("../shaders/brdf.wgsl"),
+    include_str!("../shaders/lights.wgsl")
+);
+
+/// Binding of the list of lamps.
+const LIST: u32 = 7;
+
+/// See the module.
+#[derive(Debug)]
+pub(crate) struct LampPass {
+    uniform: wgpu::Buffer,
+    lamps: GrowingBuffer<LampRaw>,
+    masks: GrowingBuffer<u32>,
+    bins: GrowingBuffer<u32>,
+    /// Across and down.
+    tiles: [u32; 2],
+    cull: OnceLock<wgpu::ComputePipeline>,
+    light: OnceLock<[wgpu::RenderPipeline; 2]>,
+}
+
+impl LampPass {
+    pub(crate) fn new(gpu: &Gpu) -> Self {
+        let storage = wgpu::BufferUsages::STORAGE;
+        Self {
+            uniform: gpu.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("lamps"),
+                size: size_of::<LampsUniform>() as u64,
+                usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            }),
+            lamps: GrowingBuffer::new("lamps", storage),
+            masks: GrowingBuffer::new("lamps of tiles", storage),
+            bins: GrowingBuffer::new("lamps of depths", storage),
+            tiles: [0; 2],
+            cull: OnceLock::new(),
+            light: OnceLock::new(),
+        }
+    }
+
+    /// Whether the device can tell lamps apart.
+    pub(crate) fn is_possible(gpu: &Gpu) -> bool {
+        let limits = gpu.device.limits();
+        limits.max_compute_invocations_per_workgroup >= 64 && limits.max_storage_buffers_per_shader_stage >= 3
+    }
+
+    /// Uploads a frame's lamps.
+    pub(crate) fn prepare(&mut self, gpu: &Gpu, list: &LampList) -> Result<(), RenderError> {
+        self.tiles = list.tiles;
+        gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&list.uniform));
+        self.lamps.write(gpu, 0, &list.lamps)?;
+        self.bins.write(gpu, 0, &list.bins)?;
+        let words = list.tiles[0] as usize * list.tiles[1] as usize * list.uniform.words as usize;
+        if self.masks.len() < words as u64 {
+            // Of what it holds nothing is read before it is written.
+            self.masks.write(gpu, 0, &vec![0; words])?;
+        }
+        Ok(())
+    }
+
+    /// Tells lamps by tiles of a picture of depth.
+    pub(crate) fn cull(
+        &self,
+        gpu: &Gpu,
+        pass: &mut wgpu::ComputePass<'_>,
+        frame: &wgpu::Buffer,
+        depth: &wgpu::TextureView,
+    ) {
+        let pipeline = self.cull.get_or_init(|| {
+            let module = shader(gpu, "lamps", CULL);
+            gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                label: Some("lamps"),
+                layout: None,
+                module: &module,
+                entry_point: Some("cs_cull"),
+                compilation_options: Default::default(),
+                cache: None,
+            })
+        });
+        let Some([uniform, lamps, masks, _]) = self.bindings() else { return };
+        let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("lamps"),
+            layout: &pipeline.get_bind_group_layout(0),
+            entries: &[
+                wgpu::BindGroupEntry { binding: 0, resource: frame.as_entire_binding() },
+                wgpu::BindGroupEntry { binding: 1, resource: wgpu::BindingResource::TextureView(depth) },
+                uniform,
+                lamps,
+                masks,
+            ],
+        });
+        pass.set_pipeline(pipeline);
+        pass.set_bind_group(0, &group, &[]);
+        pass.dispatch_workgroups(self.tiles[0], self.tiles[1], 1);
+    }
+
+    /// Adds their light to what is there, or shows in its place how many there are to a pixel. `surfaces` are depth,
+    /// normal and albedo.
+    pub(crate) fn light(
+        &self,
+        gpu: &Gpu,
+        pass: &mut wgpu::RenderPass<'_>,
+        frame: &wgpu::Buffer,
+        surfaces: &[wgpu::TextureView; 3],
+        counted: bool,
+    ) {
+        let pipelines = self.light.get_or_init(|| {
+            let module = shader(gpu, "lamps", LIGHT);
+            [("fs_lamps", Some(ADD)), ("fs_lamps_left", None)]
+                .map(|(entry, blend)| pipeline(gpu, &module, entry, blend))
+        });
+        let pipeline = &pipelines[usize::from(counted)];
+        let Some(lamps) = self.bindings() else { return };
+        let read = if counted { 1 } else { 3 };
+        let textures = surfaces.iter().zip(1..).take(read).map(|(view, binding)| wgpu::BindGroupEntry {
+            binding,
+            resource: wgpu::BindingResource::TextureView(view),
+        });
+        // Counting needs no lamp itself.
+        let lamps = lamps.into_iter().filter(|entry| !counted || entry.binding != LIST);
+        let frame = wgpu::BindGroupEntry { binding: 0, resource: frame.as_entire_binding() };
+        let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("lamps"),
+            layout: &pipeline.get_bind_group_layout(0),
+            entries: &std::iter::once(frame).chain(textures).chain(lamps).collect::<Vec<_>>(),
+        });
+        pass.set_pipeline(pipeline);
+        pass.set_bind_group(0, &group, &[]);
+        pass.draw(0..3, 0..1);
+    }
+
+    /// Bindings 6 to 9. Nothing before there was a lamp.
+    fn bindings(&self) -> Option<[wgpu::BindGroupEntry<'_>; 4]> {
+        let buffers = [Some(&self.uniform), self.lamps.buffer(), self.masks.buffer(), self.bins.buffer()];
+        let [Some(uniform), Some(lamps), Some(masks), Some(bins)] = buffers else { return None };
+        let mut binding = 5;
+        Some([uniform, lamps, masks, bins].map(|buffer| {
+            binding += 1;
+            wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() }
+        }))
+    }
+}
+
+fn pipeline(
+    gpu: &Gpu,
+    module: &wgpu::ShaderModule,
+    entry: &str,
+    blend: Option<wgpu::BlendState>,
+) -> wgpu::RenderPipeline {
+    gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some(entry),
+        layout: None,
+        vertex: wgpu::VertexState {
+            module,
+            entry_point: Some("vs_fullscreen"),
+            compilation_options: Default::default(),
+            buffers: &[],
+        },
+        primitive: Default::default(),
+        depth_stencil: None,
+        multisample: Default::default(),
+        fragment: Some(wgpu::FragmentState {
+            module,
+            entry_point: Some(entry),
+            compilation_options: Default::default(),
+            targets: &[Some(wgpu::ColorTargetState { blend, ..RADIANCE.into() })],
+        }),
+        multiview_mask: None,
+        cache: None,
+    })
+}

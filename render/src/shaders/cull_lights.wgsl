@@ -1,0 +1,80 @@
+// Which lamps may light a tile of the picture: a bit each. Whatever their number none is lost, and the sum over bits has
+// one order. Without clusters a tile's own range of depths narrows them (Andersson, "Parallel graphics in Frostbite",
+// 2009); with them ranges of depths do it pixel by pixel (Drobot, "Improved culling for tiled and clustered rendering",
+// 2017), and the tile's furthest surface is all that is asked for.
+
+struct Lamp {
+    position: vec3<f32>,
+    range: f32,
+    colour: vec3<f32>,
+    spot_scale: f32,
+    direction: vec3<f32>,
+    spot_offset: f32,
+}
+
+struct Lamps {
+    count: u32,
+    words: u32,
+    tile_px: u32,
+    tiles_across: u32,
+    nearest: f32,
+    bins_per_octave: f32,
+    clusters: u32,
+    bins: u32,
+}
+
+@group(0) @binding(1) var depth_map: texture_2d<f32>;
+@group(0) @binding(6) var<uniform> lamps: Lamps;
+@group(0) @binding(7) var<storage, read> lamp_list: array<Lamp>;
+@group(0) @binding(8) var<storage, read_write> lamp_masks: array<u32>;
+
+// Bits of positive floating-point numbers are ordered as these are.
+var<workgroup> nearest_bits: atomic<u32>;
+var<workgroup> furthest_bits: atomic<u32>;
+
+const THREADS: u32 = 64;
+
+@compute @workgroup_size(THREADS)
+fn cs_cull(@builtin(workgroup_id) tile: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
+    if (thread == 0u) {
+        atomicStore(&nearest_bits, bitcast<u32>(FAR));
+        atomicStore(&furthest_bits, 0u);
+    }
+    workgroupBarrier();
+    let corner = tile.xy * lamps.tile_px;
+    let size = vec2<u32>(frame.size_px);
+    let end = min(corner + lamps.tile_px, size);
+    for (var i = thread; i < lamps.tile_px * lamps.tile_px; i += THREADS) {
+        let pixel = corner + vec2(i % lamps.tile_px, i / lamps.tile_px);
+        let stored = textureLoad(depth_map, min(pixel, size - 1u), 0).x;
+        if (all(pixel < end) && stored > 0.0) {
+            let bits = bitcast<u32>(view_depth(stored));
+            atomicMin(&nearest_bits, bits);
+            atomicMax(&furthest_bits, bits);
+        }
+    }
+    workgroupBarrier();
+    let furthest = bitcast<f32>(atomicLoad(&furthest_bits));
+    let nearest = select(bitcast<f32>(atomicLoad(&nearest_bits)), 0.0, lamps.clusters == 1u);
+
+    // The tile's sides are planes through the eye: across = ray * depth.
+    let low = view_ray(vec2<i32>(corner)).xy - frame.tan_half_fov * vec2(1.0, -1.0) / frame.size_px;
+    let high = view_ray(vec2<i32>(end) - 1).xy + frame.tan_half_fov * vec2(1.0, -1.0) / frame.size_px;
+    for (var word = thread; word < lamps.words; word += THREADS) {
+        var bits = 0u;
+        for (var bit = 0u; bit < 32u && word * 32u + bit < lamps.count; bit++) {
+            let lamp = lamp_list[word * 32u + bit];
+            let p = (frame.view_from_world * vec4(lamp.position, 0.0)).xyz;
+            let inside = vec4(
+                (p.x + low.x * p.z) * inverseSqrt(1.0 + low.x * low.x),
+                -(p.x + high.x * p.z) * inverseSqrt(1.0 + high.x * high.x),
+                -(p.y + low.y * p.z) * inverseSqrt(1.0 + low.y * low.y),
+                (p.y + high.y * p.z) * inverseSqrt(1.0 + high.y * high.y),
+            );
+            let reached = all(inside >= vec4(-lamp.range)) && -p.z - lamp.range <= furthest && -p.z + lamp.range >= nearest;
+            bits |= select(0u, 1u << bit, reached);
+        }
+        let at = (tile.y * lamps.tiles_across + tile.x) * lamps.words + word;
+        lamp_masks[at] = bits;
+    }
+}

@@ -1,0 +1,226 @@
+//! Lamps: their light against its twin, and that telling them apart by tiles and depths loses none.
+
+use glam::{DVec3, Vec3};
+use half::f16;
+
+use super::shapes::{Mesh, asset, at, quad, sphere};
+use super::{headless, keep};
+use crate::graph::Resource;
+use crate::twin::brdf::{Reflector, from_octahedral};
+use crate::twin::depth::view_ray;
+use crate::twin::lights::Lamp;
+use crate::{
+    Drawable, Environment, Frame, Headless, Instance, Light, LightCulling, Material, PassId, PlainSky, Pose,
+    Settings, Shade, Sky, Spot,
+};
+
+/// No light but that of lamps.
+fn night() -> Environment {
+    let none = Vec3::ZERO;
+    let plain = PlainSky { sun: none, zenith: none, horizon: none, ground: none };
+    Environment { sky: Sky::Plain(plain), ..Environment::default() }
+}
+
+fn bare() -> Settings {
+    Settings { occlusion: None, shadows: None, antialias: false, ..Settings::default() }
+}
+
+fn floor() -> Mesh {
+    quad([-8.0, 0.0, 8.0], [16.0, 0.0, 0.0], [0.0, 0.0, -16.0], 1.0)
+}
+
+fn camera() -> Pose {
+    Pose::look_at(DVec3::new(0.0, 3.0, 7.0), DVec3::ZERO, DVec3::Y, 0.9)
+}
+
+/// Numbers from 0 to 1, the same each time.
+fn numbers() -> impl FnMut() -> f64 {
+    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
+    move || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1_u64 << 53) as f64
+    }
+}
+
+/// Lamps of many colours over the floor, every third one a spot that shines down.
+fn lamps(count: usize, reach: f64) -> Vec<Light> {
+    let mut next = numbers();
+    (0..count)
+        .map(|i| Light {
+            position: DVec3::new(14.0 * next() - 7.0, 0.1 + next(), 14.0 * next() - 7.0),
+            intensity: DVec3::new(next(), next(), next()).as_vec3() * 0.5,
+            range: reach * (0.5 + next()),
+            spot: (i % 3 == 0).then(|| Spot {
+                direction: DVec3::new(next() - 0.5, -1.0, next() - 0.5),
+                inner: 0.2,
+                outer: 0.3 + next(),
+            }),
+        })
+        .collect()
+}
+
+fn halves(h: &Headless, resource: Resource) -> Vec<[f64; 4]> {
+    let stored: Vec<f16> = bytemuck::pod_collect_to_vec(&h.intermediate(resource, 8).unwrap());
+    stored.chunks(4).map(|texel| [0, 1, 2, 3].map(|c| texel[c].to_f64())).collect()
+}
+
+/// Draws a floor and a ball under lamps and gives the radiance.
+fn draw(h: &mut Headless, lights: &[Light], settings: Settings) -> Vec<[f64; 4]> {
+    let ground =
+        asset(h, &floor(), Material { base_colour: [0.7; 3], roughness: 0.5, ..Material::default() });
+    let ball = asset(
+        h,
+        &sphere(32),
+        Material { base_colour: [0.9, 0.6, 0.2], metallic: 1.0, ..Material::default() },
+    );
+    let drawables = [
+        Drawable { asset: &ground, instances: &[Instance::default()] },
+        Drawable { asset: &ball, instances: &[at(0.5, 0.6, 2.0, 1.2)] },
+    ];
+    let frame = Frame { lights, environment: night(), settings, ..Frame::new(camera(), &drawables) };
+    let counters = h.frame(&frame).unwrap();
+    // What lights nothing has no pass.
+    let some = lights.iter().any(|light| crate::lights::lights(light, camera().eye));
+    assert_eq!(counters.passes.contains(&PassId::Lamps), some);
+    halves(h, Resource::Radiance)
+}
+
+#[test]
+fn lamps_light_as_their_twin_says() {
+    let Some(mut h) = headless(64, 48) else { return };
+    let lights = lamps(24, 4.0);
+    let got = draw(&mut h, &lights, bare());
+    keep(&h, "lamps");
+    let (width, height) = h.size();
+    let pose = camera();
+    let tan: [f64; 2] = pose.tan_half_fov(width, height).into();
+    let (normals, depths) = (halves(&h, Resource::Normal), h.depth().unwrap());
+    let albedo = h.intermediate(Resource::Albedo, 4).unwrap();
+    let (mut squares, mut sum) = (0.0, 0.0);
+    for (i, stored) in normals.iter().enumerate().filter(|(i, _)| depths[*i] > 0.0) {
+        let pixel = [(i % width as usize) as i64, (i / width as usize) as i64];
+        let ray = DVec3::from(view_ray(pixel, [width, height], tan));
+        let position = pose.rotation * ray * (bare().near / f64::from(depths[i]));
+        let metal = f64::from(albedo[4 * i + 3]) / 255.0;
+        let reflector = Reflector {
+            albedo: if metal > 0.5 { [0.9, 0.6, 0.2] } else { [0.7; 3] }.map(|c: f32| f64::from(c)),
+            metal,
+            roughness: stored[2],
+            normal: from_octahedral([stored[0], stored[1]]),
+            to_eye: (-position.normalize()).to_array(),
+        };
+        let mut want = [0.0; 3];
+        for light in &lights {
+            let lamp = Lamp {
+                position: (light.position - pose.eye - position).to_array(),
+                range: light.range,
+                colour: (light.intensity.as_dvec3() / std::f64::consts::PI).to_array(),
+                spot: light.spot.map(|s| (s.direction.normalize().to_array(), s.inner, s.outer)),
+            };
+            let (irradiance, to_lamp) = lamp.at_zero();
+            let more = reflector.from_light(to_lamp, irradiance);
+            want = [0, 1, 2].map(|c| want[c] + more[c]);
+        }
+        for c in 0..3 {
+            squares += (got[i][c] - want[c]).powi(2);
+            sum += want[c].powi(2);
+        }
+    }
+    assert!(sum > 1.0, "it is dark: {sum}");
+    assert!((squares / sum).sqrt() < 0.01, "{}", (squares / sum).sqrt());
+}
+
+#[test]
+fn tiles_and_clusters_of_any_size_lose_no_lamp() {
+    let Some(mut h) = headless(96, 64) else { return };
+    for (count, reach) in [(1, 3.0), (400, 1.0), (4000, 0.6), (33, 100.0)] {
+        let lights = lamps(count, reach);
+        let mut first: Option<Vec<[f64; 4]>> = None;
+        for (tile_px, clusters) in [(64, false), (32, true), (16, false), (16, true), (8, true), (5, true)] {
+            let culling = LightCulling { tile_px, clusters };
+            let drawn = draw(&mut h, &lights, Settings { lights: culling, ..bare() });
+            // The same lamps in the same order: the same sums, bit for bit.
+            let first = first.get_or_insert_with(|| drawn.clone());
+            assert_eq!(&drawn, first, "{count} lamps, tiles of {tile_px} px, clusters: {clusters}");
+        }
+        let lit = first.unwrap().iter().any(|pixel| pixel[0] > 0.01);
+        assert!(lit || count == 1, "{count} lamps light nothing");
+    }
+}
+
+#[test]
+fn ten_thousand_lamps_in_one_tile_add_up() {
+    let Some(mut h) = headless(16, 16) else { return };
+    let one =
+        Light { position: DVec3::new(0.0, 2.0, 0.0), intensity: Vec3::splat(1e-3), range: 30.0, spot: None };
+    let alone = draw(&mut h, &[Light { intensity: Vec3::splat(10.0), ..one }], bare());
+    let many = draw(&mut h, &vec![one; 10_000], bare());
+    for (many, alone) in many.iter().zip(&alone) {
+        assert!((many[0] - alone[0]).abs() <= 2e-3 * alone[0] + 1e-4, "{many:?} {alone:?}");
+    }
+}
+
+#[test]
+fn fewer_lamps_are_looked_at_where_tiles_are_small_and_depths_tell() {
+    let Some(mut h) = headless(128, 96) else { return };
+    let lights = lamps(400, 0.8);
+    let mut heat = |tile_px, clusters| {
+        let lights_by = LightCulling { tile_px, clusters };
+        let drawn = draw(&mut h, &lights, Settings { lights: lights_by, shade: Shade::Lamps, ..bare() });
+        keep(&h, &format!("lamps-heat-{tile_px}-{clusters}"));
+        // Blue falls and red rises with their number.
+        drawn.iter().map(|[r, _, b, _]| r - b).sum::<f64>()
+    };
+    let (coarse, fine, clustered) = (heat(64, false), heat(8, false), heat(8, true));
+    assert!(coarse > fine && fine >= clustered, "{coarse} {fine} {clustered}");
+}
+
+#[test]
+fn strange_lamps_light_nothing_and_break_nothing() {
+    let Some(mut h) = headless(16, 16) else { return };
+    let lamp = Light { position: DVec3::Y, intensity: Vec3::ONE, range: 3.0, spot: None };
+    let spot = Spot { direction: DVec3::NEG_Y, inner: 0.1, outer: 0.5 };
+    for strange in [
+        Light { position: DVec3::NAN, ..lamp },
+        Light { range: 0.0, ..lamp },
+        Light { range: f64::NAN, ..lamp },
+        Light { intensity: Vec3::NAN, ..lamp },
+        Light { intensity: Vec3::NEG_ONE, ..lamp },
+        Light { spot: Some(Spot { direction: DVec3::ZERO, ..spot }), ..lamp },
+    ] {
+        assert!(draw(&mut h, &[strange], bare()).iter().flatten().all(|x| x.is_finite()));
+    }
+    for edge in [
+        Light { position: camera().eye, ..lamp },
+        Light { range: 1e30, ..lamp },
+        Light { intensity: Vec3::splat(1e30), ..lamp },
+        Light { spot: Some(Spot { inner: 9.0, outer: -1.0, ..spot }), ..lamp },
+    ] {
+        assert!(draw(&mut h, &[edge], bare()).iter().flatten().all(|x| x.is_finite()), "{edge:?}");
+    }
+}
+
+#[test]
+#[ignore = "takes times: cargo test -p lodestream-render --lib -- lamps_cost --ignored --nocapture"]
+fn what_lamps_cost() {
+    let Some(mut h) = headless(1280, 720) else { return };
+    println!("lamps, tiles in px, by ranges of depth | pass, ms (median of 7)");
+    for count in [400, 4000] {
+        for (tile_px, clusters) in [(8, false), (16, false), (32, false), (8, true), (16, true), (32, true)] {
+            let lights = lamps(count, if count > 1000 { 0.5 } else { 1.5 });
+            let settings = Settings { lights: LightCulling { tile_px, clusters }, ..bare() };
+            let mut times: Vec<f64> = (0..7)
+                .map(|_| {
+                    h.time_passes(false);
+                    h.time_passes(true);
+                    draw(&mut h, &lights, settings);
+                    let timings = h.timings();
+                    let lamps = timings.passes.iter().find(|time| time.pass == PassId::Lamps).unwrap();
+                    lamps.gpu.unwrap_or_default().as_secs_f64() * 1e3
+                })
+                .collect();
+            times.sort_by(f64::total_cmp);
+            println!("{count}, {tile_px}, {clusters} | {:.1}", times[3]);
+        }
+    }
+}
