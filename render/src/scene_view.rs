@@ -29,8 +29,9 @@ const GROUND_ERRORS: f64 = 2.4;
 
 /// Exposed radiance of a white surface that faces the sun: near the upper end of the tone curve.
 const SUNLIT_WHITE: f32 = 1.6;
-/// Range of sight over half the ground's side: where the ground ends, a tenth of its contrast is left.
-const HAZE_OVER_REACH: f64 = 1.3;
+/// Range of sight over half the ground's side: where the ground ends, a fifth of its contrast is left, and a seventh is
+/// gone a tenth of the way.
+const HAZE_OVER_REACH: f64 = 2.0;
 
 /// The scene in GPU memory, as far as it has arrived.
 #[derive(Debug, Default)]

@@ -137,15 +137,22 @@ impl SkyMap {
     }
 
     /// Takes a share of its tint from the ambient light, as von Kries has eyes do (CIE 159:2004, degree of adaptation);
-    /// what falls from above keeps its luminance.
+    /// what falls from above keeps its luminance. Of what is reflected the more, the rougher: a mirror shows the sky as it
+    /// is seen.
     fn adapt(&mut self, degree: f64) {
         let from_above = self.ambient(DVec3::Z);
         let white = luminance(from_above);
         if white > 0.0 {
-            let factor = |c: f64| if c > 0.0 { (white / c).powf(degree) } else { 1.0 };
-            let factors = DVec3::from(from_above.to_array().map(factor));
-            let kept = white / luminance(from_above * factors);
-            self.irradiance = self.irradiance.map(|c| c * factors * kept);
+            let factors = |degree: f64| {
+                let factor = |c: f64| if c > 0.0 { (white / c).powf(degree) } else { 1.0 };
+                let factors = DVec3::from(from_above.to_array().map(factor));
+                factors * (white / luminance(from_above * factors))
+            };
+            self.irradiance = self.irradiance.map(|c| c * factors(degree));
+            let roughest = self.lobes.len().saturating_sub(1).max(1) as f64;
+            for (layer, lobe) in self.lobes.iter_mut().enumerate() {
+                lobe.tint(factors(degree * layer as f64 / roughest));
+            }
         }
     }
 

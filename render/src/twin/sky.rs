@@ -66,6 +66,11 @@ impl Octahedral {
         self.texels.iter_mut().for_each(|texel| *texel = (*texel * factor).min(DVec3::splat(most)));
     }
 
+    /// Multiplies each of red, green and blue.
+    pub fn tint(&mut self, factors: DVec3) {
+        self.texels.iter_mut().for_each(|texel| *texel *= factors);
+    }
+
     /// Texels along a side, borders included.
     #[must_use]
     pub fn bordered_side(&self) -> usize {
