@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use image::DynamicImage;
 
-use super::TextureError;
 use super::decode::decode;
+use super::error::TextureError;
 use super::mip::Plane;
 use crate::model::{Channel, Component, ImageSource};
 

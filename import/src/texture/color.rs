@@ -5,12 +5,14 @@ use std::path::{Path, PathBuf};
 use image::{ExtendedColorType, ImageError, Rgba, RgbaImage};
 use lodestream_protocol::asset::TextureKind;
 
+use super::Texture;
 use super::channel::Channels;
 use super::coverage::Coverage;
 use super::decode::decode;
 use super::encode::{levels, png, smaller};
+use super::error::TextureError;
 use super::mip::Plane;
-use super::{Opacity, Texture, TextureError, Transparency};
+use super::source::{Opacity, Transparency};
 use crate::model::{Channel, ImageSource};
 
 /// Quality of colour JPEGs, 1–100. 85 is where the artefacts of a photograph stop being visible at

@@ -5,7 +5,8 @@ use std::path::Path;
 
 use image::{DynamicImage, ImageError, ImageReader, Limits};
 
-use super::{MAX_PIXELS, MAX_SIDE_PX, TextureError, one_line};
+use super::error::{TextureError, one_line};
+use super::limits::{MAX_PIXELS, MAX_SIDE_PX};
 use crate::error::ImportError;
 use crate::file::read_file;
 use crate::model::ImageSource;

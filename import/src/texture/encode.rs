@@ -6,8 +6,8 @@ use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder as _, ImageError};
 
+use super::error::{TextureError, one_line};
 use super::mip::Plane;
-use super::{TextureError, one_line};
 
 /// Halving stops at a level whose longer side is at most this: smaller levels cost a message each
 /// and save nothing, since an 8 × 8 level is about 200 bytes.

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{MAX_PIXELS, MAX_SIDE_PX};
+use super::limits::{MAX_PIXELS, MAX_SIDE_PX};
 
 /// A texture that cannot be used.
 #[derive(Debug, thiserror::Error)]

@@ -3,10 +3,12 @@
 use image::{DynamicImage, ExtendedColorType};
 use lodestream_protocol::asset::TextureKind;
 
+use super::Texture;
 use super::decode::decode;
 use super::encode::{levels, png};
+use super::error::TextureError;
 use super::mip::Plane;
-use super::{Texture, TextureError, Transparency};
+use super::source::Transparency;
 use crate::model::ImageSource;
 
 pub(super) fn load(source: &ImageSource) -> Result<Texture, TextureError> {

@@ -11,6 +11,7 @@ mod decode;
 mod encode;
 mod error;
 mod height;
+mod limits;
 mod mip;
 mod normal;
 mod source;
@@ -19,13 +20,8 @@ mod surface;
 pub use lodestream_protocol::asset::TextureKind;
 
 pub use error::TextureError;
-use error::one_line;
+pub use limits::{MAX_PIXELS, MAX_SIDE_PX};
 pub use source::{Opacity, TextureSource, Transparency};
-
-/// Longest side of a texture, in pixels.
-pub const MAX_SIDE_PX: u32 = 16_384;
-/// Most pixels of a texture: its finest level takes 8 bytes each while mips are made.
-pub const MAX_PIXELS: u64 = 1 << 26;
 
 /// A texture's mip levels.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -3,10 +3,12 @@
 use image::ExtendedColorType;
 use lodestream_protocol::asset::TextureKind;
 
+use super::Texture;
 use super::decode::decode;
 use super::encode::{levels, smaller};
+use super::error::TextureError;
 use super::mip::Plane;
-use super::{Texture, TextureError, Transparency};
+use super::source::Transparency;
 use crate::model::ImageSource;
 
 /// Quality of JPEGs of normal maps, chroma not halved. FlightHelmet's four larger maps (512 × 512) are turned by 1.5° in

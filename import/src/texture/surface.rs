@@ -3,10 +3,12 @@
 use image::ExtendedColorType;
 use lodestream_protocol::asset::TextureKind;
 
+use super::Texture;
 use super::channel::{Channels, larger};
 use super::encode::{levels, smaller};
+use super::error::TextureError;
 use super::mip::Plane;
-use super::{Texture, TextureError, Transparency};
+use super::source::Transparency;
 use crate::model::SurfaceMap;
 
 /// Quality of JPEGs of surfaces, whose three channels have little to do with each other. Of FlightHelmet's five maps
