@@ -1,5 +1,6 @@
 //! The last pass into a host's targets, where depth goes along or what is there stays.
 
+use super::fullscreen::deep_pipeline;
 use super::gbuffer::shader;
 use super::gpu::Gpu;
 use super::pipelines::COMPOSITE;
@@ -51,51 +52,16 @@ pub(crate) fn into_target(
     constants: &[(&str, f64)],
 ) -> wgpu::RenderPipeline {
     let entry = if depth.is_some() { deep } else { flat };
-    gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some(entry),
-        layout: None,
-        vertex: wgpu::VertexState {
-            module,
-            entry_point: Some("vs_fullscreen"),
-            compilation_options: Default::default(),
-            buffers: &[],
-        },
-        primitive: Default::default(),
-        depth_stencil: depth.map(|format| wgpu::DepthStencilState {
-            format,
-            depth_write_enabled: Some(true),
-            // Reversed depth: nearer is greater.
-            depth_compare: Some(match load {
-                Load::Keep => wgpu::CompareFunction::Greater,
-                Load::Clear => wgpu::CompareFunction::Always,
-            }),
-            stencil: Default::default(),
-            bias: Default::default(),
+    let depth_stencil = depth.map(|format| wgpu::DepthStencilState {
+        format,
+        depth_write_enabled: Some(true),
+        // Reversed depth: nearer is greater.
+        depth_compare: Some(match load {
+            Load::Keep => wgpu::CompareFunction::Greater,
+            Load::Clear => wgpu::CompareFunction::Always,
         }),
-        multisample: Default::default(),
-        fragment: Some(wgpu::FragmentState {
-            module,
-            entry_point: Some(entry),
-            compilation_options: wgpu::PipelineCompilationOptions { constants, ..Default::default() },
-            targets: &[Some(format.into())],
-        }),
-        multiview_mask: None,
-        cache: None,
-    })
-}
-
-/// What a pass into `target` does with the depth that is there.
-pub(crate) fn depth_attachment<'a>(
-    target: &Target<'a>,
-) -> Option<wgpu::RenderPassDepthStencilAttachment<'a>> {
-    let load = match target.load {
-        Load::Keep => wgpu::LoadOp::Load,
-        // 0 is infinitely far.
-        Load::Clear => wgpu::LoadOp::Clear(0.0),
-    };
-    target.depth.map(|view| wgpu::RenderPassDepthStencilAttachment {
-        view,
-        depth_ops: Some(wgpu::Operations { load, store: wgpu::StoreOp::Store }),
-        stencil_ops: None,
-    })
+        stencil: Default::default(),
+        bias: Default::default(),
+    });
+    deep_pipeline(gpu, module, entry, (format.into(), depth_stencil), constants)
 }

@@ -19,13 +19,20 @@ pub(crate) enum Shown {
     Depth = 4,
     Share = 5,
     Count = 6,
+    /// There is nothing to count.
+    Black = 7,
 }
 
-/// What is shown in place of the picture and what holds it, in the order of the shader's slots, of a frame with ambient
-/// occlusion and with shadows or without.
-pub(crate) fn shown(shade: Shade, occlusion: bool, shadows: bool) -> Option<(Shown, &'static [Resource])> {
+/// What is shown in place of the picture and what holds it, in the order of the shader's slots, of a frame with or without
+/// ambient occlusion, shadows and lamps. Where there are lamps their own pass counts them.
+pub(crate) fn shown(
+    shade: Shade,
+    [occlusion, shadows, lamps]: [bool; 3],
+) -> Option<(Shown, &'static [Resource])> {
     match shade {
-        Shade::Material | Shade::Level | Shade::Cascade | Shade::Lamps => None,
+        Shade::Material | Shade::Level | Shade::Cascade => None,
+        Shade::Lamps if lamps => None,
+        Shade::Lamps => Some((Shown::Black, &[Resource::Depth])),
         Shade::Normal => Some((Shown::Normal, &[Resource::Depth, Resource::Normal])),
         Shade::Albedo => Some((Shown::Albedo, &[Resource::Depth, Resource::Albedo])),
         // Roughness and occlusion lie beside the normal, metal beside albedo.

@@ -77,21 +77,12 @@ impl<'a> DrawList<'a> {
         &self,
         gpu: &Gpu,
         pass: &mut wgpu::RenderPass<'_>,
-        pipelines: &MeshPipelines,
-        instances: &wgpu::Buffer,
+        (pipelines, instances): (&MeshPipelines, &wgpu::Buffer),
         relief: bool,
         counters: &mut Counters,
     ) {
-        each(&self.batches, pass, instances, |pass, part, triangles| {
-            let features = part.material.features;
-            if features.blend {
-                return false;
-            }
-            pass.set_pipeline(pipelines.surface(gpu, features, relief));
-            pass.set_bind_group(1, &part.material.group, &[]);
-            counters.draws += 1;
-            counters.triangles += triangles;
-            true
+        draw(&self.batches, pass, instances, counters, |of| {
+            (!of.blend).then(|| pipelines.surface(gpu, of, relief))
         });
     }
 
@@ -100,17 +91,11 @@ impl<'a> DrawList<'a> {
         &self,
         gpu: &Gpu,
         pass: &mut wgpu::RenderPass<'_>,
-        pipelines: &MeshPipelines,
-        instances: &wgpu::Buffer,
+        (pipelines, instances): (&MeshPipelines, &wgpu::Buffer),
         counters: &mut Counters,
     ) {
-        pass.set_pipeline(pipelines.emission(gpu));
-        each(&self.batches, pass, instances, |pass, part, triangles| {
-            let Features { emits: true, blend: false, .. } = part.material.features else { return false };
-            pass.set_bind_group(1, &part.material.group, &[]);
-            counters.draws += 1;
-            counters.triangles += triangles;
-            true
+        draw(&self.batches, pass, instances, counters, |of| {
+            (of.emits && !of.blend).then(|| pipelines.emission(gpu))
         });
     }
 
@@ -119,8 +104,7 @@ impl<'a> DrawList<'a> {
         &self,
         gpu: &Gpu,
         pass: &mut wgpu::RenderPass<'_>,
-        pipelines: &MeshPipelines,
-        instances: &wgpu::Buffer,
+        (pipelines, instances): (&MeshPipelines, &wgpu::Buffer),
         counters: &mut Counters,
     ) {
         let with = self.batches.iter().filter(|batch| batch.asset.any(|features| features.blend));
@@ -130,18 +114,10 @@ impl<'a> DrawList<'a> {
             .collect();
         order.sort_by(|(a, ..), (b, ..)| b.total_cmp(a));
         for (_, batch, instance) in order {
-            let one = Batch { first: instance, end: instance + 1, ..*batch };
-            // Of single instances, whose faces alone say what is in front of what.
+            let one = [Batch { first: instance, end: instance + 1, ..*batch }];
             for facing in 0..2 {
-                each(std::slice::from_ref(&one), pass, instances, |pass, part, triangles| {
-                    if !part.material.features.blend {
-                        return false;
-                    }
-                    pass.set_pipeline(&pipelines.transparent(gpu, part.material.features)[facing]);
-                    pass.set_bind_group(1, &part.material.group, &[]);
-                    counters.draws += 1;
-                    counters.triangles += triangles;
-                    true
+                draw(&one, pass, instances, counters, |of| {
+                    of.blend.then(|| &pipelines.transparent(gpu, of)[facing])
                 });
             }
         }
@@ -163,16 +139,8 @@ impl<'a> DrawList<'a> {
         seen_through: bool,
         counters: &mut Counters,
     ) {
-        each(&self.batches, pass, instances, |pass, part, triangles| {
-            let features = part.material.features;
-            if features.blend != seen_through {
-                return false;
-            }
-            pass.set_pipeline(pipelines.overdraw(gpu, features));
-            pass.set_bind_group(1, &part.material.group, &[]);
-            counters.draws += 1;
-            counters.triangles += triangles;
-            true
+        draw(&self.batches, pass, instances, counters, |of| {
+            (of.blend == seen_through).then(|| pipelines.overdraw(gpu, of))
         });
     }
 
@@ -180,18 +148,29 @@ impl<'a> DrawList<'a> {
     pub(crate) fn wires(
         &self,
         pass: &mut wgpu::RenderPass<'_>,
-        wire: &wgpu::RenderPipeline,
-        instances: &wgpu::Buffer,
+        (wire, instances): (&wgpu::RenderPipeline, &wgpu::Buffer),
         counters: &mut Counters,
     ) {
-        pass.set_pipeline(wire);
-        each(&self.batches, pass, instances, |pass, part, triangles| {
-            pass.set_bind_group(1, &part.material.group, &[]);
-            counters.draws += 1;
-            counters.triangles += triangles;
-            true
-        });
+        draw(&self.batches, pass, instances, counters, |_| Some(wire));
     }
+}
+
+/// Draws the parts of some batches whose material has a pipeline, with its textures.
+fn draw<'p>(
+    batches: &[Batch<'_>],
+    pass: &mut wgpu::RenderPass<'_>,
+    instances: &wgpu::Buffer,
+    counters: &mut Counters,
+    pipeline: impl Fn(Features) -> Option<&'p wgpu::RenderPipeline>,
+) {
+    each(batches, pass, instances, |pass, part, triangles| {
+        let Some(pipeline) = pipeline(part.material.features) else { return false };
+        pass.set_pipeline(pipeline);
+        pass.set_bind_group(1, &part.material.group, &[]);
+        counters.draws += 1;
+        counters.triangles += triangles;
+        true
+    });
 }
 
 /// Draws parts of some batches; `prepare` chooses which and how, and is told how many triangles each has.

@@ -24,6 +24,7 @@ mod composite;
 mod counters;
 mod debug;
 mod draw;
+mod fullscreen;
 mod gbuffer;
 mod gpu;
 mod graph;

@@ -1,5 +1,6 @@
 //! Shader modules and pipelines, one per pass.
 
+use super::fullscreen::fullscreen_pipeline;
 use super::gbuffer::{UNIFORM_BLOCK, shader};
 use super::gpu::Gpu;
 use super::material_kit::MaterialKit;
@@ -91,31 +92,8 @@ impl Pipelines {
             label: Some("frame"),
             entries: &[UNIFORM_BLOCK],
         });
-        let full = |module: &wgpu::ShaderModule,
-                    entry,
-                    target: wgpu::ColorTargetState,
-                    constants: &[(&str, f64)]| {
-            device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-                label: Some(entry),
-                layout: None,
-                vertex: wgpu::VertexState {
-                    module,
-                    entry_point: Some("vs_fullscreen"),
-                    compilation_options: Default::default(),
-                    buffers: &[],
-                },
-                primitive: Default::default(),
-                depth_stencil: None,
-                multisample: Default::default(),
-                fragment: Some(wgpu::FragmentState {
-                    module,
-                    entry_point: Some(entry),
-                    compilation_options: wgpu::PipelineCompilationOptions { constants, ..Default::default() },
-                    targets: &[Some(target)],
-                }),
-                multiview_mask: None,
-                cache: None,
-            })
+        let full = |module: &wgpu::ShaderModule, entry, target, constants: &[(&str, f64)]| {
+            fullscreen_pipeline(gpu, module, entry, target, constants)
         };
         let over =
             wgpu::ColorTargetState { blend: Some(wgpu::BlendState::ALPHA_BLENDING), ..RADIANCE.into() };

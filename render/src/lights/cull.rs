@@ -4,12 +4,16 @@ use std::sync::OnceLock;
 
 use super::list::{LampList, LampRaw, LampsUniform};
 use crate::buffer::GrowingBuffer;
+use crate::fullscreen::fullscreen_pipeline;
 use crate::gbuffer::{ADD, shader};
 use crate::gpu::{Gpu, RenderError};
 use crate::targets::RADIANCE;
 
-const CULL: &str =
-    concat!(include_str!("../shaders/common.wgsl"), include_str!("../shaders/cull_lights.wgsl"));
+const CULL: &str = concat!(
+    include_str!("../shaders/common.wgsl"),
+    include_str!("../shaders/lamp.wgsl"),
+    include_str!("../shaders/cull_lights.wgsl")
+);
 
 const LIGHT: &str = concat!(
     include_str!("../shaders/common.wgsl"),
@@ -17,6 +21,7 @@ const LIGHT: &str = concat!(
     include_str!("../shaders/targets.wgsl"),
     include_str!("../shaders/sky.wgsl"),
     include_str!("../shaders/brdf.wgsl"),
+    include_str!("../shaders/lamp.wgsl"),
     include_str!("../shaders/lights.wgsl")
 );
 
@@ -123,8 +128,10 @@ impl LampPass {
     ) {
         let pipelines = self.light.get_or_init(|| {
             let module = shader(gpu, "lamps", LIGHT);
-            [("fs_lamps", Some(ADD)), ("fs_lamps_left", None)]
-                .map(|(entry, blend)| pipeline(gpu, &module, entry, blend))
+            [("fs_lamps", Some(ADD)), ("fs_lamps_left", None)].map(|(entry, blend)| {
+                let target = wgpu::ColorTargetState { blend, ..RADIANCE.into() };
+                fullscreen_pipeline(gpu, &module, entry, target, &[])
+            })
         });
         let pipeline = &pipelines[usize::from(counted)];
         let Some(lamps) = self.bindings() else { return };
@@ -156,33 +163,4 @@ impl LampPass {
             wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() }
         }))
     }
-}
-
-fn pipeline(
-    gpu: &Gpu,
-    module: &wgpu::ShaderModule,
-    entry: &str,
-    blend: Option<wgpu::BlendState>,
-) -> wgpu::RenderPipeline {
-    gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some(entry),
-        layout: None,
-        vertex: wgpu::VertexState {
-            module,
-            entry_point: Some("vs_fullscreen"),
-            compilation_options: Default::default(),
-            buffers: &[],
-        },
-        primitive: Default::default(),
-        depth_stencil: None,
-        multisample: Default::default(),
-        fragment: Some(wgpu::FragmentState {
-            module,
-            entry_point: Some(entry),
-            compilation_options: Default::default(),
-            targets: &[Some(wgpu::ColorTargetState { blend, ..RADIANCE.into() })],
-        }),
-        multiview_mask: None,
-        cache: None,
-    })
 }

@@ -40,15 +40,6 @@ pub struct Spot {
     pub outer: f64,
 }
 
-impl Light {
-    /// The range at which light of this intensity is 1/500 of what a white surface shows as white, for lights that name
-    /// none.
-    #[must_use]
-    pub fn range_of(intensity: Vec3) -> f64 {
-        (f64::from(intensity.max_element().max(0.0)) / std::f64::consts::PI * 500.0).sqrt()
-    }
-}
-
 /// How lamps are told from those that do not reach a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LightCulling {

@@ -3,29 +3,7 @@
 // 2009); with them ranges of depths do it pixel by pixel (Drobot, "Improved culling for tiled and clustered rendering",
 // 2017), and the tile's furthest surface is all that is asked for.
 
-struct Lamp {
-    position: vec3<f32>,
-    range: f32,
-    colour: vec3<f32>,
-    spot_scale: f32,
-    direction: vec3<f32>,
-    spot_offset: f32,
-}
-
-struct Lamps {
-    count: u32,
-    words: u32,
-    tile_px: u32,
-    tiles_across: u32,
-    nearest: f32,
-    bins_per_octave: f32,
-    clusters: u32,
-    bins: u32,
-}
-
 @group(0) @binding(1) var depth_map: texture_2d<f32>;
-@group(0) @binding(6) var<uniform> lamps: Lamps;
-@group(0) @binding(7) var<storage, read> lamp_list: array<Lamp>;
 @group(0) @binding(8) var<storage, read_write> lamp_masks: array<u32>;
 
 // Bits of positive floating-point numbers are ordered as these are.

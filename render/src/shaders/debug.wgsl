@@ -54,6 +54,7 @@ fn value_of(stored_depth: f32, texel: vec4<f32>, metal: vec4<f32>) -> vec3<f32> 
         case 4u: { return depth_colour(stored_depth); }
         case 5u: { return texel.xxx; }
         case 6u: { return count_colour(texel.x); }
+        case 7u: { return vec3(0.0); }
         default: { return vec3(1.0); }
     }
 }

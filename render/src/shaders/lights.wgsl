@@ -1,27 +1,5 @@
 // Light of lamps, onto the lit picture: those that a pixel's tile and depth leave. Twin: twin/lights.rs.
 
-struct Lamp {
-    position: vec3<f32>, // relative to the eye
-    range: f32, // beyond which it lights nothing
-    colour: vec3<f32>, // intensity over pi
-    spot_scale: f32,
-    direction: vec3<f32>,
-    spot_offset: f32,
-}
-
-struct Lamps {
-    count: u32,
-    words: u32, // of a tile's mask
-    tile_px: u32,
-    tiles_across: u32,
-    nearest: f32, // depth at which the first bin begins
-    bins_per_octave: f32,
-    clusters: u32,
-    bins: u32,
-}
-
-@group(0) @binding(6) var<uniform> lamps: Lamps;
-@group(0) @binding(7) var<storage, read> lamp_list: array<Lamp>; // from near to far
 @group(0) @binding(8) var<storage, read> lamp_masks: array<u32>; // of a tile one after the other
 @group(0) @binding(9) var<storage, read> lamp_bins: array<u32>; // first and, shifted by 16, last lamp of a range of depths
 

@@ -3,11 +3,11 @@
 use glam::{DVec3, Vec3};
 
 use super::SkyGpu;
+use crate::fullscreen::{fullscreen, fullscreen_pipeline};
 use crate::gbuffer::shader;
 use crate::gpu::Gpu;
 use crate::graph::PassId;
 use crate::readback::read_texture;
-use crate::renderer::fullscreen;
 use crate::tests::headless;
 use crate::timing::PassEncoder;
 use crate::twin::sky::{Sky as Twin, environment_brdf, split_sum};
@@ -65,34 +65,15 @@ fn pixels(gpu: &Gpu, sky: &mut SkyGpu, environment: Environment) -> Vec<[f32; 4]
     });
     gpu.queue.write_buffer(&buffer, 0, bytemuck::bytes_of(&uniform));
     let module = shader(gpu, "sky test", SHADER);
-    let pipeline = device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some("sky test"),
-        layout: None,
-        vertex: wgpu::VertexState {
-            module: &module,
-            entry_point: Some("vs_fullscreen"),
-            compilation_options: Default::default(),
-            buffers: &[],
-        },
-        primitive: Default::default(),
-        depth_stencil: None,
-        multisample: Default::default(),
-        fragment: Some(wgpu::FragmentState {
-            module: &module,
-            entry_point: Some("fs_test"),
-            compilation_options: Default::default(),
-            targets: &[Some(wgpu::TextureFormat::Rgba32Float.into())],
-        }),
-        multiview_mask: None,
-        cache: None,
-    });
+    let format = wgpu::TextureFormat::Rgba32Float;
+    let pipeline = fullscreen_pipeline(gpu, &module, "fs_test", format.into(), &[]);
     let target = device.create_texture(&wgpu::TextureDescriptor {
         label: None,
         size: wgpu::Extent3d { width: SIDE, height: SIDE, depth_or_array_layers: 1 },
         mip_level_count: 1,
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,
-        format: wgpu::TextureFormat::Rgba32Float,
+        format,
         usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
         view_formats: &[],
     });

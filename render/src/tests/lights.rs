@@ -176,6 +176,17 @@ fn fewer_lamps_are_looked_at_where_tiles_are_small_and_depths_tell() {
 }
 
 #[test]
+fn where_there_are_no_lamps_their_view_is_black() {
+    let Some(mut h) = headless(32, 24) else { return };
+    let ball = asset(&h, &sphere(16), Material::default());
+    let drawables = [Drawable { asset: &ball, instances: &[at(0.0, 0.0, 0.0, 4.0)] }];
+    let settings = Settings { shade: Shade::Lamps, ..Settings::default() };
+    let counters = h.frame(&Frame { settings, ..Frame::new(camera(), &drawables) }).unwrap();
+    assert_eq!(counters.passes, [PassId::GBuffer, PassId::Debug]);
+    assert!(h.picture().unwrap().pixels().all(|pixel| pixel.0 == [0, 0, 0, 255]));
+}
+
+#[test]
 fn strange_lamps_light_nothing_and_break_nothing() {
     let Some(mut h) = headless(16, 16) else { return };
     let lamp = Light { position: DVec3::Y, intensity: Vec3::ONE, range: 3.0, spot: None };

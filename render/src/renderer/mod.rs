@@ -1,0 +1,298 @@
+//! The renderer: what it keeps between frames, and how it plans one. What passes record is in `passes`.
+
+mod passes;
+
+use std::sync::OnceLock;
+
+use glam::DVec3;
+
+use crate::asset::AssetGpu;
+use crate::buffer::GrowingBuffer;
+use crate::composite::Composites;
+use crate::counters::Counters;
+use crate::debug::{self, DebugPipelines};
+use crate::draw::DrawList;
+use crate::fullscreen::depth_attachment;
+use crate::gpu::{Gpu, RenderError};
+use crate::graph::{self, Needs, PassId, Resource};
+use crate::instance::InstanceRaw;
+use crate::lights::{LampList, LampPass};
+use crate::material::Material;
+use crate::material_kit::{Features, MaterialKit};
+use crate::pipelines::Pipelines;
+use crate::scene::{Frame, MIN_RENDER_SCALE};
+use crate::shadows::{self, Casters, ShadowMaps, Sun};
+use crate::sky::SkyGpu;
+use crate::target::{Load, Target};
+use crate::targets::Targets;
+use crate::terrain::{TerrainGpu, TerrainLook, TerrainPipelines, TileList, TileRaw};
+use crate::texture::TextureShape;
+use crate::timing::{PassEncoder, Timer, Timings};
+use crate::uniforms::FrameUniform;
+
+/// Draws frames into targets of one format.
+#[derive(Debug)]
+pub struct Renderer {
+    kit: MaterialKit,
+    pipelines: Pipelines,
+    composites: Composites,
+    debug: DebugPipelines,
+    targets: Targets,
+    frame_buffer: wgpu::Buffer,
+    frame_group: wgpu::BindGroup,
+    instances: GrowingBuffer<InstanceRaw>,
+    tiles: GrowingBuffer<TileRaw>,
+    shadow_maps: ShadowMaps,
+    sky: SkyGpu,
+    lamps: LampPass,
+    /// Compiled with the first terrain: most scenes have none.
+    terrain: OnceLock<TerrainPipelines>,
+    target_format: wgpu::TextureFormat,
+    warned_wireframe: bool,
+    /// Where somebody asked what passes take.
+    timer: Option<Timer>,
+}
+
+impl Renderer {
+    /// A renderer for targets of `target_format`. With an sRGB format the target encodes what it
+    /// is given; with any other the shader applies the sRGB curve, so both show the same picture.
+    ///
+    /// # Errors
+    /// [`RenderError::Device`] if the device refuses a shader or pipeline.
+    pub fn new(gpu: &Gpu, target_format: wgpu::TextureFormat) -> Result<Self, RenderError> {
+        let kit = MaterialKit::new(gpu);
+        let pipelines = Pipelines::new(gpu, &kit, target_format);
+        let frame_buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("frame"),
+            size: size_of::<FrameUniform>() as u64,
+            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        let frame_group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("frame"),
+            layout: &pipelines.frame_layout,
+            entries: &[wgpu::BindGroupEntry { binding: 0, resource: frame_buffer.as_entire_binding() }],
+        });
+        let shadow_maps = ShadowMaps::new(gpu, &pipelines.frame_layout);
+        gpu.check()?;
+        Ok(Self {
+            kit,
+            pipelines,
+            composites: Composites::default(),
+            debug: DebugPipelines::default(),
+            targets: Targets::default(),
+            frame_buffer,
+            frame_group,
+            instances: GrowingBuffer::new("instance buffer", wgpu::BufferUsages::VERTEX),
+            tiles: GrowingBuffer::new("terrain tiles", wgpu::BufferUsages::VERTEX),
+            shadow_maps,
+            sky: SkyGpu::new(gpu),
+            lamps: LampPass::new(gpu),
+            terrain: OnceLock::new(),
+            target_format,
+            warned_wireframe: false,
+            timer: None,
+        })
+    }
+
+    /// The format of the targets that this renderer draws into.
+    #[must_use]
+    pub fn target_format(&self) -> wgpu::TextureFormat {
+        self.target_format
+    }
+
+    /// Times passes from the next frame on, or no longer. Timestamps are two queries a pass, read back without waiting.
+    pub fn time_passes(&mut self, gpu: &Gpu, on: bool) {
+        match (&self.timer, on) {
+            (None, true) => self.timer = Some(Timer::new(gpu)),
+            (_, false) => self.timer = None,
+            (Some(_), true) => {}
+        }
+    }
+
+    /// What passes took in the last frames, of which the newest are not yet back from the device; empty unless
+    /// [`Renderer::time_passes`] asked for it.
+    pub fn timings(&mut self) -> Timings {
+        self.timer.as_mut().map(Timer::timings).unwrap_or_default()
+    }
+
+    /// Makes an empty asset. Positions of its vertices will be relative to `origin` (asset units);
+    /// materials refer to `textures` by index.
+    #[must_use]
+    pub fn create_asset(
+        &self,
+        gpu: &Gpu,
+        origin: DVec3,
+        materials: &[Material],
+        textures: &[TextureShape],
+    ) -> AssetGpu {
+        materials.iter().for_each(|material| self.pipelines.meshes.ensure(gpu, Features::of(material)));
+        AssetGpu::new(gpu, self.kit.clone(), origin, materials, textures)
+    }
+
+    /// Makes a terrain without tiles. The first one compiles its pipelines.
+    ///
+    /// # Errors
+    /// [`RenderError::TooLarge`] where the device cannot hold the atlas of tiles, [`RenderError::Device`] if it
+    /// refuses a shader or pipeline.
+    pub fn create_terrain(&self, gpu: &Gpu, look: TerrainLook) -> Result<TerrainGpu, RenderError> {
+        let pipelines = self.terrain.get_or_init(|| TerrainPipelines::new(gpu, &self.pipelines.frame_layout));
+        TerrainGpu::new(gpu, pipelines, look)
+    }
+
+    /// Records a frame into `target`. Uploads happen at once, drawing when the
+    /// caller submits `encoder` to the device's queue; one frame must be submitted before the next
+    /// is recorded.
+    ///
+    /// # Errors
+    /// [`RenderError::TooLarge`] for a size that the device cannot draw (or 0), [`RenderError::Target`] for views
+    /// that cannot be drawn into, and [`RenderError::Device`] with the first error that wgpu reported since the
+    /// last frame.
+    pub fn record(
+        &mut self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        target: &Target<'_>,
+        frame: &Frame<'_>,
+    ) -> Result<Counters, RenderError> {
+        target.check(self.target_format)?;
+        let mut passes = PassEncoder::new(encoder, self.timer.as_mut().map(Timer::begin));
+        let (size, mut counters) = (drawn_size(target, frame.settings.render_scale), Counters::default());
+        let mut list = DrawList::new(frame, size, &mut counters);
+        let sky = self.sky.light(gpu, &frame.environment);
+        let shadows = frame.settings.shadows.filter(|_| sky.sun.max_element() > 0.0);
+        let shadows = shadows.map(|shadows| shadows.clamped(gpu.device.limits().max_texture_dimension_2d));
+        let cascades = shadows.map(|shadows| shadows::of_frame(frame, &list, shadows));
+        let cascades = cascades.unwrap_or_default();
+        let mut casters: Vec<Casters<'_>> = Vec::new();
+        if let Some(shadows) = shadows {
+            casters = (1..=cascades.len())
+                .filter_map(|count| Casters::new(&cascades[..count], shadows.map_side))
+                .collect();
+            casters.iter_mut().for_each(|casters| casters.add_meshes(&mut list, frame));
+        }
+        let ground = match frame.terrain {
+            Some(terrain) => {
+                Some(TileList::new(gpu, terrain, frame.camera.eye, &mut casters, &mut self.tiles)?)
+            }
+            None => None,
+        };
+        let ground = ground.filter(|ground| !ground.is_empty());
+        if frame.settings.wireframe && self.pipelines.meshes.wire.is_none() && !self.warned_wireframe {
+            tracing::warn!("{} cannot draw wireframes; they are left out", gpu.describe());
+            self.warned_wireframe = true;
+        }
+        let has_surfaces = !list.batches.is_empty() || ground.is_some();
+        let occlusion = frame.settings.occlusion.is_some_and(|o| o.strength > 0.0);
+        let lit = !frame.lights.is_empty() && LampPass::is_possible(gpu);
+        let lamps = lit.then(|| LampList::new(frame, size)).filter(|list| !list.lamps.is_empty());
+        let shown = debug::shown(frame.settings.shade, [occlusion, !casters.is_empty(), lamps.is_some()]);
+        let plan = graph::plan(
+            &graph::candidates(Needs {
+                geometry: has_surfaces,
+                occlusion,
+                shadows: !casters.is_empty(),
+                lamps: lamps.is_some(),
+                emission: list.any(|features| features.emits && !features.blend),
+                transparency: list.any(|features| features.blend),
+                shown: shown.map(|(_, reads)| reads),
+                wireframe: frame.settings.wireframe && self.pipelines.meshes.wire.is_some(),
+                // What is enlarged is smoothed by that.
+                antialias: frame.settings.antialias && size == target.size,
+                depth: target.depth.is_some(),
+                keep: target.load == Load::Keep,
+            }),
+            &[Resource::Target],
+        );
+        self.targets.ensure(gpu, size, &graph::resources(&plan))?;
+        self.instances.write(gpu, 0, &list.instances)?;
+        if let Some(lamps) = &lamps {
+            self.lamps.prepare(gpu, lamps)?;
+        }
+        let uniform = FrameUniform::new(frame, &sky, size, target.size);
+        gpu.queue.write_buffer(&self.frame_buffer, 0, bytemuck::bytes_of(&uniform));
+        let runs = |id| plan.iter().any(|pass| pass.id == id);
+        if let Some((shown, _)) = shown.filter(|_| runs(PassId::Debug)) {
+            self.debug.ensure(gpu, self.target_format, shown, target);
+            if runs(PassId::Overdraw) {
+                self.terrain.get().inspect(|terrain| {
+                    terrain.prepare_overdraw(gpu, &self.pipelines.frame_layout);
+                });
+            }
+        } else if runs(PassId::Composite) {
+            self.composites.ensure(gpu, self.target_format, target);
+        } else if target.load == Load::Clear {
+            clear_depth(passes.encoder, target);
+        }
+        if casters.is_empty() && runs(PassId::Transparency) {
+            self.shadow_maps.none(gpu);
+        }
+        passes.planned();
+        if let Some(shadows) = shadows
+            && runs(PassId::ShadowMaps)
+        {
+            let ground_px = frame.terrain.map(|terrain| terrain.error_px);
+            let sun = Sun { shadows, cascades: &casters, frame: &uniform, eye: frame.camera.eye, ground_px };
+            self.shadow_maps.record(
+                gpu,
+                &mut passes,
+                &sun,
+                (&self.pipelines.meshes, self.instances.buffer()),
+                |pass, cascade| match (&ground, self.terrain.get(), self.tiles.buffer()) {
+                    (Some(ground), Some(pipelines), Some(tiles)) => {
+                        ground.cast(pass, pipelines, tiles, cascade)
+                    }
+                    _ => 0,
+                },
+                &mut counters,
+            );
+            passes.recorded(PassId::ShadowMaps);
+        }
+        for pass in &plan {
+            self.run(gpu, &mut passes, *pass, target, frame, (&list, ground.as_ref()), &mut counters);
+            passes.recorded(pass.id);
+            counters.passes.push(pass.id);
+        }
+        passes.end(self.timer.as_mut());
+        gpu.check()?;
+        Ok(counters)
+    }
+
+    /// The maps of shadows.
+    #[cfg(test)]
+    pub(crate) fn shadow_maps(&self) -> &ShadowMaps {
+        &self.shadow_maps
+    }
+
+    /// The intermediate texture of a resource, if the last frame's plan had it.
+    pub(crate) fn intermediate(&self, resource: Resource) -> Option<&wgpu::Texture> {
+        self.targets.texture(resource)
+    }
+}
+
+/// The size in which a target's picture is drawn.
+fn drawn_size(target: &Target<'_>, scale: f32) -> (u32, u32) {
+    let enlarged = scale < 1.0;
+    if target.depth.is_some() || target.load == Load::Keep || !enlarged {
+        return target.size;
+    }
+    // At least a pixel, at most the target's.
+    let side =
+        |side: u32| ((side as f32 * scale.max(MIN_RENDER_SCALE)).round() as u32).clamp(1.min(side), side);
+    (side(target.size.0), side(target.size.1))
+}
+
+/// A target's depth where no surface is drawn.
+fn clear_depth(encoder: &mut wgpu::CommandEncoder, target: &Target<'_>) {
+    if target.depth.is_some() {
+        // The pass ends as it begins: clearing is all it does.
+        drop(encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("clear depth"),
+            color_attachments: &[],
+            depth_stencil_attachment: depth_attachment(target),
+            timestamp_writes: None,
+            occlusion_query_set: None,
+            multiview_mask: None,
+        }));
+    }
+}

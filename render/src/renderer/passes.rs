@@ -1,0 +1,295 @@
+//! What each planned pass records: its inputs, and what is drawn with them.
+
+use super::Renderer;
+use crate::counters::Counters;
+use crate::debug;
+use crate::draw::DrawList;
+use crate::fullscreen::{attachment, fullscreen};
+use crate::gpu::Gpu;
+use crate::graph::{Pass, PassId, Resource};
+use crate::scene::{Frame, Shade};
+use crate::target::{Load, Target};
+use crate::terrain::TileList;
+use crate::timing::PassEncoder;
+
+impl Renderer {
+    /// Records a planned pass.
+    #[expect(clippy::too_many_arguments, reason = "one call site; a struct would only rename them")]
+    pub(super) fn run(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut PassEncoder<'_>,
+        pass: Pass,
+        target: &Target<'_>,
+        frame: &Frame<'_>,
+        list: (&DrawList<'_>, Option<&TileList<'_>>),
+        counters: &mut Counters,
+    ) {
+        use Resource::{Albedo, Depth, Display, Normal, Occlusion, OcclusionRaw, Radiance, Sunlight};
+        let p = &self.pipelines;
+        let full = |encoder: &mut PassEncoder<'_>, pipeline, reads: &[Resource], write| {
+            self.full(gpu, encoder, pass.id, (pipeline, reads), (write, Load::Clear));
+        };
+        match pass.id {
+            PassId::GBuffer | PassId::Overdraw | PassId::Emission | PassId::Transparency | PassId::Edges => {
+                self.geometry(gpu, encoder, pass.id, frame, list, counters)
+            }
+            PassId::Occlusion => full(encoder, &p.occlusion, &[Depth], OcclusionRaw),
+            PassId::OcclusionBlur => full(encoder, &p.blur, &[Depth, OcclusionRaw], Occlusion),
+            // Before all others: what has changed of the maps is drawn when the frame is planned.
+            PassId::ShadowMaps => {}
+            PassId::Sunlight => self.sunlight(gpu, encoder),
+            PassId::Lighting => {
+                let [occlusion, shadows] =
+                    [PassId::OcclusionBlur, PassId::Sunlight].map(|pass| counters.passes.contains(&pass));
+                // The shader reads none of what there is not, but its slot must be filled: any will do.
+                let or = |there, resource| if there { resource } else { Albedo };
+                let reads = [Depth, Normal, Albedo, or(occlusion, Occlusion), or(shadows, Sunlight)];
+                let pipeline = &p.lighting[usize::from(occlusion)][usize::from(shadows)];
+                self.lit(gpu, encoder, pass.id, (pipeline, &reads), true);
+            }
+            PassId::Lamps => self.lamps(gpu, encoder, frame.settings.shade == Shade::Lamps),
+            PassId::Wireframe => {
+                let over = (Radiance, Load::Keep);
+                self.full(gpu, encoder, pass.id, (&p.wireframe, &[Resource::Edges]), over);
+            }
+            PassId::Sky => self.lit(gpu, encoder, pass.id, (&p.sky, &[]), false),
+            PassId::ToneMap if pass.writes(Display) => {
+                full(encoder, &p.tonemap_display, &[Radiance], Display);
+            }
+            PassId::AntiAlias => {
+                let group = self.inputs(gpu, &p.antialias, &[Display]);
+                fullscreen(encoder, pass.id, &p.antialias, &group, &Target { depth: None, ..*target });
+            }
+            PassId::ToneMap => {
+                let group = self.inputs(gpu, &p.tonemap, &[Radiance]);
+                fullscreen(encoder, pass.id, &p.tonemap, &group, &Target { depth: None, ..*target });
+            }
+            PassId::Debug => {
+                let settings = &frame.settings;
+                // Of what there is not the plan has no pass.
+                let there = [PassId::OcclusionBlur, PassId::Sunlight, PassId::Lamps]
+                    .map(|pass| counters.passes.contains(&pass));
+                let Some((shown, reads)) = debug::shown(settings.shade, there) else { return };
+                let Some(pipeline) = self.debug.get(shown, target) else { return };
+                // The shader reads none of what is not shown, but its slots must be filled.
+                let mut slots = [Depth; 3];
+                slots[..reads.len()].copy_from_slice(reads);
+                let group = self.inputs(gpu, pipeline, &slots);
+                fullscreen(encoder, pass.id, pipeline, &group, target);
+            }
+            PassId::Composite => {
+                let Some(pipeline) = self.composites.get(target) else { return };
+                let group = self.inputs(gpu, pipeline, &[Radiance, Depth]);
+                fullscreen(encoder, pass.id, pipeline, &group, target);
+            }
+        }
+    }
+
+    /// Looks the shadow maps up for each pixel.
+    fn sunlight(&self, gpu: &Gpu, encoder: &mut PassEncoder<'_>) {
+        let pipeline = &self.pipelines.sunlight;
+        let view = |resource| self.targets.view(resource);
+        let (Some(depth), Some(normal), Some(into)) =
+            (view(Resource::Depth), view(Resource::Normal), view(Resource::Sunlight))
+        else {
+            return;
+        };
+        let first = [
+            wgpu::BindGroupEntry { binding: 0, resource: self.frame_buffer.as_entire_binding() },
+            wgpu::BindGroupEntry { binding: 1, resource: wgpu::BindingResource::TextureView(&depth) },
+            wgpu::BindGroupEntry { binding: 5, resource: wgpu::BindingResource::TextureView(&normal) },
+        ];
+        let group = self.shadow_maps.bindings(|maps| {
+            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some("sunlight"),
+                layout: &pipeline.get_bind_group_layout(0),
+                entries: &first.into_iter().chain(maps).collect::<Vec<_>>(),
+            })
+        });
+        if let Some(group) = group {
+            fullscreen(encoder, PassId::Sunlight, pipeline, &group, &Target::colour(&into, (0, 0)));
+        }
+    }
+
+    /// A fullscreen pass from intermediate textures (bindings 1, 2, …) into another, or over what is there.
+    fn full(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut PassEncoder<'_>,
+        id: PassId,
+        (pipeline, reads): (&wgpu::RenderPipeline, &[Resource]),
+        (write, load): (Resource, Load),
+    ) {
+        if let Some(target) = self.targets.view(write) {
+            let group = self.inputs(gpu, pipeline, reads);
+            fullscreen(encoder, id, pipeline, &group, &Target { load, ..Target::colour(&target, (0, 0)) });
+        }
+    }
+
+    /// Tells lamps by tiles, and adds their light to the picture; or shows how many there are in its place.
+    fn lamps(&self, gpu: &Gpu, encoder: &mut PassEncoder<'_>, counted: bool) {
+        let view = |resource| self.targets.view(resource);
+        let (Some(depth), Some(normal), Some(albedo), Some(into)) =
+            (view(Resource::Depth), view(Resource::Normal), view(Resource::Albedo), view(Resource::Radiance))
+        else {
+            return;
+        };
+        self.lamps.cull(gpu, &mut encoder.begin_compute(PassId::Lamps), &self.frame_buffer, &depth);
+        let mut pass = encoder.begin(
+            PassId::Lamps,
+            &wgpu::RenderPassDescriptor {
+                label: Some("lamps"),
+                color_attachments: &[Some(attachment(&into, wgpu::LoadOp::Load))],
+                depth_stencil_attachment: None,
+                timestamp_writes: None,
+                occlusion_query_set: None,
+                multiview_mask: None,
+            },
+        );
+        self.lamps.light(gpu, &mut pass, &self.frame_buffer, &[depth, normal, albedo], counted);
+    }
+
+    /// A fullscreen pass that looks the sky up, into radiance; only surfaces reflect it.
+    fn lit(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut PassEncoder<'_>,
+        id: PassId,
+        (pipeline, reads): (&wgpu::RenderPipeline, &[Resource]),
+        surfaces: bool,
+    ) {
+        if let Some(target) = self.targets.view(Resource::Radiance) {
+            let [seen, lobes, split_sum] = self.sky.views();
+            let view = |binding, view| (binding, wgpu::BindingResource::TextureView(view));
+            let sampler = (12, wgpu::BindingResource::Sampler(self.sky.sampler()));
+            let more = [view(11, &lobes), view(13, &split_sum)].into_iter().filter(|_| surfaces);
+            let entries: Vec<_> = [view(10, &seen), sampler].into_iter().chain(more).collect();
+            let group = self.inputs_and(gpu, pipeline, reads, &entries);
+            fullscreen(encoder, id, pipeline, &group, &Target::colour(&target, (0, 0)));
+        }
+    }
+
+    fn inputs(&self, gpu: &Gpu, pipeline: &wgpu::RenderPipeline, reads: &[Resource]) -> wgpu::BindGroup {
+        self.inputs_and(gpu, pipeline, reads, &[])
+    }
+
+    fn inputs_and(
+        &self,
+        gpu: &Gpu,
+        pipeline: &wgpu::RenderPipeline,
+        reads: &[Resource],
+        more: &[(u32, wgpu::BindingResource<'_>)],
+    ) -> wgpu::BindGroup {
+        let views: Vec<_> = reads.iter().filter_map(|r| self.targets.view(*r)).collect();
+        let frame = wgpu::BindGroupEntry { binding: 0, resource: self.frame_buffer.as_entire_binding() };
+        let textures = views.iter().zip(1..).map(|(view, binding)| wgpu::BindGroupEntry {
+            binding,
+            resource: wgpu::BindingResource::TextureView(view),
+        });
+        let more =
+            more.iter().map(|(binding, of)| wgpu::BindGroupEntry { binding: *binding, resource: of.clone() });
+        gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("pass inputs"),
+            layout: &pipeline.get_bind_group_layout(0),
+            entries: &std::iter::once(frame).chain(textures).chain(more).collect::<Vec<_>>(),
+        })
+    }
+
+    /// The passes that draw triangles: surfaces; what they give off, what is seen through and edges over the lit
+    /// picture; or how often each pixel is drawn.
+    fn geometry(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut PassEncoder<'_>,
+        id: PassId,
+        frame: &Frame<'_>,
+        (list, ground): (&DrawList<'_>, Option<&TileList<'_>>),
+        counters: &mut Counters,
+    ) {
+        let view = |r| self.targets.view(r);
+        let Some(depth) = view(Resource::Depth) else { return };
+        let colours: &[Resource] = match id {
+            PassId::GBuffer => &[Resource::Normal, Resource::Albedo],
+            PassId::Overdraw => &[Resource::Overdraw],
+            PassId::Edges => &[Resource::Edges],
+            _ => &[Resource::Radiance],
+        };
+        let views: Vec<_> = colours.iter().copied().filter_map(view).collect();
+        let over = !matches!(id, PassId::GBuffer | PassId::Overdraw);
+        let load = match id {
+            PassId::Emission | PassId::Transparency => wgpu::LoadOp::Load,
+            _ => wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
+        };
+        let attachments: Vec<_> = views.iter().map(|view| Some(attachment(view, load))).collect();
+        let descriptor = wgpu::RenderPassDescriptor {
+            label: Some(id.name()),
+            color_attachments: &attachments,
+            depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+                view: &depth,
+                depth_ops: Some(wgpu::Operations {
+                    // 0 is infinitely far.
+                    load: if over { wgpu::LoadOp::Load } else { wgpu::LoadOp::Clear(0.0) },
+                    store: wgpu::StoreOp::Store,
+                }),
+                stencil_ops: None,
+            }),
+            ..Default::default()
+        };
+        let mut pass = encoder.begin(id, &descriptor);
+        pass.set_bind_group(0, &self.frame_group, &[]);
+        let (meshes, relief) = (&self.pipelines.meshes, frame.settings.relief);
+        if let Some(instances) = self.instances.buffer() {
+            match id {
+                PassId::Emission => list.emission(gpu, &mut pass, (meshes, instances), counters),
+                PassId::Transparency => {
+                    if let Some(light) = self.light(gpu) {
+                        pass.set_bind_group(0, &light, &[]);
+                        list.transparent(gpu, &mut pass, (meshes, instances), counters);
+                    }
+                }
+                PassId::Edges => {
+                    if let Some(wire) = &meshes.wire {
+                        list.wires(&mut pass, (wire, instances), counters);
+                    }
+                }
+                PassId::Overdraw => list.overdraw(gpu, &mut pass, (meshes, instances), false, counters),
+                _ => list.surfaces(gpu, &mut pass, (meshes, instances), relief, counters),
+            }
+        }
+        // After the assets, which hide much of it.
+        if let (Some(ground), Some(pipelines), Some(tiles)) =
+            (ground, self.terrain.get(), self.tiles.buffer())
+            && let Some(pipeline) = pipelines.of(id, relief)
+        {
+            ground.draw(&mut pass, pipeline, tiles, counters);
+        }
+        if let (PassId::Overdraw, Some(instances)) = (id, self.instances.buffer()) {
+            list.overdraw(gpu, &mut pass, (meshes, instances), true, counters);
+        }
+    }
+
+    /// What is lit where it is drawn reads of the frame, of the sun and of the sky.
+    fn light(&self, gpu: &Gpu) -> Option<wgpu::BindGroup> {
+        let frame = wgpu::BindGroupEntry { binding: 0, resource: self.frame_buffer.as_entire_binding() };
+        let [seen, lobes, split_sum] = self.sky.views();
+        let view = |binding, view| wgpu::BindGroupEntry {
+            binding,
+            resource: wgpu::BindingResource::TextureView(view),
+        };
+        let sampler = wgpu::BindingResource::Sampler(self.sky.sampler());
+        let sky = [
+            view(10, &seen),
+            view(11, &lobes),
+            wgpu::BindGroupEntry { binding: 12, resource: sampler },
+            view(13, &split_sum),
+        ];
+        self.shadow_maps.bindings(|maps| {
+            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some("light"),
+                layout: &self.pipelines.meshes.light_layout,
+                entries: &std::iter::once(frame).chain(maps).chain(sky).collect::<Vec<_>>(),
+            })
+        })
+    }
+}
