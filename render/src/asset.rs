@@ -24,7 +24,7 @@ fn runs(slots: &[u32], gap: u32) -> impl Iterator<Item = RangeInclusive<u32>> + 
         .filter_map(|run| Some(*run.first()?..=*run.last()?))
 }
 
-/// Names a state of the geometry of one asset, no other asset's and none before.
+/// Names an asset, or a state of something of one: no other asset's, and none before.
 fn new_stamp() -> u64 {
     static NEXT: AtomicU64 = AtomicU64::new(0);
     NEXT.fetch_add(1, Ordering::Relaxed)
@@ -36,6 +36,7 @@ fn new_stamp() -> u64 {
 /// slot holds `[0, 0, 0]`, which covers no pixel.
 #[derive(Debug)]
 pub struct AssetGpu {
+    number: u64,
     kit: MaterialKit,
     origin: DVec3,
     bounds: Option<(DVec3, f64)>,
@@ -44,6 +45,7 @@ pub struct AssetGpu {
     /// When the youngest vertex that moves was born.
     moved_s: f32,
     stamp: u64,
+    look_stamp: u64,
     vertices: GrowingBuffer<PackedVertex>,
     parts: Vec<Part>,
     textures: Vec<StreamedTexture>,
@@ -83,12 +85,14 @@ impl AssetGpu {
             .collect();
         let vertices = GrowingBuffer::new("vertex buffer", wgpu::BufferUsages::VERTEX);
         Self {
+            number: new_stamp(),
             kit,
             origin,
             bounds: None,
             extent: [Vec3::INFINITY, Vec3::NEG_INFINITY],
             moved_s: f32::NEG_INFINITY,
             stamp: new_stamp(),
+            look_stamp: new_stamp(),
             vertices,
             parts,
             textures,
@@ -120,6 +124,16 @@ impl AssetGpu {
     /// Equal for equal geometry, as far as it does not depend on time.
     pub(crate) fn stamp(&self) -> u64 {
         self.stamp
+    }
+
+    /// Names the asset as long as it lives.
+    pub(crate) fn number(&self) -> u64 {
+        self.number
+    }
+
+    /// Equal for equal geometry, as [`AssetGpu::stamp`], and for equal materials and textures.
+    pub(crate) fn stamps(&self) -> [u64; 2] {
+        [self.stamp, self.look_stamp]
     }
 
     /// Whether vertices may still be on their way at `time_s`, when they take `morph_s` to where they belong.
@@ -235,6 +249,7 @@ impl AssetGpu {
         let part = self.parts.get_mut(index).ok_or(RenderError::NoSuch { what: "material", index, count })?;
         part.material = material;
         part.bound = self.kit.bind(gpu, &material, &self.textures);
+        self.changed_look(true);
         Ok(())
     }
 
@@ -258,14 +273,25 @@ impl AssetGpu {
             count,
         })?;
         if slot.upload(gpu, level, data)? {
+            let mut holes = false;
             for part in &mut self.parts {
                 let m = &part.material;
                 if m.uses(texture) {
                     part.bound = self.kit.bind(gpu, m, &self.textures);
+                    holes |= part.bound.features.mask;
                 }
             }
+            self.changed_look(holes);
         }
         Ok(())
+    }
+
+    /// Takes note of other materials or textures; of `holes` that may be elsewhere, through which light falls.
+    fn changed_look(&mut self, holes: bool) {
+        self.look_stamp = new_stamp();
+        if holes {
+            self.stamp = new_stamp();
+        }
     }
 
     /// Finest level of a texture that is drawn with; `None` until its coarsest has arrived.

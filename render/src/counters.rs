@@ -21,8 +21,23 @@ pub struct Counters {
     pub late_shadow_maps: u32,
     /// Triangles that were drawn into shadow maps; not in `triangles`.
     pub shadow_triangles: u64,
+    /// Frames in a row in which nothing changed, this one among them, of which the picture is a mean; 0 without
+    /// [`super::AntiAliasing::Temporal`].
+    pub still_frames: u32,
     /// Terrain tiles drawn; one of which only single quadrants are drawn counts once per quadrant.
     pub terrain_tiles: u32,
     /// Triangles of these.
     pub terrain_triangles: u64,
+}
+
+/// Frames after which a picture that stands is as good as it gets, to the eye.
+const ENOUGH_FRAMES: u32 = 32;
+
+impl Counters {
+    /// Whether the next frame, of the same, would be visibly better: that is the case while a picture that stands is a mean
+    /// of few.
+    #[must_use]
+    pub fn is_unfinished(&self) -> bool {
+        (1..ENOUGH_FRAMES).contains(&self.still_frames)
+    }
 }

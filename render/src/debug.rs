@@ -21,13 +21,16 @@ pub(crate) enum Shown {
     Count = 6,
     /// There is nothing to count.
     Black = 7,
+    /// Of what stands, and of what moves by itself too.
+    Motion = 8,
+    OwnMotion = 9,
 }
 
 /// What is shown in place of the picture and what holds it, in the order of the shader's slots, of a frame with or without
-/// ambient occlusion, shadows and lamps. Where there are lamps their own pass counts them.
+/// ambient occlusion, shadows, lamps and things that move by themselves. Where there are lamps their own pass counts them.
 pub(crate) fn shown(
     shade: Shade,
-    [occlusion, shadows, lamps]: [bool; 3],
+    [occlusion, shadows, lamps, moving]: [bool; 4],
 ) -> Option<(Shown, &'static [Resource])> {
     match shade {
         Shade::Material | Shade::Level | Shade::Cascade => None,
@@ -40,6 +43,8 @@ pub(crate) fn shown(
         Shade::Depth => Some((Shown::Depth, &[Resource::Depth])),
         Shade::Occlusion if occlusion => Some((Shown::Share, &[Resource::Depth, Resource::Occlusion])),
         Shade::Sunlight if shadows => Some((Shown::Share, &[Resource::Depth, Resource::Sunlight])),
+        Shade::Motion if moving => Some((Shown::OwnMotion, &[Resource::Depth, Resource::Motion])),
+        Shade::Motion => Some((Shown::Motion, &[Resource::Depth])),
         Shade::Occlusion | Shade::Sunlight => Some((Shown::White, &[Resource::Depth])),
         Shade::Overdraw => Some((Shown::Count, &[Resource::Depth, Resource::Overdraw])),
     }

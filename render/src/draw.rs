@@ -13,19 +13,33 @@ use super::receivers::Receivers;
 use super::scene::Frame;
 
 /// The instances of one asset that are drawn: a range of the frame's instance buffer.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct Batch<'a> {
     asset: &'a AssetGpu,
+    /// Which of the frame's.
+    drawable: usize,
     first: u32,
     end: u32,
     /// Distance of the nearest instance's bounds from the eye.
     distance: f64,
 }
 
+impl<'a> Batch<'a> {
+    pub(crate) fn asset(&self) -> &'a AssetGpu {
+        self.asset
+    }
+
+    pub(crate) fn drawable(&self) -> usize {
+        self.drawable
+    }
+}
+
 /// What a frame draws.
 pub(crate) struct DrawList<'a> {
     pub(crate) instances: Vec<InstanceRaw>,
     pub(crate) batches: Vec<Batch<'a>>,
+    /// Which of their drawable's the first instances are: those of `batches`.
+    places: Vec<u32>,
     /// Where those in view are.
     pub(crate) receivers: Receivers,
 }
@@ -34,20 +48,26 @@ impl<'a> DrawList<'a> {
     /// Leaves out instances whose bounds lie outside the view, or whose place is not finite; the
     /// rest is drawn from near to far, so that the depth test spares what is hidden.
     pub(crate) fn new(frame: &Frame<'a>, size: (u32, u32), counters: &mut Counters) -> Self {
-        let mut list = Self { instances: Vec::new(), batches: Vec::new(), receivers: Receivers::NONE };
-        for drawable in frame.drawables.iter().filter(|d| d.asset.is_drawable()) {
+        let (instances, batches, places) = (Vec::new(), Vec::new(), Vec::new());
+        let mut list = Self { instances, batches, places, receivers: Receivers::NONE };
+        for (number, drawable) in frame.drawables.iter().enumerate().filter(|(_, d)| d.asset.is_drawable()) {
             let mut seen: Vec<_> = drawable
                 .instances
                 .iter()
-                .filter_map(|instance| place(instance, drawable.asset, frame, size))
+                .enumerate()
+                .filter_map(|(index, instance)| {
+                    Some((index as u32, place(instance, drawable.asset, frame, size)?))
+                })
                 .collect();
             counters.instances_culled += (drawable.instances.len() - seen.len()) as u32;
-            seen.sort_by(|a, b| a.distance.total_cmp(&b.distance));
-            let Some(distance) = seen.first().map(|placed| placed.distance) else { continue };
-            for Placed { centre, radius, .. } in seen.iter().filter(|placed| placed.in_view) {
+            seen.sort_by(|(_, a), (_, b)| a.distance.total_cmp(&b.distance));
+            let Some(distance) = seen.first().map(|(_, placed)| placed.distance) else { continue };
+            for (_, Placed { centre, radius, .. }) in seen.iter().filter(|(_, placed)| placed.in_view) {
                 list.receivers.add(*centre, *radius);
             }
-            let batch = list.batch(drawable.asset, distance, seen.iter().map(|placed| placed.raw));
+            list.places.extend(seen.iter().map(|(index, _)| *index));
+            let raws = seen.iter().map(|(_, placed)| placed.raw);
+            let batch = list.batch((drawable.asset, number), distance, raws);
             list.batches.push(batch);
         }
         list.batches.sort_by(|a, b| a.distance.total_cmp(&b.distance));
@@ -58,13 +78,19 @@ impl<'a> DrawList<'a> {
     /// Adds instances of an asset.
     pub(crate) fn batch(
         &mut self,
-        asset: &'a AssetGpu,
+        (asset, drawable): (&'a AssetGpu, usize),
         distance: f64,
         instances: impl Iterator<Item = InstanceRaw>,
     ) -> Batch<'a> {
         let first = self.instances.len() as u32;
         self.instances.extend(instances);
-        Batch { asset, first, end: self.instances.len() as u32, distance }
+        Batch { asset, drawable, first, end: self.instances.len() as u32, distance }
+    }
+
+    /// The instances of one of `batches`: where they are in the list, and which of their drawable's they are.
+    pub(crate) fn placed(&self, batch: &Batch<'_>) -> impl Iterator<Item = (usize, usize)> {
+        let range = batch.first as usize..batch.end as usize;
+        range.clone().zip(self.places[range].iter().map(|place| *place as usize))
     }
 
     /// Whether anything has a material of which something holds.
@@ -142,6 +168,19 @@ impl<'a> DrawList<'a> {
         draw(&self.batches, pass, instances, counters, |of| {
             (of.blend == seen_through).then(|| pipelines.overdraw(gpu, of))
         });
+    }
+
+    /// Draws how far some of the batches have come, whose instances were at `before`.
+    pub(crate) fn motion(
+        batches: &[Batch<'_>],
+        pass: &mut wgpu::RenderPass<'_>,
+        pipeline: &wgpu::RenderPipeline,
+        [instances, before]: [&wgpu::Buffer; 2],
+    ) {
+        pass.set_pipeline(pipeline);
+        pass.set_vertex_buffer(2, before.slice(..));
+        // What is seen through has left no depth to meet.
+        each(batches, pass, instances, |_, part, _| !part.material.features.blend);
     }
 
     /// Draws all edges.

@@ -1,7 +1,7 @@
 //! Pipelines of the geometry passes: what fills the G-buffer, and the edges that the wireframe is made of.
 
 use super::gpu::Gpu;
-use super::targets::{ALBEDO, DEPTH, EDGES, NORMAL, OVERDRAW, RADIANCE};
+use super::targets::{ALBEDO, DEPTH, EDGES, MOTION, NORMAL, OVERDRAW, RADIANCE};
 
 const COUNT: &str = include_str!("shaders/overdraw.wgsl");
 
@@ -78,6 +78,14 @@ impl GeometryPass<'_> {
         let target = wgpu::ColorTargetState { blend: Some(ADD), ..RADIANCE.into() };
         let fragment =
             Fragment { module: self.module, entry: entry[1], constants: &[], targets: &[Some(target)] };
+        let raster = Raster { compare: wgpu::CompareFunction::Equal, write: false, ..Raster::FILL };
+        self.pipeline(gpu, entry[0], Some(fragment), raster)
+    }
+
+    /// How far what was drawn into the G-buffer has come since the frame before.
+    pub(crate) fn motion(&self, gpu: &Gpu, entry: [&str; 2]) -> wgpu::RenderPipeline {
+        let targets = [Some(MOTION.into())];
+        let fragment = Fragment { module: self.module, entry: entry[1], constants: &[], targets: &targets };
         let raster = Raster { compare: wgpu::CompareFunction::Equal, write: false, ..Raster::FILL };
         self.pipeline(gpu, entry[0], Some(fragment), raster)
     }

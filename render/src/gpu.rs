@@ -166,6 +166,12 @@ impl Gpu {
         Ok(Self { adapter, device, queue, error })
     }
 
+    /// Whether processors draw, by a driver in software: what costs little elsewhere is slow there.
+    #[must_use]
+    pub fn is_software(&self) -> bool {
+        self.adapter.get_info().device_type == wgpu::DeviceType::Cpu
+    }
+
     /// Name and back end of the adapter, for logs and overlays.
     #[must_use]
     pub fn describe(&self) -> String {

@@ -33,6 +33,10 @@ pub enum PassId {
     Edges,
     /// The same over the lit picture, where they are not too close together.
     Wireframe,
+    /// Where what moves by itself was in the frame before.
+    Motion,
+    /// The picture and those before it as one.
+    Temporal,
     /// Radiance to display values.
     ToneMap,
     /// Edges of the picture smoothed.
@@ -61,6 +65,8 @@ impl PassId {
             Self::Transparency => "transparency",
             Self::Edges => "edges",
             Self::Wireframe => "wireframe",
+            Self::Motion => "motion",
+            Self::Temporal => "temporal",
             Self::ToneMap => "tone_map",
             Self::AntiAlias => "anti_alias",
             Self::Composite => "composite",
@@ -83,6 +89,10 @@ pub(crate) enum Resource {
     /// How many edges of triangles cross each pixel.
     Edges,
     Radiance,
+    /// How far what moves by itself has come since the frame before.
+    Motion,
+    /// The picture as a mean of frames; kept from frame to frame, and not allocated with those of one.
+    History,
     /// What is shown, but for its edges.
     Display,
     /// How often each pixel was drawn.
@@ -100,6 +110,11 @@ pub(crate) struct Pass {
 }
 
 impl Pass {
+    /// Whether it reads a resource.
+    pub(crate) fn reads(&self, resource: Resource) -> bool {
+        self.reads.contains(&resource)
+    }
+
     /// Whether it writes a resource.
     pub(crate) fn writes(&self, resource: Resource) -> bool {
         self.writes.contains(&resource)
@@ -116,6 +131,11 @@ pub(crate) struct Needs {
     pub(crate) emission: bool,
     pub(crate) transparency: bool,
     pub(crate) wireframe: bool,
+    /// Something moves by itself.
+    pub(crate) motion: bool,
+    /// The picture is a mean of frames.
+    pub(crate) temporal: bool,
+    /// Edges are smoothed in the finished picture.
     pub(crate) antialias: bool,
     /// The target has depth.
     pub(crate) depth: bool,
@@ -128,8 +148,8 @@ pub(crate) struct Needs {
 /// The passes that could run, in order.
 pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
     use Resource::{
-        Albedo, Depth, Display, Edges, Normal, Occlusion, OcclusionRaw, Overdraw, Radiance, ShadowMaps,
-        Sunlight, Target,
+        Albedo, Depth, Display, Edges, History, Motion, Normal, Occlusion, OcclusionRaw, Overdraw, Radiance,
+        ShadowMaps, Sunlight, Target,
     };
     let pass = |id, reads, writes| Pass { id, reads, writes };
     let mut passes = Vec::new();
@@ -165,6 +185,14 @@ pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
             passes.push(pass(PassId::Edges, &[Depth], &[Edges]));
             passes.push(pass(PassId::Wireframe, &[Edges, Radiance], &[Radiance]));
         }
+        if needs.motion {
+            passes.push(pass(PassId::Motion, &[Depth], &[Motion]));
+        }
+        if needs.temporal {
+            let seen_by: &[Resource] =
+                if needs.motion { &[Radiance, Depth, Motion] } else { &[Radiance, Depth] };
+            passes.push(pass(PassId::Temporal, seen_by, &[History]));
+        }
     } else if !needs.keep {
         passes.push(pass(PassId::Sky, &[], &[Radiance]));
     }
@@ -172,6 +200,8 @@ pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
         passes.push(pass(PassId::Debug, shown, &[Target]));
     } else if needs.geometry && (needs.depth || needs.keep) {
         passes.push(pass(PassId::Composite, &[Radiance, Depth], &[Target]));
+    } else if needs.temporal && needs.geometry {
+        passes.push(pass(PassId::ToneMap, &[History], &[Target]));
     } else if needs.antialias && needs.geometry {
         passes.push(pass(PassId::ToneMap, &[Radiance], &[Display]));
         passes.push(pass(PassId::AntiAlias, &[Display], &[Target]));
@@ -312,7 +342,7 @@ mod tests {
             Some(&[Resource::Depth, Resource::Sunlight]),
             Some(&[Resource::Depth, Resource::Overdraw]),
         ];
-        for (bits, shown) in (0..1024).flat_map(|bits| shown.map(|shown| (bits, shown))) {
+        for (bits, shown) in (0..4096).flat_map(|bits| shown.map(|shown| (bits, shown))) {
             let bit = |n: u32| bits >> n & 1 != 0;
             let needs = Needs {
                 shown,
@@ -326,6 +356,8 @@ mod tests {
                 emission: bit(7),
                 transparency: bit(8),
                 lamps: bit(9),
+                motion: bit(10),
+                temporal: bit(11),
             };
             let mut written = Vec::new();
             for pass in plan(&candidates(needs), &[Resource::Target]) {

@@ -52,6 +52,10 @@ pub(crate) struct InstanceRaw {
 pub(crate) const INSTANCE_ATTRIBUTES: [wgpu::VertexAttribute; 2] =
     wgpu::vertex_attr_array![7 => Float32x4, 8 => Float32x4];
 
+/// The same of where it was in the frame before, at locations 9 and 10.
+pub(crate) const BEFORE_ATTRIBUTES: [wgpu::VertexAttribute; 2] =
+    wgpu::vertex_attr_array![9 => Float32x4, 10 => Float32x4];
+
 #[cfg(test)]
 mod tests {
     use super::*;

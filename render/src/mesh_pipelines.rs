@@ -4,7 +4,7 @@ use std::sync::OnceLock;
 
 use super::gbuffer::{GeometryPass, shader};
 use super::gpu::Gpu;
-use super::instance::{INSTANCE_ATTRIBUTES, InstanceRaw};
+use super::instance::{BEFORE_ATTRIBUTES, INSTANCE_ATTRIBUTES, InstanceRaw};
 use super::material_kit::{Features, MaterialKit};
 use super::vertex::{PackedVertex, VERTEX_ATTRIBUTES};
 
@@ -13,6 +13,14 @@ const SURFACE: &str = concat!(
     include_str!("shaders/targets.wgsl"),
     include_str!("shaders/gbuffer.wgsl"),
     include_str!("shaders/relief.wgsl")
+);
+const MOTION: &str = concat!(
+    include_str!("shaders/common.wgsl"),
+    include_str!("shaders/targets.wgsl"),
+    include_str!("shaders/gbuffer.wgsl"),
+    include_str!("shaders/relief.wgsl"),
+    include_str!("shaders/motion.wgsl"),
+    include_str!("shaders/moved.wgsl")
 );
 const TRANSPARENT: &str = concat!(
     include_str!("shaders/common.wgsl"),
@@ -40,7 +48,9 @@ pub(crate) struct MeshPipelines {
     pub(crate) wire: Option<wgpu::RenderPipeline>,
     /// Into maps of shadows.
     pub(crate) caster: wgpu::RenderPipeline,
+    caster_layout: wgpu::PipelineLayout,
     pierced_caster: OnceLock<wgpu::RenderPipeline>,
+    motion: OnceLock<wgpu::RenderPipeline>,
     emission: OnceLock<wgpu::RenderPipeline>,
     /// Without maps and with.
     transparent: [OnceLock<[wgpu::RenderPipeline; 2]>; 2],
@@ -48,7 +58,7 @@ pub(crate) struct MeshPipelines {
     overdraw: [OnceLock<wgpu::RenderPipeline>; 3],
 }
 
-const BUFFERS: [Option<wgpu::VertexBufferLayout<'_>>; 2] = [
+const BUFFERS: [Option<wgpu::VertexBufferLayout<'_>>; 3] = [
     Some(wgpu::VertexBufferLayout {
         array_stride: size_of::<PackedVertex>() as u64,
         step_mode: wgpu::VertexStepMode::Vertex,
@@ -59,10 +69,16 @@ const BUFFERS: [Option<wgpu::VertexBufferLayout<'_>>; 2] = [
         step_mode: wgpu::VertexStepMode::Instance,
         attributes: &INSTANCE_ATTRIBUTES,
     }),
+    // Where instances were in the frame before.
+    Some(wgpu::VertexBufferLayout {
+        array_stride: size_of::<InstanceRaw>() as u64,
+        step_mode: wgpu::VertexStepMode::Instance,
+        attributes: &BEFORE_ATTRIBUTES,
+    }),
 ];
 
 fn pass<'a>(module: &'a wgpu::ShaderModule, layout: &'a wgpu::PipelineLayout) -> GeometryPass<'a> {
-    GeometryPass { module, layout, buffers: &BUFFERS }
+    GeometryPass { module, layout, buffers: &BUFFERS[..2] }
 }
 
 impl MeshPipelines {
@@ -83,10 +99,12 @@ impl MeshPipelines {
             caster: pass(&module, &caster_layout).caster(gpu, "vs_caster"),
             lit_layout: layout("lit meshes", &[Some(&light_layout), Some(&kit.layout)]),
             layout: mesh_layout,
+            caster_layout,
             light_layout,
             module,
             surfaces: Default::default(),
             pierced_caster: OnceLock::new(),
+            motion: OnceLock::new(),
             emission: OnceLock::new(),
             transparent: Default::default(),
             overdraw: Default::default(),
@@ -130,6 +148,15 @@ impl MeshPipelines {
     pub(crate) fn pierced_caster(&self, gpu: &Gpu) -> &wgpu::RenderPipeline {
         self.pierced_caster.get_or_init(|| {
             pass(&self.module, &self.layout).pierced_caster(gpu, ["vs_pierced", "fs_pierced"])
+        })
+    }
+
+    /// How far things have come since the frame before, which a third buffer tells of instances.
+    pub(crate) fn motion(&self, gpu: &Gpu) -> &wgpu::RenderPipeline {
+        self.motion.get_or_init(|| {
+            let module = shader(gpu, "motion", MOTION);
+            let pass = GeometryPass { module: &module, layout: &self.caster_layout, buffers: &BUFFERS };
+            pass.motion(gpu, ["vs_motion", "fs_motion"])
         })
     }
 

@@ -56,6 +56,7 @@ pub(crate) const DEBUG: &str = concat!(
     include_str!("shaders/common.wgsl"),
     include_str!("shaders/fullscreen.wgsl"),
     include_str!("shaders/targets.wgsl"),
+    include_str!("shaders/motion.wgsl"),
     include_str!("shaders/debug.wgsl")
 );
 
@@ -74,6 +75,8 @@ pub(crate) struct Pipelines {
     pub(crate) lighting: [[wgpu::RenderPipeline; 2]; 2],
     pub(crate) sky: wgpu::RenderPipeline,
     pub(crate) tonemap: wgpu::RenderPipeline,
+    /// The same of a mean of frames.
+    pub(crate) tonemap_temporal: wgpu::RenderPipeline,
     /// The same where edges are smoothed after it.
     pub(crate) tonemap_display: wgpu::RenderPipeline,
     pub(crate) antialias: wgpu::RenderPipeline,
@@ -113,6 +116,12 @@ impl Pipelines {
             }),
             sky: full(&lighting, "fs_sky", RADIANCE.into(), &[]),
             tonemap: full(&tonemap, "fs_tonemap", target.into(), encode),
+            tonemap_temporal: full(
+                &tonemap,
+                "fs_tonemap",
+                target.into(),
+                &[encode, &[("TEMPORAL", 1.0)]].concat(),
+            ),
             tonemap_display: full(&tonemap, "fs_tonemap", DISPLAY.into(), &[("ENCODE_SRGB", 1.0)]),
             antialias: full(&antialias, "fs_antialias", target.into(), decode),
             frame_layout,

@@ -27,7 +27,8 @@ pub const MAX_FILTER: u32 = 3;
 pub struct Drawable<'a> {
     /// The asset.
     pub asset: &'a AssetGpu,
-    /// Its placements.
+    /// Its placements. [`AntiAliasing::Temporal`] takes those of two frames for the same ones where as many stand in the
+    /// same order, and tells their motion from it.
     pub instances: &'a [Instance],
 }
 
@@ -241,6 +242,9 @@ pub enum Shade {
     Occlusion,
     /// Share of the sun's light that shadows leave: white is all. White without [`Settings::shadows`].
     Sunlight,
+    /// How far what a pixel shows has come since the frame before: right red, left blue, up green, down dark, by a
+    /// logarithm that is full from 64 pixels on; grey for what stands.
+    Motion,
     /// How many lamps are looked at for a pixel: blue for few, over green and yellow to red for 64; black for none.
     Lamps,
     /// How often a pixel was drawn, each time before what was there: dark blue once, green four times, dark red eight
@@ -250,7 +254,7 @@ pub enum Shade {
 
 impl Shade {
     /// All there are.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::Material,
         Self::Level,
         Self::Cascade,
@@ -260,9 +264,15 @@ impl Shade {
         Self::Depth,
         Self::Occlusion,
         Self::Sunlight,
+        Self::Motion,
         Self::Lamps,
         Self::Overdraw,
     ];
+
+    /// Whether it is a lit picture.
+    pub(crate) const fn is_lit(self) -> bool {
+        matches!(self, Self::Material | Self::Level | Self::Cascade)
+    }
 
     /// Its name for people and on command lines.
     #[must_use]
@@ -277,6 +287,7 @@ impl Shade {
             Self::Depth => "depth",
             Self::Occlusion => "occlusion",
             Self::Sunlight => "sunlight",
+            Self::Motion => "motion",
             Self::Lamps => "lamps",
             Self::Overdraw => "overdraw",
         }
@@ -307,6 +318,36 @@ impl ToneMapping {
     }
 }
 
+/// How edges are smoothed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum AntiAliasing {
+    /// Not at all.
+    None,
+    /// In the finished picture, which knows no more than itself: what is thinner than a pixel stays broken. A frame is a
+    /// function of what it is made of.
+    #[default]
+    Spatial,
+    /// By what earlier frames saw through other points of their pixels, fetched from where it was. A picture that stands
+    /// is a mean of up to 64 frames; one that moves goes by the last dozen, and depends on them. Two more pictures of
+    /// eight bytes a pixel, and one of four where things move by themselves.
+    Temporal,
+}
+
+impl AntiAliasing {
+    /// All there are.
+    pub const ALL: [Self; 3] = [Self::None, Self::Spatial, Self::Temporal];
+
+    /// Its name for people and on command lines.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Spatial => "spatial",
+            Self::Temporal => "temporal",
+        }
+    }
+}
+
 /// How to draw.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
@@ -321,9 +362,9 @@ pub struct Settings {
     pub shadows: Option<Shadows>,
     /// How lamps are told from those that do not reach a pixel.
     pub lights: LightCulling,
-    /// Smooth edges in the finished picture. Left out where a picture is enlarged, which smooths it already, and for
-    /// targets with depth or with something in them, whose host may do it when all is drawn.
-    pub antialias: bool,
+    /// How edges are smoothed. Left out where a picture is enlarged, which smooths it already, and for targets with depth
+    /// or with something in them, whose host may do it when all is drawn.
+    pub anti_aliasing: AntiAliasing,
     /// Relief mapping for materials with a height map.
     pub relief: bool,
     /// Steps of relief mapping's linear search at grazing angles, 1 to [`MAX_RELIEF_STEPS`]: details thinner than a step
@@ -355,7 +396,7 @@ impl Default for Settings {
             occlusion: Some(AmbientOcclusion::default()),
             shadows: Some(Shadows::default()),
             lights: LightCulling::default(),
-            antialias: true,
+            anti_aliasing: AntiAliasing::Spatial,
             relief: true,
             relief_steps: 48,
             near: 1e-4,

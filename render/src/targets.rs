@@ -21,6 +21,8 @@ pub(crate) const DISPLAY: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 pub(crate) const EDGES: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
 /// How often a pixel was drawn: whole numbers up to 2048 are exact.
 pub(crate) const OVERDRAW: wgpu::TextureFormat = wgpu::TextureFormat::R16Float;
+/// From where a surface is to where it was in the frame before, in pixels.
+pub(crate) const MOTION: wgpu::TextureFormat = wgpu::TextureFormat::Rg16Float;
 /// Linear radiance.
 pub(crate) const RADIANCE: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 
@@ -63,7 +65,8 @@ impl Targets {
                 Resource::Radiance => RADIANCE,
                 Resource::Display => DISPLAY,
                 Resource::Overdraw => OVERDRAW,
-                Resource::ShadowMaps | Resource::Target => continue,
+                Resource::Motion => MOTION,
+                Resource::ShadowMaps | Resource::History | Resource::Target => continue,
             };
             self.textures.entry(*resource).or_insert_with(|| {
                 gpu.device.create_texture(&wgpu::TextureDescriptor {

@@ -7,6 +7,7 @@ use super::camera::{clip_from_view, view_from_world};
 use super::scene::{Frame, MAX_RELIEF_STEPS, MAX_SAMPLES, OcclusionRadius, Shade, ToneMapping};
 use super::shadows::Cascade;
 use super::sky::SkyLight;
+use super::temporal::TemporalStep;
 use super::twin::ssao;
 
 /// Shader twin: `struct Frame` in `common.wgsl`; keep the two in step.
@@ -21,6 +22,7 @@ pub(crate) struct FrameUniform {
     /// Across up, towards where the sun stands, and the extinction by haze per world unit.
     sky_side: [f32; 4],
     sun_disc: [f32; 4],
+    before: [[f32; 4]; 4],
     irradiance: [[f32; 4]; 9],
     size_px: [f32; 2],
     tan_half_fov: [f32; 2],
@@ -39,7 +41,11 @@ pub(crate) struct FrameUniform {
     target_px: u32,
     tone_mapping: u32,
     dither: f32,
-    padding: [f32; 2],
+    jitter: [f32; 2],
+    before_s: f32,
+    history: f32,
+    still: u32,
+    padding: f32,
     kernel: [[f32; 4]; ssao::MAX_SAMPLES],
 }
 
@@ -50,6 +56,7 @@ impl FrameUniform {
         sky: &SkyLight,
         (width, height): (u32, u32),
         target: (u32, u32),
+        step: &TemporalStep,
     ) -> Self {
         let (camera, near) = (&frame.camera, frame.settings.near);
         let (tx, ty) = camera.tan_half_fov(width, height);
@@ -65,13 +72,14 @@ impl FrameUniform {
             *slot = [x as f32, y as f32, z as f32, 0.0];
         }
         Self {
-            clip_from_view: clip_from_view(camera, near, (width, height)).to_cols_array_2d(),
+            clip_from_view: step.jittered(clip_from_view(camera, near, (width, height)), (width, height)),
             view_from_world: view_from_world(camera).to_cols_array_2d(),
             to_sun: direction(sky.to_sun, 0.0),
             sun: sky.sun.extend(0.0).to_array(),
             up: direction(sky.up, 0.0),
             sky_side: direction(sky.side, sky.haze),
             sun_disc: sky.disc,
+            before: step.before.to_cols_array_2d(),
             irradiance: sky.irradiance,
             size_px: [width as f32, height as f32],
             tan_half_fov: [tx as f32, ty as f32],
@@ -97,7 +105,11 @@ impl FrameUniform {
                 ToneMapping::Neutral => 1,
             },
             dither: if frame.settings.dither { 1.0 / 255.0 } else { 0.0 },
-            padding: [0.0; 2],
+            jitter: step.jitter,
+            before_s: step.before_s,
+            history: step.history,
+            still: u32::from(step.still),
+            padding: 0.0,
             kernel,
         }
     }
@@ -123,8 +135,8 @@ mod tests {
 
     #[test]
     fn size_is_what_the_shader_declares() {
-        // Two matrices, fourteen vectors, twenty scalars, the kernel's vectors; WGSL's uniform layout
+        // Three matrices, fourteen vectors, 24 scalars, the kernel's vectors; WGSL's uniform layout
         // has no holes in that order.
-        assert_eq!(size_of::<FrameUniform>(), 2 * 64 + 14 * 16 + 20 * 4 + ssao::MAX_SAMPLES * 16);
+        assert_eq!(size_of::<FrameUniform>(), 3 * 64 + 14 * 16 + 24 * 4 + ssao::MAX_SAMPLES * 16);
     }
 }

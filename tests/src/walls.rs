@@ -7,7 +7,7 @@ use std::path::Path;
 
 use glam::{DVec3, Vec3};
 use lodestream_client::core::Change;
-use lodestream_render::{Headless, PlainSky, Pose, SceneView, Settings, Sky};
+use lodestream_render::{AntiAliasing, Headless, PlainSky, Pose, SceneView, Settings, Sky};
 use lodestream_server::demo_scene::{Options, generate};
 use lodestream_server::scene::{Scene, read};
 
@@ -47,7 +47,7 @@ struct Found {
 /// Looks from inside the brick walls, away from the door.
 fn look(h: &mut Headless, view: &SceneView, [eye, target]: [[f64; 3]; 2], shadows: bool) -> Found {
     let pose = Pose::look_at(eye.into(), target.into(), DVec3::Y, 0.85);
-    let mut settings = Settings { antialias: false, occlusion: None, ..Settings::default() };
+    let mut settings = Settings { anti_aliasing: AntiAliasing::None, occlusion: None, ..Settings::default() };
     if !shadows {
         settings.shadows = None;
     }

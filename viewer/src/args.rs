@@ -10,7 +10,7 @@ use lodestream_protocol::scene::Camera;
 use lodestream_protocol::view::View;
 
 use lodestream_client::net::Address;
-use lodestream_render::{Shade, ToneMapping};
+use lodestream_render::{AntiAliasing, Shade, ToneMapping};
 
 use crate::outcome::EXIT_CODES;
 
@@ -79,8 +79,11 @@ pub(crate) struct Args {
     /// No shadows of the sun
     #[arg(long)]
     pub(crate) no_shadows: bool,
-    /// No smoothing of edges
-    #[arg(long)]
+    /// How edges are smoothed; without, temporal on a graphics processor and spatial where processors draw
+    #[arg(long, value_name = "NAME", value_parser = smoothings())]
+    pub(crate) anti_aliasing: Option<AntiAliasing>,
+    /// The same as --anti-aliasing none
+    #[arg(long, conflicts_with = "anti_aliasing")]
     pub(crate) no_aa: bool,
     /// No relief mapping
     #[arg(long)]
@@ -98,6 +101,14 @@ fn shades() -> impl TypedValueParser<Value = Shade> {
     PossibleValuesParser::new(Shade::ALL.map(Shade::name)).try_map(|name| {
         // One of those offered.
         Shade::ALL.into_iter().find(|shade| shade.name() == name).ok_or("no such view")
+    })
+}
+
+/// Reads an [`AntiAliasing`] by its name.
+fn smoothings() -> impl TypedValueParser<Value = AntiAliasing> {
+    PossibleValuesParser::new(AntiAliasing::ALL.map(AntiAliasing::name)).try_map(|name| {
+        // One of those offered.
+        AntiAliasing::ALL.into_iter().find(|way| way.name() == name).ok_or("no such anti-aliasing")
     })
 }
 
@@ -253,10 +264,10 @@ mod tests {
         for shade in Shade::ALL {
             let args = Args::try_parse_from(["viewer", "ws://h:1", "--view", shade.name()]).unwrap();
             assert_eq!(args.view, shade);
-            assert_eq!(crate::run::settings(&args).shade, shade);
+            assert_eq!(crate::run::settings(&args, true).shade, shade);
         }
         let args = Args::try_parse_from(["viewer", "ws://h:1", "--colour-by-level"]).unwrap();
-        assert_eq!(crate::run::settings(&args).shade, Shade::Level);
+        assert_eq!(crate::run::settings(&args, true).shade, Shade::Level);
         for bad in [&["--view", "velocity"][..], &["--view", "normal", "--colour-by-level"]] {
             assert!(Args::try_parse_from(["viewer", "ws://h:1"].iter().chain(bad)).is_err(), "{bad:?}");
         }

@@ -114,7 +114,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     };
     drop(streaming);
     // A time at which every vertex is where it belongs.
-    draw(&mut headless, &mut scene, args, f32::MAX)?;
+    while draw(&mut headless, &mut scene, args, f32::MAX)?.is_unfinished() {}
     shown.note_times(headless.timings());
     write_png(output, &headless.picture()?)?;
     if status.settled {
@@ -137,14 +137,8 @@ fn draw(
     let start = args.camera.map(|c| c.0).or_else(|| scene.header().map(|h| h.camera));
     let Some(start) = start else { bail!("the server sent no scene") };
     let camera = start.pose();
-    scene.prepare_ground(
-        headless.gpu(),
-        &camera,
-        headless.size(),
-        args.pixel_error.0,
-        settings(args).shadows,
-    )?;
-    let counters =
-        scene.with_frame(camera, settings(args), time_s, |frame: &Frame<'_>| headless.frame(frame))?;
+    let settings = settings(args, headless.gpu().is_software());
+    scene.prepare_ground(headless.gpu(), &camera, headless.size(), args.pixel_error.0, settings.shadows)?;
+    let counters = scene.with_frame(camera, settings, time_s, |frame: &Frame<'_>| headless.frame(frame))?;
     Ok(counters)
 }

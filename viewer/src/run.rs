@@ -3,7 +3,7 @@
 use std::io::Write as _;
 
 use lodestream_client::core::{Config, StartView, Stats};
-use lodestream_render::{AmbientOcclusion, Settings, Shade, Shadows};
+use lodestream_render::{AmbientOcclusion, AntiAliasing, Settings, Shade, Shadows};
 
 use crate::args::Args;
 use crate::figures::Figures;
@@ -24,11 +24,15 @@ pub(crate) fn core_config(args: &Args) -> Config {
     config
 }
 
-/// The renderer's settings for these arguments.
-pub(crate) fn settings(args: &Args) -> Settings {
+/// The renderer's settings for these arguments, on a device whose driver is `software` or not.
+pub(crate) fn settings(args: &Args, software: bool) -> Settings {
     let mut settings = Settings { relief: !args.no_relief, wireframe: args.wireframe, ..Settings::default() };
     settings.occlusion = (!args.no_ao).then(AmbientOcclusion::default);
-    settings.antialias = !args.no_aa;
+    // A picture that stands is drawn many times for the temporal one, and one that moves has little of it at few frames
+    // a second.
+    let usual = if software { AntiAliasing::Spatial } else { AntiAliasing::Temporal };
+    let anti_aliasing = args.anti_aliasing.unwrap_or(usual);
+    settings.anti_aliasing = if args.no_aa { AntiAliasing::None } else { anti_aliasing };
     settings.tone_mapping = args.tone_mapping;
     settings.exposure = args.exposure;
     settings.shadows = (!args.no_shadows).then(Shadows::default);

@@ -20,11 +20,12 @@ use crate::lights::{LampList, LampPass};
 use crate::material::Material;
 use crate::material_kit::{Features, MaterialKit};
 use crate::pipelines::Pipelines;
-use crate::scene::{Frame, MIN_RENDER_SCALE};
+use crate::scene::{AntiAliasing, Frame, MIN_RENDER_SCALE, Shade};
 use crate::shadows::{self, Casters, ShadowMaps, Sun};
 use crate::sky::SkyGpu;
 use crate::target::{Load, Target};
 use crate::targets::Targets;
+use crate::temporal::{Temporal, TemporalStep};
 use crate::terrain::{TerrainGpu, TerrainLook, TerrainPipelines, TileList, TileRaw};
 use crate::texture::TextureShape;
 use crate::timing::{PassEncoder, Timer, Timings};
@@ -45,6 +46,7 @@ pub struct Renderer {
     shadow_maps: ShadowMaps,
     sky: SkyGpu,
     lamps: LampPass,
+    temporal: Temporal,
     /// Compiled with the first terrain: most scenes have none.
     terrain: OnceLock<TerrainPipelines>,
     target_format: wgpu::TextureFormat,
@@ -88,6 +90,7 @@ impl Renderer {
             shadow_maps,
             sky: SkyGpu::new(gpu),
             lamps: LampPass::new(gpu),
+            temporal: Temporal::new(),
             terrain: OnceLock::new(),
             target_format,
             warned_wireframe: false,
@@ -186,7 +189,23 @@ impl Renderer {
         let occlusion = frame.settings.occlusion.is_some_and(|o| o.strength > 0.0);
         let lit = !frame.lights.is_empty() && LampPass::is_possible(gpu);
         let lamps = lit.then(|| LampList::new(frame, size)).filter(|list| !list.lamps.is_empty());
-        let shown = debug::shown(frame.settings.shade, [occlusion, !casters.is_empty(), lamps.is_some()]);
+        let smoothed = match frame.settings.anti_aliasing {
+            // What is enlarged is smoothed by that.
+            _ if size != target.size || target.depth.is_some() || target.load == Load::Keep => {
+                AntiAliasing::None
+            }
+            anti_aliasing => anti_aliasing,
+        };
+        let seen = frame.settings.shade == Shade::Motion;
+        let temporal = smoothed == AntiAliasing::Temporal && frame.settings.shade.is_lit();
+        let (step, moving) = if has_surfaces && (temporal || seen) {
+            self.temporal.begin(gpu, (frame, &list), size, temporal)?
+        } else {
+            self.temporal.forget();
+            (TemporalStep::NONE, Vec::new())
+        };
+        let there = [occlusion, !casters.is_empty(), lamps.is_some(), !moving.is_empty()];
+        let shown = debug::shown(frame.settings.shade, there);
         let plan = graph::plan(
             &graph::candidates(Needs {
                 geometry: has_surfaces,
@@ -197,8 +216,9 @@ impl Renderer {
                 transparency: list.any(|features| features.blend),
                 shown: shown.map(|(_, reads)| reads),
                 wireframe: frame.settings.wireframe && self.pipelines.meshes.wire.is_some(),
-                // What is enlarged is smoothed by that.
-                antialias: frame.settings.antialias && size == target.size,
+                motion: !moving.is_empty(),
+                temporal,
+                antialias: smoothed == AntiAliasing::Spatial,
                 depth: target.depth.is_some(),
                 keep: target.load == Load::Keep,
             }),
@@ -209,7 +229,7 @@ impl Renderer {
         if let Some(lamps) = &lamps {
             self.lamps.prepare(gpu, lamps)?;
         }
-        let uniform = FrameUniform::new(frame, &sky, size, target.size);
+        let uniform = FrameUniform::new(frame, &sky, size, target.size, &step);
         gpu.queue.write_buffer(&self.frame_buffer, 0, bytemuck::bytes_of(&uniform));
         let runs = |id| plan.iter().any(|pass| pass.id == id);
         if let Some((shown, _)) = shown.filter(|_| runs(PassId::Debug)) {
@@ -249,10 +269,12 @@ impl Renderer {
             passes.recorded(PassId::ShadowMaps);
         }
         for pass in &plan {
-            self.run(gpu, &mut passes, *pass, target, frame, (&list, ground.as_ref()), &mut counters);
+            let drawn = (&list, ground.as_ref(), moving.as_slice());
+            self.run(gpu, &mut passes, *pass, target, frame, drawn, &mut counters);
             passes.recorded(pass.id);
             counters.passes.push(pass.id);
         }
+        counters.still_frames = if temporal && has_surfaces { self.temporal.still_frames() } else { 0 };
         passes.end(self.timer.as_mut());
         gpu.check()?;
         Ok(counters)
@@ -264,9 +286,15 @@ impl Renderer {
         &self.shadow_maps
     }
 
+    /// What the last frame did over time.
+    #[cfg(test)]
+    pub(crate) fn temporal_step(&self) -> TemporalStep {
+        self.temporal.step()
+    }
+
     /// The intermediate texture of a resource, if the last frame's plan had it.
     pub(crate) fn intermediate(&self, resource: Resource) -> Option<&wgpu::Texture> {
-        self.targets.texture(resource)
+        if resource == Resource::History { self.temporal.history() } else { self.targets.texture(resource) }
     }
 }
 

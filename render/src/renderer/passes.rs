@@ -3,7 +3,7 @@
 use super::Renderer;
 use crate::counters::Counters;
 use crate::debug;
-use crate::draw::DrawList;
+use crate::draw::{Batch, DrawList};
 use crate::fullscreen::{attachment, fullscreen};
 use crate::gpu::Gpu;
 use crate::graph::{Pass, PassId, Resource};
@@ -22,7 +22,7 @@ impl Renderer {
         pass: Pass,
         target: &Target<'_>,
         frame: &Frame<'_>,
-        list: (&DrawList<'_>, Option<&TileList<'_>>),
+        (list, ground, moving): (&DrawList<'_>, Option<&TileList<'_>>, &[Batch<'_>]),
         counters: &mut Counters,
     ) {
         use Resource::{Albedo, Depth, Display, Normal, Occlusion, OcclusionRaw, Radiance, Sunlight};
@@ -32,7 +32,7 @@ impl Renderer {
         };
         match pass.id {
             PassId::GBuffer | PassId::Overdraw | PassId::Emission | PassId::Transparency | PassId::Edges => {
-                self.geometry(gpu, encoder, pass.id, frame, list, counters)
+                self.geometry(gpu, encoder, pass.id, frame, (list, ground), counters)
             }
             PassId::Occlusion => full(encoder, &p.occlusion, &[Depth], OcclusionRaw),
             PassId::OcclusionBlur => full(encoder, &p.blur, &[Depth, OcclusionRaw], Occlusion),
@@ -53,6 +53,15 @@ impl Renderer {
                 let over = (Radiance, Load::Keep);
                 self.full(gpu, encoder, pass.id, (&p.wireframe, &[Resource::Edges]), over);
             }
+            PassId::Motion => self.motion(gpu, encoder, moving),
+            PassId::Temporal => {
+                let view = |resource| self.targets.view(resource);
+                if let (Some(radiance), Some(depth)) = (view(Radiance), view(Depth)) {
+                    let motion = view(Resource::Motion).filter(|_| !moving.is_empty());
+                    let seen = (&radiance, &depth, motion.as_ref());
+                    self.temporal.resolve(gpu, encoder, &self.frame_buffer, seen);
+                }
+            }
             PassId::Sky => self.lit(gpu, encoder, pass.id, (&p.sky, &[]), false),
             PassId::ToneMap if pass.writes(Display) => {
                 full(encoder, &p.tonemap_display, &[Radiance], Display);
@@ -62,13 +71,16 @@ impl Renderer {
                 fullscreen(encoder, pass.id, &p.antialias, &group, &Target { depth: None, ..*target });
             }
             PassId::ToneMap => {
-                let group = self.inputs(gpu, &p.tonemap, &[Radiance]);
-                fullscreen(encoder, pass.id, &p.tonemap, &group, &Target { depth: None, ..*target });
+                let temporal = pass.reads(Resource::History);
+                let pipeline = if temporal { &p.tonemap_temporal } else { &p.tonemap };
+                let read = if temporal { Resource::History } else { Radiance };
+                let group = self.inputs(gpu, pipeline, &[read]);
+                fullscreen(encoder, pass.id, pipeline, &group, &Target { depth: None, ..*target });
             }
             PassId::Debug => {
                 let settings = &frame.settings;
                 // Of what there is not the plan has no pass.
-                let there = [PassId::OcclusionBlur, PassId::Sunlight, PassId::Lamps]
+                let there = [PassId::OcclusionBlur, PassId::Sunlight, PassId::Lamps, PassId::Motion]
                     .map(|pass| counters.passes.contains(&pass));
                 let Some((shown, reads)) = debug::shown(settings.shade, there) else { return };
                 let Some(pipeline) = self.debug.get(shown, target) else { return };
@@ -84,6 +96,31 @@ impl Renderer {
                 fullscreen(encoder, pass.id, pipeline, &group, target);
             }
         }
+    }
+
+    /// Draws how far what moves by itself has come.
+    fn motion(&self, gpu: &Gpu, encoder: &mut PassEncoder<'_>, moving: &[Batch<'_>]) {
+        let view = |resource| self.targets.view(resource);
+        let (Some(depth), Some(motion), Some(instances), Some(before)) =
+            (view(Resource::Depth), view(Resource::Motion), self.instances.buffer(), self.temporal.before())
+        else {
+            return;
+        };
+        // What is not drawn stands, which `STANDS` of motion.wgsl says.
+        let stands = wgpu::Color { r: 6e4, ..wgpu::Color::TRANSPARENT };
+        let descriptor = wgpu::RenderPassDescriptor {
+            label: Some(PassId::Motion.name()),
+            color_attachments: &[Some(attachment(&motion, wgpu::LoadOp::Clear(stands)))],
+            depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+                view: &depth,
+                depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store }),
+                stencil_ops: None,
+            }),
+            ..Default::default()
+        };
+        let mut pass = encoder.begin(PassId::Motion, &descriptor);
+        pass.set_bind_group(0, &self.frame_group, &[]);
+        DrawList::motion(moving, &mut pass, self.pipelines.meshes.motion(gpu), [instances, before]);
     }
 
     /// Looks the shadow maps up for each pixel.
@@ -181,7 +218,11 @@ impl Renderer {
         reads: &[Resource],
         more: &[(u32, wgpu::BindingResource<'_>)],
     ) -> wgpu::BindGroup {
-        let views: Vec<_> = reads.iter().filter_map(|r| self.targets.view(*r)).collect();
+        let views: Vec<_> = reads
+            .iter()
+            .filter_map(|r| self.intermediate(*r))
+            .map(|texture| texture.create_view(&Default::default()))
+            .collect();
         let frame = wgpu::BindGroupEntry { binding: 0, resource: self.frame_buffer.as_entire_binding() };
         let textures = views.iter().zip(1..).map(|(view, binding)| wgpu::BindGroupEntry {
             binding,

@@ -10,6 +10,7 @@ struct Frame {
     up: vec4<f32>,
     sky_side: vec4<f32>, // across up, towards where the sun stands; w: extinction by haze per world unit
     sun_disc: vec4<f32>, // radiance; w: angular radius
+    before: mat4x4<f32>, // to clip space of the frame before, without jitter, from places relative to this frame's eye
     irradiance: array<vec4<f32>, 9>, // see ambient() in sky.wgsl
     size_px: vec2<f32>,
     tan_half_fov: vec2<f32>,
@@ -27,7 +28,11 @@ struct Frame {
     target_px: u32, // width, and height shifted by 16 bits, of what is shown: more than size_px where that is enlarged
     tone_mapping: u32,
     dither: f32, // of display values
-    padding: vec2<f32>,
+    jitter: vec2<f32>, // where in its pixels this frame looks, off their centres, pixels
+    before_s: f32, // time_s of the frame before
+    history: f32, // frames that what earlier ones showed counts for at most; 0: there is nothing
+    still: u32, // 1: nothing has changed since the frame before
+    padding: f32,
     kernel: array<vec4<f32>, 64>, // as many as there are samples
 }
 
@@ -44,9 +49,9 @@ const EDGE: f32 = 0.0625;
 // View depth where nothing was drawn.
 const FAR: f32 = 1e30;
 
-// Position on the image plane at depth 1 of a pixel's centre, view space.
+// Position on the image plane at depth 1 of a pixel's centre, or wherever in it this frame looks, view space.
 fn view_ray(pixel: vec2<i32>) -> vec3<f32> {
-    let uv = (vec2<f32>(pixel) + 0.5) / frame.size_px;
+    let uv = (vec2<f32>(pixel) + 0.5 + frame.jitter) / frame.size_px;
     let ndc = vec2(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0);
     return vec3(ndc * frame.tan_half_fov, -1.0);
 }

@@ -40,13 +40,27 @@ fn count_colour(count: f32) -> vec3<f32> {
     return select(vec3(0.0), clamp(1.5 - abs(t - vec3(3.0, 2.0, 1.0)), vec3(0.0), vec3(1.0)), count > 0.0);
 }
 
+// Of motion since the frame before: right is red, left blue, up green, down dark; by a logarithm, full from 64 pixels on.
+fn motion_colour(to_before: vec2<f32>) -> vec3<f32> {
+    let way = -to_before * vec2(1.0, -1.0);
+    let size = length(way);
+    let s = way / max(size, 1e-6) * min(log2(1.0 + size) / 6.0, 1.0);
+    return 0.5 + 0.5 * vec3(s.x, s.y, -s.x);
+}
+
+// The motion of what moves by itself, else by the camera's.
+fn motion_of(pixel: vec2<i32>, stored: f32, by_itself: vec2<f32>) -> vec2<f32> {
+    let moves = SHOWN == 9u && by_itself.x < STANDS;
+    return select(motion_of_camera(pixel, stored), by_itself, moves);
+}
+
 // IEC 61966-2-1.
 fn encoded(x: vec3<f32>) -> vec3<f32> {
     return select(1.055 * pow(x, vec3(1.0 / 2.4)) - 0.055, 12.92 * x, x <= vec3(0.0031308));
 }
 
 // What is written for a texel, sRGB-encoded.
-fn value_of(stored_depth: f32, texel: vec4<f32>, metal: vec4<f32>) -> vec3<f32> {
+fn value_of(pixel: vec2<i32>, stored_depth: f32, texel: vec4<f32>, metal: vec4<f32>) -> vec3<f32> {
     switch SHOWN {
         case 1u: { return normal_colour(texel); }
         case 2u: { return encoded(albedo(texel)); }
@@ -55,6 +69,7 @@ fn value_of(stored_depth: f32, texel: vec4<f32>, metal: vec4<f32>) -> vec3<f32> 
         case 5u: { return texel.xxx; }
         case 6u: { return count_colour(texel.x); }
         case 7u: { return vec3(0.0); }
+        case 8u, 9u: { return motion_colour(motion_of(pixel, stored_depth, texel.xy)); }
         default: { return vec3(1.0); }
     }
 }
@@ -75,7 +90,7 @@ fn debug(texel: vec2<i32>) -> vec4<f32> {
     var value = vec3(0.0);
     if (is_shown(texel)) {
         let stored = textureLoad(depth_map, texel, 0).x;
-        value = value_of(stored, textureLoad(shown_map, texel, 0), textureLoad(metal_map, texel, 0));
+        value = value_of(texel, stored, textureLoad(shown_map, texel, 0), textureLoad(metal_map, texel, 0));
     }
     if (DECODE_SRGB) {
         value = linear_from_srgb(value);

@@ -62,7 +62,7 @@ fn fs_occlusion(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
             continue; // outside the picture: nothing known
         }
         let uv = vec2(ndc.x * 0.5 + 0.5, 0.5 - ndc.y * 0.5);
-        let there = vec2<i32>(uv * frame.size_px);
+        let there = vec2<i32>(uv * frame.size_px - frame.jitter);
         let depth_there = depth_at(there);
         let surface = view_ray(there) * depth_there;
         let hides = depth_there < -sample.z && dot(surface - centre, normal) > MIN_ELEVATION * radius;

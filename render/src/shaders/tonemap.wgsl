@@ -4,6 +4,9 @@
 // an sRGB format applies it by itself.
 override ENCODE_SRGB: bool = false;
 
+// Whether what is shown is a mean of frames (temporal.wgsl): weighed, and by exposure already.
+override TEMPORAL: bool = false;
+
 @group(0) @binding(1) var radiance_map: texture_2d<f32>;
 
 // The neutral curve (Khronos, "PBR neutral tone mapper", 2024): base colours below 0.8 stay what they are but for the four
@@ -64,8 +67,13 @@ fn radiance_at(at: vec2<f32>) -> vec3<f32> {
 
 // What a point of the target shows.
 fn display(at: vec2<f32>) -> vec4<f32> {
-    let radiance = radiance_at(at);
-    let given = clamp(radiance * frame.exposure, vec3(0.0), vec3(MAX_RADIANCE));
+    var given = vec3(0.0);
+    if (TEMPORAL) {
+        let weighed = min(radiance_of(vec2<i32>(at)), vec3(0.9999));
+        given = weighed / (1.0 - max(weighed.r, max(weighed.g, weighed.b)));
+    } else {
+        given = clamp(radiance_at(at) * frame.exposure, vec3(0.0), vec3(MAX_RADIANCE));
+    }
     var shown = vec3(0.0);
     if (frame.tone_mapping == 1u) {
         shown = neutral(given);

@@ -51,7 +51,7 @@ impl<'a> Casters<'a> {
         'f: 'a,
     {
         let eye = frame.camera.eye;
-        for drawable in frame.drawables.iter().filter(|d| d.asset.is_drawable()) {
+        for (number, drawable) in frame.drawables.iter().enumerate().filter(|(_, d)| d.asset.is_drawable()) {
             let (centre, radius) = drawable.asset.sphere();
             let placed = drawable.instances.iter().filter_map(|instance| {
                 let raw = finite(instance.relative_to(drawable.asset.origin(), eye))?;
@@ -64,7 +64,7 @@ impl<'a> Casters<'a> {
                 continue;
             }
             self.asset(drawable.asset, placed.iter().map(|(instance, _, top)| (*instance, *top)), frame);
-            let batch = list.batch(drawable.asset, 0.0, placed.iter().map(|(_, raw, _)| *raw));
+            let batch = list.batch((drawable.asset, number), 0.0, placed.iter().map(|(_, raw, _)| *raw));
             self.batches.push(batch);
         }
     }

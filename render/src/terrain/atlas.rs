@@ -204,7 +204,6 @@ impl TerrainGpu {
             usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
             mapped_at_creation: false,
         });
-        let software = gpu.adapter.get_info().device_type == wgpu::DeviceType::Cpu;
         let sampler = device.create_sampler(&wgpu::SamplerDescriptor {
             label: Some("ground"),
             address_mode_u: wgpu::AddressMode::Repeat,
@@ -212,7 +211,7 @@ impl TerrainGpu {
             mag_filter: wgpu::FilterMode::Linear,
             min_filter: wgpu::FilterMode::Linear,
             mipmap_filter: wgpu::MipmapFilterMode::Linear,
-            anisotropy_clamp: if software { 1 } else { 8 },
+            anisotropy_clamp: if gpu.is_software() { 1 } else { 8 },
             ..Default::default()
         });
         let view = |texture: &wgpu::Texture| texture.create_view(&Default::default());

@@ -11,8 +11,8 @@ use crate::twin::relief::{steps, tests::bricks};
 use crate::twin::surface::DepthPicture;
 use crate::twin::{antialias, brdf, ssao, tone};
 use crate::{
-    AmbientOcclusion, Drawable, Frame, Headless, Instance, Material, OcclusionRadius, PlainSky, Pose,
-    Renderer, Sky, Target, TextureData, TextureKind, TextureShape, ToneMapping,
+    AmbientOcclusion, AntiAliasing, Drawable, Frame, Headless, Instance, Material, OcclusionRadius, PlainSky,
+    Pose, Renderer, Sky, Target, TextureData, TextureKind, TextureShape, ToneMapping,
 };
 
 #[test]
@@ -132,7 +132,7 @@ fn smoothed_edges_match_their_twin_and_come_nearer_to_the_truth() {
     let Some(mut h) = headless(size.0, size.1) else { return };
     let Some(mut fine) = headless(size.0 * FINER, size.1 * FINER) else { return };
     let camera = Pose::look_at(DVec3::new(0.6, 1.3, 2.2), DVec3::new(0.0, 0.1, 0.0), DVec3::Y, 0.8);
-    let scene = |h: &mut Headless, antialias: bool| {
+    let scene = |h: &mut Headless, anti_aliasing: AntiAliasing| {
         let box_ = asset(h, &cube(), Material::default());
         let ball = asset(h, &sphere(24), Material { base_colour: [0.1, 0.2, 0.5], ..Material::default() });
         let drawables = [
@@ -140,18 +140,18 @@ fn smoothed_edges_match_their_twin_and_come_nearer_to_the_truth() {
             Drawable { asset: &ball, instances: &[at(-0.4, 0.3, 0.2, 0.6)] },
         ];
         let mut frame = Frame::new(camera, &drawables);
-        frame.settings.antialias = antialias;
+        frame.settings.anti_aliasing = anti_aliasing;
         h.frame(&frame).unwrap();
         h.picture().unwrap()
     };
-    let stairs = scene(&mut h, false);
-    let smooth = scene(&mut h, true);
+    let stairs = scene(&mut h, AntiAliasing::None);
+    let smooth = scene(&mut h, AntiAliasing::Spatial);
     keep(&h, "smoothed-edges");
     let display = h.intermediate(Resource::Display, 4).unwrap();
     let pixels: Vec<[f64; 3]> =
         display.chunks(4).map(|p| std::array::from_fn(|c| f64::from(p[c]) / 255.0)).collect();
     let twin = antialias::Display { pixels: &pixels, size_px: [size.0, size.1] };
-    let truth = scene(&mut fine, false);
+    let truth = scene(&mut fine, AntiAliasing::None);
     // As much light as the pixels that lie in one give together.
     let mean = |x: u32, y: u32, c: usize| {
         let of = |i: u32| truth.get_pixel(x * FINER + i % FINER, y * FINER + i / FINER)[c];

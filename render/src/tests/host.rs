@@ -7,7 +7,8 @@ use super::headless;
 use super::shapes::{asset, at, cube, sphere};
 use crate::readback::read_texture;
 use crate::{
-    Drawable, Frame, Gpu, Headless, Instance, Load, Material, Pose, RenderError, Renderer, Settings, Target,
+    AntiAliasing, Drawable, Frame, Gpu, Headless, Instance, Load, Material, Pose, RenderError, Renderer,
+    Settings, Target,
 };
 
 const SIZE: (u32, u32) = (160, 90);
@@ -27,7 +28,7 @@ fn scene<R>(h: &mut Headless, draw: impl FnOnce(&mut Headless, &Frame<'_>) -> R)
     ];
     let camera = Pose::look_at(DVec3::new(0.2, 0.8, 2.6), DVec3::ZERO, DVec3::Y, 0.8);
     // Edges of a host's picture are the host's to smooth.
-    let settings = Settings { antialias: false, ..Settings::default() };
+    let settings = Settings { anti_aliasing: AntiAliasing::None, ..Settings::default() };
     draw(h, &Frame { settings, ..Frame::new(camera, &drawables) })
 }
 

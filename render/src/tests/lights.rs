@@ -10,8 +10,8 @@ use crate::twin::brdf::{Reflector, from_octahedral};
 use crate::twin::depth::view_ray;
 use crate::twin::lights::Lamp;
 use crate::{
-    Drawable, Environment, Frame, Headless, Instance, Light, LightCulling, Material, PassId, PlainSky, Pose,
-    Settings, Shade, Sky, Spot,
+    AntiAliasing, Drawable, Environment, Frame, Headless, Instance, Light, LightCulling, Material, PassId,
+    PlainSky, Pose, Settings, Shade, Sky, Spot,
 };
 
 /// No light but that of lamps.
@@ -22,7 +22,7 @@ fn night() -> Environment {
 }
 
 fn bare() -> Settings {
-    Settings { occlusion: None, shadows: None, antialias: false, ..Settings::default() }
+    Settings { occlusion: None, shadows: None, anti_aliasing: AntiAliasing::None, ..Settings::default() }
 }
 
 fn floor() -> Mesh {

@@ -9,8 +9,8 @@ use crate::graph::Resource;
 use crate::twin::brdf::{Reflector, from_octahedral, from_sky};
 use crate::twin::depth::view_ray;
 use crate::{
-    Alpha, AssetGpu, Drawable, Environment, Frame, Headless, Instance, Material, PassId, PlainSky, Pose,
-    Settings, Sky, TextureData, TextureKind, TextureShape, Wrap,
+    Alpha, AntiAliasing, AssetGpu, Drawable, Environment, Frame, Headless, Instance, Material, PassId,
+    PlainSky, Pose, Settings, Sky, TextureData, TextureKind, TextureShape, Wrap,
 };
 
 /// A picture that is kept in 16-bit floating point, four numbers a pixel.
@@ -38,7 +38,7 @@ fn sky_alone(radiance: f32) -> Environment {
 
 /// Nothing but materials in light that nothing takes away.
 fn bare() -> Settings {
-    Settings { occlusion: None, shadows: None, antialias: false, ..Settings::default() }
+    Settings { occlusion: None, shadows: None, anti_aliasing: AntiAliasing::None, ..Settings::default() }
 }
 
 fn front() -> Pose {

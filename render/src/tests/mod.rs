@@ -12,6 +12,7 @@ mod pictures;
 mod shadows;
 mod shapes;
 mod streaming;
+mod temporal;
 pub(super) mod terrain;
 mod timing;
 mod wireframe;

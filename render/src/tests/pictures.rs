@@ -7,8 +7,8 @@ use super::shapes::{Mesh, asset, at, brick_asset, cube, quad, sphere};
 use super::{headless, keep};
 use crate::image_compare::compare;
 use crate::{
-    Drawable, Frame, Headless, Instance, MIN_RENDER_SCALE, Material, PackedVertex, PassId, PlainSky, Pose,
-    RenderError, Settings, Shade, Sky,
+    AntiAliasing, Drawable, Frame, Headless, Instance, MIN_RENDER_SCALE, Material, PackedVertex, PassId,
+    PlainSky, Pose, RenderError, Settings, Shade, Sky,
 };
 
 fn luma(image: &RgbaImage, x: u32, y: u32) -> f64 {
@@ -75,7 +75,7 @@ fn still_life_for_looking_at() {
             change(&mut settings);
             Frame { settings, ..frame }
         };
-        let stairs = picture(h, &with(|s| s.antialias = false));
+        let stairs = picture(h, &with(|s| s.anti_aliasing = AntiAliasing::None));
         keep(h, "still-life-stairs");
         let plain = picture(h, &with(|s| s.occlusion = None));
         keep(h, "still-life-no-ao");
@@ -93,7 +93,7 @@ fn still_life_for_looking_at() {
             h,
             &with(|s| {
                 s.occlusion = None;
-                s.antialias = false;
+                s.anti_aliasing = AntiAliasing::None;
             }),
         );
         let brighter = stairs.pixels().zip(plain.pixels()).filter(|(a, b)| (0..3).any(|c| a[c] > b[c] + 1));

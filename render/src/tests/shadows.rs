@@ -15,7 +15,8 @@ use crate::twin::depth::view_ray;
 use crate::twin::surface::DepthPicture;
 use crate::twin::{brdf, sunlight};
 use crate::{
-    AssetGpu, Drawable, Environment, Frame, Headless, Instance, Material, Pose, Settings, Shade, Shadows,
+    AntiAliasing, AssetGpu, Drawable, Environment, Frame, Headless, Instance, Material, Pose, Settings,
+    Shade, Shadows,
 };
 
 /// Things on a floor, in the sun: a cube, a ball, a board in the air, and a wall.
@@ -62,7 +63,8 @@ impl Yard {
 
     fn frame<'a>(&self, camera: Pose, drawables: &'a [Drawable<'a>], shadows: Shadows) -> Frame<'a> {
         let environment = Environment { to_sun: self.to_sun, ..Environment::default() };
-        let settings = Settings { shadows: Some(shadows), antialias: false, ..Settings::default() };
+        let settings =
+            Settings { shadows: Some(shadows), anti_aliasing: AntiAliasing::None, ..Settings::default() };
         Frame { environment, settings, ..Frame::new(camera, drawables) }
     }
 }

@@ -5,8 +5,8 @@ use glam::DVec3;
 use super::headless;
 use super::shapes::{asset, at, cube, quad, sphere};
 use crate::{
-    Alpha, Counters, Drawable, Frame, Gpu, Headless, Material, PassId, Pose, RenderError, Settings, Shade,
-    Target,
+    Alpha, AntiAliasing, Counters, Drawable, Frame, Gpu, Headless, Material, PassId, Pose, RenderError,
+    Settings, Shade, Target,
 };
 
 fn scene<R>(h: &mut Headless, draw: impl FnOnce(&mut Headless, &Frame<'_>) -> R) -> R {
@@ -35,7 +35,7 @@ fn times_are_of_the_passes_that_ran() {
         h.frame(frame).unwrap();
         assert_eq!(h.timings(), Default::default(), "nobody asked");
         h.time_passes(true);
-        let plain = Settings { shadows: None, antialias: false, ..frame.settings };
+        let plain = Settings { shadows: None, anti_aliasing: AntiAliasing::None, ..frame.settings };
         let normals = Settings { shade: Shade::Normal, ..frame.settings };
         // A pass of each kind there is, with as many maps of shadows as there may be.
         let edges = Settings { wireframe: true, ..frame.settings };

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::shapes::{Mesh, asset, sphere};
 use super::{headless, keep};
-use crate::{Drawable, Frame, Headless, Instance, Material, PlainSky, Pose, Settings, Sky};
+use crate::{AntiAliasing, Drawable, Frame, Headless, Instance, Material, PlainSky, Pose, Settings, Sky};
 
 /// Of the pixels that a sphere covers: mean luminance with edges over that without, and the share that is nearly black.
 fn inked(h: &mut Headless, mesh: &Mesh, name: &str) -> (f64, f64) {
@@ -12,7 +12,8 @@ fn inked(h: &mut Headless, mesh: &Mesh, name: &str) -> (f64, f64) {
     let drawables = [Drawable { asset: &ball, instances: &[Instance::default()] }];
     let camera = Pose::look_at(DVec3::new(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 0.5);
     let mut frame = Frame::new(camera, &drawables);
-    frame.settings = Settings { antialias: false, shadows: None, occlusion: None, ..frame.settings };
+    frame.settings =
+        Settings { anti_aliasing: AntiAliasing::None, shadows: None, occlusion: None, ..frame.settings };
     let plain = PlainSky { ground: glam::Vec3::splat(0.4), ..PlainSky::default() };
     frame.environment.sky = Sky::Plain(plain);
     let mut lumas = [false, true].map(|wireframe| {

@@ -13,6 +13,7 @@ pub mod sky;
 pub mod ssao;
 pub mod sunlight;
 pub mod surface;
+pub mod temporal;
 pub mod terrain;
 pub mod tone;
 pub mod transform;

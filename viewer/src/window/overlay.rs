@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use lodestream_client::core::{Milestone, Stats};
 use lodestream_render::{
-    AmbientOcclusion, Counters, MAX_CASCADES, MAX_FILTER, MAX_RELIEF_STEPS, MAX_SAMPLES, OcclusionRadius,
-    Settings, Shade, Shadows, Timings, ToneMapping,
+    AmbientOcclusion, AntiAliasing, Counters, MAX_CASCADES, MAX_FILTER, MAX_RELIEF_STEPS, MAX_SAMPLES,
+    OcclusionRadius, Settings, Shade, Shadows, Timings, ToneMapping,
 };
 
 use crate::outcome::lacks;
@@ -37,7 +37,7 @@ pub(super) struct Choices {
     pub(super) shadows: bool,
     /// How, where there are shadows.
     pub(super) maps: Shadows,
-    pub(super) antialias: bool,
+    pub(super) anti_aliasing: AntiAliasing,
     pub(super) relief: bool,
     pub(super) relief_steps: u32,
     pub(super) exposure: f32,
@@ -58,7 +58,7 @@ impl Choices {
             ambient: settings.occlusion.unwrap_or_default(),
             shadows: settings.shadows.is_some(),
             maps: settings.shadows.unwrap_or_default(),
-            antialias: settings.antialias,
+            anti_aliasing: settings.anti_aliasing,
             relief: settings.relief,
             relief_steps: settings.relief_steps,
             exposure: settings.exposure,
@@ -71,7 +71,7 @@ impl Choices {
         settings.shade = self.shade;
         settings.occlusion = self.occlusion.then_some(self.ambient);
         settings.shadows = self.shadows.then_some(self.maps);
-        settings.antialias = self.antialias;
+        settings.anti_aliasing = self.anti_aliasing;
         settings.relief = self.relief;
         settings.relief_steps = self.relief_steps;
         settings.exposure = self.exposure;
@@ -167,9 +167,16 @@ fn contents(ui: &mut egui::Ui, stats: &Stats, facts: &Facts<'_>, choices: &mut C
         ui.checkbox(&mut choices.occlusion, "ambient occlusion");
         ui.checkbox(&mut choices.shadows, "shadows");
         ui.checkbox(&mut choices.relief, "relief");
-        ui.checkbox(&mut choices.antialias, "smooth edges");
         ui.checkbox(&mut choices.adapt, "coarser while moving");
     });
+    egui::ComboBox::from_label("anti-aliasing").selected_text(choices.anti_aliasing.name()).show_ui(
+        ui,
+        |ui| {
+            for way in AntiAliasing::ALL {
+                ui.selectable_value(&mut choices.anti_aliasing, way, way.name());
+            }
+        },
+    );
     ui.collapsing("parameters of passes", |ui| parameters(ui, choices));
     let times = ui.collapsing("times of passes", |ui| times(ui, &facts.times));
     choices.timed = times.body_returned.is_some();
@@ -339,7 +346,7 @@ mod tests {
             shade: Shade::Depth,
             occlusion: Some(AmbientOcclusion { samples: 5, ..AmbientOcclusion::default() }),
             shadows: None,
-            antialias: false,
+            anti_aliasing: AntiAliasing::None,
             relief_steps: 7,
             exposure: 2.0,
             tone_mapping: ToneMapping::Neutral,

@@ -53,7 +53,7 @@ impl Device {
         let plain = capabilities.formats.iter().copied().find(|f| !f.is_srgb());
         config.format = plain.unwrap_or(config.format);
         config.present_mode = wgpu::PresentMode::AutoVsync;
-        if is_software(&gpu) {
+        if gpu.is_software() {
             // Frames that wait behind others would only show where the camera was.
             config.desired_maximum_frame_latency = 1;
         }
@@ -113,7 +113,7 @@ impl Painter {
 
     /// Whether the device is a processor that draws by software.
     pub(super) fn is_software(&self) -> bool {
-        is_software(&self.gpu)
+        self.gpu.is_software()
     }
 
     /// Width and height in pixels.
@@ -220,10 +220,6 @@ impl Painter {
         }
         Ok(Painted { counters, copy, repaint_after })
     }
-}
-
-fn is_software(gpu: &Gpu) -> bool {
-    gpu.adapter.get_info().device_type == wgpu::DeviceType::Cpu
 }
 
 /// [`EMPTY_WINDOW`] as it is given to a target of this format.

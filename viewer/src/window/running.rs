@@ -5,7 +5,9 @@ use std::time::{Duration, Instant};
 
 use lodestream_client::net::Retry;
 use lodestream_client::streaming::{Controls, Status, Streaming};
-use lodestream_render::{AmbientOcclusion, Counters, Pose, SceneView, Settings, Shadows, Timings};
+use lodestream_render::{
+    AmbientOcclusion, AntiAliasing, Counters, Pose, SceneView, Settings, Shadows, Timings,
+};
 use winit::dpi::{LogicalSize, PhysicalPosition};
 use winit::event::MouseButton;
 use winit::event_loop::{ActiveEventLoop, OwnedDisplayHandle};
@@ -102,7 +104,7 @@ impl Running {
             },
         )?;
         tracing::debug!(now = ?Duration::from(streaming.clock().now()), "window and pipelines are made");
-        let settings = settings(args);
+        let settings = settings(args, painter.gpu.is_software());
         let now = Instant::now();
         Ok(Self {
             adapter: painter.gpu.describe(),
@@ -244,7 +246,8 @@ impl Running {
         if self.only_tiles_missing && !self.keys.is_pushing() {
             return Ok(TILES_INTERVAL);
         }
-        if self.keys.is_pushing() || (shows && !rests && better.is_none_or(|wait| wait.is_zero())) {
+        let goes_on = !rests || self.counters.is_unfinished();
+        if self.keys.is_pushing() || (shows && goes_on && better.is_none_or(|wait| wait.is_zero())) {
             return Ok(Duration::ZERO);
         }
         // Figures change while something is received, and once more when nothing was for a while.
@@ -320,8 +323,8 @@ impl Running {
         self.painter.renderer.time_passes(&self.painter.gpu, table || args.stats.is_some());
         let (camera, step) = (self.camera(), self.step());
         let mut choices = self.choices;
-        let antialias = self.settings.antialias && step.antialias;
-        let mut settings = Settings { render_scale: step.render_scale, antialias, ..self.settings };
+        let anti_aliasing = if step.antialias { self.settings.anti_aliasing } else { AntiAliasing::None };
+        let mut settings = Settings { render_scale: step.render_scale, anti_aliasing, ..self.settings };
         settings.occlusion = settings
             .occlusion
             .filter(|_| step.samples > 0)

@@ -9,7 +9,7 @@ use anyhow::Context as _;
 use image::RgbaImage;
 use lodestream_protocol::source::SceneSource;
 use lodestream_protocol::view::View;
-use lodestream_render::{AmbientOcclusion, Counters, Gpu, Settings, Shadows};
+use lodestream_render::{AmbientOcclusion, AntiAliasing, Counters, Gpu, Settings, Shadows};
 use lodestream_scenario::picture::ImageError;
 use lodestream_scenario::plan::Plan;
 use lodestream_scenario::stopwatch::{Spread, median, paired_ratio, rounded};
@@ -30,7 +30,7 @@ pub enum Knob {
     ShadowSides(Vec<u32>),
     /// Bilinear lookups of shadows along a side, in maps that stay as they are; 0 draws none.
     ShadowFilters(Vec<u32>),
-    /// Whether edges are smoothed: 0 or 1.
+    /// How edges are smoothed: [`AntiAliasing::ALL`] by number.
     SmoothEdges(Vec<u32>),
     /// Screen error of the ground, in pixels.
     GroundPx(Vec<f32>),
@@ -100,7 +100,9 @@ impl Knob {
                 let some = Shadows { filter: filters[number], ..Shadows::default() };
                 (view, Settings { shadows: (filters[number] > 0).then_some(some), ..usual })
             }
-            Self::SmoothEdges(smooth) => (view, Settings { antialias: smooth[number] > 0, ..usual }),
+            Self::SmoothEdges(smooth) => {
+                (view, Settings { anti_aliasing: smoothing(smooth[number]), ..usual })
+            }
             Self::GroundPx(px) => (View { target_px: px[number], ..view }, usual),
         }
     }
@@ -112,6 +114,11 @@ impl Knob {
             _ => 1,
         }
     }
+}
+
+/// One of [`AntiAliasing::ALL`]; numbers beyond are its last.
+fn smoothing(number: u32) -> AntiAliasing {
+    AntiAliasing::ALL.get(number as usize).copied().unwrap_or(AntiAliasing::Temporal)
 }
 
 /// What a frame with one value left.
@@ -241,7 +248,7 @@ mod tests {
         assert_eq!(filters.frame(0, view).1, Settings { shadows: None, ..usual });
         let edges = Knob::SmoothEdges(vec![0, 1]);
         assert_eq!(edges.frame(1, view), (view, usual));
-        assert_eq!(edges.frame(0, view).1, Settings { antialias: false, ..usual });
+        assert_eq!(edges.frame(0, view).1, Settings { anti_aliasing: AntiAliasing::None, ..usual });
         let ground = Knob::GroundPx(vec![4.0, 1.0]);
         assert_eq!(ground.frame(0, view), (View { target_px: 4.0, ..view }, usual));
         assert_eq!((ground.values(), ground.scenes(), steps.scenes()), (vec![4.0, 1.0], 2, 1));

@@ -7,7 +7,7 @@ use image::RgbaImage;
 use lodestream_client::core::ClientCore;
 use lodestream_protocol::Time;
 use lodestream_protocol::view::View;
-use lodestream_render::{Counters, Gpu, Headless, RenderError, SceneView, Settings};
+use lodestream_render::{AntiAliasing, Counters, Gpu, Headless, RenderError, SceneView, Settings};
 use lodestream_scenario::observer::Observer;
 use lodestream_scenario::plan::PictureSettings;
 use lodestream_scenario::timeline::Sample;
@@ -191,7 +191,7 @@ fn draw(headless: &mut Headless, scene: &mut SceneView, view: &View) -> Result<R
         headless,
         scene,
         view,
-        Settings { shadows: None, antialias: false, dither: false, ..Settings::default() },
+        Settings { shadows: None, anti_aliasing: AntiAliasing::None, dither: false, ..Settings::default() },
     )?;
     headless.picture()
 }

@@ -1,0 +1,121 @@
+// Anti-aliasing over time: each frame looks through another point of its pixels, and what earlier ones saw is fetched from
+// where it was (Karis, "High-quality temporal supersampling", 2014; Salvi, "An excursion in temporal supersampling",
+// 2016). Twin: twin/temporal.rs.
+
+// Whether anything moves by itself.
+override MOTION: bool = false;
+
+@group(0) @binding(1) var radiance_map: texture_2d<f32>;
+@group(0) @binding(2) var depth_map: texture_2d<f32>;
+@group(0) @binding(3) var motion_map: texture_2d<f32>;
+// Weighed colours, and how many frames they are a mean of.
+@group(0) @binding(4) var history_map: texture_2d<f32>;
+@group(0) @binding(5) var history_sampler: sampler;
+
+// Standard deviations of the neighbourhood's colours that the history may be off by.
+const DEVIATIONS: f32 = 1.0;
+// A surface lies before another where it is nearer by this factor.
+const BEFORE: f32 = 1.1;
+// By how much a pixel of motion shortens what the history counts for: what moves fast is seen less sharp, and contours
+// of what is round do not stay where its surface goes.
+const HASTE: f32 = 0.4;
+// Motion below this is rounding, in pixels.
+const LEAST_MOTION: f32 = 0.01;
+
+// The brighter, the less it counts: else a single highlight would outweigh all other samples of its pixel.
+fn weighed(radiance: vec3<f32>) -> vec3<f32> {
+    let x = clamp(radiance * frame.exposure, vec3(0.0), vec3(MAX_RADIANCE));
+    return x / (1.0 + max(x.r, max(x.g, x.b)));
+}
+
+fn luma_chroma(c: vec3<f32>) -> vec3<f32> {
+    return vec3(0.25 * c.r + 0.5 * c.g + 0.25 * c.b, 0.5 * (c.r - c.b), 0.5 * c.g - 0.25 * (c.r + c.b));
+}
+
+fn from_luma_chroma(c: vec3<f32>) -> vec3<f32> {
+    let t = c.x - c.z;
+    return vec3(t + c.y, c.x + c.z, t - c.y);
+}
+
+// Catmull and Rom's cubic through the history's texels, of nine bilinear lookups the five that weigh most (Jimenez,
+// "Filmic SMAA", 2016).
+fn history_at(place: vec2<f32>) -> vec4<f32> {
+    let size = frame.size_px;
+    let centre = floor(place - 0.5) + 0.5;
+    let f = place - centre;
+    let w0 = f * (-0.5 + f * (1.0 - 0.5 * f));
+    let w1 = 1.0 + f * f * (-2.5 + 1.5 * f);
+    let w2 = f * (0.5 + f * (2.0 - 1.5 * f));
+    let w3 = f * f * (-0.5 + 0.5 * f);
+    let w12 = w1 + w2;
+    let at0 = (centre - 1.0) / size;
+    let at12 = (centre + w2 / w12) / size;
+    let at3 = (centre + 2.0) / size;
+    var sum = vec4(0.0);
+    var weight = 0.0;
+    let places = array<vec2<f32>, 5>(at12, vec2(at12.x, at0.y), vec2(at0.x, at12.y), vec2(at3.x, at12.y), vec2(at12.x, at3.y));
+    let weights = array<f32, 5>(w12.x * w12.y, w12.x * w0.y, w0.x * w12.y, w3.x * w12.y, w12.x * w3.y);
+    for (var i = 0; i < 5; i++) {
+        sum += textureSampleLevel(history_map, history_sampler, places[i], 0.0) * weights[i];
+        weight += weights[i];
+    }
+    return max(sum / weight, vec4(0.0));
+}
+
+@fragment
+fn fs_temporal(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
+    let pixel = vec2<i32>(at.xy);
+    let last = vec2<i32>(frame.size_px) - 1;
+    let own = weighed(textureLoad(radiance_map, pixel, 0).rgb);
+    if (frame.history <= 0.0) {
+        return vec4(own, 1.0);
+    }
+    if (frame.still == 1u) {
+        // The same picture through other points of its pixels: the plain mean.
+        let before = textureLoad(history_map, pixel, 0);
+        let count = min(before.a, frame.history);
+        return vec4(mix(before.rgb, own, 1.0 / (count + 1.0)), count + 1.0);
+    }
+
+    // What is around, and whose motion counts: that of what lies before, so that edges move with what they belong to; of
+    // that the farthest, which is its contour's.
+    var sum = vec3(0.0);
+    var squares = vec3(0.0);
+    var nearest = pixel;
+    let least = textureLoad(depth_map, pixel, 0).x * BEFORE;
+    var depth = 1e30;
+    for (var y = -1; y <= 1; y++) {
+        for (var x = -1; x <= 1; x++) {
+            let there = clamp(pixel + vec2(x, y), vec2(0), last);
+            let colour = luma_chroma(weighed(textureLoad(radiance_map, there, 0).rgb));
+            sum += colour;
+            squares += colour * colour;
+            let stored = textureLoad(depth_map, there, 0).x;
+            if (stored > least && stored < depth) {
+                depth = stored;
+                nearest = there;
+            }
+        }
+    }
+    depth = textureLoad(depth_map, nearest, 0).x;
+    var motion = motion_of_camera(nearest, depth);
+    if (MOTION) {
+        let by_itself = textureLoad(motion_map, nearest, 0).xy;
+        motion = select(motion, by_itself, by_itself.x < STANDS);
+    }
+    motion = select(motion, vec2(0.0), abs(motion) < vec2(LEAST_MOTION));
+    let place = at.xy + motion;
+    if (any(place < vec2(0.0)) || any(place > frame.size_px)) {
+        return vec4(own, 1.0);
+    }
+    let before = history_at(place);
+
+    // Towards the middle of what is around until it is as near as that varies.
+    let mean = sum / 9.0;
+    let reach = DEVIATIONS * sqrt(max(squares / 9.0 - mean * mean, vec3(0.0))) + 1e-4;
+    let off = luma_chroma(before.rgb) - mean;
+    let beyond = max(abs(off.x) / reach.x, max(abs(off.y) / reach.y, abs(off.z) / reach.z));
+    let history = from_luma_chroma(mean + off / max(beyond, 1.0));
+    let count = min(before.a, frame.history / (1.0 + HASTE * length(motion)));
+    return vec4(max(mix(history, own, 1.0 / (count + 1.0)), vec3(0.0)), count + 1.0);
+}
