@@ -172,6 +172,18 @@ impl Gpu {
         self.adapter.get_info().device_type == wgpu::DeviceType::Cpu
     }
 
+    /// Whether samplers look textures up along a footprint. Drivers in software may, but take longer than the shaders'
+    /// own lookups.
+    pub(crate) fn has_anisotropic_filter(&self) -> bool {
+        let filters = wgpu::DownlevelFlags::ANISOTROPIC_FILTERING;
+        !self.is_software() && self.adapter.get_downlevel_capabilities().flags.contains(filters)
+    }
+
+    /// Most lookups of a sampler along a footprint.
+    pub(crate) fn anisotropy_clamp(&self) -> u16 {
+        if self.has_anisotropic_filter() { 8 } else { 1 }
+    }
+
     /// Name and back end of the adapter, for logs and overlays.
     #[must_use]
     pub fn describe(&self) -> String {

@@ -63,6 +63,7 @@ fn sampler(gpu: &Gpu, [u, v]: [Wrap; 2]) -> wgpu::Sampler {
         mag_filter: wgpu::FilterMode::Linear,
         min_filter: wgpu::FilterMode::Linear,
         mipmap_filter: wgpu::MipmapFilterMode::Linear,
+        anisotropy_clamp: gpu.anisotropy_clamp(),
         ..Default::default()
     })
 }

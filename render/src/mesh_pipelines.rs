@@ -11,12 +11,14 @@ use super::vertex::{PackedVertex, VERTEX_ATTRIBUTES};
 const SURFACE: &str = concat!(
     include_str!("shaders/common.wgsl"),
     include_str!("shaders/targets.wgsl"),
+    include_str!("shaders/anisotropic.wgsl"),
     include_str!("shaders/gbuffer.wgsl"),
     include_str!("shaders/relief.wgsl")
 );
 const MOTION: &str = concat!(
     include_str!("shaders/common.wgsl"),
     include_str!("shaders/targets.wgsl"),
+    include_str!("shaders/anisotropic.wgsl"),
     include_str!("shaders/gbuffer.wgsl"),
     include_str!("shaders/relief.wgsl"),
     include_str!("shaders/motion.wgsl"),
@@ -25,6 +27,7 @@ const MOTION: &str = concat!(
 const TRANSPARENT: &str = concat!(
     include_str!("shaders/common.wgsl"),
     include_str!("shaders/targets.wgsl"),
+    include_str!("shaders/anisotropic.wgsl"),
     include_str!("shaders/gbuffer.wgsl"),
     include_str!("shaders/relief.wgsl"),
     include_str!("shaders/shadows.wgsl"),

@@ -10,6 +10,8 @@ use super::terrain::TerrainFrame;
 
 /// Most samples of ambient occlusion per pixel.
 pub const MAX_SAMPLES: u32 = super::twin::ssao::MAX_SAMPLES as u32;
+/// Most lookups of a texture along a pixel's footprint.
+pub const MAX_ANISOTROPY: u32 = 16;
 /// Least share of a target's sides in which a picture is drawn.
 pub const MIN_RENDER_SCALE: f32 = 0.25;
 /// Most linear steps of relief mapping.
@@ -365,6 +367,10 @@ pub struct Settings {
     /// How edges are smoothed. Left out where a picture is enlarged, which smooths it already, and for targets with depth
     /// or with something in them, whose host may do it when all is drawn.
     pub anti_aliasing: AntiAliasing,
+    /// Lookups of a texture along the footprint of a pixel that sees its surface at a grazing angle, 1 to
+    /// [`MAX_ANISOTROPY`]: fewer are blurred along. Of drivers in software and those without such a filter; others have
+    /// eight.
+    pub anisotropy: u32,
     /// Relief mapping for materials with a height map.
     pub relief: bool,
     /// Steps of relief mapping's linear search at grazing angles, 1 to [`MAX_RELIEF_STEPS`]: details thinner than a step
@@ -397,6 +403,7 @@ impl Default for Settings {
             shadows: Some(Shadows::default()),
             lights: LightCulling::default(),
             anti_aliasing: AntiAliasing::Spatial,
+            anisotropy: 4,
             relief: true,
             relief_steps: 48,
             near: 1e-4,

@@ -45,18 +45,20 @@ pub(crate) struct FrameUniform {
     before_s: f32,
     history: f32,
     still: u32,
-    padding: f32,
+    lookups: f32,
     kernel: [[f32; 4]; ssao::MAX_SAMPLES],
 }
 
 impl FrameUniform {
-    /// The block of a frame that is drawn in one size and shown in another; sides fit into 16 bits.
+    /// The block of a frame that is drawn in one size and shown in another; sides fit into 16 bits. `lookups`: of a
+    /// texture, along a pixel's footprint.
     pub(crate) fn new(
         frame: &Frame<'_>,
         sky: &SkyLight,
         (width, height): (u32, u32),
         target: (u32, u32),
         step: &TemporalStep,
+        lookups: f32,
     ) -> Self {
         let (camera, near) = (&frame.camera, frame.settings.near);
         let (tx, ty) = camera.tan_half_fov(width, height);
@@ -109,7 +111,7 @@ impl FrameUniform {
             before_s: step.before_s,
             history: step.history,
             still: u32::from(step.still),
-            padding: 0.0,
+            lookups,
             kernel,
         }
     }

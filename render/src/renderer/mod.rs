@@ -20,7 +20,7 @@ use crate::lights::{LampList, LampPass};
 use crate::material::Material;
 use crate::material_kit::{Features, MaterialKit};
 use crate::pipelines::Pipelines;
-use crate::scene::{AntiAliasing, Frame, MIN_RENDER_SCALE, Shade};
+use crate::scene::{AntiAliasing, Frame, MAX_ANISOTROPY, MIN_RENDER_SCALE, Shade};
 use crate::shadows::{self, Casters, ShadowMaps, Sun};
 use crate::sky::SkyGpu;
 use crate::target::{Load, Target};
@@ -229,7 +229,9 @@ impl Renderer {
         if let Some(lamps) = &lamps {
             self.lamps.prepare(gpu, lamps)?;
         }
-        let uniform = FrameUniform::new(frame, &sky, size, target.size, &step);
+        let lookups = if gpu.has_anisotropic_filter() { 1 } else { frame.settings.anisotropy };
+        let lookups = lookups.clamp(1, MAX_ANISOTROPY) as f32;
+        let uniform = FrameUniform::new(frame, &sky, size, target.size, &step, lookups);
         gpu.queue.write_buffer(&self.frame_buffer, 0, bytemuck::bytes_of(&uniform));
         let runs = |id| plan.iter().any(|pass| pass.id == id);
         if let Some((shown, _)) = shown.filter(|_| runs(PassId::Debug)) {

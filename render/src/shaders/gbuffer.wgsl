@@ -149,15 +149,15 @@ fn shaded(s: Surface, front: bool) -> Shaded {
             out.normal = hit.normal;
         }
         if (MAPS) {
-            let texel = textureSampleGrad(normal_map, map_sampler, uv, duv_dx, duv_dy).xyz;
+            let texel = anisotropic(normal_map, map_sampler, uv, footprint(duv_dx, duv_dy, vec2<f32>(textureDimensions(normal_map)))).xyz;
             out.normal = mapped_normal(texel, out.normal, along);
-            let surface = textureSampleGrad(surface_map, map_sampler, uv, duv_dx, duv_dy);
+            let surface = anisotropic(surface_map, map_sampler, uv, footprint(duv_dx, duv_dy, vec2<f32>(textureDimensions(surface_map))));
             out.occlusion *= surface.r;
             out.roughness *= surface.g;
             out.metal *= surface.b;
         }
     }
-    let texel = textureSampleGrad(colour_map, map_sampler, uv, duv_dx, duv_dy);
+    let texel = anisotropic(colour_map, map_sampler, uv, footprint(duv_dx, duv_dy, vec2<f32>(textureDimensions(colour_map))));
     let colour = material.base_colour * s.colour * texel;
     out.albedo = colour.rgb;
     out.opacity = colour.a;

@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use lodestream_client::core::{Milestone, Stats};
 use lodestream_render::{
-    AmbientOcclusion, AntiAliasing, Counters, MAX_CASCADES, MAX_FILTER, MAX_RELIEF_STEPS, MAX_SAMPLES,
-    OcclusionRadius, Settings, Shade, Shadows, Timings, ToneMapping,
+    AmbientOcclusion, AntiAliasing, Counters, MAX_ANISOTROPY, MAX_CASCADES, MAX_FILTER, MAX_RELIEF_STEPS,
+    MAX_SAMPLES, OcclusionRadius, Settings, Shade, Shadows, Timings, ToneMapping,
 };
 
 use crate::outcome::lacks;
@@ -39,6 +39,7 @@ pub(super) struct Choices {
     pub(super) maps: Shadows,
     pub(super) anti_aliasing: AntiAliasing,
     pub(super) relief: bool,
+    pub(super) anisotropy: u32,
     pub(super) relief_steps: u32,
     pub(super) exposure: f32,
     pub(super) tone_mapping: ToneMapping,
@@ -60,6 +61,7 @@ impl Choices {
             maps: settings.shadows.unwrap_or_default(),
             anti_aliasing: settings.anti_aliasing,
             relief: settings.relief,
+            anisotropy: settings.anisotropy,
             relief_steps: settings.relief_steps,
             exposure: settings.exposure,
             tone_mapping: settings.tone_mapping,
@@ -73,6 +75,7 @@ impl Choices {
         settings.shadows = self.shadows.then_some(self.maps);
         settings.anti_aliasing = self.anti_aliasing;
         settings.relief = self.relief;
+        settings.anisotropy = self.anisotropy;
         settings.relief_steps = self.relief_steps;
         settings.exposure = self.exposure;
         settings.tone_mapping = self.tone_mapping;
@@ -212,6 +215,7 @@ fn parameters(ui: &mut egui::Ui, choices: &mut Choices) {
         });
         ui.end_row();
         slider(ui, "filter", egui::Slider::new(&mut maps.filter, 1..=MAX_FILTER));
+        slider(ui, "lookups of textures", egui::Slider::new(&mut choices.anisotropy, 1..=MAX_ANISOTROPY));
         let steps = egui::Slider::new(&mut choices.relief_steps, 1..=MAX_RELIEF_STEPS).logarithmic(true);
         slider(ui, "relief: steps", steps);
         slider(ui, "exposure", egui::Slider::new(&mut choices.exposure, 0.05..=20.0).logarithmic(true));
@@ -347,6 +351,7 @@ mod tests {
             occlusion: Some(AmbientOcclusion { samples: 5, ..AmbientOcclusion::default() }),
             shadows: None,
             anti_aliasing: AntiAliasing::None,
+            anisotropy: 3,
             relief_steps: 7,
             exposure: 2.0,
             tone_mapping: ToneMapping::Neutral,

@@ -191,7 +191,13 @@ fn draw(headless: &mut Headless, scene: &mut SceneView, view: &View) -> Result<R
         headless,
         scene,
         view,
-        Settings { shadows: None, anti_aliasing: AntiAliasing::None, dither: false, ..Settings::default() },
+        Settings {
+            shadows: None,
+            anti_aliasing: AntiAliasing::None,
+            dither: false,
+            anisotropy: 1,
+            ..Settings::default()
+        },
     )?;
     headless.picture()
 }
