@@ -27,7 +27,7 @@ struct Terrain {
     eye_in_far: vec2<f32>,
     // Lengths of one repetition of the near and far scale, world units, and of the patches that break them up.
     periods: vec2<f32>,
-    padding: vec2<f32>,
+    eye_up: vec2<f32>, // the same upwards
 }
 
 @group(1) @binding(0) var<uniform> terrain: Terrain;
@@ -175,28 +175,17 @@ fn vs_terrain(tile: TileIn) -> Ground {
 fn zone_weights(height: f32, up: f32) -> vec4<f32> {
     let half_width = terrain.zones.w;
     let grass = smoothstep(terrain.zones.x - half_width, terrain.zones.x + half_width, height);
-    let hill = smoothstep(terrain.zones.y - half_width, terrain.zones.y + half_width, height);
-    let snow = smoothstep(terrain.zones.z - half_width, terrain.zones.z + half_width, height);
+    // Up there nothing draws a line as a shore does.
+    let hill = smoothstep(terrain.zones.y - 2.5 * half_width, terrain.zones.y + 2.5 * half_width, height);
+    let snow = smoothstep(terrain.zones.z - 2.5 * half_width, terrain.zones.z + 2.5 * half_width, height);
     let by_height = vec4(1.0 - grass, grass * (1.0 - hill), grass * hill * (1.0 - snow), grass * hill * snow);
     let steep = 1.0 - smoothstep(0.72, 0.86, up);
     let weights = mix(by_height, vec4(0.0, 0.0, 1.0, 0.0), steep);
     return weights / dot(weights, vec4(1.0));
 }
 
-// Texture coordinates at the far scale: turned, so that the two repetitions never line up.
-fn far_uv(across: vec2<f32>) -> vec2<f32> {
-    let p = across + terrain.eye_in_far;
-    return vec2(0.8 * p.x - 0.6 * p.y, 0.6 * p.x + 0.8 * p.y) / terrain.periods.y;
-}
-
-fn near_uv(across: vec2<f32>) -> vec2<f32> {
-    return (across + terrain.eye_in_near) / terrain.periods.x;
-}
-
-// Ground height of a layer at the near scale, 0 to 1.
-fn layer_height(uv: vec2<f32>, layer: i32, lod: f32) -> f32 {
-    return textureSampleLevel(layers, layer_sampler, uv, layer, lod).a;
-}
+// Of the layers' relief: blades of grass lie close.
+const DEPTHS: vec4<f32> = vec4(1.0, 0.2, 1.0, 1.0);
 
 // Where the eye's ray meets the ground's relief: linear search, then halvings, as in relief.wgsl, over the one layer that
 // weighs most. Gives the shift in the plane, world units.
@@ -233,19 +222,27 @@ fn fs_terrain(g: Ground) -> GBuffer {
     // Derivatives first: they need uniform control flow.
     let dx = dpdx(start);
     let dy = dpdy(start);
+    let dzy_x = dpdx(g.position.zy);
+    let dzy_y = dpdy(g.position.zy);
+    let dxy_x = dpdx(g.position.xy);
+    let dxy_y = dpdy(g.position.xy);
     let distance = max(length(g.position), 1e-30);
     let view = g.position / distance;
     let rise = textureSampleLevel(rises, layer_sampler, g.sample / vec2<f32>(textureDimensions(rises)), 0.0);
     // A sample of the finest spacing is half a unit too.
     let run = terrain.unit * exp2(f32(g.spacing)) / f32(CELL_SAMPLES);
     let slope = mix(rise.xy, rise.zw, g.coarser) * (RISE_UNIT * terrain.height_unit / run);
-    var normal = normalize(vec3(-slope.x, 1.0, -slope.y));
+    let normal_of_surface = normalize(vec3(-slope.x, 1.0, -slope.y));
+    var normal = normal_of_surface;
 
     // Borders of zones wander with the far scale's heights, so that they do not follow a contour line.
-    let turned_x = vec2(0.8 * dx.x - 0.6 * dx.y, 0.6 * dx.x + 0.8 * dx.y) / terrain.periods.y;
-    let turned_y = vec2(0.8 * dy.x - 0.6 * dy.y, 0.6 * dy.x + 0.8 * dy.y) / terrain.periods.y;
-    let blotch = textureSampleGrad(layers, layer_sampler, far_uv(start) * 0.25, 1, turned_x * 0.25, turned_y * 0.25).a;
-    let weights = zone_weights(g.height + (blotch - 0.5) * terrain.zones.w, normal.y);
+    let far_x = turned(dx) / terrain.periods.y * 0.25;
+    let far_y = turned(dy) / terrain.periods.y * 0.25;
+    let blotch = textureSampleGrad(layers, layer_sampler, far_uv(start) * 0.25, 1, far_x, far_y).a;
+    let broad = textureSampleGrad(layers, layer_sampler, far_uv(start) / 64.0, 3, far_x / 16.0, far_y / 16.0).a - 0.5;
+    let higher = clamp((g.height - terrain.zones.x) / (terrain.zones.y - terrain.zones.x) - 0.2, 0.0, 1.0);
+    let wander = (blotch - 0.5 + 6.0 * broad * higher) * terrain.zones.w;
+    let weights = zone_weights(g.height + wander, normal.y);
 
     var at = start;
     if (RELIEF) {
@@ -260,7 +257,7 @@ fn fs_terrain(g: Ground) -> GBuffer {
             let size = f32(textureDimensions(layers).x);
             let rho = max(length(dx), length(dy)) / terrain.periods.x * size;
             let lod = max(log2(max(rho, 1e-6)), 0.0);
-            let strength = depth * most;
+            let strength = depth * most * DEPTHS[layer];
             at = start + ground_relief(start, layer, strength, view, normal, lod);
             let texel = exp2(lod) / size;
             let uv = near_uv(at);
@@ -271,20 +268,39 @@ fn fs_terrain(g: Ground) -> GBuffer {
         }
     }
 
-    // Two scales of each layer, turned against each other, weighted by a third: no repetition is seen twice alike.
-    let uv = near_uv(at);
-    let fuv = far_uv(at);
-    var albedo = vec3(0.0);
+    // Steep ground is seen from the side too.
+    let steep = smoothstep(0.82, 0.62, normal_of_surface.y);
+    let sides = normal_of_surface * normal_of_surface;
+    let ways = mix(vec3(0.0, 1.0, 0.0), sides / dot(sides, vec3(1.0)), steep);
+    let above = Plane(near_uv(at), far_uv(at), dx, dy);
+    var sum = vec4(0.0);
+    var bump = vec2(0.0);
     for (var layer = 0; layer < 4; layer++) {
         // Most of the ground is one layer alone.
         if (weights[layer] <= 0.0) {
             continue;
         }
-        let near = textureSampleGrad(layers, layer_sampler, uv, layer, dx / terrain.periods.x, dy / terrain.periods.x).rgb;
-        let far = textureSampleGrad(layers, layer_sampler, fuv, layer, turned_x, turned_y).rgb;
-        albedo += weights[layer] * mix(near, far, 0.35 + 0.3 * blotch);
+        var texel = vec4(0.0);
+        if (ways.y > 0.01) {
+            texel += ways.y * ground(layer, above, blotch);
+            bump += weights[layer] * DEPTHS[layer] * detail_slope(layer, above);
+        }
+        if (ways.x > 0.01) {
+            texel += ways.x * ground(layer, plane(g.position.zy + vec2(terrain.eye_in_near.y, terrain.eye_up.x),
+                g.position.zy + vec2(terrain.eye_in_far.y, terrain.eye_up.y), dzy_x, dzy_y), blotch);
+        }
+        if (ways.z > 0.01) {
+            texel += ways.z * ground(layer, plane(g.position.xy + vec2(terrain.eye_in_near.x, terrain.eye_up.x),
+                g.position.xy + vec2(terrain.eye_in_far.x, terrain.eye_up.y), dxy_x, dxy_y), blotch);
+        }
+        // What stands higher covers what lies between.
+        let weight = weights[layer] * (0.2 + texel.a);
+        sum += weight * vec4(texel.rgb, 1.0);
     }
-    albedo *= 0.8 + 0.4 * blotch;
+    var albedo = sum.rgb / max(sum.a, 1e-6) * (0.8 + 0.4 * blotch);
+    if (RELIEF) {
+        normal = normalize(normal - ways.y * vec3(bump.x, 0.0, bump.y));
+    }
     if (frame.shade == 1u) {
         albedo = level_colour(g.spacing);
     }

@@ -24,6 +24,9 @@ pub const TERRAIN_SLOTS: u32 = ATLAS_TILES * ATLAS_TILES;
 /// Lengths of one repetition of the ground's textures near and far, in metres. Their ratio is no fraction of small
 /// numbers.
 const PERIODS: [f64; 2] = [4.0, 23.7];
+/// After which the far scale and all that is coarser begins anew: it is turned by (0.8, 0.6), so whole periods of it are
+/// multiples of five, and the coarsest is 64 times as long.
+const FAR_REPEATS: f64 = PERIODS[1] * 5.0 * 64.0;
 /// Depth of the ground's relief, world units.
 const RELIEF_DEPTH: f32 = 0.12;
 
@@ -89,7 +92,8 @@ struct TerrainUniform {
     eye_in_near: [f32; 2],
     eye_in_far: [f32; 2],
     periods: [f32; 2],
-    padding: [f32; 2],
+    /// The same upwards.
+    eye_up: [f32; 2],
 }
 
 /// Where the eye stands on the grid.
@@ -211,7 +215,7 @@ impl TerrainGpu {
             mag_filter: wgpu::FilterMode::Linear,
             min_filter: wgpu::FilterMode::Linear,
             mipmap_filter: wgpu::MipmapFilterMode::Linear,
-            anisotropy_clamp: if gpu.is_software() { 1 } else { 8 },
+            anisotropy_clamp: gpu.anisotropy_clamp(),
             ..Default::default()
         });
         let view = |texture: &wgpu::Texture| texture.create_view(&Default::default());
@@ -316,10 +320,9 @@ impl TerrainGpu {
             relief_depth: RELIEF_DEPTH,
             zones: [sand, grass, hill, width],
             eye_in_near: within(PERIODS[0]),
-            // The far scale is turned; its repetition is that of the turned axes, a multiple of 5 periods (0.6, 0.8).
-            eye_in_far: within(PERIODS[1] * 20.0),
+            eye_in_far: within(FAR_REPEATS),
             periods: PERIODS.map(|p| p as f32),
-            padding: [0.0; 2],
+            eye_up: [PERIODS[0], FAR_REPEATS].map(|period| position.y.rem_euclid(period) as f32),
         };
         gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
         if !frame.regions.is_empty() {

@@ -1,13 +1,15 @@
-//! Textures of the ground, made here: sand, grass, hill rock and snow, each with a height map, all seamless.
+//! Textures of the ground, made here: sand, grass, hill rock and snow, and grass from near; each with a height map, all
+//! seamless.
 //!
 //! Each is a few octaves of gradientless value noise (a lattice of hashed values, interpolated smoothly, periodic in the
-//! texture) shaped to its material: ripples for sand, tufts for grass, cracks for rock, drifts for snow. Computed once per
+//! texture) shaped to its material: ripples for sand, cracks for rock, drifts for snow; and, for grass, to tufts
+//! with strokes over them, a blade each. Computed once per
 //! process in integers and f32 without transcendental functions but the sRGB curve.
 
 use std::sync::OnceLock;
 
 /// Layers, in the order of the shader's weights.
-pub(crate) const LAYERS: u32 = 4;
+pub(crate) const LAYERS: u32 = 5;
 /// Texels along a side.
 pub(crate) const SIDE: u32 = 256;
 /// Mip levels, down to one texel.
@@ -80,12 +82,16 @@ fn srgb(x: f32) -> f32 {
 }
 
 fn paint(layer: u32) -> Layer {
+    match layer {
+        1 => return grass(),
+        4 => return turf(),
+        _ => {}
+    }
     let mut texels: Layer = (0..SIDE * SIDE)
         .map(|i| {
             let (u, v) = ((i % SIDE) as f32 / SIDE as f32, (i / SIDE) as f32 / SIDE as f32);
             match layer {
                 0 => sand(u, v),
-                1 => grass(u, v),
                 2 => rock(u, v),
                 _ => snow(u, v),
             }
@@ -124,14 +130,74 @@ fn sand(u: f32, v: f32) -> [f32; 4] {
     with_height(colour, 0.6 * wave + 0.25 * tone + 0.15 * grain)
 }
 
-/// Tufts, darker between, some dry.
-fn grass(u: f32, v: f32) -> [f32; 4] {
-    let tufts = octaves(u, v, 24, 3, 21);
-    let blades = value(u, v, 96, 22);
-    let dry = octaves(u, v, 5, 3, 23);
-    let height = 0.65 * tufts + 0.35 * blades;
-    let green = mix([0.045, 0.085, 0.02], [0.15, 0.21, 0.055], height * 1.3 - 0.15);
-    with_height(mix(green, [0.24, 0.22, 0.09], (dry - 0.5) * 1.2), height)
+/// Long blades over tufts, some dry.
+fn grass() -> Layer {
+    let places = (0..SIDE * SIDE).map(|i| ((i % SIDE) as f32 / SIDE as f32, (i / SIDE) as f32 / SIDE as f32));
+    let mut texels: Layer =
+        places.map(|(u, v)| with_height([0.055, 0.075, 0.025], 0.3 * octaves(u, v, 24, 3, 21))).collect();
+    blades(&mut texels, 9000, [5.0, 12.0], [0.4, 0.8], 71, |u, v, chance| {
+        let tuft = octaves(u, v, 24, 2, 21);
+        let green = mix([0.065, 0.125, 0.028], [0.16, 0.245, 0.06], 0.6 * tuft + 0.5 * chance);
+        mix(green, [0.24, 0.22, 0.09], (octaves(u, v, 5, 3, 23) - 0.55) * 0.9)
+    });
+    texels
+}
+
+/// Grass from near, blades of centimetres over their roots.
+fn turf() -> Layer {
+    let mut texels: Layer = vec![[0.05, 0.06, 0.022, 0.0]; (SIDE * SIDE) as usize];
+    let tone = |_: f32, _: f32, chance: f32| mix([0.075, 0.125, 0.03], [0.17, 0.225, 0.06], chance);
+    blades(&mut texels, 3000, [18.0, 44.0], [1.0, 1.9], 51, tone);
+    texels
+}
+
+/// Strokes over what is there, the later the higher: blades that bend, widen a little and end in a point. Lengths and
+/// half widths from and to, in texels; `tone` gives a blade's colour by where it stands and by chance.
+fn blades(
+    texels: &mut Layer,
+    count: i32,
+    lengths: [f32; 2],
+    widths: [f32; 2],
+    seed: u32,
+    tone: impl Fn(f32, f32, f32) -> [f32; 3],
+) {
+    let side = SIDE as f32;
+    for blade in 0..count {
+        let chance = |which: u32| hashed(blade, 0, seed + which);
+        let between = |[low, high]: [f32; 2], which| low + (high - low) * chance(which);
+        let layer = blade as f32 / count as f32;
+        let (mut x, mut y) = (chance(0) * side, chance(1) * side);
+        // A direction without sines: a point of a square, moved to the unit circle.
+        let (mut dx, mut dy) = unit(2.0 * chance(2) - 1.0, 2.0 * chance(3) - 1.0);
+        let bend = (chance(4) - 0.5) * 2.0 / lengths[1];
+        let (steps, width) = (between(lengths, 5), between(widths, 6));
+        let tone = if chance(8) > 0.96 { [0.27, 0.24, 0.11] } else { tone(x / side, y / side, chance(7)) };
+        for step in 0..steps as u32 {
+            let along = step as f32 / steps;
+            let half = width * (0.6 + 0.8 * along * (1.0 - along)) * (1.0 - along * along * along);
+            // Darker at the root and at the sides, and where more lies above: that tells blades apart.
+            let light = (0.45 + 0.65 * along) * (0.75 + 0.35 * layer);
+            for k in -3..=3 {
+                let off = k as f32 * 0.5;
+                if off.abs() > half {
+                    continue;
+                }
+                let shade = light * (1.1 - 0.3 * (off / half.max(0.5)).abs());
+                let texel = |at: f32| at.rem_euclid(side) as u32 % SIDE;
+                let at = texel(y + off * dx) * SIDE + texel(x - off * dy);
+                let height = 0.25 + 0.75 * layer * (0.4 + 0.6 * along);
+                texels[at as usize] = with_height(tone.map(|c| c * shade), height);
+            }
+            (x, y) = (x + dx, y + dy);
+            (dx, dy) = unit(dx - bend * dy, dy + bend * dx);
+        }
+    }
+    stretch(texels);
+}
+
+fn unit(x: f32, y: f32) -> (f32, f32) {
+    let length = (x * x + y * y).sqrt().max(1e-3);
+    (x / length, y / length)
 }
 
 /// Blocks with cracks between: the distance to the nearest and second nearest of scattered points (Worley 1996).

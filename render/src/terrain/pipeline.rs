@@ -10,6 +10,8 @@ use crate::graph::PassId;
 const TERRAIN: &str = concat!(
     include_str!("../shaders/common.wgsl"),
     include_str!("../shaders/targets.wgsl"),
+    include_str!("../shaders/anisotropic.wgsl"),
+    include_str!("../shaders/ground.wgsl"),
     include_str!("../shaders/terrain.wgsl")
 );
 

@@ -20,7 +20,7 @@ use crate::{
 };
 
 /// Hills of some hundred metres on patches of 512 m, heights in centimetres.
-fn entry(seed: u64) -> TerrainEntry {
+pub(super) fn entry(seed: u64) -> TerrainEntry {
     TerrainEntry {
         parameters: Parameters {
             seed,
@@ -51,11 +51,17 @@ fn terrain(entry: &TerrainEntry) -> Terrain {
     Terrain::with_stamps(entry.parameters, entry.stamps.clone()).unwrap()
 }
 
-fn scene(h: &Headless, entry: &TerrainEntry) -> GroundScene {
+pub(super) fn scene(h: &Headless, entry: &TerrainEntry) -> GroundScene {
     GroundScene::new(h.gpu(), h.renderer(), entry, None).unwrap()
 }
 
-fn draw(h: &mut Headless, ground: &mut GroundScene, camera: Pose, px: f64, settings: Settings) -> RgbaImage {
+pub(super) fn draw(
+    h: &mut Headless,
+    ground: &mut GroundScene,
+    camera: Pose,
+    px: f64,
+    settings: Settings,
+) -> RgbaImage {
     let gpu_size = h.size();
     ground.prepare(h.gpu(), &Making::AtOnce, &camera, gpu_size, px).unwrap();
     let frame = Frame { terrain: Some(ground.frame()), settings, ..Frame::new(camera, &[]) };
@@ -206,7 +212,7 @@ fn hills_cast_shadows_on_hills_even_from_out_of_view() {
 }
 
 /// Height of the ground below a place.
-fn ground_height(entry: &TerrainEntry, x: f64, z: f64) -> f64 {
+pub(super) fn ground_height(entry: &TerrainEntry, x: f64, z: f64) -> f64 {
     let terrain = terrain(entry);
     let mut heights = Vec::new();
     let [x, z] = [x, z].map(|v| (v / f64::from(entry.unit)).floor() as i64);
@@ -449,8 +455,10 @@ pub(crate) fn compute(
     );
     let common = include_str!("../shaders/common.wgsl");
     let source = format!(
-        "{common}{}{}{entry}",
+        "{common}{}{}{}{}{entry}",
         include_str!("../shaders/targets.wgsl"),
+        include_str!("../shaders/anisotropic.wgsl"),
+        include_str!("../shaders/ground.wgsl"),
         include_str!("../shaders/terrain.wgsl")
     );
     let device = &gpu.device;

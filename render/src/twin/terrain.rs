@@ -105,7 +105,8 @@ pub fn zone_weights(zones: [f64; 4], height: f64, up: f64) -> [f64; 4] {
         let t = ((x - low) / (high - low)).clamp(0.0, 1.0);
         t * t * (3.0 - 2.0 * t)
     };
-    let [grass, hill, snow] = [0, 1, 2].map(|i| smoothstep(zones[i] - zones[3], zones[i] + zones[3], height));
+    let [grass, hill, snow] = [(0, 1.0), (1, 2.5), (2, 2.5)]
+        .map(|(i, wide)| smoothstep(zones[i] - wide * zones[3], zones[i] + wide * zones[3], height));
     let by_height = [1.0 - grass, grass * (1.0 - hill), grass * hill * (1.0 - snow), grass * hill * snow];
     let steep = 1.0 - smoothstep(0.72, 0.86, up);
     let mixed = [0, 1, 2, 3].map(|i| by_height[i] * (1.0 - steep) + if i == 2 { steep } else { 0.0 });
