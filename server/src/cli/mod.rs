@@ -7,6 +7,7 @@ mod inspect;
 mod log;
 mod outcome;
 mod prepare;
+mod process;
 mod recipe;
 mod serve;
 mod terrain;
@@ -53,6 +54,7 @@ enum Command {
 /// Runs the program with its command line.
 #[must_use]
 pub fn main() -> ExitCode {
+    process::set_up();
     finish(match Cli::parse().command {
         Command::Serve(arguments) => serve::run(arguments),
         Command::Prepare(arguments) => prepare::run(&arguments),

@@ -4,9 +4,11 @@ use std::net::SocketAddr;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::SystemTime;
 
 use anyhow::Context as _;
 use clap::Args;
+use lodestream_compress::whole_file::remove_stale;
 
 use super::log::Log;
 use super::outcome::Outcome;
@@ -62,6 +64,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<Outcome> {
         None => anyhow::bail!("no cache folder is known; name one with --cache DIR"),
     };
     let options = Options { recipe: arguments.recipe.resolve(), threads: arguments.threads, quiet: false };
+    remove_stale(&cache, SystemTime::now());
     let source = open_scene(&scene, &cache, &options)?;
     let log = Log::to_stderr();
     let daemon = DaemonOptions {
