@@ -186,3 +186,59 @@ fn a_scene_of_more_assets_than_files_may_be_open_did_not_start() {
     let (status, errors) = server.ended();
     assert!(status.success(), "{status}: {errors}");
 }
+
+#[test]
+fn a_terminal_that_hung_up_ended_the_server() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let server = Server::start(folder.path());
+    server.signal("-HUP");
+    assert!(server.get("/health").starts_with("HTTP/1.1 200"));
+    server.signal("-HUP");
+    server.signal("-TERM");
+    let (status, errors) = server.ended();
+    assert!(status.success(), "{status}: {errors}");
+    assert!(errors.contains("SIGHUP"), "{errors}");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn the_soft_limit_of_open_files_bounded_sessions() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let mut command = Command::new("sh");
+    let serve = "ulimit -S -n 64 && exec \"$0\" serve \"$@\"";
+    command.args(["-c", serve, env!("CARGO_BIN_EXE_lodestream-server"), "model.obj"]);
+    let server = Server::started(command, folder.path());
+    let limits = std::fs::read_to_string(format!("/proc/{}/limits", server.child.id())).unwrap();
+    let files = limits.lines().find_map(|line| line.strip_prefix("Max open files")).unwrap();
+    let mut files = files.split_whitespace().map(|number| number.parse().unwrap_or(u64::MAX));
+    let (soft, hard) = (files.next().unwrap(), files.next().unwrap());
+    assert_eq!(soft, hard.min(65_536), "{limits}");
+}
+
+/// A program that wants no addresses may close standard output, before or while they are printed.
+#[test]
+fn a_server_whose_standard_output_is_closed_goes_on() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    for closed in [">&-", ">/dev/full"] {
+        let serve = format!(
+            "exec \"$0\" serve model.obj --listen 127.0.0.1:0 --http 127.0.0.1:0 --cache cache {closed}"
+        );
+        let mut child = Command::new("sh")
+            .args(["-c", &serve, env!("CARGO_BIN_EXE_lodestream-server")])
+            .current_dir(folder.path())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+        let serving = lines.find(|line| {
+            line.as_ref().unwrap().contains("serving") || line.as_ref().unwrap().contains("panicked")
+        });
+        let _ = child.kill();
+        let _ = child.wait();
+        let serving = serving.expect("it has ended").unwrap();
+        assert!(serving.contains("serving"), "{closed}: {serving}");
+    }
+}
