@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::time::SystemTime;
 
 use anyhow::Context as _;
-use clap::Args;
+use clap::{Args, value_parser};
 use lodestream_compress::whole_file::remove_stale;
 
 use super::log::Log;
@@ -37,9 +37,15 @@ pub(super) struct Arguments {
     /// Folder of prepared packs [default: $XDG_CACHE_HOME/lodestream or ~/.cache/lodestream].
     #[arg(long, env = "LODESTREAM_CACHE", value_name = "DIR")]
     cache: Option<PathBuf>,
-    /// Most sessions at once.
-    #[arg(long, env = "LODESTREAM_MAX_SESSIONS", value_name = "N", default_value_t = 1000)]
+    /// Most sessions at once, at least 1. An eighth is kept for addresses that have none.
+    #[arg(long, env = "LODESTREAM_MAX_SESSIONS", value_name = "N", default_value_t = 1000,
+        value_parser = value_parser!(u64).range(1..))]
     max_sessions: u64,
+    /// Most sessions at once of one address (of IPv6: of a network of 64 bits), at least 1 [default: an eighth of
+    /// --max-sessions, at least 8]. Behind a proxy all clients have its address.
+    #[arg(long, env = "LODESTREAM_MAX_SESSIONS_PER_ADDRESS", value_name = "N",
+        value_parser = value_parser!(u64).range(1..))]
+    max_sessions_per_address: Option<u64>,
     /// Web pages that may open sessions over WebSocket, by origin (https://example.org), divided by commas; * for any.
     /// Programs that are no browser need none.
     #[arg(long, env = "LODESTREAM_ALLOW_ORIGIN", value_name = "ORIGIN", value_delimiter = ',')]
@@ -75,6 +81,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<Outcome> {
         sessions: SessionSettings {
             rate_bits_per_s: arguments.rate.0,
             max_sessions: arguments.max_sessions,
+            max_sessions_per_address: arguments.max_sessions_per_address,
             ..SessionSettings::default()
         },
         dropped_log_lines: Some(log.dropped_lines()),

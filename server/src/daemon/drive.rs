@@ -5,6 +5,7 @@
 //! in the session's scheduler, where it can still be overtaken, and not in a socket.
 
 use std::future::Future;
+use std::pin::pin;
 use std::time::Duration;
 
 use lodestream_protocol::Time;
@@ -99,9 +100,11 @@ impl Allowance {
 }
 
 /// Drives a session until it has ended and its last words have been taken; gives the reason, also to
-/// the guard. The caller then closes the transport.
+/// the guard. The caller then closes the transport. The session has a place from when `proof` of the client's address
+/// is there and `Hello` was heard.
 pub(super) async fn drive<R: Receive, D: Deliver>(
     guard: &mut SessionGuard,
+    proof: impl Future<Output = ()> + Send,
     receiver: &mut R,
     sender: &mut D,
 ) -> Close {
@@ -112,6 +115,8 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
     let mut session = ServerSession::new(config, state.scene().clone(), guard.id, clock.now());
     let mut reads = Reads::new(state.scene().clone());
     let mut allowance = Allowance { tokens: MESSAGE_BURST, refilled: clock.now() };
+    let mut proof = pin!(proof);
+    let mut proved = false;
     let mut receiving = true;
     let mut sent_bytes = 0_u64;
     // Everything that was asked for has been handed over.
@@ -124,6 +129,12 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
         let now = clock.now();
         if session.poll_timeout().is_some_and(|due| due <= now) {
             session.handle_timeout(now);
+        }
+        if proved
+            && session.is_open()
+            && let Err(why) = guard.take_place()
+        {
+            session.close(now, CloseCode::Busy, &why.to_string());
         }
         if drain_until.is_some_and(|until| until <= now || (all_done && sender.is_idle())) {
             session.close(now, CloseCode::ShuttingDown, "the server is shutting down");
@@ -181,6 +192,8 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
             () = state.reached(Phase::Draining), if drain_until.is_none() => {
                 drain_until = Some(clock.now() + state.settings().drain);
             }
+            () = &mut proof, if !proved => proved = true,
+            why = guard.dismissed() => session.close(clock.now(), CloseCode::Busy, why),
             received = receiver.receive(), if receiving => {
                 let now = clock.now();
                 receiving = matches!(received, Received::Message(_));
@@ -191,7 +204,11 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
                         session.close(now, CloseCode::Limit, "too many messages at once");
                     }
                     Received::Message(message) => {
-                        all_done &= matches!(message, ClientMessage::Ping(_));
+                        let asks = !matches!(message, ClientMessage::Ping(_));
+                        if asks {
+                            guard.asked();
+                        }
+                        all_done &= !asks;
                         session.handle_message(now, message);
                     }
                     Received::Malformed(why) => {

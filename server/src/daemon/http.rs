@@ -33,28 +33,24 @@ const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
 const MAX_HEADER_BYTES: usize = 16 * 1024;
 /// Most header fields of a request.
 const MAX_HEADERS: usize = 64;
-/// Connections beyond the sessions: requests that are being answered.
-const SPARE_CONNECTIONS: usize = 64;
 /// Bytes that the kernel may hold unsent on a connection. What lies there cannot be overtaken.
 #[cfg(any(target_os = "linux", target_os = "android"))]
 const UNSENT_BYTES: u32 = 16 * 1024;
 
 /// Takes connections of a listener until the daemon stops; while it drains, `/health` says so.
 pub async fn serve_http(listener: TcpListener, state: Arc<ServerState>) {
+    // Bounded by the rooms and places of the state: whoever is turned out ends at once.
     let mut connections = JoinSet::new();
-    let most = usize::try_from(state.settings().max_sessions).unwrap_or(usize::MAX);
-    let most = most.saturating_add(SPARE_CONNECTIONS);
     loop {
         tokio::select! {
             biased;
             () = state.reached(Phase::Stopped) => break,
             Some(_) = connections.join_next() => {}
             accepted = listener.accept() => match accepted {
-                Ok((stream, peer)) if connections.len() < most => {
+                Ok((stream, peer)) => {
                     prepare(&stream);
                     connections.spawn(accept_http(stream, state.clone(), peer));
                 }
-                Ok((_, peer)) => tracing::info!(%peer, "connection refused: too many"),
                 Err(why) => {
                     // Out of file descriptors, or a client that is gone already.
                     tracing::warn!("cannot take a connection: {why}");
@@ -75,7 +71,8 @@ fn prepare(stream: &TcpStream) {
 /// An upgrade that was granted, on its way from the request's handler to its connection.
 type Granted = Arc<Mutex<Option<(OnUpgrade, SessionGuard)>>>;
 
-/// Serves one connection: one request, and a session if it asks for a WebSocket.
+/// Serves one connection: one request, and a session if it asks for a WebSocket. While others need its seat more, it is
+/// dropped without a word.
 pub async fn accept_http<S>(stream: S, state: Arc<ServerState>, peer: SocketAddr)
 where
     S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
@@ -93,7 +90,14 @@ where
         .auto_date_header(false)
         .serve_connection(TokioIo::new(stream), service)
         .with_upgrades();
-    match timeout(REQUEST_TIMEOUT, connection).await {
+    let seat = state.enter_request(peer);
+    let served = tokio::select! {
+        biased;
+        served = timeout(REQUEST_TIMEOUT, connection) => served,
+        () = seat.lost() => return state.metrics().http_error(),
+    };
+    drop(seat);
+    match served {
         Ok(Ok(())) => {}
         Ok(Err(why)) => {
             tracing::debug!(%peer, "no proper request: {why}");
@@ -200,9 +204,12 @@ fn upgrade(
     if offers && !lists(headers, &header::SEC_WEBSOCKET_PROTOCOL, ALPN) {
         return text(StatusCode::BAD_REQUEST, format!("the only subprotocol here is {ALPN}\n"));
     }
-    let Some(guard) = state.begin_session(Transport::WebSocket, peer) else {
-        tracing::info!(%peer, "session refused: the server is full or shutting down");
-        return text(StatusCode::SERVICE_UNAVAILABLE, "the server is full or shutting down\n");
+    let guard = match state.begin_session(Transport::WebSocket, peer) {
+        Ok(guard) => guard,
+        Err(why) => {
+            tracing::info!(%peer, "session refused: {why}");
+            return text(StatusCode::SERVICE_UNAVAILABLE, format!("{why}\n"));
+        }
     };
     let pending = hyper::upgrade::on(request);
     *granted.lock().unwrap_or_else(PoisonError::into_inner) = Some((pending, guard));

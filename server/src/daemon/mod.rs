@@ -6,6 +6,7 @@
 //! | [`congestion`] | how much of a QUIC connection may be in flight |
 //! | `drive` | the loop between a sans-IO session and a transport |
 //! | [`state`], [`metrics`] | what sessions share |
+//! | `places`, `room` | who may have a session, and who may ask for one |
 //! | [`origin`] | which web pages may open sessions |
 //! | [`certificate`], [`shutdown`] | what their names say |
 //! | [`memory_scene`] | a scene made of numbers, for tests |
@@ -21,9 +22,11 @@ pub mod http;
 pub mod memory_scene;
 pub mod metrics;
 pub mod origin;
+mod places;
 pub mod quic;
 mod quic_stream;
 mod reads;
+mod room;
 pub mod shutdown;
 pub mod state;
 #[cfg(test)]

@@ -51,7 +51,7 @@ pub async fn serve_websocket<S>(stream: S, state: Arc<ServerState>, peer: Socket
 where
     S: AsyncRead + AsyncWrite + Unpin + Send,
 {
-    if let Some(guard) = state.begin_session(Transport::WebSocket, peer) {
+    if let Ok(guard) = state.begin_session(Transport::WebSocket, peer) {
         run_session(stream, guard).await;
     }
 }
@@ -68,7 +68,8 @@ where
         let (sink, stream) = socket.split();
         let mut receiver = WebSocketReceiver { stream, broken: false };
         let mut sender = WebSocketSender { sink, pending: Pending::Nothing, sent_bytes: 0 };
-        let close = drive(&mut guard, &mut receiver, &mut sender).await;
+        // TCP's handshake has proved the address.
+        let close = drive(&mut guard, std::future::ready(()), &mut receiver, &mut sender).await;
         tracing::info!(
             scene = guard.state.scene().header().name,
             bytes = sender.sent_bytes,

@@ -90,7 +90,14 @@ pub struct Load {
 pub fn serve(scene: Arc<dyn SceneSource>, rate_bits_per_s: u64) -> anyhow::Result<()> {
     let folder = tempfile::tempdir().context("no folder for the certificate")?;
     let any = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
-    let sessions = SessionSettings { rate_bits_per_s: Some(rate_bits_per_s), ..SessionSettings::default() };
+    let defaults = SessionSettings::default();
+    let sessions = SessionSettings {
+        rate_bits_per_s: Some(rate_bits_per_s),
+        // All clients are of one address, and none may use the eighth that is kept for others.
+        max_sessions: defaults.max_sessions * 2,
+        max_sessions_per_address: Some(defaults.max_sessions),
+        ..defaults
+    };
     let options =
         DaemonOptions { listen: Some(any), http: Some(any), sessions, ..DaemonOptions::new(folder.path()) };
     let runtime = Builder::new_multi_thread().enable_all().build()?;
