@@ -104,6 +104,8 @@ pub enum ServerMessage {
     ScenePage(ScenePage),
     /// A blob that was asked for will not come.
     Refused(Refused),
+    /// The same of several blobs, two at least and at most [`MAX_IDS_PER_MESSAGE`].
+    RefusedMany(Vec<Refused>),
     /// All visible instances' base meshes and the pages that place them have been handed over, for the
     /// view last known. Informative: on QUIC it may overtake blobs.
     BasesSent,
@@ -259,6 +261,9 @@ pub enum MessageError {
     /// More than [`MAX_PAGES_PER_MESSAGE`].
     #[error("too many scene pages in one message")]
     TooManyPages,
+    /// More than [`MAX_IDS_PER_MESSAGE`], or none.
+    #[error("too many refusals in one message, or none")]
+    Refusals,
     /// Longer than [`MAX_REASON_BYTES`].
     #[error("the reason of a close is too long")]
     Reason,
@@ -302,6 +307,9 @@ impl ServerMessage {
             Self::Welcome(welcome) => Ok(welcome.scene.check()?),
             Self::ScenePage(page) => Ok(page.check()?),
             Self::Close(close) => ensure(close.reason.len() <= MAX_REASON_BYTES, MessageError::Reason),
+            Self::RefusedMany(many) => {
+                ensure((1..=MAX_IDS_PER_MESSAGE).contains(&many.len()), MessageError::Refusals)
+            }
             Self::Refused(_) | Self::BasesSent | Self::Done | Self::Pong(_) => Ok(()),
         }
     }

@@ -7,6 +7,7 @@
 
 mod config;
 mod first_flight;
+mod outbox;
 mod pace;
 mod push;
 mod refinement;

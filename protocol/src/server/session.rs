@@ -1,11 +1,11 @@
 //! One session: what its client says, and when it ends.
 
-use std::collections::VecDeque;
 use std::sync::Arc;
 
 use bytes::Bytes;
 
 use super::config::ServerConfig;
+use super::outbox::{Full, Outbox};
 use super::pace::Pace;
 use super::push::Push;
 use super::requests::{PageWanted, Requests};
@@ -20,9 +20,6 @@ use crate::scheduler::Unit;
 use crate::source::{SceneSource, SourceError};
 use crate::time::Time;
 use crate::view::View;
-
-/// Most control messages that wait to be handed over. A peer that makes more is closed.
-pub(super) const MAX_CONTROL_QUEUED: usize = 4096;
 
 /// Counters of a session.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -54,7 +51,7 @@ pub struct ServerSession {
     pub(super) pace: Pace,
     pub(super) timers: Timers,
     /// Control messages, not handed over yet.
-    pub(super) control: VecDeque<ServerMessage>,
+    pub(super) control: Outbox,
     pub(super) requests: Requests,
     pub(super) push: Push,
     /// All that was asked for has been handed over, and that was told.
@@ -83,7 +80,7 @@ impl ServerSession {
             close: None,
             pace: Pace::new(config.limiter),
             timers: Timers::new(&config, now),
-            control: VecDeque::from([welcome]),
+            control: Outbox::new(welcome),
             requests: Requests::new(config.max_queued),
             push: Push::new(view, config.push_before_hello_bytes),
             done_told: true,
@@ -110,7 +107,10 @@ impl ServerSession {
         let had_work = self.has_work();
         match (self.phase, message) {
             (_, ClientMessage::Bye) => self.end(Close::new(CloseCode::Normal, "the client left"), false),
-            (_, ClientMessage::Ping(nonce)) => self.tell(ServerMessage::Pong(nonce)),
+            (_, ClientMessage::Ping(nonce)) => {
+                let told = self.control.pong(nonce);
+                self.told(told);
+            }
             (Phase::Greeting, ClientMessage::Hello(hello)) => self.hello(hello),
             (Phase::Greeting, _) => self.refuse(CloseCode::Protocol, "the first message must be Hello"),
             (_, ClientMessage::Hello(_)) => self.refuse(CloseCode::Protocol, "a second Hello"),
@@ -148,21 +148,17 @@ impl ServerSession {
             return;
         }
         self.phase = Phase::Closed;
-        self.control.clear();
+        self.control.end(tell.then(|| close.clone()));
         self.requests.clear();
         self.push.clear();
         self.pace.leave();
         self.reads.clear();
-        if tell {
-            self.control.push_back(ServerMessage::Close(close.clone()));
-        }
         self.close = Some(close);
     }
 
-    fn tell(&mut self, message: ServerMessage) {
-        if self.control.len() < MAX_CONTROL_QUEUED {
-            self.control.push_back(message);
-        } else {
+    /// What became of an answer.
+    fn told(&mut self, told: Result<(), Full>) {
+        if told.is_err() {
             self.refuse(CloseCode::Limit, "the client makes messages faster than it takes the answers");
         }
     }
@@ -196,7 +192,11 @@ impl ServerSession {
         for want in wants {
             self.push.asked_for(want.id);
             if let Err(reason) = self.requests.want(&*self.source, want) {
-                self.tell(ServerMessage::Refused(Refused { id: want.id, reason }));
+                let told = self.control.refuse(Refused { id: want.id, reason });
+                self.told(told);
+            }
+            if self.phase == Phase::Closed {
+                return;
             }
         }
     }

@@ -152,6 +152,10 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
                 Transmit::Message { message: ServerMessage::BasesSent, .. } => {
                     metrics.bases_sent(now.since(Time::ZERO));
                 }
+                Transmit::Message { message: ServerMessage::Refused(_), .. } => metrics.requests_refused(1),
+                Transmit::Message { message: ServerMessage::RefusedMany(many), .. } => {
+                    metrics.requests_refused(many.len());
+                }
                 Transmit::Message { .. } | Transmit::Abandon(_) => {}
             }
             match sender.start(transmit) {

@@ -16,6 +16,7 @@ use anyhow::Context as _;
 use lodestream_client::net::{self, Pin};
 use lodestream_netsim::clock::VirtualClock;
 use lodestream_protocol::BlobId;
+use lodestream_protocol::limits::MAX_QUEUED;
 use lodestream_protocol::source::SceneSource;
 use lodestream_server::daemon::{Daemon, DaemonOptions, SessionSettings};
 use serde::Serialize;
@@ -32,7 +33,7 @@ const WARM_UP: Duration = Duration::from_secs(2);
 /// Ticks of processor time in a second, as `/proc` counts them on every Linux (`USER_HZ`).
 const TICKS_PER_S: f64 = 100.0;
 /// Most blobs that a client asks for: what a session queues.
-const MAX_WANTED: usize = 4000;
+const MAX_WANTED: usize = MAX_QUEUED;
 
 /// What is measured.
 #[derive(Clone, Copy, Debug)]

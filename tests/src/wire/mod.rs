@@ -107,6 +107,7 @@ fn a_reader_written_from_the_page_understands_all_that_is_said() {
                 "{reason:?}"
             );
         }
+        assert_eq!(seen(&|m| matches!(m, ServerMessage::RefusedMany(many) if many.len() == 2)), 1);
         let json = known.json(&said);
         let blobs = json["blobs"].as_array().unwrap();
         for (what, there) in [
