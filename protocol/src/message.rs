@@ -222,9 +222,11 @@ pub struct Close {
 }
 
 impl Close {
-    /// A close with a reason, cut to [`MAX_REASON_BYTES`].
+    /// A close with a reason, cut to [`MAX_REASON_BYTES`]. What a terminal would obey or hide instead of showing it (control
+    /// characters, line ends, changes of direction) is replaced by U+FFFD: reasons come from peers, and go to terminals.
     pub fn new(code: CloseCode, reason: impl Into<String>) -> Self {
-        let mut reason: String = reason.into();
+        let reason: String = reason.into();
+        let mut reason = reason.replace(is_hidden, "\u{fffd}");
         let mut end = reason.len().min(MAX_REASON_BYTES);
         while !reason.is_char_boundary(end) {
             end -= 1;
@@ -232,6 +234,12 @@ impl Close {
         reason.truncate(end);
         Self { code, reason }
     }
+}
+
+/// Whether a character is more than what is seen of it.
+fn is_hidden(c: char) -> bool {
+    c.is_control()
+        || matches!(c, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}')
 }
 
 impl std::fmt::Display for Close {

@@ -90,7 +90,7 @@ impl ClientSession {
         self.keepalive.heard(now);
         match message {
             ServerMessage::Welcome(welcome) => self.welcome(welcome),
-            ServerMessage::Close(close) => self.end(close),
+            ServerMessage::Close(close) => self.end(Close::new(close.code, close.reason)),
             // On QUIC, blobs may overtake the control stream, but control messages keep their order.
             _ if self.page_count.is_none() => self.fail("the server's first message must be Welcome"),
             ServerMessage::ScenePage(page) => {
