@@ -31,7 +31,7 @@ fn number(metrics: &str, name: &str) -> u64 {
 }
 
 fn blobs_sent(server: &Server, kind: &str) -> u64 {
-    number(&server.get("/metrics").unwrap(), &format!("lodestream_sent_total{{kind=\"{kind}\"}}"))
+    number(&server.metrics(), &format!("lodestream_sent_total{{kind=\"{kind}\"}}"))
 }
 
 /// A client that tells when it has its first chunk.

@@ -14,6 +14,7 @@ use super::log::Log;
 use super::outcome::Outcome;
 use super::recipe::RecipeArguments;
 use super::units::{Rate, parse_rate};
+use crate::daemon::admin::AdminPort;
 use crate::daemon::origin::Origin;
 use crate::daemon::{self, DaemonOptions, SessionSettings};
 use crate::prepare::{Options, cache, prepare_cached};
@@ -31,9 +32,13 @@ pub(super) struct Arguments {
     /// Address for QUIC (UDP); port 0 for any free one.
     #[arg(long, env = "LODESTREAM_LISTEN", value_name = "ADDRESS", default_value = "127.0.0.1:4433")]
     listen: SocketAddr,
-    /// Address for WebSocket, /health and /metrics (TCP); port 0 for any free one.
+    /// Address for WebSocket and /health (TCP); port 0 for any free one.
     #[arg(long, env = "LODESTREAM_HTTP", value_name = "ADDRESS", default_value = "127.0.0.1:8080")]
     http: SocketAddr,
+    /// Address for /health and /metrics (TCP), for who runs the server: port 0 for any free one, or off [default:
+    /// 127.0.0.1:8081, or any free port of 127.0.0.1 where that is taken].
+    #[arg(long, env = "LODESTREAM_ADMIN", value_name = "ADDRESS")]
+    admin: Option<AdminPort>,
     /// Folder of prepared packs [default: $XDG_CACHE_HOME/lodestream or ~/.cache/lodestream].
     #[arg(long, env = "LODESTREAM_CACHE", value_name = "DIR")]
     cache: Option<PathBuf>,
@@ -76,6 +81,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<Outcome> {
     let daemon = DaemonOptions {
         listen: Some(arguments.listen),
         http: Some(arguments.http),
+        admin: arguments.admin.unwrap_or(AdminPort::Standard),
         certificate: arguments.cert.zip(arguments.key),
         origins: arguments.allow_origin.into_iter().collect(),
         sessions: SessionSettings {
