@@ -14,6 +14,7 @@ use lodestream_protocol::message::{ClientMessage, Close, CloseCode, ServerMessag
 use lodestream_protocol::server::{ServerSession, Transmit};
 use tokio::time::{Instant, sleep_until};
 
+use super::intake::TOO_MUCH;
 use super::reads::Reads;
 use super::state::{Phase, SessionGuard};
 
@@ -22,6 +23,10 @@ use super::state::{Phase, SessionGuard};
 pub(super) enum Received {
     /// A message.
     Message(ClientMessage),
+    /// Something that is passed over, and counts as a message all the same: it was work.
+    Skipped,
+    /// More bytes than a client may send.
+    TooMuch,
     /// Bytes that are no message.
     Malformed(FrameError),
     /// A breach of the transport's own rules.
@@ -35,7 +40,7 @@ pub(super) enum Received {
 /// Receiving half of a transport.
 pub(super) trait Receive: Send {
     /// The next thing that comes. Must be safe to drop before it resolves. Not called again after
-    /// `Malformed`, `Violation`, `Ended` or `Lost`.
+    /// `TooMuch`, `Malformed`, `Violation`, `Ended` or `Lost`.
     fn receive(&mut self) -> impl Future<Output = Received> + Send;
 }
 
@@ -200,9 +205,9 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
             why = guard.dismissed() => session.close(clock.now(), CloseCode::Busy, why),
             received = receiver.receive(), if receiving => {
                 let now = clock.now();
-                receiving = matches!(received, Received::Message(_));
+                receiving = matches!(received, Received::Message(_) | Received::Skipped);
                 match received {
-                    Received::Message(_) if !allowance.take(now) => {
+                    Received::Message(_) | Received::Skipped if !allowance.take(now) => {
                         receiving = false;
                         metrics.message_rejected();
                         session.close(now, CloseCode::Limit, "too many messages at once");
@@ -214,6 +219,11 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
                         }
                         all_done &= !asks;
                         session.handle_message(now, message);
+                    }
+                    Received::Skipped => {}
+                    Received::TooMuch => {
+                        metrics.message_rejected();
+                        session.close(now, CloseCode::Limit, TOO_MUCH);
                     }
                     Received::Malformed(why) => {
                         metrics.message_rejected();

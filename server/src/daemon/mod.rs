@@ -5,7 +5,7 @@
 //! | [`quic`], [`websocket`], [`http`] | the two transports, and the HTTP port that one of them shares |
 //! | [`admin`], `listen` | the port for who runs the server; TCP listeners |
 //! | [`congestion`] | how much of a QUIC connection may be in flight |
-//! | `drive` | the loop between a sans-IO session and a transport |
+//! | `drive`, `intake` | the loop between a sans-IO session and a transport; how many bytes a client may send |
 //! | [`state`], [`metrics`] | what sessions share |
 //! | `places`, `room` | who may have a session, and who may ask for one |
 //! | [`origin`] | which web pages may open sessions |
@@ -21,6 +21,7 @@ pub mod certificate;
 pub mod congestion;
 mod drive;
 pub mod http;
+mod intake;
 mod listen;
 pub mod memory_scene;
 pub mod metrics;

@@ -21,6 +21,7 @@ use tokio_tungstenite::tungstenite::{self, Message};
 use tracing::Instrument;
 
 use super::drive::{Deliver, Receive, Received, drive};
+use super::intake::{Metered, is_too_much};
 use super::metrics::Transport;
 use super::state::{ServerState, SessionGuard};
 
@@ -64,6 +65,7 @@ where
     let span = tracing::info_span!("session", id = guard.id, transport = "ws", peer = %guard.peer);
     async {
         let started = Instant::now();
+        let stream = Metered::new(stream);
         let socket = WebSocketStream::from_raw_socket(stream, Role::Server, Some(limits())).await;
         let (sink, stream) = socket.split();
         let mut receiver = WebSocketReceiver { stream, broken: false };
@@ -83,8 +85,11 @@ where
 }
 
 /// Closes in good order: our close frame, then the client's, so that nothing is torn off.
-async fn finish<S>(mut sender: WebSocketSender<S>, mut receiver: WebSocketReceiver<S>, close: &Close)
-where
+async fn finish<S>(
+    mut sender: WebSocketSender<Metered<S>>,
+    mut receiver: WebSocketReceiver<Metered<S>>,
+    close: &Close,
+) where
     S: AsyncRead + AsyncWrite + Unpin,
 {
     if close.code == CloseCode::Lost {
@@ -105,7 +110,7 @@ where
         } else if let Ok(mut socket) = receiver.stream.reunite(sender.sink) {
             // What broke the rules cannot be read as messages. It is read all the same: a TCP socket that
             // is closed over unread bytes is reset, and our last words with it.
-            let stream = socket.get_mut();
+            let stream = &mut socket.get_mut().stream;
             let mut waste = [0; READ_BUFFER_BYTES];
             while matches!(stream.read(&mut waste).await, Ok(count) if count > 0) {}
         }
@@ -125,26 +130,24 @@ where
     S: AsyncRead + AsyncWrite + Unpin + Send,
 {
     async fn receive(&mut self) -> Received {
-        loop {
-            let message = match self.stream.next().await {
-                None | Some(Err(tungstenite::Error::ConnectionClosed)) => return Received::Ended,
-                Some(Err(why)) => {
-                    self.broken = true;
-                    return refused(why);
-                }
-                Some(Ok(message)) => message,
-            };
-            match message {
-                Message::Binary(bytes) => match Frame::parse(bytes).and_then(Frame::into_client_message) {
-                    Ok(Some(message)) => return Received::Message(message),
-                    // An unknown message that may be skipped.
-                    Ok(None) => {}
-                    Err(why) => return Received::Malformed(why),
-                },
-                Message::Text(_) => return Received::Violation("text messages are not understood".into()),
-                Message::Close(_) => return Received::Ended,
-                Message::Ping(_) | Message::Pong(_) | Message::Frame(_) => {}
+        let message = match self.stream.next().await {
+            None | Some(Err(tungstenite::Error::ConnectionClosed)) => return Received::Ended,
+            Some(Err(why)) => {
+                self.broken = true;
+                return refused(why);
             }
+            Some(Ok(message)) => message,
+        };
+        match message {
+            Message::Binary(bytes) => match Frame::parse(bytes).and_then(Frame::into_client_message) {
+                Ok(Some(message)) => Received::Message(message),
+                // An unknown message that may be skipped.
+                Ok(None) => Received::Skipped,
+                Err(why) => Received::Malformed(why),
+            },
+            Message::Text(_) => Received::Violation("text messages are not understood".into()),
+            Message::Close(_) => Received::Ended,
+            Message::Ping(_) | Message::Pong(_) | Message::Frame(_) => Received::Skipped,
         }
     }
 }
@@ -157,6 +160,7 @@ fn refused(error: tungstenite::Error) -> Received {
         tungstenite::Error::Protocol(
             why @ tungstenite::error::ProtocolError::ResetWithoutClosingHandshake,
         ) => Received::Lost(why.to_string()),
+        tungstenite::Error::Io(why) if is_too_much(&why) => Received::TooMuch,
         why @ (tungstenite::Error::Io(_) | tungstenite::Error::AlreadyClosed) => {
             Received::Lost(why.to_string())
         }
