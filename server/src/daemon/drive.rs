@@ -247,6 +247,9 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
                 }
             }
             Some((id, bytes)) = reads.next(), if !reads.is_empty() => {
+                if let Err(why) = &bytes {
+                    state.read_failed(why);
+                }
                 session.handle_read(clock.now(), id, &bytes);
             }
             () = sleep_until(wake) => {}

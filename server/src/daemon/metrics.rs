@@ -50,6 +50,7 @@ pub struct Metrics {
     blobs: [IntCounter; 5],
     rejected_messages: IntCounter,
     refused_requests: IntCounter,
+    unreadable: IntCounter,
     http_requests: IntCounter,
     http_errors: IntCounter,
     failed_handshakes: IntCounter,
@@ -135,6 +136,10 @@ impl Metrics {
                 "lodestream_refused_requests_total",
                 "Requests for blobs that were refused: there are none such, or too many were queued.",
             )?,
+            unreadable: counter(
+                "lodestream_unreadable_blobs_total",
+                "Reads of blobs that failed: packs damaged or gone since the server started.",
+            )?,
             http_requests: counter("lodestream_http_requests_total", "HTTP requests.")?,
             http_errors: counter(
                 "lodestream_http_errors_total",
@@ -187,6 +192,10 @@ impl Metrics {
 
     pub(super) fn requests_refused(&self, count: usize) {
         self.refused_requests.inc_by(count as u64);
+    }
+
+    pub(super) fn blob_unreadable(&self) {
+        self.unreadable.inc();
     }
 
     pub(super) fn http_request(&self) {

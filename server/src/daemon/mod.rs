@@ -8,6 +8,7 @@
 //! | `drive`, `intake` | the loop between a sans-IO session and a transport; how many bytes a client may send |
 //! | [`state`], [`metrics`] | what sessions share |
 //! | `places`, `room` | who may have a session, and who may ask for one |
+//! | `damage` | blobs that cannot be read any more |
 //! | [`origin`] | which web pages may open sessions |
 //! | [`certificate`], [`shutdown`] | what their names say |
 //! | [`memory_scene`] | a scene made of numbers, for tests |
@@ -19,6 +20,7 @@
 pub mod admin;
 pub mod certificate;
 pub mod congestion;
+mod damage;
 mod drive;
 pub mod http;
 mod intake;

@@ -8,10 +8,11 @@ use std::time::Duration;
 use lodestream_protocol::Time;
 use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::server::ServerConfig;
-use lodestream_protocol::source::SceneSource;
+use lodestream_protocol::source::{SceneSource, SourceError};
 use tokio::sync::watch;
 use tokio::time::Instant;
 
+use super::damage::Damage;
 use super::metrics::{Metrics, Transport};
 use super::origin::AllowedOrigins;
 use super::places::{NoPlace, Place, Places, default_of_address};
@@ -73,6 +74,7 @@ pub struct ServerState {
     places: Arc<Places>,
     unproved: Arc<Room>,
     requests: Arc<Room>,
+    damage: Damage,
     started: Instant,
 }
 
@@ -139,6 +141,7 @@ impl ServerState {
             ),
             unproved: Room::new(MAX_UNPROVED),
             requests: Room::new(MAX_REQUESTS),
+            damage: Damage::default(),
             started: Instant::now(),
         }
     }
@@ -218,6 +221,13 @@ impl ServerState {
     /// Lets an HTTP connection in, which has no session yet.
     pub(super) fn enter_request(&self, peer: SocketAddr) -> Seat {
         self.requests.enter(peer.ip())
+    }
+
+    /// A blob that a client asked for, or was to be sent, could not be read.
+    pub(super) fn read_failed(&self, error: &SourceError) {
+        if self.damage.note(error) {
+            self.metrics.blob_unreadable();
+        }
     }
 
     fn now(&self) -> Time {
