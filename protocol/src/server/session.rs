@@ -7,6 +7,7 @@ use bytes::Bytes;
 use super::config::ServerConfig;
 use super::outbox::{Full, Outbox};
 use super::pace::Pace;
+use super::plans::Plans;
 use super::push::Push;
 use super::requests::{PageWanted, Requests};
 use super::timers::{Timers, Waiting};
@@ -66,6 +67,19 @@ impl ServerSession {
     /// number for logs.
     #[must_use]
     pub fn new(config: Arc<ServerConfig>, source: Arc<dyn SceneSource>, session: u64, now: Time) -> Self {
+        Self::sharing(Plans::new(), config, source, session, now)
+    }
+
+    /// The same of one of many sessions with a scene, all of which share `plans`: what is sent is the same, and the start
+    /// view is planned once.
+    #[must_use]
+    pub fn sharing(
+        plans: Arc<Plans>,
+        config: Arc<ServerConfig>,
+        source: Arc<dyn SceneSource>,
+        session: u64,
+        now: Time,
+    ) -> Self {
         let header = source.header().clone();
         let view = header.camera.view(config.start_viewport_px, 1.0);
         let welcome = ServerMessage::Welcome(Welcome {
@@ -82,7 +96,7 @@ impl ServerSession {
             timers: Timers::new(&config, now),
             control: Outbox::new(welcome),
             requests: Requests::new(config.max_queued),
-            push: Push::new(view, config.push_before_hello_bytes),
+            push: Push::new(plans, view, config.push_before_hello_bytes),
             done_told: true,
             reads: Vec::new(),
             stats: ServerStats::default(),
@@ -226,7 +240,8 @@ impl ServerSession {
         // Once the client knows all pages and asks for itself, there is nothing to order.
         let all_pages = self.requests.pages_handed() >= self.source.header().page_count;
         let order = !(self.requests.refines() && all_pages && self.push.has_all_bases());
-        self.push.set_view(now, view, &mut self.requests, order);
+        let instances = self.source.header().instance_count;
+        self.push.set_view(now, view, &mut self.requests, order, instances);
     }
 
     /// The next blob that the driver should have the store read ([`SceneSource::read`]), where that may take its time,

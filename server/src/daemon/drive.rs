@@ -6,6 +6,7 @@
 
 use std::future::Future;
 use std::pin::pin;
+use std::sync::Arc;
 use std::time::Duration;
 
 use lodestream_protocol::Time;
@@ -117,7 +118,8 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
     let state = guard.state.clone();
     let metrics = state.metrics();
     let config = state.config(guard.transport);
-    let mut session = ServerSession::new(config, state.scene().clone(), guard.id, clock.now());
+    let plans = Arc::clone(state.plans());
+    let mut session = ServerSession::sharing(plans, config, state.scene().clone(), guard.id, clock.now());
     let mut reads = Reads::new(state.scene().clone());
     let mut allowance = Allowance { tokens: MESSAGE_BURST, refilled: clock.now() };
     let mut proof = pin!(proof);

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use lodestream_protocol::Time;
 use lodestream_protocol::message::CloseCode;
-use lodestream_protocol::server::ServerConfig;
+use lodestream_protocol::server::{Plans, ServerConfig};
 use lodestream_protocol::source::{SceneSource, SourceError};
 use tokio::sync::watch;
 use tokio::time::Instant;
@@ -75,6 +75,7 @@ pub struct ServerState {
     unproved: Arc<Room>,
     requests: Arc<Room>,
     damage: Damage,
+    plans: Arc<Plans>,
     started: Instant,
 }
 
@@ -142,6 +143,7 @@ impl ServerState {
             unproved: Room::new(MAX_UNPROVED),
             requests: Room::new(MAX_REQUESTS),
             damage: Damage::default(),
+            plans: Plans::new(),
             started: Instant::now(),
         }
     }
@@ -150,6 +152,11 @@ impl ServerState {
     #[must_use]
     pub fn scene(&self) -> &Arc<dyn SceneSource> {
         &self.scene
+    }
+
+    /// What is planned for all sessions.
+    pub(super) const fn plans(&self) -> &Arc<Plans> {
+        &self.plans
     }
 
     /// The settings.
