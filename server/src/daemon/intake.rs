@@ -9,12 +9,12 @@ use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::Instant;
 
 /// Bytes that a client may send at once, and per second after that. Clients with thousands of wishes under way, who give
-/// them new priorities many times a second, send a fifth of it.
-const BURST_BYTES: u64 = 2 << 20;
-const BYTES_PER_S: u64 = 512 << 10;
+/// them new priorities ten times a second, send as much.
+const BURST_BYTES: u64 = 512 << 10;
+const BYTES_PER_S: u64 = 256 << 10;
 
 /// What is said of who sends more.
-pub(super) const TOO_MUCH: &str = "more bytes from the client than 512 KiB a second";
+pub(super) const TOO_MUCH: &str = "more bytes from the client than 256 KiB a second";
 
 /// A client's allowance of bytes, a token bucket on tokio's clock.
 #[derive(Debug)]
@@ -104,8 +104,8 @@ mod tests {
     async fn bytes_are_allowed_at_their_rate() {
         let mut intake = Intake::new();
         let burst = (0..).take_while(|_| intake.take(1024)).count();
-        assert_eq!(burst, 2048);
+        assert_eq!(burst, 512);
         tokio::time::advance(Duration::from_secs(1)).await;
-        assert_eq!((0..).take_while(|_| intake.take(1024)).count(), 512);
+        assert_eq!((0..).take_while(|_| intake.take(1024)).count(), 256);
     }
 }

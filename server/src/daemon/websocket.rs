@@ -29,6 +29,8 @@ use super::state::{ServerState, SessionGuard};
 const READ_BUFFER_BYTES: usize = 4 * 1024;
 /// How long the client may take to answer the closing handshake.
 const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
+/// What is read and thrown away of a client that broke the rules, so that it hears why, in bytes.
+const MAX_WASTE_BYTES: usize = 1 << 20;
 /// Added to our codes: WebSocket keeps 4000 and up for applications (RFC 6455 §7.4.2).
 const CLOSE_CODE_BASE: u16 = 4000;
 /// Longest reason of a WebSocket close frame (RFC 6455 §5.5): 125 bytes with the code.
@@ -105,14 +107,20 @@ async fn finish<S>(
         if sender.sink.send(Message::Close(Some(frame))).await.is_err() {
             return;
         }
-        if !receiver.broken {
+        // Of who sent too much, nothing more is looked at.
+        if !receiver.broken && close.code != CloseCode::Limit {
             while let Some(Ok(_)) = receiver.stream.next().await {}
         } else if let Ok(mut socket) = receiver.stream.reunite(sender.sink) {
             // What broke the rules cannot be read as messages. It is read all the same: a TCP socket that
             // is closed over unread bytes is reset, and our last words with it.
             let stream = &mut socket.get_mut().stream;
             let mut waste = [0; READ_BUFFER_BYTES];
-            while matches!(stream.read(&mut waste).await, Ok(count) if count > 0) {}
+            let mut left = MAX_WASTE_BYTES;
+            while left > 0
+                && let Ok(count @ 1..) = stream.read(&mut waste).await
+            {
+                left = left.saturating_sub(count);
+            }
         }
     })
     .await;
