@@ -2,6 +2,27 @@
 
 use std::io::{self, Write};
 use std::path::Path;
+use std::time::{Duration, SystemTime};
+
+/// Names of temporary files begin and end like this.
+const PREFIX: &str = ".lodestream-";
+const SUFFIX: &str = ".part";
+/// A temporary file that nobody has written to for so long is nobody's: what is written is there whole beforehand.
+const STALE_AFTER: Duration = Duration::from_secs(60 * 60);
+
+/// Removes temporary files from a folder that were left by processes that were killed. What cannot be looked at or
+/// removed stays.
+pub fn remove_stale(folder: &Path, now: SystemTime) {
+    for file in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let name = file.file_name();
+        let ours = name.to_str().is_some_and(|name| name.starts_with(PREFIX) && name.ends_with(SUFFIX));
+        let written = file.metadata().ok().filter(std::fs::Metadata::is_file).and_then(|m| m.modified().ok());
+        let age = written.and_then(|written| now.duration_since(written).ok());
+        if ours && age.is_some_and(|age| age >= STALE_AFTER) {
+            let _ = std::fs::remove_file(file.path());
+        }
+    }
+}
 
 /// Writes `path` by way of a temporary file in the same folder: written, synced, renamed. Whatever goes
 /// wrong, `path` is what it was before.
@@ -46,7 +67,7 @@ fn write_by(
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
     };
-    let temporary = builder.prefix(".lodestream-").suffix(".part").tempfile_in(folder)?;
+    let temporary = builder.prefix(PREFIX).suffix(SUFFIX).tempfile_in(folder)?;
     let mut buffered = io::BufWriter::with_capacity(1 << 20, temporary);
     write(&mut buffered)?;
     let temporary = buffered.into_inner().map_err(io::IntoInnerError::into_error)?;
@@ -116,6 +137,25 @@ mod tests {
         write_atomically(&link, |out| out.write_all(b"new")).unwrap();
         assert!(std::fs::symlink_metadata(&link).unwrap().is_symlink());
         assert_eq!(std::fs::read(&file).unwrap(), b"new");
+    }
+
+    #[test]
+    fn parts_of_processes_that_were_killed_stayed_for_ever() {
+        let dir = tempfile::TempDir::new().unwrap();
+        let names = [".lodestream-abc.part", ".lodestream-new.part", "mine.part", ".lodestream-abc.lsp"];
+        for name in names {
+            std::fs::write(dir.path().join(name), "x").unwrap();
+        }
+        let now = SystemTime::now();
+        let file = std::fs::File::options().write(true).open(dir.path().join(names[1])).unwrap();
+        file.set_modified(now + Duration::from_secs(7000)).unwrap();
+        let left = |now| {
+            remove_stale(dir.path(), now);
+            names.map(|name| dir.path().join(name).exists())
+        };
+        assert_eq!(left(now), [true; 4]);
+        assert_eq!(left(now + Duration::from_secs(7200)), [false, true, true, true]);
+        remove_stale(&dir.path().join("none"), now);
     }
 
     #[test]

@@ -17,7 +17,7 @@ import sys
 
 CLIENT_TAGS = {1: "Hello", 2: "Want", 3: "Cancel", 0x84: "SetView", 5: "WantScenePages", 6: "Ping", 7: "Bye"}
 SERVER_TAGS = {0x41: "Welcome", 0x42: "ScenePage", 0x43: "Refused", 0xC4: "BasesSent", 0xC5: "Done",
-               0x46: "Pong", 0x47: "Close", 0x48: "Piece"}
+               0x46: "Pong", 0x47: "Close", 0x48: "Piece", 0x49: "RefusedMany"}
 REFUSED = ["NotFound", "Unreadable", "QueueFull", "TooLong", "OutOfRange"]
 CLOSE_CODES = ["Normal", "ShuttingDown", "Version", "NoSuchScene", "Protocol", "Limit", "Timeout", "Busy", "Lost"]
 STAMPS = ["ridge", "valley", "crater", "plateau", "river bed"]
@@ -437,6 +437,9 @@ class Reader:
             "levels": self.vec("levels", level, 16),
         }
 
+    def refused(self):
+        return {"id": self.blob_id(), "reason": self.named("reason", REFUSED)}
+
     def patch(self):
         return self.f("patch", lambda: [self.b.i32(), self.b.i32(), self.b.u32(), self.b.u32()])
 
@@ -467,7 +470,8 @@ def read_body(name, r):
         "Bye": lambda: None,
         "Welcome": r.welcome,
         "ScenePage": r.page,
-        "Refused": lambda: {"id": r.blob_id(), "reason": r.named("reason", REFUSED)},
+        "Refused": r.refused,
+        "RefusedMany": lambda: r.vec("refusals", r.refused, 1024),
         "BasesSent": lambda: None,
         "Done": lambda: None,
         "Pong": lambda: r.f("number", b.u32),

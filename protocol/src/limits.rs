@@ -12,8 +12,10 @@ pub const MAX_PIECE_BYTES: usize = 16 * 1024;
 pub const MAX_FRAME_BYTES: usize = MAX_MESSAGE_BYTES + 8;
 /// Longest blob, in bytes.
 pub const MAX_BLOB_BYTES: u32 = 64 * 1024 * 1024;
-/// Most entries of a `Want`, and ids of a `Cancel`.
+/// Most entries of a `Want` and of a `RefusedMany`, and ids of a `Cancel`.
 pub const MAX_IDS_PER_MESSAGE: usize = 1024;
+/// Most blobs that a server queues for a client, unless configured otherwise: 256 KiB of memory at most.
+pub const MAX_QUEUED: usize = 2048;
 /// Most ids that a `Hello` may list as already held.
 pub const MAX_HAVE: usize = 4096;
 /// Most pages that one `WantScenePages` may name.

@@ -104,6 +104,8 @@ pub enum ServerMessage {
     ScenePage(ScenePage),
     /// A blob that was asked for will not come.
     Refused(Refused),
+    /// The same of several blobs, two at least and at most [`MAX_IDS_PER_MESSAGE`].
+    RefusedMany(Vec<Refused>),
     /// All visible instances' base meshes and the pages that place them have been handed over, for the
     /// view last known. Informative: on QUIC it may overtake blobs.
     BasesSent,
@@ -220,9 +222,11 @@ pub struct Close {
 }
 
 impl Close {
-    /// A close with a reason, cut to [`MAX_REASON_BYTES`].
+    /// A close with a reason, cut to [`MAX_REASON_BYTES`]. What a terminal would obey or hide instead of showing it (control
+    /// characters, line ends, changes of direction) is replaced by U+FFFD: reasons come from peers, and go to terminals.
     pub fn new(code: CloseCode, reason: impl Into<String>) -> Self {
-        let mut reason: String = reason.into();
+        let reason: String = reason.into();
+        let mut reason = reason.replace(is_hidden, "\u{fffd}");
         let mut end = reason.len().min(MAX_REASON_BYTES);
         while !reason.is_char_boundary(end) {
             end -= 1;
@@ -230,6 +234,12 @@ impl Close {
         reason.truncate(end);
         Self { code, reason }
     }
+}
+
+/// Whether a character is more than what is seen of it.
+fn is_hidden(c: char) -> bool {
+    c.is_control()
+        || matches!(c, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}')
 }
 
 impl std::fmt::Display for Close {
@@ -259,6 +269,9 @@ pub enum MessageError {
     /// More than [`MAX_PAGES_PER_MESSAGE`].
     #[error("too many scene pages in one message")]
     TooManyPages,
+    /// More than [`MAX_IDS_PER_MESSAGE`], or none.
+    #[error("too many refusals in one message, or none")]
+    Refusals,
     /// Longer than [`MAX_REASON_BYTES`].
     #[error("the reason of a close is too long")]
     Reason,
@@ -302,6 +315,9 @@ impl ServerMessage {
             Self::Welcome(welcome) => Ok(welcome.scene.check()?),
             Self::ScenePage(page) => Ok(page.check()?),
             Self::Close(close) => ensure(close.reason.len() <= MAX_REASON_BYTES, MessageError::Reason),
+            Self::RefusedMany(many) => {
+                ensure((1..=MAX_IDS_PER_MESSAGE).contains(&many.len()), MessageError::Refusals)
+            }
             Self::Refused(_) | Self::BasesSent | Self::Done | Self::Pong(_) => Ok(()),
         }
     }

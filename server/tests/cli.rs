@@ -402,3 +402,28 @@ fn bad_scenes_are_refused() {
     serve(&[text(&scene), "b.obj"], &["stands alone"]);
     serve(&["b.obj"], &["b.obj: cannot be read"]);
 }
+
+#[cfg(unix)]
+#[test]
+fn a_file_over_the_size_limit_killed_the_program_and_left_a_part() {
+    let dir = TempDir::new().unwrap();
+    let model = dir.path().join("ball.obj");
+    std::fs::write(&model, sphere_obj(40, 40)).unwrap();
+    let output = Command::new("sh")
+        .args([
+            "-c",
+            "ulimit -f 4 && exec \"$0\" prepare ball.obj -o ball.lsp",
+            env!("CARGO_BIN_EXE_lodestream-server"),
+        ])
+        .current_dir(dir.path())
+        .output()
+        .unwrap();
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{:?}: {message}", output.status);
+    assert!(
+        message.lines().any(|line| line.starts_with("error: ") && line.contains("too large")),
+        "{message}"
+    );
+    let left: Vec<_> = std::fs::read_dir(dir.path()).unwrap().map(|f| f.unwrap().file_name()).collect();
+    assert_eq!(left, ["ball.obj"]);
+}

@@ -15,8 +15,9 @@ const LIMIT: Duration = Duration::from_secs(60);
 /// A server that is killed when the test is over, however that ends.
 struct Server {
     child: Child,
-    /// `HOST:PORT` of the HTTP port.
+    /// `HOST:PORT` of the HTTP port, and of the one for who runs the server.
     http: String,
+    admin: String,
 }
 
 impl Drop for Server {
@@ -36,7 +37,16 @@ impl Server {
     /// A server of a command that ends with the files to serve.
     fn started(mut command: Command, folder: &Path) -> Self {
         let mut child = command
-            .args(["--listen", "127.0.0.1:0", "--http", "127.0.0.1:0", "--cache", "cache"])
+            .args([
+                "--listen",
+                "127.0.0.1:0",
+                "--http",
+                "127.0.0.1:0",
+                "--admin",
+                "127.0.0.1:0",
+                "--cache",
+                "cache",
+            ])
             .current_dir(folder)
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
@@ -51,11 +61,17 @@ impl Server {
         let (_, fingerprint) = quic.split_once("#sha256=").unwrap();
         assert!(fingerprint.len() == 64 && fingerprint.bytes().all(|b| b.is_ascii_hexdigit()), "{quic}");
         let http = url("ws://").trim_end_matches('/').to_owned();
-        Self { child, http }
+        let admin = url("http://").trim_end_matches("/metrics").to_owned();
+        Self { child, http, admin }
     }
 
+    /// Asks the port of who runs the server.
     fn get(&self, path: &str) -> String {
-        let mut stream = TcpStream::connect(&self.http).unwrap();
+        Self::get_from(&self.admin, path)
+    }
+
+    fn get_from(address: &str, path: &str) -> String {
+        let mut stream = TcpStream::connect(address).unwrap();
         stream.set_read_timeout(Some(LIMIT)).unwrap();
         write!(stream, "GET {path} HTTP/1.1\r\nHost: s\r\nConnection: close\r\n\r\n").unwrap();
         let mut answer = String::new();
@@ -109,6 +125,8 @@ fn a_server_starts_from_its_cache_and_ends_when_asked() {
         let server = Server::start(folder.path());
         assert!(server.get("/health").starts_with("HTTP/1.1 200"));
         assert!(server.get("/metrics").contains("lodestream_sessions{transport=\"quic\"} 0"));
+        assert!(Server::get_from(&server.http, "/health").starts_with("HTTP/1.1 200"));
+        assert!(Server::get_from(&server.http, "/metrics").starts_with("HTTP/1.1 404"), "not for strangers");
         server.signal(signal);
         let (status, errors) = server.ended();
         assert!(status.success(), "{signal}: {status}: {errors}");
@@ -156,7 +174,18 @@ fn an_address_that_is_taken_is_told_in_one_line() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap().to_string();
     let output = Command::new(env!("CARGO_BIN_EXE_lodestream-server"))
-        .args(["serve", "model.obj", "--listen", "127.0.0.1:0", "--http", &address, "--cache", "cache"])
+        .args([
+            "serve",
+            "model.obj",
+            "--listen",
+            "127.0.0.1:0",
+            "--http",
+            &address,
+            "--admin",
+            "off",
+            "--cache",
+            "cache",
+        ])
         .current_dir(folder.path())
         .output()
         .unwrap();
@@ -185,4 +214,60 @@ fn a_scene_of_more_assets_than_files_may_be_open_did_not_start() {
     server.signal("-TERM");
     let (status, errors) = server.ended();
     assert!(status.success(), "{status}: {errors}");
+}
+
+#[test]
+fn a_terminal_that_hung_up_ended_the_server() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let server = Server::start(folder.path());
+    server.signal("-HUP");
+    assert!(server.get("/health").starts_with("HTTP/1.1 200"));
+    server.signal("-HUP");
+    server.signal("-TERM");
+    let (status, errors) = server.ended();
+    assert!(status.success(), "{status}: {errors}");
+    assert!(errors.contains("SIGHUP"), "{errors}");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn the_soft_limit_of_open_files_bounded_sessions() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let mut command = Command::new("sh");
+    let serve = "ulimit -S -n 64 && exec \"$0\" serve \"$@\"";
+    command.args(["-c", serve, env!("CARGO_BIN_EXE_lodestream-server"), "model.obj"]);
+    let server = Server::started(command, folder.path());
+    let limits = std::fs::read_to_string(format!("/proc/{}/limits", server.child.id())).unwrap();
+    let files = limits.lines().find_map(|line| line.strip_prefix("Max open files")).unwrap();
+    let mut files = files.split_whitespace().map(|number| number.parse().unwrap_or(u64::MAX));
+    let (soft, hard) = (files.next().unwrap(), files.next().unwrap());
+    assert_eq!(soft, hard.min(65_536), "{limits}");
+}
+
+/// A program that wants no addresses may close standard output, before or while they are printed.
+#[test]
+fn a_server_whose_standard_output_is_closed_goes_on() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    for closed in [">&-", ">/dev/full"] {
+        let serve = format!(
+            "exec \"$0\" serve model.obj --listen 127.0.0.1:0 --http 127.0.0.1:0 --admin off --cache cache {closed}"
+        );
+        let mut child = Command::new("sh")
+            .args(["-c", &serve, env!("CARGO_BIN_EXE_lodestream-server")])
+            .current_dir(folder.path())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+        let serving = lines.find(|line| {
+            line.as_ref().unwrap().contains("serving") || line.as_ref().unwrap().contains("panicked")
+        });
+        let _ = child.kill();
+        let _ = child.wait();
+        let serving = serving.expect("it has ended").unwrap();
+        assert!(serving.contains("serving"), "{closed}: {serving}");
+    }
 }

@@ -191,20 +191,17 @@ fn peers_that_break_the_rules_are_told_why() {
     server.assert_healthy();
 }
 
-/// What a peer may say although it makes no sense: wishes for what does not exist are refused one by one,
+/// What a peer may say although it makes no sense: wishes for what does not exist are refused, all at once,
 /// messages of a later version are skipped, and the session goes on.
 async fn ask_for_nonsense(client: &mut impl RawClient) {
     client.send(&ClientMessage::Hello(hello())).await;
     let nonsense =
         [BlobId::base(999), BlobId::chunk(0, u32::MAX), BlobId::index_page(0, 77), BlobId::texture(0, 9, 9)];
     client.send(&want(nonsense)).await;
-    let mut refused = Vec::new();
-    while refused.len() < nonsense.len() {
-        let message = client.message(|m| matches!(m, ServerMessage::Refused(_))).await;
-        let ServerMessage::Refused(refusal) = message else { continue };
-        assert_eq!(refusal.reason, RefusedReason::NotFound);
-        refused.push(refusal.id);
-    }
+    let message = client.message(|m| matches!(m, ServerMessage::RefusedMany(_))).await;
+    let ServerMessage::RefusedMany(many) = message else { unreachable!() };
+    assert!(many.iter().all(|refused| refused.reason == RefusedReason::NotFound), "{many:?}");
+    let mut refused: Vec<_> = many.into_iter().map(|refused| refused.id).collect();
     refused.sort_unstable();
     let mut nonsense = nonsense.to_vec();
     nonsense.sort_unstable();

@@ -13,6 +13,7 @@
 //! | `packs` | the same input gives the same packs; caches; exports; checks |
 //! | `bad_input` | what users may get wrong, and what disks may do to packs |
 //! | `window` | the viewer's program: what is on the screen first, and how it ends |
+//! | `damage` | packs that are damaged while they are served |
 //! | `terrain` | features of a terrain arrive, and only where a view needs them |
 //! | `documents` | what documents name is there: links, files, code, commands |
 //! | `wire` | docs/protocol.md is true: a reader written from it understands recorded sessions |
@@ -29,6 +30,8 @@
 
 #[cfg(test)]
 mod bad_input;
+#[cfg(test)]
+mod damage;
 #[cfg(test)]
 mod dependencies;
 #[cfg(test)]

@@ -15,8 +15,12 @@ use crate::support::scene::TestScene;
 use crate::support::viewer::{Viewer, config};
 
 /// Slow enough that a scene of some 40 kB takes a second or two, so that "mid-way" can be hit.
-const SLOW: SessionSettings =
-    SessionSettings { rate_bits_per_s: Some(300_000), max_sessions: 10, drain: Duration::from_secs(3) };
+const SLOW: SessionSettings = SessionSettings {
+    rate_bits_per_s: Some(300_000),
+    max_sessions: 10,
+    max_sessions_per_address: Some(10),
+    drain: Duration::from_secs(3),
+};
 
 /// Chunks that a client has when its server dies: more than may be sent again before anything is known of the client.
 const MANY: u64 = 18;
@@ -27,7 +31,7 @@ fn number(metrics: &str, name: &str) -> u64 {
 }
 
 fn blobs_sent(server: &Server, kind: &str) -> u64 {
-    number(&server.get("/metrics").unwrap(), &format!("lodestream_sent_total{{kind=\"{kind}\"}}"))
+    number(&server.metrics(), &format!("lodestream_sent_total{{kind=\"{kind}\"}}"))
 }
 
 /// A client that tells when it has its first chunk.

@@ -123,8 +123,8 @@ fn a_viewer_that_is_terminated_writes_its_figures_and_leaves() {
     let stats = folder.path().join("stats.json");
     let window = Window::open(&server.url(Transport::Quic), &["--stats", stats.to_str().unwrap()]);
     let until = Instant::now() + LIMIT;
-    while !server.get("/metrics").unwrap().contains("lodestream_sessions{transport=\"quic\"} 1") {
-        assert!(Instant::now() < until, "no session: {}", server.get("/metrics").unwrap());
+    while !server.metrics().contains("lodestream_sessions{transport=\"quic\"} 1") {
+        assert!(Instant::now() < until, "no session: {}", server.metrics());
         std::thread::sleep(Duration::from_millis(20));
     }
     window.terminate();

@@ -29,7 +29,7 @@ mod stats;
 mod stored;
 mod terrain_points;
 #[cfg(test)]
-mod testing;
+pub(crate) mod testing;
 #[cfg(test)]
 mod tests;
 mod texture_file;

@@ -17,6 +17,10 @@ use crate::core::Progress;
 /// Time that an attempt is given at least: where less is left, none is begun.
 const LEAST_ATTEMPT: Duration = Duration::from_secs(1);
 
+/// A session that went on for less than this before it was lost counts as a failure, whatever it brought: a server that
+/// cuts every session after the first blob would be connected to twice a second for ever.
+const USEFUL_AFTER: Duration = Duration::from_secs(10);
+
 /// How often to try.
 #[derive(Clone, Copy, Debug)]
 pub struct Retry {
@@ -101,10 +105,16 @@ pub(super) async fn stream_to<H: Host>(
         }
         let limit = until.filter(|_| !reached);
         let connecting = within(limit, retry.first_within, connect(address, &mut kept, resolver));
+        let mut lasted = Duration::ZERO;
         let close = match meanwhile(host, clock, connecting).await {
             None => return End::Left,
             Some(Err(close)) => close,
-            Some(Ok(connection)) => connection.run(address, &mut kept, host, clock).await,
+            Some(Ok(connection)) => {
+                let began = clock.now();
+                let close = connection.run(address, &mut kept, host, clock).await;
+                lasted = clock.now().since(began);
+                close
+            }
         };
         if host.wants_to_leave() {
             return End::Left;
@@ -116,7 +126,7 @@ pub(super) async fn stream_to<H: Host>(
         if !close.code.worth_retrying() || (reached && !retry.reconnect) {
             return End::Closed(close);
         }
-        if host.core().stats().session.blobs > 0 {
+        if lasted >= USEFUL_AFTER && host.core().stats().session.blobs > 0 {
             backoff.succeeded();
         }
         // Spreads the clients of a restarted server; any number will do.

@@ -205,3 +205,60 @@ async fn quic_tries_every_address_of_a_name_in_bounded_time_too() {
     let End::Unreachable { why, .. } = end else { panic!("{end:?}") };
     assert!(servers.iter().all(|server| why.contains(&format!("{server}: no answer within 4 s"))), "{why}");
 }
+
+/// A server that sends a blob and hangs up, each time: it was connected to twice a second for as long as it ran.
+#[tokio::test(start_paused = true)]
+async fn a_server_that_cuts_every_session_was_connected_to_without_a_pause() {
+    use futures_util::SinkExt as _;
+    use lodestream_protocol::BlobId;
+    use lodestream_protocol::frame::{BlobPiece, encode_piece, encode_server};
+    use lodestream_protocol::message::{ServerMessage, VERSIONS, Welcome};
+    use lodestream_protocol::source::SceneSource as _;
+    use lodestream_protocol::stream::ALPN;
+    use tokio_tungstenite::tungstenite::Message;
+    use tokio_tungstenite::tungstenite::handshake::server::{Request, Response};
+
+    let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let address = format!("ws://{}", listener.local_addr().unwrap()).parse().unwrap();
+    let scene = crate::core::testing::Hills::new(1);
+    let welcome = ServerMessage::Welcome(Welcome {
+        version: *VERSIONS.end(),
+        session: 1,
+        rate_bits_per_s: 0,
+        idle_timeout_ms: 30_000,
+        scene: scene.header().clone(),
+    });
+    let page = ServerMessage::ScenePage((*scene.page(0).unwrap()).clone());
+    let id = BlobId::base(0);
+    let bytes = scene.read(&id).unwrap();
+    let total = bytes.len() as u32;
+    let base = encode_piece(&BlobPiece { id, offset: 0, end: total, total, bytes }).unwrap();
+    let frames = [encode_server(&welcome).unwrap(), encode_server(&page).unwrap(), base];
+    let connections = std::cell::Cell::new(0);
+    let server = async {
+        loop {
+            let (stream, _) = listener.accept().await.unwrap();
+            connections.set(connections.get() + 1);
+            #[allow(clippy::result_large_err)] // tungstenite's
+            let named = |_: &Request, mut answer: Response| {
+                answer.headers_mut().insert("sec-websocket-protocol", ALPN.parse().unwrap());
+                Ok(answer)
+            };
+            let mut socket = tokio_tungstenite::accept_hdr_async(stream, named).await.unwrap();
+            for frame in &frames {
+                socket.send(Message::Binary(frame.clone().into())).await.unwrap();
+            }
+            tokio::time::sleep(Duration::from_millis(100)).await;
+        }
+    };
+    let mut core = core();
+    let streaming = stream(&address, &mut core, Clock::start(), Retry::default(), |_, _| ());
+    tokio::select! {
+        () = server => {}
+        end = streaming => panic!("{end}"),
+        () = tokio::time::sleep(Duration::from_secs(60)) => {}
+    }
+    assert!(core.scene().is_some() && core.stats().session.blobs > 0, "each session brings something");
+    // Pauses of 0.5, 1, 2, 4, 8, 16 and 30 s, and at least half of each.
+    assert!((4..=9).contains(&connections.get()), "{} connections in a minute", connections.get());
+}

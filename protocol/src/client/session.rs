@@ -13,7 +13,7 @@ use super::view_updates::ViewUpdates;
 use crate::blob::BlobId;
 use crate::frame::{BlobPiece, FrameError, ServerFrame};
 use crate::limits::{MAX_HAVE, MAX_PAGES_PER_MESSAGE};
-use crate::message::{ClientMessage, Close, CloseCode, Hello, ServerMessage, VERSIONS, Welcome};
+use crate::message::{ClientMessage, Close, CloseCode, Hello, Refused, ServerMessage, VERSIONS, Welcome};
 use crate::select::Wanted;
 use crate::time::Time;
 use crate::view::View;
@@ -90,7 +90,7 @@ impl ClientSession {
         self.keepalive.heard(now);
         match message {
             ServerMessage::Welcome(welcome) => self.welcome(welcome),
-            ServerMessage::Close(close) => self.end(close),
+            ServerMessage::Close(close) => self.end(Close::new(close.code, close.reason)),
             // On QUIC, blobs may overtake the control stream, but control messages keep their order.
             _ if self.page_count.is_none() => self.fail("the server's first message must be Welcome"),
             ServerMessage::ScenePage(page) => {
@@ -99,10 +99,8 @@ impl ClientSession {
                 }
                 self.events.push_back(ClientEvent::ScenePage(page));
             }
-            ServerMessage::Refused(refused) => {
-                self.downloads.forget(refused.id);
-                self.events.push_back(ClientEvent::Refused { id: refused.id, reason: refused.reason });
-            }
+            ServerMessage::Refused(refused) => self.refused(refused),
+            ServerMessage::RefusedMany(many) => many.into_iter().for_each(|refused| self.refused(refused)),
             ServerMessage::BasesSent => self.events.push_back(ClientEvent::BasesSent),
             ServerMessage::Done => self.events.push_back(ClientEvent::Done),
             ServerMessage::Pong(nonce) => {
@@ -169,6 +167,11 @@ impl ClientSession {
     /// The transport failed or ended.
     pub fn handle_lost(&mut self, _now: Time, reason: &str) {
         self.end(Close::new(CloseCode::Lost, reason));
+    }
+
+    fn refused(&mut self, Refused { id, reason }: Refused) {
+        self.downloads.forget(id);
+        self.events.push_back(ClientEvent::Refused { id, reason });
     }
 
     fn fail(&mut self, why: &str) {

@@ -314,6 +314,22 @@ fn views_are_told_at_intervals_and_only_the_last() {
     assert_eq!(client.poll_transmit(Time::from_ms(300)), None);
 }
 
+#[test]
+fn escape_codes_of_a_reason_reached_the_terminal() {
+    let (mut client, _) = connected();
+    let reason = "\x1b[2J\x1b]0;mine\x07full\r\nagain\u{9b}31m \u{202e}txt";
+    client.handle_message(
+        Time::ZERO,
+        ServerMessage::Close(Close { code: CloseCode::Busy, reason: reason.into() }),
+    );
+    let close = closed(&mut client).unwrap();
+    assert!(!close.reason.chars().any(char::is_control) && !close.reason.contains('\u{202e}'), "{close:?}");
+    assert!(close.reason.contains("full") && close.reason.ends_with("txt"), "{close:?}");
+    assert_eq!(close.to_string().lines().count(), 1);
+    assert_eq!(Close::new(CloseCode::Busy, "voll – 満員 ✓").reason, "voll – 満員 ✓");
+    assert!(Close::new(CloseCode::Busy, "\x1b".repeat(300)).reason.len() <= crate::limits::MAX_REASON_BYTES);
+}
+
 proptest! {
     /// Whatever comes, the sum of what is in flight stays right and nothing panics.
     #[test]

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use crate::limiter::LimiterConfig;
+use crate::limits::MAX_QUEUED;
 
 /// Knobs of a server session.
 #[derive(Clone, Debug)]
@@ -25,7 +26,8 @@ pub struct ServerConfig {
     /// Most bytes of a blob handed over at once. Small pieces let urgent blobs overtake; each costs a
     /// frame's overhead.
     pub piece_bytes: u32,
-    /// Most units queued, at least one; wants beyond are refused, pages and pushes wait.
+    /// Most units queued, at least one; wants beyond are refused, pages and pushes wait. One takes up to 128 bytes of
+    /// memory.
     pub max_queued: usize,
     /// Time in which `Hello` must come.
     pub hello_timeout: Duration,
@@ -47,7 +49,7 @@ impl ServerConfig {
             refine_before_hello_bytes: 0,
             push_after_hello_bytes: first_refinement_bytes(rate_bits_per_s),
             piece_bytes: 1200,
-            max_queued: 4096,
+            max_queued: MAX_QUEUED,
             hello_timeout: Duration::from_secs(10),
             idle_timeout: Duration::from_secs(30),
             stall_timeout: Duration::from_secs(30),

@@ -7,7 +7,9 @@
 
 mod config;
 mod first_flight;
+mod outbox;
 mod pace;
+mod plans;
 mod push;
 mod refinement;
 mod requests;
@@ -18,5 +20,6 @@ mod timers;
 mod transmit;
 
 pub use config::ServerConfig;
+pub use plans::Plans;
 pub use session::{ServerSession, ServerStats};
 pub use transmit::Transmit;

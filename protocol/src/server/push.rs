@@ -1,12 +1,13 @@
 //! What is pushed next: ordered for a view, ordered anew for another, within the budgets.
 
 use std::collections::{HashMap, HashSet};
+use std::sync::Arc;
 use std::time::Duration;
 
 use bytes::Bytes;
 
 use super::config::ServerConfig;
-use super::first_flight::first_flight;
+use super::plans::{Plans, Queue};
 use super::refinement::{MAX_REFINED_PAGES, Missing, Refining, first_refinement};
 use super::requests::Requests;
 use crate::blob::BlobId;
@@ -18,15 +19,19 @@ use crate::view::View;
 
 /// Pushed units that are moved to the scheduler ahead of their turn.
 const PUSH_AHEAD: usize = 16;
-/// Least time between two orderings of what is pushed.
+/// Least time between two orderings of what is pushed, …
 const REPLAN_INTERVAL: Duration = Duration::from_millis(100);
+/// … and for each instance of the scene: an ordering takes a twentieth of that.
+const REPLAN_PER_INSTANCE: Duration = Duration::from_micros(1);
 
 /// See the module.
 #[derive(Debug)]
 pub(super) struct Push {
     view: View,
-    /// What is pushed next, least urgent first.
-    queue: Vec<(Priority, Unit)>,
+    /// What sessions with the scene share.
+    plans: Arc<Plans>,
+    /// What is pushed next.
+    queue: Queue,
     /// Units without which a visible instance cannot be drawn, not handed over yet.
     bases_left: HashSet<Unit>,
     bases_told: bool,
@@ -55,10 +60,11 @@ struct Pages {
 
 impl Push {
     /// Nothing ordered yet; `budget` bounds the bytes.
-    pub(super) fn new(view: View, budget: u64) -> Self {
+    pub(super) fn new(plans: Arc<Plans>, view: View, budget: u64) -> Self {
         Self {
             view,
-            queue: Vec::new(),
+            plans,
+            queue: Queue::default(),
             bases_left: HashSet::new(),
             bases_told: false,
             refinement_pushed: false,
@@ -82,7 +88,7 @@ impl Push {
 
     /// The session is over.
     pub(super) fn clear(&mut self) {
-        *self = Self { bases_told: self.bases_told, ..Self::new(self.view, 0) };
+        *self = Self { bases_told: self.bases_told, ..Self::new(Arc::clone(&self.plans), self.view, 0) };
     }
 
     /// What is looked at.
@@ -90,12 +96,21 @@ impl Push {
         &self.view
     }
 
-    /// The view has changed: what was pushed for another stops at once. It is ordered anew soon, if `order`.
-    pub(super) fn set_view(&mut self, now: Time, view: View, requests: &mut Requests, order: bool) {
+    /// The view has changed: what was pushed for another stops at once. It is ordered anew soon, if `order`; the scene has
+    /// so many `instances`.
+    pub(super) fn set_view(
+        &mut self,
+        now: Time,
+        view: View,
+        requests: &mut Requests,
+        order: bool,
+        instances: u32,
+    ) {
         self.view = view;
         self.drop_unasked(requests);
         if order {
-            let at = self.replanned.map_or(now, |last| now.max(last + REPLAN_INTERVAL));
+            let interval = REPLAN_INTERVAL.max(REPLAN_PER_INSTANCE * instances);
+            let at = self.replanned.map_or(now, |last| now.max(last + interval));
             self.replan_at.get_or_insert(at);
         }
     }
@@ -135,8 +150,8 @@ impl Push {
             requests.scheduler.retain(|_| false);
         }
         self.refinement_pushed = false;
-        self.queue = first_flight(source, &self.view);
-        self.queue.retain(|(_, unit)| !requests.has(unit));
+        let flight = self.plans.flight(source, &self.view);
+        self.queue = Queue::of_those(flight, |unit| !requests.has(unit));
         self.bases_left = self.queue.iter().filter(|(p, _)| is_base(*p)).map(|(_, unit)| *unit).collect();
         let half_sent = requests.scheduler.begun().filter(|(priority, _)| is_base(*priority));
         self.bases_left.extend(half_sent.map(|(_, unit)| unit));
@@ -213,7 +228,8 @@ impl Push {
             Some(read) => read.clone().map(Reading::Ready),
             None => source.try_read(id),
         };
-        match first_refinement(source, &self.view, budget, &read) {
+        let flight = self.plans.flight(source, &self.view);
+        match first_refinement(source, &self.view, &flight, budget, &read) {
             Ok(refinement) => {
                 self.pages.here = HashMap::new();
                 for Refining { priority, id, end } in refinement {
@@ -324,7 +340,8 @@ mod tests {
     #[test]
     fn the_refinement_follows_the_last_base_mesh_and_stops_for_another_view() {
         let scene = MemoryScene::new(2, 1, 5);
-        let (mut push, mut requests) = (Push::new(start(&scene), u64::MAX), Requests::new(1000));
+        let (mut push, mut requests) =
+            (Push::new(Plans::new(), start(&scene), u64::MAX), Requests::new(1000));
         let config = ServerConfig::quic(None);
         push.plan(&*scene, &mut requests);
         push.refill(&*scene, &mut requests, &config, true);
@@ -339,7 +356,7 @@ mod tests {
         push.refill(&*scene, &mut requests, &config, true);
         assert!(push.bases_to_tell() && push.unasked.len() > 10);
         let other = View { eye: [0.0, 9.0, 0.5], ..start(&scene) };
-        push.set_view(Time::ZERO, other, &mut requests, false);
+        push.set_view(Time::ZERO, other, &mut requests, false, 2);
         assert!(requests.scheduler.is_empty() && push.unasked.is_empty());
         assert_eq!(push.replan_at(), None);
     }
@@ -347,7 +364,8 @@ mod tests {
     #[test]
     fn what_is_asked_for_meanwhile_does_not_keep_base_meshes_waiting() {
         let scene = MemoryScene::new(40, 1, 5);
-        let (mut push, mut requests) = (Push::new(start(&scene), u64::MAX), Requests::new(1000));
+        let (mut push, mut requests) =
+            (Push::new(Plans::new(), start(&scene), u64::MAX), Requests::new(1000));
         let config = ServerConfig::quic(None);
         push.plan(&*scene, &mut requests);
         for chunk in 0..2 * PUSH_AHEAD as u32 {
@@ -373,7 +391,7 @@ mod tests {
     #[test]
     fn nothing_is_moved_beyond_the_budget_before_the_client_has_spoken() {
         let scene = MemoryScene::new(12, 1, 2);
-        let (mut push, mut requests) = (Push::new(start(&scene), 3000), Requests::new(1000));
+        let (mut push, mut requests) = (Push::new(Plans::new(), start(&scene), 3000), Requests::new(1000));
         push.plan(&*scene, &mut requests);
         push.refill(&*scene, &mut requests, &ServerConfig::quic(None), false);
         assert!(push.bytes <= 3000 && !push.is_empty() && !push.has_work(&*scene, false));

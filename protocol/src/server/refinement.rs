@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_stated_page};
 
-use super::first_flight::{all_pages, first_flight};
+use super::first_flight::all_pages;
 use crate::blob::{BlobId, BlobPart};
 use crate::scene::{AssetEntry, InstanceEntry};
 use crate::scheduler::Unit;
@@ -49,14 +49,15 @@ pub(super) type ReadPage<'a> = &'a dyn Fn(&BlobId) -> Result<Reading, SourceErro
 /// The client takes over with its first `Want` of a chunk; until that arrives, a round trip after the
 /// index pages, the link would lie idle.
 ///
-/// `read` gives index pages; where it has not all of them at hand, the missing ones are what comes back instead.
+/// `flight` is the first flight for the view. `read` gives index pages; where it has not all of them at hand, the missing ones are what comes back instead.
 pub(super) fn first_refinement(
     source: &dyn SceneSource,
     view: &View,
+    flight: &[(Priority, Unit)],
     budget_bytes: u64,
     read: ReadPage<'_>,
 ) -> Result<Vec<Refining>, Missing> {
-    let (numbers, instances, mut assets) = visible_assets(source, view);
+    let (numbers, instances, mut assets) = visible_assets(source, flight);
     let settings = SelectSettings { prefetch_bases: false, ..SelectSettings::default() };
     let mut textures =
         coarse_textures(source, view, &settings, (&numbers, &instances, &assets)).into_iter().peekable();
@@ -218,8 +219,10 @@ fn learn(bytes: &[u8], page: u32, asset: &mut AssetState) -> Option<()> {
 
 /// The assets that cover most of the screen: their numbers, their instances (with assets renumbered) and
 /// states in which only the base is there.
-fn visible_assets(source: &dyn SceneSource, view: &View) -> (Vec<u32>, Vec<InstanceEntry>, Vec<AssetState>) {
-    let flight = first_flight(source, view);
+fn visible_assets(
+    source: &dyn SceneSource,
+    flight: &[(Priority, Unit)],
+) -> (Vec<u32>, Vec<InstanceEntry>, Vec<AssetState>) {
     let numbers: Vec<u32> = flight
         .iter()
         .rev()
@@ -255,12 +258,13 @@ fn visible_assets(source: &dyn SceneSource, view: &View) -> (Vec<u32>, Vec<Insta
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::server::first_flight::first_flight;
     use crate::testing::MemoryScene;
     use std::collections::HashSet;
 
     fn refinement(scene: &MemoryScene, budget: u64) -> Vec<Refining> {
         let view = scene.header.camera.view([1280, 720], 1.0);
-        first_refinement(scene, &view, budget, &|id| scene.try_read(id)).unwrap()
+        first_refinement(scene, &view, &first_flight(scene, &view), budget, &|id| scene.try_read(id)).unwrap()
     }
 
     #[test]
@@ -268,11 +272,12 @@ mod tests {
         let scene = MemoryScene::new(3, 2, 5);
         let view = scene.header.camera.view([1280, 720], 1.0);
         let here = std::cell::RefCell::new(HashSet::new());
+        let flight = first_flight(&*scene, &view);
         let read = |id: &BlobId| {
             if here.borrow().contains(id) { scene.try_read(id) } else { Ok(Reading::Pending) }
         };
         for _ in 0..MAX_REFINED_PAGES {
-            match first_refinement(&*scene, &view, 64_000, &read) {
+            match first_refinement(&*scene, &view, &flight, 64_000, &read) {
                 Ok(pushed) => return assert_eq!(pushed, refinement(&scene, 64_000)),
                 Err(Missing(pages)) => {
                     assert!((1..=MAX_MISSING).contains(&pages.len()));
@@ -310,7 +315,9 @@ mod tests {
         assert!(place(BlobId::texture(0, 0, 0)) < pushed.len() / 2, "{pushed:?}");
         // Far away the mean colour does.
         let far = View { eye: [0.0, 1.0, 4000.0], ..scene.header.camera.view([1280, 720], 1.0) };
-        let pushed = first_refinement(&*scene, &far, 64_000, &|id| scene.try_read(id)).unwrap();
+        let pushed =
+            first_refinement(&*scene, &far, &first_flight(&*scene, &far), 64_000, &|id| scene.try_read(id))
+                .unwrap();
         assert!(pushed.iter().all(|next| !matches!(next.id.part(), Some(BlobPart::Texture { .. }))));
     }
 

@@ -1,12 +1,13 @@
 //! One session: what its client says, and when it ends.
 
-use std::collections::VecDeque;
 use std::sync::Arc;
 
 use bytes::Bytes;
 
 use super::config::ServerConfig;
+use super::outbox::{Full, Outbox};
 use super::pace::Pace;
+use super::plans::Plans;
 use super::push::Push;
 use super::requests::{PageWanted, Requests};
 use super::timers::{Timers, Waiting};
@@ -20,9 +21,6 @@ use crate::scheduler::Unit;
 use crate::source::{SceneSource, SourceError};
 use crate::time::Time;
 use crate::view::View;
-
-/// Most control messages that wait to be handed over. A peer that makes more is closed.
-pub(super) const MAX_CONTROL_QUEUED: usize = 4096;
 
 /// Counters of a session.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -54,7 +52,7 @@ pub struct ServerSession {
     pub(super) pace: Pace,
     pub(super) timers: Timers,
     /// Control messages, not handed over yet.
-    pub(super) control: VecDeque<ServerMessage>,
+    pub(super) control: Outbox,
     pub(super) requests: Requests,
     pub(super) push: Push,
     /// All that was asked for has been handed over, and that was told.
@@ -69,6 +67,19 @@ impl ServerSession {
     /// number for logs.
     #[must_use]
     pub fn new(config: Arc<ServerConfig>, source: Arc<dyn SceneSource>, session: u64, now: Time) -> Self {
+        Self::sharing(Plans::new(), config, source, session, now)
+    }
+
+    /// The same of one of many sessions with a scene, all of which share `plans`: what is sent is the same, and the start
+    /// view is planned once.
+    #[must_use]
+    pub fn sharing(
+        plans: Arc<Plans>,
+        config: Arc<ServerConfig>,
+        source: Arc<dyn SceneSource>,
+        session: u64,
+        now: Time,
+    ) -> Self {
         let header = source.header().clone();
         let view = header.camera.view(config.start_viewport_px, 1.0);
         let welcome = ServerMessage::Welcome(Welcome {
@@ -83,9 +94,9 @@ impl ServerSession {
             close: None,
             pace: Pace::new(config.limiter),
             timers: Timers::new(&config, now),
-            control: VecDeque::from([welcome]),
+            control: Outbox::new(welcome),
             requests: Requests::new(config.max_queued),
-            push: Push::new(view, config.push_before_hello_bytes),
+            push: Push::new(plans, view, config.push_before_hello_bytes),
             done_told: true,
             reads: Vec::new(),
             stats: ServerStats::default(),
@@ -110,7 +121,10 @@ impl ServerSession {
         let had_work = self.has_work();
         match (self.phase, message) {
             (_, ClientMessage::Bye) => self.end(Close::new(CloseCode::Normal, "the client left"), false),
-            (_, ClientMessage::Ping(nonce)) => self.tell(ServerMessage::Pong(nonce)),
+            (_, ClientMessage::Ping(nonce)) => {
+                let told = self.control.pong(nonce);
+                self.told(told);
+            }
             (Phase::Greeting, ClientMessage::Hello(hello)) => self.hello(hello),
             (Phase::Greeting, _) => self.refuse(CloseCode::Protocol, "the first message must be Hello"),
             (_, ClientMessage::Hello(_)) => self.refuse(CloseCode::Protocol, "a second Hello"),
@@ -148,21 +162,17 @@ impl ServerSession {
             return;
         }
         self.phase = Phase::Closed;
-        self.control.clear();
+        self.control.end(tell.then(|| close.clone()));
         self.requests.clear();
         self.push.clear();
         self.pace.leave();
         self.reads.clear();
-        if tell {
-            self.control.push_back(ServerMessage::Close(close.clone()));
-        }
         self.close = Some(close);
     }
 
-    fn tell(&mut self, message: ServerMessage) {
-        if self.control.len() < MAX_CONTROL_QUEUED {
-            self.control.push_back(message);
-        } else {
+    /// What became of an answer.
+    fn told(&mut self, told: Result<(), Full>) {
+        if told.is_err() {
             self.refuse(CloseCode::Limit, "the client makes messages faster than it takes the answers");
         }
     }
@@ -196,7 +206,11 @@ impl ServerSession {
         for want in wants {
             self.push.asked_for(want.id);
             if let Err(reason) = self.requests.want(&*self.source, want) {
-                self.tell(ServerMessage::Refused(Refused { id: want.id, reason }));
+                let told = self.control.refuse(Refused { id: want.id, reason });
+                self.told(told);
+            }
+            if self.phase == Phase::Closed {
+                return;
             }
         }
     }
@@ -226,7 +240,8 @@ impl ServerSession {
         // Once the client knows all pages and asks for itself, there is nothing to order.
         let all_pages = self.requests.pages_handed() >= self.source.header().page_count;
         let order = !(self.requests.refines() && all_pages && self.push.has_all_bases());
-        self.push.set_view(now, view, &mut self.requests, order);
+        let instances = self.source.header().instance_count;
+        self.push.set_view(now, view, &mut self.requests, order, instances);
     }
 
     /// The next blob that the driver should have the store read ([`SceneSource::read`]), where that may take its time,

@@ -41,7 +41,7 @@ impl ServerSession {
     pub fn poll_transmit(&mut self, now: Time) -> Option<Transmit> {
         self.timers.offered(now);
         self.timers.woken(now);
-        if let Some(message) = self.control.pop_front() {
+        if let Some(message) = self.control.pop() {
             return self.transmit_message(now, message);
         }
         if self.phase == Phase::Closed {

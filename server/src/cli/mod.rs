@@ -7,6 +7,7 @@ mod inspect;
 mod log;
 mod outcome;
 mod prepare;
+mod process;
 mod recipe;
 mod serve;
 mod terrain;
@@ -53,6 +54,7 @@ enum Command {
 /// Runs the program with its command line.
 #[must_use]
 pub fn main() -> ExitCode {
+    process::set_up();
     finish(match Cli::parse().command {
         Command::Serve(arguments) => serve::run(arguments),
         Command::Prepare(arguments) => prepare::run(&arguments),
@@ -111,6 +113,9 @@ mod tests {
         for line in [
             "serve a.obj b.obj",
             "serve scene.toml --rate 2Mbit --listen 127.0.0.1:4433 --http 127.0.0.1:8080 --cache dir",
+            "serve a.obj --admin 127.0.0.1:0",
+            "serve a.obj --admin off",
+            "serve a.obj --max-sessions 100 --max-sessions-per-address 20",
             "prepare a.obj -o a.lsp",
             "prepare a.obj -o a.lsp --position-bits 12 --threads 2",
             "prepare a.obj -o a.lsp --tolerance 0.001",
@@ -149,6 +154,9 @@ mod tests {
             "prepare a.obj -o a.lsp --threads 0",
             "export a.lsp --faces 1 --error 1 -o b.obj",
             "serve a.obj --rate fast",
+            "serve a.obj --admin 8081",
+            "serve a.obj --max-sessions 0",
+            "serve a.obj --max-sessions-per-address 0",
             "check a.lsp --mesh hose",
             "terrain --level 8 --patch 0,0",
             "terrain --level 8 --patch 0,0 --hash --raw a.i32",

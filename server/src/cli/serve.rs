@@ -4,14 +4,17 @@ use std::net::SocketAddr;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::SystemTime;
 
 use anyhow::Context as _;
-use clap::Args;
+use clap::{Args, value_parser};
+use lodestream_compress::whole_file::remove_stale;
 
 use super::log::Log;
 use super::outcome::Outcome;
 use super::recipe::RecipeArguments;
 use super::units::{Rate, parse_rate};
+use crate::daemon::admin::AdminPort;
 use crate::daemon::origin::Origin;
 use crate::daemon::{self, DaemonOptions, SessionSettings};
 use crate::prepare::{Options, cache, prepare_cached};
@@ -29,15 +32,25 @@ pub(super) struct Arguments {
     /// Address for QUIC (UDP); port 0 for any free one.
     #[arg(long, env = "LODESTREAM_LISTEN", value_name = "ADDRESS", default_value = "127.0.0.1:4433")]
     listen: SocketAddr,
-    /// Address for WebSocket, /health and /metrics (TCP); port 0 for any free one.
+    /// Address for WebSocket and /health (TCP); port 0 for any free one.
     #[arg(long, env = "LODESTREAM_HTTP", value_name = "ADDRESS", default_value = "127.0.0.1:8080")]
     http: SocketAddr,
+    /// Address for /health and /metrics (TCP), for who runs the server: port 0 for any free one, or off [default:
+    /// 127.0.0.1:8081, or any free port of 127.0.0.1 where that is taken].
+    #[arg(long, env = "LODESTREAM_ADMIN", value_name = "ADDRESS")]
+    admin: Option<AdminPort>,
     /// Folder of prepared packs [default: $XDG_CACHE_HOME/lodestream or ~/.cache/lodestream].
     #[arg(long, env = "LODESTREAM_CACHE", value_name = "DIR")]
     cache: Option<PathBuf>,
-    /// Most sessions at once.
-    #[arg(long, env = "LODESTREAM_MAX_SESSIONS", value_name = "N", default_value_t = 1000)]
+    /// Most sessions at once, at least 1. An eighth is kept for addresses that have none.
+    #[arg(long, env = "LODESTREAM_MAX_SESSIONS", value_name = "N", default_value_t = 1000,
+        value_parser = value_parser!(u64).range(1..))]
     max_sessions: u64,
+    /// Most sessions at once of one address (of IPv6: of a network of 64 bits), at least 1 [default: an eighth of
+    /// --max-sessions, at least 8]. Behind a proxy all clients have its address.
+    #[arg(long, env = "LODESTREAM_MAX_SESSIONS_PER_ADDRESS", value_name = "N",
+        value_parser = value_parser!(u64).range(1..))]
+    max_sessions_per_address: Option<u64>,
     /// Web pages that may open sessions over WebSocket, by origin (https://example.org), divided by commas; * for any.
     /// Programs that are no browser need none.
     #[arg(long, env = "LODESTREAM_ALLOW_ORIGIN", value_name = "ORIGIN", value_delimiter = ',')]
@@ -62,16 +75,19 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<Outcome> {
         None => anyhow::bail!("no cache folder is known; name one with --cache DIR"),
     };
     let options = Options { recipe: arguments.recipe.resolve(), threads: arguments.threads, quiet: false };
+    remove_stale(&cache, SystemTime::now());
     let source = open_scene(&scene, &cache, &options)?;
     let log = Log::to_stderr();
     let daemon = DaemonOptions {
         listen: Some(arguments.listen),
         http: Some(arguments.http),
+        admin: arguments.admin.unwrap_or(AdminPort::Standard),
         certificate: arguments.cert.zip(arguments.key),
         origins: arguments.allow_origin.into_iter().collect(),
         sessions: SessionSettings {
             rate_bits_per_s: arguments.rate.0,
             max_sessions: arguments.max_sessions,
+            max_sessions_per_address: arguments.max_sessions_per_address,
             ..SessionSettings::default()
         },
         dropped_log_lines: Some(log.dropped_lines()),

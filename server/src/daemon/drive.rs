@@ -5,6 +5,8 @@
 //! in the session's scheduler, where it can still be overtaken, and not in a socket.
 
 use std::future::Future;
+use std::pin::pin;
+use std::sync::Arc;
 use std::time::Duration;
 
 use lodestream_protocol::Time;
@@ -13,6 +15,7 @@ use lodestream_protocol::message::{ClientMessage, Close, CloseCode, ServerMessag
 use lodestream_protocol::server::{ServerSession, Transmit};
 use tokio::time::{Instant, sleep_until};
 
+use super::intake::TOO_MUCH;
 use super::reads::Reads;
 use super::state::{Phase, SessionGuard};
 
@@ -21,6 +24,10 @@ use super::state::{Phase, SessionGuard};
 pub(super) enum Received {
     /// A message.
     Message(ClientMessage),
+    /// Something that is passed over, and counts as a message all the same: it was work.
+    Skipped,
+    /// More bytes than a client may send.
+    TooMuch,
     /// Bytes that are no message.
     Malformed(FrameError),
     /// A breach of the transport's own rules.
@@ -34,7 +41,7 @@ pub(super) enum Received {
 /// Receiving half of a transport.
 pub(super) trait Receive: Send {
     /// The next thing that comes. Must be safe to drop before it resolves. Not called again after
-    /// `Malformed`, `Violation`, `Ended` or `Lost`.
+    /// `TooMuch`, `Malformed`, `Violation`, `Ended` or `Lost`.
     fn receive(&mut self) -> impl Future<Output = Received> + Send;
 }
 
@@ -99,9 +106,11 @@ impl Allowance {
 }
 
 /// Drives a session until it has ended and its last words have been taken; gives the reason, also to
-/// the guard. The caller then closes the transport.
+/// the guard. The caller then closes the transport. The session has a place from when `proof` of the client's address
+/// is there and `Hello` was heard.
 pub(super) async fn drive<R: Receive, D: Deliver>(
     guard: &mut SessionGuard,
+    proof: impl Future<Output = ()> + Send,
     receiver: &mut R,
     sender: &mut D,
 ) -> Close {
@@ -109,9 +118,12 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
     let state = guard.state.clone();
     let metrics = state.metrics();
     let config = state.config(guard.transport);
-    let mut session = ServerSession::new(config, state.scene().clone(), guard.id, clock.now());
+    let plans = Arc::clone(state.plans());
+    let mut session = ServerSession::sharing(plans, config, state.scene().clone(), guard.id, clock.now());
     let mut reads = Reads::new(state.scene().clone());
     let mut allowance = Allowance { tokens: MESSAGE_BURST, refilled: clock.now() };
+    let mut proof = pin!(proof);
+    let mut proved = false;
     let mut receiving = true;
     let mut sent_bytes = 0_u64;
     // Everything that was asked for has been handed over.
@@ -124,6 +136,12 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
         let now = clock.now();
         if session.poll_timeout().is_some_and(|due| due <= now) {
             session.handle_timeout(now);
+        }
+        if proved
+            && session.is_open()
+            && let Err(why) = guard.take_place()
+        {
+            session.close(now, CloseCode::Busy, &why.to_string());
         }
         if drain_until.is_some_and(|until| until <= now || (all_done && sender.is_idle())) {
             session.close(now, CloseCode::ShuttingDown, "the server is shutting down");
@@ -140,6 +158,10 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
                 Transmit::Message { message: ServerMessage::Done, .. } => all_done = true,
                 Transmit::Message { message: ServerMessage::BasesSent, .. } => {
                     metrics.bases_sent(now.since(Time::ZERO));
+                }
+                Transmit::Message { message: ServerMessage::Refused(_), .. } => metrics.requests_refused(1),
+                Transmit::Message { message: ServerMessage::RefusedMany(many), .. } => {
+                    metrics.requests_refused(many.len());
                 }
                 Transmit::Message { .. } | Transmit::Abandon(_) => {}
             }
@@ -181,18 +203,29 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
             () = state.reached(Phase::Draining), if drain_until.is_none() => {
                 drain_until = Some(clock.now() + state.settings().drain);
             }
+            () = &mut proof, if !proved => proved = true,
+            why = guard.dismissed() => session.close(clock.now(), CloseCode::Busy, why),
             received = receiver.receive(), if receiving => {
                 let now = clock.now();
-                receiving = matches!(received, Received::Message(_));
+                receiving = matches!(received, Received::Message(_) | Received::Skipped);
                 match received {
-                    Received::Message(_) if !allowance.take(now) => {
+                    Received::Message(_) | Received::Skipped if !allowance.take(now) => {
                         receiving = false;
                         metrics.message_rejected();
                         session.close(now, CloseCode::Limit, "too many messages at once");
                     }
                     Received::Message(message) => {
-                        all_done &= matches!(message, ClientMessage::Ping(_));
+                        let asks = !matches!(message, ClientMessage::Ping(_));
+                        if asks {
+                            guard.asked();
+                        }
+                        all_done &= !asks;
                         session.handle_message(now, message);
+                    }
+                    Received::Skipped => {}
+                    Received::TooMuch => {
+                        metrics.message_rejected();
+                        session.close(now, CloseCode::Limit, TOO_MUCH);
                     }
                     Received::Malformed(why) => {
                         metrics.message_rejected();
@@ -216,6 +249,9 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
                 }
             }
             Some((id, bytes)) = reads.next(), if !reads.is_empty() => {
+                if let Err(why) = &bytes {
+                    state.read_failed(why);
+                }
                 session.handle_read(clock.now(), id, &bytes);
             }
             () = sleep_until(wake) => {}

@@ -1,4 +1,4 @@
-//! The HTTP port: `/health`, `/metrics`, and the upgrade to WebSocket at `/` and `/stream`.
+//! The public HTTP port: `/health`, and the upgrade to WebSocket at `/` and `/stream`.
 
 use std::convert::Infallible;
 use std::net::SocketAddr;
@@ -17,10 +17,10 @@ use hyper_util::rt::{TokioIo, TokioTimer};
 use lodestream_protocol::stream::ALPN;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::task::JoinSet;
-use tokio::time::{sleep, timeout};
+use tokio::time::timeout;
 use tokio_tungstenite::tungstenite::handshake::derive_accept_key;
 
+use super::listen::accept_each;
 use super::metrics::Transport;
 use super::state::{Phase, ServerState, SessionGuard};
 use super::websocket;
@@ -28,41 +28,35 @@ use super::websocket;
 /// Time in which a request's head must be there: slow senders hold a connection no longer.
 const HEADER_TIMEOUT: Duration = Duration::from_secs(5);
 /// Time in which a request must be answered in full.
-const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
+pub(super) const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
 /// Longest head of a request, in bytes.
 const MAX_HEADER_BYTES: usize = 16 * 1024;
 /// Most header fields of a request.
 const MAX_HEADERS: usize = 64;
-/// Connections beyond the sessions: requests that are being answered.
-const SPARE_CONNECTIONS: usize = 64;
 /// Bytes that the kernel may hold unsent on a connection. What lies there cannot be overtaken.
 #[cfg(any(target_os = "linux", target_os = "android"))]
 const UNSENT_BYTES: u32 = 16 * 1024;
 
-/// Takes connections of a listener until the daemon stops; while it drains, `/health` says so.
+/// Takes connections of a listener until the daemon stops; while it drains, `/health` says so. There are as many as the
+/// rooms and places of the state allow: whoever is turned out ends at once.
 pub async fn serve_http(listener: TcpListener, state: Arc<ServerState>) {
-    let mut connections = JoinSet::new();
-    let most = usize::try_from(state.settings().max_sessions).unwrap_or(usize::MAX);
-    let most = most.saturating_add(SPARE_CONNECTIONS);
-    loop {
-        tokio::select! {
-            biased;
-            () = state.reached(Phase::Stopped) => break,
-            Some(_) = connections.join_next() => {}
-            accepted = listener.accept() => match accepted {
-                Ok((stream, peer)) if connections.len() < most => {
-                    prepare(&stream);
-                    connections.spawn(accept_http(stream, state.clone(), peer));
-                }
-                Ok((_, peer)) => tracing::info!(%peer, "connection refused: too many"),
-                Err(why) => {
-                    // Out of file descriptors, or a client that is gone already.
-                    tracing::warn!("cannot take a connection: {why}");
-                    sleep(Duration::from_millis(100)).await;
-                }
-            }
-        }
-    }
+    let serve = |stream: TcpStream, peer| {
+        prepare(&stream);
+        accept_http(stream, Arc::clone(&state), peer)
+    };
+    accept_each(listener, &state, serve).await;
+}
+
+/// How one request of a connection is read.
+pub(super) fn one_request() -> http1::Builder {
+    let mut builder = http1::Builder::new();
+    builder
+        .timer(TokioTimer::new())
+        .header_read_timeout(HEADER_TIMEOUT)
+        .max_headers(MAX_HEADERS)
+        .max_buf_size(MAX_HEADER_BYTES)
+        .auto_date_header(false);
+    builder
 }
 
 /// Sets what a streaming connection needs; without it things work, only slower.
@@ -75,7 +69,8 @@ fn prepare(stream: &TcpStream) {
 /// An upgrade that was granted, on its way from the request's handler to its connection.
 type Granted = Arc<Mutex<Option<(OnUpgrade, SessionGuard)>>>;
 
-/// Serves one connection: one request, and a session if it asks for a WebSocket.
+/// Serves one connection: one request, and a session if it asks for a WebSocket. While others need its seat more, it is
+/// dropped without a word.
 pub async fn accept_http<S>(stream: S, state: Arc<ServerState>, peer: SocketAddr)
 where
     S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
@@ -85,15 +80,15 @@ where
         let response = answer(&mut request, &state, peer, &granted);
         async move { Ok::<_, Infallible>(response) }
     });
-    let connection = http1::Builder::new()
-        .timer(TokioTimer::new())
-        .header_read_timeout(HEADER_TIMEOUT)
-        .max_headers(MAX_HEADERS)
-        .max_buf_size(MAX_HEADER_BYTES)
-        .auto_date_header(false)
-        .serve_connection(TokioIo::new(stream), service)
-        .with_upgrades();
-    match timeout(REQUEST_TIMEOUT, connection).await {
+    let connection = one_request().serve_connection(TokioIo::new(stream), service).with_upgrades();
+    let seat = state.enter_request(peer);
+    let served = tokio::select! {
+        biased;
+        served = timeout(REQUEST_TIMEOUT, connection) => served,
+        () = seat.lost() => return state.metrics().http_error(),
+    };
+    drop(seat);
+    match served {
         Ok(Ok(())) => {}
         Ok(Err(why)) => {
             tracing::debug!(%peer, "no proper request: {why}");
@@ -109,9 +104,9 @@ where
     }
 }
 
-type Answer = Response<Full<Bytes>>;
+pub(super) type Answer = Response<Full<Bytes>>;
 
-fn text(status: StatusCode, body: impl Into<Bytes>) -> Answer {
+pub(super) fn text(status: StatusCode, body: impl Into<Bytes>) -> Answer {
     let mut response = Response::new(Full::new(body.into()));
     *response.status_mut() = status;
     let plain = HeaderValue::from_static("text/plain; charset=utf-8");
@@ -129,24 +124,26 @@ fn answer(
 ) -> Answer {
     state.metrics().http_request();
     let path = request.uri().path();
-    if !matches!(path, "/" | "/stream" | "/health" | "/metrics") {
-        return text(StatusCode::NOT_FOUND, "not found: try /health, /metrics, or a WebSocket at /stream\n");
+    if !matches!(path, "/" | "/stream" | "/health") {
+        return text(StatusCode::NOT_FOUND, "not found: try /health, or a WebSocket at /stream\n");
     }
     if !matches!(*request.method(), Method::GET | Method::HEAD) {
-        let mut response = text(StatusCode::METHOD_NOT_ALLOWED, "only GET is understood\n");
-        response.headers_mut().insert(header::ALLOW, HeaderValue::from_static("GET, HEAD"));
-        return response;
+        return wrong_method();
     }
-    match path {
-        "/health" if state.phase() == Phase::Running => text(StatusCode::OK, "ok\n"),
-        "/health" => text(StatusCode::SERVICE_UNAVAILABLE, "draining\n"),
-        "/metrics" => {
-            let mut response = text(StatusCode::OK, state.render_metrics());
-            let version = HeaderValue::from_static("text/plain; version=0.0.4; charset=utf-8");
-            response.headers_mut().insert(header::CONTENT_TYPE, version);
-            response
-        }
-        _ => upgrade(request, state, peer, granted),
+    if path == "/health" { health(state) } else { upgrade(request, state, peer, granted) }
+}
+
+pub(super) fn wrong_method() -> Answer {
+    let mut response = text(StatusCode::METHOD_NOT_ALLOWED, "only GET is understood\n");
+    response.headers_mut().insert(header::ALLOW, HeaderValue::from_static("GET, HEAD"));
+    response
+}
+
+/// Whether the server takes clients.
+pub(super) fn health(state: &ServerState) -> Answer {
+    match state.phase() {
+        Phase::Running => text(StatusCode::OK, "ok\n"),
+        _ => text(StatusCode::SERVICE_UNAVAILABLE, "draining\n"),
     }
 }
 
@@ -200,9 +197,12 @@ fn upgrade(
     if offers && !lists(headers, &header::SEC_WEBSOCKET_PROTOCOL, ALPN) {
         return text(StatusCode::BAD_REQUEST, format!("the only subprotocol here is {ALPN}\n"));
     }
-    let Some(guard) = state.begin_session(Transport::WebSocket, peer) else {
-        tracing::info!(%peer, "session refused: the server is full or shutting down");
-        return text(StatusCode::SERVICE_UNAVAILABLE, "the server is full or shutting down\n");
+    let guard = match state.begin_session(Transport::WebSocket, peer) {
+        Ok(guard) => guard,
+        Err(why) => {
+            tracing::info!(%peer, "session refused: {why}");
+            return text(StatusCode::SERVICE_UNAVAILABLE, format!("{why}\n"));
+        }
     };
     let pending = hyper::upgrade::on(request);
     *granted.lock().unwrap_or_else(PoisonError::into_inner) = Some((pending, guard));

@@ -49,6 +49,8 @@ pub struct Metrics {
     bytes: [IntCounter; 5],
     blobs: [IntCounter; 5],
     rejected_messages: IntCounter,
+    refused_requests: IntCounter,
+    unreadable: IntCounter,
     http_requests: IntCounter,
     http_errors: IntCounter,
     failed_handshakes: IntCounter,
@@ -130,6 +132,14 @@ impl Metrics {
                 "lodestream_rejected_messages_total",
                 "Messages of clients that were refused.",
             )?,
+            refused_requests: counter(
+                "lodestream_refused_requests_total",
+                "Requests for blobs that were refused: there are none such, or too many were queued.",
+            )?,
+            unreadable: counter(
+                "lodestream_unreadable_blobs_total",
+                "Reads of blobs that failed: packs damaged or gone since the server started.",
+            )?,
             http_requests: counter("lodestream_http_requests_total", "HTTP requests.")?,
             http_errors: counter(
                 "lodestream_http_errors_total",
@@ -178,6 +188,14 @@ impl Metrics {
 
     pub(super) fn message_rejected(&self) {
         self.rejected_messages.inc();
+    }
+
+    pub(super) fn requests_refused(&self, count: usize) {
+        self.refused_requests.inc_by(count as u64);
+    }
+
+    pub(super) fn blob_unreadable(&self) {
+        self.unreadable.inc();
     }
 
     pub(super) fn http_request(&self) {

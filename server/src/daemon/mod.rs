@@ -3,9 +3,12 @@
 //! | module | idea |
 //! |---|---|
 //! | [`quic`], [`websocket`], [`http`] | the two transports, and the HTTP port that one of them shares |
+//! | [`admin`], `listen` | the port for who runs the server; TCP listeners |
 //! | [`congestion`] | how much of a QUIC connection may be in flight |
-//! | `drive` | the loop between a sans-IO session and a transport |
+//! | `drive`, `intake` | the loop between a sans-IO session and a transport; how many bytes a client may send |
 //! | [`state`], [`metrics`] | what sessions share |
+//! | `places`, `room` | who may have a session, and who may ask for one |
+//! | `damage` | blobs that cannot be read any more |
 //! | [`origin`] | which web pages may open sessions |
 //! | [`certificate`], [`shutdown`] | what their names say |
 //! | [`memory_scene`] | a scene made of numbers, for tests |
@@ -14,16 +17,22 @@
 //! ([`http::accept_http`], [`websocket::serve_websocket`]), and read no clock but tokio's, so a simulator
 //! runs them unchanged in paused time.
 
+pub mod admin;
 pub mod certificate;
 pub mod congestion;
+mod damage;
 mod drive;
 pub mod http;
+mod intake;
+mod listen;
 pub mod memory_scene;
 pub mod metrics;
 pub mod origin;
+mod places;
 pub mod quic;
 mod quic_stream;
 mod reads;
+mod room;
 pub mod shutdown;
 pub mod state;
 #[cfg(test)]
@@ -42,7 +51,9 @@ use tokio::net::TcpListener;
 use tokio::time::timeout;
 use tracing_appender::non_blocking::ErrorCounter;
 
+use self::admin::AdminPort;
 use self::certificate::Certificate;
+use self::listen::listen_tcp;
 use self::origin::AllowedOrigins;
 use self::shutdown::{Signals, StopRequests};
 pub use self::state::{ServerState, SessionSettings};
@@ -57,6 +68,8 @@ pub struct DaemonOptions {
     pub listen: Option<SocketAddr>,
     /// TCP address of the HTTP and WebSocket listener; port 0 for any. `None`: neither.
     pub http: Option<SocketAddr>,
+    /// Where `/health` and `/metrics` are for who runs the server.
+    pub admin: AdminPort,
     /// Folder in which the development certificate is kept.
     pub state_folder: PathBuf,
     /// PEM files of a certificate chain and its private key, in place of the development certificate.
@@ -70,12 +83,13 @@ pub struct DaemonOptions {
 }
 
 impl DaemonOptions {
-    /// The standard ports on loopback, no limit, the development certificate in `state_folder`.
+    /// The standard ports on loopback but for the admin's, no limit, the development certificate in `state_folder`.
     #[must_use]
     pub fn new(state_folder: impl Into<PathBuf>) -> Self {
         Self {
             listen: Some(SocketAddr::from((Ipv4Addr::LOCALHOST, 4433))),
             http: Some(SocketAddr::from((Ipv4Addr::LOCALHOST, 8080))),
+            admin: AdminPort::Off,
             state_folder: state_folder.into(),
             certificate: None,
             sessions: SessionSettings::default(),
@@ -85,8 +99,8 @@ impl DaemonOptions {
     }
 }
 
-/// Runs the daemon until SIGINT or SIGTERM: prints the viewer URLs, one a line, serves, and drains when
-/// asked to end. A second signal ends it at once.
+/// Runs the daemon until SIGINT or SIGTERM: prints the viewer URLs, one a line, and that of the metrics, serves, and
+/// drains when asked to end. A second signal ends it at once.
 ///
 /// # Errors
 /// Fails where an address or the certificate cannot be had, or where a second signal came.
@@ -94,7 +108,8 @@ pub async fn run(options: DaemonOptions, scene: Arc<dyn SceneSource>) -> anyhow:
     // Before the URLs are out: whoever reads them may ask to end at once.
     let signals = Signals::listen()?;
     let daemon = Daemon::bind(options, scene).await?;
-    for url in daemon.urls() {
+    let metrics = daemon.admin_address().map(|address| format!("http://{address}/metrics"));
+    for url in daemon.urls().into_iter().chain(metrics) {
         // Whoever wants none may have closed it.
         let _ = writeln!(std::io::stdout(), "{url}");
     }
@@ -107,6 +122,7 @@ pub struct Daemon {
     state: Arc<ServerState>,
     quic: Option<(quinn::Endpoint, SocketAddr, String)>,
     http: Option<(TcpListener, SocketAddr)>,
+    admin: Option<(TcpListener, SocketAddr)>,
 }
 
 impl Daemon {
@@ -132,21 +148,14 @@ impl Daemon {
                 Some((endpoint, address, certificate.fingerprint_hex()))
             }
         };
-        let http = match options.http {
-            None => None,
-            Some(address) => {
-                let listener = TcpListener::bind(address)
-                    .await
-                    .with_context(|| format!("cannot listen on TCP {address}"))?;
-                let address = listener.local_addr()?;
-                Some((listener, address))
-            }
-        };
+        let addressed = |listener: TcpListener| listener.local_addr().map(|address| (listener, address));
+        let http = options.http.map(listen_tcp).transpose()?.map(addressed).transpose()?;
+        let admin = options.admin.listen()?.map(addressed).transpose()?;
         let state = ServerState::with_origins(scene, options.sessions, options.origins);
         if let Some(dropped) = options.dropped_log_lines {
             state.metrics().watch_log(dropped);
         }
-        Ok(Self { state, quic, http })
+        Ok(Self { state, quic, http, admin })
     }
 
     /// Addresses for viewers: `quic://HOST:PORT#sha256=FINGERPRINT` (64 lowercase hexadecimal digits, the
@@ -176,6 +185,12 @@ impl Daemon {
         self.http.as_ref().map(|(_, address)| *address)
     }
 
+    /// Address of the listener for who runs the server.
+    #[must_use]
+    pub fn admin_address(&self) -> Option<SocketAddr> {
+        self.admin.as_ref().map(|(_, address)| *address)
+    }
+
     /// What the sessions share.
     #[must_use]
     pub const fn state(&self) -> &Arc<ServerState> {
@@ -187,13 +202,16 @@ impl Daemon {
     /// # Errors
     /// Fails where a listener ends by itself, or a second request came before all sessions had ended.
     pub async fn serve(self, mut stop: impl StopRequests) -> anyhow::Result<()> {
-        let Self { state, quic, http } = self;
+        let Self { state, quic, http, admin } = self;
         let mut listeners = tokio::task::JoinSet::new();
         if let Some((endpoint, _, _)) = quic {
             listeners.spawn(quic::serve_quic(endpoint, state.clone()));
         }
         if let Some((listener, _)) = http {
             listeners.spawn(http::serve_http(listener, state.clone()));
+        }
+        if let Some((listener, _)) = admin {
+            listeners.spawn(admin::serve_admin(listener, state.clone()));
         }
         tracing::info!(
             scene = state.scene().header().name,

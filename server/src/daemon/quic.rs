@@ -7,7 +7,6 @@
 
 use std::future::{Future, poll_fn};
 use std::net::{SocketAddr, UdpSocket};
-use std::pin::pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::task::Poll;
@@ -195,10 +194,13 @@ fn accept(
         let _ = incoming.retry();
         return None;
     };
-    let Some(guard) = state.begin_session(Transport::Quic, peer) else {
-        tracing::info!(%peer, "connection refused: the server is full");
-        incoming.refuse();
-        return None;
+    let guard = match state.begin_session(Transport::Quic, peer) {
+        Ok(guard) => guard,
+        Err(why) => {
+            tracing::info!(%peer, "connection refused: {why}");
+            incoming.refuse();
+            return None;
+        }
     };
     let opened = incoming.accept().map_err(|why| why.to_string()).and_then(|connecting| {
         // On servers this always succeeds.
@@ -228,17 +230,16 @@ async fn run_session(
     let rate_bits_per_s = state.config(Transport::Quic).limiter.rate_bits_per_s;
     let mut receiver = QuicReceiver::new(connection.clone(), state.clone());
     let mut sender = QuicSender::new(connection.clone(), rate_bits_per_s);
-    let mut validated = pin!(handshake);
-    let close = {
-        let mut session = pin!(drive(&mut guard, &mut receiver, &mut sender));
-        loop {
-            tokio::select! {
-                biased;
-                _ = &mut validated, if counted.is_some() => counted = None,
-                close = &mut session => break close,
-            }
+    let proof = async {
+        // A token proves an address too, but not that somebody there goes on; what it says is of no meaning to servers.
+        handshake.await;
+        if connection.close_reason().is_some() {
+            // Over before it was complete: the session hears of it elsewhere.
+            std::future::pending().await
         }
+        counted = None;
     };
+    let close = drive(&mut guard, proof, &mut receiver, &mut sender).await;
     if counted.is_some() {
         state.metrics().handshake_failed();
     }

@@ -15,6 +15,7 @@ use quinn::{Connection, ConnectionError, ReadError, RecvStream, SendStream, VarI
 use tokio::time::{Instant, timeout};
 
 use super::drive::{Deliver, Receive, Received};
+use super::intake::Intake;
 use super::state::ServerState;
 
 /// Bytes read at once from the client's control stream.
@@ -53,11 +54,19 @@ pub(super) struct QuicReceiver {
     stream: Option<RecvStream>,
     kind_known: bool,
     frames: FrameReader,
+    intake: Intake,
 }
 
 impl QuicReceiver {
     pub(super) fn new(connection: Connection, state: Arc<ServerState>) -> Self {
-        Self { connection, state, stream: None, kind_known: false, frames: FrameReader::new() }
+        Self {
+            connection,
+            state,
+            stream: None,
+            kind_known: false,
+            frames: FrameReader::new(),
+            intake: Intake::new(),
+        }
     }
 }
 
@@ -70,7 +79,7 @@ impl Receive for QuicReceiver {
             }) {
                 Ok(Some(Some(message))) => return Received::Message(message),
                 // An unknown message that may be skipped.
-                Ok(Some(None)) => continue,
+                Ok(Some(None)) => return Received::Skipped,
                 Ok(None) => {}
                 Err(why) => return Received::Malformed(why),
             }
@@ -87,6 +96,7 @@ impl Receive for QuicReceiver {
                 continue;
             };
             match stream.read_chunk(READ_BYTES, true).await {
+                Ok(Some(chunk)) if !self.intake.take(chunk.bytes.len()) => return Received::TooMuch,
                 Ok(Some(mut chunk)) => {
                     if !self.kind_known && !chunk.bytes.is_empty() {
                         self.kind_known = true;

@@ -5,13 +5,16 @@ use std::future::Future;
 use anyhow::Context;
 
 /// SIGINT and SIGTERM (on other systems than Unix: Ctrl-C). Each call of [`Signals::next`] resolves with
-/// the next one that comes.
+/// the next one that comes. SIGHUP ends nothing: there is nothing to read anew, and a terminal that is closed is no wish
+/// of who runs the server.
 #[derive(Debug)]
 pub(super) struct Signals {
     #[cfg(unix)]
     interrupt: tokio::signal::unix::Signal,
     #[cfg(unix)]
     terminate: tokio::signal::unix::Signal,
+    #[cfg(unix)]
+    hangup: tokio::signal::unix::Signal,
 }
 
 impl Signals {
@@ -24,6 +27,7 @@ impl Signals {
             Ok(Self {
                 interrupt: listen(SignalKind::interrupt())?,
                 terminate: listen(SignalKind::terminate())?,
+                hangup: listen(SignalKind::hangup())?,
             })
         }
         #[cfg(not(unix))]
@@ -40,10 +44,13 @@ pub trait StopRequests: Send {
 impl StopRequests for Signals {
     async fn next(&mut self) {
         #[cfg(unix)]
-        tokio::select! {
-            biased;
-            _ = self.interrupt.recv() => {}
-            _ = self.terminate.recv() => {}
+        loop {
+            tokio::select! {
+                biased;
+                _ = self.interrupt.recv() => break,
+                _ = self.terminate.recv() => break,
+                Some(()) = self.hangup.recv() => tracing::info!("SIGHUP: nothing is read anew; going on"),
+            }
         }
         #[cfg(not(unix))]
         if tokio::signal::ctrl_c().await.is_err() {

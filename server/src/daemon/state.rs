@@ -5,28 +5,47 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
+use lodestream_protocol::Time;
 use lodestream_protocol::message::CloseCode;
-use lodestream_protocol::server::ServerConfig;
-use lodestream_protocol::source::SceneSource;
+use lodestream_protocol::server::{Plans, ServerConfig};
+use lodestream_protocol::source::{SceneSource, SourceError};
 use tokio::sync::watch;
+use tokio::time::Instant;
 
+use super::damage::Damage;
 use super::metrics::{Metrics, Transport};
 use super::origin::AllowedOrigins;
+use super::places::{NoPlace, Place, Places, default_of_address};
+use super::room::{Room, Seat};
+
+/// Sessions that have not proved to be a client's: address and `Hello` are awaited. Hundreds of clients may connect at
+/// once; one takes as much memory as a session at its beginning.
+const MAX_UNPROVED: usize = 512;
+/// HTTP connections without a session: requests that are awaited or answered.
+const MAX_REQUESTS: usize = 256;
 
 /// Knobs that all sessions share.
 #[derive(Clone, Copy, Debug)]
 pub struct SessionSettings {
     /// Limit of each session in bits per second; `None` for no limit.
     pub rate_bits_per_s: Option<u64>,
-    /// Most sessions at once; more are refused.
+    /// Most sessions at once, at least one; more are refused.
     pub max_sessions: u64,
+    /// Most sessions at once of one address (of IPv6: of one network of 64 bits). `None`: an eighth of
+    /// [`SessionSettings::max_sessions`], and at least eight.
+    pub max_sessions_per_address: Option<u64>,
     /// How long sessions may go on with what they were asked for after shutdown has begun.
     pub drain: Duration,
 }
 
 impl Default for SessionSettings {
     fn default() -> Self {
-        Self { rate_bits_per_s: None, max_sessions: 1000, drain: Duration::from_secs(3) }
+        Self {
+            rate_bits_per_s: None,
+            max_sessions: 1000,
+            max_sessions_per_address: None,
+            drain: Duration::from_secs(3),
+        }
     }
 }
 
@@ -52,6 +71,12 @@ pub struct ServerState {
     phase: watch::Sender<Phase>,
     sessions: watch::Sender<u64>,
     next_session: AtomicU64,
+    places: Arc<Places>,
+    unproved: Arc<Room>,
+    requests: Arc<Room>,
+    damage: Damage,
+    plans: Arc<Plans>,
+    started: Instant,
 }
 
 impl std::fmt::Debug for ServerState {
@@ -111,6 +136,15 @@ impl ServerState {
             phase: watch::Sender::new(Phase::Running),
             sessions: watch::Sender::new(0),
             next_session: AtomicU64::new(1),
+            places: Places::new(
+                settings.max_sessions,
+                settings.max_sessions_per_address.unwrap_or(default_of_address(settings.max_sessions)),
+            ),
+            unproved: Room::new(MAX_UNPROVED),
+            requests: Room::new(MAX_REQUESTS),
+            damage: Damage::default(),
+            plans: Plans::new(),
+            started: Instant::now(),
         }
     }
 
@@ -118,6 +152,11 @@ impl ServerState {
     #[must_use]
     pub fn scene(&self) -> &Arc<dyn SceneSource> {
         &self.scene
+    }
+
+    /// What is planned for all sessions.
+    pub(super) const fn plans(&self) -> &Arc<Plans> {
+        &self.plans
     }
 
     /// The settings.
@@ -186,28 +225,52 @@ impl ServerState {
         let _ = self.sessions.subscribe().wait_for(|open| *open == 0).await;
     }
 
-    /// Opens a session, unless the server is full or draining.
+    /// Lets an HTTP connection in, which has no session yet.
+    pub(super) fn enter_request(&self, peer: SocketAddr) -> Seat {
+        self.requests.enter(peer.ip())
+    }
+
+    /// A blob that a client asked for, or was to be sent, could not be read.
+    pub(super) fn read_failed(&self, error: &SourceError) {
+        if self.damage.note(error) {
+            self.metrics.blob_unreadable();
+        }
+    }
+
+    fn now(&self) -> Time {
+        Time::from(self.started.elapsed())
+    }
+
+    /// Begins a session, unless there is no place for its address. It has none itself until
+    /// [`SessionGuard::take_place`].
     pub(super) fn begin_session(
         self: &Arc<Self>,
         transport: Transport,
         peer: SocketAddr,
-    ) -> Option<SessionGuard> {
-        let mut admitted = self.phase() == Phase::Running;
-        self.sessions.send_modify(|open| {
-            admitted &= *open < self.settings.max_sessions;
-            *open += u64::from(admitted);
-        });
-        if !admitted {
+    ) -> Result<SessionGuard, NoPlace> {
+        let running = if self.phase() == Phase::Running { Ok(()) } else { Err(NoPlace::Draining) };
+        if let Err(why) = running.and_then(|()| self.places.check(peer.ip(), self.now())) {
             self.metrics.session_refused();
-            return None;
+            return Err(why);
         }
+        self.sessions.send_modify(|open| *open += 1);
         self.metrics.session_started(transport);
         let id = self.next_session.fetch_add(1, Ordering::Relaxed);
-        Some(SessionGuard { state: Arc::clone(self), transport, id, peer, ended: CloseCode::Lost })
+        let standing = Standing::Unproved(self.unproved.enter(peer.ip()));
+        Ok(SessionGuard { state: Arc::clone(self), transport, id, peer, ended: CloseCode::Lost, standing })
     }
 }
 
-/// A session's place in the counts; given back when dropped.
+/// What a session has.
+#[derive(Debug)]
+enum Standing {
+    /// A seat among those who have not proved to be clients.
+    Unproved(Seat),
+    /// A place among the sessions.
+    Placed(Place),
+}
+
+/// A session's part in the counts; given back when dropped.
 #[derive(Debug)]
 pub(super) struct SessionGuard {
     pub(super) state: Arc<ServerState>,
@@ -217,6 +280,52 @@ pub(super) struct SessionGuard {
     pub(super) peer: SocketAddr,
     /// Why the session ended; "lost" until said otherwise.
     pub(super) ended: CloseCode,
+    standing: Standing,
+}
+
+impl SessionGuard {
+    /// Whether the session has a place.
+    pub(super) const fn has_place(&self) -> bool {
+        matches!(self.standing, Standing::Placed(_))
+    }
+
+    /// Takes a place, once: the client has proved its address and said `Hello`.
+    pub(super) fn take_place(&mut self) -> Result<(), NoPlace> {
+        if self.has_place() {
+            return Ok(());
+        }
+        match self.state.places.take(self.peer.ip(), self.state.now()) {
+            Ok(place) => {
+                self.standing = Standing::Placed(place);
+                Ok(())
+            }
+            Err(why) => {
+                self.state.metrics.session_refused();
+                Err(why)
+            }
+        }
+    }
+
+    /// The client has asked for something: the session is of use.
+    pub(super) fn asked(&self) {
+        if let Standing::Placed(place) = &self.standing {
+            place.asked(self.state.now());
+        }
+    }
+
+    /// Resolves, once, when another needs what this session has; says why, for the client.
+    pub(super) async fn dismissed(&self) -> &'static str {
+        match &self.standing {
+            Standing::Unproved(seat) => {
+                seat.lost().await;
+                "too many clients connect at once and have not said Hello"
+            }
+            Standing::Placed(place) => {
+                place.lost().await;
+                "the server is full, and others have fewer sessions or ask for more"
+            }
+        }
+    }
 }
 
 impl Drop for SessionGuard {

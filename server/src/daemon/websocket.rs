@@ -21,6 +21,7 @@ use tokio_tungstenite::tungstenite::{self, Message};
 use tracing::Instrument;
 
 use super::drive::{Deliver, Receive, Received, drive};
+use super::intake::{Metered, is_too_much};
 use super::metrics::Transport;
 use super::state::{ServerState, SessionGuard};
 
@@ -28,6 +29,8 @@ use super::state::{ServerState, SessionGuard};
 const READ_BUFFER_BYTES: usize = 4 * 1024;
 /// How long the client may take to answer the closing handshake.
 const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
+/// What is read and thrown away of a client that broke the rules, so that it hears why, in bytes.
+const MAX_WASTE_BYTES: usize = 1 << 20;
 /// Added to our codes: WebSocket keeps 4000 and up for applications (RFC 6455 §7.4.2).
 const CLOSE_CODE_BASE: u16 = 4000;
 /// Longest reason of a WebSocket close frame (RFC 6455 §5.5): 125 bytes with the code.
@@ -51,7 +54,7 @@ pub async fn serve_websocket<S>(stream: S, state: Arc<ServerState>, peer: Socket
 where
     S: AsyncRead + AsyncWrite + Unpin + Send,
 {
-    if let Some(guard) = state.begin_session(Transport::WebSocket, peer) {
+    if let Ok(guard) = state.begin_session(Transport::WebSocket, peer) {
         run_session(stream, guard).await;
     }
 }
@@ -64,11 +67,13 @@ where
     let span = tracing::info_span!("session", id = guard.id, transport = "ws", peer = %guard.peer);
     async {
         let started = Instant::now();
+        let stream = Metered::new(stream);
         let socket = WebSocketStream::from_raw_socket(stream, Role::Server, Some(limits())).await;
         let (sink, stream) = socket.split();
         let mut receiver = WebSocketReceiver { stream, broken: false };
         let mut sender = WebSocketSender { sink, pending: Pending::Nothing, sent_bytes: 0 };
-        let close = drive(&mut guard, &mut receiver, &mut sender).await;
+        // TCP's handshake has proved the address.
+        let close = drive(&mut guard, std::future::ready(()), &mut receiver, &mut sender).await;
         tracing::info!(
             scene = guard.state.scene().header().name,
             bytes = sender.sent_bytes,
@@ -82,8 +87,11 @@ where
 }
 
 /// Closes in good order: our close frame, then the client's, so that nothing is torn off.
-async fn finish<S>(mut sender: WebSocketSender<S>, mut receiver: WebSocketReceiver<S>, close: &Close)
-where
+async fn finish<S>(
+    mut sender: WebSocketSender<Metered<S>>,
+    mut receiver: WebSocketReceiver<Metered<S>>,
+    close: &Close,
+) where
     S: AsyncRead + AsyncWrite + Unpin,
 {
     if close.code == CloseCode::Lost {
@@ -99,14 +107,20 @@ where
         if sender.sink.send(Message::Close(Some(frame))).await.is_err() {
             return;
         }
-        if !receiver.broken {
+        // Of who sent too much, nothing more is looked at.
+        if !receiver.broken && close.code != CloseCode::Limit {
             while let Some(Ok(_)) = receiver.stream.next().await {}
         } else if let Ok(mut socket) = receiver.stream.reunite(sender.sink) {
             // What broke the rules cannot be read as messages. It is read all the same: a TCP socket that
             // is closed over unread bytes is reset, and our last words with it.
-            let stream = socket.get_mut();
+            let stream = &mut socket.get_mut().stream;
             let mut waste = [0; READ_BUFFER_BYTES];
-            while matches!(stream.read(&mut waste).await, Ok(count) if count > 0) {}
+            let mut left = MAX_WASTE_BYTES;
+            while left > 0
+                && let Ok(count @ 1..) = stream.read(&mut waste).await
+            {
+                left = left.saturating_sub(count);
+            }
         }
     })
     .await;
@@ -124,26 +138,24 @@ where
     S: AsyncRead + AsyncWrite + Unpin + Send,
 {
     async fn receive(&mut self) -> Received {
-        loop {
-            let message = match self.stream.next().await {
-                None | Some(Err(tungstenite::Error::ConnectionClosed)) => return Received::Ended,
-                Some(Err(why)) => {
-                    self.broken = true;
-                    return refused(why);
-                }
-                Some(Ok(message)) => message,
-            };
-            match message {
-                Message::Binary(bytes) => match Frame::parse(bytes).and_then(Frame::into_client_message) {
-                    Ok(Some(message)) => return Received::Message(message),
-                    // An unknown message that may be skipped.
-                    Ok(None) => {}
-                    Err(why) => return Received::Malformed(why),
-                },
-                Message::Text(_) => return Received::Violation("text messages are not understood".into()),
-                Message::Close(_) => return Received::Ended,
-                Message::Ping(_) | Message::Pong(_) | Message::Frame(_) => {}
+        let message = match self.stream.next().await {
+            None | Some(Err(tungstenite::Error::ConnectionClosed)) => return Received::Ended,
+            Some(Err(why)) => {
+                self.broken = true;
+                return refused(why);
             }
+            Some(Ok(message)) => message,
+        };
+        match message {
+            Message::Binary(bytes) => match Frame::parse(bytes).and_then(Frame::into_client_message) {
+                Ok(Some(message)) => Received::Message(message),
+                // An unknown message that may be skipped.
+                Ok(None) => Received::Skipped,
+                Err(why) => Received::Malformed(why),
+            },
+            Message::Text(_) => Received::Violation("text messages are not understood".into()),
+            Message::Close(_) => Received::Ended,
+            Message::Ping(_) | Message::Pong(_) | Message::Frame(_) => Received::Skipped,
         }
     }
 }
@@ -156,6 +168,7 @@ fn refused(error: tungstenite::Error) -> Received {
         tungstenite::Error::Protocol(
             why @ tungstenite::error::ProtocolError::ResetWithoutClosingHandshake,
         ) => Received::Lost(why.to_string()),
+        tungstenite::Error::Io(why) if is_too_much(&why) => Received::TooMuch,
         why @ (tungstenite::Error::Io(_) | tungstenite::Error::AlreadyClosed) => {
             Received::Lost(why.to_string())
         }

@@ -134,7 +134,7 @@ pub struct Cached {
 }
 
 /// Opens an asset's pack in a cache folder, which is made if need be; prepares the asset where the pack
-/// is missing, of another version or damaged.
+/// is missing, of another version, of other input than its name says, or damaged.
 ///
 /// # Errors
 /// See [`PrepareError`].
@@ -143,6 +143,7 @@ pub fn prepare_cached(asset: &Asset, folder: &Path, options: &Options) -> Result
     let path = key.path(folder, &asset.name);
     // The model itself was just read whole for its key; its pack is the smaller part.
     if let Ok(pack) = PackFile::open(&path)
+        && pack.made_from() == key.bytes()
         && pack.verify().and_then(|()| pack.base().map(drop)).is_ok()
     {
         return Ok(Cached { pack, report: None });

@@ -6,7 +6,7 @@ use lodestream_import::recipe::{Precision, Recipe};
 use tempfile::TempDir;
 
 use super::{Options, prepare_cached};
-use crate::scene;
+use crate::scene::{self, Asset};
 
 const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
 
@@ -35,6 +35,25 @@ fn a_flag_was_lost_where_the_scene_file_had_a_value() {
     let told = settings(dir.path(), scene, Recipe::default());
     assert!(told[0].starts_with("position-bits 16,") && told[1].starts_with("tolerance 0.01,"), "{told:?}");
     assert!(told[2].starts_with("position-bits 14,"), "{told:?}");
+}
+
+#[test]
+fn a_pack_of_another_model_under_the_caches_name_was_served() {
+    let dir = tempfile::TempDir::new().unwrap();
+    let cache = dir.path().join("cache");
+    let options = Options { quiet: true, ..Options::default() };
+    let prepared = |name: &str, corner: u32| {
+        let file = dir.path().join(name);
+        std::fs::write(&file, format!("v 0 0 0\nv {corner} 0 0\nv 0 1 0\nf 1 2 3\n")).unwrap();
+        prepare_cached(&Asset::of_file(&file), &cache, &options).unwrap()
+    };
+    let (one, other) = (prepared("one.obj", 1), prepared("other.obj", 2));
+    let right = other.pack.fingerprint();
+    std::fs::copy(one.pack.path(), other.pack.path()).unwrap();
+    let again = prepared("other.obj", 2);
+    assert!(again.report.is_some(), "it is prepared anew");
+    assert_eq!(again.pack.fingerprint(), right);
+    assert!(prepared("other.obj", 2).report.is_none());
 }
 
 /// Real glTF files, prepared short of their geometry.

@@ -80,6 +80,12 @@ impl PackFile {
         self.total_bytes
     }
 
+    /// What the pack was made from, as a hash of source files and settings ([`crate::prepare::cache::Key`]).
+    #[must_use]
+    pub fn made_from(&self) -> [u8; 32] {
+        self.head.fingerprint
+    }
+
     /// Hash that names the contents of the whole pack.
     #[must_use]
     pub fn fingerprint(&self) -> Fingerprint {

@@ -16,6 +16,7 @@ use anyhow::Context as _;
 use lodestream_client::net::{self, Pin};
 use lodestream_netsim::clock::VirtualClock;
 use lodestream_protocol::BlobId;
+use lodestream_protocol::limits::MAX_QUEUED;
 use lodestream_protocol::source::SceneSource;
 use lodestream_server::daemon::{Daemon, DaemonOptions, SessionSettings};
 use serde::Serialize;
@@ -32,7 +33,7 @@ const WARM_UP: Duration = Duration::from_secs(2);
 /// Ticks of processor time in a second, as `/proc` counts them on every Linux (`USER_HZ`).
 const TICKS_PER_S: f64 = 100.0;
 /// Most blobs that a client asks for: what a session queues.
-const MAX_WANTED: usize = 4000;
+const MAX_WANTED: usize = MAX_QUEUED;
 
 /// What is measured.
 #[derive(Clone, Copy, Debug)]
@@ -90,7 +91,14 @@ pub struct Load {
 pub fn serve(scene: Arc<dyn SceneSource>, rate_bits_per_s: u64) -> anyhow::Result<()> {
     let folder = tempfile::tempdir().context("no folder for the certificate")?;
     let any = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
-    let sessions = SessionSettings { rate_bits_per_s: Some(rate_bits_per_s), ..SessionSettings::default() };
+    let defaults = SessionSettings::default();
+    let sessions = SessionSettings {
+        rate_bits_per_s: Some(rate_bits_per_s),
+        // All clients are of one address, and none may use the eighth that is kept for others.
+        max_sessions: defaults.max_sessions * 2,
+        max_sessions_per_address: Some(defaults.max_sessions),
+        ..defaults
+    };
     let options =
         DaemonOptions { listen: Some(any), http: Some(any), sessions, ..DaemonOptions::new(folder.path()) };
     let runtime = Builder::new_multi_thread().enable_all().build()?;

@@ -136,6 +136,11 @@ impl Server {
         Ok(answer)
     }
 
+    /// What `/metrics` would say.
+    pub(crate) fn metrics(&self) -> String {
+        self.state.render_metrics()
+    }
+
     /// Fails unless the daemon is up, answers `/health` with 200, and nothing in it has panicked.
     pub(crate) fn assert_healthy(&self) {
         let health = self.get("/health").unwrap();

@@ -11,7 +11,7 @@ use lodestream_protocol::asset::{
 };
 use lodestream_protocol::blob::TerrainBlob;
 use lodestream_protocol::frame::{BlobPiece, Frame, FrameReader, ServerFrame};
-use lodestream_protocol::message::{ClientMessage, Hello, ServerMessage, Want, Welcome};
+use lodestream_protocol::message::{ClientMessage, Hello, Refused, ServerMessage, Want, Welcome};
 use lodestream_protocol::scene::{AssetEntry, InstanceEntry, SceneHeader, ScenePage};
 use lodestream_protocol::stream::{BLOB_STREAM, BlobStreamReader};
 use lodestream_protocol::terrain::{TerrainEntry, decode_directory};
@@ -152,8 +152,9 @@ fn server_message(message: &ServerMessage) -> Value {
     match message {
         ServerMessage::Welcome(welcome) => json!(["Welcome", self::welcome(welcome)]),
         ServerMessage::ScenePage(page) => json!(["ScenePage", self::page(page)]),
-        ServerMessage::Refused(refused) => {
-            json!(["Refused", {"id": blob_id(refused.id), "reason": format!("{:?}", refused.reason)}])
+        ServerMessage::Refused(refused) => json!(["Refused", self::refused(refused)]),
+        ServerMessage::RefusedMany(many) => {
+            json!(["RefusedMany", many.iter().map(self::refused).collect::<Vec<_>>()])
         }
         ServerMessage::BasesSent => json!(["BasesSent", null]),
         ServerMessage::Done => json!(["Done", null]),
@@ -162,6 +163,10 @@ fn server_message(message: &ServerMessage) -> Value {
             json!(["Close", {"code": format!("{:?}", close.code), "reason": close.reason}])
         }
     }
+}
+
+fn refused(refused: &Refused) -> Value {
+    json!({"id": blob_id(refused.id), "reason": format!("{:?}", refused.reason)})
 }
 
 fn hello(hello: &Hello) -> Value {

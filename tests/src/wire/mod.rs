@@ -15,7 +15,7 @@ use std::process::Command;
 use lodestream_protocol::limits::{
     MAX_ASSETS, MAX_BLOB_BYTES, MAX_CHUNKS, MAX_DECODED_BYTES, MAX_DESCRIPTION_BYTES, MAX_ENTRIES_PER_PAGE,
     MAX_FRAME_BYTES, MAX_HAVE, MAX_IDS_PER_MESSAGE, MAX_INSTANCES, MAX_MESSAGE_BYTES, MAX_NAME_BYTES,
-    MAX_PAGES_PER_MESSAGE, MAX_PIECE_BYTES, MAX_REASON_BYTES, MAX_SCENE_PAGES,
+    MAX_PAGES_PER_MESSAGE, MAX_PIECE_BYTES, MAX_QUEUED, MAX_REASON_BYTES, MAX_SCENE_PAGES,
 };
 use lodestream_protocol::message::{ClientMessage, CloseCode, Hello, RefusedReason, ServerMessage};
 use lodestream_protocol::source::SceneSource as _;
@@ -107,6 +107,7 @@ fn a_reader_written_from_the_page_understands_all_that_is_said() {
                 "{reason:?}"
             );
         }
+        assert_eq!(seen(&|m| matches!(m, ServerMessage::RefusedMany(many) if many.len() == 2)), 1);
         let json = known.json(&said);
         let blobs = json["blobs"].as_array().unwrap();
         for (what, there) in [
@@ -170,7 +171,8 @@ fn the_page_states_the_limits_and_close_codes_of_the_program() {
         ("a WebSocket message", &[MAX_FRAME_BYTES as u64]),
         ("bytes of a piece", &[MAX_PIECE_BYTES as u64]),
         ("a blob", &[u64::from(MAX_BLOB_BYTES)]),
-        ("requests of a Want, ids of a Cancel", &[MAX_IDS_PER_MESSAGE as u64]),
+        ("requests of a Want, ids of a Cancel, refusals of a RefusedMany", &[MAX_IDS_PER_MESSAGE as u64]),
+        ("blobs queued for a client; then `Refused` with QueueFull", &[MAX_QUEUED as u64]),
         ("ids in `have`", &[MAX_HAVE as u64]),
         ("pages in a WantScenePages", &[MAX_PAGES_PER_MESSAGE as u64]),
         ("assets, and instances, of a page", &[MAX_ENTRIES_PER_PAGE as u64]),

@@ -176,6 +176,7 @@ pub(super) fn conversation(scene: &TestScene) -> Vec<Vec<ClientMessage>> {
             ClientMessage::WantScenePages(vec![1, 0]),
         ],
         vec![ClientMessage::Want(vec![part(stop, None)]), ClientMessage::Want(vec![part(9, Some(9))])],
+        vec![ClientMessage::Want([80_000, 80_001].map(|chunk| whole(BlobId::chunk(ball, chunk))).into())],
         vec![ClientMessage::Bye],
     ]
 }

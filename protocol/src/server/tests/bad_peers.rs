@@ -7,7 +7,7 @@ use proptest::prelude::*;
 use super::*;
 use crate::limits::MAX_IDS_PER_MESSAGE;
 use crate::message::{ClientMessage, CloseCode, Want};
-use crate::server::session::MAX_CONTROL_QUEUED;
+use crate::server::outbox::MAX_WAITING_BYTES;
 use crate::view::View;
 
 #[test]
@@ -79,7 +79,25 @@ fn peers_that_take_no_answers_are_closed() {
         server.handle_message(Time::ZERO, ClientMessage::Ping(nonce));
     }
     assert_eq!(server.close_reason().unwrap().code, CloseCode::Limit);
-    assert!(server.control.len() <= 1);
+    assert!(matches!(server.control.pop(), Some(ServerMessage::Close(_))) && server.control.is_empty());
+}
+
+#[test]
+fn bogus_wishes_of_a_client_that_reads_nothing_held_a_megabyte() {
+    let scene = MemoryScene::new(1, 1, 2);
+    let mut server = session(&scene, ServerConfig::quic(None));
+    server.handle_message(Time::ZERO, ClientMessage::Hello(hello(&scene.header)));
+    drain(&mut server, Time::ZERO);
+    let bogus = |n: u32| ClientMessage::Want(vec![Want::whole(BlobId::chunk(7, n), 1); MAX_IDS_PER_MESSAGE]);
+    server.handle_message(Time::ZERO, bogus(0));
+    assert!(server.close_reason().is_none(), "one message is refused, not punished");
+    let refusals = drain(&mut server, Time::ZERO);
+    assert_eq!(refusals.iter().filter(|t| matches!(t, Transmit::Message { message: ServerMessage::RefusedMany(many), .. } if many.len() == MAX_IDS_PER_MESSAGE)).count(), 1);
+    for n in 0..4 {
+        server.handle_message(Time::ZERO, bogus(n));
+        assert!(server.control.bytes() <= MAX_WAITING_BYTES);
+    }
+    assert_eq!(server.close_reason().unwrap().code, CloseCode::Limit);
 }
 
 fn any_message() -> impl Strategy<Value = ClientMessage> {
@@ -135,7 +153,7 @@ proptest! {
             }
             prop_assert!(server.requests.scheduler.queued() <= 200);
             prop_assert!(server.requests.scheduler.begun().count() <= 9);
-            prop_assert!(server.control.len() <= MAX_CONTROL_QUEUED + 1);
+            prop_assert!(server.control.bytes() <= MAX_WAITING_BYTES);
             prop_assert!(server.requests.abandoned_count() <= 9 * 60);
             prop_assert!(server.requests.handed_count() <= 2 * (85 + 2 + 1) + 2);
             prop_assert!(server.push.queued() <= scene.pages.len() + 2);

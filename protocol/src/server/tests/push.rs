@@ -3,6 +3,7 @@
 use super::*;
 use crate::blob::BlobPart;
 use crate::message::{ClientMessage, Want};
+use crate::server::Plans;
 use crate::view::View;
 
 #[test]
@@ -165,4 +166,63 @@ fn pages_of(transmits: &[Transmit]) -> Vec<u32> {
         _ => None,
     };
     transmits.iter().filter_map(page).collect()
+}
+
+/// A scene that counts how often its pages are looked at.
+struct Watched {
+    scene: Arc<MemoryScene>,
+    looks: std::sync::atomic::AtomicUsize,
+}
+
+impl crate::source::SceneSource for Watched {
+    fn header(&self) -> &SceneHeader {
+        self.scene.header()
+    }
+
+    fn page(&self, page: u32) -> Option<Arc<crate::scene::ScenePage>> {
+        self.looks.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+        self.scene.page(page)
+    }
+
+    fn blob_len(&self, id: &BlobId) -> Option<u32> {
+        self.scene.blob_len(id)
+    }
+
+    fn read(&self, id: &BlobId) -> Result<bytes::Bytes, crate::source::SourceError> {
+        self.scene.read(id)
+    }
+}
+
+#[test]
+fn every_initial_had_the_scene_planned_anew() {
+    let scene = MemoryScene::new(4, 400, 2);
+    let pages = scene.pages.len();
+    let watched = Arc::new(Watched { scene, looks: Default::default() });
+    let (plans, config) = (Plans::new(), Arc::new(ServerConfig::quic(None)));
+    let alone = drain(&mut session(&watched.scene, ServerConfig::quic(None)), Time::ZERO);
+    for n in 0..100 {
+        let source = Arc::clone(&watched) as Arc<dyn crate::source::SceneSource>;
+        let mut server =
+            ServerSession::sharing(Arc::clone(&plans), Arc::clone(&config), source, 1, Time::ZERO);
+        assert_eq!(drain(&mut server, Time::ZERO), alone, "session {n}");
+    }
+    let looks = watched.looks.load(std::sync::atomic::Ordering::Relaxed);
+    assert!(looks < pages + 100 * 20, "{looks} looks at {pages} pages");
+}
+
+#[test]
+fn a_view_a_tenth_of_a_second_had_a_large_scene_ordered_as_often() {
+    let mut scene = MemoryScene::new(1, 40, 2);
+    Arc::get_mut(&mut scene).unwrap().header.instance_count = 1_000_000;
+    let mut server = session(&scene, ServerConfig::quic(Some(100_000)));
+    server.handle_message(Time::ZERO, ClientMessage::Hello(hello(&scene.header)));
+    let view = |n: u64| View { eye: [n as f64, 1.0, 4.0], ..scene.header.camera.view([1280, 720], 1.0) };
+    let mut orderings = std::collections::BTreeSet::new();
+    for n in 1..50 {
+        let now = Time::from_ms(100 * n);
+        server.handle_message(now, ClientMessage::SetView(view(n)));
+        orderings.extend(server.push.replan_at());
+        server.handle_timeout(now);
+    }
+    assert!((4..=6).contains(&orderings.len()), "{orderings:?}");
 }

@@ -159,9 +159,11 @@ fn requests_beyond_the_queue_or_the_scene_are_refused() {
     let refused: Vec<_> = drain(&mut server, Time::ZERO)
         .into_iter()
         .filter_map(|t| match t {
-            Transmit::Message { message: ServerMessage::Refused(refused), .. } => Some(refused.reason),
+            Transmit::Message { message: ServerMessage::RefusedMany(many), .. } => Some(many),
             _ => None,
         })
+        .flatten()
+        .map(|refused| refused.reason)
         .collect();
     assert!(refused.iter().filter(|r| **r == RefusedReason::QueueFull).count() >= 190);
     assert_eq!(refused.iter().filter(|r| **r == RefusedReason::NotFound).count(), 3);

@@ -55,3 +55,45 @@ async fn a_client_that_takes_nothing_is_closed() {
     assert!(started.elapsed() < Duration::from_secs(60), "{:?}", started.elapsed());
     state.all_sessions_ended().await;
 }
+
+/// The reason to close that a client gets who sends the same bytes again and again, `most` in all.
+async fn close_of_flood(
+    start: &[u8],
+    bytes: &[u8],
+    most: usize,
+) -> Option<lodestream_protocol::message::Close> {
+    use tokio::io::AsyncWriteExt as _;
+    let state = state_of(MemoryScene::new(1, 100, 100), None);
+    let mut client = Client::in_memory(&state).await;
+    client.send(&hello()).await;
+    let many = bytes.repeat(4096 / bytes.len());
+    let stream = client.0.get_mut();
+    stream.write_all(start).await.unwrap();
+    let mut sent = 0;
+    while sent < most && stream.write_all(&many).await.is_ok() {
+        sent += many.len();
+    }
+    let closing = tokio::time::timeout(Duration::from_secs(1), client.read_until_close());
+    closing.await.ok()
+}
+
+#[tokio::test(start_paused = true)]
+async fn frames_that_are_no_messages_were_not_counted() {
+    // As a client masks them, with a mask of zeros.
+    let ping = [0x89, 0x80, 0, 0, 0, 0];
+    let unknown_but_optional = [0x82, 0x82, 0, 0, 0, 0, 0xbf, 0];
+    let first_fragment = [0x02, 0x80, 0, 0, 0, 0];
+    let empty_fragment = [0x00, 0x80, 0, 0, 0, 0];
+    for (what, start, frame) in [
+        ("pings", &[][..], &ping[..]),
+        ("unknown messages", &[], &unknown_but_optional),
+        ("fragments", &first_fragment, &empty_fragment),
+    ] {
+        let close = close_of_flood(start, frame, 4 << 20).await.unwrap_or_else(|| panic!("{what}: no close"));
+        assert_eq!(close.code, CloseCode::Limit, "{what}: {close}");
+        assert!(
+            close.reason.contains("too many messages") || close.reason.contains("more bytes"),
+            "{what}: {close}"
+        );
+    }
+}

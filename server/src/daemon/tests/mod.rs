@@ -1,7 +1,9 @@
 //! The daemon over loopback sockets and, in paused time, over in-memory streams.
 
+mod admin;
 mod bad_peers;
 mod http;
+mod places;
 mod quic;
 mod shutdown;
 mod slow_store;
@@ -61,9 +63,15 @@ struct Client<S>(WebSocketStream<S>);
 impl Client<DuplexStream> {
     /// Connects over a stream in memory.
     async fn in_memory(state: &Arc<ServerState>) -> Self {
+        Self::from(peer(), state).await.unwrap()
+    }
+
+    /// Connects as if from an address.
+    async fn from(peer: SocketAddr, state: &Arc<ServerState>) -> Result<Self, String> {
         let (near, far) = duplex(64 * 1024);
-        tokio::spawn(accept_http(far, state.clone(), peer()));
-        Self::over(near).await
+        tokio::spawn(accept_http(far, state.clone(), peer));
+        let opened = tokio_tungstenite::client_async("ws://server/stream", near).await;
+        opened.map(|(socket, _)| Self(socket)).map_err(|why| why.to_string())
     }
 }
 

@@ -22,14 +22,14 @@ enum Arrival {
 }
 
 /// A client on a real QUIC connection.
-struct QuicClient {
+pub(super) struct QuicClient {
     _endpoint: quinn::Endpoint,
     connection: Connection,
     control: Option<SendStream>,
     arrivals: mpsc::Receiver<Arrival>,
 }
 
-fn trusting(certificate: &CertificateDer<'static>, alpn: &str) -> quinn::ClientConfig {
+pub(super) fn trusting(certificate: &CertificateDer<'static>, alpn: &str) -> quinn::ClientConfig {
     let mut roots = rustls::RootCertStore::empty();
     roots.add(certificate.clone()).unwrap();
     let provider = Arc::new(rustls::crypto::ring::default_provider());
@@ -42,7 +42,7 @@ fn trusting(certificate: &CertificateDer<'static>, alpn: &str) -> quinn::ClientC
     quinn::ClientConfig::new(Arc::new(QuicClientConfig::try_from(tls).unwrap()))
 }
 
-fn certificate(folder: &tempfile::TempDir) -> CertificateDer<'static> {
+pub(super) fn certificate(folder: &tempfile::TempDir) -> CertificateDer<'static> {
     let kept = Certificate::load_or_create(folder.path(), std::time::SystemTime::now()).unwrap();
     kept.chain()[0].clone()
 }
@@ -58,7 +58,7 @@ async fn connect_as(
 }
 
 impl QuicClient {
-    async fn connect(address: SocketAddr, certificate: &CertificateDer<'static>) -> Self {
+    pub(super) async fn connect(address: SocketAddr, certificate: &CertificateDer<'static>) -> Self {
         let (endpoint, connection) = connect_as(address, trusting(certificate, ALPN)).await.unwrap();
         let (sender, arrivals) = mpsc::channel(10_000);
         let streams = connection.clone();
@@ -70,7 +70,7 @@ impl QuicClient {
         Self { _endpoint: endpoint, connection, control: None, arrivals }
     }
 
-    async fn send(&mut self, message: &ClientMessage) {
+    pub(super) async fn send(&mut self, message: &ClientMessage) {
         let mut bytes = Vec::new();
         if self.control.is_none() {
             self.control = Some(self.connection.open_uni().await.unwrap());
@@ -85,7 +85,7 @@ impl QuicClient {
     }
 
     /// Reads until as many blobs are complete.
-    async fn blobs(&mut self, count: usize) -> BTreeMap<BlobId, Bytes> {
+    pub(super) async fn blobs(&mut self, count: usize) -> BTreeMap<BlobId, Bytes> {
         let mut blobs = BTreeMap::new();
         while blobs.len() < count {
             if let Arrival::Blob(id, bytes) = self.next().await {

@@ -194,21 +194,6 @@ async fn an_urgent_blob_does_not_wait_behind_bulk() {
     assert!(asked.elapsed() < Duration::from_millis(60), "{:?}", asked.elapsed());
 }
 
-#[tokio::test(start_paused = true)]
-async fn sessions_beyond_the_limit_are_refused() {
-    let scene = Arc::new(MemoryScene::new(1, 100, 100));
-    let settings = SessionSettings { max_sessions: 1, ..SessionSettings::default() };
-    let state = ServerState::new(scene, settings);
-    let mut first = Client::in_memory(&state).await;
-    let (near, far) = duplex(64 * 1024);
-    tokio::spawn(accept_http(far, state.clone(), peer()));
-    let refused = tokio_tungstenite::client_async("ws://server/", near).await.unwrap_err();
-    assert!(refused.to_string().contains("503"), "{refused}");
-    first.send(&ClientMessage::Bye).await;
-    state.all_sessions_ended().await;
-    Client::in_memory(&state).await.next().await.unwrap();
-}
-
 #[tokio::test]
 async fn a_client_that_dies_leaves_others_alone() {
     let (daemon, _folder) = loopback(MemoryScene::new(2, 1500, 200_000), SessionSettings::default()).await;

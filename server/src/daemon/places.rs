@@ -1,0 +1,255 @@
+//! Who may have a session: so many in all, so many of one address, and who leaves when a stranger finds no place.
+//!
+//! A place is taken by who has proved an address and said `Hello`. The last eighth is kept for addresses that hold
+//! none. When nothing is left, a newcomer gets the place of the least useful session, if that is of an address with more
+//! sessions than his, or has asked for nothing for a while: whoever holds many places, or holds one idly, loses them
+//! first.
+
+use std::collections::{BTreeMap, HashMap};
+use std::net::IpAddr;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use lodestream_protocol::Time;
+use tokio::sync::Notify;
+
+use super::room::Block;
+
+/// Share of the places that is kept for addresses that hold none: one in so many.
+const KEPT: u64 = 8;
+/// Share of the places that one address may have unless that is said: one in so many, …
+const OF_ADDRESS: u64 = 8;
+/// … and at least so many.
+const OF_ADDRESS_LEAST: u64 = 8;
+/// After so long without asking for anything a session may be ended for an address that has none.
+const IDLE: Duration = Duration::from_secs(30);
+/// Sessions at once that were told to leave and have not left yet. Their last words take two seconds at most.
+const MAX_LEAVING: usize = 64;
+
+/// How many places one address may have where nobody says so.
+pub(super) const fn default_of_address(all: u64) -> u64 {
+    let share = all / OF_ADDRESS;
+    if share < OF_ADDRESS_LEAST { OF_ADDRESS_LEAST } else { share }
+}
+
+/// Why there is no place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub(super) enum NoPlace {
+    /// All are taken, by sessions that are of use.
+    #[error("the server is full")]
+    Full,
+    /// The address has as many as one may.
+    #[error("the server has as many sessions of this address as one may have")]
+    OfAddress,
+    /// The server takes no more clients.
+    #[error("the server is shutting down")]
+    Draining,
+}
+
+/// See the module.
+#[derive(Debug)]
+pub(super) struct Places {
+    all: u64,
+    of_address: u64,
+    table: Mutex<Table>,
+}
+
+#[derive(Debug, Default)]
+struct Table {
+    next: u64,
+    taken: BTreeMap<u64, (Block, Arc<Tenant>)>,
+    leaving: BTreeMap<u64, Block>,
+    by_block: HashMap<Block, u64>,
+}
+
+/// What is known of a session that has a place.
+#[derive(Debug)]
+struct Tenant {
+    /// When it last asked for anything, in nanoseconds of [`Time`].
+    asked_ns: AtomicU64,
+    notice: Notify,
+}
+
+impl Table {
+    fn of(&self, block: Block) -> u64 {
+        self.by_block.get(&block).copied().unwrap_or(0)
+    }
+
+    fn remove(&mut self, number: u64) -> Option<(Block, Arc<Tenant>)> {
+        let (block, tenant) = self.taken.remove(&number)?;
+        if let Some(count) = self.by_block.get_mut(&block) {
+            *count -= 1;
+            if *count == 0 {
+                self.by_block.remove(&block);
+            }
+        }
+        Some((block, tenant))
+    }
+
+    /// The session that leaves for an address with `held` others, if any has to.
+    fn least_useful(&self, held: u64, now: Time) -> Option<u64> {
+        let known = self.taken.iter().map(|(&number, (block, tenant))| {
+            let asked = Time::from_ns(tenant.asked_ns.load(Ordering::Relaxed));
+            (self.of(*block), now.since(asked), number)
+        });
+        let worse = |&(of_block, idle, _): &(u64, Duration, u64)| {
+            of_block > held + 1 || (of_block > held && idle >= IDLE)
+        };
+        known.filter(worse).max().map(|(_, _, number)| number)
+    }
+}
+
+impl Places {
+    /// So many places in all and of one address.
+    pub(super) fn new(all: u64, of_address: u64) -> Arc<Self> {
+        Arc::new(Self { all, of_address, table: Mutex::default() })
+    }
+
+    /// A thread that panicked while it held the lock left the table usable: counts are changed with it.
+    fn table(&self) -> MutexGuard<'_, Table> {
+        self.table.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Who has to leave for a session of an address; `None` where nobody.
+    fn cost(&self, table: &Table, block: Block, now: Time) -> Result<Option<u64>, NoPlace> {
+        let held = table.of(block);
+        if held >= self.of_address {
+            return Err(NoPlace::OfAddress);
+        }
+        let free = self.all.saturating_sub(table.taken.len() as u64);
+        let kept = if held == 0 { 0 } else { self.all / KEPT };
+        if free > kept {
+            return Ok(None);
+        }
+        if table.leaving.len() >= MAX_LEAVING {
+            return Err(NoPlace::Full);
+        }
+        table.least_useful(held, now).map(Some).ok_or(NoPlace::Full)
+    }
+
+    /// Whether there would be a place for an address; nobody has to leave yet.
+    pub(super) fn check(&self, address: IpAddr, now: Time) -> Result<(), NoPlace> {
+        self.cost(&self.table(), Block::of(address), now).map(drop)
+    }
+
+    /// Takes a place for an address; whoever has to leave for it is told.
+    pub(super) fn take(self: &Arc<Self>, address: IpAddr, now: Time) -> Result<Place, NoPlace> {
+        let block = Block::of(address);
+        let mut table = self.table();
+        if let Some(number) = self.cost(&table, block, now)?
+            && let Some((block, tenant)) = table.remove(number)
+        {
+            table.leaving.insert(number, block);
+            tenant.notice.notify_one();
+        }
+        table.next += 1;
+        let number = table.next;
+        let tenant = Arc::new(Tenant { asked_ns: AtomicU64::new(now.as_ns()), notice: Notify::new() });
+        table.taken.insert(number, (block, Arc::clone(&tenant)));
+        *table.by_block.entry(block).or_insert(0) += 1;
+        Ok(Place { places: Arc::clone(self), number, tenant })
+    }
+}
+
+/// A session's place; given back when dropped.
+#[derive(Debug)]
+pub(super) struct Place {
+    places: Arc<Places>,
+    number: u64,
+    tenant: Arc<Tenant>,
+}
+
+impl Place {
+    /// The client has asked for something: the session is of use.
+    pub(super) fn asked(&self, now: Time) {
+        self.tenant.asked_ns.store(now.as_ns(), Ordering::Relaxed);
+    }
+
+    /// Resolves, once, when another has the place.
+    pub(super) async fn lost(&self) {
+        self.tenant.notice.notified().await;
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        let mut table = self.places.table();
+        if table.remove(self.number).is_none() {
+            table.leaving.remove(&self.number);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::net::Ipv4Addr;
+
+    use futures_util::FutureExt as _;
+
+    use super::*;
+
+    fn ip(n: u32) -> IpAddr {
+        Ipv4Addr::from_bits(0x0a00_0000 + n).into()
+    }
+
+    fn lost(place: &Place) -> bool {
+        place.lost().now_or_never().is_some()
+    }
+
+    #[test]
+    fn one_address_took_every_place() {
+        let places = Places::new(1000, default_of_address(1000));
+        let of_one: Vec<_> = (0..1000).map(|_| places.take(ip(1), Time::ZERO)).collect();
+        let taken = of_one.iter().filter(|place| place.is_ok()).count();
+        assert_eq!(taken, 125);
+        assert_eq!(of_one[125].as_ref().unwrap_err(), &NoPlace::OfAddress);
+        let others: Vec<_> = (2..=876).map(|n| places.take(ip(n), Time::ZERO).unwrap()).collect();
+        assert_eq!(others.len() + taken, 1000);
+        assert!(!others.iter().any(lost));
+    }
+
+    #[test]
+    fn addresses_with_a_session_took_the_places_of_those_without() {
+        let places = Places::new(80, 100);
+        let mut of_two = Vec::new();
+        for n in 0..100 {
+            of_two.extend(places.take(ip(n % 2), Time::ZERO));
+        }
+        assert_eq!(of_two.len(), 70, "the last eighth is kept");
+        let strangers: Vec<_> = (2..12).map(|n| places.take(ip(n), Time::ZERO).unwrap()).collect();
+        assert!(!of_two.iter().any(lost));
+        // Full: places pass from who has many to who has none, and never back.
+        let more: Vec<_> = (12..40).map(|n| places.take(ip(n), Time::ZERO).unwrap()).collect();
+        assert_eq!(of_two.iter().filter(|place| lost(place)).count(), more.len());
+        assert!(!strangers.iter().any(lost));
+        assert_eq!(places.take(ip(0), Time::ZERO).unwrap_err(), NoPlace::Full);
+    }
+
+    #[test]
+    fn sessions_that_only_ping_kept_those_out_that_would_stream() {
+        let places = Places::new(3, 3);
+        let held: Vec<_> = (0..3).map(|n| places.take(ip(n), Time::ZERO).unwrap()).collect();
+        let later = Time::from_ms(31_000);
+        held[0].asked(later);
+        held[2].asked(Time::from_ms(500));
+        assert_eq!(places.take(ip(9), Time::from_ms(29_000)).unwrap_err(), NoPlace::Full);
+        assert!(places.check(ip(9), later).is_ok() && !held.iter().any(lost), "looking costs nobody a place");
+        let newcomer = places.take(ip(9), later).unwrap();
+        assert_eq!(held.iter().map(lost).collect::<Vec<_>>(), [false, true, false], "the longest idle");
+        drop((held, newcomer));
+        assert!(places.table().taken.is_empty() && places.table().leaving.is_empty());
+        assert!(places.table().by_block.is_empty());
+    }
+
+    #[test]
+    fn those_who_were_told_to_leave_are_few_at_a_time() {
+        let places = Places::new(1000, 1000);
+        let held: Vec<_> = (0..1000).filter_map(|_| places.take(ip(1), Time::ZERO).ok()).collect();
+        let strangers: Vec<_> = (2..1000).map_while(|n| places.take(ip(n), Time::ZERO).ok()).collect();
+        // The eighth that is kept, and then one for each that leaves.
+        assert_eq!(strangers.len(), 125 + MAX_LEAVING);
+        drop(held);
+        assert!(places.take(ip(5000), Time::ZERO).is_ok());
+    }
+}

@@ -1,0 +1,75 @@
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::TcpStream;
+use tokio::time::timeout;
+
+use super::*;
+use crate::daemon::admin::AdminPort;
+use crate::daemon::listen::listen_tcp;
+
+async fn get(address: SocketAddr, path: &str) -> String {
+    let mut stream = TcpStream::connect(address).await.unwrap();
+    stream.write_all(format!("GET {path} HTTP/1.1\r\nHost: s\r\n\r\n").as_bytes()).await.unwrap();
+    let mut answer = String::new();
+    timeout(REAL_TIME_LIMIT, stream.read_to_string(&mut answer)).await.unwrap().unwrap();
+    answer
+}
+
+fn any() -> SocketAddr {
+    SocketAddr::from((Ipv4Addr::LOCALHOST, 0))
+}
+
+#[tokio::test]
+async fn idle_connections_kept_those_out_who_ask_how_the_server_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let options = DaemonOptions {
+        listen: None,
+        http: Some(any()),
+        admin: AdminPort::At(any()),
+        sessions: SessionSettings {
+            rate_bits_per_s: Some(2_000_000),
+            max_sessions: 1,
+            ..SessionSettings::default()
+        },
+        ..DaemonOptions::new(folder.path())
+    };
+    let daemon = Daemon::bind(options, Arc::new(MemoryScene::new(1, 100, 100))).await.unwrap();
+    let (http, admin) = (daemon.http_address().unwrap(), daemon.admin_address().unwrap());
+    let (_stop, stopped) = tokio::sync::mpsc::channel(2);
+    let serving = tokio::spawn(daemon.serve(stopped));
+    // More than were let in beside sessions, all at once; they send nothing.
+    let mut idle = Vec::new();
+    for _ in 0..400 {
+        idle.push(TcpStream::connect(http).await.unwrap());
+    }
+    for address in [http, admin] {
+        let health = get(address, "/health").await;
+        assert!(health.starts_with("HTTP/1.1 200") && health.ends_with("ok\n"), "{health}");
+    }
+    let metrics = get(admin, "/metrics").await;
+    assert!(
+        metrics.starts_with("HTTP/1.1 200") && metrics.contains("text/plain; version=0.0.4"),
+        "{metrics}"
+    );
+    assert!(metrics.contains("\nlodestream_rate_bits_per_second 2000000\n"), "{metrics}");
+    assert!(get(admin, "/").await.starts_with("HTTP/1.1 404"), "no sessions here");
+    serving.abort();
+}
+
+#[tokio::test]
+async fn connections_that_wait_to_be_taken_were_few() {
+    let listener = listen_tcp(any()).unwrap();
+    let address = listener.local_addr().unwrap();
+    // Nobody takes any.
+    let mut waiting = Vec::new();
+    for n in 0..300 {
+        let connecting = timeout(REAL_TIME_LIMIT, TcpStream::connect(address));
+        waiting.push(connecting.await.unwrap_or_else(|_| panic!("connection {n} waits for ever")).unwrap());
+    }
+}
+
+#[test]
+fn addresses_are_read() {
+    assert_eq!("off".parse(), Ok(AdminPort::Off));
+    assert_eq!("[::1]:0".parse(), Ok(AdminPort::At("[::1]:0".parse().unwrap())));
+    assert!("8081".parse::<AdminPort>().unwrap_err().contains("127.0.0.1:8081"));
+}
