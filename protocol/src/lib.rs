@@ -53,6 +53,6 @@ mod pair;
 #[cfg(test)]
 mod testing;
 
-pub use blob::{BlobId, BlobPart, TerrainBlob};
+pub use blob::{BlobId, BlobPart, LampBlob, TerrainBlob};
 pub use time::Time;
 pub use view::View;

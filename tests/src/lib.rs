@@ -14,6 +14,7 @@
 //! | `bad_input` | what users may get wrong, and what disks may do to packs |
 //! | `window` | the viewer's program: what is on the screen first, and how it ends |
 //! | `terrain` | features of a terrain arrive, and only where a view needs them |
+//! | `lamps` | lamps arrive with their scene, light its picture, and keep no first frame waiting |
 //! | `documents` | what documents name is there: links, files, code, commands |
 //! | `wire` | docs/protocol.md is true: a reader written from it understands recorded sessions |
 //! | `dependencies` | what each crate makes its users compile |
@@ -41,6 +42,8 @@ mod first_flight;
 mod hostile;
 #[cfg(test)]
 mod imports;
+#[cfg(test)]
+mod lamps;
 #[cfg(test)]
 mod limiter;
 #[cfg(test)]

@@ -99,6 +99,7 @@ impl ClientSession {
                 }
                 self.events.push_back(ClientEvent::ScenePage(page));
             }
+            ServerMessage::Lamps(lamps) => self.events.push_back(ClientEvent::Lamps(lamps)),
             ServerMessage::Refused(refused) => {
                 self.downloads.forget(refused.id);
                 self.events.push_back(ClientEvent::Refused { id: refused.id, reason: refused.reason });

@@ -53,7 +53,7 @@ fn assert_alike(got: &[Lamp], lamps: &[Lamp]) {
 }
 
 #[test]
-fn a_lamp_takes_14_bytes_a_spot_22_and_the_next_of_a_street_seven() {
+fn a_lamp_takes_14_bytes_a_spot_22_and_the_next_of_a_street_six() {
     let sizes =
         [street(1), vec![spot([0.0, -1.0, 0.0])], street(64)].map(|lamps| encode_page(&lamps).unwrap().len());
     // Version, step, origin and count are 27 bytes. The first lamp is at the origin: a byte for each axis.

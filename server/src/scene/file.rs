@@ -10,6 +10,7 @@ use lodestream_import::{Impossible, Part, gltf};
 use serde::Deserialize;
 use toml::Spanned;
 
+use super::lamp::RawLamp;
 use super::model::{Asset, Camera, DEFAULT_FOV_Y_DEGREES, Instance, Scene, unit};
 use super::names::Names;
 use super::terrain::{RawTerrain, SceneTerrain};
@@ -59,6 +60,8 @@ struct RawScene {
     background: Option<Spanned<RawColor>>,
     camera: Option<Spanned<RawCamera>>,
     terrain: Option<Spanned<RawTerrain>>,
+    #[serde(default)]
+    lamp: Vec<Spanned<RawLamp>>,
 }
 
 #[derive(Deserialize)]
@@ -158,6 +161,10 @@ pub fn read(path: &Path) -> Result<Scene, SceneError> {
 pub fn parse(path: &Path, text: &str) -> Result<Scene, SceneError> {
     let source = Source { path, text };
     let raw: RawScene = toml::from_str(text).map_err(|error| {
+        // Where many would be the first guess: TOML has no table and list of one name.
+        if let Some(at) = text.find("[[light]]") {
+            return source.error(at, "[light] is the scene's one sun; lights that stand in it are [[lamp]]");
+        }
         let message = error.message().split_whitespace().collect::<Vec<_>>().join(" ");
         source.error(error.span().map_or(0, |span| span.start), message)
     })?;
@@ -202,7 +209,7 @@ impl Source<'_> {
                 return Err(self.error(at, format!("asset {:?} is defined twice; rename one", asset.name)));
             }
             if merge {
-                scene.add_merged(asset)
+                scene.add_merged(asset)?
             } else {
                 scene.add_model(asset, &mut names)?
             };
@@ -210,10 +217,17 @@ impl Source<'_> {
         if let Some(instances) = raw.instance {
             let mut placed = Vec::with_capacity(instances.len());
             for raw in instances {
-                let model = self.instance(&numbers, raw, scene.terrain.as_ref())?;
-                placed.extend(scene.models[model.asset].iter().map(|part| part.within(&model)));
+                let place = self.instance(&numbers, raw, scene.terrain.as_ref())?;
+                let (parts, lamps) = scene.models[place.asset].placed(&place);
+                placed.extend(parts);
+                scene.lamps.extend(lamps);
             }
             scene.instances = Some(placed);
+        }
+        for raw in raw.lamp {
+            let at = raw.span().start;
+            let lamp = raw.into_inner().resolve(scene.terrain.as_ref());
+            scene.lamps.extend(lamp.map_err(|why| self.error(at, format!("lamp: {why}")))?);
         }
         self.lights(&mut scene, raw.light, raw.ambient, raw.background)?;
         scene.camera = raw.camera.map(|raw| self.camera(raw)).transpose()?;
@@ -508,6 +522,66 @@ fov_y_degrees = 60
         }
         let message = parse(Path::new("s.toml"), "name = 'x'").unwrap_err().to_string();
         assert!(message.contains("no [[asset]]"), "{message}");
+    }
+
+    const LAMPS: &str = r#"
+[[lamp]]
+position = [1, 2, 3]
+color = [1, 0.5, 0.25]
+intensity = 64
+[[lamp]]
+position = [0, 4, 0]
+intensity = 9.0
+range = 7.5
+direction = [0, -2, 0]
+inner_degrees = 10
+outer_degrees = 30
+[[lamp]]
+position = [0, 0, 0]
+intensity = 0
+"#;
+
+    const ASSET: &str = "[[asset]]\nname = 'a'\nfile = 'a.obj'\n";
+
+    #[test]
+    fn lamps_are_read_and_those_that_are_off_left_out() {
+        let scene = parse(Path::new("s.toml"), &(FULL.to_owned() + LAMPS)).unwrap();
+        let [bulb, spot] = &scene.lamps[..] else { panic!("{:?}", scene.lamps) };
+        assert_eq!((bulb.position, bulb.intensity), ([1.0, 2.0, 3.0], [64.0, 32.0, 16.0]));
+        assert_eq!((bulb.range, bulb.spot), (80.0, None));
+        let cone = spot.spot.unwrap();
+        assert_eq!((spot.range, cone.direction), (7.5, [0.0, -1.0, 0.0]));
+        assert!(
+            (cone.inner.to_degrees() - 10.0).abs() < 1e-4 && (cone.outer.to_degrees() - 30.0).abs() < 1e-4
+        );
+    }
+
+    #[test]
+    fn errors_of_lamps_name_the_line_and_what_to_do() {
+        for (from, to, fragments) in [
+            ("position = [1, 2, 3]", "position = [1, nan, 3]", &[":2:", "lamp: position must be"][..]),
+            ("position = [1, 2, 3]", "position = [1, 2e12, 3]", &[":2:", "at most 1e12"]),
+            ("position = [1, 2, 3]", "", &[":2:", "missing field `position`"]),
+            ("intensity = 64", "intensity = -1", &[":2:", "0 to 1e12 candela"]),
+            ("color = [1, 0.5, 0.25]", "colour = [1, 0.5, 0.25]", &[":4:", "colour"]),
+            ("range = 7.5", "range = 0", &[":6:", "range must be 1e-6", "leave it out"]),
+            ("direction = [0, -2, 0]", "direction = [0, 0, 0]", &[":6:", "direction must be"]),
+            ("direction = [0, -2, 0]", "", &[":6:", "a cone needs a direction"]),
+            ("inner_degrees = 10", "inner_degrees = 31", &["a cone from 31 to 30 degrees"]),
+            ("outer_degrees = 30", "outer_degrees = 91", &["0.1 to 90"]),
+            (
+                "position = [0, 0, 0]",
+                "position = [0, 0, 0]\non_terrain = true",
+                &["on_terrain needs a [terrain]"],
+            ),
+            ("[[lamp]]", "[[light]]", &[":2:", "[light] is the scene's one sun", "[[lamp]]"]),
+        ] {
+            let message =
+                parse(Path::new("s.toml"), &(LAMPS.replacen(from, to, 1) + ASSET)).unwrap_err().to_string();
+            for fragment in fragments {
+                assert!(message.contains(fragment), "{message:?} lacks {fragment:?}");
+            }
+        }
     }
 
     #[test]
