@@ -88,7 +88,10 @@ fn a_night_scene_is_lit_by_its_lamps() {
 /// A client that leaves once its picture has settled.
 struct UntilSettled {
     core: ClientCore,
-    most: u32,
+    /// Lamps that were here before the first frame.
+    early: usize,
+    /// How many are here, and since when.
+    lit: (usize, Time),
 }
 
 impl Host for UntilSettled {
@@ -98,8 +101,12 @@ impl Host for UntilSettled {
 
     fn turn(&mut self, now: Time) -> Progress {
         let progress = self.core.update(now, u64::MAX);
+        let here = self.core.lamps().count();
         if self.core.milestones().first_frame.is_none() {
-            self.most = self.most.max(u32::try_from(self.core.lamps().count()).unwrap());
+            self.early = here;
+        }
+        if here > self.lit.0 {
+            self.lit = (here, now);
         }
         progress
     }
@@ -109,14 +116,14 @@ impl Host for UntilSettled {
     }
 }
 
-/// When the first frame came, and how many lamps were there once all had settled.
-fn run(scene: &TestScene, transport: Transport) -> (Milestone, usize) {
+/// When the first frame came, and how many lamps were there once all had settled, and since when.
+fn run(scene: &TestScene, transport: Transport) -> (Milestone, usize, Duration) {
     let state = ServerState::new(scene.source(), SessionSettings::default());
     virtual_runtime().unwrap().block_on(async {
         let clock = Clock::start();
-        let mut core = ClientCore::new(config());
-        core.begin(clock.now());
-        let mut host = UntilSettled { core, most: 0 };
+        let (mut core, began) = (ClientCore::new(config()), clock.now());
+        core.begin(began);
+        let mut host = UntilSettled { core, early: 0, lit: (0, began) };
         match transport {
             Transport::Quic => {
                 let link = QuicLink::new(state, RATE_BITS_PER_S, RTT_MS);
@@ -130,8 +137,9 @@ fn run(scene: &TestScene, transport: Transport) -> (Milestone, usize) {
             }
         }
         // Of many lamps none is needed for the first frame, so none should have come before it.
-        assert!(host.most == 0 || host.core.lamp_count() <= 16, "{} lamps came first", host.most);
-        (host.core.milestones().first_frame.unwrap(), host.core.lamps().count())
+        assert!(host.early == 0 || host.core.lamp_count() <= 16, "{} lamps came first", host.early);
+        let (lamps, at) = host.lit;
+        (host.core.milestones().first_frame.unwrap(), lamps, at.since(began))
     })
 }
 
@@ -141,12 +149,12 @@ fn the_first_frame_does_not_wait_for_lamps() {
     let folder = tempfile::tempdir().unwrap();
     let dark = night(folder.path(), 0);
     for transport in Transport::BOTH {
-        let (bare, none) = run(&dark, transport);
+        let (bare, none, _) = run(&dark, transport);
         assert_eq!(none, 0);
         for count in [16, 400, 4000] {
             let scene = night(folder.path(), count);
-            let (first, lamps) = run(&scene, transport);
-            println!("{transport:?}, {count} lamps: {first:?}, without {bare:?}; {lamps} came");
+            let (first, lamps, lit) = run(&scene, transport);
+            println!("{transport:?}, {count} lamps: {first:?}, without {bare:?}; {lamps} came until {lit:?}");
             assert!(lamps >= usize::try_from(count.min(64)).unwrap(), "{lamps} of {count} came");
             let more = first.bytes.saturating_sub(bare.bytes);
             assert!(more <= MORE_BYTES, "{transport:?}: {count} lamps: {more} bytes more");
@@ -190,7 +198,7 @@ fn a_served_gltf_shows_its_light() {
     {
         let scene = of_files(std::slice::from_ref(file)).unwrap();
         let scene = TestScene::open(&scene, prepare_all(&scene, &folder.path().join("cache")));
-        let (_, count) = run(&scene, Transport::Quic);
+        let (_, count, _) = run(&scene, Transport::Quic);
         assert_eq!(count, expected.len());
         let lamps = scene.lamps();
         for (lamp, place) in lamps.iter().zip(expected) {
