@@ -142,8 +142,9 @@ fn lamp(light: &Light, to_scene: &DMat4) -> Result<Option<Lamp>, Unusable> {
     if !position.iter().all(|x| x.abs() <= MAX_COORDINATE) {
         return Err(Unusable::Place);
     }
-    // `max` of what is not a number is the other one.
-    let intensity = light.color.map(|c| (c * light.intensity).max(0.0).min(INTENSITIES[1]));
+    // Each first: nothing times what is infinite would be no number.
+    let within = |x: f32| x.clamp(0.0, INTENSITIES[1]);
+    let intensity = light.color.map(|c| within(within(c) * within(light.intensity)));
     if !intensity.iter().any(|i| *i >= INTENSITIES[0]) {
         return Ok(None);
     }
