@@ -10,7 +10,7 @@ use lodestream_protocol::lamps::{
 /// Bits of a place along each axis of the curve.
 const CURVE_BITS: u32 = 21;
 
-/// See the module. Made once when a scene is opened: a quarter of a million lamps take a tenth of a second.
+/// See the module. Made once when a scene is opened.
 #[derive(Clone, Debug, Default)]
 pub struct LampBlobs {
     /// What is said of them at once; nothing where there are none.
