@@ -12,16 +12,17 @@ the TCP connection. Python's standard library is all that is needed. What is not
 import base64
 import hashlib
 import json
+import math
 import struct
 import sys
 
 CLIENT_TAGS = {1: "Hello", 2: "Want", 3: "Cancel", 0x84: "SetView", 5: "WantScenePages", 6: "Ping", 7: "Bye"}
 SERVER_TAGS = {0x41: "Welcome", 0x42: "ScenePage", 0x43: "Refused", 0xC4: "BasesSent", 0xC5: "Done",
-               0x46: "Pong", 0x47: "Close", 0x48: "Piece", 0x49: "RefusedMany"}
+               0x46: "Pong", 0x47: "Close", 0x48: "Piece", 0x49: "RefusedMany", 0xCA: "Lamps"}
 REFUSED = ["NotFound", "Unreadable", "QueueFull", "TooLong", "OutOfRange"]
 CLOSE_CODES = ["Normal", "ShuttingDown", "Version", "NoSuchScene", "Protocol", "Limit", "Timeout", "Busy", "Lost"]
 STAMPS = ["ridge", "valley", "crater", "plateau", "river bed"]
-TERRAIN = 0xFFFFFFFF
+TERRAIN, LAMPS = 0xFFFFFFFF, 0xFFFFFFFE
 MAX_BODY, MAX_PIECE, MAX_BLOB = 65536, 16384, 1 << 26
 ZSTD = bytes.fromhex("28b52ffd")
 
@@ -123,6 +124,16 @@ def unzigzag(code):
     return code >> 1 ^ -(code & 1)
 
 
+def unfolded(u, v):
+    """A unit vector from its place on an octahedron."""
+    x, y = u / 32767.5 - 1, v / 32767.5 - 1
+    z = 1 - abs(x) - abs(y)
+    if z < 0:
+        x, y = (1 - abs(y)) * (-1 if x < 0 else 1), (1 - abs(x)) * (-1 if y < 0 else 1)
+    length = math.sqrt(x * x + y * y + z * z)
+    return list(struct.unpack("<3f", struct.pack("<3f", x / length, y / length, z / length)))
+
+
 def floats(read, count):
     return lambda: [read() for _ in range(count)]
 
@@ -166,7 +177,8 @@ class Reader:
 
     def read_id(self):
         asset, part = self.b.u32(), self.b.u32()
-        found = {"asset": "terrain" if asset == TERRAIN else asset}
+        found = {"asset": {TERRAIN: "terrain", LAMPS: "lamps"}.get(asset, asset)}
+        ensure(asset < LAMPS or part in (1, 2), f"part {part} of {found['asset']}")
         if part == 0:
             found["base"] = True
         elif part == 1:
@@ -448,12 +460,72 @@ class Reader:
         self.b.finish("the directory")
         return patches
 
+    # Lamps.
+    def lamps(self):
+        count = self.f("count", self.b.u32)
+        ensure(1 <= count <= 1 << 18, f"{count} lamps")
+        first = self.b.part(self.f("first", self.b.u64, lambda n: f"{n} bytes"))
+        if count <= 16:
+            held = Reader(first).lamp_page()
+            ensure(len(held) == count, f"{len(held)} lamps of {count}")
+        elif count <= 1024:
+            held = Reader(first).lamp_directory()
+            ensure(len(held) == (count + 63) // 64, f"{len(held)} pages of {count} lamps")
+        else:
+            held = None
+        first.finish("what is said of lamps")
+        return {"count": count, "first": held}
+
+    def lamp_directory(self):
+        def listed():
+            return {
+                "center": self.numbers("center", self.b.f32, 3),
+                "radius": self.number("radius", self.b.f32),
+                "intensity": self.number("intensity", self.b.f32),
+                "bytes": self.f("bytes", self.b.u32),
+            }
+        pages = self.vec("pages", listed, 256)
+        self.b.finish("the directory of lamps")
+        return pages
+
+    def lamp_page(self):
+        b = self.b
+        version = self.f("version", b.u8)
+        ensure(version == 1, f"a page of lamps of format version {version}")
+        exponent = self.f("exponent", lambda: struct.unpack("<b", b.take(1))[0])
+        origin = self.numbers("origin", b.f64, 3)
+        at, light, reach, cone, lamps = [0, 0, 0], None, None, None, []
+        for _ in range(self.f("count", b.u8, lambda n: f"{n} of them")):
+            flags = self.f("flags", b.u8)
+            ensure(flags < 16 and flags & 9 != 8, f"unknown flags of a lamp: {flags}")
+            at = self.f("steps", lambda: [x + unzigzag(b.leb128()) for x in at])
+            if not flags & 2:
+                light = self.f("colour", lambda: list(b.take(3))), self.number("brightest", self.half)
+            if not flags & 4:
+                reach = self.number("range", self.half)
+            if flags & 1 and not flags & 8:
+                direction = self.f("direction", lambda: [b.fixed(2), b.fixed(2)])
+                cone = direction, self.f("inner, outer", lambda: [b.fixed(2), b.fixed(2)])
+            ensure(light and 255 in light[0] and reach, "a lamp that is like one before it, which there is not")
+            lamp = {"position": [origin[i] + at[i] * 2.0 ** exponent for i in range(3)], "colour": light[0]}
+            lamp["brightest"], lamp["range"] = light[1], reach
+            if flags & 1:
+                ensure(cone and cone[1][0] <= cone[1][1] > 0, "a cone that is none")
+                lamp["direction"], lamp["angles"] = unfolded(*cone[0]), cone[1]
+            lamps.append(lamp)
+        self.b.finish("the lamps")
+        return lamps
+
+    def half(self):
+        """Bits 30 to 15 of an f32."""
+        return struct.unpack("<f", struct.pack("<I", self.b.fixed(2) << 15))[0]
+
 
 def show_id(found):
     if found.get("base"):
         return f"base mesh of asset {found['asset']}"
     kinds = [f"{key} {value}" for key, value in found.items() if key != "asset"]
-    whose = "the terrain" if found["asset"] == "terrain" else f"asset {found['asset']}"
+    whose = f"the {found['asset']}" if isinstance(found["asset"], str) else f"asset {found['asset']}"
     return f"{' '.join(kinds)} of {whose}"
 
 
@@ -472,6 +544,7 @@ def read_body(name, r):
         "ScenePage": r.page,
         "Refused": r.refused,
         "RefusedMany": lambda: r.vec("refusals", r.refused, 1024),
+        "Lamps": r.lamps,
         "BasesSent": lambda: None,
         "Done": lambda: None,
         "Pong": lambda: r.f("number", b.u32),
@@ -572,6 +645,8 @@ class Session:
             run["contents"] = Reader(b).base()
         elif whole and run["id"]["asset"] == "terrain" and "page" in run["id"]:
             run["contents"] = Reader(b).directory()
+        elif whole and run["id"]["asset"] == "lamps":
+            run["contents"] = Reader(b).lamp_directory() if "page" in run["id"] else Reader(b).lamp_page()
         elif b.left():
             b.note("blob", lambda: b.take(b.left()), lambda taken: f"{len(taken)} bytes")
         self.blobs.append(run)

@@ -10,6 +10,7 @@ use lodestream_protocol::asset::{
 };
 use lodestream_protocol::blob::BlobId;
 use lodestream_protocol::frame::{BlobPiece, encode_client, encode_piece, encode_server};
+use lodestream_protocol::lamps::{Lamp, Lamps, ListedLamps, Spot, encode_directory, encode_page};
 use lodestream_protocol::message::{ClientMessage, Close, CloseCode, Hello, ServerMessage, Want, Welcome};
 use lodestream_protocol::scene::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
 use lodestream_protocol::stream::blob_head;
@@ -37,6 +38,7 @@ pub fn of(target: &str) -> Vec<(String, Vec<u8>)> {
         "gltf_import" => scenes(),
         "messages" => messages(),
         "terrain" => terrain(),
+        "lamps" => lamps(),
         _ => Vec::new(),
     }
 }
@@ -197,6 +199,9 @@ fn glb(json: &str, bin: &[u8]) -> Vec<u8> {
 /// The beginning of a material with everything that one can have, and the textures that it names before it.
 const MAPS: &str = r#""images":[{"uri":"a.png"},{"bufferView":1,"mimeType":"image/png"}],"samplers":[{"wrapS":33071,"wrapT":33648}],"textures":[{"source":0,"sampler":0},{"source":1,"sampler":0}],"extensionsUsed":["KHR_materials_emissive_strength"],"extensionsRequired":["KHR_materials_transmission"],"materials":[{"normalTexture":{"index":0,"scale":0.5,"extensions":{"KHR_texture_transform":{"offset":[0.5,0],"rotation":1,"scale":[2,1]}}},"occlusionTexture":{"index":1,"strength":0.5,"texCoord":1},"emissiveTexture":{"index":0},"emissiveFactor":[1,0.5,0],"alphaMode":"MASK","alphaCutoff":0.25,"doubleSided":true,"extensions":{"KHR_materials_emissive_strength":{"emissiveStrength":4},"KHR_materials_unlit":{},"KHR_materials_transmission":{"transmissionFactor":0.5},"KHR_materials_pbrSpecularGlossiness":{"diffuseFactor":[0,0,0,1],"glossinessFactor":0.5,"specularGlossinessTexture":{"index":1}}},"name":"m","#;
 
+/// Nodes with lights of every kind, and the lights.
+const LIGHTS: &str = r#""extensionsRequired":["KHR_lights_punctual"],"extensions":{"KHR_lights_punctual":{"lights":[{"type":"point","color":[1,0.5,0],"intensity":40,"range":9},{"type":"spot","intensity":9,"spot":{"innerConeAngle":0.25,"outerConeAngle":0.5}},{"type":"directional"}]}},"nodes":[{"mesh":0,"children":[1,2,3]},{"translation":[1,2,3],"extensions":{"KHR_lights_punctual":{"light":0}}},{"scale":[2,-1,0.5],"extensions":{"KHR_lights_punctual":{"light":1}}},{"extensions":{"KHR_lights_punctual":{"light":2}}}]"#;
+
 fn scenes() -> Vec<(String, Vec<u8>)> {
     // Four corners of a square, their uvs, six indices.
     let mut bin: Vec<u8> = Vec::new();
@@ -222,6 +227,7 @@ fn scenes() -> Vec<(String, Vec<u8>)> {
         seed("nodes.glb", glb(&file("", 4, nested, ""), &bin)),
         seed("data-uri.gltf", file(&data, 4, nested, "").into_bytes()),
         seed("materials.glb", glb(&file("", 4, one, r#","material":0"#).replace(r#""materials":[{"name":"m","#, MAPS), &bin)),
+        seed("lights.glb", glb(&file("", 4, LIGHTS, ""), &bin)),
         seed("sparse.glb", glb(&file("", 4, one, "").replace(r#","count":4,"min":[0,0,0]"#, r#","count":4,"sparse":{"count":1,"indices":{"bufferView":2,"componentType":5121},"values":{"bufferView":0}},"min":[0,0,0]"#), &bin)),
     ]
 }
@@ -297,6 +303,11 @@ fn messages() -> Vec<(String, Vec<u8>)> {
         ServerMessage::Done,
         ServerMessage::Pong(77),
         ServerMessage::Close(Close::new(CloseCode::ALL[0], "reason")),
+        ServerMessage::Lamps(Lamps {
+            count: 1,
+            first: encode_page(&some_lamps()[..1]).expect("a page is encoded"),
+        }),
+        ServerMessage::Lamps(Lamps { count: 5000, first: Vec::new() }),
     ];
     let mut seeds = Vec::new();
     let mut stream = vec![2];
@@ -357,6 +368,37 @@ fn messages() -> Vec<(String, Vec<u8>)> {
     let description = description.encode().expect("a description is encoded");
     seeds.push(seed("materials", [&[4], &description[..]].concat()));
     seeds
+}
+
+/// A bulb, a spot, and others that share what lamps may share.
+fn some_lamps() -> Vec<Lamp> {
+    let bulb = Lamp { position: [1.0, 2.0, -3.5], intensity: [40.0, 20.0, 0.0], range: 12.0, spot: None };
+    let cone = Spot { direction: [0.0, -0.8, 0.6], inner: 0.25, outer: 0.75 };
+    let spot = Lamp { position: [5.0, 2.0, -3.5], spot: Some(cone), ..bulb };
+    let far = Lamp { position: [1e9, -7.25, 0.0], intensity: [1e6; 3], range: 0.5, spot: None };
+    vec![bulb, spot, Lamp { position: [9.0, 2.0, 0.0], ..spot }, far, Lamp { range: 12.0, ..far }]
+}
+
+fn lamps() -> Vec<(String, Vec<u8>)> {
+    let some = some_lamps();
+    let page = |lamps: &[Lamp]| encode_page(lamps).expect("a page is encoded");
+    let listed = |lamps: &[Lamp]| ListedLamps::of(lamps, page(lamps).len() as u32);
+    let street: Vec<Lamp> = (0..64)
+        .map(|n| Lamp { position: [5.0 * f64::from(n), 6.0, f64::from(n % 2) * 8.0], ..some[n as usize % 3] })
+        .collect();
+    let directory = |count: usize| {
+        let entries: Vec<ListedLamps> = (0..count).map(|n| listed(&street[..1 + n % 64])).collect();
+        encode_directory(&entries).expect("a directory is encoded")
+    };
+    let with = |kind: u8, count: u8, bytes: Vec<u8>| [&[kind, count], &bytes[..]].concat();
+    vec![
+        seed("bulb", with(0, 1, page(&some[..1]))),
+        seed("all-kinds", with(0, 5, page(&some))),
+        seed("street", with(0, 64, page(&street))),
+        seed("directory", with(1, 9, directory(9))),
+        seed("few", with(2, 5, page(&some))),
+        seed("few-pages", with(2, 200, directory(4))),
+    ]
 }
 
 fn terrain() -> Vec<(String, Vec<u8>)> {

@@ -68,6 +68,11 @@ fn terrain() {
 }
 
 #[test]
+fn lamps() {
+    replay("lamps");
+}
+
+#[test]
 fn corpora_stay_small() {
     let (mut files, mut bytes) = (0, 0);
     for (name, _) in targets::ALL {

@@ -10,6 +10,7 @@
 //! | [`blob`] | names of the things that are sent: base meshes, index pages, chunks, texture levels |
 //! | [`scene`] | the scene description, paged, and the description of one asset |
 //! | [`terrain`] | what a scene says of its terrain |
+//! | [`lamps`] | what a scene says of the lights that stand in it |
 //! | [`view`] | the camera that everything is judged by |
 //! | [`select`] | which blobs a view wants, in which order, and which applied chunks it can do without |
 //! | [`message`], [`frame`], [`limits`] | control messages, their bytes, and the bounds on both |
@@ -31,6 +32,7 @@ pub mod asset;
 pub mod blob;
 pub mod client;
 pub mod frame;
+pub mod lamps;
 pub mod limiter;
 pub mod limits;
 pub mod message;
@@ -51,6 +53,6 @@ mod pair;
 #[cfg(test)]
 mod testing;
 
-pub use blob::{BlobId, BlobPart, TerrainBlob};
+pub use blob::{BlobId, BlobPart, LampBlob, TerrainBlob};
 pub use time::Time;
 pub use view::View;

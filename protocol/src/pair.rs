@@ -215,6 +215,7 @@ impl Pair {
                     let (asset, part) = of_asset(id);
                     world.assets[asset].set_state(part, State::Failed);
                 }
+                ClientEvent::Lamps(_) => {}
                 ClientEvent::BasesSent => world.bases_sent = Some(now),
                 ClientEvent::Done => world.done = Some(now),
                 ClientEvent::Closed(close) => world.closed = Some(close),

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use bytes::Bytes;
 
 use crate::blob::BlobId;
+use crate::lamps::Lamps;
 use crate::scene::{SceneHeader, ScenePage};
 use crate::select::Occluder;
 
@@ -40,6 +41,11 @@ pub trait SceneSource: Send + Sync {
 
     /// A page of the description; `None` beyond the last.
     fn page(&self, page: u32) -> Option<Arc<ScenePage>>;
+
+    /// What the scene says of its lamps; `None` where it has none.
+    fn lamps(&self) -> Option<&Lamps> {
+        None
+    }
 
     /// Length of a blob in bytes, or `None` where there is no such blob. Must not read the blob.
     fn blob_len(&self, id: &BlobId) -> Option<u32>;
@@ -78,6 +84,10 @@ impl<S: SceneSource> SceneSource for Immediate<S> {
 
     fn page(&self, page: u32) -> Option<Arc<ScenePage>> {
         self.0.page(page)
+    }
+
+    fn lamps(&self) -> Option<&Lamps> {
+        self.0.lamps()
     }
 
     fn blob_len(&self, id: &BlobId) -> Option<u32> {

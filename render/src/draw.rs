@@ -125,12 +125,14 @@ impl<'a> DrawList<'a> {
         });
     }
 
-    /// Draws what is seen through, instances from far to near; of each the faces that face away first.
+    /// Draws what is seen through, instances from far to near; of each the faces that face away first. `lamps`: they light
+    /// it too.
     pub(crate) fn transparent(
         &self,
         gpu: &Gpu,
         pass: &mut wgpu::RenderPass<'_>,
         (pipelines, instances): (&MeshPipelines, &wgpu::Buffer),
+        lamps: bool,
         counters: &mut Counters,
     ) {
         let with = self.batches.iter().filter(|batch| batch.asset.any(|features| features.blend));
@@ -143,7 +145,7 @@ impl<'a> DrawList<'a> {
             let one = [Batch { first: instance, end: instance + 1, ..*batch }];
             for facing in 0..2 {
                 draw(&one, pass, instances, counters, |of| {
-                    of.blend.then(|| &pipelines.transparent(gpu, of)[facing])
+                    of.blend.then(|| &pipelines.transparent(gpu, of, lamps)[facing])
                 });
             }
         }

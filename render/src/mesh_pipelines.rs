@@ -5,6 +5,7 @@ use std::sync::OnceLock;
 use super::gbuffer::{GeometryPass, shader};
 use super::gpu::Gpu;
 use super::instance::{BEFORE_ATTRIBUTES, INSTANCE_ATTRIBUTES, InstanceRaw};
+use super::lights::LampPass;
 use super::material_kit::{Features, MaterialKit};
 use super::vertex::{PackedVertex, VERTEX_ATTRIBUTES};
 
@@ -24,17 +25,38 @@ const MOTION: &str = concat!(
     include_str!("shaders/motion.wgsl"),
     include_str!("shaders/moved.wgsl")
 );
-const TRANSPARENT: &str = concat!(
-    include_str!("shaders/common.wgsl"),
-    include_str!("shaders/targets.wgsl"),
-    include_str!("shaders/anisotropic.wgsl"),
-    include_str!("shaders/gbuffer.wgsl"),
-    include_str!("shaders/relief.wgsl"),
-    include_str!("shaders/shadows.wgsl"),
-    include_str!("shaders/sky.wgsl"),
-    include_str!("shaders/brdf.wgsl"),
-    include_str!("shaders/forward.wgsl")
-);
+/// What is lit where it is drawn, with the files that give it the light of lamps.
+macro_rules! transparent {
+    ($($lamps:literal),*) => {
+        concat!(
+            include_str!("shaders/common.wgsl"),
+            include_str!("shaders/targets.wgsl"),
+            include_str!("shaders/anisotropic.wgsl"),
+            include_str!("shaders/gbuffer.wgsl"),
+            include_str!("shaders/relief.wgsl"),
+            include_str!("shaders/shadows.wgsl"),
+            include_str!("shaders/sky.wgsl"),
+            include_str!("shaders/brdf.wgsl"),
+            $(include_str!($lamps),)*
+            include_str!("shaders/forward.wgsl")
+        )
+    };
+}
+/// Without lamps and with.
+const TRANSPARENT: [&str; 2] =
+    [transparent!("shaders/no_lamps.wgsl"), transparent!("shaders/lamp.wgsl", "shaders/lights.wgsl")];
+
+/// What draws surfaces that are lit where they are drawn.
+#[derive(Debug)]
+struct Lit {
+    /// Group 0: frame, shadow maps, sky, and perhaps lamps.
+    light: wgpu::BindGroupLayout,
+    /// That and the material.
+    layout: wgpu::PipelineLayout,
+    module: wgpu::ShaderModule,
+    /// Without maps and with.
+    pipelines: [OnceLock<[wgpu::RenderPipeline; 2]>; 2],
+}
 
 /// See the module.
 #[derive(Debug)]
@@ -42,9 +64,10 @@ pub(crate) struct MeshPipelines {
     module: wgpu::ShaderModule,
     /// Frame and material.
     layout: wgpu::PipelineLayout,
-    /// Frame, shadow maps and sky; and material.
-    lit_layout: wgpu::PipelineLayout,
-    pub(crate) light_layout: wgpu::BindGroupLayout,
+    /// Of materials.
+    material: wgpu::BindGroupLayout,
+    /// Without lamps and with: not every device can have those.
+    lit: [OnceLock<Lit>; 2],
     /// By relief, maps and mask.
     surfaces: [OnceLock<wgpu::RenderPipeline>; 8],
     /// Absent where the device cannot draw triangles as lines.
@@ -55,8 +78,6 @@ pub(crate) struct MeshPipelines {
     pierced_caster: OnceLock<wgpu::RenderPipeline>,
     motion: OnceLock<wgpu::RenderPipeline>,
     emission: OnceLock<wgpu::RenderPipeline>,
-    /// Without maps and with.
-    transparent: [OnceLock<[wgpu::RenderPipeline; 2]>; 2],
     /// Of what is solid, what has holes, and what is seen through.
     overdraw: [OnceLock<wgpu::RenderPipeline>; 3],
 }
@@ -84,32 +105,31 @@ fn pass<'a>(module: &'a wgpu::ShaderModule, layout: &'a wgpu::PipelineLayout) ->
     GeometryPass { module, layout, buffers: &BUFFERS[..2] }
 }
 
+fn layout(gpu: &Gpu, label: &str, groups: &[Option<&wgpu::BindGroupLayout>]) -> wgpu::PipelineLayout {
+    gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+        label: Some(label),
+        bind_group_layouts: groups,
+        immediate_size: 0,
+    })
+}
+
 impl MeshPipelines {
     pub(crate) fn new(gpu: &Gpu, kit: &MaterialKit, frame_layout: &wgpu::BindGroupLayout) -> Self {
-        let layout = |label, groups: &[Option<&wgpu::BindGroupLayout>]| {
-            gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-                label: Some(label),
-                bind_group_layouts: groups,
-                immediate_size: 0,
-            })
-        };
         let module = shader(gpu, "gbuffer", SURFACE);
-        let light_layout = light_layout(gpu);
-        let caster_layout = layout("casters", &[Some(frame_layout)]);
-        let mesh_layout = layout("meshes", &[Some(frame_layout), Some(&kit.layout)]);
+        let caster_layout = layout(gpu, "casters", &[Some(frame_layout)]);
+        let mesh_layout = layout(gpu, "meshes", &[Some(frame_layout), Some(&kit.layout)]);
         let this = Self {
             wire: pass(&module, &mesh_layout).wire(gpu, ["vs_wire", "fs_wire"]),
             caster: pass(&module, &caster_layout).caster(gpu, "vs_caster"),
-            lit_layout: layout("lit meshes", &[Some(&light_layout), Some(&kit.layout)]),
             layout: mesh_layout,
             caster_layout,
-            light_layout,
+            material: kit.layout.clone(),
+            lit: Default::default(),
             module,
             surfaces: Default::default(),
             pierced_caster: OnceLock::new(),
             motion: OnceLock::new(),
             emission: OnceLock::new(),
-            transparent: Default::default(),
             overdraw: Default::default(),
         };
         // What most scenes need.
@@ -130,7 +150,8 @@ impl MeshPipelines {
     /// Compiles what a material will be drawn with; nothing where that is done.
     pub(crate) fn ensure(&self, gpu: &Gpu, material: Features) {
         if material.blend {
-            self.transparent(gpu, material);
+            // With lamps when there are some.
+            self.transparent(gpu, material, false);
             return;
         }
         self.surface(gpu, material, true);
@@ -169,12 +190,34 @@ impl MeshPipelines {
             .get_or_init(|| pass(&self.module, &self.layout).emission(gpu, ["vs_surface", "fs_emission"]))
     }
 
-    /// Over the lit picture: faces that face away, and those that face the eye.
-    pub(crate) fn transparent(&self, gpu: &Gpu, material: Features) -> &[wgpu::RenderPipeline; 2] {
-        self.transparent[usize::from(material.maps)].get_or_init(|| {
-            let module = shader(gpu, "transparent", TRANSPARENT);
+    fn lit(&self, gpu: &Gpu, lamps: bool) -> &Lit {
+        self.lit[usize::from(lamps)].get_or_init(|| {
+            let light = light_layout(gpu, lamps);
+            Lit {
+                layout: layout(gpu, "lit meshes", &[Some(&light), Some(&self.material)]),
+                light,
+                module: shader(gpu, "transparent", TRANSPARENT[usize::from(lamps)]),
+                pipelines: Default::default(),
+            }
+        })
+    }
+
+    /// Group 0 of what is lit where it is drawn, by lamps too or not.
+    pub(crate) fn light_layout(&self, gpu: &Gpu, lamps: bool) -> &wgpu::BindGroupLayout {
+        &self.lit(gpu, lamps).light
+    }
+
+    /// Over the lit picture: faces that face away, and those that face the eye; lit by lamps too or not.
+    pub(crate) fn transparent(
+        &self,
+        gpu: &Gpu,
+        material: Features,
+        lamps: bool,
+    ) -> &[wgpu::RenderPipeline; 2] {
+        let lit = self.lit(gpu, lamps);
+        lit.pipelines[usize::from(material.maps)].get_or_init(|| {
             let maps = [("MAPS", f64::from(u8::from(material.maps)))];
-            pass(&module, &self.lit_layout).transparent(gpu, ["vs_surface", "fs_transparent"], &maps)
+            pass(&lit.module, &lit.layout).transparent(gpu, ["vs_surface", "fs_transparent"], &maps)
         })
     }
 
@@ -192,14 +235,12 @@ impl MeshPipelines {
     }
 }
 
-/// Group 0 of what is lit where it is drawn: the frame, the shadow maps with how they are looked up, and the sky's.
-fn light_layout(gpu: &Gpu) -> wgpu::BindGroupLayout {
+/// Group 0 of what is lit where it is drawn: the frame, the shadow maps with how they are looked up, and the sky's; perhaps
+/// the lamps.
+fn light_layout(gpu: &Gpu, lamps: bool) -> wgpu::BindGroupLayout {
     let entry = |binding, visibility, ty| wgpu::BindGroupLayoutEntry { binding, visibility, ty, count: None };
-    let block = wgpu::BindingType::Buffer {
-        ty: wgpu::BufferBindingType::Uniform,
-        has_dynamic_offset: false,
-        min_binding_size: None,
-    };
+    let buffer = |ty| wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None };
+    let block = buffer(wgpu::BufferBindingType::Uniform);
     let maps = wgpu::BindingType::Texture {
         sample_type: wgpu::TextureSampleType::Depth,
         view_dimension: wgpu::TextureViewDimension::D2Array,
@@ -211,17 +252,21 @@ fn light_layout(gpu: &Gpu) -> wgpu::BindGroupLayout {
         multisampled: false,
     };
     let fragment = wgpu::ShaderStages::FRAGMENT;
+    let mut entries = vec![
+        entry(0, wgpu::ShaderStages::VERTEX_FRAGMENT, block),
+        entry(2, fragment, maps),
+        entry(3, fragment, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Comparison)),
+        entry(4, fragment, block),
+        entry(10, fragment, texture(wgpu::TextureViewDimension::D2)),
+        entry(11, fragment, texture(wgpu::TextureViewDimension::D2Array)),
+        entry(12, fragment, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
+        entry(13, fragment, texture(wgpu::TextureViewDimension::D2)),
+    ];
+    if lamps {
+        entries.extend(LampPass::LAYOUT.map(|(binding, ty)| entry(binding, fragment, buffer(ty))));
+    }
     gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
         label: Some("light"),
-        entries: &[
-            entry(0, wgpu::ShaderStages::VERTEX_FRAGMENT, block),
-            entry(2, fragment, maps),
-            entry(3, fragment, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Comparison)),
-            entry(4, fragment, block),
-            entry(10, fragment, texture(wgpu::TextureViewDimension::D2)),
-            entry(11, fragment, texture(wgpu::TextureViewDimension::D2Array)),
-            entry(12, fragment, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
-            entry(13, fragment, texture(wgpu::TextureViewDimension::D2)),
-        ],
+        entries: &entries,
     })
 }

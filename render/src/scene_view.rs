@@ -1,9 +1,11 @@
 //! From the core's changes to the renderer's assets: the part of a viewer that owns GPU memory.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
 
 use glam::{DQuat, DVec3, Vec3};
 use lodestream_client::core::{Change, MeshChange, NewAsset, TexturePixels};
+use lodestream_protocol::lamps::Lamp;
 use lodestream_protocol::pose::Pose;
 use lodestream_protocol::scene::{InstanceEntry, SceneHeader};
 use lodestream_protocol::view::View;
@@ -14,6 +16,7 @@ use crate::draw::DrawList;
 use crate::gpu::{Gpu, RenderError};
 use crate::ground_scene::{GroundScene, Making, Measuring};
 use crate::instance::Instance;
+use crate::lights::{Light, Spot};
 use crate::material::Material;
 use crate::renderer::Renderer;
 use crate::scene::{Air, Drawable, Environment, Frame, Haze, PlainSky, Settings, Shadows, Sky};
@@ -49,6 +52,12 @@ pub struct SceneView {
     whole: bool,
     /// Last time that a mesh changed, in seconds of the core's clock.
     changed_s: f32,
+    /// The scene has lamps, here or not.
+    has_lamps: bool,
+    /// The lamps that are here, by page: sums over them have one order, whatever the order in which they came.
+    lamp_pages: BTreeMap<u32, Arc<[Lamp]>>,
+    /// The same for the renderer.
+    lights: Vec<Light>,
     /// The scene's terrain, if it has one.
     ground: Option<GroundScene>,
     making: Making,
@@ -112,14 +121,19 @@ impl SceneView {
         budget_bytes: usize,
         now_s: f32,
     ) -> Result<usize, RenderError> {
-        let mut bytes = 0;
+        let (mut bytes, mut lit) = (0, false);
         while bytes < budget_bytes
             && let Some(step) = self.waiting.pop_front()
         {
             for change in step {
                 bytes += change.bytes();
+                lit |= matches!(change, Change::Scene(_) | Change::LampPage { .. });
                 self.apply(gpu, renderer, change, now_s)?;
             }
+        }
+        if lit {
+            // Once, however many pages came: there may be thousands.
+            self.lights = self.lamp_pages.values().flat_map(|page| page.iter()).map(Light::from).collect();
         }
         Ok(bytes)
     }
@@ -153,6 +167,10 @@ impl SceneView {
                 }
             }
             Change::Asset(asset) => self.add(gpu, renderer, &asset),
+            Change::Lamps { count } => self.has_lamps = count > 0,
+            Change::LampPage { page, lamps } => {
+                self.lamp_pages.insert(page, lamps);
+            }
             Change::FirstFrame => self.whole = true,
             Change::Mesh(mesh) => {
                 self.changed_s = now_s;
@@ -304,9 +322,10 @@ impl SceneView {
             .collect();
         let environment =
             self.header.as_ref().map_or_else(Environment::default, |header| environment(header, self.plain));
-        let settings = Settings { exposure: settings.exposure * exposure(&environment), ..settings };
-        let terrain = self.ground.as_ref().map(GroundScene::frame);
-        draw(&Frame { camera, drawables: &drawables, terrain, lights: &[], environment, settings, time_s })
+        let exposure = settings.exposure * exposure(&environment, self.has_lamps);
+        let settings = Settings { exposure, ..settings };
+        let (terrain, lights) = (self.ground.as_ref().map(GroundScene::frame), &self.lights[..]);
+        draw(&Frame { camera, drawables: &drawables, terrain, lights, environment, settings, time_s })
     }
 }
 
@@ -318,20 +337,41 @@ fn texels(pixels: &TexturePixels) -> TextureData<'_> {
     }
 }
 
+impl From<&Lamp> for Light {
+    fn from(lamp: &Lamp) -> Self {
+        let vector = |v: [f32; 3]| Vec3::from(v).as_dvec3();
+        Self {
+            position: DVec3::from(lamp.position),
+            intensity: Vec3::from(lamp.intensity),
+            range: f64::from(lamp.range),
+            spot: lamp.spot.map(|spot| Spot {
+                direction: vector(spot.direction),
+                inner: f64::from(spot.inner),
+                outer: f64::from(spot.outer),
+            }),
+        }
+    }
+}
+
 fn place(entry: &InstanceEntry) -> Instance {
     let rotation: DQuat = entry.orientation().as_dquat();
     Instance { translation: DVec3::from(entry.translation), rotation, scale: f64::from(entry.scale) }
 }
 
+/// Radiance of a white surface that lamps light by π lux: scenes that have some are not exposed for less. An exposure made
+/// for a dark sky would burn out what they light.
+const LAMPLIT_WHITE: f32 = 1.0;
+
 /// Exposure at which a white surface that faces the sun comes out just below white, however strong the
-/// scene's lights are.
-fn exposure(environment: &Environment) -> f32 {
+/// scene's sun is.
+fn exposure(environment: &Environment, lamps: bool) -> f32 {
     // BT.709 luminance.
     let luminance = |c: Vec3| c.dot(Vec3::new(0.2126, 0.7152, 0.0722));
     let lit = match &environment.sky {
         Sky::Air(air) => air.brightness,
         Sky::Plain(plain) => luminance(plain.sun + 0.5 * (plain.zenith + plain.horizon)),
     };
+    let lit = if lamps { lit.max(LAMPLIT_WHITE) } else { lit };
     if lit > 0.0 { (SUNLIT_WHITE / lit).clamp(1e-3, 1e3) } else { 1.0 }
 }
 

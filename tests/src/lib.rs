@@ -15,6 +15,7 @@
 //! | `window` | the viewer's program: what is on the screen first, and how it ends |
 //! | `damage` | packs that are damaged while they are served |
 //! | `terrain` | features of a terrain arrive, and only where a view needs them |
+//! | `lamps` | lamps arrive with their scene, light its picture, and keep no first frame waiting |
 //! | `documents` | what documents name is there: links, files, code, commands |
 //! | `wire` | docs/protocol.md is true: a reader written from it understands recorded sessions |
 //! | `dependencies` | what each crate makes its users compile |
@@ -44,6 +45,8 @@ mod first_flight;
 mod hostile;
 #[cfg(test)]
 mod imports;
+#[cfg(test)]
+mod lamps;
 #[cfg(test)]
 mod limiter;
 #[cfg(test)]

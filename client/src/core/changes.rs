@@ -1,9 +1,11 @@
 //! What a renderer must fetch: the client's state in steps, each of which leaves a picture without holes.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use lodestream_geometry::refine::RenderVertex;
 use lodestream_protocol::asset::{Material, TextureInfo};
+use lodestream_protocol::lamps::Lamp;
 use lodestream_protocol::scene::{InstanceEntry, SceneHeader};
 use lodestream_terrain::{PatchPoint, PatchPoints};
 
@@ -14,6 +16,18 @@ use super::texture_file::TexturePixels;
 pub enum Change {
     /// A scene begins: forget everything before it.
     Scene(Box<SceneHeader>),
+    /// The scene has so many lamps, of which those follow that its views want.
+    Lamps {
+        /// How many in all.
+        count: u32,
+    },
+    /// Some of the scene's lamps.
+    LampPage {
+        /// Their page. Lamps come in any order; that of pages is one that all viewers share.
+        page: u32,
+        /// The lamps.
+        lamps: Arc<[Lamp]>,
+    },
     /// More instances; they follow those that came before. Their assets may not be there yet.
     Instances(Vec<InstanceEntry>),
     /// An asset can be drawn from now on: a [`Change::Mesh`] with its base mesh follows at once.
@@ -106,7 +120,8 @@ impl Change {
     pub fn bytes(&self) -> usize {
         match self {
             Self::Scene(_) => size_of::<SceneHeader>(),
-            Self::FirstFrame => 0,
+            Self::FirstFrame | Self::Lamps { .. } => 0,
+            Self::LampPage { lamps, .. } => lamps.len() * size_of::<Lamp>(),
             Self::Instances(list) => list.len() * size_of::<InstanceEntry>(),
             Self::Asset(asset) => (asset.materials.len() + 1) * size_of::<Material>(),
             Self::Mesh(mesh) => {

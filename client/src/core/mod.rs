@@ -21,6 +21,7 @@ mod changes;
 mod client_core;
 mod config;
 mod failures;
+mod lamp_pages;
 mod milestones;
 mod motion;
 mod scene;

@@ -9,6 +9,7 @@ use lodestream_protocol::select::AssetState;
 
 use super::asset::RefinedAsset;
 use super::changes::{Change, NewAsset};
+use super::lamp_pages::LampPages;
 use super::terrain_points::TerrainPoints;
 
 /// Pages kept that came ahead of their turn.
@@ -25,6 +26,8 @@ pub(crate) struct Scene {
     pub(crate) refined: Vec<Option<RefinedAsset>>,
     /// Listed points of the terrain, if there is one.
     pub(super) terrain: Option<TerrainPoints>,
+    /// Lamps, if there are some.
+    pub(super) lamps: Option<LampPages>,
     next_page: u32,
     early: BTreeMap<u32, ScenePage>,
     /// Changes for a renderer that say what there is: the scene, instances, assets, in order.

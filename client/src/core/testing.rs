@@ -17,6 +17,9 @@ use lodestream_protocol::asset::{
 };
 use lodestream_protocol::blob::{BlobId, BlobPart};
 use lodestream_protocol::frame::ServerFrame;
+use lodestream_protocol::lamps::{
+    self, FEW_LAMPS, FEW_PAGES, LAMPS_PER_PAGE, LISTED_PER_PAGE, Lamp, Lamps, ListedLamps, encode_page,
+};
 use lodestream_protocol::message::ClientMessage;
 use lodestream_protocol::scene::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
 use lodestream_protocol::server::{ServerConfig, ServerSession, Transmit};
@@ -112,6 +115,9 @@ pub(crate) struct Hills {
     pub(crate) damaged: BTreeMap<BlobId, Bytes>,
     /// The page of the terrain's directory, where there is terrain.
     directory: Bytes,
+    /// What is said of lamps, where there are some, and their blobs.
+    lamps: Option<Lamps>,
+    lamp_blobs: BTreeMap<BlobId, Bytes>,
     /// Announced, but not there.
     pub(crate) missing: BTreeSet<BlobId>,
     /// What the server cannot read from its disk.
@@ -175,6 +181,8 @@ impl Hills {
             blobs,
             damaged: BTreeMap::new(),
             directory: Bytes::new(),
+            lamps: None,
+            lamp_blobs: BTreeMap::new(),
             missing: BTreeSet::new(),
             unreadable: Mutex::default(),
         }
@@ -200,13 +208,35 @@ impl Hills {
         self
     }
 
+    /// The same under lamps, in pages as they stand in the list.
+    pub(crate) fn lit_by(mut self, lamps: &[Lamp]) -> Self {
+        let mut listed = Vec::new();
+        for (number, group) in (0..).zip(lamps.chunks(LAMPS_PER_PAGE as usize)) {
+            let page = encode_page(group).unwrap();
+            listed.push(ListedLamps::of(group, page.len() as u32));
+            self.lamp_blobs.insert(BlobId::lamp_page(number), page.into());
+        }
+        for (number, group) in (0..).zip(listed.chunks(LISTED_PER_PAGE as usize)) {
+            let page = lamps::encode_directory(group).unwrap();
+            self.lamp_blobs.insert(BlobId::lamp_directory(number), page.into());
+        }
+        let first = match listed.len() as u32 {
+            1 if lamps.len() <= FEW_LAMPS as usize => self.lamp_blobs[&BlobId::lamp_page(0)].to_vec(),
+            ..=FEW_PAGES => self.lamp_blobs[&BlobId::lamp_directory(0)].to_vec(),
+            _ => Vec::new(),
+        };
+        self.lamps = Some(Lamps { count: lamps.len() as u32, first });
+        self
+    }
+
     pub(crate) fn camera(&self) -> Camera {
         self.header.camera
     }
 
     /// The blob with its middle byte changed.
     pub(crate) fn damage(&mut self, id: BlobId) {
-        let mut bytes = self.blobs[&id.part().unwrap()].to_vec();
+        let real = id.part().map_or_else(|| &self.lamp_blobs[&id], |part| &self.blobs[&part]);
+        let mut bytes = real.to_vec();
         for byte in &mut bytes {
             *byte ^= 0x5A;
         }
@@ -223,7 +253,14 @@ impl SceneSource for Hills {
         (page == 0).then(|| self.page.clone())
     }
 
+    fn lamps(&self) -> Option<&Lamps> {
+        self.lamps.as_ref()
+    }
+
     fn blob_len(&self, id: &BlobId) -> Option<u32> {
+        if let Some(bytes) = self.lamp_blobs.get(id) {
+            return Some(bytes.len() as u32);
+        }
         if *id == BlobId::terrain_page(0) {
             return Some(self.directory.len() as u32);
         }
@@ -238,7 +275,8 @@ impl SceneSource for Hills {
         if *id == BlobId::terrain_page(0) {
             return Ok(self.directory.clone());
         }
-        let real = id.part().and_then(|part| self.blobs.get(&part)).filter(|_| !self.missing.contains(id));
+        let real = id.part().map_or_else(|| self.lamp_blobs.get(id), |part| self.blobs.get(&part));
+        let real = real.filter(|_| !self.missing.contains(id));
         let real = real.ok_or(SourceError::NotFound(*id))?;
         Ok(self.damaged.get(id).unwrap_or(real).clone())
     }

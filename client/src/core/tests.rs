@@ -1,5 +1,7 @@
 //! Tests of the core against a real server session, in virtual time.
 
+mod lamps;
+
 use lodestream_protocol::blob::BlobId;
 use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::scene::Camera;

@@ -61,6 +61,9 @@ pub fn gltf_import(data: &[u8]) -> bool {
                 assert!(placed.scale > 0.0 && placed.scale.is_finite());
                 assert!(placed.translation.iter().chain(&placed.rotation).all(|x| x.is_finite()));
             }
+            for lamp in &contents.lamps {
+                lamp.check().expect("an imported light can be");
+            }
         }
         accepted
     })

@@ -2,12 +2,14 @@
 
 mod asset;
 mod import;
+mod lamps;
 mod messages;
 mod sequence;
 mod terrain;
 
 pub use asset::{base_decoder, chunk_decoder, pack_reader, rehashed};
 pub use import::{gltf_import, obj_import};
+pub use lamps::lamps;
 pub use messages::messages;
 pub use sequence::apply_undo;
 pub use terrain::terrain;
@@ -16,7 +18,7 @@ pub use terrain::terrain;
 pub type Target = fn(&[u8]) -> bool;
 
 /// Every target by the name of its corpus.
-pub const ALL: [(&str, Target); 8] = [
+pub const ALL: [(&str, Target); 9] = [
     ("pack_reader", pack_reader),
     ("base_decoder", base_decoder),
     ("chunk_decoder", chunk_decoder),
@@ -25,4 +27,5 @@ pub const ALL: [(&str, Target); 8] = [
     ("gltf_import", gltf_import),
     ("messages", messages),
     ("terrain", terrain),
+    ("lamps", lamps),
 ];

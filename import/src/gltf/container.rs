@@ -11,7 +11,8 @@ use crate::error::ImportError;
 use crate::file::{MAX_FILE_BYTES, read_file};
 
 /// Extensions that are understood, so that a file may require them.
-const SUPPORTED: [&str; 4] = [
+const SUPPORTED: [&str; 5] = [
+    "KHR_lights_punctual",
     "KHR_mesh_quantization",
     "KHR_texture_transform",
     "KHR_materials_unlit",

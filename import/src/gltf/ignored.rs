@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::container::Document;
+use super::lights;
 
 /// Features that were met and not used, with how often.
 #[derive(Default)]
@@ -19,6 +20,7 @@ impl Ignored {
             ("animations", root.animations.len()),
             ("skins", root.skins.len()),
             ("cameras", root.cameras.len()),
+            ("directional lights (a scene's sun is the [light] of its file)", lights::directional(document)),
         ] {
             if count > 0 {
                 ignored.counts.insert(what.to_owned(), count);

@@ -2,8 +2,8 @@
 //!
 //! Meshes of triangles (lists, strips, fans; indexed or not; every component type, sparse accessors too)
 //! with positions, normals, one set of texture coordinates and vertex colours; nodes flattened to
-//! transformations in f64; metallic-roughness materials with all their maps. What a file has beyond that is named in a
-//! warning, and refused where the file requires it and the picture would be another without it.
+//! transformations in f64; metallic-roughness materials with all their maps; lights that stand in the scene. What a
+//! file has beyond that is named in a warning, and refused where the file requires it and the picture would be another without it.
 //!
 //! The crate `gltf` parses the JSON. Its types are used without its validation, which panics on some
 //! indices out of range (gltf-json 1.4, `primitive_validate_hook`): every index is looked up here with a
@@ -12,6 +12,7 @@
 mod accessor;
 mod container;
 mod ignored;
+mod lights;
 mod maps;
 mod material;
 mod mesh;
@@ -28,6 +29,7 @@ use crate::error::ImportError;
 use crate::file::{MAX_FILE_BYTES, read_file};
 use crate::model::{Imported, Part};
 use container::{Document, Location};
+use lodestream_protocol::lamps::Lamp;
 use mesh::Builder;
 
 /// Columns of two axes count as equally long, or as at right angles, within this share: what nodes that
@@ -47,13 +49,15 @@ pub struct PlacedMesh {
     pub scale: f64,
 }
 
-/// The meshes of a file.
+/// The meshes and lights of a file.
 #[derive(Clone, Debug)]
 pub struct Contents {
     /// Name of each mesh, by index; unique.
     pub names: Vec<String>,
     /// Where the file's scene has them.
     pub placed: Vec<PlacedMesh>,
+    /// The lights that stand in the file's scene.
+    pub lamps: Vec<Lamp>,
 }
 
 fn open(path: &Path) -> Result<Document, ImportError> {
@@ -70,7 +74,7 @@ pub(super) fn import(path: &Path, part: &Part) -> Result<Imported, ImportError> 
     let mut builder = Builder::new(&document);
     match *part {
         Part::Whole => {
-            for placed in nodes::placed(&document)? {
+            for placed in nodes::placed(&document)?.meshes {
                 builder.add(placed.mesh, &placed.to_scene)?;
             }
         }
@@ -81,7 +85,7 @@ pub(super) fn import(path: &Path, part: &Part) -> Result<Imported, ImportError> 
     builder.finish()
 }
 
-/// What meshes a file has, and where.
+/// What meshes and lights a file has, and where.
 ///
 /// # Errors
 /// As [`crate::import`], short of what the meshes hold.
@@ -89,8 +93,10 @@ pub fn contents(path: &Path) -> Result<Contents, ImportError> {
     let document = open(path)?;
     let placed = nodes::placed(&document)?;
     // A scale of zero leaves nothing to draw.
-    let visible = placed.into_iter().filter(|p| p.to_scene.determinant() != 0.0);
-    Ok(Contents { names: names(&document), placed: visible.map(|p| similar(p.mesh, &p.to_scene)).collect() })
+    let visible = placed.meshes.into_iter().filter(|p| p.to_scene.determinant() != 0.0);
+    let meshes = visible.map(|p| similar(p.mesh, &p.to_scene)).collect();
+    let lamps = lights::lamps(&document, &placed.lights)?;
+    Ok(Contents { names: names(&document), placed: meshes, lamps })
 }
 
 /// The mesh of that name, about its own origin.

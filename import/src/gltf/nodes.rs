@@ -1,9 +1,10 @@
-//! The node hierarchy flattened: each mesh where the scene has it, in f64.
+//! The node hierarchy flattened: each mesh and each light where the scene has it, in f64.
 
 use glam::{DMat4, DQuat, DVec3};
 use gltf::json;
 
 use super::container::Document;
+use super::lights::{self, PlacedLight};
 use crate::error::ImportError;
 
 /// A mesh of the file, placed.
@@ -13,22 +14,30 @@ pub(super) struct Placed {
     pub(super) to_scene: DMat4,
 }
 
-/// The meshes of the default scene (or the first, where none is named) in the order in which its nodes
-/// come, depth first. A file without scenes is a library: each of its meshes once, as it is.
+/// What the nodes of a file place.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Flattened {
+    pub(super) meshes: Vec<Placed>,
+    pub(super) lights: Vec<PlacedLight>,
+}
+
+/// The meshes and lights of the default scene (or the first, where none is named) in the order in which its nodes
+/// come, depth first. A file without scenes is a library: each of its meshes once, as it is, and no light.
 ///
 /// # Errors
 /// Nodes that do not exist, have two parents or are their own ancestors, and values that are not finite.
-pub(super) fn placed(document: &Document) -> Result<Vec<Placed>, ImportError> {
+pub(super) fn placed(document: &Document) -> Result<Flattened, ImportError> {
     let root = &document.root;
     let number = root.scene.map_or(0, |scene| scene.value());
     let Some(scene) = root.scenes.get(number) else {
         if root.scenes.is_empty() {
             let all = 0..root.meshes.len();
-            return Ok(all.map(|mesh| Placed { mesh, to_scene: DMat4::IDENTITY }).collect());
+            let meshes = all.map(|mesh| Placed { mesh, to_scene: DMat4::IDENTITY }).collect();
+            return Ok(Flattened { meshes, ..Flattened::default() });
         }
         return Err(document.error(format!("scenes[{number}] does not exist")));
     };
-    let mut placed = Vec::new();
+    let mut placed = Flattened::default();
     let mut seen = vec![false; root.nodes.len()];
     let mut waiting: Vec<(usize, DMat4)> =
         scene.nodes.iter().rev().map(|node| (node.value(), DMat4::IDENTITY)).collect();
@@ -43,7 +52,10 @@ pub(super) fn placed(document: &Document) -> Result<Vec<Placed>, ImportError> {
             return Err(error("has a transformation that is not finite"));
         }
         if let Some(mesh) = node.mesh {
-            placed.push(Placed { mesh: mesh.value(), to_scene });
+            placed.meshes.push(Placed { mesh: mesh.value(), to_scene });
+        }
+        if let Some(light) = lights::of_node(node).map_err(error)? {
+            placed.lights.push(PlacedLight { node: index, light, to_scene });
         }
         let children = node.children.iter().flatten().rev();
         waiting.extend(children.map(|child| (child.value(), to_scene)));

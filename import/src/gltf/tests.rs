@@ -1,5 +1,6 @@
 //! What glTF files come to, and what each bad one is told. Files are written here, byte by byte.
 
+mod lights;
 mod materials;
 
 use std::path::{Path, PathBuf};
@@ -351,7 +352,9 @@ fn what_is_not_drawn_is_named() {
     model.json["materials"] = json!([{"extensions": {"KHR_materials_sheen": {}}}]);
     model.json["cameras"] =
         json!([{"type": "orthographic", "orthographic": {"xmag": 1, "ymag": 1, "zfar": 1, "znear": 0}}]);
-    model.json["extensionsUsed"] = json!(["KHR_lights_punctual", "KHR_materials_sheen"]);
+    model.json["extensionsUsed"] =
+        json!(["KHR_lights_punctual", "KHR_materials_sheen", "EXT_lights_image_based"]);
+    model.json["extensions"] = json!({"KHR_lights_punctual": {"lights": [{"type": "directional"}]}});
     let imported = model.read().unwrap();
     let [warning] = &imported.warnings[..] else { panic!("{:?}", imported.warnings) };
     for what in [
@@ -359,10 +362,12 @@ fn what_is_not_drawn_is_named() {
         "morph targets",
         "cameras",
         "extension KHR_materials_sheen",
-        "extension KHR_lights_punctual",
+        "extension EXT_lights_image_based",
+        "directional lights (a scene's sun is the [light] of its file)",
     ] {
         assert!(warning.contains(what), "{warning:?} lacks {what:?}");
     }
+    assert!(!warning.contains("KHR_lights_punctual"), "{warning:?}");
 }
 
 #[test]

@@ -5,6 +5,7 @@ use std::time::Duration;
 use bytes::Bytes;
 
 use crate::blob::BlobId;
+use crate::lamps::Lamps;
 use crate::message::{Close, RefusedReason, Welcome};
 use crate::scene::ScenePage;
 
@@ -15,6 +16,8 @@ pub enum ClientEvent {
     Connected(Welcome),
     /// A page of the scene description came.
     ScenePage(ScenePage),
+    /// The scene has lamps; before the first page.
+    Lamps(Lamps),
     /// A blob, or the part of it that was sent, is complete, asked for or not. Told after
     /// [`ClientEvent::Connected`] even where it came before.
     Blob {

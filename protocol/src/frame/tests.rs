@@ -3,6 +3,7 @@
 use proptest::prelude::*;
 
 use super::*;
+use crate::lamps::Lamps;
 use crate::limits::{MAX_HAVE, MAX_IDS_PER_MESSAGE};
 use crate::message::*;
 use crate::scene::{InstanceEntry, ScenePage};
@@ -46,6 +47,7 @@ fn server_messages() -> Vec<ServerMessage> {
             idle_timeout_ms: 30_000,
             scene: scene.header.clone(),
         }),
+        ServerMessage::Lamps(Lamps { count: 2000, first: Vec::new() }),
         ServerMessage::Refused(Refused { id: BlobId::chunk(3, 4), reason: RefusedReason::NotFound }),
         ServerMessage::BasesSent,
         ServerMessage::Done,

@@ -15,6 +15,9 @@ const SHAPE: f32 = 3.0;
 /// How much of an attribute's error is seen as an error of the shape: less than it counts against the target, since what
 /// slides within a surface moves no outline.
 const ATTRIBUTE: f32 = 0.35;
+/// How much of what is seen changes where all light there comes from lamps that are missing: as much as in a picture
+/// that is a quarter too dark. What is missing of a shape is missed sooner.
+const LIT: f32 = 0.25;
 /// Texels of so many pixels and more are a blur all alike.
 const BLUR_PX: f32 = 16.0;
 /// Bytes that come before anything behind an index page is seen: its own and those of some chunks.
@@ -60,6 +63,15 @@ impl Picture {
 #[allow(clippy::cast_precision_loss)]
 pub fn shape_priority(view: &View, error_px: f32, radius_px: f32, bytes: u32) -> Priority {
     refine_priority(Picture::new(view).shape_px2(error_px, radius_px), bytes as f32, 1.0)
+}
+
+/// Priority of lamps that light a sphere of radius `radius_px`, for `bytes`; `share` of all light there is theirs, 0 to 1.
+#[must_use]
+#[allow(clippy::cast_precision_loss)]
+pub fn lamp_priority(view: &View, share: f32, radius_px: f32, bytes: u32) -> Priority {
+    let picture = Picture::new(view);
+    let area = (radius_px * radius_px).min(picture.area_px2);
+    refine_priority(LIT * share * area, bytes as f32, 1.0)
 }
 
 /// The part of a chunk's visible error that makes a difference, given both its errors.

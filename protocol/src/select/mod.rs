@@ -27,7 +27,7 @@ mod state;
 mod tests;
 pub(crate) mod visibility;
 
-pub use difference::shape_priority;
+pub use difference::{lamp_priority, shape_priority};
 pub use occluder::Occluder;
 pub use priority::Priority;
 pub use project::{Bounds, LocalView, Projection};

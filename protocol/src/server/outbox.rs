@@ -42,10 +42,10 @@ impl Waiting {
 }
 
 impl Outbox {
-    /// One message waits.
-    pub(super) fn new(first: ServerMessage) -> Self {
+    /// These messages wait, the first first.
+    pub(super) fn new(first: impl Iterator<Item = ServerMessage>) -> Self {
         let mut this = Self::default();
-        this.append(Waiting::Other(Box::new(first)));
+        first.for_each(|message| this.append(Waiting::Other(Box::new(message))));
         this
     }
 

@@ -89,12 +89,13 @@ impl ServerSession {
             idle_timeout_ms: u32::try_from(config.idle_timeout.as_millis()).unwrap_or(u32::MAX),
             scene: header,
         });
+        let lamps = source.lamps().cloned().map(ServerMessage::Lamps);
         let mut this = Self {
             phase: Phase::Greeting,
             close: None,
             pace: Pace::new(config.limiter),
             timers: Timers::new(&config, now),
-            control: Outbox::new(welcome),
+            control: Outbox::new(std::iter::once(welcome).chain(lamps)),
             requests: Requests::new(config.max_queued),
             push: Push::new(plans, view, config.push_before_hello_bytes),
             done_told: true,

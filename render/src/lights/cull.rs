@@ -22,7 +22,8 @@ const LIGHT: &str = concat!(
     include_str!("../shaders/sky.wgsl"),
     include_str!("../shaders/brdf.wgsl"),
     include_str!("../shaders/lamp.wgsl"),
-    include_str!("../shaders/lights.wgsl")
+    include_str!("../shaders/lights.wgsl"),
+    include_str!("../shaders/lamp_pass.wgsl")
 );
 
 /// Binding of the list of lamps.
@@ -42,6 +43,12 @@ pub(crate) struct LampPass {
 }
 
 impl LampPass {
+    /// Of group 0, for what is lit where it is drawn: the block, lamps, and lamps of tiles and of depths.
+    pub(crate) const LAYOUT: [(u32, wgpu::BufferBindingType); 4] = {
+        let list = wgpu::BufferBindingType::Storage { read_only: true };
+        [(6, wgpu::BufferBindingType::Uniform), (LIST, list), (8, list), (9, list)]
+    };
+
     pub(crate) fn new(gpu: &Gpu) -> Self {
         let storage = wgpu::BufferUsages::STORAGE;
         Self {
@@ -153,8 +160,8 @@ impl LampPass {
         pass.draw(0..3, 0..1);
     }
 
-    /// Bindings 6 to 9. Nothing before there was a lamp.
-    fn bindings(&self) -> Option<[wgpu::BindGroupEntry<'_>; 4]> {
+    /// Bindings 6 to 9: [`LampPass::LAYOUT`]. Nothing before there was a lamp.
+    pub(crate) fn bindings(&self) -> Option<[wgpu::BindGroupEntry<'_>; 4]> {
         let buffers = [Some(&self.uniform), self.lamps.buffer(), self.masks.buffer(), self.bins.buffer()];
         let [Some(uniform), Some(lamps), Some(masks), Some(bins)] = buffers else { return None };
         let mut binding = 5;

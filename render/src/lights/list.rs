@@ -36,6 +36,8 @@ pub(crate) struct LampsUniform {
     pub(crate) bins_per_octave: f32,
     pub(crate) clusters: u32,
     pub(crate) bins: u32,
+    pub(crate) through: u32,
+    pub(crate) padding: [u32; 3],
 }
 
 /// See the module.
@@ -49,8 +51,8 @@ pub(crate) struct LampList {
 }
 
 impl LampList {
-    /// Of the lamps that may reach what a frame of this size shows.
-    pub(crate) fn new(frame: &Frame<'_>, size: (u32, u32)) -> Self {
+    /// Of the lamps that may reach what a frame of this size shows. `through`: something there is seen through.
+    pub(crate) fn new(frame: &Frame<'_>, size: (u32, u32), through: bool) -> Self {
         let camera = &frame.camera;
         let ahead = camera.rotation * DVec3::NEG_Z;
         let mut seen: Vec<(f64, f64, LampRaw)> = frame
@@ -86,6 +88,8 @@ impl LampList {
             bins_per_octave,
             clusters: u32::from(clusters),
             bins: bins.len() as u32,
+            through: u32::from(through),
+            padding: [0; 3],
         };
         Self { lamps: seen.into_iter().map(|(.., raw)| raw).collect(), bins, uniform, tiles }
     }

@@ -20,8 +20,8 @@ pub const LIGHT_TILES: [u32; 2] = [4, 64];
 pub struct Light {
     /// Where, in the world.
     pub position: DVec3,
-    /// Luminous intensity, linear, in the units in which the sun's irradiance on a surface that faces it is π times
-    /// [`super::PlainSky::sun`]: what it lights at distance 1 gets as much.
+    /// Luminous intensity, linear, in candela where the sun's irradiance on a surface that faces it is π lux times
+    /// [`super::PlainSky::sun`]: what it lights at distance 1 gets as many lux.
     pub intensity: Vec3,
     /// Distance at which it ends, > 0; its light falls with the square of distance, and to nothing there.
     pub range: f64,

@@ -188,7 +188,8 @@ impl Renderer {
         let has_surfaces = !list.batches.is_empty() || ground.is_some();
         let occlusion = frame.settings.occlusion.is_some_and(|o| o.strength > 0.0);
         let lit = !frame.lights.is_empty() && LampPass::is_possible(gpu);
-        let lamps = lit.then(|| LampList::new(frame, size)).filter(|list| !list.lamps.is_empty());
+        let through = list.any(|features| features.blend);
+        let lamps = lit.then(|| LampList::new(frame, size, through)).filter(|list| !list.lamps.is_empty());
         let smoothed = match frame.settings.anti_aliasing {
             // What is enlarged is smoothed by that.
             _ if size != target.size || target.depth.is_some() || target.load == Load::Keep => {
@@ -213,7 +214,7 @@ impl Renderer {
                 shadows: !casters.is_empty(),
                 lamps: lamps.is_some(),
                 emission: list.any(|features| features.emits && !features.blend),
-                transparency: list.any(|features| features.blend),
+                transparency: through,
                 shown: shown.map(|(_, reads)| reads),
                 wireframe: frame.settings.wireframe && self.pipelines.meshes.wire.is_some(),
                 motion: !moving.is_empty(),

@@ -284,9 +284,10 @@ impl Renderer {
             match id {
                 PassId::Emission => list.emission(gpu, &mut pass, (meshes, instances), counters),
                 PassId::Transparency => {
-                    if let Some(light) = self.light(gpu) {
+                    let lamps = counters.passes.contains(&PassId::Lamps);
+                    if let Some(light) = self.light(gpu, lamps) {
                         pass.set_bind_group(0, &light, &[]);
-                        list.transparent(gpu, &mut pass, (meshes, instances), counters);
+                        list.transparent(gpu, &mut pass, (meshes, instances), lamps, counters);
                     }
                 }
                 PassId::Edges => {
@@ -310,8 +311,8 @@ impl Renderer {
         }
     }
 
-    /// What is lit where it is drawn reads of the frame, of the sun and of the sky.
-    fn light(&self, gpu: &Gpu) -> Option<wgpu::BindGroup> {
+    /// What is lit where it is drawn reads of the frame, of the sun and of the sky, and of the lamps where it has some.
+    fn light(&self, gpu: &Gpu, lamps: bool) -> Option<wgpu::BindGroup> {
         let frame = wgpu::BindGroupEntry { binding: 0, resource: self.frame_buffer.as_entire_binding() };
         let [seen, lobes, split_sum] = self.sky.views();
         let view = |binding, view| wgpu::BindGroupEntry {
@@ -325,11 +326,16 @@ impl Renderer {
             wgpu::BindGroupEntry { binding: 12, resource: sampler },
             view(13, &split_sum),
         ];
+        let lit_by = if lamps { Some(self.lamps.bindings()?) } else { None };
         self.shadow_maps.bindings(|maps| {
             gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
                 label: Some("light"),
-                layout: &self.pipelines.meshes.light_layout,
-                entries: &std::iter::once(frame).chain(maps).chain(sky).collect::<Vec<_>>(),
+                layout: self.pipelines.meshes.light_layout(gpu, lamps),
+                entries: &std::iter::once(frame)
+                    .chain(maps)
+                    .chain(sky)
+                    .chain(lit_by.into_iter().flatten())
+                    .collect::<Vec<_>>(),
             })
         })
     }

@@ -1,7 +1,8 @@
 // Which lamps may light a tile of the picture: a bit each. Whatever their number none is lost, and the sum over bits has
 // one order. Without clusters a tile's own range of depths narrows them (Andersson, "Parallel graphics in Frostbite",
 // 2009); with them ranges of depths do it pixel by pixel (Drobot, "Improved culling for tiled and clustered rendering",
-// 2017), and the tile's furthest surface is all that is asked for.
+// 2017), and the tile's furthest surface is all that is asked for. What is seen through is in no map of depths: it lies
+// anywhere before what hides it, and before the sky anywhere at all.
 
 @group(0) @binding(1) var depth_map: texture_2d<f32>;
 @group(0) @binding(8) var<storage, read_write> lamp_masks: array<u32>;
@@ -25,7 +26,7 @@ fn cs_cull(@builtin(workgroup_id) tile: vec3<u32>, @builtin(local_invocation_ind
     for (var i = thread; i < lamps.tile_px * lamps.tile_px; i += THREADS) {
         let pixel = corner + vec2(i % lamps.tile_px, i / lamps.tile_px);
         let stored = textureLoad(depth_map, min(pixel, size - 1u), 0).x;
-        if (all(pixel < end) && stored > 0.0) {
+        if (all(pixel < end) && (stored > 0.0 || lamps.through == 1u)) {
             let bits = bitcast<u32>(view_depth(stored));
             atomicMin(&nearest_bits, bits);
             atomicMax(&furthest_bits, bits);
@@ -33,7 +34,8 @@ fn cs_cull(@builtin(workgroup_id) tile: vec3<u32>, @builtin(local_invocation_ind
     }
     workgroupBarrier();
     let furthest = bitcast<f32>(atomicLoad(&furthest_bits));
-    let nearest = select(bitcast<f32>(atomicLoad(&nearest_bits)), 0.0, lamps.clusters == 1u);
+    let any_nearer = lamps.clusters == 1u || lamps.through == 1u;
+    let nearest = select(bitcast<f32>(atomicLoad(&nearest_bits)), 0.0, any_nearer);
 
     // The tile's sides are planes through the eye: across = ray * depth.
     let low = view_ray(vec2<i32>(corner)).xy - frame.tan_half_fov * vec2(1.0, -1.0) / frame.size_px;

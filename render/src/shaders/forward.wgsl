@@ -15,6 +15,7 @@ fn fs_transparent(s: Surface, @builtin(front_facing) front: bool) -> @location(0
     }
     let r = Reflector(surface.albedo, surface.metal, surface.roughness, surface.normal, to_eye, surface.occlusion);
     let given = material.emission * textureSampleGrad(emission_map, map_sampler, s.uv, dpdx(s.uv), dpdy(s.uv)).rgb;
-    let seen = min(lit(r, sun) + given, vec3(MAX_RADIANCE));
+    let lamps = from_lamps(r, s.position, vec2<u32>(s.clip.xy), view_depth(s.clip.z));
+    let seen = min(lit(r, sun) + lamps + given, vec3(MAX_RADIANCE));
     return vec4(hazed(seen, -to_eye, length(s.position)) * opacity, opacity);
 }

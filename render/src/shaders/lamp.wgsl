@@ -18,6 +18,7 @@ struct Lamps {
     bins_per_octave: f32,
     clusters: u32,
     bins: u32,
+    through: u32, // something in the picture is seen through
 }
 
 @group(0) @binding(6) var<uniform> lamps: Lamps;

@@ -1,4 +1,4 @@
-// Light of lamps, onto the lit picture: those that a pixel's tile and depth leave. Twin: twin/lights.rs.
+// Light of lamps on a surface: those that its pixel's tile and its depth leave. Twin: twin/lights.rs.
 
 @group(0) @binding(8) var<storage, read> lamp_masks: array<u32>; // of a tile one after the other
 @group(0) @binding(9) var<storage, read> lamp_bins: array<u32>; // first and, shifted by 16, last lamp of a range of depths
@@ -67,44 +67,4 @@ fn lamps_left(pixel: vec2<u32>, depth: f32) -> u32 {
         left += countOneBits(bits);
     }
     return left;
-}
-
-@group(0) @binding(1) var depth_map: texture_2d<f32>;
-@group(0) @binding(2) var surface_normals: texture_2d<f32>;
-@group(0) @binding(3) var albedo_map: texture_2d<f32>;
-
-@fragment
-fn fs_lamps(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
-    let pixel = vec2<i32>(at.xy);
-    let depth = depth_of(pixel);
-    let stored = textureLoad(surface_normals, pixel, 0);
-    if (depth >= FAR || is_unlit(stored)) {
-        discard;
-    }
-    let albedo = textureLoad(albedo_map, pixel, 0);
-    let ray = view_ray(pixel);
-    let position = (transpose(frame.view_from_world) * vec4(ray * depth, 0.0)).xyz;
-    let distance = depth * length(ray);
-    let r = Reflector(albedo.rgb, albedo.a, stored.z, from_octahedral(stored.xy), -position / distance, 1.0);
-    // Haze takes its share; what it adds is there already.
-    let left = exp(-min(max(frame.sky_side.w, 0.0) * distance, 80.0));
-    return vec4(min(from_lamps(r, position, vec2<u32>(pixel), depth) * left, vec3(MAX_RADIANCE)), 0.0);
-}
-
-// How many lamps are looked at, in place of the picture: black for none, then blue over green and yellow to red for 64.
-@fragment
-fn fs_lamps_left(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
-    let pixel = vec2<i32>(at.xy);
-    let depth = depth_of(pixel);
-    if (depth >= FAR) {
-        return vec4(0.0);
-    }
-    let left = f32(lamps_left(vec2<u32>(pixel), depth));
-    let heat = clamp(log2(1.0 + left) / 6.0, 0.0, 1.0) * 4.0;
-    let colour = clamp(vec3(heat - 2.0, min(heat, 4.0 - heat), 2.0 - heat), vec3(0.0), vec3(1.0));
-    return vec4(select(colour, vec3(0.0), left < 0.5), 1.0);
-}
-
-fn depth_of(pixel: vec2<i32>) -> f32 {
-    return view_depth(textureLoad(depth_map, pixel, 0).x);
 }

@@ -10,8 +10,8 @@ use crate::twin::brdf::{Reflector, from_octahedral};
 use crate::twin::depth::view_ray;
 use crate::twin::lights::Lamp;
 use crate::{
-    AntiAliasing, Drawable, Environment, Frame, Headless, Instance, Light, LightCulling, Material, PassId,
-    PlainSky, Pose, Settings, Shade, Sky, Spot,
+    Alpha, AntiAliasing, Drawable, Environment, Frame, Headless, Instance, Light, LightCulling, Material,
+    PassId, PlainSky, Pose, Settings, Shade, Sky, Spot,
 };
 
 /// No light but that of lamps.
@@ -208,6 +208,96 @@ fn strange_lamps_light_nothing_and_break_nothing() {
         Light { spot: Some(Spot { inner: 9.0, outer: -1.0, ..spot }), ..lamp },
     ] {
         assert!(draw(&mut h, &[edge], bare()).iter().flatten().all(|x| x.is_finite()), "{edge:?}");
+    }
+}
+
+/// A pane of glass before a far wall that covers the left half of the picture; to the right there is sky behind it.
+fn glass(h: &mut Headless, lights: &[Light], culling: LightCulling) -> Vec<[f64; 4]> {
+    let pane = Material {
+        base_colour: [0.8, 0.6, 0.4],
+        roughness: 0.6,
+        opacity: 0.75,
+        alpha: Alpha::Blend,
+        ..Material::default()
+    };
+    let pane = asset(h, &quad([-8.0, -4.0, 0.0], [16.0, 0.0, 0.0], [0.0, 8.0, 0.0], 1.0), pane);
+    let wall = quad([-200.0, -90.0, -90.0], [200.0, 0.0, 0.0], [0.0, 180.0, 0.0], 1.0);
+    let wall = asset(h, &wall, Material { base_colour: [0.5; 3], ..Material::default() });
+    let one = [Instance::default()];
+    let drawables = [&pane, &wall].map(|asset| Drawable { asset, instances: &one });
+    let settings = Settings { lights: culling, ..bare() };
+    let frame = Frame { lights, environment: night(), settings, ..Frame::new(facing(), &drawables) };
+    let counters = h.frame(&frame).unwrap();
+    assert!(counters.passes.contains(&PassId::Lamps) && counters.passes.contains(&PassId::Transparency));
+    halves(h, Resource::Radiance)
+}
+
+fn facing() -> Pose {
+    Pose::look_at(DVec3::new(0.0, 0.0, 6.0), DVec3::ZERO, DVec3::Y, 0.9)
+}
+
+/// Lamps close before the pane and far from the wall.
+fn before_glass(count: usize) -> Vec<Light> {
+    let mut next = numbers();
+    let mut place = || DVec3::new(9.0 * next() - 4.5, 5.0 * next() - 2.5, 0.3 + next());
+    let lamp = |position| Light { position, intensity: Vec3::new(1.0, 0.7, 0.4), range: 2.5, spot: None };
+    (0..count).map(|_| lamp(place())).collect()
+}
+
+#[test]
+fn what_is_seen_through_is_lit_as_the_twin_says_before_surfaces_and_before_the_sky() {
+    let Some(mut h) = headless(64, 48) else { return };
+    let lights = before_glass(16);
+    let got = glass(&mut h, &lights, LightCulling::default());
+    keep(&h, "lamps-glass");
+    let (width, height) = h.size();
+    let tan: [f64; 2] = facing().tan_half_fov(width, height).into();
+    let (mut squares, mut sums) = (0.0, [0.0; 2]);
+    for (i, got) in got.iter().enumerate() {
+        let pixel = [(i % width as usize) as i64, (i / width as usize) as i64];
+        // The pane fills the picture, six units before the eye. Nothing behind it has any light.
+        let position = DVec3::from(view_ray(pixel, [width, height], tan)) * 6.0;
+        let reflector = Reflector {
+            albedo: [0.8, 0.6, 0.4],
+            metal: 0.0,
+            roughness: 0.6,
+            normal: [0.0, 0.0, 1.0],
+            to_eye: (-position.normalize()).to_array(),
+        };
+        let mut want = [0.0; 3];
+        for light in &lights {
+            let lamp = Lamp {
+                position: (light.position - facing().eye - position).to_array(),
+                range: light.range,
+                colour: (light.intensity.as_dvec3() / std::f64::consts::PI).to_array(),
+                spot: None,
+            };
+            let (irradiance, to_lamp) = lamp.at_zero();
+            let more = reflector.from_light(to_lamp, irradiance);
+            want = [0, 1, 2].map(|c| want[c] + 0.75 * more[c]);
+        }
+        for c in 0..3 {
+            squares += (got[c] - want[c]).powi(2);
+            sums[usize::from(pixel[0] >= 32)] += want[c].powi(2);
+        }
+    }
+    assert!(sums.iter().all(|sum| *sum > 1.0), "a half of it is dark: {sums:?}");
+    let error = (squares / (sums[0] + sums[1])).sqrt();
+    assert!(error < 0.01, "{error}");
+}
+
+#[test]
+fn tiles_and_clusters_of_any_size_lose_no_lamp_before_what_is_seen_through() {
+    let Some(mut h) = headless(96, 64) else { return };
+    for count in [1, 40, 600] {
+        let lights = before_glass(count);
+        let mut first: Option<Vec<[f64; 4]>> = None;
+        for (tile_px, clusters) in [(64, true), (64, false), (16, true), (16, false), (8, false), (5, true)] {
+            let drawn = glass(&mut h, &lights, LightCulling { tile_px, clusters });
+            let first = first.get_or_insert_with(|| drawn.clone());
+            assert_eq!(&drawn, first, "{count} lamps, tiles of {tile_px} px, clusters: {clusters}");
+        }
+        assert!(first.unwrap().iter().any(|pixel| pixel[0] > 0.01), "{count} lamps light nothing");
     }
 }
 

@@ -1,17 +1,21 @@
 //! A scene whose models are prepared, as the description that is sent: assets and instances in
 //! pages, nearest and largest first.
 
+mod lamp_blobs;
 mod terrain_blobs;
 
 use std::collections::BTreeMap;
 
+use bytes::Bytes;
 use glam::{DQuat, DVec3, Quat, Vec3};
+use lodestream_protocol::lamps::Lamp;
 use lodestream_protocol::limits::{MAX_ENTRIES_PER_PAGE, MAX_INSTANCES};
 use lodestream_protocol::scene::{
     AssetEntry, Camera, Fingerprint, InstanceEntry, Light, SceneError, SceneHeader, ScenePage,
 };
 
-use crate::scene::{DEFAULT_FOV_Y_DEGREES, Instance, Scene, SceneTerrain};
+use crate::scene::{DEFAULT_FOV_Y_DEGREES, Instance, Model, Scene, SceneTerrain};
+pub use lamp_blobs::{LampBlobs, LampBlobsError};
 pub use terrain_blobs::{TerrainBlobs, TerrainBlobsError};
 
 /// Gap between models side by side, as a share of their mean radius.
@@ -42,6 +46,9 @@ pub enum ComposeError {
     /// The terrain's features cannot be sent.
     #[error(transparent)]
     Terrain(#[from] TerrainBlobsError),
+    /// The lamps cannot be sent.
+    #[error(transparent)]
+    Lamps(#[from] LampBlobsError),
     /// A value that the protocol refuses.
     #[error("the scene cannot be described: {0}")]
     Refused(#[from] SceneError),
@@ -59,6 +66,8 @@ pub struct Composed {
     pub asset_order: Vec<usize>,
     /// Blobs of the scene's terrain.
     pub terrain: TerrainBlobs,
+    /// What is said of the scene's lamps, and their blobs.
+    pub lamps: LampBlobs,
 }
 
 /// Describes `scene`, whose asset `i` was prepared as `entries[i]`.
@@ -66,9 +75,12 @@ pub struct Composed {
 /// # Errors
 /// See [`ComposeError`].
 pub fn compose(scene: &Scene, entries: &[AssetEntry]) -> Result<Composed, ComposeError> {
-    let instances = match &scene.instances {
-        Some(instances) => instances.clone(),
-        None => side_by_side(&scene.models, entries),
+    let (instances, lamps) = match &scene.instances {
+        Some(instances) => (instances.clone(), scene.lamps.clone()),
+        None => {
+            let (instances, lamps) = side_by_side(&scene.models, entries);
+            (instances, [&scene.lamps[..], &lamps].concat())
+        }
     };
     if instances.is_empty() && scene.terrain.is_none() {
         return Err(ComposeError::Empty { name: scene.name.clone() });
@@ -106,12 +118,13 @@ pub fn compose(scene: &Scene, entries: &[AssetEntry]) -> Result<Composed, Compos
         Some(terrain) => TerrainBlobs::new(&terrain.terrain)?,
         None => TerrainBlobs::default(),
     };
-    header.fingerprint = fingerprint(&header, &pages, &terrain);
+    let lamps = LampBlobs::new(&lamps)?;
+    header.fingerprint = fingerprint(&header, &pages, terrain.all().chain(lamps.all()));
     header.check()?;
     for page in &pages {
         page.check()?;
     }
-    Ok(Composed { header, pages, asset_order, terrain })
+    Ok(Composed { header, pages, asset_order, terrain, lamps })
 }
 
 /// Bounding sphere of an instance, in the world.
@@ -124,28 +137,31 @@ fn world_sphere(instance: &Instance, entry: &AssetEntry) -> (DVec3, f64) {
 }
 
 /// One model stays at its own origin; several stand in a row along x, their centres on one line.
-fn side_by_side(models: &[Vec<Instance>], entries: &[AssetEntry]) -> Vec<Instance> {
-    if models.len() < 2 {
-        return models.concat();
+fn side_by_side(models: &[Model], entries: &[AssetEntry]) -> (Vec<Instance>, Vec<Lamp>) {
+    if let [] | [_] = models {
+        let one = models.first().cloned().unwrap_or_default();
+        return (one.parts, one.lamps);
     }
     let bounds: Vec<(DVec3, f64)> = models
         .iter()
         .map(|model| {
-            let spheres: Vec<_> = model.iter().map(|i| world_sphere(i, &entries[i.asset])).collect();
+            let spheres: Vec<_> = model.parts.iter().map(|i| world_sphere(i, &entries[i.asset])).collect();
             enclosing(&spheres)
         })
         .collect();
     let gap = GAP * bounds.iter().map(|(_, radius)| radius).sum::<f64>() / bounds.len() as f64;
     let mut x = 0.0;
-    let mut instances = Vec::new();
+    let (mut instances, mut lamps) = (Vec::new(), Vec::new());
     for (model, (center, radius)) in models.iter().zip(bounds) {
         x += radius;
         let translation = (DVec3::new(x, 0.0, 0.0) - center).to_array();
         let place = Instance { translation, ..Instance::unplaced(0) };
-        instances.extend(model.iter().map(|instance| instance.within(&place)));
+        let (parts, lights) = model.placed(&place);
+        instances.extend(parts);
+        lamps.extend(lights);
         x += radius + gap;
     }
-    instances
+    (instances, lamps)
 }
 
 /// A sphere about the middle of the spheres' bounding box that holds them.
@@ -232,15 +248,19 @@ fn paginate(instances: &[Instance], entries: &[AssetEntry], order: &[usize]) -> 
     (pages, asset_order)
 }
 
-/// Equal descriptions over equal packs get equal fingerprints.
-fn fingerprint(header: &SceneHeader, pages: &[ScenePage], terrain: &TerrainBlobs) -> Fingerprint {
+/// Equal descriptions over equal packs get equal fingerprints. `blobs` are those that are in no pack.
+fn fingerprint<'a>(
+    header: &SceneHeader,
+    pages: &[ScenePage],
+    blobs: impl Iterator<Item = &'a Bytes>,
+) -> Fingerprint {
     // Debug output of plain numbers round-trips, so it tells any two descriptions apart.
     let mut hasher = blake3::Hasher::new();
     hasher.update(format!("{header:?}").as_bytes());
     for page in pages {
         hasher.update(format!("{page:?}").as_bytes());
     }
-    for bytes in terrain.all() {
+    for bytes in blobs {
         hasher.update(bytes);
     }
     let mut fingerprint = Fingerprint::default();
@@ -253,6 +273,7 @@ mod tests {
     use std::path::PathBuf;
 
     use lodestream_geometry::index::Sphere;
+    use lodestream_protocol::lamps::First;
 
     use super::*;
 
@@ -341,6 +362,22 @@ mod tests {
         let other = compose(&scene, &[entry("a", [0.0; 3], 2.5)]).unwrap();
         assert_eq!(one.header.fingerprint, same.header.fingerprint);
         assert_ne!(one.header.fingerprint, other.header.fingerprint);
+    }
+
+    #[test]
+    fn lamps_of_models_stand_where_the_models_do_and_tell_scenes_apart() {
+        let mut scene = Scene::of_models(&["a.obj", "b.obj"].map(PathBuf::from)).unwrap();
+        let entries = ["a", "b"].map(|name| entry(name, [0.0; 3], 2.0));
+        let dark = compose(&scene, &entries).unwrap();
+        assert_eq!(dark.lamps.lamps(), None);
+        let lamp = Lamp { position: [1.0, 5.0, 0.0], intensity: [9.0; 3], range: 30.0, spot: None };
+        scene.models[1].lamps = vec![lamp];
+        let lit = compose(&scene, &entries).unwrap();
+        assert_ne!(lit.header.fingerprint, dark.header.fingerprint);
+        let First::Lamps(lamps) = lit.lamps.lamps().unwrap().first().unwrap() else { panic!() };
+        let second = lit.pages[0].instances.iter().find(|i| i.translation[0] > 1.0).unwrap();
+        assert_eq!(lamps[0].position[0], second.translation[0] + 1.0);
+        assert_eq!(lamps[0].position[1], 5.0);
     }
 
     #[test]

@@ -4,7 +4,7 @@ use std::sync::OnceLock;
 use std::time::Duration;
 
 use lodestream_protocol::message::CloseCode;
-use lodestream_protocol::{BlobId, BlobPart, TerrainBlob};
+use lodestream_protocol::{BlobId, BlobPart, LampBlob, TerrainBlob};
 use prometheus::{
     Histogram, HistogramOpts, IntCounter, IntCounterVec, IntGauge, IntGaugeVec, Opts, Registry, TextEncoder,
 };
@@ -62,13 +62,16 @@ pub struct Metrics {
     log: OnceLock<ErrorCounter>,
 }
 
-/// A terrain's directory counts as index, its points as chunks.
+/// Directories of terrain and lamps count as index, a terrain's points and pages of lamps as chunks.
 const fn kind(id: &BlobId) -> usize {
     match id {
         BlobId::Asset { part: BlobPart::Base, .. } => 1,
         BlobId::Asset { part: BlobPart::IndexPage(_), .. }
-        | BlobId::Terrain(TerrainBlob::DirectoryPage(_)) => 2,
-        BlobId::Asset { part: BlobPart::Chunk(_), .. } | BlobId::Terrain(TerrainBlob::Points(_)) => 3,
+        | BlobId::Terrain(TerrainBlob::DirectoryPage(_))
+        | BlobId::Lamps(LampBlob::DirectoryPage(_)) => 2,
+        BlobId::Asset { part: BlobPart::Chunk(_), .. }
+        | BlobId::Terrain(TerrainBlob::Points(_))
+        | BlobId::Lamps(LampBlob::Page(_)) => 3,
         BlobId::Asset { part: BlobPart::Texture { .. }, .. } => 4,
     }
 }

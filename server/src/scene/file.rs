@@ -10,6 +10,7 @@ use lodestream_import::{Impossible, Part, gltf};
 use serde::Deserialize;
 use toml::Spanned;
 
+use super::lamp::RawLamp;
 use super::model::{Asset, Camera, DEFAULT_FOV_Y_DEGREES, Instance, Scene, unit};
 use super::names::Names;
 use super::terrain::{RawTerrain, SceneTerrain};
@@ -59,6 +60,8 @@ struct RawScene {
     background: Option<Spanned<RawColor>>,
     camera: Option<Spanned<RawCamera>>,
     terrain: Option<Spanned<RawTerrain>>,
+    #[serde(default)]
+    lamp: Vec<Spanned<RawLamp>>,
 }
 
 #[derive(Deserialize)]
@@ -158,6 +161,12 @@ pub fn read(path: &Path) -> Result<Scene, SceneError> {
 pub fn parse(path: &Path, text: &str) -> Result<Scene, SceneError> {
     let source = Source { path, text };
     let raw: RawScene = toml::from_str(text).map_err(|error| {
+        // Where many would be the first guess: TOML has no table and list of one name.
+        if let Some((at, _)) =
+            text.match_indices("[[light]]").find(|(at, _)| *at == 0 || text[..*at].ends_with('\n'))
+        {
+            return source.error(at, "[light] is the scene's one sun; lights that stand in it are [[lamp]]");
+        }
         let message = error.message().split_whitespace().collect::<Vec<_>>().join(" ");
         source.error(error.span().map_or(0, |span| span.start), message)
     })?;
@@ -202,7 +211,7 @@ impl Source<'_> {
                 return Err(self.error(at, format!("asset {:?} is defined twice; rename one", asset.name)));
             }
             if merge {
-                scene.add_merged(asset)
+                scene.add_merged(asset)?
             } else {
                 scene.add_model(asset, &mut names)?
             };
@@ -210,10 +219,17 @@ impl Source<'_> {
         if let Some(instances) = raw.instance {
             let mut placed = Vec::with_capacity(instances.len());
             for raw in instances {
-                let model = self.instance(&numbers, raw, scene.terrain.as_ref())?;
-                placed.extend(scene.models[model.asset].iter().map(|part| part.within(&model)));
+                let place = self.instance(&numbers, raw, scene.terrain.as_ref())?;
+                let (parts, lamps) = scene.models[place.asset].placed(&place);
+                placed.extend(parts);
+                scene.lamps.extend(lamps);
             }
             scene.instances = Some(placed);
+        }
+        for raw in raw.lamp {
+            let at = raw.span().start;
+            let lamp = raw.into_inner().resolve(scene.terrain.as_ref());
+            scene.lamps.extend(lamp.map_err(|why| self.error(at, format!("lamp: {why}")))?);
         }
         self.lights(&mut scene, raw.light, raw.ambient, raw.background)?;
         scene.camera = raw.camera.map(|raw| self.camera(raw)).transpose()?;

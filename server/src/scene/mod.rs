@@ -1,6 +1,7 @@
 //! Scenes as people describe them: a `scene.toml`, or a list of models.
 
 mod file;
+mod lamp;
 mod model;
 mod names;
 mod terrain;
@@ -10,7 +11,7 @@ mod tests;
 use std::path::{Path, PathBuf};
 
 pub use file::{SceneError, parse, read};
-pub use model::{Asset, Camera, DEFAULT_FOV_Y_DEGREES, Instance, Scene};
+pub use model::{Asset, Camera, DEFAULT_FOV_Y_DEGREES, Instance, Model, Scene};
 pub use terrain::SceneTerrain;
 
 /// What the command line names: scene files and models apart.

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use glam::{DQuat, DVec3};
 use lodestream_import::recipe::Recipe;
 use lodestream_import::{ImportError, Part, gltf, is_gltf};
+use lodestream_protocol::lamps::Lamp;
 use lodestream_protocol::scene::{DEFAULT_AMBIENT, DEFAULT_BACKGROUND};
 
 use super::names::Names;
@@ -68,6 +69,28 @@ impl Instance {
     }
 }
 
+/// What a model consists of, about its own origin.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Model {
+    /// One asset, or the meshes of a glTF file.
+    pub parts: Vec<Instance>,
+    /// The lights that stand in it.
+    pub lamps: Vec<Lamp>,
+}
+
+impl Model {
+    /// Its parts and lamps where a placement of the model has them.
+    pub(crate) fn placed<'a>(
+        &'a self,
+        place: &'a Instance,
+    ) -> (impl Iterator<Item = Instance> + 'a, impl Iterator<Item = Lamp> + 'a) {
+        let rotation = DQuat::from_array(place.rotation.map(f64::from)).normalize();
+        let (translation, scale) = (DVec3::from(place.translation), f64::from(place.scale));
+        let parts = self.parts.iter().map(|part| part.within(place));
+        (parts, self.lamps.iter().map(move |lamp| lamp.within(translation, rotation, scale)))
+    }
+}
+
 /// Longest name of a mesh that an asset's name repeats, in bytes.
 const MAX_MESH_NAME_BYTES: usize = 100;
 
@@ -96,8 +119,10 @@ pub struct Scene {
     pub assets: Vec<Asset>,
     /// Placed models; `None` puts [`Scene::models`] side by side, once their sizes are known.
     pub instances: Option<Vec<Instance>>,
-    /// What each model consists of, about its own origin: one asset, or the meshes of a glTF file.
-    pub models: Vec<Vec<Instance>>,
+    /// The models that the scene is made of.
+    pub models: Vec<Model>,
+    /// Lights that stand in the scene: its own, and where [`Scene::instances`] says where models are, theirs.
+    pub lamps: Vec<Lamp>,
     /// Unit vector from the scene towards the light.
     pub light_direction: [f32; 3],
     /// Linear red, green, blue of the light, intensity included.
@@ -136,24 +161,29 @@ impl Scene {
     /// among [`Scene::models`]. The asset's own name stays; its meshes' must be none of those that are taken.
     pub(super) fn add_model(&mut self, asset: Asset, names: &mut Names) -> Result<usize, ImportError> {
         if asset.part != Part::Whole || !is_gltf(&asset.file) {
-            return Ok(self.add_merged(asset));
+            return self.add_merged(asset);
         }
-        let placed = self.add_meshes(&asset, names)?;
-        self.models.push(placed);
+        let contents = gltf::contents(&asset.file)?;
+        let model = Model { lamps: contents.lamps.clone(), parts: self.add_meshes(&asset, contents, names) };
+        self.models.push(model);
         Ok(self.models.len() - 1)
     }
 
-    /// Adds all of a file as one asset.
-    pub(super) fn add_merged(&mut self, asset: Asset) -> usize {
+    /// Adds all of a file as one asset, or one mesh of it, which has no lamps: they stand beside meshes.
+    ///
+    /// # Errors
+    /// A glTF file that cannot be read, where all of it is meant.
+    pub(super) fn add_merged(&mut self, asset: Asset) -> Result<usize, ImportError> {
+        let whole = asset.part == Part::Whole && is_gltf(&asset.file);
+        let lamps = if whole { gltf::contents(&asset.file)?.lamps } else { Vec::new() };
         self.assets.push(asset);
-        self.models.push(vec![Instance::unplaced(self.assets.len() - 1)]);
-        self.models.len() - 1
+        self.models.push(Model { parts: vec![Instance::unplaced(self.assets.len() - 1)], lamps });
+        Ok(self.models.len() - 1)
     }
 
     /// Adds the meshes that a glTF file places, each once (and once more for each mirror or uneven scale
     /// that it is placed with), named after the model and the mesh.
-    fn add_meshes(&mut self, model: &Asset, names: &mut Names) -> Result<Vec<Instance>, ImportError> {
-        let contents = gltf::contents(&model.file)?;
+    fn add_meshes(&mut self, model: &Asset, contents: gltf::Contents, names: &mut Names) -> Vec<Instance> {
         let mut known: Vec<(Part, usize)> = Vec::new();
         let mut by_mesh: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         let mut instances = Vec::with_capacity(contents.placed.len());
@@ -178,7 +208,7 @@ impl Scene {
                 scale: placed.scale as f32,
             });
         }
-        Ok(instances)
+        instances
     }
 
     pub(super) fn empty() -> Self {
@@ -187,6 +217,7 @@ impl Scene {
             assets: Vec::new(),
             instances: None,
             models: Vec::new(),
+            lamps: Vec::new(),
             light_direction: unit([0.4, 1.0, 0.6]).unwrap_or([0.0, 1.0, 0.0]),
             light_color: [1.0; 3],
             ambient: DEFAULT_AMBIENT,

@@ -46,6 +46,7 @@ fn a_gltf_file_is_its_meshes_where_its_nodes_have_them() {
     assert_eq!(scene.name, "ship");
     assert_eq!(names(&scene), ["ship/hull", "ship/mast", "ship/mast-2"]);
     let [model] = &scene.models[..] else { panic!("{:?}", scene.models) };
+    let model = &model.parts;
     assert_eq!(model.iter().map(|i| i.asset).collect::<Vec<_>>(), [0, 1, 2]);
     assert_eq!((model[1].translation, model[1].scale), ([1.0, 2.0, 3.0], 2.0));
 }

@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use bytes::Bytes;
 use lodestream_compress::decode_base;
 use lodestream_geometry::refine::ActiveMesh;
+use lodestream_protocol::lamps::Lamps;
 use lodestream_protocol::scene::{SceneHeader, ScenePage};
 use lodestream_protocol::select::Occluder;
 use lodestream_protocol::source::{Reading, SceneSource, SourceError};
@@ -13,7 +14,7 @@ use lodestream_protocol::{BlobId, BlobPart};
 use super::error::StoreError;
 use super::file::PackFile;
 use super::lru::Lru;
-use crate::compose::{Composed, TerrainBlobs, compose};
+use crate::compose::{Composed, LampBlobs, TerrainBlobs, compose};
 use crate::scene::Scene;
 
 /// Memory that a scene's blobs may take, by default: a demo scene fits whole, and a large one falls
@@ -36,6 +37,7 @@ pub struct SceneStore {
     /// By asset number: what hides other things, once somebody asked.
     occluders: Vec<OnceLock<Option<Arc<Occluder>>>>,
     terrain: TerrainBlobs,
+    lamps: LampBlobs,
     cache: Mutex<Lru<BlobId, Bytes>>,
 }
 
@@ -51,7 +53,7 @@ impl SceneStore {
             .zip(&packs)
             .map(|(asset, pack)| pack.entry(&asset.name))
             .collect::<Result<Vec<_>, _>>()?;
-        let Composed { header, pages, asset_order, terrain } = compose(scene, &entries)?;
+        let Composed { header, pages, asset_order, terrain, lamps } = compose(scene, &entries)?;
         let mut packs: Vec<Option<PackFile>> = packs.into_iter().map(Some).collect();
         let packs: Vec<PackFile> =
             asset_order.iter().filter_map(|&i| packs.get_mut(i).and_then(Option::take)).collect();
@@ -61,6 +63,7 @@ impl SceneStore {
             occluders: packs.iter().map(|_| OnceLock::new()).collect(),
             packs,
             terrain,
+            lamps,
             cache: Mutex::new(Lru::new(cache_bytes)),
         };
         store.read_bases(cache_bytes)?;
@@ -83,6 +86,15 @@ impl SceneStore {
         self.cache().insert(id, bytes, cost);
     }
 
+    /// A blob that is in no pack, if there is such a one.
+    fn own(&self, id: &BlobId) -> Option<&Bytes> {
+        match *id {
+            BlobId::Asset { .. } => None,
+            BlobId::Terrain(blob) => self.terrain.get(blob),
+            BlobId::Lamps(blob) => self.lamps.get(blob),
+        }
+    }
+
     fn cache(&self) -> MutexGuard<'_, Lru<BlobId, Bytes>> {
         // A thread that panicked while it held the lock left the cache usable: entries are whole.
         self.cache.lock().unwrap_or_else(PoisonError::into_inner)
@@ -98,10 +110,14 @@ impl SceneSource for SceneStore {
         self.pages.get(page as usize).cloned()
     }
 
+    fn lamps(&self) -> Option<&Lamps> {
+        self.lamps.lamps()
+    }
+
     fn blob_len(&self, id: &BlobId) -> Option<u32> {
         match *id {
             BlobId::Asset { asset, part } => self.packs.get(asset as usize)?.blob_len(part),
-            BlobId::Terrain(blob) => self.terrain.get(blob).and_then(|bytes| u32::try_from(bytes.len()).ok()),
+            BlobId::Terrain(_) | BlobId::Lamps(_) => u32::try_from(self.own(id)?.len()).ok(),
         }
     }
 
@@ -123,18 +139,15 @@ impl SceneSource for SceneStore {
 
     fn try_read(&self, id: &BlobId) -> Result<Reading, SourceError> {
         match id {
-            BlobId::Terrain(_) => self.read(id).map(Reading::Ready),
+            BlobId::Terrain(_) | BlobId::Lamps(_) => self.read(id).map(Reading::Ready),
             _ if self.blob_len(id).is_none() => Err(SourceError::NotFound(*id)),
             BlobId::Asset { .. } => Ok(self.cache().get(id).map_or(Reading::Pending, Reading::Ready)),
         }
     }
 
     fn read(&self, id: &BlobId) -> Result<Bytes, SourceError> {
-        let (asset, part) = match *id {
-            BlobId::Asset { asset, part } => (asset, part),
-            BlobId::Terrain(blob) => {
-                return self.terrain.get(blob).cloned().ok_or(SourceError::NotFound(*id));
-            }
+        let BlobId::Asset { asset, part } = *id else {
+            return self.own(id).cloned().ok_or(SourceError::NotFound(*id));
         };
         let pack = self.packs.get(asset as usize).ok_or(SourceError::NotFound(*id))?;
         if let Some(bytes) = self.cache().get(id) {

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use bytes::Bytes;
 use lodestream_protocol::BlobId;
+use lodestream_protocol::lamps::Lamps;
 use lodestream_protocol::scene::{SceneHeader, ScenePage};
 use lodestream_protocol::source::{Reading, SceneSource, SourceError};
 
@@ -17,6 +18,10 @@ impl SceneSource for Unjudged {
 
     fn page(&self, page: u32) -> Option<Arc<ScenePage>> {
         self.0.page(page)
+    }
+
+    fn lamps(&self) -> Option<&Lamps> {
+        self.0.lamps()
     }
 
     fn blob_len(&self, id: &BlobId) -> Option<u32> {

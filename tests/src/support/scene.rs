@@ -6,6 +6,7 @@ use std::sync::{Arc, OnceLock};
 use bytes::Bytes;
 use lodestream_client::core::{Change, IndexRun, MeshChange, NewAsset, TextureChange, TexturePixels, Vertex};
 use lodestream_geometry::closed_set::{Budget, lowest_error};
+use lodestream_protocol::lamps::{Lamp, Lamps, decode_page};
 use lodestream_protocol::scene::{SceneHeader, ScenePage};
 use lodestream_protocol::source::{SceneSource, SourceError};
 use lodestream_protocol::{BlobId, BlobPart};
@@ -75,6 +76,19 @@ impl TestScene {
         self.assets.iter().map(|a| a.head_bytes() + chunks(a) + textures(a)).sum()
     }
 
+    /// All lamps, in the order of their pages.
+    pub(crate) fn lamps(&self) -> Vec<Lamp> {
+        let count = self.store.lamps().map_or(0, |lamps| lamps.count);
+        self.lamp_pages(count).flatten().collect()
+    }
+
+    fn lamp_pages(&self, count: u32) -> impl Iterator<Item = Vec<Lamp>> {
+        (0..Lamps::pages_of(count)).map(move |page| {
+            let bytes = self.store.read(&BlobId::lamp_page(page)).unwrap();
+            decode_page(&bytes, Lamps::on_page(count, page)).unwrap()
+        })
+    }
+
     /// Faces of all assets, each counted once.
     pub(crate) fn faces(&self) -> u64 {
         let chunks = |a: &LoadedAsset| a.infos.iter().map(|info| u64::from(info.faces)).sum::<u64>();
@@ -93,6 +107,11 @@ impl TestScene {
         let mut changes = vec![Change::Scene(Box::new(header.clone()))];
         for page in 0..header.page_count {
             changes.push(Change::Instances(self.store.page(page).unwrap().instances.clone()));
+        }
+        if let Some(&Lamps { count, .. }) = self.store.lamps() {
+            changes.push(Change::Lamps { count });
+            let pages = (0..).zip(self.lamp_pages(count));
+            changes.extend(pages.map(|(page, lamps)| Change::LampPage { page, lamps: lamps.into() }));
         }
         for (number, asset) in (0..).zip(&self.assets) {
             self.refined_asset(number, asset, error, &mut changes);
@@ -145,6 +164,10 @@ impl SceneSource for Lacking {
 
     fn page(&self, page: u32) -> Option<Arc<ScenePage>> {
         self.scene.page(page)
+    }
+
+    fn lamps(&self) -> Option<&Lamps> {
+        self.scene.lamps()
     }
 
     fn blob_len(&self, id: &BlobId) -> Option<u32> {

@@ -23,9 +23,7 @@ fn open(text: &str, write: impl FnOnce(&std::path::Path)) -> TestScene {
     TestScene::open(&scene, prepare_all(&scene, &folder.path().join("cache")))
 }
 
-/// One tetrahedron before the camera.
-pub(super) fn tetrahedron() -> TestScene {
-    let text = r#"name = "one"
+const ONE: &str = r#"name = "one"
 [[asset]]
 name = "tetrahedron"
 file = "tetrahedron.obj"
@@ -35,7 +33,20 @@ asset = "tetrahedron"
 eye = [2.0, 2.0, 4.0]
 target = [0.25, 0.25, 0.25]
 "#;
-    open(text, |_| {})
+
+/// One tetrahedron before the camera.
+pub(super) fn tetrahedron() -> TestScene {
+    open(ONE, |_| {})
+}
+
+/// The same under so many lamps.
+pub(super) fn lit(lamps: u32) -> TestScene {
+    let mut text = ONE.to_owned();
+    for n in 0..lamps {
+        let spot = if n % 3 == 0 { "direction = [1.0, -1.0, 0.5]\n" } else { "" };
+        write!(text, "[[lamp]]\nposition = [{n}.5, 2.0, -{n}]\nintensity = 25.0\n{spot}").unwrap();
+    }
+    open(&text, |_| {})
 }
 
 /// A model with the wall's material, its texture laid over it along z. Unlike the wall's, its base mesh is no zstd frame, in
@@ -135,6 +146,19 @@ depth = 2
         write!(text, "[[instance]]\nasset = \"tetrahedron\"\ntranslation = [{n}.5, 0.0, -4.0]\n{turned}")
             .unwrap();
     }
+    // More than their message holds, of every kind and alike in all that lamps may share.
+    for n in 0..1100 {
+        let color = if n % 7 < 3 { "color = [1.0, 0.5, 0.0]\n" } else { "" };
+        let range = if n % 5 < 2 { "range = 7.5\n" } else { "" };
+        let spot = match n % 11 {
+            0..4 => "direction = [0.3, -1.0, 0.2]\nouter_degrees = 30\n",
+            4 => "direction = [0.0, 0.0, 1.0]\ninner_degrees = 12.5\n",
+            _ => "",
+        };
+        let (x, z) = (3 * (n % 33) - 50, 2 * (n / 33) - 30);
+        write!(text, "[[lamp]]\nposition = [{x}.25, 4.0, {z}]\nintensity = 40.0\n{color}{range}{spot}")
+            .unwrap();
+    }
     let mut points = Vec::new();
     for y in -9..=9_i32 {
         points.extend((-9..=9_i32).map(|x| format!("[{x}, {y}, {}]", 10 * (x * x + y * y))));
@@ -160,7 +184,13 @@ pub(super) fn conversation(scene: &TestScene) -> Vec<Vec<ClientMessage>> {
     };
     let (ball, wall) = (scene.asset("ball"), scene.asset("wall"));
     let stop = scene.assets[ball as usize].infos[0].extent(Some(0)).payload_bytes;
-    let points = [BlobId::terrain_page(0), BlobId::terrain_points(1)];
+    let points = [
+        BlobId::terrain_page(0),
+        BlobId::terrain_points(1),
+        BlobId::lamp_directory(0),
+        BlobId::lamp_page(0),
+        BlobId::lamp_page(17),
+    ];
     let again = [BlobId::base(wall), BlobId::index_page(ball, 0), BlobId::chunk(ball, 0)];
     let part = |offset, end| Want { offset, end, ..Want::whole(BlobId::chunk(ball, 0), 0x4180_0000) };
     let whole = |id| Want::whole(id, 77);

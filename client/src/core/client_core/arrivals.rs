@@ -2,13 +2,14 @@
 
 use bytes::Bytes;
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_stated_page};
-use lodestream_protocol::blob::{BlobId, BlobPart, TerrainBlob};
+use lodestream_protocol::blob::{BlobId, BlobPart, LampBlob, TerrainBlob};
 use lodestream_protocol::select::{State, Wanted};
 use lodestream_protocol::time::Time;
 
 use super::ClientCore;
 use crate::core::asset::RefinedAsset;
 use crate::core::changes::{Change, TextureChange};
+use crate::core::lamp_pages::LampBlobError;
 use crate::core::terrain_points::TerrainBlobError;
 use crate::core::texture_file::TexturePixels;
 
@@ -34,6 +35,7 @@ impl ClientCore {
         match arrived.id {
             BlobId::Asset { asset, part } => self.take_asset(now, asset, part, arrived),
             BlobId::Terrain(blob) => self.take_terrain(now, blob, &arrived),
+            BlobId::Lamps(blob) => self.take_lamps(now, blob, &arrived),
         }
     }
 
@@ -77,6 +79,25 @@ impl ClientCore {
         match taken {
             Ok(()) => self.failures.forget(id),
             Err(why @ TerrainBlobError::BeyondWorld { .. }) => self.end_session(now, &why),
+            Err(why) => self.failed(now, id, &why),
+        }
+    }
+
+    /// A blob of lamps has arrived. It is small, and used at once.
+    fn take_lamps(&mut self, now: Time, blob: LampBlob, arrived: &Arrived) {
+        let &Arrived { id, offset, total, ref bytes } = arrived;
+        let whole = offset == 0 && bytes.len() == total as usize;
+        let Some(lamps) = self.scene.lamps.as_mut().filter(|lamps| lamps.state(blob) != State::Applied)
+        else {
+            return;
+        };
+        match if whole { lamps.take(blob, bytes) } else { Err(LampBlobError::Partial) } {
+            Ok(came) => {
+                self.failures.forget(id);
+                if let Some((page, lamps)) = came.filter(|_| self.config.track_changes) {
+                    self.scene.push_change(Change::LampPage { page, lamps });
+                }
+            }
             Err(why) => self.failed(now, id, &why),
         }
     }
@@ -184,9 +205,9 @@ impl ClientCore {
                 self.apply_texture(asset, texture, level, &bytes)
             }
             // Used as they arrive.
-            BlobId::Asset { part: BlobPart::Base | BlobPart::IndexPage(_), .. } | BlobId::Terrain(_) => {
-                Ok(())
-            }
+            BlobId::Asset { part: BlobPart::Base | BlobPart::IndexPage(_), .. }
+            | BlobId::Terrain(_)
+            | BlobId::Lamps(_) => Ok(()),
         };
         match applied {
             Ok(()) => {

@@ -11,6 +11,8 @@ impl ClientCore {
     pub(in crate::core) fn set_state(&mut self, id: BlobId, state: State) {
         if let (BlobId::Terrain(blob), Some(terrain)) = (id, &mut self.scene.terrain) {
             terrain.set_state(blob, state);
+        } else if let (BlobId::Lamps(blob), Some(lamps)) = (id, &mut self.scene.lamps) {
+            lamps.set_state(blob, state);
         } else if let Some((asset, part)) = self.scene.asset_mut(id) {
             asset.set_state(part, state);
         }
@@ -56,8 +58,9 @@ impl ClientCore {
     }
 
     pub(in crate::core) fn state(&self, id: BlobId) -> State {
-        match (id, &self.scene.terrain) {
-            (BlobId::Terrain(blob), Some(terrain)) => terrain.state(blob),
+        match (id, &self.scene.terrain, &self.scene.lamps) {
+            (BlobId::Terrain(blob), Some(terrain), _) => terrain.state(blob),
+            (BlobId::Lamps(blob), _, Some(lamps)) => lamps.state(blob),
             _ => self.scene.asset(id).map_or(State::Absent, |(asset, part)| asset.state(part)),
         }
     }

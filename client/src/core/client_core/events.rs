@@ -2,6 +2,7 @@
 
 use lodestream_protocol::blob::BlobId;
 use lodestream_protocol::client::{ClientEvent, ClientSession};
+use lodestream_protocol::lamps::Lamps;
 use lodestream_protocol::message::{RefusedReason, Welcome};
 use lodestream_protocol::select::State;
 use lodestream_protocol::time::Time;
@@ -9,8 +10,10 @@ use lodestream_protocol::time::Time;
 use super::ClientCore;
 use super::arrivals::Arrived;
 use crate::core::cache::BlobCache;
+use crate::core::changes::Change;
 use crate::core::config::StartView;
 use crate::core::failures::Failures;
+use crate::core::lamp_pages::LampPages;
 use crate::core::scene::Scene;
 
 /// Blobs kept that came before the scene page that tells what they belong to.
@@ -33,6 +36,7 @@ impl ClientCore {
                     }
                     Err(why) => self.end_session(now, &why),
                 },
+                ClientEvent::Lamps(lamps) => self.told_of_lamps(now, &lamps),
                 ClientEvent::Blob { id, offset, total, bytes } => {
                     self.in_flight.remove(&id);
                     if self.config.track_received {
@@ -78,6 +82,26 @@ impl ClientCore {
             self.set_view(now, header.camera.view(viewport_px, target_px));
         }
         self.welcome = Some(welcome);
+    }
+
+    /// The scene has lamps. Of a scene that is here already nothing new is said.
+    fn told_of_lamps(&mut self, now: Time, lamps: &Lamps) {
+        if self.scene.lamps.is_some() {
+            return;
+        }
+        match LampPages::new(lamps) {
+            Ok((pages, came)) => {
+                self.scene.push_change(Change::Lamps { count: pages.count() });
+                if let Some(lamps) = came {
+                    self.scene.push_change(Change::LampPage { page: 0, lamps });
+                }
+                self.scene.lamps = Some(pages);
+                if !self.config.track_changes {
+                    self.scene.drop_changes();
+                }
+            }
+            Err(why) => self.end_session(now, &why),
+        }
     }
 
     fn refused(&mut self, now: Time, id: BlobId, reason: RefusedReason) {

@@ -12,6 +12,7 @@ use bytes::Bytes;
 use lodestream_protocol::blob::BlobId;
 use lodestream_protocol::client::{ClientSession, Resume};
 use lodestream_protocol::frame::{BlobPiece, FrameError, ServerFrame};
+use lodestream_protocol::lamps::Lamp;
 use lodestream_protocol::limits::MAX_HAVE;
 use lodestream_protocol::message::{ClientMessage, Close, CloseCode, Welcome};
 use lodestream_protocol::scene::SceneHeader;
@@ -23,6 +24,7 @@ use super::cache::BlobCache;
 use super::changes::Change;
 use super::config::{Config, StartView};
 use super::failures::Failures;
+use super::lamp_pages::LampPages;
 use super::milestones::Milestones;
 use super::motion::Motion;
 use super::scene::Scene;
@@ -66,6 +68,8 @@ pub struct ClientCore {
     stale: bool,
     /// Whether the view lacks no listed points of the terrain.
     terrain_settled: bool,
+    /// Whether the view lacks no lamps.
+    lamps_settled: bool,
     selected: Option<Time>,
     bases_sent: bool,
     started: Option<Time>,
@@ -115,6 +119,7 @@ impl ClientCore {
             failed: Vec::new(),
             stale: false,
             terrain_settled: true,
+            lamps_settled: true,
             selected: None,
             bases_sent: false,
             started: None,
@@ -293,6 +298,17 @@ impl ClientCore {
         self.scene.refined.get(asset as usize)?.as_ref().map(super::asset::RefinedAsset::mesh)
     }
 
+    /// The lamps of the scene that are here, in an order that all clients share. More come as views want them.
+    pub fn lamps(&self) -> impl Iterator<Item = &Lamp> {
+        self.scene.lamps.iter().flat_map(LampPages::here)
+    }
+
+    /// How many lamps the scene has in all.
+    #[must_use]
+    pub fn lamp_count(&self) -> u32 {
+        self.scene.lamps.as_ref().map_or(0, LampPages::count)
+    }
+
     /// Transport payload received over all connections so far, handshakes included.
     #[must_use]
     pub const fn received_bytes(&self) -> u64 {
@@ -320,6 +336,7 @@ impl ClientCore {
             && !self.stale
             && self.counters().settled
             && self.terrain_settled
+            && self.lamps_settled
             && self.arrived.is_empty()
             && !self.failed.iter().any(|id| self.failures.is_hopeful(*id))
     }

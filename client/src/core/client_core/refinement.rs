@@ -77,6 +77,10 @@ impl ClientCore {
         let terrain = self.scene.terrain.as_ref();
         self.terrain_settled =
             terrain.is_none_or(|terrain| terrain.want(&view, &mut self.wanted, &mut self.failed));
+        self.lamps_settled = match (&self.scene.lamps, &self.scene.header) {
+            (Some(lamps), Some(header)) => lamps.want(&view, header, &mut self.wanted, &mut self.failed),
+            _ => true,
+        };
         let all_known = self.scene.is_complete() || self.bases_sent;
         let started = self.started.unwrap_or(now);
         self.milestones.note(started, now, self.received_bytes(), all_known, &counters);
@@ -115,6 +119,8 @@ impl ClientCore {
         let wanted = &mut self.wanted[index];
         if let (BlobId::Terrain(blob), Some(terrain)) = (wanted.id, &self.scene.terrain) {
             wanted.state = terrain.state(blob);
+        } else if let (BlobId::Lamps(blob), Some(lamps)) = (wanted.id, &self.scene.lamps) {
+            wanted.state = lamps.state(blob);
         } else if let Some((asset, _)) = self.scene.asset(wanted.id) {
             asset.refresh(wanted);
         }
