@@ -60,35 +60,34 @@ fn detail_layer(layer: i32) -> i32 {
     return select(layer, 4, layer == 1);
 }
 
-// Colour and height of a layer: two scales, weighed by a third, so that no repetition is seen twice alike; and the
-// finest one's contrast.
-fn ground(layer: i32, p: Plane, blotch: f32) -> vec4<f32> {
-    let near = layer_at(layer, p.near, p.dx / terrain.periods.x, p.dy / terrain.periods.x);
-    let far = layer_at(layer, p.far, turned(p.dx) / terrain.periods.y, turned(p.dy) / terrain.periods.y);
-    var colour = mix(near.rgb, far.rgb, 0.35 + 0.3 * blotch);
-    let seen = detail(p);
-    if (seen > 0.0) {
-        let finer = detail_layer(layer);
-        let scale = DETAILS / terrain.periods.x;
-        let texel = layer_at(finer, p.near * DETAILS, p.dx * scale, p.dy * scale).rgb;
-        let mean = textureSampleLevel(layers, layer_sampler, p.near, finer, MEAN_LEVEL).rgb;
-        colour *= mix(vec3(1.0), texel / mean, seen);
-    }
-    return vec4(colour, near.a);
+// What a layer gives a place.
+struct Covered {
+    colour: vec3<f32>,
+    height: f32,
+    slope: vec2<f32>, // rise of the finest scale's heights along the plane
 }
 
-// Rise of the finest scale's heights along the plane.
-fn detail_slope(layer: i32, p: Plane) -> vec2<f32> {
+// A layer: two scales, weighed by a third, so that no repetition is seen twice alike; and the finest one's contrast.
+fn ground(layer: i32, p: Plane, blotch: f32) -> Covered {
+    let near = layer_at(layer, p.near, p.dx / terrain.periods.x, p.dy / terrain.periods.x);
+    // What is coarse anyway, and what is seen from near alone, one lookup does.
+    let far = textureSampleGrad(layers, layer_sampler, p.far, layer, turned(p.dx) / terrain.periods.y, turned(p.dy) / terrain.periods.y);
+    var covered = Covered(mix(near.rgb, far.rgb, 0.35 + 0.3 * blotch), near.a, vec2(0.0));
     let seen = detail(p);
-    if (seen <= 0.0) {
-        return vec2(0.0);
+    // Once, or not at all: drivers in software jump over loops, but take both ways of a branch.
+    for (var once = 0.0; once < seen; once += 1.0) {
+        let finer = detail_layer(layer);
+        let scale = DETAILS / terrain.periods.x;
+        let uv = p.near * DETAILS;
+        let texel = textureSampleGrad(layers, layer_sampler, uv, finer, p.dx * scale, p.dy * scale).rgb;
+        let mean = textureSampleLevel(layers, layer_sampler, p.near, finer, MEAN_LEVEL).rgb;
+        covered.colour *= mix(vec3(1.0), texel / mean, seen);
+        let lod = max(log2(max(texels_a_pixel(p) * DETAILS, 1e-6)), 0.0);
+        let step = exp2(lod) / f32(textureDimensions(layers).x);
+        let du = layer_height(uv + vec2(step, 0.0), finer, lod) - layer_height(uv - vec2(step, 0.0), finer, lod);
+        let dv = layer_height(uv + vec2(0.0, step), finer, lod) - layer_height(uv - vec2(0.0, step), finer, lod);
+        // As deep in its repetition as the near scale is in its own.
+        covered.slope = vec2(du, dv) * (seen * terrain.relief_depth / (2.0 * step * terrain.periods.x));
     }
-    let finer = detail_layer(layer);
-    let lod = max(log2(max(texels_a_pixel(p) * DETAILS, 1e-6)), 0.0);
-    let texel = exp2(lod) / f32(textureDimensions(layers).x);
-    let uv = p.near * DETAILS;
-    let du = layer_height(uv + vec2(texel, 0.0), finer, lod) - layer_height(uv - vec2(texel, 0.0), finer, lod);
-    let dv = layer_height(uv + vec2(0.0, texel), finer, lod) - layer_height(uv - vec2(0.0, texel), finer, lod);
-    // As deep in its repetition as the near scale is in its own.
-    return vec2(du, dv) * (seen * terrain.relief_depth / (2.0 * texel * terrain.periods.x));
+    return covered;
 }

@@ -239,7 +239,7 @@ fn fs_terrain(g: Ground) -> GBuffer {
     let far_x = turned(dx) / terrain.periods.y * 0.25;
     let far_y = turned(dy) / terrain.periods.y * 0.25;
     let blotch = textureSampleGrad(layers, layer_sampler, far_uv(start) * 0.25, 1, far_x, far_y).a;
-    let broad = textureSampleGrad(layers, layer_sampler, far_uv(start) / 64.0, 3, far_x / 16.0, far_y / 16.0).a - 0.5;
+    let broad = textureSampleLevel(layers, layer_sampler, far_uv(start) / 64.0, 3, 2.0).a - 0.5;
     let higher = clamp((g.height - terrain.zones.x) / (terrain.zones.y - terrain.zones.x) - 0.2, 0.0, 1.0);
     let wander = (blotch - 0.5 + 6.0 * broad * higher) * terrain.zones.w;
     let weights = zone_weights(g.height + wander, normal.y);
@@ -272,34 +272,36 @@ fn fs_terrain(g: Ground) -> GBuffer {
     let steep = smoothstep(0.82, 0.62, normal_of_surface.y);
     let sides = normal_of_surface * normal_of_surface;
     let ways = mix(vec3(0.0, 1.0, 0.0), sides / dot(sides, vec3(1.0)), steep);
-    let above = Plane(near_uv(at), far_uv(at), dx, dy);
+    // Layers that count, on planes that count, a bit each: most of the ground is one layer on one plane, and a loop over
+    // bits is short where branches would not be jumped over.
+    var left = 0u;
+    for (var bit = 0u; bit < 12u; bit++) {
+        left |= select(0u, 1u << bit, weights[bit / 3u] > 0.004 && ways[bit % 3u] > 0.01);
+    }
     var sum = vec4(0.0);
     var bump = vec2(0.0);
-    for (var layer = 0; layer < 4; layer++) {
-        // Most of the ground is one layer alone.
-        if (weights[layer] <= 0.0) {
-            continue;
+    while (left != 0u) {
+        let bit = firstTrailingBit(left);
+        left &= left - 1u;
+        let layer = i32(bit / 3u);
+        var p = Plane(near_uv(at), far_uv(at), dx, dy);
+        if (bit % 3u == 0u) {
+            let beside = vec2(terrain.eye_in_near.y, terrain.eye_up.x);
+            p = plane(g.position.zy + beside, g.position.zy + vec2(terrain.eye_in_far.y, terrain.eye_up.y), dzy_x, dzy_y);
         }
-        var texel = vec4(0.0);
-        if (ways.y > 0.01) {
-            texel += ways.y * ground(layer, above, blotch);
-            bump += weights[layer] * DEPTHS[layer] * detail_slope(layer, above);
+        if (bit % 3u == 2u) {
+            let beside = vec2(terrain.eye_in_near.x, terrain.eye_up.x);
+            p = plane(g.position.xy + beside, g.position.xy + vec2(terrain.eye_in_far.x, terrain.eye_up.y), dxy_x, dxy_y);
         }
-        if (ways.x > 0.01) {
-            texel += ways.x * ground(layer, plane(g.position.zy + vec2(terrain.eye_in_near.y, terrain.eye_up.x),
-                g.position.zy + vec2(terrain.eye_in_far.y, terrain.eye_up.y), dzy_x, dzy_y), blotch);
-        }
-        if (ways.z > 0.01) {
-            texel += ways.z * ground(layer, plane(g.position.xy + vec2(terrain.eye_in_near.x, terrain.eye_up.x),
-                g.position.xy + vec2(terrain.eye_in_far.x, terrain.eye_up.y), dxy_x, dxy_y), blotch);
-        }
+        let covered = ground(layer, p, blotch);
         // What stands higher covers what lies between.
-        let weight = weights[layer] * (0.2 + texel.a);
-        sum += weight * vec4(texel.rgb, 1.0);
+        let share = weights[layer] * ways[bit % 3u];
+        sum += share * (0.2 + covered.height) * vec4(covered.colour, 1.0);
+        bump += select(0.0, share * DEPTHS[layer], bit % 3u == 1u) * covered.slope;
     }
     var albedo = sum.rgb / max(sum.a, 1e-6) * (0.8 + 0.4 * blotch);
     if (RELIEF) {
-        normal = normalize(normal - ways.y * vec3(bump.x, 0.0, bump.y));
+        normal = normalize(normal - vec3(bump.x, 0.0, bump.y));
     }
     if (frame.shade == 1u) {
         albedo = level_colour(g.spacing);
