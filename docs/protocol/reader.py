@@ -277,7 +277,13 @@ class Reader:
         }
         length = self.f("stamps", b.u64, lambda n: f"{n} bytes")
         entry["stamps"] = Reader(b.part(length)).stamps() if length else []
-        entry["patches"] = self.f("patches", b.u32)
+        patches = self.f("patches, water", b.u32)
+        entry["patches"] = patches & 0x7FFFFFFF
+        if patches >> 31:
+            entry["water"] = {
+                "level": self.number("water.level", b.f32),
+                "clarity": self.number("water.clarity", b.f32),
+            }
         return entry
 
     def stamps(self):

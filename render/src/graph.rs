@@ -27,6 +27,8 @@ pub enum PassId {
     Lamps,
     /// Light that surfaces give off.
     Emission,
+    /// Water that stands level, over the lit picture.
+    Water,
     /// What is seen through, from far to near over the lit picture.
     Transparency,
     /// Triangle edges, counted per pixel.
@@ -62,6 +64,7 @@ impl PassId {
             Self::Sky => "sky",
             Self::Lamps => "lamps",
             Self::Emission => "emission",
+            Self::Water => "water",
             Self::Transparency => "transparency",
             Self::Edges => "edges",
             Self::Wireframe => "wireframe",
@@ -129,6 +132,7 @@ pub(crate) struct Needs {
     pub(crate) shadows: bool,
     pub(crate) lamps: bool,
     pub(crate) emission: bool,
+    pub(crate) water: bool,
     pub(crate) transparency: bool,
     pub(crate) wireframe: bool,
     /// Something moves by itself.
@@ -176,9 +180,12 @@ pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
         if needs.emission {
             passes.push(pass(PassId::Emission, &[Depth, Radiance], &[Radiance]));
         }
+        let seen_by: &[Resource] =
+            if needs.shadows { &[Depth, Radiance, ShadowMaps] } else { &[Depth, Radiance] };
+        if needs.water {
+            passes.push(pass(PassId::Water, seen_by, &[Radiance]));
+        }
         if needs.transparency {
-            let seen_by: &[Resource] =
-                if needs.shadows { &[Depth, Radiance, ShadowMaps] } else { &[Depth, Radiance] };
             passes.push(pass(PassId::Transparency, seen_by, &[Radiance]));
         }
         if needs.wireframe {
@@ -269,6 +276,7 @@ mod tests {
             shadows: true,
             lamps: true,
             emission: true,
+            water: true,
             transparency: true,
             wireframe: true,
             antialias: true,
@@ -285,6 +293,7 @@ mod tests {
                 PassId::Lighting,
                 PassId::Lamps,
                 PassId::Emission,
+                PassId::Water,
                 PassId::Transparency,
                 PassId::Edges,
                 PassId::Wireframe,
@@ -314,6 +323,7 @@ mod tests {
             shadows: true,
             lamps: true,
             emission: true,
+            water: true,
             transparency: true,
             wireframe: true,
             antialias: true,
@@ -342,7 +352,7 @@ mod tests {
             Some(&[Resource::Depth, Resource::Sunlight]),
             Some(&[Resource::Depth, Resource::Overdraw]),
         ];
-        for (bits, shown) in (0..4096).flat_map(|bits| shown.map(|shown| (bits, shown))) {
+        for (bits, shown) in (0..8192).flat_map(|bits| shown.map(|shown| (bits, shown))) {
             let bit = |n: u32| bits >> n & 1 != 0;
             let needs = Needs {
                 shown,
@@ -358,6 +368,7 @@ mod tests {
                 lamps: bit(9),
                 motion: bit(10),
                 temporal: bit(11),
+                water: bit(12),
             };
             let mut written = Vec::new();
             for pass in plan(&candidates(needs), &[Resource::Target]) {

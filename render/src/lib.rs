@@ -55,6 +55,7 @@ mod timing;
 pub mod twin;
 mod uniforms;
 mod vertex;
+mod water;
 
 #[cfg(test)]
 mod tests;
@@ -84,6 +85,7 @@ pub use terrain::{MAX_DRAWN_HEIGHT, TERRAIN_SLOTS, TerrainFrame, TerrainGpu, Ter
 pub use texture::{TextureData, TextureKind, TextureShape};
 pub use timing::{PassTime, Timings};
 pub use vertex::PackedVertex;
+pub use water::Water;
 
 /// What a window shows while there is no scene in it: sRGB.
 pub const EMPTY_WINDOW: [u8; 3] = [18, 20, 26];

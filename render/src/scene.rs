@@ -7,6 +7,7 @@ use super::asset::AssetGpu;
 use super::instance::Instance;
 use super::lights::{Light, LightCulling};
 use super::terrain::TerrainFrame;
+use super::water::Water;
 
 /// Most samples of ambient occlusion per pixel.
 pub const MAX_SAMPLES: u32 = super::twin::ssao::MAX_SAMPLES as u32;
@@ -376,6 +377,8 @@ pub struct Settings {
     /// Steps of relief mapping's linear search at grazing angles, 1 to [`MAX_RELIEF_STEPS`]: details thinner than a step
     /// may be jumped over. Looking straight down a quarter as many are taken, and on the ground five twelfths.
     pub relief_steps: u32,
+    /// Water, where a frame has some.
+    pub water: bool,
     /// Distance of the near plane in world units, > 0: the depth that is stored is `near / view depth`. Reversed
     /// floating-point depth has the same relative precision everywhere, so this may be tiny: a thousandth of the
     /// smallest thing worth looking at costs nothing.
@@ -406,6 +409,7 @@ impl Default for Settings {
             anisotropy: 4,
             relief: true,
             relief_steps: 48,
+            water: true,
             near: 1e-4,
             exposure: 1.0,
             tone_mapping: ToneMapping::Filmic,
@@ -425,6 +429,8 @@ pub struct Frame<'a> {
     pub drawables: &'a [Drawable<'a>],
     /// On which ground.
     pub terrain: Option<TerrainFrame<'a>>,
+    /// Under which water.
+    pub water: Option<Water>,
     /// Lit by which lamps, beside sun and sky; of more than [`super::MAX_LIGHTS`] in view the furthest are left out. A
     /// device without compute shaders leaves all out.
     pub lights: &'a [Light],
@@ -444,6 +450,7 @@ impl<'a> Frame<'a> {
             camera,
             drawables,
             terrain: None,
+            water: None,
             lights: &[],
             environment: Environment::default(),
             settings: Settings::default(),

@@ -25,6 +25,7 @@ use crate::target::Target;
 use crate::texture::{TextureData, TextureShape};
 use crate::tiles::Maker;
 use crate::vertex::PackedVertex;
+use crate::water::Water;
 
 /// Screen error of the ground's surface over that of meshes: since its normals are those of a surface twice as fine, its
 /// picture is as near to the finest as with an error as small as theirs and normals of its own.
@@ -325,7 +326,8 @@ impl SceneView {
         let exposure = settings.exposure * exposure(&environment, self.has_lamps);
         let settings = Settings { exposure, ..settings };
         let (terrain, lights) = (self.ground.as_ref().map(GroundScene::frame), &self.lights[..]);
-        draw(&Frame { camera, drawables: &drawables, terrain, lights, environment, settings, time_s })
+        let water = self.header.as_ref().and_then(water);
+        draw(&Frame { camera, drawables: &drawables, terrain, water, lights, environment, settings, time_s })
     }
 }
 
@@ -373,6 +375,13 @@ fn exposure(environment: &Environment, lamps: bool) -> f32 {
     };
     let lit = if lamps { lit.max(LAMPLIT_WHITE) } else { lit };
     if lit > 0.0 { (SUNLIT_WHITE / lit).clamp(1e-3, 1e3) } else { 1.0 }
+}
+
+/// The scene's water. Ripples are as long as its ground has cells.
+fn water(header: &SceneHeader) -> Option<Water> {
+    let terrain = header.terrain.as_ref()?;
+    let water = terrain.water?;
+    Some(Water { level: water.level.into(), clarity: water.clarity.into(), ripples: terrain.unit.into() })
 }
 
 /// The scene's light. A scene with a sun that states no ambient light and no background has an atmosphere, unless `plain`

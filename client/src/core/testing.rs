@@ -203,6 +203,7 @@ impl Hills {
             zones: [0.0, 120.0, 300.0],
             stamps: Vec::new(),
             patches: listed.len() as u32,
+            water: None,
         }));
         self.directory = encode_directory(listed).unwrap().into();
         self

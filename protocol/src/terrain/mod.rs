@@ -18,7 +18,7 @@ pub const MAX_EROSION_PASSES: u8 = 32;
 /// A terrain and how it lies in the world: grid x is world x, grid y world z, height world y; grid point (0, 0) with
 /// height 0 is the world's origin.
 ///
-/// Parameters and units take 32 bytes on the wire.
+/// Parameters and units take 32 bytes on the wire, water 8.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TerrainEntry {
     /// What heights follow from.
@@ -31,9 +31,23 @@ pub struct TerrainEntry {
     pub zones: [f32; 3],
     /// Features that a few numbers describe, in order; 20 to 100 bytes each.
     pub stamps: Vec<Stamp>,
-    /// Number of patches whose listed points are blobs of their own.
+    /// Number of patches whose listed points are blobs of their own, at most [`MAX_LISTED`].
     pub patches: u32,
+    /// Water over it.
+    pub water: Option<Water>,
 }
+
+/// Water that stands at one height all over a terrain: where the ground rises over it there is land.
+#[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
+pub struct Water {
+    /// Height of its surface, world y.
+    pub level: f32,
+    /// World units of water after which a tenth of green light is left, 1e-6 to 1e9.
+    pub clarity: f32,
+}
+
+/// Most patches with listed points: the highest bit of their number says whether there is water.
+pub const MAX_LISTED: u32 = (1 << 31) - 1;
 
 /// A terrain that a scene cannot have: what of it is out of range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -53,7 +67,18 @@ pub enum TerrainEntryError {
     /// More than [`MAX_SEGMENTS`].
     #[error("the terrain's stamps have more than 2048 segments together")]
     Segments,
+    /// More than [`MAX_LISTED`].
+    #[error("the terrain has points in more than 2147483647 patches")]
+    Patches,
+    /// Where water stands, or how clear it is.
+    #[error(
+        "the terrain's water has a level that is not within 1e9, or a clarity that is not between 1e-6 and 1e9"
+    )]
+    Water,
 }
+
+/// Added to the number of patches where water follows.
+const WET: u32 = MAX_LISTED + 1;
 
 impl Encode for TerrainEntry {
     fn encode<E: Encoder>(&self, e: &mut E) -> Result<(), EncodeError> {
@@ -67,7 +92,8 @@ impl Encode for TerrainEntry {
             encode_stamps(&self.stamps).map_err(|why| EncodeError::OtherString(why.to_string()))?
         };
         stamps.encode(e)?;
-        self.patches.encode(e)
+        (self.patches | if self.water.is_some() { WET } else { 0 }).encode(e)?;
+        self.water.map_or(Ok(()), |water| water.encode(e))
     }
 }
 
@@ -76,17 +102,15 @@ impl<Context> Decode<Context> for TerrainEntry {
         let bytes = <[u8; PARAMETERS_BYTES]>::decode(d)?;
         let parameters =
             Parameters::decode(&bytes).map_err(|why| DecodeError::OtherString(why.to_string()))?;
-        Ok(Self {
-            parameters,
-            unit: f32::decode(d)?,
-            height_unit: f32::decode(d)?,
-            zones: <[f32; 3]>::decode(d)?,
-            stamps: match &Vec::<u8>::decode(d)?[..] {
-                [] => Vec::new(),
-                bytes => decode_stamps(bytes).map_err(|why| DecodeError::OtherString(why.to_string()))?,
-            },
-            patches: u32::decode(d)?,
-        })
+        let (unit, height_unit) = (f32::decode(d)?, f32::decode(d)?);
+        let zones = <[f32; 3]>::decode(d)?;
+        let stamps = match &Vec::<u8>::decode(d)?[..] {
+            [] => Vec::new(),
+            bytes => decode_stamps(bytes).map_err(|why| DecodeError::OtherString(why.to_string()))?,
+        };
+        let patches = u32::decode(d)?;
+        let water = if patches & WET == 0 { None } else { Some(Water::decode(d)?) };
+        Ok(Self { parameters, unit, height_unit, zones, stamps, patches: patches & MAX_LISTED, water })
     }
 }
 
@@ -114,6 +138,13 @@ impl TerrainEntry {
         if self.stamps.iter().map(Stamp::segments).sum::<usize>() > MAX_SEGMENTS {
             return Err(TerrainEntryError::Segments);
         }
+        if self.patches > MAX_LISTED {
+            return Err(TerrainEntryError::Patches);
+        }
+        let sound = |water: &Water| water.level.abs() <= 1e9 && (1e-6..=1e9).contains(&water.clarity);
+        if !self.water.as_ref().is_none_or(sound) {
+            return Err(TerrainEntryError::Water);
+        }
         Ok(())
     }
 }
@@ -132,6 +163,7 @@ mod tests {
             zones: [0.0, 120.0, 300.0],
             stamps: Vec::new(),
             patches: 0,
+            water: None,
         }
     }
 
@@ -144,6 +176,16 @@ mod tests {
         let (decoded, used) = bincode::decode_from_slice::<TerrainEntry, _>(&bytes, config).unwrap();
         assert_eq!((decoded, used), (entry(), bytes.len()));
         entry().check().unwrap();
+        let wet = TerrainEntry { water: Some(Water { level: -4.0, clarity: 6.0 }), patches: 3, ..entry() };
+        let bytes = bincode::encode_to_vec(&wet, config).unwrap();
+        // The number of patches is a long one with its highest bit.
+        assert_eq!(bytes.len(), 32 + 12 + 2 + 4 + 8);
+        let (decoded, used) = bincode::decode_from_slice::<TerrainEntry, _>(&bytes, config).unwrap();
+        assert_eq!((&decoded, used), (&wet, bytes.len()));
+        wet.check().unwrap();
+        for end in 0..bytes.len() {
+            assert!(bincode::decode_from_slice::<TerrainEntry, _>(&bytes[..end], config).is_err(), "{end}");
+        }
     }
 
     #[test]
@@ -153,6 +195,9 @@ mod tests {
             change(&mut entry);
             entry.check().unwrap_err().to_string()
         };
+        assert!(bad(|e| e.water = Some(Water { level: f32::NAN, clarity: 1.0 })).contains("water"));
+        assert!(bad(|e| e.water = Some(Water { level: 0.0, clarity: 0.0 })).contains("clarity"));
+        assert!(bad(|e| e.patches = MAX_LISTED + 1).contains("patches"));
         assert!(bad(|e| e.unit = 0.0).contains("units"));
         assert!(bad(|e| e.height_unit = f32::NAN).contains("units"));
         assert!(bad(|e| e.zones = [0.0, 0.0, 1.0]).contains("zones"));

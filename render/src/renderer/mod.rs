@@ -30,6 +30,7 @@ use crate::terrain::{TerrainGpu, TerrainLook, TerrainPipelines, TileList, TileRa
 use crate::texture::TextureShape;
 use crate::timing::{PassEncoder, Timer, Timings};
 use crate::uniforms::FrameUniform;
+use crate::water::WaterPass;
 
 /// Draws frames into targets of one format.
 #[derive(Debug)]
@@ -46,6 +47,7 @@ pub struct Renderer {
     shadow_maps: ShadowMaps,
     sky: SkyGpu,
     lamps: LampPass,
+    water: WaterPass,
     temporal: Temporal,
     /// Compiled with the first terrain: most scenes have none.
     terrain: OnceLock<TerrainPipelines>,
@@ -90,6 +92,7 @@ impl Renderer {
             shadow_maps,
             sky: SkyGpu::new(gpu),
             lamps: LampPass::new(gpu),
+            water: WaterPass::new(gpu),
             temporal: Temporal::new(),
             terrain: OnceLock::new(),
             target_format,
@@ -185,7 +188,10 @@ impl Renderer {
             tracing::warn!("{} cannot draw wireframes; they are left out", gpu.describe());
             self.warned_wireframe = true;
         }
-        let has_surfaces = !list.batches.is_empty() || ground.is_some();
+        // From below its level water is not seen.
+        let water = frame.water.filter(|_| frame.settings.water);
+        let water = water.and_then(|water| water.seen_from(frame.camera.eye));
+        let has_surfaces = !list.batches.is_empty() || ground.is_some() || water.is_some();
         let occlusion = frame.settings.occlusion.is_some_and(|o| o.strength > 0.0);
         let lit = !frame.lights.is_empty() && LampPass::is_possible(gpu);
         let through = list.any(|features| features.blend);
@@ -214,6 +220,7 @@ impl Renderer {
                 shadows: !casters.is_empty(),
                 lamps: lamps.is_some(),
                 emission: list.any(|features| features.emits && !features.blend),
+                water: water.is_some(),
                 transparency: through,
                 shown: shown.map(|(_, reads)| reads),
                 wireframe: frame.settings.wireframe && self.pipelines.meshes.wire.is_some(),
@@ -229,6 +236,9 @@ impl Renderer {
         self.instances.write(gpu, 0, &list.instances)?;
         if let Some(lamps) = &lamps {
             self.lamps.prepare(gpu, lamps)?;
+        }
+        if let Some(water) = &water {
+            self.water.prepare(gpu, water, self.pipelines.meshes.light_layout(gpu, false));
         }
         let lookups = if gpu.has_anisotropic_filter() { 1 } else { frame.settings.anisotropy };
         let lookups = lookups.clamp(1, MAX_ANISOTROPY) as f32;
@@ -247,7 +257,7 @@ impl Renderer {
         } else if target.load == Load::Clear {
             clear_depth(passes.encoder, target);
         }
-        if casters.is_empty() && runs(PassId::Transparency) {
+        if casters.is_empty() && (runs(PassId::Transparency) || runs(PassId::Water)) {
             self.shadow_maps.none(gpu);
         }
         passes.planned();

@@ -49,6 +49,7 @@ impl Renderer {
                 self.lit(gpu, encoder, pass.id, (pipeline, &reads), true);
             }
             PassId::Lamps => self.lamps(gpu, encoder, frame.settings.shade == Shade::Lamps),
+            PassId::Water => self.water(gpu, encoder),
             PassId::Wireframe => {
                 let over = (Radiance, Load::Keep);
                 self.full(gpu, encoder, pass.id, (&p.wireframe, &[Resource::Edges]), over);
@@ -185,6 +186,16 @@ impl Renderer {
             },
         );
         self.lamps.light(gpu, &mut pass, &self.frame_buffer, &[depth, normal, albedo], counted);
+    }
+
+    /// Draws water over the lit picture.
+    fn water(&self, gpu: &Gpu, encoder: &mut PassEncoder<'_>) {
+        let view = |resource| self.targets.view(resource);
+        if let (Some(depth), Some(into), Some(light)) =
+            (view(Resource::Depth), view(Resource::Radiance), self.light(gpu, false))
+        {
+            self.water.draw(gpu, encoder, &light, &depth, &into);
+        }
     }
 
     /// A fullscreen pass that looks the sky up, into radiance; only surfaces reflect it.

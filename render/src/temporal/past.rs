@@ -10,6 +10,7 @@ use crate::lights::Light;
 use crate::scene::{Environment, Frame, Settings};
 use crate::terrain::TerrainPart;
 use crate::tiles::TileRegion;
+use crate::water::Water;
 
 /// An asset as a frame drew it.
 #[derive(Debug, Default, PartialEq)]
@@ -28,6 +29,7 @@ struct Made {
     /// By the assets' numbers, those of all drawables of one asset together.
     drawn: BTreeMap<u64, Drawn>,
     ground: Option<Ground>,
+    water: Option<Water>,
     lights: Vec<Light>,
 }
 
@@ -79,6 +81,7 @@ impl Past {
                 settings: frame.settings,
                 drawn,
                 ground,
+                water: frame.water,
                 lights: frame.lights.to_vec(),
             },
         }

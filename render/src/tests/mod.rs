@@ -16,6 +16,7 @@ mod streaming;
 mod temporal;
 pub(super) mod terrain;
 mod timing;
+mod water;
 mod wireframe;
 
 use std::io::Write;

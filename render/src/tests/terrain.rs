@@ -34,6 +34,7 @@ pub(super) fn entry(seed: u64) -> TerrainEntry {
         zones: [-40.0, 45.0, 110.0],
         stamps: Vec::new(),
         patches: 0,
+        water: None,
     }
 }
 

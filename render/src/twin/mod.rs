@@ -17,3 +17,4 @@ pub mod temporal;
 pub mod terrain;
 pub mod tone;
 pub mod transform;
+pub mod water;

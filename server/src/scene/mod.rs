@@ -1,5 +1,6 @@
 //! Scenes as people describe them: a `scene.toml`, or a list of models.
 
+mod curve;
 mod file;
 mod lamp;
 mod model;

@@ -4,9 +4,11 @@ use std::path::{Path, PathBuf};
 
 use lodestream_import::Impossible;
 use lodestream_import::terrain::{ErosionPasses, FinestLevel, Roughness, SpikeLimit, Talus, TalusSlope};
-use lodestream_protocol::terrain::TerrainEntry;
+use lodestream_protocol::terrain::{TerrainEntry, Water};
 use lodestream_terrain::{Distribution, Erosion, FeatureSet, Mode, Parameters, Scratch, Shape, Terrain};
 use serde::Deserialize;
+
+use super::curve::curve;
 
 /// The terrain of a scene, ready to be described and to stand on.
 #[derive(Clone, Debug)]
@@ -64,11 +66,22 @@ pub(super) struct RawTerrain {
     base: f64,
     distribution: Option<String>,
     zones: Option<[f32; 3]>,
+    water: Option<RawWater>,
     erosion: Option<RawErosion>,
     /// A file of features, as the tool `terrain` reads it: points and stamps in grid and height units.
     pub(super) features: Option<PathBuf>,
     #[serde(default)]
     stamp: Vec<RawStamp>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawWater {
+    /// Height of its surface.
+    level: f32,
+    /// How far one sees in it: to where a tenth of green light is left.
+    #[serde(default = "clear")]
+    clarity: f32,
 }
 
 #[derive(Deserialize)]
@@ -96,6 +109,9 @@ struct RawStamp {
     to: Option<[f64; 2]>,
     centre: Option<[f64; 2]>,
     line: Option<Vec<[f64; 2]>>,
+    /// Puts more positions into `line`, so that it is a curve.
+    #[serde(default)]
+    smooth: bool,
     half_width: Option<f64>,
     radius: Option<f64>,
     falloff: Option<f64>,
@@ -126,6 +142,9 @@ fn centimetre() -> f32 {
 }
 fn half() -> f64 {
     0.5
+}
+fn clear() -> f32 {
+    6.0
 }
 fn repose() -> f64 {
     35.0
@@ -201,6 +220,7 @@ impl RawTerrain {
             stamps: terrain.stamps().to_vec(),
             patches: u32::try_from(terrain.patches_with_points().count())
                 .map_err(|_| "too many patches have points")?,
+            water: self.water.map(|RawWater { level, clarity }| Water { level, clarity }),
         };
         entry.check().map_err(|why| why.to_string())?;
         Ok(SceneTerrain { entry, terrain })
@@ -237,6 +257,12 @@ impl RawErosion {
 }
 
 impl RawStamp {
+    /// The line of a river bed.
+    fn river(&self) -> Result<Vec<[f64; 2]>, String> {
+        let line = self.line.clone().ok_or("a stamp of kind \"river bed\" needs line")?;
+        if self.smooth { curve(&line) } else { Ok(line) }
+    }
+
     fn resolve(&self, unit: f32, height_unit: f32) -> Result<FeatureSet, String> {
         let kind = self.kind.as_str();
         let missing = |name: &str| format!("a stamp of kind {kind:?} needs {name}");
@@ -276,13 +302,7 @@ impl RawStamp {
                 height: height("height", self.height)?,
             },
             "river bed" => Shape::RiverBed {
-                line: self
-                    .line
-                    .as_ref()
-                    .ok_or_else(|| missing("line"))?
-                    .iter()
-                    .map(|p| position("line", Some(*p)))
-                    .collect::<Result<_, _>>()?,
+                line: self.river()?.iter().map(|p| position("line", Some(*p))).collect::<Result<_, _>>()?,
                 half_width: length("half_width", self.half_width)?,
                 depth: height("depth", self.depth)?,
             },
@@ -351,5 +371,39 @@ mod tests {
             erosion,
         };
         assert_eq!(resolved(text), Ok(expected));
+    }
+
+    #[test]
+    fn water_stands_where_a_scene_says_so() {
+        let entry = |keys: &str| {
+            let raw: RawTerrain = toml::from_str(&format!("amplitude = 10.0\n{keys}")).unwrap();
+            raw.resolve(Vec::new()).map(|terrain| terrain.entry.water)
+        };
+        assert_eq!(entry(""), Ok(None));
+        assert_eq!(entry("water = { level = -4 }"), Ok(Some(Water { level: -4.0, clarity: 6.0 })));
+        let muddy = entry("water = { level = 2.5, clarity = 0.5 }");
+        assert_eq!(muddy, Ok(Some(Water { level: 2.5, clarity: 0.5 })));
+        assert!(entry("water = { level = 0, clarity = 0 }").unwrap_err().contains("clarity"));
+    }
+
+    #[test]
+    fn smooth_rivers_are_curves_through_their_positions() {
+        let stamps = |keys: &str| {
+            let river = "[[stamp]]\nkind = 'river bed'\nhalf_width = 8\ndepth = 3";
+            let raw: RawTerrain = toml::from_str(&format!("amplitude = 10.0\n{river}\n{keys}")).unwrap();
+            raw.resolve(Vec::new()).map(|terrain| terrain.entry.stamps)
+        };
+        let line = |stamps: &[lodestream_terrain::Stamp]| match &stamps[0].shape {
+            Shape::RiverBed { line, .. } => line.clone(),
+            other => panic!("{other:?}"),
+        };
+        let given = "line = [[0, 0], [100, 0], [100, 100]]";
+        assert_eq!(line(&stamps(given).unwrap()), [[0, 0], [100, 0], [100, 100]]);
+        let curved = line(&stamps(&format!("{given}\nsmooth = true")).unwrap());
+        assert_eq!(curved.len(), 15);
+        assert_eq!([curved[0], curved[7], curved[14]], [[0, 0], [100, 0], [100, 100]]);
+        let many = (0..9).map(|i| format!("[{i}, 0]")).collect::<Vec<_>>().join(", ");
+        let refused = stamps(&format!("line = [{many}]\nsmooth = true")).unwrap_err();
+        assert!(refused.contains("at most 8 positions"), "{refused}");
     }
 }

@@ -290,7 +290,7 @@ fn header(header: &SceneHeader) -> Value {
 
 fn terrain(entry: &TerrainEntry) -> Value {
     let p = &entry.parameters;
-    json!({
+    let mut value = json!({
         "seed": p.seed,
         "finest_level": p.finest_level,
         "erosion_level": p.erosion.level,
@@ -307,7 +307,11 @@ fn terrain(entry: &TerrainEntry) -> Value {
         "zones": entry.zones,
         "stamps": entry.stamps.iter().map(stamp).collect::<Vec<_>>(),
         "patches": entry.patches,
-    })
+    });
+    if let Some(water) = &entry.water {
+        value["water"] = json!({"level": water.level, "clarity": water.clarity});
+    }
+    value
 }
 
 fn stamp(stamp: &Stamp) -> Value {

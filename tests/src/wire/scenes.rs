@@ -107,6 +107,7 @@ patches = 64
 amplitude = 12.0
 base = -3.5
 erosion = { level = 3, passes = 4, talus_degrees = 35 }
+water = { level = -5.25, clarity = 0.75 }
 features = "points.json"
 [[terrain.stamp]]
 kind = "ridge"

@@ -39,6 +39,7 @@ pub(super) struct Choices {
     pub(super) maps: Shadows,
     pub(super) anti_aliasing: AntiAliasing,
     pub(super) relief: bool,
+    pub(super) water: bool,
     pub(super) anisotropy: u32,
     pub(super) relief_steps: u32,
     pub(super) exposure: f32,
@@ -61,6 +62,7 @@ impl Choices {
             maps: settings.shadows.unwrap_or_default(),
             anti_aliasing: settings.anti_aliasing,
             relief: settings.relief,
+            water: settings.water,
             anisotropy: settings.anisotropy,
             relief_steps: settings.relief_steps,
             exposure: settings.exposure,
@@ -75,6 +77,7 @@ impl Choices {
         settings.shadows = self.shadows.then_some(self.maps);
         settings.anti_aliasing = self.anti_aliasing;
         settings.relief = self.relief;
+        settings.water = self.water;
         settings.anisotropy = self.anisotropy;
         settings.relief_steps = self.relief_steps;
         settings.exposure = self.exposure;
@@ -170,6 +173,7 @@ fn contents(ui: &mut egui::Ui, stats: &Stats, facts: &Facts<'_>, choices: &mut C
         ui.checkbox(&mut choices.occlusion, "ambient occlusion");
         ui.checkbox(&mut choices.shadows, "shadows");
         ui.checkbox(&mut choices.relief, "relief");
+        ui.checkbox(&mut choices.water, "water");
         ui.checkbox(&mut choices.adapt, "coarser while moving");
     });
     egui::ComboBox::from_label("anti-aliasing").selected_text(choices.anti_aliasing.name()).show_ui(
@@ -352,6 +356,7 @@ mod tests {
             shadows: None,
             anti_aliasing: AntiAliasing::None,
             anisotropy: 3,
+            water: false,
             relief_steps: 7,
             exposure: 2.0,
             tone_mapping: ToneMapping::Neutral,

@@ -1,0 +1,100 @@
+//! Water that stands level: `water.wgsl`.
+
+use glam::{DVec2, DVec3};
+
+use super::brdf::Reflector;
+use super::sky::{Sky, environment_brdf};
+
+/// As in the shader: reflectance of water looking straight at it.
+pub const WATER: f64 = 0.0204;
+/// As in the shader: least microfacet roughness, squared.
+const CALM: f64 = 4e-4;
+
+/// A ripple: a sine of slopes.
+#[derive(Clone, Copy, Debug)]
+pub struct Wave {
+    /// Along x and z, cycles per world unit.
+    pub vector: DVec2,
+    /// Below the eye, in cycles.
+    pub phase: f64,
+    /// Steepest slope.
+    pub steepness: f64,
+}
+
+/// Water as the shader gets it.
+#[derive(Clone, Debug)]
+pub struct Water {
+    /// Per world unit of red, green and blue.
+    pub extinction: DVec3,
+    /// Share of the light that deep water sends back.
+    pub scattered: DVec3,
+    /// Of the eye over the water, above 0.
+    pub height: f64,
+    /// Ripples.
+    pub waves: Vec<Wave>,
+}
+
+/// A pixel's ray in the world: through its centre, and from pixel to pixel across and up; the middle of the picture has
+/// length 1.
+#[derive(Clone, Copy, Debug)]
+pub struct Ray {
+    /// Through the pixel.
+    pub through: DVec3,
+    /// To the pixel to the right.
+    pub right: DVec3,
+    /// To the pixel above.
+    pub up: DVec3,
+}
+
+impl Water {
+    /// What a pixel shows in place of `behind`, the radiance of what lies `depth` away along the view's axis (infinite for
+    /// none); `sun` is its irradiance over π as far as it arrives, `split_sum` the table of [`super::sky::split_sum`].
+    #[must_use]
+    pub fn seen(
+        &self,
+        ray: Ray,
+        (behind, depth): (DVec3, f64),
+        sky: &Sky<'_>,
+        sun: DVec3,
+        split_sum: &[[f64; 2]],
+    ) -> DVec3 {
+        let length = ray.through.length();
+        let to_eye = -ray.through / length;
+        let along = self.height / -ray.through.y;
+        let position = ray.through * along;
+        let flat = |v: DVec3| DVec2::new(v.x, v.z);
+        let footprint =
+            [ray.right, ray.up].map(|step| flat(step - ray.through * (step.y / ray.through.y)) * along);
+        let (mut slope, mut lost) = (DVec2::ZERO, CALM);
+        for wave in &self.waves {
+            let spread: f64 = footprint.iter().map(|step| wave.vector.dot(*step).powi(2)).sum();
+            let kept = (-0.5 * std::f64::consts::PI.powi(2) * spread).exp();
+            let angle = std::f64::consts::TAU * (wave.vector.dot(flat(position)) + wave.phase);
+            slope += wave.vector.normalize() * (wave.steepness * kept * angle.cos());
+            lost += 0.5 * wave.steepness.powi(2) * (1.0 - kept * kept);
+        }
+        let normal = DVec3::new(-slope.x, 1.0, -slope.y).normalize();
+        let roughness = lost.powf(0.25);
+        let [factor, added] = environment_brdf(split_sum, normal.dot(to_eye).clamp(1e-3, 1.0), roughness);
+        let mirrored = WATER * factor + added;
+        let way = (depth - along).max(0.0) * length * (1.0 + to_eye.y);
+        let left = (-self.extinction * way).exp() * (1.0 - mirrored);
+        let away = 2.0 * normal.dot(to_eye) * normal - to_eye;
+        let away = DVec3::new(away.x, away.y.abs(), away.z);
+        let mirror = Reflector {
+            albedo: [WATER; 3],
+            metal: 1.0,
+            roughness,
+            normal: normal.to_array(),
+            to_eye: to_eye.to_array(),
+        };
+        let glint =
+            DVec3::from(mirror.brdf_pi(sky.to_sun.to_array())) * sun * normal.dot(sky.to_sun).max(0.0);
+        let light = sky.ambient(DVec3::Y) + sun * sky.to_sun.y.max(0.0);
+        let sent_back = self.scattered * light * (DVec3::splat(1.0 - mirrored) - left);
+        let seen = glint + mirrored * sky.reflected(away, roughness) + sent_back;
+        let clear = (-sky.haze * position.length()).exp();
+        let haze = (DVec3::ONE - left) * (1.0 - clear) * sky.sky(-to_eye);
+        behind * left + seen * clear + haze
+    }
+}
