@@ -15,6 +15,7 @@ pub(crate) mod rows;
 pub(crate) mod slot_map;
 pub(crate) mod stars;
 pub(crate) mod vec3;
+pub(crate) mod wide_bvh;
 
 /// Marks a [`Corner`] attribute that the source does not give.
 pub const NONE: u32 = u32::MAX;

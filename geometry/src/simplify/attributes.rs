@@ -13,9 +13,10 @@
 use glam::DVec3;
 
 use crate::mesh::UvGrid;
-use crate::mesh::distance::{TriangleBvh, closest_point_on_triangle};
+use crate::mesh::distance::closest_point_on_triangle;
 use crate::mesh::rows::Rows;
 use crate::mesh::vec3::{Vec3, add, cross, dot, length, scale, sub, triangle_normal};
+use crate::mesh::wide_bvh::WideBvh;
 use crate::simplify::live::Live;
 
 /// Most samples of a region whose normals are compared.
@@ -61,7 +62,7 @@ impl InputAttributes {
     pub(crate) fn error(
         &self,
         live: &Live,
-        input: &TriangleBvh,
+        input: &WideBvh,
         samples: &[u32],
         face_near: &dyn Fn(u32) -> u32,
         normals: &[[f32; 3]],

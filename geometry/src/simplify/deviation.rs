@@ -17,9 +17,10 @@
 
 use crate::mesh::UvGrid;
 use crate::mesh::corner;
-use crate::mesh::distance::TriangleBvh;
+
 use crate::mesh::rows::Rows;
 use crate::mesh::vec3::{Vec3, add, length, scale, sub};
+use crate::mesh::wide_bvh::{Hints, WideBvh};
 use crate::simplify::attributes::InputAttributes;
 use crate::simplify::live::Live;
 use crate::simplify::star_table::each_edge;
@@ -36,12 +37,14 @@ pub(crate) const MOST_SPARSE: usize = 4;
 pub(crate) const DENSE: f64 = 4.0;
 pub(crate) const LEAST_DENSE: usize = 12;
 pub(crate) const MOST_DENSE: usize = 32;
+/// Points less than this share of the input's mean edge apart, or of the error, are likely to be near the same face.
+const HINT_SHARE: f64 = 0.5;
 /// A sample that raises the largest distance by more than this factor is looked at closely.
 pub(crate) const LEAP: f64 = 1.5;
 
 /// The input surface, its samples, and where the samples are now.
 pub(crate) struct Deviation {
-    pub(crate) input: TriangleBvh,
+    pub(crate) input: WideBvh,
     /// The input's faces by their corners.
     pub(crate) input_faces: Rows<u32>,
     attributes: InputAttributes,
@@ -50,8 +53,46 @@ pub(crate) struct Deviation {
     /// By sample, vertices first: live face that it was last found near, and how far, in grid cells.
     pub(crate) attached: Vec<u32>,
     distance: Vec<f32>,
+    /// By vertex: no point of the input's faces around it is farther from it.
+    around: Vec<f32>,
     /// Mean length of the input's edges.
     pub(crate) mean_edge: f64,
+}
+
+/// The samples of each region of a level.
+pub(crate) struct Samples {
+    lists: Rows<u32>,
+    /// By sample: its region; others than there are for those without.
+    home: Vec<u32>,
+}
+
+/// The samples of one region.
+#[derive(Clone, Copy)]
+pub(crate) struct Own<'a> {
+    /// Ascending.
+    pub(crate) list: &'a [u32],
+    home: &'a [u32],
+    region: u32,
+}
+
+impl Samples {
+    /// The samples of the regions `0..regions`, by the region of each.
+    pub(crate) fn new(home: Vec<u32>, regions: usize) -> Self {
+        let of_a_region = || (0..).zip(&home).map(|(sample, &region)| (region, sample));
+        let lists = Rows::new(regions, || of_a_region().filter(|&(region, _)| (region as usize) < regions));
+        Self { lists, home }
+    }
+
+    pub(crate) fn of(&self, region: usize) -> Own<'_> {
+        let region = region as u32;
+        Own { list: self.lists.row(region), home: &self.home, region }
+    }
+}
+
+impl Own<'_> {
+    pub(crate) fn contains(&self, sample: u32) -> bool {
+        self.home[sample as usize] == self.region
+    }
 }
 
 /// Where a sample is found anew: (sample, face, distance).
@@ -64,12 +105,16 @@ impl Deviation {
     pub(crate) fn new(live: &Live, uv_grid: UvGrid) -> Self {
         let count = live.face_vertices.len();
         let mut attached = vec![0_u32; live.positions.len()];
+        let mut around = vec![0.0_f32; live.positions.len()];
         let mut edges = 0.0;
         for face in 0..count {
             let [a, b, c] = live.triangle(face);
-            edges += length(sub(b, a)) + length(sub(c, b)) + length(sub(a, c));
-            for v in live.face_vertices[face] {
+            let sides = [length(sub(b, a)), length(sub(c, b)), length(sub(a, c))];
+            edges += sides[0] + sides[1] + sides[2];
+            for (k, v) in live.face_vertices[face].into_iter().enumerate() {
                 attached[v as usize] = face as u32;
+                let longest = sides[k].max(sides[corner::previous(k)]) * ROUNDING;
+                around[v as usize] = around[v as usize].max(longest as f32);
             }
         }
         let mut open = Vec::new();
@@ -81,7 +126,7 @@ impl Deviation {
         open.sort_unstable();
         open.dedup();
         attached.extend(&open);
-        let input = TriangleBvh::new(&live.positions, &live.face_vertices);
+        let input = WideBvh::new(&live.positions, &live.face_vertices);
         Self {
             input_faces: Rows::new(live.positions.len(), || {
                 (0..).zip(input.triangles()).flat_map(|(id, triangle)| triangle.map(|vertex| (vertex, id)))
@@ -91,6 +136,7 @@ impl Deviation {
             middles: open.iter().map(|&f| live.centroid(f as usize)).collect(),
             distance: vec![0.0; attached.len()],
             attached,
+            around,
             mean_edge: edges / (3 * count).max(1) as f64,
         }
     }
@@ -109,15 +155,19 @@ impl Deviation {
     }
 
     /// The samples of each region, by the region of the face that they are attached to.
-    pub(crate) fn by_region(&self, region_of_face: &[u32], regions: usize) -> Vec<Vec<u32>> {
-        let mut lists = vec![Vec::new(); regions];
-        for (sample, &face) in self.attached.iter().enumerate() {
-            let region = region_of_face[face as usize];
-            if let Some(list) = lists.get_mut(region as usize) {
-                list.push(sample as u32);
-            }
-        }
-        lists
+    pub(crate) fn by_region(&self, region_of_face: &[u32], regions: usize) -> Samples {
+        Samples::new(self.attached.iter().map(|&face| region_of_face[face as usize]).collect(), regions)
+    }
+
+    /// Upper bound on the distance of a vertex from the face that it was last found near.
+    pub(crate) fn last_distance(&self, vertex: u32) -> f64 {
+        f64::from(self.distance[vertex as usize])
+    }
+
+    /// Whether all points of the input's faces around a vertex are within `limit` of the face that the vertex was
+    /// last found near.
+    pub(crate) fn all_around_within(&self, vertex: u32, limit: f64) -> bool {
+        (self.last_distance(vertex) + f64::from(self.around[vertex as usize])) * ROUNDING <= limit
     }
 
     /// Looks again at the samples whose face changed: their new places, and the largest distance of all,
@@ -125,7 +175,7 @@ impl Deviation {
     pub(crate) fn follow(
         &self,
         region: &Surroundings<'_>,
-        changed: &dyn Fn(u32) -> bool,
+        changed: &impl Fn(u32) -> bool,
         samples: &[u32],
         mut error: f64,
     ) -> (Vec<Attachment>, f64) {
@@ -203,6 +253,7 @@ impl Deviation {
         mut error: f64,
         most: usize,
     ) -> f64 {
+        let mut hints = Hints::new(HINT_SHARE * self.mean_edge.max(error));
         for &corner in corners {
             let (face, k) = ((corner / 3) as usize, (corner % 3) as usize);
             if !live.alive[face] {
@@ -211,15 +262,15 @@ impl Deviation {
             let vertices = live.face_vertices[face];
             let (apex, next, before) =
                 (vertices[k], vertices[corner::next(k)], vertices[corner::previous(k)]);
-            self.edge(live, [apex, next], far, &mut error, most);
+            self.edge(live, [apex, next], (far, &mut hints), &mut error, most);
             // Most edges are some other face's "next"; what is left are ends of fans.
             let next_of =
                 |c: u32| live.face_vertices[corner::face_of(c) as usize][corner::next(corner::side_of(c))];
             if !live.stars.corners(apex).any(|c| next_of(c) == before) {
-                self.edge(live, [apex, before], far, &mut error, most);
+                self.edge(live, [apex, before], (far, &mut hints), &mut error, most);
             }
             let middle = live.centroid(face);
-            if !self.input.any_within(middle, SUSPICIOUS * error) {
+            if !self.input.any_within_again(middle, SUSPICIOUS * error, &mut hints) {
                 let mut own = 0.0;
                 over_face(live.triangle(face), LEAST_DENSE / 2, &mut |p| self.farthest(p, &mut own));
                 far.push(([apex, next], own));
@@ -229,12 +280,19 @@ impl Deviation {
         error
     }
 
-    fn edge(&self, live: &Live, edge: [u32; 2], far: &mut Vec<FarEdge>, error: &mut f64, most: usize) {
+    fn edge(
+        &self,
+        live: &Live,
+        edge: [u32; 2],
+        (far, hints): (&mut Vec<FarEdge>, &mut Hints),
+        error: &mut f64,
+        most: usize,
+    ) {
         let [a, b] = edge.map(|v| live.positions[v as usize]);
         let edges = length(sub(b, a)) / self.mean_edge.max(f64::MIN_POSITIVE);
         let n = ((SPARSE * edges).ceil() as usize).clamp(2, most);
         let limit = SUSPICIOUS * *error;
-        if (1..n).all(|i| self.input.any_within(between(a, b, i, n), limit)) {
+        if (1..n).all(|i| self.input.any_within_again(between(a, b, i, n), limit, hints)) {
             return;
         }
         let n = ((DENSE * edges).ceil() as usize).clamp(LEAST_DENSE, MOST_DENSE);
@@ -246,9 +304,7 @@ impl Deviation {
 
     /// Raises `error` to the distance of a point from the input.
     pub(crate) fn farthest(&self, point: Vec3, error: &mut f64) {
-        if !self.input.any_within(point, *error)
-            && let Some((distance, _)) = self.input.nearest(point, f64::INFINITY)
-        {
+        if let Some(distance) = self.input.distance_beyond(point, *error) {
             *error = error.max(distance);
         }
     }
@@ -265,7 +321,7 @@ impl Deviation {
     ) -> bool {
         let limit = limit / MARGIN;
         let (compacted, triangles) = compact(&live.positions, triangles);
-        let coarse = TriangleBvh::new(&compacted, &triangles);
+        let coarse = WideBvh::new(&compacted, &triangles);
         let step = (samples.len() / budget.max(1)).max(1);
         samples.iter().step_by(step).all(|&s| coarse.any_within(self.point(s), limit))
             && triangles.iter().all(|t| {
@@ -298,11 +354,11 @@ impl Deviation {
     }
 
     /// Attaches samples whose region has lost all its faces to the nearest face anywhere.
-    pub(crate) fn attach_anywhere(&mut self, live: &Live, samples: &[u32]) -> f64 {
+    pub(crate) fn attach_anywhere(&mut self, live: &Live, samples: Own<'_>) -> f64 {
         let faces: Vec<u32> = (0..live.alive.len() as u32).filter(|&f| live.alive[f as usize]).collect();
         let everywhere = Surroundings::new(live, &faces, &|_| true);
         let mut error = 0.0_f64;
-        for &sample in samples {
+        for &sample in samples.list {
             if let Some((distance, face)) = everywhere.nearest(self.point(sample), f64::INFINITY) {
                 error = error.max(distance);
                 self.attach(&[(sample, face, (distance * ROUNDING) as f32)]);
@@ -322,14 +378,17 @@ pub(crate) fn middle([a, b, c]: [Vec3; 3]) -> Vec3 {
     scale(add(add(a, b), c), 1.0 / 3.0)
 }
 
-/// Calls `visit` for a lattice of points inside a triangle, edges left out.
-pub(crate) fn over_face([a, b, c]: [Vec3; 3], n: usize, visit: &mut dyn FnMut(Vec3)) {
+/// A point of the lattice that cuts the edges of a triangle into `n` parts.
+pub(crate) fn on_face([a, b, c]: [Vec3; 3], n: usize, i: usize, j: usize) -> Vec3 {
     let inverse = 1.0 / n as f64;
+    let (u, v) = (i as f64 * inverse, j as f64 * inverse);
+    add(add(scale(a, u), scale(b, v)), scale(c, 1.0 - u - v))
+}
+
+/// Calls `visit` for a lattice of points inside a triangle, edges left out.
+fn over_face(triangle: [Vec3; 3], n: usize, visit: &mut dyn FnMut(Vec3)) {
     for i in 1..n {
-        for j in 1..n - i {
-            let (u, v) = (i as f64 * inverse, j as f64 * inverse);
-            visit(add(add(scale(a, u), scale(b, v)), scale(c, 1.0 - u - v)));
-        }
+        (1..n - i).for_each(|j| visit(on_face(triangle, n, i, j)));
     }
 }
 

@@ -4,6 +4,7 @@ use crate::collapse::Records;
 use crate::error::MeshError;
 use crate::mesh::vec3::Vec3;
 use crate::pool::Watched;
+use crate::simplify::deviation::{Deviation, Samples};
 use crate::simplify::live::Live;
 use crate::simplify::partition::{NOBODY, partition};
 use crate::simplify::queue::simplify_region;
@@ -28,11 +29,19 @@ pub(crate) struct Level<'a> {
     pub(crate) vertices: usize,
     /// Vertices that no level removes, ascending.
     held: &'a [u32],
+    /// The samples of each region.
+    pub(crate) samples: Samples,
 }
 
 impl<'a> Level<'a> {
     /// Cuts the live faces into `count` regions; the vertices of `held`, ascending, stay.
-    pub(crate) fn new(live: &Live, number: usize, count: usize, held: &'a [u32]) -> Self {
+    pub(crate) fn new(
+        live: &Live,
+        deviation: &Deviation,
+        number: usize,
+        count: usize,
+        held: &'a [u32],
+    ) -> Self {
         let list = &live.faces;
         let centroids: Vec<Vec3> = list.iter().map(|&f| live.centroid(f as usize)).collect();
         let adjacent = if count > 1 { adjacency(live) } else { Vec::new() };
@@ -55,7 +64,8 @@ impl<'a> Level<'a> {
                 capacity[first as usize] += 1;
             }
         }
-        Self { region_of_face, faces, interior, capacity, vertices, held }
+        let samples = deviation.by_region(&region_of_face, faces.len());
+        Self { region_of_face, faces, interior, capacity, vertices, held, samples }
     }
 
     /// The interior vertices of each region, ascending.

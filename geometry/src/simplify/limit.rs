@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use crate::collapse::NO_VERTEX;
 use crate::collapse::Records;
 use crate::error::MeshError;
-use crate::mesh::distance::TriangleBvh;
 use crate::mesh::vec3::{Vec3, add, dot, length, scale, sub};
+use crate::mesh::wide_bvh::{Hints, WideBvh};
 use crate::pool::Watched;
 use crate::simplify::deviation::{Deviation, MARGIN};
 use crate::simplify::level::Level;
@@ -44,10 +44,16 @@ pub(crate) fn limit_error(
     settings: &Settings,
     pool: &Watched<'_>,
 ) -> Result<(), MeshError> {
-    let samples = deviation.by_region(&level.region_of_face, level.faces.len());
     let shortened = pool.map(records.len(), &|r| {
-        let limited =
-            Limited { live, deviation, level, r, samples: &samples[r], points: limit, limit: limit.error };
+        let limited = Limited {
+            live,
+            deviation,
+            level,
+            r,
+            samples: level.samples.of(r).list,
+            points: limit,
+            limit: limit.error,
+        };
         (records[r].reach > limit.error).then(|| limited.shorten(&records[r], records.len(), settings))
     })?;
     for (region, shortened) in records.iter_mut().zip(shortened) {
@@ -92,7 +98,7 @@ impl Limit {
     }
 
     /// A vertex of the input and the points for which it stands.
-    fn points_at<'a>(&'a self, input: &TriangleBvh, vertex: u32) -> impl Iterator<Item = Vec3> + 'a {
+    fn points_at<'a>(&'a self, input: &WideBvh, vertex: u32) -> impl Iterator<Item = Vec3> + 'a {
         let from = self.points.partition_point(|p| p.0 < vertex);
         let more = self.points[from..].iter().take_while(move |p| p.0 == vertex).map(|p| p.1);
         std::iter::once(input.position(vertex)).chain(more)
@@ -157,7 +163,8 @@ impl Limited<'_> {
         let triangles: Vec<[u32; 3]> = after.iter().copied().flatten().collect();
         let went: BTreeMap<u32, u32> = records.collapses.iter().map(|c| (c.removed, c.target)).collect();
         let mut far: BTreeMap<u32, (f64, u32, Vec3)> = BTreeMap::new();
-        let surface = TriangleBvh::new(&live.positions, &triangles);
+        let surface = WideBvh::new(&live.positions, &triangles);
+        let mut hints = Hints::new(limit);
         for &sample in self.samples.iter().filter(|&&s| (s as usize) < live.positions.len()) {
             let root = live.heir(sample);
             let mut heir = root;
@@ -168,7 +175,7 @@ impl Limited<'_> {
             for point in self.points.points_at(&self.deviation.input, sample) {
                 let distance = length(sub(point, live.positions[heir as usize]));
                 if (distance <= limit / MARGIN && !lost)
-                    || (!triangles.is_empty() && surface.any_within(point, limit / MARGIN))
+                    || (!triangles.is_empty() && surface.any_within_again(point, limit / MARGIN, &mut hints))
                 {
                     continue;
                 }

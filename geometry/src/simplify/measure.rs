@@ -64,7 +64,6 @@ pub(crate) fn measure(
     pool: &Watched<'_>,
     stray_error: &mut f64,
 ) -> Result<(Vec<RegionChunk>, u8), MeshError> {
-    let samples = deviation.by_region(&level.region_of_face, level.faces.len());
     let mut courses: Vec<Course> = records.into_iter().map(Course::new).collect();
     let mut latest = Latest::new(live, deviation);
     let parts = courses.iter().map(|c| c.records.stops.len() + 1).max().unwrap_or(0);
@@ -72,7 +71,7 @@ pub(crate) fn measure(
         latest.part = part;
         courses.iter_mut().for_each(|c| c.perform(part as usize, live, &mut latest));
         live.settle();
-        look(live, deviation, level, &mut courses, &samples, &mut latest, pool)?;
+        look(live, deviation, level, &mut courses, &mut latest, pool)?;
         courses.iter_mut().for_each(|c| c.stops.push(c.error));
     }
     let interior = level.interior_vertices();
@@ -87,7 +86,7 @@ pub(crate) fn measure(
         for (course, (faces, vertices)) in courses.iter_mut().zip(level.faces.iter().zip(&interior)) {
             course.place(live, faces, vertices, rounding, &mut latest);
         }
-        look(live, deviation, level, &mut courses, &samples, &mut latest, pool)?;
+        look(live, deviation, level, &mut courses, &mut latest, pool)?;
         let Some(gentler) = rounding.gentler(coarsening.shift).filter(|_| worst(&courses) > coarsening.limit)
         else {
             break;
@@ -100,7 +99,7 @@ pub(crate) fn measure(
         live.reach[v] += length(sub(live.positions[v], live.position(m.cell)));
     }
     let shift = rounding.shift;
-    Ok((finish(live, deviation, level, courses, (&samples, interior), pool, stray_error)?, shift))
+    Ok((finish(live, deviation, level, courses, interior, pool, stray_error)?, shift))
 }
 
 /// The largest error of the regions.
@@ -128,7 +127,6 @@ fn look(
     deviation: &mut Deviation,
     level: &Level<'_>,
     courses: &mut [Course],
-    samples: &[Vec<u32>],
     latest: &mut Latest,
     pool: &Watched<'_>,
 ) -> Result<(), MeshError> {
@@ -142,7 +140,7 @@ fn look(
         let inside = |f: u32| level.region_of_face[f as usize] == r as u32;
         let region = Surroundings::new(live, &level.faces[r], &inside);
         let changed = |f: u32| now.changed_in[f as usize] == now.part;
-        let (places, error) = known.follow(&region, &changed, &samples[r], course.error);
+        let (places, error) = known.follow(&region, &changed, level.samples.of(r).list, course.error);
         let mut far = Vec::new();
         let error = known.edges(live, &course.corners, &mut far, error, MOST_SPARSE);
         let mut moved = 0.0;
@@ -167,7 +165,7 @@ fn look(
         let placed = |sample: u32| now.placed_in[sample as usize] == now.part;
         // Quickly at first, and exactly where that found more than there was.
         let mut far = Vec::new();
-        let error = known.faces(&region, &placed, &samples[r], false, &mut far, course.error);
+        let error = known.faces(&region, &placed, level.samples.of(r), false, &mut far, course.error);
         let raised = error > course.error;
         let error = if raised { known.faces_again(&region, &far, course.error) } else { error };
         (far, error)
@@ -265,7 +263,7 @@ fn finish(
     deviation: &mut Deviation,
     level: &Level<'_>,
     courses: Vec<Course>,
-    (samples, mut interior): (&[Vec<u32>], Vec<Vec<u32>>),
+    mut interior: Vec<Vec<u32>>,
     pool: &Watched<'_>,
     stray_error: &mut f64,
 ) -> Result<Vec<RegionChunk>, MeshError> {
@@ -278,14 +276,14 @@ fn finish(
         let region = Surroundings::new(live, &level.faces[r], &inside);
         let left = || level.faces[r].iter().copied().filter(|&f| live.alive[f as usize]);
         let result = left().next().map(|_| {
-            let (places, error) = known.settle(&region, &samples[r]);
+            let (places, error) = known.settle(&region, level.samples.of(r).list);
             let error = known.faces_again(&region, &courses[r].far_faces, error);
             let mut edges = courses[r].edges(live);
             if edges > ABSURD * error && edges <= SUSPICIOUS * courses[r].error {
                 // Something on the way was far; what is there now need not be.
                 let corners: Vec<u32> = left().flat_map(|f| [f * 3, f * 3 + 1, f * 3 + 2]).collect();
                 edges = known.edges(live, &corners, &mut Vec::new(), error.max(courses[r].moved), MOST_DENSE);
-                edges = known.faces(&region, &|_| true, &samples[r], true, &mut Vec::new(), edges);
+                edges = known.faces(&region, &|_| true, level.samples.of(r), true, &mut Vec::new(), edges);
             }
             (places, error.max(edges) * MARGIN)
         });
@@ -294,7 +292,7 @@ fn finish(
             // What the chunk brings lies on finer grids than what is left, and not quite on the input.
             let brings = courses[r].records.collapses.iter().map(|c| live.positions[c.removed as usize]);
             let moves = courses[r].moves.iter().map(|m| live.position(m.cell));
-            samples[r].iter().map(|&s| known.point(s)).chain(corners).chain(brings).chain(moves)
+            level.samples.of(r).list.iter().map(|&s| known.point(s)).chain(corners).chain(brings).chain(moves)
         };
         Some((result, sphere(&points)))
     })?;
@@ -308,12 +306,12 @@ fn finish(
                 error
             }
             None => {
-                let error = deviation.attach_anywhere(live, &samples[r]);
+                let error = deviation.attach_anywhere(live, level.samples.of(r));
                 *stray_error = stray_error.max(error);
                 error
             }
         };
-        let attribute_error = deviation.attribute_error(live, &samples[r], &normals);
+        let attribute_error = deviation.attribute_error(live, level.samples.of(r).list, &normals);
         let stops = course.records.stops.len();
         let stop_errors = course.stops[..stops].iter().rev().map(|e| e * MARGIN).collect();
         let (faces, interior) = (level.faces[r].clone(), std::mem::take(&mut interior[r]));

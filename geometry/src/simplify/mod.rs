@@ -71,7 +71,7 @@ pub(crate) fn simplify(
         pool.begin(Stage::Simplify)?;
         let last = live.faces.len() <= if stuck { top_faces.max(MAX_REGION_FACES) } else { top_faces };
         let count = if last { 1 } else { live.faces.len() / region_faces };
-        let level = Level::new(&live, levels.len(), count, &held);
+        let level = Level::new(&live, &deviation, levels.len(), count, &held);
         let tear = settings.unlock_outlines && levels.is_empty();
         let mut records = level.simplify(&live, last, tear, settings, pool)?;
         if !last {

@@ -4,7 +4,7 @@ use std::cell::OnceCell;
 
 use glam::DVec3;
 
-use crate::mesh::distance::{TriangleBvh, closest_point_on_triangle};
+use crate::mesh::distance::{TriangleBvh, box_is_beyond, closest_point_on_triangle};
 use crate::mesh::vec3::Vec3;
 use crate::simplify::live::Live;
 
@@ -96,7 +96,11 @@ impl<'a> Surroundings<'a> {
             for vertex in live.face_vertices[from as usize] {
                 for other in live.stars.corners(vertex).map(|c| c / 3) {
                     if other != from && over(other) {
-                        let distance = distance_to(point, live.triangle(other as usize));
+                        let triangle = live.triangle(other as usize);
+                        if box_is_beyond(DVec3::from(point), triangle.map(DVec3::from), best.0 * best.0) {
+                            continue;
+                        }
+                        let distance = distance_to(point, triangle);
                         if distance < best.0 {
                             best = (distance, other);
                             if distance <= enough {

@@ -1,7 +1,9 @@
 //! Meshes made from formulas, and how tests prepare them. Everything follows from constants.
 #![allow(dead_code)]
 
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, OnceLock};
 
 use lodestream_geometry::Settings;
 use lodestream_geometry::mesh::{Attributes, Corner, QuantisedMesh, SourceMesh};
@@ -62,9 +64,21 @@ pub(crate) fn stopping(faces: usize) -> Settings {
     Settings { min_part_splits: 4, ..regions(faces) }
 }
 
+/// Prepares a mesh, once for all tests that ask for the same of the same: what is prepared depends on nothing else, as
+/// `determinism` and `golden` show.
 pub(crate) fn prepared(mesh: &QuantisedMesh, settings: &Settings) -> Prepared {
-    prepare(mesh, settings, &Hooks::new(&Serial, &Silent)).unwrap()
+    static KEPT: Mutex<BTreeMap<[u8; 32], Arc<OnceLock<Prepared>>>> = Mutex::new(BTreeMap::new());
+    let work = || prepare(mesh, settings, &Hooks::new(&Serial, &Silent)).unwrap();
+    if mesh.faces.len() > MOST_KEPT_FACES {
+        return work();
+    }
+    let key = blake3::hash(format!("{mesh:?} {settings:?}").as_bytes());
+    let kept = Arc::clone(KEPT.lock().unwrap().entry(key.into()).or_default());
+    kept.get_or_init(work).clone()
 }
+
+/// Larger meshes are for one test each.
+const MOST_KEPT_FACES: usize = 20_000;
 
 /// A face as geometry and attributes: per corner position and attributes, rotated so that the least
 /// comes first; and the material.
