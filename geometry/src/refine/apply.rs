@@ -265,7 +265,11 @@ impl ActiveMesh {
         if let Some(need) = checked.needs.iter().find(|&need| self.applied_stop(need - 1).is_some()) {
             return Err(RefineError::PartialParent { chunk, parent: need - 1 });
         }
-        if self.moves_corners_once(&checked.corners) { Ok(checked) } else { Err(RefineError::Mismatch(chunk)) }
+        if self.moves_corners_once(&checked.corners) {
+            Ok(checked)
+        } else {
+            Err(RefineError::Mismatch(chunk))
+        }
     }
 
     /// Whether no corner is moved twice; the corners must be there. Marks them for the moment, which
