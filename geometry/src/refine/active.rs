@@ -17,8 +17,8 @@ use crate::refine::slots::Slots;
 ///
 /// Memory ([`Self::bytes`]): 85 to 148 bytes a face, measured on eleven meshes with every chunk applied before
 /// vertices knew what moved them, which adds 5 bytes a vertex (and 4 a move, not counted), and before marks, which add
-/// about 1/4 a face; what it is depends on how far the lists have grown beyond what they hold. What undoing a chunk puts back is 8 bytes a
-/// corner and 36 a vertex that the chunk moved, and nothing in a mesh that only grows.
+/// about 1/4 a face; what it is depends on how far the lists have grown beyond what they hold. What undoing a chunk
+/// puts back is 8 bytes a corner and 36 a vertex that the chunk moved, and nothing in a mesh that only grows.
 #[derive(Clone, Debug)]
 pub struct ActiveMesh {
     pub(crate) grid: Grid,
