@@ -19,3 +19,4 @@ pub mod core;
 pub mod net;
 #[cfg(any(feature = "quic", feature = "websocket"))]
 pub mod streaming;
+pub mod threads;

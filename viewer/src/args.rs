@@ -1,5 +1,6 @@
 //! Command line of the viewer.
 
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -94,6 +95,9 @@ pub(crate) struct Args {
     /// Bytes of received data kept for reuse, in MiB
     #[arg(long, value_name = "MIB", default_value_t = 128)]
     pub(crate) cache_mib: u32,
+    /// Threads that decode meshes; without, all but one of the machine's cores, and at least one
+    #[arg(long, value_name = "N")]
+    pub(crate) decode_threads: Option<NonZeroUsize>,
 }
 
 /// Reads a [`Shade`] by its name.

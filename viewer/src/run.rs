@@ -3,6 +3,7 @@
 use std::io::Write as _;
 
 use lodestream_client::core::{Config, StartView, Stats};
+use lodestream_client::threads::Threads;
 use lodestream_render::{AmbientOcclusion, AntiAliasing, Settings, Shade, Shadows};
 
 use crate::args::Args;
@@ -21,6 +22,7 @@ pub(crate) fn core_config(args: &Args) -> Config {
     config.session.scene.clone_from(&args.scene);
     config.select.max_faces = args.max_faces;
     config.cache_bytes = u64::from(args.cache_mib) << 20;
+    config.decoders = Threads::new(args.decode_threads).decoders();
     config
 }
 

@@ -6,7 +6,7 @@ use geometry::DecodeError;
 use geometry::base::Base;
 use geometry::index::ChunkInfo;
 use geometry::mesh::NONE;
-use geometry::refine::{ActiveMesh, ChunkError, RefineError, Touched};
+use geometry::refine::{ActiveMesh, ChunkDelta, ChunkError, RefineError, Touched};
 #[cfg(feature = "zstd")]
 use lodestream_compress::{decode_base, decode_prefix};
 use lodestream_geometry as geometry;
@@ -141,11 +141,30 @@ impl RefinedAsset {
                 }
             }
         } else {
-            let delta = decode_prefix(&self.mesh, chunk, info, stop, bytes)?;
+            let delta = self.decode_chunk(chunk, info, stop, bytes)?;
             self.mesh.apply(&delta)?
         };
         self.note(touched);
         self.levels.insert(chunk, info.level);
+        Ok(())
+    }
+
+    /// Decodes a chunk that is not applied, whose parents are: for [`Self::apply_decoded`].
+    pub(crate) fn decode_chunk(
+        &self,
+        chunk: u32,
+        info: &ChunkInfo,
+        stop: Option<u8>,
+        bytes: &[u8],
+    ) -> Result<ChunkDelta, ChunkError> {
+        decode_prefix(&self.mesh, chunk, info, stop, bytes)
+    }
+
+    /// Applies a decoded chunk of a level. On failure nothing has changed.
+    pub(crate) fn apply_decoded(&mut self, level: u8, delta: &ChunkDelta) -> Result<(), RefineError> {
+        let touched = self.mesh.apply(delta)?;
+        self.note(touched);
+        self.levels.insert(delta.chunk, level);
         Ok(())
     }
 

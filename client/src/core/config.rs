@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use crate::core::decoders::Decoders;
 use lodestream_protocol::client::ClientConfig;
 use lodestream_protocol::select::SelectSettings;
 use lodestream_protocol::view::View;
@@ -31,6 +32,8 @@ pub struct Config {
     pub start: StartView,
     /// Bytes of received blobs that are kept. A smaller cache fetches more often what was undone.
     pub cache_bytes: u64,
+    /// What decodes chunks: by default the thread that calls [`super::ClientCore::update`].
+    pub decoders: Decoders,
     /// Least time between two selections. Longer saves work, shorter reacts faster.
     pub select_interval: Duration,
     /// Decoded texels and vertices that may wait for the renderer before decoding of textures pauses.
@@ -53,6 +56,7 @@ impl Config {
             select: SelectSettings::default(),
             start,
             cache_bytes: 128 << 20,
+            decoders: Decoders::default(),
             select_interval: Duration::from_millis(10),
             max_waiting_bytes: 64 << 20,
             track_changes: true,

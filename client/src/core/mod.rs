@@ -13,13 +13,14 @@
 //!
 //! What is drawn only ever goes from coarse to fine and back: an asset is drawn from its base mesh on, a
 //! chunk is applied whole or not at all, and what no view needs is undone, finest first, its bytes kept
-//! in a bounded cache.
+//! in a bounded cache. Chunks are decoded on threads that the host lends ([`Decoders`]), or on the caller's.
 
 mod asset;
 mod cache;
 mod changes;
 mod client_core;
 mod config;
+mod decoders;
 mod failures;
 mod lamp_pages;
 mod milestones;
@@ -39,6 +40,7 @@ pub use asset::uv_per_unit;
 pub use changes::{Change, IndexRun, MeshChange, NewAsset, TextureChange, Vertex};
 pub use client_core::{ClientCore, Progress};
 pub use config::{Config, StartView};
+pub use decoders::Decoders;
 pub use milestones::{Milestone, Milestones, QUALITIES_PX};
 pub use stats::{Connection, Received, Stats};
 pub use texture_file::{TextureFileError, TexturePixels};

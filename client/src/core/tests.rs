@@ -1,5 +1,6 @@
 //! Tests of the core against a real server session, in virtual time.
 
+mod decoding;
 mod lamps;
 
 use lodestream_protocol::blob::BlobId;

@@ -6,6 +6,7 @@
 use crate::asset::index::{ChunkInfo, Stop};
 use crate::codec::chunk_coder::{ChunkCoder, Resolution};
 use crate::codec::local::{Elements, Local};
+use crate::codec::memory::Memory;
 use crate::codec::model::{
     AREAS, BENDS, BIRTH_AXIS, BIRTHS, DEPTHS, FLAG_AREA, FLAG_BEND, FLAG_VALENCE, INTERIOR, MAX_VALENCE,
     MIX_FLAG, MORE_SEEDS, SEED_INTERIOR, SEED_OWNER, SEGMENTS, STREAMS, contexts,
@@ -138,29 +139,31 @@ impl ActiveMesh {
             return fail(format!("{elements} elements announced, more than {} bytes can be", payload.len()));
         }
         let fewest = least_bytes(elements);
-        // Room for the splits announced, if each takes 16 bits, which is usual.
-        let splits = (info.vertices as usize).min(payload.len() / 2);
+        let mut memory = Memory::take();
+        let parents = info.parents.clone();
         let decoded = match self.codec {
             Codec::Range => {
-                let mut decoder = Decoder::new(contexts(), payload);
-                let mut hearing = ChunkCoder::hearing(&mut decoder, self, chunk, shift, splits);
+                let mut decoder = Decoder::new(memory.contexts(), payload);
+                let mut hearing = ChunkCoder::hearing(&mut decoder, self, chunk, shift, &mut memory);
                 let heard = hearing.chunk(&ends, info.vertices);
-                let local = hearing.local;
+                let delta = hearing.heard(heard, parents, &mut memory);
                 // Behind a stop comes what nobody reads.
-                let ended = heard.and_then(|_| if stop.is_none() { decoder.end(fewest) } else { Ok(()) });
-                ended.map(|()| local)
+                let ended = if stop.is_none() { decoder.end(fewest) } else { Ok(()) };
+                memory.keep_contexts(decoder.into_contexts());
+                delta.and_then(|delta| ended.map(|()| delta))
             }
             Codec::Plain if stop.is_some() => return fail("its codec has no stopping points".into()),
             Codec::Plain => PlainDecoder::new(&STREAMS, payload).and_then(|mut decoder| {
-                let mut hearing = ChunkCoder::hearing(&mut decoder, self, chunk, shift, splits);
-                hearing.chunk(&ends, info.vertices)?;
-                let local = hearing.local;
+                let mut hearing = ChunkCoder::hearing(&mut decoder, self, chunk, shift, &mut memory);
+                let heard = hearing.chunk(&ends, info.vertices);
+                let delta = hearing.heard(heard, parents, &mut memory)?;
                 decoder.end(fewest)?;
-                Ok(local)
+                Ok(delta)
             }),
         };
-        let local = decoded.map_err(|e| DecodeError::new(format!("chunk {chunk}"), e.why))?;
-        Ok(ChunkDelta { stop, ..local.into_delta(chunk, info.parents.clone()) })
+        memory.keep();
+        let delta = decoded.map_err(|e| DecodeError::new(format!("chunk {chunk}"), e.why))?;
+        Ok(ChunkDelta { stop, ..delta })
     }
 }
 
@@ -200,7 +203,7 @@ pub(crate) fn encode(
         vertices,
         wedges: tail(&names.wedges, added.wedges),
         faces: tail(&names.faces, added.faces),
-        delta: local.into_delta(chunk, parents),
+        delta: local.delta(chunk, parents),
         stops,
     })
 }
@@ -314,14 +317,14 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         Ok(())
     }
 
-    /// Whether a vertex splits; looks at its star.
+    /// Whether a vertex splits.
     fn flag(&mut self, v: u32, pass: &Pass) -> bool {
         let want = self.guide.as_ref().is_some_and(|g| g.splits(v));
-        let local = &self.local;
-        let area = local.star(v, &mut self.scratch.star);
         if !C::MODELS {
             return self.coder.bit(FLAG_AREA, want);
         }
+        let local = &self.local;
+        let area = local.star_area(v);
         let Pass { segment, depth, fair } = *pass;
         let size = class(quarter_octaves(area / fair) / 2 + 6, AREAS);
         let depth = depth.min(DEPTHS - 1);

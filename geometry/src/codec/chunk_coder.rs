@@ -5,10 +5,12 @@
 //! `split`, `position`, `wedges`.
 
 use crate::codec::local::Local;
+use crate::codec::memory::Memory;
 use crate::codec::plan::Guide;
 use crate::codec::residual::Recent;
 use crate::codec::scratch::Scratch;
-use crate::refine::ActiveMesh;
+use crate::error::DecodeError;
+use crate::refine::{ActiveMesh, ChunkDelta};
 
 /// How fine the positions are that a chunk brings.
 #[derive(Clone, Copy, Debug)]
@@ -39,17 +41,18 @@ pub(crate) struct ChunkCoder<'a, 'm, C> {
 impl<'a, 'm, C> ChunkCoder<'a, 'm, C> {
     /// For an encoder, of what `guide` wants.
     pub(crate) fn saying(coder: &'a mut C, mesh: &'m ActiveMesh, chunk: u32, guide: Guide<'a>) -> Self {
-        let (shift, splits) = (guide.source.shift, guide.source.records.collapses.len());
-        Self { guide: Some(guide), ..Self::hearing(coder, mesh, chunk, shift, splits) }
+        let shift = guide.source.shift;
+        Self { guide: Some(guide), ..Self::hearing(coder, mesh, chunk, shift, &mut Memory::default()) }
     }
 
-    /// For a decoder, of a chunk of about so many splits, whose grid leaves out `shift` bits.
+    /// For a decoder, of a chunk whose grid leaves out `shift` bits. What it takes of `memory` is given back by
+    /// [`Self::heard`].
     pub(crate) fn hearing(
         coder: &'a mut C,
         mesh: &'m ActiveMesh,
         chunk: u32,
         shift: u8,
-        splits: usize,
+        memory: &mut Memory,
     ) -> Self {
         Self {
             coder,
@@ -57,11 +60,25 @@ impl<'a, 'm, C> ChunkCoder<'a, 'm, C> {
             chunk,
             resolution: Resolution { bits: mesh.grid.bits, shift },
             guide: None,
-            local: Local::new(mesh, chunk, splits),
+            local: Local::new(mesh, chunk, std::mem::take(&mut memory.local)),
             recent: Recent::default(),
             recent_uv: Recent::default(),
-            scratch: Scratch::default(),
+            scratch: std::mem::take(&mut memory.scratch),
         }
+    }
+
+    /// What was heard, if all of it was; gives the memory back.
+    pub(crate) fn heard<T>(
+        self,
+        heard: Result<T, DecodeError>,
+        parents: Vec<u32>,
+        memory: &mut Memory,
+    ) -> Result<ChunkDelta, DecodeError> {
+        // Where it broke off, new faces may lack their wedges.
+        let delta = heard.map(|_| self.local.delta(self.chunk, parents));
+        memory.local = self.local.memory();
+        memory.scratch = self.scratch;
+        delta
     }
 
     /// Whether nobody says what is wanted, so that what was announced must be held to.

@@ -28,25 +28,54 @@ const SMALL: usize = 16;
 pub(crate) struct Fan {
     pub(crate) spokes: Vec<Spoke>,
     pub(crate) segments: Vec<Segment>,
+    /// Which face of the star begins at a vertex, in stars of up to [`SMALL`]: right where that face says so too.
+    starts: Vec<u8>,
 }
 
 impl Fan {
     /// Sorts a star: open runs from their start, in order of their
     /// first face, then closed ones. Cost O(n log n) for n faces, whatever they look like.
-    pub(crate) fn sort(&mut self, star: &[Spoke]) {
+    /// Vertices' numbers must be below `vertices`.
+    pub(crate) fn sort(&mut self, star: &[Spoke], vertices: usize) {
         if star.len() > SMALL {
-            return self.sort_in(star, Search::new(star));
-        }
-        // Most stars are closed: then the run from any face holds them all.
-        let mut faces = Look::new(star);
-        self.clear();
-        if !star.is_empty() {
-            self.run(star, &mut faces, 0);
-        }
-        let all = self.spokes.len() == star.len();
-        if !all || self.segments.iter().any(|s| !s.closed) {
+            self.sort_in(star, Search::new(star));
+        } else if !self.go_round(star, vertices) {
             self.sort_in(star, Look::new(star));
         }
+    }
+
+    /// Sorts a star that is one closed run in which no two faces begin at one vertex; answers whether it is.
+    fn go_round(&mut self, star: &[Spoke], vertices: usize) -> bool {
+        self.clear();
+        if self.starts.len() < vertices {
+            self.starts.resize(vertices, 0);
+        }
+        for (number, spoke) in (0..).zip(star) {
+            self.starts[spoke.a as usize] = number;
+        }
+        let mut each = star.iter().enumerate();
+        if star.len() < 2 || !each.all(|(number, spoke)| usize::from(self.starts[spoke.a as usize]) == number)
+        {
+            return false;
+        }
+        let mut number = 0;
+        loop {
+            let spoke = star[number];
+            self.spokes.push(spoke);
+            number = usize::from(self.starts[spoke.b as usize]);
+            if star.get(number).is_none_or(|next| next.a != spoke.b) {
+                return false;
+            }
+            // Where each begins elsewhere, the first to come again is the first, unless two end at one vertex.
+            if number == 0 || self.spokes.len() == star.len() {
+                break;
+            }
+        }
+        let closed = number == 0 && self.spokes.len() == star.len();
+        if closed {
+            self.segments.push(Segment { start: 0, end: star.len(), closed });
+        }
+        closed
     }
 
     fn clear(&mut self) {
@@ -203,7 +232,7 @@ mod tests {
 
     fn sorted(star: &[Spoke]) -> Fan {
         let mut fan = Fan::default();
-        fan.sort(star);
+        fan.sort(star, 10);
         fan
     }
 

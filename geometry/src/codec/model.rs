@@ -4,6 +4,7 @@ use std::sync::LazyLock;
 
 use crate::entropy::context::{Contexts, MAX_INPUTS, Prob};
 use crate::entropy::plain_coder::StreamTable;
+use crate::entropy::range_coder::MIX_TREE_BITS;
 use crate::entropy::symbols::{INTEGER_CONTEXTS, tree_contexts};
 
 /// Valences up to this have contexts of their own.
@@ -23,7 +24,7 @@ pub(crate) const RECENTS: usize = 4;
 /// Classes of how the residual before compared with what was expected of it.
 pub(crate) const OTHERS: usize = 8;
 /// Bits of a residual's class.
-pub(crate) const CLASS_BITS: u32 = 4;
+pub(crate) const CLASS_BITS: u32 = MIX_TREE_BITS;
 pub(crate) const CLASSES: usize = tree_contexts(CLASS_BITS);
 
 /// Bits that a vertex's position gains, told apart up to this.
@@ -149,11 +150,23 @@ const PRIOR_BYTES: usize = CONTEXTS * 3 + MIXERS * MAX_INPUTS * 4;
 
 /// What every stream starts from.
 pub(crate) fn contexts() -> Contexts {
+    trained().clone()
+}
+
+/// The same, in memory of contexts that are of no more use.
+pub(crate) fn contexts_in(old: Option<Contexts>) -> Contexts {
+    let Some(mut contexts) = old else { return contexts() };
+    contexts.probs.clone_from(&trained().probs);
+    contexts.weights.clone_from(&trained().weights);
+    contexts
+}
+
+fn trained() -> &'static Contexts {
     // While the layout changes the table does not fit it, and training starts from nothing.
     static TRAINED: LazyLock<Contexts> = LazyLock::new(|| {
         if PRIORS.len() == PRIOR_BYTES { Contexts::from_bytes(PRIORS, CONTEXTS) } else { untrained() }
     });
-    TRAINED.clone()
+    &TRAINED
 }
 
 /// What training starts from: nothing known, all inputs of a mixer worth the same.

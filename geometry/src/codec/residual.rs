@@ -5,7 +5,7 @@
 //! before it, of the same vertex, did. Residuals expected to be long send their lowest bits as they are,
 //! so that the same contexts serve all scales.
 
-use crate::codec::model::{CLASS_BITS, CLASSES, OTHERS, RECENTS, SIZES};
+use crate::codec::model::{CLASSES, OTHERS, RECENTS, SIZES};
 use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::{integer, unzigzag, zigzag};
 use crate::numbers::{class, id32};
@@ -78,12 +78,7 @@ impl Residual {
         let class = class_of(magnitude);
         let a = self.recent + (bucket * RECENTS + recent) * CLASSES;
         let b = self.other + (bucket / 2 * OTHERS + other) * CLASSES;
-        let mut node = 1;
-        for i in (0..CLASS_BITS).rev() {
-            let bit = coder.mix([a + node, b + node], self.mixer, (class >> i) & 1 == 1);
-            node = node * 2 + usize::from(bit);
-        }
-        let class = node - CLASSES;
+        let class = coder.mix_tree([a, b], self.mixer, class) as usize;
         let (start, width) = CLASS_RANGE[class];
         let mut got = if class == LAST_CLASS {
             start.wrapping_add(integer(coder, self.rest, magnitude.wrapping_sub(start) & 0x3fff_ffff))

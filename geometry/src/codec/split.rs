@@ -2,31 +2,28 @@
 
 use crate::codec::chunk_coder::ChunkCoder;
 use crate::codec::fan::Fan;
-use crate::codec::local::Local;
-use crate::codec::model::{
-    CUT, EXTRA_IN_RING, EXTRAS, LABEL, LONG_RUN, MAX_VALENCE, MIX_START, RUN_GAP, RUN_LENGTH, RUN_START,
-    SINGLE_RUN,
-};
+use crate::codec::model::{CUT, EXTRA_IN_RING, EXTRAS, LABEL, LONG_RUN, MAX_VALENCE, RUN_LENGTH, SINGLE_RUN};
 use crate::codec::moves::Whose;
 use crate::codec::plan::Born;
 use crate::codec::position::Roles;
-use crate::codec::scratch::{Added, Cut, RingVertex, Scratch, Split};
+use crate::codec::scratch::{Added, Cut, Scratch, Split};
+use crate::codec::start::{code_start, score_starts};
 use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::{index, integer, tree, tree_contexts};
 use crate::error::DecodeError;
-use crate::mesh::vec3::{Vec3, add, cross, dot, scale, sub};
-use crate::numbers::{class, id32, real, truncated};
+use crate::numbers::id32;
 
 /// Most new faces of one split beyond the usual two.
 const MAX_EXTRAS: u32 = 1 << 16;
 
 impl<C: Coder> ChunkCoder<'_, '_, C> {
-    /// Codes the split of `t`, whose star is the one looked at last; returns the new vertex.
+    /// Codes the split of `t`; returns the new vertex.
     pub(crate) fn split(&mut self, t: u32) -> Result<u32, DecodeError> {
         let born = self.guide.as_mut().map_or_else(Vec::new, |g| g.begin_split(t));
         let mut split = std::mem::take(&mut self.scratch.split);
         split.t = t;
-        split.fan.sort(&self.scratch.star);
+        self.local.star(t, &mut self.scratch.star);
+        split.fan.sort(&self.scratch.star, self.local.vertices.len());
         self.labels(&mut split)?;
         find_cuts(&mut split);
         self.faces(&mut split, born)?;
@@ -57,6 +54,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         let wanted: Option<Vec<bool>> = guide.map(|g| fan.spokes.iter().map(|s| g.moves(s.face)).collect());
         moves.clear();
         moves.resize(n, false);
+        split.run = None;
         if fan.segments.len() == 1 {
             let closed = fan.segments[0].closed;
             let run = wanted.as_ref().map(|w| single_run(w, closed));
@@ -71,13 +69,16 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
                 };
                 let mut at = 0;
                 if starts > 1 {
-                    rank_starts(&self.local, fan, split.t, length, starts, &mut self.scratch);
-                    at = code_start(self.coder, &self.scratch.scores, n, start)?;
+                    let Scratch { ring, scores, keys, .. } = &mut self.scratch;
+                    score_starts(&self.local, fan, split.t, length, starts, ring, scores);
+                    let start = wanted.is_some().then_some(start);
+                    at = code_start(self.coder, scores, keys, n, start)?;
                 }
                 // A run of a closed star may reach over the end of the list.
                 let (over, end) = ((at + length).saturating_sub(n), (at + length).min(n));
                 moves[at..end].fill(true);
                 moves[..over].fill(true);
+                split.run = Some((at, length));
                 return Ok(());
             }
         }
@@ -136,12 +137,9 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
             guide.names.vertex(name);
         }
         split.targets.clear();
-        for (spoke, moves) in split.fan.spokes.iter().zip(&split.moves) {
-            split.targets.push(local.spoke_wedges(spoke)[0]);
-            if *moves {
-                local.move_corner(spoke, u);
-            }
-        }
+        split.targets.extend(split.fan.spokes.iter().map(|spoke| local.spoke_wedges(spoke)[0]));
+        let moving = split.fan.spokes.iter().zip(&split.moves).filter(|(_, moves)| **moves);
+        local.move_corners(moving.map(|(spoke, _)| spoke), t, u);
         for face in &mut split.added {
             face.local = local.add_face(if face.left { [t, face.x, u] } else { [u, face.x, t] });
             if let (Some(guide), Some(name)) = (&mut self.guide, face.face) {
@@ -164,32 +162,6 @@ fn code_length<C: Coder>(coder: &mut C, n: usize, closed: bool, length: usize) -
     Ok(length)
 }
 
-/// Which of the ranked starts it is: "this one?" down the list, by how much worse the next one is.
-fn code_start<C: Coder>(
-    coder: &mut C,
-    scores: &[(f64, usize)],
-    n: usize,
-    start: usize,
-) -> Result<usize, DecodeError> {
-    let want = scores.iter().position(|s| s.1 == start).unwrap_or(0);
-    if scores.len() > 64 {
-        return Ok(scores[index(coder, scores.len(), want, "chunk: start of a run")?].1);
-    }
-    if let Some(rank) = coder.whole(RUN_START, 6, id32(want)) {
-        let start = scores.get(rank as usize);
-        return start.map(|s| s.1).ok_or_else(|| DecodeError::new("chunk", "a run starts nowhere"));
-    }
-    let last = scores.len() - 1;
-    for rank in 0..last {
-        let gap = class(truncated((scores[rank + 1].0 - scores[rank].0) * 4.0), 16);
-        let contexts = [RUN_START + n.min(MAX_VALENCE) * 8 + rank.min(7), RUN_GAP + rank.min(7) * 16 + gap];
-        if coder.mix(contexts, MIX_START, rank == want) {
-            return Ok(scores[rank].1);
-        }
-    }
-    Ok(scores[last].1)
-}
-
 /// The only run of moving spokes, as (start, length), where there is at most one.
 fn single_run(moves: &[bool], closed: bool) -> Option<(usize, usize)> {
     let n = moves.len();
@@ -203,102 +175,13 @@ fn single_run(moves: &[bool], closed: bool) -> Option<(usize, usize)> {
     (starts.len() == 1).then(|| (starts[0], length))
 }
 
-/// Starts of a run of `length` in order of plausibility, as (score, start), lowest score first.
-///
-/// The score is linear in what was seen to tell starts apart, with weights from a logistic regression
-/// over the splits of several models (bunny left out), so differences are log odds.
-fn rank_starts(local: &Local<'_>, fan: &Fan, t: u32, length: usize, starts: usize, scratch: &mut Scratch) {
-    let Scratch { ring, scores, .. } = scratch;
-    let whole = look_around(local, fan, t, ring);
-    if fan.segments[0].closed {
-        // Runs may reach over the end of the list.
-        ring.extend_from_within(..length);
-    }
-    scores.clear();
-    // Sum over the ring vertices inside the run; exact, since coordinates are integers.
-    let mut inside = ring[1..length].iter().fold([0.0; 3], |sum, v| add(sum, v.at));
-    for (start, run) in ring.windows(length + 1).enumerate().take(starts) {
-        let (left, right) = (&run[0], &run[length]);
-        let middle = add(scale(add(left.at, right.at), 0.5), inside);
-        let area = run[1..length].iter().fold(left.area, |sum, v| sum + v.area);
-        let score = VALENCE * (left.valence + right.valence)
-            + SHARE * area / whole.area
-            + OUTWARD * dot(middle, whole.outward) / real(length)
-            + STRAIGHT * dot(left.at, right.at) / (left.length * right.length).max(1e-9)
-            + LENGTH * (left.length + right.length) * whole.inverse
-            + INSIDE * (left.interior + right.interior);
-        scores.push((-score, start));
-        if length > 1 {
-            inside = sub(add(inside, right.at), run[1].at);
-        }
-    }
-    scores.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-}
-
-/// What the starts of one star share.
-struct Whole {
-    /// Sum of the areas.
-    area: f64,
-    /// Where the ring's mean lies in the tangent plane, over the mean square radius.
-    outward: Vec3,
-    /// One over the root of the mean square radius.
-    inverse: f64,
-}
-
-/// The ring around `t`, in order.
-fn look_around(local: &Local<'_>, fan: &Fan, t: u32, ring: &mut Vec<RingVertex>) -> Whole {
-    let n = fan.spokes.len();
-    let center = local.position(t);
-    let mut mean = [0.0; 3];
-    let mut square = 0.0;
-    ring.clear();
-    let mut see = |v: u32, area: f64| {
-        let vertex = &local.vertices[v as usize];
-        let at = sub(vertex.position, center);
-        let size = dot(at, at);
-        mean = add(mean, at);
-        square += size;
-        let (valence, interior) = (real(local.valence(v)), f64::from(u8::from(vertex.interior)));
-        ring.push(RingVertex { at, length: size.sqrt(), valence, interior, area });
-    };
-    for spoke in &fan.spokes {
-        see(spoke.a, local.face_area(spoke.face));
-    }
-    if !fan.segments[0].closed {
-        see(fan.spokes[n - 1].b, 0.0);
-    }
-    let count = ring.len();
-    let inverse = 1.0 / (square / real(count)).sqrt().max(1e-9);
-    mean = scale(mean, 1.0 / real(count));
-    let mut normal = [0.0; 3];
-    let mut area = 0.0;
-    for i in 0..n {
-        let next = if i + 1 < count { i + 1 } else { 0 };
-        normal = add(normal, cross(ring[i].at, ring[next].at));
-        area += ring[i].area;
-    }
-    let size = dot(normal, normal);
-    if size > 0.0 {
-        // What is left of the mean lies in the tangent plane: the new vertex is on that side.
-        mean = sub(mean, scale(normal, dot(mean, normal) / size));
-    }
-    Whole { area: area.max(1e-9), outward: scale(mean, inverse * inverse), inverse }
-}
-
-/// Log odds per: face at either end of the run, share of the star's area in it, how far its middle lies
-/// to the star's heavy side (in mean radii squared), cosine between its ends, their distance (in mean
-/// radii), end that is interior.
-const VALENCE: f64 = -0.096;
-const SHARE: f64 = 2.6;
-const OUTWARD: f64 = 5.73;
-const STRAIGHT: f64 = -0.513;
-const LENGTH: f64 = -1.17;
-const INSIDE: f64 = 0.65;
-
 /// Where new faces are expected: around each run of moving spokes.
 fn find_cuts(split: &mut Split) {
-    let Split { fan, moves, cuts, .. } = split;
+    let Split { fan, moves, cuts, run, .. } = split;
     cuts.clear();
+    if let Some((start, length)) = *run {
+        return cut_run(fan, start, length, cuts);
+    }
     for segment in &fan.segments {
         let (start, end) = (segment.start, segment.end);
         for i in (start..end).filter(|&i| moves[i]) {
@@ -312,4 +195,23 @@ fn find_cuts(split: &mut Split) {
             }
         }
     }
+}
+
+/// The same for one run in a fan that is one segment.
+fn cut_run(fan: &Fan, start: usize, length: usize, cuts: &mut Vec<Cut>) {
+    let (n, closed) = (fan.spokes.len(), fan.segments[0].closed);
+    if length == 0 || (closed && length == n) {
+        return;
+    }
+    let reaches_over = start + length > n;
+    let last = if reaches_over { start + length - n } else { start + length } - 1;
+    let (before, after) = if closed {
+        (Some(if start == 0 { n - 1 } else { start - 1 }), Some(if last + 1 == n { 0 } else { last + 1 }))
+    } else {
+        (start.checked_sub(1), Some(last + 1).filter(|&after| after < n))
+    };
+    let first = Cut { x: fan.spokes[start].a, left: true, stays: before, moves: start };
+    let second = Cut { x: fan.spokes[last].b, left: false, stays: after, moves: last };
+    // In order of the list.
+    cuts.extend(if reaches_over { [second, first] } else { [first, second] });
 }

@@ -145,7 +145,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         let u_guess = at_u.or(self.local.first_wedge(split.u));
         let u_wedge = self.corner(&corner(AT_NEW, split.u, u_guess))?;
 
-        let near = beside.map_or(0, |f| self.local.faces[f as usize].material);
+        let near = beside.map_or(0, |f| self.local.material(f));
         let want = match (added.face, &self.guide) {
             (Some(face), Some(g)) => g.source.materials[face as usize],
             _ => near,

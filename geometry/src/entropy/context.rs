@@ -29,20 +29,12 @@ impl Default for Prob {
 impl Prob {
     /// Moves the estimate towards what was seen, by 1/(n + 1.5).
     #[inline]
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "below 65536 and not negative: see the step, and the test over all estimates"
-    )]
+    #[expect(clippy::cast_sign_loss, reason = "not negative: see the test over all estimates")]
     pub fn update(&mut self, bit: bool) {
         let (p, rate) = (i32::from(self.p), RATE[usize::from(self.seen)]);
-        // A step never passes its target, so it can only leave the range on one side.
-        let p = if bit {
-            (p + (((65535 - p) * rate) >> 15)).min(65536 - MARGIN)
-        } else {
-            (p + ((-p * rate) >> 15)).max(MARGIN)
-        };
-        self.p = p as u16;
+        // Without a branch: what is coded is what cannot be foreseen.
+        let target = 65535 * i32::from(bit);
+        self.p = (p + (((target - p) * rate) >> 15)).clamp(MARGIN, 65536 - MARGIN) as u16;
         self.seen += u8::from(self.seen < MAX_COUNT);
     }
 }
@@ -150,27 +142,49 @@ impl Contexts {
     #[inline(always)]
     #[must_use]
     pub fn mixed<const N: usize>(&self, contexts: [usize; N], mixer: usize) -> Mixed<N> {
-        let weights = &self.weights[mixer];
-        let mut dot = 0_i64;
-        let mut stretched = [0; N];
-        for i in 0..N {
-            stretched[i] = i32::from(STRETCH[usize::from(self.probs[contexts[i]].p >> 4)]);
-            dot += i64::from(stretched[i]) * i64::from(weights[i]);
-        }
-        let x = (dot >> 16).clamp(-2047, 2047) + 2048;
-        Mixed { p: SQUASH[usize::try_from(x).unwrap_or(0)], stretched }
+        Mixed::of(contexts.map(|context| self.probs[context]), &self.weights[mixer])
     }
 
     /// Moves the contexts and the weights that gave an estimate towards what was seen.
     #[inline(always)]
     pub fn learn<const N: usize>(&mut self, contexts: [usize; N], mixer: usize, mixed: &Mixed<N>, bit: bool) {
-        let error = (i32::from(bit) << 16) - i32::from(mixed.p);
-        let weights = &mut self.weights[mixer];
-        for i in 0..N {
-            self.probs[contexts[i]].update(bit);
+        for context in contexts {
+            self.probs[context].update(bit);
+        }
+        mixed.teach(&mut self.weights[mixer], bit);
+    }
+
+    /// Two runs of `T` contexts that do not overlap, the first before the second, and the weights of `mixer`.
+    #[inline]
+    pub fn trees<const T: usize>(&mut self, [a, b]: [usize; 2], mixer: usize) -> Option<Trees<'_, T>> {
+        let (low, high) = self.probs.split_at_mut_checked(b)?;
+        let trees = [low.get_mut(a..)?.first_chunk_mut()?, high.first_chunk_mut()?];
+        Some((trees, self.weights.get_mut(mixer)?))
+    }
+}
+
+/// What [`Contexts::trees`] gives.
+pub type Trees<'a, const T: usize> = ([&'a mut [Prob; T]; 2], &'a mut [i32; MAX_INPUTS]);
+
+impl<const N: usize> Mixed<N> {
+    /// The estimates, mixed by weights.
+    #[inline(always)]
+    #[must_use]
+    pub fn of(probs: [Prob; N], weights: &[i32; MAX_INPUTS]) -> Self {
+        let stretched = probs.map(|prob| i32::from(STRETCH[usize::from(prob.p >> 4)]));
+        let products = stretched.iter().zip(weights).map(|(&s, &weight)| i64::from(s) * i64::from(weight));
+        let x = (products.sum::<i64>() >> 16).clamp(-2047, 2047) + 2048;
+        Self { p: SQUASH[usize::try_from(x).unwrap_or(0)], stretched }
+    }
+
+    /// Moves the weights towards what was seen.
+    #[inline(always)]
+    pub fn teach(&self, weights: &mut [i32; MAX_INPUTS], bit: bool) {
+        let error = (i32::from(bit) << 16) - i32::from(self.p);
+        for (weight, s) in weights.iter_mut().zip(self.stretched) {
             // Below 2^11 times 2^16.
-            let step = (mixed.stretched[i] * error) >> LEARNING_SHIFT;
-            weights[i] = (weights[i] + step).clamp(-(1 << 20), 1 << 20);
+            let step = (s * error) >> LEARNING_SHIFT;
+            *weight = (*weight + step).clamp(-(1 << 20), 1 << 20);
         }
     }
 }

@@ -8,22 +8,34 @@
 //! Encoder and decoder implement one trait, [`Coder`], so that a model is written once and cannot
 //! disagree with itself.
 
-use crate::entropy::context::Contexts;
+use crate::entropy::context::{Contexts, Mixed};
 use crate::entropy::steps;
 use crate::error::DecodeError;
+use crate::numbers::id32;
 
 /// Range below which bytes are shifted out.
 const TOP: u32 = 1 << 24;
 
+/// Bits of a symbol of [`Coder::mix_tree`].
+pub const MIX_TREE_BITS: u32 = 4;
+/// Contexts of its tree.
+const TREE: usize = 1 << MIX_TREE_BITS;
+
 /// Writes or reads symbols: a model calls it with the value it would write, and goes on with the
 /// value it gets back. An encoder returns what it was given; a decoder ignores it.
-pub trait Coder {
+pub trait Coder: Sized {
     /// Whether contexts matter: where they do not, nobody needs to work them out.
     const MODELS: bool = true;
     /// Codes one bit with the adaptive probability `context`.
     fn bit(&mut self, context: usize, value: bool) -> bool;
     /// Codes one bit with several contexts, mixed by the weights of `mixer`.
     fn mix<const N: usize>(&mut self, contexts: [usize; N], mixer: usize, value: bool) -> bool;
+    /// Codes `value` < 2^[`MIX_TREE_BITS`], most significant bit first down a binary tree, of whose nodes each has a
+    /// context behind each of `at`, mixed by the weights of `mixer`.
+    #[inline]
+    fn mix_tree(&mut self, at: [usize; 2], mixer: usize, value: u32) -> u32 {
+        mix_bits(self, at, mixer, value)
+    }
     /// Codes `bits` (0 to 32) equiprobable bits.
     fn raw(&mut self, bits: u32, value: u32) -> u32;
     /// Codes `value < 2^bits` (0 to 32) in one piece, with the contexts from `at` on, if the coder takes
@@ -41,6 +53,16 @@ pub trait Coder {
     fn bytes(&self) -> usize {
         0
     }
+}
+
+/// [`Coder::mix_tree`], bit by bit.
+fn mix_bits<C: Coder>(coder: &mut C, at: [usize; 2], mixer: usize, value: u32) -> u32 {
+    let mut node = 1_u32;
+    for i in (0..MIX_TREE_BITS).rev() {
+        let bit = coder.mix(at.map(|at| at + node as usize), mixer, (value >> i) & 1 == 1);
+        node = node * 2 + u32::from(bit);
+    }
+    node - (1 << MIX_TREE_BITS)
 }
 
 /// Encodes symbols into bytes.
@@ -154,6 +176,12 @@ impl Coder for Encoder {
 #[derive(Debug)]
 pub struct Decoder<'a> {
     contexts: Contexts,
+    stream: Stream<'a>,
+}
+
+/// The interval, and the bytes that say where in it.
+#[derive(Debug)]
+struct Stream<'a> {
     bytes: &'a [u8],
     next: usize,
     range: u32,
@@ -164,11 +192,11 @@ impl<'a> Decoder<'a> {
     /// Starts decoding.
     #[must_use]
     pub fn new(contexts: Contexts, bytes: &'a [u8]) -> Self {
-        let mut decoder = Self { contexts, bytes, next: 0, range: u32::MAX, code: 0 };
+        let mut stream = Stream { bytes, next: 0, range: u32::MAX, code: 0 };
         for _ in 0..4 {
-            decoder.code = (decoder.code << 8) | u32::from(decoder.byte());
+            stream.code = (stream.code << 8) | u32::from(stream.byte());
         }
-        decoder
+        Self { contexts, stream }
     }
 
     /// Ends decoding.
@@ -177,9 +205,18 @@ impl<'a> Decoder<'a> {
     /// If the stream was too short, or has bytes that nothing needed, other than padding to `fewest`.
     pub fn end(&self, fewest: usize) -> Result<(), DecodeError> {
         self.check()?;
-        nothing_left(self.bytes.get(self.next..).unwrap_or_default(), self.bytes.len() <= fewest)
+        let Stream { bytes, next, .. } = self.stream;
+        nothing_left(bytes.get(next..).unwrap_or_default(), bytes.len() <= fewest)
     }
 
+    /// The contexts that were believed, as they are now.
+    #[must_use]
+    pub fn into_contexts(self) -> Contexts {
+        self.contexts
+    }
+}
+
+impl Stream<'_> {
     #[inline]
     fn byte(&mut self) -> u8 {
         let byte = self.bytes.get(self.next).copied().unwrap_or(0);
@@ -187,7 +224,7 @@ impl<'a> Decoder<'a> {
         byte
     }
 
-    #[inline]
+    #[inline(always)]
     fn normalise(&mut self) {
         while self.range < TOP {
             self.range <<= 8;
@@ -196,17 +233,13 @@ impl<'a> Decoder<'a> {
     }
 
     /// Narrows the interval by a bit; [`Self::normalise`] must follow.
-    #[inline]
+    #[inline(always)]
     fn get(&mut self, p: u16) -> bool {
         steps::take(1);
         let bound = (self.range >> 16) * u32::from(p);
         let value = self.code < bound;
-        if value {
-            self.range = bound;
-        } else {
-            self.code -= bound;
-            self.range -= bound;
-        }
+        self.code -= if value { 0 } else { bound };
+        self.range = if value { bound } else { self.range - bound };
         value
     }
 }
@@ -222,39 +255,59 @@ pub fn nothing_left(rest: &[u8], zeros: bool) -> Result<(), DecodeError> {
 impl Coder for Decoder<'_> {
     #[inline]
     fn bit(&mut self, context: usize, _value: bool) -> bool {
-        let value = self.get(self.contexts.probs[context].p);
-        self.contexts.probs[context].update(value);
-        self.normalise();
+        let prob = &mut self.contexts.probs[context];
+        let value = self.stream.get(prob.p);
+        prob.update(value);
+        self.stream.normalise();
         value
     }
 
     #[inline(always)]
     fn mix<const N: usize>(&mut self, contexts: [usize; N], mixer: usize, _value: bool) -> bool {
         let mixed = self.contexts.mixed(contexts, mixer);
-        let value = self.get(mixed.p);
+        let value = self.stream.get(mixed.p);
         self.contexts.learn(contexts, mixer, &mixed, value);
-        self.normalise();
+        self.stream.normalise();
         value
+    }
+
+    fn mix_tree(&mut self, at: [usize; 2], mixer: usize, value: u32) -> u32 {
+        let Some(([low, high], weights)) = self.contexts.trees::<TREE>(at, mixer) else {
+            return mix_bits(self, at, mixer, value);
+        };
+        let mut node = 1;
+        for _ in 0..MIX_TREE_BITS {
+            let (a, b) = (&mut low[node % TREE], &mut high[node % TREE]);
+            let mixed = Mixed::of([*a, *b], weights);
+            let bit = self.stream.get(mixed.p);
+            a.update(bit);
+            b.update(bit);
+            mixed.teach(weights, bit);
+            self.stream.normalise();
+            node = node * 2 + usize::from(bit);
+        }
+        id32(node % TREE)
     }
 
     fn raw(&mut self, bits: u32, _value: u32) -> u32 {
         steps::take(1);
+        let stream = &mut self.stream;
         let mut value = 0_u32;
         let mut left = bits;
         while left > 0 {
             let count = left.min(16);
             left -= count;
-            self.range >>= count;
-            let part = (self.code / self.range).min((1 << count) - 1);
-            self.code -= part * self.range;
+            stream.range >>= count;
+            let part = (stream.code / stream.range).min((1 << count) - 1);
+            stream.code -= part * stream.range;
             value = (value << count) | part;
-            self.normalise();
+            stream.normalise();
         }
         value
     }
 
     fn check(&self) -> Result<(), DecodeError> {
-        if self.next > self.bytes.len() + HELD {
+        if self.stream.next > self.stream.bytes.len() + HELD {
             return Err(DecodeError::new("coded data", "ends too early"));
         }
         Ok(())

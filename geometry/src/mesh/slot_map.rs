@@ -6,6 +6,8 @@
 /// Marks a place that holds nothing: no slot is that large.
 const EMPTY: u32 = u32::MAX;
 const FIRST_BITS: u32 = 6;
+/// Most places that emptying a map keeps.
+const KEPT: usize = 1 << 14;
 
 /// Numbers by slot; nothing is ever taken out.
 #[derive(Clone, Debug)]
@@ -27,6 +29,21 @@ impl SlotMap {
     pub(crate) fn with_room(slots: usize) -> Self {
         let bits = (slots * 2).next_power_of_two().trailing_zeros().max(FIRST_BITS);
         Self { places: vec![(EMPTY, 0); 1 << bits], taken: 0, shift: 32 - bits }
+    }
+
+    /// Takes everything out. Keeps the memory, unless it is so much that emptying it would cost more than filling it.
+    pub(crate) fn clear(&mut self) {
+        if self.places.len() > KEPT {
+            *self = Self::default();
+        } else if self.taken > 0 {
+            self.places.fill((EMPTY, 0));
+            self.taken = 0;
+        }
+    }
+
+    /// Memory held, in bytes.
+    pub(crate) fn bytes(&self) -> usize {
+        self.places.capacity() * size_of::<(u32, u32)>()
     }
 
     /// The number of a slot: the one that it has, or else the given one, which it then has.

@@ -5,10 +5,10 @@ use crate::asset::base::Base;
 use crate::entropy::Codec;
 use crate::mesh::Kinds;
 use crate::mesh::corner::{self, face_of, side_of};
-use crate::mesh::slot_map::SlotMap;
 use crate::mesh::stars::Stars;
 use crate::mesh::{Grid, UvGrid, Wedge};
-use crate::refine::delta::{Id, Repoint};
+use crate::refine::delta::Id;
+use crate::refine::marks::TouchMarks;
 use crate::refine::places::{Place, Places, Undo, VertexState};
 use crate::refine::render::Touched;
 use crate::refine::slots::Slots;
@@ -16,9 +16,9 @@ use crate::refine::slots::Slots;
 /// A mesh of a base and any closed set of chunks, those without applied children perhaps up to a stop.
 ///
 /// Memory ([`Self::bytes`]): 85 to 148 bytes a face, measured on eleven meshes with every chunk applied before
-/// vertices knew what moved them, which adds 5 bytes a vertex (and 4 a move, not counted);
-/// what it is depends on how far the lists have grown beyond what they hold. What undoing a chunk puts back is 8 bytes a
-/// corner and 36 a vertex that the chunk moved, and nothing in a mesh that only grows.
+/// vertices knew what moved them, which adds 5 bytes a vertex (and 4 a move, not counted), and before marks, which add
+/// about 1/4 a face; what it is depends on how far the lists have grown beyond what they hold. What undoing a chunk
+/// puts back is 8 bytes a corner and 36 a vertex that the chunk moved, and nothing in a mesh that only grows.
 #[derive(Clone, Debug)]
 pub struct ActiveMesh {
     pub(crate) grid: Grid,
@@ -58,6 +58,8 @@ pub struct ActiveMesh {
     pub(crate) only_grows: bool,
     /// What undoing the applied chunks puts back, in bytes.
     pub(crate) undo_bytes: usize,
+    /// What the change under way has touched; empty between changes.
+    pub(crate) marks: TouchMarks,
 }
 
 impl ActiveMesh {
@@ -94,6 +96,7 @@ impl ActiveMesh {
             applied_chunks: 0,
             only_grows: false,
             undo_bytes: 0,
+            marks: TouchMarks::default(),
         };
         mesh.reserve(
             0,
@@ -180,6 +183,7 @@ impl ActiveMesh {
             + self.stars.bytes()
             + self.places.bytes()
             + self.undo_bytes
+            + self.marks.bytes()
     }
 
     pub(crate) fn reserve(&mut self, owner: u32, vertices: usize, wedges: usize, materials: &[u16]) {
@@ -210,6 +214,9 @@ impl ActiveMesh {
         grow(&mut self.materials, f, 0);
         grow(&mut self.draw_slots, f, 0);
         self.stars.grow(v, f);
+        self.marks.vertices.grow(v);
+        self.marks.wedges.grow(w);
+        self.marks.faces.grow(f);
         for slot in place.vertices.clone() {
             self.vertex_owner[slot as usize] = owner;
             self.vertex_mover[slot as usize] = owner;
@@ -258,14 +265,14 @@ impl ActiveMesh {
         }
     }
 
-    pub(crate) fn move_vertex(&mut self, slot: u32, to: VertexState, touched: &mut Touched) {
+    pub(crate) fn move_vertex(&mut self, slot: u32, to: VertexState) {
         let at = slot as usize;
         self.positions[at] = to.position;
         self.morph_from[at] = to.morph_from;
         self.vertex_shift[at] = to.shift;
         self.vertex_mover[at] = to.mover;
         for corner in self.stars.corners(slot) {
-            touched.face(face_of(corner));
+            self.marks.faces.set(face_of(corner));
         }
     }
 
@@ -285,45 +292,32 @@ impl ActiveMesh {
         self.indices[list][self.draw_slots[face] as usize][k] = to;
     }
 
-    /// Completes a list of touched faces: their index entries, and every wedge around their corners,
-    /// whose normals may have changed.
-    pub(crate) fn finish_touched(&self, touched: &mut Touched) {
-        let faces = std::mem::take(&mut touched.faces);
-        for &face in &faces {
-            touched.draws.push((self.materials[face as usize], self.draw_slots[face as usize]));
+    /// What the marked faces and vertices, and the index entries given, mean to a renderer: the faces' index entries
+    /// too, and every wedge around the vertices, those of the faces included, since their normals may have changed.
+    pub(crate) fn finish_touched(&mut self, mut draws: Vec<(u16, u32)>) -> Touched {
+        let TouchMarks { faces, vertices, wedges } = &mut self.marks;
+        faces.drain(|face| {
+            draws.push((self.materials[face as usize], self.draw_slots[face as usize]));
             for wedge in self.faces[face as usize] {
-                touched.vertex(self.wedges[wedge as usize].vertex);
+                vertices.set(self.wedges[wedge as usize].vertex);
             }
-        }
-        // A face names vertices that its neighbours name too: look each up only once.
-        let mut seen = SlotMap::default();
-        for vertex in std::mem::take(&mut touched.vertices) {
-            if seen.insert(vertex, 0) {
-                self.touch_star(vertex, &mut touched.wedges);
-            }
-        }
-        touched.wedges.sort_unstable();
-        touched.wedges.dedup();
-        touched.draws.sort_unstable();
+        });
+        vertices.drain(|vertex| {
+            self.stars.corners(vertex).for_each(|corner| wedges.set(corner::at(&self.faces, corner)));
+        });
+        let mut touched = Touched { wedges: Vec::with_capacity(draws.len()), draws };
+        wedges.drain(|wedge| touched.wedges.push(wedge));
+        // Those of one owner come in order: stable sorting merges them.
+        touched.draws.sort();
         touched.draws.dedup();
-    }
-
-    /// The wedges around a vertex. Runs of one wedge, which most stars are, come once.
-    fn touch_star(&self, vertex: u32, wedges: &mut Vec<u32>) {
-        let first = wedges.len();
-        for corner in self.stars.corners(vertex) {
-            let wedge = self.corner_wedge(corner);
-            if wedges[first..].last() != Some(&wedge) {
-                wedges.push(wedge);
-            }
-        }
+        touched
     }
 
     pub(crate) fn place(&self, owner: u32) -> Option<&Place> {
         self.places.get(owner)
     }
 
-    /// Slots of ids; 0 for ids that are not there, which [`Self::fits`] has excluded.
+    /// The slot of a vertex; 0 if its owner is not there.
     pub(crate) fn vertex_slot(&self, id: Id) -> u32 {
         self.place(id.owner).map_or(0, |p| p.vertices.start + id.index)
     }
@@ -336,11 +330,6 @@ impl ActiveMesh {
         self.place(id.owner).map_or(0, |p| p.faces.start + id.index)
     }
 
-    /// The corner (`face × 3 + k`, by slot) that moves.
-    pub(crate) fn corner_slot(&self, repoint: &Repoint) -> u32 {
-        corner::corner(self.face_slot(repoint.face), repoint.corner.into())
-    }
-
     /// Ids of slots that are in use.
     pub(crate) fn vertex_id(&self, slot: u32) -> Id {
         let owner = self.vertex_owner[slot as usize];
@@ -350,11 +339,6 @@ impl ActiveMesh {
     pub(crate) fn wedge_id(&self, slot: u32) -> Id {
         let owner = self.wedge_owner[slot as usize];
         Id { owner, index: slot - self.place(owner).map_or(slot, |p| p.wedges.start) }
-    }
-
-    pub(crate) fn face_id(&self, slot: u32) -> Id {
-        let owner = self.face_owner[slot as usize];
-        Id { owner, index: slot - self.place(owner).map_or(slot, |p| p.faces.start) }
     }
 }
 

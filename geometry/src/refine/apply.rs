@@ -4,14 +4,13 @@
 //! wedge they were at. What the chunk brought only goes. Both are kept by slot, since what a chunk refers to cannot go
 //! before the chunk does.
 
-use std::ops::Range;
-
 use crate::asset::index::ChunkInfo;
 use crate::mesh::Wedge;
-use crate::mesh::corner::{corner, face_of};
+use crate::mesh::corner::{corner, face_of, side_of};
 use crate::refine::active::ActiveMesh;
-use crate::refine::delta::{ChunkDelta, Id, Repoint};
+use crate::refine::delta::{ChunkDelta, Id};
 use crate::refine::error::{ChunkError, RefineError};
+use crate::refine::owners::Owners;
 use crate::refine::places::{Place, Undo, VertexState};
 use crate::refine::render::Touched;
 
@@ -23,6 +22,15 @@ struct Forward {
     wedges: Vec<u32>,
 }
 
+/// What checking a delta has found out.
+struct Checked {
+    /// The owners of the parents and of everything older that the delta refers to, ascending; without the base mesh,
+    /// which is always there.
+    needs: Vec<u32>,
+    /// The corners that move (`face × 3 + k`), and the wedges that they are at.
+    corners: Vec<(u32, u32)>,
+}
+
 impl ActiveMesh {
     /// Applies a decoded chunk, or its beginning up to a stop, once its parents are applied whole. The delta is not
     /// needed afterwards: [`Self::undo`] and [`Self::raise`] take the chunk's id.
@@ -30,8 +38,8 @@ impl ActiveMesh {
     /// # Errors
     /// See [`RefineError`]; the mesh is then unchanged.
     pub fn apply(&mut self, delta: &ChunkDelta) -> Result<Touched, RefineError> {
-        self.may_apply(delta)?;
-        Ok(self.insert(delta))
+        let checked = self.may_apply(delta)?;
+        Ok(self.insert(delta, checked))
     }
 
     /// Undoes an applied chunk none of whose children is applied.
@@ -40,10 +48,9 @@ impl ActiveMesh {
     /// See [`RefineError`]; the mesh is then unchanged.
     pub fn undo(&mut self, chunk: u32) -> Result<Touched, RefineError> {
         let (_, place) = self.take_place(chunk, false)?;
-        let mut touched = self.take_out(&place);
+        let draws = self.take_out(&place);
         self.release(place);
-        self.finish_touched(&mut touched);
-        Ok(touched)
+        Ok(self.finish_touched(draws))
     }
 
     /// Takes a chunk that is applied up to a stop on to another, or to the whole (`None`): undoes it, decodes it from
@@ -61,13 +68,13 @@ impl ActiveMesh {
     ) -> Result<Touched, ChunkError> {
         let (owner, place) = self.take_place(chunk, true)?;
         let forward = self.forward(&place.undo);
-        let mut touched = self.take_out(&place);
+        let draws = self.take_out(&place);
         let decoded = self.decode_prefix(chunk, info, stop, payload);
-        match decoded.and_then(|delta| Ok(self.may_apply(&delta).map(|()| delta)?)) {
-            Ok(delta) => {
+        match decoded.and_then(|delta| Ok(self.may_apply(&delta).map(|checked| (delta, checked))?)) {
+            Ok((delta, checked)) => {
                 self.release(place);
-                self.finish_touched(&mut touched);
-                touched.merge(self.insert(&delta));
+                let mut touched = self.finish_touched(draws);
+                touched.merge(self.insert(&delta, checked));
                 Ok(touched)
             }
             Err(why) => {
@@ -78,13 +85,13 @@ impl ActiveMesh {
     }
 
     /// Applies what [`Self::may_apply`] has let pass.
-    fn insert(&mut self, delta: &ChunkDelta) -> Touched {
+    fn insert(&mut self, delta: &ChunkDelta, checked: Checked) -> Touched {
         let owner = delta.chunk + 1;
-        let undo = if self.only_grows { Undo::default() } else { self.before(delta) };
-        // Not the parents alone: an index that names too few must not make references dangle.
-        let mut needs = delta.needs();
-        // What moves a vertex on can be undone only first.
-        needs.extend(undo.vertices.iter().map(|(_, was)| was.mover).filter(|&mover| mover != 0));
+        let Checked { mut needs, corners } = checked;
+        let vertices = if self.only_grows { Box::default() } else { self.before(delta) };
+        // Not the parents alone: an index that names too few must not make references dangle. What moves a vertex on
+        // can be undone only first.
+        needs.extend(vertices.iter().map(|(_, was)| was.mover).filter(|&mover| mover != 0));
         needs.sort_unstable();
         needs.dedup();
         for &need in &needs {
@@ -94,38 +101,23 @@ impl ActiveMesh {
         }
         let materials: Vec<u16> = delta.faces.iter().map(|f| f.material).collect();
         self.reserve(owner, delta.vertices.len(), delta.wedges.len(), &materials);
-        let place = self.places.get(owner).cloned().unwrap_or_default();
-        for (slot, vertex) in place.vertices.clone().zip(&delta.vertices) {
-            self.positions[slot as usize] = vertex.position;
-            self.vertex_shift[slot as usize] = vertex.shift;
-            // A parent inside this chunk has a smaller index, so its ancestor is already known.
-            self.morph_from[slot as usize] = match vertex.parent {
-                Some(parent) if parent.owner == owner => {
-                    self.morph_from[(place.vertices.start + parent.index) as usize]
-                }
-                Some(parent) => self.positions[self.vertex_slot(parent) as usize],
-                None => vertex.position,
-            };
-        }
-        for (slot, wedge) in place.wedges.clone().zip(&delta.wedges) {
-            self.wedges[slot as usize] =
-                Wedge { vertex: self.vertex_slot(wedge.vertex), attributes: wedge.attributes };
-        }
-        let mut touched = Touched::default();
+        let faces = self.place_elements(owner, delta);
         for m in &delta.moves {
             // After the new vertices, which come from where it was.
             let state = VertexState { position: m.to, morph_from: m.from, shift: m.shifts[1], mover: owner };
-            self.move_vertex(self.vertex_slot(m.vertex), state, &mut touched);
+            self.move_vertex(self.vertex_slot(m.vertex), state);
         }
-        for (slot, face) in place.faces.clone().zip(&delta.faces) {
-            self.put_face(slot, face.wedges.map(|w| self.wedge_slot(w)));
-            touched.face(slot);
+        let own = self.places.get(owner).map_or((0, 0), |place| (place.faces.start, place.wedges.start));
+        for (slot, wedges) in (own.0..).zip(faces) {
+            self.put_face(slot, wedges);
+            self.marks.faces.set(slot);
         }
-        for repoint in &delta.repoints {
-            let corner = self.corner_slot(repoint);
-            self.move_corner(corner, self.wedge_slot(repoint.to));
-            touched.face(face_of(corner));
+        for (repoint, &(corner, _)) in delta.repoints.iter().zip(&corners) {
+            self.move_corner(corner, own.1 + repoint.to.index);
+            self.marks.faces.set(face_of(corner));
         }
+        let corners = if self.only_grows { Box::default() } else { corners.into_boxed_slice() };
+        let undo = Undo { vertices, corners };
         if let Some(place) = self.places.get_mut(owner) {
             place.needs = needs;
             self.undo_bytes += undo.bytes();
@@ -133,20 +125,41 @@ impl ActiveMesh {
             place.stop = delta.stop;
         }
         self.applied_chunks += 1;
-        self.finish_touched(&mut touched);
-        touched
+        self.finish_touched(Vec::with_capacity(2 * delta.faces.len()))
     }
 
-    /// What undoing the delta puts back.
-    fn before(&self, delta: &ChunkDelta) -> Undo {
-        let vertices = delta.moves.iter().map(|m| {
+    /// Writes the vertices and wedges that a chunk brings; answers the wedges of its faces. All by slot.
+    fn place_elements(&mut self, owner: u32, delta: &ChunkDelta) -> Vec<[u32; 3]> {
+        let mut owners = Owners::new(&self.places);
+        let start = |first: Option<u32>| first.unwrap_or(0);
+        let first = start(owners.vertex(Id { owner, index: 0 }));
+        for (slot, vertex) in (first..).zip(&delta.vertices) {
+            self.positions[slot as usize] = vertex.position;
+            self.vertex_shift[slot as usize] = vertex.shift;
+            // A parent inside this chunk has a smaller index, so its ancestor is already known.
+            self.morph_from[slot as usize] = match vertex.parent {
+                Some(parent) if parent.owner == owner => self.morph_from[(first + parent.index) as usize],
+                Some(parent) => self.positions[start(owners.vertex(parent)) as usize],
+                None => vertex.position,
+            };
+        }
+        let first = start(owners.wedge(Id { owner, index: 0 }));
+        for (slot, wedge) in (first..).zip(&delta.wedges) {
+            self.wedges[slot as usize] =
+                Wedge { vertex: start(owners.vertex(wedge.vertex)), attributes: wedge.attributes };
+        }
+        delta.faces.iter().map(|face| face.wedges.map(|wedge| start(owners.wedge(wedge)))).collect()
+    }
+
+    /// The older vertices that the delta moves, as undoing it puts them back.
+    fn before(&self, delta: &ChunkDelta) -> Box<[(u32, VertexState)]> {
+        let states = delta.moves.iter().map(|m| {
             let slot = self.vertex_slot(m.vertex);
             let position = self.positions[slot as usize];
             // Nothing morphs back: what was undone is where it is at once.
             (slot, VertexState { morph_from: position, ..self.vertex_state(slot) })
         });
-        let corners = delta.repoints.iter().map(|r| (self.corner_slot(r), self.wedge_slot(r.from)));
-        Undo { vertices: vertices.collect(), corners: corners.collect() }
+        states.collect()
     }
 
     /// How the vertices and corners that undoing puts back are now.
@@ -158,34 +171,33 @@ impl ActiveMesh {
     }
 
     /// Takes what a chunk brought and changed out of the mesh; its slots stay reserved, and what it needs stays needed.
-    fn take_out(&mut self, place: &Place) -> Touched {
-        let mut touched = Touched::default();
+    /// Marks what that touches, and answers the index entries of the faces that went.
+    fn take_out(&mut self, place: &Place) -> Vec<(u16, u32)> {
+        let mut draws = Vec::with_capacity(2 * place.faces.len());
         for slot in place.faces.clone() {
             for k in 0..3 {
                 let vertex = self.wedges[self.faces[slot as usize][k] as usize].vertex;
                 self.stars.remove(vertex, corner(slot, k));
-                touched.vertex(vertex);
+                self.marks.vertices.set(vertex);
             }
             let (material, draw) = (self.materials[slot as usize], self.draw_slots[slot as usize]);
             self.indices[usize::from(material)][draw as usize] = [0; 3];
-            touched.draws.push((material, draw));
+            draws.push((material, draw));
         }
         for &(corner, wedge) in &place.undo.corners {
             self.move_corner(corner, wedge);
-            touched.face(face_of(corner));
+            self.marks.faces.set(face_of(corner));
         }
         for &(slot, state) in &place.undo.vertices {
-            self.move_vertex(slot, state, &mut touched);
+            self.move_vertex(slot, state);
         }
-        touched
+        draws
     }
 
     /// Puts back what [`Self::take_out`] took, where it was.
     fn put_back(&mut self, owner: u32, place: Place, forward: Forward) {
-        // Who looks again finds what he has.
-        let mut unchanged = Touched::default();
         for (&(slot, _), state) in place.undo.vertices.iter().zip(forward.vertices) {
-            self.move_vertex(slot, state, &mut unchanged);
+            self.move_vertex(slot, state);
         }
         for (&(corner, _), wedge) in place.undo.corners.iter().zip(forward.wedges) {
             self.move_corner(corner, wedge);
@@ -194,6 +206,8 @@ impl ActiveMesh {
             self.put_face(slot, self.faces[slot as usize]);
         }
         self.places.insert(owner, place);
+        // Who looks again finds what he has: nothing is touched.
+        self.finish_touched(Vec::new());
     }
 
     /// Gives back what a chunk that was taken out held.
@@ -232,7 +246,7 @@ impl ActiveMesh {
         self.places.remove(owner).map(|place| (owner, place)).ok_or(not_applied)
     }
 
-    fn may_apply(&mut self, delta: &ChunkDelta) -> Result<(), RefineError> {
+    fn may_apply(&mut self, delta: &ChunkDelta) -> Result<Checked, RefineError> {
         let chunk = delta.chunk;
         let count = self.places.len() as u32 - 1;
         if chunk >= count {
@@ -246,71 +260,89 @@ impl ActiveMesh {
                 return Err(RefineError::MissingParent { chunk, parent });
             }
         }
-        if !self.fits(delta) {
-            return Err(RefineError::Mismatch(chunk));
-        }
+        let checked = self.fitting(delta).ok_or(RefineError::Mismatch(chunk))?;
         // Not the parents alone, for the reason given in `insert`.
-        if let Some(need) = delta.needs().into_iter().find(|&need| self.applied_stop(need - 1).is_some()) {
+        if let Some(need) = checked.needs.iter().find(|&need| self.applied_stop(need - 1).is_some()) {
             return Err(RefineError::PartialParent { chunk, parent: need - 1 });
         }
-        if self.moves_corners_once(&delta.repoints) { Ok(()) } else { Err(RefineError::Mismatch(chunk)) }
+        if self.moves_corners_once(&checked.corners) {
+            Ok(checked)
+        } else {
+            Err(RefineError::Mismatch(chunk))
+        }
     }
 
     /// Whether no corner is moved twice; the corners must be there. Marks them for the moment, which
     /// costs less than sorting them.
-    fn moves_corners_once(&mut self, repoints: &[Repoint]) -> bool {
+    fn moves_corners_once(&mut self, corners: &[(u32, u32)]) -> bool {
         const MARK: u32 = u32::MAX;
-        let mut before = Vec::with_capacity(repoints.len());
-        for r in repoints {
-            let (face, k) = (self.face_slot(r.face) as usize, usize::from(r.corner));
-            let corner = std::mem::replace(&mut self.faces[face][k], MARK);
-            if corner == MARK {
+        let mut marked = 0;
+        for &(corner, _) in corners {
+            let at = &mut self.faces[face_of(corner) as usize][side_of(corner)];
+            if *at == MARK {
                 break;
             }
-            before.push((face, k, corner));
+            *at = MARK;
+            marked += 1;
         }
-        for &(face, k, corner) in &before {
-            self.faces[face][k] = corner;
+        for &(corner, wedge) in &corners[..marked] {
+            self.faces[face_of(corner) as usize][side_of(corner)] = wedge;
         }
-        before.len() == repoints.len()
+        marked == corners.len()
     }
 
-    /// Whether everything that the delta refers to is there, or is its own.
-    fn fits(&self, delta: &ChunkDelta) -> bool {
+    /// What the delta refers to, if all of that is there or is its own.
+    fn fitting(&self, delta: &ChunkDelta) -> Option<Checked> {
         let own = delta.chunk + 1;
-        let known = |id: Id, count: usize, range: fn(&Place) -> &Range<u32>| {
-            if id.owner == own {
-                (id.index as usize) < count
-            } else {
-                self.place(id.owner).is_some_and(|p| (id.index as usize) < range(p).len())
+        // What is its own and not there has no place either.
+        let mut owners = Owners::new(&self.places);
+        let (vertices, wedges) = (delta.vertices.len(), delta.wedges.len());
+        let is_own = |id: Id, count: usize| id.owner == own && (id.index as usize) < count;
+        for (i, vertex) in delta.vertices.iter().enumerate() {
+            if let Some(parent) = vertex.parent
+                && !is_own(parent, i)
+            {
+                owners.vertex(parent)?;
             }
-        };
-        let wedge = |id: Id| known(id, delta.wedges.len(), |p| &p.wedges);
-        delta.vertices.iter().enumerate().all(|(i, v)| {
-            v.parent.is_none_or(|p| {
-                known(p, delta.vertices.len(), |p| &p.vertices) && (p.owner != own || (p.index as usize) < i)
-            })
-        }) && delta.wedges.iter().all(|w| known(w.vertex, delta.vertices.len(), |p| &p.vertices))
-            && delta
-                .faces
-                .iter()
-                .all(|f| usize::from(f.material) < self.indices.len() && f.wedges.iter().all(|&w| wedge(w)))
-            && delta.moves.is_sorted_by(|a, b| a.vertex < b.vertex)
-            && delta.moves.iter().all(|m| {
-                m.vertex.owner != own
-                    && known(m.vertex, 0, |p| &p.vertices)
-                    && self.positions[self.vertex_slot(m.vertex) as usize] == m.from
-            })
-            && delta.repoints.iter().all(|r| {
-                // Corners move to wedges that the chunk brings, from wedges that were there: then whatever
-                // moves them on needs this chunk, and undoing it leaves none at a wedge that is gone.
-                let ours = r.from.owner != own && r.to.owner == own && r.face.owner != own;
-                ours && r.corner < 3
-                    && known(r.face, 0, |p| &p.faces)
-                    && wedge(r.from)
-                    && wedge(r.to)
-                    && self.faces[self.face_slot(r.face) as usize][usize::from(r.corner)]
-                        == self.wedge_slot(r.from)
-            })
+        }
+        for wedge in delta.wedges.iter().filter(|wedge| !is_own(wedge.vertex, vertices)) {
+            owners.vertex(wedge.vertex)?;
+        }
+        for face in &delta.faces {
+            for wedge in face.wedges.into_iter().filter(|&wedge| !is_own(wedge, wedges)) {
+                owners.wedge(wedge)?;
+            }
+            if usize::from(face.material) >= self.indices.len() {
+                return None;
+            }
+        }
+        if !delta.moves.is_sorted_by(|a, b| a.vertex < b.vertex) {
+            return None;
+        }
+        for m in &delta.moves {
+            let slot = owners.vertex(m.vertex)?;
+            if self.positions[slot as usize] != m.from {
+                return None;
+            }
+        }
+        let mut corners = Vec::with_capacity(delta.repoints.len());
+        for r in &delta.repoints {
+            // Corners move to wedges that the chunk brings, from wedges that were there: then whatever
+            // moves them on needs this chunk, and undoing it leaves none at a wedge that is gone.
+            let (face, from) = (owners.face(r.face)?, owners.wedge(r.from)?);
+            if r.corner >= 3 || !is_own(r.to, wedges) {
+                return None;
+            }
+            let corner = corner(face, r.corner.into());
+            if self.corner_wedge(corner) != from {
+                return None;
+            }
+            corners.push((corner, from));
+        }
+        let mut needs: Vec<u32> = delta.parents.iter().map(|p| p + 1).chain(owners.named).collect();
+        needs.retain(|&need| need != 0);
+        needs.sort_unstable();
+        needs.dedup();
+        Some(Checked { needs, corners })
     }
 }

@@ -87,29 +87,3 @@ pub struct ChunkDelta {
     /// Corners moved.
     pub repoints: Vec<Repoint>,
 }
-
-impl ChunkDelta {
-    /// The owners of the parents and of everything older that the delta refers to, ascending; without
-    /// the base mesh, which is always there.
-    pub(crate) fn needs(&self) -> Vec<u32> {
-        let own = self.chunk + 1;
-        let mut needs: Vec<u32> = self.parents.iter().map(|p| p + 1).collect();
-        needs.sort_unstable();
-        needs.dedup();
-        let mut last = 0;
-        let mut need = |id: Id| {
-            if id.owner != last && id.owner != own && id.owner != 0 {
-                last = id.owner;
-                if let Err(at) = needs.binary_search(&last) {
-                    needs.insert(at, last);
-                }
-            }
-        };
-        self.moves.iter().map(|m| m.vertex).for_each(&mut need);
-        self.vertices.iter().filter_map(|v| v.parent).for_each(&mut need);
-        self.wedges.iter().map(|w| w.vertex).for_each(&mut need);
-        self.faces.iter().flat_map(|f| f.wedges).for_each(&mut need);
-        self.repoints.iter().flat_map(|r| [r.face, r.from, r.to]).for_each(&mut need);
-        needs
-    }
-}

@@ -4,10 +4,14 @@ mod active;
 mod apply;
 mod delta;
 mod error;
+mod marks;
+mod owners;
 mod places;
 mod render;
 mod slots;
 mod snapshot;
+
+pub(crate) use owners::Owners;
 
 pub use active::ActiveMesh;
 pub use delta::{ChunkDelta, Id, Moved, NewFace, NewVertex, NewWedge, Repoint};

@@ -13,8 +13,6 @@ pub struct Touched {
     pub wedges: Vec<u32>,
     /// (material, slot in its index list), ascending.
     pub draws: Vec<(u16, u32)>,
-    pub(crate) faces: Vec<u32>,
-    pub(crate) vertices: Vec<u32>,
 }
 
 impl Touched {
@@ -22,18 +20,11 @@ impl Touched {
     pub fn merge(&mut self, later: Self) {
         self.wedges.extend(later.wedges);
         self.draws.extend(later.draws);
-        self.wedges.sort_unstable();
+        // Stable sorting merges what is in order already.
+        self.wedges.sort();
         self.wedges.dedup();
-        self.draws.sort_unstable();
+        self.draws.sort();
         self.draws.dedup();
-    }
-
-    pub(crate) fn face(&mut self, slot: u32) {
-        self.faces.push(slot);
-    }
-
-    pub(crate) fn vertex(&mut self, slot: u32) {
-        self.vertices.push(slot);
     }
 }
 

@@ -1,7 +1,7 @@
 //! From bytes to what is drawn: what becomes of a blob that has arrived.
 
 use bytes::Bytes;
-use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_stated_page};
+use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, decode_stated_page};
 use lodestream_protocol::blob::{BlobId, BlobPart, LampBlob, TerrainBlob};
 use lodestream_protocol::select::{State, Wanted};
 use lodestream_protocol::time::Time;
@@ -209,6 +209,13 @@ impl ClientCore {
             | BlobId::Terrain(_)
             | BlobId::Lamps(_) => Ok(()),
         };
+        self.note_applied(now, wanted, applied);
+        Some(length)
+    }
+
+    /// Notes what became of a blob that was to be used.
+    pub(super) fn note_applied(&mut self, now: Time, wanted: &Wanted, applied: Result<(), String>) {
+        let Wanted { id, stop, .. } = *wanted;
         match applied {
             Ok(()) => {
                 self.failures.forget(id);
@@ -220,10 +227,9 @@ impl ClientCore {
                 self.failed(now, id, &why);
             }
         }
-        Some(length)
     }
 
-    fn is_ready(&self, id: BlobId) -> bool {
+    pub(super) fn is_ready(&self, id: BlobId) -> bool {
         let Some((asset, part)) = self.scene.asset(id) else { return false };
         match part {
             BlobPart::Chunk(chunk) => {
@@ -248,15 +254,26 @@ impl ClientCore {
         let info = self.scene.states.get(asset as usize).and_then(|state| state.chunk(chunk));
         let refined = self.scene.refined.get_mut(asset as usize).and_then(Option::as_mut);
         let (Some(info), Some(refined)) = (info, refined) else { return Err("no such chunk".into()) };
+        Self::check_length(info, stop, bytes)?;
+        refined.apply(chunk, info, stop, bytes).map_err(|why| why.to_string())?;
+        Self::appear(refined, chunk, error_px);
+        Ok(())
+    }
+
+    /// Whether there are as many bytes of a chunk as a stop takes, and not more than there are in all.
+    pub(super) fn check_length(info: &ChunkInfo, stop: Option<u8>, bytes: &[u8]) -> Result<(), String> {
         let needed = info.extent(stop).payload_bytes as usize;
         if bytes.len() < needed || bytes.len() > info.payload_bytes as usize {
             return Err(format!("{} bytes, but the index says {needed}", bytes.len()));
         }
-        refined.apply(chunk, info, stop, bytes).map_err(|why| why.to_string())?;
+        Ok(())
+    }
+
+    /// Lets a chunk that was just applied appear, by what its absence showed.
+    pub(super) fn appear(refined: &mut RefinedAsset, chunk: u32, error_px: u16) {
         if error_px > MAX_MORPH_PX {
             refined.appear_at_once(chunk);
         }
-        Ok(())
     }
 
     fn apply_texture(&mut self, asset: u32, texture: u16, level: u8, bytes: &[u8]) -> Result<(), String> {

@@ -2,6 +2,7 @@
 
 mod arrivals;
 mod blob_states;
+mod decoding;
 mod events;
 mod refinement;
 

@@ -6,11 +6,9 @@ use lodestream_protocol::blob::{BlobId, BlobPart};
 use lodestream_protocol::select::State;
 use lodestream_protocol::time::Time;
 
+use super::decoding::BLOB_COST;
 use super::{ClientCore, Progress};
 use crate::core::milestones::is_drawable;
-
-/// Cost of handling a blob, beside its bytes, in units of [`ClientCore::update`]'s budget.
-const BLOB_COST: u64 = 256;
 
 /// Round trip while none has been measured.
 const USUAL_ROUND_TRIP: Duration = Duration::from_millis(100);
@@ -31,19 +29,7 @@ impl ClientCore {
         if self.stale && (now >= self.next_selection() || self.first_frame_may_be_now()) {
             self.select(now);
         }
-        for index in 0..self.wanted.len() {
-            if budget == 0 {
-                break;
-            }
-            self.refresh(index);
-            let wanted = self.wanted[index];
-            if wanted.state == State::Cached
-                && let Some(bytes) = self.apply_cached(now, &wanted)
-            {
-                budget = budget.saturating_sub(BLOB_COST + bytes);
-                self.stale = true;
-            }
-        }
+        budget = self.use_cached(now, budget);
         if budget < before && self.session.is_some() {
             self.ask(now, &[]);
         }
@@ -115,7 +101,7 @@ impl ClientCore {
     }
 
     /// Brings an entry of the last selection's list up to date.
-    fn refresh(&mut self, index: usize) {
+    pub(super) fn refresh(&mut self, index: usize) {
         let wanted = &mut self.wanted[index];
         if let (BlobId::Terrain(blob), Some(terrain)) = (wanted.id, &self.scene.terrain) {
             wanted.state = terrain.state(blob);

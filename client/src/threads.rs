@@ -1,0 +1,81 @@
+//! Threads for decoding.
+
+use std::num::NonZeroUsize;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use lodestream_geometry::pool::Pool;
+
+use crate::core::Decoders;
+
+/// Runs tasks on the calling thread and on scoped threads beside it, which live as long as one call: some 30 µs each,
+/// against milliseconds of decoding.
+#[derive(Clone, Copy, Debug)]
+pub struct Threads(NonZeroUsize);
+
+impl Threads {
+    /// So many in all; `None` for all but one of the machine's cores, which is left to drawing, and at least one.
+    #[must_use]
+    pub fn new(count: Option<NonZeroUsize>) -> Self {
+        let free = || {
+            let cores = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
+            NonZeroUsize::new(cores - 1).unwrap_or(NonZeroUsize::MIN)
+        };
+        Self(count.unwrap_or_else(free))
+    }
+
+    /// How many.
+    #[must_use]
+    pub const fn count(self) -> NonZeroUsize {
+        self.0
+    }
+
+    /// Decoding on them.
+    #[must_use]
+    pub fn decoders(self) -> Decoders {
+        if self.0 == NonZeroUsize::MIN { Decoders::default() } else { Decoders::on(Arc::new(self)) }
+    }
+}
+
+impl Pool for Threads {
+    fn run(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
+        let next = AtomicUsize::new(0);
+        let work = || {
+            loop {
+                let i = next.fetch_add(1, Ordering::Relaxed);
+                if i >= count {
+                    break;
+                }
+                task(i);
+            }
+        };
+        std::thread::scope(|scope| {
+            for _ in 1..self.0.get().min(count) {
+                // Where the system gives no thread, those that there are do it all.
+                let thread = std::thread::Builder::new().name("decoding".into());
+                drop(thread.spawn_scoped(scope, work));
+            }
+            work();
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_task_runs_once_on_any_number_of_threads() {
+        for threads in [1, 2, 7] {
+            let pool = Threads::new(NonZeroUsize::new(threads));
+            assert_eq!(pool.count().get(), threads);
+            for count in [0, 1, 2, 1000] {
+                let runs: Vec<AtomicUsize> = (0..count).map(|_| AtomicUsize::new(0)).collect();
+                pool.run(count, &|i| {
+                    runs[i].fetch_add(1, Ordering::Relaxed);
+                });
+                assert!(runs.iter().all(|r| r.load(Ordering::Relaxed) == 1));
+            }
+        }
+    }
+}

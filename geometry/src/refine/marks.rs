@@ -1,0 +1,84 @@
+//! Sets of slots that are filled, read in ascending order and emptied again and again: what a chunk touched.
+
+/// A set of slots: a bit each, and a bit for each word that holds any, so reading a small set out of a large range
+/// costs what it holds.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Marks {
+    words: Vec<u64>,
+    summary: Vec<u64>,
+}
+
+impl Marks {
+    /// Makes room for the slots below `count`.
+    pub(crate) fn grow(&mut self, count: usize) {
+        let words = count.div_ceil(64);
+        if self.words.len() < words {
+            self.words.resize(words, 0);
+            self.summary.resize(words.div_ceil(64), 0);
+        }
+    }
+
+    /// Puts a slot into the set, which must have room for it.
+    #[inline]
+    pub(crate) fn set(&mut self, slot: u32) {
+        let word = (slot / 64) as usize;
+        self.words[word] |= 1 << (slot % 64);
+        self.summary[word / 64] |= 1 << (word % 64);
+    }
+
+    /// Takes every slot out of the set, ascending.
+    #[inline]
+    pub(crate) fn drain(&mut self, mut each: impl FnMut(u32)) {
+        for (at, summary) in self.summary.iter_mut().enumerate() {
+            let mut words = std::mem::take(summary);
+            while words != 0 {
+                let word = at * 64 + words.trailing_zeros() as usize;
+                words &= words - 1;
+                let mut bits = std::mem::take(&mut self.words[word]);
+                while bits != 0 {
+                    each(word as u32 * 64 + bits.trailing_zeros());
+                    bits &= bits - 1;
+                }
+            }
+        }
+    }
+
+    /// Memory held, in bytes.
+    pub(crate) fn bytes(&self) -> usize {
+        (self.words.capacity() + self.summary.capacity()) * 8
+    }
+}
+
+/// What was touched since it was last asked: faces, vertices (those of the faces come when it is asked), wedges.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct TouchMarks {
+    pub(crate) faces: Marks,
+    pub(crate) vertices: Marks,
+    pub(crate) wedges: Marks,
+}
+
+impl TouchMarks {
+    /// Memory held, in bytes.
+    pub(crate) fn bytes(&self) -> usize {
+        self.faces.bytes() + self.vertices.bytes() + self.wedges.bytes()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slots_come_out_once_in_order_and_leave_nothing() {
+        let mut marks = Marks::default();
+        marks.grow(300_000);
+        let slots = [299_999, 0, 63, 64, 4095, 4096, 64, 70_000, 0];
+        for _ in 0..2 {
+            slots.into_iter().for_each(|slot| marks.set(slot));
+            let mut out = Vec::new();
+            marks.drain(|slot| out.push(slot));
+            assert_eq!(out, [0, 63, 64, 4095, 4096, 70_000, 299_999]);
+        }
+        marks.drain(|slot| panic!("{slot} was left"));
+    }
+}
