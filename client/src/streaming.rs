@@ -12,7 +12,7 @@ use tokio::sync::{mpsc, watch};
 use tokio::time::sleep;
 
 use crate::core::{Change, ClientCore, Config, Progress, Stats};
-use crate::net::{Address, Clock, End, Host, Retry, stream};
+use crate::net::{Clock, End, Host, Retry, Server, stream};
 
 /// Payload bytes decoded between two looks at the network: about 5 ms of work.
 const SLICE_BYTES: u64 = 16 * 1024;
@@ -58,13 +58,13 @@ pub struct Streaming {
 }
 
 impl Streaming {
-    /// Starts to stream from `address`. `notify` is called on the streaming thread when there is something
+    /// Starts to stream from a server; an address that is parsed will do for one. `notify` is called on the streaming thread when there is something
     /// new to take or a new status.
     ///
     /// # Errors
     /// Fails where the system gives no thread.
     pub fn start(
-        address: Address,
+        server: Server,
         config: Config,
         retry: Retry,
         notify: impl Fn() + Send + 'static,
@@ -84,13 +84,13 @@ impl Streaming {
             controls: controls_receiver,
             steps: Some(step_sender),
             status: status_sender,
-            message: Some(format!("connecting to {address}")),
+            message: Some(format!("connecting to {}", server.address)),
             reported: None,
             notify,
             left: false,
         };
         let thread = std::thread::Builder::new().name("streaming".into()).spawn(move || {
-            let end = runtime.block_on(stream(&address, &mut host, clock, retry, StreamHost::set_message));
+            let end = runtime.block_on(stream(&server, &mut host, clock, retry, StreamHost::set_message));
             host.report(clock.now(), Some(end));
             runtime.shutdown_timeout(Duration::from_millis(200));
         })?;

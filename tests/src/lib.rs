@@ -9,6 +9,7 @@
 //! | `silence` | a server that is gone without a word is told |
 //! | `limiter` | bytes on the wire against the rate |
 //! | `robustness` | clients and servers that die, and come back |
+//! | `tls` | certificates: who is believed, and their exchange while sessions run |
 //! | `hostile` | peers that break every rule |
 //! | `packs` | the same input gives the same packs; caches; exports; checks |
 //! | `bad_input` | what users may get wrong, and what disks may do to packs |
@@ -63,6 +64,8 @@ mod silence;
 mod support;
 #[cfg(test)]
 mod terrain;
+#[cfg(test)]
+mod tls;
 #[cfg(test)]
 mod walls;
 #[cfg(test)]

@@ -1,8 +1,11 @@
 //! What the modes of the program share: settings from its command line, and what it tells at the end.
 
 use std::io::Write as _;
+use std::path::Path;
 
+use anyhow::{Context as _, bail};
 use lodestream_client::core::{Config, StartView, Stats};
+use lodestream_client::net::{Authorities, Scheme, Server};
 use lodestream_render::{AmbientOcclusion, AntiAliasing, Settings, Shade, Shadows};
 
 use crate::args::Args;
@@ -10,6 +13,39 @@ use crate::figures::Figures;
 use crate::files::write_json;
 use crate::frames::Shown;
 use crate::report::Report;
+
+/// Longest file of certificates that is read; the system's own have a quarter of a megabyte.
+const MAX_CA_BYTES: u64 = 4 << 20;
+
+/// The server of these arguments, and who may vouch for it.
+///
+/// # Errors
+/// Fails where the authorities' file cannot be used.
+pub(crate) fn server(args: &Args) -> anyhow::Result<Server> {
+    let mut server = Server::from(args.address.clone());
+    if let Some(file) = &args.ca {
+        if args.address.pin.is_some() || args.address.scheme == Scheme::WebSocket {
+            bail!(
+                "--ca is of no use: {}",
+                if args.address.pin.is_some() {
+                    "the address has a fingerprint, which alone is looked at; leave out what stands behind #"
+                } else {
+                    "ws:// is without TLS; write wss://"
+                }
+            );
+        }
+        server.authorities = authorities(file).with_context(|| format!("--ca {}", file.display()))?;
+    }
+    Ok(server)
+}
+
+fn authorities(file: &Path) -> anyhow::Result<Authorities> {
+    let length = std::fs::metadata(file)?.len();
+    if length > MAX_CA_BYTES {
+        bail!("it has {length} bytes, more than any list of authorities");
+    }
+    Ok(Authorities::from_pem(&std::fs::read(file)?)?)
+}
 
 /// The core's settings for these arguments.
 pub(crate) fn core_config(args: &Args) -> Config {

@@ -18,7 +18,7 @@ use lodestream_protocol::stream::ALPN;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::timeout;
 use tokio_tungstenite::tungstenite::client::IntoClientRequest;
-use tokio_tungstenite::tungstenite::error::CapacityError;
+use tokio_tungstenite::tungstenite::error::{CapacityError, ProtocolError};
 use tokio_tungstenite::tungstenite::http::HeaderValue;
 use tokio_tungstenite::tungstenite::http::header::SEC_WEBSOCKET_PROTOCOL;
 use tokio_tungstenite::tungstenite::protocol::{CloseFrame, WebSocketConfig};
@@ -37,18 +37,31 @@ const CLOSE_CODE_BASE: u16 = 4000;
 /// A WebSocket on which a session can begin.
 #[derive(Debug)]
 pub struct WebSocketConnection<S> {
-    socket: WebSocketStream<Counting<S>>,
+    socket: WebSocketStream<S>,
     received: Arc<AtomicU64>,
 }
 
-impl<S: AsyncRead + AsyncWrite + Unpin> WebSocketConnection<S> {
+impl<S: AsyncRead + AsyncWrite + Unpin> WebSocketConnection<Counting<S>> {
     /// Asks for a WebSocket over an open TCP connection (or what stands for one). `authority` is the `HOST:PORT` that
     /// the server is told.
     ///
     /// # Errors
     /// Says why there is none: the answer is another or none within `limit`, or the connection is lost.
     pub async fn open(stream: S, authority: &str, limit: Duration) -> Result<Self, Close> {
-        timeout(limit, handshake(stream, authority)).await.unwrap_or_else(|_| {
+        let (stream, received) = Counting::new(stream);
+        Self::open_counted(stream, received, authority, limit).await
+    }
+}
+
+impl<S: AsyncRead + AsyncWrite + Unpin> WebSocketConnection<S> {
+    /// The same over a stream whose bytes are counted already.
+    pub(super) async fn open_counted(
+        stream: S,
+        received: Arc<AtomicU64>,
+        authority: &str,
+        limit: Duration,
+    ) -> Result<Self, Close> {
+        timeout(limit, handshake(stream, received, authority)).await.unwrap_or_else(|_| {
             let why = format!(
                 "it accepts connections, but gave no answer to the WebSocket request within {} s: is it a lodestream \
                  server?",
@@ -70,12 +83,14 @@ where
     drive(host, clock, receiver, WebSocketSender { sink, queue: VecDeque::new(), unflushed: false }).await
 }
 
-async fn handshake<S>(stream: S, authority: &str) -> Result<WebSocketConnection<S>, Close>
+async fn handshake<S>(
+    stream: S,
+    received: Arc<AtomicU64>,
+    authority: &str,
+) -> Result<WebSocketConnection<S>, Close>
 where
     S: AsyncRead + AsyncWrite + Unpin,
 {
-    let received = Arc::new(AtomicU64::new(0));
-    let stream = Counting { stream, received: received.clone() };
     let lost = |why: String| Close::new(CloseCode::Lost, why);
     let mut request = match format!("ws://{authority}/").into_client_request() {
         Ok(request) => request,
@@ -95,15 +110,27 @@ where
             let code = if status.is_server_error() { CloseCode::Busy } else { CloseCode::Protocol };
             Err(Close::new(code, format!("the server answers the WebSocket request with {status}")))
         }
+        // An alert of TLS reads as no HTTP.
+        Err(why @ Error::Protocol(ProtocolError::HttparseError(_))) => Err(lost(format!(
+            "the WebSocket handshake failed: {why}; does the server print wss:// for this port?"
+        ))),
         Err(why) => Err(lost(format!("the WebSocket handshake failed: {why}"))),
     }
 }
 
 /// A stream that counts what is read from it.
 #[derive(Debug)]
-struct Counting<S> {
+pub struct Counting<S> {
     stream: S,
     received: Arc<AtomicU64>,
+}
+
+impl<S> Counting<S> {
+    /// The stream, and its counter.
+    pub(super) fn new(stream: S) -> (Self, Arc<AtomicU64>) {
+        let received = Arc::new(AtomicU64::new(0));
+        (Self { stream, received: Arc::clone(&received) }, received)
+    }
 }
 
 impl<S: AsyncRead + Unpin> AsyncRead for Counting<S> {
@@ -138,7 +165,7 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for Counting<S> {
 }
 
 struct WebSocketReceiver<S> {
-    stream: SplitStream<WebSocketStream<Counting<S>>>,
+    stream: SplitStream<WebSocketStream<S>>,
     received: Arc<AtomicU64>,
 }
 
@@ -185,7 +212,7 @@ fn closed(frame: Option<CloseFrame>) -> Received {
 }
 
 struct WebSocketSender<S> {
-    sink: SplitSink<WebSocketStream<Counting<S>>, Message>,
+    sink: SplitSink<WebSocketStream<S>, Message>,
     queue: VecDeque<Message>,
     unflushed: bool,
 }

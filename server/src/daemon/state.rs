@@ -12,9 +12,9 @@ use lodestream_protocol::source::{SceneSource, SourceError};
 use tokio::sync::watch;
 use tokio::time::Instant;
 
+use super::admission::Admission;
 use super::damage::Damage;
 use super::metrics::{Metrics, Transport};
-use super::origin::AllowedOrigins;
 use super::places::{NoPlace, Place, Places, default_of_address};
 use super::room::{Room, Seat};
 
@@ -64,7 +64,7 @@ pub enum Phase {
 pub struct ServerState {
     scene: Arc<dyn SceneSource>,
     settings: SessionSettings,
-    origins: AllowedOrigins,
+    admission: Admission,
     quic: Arc<ServerConfig>,
     websocket: Arc<ServerConfig>,
     metrics: Metrics,
@@ -93,22 +93,22 @@ impl ServerState {
     /// The state of a daemon that serves one scene, with the protocol's defaults for each transport.
     #[must_use]
     pub fn new(scene: Arc<dyn SceneSource>, settings: SessionSettings) -> Arc<Self> {
-        Self::with_origins(scene, settings, AllowedOrigins::default())
+        Self::admitting(scene, settings, Admission::default())
     }
 
-    /// The same, open to web pages of some origins.
+    /// The same, with a say in who may open sessions.
     #[must_use]
-    pub fn with_origins(
+    pub fn admitting(
         scene: Arc<dyn SceneSource>,
         settings: SessionSettings,
-        origins: AllowedOrigins,
+        admission: Admission,
     ) -> Arc<Self> {
         let rate = settings.rate_bits_per_s;
         let (quic, websocket) = (ServerConfig::quic(rate), ServerConfig::websocket(rate));
-        Arc::new(Self::of(scene, settings, origins, quic, websocket))
+        Arc::new(Self::of(scene, settings, admission, quic, websocket))
     }
 
-    /// The same with configurations of one's own for the sessions, open to no web page.
+    /// The same with configurations of one's own for the sessions.
     #[must_use]
     pub fn with_configs(
         scene: Arc<dyn SceneSource>,
@@ -116,20 +116,20 @@ impl ServerState {
         quic: ServerConfig,
         websocket: ServerConfig,
     ) -> Arc<Self> {
-        Arc::new(Self::of(scene, settings, AllowedOrigins::default(), quic, websocket))
+        Arc::new(Self::of(scene, settings, Admission::default(), quic, websocket))
     }
 
     fn of(
         scene: Arc<dyn SceneSource>,
         settings: SessionSettings,
-        origins: AllowedOrigins,
+        admission: Admission,
         quic: ServerConfig,
         websocket: ServerConfig,
     ) -> Self {
         Self {
             scene,
             settings,
-            origins,
+            admission,
             quic: Arc::new(quic),
             websocket: Arc::new(websocket),
             metrics: Metrics::default(),
@@ -165,9 +165,9 @@ impl ServerState {
         &self.settings
     }
 
-    /// The web pages that may open sessions.
-    pub(super) const fn origins(&self) -> &AllowedOrigins {
-        &self.origins
+    /// Who may open sessions.
+    pub(super) const fn admission(&self) -> &Admission {
+        &self.admission
     }
 
     /// The counters.

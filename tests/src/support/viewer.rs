@@ -4,7 +4,7 @@ use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
 use lodestream_client::core::{Change, Config, StartView};
-use lodestream_client::net::{Address, End, Retry};
+use lodestream_client::net::{Address, End, Retry, Server};
 use lodestream_client::streaming::{Status, Streaming};
 
 use super::{LIMIT, PICTURE_PX};
@@ -24,9 +24,13 @@ pub(crate) fn config() -> Config {
 
 impl Viewer {
     pub(crate) fn start(address: &Address, config: Config) -> Self {
+        Self::start_at(address.clone().into(), config)
+    }
+
+    pub(crate) fn start_at(server: Server, config: Config) -> Self {
         let (sender, notified) = mpsc::sync_channel(1);
         let retry = Retry { first_attempts: 3, first_within: Duration::MAX, reconnect: true };
-        let streaming = Streaming::start(address.clone(), config, retry, move || {
+        let streaming = Streaming::start(server, config, retry, move || {
             let _ = sender.try_send(());
         });
         Self { streaming: streaming.unwrap(), notified, changes: Vec::new() }

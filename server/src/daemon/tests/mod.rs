@@ -7,6 +7,7 @@ mod places;
 mod quic;
 mod shutdown;
 mod slow_store;
+mod tls;
 mod websocket;
 
 use std::net::{Ipv4Addr, SocketAddr};
