@@ -24,6 +24,10 @@ pub(crate) struct Args {
     /// Believe certificates of the authorities in this file (PEM), and not the system's
     #[arg(long, value_name = "FILE")]
     pub(crate) ca: Option<PathBuf>,
+    /// File with the token that the server asks for; read again when it changes. Without, the environment's
+    /// LODESTREAM_TOKEN
+    #[arg(long, value_name = "FILE")]
+    pub(crate) token_file: Option<PathBuf>,
     /// Name of the scene; the server's default without
     #[arg(long, default_value = "")]
     pub(crate) scene: String,

@@ -13,6 +13,7 @@ use crate::figures::Figures;
 use crate::files::write_json;
 use crate::frames::Shown;
 use crate::report::Report;
+use crate::token;
 
 /// Longest file of certificates that is read; the system's own have a quarter of a megabyte.
 const MAX_CA_BYTES: u64 = 4 << 20;
@@ -48,16 +49,20 @@ fn authorities(file: &Path) -> anyhow::Result<Authorities> {
 }
 
 /// The core's settings for these arguments.
-pub(crate) fn core_config(args: &Args) -> Config {
+///
+/// # Errors
+/// Fails where the token cannot be read.
+pub(crate) fn core_config(args: &Args) -> anyhow::Result<Config> {
     let start = match &args.camera {
         Some(camera) => StartView::Given(args.view_of(&camera.0)),
         None => StartView::OfScene { viewport_px: args.window.0, target_px: args.pixel_error.0 },
     };
     let mut config = Config::new(start);
     config.session.scene.clone_from(&args.scene);
+    config.session.token = token::find(args.token_file.as_deref())?;
     config.select.max_faces = args.max_faces;
     config.cache_bytes = u64::from(args.cache_mib) << 20;
-    config
+    Ok(config)
 }
 
 /// The renderer's settings for these arguments, on a device whose driver is `software` or not.

@@ -3,7 +3,7 @@
 use std::net::SocketAddr;
 use std::time::Duration;
 
-use lodestream_protocol::message::{Close, CloseCode};
+use lodestream_protocol::message::{Close, CloseCode, Token};
 use tokio::time::timeout;
 
 use super::address::{Address, Scheme};
@@ -70,6 +70,7 @@ pub(super) struct OpenedQuic {
 /// address before the last.
 pub(super) async fn connect(
     server: &Server,
+    token: Option<&Token>,
     kept: &mut Kept,
     resolver: &impl Resolver,
 ) -> Result<Connection, Close> {
@@ -79,7 +80,7 @@ pub(super) async fn connect(
         #[cfg(feature = "websocket")]
         Scheme::WebSocket => {
             let authority = address.authority();
-            first_to_answer(address, &servers, |server| open_websocket(server, &authority)).await
+            first_to_answer(address, &servers, |server| open_websocket(server, &authority, token)).await
         }
         #[cfg(feature = "tls")]
         Scheme::SecureWebSocket => {
@@ -91,13 +92,14 @@ pub(super) async fn connect(
                 }
             };
             let authority = address.authority();
-            first_to_answer(address, &servers, |server| open_secure_websocket(server, tls, &authority)).await
+            first_to_answer(address, &servers, |server| open_secure_websocket(server, tls, &authority, token))
+                .await
         }
         #[cfg(feature = "quic")]
         Scheme::Quic => open_quic(server, servers, kept).await,
         #[cfg(not(all(feature = "quic", feature = "tls")))]
         _ => {
-            let _ = (kept, servers);
+            let _ = (token, kept, servers);
             let why = format!("{address}: this program was built without that transport");
             Err(Close::new(CloseCode::Protocol, why))
         }
@@ -186,8 +188,19 @@ async fn open_tcp(server: SocketAddr) -> Result<TcpStream, Close> {
 }
 
 #[cfg(feature = "websocket")]
-async fn open_websocket(server: SocketAddr, authority: &str) -> Result<Connection, Close> {
-    let connection = WebSocketConnection::open(open_tcp(server).await?, authority, STEP_TIMEOUT).await?;
+async fn open_websocket(
+    server: SocketAddr,
+    authority: &str,
+    token: Option<&Token>,
+) -> Result<Connection, Close> {
+    if token.is_some() && !server.ip().is_loopback() {
+        let why =
+            "a token is not sent over ws://, where anybody on the way could take it: use wss:// or quic://";
+        return Err(Close::new(CloseCode::Protocol, why));
+    }
+    let (stream, received) = Counting::new(open_tcp(server).await?);
+    let connection =
+        WebSocketConnection::open_counted(stream, received, authority, token, STEP_TIMEOUT).await?;
     Ok(Connection::WebSocket(Box::new(connection)))
 }
 
@@ -196,11 +209,13 @@ async fn open_secure_websocket(
     server: SocketAddr,
     tls: &super::tls::Tls,
     authority: &str,
+    token: Option<&Token>,
 ) -> Result<Connection, Close> {
     // Counted below TLS, as transports count.
     let (stream, received) = Counting::new(open_tcp(server).await?);
     let stream = tls.open(stream, STEP_TIMEOUT).await?;
-    let connection = WebSocketConnection::open_counted(stream, received, authority, STEP_TIMEOUT).await?;
+    let connection =
+        WebSocketConnection::open_counted(stream, received, authority, token, STEP_TIMEOUT).await?;
     Ok(Connection::SecureWebSocket(Box::new(connection)))
 }
 

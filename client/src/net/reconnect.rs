@@ -65,6 +65,9 @@ impl std::fmt::Display for End {
                     if *attempts == 1 { "1 attempt".into() } else { format!("{attempts} attempts") };
                 write!(f, "{why} ({attempts}); is the server running, and is the address right?")
             }
+            Self::Closed(close) if close.code == CloseCode::Unauthorised => {
+                write!(f, "{}: ask whoever runs the server for a token (--token-file FILE)", close.reason)
+            }
             Self::Closed(close) => f.write_str(&close.reason),
         }
     }
@@ -104,7 +107,9 @@ pub(super) async fn stream_to<H: Host>(
             return End::Left;
         }
         let limit = until.filter(|_| !reached);
-        let connecting = within(limit, retry.first_within, connect(server, &mut kept, resolver));
+        let token = host.core().token().cloned();
+        let connecting = connect(server, token.as_ref(), &mut kept, resolver);
+        let connecting = within(limit, retry.first_within, connecting);
         let mut lasted = Duration::ZERO;
         let close = match meanwhile(host, clock, connecting).await {
             None => return End::Left,

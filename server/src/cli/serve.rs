@@ -18,6 +18,7 @@ use crate::daemon::admin::AdminPort;
 use crate::daemon::admission::Admission;
 use crate::daemon::origin::Origin;
 use crate::daemon::proxy::Network;
+use crate::daemon::tokens::Tokens;
 use crate::daemon::{self, DaemonOptions, SessionSettings};
 use crate::prepare::{Options, cache, prepare_cached};
 use crate::scene::{self, Scene};
@@ -65,6 +66,13 @@ pub(super) struct Arguments {
     /// networks (10.0.0.0/8), divided by commas.
     #[arg(long, env = "LODESTREAM_TRUSTED_PROXY", value_name = "CIDR", value_delimiter = ',')]
     trusted_proxy: Vec<Network>,
+    /// Ask clients for tokens (JSON Web Tokens) that this file's keys have signed: a public key (PEM), a set of keys
+    /// (JWKS), or a secret of 32 bytes and more. Read again when it changes and at SIGHUP.
+    #[arg(long, env = "LODESTREAM_TOKEN_KEYS", value_name = "FILE")]
+    token_keys: Option<PathBuf>,
+    /// Audience that tokens must be for; without, tokens with an audience are refused.
+    #[arg(long, env = "LODESTREAM_TOKEN_AUDIENCE", value_name = "NAME", requires = "token_keys")]
+    token_audience: Option<String>,
     /// Certificate chain (PEM), read again when it changes and at SIGHUP [default: a self-signed one, kept in the cache
     /// folder].
     #[arg(long, env = "LODESTREAM_CERT", value_name = "FILE", requires = "key")]
@@ -86,6 +94,8 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<Outcome> {
         None => anyhow::bail!("no cache folder is known; name one with --cache DIR"),
     };
     let options = Options { recipe: arguments.recipe.resolve(), threads: arguments.threads, quiet: false };
+    let audience = arguments.token_audience;
+    let tokens = arguments.token_keys.map(|file| Tokens::of_file(file, audience)).transpose()?;
     remove_stale(&cache, SystemTime::now());
     let source = open_scene(&scene, &cache, &options)?;
     let log = Log::to_stderr();
@@ -98,6 +108,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<Outcome> {
         admission: Admission {
             origins: arguments.allow_origin.into_iter().collect(),
             proxies: arguments.trusted_proxy.into_iter().collect(),
+            tokens: tokens.map(Arc::new),
         },
         sessions: SessionSettings {
             rate_bits_per_s: arguments.rate.0,

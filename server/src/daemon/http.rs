@@ -195,6 +195,12 @@ fn lists(headers: &HeaderMap, name: &HeaderName, wanted: &str) -> bool {
         .any(|item| item.trim().eq_ignore_ascii_case(wanted))
 }
 
+/// The token of a request (RFC 6750, section 2.1).
+fn bearer(headers: &HeaderMap) -> Option<&str> {
+    let (scheme, token) = headers.get(header::AUTHORIZATION)?.to_str().ok()?.split_once(' ')?;
+    scheme.eq_ignore_ascii_case("bearer").then(|| token.trim())
+}
+
 /// The server's part of the opening handshake (RFC 6455 §4.2).
 fn upgrade(
     request: &mut Request<Incoming>,
@@ -236,8 +242,25 @@ fn upgrade(
     if offers && !lists(headers, &header::SEC_WEBSOCKET_PROTOCOL, ALPN) {
         return text(StatusCode::BAD_REQUEST, format!("the only subprotocol here is {ALPN}\n"));
     }
+    // Who sends none here may still do so in a message.
+    let grant = match bearer(headers).filter(|_| state.admission().tokens.is_some()) {
+        None => None,
+        Some(token) => match state.verify_token(token) {
+            Ok(grant) => Some(grant),
+            Err(why) => {
+                tracing::info!(%peer, "session refused: {why}");
+                let mut response = text(StatusCode::UNAUTHORIZED, format!("{why}\n"));
+                let asked = HeaderValue::from_static("Bearer error=\"invalid_token\"");
+                response.headers_mut().insert(header::WWW_AUTHENTICATE, asked);
+                return response;
+            }
+        },
+    };
     let guard = match state.begin_session(Transport::WebSocket, peer) {
-        Ok(guard) => guard,
+        Ok(mut guard) => {
+            guard.grant = grant;
+            guard
+        }
         Err(why) => {
             tracing::info!(%peer, "session refused: {why}");
             return text(StatusCode::SERVICE_UNAVAILABLE, format!("{why}\n"));

@@ -55,6 +55,7 @@ pub struct Metrics {
     http_errors: IntCounter,
     failed_handshakes: IntCounter,
     early_data: IntCounter,
+    tokens_refused: IntCounter,
     certificate_end: IntGauge,
     certificates_refused: IntCounter,
     bases_sent: Histogram,
@@ -155,6 +156,10 @@ impl Metrics {
                 "lodestream_early_data_sessions_total",
                 "Resumed QUIC sessions whose first words came before the handshake was complete.",
             )?,
+            tokens_refused: counter(
+                "lodestream_tokens_refused_total",
+                "Sessions refused or ended for their tokens: none, of another key, expired, for another scene.",
+            )?,
             certificate_end: gauge(
                 "lodestream_certificate_not_after_seconds",
                 "When the certificate of new connections expires, in seconds since 1970; 0 where that is not known.",
@@ -221,6 +226,10 @@ impl Metrics {
 
     pub(super) fn handshake_failed(&self) {
         self.failed_handshakes.inc();
+    }
+
+    pub(super) fn token_refused(&self) {
+        self.tokens_refused.inc();
     }
 
     pub(super) fn certificate_in_use(&self, not_after: Option<SystemTime>) {

@@ -12,6 +12,8 @@
 //! | [`origin`] | which web pages may open sessions |
 //! | [`proxy`], [`admission`] | for whom a proxy asks; all that is said of who may come |
 //! | [`certificate`], [`renewal`], [`tls`] | the certificate, its exchange while the server runs, TLS for HTTP |
+//! | [`tokens`], `token_keys`, `token_crypto`, `gate` | tokens, what they are verified by, who waits for them |
+//! | `reload` | files that are read again while the server runs |
 //! | [`shutdown`] | what its name says |
 //! | [`memory_scene`] | a scene made of numbers, for tests |
 //!
@@ -25,6 +27,7 @@ pub mod certificate;
 pub mod congestion;
 mod damage;
 mod drive;
+mod gate;
 pub mod http;
 mod intake;
 mod listen;
@@ -36,6 +39,7 @@ pub mod proxy;
 pub mod quic;
 mod quic_stream;
 mod reads;
+mod reload;
 pub mod renewal;
 mod room;
 pub mod shutdown;
@@ -43,6 +47,9 @@ pub mod state;
 #[cfg(test)]
 mod tests;
 pub mod tls;
+mod token_crypto;
+mod token_keys;
+pub mod tokens;
 pub mod websocket;
 
 use std::io::Write as _;
@@ -128,6 +135,7 @@ pub async fn run(options: DaemonOptions, scene: Arc<dyn SceneSource>) -> anyhow:
         // Whoever wants none may have closed it.
         let _ = writeln!(std::io::stdout(), "{url}");
     }
+    daemon.warn_of_strangers();
     daemon.serve(signals).await
 }
 
@@ -201,7 +209,24 @@ impl Daemon {
         quic.into_iter().chain(websocket).collect()
     }
 
-    /// Has the certificate's files read now, as SIGHUP does.
+    /// Says where others may come in who should perhaps not.
+    fn warn_of_strangers(&self) {
+        let public = |address: &SocketAddr| !address.ip().to_canonical().is_loopback();
+        let http = self.http_address().filter(public);
+        let Some(address) = self.quic_address().filter(public).or(http) else { return };
+        if self.state.admission().tokens.is_none() {
+            tracing::warn!(
+                "{address} is for other machines too, and nobody is asked for a token: whoever reaches it may see the \
+                 scene (--token-keys FILE asks for tokens)"
+            );
+        } else if let Some(address) = http.filter(|_| self.tls.is_none()) {
+            tracing::warn!(
+                "tokens that come to {address} can be read on the way: --http-tls, or a proxy with TLS on this machine"
+            );
+        }
+    }
+
+    /// Has files read now, as SIGHUP does.
     pub fn reload(&self) -> impl Fn() + Send + Sync + 'static {
         let reloads = self.reloads.clone();
         move || reloads.send_modify(|count| *count = count.wrapping_add(1))
@@ -242,6 +267,9 @@ impl Daemon {
         let mut renewals = tokio::task::JoinSet::new();
         if let Some(files) = renewed {
             renewals.spawn(renewal::renew(files, Arc::clone(&state), reloads.subscribe()));
+        }
+        if let Some(tokens) = &state.admission().tokens {
+            renewals.spawn(tokens::renew_keys(Arc::clone(tokens), reloads.subscribe()));
         }
         if let Some((endpoint, _)) = quic {
             listeners.spawn(quic::serve_quic(endpoint, state.clone()));

@@ -1,22 +1,17 @@
 //! The certificate that new connections get, and its exchange while the server runs. Connections that are there keep
 //! what they have.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Arc, PoisonError, RwLock};
-use std::time::{Duration, SystemTime};
+use std::time::SystemTime;
 
 use rustls::server::{ClientHello, ResolvesServerCert};
 use rustls::sign::CertifiedKey;
 use tokio::sync::watch;
-use tokio::task::spawn_blocking;
-use tokio::time::sleep;
 
-use super::certificate::{Certificate, read_pem};
+use super::certificate::Certificate;
+use super::reload::follow;
 use super::state::ServerState;
-
-/// Time between two looks at the files. To read two small files costs less than to be told of changes on every kind of
-/// file system, through links that are exchanged too.
-const LOOK_EVERY: Duration = Duration::from_secs(10);
 
 /// The certificate of new connections, over QUIC and TCP.
 #[derive(Debug)]
@@ -53,54 +48,17 @@ pub(super) struct Files {
     pub(super) key: PathBuf,
 }
 
-/// What is in the files: the certificate and a hash by which a change is seen, or why they cannot be read.
-struct Found {
-    seen: Result<blake3::Hash, String>,
-    certificate: anyhow::Result<Certificate>,
-}
-
-/// Reads a certificate chain and its key. Of a pair that is being replaced one may be old; then they do not belong
-/// together, and are read again when the other has come.
-fn find(chain: &Path, key: &Path) -> Found {
-    let texts = read_pem(chain).and_then(|text| Ok((text, read_pem(key)?)));
-    match texts {
-        Ok((of_chain, of_key)) => {
-            let mut hasher = blake3::Hasher::new();
-            // The length parts them.
-            hasher.update(&(of_chain.len() as u64).to_le_bytes()).update(&of_chain).update(&of_key);
-            let certificate = Certificate::from_pem(&of_chain, &of_key, chain, key);
-            Found { seen: Ok(hasher.finalize()), certificate }
-        }
-        Err(why) => Found { seen: Err(format!("{why:#}")), certificate: Err(why) },
-    }
-}
-
-/// Exchanges the certificate when its files have changed, as far as they can be used: looked at every [`LOOK_EVERY`],
-/// and when `asked` changes. Goes on for ever.
-pub(super) async fn renew(files: Files, state: Arc<ServerState>, mut asked: watch::Receiver<u64>) {
+/// Exchanges the certificate when its files have changed, as far as they can be used: of a pair that is being replaced one
+/// may be old, and then they do not belong together until the other has come. Goes on for ever.
+pub(super) async fn renew(files: Files, state: Arc<ServerState>, asked: watch::Receiver<u64>) {
     let Files { live, chain, key } = files;
-    // What was read at start is read again, so that nothing is missed that changed since.
-    let mut seen = None;
-    let mut first = true;
-    loop {
-        let told = !first
-            && tokio::select! {
-                biased;
-                changed = asked.changed() => changed.is_ok(),
-                () = sleep(LOOK_EVERY) => false,
-            };
-        let (of_chain, of_key) = (chain.clone(), key.clone());
-        // Disks are waited for elsewhere. It cannot fail but at the end of everything.
-        let Ok(found) = spawn_blocking(move || find(&of_chain, &of_key)).await else { return };
-        let known = seen.as_ref() == Some(&found.seen);
-        seen = Some(found.seen);
-        if known {
-            if told {
-                tracing::info!("the certificate's files are as they were");
-            }
-            continue;
-        }
-        match found.certificate.and_then(|new| live.exchange(&new).map(|()| new)) {
+    let paths = vec![chain.clone(), key.clone()];
+    follow("the certificate", paths, asked, |texts, first| {
+        let new = texts.and_then(|texts| match &texts[..] {
+            [of_chain, of_key] => Certificate::from_pem(of_chain, of_key, &chain, &key),
+            _ => anyhow::bail!("{} and {} were not read", chain.display(), key.display()),
+        });
+        match new.and_then(|new| live.exchange(&new).map(|()| new)) {
             Ok(new) => {
                 state.metrics().certificate_in_use(new.not_after());
                 warn_of_dates(&new, SystemTime::now());
@@ -117,8 +75,8 @@ pub(super) async fn renew(files: Files, state: Arc<ServerState>, mut asked: watc
                 );
             }
         }
-        first = false;
-    }
+    })
+    .await;
 }
 
 /// Says where a certificate is of no use to those who look at dates.
@@ -127,32 +85,5 @@ pub(super) fn warn_of_dates(certificate: &Certificate, now: SystemTime) {
         tracing::warn!(
             "the certificate has expired: viewers that trust its authority are kept out; renew it"
         );
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::daemon::certificate::FILE_NAME;
-
-    fn kept(now: SystemTime) -> (tempfile::TempDir, PathBuf, Certificate) {
-        let folder = tempfile::tempdir().unwrap();
-        let certificate = Certificate::load_or_create(folder.path(), now).unwrap();
-        let path = folder.path().join(FILE_NAME);
-        (folder, path, certificate)
-    }
-
-    #[test]
-    fn a_change_of_either_file_is_seen_and_half_a_change_is_no_certificate() {
-        let now = SystemTime::now();
-        let ((_a, first, of_first), (_b, second, of_second)) = (kept(now), kept(now));
-        let (one, mixed, other) = (find(&first, &first), find(&second, &first), find(&second, &second));
-        assert_eq!(one.certificate.unwrap().pin(), of_first.pin());
-        assert_eq!(other.certificate.unwrap().pin(), of_second.pin());
-        assert!(format!("{:#}", mixed.certificate.unwrap_err()).contains("do not belong together"));
-        assert!(one.seen != mixed.seen && mixed.seen != other.seen && one.seen != other.seen);
-        std::fs::remove_file(&second).unwrap();
-        let gone = find(&second, &second);
-        assert!(gone.seen.is_err() && gone.certificate.is_err());
     }
 }

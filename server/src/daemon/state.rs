@@ -3,7 +3,7 @@
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use lodestream_protocol::Time;
 use lodestream_protocol::message::CloseCode;
@@ -17,6 +17,7 @@ use super::damage::Damage;
 use super::metrics::{Metrics, Transport};
 use super::places::{NoPlace, Place, Places, default_of_address};
 use super::room::{Room, Seat};
+use super::tokens::{Grant, TokenError};
 
 /// Sessions that have not proved to be a client's: address and `Hello` are awaited. Hundreds of clients may connect at
 /// once; one takes as much memory as a session at its beginning.
@@ -230,6 +231,19 @@ impl ServerState {
         self.requests.enter(peer.ip())
     }
 
+    /// What a token grants; there must be something to verify it by.
+    pub(super) fn verify_token(&self, token: &str) -> Result<Grant, TokenError> {
+        let tokens = self.admission.tokens.as_ref().ok_or(TokenError::Signature)?;
+        let grant = tokens.verify(token, &self.scene.header().name, SystemTime::now());
+        grant.map_err(|why| self.token_refused(why))
+    }
+
+    /// Counts that a session is refused or ended for its token.
+    pub(super) fn token_refused(&self, why: TokenError) -> TokenError {
+        self.metrics.token_refused();
+        why
+    }
+
     /// A blob that a client asked for, or was to be sent, could not be read.
     pub(super) fn read_failed(&self, error: &SourceError) {
         if self.damage.note(error) {
@@ -257,7 +271,15 @@ impl ServerState {
         self.metrics.session_started(transport);
         let id = self.next_session.fetch_add(1, Ordering::Relaxed);
         let standing = Standing::Unproved(self.unproved.enter(peer.ip()));
-        Ok(SessionGuard { state: Arc::clone(self), transport, id, peer, ended: CloseCode::Lost, standing })
+        Ok(SessionGuard {
+            state: Arc::clone(self),
+            transport,
+            id,
+            peer,
+            ended: CloseCode::Lost,
+            grant: None,
+            standing,
+        })
     }
 }
 
@@ -280,6 +302,8 @@ pub(super) struct SessionGuard {
     pub(super) peer: SocketAddr,
     /// Why the session ended; "lost" until said otherwise.
     pub(super) ended: CloseCode,
+    /// What the token of its request grants.
+    pub(super) grant: Option<Grant>,
     standing: Standing,
 }
 

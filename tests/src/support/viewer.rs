@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use lodestream_client::core::{Change, Config, StartView};
 use lodestream_client::net::{Address, End, Retry, Server};
 use lodestream_client::streaming::{Status, Streaming};
+use lodestream_protocol::message::Token;
 
 use super::{LIMIT, PICTURE_PX};
 
@@ -56,6 +57,11 @@ impl Viewer {
 
     pub(crate) fn settle(&mut self) -> Status {
         self.wait("a settled picture", |status| status.settled)
+    }
+
+    /// Shows another token.
+    pub(crate) fn show(&self, token: Token) {
+        self.streaming.tokens().send_replace(Some(token));
     }
 
     /// Waits until the streaming thread gives up; gives what the user is told.

@@ -8,6 +8,7 @@ mod quic;
 mod shutdown;
 mod slow_store;
 mod tls;
+mod tokens;
 mod websocket;
 
 use std::net::{Ipv4Addr, SocketAddr};
