@@ -8,6 +8,7 @@
 //! |---|---|---|
 //! | `quic` | `quic://` addresses (quinn, rustls) | such an address ends the session with a message |
 //! | `websocket` | `ws://` addresses (tungstenite) | the same |
+//! | `tls` | `wss://` addresses (rustls), and with it `websocket` | the same |
 //! | `zstd` | blobs that are zstd frames: packs of the plain codec, and base meshes that are smaller so | they are refused as damaged, with a message that names the feature; the asset stays away |
 //! | `runtime` | sessions on a tokio runtime of the host's, in virtual time too | `Streaming` runs its own |
 //!

@@ -6,13 +6,14 @@ use std::future::Future;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use lodestream_protocol::message::Token;
 use lodestream_protocol::time::Time;
 use lodestream_protocol::view::View;
 use tokio::sync::{mpsc, watch};
 use tokio::time::sleep;
 
 use crate::core::{Change, ClientCore, Config, Progress, Stats};
-use crate::net::{Address, Clock, End, Host, Retry, stream};
+use crate::net::{Clock, End, Host, Retry, Server, stream};
 
 /// Payload bytes decoded between two looks at the network: about 5 ms of work.
 const SLICE_BYTES: u64 = 16 * 1024;
@@ -51,6 +52,7 @@ pub struct Status {
 #[derive(Debug)]
 pub struct Streaming {
     controls: watch::Sender<Controls>,
+    tokens: watch::Sender<Option<Token>>,
     status: watch::Receiver<Status>,
     steps: mpsc::Receiver<Vec<Change>>,
     clock: Clock,
@@ -58,19 +60,20 @@ pub struct Streaming {
 }
 
 impl Streaming {
-    /// Starts to stream from `address`. `notify` is called on the streaming thread when there is something
+    /// Starts to stream from a server; an address that is parsed will do for one. `notify` is called on the streaming thread when there is something
     /// new to take or a new status.
     ///
     /// # Errors
     /// Fails where the system gives no thread.
     pub fn start(
-        address: Address,
+        server: Server,
         config: Config,
         retry: Retry,
         notify: impl Fn() + Send + 'static,
     ) -> std::io::Result<Self> {
         let clock = Clock::start();
         let (controls, controls_receiver) = watch::channel(Controls::default());
+        let (tokens, tokens_receiver) = watch::channel(None);
         let (status_sender, status) = watch::channel(Status::default());
         let (step_sender, steps) = mpsc::channel(MAX_STEPS);
         // Sockets are served on a thread of their own, so that decoding does not delay them.
@@ -82,19 +85,20 @@ impl Streaming {
         let mut host = StreamHost {
             core: ClientCore::new(config),
             controls: controls_receiver,
+            tokens: tokens_receiver,
             steps: Some(step_sender),
             status: status_sender,
-            message: Some(format!("connecting to {address}")),
+            message: Some(format!("connecting to {}", server.address)),
             reported: None,
             notify,
             left: false,
         };
         let thread = std::thread::Builder::new().name("streaming".into()).spawn(move || {
-            let end = runtime.block_on(stream(&address, &mut host, clock, retry, StreamHost::set_message));
+            let end = runtime.block_on(stream(&server, &mut host, clock, retry, StreamHost::set_message));
             host.report(clock.now(), Some(end));
             runtime.shutdown_timeout(Duration::from_millis(200));
         })?;
-        Ok(Self { controls, status, steps, clock, thread: Some(thread) })
+        Ok(Self { controls, tokens, status, steps, clock, thread: Some(thread) })
     }
 
     /// The clock of all times in statuses and changes.
@@ -106,6 +110,13 @@ impl Streaming {
     /// Changes what is asked for; the streaming thread sees the newest only.
     pub fn control(&self, controls: Controls) {
         self.controls.send_if_modified(|old| std::mem::replace(old, controls) != controls);
+    }
+
+    /// Takes newer tokens than that of the configuration, from any thread: they are shown in the session that runs and in
+    /// those after it. Nobody takes them any more once it is closed.
+    #[must_use]
+    pub fn tokens(&self) -> watch::Sender<Option<Token>> {
+        self.tokens.clone()
     }
 
     /// The newest status.
@@ -134,6 +145,7 @@ impl Drop for Streaming {
 struct StreamHost<N> {
     core: ClientCore,
     controls: watch::Receiver<Controls>,
+    tokens: watch::Receiver<Option<Token>>,
     /// `None` once nobody takes steps any more.
     steps: Option<mpsc::Sender<Vec<Change>>>,
     status: watch::Sender<Status>,
@@ -207,6 +219,11 @@ impl<N: Fn()> Host for StreamHost<N> {
             }
             Ok(false) => {}
             Err(_) => self.left = true,
+        }
+        if self.tokens.has_changed().unwrap_or(false)
+            && let Some(token) = self.tokens.borrow_and_update().clone()
+        {
+            self.core.set_token(token);
         }
         let progress = self.core.update(now, SLICE_BYTES);
         self.publish(now);

@@ -16,11 +16,13 @@ import math
 import struct
 import sys
 
-CLIENT_TAGS = {1: "Hello", 2: "Want", 3: "Cancel", 0x84: "SetView", 5: "WantScenePages", 6: "Ping", 7: "Bye"}
+CLIENT_TAGS = {1: "Hello", 2: "Want", 3: "Cancel", 0x84: "SetView", 5: "WantScenePages", 6: "Ping", 7: "Bye",
+               0x88: "Token"}
 SERVER_TAGS = {0x41: "Welcome", 0x42: "ScenePage", 0x43: "Refused", 0xC4: "BasesSent", 0xC5: "Done",
                0x46: "Pong", 0x47: "Close", 0x48: "Piece", 0x49: "RefusedMany", 0xCA: "Lamps"}
 REFUSED = ["NotFound", "Unreadable", "QueueFull", "TooLong", "OutOfRange"]
-CLOSE_CODES = ["Normal", "ShuttingDown", "Version", "NoSuchScene", "Protocol", "Limit", "Timeout", "Busy", "Lost"]
+CLOSE_CODES = ["Normal", "ShuttingDown", "Version", "NoSuchScene", "Protocol", "Limit", "Timeout", "Busy", "Lost",
+               "Unauthorised"]
 STAMPS = ["ridge", "valley", "crater", "plateau", "river bed"]
 TERRAIN, LAMPS = 0xFFFFFFFF, 0xFFFFFFFE
 MAX_BODY, MAX_PIECE, MAX_BLOB = 65536, 16384, 1 << 26
@@ -212,6 +214,11 @@ class Reader:
             "viewport_px": self.f("viewport_px", floats(self.b.u32, 2)),
             "target_px": self.number("target_px", self.b.f32),
         }
+
+    def token(self):
+        token = self.f("token", self.b.text, lambda text: f"{len(text)} characters")
+        ensure(len(token.encode()) <= 8192, "a token that is too long")
+        return token
 
     def want(self):
         return {
@@ -546,6 +553,7 @@ def read_body(name, r):
         "WantScenePages": lambda: r.vec("pages", lambda: r.f("page", b.u32), 256),
         "Ping": lambda: r.f("number", b.u32),
         "Bye": lambda: None,
+        "Token": r.token,
         "Welcome": r.welcome,
         "ScenePage": r.page,
         "Refused": r.refused,
@@ -611,8 +619,8 @@ class Session:
             return
         name, value = frame
         first = {"client": "Hello", "server": "Welcome"}[side]
-        earlier = [name for name, _ in self.said[side]]
-        ensure((name == first) != bool(earlier) or name in ("Close", "Ping", "Bye"), f"{name} behind {earlier}")
+        earlier = [name for name, _ in self.said[side] if name != "Token"]
+        ensure((name == first) != bool(earlier) or name in ("Close", "Ping", "Bye", "Token"), f"{name} behind {earlier}")
         if name == "Piece":
             self.piece(value)
         else:

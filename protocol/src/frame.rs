@@ -25,6 +25,7 @@ mod tag {
     pub(super) const WANT_SCENE_PAGES: u8 = 0x05;
     pub(super) const PING: u8 = 0x06;
     pub(super) const BYE: u8 = 0x07;
+    pub(super) const TOKEN: u8 = 0x08 | OPTIONAL;
     pub(super) const WELCOME: u8 = 0x41;
     pub(super) const SCENE_PAGE: u8 = 0x42;
     pub(super) const REFUSED: u8 = 0x43;
@@ -230,6 +231,7 @@ impl Frame {
             tag::WANT_SCENE_PAGES => ClientMessage::WantScenePages(decode("WantScenePages", body)?),
             tag::PING => ClientMessage::Ping(decode("Ping", body)?),
             tag::BYE => decode::<()>("Bye", body).map(|()| ClientMessage::Bye)?,
+            tag::TOKEN => ClientMessage::Token(decode("Token", body)?),
             unknown if unknown & OPTIONAL != 0 => return Ok(None),
             unknown => return Err(FrameError::UnknownTag(unknown)),
         };
@@ -310,6 +312,7 @@ pub fn encode_client(message: &ClientMessage) -> Result<Vec<u8>, FrameError> {
         ClientMessage::WantScenePages(pages) => frame("WantScenePages", tag::WANT_SCENE_PAGES, pages),
         ClientMessage::Ping(nonce) => frame("Ping", tag::PING, nonce),
         ClientMessage::Bye => frame("Bye", tag::BYE, &()),
+        ClientMessage::Token(token) => frame("Token", tag::TOKEN, token),
     }
 }
 

@@ -24,6 +24,8 @@ pub const MAX_PAGES_PER_MESSAGE: usize = 256;
 pub const MAX_ENTRIES_PER_PAGE: usize = 64;
 /// Longest name of a scene or asset, in bytes of UTF-8.
 pub const MAX_NAME_BYTES: usize = 255;
+/// Longest token, in bytes of UTF-8.
+pub const MAX_TOKEN_BYTES: usize = 8192;
 /// Longest reason text of a `Close`, in bytes of UTF-8.
 pub const MAX_REASON_BYTES: usize = 255;
 /// Most assets of a scene.

@@ -6,6 +6,7 @@ use crate::blob::BlobId;
 use crate::lamps::{Lamps, LampsError};
 use crate::limits::{
     MAX_BLOB_BYTES, MAX_HAVE, MAX_IDS_PER_MESSAGE, MAX_NAME_BYTES, MAX_PAGES_PER_MESSAGE, MAX_REASON_BYTES,
+    MAX_TOKEN_BYTES,
 };
 use crate::scene::{Fingerprint, SceneError, SceneHeader, ScenePage};
 use crate::view::{View, ViewError};
@@ -28,6 +29,9 @@ pub enum ClientMessage {
     SetView(View),
     /// Asks for pages of the scene description ahead of their turn.
     WantScenePages(Vec<u32>),
+    /// Shows that the client may see the scene: before `Hello`, and again before that grant ends. Servers that ask for
+    /// none pass it over.
+    Token(Token),
     /// Shows that the client is alive; answered by `Pong` at once.
     Ping(u32),
     /// The client leaves.
@@ -71,6 +75,16 @@ impl Hello {
             fingerprint: [0; 16],
             have: Vec::new(),
         }
+    }
+}
+
+/// A bearer token: whoever has it may do what it grants. Its text is not shown where a token is printed.
+#[derive(Clone, PartialEq, Eq, Encode, Decode)]
+pub struct Token(pub String);
+
+impl std::fmt::Debug for Token {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Token of {} bytes", self.0.len())
     }
 }
 
@@ -180,11 +194,13 @@ pub enum CloseCode {
     Busy,
     /// The transport failed. Never sent.
     Lost,
+    /// The client showed no token that grants it the scene, or its token has ended.
+    Unauthorised,
 }
 
 impl CloseCode {
     /// All codes, in numeric order.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Normal,
         Self::ShuttingDown,
         Self::Version,
@@ -194,6 +210,7 @@ impl CloseCode {
         Self::Timeout,
         Self::Busy,
         Self::Lost,
+        Self::Unauthorised,
     ];
 
     /// The number used as QUIC application error code; add 4000 for a WebSocket close code.
@@ -257,6 +274,9 @@ pub enum MessageError {
     /// Longer than [`MAX_NAME_BYTES`].
     #[error("the scene's name is too long")]
     SceneName,
+    /// Longer than [`MAX_TOKEN_BYTES`].
+    #[error("the token is too long")]
+    Token,
     /// The lowest is above the highest.
     #[error("the range of versions is empty")]
     Versions,
@@ -309,6 +329,7 @@ impl ClientMessage {
             Self::WantScenePages(pages) => {
                 ensure(pages.len() <= MAX_PAGES_PER_MESSAGE, MessageError::TooManyPages)
             }
+            Self::Token(token) => ensure(token.0.len() <= MAX_TOKEN_BYTES, MessageError::Token),
             Self::Ping(_) | Self::Bye => Ok(()),
         }
     }

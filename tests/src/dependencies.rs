@@ -47,6 +47,11 @@ fn an_embedder_of_the_client_compiles_no_window_and_no_renderer() {
     lacks("lodestream-client", &["--no-default-features"], &["zstd", "zstd-sys"]);
     lacks("lodestream-client", &["--no-default-features", "--features", "quic"], &["tokio-tungstenite"]);
     lacks("lodestream-client", &["--no-default-features", "--features", "websocket"], &["quinn", "rustls"]);
+    lacks(
+        "lodestream-client",
+        &["--no-default-features", "--features", "tls"],
+        &["quinn", "aws-lc-rs", "openssl"],
+    );
 }
 
 #[test]

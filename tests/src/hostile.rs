@@ -4,7 +4,7 @@ use std::io::{Read as _, Write as _};
 use std::net::{Ipv4Addr, TcpStream, UdpSocket};
 use std::time::Duration;
 
-use lodestream_client::net::{Scheme, client_config, endpoint};
+use lodestream_client::net::{client_config, endpoint};
 use lodestream_protocol::BlobId;
 use lodestream_protocol::frame::encode_client;
 use lodestream_protocol::message::{ClientMessage, Close, CloseCode, Hello, RefusedReason, ServerMessage};
@@ -158,7 +158,7 @@ fn runtime() -> tokio::runtime::Runtime {
 }
 
 async fn over_quic(server: &Server) -> (quinn::Endpoint, RawQuic) {
-    let Scheme::Quic(pin) = server.address(Transport::Quic).scheme else { panic!("no QUIC address") };
+    let pin = server.address(Transport::Quic).pin.expect("a QUIC address with a fingerprint");
     let endpoint = endpoint(server.quic_address(), client_config(pin).unwrap()).unwrap();
     let connection = endpoint.connect(server.quic_address(), "localhost").unwrap().await.unwrap();
     (endpoint, RawQuic::new(connection))

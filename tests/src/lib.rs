@@ -9,6 +9,8 @@
 //! | `silence` | a server that is gone without a word is told |
 //! | `limiter` | bytes on the wire against the rate |
 //! | `robustness` | clients and servers that die, and come back |
+//! | `tls` | certificates: who is believed, and their exchange while sessions run |
+//! | `access` | tokens: who is let in, and what others are told |
 //! | `hostile` | peers that break every rule |
 //! | `packs` | the same input gives the same packs; caches; exports; checks |
 //! | `bad_input` | what users may get wrong, and what disks may do to packs |
@@ -29,6 +31,8 @@
 // Helpers of tests are tests, whatever the lint thinks of functions without #[test].
 #![cfg_attr(test, allow(clippy::unwrap_used))]
 
+#[cfg(test)]
+mod access;
 #[cfg(test)]
 mod bad_input;
 #[cfg(test)]
@@ -63,6 +67,8 @@ mod silence;
 mod support;
 #[cfg(test)]
 mod terrain;
+#[cfg(test)]
+mod tls;
 #[cfg(test)]
 mod walls;
 #[cfg(test)]

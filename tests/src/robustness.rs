@@ -61,11 +61,12 @@ fn run_and_kill(address: &Address) {
     let has_chunk = Arc::new(Notify::new());
     let mut host = Doomed { core: ClientCore::new(config()), has_chunk: has_chunk.clone() };
     let retry = Retry { first_attempts: 3, first_within: Duration::MAX, reconnect: false };
+    let server = address.clone().into();
     runtime.block_on(async {
         tokio::select! {
             biased;
             () = has_chunk.notified() => {}
-            end = stream(address, &mut host, Clock::start(), retry, |_, _| {}) => panic!("{end:?}"),
+            end = stream(&server, &mut host, Clock::start(), retry, |_, _| {}) => panic!("{end:?}"),
             () = tokio::time::sleep(LIMIT) => panic!("no chunk came"),
         }
     });

@@ -19,8 +19,16 @@ use crate::outcome::EXIT_CODES;
 #[derive(Clone, Debug, Parser)]
 #[command(name = "lodestream-viewer", version, about, after_help = EXIT_CODES)]
 pub(crate) struct Args {
-    /// The server: quic://HOST:PORT#sha256=FINGERPRINT (as the server prints it) or ws://HOST:PORT
+    /// The server: quic://HOST:PORT#sha256=FINGERPRINT (as the server prints it), wss://HOST:PORT or ws://HOST:PORT.
+    /// Without a fingerprint, certificates are believed that the system's authorities vouch for
     pub(crate) address: Address,
+    /// Believe certificates of the authorities in this file (PEM), and not the system's
+    #[arg(long, value_name = "FILE")]
+    pub(crate) ca: Option<PathBuf>,
+    /// File with the token that the server asks for; read again when it changes. Without, the environment's
+    /// LODESTREAM_TOKEN
+    #[arg(long, value_name = "FILE")]
+    pub(crate) token_file: Option<PathBuf>,
     /// Name of the scene; the server's default without
     #[arg(long, default_value = "")]
     pub(crate) scene: String,
@@ -286,7 +294,7 @@ mod tests {
         assert!("0".parse::<PixelError>().is_err() && "nan".parse::<PixelError>().is_err());
         assert!("0".parse::<Seconds>().is_err() && "1e300".parse::<Seconds>().is_err());
         assert!(Args::try_parse_from(["viewer", "ws://h:1", "--headless"]).is_err());
-        assert!(Args::try_parse_from(["viewer", "quic://h:1"]).is_err());
+        assert!(Args::try_parse_from(["viewer", "quic://h:1#sha256="]).is_err());
         let args = Args::try_parse_from([
             "viewer",
             "ws://h:1",

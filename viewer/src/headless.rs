@@ -12,8 +12,8 @@ use crate::args::Args;
 use crate::files::write_png;
 use crate::frames::Shown;
 use crate::outcome::{Outcome, lacks};
-use crate::run::{core_config, settings, tell_figures};
-use crate::signals;
+use crate::run::{core_config, server, settings, tell_figures};
+use crate::{signals, token};
 
 /// Time until a run without `--timeout` ends.
 const DEFAULT_TIMEOUT: Duration = Duration::from_secs(300);
@@ -45,9 +45,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     })?;
     let retry = Retry { first_attempts: ATTEMPTS, ..Retry::default() };
     // First of all: the server answers while the device is opened and its pipelines are made.
-    let mut streaming = Streaming::start(args.address.clone(), core_config(args), retry, move || {
+    let mut streaming = Streaming::start(server(args)?, core_config(args)?, retry, move || {
         let _ = sender.try_send(Event::News);
     })?;
+    token::follow(args.token_file.as_ref(), &streaming)?;
     let mut headless = Headless::new(Gpu::headless()?, width, height)?;
     headless.time_passes(args.stats.is_some());
     let mut scene = SceneView::new();

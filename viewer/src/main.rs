@@ -9,6 +9,7 @@ mod outcome;
 mod report;
 mod run;
 mod signals;
+mod token;
 mod window;
 
 use std::io::IsTerminal as _;

@@ -1,8 +1,11 @@
 //! What the modes of the program share: settings from its command line, and what it tells at the end.
 
 use std::io::Write as _;
+use std::path::Path;
 
+use anyhow::{Context as _, bail};
 use lodestream_client::core::{Config, StartView, Stats};
+use lodestream_client::net::{Authorities, Scheme, Server};
 use lodestream_client::threads::Threads;
 use lodestream_render::{AmbientOcclusion, AntiAliasing, Settings, Shade, Shadows};
 
@@ -11,19 +14,57 @@ use crate::figures::Figures;
 use crate::files::write_json;
 use crate::frames::Shown;
 use crate::report::Report;
+use crate::token;
+
+/// Longest file of certificates that is read; the system's own have a quarter of a megabyte.
+const MAX_CA_BYTES: u64 = 4 << 20;
+
+/// The server of these arguments, and who may vouch for it.
+///
+/// # Errors
+/// Fails where the authorities' file cannot be used.
+pub(crate) fn server(args: &Args) -> anyhow::Result<Server> {
+    let mut server = Server::from(args.address.clone());
+    if let Some(file) = &args.ca {
+        if args.address.pin.is_some() || args.address.scheme == Scheme::WebSocket {
+            bail!(
+                "--ca is of no use: {}",
+                if args.address.pin.is_some() {
+                    "the address has a fingerprint, which alone is looked at; leave out what stands behind #"
+                } else {
+                    "ws:// is without TLS; write wss://"
+                }
+            );
+        }
+        server.authorities = authorities(file).with_context(|| format!("--ca {}", file.display()))?;
+    }
+    Ok(server)
+}
+
+fn authorities(file: &Path) -> anyhow::Result<Authorities> {
+    let length = std::fs::metadata(file)?.len();
+    if length > MAX_CA_BYTES {
+        bail!("it has {length} bytes, more than any list of authorities");
+    }
+    Ok(Authorities::from_pem(&std::fs::read(file)?)?)
+}
 
 /// The core's settings for these arguments.
-pub(crate) fn core_config(args: &Args) -> Config {
+///
+/// # Errors
+/// Fails where the token cannot be read.
+pub(crate) fn core_config(args: &Args) -> anyhow::Result<Config> {
     let start = match &args.camera {
         Some(camera) => StartView::Given(args.view_of(&camera.0)),
         None => StartView::OfScene { viewport_px: args.window.0, target_px: args.pixel_error.0 },
     };
     let mut config = Config::new(start);
     config.session.scene.clone_from(&args.scene);
+    config.session.token = token::find(args.token_file.as_deref())?;
     config.select.max_faces = args.max_faces;
     config.cache_bytes = u64::from(args.cache_mib) << 20;
     config.decoders = Threads::new(args.decode_threads).decoders();
-    config
+    Ok(config)
 }
 
 /// The renderer's settings for these arguments, on a device whose driver is `software` or not.

@@ -28,12 +28,13 @@ fn addresses_that_are_none_are_refused() {
     for (address, fragment) in [
         ("", "server address"),
         ("http://localhost:8080", "quic://HOST:PORT#sha256="),
-        ("wss://localhost:8080", "wss:// is not supported"),
         ("ws://localhost", "port"),
         ("ws://localhost:0", "port"),
         ("ws://localhost:70000", "port"),
         ("ws://:8080", "host"),
-        ("quic://localhost:4433", "#sha256="),
+        ("quic://localhost:4433#4433", "sha256="),
+        ("wss://localhost#spki-sha256=12", "64"),
+        ("wss://localhost:0", "port"),
         ("quic://localhost:4433#sha256=12", "64"),
         ("quic://localhost:4433#sha256=xyz", "hexadecimal"),
     ] {
@@ -49,6 +50,21 @@ fn options_that_make_no_sense_are_refused() {
     refused(&[address, "--camera", "eye=1,2"], &["eye"]);
     refused(&[address, "--pixel-error", "0"], &["--pixel-error"]);
     refused(&[address, "--timeout=-1"], &["--timeout"]);
+}
+
+#[test]
+fn authorities_that_are_none_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("ca.pem");
+    let ca = file.to_str().unwrap();
+    let headless = |address: &str, fragments: &[&str]| {
+        refused(&[address, "--headless", "--output", "x.png", "--ca", ca], fragments);
+    };
+    headless("wss://localhost:1", &["--ca", ca, "No such file"]);
+    std::fs::write(&file, "none").unwrap();
+    headless("wss://localhost:1", &["--ca", ca, "no PEM certificate"]);
+    headless("ws://localhost:1", &["--ca", "wss://"]);
+    headless(&format!("quic://localhost:1#sha256={}", "ab".repeat(32)), &["--ca", "fingerprint"]);
 }
 
 #[test]

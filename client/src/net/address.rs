@@ -1,4 +1,5 @@
-//! Addresses of servers: `quic://HOST:PORT#sha256=HEX` and `ws://HOST:PORT`.
+//! Addresses of servers: `quic://HOST:PORT`, `wss://HOST:PORT` and `ws://HOST:PORT`, the first two perhaps with the
+//! fingerprint of a certificate or its key, `#sha256=HEX` or `#spki-sha256=HEX`.
 
 use std::fmt;
 use std::str::FromStr;
@@ -8,11 +9,28 @@ use super::pin::{Pin, PinError};
 /// How a server is reached.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scheme {
-    /// QUIC; the certificate's fingerprint must be known.
-    Quic(Pin),
+    /// QUIC.
+    Quic,
+    /// WebSocket over TLS.
+    SecureWebSocket,
     /// WebSocket over plain TCP.
     WebSocket,
 }
+
+impl Scheme {
+    /// "quic", "wss" or "ws".
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Quic => "quic",
+            Self::SecureWebSocket => "wss",
+            Self::WebSocket => "ws",
+        }
+    }
+}
+
+/// Port of a `wss://` address that names none.
+const HTTPS_PORT: u16 = 443;
 
 /// Where a server is.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -23,28 +41,25 @@ pub struct Address {
     pub host: String,
     /// UDP or TCP port.
     pub port: u16,
+    /// What the server's certificate must be; never there for plain WebSocket. Without it, authorities are asked.
+    pub pin: Option<Pin>,
 }
 
 /// An address that cannot be used. The message says what to write instead.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum AddressError {
-    /// Neither `quic://` nor `ws://`.
-    #[error("{0:?} is no server address: write quic://HOST:PORT#sha256=… or ws://HOST:PORT")]
+    /// None of the three.
+    #[error(
+        "{0:?} is no server address: write quic://HOST:PORT#sha256=… (as the server prints it), wss://HOST or \
+         ws://HOST:PORT"
+    )]
     Scheme(String),
-    /// TLS over TCP.
-    #[error("wss:// is not supported: use quic:// (encrypted) or ws:// (plain)")]
-    SecureWebSocket,
     /// No host, or characters that no host has.
     #[error("{0:?} names no host: write HOST:PORT after the scheme")]
     Host(String),
     /// No port, or not a port.
     #[error("{0:?} has no port from 1 to 65535: write HOST:PORT after the scheme")]
     Port(String),
-    /// QUIC without fingerprint.
-    #[error(
-        "quic:// needs the server's certificate fingerprint: add #sha256=… as the server prints it at start"
-    )]
-    NoPin,
     /// A fingerprint that is none.
     #[error(transparent)]
     Pin(#[from] PinError),
@@ -64,23 +79,25 @@ impl FromStr for Address {
             return Err(AddressError::Rest(path.into()));
         }
         let scheme = match scheme.to_ascii_lowercase().as_str() {
-            "quic" => {
-                let hex = match fragment {
-                    None | Some("") => return Err(AddressError::NoPin),
-                    Some(fragment) => fragment
-                        .strip_prefix("sha256=")
-                        .ok_or_else(|| AddressError::Rest(format!("#{fragment}")))?,
-                };
-                Scheme::Quic(hex.parse()?)
-            }
-            "ws" => match fragment {
-                None | Some("") => Scheme::WebSocket,
-                Some(fragment) => return Err(AddressError::Rest(format!("#{fragment}"))),
-            },
-            "wss" => return Err(AddressError::SecureWebSocket),
+            "quic" => Scheme::Quic,
+            "wss" => Scheme::SecureWebSocket,
+            "ws" => Scheme::WebSocket,
             _ => return Err(AddressError::Scheme(text.into())),
         };
-        let (host, port) = place.rsplit_once(':').ok_or_else(|| AddressError::Port(place.into()))?;
+        let pin = match fragment {
+            None | Some("") => None,
+            // Nothing there has a certificate.
+            Some(fragment) if scheme == Scheme::WebSocket => {
+                return Err(AddressError::Rest(format!("#{fragment}")));
+            }
+            Some(fragment) => Some(fragment.parse()?),
+        };
+        // The last colon, unless it is within an IPv6 address.
+        let colon = place.rfind(':').filter(|&at| !place[at..].contains(']'));
+        let (host, port) = match colon {
+            Some(at) => (&place[..at], Some(&place[at + 1..])),
+            None => (place, None),
+        };
         let bracketed = host.strip_prefix('[').and_then(|h| h.strip_suffix(']'));
         let known = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '-' | '_');
         let valid = match bracketed {
@@ -90,19 +107,20 @@ impl FromStr for Address {
         if !valid {
             return Err(AddressError::Host(place.into()));
         }
-        let port = port.parse().ok().filter(|p| *p != 0).ok_or_else(|| AddressError::Port(place.into()))?;
-        Ok(Self { scheme, host: bracketed.unwrap_or(host).to_owned(), port })
+        let port = match port {
+            None if scheme == Scheme::SecureWebSocket => Some(HTTPS_PORT),
+            port => port.and_then(|port| port.parse().ok()).filter(|port| *port != 0),
+        };
+        let port = port.ok_or_else(|| AddressError::Port(place.into()))?;
+        Ok(Self { scheme, host: bracketed.unwrap_or(host).to_owned(), port, pin })
     }
 }
 
 impl Address {
-    /// "quic" or "ws".
+    /// "quic", "wss" or "ws".
     #[must_use]
     pub const fn transport(&self) -> &'static str {
-        match self.scheme {
-            Scheme::Quic(_) => "quic",
-            Scheme::WebSocket => "ws",
-        }
+        self.scheme.name()
     }
 
     /// `HOST:PORT`, with brackets around IPv6 addresses.
@@ -133,24 +151,40 @@ mod tests {
         let ws: Address = "ws://[::1]:8080/".parse().unwrap();
         assert_eq!((ws.transport(), ws.authority().as_str()), ("ws", "[::1]:8080"));
         assert!("WS://example.org:80".parse::<Address>().is_ok());
+        let wss: Address = format!("wss://[::1]/#spki-sha256={HEX}").parse().unwrap();
+        assert_eq!((wss.scheme, wss.authority().as_str()), (Scheme::SecureWebSocket, "[::1]:443"));
+        assert!(matches!(wss.pin, Some(Pin::Key(_))) && matches!(quic.pin, Some(Pin::Certificate(_))));
+        for trusted in ["quic://h:1", "quic://h:1#", "wss://h", "wss://h:8443/", "wss://h#"] {
+            assert_eq!(trusted.parse::<Address>().unwrap().pin, None, "{trusted}");
+        }
     }
 
     #[test]
     fn bad_addresses_say_what_is_wrong() {
         let error = |text: &str| text.parse::<Address>().unwrap_err();
-        assert_eq!(error("quic://h:1"), AddressError::NoPin);
-        assert_eq!(error("quic://h:1#"), AddressError::NoPin);
         assert!(matches!(error("quic://h:1#sha256=12"), AddressError::Pin(_)));
-        assert!(matches!(error("quic://h:1#md5=12"), AddressError::Rest(_)));
+        assert!(matches!(error("wss://h:1#spki-sha256=12"), AddressError::Pin(_)));
+        assert!(matches!(error("quic://h:1#md5=12"), AddressError::Pin(_)));
         assert!(matches!(error("localhost:8080"), AddressError::Scheme(_)));
         assert!(matches!(error("http://h:1"), AddressError::Scheme(_)));
-        assert_eq!(error("wss://h:1"), AddressError::SecureWebSocket);
-        for port in ["ws://h", "ws://h:0", "ws://h:65536", "ws://h:x", "ws://h:"] {
+        for port in [
+            "ws://h",
+            "ws://h:0",
+            "ws://h:65536",
+            "ws://h:x",
+            "ws://h:",
+            "quic://h",
+            "ws://[::1]",
+            "wss://h:",
+        ] {
             assert!(matches!(error(port), AddressError::Port(_)), "{port}");
         }
-        for host in ["ws://:1", "ws://a b:1", "ws://[::zz]:1", "ws://u@h:1", "ws://::1:8080"] {
+        for host in
+            ["ws://:1", "ws://a b:1", "ws://[::zz]:1", "ws://u@h:1", "ws://::1:8080", "wss://", "wss://::1"]
+        {
             assert!(matches!(error(host), AddressError::Host(_)), "{host}");
         }
         assert!(matches!(error("ws://h:1/other"), AddressError::Rest(_)));
+        assert!(matches!(error(&format!("ws://h:1#sha256={HEX}")), AddressError::Rest(_)));
     }
 }

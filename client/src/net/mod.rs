@@ -15,8 +15,6 @@ mod connect;
 mod drive;
 mod pin;
 #[cfg(feature = "quic")]
-mod pin_verifier;
-#[cfg(feature = "quic")]
 #[cfg_attr(not(feature = "runtime"), allow(unreachable_pub))]
 mod quic;
 #[cfg(feature = "quic")]
@@ -27,8 +25,14 @@ mod quic_sender;
 #[cfg(any(feature = "quic", feature = "websocket"))]
 #[cfg_attr(not(feature = "runtime"), allow(unreachable_pub))]
 mod reconnect;
+#[cfg(any(feature = "quic", feature = "websocket"))]
+mod server;
 #[cfg(all(test, feature = "websocket"))]
 mod tests;
+#[cfg(feature = "tls")]
+mod tls;
+#[cfg(any(feature = "quic", feature = "tls"))]
+mod trust;
 #[cfg(feature = "websocket")]
 #[cfg_attr(not(feature = "runtime"), allow(unreachable_pub))]
 mod websocket;
@@ -47,8 +51,12 @@ pub use quic_open::{QuicConnection, QuicOpenError};
 pub use reconnect::stream;
 #[cfg(any(feature = "quic", feature = "websocket"))]
 pub use reconnect::{End, Retry};
+#[cfg(any(feature = "quic", feature = "websocket"))]
+pub use server::Server;
+#[cfg(any(feature = "quic", feature = "tls"))]
+pub use trust::{Authorities, AuthoritiesError, Trust};
 #[cfg(all(feature = "runtime", feature = "websocket"))]
-pub use websocket::{WebSocketConnection, run_websocket};
+pub use websocket::{Counting, WebSocketConnection, run_websocket};
 
 #[cfg(all(not(feature = "runtime"), any(feature = "quic", feature = "websocket")))]
 pub(crate) use {drive::Host, reconnect::stream};

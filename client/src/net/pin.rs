@@ -1,41 +1,76 @@
-//! Fingerprints of certificates, as addresses name them.
+//! What an address says of its server's certificate: a fingerprint, which is then trusted in place of any authority.
 
+use std::fmt;
 use std::str::FromStr;
 
-/// SHA-256 of a certificate's DER.
+/// A fingerprint, SHA-256, that a server's certificate must have. Names and dates in it are not looked at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Pin(pub [u8; 32]);
+pub enum Pin {
+    /// Of the certificate's DER (`sha256=`): no other certificate will do, nor one that renews it.
+    Certificate([u8; 32]),
+    /// Of its SubjectPublicKeyInfo's DER (`spki-sha256=`; RFC 7469, section 2.4, has the same in base64): a certificate
+    /// that renews it for the same key will do.
+    Key([u8; 32]),
+}
+
+/// What stands before the digits.
+const CERTIFICATE: &str = "sha256";
+const KEY: &str = "spki-sha256";
 
 /// Text that is no fingerprint.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PinError {
+    /// Neither `sha256=` nor `spki-sha256=`.
+    #[error("{0:?} is no fingerprint: write sha256=… or spki-sha256=… as the server prints it")]
+    Kind(String),
     /// Another length than 64.
     #[error(
-        "the fingerprint after #sha256= has {0} characters instead of 64: copy it whole from the server's output"
+        "the fingerprint after #{0}= has {1} characters instead of 64: copy it whole from the server's output"
     )]
-    Length(usize),
+    Length(&'static str, usize),
     /// Something that is no hexadecimal digit.
-    #[error("the fingerprint after #sha256= has a character that is no hexadecimal digit: {0:?}")]
-    Digit(char),
+    #[error("the fingerprint after #{0}= has a character that is no hexadecimal digit: {1:?}")]
+    Digit(&'static str, char),
 }
 
 impl FromStr for Pin {
     type Err = PinError;
 
-    fn from_str(hex: &str) -> Result<Self, PinError> {
-        if let Some(other) = hex.chars().find(|c| !c.is_ascii_hexdigit()) {
-            return Err(PinError::Digit(other));
+    /// Reads what stands behind `#` in an address: `sha256=HEX` or `spki-sha256=HEX`.
+    fn from_str(text: &str) -> Result<Self, PinError> {
+        match text.split_once('=') {
+            Some((CERTIFICATE, hex)) => digest(CERTIFICATE, hex).map(Self::Certificate),
+            Some((KEY, hex)) => digest(KEY, hex).map(Self::Key),
+            _ => Err(PinError::Kind(text.into())),
         }
-        if hex.len() != 64 {
-            return Err(PinError::Length(hex.len()));
-        }
-        let mut bytes = [0; 32];
-        for (byte, pair) in bytes.iter_mut().zip(hex.as_bytes().chunks_exact(2)) {
-            let digit = |c: u8| char::from(c).to_digit(16).unwrap_or(0);
-            *byte = u8::try_from(digit(pair[0]) << 4 | digit(pair[1])).unwrap_or(0);
-        }
-        Ok(Self(bytes))
     }
+}
+
+impl fmt::Display for Pin {
+    /// As it is read.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (kind, digest) = match self {
+            Self::Certificate(digest) => (CERTIFICATE, digest),
+            Self::Key(digest) => (KEY, digest),
+        };
+        write!(f, "{kind}=")?;
+        digest.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
+    }
+}
+
+fn digest(kind: &'static str, hex: &str) -> Result<[u8; 32], PinError> {
+    if let Some(other) = hex.chars().find(|c| !c.is_ascii_hexdigit()) {
+        return Err(PinError::Digit(kind, other));
+    }
+    if hex.len() != 64 {
+        return Err(PinError::Length(kind, hex.len()));
+    }
+    let mut bytes = [0; 32];
+    for (byte, pair) in bytes.iter_mut().zip(hex.as_bytes().chunks_exact(2)) {
+        let digit = |c: u8| char::from(c).to_digit(16).unwrap_or(0);
+        *byte = u8::try_from(digit(pair[0]) << 4 | digit(pair[1])).unwrap_or(0);
+    }
+    Ok(bytes)
 }
 
 #[cfg(test)]
@@ -43,9 +78,21 @@ mod tests {
     use super::*;
 
     #[test]
+    fn pins_are_read_as_they_are_written() {
+        for pin in [Pin::Certificate([0xab; 32]), Pin::Key([7; 32])] {
+            assert_eq!(pin.to_string().parse(), Ok(pin));
+        }
+        assert_eq!(Pin::Key([1; 32]).to_string(), format!("spki-sha256={}", "01".repeat(32)));
+    }
+
+    #[test]
     fn bad_pins_are_named() {
-        assert_eq!("12".parse::<Pin>(), Err(PinError::Length(2)));
-        assert_eq!("zz".repeat(32).parse::<Pin>(), Err(PinError::Digit('z')));
-        assert_eq!("ä".parse::<Pin>(), Err(PinError::Digit('ä')));
+        assert_eq!("sha256=12".parse::<Pin>(), Err(PinError::Length("sha256", 2)));
+        let letters = format!("spki-sha256={}", "zz".repeat(32));
+        assert_eq!(letters.parse::<Pin>(), Err(PinError::Digit("spki-sha256", 'z')));
+        assert_eq!("sha256=ä".parse::<Pin>(), Err(PinError::Digit("sha256", 'ä')));
+        for other in ["", "12", "md5=12", "SHA256=12"] {
+            assert_eq!(other.parse::<Pin>(), Err(PinError::Kind(other.into())));
+        }
     }
 }

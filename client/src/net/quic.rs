@@ -17,10 +17,9 @@ use quinn::{Chunk, Connection, ConnectionError, ReadError, RecvStream, TokenMemo
 use tokio::time::timeout;
 
 use super::drive::{Clock, Host, Receive, Received, drive};
-use super::pin::Pin;
-use super::pin_verifier::PinVerifier;
 use super::quic_open::QuicConnection;
 use super::quic_sender::{QuicSender, SEND_QUEUE_BYTES};
+use super::trust::{Refusal, Trust, Verifier};
 
 /// Streams that the server may have open at once: one for control, the others for blobs.
 const MAX_STREAMS: u32 = 256;
@@ -56,21 +55,30 @@ pub enum QuicSetupError {
     Socket(#[from] std::io::Error),
 }
 
-/// The client's settings for QUIC, for one server, whose certificate has this fingerprint.
+/// The client's settings for QUIC, for one server, by what is known of its certificate.
 ///
 /// They hold, in memory, the session tickets and address tokens that the server gives, so that connecting again with
 /// the same settings, or a clone of them, resumes ([`QuicConnection`]). Settings made anew have none: what one server
-/// gave is never shown to another, and a session is only resumed under the pin that it was verified by.
+/// gave is never shown to another, and a session is only resumed under the trust that it was verified by.
 ///
 /// # Errors
 /// Fails where TLS or QUIC refuse their settings.
-pub fn client_config(pin: Pin) -> Result<quinn::ClientConfig, QuicSetupError> {
+#[cfg_attr(not(feature = "runtime"), allow(dead_code))] // for hosts with a runtime of their own
+pub fn client_config(trust: impl Into<Trust>) -> Result<quinn::ClientConfig, QuicSetupError> {
+    client_config_of(trust.into(), Refusal::default())
+}
+
+/// The same; why a certificate was refused is noted.
+pub(super) fn client_config_of(
+    trust: Trust,
+    refusal: Refusal,
+) -> Result<quinn::ClientConfig, QuicSetupError> {
     let provider = Arc::new(rustls::crypto::ring::default_provider());
-    let verifier = PinVerifier { pin, provider: provider.clone() };
+    let verifier = Verifier::new(trust, refusal, provider.clone())?;
     let mut tls = rustls::ClientConfig::builder_with_provider(provider)
         .with_protocol_versions(&[&rustls::version::TLS13])?
         .dangerous()
-        .with_custom_certificate_verifier(Arc::new(verifier))
+        .with_custom_certificate_verifier(verifier)
         .with_no_client_auth();
     tls.alpn_protocols = vec![ALPN.as_bytes().to_vec()];
     tls.resumption = rustls::client::Resumption::in_memory_sessions(MAX_TICKETS);

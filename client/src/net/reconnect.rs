@@ -8,10 +8,10 @@ use lodestream_protocol::client::Backoff;
 use lodestream_protocol::message::{Close, CloseCode};
 use tokio::time::{Instant, sleep_until, timeout_at};
 
-use super::address::Address;
 use super::addresses::{Resolver, System};
 use super::connect::{Kept, connect};
 use super::drive::{Clock, Host};
+use super::server::Server;
 use crate::core::Progress;
 
 /// Time that an attempt is given at least: where less is left, none is begun.
@@ -65,6 +65,9 @@ impl std::fmt::Display for End {
                     if *attempts == 1 { "1 attempt".into() } else { format!("{attempts} attempts") };
                 write!(f, "{why} ({attempts}); is the server running, and is the address right?")
             }
+            Self::Closed(close) if close.code == CloseCode::Unauthorised => {
+                write!(f, "{}: ask whoever runs the server for a token (--token-file FILE)", close.reason)
+            }
             Self::Closed(close) => f.write_str(&close.reason),
         }
     }
@@ -74,18 +77,18 @@ impl std::fmt::Display for End {
 /// longer pauses when it is lost. Every step of that has a deadline, and none outlasts the host's wish to leave.
 /// `report` is told in words what is going on (`None`: all is well).
 pub async fn stream<H: Host>(
-    address: &Address,
+    server: &Server,
     host: &mut H,
     clock: Clock,
     retry: Retry,
     report: impl FnMut(&mut H, Option<String>),
 ) -> End {
-    stream_to(address, &System, host, clock, retry, report).await
+    stream_to(server, &System, host, clock, retry, report).await
 }
 
 /// As [`stream`], to where a resolver says that the address's name is.
 pub(super) async fn stream_to<H: Host>(
-    address: &Address,
+    server: &Server,
     resolver: &impl Resolver,
     host: &mut H,
     clock: Clock,
@@ -104,14 +107,16 @@ pub(super) async fn stream_to<H: Host>(
             return End::Left;
         }
         let limit = until.filter(|_| !reached);
-        let connecting = within(limit, retry.first_within, connect(address, &mut kept, resolver));
+        let token = host.core().token().cloned();
+        let connecting = connect(server, token.as_ref(), &mut kept, resolver);
+        let connecting = within(limit, retry.first_within, connecting);
         let mut lasted = Duration::ZERO;
         let close = match meanwhile(host, clock, connecting).await {
             None => return End::Left,
             Some(Err(close)) => close,
             Some(Ok(connection)) => {
                 let began = clock.now();
-                let close = connection.run(address, &mut kept, host, clock).await;
+                let close = connection.run(&server.address, &mut kept, host, clock).await;
                 lasted = clock.now().since(began);
                 close
             }
@@ -140,7 +145,7 @@ pub(super) async fn stream_to<H: Host>(
         if meanwhile(host, clock, sleep_until(Instant::now() + wait)).await.is_none() {
             return End::Left;
         }
-        report(host, Some(format!("connecting to {address}")));
+        report(host, Some(format!("connecting to {}", server.address)));
     }
 }
 

@@ -13,14 +13,15 @@ use futures_util::stream::{SplitSink, SplitStream};
 use futures_util::{Sink, SinkExt, StreamExt};
 use lodestream_protocol::frame::{Frame, FrameError};
 use lodestream_protocol::limits::MAX_FRAME_BYTES;
-use lodestream_protocol::message::{Close, CloseCode};
+use lodestream_protocol::message::{Close, CloseCode, Token};
 use lodestream_protocol::stream::ALPN;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::timeout;
 use tokio_tungstenite::tungstenite::client::IntoClientRequest;
-use tokio_tungstenite::tungstenite::error::CapacityError;
+use tokio_tungstenite::tungstenite::error::{CapacityError, ProtocolError};
 use tokio_tungstenite::tungstenite::http::HeaderValue;
-use tokio_tungstenite::tungstenite::http::header::SEC_WEBSOCKET_PROTOCOL;
+use tokio_tungstenite::tungstenite::http::StatusCode;
+use tokio_tungstenite::tungstenite::http::header::{AUTHORIZATION, SEC_WEBSOCKET_PROTOCOL};
 use tokio_tungstenite::tungstenite::protocol::{CloseFrame, WebSocketConfig};
 use tokio_tungstenite::tungstenite::{Error, Message};
 use tokio_tungstenite::{WebSocketStream, client_async_with_config};
@@ -37,18 +38,33 @@ const CLOSE_CODE_BASE: u16 = 4000;
 /// A WebSocket on which a session can begin.
 #[derive(Debug)]
 pub struct WebSocketConnection<S> {
-    socket: WebSocketStream<Counting<S>>,
+    socket: WebSocketStream<S>,
     received: Arc<AtomicU64>,
 }
 
-impl<S: AsyncRead + AsyncWrite + Unpin> WebSocketConnection<S> {
+impl<S: AsyncRead + AsyncWrite + Unpin> WebSocketConnection<Counting<S>> {
     /// Asks for a WebSocket over an open TCP connection (or what stands for one). `authority` is the `HOST:PORT` that
     /// the server is told.
     ///
     /// # Errors
     /// Says why there is none: the answer is another or none within `limit`, or the connection is lost.
+    #[cfg_attr(not(feature = "runtime"), allow(dead_code))] // for hosts with a runtime of their own
     pub async fn open(stream: S, authority: &str, limit: Duration) -> Result<Self, Close> {
-        timeout(limit, handshake(stream, authority)).await.unwrap_or_else(|_| {
+        let (stream, received) = Counting::new(stream);
+        Self::open_counted(stream, received, authority, None, limit).await
+    }
+}
+
+impl<S: AsyncRead + AsyncWrite + Unpin> WebSocketConnection<S> {
+    /// The same over a stream whose bytes are counted already, with what shows that the client may see the scene.
+    pub(super) async fn open_counted(
+        stream: S,
+        received: Arc<AtomicU64>,
+        authority: &str,
+        token: Option<&Token>,
+        limit: Duration,
+    ) -> Result<Self, Close> {
+        timeout(limit, handshake(stream, received, authority, token)).await.unwrap_or_else(|_| {
             let why = format!(
                 "it accepts connections, but gave no answer to the WebSocket request within {} s: is it a lodestream \
                  server?",
@@ -70,18 +86,28 @@ where
     drive(host, clock, receiver, WebSocketSender { sink, queue: VecDeque::new(), unflushed: false }).await
 }
 
-async fn handshake<S>(stream: S, authority: &str) -> Result<WebSocketConnection<S>, Close>
+async fn handshake<S>(
+    stream: S,
+    received: Arc<AtomicU64>,
+    authority: &str,
+    token: Option<&Token>,
+) -> Result<WebSocketConnection<S>, Close>
 where
     S: AsyncRead + AsyncWrite + Unpin,
 {
-    let received = Arc::new(AtomicU64::new(0));
-    let stream = Counting { stream, received: received.clone() };
     let lost = |why: String| Close::new(CloseCode::Lost, why);
     let mut request = match format!("ws://{authority}/").into_client_request() {
         Ok(request) => request,
         Err(why) => return Err(lost(why.to_string())),
     };
     request.headers_mut().insert(SEC_WEBSOCKET_PROTOCOL, HeaderValue::from_static(ALPN));
+    if let Some(token) = token {
+        let Ok(mut value) = HeaderValue::from_str(&format!("Bearer {}", token.0)) else {
+            return Err(Close::new(CloseCode::Unauthorised, "the token has characters that no token has"));
+        };
+        value.set_sensitive(true);
+        request.headers_mut().insert(AUTHORIZATION, value);
+    }
     let limits = WebSocketConfig::default()
         .read_buffer_size(READ_BUFFER_BYTES)
         .write_buffer_size(0)
@@ -92,18 +118,37 @@ where
         Ok((socket, _)) => Ok(WebSocketConnection { socket, received }),
         Err(Error::Http(response)) => {
             let status = response.status();
+            if status == StatusCode::UNAUTHORIZED {
+                // What the server says of the token, if that came along.
+                let said = response.body().as_deref().and_then(|body| std::str::from_utf8(body).ok());
+                let said = said.and_then(|text| text.lines().next()).filter(|line| !line.is_empty());
+                let said = said.unwrap_or("the server does not take the token");
+                return Err(Close::new(CloseCode::Unauthorised, said));
+            }
             let code = if status.is_server_error() { CloseCode::Busy } else { CloseCode::Protocol };
             Err(Close::new(code, format!("the server answers the WebSocket request with {status}")))
         }
+        // An alert of TLS reads as no HTTP.
+        Err(why @ Error::Protocol(ProtocolError::HttparseError(_))) => Err(lost(format!(
+            "the WebSocket handshake failed: {why}; does the server print wss:// for this port?"
+        ))),
         Err(why) => Err(lost(format!("the WebSocket handshake failed: {why}"))),
     }
 }
 
 /// A stream that counts what is read from it.
 #[derive(Debug)]
-struct Counting<S> {
+pub struct Counting<S> {
     stream: S,
     received: Arc<AtomicU64>,
+}
+
+impl<S> Counting<S> {
+    /// The stream, and its counter.
+    pub(super) fn new(stream: S) -> (Self, Arc<AtomicU64>) {
+        let received = Arc::new(AtomicU64::new(0));
+        (Self { stream, received: Arc::clone(&received) }, received)
+    }
 }
 
 impl<S: AsyncRead + Unpin> AsyncRead for Counting<S> {
@@ -138,7 +183,7 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for Counting<S> {
 }
 
 struct WebSocketReceiver<S> {
-    stream: SplitStream<WebSocketStream<Counting<S>>>,
+    stream: SplitStream<WebSocketStream<S>>,
     received: Arc<AtomicU64>,
 }
 
@@ -185,7 +230,7 @@ fn closed(frame: Option<CloseFrame>) -> Received {
 }
 
 struct WebSocketSender<S> {
-    sink: SplitSink<WebSocketStream<Counting<S>>, Message>,
+    sink: SplitSink<WebSocketStream<S>, Message>,
     queue: VecDeque<Message>,
     unflushed: bool,
 }

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use crate::blob::BlobId;
 use crate::limits::MAX_BLOB_BYTES;
+use crate::message::Token;
 use crate::scene::Fingerprint;
 
 /// Knobs of a client session.
@@ -11,6 +12,8 @@ use crate::scene::Fingerprint;
 pub struct ClientConfig {
     /// Name of the scene; empty for the server's default.
     pub scene: String,
+    /// What shows that the client may see it, for servers that ask.
+    pub token: Option<Token>,
     /// Longest blob taken, in bytes.
     pub max_blob_bytes: u32,
     /// Bytes that the client can hold in all.
@@ -29,6 +32,7 @@ impl Default for ClientConfig {
     fn default() -> Self {
         Self {
             scene: String::new(),
+            token: None,
             max_blob_bytes: MAX_BLOB_BYTES,
             budget_bytes: 512 << 20,
             min_in_flight_bytes: 16 * 1024,

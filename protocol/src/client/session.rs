@@ -13,7 +13,9 @@ use super::view_updates::ViewUpdates;
 use crate::blob::BlobId;
 use crate::frame::{BlobPiece, FrameError, ServerFrame};
 use crate::limits::{MAX_HAVE, MAX_PAGES_PER_MESSAGE};
-use crate::message::{ClientMessage, Close, CloseCode, Hello, Refused, ServerMessage, VERSIONS, Welcome};
+use crate::message::{
+    ClientMessage, Close, CloseCode, Hello, Refused, ServerMessage, Token, VERSIONS, Welcome,
+};
 use crate::select::Wanted;
 use crate::time::Time;
 use crate::view::View;
@@ -23,7 +25,9 @@ use crate::view::View;
 pub struct ClientSession {
     config: ClientConfig,
     close: Option<Close>,
-    /// The first message, not sent yet.
+    /// What shows that the client may see the scene, not sent yet.
+    token: Option<Token>,
+    /// The first message behind that, not sent yet.
     hello: Option<Hello>,
     /// The last message, not sent yet.
     bye: bool,
@@ -59,6 +63,7 @@ impl ClientSession {
         };
         Self {
             close: None,
+            token: config.token.clone(),
             hello: Some(hello),
             bye: false,
             page_count: None,
@@ -233,6 +238,9 @@ impl ClientSession {
         if self.close.is_some() {
             return std::mem::take(&mut self.bye).then_some(ClientMessage::Bye);
         }
+        if let Some(token) = self.token.take() {
+            return Some(ClientMessage::Token(token));
+        }
         if let Some(hello) = self.hello.take() {
             self.view.greeted(now, hello.view.is_some());
             return Some(ClientMessage::Hello(hello));
@@ -284,6 +292,11 @@ impl ClientSession {
             Some(hello) => hello.view = Some(view),
             None => self.view.set(view),
         }
+    }
+
+    /// Shows another token: the one that the session began with is about to end.
+    pub fn set_token(&mut self, token: Token) {
+        self.token = Some(token);
     }
 
     /// These blobs were dropped from the client's cache and may be asked for again.

@@ -9,7 +9,7 @@ use crate::blob::BlobId;
 use crate::frame::BlobPiece;
 use crate::limits::MAX_BLOB_BYTES;
 use crate::message::{
-    ClientMessage, Close, CloseCode, Refused, RefusedReason, ServerMessage, VERSIONS, Want, Welcome,
+    ClientMessage, Close, CloseCode, Refused, RefusedReason, ServerMessage, Token, VERSIONS, Want, Welcome,
 };
 use crate::select::{State, Wanted};
 use crate::source::SceneSource;
@@ -365,4 +365,18 @@ proptest! {
             }
         }
     }
+}
+
+#[test]
+fn a_token_comes_before_hello_and_a_newer_one_at_once() {
+    let token = |text: &str| Token(text.into());
+    let config = ClientConfig { token: Some(token("first")), ..ClientConfig::default() };
+    let mut client = ClientSession::new(config, None, Resume::default(), Time::ZERO);
+    assert_eq!(client.poll_transmit(Time::ZERO), Some(ClientMessage::Token(token("first"))));
+    assert!(matches!(client.poll_transmit(Time::ZERO), Some(ClientMessage::Hello(_))));
+    assert!(matches!(client.poll_transmit(Time::ZERO), Some(ClientMessage::Ping(_))));
+    client.set_token(token("second"));
+    assert_eq!(client.poll_transmit(Time::ZERO), Some(ClientMessage::Token(token("second"))));
+    assert_eq!(client.poll_transmit(Time::ZERO), None);
+    assert_eq!(format!("{:?}", token("second")), "Token of 6 bytes", "its text is for nobody's log");
 }

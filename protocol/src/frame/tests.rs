@@ -34,6 +34,7 @@ fn client_messages() -> Vec<ClientMessage> {
         ClientMessage::WantScenePages(vec![0, 1, 1000]),
         ClientMessage::Ping(77),
         ClientMessage::Bye,
+        ClientMessage::Token(Token("head.claims.signature".into())),
     ]
 }
 

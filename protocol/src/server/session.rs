@@ -126,6 +126,8 @@ impl ServerSession {
                 let told = self.control.pong(nonce);
                 self.told(told);
             }
+            // Whoever asks for tokens has taken it already.
+            (_, ClientMessage::Token(_)) => {}
             (Phase::Greeting, ClientMessage::Hello(hello)) => self.hello(hello),
             (Phase::Greeting, _) => self.refuse(CloseCode::Protocol, "the first message must be Hello"),
             (_, ClientMessage::Hello(_)) => self.refuse(CloseCode::Protocol, "a second Hello"),

@@ -34,7 +34,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Stream a scene: prepares its models where that was not done before, then listens.
-    Serve(serve::Arguments),
+    Serve(Box<serve::Arguments>),
     /// Prepare one model: OBJ or glTF to pack.
     Prepare(prepare::Arguments),
     /// Tell what is in a pack.
@@ -56,7 +56,7 @@ enum Command {
 pub fn main() -> ExitCode {
     process::set_up();
     finish(match Cli::parse().command {
-        Command::Serve(arguments) => serve::run(arguments),
+        Command::Serve(arguments) => serve::run(*arguments),
         Command::Prepare(arguments) => prepare::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Export(arguments) => export::run(&arguments),
@@ -115,6 +115,9 @@ mod tests {
             "serve scene.toml --rate 2Mbit --listen 127.0.0.1:4433 --http 127.0.0.1:8080 --cache dir",
             "serve a.obj --admin 127.0.0.1:0",
             "serve a.obj --admin off",
+            "serve a.obj --token-keys keys.json --token-audience us",
+            "serve a.obj --http-tls --cert c.pem --key k.pem",
+            "serve a.obj --trusted-proxy 10.0.0.0/8,127.0.0.1 --trusted-proxy 2001:db8::/32",
             "serve a.obj --max-sessions 100 --max-sessions-per-address 20",
             "prepare a.obj -o a.lsp",
             "prepare a.obj -o a.lsp --position-bits 12 --threads 2",
@@ -155,6 +158,9 @@ mod tests {
             "export a.lsp --faces 1 --error 1 -o b.obj",
             "serve a.obj --rate fast",
             "serve a.obj --admin 8081",
+            "serve a.obj --trusted-proxy proxy.example",
+            "serve a.obj --cert c.pem",
+            "serve a.obj --token-audience us",
             "serve a.obj --max-sessions 0",
             "serve a.obj --max-sessions-per-address 0",
             "check a.lsp --mesh hose",

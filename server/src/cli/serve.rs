@@ -15,7 +15,10 @@ use super::outcome::Outcome;
 use super::recipe::RecipeArguments;
 use super::units::{Rate, parse_rate};
 use crate::daemon::admin::AdminPort;
+use crate::daemon::admission::Admission;
 use crate::daemon::origin::Origin;
+use crate::daemon::proxy::Network;
+use crate::daemon::tokens::Tokens;
 use crate::daemon::{self, DaemonOptions, SessionSettings};
 use crate::prepare::{Options, cache, prepare_cached};
 use crate::scene::{self, Scene};
@@ -35,6 +38,9 @@ pub(super) struct Arguments {
     /// Address for WebSocket and /health (TCP); port 0 for any free one.
     #[arg(long, env = "LODESTREAM_HTTP", value_name = "ADDRESS", default_value = "127.0.0.1:8080")]
     http: SocketAddr,
+    /// The HTTP port speaks TLS (wss:// and https://), with the certificate of QUIC.
+    #[arg(long, env = "LODESTREAM_HTTP_TLS")]
+    http_tls: bool,
     /// Address for /health and /metrics (TCP), for who runs the server: port 0 for any free one, or off [default:
     /// 127.0.0.1:8081, or any free port of 127.0.0.1 where that is taken].
     #[arg(long, env = "LODESTREAM_ADMIN", value_name = "ADDRESS")]
@@ -47,7 +53,8 @@ pub(super) struct Arguments {
         value_parser = value_parser!(u64).range(1..))]
     max_sessions: u64,
     /// Most sessions at once of one address (of IPv6: of a network of 64 bits), at least 1 [default: an eighth of
-    /// --max-sessions, at least 8]. Behind a proxy all clients have its address.
+    /// --max-sessions, at least 8]. Behind a proxy all clients have its address,
+    /// unless --trusted-proxy names it.
     #[arg(long, env = "LODESTREAM_MAX_SESSIONS_PER_ADDRESS", value_name = "N",
         value_parser = value_parser!(u64).range(1..))]
     max_sessions_per_address: Option<u64>,
@@ -55,7 +62,19 @@ pub(super) struct Arguments {
     /// Programs that are no browser need none.
     #[arg(long, env = "LODESTREAM_ALLOW_ORIGIN", value_name = "ORIGIN", value_delimiter = ',')]
     allow_origin: Vec<Origin>,
-    /// Certificate chain (PEM) [default: a self-signed one, kept in the cache folder].
+    /// Proxies before the HTTP port that are believed when they say in X-Forwarded-For for whom they ask: addresses or
+    /// networks (10.0.0.0/8), divided by commas.
+    #[arg(long, env = "LODESTREAM_TRUSTED_PROXY", value_name = "CIDR", value_delimiter = ',')]
+    trusted_proxy: Vec<Network>,
+    /// Ask clients for tokens (JSON Web Tokens) that this file's keys have signed: a public key (PEM), a set of keys
+    /// (JWKS), or a secret of 32 bytes and more. Read again when it changes and at SIGHUP.
+    #[arg(long, env = "LODESTREAM_TOKEN_KEYS", value_name = "FILE")]
+    token_keys: Option<PathBuf>,
+    /// Audience that tokens must be for; without, tokens with an audience are refused.
+    #[arg(long, env = "LODESTREAM_TOKEN_AUDIENCE", value_name = "NAME", requires = "token_keys")]
+    token_audience: Option<String>,
+    /// Certificate chain (PEM), read again when it changes and at SIGHUP [default: a self-signed one, kept in the cache
+    /// folder].
     #[arg(long, env = "LODESTREAM_CERT", value_name = "FILE", requires = "key")]
     cert: Option<PathBuf>,
     /// Private key (PEM) of the certificate.
@@ -75,15 +94,22 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<Outcome> {
         None => anyhow::bail!("no cache folder is known; name one with --cache DIR"),
     };
     let options = Options { recipe: arguments.recipe.resolve(), threads: arguments.threads, quiet: false };
+    let audience = arguments.token_audience;
+    let tokens = arguments.token_keys.map(|file| Tokens::of_file(file, audience)).transpose()?;
     remove_stale(&cache, SystemTime::now());
     let source = open_scene(&scene, &cache, &options)?;
     let log = Log::to_stderr();
     let daemon = DaemonOptions {
         listen: Some(arguments.listen),
         http: Some(arguments.http),
+        http_tls: arguments.http_tls,
         admin: arguments.admin.unwrap_or(AdminPort::Standard),
         certificate: arguments.cert.zip(arguments.key),
-        origins: arguments.allow_origin.into_iter().collect(),
+        admission: Admission {
+            origins: arguments.allow_origin.into_iter().collect(),
+            proxies: arguments.trusted_proxy.into_iter().collect(),
+            tokens: tokens.map(Arc::new),
+        },
         sessions: SessionSettings {
             rate_bits_per_s: arguments.rate.0,
             max_sessions: arguments.max_sessions,

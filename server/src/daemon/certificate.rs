@@ -3,7 +3,8 @@
 //! A self-signed certificate is made on the first start and kept, so that its fingerprint, which
 //! viewers pin, stays the same. The fingerprint is the SHA-256 of the certificate's DER, as 64
 //! lowercase hexadecimal digits, and travels in the viewer's URL:
-//! `quic://HOST:PORT#sha256=FINGERPRINT`.
+//! `quic://HOST:PORT#sha256=FINGERPRINT`. Of certificates that are renewed, viewers pin the key instead
+//! (`#spki-sha256=`).
 //!
 //! Keys are Ed25519: signatures are short and of constant length, which makes simulated handshakes
 //! repeat byte count by byte count.
@@ -15,11 +16,13 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use anyhow::{Context, bail};
 use lodestream_compress::whole_file::write_privately;
 use pem::{EncodeConfig, LineEnding, Pem};
+use rustls::CertificateError;
 use rustls::client::WebPkiServerVerifier;
 use rustls::client::danger::ServerCertVerifier;
 use rustls::crypto::ring::cipher_suite::TLS13_AES_128_GCM_SHA256;
 use rustls::pki_types::pem::PemObject;
 use rustls::pki_types::{CertificateDer, PrivateKeyDer, PrivatePkcs8KeyDer, ServerName, UnixTime};
+use rustls::server::ParsedCertificate;
 use rustls::sign::CertifiedKey;
 
 /// Name of the file, in the state folder, that holds the development certificate and its key.
@@ -94,22 +97,37 @@ impl Certificate {
     /// # Errors
     /// Fails where a file cannot be read, holds nothing of the kind, or the key is another's.
     pub fn from_pem_files(chain: &Path, key: &Path) -> anyhow::Result<Self> {
-        let certificates =
-            CertificateDer::pem_slice_iter(&read_pem(chain)?)
-                .collect::<Result<Vec<_>, _>>()
-                .with_context(|| format!("{} holds no readable PEM certificate", chain.display()))?;
+        Self::from_pem(&read_pem(chain)?, &read_pem(key)?, chain, key)
+    }
+
+    /// The same of what was read from the files.
+    pub(super) fn from_pem(
+        chain_text: &[u8],
+        key_text: &[u8],
+        chain: &Path,
+        key: &Path,
+    ) -> anyhow::Result<Self> {
+        let certificates = CertificateDer::pem_slice_iter(chain_text)
+            .collect::<Result<Vec<_>, _>>()
+            .with_context(|| format!("{} holds no readable PEM certificate", chain.display()))?;
         if certificates.is_empty() {
             bail!("{} holds no PEM certificate", chain.display());
         }
-        let private = PrivateKeyDer::from_pem_slice(&read_pem(key)?)
+        let private = PrivateKeyDer::from_pem_slice(key_text)
             .with_context(|| format!("{} holds no readable PEM private key", key.display()))?;
         let loaded = Self { chain: certificates, key: private };
-        let signing = rustls::crypto::ring::sign::any_supported_type(&loaded.key)
-            .with_context(|| format!("the private key in {} is of no supported kind", key.display()))?;
-        CertifiedKey::new(loaded.chain.clone(), signing)
+        let certified = loaded.certified_key().with_context(|| format!("in {}", key.display()))?;
+        certified
             .keys_match()
             .with_context(|| format!("{} and {} do not belong together", chain.display(), key.display()))?;
         Ok(loaded)
+    }
+
+    /// What TLS signs with.
+    pub(super) fn certified_key(&self) -> anyhow::Result<CertifiedKey> {
+        let signing = rustls::crypto::ring::sign::any_supported_type(&self.key)
+            .context("the private key is of no supported kind")?;
+        Ok(CertifiedKey::new(self.chain.clone(), signing))
     }
 
     /// The chain, the server's own certificate first.
@@ -127,31 +145,57 @@ impl Certificate {
     /// SHA-256 of the certificate's DER.
     #[must_use]
     pub fn fingerprint(&self) -> [u8; 32] {
-        let suite = TLS13_AES_128_GCM_SHA256.tls13();
-        let mut out = [0; 32];
-        if let (Some(suite), Some(der)) = (suite, self.chain.first()) {
-            out.copy_from_slice(suite.common.hash_provider.hash(der).as_ref());
-        }
-        out
+        self.chain.first().map_or([0; 32], |der| sha256(der))
     }
 
-    /// The fingerprint as 64 lowercase hexadecimal digits.
+    /// What a viewer's address says of this certificate: `sha256=` and 64 lowercase hexadecimal digits.
     #[must_use]
-    pub fn fingerprint_hex(&self) -> String {
-        self.fingerprint().iter().map(|byte| format!("{byte:02x}")).collect()
+    pub fn pin(&self) -> String {
+        format!("sha256={}", hex(&self.fingerprint()))
+    }
+
+    /// What a viewer's address says of its key, which a certificate that renews it may keep: `spki-sha256=` and the
+    /// SHA-256 of the SubjectPublicKeyInfo's DER.
+    #[must_use]
+    pub fn key_pin(&self) -> String {
+        let parsed = self.chain.first().map(ParsedCertificate::try_from);
+        let digest = match parsed {
+            Some(Ok(parsed)) => sha256(&parsed.subject_public_key_info()),
+            // TLS would not have taken it.
+            _ => [0; 32],
+        };
+        format!("spki-sha256={}", hex(&digest))
+    }
+
+    /// When the certificate expires, if it says so in a way that is understood.
+    #[must_use]
+    pub fn not_after(&self) -> Option<SystemTime> {
+        // There is no shorter way to ask rustls.
+        let end_of_time = UnixTime::since_unix_epoch(Duration::from_secs(u64::from(u32::MAX) << 8));
+        match self.verify_at(end_of_time)? {
+            Err(rustls::Error::InvalidCertificate(CertificateError::ExpiredContext {
+                not_after, ..
+            })) => UNIX_EPOCH.checked_add(Duration::from_secs(not_after.as_secs())),
+            _ => None,
+        }
+    }
+
+    /// What a viewer would say of the certificate at a time, if it trusted it as an authority's.
+    fn verify_at(&self, time: UnixTime) -> Option<Result<(), rustls::Error>> {
+        let own = self.chain.first()?;
+        let mut roots = rustls::RootCertStore::empty();
+        roots.add(own.clone()).ok()?;
+        let provider = Arc::new(rustls::crypto::ring::default_provider());
+        let verifier = WebPkiServerVerifier::builder_with_provider(Arc::new(roots), provider).build().ok()?;
+        let name = ServerName::try_from(SUBJECT).ok()?;
+        Some(verifier.verify_server_cert(own, &[], &name, &[], time).map(drop))
     }
 
     /// Whether a self-signed certificate can be used at `now` and for a day more.
     fn check_validity(&self, now: SystemTime) -> anyhow::Result<()> {
-        let own = self.chain.first().context("there is no certificate")?;
-        let mut roots = rustls::RootCertStore::empty();
-        roots.add(own.clone())?;
-        let provider = Arc::new(rustls::crypto::ring::default_provider());
-        let verifier = WebPkiServerVerifier::builder_with_provider(Arc::new(roots), provider).build()?;
-        let name = ServerName::try_from(SUBJECT)?;
         for time in [now, now + RENEW_BEFORE] {
             let time = UnixTime::since_unix_epoch(time.duration_since(UNIX_EPOCH).unwrap_or_default());
-            verifier.verify_server_cert(own, &[], &name, &[], time)?;
+            self.verify_at(time).context("it cannot be read")??;
         }
         Ok(())
     }
@@ -169,7 +213,22 @@ impl Certificate {
     }
 }
 
-fn read_pem(path: &Path) -> anyhow::Result<Vec<u8>> {
+fn hex(digest: &[u8; 32]) -> String {
+    digest.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// SHA-256, by way of a cipher suite: rustls gives no shorter way to its hash.
+fn sha256(bytes: &[u8]) -> [u8; 32] {
+    let mut out = [0; 32];
+    // The suite is a constant.
+    if let Some(suite) = TLS13_AES_128_GCM_SHA256.tls13() {
+        out.copy_from_slice(suite.common.hash_provider.hash(bytes).as_ref());
+    }
+    out
+}
+
+/// Reads a PEM file, which is short.
+pub(super) fn read_pem(path: &Path) -> anyhow::Result<Vec<u8>> {
     let about = || format!("cannot read {}", path.display());
     let length = std::fs::metadata(path).with_context(about)?.len();
     if length > MAX_PEM_BYTES {
@@ -195,7 +254,9 @@ mod tests {
         let first = Certificate::load_or_create(&folder.path().join("deep/er"), now).unwrap();
         let again = Certificate::load_or_create(&folder.path().join("deep/er"), now).unwrap();
         assert_eq!(first.fingerprint(), again.fingerprint());
-        assert_eq!(first.fingerprint_hex().len(), 64);
+        assert_eq!((first.pin().len(), first.key_pin().len()), (7 + 64, 12 + 64));
+        let lasts = first.not_after().unwrap().duration_since(now).unwrap();
+        assert!(VALIDITY.abs_diff(lasts) <= Duration::from_secs(1), "{lasts:?}");
         assert_eq!(first.key().secret_der(), again.key().secret_der());
         #[cfg(unix)]
         {
@@ -245,9 +306,6 @@ mod tests {
             chain: vec![CertificateDer::from(b"abc".to_vec())],
             key: Certificate::self_signed(SystemTime::now()).unwrap().key(),
         };
-        assert_eq!(
-            fake.fingerprint_hex(),
-            "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
-        );
+        assert_eq!(fake.pin(), "sha256=ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
     }
 }

@@ -15,9 +15,11 @@ use lodestream_protocol::message::{ClientMessage, Close, CloseCode, ServerMessag
 use lodestream_protocol::server::{ServerSession, Transmit};
 use tokio::time::{Instant, sleep_until};
 
+use super::gate::{admit, refusal};
 use super::intake::TOO_MUCH;
 use super::reads::Reads;
 use super::state::{Phase, SessionGuard};
+use super::tokens::{Grant, TokenError};
 
 /// What came from the client.
 #[derive(Debug)]
@@ -64,6 +66,8 @@ const TICK: Duration = Duration::from_millis(1);
 /// Messages that a client may send at once, and per second after that.
 const MESSAGE_BURST: u32 = 2000;
 const MESSAGES_PER_S: u32 = 500;
+/// Messages that a token costs: a signature is verified.
+const TOKEN_COST: u32 = 50;
 
 /// The session's clock: tokio's, so that it follows paused time.
 #[derive(Clone, Copy, Debug)]
@@ -76,6 +80,12 @@ impl Clock {
 
     pub(super) fn now(self) -> Time {
         Time::from(self.0.elapsed())
+    }
+
+    /// When a grant ends.
+    fn granted(self, grant: &Grant) -> Time {
+        tracing::debug!(subject = grant.subject, "a token was taken");
+        Time::from(grant.until.saturating_duration_since(self.0))
     }
 
     fn instant(self, time: Time) -> Instant {
@@ -92,15 +102,16 @@ struct Allowance {
 }
 
 impl Allowance {
-    fn take(&mut self, now: Time) -> bool {
+    /// Takes one message that is as much work as `cost` others.
+    fn take(&mut self, now: Time, cost: u32) -> bool {
         let earned = now.since(self.refilled).as_millis() * u128::from(MESSAGES_PER_S) / 1000;
         if earned > 0 {
             self.refilled = now;
             let earned = u32::try_from(earned).unwrap_or(MESSAGE_BURST);
             self.tokens = self.tokens.saturating_add(earned).min(MESSAGE_BURST);
         }
-        let admitted = self.tokens > 0;
-        self.tokens = self.tokens.saturating_sub(1);
+        let admitted = self.tokens >= cost;
+        self.tokens = self.tokens.saturating_sub(cost);
         admitted
     }
 }
@@ -114,7 +125,17 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
     receiver: &mut R,
     sender: &mut D,
 ) -> Close {
+    let mut proof = pin!(proof);
+    let mut proved = false;
+    let grant = match admit(guard, proof.as_mut(), &mut proved, receiver).await {
+        Ok(grant) => grant,
+        Err(close) => {
+            guard.ended = close.code;
+            return close;
+        }
+    };
     let clock = Clock::start();
+    let mut token_until = grant.map(|grant| clock.granted(&grant));
     let state = guard.state.clone();
     let metrics = state.metrics();
     let config = state.config(guard.transport);
@@ -122,8 +143,6 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
     let mut session = ServerSession::sharing(plans, config, state.scene().clone(), guard.id, clock.now());
     let mut reads = Reads::new(state.scene().clone());
     let mut allowance = Allowance { tokens: MESSAGE_BURST, refilled: clock.now() };
-    let mut proof = pin!(proof);
-    let mut proved = false;
     let mut receiving = true;
     let mut sent_bytes = 0_u64;
     // Everything that was asked for has been handed over.
@@ -136,6 +155,11 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
         let now = clock.now();
         if session.poll_timeout().is_some_and(|due| due <= now) {
             session.handle_timeout(now);
+        }
+        if token_until.is_some_and(|until| until <= now) {
+            let close = refusal(state.token_refused(TokenError::Expired));
+            session.close(now, close.code, &close.reason);
+            token_until = None;
         }
         if proved
             && session.is_open()
@@ -196,7 +220,8 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
             }
         }
         let earliest = now + if sender.is_idle() { TICK } else { BLOCKED_TICK };
-        let wake = [session.poll_timeout(), drain_until, close_until].into_iter().flatten().min();
+        let wake =
+            [session.poll_timeout(), drain_until, close_until, token_until].into_iter().flatten().min();
         let wake = clock.instant(wake.map_or(now + Duration::from_secs(60), |due| due.max(earliest)));
         tokio::select! {
             biased;
@@ -209,7 +234,24 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
                 let now = clock.now();
                 receiving = matches!(received, Received::Message(_) | Received::Skipped);
                 match received {
-                    Received::Message(_) | Received::Skipped if !allowance.take(now) => {
+                    Received::Message(ClientMessage::Token(_)) if !allowance.take(now, TOKEN_COST) => {
+                        receiving = false;
+                        metrics.message_rejected();
+                        session.close(now, CloseCode::Limit, "too many tokens at once");
+                    }
+                    Received::Message(ClientMessage::Token(token)) => {
+                        if state.admission().tokens.is_some() {
+                            match state.verify_token(&token.0) {
+                                Ok(grant) => token_until = Some(clock.granted(&grant)),
+                                Err(why) => {
+                                    let close = refusal(why);
+                                    session.close(now, close.code, &close.reason);
+                                }
+                            }
+                        }
+                        session.handle_message(now, ClientMessage::Token(token));
+                    }
+                    Received::Message(_) | Received::Skipped if !allowance.take(now, 1) => {
                         receiving = false;
                         metrics.message_rejected();
                         session.close(now, CloseCode::Limit, "too many messages at once");
@@ -266,9 +308,9 @@ mod tests {
     #[test]
     fn messages_are_allowed_at_their_rate() {
         let mut allowance = Allowance { tokens: MESSAGE_BURST, refilled: Time::ZERO };
-        let burst = (0..10_000).filter(|_| allowance.take(Time::from_ms(1))).count();
+        let burst = (0..10_000).filter(|_| allowance.take(Time::from_ms(1), 1)).count();
         assert_eq!(burst, MESSAGE_BURST as usize);
-        let later = (0..10_000).filter(|_| allowance.take(Time::from_ms(1001))).count();
+        let later = (0..10_000).filter(|_| allowance.take(Time::from_ms(1001), 1)).count();
         assert_eq!(later, MESSAGES_PER_S as usize);
     }
 }

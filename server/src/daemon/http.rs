@@ -1,4 +1,4 @@
-//! The public HTTP port: `/health`, and the upgrade to WebSocket at `/` and `/stream`.
+//! The public HTTP port, with TLS or without: `/health`, and the upgrade to WebSocket at `/` and `/stream`.
 
 use std::convert::Infallible;
 use std::net::SocketAddr;
@@ -20,9 +20,12 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::time::timeout;
 use tokio_tungstenite::tungstenite::handshake::derive_accept_key;
 
+use super::intake::{Lift, Metered};
 use super::listen::accept_each;
 use super::metrics::Transport;
+use super::room::Seat;
 use super::state::{Phase, ServerState, SessionGuard};
+use super::tls::Tls;
 use super::websocket;
 
 /// Time in which a request's head must be there: slow senders hold a connection no longer.
@@ -39,10 +42,16 @@ const UNSENT_BYTES: u32 = 16 * 1024;
 
 /// Takes connections of a listener until the daemon stops; while it drains, `/health` says so. There are as many as the
 /// rooms and places of the state allow: whoever is turned out ends at once.
-pub async fn serve_http(listener: TcpListener, state: Arc<ServerState>) {
+pub async fn serve_http(listener: TcpListener, state: Arc<ServerState>, tls: Option<Tls>) {
     let serve = |stream: TcpStream, peer| {
         prepare(&stream);
-        accept_http(stream, Arc::clone(&state), peer)
+        let (state, tls) = (Arc::clone(&state), tls.clone());
+        async move {
+            match tls {
+                Some(tls) => accept_https(stream, state, peer, tls).await,
+                None => accept_http(stream, state, peer).await,
+            }
+        }
     };
     accept_each(listener, &state, serve).await;
 }
@@ -75,13 +84,42 @@ pub async fn accept_http<S>(stream: S, state: Arc<ServerState>, peer: SocketAddr
 where
     S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
 {
+    let seat = state.enter_request(peer);
+    let (stream, intake) = Metered::new(stream);
+    serve_one(stream, intake, state, peer, seat).await;
+}
+
+/// The same over TLS. Its bytes are counted below TLS, which makes work of bytes that never come to HTTP.
+pub async fn accept_https<S>(stream: S, state: Arc<ServerState>, peer: SocketAddr, tls: Tls)
+where
+    S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
+{
+    let seat = state.enter_request(peer);
+    let (stream, intake) = Metered::new(stream);
+    let accepted = tokio::select! {
+        biased;
+        accepted = tls.accept(stream) => accepted,
+        () = seat.lost() => return state.metrics().http_error(),
+    };
+    match accepted {
+        Ok(stream) => serve_one(stream, intake, state, peer, seat).await,
+        Err(why) => {
+            tracing::debug!(%peer, "no TLS: {why}");
+            state.metrics().http_error();
+        }
+    }
+}
+
+async fn serve_one<S>(stream: S, intake: Lift, state: Arc<ServerState>, peer: SocketAddr, seat: Seat)
+where
+    S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
+{
     let granted = Granted::default();
     let service = service_fn(|mut request: Request<Incoming>| {
         let response = answer(&mut request, &state, peer, &granted);
         async move { Ok::<_, Infallible>(response) }
     });
     let connection = one_request().serve_connection(TokioIo::new(stream), service).with_upgrades();
-    let seat = state.enter_request(peer);
     let served = tokio::select! {
         biased;
         served = timeout(REQUEST_TIMEOUT, connection) => served,
@@ -100,7 +138,7 @@ where
     if let Some((upgrade, guard)) = granted
         && let Ok(upgraded) = upgrade.await
     {
-        websocket::run_session(TokioIo::new(upgraded), guard).await;
+        websocket::run_session(TokioIo::new(upgraded), intake, guard).await;
     }
 }
 
@@ -157,6 +195,12 @@ fn lists(headers: &HeaderMap, name: &HeaderName, wanted: &str) -> bool {
         .any(|item| item.trim().eq_ignore_ascii_case(wanted))
 }
 
+/// The token of a request (RFC 6750, section 2.1).
+fn bearer(headers: &HeaderMap) -> Option<&str> {
+    let (scheme, token) = headers.get(header::AUTHORIZATION)?.to_str().ok()?.split_once(' ')?;
+    scheme.eq_ignore_ascii_case("bearer").then(|| token.trim())
+}
+
 /// The server's part of the opening handshake (RFC 6455 §4.2).
 fn upgrade(
     request: &mut Request<Incoming>,
@@ -165,16 +209,17 @@ fn upgrade(
     granted: &Granted,
 ) -> Answer {
     let headers = request.headers();
+    let peer = state.admission().proxies.client(peer, headers);
     let asks = *request.method() == Method::GET
         && lists(headers, &header::CONNECTION, "upgrade")
         && lists(headers, &header::UPGRADE, "websocket");
     if !asks {
-        let hint = "this is a Lodestream server: open this address with a viewer, as ws://HOST:PORT\n";
+        let hint = "this is a Lodestream server: open this address with a viewer, as ws://HOST:PORT or wss://HOST:PORT\n";
         let mut response = text(StatusCode::UPGRADE_REQUIRED, hint);
         response.headers_mut().insert(header::UPGRADE, HeaderValue::from_static("websocket"));
         return response;
     }
-    if let Err(origin) = state.origins().check(headers) {
+    if let Err(origin) = state.admission().origins.check(headers) {
         tracing::info!(%peer, ?origin, "session refused: a web page that --allow-origin does not name");
         return text(
             StatusCode::FORBIDDEN,
@@ -197,8 +242,25 @@ fn upgrade(
     if offers && !lists(headers, &header::SEC_WEBSOCKET_PROTOCOL, ALPN) {
         return text(StatusCode::BAD_REQUEST, format!("the only subprotocol here is {ALPN}\n"));
     }
+    // Who sends none here may still do so in a message.
+    let grant = match bearer(headers).filter(|_| state.admission().tokens.is_some()) {
+        None => None,
+        Some(token) => match state.verify_token(token) {
+            Ok(grant) => Some(grant),
+            Err(why) => {
+                tracing::info!(%peer, "session refused: {why}");
+                let mut response = text(StatusCode::UNAUTHORIZED, format!("{why}\n"));
+                let asked = HeaderValue::from_static("Bearer error=\"invalid_token\"");
+                response.headers_mut().insert(header::WWW_AUTHENTICATE, asked);
+                return response;
+            }
+        },
+    };
     let guard = match state.begin_session(Transport::WebSocket, peer) {
-        Ok(guard) => guard,
+        Ok(mut guard) => {
+            guard.grant = grant;
+            guard
+        }
         Err(why) => {
             tracing::info!(%peer, "session refused: {why}");
             return text(StatusCode::SERVICE_UNAVAILABLE, format!("{why}\n"));

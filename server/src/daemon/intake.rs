@@ -3,6 +3,8 @@
 
 use std::io;
 use std::pin::Pin;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::task::{Context, Poll};
 
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
@@ -43,16 +45,30 @@ impl Intake {
     }
 }
 
-/// A stream that fails once more is read from it than the allowance.
+/// A stream that fails once more was read from it than the allowance. What was read is handed over all the same, so
+/// that what lies above it, TLS perhaps, stays in step.
 #[derive(Debug)]
 pub(super) struct Metered<S> {
-    pub(super) stream: S,
+    stream: S,
     intake: Intake,
+    exceeded: bool,
+    lifted: Lift,
+}
+
+/// Lifts the limit of a [`Metered`]: for who reads on only to throw away what comes.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Lift(Arc<AtomicBool>);
+
+impl Lift {
+    pub(super) fn lift(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
 }
 
 impl<S> Metered<S> {
-    pub(super) fn new(stream: S) -> Self {
-        Self { stream, intake: Intake::new() }
+    pub(super) fn new(stream: S) -> (Self, Lift) {
+        let lifted = Lift::default();
+        (Self { stream, intake: Intake::new(), exceeded: false, lifted: lifted.clone() }, lifted)
     }
 }
 
@@ -67,11 +83,13 @@ impl<S: AsyncRead + Unpin> AsyncRead for Metered<S> {
         context: &mut Context<'_>,
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
-        let before = buffer.filled().len();
-        let polled = Pin::new(&mut self.stream).poll_read(context, buffer);
-        if !self.intake.take(buffer.filled().len() - before) {
+        if self.exceeded && !self.lifted.0.load(Ordering::Relaxed) {
             return Poll::Ready(Err(io::Error::new(io::ErrorKind::QuotaExceeded, TOO_MUCH)));
         }
+        let before = buffer.filled().len();
+        let polled = Pin::new(&mut self.stream).poll_read(context, buffer);
+        let within = self.intake.take(buffer.filled().len() - before);
+        self.exceeded |= !within;
         polled
     }
 }
@@ -98,6 +116,8 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for Metered<S> {
 mod tests {
     use std::time::Duration;
 
+    use tokio::io::AsyncReadExt as _;
+
     use super::*;
 
     #[tokio::test(start_paused = true)]
@@ -107,5 +127,22 @@ mod tests {
         assert_eq!(burst, 512);
         tokio::time::advance(Duration::from_secs(1)).await;
         assert_eq!((0..).take_while(|_| intake.take(1024)).count(), 256);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn what_is_read_before_the_limit_strikes_is_not_lost() {
+        let sent: Vec<u8> = (0..=255).cycle().take(700 << 10).collect();
+        let (mut metered, lift) = Metered::new(&sent[..]);
+        let (mut got, mut piece) = (Vec::new(), [0; 4096]);
+        let why = loop {
+            match metered.read(&mut piece).await {
+                Ok(count) => got.extend_from_slice(&piece[..count]),
+                Err(why) => break why,
+            }
+        };
+        assert!(is_too_much(&why) && (1..=4096).contains(&(got.len() as u64 - BURST_BYTES)), "{}", got.len());
+        lift.lift();
+        metered.read_to_end(&mut got).await.unwrap();
+        assert!(got == sent);
     }
 }

@@ -1,7 +1,7 @@
 //! Counters of the daemon, and their text form for Prometheus.
 
 use std::sync::OnceLock;
-use std::time::Duration;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::{BlobId, BlobPart, LampBlob, TerrainBlob};
@@ -55,6 +55,9 @@ pub struct Metrics {
     http_errors: IntCounter,
     failed_handshakes: IntCounter,
     early_data: IntCounter,
+    tokens_refused: IntCounter,
+    certificate_end: IntGauge,
+    certificates_refused: IntCounter,
     bases_sent: Histogram,
     rate: IntGauge,
     draining: IntGauge,
@@ -153,6 +156,18 @@ impl Metrics {
                 "lodestream_early_data_sessions_total",
                 "Resumed QUIC sessions whose first words came before the handshake was complete.",
             )?,
+            tokens_refused: counter(
+                "lodestream_tokens_refused_total",
+                "Sessions refused or ended for their tokens: none, of another key, expired, for another scene.",
+            )?,
+            certificate_end: gauge(
+                "lodestream_certificate_not_after_seconds",
+                "When the certificate of new connections expires, in seconds since 1970; 0 where that is not known.",
+            )?,
+            certificates_refused: counter(
+                "lodestream_certificates_refused_total",
+                "Changes of the certificate's files that could not be used; the old one stayed.",
+            )?,
             bases_sent,
             rate: gauge("lodestream_rate_bits_per_second", "Limit of each session; 0 for none.")?,
             draining: gauge("lodestream_draining", "1 while the server shuts down.")?,
@@ -211,6 +226,20 @@ impl Metrics {
 
     pub(super) fn handshake_failed(&self) {
         self.failed_handshakes.inc();
+    }
+
+    pub(super) fn token_refused(&self) {
+        self.tokens_refused.inc();
+    }
+
+    pub(super) fn certificate_in_use(&self, not_after: Option<SystemTime>) {
+        let since_1970 = not_after.and_then(|end| end.duration_since(UNIX_EPOCH).ok());
+        let seconds = since_1970.map_or(0, |duration| duration.as_secs());
+        self.certificate_end.set(i64::try_from(seconds).unwrap_or(i64::MAX));
+    }
+
+    pub(super) fn certificate_refused(&self) {
+        self.certificates_refused.inc();
     }
 
     pub(super) fn early_data(&self) {

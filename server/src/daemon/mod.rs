@@ -10,7 +10,11 @@
 //! | `places`, `room` | who may have a session, and who may ask for one |
 //! | `damage` | blobs that cannot be read any more |
 //! | [`origin`] | which web pages may open sessions |
-//! | [`certificate`], [`shutdown`] | what their names say |
+//! | [`proxy`], [`admission`] | for whom a proxy asks; all that is said of who may come |
+//! | [`certificate`], [`renewal`], [`tls`] | the certificate, its exchange while the server runs, TLS for HTTP |
+//! | [`tokens`], `token_keys`, `token_crypto`, `gate` | tokens, what they are verified by, who waits for them |
+//! | `reload` | files that are read again while the server runs |
+//! | [`shutdown`] | what its name says |
 //! | [`memory_scene`] | a scene made of numbers, for tests |
 //!
 //! [`run`] is the whole daemon. Its parts take any endpoint ([`quic::serve_quic`]) and any byte stream
@@ -18,10 +22,12 @@
 //! runs them unchanged in paused time.
 
 pub mod admin;
+pub mod admission;
 pub mod certificate;
 pub mod congestion;
 mod damage;
 mod drive;
+mod gate;
 pub mod http;
 mod intake;
 mod listen;
@@ -29,14 +35,21 @@ pub mod memory_scene;
 pub mod metrics;
 pub mod origin;
 mod places;
+pub mod proxy;
 pub mod quic;
 mod quic_stream;
 mod reads;
+mod reload;
+pub mod renewal;
 mod room;
 pub mod shutdown;
 pub mod state;
 #[cfg(test)]
 mod tests;
+pub mod tls;
+mod token_crypto;
+mod token_keys;
+pub mod tokens;
 pub mod websocket;
 
 use std::io::Write as _;
@@ -47,16 +60,20 @@ use std::time::{Duration, SystemTime};
 
 use anyhow::{Context, anyhow, bail};
 use lodestream_protocol::source::SceneSource;
+use rustls::server::ResolvesServerCert;
 use tokio::net::TcpListener;
+use tokio::sync::watch;
 use tokio::time::timeout;
 use tracing_appender::non_blocking::ErrorCounter;
 
 use self::admin::AdminPort;
+use self::admission::Admission;
 use self::certificate::Certificate;
 use self::listen::listen_tcp;
-use self::origin::AllowedOrigins;
+use self::renewal::LiveCertificate;
 use self::shutdown::{Signals, StopRequests};
 pub use self::state::{ServerState, SessionSettings};
+use self::tls::Tls;
 
 /// Time for sessions' last words beyond [`SessionSettings::drain`].
 const LAST_WORDS: Duration = Duration::from_secs(2);
@@ -68,16 +85,19 @@ pub struct DaemonOptions {
     pub listen: Option<SocketAddr>,
     /// TCP address of the HTTP and WebSocket listener; port 0 for any. `None`: neither.
     pub http: Option<SocketAddr>,
+    /// Whether that listener speaks TLS, with the certificate of QUIC.
+    pub http_tls: bool,
     /// Where `/health` and `/metrics` are for who runs the server.
     pub admin: AdminPort,
     /// Folder in which the development certificate is kept.
     pub state_folder: PathBuf,
-    /// PEM files of a certificate chain and its private key, in place of the development certificate.
+    /// PEM files of a certificate chain and its private key, in place of the development certificate. When they change,
+    /// new connections get what is in them.
     pub certificate: Option<(PathBuf, PathBuf)>,
     /// Limits of the sessions.
     pub sessions: SessionSettings,
-    /// Web pages that may open sessions over WebSocket.
-    pub origins: AllowedOrigins,
+    /// Who may open sessions over HTTP.
+    pub admission: Admission,
     /// What counts the log's lines that were left out, if that can happen.
     pub dropped_log_lines: Option<ErrorCounter>,
 }
@@ -89,11 +109,12 @@ impl DaemonOptions {
         Self {
             listen: Some(SocketAddr::from((Ipv4Addr::LOCALHOST, 4433))),
             http: Some(SocketAddr::from((Ipv4Addr::LOCALHOST, 8080))),
+            http_tls: false,
             admin: AdminPort::Off,
             state_folder: state_folder.into(),
             certificate: None,
             sessions: SessionSettings::default(),
-            origins: AllowedOrigins::default(),
+            admission: Admission::default(),
             dropped_log_lines: None,
         }
     }
@@ -106,13 +127,15 @@ impl DaemonOptions {
 /// Fails where an address or the certificate cannot be had, or where a second signal came.
 pub async fn run(options: DaemonOptions, scene: Arc<dyn SceneSource>) -> anyhow::Result<()> {
     // Before the URLs are out: whoever reads them may ask to end at once.
-    let signals = Signals::listen()?;
+    let mut signals = Signals::listen()?;
     let daemon = Daemon::bind(options, scene).await?;
+    signals.on_hangup(daemon.reloads.clone());
     let metrics = daemon.admin_address().map(|address| format!("http://{address}/metrics"));
     for url in daemon.urls().into_iter().chain(metrics) {
         // Whoever wants none may have closed it.
         let _ = writeln!(std::io::stdout(), "{url}");
     }
+    daemon.warn_of_strangers();
     daemon.serve(signals).await
 }
 
@@ -120,9 +143,14 @@ pub async fn run(options: DaemonOptions, scene: Arc<dyn SceneSource>) -> anyhow:
 #[derive(Debug)]
 pub struct Daemon {
     state: Arc<ServerState>,
-    quic: Option<(quinn::Endpoint, SocketAddr, String)>,
+    quic: Option<(quinn::Endpoint, SocketAddr)>,
     http: Option<(TcpListener, SocketAddr)>,
+    tls: Option<Tls>,
     admin: Option<(TcpListener, SocketAddr)>,
+    /// What viewers' addresses say of the certificate.
+    pin: String,
+    renewed: Option<renewal::Files>,
+    reloads: watch::Sender<u64>,
 }
 
 impl Daemon {
@@ -131,52 +159,83 @@ impl Daemon {
     /// # Errors
     /// Fails where an address or the certificate cannot be had.
     pub async fn bind(options: DaemonOptions, scene: Arc<dyn SceneSource>) -> anyhow::Result<Self> {
-        let quic = match options.listen {
-            None => None,
-            Some(address) => {
-                let certificate = match &options.certificate {
-                    Some((chain, key)) => Certificate::from_pem_files(chain, key)?,
-                    None => Certificate::load_or_create(&options.state_folder, SystemTime::now())?,
-                };
+        let state = ServerState::admitting(scene, options.sessions, options.admission);
+        if let Some(dropped) = options.dropped_log_lines {
+            state.metrics().watch_log(dropped);
+        }
+        let (mut quic, mut tls, mut renewed, mut pin) = (None, None, None, String::new());
+        if options.listen.is_some() || (options.http.is_some() && options.http_tls) {
+            let certificate = match &options.certificate {
+                Some((chain, key)) => Certificate::from_pem_files(chain, key)?,
+                None => Certificate::load_or_create(&options.state_folder, SystemTime::now())?,
+            };
+            // Who has a certificate made renews it, perhaps for the same key.
+            pin = if options.certificate.is_some() { certificate.key_pin() } else { certificate.pin() };
+            state.metrics().certificate_in_use(certificate.not_after());
+            let live = LiveCertificate::new(&certificate)?;
+            if let Some(address) = options.listen {
                 let endpoint = quinn::Endpoint::new(
                     quinn::EndpointConfig::default(),
-                    Some(quic::server_config(&certificate)?),
+                    Some(quic::server_config_of(Arc::clone(&live))?),
                     quic::bind_udp(address)?,
                     Arc::new(quinn::TokioRuntime),
                 )?;
                 let address = endpoint.local_addr()?;
-                Some((endpoint, address, certificate.fingerprint_hex()))
+                quic = Some((endpoint, address));
             }
-        };
+            if options.http_tls {
+                tls = Some(Tls::new(Arc::clone(&live) as Arc<dyn ResolvesServerCert>)?);
+            }
+            renewed = options.certificate.map(|(chain, key)| renewal::Files { live, chain, key });
+        }
         let addressed = |listener: TcpListener| listener.local_addr().map(|address| (listener, address));
         let http = options.http.map(listen_tcp).transpose()?.map(addressed).transpose()?;
         let admin = options.admin.listen()?.map(addressed).transpose()?;
-        let state = ServerState::with_origins(scene, options.sessions, options.origins);
-        if let Some(dropped) = options.dropped_log_lines {
-            state.metrics().watch_log(dropped);
-        }
-        Ok(Self { state, quic, http, admin })
+        Ok(Self { state, quic, http, tls, admin, pin, renewed, reloads: watch::Sender::new(0) })
     }
 
-    /// Addresses for viewers: `quic://HOST:PORT#sha256=FINGERPRINT` (64 lowercase hexadecimal digits, the
-    /// SHA-256 of the certificate's DER) and `ws://HOST:PORT/`. Where a socket listens on all addresses,
-    /// the loopback address stands for them.
+    /// Addresses for viewers: `quic://HOST:PORT#PIN`, and `wss://HOST:PORT/#PIN` or, without TLS, `ws://HOST:PORT/`. The
+    /// pin is `sha256=` and the fingerprint of the certificate, or `spki-sha256=` and that of its key where it is one's
+    /// own: 64 lowercase hexadecimal digits. Where a socket listens on all addresses, the loopback address stands for
+    /// them.
     #[must_use]
     pub fn urls(&self) -> Vec<String> {
-        let quic = self.quic_url();
-        let websocket = self.http.as_ref().map(|(_, address)| format!("ws://{}/", reachable(*address)));
+        let quic =
+            self.quic.as_ref().map(|(_, address)| format!("quic://{}#{}", reachable(*address), self.pin));
+        let websocket = self.http.as_ref().map(|(_, address)| match &self.tls {
+            Some(_) => format!("wss://{}/#{}", reachable(*address), self.pin),
+            None => format!("ws://{}/", reachable(*address)),
+        });
         quic.into_iter().chain(websocket).collect()
     }
 
-    fn quic_url(&self) -> Option<String> {
-        let (_, address, fingerprint) = self.quic.as_ref()?;
-        Some(format!("quic://{}#sha256={fingerprint}", reachable(*address)))
+    /// Says where others may come in who should perhaps not.
+    fn warn_of_strangers(&self) {
+        let public = |address: &SocketAddr| !address.ip().to_canonical().is_loopback();
+        let http = self.http_address().filter(public);
+        let Some(address) = self.quic_address().filter(public).or(http) else { return };
+        if self.state.admission().tokens.is_none() {
+            tracing::warn!(
+                "{address} is for other machines too, and nobody is asked for a token: whoever reaches it may see the \
+                 scene (--token-keys FILE asks for tokens)"
+            );
+        } else if let Some(address) = http.filter(|_| self.tls.is_none()) {
+            tracing::warn!(
+                "tokens that come to {address} can be read on the way: --http-tls, or a proxy with TLS on this machine"
+            );
+        }
+    }
+
+    /// Has files read now, as SIGHUP does.
+    pub fn reload(&self) -> impl Fn() + Send + Sync + 'static {
+        let reloads = self.reloads.clone();
+        move || reloads.send_modify(|count| *count = count.wrapping_add(1))
     }
 
     /// Address of the QUIC listener.
     #[must_use]
     pub fn quic_address(&self) -> Option<SocketAddr> {
-        self.quic.as_ref().map(|(_, address, _)| *address)
+        self.quic.as_ref().map(|(_, address)| *address)
     }
 
     /// Address of the HTTP and WebSocket listener.
@@ -202,13 +261,21 @@ impl Daemon {
     /// # Errors
     /// Fails where a listener ends by itself, or a second request came before all sessions had ended.
     pub async fn serve(self, mut stop: impl StopRequests) -> anyhow::Result<()> {
-        let Self { state, quic, http, admin } = self;
+        let Self { state, quic, http, tls, admin, pin: _, renewed, reloads } = self;
         let mut listeners = tokio::task::JoinSet::new();
-        if let Some((endpoint, _, _)) = quic {
+        // Ends with this.
+        let mut renewals = tokio::task::JoinSet::new();
+        if let Some(files) = renewed {
+            renewals.spawn(renewal::renew(files, Arc::clone(&state), reloads.subscribe()));
+        }
+        if let Some(tokens) = &state.admission().tokens {
+            renewals.spawn(tokens::renew_keys(Arc::clone(tokens), reloads.subscribe()));
+        }
+        if let Some((endpoint, _)) = quic {
             listeners.spawn(quic::serve_quic(endpoint, state.clone()));
         }
         if let Some((listener, _)) = http {
-            listeners.spawn(http::serve_http(listener, state.clone()));
+            listeners.spawn(http::serve_http(listener, state.clone(), tls));
         }
         if let Some((listener, _)) = admin {
             listeners.spawn(admin::serve_admin(listener, state.clone()));

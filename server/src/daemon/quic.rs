@@ -30,6 +30,7 @@ use super::congestion::{INITIAL_WINDOW_BYTES, bounded_queue};
 use super::drive::drive;
 use super::metrics::Transport;
 use super::quic_stream::{QuicReceiver, QuicSender, first_send_window};
+use super::renewal::LiveCertificate;
 use super::state::{Phase, ServerState, SessionGuard};
 
 /// Silence after which QUIC itself gives up.
@@ -61,11 +62,16 @@ const ENDPOINT_CLOSE_TIMEOUT: Duration = Duration::from_millis(500);
 /// # Errors
 /// Fails where the certificate's key cannot be used with TLS 1.3.
 pub fn server_config(certificate: &Certificate) -> anyhow::Result<quinn::ServerConfig> {
+    server_config_of(LiveCertificate::new(certificate)?)
+}
+
+/// The same with what `certificate` says at each handshake.
+pub(super) fn server_config_of(certificate: Arc<LiveCertificate>) -> anyhow::Result<quinn::ServerConfig> {
     let provider = Arc::new(rustls::crypto::ring::default_provider());
     let mut tls = rustls::ServerConfig::builder_with_provider(provider)
         .with_protocol_versions(&[&rustls::version::TLS13])?
         .with_no_client_auth()
-        .with_single_cert(certificate.chain().to_vec(), certificate.key())?;
+        .with_cert_resolver(certificate);
     tls.alpn_protocols = vec![ALPN.as_bytes().to_vec()];
     // Lets clients that come back say `Hello` in their first packet. Tickets are numbers of sessions that
     // the server remembers, the oldest forgotten first, and each is good for one connection: early data that is

@@ -3,12 +3,14 @@
 use std::future::Future;
 
 use anyhow::Context;
+use tokio::sync::watch;
 
 /// SIGINT and SIGTERM (on other systems than Unix: Ctrl-C). Each call of [`Signals::next`] resolves with
-/// the next one that comes. SIGHUP ends nothing: there is nothing to read anew, and a terminal that is closed is no wish
-/// of who runs the server.
+/// the next one that comes. SIGHUP ends nothing: files are read anew, and a terminal that is closed is no wish of who runs
+/// the server.
 #[derive(Debug)]
 pub(super) struct Signals {
+    reloads: Option<watch::Sender<u64>>,
     #[cfg(unix)]
     interrupt: tokio::signal::unix::Signal,
     #[cfg(unix)]
@@ -25,13 +27,30 @@ impl Signals {
             use tokio::signal::unix::{SignalKind, signal};
             let listen = |kind| signal(kind).context("cannot listen for signals");
             Ok(Self {
+                reloads: None,
                 interrupt: listen(SignalKind::interrupt())?,
                 terminate: listen(SignalKind::terminate())?,
                 hangup: listen(SignalKind::hangup())?,
             })
         }
         #[cfg(not(unix))]
-        Ok(Self {})
+        Ok(Self { reloads: None })
+    }
+
+    /// Has SIGHUP counted there, for those who read files anew.
+    pub(super) fn on_hangup(&mut self, reloads: watch::Sender<u64>) {
+        self.reloads = Some(reloads);
+    }
+
+    #[cfg(unix)]
+    fn hung_up(&self) {
+        match self.reloads.as_ref().filter(|reloads| reloads.receiver_count() > 0) {
+            Some(reloads) => {
+                tracing::info!("SIGHUP: files are read anew");
+                reloads.send_modify(|count| *count = count.wrapping_add(1));
+            }
+            None => tracing::info!("SIGHUP: nothing is read anew; going on"),
+        }
     }
 }
 
@@ -49,7 +68,7 @@ impl StopRequests for Signals {
                 biased;
                 _ = self.interrupt.recv() => break,
                 _ = self.terminate.recv() => break,
-                Some(()) = self.hangup.recv() => tracing::info!("SIGHUP: nothing is read anew; going on"),
+                Some(()) = self.hangup.recv() => self.hung_up(),
             }
         }
         #[cfg(not(unix))]

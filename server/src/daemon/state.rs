@@ -3,7 +3,7 @@
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use lodestream_protocol::Time;
 use lodestream_protocol::message::CloseCode;
@@ -12,11 +12,12 @@ use lodestream_protocol::source::{SceneSource, SourceError};
 use tokio::sync::watch;
 use tokio::time::Instant;
 
+use super::admission::Admission;
 use super::damage::Damage;
 use super::metrics::{Metrics, Transport};
-use super::origin::AllowedOrigins;
 use super::places::{NoPlace, Place, Places, default_of_address};
 use super::room::{Room, Seat};
+use super::tokens::{Grant, TokenError};
 
 /// Sessions that have not proved to be a client's: address and `Hello` are awaited. Hundreds of clients may connect at
 /// once; one takes as much memory as a session at its beginning.
@@ -64,7 +65,7 @@ pub enum Phase {
 pub struct ServerState {
     scene: Arc<dyn SceneSource>,
     settings: SessionSettings,
-    origins: AllowedOrigins,
+    admission: Admission,
     quic: Arc<ServerConfig>,
     websocket: Arc<ServerConfig>,
     metrics: Metrics,
@@ -93,22 +94,22 @@ impl ServerState {
     /// The state of a daemon that serves one scene, with the protocol's defaults for each transport.
     #[must_use]
     pub fn new(scene: Arc<dyn SceneSource>, settings: SessionSettings) -> Arc<Self> {
-        Self::with_origins(scene, settings, AllowedOrigins::default())
+        Self::admitting(scene, settings, Admission::default())
     }
 
-    /// The same, open to web pages of some origins.
+    /// The same, with a say in who may open sessions.
     #[must_use]
-    pub fn with_origins(
+    pub fn admitting(
         scene: Arc<dyn SceneSource>,
         settings: SessionSettings,
-        origins: AllowedOrigins,
+        admission: Admission,
     ) -> Arc<Self> {
         let rate = settings.rate_bits_per_s;
         let (quic, websocket) = (ServerConfig::quic(rate), ServerConfig::websocket(rate));
-        Arc::new(Self::of(scene, settings, origins, quic, websocket))
+        Arc::new(Self::of(scene, settings, admission, quic, websocket))
     }
 
-    /// The same with configurations of one's own for the sessions, open to no web page.
+    /// The same with configurations of one's own for the sessions.
     #[must_use]
     pub fn with_configs(
         scene: Arc<dyn SceneSource>,
@@ -116,20 +117,20 @@ impl ServerState {
         quic: ServerConfig,
         websocket: ServerConfig,
     ) -> Arc<Self> {
-        Arc::new(Self::of(scene, settings, AllowedOrigins::default(), quic, websocket))
+        Arc::new(Self::of(scene, settings, Admission::default(), quic, websocket))
     }
 
     fn of(
         scene: Arc<dyn SceneSource>,
         settings: SessionSettings,
-        origins: AllowedOrigins,
+        admission: Admission,
         quic: ServerConfig,
         websocket: ServerConfig,
     ) -> Self {
         Self {
             scene,
             settings,
-            origins,
+            admission,
             quic: Arc::new(quic),
             websocket: Arc::new(websocket),
             metrics: Metrics::default(),
@@ -165,9 +166,9 @@ impl ServerState {
         &self.settings
     }
 
-    /// The web pages that may open sessions.
-    pub(super) const fn origins(&self) -> &AllowedOrigins {
-        &self.origins
+    /// Who may open sessions.
+    pub(super) const fn admission(&self) -> &Admission {
+        &self.admission
     }
 
     /// The counters.
@@ -230,6 +231,19 @@ impl ServerState {
         self.requests.enter(peer.ip())
     }
 
+    /// What a token grants; there must be something to verify it by.
+    pub(super) fn verify_token(&self, token: &str) -> Result<Grant, TokenError> {
+        let tokens = self.admission.tokens.as_ref().ok_or(TokenError::Signature)?;
+        let grant = tokens.verify(token, &self.scene.header().name, SystemTime::now());
+        grant.map_err(|why| self.token_refused(why))
+    }
+
+    /// Counts that a session is refused or ended for its token.
+    pub(super) fn token_refused(&self, why: TokenError) -> TokenError {
+        self.metrics.token_refused();
+        why
+    }
+
     /// A blob that a client asked for, or was to be sent, could not be read.
     pub(super) fn read_failed(&self, error: &SourceError) {
         if self.damage.note(error) {
@@ -257,7 +271,15 @@ impl ServerState {
         self.metrics.session_started(transport);
         let id = self.next_session.fetch_add(1, Ordering::Relaxed);
         let standing = Standing::Unproved(self.unproved.enter(peer.ip()));
-        Ok(SessionGuard { state: Arc::clone(self), transport, id, peer, ended: CloseCode::Lost, standing })
+        Ok(SessionGuard {
+            state: Arc::clone(self),
+            transport,
+            id,
+            peer,
+            ended: CloseCode::Lost,
+            grant: None,
+            standing,
+        })
     }
 }
 
@@ -280,6 +302,8 @@ pub(super) struct SessionGuard {
     pub(super) peer: SocketAddr,
     /// Why the session ended; "lost" until said otherwise.
     pub(super) ended: CloseCode,
+    /// What the token of its request grants.
+    pub(super) grant: Option<Grant>,
     standing: Standing,
 }
 

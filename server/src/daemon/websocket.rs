@@ -21,7 +21,7 @@ use tokio_tungstenite::tungstenite::{self, Message};
 use tracing::Instrument;
 
 use super::drive::{Deliver, Receive, Received, drive};
-use super::intake::{Metered, is_too_much};
+use super::intake::{Lift, Metered, is_too_much};
 use super::metrics::Transport;
 use super::state::{ServerState, SessionGuard};
 
@@ -55,19 +55,19 @@ where
     S: AsyncRead + AsyncWrite + Unpin + Send,
 {
     if let Ok(guard) = state.begin_session(Transport::WebSocket, peer) {
-        run_session(stream, guard).await;
+        let (stream, intake) = Metered::new(stream);
+        run_session(stream, intake, guard).await;
     }
 }
 
-/// Runs the session that a guard stands for.
-pub(super) async fn run_session<S>(stream: S, mut guard: SessionGuard)
+/// Runs the session that a guard stands for, over a stream whose bytes are bounded.
+pub(super) async fn run_session<S>(stream: S, intake: Lift, mut guard: SessionGuard)
 where
     S: AsyncRead + AsyncWrite + Unpin + Send,
 {
     let span = tracing::info_span!("session", id = guard.id, transport = "ws", peer = %guard.peer);
     async {
         let started = Instant::now();
-        let stream = Metered::new(stream);
         let socket = WebSocketStream::from_raw_socket(stream, Role::Server, Some(limits())).await;
         let (sink, stream) = socket.split();
         let mut receiver = WebSocketReceiver { stream, broken: false };
@@ -80,7 +80,7 @@ where
             seconds = started.elapsed().as_secs_f32(),
             "session ended: {close}"
         );
-        finish(sender, receiver, &close).await;
+        finish(sender, receiver, &intake, &close).await;
     }
     .instrument(span)
     .await;
@@ -88,8 +88,9 @@ where
 
 /// Closes in good order: our close frame, then the client's, so that nothing is torn off.
 async fn finish<S>(
-    mut sender: WebSocketSender<Metered<S>>,
-    mut receiver: WebSocketReceiver<Metered<S>>,
+    mut sender: WebSocketSender<S>,
+    mut receiver: WebSocketReceiver<S>,
+    intake: &Lift,
     close: &Close,
 ) where
     S: AsyncRead + AsyncWrite + Unpin,
@@ -113,7 +114,8 @@ async fn finish<S>(
         } else if let Ok(mut socket) = receiver.stream.reunite(sender.sink) {
             // What broke the rules cannot be read as messages. It is read all the same: a TCP socket that
             // is closed over unread bytes is reset, and our last words with it.
-            let stream = &mut socket.get_mut().stream;
+            intake.lift();
+            let stream = socket.get_mut();
             let mut waste = [0; READ_BUFFER_BYTES];
             let mut left = MAX_WASTE_BYTES;
             while left > 0

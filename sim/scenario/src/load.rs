@@ -184,7 +184,7 @@ fn addresses(line: &str) -> Option<(SocketAddr, SocketAddr, Pin)> {
     let (quic, fingerprint) = quic.strip_prefix("quic://")?.split_once("#sha256=")?;
     let digits = data_encoding::HEXLOWER.decode(fingerprint.as_bytes()).ok()?;
     let http = http.strip_prefix("ws://")?.strip_suffix('/')?;
-    Some((quic.parse().ok()?, http.parse().ok()?, Pin(digits.try_into().ok()?)))
+    Some((quic.parse().ok()?, http.parse().ok()?, Pin::Certificate(digits.try_into().ok()?)))
 }
 
 /// What a client saw.
@@ -332,7 +332,7 @@ mod tests {
         let digits = "0f".repeat(32);
         let line = format!("quic://127.0.0.1:4433#sha256={digits} ws://127.0.0.1:8080/\n");
         let (quic, http, pin) = addresses(&line).unwrap();
-        assert_eq!((quic.port(), http.port(), pin.0), (4433, 8080, [15; 32]));
+        assert_eq!((quic.port(), http.port(), pin), (4433, 8080, Pin::Certificate([15; 32])));
         assert!(addresses("").is_none() && addresses(&line.replace("0f", "0")).is_none());
     }
 }

@@ -39,7 +39,7 @@ pub(super) struct QuicSettings {
 impl QuicSettings {
     /// Of a server and a client that do not know each other.
     pub(super) fn new(certificate: &Certificate) -> anyhow::Result<Self> {
-        let client = net::client_config(Pin(certificate.fingerprint()))?;
+        let client = net::client_config(Pin::Certificate(certificate.fingerprint()))?;
         Ok(Self { server: server_config(certificate)?, client })
     }
 

@@ -57,19 +57,40 @@ pub(crate) struct Server {
     quic: SocketAddr,
     http: SocketAddr,
     urls: Vec<String>,
+    /// Whether the HTTP port speaks TLS.
+    tls: bool,
+    reload: Box<dyn Fn() + Send + Sync>,
     state: Arc<ServerState>,
 }
 
 impl Server {
     /// Starts a daemon on any free ports of the loopback address.
     pub(crate) fn start(scene: Arc<dyn SceneSource>, sessions: SessionSettings) -> Self {
+        Self::start_with(scene, sessions, |_| {})
+    }
+
+    /// The same with more options.
+    pub(crate) fn start_with(
+        scene: Arc<dyn SceneSource>,
+        sessions: SessionSettings,
+        set: impl FnOnce(&mut DaemonOptions),
+    ) -> Self {
         let any = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
         let place = Place { folder: Arc::new(tempfile::tempdir().unwrap()), quic: any, http: any };
-        Self::start_at(place, scene, sessions)
+        Self::start_of(place, scene, sessions, set)
     }
 
     /// Starts a daemon where another was, with the same certificate.
     pub(crate) fn start_at(place: Place, scene: Arc<dyn SceneSource>, sessions: SessionSettings) -> Self {
+        Self::start_of(place, scene, sessions, |_| {})
+    }
+
+    fn start_of(
+        place: Place,
+        scene: Arc<dyn SceneSource>,
+        sessions: SessionSettings,
+        set: impl FnOnce(&mut DaemonOptions),
+    ) -> Self {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         panicked_threads();
         let threads = format!("daemon-{}", COUNT.fetch_add(1, Ordering::Relaxed));
@@ -79,13 +100,16 @@ impl Server {
             .enable_all()
             .build()
             .unwrap();
-        let options = DaemonOptions {
+        let mut options = DaemonOptions {
             listen: Some(place.quic),
             http: Some(place.http),
             sessions,
             ..DaemonOptions::new(place.folder.path())
         };
+        set(&mut options);
+        let tls = options.http_tls;
         let daemon = runtime.block_on(Daemon::bind(options, scene)).unwrap();
+        let reload = Box::new(daemon.reload());
         let (quic, http) = (daemon.quic_address().unwrap(), daemon.http_address().unwrap());
         let (urls, state) = (daemon.urls(), daemon.state().clone());
         let (stop, stopped) = mpsc::channel(2);
@@ -100,6 +124,8 @@ impl Server {
             quic,
             http,
             urls,
+            tls,
+            reload,
             state,
         }
     }
@@ -107,10 +133,25 @@ impl Server {
     /// What the daemon prints for viewers.
     pub(crate) fn url(&self, transport: Transport) -> String {
         let scheme = match transport {
-            Transport::Quic => "quic://",
-            Transport::WebSocket => "ws://",
+            Transport::Quic => "quic",
+            Transport::WebSocket => "ws",
         };
-        self.urls.iter().find(|url| url.starts_with(scheme)).unwrap().clone()
+        self.url_of(scheme)
+    }
+
+    /// The same of a scheme: quic, ws or wss.
+    pub(crate) fn url_of(&self, scheme: &str) -> String {
+        let begins = format!("{scheme}://");
+        self.urls.iter().find(|url| url.starts_with(&begins)).unwrap().clone()
+    }
+
+    pub(crate) fn address_of(&self, scheme: &str) -> Address {
+        self.url_of(scheme).parse().unwrap()
+    }
+
+    /// Has the daemon read its files anew, as SIGHUP does.
+    pub(crate) fn reload(&self) {
+        (self.reload)();
     }
 
     /// The same as a viewer reads it.
@@ -143,8 +184,11 @@ impl Server {
 
     /// Fails unless the daemon is up, answers `/health` with 200, and nothing in it has panicked.
     pub(crate) fn assert_healthy(&self) {
-        let health = self.get("/health").unwrap();
-        assert!(health.starts_with("HTTP/1.1 200"), "{health}");
+        // Over TLS, viewers ask.
+        if !self.tls {
+            let health = self.get("/health").unwrap();
+            assert!(health.starts_with("HTTP/1.1 200"), "{health}");
+        }
         assert!(!self.serving.as_ref().unwrap().is_finished(), "the daemon has ended");
         let panicked = panicked_threads().lock().unwrap_or_else(PoisonError::into_inner);
         assert!(!panicked.contains(&self.threads), "a task of the daemon has panicked");

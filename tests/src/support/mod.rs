@@ -1,5 +1,6 @@
 //! What the topics share.
 
+pub(crate) mod authority;
 pub(crate) mod daemon;
 pub(crate) mod picture;
 pub(crate) mod raw;

@@ -4,8 +4,9 @@ use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
 use lodestream_client::core::{Change, Config, StartView};
-use lodestream_client::net::{Address, End, Retry};
+use lodestream_client::net::{Address, End, Retry, Server};
 use lodestream_client::streaming::{Status, Streaming};
+use lodestream_protocol::message::Token;
 
 use super::{LIMIT, PICTURE_PX};
 
@@ -24,9 +25,13 @@ pub(crate) fn config() -> Config {
 
 impl Viewer {
     pub(crate) fn start(address: &Address, config: Config) -> Self {
+        Self::start_at(address.clone().into(), config)
+    }
+
+    pub(crate) fn start_at(server: Server, config: Config) -> Self {
         let (sender, notified) = mpsc::sync_channel(1);
         let retry = Retry { first_attempts: 3, first_within: Duration::MAX, reconnect: true };
-        let streaming = Streaming::start(address.clone(), config, retry, move || {
+        let streaming = Streaming::start(server, config, retry, move || {
             let _ = sender.try_send(());
         });
         Self { streaming: streaming.unwrap(), notified, changes: Vec::new() }
@@ -52,6 +57,11 @@ impl Viewer {
 
     pub(crate) fn settle(&mut self) -> Status {
         self.wait("a settled picture", |status| status.settled)
+    }
+
+    /// Shows another token.
+    pub(crate) fn show(&self, token: Token) {
+        self.streaming.tokens().send_replace(Some(token));
     }
 
     /// Waits until the streaming thread gives up; gives what the user is told.

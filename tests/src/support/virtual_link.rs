@@ -73,7 +73,7 @@ impl QuicLink {
         let server = endpoint(SERVER, Some(server_config(&certificate).unwrap()), 1);
         let client = endpoint(CLIENT, None, 2);
         tokio::spawn(serve_quic(server, state));
-        Self { network, client, pin: Pin(certificate.fingerprint()) }
+        Self { network, client, pin: Pin::Certificate(certificate.fingerprint()) }
     }
 
     /// Opens a connection.

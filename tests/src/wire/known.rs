@@ -164,6 +164,7 @@ fn client_message(message: &ClientMessage) -> Value {
         ClientMessage::WantScenePages(pages) => json!(["WantScenePages", pages]),
         ClientMessage::Ping(number) => json!(["Ping", number]),
         ClientMessage::Bye => json!(["Bye", null]),
+        ClientMessage::Token(token) => json!(["Token", token.0]),
     }
 }
 

@@ -16,9 +16,9 @@ use lodestream_protocol::lamps::{LAMPS_PER_PAGE, LISTED_PER_PAGE, MAX_LAMPS, MAX
 use lodestream_protocol::limits::{
     MAX_ASSETS, MAX_BLOB_BYTES, MAX_CHUNKS, MAX_DECODED_BYTES, MAX_DESCRIPTION_BYTES, MAX_ENTRIES_PER_PAGE,
     MAX_FRAME_BYTES, MAX_HAVE, MAX_IDS_PER_MESSAGE, MAX_INSTANCES, MAX_MESSAGE_BYTES, MAX_NAME_BYTES,
-    MAX_PAGES_PER_MESSAGE, MAX_PIECE_BYTES, MAX_QUEUED, MAX_REASON_BYTES, MAX_SCENE_PAGES,
+    MAX_PAGES_PER_MESSAGE, MAX_PIECE_BYTES, MAX_QUEUED, MAX_REASON_BYTES, MAX_SCENE_PAGES, MAX_TOKEN_BYTES,
 };
-use lodestream_protocol::message::{ClientMessage, CloseCode, Hello, RefusedReason, ServerMessage};
+use lodestream_protocol::message::{ClientMessage, CloseCode, Hello, RefusedReason, ServerMessage, Token};
 use lodestream_protocol::source::SceneSource as _;
 use lodestream_protocol::terrain::{MAX_EROSION_PASSES, MAX_SEGMENTS};
 use serde_json::Value;
@@ -162,6 +162,17 @@ fn a_reader_written_from_the_page_understands_why_it_is_turned_away() {
 }
 
 #[test]
+fn a_reader_written_from_the_page_understands_tokens() {
+    let scene = scenes::tetrahedron();
+    let token = |text: &str| ClientMessage::Token(Token(text.repeat(MAX_TOKEN_BYTES / text.len())));
+    let said = [vec![token("a.b.c"), ClientMessage::Hello(hello()), token("d.e")]];
+    for transport in Transport::BOTH {
+        let recording = record(scene.source(), transport, &said);
+        assert_understood(&recording, &Known::of(&recording), &said);
+    }
+}
+
+#[test]
 fn the_reader_refuses_what_is_not_as_the_page_says() {
     let scene = scenes::tetrahedron();
     let said = [vec![ClientMessage::Hello(hello())]];
@@ -198,7 +209,7 @@ fn the_page_states_the_limits_and_close_codes_of_the_program() {
         ("ids in `have`", &[MAX_HAVE as u64]),
         ("pages in a WantScenePages", &[MAX_PAGES_PER_MESSAGE as u64]),
         ("assets, and instances, of a page", &[MAX_ENTRIES_PER_PAGE as u64]),
-        ("names; reasons", &[MAX_NAME_BYTES as u64, MAX_REASON_BYTES as u64]),
+        ("names; reasons; tokens", &[MAX_NAME_BYTES, MAX_REASON_BYTES, MAX_TOKEN_BYTES].map(|n| n as u64)),
         ("assets of a scene; instances; pages", &[MAX_ASSETS, MAX_INSTANCES, MAX_SCENE_PAGES].map(u64::from)),
         ("chunks of an asset", &[u64::from(MAX_CHUNKS)]),
         ("an asset's description", &[MAX_DESCRIPTION_BYTES as u64]),

@@ -25,7 +25,8 @@ use super::steps::{self, Steps};
 use crate::args::Args;
 use crate::frames::Shown;
 use crate::outcome::lacks;
-use crate::run::{core_config, settings};
+use crate::run::{core_config, server, settings};
+use crate::token;
 
 /// Bytes uploaded per frame, so that a burst of chunks does not make it late.
 const UPLOAD_BYTES: usize = 8 << 20;
@@ -83,7 +84,8 @@ impl Running {
     ) -> anyhow::Result<Self> {
         // First of all: the server answers while the window's device is opened and its pipelines are made.
         let mut streaming =
-            Streaming::start(args.address.clone(), core_config(args), Retry::default(), notify.clone())?;
+            Streaming::start(server(args)?, core_config(args)?, Retry::default(), notify.clone())?;
+        token::follow(args.token_file.as_ref(), &streaming)?;
         let [width, height] = args.window.0;
         let attributes = Window::default_attributes()
             .with_title(format!("Lodestream – {}", args.address))

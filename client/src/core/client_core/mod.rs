@@ -15,7 +15,7 @@ use lodestream_protocol::client::{ClientSession, Resume};
 use lodestream_protocol::frame::{BlobPiece, FrameError, ServerFrame};
 use lodestream_protocol::lamps::Lamp;
 use lodestream_protocol::limits::MAX_HAVE;
-use lodestream_protocol::message::{ClientMessage, Close, CloseCode, Welcome};
+use lodestream_protocol::message::{ClientMessage, Close, CloseCode, Token, Welcome};
 use lodestream_protocol::scene::SceneHeader;
 use lodestream_protocol::select::{Counters, Selection, Selector, State, Wanted};
 use lodestream_protocol::time::Time;
@@ -266,6 +266,23 @@ impl ClientCore {
     #[must_use]
     pub fn closed(&self) -> Option<&Close> {
         self.session.as_ref().filter(|session| session.is_closed()).and(self.closed.as_ref())
+    }
+
+    /// What shows that the client may see the scene.
+    #[must_use]
+    pub const fn token(&self) -> Option<&Token> {
+        self.config.session.token.as_ref()
+    }
+
+    /// Shows another token, in this session and those after it.
+    pub fn set_token(&mut self, token: Token) {
+        if self.config.session.token.as_ref() == Some(&token) {
+            return;
+        }
+        if let Some(session) = &mut self.session {
+            session.set_token(token.clone());
+        }
+        self.config.session.token = Some(token);
     }
 
     /// Moves the camera. Views that cannot be drawn are ignored.

@@ -7,6 +7,8 @@ mod places;
 mod quic;
 mod shutdown;
 mod slow_store;
+mod tls;
+mod tokens;
 mod websocket;
 
 use std::net::{Ipv4Addr, SocketAddr};

@@ -4,6 +4,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::time::Instant;
 
 use super::*;
+use crate::daemon::admission::Admission;
 
 #[tokio::test(start_paused = true)]
 async fn the_push_comes_before_hello() {
@@ -78,7 +79,8 @@ async fn a_page_of_another_origin_could_read_the_models_of_a_local_server() {
     assert_eq!(state.metrics().active_sessions(), 0, "refused pages take no place");
     let allowed = ["https://viewer.example".parse().unwrap()].into_iter().collect();
     let scene = Arc::new(MemoryScene::new(1, 100, 100));
-    let state = ServerState::with_origins(scene, SessionSettings::default(), allowed);
+    let admission = Admission { origins: allowed, ..Admission::default() };
+    let state = ServerState::admitting(scene, SessionSettings::default(), admission);
     assert!(answer_to(&state, "https://viewer.example").await.starts_with("HTTP/1.1 101"));
     assert!(answer_to(&state, "https://evil.example").await.starts_with("HTTP/1.1 403"));
 }

@@ -92,7 +92,7 @@ async fn run_quic(
     let config = file_server_config(certificate)?;
     let QuicNetwork { network, server, client } = QuicNetwork::open(&case.link, config, seed)?;
     let serving = tokio::spawn(answer_quic(server));
-    let config = net::client_config(Pin(certificate.fingerprint()))?;
+    let config = net::client_config(Pin::Certificate(certificate.fingerprint()))?;
     let connecting = client.connect_with(config, SERVER, "localhost")?;
     let end = match timeout(limit, connecting).await {
         Ok(Ok(connection)) => {

@@ -94,7 +94,7 @@ async fn over_quic(
     let server = network.endpoint(SERVER, Some(server_config(certificate)?), [1; 32])?;
     let client = network.endpoint(CLIENT, None, [2; 32])?;
     tokio::spawn(serve_quic(server, Arc::clone(state)));
-    let config = client_config(Pin(certificate.fingerprint()))?;
+    let config = client_config(Pin::Certificate(certificate.fingerprint()))?;
     let connection = client.connect_with(config, SERVER, "localhost")?.await?;
     Ok((BareClient::over_quic(client, connection, clock).await?, Network::Udp(network)))
 }

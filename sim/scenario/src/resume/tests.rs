@@ -174,7 +174,7 @@ fn a_ticket_is_not_used_for_another_pin() {
         assert!(close.reason.contains("ApplicationVerificationFailure"), "{close}");
         assert_eq!(state.metrics().early_data_sessions(), 0);
         // And its own pin finds no ticket.
-        let config = net::client_config(Pin(other.fingerprint())).unwrap();
+        let config = net::client_config(Pin::Certificate(other.fingerprint())).unwrap();
         let mut viewer = super::tests::viewer();
         let (early, _) = visit(&network, 3, &config, &mut viewer).await;
         assert!(!early && viewer.settled().is_some());

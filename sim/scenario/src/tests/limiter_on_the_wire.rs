@@ -57,7 +57,7 @@ fn sent_bytes(rate: u64, loss: f64) -> Vec<u64> {
         let scene = Arc::new(MemoryScene::new(4, 1500, 2_000_000));
         tokio::spawn(serve_quic(server, ServerState::new(scene, settings)));
 
-        let config = client_config(Pin(certificate.fingerprint())).unwrap();
+        let config = client_config(Pin::Certificate(certificate.fingerprint())).unwrap();
         let connection = client.connect_with(config, server_address, "localhost").unwrap().await.unwrap();
         let mut control = connection.open_uni().await.unwrap();
         control.write_all(&requests()).await.unwrap();

@@ -70,7 +70,7 @@ async fn over_quic(
     limit: Duration,
     viewer: &mut Viewer<'_>,
 ) -> anyhow::Result<Close> {
-    let config = net::client_config(Pin(server.fingerprint))?;
+    let config = net::client_config(Pin::Certificate(server.fingerprint))?;
     let endpoint = net::endpoint(relay.address, config)?;
     let connecting = endpoint.connect(relay.address, "localhost")?;
     let close = match timeout(limit, connecting).await {

@@ -1,0 +1,64 @@
+//! Tokens: who is let in, and what those are told who are not.
+
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use lodestream_client::core::Config;
+use lodestream_protocol::message::Token;
+use lodestream_server::daemon::SessionSettings;
+use lodestream_server::daemon::tokens::Tokens;
+
+use crate::support::LIMIT;
+use crate::support::daemon::{Server, Transport};
+use crate::support::scene::TestScene;
+use crate::support::viewer::{Viewer, config};
+
+const SECRET: &[u8] = b"a secret of more than thirty-two bytes";
+
+/// A token for a scene that ends in so many seconds.
+fn token(secret: &[u8], scene: &str, seconds: i64) -> Token {
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs();
+    let base64 = |bytes: &[u8]| data_encoding::BASE64URL_NOPAD.encode(bytes);
+    let claims = serde_json::json!({"exp": i64::try_from(now).unwrap() + seconds, "scene": scene});
+    let message = format!("{}.{}", base64(br#"{"alg":"HS256"}"#), base64(claims.to_string().as_bytes()));
+    let key = ring::hmac::Key::new(ring::hmac::HMAC_SHA256, secret);
+    Token(format!("{message}.{}", base64(ring::hmac::sign(&key, message.as_bytes()).as_ref())))
+}
+
+fn showing(token: Option<Token>) -> Config {
+    let mut config = config();
+    config.session.token = token;
+    config
+}
+
+#[test]
+fn a_viewer_with_a_token_sees_the_scene_and_others_are_told_why_they_do_not() {
+    let scene = TestScene::small();
+    let name = scene.source().header().name.clone();
+    let file = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(file.path(), SECRET).unwrap();
+    let tokens = std::sync::Arc::new(Tokens::of_file(file.path(), None).unwrap());
+    let server = Server::start_with(scene.source(), SessionSettings::default(), |options| {
+        options.admission.tokens = Some(tokens);
+    });
+    for transport in Transport::BOTH {
+        let address = server.address(transport);
+        for (shown, why) in [
+            (None, "none was given"),
+            (Some(token(SECRET, &name, -100)), "has expired"),
+            (Some(token(SECRET, "another", 100)), "not for this scene"),
+            (Some(token(b"another", &name, 100)), "no key that the server knows"),
+        ] {
+            let told = Viewer::start(&address, showing(shown)).end(LIMIT);
+            assert!(told.contains(why), "{transport:?}: {told}");
+        }
+        let mut viewer = Viewer::start(&address, showing(Some(token(SECRET, &name, 100))));
+        let status = viewer.settle();
+        assert!(status.stats.applied_chunks > 0, "{:?}", status.stats);
+        // A newer one is shown while the session runs: it goes on, or ends with the reason.
+        viewer.show(token(SECRET, &name, 200));
+        viewer.show(token(b"another", &name, 300));
+        let told = viewer.end(LIMIT);
+        assert!(told.contains("no key that the server knows"), "{transport:?}: {told}");
+    }
+    server.assert_healthy();
+}
