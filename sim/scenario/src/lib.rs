@@ -23,7 +23,9 @@ pub mod result;
 mod resume;
 pub mod run;
 pub mod scene;
+pub mod served;
 pub mod stopwatch;
+pub mod strangers;
 pub mod technique;
 #[cfg(test)]
 mod tests;

@@ -1,37 +1,29 @@
 //! What a server's sessions cost: memory and processor time of a process of its own, in real time on loopback.
 //!
-//! The server is the shipped daemon in a child process ([`serve`]), so that its memory and time are not the clients'.
-//! The clients are bare (`crate::bare_client`): they ask for all chunks of the scene and read what comes. The
-//! process's figures come from Linux's `/proc`. Memory depends on the allocator and processor time on the machine; both
-//! are good for how they grow.
+//! The server is the shipped daemon in a child process ([`crate::served`]), so that its memory and time are not the
+//! clients'. The clients are bare (`crate::bare_client`): they ask for all chunks of the scene and read what comes.
+//! Memory depends on the allocator and processor time on the machine; both are good for how they grow.
 
-use std::io::{BufRead as _, BufReader, Read as _};
-use std::net::{Ipv4Addr, SocketAddr};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::time::Duration;
 
-use anyhow::Context as _;
-use lodestream_client::net::{self, Pin};
+use lodestream_client::net;
 use lodestream_netsim::clock::VirtualClock;
 use lodestream_protocol::BlobId;
 use lodestream_protocol::limits::MAX_QUEUED;
 use lodestream_protocol::source::SceneSource;
-use lodestream_server::daemon::{Daemon, DaemonOptions, SessionSettings};
 use serde::Serialize;
 use tokio::net::TcpStream;
 use tokio::runtime::Builder;
-use tokio::sync::mpsc;
 
 use crate::bare_client::BareClient;
 use crate::plan::Transport;
 use crate::result::milliseconds;
+use crate::served::{Address, Limits, Server};
 
 /// Before anything is counted: connecting, and the bursts of the beginning.
 const WARM_UP: Duration = Duration::from_secs(2);
-/// Ticks of processor time in a second, as `/proc` counts them on every Linux (`USER_HZ`).
-const TICKS_PER_S: f64 = 100.0;
 /// Most blobs that a client asks for: what a session queues.
 const MAX_WANTED: usize = MAX_QUEUED;
 
@@ -83,110 +75,6 @@ pub struct Load {
     pub first_blob_max_ms: f64,
 }
 
-/// Serves a scene until standard input ends. Prints the listeners' addresses and the certificate's fingerprint, on
-/// one line.
-///
-/// # Errors
-/// What keeps the daemon from being started.
-pub fn serve(scene: Arc<dyn SceneSource>, rate_bits_per_s: u64) -> anyhow::Result<()> {
-    let folder = tempfile::tempdir().context("no folder for the certificate")?;
-    let any = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
-    let defaults = SessionSettings::default();
-    let sessions = SessionSettings {
-        rate_bits_per_s: Some(rate_bits_per_s),
-        // All clients are of one address, and none may use the eighth that is kept for others.
-        max_sessions: defaults.max_sessions * 2,
-        max_sessions_per_address: Some(defaults.max_sessions),
-        ..defaults
-    };
-    let options =
-        DaemonOptions { listen: Some(any), http: Some(any), sessions, ..DaemonOptions::new(folder.path()) };
-    let runtime = Builder::new_multi_thread().enable_all().build()?;
-    let daemon = runtime.block_on(Daemon::bind(options, scene))?;
-    println!("{}", daemon.urls().join(" "));
-    let (stop, stopped) = mpsc::channel(2);
-    let serving = runtime.spawn(daemon.serve(stopped));
-    // Ends with the parent, however that ends.
-    let _ = std::io::stdin().read_to_end(&mut Vec::new());
-    let _ = (stop.try_send(()), stop.try_send(()));
-    let _ = runtime.block_on(serving);
-    Ok(())
-}
-
-/// A server in a process of its own.
-struct Server {
-    child: Child,
-    quic: SocketAddr,
-    http: SocketAddr,
-    pin: Pin,
-}
-
-impl Server {
-    fn start(scene: &str, cache: Option<&Path>, rate_bits_per_s: u64) -> anyhow::Result<Self> {
-        let program = std::env::current_exe().context("this program cannot be found")?;
-        let mut command = Command::new(&program);
-        command.args(["load", scene, "--serve", "--rate-bits-per-s", &rate_bits_per_s.to_string()]);
-        if let Some(cache) = cache {
-            command.arg("--cache").arg(cache);
-        }
-        let mut child = command
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .with_context(|| format!("{} cannot be run", program.display()))?;
-        let mut line = String::new();
-        if let Some(said) = child.stdout.take() {
-            BufReader::new(said).read_line(&mut line)?;
-        }
-        match addresses(&line) {
-            Some((quic, http, pin)) => Ok(Self { child, quic, http, pin }),
-            None => {
-                let _ = child.kill();
-                let _ = child.wait();
-                anyhow::bail!("the server did not start")
-            }
-        }
-    }
-
-    /// Resident memory in bytes.
-    fn memory_bytes(&self) -> anyhow::Result<u64> {
-        let file = format!("/proc/{}/status", self.child.id());
-        let text = std::fs::read_to_string(&file).with_context(|| format!("{file}: this needs Linux"))?;
-        let line = text.lines().find_map(|line| line.strip_prefix("VmRSS:"));
-        let kib = line.and_then(|line| line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok());
-        Ok(kib.with_context(|| format!("{file}: there is no VmRSS"))? * 1024)
-    }
-
-    /// Processor time so far, in seconds.
-    fn cpu_s(&self) -> anyhow::Result<f64> {
-        let file = format!("/proc/{}/stat", self.child.id());
-        let text = std::fs::read_to_string(&file).with_context(|| format!("{file}: this needs Linux"))?;
-        // The program's name stands in parentheses and may hold anything; utime and stime are fields 14 and 15.
-        let fields = text.rsplit(')').next().unwrap_or_default().split_whitespace().skip(11).take(2);
-        let ticks = fields.map(|field| field.parse::<f64>().ok()).collect::<Option<Vec<f64>>>();
-        let ticks =
-            ticks.filter(|ticks| ticks.len() == 2).with_context(|| format!("{file}: is not understood"))?;
-        Ok(ticks.iter().sum::<f64>() / TICKS_PER_S)
-    }
-}
-
-impl Drop for Server {
-    fn drop(&mut self) {
-        // Its standard input ends here.
-        drop(self.child.stdin.take());
-        let _ = self.child.wait();
-    }
-}
-
-/// What a server says of itself: `quic://HOST:PORT#sha256=… ws://HOST:PORT/`.
-fn addresses(line: &str) -> Option<(SocketAddr, SocketAddr, Pin)> {
-    let (quic, http) = line.trim().split_once(' ')?;
-    let (quic, fingerprint) = quic.strip_prefix("quic://")?.split_once("#sha256=")?;
-    let digits = data_encoding::HEXLOWER.decode(fingerprint.as_bytes()).ok()?;
-    let http = http.strip_prefix("ws://")?.strip_suffix('/')?;
-    Some((quic.parse().ok()?, http.parse().ok()?, Pin::Certificate(digits.try_into().ok()?)))
-}
-
 /// What a client saw.
 struct Seen {
     first_ns: Option<u64>,
@@ -204,7 +92,7 @@ pub fn measure(
     cache: Option<&Path>,
     case: &Case,
 ) -> anyhow::Result<Load> {
-    let server = Server::start(scene, cache, case.rate_bits_per_s)?;
+    let server = Server::start(scene, cache, case.rate_bits_per_s, Limits::Lifted)?;
     let wanted: Arc<Vec<BlobId>> = Arc::new(chunks(source));
     let open_bytes = server.memory_bytes()?;
     let cpu_before = server.cpu_s()?;
@@ -213,9 +101,7 @@ pub fn measure(
     let (seen, cpu_start, cpu_end, loaded_bytes) = runtime.block_on(async {
         let clock = VirtualClock::start();
         let clients: Vec<_> = (0..case.clients)
-            .map(|_| {
-                tokio::spawn(client(clock, *case, server.quic, server.http, server.pin, Arc::clone(&wanted)))
-            })
+            .map(|_| tokio::spawn(client(clock, *case, server.at(), Arc::clone(&wanted))))
             .collect();
         tokio::time::sleep(WARM_UP).await;
         let cpu_start = server.cpu_s()?;
@@ -253,7 +139,7 @@ pub fn measure(
 }
 
 /// All chunks of a scene, as many as may be asked for.
-fn chunks(source: &Arc<dyn SceneSource>) -> Vec<BlobId> {
+pub(crate) fn chunks(source: &Arc<dyn SceneSource>) -> Vec<BlobId> {
     let pages = (0..source.header().page_count).filter_map(|page| source.page(page));
     let assets = pages.flat_map(|page| page.assets.clone());
     let of_asset = |(asset, chunks): (u32, u32)| (0..chunks).map(move |chunk| BlobId::chunk(asset, chunk));
@@ -264,9 +150,7 @@ fn chunks(source: &Arc<dyn SceneSource>) -> Vec<BlobId> {
 async fn client(
     clock: VirtualClock,
     case: Case,
-    quic: SocketAddr,
-    http: SocketAddr,
-    pin: Pin,
+    Address { quic, http, pin }: Address,
     wanted: Arc<Vec<BlobId>>,
 ) -> Option<Seen> {
     let [from_ns, to_ns] =
@@ -320,19 +204,5 @@ impl std::fmt::Display for Load {
             self.first_blob_max_ms,
             self.failed
         )
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_server_is_found_by_what_it_says() {
-        let digits = "0f".repeat(32);
-        let line = format!("quic://127.0.0.1:4433#sha256={digits} ws://127.0.0.1:8080/\n");
-        let (quic, http, pin) = addresses(&line).unwrap();
-        assert_eq!((quic.port(), http.port(), pin), (4433, 8080, Pin::Certificate([15; 32])));
-        assert!(addresses("").is_none() && addresses(&line.replace("0f", "0")).is_none());
     }
 }

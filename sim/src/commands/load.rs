@@ -1,9 +1,10 @@
 //! `lodestream-sim load`: its arguments, and a line for each case.
 
 use clap::Args;
-use lodestream_scenario::load::{Case, measure, serve};
+use lodestream_scenario::load::{Case, measure};
 use lodestream_scenario::plan::{self, Transport};
 use lodestream_scenario::scene;
+use lodestream_scenario::served::{Limits, serve};
 
 use crate::arguments::{CacheFolder, transport};
 
@@ -32,6 +33,9 @@ pub(crate) struct Load {
     /// Serves the scene until standard input ends: what the measured process does.
     #[arg(long, hide = true)]
     serve: bool,
+    /// With the limits of a shipped server.
+    #[arg(long, hide = true)]
+    shipped_limits: bool,
 }
 
 impl Load {
@@ -39,7 +43,8 @@ impl Load {
         let choice = plan::scene_choice(&self.scene)?;
         let source = scene::open(&choice, None, &self.cache.path()?, true)?;
         if self.serve {
-            return serve(source, self.rate_bits_per_s);
+            let limits = if self.shipped_limits { Limits::Shipped } else { Limits::Lifted };
+            return serve(source, self.rate_bits_per_s, limits);
         }
         let mut all = Vec::new();
         for &transport in &self.transport {

@@ -12,6 +12,7 @@ mod reproduce;
 mod run;
 mod seed_table;
 mod shown;
+mod strangers;
 mod terrain_table;
 mod train;
 mod truth;
@@ -46,6 +47,9 @@ pub(crate) enum Command {
     /// Measures what a server's sessions cost it: memory and processor time of a process of its own, in real time on
     /// loopback. Needs Linux.
     Load(load::Load),
+    /// Lets hostile peers do a dozen things to a server, one after the other: what it holds of them, its memory and processor
+    /// time, and how long somebody else waits. In real time on loopback; needs Linux.
+    Strangers(strangers::Strangers),
     /// Settles a plan's case at several targets of screen error, in virtual time, and times frames of each, in real time
     /// on the machine's graphics adapter.
     FrameTime(frame_time::FrameTime),
@@ -80,6 +84,7 @@ impl Command {
             Self::DrawTrade(command) => command.run(),
             Self::Run(command) => command.run(),
             Self::Shown(command) => command.run(),
+            Self::Strangers(command) => command.run(),
             Self::Truth(command) => command.run(),
             // What it finds is its exit code.
             Self::Reproduce(command) => return command.run(),
