@@ -1,6 +1,7 @@
 //! The command line: parsed by clap, then resolved by each command.
 
 mod check;
+mod config;
 mod demo_scene;
 mod export;
 mod inspect;
@@ -16,7 +17,7 @@ mod units;
 use std::io::Write as _;
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory as _, Parser, Subcommand};
 
 use outcome::Outcome;
 
@@ -55,8 +56,15 @@ enum Command {
 #[must_use]
 pub fn main() -> ExitCode {
     process::set_up();
-    finish(match Cli::parse().command {
-        Command::Serve(arguments) => serve::run(*arguments),
+    let words = match config::with_file(&Cli::command(), std::env::args_os().collect()) {
+        Ok(words) => words,
+        Err(error) => return finish(Err(error)),
+    };
+    finish(match Cli::parse_from(&words).command {
+        Command::Serve(arguments) => match &arguments.save_config {
+            Some(file) => config::save(&Cli::command(), &words, file),
+            None => serve::run(*arguments),
+        },
         Command::Prepare(arguments) => prepare::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Export(arguments) => export::run(&arguments),
@@ -99,8 +107,6 @@ fn one_line(error: &anyhow::Error) -> String {
 
 #[cfg(test)]
 mod tests {
-    use clap::CommandFactory as _;
-
     use super::*;
 
     #[test]

@@ -29,6 +29,12 @@ pub(super) struct Arguments {
     /// Models (OBJ, glTF, GLB), side by side, or one scene file (TOML).
     #[arg(value_name = "MODEL … | SCENE.toml", required = true)]
     files: Vec<PathBuf>,
+    /// Options from a file (TOML): its keys are these flags without their dashes, and files. Flags and the environment win.
+    #[arg(long, env = "LODESTREAM_CONFIG", value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Writes all options as they would be used into a file for --config, and serves nothing.
+    #[arg(long, value_name = "FILE")]
+    pub(super) save_config: Option<PathBuf>,
     /// Rate that each session is limited to: 2Mbit, 500kbit, off.
     #[arg(long, env = "LODESTREAM_RATE", value_name = "RATE", default_value = "off", value_parser = parse_rate)]
     rate: Rate,
