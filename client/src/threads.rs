@@ -2,9 +2,8 @@
 
 use std::num::NonZeroUsize;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
-use lodestream_geometry::pool::Pool;
+use lodestream_geometry::pool::{Pool, Tasks};
 
 use crate::core::Decoders;
 
@@ -39,29 +38,22 @@ impl Threads {
 
 impl Pool for Threads {
     fn run(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
-        let next = AtomicUsize::new(0);
-        let work = || {
-            loop {
-                let i = next.fetch_add(1, Ordering::Relaxed);
-                if i >= count {
-                    break;
-                }
-                task(i);
-            }
-        };
+        let tasks = Tasks::new(count, task);
         std::thread::scope(|scope| {
             for _ in 1..self.0.get().min(count) {
                 // Where the system gives no thread, those that there are do it all.
                 let thread = std::thread::Builder::new().name("decoding".into());
-                drop(thread.spawn_scoped(scope, work));
+                drop(thread.spawn_scoped(scope, || tasks.work()));
             }
-            work();
+            tasks.work();
         });
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
     use super::*;
 
     #[test]

@@ -1,7 +1,7 @@
 //! How the pure crate borrows threads and reports progress: both are handed in by the caller.
 
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use crate::error::{MeshError, SkippedTask};
 
@@ -22,6 +22,32 @@ impl Pool for Serial {
     fn run(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
         for i in 0..count {
             task(i);
+        }
+    }
+}
+
+/// Tasks that threads take one after the other, for implementors of [`Pool`]: each thread calls [`Tasks::work`].
+pub struct Tasks<'a> {
+    next: AtomicUsize,
+    count: usize,
+    task: &'a (dyn Fn(usize) + Sync),
+}
+
+impl<'a> Tasks<'a> {
+    /// `task(0)` … `task(count - 1)`, none of them begun.
+    #[must_use]
+    pub fn new(count: usize, task: &'a (dyn Fn(usize) + Sync)) -> Self {
+        Self { next: AtomicUsize::new(0), count, task }
+    }
+
+    /// Runs tasks that nobody has begun until there are none.
+    pub fn work(&self) {
+        loop {
+            let i = self.next.fetch_add(1, Ordering::Relaxed);
+            if i >= self.count {
+                break;
+            }
+            (self.task)(i);
         }
     }
 }

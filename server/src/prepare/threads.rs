@@ -1,9 +1,8 @@
 //! Threads for preparation.
 
 use std::num::NonZeroUsize;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
-use lodestream_geometry::pool::Pool;
+use lodestream_geometry::pool::{Pool, Tasks};
 
 /// Runs tasks on scoped threads, which live as long as one call.
 #[derive(Clone, Copy, Debug)]
@@ -22,28 +21,21 @@ impl Threads {
 
 impl Pool for Threads {
     fn run(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
-        let next = AtomicUsize::new(0);
-        let work = || {
-            loop {
-                let i = next.fetch_add(1, Ordering::Relaxed);
-                if i >= count {
-                    break;
-                }
-                task(i);
-            }
-        };
+        let tasks = Tasks::new(count, task);
         std::thread::scope(|scope| {
             // The calling thread works too, so one thread means none is spawned.
             for _ in 1..self.count.get().min(count) {
-                scope.spawn(work);
+                scope.spawn(|| tasks.work());
             }
-            work();
+            tasks.work();
         });
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
     use super::*;
 
     #[test]
