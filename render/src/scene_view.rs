@@ -326,7 +326,8 @@ impl SceneView {
         let exposure = settings.exposure * exposure(&environment, self.has_lamps);
         let settings = Settings { exposure, ..settings };
         let (terrain, lights) = (self.ground.as_ref().map(GroundScene::frame), &self.lights[..]);
-        let water = self.header.as_ref().and_then(water);
+        // Before there is ground nothing would rise over it.
+        let water = self.ground.as_ref().and(self.header.as_ref()).and_then(water);
         draw(&Frame { camera, drawables: &drawables, terrain, water, lights, environment, settings, time_s })
     }
 }
