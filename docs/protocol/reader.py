@@ -327,8 +327,10 @@ class Reader:
         }
 
     def asset(self):
-        short = self.f("short", self.b.flag)
-        return {
+        flags = self.f("flags", self.b.u8)
+        ensure(flags < 4, f"unknown flags of an asset: {flags}")
+        short = flags & 1
+        found = {
             "name": self.f("name", self.b.text, repr),
             "fingerprint": self.fingerprint(),
             "origin": self.numbers("origin", self.b.f32 if short else self.b.f64, 3),
@@ -337,6 +339,18 @@ class Reader:
             "root_error": self.number("root_error", self.b.f32),
             "base_bytes": self.f("base_bytes", self.b.u32),
             "chunk_count": self.f("chunk_count", self.b.u32),
+        }
+        if flags & 2:
+            count = self.f("shared", self.b.u8)
+            ensure(1 <= count <= 32, f"{count} shared textures")
+            found["shared"] = [self.shared_texture() for _ in range(count)]
+        return found
+
+    def shared_texture(self):
+        return {
+            "texture": self.f("texture", self.b.u16),
+            "asset": self.f("asset", self.b.u32),
+            "of": self.f("of", self.b.u16),
         }
 
     def instance(self):

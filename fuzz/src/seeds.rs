@@ -13,6 +13,7 @@ use lodestream_protocol::frame::{BlobPiece, encode_client, encode_piece, encode_
 use lodestream_protocol::lamps::{Lamp, Lamps, ListedLamps, Spot, encode_directory, encode_page};
 use lodestream_protocol::message::{ClientMessage, Close, CloseCode, Hello, ServerMessage, Want, Welcome};
 use lodestream_protocol::scene::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
+use lodestream_protocol::shared::SharedTexture;
 use lodestream_protocol::stream::blob_head;
 use lodestream_protocol::view::View;
 use lodestream_terrain::{
@@ -286,7 +287,13 @@ fn messages() -> Vec<(String, Vec<u8>)> {
     let turned =
         InstanceEntry { rotation: [0.0, 0.6, 0.0, 0.8], scale: 2.0, ..InstanceEntry::at(0, [1e9, 0.1, 0.0]) };
     let page = ScenePage {
-        assets: vec![AssetEntry { name: "a".into(), chunk_count: 9, ..AssetEntry::default() }],
+        assets: vec![
+            AssetEntry { name: "a".into(), chunk_count: 9, ..AssetEntry::default() },
+            AssetEntry {
+                shared: vec![SharedTexture { texture: 2, asset: 0, of: 1 }],
+                ..AssetEntry::default()
+            },
+        ],
         instances: vec![InstanceEntry::at(0, [1.0, 0.0, 0.0]), turned],
         ..ScenePage::default()
     };

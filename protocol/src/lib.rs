@@ -9,6 +9,7 @@
 //! |---|---|
 //! | [`blob`] | names of the things that are sent: base meshes, index pages, chunks, texture levels |
 //! | [`scene`] | the scene description, paged, and the description of one asset |
+//! | [`shared`] | textures that assets have in common |
 //! | [`terrain`] | what a scene says of its terrain |
 //! | [`lamps`] | what a scene says of the lights that stand in it |
 //! | [`view`] | the camera that everything is judged by |
@@ -41,6 +42,7 @@ pub mod scene;
 pub mod scheduler;
 pub mod select;
 pub mod server;
+pub mod shared;
 pub mod source;
 pub mod stream;
 pub mod terrain;

@@ -17,6 +17,7 @@ use crate::limits::{
     MAX_SCENE_PAGES,
 };
 use crate::pose::Pose;
+use crate::shared::{self, SharedTexture};
 use crate::terrain::{TerrainEntry, TerrainEntryError};
 use crate::view::{View, ViewError};
 
@@ -132,6 +133,8 @@ pub struct AssetEntry {
     pub base_bytes: u32,
     /// Number of chunks.
     pub chunk_count: u32,
+    /// Which of its textures are those of earlier assets, by texture.
+    pub shared: Vec<SharedTexture>,
 }
 
 impl AssetEntry {
@@ -232,10 +235,15 @@ impl<Context> Decode<Context> for InstanceEntry {
     }
 }
 
+const SHORT_ORIGIN: u8 = 1;
+const SHARES_TEXTURES: u8 = 2;
+
 impl Encode for AssetEntry {
     fn encode<E: Encoder>(&self, e: &mut E) -> Result<(), EncodeError> {
         let short = vector_fits_f32(&self.origin);
-        short.encode(e)?;
+        let shares = !self.shared.is_empty();
+        let flags = [(short, SHORT_ORIGIN), (shares, SHARES_TEXTURES)];
+        flags.iter().filter(|(set, _)| *set).fold(0, |all, (_, flag)| all | flag).encode(e)?;
         self.name.encode(e)?;
         self.fingerprint.encode(e)?;
         encode_vector(&self.origin, short, e)?;
@@ -243,13 +251,18 @@ impl Encode for AssetEntry {
         self.sphere.radius.encode(e)?;
         self.root_error.encode(e)?;
         self.base_bytes.encode(e)?;
-        self.chunk_count.encode(e)
+        self.chunk_count.encode(e)?;
+        if shares { shared::encode(&self.shared, e) } else { Ok(()) }
     }
 }
 
 impl<Context> Decode<Context> for AssetEntry {
     fn decode<D: Decoder<Context = Context>>(d: &mut D) -> Result<Self, DecodeError> {
-        let short = bool::decode(d)?;
+        let flags = u8::decode(d)?;
+        if flags & !(SHORT_ORIGIN | SHARES_TEXTURES) != 0 {
+            return Err(DecodeError::Other("unknown flags of an asset"));
+        }
+        let short = flags & SHORT_ORIGIN != 0;
         Ok(Self {
             name: String::decode(d)?,
             fingerprint: Fingerprint::decode(d)?,
@@ -258,6 +271,7 @@ impl<Context> Decode<Context> for AssetEntry {
             root_error: f32::decode(d)?,
             base_bytes: u32::decode(d)?,
             chunk_count: u32::decode(d)?,
+            shared: if flags & SHARES_TEXTURES != 0 { shared::decode(d)? } else { Vec::new() },
         })
     }
 }
@@ -313,6 +327,9 @@ pub enum SceneError {
     /// More than [`MAX_CHUNKS`].
     #[error("an asset has too many chunks")]
     TooManyChunks,
+    /// With what came before it, each texture once, at most [`shared::MAX_SHARED_TEXTURES`].
+    #[error("an asset's shared textures are not those of earlier assets, or out of order")]
+    SharedTextures,
     /// Assets come before their instances.
     #[error("an instance refers to an asset of a later page")]
     AssetOfLaterPage,
@@ -383,7 +400,7 @@ impl ScenePage {
                 && self.first_instance <= MAX_INSTANCES,
             SceneError::PageNumbers,
         )?;
-        for asset in &self.assets {
+        for (number, asset) in (self.first_asset..).zip(&self.assets) {
             ensure(asset.name.len() <= MAX_NAME_BYTES, SceneError::AssetName)?;
             ensure(
                 asset.origin.iter().all(|x| x.is_finite())
@@ -395,6 +412,7 @@ impl ScenePage {
             ensure(asset.root_error.is_finite() && asset.root_error >= 0.0, SceneError::RootError)?;
             ensure(asset.base_bytes <= MAX_BLOB_BYTES, SceneError::BaseTooLong)?;
             ensure(asset.chunk_count <= MAX_CHUNKS, SceneError::TooManyChunks)?;
+            ensure(shared::in_order(number, &asset.shared), SceneError::SharedTextures)?;
         }
         // Entries are at most 64.
         #[allow(clippy::cast_possible_truncation)]
@@ -443,6 +461,7 @@ mod tests {
         assert!(with(|p| p.assets[0].base_bytes = u32::MAX).is_err());
         assert!(with(|p| p.assets[0].chunk_count = u32::MAX).is_err());
         assert!(with(|p| p.assets[0].name = "x".repeat(300)).is_err());
+        assert!(with(|p| p.assets[0].shared = vec![SharedTexture { texture: 0, asset: 1, of: 0 }]).is_err());
         assert!(with(|p| p.first_asset = u32::MAX).is_err());
         assert!(with(|p| p.instances = vec![InstanceEntry::at(0, [0.0; 3]); 65]).is_err());
     }

@@ -68,6 +68,7 @@ pub(crate) fn plane_entry(name: &str, chunks: &[ChunkInfo], base_bytes: u32) -> 
         root_error: 0.25,
         base_bytes,
         chunk_count: chunks.len() as u32,
+        shared: Vec::new(),
     }
 }
 

@@ -110,8 +110,8 @@ pub struct TextureChange {
     pub texture: u16,
     /// The level; 0 is the coarsest.
     pub level: u8,
-    /// The texels.
-    pub pixels: TexturePixels,
+    /// The texels; those of a texture that several assets have are held once.
+    pub pixels: Arc<TexturePixels>,
 }
 
 impl Change {

@@ -26,6 +26,7 @@ mod lamp_pages;
 mod milestones;
 mod motion;
 mod scene;
+mod shared;
 mod stats;
 #[cfg(not(feature = "zstd"))]
 mod stored;

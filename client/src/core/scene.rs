@@ -5,11 +5,12 @@ use std::sync::Arc;
 
 use lodestream_protocol::blob::{BlobId, BlobPart};
 use lodestream_protocol::scene::{InstanceEntry, SceneHeader, ScenePage};
-use lodestream_protocol::select::AssetState;
+use lodestream_protocol::select::{AssetState, State};
 
 use super::asset::RefinedAsset;
 use super::changes::{Change, NewAsset};
 use super::lamp_pages::LampPages;
+use super::shared::SharedTextures;
 use super::terrain_points::TerrainPoints;
 
 /// Pages kept that came ahead of their turn.
@@ -24,6 +25,8 @@ pub(crate) struct Scene {
     pub(crate) states: Vec<AssetState>,
     /// The assets whose base mesh is here; as long as `states`.
     pub(crate) refined: Vec<Option<RefinedAsset>>,
+    /// Which textures are the same.
+    pub(super) shared: SharedTextures,
     /// Listed points of the terrain, if there is one.
     pub(super) terrain: Option<TerrainPoints>,
     /// Lamps, if there are some.
@@ -92,7 +95,10 @@ impl Scene {
             if page.instances.iter().any(|i| i.asset as usize >= assets) {
                 return Err("an instance refers to an asset of a later page");
             }
-            self.states.extend(page.assets.into_iter().map(AssetState::new));
+            for (number, entry) in (page.first_asset..).zip(page.assets) {
+                self.shared.add(number, &entry, &self.states)?;
+                self.states.push(AssetState::new(entry));
+            }
             self.refined.resize_with(self.states.len(), || None);
             self.instances.extend(&page.instances);
             self.push_change(Change::Instances(page.instances));
@@ -116,6 +122,45 @@ impl Scene {
     pub(crate) fn asset_mut(&mut self, id: BlobId) -> Option<(&mut AssetState, BlobPart)> {
         let BlobId::Asset { asset, part } = id else { return None };
         self.states.get_mut(asset as usize).map(|state| (state, part))
+    }
+
+    /// The assets and textures that are painted with a level of one that was asked for, and are not yet.
+    pub(crate) fn unpainted(&self, id: BlobId) -> Vec<(u32, u16)> {
+        let of = |id| match self.asset(id)? {
+            (asset, part @ BlobPart::Texture { texture, .. }) => {
+                let waits = asset.blob_bytes(part).is_some() && asset.state(part) != State::Applied;
+                waits.then_some((id.asset()?, texture))
+            }
+            _ => None,
+        };
+        self.shared.same(id).filter_map(of).collect()
+    }
+
+    /// Where a blob of an asset is. Of a texture that several have: where it is for those that do not use it yet.
+    pub(crate) fn state(&self, id: BlobId) -> State {
+        let Some((asset, part)) = self.asset(id) else { return State::Absent };
+        if !matches!(part, BlobPart::Texture { .. }) {
+            return asset.state(part);
+        }
+        // Those whose base mesh is not here have no level yet.
+        let described = self
+            .shared
+            .same(id)
+            .filter_map(|id| self.asset(id).filter(|(asset, part)| asset.blob_bytes(*part).is_some()));
+        let states = described.map(|(asset, part)| asset.state(part));
+        states.reduce(|one, other| if one == State::Applied { other } else { one }).unwrap_or_default()
+    }
+
+    /// Says where a blob of an asset is; of a texture that several have, for all of them. What is painted stays so.
+    pub(crate) fn set_state(&mut self, id: BlobId, new: State) {
+        for id in self.shared.same(id) {
+            let BlobId::Asset { asset, part } = id else { continue };
+            let Some(state) = self.states.get_mut(asset as usize) else { continue };
+            let painted = matches!(part, BlobPart::Texture { .. }) && state.state(part) == State::Applied;
+            if !painted {
+                state.set_state(part, new);
+            }
+        }
     }
 
     /// Number of known assets.

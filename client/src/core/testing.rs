@@ -23,6 +23,7 @@ use lodestream_protocol::lamps::{
 use lodestream_protocol::message::ClientMessage;
 use lodestream_protocol::scene::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
 use lodestream_protocol::server::{ServerConfig, ServerSession, Transmit};
+use lodestream_protocol::shared::SharedTexture;
 use lodestream_protocol::source::{SceneSource, SourceError};
 use lodestream_protocol::terrain::{ListedPatch, TerrainEntry, encode_directory};
 use lodestream_protocol::time::Time;
@@ -159,6 +160,7 @@ impl Hills {
                 .fold(base.geometric_error, f32::max),
             base_bytes: blobs[&BlobPart::Base].len() as u32,
             chunk_count: base.chunk_count,
+            shared: Vec::new(),
         };
         let place = |n: u32| InstanceEntry::at(n, [3.0 * f64::from(n), 0.0, 0.0]);
         Self {
@@ -186,6 +188,15 @@ impl Hills {
             missing: BTreeSet::new(),
             unreadable: Mutex::default(),
         }
+    }
+
+    /// The same, said to have one texture in common.
+    pub(crate) fn sharing_textures(mut self) -> Self {
+        let page = Arc::make_mut(&mut self.page);
+        for entry in page.assets.iter_mut().skip(1) {
+            entry.shared = vec![SharedTexture { texture: 0, asset: 0, of: 0 }];
+        }
+        self
     }
 
     /// The same as another scene.

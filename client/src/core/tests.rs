@@ -2,6 +2,7 @@
 
 mod decoding;
 mod lamps;
+mod shared;
 
 use lodestream_protocol::blob::BlobId;
 use lodestream_protocol::message::CloseCode;

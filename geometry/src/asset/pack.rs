@@ -55,6 +55,12 @@ pub struct Entry {
 }
 
 impl Entry {
+    /// First 16 bytes of the BLAKE3 hash of the blob.
+    #[must_use]
+    pub const fn hash(&self) -> [u8; 16] {
+        self.hash
+    }
+
     /// Checks a blob that was read from the entry's place.
     ///
     /// # Errors

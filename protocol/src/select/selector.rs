@@ -6,11 +6,12 @@ use lodestream_geometry::index::ChunkInfo;
 use lodestream_geometry::screen::{visible_error, visible_error_at};
 
 use super::difference::{Package, Picture, seen_error};
-use super::priority::{Priority, base_priority, hidden, prefetch_priority, refine_priority};
+use super::priority::{Priority, base_priority, hidden, prefetch_priority};
 use super::project::Projection;
 use super::selection::{Counters, Selection, State, Wanted};
 use super::settings::SelectSettings;
 use super::state::{AssetState, Chunk};
+use super::textures::{self, SoughtLevel};
 use super::visibility::{Placed, Visibility};
 use crate::blob::{BlobId, BlobPart};
 use crate::scene::InstanceEntry;
@@ -44,6 +45,8 @@ pub struct Selector {
     shares: Vec<f32>,
     /// How far the eye may get until what is wanted now is here.
     way: f32,
+    /// Levels of textures that assets seek.
+    textures: Vec<SoughtLevel>,
 }
 
 /// What the instances of one asset add up to.
@@ -142,6 +145,7 @@ impl Selector {
             found: Vec::new(),
             shares: Vec::new(),
             way: 0.0,
+            textures: Vec::new(),
         }
     }
 
@@ -183,6 +187,7 @@ impl Selector {
             self.want_base_and_pages(number, asset, threshold, &picture);
             self.want_textures(number, asset, threshold, &picture);
         }
+        textures::list(&mut self.textures, &mut self.selection);
         self.finish()
     }
 
@@ -506,23 +511,16 @@ impl Selector {
                 if texel_px <= threshold.max(1.0) || pending == 2 {
                     break;
                 }
-                let id = BlobId::texture(number, texture, level);
-                if *state == State::Failed {
-                    self.selection.failed.push(id);
-                    break;
-                }
+                let id = asset.entry().sent_blob(number, BlobPart::Texture { texture, level });
                 if *state != State::Applied {
                     pending += 1;
                     let weight = self.settings.texture_weight.get();
                     let difference_px2 = picture.texture_px2(texel_px, seen.coverage_px, weight);
-                    #[allow(clippy::cast_precision_loss)]
-                    let bytes = about.bytes as f32;
-                    self.selection.wanted.push(Wanted::whole(
-                        id,
-                        refine_priority(difference_px2, bytes, seen.centrality),
-                        Some(about.bytes),
-                        *state,
-                    ));
+                    let (bytes, state, centrality) = (about.bytes, *state, seen.centrality);
+                    self.textures.push(SoughtLevel { id, bytes, state, difference_px2, centrality });
+                    if state == State::Failed {
+                        break;
+                    }
                 }
                 #[allow(clippy::cast_precision_loss)]
                 let texels = about.width.max(about.height).max(1) as f32;

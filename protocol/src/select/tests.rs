@@ -5,16 +5,22 @@ use std::collections::HashSet;
 use proptest::prelude::*;
 
 use super::*;
+use crate::asset::{AssetDescription, Material, TextureFormat, TextureInfo, TextureKind, TextureLevel};
 use crate::blob::{BlobId, BlobPart};
-use crate::scene::InstanceEntry;
+use crate::scene::{AssetEntry, InstanceEntry};
+use crate::shared::SharedTexture;
 use crate::testing::{plane, plane_entry};
 use crate::view::View;
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, Sphere, decode_stated_page, encode_pages};
 
 /// An asset whose base is applied and whose index is known.
 fn known_asset(levels: u8) -> AssetState {
+    known_asset_of(plane_entry("plane", &plane(levels), 1000), levels)
+}
+
+fn known_asset_of(entry: AssetEntry, levels: u8) -> AssetState {
     let chunks = plane(levels);
-    let mut asset = AssetState::new(plane_entry("plane", &chunks, 1000));
+    let mut asset = AssetState::new(entry);
     asset.set_state(BlobPart::Base, State::Applied);
     for (page, infos) in (0..).zip(chunks.chunks(CHUNKS_PER_PAGE)) {
         asset.add_index_page(page, infos.to_vec()).unwrap();
@@ -388,9 +394,8 @@ fn what_is_in_flight_and_no_longer_needed_is_cancelled() {
     assert!(far.cancel.len() > 100, "{}", far.cancel.len());
 }
 
-#[test]
-fn texture_levels_follow_texel_density() {
-    use crate::asset::{AssetDescription, Material, TextureFormat, TextureInfo, TextureKind, TextureLevel};
+/// With a texture that covers the plane (2 units) once.
+fn textured(mut asset: AssetState) -> AssetState {
     let level = |side: u32| TextureLevel {
         width: side,
         height: side,
@@ -408,10 +413,14 @@ fn texture_levels_follow_texel_density() {
             levels: [32, 128, 512, 2048].map(level).to_vec(),
         }],
     };
+    asset.set_description(&description, 0.5);
+    asset
+}
+
+#[test]
+fn texture_levels_follow_texel_density() {
     let finest = |eye: [f64; 3]| {
-        let mut assets = [known_asset(2)];
-        // The texture covers the plane (2 units) once.
-        assets[0].set_description(&description, 0.5);
+        let mut assets = [textured(known_asset(2))];
         settle(&mut Selector::default(), &above(eye), &[InstanceEntry::at(0, [0.0; 3])], &mut assets);
         let here = |l: u8| assets[0].state(BlobPart::Texture { texture: 0, level: l }) == State::Applied;
         let held = (0..4).take_while(|l| here(*l)).count();
@@ -422,6 +431,31 @@ fn texture_levels_follow_texel_density() {
     assert_eq!(finest([0.0, 60.0, 80.0]), 1);
     assert_eq!(finest([0.0, 6.0, 8.0]), 3);
     assert_eq!(finest([0.0, 0.5, 0.5]), 4);
+}
+
+#[test]
+fn a_shared_texture_is_wanted_once_by_the_sum_of_what_it_brings() {
+    let wanted = |sharing: bool, both: bool| {
+        let plain = textured(known_asset(2));
+        let shared = vec![SharedTexture { texture: 0, asset: 0, of: 0 }];
+        let sharing =
+            if sharing { AssetEntry { shared, ..plain.entry().clone() } } else { plain.entry().clone() };
+        let assets = [plain, textured(known_asset_of(sharing, 2))];
+        let instances = [InstanceEntry::at(0, [-3.0, 0.0, 0.0]), InstanceEntry::at(1, [3.0, 0.0, 0.0])];
+        let instances = &instances[..if both { 2 } else { 1 }];
+        let wanted = Selector::default().select(&above([0.0, 12.0, 0.5]), instances, &assets).wanted.clone();
+        let is_texture = |w: &Wanted| matches!(w.id.part(), Some(BlobPart::Texture { .. }));
+        wanted.into_iter().filter(is_texture).map(|w| (w.id, w.priority)).collect::<Vec<_>>()
+    };
+    let alone = wanted(true, false);
+    let apart = wanted(false, true);
+    let shared = wanted(true, true);
+    assert_eq!(apart.len(), 2 * alone.len());
+    assert_eq!(shared.len(), alone.len());
+    for ((id, priority), (same, of_one)) in shared.into_iter().zip(alone) {
+        assert_eq!((id, id.asset()), (same, Some(0)));
+        assert!(priority > of_one, "{id}");
+    }
 }
 
 proptest! {

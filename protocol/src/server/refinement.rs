@@ -1,6 +1,6 @@
 //! The first refinement for a view, which the server sends unasked behind the base meshes.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_stated_page};
 
@@ -126,20 +126,28 @@ fn coarse_textures(
             *seen = (seen.0.max(bounds.coverage_px), seen.1.max(bounds.centrality));
         }
     }
-    let mut out = Vec::new();
-    for (&asset, (coverage_px, centrality)) in
-        numbers.iter().zip(seen).filter(|(_, seen)| seen.0 >= LEAST_TEXTURED_PX)
+    // What several assets have in common makes the sum of the differences that it makes to each.
+    let mut levels: BTreeMap<BlobId, (u32, f32, f32)> = BTreeMap::new();
+    for ((&number, asset), (coverage_px, centrality)) in
+        numbers.iter().zip(assets).zip(seen).filter(|(_, seen)| seen.0 >= LEAST_TEXTURED_PX)
     {
         let difference_px2 = picture.texture_px2(f32::MAX, coverage_px, settings.texture_weight.get());
-        for id in (0..MAX_TEXTURES)
-            .flat_map(|texture| (0..COARSE_LEVELS).map(move |level| BlobId::texture(asset, texture, level)))
+        for part in (0..MAX_TEXTURES)
+            .flat_map(|texture| (0..COARSE_LEVELS).map(move |level| BlobPart::Texture { texture, level }))
         {
+            let id = asset.entry().sent_blob(number, part);
             let Some(bytes) = source.blob_len(&id) else { continue };
-            #[allow(clippy::cast_precision_loss)]
-            let priority = refine_priority(difference_px2, bytes as f32, centrality);
-            out.push(Refining { priority, id, end: None });
+            let level = levels.entry(id).or_insert((bytes, 0.0, 0.0));
+            (level.1, level.2) = (level.1 + difference_px2, level.2.max(centrality));
         }
     }
+    #[allow(clippy::cast_precision_loss)]
+    let of = |(id, (bytes, difference_px2, centrality)): (BlobId, (u32, f32, f32))| Refining {
+        priority: refine_priority(difference_px2, bytes as f32, centrality),
+        id,
+        end: None,
+    };
+    let mut out: Vec<Refining> = levels.into_iter().map(of).collect();
     out.sort_by_key(|level| std::cmp::Reverse(level.priority));
     out
 }

@@ -2,6 +2,7 @@
 //! pages, nearest and largest first.
 
 mod lamp_blobs;
+mod shared;
 mod terrain_blobs;
 
 use std::collections::BTreeMap;
@@ -16,6 +17,7 @@ use lodestream_protocol::scene::{
 
 use crate::scene::{DEFAULT_FOV_Y_DEGREES, Instance, Model, Scene, SceneTerrain};
 pub use lamp_blobs::{LampBlobs, LampBlobsError};
+use shared::share_textures;
 pub use terrain_blobs::{TerrainBlobs, TerrainBlobsError};
 
 /// Gap between models side by side, as a share of their mean radius.
@@ -70,11 +72,16 @@ pub struct Composed {
     pub lamps: LampBlobs,
 }
 
-/// Describes `scene`, whose asset `i` was prepared as `entries[i]`.
+/// Describes `scene`, whose asset `i` was prepared as `entries[i]`, with what tells the contents of its textures apart in
+/// `textures[i]`; none of them may be stated.
 ///
 /// # Errors
 /// See [`ComposeError`].
-pub fn compose(scene: &Scene, entries: &[AssetEntry]) -> Result<Composed, ComposeError> {
+pub fn compose(
+    scene: &Scene,
+    entries: &[AssetEntry],
+    textures: &[Vec<(u16, Fingerprint)>],
+) -> Result<Composed, ComposeError> {
     let (instances, lamps) = match &scene.instances {
         Some(instances) => (instances.clone(), scene.lamps.clone()),
         None => {
@@ -102,7 +109,8 @@ pub fn compose(scene: &Scene, entries: &[AssetEntry]) -> Result<Composed, Compos
         },
     };
     let order = first_seen_first(&camera, &spheres);
-    let (pages, asset_order) = paginate(&instances, entries, &order);
+    let (mut pages, asset_order) = paginate(&instances, entries, &order);
+    share_textures(&mut pages, &asset_order, textures);
     let mut header = SceneHeader {
         name: scene.name.clone(),
         fingerprint: Fingerprint::default(),
@@ -289,7 +297,7 @@ mod tests {
     #[test]
     fn one_model_stays_where_it_is_and_is_framed() {
         let scene = Scene::of_models(&[PathBuf::from("a.obj")]).unwrap();
-        let composed = compose(&scene, &[entry("a", [1e7, 0.0, 0.0], 2.0)]).unwrap();
+        let composed = compose(&scene, &[entry("a", [1e7, 0.0, 0.0], 2.0)], &[]).unwrap();
         assert_eq!(composed.pages[0].instances[0].translation, [0.0; 3]);
         let camera = composed.header.camera;
         assert_eq!(camera.target, [1e7 + 1.0, 0.0, 0.0]);
@@ -302,7 +310,7 @@ mod tests {
     fn several_models_do_not_overlap_and_are_all_seen() {
         let scene = Scene::of_models(&["a.obj", "b.obj", "c.obj"].map(PathBuf::from)).unwrap();
         let entries = [entry("a", [0.0; 3], 2.0), entry("b", [50.0; 3], 1.0), entry("c", [-9.0; 3], 3.0)];
-        let composed = compose(&scene, &entries).unwrap();
+        let composed = compose(&scene, &entries, &[]).unwrap();
         let camera = composed.header.camera;
         let frustum = camera.view([640, 360], 1.0).frustum();
         let spheres: Vec<(DVec3, f64)> = composed.pages[0]
@@ -341,7 +349,7 @@ mod tests {
         instances.extend((1..=200).rev().map(|i| at(usize::from(i <= 150), -10.0 * f64::from(i))));
         scene.instances = Some(instances);
         let entries = ["a", "b", "never"].map(|name| entry(name, [0.0; 3], 1.0));
-        let composed = compose(&scene, &entries).unwrap();
+        let composed = compose(&scene, &entries, &[]).unwrap();
         assert_eq!(composed.header.page_count, 4);
         assert_eq!(composed.header.instance_count, 201);
         assert_eq!(composed.asset_order, [1, 0]);
@@ -357,9 +365,9 @@ mod tests {
     #[test]
     fn the_fingerprint_follows_content() {
         let scene = Scene::of_models(&[PathBuf::from("a.obj")]).unwrap();
-        let one = compose(&scene, &[entry("a", [0.0; 3], 2.0)]).unwrap();
-        let same = compose(&scene, &[entry("a", [0.0; 3], 2.0)]).unwrap();
-        let other = compose(&scene, &[entry("a", [0.0; 3], 2.5)]).unwrap();
+        let one = compose(&scene, &[entry("a", [0.0; 3], 2.0)], &[]).unwrap();
+        let same = compose(&scene, &[entry("a", [0.0; 3], 2.0)], &[]).unwrap();
+        let other = compose(&scene, &[entry("a", [0.0; 3], 2.5)], &[]).unwrap();
         assert_eq!(one.header.fingerprint, same.header.fingerprint);
         assert_ne!(one.header.fingerprint, other.header.fingerprint);
     }
@@ -368,11 +376,11 @@ mod tests {
     fn lamps_of_models_stand_where_the_models_do_and_tell_scenes_apart() {
         let mut scene = Scene::of_models(&["a.obj", "b.obj"].map(PathBuf::from)).unwrap();
         let entries = ["a", "b"].map(|name| entry(name, [0.0; 3], 2.0));
-        let dark = compose(&scene, &entries).unwrap();
+        let dark = compose(&scene, &entries, &[]).unwrap();
         assert_eq!(dark.lamps.lamps(), None);
         let lamp = Lamp { position: [1.0, 5.0, 0.0], intensity: [9.0; 3], range: 30.0, spot: None };
         scene.models[1].lamps = vec![lamp];
-        let lit = compose(&scene, &entries).unwrap();
+        let lit = compose(&scene, &entries, &[]).unwrap();
         assert_ne!(lit.header.fingerprint, dark.header.fingerprint);
         let First::Lamps(lamps) = lit.lamps.lamps().unwrap().first().unwrap() else { panic!() };
         let second = lit.pages[0].instances.iter().find(|i| i.translation[0] > 1.0).unwrap();
@@ -384,7 +392,7 @@ mod tests {
     fn a_scene_that_places_nothing_says_so() {
         let mut scene = Scene::of_models(&[PathBuf::from("a.obj")]).unwrap();
         scene.instances = Some(Vec::new());
-        let message = compose(&scene, &[entry("a", [0.0; 3], 2.0)]).unwrap_err().to_string();
+        let message = compose(&scene, &[entry("a", [0.0; 3], 2.0)], &[]).unwrap_err().to_string();
         assert!(message.contains("add an [[instance]]"), "{message}");
     }
 }

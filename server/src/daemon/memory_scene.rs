@@ -36,6 +36,7 @@ impl MemoryScene {
             root_error: 0.01,
             base_bytes,
             chunk_count: 0,
+            shared: Vec::new(),
         });
         let instances = (0..assets)
             .map(|n| InstanceEntry::at(n, [f64::from(n) - f64::from(assets) / 2.0 + 0.5, 0.0, 0.0]));

@@ -172,7 +172,31 @@ impl PackFile {
             root_error: self.root_error(&base)?,
             base_bytes: self.blob_len(BlobPart::Base).unwrap_or(0),
             chunk_count: base.chunk_count,
+            shared: Vec::new(),
         })
+    }
+
+    /// What tells the contents of the textures apart, by texture: equal where every level is the same, to the byte.
+    pub(super) fn textures(&self) -> Vec<(u16, Fingerprint)> {
+        let mut levels: Vec<(u16, u8, &Entry)> = self
+            .entries
+            .iter()
+            .filter_map(|entry| match entry.kind {
+                BlobKind::Texture { texture, level } => Some((texture, level, entry)),
+                _ => None,
+            })
+            .collect();
+        levels.sort_unstable_by_key(|&(texture, level, _)| (texture, level));
+        let of = |levels: &[(u16, u8, &Entry)]| {
+            let mut hasher = blake3::Hasher::new();
+            for (_, level, entry) in levels {
+                hasher.update(&[*level]).update(&entry.length.to_le_bytes()).update(&entry.hash());
+            }
+            let mut fingerprint = Fingerprint::default();
+            fingerprint.copy_from_slice(&hasher.finalize().as_bytes()[..16]);
+            (levels[0].0, fingerprint)
+        };
+        levels.chunk_by(|a, b| a.0 == b.0).map(of).collect()
     }
 
     /// What shows of the base mesh's error: attributes may be off by more than the geometry is.

@@ -53,7 +53,8 @@ impl SceneStore {
             .zip(&packs)
             .map(|(asset, pack)| pack.entry(&asset.name))
             .collect::<Result<Vec<_>, _>>()?;
-        let Composed { header, pages, asset_order, terrain, lamps } = compose(scene, &entries)?;
+        let textures: Vec<_> = packs.iter().map(PackFile::textures).collect();
+        let Composed { header, pages, asset_order, terrain, lamps } = compose(scene, &entries, &textures)?;
         let mut packs: Vec<Option<PackFile>> = packs.into_iter().map(Some).collect();
         let packs: Vec<PackFile> =
             asset_order.iter().filter_map(|&i| packs.get_mut(i).and_then(Option::take)).collect();

@@ -145,7 +145,12 @@ impl TestScene {
                 let id = BlobId::Asset { asset: number, part: BlobPart::Texture { texture, level } };
                 let file = self.store.read(&id).unwrap();
                 let pixels = TexturePixels::decode(&file, info, u32::from(level)).unwrap();
-                changes.push(Change::Texture(TextureChange { asset: number, texture, level, pixels }));
+                changes.push(Change::Texture(TextureChange {
+                    asset: number,
+                    texture,
+                    level,
+                    pixels: pixels.into(),
+                }));
             }
         }
     }

@@ -1,7 +1,10 @@
 //! From bytes to what is drawn: what becomes of a blob that has arrived.
 
+use std::sync::Arc;
+
 use bytes::Bytes;
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, decode_stated_page};
+use lodestream_protocol::asset::TextureInfo;
 use lodestream_protocol::blob::{BlobId, BlobPart, LampBlob, TerrainBlob};
 use lodestream_protocol::select::{State, Wanted};
 use lodestream_protocol::time::Time;
@@ -106,8 +109,7 @@ impl ClientCore {
     /// fetched, dropped and fetched again.
     pub(super) fn trim_cache(&mut self, now: Time) {
         let needed = |id: BlobId| {
-            let state = self.scene.asset(id).map(|(asset, part)| asset.state(part));
-            matches!(state, Some(State::Cached | State::InFlight))
+            matches!(self.scene.state(id), State::Cached | State::InFlight)
                 && self.wanted.iter().any(|wanted| wanted.id == id)
         };
         let gone = self.cache.trim(needed);
@@ -132,20 +134,20 @@ impl ClientCore {
         }
         match RefinedAsset::decode(bytes, state.entry().chunk_count, self.config.track_changes) {
             Ok(refined) => {
-                let textures = refined.description.textures.iter();
-                let levels: Vec<BlobId> = (0..)
-                    .zip(textures)
+                let levels: Vec<BlobPart> = (0..)
+                    .zip(&refined.description.textures)
                     .flat_map(|(texture, info)| {
-                        (0..).zip(&info.levels).map(move |(level, _)| BlobId::texture(asset, texture, level))
+                        (0..).zip(&info.levels).map(move |(level, _)| BlobPart::Texture { texture, level })
                     })
                     .collect();
+                let levels = levels.iter().map(|part| state.entry().sent_blob(asset, *part)).collect();
                 state.set_state(BlobPart::Base, State::Applied);
                 self.scene.set_base(asset, refined);
                 if !self.config.track_changes {
                     self.scene.drop_changes();
                 }
                 self.failures.forget(id);
-                self.find_in_cache(levels);
+                self.find_textures(now, levels);
             }
             Err(why) => self.failed(now, id, &why),
         }
@@ -171,6 +173,27 @@ impl ClientCore {
             }
             Err(why) => self.failed(now, id, &why),
         }
+    }
+
+    /// Levels of textures that an asset has which became known: where others have the same, they may be here or on
+    /// their way.
+    fn find_textures(&mut self, now: Time, levels: Vec<BlobId>) {
+        for &id in &levels {
+            if self.in_flight.contains(&id) {
+                self.set_state(id, State::InFlight);
+            } else if !self.cache.contains(id)
+                && self.scene.shared.same(id).any(|id| self.is_painted(id))
+                && let Some(session) = &mut self.session
+            {
+                // It was here, and will be needed again.
+                session.evicted(now, &[id]);
+            }
+        }
+        self.find_in_cache(levels);
+    }
+
+    fn is_painted(&self, id: BlobId) -> bool {
+        self.scene.asset(id).is_some_and(|(asset, part)| asset.state(part) == State::Applied)
     }
 
     /// Blobs may come before what tells that they exist.
@@ -201,8 +224,8 @@ impl ClientCore {
             BlobId::Asset { asset, part: BlobPart::Chunk(chunk) } => {
                 self.apply_chunk(asset, chunk, stop, &bytes, error_px)
             }
-            BlobId::Asset { asset, part: BlobPart::Texture { texture, level } } => {
-                self.apply_texture(asset, texture, level, &bytes)
+            BlobId::Asset { part: BlobPart::Texture { level, .. }, .. } => {
+                self.apply_texture(id, level, &bytes)
             }
             // Used as they arrive.
             BlobId::Asset { part: BlobPart::Base | BlobPart::IndexPage(_), .. }
@@ -276,14 +299,31 @@ impl ClientCore {
         }
     }
 
-    fn apply_texture(&mut self, asset: u32, texture: u16, level: u8, bytes: &[u8]) -> Result<(), String> {
-        let refined = self.scene.refined.get(asset as usize).and_then(Option::as_ref);
-        let info = refined.and_then(|r| r.description.textures.get(usize::from(texture)));
-        let info = info.ok_or("no such texture")?;
-        if self.config.track_changes {
-            let pixels =
-                TexturePixels::decode(bytes, info, u32::from(level)).map_err(|why| why.to_string())?;
-            self.scene.push_change(Change::Texture(TextureChange { asset, texture, level, pixels }));
+    /// Paints all that have the texture and are known. What is the same for all is decoded once.
+    fn apply_texture(&mut self, id: BlobId, level: u8, bytes: &[u8]) -> Result<(), String> {
+        let unpainted = self.scene.unpainted(id);
+        if unpainted.is_empty() {
+            return Err("no such texture".into());
+        }
+        let texels = |info: &TextureInfo| (info.kind, info.width, info.height, info.levels.len());
+        let mut decoded: Vec<(_, Arc<TexturePixels>)> = Vec::new();
+        let mut changes = Vec::new();
+        for (asset, texture) in unpainted.into_iter().filter(|_| self.config.track_changes) {
+            let refined = self.scene.refined.get(asset as usize).and_then(Option::as_ref);
+            let info = refined.and_then(|r| r.description.textures.get(usize::from(texture)));
+            let info = info.ok_or("no such texture")?;
+            let pixels = match decoded.iter().find(|(other, _)| *other == texels(info)) {
+                Some((_, pixels)) => Arc::clone(pixels),
+                None => {
+                    let pixels = TexturePixels::decode(bytes, info, u32::from(level));
+                    Arc::new(pixels.map_err(|why| why.to_string())?)
+                }
+            };
+            decoded.push((texels(info), Arc::clone(&pixels)));
+            changes.push(TextureChange { asset, texture, level, pixels });
+        }
+        for change in changes {
+            self.scene.push_change(Change::Texture(change));
         }
         self.counts.texture_levels += 1;
         Ok(())

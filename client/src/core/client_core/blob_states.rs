@@ -13,8 +13,8 @@ impl ClientCore {
             terrain.set_state(blob, state);
         } else if let (BlobId::Lamps(blob), Some(lamps)) = (id, &mut self.scene.lamps) {
             lamps.set_state(blob, state);
-        } else if let Some((asset, part)) = self.scene.asset_mut(id) {
-            asset.set_state(part, state);
+        } else {
+            self.scene.set_state(id, state);
         }
     }
 
@@ -61,7 +61,7 @@ impl ClientCore {
         match (id, &self.scene.terrain, &self.scene.lamps) {
             (BlobId::Terrain(blob), Some(terrain), _) => terrain.state(blob),
             (BlobId::Lamps(blob), _, Some(lamps)) => lamps.state(blob),
-            _ => self.scene.asset(id).map_or(State::Absent, |(asset, part)| asset.state(part)),
+            _ => self.scene.state(id),
         }
     }
 

@@ -107,6 +107,8 @@ impl ClientCore {
             wanted.state = terrain.state(blob);
         } else if let (BlobId::Lamps(blob), Some(lamps)) = (wanted.id, &self.scene.lamps) {
             wanted.state = lamps.state(blob);
+        } else if let Some(BlobPart::Texture { .. }) = wanted.id.part() {
+            wanted.state = self.scene.state(wanted.id);
         } else if let Some((asset, _)) = self.scene.asset(wanted.id) {
             asset.refresh(wanted);
         }

@@ -1,0 +1,92 @@
+//! Which textures are the same, as the scene's pages say: one is asked for, all are painted with what comes.
+
+use std::collections::BTreeMap;
+
+use lodestream_protocol::blob::{BlobId, BlobPart};
+use lodestream_protocol::scene::AssetEntry;
+use lodestream_protocol::select::AssetState;
+
+/// See the module.
+#[derive(Debug, Default)]
+pub(crate) struct SharedTextures {
+    /// By asset and texture that is asked for: the others that are the same.
+    others: BTreeMap<(u32, u16), Vec<(u32, u16)>>,
+}
+
+impl SharedTextures {
+    /// Takes what the entry of asset `number` says; `known` are the assets before it.
+    pub(crate) fn add(
+        &mut self,
+        number: u32,
+        entry: &AssetEntry,
+        known: &[AssetState],
+    ) -> Result<(), &'static str> {
+        for shared in &entry.shared {
+            let first = (shared.asset, shared.of);
+            let sent_as = if shared.asset == number {
+                entry.sent_as(number, shared.of)
+            } else {
+                let owner =
+                    known.get(shared.asset as usize).ok_or("an asset shares a later one's texture")?;
+                owner.entry().sent_as(shared.asset, shared.of)
+            };
+            if sent_as != first {
+                return Err("a texture is said to be another's that is itself another's");
+            }
+            self.others.entry(first).or_default().push((number, shared.texture));
+        }
+        Ok(())
+    }
+
+    /// All blobs that have the bytes of one that is asked for, itself first.
+    pub(crate) fn same(&self, id: BlobId) -> impl Iterator<Item = BlobId> + use<'_> {
+        let others = match id {
+            BlobId::Asset { asset, part: BlobPart::Texture { texture, level } } => {
+                self.others.get(&(asset, texture)).map(|others| (others, level))
+            }
+            _ => None,
+        };
+        let others = others.into_iter().flat_map(|(others, level)| {
+            others.iter().map(move |&(asset, texture)| BlobId::texture(asset, texture, level))
+        });
+        std::iter::once(id).chain(others)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lodestream_protocol::shared::SharedTexture;
+
+    fn sharing(shared: &[(u16, u32, u16)]) -> AssetEntry {
+        let of = |&(texture, asset, of): &(u16, u32, u16)| SharedTexture { texture, asset, of };
+        AssetEntry { shared: shared.iter().map(of).collect(), ..AssetEntry::default() }
+    }
+
+    #[test]
+    fn what_is_the_same_is_found_from_what_is_asked_for() {
+        let mut textures = SharedTextures::default();
+        let entries = [sharing(&[]), sharing(&[(0, 0, 2)]), sharing(&[(1, 0, 2), (3, 2, 0)])];
+        let mut known = Vec::new();
+        for (number, entry) in (0..).zip(entries) {
+            textures.add(number, &entry, &known).unwrap();
+            known.push(AssetState::new(entry));
+        }
+        let same = |id| textures.same(id).collect::<Vec<_>>();
+        let level = |asset, texture| BlobId::texture(asset, texture, 4);
+        assert_eq!(same(level(0, 2)), [level(0, 2), level(1, 0), level(2, 1)]);
+        assert_eq!(same(level(2, 0)), [level(2, 0), level(2, 3)]);
+        assert_eq!(same(level(0, 0)), [level(0, 0)]);
+        assert_eq!(same(BlobId::base(0)), [BlobId::base(0)]);
+    }
+
+    #[test]
+    fn a_chain_is_refused() {
+        let mut textures = SharedTextures::default();
+        let known = [AssetState::new(sharing(&[])), AssetState::new(sharing(&[(0, 0, 0)]))];
+        assert!(textures.add(2, &sharing(&[(0, 1, 0)]), &known).is_err());
+        assert!(textures.add(2, &sharing(&[(0, 7, 0)]), &known).is_err());
+        assert!(textures.add(2, &sharing(&[(1, 0, 0), (2, 2, 1)]), &known).is_err());
+        textures.add(2, &sharing(&[(0, 1, 1)]), &known).unwrap();
+    }
+}
