@@ -7,12 +7,16 @@ use std::fmt::Write as _;
 const SITE: f64 = -0.04;
 /// Mean height of the land around; what fixed stamps count from.
 const BASE: f64 = 34.0;
+/// Height of the river's surface, and the depth at which its water lets a tenth of green light through.
+const WATER: [f64; 2] = [-3.5, 4.0];
 
 /// The text of `[terrain]`. Metres.
 pub(super) fn terrain_text(seed: u64) -> String {
     let mut text = format!(
         "\n[terrain]\nseed = {seed}\npatch_cells = 1024\npatches = 16\nunit = 1.0\nheight_unit = 0.01\n\
-         base = {BASE:.1}\namplitude = 70.0\nroughness = 0.5\nzones = [-6.0, 105.0, 230.0]\n"
+         base = {BASE:.1}\namplitude = 70.0\nroughness = 0.5\nzones = [-6.0, 105.0, 230.0]\n\
+         water = {{ level = {:.1}, clarity = {:.1} }}\n",
+        WATER[0], WATER[1]
     );
     let mut stamp = |kind: &str, fields: &str| {
         // Writing to a String cannot fail.
@@ -28,10 +32,12 @@ pub(super) fn terrain_text(seed: u64) -> String {
     // The valley runs past the temple, from the mountains in the north (−z) to the lowlands in the south. Fixed: its
     // floor is where the site is for every seed.
     stamp("valley", "mode = \"fixed\"\nfrom = [-60, -1700]\nto = [40, 2600]\nhalf_width = 620\ndepth = 35");
+    // Fixed too: its bed is below the water's level all the way.
     stamp(
         "river bed",
-        "line = [[-260, -1900], [-150, -900], [-230, -300], [-125, 40], [-150, 420], [-10, 1000], [60, 2400]]\n\
-         half_width = 18\ndepth = 9",
+        "mode = \"fixed\"\nsmooth = true\n\
+         line = [[-260, -1900], [-150, -900], [-230, -300], [-125, 40], [-150, 420], [-10, 1000], [60, 2400]]\n\
+         half_width = 26\ndepth = 42",
     );
     // Last, so that nothing disturbs it.
     stamp(

@@ -17,6 +17,8 @@ pub(super) const FLOOR: f64 = 1.08;
 pub(super) const COLUMN: f64 = 6.0;
 /// Height of the entablature.
 pub(super) const ENTABLATURE: f64 = 1.75;
+/// How far what stands on the floor reaches into it: the paving lies a little lower than the stones around it.
+const SUNK: f64 = 0.02;
 /// Height of a plinth.
 pub(super) const PLINTH: f64 = 1.15;
 
@@ -93,7 +95,7 @@ pub(super) fn stylobate(seed: u64, pitch: Pitch) -> ObjMesh {
 pub(super) fn column(pitch: Pitch) -> ObjMesh {
     let mut mesh = ObjMesh::new();
     mesh.group("column", "stone");
-    mesh.stone(v(-0.62, 0.0, -0.62), v(0.62, 0.17, 0.62), 0.02, 2.4);
+    mesh.stone(v(-0.62, -SUNK, -0.62), v(0.62, 0.17, 0.62), 0.02, 2.4);
     let around = pitch.steps(64, 16);
     let moulding = |rows: &[(f64, f64)], steps: usize| -> Vec<(f64, f64)> {
         // A quadratic curve through each triple: end, control, end.
@@ -201,38 +203,41 @@ pub(super) fn roof(pitch: Pitch) -> ObjMesh {
     let slope = DVec2::new(eave, -rise);
     let along = v(slope.x, slope.y, 0.0);
     let across = v(-slope.y, slope.x, 0.0).normalize_or(DVec3::Y);
-    for sign in [1.0, -1.0] {
+    let slab = |mesh: &mut ObjMesh, sign: f64, [from, to]: [f64; 2], thick: [f64; 2], z: [f64; 2]| {
         let flip = v(sign, 1.0, 1.0);
-        let mut slab = |from: f64, to: f64, thick: [f64; 2], z: [f64; 2]| {
-            let corner = |t: f64, h: f64, z: f64| (v(0.0, rise, z) + along * t + across * h) * flip;
-            let points = [
-                corner(from, thick[0], z[0]),
-                corner(to, thick[0], z[0]),
-                corner(to, thick[1], z[0]),
-                corner(from, thick[1], z[0]),
-                corner(from, thick[0], z[1]),
-                corner(to, thick[0], z[1]),
-                corner(to, thick[1], z[1]),
-                corner(from, thick[1], z[1]),
-            ];
-            let ids = points.map(|p| mesh.position(p));
-            let map = |p: DVec3, n: DVec3| super::mesh::box_map(p, n) / 2.4;
-            for face in [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [3, 7, 6, 2], [0, 4, 7, 3], [1, 2, 6, 5]] {
-                let mut face = face.map(|i: usize| ids[i]);
-                if sign < 0.0 {
-                    face.reverse();
-                }
-                mesh.flat(&face, map);
+        let corner = |t: f64, h: f64, z: f64| (v(0.0, rise, z) + along * t + across * h) * flip;
+        let points = [
+            corner(from, thick[0], z[0]),
+            corner(to, thick[0], z[0]),
+            corner(to, thick[1], z[0]),
+            corner(from, thick[1], z[0]),
+            corner(from, thick[0], z[1]),
+            corner(to, thick[0], z[1]),
+            corner(to, thick[1], z[1]),
+            corner(from, thick[1], z[1]),
+        ];
+        let ids = points.map(|p| mesh.position(p));
+        let map = |p: DVec3, n: DVec3| super::mesh::box_map(p, n) / 2.4;
+        for face in [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [3, 7, 6, 2], [0, 4, 7, 3], [1, 2, 6, 5]] {
+            let mut face = face.map(|i: usize| ids[i]);
+            if sign < 0.0 {
+                face.reverse();
             }
-        };
-        slab(0.0, 1.0, [-0.12, 0.0], [-reach, reach]);
+            mesh.flat(&face, map);
+        }
+    };
+    for sign in [1.0, -1.0] {
         for end in [1.0, -1.0] {
             let z = [end * (reach - 0.5), end * (reach + 0.04)];
             let z = if end > 0.0 { z } else { [z[1], z[0]] };
-            slab(0.0, 1.02, [-0.16, 0.16], z);
+            slab(&mut mesh, sign, [0.0, 1.02], [-0.16, 0.16], z);
         }
     }
     mesh.group("tiles", "tile");
+    // Of the tiles' material: it is what shows between them.
+    for sign in [1.0, -1.0] {
+        slab(&mut mesh, sign, [0.0, 1.0], [-0.12, 0.0], [-reach, reach]);
+    }
     let rows = pitch.pieces(2.0 * (reach - 0.6), 0.52);
     let courses = pitch.steps(10, 3);
     let sides = pitch.steps(6, 3);
@@ -306,17 +311,18 @@ pub(super) fn cella(pitch: Pitch) -> ObjMesh {
     mesh.group("walls", "brick");
     let tile = 1.5;
     let mut wall = |low: DVec3, high: DVec3| mesh.stone(low, high, 0.01, tile);
-    wall(v(-x, 0.0, -z), v(x, top, -z + thick));
-    wall(v(-x, 0.0, -z + thick), v(-x + thick, top, z - thick));
-    wall(v(x - thick, 0.0, -z + thick), v(x, top, z - thick));
-    wall(v(-x, 0.0, z - thick), v(-door, top, z));
-    wall(v(door, 0.0, z - thick), v(x, top, z));
+    wall(v(-x, -SUNK, -z), v(x, top, -z + thick));
+    wall(v(-x, -SUNK, -z + thick), v(-x + thick, top, z - thick));
+    wall(v(x - thick, -SUNK, -z + thick), v(x, top, z - thick));
+    wall(v(-x, -SUNK, z - thick), v(-door, top, z));
+    wall(v(door, -SUNK, z - thick), v(x, top, z));
     wall(v(-door, lintel, z - thick), v(door, top, z));
     mesh.group("dressings", "stone");
     let courses = pitch.pieces(top, 0.5);
     for (sx, sz) in [(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)] {
         for i in 0..courses {
             let (low, high) = (top * i as f64 / courses as f64, top * (i + 1) as f64 / courses as f64);
+            let low = if i == 0 { -SUNK } else { low };
             // Quoins: long and short in turn.
             let (lx, lz) = if i % 2 == 0 { (0.9, 0.5) } else { (0.5, 0.9) };
             let (a, b) = (
@@ -332,7 +338,7 @@ pub(super) fn cella(pitch: Pitch) -> ObjMesh {
         for i in 0..jambs {
             let y = |i: usize| lintel * i as f64 / jambs as f64;
             mesh.stone(
-                v(a.min(b) - 0.02, y(i) + 0.003, z - thick - 0.04),
+                v(a.min(b) - 0.02, if i == 0 { -SUNK } else { y(i) + 0.003 }, z - thick - 0.04),
                 v(a.max(b) + 0.02, y(i + 1) - 0.003, z + 0.07),
                 0.015,
                 2.4,
