@@ -32,12 +32,12 @@ pub(super) fn terrain_text(seed: u64) -> String {
     // The valley runs past the temple, from the mountains in the north (−z) to the lowlands in the south. Fixed: its
     // floor is where the site is for every seed.
     stamp("valley", "mode = \"fixed\"\nfrom = [-60, -1700]\nto = [40, 2600]\nhalf_width = 620\ndepth = 35");
-    // Fixed too: its bed is below the water's level all the way.
+    // Out of the lake in the north. Fixed too: its bed is below the water's level all the way.
     stamp(
         "river bed",
         "mode = \"fixed\"\nsmooth = true\n\
-         line = [[-260, -1900], [-150, -900], [-230, -300], [-125, 40], [-150, 420], [-10, 1000], [60, 2400]]\n\
-         half_width = 26\ndepth = 42",
+         line = [[90, -560], [-90, -470], [-215, -280], [-125, 40], [-150, 420], [-10, 1000], [60, 2400]]\n\
+         half_width = 44\ndepth = 42",
     );
     // Last, so that nothing disturbs it.
     stamp(

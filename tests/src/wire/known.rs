@@ -348,7 +348,7 @@ fn page(page: &ScenePage) -> Value {
 }
 
 fn asset(asset: &AssetEntry) -> Value {
-    json!({
+    let mut known = json!({
         "name": asset.name,
         "fingerprint": hex(&asset.fingerprint),
         "origin": asset.origin,
@@ -357,7 +357,14 @@ fn asset(asset: &AssetEntry) -> Value {
         "root_error": asset.root_error,
         "base_bytes": asset.base_bytes,
         "chunk_count": asset.chunk_count,
-    })
+    });
+    if !asset.shared.is_empty() {
+        let shared = asset.shared.iter();
+        known["shared"] = shared
+            .map(|shared| json!({ "texture": shared.texture, "asset": shared.asset, "of": shared.of }))
+            .collect();
+    }
+    known
 }
 
 fn instance(instance: &InstanceEntry) -> Value {
