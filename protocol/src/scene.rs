@@ -126,8 +126,8 @@ pub struct AssetEntry {
     pub origin: [f64; 3],
     /// Bounds of the base and the finest mesh, relative to `origin`.
     pub sphere: Sphere,
-    /// Error of the base mesh, in the asset's units: at least its geometric error and every chunk's visible
-    /// one ([`lodestream_geometry::screen::visible_error`]).
+    /// The most that is off while only the base mesh is here, in the asset's units: the largest of its geometric error
+    /// and the visible error of every chunk ([`lodestream_geometry::screen::visible_error`]).
     pub root_error: f32,
     /// Length of the base blob.
     pub base_bytes: u32,
