@@ -142,7 +142,7 @@ impl AssetEntry {
     #[must_use]
     pub fn index_pages(&self) -> u32 {
         // CHUNKS_PER_PAGE is a small constant.
-        #[allow(clippy::cast_possible_truncation)]
+        #[expect(clippy::cast_possible_truncation)]
         self.chunk_count.div_ceil(CHUNKS_PER_PAGE as u32)
     }
 }
@@ -415,7 +415,7 @@ impl ScenePage {
             ensure(shared::in_order(number, &asset.shared), SceneError::SharedTextures)?;
         }
         // Entries are at most 64.
-        #[allow(clippy::cast_possible_truncation)]
+        #[expect(clippy::cast_possible_truncation)]
         let known_assets = self.first_asset + self.assets.len() as u32;
         for instance in &self.instances {
             ensure(instance.asset < known_assets, SceneError::AssetOfLaterPage)?;
