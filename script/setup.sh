@@ -88,7 +88,16 @@ ensure_rust() {
     export PATH
 }
 
-# Prints the folder that cargo builds into.
+# Prints the folder that cargo builds into: what CARGO_TARGET_DIR says, else cargo, whose configuration may name another
+# than target/. It answers with one line of JSON about our own manifests only, so the key is there once. JSON escapes a
+# quote or a backslash in a path; such a path is not understood, and that is told.
 target_directory() {
-    cargo metadata --locked --no-deps --format-version 1 | sed -n 's/.*"target_directory":"\([^"]*\)".*/\1/p'
+    local directory=${CARGO_TARGET_DIR:-}
+    [ -n "$directory" ] ||
+        directory=$(cargo metadata --locked --no-deps --format-version 1 |
+            sed -n 's/.*"target_directory":"\([^"]*\)".*/\1/p')
+    case $directory in
+        '' | *\\*) fail "it is not clear where cargo builds; say so with CARGO_TARGET_DIR" ;;
+    esac
+    printf '%s\n' "$directory"
 }

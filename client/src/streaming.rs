@@ -48,11 +48,32 @@ pub struct Status {
     pub end: Option<End>,
 }
 
+/// Where newer tokens are shown ([`Streaming::tokens`]); it may outlive the streaming.
+#[derive(Clone, Debug)]
+pub struct Tokens(watch::Sender<Option<Token>>);
+
+impl Tokens {
+    /// Shows a token in the session that runs and in those after it, unless it is the one that was shown last.
+    pub fn show(&self, token: Token) {
+        self.0.send_if_modified(|last| {
+            let new = last.as_ref() != Some(&token);
+            *last = Some(token);
+            new
+        });
+    }
+
+    /// Whether nobody takes tokens any more: the streaming has ended.
+    #[must_use]
+    pub fn is_closed(&self) -> bool {
+        self.0.is_closed()
+    }
+}
+
 /// Handle of the thread; dropping it ends the session.
 #[derive(Debug)]
 pub struct Streaming {
     controls: watch::Sender<Controls>,
-    tokens: watch::Sender<Option<Token>>,
+    tokens: Tokens,
     status: watch::Receiver<Status>,
     steps: mpsc::Receiver<Vec<Change>>,
     clock: Clock,
@@ -60,8 +81,8 @@ pub struct Streaming {
 }
 
 impl Streaming {
-    /// Starts to stream from a server; an address that is parsed will do for one. `notify` is called on the streaming thread when there is something
-    /// new to take or a new status.
+    /// Starts to stream from a server; an address that is parsed will do for one. `notify` is called on the streaming
+    /// thread when there is something new to take or a new status.
     ///
     /// # Errors
     /// Fails where the system gives no thread.
@@ -98,7 +119,7 @@ impl Streaming {
             host.report(clock.now(), Some(end));
             runtime.shutdown_timeout(Duration::from_millis(200));
         })?;
-        Ok(Self { controls, tokens, status, steps, clock, thread: Some(thread) })
+        Ok(Self { controls, tokens: Tokens(tokens), status, steps, clock, thread: Some(thread) })
     }
 
     /// The clock of all times in statuses and changes.
@@ -112,10 +133,9 @@ impl Streaming {
         self.controls.send_if_modified(|old| std::mem::replace(old, controls) != controls);
     }
 
-    /// Takes newer tokens than that of the configuration, from any thread: they are shown in the session that runs and in
-    /// those after it. Nobody takes them any more once it is closed.
+    /// Takes newer tokens than that of the configuration, from any thread.
     #[must_use]
-    pub fn tokens(&self) -> watch::Sender<Option<Token>> {
+    pub fn tokens(&self) -> Tokens {
         self.tokens.clone()
     }
 

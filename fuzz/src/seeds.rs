@@ -1,5 +1,6 @@
 //! Seed inputs, made from what the project itself makes: regenerate them when a format changes.
 
+use data_encoding::BASE64;
 use lodestream_compress::{compress, encode_base};
 use lodestream_geometry::Codec;
 use lodestream_geometry::mesh::SourceMesh;
@@ -11,7 +12,9 @@ use lodestream_protocol::asset::{
 use lodestream_protocol::blob::BlobId;
 use lodestream_protocol::frame::{BlobPiece, encode_client, encode_piece, encode_server};
 use lodestream_protocol::lamps::{Lamp, Lamps, ListedLamps, Spot, encode_directory, encode_page};
-use lodestream_protocol::message::{ClientMessage, Close, CloseCode, Hello, ServerMessage, Want, Welcome};
+use lodestream_protocol::message::{
+    ClientMessage, Close, CloseCode, Hello, ServerMessage, Token, Want, Welcome,
+};
 use lodestream_protocol::scene::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
 use lodestream_protocol::shared::SharedTexture;
 use lodestream_protocol::stream::blob_head;
@@ -220,7 +223,7 @@ fn scenes() -> Vec<(String, Vec<u8>)> {
     };
     let one = r#""nodes":[{"mesh":0}]"#;
     let nested = r#""nodes":[{"children":[1,2],"translation":[1,2,3]},{"mesh":0,"rotation":[0,0.6,0,0.8],"scale":[2,2,2]},{"mesh":0,"matrix":[1,0,0,0,0,-1,0,0,0,0,3,0,0,0,5,1]}]"#;
-    let data = format!(r#""uri":"data:application/octet-stream;base64,{}","#, base64(&bin));
+    let data = format!(r#""uri":"data:application/octet-stream;base64,{}","#, BASE64.encode(&bin));
     vec![
         seed("square.glb", glb(&file("", 4, one, r#","material":0"#), &bin)),
         seed("strip.glb", glb(&file("", 5, one, ""), &bin)),
@@ -231,21 +234,6 @@ fn scenes() -> Vec<(String, Vec<u8>)> {
         seed("lights.glb", glb(&file("", 4, LIGHTS, ""), &bin)),
         seed("sparse.glb", glb(&file("", 4, one, "").replace(r#","count":4,"min":[0,0,0]"#, r#","count":4,"sparse":{"count":1,"indices":{"bufferView":2,"componentType":5121},"values":{"bufferView":0}},"min":[0,0,0]"#), &bin)),
     ]
-}
-
-/// RFC 4648, §4.
-fn base64(bytes: &[u8]) -> String {
-    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let mut text = String::new();
-    for group in bytes.chunks(3) {
-        let word =
-            group.iter().fold(0_usize, |word, &b| word << 8 | usize::from(b)) << (8 * (3 - group.len()));
-        for digit in 0..4 {
-            let code = DIGITS[word >> (18 - 6 * digit) & 63];
-            text.push(if digit > group.len() { '=' } else { char::from(code) });
-        }
-    }
-    text
 }
 
 fn messages() -> Vec<(String, Vec<u8>)> {
@@ -271,6 +259,7 @@ fn messages() -> Vec<(String, Vec<u8>)> {
         ClientMessage::WantScenePages(vec![0, 1, 300]),
         ClientMessage::Ping(77),
         ClientMessage::Bye,
+        ClientMessage::Token(Token("head.claims.signature".into())),
     ];
     let camera = Camera { eye: [0.0, 1.0, 5.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov_y: 1.0 };
     let scene = SceneHeader {

@@ -52,6 +52,23 @@ pub fn class(value: i32, classes: usize) -> usize {
     usize::try_from(value).unwrap_or(0).min(classes - 1)
 }
 
+/// One over 1, 2, …: what dividing gives, to the bit.
+const INVERSE: [f64; 64] = {
+    let mut table = [1.0; 64];
+    let (mut k, mut x) = (2, 2.0);
+    while k < 64 {
+        table[k] = 1.0 / x;
+        (k, x) = (k + 1, x + 1.0);
+    }
+    table
+};
+
+/// One over a number that is not 0.
+#[inline]
+pub(crate) fn inverse(count: u32) -> f64 {
+    INVERSE.get(count as usize).copied().unwrap_or_else(|| 1.0 / f64::from(count))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

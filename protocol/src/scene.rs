@@ -126,8 +126,8 @@ pub struct AssetEntry {
     pub origin: [f64; 3],
     /// Bounds of the base and the finest mesh, relative to `origin`.
     pub sphere: Sphere,
-    /// Error of the base mesh, in the asset's units: at least its geometric error and every chunk's visible
-    /// one ([`lodestream_geometry::screen::visible_error`]).
+    /// The most that is off while only the base mesh is here, in the asset's units: the largest of its geometric error
+    /// and the visible error of every chunk ([`lodestream_geometry::screen::visible_error`]).
     pub root_error: f32,
     /// Length of the base blob.
     pub base_bytes: u32,
@@ -142,7 +142,7 @@ impl AssetEntry {
     #[must_use]
     pub fn index_pages(&self) -> u32 {
         // CHUNKS_PER_PAGE is a small constant.
-        #[allow(clippy::cast_possible_truncation)]
+        #[expect(clippy::cast_possible_truncation)]
         self.chunk_count.div_ceil(CHUNKS_PER_PAGE as u32)
     }
 }
@@ -415,7 +415,7 @@ impl ScenePage {
             ensure(shared::in_order(number, &asset.shared), SceneError::SharedTextures)?;
         }
         // Entries are at most 64.
-        #[allow(clippy::cast_possible_truncation)]
+        #[expect(clippy::cast_possible_truncation)]
         let known_assets = self.first_asset + self.assets.len() as u32;
         for instance in &self.instances {
             ensure(instance.asset < known_assets, SceneError::AssetOfLaterPage)?;

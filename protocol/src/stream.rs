@@ -49,7 +49,7 @@ pub fn blob_head(first: &BlobPiece) -> Result<Vec<u8>, FrameError> {
     let behind = total.checked_sub(end).ok_or(PieceError::RunBeyondBlob)?;
     encode_message(&(id, total, offset, behind), &mut out).map_err(body)?;
     // At most 26 bytes.
-    #[allow(clippy::cast_possible_truncation)]
+    #[expect(clippy::cast_possible_truncation)]
     let length = (out.len() - 2) as u8;
     out[1] = length;
     Ok(out)
@@ -121,7 +121,7 @@ impl BlobStreamReader {
             let piece = bytes.split_to(bytes.len().min(MAX_PIECE_BYTES));
             let offset = self.next;
             // A piece is at most MAX_PIECE_BYTES long.
-            #[allow(clippy::cast_possible_truncation)]
+            #[expect(clippy::cast_possible_truncation)]
             {
                 self.next += piece.len() as u32;
             }

@@ -75,7 +75,7 @@ pub struct Summary {
     /// Bits of base, index and chunks per vertex: what streaming the geometry whole takes.
     pub bits_per_vertex: f64,
     /// Geometric error of the base mesh.
-    pub root_error: f64,
+    pub base_error: f64,
     /// Diagonal of the bounding box.
     pub diagonal: f64,
     /// Size of a grid cell.
@@ -132,7 +132,7 @@ pub fn inspect(path: &Path) -> Result<Summary, StoreError> {
         total_bytes: pack.total_bytes(),
         bits_per_vertex: 8.0 * (asset.head_bytes() + payload_bytes) as f64
             / base.totals.vertices.max(1) as f64,
-        root_error: f64::from(base.geometric_error),
+        base_error: f64::from(base.geometric_error),
         diagonal: f64::from(base.diagonal),
         grid_step: base.grid.step,
     })

@@ -95,7 +95,7 @@ fn inspect_tells_all_fields_and_they_agree() {
     assert!(parts < number("total_bytes"));
     let bits = 8.0 * parts / number("vertices");
     assert!((number("bits_per_vertex") - bits).abs() < 0.01);
-    assert!(number("root_error") > 0.0 && number("root_error") <= 0.05 * number("diagonal"));
+    assert!(number("base_error") > 0.0 && number("base_error") <= 0.05 * number("diagonal"));
     let plain = stdout(&run(&["inspect", text(&pack)]));
     assert!(plain.contains("base_faces"), "{plain}");
 }
@@ -265,7 +265,7 @@ fn packs_of_both_codecs_hold_the_same_meshes() {
     assert!(fields[1]["settings"].as_str().unwrap().contains("codec zstd"), "{}", fields[1]);
     let bytes = fields.each_ref().map(|f| f["payload_bytes"].as_u64().unwrap());
     assert!(bytes[0] < bytes[1] && bytes[1] < 2 * bytes[0], "{bytes:?}");
-    for field in ["faces", "wedges", "chunks", "root_error", "base_faces"] {
+    for field in ["faces", "wedges", "chunks", "base_error", "base_faces"] {
         assert_eq!(fields[0][field], fields[1][field], "{field}");
     }
     let output = run(&["check", text(&packed), "--random-sets", "10"]);

@@ -183,7 +183,7 @@ impl Terrain {
     ///
     /// # Errors
     /// If there is no such level, or the window is empty, too large, or not inside the world.
-    #[allow(clippy::too_many_arguments)]
+    #[expect(clippy::too_many_arguments, reason = "four of them are one window, as everywhere")]
     pub fn window(
         &self,
         level: i8,

@@ -21,6 +21,7 @@
 //! | `documents` | what documents name is there: links, files, code, commands |
 //! | `wire` | docs/protocol.md is true: a reader written from it understands recorded sessions |
 //! | `dependencies` | what each crate makes its users compile |
+//! | `interface` | what each type in the client's interface is of |
 //! | `embed` | a program of somebody else's that draws the scene, built and run |
 //! | `imports` | files do not import in circles |
 //! | `models` | models of your own: `LODESTREAM_MODELS=DIR` |
@@ -49,6 +50,8 @@ mod first_flight;
 mod hostile;
 #[cfg(test)]
 mod imports;
+#[cfg(test)]
+mod interface;
 #[cfg(test)]
 mod lamps;
 #[cfg(test)]

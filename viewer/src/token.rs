@@ -57,11 +57,7 @@ pub(crate) fn follow(file: Option<&PathBuf>, streaming: &Streaming) -> std::io::
         while !tokens.is_closed() {
             // A file that is being replaced may be away for a moment.
             if let Ok(token) = read(&file) {
-                tokens.send_if_modified(|last| {
-                    let new = last.as_ref() != Some(&token);
-                    *last = Some(token);
-                    new
-                });
+                tokens.show(token);
             }
             std::thread::sleep(LOOK_EVERY);
         }

@@ -258,7 +258,7 @@ impl<'a, C: Coder> Walk<'a, C> {
             let builder = want.map(|w| w.1[i]);
             let known = match gate {
                 Some(gate) if i < 2 => {
-                    let k = (gate.k + 1 - i) % 3;
+                    let k = if i == 0 { corner::next(gate.k) } else { gate.k };
                     let wedge = self.mesh.faces[gate.face as usize].wedges[k];
                     Some((self.mesh.wedges[wedge as usize].vertex, wedge))
                 }

@@ -5,7 +5,8 @@
 
 use crate::asset::index::{ChunkInfo, Stop};
 use crate::codec::chunk_coder::{ChunkCoder, Resolution};
-use crate::codec::local::{Elements, Local};
+use crate::codec::elements::Elements;
+use crate::codec::local::Local;
 use crate::codec::memory::Memory;
 use crate::codec::model::{
     AREAS, BENDS, BIRTH_AXIS, BIRTHS, DEPTHS, FLAG_AREA, FLAG_BEND, FLAG_VALENCE, INTERIOR, MAX_VALENCE,

@@ -6,13 +6,15 @@
 //!
 //! Positions are integers below 2^24 kept as `f64`, so sums and differences of them are exact.
 
+use crate::codec::elements::Elements;
 use crate::codec::fan::Spoke;
 use crate::codec::gather::Gathering;
 use crate::codec::star::{Star, Stars};
 use crate::mesh::Attributes;
+use crate::mesh::corner::Spaced;
 use crate::mesh::slot_map::SlotMap;
 use crate::mesh::vec3::{Vec3, add, cross, length, scale, sub};
-use crate::numbers::{id32, truncated};
+use crate::numbers::{id32, inverse, truncated};
 use crate::refine::{ActiveMesh, Id, Moved, Owners};
 
 /// Most faces that a region may have: bounds the work that a stranger's chunk can cause.
@@ -59,48 +61,6 @@ pub(crate) struct Gathered {
 }
 
 pub(crate) const NONE: u32 = u32::MAX;
-
-/// The corners after and before each of a face, without a branch.
-const AFTER: [usize; 4] = [1, 2, 0, 0];
-const BEFORE: [usize; 4] = [2, 0, 1, 1];
-
-/// One over 1, 2, …: what dividing gives, to the bit.
-const INVERSE: [f64; 64] = {
-    let mut table = [1.0; 64];
-    let (mut k, mut x) = (2, 2.0);
-    while k < 64 {
-        table[k] = 1.0 / x;
-        (k, x) = (k + 1, x + 1.0);
-    }
-    table
-};
-
-/// One over a number that is not 0.
-#[inline]
-pub(crate) fn inverse(count: u32) -> f64 {
-    INVERSE.get(count as usize).copied().unwrap_or_else(|| 1.0 / f64::from(count))
-}
-
-/// So many elements of each kind.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Elements {
-    pub(crate) vertices: u32,
-    pub(crate) wedges: u32,
-    pub(crate) faces: u32,
-}
-
-impl Elements {
-    /// All kinds together.
-    pub(crate) fn total(&self) -> u64 {
-        u64::from(self.vertices) + u64::from(self.wedges) + u64::from(self.faces)
-    }
-}
-
-impl std::fmt::Display for Elements {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{} vertices, {} wedges and {} faces", self.vertices, self.wedges, self.faces)
-    }
-}
 
 /// Memory of a region, kept from chunk to chunk.
 #[derive(Default)]
@@ -270,7 +230,7 @@ impl<'a> Local<'a> {
         for (k, v, ends) in [(0, a, add(q, r)), (1, b, add(r, p)), (2, c, add(p, q))] {
             let vertex = &mut self.vertices[v as usize];
             vertex.sum = add(vertex.sum, ends);
-            self.stars.enter(&mut vertex.star, local * 4 + k);
+            self.stars.enter(&mut vertex.star, Spaced::new(local, k));
         }
         local
     }
@@ -284,14 +244,14 @@ impl<'a> Local<'a> {
         for spoke in spokes {
             let (a, b) = (&vertices[spoke.a as usize], &vertices[spoke.b as usize]);
             ends = add(ends, add(a.position, b.position));
-            faces[spoke.face as usize].corners[usize::from(spoke.k % 3)] = to;
-            stars.enter(&mut star, spoke.face * 4 + u32::from(spoke.k));
+            faces[spoke.face as usize].corners[usize::from(spoke.k)] = to;
+            stars.enter(&mut star, Spaced::new(spoke.face, spoke.k));
         }
         let vertex = &mut vertices[to as usize];
         (vertex.star, vertex.sum) = (star, add(vertex.sum, ends));
         let vertex = &mut vertices[from as usize];
         vertex.sum = sub(vertex.sum, ends);
-        stars.leave(&mut vertex.star, |c| faces[(c / 4) as usize].corners[(c % 4) as usize % 3] == to);
+        stars.leave(&mut vertex.star, |c| faces[c.face() as usize].corners[usize::from(c.side())] == to);
     }
 
     /// Moves an older vertex, whose star is given.
@@ -362,10 +322,9 @@ impl<'a> Local<'a> {
     pub(crate) fn star(&self, vertex: u32, star: &mut Vec<Spoke>) {
         star.clear();
         star.extend(self.stars.of(self.vertices[vertex as usize].star).iter().rev().map(|corner| {
-            let (face, k) = (corner / 4, (corner % 4) as u8);
-            let corners = &self.faces[face as usize].corners;
-            let (a, b) = (corners[AFTER[usize::from(k)]], corners[BEFORE[usize::from(k)]]);
-            Spoke { face, k, a, b }
+            let corners = &self.faces[corner.face() as usize].corners;
+            let (a, b) = (corners[corner.next()], corners[corner.previous()]);
+            Spoke { face: corner.face(), k: corner.side(), a, b }
         }));
     }
 
@@ -373,7 +332,7 @@ impl<'a> Local<'a> {
     #[inline]
     pub(crate) fn star_area(&self, vertex: u32) -> f64 {
         let corners = self.stars.of(self.vertices[vertex as usize].star);
-        corners.iter().rev().fold(0.0, |area, corner| area + self.faces[(corner / 4) as usize].area)
+        corners.iter().rev().fold(0.0, |area, corner| area + self.faces[corner.face() as usize].area)
     }
 
     /// The wedge of a spoke at the centre, and at its vertices `a` and `b`.

@@ -15,6 +15,7 @@ mod base_blob;
 pub(crate) mod base_mesh;
 pub(crate) mod chunk;
 mod chunk_coder;
+mod elements;
 mod fan;
 mod gather;
 mod height;

@@ -1,6 +1,7 @@
 //! The stars of a region's vertices, each a run of corners in one array: a walk around a vertex waits for no pointer.
 
 use crate::entropy::steps;
+use crate::mesh::corner::Spaced;
 
 /// Room that a star gets first.
 const FIRST_ROOM: u32 = 8;
@@ -21,11 +22,11 @@ impl Star {
     }
 }
 
-/// The corners (`face × 4 + k`) of all stars, each star's in the order in which they entered. A star that outgrows its
+/// The corners of all stars, each star's in the order in which they entered. A star that outgrows its
 /// room moves to the end, with twice as much.
 #[derive(Default)]
 pub(crate) struct Stars {
-    corners: Vec<u32>,
+    corners: Vec<Spaced>,
 }
 
 impl Stars {
@@ -36,14 +37,14 @@ impl Stars {
 
     /// The corners of a star, the last to enter last.
     #[inline]
-    pub(crate) fn of(&self, star: Star) -> &[u32] {
+    pub(crate) fn of(&self, star: Star) -> &[Spaced] {
         steps::take(star.len() as u64);
         &self.corners[star.start as usize..][..star.len()]
     }
 
     /// Adds a corner to a star.
     #[inline]
-    pub(crate) fn enter(&mut self, star: &mut Star, corner: u32) {
+    pub(crate) fn enter(&mut self, star: &mut Star, corner: Spaced) {
         if star.count == star.room {
             self.make_room(star);
         }
@@ -53,7 +54,7 @@ impl Stars {
 
     /// Takes out the corners for which `goes` says so.
     #[inline]
-    pub(crate) fn leave(&mut self, star: &mut Star, mut goes: impl FnMut(u32) -> bool) {
+    pub(crate) fn leave(&mut self, star: &mut Star, mut goes: impl FnMut(Spaced) -> bool) {
         steps::take(star.len() as u64);
         let corners = &mut self.corners[star.start as usize..][..star.len()];
         let mut stay = 0;
@@ -71,13 +72,13 @@ impl Stars {
         let start = self.corners.len();
         star.room = (star.room * 2).max(FIRST_ROOM);
         self.corners.extend_from_within(from);
-        self.corners.resize(start + star.room as usize, 0);
+        self.corners.resize(start + star.room as usize, Spaced::default());
         star.start = crate::numbers::id32(start);
     }
 
     /// Memory held, in bytes.
     pub(crate) fn bytes(&self) -> usize {
-        self.corners.capacity() * 4
+        self.corners.capacity() * size_of::<Spaced>()
     }
 }
 
@@ -90,14 +91,14 @@ mod tests {
         let mut random = crate::random::Random::new(3);
         let mut stars = Stars::default();
         let mut all = vec![(Star::default(), Vec::new()); 5];
-        for corner in 0..2000_u32 {
+        for corner in (0..2000).map(|face| Spaced::new(face, 1)) {
             let (star, expected) = &mut all[random.below(5)];
             stars.enter(star, corner);
             expected.push(corner);
             if random.below(3) == 0 {
                 let gone = random.below(7) as u32;
-                stars.leave(star, |c| c % 7 == gone);
-                expected.retain(|c| c % 7 != gone);
+                stars.leave(star, |c| c.face() % 7 == gone);
+                expected.retain(|c| c.face() % 7 != gone);
             }
             assert!(all.iter().all(|(star, expected)| stars.of(*star) == expected));
         }

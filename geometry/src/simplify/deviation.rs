@@ -120,7 +120,7 @@ impl Deviation {
         let mut open = Vec::new();
         each_edge(&live.stars, &live.face_vertices, &mut |_, _, corners| {
             if corners.len() != 2 {
-                open.extend(corners.iter().map(|c| c / 3));
+                open.extend(corners.iter().map(|&c| corner::face_of(c)));
             }
         });
         open.sort_unstable();
@@ -189,7 +189,8 @@ impl Deviation {
             }
             if live.moved_to.get(sample as usize) == Some(&sample)
                 && live.positions[sample as usize] == self.point(sample)
-                && let Some(own) = live.stars.corners(sample).map(|c| c / 3).find(|&f| (region.inside)(f))
+                && let Some(own) =
+                    live.stars.corners(sample).map(corner::face_of).find(|&f| (region.inside)(f))
             {
                 places.push((sample, own, 0.0));
                 continue;
@@ -255,7 +256,7 @@ impl Deviation {
     ) -> f64 {
         let mut hints = Hints::new(HINT_SHARE * self.mean_edge.max(error));
         for &corner in corners {
-            let (face, k) = ((corner / 3) as usize, (corner % 3) as usize);
+            let (face, k) = (corner::face_of(corner) as usize, corner::side_of(corner));
             if !live.alive[face] {
                 continue;
             }

@@ -52,7 +52,7 @@ impl Rules {
         self.stamp += 1;
         ring.clear();
         for corner in region.stars.corners(v) {
-            let (corners, k) = (region.corners[(corner / 3) as usize], (corner % 3) as usize);
+            let (corners, k) = (region.corners[corner::face_of(corner) as usize], corner::side_of(corner));
             for w in [corners[corner::next(k)], corners[corner::previous(k)]] {
                 let around = &mut self.around[w as usize];
                 if around.stamp != self.stamp {
@@ -90,7 +90,8 @@ impl Rules {
         let mut removed = 0;
         for v in [u, t] {
             for corner in region.stars.corners(v) {
-                let (corners, k) = (region.corners[(corner / 3) as usize], (corner % 3) as usize);
+                let (corners, k) =
+                    (region.corners[corner::face_of(corner) as usize], corner::side_of(corner));
                 let both = corners.contains(&t);
                 removed += u32::from(v == u && both);
                 for w in [corners[corner::next(k)], corners[corner::previous(k)]] {
@@ -156,7 +157,7 @@ impl Rules {
         let edge = sub(region.positions[u as usize], to);
         let mut penalty = 0.0;
         for corner in region.stars.corners(u) {
-            let (face, k) = ((corner / 3) as usize, (corner % 3) as usize);
+            let (face, k) = (corner::face_of(corner) as usize, corner::side_of(corner));
             let corners = region.corners[face];
             if corners.contains(&t) {
                 continue;
@@ -188,7 +189,7 @@ fn seams_allow(region: &Region, u: u32, t: u32) -> bool {
     let mut first = None;
     let mut seam = false;
     for corner in region.stars.corners(u) {
-        let wedge = region.wedges[(corner / 3) as usize][(corner % 3) as usize];
+        let wedge = corner::at(&region.wedges, corner);
         match first {
             None => first = Some(wedge),
             Some(w) => seam |= w != wedge,
@@ -196,9 +197,9 @@ fn seams_allow(region: &Region, u: u32, t: u32) -> bool {
     }
     !seam
         || region.stars.corners(u).all(|corner| {
-            let wedge = region.wedges[(corner / 3) as usize][(corner % 3) as usize];
+            let wedge = corner::at(&region.wedges, corner);
             region.stars.corners(u).any(|other| {
-                let (face, k) = ((other / 3) as usize, (other % 3) as usize);
+                let (face, k) = (corner::face_of(other) as usize, corner::side_of(other));
                 region.wedges[face][k] == wedge && region.corners[face].contains(&t)
             })
         })

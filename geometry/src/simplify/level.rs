@@ -2,6 +2,7 @@
 
 use crate::collapse::Records;
 use crate::error::MeshError;
+use crate::mesh::corner;
 use crate::mesh::vec3::Vec3;
 use crate::pool::Watched;
 use crate::simplify::deviation::{Deviation, Samples};
@@ -56,7 +57,7 @@ impl<'a> Level<'a> {
         let mut capacity = vec![0; faces.len()];
         let mut vertices = 0;
         for v in 0..live.positions.len() as u32 {
-            let mut corners = live.stars.corners(v).map(|c| region_of_face[(c / 3) as usize]);
+            let mut corners = live.stars.corners(v).map(|c| region_of_face[corner::face_of(c) as usize]);
             let Some(first) = corners.next() else { continue };
             vertices += 1;
             if corners.all(|r| r == first) {
@@ -155,8 +156,8 @@ fn adjacency(live: &Live) -> Vec<[u32; 3]> {
         // Where more than two faces meet, each gets the next.
         for (i, &corner) in corners.iter().enumerate().filter(|_| corners.len() > 1) {
             let next = corners[(i + 1) % corners.len()];
-            adjacent[place[(corner / 3) as usize] as usize][(corner % 3) as usize] =
-                place[(next / 3) as usize];
+            adjacent[place[corner::face_of(corner) as usize] as usize][corner::side_of(corner)] =
+                place[corner::face_of(next) as usize];
         }
     });
     adjacent

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use crate::collapse::NO_VERTEX;
 use crate::collapse::Records;
 use crate::error::MeshError;
+use crate::mesh::corner::{next, previous};
 use crate::mesh::vec3::{Vec3, add, dot, length, scale, sub};
 use crate::mesh::wide_bvh::{Hints, WideBvh};
 use crate::pool::Watched;
@@ -108,13 +109,13 @@ impl Limit {
 /// Lays points over a face so that no part of it is wider than `spacing` without one, by halving the longest edge: a face
 /// that is long and narrow has few.
 fn lay(corners: [Vec3; 3], spacing: f64, visit: &mut impl FnMut(Vec3)) {
-    let edge = |k: usize| length(sub(corners[(k + 1) % 3], corners[k]));
+    let edge = |k: usize| length(sub(corners[next(k)], corners[k]));
     let longest = (0..3).fold(0, |longest, k| if edge(k) > edge(longest) { k } else { longest });
     if edge(longest).is_nan() || edge(longest) <= spacing {
         let [a, b, c] = corners;
         return visit(scale(add(add(a, b), c), 1.0 / 3.0));
     }
-    let [a, b, c] = [0, 1, 2].map(|i| corners[(longest + i) % 3]);
+    let [a, b, c] = [longest, next(longest), previous(longest)].map(|k| corners[k]);
     let middle = scale(add(a, b), 0.5);
     visit(middle);
     lay([a, middle, c], spacing, visit);

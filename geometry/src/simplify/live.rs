@@ -182,7 +182,7 @@ impl Live {
             } else {
                 return;
             };
-            held.extend(run.iter().map(|&corner| (v, w, corner / 3, weight)));
+            held.extend(run.iter().map(|&corner| (v, w, corner::face_of(corner), weight)));
         });
         for (v, w, face, weight) in held {
             self.add_edge_plane(v, w, face as usize, weight);
@@ -209,7 +209,7 @@ impl Live {
     /// What must agree across an edge for it not to be a seam: both wedges and the material, in an
     /// order that does not depend on the direction of the edge.
     fn edge_attributes(&self, corner: u32) -> (u32, u32, u16) {
-        let (face, k) = ((corner / 3) as usize, (corner % 3) as usize);
+        let (face, k) = (corner::face_of(corner) as usize, corner::side_of(corner));
         let (a, b) = (self.face_wedges[face][k], self.face_wedges[face][corner::next(k)]);
         (a.min(b), a.max(b), self.material[face])
     }

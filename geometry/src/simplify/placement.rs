@@ -108,7 +108,7 @@ fn best(live: &Live, v: u32, shift: u8, nearest: Vec3) -> Vec3 {
 fn upright(live: &Live, v: u32, x: Vec3) -> bool {
     let p = live.positions[v as usize];
     live.stars.corners(v).all(|corner| {
-        let (triangle, k) = (live.triangle((corner / 3) as usize), (corner % 3) as usize);
+        let (triangle, k) = (live.triangle(corner::face_of(corner) as usize), corner::side_of(corner));
         let (a, b) = (triangle[corner::next(k)], triangle[corner::previous(k)]);
         let (before, after) = (cross(sub(a, p), sub(b, p)), cross(sub(a, x), sub(b, x)));
         dot(before, after) > LEAST_COSINE * length(before) * length(after)

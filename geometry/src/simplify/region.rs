@@ -6,6 +6,7 @@
 
 use crate::collapse::NO_VERTEX;
 use crate::collapse::{Collapse, MovedCorner, Records, RemovedFace};
+use crate::mesh::corner;
 use crate::mesh::slot_map::SlotMap;
 use crate::mesh::stars::Stars;
 use crate::mesh::vec3::{Vec3, length, sub};
@@ -106,7 +107,7 @@ impl Region {
     /// [`crate::Settings::unlock_outlines`].
     pub(crate) fn tear_outline(&mut self) {
         for u in (0..self.vertex_count()).filter(|&u| !self.interior[u as usize]) {
-            let neighbours = self.stars.corners(u).flat_map(|c| self.corners[(c / 3) as usize]);
+            let neighbours = self.stars.corners(u).flat_map(|c| self.corners[corner::face_of(c) as usize]);
             if let Some(t) = neighbours.filter(|&t| self.interior[t as usize]).min() {
                 self.collapse(u, t, 0.0);
                 return;
@@ -121,7 +122,7 @@ impl Region {
         self.stars.clear(u);
         let first_removed = self.records.removed.len();
         for &corner in &scratch.star {
-            let (face, k) = ((corner / 3) as usize, (corner % 3) as usize);
+            let (face, k) = (corner::face_of(corner) as usize, corner::side_of(corner));
             if self.corners[face].contains(&t) {
                 self.remove_face(face, k, t, &mut scratch.lonely);
             } else {
@@ -153,7 +154,7 @@ impl Region {
         scratch.star.extend(self.stars.corners(u));
         scratch.star.sort_unstable();
         for &corner in &scratch.star {
-            let (face, k) = ((corner / 3) as usize, (corner % 3) as usize);
+            let (face, k) = (corner::face_of(corner) as usize, corner::side_of(corner));
             if let Some(j) = (0..3).find(|&j| self.corners[face][j] == t) {
                 let (from, to) = (self.wedges[face][k], self.wedges[face][j]);
                 if !scratch.meets.iter().any(|m| m.0 == from) {
@@ -205,7 +206,7 @@ impl Region {
         for i in first_removed..self.records.removed.len() {
             let Some(x) = self.records.removed[i].third else { continue };
             // From the third's side: a hub is likelier to be the target.
-            let found = self.stars.corners(x).any(|c| self.corners[(c / 3) as usize].contains(&t));
+            let found = self.stars.corners(x).any(|c| self.corners[corner::face_of(c) as usize].contains(&t));
             self.records.removed[i].third = (!found).then_some(self.vertices[x as usize]);
             if !found {
                 // The face has shrunk to an edge of no face: its points may be far from any.

@@ -20,7 +20,7 @@ pub(super) fn long_float(short: u16) -> f32 {
 
 /// A share of 0 to 1 in steps of 1/65535.
 fn share(x: f64) -> u16 {
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // clamped to the range first
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the range first")]
     let steps = (x.clamp(0.0, 1.0) * 65_535.0 + 0.5) as u16;
     steps
 }
@@ -32,7 +32,7 @@ pub(super) fn short_angle(angle: f32) -> u16 {
 
 /// Inverse of [`short_angle`].
 pub(super) fn long_angle(short: u16) -> f32 {
-    #[allow(clippy::cast_possible_truncation)] // to the nearest f32
+    #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
     let angle = (f64::from(short) / 65_535.0 * FRAC_PI_2) as f32;
     angle.min(std::f32::consts::FRAC_PI_2)
 }
@@ -56,7 +56,7 @@ pub(super) fn long_direction(short: [u16; 2]) -> [f32; 3] {
     let [x, y] = if z < 0.0 { [(1.0 - v.abs()) * sign(u), (1.0 - u.abs()) * sign(v)] } else { [u, v] };
     // The octahedron's faces are at least 1/√3 from its middle.
     let length = (x * x + y * y + z * z).sqrt();
-    #[allow(clippy::cast_possible_truncation)] // to the nearest f32
+    #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
     [x, y, z].map(|c| (c / length) as f32)
 }
 

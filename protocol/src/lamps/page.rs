@@ -37,7 +37,7 @@ struct Shared {
 impl Shared {
     fn of(lamp: &Lamp) -> Self {
         let brightest = lamp.brightest();
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // shares of the largest
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "shares of the largest")]
         let part = |x: f32| (x / brightest * 255.0 + 0.5) as u8;
         let cone = |spot: Spot| {
             (short_direction(spot.direction), [spot.inner, spot.outer.max(1e-4)].map(short_angle))
@@ -64,7 +64,7 @@ pub fn encode_page(lamps: &[Lamp]) -> Result<Vec<u8>, LampsError> {
     let step = power_of_two(exponent);
     let mut out = vec![VERSION, exponent.cast_unsigned()];
     origin.iter().for_each(|x| out.extend(x.to_le_bytes()));
-    #[allow(clippy::cast_possible_truncation)] // at most 64
+    #[expect(clippy::cast_possible_truncation, reason = "at most 64")]
     out.push(lamps.len() as u8);
     let (mut before, mut at) = (Shared::default(), [0_i64; 3]);
     for lamp in lamps {
@@ -78,7 +78,7 @@ pub fn encode_page(lamps: &[Lamp]) -> Result<Vec<u8>, LampsError> {
         let flags = flags.iter().filter(|(set, _)| *set).fold(0, |all, (_, flag)| all | flag);
         out.push(flags);
         for axis in 0..3 {
-            #[allow(clippy::cast_possible_truncation)] // at most 2^41 steps
+            #[expect(clippy::cast_possible_truncation, reason = "at most 2^41 steps")]
             let steps = ((lamp.position[axis] - origin[axis]) / step).round() as i64;
             put_signed(steps - at[axis], &mut out);
             at[axis] = steps;
@@ -156,7 +156,7 @@ pub fn decode_page(bytes: &[u8], count: u32) -> Result<Vec<Lamp>, LampsError> {
 
 /// Where a lamp is on one axis. Beyond 2⁵³ steps, and of steps that are none, it is not a place.
 fn place(origin: f64, steps: i64, step: f64) -> f64 {
-    #[allow(clippy::cast_precision_loss)]
+    #[expect(clippy::cast_precision_loss)]
     let offset = steps as f64 * step;
     if steps.unsigned_abs() <= 1 << 53 { origin + offset } else { f64::NAN }
 }

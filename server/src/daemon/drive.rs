@@ -15,10 +15,10 @@ use lodestream_protocol::message::{ClientMessage, Close, CloseCode, ServerMessag
 use lodestream_protocol::server::{ServerSession, Transmit};
 use tokio::time::{Instant, sleep_until};
 
-use super::gate::{admit, refusal};
 use super::intake::TOO_MUCH;
 use super::reads::Reads;
 use super::state::{Phase, SessionGuard};
+use super::token_wait::{admit, refusal};
 use super::tokens::{Grant, TokenError};
 
 /// What came from the client.
@@ -117,7 +117,7 @@ impl Allowance {
 }
 
 /// Drives a session until it has ended and its last words have been taken; gives the reason, also to
-/// the guard. The caller then closes the transport. The session has a place from when `proof` of the client's address
+/// the guard. The caller then closes the transport. The session has a lease from when `proof` of the client's address
 /// is there and `Hello` was heard.
 pub(super) async fn drive<R: Receive, D: Deliver>(
     guard: &mut SessionGuard,
@@ -163,7 +163,7 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
         }
         if proved
             && session.is_open()
-            && let Err(why) = guard.take_place()
+            && let Err(why) = guard.take_lease()
         {
             session.close(now, CloseCode::Busy, &why.to_string());
         }

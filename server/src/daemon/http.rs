@@ -41,7 +41,7 @@ const MAX_HEADERS: usize = 64;
 const UNSENT_BYTES: u32 = 16 * 1024;
 
 /// Takes connections of a listener until the daemon stops; while it drains, `/health` says so. There are as many as the
-/// rooms and places of the state allow: whoever is turned out ends at once.
+/// rooms and leases of the state allow: whoever is turned out ends at once.
 pub async fn serve_http(listener: TcpListener, state: Arc<ServerState>, tls: Option<Tls>) {
     let serve = |stream: TcpStream, peer| {
         prepare(&stream);

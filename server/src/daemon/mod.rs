@@ -7,12 +7,12 @@
 //! | [`congestion`] | how much of a QUIC connection may be in flight |
 //! | `drive`, `intake` | the loop between a sans-IO session and a transport; how many bytes a client may send |
 //! | [`state`], [`metrics`] | what sessions share |
-//! | `places`, `room` | who may have a session, and who may ask for one |
+//! | `leases`, `room` | who may have a session, and who may ask for one |
 //! | `damage` | blobs that cannot be read any more |
 //! | [`origin`] | which web pages may open sessions |
 //! | [`proxy`], [`admission`] | for whom a proxy asks; all that is said of who may come |
 //! | [`certificate`], [`renewal`], [`tls`] | the certificate, its exchange while the server runs, TLS for HTTP |
-//! | [`tokens`], `token_keys`, `token_crypto`, `gate` | tokens, what they are verified by, who waits for them |
+//! | [`tokens`], `token_keys`, `token_crypto`, `token_wait` | tokens, what they are verified by, who waits for them |
 //! | `reload` | files that are read again while the server runs |
 //! | [`shutdown`] | what its name says |
 //! | [`memory_scene`] | a scene made of numbers, for tests |
@@ -27,14 +27,13 @@ pub mod certificate;
 pub mod congestion;
 mod damage;
 mod drive;
-mod gate;
 pub mod http;
 mod intake;
+mod leases;
 mod listen;
 pub mod memory_scene;
 pub mod metrics;
 pub mod origin;
-mod places;
 pub mod proxy;
 pub mod quic;
 mod quic_stream;
@@ -49,6 +48,7 @@ mod tests;
 pub mod tls;
 mod token_crypto;
 mod token_keys;
+mod token_wait;
 pub mod tokens;
 pub mod websocket;
 

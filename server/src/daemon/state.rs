@@ -14,8 +14,8 @@ use tokio::time::Instant;
 
 use super::admission::Admission;
 use super::damage::Damage;
+use super::leases::{Lease, Leases, NoLease, default_of_address};
 use super::metrics::{Metrics, Transport};
-use super::places::{NoPlace, Place, Places, default_of_address};
 use super::room::{Room, Seat};
 use super::tokens::{Grant, TokenError};
 
@@ -72,7 +72,7 @@ pub struct ServerState {
     phase: watch::Sender<Phase>,
     sessions: watch::Sender<u64>,
     next_session: AtomicU64,
-    places: Arc<Places>,
+    leases: Arc<Leases>,
     unproved: Arc<Room>,
     requests: Arc<Room>,
     damage: Damage,
@@ -137,7 +137,7 @@ impl ServerState {
             phase: watch::Sender::new(Phase::Running),
             sessions: watch::Sender::new(0),
             next_session: AtomicU64::new(1),
-            places: Places::new(
+            leases: Leases::new(
                 settings.max_sessions,
                 settings.max_sessions_per_address.unwrap_or(default_of_address(settings.max_sessions)),
             ),
@@ -255,15 +255,15 @@ impl ServerState {
         Time::from(self.started.elapsed())
     }
 
-    /// Begins a session, unless there is no place for its address. It has none itself until
-    /// [`SessionGuard::take_place`].
+    /// Begins a session, unless there is no lease for its address. It has none itself until
+    /// [`SessionGuard::take_lease`].
     pub(super) fn begin_session(
         self: &Arc<Self>,
         transport: Transport,
         peer: SocketAddr,
-    ) -> Result<SessionGuard, NoPlace> {
-        let running = if self.phase() == Phase::Running { Ok(()) } else { Err(NoPlace::Draining) };
-        if let Err(why) = running.and_then(|()| self.places.check(peer.ip(), self.now())) {
+    ) -> Result<SessionGuard, NoLease> {
+        let running = if self.phase() == Phase::Running { Ok(()) } else { Err(NoLease::Draining) };
+        if let Err(why) = running.and_then(|()| self.leases.check(peer.ip(), self.now())) {
             self.metrics.session_refused();
             return Err(why);
         }
@@ -288,8 +288,8 @@ impl ServerState {
 enum Standing {
     /// A seat among those who have not proved to be clients.
     Unproved(Seat),
-    /// A place among the sessions.
-    Placed(Place),
+    /// A lease among the sessions.
+    Leased(Lease),
 }
 
 /// A session's part in the counts; given back when dropped.
@@ -308,19 +308,19 @@ pub(super) struct SessionGuard {
 }
 
 impl SessionGuard {
-    /// Whether the session has a place.
-    pub(super) const fn has_place(&self) -> bool {
-        matches!(self.standing, Standing::Placed(_))
+    /// Whether the session has a lease.
+    pub(super) const fn has_lease(&self) -> bool {
+        matches!(self.standing, Standing::Leased(_))
     }
 
-    /// Takes a place, once: the client has proved its address and said `Hello`.
-    pub(super) fn take_place(&mut self) -> Result<(), NoPlace> {
-        if self.has_place() {
+    /// Takes a lease, once: the client has proved its address and said `Hello`.
+    pub(super) fn take_lease(&mut self) -> Result<(), NoLease> {
+        if self.has_lease() {
             return Ok(());
         }
-        match self.state.places.take(self.peer.ip(), self.state.now()) {
-            Ok(place) => {
-                self.standing = Standing::Placed(place);
+        match self.state.leases.take(self.peer.ip(), self.state.now()) {
+            Ok(lease) => {
+                self.standing = Standing::Leased(lease);
                 Ok(())
             }
             Err(why) => {
@@ -332,8 +332,8 @@ impl SessionGuard {
 
     /// The client has asked for something: the session is of use.
     pub(super) fn asked(&self) {
-        if let Standing::Placed(place) = &self.standing {
-            place.asked(self.state.now());
+        if let Standing::Leased(lease) = &self.standing {
+            lease.asked(self.state.now());
         }
     }
 
@@ -344,8 +344,8 @@ impl SessionGuard {
                 seat.lost().await;
                 "too many clients connect at once and have not said Hello"
             }
-            Standing::Placed(place) => {
-                place.lost().await;
+            Standing::Leased(lease) => {
+                lease.lost().await;
                 "the server is full, and others have fewer sessions or ask for more"
             }
         }

@@ -1,7 +1,7 @@
 //! Who may see the scene: bearer tokens, which another program signs (JSON Web Tokens, RFC 7519).
 //!
 //! A token must be signed by a key of the operator's file, must expire, and must name the scene. It is looked at before
-//! a session has a place, or anything is planned or sent for it.
+//! a session has a lease, or anything is planned or sent for it.
 
 use std::fmt;
 use std::path::PathBuf;

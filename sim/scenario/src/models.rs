@@ -37,7 +37,7 @@ pub struct Model {
     /// Length of the base mesh with the description of materials.
     pub base_bytes: u64,
     /// Geometric error of the base mesh over the diagonal.
-    pub root_error: f64,
+    pub base_error: f64,
     /// Streamed over QUIC.
     pub quic: Streamed,
     /// Streamed over WebSocket.
@@ -95,7 +95,7 @@ pub fn measure(file: &Path, cache: &Path) -> anyhow::Result<Model> {
         pack_bytes: summary.total_bytes,
         bits_per_vertex: summary.bits_per_vertex,
         base_bytes: summary.base_bytes,
-        root_error: summary.root_error / summary.diagonal,
+        base_error: summary.base_error / summary.diagonal,
         quic: Streamed::of(quic),
         ws: Streamed::of(ws),
     })
@@ -111,7 +111,7 @@ impl std::fmt::Display for Model {
             self.pack_bytes,
             self.bits_per_vertex,
             self.base_bytes,
-            100.0 * self.root_error
+            100.0 * self.base_error
         )?;
         for (name, streamed) in [("QUIC", &self.quic), ("WebSocket", &self.ws)] {
             let first = streamed.ttff_ms.map_or("never".to_owned(), |ms| format!("{ms:.0} ms"));
@@ -151,7 +151,7 @@ mod tests {
             found.base_bytes as f64 <= geometry_bytes && geometry_bytes < found.pack_bytes as f64,
             "{found:?}"
         );
-        assert!((0.001..0.1).contains(&found.root_error), "{found:?}");
+        assert!((0.001..0.1).contains(&found.base_error), "{found:?}");
         for (streamed, round_trips) in [(&found.quic, 1.0), (&found.ws, 2.0)] {
             assert_eq!(streamed.ended, "settled", "{found:?}");
             assert!(streamed.ttff_ms.unwrap() >= round_trips * 50.0, "{found:?}");

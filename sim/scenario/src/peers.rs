@@ -188,7 +188,6 @@ fn check_node(number: usize, node: NodeFile, count: usize) -> Result<Node, Fault
         return fault("bytes", format!("{bytes} is not a length from 1 to {MAX_PIECE_BYTES}"));
     }
     // Within f32, as screen errors are computed.
-    #[allow(clippy::cast_possible_truncation)]
     let length = |value: f64| Some(value as f32).filter(|x| value >= 0.0 && x.is_finite());
     let Some(error) = length(error) else {
         return fault("error", format!("{error} is not a length"));

@@ -61,7 +61,7 @@ impl Viewer {
 
     /// Shows another token.
     pub(crate) fn show(&self, token: Token) {
-        self.streaming.tokens().send_replace(Some(token));
+        self.streaming.tokens().show(token);
     }
 
     /// Waits until the streaming thread gives up; gives what the user is told.

@@ -54,7 +54,7 @@ pub(super) struct Corner {
 
 impl DepthBuffer {
     /// Empties the buffer and fits it to a view, `long_side` pixels along its longer side.
-    #[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    #[expect(clippy::cast_precision_loss, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     pub(super) fn clear(&mut self, view: &View, long_side: u32) {
         let [width, height] = view.viewport_px.map(|side| side.max(1));
         let scale = long_side as f32 / width.max(height) as f32;
@@ -71,7 +71,7 @@ impl DepthBuffer {
         self.scale
     }
 
-    #[allow(clippy::cast_precision_loss)]
+    #[expect(clippy::cast_precision_loss)]
     fn middle(&self) -> Vec2 {
         Vec2::new(self.width as f32, self.height as f32) * 0.5
     }
@@ -107,7 +107,7 @@ impl DepthBuffer {
         }
     }
 
-    #[allow(clippy::cast_precision_loss)]
+    #[expect(clippy::cast_precision_loss)]
     fn fill(&mut self, owner: u32, [a, b, c]: [&Corner; 3], columns: Range<usize>, rows: Range<usize>) {
         let (ab, ac) = (b.at - a.at, c.at - a.at);
         let area = ab.perp_dot(ac);
@@ -178,7 +178,7 @@ impl DepthBuffer {
     }
 
     /// Direction of a pixel's middle; its depth is 1.
-    #[allow(clippy::cast_precision_loss)]
+    #[expect(clippy::cast_precision_loss)]
     fn ray(&self, x: usize, y: usize) -> Vec3 {
         ((Vec2::new(x as f32 + 0.5, y as f32 + 0.5) - self.middle()) / self.scale).extend(1.0)
     }
@@ -235,7 +235,7 @@ impl DepthBuffer {
     }
 
     /// In how many pixels one sees a sphere: all that is there lies behind its nearest point.
-    #[allow(clippy::cast_precision_loss)]
+    #[expect(clippy::cast_precision_loss)]
     pub(super) fn seen_through(&self, center: Vec3, radius: f32) -> f32 {
         let Some(disc) = self.disc(center, radius) else { return 1.0 };
         let nearest = center.z - radius;
@@ -254,7 +254,7 @@ impl DepthBuffer {
     }
 
     /// Where a sphere is on the screen; `None` for one that reaches to the eye.
-    #[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     fn disc(&self, center: Vec3, radius: f32) -> Option<Disc> {
         let nearest = center.z - radius;
         if nearest <= NEAR || !radius.is_finite() {
@@ -282,14 +282,14 @@ impl DepthBuffer {
 
 /// The greatest integer that is not more; saturates. A cast is cheaper than the library's call where the processor has no
 /// instruction for it.
-#[allow(clippy::cast_possible_truncation, clippy::cast_precision_loss)]
+#[expect(clippy::cast_possible_truncation, clippy::cast_precision_loss)]
 fn floor(x: f32) -> i32 {
     let near = x as i32;
     near.saturating_sub(i32::from(x < near as f32))
 }
 
 /// The least integer that is not less; saturates.
-#[allow(clippy::cast_possible_truncation, clippy::cast_precision_loss)]
+#[expect(clippy::cast_possible_truncation, clippy::cast_precision_loss)]
 fn ceil(x: f32) -> i32 {
     let near = x as i32;
     near.saturating_add(i32::from(x > near as f32))
@@ -319,7 +319,7 @@ struct Disc {
 
 impl Disc {
     /// Pixels that one which is looked at stands for.
-    #[allow(clippy::cast_precision_loss)]
+    #[expect(clippy::cast_precision_loss)]
     fn weight(&self) -> f32 {
         (self.stride * self.stride) as f32
     }

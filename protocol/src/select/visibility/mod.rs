@@ -136,7 +136,7 @@ impl Visibility {
         self.buffer.clear(view, LONG_SIDE);
         let projection = Projection::new(view);
         // Pixels of the buffer per pixel of the view.
-        #[allow(clippy::cast_possible_truncation)]
+        #[expect(clippy::cast_possible_truncation)]
         let px = self.buffer.scale() / projection.scale_px() as f32;
         let mut order = Vec::new();
         let mut faces = 0;
@@ -174,7 +174,7 @@ impl Visibility {
         self.buffer.find_points();
         let uncovered = way * self.buffer.scale() * self.buffer.nearest();
         // Saturates.
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         self.buffer.erode(1 + (uncovered.ceil() as u32).min(MAX_UNCOVERED));
         let occluders = assets.iter().map(|asset| asset.occluder().cloned()).collect();
         frames.sort_unstable_by_key(|(number, _)| *number);
@@ -260,7 +260,7 @@ impl Visibility {
         let belongs = |&&(pixel, distance): &&(u32, f32)| {
             distance <= NEARLY * self.nearest[pixel as usize].1 + NEARLY_AT_THE_CENTRE
         };
-        #[allow(clippy::cast_precision_loss)]
+        #[expect(clippy::cast_precision_loss)]
         let seen = self.claims[claims.clone()].iter().filter(belongs).count() as f32;
         let Some(weight) = weight else { return 1.0 };
         let core = CORE * region.radius + (region.reach - region.radius);

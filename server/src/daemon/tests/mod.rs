@@ -3,7 +3,7 @@
 mod admin;
 mod bad_peers;
 mod http;
-mod places;
+mod leases;
 mod quic;
 mod shutdown;
 mod slow_store;

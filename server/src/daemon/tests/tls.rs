@@ -136,7 +136,7 @@ async fn all_clients_of_a_proxy_shared_the_places_of_one_address() {
     let state = behind(&["127.0.0.1"], 1);
     let first = through(&state, "203.0.113.1").await.unwrap();
     let second = through(&state, "203.0.113.2").await.unwrap();
-    assert!(through(&state, "203.0.113.1").await.is_none(), "one has a place each");
+    assert!(through(&state, "203.0.113.1").await.is_none(), "one has a lease each");
     assert!(
         through(&state, "198.51.100.9, 203.0.113.2").await.is_none(),
         "what a client adds is not believed"

@@ -190,7 +190,7 @@ async fn nothing_is_sent_to_who_shows_no_token() {
 #[tokio::test(start_paused = true)]
 async fn those_without_a_token_kept_no_place_from_those_with_one() {
     let state = asking();
-    // As many as there are places, and more.
+    // As many as there are leases, and more.
     let mut strangers = Vec::new();
     for _ in 0..8 {
         strangers.push(Client::in_memory(&state).await);

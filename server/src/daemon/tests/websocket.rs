@@ -76,7 +76,7 @@ async fn a_page_of_another_origin_could_read_the_models_of_a_local_server() {
     for origin in ["https://evil.example", "http://localhost:8080", "null"] {
         assert!(answer_to(&state, origin).await.starts_with("HTTP/1.1 403"), "{origin}");
     }
-    assert_eq!(state.metrics().active_sessions(), 0, "refused pages take no place");
+    assert_eq!(state.metrics().active_sessions(), 0, "refused pages take no lease");
     let allowed = ["https://viewer.example".parse().unwrap()].into_iter().collect();
     let scene = Arc::new(MemoryScene::new(1, 100, 100));
     let admission = Admission { origins: allowed, ..Admission::default() };

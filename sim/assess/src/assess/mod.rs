@@ -53,7 +53,7 @@ pub struct Assessment {
     /// Bits per vertex, everything counted.
     pub bits_per_vertex: f64,
     /// Error of the base mesh as a share of the diagonal.
-    pub root_error: f64,
+    pub base_error: f64,
     /// Input faces prepared per second.
     pub prepare_faces_per_s: f64,
     /// Splits decoded per second.
@@ -144,7 +144,7 @@ pub fn assess(path: &Path, options: &Options) -> anyhow::Result<Assessment> {
         payload_bytes,
         bits_per_vertex: (base_bytes.len() + index_bytes + payload_bytes) as f64 * 8.0
             / model.mesh.positions.len() as f64,
-        root_error: f64::from(base.geometric_error) / model.diagonal(),
+        base_error: f64::from(base.geometric_error) / model.diagonal(),
         prepare_faces_per_s: model.mesh.faces.len() as f64 / prepare_s,
         decode_splits_per_s: splits as f64 / decode_s,
         apply_splits_per_s: splits as f64 / apply_s,
@@ -178,7 +178,7 @@ impl std::fmt::Display for Assessment {
             "bytes: base {} ({} faces, error {:.2} % of the diagonal), index {}, chunks {}; {:.2} bits/vertex",
             self.base_bytes,
             self.base_faces,
-            self.root_error * 100.0,
+            self.base_error * 100.0,
             self.index_bytes,
             self.payload_bytes,
             self.bits_per_vertex

@@ -15,7 +15,7 @@ pub fn offer(peer: &Peer, origin: [f64; 3]) -> Offer {
         parents: Vec::new(),
         draws: false,
     };
-    #[allow(clippy::cast_possible_truncation)] // spheres are f32 throughout
+    // Spheres are f32 throughout.
     let piece = |node: &Node| Piece {
         bytes: node.bytes,
         error: node.error,

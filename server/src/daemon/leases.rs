@@ -1,9 +1,9 @@
-//! Who may have a session: so many in all, so many of one address, and who leaves when a stranger finds no place.
+//! Who may have a session: so many in all, so many of one address, and who leaves when nothing is left for a stranger.
 //!
-//! A place is taken by who has proved an address and said `Hello`. The last eighth is kept for addresses that hold
-//! none. When nothing is left, a newcomer gets the place of the least useful session, if that is of an address with more
-//! sessions than his, or has asked for nothing for a while: whoever holds many places, or holds one idly, loses them
-//! first.
+//! A session holds a lease, from when its client has proved an address and said `Hello`. The last eighth of them is kept
+//! for addresses that hold none. When nothing is left, a newcomer gets the lease of the least useful session, if that is
+//! of an address with more sessions than his, or has asked for nothing for a while: whoever holds many leases, or holds
+//! one idly, loses them first.
 
 use std::collections::{BTreeMap, HashMap};
 use std::net::IpAddr;
@@ -16,9 +16,9 @@ use tokio::sync::Notify;
 
 use super::room::Block;
 
-/// Share of the places that is kept for addresses that hold none: one in so many.
+/// Share of the leases that is kept for addresses that hold none: one in so many.
 const KEPT: u64 = 8;
-/// Share of the places that one address may have unless that is said: one in so many, …
+/// Share of the leases that one address may have unless that is said: one in so many, …
 const OF_ADDRESS: u64 = 8;
 /// … and at least so many.
 const OF_ADDRESS_LEAST: u64 = 8;
@@ -27,15 +27,15 @@ const IDLE: Duration = Duration::from_secs(30);
 /// Sessions at once that were told to leave and have not left yet. Their last words take two seconds at most.
 const MAX_LEAVING: usize = 64;
 
-/// How many places one address may have where nobody says so.
+/// How many leases one address may have where nobody says so.
 pub(super) const fn default_of_address(all: u64) -> u64 {
     let share = all / OF_ADDRESS;
     if share < OF_ADDRESS_LEAST { OF_ADDRESS_LEAST } else { share }
 }
 
-/// Why there is no place.
+/// Why there is no lease.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub(super) enum NoPlace {
+pub(super) enum NoLease {
     /// All are taken, by sessions that are of use.
     #[error("the server is full")]
     Full,
@@ -49,7 +49,7 @@ pub(super) enum NoPlace {
 
 /// See the module.
 #[derive(Debug)]
-pub(super) struct Places {
+pub(super) struct Leases {
     all: u64,
     of_address: u64,
     table: Mutex<Table>,
@@ -63,7 +63,7 @@ struct Table {
     by_block: HashMap<Block, u64>,
 }
 
-/// What is known of a session that has a place.
+/// What is known of a session that has a lease.
 #[derive(Debug)]
 struct Tenant {
     /// When it last asked for anything, in nanoseconds of [`Time`].
@@ -100,8 +100,8 @@ impl Table {
     }
 }
 
-impl Places {
-    /// So many places in all and of one address.
+impl Leases {
+    /// So many leases in all and of one address.
     pub(super) fn new(all: u64, of_address: u64) -> Arc<Self> {
         Arc::new(Self { all, of_address, table: Mutex::default() })
     }
@@ -112,10 +112,10 @@ impl Places {
     }
 
     /// Who has to leave for a session of an address; `None` where nobody.
-    fn cost(&self, table: &Table, block: Block, now: Time) -> Result<Option<u64>, NoPlace> {
+    fn cost(&self, table: &Table, block: Block, now: Time) -> Result<Option<u64>, NoLease> {
         let held = table.of(block);
         if held >= self.of_address {
-            return Err(NoPlace::OfAddress);
+            return Err(NoLease::OfAddress);
         }
         let free = self.all.saturating_sub(table.taken.len() as u64);
         let kept = if held == 0 { 0 } else { self.all / KEPT };
@@ -123,18 +123,18 @@ impl Places {
             return Ok(None);
         }
         if table.leaving.len() >= MAX_LEAVING {
-            return Err(NoPlace::Full);
+            return Err(NoLease::Full);
         }
-        table.least_useful(held, now).map(Some).ok_or(NoPlace::Full)
+        table.least_useful(held, now).map(Some).ok_or(NoLease::Full)
     }
 
-    /// Whether there would be a place for an address; nobody has to leave yet.
-    pub(super) fn check(&self, address: IpAddr, now: Time) -> Result<(), NoPlace> {
+    /// Whether there would be a lease for an address; nobody has to leave yet.
+    pub(super) fn check(&self, address: IpAddr, now: Time) -> Result<(), NoLease> {
         self.cost(&self.table(), Block::of(address), now).map(drop)
     }
 
-    /// Takes a place for an address; whoever has to leave for it is told.
-    pub(super) fn take(self: &Arc<Self>, address: IpAddr, now: Time) -> Result<Place, NoPlace> {
+    /// Takes a lease for an address; whoever has to leave for it is told.
+    pub(super) fn take(self: &Arc<Self>, address: IpAddr, now: Time) -> Result<Lease, NoLease> {
         let block = Block::of(address);
         let mut table = self.table();
         if let Some(number) = self.cost(&table, block, now)?
@@ -148,33 +148,33 @@ impl Places {
         let tenant = Arc::new(Tenant { asked_ns: AtomicU64::new(now.as_ns()), notice: Notify::new() });
         table.taken.insert(number, (block, Arc::clone(&tenant)));
         *table.by_block.entry(block).or_insert(0) += 1;
-        Ok(Place { places: Arc::clone(self), number, tenant })
+        Ok(Lease { leases: Arc::clone(self), number, tenant })
     }
 }
 
-/// A session's place; given back when dropped.
+/// A session's lease; given back when dropped.
 #[derive(Debug)]
-pub(super) struct Place {
-    places: Arc<Places>,
+pub(super) struct Lease {
+    leases: Arc<Leases>,
     number: u64,
     tenant: Arc<Tenant>,
 }
 
-impl Place {
+impl Lease {
     /// The client has asked for something: the session is of use.
     pub(super) fn asked(&self, now: Time) {
         self.tenant.asked_ns.store(now.as_ns(), Ordering::Relaxed);
     }
 
-    /// Resolves, once, when another has the place.
+    /// Resolves, once, when another has the lease.
     pub(super) async fn lost(&self) {
         self.tenant.notice.notified().await;
     }
 }
 
-impl Drop for Place {
+impl Drop for Lease {
     fn drop(&mut self) {
-        let mut table = self.places.table();
+        let mut table = self.leases.table();
         if table.remove(self.number).is_none() {
             table.leaving.remove(&self.number);
         }
@@ -193,63 +193,63 @@ mod tests {
         Ipv4Addr::from_bits(0x0a00_0000 + n).into()
     }
 
-    fn lost(place: &Place) -> bool {
-        place.lost().now_or_never().is_some()
+    fn lost(lease: &Lease) -> bool {
+        lease.lost().now_or_never().is_some()
     }
 
     #[test]
     fn one_address_took_every_place() {
-        let places = Places::new(1000, default_of_address(1000));
-        let of_one: Vec<_> = (0..1000).map(|_| places.take(ip(1), Time::ZERO)).collect();
-        let taken = of_one.iter().filter(|place| place.is_ok()).count();
+        let leases = Leases::new(1000, default_of_address(1000));
+        let of_one: Vec<_> = (0..1000).map(|_| leases.take(ip(1), Time::ZERO)).collect();
+        let taken = of_one.iter().filter(|lease| lease.is_ok()).count();
         assert_eq!(taken, 125);
-        assert_eq!(of_one[125].as_ref().unwrap_err(), &NoPlace::OfAddress);
-        let others: Vec<_> = (2..=876).map(|n| places.take(ip(n), Time::ZERO).unwrap()).collect();
+        assert_eq!(of_one[125].as_ref().unwrap_err(), &NoLease::OfAddress);
+        let others: Vec<_> = (2..=876).map(|n| leases.take(ip(n), Time::ZERO).unwrap()).collect();
         assert_eq!(others.len() + taken, 1000);
         assert!(!others.iter().any(lost));
     }
 
     #[test]
     fn addresses_with_a_session_took_the_places_of_those_without() {
-        let places = Places::new(80, 100);
+        let leases = Leases::new(80, 100);
         let mut of_two = Vec::new();
         for n in 0..100 {
-            of_two.extend(places.take(ip(n % 2), Time::ZERO));
+            of_two.extend(leases.take(ip(n % 2), Time::ZERO));
         }
         assert_eq!(of_two.len(), 70, "the last eighth is kept");
-        let strangers: Vec<_> = (2..12).map(|n| places.take(ip(n), Time::ZERO).unwrap()).collect();
+        let strangers: Vec<_> = (2..12).map(|n| leases.take(ip(n), Time::ZERO).unwrap()).collect();
         assert!(!of_two.iter().any(lost));
-        // Full: places pass from who has many to who has none, and never back.
-        let more: Vec<_> = (12..40).map(|n| places.take(ip(n), Time::ZERO).unwrap()).collect();
-        assert_eq!(of_two.iter().filter(|place| lost(place)).count(), more.len());
+        // Full: leases pass from who has many to who has none, and never back.
+        let more: Vec<_> = (12..40).map(|n| leases.take(ip(n), Time::ZERO).unwrap()).collect();
+        assert_eq!(of_two.iter().filter(|lease| lost(lease)).count(), more.len());
         assert!(!strangers.iter().any(lost));
-        assert_eq!(places.take(ip(0), Time::ZERO).unwrap_err(), NoPlace::Full);
+        assert_eq!(leases.take(ip(0), Time::ZERO).unwrap_err(), NoLease::Full);
     }
 
     #[test]
     fn sessions_that_only_ping_kept_those_out_that_would_stream() {
-        let places = Places::new(3, 3);
-        let held: Vec<_> = (0..3).map(|n| places.take(ip(n), Time::ZERO).unwrap()).collect();
+        let leases = Leases::new(3, 3);
+        let held: Vec<_> = (0..3).map(|n| leases.take(ip(n), Time::ZERO).unwrap()).collect();
         let later = Time::from_ms(31_000);
         held[0].asked(later);
         held[2].asked(Time::from_ms(500));
-        assert_eq!(places.take(ip(9), Time::from_ms(29_000)).unwrap_err(), NoPlace::Full);
-        assert!(places.check(ip(9), later).is_ok() && !held.iter().any(lost), "looking costs nobody a place");
-        let newcomer = places.take(ip(9), later).unwrap();
+        assert_eq!(leases.take(ip(9), Time::from_ms(29_000)).unwrap_err(), NoLease::Full);
+        assert!(leases.check(ip(9), later).is_ok() && !held.iter().any(lost), "looking costs nobody a lease");
+        let newcomer = leases.take(ip(9), later).unwrap();
         assert_eq!(held.iter().map(lost).collect::<Vec<_>>(), [false, true, false], "the longest idle");
         drop((held, newcomer));
-        assert!(places.table().taken.is_empty() && places.table().leaving.is_empty());
-        assert!(places.table().by_block.is_empty());
+        assert!(leases.table().taken.is_empty() && leases.table().leaving.is_empty());
+        assert!(leases.table().by_block.is_empty());
     }
 
     #[test]
     fn those_who_were_told_to_leave_are_few_at_a_time() {
-        let places = Places::new(1000, 1000);
-        let held: Vec<_> = (0..1000).filter_map(|_| places.take(ip(1), Time::ZERO).ok()).collect();
-        let strangers: Vec<_> = (2..1000).map_while(|n| places.take(ip(n), Time::ZERO).ok()).collect();
+        let leases = Leases::new(1000, 1000);
+        let held: Vec<_> = (0..1000).filter_map(|_| leases.take(ip(1), Time::ZERO).ok()).collect();
+        let strangers: Vec<_> = (2..1000).map_while(|n| leases.take(ip(n), Time::ZERO).ok()).collect();
         // The eighth that is kept, and then one for each that leaves.
         assert_eq!(strangers.len(), 125 + MAX_LEAVING);
         drop(held);
-        assert!(places.take(ip(5000), Time::ZERO).is_ok());
+        assert!(leases.take(ip(5000), Time::ZERO).is_ok());
     }
 }

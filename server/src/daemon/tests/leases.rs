@@ -66,7 +66,7 @@ async fn clients_of_one_address_that_only_ping_held_every_place() {
         other.greet().await.unwrap();
         hoard.push(other);
     }
-    // Full. Whoever is new gets the place of one of the many.
+    // Full. Whoever is new gets the lease of one of the many.
     let mut newcomer = Client::from(from(100), &state).await.unwrap();
     newcomer.greet().await.unwrap();
     let closed = hoard[7].answered().await.err().or(hoard[0].answered().await.err()).unwrap();
@@ -101,7 +101,7 @@ async fn a_flood_of_silent_connections_turned_out_who_was_about_to_speak() {
     assert_eq!(close.code, CloseCode::Busy, "{close}");
 }
 
-/// An Initial is answered before its address is proved; that must cost nobody a place.
+/// An Initial is answered before its address is proved; that must cost nobody a lease.
 #[tokio::test]
 async fn unanswered_quic_initials_took_every_place() {
     let settings =

@@ -1,4 +1,4 @@
-//! What a session waits for where the daemon asks for tokens: nothing is planned, sent or given a place before.
+//! What a session waits for where the daemon asks for tokens: nothing is planned, sent or given a lease before.
 
 use std::future::Future;
 use std::pin::Pin;
