@@ -122,6 +122,7 @@ pub(super) fn of_pictures(results: &[RunResult]) -> String {
             line.add("at_ms", picture.at_ms);
             line.add("bytes", picture.bytes);
             line.add_some("error_px", picture.error_px);
+            line.add_some("seen_error_px", picture.seen_error_px);
             // Empty for equal pictures, whose PSNR is infinite.
             line.add_some("psnr_db", picture.error.and_then(|error| error.psnr_db));
             line.add_some("ssim", picture.error.map(|error| error.ssim));
