@@ -80,7 +80,7 @@ mod tests {
             ..Stats::default()
         };
         let mut shown = Shown::default();
-        shown.note(Duration::from_millis(1570), true, &Default::default());
+        shown.note(Duration::from_millis(1570), true, &Default::default(), Default::default());
         let report = Report::new(&stats, "quic", &shown);
         let expected = "\
 over quic, limited to 2 Mbit/s                                 time        bytes

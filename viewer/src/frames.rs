@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use lodestream_client::core::Stats;
 use lodestream_render::{Counters, Timings};
 use serde::Serialize;
 
@@ -10,6 +11,31 @@ const HOLD_BACK: Duration = Duration::from_secs(2);
 /// Frames are kept for so long after the connect call, and so many.
 const KEPT_FOR: Duration = Duration::from_secs(10);
 const MAX_KEPT: usize = 1000;
+
+/// What had come when a frame was drawn, under the simulator's names.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub(crate) struct Received {
+    /// Transport payload, handshakes included.
+    pub(crate) bytes: u64,
+    /// Bound on the screen error over all visible parts, in pixels; `None` while one of them cannot be drawn.
+    pub(crate) error_px: Option<f64>,
+    /// The same over what is seen, without what the scene's own surfaces hide.
+    pub(crate) seen_error_px: Option<f64>,
+}
+
+impl From<&Stats> for Received {
+    fn from(stats: &Stats) -> Self {
+        let counters = &stats.counters;
+        let complete = stats.milestones.first_frame.is_some()
+            && counters.drawable_instances >= counters.visible_instances;
+        let of = |px: f64| Some(px).filter(|px| complete && px.is_finite());
+        Self {
+            bytes: stats.transport_bytes,
+            error_px: of(counters.max_screen_error_px),
+            seen_error_px: of(counters.seen_screen_error_px),
+        }
+    }
+}
 
 /// A frame that was shown.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -22,6 +48,9 @@ pub(crate) struct ShownFrame {
     pub(crate) instances: u32,
     /// Triangles drawn.
     pub(crate) triangles: u64,
+    /// What had come by then.
+    #[serde(flatten)]
+    pub(crate) received: Received,
 }
 
 /// What was shown when.
@@ -42,13 +71,14 @@ impl Shown {
     }
 
     /// Notes a frame with the scene in it.
-    pub(crate) fn note(&mut self, now: Duration, whole: bool, drawn: &Counters) {
+    pub(crate) fn note(&mut self, now: Duration, whole: bool, drawn: &Counters, received: Received) {
         if whole {
             self.presented.get_or_insert(now);
         }
         if now <= KEPT_FOR && self.frames.len() < MAX_KEPT {
             let &Counters { instances, triangles, .. } = drawn;
-            self.frames.push(ShownFrame { at_ms: now.as_secs_f64() * 1e3, whole, instances, triangles });
+            let at_ms = now.as_secs_f64() * 1e3;
+            self.frames.push(ShownFrame { at_ms, whole, instances, triangles, received });
         }
     }
 
@@ -86,6 +116,7 @@ impl Shown {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use lodestream_client::core::Milestone;
 
     #[test]
     fn nothing_is_shown_before_all_of_the_first_frame_is_there() {
@@ -94,8 +125,8 @@ mod tests {
         assert!(!shown.may_show(false, ms(100)) && !shown.may_show(false, ms(1999)));
         assert!(shown.may_show(true, ms(300)));
         assert!(shown.may_show(false, ms(400)), "a scene that begins anew is shown as it comes");
-        shown.note(ms(450), true, &Counters::default());
-        shown.note(ms(500), true, &Counters::default());
+        shown.note(ms(450), true, &Counters::default(), Received::default());
+        shown.note(ms(500), true, &Counters::default(), Received::default());
         assert_eq!((shown.presented(), shown.frames().len()), (Some(ms(450)), 2));
     }
 
@@ -103,9 +134,26 @@ mod tests {
     fn on_a_slow_link_what_is_there_is_shown_and_not_called_presented() {
         let mut shown = Shown::default();
         assert!(shown.may_show(false, HOLD_BACK));
-        shown.note(HOLD_BACK, false, &Counters::default());
+        shown.note(HOLD_BACK, false, &Counters::default(), Received::default());
         assert_eq!(shown.presented(), None);
-        shown.note(2 * HOLD_BACK, true, &Counters::default());
+        shown.note(2 * HOLD_BACK, true, &Counters::default(), Received::default());
         assert_eq!(shown.presented(), Some(2 * HOLD_BACK));
+    }
+
+    #[test]
+    fn errors_are_told_once_all_in_view_can_be_drawn() {
+        let mut stats = Stats { transport_bytes: 700, ..Stats::default() };
+        let counters = &mut stats.counters;
+        (counters.visible_instances, counters.drawable_instances) = (2, 1);
+        (counters.max_screen_error_px, counters.seen_screen_error_px) = (f64::INFINITY, f64::INFINITY);
+        assert_eq!(Received::from(&stats), Received { bytes: 700, ..Received::default() });
+        let counters = &mut stats.counters;
+        counters.drawable_instances = 2;
+        (counters.max_screen_error_px, counters.seen_screen_error_px) = (9.0, 3.0);
+        // Not yet: others may be in view of which nothing is known.
+        assert_eq!(Received::from(&stats).error_px, None);
+        stats.milestones.first_frame = Some(Milestone { after: HOLD_BACK, bytes: 600 });
+        let all = Received { bytes: 700, error_px: Some(9.0), seen_error_px: Some(3.0) };
+        assert_eq!(Received::from(&stats), all);
     }
 }

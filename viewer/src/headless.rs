@@ -74,7 +74,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         }
         if shown.presented().is_none() && scene.is_whole() {
             let counters = draw(&mut headless, &mut scene, args, seconds(clock.now().into()))?;
-            shown.note(clock.now().into(), true, &counters);
+            shown.note(clock.now().into(), true, &counters, (&status.stats).into());
         }
         if let Some(end) = &status.end {
             bail!("{end}");

@@ -150,6 +150,7 @@ impl Report {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::frames::Received;
     use lodestream_client::core::Milestones;
     use lodestream_render::PassId;
     use std::time::Duration;
@@ -168,7 +169,8 @@ mod tests {
             ..Stats::default()
         };
         let mut shown = Shown::default();
-        shown.note(Duration::from_millis(250), true, &Default::default());
+        let received = Received { bytes: 1200, error_px: Some(20.0), seen_error_px: Some(15.0) };
+        shown.note(Duration::from_millis(250), true, &Default::default(), received);
         let pass = |pass, gpu| PassTime { pass, cpu: Duration::from_micros(250), gpu };
         let passes = vec![pass(PassId::GBuffer, Some(Duration::from_millis(3))), pass(PassId::ToneMap, None)];
         shown.note_times(Timings { frames: 2, plan: Duration::from_millis(1), passes });
@@ -183,7 +185,9 @@ mod tests {
         assert!(json["ttq_ms"]["1"].is_null() && json["seed"].is_null() && json["rate_bits_per_s"].is_null());
         assert_eq!(json["total_bytes"], 9000);
         assert_eq!(json["ttff_presented_ms"], 250.0);
-        assert_eq!(json["frames"][0]["at_ms"], 250.0);
+        let frame = &json["frames"][0];
+        assert_eq!((&frame["at_ms"], &frame["bytes"]), (&250.0.into(), &1200.into()));
+        assert_eq!((&frame["error_px"], &frame["seen_error_px"]), (&20.0.into(), &15.0.into()));
         let drawing = serde_json::json!({
             "frames": 2,
             "plan_cpu_ms": 1.0,

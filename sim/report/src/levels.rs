@@ -87,7 +87,12 @@ mod tests {
 
     /// Runs of a plan with a series each, of (ms, bytes, px).
     fn results(plan: &Plan, series: &[&[(u64, u64, Option<f64>)]]) -> Vec<RunResult> {
-        let sample = |&(ms, bytes, error_px): &_| Sample { at_ns: ms * 1_000_000, bytes, error_px };
+        let sample = |&(ms, bytes, error_px): &_| Sample {
+            at_ns: ms * 1_000_000,
+            bytes,
+            error_px,
+            seen_error_px: None,
+        };
         let cases = plan.cases.iter().zip(series);
         cases
             .map(|(case, series)| RunResult {

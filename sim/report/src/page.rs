@@ -1,5 +1,6 @@
 //! The report as one page of HTML that needs nothing beside itself: no script, no file, no network.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use data_encoding::BASE64;
@@ -23,6 +24,9 @@ const MAX_PICTURE_BYTES: usize = 3 << 20;
 /// Widest picture in a page.
 const PICTURE_PX: u32 = 480;
 const JPEG_QUALITY: u8 = 85;
+
+/// Where there is no figure.
+const DASH: &str = "–";
 
 /// Columns of the results that hold words.
 const TEXT_COLUMNS: usize = 7;
@@ -80,12 +84,16 @@ pub(super) fn page(
 }
 
 /// Words that the page uses, and what they mean.
-const WORDS: [(&str, &str); 8] = [
+const WORDS: [(&str, &str); 9] = [
     (
         "TTFF",
         "Time from the client's connect call until it can draw every visible instance, at least as its base mesh.",
     ),
     ("TTQ(e)", "Time until no visible part has a screen error above e pixels."),
+    (
+        "Where seen",
+        "The same without what the scene's own surfaces hide, as the client knows it; baselines do not know.",
+    ),
     ("At rest", "TTQ counted from when a camera that moved came to rest."),
     ("Bytes", "Transport payload that the client received, handshake included; a kB is 1,000 bytes."),
     (
@@ -184,12 +192,24 @@ fn time(ms: Option<f64>) -> String {
 }
 
 fn some_bytes(bytes: Option<f64>) -> String {
-    bytes.map_or("–".to_owned(), units::bytes)
+    bytes.map_or(DASH.to_owned(), units::bytes)
 }
 
 /// The middle one of a figure of all seeds (nearest rank).
 fn median(shown: &Shown<'_>, figure: impl Fn(&RunResult) -> Option<f64>) -> Option<f64> {
     Spread::of(shown.runs.iter().map(figure)).and_then(|spread| spread.p50)
+}
+
+/// The middle times until each of a plan's errors; dashes where a case has none to tell.
+fn times(
+    plan: &Plan,
+    shown: &Shown<'_>,
+    tells: bool,
+    of: impl Fn(&RunResult) -> &BTreeMap<String, Option<f64>>,
+) -> Vec<String> {
+    let reached = |px: &String| time(median(shown, |run| of(run).get(px).copied().flatten()));
+    let cell = |px: f64| if tells { reached(&error_name(px)) } else { DASH.to_owned() };
+    qualities(plan).into_iter().map(cell).collect()
 }
 
 fn results_table(plan: &Plan, cases: &[Shown<'_>]) -> Markup {
@@ -206,10 +226,16 @@ fn results_table(plan: &Plan, cases: &[Shown<'_>]) -> Markup {
         "TTFF",
         "Bytes until then",
     ]);
-    names.extend(qualities(plan).iter().map(|px| format!("TTQ({px}\u{a0}px)")));
+    let quality_names = |what: &str| {
+        let name = |px: &f64| format!("{what}TTQ({px}\u{a0}px)");
+        qualities(plan).iter().map(name).collect::<Vec<_>>()
+    };
+    names.extend(quality_names(""));
+    names.extend(quality_names("Where seen, "));
     let moved = cases.iter().flat_map(|shown| shown.runs).any(|run| run.rest_ms.is_some());
     if moved {
-        names.extend(qualities(plan).iter().map(|px| format!("At rest, TTQ({px}\u{a0}px)")));
+        names.extend(quality_names("At rest, "));
+        names.extend(quality_names("At rest, where seen, "));
     }
     names.extend(strings(["Settled", "Bytes in all", "Stalls", "Stalled", "Wasted", "Never drawn"]));
     let line = |shown: &Shown<'_>| {
@@ -221,7 +247,7 @@ fn results_table(plan: &Plan, cases: &[Shown<'_>]) -> Markup {
                 0 => (shown.case.technique == Technique::Lodestream).then_some(0.0),
                 chunks => Some(100.0 * part(run) as f64 / chunks as f64),
             };
-            median(shown, share).map_or("–".to_owned(), |percent| format!("{percent:.1} %"))
+            median(shown, share).map_or(DASH.to_owned(), |percent| format!("{percent:.1} %"))
         };
         let mut line = vec![
             shown.number.to_string(),
@@ -235,18 +261,14 @@ fn results_table(plan: &Plan, cases: &[Shown<'_>]) -> Markup {
             time(median(shown, |run| run.ttff_ms)),
             some_bytes(median(shown, |run| run.first_frame_bytes.map(|bytes| bytes as f64))),
         ];
-        line.extend(
-            qualities(plan)
-                .into_iter()
-                .map(error_name)
-                .map(|px| time(median(shown, |run| run.ttq_ms.get(&px).copied().flatten()))),
-        );
+        let ours = shown.case.technique == Technique::Lodestream;
+        // Where the camera stands still from the start, nothing is counted from its rest.
+        let moves = shown.case.path.moves();
+        line.extend(times(plan, shown, true, |run| &run.ttq_ms));
+        line.extend(times(plan, shown, ours, |run| &run.seen_ttq_ms));
         if moved {
-            line.extend(qualities(plan).into_iter().map(error_name).map(|px| {
-                let at_rest = median(shown, |run| run.rest_ttq_ms.get(&px).copied().flatten());
-                // Where the camera stands still from the start, nothing is counted from its rest.
-                if shown.case.path.moves() { time(at_rest) } else { "–".to_owned() }
-            }));
+            line.extend(times(plan, shown, moves, |run| &run.rest_ttq_ms));
+            line.extend(times(plan, shown, moves && ours, |run| &run.rest_seen_ttq_ms));
         }
         line.extend([
             time(median(shown, |run| run.settled_ms)),
@@ -315,7 +337,16 @@ fn percentile_table(cases: &[Percentiles]) -> Markup {
     if cases.is_empty() {
         return Markup::default();
     }
-    let figures = ["ttff_ms", "ttq_16_ms", "ttq_4_ms", "ttq_1_ms", "settled_ms"];
+    let figures = [
+        "ttff_ms",
+        "ttq_16_ms",
+        "ttq_4_ms",
+        "ttq_1_ms",
+        "seen_ttq_16_ms",
+        "seen_ttq_4_ms",
+        "seen_ttq_1_ms",
+        "settled_ms",
+    ];
     let known: Vec<&str> = figures
         .into_iter()
         .filter(|name| cases.iter().any(|case| case.figures.contains_key(*name)))
@@ -324,7 +355,10 @@ fn percentile_table(cases: &[Percentiles]) -> Markup {
     let words = |name: &str| match name.strip_suffix("_ms").unwrap_or(name) {
         "ttff" => "TTFF".to_owned(),
         "settled" => "settled".to_owned(),
-        quality => format!("TTQ({} px)", quality.trim_start_matches("ttq_")),
+        quality => match quality.strip_prefix("seen_ttq_") {
+            Some(px) => format!("where seen, TTQ({px} px)"),
+            None => format!("TTQ({} px)", quality.trim_start_matches("ttq_")),
+        },
     };
     names.extend(known.iter().map(|name| format!("{} p50 / p90 / p99", words(name))));
     let line = |case: &Percentiles| {
@@ -336,6 +370,9 @@ fn percentile_table(cases: &[Percentiles]) -> Markup {
             case.seeds.to_string(),
         ];
         line.extend(known.iter().map(|name| {
+            if name.starts_with("seen_") && case.technique != Technique::Lodestream.name() {
+                return DASH.to_owned();
+            }
             let spread = case.figures.get(*name);
             let place = |pick: fn(&Spread) -> Option<f64>| time(spread.and_then(pick));
             format!("{} / {} / {}", place(|s| s.p50), place(|s| s.p90), place(|s| s.p99))
@@ -409,10 +446,8 @@ fn pictures(folder: &Path, cases: &[Shown<'_>]) -> std::io::Result<Markup> {
 
 fn caption(picture: &Picture) -> Markup {
     let at = units::milliseconds(picture.at_ms);
-    let error_px = picture.error_px.map(|px| match px > MAX_ERROR_PX {
-        true => "> 10,000".to_owned(),
-        false => units::plain(px),
-    });
+    let pixels = |px: f64| if px > MAX_ERROR_PX { "> 10,000".to_owned() } else { units::plain(px) };
+    let [error_px, seen_px] = [picture.error_px, picture.seen_error_px].map(|px| px.map(pixels));
     let against = picture.error.map_or("no settled picture to compare with".to_owned(), |error| {
         let psnr = error.psnr_db.map_or("∞".to_owned(), |db| format!("{db:.1}"));
         format!("PSNR {psnr} dB, SSIM {:.4}, FLIP {:.4}", error.ssim, error.flip)
@@ -422,6 +457,7 @@ fn caption(picture: &Picture) -> Markup {
         @if at != picture.instant { " at " (at) }
         ", " (units::bytes(picture.bytes as f64))
         @if let Some(px) = error_px { ", screen error " (px) " px" }
+        @if let Some(px) = seen_px { " (where seen " (px) ")" }
         br;
         (against)
     }

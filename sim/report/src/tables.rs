@@ -122,6 +122,7 @@ pub(super) fn of_pictures(results: &[RunResult]) -> String {
             line.add("at_ms", picture.at_ms);
             line.add("bytes", picture.bytes);
             line.add_some("error_px", picture.error_px);
+            line.add_some("seen_error_px", picture.seen_error_px);
             // Empty for equal pictures, whose PSNR is infinite.
             line.add_some("psnr_db", picture.error.and_then(|error| error.psnr_db));
             line.add_some("ssim", picture.error.map(|error| error.ssim));
@@ -136,12 +137,13 @@ pub(super) fn of_pictures(results: &[RunResult]) -> String {
 /// Instants whose error stands beside the integral, in seconds.
 const FIRST_INSTANTS_S: [f64; 3] = [0.5, 1.0, 2.0];
 
-/// Error from which on a picture is hardly told from the settled one.
-const CLOSE_FLIP: f64 = 0.005;
+/// Errors of which it is said from when on no picture has a larger one: a curve from the first frame down. At 0.005 a
+/// picture is hardly told from the settled one.
+const FLIP_STEPS: [f64; 6] = [0.1, 0.05, 0.02, 0.01, 0.005, 0.002];
 
-/// The first picture from which on none is farther off than [`CLOSE_FLIP`].
-fn close_for_good(pictures: &[Picture]) -> Option<&Picture> {
-    let is_close = |picture: &&Picture| picture.error.is_some_and(|error| error.flip <= CLOSE_FLIP);
+/// The first picture from which on none has a larger FLIP.
+fn close_for_good(pictures: &[Picture], flip: f64) -> Option<&Picture> {
+    let is_close = |picture: &&Picture| picture.error.is_some_and(|error| error.flip <= flip);
     pictures.iter().rev().take_while(is_close).last()
 }
 
@@ -163,9 +165,11 @@ pub(super) fn of_first_seconds(results: &[RunResult]) -> String {
         for at_s in FIRST_INSTANTS_S {
             line.add_some(format!("flip_at_{}_ms", at_s * 1e3), flip(&format!("{at_s} s")));
         }
-        let near = close_for_good(&run.pictures);
-        line.add_some("flip_0.005_ms", near.map(|picture| picture.at_ms));
-        line.add_some("flip_0.005_bytes", near.map(|picture| picture.bytes));
+        for step in FLIP_STEPS {
+            let near = close_for_good(&run.pictures, step);
+            line.add_some(format!("flip_{step}_ms"), near.map(|picture| picture.at_ms));
+            line.add_some(format!("flip_{step}_bytes"), near.map(|picture| picture.bytes));
+        }
         line.add("until_s", seconds.until_s);
         line.add("flip_s", seconds.flip_s);
         line.add("dissimilarity_s", seconds.dissimilarity_s);
@@ -216,4 +220,28 @@ pub(super) fn of_levels(levels: &[Level]) -> String {
         line.add_some("ms", level.ms);
         line
     }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lodestream_scenario::picture::ImageError;
+
+    /// A camera that moves makes pictures worse again; only from where they stay good do they count.
+    #[test]
+    fn a_picture_is_close_for_good_from_where_none_is_worse() {
+        let picture = |at_ms, flip| Picture {
+            instant: String::new(),
+            at_ms,
+            bytes: at_ms as u64,
+            error_px: None,
+            seen_error_px: None,
+            error: Some(ImageError { psnr_db: None, ssim: 1.0, flip }),
+            file: String::new(),
+        };
+        let pictures = [(1.0, 0.08), (2.0, 0.004), (3.0, 0.03), (4.0, 0.004), (5.0, 0.003)];
+        let pictures = pictures.map(|(at_ms, flip)| picture(at_ms, flip));
+        let from = |flip| close_for_good(&pictures, flip).map(|picture| picture.bytes);
+        assert_eq!(FLIP_STEPS.map(from), [Some(1), Some(2), Some(4), Some(4), Some(4), None]);
+    }
 }

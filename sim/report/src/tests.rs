@@ -101,6 +101,8 @@ fn percentiles_are_given_for_thirty_seeds_and_not_for_fewer() {
         assert_eq!(json[0]["figures"]["ttff_ms"][name].as_f64(), Some(times[rank - 1]), "{name}");
     }
     assert_eq!(text("percentiles.csv").lines().count(), 2);
+    assert!(text("report.html").contains("where seen, TTQ(16 px) p50 / p90 / p99"));
+    assert!(text("percentiles.svg").contains(">\nTTQ(16 px), where seen\n<"));
     // As many lines of runs as runs, and fields as names.
     let csv = text("results.csv");
     let fields = |line: &str| line.replace("\"16 Mbit/s, RTT 20 ms, loss 5 %\"", "link").matches(',').count();
@@ -160,6 +162,9 @@ fn reports_do_not_depend_on_threads_and_levels_end_where_the_view_is_sharp() {
     assert_eq!((last.ms, last.bytes), (chain.ttq_ms["1"], chain.ttq_bytes["1"]));
     assert!(levels.len() > 2 * 7 && levels.len().is_multiple_of(7), "{}", levels.len());
     write(folder.path(), &plan, &results).unwrap();
+    // Baselines do not know what is seen, and nothing is said of it.
+    assert!(!chain.to_string().contains("where seen"), "{chain}");
+    assert!(chain.series.iter().all(|sample| sample.seen_error_px.is_none()), "{chain:?}");
     let csv = std::fs::read_to_string(folder.path().join("levels.csv")).unwrap();
     assert_eq!(csv.lines().count(), 1 + levels.len());
     // A lap sees more, comes to rest, and is sharp there.

@@ -14,6 +14,8 @@ pub struct Picture {
     /// Upper bound on the screen error then, in pixels of the plan's viewport; `None` while something visible could
     /// not be drawn.
     pub error_px: Option<f64>,
+    /// The same over what is seen, without what the scene's own surfaces hide.
+    pub seen_error_px: Option<f64>,
     /// How far the picture is from its reference; `None` where there is none to be had.
     pub error: Option<ImageError>,
     /// The file, relative to the report's folder; instants after a run has settled share that picture's.

@@ -90,7 +90,7 @@ pub struct RunResult {
     pub packets_dropped_up: u64,
     /// Fingerprint of times and sizes of everything sent, in hexadecimal: equal for equal runs.
     pub trace: String,
-    /// Bytes and screen error over time.
+    /// Bytes and screen errors over time.
     pub series: Vec<Sample>,
     /// Pictures, and how far each is from the settled one: the first frame, instants of the plan, the last one.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -132,11 +132,17 @@ impl std::fmt::Display for RunResult {
         if let Some(bytes) = self.first_frame_bytes {
             write!(f, " ({bytes} bytes)")?;
         }
+        // Baselines do not know what is seen.
+        let knows = self.technique == Technique::Lodestream.name();
+        let with_seen = |ms, seen: Option<&Option<f64>>| match seen {
+            Some(seen) if knows => format!("{} (where seen {})", or_never(ms), or_never(*seen)),
+            _ => or_never(ms),
+        };
         for (px, ms) in coarse_first(&self.ttq_ms) {
-            write!(f, ", {px} px {}", or_never(ms))?;
+            write!(f, ", {px} px {}", with_seen(ms, self.seen_ttq_ms.get(px)))?;
         }
         for (px, ms) in coarse_first(&self.rest_ttq_ms) {
-            write!(f, ", at rest {px} px {}", or_never(ms))?;
+            write!(f, ", at rest {px} px {}", with_seen(ms, self.rest_seen_ttq_ms.get(px)))?;
         }
         write!(f, ", {} bytes in all, {}", self.total_bytes, self.ended)
     }

@@ -13,7 +13,7 @@ const FIRST_INTERVAL_NS: u64 = 1_000_000;
 /// A pause is a stall from here on.
 pub const STALL_NS: u64 = 500_000_000;
 
-/// One moment of a series; in JSON `[ms, bytes, px]`.
+/// One moment of a series; in JSON `[ms, bytes, px, px where seen]`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
     /// Time since the connect call.
@@ -23,14 +23,26 @@ pub struct Sample {
     /// Upper bound on the screen error over all visible parts, as the last selection found it; `None`
     /// while something visible cannot be drawn.
     pub error_px: Option<f64>,
+    /// The same over what is seen, without what the scene's own surfaces hide; `None` for baselines too, which do not
+    /// know.
+    pub seen_error_px: Option<f64>,
+}
+
+impl Sample {
+    /// What it says, but for when.
+    fn news(&self) -> (u64, Option<f64>, Option<f64>) {
+        (self.bytes, self.error_px, self.seen_error_px)
+    }
 }
 
 impl Serialize for Sample {
     fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let mut tuple = serializer.serialize_tuple(3)?;
+        let mut tuple = serializer.serialize_tuple(4)?;
         tuple.serialize_element(&milliseconds(self.at_ns))?;
         tuple.serialize_element(&self.bytes)?;
-        tuple.serialize_element(&self.error_px.map(|px| (px * 1e4).round() / 1e4))?;
+        for px in [self.error_px, self.seen_error_px] {
+            tuple.serialize_element(&px.map(|px| (px * 1e4).round() / 1e4))?;
+        }
         tuple.end()
     }
 }
@@ -53,7 +65,7 @@ impl Series {
     /// Adds what is seen now, if it is news.
     pub(crate) fn push(&mut self, sample: Sample) {
         if let Some(last) = self.samples.last_mut() {
-            if (last.bytes, last.error_px) == (sample.bytes, sample.error_px) {
+            if last.news() == sample.news() {
                 return;
             }
             if last.at_ns / self.interval_ns == sample.at_ns / self.interval_ns {
@@ -123,7 +135,7 @@ mod tests {
     use super::*;
 
     fn sample(at_ns: u64, bytes: u64) -> Sample {
-        Sample { at_ns, bytes, error_px: None }
+        Sample { at_ns, bytes, error_px: None, seen_error_px: None }
     }
 
     #[test]
@@ -152,9 +164,21 @@ mod tests {
         }
         // The last two share a millisecond.
         assert_eq!(series.samples(), [sample(0, 1), sample(9_400_000, 3)]);
-        let json = serde_json::to_string(&Sample { at_ns: 1_500_000, bytes: 7, error_px: Some(1.234_567) });
-        assert_eq!(json.unwrap(), "[1.5,7,1.2346]");
-        assert_eq!(serde_json::to_string(&sample(0, 7)).unwrap(), "[0.0,7,null]");
+        let seen = Sample { error_px: Some(1.234_567), seen_error_px: Some(0.5), ..sample(1_500_000, 7) };
+        assert_eq!(serde_json::to_string(&seen).unwrap(), "[1.5,7,1.2346,0.5]");
+        assert_eq!(serde_json::to_string(&sample(0, 7)).unwrap(), "[0.0,7,null,null]");
+    }
+
+    /// What is hidden may come into view, or turn out to be hidden, without a byte.
+    #[test]
+    fn that_less_is_seen_is_news() {
+        let at =
+            |at_ns, seen_px| Sample { error_px: Some(9.0), seen_error_px: Some(seen_px), ..sample(at_ns, 1) };
+        let mut series = Series::default();
+        for (at_ns, seen_px) in [(0, 9.0), (5_000_000, 9.0), (8_000_000, 2.0)] {
+            series.push(at(at_ns, seen_px));
+        }
+        assert_eq!(series.samples(), [at(0, 9.0), at(8_000_000, 2.0)]);
     }
 
     #[test]

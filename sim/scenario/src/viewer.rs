@@ -98,7 +98,7 @@ impl<'a> Viewer<'a> {
             ledger: Ledger::default(),
             series: Series::default(),
             stalls: Stalls::default(),
-            seen: Sample { at_ns: 0, bytes: 0, error_px: None },
+            seen: Sample { at_ns: 0, bytes: 0, error_px: None, seen_error_px: None },
             observer,
         }
     }
@@ -184,7 +184,8 @@ impl<'a> Viewer<'a> {
         let drawn = self.core.milestones().first_frame.is_some();
         let complete = drawn && counters.drawable_instances >= counters.visible_instances;
         let error_px = Some(counters.max_screen_error_px).filter(|px| complete && px.is_finite());
-        self.seen = Sample { at_ns: now.as_ns(), bytes, error_px };
+        let seen_error_px = error_px.and(Some(counters.seen_screen_error_px));
+        self.seen = Sample { at_ns: now.as_ns(), bytes, error_px, seen_error_px };
         self.series.push(self.seen);
         if drawn {
             self.stalls.observe(now, bytes, !counters.settled);

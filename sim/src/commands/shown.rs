@@ -23,12 +23,7 @@ impl Shown {
             return Ok(());
         }
         for frame in &found.frames {
-            let psnr = frame.error.psnr_db.map_or("equal".into(), |db| format!("{db:.1} dB"));
-            let part = if frame.whole { "" } else { ", not all of the first frame" };
-            println!(
-                "{:6.0} ms: FLIP {:.3}, SSIM {:.3}, {psnr}{part}",
-                frame.at_ms, frame.error.flip, frame.error.ssim
-            );
+            println!("{frame}");
         }
         let first = found.first_seconds;
         println!(

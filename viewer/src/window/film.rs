@@ -8,6 +8,7 @@ use lodestream_render::{Gpu, TargetCopy};
 use serde::Serialize;
 
 use crate::files::{cannot_write, write_json, write_png};
+use crate::frames::Received;
 
 /// Frames are kept for so long after the connect call, at this distance at least: 3 s at 30 frames a second.
 const KEPT_FOR: Duration = Duration::from_secs(3);
@@ -20,6 +21,7 @@ const MAX_BYTES: u64 = 512 << 20;
 struct Kept {
     at: Duration,
     whole: bool,
+    received: Received,
     copy: TargetCopy,
 }
 
@@ -38,6 +40,8 @@ pub(super) struct Film {
 struct Entry {
     at_ms: f64,
     whole: bool,
+    #[serde(flatten)]
+    received: Received,
     file: String,
 }
 
@@ -54,8 +58,8 @@ struct Index {
 
 impl Film {
     /// Keeps a frame: one of the first seconds' for good, while there is room, another until the next is there.
-    pub(super) fn add(&mut self, at: Duration, whole: bool, copy: TargetCopy) {
-        if let Some(last) = self.last.replace(Kept { at, whole, copy })
+    pub(super) fn add(&mut self, at: Duration, whole: bool, received: Received, copy: TargetCopy) {
+        if let Some(last) = self.last.replace(Kept { at, whole, received, copy })
             && last.at <= KEPT_FOR
             && self.first.last().is_none_or(|before| last.at >= before.at + LEAST_DISTANCE)
             && self.bytes + last.copy.bytes() <= MAX_BYTES
@@ -69,10 +73,11 @@ impl Film {
     pub(super) fn write(self, gpu: &Gpu, folder: &Path, settled: bool) -> anyhow::Result<()> {
         std::fs::create_dir_all(folder).with_context(|| cannot_write(folder))?;
         let mut frames = Vec::new();
-        for (number, Kept { at, whole, copy }) in (1..).zip(self.first.into_iter().chain(self.last)) {
+        for (number, kept) in (1..).zip(self.first.into_iter().chain(self.last)) {
+            let Kept { at, whole, received, copy } = kept;
             let file = format!("frame-{number:04}.png");
             write_png(&folder.join(&file), &copy.picture(gpu)?)?;
-            frames.push(Entry { at_ms: at.as_secs_f64() * 1e3, whole, file });
+            frames.push(Entry { at_ms: at.as_secs_f64() * 1e3, whole, received, file });
         }
         let index = Index { until_ms: KEPT_FOR.as_secs_f64() * 1e3, settled, frames };
         write_json(&folder.join("frames.json"), &index)

@@ -23,7 +23,7 @@ use super::painter::{self, Painted, Painter};
 use super::quality::{self, Quality, Step};
 use super::steps::{self, Steps};
 use crate::args::Args;
-use crate::frames::Shown;
+use crate::frames::{Received, Shown};
 use crate::outcome::lacks;
 use crate::run::{core_config, server, settings};
 use crate::token;
@@ -229,9 +229,10 @@ impl Running {
             if whole && self.shown.presented().is_none() {
                 tracing::debug!(?now, frame_ms = self.frame_ms, "first frame presented");
             }
-            self.shown.note(now, whole, &counters);
+            let received = Received::from(&self.news.status().stats);
+            self.shown.note(now, whole, &counters, received);
             if let Some(copy) = painted.copy {
-                self.film.add(now, whole, copy);
+                self.film.add(now, whole, received, copy);
             }
             self.counters = counters;
             // What the screen is waited for is in it.

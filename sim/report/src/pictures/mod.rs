@@ -68,6 +68,7 @@ pub(super) struct Shot {
     pub(super) at_ns: u64,
     pub(super) bytes: u64,
     pub(super) error_px: Option<f64>,
+    pub(super) seen_error_px: Option<f64>,
     /// The camera.
     pub(super) view: View,
     /// Instants after the end share their picture with the last shot.
@@ -183,7 +184,7 @@ pub(super) fn judged(
         references.push((last.view, Some(Arc::clone(&last.picture))));
     }
     let mut pictures = Vec::with_capacity(shots.len());
-    for Shot { instant, at_ns, bytes, error_px, view, picture } in shots {
+    for Shot { instant, at_ns, bytes, error_px, seen_error_px, view, picture } in shots {
         let known = match references.iter().position(|(pose, _)| *pose == view) {
             Some(known) => known,
             None => {
@@ -197,12 +198,18 @@ pub(super) fn judged(
             instant: instant.to_string(),
             at_ms: milliseconds(at_ns),
             bytes,
-            error_px: error_px.map(|px| (px * 1e4).round() / 1e4),
+            error_px: error_px.map(rounded),
+            seen_error_px: seen_error_px.map(rounded),
             error: reference.map(|reference| image_error(&picture, reference)).transpose()?,
             file: gallery.keep(run, if of_the_end { last.instant } else { instant }, &picture)?,
         });
     }
     Ok(pictures)
+}
+
+/// An error to four decimals.
+fn rounded(px: f64) -> f64 {
+    (px * 1e4).round() / 1e4
 }
 
 /// What a window shows before there is a scene in it, in the size of a picture.

@@ -125,9 +125,10 @@ impl<'a> Painter<'a> {
             upload(&mut self.scene, core, gpu, &self.headless)?;
             draw(&mut self.headless, &mut self.scene, &view)
         });
-        let Sample { at_ns, bytes, error_px } = seen;
+        let Sample { at_ns, bytes, error_px, seen_error_px } = seen;
         if let Some(picture) = self.note(picture) {
-            self.shots.push(Shot { instant, at_ns, bytes, error_px, view, picture: picture.into() });
+            let picture = picture.into();
+            self.shots.push(Shot { instant, at_ns, bytes, error_px, seen_error_px, view, picture });
         }
     }
 }

@@ -25,7 +25,20 @@ struct Index {
 struct Entry {
     at_ms: f64,
     whole: bool,
+    #[serde(flatten)]
+    received: Received,
     file: String,
+}
+
+/// What had come when a frame was drawn, as the viewer says.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
+pub struct Received {
+    /// Transport payload.
+    pub bytes: u64,
+    /// Upper bound on the screen error over all visible parts; `None` while one of them could not be drawn.
+    pub error_px: Option<f64>,
+    /// The same over what is seen, without what the scene's own surfaces hide.
+    pub seen_error_px: Option<f64>,
 }
 
 /// How far a frame is from the last one.
@@ -35,9 +48,28 @@ pub struct ShownFrame {
     pub at_ms: f64,
     /// Whether it held everything of the first frame.
     pub whole: bool,
+    /// What had come by then.
+    #[serde(flatten)]
+    pub received: Received,
     /// Its error.
     #[serde(flatten)]
     pub error: ImageError,
+}
+
+/// One line for people.
+impl std::fmt::Display for ShownFrame {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { at_ms, whole, received, error } = self;
+        let Received { bytes, error_px, seen_error_px } = *received;
+        let ImageError { psnr_db, ssim, flip } = error;
+        let psnr = psnr_db.map_or("equal".into(), |db| format!("{db:.1} dB"));
+        let kb = bytes as f64 / 1e3;
+        write!(f, "{at_ms:6.0} ms, {kb:7.1} kB: FLIP {flip:.3}, SSIM {ssim:.3}, {psnr}")?;
+        if let Some((all, seen)) = error_px.zip(seen_error_px) {
+            write!(f, ", screen error {all:.1} px, where seen {seen:.1} px")?;
+        }
+        if *whole { Ok(()) } else { write!(f, ", not all of the first frame") }
+    }
 }
 
 /// What a window showed.
@@ -80,7 +112,8 @@ pub fn judge(folder: &Path) -> anyhow::Result<ShownFrames> {
     for entry in earlier {
         let error = image_error(&picture(entry)?, &reference)
             .with_context(|| format!("{} and {} cannot be compared", entry.file, last.file))?;
-        shown.push(ShownFrame { at_ms: entry.at_ms, whole: entry.whole, error });
+        let &Entry { at_ms, whole, received, .. } = entry;
+        shown.push(ShownFrame { at_ms, whole, received, error });
     }
     let blank = image_error(&blank(&reference), &reference)?;
     let mut errors: Vec<_> = shown.iter().map(|frame| (frame.at_ms / 1e3, frame.error)).collect();
@@ -109,17 +142,29 @@ mod tests {
             judge(folder.path())
         };
         let found = index(
-            r#"{"at_ms": 500, "whole": false, "file": "a.png"}, {"at_ms": 1000, "whole": true, "file": "b.png"},
-               {"at_ms": 4000, "whole": true, "file": "b.png"}"#,
+            r#"{"at_ms": 500, "whole": false, "bytes": 9000, "error_px": null, "seen_error_px": null, "file": "a.png"},
+               {"at_ms": 1000, "whole": true, "bytes": 20000, "error_px": 8.5, "seen_error_px": 2, "file": "b.png"},
+               {"at_ms": 4000, "whole": true, "bytes": 30000, "error_px": 1, "seen_error_px": 1, "file": "b.png"}"#,
         )
         .unwrap();
         let FirstSecondsError { blank_flip, flip_s, .. } = found.first_seconds;
         let bright = found.frames[0].error.flip;
         assert!(bright > 0.01 && blank_flip > bright && found.frames[1].error.flip == 0.0, "{found:?}");
         assert!((flip_s - 0.5 * blank_flip - 0.5 * bright).abs() < 1e-5, "{found:?}");
+        let said = found.frames.iter().map(ToString::to_string).collect::<Vec<_>>();
+        assert!(
+            said[0].contains(" 9.0 kB: FLIP 0.") && said[0].ends_with(", not all of the first frame"),
+            "{said:?}"
+        );
+        assert!(said[1].contains("SSIM 1.000, equal, screen error 8.5 px, where seen 2.0 px"), "{said:?}");
         let none = index("").unwrap_err().to_string();
         assert!(none.contains("no frame was shown"), "{none}");
-        let lost = index(r#"{"at_ms": 1, "whole": true, "file": "../../c.png"}"#).unwrap_err().to_string();
+        let lost = index(
+            r#"{"at_ms": 1, "whole": true, "bytes": 1, "error_px": null, "seen_error_px": null,
+                "file": "../../c.png"}"#,
+        )
+        .unwrap_err()
+        .to_string();
         assert!(lost.contains("c.png: no picture"), "{lost}");
     }
 }

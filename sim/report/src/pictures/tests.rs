@@ -14,6 +14,7 @@ use lodestream_scenario::result::{RunResult, to_json};
 use lodestream_scenario::{Equipment, run_with};
 
 use super::*;
+use crate::reproduce::Rows;
 use crate::tests::{results_of, small_scene};
 use crate::{write, write_drawn};
 
@@ -115,8 +116,16 @@ fn pictures_approach_the_settled_one_and_change_nothing_in_the_run() {
             && !page.contains("@import")
     );
     assert_eq!(page.matches("<svg").count(), 3);
+    // What is seen stands beside what is in view: in the table, on the curve and below pictures.
+    assert!(page.contains("Where seen, TTQ(1\u{a0}px)") && page.contains(" (where seen "), "{page}");
+    let curve = std::fs::read_to_string(folder.path().join("screen-error-over-time.svg")).unwrap();
+    assert!(curve.contains(">\nall in view\n<") && curve.contains(">\nwhere seen\n<"), "{curve}");
     let csv = std::fs::read_to_string(folder.path().join("pictures.csv")).unwrap();
     assert_eq!(csv.lines().count(), 1 + 2 * 5);
+    let rows = Rows::from_csv(&csv).unwrap();
+    let [all, seen] = ["error_px", "seen_error_px"].map(|name| rows.column(name).unwrap());
+    let px = |figure: &String| figure.parse::<f64>().unwrap();
+    assert!(rows.rows.iter().all(|row| px(&row[seen]) <= px(&row[all])), "{csv}");
 
     // A plan without pictures takes them away again, but not what somebody else put there.
     std::fs::write(folder.path().join("pictures/run-away.png"), "mine").unwrap();

@@ -243,7 +243,7 @@ impl Chart {
 impl Panel {
     fn draw(&self, area: &Area<'_>, panels: usize) -> Result<(), Failed> {
         // As many numbers as fit side by side.
-        let x_ticks = (14 / panels).max(4);
+        let x_ticks = (14 / panels).max(4).min(16 / panels);
         let left_px = if self.y.format.is_some() { LEFT_PX } else { 30 };
         let mut chart = ChartBuilder::on(area)
             .margin_right(26)

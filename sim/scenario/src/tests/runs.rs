@@ -49,6 +49,9 @@ fn results_are_possible_and_in_order() {
             + result.first_frame_bytes.unwrap() as f64 * 8e3 / result.rate_bits_per_s as f64;
         assert!(result.ttff_ms.unwrap() <= soon_ms + 20.0, "{result:?}: {soon_ms}");
         assert_eq!(result.packets_lost > 0, result.loss > 0.0, "{result:?}");
+        let [all, seen] = [&result.ttq_ms, &result.seen_ttq_ms].map(|times| times["1"].unwrap());
+        let said = format!(", 1 px {all:.0} ms (where seen {seen:.0} ms), ");
+        assert!(seen <= all && result.to_string().contains(&said), "{result}");
     }
 }
 
@@ -128,13 +131,19 @@ fn a_series_tells_the_same_as_the_milestones() {
             result.series.iter().all(|sample| sample.error_px.is_some() == (ms(sample) >= first)),
             "{result:?}"
         );
-        for (px, at) in [(16.0, "16"), (4.0, "4"), (1.0, "1")] {
-            let reached =
-                result.series.iter().find(|sample| sample.error_px.is_some_and(|e| e <= px)).unwrap();
-            // A sample is the last of its interval, at most 16 ms for a run of less than two seconds.
-            let late = ms(reached) - result.ttq_ms[at].unwrap();
-            assert!((0.0..=16.0).contains(&late), "{px} px: {late} ms: {result:?}");
+        type Error = fn(&Sample) -> Option<f64>;
+        let errors: [(Error, _); 2] =
+            [(|s| s.error_px, &result.ttq_ms), (|s| s.seen_error_px, &result.seen_ttq_ms)];
+        for (error_px, times) in errors {
+            for (px, at) in [(16.0, "16"), (4.0, "4"), (1.0, "1")] {
+                let reached = result.series.iter().find(|s| error_px(s).is_some_and(|e| e <= px)).unwrap();
+                // A sample is the last of its interval, at most 16 ms for a run of less than two seconds.
+                let late = ms(reached) - times[at].unwrap();
+                assert!((0.0..=16.0).contains(&late), "{px} px: {late} ms: {result:?}");
+            }
         }
+        // What is seen is part of what is in view.
+        assert!(result.series.iter().all(|sample| sample.seen_error_px <= sample.error_px), "{result:?}");
     }
 }
 

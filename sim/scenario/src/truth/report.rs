@@ -10,7 +10,7 @@ use crate::result::RunResult;
 /// A figure in virtual and in real time, in milliseconds since the connect call.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Difference {
-    /// "ttff", "ttq 4 px" …
+    /// "ttff", "ttq 4 px", "seen ttq 4 px" …
     pub figure: String,
     /// In virtual time.
     pub virtual_ms: Option<f64>,
@@ -72,8 +72,11 @@ pub fn compare(simulated: &RunResult, real: &[RunResult]) -> Comparison {
     let mut qualities: Vec<&String> = simulated.ttq_ms.keys().collect();
     let size = |px: &str| px.parse().unwrap_or(0.0_f64);
     qualities.sort_by(|a, b| size(b).total_cmp(&size(a)));
-    for px in qualities {
-        differences.push(figure(format!("ttq {px} px"), &|r| r.ttq_ms.get(px).copied().flatten()));
+    for px in &qualities {
+        differences.push(figure(format!("ttq {px} px"), &|r| r.ttq_ms.get(*px).copied().flatten()));
+    }
+    for px in &qualities {
+        differences.push(figure(format!("seen ttq {px} px"), &|r| r.seen_ttq_ms.get(*px).copied().flatten()));
     }
     differences.push(figure("settled".to_owned(), &|r| r.settled_ms));
     let mut bytes: Vec<u64> = real.iter().map(|r| r.total_bytes).collect();
@@ -162,7 +165,7 @@ impl fmt::Display for Comparison {
         for d in &self.differences {
             write!(
                 f,
-                "\n  {:<10} virtual {:>7} ms, real {:>7} ms ({} to {})",
+                "\n  {:<14} virtual {:>7} ms, real {:>7} ms ({} to {})",
                 d.figure,
                 ms(d.virtual_ms),
                 ms(d.real_ms),
