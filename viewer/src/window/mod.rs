@@ -9,6 +9,7 @@ mod overlay;
 mod painter;
 mod quality;
 mod running;
+mod state;
 mod steps;
 
 use anyhow::{Context, anyhow};
