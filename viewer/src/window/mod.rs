@@ -3,6 +3,7 @@
 mod app;
 mod camera;
 mod film;
+mod input;
 mod keys;
 mod news;
 mod overlay;

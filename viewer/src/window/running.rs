@@ -16,6 +16,7 @@ use winit::window::Window;
 
 use super::camera::{Mode, Rig};
 use super::film::Film;
+use super::input;
 use super::keys::Keys;
 use super::news::News;
 use super::overlay::{self, Choices, Facts};
@@ -368,17 +369,9 @@ impl Running {
     }
 
     pub(super) fn key(&mut self, code: KeyCode, pressed: bool) {
-        let now = self.now();
-        self.keys.set(now, code, pressed, self.rig.as_mut());
-        if let Some(rig) = &mut self.rig
-            && pressed
-        {
-            match code {
-                KeyCode::KeyF => rig.toggle(),
-                KeyCode::KeyR => rig.reset(),
-                KeyCode::KeyH => self.choices.hidden ^= true,
-                _ => {}
-            }
+        input::key(self.now(), code, pressed, &mut self.keys, self.rig.as_mut(), &mut self.quality);
+        if code == KeyCode::KeyH && pressed && self.rig.is_some() {
+            self.choices.hidden ^= true;
         }
     }
 
@@ -426,10 +419,7 @@ impl Steps for FrameSteps<'_> {
     fn move_camera(&mut self) {
         let running = &mut *self.running;
         let now = running.now();
-        running.keys.advance(now, running.rig.as_mut());
-        if running.keys.is_pushing() {
-            running.quality.moved(now);
-        }
+        input::move_camera(now, &mut running.keys, running.rig.as_mut(), &mut running.quality);
         running.measure(self.began);
     }
 
