@@ -291,3 +291,6 @@ impl<N: Fn()> Host for StreamHost<N> {
         self.left
     }
 }
+
+#[cfg(test)]
+mod tests;

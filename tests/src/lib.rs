@@ -14,7 +14,7 @@
 //! | `hostile` | peers that break every rule |
 //! | `packs` | the same input gives the same packs; caches; exports; checks |
 //! | `bad_input` | what users may get wrong, and what disks may do to packs |
-//! | `window` | the viewer's program: what is on the screen first, and how it ends |
+//! | `window` | the viewer's program: what is on the screen, first and at last, and how it ends |
 //! | `damage` | packs that are damaged while they are served |
 //! | `terrain` | features of a terrain arrive, and only where a view needs them |
 //! | `lamps` | lamps arrive with their scene, light its picture, and keep no first frame waiting |

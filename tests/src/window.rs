@@ -5,19 +5,28 @@ use std::process::Output;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use lodestream_client::core::Change;
 use lodestream_protocol::BlobId;
+use lodestream_report::image_error::image_error;
 use lodestream_report::pictures::shown::judge;
 use lodestream_server::daemon::SessionSettings;
+use lodestream_server::scene::of_files;
 use serde_json::Value;
 
-use crate::support::LIMIT;
 use crate::support::daemon::{Server, Transport};
-use crate::support::picture::skipped;
+use crate::support::picture::{Picture, comparison, draw, headless_of, keep, same, skipped};
+use crate::support::program::{Program, RUN_LIMIT, SIZE_PX};
 use crate::support::scene::{Lacking, TestScene};
-use crate::support::window::Window;
 
 /// Slow, so that there is something between the first frame and the last even where drawing takes long.
 const RATE_BITS_PER_S: u64 = 200_000;
+/// FLIP of the first frame that holds everything against the settled one. It is 0.13 to 0.18 on a software driver, which
+/// draws it with the fewest pixels, and was 0.26 where whole objects were absent.
+const MAX_FIRST_FLIP: f64 = 0.22;
+/// By how much FLIP may be more than that of an earlier frame.
+const MAX_RISE: f64 = 0.01;
+/// FLIP of a settled window against the same picture drawn without one: 0.0002 by rounding, 0.07 while tiles are made.
+const MAX_SETTLED_FLIP: f64 = 0.001;
 /// How long the window waits for a first frame before it shows what is there.
 const HELD_BACK_MS: f64 = 2000.0;
 
@@ -45,7 +54,7 @@ fn the_first_frame_on_the_screen_holds_everything_and_no_later_one_lacks_it() {
     let server = Server::start(TestScene::small().source(), settings);
     let folder = tempfile::tempdir().unwrap();
     let (frames, stats) = (folder.path().join("frames"), folder.path().join("stats.json"));
-    let window = Window::open(
+    let window = Program::in_window(
         &server.url(Transport::Quic),
         &[
             "--no-overlay",
@@ -76,13 +85,25 @@ fn the_first_frame_on_the_screen_holds_everything_and_no_later_one_lacks_it() {
     assert!(instances.iter().all(|&n| n == instances[0] && n > 0), "objects come or go: {instances:?}");
     assert_eq!(whole[0]["at_ms"], stats["ttff_presented_ms"]);
 
+    // The pictures, without the last, which is the settled one.
     let judged = judge(&frames).unwrap();
     let blank = judged.first_seconds.blank_flip;
-    println!("{} frames shown, {judged:?}", shown.len());
-    // Coarse, but the same things in the same places.
+    let whole_flips: Vec<f64> = judged.frames.iter().filter(|f| f.whole).map(|f| f.error.flip).collect();
+    println!("{} frames shown, blank {blank}, whole {whole_flips:?}", shown.len());
     assert!(judged.settled && blank > 0.5, "{judged:?}");
-    let first = judged.frames.iter().find(|frame| frame.whole);
-    assert!(first.is_none_or(|first| first.error.flip < 0.5 * blank), "{judged:?}");
+    // The first whole one is among them, unless the device was so slow that no other came.
+    let kept = json(&frames.join("frames.json"));
+    let first = kept["frames"].as_array().unwrap().iter().find(|frame| frame["whole"] == true).unwrap();
+    assert_eq!(first["at_ms"], stats["ttff_presented_ms"], "the first whole frame is kept");
+    assert_eq!(whole_flips.is_empty(), whole.len() == 1, "{kept}");
+    // Coarse, but the same things in the same places.
+    let first_flip = whole_flips.first().copied().unwrap_or(0.0);
+    assert!(first_flip <= MAX_FIRST_FLIP, "{judged:?}");
+    let mut best = f64::INFINITY;
+    for flip in whole_flips {
+        assert!(flip <= best + MAX_RISE, "a frame lacks what an earlier one had: {judged:?}");
+        best = best.min(flip);
+    }
     server.assert_healthy();
 }
 
@@ -98,7 +119,7 @@ fn a_picture_that_lacks_a_chunk_for_good_is_incomplete_and_the_exit_code_says_so
     let server = Server::start(Arc::new(lacking), SessionSettings::default());
     let folder = tempfile::tempdir().unwrap();
     let stats = folder.path().join("stats.json");
-    let window = Window::open(
+    let window = Program::in_window(
         &server.url(Transport::WebSocket),
         &["--exit-when-settled", "--stats", stats.to_str().unwrap()],
     );
@@ -112,24 +133,167 @@ fn a_picture_that_lacks_a_chunk_for_good_is_incomplete_and_the_exit_code_says_so
     assert_eq!(stats["settled_presented_ms"], Value::Null);
 }
 
-#[cfg(unix)]
+/// What `frames` says is the last picture that was shown.
+fn last_picture(frames: &Path) -> image::RgbaImage {
+    let index = json(&frames.join("frames.json"));
+    let last = index["frames"].as_array().unwrap().last().expect("something was shown");
+    image::open(frames.join(last["file"].as_str().unwrap())).unwrap().into_rgba8()
+}
+
+/// The window said "refining" for ever, since it waited for a frame that holds everything.
 #[test]
-fn a_viewer_that_is_terminated_writes_its_figures_and_leaves() {
+fn a_scene_that_lacks_a_base_mesh_for_good_shows_the_others_and_is_incomplete() {
+    let Some(mut headless) = headless_of(SIZE_PX) else { return };
+    let scene = TestScene::small();
+    let ball = scene.asset("ball");
+    let source = || Arc::new(Lacking { scene: scene.source(), blob: BlobId::base(ball) });
+    let server = Server::start(source(), SessionSettings::default());
+    let of_ball = |change: &Change| match change {
+        Change::Asset(asset) => asset.asset == ball,
+        Change::Mesh(mesh) => mesh.asset == ball,
+        Change::Texture(texture) => texture.asset == ball,
+        _ => false,
+    };
+    let whole = draw(&mut headless, scene.whole());
+    let rest = scene.whole().into_iter().filter(|change| !of_ball(change)).collect();
+    let rest = draw(&mut headless, rest);
+    keep(&rest, "without-ball");
+    let missing = format!("asset {ball} base");
+    let check = |how: &str, output: &Output, stats: &Path, image: image::RgbaImage| {
+        let (code, errors) = ended(output);
+        assert_eq!(code, Some(3), "{how}: {errors}");
+        assert!(errors.contains("incomplete") && errors.contains(&missing), "{how}: {errors}");
+        let stats = json(stats);
+        assert_eq!(stats["lacking"], Value::from(vec![missing.clone()]), "{how}");
+        assert_eq!(
+            (&stats["settled"], &stats["ttff_presented_ms"], &stats["settled_presented_ms"]),
+            (&Value::from(false), &Value::Null, &Value::Null),
+            "{how}: no frame ever held everything"
+        );
+        let shown = Picture { image, covered: rest.covered.clone() };
+        keep(&shown, &format!("without-ball-{how}"));
+        let found = comparison(&shown, &rest);
+        println!("{how}: {found:?}");
+        assert!(found.covered > 0.2 && same(&found), "{how}: the others are not shown: {found:?}");
+        assert!(!same(&comparison(&shown, &whole)), "{how}: the comparison sees nothing");
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let (frames, stats) = (folder.path().join("frames"), folder.path().join("window.json"));
+    let (picture, figures) = (folder.path().join("headless.png"), folder.path().join("headless.json"));
+    let window = Program::in_window(
+        &server.url(Transport::WebSocket),
+        &[
+            "--no-overlay",
+            "--exit-when-settled",
+            "--frames",
+            frames.to_str().unwrap(),
+            "--stats",
+            stats.to_str().unwrap(),
+        ],
+    );
+    let url = server.url(Transport::Quic);
+    let without = Program::headless(&url, &picture, &["--stats", figures.to_str().unwrap()]);
+    check("window", &window.end(), &stats, last_picture(&frames));
+    check("headless", &without.end(), &figures, image::open(&picture).unwrap().into_rgba8());
+    server.assert_healthy();
+}
+
+/// Mountains changed for four seconds after it said "settled".
+#[test]
+fn a_settled_window_shows_every_tile_of_the_terrain() {
+    if skipped() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let text = r#"name = "hills"
+[camera]
+eye = [60.0, 30.0, 70.0]
+target = [0.0, -10.0, 0.0]
+[terrain]
+seed = 5
+patch_cells = 64
+patches = 64
+amplitude = 12.0
+erosion = { passes = 4 }
+"#;
+    let path = folder.path().join("scene.toml");
+    std::fs::write(&path, text).unwrap();
+    let scene = TestScene::open(&of_files(&[path]).unwrap(), Vec::new());
+    let server = Server::start(scene.source(), SessionSettings::default());
+    let url = server.url(Transport::Quic);
+    let (frames, picture) = (folder.path().join("frames"), folder.path().join("all.png"));
+    // Eroded ground, finer than anybody needs: making its tiles takes several times as long as the first frames.
+    let fine = ["--pixel-error", "0.5"];
+    let arguments = ["--no-overlay", "--exit-when-settled", "--frames", frames.to_str().unwrap()];
+    let (code, errors) = ended(&Program::in_window(&url, &[&fine[..], &arguments].concat()).end());
+    assert_eq!(code, Some(0), "{errors}");
+    // Without a window tiles are made before they are drawn.
+    let (code, errors) = ended(&Program::headless(&url, &picture, &fine).end());
+    assert_eq!(code, Some(0), "{errors}");
+    let all = image::open(&picture).unwrap().into_rgba8();
+    let error = image_error(&last_picture(&frames), &all).unwrap();
+    println!("settled against all tiles: {error:?}");
+    assert!(error.flip <= MAX_SETTLED_FLIP, "{error:?}");
+    server.assert_healthy();
+}
+
+/// Waits until the server has a session over QUIC.
+fn wait_for_session(server: &Server) {
+    let until = Instant::now() + RUN_LIMIT;
+    while !server.metrics().contains("lodestream_sessions{transport=\"quic\"} 1") {
+        assert!(Instant::now() < until, "no session: {}", server.metrics());
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+#[test]
+fn a_window_that_is_closed_writes_its_figures() {
     if skipped() {
         return;
     }
     let server = Server::start(TestScene::small().source(), SessionSettings::default());
     let folder = tempfile::tempdir().unwrap();
     let stats = folder.path().join("stats.json");
-    let window = Window::open(&server.url(Transport::Quic), &["--stats", stats.to_str().unwrap()]);
-    let until = Instant::now() + LIMIT;
-    while !server.metrics().contains("lodestream_sessions{transport=\"quic\"} 1") {
-        assert!(Instant::now() < until, "no session: {}", server.metrics());
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    window.terminate();
+    let window = Program::in_window(&server.url(Transport::Quic), &["--stats", stats.to_str().unwrap()]);
+    wait_for_session(&server);
+    window.close();
     let (code, errors) = ended(&window.end());
-    assert_eq!(code, Some(128 + 15), "{errors}");
+    assert_eq!(code, Some(0), "{errors}");
     assert_eq!(json(&stats)["transport"], "quic");
+    server.assert_healthy();
+}
+
+#[cfg(unix)]
+#[test]
+fn a_viewer_that_is_terminated_writes_its_figures_and_leaves() {
+    if skipped() {
+        return;
+    }
+    // So slow that without a window it has not settled, and ended by itself, before it hears of it.
+    let settings = SessionSettings { rate_bits_per_s: Some(20_000), ..SessionSettings::default() };
+    let server = Server::start(TestScene::small().source(), settings);
+    let url = server.url(Transport::Quic);
+    let folder = tempfile::tempdir().unwrap();
+    let (stats, picture) = (folder.path().join("stats.json"), folder.path().join("none.png"));
+    let figures = ["--stats", stats.to_str().unwrap()];
+    for how in ["window", "headless"] {
+        let program = match how {
+            "window" => Program::in_window(&url, &figures),
+            _ => Program::headless(&url, &picture, &figures),
+        };
+        wait_for_session(&server);
+        program.terminate();
+        let (code, errors) = ended(&program.end());
+        assert_eq!(code, Some(128 + 15), "{how}: {errors}");
+        assert_eq!(json(&stats)["transport"], "quic", "{how}");
+        std::fs::remove_file(&stats).unwrap();
+        let gone = || server.metrics().contains("lodestream_sessions{transport=\"quic\"} 0");
+        let until = Instant::now() + RUN_LIMIT;
+        while !gone() {
+            assert!(Instant::now() < until, "{how}: the session stays: {}", server.metrics());
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+    assert!(!picture.exists(), "a picture that was not waited for");
     server.assert_healthy();
 }

@@ -57,8 +57,8 @@ pub(crate) struct Args {
     /// Write the run's figures as JSON
     #[arg(long, value_name = "FILE.json")]
     pub(crate) stats: Option<PathBuf>,
-    /// Keep pictures of the frames that the window shows in the first three seconds, and of the last one, in this folder,
-    /// with their times in frames.json
+    /// Keep pictures of the frames that the window shows in the first three seconds, of the first whole one and of the
+    /// last, in this folder, with their times in frames.json
     #[arg(long, value_name = "DIR", conflicts_with = "headless")]
     pub(crate) frames: Option<PathBuf>,
     /// Begin without the overlay; H shows and hides it

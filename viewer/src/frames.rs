@@ -64,9 +64,15 @@ pub(crate) struct Shown {
 }
 
 impl Shown {
-    /// Whether the scene may be shown: all that the first frame means is there, or nobody shall wait for it any longer.
-    pub(crate) fn may_show(&mut self, whole: bool, now: Duration) -> bool {
-        self.began |= whole || now >= HOLD_BACK;
+    /// Whether the scene may be shown: all that there will be of the first frame is there, or nobody shall wait for it any
+    /// longer.
+    pub(crate) fn may_show(&mut self, all_there_is: bool, now: Duration) -> bool {
+        self.began |= all_there_is || now >= HOLD_BACK;
+        self.began
+    }
+
+    /// Whether the scene was shown, be it without something.
+    pub(crate) const fn has_begun(&self) -> bool {
         self.began
     }
 
@@ -128,6 +134,14 @@ mod tests {
         shown.note(ms(450), true, &Counters::default(), Received::default());
         shown.note(ms(500), true, &Counters::default(), Received::default());
         assert_eq!((shown.presented(), shown.frames().len()), (Some(ms(450)), 2));
+    }
+
+    #[test]
+    fn what_is_there_is_shown_at_once_where_the_rest_does_not_come_and_not_called_presented() {
+        let mut shown = Shown::default();
+        assert!(shown.may_show(true, Duration::from_millis(300)) && shown.has_begun());
+        shown.note(Duration::from_millis(350), false, &Counters::default());
+        assert_eq!((shown.presented(), shown.frames()[0].whole), (None, false));
     }
 
     #[test]

@@ -305,6 +305,29 @@ fn damaged_blobs_are_asked_for_a_few_times_and_cost_nothing_else() {
     assert!(link.core.lacking_blobs().eq([bad]) && !link.core.is_settled());
 }
 
+/// Its chunks were wanted for ever, and nobody could use them: the picture was neither settled nor incomplete.
+#[test]
+fn an_asset_whose_base_mesh_never_comes_keeps_nothing_under_way() {
+    for damaged in [false, true] {
+        let bad = BlobId::base(1);
+        let mut scene = Hills::new(2);
+        if damaged {
+            scene.damage(bad);
+        } else {
+            scene.missing.insert(bad);
+        }
+        let mut link = Loopback::new(scene, |_| {});
+        link.core.set_view(link.now, finest());
+        link.connect();
+        link.run(20_000);
+        let stats = link.core.stats();
+        assert_eq!((stats.settled, &stats.lacking[..]), (false, &[bad][..]), "damaged: {damaged}: {stats:?}");
+        assert!(stats.milestones.first_frame.is_none() && link.core.mesh(1).is_none());
+        let all = prepared().1.chunks.len() as u64;
+        assert_eq!(stats.applied_chunks, all, "the other asset is whole");
+    }
+}
+
 /// A disk that is mended late, after any number of refusals: the client still asks, and gets what was damaged.
 #[test]
 fn what_was_refused_for_ten_minutes_comes_once_it_can_be_read() {

@@ -410,6 +410,8 @@ impl Selector {
                 self.selection.cancel.push(id);
             }
         }
+        // Nothing can be used of an asset whose base mesh cannot be had.
+        let baseless = asset.state(BlobPart::Base) == State::Failed;
         // Parents before children: what can never come blocks what hangs on it, and nothing comes before its parents.
         for (index, chunk) in chunks.iter().enumerate() {
             let Some(chunk) = chunk else {
@@ -417,7 +419,8 @@ impl Selector {
                 continue;
             };
             let info = chunk.info();
-            let blocked = chunk.state() == State::Failed
+            let blocked = baseless
+                || chunk.state() == State::Failed
                 || info.parents.iter().any(|&parent| seeks[parent as usize].blocked);
             let parents = info.parents.iter().map(|&parent| seeks[parent as usize].priority);
             let first = parents.filter(|&priority| priority > 0).min().unwrap_or(Priority::MAX);

@@ -3,12 +3,13 @@
 pub(crate) mod authority;
 pub(crate) mod daemon;
 pub(crate) mod picture;
+pub(crate) mod program;
 pub(crate) mod raw;
 pub(crate) mod scene;
 pub(crate) mod shapes;
 pub(crate) mod viewer;
 pub(crate) mod virtual_link;
-pub(crate) mod window;
+pub(crate) mod x11;
 
 use std::time::Duration;
 

@@ -28,11 +28,16 @@ pub(crate) fn skipped() -> bool {
 
 /// A renderer, or nothing if the tests are told to skip what needs a graphics adapter.
 pub(crate) fn headless() -> Option<Headless> {
+    headless_of(PICTURE_PX)
+}
+
+/// The same for pictures of another size.
+pub(crate) fn headless_of([width, height]: [u32; 2]) -> Option<Headless> {
     if skipped() {
         return None;
     }
     let gpu = Gpu::headless().expect("these tests need a graphics adapter (or LODESTREAM_SKIP_GPU=1)");
-    Some(Headless::new(gpu, PICTURE_PX[0], PICTURE_PX[1]).unwrap())
+    Some(Headless::new(gpu, width, height).unwrap())
 }
 
 /// Draws what a renderer was told, from the scene's start camera, with all effects on, at a time when

@@ -8,8 +8,8 @@ use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoopProxy, OwnedDispl
 use winit::keyboard::PhysicalKey;
 use winit::window::WindowId;
 
-use super::overlay::State;
 use super::running::Running;
+use super::state::State;
 use crate::args::Args;
 use crate::outcome::Outcome;
 use crate::run::tell_figures;

@@ -25,12 +25,38 @@ struct Kept {
     copy: TargetCopy,
 }
 
+/// Which frames are kept for good.
+#[derive(Debug, Default)]
+struct Choice {
+    /// When the newest of them was shown.
+    newest: Option<Duration>,
+    /// Memory of all.
+    bytes: u64,
+    /// One of them holds everything of the first frame.
+    has_whole: bool,
+}
+
+impl Choice {
+    /// Whether a frame that takes so many bytes is kept: one of the first seconds', while there is room. The first that
+    /// holds everything is what "presented" means, and is always kept, however late and near another it was.
+    fn keeps(&mut self, at: Duration, whole: bool, bytes: u64) -> bool {
+        let apart = self.newest.is_none_or(|newest| at >= newest + LEAST_DISTANCE);
+        let kept = at <= KEPT_FOR && apart && self.bytes + bytes <= MAX_BYTES;
+        let presented = whole && !self.has_whole;
+        if kept || presented {
+            self.newest = Some(at);
+            self.bytes += bytes;
+            self.has_whole |= whole;
+        }
+        kept || presented
+    }
+}
+
 /// The frames kept so far. They stay in the device's memory until the end, so that keeping them costs a copy.
 #[derive(Debug, Default)]
 pub(super) struct Film {
     first: Vec<Kept>,
-    /// Memory of these.
-    bytes: u64,
+    choice: Choice,
     /// The last frame of all.
     last: Option<Kept>,
 }
@@ -57,14 +83,11 @@ struct Index {
 }
 
 impl Film {
-    /// Keeps a frame: one of the first seconds' for good, while there is room, another until the next is there.
+    /// Keeps a frame, for good or until the next is there.
     pub(super) fn add(&mut self, at: Duration, whole: bool, received: Received, copy: TargetCopy) {
         if let Some(last) = self.last.replace(Kept { at, whole, received, copy })
-            && last.at <= KEPT_FOR
-            && self.first.last().is_none_or(|before| last.at >= before.at + LEAST_DISTANCE)
-            && self.bytes + last.copy.bytes() <= MAX_BYTES
+            && self.choice.keeps(last.at, last.whole, last.copy.bytes())
         {
-            self.bytes += last.copy.bytes();
             self.first.push(last);
         }
     }
@@ -81,5 +104,43 @@ impl Film {
         }
         let index = Index { until_ms: KEPT_FOR.as_secs_f64() * 1e3, settled, frames };
         write_json(&folder.join("frames.json"), &index)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PICTURE: u64 = 1280 * 720 * 4;
+
+    fn ms(ms: u64) -> Duration {
+        Duration::from_millis(ms)
+    }
+
+    #[test]
+    fn frames_of_the_first_seconds_are_kept_at_a_distance_and_while_there_is_room() {
+        let mut choice = Choice::default();
+        let kept: Vec<u64> =
+            (0..400).map(|n| 10 * n).filter(|at| choice.keeps(ms(*at), true, PICTURE)).collect();
+        assert_eq!((kept.len(), &kept[..3]), (76, &[0, 40, 80][..]));
+        assert!(kept.last().is_some_and(|at| *at <= 3000));
+        let mut large = Choice::default();
+        let kept = (0..90).filter(|n| large.keeps(ms(33 * n), true, MAX_BYTES / 10)).count();
+        assert_eq!(kept, 10);
+    }
+
+    /// On a slow device the first frame that held everything came after three seconds, or soon after one that did not,
+    /// and was not among the pictures.
+    #[test]
+    fn the_first_whole_frame_is_kept_however_late_it_comes() {
+        for (early, whole) in [(2000, 2010), (2000, 5000)] {
+            let mut choice = Choice::default();
+            assert!(choice.keeps(ms(early), false, PICTURE));
+            assert!(choice.keeps(ms(whole), true, PICTURE), "the first whole one, at {whole} ms");
+            assert!(!choice.keeps(ms(whole + 10), true, PICTURE));
+        }
+        let mut full = Choice::default();
+        assert!(full.keeps(ms(100), false, MAX_BYTES) && !full.keeps(ms(200), false, PICTURE));
+        assert!(full.keeps(ms(300), true, PICTURE), "where there is no room");
     }
 }

@@ -3,12 +3,14 @@
 mod app;
 mod camera;
 mod film;
+mod input;
 mod keys;
 mod news;
 mod overlay;
 mod painter;
 mod quality;
 mod running;
+mod state;
 mod steps;
 
 use anyhow::{Context, anyhow};

@@ -69,6 +69,14 @@ mod tests {
     }
 
     #[test]
+    fn what_the_streaming_thread_says_is_the_message() {
+        let mut news = News::default();
+        assert!(news.take(Status { message: Some("nobody answers".into()), ..Status::default() }));
+        assert_eq!(news.message().as_deref(), Some("nobody answers"));
+        assert!(news.take(Status::default()) && news.message().is_none());
+    }
+
+    #[test]
     fn only_an_end_that_leaves_nothing_to_see_ends_the_program() {
         let mut news = News::default();
         assert_eq!(news.fatal(false), None);

@@ -1,14 +1,17 @@
 //! What is written over the picture, and what can be changed there.
 
+mod rows;
+
 use std::time::Duration;
 
-use lodestream_client::core::{Milestone, Stats};
+use lodestream_client::core::Stats;
 use lodestream_render::{
-    AmbientOcclusion, AntiAliasing, Counters, MAX_ANISOTROPY, MAX_CASCADES, MAX_FILTER, MAX_RELIEF_STEPS,
-    MAX_SAMPLES, OcclusionRadius, Settings, Shade, Shadows, Timings, ToneMapping,
+    AmbientOcclusion, AntiAliasing, MAX_ANISOTROPY, MAX_CASCADES, MAX_FILTER, MAX_RELIEF_STEPS, MAX_SAMPLES,
+    OcclusionRadius, Settings, Shade, Shadows, Timings, ToneMapping,
 };
 
-use crate::outcome::lacks;
+pub(super) use rows::Facts;
+use rows::rows;
 
 /// Texels along a side of maps of shadows that are offered.
 const SIDES: [u32; 5] = [512, 1024, 2048, 4096, 8192];
@@ -83,39 +86,6 @@ impl Choices {
         settings.exposure = self.exposure;
         settings.tone_mapping = self.tone_mapping;
     }
-}
-
-/// How far the picture is.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) enum State {
-    /// It will change.
-    #[default]
-    Refining,
-    /// It is as sharp as asked for and will stay as it is.
-    Settled,
-    /// It will stay as it is, but lacks something that does not come.
-    Incomplete,
-}
-
-/// What is shown and not part of [`Stats`].
-#[derive(Clone, Debug, Default)]
-pub(super) struct Facts<'a> {
-    pub(super) adapter: &'a str,
-    pub(super) address: &'a str,
-    pub(super) message: Option<&'a str>,
-    pub(super) frame_ms: f64,
-    pub(super) fps: f64,
-    pub(super) bits_per_s: f64,
-    pub(super) presented: Option<Duration>,
-    pub(super) state: State,
-    pub(super) quality: String,
-    pub(super) mode: &'static str,
-    pub(super) camera: String,
-    pub(super) draw: Counters,
-    pub(super) gpu_bytes: u64,
-    pub(super) waiting_steps: usize,
-    /// Empty unless [`Choices::timed`].
-    pub(super) times: Timings,
 }
 
 /// Draws the overlay.
@@ -254,98 +224,9 @@ fn times(ui: &mut egui::Ui, times: &Timings) {
     });
 }
 
-fn rows(stats: &Stats, facts: &Facts<'_>) -> Vec<(&'static str, String)> {
-    let ms = |d: Option<Duration>| d.map_or("–".into(), |d| format!("{:.0} ms", d.as_secs_f64() * 1e3));
-    let c = &stats.counters;
-    let px = |px: f64| if px.is_finite() { format!("{px:.2} px") } else { "–".into() };
-    let first = stats.milestones.first_frame;
-    let at = |m: Option<Milestone>| match m {
-        Some(m) => format!("{} at {}", ms(Some(m.after)), bytes(m.bytes)),
-        None => "–".into(),
-    };
-    let [seen, everywhere] = [stats.milestones.seen_quality[2], stats.milestones.quality[2]];
-    let state = match facts.state {
-        State::Settled => "settled".to_owned(),
-        State::Refining => "refining".to_owned(),
-        State::Incomplete => lacks(stats.lacking_blobs, &stats.lacking),
-    };
-    vec![
-        ("scene", format!("{} ({}/{} instances)", stats.scene, stats.instances, stats.scene_instances)),
-        ("server", facts.address.to_owned()),
-        ("graphics", facts.adapter.to_owned()),
-        ("frame", format!("{:.1} ms ({:.1} fps)", facts.frame_ms, facts.fps)),
-        (
-            "first frame",
-            format!(
-                "{} at {}, shown {}",
-                ms(first.map(|m| m.after)),
-                first.map_or("–".into(), |m| bytes(m.bytes)),
-                ms(facts.presented)
-            ),
-        ),
-        ("error ≤ 1 px", format!("where seen {}, everywhere {}", at(seen), at(everywhere))),
-        ("received", format!("{} ({:.2} Mbit/s)", bytes(stats.transport_bytes), facts.bits_per_s / 1e6)),
-        (
-            "chunks",
-            format!(
-                "{} wanted · {} in flight · {} applied",
-                c.missing_chunks, stats.session.in_flight_blobs, stats.applied_chunks
-            ),
-        ),
-        (
-            "screen error",
-            format!(
-                "{}, where seen {} (threshold {}), {state}",
-                px(c.max_screen_error_px),
-                px(c.seen_screen_error_px),
-                px(c.threshold_px)
-            ),
-        ),
-        ("quality", facts.quality.clone()),
-        ("faces", format!("{} refined · {} drawn", thousands(stats.faces), thousands(facts.draw.triangles))),
-        (
-            "memory",
-            format!(
-                "meshes {} · GPU {} · cache {}{}",
-                bytes(stats.mesh_bytes),
-                bytes(facts.gpu_bytes),
-                bytes(stats.cached_bytes),
-                if facts.waiting_steps > 0 {
-                    format!(" · {} steps wait", facts.waiting_steps)
-                } else {
-                    String::new()
-                }
-            ),
-        ),
-        ("camera", format!("{}: {}", facts.mode, facts.camera)),
-    ]
-}
-
-/// Bytes for people.
-fn bytes(bytes: u64) -> String {
-    let b = bytes as f64;
-    match bytes {
-        0..10_000 => format!("{bytes} B"),
-        10_000..10_000_000 => format!("{:.1} kB", b / 1e3),
-        _ => format!("{:.1} MB", b / 1e6),
-    }
-}
-
-/// A number with spaces between thousands.
-fn thousands(n: u64) -> String {
-    let digits = n.to_string();
-    let mut out = String::new();
-    for (i, c) in digits.chars().enumerate() {
-        if i > 0 && (digits.len() - i).is_multiple_of(3) {
-            out.push('\u{202f}');
-        }
-        out.push(c);
-    }
-    out
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::quality::Quality;
     use super::*;
 
     #[test]
@@ -371,13 +252,46 @@ mod tests {
         assert_eq!(settings.shadows, Some(Shadows { cascades: 2, ..Shadows::default() }));
         assert_eq!(settings.occlusion.map(|occlusion| occlusion.samples), Some(9));
     }
+    /// All text that the overlay draws.
+    fn drawn(facts: &Facts<'_>, hidden: bool) -> String {
+        fn collect(shape: &egui::Shape, text: &mut String) {
+            match shape {
+                egui::Shape::Vec(shapes) => shapes.iter().for_each(|shape| collect(shape, text)),
+                egui::Shape::Text(shape) => *text += &format!("{}\n", shape.galley.text()),
+                _ => {}
+            }
+        }
+        let context = egui::Context::default();
+        let mut choices = Choices { hidden, ..Choices::new(&Settings::default(), 1.0) };
+        let mut text = String::new();
+        // A window is measured before it is drawn.
+        for _ in 0..3 {
+            let area = egui::Rect::from_min_size(egui::Pos2::ZERO, egui::vec2(1280.0, 720.0));
+            let input = egui::RawInput { screen_rect: Some(area), ..egui::RawInput::default() };
+            let stats = Stats::default();
+            let mut output = context.run_ui(input, |ui| show(ui, &stats, facts, &mut choices));
+            // egui insists that nobody forgets them.
+            output.textures_delta.clear();
+            text.clear();
+            output.shapes.iter().for_each(|clipped| collect(&clipped.shape, &mut text));
+        }
+        text
+    }
 
     #[test]
-    fn numbers_are_readable() {
-        assert_eq!(bytes(1234), "1234 B");
-        assert_eq!(bytes(12_345), "12.3 kB");
-        assert_eq!(bytes(12_345_678), "12.3 MB");
-        assert_eq!(thousands(1_234_567), "1\u{202f}234\u{202f}567");
-        assert_eq!(thousands(12), "12");
+    fn what_a_slow_device_gives_up_is_on_the_screen_beside_its_name() {
+        let quality = Quality::new(true).describe();
+        assert!(quality.starts_with("step 7 of 7: "), "{quality}");
+        let facts = Facts { quality: quality.clone(), ..Facts::default() };
+        let text = drawn(&facts, false);
+        let lines: Vec<&str> = text.lines().collect();
+        assert!(lines.windows(2).any(|pair| pair == ["quality", &quality]), "{text}");
+        assert!(!drawn(&facts, true).contains(&quality), "a hidden overlay shows messages alone");
+    }
+
+    #[test]
+    fn a_message_is_on_the_screen_even_where_the_overlay_is_hidden() {
+        let facts = Facts { message: Some("nobody answers"), ..Facts::default() };
+        assert_eq!(drawn(&facts, true).trim(), "nobody answers");
     }
 }

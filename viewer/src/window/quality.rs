@@ -128,6 +128,12 @@ impl Quality {
         STEPS[self.step]
     }
 
+    /// Time of the next frame over that of one in full, as the table says.
+    #[cfg(test)]
+    pub(super) const fn cost(&self) -> f64 {
+        self.step().cost
+    }
+
     /// Frames for which maps of shadows may show things as they were while more of the scene is on its way: some on a
     /// device that is too slow to draw all anew each time.
     pub(super) fn late_shadows(&self) -> u32 {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use lodestream_client::net::Retry;
-use lodestream_client::streaming::{Controls, Status, Streaming};
+use lodestream_client::streaming::{Controls, Streaming};
 use lodestream_render::{
     AmbientOcclusion, AntiAliasing, Counters, Pose, SceneView, Settings, Shadows, Timings,
 };
@@ -16,11 +16,13 @@ use winit::window::Window;
 
 use super::camera::{Mode, Rig};
 use super::film::Film;
+use super::input;
 use super::keys::Keys;
 use super::news::News;
-use super::overlay::{self, Choices, Facts, State};
+use super::overlay::{self, Choices, Facts};
 use super::painter::{self, Painted, Painter};
 use super::quality::{self, Quality, Step};
+use super::state::{Drawn, State};
 use super::steps::{self, Steps};
 use crate::args::Args;
 use crate::frames::{Received, Shown};
@@ -238,18 +240,23 @@ impl Running {
             // What the screen is waited for is in it.
             self.quality.drawn(begun, self.frame_ms / 1e3);
         }
-        let morphing = now_s - self.scene.changed_s() <= self.settings.morph_s;
-        let exact = full && self.counters.late_shadow_maps == 0;
-        let rests = !morphing && exact && self.scene.waiting() == 0 && self.scene.missing_tiles() == 0;
-        let only_tiles = !morphing && full && self.scene.waiting() == 0 && self.news.status().settled;
-        self.only_tiles_missing = shows && only_tiles && self.scene.missing_tiles() > 0;
-        self.look_at_state(shows && rests && self.shown.presented().is_some());
+        let drawn = Drawn {
+            shows,
+            morphing: now_s - self.scene.changed_s() <= self.settings.morph_s,
+            full,
+            late_shadow_maps: self.counters.late_shadow_maps,
+            waiting_steps: self.scene.waiting(),
+            missing_tiles: self.scene.missing_tiles(),
+        };
+        let only_tiles = drawn.lacks_tiles_at_most() && self.news.status().settled;
+        self.only_tiles_missing = shows && only_tiles && drawn.missing_tiles > 0;
+        self.look_at_state(&drawn);
         // While the camera may move on, the picture is not made better yet.
         let better = if full { None } else { self.quality.due(self.now()) };
         if self.only_tiles_missing && !self.keys.is_pushing() {
             return Ok(TILES_INTERVAL);
         }
-        let goes_on = !rests || self.counters.is_unfinished();
+        let goes_on = !drawn.rests() || self.counters.is_unfinished();
         if self.keys.is_pushing() || (shows && goes_on && better.is_none_or(|wait| wait.is_zero())) {
             return Ok(Duration::ZERO);
         }
@@ -270,14 +277,10 @@ impl Running {
         self.settings.shadows.map(|shadows| Shadows { cascades: shadows.cascades.min(most), ..shadows })
     }
 
-    /// Says how far the picture is. `rests`: the last frame showed all that has come, and it will stay as it is.
-    fn look_at_state(&mut self, rests: bool) {
-        let Status { settled, stats, .. } = self.news.status();
-        self.state = match (settled, stats.lacking_blobs) {
-            (true, _) if rests => State::Settled,
-            (false, 1..) if rests => State::Incomplete,
-            _ => State::Refining,
-        };
+    /// Says how far the picture is.
+    fn look_at_state(&mut self, drawn: &Drawn) {
+        let stats = &self.news.status().stats;
+        self.state = State::of(self.news.status(), drawn, self.shown.presented().is_some());
         match self.state {
             State::Settled => self.shown.note_settled(self.streaming.clock().now().into()),
             State::Incomplete if !self.told_incomplete => {
@@ -291,7 +294,9 @@ impl Running {
     /// Draws scene and overlay, and takes what was changed there.
     fn paint(&mut self, args: &Args, now_s: f32) -> anyhow::Result<Painted> {
         let address = args.address.to_string();
-        let shows = self.shown.may_show(self.scene.is_whole(), self.now());
+        // What does not come is not waited for: the others are shown.
+        let all_there_is = self.scene.is_whole() || self.news.status().stats.lacking_blobs > 0;
+        let shows = self.shown.may_show(all_there_is, self.now());
         if !shows {
             // What arrives meanwhile changes nothing on the screen, and a frame would keep the first one waiting.
             if let Some(left) = self.waiting.and_then(|at| OVERLAY_INTERVAL.checked_sub(at.elapsed())) {
@@ -365,17 +370,9 @@ impl Running {
     }
 
     pub(super) fn key(&mut self, code: KeyCode, pressed: bool) {
-        let now = self.now();
-        self.keys.set(now, code, pressed, self.rig.as_mut());
-        if let Some(rig) = &mut self.rig
-            && pressed
-        {
-            match code {
-                KeyCode::KeyF => rig.toggle(),
-                KeyCode::KeyR => rig.reset(),
-                KeyCode::KeyH => self.choices.hidden ^= true,
-                _ => {}
-            }
+        input::key(self.now(), code, pressed, &mut self.keys, self.rig.as_mut(), &mut self.quality);
+        if code == KeyCode::KeyH && pressed && self.rig.is_some() {
+            self.choices.hidden ^= true;
         }
     }
 
@@ -407,9 +404,9 @@ impl Steps for FrameSteps<'_> {
     fn receive(&mut self) -> anyhow::Result<()> {
         let running = &mut *self.running;
         running.receive();
-        // What the first frame needs is little, and is not put off.
         let was_whole = running.scene.is_whole();
-        let budget = if was_whole { UPLOAD_BYTES } else { usize::MAX };
+        // What the first frame needs is little, and is not put off.
+        let budget = if running.shown.has_begun() { UPLOAD_BYTES } else { usize::MAX };
         running.scene.upload(&running.painter.gpu, &running.painter.renderer, budget, self.now_s)?;
         if running.scene.is_whole() && !was_whole {
             tracing::debug!(now = ?running.now(), "first frame uploaded");
@@ -423,10 +420,7 @@ impl Steps for FrameSteps<'_> {
     fn move_camera(&mut self) {
         let running = &mut *self.running;
         let now = running.now();
-        running.keys.advance(now, running.rig.as_mut());
-        if running.keys.is_pushing() {
-            running.quality.moved(now);
-        }
+        input::move_camera(now, &mut running.keys, running.rig.as_mut(), &mut running.quality);
         running.measure(self.began);
     }
 

@@ -1,4 +1,4 @@
-//! The viewer's program in a window of a virtual X server.
+//! The viewer's program, in a window of a virtual X server or without.
 
 use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
@@ -38,8 +38,8 @@ impl Drop for Display {
     }
 }
 
-/// The program: cargo builds it beside these tests when it tests the whole workspace.
-fn program() -> PathBuf {
+/// Where the program is: cargo builds it beside these tests when it tests the whole workspace.
+fn path() -> PathBuf {
     let tests = std::env::current_exe().unwrap();
     let folder = tests.parent().and_then(Path::parent).unwrap();
     let program = folder.join("lodestream-viewer").with_extension(std::env::consts::EXE_EXTENSION);
@@ -47,28 +47,32 @@ fn program() -> PathBuf {
     program
 }
 
-/// A running viewer.
-pub(crate) struct Window {
+/// Width and height of the program's pictures.
+pub(crate) const SIZE_PX: [u32; 2] = [320, 180];
+
+/// A running viewer. What it logs is what it logs for anybody.
+pub(crate) struct Program {
     child: Child,
-    _display: Display,
+    display: Option<Display>,
 }
 
-impl Window {
-    /// Opens a small window on a display of its own. What it logs is what it logs for anybody.
-    pub(crate) fn open(address: &str, arguments: &[&str]) -> Self {
+impl Program {
+    /// Opens a small window on a display of its own.
+    pub(crate) fn in_window(address: &str, arguments: &[&str]) -> Self {
         let display = Display::start();
-        let child = Command::new(program())
-            .args([address, "--window", "320x180"])
-            .args(arguments)
-            .env("DISPLAY", &display.name)
-            .env_remove("WAYLAND_DISPLAY")
-            .env_remove("XDG_RUNTIME_DIR")
-            .env_remove("RUST_LOG")
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
-        Self { child, _display: display }
+        Self { child: spawn(address, arguments, Some(&display.name)), display: Some(display) }
+    }
+
+    /// Draws into a file, as small.
+    pub(crate) fn headless(address: &str, picture: &Path, arguments: &[&str]) -> Self {
+        let output = ["--headless", "--output", picture.to_str().unwrap()];
+        Self { child: spawn(address, &[&output[..], arguments].concat(), None), display: None }
+    }
+
+    /// Asks the window to close, as a window manager does for its user. Waits until there is a window.
+    pub(crate) fn close(&self) {
+        let display = self.display.as_ref().expect("it has a window");
+        super::x11::ask_to_close(&display.name, RUN_LIMIT);
     }
 
     /// Sends SIGTERM.
@@ -85,10 +89,28 @@ impl Window {
             if Instant::now() > until {
                 self.child.kill().unwrap();
                 let output = self.child.wait_with_output().unwrap();
-                panic!("the window did not end: {}", String::from_utf8_lossy(&output.stderr));
+                panic!("the viewer did not end: {}", String::from_utf8_lossy(&output.stderr));
             }
             std::thread::sleep(Duration::from_millis(20));
         }
         self.child.wait_with_output().unwrap()
     }
+}
+
+fn spawn(address: &str, arguments: &[&str], display: Option<&str>) -> Child {
+    let [width, height] = SIZE_PX;
+    let mut command = Command::new(path());
+    command
+        .args([address, "--window", &format!("{width}x{height}")])
+        .args(arguments)
+        .env_remove("DISPLAY")
+        .env_remove("WAYLAND_DISPLAY")
+        .env_remove("XDG_RUNTIME_DIR")
+        .env_remove("RUST_LOG")
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped());
+    if let Some(display) = display {
+        command.env("DISPLAY", display);
+    }
+    command.spawn().unwrap()
 }

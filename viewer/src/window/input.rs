@@ -1,0 +1,143 @@
+//! What keys do to the camera, and to how well the next frame is drawn.
+//!
+//! Input is answered between frames: the window system hands over what has come before it asks for the next frame, and
+//! that frame is already drawn as fast as a moving camera needs. So a picture shows the answer once the frame under way
+//! and one quick frame are through; where a key is held, a second one, since in the first it has pushed for no time.
+
+use std::time::Duration;
+
+use winit::keyboard::KeyCode;
+
+use super::camera::Rig;
+use super::keys::Keys;
+use super::quality::Quality;
+
+/// A key went down or up at `now`.
+pub(super) fn key(
+    now: Duration,
+    code: KeyCode,
+    pressed: bool,
+    keys: &mut Keys,
+    rig: Option<&mut Rig>,
+    quality: &mut Quality,
+) {
+    let Some(rig) = rig else { return keys.set(now, code, pressed, None) };
+    keys.set(now, code, pressed, Some(rig));
+    match code {
+        KeyCode::KeyF if pressed => rig.toggle(),
+        KeyCode::KeyR if pressed => {
+            rig.reset();
+            quality.moved(now);
+        }
+        _ => {}
+    }
+}
+
+/// Before a frame that begins at `now`: the camera is where the keys have pushed it.
+pub(super) fn move_camera(now: Duration, keys: &mut Keys, rig: Option<&mut Rig>, quality: &mut Quality) {
+    keys.advance(now, rig);
+    if keys.is_pushing() {
+        quality.moved(now);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::steps::{self, Steps};
+    use super::*;
+    use lodestream_protocol::pose::Pose;
+    use lodestream_protocol::scene::Camera;
+
+    /// Time of a frame in full, as software takes at 1280×720, and of one that a moving camera needs.
+    const FULL_S: f64 = 0.7;
+    const QUICK_S: f64 = 1.0 / 15.0;
+    /// When the window is looked at.
+    const LONG: Duration = Duration::from_secs(8);
+
+    /// A window in virtual time, whose frames take as long as the table of steps says.
+    struct Window {
+        now: Duration,
+        keys: Keys,
+        rig: Rig,
+        quality: Quality,
+        /// What the server heard last.
+        heard: Option<Pose>,
+        /// Frames: when begun, when shown, where from.
+        shown: Vec<(Duration, Duration, Pose)>,
+    }
+
+    impl Steps for Window {
+        type Painted = ();
+
+        fn receive(&mut self) -> anyhow::Result<()> {
+            Ok(())
+        }
+
+        fn move_camera(&mut self) {
+            // To receive takes a moment.
+            self.now += Duration::from_millis(1);
+            move_camera(self.now, &mut self.keys, Some(&mut self.rig), &mut self.quality);
+        }
+
+        fn send_view(&mut self) {
+            self.heard = Some(self.rig.pose());
+        }
+
+        fn paint(&mut self) -> anyhow::Result<()> {
+            assert_eq!(self.heard, Some(self.rig.pose()), "the server hears of it before it is painted");
+            let (begun, took) = (self.now, FULL_S * self.quality.cost());
+            self.now += Duration::from_secs_f64(took);
+            self.shown.push((begun, self.now, self.rig.pose()));
+            self.quality.drawn(begun, took);
+            Ok(())
+        }
+    }
+
+    fn start() -> Rig {
+        Rig::new(Camera { eye: [0.0, 0.0, 10.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov_y: 1.0 })
+    }
+
+    /// Draws frames one after another, as while more of the scene arrives; keys go down when their time has come, but
+    /// between frames. Gives (end of the frame that was under way, first frame that shows `answer`) after the last key.
+    fn answered(
+        rig: Rig,
+        presses: &[(Duration, KeyCode)],
+        answer: impl Fn(&Pose) -> bool,
+    ) -> (Duration, Duration) {
+        let (keys, quality) = (Keys::default(), Quality::new(true));
+        let mut window = Window { now: Duration::ZERO, keys, rig, quality, heard: None, shown: Vec::new() };
+        let (mut presses, mut free) = (presses.iter().peekable(), Duration::ZERO);
+        while window.now < LONG {
+            while let Some((_, code)) = presses.next_if(|(at, _)| *at <= window.now) {
+                let Window { now, keys, rig, quality, .. } = &mut window;
+                key(*now, *code, true, keys, Some(rig), quality);
+                free = *now;
+            }
+            steps::run(&mut window).unwrap();
+        }
+        let first = window.shown.iter().find(|(begun, _, pose)| *begun >= free && answer(pose));
+        (free, first.expect("it is answered").1)
+    }
+
+    /// After a frame at rest, which takes long, another one in full was drawn before a reset camera was seen.
+    #[test]
+    fn a_key_is_seen_one_or_two_quick_frames_after_the_frame_under_way() {
+        let (home, mut moved) = (start(), start());
+        moved.turn(300.0, 0.0);
+        for late_ms in [1, 50, 200, 350, 500, 650, 699] {
+            // Long after the device's first frames: it draws in full.
+            let at = Duration::from_millis(4000 + late_ms);
+            let within = |what: &str, quick: f64, (free, seen): (Duration, Duration)| {
+                let under_way = free.saturating_sub(at).as_secs_f64();
+                assert!(under_way <= FULL_S + 0.01, "{what}: {under_way} s until it is looked at");
+                let took = seen.saturating_sub(free).as_secs_f64();
+                assert!(took <= quick * QUICK_S + 0.01, "{what}: seen {took} s later");
+            };
+            let reset = answered(moved, &[(at, KeyCode::KeyR)], |pose| *pose == home.pose());
+            within("reset", 1.0, reset);
+            // A push is a way by the second frame.
+            let way = |pose: &Pose| (pose.eye - home.pose().eye).length() > 0.1;
+            within("push", 2.0, answered(home, &[(at, KeyCode::KeyW)], way));
+        }
+    }
+}

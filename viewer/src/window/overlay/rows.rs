@@ -1,0 +1,159 @@
+//! The overlay's figures, a row each.
+
+use std::time::Duration;
+
+use lodestream_client::core::{Milestone, Stats};
+use lodestream_render::{Counters, Timings};
+
+use crate::outcome::lacks;
+use crate::window::state::State;
+
+/// What is shown and not part of [`Stats`].
+#[derive(Clone, Debug, Default)]
+pub(in crate::window) struct Facts<'a> {
+    pub(in crate::window) adapter: &'a str,
+    pub(in crate::window) address: &'a str,
+    pub(in crate::window) message: Option<&'a str>,
+    pub(in crate::window) frame_ms: f64,
+    pub(in crate::window) fps: f64,
+    pub(in crate::window) bits_per_s: f64,
+    pub(in crate::window) presented: Option<Duration>,
+    pub(in crate::window) state: State,
+    pub(in crate::window) quality: String,
+    pub(in crate::window) mode: &'static str,
+    pub(in crate::window) camera: String,
+    pub(in crate::window) draw: Counters,
+    pub(in crate::window) gpu_bytes: u64,
+    pub(in crate::window) waiting_steps: usize,
+    /// Empty unless their table is open.
+    pub(in crate::window) times: Timings,
+}
+
+/// Names and values, from the top on.
+pub(super) fn rows(stats: &Stats, facts: &Facts<'_>) -> Vec<(&'static str, String)> {
+    let ms = |d: Option<Duration>| d.map_or("–".into(), |d| format!("{:.0} ms", d.as_secs_f64() * 1e3));
+    let c = &stats.counters;
+    let px = |px: f64| if px.is_finite() { format!("{px:.2} px") } else { "–".into() };
+    let first = stats.milestones.first_frame;
+    let at = |m: Option<Milestone>| match m {
+        Some(m) => format!("{} at {}", ms(Some(m.after)), bytes(m.bytes)),
+        None => "–".into(),
+    };
+    let [seen, everywhere] = [stats.milestones.seen_quality[2], stats.milestones.quality[2]];
+    let state = match facts.state {
+        State::Settled => "settled".to_owned(),
+        State::Refining => "refining".to_owned(),
+        State::Incomplete => lacks(stats.lacking_blobs, &stats.lacking),
+    };
+    vec![
+        ("scene", format!("{} ({}/{} instances)", stats.scene, stats.instances, stats.scene_instances)),
+        ("server", facts.address.to_owned()),
+        ("graphics", facts.adapter.to_owned()),
+        ("frame", format!("{:.1} ms ({:.1} fps)", facts.frame_ms, facts.fps)),
+        (
+            "first frame",
+            format!(
+                "{} at {}, shown {}",
+                ms(first.map(|m| m.after)),
+                first.map_or("–".into(), |m| bytes(m.bytes)),
+                ms(facts.presented)
+            ),
+        ),
+        ("error ≤ 1 px", format!("where seen {}, everywhere {}", at(seen), at(everywhere))),
+        ("received", format!("{} ({:.2} Mbit/s)", bytes(stats.transport_bytes), facts.bits_per_s / 1e6)),
+        (
+            "chunks",
+            format!(
+                "{} wanted · {} in flight · {} applied",
+                c.missing_chunks, stats.session.in_flight_blobs, stats.applied_chunks
+            ),
+        ),
+        (
+            "screen error",
+            format!(
+                "{}, where seen {} (threshold {}), {state}",
+                px(c.max_screen_error_px),
+                px(c.seen_screen_error_px),
+                px(c.threshold_px)
+            ),
+        ),
+        ("quality", facts.quality.clone()),
+        ("faces", format!("{} refined · {} drawn", thousands(stats.faces), thousands(facts.draw.triangles))),
+        (
+            "memory",
+            format!(
+                "meshes {} · GPU {} · cache {}{}",
+                bytes(stats.mesh_bytes),
+                bytes(facts.gpu_bytes),
+                bytes(stats.cached_bytes),
+                if facts.waiting_steps > 0 {
+                    format!(" · {} steps wait", facts.waiting_steps)
+                } else {
+                    String::new()
+                }
+            ),
+        ),
+        ("camera", format!("{}: {}", facts.mode, facts.camera)),
+    ]
+}
+
+/// Bytes for people.
+fn bytes(bytes: u64) -> String {
+    let b = bytes as f64;
+    match bytes {
+        0..10_000 => format!("{bytes} B"),
+        10_000..10_000_000 => format!("{:.1} kB", b / 1e3),
+        _ => format!("{:.1} MB", b / 1e6),
+    }
+}
+
+/// A number with spaces between thousands.
+fn thousands(n: u64) -> String {
+    let digits = n.to_string();
+    let mut out = String::new();
+    for (i, c) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            out.push('\u{202f}');
+        }
+        out.push(c);
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn value(stats: &Stats, facts: &Facts<'_>, name: &str) -> String {
+        let rows = rows(stats, facts);
+        rows.into_iter().find(|row| row.0 == name).unwrap_or_else(|| panic!("no row {name}")).1
+    }
+
+    #[test]
+    fn a_row_says_what_is_given_up_while_the_camera_moves() {
+        let facts = Facts { quality: "step 2 of 7: 70 % of the pixels' sides".into(), ..Facts::default() };
+        assert_eq!(value(&Stats::default(), &facts, "quality"), facts.quality);
+    }
+
+    #[test]
+    fn a_row_says_which_blobs_an_incomplete_picture_lacks() {
+        let bad = lodestream_protocol::BlobId::base(3);
+        let stats = Stats { lacking_blobs: 1, lacking: vec![bad], ..Stats::default() };
+        let said = |state| value(&stats, &Facts { state, ..Facts::default() }, "screen error");
+        assert!(
+            said(State::Incomplete).ends_with("damaged or refused (asset 3 base)"),
+            "{}",
+            said(State::Incomplete)
+        );
+        assert!(said(State::Settled).ends_with(", settled") && said(State::Refining).ends_with(", refining"));
+    }
+
+    #[test]
+    fn numbers_are_readable() {
+        assert_eq!(bytes(1234), "1234 B");
+        assert_eq!(bytes(12_345), "12.3 kB");
+        assert_eq!(bytes(12_345_678), "12.3 MB");
+        assert_eq!(thousands(1_234_567), "1\u{202f}234\u{202f}567");
+        assert_eq!(thousands(12), "12");
+    }
+}
