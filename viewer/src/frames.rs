@@ -140,7 +140,7 @@ mod tests {
     fn what_is_there_is_shown_at_once_where_the_rest_does_not_come_and_not_called_presented() {
         let mut shown = Shown::default();
         assert!(shown.may_show(true, Duration::from_millis(300)) && shown.has_begun());
-        shown.note(Duration::from_millis(350), false, &Counters::default());
+        shown.note(Duration::from_millis(350), false, &Counters::default(), Received::default());
         assert_eq!((shown.presented(), shown.frames()[0].whole), (None, false));
     }
 
