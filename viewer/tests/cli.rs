@@ -3,8 +3,9 @@
 // Helpers of tests are tests, whatever the lint thinks of functions without #[test].
 #![allow(clippy::unwrap_used)]
 
-use std::io::Write as _;
-use std::process::Command;
+use std::io::{Read as _, Write as _};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
 
 /// Runs what must be refused: exit code 2, nothing on standard output; gives standard error.
 fn refused(arguments: &[&str], fragments: &[&str]) -> String {
@@ -67,12 +68,20 @@ fn authorities_that_are_none_are_refused() {
     headless(&format!("quic://localhost:1#sha256={}", "ab".repeat(32)), &["--ca", "fingerprint"]);
 }
 
-#[test]
-fn a_server_that_is_not_there_is_told_in_one_line() {
-    if std::env::var("LODESTREAM_SKIP_GPU").is_ok_and(|v| v == "1") {
+/// Whether tests that open a graphics device are to be left out; says so if they are.
+fn without_gpu() -> bool {
+    let skipped = std::env::var("LODESTREAM_SKIP_GPU").is_ok_and(|v| v == "1");
+    if skipped {
         // Not `eprintln!`: the test runner would swallow it when the test "passes".
         let _ =
             writeln!(std::io::stderr(), "SKIPPED, NOT PASSED (LODESTREAM_SKIP_GPU=1): a test of the viewer");
+    }
+    skipped
+}
+
+#[test]
+fn a_server_that_is_not_there_is_told_in_one_line() {
+    if without_gpu() {
         return;
     }
     let folder = tempfile::tempdir().unwrap();
@@ -84,4 +93,52 @@ fn a_server_that_is_not_there_is_told_in_one_line() {
         refused(&[&address, "--headless", "--output", picture.to_str().unwrap()], &[&address, "running"]);
     assert_eq!(message.trim_end().lines().count(), 1, "{message}");
     assert!(!picture.exists());
+}
+
+/// A viewer that is ended whatever the test finds.
+struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // Fails where it has ended.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+#[test]
+fn a_peer_that_accepts_and_stays_silent_hung_the_viewer() {
+    if without_gpu() {
+        return;
+    }
+    // The system accepts for it; nobody ever answers.
+    let silent = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = format!("ws://{}", silent.local_addr().unwrap());
+    let folder = tempfile::tempdir().unwrap();
+    let picture = folder.path().join("x.png");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-viewer"));
+    command.args([&address, "--headless", "--timeout", "2", "--output", picture.to_str().unwrap()]);
+    command.env("RUST_LOG", "off").env_remove("XDG_RUNTIME_DIR");
+    let mut viewer =
+        Running(command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap());
+    let mut stderr = viewer.0.stderr.take().unwrap();
+    // It says a line at most, so it never waits for a reader. Opening a device may take long on a busy machine.
+    let limit = Instant::now() + Duration::from_secs(120);
+    let status = loop {
+        if let Some(status) = viewer.0.try_wait().unwrap() {
+            break status;
+        }
+        assert!(Instant::now() < limit, "the viewer goes on although --timeout has passed long ago");
+        std::thread::sleep(Duration::from_millis(50));
+    };
+    let mut message = String::new();
+    stderr.read_to_string(&mut message).unwrap();
+    assert_eq!(status.code(), Some(2), "{message}");
+    // Which of the two it is depends on how long the device took to open.
+    let told = message.contains("nothing could be drawn within 2 s")
+        || message.contains("is it a lodestream server");
+    assert!(message.starts_with("error: ") && told, "{message}");
+    assert_eq!(message.trim_end().lines().count(), 1, "{message}");
+    assert!(!picture.exists());
+    drop(silent);
 }
