@@ -48,8 +48,12 @@ impl Picture {
     /// Of a texture whose texels are `texel_px` large on a surface of radius `coverage_px`; `weight` is the share of its
     /// area that counts as different while it is a blur.
     pub(crate) fn texture_px2(&self, texel_px: f32, coverage_px: f32, weight: f32) -> f32 {
-        let area = (coverage_px * coverage_px).min(0.25 * self.area_px2);
-        weight * area * (texel_px / BLUR_PX).min(1.0)
+        weight * self.surface_px2(coverage_px) * (texel_px / BLUR_PX).min(1.0)
+    }
+
+    /// Area of a surface of radius `coverage_px`, as textures count it.
+    pub(crate) fn surface_px2(&self, coverage_px: f32) -> f32 {
+        (coverage_px * coverage_px).min(0.25 * self.area_px2)
     }
 
     /// Priority of an index page whose chunks have an error of at most `error_px`, of an asset of radius `coverage_px`.

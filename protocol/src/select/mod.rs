@@ -25,7 +25,7 @@ mod settings;
 mod state;
 #[cfg(test)]
 mod tests;
-mod textures;
+pub(crate) mod textures;
 pub(crate) mod visibility;
 
 pub use difference::{lamp_priority, shape_priority};

@@ -64,7 +64,7 @@ pub fn refine_priority(difference_px2: f32, bytes: f32, centrality: f32) -> Prio
 
 /// A visible difference as it counts for [`refine_priority`] where something hides it: less than anything that is seen,
 /// and still the more the larger. Sums with differences that are seen count as these alone.
-pub(super) fn hidden(difference_px2: f32) -> f32 {
+pub(crate) fn hidden(difference_px2: f32) -> f32 {
     (difference_px2 * HIDDEN).min(0.1 * LEAST_SEEN_PX2)
 }
 

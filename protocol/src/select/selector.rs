@@ -11,7 +11,7 @@ use super::project::Projection;
 use super::selection::{Counters, Selection, State, Wanted};
 use super::settings::SelectSettings;
 use super::state::{AssetState, Chunk};
-use super::textures::{self, SoughtLevel};
+use super::textures::{SoughtLevel, Textures};
 use super::visibility::{Placed, Visibility};
 use crate::blob::{BlobId, BlobPart};
 use crate::scene::InstanceEntry;
@@ -46,7 +46,7 @@ pub struct Selector {
     /// How far the eye may get until what is wanted now is here.
     way: f32,
     /// Levels of textures that assets seek.
-    textures: Vec<SoughtLevel>,
+    textures: Textures,
 }
 
 /// What the instances of one asset add up to.
@@ -57,7 +57,10 @@ struct Seen {
     placed: bool,
     /// Some visible instance is so far away that its chunks were not looked at.
     far: bool,
+    /// Radius on the screen, of instances out of view too.
     coverage_px: f32,
+    /// The same of those in view.
+    visible_px: f32,
     centrality: f32,
     /// Bound on the screen error of chunks that are not known yet.
     unknown_px: f32,
@@ -145,7 +148,7 @@ impl Selector {
             found: Vec::new(),
             shares: Vec::new(),
             way: 0.0,
-            textures: Vec::new(),
+            textures: Textures::default(),
         }
     }
 
@@ -158,6 +161,17 @@ impl Selector {
     /// into view on the way counts as seen. 0 at first.
     pub const fn set_way(&mut self, way: f32) {
         self.way = way;
+    }
+
+    /// What a view sees of the scene's surfaces.
+    pub(crate) fn visibility(
+        &mut self,
+        view: &View,
+        instances: &[InstanceEntry],
+        assets: &[AssetState],
+    ) -> &Visibility {
+        self.visibility.draw(view, self.way, instances, assets);
+        &self.visibility
     }
 
     /// What the last call found.
@@ -187,7 +201,11 @@ impl Selector {
             self.want_base_and_pages(number, asset, threshold, &picture);
             self.want_textures(number, asset, threshold, &picture);
         }
-        textures::list(&mut self.textures, &mut self.selection);
+        if self.settings.hidden_last && self.textures.seeks() {
+            self.visibility.draw(view, self.way, instances, assets);
+            self.textures.weigh(&self.visibility, view, instances, assets);
+        }
+        self.textures.list(&mut self.selection);
         self.finish()
     }
 
@@ -205,6 +223,7 @@ impl Selector {
         }
         self.chunks.clear();
         self.chunks.resize(first_chunk, Seek::default());
+        self.textures.clear();
     }
 
     /// The pass over instances: screen errors per chunk, and the achieved error.
@@ -225,6 +244,8 @@ impl Selector {
                 continue;
             }
             seen.visible = true;
+            seen.visible_px = seen.visible_px.max(bounds.coverage_px);
+            self.textures.note(number, instance.asset, bounds.coverage_px);
             seen.centrality = seen.centrality.max(bounds.centrality);
             counters.visible_instances += 1;
             if asset.state(BlobPart::Base) == State::Applied {
@@ -518,9 +539,11 @@ impl Selector {
                 if *state != State::Applied {
                     pending += 1;
                     let weight = self.settings.texture_weight.get();
-                    let difference_px2 = picture.texture_px2(texel_px, seen.coverage_px, weight);
-                    let (bytes, state, centrality) = (about.bytes, *state, seen.centrality);
-                    self.textures.push(SoughtLevel { id, bytes, state, difference_px2, centrality });
+                    let difference_px2 = picture.texture_px2(texel_px, seen.visible_px, weight);
+                    let (asset, bytes, state) = (number, about.bytes, *state);
+                    let Seen { centrality, .. } = seen;
+                    let level = SoughtLevel { id, asset, bytes, state, difference_px2, centrality };
+                    self.textures.seek(level);
                     if state == State::Failed {
                         break;
                     }

@@ -13,6 +13,8 @@ use crate::testing::{plane, plane_entry};
 use crate::view::View;
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, Sphere, decode_stated_page, encode_pages};
 
+mod hidden_textures;
+
 /// An asset whose base is applied and whose index is known.
 fn known_asset(levels: u8) -> AssetState {
     known_asset_of(plane_entry("plane", &plane(levels), 1000), levels)

@@ -1,14 +1,21 @@
 //! Levels of textures that a view seeks, each listed once however many assets seek it.
 
-use super::priority::refine_priority;
+use super::difference::Picture;
+use super::priority::{hidden, refine_priority};
 use super::selection::{Selection, State, Wanted};
+use super::state::AssetState;
+use super::visibility::Visibility;
 use crate::blob::BlobId;
+use crate::scene::InstanceEntry;
+use crate::view::View;
 
 /// A level of a texture that one asset seeks.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SoughtLevel {
     /// What is asked for: of a shared texture the same for all assets.
     pub(super) id: BlobId,
+    /// The asset that seeks it.
+    pub(super) asset: u32,
     pub(super) bytes: u32,
     pub(super) state: State,
     /// Visible difference that it makes to this asset.
@@ -16,23 +23,113 @@ pub(super) struct SoughtLevel {
     pub(super) centrality: f32,
 }
 
-/// Adds to a selection what was sought, and empties the list. What several assets seek makes the sum of the differences
-/// that it makes to each.
-pub(super) fn list(sought: &mut Vec<SoughtLevel>, selection: &mut Selection) {
-    sought.sort_by_key(|level| level.id);
-    for same in sought.chunk_by(|a, b| a.id == b.id) {
-        let SoughtLevel { id, bytes, .. } = same[0];
-        if same.iter().any(|level| level.state == State::Failed) {
-            selection.failed.push(id);
-            continue;
+/// How large an asset's largest instance is on the screen, and the largest of which something is seen.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct ShownArea {
+    whole_px2: f32,
+    seen_px2: f32,
+}
+
+impl ShownArea {
+    /// An instance of so large a surface, and whether something is seen of it.
+    pub(crate) fn add(&mut self, surface_px2: f32, seen: bool) {
+        self.whole_px2 = self.whole_px2.max(surface_px2);
+        if seen {
+            self.seen_px2 = self.seen_px2.max(surface_px2);
         }
-        let difference_px2 = same.iter().map(|level| level.difference_px2).sum();
-        let centrality = same.iter().map(|level| level.centrality).fold(0.0, f32::max);
-        // On its way for one, it is for all.
-        let state = same.iter().map(|level| level.state).max().unwrap_or_default();
-        #[expect(clippy::cast_precision_loss)]
-        let priority = refine_priority(difference_px2, bytes as f32, centrality);
-        selection.wanted.push(Wanted::whole(id, priority, Some(bytes), state));
     }
-    sought.clear();
+
+    /// The difference that a texture makes, given the one that it would make if nothing were hidden.
+    pub(crate) fn weigh(&self, difference_px2: f32) -> f32 {
+        if self.seen_px2 > 0.0 {
+            difference_px2 * (self.seen_px2 / self.whole_px2)
+        } else {
+            hidden(difference_px2)
+        }
+    }
+}
+
+/// An instance in view.
+#[derive(Clone, Copy, Debug)]
+struct InView {
+    number: u32,
+    asset: u32,
+    coverage_px: f32,
+}
+
+/// What a view seeks, and what shows it.
+#[derive(Debug, Default)]
+pub(super) struct Textures {
+    sought: Vec<SoughtLevel>,
+    in_view: Vec<InView>,
+    /// Of the assets in view that seek something.
+    areas: Vec<Option<ShownArea>>,
+}
+
+impl Textures {
+    pub(super) fn clear(&mut self) {
+        self.sought.clear();
+        self.in_view.clear();
+    }
+
+    /// An instance is in view.
+    pub(super) fn note(&mut self, number: u32, asset: u32, coverage_px: f32) {
+        self.in_view.push(InView { number, asset, coverage_px });
+    }
+
+    pub(super) fn seek(&mut self, level: SoughtLevel) {
+        self.sought.push(level);
+    }
+
+    /// Whether anything is sought.
+    pub(super) fn seeks(&self) -> bool {
+        !self.sought.is_empty()
+    }
+
+    /// Weighs what is sought by whether something is seen of the instances that show it, as drawn for the view.
+    pub(super) fn weigh(
+        &mut self,
+        visibility: &Visibility,
+        view: &View,
+        instances: &[InstanceEntry],
+        assets: &[AssetState],
+    ) {
+        let picture = Picture::new(view);
+        self.areas.clear();
+        self.areas.resize(assets.len(), None);
+        for level in &self.sought {
+            self.areas[level.asset as usize] = Some(ShownArea::default());
+        }
+        for &InView { number, asset, coverage_px } in &self.in_view {
+            let Some(area) = &mut self.areas[asset as usize] else { continue };
+            let instance = &instances[number as usize];
+            let seen = visibility.shows(number, view, assets[asset as usize].entry(), instance);
+            area.add(picture.surface_px2(coverage_px), seen);
+        }
+        for level in &mut self.sought {
+            if let Some(area) = self.areas[level.asset as usize] {
+                level.difference_px2 = area.weigh(level.difference_px2);
+            }
+        }
+    }
+
+    /// Adds what was sought to a selection. What several assets seek makes the sum of the differences that it makes to
+    /// each.
+    pub(super) fn list(&mut self, selection: &mut Selection) {
+        self.sought.sort_by_key(|level| level.id);
+        for same in self.sought.chunk_by(|a, b| a.id == b.id) {
+            let SoughtLevel { id, bytes, .. } = same[0];
+            if same.iter().any(|level| level.state == State::Failed) {
+                selection.failed.push(id);
+                continue;
+            }
+            let difference_px2 = same.iter().map(|level| level.difference_px2).sum();
+            let centrality = same.iter().map(|level| level.centrality).fold(0.0, f32::max);
+            // On its way for one, it is for all.
+            let state = same.iter().map(|level| level.state).max().unwrap_or_default();
+            #[expect(clippy::cast_precision_loss)]
+            let priority = refine_priority(difference_px2, bytes as f32, centrality);
+            selection.wanted.push(Wanted::whole(id, priority, Some(bytes), state));
+        }
+    }
 }

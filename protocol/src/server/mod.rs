@@ -5,6 +5,7 @@
 //! answer. `Hello` brings the real view; what is not sent yet is ordered anew. Behind the base meshes go
 //! index pages and first chunks, until the client's first `Want` of a chunk takes over.
 
+mod coarse_textures;
 mod config;
 mod first_flight;
 mod outbox;

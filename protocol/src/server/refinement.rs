@@ -1,16 +1,16 @@
 //! The first refinement for a view, which the server sends unasked behind the base meshes.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashMap;
 
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_stated_page};
 
+use super::coarse_textures::coarse_textures;
 use super::first_flight::all_pages;
 use crate::blob::{BlobId, BlobPart};
 use crate::scene::{AssetEntry, InstanceEntry};
 use crate::scheduler::Unit;
-use crate::select::difference::Picture;
-use crate::select::priority::{Priority, refine_priority};
-use crate::select::{AssetState, Projection, SelectSettings, Selector, State, Wanted};
+use crate::select::priority::Priority;
+use crate::select::{AssetState, SelectSettings, Selector, State, Wanted};
 use crate::source::{Reading, SceneSource, SourceError};
 use crate::view::View;
 
@@ -20,13 +20,6 @@ const MAX_REFINED_ASSETS: usize = 64;
 pub(super) const MAX_REFINED_PAGES: usize = 64;
 /// Most index pages named as missing at a time.
 const MAX_MISSING: usize = 8;
-/// Most textures of an asset of which something is pushed.
-const MAX_TEXTURES: u16 = 8;
-/// Levels that are pushed of each, from the coarsest on: some hundred bytes together.
-const COARSE_LEVELS: u8 = 2;
-/// Least radius of an asset on the screen whose textures are pushed, in pixels: with less, the mean colour may do.
-const LEAST_TEXTURED_PX: f32 = 32.0;
-
 /// One blob of the first refinement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Refining {
@@ -59,11 +52,13 @@ pub(super) fn first_refinement(
 ) -> Result<Vec<Refining>, Missing> {
     let (numbers, instances, mut assets) = visible_assets(source, flight);
     let settings = SelectSettings { prefetch_bases: false, ..SelectSettings::default() };
-    let mut textures =
-        coarse_textures(source, view, &settings, (&numbers, &instances, &assets)).into_iter().peekable();
     let mut selector = Selector::new(settings);
     let known = (&numbers[..], &instances[..], &mut assets[..]);
     let mut out = learn_pages(source, view, &mut selector, budget_bytes, read, known)?;
+    let visibility = selector.visibility(view, &instances, &assets);
+    let mut textures = coarse_textures(source, view, &settings, visibility, (&numbers, &instances, &assets))
+        .into_iter()
+        .peekable();
     let mut left = budget_bytes - out.iter().map(|page| length(source, page)).sum::<u64>().min(budget_bytes);
     // Only now that the pages are known is it clear up to which stop each chunk is wanted.
     for wanted in &selector.select(view, &instances, &assets).wanted {
@@ -103,53 +98,6 @@ fn page_of(asset: u32, part: BlobPart) -> BlobId {
         }
         _ => BlobId::base(asset),
     }
-}
-
-/// The coarsest levels of the textures of what is visible, most urgent first. What they are of and how dense, the server
-/// does not know: all count as blurs.
-fn coarse_textures(
-    source: &dyn SceneSource,
-    view: &View,
-    settings: &SelectSettings,
-    (numbers, instances, assets): (&[u32], &[InstanceEntry], &[AssetState]),
-) -> Vec<Refining> {
-    let (projection, picture) = (Projection::new(view), Picture::new(view));
-    let mut seen = vec![(0.0_f32, 0.0_f32); assets.len()];
-    for instance in instances {
-        let (Some(asset), Some(seen)) =
-            (assets.get(instance.asset as usize), seen.get_mut(instance.asset as usize))
-        else {
-            continue;
-        };
-        let bounds = projection.bounds(asset.entry(), instance);
-        if bounds.visible {
-            *seen = (seen.0.max(bounds.coverage_px), seen.1.max(bounds.centrality));
-        }
-    }
-    // What several assets have in common makes the sum of the differences that it makes to each.
-    let mut levels: BTreeMap<BlobId, (u32, f32, f32)> = BTreeMap::new();
-    for ((&number, asset), (coverage_px, centrality)) in
-        numbers.iter().zip(assets).zip(seen).filter(|(_, seen)| seen.0 >= LEAST_TEXTURED_PX)
-    {
-        let difference_px2 = picture.texture_px2(f32::MAX, coverage_px, settings.texture_weight.get());
-        for part in (0..MAX_TEXTURES)
-            .flat_map(|texture| (0..COARSE_LEVELS).map(move |level| BlobPart::Texture { texture, level }))
-        {
-            let id = asset.entry().sent_blob(number, part);
-            let Some(bytes) = source.blob_len(&id) else { continue };
-            let level = levels.entry(id).or_insert((bytes, 0.0, 0.0));
-            (level.1, level.2) = (level.1 + difference_px2, level.2.max(centrality));
-        }
-    }
-    #[expect(clippy::cast_precision_loss)]
-    let of = |(id, (bytes, difference_px2, centrality)): (BlobId, (u32, f32, f32))| Refining {
-        priority: refine_priority(difference_px2, bytes as f32, centrality),
-        id,
-        end: None,
-    };
-    let mut out: Vec<Refining> = levels.into_iter().map(of).collect();
-    out.sort_by_key(|level| std::cmp::Reverse(level.priority));
-    out
 }
 
 fn length(source: &dyn SceneSource, next: &Refining) -> u64 {
@@ -266,6 +214,7 @@ fn visible_assets(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::server::coarse_textures::COARSE_LEVELS;
     use crate::server::first_flight::first_flight;
     use crate::testing::MemoryScene;
     use std::collections::HashSet;

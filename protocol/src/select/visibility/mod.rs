@@ -225,6 +225,22 @@ impl Visibility {
         self.known.insert(number, known);
     }
 
+    /// Whether anything may be seen of an instance, judged by its bounding sphere; where that is not judged, it is.
+    pub(crate) fn shows(
+        &self,
+        number: u32,
+        view: &View,
+        asset: &AssetEntry,
+        instance: &InstanceEntry,
+    ) -> bool {
+        let Some(frame) = self.drawn.as_ref().and_then(|drawn| drawn.frame(number)) else { return true };
+        let placed = Placed::new(view, asset, instance);
+        let (center, radius) = (placed.place(asset.sphere.center), asset.sphere.radius * placed.scale);
+        let mut own = false;
+        let judged = self.buffer.points_around(number, frame, center, radius, |_, _| own = true);
+        own || judged.is_none() || self.buffer.seen_through(center, radius) > 0.0
+    }
+
     fn begin_turn(&mut self) {
         let next = self.turn.checked_add(1);
         if next.is_none() || self.nearest.len() != self.buffer.pixels() {
