@@ -1,9 +1,10 @@
 //! The first flight for a view: what of the scene comes in which order before anybody asked.
 
 use std::cmp::Reverse;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use crate::blob::BlobId;
+use crate::blob::{BlobId, BlobPart};
 use crate::scene::{AssetEntry, ScenePage};
 use crate::scheduler::Unit;
 use crate::select::Projection;
@@ -15,14 +16,22 @@ use crate::view::View;
 /// turns should not wait for long. The demo's refinement falls below that after half a second at 2 Mbit/s.
 const HIDDEN_PAGE_WORTH: f32 = 1.0;
 
-/// The first flight for a view: scene pages and base meshes, least urgent first (so that the next is
-/// popped from the end). Base meshes out of view are left to the client.
+/// Textures of an asset whose coarsest level comes with its base mesh, at most, and of so many bytes.
+const MAX_TEXTURES: u16 = 4;
+const MAX_TEXTURE_BYTES: u32 = 512;
+/// Least radius of an asset whose textures do, in heights of the picture: it is a quarter of the height across, and in
+/// one mean colour far from what it becomes.
+const LEAST_TEXTURED: f32 = 0.125;
+
+/// The first flight for a view: scene pages, base meshes and, of what is large on the screen, the coarsest levels of
+/// textures, least urgent first (so that the next is popped from the end). Base meshes out of view are left to the client.
 pub(super) fn first_flight(source: &dyn SceneSource, view: &View) -> Vec<(Priority, Unit)> {
     let projection = Projection::new(view);
     let pages = all_pages(source);
     let assets: Vec<(u32, &AssetEntry)> =
         pages.iter().flat_map(|page| page.assets.iter().map(|asset| (page.page, asset))).collect();
     let mut best = vec![0; assets.len()];
+    let mut largest_px = vec![0.0_f32; assets.len()];
     let mut page_best = vec![0; pages.len()];
     for (page, best_on_page) in pages.iter().zip(&mut page_best) {
         for instance in &page.instances {
@@ -32,6 +41,8 @@ pub(super) fn first_flight(source: &dyn SceneSource, view: &View) -> Vec<(Priori
                 let priority = base_priority(bounds.coverage_px, bounds.centrality);
                 let best = &mut best[instance.asset as usize];
                 *best = priority.max(*best);
+                let largest_px = &mut largest_px[instance.asset as usize];
+                *largest_px = largest_px.max(bounds.coverage_px);
                 *best_on_page = priority.max(*best_on_page);
             }
         }
@@ -46,10 +57,35 @@ pub(super) fn first_flight(source: &dyn SceneSource, view: &View) -> Vec<(Priori
     let of_pages = (0..).zip(&page_best).map(|(page, &priority)| (priority.max(hidden), Unit::Page(page)));
     let of_bases = (0..).zip(&best).filter(|(_, priority)| **priority > 0);
     let of_bases = of_bases.map(|(asset, &priority)| (priority, Unit::Blob(BlobId::base(asset))));
-    let mut flight: Vec<_> = of_pages.chain(of_bases).collect();
-    // Pages before base meshes, low numbers first, among equals.
+    #[expect(clippy::cast_precision_loss)]
+    let least_px = LEAST_TEXTURED * view.viewport_px[1] as f32;
+    let of_textures = coarsest_textures(source, &assets, |asset| {
+        best.get(asset).zip(largest_px.get(asset)).filter(|(_, px)| **px >= least_px).map(|(best, _)| *best)
+    });
+    let mut flight: Vec<_> = of_pages.chain(of_bases).chain(of_textures).collect();
+    // Pages before base meshes before their textures, low numbers first, among equals.
     flight.sort_unstable_by_key(|&(priority, unit)| (priority, Reverse(unit)));
     flight
+}
+
+/// The coarsest level of the textures of each asset that `priority_of` gives a priority; of a shared one once.
+fn coarsest_textures(
+    source: &dyn SceneSource,
+    assets: &[(u32, &AssetEntry)],
+    priority_of: impl Fn(usize) -> Option<Priority>,
+) -> impl Iterator<Item = (Priority, Unit)> {
+    let mut levels: BTreeMap<BlobId, Priority> = BTreeMap::new();
+    for (number, &(_, entry)) in assets.iter().enumerate() {
+        let (Ok(asset), Some(priority)) = (u32::try_from(number), priority_of(number)) else { continue };
+        for texture in 0..MAX_TEXTURES {
+            let id = entry.sent_blob(asset, BlobPart::Texture { texture, level: 0 });
+            if source.blob_len(&id).is_some_and(|bytes| bytes <= MAX_TEXTURE_BYTES) {
+                let level = levels.entry(id).or_default();
+                *level = priority.max(*level);
+            }
+        }
+    }
+    levels.into_iter().map(|(id, priority)| (priority, Unit::Blob(id)))
 }
 
 /// All pages of the description.
@@ -75,5 +111,29 @@ mod tests {
             let page = units.iter().position(|u| *u == Unit::Page(asset / 8)).unwrap();
             assert!(page < base, "asset {asset}");
         }
+    }
+
+    #[test]
+    fn the_coarsest_textures_of_what_is_large_come_with_its_base_mesh() {
+        let mut scene = MemoryScene::new(20, 1, 2);
+        Arc::get_mut(&mut scene).unwrap().texture_levels = 3;
+        let view = scene.header.camera.view([1280, 720], 1.0);
+        let near = |levels_of: View| {
+            let flight = first_flight(&*scene, &levels_of);
+            let texture = |(at, (_, unit)): (usize, &(Priority, Unit))| match unit {
+                Unit::Blob(id @ BlobId::Asset { asset, part: BlobPart::Texture { level, .. } }) => {
+                    assert_eq!(*level, 0, "{id}");
+                    // What is handed over before it, as the last comes first.
+                    assert!(flight[at..].iter().any(|(_, unit)| *unit == Unit::Blob(BlobId::base(*asset))));
+                    Some(*asset)
+                }
+                _ => None,
+            };
+            flight.iter().enumerate().filter_map(texture).collect::<Vec<_>>()
+        };
+        let large = near(view);
+        assert!(large.contains(&0) && large.len() < 20, "{large:?}");
+        let further = View { eye: view.eye.map(|x| 100.0 * x), ..view };
+        assert_eq!(near(further), []);
     }
 }

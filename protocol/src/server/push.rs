@@ -32,7 +32,7 @@ pub(super) struct Push {
     plans: Arc<Plans>,
     /// What is pushed next.
     queue: Queue,
-    /// Units without which a visible instance cannot be drawn, not handed over yet.
+    /// Units without which a visible instance cannot be drawn, and what comes with them, not handed over yet.
     bases_left: HashSet<Unit>,
     bases_told: bool,
     refinement_pushed: bool,

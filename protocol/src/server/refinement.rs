@@ -183,8 +183,8 @@ fn visible_assets(
         .iter()
         .rev()
         .filter_map(|(_, unit)| match unit {
-            Unit::Blob(id) => id.asset(),
-            Unit::Page(_) => None,
+            Unit::Blob(BlobId::Asset { asset, part: BlobPart::Base }) => Some(*asset),
+            Unit::Blob(_) | Unit::Page(_) => None,
         })
         .take(MAX_REFINED_ASSETS)
         .collect();
