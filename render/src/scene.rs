@@ -6,6 +6,7 @@ use lodestream_protocol::pose::Pose;
 use super::asset::AssetGpu;
 use super::instance::Instance;
 use super::lights::{Light, LightCulling};
+use super::sky::SkyMaps;
 use super::terrain::TerrainFrame;
 use super::water::Water;
 
@@ -436,6 +437,8 @@ pub struct Frame<'a> {
     pub lights: &'a [Light],
     /// In which light.
     pub environment: Environment,
+    /// The maps of its sky, where somebody has computed them; else the first frame in this light does.
+    pub sky: Option<&'a SkyMaps>,
     /// How.
     pub settings: Settings,
     /// Now, in seconds of the clock of [`super::PackedVertex::birth_s`].
@@ -453,6 +456,7 @@ impl<'a> Frame<'a> {
             water: None,
             lights: &[],
             environment: Environment::default(),
+            sky: None,
             settings: Settings::default(),
             time_s: f32::MAX,
         }

@@ -3,6 +3,8 @@
 
 use std::time::Duration;
 
+use lodestream_render::{AmbientOcclusion, AntiAliasing, Settings, Shadows};
+
 /// Frames a second that a moving camera needs.
 const LEAST_FPS: f64 = 15.0;
 /// Time of a frame that is aimed at: some below what is needed, since frames differ.
@@ -34,6 +36,25 @@ pub(super) struct Step {
     pub(super) samples: u32,
     /// Time of a frame over that of the first step, roughly: what decides is measured after the step was taken.
     cost: f64,
+}
+
+impl Step {
+    /// What is left of a user's settings, but for how late shadows may be.
+    pub(super) fn of(&self, settings: &Settings) -> Settings {
+        let occlusion = settings.occlusion.filter(|_| self.samples > 0);
+        Settings {
+            render_scale: self.render_scale,
+            anti_aliasing: if self.antialias { settings.anti_aliasing } else { AntiAliasing::None },
+            occlusion: occlusion.map(|occlusion| AmbientOcclusion {
+                samples: occlusion.samples.min(self.samples),
+                ..occlusion
+            }),
+            shadows: settings
+                .shadows
+                .map(|shadows| Shadows { cascades: shadows.cascades.min(self.cascades), ..shadows }),
+            ..*settings
+        }
+    }
 }
 
 /// Nothing given up.
