@@ -76,9 +76,9 @@ pub use material::{Alpha, Material, Wrap};
 pub use readback::TargetCopy;
 pub use renderer::Renderer;
 pub use scene::{
-    Air, AmbientOcclusion, AntiAliasing, Drawable, Environment, Frame, Haze, MAP_SIDES, MAX_ANISOTROPY,
-    MAX_CASCADES, MAX_FILTER, MAX_RELIEF_STEPS, MAX_SAMPLES, MIN_RENDER_SCALE, OcclusionRadius, PlainSky,
-    Settings, Shade, Shadows, Sky, ToneMapping,
+    Air, AmbientOcclusion, AntiAliasing, Drawable, Environment, Frame, Haze, MAP_SIDES, MAP_STEPS,
+    MAX_ANISOTROPY, MAX_CASCADES, MAX_FILTER, MAX_RELIEF_STEPS, MAX_SAMPLES, MIN_RENDER_SCALE,
+    OcclusionRadius, PlainSky, Settings, Shade, Shadows, Sky, ToneMapping,
 };
 #[cfg(feature = "client")]
 pub use scene_view::SceneView;

@@ -30,6 +30,8 @@ pub(super) struct Step {
     pub(super) late_shadows: u32,
     /// Most cascades of shadows.
     pub(super) cascades: u32,
+    /// Steps by which each of their maps follows the eye, along its side.
+    map_steps: u32,
     /// Most texels along a side of each of their maps.
     map_side: u32,
     /// Whether edges are smoothed, where the picture is not enlarged.
@@ -56,6 +58,7 @@ impl Step {
             relief: settings.relief && self.relief,
             shadows: settings.shadows.map(|shadows| Shadows {
                 cascades: shadows.cascades.min(self.cascades),
+                steps: shadows.steps.min(self.map_steps),
                 map_side: shadows.map_side.min(self.map_side),
                 ..shadows
             }),
@@ -71,6 +74,7 @@ pub(super) const FULL: Step = Step {
     meshes: 1.0,
     late_shadows: 0,
     cascades: u32::MAX,
+    map_steps: u32::MAX,
     map_side: u32::MAX,
     antialias: true,
     samples: u32::MAX,
@@ -81,7 +85,7 @@ pub(super) const FULL: Step = Step {
 const UNSEEN: Step = Step { ground: 4.0, late_shadows: 12, cost: 0.75, ..FULL };
 const SMALLER: Step = Step { render_scale: 0.7, cost: 0.45, ..UNSEEN };
 const HALF: Step = Step { render_scale: 0.5, ground: 8.0, cost: 0.28, ..SMALLER };
-const TWO_MAPS: Step = Step { cascades: 2, cost: 0.23, ..HALF };
+const TWO_MAPS: Step = Step { cascades: 2, map_steps: 4, cost: 0.23, ..HALF };
 const STAIRS: Step = Step { render_scale: 0.35, meshes: 2.0, antialias: false, cost: 0.17, ..TWO_MAPS };
 const FEW_SAMPLES: Step = Step { samples: 4, cost: 0.14, ..STAIRS };
 const FASTEST: Step = Step {
@@ -324,6 +328,7 @@ mod tests {
             assert!(pair[0].cascades >= pair[1].cascades && pair[0].samples >= pair[1].samples);
             assert!(pair[0].antialias >= pair[1].antialias && pair[0].late_shadows <= pair[1].late_shadows);
             assert!(pair[0].relief >= pair[1].relief && pair[0].map_side >= pair[1].map_side);
+            assert!(pair[0].map_steps >= pair[1].map_steps);
         }
         let mut quality = Quality::new(true);
         let fastest = quality.describe();
