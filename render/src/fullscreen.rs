@@ -24,7 +24,7 @@ pub(crate) fn deep_pipeline(
     (target, depth_stencil): (wgpu::ColorTargetState, Option<wgpu::DepthStencilState>),
     constants: &[(&str, f64)],
 ) -> wgpu::RenderPipeline {
-    gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+    gpu.render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: Some(entry),
         layout: None,
         vertex: wgpu::VertexState {

@@ -150,7 +150,7 @@ impl GeometryPass<'_> {
         fragment: Option<Fragment<'_>>,
         Raster { polygon_mode, cull, compare, write }: Raster,
     ) -> wgpu::RenderPipeline {
-        gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        gpu.render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some(fragment.as_ref().map_or(vertex, |fragment| fragment.entry)),
             layout: Some(self.layout),
             vertex: wgpu::VertexState {

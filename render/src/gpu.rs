@@ -1,5 +1,6 @@
 //! The device: choice of adapter, limits, and errors that stay values.
 
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use thiserror::Error;
@@ -86,6 +87,8 @@ pub struct Gpu {
     /// Its queue.
     pub queue: wgpu::Queue,
     error: Arc<Mutex<Option<String>>>,
+    /// Render pipelines that were compiled.
+    pipelines: Arc<AtomicU32>,
 }
 
 impl Gpu {
@@ -126,7 +129,7 @@ impl Gpu {
     /// The device's error handlers stay the host's: what wgpu reports goes there, and [`Gpu::take_error`] has none.
     #[must_use]
     pub fn from_parts(adapter: wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Self {
-        Self { adapter, device, queue, error: Arc::default() }
+        Self { adapter, device, queue, error: Arc::default(), pipelines: Arc::default() }
     }
 
     fn open(instance: &wgpu::Instance, surface: Option<&wgpu::Surface<'_>>) -> Result<Self, RenderError> {
@@ -163,7 +166,22 @@ impl Gpu {
                 on_lost(format!("device lost: {text}"));
             }
         });
-        Ok(Self { adapter, device, queue, error })
+        Ok(Self { adapter, device, queue, error, pipelines: Arc::default() })
+    }
+
+    /// Compiles a pipeline, which takes milliseconds: a frame should not wait for it ([`crate::Compiler`]).
+    pub(crate) fn render_pipeline(
+        &self,
+        descriptor: &wgpu::RenderPipelineDescriptor<'_>,
+    ) -> wgpu::RenderPipeline {
+        self.pipelines.fetch_add(1, Ordering::Relaxed);
+        self.device.create_render_pipeline(descriptor)
+    }
+
+    /// How many render pipelines were compiled on this device so far.
+    #[must_use]
+    pub fn compiled_pipelines(&self) -> u32 {
+        self.pipelines.load(Ordering::Relaxed)
     }
 
     /// Whether processors draw, by a driver in software: what costs little elsewhere is slow there.

@@ -20,6 +20,7 @@
 mod asset;
 mod buffer;
 mod camera;
+mod compiler;
 mod composite;
 mod counters;
 mod debug;
@@ -62,6 +63,7 @@ mod tests;
 
 pub use asset::AssetGpu;
 pub use camera::clip_from_view;
+pub use compiler::Compiler;
 pub use counters::Counters;
 pub use gpu::{Gpu, RenderError};
 pub use graph::PassId;
@@ -74,18 +76,27 @@ pub use material::{Alpha, Material, Wrap};
 pub use readback::TargetCopy;
 pub use renderer::Renderer;
 pub use scene::{
-    Air, AmbientOcclusion, AntiAliasing, Drawable, Environment, Frame, Haze, MAP_SIDES, MAX_ANISOTROPY,
-    MAX_CASCADES, MAX_FILTER, MAX_RELIEF_STEPS, MAX_SAMPLES, MIN_RENDER_SCALE, OcclusionRadius, PlainSky,
-    Settings, Shade, Shadows, Sky, ToneMapping,
+    Air, AmbientOcclusion, AntiAliasing, Drawable, Environment, Frame, Haze, MAP_SIDES, MAP_STEPS,
+    MAX_ANISOTROPY, MAX_CASCADES, MAX_FILTER, MAX_RELIEF_STEPS, MAX_SAMPLES, MIN_RENDER_SCALE,
+    OcclusionRadius, PlainSky, Settings, Shade, Shadows, Sky, ToneMapping,
 };
 #[cfg(feature = "client")]
 pub use scene_view::SceneView;
+pub use sky::SkyMaps;
 pub use target::{Load, Target};
 pub use terrain::{MAX_DRAWN_HEIGHT, TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart};
 pub use texture::{TextureData, TextureKind, TextureShape};
 pub use timing::{PassTime, Timings};
 pub use vertex::PackedVertex;
 pub use water::Water;
+
+/// Computes what is the same in every program, which takes some hundredths of a second: tables of the air and of what
+/// surfaces reflect, and the ground's textures. Who needs them first computes them else; a program with time to spare, as
+/// while a device is opened, may call this before.
+pub fn compute_tables() {
+    sky::compute_tables();
+    terrain::compute_textures();
+}
 
 /// What a window shows while there is no scene in it: sRGB.
 pub const EMPTY_WINDOW: [u8; 3] = [18, 20, 26];

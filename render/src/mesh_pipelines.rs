@@ -1,4 +1,4 @@
-//! Pipelines that meshes are drawn with: variants are compiled when the first material needs them.
+//! Pipelines that meshes are drawn with: each is compiled when it is needed first, or before ([`super::compiler`]).
 
 use std::sync::OnceLock;
 
@@ -53,7 +53,8 @@ struct Lit {
     light: wgpu::BindGroupLayout,
     /// That and the material.
     layout: wgpu::PipelineLayout,
-    module: wgpu::ShaderModule,
+    /// Water has the same light without this.
+    module: OnceLock<wgpu::ShaderModule>,
     /// Without maps and with.
     pipelines: [OnceLock<[wgpu::RenderPipeline; 2]>; 2],
 }
@@ -61,7 +62,7 @@ struct Lit {
 /// See the module.
 #[derive(Debug)]
 pub(crate) struct MeshPipelines {
-    module: wgpu::ShaderModule,
+    module: OnceLock<wgpu::ShaderModule>,
     /// Frame and material.
     layout: wgpu::PipelineLayout,
     /// Of materials.
@@ -70,10 +71,9 @@ pub(crate) struct MeshPipelines {
     lit: [OnceLock<Lit>; 2],
     /// By relief, maps and mask.
     surfaces: [OnceLock<wgpu::RenderPipeline>; 8],
-    /// Absent where the device cannot draw triangles as lines.
-    pub(crate) wire: Option<wgpu::RenderPipeline>,
-    /// Into maps of shadows.
-    pub(crate) caster: wgpu::RenderPipeline,
+    /// `None` where the device cannot draw triangles as lines.
+    wire: OnceLock<Option<wgpu::RenderPipeline>>,
+    caster: OnceLock<wgpu::RenderPipeline>,
     caster_layout: wgpu::PipelineLayout,
     pierced_caster: OnceLock<wgpu::RenderPipeline>,
     motion: OnceLock<wgpu::RenderPipeline>,
@@ -115,27 +115,29 @@ fn layout(gpu: &Gpu, label: &str, groups: &[Option<&wgpu::BindGroupLayout>]) -> 
 
 impl MeshPipelines {
     pub(crate) fn new(gpu: &Gpu, kit: &MaterialKit, frame_layout: &wgpu::BindGroupLayout) -> Self {
-        let module = shader(gpu, "gbuffer", SURFACE);
-        let caster_layout = layout(gpu, "casters", &[Some(frame_layout)]);
-        let mesh_layout = layout(gpu, "meshes", &[Some(frame_layout), Some(&kit.layout)]);
-        let this = Self {
-            wire: pass(&module, &mesh_layout).wire(gpu, ["vs_wire", "fs_wire"]),
-            caster: pass(&module, &caster_layout).caster(gpu, "vs_caster"),
-            layout: mesh_layout,
-            caster_layout,
+        Self {
+            layout: layout(gpu, "meshes", &[Some(frame_layout), Some(&kit.layout)]),
+            caster_layout: layout(gpu, "casters", &[Some(frame_layout)]),
             material: kit.layout.clone(),
             lit: Default::default(),
-            module,
+            module: OnceLock::new(),
             surfaces: Default::default(),
+            wire: OnceLock::new(),
+            caster: OnceLock::new(),
             pierced_caster: OnceLock::new(),
             motion: OnceLock::new(),
             emission: OnceLock::new(),
             overdraw: Default::default(),
-        };
-        // What most scenes need.
-        this.variant(gpu, [false; 3]);
-        this.variant(gpu, [true, false, false]);
-        this
+        }
+    }
+
+    fn module(&self, gpu: &Gpu) -> &wgpu::ShaderModule {
+        self.module.get_or_init(|| shader(gpu, "gbuffer", SURFACE))
+    }
+
+    /// What draws with materials.
+    fn pass(&self, gpu: &Gpu) -> GeometryPass<'_> {
+        pass(self.module(gpu), &self.layout)
     }
 
     fn variant(&self, gpu: &Gpu, [relief, maps, mask]: [bool; 3]) -> &wgpu::RenderPipeline {
@@ -143,18 +145,30 @@ impl MeshPipelines {
         self.surfaces[at].get_or_init(|| {
             let constants = [("RELIEF", relief), ("MAPS", maps), ("MASK", mask)];
             let constants = constants.map(|(name, on)| (name, f64::from(u8::from(on))));
-            pass(&self.module, &self.layout).surface(gpu, ["vs_surface", "fs_surface"], &constants)
+            self.pass(gpu).surface(gpu, ["vs_surface", "fs_surface"], &constants)
         })
     }
 
-    /// Compiles what a material will be drawn with; nothing where that is done.
+    /// Edges; `None` where the device cannot draw triangles as lines.
+    pub(crate) fn wire(&self, gpu: &Gpu) -> Option<&wgpu::RenderPipeline> {
+        self.wire.get_or_init(|| self.pass(gpu).wire(gpu, ["vs_wire", "fs_wire"])).as_ref()
+    }
+
+    /// Into maps of shadows.
+    pub(crate) fn caster(&self, gpu: &Gpu) -> &wgpu::RenderPipeline {
+        self.caster.get_or_init(|| pass(self.module(gpu), &self.caster_layout).caster(gpu, "vs_caster"))
+    }
+
+    /// Compiles what a material will be drawn with beyond what settings alone ask for; nothing where that is done.
     pub(crate) fn ensure(&self, gpu: &Gpu, material: Features) {
         if material.blend {
             // With lamps when there are some.
             self.transparent(gpu, material, false);
             return;
         }
-        self.surface(gpu, material, true);
+        if material.maps || material.mask {
+            self.surface(gpu, material, true);
+        }
         if material.mask {
             self.pierced_caster(gpu);
         }
@@ -170,9 +184,7 @@ impl MeshPipelines {
 
     /// Into maps of shadows, of materials with holes; with their group 1.
     pub(crate) fn pierced_caster(&self, gpu: &Gpu) -> &wgpu::RenderPipeline {
-        self.pierced_caster.get_or_init(|| {
-            pass(&self.module, &self.layout).pierced_caster(gpu, ["vs_pierced", "fs_pierced"])
-        })
+        self.pierced_caster.get_or_init(|| self.pass(gpu).pierced_caster(gpu, ["vs_pierced", "fs_pierced"]))
     }
 
     /// How far things have come since the frame before, which a third buffer tells of instances.
@@ -186,8 +198,7 @@ impl MeshPipelines {
 
     /// Onto the lit picture.
     pub(crate) fn emission(&self, gpu: &Gpu) -> &wgpu::RenderPipeline {
-        self.emission
-            .get_or_init(|| pass(&self.module, &self.layout).emission(gpu, ["vs_surface", "fs_emission"]))
+        self.emission.get_or_init(|| self.pass(gpu).emission(gpu, ["vs_surface", "fs_emission"]))
     }
 
     fn lit(&self, gpu: &Gpu, lamps: bool) -> &Lit {
@@ -196,7 +207,7 @@ impl MeshPipelines {
             Lit {
                 layout: layout(gpu, "lit meshes", &[Some(&light), Some(&self.material)]),
                 light,
-                module: shader(gpu, "transparent", TRANSPARENT[usize::from(lamps)]),
+                module: OnceLock::new(),
                 pipelines: Default::default(),
             }
         })
@@ -217,13 +228,15 @@ impl MeshPipelines {
         let lit = self.lit(gpu, lamps);
         lit.pipelines[usize::from(material.maps)].get_or_init(|| {
             let maps = [("MAPS", f64::from(u8::from(material.maps)))];
-            pass(&lit.module, &lit.layout).transparent(gpu, ["vs_surface", "fs_transparent"], &maps)
+            let module =
+                lit.module.get_or_init(|| shader(gpu, "transparent", TRANSPARENT[usize::from(lamps)]));
+            pass(module, &lit.layout).transparent(gpu, ["vs_surface", "fs_transparent"], &maps)
         })
     }
 
     /// Counts how often pixels are drawn.
     pub(crate) fn overdraw(&self, gpu: &Gpu, material: Features) -> &wgpu::RenderPipeline {
-        let pass = pass(&self.module, &self.layout);
+        let pass = self.pass(gpu);
         match material {
             Features { blend: true, .. } => {
                 self.overdraw[2].get_or_init(|| pass.transparent_overdraw(gpu, "vs_caster"))

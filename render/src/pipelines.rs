@@ -1,4 +1,7 @@
-//! Shader modules and pipelines, one per pass.
+//! Everything that is compiled for one format of targets. Each part is when it is needed first, or before
+//! ([`super::compiler`]).
+
+use std::sync::{Arc, OnceLock};
 
 use super::fullscreen::fullscreen_pipeline;
 use super::gbuffer::{UNIFORM_BLOCK, shader};
@@ -6,6 +9,9 @@ use super::gpu::Gpu;
 use super::material_kit::MaterialKit;
 use super::mesh_pipelines::MeshPipelines;
 use super::targets::{DISPLAY, OCCLUSION, RADIANCE, SUNLIGHT};
+use super::temporal::Resolve;
+use super::terrain::TerrainPipelines;
+use super::water::WaterPipelines;
 
 const SSAO: &str = concat!(
     include_str!("shaders/common.wgsl"),
@@ -60,71 +66,153 @@ pub(crate) const DEBUG: &str = concat!(
     include_str!("shaders/debug.wgsl")
 );
 
-/// Everything compiled for one target format.
+/// A pass over the whole of a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Whole {
+    /// The edges over the lit picture.
+    Wireframe,
+    Occlusion,
+    Blur,
+    Sunlight,
+    Lighting {
+        occlusion: bool,
+        shadows: bool,
+    },
+    /// Of a picture without surfaces.
+    Sky,
+    ToneMap,
+    /// The same of a mean of frames.
+    ToneMapTemporal,
+    /// The same where edges are smoothed after it.
+    ToneMapDisplay,
+    AntiAlias,
+}
+
+impl Whole {
+    const COUNT: usize = 13;
+
+    const fn number(self) -> usize {
+        match self {
+            Self::Lighting { occlusion, shadows } => (occlusion as usize) << 1 | shadows as usize,
+            Self::Wireframe => 4,
+            Self::Occlusion => 5,
+            Self::Blur => 6,
+            Self::Sunlight => 7,
+            Self::Sky => 8,
+            Self::ToneMap => 9,
+            Self::ToneMapTemporal => 10,
+            Self::ToneMapDisplay => 11,
+            Self::AntiAlias => 12,
+        }
+    }
+}
+
+/// Texts of shaders.
+#[derive(Clone, Copy)]
+enum Module {
+    Ssao,
+    Sunlight,
+    AntiAlias,
+    Wireframe,
+    Lighting,
+    ToneMap,
+}
+
+/// See the module.
 #[derive(Debug)]
 pub(crate) struct Pipelines {
     /// Group 0 of the geometry passes: the frame's uniform block.
     pub(crate) frame_layout: wgpu::BindGroupLayout,
     pub(crate) meshes: MeshPipelines,
-    /// The edges over the lit picture.
-    pub(crate) wireframe: wgpu::RenderPipeline,
-    pub(crate) occlusion: wgpu::RenderPipeline,
-    pub(crate) blur: wgpu::RenderPipeline,
-    pub(crate) sunlight: wgpu::RenderPipeline,
-    /// Without occlusion and with, of each without shadows and with.
-    pub(crate) lighting: [[wgpu::RenderPipeline; 2]; 2],
-    pub(crate) sky: wgpu::RenderPipeline,
-    pub(crate) tonemap: wgpu::RenderPipeline,
-    /// The same of a mean of frames.
-    pub(crate) tonemap_temporal: wgpu::RenderPipeline,
-    /// The same where edges are smoothed after it.
-    pub(crate) tonemap_display: wgpu::RenderPipeline,
-    pub(crate) antialias: wgpu::RenderPipeline,
+    terrain: OnceLock<TerrainPipelines>,
+    water: OnceLock<WaterPipelines>,
+    /// Of means over time, whose pass has it too.
+    pub(crate) resolve: Arc<OnceLock<Resolve>>,
+    modules: [OnceLock<wgpu::ShaderModule>; 6],
+    whole: [OnceLock<wgpu::RenderPipeline>; Whole::COUNT],
+    target: wgpu::TextureFormat,
 }
 
 impl Pipelines {
     pub(crate) fn new(gpu: &Gpu, kit: &MaterialKit, target: wgpu::TextureFormat) -> Self {
-        let device = &gpu.device;
-        let ssao = shader(gpu, "ssao", SSAO);
-        let sunlight = shader(gpu, "sunlight", SHADOWS);
-        let (antialias, wireframe) =
-            (shader(gpu, "antialias", ANTIALIAS), shader(gpu, "wireframe", WIREFRAME));
-        let (lighting, tonemap) = (shader(gpu, "lighting", LIGHTING), shader(gpu, "tonemap", TONEMAP));
-
-        let frame_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        let frame_layout = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some("frame"),
             entries: &[UNIFORM_BLOCK],
         });
-        let full = |module: &wgpu::ShaderModule, entry, target, constants: &[(&str, f64)]| {
-            fullscreen_pipeline(gpu, module, entry, target, constants)
-        };
-        let over =
-            wgpu::ColorTargetState { blend: Some(wgpu::BlendState::ALPHA_BLENDING), ..RADIANCE.into() };
-        let decode: &[(&str, f64)] = if target.is_srgb() { &[("DECODE_SRGB", 1.0)] } else { &[] };
-        let encode: &[(&str, f64)] = if target.is_srgb() { &[] } else { &[("ENCODE_SRGB", 1.0)] };
         Self {
             meshes: MeshPipelines::new(gpu, kit, &frame_layout),
-            wireframe: full(&wireframe, "fs_wireframe", over, &[]),
-            occlusion: full(&ssao, "fs_occlusion", OCCLUSION.into(), &[]),
-            blur: full(&ssao, "fs_blur", OCCLUSION.into(), &[]),
-            sunlight: full(&sunlight, "fs_sunlight", SUNLIGHT.into(), &[]),
-            lighting: [0.0, 1.0].map(|occlusion| {
-                [0.0, 1.0].map(|shadows| {
-                    let constants = [("OCCLUSION", occlusion), ("SHADOWS", shadows)];
-                    full(&lighting, "fs_lighting", RADIANCE.into(), &constants)
-                })
-            }),
-            sky: full(&lighting, "fs_sky", RADIANCE.into(), &[]),
-            tonemap: full(&tonemap, "fs_tonemap", target.into(), encode),
-            tonemap_temporal: full(
-                &tonemap,
-                "fs_tonemap",
-                target.into(),
-                &[encode, &[("TEMPORAL", 1.0)]].concat(),
-            ),
-            tonemap_display: full(&tonemap, "fs_tonemap", DISPLAY.into(), &[("ENCODE_SRGB", 1.0)]),
-            antialias: full(&antialias, "fs_antialias", target.into(), decode),
+            terrain: OnceLock::new(),
+            water: OnceLock::new(),
+            resolve: Arc::default(),
+            modules: Default::default(),
+            whole: Default::default(),
+            target,
             frame_layout,
+        }
+    }
+
+    /// What draws tiles of a terrain.
+    pub(crate) fn terrain(&self, gpu: &Gpu) -> &TerrainPipelines {
+        self.terrain.get_or_init(|| TerrainPipelines::new(gpu, &self.frame_layout))
+    }
+
+    /// What draws water.
+    pub(crate) fn water(&self, gpu: &Gpu) -> &WaterPipelines {
+        self.water.get_or_init(|| WaterPipelines::new(gpu, self.meshes.light_layout(gpu, false)))
+    }
+
+    /// What draws a pass over the whole of a picture.
+    pub(crate) fn whole(&self, gpu: &Gpu, pass: Whole) -> &wgpu::RenderPipeline {
+        self.whole[pass.number()].get_or_init(|| self.compile(gpu, pass))
+    }
+
+    fn module(&self, gpu: &Gpu, module: Module) -> &wgpu::ShaderModule {
+        let (label, text) = match module {
+            Module::Ssao => ("ssao", SSAO),
+            Module::Sunlight => ("sunlight", SHADOWS),
+            Module::AntiAlias => ("antialias", ANTIALIAS),
+            Module::Wireframe => ("wireframe", WIREFRAME),
+            Module::Lighting => ("lighting", LIGHTING),
+            Module::ToneMap => ("tonemap", TONEMAP),
+        };
+        self.modules[module as usize].get_or_init(|| shader(gpu, label, text))
+    }
+
+    fn compile(&self, gpu: &Gpu, pass: Whole) -> wgpu::RenderPipeline {
+        let full = |module, entry, target: wgpu::ColorTargetState, constants: &[(&str, f64)]| {
+            fullscreen_pipeline(gpu, self.module(gpu, module), entry, target, constants)
+        };
+        let share = |on: bool| f64::from(u8::from(on));
+        // What the target does not encode, the shader does; what it decodes, too.
+        let decode: &[(&str, f64)] = if self.target.is_srgb() { &[("DECODE_SRGB", 1.0)] } else { &[] };
+        let encode: &[(&str, f64)] = if self.target.is_srgb() { &[] } else { &[("ENCODE_SRGB", 1.0)] };
+        match pass {
+            Whole::Wireframe => {
+                let blend = Some(wgpu::BlendState::ALPHA_BLENDING);
+                full(
+                    Module::Wireframe,
+                    "fs_wireframe",
+                    wgpu::ColorTargetState { blend, ..RADIANCE.into() },
+                    &[],
+                )
+            }
+            Whole::Occlusion => full(Module::Ssao, "fs_occlusion", OCCLUSION.into(), &[]),
+            Whole::Blur => full(Module::Ssao, "fs_blur", OCCLUSION.into(), &[]),
+            Whole::Sunlight => full(Module::Sunlight, "fs_sunlight", SUNLIGHT.into(), &[]),
+            Whole::Lighting { occlusion, shadows } => {
+                let constants = [("OCCLUSION", share(occlusion)), ("SHADOWS", share(shadows))];
+                full(Module::Lighting, "fs_lighting", RADIANCE.into(), &constants)
+            }
+            Whole::Sky => full(Module::Lighting, "fs_sky", RADIANCE.into(), &[]),
+            Whole::ToneMap => full(Module::ToneMap, "fs_tonemap", self.target.into(), encode),
+            Whole::ToneMapTemporal => {
+                let constants = [encode, &[("TEMPORAL", 1.0)]].concat();
+                full(Module::ToneMap, "fs_tonemap", self.target.into(), &constants)
+            }
+            Whole::ToneMapDisplay => {
+                full(Module::ToneMap, "fs_tonemap", DISPLAY.into(), &[("ENCODE_SRGB", 1.0)])
+            }
+            Whole::AntiAlias => full(Module::AntiAlias, "fs_antialias", self.target.into(), decode),
         }
     }
 }

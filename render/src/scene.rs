@@ -6,6 +6,7 @@ use lodestream_protocol::pose::Pose;
 use super::asset::AssetGpu;
 use super::instance::Instance;
 use super::lights::{Light, LightCulling};
+use super::sky::SkyMaps;
 use super::terrain::TerrainFrame;
 use super::water::Water;
 
@@ -22,6 +23,8 @@ pub const MAX_RELIEF_STEPS: u32 = 1024;
 pub const MAX_CASCADES: usize = 4;
 /// Least and most texels along a side of a map of shadows.
 pub const MAP_SIDES: [u32; 2] = [128, 8192];
+/// Least and most steps by which a map of shadows moves along its side.
+pub const MAP_STEPS: [u32; 2] = [4, 16];
 /// Widest filter of shadows.
 pub const MAX_FILTER: u32 = 3;
 
@@ -196,6 +199,10 @@ pub struct Shadows {
     /// Texels over which an edge is blurred, less one: this many bilinear lookups squared, 1 to [`MAX_FILTER`]. The wider
     /// it is, the further from what casts them shadows begin.
     pub filter: u32,
+    /// Steps that a map's side has: it moves with the eye by whole ones, and is drawn anew then. A power of two within
+    /// [`MAP_STEPS`]. With few a map must show more than what is around the eye, a quarter more along its sides with 4
+    /// than with 16, and is drawn five times less often while a camera flies.
+    pub steps: u32,
     /// Frames for which a map may show things as they were while it stays in its place, for cameras that move on slow
     /// devices. With 0 a frame is a function of what it is made of.
     pub patience: u32,
@@ -203,21 +210,29 @@ pub struct Shadows {
 
 impl Default for Shadows {
     fn default() -> Self {
-        Self { cascades: 4, map_side: 2048, filter: 2, patience: 0 }
+        Self { cascades: 4, map_side: 2048, filter: 2, steps: MAP_STEPS[1], patience: 0 }
     }
 }
 
 impl Shadows {
-    /// The same within their ranges, on a device whose textures have at most `side` texels along a side. Maps move by a
-    /// sixteenth of their side, which is to be whole texels.
+    /// The same within their ranges, on a device whose textures have at most `side` texels along a side. Maps move by
+    /// whole texels, so their sides are multiples of the most steps.
     pub(crate) fn clamped(self, side: u32) -> Self {
         let [least, most] = MAP_SIDES;
         Self {
             cascades: self.cascades.clamp(1, MAX_CASCADES as u32),
-            map_side: self.map_side.clamp(least, most.min(side).max(least)) / 16 * 16,
+            map_side: self.map_side.clamp(least, most.min(side).max(least)) / MAP_STEPS[1] * MAP_STEPS[1],
             filter: self.filter.clamp(1, MAX_FILTER),
             ..self
         }
+    }
+
+    /// How often a map's step goes into its side.
+    pub(crate) fn grid(self) -> f64 {
+        let [least, most] = MAP_STEPS;
+        let steps = self.steps.clamp(least, most);
+        // The power of two that is not more.
+        f64::from(1_u32 << steps.ilog2())
     }
 }
 
@@ -436,6 +451,8 @@ pub struct Frame<'a> {
     pub lights: &'a [Light],
     /// In which light.
     pub environment: Environment,
+    /// The maps of its sky, where somebody has computed them; else the first frame in this light does.
+    pub sky: Option<&'a SkyMaps>,
     /// How.
     pub settings: Settings,
     /// Now, in seconds of the clock of [`super::PackedVertex::birth_s`].
@@ -453,6 +470,7 @@ impl<'a> Frame<'a> {
             water: None,
             lights: &[],
             environment: Environment::default(),
+            sky: None,
             settings: Settings::default(),
             time_s: f32::MAX,
         }

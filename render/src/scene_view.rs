@@ -21,6 +21,7 @@ use crate::material::Material;
 use crate::renderer::Renderer;
 use crate::scene::{Air, Drawable, Environment, Frame, Haze, PlainSky, Settings, Shadows, Sky};
 use crate::shadows;
+use crate::sky::{SkyAhead, SkyMaps};
 use crate::target::Target;
 use crate::texture::{TextureData, TextureShape};
 use crate::tiles::Maker;
@@ -64,6 +65,9 @@ pub struct SceneView {
     making: Making,
     /// The terrain of a scene that waits to be uploaded.
     measuring: Option<Measuring>,
+    /// The maps of the sky of a scene that waits to be uploaded, or of the one that is shown.
+    computing: Option<SkyAhead>,
+    sky: Option<SkyMaps>,
 }
 
 impl SceneView {
@@ -87,6 +91,7 @@ impl SceneView {
             if let Change::Scene(header) = change {
                 // Without a thread it is done when it is needed.
                 self.measuring = header.terrain.as_deref().and_then(|entry| Measuring::start(entry).ok());
+                self.computing = SkyAhead::start(environment(header, self.plain)).ok();
             }
         }
         self.waiting.push_back(step);
@@ -122,7 +127,7 @@ impl SceneView {
         budget_bytes: usize,
         now_s: f32,
     ) -> Result<usize, RenderError> {
-        let (mut bytes, mut lit) = (0, false);
+        let (mut bytes, mut lit, was_whole) = (0, false, self.whole);
         while bytes < budget_bytes
             && let Some(step) = self.waiting.pop_front()
         {
@@ -135,6 +140,14 @@ impl SceneView {
         if lit {
             // Once, however many pages came: there may be thousands.
             self.lights = self.lamp_pages.values().flat_map(|page| page.iter()).map(Light::from).collect();
+        }
+        if self.whole && !was_whole {
+            // What was written goes to the device while the first frame is planned.
+            gpu.queue.submit([]);
+        }
+        // Once everything is there that the first frame means, it is drawn.
+        if let Some(ahead) = self.computing.take_if(|ahead| self.whole || ahead.is_finished()) {
+            self.sky = ahead.finish();
         }
         Ok(bytes)
     }
@@ -155,8 +168,9 @@ impl SceneView {
                     Some(entry) => Some(GroundScene::new(gpu, renderer, entry, begun)?),
                     None => None,
                 };
-                let plain = self.plain;
-                *self = Self { header: Some(*header), plain, waiting, ground, making, ..Self::default() };
+                let (computing, sky, plain) = (self.computing.take(), self.sky.take(), self.plain);
+                let header = Some(*header);
+                *self = Self { header, plain, waiting, ground, making, computing, sky, ..Self::default() };
             }
             Change::Instances(entries) => {
                 for entry in &entries {
@@ -328,7 +342,8 @@ impl SceneView {
         let (terrain, lights) = (self.ground.as_ref().map(GroundScene::frame), &self.lights[..]);
         // Before there is ground nothing would rise over it.
         let water = self.ground.as_ref().and(self.header.as_ref()).and_then(water);
-        draw(&Frame { camera, drawables: &drawables, terrain, water, lights, environment, settings, time_s })
+        let (drawables, sky) = (&drawables[..], self.sky.as_ref());
+        draw(&Frame { camera, drawables, terrain, water, lights, environment, sky, settings, time_s })
     }
 }
 

@@ -1,7 +1,5 @@
 //! Water that stands level: what a host says of it, and the pass that draws it.
 
-use std::sync::OnceLock;
-
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec2, DVec3};
 
@@ -94,9 +92,9 @@ impl WaterUniform {
     }
 }
 
-/// What the pass has once there is water.
+/// What the pass draws with.
 #[derive(Debug)]
-struct Pipelines {
+pub(crate) struct WaterPipelines {
     layout: wgpu::BindGroupLayout,
     /// Multiplies what is there by what is left of it, then adds to it.
     draws: [wgpu::RenderPipeline; 2],
@@ -106,7 +104,6 @@ struct Pipelines {
 #[derive(Debug)]
 pub(crate) struct WaterPass {
     uniform: wgpu::Buffer,
-    pipelines: OnceLock<Pipelines>,
 }
 
 impl WaterPass {
@@ -117,14 +114,12 @@ impl WaterPass {
             usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
             mapped_at_creation: false,
         });
-        Self { uniform, pipelines: OnceLock::new() }
+        Self { uniform }
     }
 
-    /// Uploads a frame's water. The first compiles its pipelines, whose group 0 is what lights surfaces where they are
-    /// drawn.
-    pub(crate) fn prepare(&self, gpu: &Gpu, water: &twin::water::Water, light: &wgpu::BindGroupLayout) {
+    /// Uploads a frame's water.
+    pub(crate) fn prepare(&self, gpu: &Gpu, water: &twin::water::Water) {
         gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&WaterUniform::new(water)));
-        self.pipelines.get_or_init(|| Pipelines::new(gpu, light));
     }
 
     /// Draws over the lit picture what was prepared.
@@ -132,11 +127,11 @@ impl WaterPass {
         &self,
         gpu: &Gpu,
         encoder: &mut PassEncoder<'_>,
+        pipelines: &WaterPipelines,
         light: &wgpu::BindGroup,
         depth: &wgpu::TextureView,
         into: &wgpu::TextureView,
     ) {
-        let Some(pipelines) = self.pipelines.get() else { return };
         let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("water"),
             layout: &pipelines.layout,
@@ -166,8 +161,9 @@ impl WaterPass {
     }
 }
 
-impl Pipelines {
-    fn new(gpu: &Gpu, light: &wgpu::BindGroupLayout) -> Self {
+impl WaterPipelines {
+    /// `light`: group 0, what lights surfaces where they are drawn.
+    pub(crate) fn new(gpu: &Gpu, light: &wgpu::BindGroupLayout) -> Self {
         let entry =
             |binding, visibility, ty| wgpu::BindGroupLayoutEntry { binding, visibility, ty, count: None };
         let layout = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
@@ -210,7 +206,7 @@ impl Pipelines {
         };
         let draws = [("fs_water_left", multiply), ("fs_water_added", ADD)].map(|(fragment, blend)| {
             let target = wgpu::ColorTargetState { blend: Some(blend), ..RADIANCE.into() };
-            gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+            gpu.render_pipeline(&wgpu::RenderPipelineDescriptor {
                 label: Some(fragment),
                 layout: Some(&pipeline_layout),
                 vertex: wgpu::VertexState {

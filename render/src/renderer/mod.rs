@@ -2,12 +2,13 @@
 
 mod passes;
 
-use std::sync::OnceLock;
+use std::sync::Arc;
 
 use glam::DVec3;
 
 use crate::asset::AssetGpu;
 use crate::buffer::GrowingBuffer;
+use crate::compiler::Compiler;
 use crate::composite::Composites;
 use crate::counters::Counters;
 use crate::debug::{self, DebugPipelines};
@@ -20,13 +21,13 @@ use crate::lights::{LampList, LampPass};
 use crate::material::Material;
 use crate::material_kit::{Features, MaterialKit};
 use crate::pipelines::Pipelines;
-use crate::scene::{AntiAliasing, Frame, MAX_ANISOTROPY, MIN_RENDER_SCALE, Shade};
+use crate::scene::{AntiAliasing, Frame, MAX_ANISOTROPY, MIN_RENDER_SCALE, Settings, Shade};
 use crate::shadows::{self, Casters, ShadowMaps, Sun};
 use crate::sky::SkyGpu;
 use crate::target::{Load, Target};
 use crate::targets::Targets;
 use crate::temporal::{Temporal, TemporalStep};
-use crate::terrain::{TerrainGpu, TerrainLook, TerrainPipelines, TileList, TileRaw};
+use crate::terrain::{TerrainGpu, TerrainLook, TileList, TileRaw};
 use crate::texture::TextureShape;
 use crate::timing::{PassEncoder, Timer, Timings};
 use crate::uniforms::FrameUniform;
@@ -36,7 +37,7 @@ use crate::water::WaterPass;
 #[derive(Debug)]
 pub struct Renderer {
     kit: MaterialKit,
-    pipelines: Pipelines,
+    pipelines: Arc<Pipelines>,
     composites: Composites,
     debug: DebugPipelines,
     targets: Targets,
@@ -49,8 +50,6 @@ pub struct Renderer {
     lamps: LampPass,
     water: WaterPass,
     temporal: Temporal,
-    /// Compiled with the first terrain: most scenes have none.
-    terrain: OnceLock<TerrainPipelines>,
     target_format: wgpu::TextureFormat,
     warned_wireframe: bool,
     /// Where somebody asked what passes take.
@@ -60,12 +59,25 @@ pub struct Renderer {
 impl Renderer {
     /// A renderer for targets of `target_format`. With an sRGB format the target encodes what it
     /// is given; with any other the shader applies the sRGB curve, so both show the same picture.
+    /// Pipelines of [`Settings::default`] are compiled; others, and a terrain's, with the first frame that needs them.
     ///
     /// # Errors
     /// [`RenderError::Device`] if the device refuses a shader or pipeline.
     pub fn new(gpu: &Gpu, target_format: wgpu::TextureFormat) -> Result<Self, RenderError> {
+        let this = Self::without_pipelines(gpu, target_format)?;
+        this.compiler(gpu, &Settings::default(), false).compile();
+        gpu.check()?;
+        Ok(this)
+    }
+
+    /// The same, but nothing is compiled yet: [`Renderer::compiler`] does it on as many threads as there are, else each
+    /// frame what it lacks.
+    ///
+    /// # Errors
+    /// [`RenderError::Device`] if the device refuses a buffer or texture.
+    pub fn without_pipelines(gpu: &Gpu, target_format: wgpu::TextureFormat) -> Result<Self, RenderError> {
         let kit = MaterialKit::new(gpu);
-        let pipelines = Pipelines::new(gpu, &kit, target_format);
+        let pipelines = Arc::new(Pipelines::new(gpu, &kit, target_format));
         let frame_buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("frame"),
             size: size_of::<FrameUniform>() as u64,
@@ -78,6 +90,7 @@ impl Renderer {
             entries: &[wgpu::BindGroupEntry { binding: 0, resource: frame_buffer.as_entire_binding() }],
         });
         let shadow_maps = ShadowMaps::new(gpu, &pipelines.frame_layout);
+        let temporal = Temporal::new(Arc::clone(&pipelines.resolve));
         gpu.check()?;
         Ok(Self {
             kit,
@@ -93,8 +106,7 @@ impl Renderer {
             sky: SkyGpu::new(gpu),
             lamps: LampPass::new(gpu),
             water: WaterPass::new(gpu),
-            temporal: Temporal::new(),
-            terrain: OnceLock::new(),
+            temporal,
             target_format,
             warned_wireframe: false,
             timer: None,
@@ -105,6 +117,12 @@ impl Renderer {
     #[must_use]
     pub fn target_format(&self) -> wgpu::TextureFormat {
         self.target_format
+    }
+
+    /// What compiles the pipelines that frames of these settings are drawn with, on `ground` perhaps.
+    #[must_use]
+    pub fn compiler(&self, gpu: &Gpu, settings: &Settings, ground: bool) -> Compiler {
+        Compiler::new(gpu, &self.pipelines, settings, ground)
     }
 
     /// Times passes from the next frame on, or no longer. Timestamps are two queries a pass, read back without waiting.
@@ -136,14 +154,13 @@ impl Renderer {
         AssetGpu::new(gpu, self.kit.clone(), origin, materials, textures)
     }
 
-    /// Makes a terrain without tiles. The first one compiles its pipelines.
+    /// Makes a terrain without tiles.
     ///
     /// # Errors
     /// [`RenderError::TooLarge`] where the device cannot hold the atlas of tiles, [`RenderError::Device`] if it
-    /// refuses a shader or pipeline.
+    /// refuses it.
     pub fn create_terrain(&self, gpu: &Gpu, look: TerrainLook) -> Result<TerrainGpu, RenderError> {
-        let pipelines = self.terrain.get_or_init(|| TerrainPipelines::new(gpu, &self.pipelines.frame_layout));
-        TerrainGpu::new(gpu, pipelines, look)
+        TerrainGpu::new(gpu, self.pipelines.terrain(gpu), look)
     }
 
     /// Records a frame into `target`. Uploads happen at once, drawing when the
@@ -165,7 +182,7 @@ impl Renderer {
         let mut passes = PassEncoder::new(encoder, self.timer.as_mut().map(Timer::begin));
         let (size, mut counters) = (drawn_size(target, frame.settings.render_scale), Counters::default());
         let mut list = DrawList::new(frame, size, &mut counters);
-        let sky = self.sky.light(gpu, &frame.environment);
+        let sky = self.sky.light(gpu, &frame.environment, frame.sky);
         let shadows = frame.settings.shadows.filter(|_| sky.sun.max_element() > 0.0);
         let shadows = shadows.map(|shadows| shadows.clamped(gpu.device.limits().max_texture_dimension_2d));
         let cascades = shadows.map(|shadows| shadows::of_frame(frame, &list, shadows));
@@ -184,7 +201,8 @@ impl Renderer {
             None => None,
         };
         let ground = ground.filter(|ground| !ground.is_empty());
-        if frame.settings.wireframe && self.pipelines.meshes.wire.is_none() && !self.warned_wireframe {
+        let wireframe = frame.settings.wireframe && self.pipelines.meshes.wire(gpu).is_some();
+        if frame.settings.wireframe && !wireframe && !self.warned_wireframe {
             tracing::warn!("{} cannot draw wireframes; they are left out", gpu.describe());
             self.warned_wireframe = true;
         }
@@ -223,7 +241,7 @@ impl Renderer {
                 water: water.is_some(),
                 transparency: through,
                 shown: shown.map(|(_, reads)| reads),
-                wireframe: frame.settings.wireframe && self.pipelines.meshes.wire.is_some(),
+                wireframe,
                 motion: !moving.is_empty(),
                 temporal,
                 antialias: smoothed == AntiAliasing::Spatial,
@@ -238,7 +256,7 @@ impl Renderer {
             self.lamps.prepare(gpu, lamps)?;
         }
         if let Some(water) = &water {
-            self.water.prepare(gpu, water, self.pipelines.meshes.light_layout(gpu, false));
+            self.water.prepare(gpu, water);
         }
         let lookups = if gpu.has_anisotropic_filter() { 1 } else { frame.settings.anisotropy };
         let lookups = lookups.clamp(1, MAX_ANISOTROPY) as f32;
@@ -247,11 +265,6 @@ impl Renderer {
         let runs = |id| plan.iter().any(|pass| pass.id == id);
         if let Some((shown, _)) = shown.filter(|_| runs(PassId::Debug)) {
             self.debug.ensure(gpu, self.target_format, shown, target);
-            if runs(PassId::Overdraw) {
-                self.terrain.get().inspect(|terrain| {
-                    terrain.prepare_overdraw(gpu, &self.pipelines.frame_layout);
-                });
-            }
         } else if runs(PassId::Composite) {
             self.composites.ensure(gpu, self.target_format, target);
         } else if target.load == Load::Clear {
@@ -271,9 +284,9 @@ impl Renderer {
                 &mut passes,
                 &sun,
                 (&self.pipelines.meshes, self.instances.buffer()),
-                |pass, cascade| match (&ground, self.terrain.get(), self.tiles.buffer()) {
-                    (Some(ground), Some(pipelines), Some(tiles)) => {
-                        ground.cast(pass, pipelines, tiles, cascade)
+                |pass, cascade| match (&ground, self.tiles.buffer()) {
+                    (Some(ground), Some(tiles)) => {
+                        ground.cast(pass, self.pipelines.terrain(gpu).caster(gpu), tiles, cascade)
                     }
                     _ => 0,
                 },
@@ -297,6 +310,12 @@ impl Renderer {
     #[cfg(test)]
     pub(crate) fn shadow_maps(&self) -> &ShadowMaps {
         &self.shadow_maps
+    }
+
+    /// How often the maps of a sky were computed while a frame waited for them.
+    #[cfg(test)]
+    pub(crate) fn skies_computed(&self) -> u32 {
+        self.sky.computed
     }
 
     /// What the last frame did over time.

@@ -7,6 +7,7 @@ use crate::draw::{Batch, DrawList};
 use crate::fullscreen::{attachment, fullscreen};
 use crate::gpu::Gpu;
 use crate::graph::{Pass, PassId, Resource};
+use crate::pipelines::Whole;
 use crate::scene::{Frame, Shade};
 use crate::target::{Load, Target};
 use crate::terrain::TileList;
@@ -26,7 +27,7 @@ impl Renderer {
         counters: &mut Counters,
     ) {
         use Resource::{Albedo, Depth, Display, Normal, Occlusion, OcclusionRaw, Radiance, Sunlight};
-        let p = &self.pipelines;
+        let p = |pass| self.pipelines.whole(gpu, pass);
         let full = |encoder: &mut PassEncoder<'_>, pipeline, reads: &[Resource], write| {
             self.full(gpu, encoder, pass.id, (pipeline, reads), (write, Load::Clear));
         };
@@ -34,8 +35,8 @@ impl Renderer {
             PassId::GBuffer | PassId::Overdraw | PassId::Emission | PassId::Transparency | PassId::Edges => {
                 self.geometry(gpu, encoder, pass.id, frame, (list, ground), counters)
             }
-            PassId::Occlusion => full(encoder, &p.occlusion, &[Depth], OcclusionRaw),
-            PassId::OcclusionBlur => full(encoder, &p.blur, &[Depth, OcclusionRaw], Occlusion),
+            PassId::Occlusion => full(encoder, p(Whole::Occlusion), &[Depth], OcclusionRaw),
+            PassId::OcclusionBlur => full(encoder, p(Whole::Blur), &[Depth, OcclusionRaw], Occlusion),
             // Before all others: what has changed of the maps is drawn when the frame is planned.
             PassId::ShadowMaps => {}
             PassId::Sunlight => self.sunlight(gpu, encoder),
@@ -45,14 +46,14 @@ impl Renderer {
                 // The shader reads none of what there is not, but its slot must be filled: any will do.
                 let or = |there, resource| if there { resource } else { Albedo };
                 let reads = [Depth, Normal, Albedo, or(occlusion, Occlusion), or(shadows, Sunlight)];
-                let pipeline = &p.lighting[usize::from(occlusion)][usize::from(shadows)];
+                let pipeline = p(Whole::Lighting { occlusion, shadows });
                 self.lit(gpu, encoder, pass.id, (pipeline, &reads), true);
             }
             PassId::Lamps => self.lamps(gpu, encoder, frame.settings.shade == Shade::Lamps),
             PassId::Water => self.water(gpu, encoder),
             PassId::Wireframe => {
                 let over = (Radiance, Load::Keep);
-                self.full(gpu, encoder, pass.id, (&p.wireframe, &[Resource::Edges]), over);
+                self.full(gpu, encoder, pass.id, (p(Whole::Wireframe), &[Resource::Edges]), over);
             }
             PassId::Motion => self.motion(gpu, encoder, moving),
             PassId::Temporal => {
@@ -63,17 +64,18 @@ impl Renderer {
                     self.temporal.resolve(gpu, encoder, &self.frame_buffer, seen);
                 }
             }
-            PassId::Sky => self.lit(gpu, encoder, pass.id, (&p.sky, &[]), false),
+            PassId::Sky => self.lit(gpu, encoder, pass.id, (p(Whole::Sky), &[]), false),
             PassId::ToneMap if pass.writes(Display) => {
-                full(encoder, &p.tonemap_display, &[Radiance], Display);
+                full(encoder, p(Whole::ToneMapDisplay), &[Radiance], Display);
             }
             PassId::AntiAlias => {
-                let group = self.inputs(gpu, &p.antialias, &[Display]);
-                fullscreen(encoder, pass.id, &p.antialias, &group, &Target { depth: None, ..*target });
+                let pipeline = p(Whole::AntiAlias);
+                let group = self.inputs(gpu, pipeline, &[Display]);
+                fullscreen(encoder, pass.id, pipeline, &group, &Target { depth: None, ..*target });
             }
             PassId::ToneMap => {
                 let temporal = pass.reads(Resource::History);
-                let pipeline = if temporal { &p.tonemap_temporal } else { &p.tonemap };
+                let pipeline = p(if temporal { Whole::ToneMapTemporal } else { Whole::ToneMap });
                 let read = if temporal { Resource::History } else { Radiance };
                 let group = self.inputs(gpu, pipeline, &[read]);
                 fullscreen(encoder, pass.id, pipeline, &group, &Target { depth: None, ..*target });
@@ -126,7 +128,7 @@ impl Renderer {
 
     /// Looks the shadow maps up for each pixel.
     fn sunlight(&self, gpu: &Gpu, encoder: &mut PassEncoder<'_>) {
-        let pipeline = &self.pipelines.sunlight;
+        let pipeline = self.pipelines.whole(gpu, Whole::Sunlight);
         let view = |resource| self.targets.view(resource);
         let (Some(depth), Some(normal), Some(into)) =
             (view(Resource::Depth), view(Resource::Normal), view(Resource::Sunlight))
@@ -194,7 +196,7 @@ impl Renderer {
         if let (Some(depth), Some(into), Some(light)) =
             (view(Resource::Depth), view(Resource::Radiance), self.light(gpu, false))
         {
-            self.water.draw(gpu, encoder, &light, &depth, &into);
+            self.water.draw(gpu, encoder, self.pipelines.water(gpu), &light, &depth, &into);
         }
     }
 
@@ -302,7 +304,7 @@ impl Renderer {
                     }
                 }
                 PassId::Edges => {
-                    if let Some(wire) = &meshes.wire {
+                    if let Some(wire) = meshes.wire(gpu) {
                         list.wires(&mut pass, (wire, instances), counters);
                     }
                 }
@@ -311,9 +313,8 @@ impl Renderer {
             }
         }
         // After the assets, which hide much of it.
-        if let (Some(ground), Some(pipelines), Some(tiles)) =
-            (ground, self.terrain.get(), self.tiles.buffer())
-            && let Some(pipeline) = pipelines.of(id, relief)
+        if let (Some(ground), Some(tiles)) = (ground, self.tiles.buffer())
+            && let Some(pipeline) = self.pipelines.terrain(gpu).of(gpu, id, relief)
         {
             ground.draw(&mut pass, pipeline, tiles, counters);
         }

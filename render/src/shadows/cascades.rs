@@ -6,9 +6,8 @@
 use glam::{DMat3, DVec3};
 
 use crate::receivers::Receivers;
+use crate::scene::Shadows;
 
-/// Steps by which a map moves, to its side. Each is a whole number of texels; in between a map serves as it is.
-const STEPS: f64 = 16.0;
 /// The nearest map's reach, in distances to what is nearest.
 const NEAREST_DISTANCES: f64 = 8.0;
 /// The last map's reach over the first's, at most: what is nearer still has the first's texels.
@@ -66,7 +65,9 @@ impl Cascade {
 
 /// The cascades of a view from `eye`, nearest first, none where nothing receives light. What they depend on are the
 /// eye's place by whole steps and powers of √2 of the distances: they stay as they are while the camera turns or creeps.
-pub(crate) fn cascades(eye: DVec3, to_sun: DVec3, receivers: Receivers, most: usize) -> Vec<Cascade> {
+pub(crate) fn cascades(eye: DVec3, to_sun: DVec3, receivers: Receivers, shadows: Shadows) -> Vec<Cascade> {
+    // Each step is a whole number of texels; in between a map serves as it is.
+    let (most, steps) = (shadows.cascades as usize, shadows.grid());
     let Receivers { nearest, farthest, low, high } = receivers;
     let sun = to_sun.try_normalize().unwrap_or(DVec3::Y);
     if !(farthest > 0.0 && farthest.is_finite() && eye.is_finite()) {
@@ -75,9 +76,9 @@ pub(crate) fn cascades(eye: DVec3, to_sun: DVec3, receivers: Receivers, most: us
     let (x, y) = sun.any_orthonormal_pair();
     let axes = DMat3::from_cols(x, y, sun);
     let around = |middle: DVec3, radius: f64| {
-        let step = 2.0 * radius / (STEPS - 1.0);
+        let step = 2.0 * radius / (steps - 1.0);
         let centre = (axes.transpose() * middle / step).round() * step;
-        Cascade { axes, centre, side: STEPS * step, above: radius + step, below: radius + step }
+        Cascade { axes, centre, side: steps * step, above: radius + step, below: radius + step }
     };
     let last = up_to_a_step(farthest);
     let size = up_to_a_step(0.5 * low.distance(high));
@@ -109,6 +110,11 @@ fn up_to_a_step(distance: f64) -> f64 {
 mod tests {
     use super::*;
 
+    /// So many maps at most.
+    fn maps(cascades: u32) -> Shadows {
+        Shadows { cascades, ..Shadows::default() }
+    }
+
     const SUN: DVec3 = DVec3::new(0.3, 0.8, -0.4);
 
     /// Ground around an eye that stands on it.
@@ -126,8 +132,9 @@ mod tests {
         for eye in [DVec3::ZERO, DVec3::new(6.4e6, 3.0, -2e6)] {
             for receivers in [around(1.7, 900.0), around(2e-4, 9e-3), few] {
                 let Receivers { low, high, .. } = receivers;
-                let maps = cascades(eye, SUN, receivers, 4);
                 for i in 0..1000 {
+                    let shadows = Shadows { steps: [4, 8, 16][i as usize % 3], ..Shadows::default() };
+                    let maps = cascades(eye, SUN, receivers, shadows);
                     let share =
                         DVec3::new(f64::from(i % 10), f64::from(i / 10 % 10), f64::from(i / 100)) / 9.0;
                     let at = low + (high - low) * share;
@@ -149,24 +156,42 @@ mod tests {
     #[test]
     fn small_moves_keep_a_map_on_its_grid() {
         let eye = DVec3::new(100.0, 2.0, -40.0);
-        let first = cascades(eye, SUN, around(1.7, 900.0), 4);
+        let first = cascades(eye, SUN, around(1.7, 900.0), maps(4));
         assert_eq!(first.len(), 4);
         for i in 0..40 {
             let moved = eye + DVec3::new(0.01, 0.002, -0.003) * f64::from(i * i);
-            for (a, b) in first.iter().zip(cascades(moved, SUN, around(1.8, 910.0), 4)) {
+            for (a, b) in first.iter().zip(cascades(moved, SUN, around(1.8, 910.0), maps(4))) {
                 assert_eq!((a.side, a.above, a.below), (b.side, b.above, b.below), "a texel keeps its size");
                 // A step is as many texels for each power of two of them.
-                let steps = (b.centre - a.centre) / (a.side / STEPS);
+                let steps = (b.centre - a.centre) / (a.side / 16.0);
                 assert!((steps - steps.round()).abs().max_element() < 1e-6, "{steps}");
             }
         }
-        let near = cascades(eye + DVec3::splat(1e-3), SUN, around(1.7, 900.0), 4);
+        let near = cascades(eye + DVec3::splat(1e-3), SUN, around(1.7, 900.0), maps(4));
         assert!(first.iter().zip(&near).filter(|(a, b)| a == b).count() >= 3, "{first:?} {near:?}");
+    }
+
+    /// A near map was drawn anew for every second or third frame of a camera that flew.
+    #[test]
+    fn with_few_steps_a_map_is_drawn_anew_five_times_less_often() {
+        let redrawn = |steps: u32| {
+            let at = |i: u32| DVec3::new(100.0 + 0.1 * f64::from(i), 2.0, -40.0);
+            let shadows = Shadows { steps, ..Shadows::default() };
+            let near: Vec<_> =
+                (0..2000).map(|i| cascades(at(i), SUN, around(1.7, 900.0), shadows)[0]).collect();
+            (near.windows(2).filter(|pair| pair[0] != pair[1]).count(), near[0].side)
+        };
+        let [(often, side), (seldom, larger)] = [16, 4].map(redrawn);
+        assert!(2 * often > 9 * seldom && seldom > 0, "{often} {seldom}");
+        assert!(larger < 1.26 * side, "{side} {larger}");
+        assert_eq!(Shadows { steps: 0, ..Shadows::default() }.grid(), 4.0);
+        assert_eq!(Shadows { steps: 15, ..Shadows::default() }.grid(), 8.0);
+        assert_eq!(Shadows { steps: u32::MAX, ..Shadows::default() }.grid(), 16.0);
     }
 
     #[test]
     fn as_few_maps_as_are_worth_it() {
-        let of = |receivers, most| cascades(DVec3::ZERO, SUN, receivers, most);
+        let of = |receivers, most| cascades(DVec3::ZERO, SUN, receivers, maps(most));
         assert_eq!(of(Receivers::NONE, 4).len(), 0);
         let mut statue = Receivers::NONE;
         statue.add(DVec3::Z * 1000.0, 1.0);
@@ -182,7 +207,7 @@ mod tests {
 
     #[test]
     fn what_casts_a_shadow_into_a_map_is_found() {
-        let map = cascades(DVec3::ZERO, DVec3::Y, around(1.0, 2.0), 1)[0];
+        let map = cascades(DVec3::ZERO, DVec3::Y, around(1.0, 2.0), maps(1))[0];
         let middle = map.axes * map.centre;
         let top = |offset: DVec3, radius| map.top_of(DVec3::ZERO, middle + offset, radius);
         assert_eq!(top(DVec3::Y * 50.0, 1.0).map(f64::round), Some(51.0), "high above");

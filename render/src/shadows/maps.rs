@@ -194,7 +194,7 @@ impl ShadowMaps {
                         pass.set_pipeline(pipelines.pierced_caster(gpu));
                         pass.set_bind_group(1, &part.material.group, &[]);
                     } else {
-                        pass.set_pipeline(&pipelines.caster);
+                        pass.set_pipeline(pipelines.caster(gpu));
                     }
                     counters.shadow_triangles += triangles;
                     true

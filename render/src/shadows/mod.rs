@@ -24,5 +24,5 @@ pub(crate) fn of_frame(frame: &Frame<'_>, list: &DrawList<'_>, shadows: Shadows)
     if let Some(terrain) = &frame.terrain {
         terrain::receivers(terrain, frame.camera.eye, &mut seen);
     }
-    cascades(frame.camera.eye, frame.environment.to_sun, seen, shadows.cascades as usize)
+    cascades(frame.camera.eye, frame.environment.to_sun, seen, shadows)
 }

@@ -7,8 +7,9 @@ use half::f16;
 
 use super::atmosphere::{Atmosphere, SUN_RADIUS};
 use super::map::{LOBE_SIDE, LOBES, SEEN_SIDE, SkyMap};
+use super::maps::{Key, SkyMaps, SunPlace};
 use crate::gpu::Gpu;
-use crate::scene::{Air, Environment, Sky};
+use crate::scene::{Air, Environment};
 use crate::twin::sky::{Octahedral, SPLIT_SUM_SIDE, split_sum};
 
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
@@ -29,14 +30,6 @@ pub(crate) struct SkyLight {
     pub(crate) haze: f32,
 }
 
-/// What the maps depend on.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Key {
-    sky: Sky,
-    sun_height: f64,
-    haze: bool,
-}
-
 /// See the module.
 #[derive(Debug)]
 pub(crate) struct SkyGpu {
@@ -44,9 +37,13 @@ pub(crate) struct SkyGpu {
     lobes: wgpu::Texture,
     split_sum: wgpu::Texture,
     sampler: wgpu::Sampler,
-    /// Of the last air: its tables serve all suns.
+    /// Of the last air that is not the default one: its tables serve all suns.
     air: Option<(Air, Atmosphere)>,
-    map: Option<(Key, SkyMap)>,
+    /// What was uploaded last.
+    maps: Option<SkyMaps>,
+    /// How often maps had to be computed while a frame waited for them.
+    #[cfg(test)]
+    pub(crate) computed: u32,
 }
 
 impl SkyGpu {
@@ -82,29 +79,32 @@ impl SkyGpu {
             lobes: texture("sky lobes", LOBE_SIDE, LOBES),
             sampler,
             air: None,
-            map: None,
+            maps: None,
+            #[cfg(test)]
+            computed: 0,
         }
     }
 
-    /// The light of an environment; its maps are computed and uploaded if they are not the last ones.
-    pub(crate) fn light(&mut self, gpu: &Gpu, environment: &Environment) -> SkyLight {
-        let unit = |d: DVec3, or| if d.is_finite() { d.try_normalize().unwrap_or(or) } else { or };
-        let up = unit(environment.up, DVec3::Y);
-        let to_sun = unit(environment.to_sun, up);
-        let sun_height = to_sun.dot(up).clamp(-1.0, 1.0);
-        // Where the sun is overhead, any way across will do.
-        let side = unit(to_sun - up * sun_height, up.any_orthonormal_vector());
-        let side = unit(side - up * side.dot(up), up.any_orthonormal_vector());
-        let haze = environment.haze.map_or(0.0, |haze| haze.extinction());
-        let key = Key { sky: environment.sky.finite(), sun_height, haze: haze > 0.0 };
-        if self.map.as_ref().is_none_or(|(last, _)| !last.shows_what(&key)) {
-            let map = self.compute(&key);
-            self.upload(gpu, &map);
-            self.map = Some((key, map));
+    /// The light of an environment. Its maps are uploaded if they are not the last ones, and computed if they are not
+    /// those that somebody has computed already.
+    pub(crate) fn light(
+        &mut self,
+        gpu: &Gpu,
+        environment: &Environment,
+        computed: Option<&SkyMaps>,
+    ) -> SkyLight {
+        let SunPlace { to_sun, up, side, .. } = SunPlace::new(environment);
+        let key = Key::new(environment);
+        if self.maps.as_ref().is_none_or(|last| !last.are_of(&key)) {
+            let maps = computed.filter(|maps| maps.are_of(&key)).cloned();
+            let maps = maps.unwrap_or_else(|| self.compute(key));
+            self.upload(gpu, maps.map());
+            self.maps = Some(maps);
         }
         let four = |v: DVec3, w: f32| v.as_vec3().extend(w).to_array();
+        let map = self.maps.as_ref().map(SkyMaps::map);
         let (sun, disc, irradiance) =
-            self.map.as_ref().map_or_else(Default::default, |(_, map)| (map.sun, map.disc, map.irradiance));
+            map.map_or_else(Default::default, |map| (map.sun, map.disc, map.irradiance));
         SkyLight {
             to_sun,
             up,
@@ -112,14 +112,14 @@ impl SkyGpu {
             sun: sun.as_vec3(),
             disc: four(disc, SUN_RADIUS as f32),
             irradiance: irradiance.map(|c| four(c, 0.0)),
-            haze: haze as f32,
+            haze: environment.haze.map_or(0.0, |haze| haze.extinction()) as f32,
         }
     }
 
     /// The maps of the last frame.
     #[cfg(test)]
     pub(crate) fn map(&self) -> Option<&SkyMap> {
-        self.map.as_ref().map(|(_, map)| map)
+        self.maps.as_ref().map(SkyMaps::map)
     }
 
     /// For bindings 10, 11 and 13 of `sky.wgsl`: what is seen, what is reflected, the split sum.
@@ -141,18 +141,12 @@ impl SkyGpu {
         &self.sampler
     }
 
-    fn compute(&mut self, key: &Key) -> SkyMap {
-        let air = match &key.sky {
-            Sky::Air(air) => *air,
-            Sky::Plain(plain) => return SkyMap::plain(plain, key.haze),
-        };
-        let known = self.air.take().filter(|(of, _)| of.aerosol == air.aerosol && of.ground == air.ground);
-        let (_, atmosphere) =
-            self.air
-                .insert(known.unwrap_or_else(|| {
-                    (air, Atmosphere::new(f64::from(air.aerosol), air.ground.as_dvec3()))
-                }));
-        SkyMap::of_air(&air, atmosphere, key.sun_height, key.haze)
+    fn compute(&mut self, key: Key) -> SkyMaps {
+        #[cfg(test)]
+        {
+            self.computed += 1;
+        }
+        SkyMaps::of(key, &mut self.air)
     }
 
     fn upload(&self, gpu: &Gpu, map: &SkyMap) {
@@ -166,16 +160,8 @@ impl SkyGpu {
     }
 }
 
-impl Key {
-    /// Whether this one's maps are another's too: colours that a host gives do not follow the sun.
-    fn shows_what(&self, other: &Self) -> bool {
-        let height = matches!(self.sky, Sky::Plain(_)) || self.sun_height == other.sun_height;
-        self.sky == other.sky && self.haze == other.haze && height
-    }
-}
-
 /// Computed once in a program: it is always the same.
-fn split_sum_once() -> &'static [[f64; 2]] {
+pub(super) fn split_sum_once() -> &'static [[f64; 2]] {
     static TABLE: OnceLock<Vec<[f64; 2]>> = OnceLock::new();
     TABLE.get_or_init(split_sum)
 }

@@ -55,7 +55,7 @@ fn direction(i: u32) -> DVec3 {
 fn pixels(gpu: &Gpu, sky: &mut SkyGpu, environment: Environment) -> Vec<[f32; 4]> {
     let camera = Pose::look_at(DVec3::ZERO, DVec3::X, DVec3::Z, 1.0);
     let frame = Frame { environment, ..Frame::new(camera, &[]) };
-    let light = sky.light(gpu, &environment);
+    let light = sky.light(gpu, &environment, None);
     let uniform = FrameUniform::new(&frame, &light, (SIDE, SIDE), (SIDE, SIDE), &TemporalStep::NONE, 1.0);
     let device = &gpu.device;
     let buffer = device.create_buffer(&wgpu::BufferDescriptor {
@@ -122,7 +122,7 @@ fn the_skys_shader_matches_its_twin() {
     ] {
         let environment = Environment { to_sun: at(degrees, up), up, sky: kind, haze };
         let got = pixels(h.gpu(), &mut sky, environment);
-        let light = sky.light(h.gpu(), &environment);
+        let light = sky.light(h.gpu(), &environment, None);
         let map = sky.map().unwrap();
         let twin = Twin {
             up: light.up,

@@ -4,7 +4,7 @@ mod past;
 mod resolve;
 
 use std::collections::BTreeMap;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use glam::Mat4;
 
@@ -17,7 +17,7 @@ use crate::scene::Frame;
 use crate::timing::PassEncoder;
 
 use past::Past;
-use resolve::Resolve;
+pub(crate) use resolve::Resolve;
 
 /// Frames that count for as much as what earlier ones showed, while things move.
 const MOVING: f32 = 6.0;
@@ -58,7 +58,7 @@ impl TemporalStep {
 /// What is kept between frames.
 #[derive(Debug)]
 pub(crate) struct Temporal {
-    resolve: OnceLock<Resolve>,
+    resolve: Arc<OnceLock<Resolve>>,
     /// What the frame before made, and what this one makes of it.
     histories: Option<[wgpu::Texture; 2]>,
     past: Option<Past>,
@@ -72,9 +72,10 @@ pub(crate) struct Temporal {
 }
 
 impl Temporal {
-    pub(crate) fn new() -> Self {
+    /// `resolve`: what draws the mean, once there is one.
+    pub(crate) fn new(resolve: Arc<OnceLock<Resolve>>) -> Self {
         Self {
-            resolve: OnceLock::new(),
+            resolve,
             histories: None,
             past: None,
             frames: 0,
@@ -87,7 +88,7 @@ impl Temporal {
 
     /// Forgets all frames: the next one is the first.
     pub(crate) fn forget(&mut self) {
-        *self = Self { resolve: std::mem::take(&mut self.resolve), ..Self::new() };
+        *self = Self::new(Arc::clone(&self.resolve));
     }
 
     /// Begins a frame in pictures of `size`, `jittered` unless only its motion is asked for. Gives with it what moves by

@@ -17,14 +17,14 @@ const TEMPORAL: &str = concat!(
 
 /// See the module.
 #[derive(Debug)]
-pub(super) struct Resolve {
+pub(crate) struct Resolve {
     /// Where nothing moves by itself, and where something does.
     pipelines: [wgpu::RenderPipeline; 2],
     sampler: wgpu::Sampler,
 }
 
 impl Resolve {
-    pub(super) fn new(gpu: &Gpu) -> Self {
+    pub(crate) fn new(gpu: &Gpu) -> Self {
         let module = shader(gpu, "temporal", TEMPORAL);
         Self {
             pipelines: [0.0, 1.0].map(|motion| {

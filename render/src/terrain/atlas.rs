@@ -96,6 +96,20 @@ struct TerrainUniform {
     eye_up: [f32; 2],
 }
 
+/// A device zeroes a texture before the first that is written there, all of it: of these a driver in software takes some
+/// hundredths of a second, in which the ground may still be measured. Of each the bytes of a texel.
+fn begin_zeroing(gpu: &Gpu, textures: [(&wgpu::Texture, u32); 2]) {
+    for (texture, bytes) in textures {
+        gpu.queue.write_texture(
+            texture.as_image_copy(),
+            &vec![0; bytes as usize],
+            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(bytes), rows_per_image: None },
+            wgpu::Extent3d { width: 1, height: 1, depth_or_array_layers: 1 },
+        );
+    }
+    gpu.queue.submit([]);
+}
+
 /// Where the eye stands on the grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct EyeCell {
@@ -177,6 +191,7 @@ impl TerrainGpu {
         };
         let rises = atlas("terrain rises", wgpu::TextureFormat::Rgba16Float);
         let atlas = atlas("terrain heights", wgpu::TextureFormat::R32Sint);
+        begin_zeroing(gpu, [(&atlas, 4), (&rises, 8)]);
         let ground = device.create_texture_with_data(
             &gpu.queue,
             &wgpu::TextureDescriptor {

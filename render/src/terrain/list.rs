@@ -5,7 +5,6 @@ use glam::DVec3;
 use super::TerrainPart;
 use super::atlas::{EyeCell, TerrainFrame, TerrainGpu, arrival, first_texel};
 use super::grid::QUADRANT_INDICES;
-use super::pipeline::TerrainPipelines;
 use super::tile_raw::TileRaw;
 use crate::buffer::GrowingBuffer;
 use crate::counters::Counters;
@@ -111,11 +110,11 @@ impl<'a> TileList<'a> {
     pub(crate) fn cast(
         &self,
         pass: &mut wgpu::RenderPass<'_>,
-        pipelines: &TerrainPipelines,
+        pipeline: &wgpu::RenderPipeline,
         instances: &wgpu::Buffer,
         cascade: usize,
     ) -> u64 {
-        pass.set_pipeline(&pipelines.caster);
+        pass.set_pipeline(pipeline);
         self.casters.get(cascade).map_or(0, |batches| self.run(pass, instances, batches))
     }
 

@@ -12,4 +12,9 @@ mod tile_raw;
 pub use atlas::{MAX_DRAWN_HEIGHT, TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart};
 pub(crate) use list::{TileList, receivers};
 pub(crate) use pipeline::TerrainPipelines;
+
+/// Paints the ground's textures, which are the same for every terrain.
+pub(crate) fn compute_textures() {
+    layers::texels();
+}
 pub(crate) use tile_raw::TileRaw;

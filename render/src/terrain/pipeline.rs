@@ -15,19 +15,20 @@ const TERRAIN: &str = concat!(
     include_str!("../shaders/terrain.wgsl")
 );
 
-/// What draws tiles.
+/// What draws tiles. Each is compiled when it is needed first, or before.
 #[derive(Debug)]
 pub(crate) struct TerrainPipelines {
     /// Group 1: the terrain's uniform block, heights and ground.
     pub(crate) layout: wgpu::BindGroupLayout,
-    plain: wgpu::RenderPipeline,
-    relief: wgpu::RenderPipeline,
-    /// Absent where the device cannot draw triangles as lines.
-    wire: Option<wgpu::RenderPipeline>,
-    /// Made when it is first asked for.
+    /// The frame's group and that.
+    pipeline_layout: wgpu::PipelineLayout,
+    module: OnceLock<wgpu::ShaderModule>,
+    /// Without relief and with.
+    surfaces: [OnceLock<wgpu::RenderPipeline>; 2],
+    /// `None` where the device cannot draw triangles as lines.
+    wire: OnceLock<Option<wgpu::RenderPipeline>>,
     overdraw: OnceLock<wgpu::RenderPipeline>,
-    /// Into maps of shadows.
-    pub(crate) caster: wgpu::RenderPipeline,
+    caster: OnceLock<wgpu::RenderPipeline>,
 }
 
 impl TerrainPipelines {
@@ -73,53 +74,66 @@ impl TerrainPipelines {
                 ),
             ],
         });
-        with_tiles(gpu, frame_layout, &layout, |tiles| Self {
-            plain: tiles.surface(gpu, ["vs_terrain", "fs_terrain"], &[]),
-            relief: tiles.surface(gpu, ["vs_terrain", "fs_terrain"], &[("RELIEF", 1.0)]),
-            wire: tiles.wire(gpu, ["vs_terrain_wire", "fs_terrain_wire"]),
-            caster: tiles.caster(gpu, "vs_terrain_caster"),
+        let pipeline_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some("terrain"),
+            bind_group_layouts: &[Some(frame_layout), Some(&layout)],
+            immediate_size: 0,
+        });
+        Self {
+            layout,
+            pipeline_layout,
+            module: OnceLock::new(),
+            surfaces: Default::default(),
+            wire: OnceLock::new(),
             overdraw: OnceLock::new(),
-            layout: layout.clone(),
+            caster: OnceLock::new(),
+        }
+    }
+
+    /// Into the G-buffer, with relief or without.
+    pub(crate) fn surface(&self, gpu: &Gpu, relief: bool) -> &wgpu::RenderPipeline {
+        self.surfaces[usize::from(relief)].get_or_init(|| {
+            let constants: &[(&str, f64)] = if relief { &[("RELIEF", 1.0)] } else { &[] };
+            self.with_tiles(gpu, |tiles| tiles.surface(gpu, ["vs_terrain", "fs_terrain"], constants))
         })
     }
 
-    /// Makes what counts how often pixels are drawn, once.
-    pub(crate) fn prepare_overdraw(&self, gpu: &Gpu, frame_layout: &wgpu::BindGroupLayout) {
-        self.overdraw.get_or_init(|| {
-            with_tiles(gpu, frame_layout, &self.layout, |tiles| tiles.overdraw(gpu, "vs_terrain_caster"))
-        });
+    /// Into maps of shadows.
+    pub(crate) fn caster(&self, gpu: &Gpu) -> &wgpu::RenderPipeline {
+        self.caster.get_or_init(|| self.with_tiles(gpu, |tiles| tiles.caster(gpu, "vs_terrain_caster")))
+    }
+
+    /// Edges; `None` where the device cannot draw triangles as lines.
+    pub(crate) fn wire(&self, gpu: &Gpu) -> Option<&wgpu::RenderPipeline> {
+        let make = || self.with_tiles(gpu, |tiles| tiles.wire(gpu, ["vs_terrain_wire", "fs_terrain_wire"]));
+        self.wire.get_or_init(make).as_ref()
+    }
+
+    /// Counts how often pixels are drawn.
+    fn overdraw(&self, gpu: &Gpu) -> &wgpu::RenderPipeline {
+        self.overdraw.get_or_init(|| self.with_tiles(gpu, |tiles| tiles.overdraw(gpu, "vs_terrain_caster")))
     }
 
     /// What draws tiles in a pass, if they are drawn there.
-    pub(crate) fn of(&self, pass: PassId, relief: bool) -> Option<&wgpu::RenderPipeline> {
+    pub(crate) fn of(&self, gpu: &Gpu, pass: PassId, relief: bool) -> Option<&wgpu::RenderPipeline> {
         match pass {
-            PassId::GBuffer => Some(if relief { &self.relief } else { &self.plain }),
-            PassId::Edges => self.wire.as_ref(),
-            PassId::Overdraw => self.overdraw.get(),
+            PassId::GBuffer => Some(self.surface(gpu, relief)),
+            PassId::Edges => self.wire(gpu),
+            PassId::Overdraw => Some(self.overdraw(gpu)),
             _ => None,
         }
     }
-}
 
-/// Shader, bindings and vertices of tiles.
-fn with_tiles<R>(
-    gpu: &Gpu,
-    frame_layout: &wgpu::BindGroupLayout,
-    layout: &wgpu::BindGroupLayout,
-    make: impl FnOnce(&GeometryPass<'_>) -> R,
-) -> R {
-    let layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-        label: Some("terrain"),
-        bind_group_layouts: &[Some(frame_layout), Some(layout)],
-        immediate_size: 0,
-    });
-    make(&GeometryPass {
-        module: &shader(gpu, "terrain", TERRAIN),
-        layout: &layout,
-        buffers: &[Some(wgpu::VertexBufferLayout {
-            array_stride: size_of::<TileRaw>() as u64,
-            step_mode: wgpu::VertexStepMode::Instance,
-            attributes: &TILE_ATTRIBUTES,
-        })],
-    })
+    /// Shader, bindings and vertices of tiles.
+    fn with_tiles<R>(&self, gpu: &Gpu, make: impl FnOnce(&GeometryPass<'_>) -> R) -> R {
+        make(&GeometryPass {
+            module: self.module.get_or_init(|| shader(gpu, "terrain", TERRAIN)),
+            layout: &self.pipeline_layout,
+            buffers: &[Some(wgpu::VertexBufferLayout {
+                array_stride: size_of::<TileRaw>() as u64,
+                step_mode: wgpu::VertexStepMode::Instance,
+                attributes: &TILE_ATTRIBUTES,
+            })],
+        })
+    }
 }

@@ -3,6 +3,7 @@
 //! Without an adapter they fail. `LODESTREAM_SKIP_GPU=1` skips them, and says so.
 
 mod accuracy;
+mod ahead;
 mod covering;
 mod debug;
 mod haze;

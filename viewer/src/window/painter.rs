@@ -7,10 +7,15 @@ use winit::dpi::PhysicalSize;
 use winit::event_loop::OwnedDisplayHandle;
 use winit::window::Window;
 
-use lodestream_render::{Counters, EMPTY_WINDOW, Frame, Gpu, Renderer, Target, TargetCopy};
+use lodestream_render::{
+    Compiler, Counters, EMPTY_WINDOW, Frame, Gpu, Renderer, Settings, Target, TargetCopy,
+};
 
 /// Time between two looks at whether the device is open.
 const OPENING_INTERVAL: std::time::Duration = std::time::Duration::from_millis(2);
+
+/// Threads that compile what the first frame needs, beside the one that uploads it.
+const COMPILING_THREADS: usize = 2;
 
 /// A window's surface and what draws into it.
 pub(super) struct Painter {
@@ -21,6 +26,8 @@ pub(super) struct Painter {
     config: wgpu::SurfaceConfiguration,
     input: egui_winit::State,
     overlay: egui_wgpu::Renderer,
+    /// Compiles what frames need once they give nothing up.
+    later: Option<Compiler>,
     /// Whether frames are copied for [`Painted::copy`].
     copies: bool,
 }
@@ -35,6 +42,7 @@ struct Device {
     surface: wgpu::Surface<'static>,
     config: wgpu::SurfaceConfiguration,
     overlay: egui_wgpu::Renderer,
+    later: Compiler,
 }
 
 impl Device {
@@ -43,6 +51,7 @@ impl Device {
         surface: wgpu::Surface<'static>,
         size: PhysicalSize<u32>,
         copies: bool,
+        settings: impl FnOnce(&Gpu) -> [Settings; 2],
     ) -> anyhow::Result<Self> {
         let gpu = Gpu::for_surface(instance, &surface)?;
         let capabilities = surface.get_capabilities(&gpu.adapter);
@@ -65,9 +74,15 @@ impl Device {
             config.usage |= wgpu::TextureUsages::COPY_SRC;
         }
         surface.configure(&gpu.device, &config);
-        let renderer = Renderer::new(&gpu, config.format)?;
+        let renderer = Renderer::without_pipelines(&gpu, config.format)?;
+        // Most scenes that are shown in a window have ground, and none says so before its header is here.
+        let [first, later] = settings(&gpu).map(|settings| renderer.compiler(&gpu, &settings, true));
+        for _ in 0..COMPILING_THREADS {
+            let first = first.clone();
+            std::thread::Builder::new().name("pipelines".into()).spawn(move || first.compile())?;
+        }
         let overlay = egui_wgpu::Renderer::new(&gpu.device, config.format, Default::default());
-        Ok(Self { gpu, renderer, surface, config, overlay })
+        Ok(Self { gpu, renderer, surface, config, overlay, later })
     }
 }
 
@@ -82,12 +97,14 @@ pub(super) struct Painted {
 }
 
 impl Painter {
-    /// Opens the window's device and makes the pipelines on a thread of their own; until that is done, `meanwhile` is called
-    /// again and again. `copies`: frames are to be kept.
+    /// Opens the window's device on a thread of its own; until that is done, `meanwhile` is called again and again. Then
+    /// threads compile what is needed for the first of the `settings`, while the first frame is uploaded; a frame waits for
+    /// what it lacks. `copies`: frames are to be kept.
     pub(super) fn new(
         window: Arc<Window>,
         display: OwnedDisplayHandle,
         copies: bool,
+        settings: impl FnOnce(&Gpu) -> [Settings; 2] + Send + 'static,
         mut meanwhile: impl FnMut(),
     ) -> anyhow::Result<Self> {
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
@@ -99,16 +116,25 @@ impl Painter {
         let size = window.inner_size();
         let opening = std::thread::Builder::new()
             .name("device".into())
-            .spawn(move || Device::open(&instance, surface, size, copies))?;
+            .spawn(move || Device::open(&instance, surface, size, copies, settings))?;
         while !opening.is_finished() {
             meanwhile();
             std::thread::sleep(OPENING_INTERVAL);
         }
         let device = opening.join().map_err(|_| anyhow::anyhow!("opening the graphics device failed"))??;
-        let Device { gpu, renderer, surface, config, overlay } = device;
+        let Device { gpu, renderer, surface, config, overlay, later } = device;
         let context = egui::Context::default();
         let input = egui_winit::State::new(context, egui::ViewportId::ROOT, &window, None, None, None);
-        Ok(Self { window, gpu, renderer, surface, config, input, overlay, copies })
+        let later = Some(later);
+        Ok(Self { window, gpu, renderer, surface, config, input, overlay, later, copies })
+    }
+
+    /// Begins to compile what frames need that give nothing up. The first frame need not share the processor with that.
+    pub(super) fn compile_rest(&mut self) {
+        if let Some(later) = self.later.take() {
+            // Without a thread each frame compiles what it lacks.
+            let _ = std::thread::Builder::new().name("pipelines".into()).spawn(move || later.compile());
+        }
     }
 
     /// Whether the device is a processor that draws by software.

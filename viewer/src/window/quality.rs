@@ -3,6 +3,8 @@
 
 use std::time::Duration;
 
+use lodestream_render::{AmbientOcclusion, AntiAliasing, Settings, Shadows};
+
 /// Frames a second that a moving camera needs.
 const LEAST_FPS: f64 = 15.0;
 /// Time of a frame that is aimed at: some below what is needed, since frames differ.
@@ -28,12 +30,41 @@ pub(super) struct Step {
     pub(super) late_shadows: u32,
     /// Most cascades of shadows.
     pub(super) cascades: u32,
+    /// Steps by which each of their maps follows the eye, along its side.
+    map_steps: u32,
+    /// Most texels along a side of each of their maps.
+    map_side: u32,
     /// Whether edges are smoothed, where the picture is not enlarged.
     pub(super) antialias: bool,
     /// Most samples of ambient occlusion per pixel; 0 is none.
     pub(super) samples: u32,
+    /// Whether height maps are honoured.
+    relief: bool,
     /// Time of a frame over that of the first step, roughly: what decides is measured after the step was taken.
     cost: f64,
+}
+
+impl Step {
+    /// What is left of a user's settings, but for how late shadows may be.
+    pub(super) fn of(&self, settings: &Settings) -> Settings {
+        let occlusion = settings.occlusion.filter(|_| self.samples > 0);
+        Settings {
+            render_scale: self.render_scale,
+            anti_aliasing: if self.antialias { settings.anti_aliasing } else { AntiAliasing::None },
+            occlusion: occlusion.map(|occlusion| AmbientOcclusion {
+                samples: occlusion.samples.min(self.samples),
+                ..occlusion
+            }),
+            relief: settings.relief && self.relief,
+            shadows: settings.shadows.map(|shadows| Shadows {
+                cascades: shadows.cascades.min(self.cascades),
+                steps: shadows.steps.min(self.map_steps),
+                map_side: shadows.map_side.min(self.map_side),
+                ..shadows
+            }),
+            ..*settings
+        }
+    }
 }
 
 /// Nothing given up.
@@ -43,24 +74,35 @@ pub(super) const FULL: Step = Step {
     meshes: 1.0,
     late_shadows: 0,
     cascades: u32::MAX,
+    map_steps: u32::MAX,
+    map_side: u32::MAX,
     antialias: true,
     samples: u32::MAX,
+    relief: true,
     cost: 1.0,
 };
 
 const UNSEEN: Step = Step { ground: 4.0, late_shadows: 12, cost: 0.75, ..FULL };
 const SMALLER: Step = Step { render_scale: 0.7, cost: 0.45, ..UNSEEN };
 const HALF: Step = Step { render_scale: 0.5, ground: 8.0, cost: 0.28, ..SMALLER };
-const TWO_MAPS: Step = Step { cascades: 2, cost: 0.23, ..HALF };
+const TWO_MAPS: Step = Step { cascades: 2, map_steps: 4, cost: 0.23, ..HALF };
 const STAIRS: Step = Step { render_scale: 0.35, meshes: 2.0, antialias: false, cost: 0.17, ..TWO_MAPS };
 const FEW_SAMPLES: Step = Step { samples: 4, cost: 0.14, ..STAIRS };
-const FASTEST: Step =
-    Step { render_scale: 0.25, ground: 16.0, meshes: 4.0, samples: 0, cost: 0.1, ..FEW_SAMPLES };
+const FASTEST: Step = Step {
+    render_scale: 0.25,
+    ground: 16.0,
+    meshes: 4.0,
+    map_side: 1024,
+    samples: 0,
+    relief: false,
+    cost: 0.1,
+    ..FEW_SAMPLES
+};
 
 /// From the best on. Quality begins to be given up in this order: the ground's error and how soon shadows follow what
 /// casts them, which are seen least; pixels; cascades of shadows; smoothed edges, which an enlarged picture lacks
 /// already, and the meshes' error, whose chunks have to be undone and applied again; samples of occlusion, at last all
-/// of them.
+/// of them, relief, which is finer than the pixels then, and texels of shadows.
 const STEPS: [Step; 8] = [FULL, UNSEEN, SMALLER, HALF, TWO_MAPS, STAIRS, FEW_SAMPLES, FASTEST];
 
 /// Chooses the step of each frame.
@@ -155,8 +197,8 @@ impl Quality {
 
     /// For the overlay.
     pub(super) fn describe(&self) -> String {
-        let Step { render_scale, ground, meshes, late_shadows, cascades, antialias, samples, .. } =
-            self.step();
+        let step = self.step();
+        let Step { render_scale, ground, meshes, late_shadows, cascades, antialias, samples, .. } = step;
         if self.is_full() {
             return "full".into();
         }
@@ -176,8 +218,10 @@ impl Quality {
             error("meshes", meshes),
             (late_shadows > 0).then(|| format!("shadows up to {late_shadows} frames late")),
             (cascades < u32::MAX).then(|| format!("{cascades} shadow maps")),
+            (step.map_side < u32::MAX).then(|| format!("of {} texels a side", step.map_side)),
             (!antialias).then(|| "edges not smoothed".to_owned()),
             occlusion,
+            (!step.relief).then(|| "no relief".to_owned()),
         ];
         text.push_str(&parts.into_iter().flatten().collect::<Vec<_>>().join(", "));
         text
@@ -252,7 +296,7 @@ mod tests {
 
     /// The order in which a device that gets slower and slower gives things up, by virtual time.
     #[test]
-    fn scale_cascades_edges_and_samples_are_given_up_in_this_order() {
+    fn scale_cascades_edges_samples_and_relief_are_given_up_in_this_order() {
         let (mut quality, mut now) = (Quality::new(false), 0.0);
         let mut given_up: Vec<&str> = Vec::new();
         let mut steps = vec![0];
@@ -270,13 +314,14 @@ mod tests {
                 ("edges", !step.antialias),
                 ("samples", step.samples < 16),
                 ("occlusion", step.samples == 0),
+                ("relief", !step.relief),
             ] {
                 if is && !given_up.contains(&what) {
                     given_up.push(what);
                 }
             }
         }
-        assert_eq!(given_up, ["scale", "cascades", "edges", "samples", "occlusion"]);
+        assert_eq!(given_up, ["scale", "cascades", "edges", "samples", "occlusion", "relief"]);
         assert!(steps.is_sorted() && (0..STEPS.len()).all(|step| steps.contains(&step)), "{steps:?}");
     }
 
@@ -288,6 +333,8 @@ mod tests {
             assert!(pair[0].meshes <= pair[1].meshes && pair[0].cost * AIM_S * LEAST_FPS > pair[1].cost);
             assert!(pair[0].cascades >= pair[1].cascades && pair[0].samples >= pair[1].samples);
             assert!(pair[0].antialias >= pair[1].antialias && pair[0].late_shadows <= pair[1].late_shadows);
+            assert!(pair[0].relief >= pair[1].relief && pair[0].map_side >= pair[1].map_side);
+            assert!(pair[0].map_steps >= pair[1].map_steps);
         }
         let mut quality = Quality::new(true);
         let fastest = quality.describe();
@@ -295,7 +342,12 @@ mod tests {
             fastest.contains("step 7 of 7: 25 % of the pixels' sides, ground 16× as coarse"),
             "{fastest}"
         );
-        assert!(fastest.ends_with("2 shadow maps, edges not smoothed, no occlusion"), "{fastest}");
+        assert!(
+            fastest.ends_with(
+                "2 shadow maps, of 1024 texels a side, edges not smoothed, no occlusion, no relief"
+            ),
+            "{fastest}"
+        );
         quality.step = 6;
         assert!(quality.describe().ends_with("edges not smoothed, 4 samples of occlusion"));
         quality.step = 0;

@@ -5,9 +5,7 @@ use std::time::{Duration, Instant};
 
 use lodestream_client::net::Retry;
 use lodestream_client::streaming::{Controls, Streaming};
-use lodestream_render::{
-    AmbientOcclusion, AntiAliasing, Counters, Pose, SceneView, Settings, Shadows, Timings,
-};
+use lodestream_render::{Counters, Pose, SceneView, Settings, Shadows, Timings};
 use winit::dpi::{LogicalSize, PhysicalPosition};
 use winit::event::MouseButton;
 use winit::event_loop::{ActiveEventLoop, OwnedDisplayHandle};
@@ -94,11 +92,17 @@ impl Running {
             .with_inner_size(winit::dpi::PhysicalSize::new(width, height))
             .with_min_inner_size(LogicalSize::new(64, 64));
         let mut scene = SceneView::with_terrain_apart(notify)?;
-        // What needs no device is done while it is opened: the terrain is measured.
+        // What needs no device is done while it is opened: tables are computed, the terrain is measured.
+        std::thread::Builder::new().name("tables".into()).spawn(lodestream_render::compute_tables)?;
+        let first_args = args.clone();
         let painter = Painter::new(
             Arc::new(events.create_window(attributes)?),
             display,
             args.frames.is_some(),
+            move |gpu| {
+                let full = settings(&first_args, gpu.is_software());
+                [Quality::new(gpu.is_software()).step().of(&full), full]
+            },
             || {
                 while scene.waiting() < MAX_WAITING_STEPS
                     && let Some(step) = streaming.take()
@@ -231,6 +235,7 @@ impl Running {
             if whole && self.shown.presented().is_none() {
                 tracing::debug!(?now, frame_ms = self.frame_ms, "first frame presented");
             }
+            self.painter.compile_rest();
             let received = Received::from(&self.news.status().stats);
             self.shown.note(now, whole, &counters, received);
             if let Some(copy) = painted.copy {
@@ -273,8 +278,7 @@ impl Running {
 
     /// The frame's shadows, but for how late they may be.
     fn shadows(&self) -> Option<Shadows> {
-        let most = self.step().cascades;
-        self.settings.shadows.map(|shadows| Shadows { cascades: shadows.cascades.min(most), ..shadows })
+        self.step().of(&self.settings).shadows
     }
 
     /// Says how far the picture is.
@@ -331,18 +335,13 @@ impl Running {
         self.painter.renderer.time_passes(&self.painter.gpu, table || args.stats.is_some());
         let (camera, step) = (self.camera(), self.step());
         let mut choices = self.choices;
-        let anti_aliasing = if step.antialias { self.settings.anti_aliasing } else { AntiAliasing::None };
-        let mut settings = Settings { render_scale: step.render_scale, anti_aliasing, ..self.settings };
-        settings.occlusion = settings
-            .occlusion
-            .filter(|_| step.samples > 0)
-            .map(|occlusion| AmbientOcclusion { samples: occlusion.samples.min(step.samples), ..occlusion });
+        let mut settings = step.of(&self.settings);
         // While there is more to come, the next frame is soon enough.
         let morphing = now_s - self.scene.changed_s() <= self.settings.morph_s;
         let settled = self.news.status().settled && self.scene.waiting() == 0 && !morphing;
         let coming = if settled { 0 } else { self.quality.late_shadows() };
         let patience = step.late_shadows.max(coming);
-        settings.shadows = self.shadows().map(|shadows| Shadows { patience, ..shadows });
+        settings.shadows = settings.shadows.map(|shadows| Shadows { patience, ..shadows });
         let (stats, scene) = (&self.news.status().stats, &self.scene);
         let painted = self.painter.paint(
             |ui| overlay::show(ui, stats, &facts, &mut choices),

@@ -1,0 +1,129 @@
+//! Pipelines that are compiled before a frame needs them.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use super::gpu::Gpu;
+use super::material_kit::Features;
+use super::pipelines::{Pipelines, Whole};
+use super::scene::{AntiAliasing, Settings};
+use super::temporal::Resolve;
+
+/// Something that is compiled by itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Task {
+    Surface {
+        relief: bool,
+    },
+    Caster,
+    Ground {
+        relief: bool,
+    },
+    GroundCaster,
+    Whole(Whole),
+    Water,
+    Wire,
+    GroundWire,
+    /// How far things move, and means over time.
+    Motion,
+    Mean,
+}
+
+/// What frames of some settings are drawn with, to be compiled before the first of them; a frame compiles else what it
+/// lacks, and that takes milliseconds a pipeline. Clones share the work: each thread that calls [`Compiler::compile`] takes
+/// what no other has begun.
+///
+/// What only some materials need (maps, holes, what is seen through) is compiled when an asset has such a one, lamps'
+/// pipelines when there is one.
+#[derive(Clone, Debug)]
+pub struct Compiler {
+    gpu: Gpu,
+    pipelines: Arc<Pipelines>,
+    tasks: Arc<[Task]>,
+    next: Arc<AtomicUsize>,
+}
+
+impl Compiler {
+    pub(crate) fn new(gpu: &Gpu, pipelines: &Arc<Pipelines>, settings: &Settings, ground: bool) -> Self {
+        Self {
+            gpu: gpu.clone(),
+            pipelines: Arc::clone(pipelines),
+            tasks: tasks(settings, ground).into(),
+            next: Arc::default(),
+        }
+    }
+
+    /// Compiles until nothing is left that no thread has begun. What refuses is told by the next frame.
+    pub fn compile(&self) {
+        while let Some(task) = self.tasks.get(self.next.fetch_add(1, Ordering::Relaxed)) {
+            self.make(*task);
+        }
+    }
+
+    fn make(&self, task: Task) {
+        let (gpu, pipelines) = (&self.gpu, &*self.pipelines);
+        let meshes = &pipelines.meshes;
+        match task {
+            Task::Surface { relief } => {
+                meshes.surface(gpu, Features { relief, ..Features::default() }, relief);
+            }
+            Task::Caster => {
+                meshes.caster(gpu);
+            }
+            Task::Ground { relief } => {
+                pipelines.terrain(gpu).surface(gpu, relief);
+            }
+            Task::GroundCaster => {
+                pipelines.terrain(gpu).caster(gpu);
+            }
+            Task::Whole(pass) => {
+                pipelines.whole(gpu, pass);
+            }
+            Task::Water => {
+                pipelines.water(gpu);
+            }
+            Task::Wire => {
+                meshes.wire(gpu);
+            }
+            Task::GroundWire => {
+                pipelines.terrain(gpu).wire(gpu);
+            }
+            Task::Motion => {
+                meshes.motion(gpu);
+            }
+            Task::Mean => {
+                pipelines.resolve.get_or_init(|| Resolve::new(gpu));
+            }
+        }
+    }
+}
+
+/// What is needed for some settings. The longest first, so that threads end together.
+fn tasks(settings: &Settings, ground: bool) -> Vec<Task> {
+    let relief = settings.relief;
+    let shadows = settings.shadows.is_some();
+    let occlusion = settings.occlusion.is_some_and(|occlusion| occlusion.strength > 0.0);
+    // What is enlarged is smoothed by that.
+    let smoothed = if settings.render_scale < 1.0 { AntiAliasing::None } else { settings.anti_aliasing };
+    let mut tasks = vec![Task::Surface { relief: false }];
+    let mut also = |needed: bool, more: &[Task]| tasks.extend(more.iter().filter(|_| needed));
+    also(ground, &[Task::Ground { relief }]);
+    also(relief, &[Task::Surface { relief: true }]);
+    also(true, &[Task::Whole(Whole::Lighting { occlusion, shadows })]);
+    also(ground && settings.water, &[Task::Water]);
+    also(shadows, &[Task::Whole(Whole::Sunlight), Task::Caster]);
+    also(shadows && ground, &[Task::GroundCaster]);
+    also(occlusion, &[Task::Whole(Whole::Occlusion), Task::Whole(Whole::Blur)]);
+    match smoothed {
+        AntiAliasing::None => also(true, &[Task::Whole(Whole::ToneMap)]),
+        AntiAliasing::Spatial => {
+            also(true, &[Task::Whole(Whole::ToneMapDisplay), Task::Whole(Whole::AntiAlias)]);
+        }
+        AntiAliasing::Temporal => {
+            also(true, &[Task::Mean, Task::Motion, Task::Whole(Whole::ToneMapTemporal)]);
+        }
+    }
+    also(settings.wireframe, &[Task::Wire, Task::Whole(Whole::Wireframe)]);
+    also(settings.wireframe && ground, &[Task::GroundWire]);
+    tasks
+}
