@@ -23,7 +23,7 @@ pub(super) struct SoughtLevel {
     pub(super) centrality: f32,
 }
 
-/// How large an asset's largest instance is on the screen, and the largest of which something is seen.
+/// How large an asset's largest instance is on the screen, and how much is seen of the one of which most is.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct ShownArea {
     whole_px2: f32,
@@ -31,12 +31,10 @@ pub(crate) struct ShownArea {
 }
 
 impl ShownArea {
-    /// An instance of so large a surface, and whether something is seen of it.
-    pub(crate) fn add(&mut self, surface_px2: f32, seen: bool) {
+    /// An instance of so large a surface, and which share of it is seen.
+    pub(crate) fn add(&mut self, surface_px2: f32, shown: f32) {
         self.whole_px2 = self.whole_px2.max(surface_px2);
-        if seen {
-            self.seen_px2 = self.seen_px2.max(surface_px2);
-        }
+        self.seen_px2 = self.seen_px2.max(surface_px2 * shown);
     }
 
     /// The difference that a texture makes, given the one that it would make if nothing were hidden.
@@ -86,7 +84,7 @@ impl Textures {
         !self.sought.is_empty()
     }
 
-    /// Weighs what is sought by whether something is seen of the instances that show it, as drawn for the view.
+    /// Weighs what is sought by how much is seen of the instances that show it, as drawn for the view.
     pub(super) fn weigh(
         &mut self,
         visibility: &Visibility,
@@ -103,8 +101,8 @@ impl Textures {
         for &InView { number, asset, coverage_px } in &self.in_view {
             let Some(area) = &mut self.areas[asset as usize] else { continue };
             let instance = &instances[number as usize];
-            let seen = visibility.shows(number, view, assets[asset as usize].entry(), instance);
-            area.add(picture.surface_px2(coverage_px), seen);
+            let shown = visibility.shown(number, view, assets[asset as usize].entry(), instance);
+            area.add(picture.surface_px2(coverage_px), shown);
         }
         for level in &mut self.sought {
             if let Some(area) = self.areas[level.asset as usize] {

@@ -47,7 +47,7 @@ pub(super) fn coarse_textures(
         };
         let bounds = projection.bounds(asset.entry(), instance);
         if bounds.visible {
-            let shown = visibility.shows(number, view, asset.entry(), instance);
+            let shown = visibility.shown(number, view, asset.entry(), instance);
             seen.area.add(picture.surface_px2(bounds.coverage_px), shown);
             seen.coverage_px = seen.coverage_px.max(bounds.coverage_px);
             seen.centrality = seen.centrality.max(bounds.centrality);

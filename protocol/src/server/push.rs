@@ -10,7 +10,7 @@ use super::config::ServerConfig;
 use super::plans::{Plans, Queue};
 use super::refinement::{MAX_REFINED_PAGES, Missing, Refining, first_refinement};
 use super::requests::Requests;
-use crate::blob::BlobId;
+use crate::blob::{BlobId, BlobPart};
 use crate::scheduler::Unit;
 use crate::select::priority::{Priority, is_base};
 use crate::source::{Reading, SceneSource, SourceError};
@@ -176,8 +176,8 @@ impl Push {
             if !fits && !open {
                 break;
             }
-            if !fits || requests.was_handed(&unit) {
-                // The client has it, or no room for more than it asks for.
+            if !fits || requests.was_handed(&unit) || (self.resumes && is_texture(unit)) {
+                // The client has it, or may have it and will ask if not, or has no room for more than it asks for.
                 self.queue.pop();
                 self.bases_left.remove(&unit);
                 continue;
@@ -315,6 +315,10 @@ impl Pages {
     fn wait(&mut self, pages: Vec<BlobId>) {
         self.due.extend(pages.into_iter().filter(|id| !self.here.contains_key(id)));
     }
+}
+
+fn is_texture(unit: Unit) -> bool {
+    matches!(unit, Unit::Blob(BlobId::Asset { part: BlobPart::Texture { .. }, .. }))
 }
 
 fn estimated_bytes(source: &dyn SceneSource, unit: Unit) -> u64 {

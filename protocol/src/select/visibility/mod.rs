@@ -225,20 +225,31 @@ impl Visibility {
         self.known.insert(number, known);
     }
 
-    /// Whether anything may be seen of an instance, judged by its bounding sphere; where that is not judged, it is.
-    pub(crate) fn shows(
+    /// How much of an instance is seen, 0 to 1, as of a region that is all of its bounding sphere; 1 where that is not
+    /// judged. Small too where it fills little of the sphere's disc.
+    pub(crate) fn shown(
         &self,
         number: u32,
         view: &View,
         asset: &AssetEntry,
         instance: &InstanceEntry,
-    ) -> bool {
-        let Some(frame) = self.drawn.as_ref().and_then(|drawn| drawn.frame(number)) else { return true };
+    ) -> f32 {
+        let Some(frame) = self.drawn.as_ref().and_then(|drawn| drawn.frame(number)) else { return 1.0 };
         let placed = Placed::new(view, asset, instance);
         let (center, radius) = (placed.place(asset.sphere.center), asset.sphere.radius * placed.scale);
-        let mut own = false;
-        let judged = self.buffer.points_around(number, frame, center, radius, |_, _| own = true);
-        own || judged.is_none() || self.buffer.seen_through(center, radius) > 0.0
+        let mut own = 0_u32;
+        let weight = self.buffer.points_around(number, frame, center, radius, |_, _| own += 1);
+        let Some(weight) = weight else { return 1.0 };
+        #[expect(clippy::cast_precision_loss)]
+        let own = own as f32 * weight;
+        self.seen_of_disc(own, center, radius, radius)
+    }
+
+    /// The root of the share of a sphere's disc that so many pixels and those in which one sees its core come to.
+    fn seen_of_disc(&self, own: f32, center: Vec3, radius: f32, core: f32) -> f32 {
+        let seen = own + SEEN_THROUGH * self.buffer.seen_through(center, core);
+        let disc = radius * self.buffer.scale() / center.z;
+        (seen / (std::f32::consts::PI * disc * disc).max(1.0)).min(1.0).sqrt()
     }
 
     fn begin_turn(&mut self) {
@@ -280,9 +291,7 @@ impl Visibility {
         let seen = self.claims[claims.clone()].iter().filter(belongs).count() as f32;
         let Some(weight) = weight else { return 1.0 };
         let core = CORE * region.radius + (region.reach - region.radius);
-        let seen = seen * weight + SEEN_THROUGH * self.buffer.seen_through(region.center, core);
-        let disc = region.radius * self.buffer.scale() / region.center.z;
-        (seen / (std::f32::consts::PI * disc * disc).max(1.0)).min(1.0).sqrt()
+        self.seen_of_disc(seen * weight, region.center, region.radius, core)
     }
 }
 
