@@ -25,6 +25,7 @@ mod composite;
 mod counters;
 mod debug;
 mod draw;
+mod environment;
 mod fullscreen;
 mod gbuffer;
 mod gpu;
@@ -65,6 +66,7 @@ pub use asset::AssetGpu;
 pub use camera::clip_from_view;
 pub use compiler::Compiler;
 pub use counters::Counters;
+pub use environment::{Air, Environment, Haze, PlainSky, Sky};
 pub use gpu::{Gpu, RenderError};
 pub use graph::PassId;
 pub use ground_scene::{GroundScene, Making, Measuring};
@@ -76,9 +78,9 @@ pub use material::{Alpha, Material, Wrap};
 pub use readback::TargetCopy;
 pub use renderer::Renderer;
 pub use scene::{
-    Air, AmbientOcclusion, AntiAliasing, Drawable, Environment, Frame, Haze, MAP_SIDES, MAP_STEPS,
-    MAX_ANISOTROPY, MAX_CASCADES, MAX_FILTER, MAX_RELIEF_STEPS, MAX_SAMPLES, MIN_RENDER_SCALE,
-    OcclusionRadius, PlainSky, Settings, Shade, Shadows, Sky, ToneMapping,
+    AmbientOcclusion, AntiAliasing, Drawable, Frame, MAP_SIDES, MAP_STEPS, MAX_ANISOTROPY, MAX_CASCADES,
+    MAX_FILTER, MAX_RELIEF_STEPS, MAX_SAMPLES, MIN_RENDER_SCALE, OcclusionRadius, Settings, Shade, Shadows,
+    ToneMapping,
 };
 #[cfg(feature = "client")]
 pub use scene_view::SceneView;

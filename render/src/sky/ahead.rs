@@ -3,7 +3,7 @@
 use std::thread::JoinHandle;
 
 use super::SkyMaps;
-use crate::scene::Environment;
+use crate::environment::Environment;
 
 /// What will be [`SkyMaps`].
 #[derive(Debug)]

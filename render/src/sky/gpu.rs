@@ -8,8 +8,8 @@ use half::f16;
 use super::atmosphere::{Atmosphere, SUN_RADIUS};
 use super::map::{LOBE_SIDE, LOBES, SEEN_SIDE, SkyMap};
 use super::maps::{Key, SkyMaps, SunPlace};
+use crate::environment::{Air, Environment};
 use crate::gpu::Gpu;
-use crate::scene::{Air, Environment};
 use crate::twin::sky::{Octahedral, SPLIT_SUM_SIDE, split_sum};
 
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;

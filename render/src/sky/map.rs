@@ -6,7 +6,7 @@ use glam::{DVec3, Vec3};
 
 use super::atmosphere::{Atmosphere, GROUND_KM, SUN_RADIUS, Scattered};
 use super::table::Table;
-use crate::scene::{Air, PlainSky};
+use crate::environment::{Air, PlainSky};
 use crate::twin::sky::{Octahedral, in_lobe, in_wide_lobe, irradiance, lobe};
 
 /// Texels along a side of the map that is seen: a degree each.

@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::atmosphere::Atmosphere;
 use super::map::SkyMap;
-use crate::scene::{Air, Environment, Sky};
+use crate::environment::{Air, Environment, Sky};
 
 /// What the maps depend on.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -5,9 +5,10 @@ use std::collections::BTreeMap;
 use lodestream_protocol::pose::Pose;
 
 use crate::asset::AssetGpu;
+use crate::environment::Environment;
 use crate::instance::Instance;
 use crate::lights::Light;
-use crate::scene::{Environment, Frame, Settings};
+use crate::scene::{Frame, Settings};
 use crate::terrain::TerrainPart;
 use crate::tiles::TileRegion;
 use crate::water::Water;

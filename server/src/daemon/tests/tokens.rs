@@ -52,7 +52,7 @@ fn told(tokens: &Tokens, token: &str) -> Result<Option<String>, TokenError> {
 fn asking() -> Arc<ServerState> {
     let settings = SessionSettings { max_sessions: 2, ..SessionSettings::default() };
     let admission = Admission { tokens: Some(Arc::new(keys(SECRET, None))), ..Admission::default() };
-    ServerState::admitting(Arc::new(MemoryScene::new(1, 100, 100)), settings, admission)
+    ServerState::admitting(Arc::new(MemoryScene::new(1, 100, 1000)), settings, admission)
 }
 
 async fn with_header(state: &Arc<ServerState>, token: &str) -> Result<Client<DuplexStream>, String> {
@@ -207,7 +207,7 @@ async fn those_without_a_token_kept_no_place_from_those_with_one() {
 /// As a viewer would that is not asked: servers that want no token take none amiss.
 #[tokio::test(start_paused = true)]
 async fn a_server_that_asks_for_none_passes_tokens_over() {
-    let state = state_of(MemoryScene::new(1, 100, 100), None);
+    let state = state_of(MemoryScene::new(1, 100, 1000), None);
     let mut client = with_header(&state, "nonsense").await.unwrap();
     client.send(&token("nonsense".into())).await;
     client.send(&hello()).await;
