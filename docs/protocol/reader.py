@@ -379,7 +379,7 @@ class Reader:
     def base(self):
         b = self.b
         version = self.f("version", b.u8)
-        ensure(version == 3, f"a base mesh of format version {version}")
+        ensure(version == 4, f"a base mesh of format version {version}")
         bits = self.f("position bits", b.u8)
         kinds = self.f("kinds", b.u8)
         levels = self.f("level_count", b.u8)

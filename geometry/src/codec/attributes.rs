@@ -1,7 +1,7 @@
 //! The attributes of a new wedge: texture coordinates, normal group, colour, explicit normal.
 
 use crate::codec::model::{
-    BASE_UV, COLOR, EXPLICIT_NORMAL, GROUP, MIX_UV, NORMAL, SAME_COLOR, SIZE_OTHER_CONTEXTS,
+    BASE_SAME_GROUP, BASE_UV, COLOR, EXPLICIT_NORMAL, GROUP, MIX_UV, NORMAL, SAME_COLOR, SIZE_OTHER_CONTEXTS,
     SIZE_RECENT_CONTEXTS, UV_OTHER, UV_RECENT, UV_REST, UV_SIGN,
 };
 use crate::codec::residual::{Recent, Residual, UNKNOWN};
@@ -15,17 +15,19 @@ use crate::mesh::{Attributes, Kinds, NO_COLOR, NORMAL_BITS};
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Expected {
     pub(crate) uv: [i32; 2],
-    /// Size of the error of `uv`, in quarter octaves of the uv grid's cells; `None` where nothing is known.
-    pub(crate) uv_size: Option<i32>,
+    /// Sizes of the errors of `uv`, in quarter octaves of the uv grid's cells; `None` where nothing is known.
+    pub(crate) uv_size: Option<[i32; 2]>,
     /// A wedge near by.
     pub(crate) near: Option<Attributes>,
     /// The normal of the faces, not of unit length.
     pub(crate) normal: [f64; 3],
     /// Whether it is the first wedge of its vertex.
     pub(crate) first: bool,
+    /// The group, where it is likely to be one that is there.
+    pub(crate) group: Option<(u32, usize)>,
 }
 
-const UV: [Residual; 2] = [axis(0), axis(1)];
+pub(crate) const UV: [Residual; 2] = [axis(0), axis(1)];
 
 const fn axis(axis: usize) -> Residual {
     Residual {
@@ -46,11 +48,20 @@ pub(crate) fn code_attributes<C: Coder>(
     want: Option<Attributes>,
 ) -> Result<Attributes, DecodeError> {
     let uv = code_uv(coder, kinds, recent, expected, want)?;
-    let at = GROUP + usize::from(expected.first) * INTEGER_CONTEXTS;
-    let group = integer(coder, at, want.map_or(0, |w| w.group));
+    let group = code_group(coder, expected, want);
     let color = code_color(coder, kinds, expected, want);
     let normal = code_normal(coder, kinds, expected, want)?;
     Ok(Attributes { uv, group, color, normal })
+}
+
+fn code_group<C: Coder>(coder: &mut C, expected: &Expected, want: Option<Attributes>) -> u32 {
+    let want = want.map(|w| w.group);
+    if let Some((group, context)) = expected.group
+        && coder.bit(BASE_SAME_GROUP + context, want.is_none_or(|want| want == group))
+    {
+        return group;
+    }
+    integer(coder, GROUP + usize::from(expected.first) * INTEGER_CONTEXTS, want.unwrap_or(0))
 }
 
 fn code_uv<C: Coder>(
@@ -68,7 +79,8 @@ fn code_uv<C: Coder>(
     for axis in 0..2 {
         let residual = want.map_or(0, |w| w.uv[axis] - expected.uv[axis]);
         let got = match expected.uv_size {
-            Some(size) => {
+            Some(sizes) => {
+                let size = sizes[axis];
                 let got = UV[axis].code(coder, size, recent.class(axis), other, residual);
                 other = recent.follow(axis, got, size);
                 got

@@ -11,8 +11,7 @@
 )]
 
 mod attributes;
-mod base_blob;
-pub(crate) mod base_mesh;
+pub(crate) mod base;
 pub(crate) mod chunk;
 mod chunk_coder;
 mod elements;

@@ -32,6 +32,11 @@ pub(crate) const MOVE_STEPS: usize = 4;
 /// Steps between grids that are told apart.
 pub(crate) const SHIFT_STEPS: usize = 6;
 
+/// Contexts of a base mesh's decision: no earlier part is known to be like this one, or one decided no, or yes.
+pub(crate) const TOLD: usize = 3;
+/// Guesses at a number of a base mesh that one may be chosen of.
+pub(crate) const MOST_CHOICES: usize = 12;
+
 /// Contexts of one kind of residual: by recent ratios, and by the residual before.
 pub(crate) const SIZE_RECENT_CONTEXTS: usize = SIZES * RECENTS * CLASSES;
 pub(crate) const SIZE_OTHER_CONTEXTS: usize = SIZES / 2 * OTHERS * CLASSES;
@@ -89,12 +94,15 @@ layout! { CONTEXTS:
     RESIDUAL_SIGN = 3,
     RESIDUAL_REST = INTEGER_CONTEXTS,
     BASE_MORE = 1,
-    BASE_GATE = 1,
-    BASE_NEW_VERTEX = 2,
-    BASE_AXIS = 6 * INTEGER_CONTEXTS,
-    BASE_SAME_WEDGE = 1,
-    BASE_NEW_WEDGE = 1,
+    BASE_GATE = TOLD,
+    BASE_NEW_VERTEX = 4 * TOLD,
+    BASE_LIKELY_VERTEX = TOLD,
+    BASE_WHICH_VERTEX = 2 * TOLD,
+    BASE_SAME_WEDGE = 5 * TOLD,
+    BASE_NEW_WEDGE = TOLD,
+    BASE_CHOICE = 12 * MOST_CHOICES,
     BASE_UV = 2 * INTEGER_CONTEXTS,
+    BASE_SAME_GROUP = 6,
     BASE_SAME_MATERIAL = 1,
     BASE_MATERIAL = INTEGER_CONTEXTS,
     INDEX_LEVEL = INTEGER_CONTEXTS,

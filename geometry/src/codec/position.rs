@@ -30,7 +30,7 @@ const END_SHARE: f64 = -0.075;
 const TANGENTIAL_SIZE: f64 = 0.18;
 
 /// Contexts of the three steps.
-const POSITION: [Residual; 3] = [step(0), step(1), step(2)];
+pub(crate) const POSITION: [Residual; 3] = [step(0), step(1), step(2)];
 
 const fn step(step: usize) -> Residual {
     Residual {

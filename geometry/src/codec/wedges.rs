@@ -89,7 +89,8 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
     fn expected(&mut self, split: &Split, from: u32) -> Expected {
         let (kinds, local) = (self.mesh.kinds, &self.local);
         let near = Some(local.wedges[from as usize].attributes);
-        let mut expected = Expected { uv: [0; 2], uv_size: None, near, normal: [0.0; 3], first: false };
+        let mut expected =
+            Expected { uv: [0; 2], uv_size: None, near, normal: [0.0; 3], first: false, group: None };
         if kinds.uv_bits > 0 || kinds.normals {
             expected.normal = normal_of_moved(local, split);
         }
@@ -98,7 +99,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
             gather_points(local, split, from, points, seen);
             let (uv, spread) = fit(points, expected.normal);
             expected.uv = [0, 1].map(|k| truncated((uv[k] + 0.5).floor().clamp(-1.0e9, 1.0e9)));
-            expected.uv_size = Some(quarter_octaves(spread * UV_SIZE));
+            expected.uv_size = Some([quarter_octaves(spread * UV_SIZE); 2]);
         }
         expected
     }
@@ -178,7 +179,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
             let near = guess.or(first).or(near);
             let near = near.map(|w| self.local.wedges[w as usize].attributes);
             let uv = near.map_or([0; 2], |w| w.uv);
-            let expected = Expected { uv, uv_size: None, near, normal: [0.0; 3], first: false };
+            let expected = Expected { uv, uv_size: None, near, normal: [0.0; 3], first: false, group: None };
             return self.new_wedge(vertex, &expected, want);
         }
         self.chosen(vertex, want)

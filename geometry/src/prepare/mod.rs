@@ -4,7 +4,8 @@ pub mod training;
 
 use crate::asset::base::{Base, MAX_BASE_FACES, Totals};
 use crate::asset::index::{ChunkInfo, Sphere};
-use crate::codec::base_mesh::{self, BaseFormat, BaseMesh};
+use crate::codec::base;
+use crate::codec::base::mesh::{BaseFormat, BaseMesh};
 use crate::codec::chunk::{Encoded, Reached, encode};
 use crate::codec::index_page::encode_pages;
 use crate::codec::source::Source;
@@ -227,7 +228,7 @@ fn build_base(
         colors: mesh.wedges.iter().any(|w| w.attributes.color != NO_COLOR),
         normals: mesh.wedges.iter().any(|w| w.attributes.normal.is_some()),
     };
-    let ordered = base_mesh::ordered(&coarsest, BaseFormat { bits: mesh.grid.bits, kinds, materials })
+    let ordered = base::ordered(&coarsest, BaseFormat::new(mesh.grid.bits, kinds, materials, &mesh.uv_grid))
         .map_err(|e| MeshError::Internal { why: e.to_string() })?;
     let mut min = [i32::MAX; 3];
     let mut max = [i32::MIN; 3];

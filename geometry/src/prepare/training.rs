@@ -8,7 +8,8 @@ use std::collections::BTreeMap;
 use std::sync::Mutex;
 
 use crate::asset::index::CHUNKS_PER_PAGE;
-use crate::codec::base_mesh::{BaseFormat, BaseMesh, encode_with as encode_base};
+use crate::codec::base::encode_with as encode_base;
+use crate::codec::base::mesh::{BaseFormat, BaseMesh};
 use crate::codec::chunk::encode_with;
 use crate::codec::index_page::code_page;
 use crate::codec::model::{CONTEXTS, untrained};
@@ -148,8 +149,9 @@ fn record(
             faces: base.faces.clone(),
         };
         let mut recorder = Recorder::default();
-        let format = BaseFormat { bits: base.grid.bits, kinds: base.kinds(), materials: base.material_count };
-        encode_base(&mut recorder, &mesh, format).map_err(|e| MeshError::Internal { why: e.to_string() })?;
+        let format = BaseFormat::new(base.grid.bits, base.kinds(), base.material_count, &base.uv_grid);
+        encode_base(&mut recorder, &mesh, format, false)
+            .map_err(|e| MeshError::Internal { why: e.to_string() })?;
         all.push(recorder);
         for (page, infos) in prepared.infos.chunks(CHUNKS_PER_PAGE).enumerate() {
             let mut recorder = Recorder::default();

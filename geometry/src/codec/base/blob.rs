@@ -2,7 +2,8 @@
 
 use crate::asset::base::{Base, FORMAT_VERSION, MAX_CHUNKS, MAX_DESCRIPTION_BYTES, Totals};
 use crate::asset::index::Sphere;
-use crate::codec::base_mesh::{self, BaseFormat, BaseMesh};
+use crate::codec::base;
+use crate::codec::base::mesh::{BaseFormat, BaseMesh};
 use crate::entropy::Codec;
 use crate::entropy::bytes::{Reader, put_varint};
 use crate::error::DecodeError;
@@ -55,8 +56,8 @@ impl Base {
             faces: self.faces.clone(),
         };
         let format =
-            BaseFormat { bits: self.grid.bits - shift, kinds: self.kinds(), materials: self.material_count };
-        out.extend(base_mesh::encode(&base, mesh, format)?);
+            BaseFormat::new(self.grid.bits - shift, self.kinds(), self.material_count, &self.uv_grid);
+        out.extend(base::encode(&base, mesh, format)?);
         Ok(out)
     }
 
@@ -117,8 +118,8 @@ impl Base {
         let description = r.take(length)?.to_vec();
         let rest = r.remaining();
         let kinds = Kinds { uv_bits, colors, normals };
-        let format = BaseFormat { bits: bits - shift, kinds, materials: material_count };
-        let mesh = base_mesh::decode(r.take(rest)?, mesh.unwrap_or(codec), format)?;
+        let format = BaseFormat::new(bits - shift, kinds, material_count, &uv_grid);
+        let mesh = base::decode(r.take(rest)?, mesh.unwrap_or(codec), format)?;
         Ok(Self {
             grid,
             uv_grid,

@@ -1,0 +1,46 @@
+//! What is coded, and what its symbols depend on.
+
+use crate::mesh::{Face, Kinds, UvGrid, Wedge};
+
+/// A small mesh in the order of the traversal.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct BaseMesh {
+    pub(crate) positions: Vec<[i32; 3]>,
+    pub(crate) wedges: Vec<Wedge>,
+    pub(crate) faces: Vec<Face>,
+}
+
+impl BaseMesh {
+    /// Vertices, wedges and faces.
+    pub(super) fn elements(&self) -> u64 {
+        (self.positions.len() + self.wedges.len() + self.faces.len()) as u64
+    }
+}
+
+/// A base mesh in the order of the traversal, and where its elements come from in the mesh given.
+pub(crate) struct OrderedBase {
+    pub(crate) mesh: BaseMesh,
+    pub(crate) vertices: Vec<u32>,
+    pub(crate) wedges: Vec<u32>,
+    pub(crate) faces: Vec<u32>,
+}
+
+/// What a base mesh's symbols depend on besides the mesh.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct BaseFormat {
+    /// Bits per axis of positions.
+    pub(crate) bits: u8,
+    pub(crate) kinds: Kinds,
+    /// Materials that faces may name.
+    pub(crate) materials: u16,
+    /// Height over width of a cell of the grid of texture coordinates; 1 where there are none.
+    pub(crate) uv_ratio: f64,
+}
+
+impl BaseFormat {
+    pub(crate) fn new(bits: u8, kinds: Kinds, materials: u16, uv_grid: &UvGrid) -> Self {
+        let ratio = uv_grid.step[1] / uv_grid.step[0];
+        let uv_ratio = if ratio.is_finite() && ratio > 0.0 { ratio } else { 1.0 };
+        Self { bits, kinds, materials, uv_ratio }
+    }
+}

@@ -1,0 +1,183 @@
+//! The traversal: gates and faces. Encoder, decoder and trainer walk the same way.
+
+use std::collections::{HashMap, VecDeque};
+
+use crate::asset::base::MAX_BASE_FACES;
+use crate::codec::base::border::Border;
+use crate::codec::base::mesh::{BaseFormat, BaseMesh};
+use crate::codec::base::repeats::Repeats;
+use crate::codec::base::vertices::PositionGuesses;
+use crate::codec::base::wanted::WantedMesh;
+use crate::codec::base::wedges::UvGuesses;
+use crate::codec::model::{BASE_GATE, BASE_MATERIAL, BASE_MORE, BASE_SAME_MATERIAL};
+use crate::entropy::range_coder::Coder;
+use crate::entropy::symbols::integer;
+use crate::error::DecodeError;
+use crate::mesh::vec3::Vec3;
+use crate::mesh::{Face, corner};
+use crate::numbers::id32;
+
+/// The traversal, with the mesh so far.
+pub(super) struct Walk<'a, C> {
+    /// Writes, reads or records symbols.
+    pub(super) coder: &'a mut C,
+    /// What an encoder wants said; a decoder has none.
+    pub(super) wanted: Option<WantedMesh<'a>>,
+    pub(super) format: BaseFormat,
+    /// What its bytes can justify.
+    most_elements: u64,
+    /// Whether it is said which of several guesses a number is near to; else the most trusted one is taken.
+    pub(super) choosing: bool,
+    pub(super) mesh: BaseMesh,
+    pub(super) wedges_of: Vec<Vec<u32>>,
+    /// Where faces may grow yet.
+    queue: VecDeque<Gate>,
+    /// Directed edges that have a face, and which.
+    pub(super) edges: HashMap<(u32, u32), u32>,
+    pub(super) border: Border,
+    pub(super) repeats: Repeats,
+    pub(super) position_guesses: PositionGuesses,
+    pub(super) uv_guesses: UvGuesses,
+}
+
+/// Where a face grows from: a face there, and its corners along the shared edge and opposite.
+#[derive(Clone, Copy)]
+pub(super) struct Gate {
+    pub(super) face: u32,
+    pub(super) k: usize,
+}
+
+/// Corners of a face as far as they are known: all vertices come before the first wedge.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Corners {
+    pub(super) gate: Option<Gate>,
+    /// Wedges across the gate, of the first two corners.
+    pub(super) across: [Option<u32>; 3],
+    pub(super) vertices: [u32; 3],
+    pub(super) wedges: [u32; 3],
+    /// The corner to come, of vertices or of wedges.
+    pub(super) next: usize,
+}
+
+impl<'a, C: Coder> Walk<'a, C> {
+    pub(super) fn new(coder: &'a mut C, format: BaseFormat, most_elements: u64, choosing: bool) -> Self {
+        Self {
+            coder,
+            wanted: None,
+            format,
+            most_elements,
+            choosing,
+            mesh: BaseMesh::default(),
+            wedges_of: Vec::new(),
+            queue: VecDeque::new(),
+            edges: HashMap::new(),
+            border: Border::default(),
+            repeats: Repeats::default(),
+            position_guesses: PositionGuesses::new(format.bits),
+            uv_guesses: UvGuesses::new(format.kinds.uv_bits),
+        }
+    }
+
+    pub(super) fn run(&mut self) -> Result<(), DecodeError> {
+        self.choosing = self.coder.raw(1, self.choosing.into()) == 1;
+        loop {
+            let Some(gate) = self.queue.pop_front() else {
+                let seed = self.wanted.as_mut().and_then(WantedMesh::seed);
+                if !self.coder.bit(BASE_MORE, seed.is_some()) {
+                    return self.coder.check();
+                }
+                self.repeats.begin(self.mesh.positions.len(), self.mesh.wedges.len());
+                self.face(None, seed)?;
+                continue;
+            };
+            let v = self.corners(gate.face);
+            let (a, b) = (v[gate.k], v[corner::next(gate.k)]);
+            if self.edges.contains_key(&(b, a)) {
+                continue;
+            }
+            let face = self.wanted.as_mut().and_then(|w| w.at_gate(b, a));
+            if self.flag(BASE_GATE, face.is_some()) {
+                self.face(Some(gate), face)?;
+            }
+        }
+    }
+
+    /// One face: at a gate its first two corners are the gate's, reversed.
+    fn face(&mut self, gate: Option<Gate>, want: Option<(u32, [u32; 3])>) -> Result<(), DecodeError> {
+        if self.mesh.faces.len() >= MAX_BASE_FACES {
+            return Err(DecodeError::new("base mesh", format!("more than {MAX_BASE_FACES} faces")));
+        }
+        if self.mesh.elements() >= self.most_elements {
+            return Err(DecodeError::new("base mesh", "more faces than its bytes can be"));
+        }
+        let across = gate.map_or([None; 3], |gate| {
+            let wedges = self.mesh.faces[gate.face as usize].wedges;
+            [Some(wedges[corner::next(gate.k)]), Some(wedges[gate.k]), None]
+        });
+        let mut corners = Corners { gate, across, ..Corners::default() };
+        for (i, across) in across.into_iter().enumerate() {
+            corners.next = i;
+            let vertex = match across {
+                Some(wedge) => self.mesh.wedges[wedge as usize].vertex,
+                None => self.vertex(&corners, want.map(|w| w.1[i]))?,
+            };
+            if corners.vertices[..i].contains(&vertex) {
+                return Err(DecodeError::new("base mesh", "a face uses a vertex twice"));
+            }
+            corners.vertices[i] = vertex;
+        }
+        for i in 0..3 {
+            corners.next = i;
+            corners.wedges[i] = self.wedge(&corners, want.map(|w| w.1[i]))?;
+        }
+        self.uv_guesses.follow(corners.vertices.map(|v| self.place(v)), corners.wedges);
+        let material = self.material(gate, want.map(|w| w.0))?;
+        let face = id32(self.mesh.faces.len());
+        self.mesh.faces.push(Face { wedges: corners.wedges, material });
+        if let (Some(wanted), Some((name, _))) = (&mut self.wanted, want) {
+            wanted.faces.push(name);
+        }
+        for k in 0..3 {
+            let (a, b) = (corners.vertices[k], corners.vertices[corner::next(k)]);
+            self.border.edge(a, b, self.edges.contains_key(&(b, a)));
+            self.edges.insert((a, b), face);
+            self.queue.push_back(Gate { face, k });
+        }
+        self.coder.check()
+    }
+
+    fn material(&mut self, gate: Option<Gate>, want: Option<u32>) -> Result<u16, DecodeError> {
+        let near = gate.map_or(0, |g| self.mesh.faces[g.face as usize].material);
+        let actual = match (&self.wanted, want) {
+            (Some(wanted), Some(face)) => wanted.material(face),
+            _ => near,
+        };
+        let mut material = near;
+        if self.format.materials > 1 && !self.coder.bit(BASE_SAME_MATERIAL, actual == near) {
+            let got = integer(self.coder, BASE_MATERIAL, u32::from(actual));
+            material = u16::try_from(got).unwrap_or(u16::MAX);
+        }
+        if material >= self.format.materials.max(1) {
+            return Err(DecodeError::new(
+                "base mesh",
+                format!("material {material} of {}", self.format.materials),
+            ));
+        }
+        Ok(material)
+    }
+
+    /// A decision that repeats where parts do.
+    pub(super) fn flag(&mut self, context: usize, value: bool) -> bool {
+        let got = self.coder.bit(context + self.repeats.told(context), value);
+        self.repeats.follow(context, got);
+        got
+    }
+
+    pub(super) fn place(&self, vertex: u32) -> Vec3 {
+        self.mesh.positions[vertex as usize].map(f64::from)
+    }
+
+    pub(super) fn corners(&self, face: u32) -> [u32; 3] {
+        self.mesh.faces[face as usize].wedges.map(|w| self.mesh.wedges[w as usize].vertex)
+    }
+}

@@ -1,0 +1,105 @@
+//! What an encoder wants said.
+
+use std::collections::HashMap;
+
+use crate::codec::base::mesh::BaseMesh;
+use crate::mesh::Attributes;
+use crate::mesh::corner;
+use crate::numbers::id32;
+
+/// The mesh, and the names of what was said so far.
+pub(super) struct WantedMesh<'a> {
+    mesh: &'a BaseMesh,
+    /// Faces by directed edge (vertices of `mesh`), as (face, corner that starts the edge).
+    edges: HashMap<(u32, u32), Vec<(u32, u8)>>,
+    done: Vec<bool>,
+    next_seed: usize,
+    local_vertex: HashMap<u32, u32>,
+    local_wedge: HashMap<u32, u32>,
+    pub(super) vertices: Vec<u32>,
+    pub(super) wedges: Vec<u32>,
+    pub(super) faces: Vec<u32>,
+}
+
+impl<'a> WantedMesh<'a> {
+    pub(super) fn new(mesh: &'a BaseMesh) -> Self {
+        let mut edges: HashMap<(u32, u32), Vec<(u32, u8)>> = HashMap::new();
+        for (f, face) in mesh.faces.iter().enumerate() {
+            let v = face.wedges.map(|w| mesh.wedges[w as usize].vertex);
+            for (k, corner) in (0..3).zip(0_u8..) {
+                edges.entry((v[k], v[corner::next(k)])).or_default().push((id32(f), corner));
+            }
+        }
+        Self {
+            mesh,
+            edges,
+            done: vec![false; mesh.faces.len()],
+            next_seed: 0,
+            local_vertex: HashMap::new(),
+            local_wedge: HashMap::new(),
+            vertices: Vec::new(),
+            wedges: Vec::new(),
+            faces: Vec::new(),
+        }
+    }
+
+    /// The next face for a gate, as its wedges from the gate's edge on.
+    pub(super) fn at_gate(&mut self, a: u32, b: u32) -> Option<(u32, [u32; 3])> {
+        let edge = (self.vertices[a as usize], self.vertices[b as usize]);
+        let (face, k) = *self.edges.get(&edge)?.iter().find(|(f, _)| !self.done[*f as usize])?;
+        Some(self.take(face, usize::from(k)))
+    }
+
+    /// The next face that no gate led to.
+    pub(super) fn seed(&mut self) -> Option<(u32, [u32; 3])> {
+        while self.next_seed < self.done.len() && self.done[self.next_seed] {
+            self.next_seed += 1;
+        }
+        (self.next_seed < self.done.len()).then(|| self.take(id32(self.next_seed), 0))
+    }
+
+    fn take(&mut self, face: u32, k: usize) -> (u32, [u32; 3]) {
+        self.done[face as usize] = true;
+        let w = self.mesh.faces[face as usize].wedges;
+        (face, [w[k], w[corner::next(k)], w[corner::previous(k)]])
+    }
+
+    fn vertex_of(&self, wedge: u32) -> u32 {
+        self.mesh.wedges[wedge as usize].vertex
+    }
+
+    /// The number that a wedge's vertex was given, if it was said.
+    pub(super) fn said_vertex(&self, wedge: u32) -> Option<u32> {
+        self.local_vertex.get(&self.vertex_of(wedge)).copied()
+    }
+
+    /// The number that a wedge was given, if it was said.
+    pub(super) fn said_wedge(&self, wedge: u32) -> Option<u32> {
+        self.local_wedge.get(&wedge).copied()
+    }
+
+    pub(super) fn position(&self, wedge: u32) -> [i32; 3] {
+        self.mesh.positions[self.vertex_of(wedge) as usize]
+    }
+
+    pub(super) fn attributes(&self, wedge: u32) -> Attributes {
+        self.mesh.wedges[wedge as usize].attributes
+    }
+
+    pub(super) fn material(&self, face: u32) -> u16 {
+        self.mesh.faces[face as usize].material
+    }
+
+    /// A wedge's vertex gets the next number.
+    pub(super) fn say_vertex(&mut self, wedge: u32) {
+        let vertex = self.vertex_of(wedge);
+        self.local_vertex.insert(vertex, id32(self.vertices.len()));
+        self.vertices.push(vertex);
+    }
+
+    /// A wedge gets the next number.
+    pub(super) fn say_wedge(&mut self, wedge: u32) {
+        self.local_wedge.insert(wedge, id32(self.wedges.len()));
+        self.wedges.push(wedge);
+    }
+}
