@@ -19,6 +19,8 @@ const HIDDEN_PAGE_WORTH: f32 = 1.0;
 /// Textures of an asset whose coarsest level comes with its base mesh, at most, and of so many bytes.
 const MAX_TEXTURES: u16 = 4;
 const MAX_TEXTURE_BYTES: u32 = 512;
+/// Bytes of all such levels, at most: 16 ms at 2 Mbit/s, however much is large.
+const MAX_TEXTURES_BYTES: u32 = 4096;
 /// Least radius of an asset whose textures do, in heights of the picture: it is a quarter of the height across, and in
 /// one mean colour far from what it becomes.
 const LEAST_TEXTURED: f32 = 0.125;
@@ -68,24 +70,32 @@ pub(super) fn first_flight(source: &dyn SceneSource, view: &View) -> Vec<(Priori
     flight
 }
 
-/// The coarsest level of the textures of each asset that `priority_of` gives a priority; of a shared one once.
+/// The coarsest level of the textures of each asset that `priority_of` gives a priority; of a shared one once. Of what
+/// exceeds [`MAX_TEXTURES_BYTES`] the most urgent.
 fn coarsest_textures(
     source: &dyn SceneSource,
     assets: &[(u32, &AssetEntry)],
     priority_of: impl Fn(usize) -> Option<Priority>,
 ) -> impl Iterator<Item = (Priority, Unit)> {
-    let mut levels: BTreeMap<BlobId, Priority> = BTreeMap::new();
+    let mut levels: BTreeMap<BlobId, (Priority, u32)> = BTreeMap::new();
     for (number, &(_, entry)) in assets.iter().enumerate() {
         let (Ok(asset), Some(priority)) = (u32::try_from(number), priority_of(number)) else { continue };
         for texture in 0..MAX_TEXTURES {
             let id = entry.sent_blob(asset, BlobPart::Texture { texture, level: 0 });
-            if source.blob_len(&id).is_some_and(|bytes| bytes <= MAX_TEXTURE_BYTES) {
-                let level = levels.entry(id).or_default();
-                *level = priority.max(*level);
+            if let Some(bytes) = source.blob_len(&id).filter(|&bytes| bytes <= MAX_TEXTURE_BYTES) {
+                let level = levels.entry(id).or_insert((priority, bytes));
+                level.0 = priority.max(level.0);
             }
         }
     }
-    levels.into_iter().map(|(id, priority)| (priority, Unit::Blob(id)))
+    let mut levels: Vec<_> =
+        levels.into_iter().map(|(id, (priority, bytes))| (priority, id, bytes)).collect();
+    levels.sort_by_key(|&(priority, id, _)| (Reverse(priority), id));
+    let mut left = MAX_TEXTURES_BYTES;
+    levels.into_iter().map_while(move |(priority, id, bytes)| {
+        left = left.checked_sub(bytes)?;
+        Some((priority, Unit::Blob(id)))
+    })
 }
 
 /// All pages of the description.
@@ -96,6 +106,7 @@ pub(super) fn all_pages(source: &dyn SceneSource) -> Vec<Arc<ScenePage>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::Camera;
     use crate::testing::MemoryScene;
 
     #[test]
@@ -135,5 +146,28 @@ mod tests {
         assert!(large.contains(&0) && large.len() < 20, "{large:?}");
         let further = View { eye: view.eye.map(|x| 100.0 * x), ..view };
         assert_eq!(near(further), []);
+    }
+
+    #[test]
+    fn however_much_is_large_its_coarsest_textures_are_few_bytes() {
+        let mut scene = MemoryScene::new(40, 1, 2);
+        Arc::get_mut(&mut scene).unwrap().texture_levels = 1;
+        // Through a telescope everything is large.
+        let camera =
+            Camera { eye: [0.0, 0.3, 4.0], target: [0.0, 0.3, 0.0], fov_y: 0.05, ..scene.header.camera };
+        let flight = first_flight(&*scene, &camera.view([1280, 720], 1.0));
+        let blobs = flight.iter().rev().filter_map(|(_, unit)| match unit {
+            Unit::Blob(id @ BlobId::Asset { asset, part }) => Some((id, *asset, part)),
+            _ => None,
+        });
+        let of = |part: fn(&BlobPart) -> bool| blobs.clone().filter(move |(_, _, p)| part(p));
+        let bases: Vec<u32> = of(|part| *part == BlobPart::Base).map(|(_, asset, _)| asset).collect();
+        let textured: Vec<u32> = of(|part| *part != BlobPart::Base).map(|(_, asset, _)| asset).collect();
+        assert_eq!(bases.len(), 40);
+        // Those of the most urgent base meshes.
+        assert_eq!(textured, bases[..textured.len()]);
+        let bytes: u32 =
+            of(|part| *part != BlobPart::Base).map(|(id, _, _)| scene.blob_len(id).unwrap()).sum();
+        assert!((MAX_TEXTURES_BYTES - 200..=MAX_TEXTURES_BYTES).contains(&bytes), "{bytes}");
     }
 }
