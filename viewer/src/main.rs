@@ -13,6 +13,8 @@ mod token;
 mod window;
 
 use std::io::IsTerminal as _;
+#[cfg(target_os = "linux")]
+use std::path::Path;
 use std::process::ExitCode;
 
 use args::Args;
@@ -41,12 +43,13 @@ fn main() -> ExitCode {
 }
 
 /// Mesa's layer that puts the default graphics device first asks Wayland for it, which complains on standard error where
-/// a session has none. There the layer has nothing to find out.
+/// a session has none or names a folder that is not there. Then the layer has nothing to find out.
 #[cfg(target_os = "linux")]
 #[allow(unsafe_code)]
 fn without_wayland() {
     let is_set = |name| std::env::var_os(name).is_some();
-    if !is_set("XDG_RUNTIME_DIR") && !is_set("MESA_VK_DEVICE_SELECT") {
+    let runtime = std::env::var_os("XDG_RUNTIME_DIR");
+    if !runtime.is_some_and(|folder| Path::new(&folder).is_dir()) && !is_set("MESA_VK_DEVICE_SELECT") {
         // SAFETY: the first thing that the program does: no other thread is there that might read the environment.
         unsafe { std::env::set_var("NODEVICE_SELECT", "1") };
     }

@@ -28,8 +28,12 @@ impl From<Outcome> for ExitCode {
     }
 }
 
-/// What a view lacks, for people: how many blobs, and the first of them.
+/// What a view lacks, for people: how many blobs that are damaged or refused, and the first of them; if none is, what had
+/// not come when the session ended.
 pub(crate) fn lacks(count: u64, first: &[impl std::fmt::Display]) -> String {
+    if count == 0 {
+        return "incomplete: the session ended before all that the view needs had come".to_owned();
+    }
     let names: Vec<String> = first.iter().map(ToString::to_string).collect();
     let more = if count > first.len() as u64 { ", …" } else { "" };
     let blobs = if count == 1 { "blob that is" } else { "blobs that are" };
@@ -42,6 +46,7 @@ mod tests {
 
     #[test]
     fn what_is_missing_is_named() {
+        assert!(lacks(0, &[""]).contains("the session ended before"));
         assert_eq!(
             lacks(1, &["asset 2 chunk 7"]),
             "incomplete: the view lacks 1 blob that is damaged or refused (asset 2 chunk 7)"

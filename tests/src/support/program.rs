@@ -105,12 +105,13 @@ fn spawn(address: &str, arguments: &[&str], display: Option<&str>) -> Child {
         .args(arguments)
         .env_remove("DISPLAY")
         .env_remove("WAYLAND_DISPLAY")
-        .env_remove("XDG_RUNTIME_DIR")
         .env_remove("RUST_LOG")
         .stdout(Stdio::piped())
         .stderr(Stdio::piped());
-    if let Some(display) = display {
-        command.env("DISPLAY", display);
-    }
+    // Whether a session has no such folder or names one that is not there, nobody complains about it.
+    match display {
+        Some(display) => command.env("DISPLAY", display).env_remove("XDG_RUNTIME_DIR"),
+        None => command.env("XDG_RUNTIME_DIR", "/nonexistent"),
+    };
     command.spawn().unwrap()
 }

@@ -248,6 +248,7 @@ impl Running {
         let drawn = Drawn {
             shows,
             morphing: now_s - self.scene.changed_s() <= self.settings.morph_s,
+            unfinished: self.counters.is_unfinished(),
             full,
             late_shadow_maps: self.counters.late_shadow_maps,
             waiting_steps: self.scene.waiting(),
@@ -261,8 +262,7 @@ impl Running {
         if self.only_tiles_missing && !self.keys.is_pushing() {
             return Ok(TILES_INTERVAL);
         }
-        let goes_on = !drawn.rests() || self.counters.is_unfinished();
-        if self.keys.is_pushing() || (shows && goes_on && better.is_none_or(|wait| wait.is_zero())) {
+        if self.keys.is_pushing() || (shows && !drawn.rests() && better.is_none_or(|wait| wait.is_zero())) {
             return Ok(Duration::ZERO);
         }
         // Figures change while something is received, and once more when nothing was for a while.

@@ -1,5 +1,6 @@
 //! How far the picture is: what has to hold before the window says that it will not change.
 
+use lodestream_client::net::End;
 use lodestream_client::streaming::Status;
 
 /// How far the picture is.
@@ -21,6 +22,8 @@ pub(super) struct Drawn {
     pub(super) shows: bool,
     /// Vertices were on their way to their places.
     pub(super) morphing: bool,
+    /// The mean over frames, which smooths its edges, is of too few.
+    pub(super) unfinished: bool,
     /// Nothing of its quality was given up.
     pub(super) full: bool,
     /// Maps of shadows that show things as they were.
@@ -34,7 +37,10 @@ pub(super) struct Drawn {
 impl Drawn {
     /// Whether it showed all that has come, and would look the same again.
     pub(super) const fn rests(&self) -> bool {
-        self.lacks_tiles_at_most() && self.late_shadow_maps == 0 && self.missing_tiles == 0
+        self.lacks_tiles_at_most()
+            && !self.unfinished
+            && self.late_shadow_maps == 0
+            && self.missing_tiles == 0
     }
 
     /// Whether it showed all that has come but for tiles of the terrain.
@@ -52,6 +58,8 @@ impl State {
             (true, _) if presented => Self::Settled,
             // They are counted only once nothing else is under way.
             (false, 1..) => Self::Incomplete,
+            // What has not come does not come any more.
+            (false, 0) if matches!(status.end, Some(End::Closed(_))) => Self::Incomplete,
             _ => Self::Refining,
         }
     }
@@ -61,10 +69,12 @@ impl State {
 mod tests {
     use super::*;
     use lodestream_client::core::Stats;
+    use lodestream_protocol::message::{Close, CloseCode};
 
     const RESTING: Drawn = Drawn {
         shows: true,
         morphing: false,
+        unfinished: false,
         full: true,
         late_shadow_maps: 0,
         waiting_steps: 0,
@@ -84,6 +94,7 @@ mod tests {
                 (Drawn { missing_tiles: 1, ..RESTING }, "a tile is being made"),
                 (Drawn { shows: false, ..RESTING }, "nothing was shown"),
                 (Drawn { morphing: true, ..RESTING }, "vertices move"),
+                (Drawn { unfinished: true, ..RESTING }, "edges are still smoothed"),
                 (Drawn { full: false, ..RESTING }, "drawn worse than it could be"),
                 (Drawn { late_shadow_maps: 1, ..RESTING }, "a shadow is late"),
                 (Drawn { waiting_steps: 1, ..RESTING }, "something is not uploaded"),
@@ -99,5 +110,16 @@ mod tests {
     fn a_picture_that_lacks_a_base_mesh_for_good_is_incomplete_though_none_was_ever_whole() {
         assert_eq!(State::of(&status(false, 1), &RESTING, false), State::Incomplete);
         assert_eq!(State::of(&status(true, 0), &RESTING, false), State::Refining);
+    }
+
+    /// It was called refining for ever, and `--exit-when-settled` waited as long.
+    #[test]
+    fn a_picture_whose_session_was_ended_before_all_came_is_incomplete() {
+        let closed = || Some(End::Closed(Close::new(CloseCode::Protocol, "the scene is gone")));
+        let ended = |settled| Status { end: closed(), ..status(settled, 0) };
+        assert_eq!(State::of(&ended(false), &RESTING, true), State::Incomplete);
+        assert_eq!(State::of(&ended(true), &RESTING, true), State::Settled);
+        let drawn = Drawn { waiting_steps: 1, ..RESTING };
+        assert_eq!(State::of(&ended(false), &drawn, true), State::Refining);
     }
 }
