@@ -17,6 +17,10 @@ pub const DEFAULT_NORMAL_TOLERANCE: f64 = 10.0;
 pub const MIN_POSITION_BITS: u8 = 4;
 /// Most bits per axis that are accepted: differences then still fit f32 exactly.
 pub const MAX_POSITION_BITS: u8 = 24;
+/// Most bits per axis of the uv grid.
+pub const MAX_UV_BITS: u8 = 16;
+/// Fewest bits per axis that a tolerance is met with: what fewer would save is little.
+const MIN_TOLERANCE_BITS: u8 = 8;
 /// Largest number of faces, positions or wedges: ids keep a few bits to spare.
 const MAX_ELEMENTS: usize = 1 << 30;
 /// Longest side of a mesh: spheres and errors about it still fit an f32.
@@ -79,8 +83,12 @@ pub fn quantise(source: &SourceMesh, settings: &QuantiseSettings) -> Result<Quan
     if kept.is_empty() {
         return Err(MeshError::NoFaces { dropped: source.faces.len() });
     }
+    if !(1..=MAX_UV_BITS).contains(&settings.uv_bits) {
+        let why = format!("{} uv bits asked for; 1 to {MAX_UV_BITS} are possible", settings.uv_bits);
+        return Err(MeshError::BadPrecision { why });
+    }
     let grid = position_grid(source, &kept, &vertex_of, &positions, settings.precision)?;
-    let uv_grid = uv_grid(source, &kept, settings.uv_bits.clamp(1, 16));
+    let uv_grid = uv_grid(source, &kept, settings.uv_bits);
 
     let mut mesh =
         QuantisedMesh { grid, uv_grid, positions: Vec::new(), wedges: Vec::new(), faces: Vec::new() };
@@ -256,7 +264,7 @@ fn bits_for(extent: f64, tolerance: f64) -> Result<u8, MeshError> {
         });
     }
     let half_diagonal = 3.0_f64.sqrt() * 0.5;
-    for bits in 8..=MAX_POSITION_BITS {
+    for bits in MIN_TOLERANCE_BITS..=MAX_POSITION_BITS {
         let step = extent / f64::from((1_u32 << bits) - 1);
         if step * half_diagonal <= tolerance {
             return Ok(bits);

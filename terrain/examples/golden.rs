@@ -1,5 +1,4 @@
 //! Prints the hashes that `tests/suite/golden.txt` pins; `script/terrain-wasm` runs it as wasm32.
-#![allow(missing_docs)]
 
 #[path = "../tests/suite/golden_cases.rs"]
 mod golden_cases;

@@ -10,6 +10,8 @@ use std::path::Path;
 use syn::punctuated::Punctuated;
 use syn::visit::Visit;
 
+use crate::support::source::attributes_of;
+
 /// Crates whose types must not be seen.
 const HIDDEN: [&str; 5] = ["tokio", "quinn", "tokio_rustls", "tokio_tungstenite", "futures_util"];
 /// Features that are on: all but `runtime`.
@@ -52,22 +54,6 @@ fn holds(condition: &syn::Meta) -> bool {
     }
 }
 
-fn attributes(item: &syn::Item) -> &[syn::Attribute] {
-    match item {
-        syn::Item::Const(item) => &item.attrs,
-        syn::Item::Enum(item) => &item.attrs,
-        syn::Item::Fn(item) => &item.attrs,
-        syn::Item::Impl(item) => &item.attrs,
-        syn::Item::Mod(item) => &item.attrs,
-        syn::Item::Static(item) => &item.attrs,
-        syn::Item::Struct(item) => &item.attrs,
-        syn::Item::Trait(item) => &item.attrs,
-        syn::Item::Type(item) => &item.attrs,
-        syn::Item::Use(item) => &item.attrs,
-        _ => &[],
-    }
-}
-
 /// Adds a module and those within it. `read` gives the text of a file below the folder of the sources.
 fn add(
     read: &dyn Fn(&str) -> Option<String>,
@@ -77,7 +63,7 @@ fn add(
     all: &mut Vec<Module>,
 ) {
     let mut own = Vec::new();
-    for item in items.into_iter().filter(|item| compiled(attributes(item))) {
+    for item in items.into_iter().filter(|item| compiled(attributes_of(item))) {
         let syn::Item::Mod(child) = item else {
             own.push(item);
             continue;

@@ -1,4 +1,4 @@
-//! The client's network: addresses, transports, and the loop that drives a [`ClientCore`] over them.
+//! The client's network: addresses, transports, and the loop that drives a [`ClientCore`](crate::core::ClientCore) over them.
 //!
 //! [`Streaming`](crate::streaming::Streaming) connects over real sockets, again and again, on threads of its own. With
 //! the feature `runtime` a host does so on its own tokio runtime: `stream` as the former, and `run_quic` and
@@ -60,6 +60,3 @@ pub use websocket::{Counting, WebSocketConnection, run_websocket};
 
 #[cfg(all(not(feature = "runtime"), any(feature = "quic", feature = "websocket")))]
 pub(crate) use {drive::Host, reconnect::stream};
-
-#[allow(unused_imports)] // named in the documentation above
-use crate::core::ClientCore;

@@ -239,7 +239,7 @@ async fn a_server_that_cuts_every_session_was_connected_to_without_a_pause() {
         loop {
             let (stream, _) = listener.accept().await.unwrap();
             connections.set(connections.get() + 1);
-            #[allow(clippy::result_large_err)] // tungstenite's
+            #[expect(clippy::result_large_err, reason = "tungstenite's")]
             let named = |_: &Request, mut answer: Response| {
                 answer.headers_mut().insert("sec-websocket-protocol", ALPN.parse().unwrap());
                 Ok(answer)

@@ -1,8 +1,6 @@
 //! Why a chunk cannot be applied, undone or raised.
 
 use crate::error::DecodeError;
-#[allow(unused_imports)] // named in the documentation below
-use crate::refine::active::ActiveMesh;
 
 /// A chunk that cannot be applied or undone now. Nothing was changed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -45,7 +43,7 @@ pub enum RefineError {
         /// Applied chunks that name it as a parent or refer to what it brought.
         children: u32,
     },
-    /// The mesh was made with [`ActiveMesh::growing`].
+    /// The mesh was made with [`ActiveMesh::growing`](crate::refine::active::ActiveMesh::growing).
     #[error("chunk {0} cannot be undone: this mesh only grows")]
     OnlyGrows(u32),
     /// The delta does not fit the mesh.

@@ -5,7 +5,8 @@ use std::str::FromStr;
 
 use lodestream_geometry::Settings;
 use lodestream_geometry::quantise::{
-    DEFAULT_NORMAL_TOLERANCE, DEFAULT_POSITION_BITS, DEFAULT_UV_BITS, MAX_POSITION_BITS, MIN_POSITION_BITS,
+    DEFAULT_NORMAL_TOLERANCE, DEFAULT_POSITION_BITS, DEFAULT_UV_BITS, MAX_POSITION_BITS, MAX_UV_BITS,
+    MIN_POSITION_BITS,
 };
 
 use crate::knob::{Impossible, knob};
@@ -16,7 +17,7 @@ knob! {
 }
 knob! {
     /// Bits per axis of texture coordinates.
-    UvBits(u8), 1..=16, "bits"
+    UvBits(u8), 1..=MAX_UV_BITS, "bits"
 }
 knob! {
     /// Largest angle of a normal to what the faces say before it is sent: 0 sends all, 180 none.

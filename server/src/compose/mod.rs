@@ -97,12 +97,7 @@ pub fn compose(
     }
     let spheres: Vec<(DVec3, f64)> = instances.iter().map(|i| world_sphere(i, &entries[i.asset])).collect();
     let camera = match scene.camera {
-        Some(camera) => Camera {
-            eye: camera.eye,
-            target: camera.target,
-            up: camera.up,
-            fov_y: camera.fov_y_degrees.to_radians(),
-        },
+        Some(camera) => camera,
         None => match &scene.terrain {
             Some(terrain) if spheres.is_empty() => overlook(terrain),
             _ => framing_camera(&spheres),
@@ -332,11 +327,11 @@ mod tests {
     #[test]
     fn pages_hold_the_near_and_the_seen_first_and_assets_before_their_instances() {
         let mut scene = Scene::of_models(&["a.obj", "b.obj", "never.obj"].map(PathBuf::from)).unwrap();
-        scene.camera = Some(crate::scene::Camera {
+        scene.camera = Some(Camera {
             eye: [0.0; 3],
             target: [0.0, 0.0, -1.0],
             up: [0.0, 1.0, 0.0],
-            fov_y_degrees: 60.0,
+            fov_y: 60_f32.to_radians(),
         });
         let at = |asset, z| Instance {
             asset,

@@ -7,19 +7,18 @@ use std::str::FromStr;
 use lodestream_geometry::UnknownName;
 use lodestream_import::recipe::{Precision, Recipe, Round};
 use lodestream_import::{Impossible, Part, gltf};
+use lodestream_protocol::limits::MAX_NAME_BYTES;
+use lodestream_protocol::scene::Camera;
 use serde::Deserialize;
 use toml::Spanned;
 
 use super::lamp::RawLamp;
-use super::model::{Asset, Camera, DEFAULT_FOV_Y_DEGREES, Instance, Scene, unit};
+use super::model::{Asset, DEFAULT_FOV_Y_DEGREES, Instance, Scene, unit};
 use super::names::Names;
 use super::terrain::{RawTerrain, SceneTerrain};
 
 /// Largest scene file, in bytes.
 const MAX_SCENE_BYTES: u64 = 256 << 20;
-
-/// Longest name that a scene description carries, in bytes.
-const MAX_NAME_BYTES: usize = 255;
 
 /// A scene that cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -387,7 +386,7 @@ impl Source<'_> {
         }
         let up = raw.up.unwrap_or([0.0, 1.0, 0.0]);
         let up = unit(up).ok_or_else(|| self.error(at, "up must be finite and not zero"))?;
-        Ok(Camera { eye: raw.eye, target: raw.target, up, fov_y_degrees })
+        Ok(Camera { eye: raw.eye, target: raw.target, up, fov_y: fov_y_degrees.to_radians() })
     }
 }
 
@@ -476,7 +475,7 @@ fov_y_degrees = 60
         assert_eq!(scene.light_direction, [0.0, 1.0, 0.0]);
         assert_eq!(scene.light_color, [2.0, 1.0, 0.5]);
         assert_eq!(scene.ambient, [0.5; 3]);
-        assert_eq!(scene.camera.unwrap().fov_y_degrees, 60.0);
+        assert_eq!(scene.camera.unwrap().fov_y, 60_f32.to_radians());
     }
 
     #[test]

@@ -12,7 +12,7 @@ mod tests;
 use std::path::{Path, PathBuf};
 
 pub use file::{SceneError, parse, read};
-pub use model::{Asset, Camera, DEFAULT_FOV_Y_DEGREES, Instance, Model, Scene};
+pub use model::{Asset, DEFAULT_FOV_Y_DEGREES, Instance, Model, Scene};
 pub use terrain::SceneTerrain;
 
 /// What the command line names: scene files and models apart.

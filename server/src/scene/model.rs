@@ -7,7 +7,7 @@ use glam::{DQuat, DVec3};
 use lodestream_import::recipe::Recipe;
 use lodestream_import::{ImportError, Part, gltf, is_gltf};
 use lodestream_protocol::lamps::Lamp;
-use lodestream_protocol::scene::{DEFAULT_AMBIENT, DEFAULT_BACKGROUND};
+use lodestream_protocol::scene::{Camera, DEFAULT_AMBIENT, DEFAULT_BACKGROUND};
 
 use super::names::Names;
 use super::terrain::SceneTerrain;
@@ -93,19 +93,6 @@ impl Model {
 
 /// Longest name of a mesh that an asset's name repeats, in bytes.
 const MAX_MESH_NAME_BYTES: usize = 100;
-
-/// Where a viewer starts.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Camera {
-    /// Position of the eye.
-    pub eye: [f64; 3],
-    /// Point in the middle of the picture.
-    pub target: [f64; 3],
-    /// Roughly up.
-    pub up: [f32; 3],
-    /// Vertical field of view, in degrees.
-    pub fov_y_degrees: f32,
-}
 
 /// Vertical field of view of a camera that does not give one, in degrees.
 pub const DEFAULT_FOV_Y_DEGREES: f32 = 50.0;

@@ -7,7 +7,8 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use anyhow::Context as _;
-use lodestream_server::scene::{Camera, Instance, Scene};
+use lodestream_protocol::scene::Camera;
+use lodestream_server::scene::{Instance, Scene};
 
 /// Most faces of an asset, assets, and instances.
 const MAX_FACES: u32 = 4_000_000;
@@ -81,7 +82,7 @@ impl Field {
             eye: [0.0, 0.35 * back, 0.8 * back],
             target: [0.0, 0.0, -0.25 * back],
             up: [0.0, 1.0, 0.0],
-            fov_y_degrees: 50.0,
+            fov_y: 50_f32.to_radians(),
         });
         Ok(scene)
     }

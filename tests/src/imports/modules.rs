@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 
 use syn::visit::Visit;
 
+use crate::support::source::attributes_of;
+
 /// Where sources are read from: a folder, or a test's own texts.
 pub(super) trait Sources {
     /// The text of a file, if there is one.
@@ -91,7 +93,7 @@ fn add(
                 }
             };
             modules[number].children.insert(name, added);
-        } else if !for_tests(attributes(item)) {
+        } else if !for_tests(attributes_of(item)) {
             modules[number].items.extend(name_of(item));
             let mut found = Found { module: &mut modules[number] };
             found.visit_item(item);
@@ -119,22 +121,6 @@ fn named_file(attributes: &[syn::Attribute]) -> Option<String> {
     match value {
         Some(syn::Expr::Lit(syn::ExprLit { lit: syn::Lit::Str(file), .. })) => Some(file.value()),
         _ => None,
-    }
-}
-
-fn attributes(item: &syn::Item) -> &[syn::Attribute] {
-    match item {
-        syn::Item::Const(item) => &item.attrs,
-        syn::Item::Enum(item) => &item.attrs,
-        syn::Item::Fn(item) => &item.attrs,
-        syn::Item::Impl(item) => &item.attrs,
-        syn::Item::Macro(item) => &item.attrs,
-        syn::Item::Static(item) => &item.attrs,
-        syn::Item::Struct(item) => &item.attrs,
-        syn::Item::Trait(item) => &item.attrs,
-        syn::Item::Type(item) => &item.attrs,
-        syn::Item::Use(item) => &item.attrs,
-        _ => &[],
     }
 }
 

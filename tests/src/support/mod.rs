@@ -7,6 +7,7 @@ pub(crate) mod program;
 pub(crate) mod raw;
 pub(crate) mod scene;
 pub(crate) mod shapes;
+pub(crate) mod source;
 pub(crate) mod viewer;
 pub(crate) mod virtual_link;
 pub(crate) mod x11;

@@ -12,14 +12,18 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use lodestream_geometry::base::FORMAT_VERSION;
 use lodestream_protocol::lamps::{LAMPS_PER_PAGE, LISTED_PER_PAGE, MAX_LAMPS, MAX_PAGE_BYTES};
 use lodestream_protocol::limits::{
     MAX_ASSETS, MAX_BLOB_BYTES, MAX_CHUNKS, MAX_DECODED_BYTES, MAX_DESCRIPTION_BYTES, MAX_ENTRIES_PER_PAGE,
     MAX_FRAME_BYTES, MAX_HAVE, MAX_IDS_PER_MESSAGE, MAX_INSTANCES, MAX_MESSAGE_BYTES, MAX_NAME_BYTES,
     MAX_PAGES_PER_MESSAGE, MAX_PIECE_BYTES, MAX_QUEUED, MAX_REASON_BYTES, MAX_SCENE_PAGES, MAX_TOKEN_BYTES,
 };
-use lodestream_protocol::message::{ClientMessage, CloseCode, Hello, RefusedReason, ServerMessage, Token};
+use lodestream_protocol::message::{
+    ClientMessage, CloseCode, Hello, RefusedReason, ServerMessage, Token, VERSIONS,
+};
 use lodestream_protocol::source::SceneSource as _;
+use lodestream_protocol::stream::ALPN;
 use lodestream_protocol::terrain::{MAX_EROSION_PASSES, MAX_SEGMENTS};
 use serde_json::Value;
 
@@ -196,6 +200,12 @@ fn numbers(text: &str) -> Vec<u64> {
 #[test]
 fn the_page_states_the_limits_and_close_codes_of_the_program() {
     let page = std::fs::read_to_string(root().join("docs/protocol.md")).unwrap();
+    let versions = format!(
+        "This is version {} of the messages, over transports named `{ALPN}`. Blobs have a format \
+         version of their own, which is {FORMAT_VERSION}.",
+        VERSIONS.end()
+    );
+    assert!(page.replace('\n', " ").contains(&versions), "{versions}");
     let rows: Vec<Vec<&str>> =
         page.lines().filter(|l| l.starts_with('|')).map(|l| l.split('|').map(str::trim).collect()).collect();
     for (what, limits) in [

@@ -9,6 +9,7 @@ use crate::entropy::bytes::{Reader, put_varint};
 use crate::error::DecodeError;
 use crate::mesh::{Grid, Kinds, UvGrid};
 use crate::numbers::id32;
+use crate::quantise::{MAX_POSITION_BITS, MAX_UV_BITS};
 
 impl Base {
     /// The blob's bytes. Vertices, wedges and faces must be in the order of
@@ -86,7 +87,7 @@ impl Base {
         let (bits, kinds, level_count) = (r.u8()?, r.u8()?, r.u8()?);
         let (bits, codec) = (bits & 0x7f, if bits & 0x80 == 0 { Codec::Range } else { Codec::Plain });
         let (uv_bits, colors, normals) = (kinds & 0x3f, kinds & 0x40 != 0, kinds & 0x80 != 0);
-        if !(1..=24).contains(&bits) || uv_bits > 16 {
+        if !(1..=MAX_POSITION_BITS).contains(&bits) || uv_bits > MAX_UV_BITS {
             return Err(r.error(format!("{bits} position bits and {uv_bits} uv bits are out of range")));
         }
         let (shift, shifts) = read_shifts(&mut r, level_count, bits)?;
