@@ -163,6 +163,35 @@ fn a_moving_camera_is_judged_from_where_it_was() {
     }
 }
 
+/// What is hidden comes last, also where a camera is about to see it: that must not cost the pictures on its way.
+#[test]
+fn pictures_of_a_moving_camera_are_as_near_with_what_is_hidden_last_as_without() {
+    if !may_draw() {
+        return;
+    }
+    // Slow enough that something is missing all the way.
+    let sweep = "transport = \"quic\"\nrate_bits_per_s = 200_000\nrtt_ms = 50\ncamera = [\"lap\", \"jump\"]";
+    let [with, without] = [true, false].map(|hidden_last| {
+        let head = format!(
+            "[client]\nhidden_last = {hidden_last}\n[camera.lap]\npath = \"orbit\"\nseconds = 12\n\
+             starts = \"first-frame\"\n[camera.jump]\npath = \"teleport\"\nstarts = \"first-frame\"\n\
+             [pictures]\nat_s = [1, 1.5, 2, 2.5, 3, 4]\nsize_px = [160, 90]"
+        );
+        let folder = tempfile::tempdir().unwrap();
+        report(&parse(&head, sweep), folder.path(), 2)
+    });
+    for (with, without) in with.iter().zip(&without) {
+        assert_eq!((&with.camera, with.pictures.len()), (&without.camera, without.pictures.len()));
+        let flips = |run: &RunResult| run.pictures.iter().map(|p| p.error.unwrap().flip).collect::<Vec<_>>();
+        let (with, without) = (flips(with), flips(without));
+        println!("FLIP on the way: {with:.4?}, without {without:.4?}");
+        assert!(without[1..4].iter().all(|flip| *flip > 0.0), "nothing was missing: {without:?}");
+        // A single picture may be taken just before what the other has by then.
+        let mean = |flips: &[f64]| flips[1..].iter().sum::<f64>() / (flips.len() - 1) as f64;
+        assert!(mean(&with) <= 1.1 * mean(&without), "{with:?} and {without:?}");
+    }
+}
+
 #[test]
 fn a_run_that_does_not_settle_is_judged_by_one_that_does() {
     if !may_draw() {
