@@ -103,8 +103,6 @@ fn tasks(settings: &Settings, ground: bool) -> Vec<Task> {
     let relief = settings.relief;
     let shadows = settings.shadows.is_some();
     let occlusion = settings.occlusion.is_some_and(|occlusion| occlusion.strength > 0.0);
-    // What is enlarged is smoothed by that.
-    let smoothed = if settings.render_scale < 1.0 { AntiAliasing::None } else { settings.anti_aliasing };
     let mut tasks = vec![Task::Surface { relief: false }];
     let mut also = |needed: bool, more: &[Task]| tasks.extend(more.iter().filter(|_| needed));
     also(ground, &[Task::Ground { relief }]);
@@ -114,10 +112,15 @@ fn tasks(settings: &Settings, ground: bool) -> Vec<Task> {
     also(shadows, &[Task::Whole(Whole::Sunlight), Task::Caster]);
     also(shadows && ground, &[Task::GroundCaster]);
     also(occlusion, &[Task::Whole(Whole::Occlusion), Task::Whole(Whole::Blur)]);
-    match smoothed {
+    match settings.anti_aliasing {
         AntiAliasing::None => also(true, &[Task::Whole(Whole::ToneMap)]),
         AntiAliasing::Spatial => {
-            also(true, &[Task::Whole(Whole::ToneMapDisplay), Task::Whole(Whole::AntiAlias)]);
+            also(true, &[Task::Whole(Whole::ToneMapDisplay)]);
+            if settings.render_scale < 1.0 {
+                also(true, &[Task::Whole(Whole::AntiAliasSmall), Task::Whole(Whole::Enlarge)]);
+            } else {
+                also(true, &[Task::Whole(Whole::AntiAlias)]);
+            }
         }
         AntiAliasing::Temporal => {
             also(true, &[Task::Mean, Task::Motion, Task::Whole(Whole::ToneMapTemporal)]);

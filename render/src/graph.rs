@@ -43,6 +43,8 @@ pub enum PassId {
     ToneMap,
     /// Edges of the picture smoothed.
     AntiAlias,
+    /// The same as large as it is shown, where it was drawn smaller.
+    Enlarge,
     /// The same into a host's targets: with depth, or leaving what is there.
     Composite,
     /// What another pass hands on, in place of the picture.
@@ -72,6 +74,7 @@ impl PassId {
             Self::Temporal => "temporal",
             Self::ToneMap => "tone_map",
             Self::AntiAlias => "anti_alias",
+            Self::Enlarge => "enlarge",
             Self::Composite => "composite",
             Self::Debug => "debug",
         }
@@ -98,6 +101,8 @@ pub(crate) enum Resource {
     History,
     /// What is shown, but for its edges.
     Display,
+    /// What is shown, but for its size.
+    Smoothed,
     /// How often each pixel was drawn.
     Overdraw,
     /// The caller's target; not allocated here.
@@ -141,6 +146,8 @@ pub(crate) struct Needs {
     pub(crate) temporal: bool,
     /// Edges are smoothed in the finished picture.
     pub(crate) antialias: bool,
+    /// The picture is drawn smaller than it is shown.
+    pub(crate) enlarged: bool,
     /// The target has depth.
     pub(crate) depth: bool,
     /// What the target holds stays where no surface is.
@@ -153,7 +160,7 @@ pub(crate) struct Needs {
 pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
     use Resource::{
         Albedo, Depth, Display, Edges, History, Motion, Normal, Occlusion, OcclusionRaw, Overdraw, Radiance,
-        ShadowMaps, Sunlight, Target,
+        ShadowMaps, Smoothed, Sunlight, Target,
     };
     let pass = |id, reads, writes| Pass { id, reads, writes };
     let mut passes = Vec::new();
@@ -211,7 +218,11 @@ pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
         passes.push(pass(PassId::ToneMap, &[History], &[Target]));
     } else if needs.antialias && needs.geometry {
         passes.push(pass(PassId::ToneMap, &[Radiance], &[Display]));
-        passes.push(pass(PassId::AntiAlias, &[Display], &[Target]));
+        let into: &[Resource] = if needs.enlarged { &[Smoothed] } else { &[Target] };
+        passes.push(pass(PassId::AntiAlias, &[Display], into));
+        if needs.enlarged {
+            passes.push(pass(PassId::Enlarge, &[Smoothed], &[Target]));
+        }
     } else if !needs.keep {
         // What is nothing but sky has no edges.
         passes.push(pass(PassId::ToneMap, &[Radiance], &[Target]));
@@ -304,6 +315,19 @@ mod tests {
     }
 
     #[test]
+    fn edges_are_smoothed_before_a_picture_is_enlarged() {
+        use PassId::{AntiAlias, Enlarge, GBuffer, Lighting, Temporal, ToneMap};
+        let needs = Needs { geometry: true, enlarged: true, antialias: true, ..Needs::default() };
+        let spatial = ids(needs, &[Resource::Target]);
+        assert_eq!(spatial, [GBuffer, Lighting, ToneMap, AntiAlias, Enlarge]);
+        // What reads radiance enlarges it on the way.
+        let none = Needs { antialias: false, ..needs };
+        assert_eq!(ids(none, &[Resource::Target]), [GBuffer, Lighting, ToneMap]);
+        let mean = Needs { temporal: true, ..none };
+        assert_eq!(ids(mean, &[Resource::Target]), [GBuffer, Lighting, Temporal, ToneMap]);
+    }
+
+    #[test]
     fn a_host_that_keeps_its_picture_gets_no_sky() {
         let needs = Needs { keep: true, ..Needs::default() };
         assert_eq!(ids(needs, &[Resource::Target]), []);
@@ -352,7 +376,7 @@ mod tests {
             Some(&[Resource::Depth, Resource::Sunlight]),
             Some(&[Resource::Depth, Resource::Overdraw]),
         ];
-        for (bits, shown) in (0..8192).flat_map(|bits| shown.map(|shown| (bits, shown))) {
+        for (bits, shown) in (0..16_384).flat_map(|bits| shown.map(|shown| (bits, shown))) {
             let bit = |n: u32| bits >> n & 1 != 0;
             let needs = Needs {
                 shown,
@@ -369,6 +393,7 @@ mod tests {
                 motion: bit(10),
                 temporal: bit(11),
                 water: bit(12),
+                enlarged: bit(13),
             };
             let mut written = Vec::new();
             for pass in plan(&candidates(needs), &[Resource::Target]) {

@@ -44,15 +44,23 @@ const ANTIALIAS: &str = concat!(
     include_str!("shaders/fullscreen.wgsl"),
     include_str!("shaders/antialias.wgsl")
 );
+const ENLARGE: &str = concat!(
+    include_str!("shaders/common.wgsl"),
+    include_str!("shaders/fullscreen.wgsl"),
+    include_str!("shaders/between.wgsl"),
+    include_str!("shaders/enlarge.wgsl")
+);
 const TONEMAP: &str = concat!(
     include_str!("shaders/common.wgsl"),
     include_str!("shaders/fullscreen.wgsl"),
+    include_str!("shaders/between.wgsl"),
     include_str!("shaders/tonemap.wgsl")
 );
 /// For [`super::composite`].
 pub(crate) const COMPOSITE: &str = concat!(
     include_str!("shaders/common.wgsl"),
     include_str!("shaders/fullscreen.wgsl"),
+    include_str!("shaders/between.wgsl"),
     include_str!("shaders/tonemap.wgsl"),
     include_str!("shaders/composite.wgsl")
 );
@@ -86,10 +94,13 @@ pub(crate) enum Whole {
     /// The same where edges are smoothed after it.
     ToneMapDisplay,
     AntiAlias,
+    /// The same where the picture is enlarged after it.
+    AntiAliasSmall,
+    Enlarge,
 }
 
 impl Whole {
-    const COUNT: usize = 13;
+    const COUNT: usize = 15;
 
     const fn number(self) -> usize {
         match self {
@@ -103,6 +114,8 @@ impl Whole {
             Self::ToneMapTemporal => 10,
             Self::ToneMapDisplay => 11,
             Self::AntiAlias => 12,
+            Self::AntiAliasSmall => 13,
+            Self::Enlarge => 14,
         }
     }
 }
@@ -116,6 +129,7 @@ enum Module {
     Wireframe,
     Lighting,
     ToneMap,
+    Enlarge,
 }
 
 /// See the module.
@@ -128,7 +142,7 @@ pub(crate) struct Pipelines {
     water: OnceLock<WaterPipelines>,
     /// Of means over time, whose pass has it too.
     pub(crate) resolve: Arc<OnceLock<Resolve>>,
-    modules: [OnceLock<wgpu::ShaderModule>; 6],
+    modules: [OnceLock<wgpu::ShaderModule>; 7],
     whole: [OnceLock<wgpu::RenderPipeline>; Whole::COUNT],
     target: wgpu::TextureFormat,
 }
@@ -174,6 +188,7 @@ impl Pipelines {
             Module::Wireframe => ("wireframe", WIREFRAME),
             Module::Lighting => ("lighting", LIGHTING),
             Module::ToneMap => ("tonemap", TONEMAP),
+            Module::Enlarge => ("enlarge", ENLARGE),
         };
         self.modules[module as usize].get_or_init(|| shader(gpu, label, text))
     }
@@ -210,9 +225,12 @@ impl Pipelines {
                 full(Module::ToneMap, "fs_tonemap", self.target.into(), &constants)
             }
             Whole::ToneMapDisplay => {
-                full(Module::ToneMap, "fs_tonemap", DISPLAY.into(), &[("ENCODE_SRGB", 1.0)])
+                let constants = [("ENCODE_SRGB", 1.0), ("AS_IT_IS", 1.0)];
+                full(Module::ToneMap, "fs_tonemap", DISPLAY.into(), &constants)
             }
             Whole::AntiAlias => full(Module::AntiAlias, "fs_antialias", self.target.into(), decode),
+            Whole::AntiAliasSmall => full(Module::AntiAlias, "fs_antialias", DISPLAY.into(), &[]),
+            Whole::Enlarge => full(Module::Enlarge, "fs_enlarge", self.target.into(), decode),
         }
     }
 }

@@ -214,8 +214,8 @@ impl ToneMapping {
     }
 }
 
-/// How edges are smoothed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// How edges are smoothed; the later, the more it costs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum AntiAliasing {
     /// Not at all.
     None,
@@ -258,8 +258,8 @@ pub struct Settings {
     pub shadows: Option<Shadows>,
     /// How lamps are told from those that do not reach a pixel.
     pub lights: LightCulling,
-    /// How edges are smoothed. Left out where a picture is enlarged, which smooths it already, and for targets with depth
-    /// or with something in them, whose host may do it when all is drawn.
+    /// How edges are smoothed, before a picture is enlarged. Left out for targets with depth or with something in them,
+    /// whose host may do it when all is drawn.
     pub anti_aliasing: AntiAliasing,
     /// Lookups of a texture along the footprint of a pixel that sees its surface at a grazing angle, 1 to
     /// [`MAX_ANISOTROPY`]: fewer are blurred along. Of drivers in software and those without such a filter; others have

@@ -63,7 +63,7 @@ impl Targets {
                 Resource::Sunlight => SUNLIGHT,
                 Resource::Edges => EDGES,
                 Resource::Radiance => RADIANCE,
-                Resource::Display => DISPLAY,
+                Resource::Display | Resource::Smoothed => DISPLAY,
                 Resource::Overdraw => OVERDRAW,
                 Resource::Motion => MOTION,
                 Resource::ShadowMaps | Resource::History | Resource::Target => continue,

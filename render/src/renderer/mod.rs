@@ -215,10 +215,7 @@ impl Renderer {
         let through = list.any(|features| features.blend);
         let lamps = lit.then(|| LampList::new(frame, size, through)).filter(|list| !list.lamps.is_empty());
         let smoothed = match frame.settings.anti_aliasing {
-            // What is enlarged is smoothed by that.
-            _ if size != target.size || target.depth.is_some() || target.load == Load::Keep => {
-                AntiAliasing::None
-            }
+            _ if target.depth.is_some() || target.load == Load::Keep => AntiAliasing::None,
             anti_aliasing => anti_aliasing,
         };
         let seen = frame.settings.shade == Shade::Motion;
@@ -245,6 +242,7 @@ impl Renderer {
                 motion: !moving.is_empty(),
                 temporal,
                 antialias: smoothed == AntiAliasing::Spatial,
+                enlarged: size != target.size,
                 depth: target.depth.is_some(),
                 keep: target.load == Load::Keep,
             }),

@@ -68,6 +68,14 @@ impl Renderer {
             PassId::ToneMap if pass.writes(Display) => {
                 full(encoder, p(Whole::ToneMapDisplay), &[Radiance], Display);
             }
+            PassId::AntiAlias if pass.writes(Resource::Smoothed) => {
+                full(encoder, p(Whole::AntiAliasSmall), &[Display], Resource::Smoothed);
+            }
+            PassId::Enlarge => {
+                let pipeline = p(Whole::Enlarge);
+                let group = self.inputs(gpu, pipeline, &[Resource::Smoothed]);
+                fullscreen(encoder, pass.id, pipeline, &group, &Target { depth: None, ..*target });
+            }
             PassId::AntiAlias => {
                 let pipeline = p(Whole::AntiAlias);
                 let group = self.inputs(gpu, pipeline, &[Display]);

@@ -7,6 +7,9 @@ override ENCODE_SRGB: bool = false;
 // Whether what is shown is a mean of frames (temporal.wgsl): weighed, and by exposure already.
 override TEMPORAL: bool = false;
 
+// Whether each pixel of what is drawn into is one of the radiance's, however large the target is.
+override AS_IT_IS: bool = false;
+
 @group(0) @binding(1) var radiance_map: texture_2d<f32>;
 
 // The neutral curve (Khronos, "PBR neutral tone mapper", 2024): base colours below 0.8 stay what they are but for the four
@@ -47,29 +50,23 @@ fn radiance_of(texel: vec2<i32>) -> vec3<f32> {
 }
 
 // The radiance at a point of the target, in its pixels: of the pixel where both have one size, else between the nearest
-// four (bilinear), texel centres lying at halves.
+// four.
 fn radiance_at(at: vec2<f32>) -> vec3<f32> {
     let size = vec2<f32>(textureDimensions(radiance_map));
-    let shown = vec2(f32(frame.target_px & 0xffffu), f32(frame.target_px >> 16u));
-    if (all(size == shown)) {
+    if (AS_IT_IS || all(size == shown_size())) {
         return radiance_of(vec2<i32>(at));
     }
-    let place = at * size / shown - 0.5;
-    let low = vec2<i32>(floor(place));
-    let last = vec2<i32>(size) - 1;
-    let a = clamp(low, vec2(0), last);
-    let b = clamp(low + 1, vec2(0), last);
-    let part = fract(place);
-    let above = mix(radiance_of(a), radiance_of(vec2(b.x, a.y)), part.x);
-    let below = mix(radiance_of(vec2(a.x, b.y)), radiance_of(b), part.x);
-    return mix(above, below, part.y);
+    let t = between(at, size);
+    let above = mix(radiance_of(t.a), radiance_of(vec2(t.b.x, t.a.y)), t.part.x);
+    let below = mix(radiance_of(vec2(t.a.x, t.b.y)), radiance_of(t.b), t.part.x);
+    return mix(above, below, t.part.y);
 }
 
 // What a point of the target shows.
 fn display(at: vec2<f32>) -> vec4<f32> {
     var given = vec3(0.0);
     if (TEMPORAL) {
-        let weighed = min(radiance_of(vec2<i32>(at)), vec3(0.9999));
+        let weighed = min(radiance_at(at), vec3(0.9999));
         given = weighed / (1.0 - max(weighed.r, max(weighed.g, weighed.b)));
     } else {
         given = clamp(radiance_at(at) * frame.exposure, vec3(0.0), vec3(MAX_RADIANCE));

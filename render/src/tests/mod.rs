@@ -6,6 +6,7 @@ mod accuracy;
 mod ahead;
 mod covering;
 mod debug;
+mod enlarged;
 mod haze;
 mod host;
 mod lights;

@@ -1,4 +1,4 @@
-//! Smoothed edges: `antialias.wgsl`.
+//! Smoothed edges: `antialias.wgsl`, and what `enlarge.wgsl` makes of them.
 
 /// As in the shader.
 const RELATIVE_CONTRAST: f64 = 0.125;
@@ -25,6 +25,20 @@ impl Display<'_> {
     fn luma(&self, at: [i64; 2]) -> f64 {
         let [r, g, b] = self.shown(at);
         0.299 * r + 0.587 * g + 0.114 * b
+    }
+
+    /// What a pixel of a larger picture shows of it: between the nearest four.
+    #[must_use]
+    pub fn enlarged(&self, at: [u32; 2], shown_px: [u32; 2]) -> [f64; 3] {
+        let place: [f64; 2] = std::array::from_fn(|i| {
+            (f64::from(at[i]) + 0.5) * f64::from(self.size_px[i]) / f64::from(shown_px[i]) - 0.5
+        });
+        let low = place.map(|p| p.floor() as i64);
+        let part = place.map(|p| p - p.floor());
+        let near = |x: i64, y: i64| self.shown([low[0] + x, low[1] + y]);
+        let mix = |a: [f64; 3], b: [f64; 3], t: f64| std::array::from_fn(|c| a[c] + (b[c] - a[c]) * t);
+        let [above, below] = [0, 1].map(|y| mix(near(0, y), near(1, y), part[0]));
+        mix(above, below, part[1])
     }
 
     /// A pixel with its edges smoothed.
