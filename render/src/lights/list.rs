@@ -66,9 +66,14 @@ impl LampList {
                 reached.then_some((depth - light.range, depth + light.range, raw))
             })
             .collect();
+        let LightCulling { tile_px, clusters, most } = frame.settings.lights;
+        if seen.len() > most as usize {
+            // Stable, so that of lamps that are alike always the same ones are left.
+            seen.sort_by(|(.., a), (.., b)| brightness(b).total_cmp(&brightness(a)));
+            seen.truncate(most as usize);
+        }
         seen.sort_by(|(a, ..), (b, ..)| a.total_cmp(b));
         seen.truncate(MAX_LIGHTS);
-        let LightCulling { tile_px, clusters } = frame.settings.lights;
         let [least, most] = LIGHT_TILES;
         let mut tile_px = tile_px.clamp(least, most);
         let words = (seen.len() as u32).div_ceil(32);
@@ -116,6 +121,16 @@ pub(crate) fn lamp(light: &Light, eye: DVec3) -> Option<LampRaw> {
     };
     let finite = raw.position.iter().chain(&raw.colour).chain([&raw.range]).all(|x| x.is_finite());
     (finite && raw.range > 0.0 && light.intensity.max_element() > 0.0).then_some(raw)
+}
+
+/// What a lamp adds to the whole of a picture, but for a factor: a lamp's irradiance falls with the square of its range,
+/// and the disc that it reaches on the screen grows with that over the square of its distance. From within its range all
+/// of the screen is reached.
+fn brightness(lamp: &LampRaw) -> f32 {
+    let [r, g, b] = lamp.colour;
+    let distance = glam::Vec3::from(lamp.position).length().max(lamp.range);
+    // BT.709 luminance.
+    (0.2126 * r + 0.7152 * g + 0.0722 * b) / (distance * distance)
 }
 
 /// Whether a light lights anything, seen from an eye.

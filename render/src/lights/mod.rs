@@ -48,10 +48,14 @@ pub struct LightCulling {
     pub tile_px: u32,
     /// Tell lamps apart by ranges of depth too, pixel by pixel, instead of by the tile's nearest and furthest surface.
     pub clusters: bool,
+    /// Most lamps that light a picture, up to [`MAX_LIGHTS`]: of more in view those that are brightest on the screen are
+    /// kept, by their intensity over the square of their distance, or of their range where the eye is within it. What they
+    /// cost goes with how many reach a pixel.
+    pub most: u32,
 }
 
 impl Default for LightCulling {
     fn default() -> Self {
-        Self { tile_px: 16, clusters: true }
+        Self { tile_px: 16, clusters: true, most: MAX_LIGHTS as u32 }
     }
 }

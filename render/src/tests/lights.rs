@@ -137,7 +137,7 @@ fn tiles_and_clusters_of_any_size_lose_no_lamp() {
         let lights = lamps(count, reach);
         let mut first: Option<Vec<[f64; 4]>> = None;
         for (tile_px, clusters) in [(64, false), (32, true), (16, false), (16, true), (8, true), (5, true)] {
-            let culling = LightCulling { tile_px, clusters };
+            let culling = LightCulling { tile_px, clusters, ..LightCulling::default() };
             let drawn = draw(&mut h, &lights, Settings { lights: culling, ..bare() });
             // The same lamps in the same order: the same sums, bit for bit.
             let first = first.get_or_insert_with(|| drawn.clone());
@@ -145,6 +145,31 @@ fn tiles_and_clusters_of_any_size_lose_no_lamp() {
         }
         let lit = first.unwrap().iter().any(|pixel| pixel[0] > 0.01);
         assert!(lit || count == 1, "{count} lamps light nothing");
+    }
+}
+
+#[test]
+fn of_more_lamps_than_are_asked_for_the_brightest_on_the_screen_are_left() {
+    let Some(mut h) = headless(48, 32) else { return };
+    let at = |x: f64, z: f64, candela: f32, range: f64| Light {
+        position: DVec3::new(x, 0.5, z),
+        intensity: Vec3::splat(candela),
+        range,
+        spot: None,
+    };
+    // The eye is at (0, 3, 7): the third is as strong as the second and further away, the last weak and near.
+    let [bright, near, far, weak] = [at(-1.0, 0.0, 8.0, 2.0), at(1.0, 2.0, 1.0, 2.0), at(2.0, -5.0, 1.0, 2.0), at(0.0, 4.0, 0.01, 2.0)];
+    let mut with = |lights: &[Light], most| {
+        let lights_by = LightCulling { most, ..LightCulling::default() };
+        draw(&mut h, lights, Settings { lights: lights_by, ..bare() })
+    };
+    let all = [weak, far, near, bright];
+    let whole = with(&all, 4);
+    assert_eq!(whole, with(&all, u32::MAX), "as many as there are is all of them");
+    for (most, left) in [(3, &[far, near, bright][..]), (2, &[near, bright]), (1, &[bright])] {
+        let drawn = with(&all, most);
+        assert_eq!(drawn, with(left, u32::MAX), "{most}");
+        assert_ne!(drawn, whole, "{most}");
     }
 }
 
@@ -165,7 +190,7 @@ fn fewer_lamps_are_looked_at_where_tiles_are_small_and_depths_tell() {
     let Some(mut h) = headless(128, 96) else { return };
     let lights = lamps(400, 0.8);
     let mut heat = |tile_px, clusters| {
-        let lights_by = LightCulling { tile_px, clusters };
+        let lights_by = LightCulling { tile_px, clusters, ..LightCulling::default() };
         let drawn = draw(&mut h, &lights, Settings { lights: lights_by, shade: Shade::Lamps, ..bare() });
         keep(&h, &format!("lamps-heat-{tile_px}-{clusters}"));
         // Blue falls and red rises with their number.
@@ -293,7 +318,7 @@ fn tiles_and_clusters_of_any_size_lose_no_lamp_before_what_is_seen_through() {
         let lights = before_glass(count);
         let mut first: Option<Vec<[f64; 4]>> = None;
         for (tile_px, clusters) in [(64, true), (64, false), (16, true), (16, false), (8, false), (5, true)] {
-            let drawn = glass(&mut h, &lights, LightCulling { tile_px, clusters });
+            let drawn = glass(&mut h, &lights, LightCulling { tile_px, clusters, ..LightCulling::default() });
             let first = first.get_or_insert_with(|| drawn.clone());
             assert_eq!(&drawn, first, "{count} lamps, tiles of {tile_px} px, clusters: {clusters}");
         }
@@ -309,7 +334,7 @@ fn what_lamps_cost() {
     for count in [400, 4000] {
         for (tile_px, clusters) in [(8, false), (16, false), (32, false), (8, true), (16, true), (32, true)] {
             let lights = lamps(count, if count > 1000 { 0.5 } else { 1.5 });
-            let settings = Settings { lights: LightCulling { tile_px, clusters }, ..bare() };
+            let settings = Settings { lights: LightCulling { tile_px, clusters, ..LightCulling::default() }, ..bare() };
             let mut times: Vec<f64> = (0..7)
                 .map(|_| {
                     h.time_passes(false);
