@@ -281,7 +281,7 @@ mod tests {
     #[test]
     fn what_a_slow_device_gives_up_is_on_the_screen_beside_its_name() {
         let quality = Quality::new(true).describe();
-        assert!(quality.starts_with("step 7 of 7: "), "{quality}");
+        assert!(quality.starts_with("step 9 of 9: "), "{quality}");
         let facts = Facts { quality: quality.clone(), ..Facts::default() };
         let text = drawn(&facts, false);
         let lines: Vec<&str> = text.lines().collect();

@@ -26,8 +26,8 @@ pub(super) struct Painter {
     config: wgpu::SurfaceConfiguration,
     input: egui_winit::State,
     overlay: egui_wgpu::Renderer,
-    /// Compiles what frames need once they give nothing up.
-    later: Option<Compiler>,
+    /// Compile what frames need once they give nothing up, and with each step of quality.
+    later: Vec<Compiler>,
     /// Whether frames are copied for [`Painted::copy`].
     copies: bool,
 }
@@ -42,7 +42,7 @@ struct Device {
     surface: wgpu::Surface<'static>,
     config: wgpu::SurfaceConfiguration,
     overlay: egui_wgpu::Renderer,
-    later: Compiler,
+    later: Vec<Compiler>,
 }
 
 impl Device {
@@ -51,7 +51,7 @@ impl Device {
         surface: wgpu::Surface<'static>,
         size: PhysicalSize<u32>,
         copies: bool,
-        settings: impl FnOnce(&Gpu) -> [Settings; 2],
+        settings: impl FnOnce(&Gpu) -> [Vec<Settings>; 2],
     ) -> anyhow::Result<Self> {
         let gpu = Gpu::for_surface(instance, &surface)?;
         let capabilities = surface.get_capabilities(&gpu.adapter);
@@ -76,10 +76,14 @@ impl Device {
         surface.configure(&gpu.device, &config);
         let renderer = Renderer::without_pipelines(&gpu, config.format)?;
         // Most scenes that are shown in a window have ground, and none says so before its header is here.
-        let [first, later] = settings(&gpu).map(|settings| renderer.compiler(&gpu, &settings, true));
+        let [first, later] = settings(&gpu).map(|all| {
+            all.iter().map(|settings| renderer.compiler(&gpu, settings, true)).collect::<Vec<_>>()
+        });
         for _ in 0..COMPILING_THREADS {
             let first = first.clone();
-            std::thread::Builder::new().name("pipelines".into()).spawn(move || first.compile())?;
+            std::thread::Builder::new()
+                .name("pipelines".into())
+                .spawn(move || first.iter().for_each(Compiler::compile))?;
         }
         let overlay = egui_wgpu::Renderer::new(&gpu.device, config.format, Default::default());
         Ok(Self { gpu, renderer, surface, config, overlay, later })
@@ -98,13 +102,13 @@ pub(super) struct Painted {
 
 impl Painter {
     /// Opens the window's device on a thread of its own; until that is done, `meanwhile` is called again and again. Then
-    /// threads compile what is needed for the first of the `settings`, while the first frame is uploaded; a frame waits for
+    /// threads compile what is needed for the first frame's `settings`, while the first frame is uploaded; a frame waits for
     /// what it lacks. `copies`: frames are to be kept.
     pub(super) fn new(
         window: Arc<Window>,
         display: OwnedDisplayHandle,
         copies: bool,
-        settings: impl FnOnce(&Gpu) -> [Settings; 2] + Send + 'static,
+        settings: impl FnOnce(&Gpu) -> [Vec<Settings>; 2] + Send + 'static,
         mut meanwhile: impl FnMut(),
     ) -> anyhow::Result<Self> {
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
@@ -125,15 +129,17 @@ impl Painter {
         let Device { gpu, renderer, surface, config, overlay, later } = device;
         let context = egui::Context::default();
         let input = egui_winit::State::new(context, egui::ViewportId::ROOT, &window, None, None, None);
-        let later = Some(later);
         Ok(Self { window, gpu, renderer, surface, config, input, overlay, later, copies })
     }
 
-    /// Begins to compile what frames need that give nothing up. The first frame need not share the processor with that.
+    /// Begins to compile what frames need that give nothing up, or less than the first. That one need not share the
+    /// processor with it.
     pub(super) fn compile_rest(&mut self) {
-        if let Some(later) = self.later.take() {
+        let later = std::mem::take(&mut self.later);
+        if !later.is_empty() {
             // Without a thread each frame compiles what it lacks.
-            let _ = std::thread::Builder::new().name("pipelines".into()).spawn(move || later.compile());
+            let compile = move || later.iter().for_each(Compiler::compile);
+            let _ = std::thread::Builder::new().name("pipelines".into()).spawn(compile);
         }
     }
 

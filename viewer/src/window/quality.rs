@@ -1,9 +1,12 @@
 //! How well a frame is drawn while the camera moves: as well as the device can at [`LEAST_FPS`], and in full once it
 //! rests.
 
+mod table;
+
 use std::time::Duration;
 
-use lodestream_render::{AmbientOcclusion, AntiAliasing, Settings, Shadows};
+use table::STEPS;
+pub(super) use table::{FULL, Step, all_of};
 
 /// Frames a second that a moving camera needs.
 const LEAST_FPS: f64 = 15.0;
@@ -16,94 +19,6 @@ const ROOM_FRAMES: u32 = 8;
 const LATE_WHILE_COMING: u32 = 3;
 /// The camera rests when it has not moved for so long.
 const REST: Duration = Duration::from_millis(200);
-
-/// What of the quality a step gives up.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Step {
-    /// Share of the picture's sides in which it is drawn.
-    pub(super) render_scale: f32,
-    /// Factor on the ground's screen error.
-    pub(super) ground: f32,
-    /// Factor on the meshes' screen error.
-    pub(super) meshes: f32,
-    /// Frames for which a map of shadows may show things as they were.
-    pub(super) late_shadows: u32,
-    /// Most cascades of shadows.
-    pub(super) cascades: u32,
-    /// Steps by which each of their maps follows the eye, along its side.
-    map_steps: u32,
-    /// Most texels along a side of each of their maps.
-    map_side: u32,
-    /// Whether edges are smoothed, where the picture is not enlarged.
-    pub(super) antialias: bool,
-    /// Most samples of ambient occlusion per pixel; 0 is none.
-    pub(super) samples: u32,
-    /// Whether height maps are honoured.
-    relief: bool,
-    /// Time of a frame over that of the first step, roughly: what decides is measured after the step was taken.
-    cost: f64,
-}
-
-impl Step {
-    /// What is left of a user's settings, but for how late shadows may be.
-    pub(super) fn of(&self, settings: &Settings) -> Settings {
-        let occlusion = settings.occlusion.filter(|_| self.samples > 0);
-        Settings {
-            render_scale: self.render_scale,
-            anti_aliasing: if self.antialias { settings.anti_aliasing } else { AntiAliasing::None },
-            occlusion: occlusion.map(|occlusion| AmbientOcclusion {
-                samples: occlusion.samples.min(self.samples),
-                ..occlusion
-            }),
-            relief: settings.relief && self.relief,
-            shadows: settings.shadows.map(|shadows| Shadows {
-                cascades: shadows.cascades.min(self.cascades),
-                steps: shadows.steps.min(self.map_steps),
-                map_side: shadows.map_side.min(self.map_side),
-                ..shadows
-            }),
-            ..*settings
-        }
-    }
-}
-
-/// Nothing given up.
-pub(super) const FULL: Step = Step {
-    render_scale: 1.0,
-    ground: 1.0,
-    meshes: 1.0,
-    late_shadows: 0,
-    cascades: u32::MAX,
-    map_steps: u32::MAX,
-    map_side: u32::MAX,
-    antialias: true,
-    samples: u32::MAX,
-    relief: true,
-    cost: 1.0,
-};
-
-const UNSEEN: Step = Step { ground: 4.0, late_shadows: 12, cost: 0.75, ..FULL };
-const SMALLER: Step = Step { render_scale: 0.7, cost: 0.45, ..UNSEEN };
-const HALF: Step = Step { render_scale: 0.5, ground: 8.0, cost: 0.28, ..SMALLER };
-const TWO_MAPS: Step = Step { cascades: 2, map_steps: 4, cost: 0.23, ..HALF };
-const STAIRS: Step = Step { render_scale: 0.35, meshes: 2.0, antialias: false, cost: 0.17, ..TWO_MAPS };
-const FEW_SAMPLES: Step = Step { samples: 4, cost: 0.14, ..STAIRS };
-const FASTEST: Step = Step {
-    render_scale: 0.25,
-    ground: 16.0,
-    meshes: 4.0,
-    map_side: 1024,
-    samples: 0,
-    relief: false,
-    cost: 0.1,
-    ..FEW_SAMPLES
-};
-
-/// From the best on. Quality begins to be given up in this order: the ground's error and how soon shadows follow what
-/// casts them, which are seen least; pixels; cascades of shadows; smoothed edges, which an enlarged picture lacks
-/// already, and the meshes' error, whose chunks have to be undone and applied again; samples of occlusion, at last all
-/// of them, relief, which is finer than the pixels then, and texels of shadows.
-const STEPS: [Step; 8] = [FULL, UNSEEN, SMALLER, HALF, TWO_MAPS, STAIRS, FEW_SAMPLES, FASTEST];
 
 /// Chooses the step of each frame.
 #[derive(Clone, Debug)]
@@ -197,40 +112,18 @@ impl Quality {
 
     /// For the overlay.
     pub(super) fn describe(&self) -> String {
-        let step = self.step();
-        let Step { render_scale, ground, meshes, late_shadows, cascades, antialias, samples, .. } = step;
         if self.is_full() {
             return "full".into();
         }
-        let mut text = format!("step {} of {}: ", self.step, STEPS.len() - 1);
-        let scale =
-            (render_scale < 1.0).then(|| format!("{:.0} % of the pixels' sides", render_scale * 100.0));
-        let error =
-            |what: &str, factor: f32| (factor > 1.0).then(|| format!("{what} {factor:.0}× as coarse"));
-        let occlusion = match samples {
-            0 => Some("no occlusion".to_owned()),
-            u32::MAX => None,
-            some => Some(format!("{some} samples of occlusion")),
-        };
-        let parts = [
-            scale,
-            error("ground", ground),
-            error("meshes", meshes),
-            (late_shadows > 0).then(|| format!("shadows up to {late_shadows} frames late")),
-            (cascades < u32::MAX).then(|| format!("{cascades} shadow maps")),
-            (step.map_side < u32::MAX).then(|| format!("of {} texels a side", step.map_side)),
-            (!antialias).then(|| "edges not smoothed".to_owned()),
-            occlusion,
-            (!step.relief).then(|| "no relief".to_owned()),
-        ];
-        text.push_str(&parts.into_iter().flatten().collect::<Vec<_>>().join(", "));
-        text
+        let given_up = self.step().given_up().join(", ");
+        format!("step {} of {}: {given_up}", self.step, STEPS.len() - 1)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use lodestream_render::{AntiAliasing, MAX_LIGHTS, Settings};
 
     /// A device that takes `full_s` for a frame in full, and for others as the table says but for a `bias` of its own.
     struct Device {
@@ -290,67 +183,121 @@ mod tests {
             quality.drawn(Duration::from_secs(frame), 0.1);
             steps.push(quality.step);
         }
-        assert_eq!(steps, [7, 3, 1, 0]);
+        assert_eq!(steps, [9, 4, 2, 0]);
         assert_eq!(quality.due(Duration::from_secs(9)), None);
     }
 
-    /// The order in which a device that gets slower and slower gives things up, by virtual time.
-    #[test]
-    fn scale_cascades_edges_samples_and_relief_are_given_up_in_this_order() {
-        let (mut quality, mut now) = (Quality::new(false), 0.0);
-        let mut given_up: Vec<&str> = Vec::new();
-        let mut steps = vec![0];
-        for frame in 0..200 {
-            // Each frame in full takes 3 % more than the one before.
-            let took = 0.05 * 1.03_f64.powi(frame) * quality.step().cost;
-            quality.moved(Duration::from_secs_f64(now));
-            quality.drawn(Duration::from_secs_f64(now), took);
-            now += took;
-            let step = quality.step();
-            steps.push(quality.step);
-            for (what, is) in [
-                ("scale", step.render_scale < 1.0),
-                ("cascades", step.cascades < 4),
-                ("edges", !step.antialias),
-                ("samples", step.samples < 16),
-                ("occlusion", step.samples == 0),
-                ("relief", !step.relief),
-            ] {
-                if is && !given_up.contains(&what) {
-                    given_up.push(what);
-                }
-            }
-        }
-        assert_eq!(given_up, ["scale", "cascades", "edges", "samples", "occlusion", "relief"]);
-        assert!(steps.is_sorted() && (0..STEPS.len()).all(|step| steps.contains(&step)), "{steps:?}");
+    /// A part of the quality by its name, and whether a step gives it up.
+    type Part = (&'static str, fn(&Step) -> bool);
+
+    /// The order in which parts begin to be given up.
+    const PARTS: [Part; 9] = [
+        ("scale", |step| step.render_scale < 1.0),
+        ("cascades", |step| step.cascades < 4),
+        ("temporal", |step| step.anti_aliasing < AntiAliasing::Temporal),
+        ("edges", |step| step.anti_aliasing == AntiAliasing::None),
+        ("samples", |step| step.samples < 16),
+        ("lamps", |step| step.lamps < MAX_LIGHTS as u32),
+        ("occlusion", |step| step.samples == 0),
+        ("fewest lamps", |step| step.lamps < 64),
+        ("relief", |step| !step.of(&Settings::default()).relief),
+    ];
+
+    /// A camera that keeps moving on a device of which each frame in full takes `factor` of the time of that before, from
+    /// `full_s` on: the steps taken.
+    fn drift(quality: &mut Quality, full_s: f64, factor: f64, frames: i32) -> Vec<usize> {
+        let mut now = 0.0;
+        (0..frames)
+            .map(|frame| {
+                let took = full_s * factor.powi(frame) * quality.step().cost;
+                quality.moved(Duration::from_secs_f64(now));
+                quality.drawn(Duration::from_secs_f64(now), took);
+                now += took;
+                quality.step
+            })
+            .collect()
+    }
+
+    /// How many parts of the order a step gives up, from the first on.
+    fn parts(step: usize) -> usize {
+        let given_up: Vec<bool> = PARTS.iter().map(|(_, is)| is(&STEPS[step])).collect();
+        assert!(
+            given_up.is_sorted_by(|a, b| a >= b),
+            "step {step} leaves one out: {given_up:?} of {PARTS:?}"
+        );
+        given_up.into_iter().filter(|is| *is).count()
     }
 
     #[test]
-    fn what_is_given_up_grows_from_step_to_step_and_is_said() {
-        for pair in STEPS.windows(2) {
-            assert!(pair[0].render_scale >= pair[1].render_scale && pair[0].ground <= pair[1].ground);
-            // Steps that are nearer to each other would be jumped over.
-            assert!(pair[0].meshes <= pair[1].meshes && pair[0].cost * AIM_S * LEAST_FPS > pair[1].cost);
-            assert!(pair[0].cascades >= pair[1].cascades && pair[0].samples >= pair[1].samples);
-            assert!(pair[0].antialias >= pair[1].antialias && pair[0].late_shadows <= pair[1].late_shadows);
-            assert!(pair[0].relief >= pair[1].relief && pair[0].map_side >= pair[1].map_side);
-            assert!(pair[0].map_steps >= pair[1].map_steps);
-        }
+    fn a_device_that_gets_slower_takes_each_step_and_one_that_gets_faster_takes_them_back() {
+        let mut quality = Quality::new(false);
+        let down = drift(&mut quality, 0.05, 1.03, 200);
+        assert!(down.is_sorted() && (0..STEPS.len()).all(|step| down.contains(&step)), "{down:?}");
+        assert!(down.iter().map(|step| parts(*step)).is_sorted());
+        assert_eq!(parts(quality.step), PARTS.len());
+        let up = drift(&mut quality, 0.05 * 1.03_f64.powi(200), 0.99, 900);
+        assert!(up.is_sorted_by(|a, b| a >= b) && quality.is_full(), "{up:?}");
+        // One at a time: in the reverse order.
+        assert!(up.windows(2).all(|pair| pair[0] - pair[1] <= 1), "{up:?}");
+        assert!(up.iter().map(|step| parts(*step)).is_sorted_by(|a, b| a >= b));
+    }
+
+    #[test]
+    fn a_camera_that_rests_gets_parts_back_in_the_reverse_order() {
         let mut quality = Quality::new(true);
-        let fastest = quality.describe();
-        assert!(
-            fastest.contains("step 7 of 7: 25 % of the pixels' sides, ground 16× as coarse"),
-            "{fastest}"
+        let mut given_up = vec![parts(quality.step)];
+        for frame in 1..=4 {
+            quality.drawn(Duration::from_secs(frame), 0.5);
+            given_up.push(parts(quality.step));
+        }
+        assert!(given_up.is_sorted_by(|a, b| a >= b) && given_up.last() == Some(&0), "{given_up:?}");
+    }
+
+    /// Times about the bound do not move a step up and down: up takes far less time than down allows.
+    #[test]
+    fn frames_that_take_now_more_and_now_less_keep_their_step() {
+        for full_s in [0.12, 0.2, 0.33, 0.5] {
+            let (mut quality, mut now) = (Quality::new(false), 0.0);
+            let mut steps = Vec::new();
+            for frame in 0..400 {
+                let noise = [1.0, 1.12, 0.9, 0.85, 1.05][frame % 5];
+                let took = full_s * noise * quality.step().cost;
+                quality.moved(Duration::from_secs_f64(now));
+                quality.drawn(Duration::from_secs_f64(now), took);
+                now += took;
+                steps.push(quality.step);
+            }
+            let settled = &steps[20..];
+            assert!(settled.iter().all(|step| step == &settled[0]), "{full_s}: {steps:?}");
+        }
+    }
+
+    #[test]
+    fn edges_are_smoothed_over_time_then_in_one_frame_then_not_by_how_long_frames_take() {
+        let temporal = Settings { anti_aliasing: AntiAliasing::Temporal, ..Settings::default() };
+        let mut quality = Quality::new(false);
+        let mut ways: Vec<AntiAliasing> = drift(&mut quality, 0.05, 1.03, 200)
+            .into_iter()
+            .map(|step| STEPS[step].of(&temporal).anti_aliasing)
+            .collect();
+        ways.dedup();
+        assert_eq!(ways, [AntiAliasing::Temporal, AntiAliasing::Spatial, AntiAliasing::None]);
+    }
+
+    #[test]
+    fn what_is_given_up_is_said() {
+        let mut quality = Quality::new(true);
+        assert_eq!(
+            quality.describe(),
+            "step 9 of 9: ground 16× as coarse, shadows up to 12 frames late, 25 % of the pixels' sides, 2 shadow \
+             maps, edges not smoothed, meshes 4× as coarse, no occlusion, the 16 brightest lamps, maps of 1024 texels \
+             a side, no relief"
         );
-        assert!(
-            fastest.ends_with(
-                "2 shadow maps, of 1024 texels a side, edges not smoothed, no occlusion, no relief"
-            ),
-            "{fastest}"
-        );
-        quality.step = 6;
-        assert!(quality.describe().ends_with("edges not smoothed, 4 samples of occlusion"));
+        quality.step = 7;
+        assert!(quality.describe().ends_with("meshes 2× as coarse, 4 samples of occlusion"));
         quality.step = 0;
         assert_eq!(quality.describe(), "full");
+        // Steps that are nearer to each other would be jumped over.
+        assert!(STEPS.windows(2).all(|pair| pair[0].cost * AIM_S * LEAST_FPS > pair[1].cost));
     }
 }

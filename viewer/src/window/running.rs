@@ -101,7 +101,7 @@ impl Running {
             args.frames.is_some(),
             move |gpu| {
                 let full = settings(&first_args, gpu.is_software());
-                [Quality::new(gpu.is_software()).step().of(&full), full]
+                [vec![Quality::new(gpu.is_software()).step().of(&full)], quality::all_of(&full)]
             },
             || {
                 while scene.waiting() < MAX_WAITING_STEPS
