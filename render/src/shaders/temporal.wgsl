@@ -22,10 +22,26 @@ const HASTE: f32 = 0.4;
 // Motion below this is rounding, in pixels.
 const LEAST_MOTION: f32 = 0.01;
 
-// The brighter, the less it counts: else a single highlight would outweigh all other samples of its pixel.
-fn weighed(radiance: vec3<f32>) -> vec3<f32> {
-    let x = clamp(radiance * frame.exposure, vec3(0.0), vec3(MAX_RADIANCE));
-    return x / (1.0 + max(x.r, max(x.g, x.b)));
+// Bits of a floating-point number without its sign, from which on it is infinite; all above are no numbers. Comparisons
+// would say so too, but compilers may take it that there are none.
+const INFINITE: u32 = 0x7f800000u;
+const WITHOUT_SIGN: u32 = 0x7fffffffu;
+
+// The brighter, the less it counts: else a single highlight would outweigh all other samples of its pixel. And whether it
+// counts at all, 1 or 0: what is no number does not. What is infinite is as bright as can be.
+fn weighed(radiance: vec3<f32>) -> vec4<f32> {
+    let exposed = radiance * frame.exposure;
+    if (any((bitcast<vec3<u32>>(exposed) & vec3(WITHOUT_SIGN)) > vec3(INFINITE))) {
+        return vec4(0.0);
+    }
+    let x = clamp(exposed, vec3(0.0), vec3(MAX_RADIANCE));
+    return vec4(x / (1.0 + max(x.r, max(x.g, x.b))), 1.0);
+}
+
+// A history, or black that counts for no frame where any of it is not finite: it would stay for ever, and spread.
+fn finite(history: vec4<f32>) -> vec4<f32> {
+    let bits = bitcast<vec4<u32>>(history) & vec4(WITHOUT_SIGN);
+    return select(history, vec4(0.0), any(bits >= vec4(INFINITE)));
 }
 
 fn luma_chroma(c: vec3<f32>) -> vec3<f32> {
@@ -59,7 +75,7 @@ fn history_at(place: vec2<f32>) -> vec4<f32> {
         sum += textureSampleLevel(history_map, history_sampler, places[i], 0.0) * weights[i];
         weight += weights[i];
     }
-    return max(sum / weight, vec4(0.0));
+    return max(finite(sum / weight), vec4(0.0));
 }
 
 @fragment
@@ -68,28 +84,31 @@ fn fs_temporal(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let last = vec2<i32>(frame.size_px) - 1;
     let own = weighed(textureLoad(radiance_map, pixel, 0).rgb);
     if (frame.history <= 0.0) {
-        return vec4(own, 1.0);
+        return own;
     }
     if (frame.still == 1u) {
         // The same picture through other points of its pixels: the plain mean.
-        let before = textureLoad(history_map, pixel, 0);
+        let before = finite(textureLoad(history_map, pixel, 0));
         let count = min(before.a, frame.history);
-        return vec4(mix(before.rgb, own, 1.0 / (count + 1.0)), count + 1.0);
+        return vec4(mix(before.rgb, own.rgb, own.a / (count + 1.0)), count + own.a);
     }
 
     // What is around, and whose motion counts: that of what lies before, so that edges move with what they belong to; of
     // that the farthest, which is its contour's.
     var sum = vec3(0.0);
     var squares = vec3(0.0);
+    var counted = 0.0;
     var nearest = pixel;
     let least = textureLoad(depth_map, pixel, 0).x * BEFORE;
     var depth = 1e30;
     for (var y = -1; y <= 1; y++) {
         for (var x = -1; x <= 1; x++) {
             let there = clamp(pixel + vec2(x, y), vec2(0), last);
-            let colour = luma_chroma(weighed(textureLoad(radiance_map, there, 0).rgb));
+            let seen = weighed(textureLoad(radiance_map, there, 0).rgb);
+            let colour = luma_chroma(seen.rgb);
             sum += colour;
             squares += colour * colour;
+            counted += seen.a;
             let stored = textureLoad(depth_map, there, 0).x;
             if (stored > least && stored < depth) {
                 depth = stored;
@@ -105,17 +124,19 @@ fn fs_temporal(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     }
     motion = select(motion, vec2(0.0), abs(motion) < vec2(LEAST_MOTION));
     let place = at.xy + motion;
-    if (any(place < vec2(0.0)) || any(place > frame.size_px)) {
-        return vec4(own, 1.0);
+    // Said so that a place that is no number is not inside.
+    if (!(all(place >= vec2(0.0)) && all(place <= frame.size_px))) {
+        return own;
     }
     let before = history_at(place);
 
     // Towards the middle of what is around until it is as near as that varies.
-    let mean = sum / 9.0;
-    let reach = DEVIATIONS * sqrt(max(squares / 9.0 - mean * mean, vec3(0.0))) + 1e-4;
+    counted = max(counted, 1.0);
+    let mean = sum / counted;
+    let reach = DEVIATIONS * sqrt(max(squares / counted - mean * mean, vec3(0.0))) + 1e-4;
     let off = luma_chroma(before.rgb) - mean;
     let beyond = max(abs(off.x) / reach.x, max(abs(off.y) / reach.y, abs(off.z) / reach.z));
     let history = from_luma_chroma(mean + off / max(beyond, 1.0));
     let count = min(before.a, frame.history / (1.0 + HASTE * length(motion)));
-    return vec4(max(mix(history, own, 1.0 / (count + 1.0)), vec3(0.0)), count + 1.0);
+    return vec4(max(mix(history, own.rgb, own.a / (count + 1.0)), vec3(0.0)), count + own.a);
 }

@@ -40,7 +40,7 @@ impl Resolve {
     }
 
     /// What holds weighed colours, and of how many frames they are a mean.
-    pub(super) fn history(&self, gpu: &Gpu, (width, height): (u32, u32)) -> wgpu::Texture {
+    pub(crate) fn history(&self, gpu: &Gpu, (width, height): (u32, u32)) -> wgpu::Texture {
         gpu.device.create_texture(&wgpu::TextureDescriptor {
             label: Some("history"),
             size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
@@ -56,7 +56,7 @@ impl Resolve {
     }
 
     /// Makes a new history of an old one and of a frame: radiance, depth and, where something moves by itself, motion.
-    pub(super) fn record(
+    pub(crate) fn record(
         &self,
         gpu: &Gpu,
         encoder: &mut PassEncoder<'_>,

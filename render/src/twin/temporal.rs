@@ -36,12 +36,15 @@ pub struct Resolve<'a> {
     pub most: f64,
 }
 
-/// Less of a colour the brighter it is.
+/// Less of a colour the brighter it is; nothing of what is no number.
 #[must_use]
-pub fn weighed(radiance: [f64; 3], exposure: f64) -> [f64; 3] {
+pub fn weighed(radiance: [f64; 3], exposure: f64) -> Option<[f64; 3]> {
+    if radiance.iter().any(|c| (c * exposure).is_nan()) {
+        return None;
+    }
     let x = radiance.map(|c| (c * exposure).clamp(0.0, 65504.0));
     let most = x.into_iter().fold(0.0, f64::max);
-    x.map(|c| c / (1.0 + most))
+    Some(x.map(|c| c / (1.0 + most)))
 }
 
 /// What was weighed, times exposure.
@@ -116,16 +119,19 @@ impl Resolve<'_> {
                 weight += wx * wy;
             }
         }
-        sum.map(|sum| (sum / weight).max(0.0))
+        let mean = sum.map(|sum| sum / weight);
+        if mean.iter().all(|x| x.is_finite()) { mean.map(|x| x.max(0.0)) } else { [0.0; 4] }
     }
 
     /// What becomes of a pixel of the history while things move.
     #[must_use]
     pub fn pixel(&self, pixel: [i64; 2]) -> [f64; 4] {
-        let own = weighed(self.radiance[self.index(pixel)], self.exposure);
+        let seen = |at: [i64; 2]| weighed(self.radiance[self.index(at)], self.exposure);
         let with = |[r, g, b]: [f64; 3], count| [r, g, b, count];
+        // What is no number counts for no frame.
+        let (own, counts) = seen(pixel).map_or(([0.0; 3], 0.0), |own| (own, 1.0));
         if self.most <= 0.0 {
-            return with(own, 1.0);
+            return with(own, counts);
         }
         let around: Vec<[i64; 2]> = (0..9).map(|i| [pixel[0] + i % 3 - 1, pixel[1] + i / 3 - 1]).collect();
         let clamped = |[x, y]: [i64; 2]| {
@@ -144,22 +150,21 @@ impl Resolve<'_> {
         let place = DVec2::new(pixel[0] as f64, pixel[1] as f64) + 0.5 + motion;
         let size = DVec2::from(self.size_px.map(f64::from));
         if place.min_element() < 0.0 || place.x > size.x || place.y > size.y {
-            return with(own, 1.0);
+            return with(own, counts);
         }
         let [r, g, b, frames] = self.history_at(place);
-        let colours: Vec<DVec3> = around
-            .iter()
-            .map(|at| luma_chroma(weighed(self.radiance[self.index(*at)], self.exposure)))
-            .collect();
-        let mean = colours.iter().sum::<DVec3>() / 9.0;
-        let variance = colours.iter().map(|c| *c * *c).sum::<DVec3>() / 9.0 - mean * mean;
+        let colours: Vec<DVec3> = around.iter().filter_map(|at| Some(luma_chroma(seen(*at)?))).collect();
+        let counted = colours.len().max(1) as f64;
+        let mean = colours.iter().sum::<DVec3>() / counted;
+        let variance = colours.iter().map(|c| *c * *c).sum::<DVec3>() / counted - mean * mean;
         let reach = DEVIATIONS * variance.max(DVec3::ZERO).map(f64::sqrt) + 1e-4;
         let off = luma_chroma([r, g, b]) - mean;
         let beyond = (off.abs() / reach).max_element().max(1.0);
         let before = from_luma_chroma(mean + off / beyond);
         let count = frames.min(self.most / (1.0 + HASTE * motion.length()));
-        let mixed = std::array::from_fn(|c| (before[c] + (own[c] - before[c]) / (count + 1.0)).max(0.0));
-        with(mixed, count + 1.0)
+        let share = counts / (count + 1.0);
+        let mixed = std::array::from_fn(|c| (before[c] + (own[c] - before[c]) * share).max(0.0));
+        with(mixed, count + counts)
     }
 }
 
@@ -170,7 +175,7 @@ mod tests {
     #[test]
     fn weights_and_axes_of_colour_invert() {
         for colour in [[0.0, 0.0, 0.0], [0.2, 3.0, 0.7], [40.0, 1.0, 900.0]] {
-            let back = unweighed(weighed(colour, 1.0));
+            let back = unweighed(weighed(colour, 1.0).unwrap());
             assert!((0..3).all(|c| (back[c] - colour[c]).abs() <= 1e-9 * (1.0 + colour[c])), "{back:?}");
             let back = from_luma_chroma(luma_chroma(colour));
             assert!((0..3).all(|c| (back[c] - colour[c]).abs() <= 1e-9 * (1.0 + colour[c])), "{back:?}");
