@@ -256,8 +256,14 @@ pub struct Settings {
     pub occlusion: Option<AmbientOcclusion>,
     /// Shadows of the sun; `None` saves two passes.
     pub shadows: Option<Shadows>,
-    /// How lamps are told from those that do not reach a pixel.
-    pub lights: LightCulling,
+    /// How lamps are told from those that do not reach a pixel; `None` leaves lamps out.
+    pub lights: Option<LightCulling>,
+    /// Haze, where an environment has some. Without, the sky below the horizon is the ground's: its maps are other ones.
+    pub haze: bool,
+    /// Light that surfaces give off.
+    pub emission: bool,
+    /// What is seen through; without, it is not drawn.
+    pub transparency: bool,
     /// How edges are smoothed, before a picture is enlarged. Left out for targets with depth or with something in them,
     /// whose host may do it when all is drawn.
     pub anti_aliasing: AntiAliasing,
@@ -297,7 +303,10 @@ impl Default for Settings {
             wireframe: false,
             occlusion: Some(AmbientOcclusion::default()),
             shadows: Some(Shadows::default()),
-            lights: LightCulling::default(),
+            lights: Some(LightCulling::default()),
+            haze: true,
+            emission: true,
+            transparency: true,
             anti_aliasing: AntiAliasing::Spatial,
             anisotropy: 4,
             relief: true,

@@ -44,7 +44,8 @@ pub(crate) struct FrameUniform {
     jitter: [f32; 2],
     before_s: f32,
     history: f32,
-    still: u32,
+    /// 1: nothing has changed since the frame before; 2: surfaces give off light.
+    flags: u32,
     lookups: f32,
     kernel: [[f32; 4]; ssao::MAX_SAMPLES],
 }
@@ -110,7 +111,7 @@ impl FrameUniform {
             jitter: step.jitter,
             before_s: step.before_s,
             history: step.history,
-            still: u32::from(step.still),
+            flags: u32::from(step.still) | u32::from(frame.settings.emission) << 1,
             lookups,
             kernel,
         }

@@ -94,6 +94,12 @@ pub(crate) struct Args {
     /// The same as --anti-aliasing none
     #[arg(long, conflicts_with = "anti_aliasing")]
     pub(crate) no_aa: bool,
+    /// No lamps
+    #[arg(long)]
+    pub(crate) no_lamps: bool,
+    /// No water
+    #[arg(long)]
+    pub(crate) no_water: bool,
     /// No relief mapping
     #[arg(long)]
     pub(crate) no_relief: bool,

@@ -7,7 +7,7 @@ use anyhow::{Context as _, bail};
 use lodestream_client::core::{Config, StartView, Stats};
 use lodestream_client::net::{Authorities, Scheme, Server};
 use lodestream_client::threads::Threads;
-use lodestream_render::{AmbientOcclusion, AntiAliasing, Settings, Shade, Shadows};
+use lodestream_render::{AmbientOcclusion, AntiAliasing, LightCulling, Settings, Shade, Shadows};
 
 use crate::args::Args;
 use crate::figures::Figures;
@@ -79,6 +79,8 @@ pub(crate) fn settings(args: &Args, software: bool) -> Settings {
     settings.tone_mapping = args.tone_mapping;
     settings.exposure = args.exposure;
     settings.shadows = (!args.no_shadows).then(Shadows::default);
+    settings.lights = (!args.no_lamps).then(LightCulling::default);
+    settings.water = !args.no_water;
     settings.shade = if args.colour_by_level { Shade::Level } else { args.view };
     settings
 }
@@ -91,4 +93,29 @@ pub(crate) fn tell_figures(args: &Args, stats: &Stats, shown: &Shown) -> anyhow:
         let _ = write!(std::io::stdout(), "{}", Figures(&report));
     }
     args.stats.as_ref().map_or(Ok(()), |path| write_json(path, &report))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser as _;
+
+    fn of(flags: &[&str], software: bool) -> Settings {
+        settings(&Args::parse_from([&["viewer", "ws://h:1"], flags].concat()), software)
+    }
+
+    #[test]
+    fn each_flag_leaves_out_what_it_is_named_after() {
+        let usual = of(&[], false);
+        for (flag, left) in [
+            ("--no-ao", Settings { occlusion: None, ..usual }),
+            ("--no-shadows", Settings { shadows: None, ..usual }),
+            ("--no-lamps", Settings { lights: None, ..usual }),
+            ("--no-water", Settings { water: false, ..usual }),
+            ("--no-relief", Settings { relief: false, ..usual }),
+        ] {
+            assert_eq!(of(&[flag], false), left, "{flag}");
+            assert_ne!(left, usual);
+        }
+    }
 }

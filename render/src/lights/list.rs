@@ -52,7 +52,7 @@ pub(crate) struct LampList {
 
 impl LampList {
     /// Of the lamps that may reach what a frame of this size shows. `through`: something there is seen through.
-    pub(crate) fn new(frame: &Frame<'_>, size: (u32, u32), through: bool) -> Self {
+    pub(crate) fn new(frame: &Frame<'_>, culling: LightCulling, size: (u32, u32), through: bool) -> Self {
         let camera = &frame.camera;
         let ahead = camera.rotation * DVec3::NEG_Z;
         let mut seen: Vec<(f64, f64, LampRaw)> = frame
@@ -66,7 +66,7 @@ impl LampList {
                 reached.then_some((depth - light.range, depth + light.range, raw))
             })
             .collect();
-        let LightCulling { tile_px, clusters, most } = frame.settings.lights;
+        let LightCulling { tile_px, clusters, most } = culling;
         if seen.len() > most as usize {
             // Stable, so that of lamps that are alike always the same ones are left.
             seen.sort_by(|(.., a), (.., b)| brightness(b).total_cmp(&brightness(a)));

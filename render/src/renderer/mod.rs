@@ -13,6 +13,7 @@ use crate::composite::Composites;
 use crate::counters::Counters;
 use crate::debug::{self, DebugPipelines};
 use crate::draw::DrawList;
+use crate::environment::Environment;
 use crate::fullscreen::depth_attachment;
 use crate::gpu::{Gpu, RenderError};
 use crate::graph::{self, Needs, PassId, Resource};
@@ -182,7 +183,8 @@ impl Renderer {
         let mut passes = PassEncoder::new(encoder, self.timer.as_mut().map(Timer::begin));
         let (size, mut counters) = (drawn_size(target, frame.settings.render_scale), Counters::default());
         let mut list = DrawList::new(frame, size, &mut counters);
-        let sky = self.sky.light(gpu, &frame.environment, frame.sky);
+        let haze = frame.environment.haze.filter(|_| frame.settings.haze);
+        let sky = self.sky.light(gpu, &Environment { haze, ..frame.environment }, frame.sky);
         let shadows = frame.settings.shadows.filter(|_| sky.sun.max_element() > 0.0);
         let shadows = shadows.map(|shadows| shadows.clamped(gpu.device.limits().max_texture_dimension_2d));
         let cascades = shadows.map(|shadows| shadows::of_frame(frame, &list, shadows));
@@ -212,8 +214,10 @@ impl Renderer {
         let has_surfaces = !list.batches.is_empty() || ground.is_some() || water.is_some();
         let occlusion = frame.settings.occlusion.is_some_and(|o| o.strength > 0.0);
         let lit = !frame.lights.is_empty() && LampPass::is_possible(gpu);
-        let through = list.any(|features| features.blend);
-        let lamps = lit.then(|| LampList::new(frame, size, through)).filter(|list| !list.lamps.is_empty());
+        let through = frame.settings.transparency && list.any(|features| features.blend);
+        let culling = frame.settings.lights.filter(|_| lit);
+        let lamps = culling.map(|culling| LampList::new(frame, culling, size, through));
+        let lamps = lamps.filter(|list| !list.lamps.is_empty());
         let smoothed = match frame.settings.anti_aliasing {
             _ if target.depth.is_some() || target.load == Load::Keep => AntiAliasing::None,
             anti_aliasing => anti_aliasing,
@@ -234,7 +238,7 @@ impl Renderer {
                 occlusion,
                 shadows: !casters.is_empty(),
                 lamps: lamps.is_some(),
-                emission: list.any(|features| features.emits && !features.blend),
+                emission: frame.settings.emission && list.any(|features| features.emits && !features.blend),
                 water: water.is_some(),
                 transparency: through,
                 shown: shown.map(|(_, reads)| reads),

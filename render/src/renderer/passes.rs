@@ -326,7 +326,9 @@ impl Renderer {
         {
             ground.draw(&mut pass, pipeline, tiles, counters);
         }
-        if let (PassId::Overdraw, Some(instances)) = (id, self.instances.buffer()) {
+        if let (PassId::Overdraw, Some(instances)) = (id, self.instances.buffer())
+            && frame.settings.transparency
+        {
             list.overdraw(gpu, &mut pass, (meshes, instances), true, counters);
         }
     }

@@ -14,7 +14,8 @@ fn fs_transparent(s: Surface, @builtin(front_facing) front: bool) -> @location(0
         sun = frame.sun.rgb * sunlight_at(s.position, surface.normal, cosine).x;
     }
     let r = Reflector(surface.albedo, surface.metal, surface.roughness, surface.normal, to_eye, surface.occlusion);
-    let given = material.emission * textureSampleGrad(emission_map, map_sampler, s.uv, dpdx(s.uv), dpdy(s.uv)).rgb;
+    let texel = textureSampleGrad(emission_map, map_sampler, s.uv, dpdx(s.uv), dpdy(s.uv)).rgb;
+    let given = select(vec3(0.0), material.emission * texel, (frame.flags & 2u) != 0u);
     let lamps = from_lamps(r, s.position, vec2<u32>(s.clip.xy), view_depth(s.clip.z));
     let seen = min(lit(r, sun) + lamps + given, vec3(MAX_RADIANCE));
     return vec4(hazed(seen, -to_eye, length(s.position)) * opacity, opacity);

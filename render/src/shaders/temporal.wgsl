@@ -86,7 +86,7 @@ fn fs_temporal(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     if (frame.history <= 0.0) {
         return own;
     }
-    if (frame.still == 1u) {
+    if ((frame.flags & 1u) != 0u) {
         // The same picture through other points of its pixels: the plain mean.
         let before = finite(textureLoad(history_map, pixel, 0));
         let count = min(before.a, frame.history);

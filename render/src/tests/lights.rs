@@ -138,7 +138,7 @@ fn tiles_and_clusters_of_any_size_lose_no_lamp() {
         let mut first: Option<Vec<[f64; 4]>> = None;
         for (tile_px, clusters) in [(64, false), (32, true), (16, false), (16, true), (8, true), (5, true)] {
             let culling = LightCulling { tile_px, clusters, ..LightCulling::default() };
-            let drawn = draw(&mut h, &lights, Settings { lights: culling, ..bare() });
+            let drawn = draw(&mut h, &lights, Settings { lights: Some(culling), ..bare() });
             // The same lamps in the same order: the same sums, bit for bit.
             let first = first.get_or_insert_with(|| drawn.clone());
             assert_eq!(&drawn, first, "{count} lamps, tiles of {tile_px} px, clusters: {clusters}");
@@ -158,10 +158,11 @@ fn of_more_lamps_than_are_asked_for_the_brightest_on_the_screen_are_left() {
         spot: None,
     };
     // The eye is at (0, 3, 7): the third is as strong as the second and further away, the last weak and near.
-    let [bright, near, far, weak] = [at(-1.0, 0.0, 8.0, 2.0), at(1.0, 2.0, 1.0, 2.0), at(2.0, -5.0, 1.0, 2.0), at(0.0, 4.0, 0.01, 2.0)];
+    let [bright, near, far, weak] =
+        [at(-1.0, 0.0, 8.0, 2.0), at(1.0, 2.0, 1.0, 2.0), at(2.0, -5.0, 1.0, 2.0), at(0.0, 4.0, 0.01, 2.0)];
     let mut with = |lights: &[Light], most| {
         let lights_by = LightCulling { most, ..LightCulling::default() };
-        draw(&mut h, lights, Settings { lights: lights_by, ..bare() })
+        draw(&mut h, lights, Settings { lights: Some(lights_by), ..bare() })
     };
     let all = [weak, far, near, bright];
     let whole = with(&all, 4);
@@ -191,7 +192,8 @@ fn fewer_lamps_are_looked_at_where_tiles_are_small_and_depths_tell() {
     let lights = lamps(400, 0.8);
     let mut heat = |tile_px, clusters| {
         let lights_by = LightCulling { tile_px, clusters, ..LightCulling::default() };
-        let drawn = draw(&mut h, &lights, Settings { lights: lights_by, shade: Shade::Lamps, ..bare() });
+        let drawn =
+            draw(&mut h, &lights, Settings { lights: Some(lights_by), shade: Shade::Lamps, ..bare() });
         keep(&h, &format!("lamps-heat-{tile_px}-{clusters}"));
         // Blue falls and red rises with their number.
         drawn.iter().map(|[r, _, b, _]| r - b).sum::<f64>()
@@ -250,7 +252,7 @@ fn glass(h: &mut Headless, lights: &[Light], culling: LightCulling) -> Vec<[f64;
     let wall = asset(h, &wall, Material { base_colour: [0.5; 3], ..Material::default() });
     let one = [Instance::default()];
     let drawables = [&pane, &wall].map(|asset| Drawable { asset, instances: &one });
-    let settings = Settings { lights: culling, ..bare() };
+    let settings = Settings { lights: Some(culling), ..bare() };
     let frame = Frame { lights, environment: night(), settings, ..Frame::new(facing(), &drawables) };
     let counters = h.frame(&frame).unwrap();
     assert!(counters.passes.contains(&PassId::Lamps) && counters.passes.contains(&PassId::Transparency));
@@ -334,7 +336,10 @@ fn what_lamps_cost() {
     for count in [400, 4000] {
         for (tile_px, clusters) in [(8, false), (16, false), (32, false), (8, true), (16, true), (32, true)] {
             let lights = lamps(count, if count > 1000 { 0.5 } else { 1.5 });
-            let settings = Settings { lights: LightCulling { tile_px, clusters, ..LightCulling::default() }, ..bare() };
+            let settings = Settings {
+                lights: Some(LightCulling { tile_px, clusters, ..LightCulling::default() }),
+                ..bare()
+            };
             let mut times: Vec<f64> = (0..7)
                 .map(|_| {
                     h.time_passes(false);

@@ -16,6 +16,7 @@ mod pictures;
 mod shadows;
 mod shapes;
 mod streaming;
+mod switches;
 mod temporal;
 pub(super) mod terrain;
 mod timing;

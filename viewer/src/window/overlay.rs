@@ -1,92 +1,27 @@
 //! What is written over the picture, and what can be changed there.
 
+mod choices;
 mod rows;
 
 use std::time::Duration;
 
 use lodestream_client::core::Stats;
 use lodestream_render::{
-    AmbientOcclusion, AntiAliasing, MAX_ANISOTROPY, MAX_CASCADES, MAX_FILTER, MAX_RELIEF_STEPS, MAX_SAMPLES,
-    OcclusionRadius, Settings, Shade, Shadows, Timings, ToneMapping,
+    AntiAliasing, MAX_ANISOTROPY, MAX_CASCADES, MAX_FILTER, MAX_LIGHTS, MAX_RELIEF_STEPS, MAX_SAMPLES,
+    OcclusionRadius, Shade, Timings, ToneMapping,
 };
 
+pub(super) use choices::Choices;
 pub(super) use rows::Facts;
 use rows::rows;
 
 /// Texels along a side of maps of shadows that are offered.
 const SIDES: [u32; 5] = [512, 1024, 2048, 4096, 8192];
+/// Sides of tiles of lamps, in pixels, that are offered.
+const TILES: [u32; 4] = [8, 16, 32, 64];
 
 /// Height of the window's title and borders, in points: what does not fit under it is scrolled.
 const FRAME_HEIGHT: f32 = 60.0;
-
-/// What the user may change.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Choices {
-    /// Screen error to refine to, in pixels.
-    pub(super) target_px: f32,
-    /// The selection stays with the view of the moment it was frozen.
-    pub(super) frozen: bool,
-    /// Frames are drawn worse while the camera moves, as far as the device needs.
-    pub(super) adapt: bool,
-    /// Messages alone are shown.
-    pub(super) hidden: bool,
-    /// Passes are timed: their table is open.
-    pub(super) timed: bool,
-    pub(super) wireframe: bool,
-    pub(super) shade: Shade,
-    pub(super) occlusion: bool,
-    /// How, where there is occlusion.
-    pub(super) ambient: AmbientOcclusion,
-    pub(super) shadows: bool,
-    /// How, where there are shadows.
-    pub(super) maps: Shadows,
-    pub(super) anti_aliasing: AntiAliasing,
-    pub(super) relief: bool,
-    pub(super) water: bool,
-    pub(super) anisotropy: u32,
-    pub(super) relief_steps: u32,
-    pub(super) exposure: f32,
-    pub(super) tone_mapping: ToneMapping,
-}
-
-impl Choices {
-    pub(super) fn new(settings: &Settings, target_px: f32) -> Self {
-        Self {
-            target_px,
-            frozen: false,
-            adapt: true,
-            hidden: false,
-            timed: false,
-            wireframe: settings.wireframe,
-            shade: settings.shade,
-            occlusion: settings.occlusion.is_some(),
-            ambient: settings.occlusion.unwrap_or_default(),
-            shadows: settings.shadows.is_some(),
-            maps: settings.shadows.unwrap_or_default(),
-            anti_aliasing: settings.anti_aliasing,
-            relief: settings.relief,
-            water: settings.water,
-            anisotropy: settings.anisotropy,
-            relief_steps: settings.relief_steps,
-            exposure: settings.exposure,
-            tone_mapping: settings.tone_mapping,
-        }
-    }
-
-    pub(super) fn apply(&self, settings: &mut Settings) {
-        settings.wireframe = self.wireframe;
-        settings.shade = self.shade;
-        settings.occlusion = self.occlusion.then_some(self.ambient);
-        settings.shadows = self.shadows.then_some(self.maps);
-        settings.anti_aliasing = self.anti_aliasing;
-        settings.relief = self.relief;
-        settings.water = self.water;
-        settings.anisotropy = self.anisotropy;
-        settings.relief_steps = self.relief_steps;
-        settings.exposure = self.exposure;
-        settings.tone_mapping = self.tone_mapping;
-    }
-}
 
 /// Draws the overlay.
 pub(super) fn show(ui: &mut egui::Ui, stats: &Stats, facts: &Facts<'_>, choices: &mut Choices) {
@@ -143,7 +78,12 @@ fn contents(ui: &mut egui::Ui, stats: &Stats, facts: &Facts<'_>, choices: &mut C
         ui.checkbox(&mut choices.occlusion, "ambient occlusion");
         ui.checkbox(&mut choices.shadows, "shadows");
         ui.checkbox(&mut choices.relief, "relief");
+        ui.checkbox(&mut choices.lamps, "lamps");
+        ui.checkbox(&mut choices.emission, "emission");
+        ui.checkbox(&mut choices.transparency, "transparency");
         ui.checkbox(&mut choices.water, "water");
+        ui.checkbox(&mut choices.haze, "haze");
+        ui.checkbox(&mut choices.dither, "dithering");
         ui.checkbox(&mut choices.adapt, "coarser while moving");
     });
     egui::ComboBox::from_label("anti-aliasing").selected_text(choices.anti_aliasing.name()).show_ui(
@@ -163,7 +103,7 @@ fn contents(ui: &mut egui::Ui, stats: &Stats, facts: &Facts<'_>, choices: &mut C
 
 /// What passes can be told.
 fn parameters(ui: &mut egui::Ui, choices: &mut Choices) {
-    let Choices { ambient, maps, .. } = choices;
+    let Choices { ambient, maps, culling, .. } = choices;
     let slider = |ui: &mut egui::Ui, name: &str, slider: egui::Slider<'_>| {
         ui.label(name);
         ui.add(slider);
@@ -189,6 +129,18 @@ fn parameters(ui: &mut egui::Ui, choices: &mut Choices) {
         });
         ui.end_row();
         slider(ui, "filter", egui::Slider::new(&mut maps.filter, 1..=MAX_FILTER));
+        ui.label("lamps: tiles, px");
+        egui::ComboBox::from_id_salt("tiles").selected_text(culling.tile_px.to_string()).show_ui(ui, |ui| {
+            for side in TILES {
+                ui.selectable_value(&mut culling.tile_px, side, side.to_string());
+            }
+        });
+        ui.end_row();
+        ui.label("clusters");
+        ui.checkbox(&mut culling.clusters, "");
+        ui.end_row();
+        let most = egui::Slider::new(&mut culling.most, 1..=MAX_LIGHTS as u32).logarithmic(true);
+        slider(ui, "at most", most);
         slider(ui, "lookups of textures", egui::Slider::new(&mut choices.anisotropy, 1..=MAX_ANISOTROPY));
         let steps = egui::Slider::new(&mut choices.relief_steps, 1..=MAX_RELIEF_STEPS).logarithmic(true);
         slider(ui, "relief: steps", steps);
@@ -228,30 +180,8 @@ fn times(ui: &mut egui::Ui, times: &Timings) {
 mod tests {
     use super::super::quality::Quality;
     use super::*;
+    use lodestream_render::Settings;
 
-    #[test]
-    fn what_is_chosen_comes_from_the_settings_and_goes_back_there() {
-        let mut settings = Settings {
-            shade: Shade::Depth,
-            occlusion: Some(AmbientOcclusion { samples: 5, ..AmbientOcclusion::default() }),
-            shadows: None,
-            anti_aliasing: AntiAliasing::None,
-            anisotropy: 3,
-            water: false,
-            relief_steps: 7,
-            exposure: 2.0,
-            tone_mapping: ToneMapping::Neutral,
-            ..Settings::default()
-        };
-        let mut choices = Choices::new(&settings, 1.0);
-        let mut back = Settings::default();
-        choices.apply(&mut back);
-        assert_eq!(back, settings);
-        (choices.shadows, choices.maps.cascades, choices.ambient.samples) = (true, 2, 9);
-        choices.apply(&mut settings);
-        assert_eq!(settings.shadows, Some(Shadows { cascades: 2, ..Shadows::default() }));
-        assert_eq!(settings.occlusion.map(|occlusion| occlusion.samples), Some(9));
-    }
     /// All text that the overlay draws.
     fn drawn(facts: &Facts<'_>, hidden: bool) -> String {
         fn collect(shape: &egui::Shape, text: &mut String) {

@@ -93,7 +93,9 @@ impl Step {
                 map_side: shadows.map_side.min(self.map_side),
                 ..shadows
             }),
-            lights: LightCulling { most: settings.lights.most.min(self.lamps), ..settings.lights },
+            lights: settings
+                .lights
+                .map(|lights| LightCulling { most: lights.most.min(self.lamps), ..lights }),
             ..*settings
         }
     }
@@ -190,7 +192,7 @@ mod tests {
             occlusion: None,
             shadows: None,
             relief: false,
-            lights: LightCulling { most: 1, ..LightCulling::default() },
+            lights: Some(LightCulling { most: 1, ..LightCulling::default() }),
             ..Settings::default()
         };
         for (step, left) in STEPS.iter().zip(all_of(&least)) {

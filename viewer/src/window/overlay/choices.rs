@@ -1,0 +1,128 @@
+//! What can be changed in the overlay: from the settings, and back into them.
+
+use lodestream_render::{
+    AmbientOcclusion, AntiAliasing, LightCulling, Settings, Shade, Shadows, ToneMapping,
+};
+
+/// What the user may change.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in crate::window) struct Choices {
+    /// Screen error to refine to, in pixels.
+    pub(in crate::window) target_px: f32,
+    /// The selection stays with the view of the moment it was frozen.
+    pub(in crate::window) frozen: bool,
+    /// Frames are drawn worse while the camera moves, as far as the device needs.
+    pub(in crate::window) adapt: bool,
+    /// Messages alone are shown.
+    pub(in crate::window) hidden: bool,
+    /// Passes are timed: their table is open.
+    pub(in crate::window) timed: bool,
+    pub(in crate::window) wireframe: bool,
+    pub(in crate::window) shade: Shade,
+    pub(in crate::window) occlusion: bool,
+    /// How, where there is occlusion.
+    pub(in crate::window) ambient: AmbientOcclusion,
+    pub(in crate::window) shadows: bool,
+    /// How, where there are shadows.
+    pub(in crate::window) maps: Shadows,
+    pub(in crate::window) anti_aliasing: AntiAliasing,
+    pub(in crate::window) relief: bool,
+    pub(in crate::window) lamps: bool,
+    /// How, where there are lamps.
+    pub(in crate::window) culling: LightCulling,
+    pub(in crate::window) haze: bool,
+    pub(in crate::window) emission: bool,
+    pub(in crate::window) transparency: bool,
+    pub(in crate::window) water: bool,
+    pub(in crate::window) dither: bool,
+    pub(in crate::window) anisotropy: u32,
+    pub(in crate::window) relief_steps: u32,
+    pub(in crate::window) exposure: f32,
+    pub(in crate::window) tone_mapping: ToneMapping,
+}
+
+impl Choices {
+    pub(in crate::window) fn new(settings: &Settings, target_px: f32) -> Self {
+        Self {
+            target_px,
+            frozen: false,
+            adapt: true,
+            hidden: false,
+            timed: false,
+            wireframe: settings.wireframe,
+            shade: settings.shade,
+            occlusion: settings.occlusion.is_some(),
+            ambient: settings.occlusion.unwrap_or_default(),
+            shadows: settings.shadows.is_some(),
+            maps: settings.shadows.unwrap_or_default(),
+            anti_aliasing: settings.anti_aliasing,
+            relief: settings.relief,
+            lamps: settings.lights.is_some(),
+            culling: settings.lights.unwrap_or_default(),
+            haze: settings.haze,
+            emission: settings.emission,
+            transparency: settings.transparency,
+            water: settings.water,
+            dither: settings.dither,
+            anisotropy: settings.anisotropy,
+            relief_steps: settings.relief_steps,
+            exposure: settings.exposure,
+            tone_mapping: settings.tone_mapping,
+        }
+    }
+
+    pub(in crate::window) fn apply(&self, settings: &mut Settings) {
+        settings.wireframe = self.wireframe;
+        settings.shade = self.shade;
+        settings.occlusion = self.occlusion.then_some(self.ambient);
+        settings.shadows = self.shadows.then_some(self.maps);
+        settings.anti_aliasing = self.anti_aliasing;
+        settings.relief = self.relief;
+        settings.lights = self.lamps.then_some(self.culling);
+        settings.haze = self.haze;
+        settings.emission = self.emission;
+        settings.transparency = self.transparency;
+        settings.water = self.water;
+        settings.dither = self.dither;
+        settings.anisotropy = self.anisotropy;
+        settings.relief_steps = self.relief_steps;
+        settings.exposure = self.exposure;
+        settings.tone_mapping = self.tone_mapping;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_chosen_comes_from_the_settings_and_goes_back_there() {
+        let mut settings = Settings {
+            shade: Shade::Depth,
+            occlusion: Some(AmbientOcclusion { samples: 5, ..AmbientOcclusion::default() }),
+            shadows: None,
+            anti_aliasing: AntiAliasing::None,
+            anisotropy: 3,
+            lights: Some(LightCulling { tile_px: 32, clusters: false, most: 5 }),
+            haze: false,
+            emission: false,
+            transparency: false,
+            water: false,
+            dither: false,
+            relief_steps: 7,
+            exposure: 2.0,
+            tone_mapping: ToneMapping::Neutral,
+            ..Settings::default()
+        };
+        let mut choices = Choices::new(&settings, 1.0);
+        let mut back = Settings::default();
+        choices.apply(&mut back);
+        assert_eq!(back, settings);
+        (choices.shadows, choices.maps.cascades, choices.ambient.samples) = (true, 2, 9);
+        choices.lamps = false;
+        choices.apply(&mut settings);
+        assert_eq!(settings.lights, None);
+        assert_eq!(settings.shadows, Some(Shadows { cascades: 2, ..Shadows::default() }));
+        assert_eq!(settings.occlusion.map(|occlusion| occlusion.samples), Some(9));
+    }
+}
