@@ -105,6 +105,21 @@ mod tests {
     }
 
     #[test]
+    fn without_flags_all_is_drawn_and_edges_are_smoothed_over_time_where_no_processor_draws() {
+        assert_eq!(of(&[], true), Settings::default());
+        assert_eq!(of(&[], true).anti_aliasing, AntiAliasing::Spatial);
+        let graphics = Settings { anti_aliasing: AntiAliasing::Temporal, ..Settings::default() };
+        assert_eq!(of(&[], false), graphics);
+        for (flags, way) in [
+            (&["--anti-aliasing", "temporal"][..], AntiAliasing::Temporal),
+            (&["--anti-aliasing", "spatial"], AntiAliasing::Spatial),
+            (&["--no-aa"], AntiAliasing::None),
+        ] {
+            assert_eq!([true, false].map(|software| of(flags, software).anti_aliasing), [way; 2]);
+        }
+    }
+
+    #[test]
     fn each_flag_leaves_out_what_it_is_named_after() {
         let usual = of(&[], false);
         for (flag, left) in [

@@ -128,6 +128,48 @@ fn occlusion_and_sunlight_are_shown_as_their_passes_say_and_white_without() {
     }
 }
 
+/// Colours of the cascades' view against the numbers that the lookups of the maps left: light alone tells those of one
+/// cascade apart.
+#[test]
+fn cascades_are_shown_each_in_its_colour_where_their_maps_decide() {
+    let Some(mut h) = headless(SIZE[0], SIZE[1]) else { return };
+    // A floor from the eye's feet to a hundred times as far.
+    let floor =
+        asset(&h, &quad([-40.0, 0.0, 2.0], [80.0, 0.0, 0.0], [0.0, 0.0, -160.0], 1.0), Material::default());
+    let ball = asset(&h, &sphere(16), Material::default());
+    let balls: Vec<Instance> = (0..7).map(|i| at(0.3, 0.4, 0.5 - f64::from(1 << i), 0.8)).collect();
+    let drawables = [
+        Drawable { asset: &floor, instances: &[Instance::default()] },
+        Drawable { asset: &ball, instances: &balls },
+    ];
+    let camera = Pose::look_at(DVec3::new(0.0, 0.6, 1.5), DVec3::new(0.0, 0.3, -2.0), DVec3::Y, 0.9);
+    let mut frame = Frame { settings: shaded(Shade::Cascade), ..Frame::new(camera, &drawables) };
+    frame.settings.anti_aliasing = crate::AntiAliasing::None;
+    let shown = picture(&mut h, &frame);
+    keep(&h, "debug-cascade");
+    let sunlight = h.intermediate(Resource::Sunlight, 2).unwrap();
+    let cascade = |x: u32, y: u32| sunlight[2 * (y * SIZE[0] + x) as usize + 1];
+    let seen = h.coverage().unwrap();
+    // Hues as the sum over all pixels of a cascade says them.
+    let mut sums = std::collections::BTreeMap::<u8, [f64; 3]>::new();
+    for (x, y, pixel) in shown.enumerate_pixels().filter(|(x, y, _)| seen[(y * SIZE[0] + x) as usize]) {
+        let sum = sums.entry(cascade(x, y)).or_default();
+        (0..3).for_each(|c| sum[c] += f64::from(pixel[c]));
+    }
+    sums.remove(&255);
+    assert!(sums.len() >= 3, "{sums:?}");
+    let hues: Vec<[f64; 3]> = sums.values().map(|sum| sum.map(|c| c / sum.iter().sum::<f64>())).collect();
+    let apart = |a: &[f64; 3], b: &[f64; 3]| (0..3).map(|c| (a[c] - b[c]).abs()).fold(0.0, f64::max);
+    for (i, a) in hues.iter().enumerate() {
+        assert!(hues[..i].iter().all(|b| apart(a, b) > 0.05), "{hues:?}");
+    }
+    // Elsewhere, and without shadows, it is the picture.
+    frame.settings.shadows = None;
+    let without = picture(&mut h, &frame);
+    frame.settings.shade = Shade::Material;
+    assert_eq!(picture(&mut h, &frame), without);
+}
+
 #[test]
 fn overdraw_counts_what_was_drawn_before_something_nearer() {
     let Some(mut h) = headless(SIZE[0], SIZE[1]) else { return };
