@@ -22,6 +22,8 @@ const TILES: [u32; 4] = [8, 16, 32, 64];
 
 /// Height of the window's title and borders, in points: what does not fit under it is scrolled.
 const FRAME_HEIGHT: f32 = 60.0;
+/// Most width of a figure, in points: what a slow device gives up is wrapped rather than hide the scene.
+const VALUE_WIDTH: f32 = 560.0;
 
 /// Draws the overlay.
 pub(super) fn show(ui: &mut egui::Ui, stats: &Stats, facts: &Facts<'_>, choices: &mut Choices) {
@@ -52,10 +54,11 @@ pub(super) fn show(ui: &mut egui::Ui, stats: &Stats, facts: &Facts<'_>, choices:
 
 fn contents(ui: &mut egui::Ui, stats: &Stats, facts: &Facts<'_>, choices: &mut Choices) {
     ui.style_mut().override_text_style = Some(egui::TextStyle::Small);
-    egui::Grid::new("figures").num_columns(2).spacing([10.0, 0.0]).show(ui, |ui| {
+    let figures = egui::Grid::new("figures").num_columns(2).max_col_width(VALUE_WIDTH);
+    figures.spacing([10.0, 0.0]).show(ui, |ui| {
         for (name, value) in rows(stats, facts) {
             ui.label(name);
-            ui.label(value);
+            ui.add(egui::Label::new(value).wrap());
             ui.end_row();
         }
     });
