@@ -41,13 +41,13 @@ pub(super) struct Arguments {
     /// Address for QUIC (UDP); port 0 for any free one.
     #[arg(long, env = "LODESTREAM_LISTEN", value_name = "ADDRESS", default_value = "127.0.0.1:4433")]
     listen: SocketAddr,
-    /// Address for WebSocket and /health (TCP); port 0 for any free one.
+    /// Address for WebSocket, /health and /ready (TCP); port 0 for any free one.
     #[arg(long, env = "LODESTREAM_HTTP", value_name = "ADDRESS", default_value = "127.0.0.1:8080")]
     http: SocketAddr,
     /// The HTTP port speaks TLS (wss:// and https://), with the certificate of QUIC.
     #[arg(long, env = "LODESTREAM_HTTP_TLS")]
     http_tls: bool,
-    /// Address for /health and /metrics (TCP), for who runs the server: port 0 for any free one, or off [default:
+    /// Address for /health, /ready and /metrics (TCP), for who runs the server: port 0 for any free one, or off [default:
     /// 127.0.0.1:8081, or any free port of 127.0.0.1 where that is taken].
     #[arg(long, env = "LODESTREAM_ADMIN", value_name = "ADDRESS")]
     admin: Option<AdminPort>,

@@ -1,4 +1,4 @@
-//! The public HTTP port, with TLS or without: `/health`, and the upgrade to WebSocket at `/` and `/stream`.
+//! The public HTTP port, with TLS or without: `/health` and `/ready`, and the upgrade to WebSocket at `/` and `/stream`.
 
 use std::convert::Infallible;
 use std::net::SocketAddr;
@@ -40,7 +40,7 @@ const MAX_HEADERS: usize = 64;
 #[cfg(any(target_os = "linux", target_os = "android"))]
 const UNSENT_BYTES: u32 = 16 * 1024;
 
-/// Takes connections of a listener until the daemon stops; while it drains, `/health` says so. There are as many as the
+/// Takes connections of a listener until the daemon stops; while it drains, `/ready` says so. There are as many as the
 /// rooms and leases of the state allow: whoever is turned out ends at once.
 pub async fn serve_http(listener: TcpListener, state: Arc<ServerState>, tls: Option<Tls>) {
     let serve = |stream: TcpStream, peer| {
@@ -162,13 +162,17 @@ fn answer(
 ) -> Answer {
     state.metrics().http_request();
     let path = request.uri().path();
-    if !matches!(path, "/" | "/stream" | "/health") {
-        return text(StatusCode::NOT_FOUND, "not found: try /health, or a WebSocket at /stream\n");
+    if !matches!(path, "/" | "/stream" | "/health" | "/ready") {
+        return text(StatusCode::NOT_FOUND, "not found: try /health, /ready, or a WebSocket at /stream\n");
     }
     if !matches!(*request.method(), Method::GET | Method::HEAD) {
         return wrong_method();
     }
-    if path == "/health" { health(state) } else { upgrade(request, state, peer, granted) }
+    match path {
+        "/health" => health(state),
+        "/ready" => ready(state),
+        _ => upgrade(request, state, peer, granted),
+    }
 }
 
 pub(super) fn wrong_method() -> Answer {
@@ -177,11 +181,20 @@ pub(super) fn wrong_method() -> Answer {
     response
 }
 
-/// Whether the server takes clients.
+/// Whether the process is well: to be left alone, also while sessions end.
 pub(super) fn health(state: &ServerState) -> Answer {
+    text(StatusCode::OK, if state.phase() == Phase::Running { "ok\n" } else { "ok: draining\n" })
+}
+
+/// Whether the server takes clients: to be sent some.
+pub(super) fn ready(state: &ServerState) -> Answer {
     match state.phase() {
-        Phase::Running => text(StatusCode::OK, "ok\n"),
-        _ => text(StatusCode::SERVICE_UNAVAILABLE, "draining\n"),
+        Phase::Running => text(StatusCode::OK, "ready\n"),
+        Phase::Draining => text(
+            StatusCode::SERVICE_UNAVAILABLE,
+            "draining: the server is shutting down, and no new sessions are taken\n",
+        ),
+        Phase::Stopped => text(StatusCode::SERVICE_UNAVAILABLE, "stopped: the server is shutting down\n"),
     }
 }
 

@@ -87,7 +87,7 @@ pub struct DaemonOptions {
     pub http: Option<SocketAddr>,
     /// Whether that listener speaks TLS, with the certificate of QUIC.
     pub http_tls: bool,
-    /// Where `/health` and `/metrics` are for who runs the server.
+    /// Where `/health`, `/ready` and `/metrics` are for who runs the server.
     pub admin: AdminPort,
     /// Folder in which the development certificate is kept.
     pub state_folder: PathBuf,

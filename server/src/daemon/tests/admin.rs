@@ -51,7 +51,46 @@ async fn idle_connections_kept_those_out_who_ask_how_the_server_is() {
         "{metrics}"
     );
     assert!(metrics.contains("\nlodestream_rate_bits_per_second 2000000\n"), "{metrics}");
-    assert!(get(admin, "/").await.starts_with("HTTP/1.1 404"), "no sessions here");
+    let nowhere = get(admin, "/").await;
+    assert!(nowhere.starts_with("HTTP/1.1 404") && nowhere.contains("/ready"), "no sessions here: {nowhere}");
+    serving.abort();
+}
+
+#[tokio::test]
+async fn who_runs_the_server_hears_that_it_drains_while_it_does() {
+    let folder = tempfile::tempdir().unwrap();
+    let options = DaemonOptions {
+        listen: None,
+        http: Some(any()),
+        admin: AdminPort::At(any()),
+        sessions: SessionSettings {
+            rate_bits_per_s: Some(1_000_000),
+            drain: Duration::from_secs(3600),
+            ..SessionSettings::default()
+        },
+        ..DaemonOptions::new(folder.path())
+    };
+    let daemon = Daemon::bind(options, Arc::new(MemoryScene::new(1, 1000, 10_000_000))).await.unwrap();
+    let (http, admin) = (daemon.http_address().unwrap(), daemon.admin_address().unwrap());
+    let state = daemon.state().clone();
+    let (stop, stopped) = tokio::sync::mpsc::channel(2);
+    let serving = tokio::spawn(daemon.serve(stopped));
+    let ready = get(admin, "/ready").await;
+    assert!(ready.starts_with("HTTP/1.1 200") && ready.ends_with("ready\n"), "{ready}");
+    // Somebody is at what takes longer than this test.
+    let mut client = Client::over(TcpStream::connect(http).await.unwrap()).await;
+    client.send(&hello()).await;
+    client.send(&want_textures(1)).await;
+    client.next().await.unwrap();
+    stop.send(()).await.unwrap();
+    timeout(REAL_TIME_LIMIT, state.reached(crate::daemon::state::Phase::Draining)).await.unwrap();
+    for address in [http, admin] {
+        let ready = get(address, "/ready").await;
+        assert!(ready.starts_with("HTTP/1.1 503") && ready.contains("draining"), "{ready}");
+        assert!(get(address, "/health").await.starts_with("HTTP/1.1 200"));
+    }
+    assert!(get(admin, "/metrics").await.contains("\nlodestream_draining 1\n"));
+    assert!(!serving.is_finished());
     serving.abort();
 }
 

@@ -26,7 +26,23 @@ async fn health_answers_and_metrics_are_not_for_strangers() {
     assert!(get(&state, "/metrics").await.starts_with("HTTP/1.1 404"), "not for strangers");
     state.drain();
     let health = get(&state, "/health").await;
-    assert!(health.starts_with("HTTP/1.1 503") && health.ends_with("draining\n"), "{health}");
+    assert!(health.starts_with("HTTP/1.1 200"), "whoever drains is well: {health}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_server_is_ready_until_it_drains() {
+    let state = state_of(MemoryScene::new(1, 100, 100), None);
+    let ready = get(&state, "/ready").await;
+    assert!(ready.starts_with("HTTP/1.1 200") && ready.ends_with("ready\n"), "{ready}");
+    assert!(get(&state, "/nowhere").await.contains("/ready"));
+    state.drain();
+    let ready = get(&state, "/ready").await;
+    assert!(
+        ready.starts_with("HTTP/1.1 503") && ready.contains("draining: the server is shutting"),
+        "{ready}"
+    );
+    state.stop();
+    assert!(get(&state, "/ready").await.starts_with("HTTP/1.1 503"));
 }
 
 #[tokio::test(start_paused = true)]
