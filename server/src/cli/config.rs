@@ -230,7 +230,13 @@ mod tests {
         save(&Cli::command(), &back, &again).unwrap();
         let [first, second] = [file, again].map(|file| std::fs::read_to_string(file).unwrap());
         assert_eq!(first, second);
-        for part in ["position-bits = 12", "rate = \"500kbit\"", "http-tls = true", "max-sessions = 1000"] {
+        for part in [
+            "position-bits = 12",
+            "rate = \"500kbit\"",
+            "http-tls = true",
+            "max-sessions = 1000",
+            "drain = 3",
+        ] {
             assert!(first.contains(part), "{part} of {first}");
         }
     }

@@ -4,7 +4,7 @@ use std::net::SocketAddr;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 
 use anyhow::Context as _;
 use clap::{Args, value_parser};
@@ -18,11 +18,15 @@ use crate::daemon::admin::AdminPort;
 use crate::daemon::admission::Admission;
 use crate::daemon::origin::Origin;
 use crate::daemon::proxy::Network;
+use crate::daemon::state::DRAIN_SECONDS;
 use crate::daemon::tokens::Tokens;
 use crate::daemon::{self, DaemonOptions, SessionSettings};
 use crate::prepare::{Options, cache, prepare_cached};
 use crate::scene::{self, Scene};
 use crate::store::{DEFAULT_CACHE_BYTES, SceneStore};
+
+/// Longest time to drain: a day.
+const MAX_DRAIN_SECONDS: u64 = 24 * 60 * 60;
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
@@ -64,6 +68,11 @@ pub(super) struct Arguments {
     #[arg(long, env = "LODESTREAM_MAX_SESSIONS_PER_ADDRESS", value_name = "N",
         value_parser = value_parser!(u64).range(1..))]
     max_sessions_per_address: Option<u64>,
+    /// How long sessions may go on after SIGTERM or SIGINT, in seconds: no new ones are taken, and those that are at
+    /// nothing end at once. A second signal ends all.
+    #[arg(long, env = "LODESTREAM_DRAIN", value_name = "SECONDS", default_value_t = DRAIN_SECONDS,
+        value_parser = value_parser!(u64).range(..=MAX_DRAIN_SECONDS))]
+    drain: u64,
     /// Web pages that may open sessions over WebSocket, by origin (https://example.org), divided by commas; * for any.
     /// Programs that are no browser need none.
     #[arg(long, env = "LODESTREAM_ALLOW_ORIGIN", value_name = "ORIGIN", value_delimiter = ',')]
@@ -120,7 +129,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<Outcome> {
             rate_bits_per_s: arguments.rate.0,
             max_sessions: arguments.max_sessions,
             max_sessions_per_address: arguments.max_sessions_per_address,
-            ..SessionSettings::default()
+            drain: Duration::from_secs(arguments.drain),
         },
         dropped_log_lines: Some(log.dropped_lines()),
         ..DaemonOptions::new(cache)

@@ -7,6 +7,7 @@
 
 use std::future::{Future, poll_fn};
 use std::net::{SocketAddr, UdpSocket};
+use std::pin::Pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::task::Poll;
@@ -28,9 +29,11 @@ use tracing::Instrument;
 use super::certificate::Certificate;
 use super::congestion::{INITIAL_WINDOW_BYTES, bounded_queue};
 use super::drive::drive;
+use super::leases::NoLease;
 use super::metrics::Transport;
 use super::quic_stream::{QuicReceiver, QuicSender, first_send_window};
 use super::renewal::LiveCertificate;
+use super::room::Seat;
 use super::state::{Phase, ServerState, SessionGuard};
 
 /// Silence after which QUIC itself gives up.
@@ -58,6 +61,8 @@ const TOKEN_LIFETIME: Duration = Duration::from_secs(24 * 60 * 60);
 /// tokens are mistaken for used ones and ignored.
 const TOKEN_LOG_BYTES: usize = 1 << 20;
 const TOKENS_USED_PER_LIFETIME: u64 = 100_000;
+/// How long the handshake may take of a client that is told that it comes too late.
+const TURN_AWAY_TIMEOUT: Duration = Duration::from_secs(2);
 /// How long the endpoint's last packets may take.
 const ENDPOINT_CLOSE_TIMEOUT: Duration = Duration::from_millis(500);
 
@@ -140,8 +145,8 @@ pub fn bind_udp(address: SocketAddr) -> anyhow::Result<UdpSocket> {
     Ok(socket.into())
 }
 
-/// Takes connections of an endpoint and runs a session on each, until the daemon drains and all these
-/// sessions are over. Then the endpoint is closed.
+/// Takes connections of an endpoint and runs a session on each. While the daemon drains, newcomers are told to come again
+/// later. When it stops, the endpoint is closed.
 ///
 /// Works on any endpoint with [`server_config`], also one over a simulated network in paused time.
 pub async fn serve_quic(endpoint: quinn::Endpoint, state: Arc<ServerState>) {
@@ -150,29 +155,19 @@ pub async fn serve_quic(endpoint: quinn::Endpoint, state: Arc<ServerState>) {
     loop {
         tokio::select! {
             biased;
-            () = state.reached(Phase::Draining) => break,
+            () = state.reached(Phase::Stopped) => break,
             Some(_) = sessions.join_next() => {}
             incoming = endpoint.accept() => {
                 let Some(incoming) = incoming else { break };
-                if let Some(session) = accept(incoming, &state, &unvalidated) {
+                if let Some(mut session) = accept(incoming, &state, &unvalidated) {
                     // Polled once here and now: the connection's driver has not run yet, so what the
                     // session writes shares packets with the handshake.
-                    let mut session = Box::pin(session);
                     let polled = poll_fn(|context| Poll::Ready(session.as_mut().poll(context))).await;
                     if polled.is_pending() {
                         sessions.spawn(session);
                     }
                 }
             }
-        }
-    }
-    // New connections are refused from here on.
-    endpoint.set_server_config(None);
-    loop {
-        tokio::select! {
-            biased;
-            () = state.reached(Phase::Stopped) => break,
-            ended = sessions.join_next() => if ended.is_none() { break },
         }
     }
     endpoint.close(VarInt::from(CloseCode::ShuttingDown.number()), b"the server has shut down");
@@ -188,12 +183,11 @@ impl Drop for Unvalidated {
     }
 }
 
-/// Begins a session on an incoming connection; `None` where it is turned away.
-fn accept(
-    incoming: Incoming,
-    state: &Arc<ServerState>,
-    unvalidated: &Arc<AtomicUsize>,
-) -> Option<impl Future<Output = ()> + Send + use<>> {
+/// What is done about a connection.
+type Task = Pin<Box<dyn Future<Output = ()> + Send>>;
+
+/// Begins a session on an incoming connection; `None` where it is refused at once.
+fn accept(incoming: Incoming, state: &Arc<ServerState>, unvalidated: &Arc<AtomicUsize>) -> Option<Task> {
     let peer = incoming.remote_address();
     let counted = if incoming.remote_address_validated() {
         None
@@ -207,6 +201,10 @@ fn accept(
     };
     let guard = match state.begin_session(Transport::Quic, peer) {
         Ok(guard) => guard,
+        Err(why @ NoLease::Draining) => {
+            tracing::info!(%peer, "connection refused: {why}");
+            return Some(Box::pin(turn_away(incoming, counted, state.enter_unproved(peer))));
+        }
         Err(why) => {
             tracing::info!(%peer, "connection refused: {why}");
             incoming.refuse();
@@ -220,13 +218,32 @@ fn accept(
     match opened {
         Ok((connection, handshake)) => {
             let span = tracing::info_span!("session", id = guard.id, transport = "quic", %peer);
-            Some(run_session(connection, handshake, guard, counted).instrument(span))
+            Some(Box::pin(run_session(connection, handshake, guard, counted).instrument(span)))
         }
         Err(why) => {
             tracing::info!(%peer, "handshake failed: {why}");
             state.metrics().handshake_failed();
             None
         }
+    }
+}
+
+/// Tells a client that it comes too late. QUIC can refuse a connection only without a reason, and a client cannot tell that
+/// from a server that is not there: the handshake is done first.
+async fn turn_away(incoming: Incoming, _counted: Option<Unvalidated>, seat: Seat) {
+    let told = async {
+        let Ok(connecting) = incoming.accept() else { return };
+        if let Ok(Ok(connection)) = timeout(TURN_AWAY_TIMEOUT, connecting).await {
+            connection.close(
+                VarInt::from(CloseCode::ShuttingDown.number()),
+                NoLease::Draining.to_string().as_bytes(),
+            );
+        }
+    };
+    tokio::select! {
+        biased;
+        () = told => {}
+        () = seat.lost() => {}
     }
 }
 

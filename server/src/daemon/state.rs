@@ -25,6 +25,10 @@ const MAX_UNPROVED: usize = 512;
 /// HTTP connections without a session: requests that are awaited or answered.
 const MAX_REQUESTS: usize = 256;
 
+/// How long sessions may go on after shutdown has begun, by default, in seconds: what is under way on a thin link comes
+/// to its end, and whoever stops a server by hand does not wait.
+pub const DRAIN_SECONDS: u64 = 3;
+
 /// Knobs that all sessions share.
 #[derive(Clone, Copy, Debug)]
 pub struct SessionSettings {
@@ -45,7 +49,7 @@ impl Default for SessionSettings {
             rate_bits_per_s: None,
             max_sessions: 1000,
             max_sessions_per_address: None,
-            drain: Duration::from_secs(3),
+            drain: Duration::from_secs(DRAIN_SECONDS),
         }
     }
 }
@@ -226,6 +230,11 @@ impl ServerState {
         let _ = self.sessions.subscribe().wait_for(|open| *open == 0).await;
     }
 
+    /// Lets somebody in who has proved nothing yet.
+    pub(super) fn enter_unproved(&self, peer: SocketAddr) -> Seat {
+        self.unproved.enter(peer.ip())
+    }
+
     /// Lets an HTTP connection in, which has no session yet.
     pub(super) fn enter_request(&self, peer: SocketAddr) -> Seat {
         self.requests.enter(peer.ip())
@@ -270,7 +279,7 @@ impl ServerState {
         self.sessions.send_modify(|open| *open += 1);
         self.metrics.session_started(transport);
         let id = self.next_session.fetch_add(1, Ordering::Relaxed);
-        let standing = Standing::Unproved(self.unproved.enter(peer.ip()));
+        let standing = Standing::Unproved(self.enter_unproved(peer));
         Ok(SessionGuard {
             state: Arc::clone(self),
             transport,

@@ -96,6 +96,17 @@ impl QuicClient {
         blobs
     }
 
+    /// How the server closes the connection, without a session.
+    pub(super) async fn closed(&self) -> Close {
+        match self.connection.closed().await {
+            ConnectionError::ApplicationClosed(close) => {
+                let code = CloseCode::from_number(close.error_code.into_inner());
+                Close::new(code.unwrap(), String::from_utf8_lossy(&close.reason))
+            }
+            other => panic!("{other}"),
+        }
+    }
+
     async fn close_reason(&mut self) -> Close {
         loop {
             if let Arrival::Message(ServerMessage::Close(close)) = self.next().await {

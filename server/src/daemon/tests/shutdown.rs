@@ -47,6 +47,35 @@ async fn no_session_begins_while_draining() {
 }
 
 #[tokio::test]
+async fn quic_clients_that_came_while_draining_were_not_told_to_come_again() {
+    let settings = SessionSettings {
+        rate_bits_per_s: Some(1_000_000),
+        drain: Duration::from_secs(3600),
+        ..SessionSettings::default()
+    };
+    let (daemon, folder) = loopback(MemoryScene::new(1, 1000, 10_000_000), settings).await;
+    let certificate = super::quic::certificate(&folder);
+    let (quic, http, state) =
+        (daemon.quic_address().unwrap(), daemon.http_address().unwrap(), daemon.state().clone());
+    let (_stop, stopped) = mpsc::channel(2);
+    let serving = tokio::spawn(daemon.serve(stopped));
+    // A session over the other transport is at what takes longer than this test.
+    let mut client = Client::over(tokio::net::TcpStream::connect(http).await.unwrap()).await;
+    client.send(&hello()).await;
+    client.send(&want_textures(1)).await;
+    client.next().await.unwrap();
+    state.drain();
+    for _ in 0..2 {
+        let late = super::quic::QuicClient::connect(quic, &certificate).await;
+        let close = timeout(REAL_TIME_LIMIT, late.closed()).await.unwrap();
+        assert_eq!(close.code, CloseCode::ShuttingDown, "{close}");
+        assert!(close.code.worth_retrying() && close.reason.contains("shutting down"), "{close}");
+    }
+    assert!(!serving.is_finished());
+    serving.abort();
+}
+
+#[tokio::test]
 async fn a_second_request_ends_the_daemon_at_once() {
     let settings = SessionSettings {
         rate_bits_per_s: Some(1_000_000),
