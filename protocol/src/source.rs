@@ -34,6 +34,15 @@ pub enum Reading {
     Pending,
 }
 
+/// How often blobs were at hand when they were to be sent, since the start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CacheUse {
+    /// At hand.
+    pub hits: u64,
+    /// To be read first.
+    pub misses: u64,
+}
+
 /// One scene with its blobs. Shared by all sessions.
 pub trait SceneSource: Send + Sync {
     /// What holds for the whole scene.
@@ -57,6 +66,11 @@ pub trait SceneSource: Send + Sync {
     /// # Errors
     /// Fails where the blob is missing or damaged, or the store does not answer in the time that it allows itself.
     fn read(&self, id: &BlobId) -> Result<Bytes, SourceError>;
+
+    /// How a cache of blobs has done; `None` where there is none.
+    fn cache_use(&self) -> Option<CacheUse> {
+        None
+    }
 
     /// A coarse surface of an asset, by which is judged what hides what; `None` where there is none at hand.
     fn occluder(&self, asset: u32) -> Option<Arc<Occluder>> {
@@ -96,6 +110,10 @@ impl<S: SceneSource> SceneSource for Immediate<S> {
 
     fn read(&self, id: &BlobId) -> Result<Bytes, SourceError> {
         self.0.read(id)
+    }
+
+    fn cache_use(&self) -> Option<CacheUse> {
+        self.0.cache_use()
     }
 
     fn occluder(&self, asset: u32) -> Option<Arc<Occluder>> {

@@ -208,6 +208,21 @@ impl Scheduler {
         self.queue.len()
     }
 
+    /// Bytes of blobs that are queued, read or begun and not handed out, where `length` gives that of a blob. Looks at
+    /// each.
+    pub(crate) fn waiting_bytes(&self, length: impl Fn(&BlobId) -> Option<u32>) -> u64 {
+        let part = |id: &BlobId, part: &Range<u32>| {
+            u64::from(part.end.min(length(id).unwrap_or(0)).saturating_sub(part.start))
+        };
+        let queued = self.queue.values().map(|(unit, wanted)| match unit {
+            Unit::Page(_) => 0,
+            Unit::Blob(id) => part(id, wanted),
+        });
+        let read = self.reads.wanted().map(|(id, wanted)| part(&id, wanted));
+        let begun = self.begun.iter().map(|begun| (begun.end - begun.offset) as u64);
+        queued.chain(read).chain(begun).sum()
+    }
+
     /// Whether a unit is queued, read or begun.
     #[must_use]
     pub fn contains(&self, unit: &Unit) -> bool {

@@ -133,6 +133,11 @@ impl Reads {
         self.list.iter().any(|read| read.id == id && read.purpose.is_some())
     }
 
+    /// What is wanted of blobs that are read.
+    pub(super) fn wanted(&self) -> impl Iterator<Item = (BlobId, &Range<u32>)> {
+        self.list.iter().filter_map(|read| read.purpose.as_ref().map(|(_, part)| (read.id, part)))
+    }
+
     /// Whether nobody waits for a read.
     pub(super) fn is_empty(&self) -> bool {
         self.list.iter().all(|read| read.purpose.is_none())

@@ -110,7 +110,6 @@ impl Outbox {
     }
 
     /// Memory that is accounted for what waits, in bytes.
-    #[cfg(test)]
     pub(super) const fn bytes(&self) -> usize {
         self.bytes
     }

@@ -336,6 +336,20 @@ impl ServerSession {
         self.phase == Phase::Open
     }
 
+    /// Bytes that wait to be handed over: of blobs that were asked for or are pushed next, and of control messages as
+    /// they lie in memory. Looks at each request that is queued: for a look now and then.
+    #[must_use]
+    pub fn waiting_bytes(&self) -> u64 {
+        let blobs = self.requests.scheduler.waiting_bytes(|id| self.source.blob_len(id));
+        blobs + self.control.bytes() as u64
+    }
+
+    /// Whether nothing waits to be handed over, as [`ServerSession::waiting_bytes`] counts it.
+    #[must_use]
+    pub fn nothing_waits(&self) -> bool {
+        self.control.is_empty() && self.requests.scheduler.is_empty()
+    }
+
     /// What has been sent so far.
     #[must_use]
     pub const fn stats(&self) -> ServerStats {

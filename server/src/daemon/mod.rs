@@ -5,9 +5,11 @@
 //! | [`quic`], [`websocket`], [`http`] | the two transports, and the HTTP port that one of them shares |
 //! | [`admin`], `listen` | the port for who runs the server; TCP listeners |
 //! | [`congestion`] | how much of a QUIC connection may be in flight |
-//! | `drive`, `intake` | the loop between a sans-IO session and a transport; how many bytes a client may send |
+//! | `drive` | the loop between a sans-IO session and a transport |
+//! | `intake`, `allowance` | how many bytes and messages a client may send |
 //! | [`state`], [`metrics`] | what sessions share |
-//! | `leases`, `room` | who may have a session, and who may ask for one |
+//! | `progress` | what is measured of a session while it runs |
+//! | `leases`, `room`, `refusal` | who may have a session, who may ask for one, and why there is none |
 //! | `damage` | blobs that cannot be read any more |
 //! | [`origin`] | which web pages may open sessions |
 //! | [`proxy`], [`admission`] | for whom a proxy asks; all that is said of who may come |
@@ -23,6 +25,7 @@
 
 pub mod admin;
 pub mod admission;
+mod allowance;
 pub mod certificate;
 pub mod congestion;
 mod damage;
@@ -34,10 +37,12 @@ mod listen;
 pub mod memory_scene;
 pub mod metrics;
 pub mod origin;
+mod progress;
 pub mod proxy;
 pub mod quic;
 mod quic_stream;
 mod reads;
+mod refusal;
 mod reload;
 pub mod renewal;
 mod room;

@@ -184,7 +184,8 @@ impl ServerState {
     /// The counters in Prometheus' text format.
     #[must_use]
     pub fn render_metrics(&self) -> String {
-        self.metrics.render(self.settings.rate_bits_per_s, self.phase() != Phase::Running)
+        let draining = self.phase() != Phase::Running;
+        self.metrics.render(self.settings.rate_bits_per_s, draining, self.scene.cache_use())
     }
 
     pub(super) fn config(&self, transport: Transport) -> Arc<ServerConfig> {
@@ -273,7 +274,7 @@ impl ServerState {
     ) -> Result<SessionGuard, NoLease> {
         let running = if self.phase() == Phase::Running { Ok(()) } else { Err(NoLease::Draining) };
         if let Err(why) = running.and_then(|()| self.leases.check(peer.ip(), self.now())) {
-            self.metrics.session_refused();
+            self.metrics.session_refused(why.into());
             return Err(why);
         }
         self.sessions.send_modify(|open| *open += 1);
@@ -333,7 +334,7 @@ impl SessionGuard {
                 Ok(())
             }
             Err(why) => {
-                self.state.metrics.session_refused();
+                self.state.metrics.session_refused(why.into());
                 Err(why)
             }
         }

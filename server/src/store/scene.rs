@@ -1,5 +1,6 @@
 //! A scene over opened packs: what the sessions of a server share.
 
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use bytes::Bytes;
@@ -8,7 +9,7 @@ use lodestream_geometry::refine::ActiveMesh;
 use lodestream_protocol::lamps::Lamps;
 use lodestream_protocol::scene::{SceneHeader, ScenePage};
 use lodestream_protocol::select::Occluder;
-use lodestream_protocol::source::{Reading, SceneSource, SourceError};
+use lodestream_protocol::source::{CacheUse, Reading, SceneSource, SourceError};
 use lodestream_protocol::{BlobId, BlobPart};
 
 use super::error::StoreError;
@@ -39,6 +40,8 @@ pub struct SceneStore {
     terrain: TerrainBlobs,
     lamps: LampBlobs,
     cache: Mutex<Lru<BlobId, Bytes>>,
+    hits: AtomicU64,
+    misses: AtomicU64,
 }
 
 impl SceneStore {
@@ -66,6 +69,8 @@ impl SceneStore {
             terrain,
             lamps,
             cache: Mutex::new(Lru::new(cache_bytes)),
+            hits: AtomicU64::new(0),
+            misses: AtomicU64::new(0),
         };
         store.read_bases(cache_bytes)?;
         Ok(store)
@@ -142,8 +147,19 @@ impl SceneSource for SceneStore {
         match id {
             BlobId::Terrain(_) | BlobId::Lamps(_) => self.read(id).map(Reading::Ready),
             _ if self.blob_len(id).is_none() => Err(SourceError::NotFound(*id)),
-            BlobId::Asset { .. } => Ok(self.cache().get(id).map_or(Reading::Pending, Reading::Ready)),
+            BlobId::Asset { .. } => {
+                let found = self.cache().get(id);
+                // What is read then is looked for again, and counted once.
+                let count = if found.is_some() { &self.hits } else { &self.misses };
+                count.fetch_add(1, Ordering::Relaxed);
+                Ok(found.map_or(Reading::Pending, Reading::Ready))
+            }
         }
+    }
+
+    fn cache_use(&self) -> Option<CacheUse> {
+        let [hits, misses] = [&self.hits, &self.misses].map(|count| count.load(Ordering::Relaxed));
+        Some(CacheUse { hits, misses })
     }
 
     fn read(&self, id: &BlobId) -> Result<Bytes, SourceError> {

@@ -6,7 +6,7 @@ use image::{Rgb, RgbImage};
 use lodestream_geometry::index::decode_page;
 use lodestream_geometry::refine::ActiveMesh;
 use lodestream_protocol::asset::AssetDescription;
-use lodestream_protocol::source::{SceneSource, SourceError};
+use lodestream_protocol::source::{CacheUse, Reading, SceneSource, SourceError};
 use lodestream_protocol::{BlobId, BlobPart};
 use tempfile::TempDir;
 
@@ -89,6 +89,19 @@ fn a_damaged_pack_in_the_cache_is_made_again() {
     }
     let (prepared, _) = open(&scene, dir.path());
     assert_eq!(prepared, [true, true]);
+}
+
+#[test]
+fn what_was_at_hand_and_what_was_not_is_counted_once_a_blob() {
+    let dir = TempDir::new().unwrap();
+    let (_, store) = open(&scene(dir.path(), 40), dir.path());
+    let [base, chunk] = [BlobId::base(0), BlobId::chunk(0, 0)];
+    assert!(matches!(store.try_read(&base), Ok(Reading::Ready(_))));
+    assert_eq!(store.try_read(&chunk), Ok(Reading::Pending));
+    store.read(&chunk).unwrap();
+    assert!(matches!(store.try_read(&chunk), Ok(Reading::Ready(_))));
+    assert!(store.try_read(&BlobId::chunk(9, 0)).is_err());
+    assert_eq!(store.cache_use(), Some(CacheUse { hits: 2, misses: 1 }));
 }
 
 #[test]

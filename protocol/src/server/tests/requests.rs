@@ -168,3 +168,26 @@ fn requests_beyond_the_queue_or_the_scene_are_refused() {
     assert!(refused.iter().filter(|r| **r == RefusedReason::QueueFull).count() >= 190);
     assert_eq!(refused.iter().filter(|r| **r == RefusedReason::NotFound).count(), 3);
 }
+
+#[test]
+fn what_waits_is_told_in_bytes_until_it_is_handed_over() {
+    let scene = MemoryScene::new(1, 1, 3);
+    let mut server = session(&scene, ServerConfig::websocket(None));
+    server.handle_message(Time::ZERO, ClientMessage::Hello(hello(&scene.header)));
+    drain(&mut server, Time::ZERO);
+    assert!(server.nothing_waits() && server.waiting_bytes() == 0);
+    let ids = [1, 2].map(|chunk| BlobId::chunk(0, chunk));
+    for id in ids {
+        server.handle_message(Time::ZERO, ClientMessage::Cancel(vec![id]));
+    }
+    let lengths = ids.map(|id| scene.blob_len(&id).unwrap());
+    let part = Want { offset: 1, end: Some(3), ..Want::whole(ids[1], 8) };
+    server.handle_message(Time::ZERO, ClientMessage::Want(vec![Want::whole(ids[0], 9), part]));
+    assert!(!server.nothing_waits());
+    assert_eq!(server.waiting_bytes(), u64::from(lengths[0]) + 2);
+    // A pong waits among the messages.
+    server.handle_message(Time::ZERO, ClientMessage::Ping(1));
+    assert!(server.waiting_bytes() > u64::from(lengths[0]) + 2);
+    drain(&mut server, Time::ZERO);
+    assert!(server.nothing_waits() && server.waiting_bytes() == 0);
+}

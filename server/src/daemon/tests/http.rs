@@ -4,7 +4,7 @@ use tokio::time::Instant;
 use super::*;
 
 /// Sends bytes and gives everything that comes back until the server closes.
-async fn exchange(state: &Arc<ServerState>, request: &[u8]) -> String {
+pub(super) async fn exchange(state: &Arc<ServerState>, request: &[u8]) -> String {
     let (mut near, far) = duplex(64 * 1024);
     tokio::spawn(accept_http(far, state.clone(), peer()));
     // The server may close before it has read everything.

@@ -4,6 +4,7 @@ mod admin;
 mod bad_peers;
 mod http;
 mod leases;
+mod metrics;
 mod quic;
 mod shutdown;
 mod slow_store;

@@ -184,6 +184,7 @@ async fn nothing_is_sent_to_who_shows_no_token() {
     state.all_sessions_ended().await;
     let metrics = state.render_metrics();
     assert!(metrics.contains("lodestream_tokens_refused_total 4"), "{metrics}");
+    assert!(metrics.contains("lodestream_sessions_refused_total{reason=\"token\"} 4"), "{metrics}");
     assert_eq!(state.metrics().bytes_sent(), 0);
 }
 

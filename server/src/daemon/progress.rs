@@ -1,0 +1,67 @@
+//! What is measured of a session while it runs: when its first blob's first byte was handed over, and what waits.
+
+use std::time::Duration;
+
+use lodestream_protocol::Time;
+use lodestream_protocol::message::ClientMessage;
+use lodestream_protocol::server::ServerSession;
+
+use super::metrics::Metrics;
+
+/// Least time between two looks at all that waits in a session: each looks at each request.
+const LOOK_INTERVAL: Duration = Duration::from_millis(250);
+
+/// See the module. Dropped, nothing waits any more.
+#[derive(Debug)]
+pub(super) struct Progress<'a> {
+    metrics: &'a Metrics,
+    /// From when on the first byte is waited for; `None` once it was handed over.
+    since: Option<Time>,
+    told_bytes: u64,
+    next_look: Time,
+}
+
+impl<'a> Progress<'a> {
+    /// Of a session that begins now.
+    pub(super) const fn new(metrics: &'a Metrics, now: Time) -> Self {
+        Self { metrics, since: Some(now), told_bytes: 0, next_look: now }
+    }
+
+    /// The client has said something: who says `Hello` before there is a byte counts from then on, since some transports
+    /// send nothing earlier.
+    pub(super) fn heard(&mut self, now: Time, message: &ClientMessage) {
+        if let (Some(since), ClientMessage::Hello(_)) = (&mut self.since, message) {
+            *since = now;
+        }
+    }
+
+    /// A piece of a blob was handed over.
+    pub(super) fn piece_sent(&mut self, now: Time) {
+        if let Some(since) = self.since.take() {
+            self.metrics.first_byte(now.since(since));
+        }
+    }
+
+    /// Looks at what waits, if it is time or nothing does.
+    pub(super) fn look(&mut self, now: Time, session: &ServerSession) {
+        if session.nothing_waits() {
+            self.tell(0);
+        } else if now >= self.next_look {
+            self.next_look = now + LOOK_INTERVAL;
+            self.tell(session.waiting_bytes());
+        }
+    }
+
+    fn tell(&mut self, bytes: u64) {
+        if bytes != self.told_bytes {
+            self.metrics.waiting_changed(self.told_bytes, bytes);
+            self.told_bytes = bytes;
+        }
+    }
+}
+
+impl Drop for Progress<'_> {
+    fn drop(&mut self) {
+        self.tell(0);
+    }
+}

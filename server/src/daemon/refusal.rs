@@ -1,0 +1,44 @@
+//! Why there is no session for who asked for one, as it is counted.
+
+use super::leases::NoLease;
+
+/// See the module.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Refusal {
+    /// All places are taken.
+    Full,
+    /// The address has as many sessions as one may.
+    Address,
+    /// The server takes no more clients.
+    Draining,
+    /// There was no token that grants the scene.
+    Token,
+    /// A web page asked that may not.
+    Origin,
+}
+
+impl Refusal {
+    /// All, in the order of their numbers.
+    pub(super) const ALL: [Self; 5] = [Self::Full, Self::Address, Self::Draining, Self::Token, Self::Origin];
+
+    /// Name in metrics.
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::Full => "full",
+            Self::Address => "address",
+            Self::Draining => "draining",
+            Self::Token => "token",
+            Self::Origin => "origin",
+        }
+    }
+}
+
+impl From<NoLease> for Refusal {
+    fn from(why: NoLease) -> Self {
+        match why {
+            NoLease::Full => Self::Full,
+            NoLease::OfAddress => Self::Address,
+            NoLease::Draining => Self::Draining,
+        }
+    }
+}
