@@ -138,7 +138,9 @@ fn a_server_starts_from_its_cache_and_ends_when_asked() {
 fn a_log_that_nobody_reads_held_the_server_up() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
-    let server = Server::start(folder.path());
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-server"));
+    command.args(["serve", "model.obj", "--log-limit", "off"]);
+    let server = Server::started(command, folder.path());
     // More than the pipe and the server hold.
     for _ in 0..2500 {
         server.log_a_line();
@@ -150,6 +152,30 @@ fn a_log_that_nobody_reads_held_the_server_up() {
     server.signal("-TERM");
     let (status, _) = server.ended();
     assert!(status.success(), "{status}");
+}
+
+#[test]
+fn the_log_is_json_where_that_is_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-server"));
+    command.args(["serve", "model.obj", "--log-limit", "1"]).env("LODESTREAM_LOG_FORMAT", "json");
+    let server = Server::started(command, folder.path());
+    for _ in 0..10 {
+        server.log_a_line();
+    }
+    server.signal("-TERM");
+    let (status, errors) = server.ended();
+    assert!(status.success(), "{status}: {errors}");
+    // What preparation says comes before the log.
+    let lines = errors.lines().skip_while(|line| !line.starts_with('{'));
+    let lines: Vec<serde_json::Value> = lines.map(|line| serde_json::from_str(line).unwrap()).collect();
+    let said = |text: &str| lines.iter().filter(|line| line["fields"]["message"] == text).count();
+    assert_eq!((said("serving"), said("shut down")), (1, 1), "{errors}");
+    // Each of the ten is a line, or counted.
+    let refused = said("session refused: a web page that --allow-origin does not name");
+    let counted = lines.iter().filter_map(|line| line["fields"]["left_out"].as_u64()).sum::<u64>();
+    assert_eq!(refused as u64 + counted, 10, "{errors}");
 }
 
 #[test]

@@ -1,11 +1,16 @@
 //! The daemon's log on standard error, which holds nothing up: what nobody reads is left out, and counted.
 
-use std::io::IsTerminal as _;
+use std::io::{IsTerminal as _, Write as _};
+use std::sync::Arc;
 use std::sync::mpsc::sync_channel;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use tracing_appender::non_blocking::{ErrorCounter, NonBlockingBuilder, WorkerGuard};
+use tracing_appender::non_blocking::{ErrorCounter, NonBlocking, NonBlockingBuilder, WorkerGuard};
 use tracing_subscriber::EnvFilter;
+use tracing_subscriber::util::SubscriberInitExt as _;
+
+use super::log_limit::LogLimit;
+use super::log_lines::{Lines, LogFormat};
 
 /// Lines that wait for their reader, at most.
 const MAX_LINES: usize = 1024;
@@ -15,24 +20,23 @@ const LAST_LINES: Duration = Duration::from_millis(1500);
 /// A log that is being written; dropping it waits until it is, or for [`LAST_LINES`].
 #[derive(Debug)]
 pub(super) struct Log {
+    lines: Arc<Lines>,
+    writer: NonBlocking,
     dropped_lines: ErrorCounter,
     written: Option<WorkerGuard>,
 }
 
 impl Log {
     /// Begins; `RUST_LOG` chooses what is logged (by default: sessions and their ends).
-    pub(super) fn to_stderr() -> Self {
+    pub(super) fn to_stderr(format: LogFormat, limit: LogLimit) -> Self {
         let builder = NonBlockingBuilder::default().buffered_lines_limit(MAX_LINES).lossy(true);
         let (writer, written) = builder.finish(std::io::stderr());
         let dropped_lines = writer.error_counter();
         let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info"));
+        let lines = Lines::new(format, limit, Instant::now);
         // Fails where a log is set up already, and then that one is as good.
-        let _ = tracing_subscriber::fmt()
-            .with_env_filter(filter)
-            .with_ansi(std::io::stderr().is_terminal())
-            .with_writer(writer)
-            .try_init();
-        Self { dropped_lines, written: Some(written) }
+        let _ = lines.log(filter, std::io::stderr().is_terminal(), writer.clone()).try_init();
+        Self { lines, writer, dropped_lines, written: Some(written) }
     }
 
     /// What counts the lines that were left out.
@@ -44,6 +48,11 @@ impl Log {
 impl Drop for Log {
     fn drop(&mut self) {
         let Some(written) = self.written.take() else { return };
+        let last = self.lines.last_words();
+        if !last.is_empty() {
+            // It waits for nobody, and where there is no room it is counted.
+            let _ = self.writer.write_all(last.as_bytes());
+        }
         let (done, ended) = sync_channel::<()>(1);
         // Where nobody reads, the guard says so on standard error, and waits for its reader.
         let waiting = std::thread::Builder::new().spawn(move || {

@@ -6,6 +6,8 @@ mod demo_scene;
 mod export;
 mod inspect;
 mod log;
+mod log_limit;
+mod log_lines;
 mod outcome;
 mod prepare;
 mod process;
@@ -124,6 +126,8 @@ mod tests {
             "serve a.obj --token-keys keys.json --token-audience us",
             "serve a.obj --http-tls --cert c.pem --key k.pem",
             "serve a.obj --trusted-proxy 10.0.0.0/8,127.0.0.1 --trusted-proxy 2001:db8::/32",
+            "serve a.obj --log-format json --log-limit 7",
+            "serve a.obj --log-limit off",
             "serve a.obj --drain 0",
             "serve a.obj --drain 86400",
             "serve a.obj --max-sessions 100 --max-sessions-per-address 20",
@@ -169,6 +173,8 @@ mod tests {
             "serve a.obj --trusted-proxy proxy.example",
             "serve a.obj --cert c.pem",
             "serve a.obj --token-audience us",
+            "serve a.obj --log-format xml",
+            "serve a.obj --log-limit 0",
             "serve a.obj --drain -1",
             "serve a.obj --drain 86401",
             "serve a.obj --max-sessions 0",

@@ -11,6 +11,8 @@ use clap::{Args, value_parser};
 use lodestream_compress::whole_file::remove_stale;
 
 use super::log::Log;
+use super::log_limit::{LogLimit, parse_log_limit};
+use super::log_lines::LogFormat;
 use super::outcome::Outcome;
 use super::recipe::RecipeArguments;
 use super::units::{Rate, parse_rate};
@@ -95,6 +97,12 @@ pub(super) struct Arguments {
     /// Private key (PEM) of the certificate.
     #[arg(long, env = "LODESTREAM_KEY", value_name = "FILE", requires = "cert")]
     key: Option<PathBuf>,
+    /// How the log is written, on standard error: text for people, or json, one object a line.
+    #[arg(long, env = "LODESTREAM_LOG_FORMAT", value_name = "FORMAT", value_enum, default_value_t = LogFormat::Text)]
+    log_format: LogFormat,
+    /// Most lines a second that one place in the program logs, or off; what is left out is counted in a line.
+    #[arg(long, env = "LODESTREAM_LOG_LIMIT", value_name = "LINES", default_value = "100", value_parser = parse_log_limit)]
+    log_limit: LogLimit,
     #[command(flatten)]
     recipe: RecipeArguments,
     /// Threads of preparation [default: as many as there are cores].
@@ -113,7 +121,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<Outcome> {
     let tokens = arguments.token_keys.map(|file| Tokens::of_file(file, audience)).transpose()?;
     remove_stale(&cache, SystemTime::now());
     let source = open_scene(&scene, &cache, &options)?;
-    let log = Log::to_stderr();
+    let log = Log::to_stderr(arguments.log_format, arguments.log_limit);
     let daemon = DaemonOptions {
         listen: Some(arguments.listen),
         http: Some(arguments.http),
