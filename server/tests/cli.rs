@@ -427,3 +427,28 @@ fn a_file_over_the_size_limit_killed_the_program_and_left_a_part() {
     let left: Vec<_> = std::fs::read_dir(dir.path()).unwrap().map(|f| f.unwrap().file_name()).collect();
     assert_eq!(left, ["ball.obj"]);
 }
+
+#[test]
+fn flags_win_over_the_environment_that_over_files_and_those_over_defaults() {
+    let dir = TempDir::new().unwrap();
+    let (file, saved) = (dir.path().join("server.toml"), dir.path().join("saved.toml"));
+    std::fs::write(&file, "files = \"a.obj\"\nrate = \"3Mbit\"\nmax-sessions = 30\ndrain = 30\n").unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_lodestream-server"))
+        .args(["serve", "--config", text(&file), "--save-config", text(&saved), "--rate", "1Mbit"])
+        .envs([("LODESTREAM_RATE", "2Mbit"), ("LODESTREAM_MAX_SESSIONS", "20")])
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{output:?}");
+    let saved = std::fs::read_to_string(saved).unwrap();
+    for line in ["rate = \"1Mbit\"", "max-sessions = 20", "drain = 30", "http-tls = false"] {
+        assert!(saved.lines().any(|saved| saved == line), "{line} of {saved}");
+    }
+    // What the environment says wrong is refused as a flag is.
+    let output = Command::new(env!("CARGO_BIN_EXE_lodestream-server"))
+        .args(["serve", "a.obj", "--save-config", text(&file)])
+        .env("LODESTREAM_DRAIN", "soon")
+        .output()
+        .unwrap();
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(2) && errors.contains("--drain"), "{errors}");
+}

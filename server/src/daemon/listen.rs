@@ -28,6 +28,10 @@ pub(super) fn listen_tcp(address: SocketAddr) -> anyhow::Result<TcpListener> {
     // A server that starts again finds connections of its predecessor that are not quite over.
     #[cfg(unix)]
     socket.set_reuseaddr(true).with_context(about)?;
+    if address.is_ipv6() && address.ip().is_unspecified() {
+        // All addresses are those of IPv4 too, whatever the system's habit.
+        let _ = socket2::SockRef::from(&socket).set_only_v6(false);
+    }
     socket.bind(address).with_context(about)?;
     socket.listen(BACKLOG).with_context(about)
 }

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`quic`], [`websocket`], [`http`] | the two transports, and the HTTP port that one of them shares |
 //! | [`admin`], `listen` | the port for who runs the server; TCP listeners |
+//! | `reach` | under which addresses others reach them |
 //! | [`congestion`] | how much of a QUIC connection may be in flight |
 //! | `drive` | the loop between a sans-IO session and a transport |
 //! | `intake`, `allowance` | how many bytes and messages a client may send |
@@ -41,6 +42,7 @@ mod progress;
 pub mod proxy;
 pub mod quic;
 mod quic_stream;
+mod reach;
 mod reads;
 mod refusal;
 mod reload;
@@ -58,7 +60,7 @@ pub mod tokens;
 pub mod websocket;
 
 use std::io::Write as _;
-use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
+use std::net::{Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
@@ -75,6 +77,7 @@ use self::admin::AdminPort;
 use self::admission::Admission;
 use self::certificate::Certificate;
 use self::listen::listen_tcp;
+use self::reach::reachable;
 use self::renewal::LiveCertificate;
 use self::shutdown::{Signals, StopRequests};
 pub use self::state::{ServerState, SessionSettings};
@@ -135,12 +138,13 @@ pub async fn run(options: DaemonOptions, scene: Arc<dyn SceneSource>) -> anyhow:
     let mut signals = Signals::listen()?;
     let daemon = Daemon::bind(options, scene).await?;
     signals.on_hangup(daemon.reloads.clone());
-    let metrics = daemon.admin_address().map(|address| format!("http://{address}/metrics"));
-    for url in daemon.urls().into_iter().chain(metrics) {
+    for url in daemon.urls().into_iter().chain(daemon.metrics_urls()) {
         // Whoever wants none may have closed it.
         let _ = writeln!(std::io::stdout(), "{url}");
     }
-    daemon.warn_of_strangers();
+    if let Some(warning) = daemon.warning_of_strangers() {
+        tracing::warn!("{warning}");
+    }
     daemon.serve(signals).await
 }
 
@@ -201,34 +205,40 @@ impl Daemon {
 
     /// Addresses for viewers: `quic://HOST:PORT#PIN`, and `wss://HOST:PORT/#PIN` or, without TLS, `ws://HOST:PORT/`. The
     /// pin is `sha256=` and the fingerprint of the certificate, or `spki-sha256=` and that of its key where it is one's
-    /// own: 64 lowercase hexadecimal digits. Where a socket listens on all addresses, the loopback address stands for
-    /// them.
+    /// own: 64 lowercase hexadecimal digits. Where a socket listens on all addresses, there is one for each by which this
+    /// machine reaches others, of IPv6 and of IPv4.
     #[must_use]
     pub fn urls(&self) -> Vec<String> {
-        let quic =
-            self.quic.as_ref().map(|(_, address)| format!("quic://{}#{}", reachable(*address), self.pin));
-        let websocket = self.http.as_ref().map(|(_, address)| match &self.tls {
-            Some(_) => format!("wss://{}/#{}", reachable(*address), self.pin),
-            None => format!("ws://{}/", reachable(*address)),
+        let pin = &self.pin;
+        let quic = self.quic_address().into_iter().flat_map(reachable);
+        let quic = quic.map(|address| format!("quic://{address}#{pin}"));
+        let websocket = self.http_address().into_iter().flat_map(reachable).map(|address| match &self.tls {
+            Some(_) => format!("wss://{address}/#{pin}"),
+            None => format!("ws://{address}/"),
         });
-        quic.into_iter().chain(websocket).collect()
+        quic.chain(websocket).collect()
     }
 
-    /// Says where others may come in who should perhaps not.
-    fn warn_of_strangers(&self) {
+    /// Where the metrics are, for who runs the server.
+    fn metrics_urls(&self) -> Vec<String> {
+        let addresses = self.admin_address().into_iter().flat_map(reachable);
+        addresses.map(|address| format!("http://{address}/metrics")).collect()
+    }
+
+    /// Where others may come in who should perhaps not.
+    fn warning_of_strangers(&self) -> Option<String> {
         let public = |address: &SocketAddr| !address.ip().to_canonical().is_loopback();
         let http = self.http_address().filter(public);
-        let Some(address) = self.quic_address().filter(public).or(http) else { return };
+        let address = self.quic_address().filter(public).or(http)?;
         if self.state.admission().tokens.is_none() {
-            tracing::warn!(
+            return Some(format!(
                 "{address} is for other machines too, and nobody is asked for a token: whoever reaches it may see the \
                  scene (--token-keys FILE asks for tokens)"
-            );
-        } else if let Some(address) = http.filter(|_| self.tls.is_none()) {
-            tracing::warn!(
-                "tokens that come to {address} can be read on the way: --http-tls, or a proxy with TLS on this machine"
-            );
+            ));
         }
+        http.filter(|_| self.tls.is_none()).map(|address| {
+            format!("tokens that come to {address} can be read on the way: --http-tls, or a proxy with TLS on this machine")
+        })
     }
 
     /// Has files read now, as SIGHUP does.
@@ -317,14 +327,4 @@ impl Daemon {
         tracing::info!("shut down");
         Ok(())
     }
-}
-
-/// An address that can be connected to: loopback where the socket listens on all addresses.
-fn reachable(address: SocketAddr) -> SocketAddr {
-    let ip = match address.ip() {
-        IpAddr::V4(ip) if ip.is_unspecified() => IpAddr::V4(Ipv4Addr::LOCALHOST),
-        IpAddr::V6(ip) if ip.is_unspecified() => IpAddr::V6(Ipv6Addr::LOCALHOST),
-        ip => ip,
-    };
-    SocketAddr::new(ip, address.port())
 }

@@ -140,6 +140,10 @@ pub fn bind_udp(address: SocketAddr) -> anyhow::Result<UdpSocket> {
              raise net.core.rmem_max and net.core.wmem_max to {SOCKET_BUFFER_BYTES}"
         );
     }
+    if address.is_ipv6() && address.ip().is_unspecified() {
+        // All addresses are those of IPv4 too, whatever the system's habit.
+        let _ = socket.set_only_v6(false);
+    }
     socket.bind(&address.into()).with_context(about)?;
     socket.set_nonblocking(true).with_context(about)?;
     Ok(socket.into())
