@@ -297,3 +297,31 @@ fn a_server_whose_standard_output_is_closed_goes_on() {
         assert!(serving.contains("serving"), "{closed}: {serving}");
     }
 }
+
+/// A unit of `Type=notify` waits until it is told so, and shows what it is told.
+#[test]
+fn the_service_manager_hears_when_the_server_listens_and_when_it_drains() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let path = folder.path().join("notify");
+    let manager = std::os::unix::net::UnixDatagram::bind(&path).unwrap();
+    manager.set_read_timeout(Some(LIMIT)).unwrap();
+    let hear = || {
+        let mut bytes = [0; 4096];
+        let length = manager.recv(&mut bytes).expect("nothing is told");
+        String::from_utf8(bytes[..length].to_vec()).unwrap()
+    };
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-server"));
+    command.args(["serve", "model.obj", "--drain", "7"]).env("NOTIFY_SOCKET", &path);
+    let server = Server::started(command, folder.path());
+    assert_eq!(hear(), "READY=1\n");
+    assert!(server.get("/ready").starts_with("HTTP/1.1 200"));
+    server.signal("-TERM");
+    let told = hear();
+    // Seven seconds, and two for last words.
+    for line in ["STOPPING=1", "STATUS=draining", "EXTEND_TIMEOUT_USEC=9000000"] {
+        assert!(told.lines().any(|told| told == line), "{line} of {told}");
+    }
+    let (status, errors) = server.ended();
+    assert!(status.success(), "{status}: {errors}");
+}

@@ -4,6 +4,7 @@ mod check;
 mod config;
 mod demo_scene;
 mod export;
+mod generate;
 mod inspect;
 mod log;
 mod log_limit;
@@ -52,6 +53,8 @@ enum Command {
     Terrain(terrain::Arguments),
     /// Read a 16-bit height map as features of a terrain.
     TerrainImport(terrain::ImportArguments),
+    /// Write completions for a shell, or pages of the manual.
+    Generate(generate::Arguments),
 }
 
 /// Runs the program with its command line.
@@ -74,6 +77,7 @@ pub fn main() -> ExitCode {
         Command::DemoScene(arguments) => demo_scene::run(&arguments),
         Command::Terrain(arguments) => terrain::run(&arguments),
         Command::TerrainImport(arguments) => terrain::import(&arguments),
+        Command::Generate(arguments) => generate::run(&arguments, Cli::command()),
     })
 }
 
@@ -148,6 +152,8 @@ mod tests {
             "terrain --seed 7 --level 8 --patch -3,5 --hash",
             "terrain --seed 7 --level 4 --finest 8 --patch 0,-1 --features f.json --erosion 9 --png out.png",
             "terrain --level 4 --patch=-1,-1 --amplitude 9 --roughness 0.6 --base -5 --spike-limit 1 --raw a.i32",
+            "generate completions bash",
+            "generate man dir",
             "terrain-import map.png -o f.json --every 8 --at -64,0 --offset -500",
         ] {
             let words = std::iter::once("lodestream-server").chain(line.split(' '));
@@ -190,6 +196,8 @@ mod tests {
             "terrain --level 8 --patch 0,0 --hash --erosion 8 --talus 1",
             "terrain --level 8 --patch 0,0 --hash --spike-limit 16",
             "terrain-import map.png -o f.json --every 0",
+            "generate",
+            "generate completions sh",
         ] {
             let words = std::iter::once("lodestream-server").chain(line.split(' '));
             assert!(Cli::try_parse_from(words).is_err(), "{line}");

@@ -1,5 +1,5 @@
-//! The port for who runs the server: `/health`, `/ready` and `/metrics`, and nothing that a client could want. It shares no seats
-//! with the public port, so it answers while that is flooded.
+//! The port for who runs the server: `/health`, `/ready` and `/metrics`, and nothing that a client could want. It shares
+//! no seats with the public port, so it answers while that is flooded.
 
 use std::convert::Infallible;
 use std::net::{Ipv4Addr, SocketAddr};

@@ -17,7 +17,7 @@
 //! | [`certificate`], [`renewal`], [`tls`] | the certificate, its exchange while the server runs, TLS for HTTP |
 //! | [`tokens`], `token_keys`, `token_crypto`, `token_wait` | tokens, what they are verified by, who waits for them |
 //! | `reload` | files that are read again while the server runs |
-//! | [`shutdown`] | what its name says |
+//! | [`shutdown`], `notify` | what its name says; what the service manager is told |
 //! | [`memory_scene`] | a scene made of numbers, for tests |
 //!
 //! [`run`] is the whole daemon. Its parts take any endpoint ([`quic::serve_quic`]) and any byte stream
@@ -37,6 +37,7 @@ mod leases;
 mod listen;
 pub mod memory_scene;
 pub mod metrics;
+mod notify;
 pub mod origin;
 mod progress;
 pub mod proxy;
@@ -300,6 +301,7 @@ impl Daemon {
             rate_bits_per_s = state.settings().rate_bits_per_s,
             "serving"
         );
+        notify::listening();
         tokio::select! {
             biased;
             () = stop.next() => {}
@@ -312,8 +314,10 @@ impl Daemon {
         }
         tracing::info!(sessions = state.metrics().active_sessions(), "shutting down: draining");
         state.drain();
+        let at_most = state.settings().drain + LAST_WORDS;
+        notify::draining(at_most);
         let drained = async {
-            if timeout(state.settings().drain + LAST_WORDS, state.all_sessions_ended()).await.is_err() {
+            if timeout(at_most, state.all_sessions_ended()).await.is_err() {
                 tracing::warn!("some sessions did not end in time");
             }
             state.stop();
