@@ -261,7 +261,7 @@ fn a_type_of_a_network_library_is_found_wherever_it_is_seen() {
         seen(&|file| files.get(file).map(|text| (*text).to_owned())).0
     };
     let seen = [
-        "use tokio::sync::watch; pub struct S; impl S { pub fn tokens(&self) -> watch::Sender<u8> { todo!() } }",
+        "use tokio::sync::watch; pub struct S(u8); impl S { pub fn tokens(&self) -> watch::Sender<u8> { new(self.0) } }",
         "pub struct S(pub Option<tokio::time::Instant>);",
         "use quinn as q; pub enum E { A(q::Connection) }",
         "pub struct E; impl From<quinn::ReadError> for E { fn from(_: quinn::ReadError) -> Self { E } }",
