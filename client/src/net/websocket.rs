@@ -31,7 +31,7 @@ use super::drive::{Clock, Deliver, Host, Receive, Received, drive};
 /// Enough for two pieces.
 const READ_BUFFER_BYTES: usize = 32 * 1024;
 /// Messages that may wait to be sent.
-const MAX_QUEUED: usize = 8;
+const MAX_WAITING_MESSAGES: usize = 8;
 /// WebSocket close codes are the protocol's plus this.
 const CLOSE_CODE_BASE: u16 = 4000;
 
@@ -254,7 +254,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> WebSocketSender<S> {
 
 impl<S: AsyncRead + AsyncWrite + Unpin> Deliver for WebSocketSender<S> {
     fn has_room(&self) -> bool {
-        self.queue.len() < MAX_QUEUED
+        self.queue.len() < MAX_WAITING_MESSAGES
     }
 
     fn put(&mut self, frame: Vec<u8>) {

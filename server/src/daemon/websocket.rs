@@ -34,7 +34,7 @@ const MAX_WASTE_BYTES: usize = 1 << 20;
 /// Added to our codes: WebSocket keeps 4000 and up for applications (RFC 6455 §7.4.2).
 const CLOSE_CODE_BASE: u16 = 4000;
 /// Longest reason of a WebSocket close frame (RFC 6455 §5.5): 125 bytes with the code.
-const MAX_REASON_BYTES: usize = 123;
+const MAX_CLOSE_FRAME_REASON_BYTES: usize = 123;
 
 /// The limits of a session's WebSocket.
 fn limits() -> WebSocketConfig {
@@ -98,7 +98,7 @@ async fn finish<S>(
     if close.code == CloseCode::Lost {
         return;
     }
-    let mut end = close.reason.len().min(MAX_REASON_BYTES);
+    let mut end = close.reason.len().min(MAX_CLOSE_FRAME_REASON_BYTES);
     while !close.reason.is_char_boundary(end) {
         end -= 1;
     }

@@ -14,7 +14,7 @@ use maud::{Markup, PreEscaped, html};
 
 use super::html as pages;
 use super::percentiles::{self, MIN_SEEDS, Percentiles, Spread};
-use super::plots::{MAX_ERROR_PX, Plot};
+use super::plots::{MAX_DRAWN_ERROR_PX, Plot};
 use super::units;
 
 /// Most lines of a table; the files beside the page have all.
@@ -446,7 +446,7 @@ fn pictures(folder: &Path, cases: &[Shown<'_>]) -> std::io::Result<Markup> {
 
 fn caption(picture: &Picture) -> Markup {
     let at = units::milliseconds(picture.at_ms);
-    let pixels = |px: f64| if px > MAX_ERROR_PX { "> 10,000".to_owned() } else { units::plain(px) };
+    let pixels = |px: f64| if px > MAX_DRAWN_ERROR_PX { "> 10,000".to_owned() } else { units::plain(px) };
     let [error_px, seen_px] = [picture.error_px, picture.seen_error_px].map(|px| px.map(pixels));
     let against = picture.error.map_or("no settled picture to compare with".to_owned(), |error| {
         let psnr = error.psnr_db.map_or("∞".to_owned(), |db| format!("{db:.1}"));

@@ -11,9 +11,9 @@ use lodestream_protocol::scene::Camera;
 use lodestream_server::scene::{Instance, Scene};
 
 /// Most faces of an asset, assets, and instances.
-const MAX_FACES: u32 = 4_000_000;
-const MAX_ASSETS: u32 = 10_000;
-const MAX_INSTANCES: u32 = 1_000_000;
+const MAX_FIELD_FACES: u32 = 4_000_000;
+const MAX_FIELD_ASSETS: u32 = 10_000;
+const MAX_FIELD_INSTANCES: u32 = 1_000_000;
 /// Distance between neighbours, in metres; a boulder's radius is about 1.
 const PITCH: f64 = 3.0;
 
@@ -47,9 +47,9 @@ impl Field {
             }
         }
         let [Some(assets), Some(faces), Some(instances)] = values else { return Err(NEEDED) };
-        let fits = (1..=MAX_ASSETS).contains(&assets)
-            && (12..=MAX_FACES).contains(&faces)
-            && (1..=MAX_INSTANCES).contains(&instances);
+        let fits = (1..=MAX_FIELD_ASSETS).contains(&assets)
+            && (12..=MAX_FIELD_FACES).contains(&faces)
+            && (1..=MAX_FIELD_INSTANCES).contains(&instances);
         if fits { Ok(Self { assets, faces, instances }) } else { Err(RANGE) }
     }
 

@@ -24,8 +24,6 @@ use crate::served::{Address, Limits, Server};
 
 /// Before anything is counted: connecting, and the bursts of the beginning.
 const WARM_UP: Duration = Duration::from_secs(2);
-/// Most blobs that a client asks for: what a session queues.
-const MAX_WANTED: usize = MAX_QUEUED;
 
 /// What is measured.
 #[derive(Clone, Copy, Debug)]
@@ -138,12 +136,12 @@ pub fn measure(
     })
 }
 
-/// All chunks of a scene, as many as may be asked for.
+/// All chunks of a scene, as many as a session queues.
 pub(crate) fn chunks(source: &Arc<dyn SceneSource>) -> Vec<BlobId> {
     let pages = (0..source.header().page_count).filter_map(|page| source.page(page));
     let assets = pages.flat_map(|page| page.assets.clone());
     let of_asset = |(asset, chunks): (u32, u32)| (0..chunks).map(move |chunk| BlobId::chunk(asset, chunk));
-    (0..).zip(assets.map(|asset| asset.chunk_count)).flat_map(of_asset).take(MAX_WANTED).collect()
+    (0..).zip(assets.map(|asset| asset.chunk_count)).flat_map(of_asset).take(MAX_QUEUED).collect()
 }
 
 /// One client, from its connect call to the end of the window; `None` where its connection fails.

@@ -23,7 +23,7 @@ const MAX_FILE_BYTES: u64 = 64 << 20;
 /// Most peers of a file: each is a run of every case.
 const MAX_PEERS: usize = 64;
 /// Longest node or index.
-const MAX_PIECE_BYTES: u64 = 1 << 32;
+const MAX_PEER_PART_BYTES: u64 = 1 << 32;
 /// The one kind that is known.
 const CLUSTER_DAG: &str = "cluster-dag";
 
@@ -160,8 +160,8 @@ fn check_peer(file: PeerFile) -> Result<Peer, Fault> {
     if kind != CLUSTER_DAG {
         return fault("kind", format!("{kind:?} is not known; only {CLUSTER_DAG:?} is"));
     }
-    if index_bytes > MAX_PIECE_BYTES {
-        return fault("index_bytes", format!("{index_bytes} is more than {MAX_PIECE_BYTES}"));
+    if index_bytes > MAX_PEER_PART_BYTES {
+        return fault("index_bytes", format!("{index_bytes} is more than {MAX_PEER_PART_BYTES}"));
     }
     if nodes.is_empty() {
         return fault("nodes", "is empty; a model has at least one node");
@@ -184,8 +184,8 @@ fn check_peer(file: PeerFile) -> Result<Peer, Fault> {
 
 fn check_node(number: usize, node: NodeFile, count: usize) -> Result<Node, Fault> {
     let NodeFile { bytes, error, center, radius, children, .. } = node;
-    if !(1..=MAX_PIECE_BYTES).contains(&bytes) {
-        return fault("bytes", format!("{bytes} is not a length from 1 to {MAX_PIECE_BYTES}"));
+    if !(1..=MAX_PEER_PART_BYTES).contains(&bytes) {
+        return fault("bytes", format!("{bytes} is not a length from 1 to {MAX_PEER_PART_BYTES}"));
     }
     // Within f32, as screen errors are computed.
     let length = |value: f64| Some(value as f32).filter(|x| value >= 0.0 && x.is_finite());

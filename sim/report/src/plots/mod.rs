@@ -21,9 +21,9 @@ use lodestream_scenario::timeline::Sample;
 /// Most plots of a kind.
 const MAX_PLOTS: usize = 12;
 /// A screen error below this is drawn at it, since a logarithmic axis has no zero.
-const MIN_ERROR_PX: f64 = 1e-2;
+const MIN_DRAWN_ERROR_PX: f64 = 1e-2;
 /// A screen error beyond this is drawn at it: it only says that a surface is next to the eye and coarse.
-pub(super) const MAX_ERROR_PX: f64 = 1e4;
+pub(super) const MAX_DRAWN_ERROR_PX: f64 = 1e4;
 
 /// A plot and what it shows.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -310,7 +310,7 @@ fn screen_error_over_time(cases: &[Shown<'_>]) -> Chart {
         let errors = shown.run.series.iter().filter_map(|sample| Some((sample.at_ns, pick(sample)?)));
         errors
             .filter(|(at_ns, _)| *at_ns > 0)
-            .map(|(at, px)| (ms(at), px.clamp(MIN_ERROR_PX, MAX_ERROR_PX)))
+            .map(|(at, px)| (ms(at), px.clamp(MIN_DRAWN_ERROR_PX, MAX_DRAWN_ERROR_PX)))
             .collect()
     };
     let [all, seen]: [Pick; 2] = [|sample| sample.error_px, |sample| sample.seen_error_px];

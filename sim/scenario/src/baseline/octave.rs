@@ -9,12 +9,12 @@ const MIDDLE_BYTES: f32 = 1024.0;
 const MANTISSA: u32 = (1 << 23) - 1;
 
 /// Largest screen error that makes a difference: beyond the picture's height all is lost alike.
-const MAX_ERROR_PX: f32 = 65_536.0;
+const MAX_RANKED_ERROR_PX: f32 = 65_536.0;
 
 /// Priority of something that removes `error_px` of screen error for `bytes`; `centrality` is 1 in the middle of the
 /// picture and falls towards 0 outwards. Below that of every base mesh.
 pub(super) fn octave_priority(error_px: f32, bytes: u32, centrality: f32) -> Priority {
-    let bits = error_px.clamp(1e-6, MAX_ERROR_PX).to_bits();
+    let bits = error_px.clamp(1e-6, MAX_RANKED_ERROR_PX).to_bits();
     let in_octave = f32::from_bits((bits & MANTISSA) | 1.0_f32.to_bits());
     let gain = in_octave * centrality.clamp(0.01, 1.0) * MIDDLE_BYTES / bytes.max(1) as f32;
     // gain / (1 + gain) maps (0, ∞) to (0, 1) without losing the order.
