@@ -124,7 +124,7 @@ fn a_server_dies_and_comes_back(transport: Transport) {
     let before = viewer.wait("many chunks", |s| s.stats.applied_chunks >= MANY).stats;
     assert!(!before.settled, "the server must die mid-way");
     assert!(blobs_sent(&server, "base") > 0);
-    let place = server.kill();
+    let site = server.kill();
 
     let lost = viewer.wait("word of the loss", |s| s.message.as_ref().is_some_and(|m| m.contains("again")));
     let message = lost.message.unwrap();
@@ -134,7 +134,7 @@ fn a_server_dies_and_comes_back(transport: Transport) {
     let scenes = |viewer: &Viewer| viewer.changes.iter().filter(|c| matches!(c, Change::Scene(_))).count();
     assert_eq!(scenes(&viewer), 1);
 
-    let server = Server::start_at(place, scene.source(), SessionSettings::default());
+    let server = Server::start_at(site, scene.source(), SessionSettings::default());
     assert_eq!(server.address(transport), address, "the same port and certificate");
     let after = viewer.settle();
     assert_eq!(after.message, None);

@@ -13,7 +13,8 @@ use crate::codec::model::{
     MIX_FLAG, MORE_SEEDS, SEED_INTERIOR, SEED_OWNER, SEGMENTS, STREAMS, contexts,
 };
 use crate::codec::moves::Whose;
-use crate::codec::plan::{Guide, Names};
+use crate::codec::numbering::Numbering;
+use crate::codec::plan::Guide;
 use crate::codec::residual::quarter_octaves;
 use crate::codec::source::Source;
 use crate::collapse::NO_VERTEX;
@@ -98,7 +99,7 @@ impl ActiveMesh {
 
     /// Whether the mesh is as decoding a chunk needs it.
     fn may_decode(&self, chunk: u32, info: &ChunkInfo) -> Result<(), RefineError> {
-        let count = u32::try_from(self.places.len() - 1).unwrap_or(u32::MAX);
+        let count = u32::try_from(self.applied.len() - 1).unwrap_or(u32::MAX);
         if chunk >= count {
             return Err(RefineError::NoSuchChunk { chunk, count });
         }
@@ -214,7 +215,7 @@ pub(crate) struct Said<'m> {
     /// The region as it is then.
     local: Local<'m>,
     /// The builder's names of it.
-    names: Names,
+    names: Numbering,
     /// What was reached at each stopping point and at the end.
     reached: Vec<Reached>,
 }
@@ -245,7 +246,7 @@ pub(crate) fn encode_with<'m, C: Coder>(
         .collect();
     let mut saying = ChunkCoder::saying(coder, mesh, chunk, guide);
     let reached = saying.chunk(&ends, vertices)?;
-    let names = saying.guide.map_or_else(Names::default, |guide| guide.names);
+    let names = saying.guide.map_or_else(Numbering::default, |guide| guide.names);
     Ok(Said { local: saying.local, names, reached })
 }
 
@@ -394,11 +395,12 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
             // The owner counts back from this chunk; the base mesh is owner 0.
             let want = next.map_or(Id { owner: 0, index: 0 }, |slot| mesh.vertex_id(slot));
             let back = integer(*coder, SEED_OWNER, self.chunk - want.owner);
-            let place = self.chunk.checked_sub(back).and_then(|owner| Some((owner, mesh.place(owner)?)));
-            let Some((owner, place)) = place else {
+            let applied =
+                self.chunk.checked_sub(back).and_then(|owner| Some((owner, mesh.applied_owner(owner)?)));
+            let Some((owner, applied)) = applied else {
                 return Err(DecodeError::new("chunk", "a seed lies in a chunk that is not applied"));
             };
-            let number = index(*coder, place.vertices.len(), want.index as usize, "chunk: seed")?;
+            let number = index(*coder, applied.vertices.len(), want.index as usize, "chunk: seed")?;
             let seed = mesh.vertex_slot(Id { owner, index: id32(number) });
             let interior = |slot: u32| {
                 let guide = guide.as_ref();

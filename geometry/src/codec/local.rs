@@ -128,7 +128,7 @@ impl<'a> Local<'a> {
     pub(crate) fn new(mesh: &'a ActiveMesh, chunk: u32, memory: LocalMemory) -> Self {
         let mut local = Self {
             mesh,
-            owners: Owners::new(&mesh.places),
+            owners: Owners::new(&mesh.applied),
             own: chunk + 1,
             vertices: memory.vertices,
             wedges: memory.wedges,

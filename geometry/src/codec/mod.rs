@@ -23,6 +23,7 @@ mod local;
 mod memory;
 pub(crate) mod model;
 mod moves;
+mod numbering;
 mod outcome;
 mod plan;
 mod position;

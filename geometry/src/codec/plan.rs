@@ -7,58 +7,16 @@
 //! a corner is where the youngest vertex on its path is that is there, and a face is there once its
 //! three corners are apart.
 
-use std::collections::{HashMap, VecDeque};
-use std::hash::{BuildHasherDefault, Hasher};
+use std::collections::VecDeque;
 
 use crate::codec::local::Local;
+use crate::codec::numbering::{BuilderMap, Numbering};
 use crate::codec::source::Source;
 use crate::collapse::NO_VERTEX;
 use crate::collapse::Placed;
 use crate::collapse::Records;
 use crate::mesh::corner;
 use crate::numbers::id32;
-
-/// Multiplicative hashing of the builder's ids (Knuth, TAOCP 3, §6.4): keys are small, distinct and ours.
-#[derive(Default)]
-pub(crate) struct BuilderHasher(u64);
-
-impl Hasher for BuilderHasher {
-    fn finish(&self) -> u64 {
-        self.0
-    }
-    fn write(&mut self, bytes: &[u8]) {
-        for &b in bytes {
-            self.write_u32(u32::from(b));
-        }
-    }
-    fn write_u32(&mut self, key: u32) {
-        self.0 = (self.0 ^ u64::from(key)).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29);
-    }
-}
-
-pub(crate) type BuilderMap<T> = HashMap<u32, T, BuildHasherDefault<BuilderHasher>>;
-
-/// Builder ids by local number, and back.
-#[derive(Default)]
-pub(crate) struct Names {
-    pub(crate) vertices: Vec<u32>,
-    pub(crate) wedges: Vec<u32>,
-    pub(crate) faces: Vec<u32>,
-    pub(crate) local_vertex: BuilderMap<u32>,
-    pub(crate) local_wedge: BuilderMap<u32>,
-}
-
-impl Names {
-    pub(crate) fn vertex(&mut self, builder: u32) {
-        self.local_vertex.insert(builder, id32(self.vertices.len()));
-        self.vertices.push(builder);
-    }
-
-    pub(crate) fn wedge(&mut self, builder: u32) {
-        self.local_wedge.insert(builder, id32(self.wedges.len()));
-        self.wedges.push(builder);
-    }
-}
 
 /// A vertex that is not there yet.
 struct Unmade {
@@ -81,7 +39,7 @@ pub(crate) struct Born {
 
 /// A wedge that the encoder wants at a corner.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Want {
+pub(crate) enum WantedWedge {
     /// One that is there, by local number.
     Known(u32),
     /// One that is not there yet, by the builder's number.
@@ -94,7 +52,7 @@ pub(crate) struct Guide<'a> {
     records: &'a Records,
     /// Ends of the segments in collapses, from the coarsest segment's start down to 0.
     ends: Vec<usize>,
-    pub(crate) names: Names,
+    pub(crate) names: Numbering,
     /// Wedges of the faces that this chunk touches, as they are at the end of the current segment.
     state: BuilderMap<[u32; 3]>,
     unmade: BuilderMap<Unmade>,
@@ -116,7 +74,7 @@ impl<'a> Guide<'a> {
             source,
             records,
             ends,
-            names: Names::default(),
+            names: Numbering::default(),
             state: BuilderMap::default(),
             unmade: BuilderMap::default(),
             children: BuilderMap::default(),
@@ -277,20 +235,24 @@ impl<'a> Guide<'a> {
     }
 
     /// The wedge that a face of the builder's should have at a vertex (local number).
-    pub(crate) fn wedge(&self, face: u32, vertex: u32, guess: Option<u32>, own: Option<u32>) -> Want {
+    pub(crate) fn wedge(&self, face: u32, vertex: u32, guess: Option<u32>, own: Option<u32>) -> WantedWedge {
         let vertex = self.names.vertices[vertex as usize];
         let found = self.state.get(&face).and_then(|wedges| {
             let &w = wedges.iter().find(|&&w| self.stands_for(self.vertex_of(w)) == vertex)?;
             self.stands_for_wedge(w, vertex)
         });
         if let Some(wedge) = found {
-            return self.names.local_wedge.get(&wedge).map_or(Want::New(wedge), |&w| Want::Known(w));
+            return self
+                .names
+                .local_wedge
+                .get(&wedge)
+                .map_or(WantedWedge::New(wedge), |&w| WantedWedge::Known(w));
         }
         // No collapse said which wedge stands for one whose face was not there then: any will do, since
         // the corner moves on.
         match guess.or(own) {
-            Some(known) => Want::Known(known),
-            None => self.any_wedge.get(&vertex).map_or(Want::Known(0), |&w| Want::New(w)),
+            Some(known) => WantedWedge::Known(known),
+            None => self.any_wedge.get(&vertex).map_or(WantedWedge::Known(0), |&w| WantedWedge::New(w)),
         }
     }
 

@@ -7,7 +7,7 @@ use crate::codec::local::Local;
 use crate::codec::model::{
     MATERIAL, NEW_MOVED_WEDGE, NEW_WEDGE, SAME_MATERIAL, SAME_MOVED_WEDGE, SAME_WEDGE,
 };
-use crate::codec::plan::Want;
+use crate::codec::plan::WantedWedge;
 use crate::codec::residual::quarter_octaves;
 use crate::codec::scratch::{Added, Fitting, Split};
 use crate::entropy::range_coder::Coder;
@@ -56,9 +56,11 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
             let guide = self.guide.as_ref();
             let want = guide.map(|g| g.wedge(g.names.faces[spoke.face as usize], split.u, same, first));
             let wedge = match same {
-                Some(same) if self.coder.bit(SAME_MOVED_WEDGE, want == Some(Want::Known(same))) => same,
+                Some(same) if self.coder.bit(SAME_MOVED_WEDGE, want == Some(WantedWedge::Known(same))) => {
+                    same
+                }
                 _ => {
-                    let new = matches!(want, Some(Want::New(_)));
+                    let new = matches!(want, Some(WantedWedge::New(_)));
                     if first.is_none() || self.coder.bit(NEW_MOVED_WEDGE, new) {
                         let expected = self.expected(split, from);
                         self.new_wedge(split.u, &expected, want)?
@@ -77,9 +79,9 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
     }
 
     /// One of a vertex's wedges.
-    fn chosen(&mut self, vertex: u32, want: Option<Want>) -> Result<u32, DecodeError> {
+    fn chosen(&mut self, vertex: u32, want: Option<WantedWedge>) -> Result<u32, DecodeError> {
         let wedges = || self.local.wedges_of(vertex);
-        let place = wedges().position(|w| want == Some(Want::Known(w))).unwrap_or(0);
+        let place = wedges().position(|w| want == Some(WantedWedge::Known(w))).unwrap_or(0);
         let place = index(self.coder, wedges().count(), place, "chunk: wedge")?;
         wedges().nth(place).ok_or_else(|| DecodeError::new("chunk", "a vertex without wedges"))
     }
@@ -108,10 +110,10 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         &mut self,
         vertex: u32,
         expected: &Expected,
-        want: Option<Want>,
+        want: Option<WantedWedge>,
     ) -> Result<u32, DecodeError> {
         let builder = match want {
-            Some(Want::New(builder)) => Some(builder),
+            Some(WantedWedge::New(builder)) => Some(builder),
             _ => None,
         };
         let want = builder.and_then(|b| Some(self.guide.as_ref()?.source.wedges[b as usize].attributes));
@@ -171,11 +173,11 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         let first = self.local.first_wedge(vertex);
         let want = self.guide.as_ref().and_then(|g| Some(g.wedge(face?, vertex, guess, first)));
         if let Some(guess) = guess
-            && self.coder.bit(SAME_WEDGE + kind, want == Some(Want::Known(guess)))
+            && self.coder.bit(SAME_WEDGE + kind, want == Some(WantedWedge::Known(guess)))
         {
             return Ok(guess);
         }
-        if first.is_none() || self.coder.bit(NEW_WEDGE + kind, matches!(want, Some(Want::New(_)))) {
+        if first.is_none() || self.coder.bit(NEW_WEDGE + kind, matches!(want, Some(WantedWedge::New(_)))) {
             let near = guess.or(first).or(near);
             let near = near.map(|w| self.local.wedges[w as usize].attributes);
             let uv = near.map_or([0; 2], |w| w.uv);

@@ -7,9 +7,9 @@ use crate::mesh::Kinds;
 use crate::mesh::corner::{self, face_of, side_of};
 use crate::mesh::stars::Stars;
 use crate::mesh::{Grid, UvGrid, Wedge};
+use crate::refine::applied::{AppliedOwner, AppliedOwners, Undo, VertexState};
 use crate::refine::delta::Id;
 use crate::refine::marks::TouchMarks;
-use crate::refine::places::{Place, Places, Undo, VertexState};
 use crate::refine::render::Touched;
 use crate::refine::slots::Slots;
 
@@ -25,7 +25,7 @@ pub struct ActiveMesh {
     pub(crate) uv_grid: UvGrid,
     pub(crate) codec: Codec,
     pub(crate) kinds: Kinds,
-    pub(crate) places: Places,
+    pub(crate) applied: AppliedOwners,
     pub(crate) positions: Vec<[i32; 3]>,
     /// Where a vertex was before the chunk that brought it, or moved it last, was applied: a new one's is the
     /// position of its oldest ancestor within the chunk's parents.
@@ -72,7 +72,7 @@ impl ActiveMesh {
             uv_grid: base.uv_grid,
             codec: base.codec,
             kinds: base.kinds(),
-            places: Places::new(base.chunk_count),
+            applied: AppliedOwners::new(base.chunk_count),
             positions: Vec::new(),
             morph_from: Vec::new(),
             vertex_owner: Vec::new(),
@@ -137,13 +137,13 @@ impl ActiveMesh {
     /// Whether a chunk is applied, whole or up to a stop.
     #[must_use]
     pub fn is_applied(&self, chunk: u32) -> bool {
-        chunk.checked_add(1).is_some_and(|owner| self.places.get(owner).is_some())
+        chunk.checked_add(1).is_some_and(|owner| self.applied.get(owner).is_some())
     }
 
     /// The stop that a chunk is applied up to; `None` if it is whole or not applied.
     #[must_use]
     pub fn applied_stop(&self, chunk: u32) -> Option<u8> {
-        self.places.get(chunk.checked_add(1)?)?.stop
+        self.applied.get(chunk.checked_add(1)?)?.stop
     }
 
     /// Faces that are there now.
@@ -181,13 +181,13 @@ impl ActiveMesh {
             + self.draw_slots.capacity() * 4
             + self.indices.iter().map(|i| i.capacity() * 12).sum::<usize>()
             + self.stars.bytes()
-            + self.places.bytes()
+            + self.applied.bytes()
             + self.undo_bytes
             + self.marks.bytes()
     }
 
     pub(crate) fn reserve(&mut self, owner: u32, vertices: usize, wedges: usize, materials: &[u16]) {
-        let place = Place {
+        let applied = AppliedOwner {
             vertices: self.vertex_slots.take(vertices as u32),
             wedges: self.wedge_slots.take(wedges as u32),
             faces: self.face_slots.take(materials.len() as u32),
@@ -217,15 +217,15 @@ impl ActiveMesh {
         self.marks.vertices.grow(v);
         self.marks.wedges.grow(w);
         self.marks.faces.grow(f);
-        for slot in place.vertices.clone() {
+        for slot in applied.vertices.clone() {
             self.vertex_owner[slot as usize] = owner;
             self.vertex_mover[slot as usize] = owner;
             self.stars.clear(slot);
         }
-        for slot in place.wedges.clone() {
+        for slot in applied.wedges.clone() {
             self.wedge_owner[slot as usize] = owner;
         }
-        let mut order: Vec<(u16, u32)> = materials.iter().copied().zip(place.faces.clone()).collect();
+        let mut order: Vec<(u16, u32)> = materials.iter().copied().zip(applied.faces.clone()).collect();
         order.sort_unstable();
         let mut draws = Vec::new();
         for run in order.chunk_by(|a, b| a.0 == b.0) {
@@ -243,7 +243,7 @@ impl ActiveMesh {
         }
         self.live_vertices += vertices;
         self.live_faces += materials.len();
-        self.places.insert(owner, Place { draws, ..place });
+        self.applied.insert(owner, AppliedOwner { draws, ..applied });
     }
 
     pub(crate) fn put_face(&mut self, slot: u32, wedges: [u32; 3]) {
@@ -313,32 +313,32 @@ impl ActiveMesh {
         touched
     }
 
-    pub(crate) fn place(&self, owner: u32) -> Option<&Place> {
-        self.places.get(owner)
+    pub(crate) fn applied_owner(&self, owner: u32) -> Option<&AppliedOwner> {
+        self.applied.get(owner)
     }
 
     /// The slot of a vertex; 0 if its owner is not there.
     pub(crate) fn vertex_slot(&self, id: Id) -> u32 {
-        self.place(id.owner).map_or(0, |p| p.vertices.start + id.index)
+        self.applied_owner(id.owner).map_or(0, |p| p.vertices.start + id.index)
     }
 
     pub(crate) fn wedge_slot(&self, id: Id) -> u32 {
-        self.place(id.owner).map_or(0, |p| p.wedges.start + id.index)
+        self.applied_owner(id.owner).map_or(0, |p| p.wedges.start + id.index)
     }
 
     pub(crate) fn face_slot(&self, id: Id) -> u32 {
-        self.place(id.owner).map_or(0, |p| p.faces.start + id.index)
+        self.applied_owner(id.owner).map_or(0, |p| p.faces.start + id.index)
     }
 
     /// Ids of slots that are in use.
     pub(crate) fn vertex_id(&self, slot: u32) -> Id {
         let owner = self.vertex_owner[slot as usize];
-        Id { owner, index: slot - self.place(owner).map_or(slot, |p| p.vertices.start) }
+        Id { owner, index: slot - self.applied_owner(owner).map_or(slot, |p| p.vertices.start) }
     }
 
     pub(crate) fn wedge_id(&self, slot: u32) -> Id {
         let owner = self.wedge_owner[slot as usize];
-        Id { owner, index: slot - self.place(owner).map_or(slot, |p| p.wedges.start) }
+        Id { owner, index: slot - self.applied_owner(owner).map_or(slot, |p| p.wedges.start) }
     }
 }
 

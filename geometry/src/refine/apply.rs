@@ -8,10 +8,10 @@ use crate::asset::index::ChunkInfo;
 use crate::mesh::Wedge;
 use crate::mesh::corner::{corner, face_of, side_of};
 use crate::refine::active::ActiveMesh;
+use crate::refine::applied::{AppliedOwner, Undo, VertexState};
 use crate::refine::delta::{ChunkDelta, Id};
 use crate::refine::error::{ChunkError, RefineError};
 use crate::refine::owners::Owners;
-use crate::refine::places::{Place, Undo, VertexState};
 use crate::refine::render::Touched;
 
 /// What taking a chunk out undoes, so that it can be put back where it was.
@@ -47,9 +47,9 @@ impl ActiveMesh {
     /// # Errors
     /// See [`RefineError`]; the mesh is then unchanged.
     pub fn undo(&mut self, chunk: u32) -> Result<Touched, RefineError> {
-        let (_, place) = self.take_place(chunk, false)?;
-        let draws = self.take_out(&place);
-        self.release(place);
+        let (_, applied) = self.take_applied(chunk, false)?;
+        let draws = self.take_out(&applied);
+        self.release(applied);
         Ok(self.finish_touched(draws))
     }
 
@@ -66,19 +66,19 @@ impl ActiveMesh {
         stop: Option<u8>,
         payload: &[u8],
     ) -> Result<Touched, ChunkError> {
-        let (owner, place) = self.take_place(chunk, true)?;
-        let forward = self.forward(&place.undo);
-        let draws = self.take_out(&place);
+        let (owner, applied) = self.take_applied(chunk, true)?;
+        let forward = self.forward(&applied.undo);
+        let draws = self.take_out(&applied);
         let decoded = self.decode_prefix(chunk, info, stop, payload);
         match decoded.and_then(|delta| Ok(self.may_apply(&delta).map(|checked| (delta, checked))?)) {
             Ok((delta, checked)) => {
-                self.release(place);
+                self.release(applied);
                 let mut touched = self.finish_touched(draws);
                 touched.merge(self.insert(&delta, checked));
                 Ok(touched)
             }
             Err(why) => {
-                self.put_back(owner, place, forward);
+                self.put_back(owner, applied, forward);
                 Err(why)
             }
         }
@@ -95,8 +95,8 @@ impl ActiveMesh {
         needs.sort_unstable();
         needs.dedup();
         for &need in &needs {
-            if let Some(place) = self.places.get_mut(need) {
-                place.children += 1;
+            if let Some(applied) = self.applied.get_mut(need) {
+                applied.children += 1;
             }
         }
         let materials: Vec<u16> = delta.faces.iter().map(|f| f.material).collect();
@@ -107,7 +107,8 @@ impl ActiveMesh {
             let state = VertexState { position: m.to, morph_from: m.from, shift: m.shifts[1], mover: owner };
             self.move_vertex(self.vertex_slot(m.vertex), state);
         }
-        let own = self.places.get(owner).map_or((0, 0), |place| (place.faces.start, place.wedges.start));
+        let own =
+            self.applied.get(owner).map_or((0, 0), |applied| (applied.faces.start, applied.wedges.start));
         for (slot, wedges) in (own.0..).zip(faces) {
             self.put_face(slot, wedges);
             self.marks.faces.set(slot);
@@ -118,11 +119,11 @@ impl ActiveMesh {
         }
         let corners = if self.only_grows { Box::default() } else { corners.into_boxed_slice() };
         let undo = Undo { vertices, corners };
-        if let Some(place) = self.places.get_mut(owner) {
-            place.needs = needs;
+        if let Some(applied) = self.applied.get_mut(owner) {
+            applied.needs = needs;
             self.undo_bytes += undo.bytes();
-            place.undo = undo;
-            place.stop = delta.stop;
+            applied.undo = undo;
+            applied.stop = delta.stop;
         }
         self.applied_chunks += 1;
         self.finish_touched(Vec::with_capacity(2 * delta.faces.len()))
@@ -130,7 +131,7 @@ impl ActiveMesh {
 
     /// Writes the vertices and wedges that a chunk brings; answers the wedges of its faces. All by slot.
     fn place_elements(&mut self, owner: u32, delta: &ChunkDelta) -> Vec<[u32; 3]> {
-        let mut owners = Owners::new(&self.places);
+        let mut owners = Owners::new(&self.applied);
         let start = |first: Option<u32>| first.unwrap_or(0);
         let first = start(owners.vertex(Id { owner, index: 0 }));
         for (slot, vertex) in (first..).zip(&delta.vertices) {
@@ -172,9 +173,9 @@ impl ActiveMesh {
 
     /// Takes what a chunk brought and changed out of the mesh; its slots stay reserved, and what it needs stays needed.
     /// Marks what that touches, and answers the index entries of the faces that went.
-    fn take_out(&mut self, place: &Place) -> Vec<(u16, u32)> {
-        let mut draws = Vec::with_capacity(2 * place.faces.len());
-        for slot in place.faces.clone() {
+    fn take_out(&mut self, applied: &AppliedOwner) -> Vec<(u16, u32)> {
+        let mut draws = Vec::with_capacity(2 * applied.faces.len());
+        for slot in applied.faces.clone() {
             for k in 0..3 {
                 let vertex = self.wedges[self.faces[slot as usize][k] as usize].vertex;
                 self.stars.remove(vertex, corner(slot, k));
@@ -184,71 +185,73 @@ impl ActiveMesh {
             self.indices[usize::from(material)][draw as usize] = [0; 3];
             draws.push((material, draw));
         }
-        for &(corner, wedge) in &place.undo.corners {
+        for &(corner, wedge) in &applied.undo.corners {
             self.move_corner(corner, wedge);
             self.marks.faces.set(face_of(corner));
         }
-        for &(slot, state) in &place.undo.vertices {
+        for &(slot, state) in &applied.undo.vertices {
             self.move_vertex(slot, state);
         }
         draws
     }
 
     /// Puts back what [`Self::take_out`] took, where it was.
-    fn put_back(&mut self, owner: u32, place: Place, forward: Forward) {
-        for (&(slot, _), state) in place.undo.vertices.iter().zip(forward.vertices) {
+    fn put_back(&mut self, owner: u32, applied: AppliedOwner, forward: Forward) {
+        for (&(slot, _), state) in applied.undo.vertices.iter().zip(forward.vertices) {
             self.move_vertex(slot, state);
         }
-        for (&(corner, _), wedge) in place.undo.corners.iter().zip(forward.wedges) {
+        for (&(corner, _), wedge) in applied.undo.corners.iter().zip(forward.wedges) {
             self.move_corner(corner, wedge);
         }
-        for slot in place.faces.clone() {
+        for slot in applied.faces.clone() {
             self.put_face(slot, self.faces[slot as usize]);
         }
-        self.places.insert(owner, place);
+        self.applied.insert(owner, applied);
         // Who looks again finds what he has: nothing is touched.
         self.finish_touched(Vec::new());
     }
 
     /// Gives back what a chunk that was taken out held.
-    fn release(&mut self, place: Place) {
-        for &need in &place.needs {
-            if let Some(place) = self.places.get_mut(need) {
-                place.children -= 1;
+    fn release(&mut self, applied: AppliedOwner) {
+        for &need in &applied.needs {
+            if let Some(applied) = self.applied.get_mut(need) {
+                applied.children -= 1;
             }
         }
-        self.undo_bytes -= place.undo.bytes();
-        self.live_faces -= place.faces.len();
-        self.live_vertices -= place.vertices.len();
+        self.undo_bytes -= applied.undo.bytes();
+        self.live_faces -= applied.faces.len();
+        self.live_vertices -= applied.vertices.len();
         self.applied_chunks -= 1;
-        self.vertex_slots.give_back(place.vertices);
-        self.wedge_slots.give_back(place.wedges);
-        self.face_slots.give_back(place.faces);
-        for (material, range) in place.draws {
+        self.vertex_slots.give_back(applied.vertices);
+        self.wedge_slots.give_back(applied.wedges);
+        self.face_slots.give_back(applied.faces);
+        for (material, range) in applied.draws {
             self.index_slots[usize::from(material)].give_back(range);
         }
     }
 
-    /// The owner and the place of a chunk that may be undone (`raised`: and that is not whole), which is then no longer
+    /// The number and the record of a chunk that may be undone (`raised`: and that is not whole), which is then no longer
     /// applied.
-    fn take_place(&mut self, chunk: u32, raised: bool) -> Result<(u32, Place), RefineError> {
+    fn take_applied(&mut self, chunk: u32, raised: bool) -> Result<(u32, AppliedOwner), RefineError> {
         let not_applied = RefineError::NotApplied(chunk);
         let owner = chunk.checked_add(1).ok_or(not_applied.clone())?;
-        match self.places.get(owner) {
+        match self.applied.get(owner) {
             None => return Err(not_applied),
             Some(_) if self.only_grows => return Err(RefineError::OnlyGrows(chunk)),
-            Some(place) if raised && place.stop.is_none() => return Err(RefineError::AlreadyApplied(chunk)),
-            Some(&Place { children: children @ 1.., .. }) => {
+            Some(applied) if raised && applied.stop.is_none() => {
+                return Err(RefineError::AlreadyApplied(chunk));
+            }
+            Some(&AppliedOwner { children: children @ 1.., .. }) => {
                 return Err(RefineError::HasChildren { chunk, children });
             }
             Some(_) => {}
         }
-        self.places.remove(owner).map(|place| (owner, place)).ok_or(not_applied)
+        self.applied.remove(owner).map(|applied| (owner, applied)).ok_or(not_applied)
     }
 
     fn may_apply(&mut self, delta: &ChunkDelta) -> Result<Checked, RefineError> {
         let chunk = delta.chunk;
-        let count = self.places.len() as u32 - 1;
+        let count = self.applied.len() as u32 - 1;
         if chunk >= count {
             return Err(RefineError::NoSuchChunk { chunk, count });
         }
@@ -294,8 +297,8 @@ impl ActiveMesh {
     /// What the delta refers to, if all of that is there or is its own.
     fn fitting(&self, delta: &ChunkDelta) -> Option<Checked> {
         let own = delta.chunk + 1;
-        // What is its own and not there has no place either.
-        let mut owners = Owners::new(&self.places);
+        // What is its own and not there has no record either.
+        let mut owners = Owners::new(&self.applied);
         let (vertices, wedges) = (delta.vertices.len(), delta.wedges.len());
         let is_own = |id: Id, count: usize| id.owner == own && (id.index as usize) < count;
         for (i, vertex) in delta.vertices.iter().enumerate() {

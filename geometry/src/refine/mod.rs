@@ -1,12 +1,12 @@
 //! Refinement: a mesh to which chunks are applied, and from which they are undone.
 
 mod active;
+mod applied;
 mod apply;
 mod delta;
 mod error;
 mod marks;
 mod owners;
-mod places;
 mod render;
 mod slots;
 mod snapshot;

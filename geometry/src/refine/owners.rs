@@ -1,7 +1,7 @@
 //! From ids to slots, many at a time: the ids of a delta name few owners, again and again.
 
+use crate::refine::applied::{AppliedOwner, AppliedOwners};
 use crate::refine::delta::Id;
-use crate::refine::places::{Place, Places};
 
 /// Owners that are remembered.
 const NEAR: usize = 16;
@@ -23,15 +23,15 @@ const NOBODY: Near = Near { owner: u32::MAX, vertices: [0; 2], wedges: [0; 2], f
 
 /// The owners that a delta's ids named last.
 pub(crate) struct Owners<'a> {
-    places: &'a Places,
+    applied: &'a AppliedOwners,
     near: [Near; NEAR],
     /// Every owner that was looked up, some more than once.
     pub(crate) named: Vec<u32>,
 }
 
 impl<'a> Owners<'a> {
-    pub(crate) fn new(places: &'a Places) -> Self {
-        Self { places, near: [NOBODY; NEAR], named: Vec::new() }
+    pub(crate) fn new(applied: &'a AppliedOwners) -> Self {
+        Self { applied, near: [NOBODY; NEAR], named: Vec::new() }
     }
 
     /// The slot of a vertex, if its owner is there and has it.
@@ -82,8 +82,8 @@ impl<'a> Owners<'a> {
     #[cold]
     fn look_up(&mut self, at: usize, owner: u32) {
         let run = |range: &std::ops::Range<u32>| [range.start, range.end - range.start];
-        self.near[at] = match self.places.get(owner) {
-            Some(Place { vertices, wedges, faces, .. }) => {
+        self.near[at] = match self.applied.get(owner) {
+            Some(AppliedOwner { vertices, wedges, faces, .. }) => {
                 self.named.push(owner);
                 Near { owner, vertices: run(vertices), wedges: run(wedges), faces: run(faces) }
             }

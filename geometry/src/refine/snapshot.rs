@@ -20,22 +20,22 @@ impl ActiveMesh {
     #[must_use]
     pub fn snapshot(&self) -> Snapshot {
         let mut snapshot = Snapshot::default();
-        for (owner, place) in self.places.iter() {
+        for (owner, applied) in self.applied.iter() {
             let id = |start: u32, slot: u32| Id { owner, index: slot - start };
-            for slot in place.vertices.clone() {
-                snapshot.vertices.push((id(place.vertices.start, slot), self.positions[slot as usize]));
+            for slot in applied.vertices.clone() {
+                snapshot.vertices.push((id(applied.vertices.start, slot), self.positions[slot as usize]));
             }
-            for slot in place.wedges.clone() {
+            for slot in applied.wedges.clone() {
                 let wedge = self.wedges[slot as usize];
                 snapshot.wedges.push((
-                    id(place.wedges.start, slot),
+                    id(applied.wedges.start, slot),
                     self.vertex_id(wedge.vertex),
                     wedge.attributes,
                 ));
             }
-            for slot in place.faces.clone() {
+            for slot in applied.faces.clone() {
                 snapshot.faces.push((
-                    id(place.faces.start, slot),
+                    id(applied.faces.start, slot),
                     self.faces[slot as usize].map(|w| self.wedge_id(w)),
                     self.materials[slot as usize],
                 ));
@@ -57,8 +57,8 @@ impl ActiveMesh {
         };
         let mut vertex_new = vec![u32::MAX; self.positions.len()];
         let mut wedge_new = vec![u32::MAX; self.wedges.len()];
-        for (_, place) in self.places.iter() {
-            for slot in place.faces.clone() {
+        for (_, applied) in self.applied.iter() {
+            for slot in applied.faces.clone() {
                 let wedges = self.faces[slot as usize].map(|w| {
                     let wedge = self.wedges[w as usize];
                     if vertex_new[wedge.vertex as usize] == u32::MAX {

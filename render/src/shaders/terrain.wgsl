@@ -55,7 +55,7 @@ const DIAGONAL: f32 = 11.313708;
 
 struct TileIn {
     @builtin(vertex_index) vertex: u32, // row · (TILE_CELLS + 1) + column
-    @location(0) origin: vec2<i32>, // of the tile, from the eye's cell, grid units
+    @location(0) from_eye: vec2<i32>, // its first grid point, from the eye's cell, grid units
     @location(1) atlas: vec2<i32>, // texel of the tile's first point
     @location(2) morph: vec2<f32>, // distances where points begin to slide and have arrived, away from rough regions
     @location(3) spacing_regions: vec2<u32>, // binary logarithm, grid units; bits of the regions that may matter
@@ -81,7 +81,7 @@ fn relative_height(tile: TileIn, p: vec2<i32>) -> f32 {
 
 // A point of the plane, relative to the eye.
 fn across(tile: TileIn, p: vec2<i32>) -> vec2<f32> {
-    return vec2<f32>(tile.origin + (p << vec2(tile.spacing_regions.x))) * terrain.unit - terrain.eye_fraction.xz;
+    return vec2<f32>(tile.from_eye + (p << vec2(tile.spacing_regions.x))) * terrain.unit - terrain.eye_fraction.xz;
 }
 
 // Distances at which a point begins to slide and has arrived.

@@ -160,13 +160,13 @@ fn batches<'p>(
 /// What the shader gets of a tile, unless it is too far from the eye for integers of 32 bits.
 fn raw(part: &TerrainPart, eye: &EyeCell) -> Option<TileRaw> {
     let side = i64::from(TILE_CELLS) << part.spacing;
-    let origin = [0, 1].map(|i| part.origin[i] - eye.cell[i]);
-    let far = origin.iter().any(|&o| i32::try_from(o).is_err() || i32::try_from(o + side).is_err());
+    let from_eye = [0, 1].map(|i| part.origin[i] - eye.cell[i]);
+    let far = from_eye.iter().any(|&o| i32::try_from(o).is_err() || i32::try_from(o + side).is_err());
     if far {
         return None;
     }
     Some(TileRaw {
-        origin: origin.map(|o| o as i32),
+        from_eye: from_eye.map(|o| o as i32),
         atlas: first_texel(part.slot),
         morph: arrival(part.morph),
         spacing: u32::from(part.spacing),

@@ -65,7 +65,7 @@ mod tests {
         let (step, height_unit) = (2.0, 0.01);
         let tile = Tile {
             heights: &heights,
-            origin: [0.0; 2],
+            corner: [0.0; 2],
             step,
             height_unit,
             eye_height: 0.0,

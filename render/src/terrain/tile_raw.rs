@@ -6,7 +6,8 @@ use bytemuck::{Pod, Zeroable};
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub(crate) struct TileRaw {
-    pub(crate) origin: [i32; 2],
+    /// First grid point, from the eye's cell, in grid units.
+    pub(crate) from_eye: [i32; 2],
     pub(crate) atlas: [i32; 2],
     pub(crate) morph: [f32; 2],
     pub(crate) spacing: u32,

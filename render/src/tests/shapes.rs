@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use crate::twin::relief::HeightMap;
+use crate::twin::relief::ReliefMap;
 use crate::twin::relief::tests::bricks;
 use crate::{AssetGpu, Headless, Instance, Material, PackedVertex, TextureData, TextureKind, TextureShape};
 
@@ -74,7 +74,7 @@ pub(super) fn fill(h: &Headless, asset: &mut AssetGpu, mesh: &Mesh) {
 }
 
 /// All mip levels of a height map, halved by averaging, as 16-bit samples, coarsest first.
-pub(super) fn mips16(map: &HeightMap) -> Vec<Vec<u16>> {
+pub(super) fn mips16(map: &ReliefMap) -> Vec<Vec<u16>> {
     let mut levels = vec![map.clone()];
     while levels.last().is_some_and(|l| l.width > 1) {
         let l = levels.last().unwrap();
@@ -87,7 +87,7 @@ pub(super) fn mips16(map: &HeightMap) -> Vec<Vec<u16>> {
                 .sum::<f64>()
                 / 4.0
         });
-        let next = HeightMap { width: size, height: size, texels: texels.collect() };
+        let next = ReliefMap { width: size, height: size, texels: texels.collect() };
         levels.push(next);
     }
     levels.iter().rev().map(|l| l.texels.iter().map(|h| (h * 65535.0).round() as u16).collect()).collect()

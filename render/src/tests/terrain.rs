@@ -375,7 +375,7 @@ fn pictures_show_what_the_twin_computes_and_stay_within_the_screen_error() {
             maker.heights(TileId { spacing: part.spacing, x, y }, &mut Scratch::new(), &mut heights);
             let tile = Tile {
                 heights: &heights,
-                origin: [
+                corner: [
                     part.origin[0] as f64 * unit - camera.eye.x,
                     part.origin[1] as f64 * unit - camera.eye.z,
                 ],

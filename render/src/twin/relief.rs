@@ -12,7 +12,7 @@ pub fn steps(most: u32, cosine: f64) -> u32 {
 
 /// A height map that repeats, sampled bilinearly with texel centres at (i + ½) / size.
 #[derive(Clone, Debug)]
-pub struct HeightMap {
+pub struct ReliefMap {
     /// Texels per row.
     pub width: usize,
     /// Rows.
@@ -21,7 +21,7 @@ pub struct HeightMap {
     pub texels: Vec<f64>,
 }
 
-impl HeightMap {
+impl ReliefMap {
     fn texel(&self, x: i64, y: i64) -> f64 {
         let x = x.rem_euclid(self.width as i64) as usize;
         let y = y.rem_euclid(self.height as i64) as usize;
@@ -126,7 +126,7 @@ pub(crate) mod tests {
     use super::*;
 
     /// Two bricks a row, offset by half in every other row, with sloped joints.
-    pub(crate) fn bricks(size: usize) -> HeightMap {
+    pub(crate) fn bricks(size: usize) -> ReliefMap {
         let edge = |t: f64, width: f64| (t.min(1.0 - t) / width).clamp(0.0, 1.0);
         let texels = (0..size * size).map(|i| {
             let (u, v) = ((i % size) as f64 / size as f64, (i / size) as f64 / size as f64);
@@ -134,13 +134,13 @@ pub(crate) mod tests {
             let x = (u * 2.0 + 0.5 * (row % 2.0)).fract();
             edge(x, 0.08).min(edge((v * 4.0).fract(), 0.16))
         });
-        HeightMap { width: size, height: size, texels: texels.collect() }
+        ReliefMap { width: size, height: size, texels: texels.collect() }
     }
 
     #[test]
     fn exact_intersection_of_a_ramp() {
         // One row rising from 0 to 1 over 4 texels: 1 − h = 1 − x/4 + 1/8…; solved by hand below.
-        let map = HeightMap { width: 8, height: 1, texels: (0..8).map(|i| f64::from(i) / 8.0).collect() };
+        let map = ReliefMap { width: 8, height: 1, texels: (0..8).map(|i| f64::from(i) / 8.0).collect() };
         // Over texel centres 0..7 height is (8u − 0.5)/8. From u = 0.1, span 0.4:
         // s = 1 − (8(0.1 + 0.4 s) − 0.5)/8  =>  1.4 s = 1 − 0.1 + 0.0625.
         let want = 0.9625 / 1.4;

@@ -9,8 +9,8 @@ use crate::tiles::{CELL_SAMPLES, FALLOFF, TILE_CELLS, TILE_MARGIN, TILE_SAMPLES,
 pub struct Tile<'a> {
     /// Heights in height units, rows of [`TILE_SAMPLES`].
     pub heights: &'a [i32],
-    /// First point in the plane.
-    pub origin: [f64; 2],
+    /// Where its first point is in the plane.
+    pub corner: [f64; 2],
     /// Distance between points; samples are half as far apart.
     pub step: f64,
     /// World units per height unit.
@@ -23,7 +23,7 @@ pub struct Tile<'a> {
     pub morph: [f64; 2],
     /// The spacing's number.
     pub spacing: u8,
-    /// Rough regions, relative to the eye like the origin.
+    /// Rough regions, relative to the eye like the corner.
     pub regions: &'a [TileRegion],
 }
 
@@ -50,7 +50,7 @@ impl Tile<'_> {
     }
 
     fn at(&self, p: [i64; 2], height: f64) -> [f64; 3] {
-        let [x, z] = [0, 1].map(|i| self.origin[i] + p[i] as f64 * self.step);
+        let [x, z] = [0, 1].map(|i| self.corner[i] + p[i] as f64 * self.step);
         [x, height - self.eye_height, z]
     }
 
@@ -58,7 +58,7 @@ impl Tile<'_> {
     #[must_use]
     pub fn morph_weight(&self, column: u32, row: u32) -> f64 {
         let across = [column, row].map(f64::from).map(|p| p * self.step);
-        let at = DVec2::from(self.origin) + DVec2::from(across);
+        let at = DVec2::from(self.corner) + DVec2::from(across);
         let d = at.length().hypot(self.above);
         let unit = self.step / f64::from(1_u32 << self.spacing);
         let [begin, end] = morph_at(self.regions, self.spacing, unit, at, self.morph);
@@ -141,7 +141,7 @@ mod tests {
         let heights: Vec<i32> = (0..points * points).map(|i| ((i * i * 31 + i * 7) % 113) as i32).collect();
         let tile = |morph| Tile {
             heights: &heights,
-            origin: [100.0, 50.0],
+            corner: [100.0, 50.0],
             step: 2.0,
             height_unit: 1.0,
             eye_height: 3.0,

@@ -14,7 +14,7 @@ use toml::Spanned;
 
 use super::lamp::RawLamp;
 use super::model::{Asset, DEFAULT_FOV_Y_DEGREES, Instance, Scene, unit};
-use super::names::Names;
+use super::names::UniqueNames;
 use super::terrain::{RawTerrain, SceneTerrain};
 
 /// Largest scene file, in bytes.
@@ -201,7 +201,7 @@ impl Source<'_> {
         }
         let mut numbers = BTreeMap::new();
         // What the file names itself comes before the names of meshes in its models.
-        let mut names = Names::default();
+        let mut names = UniqueNames::default();
         raw.asset.iter().for_each(|asset| names.reserve(asset.get_ref().name.as_str()));
         for raw in raw.asset {
             let at = raw.span().start;

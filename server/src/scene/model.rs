@@ -9,7 +9,7 @@ use lodestream_import::{ImportError, Part, gltf, is_gltf};
 use lodestream_protocol::lamps::Lamp;
 use lodestream_protocol::scene::{Camera, DEFAULT_AMBIENT, DEFAULT_BACKGROUND};
 
-use super::names::Names;
+use super::names::UniqueNames;
 use super::terrain::SceneTerrain;
 
 /// A model of a scene.
@@ -131,7 +131,7 @@ impl Scene {
     /// A glTF file that cannot be read: its meshes become assets, so they must be known.
     pub fn of_models(files: &[PathBuf]) -> Result<Self, ImportError> {
         let mut scene = Self::empty();
-        let mut names = Names::default();
+        let mut names = UniqueNames::default();
         for file in files {
             let mut asset = Asset::of_file(file);
             asset.name = names.take(&asset.name);
@@ -146,7 +146,7 @@ impl Scene {
 
     /// Adds a model: one asset, or for a whole glTF file one for each of its meshes. Returns its number
     /// among [`Scene::models`]. The asset's own name stays; its meshes' must be none of those that are taken.
-    pub(super) fn add_model(&mut self, asset: Asset, names: &mut Names) -> Result<usize, ImportError> {
+    pub(super) fn add_model(&mut self, asset: Asset, names: &mut UniqueNames) -> Result<usize, ImportError> {
         if asset.part != Part::Whole || !is_gltf(&asset.file) {
             return self.add_merged(asset);
         }
@@ -170,7 +170,12 @@ impl Scene {
 
     /// Adds the meshes that a glTF file places, each once (and once more for each mirror or uneven scale
     /// that it is placed with), named after the model and the mesh.
-    fn add_meshes(&mut self, model: &Asset, contents: gltf::Contents, names: &mut Names) -> Vec<Instance> {
+    fn add_meshes(
+        &mut self,
+        model: &Asset,
+        contents: gltf::Contents,
+        names: &mut UniqueNames,
+    ) -> Vec<Instance> {
         let mut known: Vec<(Part, usize)> = Vec::new();
         let mut by_mesh: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         let mut instances = Vec::with_capacity(contents.placed.len());

@@ -4,9 +4,9 @@ use std::collections::HashMap;
 
 /// Names that are taken, each with the number that its last namesake got.
 #[derive(Debug, Default)]
-pub(super) struct Names(HashMap<String, usize>);
+pub(super) struct UniqueNames(HashMap<String, usize>);
 
-impl Names {
+impl UniqueNames {
     /// Keeps a name for whoever has it.
     pub(super) fn reserve(&mut self, name: impl Into<String>) {
         self.0.entry(name.into()).or_insert(1);
@@ -38,7 +38,7 @@ mod tests {
 
     #[test]
     fn no_name_is_given_twice() {
-        let mut names = Names::default();
+        let mut names = UniqueNames::default();
         names.reserve("kept");
         let wanted = ["a-2", "a", "a", "a", "a-2", "kept", "kept-2"];
         let given = wanted.map(|name| names.take(name));

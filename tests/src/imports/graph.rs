@@ -23,9 +23,9 @@ pub(super) fn imports(modules: &[Module]) -> Imports {
         for path in used.chain(&module.paths) {
             let place = resolve(modules, number, path, MOST_HANDED_ON);
             let to = match place {
-                Some(Place::Item(to)) => to,
+                Some(Resolved::Item(to)) => to,
                 // A module that is imported counts for what is then named of it; a glob names nothing.
-                Some(Place::Module(to)) if globs.contains(path) => to,
+                Some(Resolved::Module(to)) if globs.contains(path) => to,
                 _ => continue,
             };
             if modules[to].file != module.file {
@@ -38,39 +38,39 @@ pub(super) fn imports(modules: &[Module]) -> Imports {
 
 /// What a path names.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Place {
+enum Resolved {
     Module(usize),
     /// Something that this module declares.
     Item(usize),
 }
 
 /// `None` for what is not of this crate.
-fn resolve(modules: &[Module], from: usize, path: &[String], left: usize) -> Option<Place> {
+fn resolve(modules: &[Module], from: usize, path: &[String], left: usize) -> Option<Resolved> {
     let (first, rest) = path.split_first()?;
     let start = match first.as_str() {
-        "crate" => Place::Module(0),
-        "self" => Place::Module(from),
-        "super" => Place::Module(modules[from].parent?),
+        "crate" => Resolved::Module(0),
+        "self" => Resolved::Module(from),
+        "super" => Resolved::Module(modules[from].parent?),
         name => named(modules, from, name, left)?,
     };
     rest.iter().try_fold(start, |place, name| match place {
         // Variants and associated functions belong to what they are of.
-        Place::Item(_) => Some(place),
-        Place::Module(module) if name == "super" => modules[module].parent.map(Place::Module),
+        Resolved::Item(_) => Some(place),
+        Resolved::Module(module) if name == "super" => modules[module].parent.map(Resolved::Module),
         // What is not known by name, as what a macro declares, is taken for the module's.
-        Place::Module(module) => named(modules, module, name, left).or(Some(Place::Item(module))),
+        Resolved::Module(module) => named(modules, module, name, left).or(Some(Resolved::Item(module))),
     })
 }
 
 /// What a name stands for within a module.
-fn named(modules: &[Module], module: usize, name: &str, left: usize) -> Option<Place> {
+fn named(modules: &[Module], module: usize, name: &str, left: usize) -> Option<Resolved> {
     let left = left.checked_sub(1)?;
     let Module { children, items, imports, .. } = &modules[module];
     if let Some(child) = children.get(name) {
-        return Some(Place::Module(*child));
+        return Some(Resolved::Module(*child));
     }
     if items.contains(name) {
-        return Some(Place::Item(module));
+        return Some(Resolved::Item(module));
     }
     // A name that stands for itself is a crate's.
     let of_name = |import: &&Import| import.name.as_deref() == Some(name) && import.path[0] != name;
@@ -79,7 +79,7 @@ fn named(modules: &[Module], module: usize, name: &str, left: usize) -> Option<P
     }
     let globs = imports.iter().filter(|import| import.name.is_none());
     globs.filter_map(|import| resolve(modules, module, &import.path, left)).find_map(|place| match place {
-        Place::Module(other) if other != module => named(modules, other, name, left),
+        Resolved::Module(other) if other != module => named(modules, other, name, left),
         _ => None,
     })
 }

@@ -41,7 +41,7 @@ fn panicked_threads() -> &'static Mutex<Vec<String>> {
 }
 
 /// Where a daemon was, so that another can take its place: state folder (with the certificate) and ports.
-pub(crate) struct Place {
+pub(crate) struct Site {
     folder: Arc<tempfile::TempDir>,
     quic: SocketAddr,
     http: SocketAddr,
@@ -76,17 +76,17 @@ impl Server {
         set: impl FnOnce(&mut DaemonOptions),
     ) -> Self {
         let any = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
-        let place = Place { folder: Arc::new(tempfile::tempdir().unwrap()), quic: any, http: any };
-        Self::start_of(place, scene, sessions, set)
+        let site = Site { folder: Arc::new(tempfile::tempdir().unwrap()), quic: any, http: any };
+        Self::start_of(site, scene, sessions, set)
     }
 
     /// Starts a daemon where another was, with the same certificate.
-    pub(crate) fn start_at(place: Place, scene: Arc<dyn SceneSource>, sessions: SessionSettings) -> Self {
-        Self::start_of(place, scene, sessions, |_| {})
+    pub(crate) fn start_at(site: Site, scene: Arc<dyn SceneSource>, sessions: SessionSettings) -> Self {
+        Self::start_of(site, scene, sessions, |_| {})
     }
 
     fn start_of(
-        place: Place,
+        site: Site,
         scene: Arc<dyn SceneSource>,
         sessions: SessionSettings,
         set: impl FnOnce(&mut DaemonOptions),
@@ -101,10 +101,10 @@ impl Server {
             .build()
             .unwrap();
         let mut options = DaemonOptions {
-            listen: Some(place.quic),
-            http: Some(place.http),
+            listen: Some(site.quic),
+            http: Some(site.http),
             sessions,
-            ..DaemonOptions::new(place.folder.path())
+            ..DaemonOptions::new(site.folder.path())
         };
         set(&mut options);
         let tls = options.http_tls;
@@ -114,7 +114,7 @@ impl Server {
         let (urls, state) = (daemon.urls(), daemon.state().clone());
         let (stop, stopped) = mpsc::channel(2);
         let serving = runtime.spawn(daemon.serve(stopped));
-        let folder = place.folder;
+        let folder = site.folder;
         Self {
             runtime: Some(runtime),
             serving: Some(serving),
@@ -218,9 +218,9 @@ impl Server {
     }
 
     /// Ends the daemon without a word to anybody, as a crash would.
-    pub(crate) fn kill(mut self) -> Place {
+    pub(crate) fn kill(mut self) -> Site {
         self.runtime.take().unwrap().shutdown_timeout(Duration::from_secs(10));
-        Place { folder: self.folder.clone(), quic: self.quic, http: self.http }
+        Site { folder: self.folder.clone(), quic: self.quic, http: self.http }
     }
 }
 

@@ -19,6 +19,7 @@ use crate::codec::base::mesh::{BaseFormat, BaseMesh, OrderedBase};
 use crate::codec::base::walk::Walk;
 use crate::codec::base::wanted::WantedMesh;
 use crate::codec::model::{STREAMS, contexts};
+use crate::codec::numbering::Numbering;
 use crate::entropy::Codec;
 use crate::entropy::ceiling::{least_bytes, most_elements};
 use crate::entropy::mute::Mute;
@@ -64,8 +65,8 @@ pub(crate) fn encode_with<C: Coder>(
     let mut walk = Walk::new(coder, format, u64::MAX, choosing);
     walk.wanted = Some(WantedMesh::new(mesh));
     walk.run()?;
-    let (vertices, wedges, faces) =
-        walk.wanted.map_or_else(Default::default, |wanted| (wanted.vertices, wanted.wedges, wanted.faces));
+    let Numbering { vertices, wedges, faces, .. } =
+        walk.wanted.map_or_else(Default::default, |wanted| wanted.names);
     Ok(OrderedBase { mesh: walk.mesh, vertices, wedges, faces })
 }
 

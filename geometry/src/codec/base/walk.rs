@@ -135,7 +135,7 @@ impl<'a, C: Coder> Walk<'a, C> {
         let face = id32(self.mesh.faces.len());
         self.mesh.faces.push(Face { wedges: corners.wedges, material });
         if let (Some(wanted), Some((name, _))) = (&mut self.wanted, want) {
-            wanted.faces.push(name);
+            wanted.names.faces.push(name);
         }
         for k in 0..3 {
             let (a, b) = (corners.vertices[k], corners.vertices[corner::next(k)]);

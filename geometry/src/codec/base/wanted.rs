@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 
 use crate::codec::base::mesh::BaseMesh;
+use crate::codec::numbering::Numbering;
 use crate::mesh::Attributes;
 use crate::mesh::corner;
 use crate::numbers::id32;
@@ -14,11 +15,7 @@ pub(super) struct WantedMesh<'a> {
     edges: HashMap<(u32, u32), Vec<(u32, u8)>>,
     done: Vec<bool>,
     next_seed: usize,
-    local_vertex: HashMap<u32, u32>,
-    local_wedge: HashMap<u32, u32>,
-    pub(super) vertices: Vec<u32>,
-    pub(super) wedges: Vec<u32>,
-    pub(super) faces: Vec<u32>,
+    pub(super) names: Numbering,
 }
 
 impl<'a> WantedMesh<'a> {
@@ -30,22 +27,12 @@ impl<'a> WantedMesh<'a> {
                 edges.entry((v[k], v[corner::next(k)])).or_default().push((id32(f), corner));
             }
         }
-        Self {
-            mesh,
-            edges,
-            done: vec![false; mesh.faces.len()],
-            next_seed: 0,
-            local_vertex: HashMap::new(),
-            local_wedge: HashMap::new(),
-            vertices: Vec::new(),
-            wedges: Vec::new(),
-            faces: Vec::new(),
-        }
+        Self { mesh, edges, done: vec![false; mesh.faces.len()], next_seed: 0, names: Numbering::default() }
     }
 
     /// The next face for a gate, as its wedges from the gate's edge on.
     pub(super) fn at_gate(&mut self, a: u32, b: u32) -> Option<(u32, [u32; 3])> {
-        let edge = (self.vertices[a as usize], self.vertices[b as usize]);
+        let edge = (self.names.vertices[a as usize], self.names.vertices[b as usize]);
         let (face, k) = *self.edges.get(&edge)?.iter().find(|(f, _)| !self.done[*f as usize])?;
         Some(self.take(face, usize::from(k)))
     }
@@ -70,12 +57,12 @@ impl<'a> WantedMesh<'a> {
 
     /// The number that a wedge's vertex was given, if it was said.
     pub(super) fn said_vertex(&self, wedge: u32) -> Option<u32> {
-        self.local_vertex.get(&self.vertex_of(wedge)).copied()
+        self.names.local_vertex.get(&self.vertex_of(wedge)).copied()
     }
 
     /// The number that a wedge was given, if it was said.
     pub(super) fn said_wedge(&self, wedge: u32) -> Option<u32> {
-        self.local_wedge.get(&wedge).copied()
+        self.names.local_wedge.get(&wedge).copied()
     }
 
     pub(super) fn position(&self, wedge: u32) -> [i32; 3] {
@@ -92,14 +79,6 @@ impl<'a> WantedMesh<'a> {
 
     /// A wedge's vertex gets the next number.
     pub(super) fn say_vertex(&mut self, wedge: u32) {
-        let vertex = self.vertex_of(wedge);
-        self.local_vertex.insert(vertex, id32(self.vertices.len()));
-        self.vertices.push(vertex);
-    }
-
-    /// A wedge gets the next number.
-    pub(super) fn say_wedge(&mut self, wedge: u32) {
-        self.local_wedge.insert(wedge, id32(self.wedges.len()));
-        self.wedges.push(wedge);
+        self.names.vertex(self.vertex_of(wedge));
     }
 }

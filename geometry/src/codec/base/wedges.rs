@@ -143,7 +143,7 @@ impl<C: Coder> Walk<'_, C> {
         self.mesh.wedges.push(Wedge { vertex, attributes: Attributes { uv, ..attributes } });
         self.wedges_of[vertex as usize].push(wedge);
         if let (Some(wanted), Some(name)) = (&mut self.wanted, want) {
-            wanted.say_wedge(name);
+            wanted.names.wedge(name);
         }
         Ok(wedge)
     }

@@ -51,7 +51,7 @@ pub(super) struct Sweep {
 }
 
 /// One value of an axis, and its place for messages.
-type Place = (&'static str, usize);
+type AxisValue = (&'static str, usize);
 
 /// What a plan names, and the cases so far.
 pub(super) struct Book<'a> {
@@ -199,7 +199,7 @@ impl<'a> Book<'a> {
     }
 
     /// The links of a sweep, each with the values of the axes that it comes from.
-    fn links(&self, sweep: &Sweep) -> Result<Vec<(CaseLink, Vec<Place>)>, Fault> {
+    fn links(&self, sweep: &Sweep) -> Result<Vec<(CaseLink, Vec<AxisValue>)>, Fault> {
         let Some(names) = &sweep.link else { return sweep.axes(self.folder) };
         let mut links = Vec::new();
         for (i, name) in names.0.iter().enumerate() {
@@ -276,8 +276,8 @@ impl Sweep {
     }
 
     /// The links of the axes' combinations.
-    fn axes(&self, folder: &Path) -> Result<Vec<(CaseLink, Vec<Place>)>, Fault> {
-        let mut links: Vec<(Direction, Vec<Place>)> =
+    fn axes(&self, folder: &Path) -> Result<Vec<(CaseLink, Vec<AxisValue>)>, Fault> {
+        let mut links: Vec<(Direction, Vec<AxisValue>)> =
             vec![(Direction { reorder: self.reorder, ..Direction::default() }, Vec::new())];
         let rates = self.rate_bits_per_s.as_ref().map(|axis| axis.0.as_slice());
         links = cross(links, "rate_bits_per_s", rates, |link, rate| link.rate_bits_per_s = Some(rate));
@@ -366,13 +366,13 @@ fn values<T: Clone>(name: &str, axis: Option<&Axis<T>>, default: &[T]) -> Result
 
 /// Every link so far with every value of one more axis, the last axis changing fastest.
 fn cross<T: Copy>(
-    links: Vec<(Direction, Vec<Place>)>,
+    links: Vec<(Direction, Vec<AxisValue>)>,
     name: &'static str,
     values: Option<&[T]>,
     set: impl Fn(&mut Direction, T),
-) -> Vec<(Direction, Vec<Place>)> {
+) -> Vec<(Direction, Vec<AxisValue>)> {
     let Some(values) = values else { return links };
-    let with = |(link, places): &(Direction, Vec<Place>)| {
+    let with = |(link, places): &(Direction, Vec<AxisValue>)| {
         let (link, places) = (link.clone(), places.clone());
         let set = &set;
         let made = values.iter().enumerate().map(move |(i, &value)| {
@@ -387,7 +387,7 @@ fn cross<T: Copy>(
 }
 
 /// Names the axis's value that a fault comes from.
-fn placed(fault: Fault, places: &[Place]) -> Fault {
+fn placed(fault: Fault, places: &[AxisValue]) -> Fault {
     let (axis, rest) = fault.field.split_once('.').unwrap_or((&fault.field, ""));
     let dot = if rest.is_empty() { "" } else { "." };
     match places.iter().find(|(name, _)| *name == axis) {
@@ -397,7 +397,7 @@ fn placed(fault: Fault, places: &[Place]) -> Fault {
 }
 
 /// Refuses links that a transport is not modelled over, or cannot work over.
-fn fits(transport: Transport, link: &CaseLink, places: &[Place]) -> Result<(), Fault> {
+fn fits(transport: Transport, link: &CaseLink, places: &[AxisValue]) -> Result<(), Fault> {
     for (way, settings) in [("down", &link.down), ("up", &link.up)] {
         let fault = |axis: &[&str], message: String| {
             let place = places.iter().find(|(name, _)| axis.contains(name));

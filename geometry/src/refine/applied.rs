@@ -5,7 +5,7 @@ use std::ops::Range;
 
 /// Where an applied owner's elements are.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Place {
+pub(crate) struct AppliedOwner {
     pub(crate) vertices: Range<u32>,
     pub(crate) wedges: Range<u32>,
     pub(crate) faces: Range<u32>,
@@ -49,15 +49,15 @@ impl Undo {
 /// Owners per page: those of one index page, which is asked for as a whole.
 const PAGE: usize = 64;
 
-/// Places by owner, in pages that exist once one of their owners is applied. A stranger's asset may
-/// claim 2^22 chunks in a few bytes: that costs 0.5 MB here, and whole places would cost 0.5 GB.
+/// What is applied, by owner, in pages that exist once one of their owners is applied. A stranger's asset may
+/// claim 2^22 chunks in a few bytes: that costs 0.5 MB here, and a list of all of them 0.5 GB.
 #[derive(Clone, Debug)]
-pub(crate) struct Places {
-    pages: Vec<Option<Box<[Option<Place>; PAGE]>>>,
+pub(crate) struct AppliedOwners {
+    pages: Vec<Option<Box<[Option<AppliedOwner>; PAGE]>>>,
     owners: usize,
 }
 
-impl Places {
+impl AppliedOwners {
     /// None applied, of the base mesh and so many chunks.
     pub(crate) fn new(chunks: u32) -> Self {
         let owners = chunks as usize + 1;
@@ -69,45 +69,45 @@ impl Places {
         self.owners
     }
 
-    pub(crate) fn get(&self, owner: u32) -> Option<&Place> {
+    pub(crate) fn get(&self, owner: u32) -> Option<&AppliedOwner> {
         self.pages.get(owner as usize / PAGE)?.as_ref()?[owner as usize % PAGE].as_ref()
     }
 
-    pub(crate) fn get_mut(&mut self, owner: u32) -> Option<&mut Place> {
+    pub(crate) fn get_mut(&mut self, owner: u32) -> Option<&mut AppliedOwner> {
         self.pages.get_mut(owner as usize / PAGE)?.as_mut()?[owner as usize % PAGE].as_mut()
     }
 
     /// `owner` must be below [`Self::len`].
-    pub(crate) fn insert(&mut self, owner: u32, place: Place) {
+    pub(crate) fn insert(&mut self, owner: u32, applied: AppliedOwner) {
         let page = &mut self.pages[owner as usize / PAGE];
         let page = page.get_or_insert_with(|| Box::new([const { None }; PAGE]));
-        page[owner as usize % PAGE] = Some(place);
+        page[owner as usize % PAGE] = Some(applied);
     }
 
-    pub(crate) fn remove(&mut self, owner: u32) -> Option<Place> {
+    pub(crate) fn remove(&mut self, owner: u32) -> Option<AppliedOwner> {
         let slot = self.pages.get_mut(owner as usize / PAGE)?;
         let page = slot.as_mut()?;
-        let place = page[owner as usize % PAGE].take();
+        let applied = page[owner as usize % PAGE].take();
         if page.iter().all(Option::is_none) {
             *slot = None;
         }
-        place
+        applied
     }
 
     /// The applied owners, ascending.
-    pub(crate) fn iter(&self) -> impl Iterator<Item = (u32, &Place)> {
+    pub(crate) fn iter(&self) -> impl Iterator<Item = (u32, &AppliedOwner)> {
         self.pages.iter().enumerate().filter_map(|(i, page)| Some((i, page.as_ref()?))).flat_map(
             |(i, page)| {
                 let numbered = page.iter().enumerate();
-                numbered.filter_map(move |(k, place)| Some(((i * PAGE + k) as u32, place.as_ref()?)))
+                numbered.filter_map(move |(k, applied)| Some(((i * PAGE + k) as u32, applied.as_ref()?)))
             },
         )
     }
 
     /// Memory held, in bytes.
     pub(crate) fn bytes(&self) -> usize {
-        self.pages.capacity() * size_of::<Option<Box<[Option<Place>; PAGE]>>>()
-            + self.pages.iter().flatten().count() * size_of::<[Option<Place>; PAGE]>()
+        self.pages.capacity() * size_of::<Option<Box<[Option<AppliedOwner>; PAGE]>>>()
+            + self.pages.iter().flatten().count() * size_of::<[Option<AppliedOwner>; PAGE]>()
     }
 }
 
@@ -116,20 +116,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn places_come_back_in_order_and_pages_go_with_their_last() {
-        let mut places = Places::new(1 << 24);
-        let empty = places.bytes();
+    fn owners_come_back_in_order_and_pages_go_with_their_last() {
+        let mut applied = AppliedOwners::new(1 << 24);
+        let empty = applied.bytes();
         assert!(empty < 3 << 20, "{empty} bytes");
         for owner in [1 << 24, 0, 63, 64] {
-            places.insert(owner, Place { children: owner, ..Place::default() });
+            applied.insert(owner, AppliedOwner { children: owner, ..AppliedOwner::default() });
         }
-        let there: Vec<(u32, u32)> = places.iter().map(|(owner, place)| (owner, place.children)).collect();
+        let there: Vec<(u32, u32)> =
+            applied.iter().map(|(owner, applied)| (owner, applied.children)).collect();
         assert_eq!(there, [(0, 0), (63, 63), (64, 64), (1 << 24, 1 << 24)]);
-        assert!(places.bytes() > empty);
+        assert!(applied.bytes() > empty);
         for owner in [63, 1 << 24, 64, 0, 5, u32::MAX] {
-            places.remove(owner);
-            assert!(places.get(owner).is_none() && places.get_mut(owner).is_none());
+            applied.remove(owner);
+            assert!(applied.get(owner).is_none() && applied.get_mut(owner).is_none());
         }
-        assert_eq!((places.iter().count(), places.bytes()), (0, empty));
+        assert_eq!((applied.iter().count(), applied.bytes()), (0, empty));
     }
 }
