@@ -102,10 +102,13 @@ pub fn plain_chunk(codec: Codec, stored: &[u8]) -> Result<Cow<'_, [u8]>, DecodeE
 /// # Errors
 /// As [`Base::encode`] and [`compress`].
 pub fn encode_base(base: &Base) -> Result<Vec<u8>, DecodeError> {
-    let frame = compress(&base.encode_as(Codec::Plain)?)?;
     match base.codec {
-        Codec::Range => base.encode().map(|blob| if frame.len() < blob.len() { frame } else { blob }),
-        Codec::Plain => Ok(frame),
+        Codec::Range => {
+            let blobs = base.encode_both()?;
+            let frame = compress(&blobs.plain)?;
+            Ok(if frame.len() < blobs.range.len() { frame } else { blobs.range })
+        }
+        Codec::Plain => compress(&base.encode()?),
     }
 }
 

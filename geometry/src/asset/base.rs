@@ -64,6 +64,15 @@ pub struct Base {
     pub faces: Vec<Face>,
 }
 
+/// A base blob with its mesh coded by each codec; what carries one must say by which ([`Base::decode_as`]).
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct BaseBlobs {
+    /// By [`Codec::Range`].
+    pub range: Vec<u8>,
+    /// By [`Codec::Plain`].
+    pub plain: Vec<u8>,
+}
+
 impl Base {
     /// What its wedges carry.
     pub(crate) fn kinds(&self) -> Kinds {

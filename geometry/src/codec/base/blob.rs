@@ -1,9 +1,9 @@
 //! The base blob: head, description and base mesh as bytes.
 
-use crate::asset::base::{Base, FORMAT_VERSION, MAX_CHUNKS, MAX_DESCRIPTION_BYTES, Totals};
+use crate::asset::base::{Base, BaseBlobs, FORMAT_VERSION, MAX_CHUNKS, MAX_DESCRIPTION_BYTES, Totals};
 use crate::asset::index::Sphere;
 use crate::codec::base;
-use crate::codec::base::mesh::{BaseFormat, BaseMesh};
+use crate::codec::base::mesh::{BaseFormat, BaseMesh, BothCodecs};
 use crate::entropy::Codec;
 use crate::entropy::bytes::{Reader, put_varint};
 use crate::error::DecodeError;
@@ -27,6 +27,22 @@ impl Base {
     /// # Errors
     /// As [`Base::encode`].
     pub fn encode_as(&self, mesh: Codec) -> Result<Vec<u8>, DecodeError> {
+        let (head, base, format) = self.parts();
+        Ok([head, base::encode(&base, mesh, format)?].concat())
+    }
+
+    /// The same with each codec, for less work than one after the other.
+    ///
+    /// # Errors
+    /// As [`Base::encode`].
+    pub fn encode_both(&self) -> Result<BaseBlobs, DecodeError> {
+        let (head, base, format) = self.parts();
+        let BothCodecs { range, plain } = base::encode_both(&base, format)?;
+        Ok(BaseBlobs { range: [&head[..], &range].concat(), plain: [head, plain].concat() })
+    }
+
+    /// Bytes of the head and the description; the mesh as it is coded, and its format.
+    fn parts(&self) -> (Vec<u8>, BaseMesh, BaseFormat) {
         let kinds = self.uv_grid.bits | u8::from(self.colors) << 6 | u8::from(self.normals) << 7;
         let plain = u8::from(self.codec == Codec::Plain);
         let mut out = vec![FORMAT_VERSION, self.grid.bits | plain << 7, kinds, self.level_count];
@@ -58,8 +74,7 @@ impl Base {
         };
         let format =
             BaseFormat::new(self.grid.bits - shift, self.kinds(), self.material_count, &self.uv_grid);
-        out.extend(base::encode(&base, mesh, format)?);
-        Ok(out)
+        (out, base, format)
     }
 
     /// Reads a blob.

@@ -25,6 +25,12 @@ pub(crate) struct OrderedBase {
     pub(crate) faces: Vec<u32>,
 }
 
+/// A base mesh's bytes with each codec.
+pub(crate) struct BothCodecs {
+    pub(crate) range: Vec<u8>,
+    pub(crate) plain: Vec<u8>,
+}
+
 /// What a base mesh's symbols depend on besides the mesh.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct BaseFormat {

@@ -15,7 +15,7 @@ mod walk;
 mod wanted;
 mod wedges;
 
-use crate::codec::base::mesh::{BaseFormat, BaseMesh, OrderedBase};
+use crate::codec::base::mesh::{BaseFormat, BaseMesh, BothCodecs, OrderedBase};
 use crate::codec::base::walk::Walk;
 use crate::codec::base::wanted::WantedMesh;
 use crate::codec::model::{STREAMS, contexts};
@@ -35,23 +35,41 @@ pub(crate) fn ordered(mesh: &BaseMesh, format: BaseFormat) -> Result<OrderedBase
 /// Encodes a mesh, given in any order. Fails on more than [`crate::base::MAX_BASE_FACES`] faces and on faces with a
 /// repeated vertex.
 pub(crate) fn encode(mesh: &BaseMesh, codec: Codec, format: BaseFormat) -> Result<Vec<u8>, DecodeError> {
-    // Choosing pays where walls stand, and costs where all is round: both are tried.
-    let [trusting, choosing] = [false, true].map(|choosing| encode_range(mesh, format, choosing));
-    let (trusting, choosing) = (trusting?, choosing?);
-    let chooses = choosing.len() < trusting.len();
+    let range = encode_range(mesh, format)?;
     match codec {
-        Codec::Range => Ok(if chooses { choosing } else { trusting }),
-        Codec::Plain => {
-            let mut encoder = PlainEncoder::new(&STREAMS);
-            let said = encode_with(&mut encoder, mesh, format, chooses)?;
-            Ok(encoder.finish(least_bytes(said.mesh.elements())))
-        }
+        Codec::Range => Ok(range.bytes),
+        Codec::Plain => encode_plain(mesh, format, range.chooses),
     }
 }
 
-fn encode_range(mesh: &BaseMesh, format: BaseFormat, choosing: bool) -> Result<Vec<u8>, DecodeError> {
-    let mut encoder = Encoder::new(contexts());
-    let said = encode_with(&mut encoder, mesh, format, choosing)?;
+/// The same with both codecs: the mesh is walked three times, as often as for the plain one alone.
+pub(crate) fn encode_both(mesh: &BaseMesh, format: BaseFormat) -> Result<BothCodecs, DecodeError> {
+    let range = encode_range(mesh, format)?;
+    let plain = encode_plain(mesh, format, range.chooses)?;
+    Ok(BothCodecs { range: range.bytes, plain })
+}
+
+/// What the range coder made of a mesh, and whether by choosing.
+struct Ranged {
+    bytes: Vec<u8>,
+    chooses: bool,
+}
+
+fn encode_range(mesh: &BaseMesh, format: BaseFormat) -> Result<Ranged, DecodeError> {
+    let walked = |chooses| -> Result<Ranged, DecodeError> {
+        let mut encoder = Encoder::new(contexts());
+        let said = encode_with(&mut encoder, mesh, format, chooses)?;
+        Ok(Ranged { bytes: encoder.finish(least_bytes(said.mesh.elements())), chooses })
+    };
+    // Choosing pays where walls stand, and costs where all is round: both are tried.
+    let (trusting, choosing) = (walked(false)?, walked(true)?);
+    Ok(if choosing.bytes.len() < trusting.bytes.len() { choosing } else { trusting })
+}
+
+/// The plain codec goes by the range coder's choice.
+fn encode_plain(mesh: &BaseMesh, format: BaseFormat, chooses: bool) -> Result<Vec<u8>, DecodeError> {
+    let mut encoder = PlainEncoder::new(&STREAMS);
+    let said = encode_with(&mut encoder, mesh, format, chooses)?;
     Ok(encoder.finish(least_bytes(said.mesh.elements())))
 }
 
@@ -158,6 +176,9 @@ mod tests {
             let bytes = encode(mesh, codec, format).unwrap();
             let ordered = ordered(mesh, format).unwrap();
             assert!(decode(&bytes, codec, format).unwrap() == ordered.mesh, "{codec:?}");
+            let both = encode_both(mesh, format).unwrap();
+            let same = if codec == Codec::Range { both.range } else { both.plain };
+            assert!(same == bytes, "{codec:?}: other bytes beside the other codec's");
             said = Some(bytes.len());
         }
         said.unwrap()
