@@ -165,3 +165,79 @@ impl<C: Coder> Walk<'_, C> {
         guesses
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::codec::base::mesh::BaseFormat;
+    use crate::codec::base::walk::Gate;
+    use crate::entropy::mute::Mute;
+    use crate::mesh::{Face, Kinds, Wedge};
+
+    /// Guesses at the next vertex beside these, with a wedge each, of which three and three are a part.
+    fn guesses(
+        positions: &[[i32; 3]],
+        parts: usize,
+        choosing: bool,
+        corners: &Corners,
+    ) -> [Option<[i32; 3]>; GUESSES] {
+        let format = BaseFormat { bits: 8, kinds: Kinds::default(), materials: 1, uv_ratio: 1.0 };
+        let mut coder = Mute;
+        let mut walk = Walk::new(&mut coder, format, u64::MAX, choosing);
+        walk.mesh.positions = positions.to_vec();
+        walk.mesh.wedges =
+            (0..id32(positions.len())).map(|v| Wedge { vertex: v, ..Wedge::default() }).collect();
+        walk.mesh.faces = vec![Face { wedges: [0, 1, 2], material: 0 }];
+        for part in 0..parts {
+            walk.repeats.begin(3 * part, 3 * part);
+            walk.repeats.follow(7, true);
+        }
+        walk.guesses_at_position(corners)
+    }
+
+    const PART: [[i32; 3]; 3] = [[10, 20, 30], [14, 21, 33], [11, 27, 39]];
+
+    #[test]
+    fn over_a_gate_the_fourth_corner_of_a_parallelogram_and_the_gates_corners_are_guessed() {
+        for (k, beside) in [(0, [13, 14, 24]), (1, [15, 28, 42]), (2, [7, 26, 36])] {
+            let corners = Corners { gate: Some(Gate { face: 0, k }), next: 2, ..Corners::default() };
+            let there = guesses(&PART, 0, true, &corners);
+            assert_eq!(there[BESIDE], Some(beside));
+            let corners_of_gate = [k, corner::next(k), corner::previous(k)].map(|k| Some(PART[k]));
+            assert_eq!(there[FIRST_CORNER..FIRST_NEWEST], corners_of_gate);
+            assert!(there[REPEATED].is_none() && there[FIRST_NEWEST..].iter().all(Option::is_none));
+            // Only who chooses has others than that beside and that of a part before.
+            let mut first = [None; GUESSES];
+            first[BESIDE] = Some(beside);
+            assert_eq!(guesses(&PART, 0, false, &corners), first);
+        }
+    }
+
+    #[test]
+    fn a_seeds_corner_is_guessed_at_the_corner_before_or_at_the_newest_vertex_or_in_the_middle() {
+        let beside = |positions: &[[i32; 3]], vertices, next| {
+            let there = guesses(positions, 0, true, &Corners { vertices, next, ..Corners::default() });
+            (there[BESIDE].unwrap(), there[FIRST_CORNER], there[FIRST_CORNER + 1])
+        };
+        assert_eq!(beside(&[], [0; 3], 0), ([128; 3], None, None));
+        assert_eq!(beside(&PART, [0; 3], 0), (PART[2], None, None));
+        assert_eq!(beside(&PART, [1, 0, 0], 1), (PART[1], Some(PART[1]), None));
+        assert_eq!(beside(&PART, [1, 0, 0], 2), (PART[0], Some(PART[1]), None));
+    }
+
+    #[test]
+    fn a_part_like_one_before_is_guessed_to_lie_as_that_one_did() {
+        let moved = |by: i32| PART.map(|p| [p[0] + by, p[1], p[2] - 2 * by]);
+        let corners = Corners::default();
+        let repeated = |positions: &[[i32; 3]], parts| guesses(positions, parts, false, &corners)[REPEATED];
+        let all = [PART, moved(50), moved(100)].concat();
+        // Of the first part nothing is before; the second begins where the first did, the third as far on.
+        assert_eq!(repeated(&all[..1], 1), None);
+        assert_eq!(repeated(&all[..3], 2), Some(PART[0]));
+        assert_eq!(repeated(&all[..6], 3), Some(all[6]));
+        // Where one has begun, the rest lies as before.
+        for (parts, there) in [(2, 4), (2, 5), (3, 7), (3, 8)] {
+            assert_eq!(repeated(&all[..there], parts), Some(all[there]));
+        }
+    }
+}

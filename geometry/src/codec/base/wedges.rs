@@ -228,3 +228,161 @@ impl<C: Coder> Walk<'_, C> {
         guesses
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::codec::base::mesh::BaseFormat;
+    use crate::codec::base::walk::Gate;
+    use crate::entropy::mute::Mute;
+    use crate::mesh::Face;
+
+    type Uv = [i32; 2];
+
+    /// Two texels a unit along x and three against y.
+    fn map([x, y, _]: [i32; 3]) -> Uv {
+        [20 + 2 * x, 99 - 3 * y]
+    }
+
+    /// Of a square in the plane of x and y the first face, 0 1 2, as [`map`] says; the fourth corner, 3, has a wedge of
+    /// somewhere else.
+    const SQUARE: [[i32; 3]; 4] = [[0, 0, 5], [8, 0, 5], [0, 8, 5], [8, 8, 5]];
+    const ELSE: Uv = [77, 7];
+
+    /// What a walk guesses that stands there; `set` may change it.
+    fn guesses(
+        corners: &Corners,
+        near: Option<u32>,
+        uv_ratio: f64,
+        set: impl FnOnce(&mut Walk<'_, Mute>),
+    ) -> [Option<Uv>; GUESSES] {
+        let kinds = Kinds { uv_bits: 8, ..Kinds::default() };
+        let mut coder = Mute;
+        let format = BaseFormat { bits: 8, kinds, materials: 1, uv_ratio };
+        let mut walk = Walk::new(&mut coder, format, u64::MAX, true);
+        walk.mesh.positions = SQUARE.to_vec();
+        for (vertex, uv) in (0..).zip([map(SQUARE[0]), map(SQUARE[1]), map(SQUARE[2]), ELSE]) {
+            walk.mesh.wedges.push(Wedge { vertex, attributes: Attributes { uv, ..Attributes::default() } });
+            walk.wedges_of.push(vec![vertex]);
+        }
+        walk.mesh.faces = vec![Face { wedges: [0, 1, 2], material: 0 }];
+        set(&mut walk);
+        walk.guesses_at_uv(corners, near)
+    }
+
+    /// Where guesses are, in order.
+    fn there(guesses: &[Option<Uv>]) -> Vec<usize> {
+        guesses.iter().enumerate().filter(|(_, guess)| guess.is_some()).map(|(k, _)| k).collect()
+    }
+
+    /// The face across the square's diagonal, at its corner `next`, with these wedges.
+    fn across(next: usize, wedges: [u32; 3]) -> Corners {
+        let across = [Some(2), Some(1), None];
+        Corners { gate: Some(Gate { face: 0, k: 1 }), across, vertices: [2, 1, 3], wedges, next }
+    }
+
+    #[test]
+    fn a_chart_is_guessed_to_go_on_across_a_gate_whose_wedges_are_shared() {
+        let chart = guesses(&across(2, [2, 1, 0]), Some(1), 1.0, |_| ());
+        assert_eq!(there(&chart), [BESIDE, CHART, ELSEWHERE]);
+        assert_eq!(
+            [BESIDE, CHART, ELSEWHERE].map(|k| chart[k].unwrap()),
+            [map(SQUARE[1]), map(SQUARE[3]), ELSE]
+        );
+    }
+
+    #[test]
+    fn beyond_a_seam_and_at_a_seed_the_third_corner_is_guessed_to_either_side() {
+        // A right angle at 3 with sides of 8: the other two are 8√2 apart, the middle between is the third's foot.
+        let seam = |ratio| guesses(&across(2, [2, 3, 0]), Some(3), ratio, |_| ());
+        let [from, to] = [map(SQUARE[2]), ELSE];
+        let (middle, half) = ([0, 1].map(|k| from[k] + to[k]), [0, 1].map(|k| to[k] - from[k]));
+        let side = |sign: i32| {
+            let doubled = [middle[0] - sign * half[1], middle[1] + sign * half[0]];
+            Some(doubled.map(|x| (x + 1).div_euclid(2)))
+        };
+        assert_eq!(seam(1.0)[FIRST_SIMILAR..REPEATED], [side(1), side(-1)]);
+        assert_eq!(there(&seam(1.0)), [BESIDE, FIRST_SIMILAR, FIRST_SIMILAR + 1, ELSEWHERE]);
+        assert_ne!(seam(2.0)[FIRST_SIMILAR], side(1), "a cell's shape counts");
+        let seed = Corners { gate: None, across: [None; 3], ..across(2, [2, 3, 0]) };
+        assert_eq!(guesses(&seed, Some(3), 1.0, |_| ()), seam(1.0));
+        // Corners before the third have none.
+        let second = Corners { next: 1, ..seed };
+        assert_eq!(there(&guesses(&second, Some(3), 1.0, |_| ())), [BESIDE, ELSEWHERE]);
+    }
+
+    #[test]
+    fn across_a_seam_the_edge_is_guessed_forwards_backwards_and_turned() {
+        // At the second corner; the first has the wedge that is somewhere else. The edge runs from 2 to 1.
+        let [du, dv] = [16, 24];
+        let seam = guesses(&across(1, [3, 0, 0]), Some(3), 2.0, |_| ());
+        let edges = [[du, dv], [-du, -dv], [-dv * 2, du / 2], [dv * 2, -du / 2]];
+        assert_eq!(seam[FIRST_SEAM..FACING], edges.map(|[x, y]| Some([ELSE[0] + x, ELSE[1] + y])));
+        assert_eq!(there(&seam), [BESIDE, ELSEWHERE, FIRST_SEAM, 9, 10, 11]);
+        assert_eq!(seam[ELSEWHERE], Some(map(SQUARE[1])));
+        // At the first nothing of it is known.
+        assert_eq!(there(&guesses(&across(0, [0; 3]), Some(2), 2.0, |_| ())), [BESIDE, ELSEWHERE]);
+    }
+
+    #[test]
+    fn a_face_that_looks_as_one_before_did_is_guessed_to_be_on_its_chart() {
+        let corners = Corners { gate: None, across: [None; 3], ..across(0, [0; 3]) };
+        let facing = |places: [[i32; 3]; 3]| {
+            let set = |walk: &mut Walk<'_, Mute>| {
+                walk.uv_guesses.follow(places.map(|p| p.map(f64::from)), [0, 1, 2]);
+            };
+            let [first, second, third] =
+                [0, 1, 2].map(|next| guesses(&Corners { next, ..corners }, None, 1.0, set)[FACING]);
+            [first, second, third]
+        };
+        // The face 2 1 3 looks along z, as does 0 1 2.
+        let [a, b, c, d] = SQUARE;
+        assert_eq!(facing([a, b, c]), [c, b, d].map(|p| Some(map(p))));
+        assert_eq!(facing([a, c, b]), [None; 3]);
+        // Near nothing there is the corner of the map.
+        assert_eq!(guesses(&corners, None, 1.0, |_| ())[BESIDE], Some([0; 2]));
+    }
+
+    #[test]
+    fn six_ways_to_look_are_told_apart_by_the_largest_part_of_the_normal() {
+        let [x, y, z] = [[9.0, 1.0, 2.0], [2.0, 9.0, 1.0], [1.0, 2.0, 9.0]];
+        let o = [0.0; 3];
+        // A normal is near the axis that is in neither edge.
+        let ways = [[o, y, z], [o, z, y], [o, z, x], [o, x, z], [o, x, y], [o, y, x]];
+        assert_eq!(ways.map(facing), [0, 1, 2, 3, 4, 5]);
+    }
+
+    #[test]
+    fn a_part_like_one_before_is_guessed_to_be_mapped_as_that_one_was() {
+        let corners = Corners { vertices: [3, 3, 3], ..Corners::default() };
+        // Parts of one wedge and then another, the third's second to come.
+        let uvs = [[10, 10], [12, 17], [40, 20], [43, 28], [70, 90]];
+        let guesses = |wedges: usize, begins: &[usize], near: Option<u32>| {
+            guesses(&corners, near, 1.0, |walk| {
+                let of =
+                    |&uv: &Uv| Wedge { vertex: 0, attributes: Attributes { uv, ..Attributes::default() } };
+                walk.mesh.wedges = uvs[..wedges].iter().map(of).collect();
+                walk.wedges_of = vec![Vec::new(); 4];
+                for &begin in begins {
+                    walk.repeats.begin(begin, begin);
+                    walk.repeats.follow(7, true);
+                }
+            })
+        };
+        // The second part's second wedge: as the first's, and moved as the one near by was.
+        let second = guesses(3, &[0, 2], Some(2));
+        assert_eq!(there(&second), [BESIDE, REPEATED, REPEATED_ALONG]);
+        assert_eq!(
+            [BESIDE, REPEATED, REPEATED_ALONG].map(|k| second[k].unwrap()),
+            [[40, 20], [12, 17], [42, 27]]
+        );
+        // The third's: as the second's, as far on from it as that was from the first's, and moved.
+        let third = guesses(5, &[0, 2, 4], Some(4));
+        let kinds = [REPEATED, REPEATED_ON, REPEATED_ALONG];
+        assert_eq!(kinds.map(|k| third[k].unwrap()), [[43, 28], [74, 39], [73, 98]]);
+        // With nothing near by there is nothing to move along with.
+        assert_eq!(there(&guesses(5, &[0, 2, 4], None)), [BESIDE, REPEATED, REPEATED_ON]);
+        // The first part has none before.
+        assert_eq!(there(&guesses(1, &[0], Some(0))), [BESIDE]);
+    }
+}
