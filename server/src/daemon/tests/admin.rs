@@ -1,3 +1,5 @@
+use std::path::Path;
+
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio::time::timeout;
@@ -18,21 +20,25 @@ fn any() -> SocketAddr {
     SocketAddr::from((Ipv4Addr::LOCALHOST, 0))
 }
 
-#[tokio::test]
-async fn idle_connections_kept_those_out_who_ask_how_the_server_is() {
-    let folder = tempfile::tempdir().unwrap();
-    let options = DaemonOptions {
+/// A daemon that has HTTP and an admin port, and no QUIC.
+fn options(folder: &Path, sessions: SessionSettings) -> DaemonOptions {
+    DaemonOptions {
         listen: None,
         http: Some(any()),
         admin: AdminPort::At(any()),
-        sessions: SessionSettings {
-            rate_bits_per_s: Some(2_000_000),
-            max_sessions: 1,
-            ..SessionSettings::default()
-        },
-        ..DaemonOptions::new(folder.path())
-    };
-    let daemon = Daemon::bind(options, Arc::new(MemoryScene::new(1, 100, 100))).await.unwrap();
+        sessions,
+        ..DaemonOptions::new(folder)
+    }
+}
+
+#[tokio::test]
+async fn idle_connections_kept_those_out_who_ask_how_the_server_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let sessions =
+        SessionSettings { rate_bits_per_s: Some(2_000_000), max_sessions: 1, ..SessionSettings::default() };
+    let daemon = Daemon::bind(options(folder.path(), sessions), Arc::new(MemoryScene::new(1, 100, 100)))
+        .await
+        .unwrap();
     let (http, admin) = (daemon.http_address().unwrap(), daemon.admin_address().unwrap());
     let (_stop, stopped) = tokio::sync::mpsc::channel(2);
     let serving = tokio::spawn(daemon.serve(stopped));
@@ -59,18 +65,15 @@ async fn idle_connections_kept_those_out_who_ask_how_the_server_is() {
 #[tokio::test]
 async fn who_runs_the_server_hears_that_it_drains_while_it_does() {
     let folder = tempfile::tempdir().unwrap();
-    let options = DaemonOptions {
-        listen: None,
-        http: Some(any()),
-        admin: AdminPort::At(any()),
-        sessions: SessionSettings {
-            rate_bits_per_s: Some(1_000_000),
-            drain: Duration::from_secs(3600),
-            ..SessionSettings::default()
-        },
-        ..DaemonOptions::new(folder.path())
+    let sessions = SessionSettings {
+        rate_bits_per_s: Some(1_000_000),
+        drain: Duration::from_secs(3600),
+        ..SessionSettings::default()
     };
-    let daemon = Daemon::bind(options, Arc::new(MemoryScene::new(1, 1000, 10_000_000))).await.unwrap();
+    let daemon =
+        Daemon::bind(options(folder.path(), sessions), Arc::new(MemoryScene::new(1, 1000, 10_000_000)))
+            .await
+            .unwrap();
     let (http, admin) = (daemon.http_address().unwrap(), daemon.admin_address().unwrap());
     let state = daemon.state().clone();
     let (stop, stopped) = tokio::sync::mpsc::channel(2);
