@@ -1,6 +1,7 @@
 //! How many lines a place in the code may log: what repeats itself says nothing new, and hides what does.
 
-use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+use std::collections::{HashMap, VecDeque};
 use std::num::NonZeroU32;
 use std::time::{Duration, Instant};
 
@@ -33,65 +34,100 @@ pub(super) struct LeftOut {
     pub(super) lines: u64,
 }
 
-/// See the module. There are as many entries as places that have logged.
+/// See the module. There are as many entries as places that have logged, and a line costs the same however many.
 #[derive(Debug)]
 pub(super) struct Limiter {
     limit: LogLimit,
-    places: HashMap<Identifier, Place>,
+    callsites: HashMap<Identifier, Window>,
+    /// Whose windows are open, the oldest first; each callsite once.
+    open: VecDeque<Identifier>,
+    /// The latest time that was told: threads read the clock before they wait for each other.
+    latest: Option<Instant>,
 }
 
+/// What a callsite logged since its window began.
 #[derive(Debug)]
-struct Place {
+struct Window {
     metadata: &'static Metadata<'static>,
-    window: Instant,
+    begin: Instant,
     lines: u32,
     left_out: u64,
 }
 
 impl Limiter {
     pub(super) fn new(limit: LogLimit) -> Self {
-        Self { limit, places: HashMap::new() }
+        Self { limit, callsites: HashMap::new(), open: VecDeque::new(), latest: None }
     }
 
-    /// Whether a place may log a line now; if not, the line is counted.
-    pub(super) fn admit(&mut self, of: &'static Metadata<'static>, now: Instant) -> bool {
-        let LogLimit(Some(most)) = self.limit else { return true };
-        let fresh = || Place { metadata: of, window: now, lines: 0, left_out: 0 };
-        let place = self.places.entry(of.callsite()).or_insert_with(fresh);
-        if now.saturating_duration_since(place.window) >= WINDOW {
-            (place.window, place.lines) = (now, 0);
-        }
-        if place.lines < most.get() {
-            place.lines += 1;
-            true
+    /// Whether a place may log a line now; if not, the line is counted. And what was left out in windows that are over
+    /// since the last line, each place once.
+    pub(super) fn line(&mut self, of: &'static Metadata<'static>, now: Instant) -> (bool, Vec<LeftOut>) {
+        let LogLimit(Some(most)) = self.limit else { return (true, Vec::new()) };
+        let now = *self.latest.insert(self.latest.map_or(now, |latest| latest.max(now)));
+        let left_out = self.close(now);
+        let fresh = Window { metadata: of, begin: now, lines: 0, left_out: 0 };
+        let window = match self.callsites.entry(of.callsite()) {
+            Entry::Occupied(entry) => {
+                let window = entry.into_mut();
+                if now - window.begin >= WINDOW {
+                    self.open.push_back(of.callsite());
+                    *window = fresh;
+                }
+                window
+            }
+            Entry::Vacant(entry) => {
+                self.open.push_back(of.callsite());
+                entry.insert(fresh)
+            }
+        };
+        let admitted = window.lines < most.get();
+        if admitted {
+            window.lines += 1;
         } else {
-            place.left_out += 1;
-            false
+            window.left_out += 1;
         }
+        (admitted, left_out)
     }
 
-    /// Takes what was left out in windows that are over, each place once.
-    pub(super) fn take(&mut self, now: Instant) -> Vec<LeftOut> {
-        self.take_if(|place| now.saturating_duration_since(place.window) >= WINDOW)
+    /// Closes the windows that are over.
+    fn close(&mut self, now: Instant) -> Vec<LeftOut> {
+        let mut taken = Vec::new();
+        while let Some(callsite) = self.open.front()
+            && let Some(window) = self.callsites.get_mut(callsite)
+            && now - window.begin >= WINDOW
+        {
+            taken.extend(window.take());
+            self.open.pop_front();
+        }
+        sorted(taken)
     }
 
     /// Takes all that was left out.
     pub(super) fn take_all(&mut self) -> Vec<LeftOut> {
-        self.take_if(|_| true)
+        sorted(self.callsites.values_mut().filter_map(Window::take).collect())
     }
+}
 
-    fn take_if(&mut self, over: impl Fn(&Place) -> bool) -> Vec<LeftOut> {
-        let places = self.places.values_mut().filter(|place| place.left_out > 0 && over(place));
-        let taken =
-            places.map(|place| LeftOut { of: place.metadata, lines: std::mem::take(&mut place.left_out) });
-        let mut taken: Vec<_> = taken.collect();
-        taken.sort_by_key(|left_out| (left_out.of.file(), left_out.of.line()));
-        taken
+impl Window {
+    fn take(&mut self) -> Option<LeftOut> {
+        let lines = std::mem::take(&mut self.left_out);
+        (lines > 0).then_some(LeftOut { of: self.metadata, lines })
     }
+}
+
+/// By place: a map's order is nobody's business.
+fn sorted(mut taken: Vec<LeftOut>) -> Vec<LeftOut> {
+    taken.sort_by_key(|left_out| (left_out.of.file(), left_out.of.line()));
+    taken
 }
 
 #[cfg(test)]
 mod tests {
+    use tracing::callsite::Callsite;
+    use tracing::field::FieldSet;
+    use tracing::metadata::Kind;
+    use tracing::subscriber::Interest;
+
     use super::*;
 
     #[test]
@@ -101,5 +137,114 @@ mod tests {
         for bad in ["0", "-1", "", "many"] {
             assert!(parse_log_limit(bad).unwrap_err().contains("100, or off"), "{bad}");
         }
+    }
+
+    /// A place in a file of its own making.
+    fn callsite(line: u32) -> &'static Metadata<'static> {
+        /// Has a size, so that no two are at the same address.
+        struct Somewhere(#[expect(dead_code, reason = "it is there for its size")] u32);
+        impl Callsite for Somewhere {
+            fn set_interest(&self, _: Interest) {}
+            fn metadata(&self) -> &Metadata<'_> {
+                unreachable!("nobody is registered")
+            }
+        }
+        let fields = FieldSet::new(&[], Identifier(Box::leak(Box::new(Somewhere(line)))));
+        let level = tracing::Level::INFO;
+        let (file, kind) = (Some("here.rs"), Kind::EVENT);
+        Box::leak(Box::new(Metadata::new("line", "here", level, file, Some(line), None, fields, kind)))
+    }
+
+    fn told(left_out: &[LeftOut]) -> Vec<(u32, u64)> {
+        left_out.iter().map(|left_out| (left_out.of.line().unwrap(), left_out.lines)).collect()
+    }
+
+    fn limiter(most: u32) -> Limiter {
+        Limiter::new(LogLimit(NonZeroU32::new(most)))
+    }
+
+    #[test]
+    fn each_place_has_a_window_of_its_own_and_is_told_of_once_when_it_is_over() {
+        let [a, b] = [9, 4].map(callsite);
+        let (mut limiter, start) = (limiter(2), Instant::now());
+        let mut line = |of, at_ms| {
+            let (admitted, left_out) = limiter.line(of, start + Duration::from_millis(at_ms));
+            (admitted, told(&left_out))
+        };
+        assert_eq!([0, 1, 2, 3].map(|ms| line(a, ms).0), [true, true, false, false]);
+        assert_eq!([500, 501, 502].map(|ms| line(b, ms).0), [true, true, false]);
+        assert_eq!(line(b, 999), (false, vec![]));
+        assert_eq!(line(b, 1000), (false, vec![(9, 2)]));
+        assert_eq!(line(a, 1400), (true, vec![]));
+        assert_eq!(line(a, 1500), (true, vec![(4, 3)]));
+        assert_eq!(line(a, 1501), (false, vec![]));
+        // Both at once, by place.
+        assert_eq!([1600, 1601, 1602].map(|ms| line(b, ms).0), [true, true, false]);
+        assert_eq!(line(b, 9000), (true, vec![(4, 1), (9, 1)]));
+        assert_eq!(told(&limiter.take_all()), []);
+    }
+
+    #[test]
+    fn a_clock_that_threads_read_out_of_order_opens_no_window_twice() {
+        let [a, b] = [1, 2].map(callsite);
+        let (mut limiter, start) = (limiter(1), Instant::now());
+        let at = |us| start + Duration::from_micros(us);
+        for (of, us) in [(a, 5), (b, 0), (a, 4), (b, 1_000_003), (b, 1_000_001), (a, 1_000_002)] {
+            limiter.line(of, at(us));
+            assert!(limiter.open.len() <= 2, "{:?}", limiter.open);
+        }
+        assert_eq!(told(&limiter.take_all()), [(1, 2), (2, 2)]);
+    }
+
+    /// What a limiter does that looks at all places for each line.
+    #[derive(Default)]
+    struct Thorough(Vec<(&'static Metadata<'static>, Instant, u32, u64)>);
+
+    impl Thorough {
+        fn line(
+            &mut self,
+            of: &'static Metadata<'static>,
+            now: Instant,
+            most: u32,
+        ) -> (bool, Vec<(u32, u64)>) {
+            let mut told = Vec::new();
+            for (of, begin, _, left_out) in &mut self.0 {
+                if now - *begin >= WINDOW && *left_out > 0 {
+                    told.push((of.line().unwrap(), std::mem::take(left_out)));
+                }
+            }
+            told.sort_unstable();
+            let at = self.0.iter().position(|place| place.0.callsite() == of.callsite());
+            let at = at.unwrap_or_else(|| {
+                self.0.push((of, now, 0, 0));
+                self.0.len() - 1
+            });
+            let (_, begin, lines, left_out) = &mut self.0[at];
+            if now - *begin >= WINDOW {
+                (*begin, *lines) = (now, 0);
+            }
+            let admitted = *lines < most;
+            *lines += u32::from(admitted);
+            *left_out += u64::from(!admitted);
+            (admitted, told)
+        }
+    }
+
+    #[test]
+    fn a_limiter_does_what_one_does_that_looks_at_all_places_for_each_line() {
+        let callsites: Vec<_> = (1..=40).map(callsite).collect();
+        let (mut limiter, mut thorough) = (limiter(3), Thorough::default());
+        let (mut now, mut random, mut left_out) = (Instant::now(), 1_u32, 0);
+        for _ in 0..20_000 {
+            // Some places flood, most log now and then (Numerical Recipes' generator).
+            random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            let place = (random >> 8) as usize % 40 * ((random >> 20) as usize % 40) / 39;
+            now += Duration::from_millis(u64::from(random >> 28) + 700 * u64::from(random >> 22 == 0));
+            let (admitted, told_now) = limiter.line(callsites[place], now);
+            assert_eq!((admitted, told(&told_now)), thorough.line(callsites[place], now, 3));
+            assert!(limiter.open.len() <= callsites.len());
+            left_out += usize::from(!admitted);
+        }
+        assert!((1000..19_000).contains(&left_out), "{left_out} lines left out try little");
     }
 }

@@ -130,10 +130,7 @@ where
         event: &Event<'_>,
     ) -> fmt::Result {
         let now = (self.lines.now)();
-        let (left_out, admitted) = {
-            let mut limiter = self.lines.limiter();
-            (limiter.take(now), limiter.admit(event.metadata(), now))
-        };
+        let (admitted, left_out) = self.lines.limiter().line(event.metadata(), now);
         let anything = admitted || !left_out.is_empty();
         for left_out in left_out {
             self.lines.tell(&mut writer, left_out)?;
