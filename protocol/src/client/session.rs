@@ -279,13 +279,6 @@ impl ClientSession {
         self.downloads.set_wanted(wanted, cancel, depth)
     }
 
-    /// Asks for scene pages ahead of their turn.
-    pub fn want_scene_pages(&mut self, pages: impl IntoIterator<Item = u32>) {
-        if let Some(count) = self.page_count {
-            self.pages.extend(pages.into_iter().filter(|page| *page < count));
-        }
-    }
-
     /// Tells the server of a new view; sent at most every 100 ms.
     pub fn set_view(&mut self, _now: Time, view: View) {
         match &mut self.hello {
@@ -310,12 +303,6 @@ impl ClientSession {
     #[must_use]
     pub const fn is_closed(&self) -> bool {
         self.close.is_some() && !self.bye
-    }
-
-    /// Whether a blob has been asked for and not arrived.
-    #[must_use]
-    pub fn is_in_flight(&self, id: &BlobId) -> bool {
-        self.downloads.pending.contains_key(id)
     }
 
     /// Counters and estimates.

@@ -2,7 +2,7 @@
 //!
 //! | module | idea |
 //! |---|---|
-//! | [`quic`], [`websocket`], [`http`] | the two transports, and the HTTP port that one of them shares |
+//! | [`quic`], `websocket`, [`http`] | the two transports, and the HTTP port that one of them shares |
 //! | [`admin`], `listen` | the port for who runs the server; TCP listeners |
 //! | `reach` | under which addresses others reach them |
 //! | [`congestion`] | how much of a QUIC connection may be in flight |
@@ -21,8 +21,7 @@
 //! | [`memory_scene`] | a scene made of numbers, for tests |
 //!
 //! [`run`] is the whole daemon. Its parts take any endpoint ([`quic::serve_quic`]) and any byte stream
-//! ([`http::accept_http`], [`websocket::serve_websocket`]), and read no clock but tokio's, so a simulator
-//! runs them unchanged in paused time.
+//! ([`http::accept_http`]), and read no clock but tokio's, so a simulator runs them unchanged in paused time.
 
 pub mod admin;
 pub mod admission;
@@ -58,7 +57,7 @@ mod token_crypto;
 mod token_keys;
 mod token_wait;
 pub mod tokens;
-pub mod websocket;
+mod websocket;
 
 use std::io::Write as _;
 use std::net::{Ipv4Addr, SocketAddr};

@@ -110,28 +110,7 @@ impl ServerState {
     ) -> Arc<Self> {
         let rate = settings.rate_bits_per_s;
         let (quic, websocket) = (ServerConfig::quic(rate), ServerConfig::websocket(rate));
-        Arc::new(Self::of(scene, settings, admission, quic, websocket))
-    }
-
-    /// The same with configurations of one's own for the sessions.
-    #[must_use]
-    pub fn with_configs(
-        scene: Arc<dyn SceneSource>,
-        settings: SessionSettings,
-        quic: ServerConfig,
-        websocket: ServerConfig,
-    ) -> Arc<Self> {
-        Arc::new(Self::of(scene, settings, Admission::default(), quic, websocket))
-    }
-
-    fn of(
-        scene: Arc<dyn SceneSource>,
-        settings: SessionSettings,
-        admission: Admission,
-        quic: ServerConfig,
-        websocket: ServerConfig,
-    ) -> Self {
-        Self {
+        Arc::new(Self {
             scene,
             settings,
             admission,
@@ -150,7 +129,7 @@ impl ServerState {
             damage: Damage::default(),
             plans: Plans::new(),
             started: Instant::now(),
-        }
+        })
     }
 
     /// The scene.

@@ -1,7 +1,5 @@
 //! A session over WebSocket: one binary message is one frame.
 
-use std::net::SocketAddr;
-use std::sync::Arc;
 use std::task::{Poll, ready};
 use std::time::Duration;
 
@@ -21,9 +19,8 @@ use tokio_tungstenite::tungstenite::{self, Message};
 use tracing::Instrument;
 
 use super::drive::{Deliver, Receive, Received, drive};
-use super::intake::{Lift, Metered, is_too_much};
-use super::metrics::Transport;
-use super::state::{ServerState, SessionGuard};
+use super::intake::{Lift, is_too_much};
+use super::state::SessionGuard;
 
 /// Read buffer of each connection, in bytes.
 const READ_BUFFER_BYTES: usize = 4 * 1024;
@@ -46,18 +43,6 @@ fn limits() -> WebSocketConfig {
         .max_write_buffer_size(2 * MAX_FRAME_BYTES)
         .max_message_size(Some(MAX_FRAME_BYTES))
         .max_frame_size(Some(MAX_FRAME_BYTES))
-}
-
-/// Runs a session on a stream whose upgrade to WebSocket is complete, until it is over. Refuses where
-/// the server is full or draining.
-pub async fn serve_websocket<S>(stream: S, state: Arc<ServerState>, peer: SocketAddr)
-where
-    S: AsyncRead + AsyncWrite + Unpin + Send,
-{
-    if let Ok(guard) = state.begin_session(Transport::WebSocket, peer) {
-        let (stream, intake) = Metered::new(stream);
-        run_session(stream, intake, guard).await;
-    }
 }
 
 /// Runs the session that a guard stands for, over a stream whose bytes are bounded.
