@@ -6,6 +6,16 @@
 //! [`decode_chunk`] for either. Index pages are range-coded under both codecs: sessions look into them, and
 //! they are small.
 
+#![cfg_attr(
+    not(test),
+    warn(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        clippy::cast_precision_loss,
+        clippy::cast_sign_loss
+    )
+)]
+
 #[cfg(feature = "files")]
 pub mod whole_file;
 
@@ -53,7 +63,8 @@ pub fn compress(plain: &[u8]) -> Result<Vec<u8>, DecodeError> {
     if let Some(missing) = least.checked_sub(out.len()).filter(|&m| m > 0) {
         let padding = missing.saturating_sub(8);
         out.extend(SKIPPED_MAGIC);
-        out.extend((padding as u32).to_le_bytes());
+        let length = u32::try_from(padding).map_err(|_| fail(format!("{padding} bytes of padding")))?;
+        out.extend(length.to_le_bytes());
         out.resize(out.len() + padding, 0);
     }
     Ok(out)

@@ -6,7 +6,7 @@
 //! (`tests/replay.rs`), and the shells in `fuzz_targets/` hand them to libFuzzer. README.md has the
 //! commands.
 
-#[allow(clippy::unwrap_used)]
+#[allow(clippy::unwrap_used, reason = "helpers of tests")]
 #[path = "../../geometry/tests/suite/common/mod.rs"]
 mod common;
 pub mod fixtures;

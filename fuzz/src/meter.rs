@@ -31,7 +31,7 @@ fn shrunk(bytes: usize) {
 
 // SAFETY: every call goes to the system's allocator with the arguments given; the counters are plain
 // cells with constant initialisers, so touching them allocates nothing.
-#[allow(unsafe_code)]
+#[allow(unsafe_code, reason = "an allocator is unsafe; see SAFETY")]
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         grown(layout.size());

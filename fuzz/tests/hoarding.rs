@@ -6,8 +6,10 @@
 //!
 //! Counted by the allocator (`lodestream_fuzz::meter`), so the figures are the same on every machine. Sockets and TLS
 //! come on top.
-// Helpers of tests are tests, whatever the lint thinks of functions without #[test].
-#![allow(clippy::unwrap_used)]
+#![allow(
+    clippy::unwrap_used,
+    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
+)]
 
 use std::sync::Arc;
 

@@ -1,5 +1,8 @@
 //! Every committed input of every target, and every seed as it is made now.
-#![allow(clippy::unwrap_used)]
+#![allow(
+    clippy::unwrap_used,
+    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
+)]
 
 use std::path::{Path, PathBuf};
 

@@ -1,10 +1,21 @@
 //! From a source mesh to its grids: weld, drop what is unused, snap positions and uvs to integers.
 
+#![cfg_attr(
+    not(test),
+    warn(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        clippy::cast_precision_loss,
+        clippy::cast_sign_loss
+    )
+)]
+
 use std::collections::HashMap;
 
 use crate::error::MeshError;
 use crate::mesh::normals;
 use crate::mesh::{Attributes, Face, Grid, NO_COLOR, NONE, QuantisedMesh, SourceMesh, UvGrid, Wedge};
+use crate::numbers::{id32, truncated};
 
 /// Default bits per axis of the position grid: 1/16384 of the longest side, a tenth of a pixel for an
 /// object that fills a 1600-pixel screen.
@@ -100,7 +111,7 @@ pub fn quantise(source: &SourceMesh, settings: &QuantiseSettings) -> Result<Quan
         let wedges = source.faces[index].map(|corner| {
             let welded = vertex_of[corner.position as usize] as usize;
             if vertex_new[welded] == NONE {
-                vertex_new[welded] = mesh.positions.len() as u32;
+                vertex_new[welded] = id32(mesh.positions.len());
                 mesh.positions.push(snap(&grid, positions[welded]));
             }
             let vertex = vertex_new[welded];
@@ -111,7 +122,7 @@ pub fn quantise(source: &SourceMesh, settings: &QuantiseSettings) -> Result<Quan
             let wedge = Wedge { vertex, attributes: Attributes { uv, group, color, normal: None } };
             *wedge_of.entry(wedge).or_insert_with(|| {
                 mesh.wedges.push(wedge);
-                (mesh.wedges.len() - 1) as u32
+                id32(mesh.wedges.len() - 1)
             })
         });
         mesh.faces.push(Face { wedges, material: source.materials.get(index).copied().unwrap_or(0) });
@@ -138,10 +149,10 @@ impl NormalGroups {
         let n = if normal == NONE { [0.0; 3] } else { unit(normals[normal as usize]) };
         let same = |m: &[f32; 3]| *m == n || m[0] * n[0] + m[1] * n[1] + m[2] * n[2] >= SAME_NORMAL_COS;
         if let Some(found) = groups.iter().position(same) {
-            return found as u32;
+            return id32(found);
         }
         groups.push(n);
-        (groups.len() - 1) as u32
+        id32(groups.len() - 1)
     }
 
     /// The normal of a wedge's group; zero where the source gives none.
@@ -208,7 +219,7 @@ fn weld(source: &SourceMesh) -> (Vec<u32>, Vec<[f64; 3]>) {
             // Adding +0.0 turns -0.0 into +0.0, so that the two are one position.
             *first.entry(p.map(|x| (x + 0.0).to_bits())).or_insert_with(|| {
                 positions.push(*p);
-                (positions.len() - 1) as u32
+                id32(positions.len() - 1)
             })
         })
         .collect();
@@ -299,7 +310,7 @@ fn uv_grid(source: &SourceMesh, kept: &[usize], bits: u8) -> UvGrid {
 
 fn snap(grid: &Grid, p: [f64; 3]) -> [i32; 3] {
     let top = f64::from((1_u32 << grid.bits) - 1);
-    [0, 1, 2].map(|axis| ((p[axis] - grid.origin[axis]) / grid.step).round().clamp(0.0, top) as i32)
+    [0, 1, 2].map(|axis| truncated(((p[axis] - grid.origin[axis]) / grid.step).round().clamp(0.0, top)))
 }
 
 fn snap_uv(grid: &UvGrid, uv: [f32; 2]) -> [i32; 2] {
@@ -308,7 +319,7 @@ fn snap_uv(grid: &UvGrid, uv: [f32; 2]) -> [i32; 2] {
         if grid.step[axis] == 0.0 {
             0
         } else {
-            ((f64::from(uv[axis]) - grid.origin[axis]) / grid.step[axis]).round().clamp(0.0, top) as i32
+            truncated(((f64::from(uv[axis]) - grid.origin[axis]) / grid.step[axis]).round().clamp(0.0, top))
         }
     })
 }

@@ -102,7 +102,7 @@ fn consumed<T>(value: T, used: usize, length: usize) -> Result<T, CodingError> {
 
 /// True where the value survives a trip through f32.
 fn fits_f32(value: f64) -> bool {
-    #[expect(clippy::cast_possible_truncation)]
+    #[expect(clippy::cast_possible_truncation, reason = "what is lost is looked at")]
     let short = value as f32;
     f64::from(short) == value
 }
@@ -115,7 +115,7 @@ pub(crate) fn vector_fits_f32(v: &[f64; 3]) -> bool {
 /// Encodes a vector in 12 bytes where `short`, else in 24.
 pub(crate) fn encode_vector<E: Encoder>(v: &[f64; 3], short: bool, e: &mut E) -> Result<(), EncodeError> {
     if short {
-        #[expect(clippy::cast_possible_truncation)]
+        #[expect(clippy::cast_possible_truncation, reason = "a caller asks for it where nothing is lost")]
         v.map(|x| x as f32).encode(e)
     } else {
         v.encode(e)

@@ -170,8 +170,10 @@ pub struct Frame {
 
 /// Appends a length of up to 2^30 − 1 in 1, 2 or 4 bytes (RFC 9000 §16).
 pub(crate) fn put_length(length: usize, out: &mut Vec<u8>) {
-    // The bounds make the casts exact; longer bodies are refused by every caller beforehand.
-    #[expect(clippy::cast_possible_truncation)]
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "the bounds make the casts exact; every caller refuses longer bodies beforehand"
+    )]
     match length {
         0..0x40 => out.push(length as u8),
         0x40..0x4000 => out.extend_from_slice(&(length as u16 | 0x4000).to_be_bytes()),
@@ -344,8 +346,7 @@ pub fn encode_piece(piece: &BlobPiece) -> Result<Vec<u8>, FrameError> {
     let mut body = vec![0];
     encode_message(&(piece.id, piece.offset, piece.total, piece.total - piece.end), &mut body)
         .map_err(|why| FrameError::Body { what: "piece", why })?;
-    // An id takes at most 11 bytes, the numbers 5 each.
-    #[expect(clippy::cast_possible_truncation)]
+    #[expect(clippy::cast_possible_truncation, reason = "an id takes at most 11 bytes, the numbers 5 each")]
     let head = (body.len() - 1) as u8;
     body[0] = head;
     body.extend_from_slice(&piece.bytes);

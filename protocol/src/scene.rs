@@ -141,8 +141,7 @@ impl AssetEntry {
     /// Number of index pages.
     #[must_use]
     pub fn index_pages(&self) -> u32 {
-        // CHUNKS_PER_PAGE is a small constant.
-        #[expect(clippy::cast_possible_truncation)]
+        #[expect(clippy::cast_possible_truncation, reason = "`CHUNKS_PER_PAGE` is a small constant")]
         self.chunk_count.div_ceil(CHUNKS_PER_PAGE as u32)
     }
 }
@@ -414,8 +413,7 @@ impl ScenePage {
             ensure(asset.chunk_count <= MAX_CHUNKS, SceneError::TooManyChunks)?;
             ensure(shared::in_order(number, &asset.shared), SceneError::SharedTextures)?;
         }
-        // Entries are at most 64.
-        #[expect(clippy::cast_possible_truncation)]
+        #[expect(clippy::cast_possible_truncation, reason = "entries are at most 64")]
         let known_assets = self.first_asset + self.assets.len() as u32;
         for instance in &self.instances {
             ensure(instance.asset < known_assets, SceneError::AssetOfLaterPage)?;

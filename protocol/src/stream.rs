@@ -48,8 +48,7 @@ pub fn blob_head(first: &BlobPiece) -> Result<Vec<u8>, FrameError> {
     let body = |why| FrameError::Body { what: "blob head", why };
     let behind = total.checked_sub(end).ok_or(PieceError::RunBeyondBlob)?;
     encode_message(&(id, total, offset, behind), &mut out).map_err(body)?;
-    // At most 26 bytes.
-    #[expect(clippy::cast_possible_truncation)]
+    #[expect(clippy::cast_possible_truncation, reason = "at most 26 bytes")]
     let length = (out.len() - 2) as u8;
     out[1] = length;
     Ok(out)
@@ -120,8 +119,7 @@ impl BlobStreamReader {
         while !bytes.is_empty() {
             let piece = bytes.split_to(bytes.len().min(MAX_PIECE_BYTES));
             let offset = self.next;
-            // A piece is at most MAX_PIECE_BYTES long.
-            #[expect(clippy::cast_possible_truncation)]
+            #[expect(clippy::cast_possible_truncation, reason = "a piece is at most MAX_PIECE_BYTES long")]
             {
                 self.next += piece.len() as u32;
             }

@@ -103,7 +103,7 @@ impl View {
     /// Width divided by height.
     #[must_use]
     pub fn aspect(&self) -> f32 {
-        #[expect(clippy::cast_precision_loss)]
+        #[expect(clippy::cast_precision_loss, reason = "sides are at most 65,535 pixels")]
         let [w, h] = self.viewport_px.map(|x| x.max(1) as f32);
         w / h
     }

@@ -1,7 +1,9 @@
 //! The program as people run it: what it prints, what it refuses, and with which exit code.
 
-// Helpers of tests are tests, whatever the lint thinks of functions without #[test].
-#![allow(clippy::unwrap_used)]
+#![allow(
+    clippy::unwrap_used,
+    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
+)]
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};

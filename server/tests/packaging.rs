@@ -1,7 +1,9 @@
 //! What is shipped beside the program is true of it: units, images, dashboards, manuals.
 #![cfg(unix)]
-// Helpers of tests are tests, whatever the lint thinks of functions without #[test].
-#![allow(clippy::unwrap_used)]
+#![allow(
+    clippy::unwrap_used,
+    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
+)]
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};

@@ -1,7 +1,9 @@
 //! `terrain` and `terrain-import` as people run them.
 
-// Helpers of tests are tests, whatever the lint thinks of functions without #[test].
-#![allow(clippy::unwrap_used)]
+#![allow(
+    clippy::unwrap_used,
+    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
+)]
 
 use std::path::Path;
 use std::process::{Command, Output};

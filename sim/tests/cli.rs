@@ -1,7 +1,9 @@
 //! The program as a user meets it: exit codes and messages.
 
-// Helpers of tests are tests, whatever the lint thinks of functions without #[test].
-#![allow(clippy::unwrap_used)]
+#![allow(
+    clippy::unwrap_used,
+    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
+)]
 
 use std::path::Path;
 use std::process::{Command, Output};

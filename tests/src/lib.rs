@@ -29,8 +29,13 @@
 //! Scenes are generated and small. Tests on real sockets use loopback and give up after a bound that is
 //! far above what they take; whatever measures time runs in virtual time.
 
-// Helpers of tests are tests, whatever the lint thinks of functions without #[test].
-#![cfg_attr(test, allow(clippy::unwrap_used))]
+#![cfg_attr(
+    test,
+    allow(
+        clippy::unwrap_used,
+        reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
+    )
+)]
 
 #[cfg(test)]
 mod access;

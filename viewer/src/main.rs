@@ -45,7 +45,7 @@ fn main() -> ExitCode {
 /// Mesa's layer that puts the default graphics device first asks Wayland for it, which complains on standard error where
 /// a session has none or names a folder that is not there. Then the layer has nothing to find out.
 #[cfg(target_os = "linux")]
-#[allow(unsafe_code)]
+#[allow(unsafe_code, reason = "see SAFETY")]
 fn without_wayland() {
     let is_set = |name| std::env::var_os(name).is_some();
     let runtime = std::env::var_os("XDG_RUNTIME_DIR");

@@ -1,7 +1,9 @@
 //! The viewer as people run it: what it refuses, with which words and exit code.
 
-// Helpers of tests are tests, whatever the lint thinks of functions without #[test].
-#![allow(clippy::unwrap_used)]
+#![allow(
+    clippy::unwrap_used,
+    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
+)]
 
 use std::io::{Read as _, Write as _};
 use std::process::{Child, Command, Stdio};

@@ -1,7 +1,9 @@
 //! The client against servers that are none.
 
-// Helpers of tests are tests, whatever the lint thinks of functions without #[test].
-#![allow(clippy::unwrap_used)]
+#![allow(
+    clippy::unwrap_used,
+    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
+)]
 
 use std::net::SocketAddr;
 use std::time::Duration;

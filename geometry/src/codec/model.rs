@@ -43,7 +43,7 @@ pub(crate) const SIZE_OTHER_CONTEXTS: usize = SIZES / 2 * OTHERS * CLASSES;
 
 macro_rules! layout {
     ($total:ident: $($name:ident = $count:expr),* $(,)?) => {
-        #[allow(non_snake_case, dead_code)]
+        #[allow(non_snake_case, dead_code, reason = "its fields are only counted, by the constants' names")]
         #[repr(C)]
         struct Layout { $($name: [u8; $count]),* }
         $(pub(crate) const $name: usize = core::mem::offset_of!(Layout, $name);)*

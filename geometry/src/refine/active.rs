@@ -7,6 +7,7 @@ use crate::mesh::Kinds;
 use crate::mesh::corner::{self, face_of, side_of};
 use crate::mesh::stars::Stars;
 use crate::mesh::{Grid, UvGrid, Wedge};
+use crate::numbers::id32;
 use crate::refine::applied::{AppliedOwner, AppliedOwners, Undo, VertexState};
 use crate::refine::delta::Id;
 use crate::refine::marks::TouchMarks;
@@ -111,7 +112,7 @@ impl ActiveMesh {
         }
         mesh.wedges[..base.wedges.len()].copy_from_slice(&base.wedges);
         for (slot, face) in base.faces.iter().enumerate() {
-            mesh.put_face(slot as u32, face.wedges);
+            mesh.put_face(id32(slot), face.wedges);
         }
         mesh
     }
@@ -188,9 +189,9 @@ impl ActiveMesh {
 
     pub(crate) fn reserve(&mut self, owner: u32, vertices: usize, wedges: usize, materials: &[u16]) {
         let applied = AppliedOwner {
-            vertices: self.vertex_slots.take(vertices as u32),
-            wedges: self.wedge_slots.take(wedges as u32),
-            faces: self.face_slots.take(materials.len() as u32),
+            vertices: self.vertex_slots.take(id32(vertices)),
+            wedges: self.wedge_slots.take(id32(wedges)),
+            faces: self.face_slots.take(id32(materials.len())),
             draws: Vec::new(),
             stop: None,
             children: 0,
@@ -231,7 +232,7 @@ impl ActiveMesh {
         for run in order.chunk_by(|a, b| a.0 == b.0) {
             let material = run[0].0;
             let list = usize::from(material);
-            let range = self.index_slots[list].take(run.len() as u32);
+            let range = self.index_slots[list].take(id32(run.len()));
             let high = self.index_slots[list].high() as usize;
             grow(&mut self.indices[list], high, [0; 3]);
             for (&(_, face), draw) in run.iter().zip(range.clone()) {

@@ -3,6 +3,8 @@
 
 use std::ops::Range;
 
+use crate::numbers::id32;
+
 /// Where an applied owner's elements are.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct AppliedOwner {
@@ -99,7 +101,7 @@ impl AppliedOwners {
         self.pages.iter().enumerate().filter_map(|(i, page)| Some((i, page.as_ref()?))).flat_map(
             |(i, page)| {
                 let numbered = page.iter().enumerate();
-                numbered.filter_map(move |(k, applied)| Some(((i * PAGE + k) as u32, applied.as_ref()?)))
+                numbered.filter_map(move |(k, applied)| Some((id32(i * PAGE + k), applied.as_ref()?)))
             },
         )
     }

@@ -7,6 +7,7 @@
 use crate::asset::index::ChunkInfo;
 use crate::mesh::Wedge;
 use crate::mesh::corner::{corner, face_of, side_of};
+use crate::numbers::id32;
 use crate::refine::active::ActiveMesh;
 use crate::refine::applied::{AppliedOwner, Undo, VertexState};
 use crate::refine::delta::{ChunkDelta, Id};
@@ -251,7 +252,7 @@ impl ActiveMesh {
 
     fn may_apply(&mut self, delta: &ChunkDelta) -> Result<Checked, RefineError> {
         let chunk = delta.chunk;
-        let count = self.applied.len() as u32 - 1;
+        let count = id32(self.applied.len()) - 1;
         if chunk >= count {
             return Err(RefineError::NoSuchChunk { chunk, count });
         }

@@ -1,5 +1,7 @@
 //! Sets of slots that are filled, read in ascending order and emptied again and again: what a chunk touched.
 
+use crate::numbers::id32;
+
 /// A set of slots: a bit each, and a bit for each word that holds any, so reading a small set out of a large range
 /// costs what it holds.
 #[derive(Clone, Debug, Default)]
@@ -36,7 +38,7 @@ impl Marks {
                 words &= words - 1;
                 let mut bits = std::mem::take(&mut self.words[word]);
                 while bits != 0 {
-                    each(word as u32 * 64 + bits.trailing_zeros());
+                    each(id32(word) * 64 + bits.trailing_zeros());
                     bits &= bits - 1;
                 }
             }

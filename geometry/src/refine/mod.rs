@@ -1,5 +1,15 @@
 //! Refinement: a mesh to which chunks are applied, and from which they are undone.
 
+#![cfg_attr(
+    not(test),
+    warn(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        clippy::cast_precision_loss,
+        clippy::cast_sign_loss
+    )
+)]
+
 mod active;
 mod applied;
 mod apply;

@@ -4,6 +4,7 @@ use crate::mesh::Wedge;
 use crate::mesh::corner::{face_of, side_of};
 use crate::mesh::octahedral;
 use crate::mesh::vec3::{Vec3, add, length, triangle_normal};
+use crate::numbers::{id32, nearest_f32};
 use crate::refine::active::ActiveMesh;
 
 /// What changed with a chunk: slots whose data a renderer must fetch again.
@@ -47,13 +48,13 @@ impl ActiveMesh {
     /// One more than the highest wedge slot in use.
     #[must_use]
     pub fn wedge_slots(&self) -> u32 {
-        self.wedges.len() as u32
+        id32(self.wedges.len())
     }
 
     /// The number of materials.
     #[must_use]
     pub fn material_count(&self) -> u16 {
-        self.indices.len() as u16
+        u16::try_from(self.indices.len()).unwrap_or(u16::MAX)
     }
 
     /// The index list of a material: wedge slots, three a face; unused entries are `[0, 0, 0]`.
@@ -75,7 +76,7 @@ impl ActiveMesh {
     #[must_use]
     pub fn surface(&self) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
         let step = self.grid.step;
-        let positions = self.positions.iter().map(|q| q.map(|x| (f64::from(x) * step) as f32)).collect();
+        let positions = self.positions.iter().map(|q| q.map(|x| nearest_f32(f64::from(x) * step))).collect();
         let drawn = self.indices.iter().flatten().filter(|face| **face != [0; 3]);
         let faces = drawn.map(|face| face.map(|wedge| self.wedges[wedge as usize].vertex)).collect();
         (positions, faces)
@@ -93,12 +94,12 @@ impl ActiveMesh {
     pub fn render_vertex(&self, slot: u32) -> RenderVertex {
         let wedge = self.wedges[slot as usize];
         let step = self.grid.step;
-        let place = |q: [i32; 3]| q.map(|x| (f64::from(x) * step) as f32);
+        let place = |q: [i32; 3]| q.map(|x| nearest_f32(f64::from(x) * step));
         let uv = self.uv_grid.uv(wedge.attributes.uv);
         RenderVertex {
             position: place(self.positions[wedge.vertex as usize]),
-            normal: self.normal(wedge).map(|x| x as f32),
-            uv: [uv[0] as f32, uv[1] as f32],
+            normal: self.normal(wedge).map(nearest_f32),
+            uv: uv.map(nearest_f32),
             color: wedge.attributes.color,
             morph_from: place(self.morph_from[wedge.vertex as usize]),
         }

@@ -1,6 +1,7 @@
 //! A mesh's state in canonical ids: equal for equal sets of chunks, however they were applied.
 
 use crate::mesh::{Attributes, Face, QuantisedMesh, Wedge};
+use crate::numbers::id32;
 use crate::refine::active::ActiveMesh;
 use crate::refine::delta::Id;
 
@@ -62,11 +63,11 @@ impl ActiveMesh {
                 let wedges = self.faces[slot as usize].map(|w| {
                     let wedge = self.wedges[w as usize];
                     if vertex_new[wedge.vertex as usize] == u32::MAX {
-                        vertex_new[wedge.vertex as usize] = mesh.positions.len() as u32;
+                        vertex_new[wedge.vertex as usize] = id32(mesh.positions.len());
                         mesh.positions.push(self.positions[wedge.vertex as usize]);
                     }
                     if wedge_new[w as usize] == u32::MAX {
-                        wedge_new[w as usize] = mesh.wedges.len() as u32;
+                        wedge_new[w as usize] = id32(mesh.wedges.len());
                         mesh.wedges.push(Wedge { vertex: vertex_new[wedge.vertex as usize], ..wedge });
                     }
                     wedge_new[w as usize]

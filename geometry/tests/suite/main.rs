@@ -1,5 +1,8 @@
 //! What the crate promises, tested through its public interface on generated meshes.
-#![allow(clippy::unwrap_used)]
+#![allow(
+    clippy::unwrap_used,
+    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
+)]
 
 mod common;
 

@@ -116,7 +116,7 @@ fn to_u16(x: f32) -> u16 {
     (x.clamp(0.0, 1.0) * 65_535.0).round() as u16
 }
 
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the range first")]
 fn to_u8(x: f32) -> u8 {
     (x.clamp(0.0, 1.0) * 255.0).round() as u8
 }

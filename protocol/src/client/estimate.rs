@@ -32,7 +32,7 @@ impl Estimate {
     }
 
     /// The server says how much its limiter admits.
-    #[expect(clippy::cast_precision_loss)]
+    #[expect(clippy::cast_precision_loss, reason = "an estimate")]
     pub(super) fn rate_hint(&mut self, bits_per_s: u64) {
         self.bytes_per_s = self.bytes_per_s.max(bits_per_s as f64 / 8.0);
     }
@@ -45,7 +45,7 @@ impl Estimate {
     pub(super) fn received(&mut self, now: Time, bytes: usize) {
         let elapsed = now.since(self.window_start);
         if elapsed >= WINDOW {
-            #[expect(clippy::cast_precision_loss)]
+            #[expect(clippy::cast_precision_loss, reason = "an estimate")]
             let rate = self.window_bytes as f64 / elapsed.as_secs_f64();
             // A window that was not full tells nothing of the link: fall slowly.
             self.bytes_per_s = rate.max(self.bytes_per_s * 0.8);
@@ -55,7 +55,7 @@ impl Estimate {
         self.window_bytes += bytes as u64;
         let elapsed = now.since(self.window_start);
         if elapsed >= RISE {
-            #[expect(clippy::cast_precision_loss)]
+            #[expect(clippy::cast_precision_loss, reason = "an estimate")]
             let rate = self.window_bytes as f64 / elapsed.as_secs_f64();
             self.bytes_per_s = self.bytes_per_s.max(rate);
         }
@@ -72,7 +72,11 @@ impl Estimate {
     /// Bytes to keep in flight, within bounds.
     pub(super) fn depth_bytes(&self, bounds: std::ops::RangeInclusive<u64>) -> u64 {
         let covered = self.rtt.unwrap_or(FIRST_RTT) + REACTION;
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "saturates, and is clamped"
+        )]
         let depth = (self.bytes_per_s * covered.as_secs_f64() * 1.25) as u64;
         depth.clamp(*bounds.start(), (*bounds.end()).max(*bounds.start()))
     }

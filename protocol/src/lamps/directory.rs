@@ -35,7 +35,7 @@ impl ListedLamps {
         let center = (0.5 * (low + high)).as_vec3();
         // About the centre as it is written, and a little more for what 32 bits make of the radius.
         let reach = places().map(|(at, range)| at.distance(center.as_dvec3()) + range).fold(0.0, f64::max);
-        #[expect(clippy::cast_possible_truncation)]
+        #[expect(clippy::cast_possible_truncation, reason = "made larger first by more than is lost")]
         let radius = (reach * (1.0 + 1e-6)) as f32;
         Self { center: center.to_array(), radius, intensity: lamps.iter().map(Lamp::brightest).sum(), bytes }
     }

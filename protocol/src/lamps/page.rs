@@ -156,7 +156,7 @@ pub fn decode_page(bytes: &[u8], count: u32) -> Result<Vec<Lamp>, LampsError> {
 
 /// Where a lamp is on one axis. Beyond 2⁵³ steps, and of steps that are none, it is not a place.
 fn place(origin: f64, steps: i64, step: f64) -> f64 {
-    #[expect(clippy::cast_precision_loss)]
+    #[expect(clippy::cast_precision_loss, reason = "what is not exact is no place")]
     let offset = steps as f64 * step;
     if steps.unsigned_abs() <= 1 << 53 { origin + offset } else { f64::NAN }
 }

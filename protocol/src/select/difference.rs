@@ -64,14 +64,14 @@ impl Picture {
 
 /// Priority of something that brings a surface of radius `radius_px` nearer by up to `error_px`, for `bytes`.
 #[must_use]
-#[expect(clippy::cast_precision_loss)]
+#[expect(clippy::cast_precision_loss, reason = "a priority needs no more of a length than 24 bits")]
 pub fn shape_priority(view: &View, error_px: f32, radius_px: f32, bytes: u32) -> Priority {
     refine_priority(Picture::new(view).shape_px2(error_px, radius_px), bytes as f32, 1.0)
 }
 
 /// Priority of lamps that light a sphere of radius `radius_px`, for `bytes`; `share` of all light there is theirs, 0 to 1.
 #[must_use]
-#[expect(clippy::cast_precision_loss)]
+#[expect(clippy::cast_precision_loss, reason = "a priority needs no more of a length than 24 bits")]
 pub fn lamp_priority(view: &View, share: f32, radius_px: f32, bytes: u32) -> Priority {
     let picture = Picture::new(view);
     let area = (radius_px * radius_px).min(picture.area_px2);
@@ -101,7 +101,7 @@ impl Package {
     }
 
     /// Adds a child's package, of which this is one of so many `parents`.
-    #[expect(clippy::cast_precision_loss)]
+    #[expect(clippy::cast_precision_loss, reason = "a chunk has few parents")]
     pub(crate) fn add(&mut self, child: Self, parents: usize) {
         let share = 1.0 / parents.max(1) as f32;
         self.difference_px2 += share * child.difference_px2;

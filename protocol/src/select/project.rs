@@ -54,7 +54,7 @@ impl Projection {
         let center = center.as_vec3();
         let radius = asset.sphere.radius * instance.scale;
         let distance = f64::from(center.length()).max(f64::from(radius)).max(f64::MIN_POSITIVE);
-        #[expect(clippy::cast_possible_truncation)]
+        #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
         let coverage_px = (f64::from(radius) * self.scale_px / distance) as f32;
         Bounds {
             visible: self.frustum.sees(center, radius),

@@ -191,7 +191,7 @@ impl Selector {
         let threshold = self.close_and_choose_threshold(view.target_px, assets);
         self.selection.counters.threshold_px = f64::from(threshold);
         let keep_out_of_view = {
-            #[expect(clippy::cast_precision_loss)]
+            #[expect(clippy::cast_precision_loss, reason = "faces are counted, far below 2^53")]
             let share = in_use.0 as f64 / self.settings.max_faces.max(1) as f64;
             share <= f64::from(self.settings.keep_out_of_view.get())
         };
@@ -257,7 +257,7 @@ impl Selector {
             let px_of = |error: f32| projection.error_px(f64::from(error) * scale, bounds.depth);
             let unknown_px = px_of(asset.unknown_error());
             (worst, worst_seen) = (worst.max(unknown_px), worst_seen.max(unknown_px));
-            #[expect(clippy::cast_possible_truncation)]
+            #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
             {
                 seen.unknown_px = seen.unknown_px.max(unknown_px as f32);
                 let px_per_unit = projection.px_per_unit(asset.entry(), instance, bounds.depth);
@@ -310,7 +310,7 @@ impl Selector {
                         worst_seen = worst_seen.max(left_px);
                     }
                 }
-                #[expect(clippy::cast_possible_truncation)]
+                #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
                 {
                     seek.own_px = seek.own_px.max(px as f32);
                     seek.error_px = seek.own_px;
@@ -368,8 +368,7 @@ impl Selector {
             faces += more_faces;
             bytes += more_bytes;
             if faces > max_faces || bytes > max_bytes {
-                // Bins fit into 11 bits.
-                #[expect(clippy::cast_possible_truncation)]
+                #[expect(clippy::cast_possible_truncation, reason = "bins fit into 11 bits")]
                 let above = f32::from_bits((bin as u32 + 1) << BIN_SHIFT);
                 needed = if above.is_finite() { above.max(target_px) } else { f32::MAX };
                 break;
@@ -408,7 +407,10 @@ impl Selector {
                         _ => 1.0,
                     };
                     let need = info.extent(seek.stop).payload_bytes;
-                    #[expect(clippy::cast_precision_loss)]
+                    #[expect(
+                        clippy::cast_precision_loss,
+                        reason = "a priority needs no more of a length than 24 bits"
+                    )]
                     let bytes = need.saturating_sub(chunk.held_bytes()).max(1) as f32;
                     let own = Package { difference_px2: left * seek.difference_px2, bytes };
                     seek.package = own.with(seek.package);
@@ -469,8 +471,7 @@ impl Selector {
             if !blocked {
                 let id = BlobId::chunk(number, u32::try_from(index).unwrap_or(u32::MAX));
                 let (bytes, end) = (Some(info.payload_bytes), stop.map(|_| need));
-                // Saturates.
-                #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+                #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
                 let error_px = seek.own_px as u16;
                 self.selection.wanted.push(Wanted {
                     id,
@@ -511,7 +512,7 @@ impl Selector {
             // the threshold up to the last page, and these would come one a round trip.
             let known = asset.known_pages();
             for page in known..pages.min(known.saturating_mul(2).saturating_add(2)) {
-                #[expect(clippy::cast_precision_loss)]
+                #[expect(clippy::cast_precision_loss, reason = "an asset has at most 2^16 pages")]
                 let expected_px = seen.unknown_px * ((known + 1) as f32 / (page + 1) as f32).sqrt();
                 if page > known && expected_px <= threshold / 2.0 {
                     break;
@@ -548,7 +549,7 @@ impl Selector {
                         break;
                     }
                 }
-                #[expect(clippy::cast_precision_loss)]
+                #[expect(clippy::cast_precision_loss, reason = "sides of textures are small")]
                 let texels = about.width.max(about.height).max(1) as f32;
                 texel_px = px_per_uv / texels;
             }

@@ -125,7 +125,10 @@ impl Textures {
             let centrality = same.iter().map(|level| level.centrality).fold(0.0, f32::max);
             // On its way for one, it is for all.
             let state = same.iter().map(|level| level.state).max().unwrap_or_default();
-            #[expect(clippy::cast_precision_loss)]
+            #[expect(
+                clippy::cast_precision_loss,
+                reason = "a priority needs no more of a length than 24 bits"
+            )]
             let priority = refine_priority(difference_px2, bytes as f32, centrality);
             selection.wanted.push(Wanted::whole(id, priority, Some(bytes), state));
         }

@@ -69,7 +69,7 @@ pub(super) fn coarse_textures(
             (level.1, level.2) = (level.1 + difference_px2, level.2.max(centrality));
         }
     }
-    #[expect(clippy::cast_precision_loss)]
+    #[expect(clippy::cast_precision_loss, reason = "a priority needs no more of a length than 24 bits")]
     let of = |(id, (bytes, difference_px2, centrality)): (BlobId, (u32, f32, f32))| Refining {
         priority: refine_priority(difference_px2, bytes as f32, centrality),
         id,

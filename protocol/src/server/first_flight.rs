@@ -59,7 +59,7 @@ pub(super) fn first_flight(source: &dyn SceneSource, view: &View) -> Vec<(Priori
     let of_pages = (0..).zip(&page_best).map(|(page, &priority)| (priority.max(hidden), Unit::Page(page)));
     let of_bases = (0..).zip(&best).filter(|(_, priority)| **priority > 0);
     let of_bases = of_bases.map(|(asset, &priority)| (priority, Unit::Blob(BlobId::base(asset))));
-    #[expect(clippy::cast_precision_loss)]
+    #[expect(clippy::cast_precision_loss, reason = "a viewport has at most 65,535 rows")]
     let least_px = LEAST_TEXTURED * view.viewport_px[1] as f32;
     let of_textures = coarsest_textures(source, &assets, |asset| {
         best.get(asset).zip(largest_px.get(asset)).filter(|(_, px)| **px >= least_px).map(|(best, _)| *best)

@@ -1,5 +1,5 @@
 //! The system's allocator, counting: how much memory is in use, and the most since it was asked to forget.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "an allocator is unsafe; every call goes to the system's")]
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -1,5 +1,8 @@
 //! Terrain: the same bits wherever, in whatever order and piece they are made.
-#![allow(clippy::unwrap_used)]
+#![allow(
+    clippy::unwrap_used,
+    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
+)]
 
 mod agreement;
 mod extremes;

@@ -1,5 +1,5 @@
 //! Meshes made from formulas, and how tests prepare them. Everything follows from constants.
-#![allow(dead_code)]
+#![allow(dead_code, reason = "each of those who share it needs another part")]
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -54,7 +54,12 @@ pub(super) struct Corner {
 
 impl DepthBuffer {
     /// Empties the buffer and fits it to a view, `long_side` pixels along its longer side.
-    #[expect(clippy::cast_precision_loss, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    #[expect(
+        clippy::cast_precision_loss,
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "sides are at most 65,535 pixels, scaled down to `long_side`"
+    )]
     pub(super) fn clear(&mut self, view: &View, long_side: u32) {
         let [width, height] = view.viewport_px.map(|side| side.max(1));
         let scale = long_side as f32 / width.max(height) as f32;
@@ -71,7 +76,7 @@ impl DepthBuffer {
         self.scale
     }
 
-    #[expect(clippy::cast_precision_loss)]
+    #[expect(clippy::cast_precision_loss, reason = "sides of the buffer are small")]
     fn middle(&self) -> Vec2 {
         Vec2::new(self.width as f32, self.height as f32) * 0.5
     }
@@ -107,7 +112,7 @@ impl DepthBuffer {
         }
     }
 
-    #[expect(clippy::cast_precision_loss)]
+    #[expect(clippy::cast_precision_loss, reason = "sides of the buffer are small")]
     fn fill(&mut self, owner: u32, [a, b, c]: [&Corner; 3], columns: Range<usize>, rows: Range<usize>) {
         let (ab, ac) = (b.at - a.at, c.at - a.at);
         let area = ab.perp_dot(ac);
@@ -178,7 +183,7 @@ impl DepthBuffer {
     }
 
     /// Direction of a pixel's middle; its depth is 1.
-    #[expect(clippy::cast_precision_loss)]
+    #[expect(clippy::cast_precision_loss, reason = "sides of the buffer are small")]
     fn ray(&self, x: usize, y: usize) -> Vec3 {
         ((Vec2::new(x as f32 + 0.5, y as f32 + 0.5) - self.middle()) / self.scale).extend(1.0)
     }
@@ -235,7 +240,7 @@ impl DepthBuffer {
     }
 
     /// In how many pixels one sees a sphere: all that is there lies behind its nearest point.
-    #[expect(clippy::cast_precision_loss)]
+    #[expect(clippy::cast_precision_loss, reason = "sides of the buffer are small")]
     pub(super) fn seen_through(&self, center: Vec3, radius: f32) -> f32 {
         let Some(disc) = self.disc(center, radius) else { return 1.0 };
         let nearest = center.z - radius;
@@ -254,7 +259,7 @@ impl DepthBuffer {
     }
 
     /// Where a sphere is on the screen; `None` for one that reaches to the eye.
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "it is clamped first")]
     fn disc(&self, center: Vec3, radius: f32) -> Option<Disc> {
         let nearest = center.z - radius;
         if nearest <= NEAR || !radius.is_finite() {
@@ -262,7 +267,6 @@ impl DepthBuffer {
         }
         let middle = self.middle() + center.truncate() * (self.scale / center.z);
         let radius = self.scale * radius / nearest;
-        // Saturates; at least 1.
         let stride = (radius / STRIDE_RADIUS).clamp(1.0, MAX_STRIDE) as usize;
         let range = |at: f32, side: usize| {
             let first = usize::try_from(floor(at - radius - 0.5)).unwrap_or(0).min(side);
@@ -282,14 +286,22 @@ impl DepthBuffer {
 
 /// The greatest integer that is not more; saturates. A cast is cheaper than the library's call where the processor has no
 /// instruction for it.
-#[expect(clippy::cast_possible_truncation, clippy::cast_precision_loss)]
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_precision_loss,
+    reason = "saturates; beyond 24 bits every f32 is whole"
+)]
 fn floor(x: f32) -> i32 {
     let near = x as i32;
     near.saturating_sub(i32::from(x < near as f32))
 }
 
 /// The least integer that is not less; saturates.
-#[expect(clippy::cast_possible_truncation, clippy::cast_precision_loss)]
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_precision_loss,
+    reason = "saturates; beyond 24 bits every f32 is whole"
+)]
 fn ceil(x: f32) -> i32 {
     let near = x as i32;
     near.saturating_add(i32::from(x > near as f32))
@@ -319,7 +331,7 @@ struct Disc {
 
 impl Disc {
     /// Pixels that one which is looked at stands for.
-    #[expect(clippy::cast_precision_loss)]
+    #[expect(clippy::cast_precision_loss, reason = "a stride is less than the buffer's sides")]
     fn weight(&self) -> f32 {
         (self.stride * self.stride) as f32
     }

@@ -136,7 +136,7 @@ impl Visibility {
         self.buffer.clear(view, LONG_SIDE);
         let projection = Projection::new(view);
         // Pixels of the buffer per pixel of the view.
-        #[expect(clippy::cast_possible_truncation)]
+        #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
         let px = self.buffer.scale() / projection.scale_px() as f32;
         let mut order = Vec::new();
         let mut faces = 0;
@@ -173,8 +173,7 @@ impl Visibility {
         }
         self.buffer.find_points();
         let uncovered = way * self.buffer.scale() * self.buffer.nearest();
-        // Saturates.
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
         self.buffer.erode(1 + (uncovered.ceil() as u32).min(MAX_UNCOVERED));
         let occluders = assets.iter().map(|asset| asset.occluder().cloned()).collect();
         frames.sort_unstable_by_key(|(number, _)| *number);
@@ -240,7 +239,7 @@ impl Visibility {
         let mut own = 0_u32;
         let weight = self.buffer.points_around(number, frame, center, radius, |_, _| own += 1);
         let Some(weight) = weight else { return 1.0 };
-        #[expect(clippy::cast_precision_loss)]
+        #[expect(clippy::cast_precision_loss, reason = "fewer than the buffer has pixels")]
         let own = own as f32 * weight;
         self.seen_of_disc(own, center, radius, radius)
     }
@@ -287,7 +286,7 @@ impl Visibility {
         let belongs = |&&(pixel, distance): &&(u32, f32)| {
             distance <= NEARLY * self.nearest[pixel as usize].1 + NEARLY_AT_THE_CENTRE
         };
-        #[expect(clippy::cast_precision_loss)]
+        #[expect(clippy::cast_precision_loss, reason = "fewer than the buffer has pixels")]
         let seen = self.claims[claims.clone()].iter().filter(belongs).count() as f32;
         let Some(weight) = weight else { return 1.0 };
         let core = CORE * region.radius + (region.reach - region.radius);
