@@ -5,6 +5,7 @@ mod figures;
 mod files;
 mod frames;
 mod headless;
+mod log;
 mod outcome;
 mod report;
 mod run;
@@ -12,7 +13,6 @@ mod signals;
 mod token;
 mod window;
 
-use std::io::IsTerminal as _;
 #[cfg(target_os = "linux")]
 use std::path::Path;
 use std::process::ExitCode;
@@ -20,18 +20,10 @@ use std::process::ExitCode;
 use args::Args;
 use clap::Parser;
 use outcome::Outcome;
-use tracing_subscriber::EnvFilter;
-
-/// What is logged unless `RUST_LOG` says otherwise: of libraries, only what is wrong.
-const LOGGED: &str = "error,lodestream_client=info,lodestream_render=info,lodestream_viewer=info";
 
 fn main() -> ExitCode {
     without_wayland();
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(LOGGED));
-    // Colours are for people: in a file they are noise.
-    let colours =
-        std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|no| no.is_empty());
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_ansi(colours).init();
+    log::to_stderr();
     match run() {
         Ok(outcome) => outcome.into(),
         Err(why) => {
