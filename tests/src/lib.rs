@@ -15,6 +15,7 @@
 //! | `packs` | the same input gives the same packs; caches; exports; checks |
 //! | `bad_input` | what users may get wrong, and what disks may do to packs |
 //! | `window` | the viewer's program: what is on the screen, first and at last, and how it ends |
+//! | `moving_window` | the same while a user moves the camera: nothing that was there goes |
 //! | `damage` | packs that are damaged while they are served |
 //! | `terrain` | features of a terrain arrive, and only where a view needs them |
 //! | `lamps` | lamps arrive with their scene, light its picture, and keep no first frame waiting |
@@ -63,6 +64,8 @@ mod lamps;
 mod limiter;
 #[cfg(test)]
 mod models;
+#[cfg(test)]
+mod moving_window;
 #[cfg(test)]
 mod packs;
 #[cfg(test)]

@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
+use super::x11::OpenWindow;
+
 /// Bound on a run; far above what one takes on a busy machine without a GPU.
 pub(crate) const RUN_LIMIT: Duration = Duration::from_secs(240);
 
@@ -69,10 +71,15 @@ impl Program {
         Self { child: spawn(address, &[&output[..], arguments].concat(), None), display: None }
     }
 
+    /// Its window, once it is open.
+    pub(crate) fn window(&self) -> OpenWindow {
+        let display = self.display.as_ref().expect("it has a window");
+        OpenWindow::wait(&display.name, RUN_LIMIT)
+    }
+
     /// Asks the window to close, as a window manager does for its user. Waits until there is a window.
     pub(crate) fn close(&self) {
-        let display = self.display.as_ref().expect("it has a window");
-        super::x11::ask_to_close(&display.name, RUN_LIMIT);
+        self.window().ask_to_close();
     }
 
     /// Sends SIGTERM.

@@ -1,31 +1,92 @@
-//! What a window manager says to a window, on X servers that have none.
+//! What a window manager and a user do to a window, on X servers that have neither, and what is seen there.
 
 use std::time::{Duration, Instant};
 
+use image::RgbImage;
 use x11rb::connection::Connection as _;
-use x11rb::protocol::xproto::{AtomEnum, ClientMessageEvent, ConnectionExt as _, EventMask};
+use x11rb::protocol::xproto::{
+    AtomEnum, BUTTON_PRESS_EVENT, ClientMessageEvent, ConnectionExt as _, EventMask, ImageFormat,
+    MOTION_NOTIFY_EVENT,
+};
+use x11rb::protocol::xtest::ConnectionExt as _;
+use x11rb::rust_connection::RustConnection;
 
-/// Waits for a window on a display that can be asked to close, and asks it (WM_DELETE_WINDOW, ICCCM 4.2.8.1).
-pub(crate) fn ask_to_close(display: &str, limit: Duration) {
-    let (connection, screen) = x11rb::connect(Some(display)).unwrap();
-    let root = connection.setup().roots[screen].root;
-    let atom = |name: &[u8]| connection.intern_atom(false, name).unwrap().reply().unwrap().atom;
-    let (protocols, delete) = (atom(b"WM_PROTOCOLS"), atom(b"WM_DELETE_WINDOW"));
-    let listens = |window: u32| {
-        let asked = connection.get_property(false, window, protocols, AtomEnum::ATOM, 0, 16).unwrap();
-        // A window that is gone meanwhile has none.
-        let spoken = asked.reply().ok().and_then(|reply| Some(reply.value32()?.any(|atom| atom == delete)));
-        spoken.unwrap_or(false)
-    };
-    let until = Instant::now() + limit;
-    let window = loop {
-        let windows = connection.query_tree(root).unwrap().reply().unwrap().children;
-        if let Some(window) = windows.into_iter().find(|window| listens(*window)) {
-            break window;
-        }
-        assert!(Instant::now() < until, "no window was opened");
-        std::thread::sleep(Duration::from_millis(20));
-    };
-    let message = ClientMessageEvent::new(32, window, protocols, [delete, x11rb::CURRENT_TIME, 0, 0, 0]);
-    connection.send_event(false, window, EventMask::NO_EVENT, message).unwrap().check().unwrap();
+/// A program's window on a display.
+pub(crate) struct OpenWindow {
+    connection: RustConnection,
+    root: u32,
+    window: u32,
+    protocols: u32,
+    delete: u32,
+}
+
+impl OpenWindow {
+    /// Waits for a window on a display that can be asked to close (WM_DELETE_WINDOW, ICCCM 4.2.8.1).
+    pub(crate) fn wait(display: &str, limit: Duration) -> Self {
+        let (connection, screen) = x11rb::connect(Some(display)).unwrap();
+        let root = connection.setup().roots[screen].root;
+        let atom = |name: &[u8]| connection.intern_atom(false, name).unwrap().reply().unwrap().atom;
+        let (protocols, delete) = (atom(b"WM_PROTOCOLS"), atom(b"WM_DELETE_WINDOW"));
+        let listens = |window: u32| {
+            let asked = connection.get_property(false, window, protocols, AtomEnum::ATOM, 0, 16).unwrap();
+            // A window that is gone meanwhile has none.
+            let spoken =
+                asked.reply().ok().and_then(|reply| Some(reply.value32()?.any(|atom| atom == delete)));
+            spoken.unwrap_or(false)
+        };
+        let until = Instant::now() + limit;
+        let window = loop {
+            let windows = connection.query_tree(root).unwrap().reply().unwrap().children;
+            if let Some(window) = windows.into_iter().find(|window| listens(*window)) {
+                break window;
+            }
+            assert!(Instant::now() < until, "no window was opened");
+            std::thread::sleep(Duration::from_millis(20));
+        };
+        Self { connection, root, window, protocols, delete }
+    }
+
+    /// Asks it to close.
+    pub(crate) fn ask_to_close(&self) {
+        let data = [self.delete, x11rb::CURRENT_TIME, 0, 0, 0];
+        let message = ClientMessageEvent::new(32, self.window, self.protocols, data);
+        let sent = self.connection.send_event(false, self.window, EventMask::NO_EVENT, message);
+        sent.unwrap().check().unwrap();
+    }
+
+    /// Moves the pointer to a place on the screen, in whose corner the window is.
+    pub(crate) fn point_at(&self, x: i16, y: i16) {
+        self.fake(MOTION_NOTIFY_EVENT, 0, x, y);
+    }
+
+    /// Presses the left button where the pointer is, and holds it.
+    pub(crate) fn hold_left(&self) {
+        self.fake(BUTTON_PRESS_EVENT, 1, 0, 0);
+    }
+
+    fn fake(&self, kind: u8, detail: u8, x: i16, y: i16) {
+        let done = self.connection.xtest_fake_input(kind, detail, x11rb::CURRENT_TIME, self.root, x, y, 0);
+        done.unwrap().check().unwrap();
+    }
+
+    /// What is on the screen in the window's corner of it.
+    pub(crate) fn picture(&self, [width, height]: [u32; 2]) -> RgbImage {
+        let side = |px: u32| u16::try_from(px).unwrap();
+        let asked = self.connection.get_image(
+            ImageFormat::Z_PIXMAP,
+            self.root,
+            0,
+            0,
+            side(width),
+            side(height),
+            u32::MAX,
+        );
+        // Four bytes a pixel: blue, green, red and nothing.
+        let data = asked.unwrap().reply().unwrap().data;
+        assert_eq!(data.len(), (4 * width * height) as usize, "another depth than 24");
+        RgbImage::from_fn(width, height, |x, y| {
+            let at = 4 * (y * width + x) as usize;
+            image::Rgb([data[at + 2], data[at + 1], data[at]])
+        })
+    }
 }
