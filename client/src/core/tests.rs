@@ -4,6 +4,9 @@ mod decoding;
 mod lamps;
 mod shared;
 
+use std::collections::BTreeMap;
+use std::time::Duration;
+
 use lodestream_protocol::blob::BlobId;
 use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::scene::Camera;
@@ -12,7 +15,7 @@ use lodestream_protocol::terrain::ListedPatch;
 use lodestream_protocol::view::View;
 
 use super::testing::{Hills, Loopback, prepared};
-use super::{Change, Config};
+use super::{Change, Config, MeshChange};
 
 fn view(camera: Camera, target_px: f32) -> View {
     camera.view([640, 360], target_px)
@@ -498,4 +501,63 @@ fn changes_rebuild_the_mesh_step_by_step() {
     assert!(vertices.iter().flatten().any(|v| v.level > 0 && v.birth_s < 0.0));
     assert!(vertices.iter().flatten().any(|v| v.level > 1 && v.birth_s > 0.0));
     assert!(steps > 3 && textures == 3, "{steps} {textures}");
+}
+
+/// Time that a renderer takes to move a vertex to its place: longer ago than that, and it is there.
+const MORPH_S: f32 = 0.25;
+
+/// Chunks by how far off their regions were without them, in whole pixels: whether they appeared at once.
+fn appearances(view: View) -> Vec<(u16, bool)> {
+    let mut link = Loopback::new(Hills::new(1), |_| {});
+    link.core.set_view(link.now, view);
+    link.connect();
+    let mut seen = BTreeMap::new();
+    for _ in 0..3000 {
+        link.run(1);
+        let now_s = Duration::from(link.now).as_secs_f64() as f32;
+        // What the selection said by which chunks were put to use since.
+        let said =
+            link.core.wanted.iter().map(|wanted| (wanted.id, wanted.error_px)).collect::<BTreeMap<_, _>>();
+        for change in link.core.take_changes(link.now, usize::MAX) {
+            let Change::Mesh(MeshChange { vertices, .. }) = change else { continue };
+            let mesh = link.core.mesh(0).unwrap();
+            let mut new = BTreeMap::new();
+            let slots = vertices.iter().flat_map(|(first, run)| (*first..).zip(run));
+            for (slot, vertex) in slots.filter(|(_, vertex)| vertex.data.morph_from != vertex.data.position) {
+                let Some(chunk) = mesh.wedge_chunk(slot).filter(|chunk| !seen.contains_key(chunk)) else {
+                    continue;
+                };
+                let age_s = now_s - vertex.birth_s;
+                assert!(
+                    age_s == 0.0 || age_s > MORPH_S,
+                    "chunk {chunk} is drawn {age_s} s after it could be"
+                );
+                let error_px = said[&BlobId::chunk(0, chunk)];
+                let at_once = *new.entry(chunk).or_insert((error_px, age_s > MORPH_S));
+                assert_eq!(at_once, (error_px, age_s > MORPH_S), "chunk {chunk} comes in parts");
+            }
+            seen.append(&mut new);
+        }
+    }
+    assert!(link.core.is_settled());
+    seen.into_values().collect()
+}
+
+/// Parts of the picture that were missing faded in.
+#[test]
+fn a_morph_holds_back_nothing_that_is_more_than_eight_pixels_off() {
+    let Camera { eye: [x, y, z], .. } = Hills::new(1).camera();
+    let mut all = Vec::new();
+    for away in [0.4, 0.6, 0.8, 1.0, 1.3, 1.7, 2.5] {
+        let camera = Camera { eye: [away * x, away * y, away * z], ..Hills::new(1).camera() };
+        all.extend(appearances(view(camera, 0.01)));
+    }
+    all.sort_unstable();
+    for &(error_px, at_once) in &all {
+        assert_eq!(at_once, error_px > 8, "{error_px} pixels off");
+    }
+    // There are some on either side, near to it.
+    assert!(
+        all.iter().any(|(px, _)| (7..=8).contains(px)) && all.iter().any(|(px, _)| (9..=10).contains(px))
+    );
 }
