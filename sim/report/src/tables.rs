@@ -173,6 +173,7 @@ pub(super) fn of_first_seconds(results: &[RunResult]) -> String {
         line.add("until_s", seconds.until_s);
         line.add("flip_s", seconds.flip_s);
         line.add("dissimilarity_s", seconds.dissimilarity_s);
+        line.add_some("psnr_db", seconds.psnr_db);
         Some(line)
     });
     table(lines)

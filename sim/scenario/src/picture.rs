@@ -34,6 +34,8 @@ pub struct FirstSecondsError {
     pub flip_s: f64,
     /// ∫ (1 − SSIM) dt, in seconds.
     pub dissimilarity_s: f64,
+    /// PSNR of these seconds, in dB: of the mean over time of squared errors. `None` where that is 0.
+    pub psnr_db: Option<f64>,
 }
 
 impl FirstSecondsError {
@@ -41,23 +43,26 @@ impl FirstSecondsError {
     /// Values are rounded to six decimals.
     #[must_use]
     pub fn integrated(until_s: f64, blank: ImageError, pictures: &[(f64, ImageError)]) -> Self {
-        let (mut flip_s, mut dissimilarity_s) = (0.0, 0.0);
+        let (mut flip_s, mut dissimilarity_s, mut squares_s) = (0.0, 0.0, 0.0);
         let mut add = |from: f64, to: f64, error: &ImageError| {
             let seconds = (to.min(until_s) - from).max(0.0);
             flip_s += seconds * error.flip;
             dissimilarity_s += seconds * (1.0 - error.ssim);
+            // Relative to the square of what white is.
+            squares_s += seconds * error.psnr_db.map_or(0.0, |db| 10_f64.powf(-db / 10.0));
         };
         let first = pictures.first().map_or(until_s, |(at, _)| *at);
         add(0.0, first, &blank);
         for (i, (at, error)) in pictures.iter().enumerate() {
             add(*at, pictures.get(i + 1).map_or(until_s, |(next, _)| *next), error);
         }
-        let rounded = |seconds: f64| (seconds * 1e6).round() / 1e6;
+        let rounded = |value: f64| (value * 1e6).round() / 1e6;
         Self {
             until_s,
             blank_flip: blank.flip,
             flip_s: rounded(flip_s),
             dissimilarity_s: rounded(dissimilarity_s),
+            psnr_db: (squares_s > 0.0).then(|| rounded(10.0 * (until_s / squares_s).log10())),
         }
     }
 }
@@ -82,10 +87,15 @@ mod tests {
 
     #[test]
     fn a_picture_counts_until_the_next_and_an_empty_window_before_the_first() {
-        let error = |flip, ssim| ImageError { psnr_db: None, ssim, flip };
-        let (blank, coarse, fine) = (error(0.8, 0.2), error(0.2, 0.7), error(0.0, 1.0));
+        let error = |flip, ssim, psnr_db| ImageError { psnr_db, ssim, flip };
+        let (blank, coarse) = (error(0.8, 0.2, Some(10.0)), error(0.2, 0.7, Some(20.0)));
+        let fine = error(0.0, 1.0, None);
         let seen = FirstSecondsError::integrated(3.0, blank, &[(0.5, coarse), (1.5, fine), (4.0, coarse)]);
         assert_eq!((seen.flip_s, seen.dissimilarity_s), (0.6, 0.7));
+        // Half a second of 0.1, one of 0.01, the rest of nothing: 0.02 on average.
+        assert_eq!(seen.psnr_db, Some(16.9897));
+        let at_once = FirstSecondsError::integrated(3.0, blank, &[(0.0, fine)]);
+        assert_eq!((at_once.flip_s, at_once.psnr_db), (0.0, None));
         let never = FirstSecondsError::integrated(3.0, blank, &[]);
         assert_eq!((never.flip_s, never.blank_flip), (2.4, 0.8));
         assert_eq!(FirstSecondsError::integrated(3.0, blank, &[(3.5, coarse)]).flip_s, 2.4);

@@ -27,9 +27,11 @@ impl Shown {
         }
         let first = found.first_seconds;
         println!(
-            "first {} s: {:.3} s of FLIP against the {} (an empty window: FLIP {:.3})",
+            "first {} s: {:.3} s of FLIP, {:.3} s of 1 − SSIM, {} against the {} (an empty window: FLIP {:.3})",
             first.until_s,
             first.flip_s,
+            first.dissimilarity_s,
+            first.psnr_db.map_or("equal".into(), |db| format!("{db:.1} dB on average")),
             if found.settled { "settled picture" } else { "last frame, which is not settled" },
             first.blank_flip
         );
