@@ -95,6 +95,9 @@ fn sheet([width, height, thickness]: [f64; 3]) -> SourceMesh {
     mesh
 }
 
+/// A face as points, and the chunks that put its corners where they are.
+type FinestFace = ([Vec3; 3], [Option<u32>; 3]);
+
 /// A prepared asset, as far refined as it is.
 #[derive(Clone)]
 struct Asset {
@@ -156,8 +159,8 @@ impl Asset {
         self.state.set_state(BlobPart::Chunk(chunk), State::Applied);
     }
 
-    /// All faces of the finest mesh as points, and per face the chunks that put its corners where they are.
-    fn finest(&self) -> Vec<([Vec3; 3], [Option<u32>; 3])> {
+    /// All faces of the finest mesh.
+    fn finest(&self) -> Vec<FinestFace> {
         let mut mesh = ActiveMesh::new(&self.prepared.base);
         for (chunk, (info, payload)) in (0..).zip(self.prepared.infos.iter().zip(&self.prepared.chunks)) {
             let delta = mesh.decode(chunk, info, payload).unwrap();
@@ -262,7 +265,7 @@ fn seen_by_rays(view: &View, world: &[Vec<[Vec3; 3]>], step: usize) -> Vec<(usiz
 struct Scene {
     assets: Vec<Asset>,
     /// Of each asset, [`Asset::finest`].
-    finest: Vec<Vec<([Vec3; 3], [Option<u32>; 3])>>,
+    finest: Vec<Vec<FinestFace>>,
     instances: Vec<InstanceEntry>,
 }
 
