@@ -7,7 +7,7 @@
 //! texels are small. The constants keep pictures on the way near the settled one without making the last errors wait
 //! long (docs/design/viewing.md, "What comes first"; docs/decisions.md has what was tried).
 
-use super::priority::{Priority, refine_priority};
+use super::priority::{Priority, hidden, refine_priority};
 use crate::view::View;
 
 /// Difference of a shape over `e · r`.
@@ -57,8 +57,10 @@ impl Picture {
     }
 
     /// Priority of an index page whose chunks have an error of at most `error_px`, of an asset of radius `coverage_px`.
-    pub(crate) fn page_priority(&self, error_px: f32, coverage_px: f32) -> Priority {
-        refine_priority(self.shape_px2(error_px, coverage_px), BEHIND_PAGE_BYTES, 1.0)
+    /// `seen`: of which something is.
+    pub(crate) fn page_priority(&self, error_px: f32, coverage_px: f32, seen: bool) -> Priority {
+        let difference_px2 = self.shape_px2(error_px, coverage_px);
+        refine_priority(if seen { difference_px2 } else { hidden(difference_px2) }, BEHIND_PAGE_BYTES, 1.0)
     }
 }
 

@@ -64,6 +64,8 @@ struct Seen {
     centrality: f32,
     /// Bound on the screen error of chunks that are not known yet.
     unknown_px: f32,
+    /// Something is seen of an instance, or it is not judged: else index pages are as hidden as what they tell of.
+    pages_seen: bool,
     /// Pixels per asset unit where it is nearest.
     px_per_unit: f32,
 }
@@ -256,7 +258,20 @@ impl Selector {
             let scale = f64::from(instance.scale);
             let px_of = |error: f32| projection.error_px(f64::from(error) * scale, bounds.depth);
             let unknown_px = px_of(asset.unknown_error());
-            (worst, worst_seen) = (worst.max(unknown_px), worst_seen.max(unknown_px));
+            worst = worst.max(unknown_px);
+            if unknown_px > floor_px && self.settings.hidden_last && asset.occluder().is_some() {
+                if !std::mem::replace(&mut drawn, true) {
+                    self.visibility.draw(view, self.way, instances, assets);
+                }
+                let shown = self.visibility.shown(number, view, asset.entry(), instance);
+                seen.pages_seen |= shown > 0.0;
+                if shown > 0.0 {
+                    worst_seen = worst_seen.max(unknown_px);
+                }
+            } else {
+                seen.pages_seen = true;
+                worst_seen = worst_seen.max(unknown_px);
+            }
             #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
             {
                 seen.unknown_px = seen.unknown_px.max(unknown_px as f32);
@@ -517,7 +532,8 @@ impl Selector {
                 if page > known && expected_px <= threshold / 2.0 {
                     break;
                 }
-                want(BlobPart::IndexPage(page), picture.page_priority(expected_px, seen.coverage_px));
+                let priority = picture.page_priority(expected_px, seen.coverage_px, seen.pages_seen);
+                want(BlobPart::IndexPage(page), priority);
             }
         }
     }

@@ -1,4 +1,4 @@
-//! Textures of what something hides.
+//! Textures and index pages of what something hides.
 
 use std::sync::Arc;
 
@@ -77,4 +77,39 @@ fn one_instance_that_is_seen_makes_a_texture_seen() {
     let sharing = [first, hiding(textured(known_asset_of(sharing, 2)), 1.0), last];
     let found = levels(&Selector::default().select(&view, &[hidden, seen, roof], &sharing).wanted);
     assert!(found.iter().all(|level| level.id.asset() == Some(0) && !is_hidden(level.priority)), "{found:?}");
+}
+
+/// Index pages of an asset that a roof covers came before shapes that are seen.
+#[test]
+fn pages_of_what_something_hides_come_after_all_that_is_seen() {
+    let mut roof = AssetState::new(plane_entry("roof", &[], 1000));
+    roof.set_state(BlobPart::Base, State::Applied);
+    let unknown = || {
+        let mut asset = AssetState::new(plane_entry("plane", &plane(2), 1000));
+        asset.set_state(BlobPart::Base, State::Applied);
+        hiding(asset, 1.0)
+    };
+    let assets = [unknown(), unknown(), hiding(roof, 2.5)];
+    let [hidden, seen, over] = [
+        InstanceEntry::at(0, [-3.0, 0.0, 0.0]),
+        InstanceEntry::at(1, [3.0, 0.0, 0.0]),
+        InstanceEntry::at(2, [-3.0, 3.0, 0.0]),
+    ];
+    let view = above([0.0, 12.0, 0.5]);
+    let of = |instances: &[InstanceEntry], settings: SelectSettings| {
+        let wanted = Selector::new(settings).select(&view, instances, &assets).wanted.clone();
+        let priority = |asset| wanted.iter().find(|w| w.id == BlobId::index_page(asset, 0)).unwrap().priority;
+        [0, 1].map(|asset| is_hidden(priority(asset)))
+    };
+    let usual = SelectSettings::default();
+    assert_eq!(of(&[hidden, seen, over], usual), [true, false]);
+    // Without the roof, with another that is seen, and where nobody asks what hides what.
+    assert_eq!(of(&[hidden, seen], usual), [false, false]);
+    assert_eq!(of(&[hidden, seen, over, InstanceEntry::at(0, [0.0, 0.0, 3.0])], usual), [false, false]);
+    assert_eq!(of(&[hidden, seen, over], SelectSettings { hidden_last: false, ..usual }), [false, false]);
+    // A base mesh hides, or is judged by what hides: it is wanted as before.
+    let mut bare = assets.clone();
+    bare[0].set_state(BlobPart::Base, State::Absent);
+    let wanted = Selector::new(usual).select(&view, &[hidden, seen, over], &bare).wanted.clone();
+    assert!(wanted.iter().any(|w| w.id == BlobId::base(0) && !is_hidden(w.priority)), "{wanted:?}");
 }
