@@ -143,6 +143,9 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
             session.close(now, close.code, &close.reason);
             token_until = None;
         }
+        if proved && let Err(why) = guard.count() {
+            session.close(now, CloseCode::Busy, &why.to_string());
+        }
         if proved
             && session.is_open()
             && let Err(why) = guard.take_lease()

@@ -42,6 +42,9 @@ pub(super) enum NoLease {
     /// The address has as many as one may.
     #[error("the server has as many sessions of this address as one may have")]
     OfAddress,
+    /// The address began too many sessions lately.
+    #[error("too many sessions of this address began within seconds; try again later")]
+    TooOften,
     /// The server takes no more clients.
     #[error("the server is shutting down")]
     Draining,

@@ -2,6 +2,7 @@
 
 mod addresses;
 mod admin;
+mod arrivals;
 mod bad_peers;
 mod http;
 mod leases;
