@@ -303,6 +303,40 @@ async fn is_let_in(world: &World, at: SocketAddr) -> bool {
     false
 }
 
+/// Guards a client that goes from one network to another: its session goes on, and takes a place of the address that it
+/// has now.
+#[test]
+fn a_client_whose_address_changes_goes_on_and_gives_its_place_back() {
+    let scene = TestScene::small();
+    virtual_runtime().unwrap().block_on(async {
+        let world = World::new();
+        let one_each = SessionSettings { max_sessions_per_address: Some(1), ..settings(Some(40_000)) };
+        let state = ServerState::new(scene.source(), one_each);
+        world.serve(Arc::clone(&state), 1);
+        let endpoint = world.client(client(1, 50_000), &link());
+        let mut host = UntilSettled::new();
+        let roam = async {
+            sleep(Duration::from_secs(1)).await;
+            assert!(!is_let_in(&world, client(1, 50_001)).await, "the address has its session");
+            assert!(is_let_in(&world, client(2, 50_002)).await);
+            let to = client(2, 50_003);
+            world.connect(to, &link());
+            endpoint.rebind_abstract(world.network.socket(to)).unwrap();
+            let cut = LinkSettings { loss: Loss::Random(1.0), ..link() };
+            world.connect(client(1, 50_000), &cut);
+            sleep(Duration::from_secs(1)).await;
+            assert_eq!(state.metrics().active_sessions(), 1);
+            assert!(is_let_in(&world, client(1, 50_004)).await, "the place of the old address was kept");
+            assert!(!is_let_in(&world, client(2, 50_005)).await, "the session counts nowhere");
+            assert_eq!(state.metrics().active_sessions(), 1, "the session was over before");
+        };
+        let (attempts, ()) = tokio::join!(stream(&endpoint, &mut host), roam);
+        let stats = host.core.stats();
+        assert_eq!((attempts.len(), stats.connections, stats.decode_failures), (1, 1, 0), "{stats:?}");
+        assert_eq!(sent_twice(scene, &host.received()), BTreeMap::new());
+    });
+}
+
 /// Connections of one address that are all begun before any of them has proved it: each sees a bucket that is not empty.
 #[test]
 fn quic_handshakes_at_the_same_time_took_more_tokens_than_there_were() {

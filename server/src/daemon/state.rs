@@ -351,6 +351,19 @@ impl SessionGuard {
         }
     }
 
+    /// The client comes from this address now: what the session has is that one's.
+    pub(super) fn comes_from(&mut self, peer: SocketAddr) {
+        if peer.ip() != self.peer.ip()
+            && let Standing::Leased(lease) = &self.standing
+        {
+            lease.moved(peer.ip());
+        }
+        if peer != self.peer {
+            tracing::info!(from = %self.peer, to = %peer, "the client has another address");
+            self.peer = peer;
+        }
+    }
+
     /// The client has asked for something: the session is of use.
     pub(super) fn asked(&self) {
         if let Standing::Leased(lease) = &self.standing {
