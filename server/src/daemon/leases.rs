@@ -119,6 +119,13 @@ impl Leases {
         self.table.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Entries of all tables.
+    #[cfg(test)]
+    pub(super) fn len(&self) -> usize {
+        let table = self.table();
+        table.taken.len() + table.leaving.len() + table.by_block.len()
+    }
+
     /// Who has to leave for a session of an address; `None` where nobody.
     fn cost(&self, table: &Table, block: Block, now: Time) -> Result<Option<u64>, NoLease> {
         let held = table.of(block);

@@ -247,6 +247,12 @@ impl ServerState {
         }
     }
 
+    /// Entries of all tables that sessions write into.
+    #[cfg(test)]
+    pub(super) fn entries(&self) -> [usize; 4] {
+        [self.leases.len(), self.arrivals.len(), self.unproved.len(), self.requests.len()]
+    }
+
     fn now(&self) -> Time {
         Time::from(self.started.elapsed())
     }

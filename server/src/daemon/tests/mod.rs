@@ -10,6 +10,7 @@ mod metrics;
 mod quic;
 mod shutdown;
 mod slow_store;
+mod soak;
 mod tls;
 mod tokens;
 mod websocket;
