@@ -454,3 +454,50 @@ fn flags_win_over_the_environment_that_over_files_and_those_over_defaults() {
     let errors = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.code() == Some(2) && errors.contains("--drain"), "{errors}");
 }
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_is_told() {
+    let dir = TempDir::new().unwrap();
+    let model = dir.path().join("ball.obj");
+    std::fs::write(&model, sphere_obj(40, 40)).unwrap();
+    let model = text(&model);
+    let pack = dir.path().join("ball.lsp");
+    assert!(run(&["prepare", model, "-o", text(&pack)]).status.success());
+    // Takes nothing: each write fails as on a disk that is full (ENOSPC).
+    let full = |arguments: &[&str]| {
+        let output = run(arguments);
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {message}");
+        let told = |line: &str| {
+            line.starts_with("error: ") && line.contains("/dev/full") && line.contains("No space left")
+        };
+        assert!(message.lines().any(told), "{arguments:?}: {message}");
+    };
+    full(&["prepare", model, "-o", "/dev/full"]);
+    full(&["export", text(&pack), "--faces", "200", "-o", "/dev/full"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_server_whose_cache_takes_no_more_ends_and_leaves_no_part() {
+    let dir = TempDir::new().unwrap();
+    std::fs::write(dir.path().join("ball.obj"), sphere_obj(40, 40)).unwrap();
+    let serve = "ulimit -f 4 && exec \"$0\" serve ball.obj --cache cache --listen 127.0.0.1:0 --http 127.0.0.1:0 \
+                 --admin off";
+    let output = Command::new("sh")
+        .args(["-c", serve, env!("CARGO_BIN_EXE_lodestream-server")])
+        .current_dir(dir.path())
+        .output()
+        .unwrap();
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{:?}: {message}", output.status);
+    assert!(
+        message.lines().any(|line| line.starts_with("error: ") && line.contains("too large")),
+        "{message}"
+    );
+    assert!(output.stdout.is_empty(), "no address is printed of a server that does not serve");
+    let left: Vec<_> =
+        std::fs::read_dir(dir.path().join("cache")).unwrap().map(|f| f.unwrap().file_name()).collect();
+    assert!(left.is_empty(), "{left:?}");
+}

@@ -9,6 +9,7 @@
 //! | `silence` | a server that is gone without a word is told |
 //! | `limiter` | bytes on the wire against the rate |
 //! | `robustness` | clients and servers that die, and come back |
+//! | `faults` | the same for many clients, and networks that reorder packets or change addresses, in virtual time |
 //! | `tls` | certificates: who is believed, and their exchange while sessions run |
 //! | `access` | tokens: who is let in, and what others are told |
 //! | `hostile` | peers that break every rule |
@@ -50,6 +51,8 @@ mod dependencies;
 mod documents;
 #[cfg(test)]
 mod embed;
+#[cfg(test)]
+mod faults;
 #[cfg(test)]
 mod first_flight;
 #[cfg(test)]

@@ -19,6 +19,7 @@ const SLOW: SessionSettings = SessionSettings {
     rate_bits_per_s: Some(300_000),
     max_sessions: 10,
     max_sessions_per_address: Some(10),
+    new_sessions_per_address: None,
     drain: Duration::from_secs(3),
 };
 

@@ -49,6 +49,8 @@ pub use quic::{QuicSetupError, client_config, endpoint, run_quic};
 pub use quic_open::{QuicConnection, QuicOpenError};
 #[cfg(all(feature = "runtime", any(feature = "quic", feature = "websocket")))]
 pub use reconnect::stream;
+#[cfg(all(feature = "runtime", feature = "quic"))]
+pub use reconnect::stream_quic;
 #[cfg(any(feature = "quic", feature = "websocket"))]
 pub use reconnect::{End, Retry};
 #[cfg(any(feature = "quic", feature = "websocket"))]

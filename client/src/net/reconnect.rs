@@ -5,12 +5,17 @@ use std::pin::pin;
 use std::time::Duration;
 
 use lodestream_protocol::client::Backoff;
-use lodestream_protocol::message::{Close, CloseCode};
+use lodestream_protocol::message::{Close, CloseCode, Token};
+use lodestream_protocol::time::Time;
 use tokio::time::{Instant, sleep_until, timeout_at};
 
 use super::addresses::{Resolver, System};
-use super::connect::{Kept, connect};
+use super::connect::{Connection, Kept, connect};
 use super::drive::{Clock, Host};
+#[cfg(all(feature = "runtime", feature = "quic"))]
+use super::quic::run_quic;
+#[cfg(all(feature = "runtime", feature = "quic"))]
+use super::quic_open::QuicConnection;
 use super::server::Server;
 use crate::core::Progress;
 
@@ -93,13 +98,105 @@ pub(super) async fn stream_to<H: Host>(
     host: &mut H,
     clock: Clock,
     retry: Retry,
+    report: impl FnMut(&mut H, Option<String>),
+) -> End {
+    let sockets = Sockets { server, resolver, kept: Kept::default() };
+    stream_by(sockets, host, clock, retry, report).await
+}
+
+/// As [`stream`], over QUIC connections that `connect` opens: those of a host's own endpoint, or of a simulated one in
+/// virtual time. What `connect` does must have a deadline. `name` is what the host is told of where they lead.
+#[cfg(all(feature = "runtime", feature = "quic"))]
+pub async fn stream_quic<H: Host>(
+    name: &str,
+    connect: impl AsyncFnMut() -> Result<QuicConnection, Close>,
+    host: &mut H,
+    clock: Clock,
+    retry: Retry,
+    report: impl FnMut(&mut H, Option<String>),
+) -> End {
+    stream_by(Opened { name, connect }, host, clock, retry, report).await
+}
+
+/// How connections come about, and run.
+trait Connector {
+    type Connection;
+
+    /// Opens one, for a client with a token or without.
+    async fn connect(&mut self, token: Option<&Token>) -> Result<Self::Connection, Close>;
+
+    /// Runs a session until it ends; says why.
+    async fn run<H: Host>(&mut self, connection: Self::Connection, host: &mut H, clock: Clock) -> Close;
+
+    /// Where connections lead.
+    fn to(&self) -> String;
+}
+
+/// Over real sockets.
+struct Sockets<'a, R> {
+    server: &'a Server,
+    resolver: &'a R,
+    kept: Kept,
+}
+
+impl<R: Resolver> Connector for Sockets<'_, R> {
+    type Connection = Connection;
+
+    async fn connect(&mut self, token: Option<&Token>) -> Result<Connection, Close> {
+        connect(self.server, token, &mut self.kept, self.resolver).await
+    }
+
+    async fn run<H: Host>(&mut self, connection: Connection, host: &mut H, clock: Clock) -> Close {
+        connection.run(&self.server.address, &mut self.kept, host, clock).await
+    }
+
+    fn to(&self) -> String {
+        self.server.address.to_string()
+    }
+}
+
+/// Over connections that the host opens.
+#[cfg(all(feature = "runtime", feature = "quic"))]
+struct Opened<'a, F> {
+    name: &'a str,
+    connect: F,
+}
+
+#[cfg(all(feature = "runtime", feature = "quic"))]
+impl<F: AsyncFnMut() -> Result<QuicConnection, Close>> Connector for Opened<'_, F> {
+    type Connection = QuicConnection;
+
+    async fn connect(&mut self, _token: Option<&Token>) -> Result<QuicConnection, Close> {
+        (self.connect)().await
+    }
+
+    async fn run<H: Host>(&mut self, connection: QuicConnection, host: &mut H, clock: Clock) -> Close {
+        run_quic(connection, host, clock).await
+    }
+
+    fn to(&self) -> String {
+        self.name.to_owned()
+    }
+}
+
+/// Any number for the length of a pause, and far from that of a moment near by: clients that lose one server lose it at
+/// about the same time, and may have been started together. Fibonacci hashing (Knuth, The Art of Computer Programming,
+/// vol. 3, section 6.4).
+fn spread(now: Time) -> u32 {
+    u32::try_from(now.as_ns().wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32).unwrap_or(0)
+}
+
+async fn stream_by<H: Host>(
+    mut connector: impl Connector,
+    host: &mut H,
+    clock: Clock,
+    retry: Retry,
     mut report: impl FnMut(&mut H, Option<String>),
 ) -> End {
     host.core().begin(clock.now());
     let mut backoff = Backoff::new();
     let mut reached = false;
     let mut attempts = 0;
-    let mut kept = Kept::default();
     // `None`: further away than there is time.
     let until = Instant::now().checked_add(retry.first_within);
     loop {
@@ -108,15 +205,14 @@ pub(super) async fn stream_to<H: Host>(
         }
         let limit = until.filter(|_| !reached);
         let token = host.core().token().cloned();
-        let connecting = connect(server, token.as_ref(), &mut kept, resolver);
-        let connecting = within(limit, retry.first_within, connecting);
+        let connecting = within(limit, retry.first_within, connector.connect(token.as_ref()));
         let mut lasted = Duration::ZERO;
         let close = match meanwhile(host, clock, connecting).await {
             None => return End::Left,
             Some(Err(close)) => close,
             Some(Ok(connection)) => {
                 let began = clock.now();
-                let close = connection.run(&server.address, &mut kept, host, clock).await;
+                let close = connector.run(connection, host, clock).await;
                 lasted = clock.now().since(began);
                 close
             }
@@ -134,9 +230,7 @@ pub(super) async fn stream_to<H: Host>(
         if lasted >= USEFUL_AFTER && host.core().stats().session.blobs > 0 {
             backoff.succeeded();
         }
-        // Spreads the clients of a restarted server; any number will do.
-        let random = u32::try_from(clock.now().as_ns() & 0xFFFF_FFFF).unwrap_or(0);
-        let wait = backoff.next_wait(random);
+        let wait = backoff.next_wait(spread(clock.now()));
         let late = until.is_some_and(|until| Instant::now() + wait + LEAST_ATTEMPT > until);
         if !reached && (late || attempts >= retry.first_attempts) {
             return End::Unreachable { attempts, why: close.reason };
@@ -145,7 +239,7 @@ pub(super) async fn stream_to<H: Host>(
         if meanwhile(host, clock, sleep_until(Instant::now() + wait)).await.is_none() {
             return End::Left;
         }
-        report(host, Some(format!("connecting to {}", server.address)));
+        report(host, Some(format!("connecting to {}", connector.to())));
     }
 }
 
@@ -180,5 +274,22 @@ async fn meanwhile<H: Host, T>(host: &mut H, clock: Clock, what: impl Future<Out
             () = tokio::task::yield_now(), if again => {}
             () = host.wake() => {}
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn clients_that_were_started_together_came_back_together() {
+        // Fifty that lose the server within 50 ms of their clocks.
+        let mut waits: Vec<Duration> =
+            (0..50).map(|ms| Backoff::new().next_wait(spread(Time::from_ms(30_000 + ms)))).collect();
+        waits.sort_unstable();
+        // Of a range of 250 ms.
+        assert!(waits[49] - waits[0] > Duration::from_millis(225), "{waits:?}");
+        let together = waits.windows(6).map(|six| six[5] - six[0]).min().unwrap();
+        assert!(together > Duration::from_millis(5), "six within {together:?}");
     }
 }

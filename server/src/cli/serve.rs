@@ -18,6 +18,7 @@ use super::recipe::RecipeArguments;
 use super::units::{Rate, parse_rate};
 use crate::daemon::admin::AdminPort;
 use crate::daemon::admission::Admission;
+use crate::daemon::arrivals::NewSessions;
 use crate::daemon::origin::Origin;
 use crate::daemon::proxy::Network;
 use crate::daemon::state::DRAIN_SECONDS;
@@ -70,6 +71,10 @@ pub(super) struct Arguments {
     #[arg(long, env = "LODESTREAM_MAX_SESSIONS_PER_ADDRESS", value_name = "N",
         value_parser = value_parser!(u64).range(1..))]
     max_sessions_per_address: Option<u64>,
+    /// Most new sessions at once of one such address, at least 1, or off; an eighth of that is given back each second
+    /// [default: as many as --max-sessions-per-address, at least 32].
+    #[arg(long, env = "LODESTREAM_NEW_SESSIONS_PER_ADDRESS", value_name = "N")]
+    new_sessions_per_address: Option<NewSessions>,
     /// How long sessions may go on after SIGTERM or SIGINT, in seconds: no new ones are taken, and those that are at
     /// nothing end at once. A second signal ends all.
     #[arg(long, env = "LODESTREAM_DRAIN", value_name = "SECONDS", default_value_t = DRAIN_SECONDS,
@@ -137,6 +142,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<Outcome> {
             rate_bits_per_s: arguments.rate.0,
             max_sessions: arguments.max_sessions,
             max_sessions_per_address: arguments.max_sessions_per_address,
+            new_sessions_per_address: arguments.new_sessions_per_address,
             drain: Duration::from_secs(arguments.drain),
         },
         dropped_log_lines: Some(log.dropped_lines()),

@@ -191,11 +191,18 @@ impl Certificate {
         Some(verifier.verify_server_cert(own, &[], &name, &[], time).map(drop))
     }
 
-    /// Whether a self-signed certificate can be used at `now` and for a day more.
+    /// Whether a self-signed certificate can be used at `now` and for a day more. One that is not valid yet can: the clock
+    /// was set back, as that of a machine is that has none of its own until the network is there, and viewers that pin a
+    /// certificate look at no dates.
     fn check_validity(&self, now: SystemTime) -> anyhow::Result<()> {
         for time in [now, now + RENEW_BEFORE] {
             let time = UnixTime::since_unix_epoch(time.duration_since(UNIX_EPOCH).unwrap_or_default());
-            self.verify_at(time).context("it cannot be read")??;
+            match self.verify_at(time).context("it cannot be read")? {
+                Err(rustls::Error::InvalidCertificate(
+                    CertificateError::NotValidYet | CertificateError::NotValidYetContext { .. },
+                )) => {}
+                verified => verified?,
+            }
         }
         Ok(())
     }
@@ -285,6 +292,21 @@ mod tests {
             let replaced = Certificate::load_or_create(folder.path(), much_later).unwrap();
             assert_ne!(replaced.fingerprint(), second.fingerprint());
         }
+    }
+
+    #[test]
+    fn a_clock_that_was_set_back_replaced_the_certificate() {
+        let folder = tempfile::tempdir().unwrap();
+        let now = SystemTime::now();
+        let kept = Certificate::load_or_create(folder.path(), now).unwrap();
+        let days = |n: u64| Duration::from_secs(n * 24 * 3600);
+        for then in [now - days(3), now - days(3000), UNIX_EPOCH, UNIX_EPOCH - days(1), now + days(700)] {
+            let again = Certificate::load_or_create(folder.path(), then).unwrap();
+            assert_eq!(again.fingerprint(), kept.fingerprint(), "{then:?}");
+        }
+        let later =
+            Certificate::load_or_create(folder.path(), now + days(729) + Duration::from_secs(3600)).unwrap();
+        assert_ne!(later.fingerprint(), kept.fingerprint(), "its last day");
     }
 
     #[test]

@@ -5,6 +5,7 @@
 //! in the session's scheduler, where it can still be overtaken, and not in a socket.
 
 use std::future::Future;
+use std::net::SocketAddr;
 use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
@@ -48,6 +49,11 @@ pub(super) trait Receive: Send {
     /// The next thing that comes. Must be safe to drop before it resolves. Not called again after
     /// `TooMuch`, `Malformed`, `Violation`, `Ended` or `Lost`.
     fn receive(&mut self) -> impl Future<Output = Received> + Send;
+
+    /// Where the client is now, if that may change.
+    fn peer(&self) -> Option<SocketAddr> {
+        None
+    }
 }
 
 /// Sending half of a transport.
@@ -142,6 +148,12 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
             let close = refusal(state.token_refused(TokenError::Expired));
             session.close(now, close.code, &close.reason);
             token_until = None;
+        }
+        if let Some(peer) = receiver.peer() {
+            guard.comes_from(peer);
+        }
+        if proved && let Err(why) = guard.count() {
+            session.close(now, CloseCode::Busy, &why.to_string());
         }
         if proved
             && session.is_open()

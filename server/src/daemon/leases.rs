@@ -42,6 +42,9 @@ pub(super) enum NoLease {
     /// The address has as many as one may.
     #[error("the server has as many sessions of this address as one may have")]
     OfAddress,
+    /// The address began too many sessions lately.
+    #[error("too many sessions of this address began within seconds; try again later")]
+    TooOften,
     /// The server takes no more clients.
     #[error("the server is shutting down")]
     Draining,
@@ -74,6 +77,11 @@ struct Tenant {
 impl Table {
     fn of(&self, block: Block) -> u64 {
         self.by_block.get(&block).copied().unwrap_or(0)
+    }
+
+    fn insert(&mut self, number: u64, block: Block, tenant: Arc<Tenant>) {
+        self.taken.insert(number, (block, tenant));
+        *self.by_block.entry(block).or_insert(0) += 1;
     }
 
     fn remove(&mut self, number: u64) -> Option<(Block, Arc<Tenant>)> {
@@ -111,6 +119,13 @@ impl Leases {
         self.table.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Entries of all tables.
+    #[cfg(test)]
+    pub(super) fn len(&self) -> usize {
+        let table = self.table();
+        table.taken.len() + table.leaving.len() + table.by_block.len()
+    }
+
     /// Who has to leave for a session of an address; `None` where nobody.
     fn cost(&self, table: &Table, block: Block, now: Time) -> Result<Option<u64>, NoLease> {
         let held = table.of(block);
@@ -146,8 +161,7 @@ impl Leases {
         table.next += 1;
         let number = table.next;
         let tenant = Arc::new(Tenant { asked_ns: AtomicU64::new(now.as_ns()), notice: Notify::new() });
-        table.taken.insert(number, (block, Arc::clone(&tenant)));
-        *table.by_block.entry(block).or_insert(0) += 1;
+        table.insert(number, block, Arc::clone(&tenant));
         Ok(Lease { leases: Arc::clone(self), number, tenant })
     }
 }
@@ -164,6 +178,15 @@ impl Lease {
     /// The client has asked for something: the session is of use.
     pub(super) fn asked(&self, now: Time) {
         self.tenant.asked_ns.store(now.as_ns(), Ordering::Relaxed);
+    }
+
+    /// The session's client has another address now, and the lease is that one's, even if it has as many as one may: a
+    /// network that changes is no reason to end a session.
+    pub(super) fn moved(&self, address: IpAddr) {
+        let mut table = self.leases.table();
+        if let Some((_, tenant)) = table.remove(self.number) {
+            table.insert(self.number, Block::of(address), tenant);
+        }
     }
 
     /// Resolves, once, when another has the lease.
@@ -240,6 +263,24 @@ mod tests {
         drop((held, newcomer));
         assert!(leases.table().taken.is_empty() && leases.table().leaving.is_empty());
         assert!(leases.table().by_block.is_empty());
+    }
+
+    #[test]
+    fn a_lease_stayed_that_of_an_address_which_its_client_had_left() {
+        let leases = Leases::new(100, 2);
+        let roaming = leases.take(ip(1), Time::ZERO).unwrap();
+        let other = leases.take(ip(1), Time::ZERO).unwrap();
+        assert_eq!(leases.check(ip(1), Time::ZERO).unwrap_err(), NoLease::OfAddress);
+        roaming.moved(ip(2));
+        let _third = leases.take(ip(1), Time::ZERO).unwrap();
+        let _fourth = leases.take(ip(2), Time::ZERO).unwrap();
+        assert_eq!(leases.check(ip(2), Time::ZERO).unwrap_err(), NoLease::OfAddress);
+        // Where there is no room for it, it goes on all the same.
+        roaming.moved(ip(1));
+        assert_eq!(leases.table().of(Block::of(ip(1))), 3);
+        drop(roaming);
+        assert_eq!(leases.table().of(Block::of(ip(1))), 2);
+        assert!(!lost(&other));
     }
 
     #[test]

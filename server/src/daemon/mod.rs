@@ -11,6 +11,7 @@
 //! | [`state`], [`metrics`] | what sessions share |
 //! | `progress` | what is measured of a session while it runs |
 //! | `leases`, `room`, `refusal` | who may have a session, who may ask for one, and why there is none |
+//! | [`arrivals`] | how often one address may begin sessions |
 //! | `damage` | blobs that cannot be read any more |
 //! | [`origin`] | which web pages may open sessions |
 //! | [`proxy`], [`admission`] | for whom a proxy asks; all that is said of who may come |
@@ -26,6 +27,7 @@
 pub mod admin;
 pub mod admission;
 mod allowance;
+pub mod arrivals;
 pub mod certificate;
 pub mod congestion;
 mod damage;

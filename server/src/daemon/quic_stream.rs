@@ -2,6 +2,7 @@
 //! for each blob ([`lodestream_protocol::stream`]).
 
 use std::collections::BTreeMap;
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -71,6 +72,10 @@ impl QuicReceiver {
 }
 
 impl Receive for QuicReceiver {
+    fn peer(&self) -> Option<SocketAddr> {
+        Some(self.connection.remote_address())
+    }
+
     async fn receive(&mut self) -> Received {
         loop {
             match self.frames.next_frame().and_then(|frame| match frame {

@@ -9,6 +9,8 @@ pub(super) enum Refusal {
     Full,
     /// The address has as many sessions as one may.
     Address,
+    /// The address began too many sessions lately.
+    Rate,
     /// The server takes no more clients.
     Draining,
     /// There was no token that grants the scene.
@@ -19,13 +21,15 @@ pub(super) enum Refusal {
 
 impl Refusal {
     /// All, in the order of their numbers.
-    pub(super) const ALL: [Self; 5] = [Self::Full, Self::Address, Self::Draining, Self::Token, Self::Origin];
+    pub(super) const ALL: [Self; 6] =
+        [Self::Full, Self::Address, Self::Rate, Self::Draining, Self::Token, Self::Origin];
 
     /// Name in metrics.
     pub(super) const fn name(self) -> &'static str {
         match self {
             Self::Full => "full",
             Self::Address => "address",
+            Self::Rate => "rate",
             Self::Draining => "draining",
             Self::Token => "token",
             Self::Origin => "origin",
@@ -38,6 +42,7 @@ impl From<NoLease> for Refusal {
         match why {
             NoLease::Full => Self::Full,
             NoLease::OfAddress => Self::Address,
+            NoLease::TooOften => Self::Rate,
             NoLease::Draining => Self::Draining,
         }
     }

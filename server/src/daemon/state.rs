@@ -13,6 +13,7 @@ use tokio::sync::watch;
 use tokio::time::Instant;
 
 use super::admission::Admission;
+use super::arrivals::{Arrivals, NewSessions};
 use super::damage::Damage;
 use super::leases::{Lease, Leases, NoLease, default_of_address};
 use super::metrics::{Metrics, Transport};
@@ -39,6 +40,9 @@ pub struct SessionSettings {
     /// Most sessions at once of one address (of IPv6: of one network of 64 bits). `None`: an eighth of
     /// [`SessionSettings::max_sessions`], and at least eight.
     pub max_sessions_per_address: Option<u64>,
+    /// Sessions that one such address may begin at once; an eighth of that is given back each second. `None`: as many as
+    /// it may have, and at least 32.
+    pub new_sessions_per_address: Option<NewSessions>,
     /// How long sessions may go on with what they were asked for after shutdown has begun.
     pub drain: Duration,
 }
@@ -49,6 +53,7 @@ impl Default for SessionSettings {
             rate_bits_per_s: None,
             max_sessions: 1000,
             max_sessions_per_address: None,
+            new_sessions_per_address: None,
             drain: Duration::from_secs(DRAIN_SECONDS),
         }
     }
@@ -77,6 +82,7 @@ pub struct ServerState {
     sessions: watch::Sender<u64>,
     next_session: AtomicU64,
     leases: Arc<Leases>,
+    arrivals: Arrivals,
     unproved: Arc<Room>,
     requests: Arc<Room>,
     damage: Damage,
@@ -109,6 +115,9 @@ impl ServerState {
         admission: Admission,
     ) -> Arc<Self> {
         let rate = settings.rate_bits_per_s;
+        let of_address =
+            settings.max_sessions_per_address.unwrap_or(default_of_address(settings.max_sessions));
+        let arrivals = settings.new_sessions_per_address.unwrap_or(NewSessions::of_places(of_address));
         let (quic, websocket) = (ServerConfig::quic(rate), ServerConfig::websocket(rate));
         Arc::new(Self {
             scene,
@@ -120,10 +129,8 @@ impl ServerState {
             phase: watch::Sender::new(Phase::Running),
             sessions: watch::Sender::new(0),
             next_session: AtomicU64::new(1),
-            leases: Leases::new(
-                settings.max_sessions,
-                settings.max_sessions_per_address.unwrap_or(default_of_address(settings.max_sessions)),
-            ),
+            leases: Leases::new(settings.max_sessions, of_address),
+            arrivals: Arrivals::new(arrivals),
             unproved: Room::new(MAX_UNPROVED),
             requests: Room::new(MAX_REQUESTS),
             damage: Damage::default(),
@@ -240,19 +247,34 @@ impl ServerState {
         }
     }
 
+    /// Entries of all tables that sessions write into.
+    #[cfg(test)]
+    pub(super) fn entries(&self) -> [usize; 4] {
+        [self.leases.len(), self.arrivals.len(), self.unproved.len(), self.requests.len()]
+    }
+
     fn now(&self) -> Time {
         Time::from(self.started.elapsed())
     }
 
-    /// Begins a session, unless there is no lease for its address. It has none itself until
-    /// [`SessionGuard::take_lease`].
+    /// Begins a session, unless there is no lease for its address, or that began too many lately. It has no lease itself
+    /// until [`SessionGuard::take_lease`], and over QUIC does not count among those that its address began until
+    /// [`SessionGuard::count`]: whoever forges an address takes nothing from its owner.
     pub(super) fn begin_session(
         self: &Arc<Self>,
         transport: Transport,
         peer: SocketAddr,
     ) -> Result<SessionGuard, NoLease> {
         let running = if self.phase() == Phase::Running { Ok(()) } else { Err(NoLease::Draining) };
-        if let Err(why) = running.and_then(|()| self.leases.check(peer.ip(), self.now())) {
+        let now = self.now();
+        let proved = transport == Transport::WebSocket;
+        let in_time = || {
+            let (address, arrivals) = (peer.ip(), &self.arrivals);
+            let may = if proved { arrivals.take(address, now) } else { arrivals.check(address, now) };
+            may.then_some(()).ok_or(NoLease::TooOften)
+        };
+        let free = running.and_then(|()| self.leases.check(peer.ip(), now));
+        if let Err(why) = free.and_then(|()| in_time()) {
             self.metrics.session_refused(why.into());
             return Err(why);
         }
@@ -267,6 +289,7 @@ impl ServerState {
             peer,
             ended: CloseCode::Lost,
             grant: None,
+            counted: proved,
             standing,
         })
     }
@@ -293,6 +316,8 @@ pub(super) struct SessionGuard {
     pub(super) ended: CloseCode,
     /// What the token of its request grants.
     pub(super) grant: Option<Grant>,
+    /// Whether it is one of those that its address began.
+    counted: bool,
     standing: Standing,
 }
 
@@ -300,6 +325,19 @@ impl SessionGuard {
     /// Whether the session has a lease.
     pub(super) const fn has_lease(&self) -> bool {
         matches!(self.standing, Standing::Leased(_))
+    }
+
+    /// Counts the session among those that its address began, once: the address is proved.
+    pub(super) fn count(&mut self) -> Result<(), NoLease> {
+        if self.counted {
+            return Ok(());
+        }
+        self.counted = true;
+        if self.state.arrivals.take(self.peer.ip(), self.state.now()) {
+            return Ok(());
+        }
+        self.state.metrics.session_refused(NoLease::TooOften.into());
+        Err(NoLease::TooOften)
     }
 
     /// Takes a lease, once: the client has proved its address and said `Hello`.
@@ -316,6 +354,19 @@ impl SessionGuard {
                 self.state.metrics.session_refused(why.into());
                 Err(why)
             }
+        }
+    }
+
+    /// The client comes from this address now: what the session has is that one's.
+    pub(super) fn comes_from(&mut self, peer: SocketAddr) {
+        if peer.ip() != self.peer.ip()
+            && let Standing::Leased(lease) = &self.standing
+        {
+            lease.moved(peer.ip());
+        }
+        if peer != self.peer {
+            tracing::info!(from = %self.peer, to = %peer, "the client has another address");
+            self.peer = peer;
         }
     }
 

@@ -5,6 +5,7 @@ use tokio::net::UdpSocket;
 use tokio::time::timeout;
 
 use super::*;
+use crate::daemon::arrivals::NewSessions;
 
 fn full_at(max_sessions: u64, max_sessions_per_address: Option<u64>) -> Arc<ServerState> {
     let settings = SessionSettings { max_sessions, max_sessions_per_address, ..SessionSettings::default() };
@@ -90,7 +91,13 @@ async fn connections_that_never_say_hello_took_places() {
 
 #[tokio::test(start_paused = true)]
 async fn a_flood_of_silent_connections_turned_out_who_was_about_to_speak() {
-    let state = full_at(8, Some(8));
+    let settings = SessionSettings {
+        max_sessions: 8,
+        max_sessions_per_address: Some(8),
+        new_sessions_per_address: Some(NewSessions::Unlimited),
+        ..SessionSettings::default()
+    };
+    let state = ServerState::new(Arc::new(MemoryScene::new(1, 100, 100)), settings);
     let mut honest = Client::from(from(2), &state).await.unwrap();
     let mut flood = Vec::new();
     for _ in 0..600 {

@@ -2,6 +2,7 @@
 
 mod addresses;
 mod admin;
+mod arrivals;
 mod bad_peers;
 mod http;
 mod leases;
@@ -9,6 +10,7 @@ mod metrics;
 mod quic;
 mod shutdown;
 mod slow_store;
+mod soak;
 mod tls;
 mod tokens;
 mod websocket;

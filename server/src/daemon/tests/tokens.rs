@@ -142,6 +142,35 @@ fn each_way_in_which_a_token_is_bad_has_its_words() {
     assert_eq!(told(&tokens, &signed(b"another", head, &aimed)), Err(TokenError::Signature));
 }
 
+#[tokio::test(start_paused = true)]
+async fn a_clock_that_jumps_judges_new_tokens_and_ends_no_session() {
+    let (tokens, now) = (keys(SECRET, None), SystemTime::now());
+    let days = |n: u64| Duration::from_secs(n * 24 * 3600);
+    let (from, to) = (in_s(-60), in_s(60));
+    let head = r#"{"alg":"HS256"}"#;
+    let open = signed(SECRET, head, &format!(r#"{{"exp":{to},"scene":"*"}}"#));
+    let framed = signed(SECRET, head, &format!(r#"{{"nbf":{from},"exp":{to},"scene":"*"}}"#));
+    let left = |token: &str, at| {
+        tokens.verify(token, "memory", at).map(|grant| grant.until.duration_since(Instant::now()))
+    };
+    for later in [days(3), days(3000), days(1_000_000)] {
+        assert_eq!(left(&open, now + later), Err(TokenError::Expired));
+        assert_eq!(left(&framed, now + later), Err(TokenError::Expired));
+    }
+    let before_1970 = SystemTime::UNIX_EPOCH - days(1);
+    for at in [now - days(3), now - days(3000), SystemTime::UNIX_EPOCH, before_1970] {
+        // A token that says nothing of its beginning is good for longer then, and not for ever.
+        assert!((days(3)..=days(400)).contains(&left(&open, at).unwrap()), "{at:?}");
+        assert_eq!(left(&framed, at), Err(TokenError::NotYet), "{at:?}");
+    }
+    // What a session was granted is counted by a clock that nobody sets.
+    let granted = tokens.verify(&framed, "memory", now).unwrap().until;
+    tokio::time::advance(Duration::from_secs(80)).await;
+    assert!(granted > Instant::now());
+    tokio::time::advance(Duration::from_secs(20)).await;
+    assert!(granted < Instant::now());
+}
+
 #[test]
 fn a_set_has_the_key_that_a_token_names() {
     let (one, two) =
