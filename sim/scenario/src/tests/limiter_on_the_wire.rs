@@ -105,11 +105,11 @@ fn shares(rate: u64, loss: f64) -> Vec<f64> {
 }
 
 #[test]
-fn every_three_second_window_is_within_five_percent_of_the_rate() {
+fn every_three_second_window_is_within_two_percent_of_the_rate() {
     for rate in [2_000_000, 8_000_000, 16_000_000] {
         let shares = shares(rate, 0.0);
         assert!(shares.len() > 100);
-        assert!(shares.iter().all(|share| (0.95..=1.05).contains(share)), "{rate} bit/s: {shares:?}");
+        assert!(shares.iter().all(|share| (0.98..=1.02).contains(share)), "{rate} bit/s: {shares:?}");
     }
 }
 
