@@ -17,7 +17,7 @@
 //! | [`message`], [`frame`], [`limits`] | control messages, their bytes, and the bounds on both |
 //! | [`stream`] | how frames and blobs map onto QUIC streams and WebSocket messages |
 //! | [`server`], [`client`] | the two session state machines |
-//! | [`scheduler`], [`limiter`] | what is sent next, and when |
+//! | [`scheduler`], [`limiter`], [`ceiling`] | what is sent next, and when |
 
 #![cfg_attr(
     not(test),
@@ -31,6 +31,7 @@
 
 pub mod asset;
 pub mod blob;
+pub mod ceiling;
 pub mod client;
 pub mod frame;
 pub mod lamps;

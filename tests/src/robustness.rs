@@ -17,6 +17,8 @@ use crate::support::viewer::{Viewer, config};
 /// Slow enough that a scene of some 40 kB takes a second or two, so that "mid-way" can be hit.
 const SLOW: SessionSettings = SessionSettings {
     rate_bits_per_s: Some(300_000),
+    rate_per_address_bits_per_s: None,
+    total_rate_bits_per_s: None,
     max_sessions: 10,
     max_sessions_per_address: Some(10),
     new_sessions_per_address: None,

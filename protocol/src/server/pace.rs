@@ -1,6 +1,7 @@
-//! How fast a session may send: its own limiter and its part in a ceiling that sessions share.
+//! How fast a session may send: its own limiter and its part in what sessions share.
 
-use crate::limiter::{CeilingShare, LimiterConfig, TokenBucket};
+use crate::ceiling::{CeilingShare, Weight, Wish};
+use crate::limiter::{LimiterConfig, TokenBucket};
 use crate::time::Time;
 
 /// See the module.
@@ -8,12 +9,14 @@ use crate::time::Time;
 pub(super) struct Pace {
     bucket: TokenBucket,
     share: Option<CeilingShare>,
+    /// From when on the share admits something, or is asked again.
+    share_ready_at: Time,
 }
 
 impl Pace {
     /// Only its own limiter.
     pub(super) const fn new(limiter: LimiterConfig) -> Self {
-        Self { bucket: TokenBucket::new(limiter), share: None }
+        Self { bucket: TokenBucket::new(limiter), share: None, share_ready_at: Time::ZERO }
     }
 
     /// Makes the session share a ceiling with others.
@@ -24,43 +27,49 @@ impl Pace {
     /// Leaves the ceiling to the others.
     pub(super) fn leave(&mut self) {
         self.share = None;
+        self.share_ready_at = Time::ZERO;
     }
 
-    /// Whether blobs are admitted now; `active`: there are some to send. `own` is the session's own rate.
-    pub(super) fn admits(&mut self, now: Time, active: bool, own: Option<u64>) -> bool {
+    /// Changes the session's own rate.
+    pub(super) fn set_rate(&mut self, now: Time, rate_bits_per_s: Option<u64>) {
+        self.bucket.set_rate(now, rate_bits_per_s);
+    }
+
+    /// Changes how much the session counts beside others.
+    pub(super) fn set_weight(&mut self, now: Time, weight: Weight) {
         if let Some(share) = &mut self.share {
-            share.set_active(active);
-            self.bucket.set_rate(Some(share.limit(own)));
+            share.set_weight(now, weight);
         }
-        self.bucket.admits(now)
     }
 
-    /// From when on something is admitted.
+    /// Changes with whom the session counts as one.
+    pub(super) fn set_group(&mut self, now: Time, group: Option<u128>) {
+        if let Some(share) = &mut self.share {
+            share.move_to(now, group);
+        }
+    }
+
+    /// Whether blobs are admitted now; `active`: there are some to send.
+    pub(super) fn admits(&mut self, now: Time, active: bool) -> bool {
+        let own_ready = self.bucket.admits(now);
+        if let Some(share) = &mut self.share {
+            let own_bits_per_s = self.bucket.config().rate_bits_per_s;
+            self.share_ready_at = share.ask(now, Wish { active, own_bits_per_s, own_ready });
+        }
+        own_ready && self.share_ready_at <= now
+    }
+
+    /// From when on something may be admitted: then ask again.
     pub(super) fn ready_at(&self) -> Time {
-        self.bucket.ready_at()
+        self.bucket.ready_at().max(self.share_ready_at)
     }
 
     /// Takes the tokens of so many bytes of payload; gives their bytes on the wire.
     pub(super) fn spend(&mut self, now: Time, payload: usize) -> u64 {
-        self.bucket.spend(now, payload)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::limiter::SharedCeiling;
-
-    #[test]
-    fn a_session_takes_its_part_while_it_has_something_to_send_and_leaves_it_when_over() {
-        let ceiling = SharedCeiling::new(8_000_000);
-        let mut pace = Pace::new(LimiterConfig::quic(None));
-        pace.join(ceiling.join());
-        assert!(pace.admits(Time::from_ms(100), true, None));
-        assert_eq!(ceiling.active(), 1);
-        pace.spend(Time::from_ms(100), 1_000_000);
-        assert!(!pace.admits(Time::from_ms(101), true, None), "a megabyte at a megabyte a second");
-        pace.leave();
-        assert_eq!(ceiling.active(), 0);
+        let wire = self.bucket.spend(now, payload);
+        if let Some(share) = &mut self.share {
+            share.spend(now, wire);
+        }
+        wire
     }
 }

@@ -12,8 +12,8 @@ use super::push::Push;
 use super::requests::{PageWanted, Requests};
 use super::timers::{Timers, Waiting};
 use crate::blob::BlobId;
+use crate::ceiling::{CeilingShare, Weight};
 use crate::frame::FrameError;
-use crate::limiter::CeilingShare;
 use crate::message::{
     ClientMessage, Close, CloseCode, Hello, Refused, ServerMessage, VERSIONS, Want, Welcome,
 };
@@ -108,9 +108,25 @@ impl ServerSession {
         this
     }
 
-    /// Makes the session share a ceiling with others.
+    /// Makes the session share a ceiling with others, beside its own limiter.
     pub fn set_ceiling(&mut self, share: CeilingShare) {
         self.pace.join(share);
+    }
+
+    /// Changes the session's own rate from that of its configuration, in bits per second; `None` for no limit. What was
+    /// overdrawn stays so in bytes.
+    pub fn set_rate(&mut self, now: Time, rate_bits_per_s: Option<u64>) {
+        self.pace.set_rate(now, rate_bits_per_s);
+    }
+
+    /// Changes how much the session counts beside those that it shares a ceiling with. Nothing where it shares none.
+    pub fn set_weight(&mut self, now: Time, weight: Weight) {
+        self.pace.set_weight(now, weight);
+    }
+
+    /// Changes the group of sessions with which it counts as one under a ceiling. Nothing where it shares none.
+    pub fn set_group(&mut self, now: Time, group: Option<u128>) {
+        self.pace.set_group(now, group);
     }
 
     /// Takes a message of the client.

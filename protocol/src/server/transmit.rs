@@ -54,7 +54,7 @@ impl ServerSession {
         let open = self.phase == Phase::Open;
         self.push.refill(&*self.source, &mut self.requests, &self.config, open);
         let active = self.requests.scheduler.can_go_on();
-        if self.pace.admits(now, active, self.config.limiter.rate_bits_per_s)
+        if self.pace.admits(now, active)
             && let Some(transmit) = self.transmit_queued(now)
         {
             return Some(transmit);

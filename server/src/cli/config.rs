@@ -221,7 +221,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("saved.toml");
         let line = words(
-            "lodestream-server serve a.obj --rate 500kbit --position-bits 12 --http-tls --allow-origin *,https://a.example",
+            "lodestream-server serve a.obj --rate 500kbit --total-rate 1Gbit --position-bits 12 --http-tls --allow-origin *,https://a.example",
         );
         save(&Cli::command(), &line, &file).unwrap();
         let back = words(&format!("lodestream-server serve --config {}", file.display()));
@@ -233,6 +233,8 @@ mod tests {
         for part in [
             "position-bits = 12",
             "rate = \"500kbit\"",
+            "rate-per-address = \"off\"",
+            "total-rate = \"1Gbit\"",
             "http-tls = true",
             "max-sessions = 1000",
             "drain = 3",

@@ -125,6 +125,8 @@ mod tests {
         for line in [
             "serve a.obj b.obj",
             "serve scene.toml --rate 2Mbit --listen 127.0.0.1:4433 --http 127.0.0.1:8080 --cache dir",
+            "serve a.obj --rate-per-address 8Mbit --total-rate 1Gbit",
+            "serve a.obj --rate-per-address off --total-rate off",
             "serve a.obj --admin 127.0.0.1:0",
             "serve a.obj --admin off",
             "serve a.obj --token-keys keys.json --token-audience us",
@@ -177,6 +179,8 @@ mod tests {
             "prepare a.obj -o a.lsp --threads 0",
             "export a.lsp --faces 1 --error 1 -o b.obj",
             "serve a.obj --rate fast",
+            "serve a.obj --rate-per-address 999",
+            "serve a.obj --total-rate 0",
             "serve a.obj --admin 8081",
             "serve a.obj --trusted-proxy proxy.example",
             "serve a.obj --cert c.pem",

@@ -45,6 +45,13 @@ pub(super) struct Arguments {
     /// Rate that each session is limited to: 2Mbit, 500kbit, off.
     #[arg(long, env = "LODESTREAM_RATE", value_name = "RATE", default_value = "off", value_parser = parse_rate)]
     rate: Rate,
+    /// Rate that all sessions of one address (of IPv6: of a network of 64 bits) are limited to together, shared fairly.
+    /// Behind a proxy all clients have its address, unless --trusted-proxy names it.
+    #[arg(long, env = "LODESTREAM_RATE_PER_ADDRESS", value_name = "RATE", default_value = "off", value_parser = parse_rate)]
+    rate_per_address: Rate,
+    /// Rate that all sessions are limited to together, shared fairly; a token may give its session a greater weight.
+    #[arg(long, env = "LODESTREAM_TOTAL_RATE", value_name = "RATE", default_value = "off", value_parser = parse_rate)]
+    total_rate: Rate,
     /// Address for QUIC (UDP); port 0 for any free one.
     #[arg(long, env = "LODESTREAM_LISTEN", value_name = "ADDRESS", default_value = "127.0.0.1:4433")]
     listen: SocketAddr,
@@ -140,6 +147,8 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<Outcome> {
         },
         sessions: SessionSettings {
             rate_bits_per_s: arguments.rate.0,
+            rate_per_address_bits_per_s: arguments.rate_per_address.0,
+            total_rate_bits_per_s: arguments.total_rate.0,
             max_sessions: arguments.max_sessions,
             max_sessions_per_address: arguments.max_sessions_per_address,
             new_sessions_per_address: arguments.new_sessions_per_address,

@@ -11,6 +11,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use lodestream_protocol::Time;
+use lodestream_protocol::ceiling::Weight;
 use lodestream_protocol::frame::FrameError;
 use lodestream_protocol::message::{ClientMessage, Close, CloseCode, ServerMessage};
 use lodestream_protocol::server::{ServerSession, Transmit};
@@ -122,12 +123,17 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
         }
     };
     let clock = Clock::start();
+    let weight = grant.as_ref().map_or(Weight::ONE, |grant| grant.weight);
+    let granted_bits_per_s = grant.as_ref().and_then(|grant| grant.rate_bits_per_s);
     let mut token_until = grant.map(|grant| clock.granted(&grant));
     let state = guard.state.clone();
     let metrics = state.metrics();
-    let config = state.config(guard.transport);
+    let config = state.config_of(guard.transport, granted_bits_per_s);
     let plans = Arc::clone(state.plans());
     let mut session = ServerSession::sharing(plans, config, state.scene().clone(), guard.id, clock.now());
+    if let Some(share) = guard.share(weight, clock.0) {
+        session.set_ceiling(share);
+    }
     let mut reads = Reads::new(state.scene().clone());
     let mut allowance = Allowance::new(clock.now());
     let mut progress = Progress::new(metrics, Time::ZERO);
@@ -155,6 +161,7 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
         if proved && let Err(why) = guard.count() {
             session.close(now, CloseCode::Busy, &why.to_string());
         }
+        session.set_group(now, guard.group());
         if proved
             && session.is_open()
             && let Err(why) = guard.take_lease()
@@ -240,7 +247,12 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
                     Received::Message(ClientMessage::Token(token)) => {
                         if state.admission().tokens.is_some() {
                             match state.verify_token(&token.0) {
-                                Ok(grant) => token_until = Some(clock.granted(&grant)),
+                                Ok(grant) => {
+                                    token_until = Some(clock.granted(&grant));
+                                    let rate = state.settings().rate_at_most(grant.rate_bits_per_s);
+                                    session.set_rate(now, rate);
+                                    session.set_weight(now, grant.weight);
+                                }
                                 Err(why) => {
                                     let close = refusal(why);
                                     session.close(now, close.code, &close.reason);

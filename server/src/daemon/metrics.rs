@@ -35,6 +35,19 @@ impl Transport {
     }
 }
 
+/// Limits in bits per second, and what is given of those that sessions share.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Rates {
+    /// Of each session.
+    pub of_session: Option<u64>,
+    /// Of the sessions of an address together.
+    pub of_address: Option<u64>,
+    /// Of all sessions together.
+    pub of_all: Option<u64>,
+    /// What sessions that have something to send are given together; 0 where they share nothing.
+    pub given: u64,
+}
+
 /// Kinds of bytes that are counted apart.
 const KINDS: [&str; 5] = ["control", "base", "index", "chunk", "texture"];
 
@@ -72,6 +85,9 @@ pub struct Metrics {
     cache_misses: IntCounter,
     rendering: Mutex<()>,
     rate: IntGauge,
+    address_rate: IntGauge,
+    total_rate: IntGauge,
+    given_rate: IntGauge,
     draining: IntGauge,
     dropped_log_lines: IntGauge,
     log: OnceLock<ErrorCounter>,
@@ -205,6 +221,18 @@ impl Metrics {
             )?,
             rendering: Mutex::new(()),
             rate: gauge("lodestream_rate_bits_per_second", "Limit of each session; 0 for none.")?,
+            address_rate: gauge(
+                "lodestream_rate_per_address_bits_per_second",
+                "Limit of the sessions of each address together; 0 for none.",
+            )?,
+            total_rate: gauge(
+                "lodestream_total_rate_bits_per_second",
+                "Limit of all sessions together; 0 for none.",
+            )?,
+            given_rate: gauge(
+                "lodestream_given_rate_bits_per_second",
+                "What sessions that have something to send are given now of the limits that they share, as far as they can use it.",
+            )?,
             draining: gauge("lodestream_draining", "1 while the server shuts down.")?,
             dropped_log_lines: gauge(
                 "lodestream_dropped_log_lines",
@@ -333,13 +361,21 @@ impl Metrics {
 
     /// All counters in Prometheus' text format (version 0.0.4).
     #[must_use]
-    pub fn render(&self, rate_bits_per_s: Option<u64>, draining: bool, cache: Option<CacheUse>) -> String {
+    pub fn render(&self, rates: Rates, draining: bool, cache: Option<CacheUse>) -> String {
         // Who counts elsewhere is caught up with by one at a time.
         let _one = self.rendering.lock().unwrap_or_else(PoisonError::into_inner);
         let cache = cache.unwrap_or_default();
         self.cache_hits.inc_by(cache.hits.saturating_sub(self.cache_hits.get()));
         self.cache_misses.inc_by(cache.misses.saturating_sub(self.cache_misses.get()));
-        self.rate.set(i64::try_from(rate_bits_per_s.unwrap_or(0)).unwrap_or(i64::MAX));
+        let Rates { of_session, of_address, of_all, given } = rates;
+        for (gauge, rate) in [
+            (&self.rate, of_session),
+            (&self.address_rate, of_address),
+            (&self.total_rate, of_all),
+            (&self.given_rate, Some(given)),
+        ] {
+            gauge.set(i64::try_from(rate.unwrap_or(0)).unwrap_or(i64::MAX));
+        }
         self.draining.set(i64::from(draining));
         let dropped = self.log.get().map_or(0, ErrorCounter::dropped_lines);
         self.dropped_log_lines.set(i64::try_from(dropped).unwrap_or(i64::MAX));

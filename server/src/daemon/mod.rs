@@ -300,6 +300,8 @@ impl Daemon {
         tracing::info!(
             scene = state.scene().header().name,
             rate_bits_per_s = state.settings().rate_bits_per_s,
+            rate_per_address_bits_per_s = state.settings().rate_per_address_bits_per_s,
+            total_rate_bits_per_s = state.settings().total_rate_bits_per_s,
             "serving"
         );
         notify::listening();

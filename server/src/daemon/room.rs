@@ -20,6 +20,15 @@ impl Block {
             ip => ip,
         })
     }
+
+    /// A number of its own for each.
+    pub(super) fn number(self) -> u128 {
+        match self.0 {
+            // No other block has such an address: it would be canonical.
+            IpAddr::V4(ip) => ip.to_ipv6_mapped().to_bits(),
+            IpAddr::V6(ip) => ip.to_bits(),
+        }
+    }
 }
 
 /// See the module.
@@ -135,6 +144,8 @@ mod tests {
         assert_ne!(block("2001:db8:1:2::1"), block("2001:db8:1:3::1"));
         assert_eq!(block("::ffff:10.0.0.1"), block("10.0.0.1"));
         assert_ne!(block("10.0.0.1"), block("10.0.0.2"));
+        assert_eq!(block("2001:db8:1:2::1").number(), 0x2001_0db8_0001_0002 << 64);
+        assert_eq!(block("10.0.0.2").number(), 0xffff_0a00_0002);
     }
 
     #[test]

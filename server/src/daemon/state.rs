@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, SystemTime};
 
 use lodestream_protocol::Time;
+use lodestream_protocol::ceiling::{Ceiling, CeilingShare, Limits, Weight};
 use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::server::{Plans, ServerConfig};
 use lodestream_protocol::source::{SceneSource, SourceError};
@@ -16,8 +17,8 @@ use super::admission::Admission;
 use super::arrivals::{Arrivals, NewSessions};
 use super::damage::Damage;
 use super::leases::{Lease, Leases, NoLease, default_of_address};
-use super::metrics::{Metrics, Transport};
-use super::room::{Room, Seat};
+use super::metrics::{Metrics, Rates, Transport};
+use super::room::{Block, Room, Seat};
 use super::tokens::{Grant, TokenError};
 
 /// Sessions that have not proved to be a client's: address and `Hello` are awaited. Hundreds of clients may connect at
@@ -35,6 +36,11 @@ pub const DRAIN_SECONDS: u64 = 3;
 pub struct SessionSettings {
     /// Limit of each session in bits per second; `None` for no limit.
     pub rate_bits_per_s: Option<u64>,
+    /// Limit of all sessions together of one address (of IPv6: of one network of 64 bits) in bits per second, shared as
+    /// [`lodestream_protocol::ceiling`] tells; `None` for no limit.
+    pub rate_per_address_bits_per_s: Option<u64>,
+    /// Limit of all sessions together in bits per second, shared likewise; `None` for no limit.
+    pub total_rate_bits_per_s: Option<u64>,
     /// Most sessions at once, at least one; more are refused.
     pub max_sessions: u64,
     /// Most sessions at once of one address (of IPv6: of one network of 64 bits). `None`: an eighth of
@@ -47,10 +53,28 @@ pub struct SessionSettings {
     pub drain: Duration,
 }
 
+impl SessionSettings {
+    /// The rate of a session whose token says this of it.
+    pub(super) fn rate_at_most(&self, granted_bits_per_s: Option<u64>) -> Option<u64> {
+        [self.rate_bits_per_s, granted_bits_per_s].into_iter().flatten().min()
+    }
+
+    /// What sessions share, if anything.
+    fn ceiling(&self) -> Option<Arc<Ceiling>> {
+        let limits = Limits {
+            total_bits_per_s: self.total_rate_bits_per_s,
+            group_bits_per_s: self.rate_per_address_bits_per_s,
+        };
+        (limits != Limits::default()).then(|| Ceiling::new(limits))
+    }
+}
+
 impl Default for SessionSettings {
     fn default() -> Self {
         Self {
             rate_bits_per_s: None,
+            rate_per_address_bits_per_s: None,
+            total_rate_bits_per_s: None,
             max_sessions: 1000,
             max_sessions_per_address: None,
             new_sessions_per_address: None,
@@ -87,6 +111,7 @@ pub struct ServerState {
     requests: Arc<Room>,
     damage: Damage,
     plans: Arc<Plans>,
+    ceiling: Option<Arc<Ceiling>>,
     started: Instant,
 }
 
@@ -135,6 +160,7 @@ impl ServerState {
             requests: Room::new(MAX_REQUESTS),
             damage: Damage::default(),
             plans: Plans::new(),
+            ceiling: settings.ceiling(),
             started: Instant::now(),
         })
     }
@@ -171,13 +197,35 @@ impl ServerState {
     #[must_use]
     pub fn render_metrics(&self) -> String {
         let draining = self.phase() != Phase::Running;
-        self.metrics.render(self.settings.rate_bits_per_s, draining, self.scene.cache_use())
+        let rates = Rates {
+            of_session: self.settings.rate_bits_per_s,
+            of_address: self.settings.rate_per_address_bits_per_s,
+            of_all: self.settings.total_rate_bits_per_s,
+            given: self.ceiling.as_ref().map_or(0, |ceiling| ceiling.given_bits_per_s(self.now())),
+        };
+        self.metrics.render(rates, draining, self.scene.cache_use())
     }
 
     pub(super) fn config(&self, transport: Transport) -> Arc<ServerConfig> {
         Arc::clone(match transport {
             Transport::Quic => &self.quic,
             Transport::WebSocket => &self.websocket,
+        })
+    }
+
+    /// The same for a session whose token says this of its rate.
+    pub(super) fn config_of(
+        &self,
+        transport: Transport,
+        granted_bits_per_s: Option<u64>,
+    ) -> Arc<ServerConfig> {
+        let rate = self.settings.rate_at_most(granted_bits_per_s);
+        if rate == self.settings.rate_bits_per_s {
+            return self.config(transport);
+        }
+        Arc::new(match transport {
+            Transport::Quic => ServerConfig::quic(rate),
+            Transport::WebSocket => ServerConfig::websocket(rate),
         })
     }
 
@@ -322,6 +370,18 @@ pub(super) struct SessionGuard {
 }
 
 impl SessionGuard {
+    /// Its part in what sessions share, if they share anything: `began` is when its clock did.
+    pub(super) fn share(&self, weight: Weight, began: Instant) -> Option<CeilingShare> {
+        let began = Time::from(began.saturating_duration_since(self.state.started));
+        self.state.ceiling.as_ref().map(|ceiling| ceiling.join(self.group(), weight, began))
+    }
+
+    /// With whom it counts as one there: the sessions of its address, once that is proved. Whoever forges an address takes
+    /// nothing from its owner.
+    pub(super) fn group(&self) -> Option<u128> {
+        self.counted.then(|| Block::of(self.peer.ip()).number())
+    }
+
     /// Whether the session has a lease.
     pub(super) const fn has_lease(&self) -> bool {
         matches!(self.standing, Standing::Leased(_))

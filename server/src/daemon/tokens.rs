@@ -11,7 +11,9 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use anyhow::Context as _;
 use jsonwebtoken::errors::ErrorKind;
 use jsonwebtoken::{Validation, decode, decode_header};
+use lodestream_protocol::ceiling::Weight;
 use serde::Deserialize;
+use serde::de::IgnoredAny;
 use tokio::sync::watch;
 use tokio::time::Instant;
 
@@ -24,6 +26,9 @@ use super::token_keys::{Key, read_keys};
 const LEEWAY: Duration = Duration::from_secs(30);
 /// Longest time until a session has to show another token, whatever the first says.
 const LONGEST: Duration = Duration::from_secs(400 * 24 * 3600);
+
+/// Lowest rate that a token may say, in bits per second, as of `--rate`.
+const LEAST_RATE_BITS_PER_S: u64 = 1000;
 
 /// What is verified of tokens, and by what.
 pub struct Tokens {
@@ -60,6 +65,10 @@ pub(super) enum TokenError {
     Audience,
     #[error("the token is not for this scene")]
     Scene,
+    #[error("the token's weight is no whole number from 1 to 100")]
+    Weight,
+    #[error("the token's rate is no whole number of bits per second from 1000 up")]
+    Rate,
 }
 
 /// What a token grants.
@@ -69,6 +78,10 @@ pub(super) struct Grant {
     pub(super) until: Instant,
     /// Whom it was given to, if it says so.
     pub(super) subject: Option<String>,
+    /// How much the session counts beside others.
+    pub(super) weight: Weight,
+    /// What the session may have at most, if it says so.
+    pub(super) rate_bits_per_s: Option<u64>,
 }
 
 #[derive(Deserialize)]
@@ -77,6 +90,25 @@ struct Claims {
     nbf: Option<f64>,
     sub: Option<String>,
     scene: Option<Scenes>,
+    weight: Option<Whole>,
+    rate: Option<Whole>,
+}
+
+/// A claim that should be a whole number.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Whole {
+    Number(u64),
+    Other(IgnoredAny),
+}
+
+impl Whole {
+    const fn number(&self) -> Option<u64> {
+        match self {
+            Self::Number(number) => Some(*number),
+            Self::Other(_) => None,
+        }
+    }
 }
 
 #[derive(Deserialize)]
@@ -151,7 +183,15 @@ impl Tokens {
             if !claims.scene.as_ref().is_some_and(|scenes| scenes.has(scene)) {
                 return Err(TokenError::Scene);
             }
-            return Ok(Grant { until: Instant::now() + left, subject: claims.sub });
+            let weight =
+                claims.weight.map_or(Some(Weight::ONE), |weight| weight.number().and_then(Weight::new));
+            let rate = claims.rate.map(|rate| rate.number().filter(|rate| *rate >= LEAST_RATE_BITS_PER_S));
+            return Ok(Grant {
+                until: Instant::now() + left,
+                subject: claims.sub,
+                weight: weight.ok_or(TokenError::Weight)?,
+                rate_bits_per_s: rate.map(|rate| rate.ok_or(TokenError::Rate)).transpose()?,
+            });
         }
         Err(TokenError::Signature)
     }

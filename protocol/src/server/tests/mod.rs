@@ -5,6 +5,7 @@ mod push;
 mod rate;
 mod reads;
 mod requests;
+mod sharing;
 mod streaming;
 
 use std::sync::Arc;

@@ -4,7 +4,7 @@ use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::source::CacheUse;
 
 use super::*;
-use crate::daemon::metrics::{Metrics, Transport};
+use crate::daemon::metrics::{Metrics, Rates, Transport};
 use crate::daemon::refusal::Refusal;
 
 #[test]
@@ -23,9 +23,15 @@ fn counters_show_up_in_the_text() {
     metrics.waiting_changed(5000, 1200);
     metrics.bases_sent(Duration::from_millis(60));
     metrics.bases_sent(Duration::from_secs(60));
-    let before = metrics.render(None, false, Some(CacheUse { hits: 4, misses: 1 }));
+    let before = metrics.render(Rates::default(), false, Some(CacheUse { hits: 4, misses: 1 }));
     assert!(before.contains("lodestream_cache_hits_total 4\n"), "{before}");
-    let text = metrics.render(Some(2_000_000), false, Some(CacheUse { hits: 7, misses: 2 }));
+    let rates = Rates {
+        of_session: Some(2_000_000),
+        of_address: Some(8_000_000),
+        of_all: Some(1_000_000_000),
+        given: 3_000_000,
+    };
+    let text = metrics.render(rates, false, Some(CacheUse { hits: 7, misses: 2 }));
     for line in [
         "lodestream_sessions{transport=\"quic\"} 1",
         "lodestream_sessions{transport=\"ws\"} 0",
@@ -54,6 +60,9 @@ fn counters_show_up_in_the_text() {
         "# TYPE lodestream_cache_hits_total counter",
         "# TYPE lodestream_first_byte_seconds histogram",
         "lodestream_rate_bits_per_second 2000000",
+        "lodestream_rate_per_address_bits_per_second 8000000",
+        "lodestream_total_rate_bits_per_second 1000000000",
+        "lodestream_given_rate_bits_per_second 3000000",
         "lodestream_draining 0",
         "lodestream_dropped_log_lines 0",
         "# TYPE lodestream_sessions gauge",

@@ -8,6 +8,7 @@ mod http;
 mod leases;
 mod metrics;
 mod quic;
+mod rates;
 mod shutdown;
 mod slow_store;
 mod soak;

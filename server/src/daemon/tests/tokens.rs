@@ -25,7 +25,7 @@ fn signed(secret: &[u8], header: &str, claims: &str) -> String {
 }
 
 /// Seconds since 1970, in so many.
-fn in_s(seconds: i64) -> i64 {
+pub(super) fn in_s(seconds: i64) -> i64 {
     let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap();
     i64::try_from(now.as_secs()).unwrap() + seconds
 }
@@ -33,6 +33,11 @@ fn in_s(seconds: i64) -> i64 {
 /// A token for the scene that ends in so many seconds.
 fn good_for(seconds: i64) -> String {
     signed(SECRET, r#"{"alg":"HS256"}"#, &format!(r#"{{"exp":{},"scene":"memory"}}"#, in_s(seconds)))
+}
+
+/// A token with these claims, by a key that is taken.
+pub(super) fn signed_claims(claims: &str) -> String {
+    signed(SECRET, r#"{"alg":"HS256"}"#, claims)
 }
 
 fn file(text: &[u8]) -> tempfile::NamedTempFile {
@@ -51,11 +56,19 @@ fn told(tokens: &Tokens, token: &str) -> Result<Option<String>, TokenError> {
 
 fn asking() -> Arc<ServerState> {
     let settings = SessionSettings { max_sessions: 2, ..SessionSettings::default() };
-    let admission = Admission { tokens: Some(Arc::new(keys(SECRET, None))), ..Admission::default() };
-    ServerState::admitting(Arc::new(MemoryScene::new(1, 100, 1000)), settings, admission)
+    asking_with(MemoryScene::new(1, 100, 1000), settings)
 }
 
-async fn with_header(state: &Arc<ServerState>, token: &str) -> Result<Client<DuplexStream>, String> {
+/// A server that asks for tokens.
+pub(super) fn asking_with(scene: MemoryScene, settings: SessionSettings) -> Arc<ServerState> {
+    let admission = Admission { tokens: Some(Arc::new(keys(SECRET, None))), ..Admission::default() };
+    ServerState::admitting(Arc::new(scene), settings, admission)
+}
+
+pub(super) async fn with_header(
+    state: &Arc<ServerState>,
+    token: &str,
+) -> Result<Client<DuplexStream>, String> {
     let (near, far) = duplex(64 * 1024);
     tokio::spawn(accept_http(far, Arc::clone(state), peer()));
     let mut request = "ws://server/stream".into_client_request().unwrap();
@@ -140,6 +153,28 @@ fn each_way_in_which_a_token_is_bad_has_its_words() {
         assert!(claims(wrong.into()).is_err(), "{wrong}");
     }
     assert_eq!(told(&tokens, &signed(b"another", head, &aimed)), Err(TokenError::Signature));
+}
+
+#[test]
+fn a_token_says_weight_and_rate_as_whole_numbers_within_bounds() {
+    let tokens = keys(SECRET, None);
+    let granted = |more: &str| {
+        let token = signed_claims(&format!(r#"{{"exp":{},"scene":"memory"{more}}}"#, in_s(60)));
+        let grant = tokens.verify(&token, "memory", SystemTime::now())?;
+        Ok((grant.weight.get(), grant.rate_bits_per_s))
+    };
+    assert_eq!(granted(""), Ok((1, None)));
+    assert_eq!(granted(r#","weight":null,"rate":null"#), Ok((1, None)));
+    assert_eq!(granted(r#","weight":100,"rate":1000"#), Ok((100, Some(1000))));
+    for weight in ["0", "101", "-1", "1.5", "1e400", "\"5\"", "[5]", "true", "18446744073709551616"] {
+        let got = granted(&format!(r#","weight":{weight}"#));
+        assert!(got == Err(TokenError::Weight) || (weight == "1e400" && got.is_err()), "{weight}: {got:?}");
+    }
+    for rate in ["0", "999", "-1", "2e6", "\"2Mbit\"", "{}"] {
+        assert_eq!(granted(&format!(r#","rate":{rate}"#)), Err(TokenError::Rate), "{rate}");
+    }
+    let (weight, rate) = (TokenError::Weight.to_string(), TokenError::Rate.to_string());
+    assert!(weight.contains("1 to 100") && rate.contains("bits per second"), "{weight}; {rate}");
 }
 
 #[tokio::test(start_paused = true)]
