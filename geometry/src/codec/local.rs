@@ -349,12 +349,9 @@ impl<'a> Local<'a> {
 
     /// The wedge of a spoke at the centre, and at its vertices `a` and `b`.
     pub(crate) fn spoke_wedges(&self, spoke: &Spoke) -> [u32; 3] {
-        let [p, q, r] = self.faces[spoke.face as usize].wedges;
-        match spoke.k {
-            0 => [p, q, r],
-            1 => [q, r, p],
-            _ => [r, p, q],
-        }
+        let wedges = &self.faces[spoke.face as usize].wedges;
+        let corner = Spaced::new(spoke.face, spoke.k);
+        [wedges[usize::from(spoke.k)], wedges[corner.next()], wedges[corner.previous()]]
     }
 
     /// The first wedge of a vertex that is known here, in order of discovery.

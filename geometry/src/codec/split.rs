@@ -76,8 +76,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
                 }
                 // A run of a closed star may reach over the end of the list.
                 let (over, end) = ((at + length).saturating_sub(n), (at + length).min(n));
-                moving.extend(0..over);
-                moving.extend(at..end);
+                (0..over).chain(at..end).for_each(|i| moving.push(i));
                 *run = Some((at, length));
                 return Ok(());
             }

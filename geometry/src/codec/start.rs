@@ -40,6 +40,8 @@ pub(crate) struct Starts {
     scores: Vec<f64>,
     /// Numbers that compare as the scores; the highest behind the last start.
     keys: Vec<i64>,
+    /// The starts by score, and by number where scores are equal.
+    order: Vec<usize>,
 }
 
 impl Starts {
@@ -75,8 +77,17 @@ impl Starts {
         for first in (0..count).step_by(LANES) {
             let scores = score(ring, &self.whole, length, first);
             self.scores.extend_from_slice(&scores);
-            let number = |i: usize| if first + i < count { total_order(scores[i]) } else { TAKEN };
+            let number = |i: usize| if first + i < count { total_order(scores[i]) } else { i64::MAX };
             self.keys.extend_from_slice(&std::array::from_fn::<i64, LANES, _>(number));
+        }
+        self.order.clear();
+        if let Some(keys) = self.keys.as_array::<LANES>() {
+            self.order.extend_from_slice(&order(keys));
+        } else if let Some(keys) = self.keys.as_array::<{ 2 * LANES }>() {
+            self.order.extend_from_slice(&order(keys));
+        } else {
+            self.order.extend(0..count);
+            self.order.sort_unstable_by_key(|&i| (self.keys[i], i));
         }
     }
 
@@ -88,37 +99,46 @@ impl Starts {
         n: usize,
         start: Option<usize>,
     ) -> Result<usize, DecodeError> {
-        let Self { count, ref scores, ref mut keys, .. } = *self;
-        let want = start.map_or(0, |start| {
-            let key = (keys[start], start);
-            (0..count).filter(|&i| (keys[i], i) < key).count()
-        });
+        let Self { count, ref scores, .. } = *self;
+        let order = &self.order[..count];
+        let want = start.and_then(|start| order.iter().position(|&i| i == start)).unwrap_or(0);
         if count > 64 {
-            let mut order: Vec<usize> = (0..count).collect();
-            order.sort_unstable_by_key(|&i| (keys[i], i));
             return Ok(order[index(coder, count, want, "chunk: start of a run")?]);
         }
         if let Some(rank) = coder.whole(RUN_START, 6, id32(want)) {
-            if rank as usize >= count {
-                return Err(DecodeError::new("chunk", "a run starts nowhere"));
-            }
-            (0..rank).for_each(|_| _ = take_least(keys));
-            return Ok(take_least(keys));
+            let start = order.get(rank as usize);
+            return start.copied().ok_or_else(|| DecodeError::new("chunk", "a run starts nowhere"));
         }
-        // A decoder seldom comes far down the list: it looks for the next one only.
-        let mut this = take_least(keys);
-        for rank in 0..count - 1 {
-            let next = take_least(keys);
-            let gap = class(truncated((scores[next] - scores[this]) * 4.0), 16);
+        for (rank, pair) in order.windows(2).enumerate() {
+            let gap = class(truncated((scores[pair[1]] - scores[pair[0]]) * 4.0), 16);
             let contexts =
                 [RUN_START + n.min(MAX_VALENCE) * 8 + rank.min(7), RUN_GAP + rank.min(7) * 16 + gap];
             if coder.mix(contexts, MIX_START, rank == want) {
-                break;
+                return Ok(pair[0]);
             }
-            this = next;
         }
-        Ok(this)
+        Ok(order[count - 1])
     }
+}
+
+/// The places of keys, the least first, and of equal ones the first.
+#[inline]
+fn order<const N: usize>(keys: &[i64; N]) -> [usize; N] {
+    // How many come before each. Sums of comparisons have no branch: of half a dozen scores in any order none can be
+    // foreseen.
+    let mut ranks = [0_usize; N];
+    for i in 1..N {
+        for j in 0..i {
+            let before = usize::from(keys[j] <= keys[i]);
+            ranks[i] += before;
+            ranks[j] += 1 - before;
+        }
+    }
+    let mut order = [0; N];
+    for (i, rank) in ranks.into_iter().enumerate() {
+        order[rank % N] = i;
+    }
+    order
 }
 
 /// The negative scores of so many starts from `first` on; those of starts that there are not mean nothing.
@@ -164,26 +184,6 @@ fn score<L: AsRef<[f64]>>(ring: &[L; 7], whole: &Whole, length: usize, first: us
         scores[i] = -score;
     }
     scores
-}
-
-/// The key of a start that was taken.
-const TAKEN: i64 = i64::MAX;
-
-/// Where the least key is, the first of equal ones, which is then taken. Keys come in whole lanes.
-#[inline]
-fn take_least(keys: &mut [i64]) -> usize {
-    let (mut least, mut at) = (TAKEN, 0);
-    // Without a branch: of half a dozen scores in any order none can be foreseen, nor how many there are.
-    for (lane, keys) in keys.as_chunks::<LANES>().0.iter().enumerate() {
-        for (i, &key) in keys.iter().enumerate() {
-            at = if key < least { lane * LANES + i } else { at };
-            least = least.min(key);
-        }
-    }
-    if let Some(key) = keys.get_mut(at) {
-        *key = TAKEN;
-    }
-    at
 }
 
 /// A number that compares as [`f64::total_cmp`] does.
@@ -263,20 +263,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn taking_the_least_again_and_again_is_sorting() {
+    fn counting_what_comes_before_is_sorting() {
         let mut random = crate::random::Random::new(11);
-        for n in 1..20 {
-            for _ in 0..200 {
-                // Few values, so that some are equal; and both zeros.
-                let value = |x: usize| [-1.5, -0.0, 0.0, 2.0, f64::INFINITY][x];
-                let scores: Vec<(f64, usize)> = (0..n).map(|i| (value(random.below(5)), i)).collect();
-                let mut keys: Vec<i64> = scores.iter().map(|s| total_order(s.0)).collect();
-                keys.resize(keys.len().next_multiple_of(LANES), TAKEN);
-                let taken: Vec<usize> = (0..n).map(|_| take_least(&mut keys)).collect();
-                let mut expected = scores;
-                expected.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-                assert_eq!(taken, expected.iter().map(|s| s.1).collect::<Vec<_>>());
-            }
+        for _ in 0..4000 {
+            // Few values, so that some are equal; and both zeros.
+            let scores: [f64; 2 * LANES] =
+                std::array::from_fn(|_| [-1.5, -0.0, 0.0, 2.0, f64::INFINITY][random.below(5)]);
+            let mut expected: Vec<usize> = (0..2 * LANES).collect();
+            expected.sort_by(|&a, &b| scores[a].total_cmp(&scores[b]).then(a.cmp(&b)));
+            assert_eq!(order(&scores.map(total_order)).to_vec(), expected);
         }
     }
 }
