@@ -246,7 +246,7 @@ pub(crate) fn encode_with<'m, C: Coder>(
         .collect();
     let mut saying = ChunkCoder::saying(coder, mesh, chunk, guide);
     let reached = saying.chunk(&ends, vertices)?;
-    let names = saying.guide.map_or_else(Numbering::default, |guide| guide.names);
+    let names = saying.guide.into_inner().map_or_else(Numbering::default, |guide| guide.names);
     Ok(Said { local: saying.local, names, reached })
 }
 
@@ -272,7 +272,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         let area: f64 = (0..id32(local.faces.len())).map(|f| local.face_area(f)).sum();
         let mut reached = Vec::with_capacity(ends.len());
         for (segment, end) in ends.iter().enumerate() {
-            if let Some(guide) = &mut self.guide {
+            if let Some(guide) = self.guide.as_mut() {
                 guide.begin_segment(segment, &self.local);
             }
             // Twice three shares of the area each.
@@ -294,13 +294,20 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         let vertices = &self.local.vertices;
         let mut asked: Vec<u32> =
             (0..id32(vertices.len())).filter(|&v| vertices[v as usize].interior).collect();
+        let mut next = Vec::with_capacity(2 * asked.len());
         while self.local.added().vertices < end.vertices {
-            let mut next = Vec::new();
-            for &v in &asked {
+            // What the next flag depends on is worked out before this one is read, and holds unless this vertex splits:
+            // who guesses wrong whether it does need not wait for that as well.
+            let mut known = None;
+            for (i, &v) in asked.iter().enumerate() {
                 if self.local.added().vertices >= end.vertices {
                     break;
                 }
-                if !self.flag(v, &pass) {
+                let contexts = known.take().unwrap_or_else(|| self.flag_contexts(v, &pass));
+                let ahead = asked.get(i + 1).map(|&next| self.flag_contexts(next, &pass));
+                let want = self.guide.as_ref().is_some_and(|g| g.splits(v));
+                if !self.flag(contexts, want) {
+                    known = ahead;
                     continue;
                 }
                 let u = self.split(v)?;
@@ -313,17 +320,24 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
             if next.is_empty() && self.local.added().vertices < end.vertices {
                 return Err(DecodeError::new("chunk", "it adds fewer vertices than were announced"));
             }
-            asked = next;
+            std::mem::swap(&mut asked, &mut next);
+            next.clear();
             pass.depth += 1;
         }
         Ok(())
     }
 
     /// Whether a vertex splits.
-    fn flag(&mut self, v: u32, pass: &Pass) -> bool {
-        let want = self.guide.as_ref().is_some_and(|g| g.splits(v));
+    #[inline(always)]
+    fn flag(&mut self, contexts: [usize; 3], want: bool) -> bool {
+        if C::MODELS { self.coder.mix(contexts, MIX_FLAG, want) } else { self.coder.bit(FLAG_AREA, want) }
+    }
+
+    /// What tells whether a vertex splits: the area of its star, how bent that is, and its valence.
+    #[inline]
+    fn flag_contexts(&self, v: u32, pass: &Pass) -> [usize; 3] {
         if !C::MODELS {
-            return self.coder.bit(FLAG_AREA, want);
+            return [FLAG_AREA; 3];
         }
         let local = &self.local;
         let area = local.star_area(v);
@@ -337,15 +351,11 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         });
         let bend = class(quarter_octaves(bend) / 4 + 7, BENDS);
         let valence = local.valence(v).min(MAX_VALENCE);
-        self.coder.mix(
-            [
-                FLAG_AREA + (size * DEPTHS + depth) * SEGMENTS + segment,
-                FLAG_BEND + (size * BENDS + bend) * SEGMENTS + segment,
-                FLAG_VALENCE + ((depth * (MAX_VALENCE + 1) + valence) * 4 + (size / 4)) * SEGMENTS + segment,
-            ],
-            MIX_FLAG,
-            want,
-        )
+        [
+            FLAG_AREA + (size * DEPTHS + depth) * SEGMENTS + segment,
+            FLAG_BEND + (size * BENDS + bend) * SEGMENTS + segment,
+            FLAG_VALENCE + ((depth * (MAX_VALENCE + 1) + valence) * 4 + (size / 4)) * SEGMENTS + segment,
+        ]
     }
 
     /// Vertices that start without faces: positions relative to one another.
@@ -370,7 +380,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
                 }
             }
             self.local.add_vertex(previous.map(f64::from), None, own);
-            if let (Some(guide), Some(name)) = (&mut self.guide, name) {
+            if let (Some(guide), Some(name)) = (self.guide.as_mut(), name) {
                 guide.names.vertex(name);
             }
             self.coder.check()?;
@@ -418,7 +428,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
             } else {
                 local.name_outline(seed)?;
             }
-            if let Some(guide) = guide {
+            if let Some(guide) = guide.as_mut() {
                 name_gathered(guide, mesh, local);
             }
             coder.check()?;

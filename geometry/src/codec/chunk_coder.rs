@@ -4,11 +4,14 @@
 //! The walk is told file by file: `chunk` (vertices without faces, the region, which vertices split), `moves`,
 //! `split`, `position`, `wedges`.
 
+use std::marker::PhantomData;
+
 use crate::codec::local::Local;
 use crate::codec::memory::Memory;
 use crate::codec::plan::Guide;
 use crate::codec::residual::Recent;
 use crate::codec::scratch::Scratch;
+use crate::entropy::range_coder::Coder;
 use crate::error::DecodeError;
 use crate::refine::{ActiveMesh, ChunkDelta};
 
@@ -21,6 +24,32 @@ pub(crate) struct Resolution {
     pub(crate) shift: u8,
 }
 
+/// What an encoder wants to say; a decoder has none, which is known where it is compiled: there nothing asks.
+pub(crate) struct Wanted<'a, C> {
+    guide: Option<Guide<'a>>,
+    coder: PhantomData<C>,
+}
+
+impl<'a, C: Coder> Wanted<'a, C> {
+    fn new(guide: Option<Guide<'a>>) -> Self {
+        Self { guide, coder: PhantomData }
+    }
+
+    #[inline(always)]
+    pub(crate) fn as_ref(&self) -> Option<&Guide<'a>> {
+        if C::READS { None } else { self.guide.as_ref() }
+    }
+
+    #[inline(always)]
+    pub(crate) fn as_mut(&mut self) -> Option<&mut Guide<'a>> {
+        if C::READS { None } else { self.guide.as_mut() }
+    }
+
+    pub(crate) fn into_inner(self) -> Option<Guide<'a>> {
+        self.guide
+    }
+}
+
 /// Codes one chunk against a mesh to which its parents are applied.
 pub(crate) struct ChunkCoder<'a, 'm, C> {
     /// Writes, reads or records symbols.
@@ -28,8 +57,7 @@ pub(crate) struct ChunkCoder<'a, 'm, C> {
     pub(crate) mesh: &'m ActiveMesh,
     pub(crate) chunk: u32,
     pub(crate) resolution: Resolution,
-    /// What an encoder wants to say; a decoder has none.
-    pub(crate) guide: Option<Guide<'a>>,
+    pub(crate) guide: Wanted<'a, C>,
     /// The region as far as it is known, and what was added to it.
     pub(crate) local: Local<'m>,
     /// How the last residuals compared with what was expected: of positions, and of texture coordinates.
@@ -38,11 +66,14 @@ pub(crate) struct ChunkCoder<'a, 'm, C> {
     pub(crate) scratch: Scratch,
 }
 
-impl<'a, 'm, C> ChunkCoder<'a, 'm, C> {
+impl<'a, 'm, C: Coder> ChunkCoder<'a, 'm, C> {
     /// For an encoder, of what `guide` wants.
     pub(crate) fn saying(coder: &'a mut C, mesh: &'m ActiveMesh, chunk: u32, guide: Guide<'a>) -> Self {
         let shift = guide.source.shift;
-        Self { guide: Some(guide), ..Self::hearing(coder, mesh, chunk, shift, &mut Memory::default()) }
+        Self {
+            guide: Wanted::new(Some(guide)),
+            ..Self::hearing(coder, mesh, chunk, shift, &mut Memory::default())
+        }
     }
 
     /// For a decoder, of a chunk whose grid leaves out `shift` bits. What it takes of `memory` is given back by
@@ -59,7 +90,7 @@ impl<'a, 'm, C> ChunkCoder<'a, 'm, C> {
             mesh,
             chunk,
             resolution: Resolution { bits: mesh.grid.bits, shift },
-            guide: None,
+            guide: Wanted::new(None),
             local: Local::new(mesh, chunk, std::mem::take(&mut memory.local)),
             recent: Recent::default(),
             recent_uv: Recent::default(),
@@ -83,7 +114,7 @@ impl<'a, 'm, C> ChunkCoder<'a, 'm, C> {
 
     /// Whether nobody says what is wanted, so that what was announced must be held to.
     pub(crate) fn decodes(&self) -> bool {
-        self.guide.is_none()
+        self.guide.as_ref().is_none()
     }
 
     /// Materials that faces may name.

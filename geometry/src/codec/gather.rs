@@ -8,11 +8,12 @@ use crate::numbers::id32;
 use crate::refine::Id;
 
 /// A face at the vertex whose star is being gathered.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy)]
 pub(crate) struct Found {
     id: Id,
     face: u32,
-    /// The local numbers of its corners, as far as they had any when it was found.
+    /// The slots of its vertices, and their local numbers as far as they had any when it was found.
+    vertices: [u32; 3],
     corners: [u32; 3],
 }
 
@@ -48,17 +49,20 @@ impl Local<'_> {
             at += 1;
             found.clear();
             for corner in self.mesh.stars.corners(slot) {
-                self.find(v, slot, corner::face_of(corner), &mut found);
+                self.find(v, corner, &mut found);
             }
-            found.sort_unstable();
-            found.dedup();
+            // The youngest face of a star comes first, so that it is almost in order the other way round.
+            found.reverse();
+            // By id, as one number; a face has one.
+            found.sort_unstable_by_key(|f| u64::from(f.id.owner) << 32 | u64::from(f.id.index));
+            found.dedup_by_key(|f| f.face);
             if self.faces.len() + found.len() > MAX_LOCAL_FACES {
                 return Err(DecodeError::new(
                     "chunk",
                     format!("its region has over {MAX_LOCAL_FACES} faces"),
                 ));
             }
-            for &face in &found {
+            for face in &found {
                 self.gather(face, &mut queue, interior);
             }
         }
@@ -83,27 +87,32 @@ impl Local<'_> {
         }
     }
 
-    /// Notes a face at interior vertex `v`, unless it came with another one's star: stars are gathered in the order of
-    /// the vertices' numbers.
-    fn find(&mut self, v: u32, slot: u32, face: u32, found: &mut Vec<Found>) {
+    /// Notes the face of a corner at interior vertex `v`, unless it came with another one's star: stars are gathered in
+    /// the order of the vertices' numbers.
+    #[inline]
+    fn find(&mut self, v: u32, corner: u32, found: &mut Vec<Found>) {
+        let (face, k) = (corner::face_of(corner), corner::side_of(corner));
         let vertices = self.mesh.faces[face as usize].map(|wedge| self.mesh.wedges[wedge as usize].vertex);
-        let corners = vertices.map(|at| if at == slot { v } else { self.vertex_at.get(at).unwrap_or(NONE) });
-        let came = |&c: &u32| c < v && self.vertices[c as usize].interior;
-        if !corners.iter().any(came) {
-            let id = self.owners.id_of_face(self.mesh.face_owner[face as usize], face);
-            found.push(Found { id, face, corners });
-        }
+        let [b, c] = [corner::next(k), corner::previous(k)];
+        let mut corners = [v; 3];
+        corners[b] = self.vertex_at.get(vertices[b]).unwrap_or(NONE);
+        corners[c] = self.vertex_at.get(vertices[c]).unwrap_or(NONE);
+        let came = |c: u32| (c < v) & self.vertices.get(c as usize).is_some_and(|vertex| vertex.interior);
+        let came = came(corners[b]) | came(corners[c]);
+        let id = self.owners.id_of_face(self.mesh.face_owner[face as usize], face);
+        // Without a branch: whether it came cannot be foreseen.
+        found.push(Found { id, face, vertices, corners });
+        found.truncate(found.len() - usize::from(came));
     }
 
     fn gather(
         &mut self,
-        found: Found,
+        found: &Found,
         queue: &mut Vec<(u32, u32)>,
         interior: &mut dyn FnMut(u32, usize) -> bool,
     ) {
-        let Found { id, face, mut corners } = found;
+        let Found { id, face, vertices, mut corners } = *found;
         let slots = self.mesh.faces[face as usize];
-        let vertices = slots.map(|wedge| self.mesh.wedges[wedge as usize].vertex);
         for k in 0..3 {
             // Another face may have made it known meanwhile.
             if corners[k] == NONE {
@@ -130,7 +139,7 @@ impl Local<'_> {
         let [a, b, c] = corners.map(|v| self.position(v));
         let area = length(triangle_normal(a, b, c));
         self.gathered.push(Gathered { id, wedges });
-        self.push_face(LocalFace { corners, wedges, area }, self.mesh.materials[face as usize]);
+        self.push_face(LocalFace { corners, wedges }, area, self.mesh.materials[face as usize]);
     }
 
     /// What the other corners of a face say about whether a corner is interior, 0 to 8: each is

@@ -42,8 +42,6 @@ pub(crate) struct LocalWedge {
 pub(crate) struct LocalFace {
     pub(crate) corners: [u32; 3],
     pub(crate) wedges: [u32; 3],
-    /// Doubled, in square cells.
-    pub(crate) area: f64,
 }
 
 impl LocalVertex {
@@ -68,6 +66,7 @@ pub(crate) struct LocalMemory {
     vertices: Vec<LocalVertex>,
     wedges: Vec<LocalWedge>,
     faces: Vec<LocalFace>,
+    areas: Vec<f64>,
     materials: Vec<u16>,
     stars: Stars,
     wedge_ends: Vec<[u32; 2]>,
@@ -85,6 +84,7 @@ impl LocalMemory {
         self.vertices.capacity() * size_of::<LocalVertex>()
             + self.wedges.capacity() * size_of::<LocalWedge>()
             + self.faces.capacity() * size_of::<LocalFace>()
+            + self.areas.capacity() * size_of::<f64>()
             + self.materials.capacity() * 2
             + self.stars.bytes()
             + (self.wedge_ends.capacity() + self.vertex_ids.capacity()) * 8
@@ -105,6 +105,8 @@ pub(crate) struct Local<'a> {
     pub(crate) vertices: Vec<LocalVertex>,
     pub(crate) wedges: Vec<LocalWedge>,
     pub(crate) faces: Vec<LocalFace>,
+    /// Of the faces, doubled, in square cells: by themselves, since whoever asks for a star's asks for nothing else.
+    areas: Vec<f64>,
     pub(crate) materials: Vec<u16>,
     stars: Stars,
     /// First and last wedge of each vertex that is known here; the others follow in `LocalWedge::next`.
@@ -133,6 +135,7 @@ impl<'a> Local<'a> {
             vertices: memory.vertices,
             wedges: memory.wedges,
             faces: memory.faces,
+            areas: memory.areas,
             materials: memory.materials,
             stars: memory.stars,
             wedge_ends: memory.wedge_ends,
@@ -148,6 +151,7 @@ impl<'a> Local<'a> {
         local.vertices.clear();
         local.wedges.clear();
         local.faces.clear();
+        local.areas.clear();
         local.materials.clear();
         local.stars.clear();
         local.wedge_ends.clear();
@@ -165,6 +169,7 @@ impl<'a> Local<'a> {
             vertices: self.vertices,
             wedges: self.wedges,
             faces: self.faces,
+            areas: self.areas,
             materials: self.materials,
             stars: self.stars,
             wedge_ends: self.wedge_ends,
@@ -198,7 +203,7 @@ impl<'a> Local<'a> {
     /// Adds a face two of whose corners are at the same place; its wedges and material must be set before
     /// the next split.
     pub(crate) fn add_face(&mut self, corners: [u32; 3]) -> u32 {
-        self.push_face(LocalFace { corners, wedges: [NONE; 3], area: 0.0 }, 0)
+        self.push_face(LocalFace { corners, wedges: [NONE; 3] }, 0.0, 0)
     }
 
     pub(crate) fn push_vertex(&mut self, id: Id, position: Vec3, interior: bool, shift: u8) -> u32 {
@@ -221,11 +226,12 @@ impl<'a> Local<'a> {
         local
     }
 
-    pub(crate) fn push_face(&mut self, face: LocalFace, material: u16) -> u32 {
+    pub(crate) fn push_face(&mut self, face: LocalFace, area: f64, material: u16) -> u32 {
         let local = id32(self.faces.len());
         let [a, b, c] = face.corners;
         let [p, q, r] = face.corners.map(|v| self.position(v));
         self.faces.push(face);
+        self.areas.push(area);
         self.materials.push(material);
         for (k, v, ends) in [(0, a, add(q, r)), (1, b, add(r, p)), (2, c, add(p, q))] {
             let vertex = &mut self.vertices[v as usize];
@@ -280,7 +286,7 @@ impl<'a> Local<'a> {
             };
             // Coordinates are integers, so the cross product is exact: the same from any corner.
             let (a, b) = (at(spoke.a), at(spoke.b));
-            self.faces[spoke.face as usize].area = length(cross(a, b));
+            self.areas[spoke.face as usize] = length(cross(a, b));
         }
     }
 
@@ -291,6 +297,12 @@ impl<'a> Local<'a> {
         let v = &self.vertices[vertex as usize];
         let count = id32(2 * v.star.len()).checked_sub(without).filter(|&c| c > 0)?;
         Some(scale(sub(v.sum, scale(at, f64::from(without))), inverse(count)))
+    }
+
+    /// The wedge at a corner of a face.
+    #[inline]
+    pub(crate) fn wedge(&self, face: u32, k: u8) -> u32 {
+        self.faces[face as usize].wedges[usize::from(k)]
     }
 
     pub(crate) fn set_wedge(&mut self, face: u32, k: u8, wedge: u32) {
@@ -332,17 +344,14 @@ impl<'a> Local<'a> {
     #[inline]
     pub(crate) fn star_area(&self, vertex: u32) -> f64 {
         let corners = self.stars.of(self.vertices[vertex as usize].star);
-        corners.iter().rev().fold(0.0, |area, corner| area + self.faces[corner.face() as usize].area)
+        corners.iter().rev().fold(0.0, |area, corner| area + self.areas[corner.face() as usize])
     }
 
     /// The wedge of a spoke at the centre, and at its vertices `a` and `b`.
     pub(crate) fn spoke_wedges(&self, spoke: &Spoke) -> [u32; 3] {
-        let [p, q, r] = self.faces[spoke.face as usize].wedges;
-        match spoke.k {
-            0 => [p, q, r],
-            1 => [q, r, p],
-            _ => [r, p, q],
-        }
+        let wedges = &self.faces[spoke.face as usize].wedges;
+        let corner = Spaced::new(spoke.face, spoke.k);
+        [wedges[usize::from(spoke.k)], wedges[corner.next()], wedges[corner.previous()]]
     }
 
     /// The first wedge of a vertex that is known here, in order of discovery.
@@ -361,7 +370,7 @@ impl<'a> Local<'a> {
     /// Twice the area of a face, in square cells.
     #[inline]
     pub(crate) fn face_area(&self, face: u32) -> f64 {
-        self.faces[face as usize].area
+        self.areas[face as usize]
     }
 
     /// The id of a vertex.

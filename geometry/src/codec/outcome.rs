@@ -19,7 +19,7 @@ impl Local<'_> {
         };
         let wedge = |w: &LocalWedge| NewWedge { vertex: self.vertex_id(w.vertex), attributes: w.attributes };
         let face = |(f, &material): (&LocalFace, &u16)| NewFace { wedges: f.wedges.map(wedge_id), material };
-        let mut repoints = Vec::new();
+        let mut repoints = Vec::with_capacity(2 * self.new_vertices.len());
         for (face, before) in old.iter().zip(&self.gathered) {
             for k in (0..3).filter(|&k| face.wedges[k] != before.wedges[k]) {
                 let (from, to) = (wedge_id(before.wedges[k]), wedge_id(face.wedges[k]));

@@ -1,6 +1,7 @@
 //! What the splits of a chunk are worked out in: allocated once a chunk.
 
 use crate::codec::fan::{Fan, Spoke};
+use crate::codec::start::Starts;
 use crate::mesh::vec3::Vec3;
 
 /// A side at which the fan of a split vertex is cut, where a new face may appear: between a face that stays and one
@@ -32,6 +33,9 @@ pub(crate) struct Split {
     pub(crate) t: u32,
     pub(crate) u: u32,
     pub(crate) fan: Fan,
+    /// The spokes that move, in order of the list.
+    pub(crate) moving: Vec<usize>,
+    /// Whether each spoke moves; not set where those that move are one run.
     pub(crate) moves: Vec<bool>,
     /// Start and length, if those that move are one run of the only segment.
     pub(crate) run: Option<(usize, usize)>,
@@ -51,42 +55,19 @@ pub(crate) const VALENCE: usize = 4;
 pub(crate) const INTERIOR: usize = 5;
 pub(crate) const AREA: usize = 6;
 
-/// The neighbours in order, a list for each thing that is known of them; what is behind the last means nothing.
-#[derive(Default)]
-pub(crate) struct Ring([Vec<f64>; 7]);
+/// Room of each list of a small ring.
+pub(crate) const SMALL_ROOM: usize = 32;
 
-impl Ring {
-    /// Makes room for so many.
-    pub(crate) fn grow(&mut self, count: usize) {
-        if self.0[X].len() < count {
-            self.0.iter_mut().for_each(|list| list.resize(count, 0.0));
-        }
-    }
+/// The neighbours in order, a list for each thing that is known of them; what is behind the last means nothing. Those of
+/// few neighbours are where it is known when compiling, so nothing asks where and whether there is room.
+pub(crate) struct Ring {
+    pub(crate) few: Box<[[f64; SMALL_ROOM]; 7]>,
+    pub(crate) many: [Vec<f64>; 7],
+}
 
-    /// Sets the one at `i`, for which there is room.
-    #[inline]
-    pub(crate) fn set(&mut self, i: usize, values: [f64; 7]) {
-        for (list, value) in self.0.iter_mut().zip(values) {
-            list[i] = value;
-        }
-    }
-
-    /// Says the first `count` again from `end` on.
-    pub(crate) fn repeat(&mut self, end: usize, count: usize) {
-        for list in &mut self.0 {
-            let (first, rest) = list.split_at_mut(end);
-            rest.iter_mut().zip(&first[..count]).for_each(|(to, from)| *to = *from);
-        }
-    }
-
-    #[inline]
-    pub(crate) fn list(&self, list: usize) -> &[f64] {
-        &self.0[list]
-    }
-
-    #[inline]
-    pub(crate) fn place(&self, i: usize) -> Vec3 {
-        [self.0[X][i], self.0[Y][i], self.0[Z][i]]
+impl Default for Ring {
+    fn default() -> Self {
+        Self { few: Box::new([[0.0; SMALL_ROOM]; 7]), many: Default::default() }
     }
 }
 
@@ -103,8 +84,9 @@ pub(crate) struct Fitting {
 impl Scratch {
     /// Memory held, in bytes, but for what only a star of many faces takes much of.
     pub(crate) fn bytes(&self) -> usize {
-        (self.star.capacity() + self.split.fan.spokes.capacity()) * size_of::<Spoke>()
-            + self.ring.list(X).len() * 7 * size_of::<f64>()
+        (self.star.capacity() + self.split.as_ref().map_or(0, |s| s.fan.spokes.capacity()))
+            * size_of::<Spoke>()
+            + self.ring.many.iter().map(|list| list.capacity() * size_of::<f64>()).sum::<usize>()
             + self.fitting.points.capacity() * size_of::<(Vec3, Vec3, f64)>()
     }
 }
@@ -114,10 +96,9 @@ impl Scratch {
 pub(crate) struct Scratch {
     /// The star that was looked at last.
     pub(crate) star: Vec<Spoke>,
-    /// The ring around it; (score, start) of the runs that may move, and numbers that compare as the scores.
+    /// The ring around it, and the runs that may move.
     pub(crate) ring: Ring,
-    pub(crate) scores: Vec<(f64, usize)>,
-    pub(crate) keys: Vec<i64>,
-    pub(crate) split: Split,
+    pub(crate) starts: Starts,
+    pub(crate) split: Option<Box<Split>>,
     pub(crate) fitting: Fitting,
 }

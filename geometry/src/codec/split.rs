@@ -1,13 +1,12 @@
 //! One vertex split: which faces go to the new vertex, which faces appear, position, wedges.
 
 use crate::codec::chunk_coder::ChunkCoder;
-use crate::codec::fan::Fan;
+use crate::codec::fan::{Fan, Spoke};
 use crate::codec::model::{CUT, EXTRA_IN_RING, EXTRAS, LABEL, LONG_RUN, MAX_VALENCE, RUN_LENGTH, SINGLE_RUN};
 use crate::codec::moves::Whose;
 use crate::codec::plan::Born;
 use crate::codec::position::Roles;
 use crate::codec::scratch::{Added, Cut, Scratch, Split};
-use crate::codec::start::{code_start, score_starts};
 use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::{index, integer, tree, tree_contexts};
 use crate::error::DecodeError;
@@ -20,7 +19,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
     /// Codes the split of `t`; returns the new vertex.
     pub(crate) fn split(&mut self, t: u32) -> Result<u32, DecodeError> {
         let born = self.guide.as_mut().map_or_else(Vec::new, |g| g.begin_split(t));
-        let mut split = std::mem::take(&mut self.scratch.split);
+        let mut split = self.scratch.split.take().unwrap_or_default();
         split.t = t;
         self.local.star(t, &mut self.scratch.star);
         split.fan.sort(&self.scratch.star, self.local.vertices.len());
@@ -35,31 +34,34 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         let end = |i: usize| split.added.get(i).map(|a| a.x);
         let roles = Roles { target: t, ends: [end(0), end(1)] };
         let mut star = std::mem::take(&mut self.scratch.star);
-        self.local.star(u, &mut star);
+        if !star_of_new(&split, &mut star) {
+            self.local.star(u, &mut star);
+        }
         self.local.vertices[u as usize].shift = shift;
         let position = self.position(u, &star, roles, shift, actual.map(|a| a.cell))?;
         self.local.place_vertex(u, &star, position);
         self.scratch.star = star;
         self.wedges(&split)?;
         self.coder.check()?;
-        self.scratch.split = split;
+        self.scratch.split = Some(split);
         Ok(u)
     }
 
     /// Which spokes move to the new vertex.
     fn labels(&mut self, split: &mut Split) -> Result<(), DecodeError> {
-        let (fan, moves) = (&split.fan, &mut split.moves);
+        let Split { t, ref fan, ref mut moving, ref mut moves, ref mut run, .. } = *split;
         let n = fan.spokes.len();
         let guide = self.guide.as_ref();
         let wanted: Option<Vec<bool>> = guide.map(|g| fan.spokes.iter().map(|s| g.moves(s.face)).collect());
-        moves.clear();
-        moves.resize(n, false);
-        split.run = None;
+        moving.clear();
+        *run = None;
         if fan.segments.len() == 1 {
             let closed = fan.segments[0].closed;
-            let run = wanted.as_ref().map(|w| single_run(w, closed));
-            if self.coder.bit(SINGLE_RUN + usize::from(closed), run.as_ref().is_some_and(Option::is_some)) {
-                let (start, length) = run.flatten().unwrap_or((0, 0));
+            let Scratch { ring, starts: runs, .. } = &mut self.scratch;
+            runs.look(&self.local, fan, t, ring);
+            let want = wanted.as_ref().map(|w| single_run(w, closed));
+            if self.coder.bit(SINGLE_RUN + usize::from(closed), want.as_ref().is_some_and(Option::is_some)) {
+                let (start, length) = want.flatten().unwrap_or((0, 0));
                 let length = code_length(self.coder, n, closed, length)?;
                 let starts = match length {
                     0 => 0,
@@ -69,24 +71,25 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
                 };
                 let mut at = 0;
                 if starts > 1 {
-                    let Scratch { ring, scores, keys, .. } = &mut self.scratch;
-                    score_starts(&self.local, fan, split.t, length, starts, ring, scores);
-                    let start = wanted.is_some().then_some(start);
-                    at = code_start(self.coder, scores, keys, n, start)?;
+                    runs.score(fan, length, starts, ring);
+                    at = runs.code(self.coder, n, wanted.is_some().then_some(start))?;
                 }
                 // A run of a closed star may reach over the end of the list.
                 let (over, end) = ((at + length).saturating_sub(n), (at + length).min(n));
-                moves[at..end].fill(true);
-                moves[..over].fill(true);
-                split.run = Some((at, length));
+                (0..over).chain(at..end).for_each(|i| moving.push(i));
+                *run = Some((at, length));
                 return Ok(());
             }
         }
+        moves.clear();
         let mut previous = false;
-        for (i, label) in moves.iter_mut().enumerate() {
+        for i in 0..n {
             let want = wanted.as_ref().is_some_and(|w| w[i]);
             previous = self.coder.bit(LABEL + usize::from(previous), want);
-            *label = previous;
+            moves.push(previous);
+            if previous {
+                moving.push(i);
+            }
         }
         Ok(())
     }
@@ -132,21 +135,39 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         let (local, t) = (&mut self.local, split.t);
         let u = local.add_vertex(local.position(t), Some(t), 0);
         split.u = u;
-        if let Some(guide) = &mut self.guide {
+        if let Some(guide) = self.guide.as_mut() {
             let name = guide.new_vertex();
             guide.names.vertex(name);
         }
         split.targets.clear();
-        split.targets.extend(split.fan.spokes.iter().map(|spoke| local.spoke_wedges(spoke)[0]));
-        let moving = split.fan.spokes.iter().zip(&split.moves).filter(|(_, moves)| **moves);
-        local.move_corners(moving.map(|(spoke, _)| spoke), t, u);
+        split.targets.extend(split.fan.spokes.iter().map(|spoke| local.wedge(spoke.face, spoke.k)));
+        local.move_corners(split.moving.iter().map(|&i| &split.fan.spokes[i]), t, u);
         for face in &mut split.added {
             face.local = local.add_face(if face.left { [t, face.x, u] } else { [u, face.x, t] });
-            if let (Some(guide), Some(name)) = (&mut self.guide, face.face) {
+            if let (Some(guide), Some(name)) = (self.guide.as_mut(), face.face) {
                 guide.names.faces.push(name);
             }
         }
     }
+}
+
+/// The star of the new vertex, the last face to come first, as [`Local::star`](crate::codec::local::Local::star) has it;
+/// answers whether it is known without asking: a face may name the old vertex twice.
+fn star_of_new(split: &Split, star: &mut Vec<Spoke>) -> bool {
+    let Split { t, fan, moving, added, .. } = split;
+    star.clear();
+    star.extend(added.iter().rev().map(|&Added { x, left, local: face, .. }| match left {
+        true => Spoke { face, k: 2, a: *t, b: x },
+        false => Spoke { face, k: 0, a: x, b: *t },
+    }));
+    // Those that moved came in the order of the fan, before the new faces.
+    let mut once = true;
+    star.extend(moving.iter().rev().map(|&i| {
+        let spoke = fan.spokes[i];
+        once &= spoke.a != *t && spoke.b != *t;
+        spoke
+    }));
+    once
 }
 
 fn code_length<C: Coder>(coder: &mut C, n: usize, closed: bool, length: usize) -> Result<usize, DecodeError> {

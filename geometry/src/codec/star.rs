@@ -66,11 +66,21 @@ impl Stars {
         star.count = u32::try_from(stay).unwrap_or(star.count);
     }
 
-    #[cold]
+    #[inline]
     fn make_room(&mut self, star: &mut Star) {
+        if star.room > 0 {
+            return self.move_away(star);
+        }
+        star.start = crate::numbers::id32(self.corners.len());
+        star.room = FIRST_ROOM;
+        self.corners.extend_from_slice(&[Spaced::default(); FIRST_ROOM as usize]);
+    }
+
+    #[cold]
+    fn move_away(&mut self, star: &mut Star) {
         let from = star.start as usize..(star.start + star.count) as usize;
         let start = self.corners.len();
-        star.room = (star.room * 2).max(FIRST_ROOM);
+        star.room *= 2;
         self.corners.extend_from_within(from);
         self.corners.resize(start + star.room as usize, Spaced::default());
         star.start = crate::numbers::id32(start);

@@ -6,7 +6,7 @@
 use crate::codec::fan::Fan;
 use crate::codec::local::Local;
 use crate::codec::model::{MAX_VALENCE, MIX_START, RUN_GAP, RUN_START};
-use crate::codec::scratch::{AREA, INTERIOR, LENGTH, Ring, VALENCE, X, Y, Z};
+use crate::codec::scratch::{AREA, INTERIOR, LENGTH, Ring, SMALL_ROOM, VALENCE, X, Y, Z};
 use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::index;
 use crate::error::DecodeError;
@@ -23,46 +23,141 @@ const STRAIGHT: f64 = -0.513;
 const PER_LENGTH: f64 = -1.17;
 const INSIDE: f64 = 0.65;
 
-/// Scores the starts of a run of `length`: (score, start), the more plausible the lower, in order of the starts.
-pub(crate) fn score_starts(
-    local: &Local<'_>,
-    fan: &Fan,
-    t: u32,
-    length: usize,
-    starts: usize,
-    ring: &mut Ring,
-    scores: &mut Vec<(f64, usize)>,
-) {
-    let n = fan.spokes.len();
-    ring.grow(2 * n + 1 + LANES);
-    let whole = look_around(local, fan, t, ring);
-    if fan.segments[0].closed {
-        // Runs may reach over the end of the list.
-        ring.repeat(n, length);
-    }
-    scores.clear();
-    // Starts are scored some at a time: each lane of a loop is a start.
-    for first in (0..starts).step_by(LANES) {
-        let lanes = score(ring, &whole, length, first);
-        scores.extend(lanes.into_iter().zip(first..starts).map(|(score, start)| (-score, start)));
-    }
-}
-
 /// Starts that are scored together.
 const LANES: usize = 8;
 
-/// The scores of so many starts from `first` on; those of starts that there are not mean nothing.
-fn score(ring: &Ring, whole: &Whole, length: usize, first: usize) -> [f64; LANES] {
+/// Room that each list of a ring needs: for all of it twice, one more, and what the last lanes read of nothing.
+fn room(fan: &Fan) -> usize {
+    2 * fan.spokes.len() + 1 + LANES
+}
+
+/// The starts that a run may have, in order.
+#[derive(Default)]
+pub(crate) struct Starts {
+    whole: Whole,
+    count: usize,
+    /// The more plausible, the lower; whole lanes, of which what is behind the last start means nothing.
+    scores: Vec<f64>,
+    /// Numbers that compare as the scores; the highest behind the last start.
+    keys: Vec<i64>,
+    /// The starts by score, and by number where scores are equal.
+    order: Vec<usize>,
+}
+
+impl Starts {
+    /// Looks around `t`, whose fan is one segment. That needs nothing of what is coded of the run, and does not wait
+    /// for it.
+    pub(crate) fn look(&mut self, local: &Local<'_>, fan: &Fan, t: u32, ring: &mut Ring) {
+        let room = room(fan);
+        self.whole = if room <= SMALL_ROOM {
+            look_around(local, fan, t, &mut ring.few)
+        } else {
+            for list in &mut ring.many {
+                list.resize(list.len().max(room), 0.0);
+            }
+            look_around(local, fan, t, &mut ring.many)
+        };
+    }
+
+    /// Scores the first `count` starts of a run of `length`, of which [`Self::look`] has seen the fan and the ring.
+    pub(crate) fn score(&mut self, fan: &Fan, length: usize, count: usize, ring: &Ring) {
+        if room(fan) <= SMALL_ROOM {
+            self.score_in(length, count, &ring.few);
+        } else {
+            self.score_in(length, count, &ring.many);
+        }
+    }
+
+    #[inline(always)]
+    fn score_in<L: AsRef<[f64]>>(&mut self, length: usize, count: usize, ring: &[L; 7]) {
+        self.count = count;
+        self.scores.clear();
+        self.keys.clear();
+        // Starts are scored some at a time: each lane of a loop is a start.
+        for first in (0..count).step_by(LANES) {
+            let scores = score(ring, &self.whole, length, first);
+            self.scores.extend_from_slice(&scores);
+            let number = |i: usize| if first + i < count { total_order(scores[i]) } else { i64::MAX };
+            self.keys.extend_from_slice(&std::array::from_fn::<i64, LANES, _>(number));
+        }
+        self.order.clear();
+        if let Some(keys) = self.keys.as_array::<LANES>() {
+            self.order.extend_from_slice(&order(keys));
+        } else if let Some(keys) = self.keys.as_array::<{ 2 * LANES }>() {
+            self.order.extend_from_slice(&order(keys));
+        } else {
+            self.order.extend(0..count);
+            self.order.sort_unstable_by_key(|&i| (self.keys[i], i));
+        }
+    }
+
+    /// Which of the starts it is: "this one?" down the list of the most plausible first, by how much worse the next one
+    /// is. `n` faces are around the vertex.
+    pub(crate) fn code<C: Coder>(
+        &mut self,
+        coder: &mut C,
+        n: usize,
+        start: Option<usize>,
+    ) -> Result<usize, DecodeError> {
+        let Self { count, ref scores, .. } = *self;
+        let order = &self.order[..count];
+        let want = start.and_then(|start| order.iter().position(|&i| i == start)).unwrap_or(0);
+        if count > 64 {
+            return Ok(order[index(coder, count, want, "chunk: start of a run")?]);
+        }
+        if let Some(rank) = coder.whole(RUN_START, 6, id32(want)) {
+            let start = order.get(rank as usize);
+            return start.copied().ok_or_else(|| DecodeError::new("chunk", "a run starts nowhere"));
+        }
+        for (rank, pair) in order.windows(2).enumerate() {
+            let gap = class(truncated((scores[pair[1]] - scores[pair[0]]) * 4.0), 16);
+            let contexts =
+                [RUN_START + n.min(MAX_VALENCE) * 8 + rank.min(7), RUN_GAP + rank.min(7) * 16 + gap];
+            if coder.mix(contexts, MIX_START, rank == want) {
+                return Ok(pair[0]);
+            }
+        }
+        Ok(order[count - 1])
+    }
+}
+
+/// The places of keys, the least first, and of equal ones the first.
+#[inline]
+fn order<const N: usize>(keys: &[i64; N]) -> [usize; N] {
+    // How many come before each. Sums of comparisons have no branch: of half a dozen scores in any order none can be
+    // foreseen.
+    let mut ranks = [0_usize; N];
+    for i in 1..N {
+        for j in 0..i {
+            let before = usize::from(keys[j] <= keys[i]);
+            ranks[i] += before;
+            ranks[j] += 1 - before;
+        }
+    }
+    let mut order = [0; N];
+    for (i, rank) in ranks.into_iter().enumerate() {
+        order[rank % N] = i;
+    }
+    order
+}
+
+/// The negative scores of so many starts from `first` on; those of starts that there are not mean nothing.
+#[inline(always)]
+fn score<L: AsRef<[f64]>>(ring: &[L; 7], whole: &Whole, length: usize, first: usize) -> [f64; LANES] {
     let at = |list: usize, offset: usize| -> &[f64; LANES] {
         const NOTHING: &[f64; LANES] = &[0.0; LANES];
-        ring.list(list).get(first + offset..).and_then(<[f64]>::first_chunk).unwrap_or(NOTHING)
+        ring[list].as_ref().get(first + offset..).and_then(<[f64]>::first_chunk).unwrap_or(NOTHING)
     };
     // Sums over the ring vertices inside the run; exact of places, since coordinates are integers.
     let (mut x, mut y, mut z) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
     let mut area = *at(AREA, 0);
     for offset in 1..length {
-        for (sum, list) in [(&mut x, X), (&mut y, Y), (&mut z, Z), (&mut area, AREA)] {
-            sum.iter_mut().zip(at(list, offset)).for_each(|(sum, part)| *sum += part);
+        let (dx, dy, dz, part) = (at(X, offset), at(Y, offset), at(Z, offset), at(AREA, offset));
+        for i in 0..LANES {
+            x[i] += dx[i];
+            y[i] += dy[i];
+            z[i] += dz[i];
+            area[i] += part[i];
         }
     }
     let (x0, x1, y0, y1, z0, z1) =
@@ -71,7 +166,8 @@ fn score(ring: &Ring, whole: &Whole, length: usize, first: usize) -> [f64; LANES
     let (valence0, valence1) = (at(VALENCE, 0), at(VALENCE, length));
     let (interior0, interior1) = (at(INTERIOR, 0), at(INTERIOR, length));
     let (out, count) = (whole.outward, real(length));
-    std::array::from_fn(|i| {
+    let mut scores = [0.0; LANES];
+    for i in 0..LANES {
         let middle =
             [(x0[i] + x1[i]) * 0.5 + x[i], (y0[i] + y1[i]) * 0.5 + y[i], (z0[i] + z1[i]) * 0.5 + z[i]];
         let outward = dot(middle, out);
@@ -79,64 +175,15 @@ fn score(ring: &Ring, whole: &Whole, length: usize, first: usize) -> [f64; LANES
         let product = length0[i] * length1[i];
         // As `f64::max`, of what is a number.
         let product = if product > 1e-9 { product } else { 1e-9 };
-        PER_FACE * (valence0[i] + valence1[i])
+        let score = PER_FACE * (valence0[i] + valence1[i])
             + PER_SHARE * area[i] / whole.area
             + OUTWARD * outward / count
             + STRAIGHT * across / product
             + PER_LENGTH * (length0[i] + length1[i]) * whole.inverse
-            + INSIDE * (interior0[i] + interior1[i])
-    })
-}
-
-/// Which of the starts it is: "this one?" down the list of the most plausible first, by how much worse the next one is.
-pub(crate) fn code_start<C: Coder>(
-    coder: &mut C,
-    scores: &mut [(f64, usize)],
-    keys: &mut Vec<i64>,
-    n: usize,
-    start: Option<usize>,
-) -> Result<usize, DecodeError> {
-    let many = scores.len() > 64;
-    // A decoder that models seldom comes far down the list: it looks for the next one only.
-    if many || start.is_some() || !C::MODELS {
-        scores.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            + INSIDE * (interior0[i] + interior1[i]);
+        scores[i] = -score;
     }
-    let want = start.and_then(|start| scores.iter().position(|s| s.1 == start)).unwrap_or(0);
-    if many {
-        return Ok(scores[index(coder, scores.len(), want, "chunk: start of a run")?].1);
-    }
-    if let Some(rank) = coder.whole(RUN_START, 6, id32(want)) {
-        let start = scores.get(rank as usize);
-        return start.map(|s| s.1).ok_or_else(|| DecodeError::new("chunk", "a run starts nowhere"));
-    }
-    keys.clear();
-    keys.extend(scores.iter().map(|s| total_order(s.0)));
-    let mut this = take_least(keys);
-    for rank in 0..scores.len() - 1 {
-        let next = take_least(keys);
-        let gap = class(truncated((scores[next].0 - scores[this].0) * 4.0), 16);
-        let contexts = [RUN_START + n.min(MAX_VALENCE) * 8 + rank.min(7), RUN_GAP + rank.min(7) * 16 + gap];
-        if coder.mix(contexts, MIX_START, rank == want) {
-            break;
-        }
-        this = next;
-    }
-    Ok(scores[this].1)
-}
-
-/// Where the least key is, the first of equal ones, which is then taken.
-#[inline]
-fn take_least(keys: &mut [i64]) -> usize {
-    let (mut least, mut at) = (i64::MAX, 0);
-    // Without a branch: of half a dozen scores in any order none can be foreseen.
-    for (i, &key) in keys.iter().enumerate() {
-        at = if key < least { i } else { at };
-        least = least.min(key);
-    }
-    if let Some(key) = keys.get_mut(at) {
-        *key = i64::MAX;
-    }
-    at
+    scores
 }
 
 /// A number that compares as [`f64::total_cmp`] does.
@@ -146,6 +193,7 @@ fn total_order(x: f64) -> i64 {
 }
 
 /// What the starts of one star share.
+#[derive(Default)]
 struct Whole {
     /// Sum of the areas.
     area: f64,
@@ -155,39 +203,53 @@ struct Whole {
     inverse: f64,
 }
 
-/// The ring around `t`, in order.
-fn look_around(local: &Local<'_>, fan: &Fan, t: u32, ring: &mut Ring) -> Whole {
+/// The ring around `t`, in order, and of a closed star once more: runs may reach over the end of the list.
+#[inline(always)]
+fn look_around<L: AsMut<[f64]>>(local: &Local<'_>, fan: &Fan, t: u32, ring: &mut [L; 7]) -> Whole {
     let n = fan.spokes.len();
     let center = local.position(t);
-    let mut mean = [0.0; 3];
-    let mut square = 0.0;
-    let mut see = |i: usize, v: u32, area: f64| {
+    let (mut mean, mut square, mut area) = ([0.0; 3], 0.0, 0.0);
+    // Cross products of neighbouring places, in order.
+    let (mut normal, mut first, mut before) = ([0.0; 3], [0.0; 3], [0.0; 3]);
+    let known = |v: u32| {
         let vertex = &local.vertices[v as usize];
         let at = sub(vertex.position, center);
         let size = dot(at, at);
-        mean = add(mean, at);
-        square += size;
-        let interior = f64::from(u8::from(vertex.interior));
-        let [x, y, z] = at;
-        ring.set(i, [x, y, z, size.sqrt(), f64::from(id32(vertex.valence())), interior, area]);
+        (at, size, f64::from(id32(vertex.valence())), f64::from(u8::from(vertex.interior)))
     };
     for (i, spoke) in fan.spokes.iter().enumerate() {
-        see(i, spoke.a, local.face_area(spoke.face));
+        let (at, size, valence, interior) = known(spoke.a);
+        let face = local.face_area(spoke.face);
+        mean = add(mean, at);
+        square += size;
+        area += face;
+        // The first has none before it: what is no place spans nothing.
+        normal = add(normal, cross(before, at));
+        before = at;
+        first = if i == 0 { at } else { first };
+        let [x, y, z] = at;
+        for (list, value) in ring.iter_mut().zip([x, y, z, size.sqrt(), valence, interior, face]) {
+            let list = list.as_mut();
+            list[i] = value;
+            list[i + n] = value;
+        }
     }
     let mut count = n;
-    if !fan.segments[0].closed {
-        see(n, fan.spokes[n - 1].b, 0.0);
+    if fan.segments[0].closed {
+        normal = add(normal, cross(before, first));
+    } else {
+        let (at, size, valence, interior) = known(fan.spokes[n - 1].b);
+        mean = add(mean, at);
+        square += size;
+        normal = add(normal, cross(before, at));
+        let [x, y, z] = at;
+        for (list, value) in ring.iter_mut().zip([x, y, z, size.sqrt(), valence, interior, 0.0]) {
+            list.as_mut()[n] = value;
+        }
         count += 1;
     }
     let inverse = 1.0 / (square / real(count)).sqrt().max(1e-9);
     mean = scale(mean, 1.0 / real(count));
-    let mut normal = [0.0; 3];
-    let mut area = 0.0;
-    for i in 0..n {
-        let next = if i + 1 < count { i + 1 } else { 0 };
-        normal = add(normal, cross(ring.place(i), ring.place(next)));
-        area += ring.list(AREA)[i];
-    }
     let size = dot(normal, normal);
     if size > 0.0 {
         // What is left of the mean lies in the tangent plane: the new vertex is on that side.
@@ -201,19 +263,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn taking_the_least_again_and_again_is_sorting() {
+    fn counting_what_comes_before_is_sorting() {
         let mut random = crate::random::Random::new(11);
-        for n in 1..20 {
-            for _ in 0..200 {
-                // Few values, so that some are equal; and both zeros.
-                let value = |x: usize| [-1.5, -0.0, 0.0, 2.0, f64::INFINITY][x];
-                let scores: Vec<(f64, usize)> = (0..n).map(|i| (value(random.below(5)), i)).collect();
-                let mut keys: Vec<i64> = scores.iter().map(|s| total_order(s.0)).collect();
-                let taken: Vec<usize> = (0..n).map(|_| take_least(&mut keys)).collect();
-                let mut expected = scores;
-                expected.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-                assert_eq!(taken, expected.iter().map(|s| s.1).collect::<Vec<_>>());
-            }
+        for _ in 0..4000 {
+            // Few values, so that some are equal; and both zeros.
+            let scores: [f64; 2 * LANES] =
+                std::array::from_fn(|_| [-1.5, -0.0, 0.0, 2.0, f64::INFINITY][random.below(5)]);
+            let mut expected: Vec<usize> = (0..2 * LANES).collect();
+            expected.sort_by(|&a, &b| scores[a].total_cmp(&scores[b]).then(a.cmp(&b)));
+            assert_eq!(order(&scores.map(total_order)).to_vec(), expected);
         }
     }
 }

@@ -48,7 +48,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
     fn moved(&mut self, split: &Split) -> Result<(), DecodeError> {
         let mut pairs = std::mem::take(&mut self.scratch.fitting.pairs);
         pairs.clear();
-        for i in (0..split.fan.spokes.len()).filter(|&i| split.moves[i]) {
+        for &i in &split.moving {
             let spoke = split.fan.spokes[i];
             let from = split.targets[i];
             let same = pairs.iter().find(|p| p.0 == from).map(|p| p.1);
@@ -120,7 +120,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         let expected = Expected { first: self.local.first_wedge(vertex).is_none(), ..*expected };
         let attributes = code_attributes(self.coder, self.mesh.kinds, &mut self.recent_uv, &expected, want)?;
         let wedge = self.local.add_wedge(vertex, attributes);
-        if let (Some(guide), Some(builder)) = (&mut self.guide, builder) {
+        if let (Some(guide), Some(builder)) = (self.guide.as_mut(), builder) {
             guide.names.wedge(builder);
         }
         Ok(wedge)
@@ -149,7 +149,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         let u_wedge = self.corner(&corner(AT_NEW, split.u, u_guess))?;
 
         let near = beside.map_or(0, |f| self.local.material(f));
-        let want = match (added.face, &self.guide) {
+        let want = match (added.face, self.guide.as_ref()) {
             (Some(face), Some(g)) => g.source.materials[face as usize],
             _ => near,
         };
@@ -167,16 +167,24 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         Ok(())
     }
 
-    /// The wedge at a corner of a new face.
+    /// The wedge at a corner of a new face: mostly the one that a neighbour has there.
+    #[inline(always)]
     fn corner(&mut self, corner: &Corner) -> Result<u32, DecodeError> {
-        let Corner { kind, vertex, guess, near, face } = *corner;
-        let first = self.local.first_wedge(vertex);
-        let want = self.guide.as_ref().and_then(|g| Some(g.wedge(face?, vertex, guess, first)));
+        let Corner { kind, vertex, guess, face, .. } = *corner;
+        let first = || self.local.first_wedge(vertex);
+        let want = self.guide.as_ref().and_then(|g| Some(g.wedge(face?, vertex, guess, first())));
         if let Some(guess) = guess
             && self.coder.bit(SAME_WEDGE + kind, want == Some(WantedWedge::Known(guess)))
         {
             return Ok(guess);
         }
+        self.other_at_corner(corner, want)
+    }
+
+    #[inline(never)]
+    fn other_at_corner(&mut self, corner: &Corner, want: Option<WantedWedge>) -> Result<u32, DecodeError> {
+        let Corner { kind, vertex, guess, near, .. } = *corner;
+        let first = self.local.first_wedge(vertex);
         if first.is_none() || self.coder.bit(NEW_WEDGE + kind, matches!(want, Some(WantedWedge::New(_)))) {
             let near = guess.or(first).or(near);
             let near = near.map(|w| self.local.wedges[w as usize].attributes);
@@ -192,7 +200,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
 fn normal_of_moved(local: &Local<'_>, split: &Split) -> Vec3 {
     let center = local.position(split.u);
     let mut normal = [0.0; 3];
-    for (spoke, _) in split.fan.spokes.iter().zip(&split.moves).filter(|(_, moves)| **moves) {
+    for spoke in split.moving.iter().map(|&i| &split.fan.spokes[i]) {
         let [a, b] = [spoke.a, spoke.b].map(|v| sub(local.position(v), center));
         normal = add(normal, cross(a, b));
     }
@@ -221,9 +229,9 @@ fn gather_points(
         points.push((at, [u, v, 0.0], 1.0 / (dot(at, at) + 1.0)));
     };
     see(from);
-    for (i, spoke) in split.fan.spokes.iter().enumerate() {
-        if split.moves[i] && split.targets[i] == from {
-            let [_, a, b] = local.spoke_wedges(spoke);
+    for &i in &split.moving {
+        if split.targets[i] == from {
+            let [_, a, b] = local.spoke_wedges(&split.fan.spokes[i]);
             see(a);
             see(b);
         }

@@ -28,13 +28,20 @@ impl Default for Prob {
 
 impl Prob {
     /// Moves the estimate towards what was seen, by 1/(n + 1.5).
-    #[inline]
-    #[expect(clippy::cast_sign_loss, reason = "not negative: see the test over all estimates")]
+    #[inline(always)]
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "within the margins: see the test over all estimates"
+    )]
     pub fn update(&mut self, bit: bool) {
         let (p, rate) = (i32::from(self.p), RATE[usize::from(self.seen)]);
-        // Without a branch: what is coded is what cannot be foreseen.
-        let target = 65535 * i32::from(bit);
-        self.p = (p + (((target - p) * rate) >> 15)).clamp(MARGIN, 65536 - MARGIN) as u16;
+        // No rate is so small that the other bound could matter.
+        self.p = if bit {
+            (p + (((65535 - p) * rate) >> 15)).min(65536 - MARGIN)
+        } else {
+            (p + ((-p * rate) >> 15)).max(MARGIN)
+        } as u16;
         self.seen += u8::from(self.seen < MAX_COUNT);
     }
 }
@@ -200,6 +207,9 @@ mod tests {
                 for bit in [false, true] {
                     let mut prob = Prob { p, seen };
                     prob.update(bit);
+                    let target = 65535 * i32::from(bit);
+                    let plain = i32::from(p) + (((target - i32::from(p)) * RATE[usize::from(seen)]) >> 15);
+                    assert_eq!(i32::from(prob.p), plain.clamp(MARGIN, 65536 - MARGIN), "{p} {seen} {bit}");
                     let inside =
                         i32::from(prob.p) <= 65536 - MARGIN && i32::from(prob.p) >= MARGIN.min(p.into());
                     assert!(

@@ -182,6 +182,7 @@ impl<'a, const BYTES: usize, const BITS: usize> PlainDecoder<'a, BYTES, BITS> {
 
 impl<const BYTES: usize, const BITS: usize> Coder for PlainDecoder<'_, BYTES, BITS> {
     const MODELS: bool = false;
+    const READS: bool = true;
 
     fn bit(&mut self, context: usize, _value: bool) -> bool {
         self.next_bit(self.table.bit_stream(context))

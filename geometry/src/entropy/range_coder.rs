@@ -26,10 +26,28 @@ const TREE: usize = 1 << MIX_TREE_BITS;
 pub trait Coder: Sized {
     /// Whether contexts matter: where they do not, nobody needs to work them out.
     const MODELS: bool = true;
+    /// Whether it reads, so that what it is told means nothing: where that is known, nobody needs to work it out.
+    const READS: bool = false;
     /// Codes one bit with the adaptive probability `context`.
     fn bit(&mut self, context: usize, value: bool) -> bool;
     /// Codes one bit with several contexts, mixed by the weights of `mixer`.
     fn mix<const N: usize>(&mut self, contexts: [usize; N], mixer: usize, value: bool) -> bool;
+    /// Codes `value < 2^bits`, most significant bit first down a binary tree, of whose nodes each has a context behind
+    /// `at`.
+    #[inline]
+    fn tree(&mut self, at: usize, bits: u32, value: u32) -> u32 {
+        let mut node = 1_u32;
+        for i in (0..bits).rev() {
+            let bit = self.bit(at + node as usize, (value >> i) & 1 == 1);
+            node = node * 2 + u32::from(bit);
+        }
+        node - (1 << bits)
+    }
+    /// The same, of what is mostly 0.
+    #[inline]
+    fn zero_tree<const BITS: u32>(&mut self, at: usize, value: u32) -> u32 {
+        self.tree(at, BITS, value)
+    }
     /// Codes `value` < 2^[`MIX_TREE_BITS`], most significant bit first down a binary tree, of whose nodes each has a
     /// context behind each of `at`, mixed by the weights of `mixer`.
     #[inline]
@@ -179,8 +197,8 @@ pub struct Decoder<'a> {
     stream: Stream<'a>,
 }
 
-/// The interval, and the bytes that say where in it.
-#[derive(Debug)]
+/// The interval, and the bytes that say where in it. What decodes several bits works on a copy, which stays in registers.
+#[derive(Clone, Copy, Debug)]
 struct Stream<'a> {
     bytes: &'a [u8],
     next: usize,
@@ -232,15 +250,35 @@ impl Stream<'_> {
         }
     }
 
-    /// Narrows the interval by a bit; [`Self::normalise`] must follow.
+    /// Reads a bit that is set with probability `p`; [`Self::normalise`] must follow. Without a branch, for bits that
+    /// cannot be foreseen.
     #[inline(always)]
     fn get(&mut self, p: u16) -> bool {
         steps::take(1);
         let bound = (self.range >> 16) * u32::from(p);
-        let value = self.code < bound;
-        self.code -= if value { 0 } else { bound };
-        self.range = if value { bound } else { self.range - bound };
-        value
+        let bit = self.code < bound;
+        self.code -= if bit { 0 } else { bound };
+        self.range = if bit { bound } else { self.range - bound };
+        bit
+    }
+
+    /// Reads a bit that is set with probability `p`, and says so to what `learns` from it. There are two ways through, so
+    /// that who guesses the bit right need not wait for it, and what learns knows it where it is compiled.
+    #[inline(always)]
+    fn bit(&mut self, p: u16, learns: impl FnOnce(bool)) -> bool {
+        steps::take(1);
+        let bound = (self.range >> 16) * u32::from(p);
+        let bit = self.code < bound;
+        if bit {
+            self.range = bound;
+            learns(true);
+        } else {
+            self.code -= bound;
+            self.range -= bound;
+            learns(false);
+        }
+        self.normalise();
+        bit
     }
 }
 
@@ -253,45 +291,83 @@ pub fn nothing_left(rest: &[u8], zeros: bool) -> Result<(), DecodeError> {
 }
 
 impl Coder for Decoder<'_> {
+    const READS: bool = true;
+
     #[inline]
     fn bit(&mut self, context: usize, _value: bool) -> bool {
         let prob = &mut self.contexts.probs[context];
-        let value = self.stream.get(prob.p);
-        prob.update(value);
-        self.stream.normalise();
-        value
+        self.stream.bit(prob.p, |bit| prob.update(bit))
     }
 
     #[inline(always)]
     fn mix<const N: usize>(&mut self, contexts: [usize; N], mixer: usize, _value: bool) -> bool {
         let mixed = self.contexts.mixed(contexts, mixer);
-        let value = self.stream.get(mixed.p);
-        self.contexts.learn(contexts, mixer, &mixed, value);
+        let bit = self.stream.get(mixed.p);
+        self.contexts.learn(contexts, mixer, &mixed, bit);
         self.stream.normalise();
-        value
+        bit
+    }
+
+    fn tree(&mut self, at: usize, bits: u32, _value: u32) -> u32 {
+        let mut stream = self.stream;
+        let probs = &mut self.contexts.probs[at..][..1 << bits];
+        let mut node = 1;
+        for _ in 0..bits {
+            let prob = &mut probs[node];
+            node = node * 2 + usize::from(stream.bit(prob.p, |bit| prob.update(bit)));
+        }
+        self.stream = stream;
+        id32(node - (1 << bits))
+    }
+
+    #[inline]
+    fn zero_tree<const BITS: u32>(&mut self, at: usize, value: u32) -> u32 {
+        let probs = &mut self.contexts.probs[at..][..1 << BITS];
+        let Stream { mut range, code, .. } = self.stream;
+        // Each bit that is not set takes what a set one would have left from the bottom of the interval. As long as
+        // no byte is shifted in, the bits are all 0 where the code lies above all of that.
+        let mut taken = 0;
+        for i in 0..BITS {
+            let bound = (range >> 16) * u32::from(probs[1 << i].p);
+            taken += bound;
+            range -= bound;
+        }
+        if code < taken || range < TOP {
+            return self.tree(at, BITS, value);
+        }
+        steps::take(BITS.into());
+        (0..BITS).for_each(|i| probs[1 << i].update(false));
+        (self.stream.range, self.stream.code) = (range, code - taken);
+        0
     }
 
     fn mix_tree(&mut self, at: [usize; 2], mixer: usize, value: u32) -> u32 {
-        let Some(([low, high], weights)) = self.contexts.trees::<TREE>(at, mixer) else {
+        let Some(([low, high], kept)) = self.contexts.trees::<TREE>(at, mixer) else {
             return mix_bits(self, at, mixer, value);
         };
+        let (mut stream, mut weights) = (self.stream, *kept);
         let mut node = 1;
         for _ in 0..MIX_TREE_BITS {
             let (a, b) = (&mut low[node % TREE], &mut high[node % TREE]);
-            let mixed = Mixed::of([*a, *b], weights);
-            let bit = self.stream.get(mixed.p);
-            a.update(bit);
-            b.update(bit);
-            mixed.teach(weights, bit);
-            self.stream.normalise();
+            let mixed = Mixed::of([*a, *b], &weights);
+            let bit = stream.bit(mixed.p, |bit| {
+                a.update(bit);
+                b.update(bit);
+                mixed.teach(&mut weights, bit);
+            });
             node = node * 2 + usize::from(bit);
         }
+        *kept = weights;
+        self.stream = stream;
         id32(node % TREE)
     }
 
     fn raw(&mut self, bits: u32, _value: u32) -> u32 {
         steps::take(1);
-        let stream = &mut self.stream;
+        if bits == 0 {
+            return 0;
+        }
+        let mut stream = self.stream;
         let mut value = 0_u32;
         let mut left = bits;
         while left > 0 {
@@ -303,6 +379,7 @@ impl Coder for Decoder<'_> {
             value = (value << count) | part;
             stream.normalise();
         }
+        self.stream = stream;
         value
     }
 
@@ -332,6 +409,9 @@ mod tests {
                 encoder.bit(ctx, bit);
                 encoder.mix([ctx, (ctx + 1) % 4, 0], 0, bit);
                 encoder.raw(bits, if bits == 32 { raw } else { raw & ((1 << bits) - 1) });
+                encoder.tree(0, 2, raw & 3);
+                // Mostly nothing, so that whole trees of zeros are read at once.
+                encoder.tree(0, 2, if bit { 0 } else { raw >> 30 });
             }
             let bytes = encoder.finish(0);
             let mut decoder = Decoder::new(contexts(), &bytes);
@@ -339,6 +419,8 @@ mod tests {
                 prop_assert_eq!(decoder.bit(ctx, false), bit);
                 prop_assert_eq!(decoder.mix([ctx, (ctx + 1) % 4, 0], 0, false), bit);
                 prop_assert_eq!(decoder.raw(bits, 0), if bits == 32 { raw } else { raw & ((1 << bits) - 1) });
+                prop_assert_eq!(decoder.tree(0, 2, 0), raw & 3);
+                prop_assert_eq!(decoder.zero_tree::<2>(0, 0), if bit { 0 } else { raw >> 30 });
             }
             prop_assert!(decoder.check().is_ok());
         }

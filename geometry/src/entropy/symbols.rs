@@ -15,12 +15,7 @@ pub fn tree<C: Coder>(coder: &mut C, at: usize, bits: u32, value: u32) -> u32 {
     if let Some(got) = coder.whole(at, bits, value) {
         return got;
     }
-    let mut node = 1_u32;
-    for i in (0..bits).rev() {
-        let bit = coder.bit(at + node as usize, (value >> i) & 1 == 1);
-        node = node * 2 + u32::from(bit);
-    }
-    node - (1 << bits)
+    coder.tree(at, bits, value)
 }
 
 /// Bits of the class symbol of [`integer`]: magnitudes of up to 31 bits.
@@ -34,7 +29,7 @@ pub fn integer<C: Coder>(coder: &mut C, at: usize, value: u32) -> u32 {
     if let Some(got) = coder.whole(at, 31, value) {
         return got;
     }
-    let class = tree(coder, at, CLASS_BITS, 32 - value.leading_zeros());
+    let class = coder.zero_tree::<CLASS_BITS>(at, 32 - value.leading_zeros());
     match class {
         0 | 1 => class,
         _ => {

@@ -284,11 +284,10 @@ impl ActiveMesh {
 
     pub(crate) fn move_corner(&mut self, corner: u32, to: u32) {
         let (face, k) = (face_of(corner) as usize, side_of(corner));
-        let from = self.faces[face][k];
+        let from = std::mem::replace(&mut self.faces[face][k], to);
         let (old, new) = (self.wedges[from as usize].vertex, self.wedges[to as usize].vertex);
         self.stars.remove(old, corner);
         self.stars.insert(new, corner);
-        self.faces[face][k] = to;
         let list = usize::from(self.materials[face]);
         self.indices[list][self.draw_slots[face] as usize][k] = to;
     }
@@ -304,7 +303,15 @@ impl ActiveMesh {
             }
         });
         vertices.drain(|vertex| {
-            self.stars.corners(vertex).for_each(|corner| wedges.set(corner::at(&self.faces, corner)));
+            // Mostly all corners of a vertex are at one wedge.
+            let mut last = None;
+            for corner in self.stars.corners(vertex) {
+                let wedge = corner::at(&self.faces, corner);
+                if last != Some(wedge) {
+                    wedges.set(wedge);
+                    last = Some(wedge);
+                }
+            }
         });
         let mut touched = Touched { wedges: Vec::with_capacity(draws.len()), draws };
         wedges.drain(|wedge| touched.wedges.push(wedge));
