@@ -239,23 +239,25 @@ impl DepthBuffer {
         Some(disc.weight())
     }
 
-    /// In how many pixels one sees a sphere: all that is there lies behind its nearest point.
+    /// In how many pixels one sees a sphere, and in how many it lies: all that is there lies behind its nearest point.
     #[expect(clippy::cast_precision_loss, reason = "sides of the buffer are small")]
-    pub(super) fn seen_through(&self, center: Vec3, radius: f32) -> f32 {
-        let Some(disc) = self.disc(center, radius) else { return 1.0 };
+    pub(super) fn seen_through(&self, center: Vec3, radius: f32) -> (f32, f32) {
+        let Some(disc) = self.disc(center, radius) else { return (1.0, 1.0) };
         let nearest = center.z - radius;
-        let mut seen = 0.0;
+        let (mut seen, mut all) = (0.0, 0.0);
         for y in disc.rows.clone().step_by(disc.stride) {
             for x in disc.columns.clone().step_by(disc.stride) {
                 let from = Vec2::new(x as f32 + 0.5, y as f32 + 0.5) - disc.middle;
                 // Half a pixel's diagonal more, so that the smallest discs have a pixel.
-                let inside = from.length_squared() <= (disc.radius + 0.71) * (disc.radius + 0.71);
-                if inside && self.eroded[y * self.width + x] * nearest <= 1.0 {
-                    seen += 1.0;
+                if from.length_squared() <= (disc.radius + 0.71) * (disc.radius + 0.71) {
+                    all += 1.0;
+                    if self.eroded[y * self.width + x] * nearest <= 1.0 {
+                        seen += 1.0;
+                    }
                 }
             }
         }
-        seen * disc.weight()
+        (seen * disc.weight(), all * disc.weight())
     }
 
     /// Where a sphere is on the screen; `None` for one that reaches to the eye.

@@ -3,8 +3,9 @@
 //! Coarse surfaces ([`Occluder`]) are drawn into a buffer of depths. Of a region of the finer surface only a sphere is known,
 //! which bounds its coarse surface too. It is seen as far as points in the buffer lie in its sphere, and nearer to its
 //! centre than to those of the other regions of its level. Where the buffer lies behind the middle of the sphere one sees
-//! through it: there little is expected of it, but it is not called hidden. Spheres are larger by what coarse surfaces may
-//! be off, and edges give way by a pixel (docs/design/viewing.md, "What is seen, first").
+//! through it: it is not called hidden there, and the more is expected of it the farther the surface is off without it,
+//! which may lack it altogether. Spheres are larger by what coarse surfaces may be off, and edges give way by a pixel
+//! (docs/design/viewing.md, "What is seen, first").
 
 mod depth;
 #[cfg(test)]
@@ -33,8 +34,12 @@ const MAX_FACES: usize = 1 << 16;
 const LEAST_RADIUS: f32 = 2.0;
 /// Pixels of the buffer by which edges give way at most for an eye that moves.
 const MAX_UNCOVERED: u32 = 8;
-/// What a pixel counts at which one sees through the middle of a region.
+/// What a pixel counts at least at which one sees through the middle of a region.
 const SEEN_THROUGH: f32 = 0.01;
+/// What share of its disc a region counts for, through whose middle one sees, for each radius that the surface is off
+/// without it: an edge as long as the disc is wide that moves by a radius uncovers 2/π of it at most; less was found to
+/// do (docs/decisions.md).
+const UNCOVERED: f32 = 0.3;
 /// Radius of that middle, in radii.
 const CORE: f32 = 0.25;
 /// A point belongs to regions of a level that are so much farther than the nearest, in squares.
@@ -241,14 +246,18 @@ impl Visibility {
         let Some(weight) = weight else { return 1.0 };
         #[expect(clippy::cast_precision_loss, reason = "fewer than the buffer has pixels")]
         let own = own as f32 * weight;
-        self.seen_of_disc(own, center, radius, radius)
+        let region = Region { center, radius, reach: radius, error: 0.0 };
+        self.seen_of_disc(own, &region, radius)
     }
 
-    /// The root of the share of a sphere's disc that so many pixels and those in which one sees its core come to.
-    fn seen_of_disc(&self, own: f32, center: Vec3, radius: f32, core: f32) -> f32 {
-        let seen = own + SEEN_THROUGH * self.buffer.seen_through(center, core);
-        let disc = radius * self.buffer.scale() / center.z;
-        (seen / (std::f32::consts::PI * disc * disc).max(1.0)).min(1.0).sqrt()
+    /// The root of the share of a region's disc that so many pixels of its own and those in which one sees its core come to.
+    fn seen_of_disc(&self, own: f32, region: &Region, core: f32) -> f32 {
+        let radius = region.radius * self.buffer.scale() / region.center.z;
+        let disc = (std::f32::consts::PI * radius * radius).max(1.0);
+        let (through, of) = self.buffer.seen_through(region.center, core);
+        let uncovered = (UNCOVERED * region.error / region.radius).min(1.0) * disc;
+        let seen = own + (SEEN_THROUGH * through).max(through / of.max(1.0) * uncovered);
+        (seen / disc).min(1.0).sqrt()
     }
 
     fn begin_turn(&mut self) {
@@ -289,8 +298,7 @@ impl Visibility {
         #[expect(clippy::cast_precision_loss, reason = "fewer than the buffer has pixels")]
         let seen = self.claims[claims.clone()].iter().filter(belongs).count() as f32;
         let Some(weight) = weight else { return 1.0 };
-        let core = CORE * region.radius + (region.reach - region.radius);
-        self.seen_of_disc(seen * weight, region.center, region.radius, core)
+        self.seen_of_disc(seen * weight, region, CORE * region.radius + (region.reach - region.radius))
     }
 }
 
@@ -301,13 +309,16 @@ struct Region {
     radius: f32,
     /// The radius, and what is drawn may be off.
     reach: f32,
+    /// What the surface is off without the chunk.
+    error: f32,
 }
 
 impl Region {
     fn new(placed: &Placed, chunk: &Chunk) -> Self {
         let Sphere { center, radius } = chunk.info().sphere;
         let radius = radius * placed.scale;
-        Self { center: placed.place(center), radius, reach: radius + chunk.margin() * placed.scale }
+        let [margin, error] = [chunk.margin(), chunk.info().error].map(|length| length * placed.scale);
+        Self { center: placed.place(center), radius, reach: radius + margin, error }
     }
 
     /// How far a point is from the centre, in radii, squared.

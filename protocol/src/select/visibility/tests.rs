@@ -494,6 +494,19 @@ fn a_region_is_seen_as_far_as_its_own_surface_is_in_front() {
 }
 
 #[test]
+fn a_region_that_is_missing_counts_the_more_the_farther_its_surface_may_be_off() {
+    let far = |error| share_behind(flat(30.0, 20.0), [0.0, 0.0, -10.0], 1.0, error, 0.0);
+    let near_by = far(0.001);
+    assert!(near_by > 0.0 && near_by < 0.05, "{near_by}");
+    let missing = [0.1, 0.3, 1.0].map(far);
+    assert!(missing[0] > 3.0 * near_by && missing.is_sorted(), "{missing:?}");
+    // All of it is seen through, so the share of the disc is what it may uncover, and this its root.
+    assert!((missing[1] - (UNCOVERED * 0.3).sqrt()).abs() < 0.02, "{missing:?}");
+    // What hides it hides what may be missing too.
+    assert_eq!(share_behind(flat(10.0, 9.0), [0.0, 0.0, -20.0], 1.0, 0.3, 0.0), 0.0);
+}
+
+#[test]
 fn what_an_eye_that_moves_uncovers_counts_as_seen() {
     let at_edge = |way| share_behind(flat(10.0, 1.0), [1.2, 0.0, -15.0], 0.3, 0.01, way);
     assert_eq!(at_edge(0.0), 0.0);
