@@ -164,7 +164,7 @@ impl Limited<'_> {
         let went = heirs(records);
         let mut far: BTreeMap<u32, (f64, u32, Vec3)> = BTreeMap::new();
         let surface = WideBvh::new(&live.positions, &triangles);
-        let mut hints = Hints::new(limit);
+        let mut hints = Hints::new(limit, None);
         for &sample in self.samples.iter().filter(|&&s| (s as usize) < live.positions.len()) {
             let root = live.heir(sample);
             let heir = went.get(root).unwrap_or(root);
