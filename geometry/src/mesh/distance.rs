@@ -135,6 +135,8 @@ pub(crate) struct Node {
 }
 
 impl Node {
+    const EMPTY: Self = Self { low: [0.0; 3], high: [0.0; 3], start: 0, count: 0 };
+
     /// Squared distance from `p` to the box; 0 inside.
     fn distance_squared(&self, p: DVec3) -> f64 {
         let [low, high] = [self.low, self.high].map(|x| DVec3::from_array(x.map(f64::from)));
@@ -171,39 +173,52 @@ impl TriangleBvh {
         let positions: Vec<DVec3> = positions.iter().map(|&p| DVec3::from_array(p)).collect();
         let corners = |i: u32| triangles[i as usize].map(|v| positions[v as usize]);
         // Centres of the boxes, not of the triangles: needles then split as their boxes do.
-        let centers: Vec<DVec3> = (0..triangles.len() as u32)
-            .map(|i| {
-                let [a, b, c] = corners(i);
-                0.5 * (a.min(b).min(c) + a.max(b).max(c))
-            })
-            .collect();
-        let mut ids: Vec<u32> = (0..triangles.len() as u32).collect();
+        let centers = (0..triangles.len() as u32).map(|i| {
+            let [a, b, c] = corners(i);
+            0.5 * (a.min(b).min(c) + a.max(b).max(c))
+        });
+        let mut order: Vec<(DVec3, u32)> = centers.zip(0..).collect();
         let mut nodes = Vec::with_capacity(triangles.len() / 2 + 1);
-        if !ids.is_empty() {
-            nodes.push(bounds(corners, &ids, 0));
+        if !order.is_empty() {
+            nodes.push(Node { count: order.len() as u32, ..Node::EMPTY });
             let mut open = vec![0usize];
             while let Some(index) = open.pop() {
                 let (start, count) = (nodes[index].start as usize, nodes[index].count as usize);
                 if count <= LEAF_TRIANGLES {
                     continue;
                 }
-                let run = &mut ids[start..start + count];
-                let axis = longest_axis(&centers, run);
+                let run = &mut order[start..start + count];
+                let axis = longest_axis(run);
                 let middle = count / 2;
-                run.select_nth_unstable_by(middle, |&i, &j| {
-                    let (x, y) = (centers[i as usize][axis], centers[j as usize][axis]);
-                    x.total_cmp(&y).then(i.cmp(&j))
+                run.select_nth_unstable_by(middle, |(x, i), (y, j)| {
+                    x[axis].total_cmp(&y[axis]).then(i.cmp(j))
                 });
-                let left = bounds(corners, &ids[start..start + middle], start);
-                let right = bounds(corners, &ids[start + middle..start + count], start + middle);
                 let child = nodes.len();
                 nodes[index].start = child as u32;
                 nodes[index].count = 0;
-                nodes.push(left);
-                nodes.push(right);
+                let half = |start: usize, count: usize| Node {
+                    start: start as u32,
+                    count: count as u32,
+                    ..Node::EMPTY
+                };
+                nodes.extend([half(start, middle), half(start + middle, count - middle)]);
                 open.push(child + 1);
                 open.push(child);
             }
+        }
+        let ids: Vec<u32> = order.iter().map(|&(_, id)| id).collect();
+        drop(order);
+        // Children come after what they are inside of.
+        for index in (0..nodes.len()).rev() {
+            let Node { start, count, .. } = nodes[index];
+            let (low, high) = if count > 0 {
+                bounds(corners, &ids[start as usize..(start + count) as usize])
+            } else {
+                let [a, b] = [nodes[start as usize], nodes[start as usize + 1]];
+                let both = [0, 1, 2];
+                (both.map(|k| a.low[k].min(b.low[k])), both.map(|k| a.high[k].max(b.high[k])))
+            };
+            nodes[index] = Node { low, high, start, count };
         }
         nodes.shrink_to_fit();
         let triangles = ids.iter().map(|&i| triangles[i as usize]).collect();
@@ -292,8 +307,8 @@ impl TriangleBvh {
     }
 }
 
-/// A leaf over `ids`, whose first lies at `start`.
-fn bounds(corners: impl Fn(u32) -> [DVec3; 3], ids: &[u32], start: usize) -> Node {
+/// The box of the triangles `ids`, rounded outwards.
+fn bounds(corners: impl Fn(u32) -> [DVec3; 3], ids: &[u32]) -> ([f32; 3], [f32; 3]) {
     let mut low = DVec3::INFINITY;
     let mut high = DVec3::NEG_INFINITY;
     for &id in ids {
@@ -304,21 +319,16 @@ fn bounds(corners: impl Fn(u32) -> [DVec3; 3], ids: &[u32], start: usize) -> Nod
     }
     let below = |x: f64| if f64::from(x as f32) > x { (x as f32).next_down() } else { x as f32 };
     let above = |x: f64| if f64::from(x as f32) < x { (x as f32).next_up() } else { x as f32 };
-    Node {
-        low: low.to_array().map(below),
-        high: high.to_array().map(above),
-        start: start as u32,
-        count: ids.len() as u32,
-    }
+    (low.to_array().map(below), high.to_array().map(above))
 }
 
 /// The axis along which the centres spread most.
-fn longest_axis(centers: &[DVec3], ids: &[u32]) -> usize {
+fn longest_axis(run: &[(DVec3, u32)]) -> usize {
     let mut low = DVec3::INFINITY;
     let mut high = DVec3::NEG_INFINITY;
-    for &id in ids {
-        low = low.min(centers[id as usize]);
-        high = high.max(centers[id as usize]);
+    for &(center, _) in run {
+        low = low.min(center);
+        high = high.max(center);
     }
     let size = high - low;
     if size.x >= size.y && size.x >= size.z {

@@ -8,6 +8,7 @@
 pub mod components;
 pub(crate) mod corner;
 pub mod distance;
+pub(crate) mod four;
 pub mod normals;
 pub mod octahedral;
 pub(crate) mod principal_axes;

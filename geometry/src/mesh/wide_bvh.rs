@@ -10,7 +10,8 @@
 
 use glam::{DVec3, Vec4};
 
-use crate::mesh::distance::{Node, TriangleBvh, box_is_beyond, closest_point_on_triangle};
+use crate::mesh::distance::{Node, TriangleBvh, closest_point_on_triangle};
+use crate::mesh::four::PointOfFour;
 
 /// Covers the rounding of a squared distance in single precision.
 const SLACK: f32 = 1e-6;
@@ -19,8 +20,8 @@ const COORDINATE_SLACK: f32 = 1.2e-7;
 /// Children that can wait: three at each of the levels, of which a tree over 2^31 triangles has 16.
 const STACK: usize = 64;
 
-/// Stands for triangles that were not looked at one by one.
-const SOME: u32 = u32::MAX;
+/// No triangle, and no boxes.
+const NONE: u32 = u32::MAX;
 /// Places that [`Hints`] keeps.
 const HINTS: usize = 1024;
 
@@ -44,6 +45,7 @@ impl Boxes {
 /// A point, as seen by [`Boxes`]: between two that single precision has.
 struct Point {
     exact: DVec3,
+    of_four: PointOfFour,
     low: [Vec4; 3],
     high: [Vec4; 3],
 }
@@ -53,6 +55,7 @@ impl Point {
         let near = point.map(|x| (x as f32, (x as f32).abs() * COORDINATE_SLACK));
         Self {
             exact: DVec3::from_array(point),
+            of_four: PointOfFour::new(point),
             low: near.map(|(x, slack)| Vec4::splat(x - slack)),
             high: near.map(|(x, slack)| Vec4::splat(x + slack)),
         }
@@ -77,7 +80,8 @@ impl Point {
 pub(crate) struct WideBvh {
     /// Empty where there is no triangle.
     boxes: Vec<Boxes>,
-    positions: Vec<DVec3>,
+    /// Which single precision has.
+    positions: Vec<[f32; 3]>,
     triangles: Vec<[u32; 3]>,
 }
 
@@ -86,12 +90,13 @@ impl WideBvh {
     /// single precision. Panics as [`TriangleBvh::new`] does.
     pub(crate) fn new(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> Self {
         let (nodes, positions, triangles) = TriangleBvh::new(positions, triangles).into_parts();
+        let positions = positions.iter().map(|p| p.as_vec3().to_array()).collect();
         Self { boxes: widen(&nodes), positions, triangles }
     }
 
     /// One of the positions.
     pub(crate) fn position(&self, index: u32) -> [f64; 3] {
-        self.positions[index as usize].to_array()
+        self.positions[index as usize].map(f64::from)
     }
 
     /// The triangles, by their corners, in the order of [`TriangleBvh`].
@@ -101,46 +106,85 @@ impl WideBvh {
 
     /// Whether any triangle is at most `radius` away.
     pub(crate) fn any_within(&self, point: [f64; 3], radius: f64) -> bool {
-        self.search(point, radius * radius, &mut { radius * radius }).is_some()
+        self.search(0, point, radius * radius, &mut Best::none(radius * radius), &mut new_stack()).is_some()
     }
 
-    /// The same, asking first the triangle that was near when the last point near by was asked for.
-    pub(crate) fn any_within_again(&self, point: [f64; 3], radius: f64, hints: &mut Hints) -> bool {
+    /// The same, asking first the triangle that was near when the last point near by was asked for, then those where the
+    /// point is.
+    pub(crate) fn any_within_again(&self, point: [f64; 3], radius: f64, hints: &mut Hints<'_>) -> bool {
+        let enough = radius * radius;
         let hint = hints.at(point);
-        if let Some(&corners) = self.triangles.get(*hint as usize)
-            && self.distance_squared(DVec3::from_array(point), corners) <= radius * radius
-        {
+        let known = hints.near[hint];
+        if known != NONE && self.distance_squared(DVec3::from_array(point), known) <= enough {
             return true;
         }
-        let found = self.search(point, radius * radius, &mut { radius * radius });
-        *hint = found.unwrap_or(*hint);
-        found.is_some()
+        let seed = hints.seeds.map_or(NONE, |seeds| seeds.at(point));
+        let stack = &mut hints.stack;
+        let mut search = |from| self.search(from, point, enough, &mut Best::none(enough), stack);
+        let near = if seed == NONE { None } else { search(seed) };
+        let Some(found) = near.or_else(|| search(0)) else { return false };
+        hints.near[hint] = found;
+        true
     }
 
-    /// How far the nearest triangle is, if none is at most `radius` away and there is any.
-    pub(crate) fn distance_beyond(&self, point: [f64; 3], radius: f64) -> Option<f64> {
-        let mut best = f64::INFINITY;
-        let within = self.search(point, radius * radius, &mut best).is_some();
-        (!within && best.is_finite()).then(|| best.sqrt())
+    /// How far the nearest triangle is, if none is at most `radius` away and there is any; `last` is a triangle that is
+    /// likely to be near, if there is one, and becomes the nearest that was found.
+    pub(crate) fn distance_beyond(
+        &self,
+        point: [f64; 3],
+        radius: f64,
+        last: &mut Option<u32>,
+    ) -> Option<f64> {
+        let enough = radius * radius;
+        let mut best = Best::none(f64::INFINITY);
+        // What is no point is near nothing.
+        if let Some(triangle) = last.filter(|_| point.iter().all(|x| x.is_finite())) {
+            best = Best { distance: self.distance_squared(DVec3::from_array(point), triangle), triangle };
+            if best.distance <= enough {
+                return None;
+            }
+        }
+        if let Some(within) = self.search(0, point, enough, &mut best, &mut new_stack()) {
+            *last = Some(within);
+            return None;
+        }
+        *last = (best.triangle != NONE).then_some(best.triangle);
+        last.map(|_| best.distance.sqrt())
     }
 
-    fn distance_squared(&self, point: DVec3, corners: [u32; 3]) -> f64 {
-        let corners = corners.map(|v| self.positions[v as usize]);
+    fn corners(&self, triangle: u32) -> [DVec3; 3] {
+        self.rounded_corners(triangle).map(|p| DVec3::from_array(p.map(f64::from)))
+    }
+
+    fn rounded_corners(&self, triangle: u32) -> [[f32; 3]; 3] {
+        self.triangles[triangle as usize].map(|v| self.positions[v as usize])
+    }
+
+    fn distance_squared(&self, point: DVec3, triangle: u32) -> f64 {
+        let corners = self.corners(triangle);
         point.distance_squared(closest_point_on_triangle(point, corners))
     }
 
-    /// A triangle whose squared distance is at most `enough`, or [`SOME`] of them; if there is none, lowers `best` to the
-    /// least below it.
-    fn search(&self, point: [f64; 3], enough: f64, best: &mut f64) -> Option<u32> {
+    /// A triangle inside of the boxes `from` whose squared distance is at most `enough`; if there is none, lowers `best` to
+    /// the least below it.
+    fn search(
+        &self,
+        from: u32,
+        point: [f64; 3],
+        enough: f64,
+        best: &mut Best,
+        stack: &mut Stack,
+    ) -> Option<u32> {
         // What is no point is near nothing.
         if self.boxes.is_empty() || !point.iter().all(|x| x.is_finite()) {
             return None;
         }
         let point = Point::new(point);
+        let radius = enough.sqrt();
         let near_enough = (enough as f32) * (1.0 - SLACK);
         let bound = |best: f64| ((best as f32) * (1.0 + SLACK)).min(f32::MAX);
-        let mut limit = bound(*best);
-        let mut stack = [(0_u32, 0_u32, 0.0_f32); STACK];
+        let mut limit = bound(best.distance);
+        stack[0] = (from, 0, 0.0);
         let mut keys = [0.0_f32; 4];
         let mut depth = 1;
         while depth > 0 {
@@ -150,18 +194,22 @@ impl WideBvh {
                 continue;
             }
             if count > 0 {
-                for triangle in start..start + count {
-                    let corners = self.triangles[triangle as usize].map(|v| self.positions[v as usize]);
-                    if box_is_beyond(point.exact, corners, best.max(enough)) {
-                        continue;
-                    }
+                // Up to four triangles at once: most questions end here.
+                let last = start + count - 1;
+                let four = [0, 1, 2, 3].map(|i| self.rounded_corners(last.min(start + i)));
+                let (near, open) = point.of_four.within(four, radius, best.distance.max(enough));
+                if near != 0 {
+                    return Some(last.min(start + near.trailing_zeros()));
+                }
+                for triangle in (start..=last).filter(|i| open >> (i - start) & 1 == 1) {
+                    let corners = self.corners(triangle);
                     let nearest = closest_point_on_triangle(point.exact, corners);
                     let distance = point.exact.distance_squared(nearest);
                     if distance <= enough {
                         return Some(triangle);
                     }
-                    if distance < *best {
-                        *best = distance;
+                    if distance < best.distance {
+                        *best = Best { distance, triangle };
                         limit = bound(distance);
                     }
                 }
@@ -170,47 +218,118 @@ impl WideBvh {
             let boxes = &self.boxes[start as usize];
             let (nearest, farthest) = point.distances(boxes);
             if farthest.min_element() <= near_enough {
-                return Some(SOME);
+                let lane = farthest.min_position();
+                return Some(self.first_in(boxes.start[lane], boxes.count[lane]));
             }
+            let mut lanes = nearest.cmple(Vec4::splat(limit)).bitmask();
             let (nearest, order) = (nearest.to_array(), (nearest + farthest).to_array());
             let bottom = depth;
-            for lane in 0..4 {
-                if nearest[lane] <= limit {
-                    // The likeliest on top.
-                    let mut at = depth;
-                    stack[at] = (boxes.start[lane], boxes.count[lane], nearest[lane]);
-                    keys[at - bottom] = order[lane];
-                    while at > bottom && keys[at - 1 - bottom] < keys[at - bottom] {
-                        keys.swap(at - bottom, at - 1 - bottom);
-                        stack.swap(at, at - 1);
-                        at -= 1;
-                    }
-                    depth += 1;
+            while lanes != 0 {
+                let lane = lanes.trailing_zeros() as usize;
+                lanes &= lanes - 1;
+                // The likeliest on top.
+                let mut at = depth;
+                while at > bottom && keys[at - 1 - bottom] < order[lane] {
+                    keys[at - bottom] = keys[at - 1 - bottom];
+                    stack[at] = stack[at - 1];
+                    at -= 1;
                 }
+                keys[at - bottom] = order[lane];
+                stack[at] = (boxes.start[lane], boxes.count[lane], nearest[lane]);
+                depth += 1;
             }
         }
         None
     }
+
+    /// The first triangle of a box, by what [`Boxes`] says of it.
+    fn first_in(&self, mut start: u32, mut count: u32) -> u32 {
+        while count == 0 {
+            let inside = &self.boxes[start as usize];
+            (start, count) = (inside.start[0], inside.count[0]);
+        }
+        start
+    }
+}
+
+/// The nearest triangle so far.
+struct Best {
+    /// Squared.
+    distance: f64,
+    triangle: u32,
+}
+
+impl Best {
+    fn none(distance: f64) -> Self {
+        Self { distance, triangle: NONE }
+    }
+}
+
+/// Boxes that wait: where what is inside begins, how many triangles it is, and how far it is.
+type Stack = [(u32, u32, f32); STACK];
+
+fn new_stack() -> Stack {
+    [(0, 0, 0.0); STACK]
+}
+
+/// Where in a hierarchy to begin, by place.
+pub(crate) struct Seeds {
+    per_cell: f64,
+    /// Boxes that have triangles as their children, by a hash of cells with the middle of such a triangle.
+    boxes: Vec<u32>,
+}
+
+impl Seeds {
+    /// For cells of an edge length of about `size`; 4 to 8 bytes a triangle.
+    pub(crate) fn new(bvh: &WideBvh, size: f64) -> Self {
+        let count = bvh.triangles.len().next_power_of_two();
+        let mut seeds = Self { per_cell: 1.0 / size.max(f64::MIN_POSITIVE), boxes: vec![NONE; count] };
+        for (at, boxes) in (0..).zip(&bvh.boxes) {
+            for lane in (0..4).filter(|&lane| boxes.count[lane] > 0) {
+                for triangle in boxes.start[lane]..boxes.start[lane] + boxes.count[lane] {
+                    let [a, b, c] = bvh.corners(triangle);
+                    let place = seeds.place(((a + b + c) * (1.0 / 3.0)).to_array());
+                    seeds.boxes[place] = at;
+                }
+            }
+        }
+        seeds
+    }
+
+    fn place(&self, point: [f64; 3]) -> usize {
+        hash(point, self.per_cell) as usize & (self.boxes.len() - 1)
+    }
+
+    fn at(&self, point: [f64; 3]) -> u32 {
+        self.boxes[self.place(point)]
+    }
+}
+
+/// A hash of the cell of a point: products with large odd numbers (Teschner et al., "Optimized spatial hashing", 2003,
+/// section 4.1).
+fn hash(point: [f64; 3], per_cell: f64) -> u32 {
+    let [x, y, z] = point.map(|x| (x * per_cell) as i32 as u32);
+    x.wrapping_mul(73_856_093) ^ y.wrapping_mul(19_349_663) ^ z.wrapping_mul(83_492_791)
 }
 
 /// Which triangles were near, by place: most questions are about places where others were asked for.
-pub(crate) struct Hints {
+pub(crate) struct Hints<'a> {
     per_cell: f64,
-    triangles: Vec<u32>,
+    near: Vec<u32>,
+    seeds: Option<&'a Seeds>,
+    stack: Stack,
 }
 
-impl Hints {
+impl<'a> Hints<'a> {
     /// For points of which those less than about `size` apart are likely to be near the same triangle.
-    pub(crate) fn new(size: f64) -> Self {
-        Self { per_cell: 1.0 / size.max(f64::MIN_POSITIVE), triangles: vec![SOME; HINTS] }
+    pub(crate) fn new(size: f64, seeds: Option<&'a Seeds>) -> Self {
+        let per_cell = 1.0 / size.max(f64::MIN_POSITIVE);
+        Self { per_cell, near: vec![NONE; HINTS], seeds, stack: new_stack() }
     }
 
     /// The place of a point, which it shares with others here and there.
-    fn at(&mut self, point: [f64; 3]) -> &mut u32 {
-        // Large odd numbers (Teschner et al., "Optimized spatial hashing", 2003, section 4.1).
-        let [x, y, z] = point.map(|x| (x * self.per_cell).floor() as i32 as u32);
-        let hash = x.wrapping_mul(73_856_093) ^ y.wrapping_mul(19_349_663) ^ z.wrapping_mul(83_492_791);
-        &mut self.triangles[hash as usize % HINTS]
+    fn at(&self, point: [f64; 3]) -> usize {
+        hash(point, self.per_cell) as usize % HINTS
     }
 }
 
@@ -254,12 +373,12 @@ mod tests {
     fn no_triangle_and_no_point_are_near_nothing() {
         let none = WideBvh::new(&[], &[]);
         assert!(!none.any_within([0.0; 3], f64::INFINITY));
-        assert_eq!(none.distance_beyond([0.0; 3], 0.0), None);
+        assert_eq!(none.distance_beyond([0.0; 3], 0.0, &mut None), None);
         let one = WideBvh::new(&[[0.0; 3], [4.0, 0.0, 0.0], [0.0, 4.0, 0.0]], &[[0, 1, 2]]);
         assert!(one.any_within([1.0, 1.0, 9.0], f64::INFINITY));
         assert!(!one.any_within([f64::NAN, 1.0, 0.0], f64::INFINITY));
-        assert_eq!(one.distance_beyond([1.0, 1.0, 2.0], 1.99), Some(2.0));
-        assert_eq!(one.distance_beyond([1.0, 1.0, 2.0], 2.0), None);
+        assert_eq!(one.distance_beyond([1.0, 1.0, 2.0], 1.99, &mut None), Some(2.0));
+        assert_eq!(one.distance_beyond([1.0, 1.0, 2.0], 2.0, &mut None), None);
     }
 
     /// Cells of a grid about its middle; few of them, so that degenerate and touching triangles are common.
@@ -277,7 +396,9 @@ mod tests {
             let n = positions.len() as u32;
             let triangles: Vec<[u32; 3]> = picks.iter().map(|t| t.map(|i| i % n)).collect();
             let (wide, binary) = (WideBvh::new(&positions, &triangles), TriangleBvh::new(&positions, &triangles));
-            let mut hints = Hints::new(2.0);
+            let seeds = Seeds::new(&wide, 3.0);
+            let mut hints = Hints::new(2.0, Some(&seeds));
+            let mut last = None;
             for (near, way, radius) in queries {
                 let at = positions[(near % n) as usize];
                 let point = [0, 1, 2].map(|k| at[k] + way[k]);
@@ -286,7 +407,9 @@ mod tests {
                     let within = binary.any_within(point, radius);
                     prop_assert_eq!(wide.any_within(point, radius), within);
                     prop_assert_eq!(wide.any_within_again(point, radius, &mut hints), within);
-                    prop_assert_eq!(wide.distance_beyond(point, radius), (!within).then_some(distance));
+                    let beyond = (!within).then_some(distance);
+                    prop_assert_eq!(wide.distance_beyond(point, radius, &mut None), beyond);
+                    prop_assert_eq!(wide.distance_beyond(point, radius, &mut last), beyond);
                 }
             }
         }

@@ -20,7 +20,7 @@ use crate::mesh::corner;
 
 use crate::mesh::rows::Rows;
 use crate::mesh::vec3::{Vec3, add, length, scale, sub};
-use crate::mesh::wide_bvh::{Hints, WideBvh};
+use crate::mesh::wide_bvh::{Hints, Seeds, WideBvh};
 use crate::simplify::attributes::InputAttributes;
 use crate::simplify::live::Live;
 use crate::simplify::star_table::each_edge;
@@ -39,12 +39,19 @@ pub(crate) const LEAST_DENSE: usize = 12;
 pub(crate) const MOST_DENSE: usize = 32;
 /// Points less than this share of the input's mean edge apart, or of the error, are likely to be near the same face.
 const HINT_SHARE: f64 = 0.5;
+/// Edges that are remembered as near.
+const NEAR_EDGES: usize = 2048;
+/// The points of an edge are not quite the same from its other end: what is nearer than a limit by a share of it and a part
+/// of a cell is near from there too.
+const RELATIVE_ROUNDING: f64 = 1e-9;
+const ABSOLUTE_ROUNDING: f64 = 1e-4;
 /// A sample that raises the largest distance by more than this factor is looked at closely.
 pub(crate) const LEAP: f64 = 1.5;
 
 /// The input surface, its samples, and where the samples are now.
 pub(crate) struct Deviation {
     pub(crate) input: WideBvh,
+    seeds: Seeds,
     /// The input's faces by their corners.
     pub(crate) input_faces: Rows<u32>,
     attributes: InputAttributes,
@@ -127,7 +134,9 @@ impl Deviation {
         open.dedup();
         attached.extend(&open);
         let input = WideBvh::new(&live.positions, &live.face_vertices);
+        let mean_edge = edges / (3 * count).max(1) as f64;
         Self {
+            seeds: Seeds::new(&input, mean_edge),
             input_faces: Rows::new(live.positions.len(), || {
                 (0..).zip(input.triangles()).flat_map(|(id, triangle)| triangle.map(|vertex| (vertex, id)))
             }),
@@ -137,7 +146,7 @@ impl Deviation {
             distance: vec![0.0; attached.len()],
             attached,
             around,
-            mean_edge: edges / (3 * count).max(1) as f64,
+            mean_edge,
         }
     }
 
@@ -254,7 +263,7 @@ impl Deviation {
         mut error: f64,
         most: usize,
     ) -> f64 {
-        let mut hints = Hints::new(HINT_SHARE * self.mean_edge.max(error));
+        let mut near = NearInput::new(HINT_SHARE * self.mean_edge.max(error), &self.seeds);
         for &corner in corners {
             let (face, k) = (corner::face_of(corner) as usize, corner::side_of(corner));
             if !live.alive[face] {
@@ -263,17 +272,23 @@ impl Deviation {
             let vertices = live.face_vertices[face];
             let (apex, next, before) =
                 (vertices[k], vertices[corner::next(k)], vertices[corner::previous(k)]);
-            self.edge(live, [apex, next], (far, &mut hints), &mut error, most);
+            self.edge(live, [apex, next], (far, &mut near), &mut error, most);
             // Most edges are some other face's "next"; what is left are ends of fans.
             let next_of =
                 |c: u32| live.face_vertices[corner::face_of(c) as usize][corner::next(corner::side_of(c))];
             if !live.stars.corners(apex).any(|c| next_of(c) == before) {
-                self.edge(live, [apex, before], (far, &mut hints), &mut error, most);
+                self.edge(live, [apex, before], (far, &mut near), &mut error, most);
             }
-            let middle = live.centroid(face);
-            if !self.input.any_within_again(middle, SUSPICIOUS * error, &mut hints) {
+            if near.face == Some(face) {
+                continue;
+            }
+            if self.input.any_within_again(live.centroid(face), SUSPICIOUS * error, &mut near.hints) {
+                near.face = Some(face);
+            } else {
                 let mut own = 0.0;
-                over_face(live.triangle(face), LEAST_DENSE / 2, &mut |p| self.farthest(p, &mut own));
+                let mut last = None;
+                let visit = &mut |p| self.farthest(p, &mut own, &mut last);
+                over_face(live.triangle(face), LEAST_DENSE / 2, visit);
                 far.push(([apex, next], own));
                 error = error.max(own);
             }
@@ -285,27 +300,39 @@ impl Deviation {
         &self,
         live: &Live,
         edge: [u32; 2],
-        (far, hints): (&mut Vec<FarEdge>, &mut Hints),
+        (far, near): (&mut Vec<FarEdge>, &mut NearInput<'_>),
         error: &mut f64,
         most: usize,
     ) {
+        if near.holds(edge) {
+            return;
+        }
         let [a, b] = edge.map(|v| live.positions[v as usize]);
         let edges = length(sub(b, a)) / self.mean_edge.max(f64::MIN_POSITIVE);
         let n = ((SPARSE * edges).ceil() as usize).clamp(2, most);
         let limit = SUSPICIOUS * *error;
-        if (1..n).all(|i| self.input.any_within_again(between(a, b, i, n), limit, hints)) {
+        let mut all_within = |limit: f64| {
+            (1..n).all(|i| self.input.any_within_again(between(a, b, i, n), limit, &mut near.hints))
+        };
+        let surely = limit * (1.0 - RELATIVE_ROUNDING) - ABSOLUTE_ROUNDING;
+        if surely > 0.0 && all_within(surely) {
+            near.add(edge);
+            return;
+        }
+        if all_within(limit) {
             return;
         }
         let n = ((DENSE * edges).ceil() as usize).clamp(LEAST_DENSE, MOST_DENSE);
         let mut own = 0.0;
-        (1..n).for_each(|i| self.farthest(between(a, b, i, n), &mut own));
+        let mut last = None;
+        (1..n).for_each(|i| self.farthest(between(a, b, i, n), &mut own, &mut last));
         far.push((edge, own));
         *error = error.max(own);
     }
 
-    /// Raises `error` to the distance of a point from the input.
-    pub(crate) fn farthest(&self, point: Vec3, error: &mut f64) {
-        if let Some(distance) = self.input.distance_beyond(point, *error) {
+    /// Raises `error` to the distance of a point from the input; for `last` see [`WideBvh::distance_beyond`].
+    pub(crate) fn farthest(&self, point: Vec3, error: &mut f64, last: &mut Option<u32>) {
+        if let Some(distance) = self.input.distance_beyond(point, *error, last) {
             *error = error.max(distance);
         }
     }
@@ -367,6 +394,38 @@ impl Deviation {
         }
         error = self.faces(&everywhere, &|_| true, samples, true, &mut Vec::new(), error);
         error * MARGIN
+    }
+}
+
+/// What was found near the input in a pass over edges and faces in which the largest distance only grows: it need not be
+/// looked at again.
+struct NearInput<'a> {
+    hints: Hints<'a>,
+    /// Edges, by a hash of theirs: each inner edge comes from both its faces. One takes another's place.
+    edges: Vec<[u32; 2]>,
+    /// The last face whose middle was near.
+    face: Option<usize>,
+}
+
+impl<'a> NearInput<'a> {
+    fn new(hint_size: f64, seeds: &'a Seeds) -> Self {
+        Self { hints: Hints::new(hint_size, Some(seeds)), edges: vec![[u32::MAX; 2]; NEAR_EDGES], face: None }
+    }
+
+    fn holds(&self, [a, b]: [u32; 2]) -> bool {
+        let edge = [a.min(b), a.max(b)];
+        self.edges[Self::place(edge)] == edge
+    }
+
+    fn add(&mut self, [a, b]: [u32; 2]) {
+        let edge = [a.min(b), a.max(b)];
+        self.edges[Self::place(edge)] = edge;
+    }
+
+    fn place([a, b]: [u32; 2]) -> usize {
+        // Multiplicative hashing (Knuth, "The Art of Computer Programming" vol. 3, section 6.4).
+        let hash = a.wrapping_mul(0x9E37_79B1) ^ b.wrapping_mul(0x85EB_CA6B);
+        (hash >> 16) as usize % NEAR_EDGES
     }
 }
 

@@ -5,10 +5,13 @@
 //! coarse surface may be open between these: its middle and those of its edges are looked at, and more of it
 //! where one is far.
 
+use crate::mesh::corner::face_of;
+use crate::mesh::four::FourPoints;
 use crate::mesh::vec3::{Vec3, dot, length, sub};
 use crate::simplify::deviation::{
     DENSE, Deviation, LEAP, LEAST_DENSE, MOST_DENSE, Own, SUSPICIOUS, between, middle, on_face,
 };
+use crate::simplify::live::Live;
 use crate::simplify::surroundings::{ROUNDING, Surroundings, distance_to};
 
 impl Deviation {
@@ -73,6 +76,29 @@ impl Deviation {
         }
         let limit = SUSPICIOUS * error;
         let points = corners.map(|v| self.input.position(v));
+        let triangles = near.map(|f| live.triangle(f as usize));
+        // What lies between corners that are near the same face is no farther from it than these.
+        let is_apart = |i: usize, j: usize| near[i] != near[j];
+        let halfway = |i: usize, j: usize| between(points[i], points[j], 1, 2);
+        let asked = [middle(points), halfway(0, 1), halfway(1, 2), halfway(2, 0)];
+        let open = [true, is_apart(0, 1), is_apart(1, 2), is_apart(2, 0)];
+        // Nearly all are near the faces of the corners.
+        let mut left = (0..4).filter(|&i| open[i]).fold(0_u32, |bits, i| bits | 1 << i);
+        let four = FourPoints::new(asked);
+        for triangle in triangles {
+            if left != 0 {
+                left &= !four.within(triangle, limit);
+            }
+        }
+        let mut bridges = Bridges::new(live, near);
+        while left != 0
+            && let Some(bridge) = bridges.next()
+        {
+            left &= !four.within(bridge, limit);
+        }
+        if left == 0 {
+            return 0.0;
+        }
         // What a corner is near is no farther from a point than the corner and the way there.
         let reach = corners.map(|v| limit - self.last_distance(v) * ROUNDING);
         let at_hand = |point| {
@@ -81,29 +107,81 @@ impl Deviation {
                 reach[k] > 0.0 && dot(way, way) * ROUNDING <= reach[k] * reach[k]
             })
         };
-        let triangles = near.map(|f| live.triangle(f as usize));
         let far_from = error.max(self.mean_edge) * LEAP;
         let over = Over { region, near, triangles, nearest_beyond: if exact { 0.0 } else { far_from } };
         let suspicious = |point, order| !at_hand(point) && over.farther(point, order, limit).is_some();
-        let edges = [(0, 1), (1, 2), (2, 0)];
-        let halfway = |(i, j): (usize, usize)| between(points[i], points[j], 1, 2);
-        let mut apart = edges.into_iter().filter(|&(i, j)| near[i] != near[j]);
-        if !suspicious(middle(points), [0, 1, 2])
-            && !apart.any(|(i, j)| suspicious(halfway((i, j)), [i, j, 3 - i - j]))
-        {
+        let orders = [[0, 1, 2], [0, 1, 2], [1, 2, 0], [2, 0, 1]];
+        if !(0..4).any(|i| left >> i & 1 == 1 && suspicious(asked[i], orders[i])) {
             return 0.0;
         }
-        let mut most = limit;
-        let edges = edges.map(|(i, j)| (points[i], points[j]));
+        let edges = [(0, 1), (1, 2), (2, 0)].map(|(i, j)| (points[i], points[j]));
         let longest = edges.iter().map(|&(a, b)| length(sub(b, a))).fold(0.0, f64::max);
         let n = ((DENSE * longest / self.mean_edge).ceil() as usize).clamp(LEAST_DENSE, MOST_DENSE);
-        for i in 1..n - 1 {
-            over.row(&|j| on_face(points, n, i, j), (1, n - i - 1), &mut most);
+        let inner = (1..n - 1).flat_map(|i| (1..n - i).map(move |j| on_face(points, n, i, j)));
+        let outer = edges.into_iter().flat_map(|(a, b)| (1..n).map(move |i| between(a, b, i, n)));
+        over.farthest_of(&inner.chain(outer).collect::<Vec<Vec3>>(), &mut bridges, limit)
+    }
+}
+
+/// One of so many points is looked at first.
+const FEW: usize = 6;
+/// Most of [`Bridges`] that are looked at.
+const MOST_BRIDGES: usize = 8;
+
+/// Coarse faces that have a vertex in common with each of the three that an input face's corners are near: from whichever of
+/// these a walk begins, it looks at them first, so a point that is near one of them is near enough. Found one by one, since
+/// the first are often all that is needed.
+struct Bridges<'a> {
+    live: &'a Live,
+    near: [u32; 3],
+    /// Corners around the vertices of the first that are still to be looked at.
+    corners: std::slice::Iter<'a, u32>,
+    vertices: std::array::IntoIter<u32, 3>,
+    faces: [u32; MOST_BRIDGES],
+    triangles: [[Vec3; 3]; MOST_BRIDGES],
+    count: usize,
+}
+
+impl<'a> Bridges<'a> {
+    fn new(live: &'a Live, near: [u32; 3]) -> Self {
+        Self {
+            live,
+            near,
+            corners: [].iter(),
+            vertices: live.face_vertices[near[0] as usize].into_iter(),
+            faces: [0; MOST_BRIDGES],
+            triangles: [[[0.0; 3]; 3]; MOST_BRIDGES],
+            count: 0,
         }
-        for (a, b) in edges {
-            over.row(&|i| between(a, b, i, n), (1, n - 1), &mut most);
+    }
+
+    /// Finds another.
+    fn next(&mut self) -> Option<[Vec3; 3]> {
+        let live = self.live;
+        let others = [1, 2].map(|k| live.face_vertices[self.near[k] as usize]);
+        while self.count < MOST_BRIDGES {
+            let Some(&corner) = self.corners.next() else {
+                self.corners = live.stars.row(self.vertices.next()?).iter();
+                continue;
+            };
+            let face = face_of(corner);
+            let own = live.face_vertices[face as usize];
+            if others.iter().all(|other| own.iter().any(|v| other.contains(v)))
+                && !self.near.contains(&face)
+                && !self.faces[..self.count].contains(&face)
+            {
+                self.faces[self.count] = face;
+                self.triangles[self.count] = live.triangle(face as usize);
+                self.count += 1;
+                return Some(self.triangles[self.count - 1]);
+            }
         }
-        most
+        None
+    }
+
+    /// Those that were found.
+    fn found(&self) -> &[[Vec3; 3]] {
+        &self.triangles[..self.count]
     }
 }
 
@@ -128,11 +206,6 @@ impl Over<'_> {
                 return None;
             }
         }
-        self.farther_than_those(point, distances, enough)
-    }
-
-    /// The same where the distances from the corners' faces are known, and are more.
-    fn farther_than_those(&self, point: Vec3, distances: [f64; 3], enough: f64) -> Option<f64> {
         let mut best = (distances[0], self.near[0]);
         for nearer in distances.into_iter().zip(self.near).skip(1) {
             if nearer.0 < best.0 {
@@ -146,45 +219,25 @@ impl Over<'_> {
         (best.0 > enough).then_some(best.0)
     }
 
-    fn distances(&self, point: Vec3) -> [f64; 3] {
-        self.triangles.map(|triangle| distance_to(point, triangle))
-    }
-
-    /// Raises `most` to the largest distance of the points `point(from)` to `point(to)`, which lie on a line.
-    fn row(&self, point: &impl Fn(usize) -> Vec3, (from, to): (usize, usize), most: &mut f64) {
-        let ends = [from, to].map(|i| self.distances(point(i)));
-        for (i, distances) in [(from, ends[0]), (to, ends[1])].into_iter().take(1 + usize::from(to > from)) {
-            self.raise(point(i), distances, most);
+    /// How far the farthest of the points is, if that is more than `most`, else `most`. In whichever order they come.
+    fn farthest_of(&self, points: &[Vec3], bridges: &mut Bridges<'_>, mut most: f64) -> f64 {
+        while bridges.next().is_some() {}
+        // Some that are far first: the others are then passed over.
+        let some = points.chunks(FEW).map(|few| few[0]).collect::<Vec<Vec3>>();
+        for four in some.chunks(4).chain(points.chunks(4)) {
+            let at = [0, 1, 2, 3].map(|i| four[i.min(four.len() - 1)]);
+            let together = FourPoints::new(at);
+            let mut left = (1_u32 << four.len()) - 1;
+            for &triangle in self.triangles.iter().chain(bridges.found()) {
+                if left != 0 {
+                    left &= !together.within(triangle, most);
+                }
+            }
+            for (_, &point) in four.iter().enumerate().filter(|(i, _)| left >> i & 1 == 1) {
+                most = self.farther(point, [0, 1, 2], most).unwrap_or(most);
+            }
         }
-        self.between(point, (from, to), ends, most);
-    }
-
-    /// The same but for the ends. The distance from a triangle is convex, so between two points it is no larger than at
-    /// the ends: most of a row is passed over.
-    fn between(
-        &self,
-        point: &impl Fn(usize) -> Vec3,
-        (from, to): (usize, usize),
-        ends: [[f64; 3]; 2],
-        most: &mut f64,
-    ) {
-        let enough = |k: usize| ends[0][k].max(ends[1][k]) * ROUNDING <= *most;
-        if to - from < 2 || (0..3).any(enough) {
-            return;
-        }
-        let middle = from + (to - from) / 2;
-        let distances = self.distances(point(middle));
-        self.raise(point(middle), distances, most);
-        self.between(point, (from, middle), [ends[0], distances], most);
-        self.between(point, (middle, to), [distances, ends[1]], most);
-    }
-
-    fn raise(&self, point: Vec3, distances: [f64; 3], most: &mut f64) {
-        if distances.iter().all(|distance| distance > most)
-            && let Some(distance) = self.farther_than_those(point, distances, *most)
-        {
-            *most = distance;
-        }
+        most
     }
 }
 

@@ -6,6 +6,8 @@ use crate::collapse::NO_VERTEX;
 use crate::collapse::Records;
 use crate::error::MeshError;
 use crate::mesh::corner::{next, previous};
+use crate::mesh::rows::Rows;
+use crate::mesh::slot_map::SlotMap;
 use crate::mesh::vec3::{Vec3, add, dot, length, scale, sub};
 use crate::mesh::wide_bvh::{Hints, WideBvh};
 use crate::pool::Watched;
@@ -68,8 +70,8 @@ pub(crate) fn limit_error(
 /// The error that is allowed, in grid cells, and what must keep to it besides the input's vertices.
 pub(crate) struct Limit {
     pub(crate) error: f64,
-    /// Points of large input faces, with their nearest corner, ascending by that.
-    points: Vec<(u32, Vec3)>,
+    /// Points of large input faces, by their nearest corner.
+    points: Rows<Vec3>,
 }
 
 impl Limit {
@@ -94,15 +96,12 @@ impl Limit {
                 }
             }
         }
-        points.sort_by_key(|p| p.0);
-        Self { error, points }
+        Self { error, points: Rows::new(live.positions.len(), || points.iter().copied()) }
     }
 
     /// A vertex of the input and the points for which it stands.
     fn points_at<'a>(&'a self, input: &WideBvh, vertex: u32) -> impl Iterator<Item = Vec3> + 'a {
-        let from = self.points.partition_point(|p| p.0 < vertex);
-        let more = self.points[from..].iter().take_while(move |p| p.0 == vertex).map(|p| p.1);
-        std::iter::once(input.position(vertex)).chain(more)
+        std::iter::once(input.position(vertex)).chain(self.points.row(vertex).iter().copied())
     }
 }
 
@@ -162,17 +161,14 @@ impl Limited<'_> {
         let faces = &self.level.faces[self.r];
         let after = faces_after(live, faces, records, records.collapses.len());
         let triangles: Vec<[u32; 3]> = after.iter().copied().flatten().collect();
-        let went: BTreeMap<u32, u32> = records.collapses.iter().map(|c| (c.removed, c.target)).collect();
+        let went = heirs(records);
         let mut far: BTreeMap<u32, (f64, u32, Vec3)> = BTreeMap::new();
         let surface = WideBvh::new(&live.positions, &triangles);
-        let mut hints = Hints::new(limit);
+        let mut hints = Hints::new(limit, None);
         for &sample in self.samples.iter().filter(|&&s| (s as usize) < live.positions.len()) {
             let root = live.heir(sample);
-            let mut heir = root;
-            while let Some(&next) = went.get(&heir).filter(|&&next| next != NO_VERTEX) {
-                heir = next;
-            }
-            let lost = went.contains_key(&heir) || live.stars.corners(heir).next().is_none();
+            let heir = went.get(root).unwrap_or(root);
+            let lost = went.get(heir).is_some() || live.stars.corners(heir).next().is_none();
             for point in self.points.points_at(&self.deviation.input, sample) {
                 let distance = length(sub(point, live.positions[heir as usize]));
                 if (distance <= limit / MARGIN && !lost)
@@ -210,14 +206,14 @@ impl Limited<'_> {
 
     /// The vertex to hold for a point of an input vertex's: what that had become before this level or,
     /// where it had vanished, the nearest corner of the face that stood for it.
-    fn removed_near(&self, sample: u32, root: u32, point: Vec3, went: &BTreeMap<u32, u32>) -> Option<u32> {
+    fn removed_near(&self, sample: u32, root: u32, point: Vec3, went: &SlotMap) -> Option<u32> {
         let live = self.live;
-        if went.contains_key(&root) {
+        if went.get(root).is_some() {
             return Some(root);
         }
         let corners = live.face_vertices[self.deviation.face_near(sample) as usize];
         let distance = |v: u32| length(sub(live.positions[v as usize], point));
-        let removed = corners.into_iter().filter(|v| went.contains_key(v));
+        let removed = corners.into_iter().filter(|&v| went.get(v).is_some());
         removed.min_by(|&a, &b| distance(a).total_cmp(&distance(b)).then(a.cmp(&b)))
     }
 
@@ -263,6 +259,20 @@ impl Limited<'_> {
         }
         low
     }
+}
+
+/// What has become of each vertex that collapses remove; itself, where its faces vanished without another.
+fn heirs(records: &Records) -> SlotMap {
+    let mut heirs = SlotMap::with_room(records.collapses.len());
+    // The last first: what became of a target is known.
+    for collapse in records.collapses.iter().rev() {
+        let heir = match collapse.target {
+            NO_VERTEX => collapse.removed,
+            target => heirs.get(target).unwrap_or(target),
+        };
+        heirs.insert(collapse.removed, heir);
+    }
+    heirs
 }
 
 /// A region's faces after its first `count` collapses; `None` where one has vanished.

@@ -144,7 +144,10 @@ fn look(
         let mut far = Vec::new();
         let error = known.edges(live, &course.corners, &mut far, error, MOST_SPARSE);
         let mut moved = 0.0;
-        course.moves.iter().for_each(|m| known.farthest(live.positions[m.vertex as usize], &mut moved));
+        for m in &course.moves {
+            let around = known.input_faces.row(m.vertex).first();
+            known.farthest(live.positions[m.vertex as usize], &mut moved, &mut around.copied());
+        }
         Some((places, far, moved, error.max(moved)))
     })?;
     for (course, result) in courses.iter_mut().zip(results) {

@@ -18,6 +18,11 @@ impl StarTable {
     }
 
     /// The corners at a vertex.
+    pub(crate) fn row(&self, vertex: u32) -> &[u32] {
+        self.0.row(vertex)
+    }
+
+    /// The same one by one.
     pub(crate) fn corners(&self, vertex: u32) -> impl Iterator<Item = u32> + Clone + '_ {
         self.0.row(vertex).iter().copied()
     }
