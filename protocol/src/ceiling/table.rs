@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+use slab::Slab;
+
 use super::filling::{Claim, Level, UNBOUNDED, fill, level_of, rate_at};
 use super::gate::Gate;
 use super::member::{Clock, Member, Turn};
@@ -29,46 +31,6 @@ struct Group {
     clock: Clock,
     gate: Option<Gate>,
     members: usize,
-}
-
-/// Things with numbers, which are used again.
-#[derive(Debug)]
-struct Slab<T> {
-    entries: Vec<Option<T>>,
-    free: Vec<usize>,
-}
-
-impl<T> Slab<T> {
-    const fn new() -> Self {
-        Self { entries: Vec::new(), free: Vec::new() }
-    }
-
-    fn insert(&mut self, entry: T) -> usize {
-        if let Some(number) = self.free.pop() {
-            self.entries[number] = Some(entry);
-            return number;
-        }
-        self.entries.push(Some(entry));
-        self.entries.len() - 1
-    }
-
-    fn remove(&mut self, number: usize) {
-        if self.entries.get_mut(number).is_some_and(|entry| entry.take().is_some()) {
-            self.free.push(number);
-        }
-    }
-
-    fn get_mut(&mut self, number: usize) -> Option<&mut T> {
-        self.entries.get_mut(number)?.as_mut()
-    }
-
-    fn iter_mut(&mut self) -> impl Iterator<Item = &mut T> {
-        self.entries.iter_mut().flatten()
-    }
-
-    fn len(&self) -> usize {
-        self.entries.len() - self.free.len()
-    }
 }
 
 /// The gates of a group and of all.
@@ -163,14 +125,13 @@ impl Table {
     }
 
     pub(super) fn leave(&mut self, number: usize) {
-        if let Some(member) = self.members.get_mut(number) {
+        if let Some(mut member) = self.members.try_remove(number) {
             self.active -= usize::from(member.active);
             self.changed |= member.active;
             if let Some(group) = self.groups.get_mut(member.group) {
                 group.members -= 1;
-                step_out(member, gates(group, &mut self.total));
+                step_out(&mut member, gates(group, &mut self.total));
             }
-            self.members.remove(number);
         }
     }
 
@@ -281,7 +242,7 @@ impl Table {
     fn fill(&mut self, now: Time) {
         let groups = &mut self.groups;
         self.by_key.retain(|_, &mut number| {
-            let gone = groups.get_mut(number).is_some_and(|group| {
+            let gone = groups.get(number).is_some_and(|group| {
                 group.members == 0 && group.gate.as_ref().is_none_or(|gate| gate.is_full(now))
             });
             if gone {
@@ -290,7 +251,7 @@ impl Table {
             !gone
         });
         self.claims.clear();
-        for member in self.members.iter_mut().filter(|member| member.active) {
+        for (_, member) in self.members.iter_mut().filter(|(_, member)| member.active) {
             if let Some(group) = groups.get_mut(member.group) {
                 member.settle(&group.clock, now);
             }
@@ -302,7 +263,7 @@ impl Table {
             self.claims.push((member.group, Claim { most, weight: member.weight }));
         }
         let [of_group, all] = self.alone;
-        for group in groups.iter_mut() {
+        for (_, group) in groups.iter_mut() {
             group.clock.set_level(now, of_group);
         }
         if let Some(rate) = self.limits.group_bits_per_s {
@@ -323,7 +284,7 @@ impl Table {
         let of_all =
             self.limits.total_bits_per_s.and_then(|rate| fill(self.claims.iter().map(|(_, c)| c), rate));
         let level = of_all.map_or(all, |level| level.clamp(1, all));
-        for group in groups.iter_mut() {
+        for (_, group) in groups.iter_mut() {
             let lower = group.clock.level().min(level);
             group.clock.set_level(now, lower);
         }
