@@ -1,8 +1,10 @@
 //! Terrain on its way: what a client makes of it is what the server has, and nothing is sent that no view needs.
 
 use lodestream_client::core::Change;
+use lodestream_render::tiles::{Ground, GroundView};
 use lodestream_server::daemon::SessionSettings;
-use lodestream_server::scene::of_files;
+use lodestream_server::demo_scene::{Options, generate};
+use lodestream_server::scene::{of_files, read};
 use lodestream_terrain::{Scratch, Terrain};
 
 use crate::support::daemon::{Server, Transport};
@@ -103,4 +105,20 @@ fn a_picture_of_streamed_terrain_shows_its_features() {
     println!("{found:?}");
     assert!(found.covered > 0.5 && !crate::support::picture::same(&found), "{found:?}");
     server.assert_healthy();
+}
+
+/// The renderer draws ground that is 2.4 px off, with normals of a finer one, from 4,000 tiles of 128 triangles at most.
+/// The demo's start view asks for no coarser one, and for a quarter of a million triangles at most.
+#[test]
+fn the_demos_ground_is_drawn_as_finely_as_it_is_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = read(&generate(folder.path(), &Options::small(1)).unwrap().scene).unwrap();
+    let (entry, camera) = (scene.terrain.unwrap().entry, scene.camera.unwrap());
+    let terrain = Terrain::with_stamps(entry.parameters, entry.stamps.clone()).unwrap();
+    let ground = Ground::new(terrain.into(), &entry);
+    let pose = camera.view([1280, 720], 1.0).pose();
+    let view = GroundView::new(&ground, &pose, (1280, 720), &mut Scratch::new());
+    let tiles = ground.tiles(&view, 2.4, 4000);
+    let triangles: u32 = tiles.picked.iter().map(|picked| 32 * picked.quadrants.count_ones()).sum();
+    assert!(tiles.target_px == 2.4 && (100_000..=250_000).contains(&triangles), "{triangles}");
 }

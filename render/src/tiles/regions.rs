@@ -95,9 +95,18 @@ impl Region {
         joined
     }
 
-    /// Area, about: what joining should keep small.
-    fn area(&self) -> f64 {
-        2.0 * self.radius * (self.from.distance(self.to) + self.radius * std::f64::consts::FRAC_PI_2)
+    /// What it costs, about, where the rest has the errors `plain`. Of each spacing, the tiles that make up the area that it
+    /// has for that spacing, by how many more places they are drawn from: up to a distance that grows as the next coarser
+    /// spacing's error, so by its square.
+    fn cost(&self, plain: &[f64]) -> f64 {
+        let length = self.from.distance(self.to);
+        let of_spacing = |(spacing, (own, plain)): (u8, (&f64, &f64))| {
+            let radius = self.radius + grown(spacing);
+            let area = 2.0 * radius * (length + radius * std::f64::consts::FRAC_PI_2);
+            let rougher = own / plain.max(f64::MIN_POSITIVE);
+            (rougher * rougher - 1.0).max(0.0) * area / f64::from(spacing).exp2().powi(2)
+        };
+        (0..).zip(self.errors.iter().zip(plain).skip(1)).map(of_spacing).sum()
     }
 }
 
@@ -107,7 +116,8 @@ pub fn grown(spacing: u8) -> f64 {
     f64::from(TILE_CELLS) * std::f64::consts::SQRT_2 * ((1_u64 << spacing.min(62)) - 1) as f64
 }
 
-/// The regions that are rougher than `plain`, `most` at most: those of which one costs least are joined.
+/// The regions that are rougher than `plain`, `most` at most: those of which one makes least finer are joined, so a sharp
+/// crest is not joined with the gentle slopes around it, although it lies within them.
 #[must_use]
 pub fn worthwhile(mut regions: Vec<Region>, plain: &[f64], most: usize) -> Vec<Region> {
     regions.retain(|region| region.is_rougher(plain));
@@ -115,7 +125,7 @@ pub fn worthwhile(mut regions: Vec<Region>, plain: &[f64], most: usize) -> Vec<R
         // Neighbours in the list are likely parts of one line.
         let growth = |i: usize| {
             let [a, b] = [&regions[i], &regions[i + 1]];
-            a.joined(b).area() - a.area() - b.area()
+            a.joined(b).cost(plain) - a.cost(plain) - b.cost(plain)
         };
         let best = (0..regions.len() - 1).min_by(|&i, &j| growth(i).total_cmp(&growth(j))).unwrap_or(0);
         let joined = regions[best].joined(&regions[best + 1]);
@@ -233,6 +243,17 @@ mod tests {
             assert!(few.iter().any(|r| inside(r) && r.errors[1] >= errors));
         }
         assert_eq!(worthwhile(parts, &[0.0, 1e3], 7), []);
+    }
+
+    #[test]
+    fn a_crest_is_not_joined_with_its_slopes() {
+        let plain = [0.0, 0.1, 0.2, 0.3];
+        let errors = |rougher: f64| plain.map(|error| error * rougher);
+        let slopes = region([0.0, 0.0], [2000.0, 0.0], 700.0, &errors(1.3));
+        let crest = region([0.0, 0.0], [2000.0, 0.0], 8.0, &errors(5.0));
+        let bank = |x: f64| region([x, 3000.0], [x + 200.0, 3000.0], 40.0, &errors(3.0));
+        let few = worthwhile(vec![slopes.clone(), crest.clone(), bank(0.0), bank(200.0)], &plain, 3);
+        assert_eq!(few, [slopes, crest, bank(0.0).joined(&bank(200.0))]);
     }
 
     #[test]
