@@ -159,6 +159,24 @@ impl Frustum {
         self.forward.dot(center) + radius > 0.0 && self.sides.iter().all(|n| n.dot(center) >= -radius)
     }
 
+    /// Which part of a sphere's way along `way` reaches into the frustum, as shares of it, 0 to 1; `None` if no part does.
+    /// `center` is where it begins, relative to the eye. Conservative as [`Self::sees`] is.
+    #[must_use]
+    pub fn sees_on_way(&self, center: Vec3, radius: f32, way: Vec3) -> Option<[f32; 2]> {
+        let [mut from, mut to] = [0.0_f32, 1.0];
+        for normal in self.sides.iter().chain([&self.forward]) {
+            let (inside, slope) = (normal.dot(center) + radius, normal.dot(way));
+            if slope > 0.0 {
+                from = from.max(-inside / slope);
+            } else if slope < 0.0 {
+                to = to.min(-inside / slope);
+            } else if inside < 0.0 {
+                return None;
+            }
+        }
+        (from <= to).then_some([from, to])
+    }
+
     /// Depth of the nearest point of a sphere along the view axis; may be negative.
     #[must_use]
     pub fn depth(&self, center: Vec3, radius: f32) -> f32 {
@@ -192,6 +210,30 @@ mod tests {
             let inside = v.z < 0.0 && v.x.abs() <= -v.z * tx && v.y.abs() <= -v.z * ty;
             assert_eq!(frustum.sees(p, 0.0), inside, "{p} {v}");
         }
+    }
+
+    #[test]
+    fn a_sphere_is_seen_on_its_way_where_it_is_seen_at_a_place_of_it() {
+        let view = View::look_at([0.0; 3], [0.3, -0.2, -1.0], [0.0, 1.0, 0.0], 1.0, [640, 360]);
+        let frustum = view.frustum();
+        let mut cases = [0, 0];
+        for i in 0..2000_i16 {
+            let f = f32::from(i);
+            let center = Vec3::new((f * 0.37).sin() * 9.0, (f * 0.73).cos() * 9.0, (f * 0.11).sin() * 9.0);
+            let way = Vec3::new((f * 0.29).cos() * 12.0, (f * 0.53).sin() * 12.0, (f * 0.83).cos() * 12.0);
+            let radius = 0.5 + f32::from(i % 4) * 0.3;
+            let at = |share: f32| frustum.sees(center + way * share, radius);
+            let range = frustum.sees_on_way(center, radius, way);
+            cases[usize::from(range.is_some())] += 1;
+            for step in 0_u16..=100 {
+                let share = f32::from(step) / 100.0;
+                let within =
+                    |slack: f32| range.is_some_and(|[from, to]| share >= from - slack && share <= to + slack);
+                assert!(!at(share) || within(1e-4), "{center} {way} {share} {range:?}");
+                assert!(at(share) || !within(-1e-4), "{center} {way} {share} {range:?}");
+            }
+        }
+        assert!(cases.iter().all(|&number| number > 200), "{cases:?}");
     }
 
     #[test]

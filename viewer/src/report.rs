@@ -59,6 +59,10 @@ pub(crate) struct Report {
     pub(crate) max_screen_error_px: Option<f64>,
     /// Faces at the end, each asset once.
     pub(crate) faces: u64,
+    /// Payload bytes of the chunks that the view needs at the end.
+    pub(crate) needed_bytes: u64,
+    /// Of these, those of chunks that it needs for shadows alone.
+    pub(crate) shadow_bytes: u64,
     /// Blobs that came damaged.
     pub(crate) decode_failures: u64,
     /// What drawing the last frames took.
@@ -141,6 +145,8 @@ impl Report {
             lacking: stats.lacking.iter().map(ToString::to_string).collect(),
             max_screen_error_px: (first.is_some() && error.is_finite()).then_some(error),
             faces: stats.faces,
+            needed_bytes: stats.counters.needed_bytes,
+            shadow_bytes: stats.counters.shadow_bytes,
             decode_failures: stats.decode_failures,
             drawing: shown.times().into(),
         }

@@ -62,6 +62,7 @@ pub(crate) fn core_config(args: &Args) -> anyhow::Result<Config> {
     config.session.scene.clone_from(&args.scene);
     config.session.token = token::find(args.token_file.as_deref())?;
     config.select.max_faces = args.max_faces;
+    config.select.shadows = !args.no_shadows;
     config.cache_bytes = u64::from(args.cache_mib) << 20;
     config.decoders = Threads::new(args.decode_threads).decoders();
     Ok(config)

@@ -50,9 +50,7 @@ impl Projection {
     /// Where an instance's bounding sphere lies.
     #[must_use]
     pub fn bounds(&self, asset: &AssetEntry, instance: &InstanceEntry) -> Bounds {
-        let center = instance.to_world(asset.origin, asset.sphere.center) - self.eye;
-        let center = center.as_vec3();
-        let radius = asset.sphere.radius * instance.scale;
+        let (center, radius) = self.sphere(asset, instance);
         let distance = f64::from(center.length()).max(f64::from(radius)).max(f64::MIN_POSITIVE);
         #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
         let coverage_px = (f64::from(radius) * self.scale_px / distance) as f32;
@@ -62,6 +60,18 @@ impl Projection {
             coverage_px,
             centrality: centrality(&self.frustum, center, radius),
         }
+    }
+
+    /// An instance's bounding sphere, its centre relative to the eye.
+    pub(super) fn sphere(&self, asset: &AssetEntry, instance: &InstanceEntry) -> (Vec3, f32) {
+        let center = instance.to_world(asset.origin, asset.sphere.center) - self.eye;
+        (center.as_vec3(), asset.sphere.radius * instance.scale)
+    }
+
+    /// Depth at which a sphere's shadow may fall into the frustum, at the least, where the light carries it along `way`;
+    /// `None` where it does not. `center` is relative to the eye.
+    pub(super) fn shadow_depth(&self, center: Vec3, radius: f32, way: Vec3) -> Option<f64> {
+        shadow_depth(&self.frustum, center, radius, way)
     }
 
     /// The view in the axes and units of an instance, relative to the grid origin of its asset.
@@ -109,6 +119,24 @@ impl LocalView {
         let px = screen_error_px(f64::from(error), f64::from(depth), self.scale_px);
         Some((px, centrality(&self.frustum, center, sphere.radius)))
     }
+
+    /// By how many pixels an error within a sphere out of view displaces its shadow, where the light carries it along `way`
+    /// (in the instance's own axes and units), and pixels per unit there; `None` in view, or where no shadow falls into it.
+    pub(super) fn shadow_px(&self, sphere: &Sphere, error: f32, way: Vec3) -> Option<[f64; 2]> {
+        let center = Vec3::from(sphere.center) - self.eye;
+        if self.frustum.sees(center, sphere.radius) {
+            return None;
+        }
+        let depth = shadow_depth(&self.frustum, center, sphere.radius, way)?;
+        Some([screen_error_px(f64::from(error), depth, self.scale_px), self.scale_px / depth])
+    }
+}
+
+/// See [`Projection::shadow_depth`]. No shadow counts as nearer than the sphere is large: it is an estimate, not a bound.
+fn shadow_depth(frustum: &Frustum, center: Vec3, radius: f32, way: Vec3) -> Option<f64> {
+    let ends = frustum.sees_on_way(center, radius, way)?;
+    let depth = ends.map(|share| frustum.depth(center + way * share, 0.0));
+    Some(f64::from(depth[0].min(depth[1]).max(radius).max(f32::MIN_POSITIVE)))
 }
 
 /// 1 where the sphere covers the middle of the picture, falling with the tangent of the angle to its

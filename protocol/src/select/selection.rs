@@ -64,6 +64,10 @@ pub struct Counters {
     pub missing_chunks: u32,
     /// Payload bytes of the missing ones that are not here either.
     pub missing_bytes: u64,
+    /// Payload bytes of the needed ones, up to where they are needed.
+    pub needed_bytes: u64,
+    /// Of these, those of chunks that the view needs for shadows alone.
+    pub shadow_bytes: u64,
     /// Faces of the applied chunks.
     pub applied_faces: u64,
     /// Payload bytes of the applied chunks.

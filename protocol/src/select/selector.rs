@@ -1,9 +1,11 @@
 //! The selection itself: one pass over instances, two over chunks.
 
+mod shadows;
 mod wants;
 
 use std::cmp::Reverse;
 
+use glam::Vec3;
 use lodestream_geometry::index::ChunkInfo;
 use lodestream_geometry::screen::{visible_error, visible_error_at};
 
@@ -47,6 +49,8 @@ pub struct Selector {
     shares: Vec<f32>,
     /// How far the eye may get until what is wanted now is here.
     way: f32,
+    /// Unit vector towards the sun, where it shines.
+    to_sun: Option<Vec3>,
     /// Levels of textures that assets seek.
     textures: Textures,
 }
@@ -68,6 +72,10 @@ struct Seen {
     unknown_px: f32,
     /// Something is seen of an instance, or it is not judged: else index pages are as hidden as what they tell of.
     pages_seen: bool,
+    /// The shadow of a part that is out of view may fall into view.
+    casts: bool,
+    /// By how many pixels chunks that are not known yet may displace such shadows, at most.
+    shadow_unknown_px: f32,
     /// Pixels per asset unit where it is nearest.
     px_per_unit: f32,
 }
@@ -80,6 +88,12 @@ struct Seek {
     /// The same of itself alone.
     own_px: f32,
     centrality: f32,
+    /// By how many pixels it and its descendants displace shadows that fall into view from out of it, as far as that counts.
+    shadow_px: f32,
+    /// The same of itself alone.
+    own_shadow_px: f32,
+    /// Wanted for such shadows alone.
+    shadow_only: bool,
     /// Visible difference while it is missing, the sum over instances.
     difference_px2: f32,
     /// What its missing descendants are worth, then it with them.
@@ -152,6 +166,7 @@ impl Selector {
             found: Vec::new(),
             shares: Vec::new(),
             way: 0.0,
+            to_sun: None,
             textures: Textures::default(),
         }
     }
@@ -165,6 +180,12 @@ impl Selector {
     /// into view on the way counts as seen. 0 at first.
     pub const fn set_way(&mut self, way: f32) {
         self.way = way;
+    }
+
+    /// Where the sun's light comes from, for what casts shadows into view ([`SelectSettings::shadows`]); `None` where there
+    /// is none, or a direction that is none. None at first.
+    pub fn set_to_sun(&mut self, direction: Option<[f32; 3]>) {
+        self.to_sun = direction.and_then(|direction| Vec3::from(direction).try_normalize());
     }
 
     /// What a view sees of the scene's surfaces.
@@ -193,6 +214,10 @@ impl Selector {
         let in_use = usage(assets);
         self.look(view, instances, assets, in_use);
         let threshold = self.close_and_choose_threshold(view.target_px, assets);
+        if let Some(to_sun) = self.to_sun.filter(|_| self.settings.shadows) {
+            self.look_for_shadows(view, to_sun, threshold, instances, assets);
+            self.admit_shadows(threshold, assets);
+        }
         self.selection.counters.threshold_px = f64::from(threshold);
         let keep_out_of_view = {
             #[expect(clippy::cast_precision_loss, reason = "faces are counted, far below 2^53")]
@@ -476,12 +501,14 @@ impl Selector {
             }
             counters.needed_chunks += 1;
             let (stop, held) = (seek.stop, chunk.held_bytes());
+            let need = info.extent(stop).payload_bytes;
+            counters.needed_bytes += u64::from(need);
+            counters.shadow_bytes += if seek.shadow_only { u64::from(need) } else { 0 };
             let state = chunk.state_up_to(stop);
             if state == State::Applied {
                 continue;
             }
             counters.missing_chunks += 1;
-            let need = info.extent(stop).payload_bytes;
             if matches!(state, State::Absent | State::InFlight) {
                 counters.missing_bytes += u64::from(need.saturating_sub(held));
             }

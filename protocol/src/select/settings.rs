@@ -107,6 +107,11 @@ pub struct SelectSettings {
     ///
     /// [`AssetState::set_occluder`]: super::AssetState::set_occluder
     pub hidden_last: bool,
+    /// Whether what is out of view is refined, last of all, where its shadow may fall into view. It takes a tenth of the
+    /// bytes that the view itself needs at most, and none without a sun ([`Selector::set_to_sun`]).
+    ///
+    /// [`Selector::set_to_sun`]: super::Selector::set_to_sun
+    pub shadows: bool,
 }
 
 impl Default for SelectSettings {
@@ -122,6 +127,7 @@ impl Default for SelectSettings {
             prefetch_bases: true,
             stops: true,
             hidden_last: true,
+            shadows: false,
         }
     }
 }

@@ -90,6 +90,8 @@ pub(super) fn of_runs(results: &[RunResult]) -> String {
         line.add_some("assets", run.assets);
         line.add_some("instances", run.instances);
         line.add_some("applied_faces", run.applied_faces);
+        line.add_some("needed_bytes", run.needed_bytes);
+        line.add_some("shadow_bytes", run.shadow_bytes);
         line.add("stalls", run.stalls);
         line.add("stalled_ms", run.stalled_ms);
         line.add("blobs", run.usage.blobs);

@@ -112,6 +112,8 @@ pub(crate) fn line(
         assets: None,
         instances: None,
         applied_faces: None,
+        needed_bytes: None,
+        shadow_bytes: None,
         stalls,
         stalled_ms: milliseconds(stalled_ns),
         usage: Use::default(),
@@ -159,6 +161,8 @@ pub(crate) fn result(
         assets,
         instances,
         applied_faces: Some(stats.counters.applied_faces),
+        needed_bytes: Some(stats.counters.needed_bytes),
+        shadow_bytes: Some(stats.counters.shadow_bytes),
         usage: viewer.usage(),
         series: viewer.series.samples().to_vec(),
         ..line(plan, case, seed, ended, &noted, traffic)

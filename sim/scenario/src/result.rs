@@ -77,6 +77,10 @@ pub struct RunResult {
     pub instances: Option<u32>,
     /// Faces of the chunks that were applied at the end; `None` for baselines, which have no chunks.
     pub applied_faces: Option<u64>,
+    /// Payload bytes of the chunks that the view needed at the end; `None` for baselines.
+    pub needed_bytes: Option<u64>,
+    /// Of these, those of chunks that it needed for shadows alone.
+    pub shadow_bytes: Option<u64>,
     /// What of the chunks received was of use.
     #[serde(flatten)]
     pub usage: Use,

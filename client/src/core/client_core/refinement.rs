@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use lodestream_protocol::blob::{BlobId, BlobPart};
+use lodestream_protocol::scene::Light;
 use lodestream_protocol::select::State;
 use lodestream_protocol::time::Time;
 
@@ -56,6 +57,9 @@ impl ClientCore {
         self.scene.renew_occluders();
         let round_trip = self.session.as_ref().and_then(|session| session.stats().rtt);
         self.selector.set_way(self.motion.way(now, round_trip.unwrap_or(USUAL_ROUND_TRIP)));
+        let light = self.scene.header.as_ref().map(|header| header.light);
+        let shines = |light: &Light| light.color.iter().any(|&part| part > 0.0);
+        self.selector.set_to_sun(light.filter(shines).map(|light| light.direction));
         let selection = self.selector.select(&view, &self.scene.instances, &self.scene.states);
         let (counters, cancel, undo) = (selection.counters, selection.cancel.clone(), selection.undo.clone());
         self.wanted.clone_from(&selection.wanted);

@@ -30,11 +30,14 @@ impl Selector {
         };
         if seen.visible {
             want(BlobPart::Base, base_priority(seen.coverage_px, seen.centrality));
-        } else if seen.placed && self.settings.prefetch_bases {
+        } else if seen.casts || (seen.placed && self.settings.prefetch_bases) {
             want(BlobPart::Base, prefetch_priority(seen.coverage_px));
         }
         let pages = asset.entry().index_pages();
-        if seen.visible && asset.state(BlobPart::Base) != State::Failed && seen.unknown_px > threshold {
+        if (seen.visible || seen.casts)
+            && asset.state(BlobPart::Base) != State::Failed
+            && seen.unknown_px > threshold
+        {
             // On a surface, the error falls with the square root of the number of chunks. Asking for as
             // many pages again as are known makes the number of round trips logarithmic. That is done an octave
             // beyond the threshold, less urgently: the error of what is unknown is a bound, which often stands just above

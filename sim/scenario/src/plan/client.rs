@@ -18,13 +18,22 @@ pub struct ClientSettings {
     pub stops: bool,
     /// Whether what the scene's own surfaces hide comes last, for the server's pushes too.
     pub hidden_last: bool,
+    /// Whether what casts shadows into view from out of it is refined too.
+    pub shadows: bool,
 }
 
 impl ClientSettings {
     /// The settings as shipped, refining to a screen error.
     #[must_use]
     pub fn to(target_px: f32) -> Self {
-        Self { target_px, request_depth_bytes: None, prefetch_bases: true, stops: true, hidden_last: true }
+        Self {
+            target_px,
+            request_depth_bytes: None,
+            prefetch_bases: true,
+            stops: true,
+            hidden_last: true,
+            shadows: false,
+        }
     }
 
     /// Changes a configuration accordingly.
@@ -32,6 +41,7 @@ impl ClientSettings {
         config.select.prefetch_bases = self.prefetch_bases;
         config.select.stops = self.stops;
         config.select.hidden_last = self.hidden_last;
+        config.select.shadows = self.shadows;
         if let Some(depth) = self.request_depth_bytes {
             config.session.min_in_flight_bytes = depth;
             config.session.max_in_flight_bytes = depth;
@@ -47,6 +57,7 @@ pub(super) struct ClientFile {
     prefetch_bases: Option<bool>,
     stops: Option<bool>,
     hidden_last: Option<bool>,
+    shadows: Option<bool>,
 }
 
 impl ClientFile {
@@ -70,6 +81,7 @@ impl ClientFile {
             prefetch_bases: self.prefetch_bases.unwrap_or(shipped.prefetch_bases),
             stops: self.stops.unwrap_or(shipped.stops),
             hidden_last: self.hidden_last.unwrap_or(shipped.hidden_last),
+            shadows: self.shadows.unwrap_or(shipped.shadows),
             ..shipped
         })
     }

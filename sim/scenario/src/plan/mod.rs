@@ -16,6 +16,7 @@
 //! request_depth_bytes = 65536 # kept in flight, instead of what rate and round trip need
 //! prefetch_bases = true       # base meshes of what is out of view, last
 //! stops = true                # chunks only up to the stop that suffices
+//! shadows = false             # what casts shadows into view from out of it is refined too, as the viewer does
 //! hidden_last = true          # what the scene's own surfaces hide comes last; if not, the server does not ask either
 //!
 //! [link.train]                # a link by name: how it is from server to client,

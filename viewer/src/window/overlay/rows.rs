@@ -64,8 +64,12 @@ pub(super) fn rows(stats: &Stats, facts: &Facts<'_>) -> Vec<(&'static str, Strin
         (
             "chunks",
             format!(
-                "{} wanted · {} in flight · {} applied",
-                c.missing_chunks, stats.session.in_flight_blobs, stats.applied_chunks
+                "{} wanted · {} in flight · {} applied · {} needed, {} for shadows",
+                c.missing_chunks,
+                stats.session.in_flight_blobs,
+                stats.applied_chunks,
+                bytes(c.needed_bytes),
+                bytes(c.shadow_bytes)
             ),
         ),
         (
