@@ -32,6 +32,7 @@ use crate::terrain::{TerrainGpu, TerrainLook, TileList, TileRaw};
 use crate::texture::TextureShape;
 use crate::timing::{PassEncoder, Timer, Timings};
 use crate::uniforms::FrameUniform;
+use crate::twin::water::Water;
 use crate::water::WaterPass;
 
 /// Draws frames into targets of one format.
@@ -225,7 +226,9 @@ impl Renderer {
         let seen = frame.settings.shade == Shade::Motion;
         let temporal = smoothed == AntiAliasing::Temporal && frame.settings.shade.is_lit();
         let (step, moving) = if has_surfaces && (temporal || seen) {
-            self.temporal.begin(gpu, (frame, &list), size, temporal)?
+            let over = |water: &Water| [water.height, water.extinction.y].map(|x| x as f32);
+            let water = water.as_ref().map_or([0.0; 2], over);
+            self.temporal.begin(gpu, (frame, &list), size, (temporal, water))?
         } else {
             self.temporal.forget();
             (TemporalStep::NONE, Vec::new())
