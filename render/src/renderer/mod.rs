@@ -29,10 +29,10 @@ use crate::target::{Load, Target};
 use crate::targets::Targets;
 use crate::temporal::{Temporal, TemporalStep};
 use crate::terrain::{TerrainGpu, TerrainLook, TileList, TileRaw};
-use crate::texture::TextureShape;
+use crate::texture::{Texture, TextureShape};
 use crate::timing::{PassEncoder, Timer, Timings};
-use crate::uniforms::FrameUniform;
 use crate::twin::water::Water;
+use crate::uniforms::FrameUniform;
 use crate::water::WaterPass;
 
 /// Draws frames into targets of one format.
@@ -151,6 +151,19 @@ impl Renderer {
         origin: DVec3,
         materials: &[Material],
         textures: &[TextureShape],
+    ) -> AssetGpu {
+        let textures = textures.iter().map(|shape| Texture::new(gpu, *shape)).collect();
+        self.create_asset_with(gpu, origin, materials, textures)
+    }
+
+    /// The same with textures that other assets may have too.
+    #[must_use]
+    pub fn create_asset_with(
+        &self,
+        gpu: &Gpu,
+        origin: DVec3,
+        materials: &[Material],
+        textures: Vec<Texture>,
     ) -> AssetGpu {
         materials.iter().for_each(|material| self.pipelines.meshes.ensure(gpu, Features::of(material)));
         AssetGpu::new(gpu, self.kit.clone(), origin, materials, textures)
