@@ -9,7 +9,7 @@ use super::buffer::GrowingBuffer;
 use super::gpu::{Gpu, RenderError};
 use super::material::Material;
 use super::material_kit::{BoundMaterial, Features, MaterialKit};
-use super::texture::{StreamedTexture, TextureData, TextureShape};
+use super::texture::{Texture, TextureData};
 use super::vertex::PackedVertex;
 
 /// Slots between two touched ones that are sent along, because one longer upload is cheaper than
@@ -48,7 +48,7 @@ pub struct AssetGpu {
     look_stamp: u64,
     vertices: GrowingBuffer<PackedVertex>,
     parts: Vec<Part>,
-    textures: Vec<StreamedTexture>,
+    textures: Vec<Texture>,
 }
 
 /// The faces of one material.
@@ -72,9 +72,8 @@ impl AssetGpu {
         kit: MaterialKit,
         origin: DVec3,
         materials: &[Material],
-        textures: &[TextureShape],
+        textures: Vec<Texture>,
     ) -> Self {
-        let textures: Vec<_> = textures.iter().map(|shape| StreamedTexture::new(gpu, *shape)).collect();
         let parts = materials
             .iter()
             .map(|material| Part {
@@ -255,7 +254,8 @@ impl AssetGpu {
 
     /// Hands in one decoded mip level (0 = coarsest, as on the wire) of a texture. Levels may come
     /// in any order; what is drawn sharpens as far as the levels reach without a gap from the
-    /// coarsest up. Levels longer than 8192 texels or the device's limit are left out.
+    /// coarsest up. Levels longer than 8192 texels or the device's limit are left out. A texture that other assets have
+    /// too takes each level once, but each of them draws with it only once it was handed in for that one.
     ///
     /// # Errors
     /// [`RenderError::NoSuch`] or [`RenderError::LevelSize`]; nothing is changed then.
@@ -267,7 +267,7 @@ impl AssetGpu {
         data: TextureData<'_>,
     ) -> Result<(), RenderError> {
         let count = self.textures.len();
-        let slot = self.textures.get_mut(texture).ok_or(RenderError::NoSuch {
+        let slot = self.textures.get(texture).ok_or(RenderError::NoSuch {
             what: "texture",
             index: texture,
             count,
@@ -297,7 +297,13 @@ impl AssetGpu {
     /// Finest level of a texture that is drawn with; `None` until its coarsest has arrived.
     #[must_use]
     pub fn finest_texture_level(&self, texture: usize) -> Option<u32> {
-        self.textures.get(texture).and_then(StreamedTexture::finest)
+        self.textures.get(texture).and_then(Texture::finest)
+    }
+
+    /// Its textures, in the order in which they were given.
+    #[must_use]
+    pub fn textures(&self) -> &[Texture] {
+        &self.textures
     }
 
     /// GPU memory of vertices and indices, in bytes.

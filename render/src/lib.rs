@@ -87,7 +87,7 @@ pub use scene_view::SceneView;
 pub use sky::SkyMaps;
 pub use target::{Load, Target};
 pub use terrain::{MAX_DRAWN_HEIGHT, TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart};
-pub use texture::{TextureData, TextureKind, TextureShape};
+pub use texture::{Texture, TextureData, TextureKind, TextureShape};
 pub use timing::{PassTime, Timings};
 pub use vertex::PackedVertex;
 pub use water::Water;

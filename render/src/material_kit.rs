@@ -6,7 +6,7 @@ use wgpu::util::DeviceExt;
 
 use super::gpu::Gpu;
 use super::material::Material;
-use super::texture::{StreamedTexture, TextureKind};
+use super::texture::{Texture, TextureKind};
 
 /// `Material` of `gbuffer.wgsl`.
 #[repr(C)]
@@ -123,7 +123,7 @@ impl MaterialKit {
     }
 
     /// Makes what the shaders read for one material with its textures as they are now.
-    pub(crate) fn bind(&self, gpu: &Gpu, material: &Material, textures: &[StreamedTexture]) -> BoundMaterial {
+    pub(crate) fn bind(&self, gpu: &Gpu, material: &Material, textures: &[Texture]) -> BoundMaterial {
         let named = [
             material.colour_texture,
             material.height_texture,
@@ -137,11 +137,11 @@ impl MaterialKit {
             at += 1;
             index.and_then(|i| textures.get(i)).filter(|texture| texture.kind() == kind)
         });
-        let views = found.map(|texture| texture.and_then(StreamedTexture::view));
+        let views = found.map(|texture| texture.and_then(Texture::view));
         // What a texture's mean says until there is more of it.
         let stand_in = |i: usize| {
             let missing = found[i].filter(|_| views[i].is_none());
-            missing.map_or([1.0; 3], StreamedTexture::mean)
+            missing.map_or([1.0; 3], Texture::mean)
         };
         let [colour, surface, given] = [stand_in(0), stand_in(2), stand_in(4)];
         let [_, height, surfaces, normals, _] = views.each_ref().map(Option::is_some);

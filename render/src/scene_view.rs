@@ -24,7 +24,7 @@ use crate::scene::{Drawable, Frame, Settings, Shadows};
 use crate::shadows;
 use crate::sky::{SkyAhead, SkyMaps};
 use crate::target::Target;
-use crate::texture::{TextureData, TextureShape};
+use crate::texture::{Texture, TextureData, TextureShape, WeakTexture};
 use crate::tiles::Maker;
 use crate::vertex::PackedVertex;
 use crate::water::Water;
@@ -45,6 +45,8 @@ pub struct SceneView {
     header: Option<SceneHeader>,
     /// By asset number; `None` until the base mesh is there.
     assets: Vec<Option<AssetGpu>>,
+    /// The textures of all assets that are here, by the asset and texture that they are sent as.
+    textures: BTreeMap<(u32, u16), WeakTexture>,
     /// By asset number.
     instances: Vec<Vec<Instance>>,
     /// Its light is as its description says, without air.
@@ -210,14 +212,30 @@ impl SceneView {
 
     fn add(&mut self, gpu: &Gpu, renderer: &Renderer, asset: &NewAsset) {
         let materials: Vec<Material> = asset.materials.iter().map(Material::from).collect();
-        let textures: Vec<TextureShape> = asset.textures.iter().map(TextureShape::from).collect();
-        let mut new = renderer.create_asset(gpu, DVec3::from(asset.origin), &materials, &textures);
+        let sent_as = (0..).map(|texture| (asset.asset, texture)).zip(&asset.textures);
+        let sent_as = sent_as.map(|(own, info)| {
+            let first = asset.shared.iter().find(|shared| shared.texture == own.1);
+            (first.map_or(own, |shared| (shared.asset, shared.of)), TextureShape::from(info))
+        });
+        let textures: Vec<Texture> = sent_as.map(|(id, shape)| self.texture(gpu, id, shape)).collect();
+        let mut new = renderer.create_asset_with(gpu, DVec3::from(asset.origin), &materials, textures);
         new.set_bounds(Vec3::from(asset.center).as_dvec3(), f64::from(asset.radius));
         let number = asset.asset as usize;
         if self.assets.len() <= number {
             self.assets.resize_with(number + 1, || None);
         }
         self.assets[number] = Some(new);
+    }
+
+    /// The texture that is sent under this name, or a new one; also where its shape is another, which a server that says
+    /// what is true does not send.
+    fn texture(&mut self, gpu: &Gpu, id: (u32, u16), shape: TextureShape) -> Texture {
+        let there = self.textures.get(&id).and_then(WeakTexture::upgrade);
+        there.filter(|texture| texture.shape() == shape).unwrap_or_else(|| {
+            let new = Texture::new(gpu, shape);
+            self.textures.insert(id, new.downgrade());
+            new
+        })
     }
 
     fn refine(&mut self, gpu: &Gpu, mesh: &MeshChange) -> Result<(), RenderError> {
@@ -259,6 +277,13 @@ impl SceneView {
     pub fn geometry_bytes(&self) -> u64 {
         let assets: u64 = self.assets.iter().flatten().map(AssetGpu::geometry_bytes).sum();
         assets + self.ground.as_ref().map_or(0, GroundScene::bytes)
+    }
+
+    /// How many textures the assets have, those that several share counted once, and their GPU memory in bytes.
+    #[must_use]
+    pub fn textures(&self) -> (usize, u64) {
+        let textures = self.textures.values().filter_map(WeakTexture::upgrade);
+        textures.fold((0, 0), |(count, bytes), texture| (count + 1, bytes + texture.bytes()))
     }
 
     /// Chooses the terrain's tiles for the frames that follow from `camera`, into pictures of `size` pixels, where meshes

@@ -5,6 +5,8 @@
 //! only the unbroken run of levels from the coarsest up: the view starts there, so that trilinear
 //! filtering never meets a level that is not there yet.
 
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+
 use lodestream_protocol::asset::level_size;
 
 use super::gpu::{Gpu, RenderError};
@@ -108,7 +110,9 @@ fn finest_usable(present: &[bool]) -> Option<u32> {
 
 /// A texture in the making.
 #[derive(Debug)]
-pub(crate) struct StreamedTexture {
+struct StreamedTexture {
+    given: TextureShape,
+    /// The same with as many levels as there can be.
     shape: TextureShape,
     format: wgpu::TextureFormat,
     present: Vec<bool>,
@@ -119,7 +123,8 @@ pub(crate) struct StreamedTexture {
 }
 
 impl StreamedTexture {
-    pub(crate) fn new(gpu: &Gpu, shape: TextureShape) -> Self {
+    fn new(gpu: &Gpu, given: TextureShape) -> Self {
+        let shape = given;
         let full = TextureShape::full(shape.width, shape.height, shape.kind).levels;
         let shape = TextureShape { levels: shape.levels.clamp(1, full), ..shape };
         let side = gpu.device.limits().max_texture_dimension_2d.min(MAX_SIDE_PX);
@@ -138,30 +143,26 @@ impl StreamedTexture {
             }
             TextureKind::Height => wgpu::TextureFormat::R8Unorm,
         };
-        Self { shape, format, present: vec![false; shape.levels as usize], limit, allocated: None }
+        Self { given, shape, format, present: vec![false; shape.levels as usize], limit, allocated: None }
     }
 
-    /// What stands for the texture while it has no level, linear.
-    pub(crate) fn mean(&self) -> [f32; 3] {
-        self.shape.mean
-    }
-
-    pub(crate) fn kind(&self) -> TextureKind {
-        self.shape.kind
+    /// Of the levels that are allocated.
+    fn bytes(&self) -> u64 {
+        let texel = u64::from(self.format.block_copy_size(None).unwrap_or(1));
+        let level = |level| {
+            let (width, height) = self.shape.level_size(level);
+            u64::from(width) * u64::from(height) * texel
+        };
+        self.allocated.as_ref().map_or(0, |(_, top)| (0..=*top).map(level).sum())
     }
 
     /// Finest level that is drawn with, once the coarsest is there.
-    pub(crate) fn finest(&self) -> Option<u32> {
+    fn finest(&self) -> Option<u32> {
         finest_usable(&self.present)
     }
 
     /// Takes one level. Returns whether what is drawn changes.
-    pub(crate) fn upload(
-        &mut self,
-        gpu: &Gpu,
-        level: u32,
-        data: TextureData<'_>,
-    ) -> Result<bool, RenderError> {
+    fn upload(&mut self, gpu: &Gpu, level: u32, data: TextureData<'_>) -> Result<bool, RenderError> {
         let count = self.present.len();
         let Some(slot) = self.present.get_mut(level as usize) else {
             return Err(RenderError::NoSuch { what: "texture level", index: level as usize, count });
@@ -237,7 +238,7 @@ impl StreamedTexture {
     }
 
     /// A view of the levels that may be drawn with.
-    pub(crate) fn view(&self) -> Option<wgpu::TextureView> {
+    fn view(&self) -> Option<wgpu::TextureView> {
         let finest = self.finest()?;
         let (texture, top) = self.allocated.as_ref()?;
         Some(
@@ -246,6 +247,81 @@ impl StreamedTexture {
                 ..Default::default()
             }),
         )
+    }
+}
+
+/// A texture in GPU memory that assets are made with ([`super::Renderer::create_asset_with`]). Clones are the same
+/// texture, so that several assets may draw with one; it is freed with the last of them.
+#[derive(Clone, Debug)]
+pub struct Texture(Arc<Mutex<StreamedTexture>>);
+
+impl Texture {
+    /// A texture of which no level is here.
+    #[must_use]
+    pub fn new(gpu: &Gpu, shape: TextureShape) -> Self {
+        Self(Arc::new(Mutex::new(StreamedTexture::new(gpu, shape))))
+    }
+
+    /// Size and purpose, as they were given.
+    #[must_use]
+    pub fn shape(&self) -> TextureShape {
+        self.streamed().given
+    }
+
+    /// GPU memory of the levels that are allocated, in bytes.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.streamed().bytes()
+    }
+
+    /// Itself as long as somebody else has it.
+    pub(crate) fn downgrade(&self) -> WeakTexture {
+        WeakTexture(Arc::downgrade(&self.0))
+    }
+
+    // Nothing that holds the lock panics between changes that belong together.
+    fn streamed(&self) -> MutexGuard<'_, StreamedTexture> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// What stands for it while it has no level, linear.
+    pub(crate) fn mean(&self) -> [f32; 3] {
+        self.streamed().shape.mean
+    }
+
+    pub(crate) fn kind(&self) -> TextureKind {
+        self.streamed().shape.kind
+    }
+
+    /// Finest level that is drawn with, once the coarsest is there.
+    pub(crate) fn finest(&self) -> Option<u32> {
+        self.streamed().finest()
+    }
+
+    /// A view of the levels that may be drawn with.
+    pub(crate) fn view(&self) -> Option<wgpu::TextureView> {
+        self.streamed().view()
+    }
+
+    /// Takes one level. Of a texture that several assets have, once, whichever of them it comes for. Returns whether
+    /// what is drawn may change.
+    pub(crate) fn upload(&self, gpu: &Gpu, level: u32, data: TextureData<'_>) -> Result<bool, RenderError> {
+        let shared = Arc::strong_count(&self.0) > 1;
+        let mut streamed = self.streamed();
+        if shared && streamed.present.get(level as usize) == Some(&true) {
+            return Ok(true);
+        }
+        streamed.upload(gpu, level, data)
+    }
+}
+
+/// See [`Texture::downgrade`].
+#[derive(Clone, Debug)]
+pub(crate) struct WeakTexture(Weak<Mutex<StreamedTexture>>);
+
+impl WeakTexture {
+    pub(crate) fn upgrade(&self) -> Option<Texture> {
+        self.0.upgrade().map(Texture)
     }
 }
 

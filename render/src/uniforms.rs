@@ -17,7 +17,9 @@ pub(crate) struct FrameUniform {
     clip_from_view: [[f32; 4]; 4],
     view_from_world: [[f32; 4]; 4],
     to_sun: [f32; 4],
+    /// Radiance, and extinction by water as the step says.
     sun: [f32; 4],
+    /// Up, and the height of the eye over water.
     up: [f32; 4],
     /// Across up, towards where the sun stands, and the extinction by haze per world unit.
     sky_side: [f32; 4],
@@ -78,8 +80,8 @@ impl FrameUniform {
             clip_from_view: step.jittered(clip_from_view(camera, near, (width, height)), (width, height)),
             view_from_world: view_from_world(camera).to_cols_array_2d(),
             to_sun: direction(sky.to_sun, 0.0),
-            sun: sky.sun.extend(0.0).to_array(),
-            up: direction(sky.up, 0.0),
+            sun: sky.sun.extend(step.water[1]).to_array(),
+            up: direction(sky.up, step.water[0]),
             sky_side: direction(sky.side, sky.haze),
             sun_disc: sky.disc,
             before: step.before.to_cols_array_2d(),

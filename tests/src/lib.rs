@@ -5,6 +5,7 @@
 //! |---|---|
 //! | `first_flight` | the server's push alone makes every visible instance drawable, in few bytes and round trips |
 //! | `settled` | what is streamed ends up looking like the model |
+//! | `textures` | a texture that assets share is one on the device |
 //! | `walls` | nothing is seen, and no sunlight comes, through the demo's closed walls |
 //! | `silence` | a server that is gone without a word is told |
 //! | `limiter` | bytes on the wire against the rate |
@@ -81,6 +82,8 @@ mod silence;
 mod support;
 #[cfg(test)]
 mod terrain;
+#[cfg(test)]
+mod textures;
 #[cfg(test)]
 mod tls;
 #[cfg(test)]

@@ -33,20 +33,18 @@ fn temple(folder: &Path) -> Scene {
     scene
 }
 
-/// What a view shows that it should not, in pixels.
-#[derive(Debug, PartialEq)]
-struct Found {
-    /// Neither wall nor ceiling.
-    open: usize,
-    /// Further away than the wall that stands there.
-    beyond: usize,
-    /// In sunlight.
-    lit: usize,
+/// What a pixel shows.
+struct Pixel {
+    /// From the eye to what lies 1 along the view.
+    through: DVec3,
+    /// How far along the view that is; infinite for the sky.
+    depth: f64,
+    /// Whether it is in sunlight.
+    lit: bool,
 }
 
-/// Looks from inside the brick walls, away from the door.
-fn look(h: &mut Headless, view: &SceneView, [eye, target]: [[f64; 3]; 2], shadows: bool) -> Found {
-    let pose = Pose::look_at(eye.into(), target.into(), DVec3::Y, 0.85);
+/// Draws a view with and without its sun.
+fn draw(h: &mut Headless, view: &SceneView, pose: Pose, shadows: bool) -> Vec<Pixel> {
     let mut settings = Settings { anti_aliasing: AntiAliasing::None, occlusion: None, ..Settings::default() };
     if !shadows {
         settings.shadows = None;
@@ -63,35 +61,180 @@ fn look(h: &mut Headless, view: &SceneView, [eye, target]: [[f64; 3]; 2], shadow
         drawn.unwrap();
         h.picture().unwrap()
     });
-    let brighter =
-        |(a, b): &(&image::Rgba<u8>, &image::Rgba<u8>)| (0..3).any(|c| a[c] > b[c].saturating_add(8));
-    let lit = sun.pixels().zip(none.pixels()).filter(brighter).count();
     let (width, height) = h.size();
     let (tx, ty) = pose.tan_half_fov(width, height);
-    let (mut open, mut beyond) = (0, 0);
-    for (i, depth) in (0_u32..).zip(h.depth().unwrap()) {
-        if depth <= 0.0 {
-            open += 1;
-            continue;
-        }
+    let pixels = (0_u32..).zip(h.depth().unwrap()).zip(sun.pixels().zip(none.pixels()));
+    let pixel = |((i, depth), (sun, none)): ((u32, f32), (&image::Rgba<u8>, &image::Rgba<u8>))| {
         let ndc = |at: u32, side: u32| (2.0 * f64::from(at) + 1.0) / f64::from(side) - 1.0;
         let ray = DVec3::new(ndc(i % width, width) * tx, -ndc(i / width, height) * ty, -1.0);
-        let seen = pose.eye + pose.rotation * ray * (settings.near / f64::from(depth));
+        Pixel {
+            through: pose.rotation * ray,
+            depth: if depth > 0.0 { settings.near / f64::from(depth) } else { f64::INFINITY },
+            lit: (0..3).any(|c| sun[c] > none[c].saturating_add(8)),
+        }
+    };
+    pixels.map(pixel).collect()
+}
+
+fn pose([eye, target]: [[f64; 3]; 2]) -> Pose {
+    Pose::look_at(eye.into(), target.into(), DVec3::Y, 0.85)
+}
+
+/// What a view shows that it should not, in pixels.
+#[derive(Debug, PartialEq)]
+struct Found {
+    /// Neither wall nor ceiling.
+    open: usize,
+    /// Further away than the wall that stands there.
+    beyond: usize,
+    /// In sunlight.
+    lit: usize,
+}
+
+/// Looks from inside the brick walls, away from the door.
+fn look(h: &mut Headless, view: &SceneView, place: [[f64; 3]; 2], shadows: bool) -> Found {
+    let pose = pose(place);
+    let mut found = Found { open: 0, beyond: 0, lit: 0 };
+    for pixel in draw(h, view, pose, shadows) {
+        found.lit += usize::from(pixel.lit);
+        if pixel.depth.is_infinite() {
+            found.open += 1;
+            continue;
+        }
+        let seen = pose.eye + pixel.through * pixel.depth;
         // The walls' inner faces are at 3.1 and 8.1 m and reach 7.08 m up from the floor at 1.07 m; joints are a
         // centimetre deep.
         let out = (seen.x.abs() - 3.1).max(seen.z.abs() - 8.1);
-        beyond += usize::from((1.0..7.0).contains(&seen.y) && out > 0.05);
+        found.beyond += usize::from((1.0..7.0).contains(&seen.y) && out > 0.05);
     }
-    Found { open, beyond, lit }
+    found
+}
+
+/// A convex piece of the temple that nothing is seen through: where for all of its planes `normal · place ≤ reach`.
+#[derive(Clone)]
+struct Solid(Vec<(DVec3, f64)>);
+
+impl Solid {
+    fn cuboid(low: [f64; 3], high: [f64; 3]) -> Self {
+        let axes = [DVec3::X, DVec3::Y, DVec3::Z];
+        let planes = (0..3).flat_map(|i| [(axes[i], high[i]), (-axes[i], -low[i])]);
+        Self(planes.collect())
+    }
+
+    /// Without so much below its surface: joints, bevels, and what a mesh may be off by.
+    fn core(&self, below: f64) -> Self {
+        Self(self.0.iter().map(|(normal, reach)| (*normal, reach - below)).collect())
+    }
+
+    /// Where a ray comes into it, in lengths of `ray`.
+    fn entry(&self, eye: DVec3, ray: DVec3) -> Option<f64> {
+        let (mut from, mut to) = (0.0_f64, f64::INFINITY);
+        for (normal, reach) in &self.0 {
+            let (left, along) = (reach - normal.dot(eye), normal.dot(ray));
+            if along < 0.0 {
+                from = from.max(left / along);
+            } else if along > 0.0 {
+                to = to.min(left / along);
+            } else if left < 0.0 {
+                return None;
+            }
+        }
+        (from < to).then_some(from)
+    }
+}
+
+/// The temple's closed pieces, as `server/src/demo_scene/temple.rs` builds them.
+fn solids() -> Vec<Solid> {
+    let cuboid = Solid::cuboid;
+    let (floor, entablature, roof) = (1.08, 7.08, 8.83);
+    let mut all = Vec::new();
+    // The brick walls, around a door 2.4 m wide and 4.3 m high.
+    all.push(cuboid([-3.7, floor, -8.7], [3.7, entablature, -8.1]));
+    all.push(cuboid([-3.7, floor, -8.7], [-3.1, entablature, 8.7]));
+    all.push(cuboid([3.1, floor, -8.7], [3.7, entablature, 8.7]));
+    all.push(cuboid([-3.7, floor, 8.1], [-1.2, entablature, 8.7]));
+    all.push(cuboid([1.2, floor, 8.1], [3.7, entablature, 8.7]));
+    all.push(cuboid([-1.2, floor + 4.3, 8.1], [1.2, entablature, 8.7]));
+    // The entablature, whose rings are all as thick as its lowest at least; they meet at the mitres.
+    for sign in [-1.0, 1.0_f64] {
+        let [near, far] = [12.0 * sign - 0.5, 12.0 * sign + 0.5];
+        all.push(cuboid([-6.5, entablature, near], [6.5, roof, far]));
+        let [near, far] = [6.0 * sign - 0.5, 6.0 * sign + 0.5];
+        all.push(cuboid([near, entablature, -12.5], [far, roof, 12.5]));
+    }
+    // Under the roof a prism, whose ends are the gables.
+    let ridge = DVec3::new(0.0, roof + 2.34, 0.0);
+    let slope = |x: f64, down: f64| DVec3::new(2.34 * x, down, 0.0).normalize();
+    let ends = [(DVec3::NEG_Y, -roof), (DVec3::Z, 12.35), (DVec3::NEG_Z, 12.35)];
+    let sides = [1.0, -1.0].map(|sign| slope(sign, 6.75)).map(|normal| (normal, normal.dot(ridge)));
+    all.push(Solid(ends.into_iter().chain(sides).collect()));
+    // On it two slabs that carry the tiles.
+    let ridge = DVec3::new(0.0, roof + 2.5, 0.0);
+    for sign in [1.0, -1.0] {
+        let (down, out) = (DVec3::new(7.25 * sign, -2.5, 0.0), DVec3::new(2.5 * sign, 7.25, 0.0));
+        let (along, out) = (down.normalize(), out.normalize());
+        let plane = |normal: DVec3, reach: f64| (normal, normal.dot(ridge) + reach);
+        let slab = [plane(out, 0.0), plane(-out, 0.12), plane(along, down.length()), plane(-along, 0.0)];
+        all.push(Solid(slab.into_iter().chain([(DVec3::Z, 13.15), (DVec3::NEG_Z, 13.15)]).collect()));
+    }
+    all
+}
+
+/// What a view from outside shows that it should not: what lies in or behind closed pieces, and sunlight that came
+/// through them, in pixels; with how many there could be of each.
+#[derive(Debug, PartialEq)]
+struct Through {
+    seen: usize,
+    lit: usize,
+    of: [usize; 2],
+}
+
+fn look_from_outside(h: &mut Headless, view: &SceneView, place: [[f64; 3]; 2]) -> Through {
+    let pose = pose(place);
+    let to_sun = DVec3::from(view.header().unwrap().light.direction.map(f64::from)).normalize();
+    // Slabs are 12 cm thick, the bevels of stones and the joints between them 5 cm deep at these angles. A lookup of
+    // shadow maps reaches a texel or two, which are wider the farther away.
+    let cores = |below: f64| solids().iter().map(|solid| solid.core(below)).collect::<Vec<_>>();
+    let (closed, dark) = (cores(0.055), cores(0.15));
+    let mut found = Through { seen: 0, lit: 0, of: [0, 0] };
+    for pixel in draw(h, view, pose, true) {
+        let entry = |eye, ray| move |solid: &Solid| solid.entry(eye, ray);
+        let nearest = closed.iter().filter_map(entry(pose.eye, pixel.through)).reduce(f64::min);
+        if let Some(nearest) = nearest {
+            found.of[0] += 1;
+            found.seen += usize::from(pixel.depth > nearest);
+        }
+        let seen = pose.eye + pixel.through * pixel.depth;
+        if pixel.depth.is_finite() && dark.iter().any(|solid| solid.entry(seen, to_sun).is_some()) {
+            found.of[1] += 1;
+            found.lit += usize::from(pixel.lit);
+        }
+    }
+    found
+}
+
+/// The temple, prepared.
+fn prepared() -> TestScene {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = temple(folder.path());
+    let packs = prepare_all(&scene, &folder.path().join("cache"));
+    TestScene::open(&scene, packs)
+}
+
+/// The temple refined to an error, perhaps without one of its assets.
+fn shown(h: &Headless, scene: &TestScene, error: f64, gone: Option<&str>) -> SceneView {
+    let gone = gone.map(|name| scene.asset(name));
+    let is_gone = |change: &Change| matches!(change, Change::Mesh(mesh) if Some(mesh.asset) == gone);
+    let mut view = SceneView::new();
+    view.push(scene.refined(error).into_iter().filter(|change| !is_gone(change)).collect());
+    view.upload(h.gpu(), h.renderer(), usize::MAX, 0.0).unwrap();
+    view
 }
 
 #[test]
 fn no_light_and_no_background_is_seen_through_closed_walls() {
     let Some(mut h) = headless() else { return };
-    let folder = tempfile::tempdir().unwrap();
-    let scene = temple(folder.path());
-    let packs = prepare_all(&scene, &folder.path().join("cache"));
-    let scene = TestScene::open(&scene, packs);
+    let scene = prepared();
     let views = [
         [[1.0, 3.0, 4.0], [0.0, 5.5, -8.7]],
         [[-2.0, 3.0, -1.0], [3.7, 5.0, -5.0]],
@@ -100,9 +243,7 @@ fn no_light_and_no_background_is_seen_through_closed_walls() {
     let clean = Found { open: 0, beyond: 0, lit: 0 };
     // Whole, and as far refined as a view from 8 m away settles at 1 px.
     for error in [0.0, 0.02] {
-        let mut view = SceneView::new();
-        view.push(scene.refined(error));
-        view.upload(h.gpu(), h.renderer(), usize::MAX, 0.0).unwrap();
+        let view = shown(&h, &scene, error, None);
         for place in views {
             assert_eq!(look(&mut h, &view, place, true), clean, "error {error} from {place:?}");
         }
@@ -112,17 +253,53 @@ fn no_light_and_no_background_is_seen_through_closed_walls() {
     }
     // And it sees what is open: without the roof, and without the walls.
     for (gone, what) in [("roof", 0), ("cella", 1)] {
-        let mut view = SceneView::new();
-        let asset = scene.asset(gone);
-        view.push(
-            scene
-                .refined(0.0)
-                .into_iter()
-                .filter(|change| !matches!(change, Change::Mesh(mesh) if mesh.asset == asset))
-                .collect(),
-        );
-        view.upload(h.gpu(), h.renderer(), usize::MAX, 0.0).unwrap();
+        let view = shown(&h, &scene, 0.0, Some(gone));
         let found = look(&mut h, &view, views[0], true);
         assert!([found.open, found.beyond][what] > 1000, "without {gone}: {found:?}");
+    }
+}
+
+#[test]
+fn from_outside_nothing_is_seen_and_no_light_comes_through_walls_roof_and_mitres() {
+    let Some(mut h) = headless() else { return };
+    let scene = prepared();
+    // What a view looks at is seen to be open where it is left out.
+    let views = [
+        ("cella", [[-15.0, 3.0, 4.0], [0.0, 4.0, 0.0]]),
+        ("cella", [[15.0, 3.5, -6.0], [0.0, 4.0, -2.0]]),
+        ("cella", [[3.0, 2.5, 21.0], [0.0, 4.5, 8.0]]),
+        ("roof", [[-17.0, 17.0, 9.0], [0.0, 9.5, 1.0]]),
+        ("roof", [[16.0, 15.0, -13.0], [0.0, 9.5, -3.0]]),
+        ("roof", [[2.0, 10.0, 24.0], [0.0, 9.6, 13.0]]),
+        // Mitres: of three corners, from below and from inside.
+        ("entablature", [[10.0, 6.3, 16.0], [6.5, 8.0, 12.5]]),
+        ("entablature", [[-10.0, 6.0, -16.0], [-6.5, 8.0, -12.5]]),
+        ("entablature", [[3.0, 4.0, -9.5], [6.2, 8.0, -12.2]]),
+    ];
+    for error in [0.0, 0.02] {
+        let view = shown(&h, &scene, error, None);
+        let mut dark = 0;
+        for (what, place) in views {
+            let found = look_from_outside(&mut h, &view, place);
+            println!("{what} from {:?} at {error}: {found:?}", place[0]);
+            assert!(found.of[0] > 5000, "{place:?}: {found:?}");
+            assert_eq!((found.seen, found.lit), (0, 0), "error {error}: {what} from {place:?}");
+            dark += found.of[1];
+        }
+        assert!(dark > 100_000, "{dark} pixels lie in the shadow of closed pieces");
+    }
+    for gone in ["cella", "roof", "entablature"] {
+        let view = shown(&h, &scene, 0.0, Some(gone));
+        for (_, place) in views.into_iter().filter(|(what, _)| *what == gone) {
+            let found = look_from_outside(&mut h, &view, place);
+            println!("without {gone} from {:?}: {found:?}", place[0]);
+            assert!(found.seen > 1000, "without {gone} from {place:?}: {found:?}");
+        }
+        let place = [[3.0, 3.0, 3.0], [-1.0, 2.0, -4.0]];
+        if gone == "roof" {
+            // The sun falls on the floor beside the walls.
+            let found = look_from_outside(&mut h, &view, place);
+            assert!(found.lit > 1000, "without {gone}: {found:?}");
+        }
     }
 }

@@ -7,6 +7,7 @@ use lodestream_geometry::refine::RenderVertex;
 use lodestream_protocol::asset::{Material, TextureInfo};
 use lodestream_protocol::lamps::Lamp;
 use lodestream_protocol::scene::{InstanceEntry, SceneHeader};
+use lodestream_protocol::shared::SharedTexture;
 use lodestream_terrain::{PatchPoint, PatchPoints};
 
 use super::texture_file::TexturePixels;
@@ -65,6 +66,9 @@ pub struct NewAsset {
     pub materials: Vec<Material>,
     /// Textures that the materials name.
     pub textures: Vec<TextureInfo>,
+    /// Which of them are those of other assets, to the byte and at every level: a renderer may hold one for all. Each asset
+    /// is told of each level all the same.
+    pub shared: Vec<SharedTexture>,
 }
 
 /// One vertex (a wedge slot).

@@ -172,7 +172,7 @@ impl Scene {
     pub(crate) fn set_base(&mut self, asset: u32, refined: RefinedAsset) {
         let Some(state) = self.states.get_mut(asset as usize) else { return };
         state.set_description(&refined.description, refined.uv_per_unit);
-        let sphere = state.entry().sphere;
+        let (sphere, shared) = (state.entry().sphere, state.entry().shared.clone());
         let mut materials = refined.description.materials.clone();
         if materials.is_empty() {
             materials.push(lodestream_protocol::asset::Material::default());
@@ -184,6 +184,7 @@ impl Scene {
             radius: sphere.radius,
             materials,
             textures: refined.description.textures.clone(),
+            shared,
         }));
         self.refined[asset as usize] = Some(refined);
     }

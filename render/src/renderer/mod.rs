@@ -29,8 +29,9 @@ use crate::target::{Load, Target};
 use crate::targets::Targets;
 use crate::temporal::{Temporal, TemporalStep};
 use crate::terrain::{TerrainGpu, TerrainLook, TileList, TileRaw};
-use crate::texture::TextureShape;
+use crate::texture::{Texture, TextureShape};
 use crate::timing::{PassEncoder, Timer, Timings};
+use crate::twin::water::Water;
 use crate::uniforms::FrameUniform;
 use crate::water::WaterPass;
 
@@ -151,6 +152,19 @@ impl Renderer {
         materials: &[Material],
         textures: &[TextureShape],
     ) -> AssetGpu {
+        let textures = textures.iter().map(|shape| Texture::new(gpu, *shape)).collect();
+        self.create_asset_with(gpu, origin, materials, textures)
+    }
+
+    /// The same with textures that other assets may have too.
+    #[must_use]
+    pub fn create_asset_with(
+        &self,
+        gpu: &Gpu,
+        origin: DVec3,
+        materials: &[Material],
+        textures: Vec<Texture>,
+    ) -> AssetGpu {
         materials.iter().for_each(|material| self.pipelines.meshes.ensure(gpu, Features::of(material)));
         AssetGpu::new(gpu, self.kit.clone(), origin, materials, textures)
     }
@@ -225,7 +239,9 @@ impl Renderer {
         let seen = frame.settings.shade == Shade::Motion;
         let temporal = smoothed == AntiAliasing::Temporal && frame.settings.shade.is_lit();
         let (step, moving) = if has_surfaces && (temporal || seen) {
-            self.temporal.begin(gpu, (frame, &list), size, temporal)?
+            let over = |water: &Water| [water.height, water.extinction.y].map(|x| x as f32);
+            let water = water.as_ref().map_or([0.0; 2], over);
+            self.temporal.begin(gpu, (frame, &list), size, (temporal, water))?
         } else {
             self.temporal.forget();
             (TemporalStep::NONE, Vec::new())

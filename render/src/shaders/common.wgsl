@@ -6,8 +6,8 @@ struct Frame {
     clip_from_view: mat4x4<f32>,
     view_from_world: mat4x4<f32>, // rotation only
     to_sun: vec4<f32>,
-    sun: vec4<f32>,
-    up: vec4<f32>,
+    sun: vec4<f32>, // w: extinction of green light by water per world unit
+    up: vec4<f32>, // w: height of the eye over water, 0 where there is none; both only where frames are added up
     sky_side: vec4<f32>, // across up, towards where the sun stands; w: extinction by haze per world unit
     sun_disc: vec4<f32>, // radiance; w: angular radius
     before: mat4x4<f32>, // to clip space of the frame before, without jitter, from places relative to this frame's eye

@@ -5,9 +5,10 @@
 // Share of the linear steps at grazing angles that is taken looking straight down; halvings after them.
 const RELIEF_STEPS_DOWN: f32 = 0.25;
 const RELIEF_HALVINGS: i32 = 8;
-// Smallest cosine between ray and normal that is followed; nearer to grazing the offset would grow
-// without bound.
-const RELIEF_MIN_COSINE: f32 = 0.02;
+// Farthest that a ray is followed along the surface, in depths: as at 63° to the normal. What lies below a surface slides
+// along it by its depth times the tangent, without bound, while the surface's own edges and what stands on it stay where
+// they are: at a corner and under a cap bricks would swim.
+const RELIEF_MOST_SHIFT: f32 = 2.0;
 
 struct ReliefHit {
     uv: vec2<f32>,
@@ -67,7 +68,8 @@ fn relief(
     let lod = max(log2(max(rho, 1e-6)), 0.0);
 
     // The ray reaches full depth after depth / cosine.
-    let reach = depth / max(cosine, RELIEF_MIN_COSINE);
+    let sine = sqrt(max(1.0 - cosine * cosine, 0.0));
+    let reach = depth * min(1.0 / max(cosine, 1e-4), RELIEF_MOST_SHIFT / max(sine, 1e-4));
     let span = vec2(dot(grad_u, view), dot(grad_v, view)) * reach;
     let steps = ceil(mix(frame.relief_steps, frame.relief_steps * RELIEF_STEPS_DOWN, cosine));
     hit.uv = uv + span * relief_trace(uv, span, lod, steps);

@@ -78,6 +78,25 @@ fn history_at(place: vec2<f32>) -> vec4<f32> {
     return max(finite(sum / weight), vec4(0.0));
 }
 
+// Share of what a pixel shows that lies at its depth: of what is seen through water, what comes through. What is mirrored
+// and what water sends back move neither with its bed nor with its surface.
+fn share_at_depth(pixel: vec2<i32>, stored: f32) -> f32 {
+    let ray = (transpose(frame.view_from_world) * vec4(view_ray(pixel), 0.0)).xyz;
+    let len = length(ray);
+    let cosine = -ray.y / len;
+    if (frame.up.w <= 0.0 || cosine <= 0.0) {
+        return 1.0;
+    }
+    let along = frame.up.w / -ray.y;
+    let below = (view_depth(stored) - along) * len;
+    if (!(along >= frame.near && below > 0.0)) {
+        return 1.0;
+    }
+    // As in water.wgsl, but that its surface is flat (Schlick 1994).
+    let mirrored = 0.0204 + 0.9796 * pow(1.0 - min(cosine, 1.0), 5.0);
+    return (1.0 - mirrored) * exp(-min(frame.sun.w * below * (1.0 + cosine), 80.0));
+}
+
 @fragment
 fn fs_temporal(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let pixel = vec2<i32>(at.xy);
@@ -137,6 +156,7 @@ fn fs_temporal(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let off = luma_chroma(before.rgb) - mean;
     let beyond = max(abs(off.x) / reach.x, max(abs(off.y) / reach.y, abs(off.z) / reach.z));
     let history = from_luma_chroma(mean + off / max(beyond, 1.0));
-    let count = min(before.a, frame.history / (1.0 + HASTE * length(motion)));
+    let counted_for = frame.history * share_at_depth(nearest, depth) / (1.0 + HASTE * length(motion));
+    let count = min(before.a, counted_for);
     return vec4(max(mix(history, own.rgb, own.a / (count + 1.0)), vec3(0.0)), count + own.a);
 }

@@ -39,12 +39,20 @@ pub(crate) struct TemporalStep {
     pub(crate) history: f32,
     /// Whether nothing has changed since.
     pub(crate) still: bool,
+    /// Height of the eye over water, 0 without, and the water's extinction of green light per world unit.
+    pub(crate) water: [f32; 2],
 }
 
 impl TemporalStep {
     /// Of frames that look at their pixels' centres and know of no other.
-    pub(crate) const NONE: Self =
-        Self { jitter: [0.0; 2], before: Mat4::IDENTITY, before_s: 0.0, history: 0.0, still: false };
+    pub(crate) const NONE: Self = Self {
+        jitter: [0.0; 2],
+        before: Mat4::IDENTITY,
+        before_s: 0.0,
+        history: 0.0,
+        still: false,
+        water: [0.0; 2],
+    };
 
     /// A projection that looks where this frame does.
     pub(crate) fn jittered(&self, mut projection: Mat4, (width, height): (u32, u32)) -> [[f32; 4]; 4] {
@@ -91,8 +99,8 @@ impl Temporal {
         *self = Self::new(Arc::clone(&self.resolve));
     }
 
-    /// Begins a frame in pictures of `size`, `jittered` unless only its motion is asked for. Gives with it what moves by
-    /// itself, and writes where that was.
+    /// Begins a frame in pictures of `size`, `jittered` unless only its motion is asked for, over water as [`TemporalStep`] says.
+    /// Gives with it what moves by itself, and writes where that was.
     ///
     /// # Errors
     /// [`RenderError::TooLarge`] for more instances than the device can hold.
@@ -101,7 +109,7 @@ impl Temporal {
         gpu: &Gpu,
         (frame, list): (&Frame<'a>, &DrawList<'a>),
         size: (u32, u32),
-        jittered: bool,
+        (jittered, water): (bool, [f32; 2]),
     ) -> Result<(TemporalStep, Vec<Batch<'a>>), RenderError> {
         let resolve = self.resolve.get_or_init(|| Resolve::new(gpu));
         match &mut self.histories {
@@ -137,6 +145,7 @@ impl Temporal {
             before_s,
             history,
             still,
+            water,
         };
         #[cfg(test)]
         {

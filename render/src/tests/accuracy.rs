@@ -7,12 +7,12 @@ use super::{headless, keep};
 use crate::graph::Resource;
 use crate::readback::read_texture;
 use crate::twin::depth::view_ray;
-use crate::twin::relief::{steps, tests::bricks};
+use crate::twin::relief::{reach, steps, tests::bricks};
 use crate::twin::surface::DepthPicture;
 use crate::twin::{antialias, brdf, ssao, tone};
 use crate::{
-    AmbientOcclusion, AntiAliasing, Drawable, Frame, Headless, Instance, Material, OcclusionRadius, PlainSky,
-    Pose, Renderer, Sky, Target, TextureData, TextureKind, TextureShape, ToneMapping,
+    AmbientOcclusion, AntiAliasing, AssetGpu, Drawable, Frame, Headless, Instance, Material, OcclusionRadius,
+    PlainSky, Pose, Renderer, Settings, Sky, Target, TextureData, TextureKind, TextureShape, ToneMapping,
 };
 
 #[test]
@@ -174,16 +174,11 @@ fn smoothed_edges_match_their_twin_and_come_nearer_to_the_truth() {
     assert!(after < 0.6 * before, "{before} {after}");
 }
 
-#[test]
-fn relief_matches_its_twin_and_the_exact_hit() {
+/// The unit square in the plane z = 0 under bricks this deep. Its colours say where on it they lie, 256 steps along u and
+/// v.
+fn wall_of_coordinates(h: &Headless, relief_depth: f32) -> AssetGpu {
     const SIZE: u32 = 64;
-    let (width, height) = (128, 96);
-    let Some(mut h) = headless(width, height) else { return };
-    let map = bricks(SIZE as usize);
-    // Deep, so that a search without its binary part would be off by more than a colour step.
-    let relief_depth = 0.3f32;
     let shape = |kind, size| TextureShape::full(size, size, kind);
-    // The colour texture is a map of its own coordinates, 256 texels wide.
     let material = Material {
         base_colour: [1.0; 3],
         relief_depth,
@@ -193,8 +188,7 @@ fn relief_matches_its_twin_and_the_exact_hit() {
     };
     let shapes = [shape(TextureKind::Colour, 256), shape(TextureKind::Height, SIZE)];
     let mut wall = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[material], &shapes);
-    // One texture repeat over the unit square in the plane z = 0.
-    fill(&h, &mut wall, &quad([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0));
+    fill(h, &mut wall, &quad([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0));
     for level in 0..shapes[0].levels {
         let (w, rows) = shapes[0].level_size(level);
         // Means of the texels that a coarser one covers.
@@ -203,34 +197,48 @@ fn relief_matches_its_twin_and_the_exact_hit() {
         let pixels: Vec<u8> = (0..w * rows).flat_map(texel).collect();
         wall.update_texture(h.gpu(), 0, level, TextureData::Rgba8(&pixels)).unwrap();
     }
-    for (level, heights) in mips16(&map).iter().enumerate() {
+    for (level, heights) in mips16(&bricks(SIZE as usize)).iter().enumerate() {
         wall.update_texture(h.gpu(), 1, level as u32, TextureData::R16(heights)).unwrap();
     }
-    let drawables = [Drawable { asset: &wall, instances: &[Instance::default()] }];
-    let camera = Pose::look_at(DVec3::new(0.9, 0.75, 0.35), DVec3::new(0.45, 0.5, 0.0), DVec3::Y, 0.5);
-    let frame = Frame::new(camera, &drawables);
-    h.frame(&frame).unwrap();
-    keep(&h, "relief-accuracy");
+    wall
+}
+
+/// What a frame shows of [`wall_of_coordinates`]: for each pixel of it the ray from the eye, where that meets the wall, and
+/// the place that is shown there, both in texture coordinates.
+fn places(h: &mut Headless, wall: &AssetGpu, camera: Pose) -> Vec<(DVec3, [f64; 2], [f64; 2])> {
+    let drawables = [Drawable { asset: wall, instances: &[Instance::default()] }];
+    h.frame(&Frame::new(camera, &drawables)).unwrap();
+    let (width, height) = h.size();
     let covered = h.coverage().unwrap();
     let albedo = h.intermediate(Resource::Albedo, 4).unwrap();
     let (tx, ty) = camera.tan_half_fov(width, height);
-    let (mut n, mut off_twin, mut off_exact, mut moved) = (0, 0, 0, 0);
-    for (i, _) in covered.iter().enumerate().filter(|(_, c)| **c) {
+    let seen = covered.iter().enumerate().filter(|(_, covered)| **covered).map(|(i, _)| {
         let pixel = [(i % width as usize) as i64, (i / width as usize) as i64];
         let ray = (camera.rotation * DVec3::from(view_ray(pixel, [width, height], [tx, ty]))).normalize();
         let p = camera.eye + ray * (-camera.eye.z / ray.z);
+        // Texel centre k holds the value k: undo the half texel. Texture space: v down.
+        let got = [0, 1].map(|c| (f64::from(albedo[i * 4 + c]) + 0.5) / 256.0);
+        (ray, [p.x, 1.0 - p.y], got)
+    });
+    seen.collect()
+}
+
+#[test]
+fn relief_matches_its_twin_and_the_exact_hit() {
+    let Some(mut h) = headless(128, 96) else { return };
+    let map = bricks(64);
+    // Deep, so that a search without its binary part would be off by more than a colour step.
+    let relief_depth = 0.3f32;
+    let wall = wall_of_coordinates(&h, relief_depth);
+    let camera = Pose::look_at(DVec3::new(0.9, 0.75, 0.35), DVec3::new(0.45, 0.5, 0.0), DVec3::Y, 0.5);
+    let (mut n, mut off_twin, mut off_exact, mut moved) = (0, 0, 0, 0);
+    for (ray, start, got) in places(&mut h, &wall, camera) {
         let cosine = -ray.z;
-        // Texture space: v down.
-        let reach = f64::from(relief_depth) / cosine;
-        let (start, span) = ([p.x, 1.0 - p.y], [ray.x * reach, -ray.y * reach]);
+        let reach = reach(f64::from(relief_depth), cosine);
+        let span = [ray.x * reach, -ray.y * reach];
         let uv = |s: f64| [0, 1].map(|a| start[a] + span[a] * s);
-        let traced = uv(map.trace(start, span, steps(frame.settings.relief_steps, cosine)));
+        let traced = uv(map.trace(start, span, steps(Settings::default().relief_steps, cosine)));
         let exact = uv(map.intersect(start, span));
-        // Texel centre k holds the value k: undo the half texel.
-        let got = [0, 1].map(|c| {
-            let stored = f64::from(albedo[i * 4 + c]);
-            (stored + 0.5) / 256.0
-        });
         let inside = |q: [f64; 2]| q.iter().all(|x| (0.02..0.98).contains(x));
         if !inside(got) || !inside(traced) || !inside(exact) {
             continue;
@@ -242,11 +250,41 @@ fn relief_matches_its_twin_and_the_exact_hit() {
         off_exact += usize::from(apart(exact) > 2.5 / 256.0);
         moved += usize::from(apart(start) > 4.0 / 256.0);
     }
+    keep(&h, "relief-accuracy");
     assert!(n > 3000, "only {n} pixels to compare");
     assert!(moved * 4 > n, "relief moved only {moved} of {n} pixels");
     assert!(off_twin * 500 < n, "{off_twin} of {n} pixels off the twin");
     // Linear steps jump over some crests, which this deep a relief has at every joint.
     assert!(off_exact * 20 < n, "{off_exact} of {n} pixels off the exact hit");
+}
+
+#[test]
+fn bricks_do_not_swim_along_a_wall_that_is_seen_ever_more_from_its_side() {
+    let Some(mut h) = headless(160, 120) else { return };
+    let depth = 0.04;
+    let wall = wall_of_coordinates(&h, depth as f32);
+    let middle = DVec3::new(0.5, 0.5, 0.0);
+    for degrees in [30.0, 55.0, 70.0, 80.0, 86.0_f64] {
+        let (sine, cosine) = degrees.to_radians().sin_cos();
+        let camera = Pose::look_at(middle + DVec3::new(sine, 0.0, cosine) * 4.0, middle, DVec3::Y, 0.2);
+        let seen = places(&mut h, &wall, camera);
+        keep(&h, &format!("relief-{degrees}"));
+        let far = |[x, y]: &[f64; 2]| (0.3..0.7).contains(x) && (0.3..0.7).contains(y);
+        let shifts: Vec<f64> = seen
+            .iter()
+            .filter(|(_, from, _)| far(from))
+            .map(|(_, from, to)| (to[0] - from[0]).hypot(to[1] - from[1]) / depth)
+            .collect();
+        let most = shifts.iter().fold(0.0_f64, |a, b| a.max(*b));
+        let mean = shifts.iter().sum::<f64>() / shifts.len() as f64;
+        println!("{degrees}: along the wall by {mean:.2} depths in the mean, {most:.2} at most");
+        // A step of the colours, and what a footprint of them is rounded to.
+        let rounding = 1.5 / 256.0 / depth;
+        assert!(
+            shifts.len() > 100 && most < degrees.to_radians().tan().min(2.0) + rounding,
+            "{degrees}: {most}"
+        );
+    }
 }
 
 /// IEEE 754 binary16 to f64.

@@ -6,8 +6,8 @@ use super::headless;
 use super::shapes::{asset, at, fill, quad, sphere};
 use crate::image_compare::compare;
 use crate::{
-    AssetGpu, Drawable, Frame, Headless, Instance, Material, PackedVertex, Pose, RenderError, TextureData,
-    TextureKind, TextureShape,
+    AssetGpu, Drawable, Frame, Headless, Instance, Material, PackedVertex, Pose, RenderError, Texture,
+    TextureData, TextureKind, TextureShape,
 };
 
 fn camera() -> Pose {
@@ -92,6 +92,47 @@ fn unknown_names_and_wrong_sizes_are_errors() {
     let far = a.update_vertices(g, usize::MAX - 1, &[PackedVertex::default()]);
     assert!(matches!(far, Err(RenderError::TooLarge { .. })));
     assert!(g.take_error().is_none());
+}
+
+#[test]
+fn a_texture_of_several_assets_is_there_once_as_long_as_one_of_them_is() {
+    let Some(mut h) = headless(16, 16) else { return };
+    let mesh = quad([-1.0, -1.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], 1.0);
+    let shape = TextureShape { levels: 2, ..TextureShape::full(8, 8, TextureKind::Colour) };
+    let material = Material { base_colour: [1.0; 3], colour_texture: Some(0), ..Material::default() };
+    let texture = Texture::new(h.gpu(), shape);
+    let [mut one, mut other] = [(); 2].map(|()| {
+        let textures = vec![texture.clone()];
+        let mut asset = h.renderer().create_asset_with(h.gpu(), DVec3::ZERO, &[material], textures);
+        fill(&h, &mut asset, &mesh);
+        asset
+    });
+    let weak = texture.downgrade();
+    drop(texture);
+    let white = shoot(&mut h, &other);
+    for level in 0..2 {
+        let (width, height) = shape.level_size(level);
+        let red = [200, 30, 20, 255].repeat((width * height) as usize);
+        one.update_texture(h.gpu(), 0, level, TextureData::Rgba8(&red)).unwrap();
+        // It is here already, as what these texels do not change shows.
+        let blue = [20, 30, 200, 255].repeat((width * height) as usize);
+        other.update_texture(h.gpu(), 0, level, TextureData::Rgba8(&blue)).unwrap();
+    }
+    let red = shoot(&mut h, &one);
+    assert_ne!(red, white);
+    assert_eq!(shoot(&mut h, &other), red);
+    let texels = (8 * 8 + 4 * 4) * 4;
+    assert_eq!(weak.upgrade().map(|texture| texture.bytes()), Some(texels));
+    // An asset that comes later has what is here from the start.
+    let later = vec![weak.upgrade().unwrap()];
+    let mut later = h.renderer().create_asset_with(h.gpu(), DVec3::ZERO, &[material], later);
+    fill(&h, &mut later, &mesh);
+    assert_eq!(shoot(&mut h, &later), red);
+    drop((one, later));
+    assert_eq!(shoot(&mut h, &other), red);
+    assert!(weak.upgrade().is_some());
+    drop(other);
+    assert!(weak.upgrade().is_none());
 }
 
 #[test]

@@ -3,6 +3,16 @@
 /// Halvings after the linear search, as in the shader.
 pub const HALVINGS: u32 = 8;
 
+/// Farthest that a ray is followed along the surface, in depths, as in the shader.
+const MOST_SHIFT: f64 = 2.0;
+
+/// How far a ray at this cosine to the normal is followed until it is at full depth, as in the shader.
+#[must_use]
+pub fn reach(depth: f64, cosine: f64) -> f64 {
+    let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+    depth * (1.0 / cosine.max(1e-4)).min(MOST_SHIFT / sine.max(1e-4))
+}
+
 /// Linear steps for a cosine between ray and normal, of `most` at grazing angles, as in the shader.
 #[must_use]
 pub fn steps(most: u32, cosine: f64) -> u32 {

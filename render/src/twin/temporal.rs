@@ -34,6 +34,8 @@ pub struct Resolve<'a> {
     pub exposure: f64,
     /// Most frames that the history counts for.
     pub most: f64,
+    /// Height of the eye over water and extinction of green light by it, where there is some.
+    pub water: Option<[f64; 2]>,
 }
 
 /// Less of a colour the brighter it is; nothing of what is no number.
@@ -68,6 +70,25 @@ impl Resolve<'_> {
     fn index(&self, [x, y]: [i64; 2]) -> usize {
         let [width, height] = self.size_px.map(i64::from);
         (y.clamp(0, height - 1) * width + x.clamp(0, width - 1)) as usize
+    }
+
+    /// Share of what a pixel shows that lies at its depth.
+    fn share_at_depth(&self, pixel: [i64; 2]) -> f64 {
+        let Some([height, extinction]) = self.water else { return 1.0 };
+        let camera = self.cameras[0];
+        let (tx, ty) = camera.tan_half_fov(self.size_px[0], self.size_px[1]);
+        let now = DVec2::new(pixel[0] as f64, pixel[1] as f64) + 0.5 + DVec2::from(self.jitter);
+        let uv = now / DVec2::from(self.size_px.map(f64::from));
+        let ray = camera.rotation * DVec3::new((uv.x * 2.0 - 1.0) * tx, (1.0 - uv.y * 2.0) * ty, -1.0);
+        let stored = self.depth[self.index(pixel)];
+        let depth = if stored > 0.0 { self.near / stored } else { f64::INFINITY };
+        let (cosine, along) = (-ray.y / ray.length(), height / -ray.y);
+        let below = (depth - along) * ray.length();
+        if cosine <= 0.0 || along < self.near || below <= 0.0 {
+            return 1.0;
+        }
+        let mirrored = 0.0204 + 0.9796 * (1.0 - cosine).powi(5);
+        (1.0 - mirrored) * (-extinction * below * (1.0 + cosine)).exp()
     }
 
     /// From where what a pixel shows is to where the frame before had it, by the camera's motion.
@@ -161,7 +182,8 @@ impl Resolve<'_> {
         let off = luma_chroma([r, g, b]) - mean;
         let beyond = (off.abs() / reach).max_element().max(1.0);
         let before = from_luma_chroma(mean + off / beyond);
-        let count = frames.min(self.most / (1.0 + HASTE * motion.length()));
+        let share = self.share_at_depth(nearest);
+        let count = frames.min(self.most * share / (1.0 + HASTE * motion.length()));
         let share = counts / (count + 1.0);
         let mixed = std::array::from_fn(|c| (before[c] + (own[c] - before[c]) * share).max(0.0));
         with(mixed, count + counts)

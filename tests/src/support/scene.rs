@@ -7,7 +7,7 @@ use bytes::Bytes;
 use lodestream_client::core::{Change, IndexRun, MeshChange, NewAsset, TextureChange, TexturePixels, Vertex};
 use lodestream_geometry::closed_set::{Budget, lowest_error};
 use lodestream_protocol::lamps::{Lamp, Lamps, decode_page};
-use lodestream_protocol::scene::{SceneHeader, ScenePage};
+use lodestream_protocol::scene::{AssetEntry, SceneHeader, ScenePage};
 use lodestream_protocol::source::{SceneSource, SourceError};
 use lodestream_protocol::{BlobId, BlobPart};
 use lodestream_server::prepare::{Options, prepare_cached};
@@ -65,6 +65,12 @@ impl TestScene {
     pub(crate) fn asset(&self, name: &str) -> u32 {
         let number = self.assets.iter().position(|a| a.description.name == name).unwrap();
         u32::try_from(number).unwrap()
+    }
+
+    /// What the scene's pages say of an asset.
+    pub(crate) fn entry(&self, number: u32) -> AssetEntry {
+        let pages = (0..self.store.header().page_count).map(|page| self.store.page(page).unwrap());
+        pages.flat_map(|page| page.assets.clone()).nth(number as usize).unwrap()
     }
 
     /// Bytes of all blobs that a client could fetch.
@@ -128,6 +134,7 @@ impl TestScene {
             radius: asset.base.sphere.radius,
             materials: description.materials.clone(),
             textures: description.textures.clone(),
+            shared: self.entry(number).shared,
         }));
         let budget = if error > 0.0 { Budget::Error(error) } else { Budget::Everything };
         let set = lowest_error(&asset.base, &asset.infos, 0, budget);
