@@ -7,6 +7,7 @@ mod ahead;
 mod covering;
 mod debug;
 mod enlarged;
+mod extremes;
 mod finite;
 mod haze;
 mod host;
