@@ -16,6 +16,7 @@ mod materials;
 mod pictures;
 mod shadows;
 mod shapes;
+mod spheres;
 mod streaming;
 mod switches;
 mod temporal;
