@@ -9,6 +9,7 @@ mod debug;
 mod enlarged;
 mod extremes;
 mod finite;
+mod ground;
 mod haze;
 mod host;
 mod lights;
