@@ -25,6 +25,15 @@ pub(super) struct Converted {
     pub(super) uv_transform: UvTransform,
 }
 
+impl Converted {
+    /// Whether anything of it is looked up by texture coordinates.
+    pub(super) fn has_maps(&self) -> bool {
+        let Material { color_texture, normal_texture, emission_texture, surface, .. } = &self.material;
+        [color_texture, normal_texture, emission_texture].iter().any(|map| map.is_some())
+            || !surface.is_empty()
+    }
+}
+
 /// Converts the material `index` of the file; `None` is glTF's default material.
 ///
 /// # Errors

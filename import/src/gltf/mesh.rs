@@ -1,6 +1,6 @@
 //! Primitives to one [`SourceMesh`], in the place that a node gives them.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{DMat3, DMat4, DVec3};
 use gltf::json;
@@ -32,6 +32,8 @@ pub(super) struct Builder<'a> {
     material_of: BTreeMap<Option<usize>, u16>,
     ignored: Ignored,
     warnings: Vec<String>,
+    /// Materials with maps that some primitive has no coordinates for, and that this was said of.
+    without_uvs: BTreeSet<u16>,
 }
 
 /// The vertex attributes of one primitive.
@@ -52,6 +54,7 @@ impl<'a> Builder<'a> {
             material_of: BTreeMap::new(),
             ignored: Ignored::of_file(document),
             warnings: Vec::new(),
+            without_uvs: BTreeSet::new(),
         }
     }
 
@@ -90,6 +93,9 @@ impl<'a> Builder<'a> {
         }
         let material = self.material(primitive.material.map(|m| m.value()))?;
         let Some(attributes) = self.attributes(primitive, place, material)? else { return Ok(()) };
+        if attributes.uvs.is_none() {
+            self.warn_of_maps(material, place);
+        }
         let indices = self.indices(primitive, place, attributes.positions.len())?;
         let faces = match mode {
             Mode::Triangles => indices.len() / 3,
@@ -115,6 +121,20 @@ impl<'a> Builder<'a> {
             self.mesh.materials.push(material);
         }
         Ok(())
+    }
+
+    /// Says, once for each material, that a primitive has no coordinates for its maps.
+    fn warn_of_maps(&mut self, material: u16, place: &str) {
+        let converted = &self.materials[usize::from(material)];
+        if converted.has_maps() && self.without_uvs.insert(material) {
+            self.warnings.push(format!(
+                "{}: {place} has no TEXCOORD_{}, which the maps of its material {:?} are laid by: each shows one of its \
+                 texels all over; export the mesh with texture coordinates",
+                self.document.path.display(),
+                converted.uv_set,
+                converted.material.name
+            ));
+        }
     }
 
     fn material(&mut self, index: Option<usize>) -> Result<u16, ImportError> {

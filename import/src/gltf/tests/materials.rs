@@ -124,6 +124,133 @@ fn maps_with_coordinates_of_their_own_are_left_out_by_name() {
     }
 }
 
+/// A material with every map there is, each with other coordinates: those of `own` those of its own.
+fn five_maps(own: &[usize], coordinates: &Value) -> Model {
+    let map = |number: usize| {
+        let mut map = json!({"index": number});
+        if own.contains(&number) {
+            map.as_object_mut().unwrap().extend(coordinates.as_object().unwrap().clone());
+        }
+        map
+    };
+    let mut model = textured(json!({
+        "name": "wall",
+        "pbrMetallicRoughness": {"baseColorTexture": map(0), "metallicRoughnessTexture": map(1)},
+        "normalTexture": map(2), "occlusionTexture": map(3),
+        "emissiveTexture": map(4), "emissiveFactor": [1, 1, 1],
+    }));
+    let uvs = model.floats("VEC2", 2, &[0.5, 0., 1., 0., 1., 1., 0., 1.]);
+    model.attribute("TEXCOORD_1", uvs);
+    model
+}
+
+/// Which of a material's maps are there: base colour, metal and roughness, normals, occlusion, emission.
+fn there(material: &Material) -> [bool; 5] {
+    let SurfaceMap { occlusion, roughness, metallic, .. } = &material.surface;
+    assert_eq!(roughness.is_some(), metallic.is_some());
+    [
+        material.color_texture.is_some(),
+        roughness.is_some(),
+        material.normal_texture.is_some(),
+        occlusion.is_some(),
+        material.emission_texture.is_some(),
+    ]
+}
+
+/// Each map by each kind of coordinates: a set of its own, a transformation, and a set that the transformation names.
+#[test]
+fn each_map_with_coordinates_of_its_own_is_named_with_what_to_do() {
+    let names = [
+        "base colour texture",
+        "metallic-roughness texture",
+        "normal texture",
+        "occlusion texture",
+        "emissive texture",
+    ];
+    let kinds = [
+        json!({"texCoord": 1}),
+        json!({"extensions": {"KHR_texture_transform": {"offset": [0.25, 0.5], "rotation": 0.5, "scale": [2, 3]}}}),
+        json!({"extensions": {"KHR_texture_transform": {"texCoord": 1}}}),
+    ];
+    for kind in &kinds {
+        for number in 0..5 {
+            let imported = five_maps(&[number], kind).read().unwrap();
+            let about =
+                |name: &str| imported.warnings.iter().filter(|w| w.contains(&format!("its {name} "))).count();
+            // The base colour is first, and all others are left out if it is the odd one.
+            let left_out: Vec<_> = (1..5).filter(|other| number == 0 || *other == number).collect();
+            assert_eq!(
+                there(&imported.materials[0]),
+                [0, 1, 2, 3, 4].map(|i| !left_out.contains(&i)),
+                "{kind}"
+            );
+            for (i, name) in names.iter().enumerate() {
+                assert_eq!(
+                    about(name),
+                    usize::from(left_out.contains(&i)),
+                    "{name}: {:?}",
+                    imported.warnings
+                );
+            }
+            for part in ["a.glb", "\"wall\"", "its base colour texture, and is left out; give both the same"]
+            {
+                assert!(
+                    imported.warnings.iter().any(|warning| warning.contains(part)),
+                    "{:?}",
+                    imported.warnings
+                );
+            }
+            // What is left out neither shines nor is metal all over.
+            let material = &imported.materials[0];
+            assert_eq!(material.metallic, if left_out.contains(&1) { 0.0 } else { 1.0 });
+            assert_eq!(material.emission, if left_out.contains(&4) { [0.0; 3] } else { [1.0; 3] });
+        }
+        // All alike: nothing is lost, and the mesh has these coordinates.
+        let alike = five_maps(&[0, 1, 2, 3, 4], kind).read().unwrap();
+        assert_eq!(there(&alike.materials[0]), [true; 5], "{kind}");
+        assert!(!alike.warnings.iter().any(|warning| warning.contains("left out")), "{:?}", alike.warnings);
+        assert_ne!(alike.mesh.uvs[0], [0.0, 1.0], "{kind}");
+    }
+}
+
+/// Offset, rotation and scale as the extension's own text has them: a texel of a map is found where it says.
+#[test]
+fn transformations_turn_scale_and_move_in_the_extensions_order() {
+    let (angle, scale, offset) = (0.5_f64, [2.0, 3.0], [0.25, 0.5]);
+    let kind = json!({"extensions": {"KHR_texture_transform": {"offset": offset, "rotation": angle, "scale": scale}}});
+    let imported = five_maps(&[0, 1, 2, 3, 4], &kind).read().unwrap();
+    for (uv, [u, v]) in imported.mesh.uvs.iter().zip([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) {
+        // uv' = translation · rotation · scale · uv, of GLSL's columns (cos, −sin), (sin, cos).
+        let (x, y) = (u * scale[0], v * scale[1]);
+        let want = [angle.cos() * x + angle.sin() * y, -angle.sin() * x + angle.cos() * y];
+        let want = [want[0] + offset[0], 1.0 - (want[1] + offset[1])];
+        assert!((0..2).all(|i| (f64::from(uv[i]) - want[i]).abs() < 1e-6), "{uv:?} {want:?}");
+    }
+}
+
+/// Its maps were one colour all over, and nothing said why.
+#[test]
+fn a_mesh_without_the_coordinates_of_its_maps_is_named_once() {
+    let mut model = textured(
+        json!({"name": "wall", "pbrMetallicRoughness": {"baseColorTexture": {"index": 0, "texCoord": 1}}}),
+    );
+    let again = model.primitive().clone();
+    model.json["meshes"][0]["primitives"].as_array_mut().unwrap().push(again);
+    let imported = model.read().unwrap();
+    let about = imported.warnings.iter().filter(|w| w.contains("has no TEXCOORD_1")).collect::<Vec<_>>();
+    let [warning] = about[..] else { panic!("{:?}", imported.warnings) };
+    for part in ["a.glb", "meshes[0].primitives[0]", "\"wall\"", "export the mesh with texture coordinates"] {
+        assert!(warning.contains(part), "{warning:?} lacks {part:?}");
+    }
+    // Nobody misses what no map needs.
+    let plain = textured(json!({"name": "wall", "emissiveFactor": [1, 1, 1]}));
+    assert!(!plain.read().unwrap().warnings.iter().any(|w| w.contains("has no TEXCOORD")));
+    let mut bare = Model::quad();
+    bare.json["materials"] = json!([{"name": "wall"}]);
+    bare.primitive()["material"] = json!(0);
+    assert!(bare.read().unwrap().warnings.is_empty());
+}
+
 #[test]
 fn samplers_say_how_maps_continue() {
     let mut model = textured(json!({
