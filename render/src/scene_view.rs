@@ -231,7 +231,7 @@ impl SceneView {
     /// what is true does not send.
     fn texture(&mut self, gpu: &Gpu, id: (u32, u16), shape: TextureShape) -> Texture {
         let there = self.textures.get(&id).and_then(WeakTexture::upgrade);
-        there.filter(|texture| texture.shape() == shape).unwrap_or_else(|| {
+        there.filter(|texture| texture.declared_shape() == shape).unwrap_or_else(|| {
             let new = Texture::new(gpu, shape);
             self.textures.insert(id, new.downgrade());
             new

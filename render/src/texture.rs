@@ -111,7 +111,7 @@ fn finest_usable(present: &[bool]) -> Option<u32> {
 /// A texture in the making.
 #[derive(Debug)]
 struct StreamedTexture {
-    given: TextureShape,
+    declared: TextureShape,
     /// The same with as many levels as there can be.
     shape: TextureShape,
     format: wgpu::TextureFormat,
@@ -123,8 +123,8 @@ struct StreamedTexture {
 }
 
 impl StreamedTexture {
-    fn new(gpu: &Gpu, given: TextureShape) -> Self {
-        let shape = given;
+    fn new(gpu: &Gpu, declared: TextureShape) -> Self {
+        let shape = declared;
         let full = TextureShape::full(shape.width, shape.height, shape.kind).levels;
         let shape = TextureShape { levels: shape.levels.clamp(1, full), ..shape };
         let side = gpu.device.limits().max_texture_dimension_2d.min(MAX_SIDE_PX);
@@ -143,7 +143,7 @@ impl StreamedTexture {
             }
             TextureKind::Height => wgpu::TextureFormat::R8Unorm,
         };
-        Self { given, shape, format, present: vec![false; shape.levels as usize], limit, allocated: None }
+        Self { declared, shape, format, present: vec![false; shape.levels as usize], limit, allocated: None }
     }
 
     /// Of the levels that are allocated.
@@ -264,8 +264,8 @@ impl Texture {
 
     /// Size and purpose, as they were given.
     #[must_use]
-    pub fn shape(&self) -> TextureShape {
-        self.streamed().given
+    pub fn declared_shape(&self) -> TextureShape {
+        self.streamed().declared
     }
 
     /// GPU memory of the levels that are allocated, in bytes.
