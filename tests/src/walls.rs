@@ -64,7 +64,7 @@ fn draw(h: &mut Headless, view: &SceneView, pose: Pose, shadows: bool) -> Vec<Pi
     let (width, height) = h.size();
     let (tx, ty) = pose.tan_half_fov(width, height);
     let pixels = (0_u32..).zip(h.depth().unwrap()).zip(sun.pixels().zip(none.pixels()));
-    let pixel = |((i, depth), (sun, none)): ((u32, f32), (&image::Rgba<u8>, &image::Rgba<u8>))| {
+    let pixels = pixels.map(|((i, depth), (sun, none))| {
         let ndc = |at: u32, side: u32| (2.0 * f64::from(at) + 1.0) / f64::from(side) - 1.0;
         let ray = DVec3::new(ndc(i % width, width) * tx, -ndc(i / width, height) * ty, -1.0);
         Pixel {
@@ -72,8 +72,8 @@ fn draw(h: &mut Headless, view: &SceneView, pose: Pose, shadows: bool) -> Vec<Pi
             depth: if depth > 0.0 { settings.near / f64::from(depth) } else { f64::INFINITY },
             lit: (0..3).any(|c| sun[c] > none[c].saturating_add(8)),
         }
-    };
-    pixels.map(pixel).collect()
+    });
+    pixels.collect()
 }
 
 fn pose([eye, target]: [[f64; 3]; 2]) -> Pose {
@@ -147,14 +147,15 @@ impl Solid {
 fn solids() -> Vec<Solid> {
     let cuboid = Solid::cuboid;
     let (floor, entablature, roof) = (1.08, 7.08, 8.83);
-    let mut all = Vec::new();
     // The brick walls, around a door 2.4 m wide and 4.3 m high.
-    all.push(cuboid([-3.7, floor, -8.7], [3.7, entablature, -8.1]));
-    all.push(cuboid([-3.7, floor, -8.7], [-3.1, entablature, 8.7]));
-    all.push(cuboid([3.1, floor, -8.7], [3.7, entablature, 8.7]));
-    all.push(cuboid([-3.7, floor, 8.1], [-1.2, entablature, 8.7]));
-    all.push(cuboid([1.2, floor, 8.1], [3.7, entablature, 8.7]));
-    all.push(cuboid([-1.2, floor + 4.3, 8.1], [1.2, entablature, 8.7]));
+    let mut all = vec![
+        cuboid([-3.7, floor, -8.7], [3.7, entablature, -8.1]),
+        cuboid([-3.7, floor, -8.7], [-3.1, entablature, 8.7]),
+        cuboid([3.1, floor, -8.7], [3.7, entablature, 8.7]),
+        cuboid([-3.7, floor, 8.1], [-1.2, entablature, 8.7]),
+        cuboid([1.2, floor, 8.1], [3.7, entablature, 8.7]),
+        cuboid([-1.2, floor + 4.3, 8.1], [1.2, entablature, 8.7]),
+    ];
     // The entablature, whose rings are all as thick as its lowest at least; they meet at the mitres.
     for sign in [-1.0, 1.0_f64] {
         let [near, far] = [12.0 * sign - 0.5, 12.0 * sign + 0.5];
