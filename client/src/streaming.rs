@@ -31,6 +31,8 @@ const STATUS_INTERVAL: Duration = Duration::from_millis(50);
 pub struct Controls {
     /// The camera; `None`: as the configuration says.
     pub view: Option<View>,
+    /// Whether what casts shadows into view from out of it is refined too; `None`: as the configuration says.
+    pub shadows: Option<bool>,
     /// End the session and the thread.
     pub leave: bool,
 }
@@ -235,6 +237,9 @@ impl<N: Fn()> Host for StreamHost<N> {
                 self.left |= controls.leave;
                 if let Some(view) = controls.view {
                     self.core.set_view(now, view);
+                }
+                if let Some(shadows) = controls.shadows {
+                    self.core.set_shadows(shadows);
                 }
             }
             Ok(false) => {}

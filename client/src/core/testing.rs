@@ -190,6 +190,12 @@ impl Hills {
         }
     }
 
+    /// The same in light from another direction.
+    pub(crate) fn lit_from(mut self, direction: [f32; 3]) -> Self {
+        self.header.light.direction = direction;
+        self
+    }
+
     /// The same, said to have one texture in common.
     pub(crate) fn sharing_textures(mut self) -> Self {
         let page = Arc::make_mut(&mut self.page);

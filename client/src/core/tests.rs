@@ -125,6 +125,24 @@ fn what_the_camera_left_is_undone_and_comes_back_from_the_cache() {
     assert_eq!(link.sent.len(), sent, "nothing is fetched twice");
 }
 
+#[test]
+fn what_casts_shadows_from_out_of_view_is_refined_where_they_are_drawn() {
+    // The second hill stands beside the view, towards the sun.
+    let mut link = Loopback::new(Hills::new(2).lit_from([1.0, 0.3, 0.0]), |_| {});
+    let narrow = Camera { fov_y: 0.3, ..Hills::new(2).camera() };
+    link.core.set_view(link.now, view(narrow, 1.0));
+    link.connect();
+    link.settle();
+    let without = link.core.stats();
+    assert_eq!((without.counters.visible_instances, without.counters.shadow_bytes), (1, 0));
+    link.core.set_shadows(true);
+    link.run(200);
+    link.settle();
+    let with = link.core.stats();
+    assert!(with.counters.shadow_bytes > 0 && with.applied_chunks > without.applied_chunks, "{with:?}");
+    assert_eq!(with.counters.max_screen_error_px, without.counters.max_screen_error_px);
+}
+
 /// A link whose client judges geometry alone and gets nothing unasked.
 fn frugal(source: Hills, stops: bool, adapt: impl FnOnce(&mut Config)) -> Loopback {
     let mut link = Loopback::new(source, |config: &mut Config| {

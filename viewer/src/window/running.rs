@@ -166,7 +166,7 @@ impl Running {
         self.news.take(status) || news
     }
 
-    /// Tells the streaming thread where the camera is, unless the selection is frozen.
+    /// Tells the streaming thread where the camera is and whether there are shadows, unless the selection is frozen.
     pub(super) fn steer(&self) {
         if let Some(rig) = &self.rig
             && !self.choices.frozen
@@ -174,7 +174,8 @@ impl Running {
             // Only while it moves: the first picture waits for nothing coarser.
             let meshes = if self.quality.is_moving(self.now()) { self.step().meshes } else { 1.0 };
             let view = rig.view(self.painter.size(), self.choices.target_px * meshes);
-            self.streaming.control(Controls { view: Some(view), leave: false });
+            let shadows = Some(self.choices.shadows);
+            self.streaming.control(Controls { view: Some(view), shadows, leave: false });
         }
     }
 

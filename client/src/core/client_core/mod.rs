@@ -298,6 +298,13 @@ impl ClientCore {
         }
     }
 
+    /// Whether what casts shadows into view from out of it is refined too, instead of as the configuration says.
+    pub fn set_shadows(&mut self, shadows: bool) {
+        let wanted = &mut self.selector.settings_mut().shadows;
+        self.stale |= *wanted != shadows;
+        *wanted = shadows;
+    }
+
     /// The camera, once known.
     #[must_use]
     pub const fn view(&self) -> Option<View> {
