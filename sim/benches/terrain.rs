@@ -11,7 +11,7 @@ use std::hint::black_box;
 use lodestream_scenario::baseline::terrain_table::{parameters, place};
 use lodestream_scenario::stopwatch::{median, paired_ratio, timed};
 use lodestream_terrain::{
-    Distribution, Erosion, FeatureSet, Mode, Parameters, Scratch, Shape, Terrain, TerrainError,
+    Distribution, Erosion, FeatureSet, Mode, Parameters, Scratch, Shape, Stamp, Terrain, TerrainError,
 };
 
 fn main() -> Result<(), TerrainError> {
@@ -23,10 +23,49 @@ fn main() -> Result<(), TerrainError> {
     for level in [8, 10] {
         parallel(level)?;
     }
+    println!("\nrough places: how many, ms to measure them, median of nine");
+    measured("ten stamps", &ten_stamps())?;
+    measured("the most there are", &crossing_beds())?;
     println!("\npatches visited, 257 x 257, one after another: s in all, most heap in use in KiB");
     for patches in [1, 10, 100, 1000, 10_000] {
         visited(patches)?;
     }
+    Ok(())
+}
+
+/// Ridges around a valley with a river of twelve segments, a crater and a plateau.
+fn ten_stamps() -> Vec<Stamp> {
+    let ridge = |from, to, half_width| Shape::Ridge { from, to, half_width, height: 15_000 };
+    let mut shapes = vec![
+        ridge([-1250, -2600], [-800, -700], 800),
+        ridge([-820, -760], [-1150, 1500], 620),
+        ridge([700, -2500], [980, -300], 760),
+        ridge([960, -340], [800, 1300], 560),
+        ridge([-2600, -2500], [200, -3300], 1300),
+        ridge([150, -3250], [2400, -2600], 1200),
+        Shape::Crater { centre: [560, 700], radius: 120, depth: 3000, rim: 1200 },
+    ];
+    shapes.push(Shape::Valley { from: [-60, -1700], to: [40, 2600], half_width: 620, depth: 3500 });
+    let line = (0..13).map(|k| [k * 37 % 90 - 150, k * 240 - 560]).collect();
+    shapes.push(Shape::RiverBed { line, half_width: 44, depth: 4200 });
+    shapes.push(Shape::Plateau { centre: [0, 14], radius: 44, falloff: 90, height: -3404 });
+    shapes.into_iter().map(|shape| Stamp { mode: Mode::Fixed, shape }).collect()
+}
+
+/// Pairs of river beds that lie across each other, of fifteen segments each: as many around each as are measured with it.
+fn crossing_beds() -> Vec<Stamp> {
+    let bed = |i: i64| {
+        let line = (0..16).map(|k| [i / 2 * 8000 + k * 60 - 450, i % 2 * 50 + k * 37 % 90]).collect();
+        Stamp { mode: Mode::Fixed, shape: Shape::RiverBed { line, half_width: 300, depth: 4000 } }
+    };
+    (0..4).map(bed).collect()
+}
+
+fn measured(name: &str, stamps: &[Stamp]) -> Result<(), TerrainError> {
+    let parameters = Parameters { finest_level: 10, extent_log2: 6, amplitude: 7000, ..parameters(8) };
+    let terrain = Terrain::with_stamps(parameters, stamps.to_vec())?;
+    let times: Vec<f64> = (0..9).map(|_| timed(|| black_box(terrain.rough_places())).1).collect();
+    println!("{name:<22} {:3} {:8.1}", terrain.rough_places().len(), median(times) * 1e3);
     Ok(())
 }
 

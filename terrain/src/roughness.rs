@@ -32,7 +32,7 @@ impl Terrain {
     /// A stamp is measured together with those that reach what it changes, since a fixed one may be a deep cut through
     /// the land and a shallow one through the valley that another has made; alone, where these have more than 32 segments.
     /// The steepest stamps come first, and 64 places at most: what lies beyond is taken to be no rougher than the ground.
-    /// Cost: 1.5 ms for a place, 3 with 15 segments of a stamp around it, 5 with 32.
+    /// Cost: 0.7 ms for a place, 1.6 with 30 segments of stamps around it: 0.1 s at most.
     #[must_use]
     pub fn rough_places(&self) -> Vec<RoughPlace> {
         let mut stamps: Vec<&Stamp> = self.stamps.iter().collect();
