@@ -404,18 +404,7 @@ impl Selector {
             self.threshold_px = target_px;
             return target_px;
         }
-        let (mut faces, mut bytes) = (0_u64, 0_u64);
-        let mut needed = target_px;
-        for (bin, (more_faces, more_bytes)) in self.histogram.iter().enumerate().rev() {
-            faces += more_faces;
-            bytes += more_bytes;
-            if faces > max_faces || bytes > max_bytes {
-                #[expect(clippy::cast_possible_truncation, reason = "bins fit into 11 bits")]
-                let above = f32::from_bits((bin as u32 + 1) << BIN_SHIFT);
-                needed = if above.is_finite() { above.max(target_px) } else { f32::MAX };
-                break;
-            }
-        }
+        let needed = threshold_within(&self.histogram, max_faces, max_bytes, target_px);
         if needed > self.threshold_px || needed < self.threshold_px * THRESHOLD_FALL {
             self.threshold_px = needed;
         }
@@ -544,6 +533,21 @@ impl Selector {
         selection.wanted.sort_unstable_by_key(order);
         selection
     }
+}
+
+/// The threshold, `least_px` at least, above which there are no more faces and bytes than these, by a histogram of errors.
+fn threshold_within(histogram: &[(u64, u64)], max_faces: u64, max_bytes: u64, least_px: f32) -> f32 {
+    let (mut faces, mut bytes) = (0_u64, 0_u64);
+    for (bin, (more_faces, more_bytes)) in histogram.iter().enumerate().rev() {
+        faces += more_faces;
+        bytes += more_bytes;
+        if faces > max_faces || bytes > max_bytes {
+            #[expect(clippy::cast_possible_truncation, reason = "bins fit into 11 bits")]
+            let above = f32::from_bits((bin as u32 + 1) << BIN_SHIFT);
+            return if above.is_finite() { above.max(least_px) } else { f32::MAX };
+        }
+    }
+    least_px
 }
 
 /// Screen error of a chunk's own that is left at a stop.

@@ -3,7 +3,7 @@
 use glam::Vec3;
 use lodestream_geometry::screen::visible_error;
 
-use super::{BIN_SHIFT, BINS, Selector, enough};
+use super::{BIN_SHIFT, BINS, Selector, enough, threshold_within};
 use crate::blob::BlobPart;
 use crate::scene::InstanceEntry;
 use crate::select::difference::{Picture, seen_error};
@@ -117,18 +117,7 @@ impl Selector {
         }
         let faces_left = self.settings.max_faces.saturating_sub(view_faces);
         let bytes_left = self.settings.max_bytes.saturating_sub(view_bytes).min(view_bytes / ONE_OF);
-        let (mut faces, mut bytes) = (0, 0);
-        let mut needed = threshold;
-        for (bin, (more_faces, more_bytes)) in self.histogram.iter().enumerate().rev() {
-            faces += more_faces;
-            bytes += more_bytes;
-            if faces > faces_left || bytes > bytes_left {
-                #[expect(clippy::cast_possible_truncation, reason = "bins fit into 11 bits")]
-                let above = f32::from_bits((bin as u32 + 1) << BIN_SHIFT);
-                needed = if above.is_finite() { above.max(threshold) } else { f32::MAX };
-                break;
-            }
-        }
+        let needed = threshold_within(&self.histogram, faces_left, bytes_left, threshold);
         // What displaces a shadow by what is needed counts as much as what displaces a surface by the threshold.
         let weight = threshold / needed;
         let least = threshold * self.settings.undo_below.get();
