@@ -68,6 +68,11 @@ impl Projection {
         (center.as_vec3(), asset.sphere.radius * instance.scale)
     }
 
+    /// Whether a sphere reaches into the frustum; `center` is relative to the eye.
+    pub(super) fn sees(&self, center: Vec3, radius: f32) -> bool {
+        self.frustum.sees(center, radius)
+    }
+
     /// Depth at which a sphere's shadow may fall into the frustum, at the least, where the light carries it along `way`;
     /// `None` where it does not. `center` is relative to the eye.
     pub(super) fn shadow_depth(&self, center: Vec3, radius: f32, way: Vec3) -> Option<f64> {

@@ -37,7 +37,7 @@ impl Selector {
         let placed = || instances.iter().filter_map(|at| Some((at, assets.get(at.asset as usize)?)));
         let bottoms = placed().filter_map(|(instance, asset)| {
             let (center, radius) = projection.sphere(asset.entry(), instance);
-            projection.bounds(asset.entry(), instance).visible.then_some(to_sun.dot(center) - radius)
+            projection.sees(center, radius).then_some(to_sun.dot(center) - radius)
         });
         let lowest = bottoms.fold(f32::INFINITY, f32::min);
         for (instance, asset) in placed() {
@@ -55,7 +55,7 @@ impl Selector {
                 continue;
             }
             #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
-            if !projection.bounds(asset.entry(), instance).visible {
+            if !projection.sees(center, radius) {
                 seen.shadow_unknown_px = seen.shadow_unknown_px.max(px_of(asset.unknown_error()) as f32);
             }
             seen.casts = true;
