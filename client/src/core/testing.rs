@@ -282,6 +282,9 @@ impl SceneSource for Hills {
         if *id == BlobId::terrain_page(0) {
             return Some(self.directory.len() as u32);
         }
+        if let Some(bytes) = self.damaged.get(id) {
+            return Some(bytes.len() as u32);
+        }
         let BlobId::Asset { asset, part } = *id else { return None };
         self.blobs.get(&part).filter(|_| asset < self.header.asset_count).map(|b| b.len() as u32)
     }

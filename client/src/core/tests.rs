@@ -7,6 +7,7 @@ mod shared;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+use bytes::Bytes;
 use lodestream_protocol::blob::BlobId;
 use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::scene::Camera;
@@ -327,6 +328,20 @@ fn damaged_blobs_are_asked_for_a_few_times_and_cost_nothing_else() {
 }
 
 /// Its chunks were wanted for ever, and nobody could use them: the picture was neither settled nor incomplete.
+/// A server that pushed no bytes of it has sent all there is, and says nothing more.
+#[test]
+fn an_empty_chunk_ahead_of_its_index_was_waited_for_for_ever() {
+    let mut scene = Hills::new(1);
+    let bad = BlobId::chunk(0, 0);
+    scene.damaged.insert(bad, Bytes::new());
+    let mut link = Loopback::new(scene, |_| {});
+    link.connect();
+    link.run(20_000);
+    let stats = link.core.stats();
+    let told = stats.lacking.contains(&bad) || link.core.closed().is_some();
+    assert!(told && stats.decode_failures > 0, "neither lacking nor closed: {stats:?}");
+}
+
 #[test]
 fn an_asset_whose_base_mesh_never_comes_keeps_nothing_under_way() {
     for damaged in [false, true] {

@@ -50,6 +50,8 @@ impl ClientCore {
         let whole = offset == 0 && bytes.len() == total as usize;
         self.set_state(id, State::Cached);
         match part {
+            // A chunk that came ahead of its index page would be held, and asked for, for ever.
+            _ if total == 0 => self.failed(now, id, &"it is empty"),
             BlobPart::Chunk(chunk) => match self.cache.extend(id, offset, bytes) {
                 Some(held) => {
                     self.set_held(asset, chunk, held);
