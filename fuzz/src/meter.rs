@@ -78,6 +78,12 @@ pub struct Cost {
     pub steps: u64,
 }
 
+/// Bytes of memory that the thread holds now, and others have taken over from it.
+#[must_use]
+pub fn held_bytes() -> usize {
+    LIVE.get()
+}
+
 /// Does a piece of work and says what it cost.
 pub fn measure<T>(work: impl FnOnce() -> T) -> (T, Cost) {
     let (before, steps_before) = (LIVE.get(), steps::taken());

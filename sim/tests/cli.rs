@@ -369,3 +369,27 @@ fn reproduce_writes_what_it_then_finds_and_names_what_differs() {
     assert!(std::fs::read_to_string(&document).unwrap().contains("| stone | 903 |"));
     assert_refused(&reproduce(&["newer"]), &["no section is called newer", "older, scan"]);
 }
+
+/// A few of the ten thousand cases of each subject, as they are run for the table: the daemon in a process of its own,
+/// both transports, a client behind its socket.
+#[test]
+fn damaged_packs_sessions_and_flights_are_refused_or_taken_and_nothing_panics() {
+    const CASES: u64 = 30;
+    let folder = tempfile::tempdir().unwrap();
+    let cache = folder.path().to_str().unwrap();
+    let output = simulator(&["mutate", "--count", "30", "--seed", "7", "--json", "--cache", cache]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let found: Vec<serde_json::Value> = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(found.len(), 6);
+    for subject in &found {
+        let count = |name: &str| subject[name].as_u64().unwrap();
+        assert_eq!((count("tried"), count("panics"), count("stuck")), (CASES, 0, 0), "{subject}");
+        assert_eq!(count("taken") + count("refused"), CASES, "{subject}");
+        assert!(count("refused") > 0, "{subject}");
+        // Nothing else is wrong with them: a client that cannot connect would be refused without having said anything.
+        assert!(!subject["reasons"].as_str().unwrap().contains("no connection"), "{subject}");
+        let hashed = subject["subject"] == "packs";
+        assert!(hashed || count("taken") > 0, "{subject}");
+    }
+    assert_refused(&simulator(&["mutate", "--only", "dragons", "--cache", cache]), &["dragons"]);
+}

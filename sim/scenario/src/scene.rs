@@ -11,7 +11,7 @@ use lodestream_server::daemon::memory_scene::MemoryScene;
 use lodestream_server::demo_scene;
 use lodestream_server::prepare::{Options, prepare_cached};
 use lodestream_server::scene::{self, Scene};
-use lodestream_server::store::{DEFAULT_CACHE_BYTES, SceneStore};
+use lodestream_server::store::{DEFAULT_CACHE_BYTES, PackFile, SceneStore};
 
 use super::plan::SceneChoice;
 
@@ -30,9 +30,35 @@ pub fn open(
     cache: &Path,
     quiet: bool,
 ) -> anyhow::Result<Arc<dyn SceneSource>> {
+    match choice {
+        // A server refuses to prepare a scene without anything in it; a client must bear one all the same.
+        SceneChoice::Empty => Ok(Arc::new(MemoryScene::new(0, 0, 0))),
+        _ => {
+            let (scene, packs) = prepared(choice, codec, cache, quiet)?;
+            Ok(Arc::new(Immediate(SceneStore::new(&scene, packs, DEFAULT_CACHE_BYTES)?)))
+        }
+    }
+}
+
+/// The same as the scene and its packs, in the order of its assets.
+pub(crate) fn packs(
+    choice: &SceneChoice,
+    codec: Option<Codec>,
+    cache: &Path,
+) -> anyhow::Result<(Scene, Vec<PackFile>)> {
+    prepared(choice, codec, cache, true)
+}
+
+fn prepared(
+    choice: &SceneChoice,
+    codec: Option<Codec>,
+    cache: &Path,
+    quiet: bool,
+) -> anyhow::Result<(Scene, Vec<PackFile>)> {
     let recipe = Recipe { codec, ..Recipe::default() };
     let options = match choice {
-        SceneChoice::File(file) => return prepare(&scene::read(file)?, recipe, cache, quiet),
+        SceneChoice::Empty => return Ok((Scene::of_models(&[])?, Vec::new())),
+        SceneChoice::File(file) => return prepare(scene::read(file)?, recipe, cache, quiet),
         SceneChoice::Model { file, folder, position_bits } => {
             let folder = folder.as_ref().with_context(|| {
                 format!(
@@ -41,13 +67,11 @@ pub fn open(
             })?;
             let precision = position_bits.map(Precision::Bits);
             let recipe = Recipe { precision, ..recipe };
-            return prepare(&Scene::of_models(&[folder.join(file)])?, recipe, cache, quiet);
+            return prepare(Scene::of_models(&[folder.join(file)])?, recipe, cache, quiet);
         }
-        // A server refuses to prepare a scene without anything in it; a client must bear one all the same.
-        SceneChoice::Empty => return Ok(Arc::new(MemoryScene::new(0, 0, 0))),
         SceneChoice::Field(field) => {
             let folder = tempfile::tempdir().context("no folder for the scene")?;
-            return prepare(&field.generate(folder.path())?, recipe, cache, quiet);
+            return prepare(field.generate(folder.path())?, recipe, cache, quiet);
         }
         SceneChoice::Demo => demo_scene::Options::full(DEMO_SEED),
         SceneChoice::DemoSmall => demo_scene::Options::small(DEMO_SEED),
@@ -57,14 +81,19 @@ pub fn open(
         eprintln!("generating the demo scene");
     }
     let made = demo_scene::generate(folder.path(), &options)?;
-    prepare(&scene::read(&made.scene)?, recipe, cache, quiet)
+    prepare(scene::read(&made.scene)?, recipe, cache, quiet)
 }
 
-fn prepare(scene: &Scene, recipe: Recipe, cache: &Path, quiet: bool) -> anyhow::Result<Arc<dyn SceneSource>> {
+fn prepare(
+    scene: Scene,
+    recipe: Recipe,
+    cache: &Path,
+    quiet: bool,
+) -> anyhow::Result<(Scene, Vec<PackFile>)> {
     let options = Options { recipe, quiet, ..Options::default() };
     let mut packs = Vec::with_capacity(scene.assets.len());
     for asset in &scene.assets {
         packs.push(prepare_cached(asset, cache, &options)?.pack);
     }
-    Ok(Arc::new(Immediate(SceneStore::new(scene, packs, DEFAULT_CACHE_BYTES)?)))
+    Ok((scene, packs))
 }

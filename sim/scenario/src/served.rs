@@ -1,10 +1,11 @@
-//! The shipped daemon in a child process, whose memory and processor time are its own. They come from Linux's `/proc`.
+//! The shipped daemon in a child process, whose memory, processor time and panics are its own.
 
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, ChildStderr, Command, Stdio};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use anyhow::Context as _;
 use lodestream_client::net::Pin;
@@ -13,8 +14,7 @@ use lodestream_server::daemon::{Daemon, DaemonOptions, SessionSettings};
 use tokio::runtime::Builder;
 use tokio::sync::mpsc;
 
-/// Ticks of processor time in a second, as `/proc` counts them on every Linux (`USER_HZ`).
-const TICKS_PER_S: f64 = 100.0;
+use crate::process::Process;
 
 /// How many sessions there may be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,6 +64,7 @@ pub(crate) struct Server {
     quic: SocketAddr,
     http: SocketAddr,
     pin: Pin,
+    panics: Arc<AtomicU32>,
 }
 
 /// Where a server is reached.
@@ -97,14 +98,20 @@ impl Server {
         let mut child = command
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
             .spawn()
             .with_context(|| format!("{} cannot be run", program.display()))?;
+        let panics = Arc::new(AtomicU32::new(0));
+        if let Some(said) = child.stderr.take() {
+            let panics = Arc::clone(&panics);
+            std::thread::Builder::new().name("server's log".into()).spawn(move || pass_on(said, &panics))?;
+        }
         let mut line = String::new();
         if let Some(said) = child.stdout.take() {
             BufReader::new(said).read_line(&mut line)?;
         }
         match addresses(&line) {
-            Some((quic, http, pin)) => Ok(Self { child, quic, http, pin }),
+            Some((quic, http, pin)) => Ok(Self { child, quic, http, pin, panics }),
             None => {
                 let _ = child.kill();
                 let _ = child.wait();
@@ -115,23 +122,22 @@ impl Server {
 
     /// Resident memory in bytes.
     pub(crate) fn memory_bytes(&self) -> anyhow::Result<u64> {
-        let file = format!("/proc/{}/status", self.child.id());
-        let text = std::fs::read_to_string(&file).with_context(|| format!("{file}: this needs Linux"))?;
-        let line = text.lines().find_map(|line| line.strip_prefix("VmRSS:"));
-        let kib = line.and_then(|line| line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok());
-        Ok(kib.with_context(|| format!("{file}: there is no VmRSS"))? * 1024)
+        Process::of(self.child.id()).memory_bytes()
     }
 
     /// Processor time so far, in seconds.
     pub(crate) fn cpu_s(&self) -> anyhow::Result<f64> {
-        let file = format!("/proc/{}/stat", self.child.id());
-        let text = std::fs::read_to_string(&file).with_context(|| format!("{file}: this needs Linux"))?;
-        // The program's name stands in parentheses and may hold anything; utime and stime are fields 14 and 15.
-        let fields = text.rsplit(')').next().unwrap_or_default().split_whitespace().skip(11).take(2);
-        let ticks = fields.map(|field| field.parse::<f64>().ok()).collect::<Option<Vec<f64>>>();
-        let ticks =
-            ticks.filter(|ticks| ticks.len() == 2).with_context(|| format!("{file}: is not understood"))?;
-        Ok(ticks.iter().sum::<f64>() / TICKS_PER_S)
+        Process::of(self.child.id()).cpu_s()
+    }
+
+    /// Threads and tasks that panicked so far, as the server said on its standard error.
+    pub(crate) fn panics(&self) -> u32 {
+        self.panics.load(Ordering::Relaxed)
+    }
+
+    /// Whether it still runs.
+    pub(crate) fn is_running(&mut self) -> bool {
+        matches!(self.child.try_wait(), Ok(None))
     }
 }
 
@@ -141,6 +147,19 @@ impl Drop for Server {
         drop(self.child.stdin.take());
         let _ = self.child.wait();
     }
+}
+
+/// Passes on what a server says on its standard error, and counts the panics in it.
+fn pass_on(said: ChildStderr, panics: &AtomicU32) {
+    for line in BufReader::new(said).lines().map_while(Result::ok) {
+        panics.fetch_add(u32::from(tells_a_panic(&line)), Ordering::Relaxed);
+        eprintln!("{line}");
+    }
+}
+
+/// As the standard library says it: `thread 'main' (123) panicked at src/main.rs:1:2:`.
+fn tells_a_panic(line: &str) -> bool {
+    line.trim_start().starts_with("thread '") && line.contains(" panicked at ")
 }
 
 /// What a server says of itself: `quic://HOST:PORT#sha256=… ws://HOST:PORT/`.
@@ -155,6 +174,14 @@ fn addresses(line: &str) -> Option<(SocketAddr, SocketAddr, Pin)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_panic_is_told_from_what_else_is_said() {
+        assert!(tells_a_panic("thread 'tokio-runtime-worker' (4) panicked at server/src/lib.rs:1:2:"));
+        assert!(
+            !tells_a_panic("note: run with `RUST_BACKTRACE=1`") && !tells_a_panic("a session panicked at x")
+        );
+    }
 
     #[test]
     fn a_server_is_found_by_what_it_says() {

@@ -7,6 +7,7 @@ mod goodput;
 mod load;
 mod measure;
 mod models;
+mod mutate;
 mod normals;
 mod reproduce;
 mod run;
@@ -50,6 +51,9 @@ pub(crate) enum Command {
     /// Lets hostile peers do a dozen things to a server, one after the other: what it holds of them, its memory and processor
     /// time, and how long somebody else waits. In real time on loopback; needs Linux.
     Strangers(strangers::Strangers),
+    /// Damages packs, a client's sessions and a server's first flights in thousands of ways and says what comes of it:
+    /// taken, refused for what kind of reason, panics, time, memory. Daemon and sockets on loopback; needs Linux.
+    Mutate(mutate::Mutate),
     /// Settles a plan's case at several targets of screen error, in virtual time, and times frames of each, in real time
     /// on the machine's graphics adapter.
     FrameTime(frame_time::FrameTime),
@@ -76,6 +80,7 @@ impl Command {
             Self::Normals(command) => command.run(),
             Self::Train(command) => command.run(),
             Self::Measure(command) => command.run(),
+            Self::Mutate(command) => command.run(),
             Self::SeedTable(command) => command.run(),
             Self::TerrainTable(command) => command.run(),
             Self::Goodput(command) => command.run(),

@@ -1,0 +1,52 @@
+//! `lodestream-sim mutate`: its arguments, and a line for each subject.
+
+use clap::Args;
+use lodestream_scenario::mutate::{Settings, Subject, measure};
+
+use crate::arguments::CacheFolder;
+
+#[derive(Debug, Args)]
+pub(crate) struct Mutate {
+    /// How many of each are damaged.
+    #[arg(long, default_value_t = 10_000, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    count: u32,
+    /// From which all damage follows.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Number of the first case: with --count 1 one that was told of is run again by itself.
+    #[arg(long, default_value_t = 0)]
+    first: u32,
+    /// Only what has this in its name.
+    #[arg(long, default_value = "")]
+    only: String,
+    #[command(flatten)]
+    cache: CacheFolder,
+    /// Prints JSON instead of text.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Mutate {
+    pub(crate) fn run(&self) -> anyhow::Result<()> {
+        let settings = Settings { seed: self.seed, first: self.first, count: self.count };
+        let cache = self.cache.path()?;
+        let mut all = Vec::new();
+        for subject in Subject::ALL.into_iter().filter(|one| one.name().contains(&self.only)) {
+            let found = measure(subject, settings, &cache, self.cache.named())?;
+            if !self.json {
+                println!("{found}");
+            }
+            all.push(found);
+        }
+        anyhow::ensure!(!all.is_empty(), "nothing that is damaged has {:?} in its name", self.only);
+        if self.json {
+            println!("{}", serde_json::to_string(&all)?);
+        }
+        let findings: u32 = all.iter().map(|found| found.panics + found.stuck).sum();
+        anyhow::ensure!(
+            findings == 0,
+            "{findings} cases panicked or came to no end; each was named as it came"
+        );
+        Ok(())
+    }
+}
