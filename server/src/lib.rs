@@ -10,3 +10,4 @@ pub mod inspect;
 pub mod prepare;
 pub mod scene;
 pub mod store;
+mod tell;

@@ -485,6 +485,22 @@ fn a_full_disk_is_told() {
     full(&["export", text(&pack), "--faces", "200", "-o", "/dev/full"]);
 }
 
+#[cfg(target_os = "linux")]
+#[test]
+fn standard_error_on_a_full_disk_was_a_panic() {
+    let dir = TempDir::new().unwrap();
+    // A texture that is not there is a warning.
+    std::fs::write(dir.path().join("a.mtl"), "newmtl a\nmap_Kd missing.png\n").unwrap();
+    let obj = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n";
+    std::fs::write(dir.path().join("a.obj"), obj).unwrap();
+    for (arguments, code) in [("prepare a.obj -o a.lsp", 0), ("prepare b.obj -o b.lsp", 2)] {
+        let line = format!("exec \"$0\" {arguments} 2>/dev/full");
+        let mut command = Command::new("sh");
+        command.args(["-c", &line, env!("CARGO_BIN_EXE_lodestream-server")]).current_dir(dir.path());
+        assert_eq!(command.status().unwrap().code(), Some(code), "{arguments}");
+    }
+}
+
 #[cfg(unix)]
 #[test]
 fn a_server_whose_cache_takes_no_more_ends_and_leaves_no_part() {

@@ -274,6 +274,33 @@ fn the_soft_limit_of_open_files_bounded_sessions() {
     assert_eq!(soft, hard.min(65_536), "{limits}");
 }
 
+/// What a server writes while it serves is its log: where the disk takes no more of it, sessions and orders go on.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_disk_that_is_full_while_a_server_serves_costs_its_log_alone() {
+    for (limit, log) in [("ulimit -f 8 && ", "log"), ("", "/dev/full")] {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+        let serve = format!("{limit}exec \"$0\" serve \"$@\" 2>{log}");
+        let mut command = Command::new("sh");
+        command.args(["-c", &serve, env!("CARGO_BIN_EXE_lodestream-server"), "model.obj"]);
+        command.args(["--log-limit", "off"]);
+        let server = Server::started(command, folder.path());
+        let full = || log == "/dev/full" || std::fs::metadata(folder.path().join(log)).unwrap().len() >= 4096;
+        let begun = Instant::now();
+        let mut after = 0;
+        while after < 50 {
+            assert!(begun.elapsed() < LIMIT, "nothing is logged");
+            assert!(server.get("/health").starts_with("HTTP/1.1 200"), "{log}");
+            server.log_a_line();
+            after += u32::from(full());
+        }
+        server.signal("-TERM");
+        let (status, errors) = server.ended();
+        assert!(status.success(), "{log}: {status}: {errors}");
+    }
+}
+
 /// A program that wants no addresses may close standard output, before or while they are printed.
 #[test]
 fn a_server_whose_standard_output_is_closed_goes_on() {

@@ -22,6 +22,7 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory as _, Parser, Subcommand};
 
+use crate::tell::tell;
 use outcome::Outcome;
 
 /// Exit code for input that cannot be used, as clap has it for arguments that cannot.
@@ -89,7 +90,7 @@ fn finish(outcome: anyhow::Result<Outcome>) -> ExitCode {
             if outcome.good { ExitCode::SUCCESS } else { ExitCode::FAILURE }
         }
         Err(error) => {
-            eprintln!("error: {}", one_line(&error));
+            tell(format_args!("error: {}", one_line(&error)));
             ExitCode::from(BAD_INPUT)
         }
     }

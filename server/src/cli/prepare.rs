@@ -10,6 +10,7 @@ use super::outcome::Outcome;
 use super::recipe::RecipeArguments;
 use crate::prepare::{Options, prepare_to};
 use crate::scene::Asset;
+use crate::tell::tell;
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
@@ -42,7 +43,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     }
     let report = prepare_to(&asset, &options, &arguments.output)?;
     for warning in &report.warnings {
-        eprintln!("warning: {warning}");
+        tell(format_args!("warning: {warning}"));
     }
     Ok(Outcome::good(format!("{}: {report}\n", arguments.output.display())))
 }

@@ -27,6 +27,7 @@ use crate::daemon::{self, DaemonOptions, SessionSettings};
 use crate::prepare::{Options, cache, prepare_cached};
 use crate::scene::{self, Scene};
 use crate::store::{DEFAULT_CACHE_BYTES, SceneStore};
+use crate::tell::tell;
 
 /// Longest time to drain: a day.
 const MAX_DRAIN_SECONDS: u64 = 24 * 60 * 60;
@@ -169,9 +170,9 @@ fn open_scene(scene: &Scene, cache: &Path, options: &Options) -> anyhow::Result<
         let cached = prepare_cached(asset, cache, options)?;
         if let Some(report) = &cached.report {
             for warning in &report.warnings {
-                eprintln!("warning: {warning}");
+                tell(format_args!("warning: {warning}"));
             }
-            eprintln!("{}: {report}", asset.name);
+            tell(format_args!("{}: {report}", asset.name));
         }
         packs.push(cached.pack);
     }

@@ -4,6 +4,7 @@ use std::io::IsTerminal as _;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
+use crate::tell::tell;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use lodestream_geometry::pool::{Monitor, Progress};
 
@@ -56,7 +57,7 @@ impl Reporter {
             return;
         }
         *last = now;
-        eprintln!("{}", describe(&self.name, progress, now.duration_since(self.start)));
+        tell(format_args!("{}", describe(&self.name, progress, now.duration_since(self.start))));
     }
 }
 
