@@ -1,9 +1,9 @@
 //! The client's network: addresses, transports, and the loop that drives a [`ClientCore`](crate::core::ClientCore) over them.
 //!
 //! [`Streaming`](crate::streaming::Streaming) connects over real sockets, again and again, on threads of its own. With
-//! the feature `runtime` a host does so on its own tokio runtime: `stream` as the former, and `run_quic` and
-//! `run_websocket` for one session over a transport that is open, also in virtual time over simulated endpoints and
-//! streams.
+//! the feature `runtime` a host does so on its own tokio runtime: `stream` as the former, `stream_quic` and
+//! `stream_websocket` over transports that it opens, and `run_quic` and `run_websocket` for one session over one that is
+//! open, also in virtual time over simulated endpoints and streams.
 
 mod address;
 #[cfg(any(feature = "quic", feature = "websocket"))]
@@ -51,6 +51,8 @@ pub use quic_open::{QuicConnection, QuicOpenError};
 pub use reconnect::stream;
 #[cfg(all(feature = "runtime", feature = "quic"))]
 pub use reconnect::stream_quic;
+#[cfg(all(feature = "runtime", feature = "websocket"))]
+pub use reconnect::stream_websocket;
 #[cfg(any(feature = "quic", feature = "websocket"))]
 pub use reconnect::{End, Retry};
 #[cfg(any(feature = "quic", feature = "websocket"))]

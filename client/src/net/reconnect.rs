@@ -7,6 +7,8 @@ use std::time::Duration;
 use lodestream_protocol::client::Backoff;
 use lodestream_protocol::message::{Close, CloseCode, Token};
 use lodestream_protocol::time::Time;
+#[cfg(all(feature = "runtime", feature = "websocket"))]
+use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::time::{Instant, sleep_until, timeout_at};
 
 use super::addresses::{Resolver, System};
@@ -17,6 +19,8 @@ use super::quic::run_quic;
 #[cfg(all(feature = "runtime", feature = "quic"))]
 use super::quic_open::QuicConnection;
 use super::server::Server;
+#[cfg(all(feature = "runtime", feature = "websocket"))]
+use super::websocket::{WebSocketConnection, run_websocket};
 use crate::core::Progress;
 
 /// Time that an attempt is given at least: where less is left, none is begun.
@@ -118,6 +122,19 @@ pub async fn stream_quic<H: Host>(
     stream_by(Opened { name, connect }, host, clock, retry, report).await
 }
 
+/// As [`stream_quic`], over WebSockets.
+#[cfg(all(feature = "runtime", feature = "websocket"))]
+pub async fn stream_websocket<S: AsyncRead + AsyncWrite + Unpin, H: Host>(
+    name: &str,
+    connect: impl AsyncFnMut() -> Result<WebSocketConnection<S>, Close>,
+    host: &mut H,
+    clock: Clock,
+    retry: Retry,
+    report: impl FnMut(&mut H, Option<String>),
+) -> End {
+    stream_by(Opened { name, connect }, host, clock, retry, report).await
+}
+
 /// How connections come about, and run.
 trait Connector {
     type Connection;
@@ -156,22 +173,42 @@ impl<R: Resolver> Connector for Sockets<'_, R> {
 }
 
 /// Over connections that the host opens.
-#[cfg(all(feature = "runtime", feature = "quic"))]
+#[cfg(feature = "runtime")]
 struct Opened<'a, F> {
     name: &'a str,
     connect: F,
 }
 
-#[cfg(all(feature = "runtime", feature = "quic"))]
-impl<F: AsyncFnMut() -> Result<QuicConnection, Close>> Connector for Opened<'_, F> {
-    type Connection = QuicConnection;
+/// A connection that a host may open.
+#[cfg(feature = "runtime")]
+trait Run {
+    async fn run<H: Host>(self, host: &mut H, clock: Clock) -> Close;
+}
 
-    async fn connect(&mut self, _token: Option<&Token>) -> Result<QuicConnection, Close> {
+#[cfg(all(feature = "runtime", feature = "quic"))]
+impl Run for QuicConnection {
+    async fn run<H: Host>(self, host: &mut H, clock: Clock) -> Close {
+        run_quic(self, host, clock).await
+    }
+}
+
+#[cfg(all(feature = "runtime", feature = "websocket"))]
+impl<S: AsyncRead + AsyncWrite + Unpin> Run for WebSocketConnection<S> {
+    async fn run<H: Host>(self, host: &mut H, clock: Clock) -> Close {
+        run_websocket(self, host, clock).await
+    }
+}
+
+#[cfg(feature = "runtime")]
+impl<C: Run, F: AsyncFnMut() -> Result<C, Close>> Connector for Opened<'_, F> {
+    type Connection = C;
+
+    async fn connect(&mut self, _token: Option<&Token>) -> Result<C, Close> {
         (self.connect)().await
     }
 
-    async fn run<H: Host>(&mut self, connection: QuicConnection, host: &mut H, clock: Clock) -> Close {
-        run_quic(connection, host, clock).await
+    async fn run<H: Host>(&mut self, connection: C, host: &mut H, clock: Clock) -> Close {
+        connection.run(host, clock).await
     }
 
     fn to(&self) -> String {

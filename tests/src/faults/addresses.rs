@@ -1,0 +1,91 @@
+//! Who is let in, and whose place is whose, when addresses change.
+
+use lodestream_protocol::frame::encode_client;
+use lodestream_protocol::message::{ClientMessage, ServerMessage};
+
+use super::*;
+use crate::support::raw::{Arrival, RawClient, RawQuic, hello};
+
+/// Whether a session of an address is let in: `Hello` is answered.
+async fn is_let_in(world: &World, at: SocketAddr) -> bool {
+    let endpoint = world.client(at, &link());
+    let Ok(connection) = endpoint.connect(SERVER, "localhost").unwrap().await else { return false };
+    let mut client = RawQuic::new(connection);
+    let Ok(()) = client.send_bytes(encode_client(&ClientMessage::Hello(hello())).unwrap()).await else {
+        return false;
+    };
+    let Ok(()) = client.send_bytes(encode_client(&ClientMessage::Ping(1)).unwrap()).await else {
+        return false;
+    };
+    while let Some(arrival) = client.next().await {
+        if let Arrival::Message(ServerMessage::Pong(_)) = arrival {
+            let _ = client.send_bytes(encode_client(&ClientMessage::Bye).unwrap()).await;
+            sleep(Duration::from_secs(1)).await;
+            return true;
+        }
+    }
+    false
+}
+
+/// Guards a client that goes from one network to another: its session goes on, and takes a place of the address that it
+/// has now.
+#[test]
+fn a_client_whose_address_changes_goes_on_and_gives_its_place_back() {
+    let scene = TestScene::small();
+    virtual_runtime().unwrap().block_on(async {
+        let world = World::new();
+        let one_each = SessionSettings { max_sessions_per_address: Some(1), ..settings(Some(40_000)) };
+        let state = ServerState::new(scene.source(), one_each);
+        world.serve(Arc::clone(&state), 1);
+        let endpoint = world.client(client(1, 50_000), &link());
+        let mut host = UntilSettled::new();
+        let roam = async {
+            sleep(Duration::from_secs(1)).await;
+            assert!(!is_let_in(&world, client(1, 50_001)).await, "the address has its session");
+            assert!(is_let_in(&world, client(2, 50_002)).await);
+            let to = client(2, 50_003);
+            world.connect(to, &link());
+            endpoint.rebind_abstract(world.network.socket(to)).unwrap();
+            world.connect(client(1, 50_000), &cut());
+            sleep(Duration::from_secs(1)).await;
+            assert_eq!(state.metrics().active_sessions(), 1);
+            assert!(is_let_in(&world, client(1, 50_004)).await, "the place of the old address was kept");
+            assert!(!is_let_in(&world, client(2, 50_005)).await, "the session counts nowhere");
+            assert_eq!(state.metrics().active_sessions(), 1, "the session was over before");
+        };
+        let (attempts, ()) = tokio::join!(stream(&endpoint, &mut host), roam);
+        let stats = host.core.stats();
+        assert_eq!((attempts.len(), stats.connections, stats.decode_failures), (1, 1, 0), "{stats:?}");
+        assert_eq!(sent_twice(scene, &host.received()), BTreeMap::new());
+    });
+}
+
+/// Connections of one address that are all begun before any of them has proved it: each sees a bucket that is not empty.
+#[test]
+fn quic_handshakes_at_the_same_time_took_more_tokens_than_there_were() {
+    let scene = TestScene::small();
+    virtual_runtime().unwrap().block_on(async {
+        let world = World::new();
+        let new = Some("1".parse().unwrap());
+        let state = ServerState::new(
+            scene.source(),
+            SessionSettings { new_sessions_per_address: new, ..settings(None) },
+        );
+        world.serve(Arc::clone(&state), 1);
+        let at_once = (0..10).map(|n| is_let_in(&world, client(1, 50_000 + n)));
+        let taken = join_all(at_once).await.into_iter().filter(|let_in| *let_in).count();
+        assert_eq!(taken, 1);
+        let refused = |count| {
+            let line = format!("lodestream_sessions_refused_total{{reason=\"rate\"}} {count}\n");
+            let text = state.render_metrics();
+            assert!(text.contains(&line), "{line}{text}");
+        };
+        refused(9);
+        assert!(is_let_in(&world, client(2, 51_000)).await);
+        // Eight seconds bring one more, and now a handshake is refused before it begins.
+        sleep(Duration::from_secs(8)).await;
+        assert!(is_let_in(&world, client(1, 52_000)).await);
+        assert!(!is_let_in(&world, client(1, 52_001)).await);
+        refused(10);
+    });
+}

@@ -1,0 +1,74 @@
+//! Links that lose packets, bring them out of order, or take small ones alone.
+
+use super::*;
+
+/// What is settled over a link.
+struct Settled {
+    faces: u64,
+    /// Bytes of each blob.
+    blobs: BTreeMap<BlobId, u64>,
+    /// Packets from the server that were too large for the link, and those that were lost.
+    too_big: u64,
+    lost: u64,
+    /// Connections that it took.
+    attempts: usize,
+}
+
+/// `port` is the client's, from which the link's chance follows.
+fn settled_over(settings_of_link: &LinkSettings, port: u16) -> Settled {
+    let scene = TestScene::small();
+    virtual_runtime().unwrap().block_on(async {
+        let world = World::new();
+        world.serve(ServerState::new(scene.source(), settings(None)), 1);
+        let at = client(1, port);
+        let endpoint = world.client(at, settings_of_link);
+        let mut host = UntilSettled::new();
+        let attempts = stream(&endpoint, &mut host).await;
+        let stats = host.core.stats();
+        assert_eq!(stats.decode_failures, 0, "{stats:?}");
+        // What is pushed before the server can hear what the client has may come again with each connection.
+        let mut twice = sent_twice(scene, &host.received());
+        let pushed: u64 = twice.extract_if(.., |id, _| is_pushed(id)).map(|(_, bytes)| bytes).sum();
+        assert!(twice.is_empty() && pushed <= 3_000 * (attempts.len() as u64 - 1), "{pushed}: {twice:?}");
+        let counters = world.network.counters(SERVER, at);
+        Settled {
+            faces: stats.faces,
+            blobs: host.received(),
+            too_big: counters.too_big,
+            lost: counters.lost,
+            attempts: attempts.len(),
+        }
+    })
+}
+
+/// Guards what is put together from packets that overtake each other, none of which is larger than QUIC's least.
+#[test]
+fn packets_that_overtake_each_other_and_are_small_bring_the_same_scene() {
+    let whole = settled_over(&link(), 50_000);
+    assert_eq!((whole.too_big, whole.attempts), (0, 1));
+    for largest_ms in [3, 40] {
+        let jitter = Jitter { largest_ns: largest_ms * 1_000_000, reorders: true };
+        // QUIC's least, and IP's and UDP's headers.
+        let mtu_bytes = 1200 + IP_UDP_BYTES;
+        let found = settled_over(&LinkSettings { jitter, mtu_bytes, ..link() }, 50_000);
+        assert_eq!((found.faces, found.attempts), (whole.faces, 1), "{largest_ms} ms");
+        assert!(whole.blobs.keys().all(|id| found.blobs.contains_key(id)), "{largest_ms} ms");
+        assert!(found.too_big > 0, "nobody tried a larger packet: the link has no bound");
+    }
+}
+
+/// Guards sessions over the worst of links: three of ten packets are lost, both ways. A connection may end of it; the
+/// picture is whole in the end, and what was here is not sent again.
+#[test]
+fn three_of_ten_packets_lost_both_ways_bring_the_same_scene() {
+    let whole = settled_over(&link(), 50_000);
+    let mut attempts = 0;
+    for port in 50_001..=50_012 {
+        let found = settled_over(&LinkSettings { loss: Loss::Random(0.3), ..link() }, port);
+        assert_eq!(found.faces, whole.faces, "{port}");
+        assert!(whole.blobs.keys().all(|id| found.blobs.contains_key(id)), "{port}");
+        assert!(found.lost > 0, "{port}");
+        attempts += found.attempts;
+    }
+    println!("{attempts} connections for 12 pictures");
+}

@@ -1,0 +1,179 @@
+//! Faults of servers and networks, in virtual time: servers that are restarted under their clients, clients that vanish,
+//! packets that are lost or overtake each other, clocks that jump, addresses that change.
+
+mod addresses;
+mod links;
+mod restart;
+mod vanished;
+
+use std::collections::BTreeMap;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::num::NonZeroU64;
+use std::sync::Arc;
+use std::time::{Duration, SystemTime};
+
+use futures_util::future::join_all;
+use lodestream_client::core::{ClientCore, Config, Progress};
+use lodestream_client::net::{
+    Clock, End, Host, Pin, QuicConnection, QuicOpenError, Retry, client_config, stream_quic,
+};
+use lodestream_netsim::clock::{VirtualClock, virtual_runtime};
+use lodestream_netsim::link::{IP_UDP_BYTES, Jitter, LinkSettings, Loss};
+use lodestream_netsim::udp::UdpNetwork;
+use lodestream_protocol::message::{Close, CloseCode};
+use lodestream_protocol::source::SceneSource as _;
+use lodestream_protocol::time::Time;
+use lodestream_protocol::{BlobId, BlobPart};
+use lodestream_server::daemon::certificate::Certificate;
+use lodestream_server::daemon::quic::{serve_quic, server_config};
+use lodestream_server::daemon::{ServerState, SessionSettings};
+use tokio::time::{Instant, sleep, timeout};
+
+use crate::support::scene::TestScene;
+use crate::support::viewer::config;
+use crate::support::virtual_link::SERVER;
+
+const RATE_BITS_PER_S: u64 = 2_000_000;
+const RTT_MS: u64 = 50;
+/// Virtual time that an attempt to connect may take.
+const ATTEMPT: Duration = Duration::from_secs(4);
+/// Virtual time that anything may take, an hour that jumps by included.
+const PATIENCE: Duration = Duration::from_secs(7200);
+
+fn client(n: u8, port: u16) -> SocketAddr {
+    SocketAddr::new(IpAddr::V4(Ipv4Addr::new(10, 0, 1, n)), port)
+}
+
+fn link() -> LinkSettings {
+    let rate = NonZeroU64::new(RATE_BITS_PER_S).unwrap();
+    LinkSettings::constant(rate, RTT_MS * 1_000_000 / 2, 256 * 1024, IP_UDP_BYTES)
+}
+
+/// A network with one server's address on it.
+struct World {
+    network: UdpNetwork,
+    certificate: Certificate,
+}
+
+impl World {
+    fn new() -> Self {
+        Self {
+            network: UdpNetwork::new(VirtualClock::start()),
+            certificate: Certificate::self_signed(SystemTime::now()).unwrap(),
+        }
+    }
+
+    /// Starts a server; aborting the task is its sudden death.
+    fn serve(&self, state: Arc<ServerState>, seed: u8) -> tokio::task::JoinHandle<()> {
+        let config = server_config(&self.certificate).unwrap();
+        let endpoint = self.network.endpoint(SERVER, Some(config), [seed; 32]).unwrap();
+        tokio::spawn(serve_quic(endpoint, state))
+    }
+
+    fn connect(&self, client: SocketAddr, settings: &LinkSettings) {
+        let seed = u64::from(client.port());
+        self.network.connect(SERVER, client, settings.clone(), seed);
+        self.network.connect(client, SERVER, settings.clone(), seed + 1);
+    }
+
+    fn client(&self, address: SocketAddr, settings: &LinkSettings) -> quinn::Endpoint {
+        self.connect(address, settings);
+        let [.., last] = address.port().to_be_bytes();
+        let mut endpoint = self.network.endpoint(address, None, [last; 32]).unwrap();
+        let pin = Pin::Certificate(self.certificate.fingerprint());
+        endpoint.set_default_client_config(client_config(pin).unwrap());
+        endpoint
+    }
+}
+
+async fn open(endpoint: &quinn::Endpoint) -> Result<QuicConnection, Close> {
+    let connecting = endpoint.connect(SERVER, "localhost").unwrap();
+    QuicConnection::open(connecting, ATTEMPT).await.map_err(|why| match why {
+        QuicOpenError::Timeout => Close::new(CloseCode::Lost, "the server does not answer"),
+        QuicOpenError::Handshake(why) => Close::new(CloseCode::Lost, why.to_string()),
+    })
+}
+
+fn settings(rate_bits_per_s: Option<u64>) -> SessionSettings {
+    SessionSettings { rate_bits_per_s, ..SessionSettings::default() }
+}
+
+/// A client that leaves when its picture is settled.
+struct UntilSettled {
+    core: ClientCore,
+    settled: bool,
+    /// What had come of each blob when the first connection was lost, in bytes.
+    held: Option<BTreeMap<BlobId, u64>>,
+}
+
+impl UntilSettled {
+    fn new() -> Self {
+        let config = Config { track_received: true, ..config() };
+        Self { core: ClientCore::new(config), settled: false, held: None }
+    }
+
+    /// What came of each blob so far, in bytes, as often as they came.
+    fn received(&self) -> BTreeMap<BlobId, u64> {
+        self.core.received().iter().map(|(id, received)| (*id, received.bytes)).collect()
+    }
+}
+
+impl Host for UntilSettled {
+    fn core(&mut self) -> &mut ClientCore {
+        &mut self.core
+    }
+
+    fn turn(&mut self, now: Time) -> Progress {
+        let progress = self.core.update(now, u64::MAX);
+        // A renderer takes what there is.
+        self.core.take_changes(now, usize::MAX);
+        if self.held.is_none() && self.core.closed().is_some() {
+            self.held = Some(self.received());
+        }
+        self.settled |= self.core.is_settled();
+        progress
+    }
+
+    fn wants_to_leave(&self) -> bool {
+        self.settled
+    }
+}
+
+/// Streams until the picture is settled; gives the moments of its attempts to connect.
+async fn stream(endpoint: &quinn::Endpoint, host: &mut UntilSettled) -> Vec<Instant> {
+    let mut attempts = Vec::new();
+    let connect = async || {
+        attempts.push(Instant::now());
+        open(endpoint).await
+    };
+    let retry = Retry { first_attempts: 3, first_within: Duration::MAX, reconnect: true };
+    let streaming = stream_quic("the server", connect, host, Clock::start(), retry, |_, _| {});
+    let end = timeout(PATIENCE, streaming).await.expect("the picture does not settle");
+    assert_eq!(end, End::Left);
+    attempts
+}
+
+fn length(scene: &TestScene, id: &BlobId) -> u64 {
+    scene.store.blob_len(id).map_or(0, u64::from)
+}
+
+/// Blobs that came more than once, in part or whole, with the bytes too many.
+fn sent_twice(scene: &TestScene, received: &BTreeMap<BlobId, u64>) -> BTreeMap<BlobId, u64> {
+    assert!(!received.is_empty(), "nothing was noted");
+    let more = received.iter().map(|(id, bytes)| (*id, bytes.saturating_sub(length(scene, id))));
+    more.filter(|(_, bytes)| *bytes > 0).collect()
+}
+
+/// What packets on their way to a machine that is gone come to.
+fn cut() -> LinkSettings {
+    LinkSettings { loss: Loss::Random(1.0), ..link() }
+}
+
+fn is_chunk(id: &BlobId) -> bool {
+    matches!(id.part(), Some(BlobPart::Chunk(_)))
+}
+
+/// What a server pushes before it can hear what a client has.
+fn is_pushed(id: &BlobId) -> bool {
+    matches!(id.part(), Some(BlobPart::Base | BlobPart::Texture { level: 0, .. }))
+}

@@ -1,0 +1,190 @@
+//! Servers that are killed under their clients and come back, and clocks that jump.
+
+use lodestream_client::net::{WebSocketConnection, stream_websocket};
+use lodestream_netsim::link::Rate;
+use lodestream_netsim::stream_pipe;
+use lodestream_netsim::tcp::IP_TCP_BYTES;
+use lodestream_protocol::server::ServerConfig;
+use lodestream_server::daemon::http::accept_http;
+
+use super::*;
+use crate::support::daemon::Transport;
+
+const CLIENTS: u8 = 50;
+/// So slow that a scene of some 40 kB takes seconds.
+const SLOW: Option<u64> = Some(60_000);
+/// When the server dies, and when another is there.
+const DEATH: Duration = Duration::from_secs(4);
+const REBIRTH: Duration = Duration::from_secs(30);
+/// What stands before a blob's bytes on its stream, or in each of its frames, at most.
+const HEAD_BYTES: u64 = 32;
+/// What counts as one instant.
+const TOGETHER: Duration = Duration::from_millis(10);
+
+/// A client and when it tried to connect.
+type Came = (UntilSettled, Vec<Instant>);
+
+/// Fifty clients over QUIC, and the second server. The first says nothing before it dies: its packets stop.
+async fn over_quic(scene: &TestScene) -> (Vec<Came>, Arc<ServerState>) {
+    let world = World::new();
+    let first = world.serve(ServerState::new(scene.source(), settings(SLOW)), 1);
+    let addresses: Vec<_> = (0..CLIENTS).map(|n| client(n, 50_000 + u16::from(n))).collect();
+    let endpoints: Vec<_> = addresses.iter().map(|at| world.client(*at, &link())).collect();
+    let clients = endpoints.iter().zip(0_u64..).map(|(endpoint, n)| async move {
+        // Within a second, as a class that is told to begin.
+        sleep(Duration::from_millis(n * 20)).await;
+        let mut host = UntilSettled::new();
+        let attempts = stream(endpoint, &mut host).await;
+        (host, attempts)
+    });
+    let restart = async {
+        sleep(DEATH).await;
+        addresses.iter().for_each(|at| world.connect(*at, &cut()));
+        first.abort();
+        sleep(REBIRTH - DEATH).await;
+        addresses.iter().for_each(|at| world.connect(*at, &link()));
+        let state = ServerState::new(scene.source(), settings(None));
+        world.serve(Arc::clone(&state), 2);
+        state
+    };
+    tokio::join!(join_all(clients), restart)
+}
+
+/// A TCP link on which nothing passes while there is no server.
+fn tcp_link() -> LinkSettings {
+    let at = |time: Duration| u64::try_from(time.as_nanos()).unwrap();
+    let rate = Rate::steps(&[(0, RATE_BITS_PER_S), (at(DEATH), 0), (at(REBIRTH), RATE_BITS_PER_S)]).unwrap();
+    LinkSettings { rate, overhead_bytes: IP_TCP_BYTES, ..link() }
+}
+
+/// The same over WebSocket.
+async fn over_websocket(scene: &TestScene) -> (Vec<Came>, Arc<ServerState>) {
+    let clock = VirtualClock::start();
+    let first = ServerState::new(scene.source(), settings(SLOW));
+    let second = ServerState::new(scene.source(), settings(None));
+    let clients = (0..CLIENTS).map(|n| {
+        let (first, second) = (Arc::clone(&first), Arc::clone(&second));
+        async move {
+            sleep(Duration::from_millis(u64::from(n) * 20)).await;
+            let (mut host, mut attempts) = (UntilSettled::new(), Vec::new());
+            let connect = async || {
+                attempts.push(Instant::now());
+                let seed = u64::from(n) << 8 | attempts.len() as u64;
+                let opening = stream_pipe::open(clock, tcp_link(), tcp_link(), seed).unwrap();
+                let (server, ready_ns) = (opening.server, opening.server_ready_ns);
+                let (first, second) = (Arc::clone(&first), Arc::clone(&second));
+                tokio::spawn(async move {
+                    clock.sleep_until(ready_ns).await;
+                    let left = DEATH.saturating_sub(Duration::from_nanos(clock.now_ns()));
+                    let (state, lives) = if left.is_zero() { (second, PATIENCE) } else { (first, left) };
+                    let _ = timeout(lives, accept_http(server, state, client(n, 50_000))).await;
+                });
+                let ready = timeout(ATTEMPT, clock.sleep_until(opening.client_ready_ns)).await;
+                ready.map_err(|_| Close::new(CloseCode::Lost, "the server does not answer"))?;
+                WebSocketConnection::open(opening.client, "server:80", ATTEMPT).await
+            };
+            let retry = Retry { first_attempts: 3, first_within: Duration::MAX, reconnect: true };
+            let streaming =
+                stream_websocket("the server", connect, &mut host, Clock::start(), retry, |_, _| {});
+            let end = timeout(PATIENCE, streaming).await.expect("the picture does not settle");
+            assert_eq!(end, End::Left);
+            (host, attempts)
+        }
+    });
+    (join_all(clients).await, second)
+}
+
+/// Guards a restart against its clients: they must not come in one instant, all must come, and none may be sent again
+/// what it has.
+fn fifty_clients_come_back(transport: Transport) {
+    let scene = TestScene::small();
+    let (clients, second) = virtual_runtime().unwrap().block_on(async {
+        match transport {
+            Transport::Quic => over_quic(scene).await,
+            Transport::WebSocket => over_websocket(scene).await,
+        }
+    });
+    let retries: Vec<_> = clients.iter().map(|(_, attempts)| attempts[1..].to_vec()).collect();
+    assert!(retries.iter().all(|retries| retries.len() >= 2), "each tries in vain first: {retries:?}");
+    for nth in 0..2 {
+        let mut at: Vec<Instant> = retries.iter().map(|retries| retries[nth]).collect();
+        at.sort_unstable();
+        let most =
+            at.iter().map(|from| at.iter().filter(|at| (*from..=*from + TOGETHER).contains(at)).count());
+        let most = most.max().unwrap();
+        println!("attempt {nth}: within {:?}, at most {most} in {TOGETHER:?}", at[49] - at[0]);
+        assert!(most <= 10, "{most} of {CLIENTS} came in one instant");
+    }
+    // An attempt in vain and a pause that has doubled.
+    for retries in &retries {
+        let pause = retries[1] - retries[0] - ATTEMPT;
+        assert!((500..=1010).contains(&pause.as_millis()), "{pause:?}");
+    }
+    // Before the server has heard what the client has it pushes base meshes, over WebSocket chunks as well.
+    let bases: u64 = scene.assets.iter().map(|asset| asset.base_bytes).sum();
+    let (most_pushed, may_be_pushed): (u64, fn(&BlobId) -> bool) = match transport {
+        Transport::Quic => (ServerConfig::quic(None).push_before_hello_bytes, is_pushed),
+        Transport::WebSocket => (bases + ServerConfig::websocket(None).refine_before_hello_bytes, |_| true),
+    };
+    // Of chunks that were not there, the bytes, and the heads of their streams.
+    let mut new = 0;
+    for (host, _) in &clients {
+        let stats = host.core.stats();
+        assert!(host.settled && stats.decode_failures == 0, "{stats:?}");
+        let (held, received) = (host.held.as_ref().unwrap(), host.received());
+        let sum = |of: &BTreeMap<BlobId, u64>| of.values().sum::<u64>();
+        assert!(held.keys().any(is_chunk), "the server died before anything was refined");
+        assert!(sum(held) < sum(&received), "the server died too late");
+        let mut twice = sent_twice(scene, &received);
+        let pushed: u64 = twice.extract_if(.., |id, _| may_be_pushed(id)).map(|(_, bytes)| bytes).sum();
+        assert!(twice.is_empty() && pushed <= most_pushed, "{pushed} bytes of what is pushed, {twice:?}");
+        for (id, bytes) in received.iter().filter(|(id, _)| is_chunk(id)) {
+            let before = held.get(id).copied().unwrap_or(0);
+            new += if *bytes > before { bytes - before + HEAD_BYTES } else { 0 };
+        }
+    }
+    // The server says the same: what it sent was new to whom it was sent.
+    let text = second.render_metrics();
+    let line = text.lines().find_map(|l| l.strip_prefix("lodestream_sent_bytes_total{kind=\"chunk\"} "));
+    let sent: u64 = line.unwrap().parse().unwrap();
+    assert!(sent > 0 && sent <= new, "{sent} bytes of chunks were sent, at most {new} were new");
+}
+
+#[test]
+fn fifty_clients_come_back_to_a_server_that_was_killed_and_are_sent_nothing_twice() {
+    fifty_clients_come_back(Transport::Quic);
+}
+
+#[test]
+fn fifty_websocket_clients_come_back_and_are_sent_nothing_twice_but_what_is_pushed_ahead() {
+    fifty_clients_come_back(Transport::WebSocket);
+}
+
+/// Guards both sides against a clock that jumps by an hour, as that of a machine does that was asleep: what waited is
+/// over, and what was here goes on from where it was.
+#[test]
+fn an_hour_that_jumps_by_ends_a_session_and_not_the_picture() {
+    let scene = TestScene::small();
+    virtual_runtime().unwrap().block_on(async {
+        let world = World::new();
+        let state = ServerState::new(scene.source(), settings(SLOW));
+        world.serve(Arc::clone(&state), 1);
+        let endpoint = world.client(client(1, 50_000), &link());
+        let mut host = UntilSettled::new();
+        let jump = async {
+            sleep(DEATH).await;
+            assert_eq!(state.metrics().active_sessions(), 1);
+            tokio::time::advance(Duration::from_secs(3600)).await;
+        };
+        let (attempts, ()) = tokio::join!(stream(&endpoint, &mut host), jump);
+        assert!(attempts.len() >= 2, "the session outlived an hour of silence");
+        let (stats, held) = (host.core.stats(), host.held.as_ref().unwrap());
+        assert!(host.settled && stats.decode_failures == 0, "{stats:?}");
+        assert!(held.keys().any(is_chunk), "the hour passed before anything was refined");
+        let mut twice = sent_twice(scene, &host.received());
+        let pushed: u64 = twice.extract_if(.., |id, _| is_pushed(id)).map(|(_, bytes)| bytes).sum();
+        assert!(twice.is_empty() && pushed <= 3_000, "{pushed} bytes of what is pushed, {twice:?}");
+        sleep(Duration::from_secs(60)).await;
+        assert_eq!(state.metrics().active_sessions(), 0, "the session of before is still there");
+    });
+}

@@ -1,0 +1,60 @@
+//! Clients that are gone in the middle of a blob.
+
+use lodestream_protocol::frame::encode_client;
+use lodestream_protocol::message::ClientMessage;
+use lodestream_server::daemon::memory_scene::MemoryScene;
+
+use super::*;
+use crate::support::raw::{Arrival, RawClient, RawQuic, hello, want};
+
+/// Long enough that at the link's rate each takes two seconds.
+const BLOB_BYTES: u32 = 500_000;
+
+/// Guards the server against clients whose machine is gone while a blob is on its way: what was held for them is let go,
+/// and others get all of theirs.
+#[test]
+fn a_client_gone_in_the_middle_of_a_blob_is_let_go_and_others_get_theirs() {
+    virtual_runtime().unwrap().block_on(async {
+        let world = World::new();
+        let scene = Arc::new(MemoryScene::new(1, 500, BLOB_BYTES));
+        let state = ServerState::new(scene, settings(None));
+        world.serve(Arc::clone(&state), 1);
+        let open = async |n: u8| {
+            let endpoint = world.client(client(n, 50_000 + u16::from(n)), &link());
+            let connection = endpoint.connect(SERVER, "localhost").unwrap().await.unwrap();
+            let mut client = RawQuic::new(connection);
+            client.send_bytes(encode_client(&ClientMessage::Hello(hello())).unwrap()).await.unwrap();
+            let all = want((0..2).map(|level| BlobId::texture(0, 0, level)));
+            client.send_bytes(encode_client(&all).unwrap()).await.unwrap();
+            client
+        };
+        let (gone, mut other) = (open(1).await, open(2).await);
+        // Half of a blob, and no word.
+        sleep(Duration::from_secs(1)).await;
+        world.connect(client(1, 50_001), &cut());
+        let waiting = |text: &str| -> u64 {
+            let line = text.lines().find_map(|line| line.strip_prefix("lodestream_queued_bytes "));
+            line.unwrap().parse().unwrap()
+        };
+        assert_eq!(state.metrics().active_sessions(), 2);
+        assert!(waiting(&state.render_metrics()) > 0, "all was sent before the client was gone");
+        let mut came = 0;
+        while came < 2 {
+            let arrival = timeout(Duration::from_secs(20), other.next()).await.expect("nothing more comes");
+            match arrival.expect("the connection is over") {
+                Arrival::Blob(id, bytes) if bytes.len() == BLOB_BYTES as usize => {
+                    assert_eq!(bytes, MemoryScene::contents(&id, BLOB_BYTES));
+                    came += 1;
+                }
+                _ => {}
+            }
+        }
+        let bye = encode_client(&ClientMessage::Bye).unwrap();
+        other.send_bytes(bye).await.unwrap();
+        // QUIC gives up a silent peer after 20 s.
+        sleep(Duration::from_secs(25)).await;
+        assert_eq!(state.metrics().active_sessions(), 0);
+        assert_eq!(waiting(&state.render_metrics()), 0);
+        drop(gone);
+    });
+}
