@@ -21,6 +21,8 @@ pub mod terrain;
 #[cfg(test)]
 mod tests;
 pub mod texture;
+mod triangulate;
+mod weld;
 
 pub use error::ImportError;
 pub use file::{MAX_FILE_BYTES, is_gltf, read_file};

@@ -2,9 +2,7 @@
 
 mod mtl;
 mod normalise;
-mod triangulate;
 
-use std::collections::HashMap;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
@@ -13,9 +11,10 @@ use lodestream_geometry::mesh::{Corner, NONE, SourceMesh};
 use crate::error::ImportError;
 use crate::file::{MAX_FILE_BYTES, read_file};
 use crate::model::{Imported, Material};
+use crate::triangulate::triangulate;
+use crate::weld::Weld;
 use mtl::Library;
 use normalise::{Format, Normalised, logical_lines, normalise, unpack_color};
-use triangulate::triangulate;
 
 /// Most materials of one asset, as the protocol describes them.
 const MAX_MATERIALS: usize = lodestream_protocol::asset::MAX_MATERIALS;
@@ -158,17 +157,13 @@ fn build(path: &Path, normalised: Normalised) -> Result<SourceMesh, ImportError>
     for model in models {
         merge.model(&model);
     }
-    Ok(merge.mesh)
+    Ok(merge.weld.mesh)
 }
 
-/// Merges models into one mesh, giving equal values one index: `tobj` numbers each model anew.
+/// Merges models into one mesh: `tobj` numbers the values of each anew.
 #[derive(Default)]
 struct Merge {
-    mesh: SourceMesh,
-    positions: HashMap<[u64; 3], u32>,
-    uvs: HashMap<[u32; 2], u32>,
-    normals: HashMap<[u32; 3], u32>,
-    colors: HashMap<[u8; 4], u32>,
+    weld: Weld,
 }
 
 impl Merge {
@@ -177,12 +172,15 @@ impl Merge {
         let mesh = &model.mesh;
         // More than MAX_MATERIALS were refused, so the index fits.
         let material = mesh.material_id.and_then(|id| u16::try_from(id).ok()).unwrap_or(0);
-        let positions: Vec<u32> = mesh.positions.as_chunks().0.iter().map(|p| self.position(*p)).collect();
-        let uvs: Vec<u32> = mesh.texcoords.as_chunks().0.iter().map(|t| self.uv(*t)).collect();
-        let normals: Vec<u32> = mesh.normals.as_chunks().0.iter().map(|n| self.normal(*n)).collect();
+        let positions: Vec<u32> =
+            mesh.positions.as_chunks().0.iter().map(|p| self.weld.position(*p)).collect();
+        let uvs: Vec<u32> =
+            mesh.texcoords.as_chunks().0.iter().map(|t| self.weld.uv(t.map(|x| x as f32))).collect();
+        let normals: Vec<u32> = mesh.normals.as_chunks().0.iter().map(|n| self.weld.normal(*n)).collect();
         // One number per vertex carries the colour, the others are padding.
         let packed = mesh.vertex_color.as_chunks::<3>().0;
-        let colors: Vec<u32> = packed.iter().map(|c| self.color(unpack_color(c[0]))).collect();
+        let colors: Vec<u32> =
+            packed.iter().map(|c| unpack_color(c[0]).map_or(NONE, |color| self.weld.color(color))).collect();
         let corner = |i: usize| Corner {
             position: positions[mesh.indices[i] as usize],
             uv: if format.uv { uvs[mesh.texcoord_indices[i] as usize] } else { NONE },
@@ -203,47 +201,12 @@ impl Merge {
             corners.clear();
             corners.extend((first..first + arity).map(corner));
             points.clear();
-            points.extend(corners.iter().map(|c| self.mesh.positions[c.position as usize]));
+            points.extend(corners.iter().map(|c| self.weld.mesh.positions[c.position as usize]));
             for triangle in triangulate(&points) {
-                self.mesh.faces.push(triangle.map(|i| corners[i]));
-                self.mesh.materials.push(material);
+                self.weld.mesh.faces.push(triangle.map(|i| corners[i]));
+                self.weld.mesh.materials.push(material);
             }
             first += arity;
         }
     }
-
-    fn position(&mut self, value: [f64; 3]) -> u32 {
-        // Adding 0 turns −0 into 0, so that they weld.
-        let value = value.map(|x| x + 0.0);
-        let positions = &mut self.mesh.positions;
-        *self.positions.entry(value.map(f64::to_bits)).or_insert_with(|| push(positions, value))
-    }
-
-    fn uv(&mut self, value: [f64; 2]) -> u32 {
-        let value = value.map(|x| x as f32 + 0.0);
-        let uvs = &mut self.mesh.uvs;
-        *self.uvs.entry(value.map(f32::to_bits)).or_insert_with(|| push(uvs, value))
-    }
-
-    fn color(&mut self, value: Option<[u8; 4]>) -> u32 {
-        let colors = &mut self.mesh.colors;
-        value.map_or(NONE, |value| *self.colors.entry(value).or_insert_with(|| push(colors, value)))
-    }
-
-    /// Normals become unit length; one without a direction counts as not given.
-    fn normal(&mut self, value: [f64; 3]) -> u32 {
-        let length = value.iter().map(|x| x * x).sum::<f64>().sqrt();
-        if length < f64::MIN_POSITIVE {
-            return NONE;
-        }
-        let value = value.map(|x| (x / length) as f32 + 0.0);
-        let normals = &mut self.mesh.normals;
-        *self.normals.entry(value.map(f32::to_bits)).or_insert_with(|| push(normals, value))
-    }
-}
-
-/// Appends a value and returns its index; the counts of lines and corners were checked to fit `u32`.
-fn push<T>(values: &mut Vec<T>, value: T) -> u32 {
-    values.push(value);
-    (values.len() - 1) as u32
 }
