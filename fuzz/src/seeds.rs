@@ -40,6 +40,7 @@ pub fn of(target: &str) -> Vec<(String, Vec<u8>)> {
         "apply_undo" => sequences(),
         "obj_import" => models(),
         "gltf_import" => scenes(),
+        "ply_import" => scans(),
         "messages" => messages(),
         "terrain" => terrain(),
         "lamps" => lamps(),
@@ -168,6 +169,55 @@ fn obj(mesh: &SourceMesh) -> String {
         text.push('\n');
     }
     text
+}
+
+/// A pyramid on a quad in every format, with all that is read of a vertex and with nothing but places, and a strip.
+fn scans() -> Vec<(String, Vec<u8>)> {
+    let full = "property double x\nproperty short y\nproperty float z\nproperty float nx\nproperty float ny\nproperty float nz\n\
+                property uchar red\nproperty uchar green\nproperty uchar blue\nproperty float s\nproperty float t\n";
+    let faces = "element face 5\nproperty list uchar int vertex_indices\nend_header\n";
+    let places = [[0_i16, 0, 0], [4, 0, 0], [4, 4, 0], [0, 4, 0], [2, 2, 3]];
+    let polygons: [&[i32]; 5] = [&[0, 3, 2, 1], &[0, 1, 4], &[1, 2, 4], &[2, 3, 4], &[3, 0, 4]];
+    let head =
+        |format: &str, rest: &str| format!("ply\nformat {format} 1.0\nelement vertex 5\n{rest}").into_bytes();
+    let binary = |format: &str, big: bool| {
+        let mut out = head(format, &format!("{full}{faces}"));
+        let mut put = |bytes: &[u8]| match big {
+            true => out.extend(bytes.iter().rev()),
+            false => out.extend(bytes),
+        };
+        for [x, y, z] in places {
+            put(&f64::from(x).to_le_bytes());
+            put(&y.to_le_bytes());
+            [f32::from(z), 0.0, 0.6, 0.8].iter().for_each(|x| put(&x.to_le_bytes()));
+            [x, y, z].iter().for_each(|x| put(&[*x as u8 * 60]));
+            [x, y].iter().for_each(|x| put(&(f32::from(*x) / 4.0).to_le_bytes()));
+        }
+        for polygon in polygons {
+            put(&[polygon.len() as u8]);
+            polygon.iter().for_each(|corner| put(&corner.to_le_bytes()));
+        }
+        out
+    };
+    let vertices: String = places.iter().map(|[x, y, z]| format!("{x} {y} {z}\n")).collect();
+    let listed = |polygon: &&[i32]| {
+        let corners: Vec<String> = polygon.iter().map(ToString::to_string).collect();
+        format!("{} {}\n", polygon.len(), corners.join(" "))
+    };
+    let listed: String = polygons.iter().map(listed).collect();
+    let xyz = "property float x\nproperty float y\nproperty float z\n";
+    let text = |rest: &str| [head("ascii", &format!("{xyz}{rest}")), vertices.clone().into()].concat();
+    let strips = "element tristrips 1\nproperty list int int vertex_indices\nend_header\n";
+    let extra = "element edge 1\nproperty int a\nelement face 5\nproperty list uchar int vertex_index\nproperty float area\n\
+                 comment x\nend_header\n";
+    let areas = listed.replace('\n', " 0.5\n");
+    vec![
+        seed("text", [text(faces), listed.into_bytes()].concat()),
+        seed("strip", [text(strips), b"8 0 1 4 2 -1 3 0 4\n".to_vec()].concat()),
+        seed("passed-over", [text(extra), b"9\n".to_vec(), areas.into_bytes()].concat()),
+        seed("little-endian", binary("binary_little_endian", false)),
+        seed("big-endian", binary("binary_big_endian", true)),
+    ]
 }
 
 fn models() -> Vec<(String, Vec<u8>)> {

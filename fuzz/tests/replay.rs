@@ -61,6 +61,11 @@ fn gltf_import() {
 }
 
 #[test]
+fn ply_import() {
+    replay("ply_import");
+}
+
+#[test]
 fn messages() {
     replay("messages");
 }

@@ -14,13 +14,13 @@ pub enum ImportError {
         source: std::io::Error,
     },
     /// A folder, a device or a pipe.
-    #[error("{}: is not a regular file; give the path of an OBJ or glTF file", path.display())]
+    #[error("{}: is not a regular file; give the path of an OBJ, glTF or PLY file", path.display())]
     NotAFile {
         /// The path.
         path: PathBuf,
     },
     /// The file has no bytes.
-    #[error("{}: is empty; give an OBJ or glTF file with faces", path.display())]
+    #[error("{}: is empty; give an OBJ, glTF or PLY file with faces", path.display())]
     Empty {
         /// The file.
         path: PathBuf,
@@ -51,6 +51,14 @@ pub enum ImportError {
         /// The file.
         path: PathBuf,
         /// Which of its objects, what is wrong with it, and what to do.
+        what: String,
+    },
+    /// Something in a PLY file is wrong that stands in no line.
+    #[error("{}: {what}", path.display())]
+    Ply {
+        /// The file.
+        path: PathBuf,
+        /// Which of its elements or bytes, what is wrong with it, and what to do.
         what: String,
     },
     /// Nothing to draw.
@@ -84,6 +92,10 @@ pub enum ImportError {
 impl ImportError {
     pub(super) fn line(path: &Path, line: usize, what: impl Into<String>) -> Self {
         Self::Line { path: path.to_owned(), line, what: what.into() }
+    }
+
+    pub(super) fn ply(path: &Path, what: impl Into<String>) -> Self {
+        Self::Ply { path: path.to_owned(), what: what.into() }
     }
 
     pub(super) fn gltf(path: &Path, what: impl Into<String>) -> Self {

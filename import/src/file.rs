@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::error::ImportError;
 
-/// Largest model file, in bytes; it is read whole.
+/// Largest model file, in bytes.
 pub const MAX_FILE_BYTES: u64 = 4 << 30;
 
 /// Whether a file's name says that it is glTF.
@@ -13,11 +13,23 @@ pub fn is_gltf(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gltf") || e.eq_ignore_ascii_case("glb"))
 }
 
+/// Whether a file's name says that it is PLY.
+#[must_use]
+pub fn is_ply(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("ply"))
+}
+
 /// Reads a regular file whole.
 ///
 /// # Errors
 /// Missing and unreadable files, anything but a regular file, and files above `limit` bytes.
 pub fn read_file(path: &Path, limit: u64) -> Result<Vec<u8>, ImportError> {
+    check_file(path, limit)?;
+    std::fs::read(path).map_err(|source| ImportError::Read { path: path.to_owned(), source })
+}
+
+/// The length of a regular file that is not above `limit` bytes.
+pub(crate) fn check_file(path: &Path, limit: u64) -> Result<u64, ImportError> {
     let read = |source| ImportError::Read { path: path.to_owned(), source };
     let metadata = std::fs::metadata(path).map_err(read)?;
     if !metadata.is_file() {
@@ -26,5 +38,5 @@ pub fn read_file(path: &Path, limit: u64) -> Result<Vec<u8>, ImportError> {
     if metadata.len() > limit {
         return Err(ImportError::TooLarge { path: path.to_owned(), bytes: metadata.len(), limit });
     }
-    std::fs::read(path).map_err(read)
+    Ok(metadata.len())
 }

@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use crate::error::ImportError;
-use crate::file::is_gltf;
+use crate::file::{is_gltf, is_ply};
 use crate::model::{Imported, Part};
-use crate::{gltf, obj};
+use crate::{gltf, obj, ply};
 
 /// Imports a model file whole, with what it names beside it.
 ///
@@ -21,6 +21,7 @@ pub fn import(path: &Path) -> Result<Imported, ImportError> {
 /// As [`import`].
 pub fn import_part(path: &Path, part: &Part) -> Result<Imported, ImportError> {
     match part {
+        Part::Whole if is_ply(path) => ply::import(path),
         Part::Whole if !is_gltf(path) => obj::import(path),
         _ => gltf::import(path, part),
     }
@@ -29,5 +30,10 @@ pub fn import_part(path: &Path, part: &Part) -> Result<Imported, ImportError> {
 /// The files that are read beside a model file of the given content, each once, whether they exist or not.
 #[must_use]
 pub fn dependencies(path: &Path, bytes: &[u8]) -> Vec<PathBuf> {
-    if is_gltf(path) { gltf::dependencies(path, bytes) } else { obj::dependencies(path, bytes) }
+    match path {
+        _ if is_gltf(path) => gltf::dependencies(path, bytes),
+        // It names no other files.
+        _ if is_ply(path) => Vec::new(),
+        _ => obj::dependencies(path, bytes),
+    }
 }

@@ -1,5 +1,5 @@
 //! Model files to [`SourceMesh`](lodestream_geometry::mesh::SourceMesh) and materials (OBJ with MTL, glTF 2.0 and
-//! GLB), their textures to mip levels, and terrain from files; with the knobs of both.
+//! GLB, PLY), their textures to mip levels, and terrain from files; with the knobs of both.
 //!
 //! OBJ and MTL are parsed by the crate `tobj` behind a pass of our own (`normalise`) that checks every
 //! line and reports its number: tobj 4 lets NaN and infinities through, makes up texture
@@ -15,6 +15,7 @@ mod import;
 mod knob;
 mod model;
 mod obj;
+mod ply;
 pub mod recipe;
 pub mod srgb;
 pub mod terrain;
@@ -25,7 +26,7 @@ mod triangulate;
 mod weld;
 
 pub use error::ImportError;
-pub use file::{MAX_FILE_BYTES, is_gltf, read_file};
+pub use file::{MAX_FILE_BYTES, is_gltf, is_ply, read_file};
 pub use import::{dependencies, import, import_part};
 pub use knob::Impossible;
 pub use model::{Alpha, Channel, Component, ImageSource, Imported, Material, Part, SurfaceMap};

@@ -90,6 +90,57 @@ fn the_cache_serves_until_its_input_changes() {
     assert!(packs().iter().all(|p| p.extension().is_some_and(|e| e == "lsp")), "{:?}", packs());
 }
 
+/// Guards scans: a PLY file, named alone or in a scene file, becomes the asset that the OBJ file of the same mesh does, and
+/// is prepared again once it has changed.
+#[test]
+fn ply_files_are_prepared_and_cached_as_others_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let [obj, ply, scene] = ["ball.obj", "scan.PLY", "scene.toml"].map(|name| folder.path().join(name));
+    let text = ball(20, 30);
+    std::fs::write(&obj, &text).unwrap();
+    let lines =
+        |kind: &str| -> Vec<&str> { text.lines().filter_map(|line| line.strip_prefix(kind)).collect() };
+    let (places, faces) = (lines("v "), lines("f "));
+    let written = |places: &[&str]| {
+        let mut out = format!(
+            "ply\nformat ascii 1.0\nelement vertex {}\nproperty float64 x\nproperty float64 y\nproperty float64 z\nelement \
+             face {}\nproperty list uchar uint vertex_indices\nend_header\n",
+            places.len(),
+            faces.len()
+        );
+        places.iter().for_each(|place| out += &format!("{place}\n"));
+        for face in &faces {
+            let corners =
+                face.split_whitespace().map(|c| c.split('/').next().unwrap().parse::<u32>().unwrap() - 1);
+            let corners: Vec<String> = corners.map(|corner| corner.to_string()).collect();
+            out += &format!("{} {}\n", corners.len(), corners.join(" "));
+        }
+        std::fs::write(&ply, out).unwrap();
+    };
+    written(&places);
+    std::fs::write(
+        &scene,
+        "[[asset]]\nname = \"scan\"\nfile = \"scan.PLY\"\n[[instance]]\nasset = \"scan\"\n",
+    )
+    .unwrap();
+    let cache = folder.path().join("cache");
+    let prepared = |file: &Path| {
+        let scene = of_files(&[file.to_owned()]).unwrap();
+        let cached = prepare_cached(&scene.assets[0], &cache, &options()).unwrap();
+        let asset = cached.pack.load().unwrap();
+        let faces = asset.refined(&asset.everything()).unwrap().face_count();
+        (cached.report.is_some(), faces, asset.base.sphere)
+    };
+    let (anew, faces, sphere) = prepared(&obj);
+    assert!(anew);
+    assert_eq!(prepared(&ply), (true, faces, sphere));
+    assert_eq!(prepared(&scene), (false, faces, sphere), "another pack for a scene file");
+    let mut moved = places.clone();
+    moved[0] = "9 9 9";
+    written(&moved);
+    assert!(prepared(&ply).0, "the file has changed");
+}
+
 /// Guards exports: the file holds as many faces as was said, and lies no further from the model than was
 /// said.
 #[test]

@@ -40,6 +40,21 @@ pub fn obj_import(data: &[u8]) -> bool {
 /// distinct values and one in the mesh, each list in a vector that may have twice its length.
 const OBJ: Ceiling = Ceiling { base_bytes: 1 << 18, bytes_per_byte: 512, base_steps: 0, steps_per_byte: 0 };
 
+/// A PLY file.
+pub fn ply_import(data: &[u8]) -> bool {
+    in_folder(|folder| {
+        let path = folder.join("a.ply");
+        std::fs::write(&path, data).expect("a file in the temporary folder");
+        let Ok(imported) = within(PLY, data.len(), || lodestream_import::import(&path)) else { return false };
+        consistent(&imported.mesh, imported.materials.len());
+        true
+    })
+}
+
+/// A buffer of 64 KiB; a face of one byte is reserved for as 50 bytes, a vertex of three as 60, and one of nine that is
+/// used, its values all new, is in the tables too.
+const PLY: Ceiling = Ceiling { base_bytes: 1 << 18, bytes_per_byte: 256, base_steps: 0, steps_per_byte: 0 };
+
 /// A glTF or GLB file: whole, its contents, and its first mesh alone.
 pub fn gltf_import(data: &[u8]) -> bool {
     in_folder(|folder| {

@@ -40,7 +40,7 @@ struct Cli {
 enum Command {
     /// Stream a scene: prepares its models where that was not done before, then listens.
     Serve(Box<serve::Arguments>),
-    /// Prepare one model: OBJ or glTF to pack.
+    /// Prepare one model: OBJ, glTF or PLY to pack.
     Prepare(prepare::Arguments),
     /// Tell what is in a pack.
     Inspect(inspect::Arguments),

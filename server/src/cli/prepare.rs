@@ -14,7 +14,7 @@ use crate::tell::tell;
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
-    /// The model: OBJ, glTF or GLB. The meshes of a glTF file become one asset, each in its place.
+    /// The model: OBJ, glTF, GLB or PLY. The meshes of a glTF file become one asset, each in its place.
     #[arg(value_name = "MODEL")]
     model: PathBuf,
     /// The pack to write.

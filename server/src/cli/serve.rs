@@ -34,7 +34,7 @@ const MAX_DRAIN_SECONDS: u64 = 24 * 60 * 60;
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
-    /// Models (OBJ, glTF, GLB), side by side, or one scene file (TOML).
+    /// Models (OBJ, glTF, GLB, PLY), side by side, or one scene file (TOML).
     #[arg(value_name = "MODEL … | SCENE.toml", required = true)]
     files: Vec<PathBuf>,
     /// Options from a file (TOML): its keys are these flags without their dashes, and files. Flags and the environment win.

@@ -12,19 +12,19 @@ const RECIPE_VERSION: u32 = 15;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Key(blake3::Hash);
 
-/// Hashes an OBJ file, the MTL and texture files that it names, and the settings, with the versions of
+/// Hashes a model file, the files that it names, and the settings, with the versions of
 /// the pack format and of the recipe.
 ///
 /// # Errors
-/// An OBJ file that cannot be read. Other files may be missing: that is part of the key.
+/// A model file that cannot be read. Other files may be missing: that is part of the key.
 pub fn key(obj: &Path, settings: &str, format_version: u32) -> Result<Key, ImportError> {
-    let bytes = lodestream_import::read_file(obj, lodestream_import::MAX_FILE_BYTES)?;
+    let (hash, dependencies) = model(obj)?;
     let mut hasher = blake3::Hasher::new_derive_key("lodestream prepared pack");
     hasher.update(&format_version.to_le_bytes());
     hasher.update(&RECIPE_VERSION.to_le_bytes());
     hasher.update(blake3::hash(settings.as_bytes()).as_bytes());
-    hasher.update(blake3::hash(&bytes).as_bytes());
-    for file in lodestream_import::dependencies(obj, &bytes) {
+    hasher.update(hash.as_bytes());
+    for file in dependencies {
         // Where the files lie does not matter, only which names the OBJ and MTL files give them, and
         // those are hashed already.
         match hash_file(&file) {
@@ -33,6 +33,16 @@ pub fn key(obj: &Path, settings: &str, format_version: u32) -> Result<Key, Impor
         };
     }
     Ok(Key(hasher.finalize()))
+}
+
+/// The hash of a model file, and the files that it names.
+fn model(path: &Path) -> Result<(blake3::Hash, Vec<PathBuf>), ImportError> {
+    // A PLY file names no others and is never held whole. Why one cannot be read is said below.
+    if let Some(hash) = lodestream_import::is_ply(path).then(|| hash_file(path)).flatten() {
+        return Ok((hash, Vec::new()));
+    }
+    let bytes = lodestream_import::read_file(path, lodestream_import::MAX_FILE_BYTES)?;
+    Ok((blake3::hash(&bytes), lodestream_import::dependencies(path, &bytes)))
 }
 
 fn hash_file(path: &Path) -> Option<blake3::Hash> {

@@ -17,7 +17,7 @@ use super::terrain::SceneTerrain;
 pub struct Asset {
     /// Name; unique within the scene.
     pub name: String,
-    /// The OBJ or glTF file.
+    /// The OBJ, glTF or PLY file.
     pub file: PathBuf,
     /// What of the file.
     pub part: Part,

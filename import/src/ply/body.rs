@@ -1,0 +1,134 @@
+//! What follows the header, number by number, as text or binary.
+
+use std::io::{self, BufRead, Read as _};
+use std::path::Path;
+
+use super::header::{Encoding, Header, Kind};
+use crate::error::ImportError;
+
+/// Longest line of text, in bytes: a polygon of some million corners.
+const MAX_LINE_BYTES: u64 = 1 << 24;
+
+/// Reads numbers; of each element, those of its properties in order.
+pub(super) struct Body<'a, R> {
+    path: &'a Path,
+    reader: R,
+    encoding: Encoding,
+    /// Bytes of the file before what is read next, and all of them.
+    offset: u64,
+    length: u64,
+    /// Of text: the number of the line, its bytes, and how many of them were read.
+    line: usize,
+    text: Vec<u8>,
+    read: usize,
+    /// Which element is read.
+    name: &'a str,
+    index: u64,
+}
+
+impl<'a, R: BufRead> Body<'a, R> {
+    /// Of a file of `length` bytes, behind its header.
+    pub(super) fn new(path: &'a Path, reader: R, header: &Header, length: u64) -> Self {
+        let &Header { encoding, bytes: offset, lines: line, .. } = header;
+        Self { path, reader, encoding, offset, length, line, text: Vec::new(), read: 0, name: "", index: 0 }
+    }
+
+    /// What is wrong with the element that is read.
+    pub(super) fn wrong(&self, what: impl std::fmt::Display) -> ImportError {
+        let Self { path, index, offset, .. } = self;
+        // It comes from the file, and messages go to terminals.
+        let name = self.name.escape_debug();
+        match self.encoding {
+            Encoding::Text => ImportError::line(path, self.line, format!("{name} {index}: {what}")),
+            _ => ImportError::ply(path, format!("{name} {index}, before byte {offset}: {what}")),
+        }
+    }
+
+    fn unreadable(&self, source: io::Error) -> ImportError {
+        if source.kind() == io::ErrorKind::UnexpectedEof {
+            return self.wrong("the file ends within it: it is truncated");
+        }
+        ImportError::Read { path: self.path.to_owned(), source }
+    }
+
+    /// Begins an element.
+    pub(super) fn begin(&mut self, name: &'a str, index: u64) -> Result<(), ImportError> {
+        (self.name, self.index) = (name, index);
+        if self.encoding != Encoding::Text {
+            return Ok(());
+        }
+        self.text.clear();
+        while self.text.trim_ascii().is_empty() {
+            self.text.clear();
+            let line = self.reader.by_ref().take(MAX_LINE_BYTES).read_until(b'\n', &mut self.text);
+            let read = line.map_err(|source| self.unreadable(source))? as u64;
+            self.line += 1;
+            match read {
+                0 => return Err(self.wrong("the file ends before it: it is truncated")),
+                MAX_LINE_BYTES => return Err(self.wrong(format!("a line of over {read} bytes"))),
+                _ => {}
+            }
+        }
+        self.read = 0;
+        Ok(())
+    }
+
+    /// Ends an element: a line of text must hold no more.
+    pub(super) fn end(&self) -> Result<(), ImportError> {
+        if self.text[self.read..].trim_ascii().is_empty() {
+            return Ok(());
+        }
+        Err(self.wrong("the line holds more numbers than the header says"))
+    }
+
+    /// The next number.
+    pub(super) fn number(&mut self, kind: Kind) -> Result<f64, ImportError> {
+        let mut bytes = [0; 8];
+        let size = kind.bytes();
+        if self.encoding == Encoding::Text {
+            return self.word();
+        }
+        let read = self.reader.read_exact(&mut bytes[..size]);
+        read.map_err(|source| self.unreadable(source))?;
+        self.offset += size as u64;
+        if self.encoding == Encoding::BigEndian {
+            bytes[..size].reverse();
+        }
+        let (number, unused) = (u64::from_le_bytes(bytes), 64 - 8 * size as u32);
+        Ok(match kind {
+            Kind::Signed(_) => ((number << unused) as i64 >> unused) as f64,
+            Kind::Unsigned(_) => number as f64,
+            Kind::Float(4) => f64::from(f32::from_bits(number as u32)),
+            Kind::Float(_) => f64::from_bits(number),
+        })
+    }
+
+    fn word(&mut self) -> Result<f64, ImportError> {
+        let rest = &self.text[self.read..];
+        let start = rest.iter().position(|byte| !byte.is_ascii_whitespace());
+        let start = start.ok_or_else(|| self.wrong("the line holds fewer numbers than the header says"))?;
+        let length = rest[start..].iter().position(u8::is_ascii_whitespace).unwrap_or(rest.len() - start);
+        let word = &rest[start..start + length];
+        let number = str::from_utf8(word).ok().and_then(|word| word.parse().ok());
+        let number = number.ok_or_else(|| {
+            let shown = String::from_utf8_lossy(&word[..word.len().min(40)]).into_owned();
+            self.wrong(format!("{shown:?} is no number"))
+        })?;
+        self.read += start + length;
+        Ok(number)
+    }
+
+    /// The length of a list of such numbers, for which there are bytes.
+    pub(super) fn list_length(&mut self, length: Kind, of: Kind) -> Result<usize, ImportError> {
+        let count = self.number(length)?;
+        let (least, left) = match self.encoding {
+            Encoding::Text => (1, (self.text.len() - self.read) as u64),
+            _ => (of.bytes() as u64, self.length.saturating_sub(self.offset)),
+        };
+        // Below 2^32, and exact.
+        if count.fract() != 0.0 || count < 0.0 || count * least as f64 > left as f64 {
+            return Err(self.wrong(format!("a list of {count} numbers, but {left} bytes are left")));
+        }
+        Ok(count as usize)
+    }
+}
