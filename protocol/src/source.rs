@@ -1,5 +1,7 @@
 //! Where a server session finds scenes and blobs.
 
+use std::future::Future;
+use std::pin::Pin;
 use std::sync::Arc;
 
 use bytes::Bytes;
@@ -43,6 +45,9 @@ pub struct CacheUse {
     pub misses: u64,
 }
 
+/// A read that is under way, and holds no thread.
+pub type BlobFuture = Pin<Box<dyn Future<Output = Result<Bytes, SourceError>> + Send>>;
+
 /// One scene with its blobs. Shared by all sessions.
 pub trait SceneSource: Send + Sync {
     /// What holds for the whole scene.
@@ -66,6 +71,13 @@ pub trait SceneSource: Send + Sync {
     /// # Errors
     /// Fails where the blob is missing or damaged, or the store does not answer in the time that it allows itself.
     fn read(&self, id: &BlobId) -> Result<Bytes, SourceError>;
+
+    /// What [`SceneSource::read`] does, as a future that holds no thread, for stores that have one: drivers then use it in
+    /// place of a thread. May be dropped before it resolves.
+    fn fetch(&self, id: &BlobId) -> Option<BlobFuture> {
+        let _ = id;
+        None
+    }
 
     /// How a cache of blobs has done; `None` where there is none.
     fn cache_use(&self) -> Option<CacheUse> {

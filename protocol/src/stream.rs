@@ -11,14 +11,43 @@
 //! refused.
 
 use bytes::Bytes;
+use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, percent_decode_str, utf8_percent_encode};
 
 use crate::blob::BlobId;
 use crate::coding::{CodingError, decode_message, encode_message};
 use crate::frame::{BlobPiece, FrameError, PieceError};
-use crate::limits::{MAX_BLOB_BYTES, MAX_PIECE_BYTES};
+use crate::limits::{MAX_BLOB_BYTES, MAX_NAME_BYTES, MAX_PIECE_BYTES};
 
 /// Name of the protocol in TLS ALPN and as WebSocket subprotocol.
 pub const ALPN: &str = "lodestream/2";
+
+/// Name in ALPN of a session with the scene of this name: [`ALPN`], a stroke, and 32 hexadecimal digits of the name's
+/// BLAKE3 hash. A client offers it in front of [`ALPN`], so that a server with several scenes knows which is meant before
+/// `Hello`.
+#[must_use]
+pub fn alpn_of_scene(name: &str) -> String {
+    format!("{ALPN}/{}", &blake3::hash(name.as_bytes()).to_hex()[..32])
+}
+
+/// What stands as it is in a path (RFC 3986, section 2.3).
+const UNRESERVED: &AsciiSet = &NON_ALPHANUMERIC.remove(b'-').remove(b'.').remove(b'_').remove(b'~');
+
+/// The path that names a scene in addresses and in WebSocket's request: `/NAME`, characters other than those that RFC 3986
+/// leaves alone as `%XX`; `/` without a name.
+#[must_use]
+pub fn path_of_scene(name: &str) -> String {
+    format!("/{}", utf8_percent_encode(name, UNRESERVED))
+}
+
+/// The name in such a path, empty in `/`; `None` where it names none. A second stroke or a query is meant for something
+/// else.
+#[must_use]
+pub fn scene_of_path(path: &str) -> Option<String> {
+    let name = path.strip_prefix('/')?;
+    let decoded = percent_decode_str(name).decode_utf8().ok()?;
+    (decoded.len() <= MAX_NAME_BYTES && !name.contains(['/', '?'])).then(|| decoded.into_owned())
+}
+
 /// First byte of a stream of control frames, in both directions.
 pub const CONTROL_STREAM: u8 = 0;
 /// First byte of a stream that carries a run of one blob.

@@ -19,7 +19,8 @@ use crate::outcome::EXIT_CODES;
 #[derive(Clone, Debug, Parser)]
 #[command(name = "lodestream-viewer", version, about, after_help = EXIT_CODES)]
 pub(crate) struct Args {
-    /// The server: quic://HOST:PORT#sha256=FINGERPRINT (as the server prints it), wss://HOST:PORT or ws://HOST:PORT.
+    /// The server: quic://HOST:PORT#sha256=FINGERPRINT (as the server prints it), wss://HOST:PORT or ws://HOST:PORT; of a
+    /// server with several scenes, with the scene's name behind it: ws://HOST:PORT/NAME.
     /// Without a fingerprint, certificates are believed that the system's authorities vouch for
     pub(crate) address: Address,
     /// Believe certificates of the authorities in this file (PEM), and not the system's
@@ -29,9 +30,6 @@ pub(crate) struct Args {
     /// LODESTREAM_TOKEN
     #[arg(long, value_name = "FILE")]
     pub(crate) token_file: Option<PathBuf>,
-    /// Name of the scene; the server's default without
-    #[arg(long, default_value = "")]
-    pub(crate) scene: String,
     /// Size of the window or picture in pixels
     #[arg(long, value_name = "WxH", default_value = "1280x720")]
     pub(crate) window: Size,

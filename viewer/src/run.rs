@@ -59,7 +59,6 @@ pub(crate) fn core_config(args: &Args) -> anyhow::Result<Config> {
         None => StartView::OfScene { viewport_px: args.window.0, target_px: args.pixel_error.0 },
     };
     let mut config = Config::new(start);
-    config.session.scene.clone_from(&args.scene);
     config.session.token = token::find(args.token_file.as_deref())?;
     config.select.max_faces = args.max_faces;
     config.select.shadows = !args.no_shadows;

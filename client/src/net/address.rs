@@ -1,8 +1,11 @@
-//! Addresses of servers: `quic://HOST:PORT`, `wss://HOST:PORT` and `ws://HOST:PORT`, the first two perhaps with the
-//! fingerprint of a certificate or its key, `#sha256=HEX` or `#spki-sha256=HEX`.
+//! Addresses of servers: `quic://HOST:PORT`, `wss://HOST:PORT` and `ws://HOST:PORT`, perhaps with the name of a scene,
+//! `/NAME`, and the first two perhaps with the fingerprint of a certificate or its key, `#sha256=HEX` or
+//! `#spki-sha256=HEX`.
 
 use std::fmt;
 use std::str::FromStr;
+
+use lodestream_protocol::stream::{path_of_scene, scene_of_path};
 
 use super::pin::{Pin, PinError};
 
@@ -41,6 +44,8 @@ pub struct Address {
     pub host: String,
     /// UDP or TCP port.
     pub port: u16,
+    /// Name of the scene; empty for the server's only one.
+    pub scene: String,
     /// What the server's certificate must be; never there for plain WebSocket. Without it, authorities are asked.
     pub pin: Option<Pin>,
 }
@@ -63,6 +68,9 @@ pub enum AddressError {
     /// A fingerprint that is none.
     #[error(transparent)]
     Pin(#[from] PinError),
+    /// A path that names no scene.
+    #[error("{0:?} names no scene: write /NAME, characters other than letters and digits as %XX")]
+    Scene(String),
     /// Something after the port.
     #[error("{0:?} is not understood at the end of the address")]
     Rest(String),
@@ -75,9 +83,8 @@ impl FromStr for Address {
         let (scheme, rest) = text.split_once("://").ok_or_else(|| AddressError::Scheme(text.into()))?;
         let (rest, fragment) = rest.split_once('#').map_or((rest, None), |(a, b)| (a, Some(b)));
         let (place, path) = rest.find('/').map_or((rest, ""), |at| rest.split_at(at));
-        if !matches!(path, "" | "/") {
-            return Err(AddressError::Rest(path.into()));
-        }
+        let scene = if path.is_empty() { Some(String::new()) } else { scene_of_path(path) };
+        let scene = scene.ok_or_else(|| AddressError::Scene(path.into()))?;
         let scheme = match scheme.to_ascii_lowercase().as_str() {
             "quic" => Scheme::Quic,
             "wss" => Scheme::SecureWebSocket,
@@ -112,7 +119,7 @@ impl FromStr for Address {
             port => port.and_then(|port| port.parse().ok()).filter(|port| *port != 0),
         };
         let port = port.ok_or_else(|| AddressError::Port(place.into()))?;
-        Ok(Self { scheme, host: bracketed.unwrap_or(host).to_owned(), port, pin })
+        Ok(Self { scheme, host: bracketed.unwrap_or(host).to_owned(), port, scene, pin })
     }
 }
 
@@ -129,11 +136,18 @@ impl Address {
         let Self { host, port, .. } = self;
         if host.contains(':') { format!("[{host}]:{port}") } else { format!("{host}:{port}") }
     }
+
+    /// The scene as a path: `/NAME`, characters that cannot stand there as `%XX`; `/` where none is named.
+    #[must_use]
+    pub fn path(&self) -> String {
+        path_of_scene(&self.scene)
+    }
 }
 
 impl fmt::Display for Address {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}://{}", self.transport(), self.authority())
+        write!(f, "{}://{}", self.transport(), self.authority())?;
+        if self.scene.is_empty() { Ok(()) } else { f.write_str(&self.path()) }
     }
 }
 
@@ -157,6 +171,21 @@ mod tests {
         for trusted in ["quic://h:1", "quic://h:1#", "wss://h", "wss://h:8443/", "wss://h#"] {
             assert_eq!(trusted.parse::<Address>().unwrap().pin, None, "{trusted}");
         }
+    }
+
+    #[test]
+    fn the_path_names_a_scene() {
+        let scene = |text: &str| text.parse::<Address>().unwrap().scene;
+        assert_eq!(scene("ws://h:1"), "");
+        assert_eq!(scene("ws://h:1/"), "");
+        assert_eq!(scene("wss://h/temple"), "temple");
+        assert_eq!(scene(&format!("quic://h:1/a%20b%2Fc#sha256={HEX}")), "a b/c");
+        let address: Address = "quic://[::1]:1/gro%C3%9F%20%2f".parse().unwrap();
+        assert_eq!(
+            (address.scene.as_str(), address.to_string().as_str()),
+            ("groß /", "quic://[::1]:1/gro%C3%9F%20%2F")
+        );
+        assert_eq!(address.to_string().parse(), Ok(address));
     }
 
     #[test]
@@ -184,7 +213,9 @@ mod tests {
         {
             assert!(matches!(error(host), AddressError::Host(_)), "{host}");
         }
-        assert!(matches!(error("ws://h:1/other"), AddressError::Rest(_)));
+        for scene in ["ws://h:1/a/b", "ws://h:1/a?b", "ws://h:1/%ff", "wss://h//"] {
+            assert!(matches!(error(scene), AddressError::Scene(_)), "{scene}");
+        }
         assert!(matches!(error(&format!("ws://h:1#sha256={HEX}")), AddressError::Rest(_)));
     }
 }

@@ -13,7 +13,7 @@ use super::server::Server;
 #[cfg(any(feature = "quic", feature = "tls"))]
 use super::trust::Trust;
 #[cfg(feature = "websocket")]
-use super::websocket::{Counting, WebSocketConnection, run_websocket};
+use super::websocket::{Counting, Target, WebSocketConnection, run_websocket};
 #[cfg(feature = "quic")]
 use super::{
     quic::{self, client_config_of, endpoint, run_quic},
@@ -79,8 +79,9 @@ pub(super) async fn connect(
     match address.scheme {
         #[cfg(feature = "websocket")]
         Scheme::WebSocket => {
-            let authority = address.authority();
-            first_to_answer(address, &servers, |server| open_websocket(server, &authority, token)).await
+            let (authority, path) = (address.authority(), address.path());
+            let target = Target { authority: &authority, path: &path };
+            first_to_answer(address, &servers, |server| open_websocket(server, target, token)).await
         }
         #[cfg(feature = "tls")]
         Scheme::SecureWebSocket => {
@@ -91,8 +92,9 @@ pub(super) async fn connect(
                     kept.tls.insert(opens.map_err(|why| at(address, why))?)
                 }
             };
-            let authority = address.authority();
-            first_to_answer(address, &servers, |server| open_secure_websocket(server, tls, &authority, token))
+            let (authority, path) = (address.authority(), address.path());
+            let target = Target { authority: &authority, path: &path };
+            first_to_answer(address, &servers, |server| open_secure_websocket(server, tls, target, token))
                 .await
         }
         #[cfg(feature = "quic")]
@@ -190,7 +192,7 @@ async fn open_tcp(server: SocketAddr) -> Result<TcpStream, Close> {
 #[cfg(feature = "websocket")]
 async fn open_websocket(
     server: SocketAddr,
-    authority: &str,
+    target: Target<'_>,
     token: Option<&Token>,
 ) -> Result<Connection, Close> {
     if token.is_some() && !server.ip().is_loopback() {
@@ -199,8 +201,7 @@ async fn open_websocket(
         return Err(Close::new(CloseCode::Protocol, why));
     }
     let (stream, received) = Counting::new(open_tcp(server).await?);
-    let connection =
-        WebSocketConnection::open_counted(stream, received, authority, token, STEP_TIMEOUT).await?;
+    let connection = WebSocketConnection::open_counted(stream, received, target, token, STEP_TIMEOUT).await?;
     Ok(Connection::WebSocket(Box::new(connection)))
 }
 
@@ -208,14 +209,13 @@ async fn open_websocket(
 async fn open_secure_websocket(
     server: SocketAddr,
     tls: &super::tls::Tls,
-    authority: &str,
+    target: Target<'_>,
     token: Option<&Token>,
 ) -> Result<Connection, Close> {
     // Counted below TLS, as transports count.
     let (stream, received) = Counting::new(open_tcp(server).await?);
     let stream = tls.open(stream, STEP_TIMEOUT).await?;
-    let connection =
-        WebSocketConnection::open_counted(stream, received, authority, token, STEP_TIMEOUT).await?;
+    let connection = WebSocketConnection::open_counted(stream, received, target, token, STEP_TIMEOUT).await?;
     Ok(Connection::SecureWebSocket(Box::new(connection)))
 }
 
@@ -228,7 +228,7 @@ async fn open_quic(
     let address = &server.address;
     if kept.quic.is_none() {
         let refusal = Refusal::default();
-        let config = client_config_of(trust(server).await?, refusal.clone());
+        let config = client_config_of(trust(server).await?, refusal.clone(), &address.scene);
         let config = config.map_err(|why| at(address, lost(why.to_string())))?;
         kept.quic = Some(KeptQuic { config, refusal, gave: None });
     }

@@ -10,7 +10,7 @@ use futures_util::future::BoxFuture;
 use futures_util::stream::FuturesUnordered;
 use lodestream_protocol::frame::{FrameError, FrameReader};
 use lodestream_protocol::message::{Close, CloseCode};
-use lodestream_protocol::stream::{ALPN, BLOB_STREAM, BlobStreamReader, CONTROL_STREAM};
+use lodestream_protocol::stream::{ALPN, BLOB_STREAM, BlobStreamReader, CONTROL_STREAM, alpn_of_scene};
 use quinn::crypto::rustls::QuicClientConfig;
 use quinn::{Chunk, Connection, ConnectionError, ReadError, RecvStream, TokenMemoryCache, VarInt};
 
@@ -65,13 +65,14 @@ pub enum QuicSetupError {
 /// Fails where TLS or QUIC refuse their settings.
 #[cfg_attr(not(feature = "runtime"), allow(dead_code))] // for hosts with a runtime of their own
 pub fn client_config(trust: impl Into<Trust>) -> Result<quinn::ClientConfig, QuicSetupError> {
-    client_config_of(trust.into(), Refusal::default())
+    client_config_of(trust.into(), Refusal::default(), "")
 }
 
-/// The same; why a certificate was refused is noted.
+/// The same for sessions with this scene, or the server's only one; why a certificate was refused is noted.
 pub(super) fn client_config_of(
     trust: Trust,
     refusal: Refusal,
+    scene: &str,
 ) -> Result<quinn::ClientConfig, QuicSetupError> {
     let provider = Arc::new(rustls::crypto::ring::default_provider());
     let verifier = Verifier::new(trust, refusal, provider.clone())?;
@@ -80,7 +81,9 @@ pub(super) fn client_config_of(
         .dangerous()
         .with_custom_certificate_verifier(verifier)
         .with_no_client_auth();
-    tls.alpn_protocols = vec![ALPN.as_bytes().to_vec()];
+    // A server with several scenes knows by it which one it may begin to send.
+    let named = (!scene.is_empty()).then(|| alpn_of_scene(scene));
+    tls.alpn_protocols = named.into_iter().map(String::into_bytes).chain([ALPN.into()]).collect();
     tls.resumption = rustls::client::Resumption::in_memory_sessions(MAX_TICKETS);
     tls.enable_early_data = true;
     let mut transport = quinn::TransportConfig::default();

@@ -104,6 +104,9 @@ pub(super) async fn stream_to<H: Host>(
     retry: Retry,
     report: impl FnMut(&mut H, Option<String>),
 ) -> End {
+    if !server.address.scene.is_empty() {
+        host.core().ask_for(&server.address.scene);
+    }
     let sockets = Sockets { server, resolver, kept: Kept::default() };
     stream_by(sockets, host, clock, retry, report).await
 }

@@ -35,6 +35,15 @@ const MAX_WAITING_MESSAGES: usize = 8;
 /// WebSocket close codes are the protocol's plus this.
 const CLOSE_CODE_BASE: u16 = 4000;
 
+/// What a request is for.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Target<'a> {
+    /// `HOST:PORT`, as the server is told.
+    pub(super) authority: &'a str,
+    /// `/` and the scene's name.
+    pub(super) path: &'a str,
+}
+
 /// A WebSocket on which a session can begin.
 #[derive(Debug)]
 pub struct WebSocketConnection<S> {
@@ -51,7 +60,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> WebSocketConnection<Counting<S>> {
     #[cfg_attr(not(feature = "runtime"), allow(dead_code))] // for hosts with a runtime of their own
     pub async fn open(stream: S, authority: &str, limit: Duration) -> Result<Self, Close> {
         let (stream, received) = Counting::new(stream);
-        Self::open_counted(stream, received, authority, None, limit).await
+        Self::open_counted(stream, received, Target { authority, path: "/" }, None, limit).await
     }
 }
 
@@ -60,11 +69,11 @@ impl<S: AsyncRead + AsyncWrite + Unpin> WebSocketConnection<S> {
     pub(super) async fn open_counted(
         stream: S,
         received: Arc<AtomicU64>,
-        authority: &str,
+        target: Target<'_>,
         token: Option<&Token>,
         limit: Duration,
     ) -> Result<Self, Close> {
-        timeout(limit, handshake(stream, received, authority, token)).await.unwrap_or_else(|_| {
+        timeout(limit, handshake(stream, received, target, token)).await.unwrap_or_else(|_| {
             let why = format!(
                 "it accepts connections, but gave no answer to the WebSocket request within {} s: is it a lodestream \
                  server?",
@@ -89,14 +98,14 @@ where
 async fn handshake<S>(
     stream: S,
     received: Arc<AtomicU64>,
-    authority: &str,
+    Target { authority, path }: Target<'_>,
     token: Option<&Token>,
 ) -> Result<WebSocketConnection<S>, Close>
 where
     S: AsyncRead + AsyncWrite + Unpin,
 {
     let lost = |why: String| Close::new(CloseCode::Lost, why);
-    let mut request = match format!("ws://{authority}/").into_client_request() {
+    let mut request = match format!("ws://{authority}{path}").into_client_request() {
         Ok(request) => request,
         Err(why) => return Err(lost(why.to_string())),
     };
@@ -124,6 +133,14 @@ where
                 let said = said.and_then(|text| text.lines().next()).filter(|line| !line.is_empty());
                 let said = said.unwrap_or("the server does not take the token");
                 return Err(Close::new(CloseCode::Unauthorised, said));
+            }
+            if status == StatusCode::NOT_FOUND && path != "/" {
+                let said = response.body().as_deref().and_then(|body| std::str::from_utf8(body).ok());
+                let said = said.and_then(|text| text.lines().next()).filter(|line| !line.is_empty());
+                return Err(Close::new(
+                    CloseCode::NoSuchScene,
+                    said.unwrap_or("the server has no such scene"),
+                ));
             }
             let code = if status.is_server_error() { CloseCode::Busy } else { CloseCode::Protocol };
             Err(Close::new(code, format!("the server answers the WebSocket request with {status}")))

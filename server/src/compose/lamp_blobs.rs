@@ -65,6 +65,16 @@ impl LampBlobs {
         Ok(Self { lamps, directory, pages })
     }
 
+    /// What is said, the directory's pages, and pages, as they were coded once.
+    pub(crate) const fn of_parts(lamps: Option<Lamps>, directory: Vec<Bytes>, pages: Vec<Bytes>) -> Self {
+        Self { lamps, directory, pages }
+    }
+
+    /// The pages of the directory, and the pages.
+    pub(crate) fn parts(&self) -> (&[Bytes], &[Bytes]) {
+        (&self.directory, &self.pages)
+    }
+
     /// What is said of them at once; `None` where there are none.
     #[must_use]
     pub const fn lamps(&self) -> Option<&Lamps> {

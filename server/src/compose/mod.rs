@@ -251,6 +251,15 @@ fn paginate(instances: &[Instance], entries: &[AssetEntry], order: &[usize]) -> 
     (pages, asset_order)
 }
 
+impl Composed {
+    /// Whether the header's fingerprint is that of all this.
+    pub(crate) fn is_whole(&self) -> bool {
+        let bare = SceneHeader { fingerprint: Fingerprint::default(), ..self.header.clone() };
+        let blobs = self.terrain.all().chain(self.lamps.all());
+        fingerprint(&bare, &self.pages, blobs) == self.header.fingerprint
+    }
+}
+
 /// Equal descriptions over equal packs get equal fingerprints. `blobs` are those that are in no pack.
 fn fingerprint<'a>(
     header: &SceneHeader,

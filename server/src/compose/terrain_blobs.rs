@@ -65,6 +65,16 @@ impl TerrainBlobs {
         Ok(Self { pages, points })
     }
 
+    /// The directory's pages, and points, as they were coded once.
+    pub(crate) const fn of_parts(pages: Vec<Bytes>, points: Vec<Bytes>) -> Self {
+        Self { pages, points }
+    }
+
+    /// The pages of the directory, and the points.
+    pub(crate) fn parts(&self) -> (&[Bytes], &[Bytes]) {
+        (&self.pages, &self.points)
+    }
+
     /// A blob, if there is such a one.
     #[must_use]
     pub fn get(&self, blob: TerrainBlob) -> Option<&Bytes> {

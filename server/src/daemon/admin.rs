@@ -1,4 +1,4 @@
-//! The port for who runs the server: `/health`, `/ready` and `/metrics`, and nothing that a client could want. It shares
+//! The port for who runs the server: `/health`, `/ready`, `/metrics` and `/scenes`, and nothing that a client could want. It shares
 //! no seats with the public port, so it answers while that is flooded.
 
 use std::convert::Infallible;
@@ -15,7 +15,7 @@ use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpListener;
 use tokio::time::timeout;
 
-use super::http::{Answer, REQUEST_TIMEOUT, health, one_request, ready, text, wrong_method};
+use super::http::{Answer, REQUEST_TIMEOUT, health, one_request, ready, scenes, text, wrong_method};
 use super::listen::{accept_each, listen_tcp};
 use super::room::Room;
 use super::state::ServerState;
@@ -91,8 +91,8 @@ where
 
 fn answer(request: &Request<Incoming>, state: &ServerState) -> Answer {
     let path = request.uri().path();
-    if !matches!(path, "/health" | "/ready" | "/metrics") {
-        return text(StatusCode::NOT_FOUND, "not found: try /health, /ready or /metrics\n");
+    if !matches!(path, "/health" | "/ready" | "/metrics" | "/scenes") {
+        return text(StatusCode::NOT_FOUND, "not found: try /health, /ready, /metrics or /scenes\n");
     }
     if !matches!(*request.method(), Method::GET | Method::HEAD) {
         return wrong_method();
@@ -100,6 +100,7 @@ fn answer(request: &Request<Incoming>, state: &ServerState) -> Answer {
     match path {
         "/health" => return health(state),
         "/ready" => return ready(state),
+        "/scenes" => return scenes(state, |_| true),
         _ => {}
     }
     let mut response = text(StatusCode::OK, state.render_metrics());

@@ -23,7 +23,7 @@ use super::progress::Progress;
 use super::reads::Reads;
 use super::refusal::Refusal;
 use super::state::{Phase, SessionGuard};
-use super::token_wait::{admit, refusal};
+use super::threshold::{Admitted, admit, refusal};
 use super::tokens::{Grant, TokenError};
 
 /// What came from the client.
@@ -112,11 +112,13 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
 ) -> Close {
     let mut proof = pin!(proof);
     let mut proved = false;
-    let grant = match admit(guard, proof.as_mut(), &mut proved, receiver).await {
-        Ok(grant) => grant,
+    let Admitted { grant, version, hello } = match admit(guard, proof.as_mut(), &mut proved, receiver).await {
+        Ok(admitted) => admitted,
         Err(close) => {
-            if close.code == CloseCode::Unauthorised {
-                guard.state.metrics().session_refused(Refusal::Token);
+            match close.code {
+                CloseCode::Unauthorised => guard.state.metrics().session_refused(Refusal::Token),
+                CloseCode::NoSuchScene => guard.state.metrics().session_refused(Refusal::Scene),
+                _ => {}
             }
             guard.ended = close.code;
             return close;
@@ -129,12 +131,12 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
     let state = guard.state.clone();
     let metrics = state.metrics();
     let config = state.config_of(guard.transport, granted_bits_per_s);
-    let plans = Arc::clone(state.plans());
-    let mut session = ServerSession::sharing(plans, config, state.scene().clone(), guard.id, clock.now());
+    let (plans, source) = (Arc::clone(version.plans()), Arc::clone(version.source()));
+    let mut session = ServerSession::sharing(plans, config, source, guard.id, clock.now());
     if let Some(share) = guard.share(weight, clock.0) {
         session.set_ceiling(share);
     }
-    let mut reads = Reads::new(state.scene().clone());
+    let mut reads = Reads::new(Arc::clone(version.source()));
     let mut allowance = Allowance::new(clock.now());
     let mut progress = Progress::new(metrics, Time::ZERO);
     let mut receiving = true;
@@ -142,6 +144,13 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
     // Everything that was asked for has been handed over.
     let mut all_done = false;
     let mut drain_until: Option<Time> = None;
+    guard.version = Some(Arc::clone(&version));
+    if let Some(hello) = hello {
+        let hello = ClientMessage::Hello(*hello);
+        guard.asked();
+        progress.heard(clock.now(), &hello);
+        session.handle_message(clock.now(), hello);
+    }
     let mut close_until: Option<Time> = None;
     loop {
         // A client that never pauses must not keep the thread from others.
@@ -246,7 +255,7 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
                     }
                     Received::Message(ClientMessage::Token(token)) => {
                         if state.admission().tokens.is_some() {
-                            match state.verify_token(&token.0) {
+                            match state.verify_token(&token.0, Some(version.name())) {
                                 Ok(grant) => {
                                     token_until = Some(clock.granted(&grant));
                                     let rate = state.settings().rate_at_most(grant.rate_bits_per_s);

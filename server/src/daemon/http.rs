@@ -1,4 +1,5 @@
-//! The public HTTP port, with TLS or without: `/health` and `/ready`, and the upgrade to WebSocket at `/` and `/stream`.
+//! The public HTTP port, with TLS or without: `/health`, `/ready` and `/scenes`, and the upgrade to WebSocket at `/NAME`
+//! for the scene of that name, at `/` and `/stream` for the only one, or for the one that `Hello` names.
 
 use std::convert::Infallible;
 use std::net::SocketAddr;
@@ -14,7 +15,7 @@ use hyper::service::service_fn;
 use hyper::upgrade::OnUpgrade;
 use hyper::{Method, Request, Response, StatusCode};
 use hyper_util::rt::{TokioIo, TokioTimer};
-use lodestream_protocol::stream::ALPN;
+use lodestream_protocol::stream::{ALPN, scene_of_path};
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::time::timeout;
@@ -27,6 +28,7 @@ use super::refusal::Refusal;
 use super::room::Seat;
 use super::state::{Phase, ServerState, SessionGuard};
 use super::tls::Tls;
+use super::tokens::TokenError;
 use super::websocket;
 
 /// Time in which a request's head must be there: slow senders hold a connection no longer.
@@ -163,8 +165,20 @@ fn answer(
 ) -> Answer {
     state.metrics().http_request();
     let path = request.uri().path();
-    if !matches!(path, "/" | "/stream" | "/health" | "/ready") {
-        return text(StatusCode::NOT_FOUND, "not found: try /health, /ready, or a WebSocket at /stream\n");
+    let name = match path {
+        "/" | "/stream" | "/health" | "/ready" | "/scenes" => None,
+        // What can be no name is none of a scene.
+        path => Some(scene_of_path(path).unwrap_or_else(|| path.to_owned())),
+    };
+    // Where tokens are asked for, who shows none learns not even whether there is such a scene.
+    let open = state.admission().tokens.is_none();
+    if let Some(name) = name.as_deref().filter(|name| open && state.scenes().get(name).is_none()) {
+        state.metrics().session_refused(Refusal::Scene);
+        let missing = state.scenes().missing(name, true);
+        return text(
+            StatusCode::NOT_FOUND,
+            format!("{missing}; there are also /health, /ready and /scenes\n"),
+        );
     }
     if !matches!(*request.method(), Method::GET | Method::HEAD) {
         return wrong_method();
@@ -172,8 +186,40 @@ fn answer(
     match path {
         "/health" => health(state),
         "/ready" => ready(state),
-        _ => upgrade(request, state, peer, granted),
+        "/scenes" => list(request.headers(), state),
+        _ => upgrade(request, state, peer, granted, name),
     }
+}
+
+/// The scenes that the request's token is for, or where none is asked for, all.
+fn list(headers: &HeaderMap, state: &ServerState) -> Answer {
+    if state.admission().tokens.is_none() {
+        return scenes(state, |_| true);
+    }
+    let Some(token) = bearer(headers) else { return unauthorised(&TokenError::Missing) };
+    match state.verify_token(token, None) {
+        Ok(grant) => scenes(state, |name| grant.is_for(name)),
+        Err(why) => unauthorised(&why),
+    }
+}
+
+/// A list of scenes, as JSON.
+pub(super) fn scenes(state: &ServerState, listed: impl Fn(&str) -> bool) -> Answer {
+    let mut response = text(StatusCode::OK, state.scenes().list(listed));
+    let json = HeaderValue::from_static("application/json");
+    response.headers_mut().insert(header::CONTENT_TYPE, json);
+    response
+}
+
+/// To a request whose token is not taken (RFC 6750, section 3).
+fn unauthorised(why: &TokenError) -> Answer {
+    let mut response = text(StatusCode::UNAUTHORIZED, format!("{why}\n"));
+    let asked = match why {
+        TokenError::Missing => "Bearer",
+        _ => "Bearer error=\"invalid_token\"",
+    };
+    response.headers_mut().insert(header::WWW_AUTHENTICATE, HeaderValue::from_static(asked));
+    response
 }
 
 pub(super) fn wrong_method() -> Answer {
@@ -221,6 +267,7 @@ fn upgrade(
     state: &Arc<ServerState>,
     peer: SocketAddr,
     granted: &Granted,
+    name: Option<String>,
 ) -> Answer {
     let headers = request.headers();
     let peer = state.admission().proxies.client(peer, headers);
@@ -260,21 +307,22 @@ fn upgrade(
     // Who sends none here may still do so in a message.
     let grant = match bearer(headers).filter(|_| state.admission().tokens.is_some()) {
         None => None,
-        Some(token) => match state.verify_token(token) {
-            Ok(grant) => Some(grant),
-            Err(why) => {
-                state.metrics().session_refused(Refusal::Token);
-                tracing::info!(%peer, "session refused: {why}");
-                let mut response = text(StatusCode::UNAUTHORIZED, format!("{why}\n"));
-                let asked = HeaderValue::from_static("Bearer error=\"invalid_token\"");
-                response.headers_mut().insert(header::WWW_AUTHENTICATE, asked);
-                return response;
+        Some(token) => {
+            let only = state.scenes().only();
+            let scene = name.as_deref().or_else(|| only.as_ref().map(|only| only.name()));
+            match state.verify_token(token, scene) {
+                Ok(grant) => Some(grant),
+                Err(why) => {
+                    state.metrics().session_refused(Refusal::Token);
+                    tracing::info!(%peer, "session refused: {why}");
+                    return unauthorised(&why);
+                }
             }
-        },
+        }
     };
     let guard = match state.begin_session(Transport::WebSocket, peer) {
         Ok(mut guard) => {
-            guard.grant = grant;
+            (guard.asked, guard.grant) = (name, grant);
             guard
         }
         Err(why) => {

@@ -27,6 +27,12 @@ impl MemoryScene {
     /// A scene of at most 64 assets.
     #[must_use]
     pub fn new(assets: u32, base_bytes: u32, texture_bytes: u32) -> Self {
+        Self::named("memory", assets, base_bytes, texture_bytes)
+    }
+
+    /// The same of another name. What of it differs, its fingerprint shows.
+    #[must_use]
+    pub fn named(name: &str, assets: u32, base_bytes: u32, texture_bytes: u32) -> Self {
         let assets = assets.min(64);
         let entries = (0..assets).map(|n| AssetEntry {
             name: format!("asset {n}"),
@@ -48,8 +54,8 @@ impl MemoryScene {
             instances: instances.collect(),
         };
         let header = SceneHeader {
-            name: "memory".into(),
-            fingerprint: [2; 16],
+            name: name.into(),
+            fingerprint: fingerprint(name, [assets, base_bytes, texture_bytes]),
             asset_count: assets,
             instance_count: assets,
             page_count: 1,
@@ -72,6 +78,17 @@ impl MemoryScene {
         let seed = id.to_string().bytes().fold(17_u32, |h, b| h.wrapping_mul(31) ^ u32::from(b));
         (0..length).map(|i| seed.wrapping_add(i).wrapping_mul(0x9E37_79B1).to_be_bytes()[0]).collect()
     }
+}
+
+fn fingerprint(name: &str, numbers: [u32; 3]) -> [u8; 16] {
+    let mut hasher = blake3::Hasher::new();
+    for number in numbers {
+        hasher.update(&number.to_le_bytes());
+    }
+    let hash = hasher.update(name.as_bytes()).finalize();
+    let mut fingerprint = [0; 16];
+    fingerprint.copy_from_slice(&hash.as_bytes()[..16]);
+    fingerprint
 }
 
 impl SceneSource for MemoryScene {

@@ -78,6 +78,7 @@ pub struct Metrics {
     tokens_refused: IntCounter,
     certificate_end: IntGauge,
     certificates_refused: IntCounter,
+    scene_exchanges: IntCounter,
     bases_sent: Histogram,
     first_byte: Histogram,
     waiting: IntGauge,
@@ -205,6 +206,10 @@ impl Metrics {
                 "lodestream_certificates_refused_total",
                 "Changes of the certificate's files that could not be used; the old one stayed.",
             )?,
+            scene_exchanges: counter(
+                "lodestream_scene_exchanges_total",
+                "Scenes that came, went or were exchanged while the server ran.",
+            )?,
             bases_sent,
             first_byte,
             waiting: gauge(
@@ -303,6 +308,10 @@ impl Metrics {
 
     pub(super) fn certificate_refused(&self) {
         self.certificates_refused.inc();
+    }
+
+    pub(super) fn scenes_exchanged(&self, count: usize) {
+        self.scene_exchanges.inc_by(count as u64);
     }
 
     pub(super) fn early_data(&self) {

@@ -16,7 +16,9 @@
 //! | [`origin`] | which web pages may open sessions |
 //! | [`proxy`], [`admission`] | for whom a proxy asks; all that is said of who may come |
 //! | [`certificate`], [`renewal`], [`tls`] | the certificate, its exchange while the server runs, TLS for HTTP |
-//! | [`tokens`], `token_keys`, `token_crypto`, `token_wait` | tokens, what they are verified by, who waits for them |
+//! | [`tokens`], `token_keys`, `token_crypto` | tokens, and what they are verified by |
+//! | [`scenes`], [`scene_watch`], `quic_scenes` | scenes and their versions, their exchange, by which names clients ask for one |
+//! | `threshold` | what a session waits for before it begins |
 //! | `reload` | files that are read again while the server runs |
 //! | [`shutdown`], `notify` | what its name says; what the service manager is told |
 //! | [`memory_scene`] | a scene made of numbers, for tests |
@@ -43,6 +45,7 @@ pub mod origin;
 mod progress;
 pub mod proxy;
 pub mod quic;
+mod quic_scenes;
 mod quic_stream;
 mod reach;
 mod reads;
@@ -50,14 +53,16 @@ mod refusal;
 mod reload;
 pub mod renewal;
 mod room;
+pub mod scene_watch;
+pub mod scenes;
 pub mod shutdown;
 pub mod state;
 #[cfg(test)]
 mod tests;
+mod threshold;
 pub mod tls;
 mod token_crypto;
 mod token_keys;
-mod token_wait;
 pub mod tokens;
 mod websocket;
 
@@ -68,7 +73,7 @@ use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use anyhow::{Context, anyhow, bail};
-use lodestream_protocol::source::SceneSource;
+use lodestream_protocol::stream::path_of_scene;
 use rustls::server::ResolvesServerCert;
 use tokio::net::TcpListener;
 use tokio::sync::watch;
@@ -79,8 +84,11 @@ use self::admin::AdminPort;
 use self::admission::Admission;
 use self::certificate::Certificate;
 use self::listen::listen_tcp;
+use self::quic_scenes::{QuicSettings, follow_scenes};
 use self::reach::reachable;
 use self::renewal::LiveCertificate;
+use self::scene_watch::SceneProvider;
+use self::scenes::Scenes;
 use self::shutdown::{Signals, StopRequests};
 pub use self::state::{ServerState, SessionSettings};
 use self::tls::Tls;
@@ -88,8 +96,11 @@ use self::tls::Tls;
 /// Time for sessions' last words beyond [`SessionSettings::drain`].
 const LAST_WORDS: Duration = Duration::from_secs(2);
 
+/// Scenes whose addresses are printed.
+const MAX_LISTED_SCENES: usize = 16;
+
 /// What the daemon does and where.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct DaemonOptions {
     /// UDP address of the QUIC listener; port 0 for any. `None`: no QUIC.
     pub listen: Option<SocketAddr>,
@@ -108,6 +119,8 @@ pub struct DaemonOptions {
     pub sessions: SessionSettings,
     /// Who may open sessions over HTTP.
     pub admission: Admission,
+    /// Where scenes are looked for again while the server runs.
+    pub provider: Option<Arc<dyn SceneProvider>>,
     /// What counts the log's lines that were left out, if that can happen.
     pub dropped_log_lines: Option<ErrorCounter>,
 }
@@ -125,6 +138,7 @@ impl DaemonOptions {
             certificate: None,
             sessions: SessionSettings::default(),
             admission: Admission::default(),
+            provider: None,
             dropped_log_lines: None,
         }
     }
@@ -135,10 +149,10 @@ impl DaemonOptions {
 ///
 /// # Errors
 /// Fails where an address or the certificate cannot be had, or where a second signal came.
-pub async fn run(options: DaemonOptions, scene: Arc<dyn SceneSource>) -> anyhow::Result<()> {
+pub async fn run(options: DaemonOptions, scenes: impl Into<Scenes>) -> anyhow::Result<()> {
     // Before the URLs are out: whoever reads them may ask to end at once.
     let mut signals = Signals::listen()?;
-    let daemon = Daemon::bind(options, scene).await?;
+    let daemon = Daemon::bind(options, scenes).await?;
     signals.on_hangup(daemon.reloads.clone());
     for url in daemon.urls().into_iter().chain(daemon.metrics_urls()) {
         // Whoever wants none may have closed it.
@@ -150,17 +164,26 @@ pub async fn run(options: DaemonOptions, scene: Arc<dyn SceneSource>) -> anyhow:
     daemon.serve(signals).await
 }
 
+impl std::fmt::Debug for Daemon {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Daemon")
+            .field("state", &self.state)
+            .field("urls", &self.urls())
+            .finish_non_exhaustive()
+    }
+}
+
 /// A daemon whose sockets are open.
-#[derive(Debug)]
 pub struct Daemon {
     state: Arc<ServerState>,
-    quic: Option<(quinn::Endpoint, SocketAddr)>,
+    quic: Option<(quinn::Endpoint, SocketAddr, QuicSettings)>,
     http: Option<(TcpListener, SocketAddr)>,
     tls: Option<Tls>,
     admin: Option<(TcpListener, SocketAddr)>,
     /// What viewers' addresses say of the certificate.
     pin: String,
     renewed: Option<renewal::Files>,
+    provider: Option<Arc<dyn SceneProvider>>,
     reloads: watch::Sender<u64>,
 }
 
@@ -169,8 +192,8 @@ impl Daemon {
     ///
     /// # Errors
     /// Fails where an address or the certificate cannot be had.
-    pub async fn bind(options: DaemonOptions, scene: Arc<dyn SceneSource>) -> anyhow::Result<Self> {
-        let state = ServerState::admitting(scene, options.sessions, options.admission);
+    pub async fn bind(options: DaemonOptions, scenes: impl Into<Scenes>) -> anyhow::Result<Self> {
+        let state = ServerState::admitting(scenes, options.sessions, options.admission);
         if let Some(dropped) = options.dropped_log_lines {
             state.metrics().watch_log(dropped);
         }
@@ -185,14 +208,15 @@ impl Daemon {
             state.metrics().certificate_in_use(certificate.not_after());
             let live = LiveCertificate::new(&certificate)?;
             if let Some(address) = options.listen {
+                let settings = QuicSettings::new(Arc::clone(&live))?;
                 let endpoint = quinn::Endpoint::new(
                     quinn::EndpointConfig::default(),
-                    Some(quic::server_config_of(Arc::clone(&live))?),
+                    Some(settings.naming(state.scenes())?),
                     quic::bind_udp(address)?,
                     Arc::new(quinn::TokioRuntime),
                 )?;
                 let address = endpoint.local_addr()?;
-                quic = Some((endpoint, address));
+                quic = Some((endpoint, address, settings));
             }
             if options.http_tls {
                 tls = Some(Tls::new(Arc::clone(&live) as Arc<dyn ResolvesServerCert>)?);
@@ -202,21 +226,35 @@ impl Daemon {
         let addressed = |listener: TcpListener| listener.local_addr().map(|address| (listener, address));
         let http = options.http.map(listen_tcp).transpose()?.map(addressed).transpose()?;
         let admin = options.admin.listen()?.map(addressed).transpose()?;
-        Ok(Self { state, quic, http, tls, admin, pin, renewed, reloads: watch::Sender::new(0) })
+        let (provider, reloads) = (options.provider, watch::Sender::new(0));
+        Ok(Self { state, quic, http, tls, admin, pin, renewed, provider, reloads })
     }
 
-    /// Addresses for viewers: `quic://HOST:PORT#PIN`, and `wss://HOST:PORT/#PIN` or, without TLS, `ws://HOST:PORT/`. The
+    /// Addresses for viewers: `quic://HOST:PORT#PIN`, and `wss://HOST:PORT/#PIN` or, without TLS, `ws://HOST:PORT/`; of
+    /// several scenes for each, with `/NAME`, or for the first of them where there are more than anybody reads. The
     /// pin is `sha256=` and the fingerprint of the certificate, or `spki-sha256=` and that of its key where it is one's
     /// own: 64 lowercase hexadecimal digits. Where a socket listens on all addresses, there is one for each by which this
     /// machine reaches others, of IPv6 and of IPv4.
     #[must_use]
     pub fn urls(&self) -> Vec<String> {
         let pin = &self.pin;
+        let table = self.state.scenes().table();
+        let names: Vec<&str> = table.names().take(MAX_LISTED_SCENES).collect();
+        let paths = match names[..] {
+            [_] => vec![String::new()],
+            _ => names.into_iter().map(path_of_scene).collect(),
+        };
         let quic = self.quic_address().into_iter().flat_map(reachable);
-        let quic = quic.map(|address| format!("quic://{address}#{pin}"));
-        let websocket = self.http_address().into_iter().flat_map(reachable).map(|address| match &self.tls {
-            Some(_) => format!("wss://{address}/#{pin}"),
-            None => format!("ws://{address}/"),
+        let quic =
+            quic.flat_map(|address| paths.iter().map(move |path| format!("quic://{address}{path}#{pin}")));
+        let websocket = self.http_address().into_iter().flat_map(reachable).flat_map(|address| {
+            paths.iter().map(move |path| {
+                let path = path.strip_prefix('/').unwrap_or(path);
+                match &self.tls {
+                    Some(_) => format!("wss://{address}/{path}#{pin}"),
+                    None => format!("ws://{address}/{path}"),
+                }
+            })
         });
         quic.chain(websocket).collect()
     }
@@ -252,7 +290,7 @@ impl Daemon {
     /// Address of the QUIC listener.
     #[must_use]
     pub fn quic_address(&self) -> Option<SocketAddr> {
-        self.quic.as_ref().map(|(_, address)| *address)
+        self.quic.as_ref().map(|(_, address, _)| *address)
     }
 
     /// Address of the HTTP and WebSocket listener.
@@ -278,17 +316,21 @@ impl Daemon {
     /// # Errors
     /// Fails where a listener ends by itself, or a second request came before all sessions had ended.
     pub async fn serve(self, mut stop: impl StopRequests) -> anyhow::Result<()> {
-        let Self { state, quic, http, tls, admin, pin: _, renewed, reloads } = self;
+        let Self { state, quic, http, tls, admin, pin: _, renewed, provider, reloads } = self;
         let mut listeners = tokio::task::JoinSet::new();
         // Ends with this.
         let mut renewals = tokio::task::JoinSet::new();
         if let Some(files) = renewed {
             renewals.spawn(renewal::renew(files, Arc::clone(&state), reloads.subscribe()));
         }
+        if let Some(provider) = provider {
+            renewals.spawn(scene_watch::follow(provider, Arc::clone(&state), reloads.subscribe()));
+        }
         if let Some(tokens) = &state.admission().tokens {
             renewals.spawn(tokens::renew_keys(Arc::clone(tokens), reloads.subscribe()));
         }
-        if let Some((endpoint, _)) = quic {
+        if let Some((endpoint, _, settings)) = quic {
+            renewals.spawn(follow_scenes(settings, endpoint.clone(), Arc::clone(&state)));
             listeners.spawn(quic::serve_quic(endpoint, state.clone()));
         }
         if let Some((listener, _)) = http {
@@ -298,7 +340,7 @@ impl Daemon {
             listeners.spawn(admin::serve_admin(listener, state.clone()));
         }
         tracing::info!(
-            scene = state.scene().header().name,
+            scenes = state.scenes().table().names().count(),
             rate_bits_per_s = state.settings().rate_bits_per_s,
             rate_per_address_bits_per_s = state.settings().rate_per_address_bits_per_s,
             total_rate_bits_per_s = state.settings().total_rate_bits_per_s,

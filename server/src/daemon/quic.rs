@@ -16,7 +16,7 @@ use std::time::Duration;
 use anyhow::Context;
 use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::stream::ALPN;
-use quinn::crypto::rustls::QuicServerConfig;
+use quinn::crypto::rustls::{HandshakeData, NoInitialCipherSuite, QuicServerConfig};
 use quinn::{
     BloomTokenLog, Connection, IdleTimeout, Incoming, TransportConfig, ValidationTokenConfig, VarInt,
     ZeroRttAccepted,
@@ -71,11 +71,11 @@ const ENDPOINT_CLOSE_TIMEOUT: Duration = Duration::from_millis(500);
 /// # Errors
 /// Fails where the certificate's key cannot be used with TLS 1.3.
 pub fn server_config(certificate: &Certificate) -> anyhow::Result<quinn::ServerConfig> {
-    server_config_of(LiveCertificate::new(certificate)?)
+    Ok(server_config_of(tls_config(LiveCertificate::new(certificate)?)?)?)
 }
 
-/// The same with what `certificate` says at each handshake.
-pub(super) fn server_config_of(certificate: Arc<LiveCertificate>) -> anyhow::Result<quinn::ServerConfig> {
+/// The server's side of TLS, with what `certificate` says at each handshake.
+pub(super) fn tls_config(certificate: Arc<LiveCertificate>) -> Result<rustls::ServerConfig, rustls::Error> {
     let provider = Arc::new(rustls::crypto::ring::default_provider());
     let mut tls = rustls::ServerConfig::builder_with_provider(provider)
         .with_protocol_versions(&[&rustls::version::TLS13])?
@@ -88,7 +88,13 @@ pub(super) fn server_config_of(certificate: Arc<LiveCertificate>) -> anyhow::Res
     tls.max_early_data_size = u32::MAX;
     tls.send_tls13_tickets = 1;
     tls.session_storage = ServerSessionMemoryCache::new(MAX_TICKETS);
+    Ok(tls)
+}
 
+/// The settings over this side of TLS.
+pub(super) fn server_config_of(
+    tls: rustls::ServerConfig,
+) -> Result<quinn::ServerConfig, NoInitialCipherSuite> {
     let mut transport = TransportConfig::default();
     transport
         .congestion_controller_factory(bounded_queue())
@@ -251,12 +257,19 @@ async fn turn_away(incoming: Incoming, _counted: Option<Unvalidated>, seat: Seat
     }
 }
 
+/// The scene that the client's ALPN names. Known at once but where its first message takes more than a packet.
+fn scene_asked(connection: &Connection, state: &ServerState) -> Option<String> {
+    let data = connection.handshake_data()?.downcast::<HandshakeData>().ok()?;
+    state.scenes().table().named(&data.protocol?).map(str::to_owned)
+}
+
 async fn run_session(
     connection: Connection,
     handshake: ZeroRttAccepted,
     mut guard: SessionGuard,
     mut counted: Option<Unvalidated>,
 ) {
+    guard.asked = scene_asked(&connection, &guard.state);
     let state = guard.state.clone();
     let started = tokio::time::Instant::now();
     let rate_bits_per_s = state.config(Transport::Quic).limiter.rate_bits_per_s;
@@ -276,7 +289,7 @@ async fn run_session(
         state.metrics().handshake_failed();
     }
     tracing::info!(
-        scene = state.scene().header().name,
+        scene = guard.scene_name(),
         udp_bytes = connection.stats().udp_tx.bytes,
         lost_packets = connection.stats().path.lost_packets,
         seconds = started.elapsed().as_secs_f32(),

@@ -1,9 +1,11 @@
-//! A session's reads that take their time: done on threads that may wait, while the session goes on.
+//! A session's reads that take their time: done by futures of the store or on threads that may wait, while the session
+//! goes on.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
 use bytes::Bytes;
+use futures_util::FutureExt as _;
 use lodestream_protocol::BlobId;
 use lodestream_protocol::source::{SceneSource, SourceError};
 use tokio::task::JoinSet;
@@ -21,12 +23,18 @@ impl Reads {
 
     /// Begins a read. The session bounds how many there are.
     pub(super) fn begin(&mut self, id: BlobId) {
+        if let Some(fetched) = self.scene.fetch(&id) {
+            self.tasks.spawn(async move {
+                let fetched = AssertUnwindSafe(fetched).catch_unwind().await;
+                (id, fetched.unwrap_or_else(|_| Err(failed(id))))
+            });
+            return;
+        }
         let scene = Arc::clone(&self.scene);
         self.tasks.spawn_blocking(move || {
             // A store that panics must not leave the session waiting for ever.
             let read = catch_unwind(AssertUnwindSafe(|| scene.read(&id)));
-            let failed = || SourceError::Unreadable { id, why: "the store panicked".into() };
-            (id, read.unwrap_or_else(|_| Err(failed())))
+            (id, read.unwrap_or_else(|_| Err(failed(id))))
         });
     }
 
@@ -43,4 +51,8 @@ impl Reads {
             }
         }
     }
+}
+
+fn failed(id: BlobId) -> SourceError {
+    SourceError::Unreadable { id, why: "the store panicked".into() }
 }

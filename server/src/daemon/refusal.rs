@@ -17,12 +17,14 @@ pub(super) enum Refusal {
     Token,
     /// A web page asked that may not.
     Origin,
+    /// There is no such scene.
+    Scene,
 }
 
 impl Refusal {
     /// All, in the order of their numbers.
-    pub(super) const ALL: [Self; 6] =
-        [Self::Full, Self::Address, Self::Rate, Self::Draining, Self::Token, Self::Origin];
+    pub(super) const ALL: [Self; 7] =
+        [Self::Full, Self::Address, Self::Rate, Self::Draining, Self::Token, Self::Origin, Self::Scene];
 
     /// Name in metrics.
     pub(super) const fn name(self) -> &'static str {
@@ -33,6 +35,7 @@ impl Refusal {
             Self::Draining => "draining",
             Self::Token => "token",
             Self::Origin => "origin",
+            Self::Scene => "scene",
         }
     }
 }

@@ -8,7 +8,7 @@ use std::time::{Duration, SystemTime};
 use lodestream_protocol::Time;
 use lodestream_protocol::ceiling::{Ceiling, CeilingShare, Limits, Weight};
 use lodestream_protocol::message::CloseCode;
-use lodestream_protocol::server::{Plans, ServerConfig};
+use lodestream_protocol::server::ServerConfig;
 use lodestream_protocol::source::{SceneSource, SourceError};
 use tokio::sync::watch;
 use tokio::time::Instant;
@@ -19,6 +19,7 @@ use super::damage::Damage;
 use super::leases::{Lease, Leases, NoLease, default_of_address};
 use super::metrics::{Metrics, Rates, Transport};
 use super::room::{Block, Room, Seat};
+use super::scenes::{Scenes, Version};
 use super::tokens::{Grant, TokenError};
 
 /// Sessions that have not proved to be a client's: address and `Hello` are awaited. Hundreds of clients may connect at
@@ -94,9 +95,9 @@ pub enum Phase {
     Stopped,
 }
 
-/// Scene, settings and counters of a daemon; what every connection handler needs.
+/// Scenes, settings and counters of a daemon; what every connection handler needs.
 pub struct ServerState {
-    scene: Arc<dyn SceneSource>,
+    scenes: Scenes,
     settings: SessionSettings,
     admission: Admission,
     quic: Arc<ServerConfig>,
@@ -110,7 +111,6 @@ pub struct ServerState {
     unproved: Arc<Room>,
     requests: Arc<Room>,
     damage: Damage,
-    plans: Arc<Plans>,
     ceiling: Option<Arc<Ceiling>>,
     started: Instant,
 }
@@ -118,7 +118,7 @@ pub struct ServerState {
 impl std::fmt::Debug for ServerState {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("ServerState")
-            .field("scene", &self.scene.header().name)
+            .field("scenes", &self.scenes)
             .field("settings", &self.settings)
             .field("phase", &self.phase())
             .finish_non_exhaustive()
@@ -132,10 +132,10 @@ impl ServerState {
         Self::admitting(scene, settings, Admission::default())
     }
 
-    /// The same, with a say in who may open sessions.
+    /// The same with these scenes, and with a say in who may open sessions.
     #[must_use]
     pub fn admitting(
-        scene: Arc<dyn SceneSource>,
+        scenes: impl Into<Scenes>,
         settings: SessionSettings,
         admission: Admission,
     ) -> Arc<Self> {
@@ -145,7 +145,7 @@ impl ServerState {
         let arrivals = settings.new_sessions_per_address.unwrap_or(NewSessions::of_places(of_address));
         let (quic, websocket) = (ServerConfig::quic(rate), ServerConfig::websocket(rate));
         Arc::new(Self {
-            scene,
+            scenes: scenes.into(),
             settings,
             admission,
             quic: Arc::new(quic),
@@ -159,21 +159,15 @@ impl ServerState {
             unproved: Room::new(MAX_UNPROVED),
             requests: Room::new(MAX_REQUESTS),
             damage: Damage::default(),
-            plans: Plans::new(),
             ceiling: settings.ceiling(),
             started: Instant::now(),
         })
     }
 
-    /// The scene.
+    /// The scenes.
     #[must_use]
-    pub fn scene(&self) -> &Arc<dyn SceneSource> {
-        &self.scene
-    }
-
-    /// What is planned for all sessions.
-    pub(super) const fn plans(&self) -> &Arc<Plans> {
-        &self.plans
+    pub const fn scenes(&self) -> &Scenes {
+        &self.scenes
     }
 
     /// The settings.
@@ -203,7 +197,7 @@ impl ServerState {
             of_all: self.settings.total_rate_bits_per_s,
             given: self.ceiling.as_ref().map_or(0, |ceiling| ceiling.given_bits_per_s(self.now())),
         };
-        self.metrics.render(rates, draining, self.scene.cache_use())
+        self.metrics.render(rates, draining, self.scenes.cache_use())
     }
 
     pub(super) fn config(&self, transport: Transport) -> Arc<ServerConfig> {
@@ -275,10 +269,14 @@ impl ServerState {
         self.requests.enter(peer.ip())
     }
 
-    /// What a token grants; there must be something to verify it by.
-    pub(super) fn verify_token(&self, token: &str) -> Result<Grant, TokenError> {
+    /// What a token grants, for the scene of this name if one is named; there must be something to verify it by.
+    pub(super) fn verify_token(&self, token: &str, scene: Option<&str>) -> Result<Grant, TokenError> {
         let tokens = self.admission.tokens.as_ref().ok_or(TokenError::Signature)?;
-        let grant = tokens.verify(token, &self.scene.header().name, SystemTime::now());
+        let grant = tokens.verify(token, SystemTime::now());
+        let grant = grant.and_then(|grant| match scene {
+            Some(scene) => grant.of(scene),
+            None => Ok(grant),
+        });
         grant.map_err(|why| self.token_refused(why))
     }
 
@@ -336,7 +334,9 @@ impl ServerState {
             id,
             peer,
             ended: CloseCode::Lost,
+            asked: None,
             grant: None,
+            version: None,
             counted: proved,
             standing,
         })
@@ -362,8 +362,12 @@ pub(super) struct SessionGuard {
     pub(super) peer: SocketAddr,
     /// Why the session ended; "lost" until said otherwise.
     pub(super) ended: CloseCode,
+    /// Name of the scene that it asks for, if that was said before `Hello`.
+    pub(super) asked: Option<String>,
     /// What the token of its request grants.
     pub(super) grant: Option<Grant>,
+    /// The scene that it has, once it has one.
+    pub(super) version: Option<Arc<Version>>,
     /// Whether it is one of those that its address began.
     counted: bool,
     standing: Standing,
@@ -380,6 +384,11 @@ impl SessionGuard {
     /// nothing from its owner.
     pub(super) fn group(&self) -> Option<u128> {
         self.counted.then(|| Block::of(self.peer.ip()).number())
+    }
+
+    /// Name of the session's scene, for the log.
+    pub(super) fn scene_name(&self) -> &str {
+        self.version.as_ref().map_or("none", |version| version.name())
     }
 
     /// Whether the session has a lease.

@@ -82,6 +82,19 @@ pub(super) struct Grant {
     pub(super) weight: Weight,
     /// What the session may have at most, if it says so.
     pub(super) rate_bits_per_s: Option<u64>,
+    scenes: Option<Scenes>,
+}
+
+impl Grant {
+    /// Whether it is for the scene of this name.
+    pub(super) fn is_for(&self, scene: &str) -> bool {
+        self.scenes.as_ref().is_some_and(|scenes| scenes.has(scene))
+    }
+
+    /// The grant, if it is for this scene.
+    pub(super) fn of(self, scene: &str) -> Result<Self, TokenError> {
+        if self.is_for(scene) { Ok(self) } else { Err(TokenError::Scene) }
+    }
 }
 
 #[derive(Deserialize)]
@@ -111,7 +124,7 @@ impl Whole {
     }
 }
 
-#[derive(Deserialize)]
+#[derive(Clone, Debug, Deserialize)]
 #[serde(untagged)]
 enum Scenes {
     One(String),
@@ -150,8 +163,8 @@ impl Tokens {
         Ok(())
     }
 
-    /// What a token grants for a scene, at `now`.
-    pub(super) fn verify(&self, token: &str, scene: &str, now: SystemTime) -> Result<Grant, TokenError> {
+    /// What a token grants at `now`, for the scenes that it names.
+    pub(super) fn verify(&self, token: &str, now: SystemTime) -> Result<Grant, TokenError> {
         let header = decode_header(token).map_err(|_| TokenError::Malformed)?;
         let keys = Arc::clone(&self.keys.read().unwrap_or_else(PoisonError::into_inner));
         let mut validation = Validation::new(header.alg);
@@ -180,9 +193,6 @@ impl Tokens {
             if claims.nbf.is_some_and(|nbf| nbf > (since_1970(now) + LEEWAY).as_secs_f64()) {
                 return Err(TokenError::NotYet);
             }
-            if !claims.scene.as_ref().is_some_and(|scenes| scenes.has(scene)) {
-                return Err(TokenError::Scene);
-            }
             let weight =
                 claims.weight.map_or(Some(Weight::ONE), |weight| weight.number().and_then(Weight::new));
             let rate = claims.rate.map(|rate| rate.number().filter(|rate| *rate >= LEAST_RATE_BITS_PER_S));
@@ -191,6 +201,7 @@ impl Tokens {
                 subject: claims.sub,
                 weight: weight.ok_or(TokenError::Weight)?,
                 rate_bits_per_s: rate.map(|rate| rate.ok_or(TokenError::Rate)).transpose()?,
+                scenes: claims.scene,
             });
         }
         Err(TokenError::Signature)

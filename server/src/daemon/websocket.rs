@@ -60,7 +60,7 @@ where
         // TCP's handshake has proved the address.
         let close = drive(&mut guard, std::future::ready(()), &mut receiver, &mut sender).await;
         tracing::info!(
-            scene = guard.state.scene().header().name,
+            scene = guard.scene_name(),
             bytes = sender.sent_bytes,
             seconds = started.elapsed().as_secs_f32(),
             "session ended: {close}"

@@ -196,7 +196,9 @@ impl Source<'_> {
             return Err(self.error(0, "has no [[asset]] and no [terrain]; add one with name and file"));
         }
         let folder = self.path.parent().unwrap_or(Path::new(""));
+        scene.files.push(self.path.to_owned());
         if let Some(terrain) = raw.terrain {
+            scene.files.extend(terrain.get_ref().features_file(folder));
             scene.terrain = Some(self.terrain(folder, terrain)?);
         }
         let mut numbers = BTreeMap::new();

@@ -122,6 +122,8 @@ pub struct Scene {
     pub terrain: Option<SceneTerrain>,
     /// Start camera; `None` frames everything, once sizes are known.
     pub camera: Option<Camera>,
+    /// Files beside the models that all this was read from.
+    pub files: Vec<PathBuf>,
 }
 
 impl Scene {
@@ -216,6 +218,7 @@ impl Scene {
             background: DEFAULT_BACKGROUND,
             terrain: None,
             camera: None,
+            files: Vec::new(),
         }
     }
 }

@@ -31,6 +31,42 @@ pub enum StoreError {
         /// What is wrong.
         source: DecodeError,
     },
+    /// An object is not there.
+    #[error("{}: there is no such object", path.display())]
+    NoSuchObject {
+        /// The object.
+        path: PathBuf,
+    },
+    /// The file cannot be written.
+    #[error("{}: cannot be written: {source}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// A URL of no store.
+    #[error("{url}: {why}")]
+    Url {
+        /// The URL, without what nobody should read.
+        url: String,
+        /// What is wrong with it.
+        why: String,
+    },
+    /// What a scene object says does not fit together.
+    #[error("{}: {what}; publish the scene again", path.display())]
+    Scene {
+        /// The object.
+        path: PathBuf,
+        /// What is wrong.
+        what: String,
+    },
+    /// The scene was published with another pack.
+    #[error("{}: is another pack than the scene was published with; publish the scene again", path.display())]
+    OtherPack {
+        /// The pack.
+        path: PathBuf,
+    },
     /// While it was not open, the file became another.
     #[error("{}: is another pack than when it was opened; start the server again", path.display())]
     Replaced {

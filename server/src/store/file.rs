@@ -10,23 +10,20 @@ use lodestream_compress::decode_base;
 use lodestream_geometry::DecodeError;
 use lodestream_geometry::base::Base;
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_page, page_count};
-use lodestream_geometry::pack::{BlobKind, Entry, HEAD_BYTES, Head, find};
+use lodestream_geometry::pack::{BlobKind, Entry, HEAD_BYTES, Head};
 use lodestream_geometry::screen::visible_error;
 use lodestream_protocol::BlobPart;
 use lodestream_protocol::scene::{AssetEntry, Fingerprint};
 
 use super::error::StoreError;
 use super::handles::{Handles, PooledFile};
+use super::table::{Table, kind};
 
 /// An open pack. Reading is by offset, so threads share it without a lock; its file may be closed in between.
 #[derive(Debug)]
 pub struct PackFile {
     file: PooledFile,
-    /// Names the table, and so all contents.
-    head: Head,
-    entries: Vec<Entry>,
-    fingerprint: Fingerprint,
-    total_bytes: u64,
+    table: Table,
 }
 
 impl PackFile {
@@ -51,21 +48,10 @@ impl PackFile {
         let mut head = vec![0; HEAD_BYTES.min(usize::try_from(length).unwrap_or(HEAD_BYTES))];
         read_at(&file, &mut head, 0).map_err(read_error)?;
         let head = Head::parse(&head).map_err(format)?;
-        let rest = length.saturating_sub(HEAD_BYTES as u64);
-        if head.table_bytes() as u64 > rest {
-            return Err(format(DecodeError::new("pack", "the file ends within its table: it is truncated")));
-        }
+        let range = Table::range(&head, length).map_err(format)?;
         let mut table = vec![0; head.table_bytes()];
-        read_at(&file, &mut table, HEAD_BYTES as u64).map_err(read_error)?;
-        let entries = head.parse_table(&table, length).map_err(format)?;
-        let end = entries.iter().map(|e| e.offset + u64::from(e.length)).max();
-        if end.unwrap_or(HEAD_BYTES as u64) != length {
-            return Err(format(DecodeError::new("pack", "bytes follow the last blob: the file is damaged")));
-        }
-        // The table holds the hash of every blob, so its own hash names the contents.
-        let mut fingerprint = Fingerprint::default();
-        fingerprint.copy_from_slice(&blake3::hash(&table).as_bytes()[..16]);
-        Ok(Self { file: pooled, head, entries, fingerprint, total_bytes: length })
+        read_at(&file, &mut table, range.start).map_err(read_error)?;
+        Ok(Self { file: pooled, table: Table::parse(head, &table, length).map_err(format)? })
     }
 
     /// Where the pack is.
@@ -77,29 +63,35 @@ impl PackFile {
     /// Length of the pack.
     #[must_use]
     pub fn total_bytes(&self) -> u64 {
-        self.total_bytes
+        self.table.total_bytes
     }
 
     /// What the pack was made from, as a hash of source files and settings ([`crate::prepare::cache::Key`]).
     #[must_use]
     pub fn made_from(&self) -> [u8; 32] {
-        self.head.fingerprint
+        self.table.head.fingerprint
     }
 
     /// Hash that names the contents of the whole pack.
     #[must_use]
     pub fn fingerprint(&self) -> Fingerprint {
-        self.fingerprint
+        self.table.fingerprint
     }
 
     pub(super) fn entries(&self) -> &[Entry] {
-        &self.entries
+        &self.table.entries
     }
 
     /// Length of a blob, or `None` where there is no such blob.
     #[must_use]
     pub fn blob_len(&self, part: BlobPart) -> Option<u32> {
-        find(&self.entries, kind(part)).map(|entry| entry.length)
+        self.table.find(part).map(|entry| entry.length)
+    }
+
+    /// Number of a blob's entry.
+    pub(super) fn number(&self, part: BlobPart) -> Option<u32> {
+        let number = self.table.entries.binary_search_by_key(&kind(part), |entry| entry.kind).ok()?;
+        u32::try_from(number).ok()
     }
 
     /// Reads a blob and checks its hash.
@@ -107,10 +99,9 @@ impl PackFile {
     /// # Errors
     /// A blob that is missing, unreadable or damaged.
     pub fn read(&self, part: BlobPart) -> Result<Bytes, StoreError> {
-        let kind = kind(part);
-        let entry = find(&self.entries, kind).ok_or_else(|| StoreError::NoSuchBlob {
+        let entry = self.table.find(part).ok_or_else(|| StoreError::NoSuchBlob {
             path: self.path().to_owned(),
-            what: format!("{kind:?}"),
+            what: format!("{:?}", kind(part)),
         })?;
         self.read_entry(entry).map(Bytes::from)
     }
@@ -129,8 +120,8 @@ impl PackFile {
     fn check_same(&self, file: &File) -> Result<(), StoreError> {
         let mut head = [0; HEAD_BYTES];
         let same = read_at(file, &mut head, 0).is_ok()
-            && Head::parse(&head).is_ok_and(|head| head == self.head)
-            && file.metadata().is_ok_and(|metadata| metadata.len() == self.total_bytes);
+            && Head::parse(&head).is_ok_and(|head| head == self.table.head)
+            && file.metadata().is_ok_and(|metadata| metadata.len() == self.table.total_bytes);
         if same { Ok(()) } else { Err(StoreError::Replaced { path: self.path().to_owned() }) }
     }
 
@@ -147,7 +138,7 @@ impl PackFile {
     /// # Errors
     /// The first blob that is unreadable or damaged.
     pub fn verify(&self) -> Result<(), StoreError> {
-        self.entries.iter().try_for_each(|entry| self.read_entry(entry).map(drop))
+        self.table.entries.iter().try_for_each(|entry| self.read_entry(entry).map(drop))
     }
 
     /// The base mesh, decoded.
@@ -166,7 +157,7 @@ impl PackFile {
         let base = self.base()?;
         Ok(AssetEntry {
             name: name.to_owned(),
-            fingerprint: self.fingerprint,
+            fingerprint: self.table.fingerprint,
             origin: base.grid.origin,
             sphere: base.sphere,
             root_error: self.root_error(&base)?,
@@ -179,6 +170,7 @@ impl PackFile {
     /// What tells the contents of the textures apart, by texture: equal where every level is the same, to the byte.
     pub(super) fn textures(&self) -> Vec<(u16, Fingerprint)> {
         let mut levels: Vec<(u16, u8, &Entry)> = self
+            .table
             .entries
             .iter()
             .filter_map(|entry| match entry.kind {
@@ -208,15 +200,6 @@ impl PackFile {
             error = infos.iter().map(|info| visible_error(info, 1.0)).fold(error, f32::max);
         }
         Ok(error)
-    }
-}
-
-fn kind(part: BlobPart) -> BlobKind {
-    match part {
-        BlobPart::Base => BlobKind::Base,
-        BlobPart::IndexPage(page) => BlobKind::IndexPage(page),
-        BlobPart::Chunk(chunk) => BlobKind::Chunk(chunk),
-        BlobPart::Texture { texture, level } => BlobKind::Texture { texture, level },
     }
 }
 

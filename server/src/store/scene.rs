@@ -1,29 +1,35 @@
-//! A scene over opened packs: what the sessions of a server share.
+//! A scene over opened packs: what its sessions share.
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, OnceLock};
 
 use bytes::Bytes;
+use futures_util::{StreamExt as _, TryStreamExt as _};
 use lodestream_compress::decode_base;
 use lodestream_geometry::refine::ActiveMesh;
 use lodestream_protocol::lamps::Lamps;
 use lodestream_protocol::scene::{SceneHeader, ScenePage};
 use lodestream_protocol::select::Occluder;
-use lodestream_protocol::source::{CacheUse, Reading, SceneSource, SourceError};
+use lodestream_protocol::source::{BlobFuture, CacheUse, Reading, SceneSource, SourceError};
 use lodestream_protocol::{BlobId, BlobPart};
+use tokio::runtime::Handle;
 
+use super::cache::BlobCache;
 use super::error::StoreError;
 use super::file::PackFile;
-use super::lru::Lru;
+use super::object_pack::ObjectPack;
+use super::objects::Objects;
+use super::pack::Pack;
+use super::scene_object::{MAX_SCENE_OBJECT_BYTES, SceneObject};
 use crate::compose::{Composed, LampBlobs, TerrainBlobs, compose};
 use crate::scene::Scene;
 
-/// Memory that a scene's blobs may take, by default: a demo scene fits whole, and a large one falls
+/// Memory that blobs of all scenes may take, by default: a demo scene fits whole, and a large one falls
 /// back on the system's page cache.
 pub const DEFAULT_CACHE_BYTES: u64 = 256 << 20;
 
-/// Cost of a blob in memory beside its bytes, so that many tiny ones are bounded too.
-const ENTRY_BYTES: u64 = 128;
+/// Packs that are opened at once.
+const OPENED_AT_ONCE: usize = 16;
 
 /// Longest base mesh that is decoded to learn what it hides, in bytes: some milliseconds, once, on the thread that asks.
 const MAX_OCCLUDER_BYTES: usize = 64 << 10;
@@ -34,12 +40,14 @@ pub struct SceneStore {
     header: SceneHeader,
     pages: Vec<Arc<ScenePage>>,
     /// By asset number.
-    packs: Vec<PackFile>,
+    packs: Vec<Pack>,
     /// By asset number: what hides other things, once somebody asked.
     occluders: Vec<OnceLock<Option<Arc<Occluder>>>>,
     terrain: TerrainBlobs,
     lamps: LampBlobs,
-    cache: Mutex<Lru<BlobId, Bytes>>,
+    cache: BlobCache,
+    /// What fetches where a thread waits for it.
+    runtime: Option<Handle>,
     hits: AtomicU64,
     misses: AtomicU64,
 }
@@ -50,46 +58,65 @@ impl SceneStore {
     /// # Errors
     /// A scene that cannot be described, packs whose base mesh is damaged.
     pub fn new(scene: &Scene, packs: Vec<PackFile>, cache_bytes: u64) -> Result<Self, StoreError> {
-        let entries = scene
-            .assets
-            .iter()
-            .zip(&packs)
-            .map(|(asset, pack)| pack.entry(&asset.name))
-            .collect::<Result<Vec<_>, _>>()?;
-        let textures: Vec<_> = packs.iter().map(PackFile::textures).collect();
-        let Composed { header, pages, asset_order, terrain, lamps } = compose(scene, &entries, &textures)?;
-        let mut packs: Vec<Option<PackFile>> = packs.into_iter().map(Some).collect();
-        let packs: Vec<PackFile> =
-            asset_order.iter().filter_map(|&i| packs.get_mut(i).and_then(Option::take)).collect();
-        let store = Self {
+        Self::sharing(scene, packs, &BlobCache::new(cache_bytes))
+    }
+
+    /// The same, with blobs in a cache that others share.
+    ///
+    /// # Errors
+    /// As [`SceneStore::new`].
+    pub fn sharing(scene: &Scene, packs: Vec<PackFile>, cache: &BlobCache) -> Result<Self, StoreError> {
+        let (composed, packs) = describe(scene, packs)?;
+        let packs = packs.into_iter().map(|pack| Pack::File(Arc::new(pack))).collect();
+        let store = Self::of(composed, packs, cache);
+        store.read_bases()?;
+        Ok(store)
+    }
+
+    /// A scene that was published as an object of this name. Reads it, and the table of each of its packs.
+    ///
+    /// # Errors
+    /// A store that does not answer, a scene or a pack that is not there, damaged, or another one.
+    pub async fn open(objects: &Objects, name: &str, cache: &BlobCache) -> Result<Self, StoreError> {
+        let bytes = objects.whole(name, MAX_SCENE_OBJECT_BYTES as u64).await?;
+        let wrong = |what| StoreError::Scene { path: objects.path(name), what };
+        let SceneObject { composed, packs } = SceneObject::decode(&bytes).map_err(wrong)?;
+        drop(bytes);
+        let opened = packs.iter().map(|pack| ObjectPack::open(objects, &pack.name, pack.fingerprint, cache));
+        let opened: Vec<ObjectPack> =
+            futures_util::stream::iter(opened).buffered(OPENED_AT_ONCE).try_collect().await?;
+        let packs = opened.into_iter().map(|pack| Pack::Object(Arc::new(pack))).collect();
+        Ok(Self { runtime: Some(Handle::current()), ..Self::of(composed, packs, cache) })
+    }
+
+    fn of(composed: Composed, packs: Vec<Pack>, cache: &BlobCache) -> Self {
+        let Composed { header, pages, asset_order: _, terrain, lamps } = composed;
+        Self {
             header,
             pages: pages.into_iter().map(Arc::new).collect(),
             occluders: packs.iter().map(|_| OnceLock::new()).collect(),
             packs,
             terrain,
             lamps,
-            cache: Mutex::new(Lru::new(cache_bytes)),
+            cache: cache.clone(),
+            runtime: None,
             hits: AtomicU64::new(0),
             misses: AtomicU64::new(0),
-        };
-        store.read_bases(cache_bytes)?;
-        Ok(store)
+        }
     }
 
     /// Reads as many base meshes as there is room for: a first flight should wait for no disk.
-    fn read_bases(&self, mut room: u64) -> Result<(), StoreError> {
-        for (asset, pack) in (0..).zip(&self.packs) {
-            let bytes = pack.read(BlobPart::Base)?;
+    fn read_bases(&self) -> Result<(), StoreError> {
+        let mut room = self.cache.room();
+        for pack in &self.packs {
+            let Pack::File(file) = pack else { continue };
+            let Some(key) = pack.key(BlobPart::Base) else { continue };
+            let bytes = file.read(BlobPart::Base)?;
             let Some(left) = room.checked_sub(bytes.len() as u64) else { break };
             room = left;
-            self.keep(BlobId::base(asset), bytes);
+            self.cache.insert(key, bytes);
         }
         Ok(())
-    }
-
-    fn keep(&self, id: BlobId, bytes: Bytes) {
-        let cost = bytes.len() as u64 + ENTRY_BYTES;
-        self.cache().insert(id, bytes, cost);
     }
 
     /// A blob that is in no pack, if there is such a one.
@@ -101,9 +128,36 @@ impl SceneStore {
         }
     }
 
-    fn cache(&self) -> MutexGuard<'_, Lru<BlobId, Bytes>> {
-        // A thread that panicked while it held the lock left the cache usable: entries are whole.
-        self.cache.lock().unwrap_or_else(PoisonError::into_inner)
+    fn pack(&self, id: &BlobId) -> Option<(&Pack, BlobPart)> {
+        let BlobId::Asset { asset, part } = *id else { return None };
+        Some((self.packs.get(asset as usize)?, part))
+    }
+}
+
+/// What is said of a scene whose asset `i` is `packs[i]`, and the packs by asset number.
+///
+/// # Errors
+/// As [`SceneStore::new`].
+pub fn describe(scene: &Scene, packs: Vec<PackFile>) -> Result<(Composed, Vec<PackFile>), StoreError> {
+    let entries = scene
+        .assets
+        .iter()
+        .zip(&packs)
+        .map(|(asset, pack)| pack.entry(&asset.name))
+        .collect::<Result<Vec<_>, _>>()?;
+    let textures: Vec<_> = packs.iter().map(PackFile::textures).collect();
+    let composed = compose(scene, &entries, &textures)?;
+    let mut packs: Vec<Option<PackFile>> = packs.into_iter().map(Some).collect();
+    let in_order = composed.asset_order.iter().filter_map(|&i| packs.get_mut(i).and_then(Option::take));
+    let in_order = in_order.collect();
+    Ok((composed, in_order))
+}
+
+/// What a client is told of a blob that cannot be had.
+fn told(id: BlobId, error: &StoreError) -> SourceError {
+    match error {
+        StoreError::NoSuchBlob { .. } => SourceError::NotFound(id),
+        other => SourceError::Unreadable { id, why: other.to_string() },
     }
 }
 
@@ -122,7 +176,7 @@ impl SceneSource for SceneStore {
 
     fn blob_len(&self, id: &BlobId) -> Option<u32> {
         match *id {
-            BlobId::Asset { asset, part } => self.packs.get(asset as usize)?.blob_len(part),
+            BlobId::Asset { .. } => self.pack(id).and_then(|(pack, part)| pack.blob_len(part)),
             BlobId::Terrain(_) | BlobId::Lamps(_) => u32::try_from(self.own(id)?.len()).ok(),
         }
     }
@@ -132,9 +186,8 @@ impl SceneSource for SceneStore {
         if let Some(known) = slot.get() {
             return known.clone();
         }
-        let id = BlobId::base(asset);
         // Where it is not in memory, the disk is not waited for: later it may be.
-        let base = self.cache().get(&id)?;
+        let base = self.packs.get(asset as usize)?.at_hand(BlobPart::Base, &self.cache)?;
         let decoded = (base.len() <= MAX_OCCLUDER_BYTES).then(|| decode_base(&base)).and_then(Result::ok);
         let occluder = decoded.map(|base| {
             let (positions, faces) = ActiveMesh::growing(&base).surface();
@@ -148,7 +201,7 @@ impl SceneSource for SceneStore {
             BlobId::Terrain(_) | BlobId::Lamps(_) => self.read(id).map(Reading::Ready),
             _ if self.blob_len(id).is_none() => Err(SourceError::NotFound(*id)),
             BlobId::Asset { .. } => {
-                let found = self.cache().get(id);
+                let found = self.pack(id).and_then(|(pack, part)| pack.at_hand(part, &self.cache));
                 // What is read then is looked for again, and counted once.
                 let count = if found.is_some() { &self.hits } else { &self.misses };
                 count.fetch_add(1, Ordering::Relaxed);
@@ -162,21 +215,32 @@ impl SceneSource for SceneStore {
         Some(CacheUse { hits, misses })
     }
 
+    fn fetch(&self, id: &BlobId) -> Option<BlobFuture> {
+        let ((pack, part), id) = (self.pack(id)?, *id);
+        let (pack, cache) = (pack.clone(), self.cache.clone());
+        Some(Box::pin(async move { pack.fetch(part, &cache).await.map_err(|why| told(id, &why)) }))
+    }
+
     fn read(&self, id: &BlobId) -> Result<Bytes, SourceError> {
-        let BlobId::Asset { asset, part } = *id else {
+        let Some((pack, part)) = self.pack(id) else {
             return self.own(id).cloned().ok_or(SourceError::NotFound(*id));
         };
-        let pack = self.packs.get(asset as usize).ok_or(SourceError::NotFound(*id))?;
-        if let Some(bytes) = self.cache().get(id) {
+        if let Some(bytes) = pack.at_hand(part, &self.cache) {
             return Ok(bytes);
         }
-        // Read without the lock: two sessions may read the same blob, none waits for the disk of
-        // another.
-        let bytes = pack.read(part).map_err(|error| match error {
-            StoreError::NoSuchBlob { .. } => SourceError::NotFound(*id),
-            other => SourceError::Unreadable { id: *id, why: other.to_string() },
-        })?;
-        self.keep(*id, bytes.clone());
-        Ok(bytes)
+        match (pack, &self.runtime) {
+            // Read without waiting for others: two sessions may read the same blob.
+            (Pack::File(file), _) => {
+                let bytes = file.read(part).map_err(|why| told(*id, &why))?;
+                if let Some(key) = pack.key(part) {
+                    self.cache.insert(key, bytes.clone());
+                }
+                Ok(bytes)
+            }
+            (Pack::Object(object), Some(runtime)) => {
+                runtime.block_on(object.fetch(part, &self.cache)).map_err(|why| told(*id, &why))
+            }
+            (Pack::Object(_), None) => Err(SourceError::NotFound(*id)),
+        }
     }
 }

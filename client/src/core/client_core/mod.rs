@@ -268,6 +268,11 @@ impl ClientCore {
         self.session.as_ref().filter(|session| session.is_closed()).and(self.closed.as_ref())
     }
 
+    /// Asks for the scene of this name in sessions that begin from now on; empty for the server's only one.
+    pub fn ask_for(&mut self, scene: &str) {
+        scene.clone_into(&mut self.config.session.scene);
+    }
+
     /// What shows that the client may see the scene.
     #[must_use]
     pub const fn token(&self) -> Option<&Token> {

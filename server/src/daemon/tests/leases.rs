@@ -124,7 +124,7 @@ async fn unanswered_quic_initials_took_every_place() {
         let mut endpoint = quinn::Endpoint::client(SocketAddr::from((Ipv4Addr::LOCALHOST, 0))).unwrap();
         endpoint.set_default_client_config(super::quic::trusting(
             &certificate,
-            lodestream_protocol::stream::ALPN,
+            &[lodestream_protocol::stream::ALPN],
         ));
         let connecting = endpoint.connect(catcher.local_addr().unwrap(), "localhost").unwrap();
         let mut initial = vec![0; 2000];

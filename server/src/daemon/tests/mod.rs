@@ -9,6 +9,7 @@ mod leases;
 mod metrics;
 mod quic;
 mod rates;
+mod scenes;
 mod shutdown;
 mod slow_store;
 mod soak;

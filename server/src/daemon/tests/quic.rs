@@ -15,7 +15,7 @@ use crate::daemon::certificate::Certificate;
 
 /// What arrives at a client.
 #[derive(Debug, PartialEq)]
-enum Arrival {
+pub(super) enum Arrival {
     Message(ServerMessage),
     Blob(BlobId, Bytes),
     Reset(BlobId),
@@ -29,7 +29,7 @@ pub(super) struct QuicClient {
     arrivals: mpsc::Receiver<Arrival>,
 }
 
-pub(super) fn trusting(certificate: &CertificateDer<'static>, alpn: &str) -> quinn::ClientConfig {
+pub(super) fn trusting(certificate: &CertificateDer<'static>, alpns: &[&str]) -> quinn::ClientConfig {
     let mut roots = rustls::RootCertStore::empty();
     roots.add(certificate.clone()).unwrap();
     let provider = Arc::new(rustls::crypto::ring::default_provider());
@@ -38,7 +38,7 @@ pub(super) fn trusting(certificate: &CertificateDer<'static>, alpn: &str) -> qui
         .unwrap()
         .with_root_certificates(roots)
         .with_no_client_auth();
-    tls.alpn_protocols = vec![alpn.as_bytes().to_vec()];
+    tls.alpn_protocols = alpns.iter().map(|alpn| alpn.as_bytes().to_vec()).collect();
     quinn::ClientConfig::new(Arc::new(QuicClientConfig::try_from(tls).unwrap()))
 }
 
@@ -59,7 +59,11 @@ async fn connect_as(
 
 impl QuicClient {
     pub(super) async fn connect(address: SocketAddr, certificate: &CertificateDer<'static>) -> Self {
-        let (endpoint, connection) = connect_as(address, trusting(certificate, ALPN)).await.unwrap();
+        Self::connect_as(address, trusting(certificate, &[ALPN])).await
+    }
+
+    pub(super) async fn connect_as(address: SocketAddr, config: quinn::ClientConfig) -> Self {
+        let (endpoint, connection) = connect_as(address, config).await.unwrap();
         let (sender, arrivals) = mpsc::channel(10_000);
         let streams = connection.clone();
         tokio::spawn(async move {
@@ -80,7 +84,7 @@ impl QuicClient {
         self.control.as_mut().unwrap().write_all(&bytes).await.unwrap();
     }
 
-    async fn next(&mut self) -> Arrival {
+    pub(super) async fn next(&mut self) -> Arrival {
         timeout(REAL_TIME_LIMIT, self.arrivals.recv()).await.unwrap().expect("closed")
     }
 
@@ -270,10 +274,10 @@ async fn peers_that_break_the_rules_are_told_why() {
 #[tokio::test]
 async fn another_protocol_and_another_certificate_are_refused() {
     let served = serve(MemoryScene::new(1, 100, 100), SessionSettings::default()).await;
-    let refused = connect_as(served.address, trusting(&served.certificate, "h3")).await;
+    let refused = connect_as(served.address, trusting(&served.certificate, &["h3"])).await;
     assert!(refused.is_err());
     let other = Certificate::self_signed(std::time::SystemTime::now()).unwrap();
-    let refused = connect_as(served.address, trusting(&other.chain()[0], ALPN)).await;
+    let refused = connect_as(served.address, trusting(&other.chain()[0], &[ALPN])).await;
     assert!(refused.is_err());
     timeout(REAL_TIME_LIMIT, served.state.all_sessions_ended()).await.unwrap();
     let mut client = QuicClient::connect(served.address, &served.certificate).await;

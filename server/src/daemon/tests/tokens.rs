@@ -51,12 +51,17 @@ fn keys(text: &[u8], audience: Option<&str>) -> Tokens {
 }
 
 fn told(tokens: &Tokens, token: &str) -> Result<Option<String>, TokenError> {
-    tokens.verify(token, "memory", SystemTime::now()).map(|grant| grant.subject)
+    tokens.verify(token, SystemTime::now()).and_then(|grant| grant.of("memory")).map(|grant| grant.subject)
 }
 
 fn asking() -> Arc<ServerState> {
     let settings = SessionSettings { max_sessions: 2, ..SessionSettings::default() };
     asking_with(MemoryScene::new(1, 100, 1000), settings)
+}
+
+/// What takes tokens of [`signed_claims`].
+pub(super) fn with_keys() -> Tokens {
+    keys(SECRET, None)
 }
 
 /// A server that asks for tokens.
@@ -160,7 +165,7 @@ fn a_token_says_weight_and_rate_as_whole_numbers_within_bounds() {
     let tokens = keys(SECRET, None);
     let granted = |more: &str| {
         let token = signed_claims(&format!(r#"{{"exp":{},"scene":"memory"{more}}}"#, in_s(60)));
-        let grant = tokens.verify(&token, "memory", SystemTime::now())?;
+        let grant = tokens.verify(&token, SystemTime::now())?.of("memory")?;
         Ok((grant.weight.get(), grant.rate_bits_per_s))
     };
     assert_eq!(granted(""), Ok((1, None)));
@@ -185,9 +190,8 @@ async fn a_clock_that_jumps_judges_new_tokens_and_ends_no_session() {
     let head = r#"{"alg":"HS256"}"#;
     let open = signed(SECRET, head, &format!(r#"{{"exp":{to},"scene":"*"}}"#));
     let framed = signed(SECRET, head, &format!(r#"{{"nbf":{from},"exp":{to},"scene":"*"}}"#));
-    let left = |token: &str, at| {
-        tokens.verify(token, "memory", at).map(|grant| grant.until.duration_since(Instant::now()))
-    };
+    let left =
+        |token: &str, at| tokens.verify(token, at).map(|grant| grant.until.duration_since(Instant::now()));
     for later in [days(3), days(3000), days(1_000_000)] {
         assert_eq!(left(&open, now + later), Err(TokenError::Expired));
         assert_eq!(left(&framed, now + later), Err(TokenError::Expired));
@@ -199,7 +203,7 @@ async fn a_clock_that_jumps_judges_new_tokens_and_ends_no_session() {
         assert_eq!(left(&framed, at), Err(TokenError::NotYet), "{at:?}");
     }
     // What a session was granted is counted by a clock that nobody sets.
-    let granted = tokens.verify(&framed, "memory", now).unwrap().until;
+    let granted = tokens.verify(&framed, now).unwrap().until;
     tokio::time::advance(Duration::from_secs(80)).await;
     assert!(granted > Instant::now());
     tokio::time::advance(Duration::from_secs(20)).await;
