@@ -8,10 +8,10 @@
 //! A blob that the store has not at hand waits aside while others are sent ([`MAX_READS`] of them at most); from
 //! then on, what comes next is read ahead while pieces are sent.
 
+mod queue;
 mod reads;
 
 use std::cmp::Reverse;
-use std::collections::{BTreeMap, HashMap};
 use std::ops::Range;
 
 use bytes::Bytes;
@@ -22,6 +22,7 @@ use crate::message::RefusedReason;
 use crate::select::priority::Priority;
 use crate::source::{Reading, SourceError};
 
+use queue::{Queue, Waiting};
 pub use reads::MAX_READS;
 use reads::{Key, Loaded, Reads, refusal};
 
@@ -92,8 +93,7 @@ enum Next {
 /// A session's queue.
 #[derive(Debug)]
 pub struct Scheduler {
-    queue: BTreeMap<Key, (Unit, Range<u32>)>,
-    keys: HashMap<Unit, Key>,
+    queue: Queue,
     begun: Vec<Begun>,
     reads: Reads,
     next_number: u64,
@@ -106,8 +106,7 @@ impl Scheduler {
     pub fn new(max_queued: usize) -> Self {
         let max_queued = max_queued.max(1);
         Self {
-            queue: BTreeMap::new(),
-            keys: HashMap::new(),
+            queue: Queue::default(),
             begun: Vec::new(),
             reads: Reads::default(),
             next_number: 0,
@@ -138,27 +137,21 @@ impl Scheduler {
         {
             return true;
         }
-        match self.keys.get_mut(&unit) {
-            Some(key) => {
-                let queued = self.queue.remove(key).map_or(part.clone(), |(_, queued)| queued);
-                part = queued.start.min(part.start)..queued.end.max(part.end);
-                key.0 = Reverse(priority);
-                self.queue.insert(*key, (unit, part));
-            }
-            None if self.queue.len() >= self.max_queued => return false,
-            None => {
-                let key = (Reverse(priority), self.next_number);
-                self.next_number += 1;
-                self.queue.insert(key, (unit, part));
-                self.keys.insert(unit, key);
-            }
+        if self.queue.want(&unit, priority, &part) {
+            return true;
         }
+        if self.queue.len() >= self.max_queued {
+            return false;
+        }
+        let key = (Reverse(priority), self.next_number);
+        self.next_number += 1;
+        self.queue.insert(Waiting { key, unit, part });
         true
     }
 
     /// Drops a blob. What has been handed out is gone.
     pub fn cancel(&mut self, id: BlobId) -> Cancelled {
-        let queued = self.keys.remove(&Unit::Blob(id)).and_then(|key| self.queue.remove(&key)).is_some();
+        let queued = self.queue.remove(&Unit::Blob(id)).is_some();
         let read = self.reads.retain(|read| read != id);
         if let Some(index) = self.begun.iter().position(|begun| begun.id == id) {
             self.begun.remove(index);
@@ -169,14 +162,7 @@ impl Scheduler {
 
     /// Drops the queued units, not begun, for which `keep` says no.
     pub fn retain(&mut self, mut keep: impl FnMut(&Unit) -> bool) {
-        let keys = &mut self.keys;
-        self.queue.retain(|_, (unit, _)| {
-            let kept = keep(unit);
-            if !kept {
-                keys.remove(unit);
-            }
-            kept
-        });
+        self.queue.retain(&mut keep);
         self.reads.retain(|id| keep(&Unit::Blob(id)));
     }
 
@@ -184,7 +170,6 @@ impl Scheduler {
     pub fn clear(&mut self) {
         self.reads.clear();
         self.queue.clear();
-        self.keys.clear();
         self.begun.clear();
     }
 
@@ -214,7 +199,7 @@ impl Scheduler {
         let part = |id: &BlobId, part: &Range<u32>| {
             u64::from(part.end.min(length(id).unwrap_or(0)).saturating_sub(part.start))
         };
-        let queued = self.queue.values().map(|(unit, wanted)| match unit {
+        let queued = self.queue.iter().map(|(unit, wanted)| match unit {
             Unit::Page(_) => 0,
             Unit::Blob(id) => part(id, wanted),
         });
@@ -227,7 +212,7 @@ impl Scheduler {
     #[must_use]
     pub fn contains(&self, unit: &Unit) -> bool {
         let under_way = |id: BlobId| self.reads.contains(id) || self.begun.iter().any(|begun| begun.id == id);
-        self.keys.contains_key(unit) || matches!(unit, Unit::Blob(id) if under_way(*id))
+        self.queue.contains(unit) || matches!(unit, Unit::Blob(id) if under_way(*id))
     }
 
     /// Blobs that have begun and are not finished, with their priorities.
@@ -238,7 +223,7 @@ impl Scheduler {
     /// The next unit that would begin if none were begun: its priority and itself.
     #[must_use]
     pub fn peek(&self) -> Option<(Priority, Unit)> {
-        self.queue.first_key_value().map(|((Reverse(priority), _), (unit, _))| (*priority, *unit))
+        self.queue.first().map(|((Reverse(priority), _), unit)| (priority, unit))
     }
 
     /// The most urgent begun blob: its index and priority.
@@ -263,8 +248,8 @@ impl Scheduler {
             let loaded = match next {
                 Next::Loaded(key) => self.reads.take(key)?,
                 Next::Queued => {
-                    let ((Reverse(priority), number), (unit, part)) = self.queue.pop_first()?;
-                    self.keys.remove(&unit);
+                    let Waiting { key, unit, part } = self.queue.pop()?;
+                    let Reverse(priority) = key.0;
                     let id = match unit {
                         Unit::Page(page) => return Some(Outgoing::Page(page)),
                         Unit::Blob(id) => id,
@@ -272,7 +257,7 @@ impl Scheduler {
                     match read(&id) {
                         Ok(Reading::Ready(bytes)) => Loaded { id, priority, part, bytes: Ok(bytes) },
                         Ok(Reading::Pending) => {
-                            self.reads.wait(id, (Reverse(priority), number), part);
+                            self.reads.wait(id, key, part);
                             continue;
                         }
                         Err(why) => Loaded { id, priority, part, bytes: Err(refusal(&why)) },
@@ -294,9 +279,9 @@ impl Scheduler {
         let loaded = self.reads.first();
         let queued = self
             .queue
-            .first_key_value()
-            .filter(|(_, (unit, _))| matches!(unit, Unit::Page(_)) || self.reads.has_room());
-        let queued = queued.map(|(key, _)| *key);
+            .first()
+            .filter(|(_, unit)| matches!(unit, Unit::Page(_)) || self.reads.has_room())
+            .map(|(key, _)| key);
         match (loaded, queued) {
             (Some(loaded), Some(queued)) if loaded < queued => Some((loaded, Next::Loaded(loaded))),
             (_, Some(queued)) => Some((queued, Next::Queued)),
@@ -310,10 +295,9 @@ impl Scheduler {
     /// Has the store read what comes next, while others are sent.
     fn read_ahead(&mut self, read: &mut impl FnMut(&BlobId) -> Result<Reading, SourceError>) {
         while self.reads.has_room()
-            && let Some((&key, &(Unit::Blob(id), _))) = self.queue.first_key_value()
+            && let Some((_, Unit::Blob(id))) = self.queue.first()
         {
-            let Some((unit, part)) = self.queue.remove(&key) else { return };
-            self.keys.remove(&unit);
+            let Some(Waiting { key, part, .. }) = self.queue.pop() else { return };
             match read(&id) {
                 Ok(Reading::Ready(bytes)) => self.reads.keep(id, key, part, Ok(bytes)),
                 Ok(Reading::Pending) => self.reads.wait(id, key, part),
