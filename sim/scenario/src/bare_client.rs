@@ -1,12 +1,16 @@
 //! A client that asks and reads, and does nothing else, over either transport.
 
+use std::sync::Arc;
+
 use anyhow::Context as _;
 use futures_util::{SinkExt as _, StreamExt as _};
 use lodestream_netsim::clock::VirtualClock;
 use lodestream_protocol::BlobId;
 use lodestream_protocol::frame::{BlobPiece, Frame, ServerFrame, encode_client};
+use lodestream_protocol::limits::MAX_QUEUED;
 use lodestream_protocol::message::{ClientMessage, Hello, Want};
 use lodestream_protocol::select::Priority;
+use lodestream_protocol::source::SceneSource;
 use lodestream_protocol::stream::{ALPN, BLOB_STREAM, BlobStreamReader, CONTROL_STREAM};
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::sync::mpsc;
@@ -20,6 +24,14 @@ use tokio_tungstenite::tungstenite::http::header::SEC_WEBSOCKET_PROTOCOL;
 const WANTS_PER_MESSAGE: usize = 500;
 /// Arrivals that may wait to be looked at, and messages to be sent.
 const WAITING: usize = 256;
+
+/// All chunks of a scene, as many as a session queues.
+pub(crate) fn chunks(source: &Arc<dyn SceneSource>) -> Vec<BlobId> {
+    let pages = (0..source.header().page_count).filter_map(|page| source.page(page));
+    let assets = pages.flat_map(|page| page.assets.clone());
+    let of_asset = |(asset, chunks): (u32, u32)| (0..chunks).map(move |chunk| BlobId::chunk(asset, chunk));
+    (0..).zip(assets.map(|asset| asset.chunk_count)).flat_map(of_asset).take(MAX_QUEUED).collect()
+}
 
 /// Bytes of a blob that came.
 #[derive(Clone, Copy, Debug)]

@@ -3,6 +3,7 @@
 //! Nothing here draws: who wants pictures of a run looks on as an [`observer`].
 
 mod bare_client;
+mod bare_sender;
 pub mod baseline;
 pub(crate) mod camera_drive;
 pub mod camera_path;

@@ -14,15 +14,18 @@ use lodestream_server::daemon::{Daemon, DaemonOptions, SessionSettings};
 use tokio::runtime::Builder;
 use tokio::sync::mpsc;
 
+use crate::bare_sender::serve_bare;
 use crate::process::Process;
 
-/// How many sessions there may be.
+/// What serves, and how many sessions there may be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Limits {
-    /// As the daemon is shipped.
+pub enum Serving {
+    /// The daemon as it is shipped.
     Shipped,
-    /// As many for one address as for all: every client is on this machine.
+    /// The daemon with as many sessions for one address as for all: every client is on this machine.
     Lifted,
+    /// A bare sender (`crate::bare_sender`).
+    Bare,
 }
 
 /// Serves a scene until standard input ends. Prints the listeners' addresses and the certificate's fingerprint, on
@@ -30,14 +33,17 @@ pub enum Limits {
 ///
 /// # Errors
 /// What keeps the daemon from being started.
-pub fn serve(scene: Arc<dyn SceneSource>, rate_bits_per_s: u64, limits: Limits) -> anyhow::Result<()> {
+pub fn serve(scene: Arc<dyn SceneSource>, rate_bits_per_s: u64, serving: Serving) -> anyhow::Result<()> {
+    if serving == Serving::Bare {
+        return serve_bare(&scene, rate_bits_per_s);
+    }
     let folder = tempfile::tempdir().context("no folder for the certificate")?;
     let any = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
     let defaults = SessionSettings::default();
-    let sessions = match limits {
-        Limits::Shipped => defaults,
+    let sessions = match serving {
+        Serving::Shipped | Serving::Bare => defaults,
         // None may use the eighth that is kept for others.
-        Limits::Lifted => SessionSettings {
+        Serving::Lifted => SessionSettings {
             max_sessions: defaults.max_sessions * 2,
             max_sessions_per_address: Some(defaults.max_sessions),
             ..defaults
@@ -50,11 +56,11 @@ pub fn serve(scene: Arc<dyn SceneSource>, rate_bits_per_s: u64, limits: Limits) 
     let daemon = runtime.block_on(Daemon::bind(options, scene))?;
     println!("{}", daemon.urls().join(" "));
     let (stop, stopped) = mpsc::channel(2);
-    let serving = runtime.spawn(daemon.serve(stopped));
+    let daemon = runtime.spawn(daemon.serve(stopped));
     // Ends with the parent, however that ends.
     let _ = std::io::stdin().read_to_end(&mut Vec::new());
     let _ = (stop.try_send(()), stop.try_send(()));
-    let _ = runtime.block_on(serving);
+    let _ = runtime.block_on(daemon);
     Ok(())
 }
 
@@ -84,13 +90,15 @@ impl Server {
         scene: &str,
         cache: Option<&Path>,
         rate_bits_per_s: u64,
-        limits: Limits,
+        serving: Serving,
     ) -> anyhow::Result<Self> {
         let program = std::env::current_exe().context("this program cannot be found")?;
         let mut command = Command::new(&program);
         command.args(["load", scene, "--serve", "--rate-bits-per-s", &rate_bits_per_s.to_string()]);
-        if limits == Limits::Shipped {
-            command.arg("--shipped-limits");
+        match serving {
+            Serving::Shipped => drop(command.arg("--shipped-limits")),
+            Serving::Lifted => {}
+            Serving::Bare => drop(command.arg("--bare")),
         }
         if let Some(cache) = cache {
             command.arg("--cache").arg(cache);

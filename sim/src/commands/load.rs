@@ -4,7 +4,7 @@ use clap::Args;
 use lodestream_scenario::load::{Case, measure};
 use lodestream_scenario::plan::{self, Transport};
 use lodestream_scenario::scene;
-use lodestream_scenario::served::{Limits, serve};
+use lodestream_scenario::served::{Serving, serve};
 
 use crate::arguments::{CacheFolder, transport};
 
@@ -36,6 +36,9 @@ pub(crate) struct Load {
     /// With the limits of a shipped server.
     #[arg(long, hide = true)]
     shipped_limits: bool,
+    /// Serves by a bare sender.
+    #[arg(long, hide = true)]
+    bare: bool,
 }
 
 impl Load {
@@ -43,8 +46,12 @@ impl Load {
         let choice = plan::scene_choice(&self.scene)?;
         let source = scene::open(&choice, None, &self.cache.path()?, true)?;
         if self.serve {
-            let limits = if self.shipped_limits { Limits::Shipped } else { Limits::Lifted };
-            return serve(source, self.rate_bits_per_s, limits);
+            let serving = match (self.bare, self.shipped_limits) {
+                (true, _) => Serving::Bare,
+                (false, true) => Serving::Shipped,
+                (false, false) => Serving::Lifted,
+            };
+            return serve(source, self.rate_bits_per_s, serving);
         }
         let mut all = Vec::new();
         for &transport in &self.transport {

@@ -24,10 +24,10 @@ use super::damage;
 use super::subject::{SCENE, Settings, Subject};
 use super::tally::{Found, Tally, Verdict};
 use super::wire::{Answer, over_quic, over_websocket};
-use crate::load::chunks;
+use crate::bare_client::chunks;
 use crate::plan::{self, Transport};
 use crate::scene;
-use crate::served::{Address, Limits, Server};
+use crate::served::{Address, Server, Serving};
 
 /// Sessions at the same time: enough for two cores, and for the server to have several.
 const AT_ONCE: usize = 8;
@@ -50,7 +50,7 @@ pub(super) fn measure(
     };
     let source = scene::open(&plan::scene_choice(SCENE)?, None, cache, true)?;
     let sessions = Arc::new(Sessions::of(&source));
-    let mut server = Server::start(SCENE, named, RATE_BITS_PER_S, Limits::Shipped)?;
+    let mut server = Server::start(SCENE, named, RATE_BITS_PER_S, Serving::Shipped)?;
     let runtime = Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
     let found = runtime.block_on(async {
         let run = async |cases: Settings| {

@@ -22,9 +22,9 @@ use tokio::time::{Instant, sleep, sleep_until, timeout};
 pub use deed::Deed;
 
 use crate::bare_client::BareClient;
-use crate::load::chunks;
+use crate::bare_client::chunks;
 use crate::result::milliseconds;
-use crate::served::{Limits, Server};
+use crate::served::{Server, Serving};
 
 /// From when the strangers begin to when the other comes.
 const ALONE: Duration = Duration::from_secs(2);
@@ -72,7 +72,7 @@ pub fn measure(
     cache: Option<&Path>,
     (deed, count): (Deed, u32),
 ) -> anyhow::Result<Found> {
-    let server = Server::start(scene, cache, RATE_BITS_PER_S, Limits::Shipped)?;
+    let server = Server::start(scene, cache, RATE_BITS_PER_S, Serving::Shipped)?;
     let wanted: Arc<Vec<BlobId>> = Arc::new(chunks(source));
     let runtime = Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
     runtime.block_on(async {

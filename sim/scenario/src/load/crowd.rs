@@ -1,0 +1,202 @@
+//! Many clients of one server, all at once, and what the server's process took meanwhile.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use futures_util::StreamExt as _;
+use lodestream_client::net;
+use lodestream_netsim::clock::VirtualClock;
+use lodestream_protocol::BlobId;
+use tokio::net::TcpStream;
+use tokio::runtime::Builder;
+use tokio::sync::mpsc;
+
+use super::Case;
+use crate::bare_client::BareClient;
+use crate::plan::Transport;
+use crate::served::{Address, Server};
+
+/// Before anything is counted: connecting, and the bursts of the beginning.
+const WARM_UP: Duration = Duration::from_secs(2);
+/// Bytes read at once.
+const READ_BYTES: usize = 1 << 16;
+
+/// What clients do.
+#[derive(Clone, Debug)]
+pub(super) enum Role {
+    /// They ask for these, and read what comes.
+    Active(Arc<Vec<BlobId>>),
+    /// They say hello, take what is pushed and are silent.
+    Idle,
+    /// They say nothing: the sender is bare (`crate::bare_sender`).
+    Listening,
+}
+
+/// What came of it.
+#[derive(Debug)]
+pub(super) struct Crowd {
+    /// Clients that lost their connection or found none.
+    pub(super) failed: u32,
+    /// Memory of the server before the first client, and at the end of the window.
+    pub(super) open_bytes: u64,
+    pub(super) loaded_bytes: u64,
+    /// Its processor time until the window, and within it.
+    pub(super) connect_cpu_s: f64,
+    pub(super) cpu_s: f64,
+    /// Bytes of blobs that came to each client within the window.
+    pub(super) received: Vec<u64>,
+    /// From the connect call to the first bytes of a blob, the shortest first.
+    pub(super) first_ns: Vec<u64>,
+}
+
+impl Crowd {
+    /// Runs a case's clients against a server that nobody has used.
+    pub(super) fn run(server: &Server, case: &Case, role: &Role) -> anyhow::Result<Self> {
+        let open_bytes = server.memory_bytes()?;
+        let cpu_before = server.cpu_s()?;
+        let runtime = Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
+        runtime.block_on(async {
+            let clock = VirtualClock::start();
+            let clients: Vec<_> = (0..case.clients)
+                .map(|_| tokio::spawn(client(clock, *case, server.at(), role.clone())))
+                .collect();
+            tokio::time::sleep(WARM_UP).await;
+            let cpu_start = server.cpu_s()?;
+            tokio::time::sleep(case.window()).await;
+            let (cpu_end, loaded_bytes) = (server.cpu_s()?, server.memory_bytes()?);
+            let (mut received, mut first_ns) = (Vec::new(), Vec::new());
+            for client in clients {
+                if let Some(seen) = client.await? {
+                    received.push(seen.bytes);
+                    first_ns.extend(seen.first_ns);
+                }
+            }
+            first_ns.sort_unstable();
+            Ok(Self {
+                failed: case.clients - u32::try_from(received.len())?,
+                open_bytes,
+                loaded_bytes,
+                connect_cpu_s: cpu_start - cpu_before,
+                cpu_s: cpu_end - cpu_start,
+                received,
+                first_ns,
+            })
+        })
+    }
+
+    /// Bytes that came to all clients within the window.
+    pub(super) fn bytes(&self) -> f64 {
+        self.received.iter().sum::<u64>() as f64
+    }
+
+    /// What the server grew by, for each client.
+    pub(super) fn bytes_per_client(&self, case: &Case) -> f64 {
+        (self.loaded_bytes as f64 - self.open_bytes as f64) / f64::from(case.clients)
+    }
+
+    /// Processor time for a megabyte that came.
+    pub(super) fn cpu_ms_per_mb(&self) -> f64 {
+        self.cpu_s * 1e3 / (self.bytes() / 1e6)
+    }
+}
+
+/// What a client saw.
+struct Seen {
+    first_ns: Option<u64>,
+    /// Bytes of blobs within the window.
+    bytes: u64,
+}
+
+/// One client, from its connect call to the end of the window; `None` where its connection fails.
+async fn client(clock: VirtualClock, case: Case, at: Address, role: Role) -> Option<Seen> {
+    let [from_ns, to_ns] = [WARM_UP, WARM_UP + case.window()].map(|t| t.as_nanos() as u64);
+    let start_ns = clock.now_ns();
+    let mut source = Source::connect(clock, case.transport, at, role).await?;
+    let mut seen = Seen { first_ns: None, bytes: 0 };
+    loop {
+        let (at_ns, bytes) = tokio::select! {
+            biased;
+            arrival = source.next() => arrival?,
+            () = clock.sleep_until(to_ns) => return Some(seen),
+        };
+        seen.first_ns.get_or_insert(at_ns - start_ns);
+        if (from_ns..to_ns).contains(&at_ns) {
+            seen.bytes += bytes;
+        }
+    }
+}
+
+/// Where a client's bytes come from.
+enum Source {
+    Session(BareClient),
+    Bytes(mpsc::Receiver<(u64, u64)>),
+}
+
+impl Source {
+    async fn connect(
+        clock: VirtualClock,
+        transport: Transport,
+        Address { quic, http, pin }: Address,
+        role: Role,
+    ) -> Option<Self> {
+        let client = match transport {
+            Transport::Quic => {
+                let endpoint = net::endpoint(quic, net::client_config(pin).ok()?).ok()?;
+                let connection = endpoint.connect(quic, "localhost").ok()?.await.ok()?;
+                if matches!(role, Role::Listening) {
+                    return Some(Self::stream(clock, endpoint, connection));
+                }
+                BareClient::over_quic(endpoint, connection, clock).await.ok()?
+            }
+            Transport::Ws => {
+                let stream = TcpStream::connect(http).await.ok()?;
+                stream.set_nodelay(true).ok()?;
+                if matches!(role, Role::Listening) {
+                    return Self::messages(clock, stream, &http.to_string()).await;
+                }
+                BareClient::over_websocket(stream, &http.to_string(), clock).await.ok()?
+            }
+        };
+        client.hello().await.ok()?;
+        if let Role::Active(wanted) = role {
+            client.want(&wanted, 1).await.ok()?;
+        }
+        Some(Self::Session(client))
+    }
+
+    /// The bytes of the first stream of a connection.
+    fn stream(clock: VirtualClock, endpoint: quinn::Endpoint, connection: quinn::Connection) -> Self {
+        let (found, bytes) = mpsc::channel(16);
+        tokio::spawn(async move {
+            let (_endpoint, Ok(mut stream)) = (endpoint, connection.accept_uni().await) else { return };
+            while let Ok(Some(chunk)) = stream.read_chunk(READ_BYTES, true).await {
+                if found.send((clock.now_ns(), chunk.bytes.len() as u64)).await.is_err() {
+                    return;
+                }
+            }
+        });
+        Self::Bytes(bytes)
+    }
+
+    /// The lengths of a WebSocket's messages.
+    async fn messages(clock: VirtualClock, stream: TcpStream, host: &str) -> Option<Self> {
+        let (mut socket, _) = tokio_tungstenite::client_async(format!("ws://{host}/"), stream).await.ok()?;
+        let (found, bytes) = mpsc::channel(16);
+        tokio::spawn(async move {
+            while let Some(Ok(message)) = socket.next().await {
+                if found.send((clock.now_ns(), message.len() as u64)).await.is_err() {
+                    return;
+                }
+            }
+        });
+        Some(Self::Bytes(bytes))
+    }
+
+    /// When bytes came, and how many.
+    async fn next(&mut self) -> Option<(u64, u64)> {
+        match self {
+            Self::Session(client) => client.next().await.map(|arrival| (arrival.at_ns, arrival.bytes)),
+            Self::Bytes(bytes) => bytes.recv().await,
+        }
+    }
+}
