@@ -1,5 +1,6 @@
 //! Preparation, scenes, pack store and the streaming daemon.
 
+pub mod catalogue;
 pub mod cli;
 pub mod compare;
 pub mod compose;

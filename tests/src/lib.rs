@@ -79,6 +79,8 @@ mod settled;
 #[cfg(test)]
 mod silence;
 #[cfg(test)]
+mod stores;
+#[cfg(test)]
 mod support;
 #[cfg(test)]
 mod terrain;

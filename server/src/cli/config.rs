@@ -16,6 +16,7 @@ use lodestream_compress::whole_file;
 use toml::{Spanned, Value};
 
 use super::outcome::Outcome;
+use crate::store::Objects;
 
 /// Longest file that is read.
 const MAX_BYTES: u64 = 1 << 20;
@@ -86,7 +87,9 @@ fn as_words(key: &str, argument: &Arg, value: &Value, folder: &Path) -> Result<V
     }
     let one = |value: &Value| -> Result<OsString, &'static str> {
         match value {
-            Value::String(text) if is_path(argument) => Ok(folder.join(text).into_os_string()),
+            Value::String(text) if is_path(argument) && !Objects::is_url(Path::new(text)) => {
+                Ok(folder.join(text).into_os_string())
+            }
             Value::String(text) => Ok(text.into()),
             Value::Integer(number) => Ok(number.to_string().into()),
             Value::Float(number) => Ok(number.to_string().into()),

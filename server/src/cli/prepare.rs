@@ -1,25 +1,35 @@
-//! `prepare`: one model to one pack.
+//! `prepare`: one model to one pack, or a scene to objects that servers share. Both may lie in stores.
 
 use std::num::NonZeroUsize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use anyhow::{Context as _, bail};
 use clap::Args;
+use lodestream_geometry::pack::{HEAD_BYTES, Head};
 use lodestream_import::gltf;
 
 use super::outcome::Outcome;
 use super::recipe::RecipeArguments;
-use crate::prepare::{Options, prepare_to};
-use crate::scene::Asset;
+use crate::catalogue::fetch::fetch;
+use crate::catalogue::publish::publish;
+use crate::prepare::{Options, Report, cache, key_of, prepare_to};
+use crate::scene::{self, Asset};
+use crate::store::{Objects, StoreError};
 use crate::tell::tell;
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
-    /// The model: OBJ, glTF, GLB or PLY. The meshes of a glTF file become one asset, each in its place.
-    #[arg(value_name = "MODEL")]
+    /// The model: OBJ, glTF, GLB or PLY, or to publish, a scene file (TOML); a path or a URL. The meshes of a glTF file
+    /// become one asset, each in its place; of a published one, an asset each.
+    #[arg(value_name = "MODEL | SCENE.toml")]
     model: PathBuf,
-    /// The pack to write.
-    #[arg(short, long, value_name = "FILE.lsp")]
+    /// The pack to write; or to publish, a folder or a URL of one: then packs go to packs/, and the scene to NAME.lss.
+    /// What is there already is not prepared or written again.
+    #[arg(short, long, value_name = "FILE.lsp | FOLDER")]
     output: PathBuf,
+    /// To publish: folder of prepared packs [default: $XDG_CACHE_HOME/lodestream or ~/.cache/lodestream].
+    #[arg(long, env = "LODESTREAM_CACHE", value_name = "DIR")]
+    cache: Option<PathBuf>,
     /// Only this mesh of a glTF file, where it is about its own origin.
     #[arg(long, value_name = "NAME")]
     mesh: Option<String>,
@@ -36,14 +46,78 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let options =
         Options { recipe: arguments.recipe.resolve(), threads: arguments.threads, quiet: arguments.quiet };
-    let mut asset = Asset::of_file(&arguments.model);
+    let Arguments { model, output, .. } = arguments;
+    let (to_store, to_pack) =
+        (Objects::is_url(output), output.extension().is_some_and(|ending| ending == "lsp"));
+    let publishes =
+        to_store && !to_pack || output.is_dir() || output.as_os_str().to_string_lossy().ends_with('/');
+    if !to_store && !publishes && !Objects::is_url(model) {
+        let report = prepare_to(&asset(arguments, model)?, &options, output)?;
+        return Ok(told(&report, output));
+    }
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    // Removed when this ends.
+    let folder = tempfile::tempdir().context("no folder for what is fetched")?;
+    let local = match model.to_str() {
+        Some(url) if Objects::is_url(model) => runtime.block_on(fetch(url, folder.path()))?,
+        _ => model.clone(),
+    };
+    if publishes {
+        if arguments.mesh.is_some() {
+            bail!("--mesh makes one pack: name a FILE.lsp with --output");
+        }
+        let scene = scene::of_files(&[local])?;
+        let cache = arguments.cache.clone().or_else(cache::default_folder);
+        let cache = cache.context("no cache folder is known; name one with --cache DIR")?;
+        let objects = objects(output)?;
+        let done = runtime.block_on(publish(&scene, &objects, &cache, &options))?;
+        return Ok(Outcome::good(format!("{}: {done}\n", output.display())));
+    }
+    if !to_store {
+        let report = prepare_to(&asset(arguments, &local)?, &options, output)?;
+        return Ok(told(&report, output));
+    }
+    let url = output.to_string_lossy();
+    let (root, name) = url.rsplit_once('/').context("a URL of a pack ends with /NAME.lsp")?;
+    let objects = Objects::of_url(root)?;
+    let asset = asset(arguments, &local)?;
+    let key = key_of(&asset, &options)?.bytes();
+    let there = match runtime.block_on(objects.start(name, HEAD_BYTES as u64)) {
+        Ok(head) => Head::parse(&head).is_ok_and(|head| head.fingerprint == key),
+        Err(StoreError::NoSuchObject { .. }) => false,
+        Err(why) => return Err(why.into()),
+    };
+    if there {
+        return Ok(Outcome::good(format!("{url}: is there already, of the same model and settings\n")));
+    }
+    let pack = folder.path().join("pack.lsp");
+    let report = prepare_to(&asset, &options, &pack)?;
+    runtime.block_on(objects.put(name, std::fs::read(&pack)?.into()))?;
+    Ok(told(&report, output))
+}
+
+/// The model as an asset.
+fn asset(arguments: &Arguments, model: &Path) -> anyhow::Result<Asset> {
+    let mut asset = Asset::of_file(model);
     if let Some(name) = &arguments.mesh {
-        asset.part = gltf::part_named(&arguments.model, name)?;
+        asset.part = gltf::part_named(model, name)?;
         asset.name.clone_from(name);
     }
-    let report = prepare_to(&asset, &options, &arguments.output)?;
+    Ok(asset)
+}
+
+/// Whither is published.
+fn objects(output: &Path) -> anyhow::Result<Objects> {
+    if Objects::is_url(output) {
+        return Ok(Objects::of_url(&output.to_string_lossy())?);
+    }
+    std::fs::create_dir_all(output).with_context(|| output.display().to_string())?;
+    Ok(Objects::of_folder(output)?)
+}
+
+fn told(report: &Report, output: &Path) -> Outcome {
     for warning in &report.warnings {
         tell(format_args!("warning: {warning}"));
     }
-    Ok(Outcome::good(format!("{}: {report}\n", arguments.output.display())))
+    Outcome::good(format!("{}: {report}\n", output.display()))
 }

@@ -2,7 +2,7 @@
 
 use std::net::SocketAddr;
 use std::num::NonZeroUsize;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
@@ -16,6 +16,7 @@ use super::log_lines::LogFormat;
 use super::outcome::Outcome;
 use super::recipe::RecipeArguments;
 use super::units::{Rate, parse_rate};
+use crate::catalogue::Catalogue;
 use crate::daemon::admin::AdminPort;
 use crate::daemon::admission::Admission;
 use crate::daemon::arrivals::NewSessions;
@@ -24,18 +25,18 @@ use crate::daemon::proxy::Network;
 use crate::daemon::state::DRAIN_SECONDS;
 use crate::daemon::tokens::Tokens;
 use crate::daemon::{self, DaemonOptions, SessionSettings};
-use crate::prepare::{Options, cache, prepare_cached};
-use crate::scene::{self, Scene};
-use crate::store::{DEFAULT_CACHE_BYTES, SceneStore};
-use crate::tell::tell;
+use crate::prepare::{Options, cache};
+use crate::store::DEFAULT_CACHE_BYTES;
 
 /// Longest time to drain: a day.
 const MAX_DRAIN_SECONDS: u64 = 24 * 60 * 60;
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
-    /// Models (OBJ, glTF, GLB, PLY), side by side, or one scene file (TOML).
-    #[arg(value_name = "MODEL … | SCENE.toml", required = true)]
+    /// Models (OBJ, glTF, GLB, PLY), side by side as one scene; or scenes: scene files (TOML), folders of scene files or of
+    /// models, published scenes (.lss) and folders of such, by path or by URL (file, s3, gs, az, https). They are looked
+    /// at again every --scene-check seconds and at SIGHUP.
+    #[arg(value_name = "MODEL … | SCENE …", required = true)]
     files: Vec<PathBuf>,
     /// Options from a file (TOML): its keys are these flags without their dashes, and files. Flags and the environment win.
     #[arg(long, env = "LODESTREAM_CONFIG", value_name = "FILE")]
@@ -66,6 +67,15 @@ pub(super) struct Arguments {
     /// 127.0.0.1:8081, or any free port of 127.0.0.1 where that is taken].
     #[arg(long, env = "LODESTREAM_ADMIN", value_name = "ADDRESS")]
     admin: Option<AdminPort>,
+    /// Time between two looks at the scenes' files, in seconds; 0: only at SIGHUP. What changed is served to new sessions;
+    /// those that there are go on with what they have.
+    #[arg(long, env = "LODESTREAM_SCENE_CHECK", value_name = "SECONDS", default_value_t = 10,
+        value_parser = value_parser!(u64).range(..=MAX_DRAIN_SECONDS))]
+    scene_check: u64,
+    /// Memory for blobs of all scenes, in MiB, at least 1.
+    #[arg(long, env = "LODESTREAM_BLOB_CACHE", value_name = "MIB", default_value_t = DEFAULT_CACHE_BYTES >> 20,
+        value_parser = value_parser!(u64).range(1..=1 << 20))]
+    blob_cache: u64,
     /// Folder of prepared packs [default: $XDG_CACHE_HOME/lodestream or ~/.cache/lodestream].
     #[arg(long, env = "LODESTREAM_CACHE", value_name = "DIR")]
     cache: Option<PathBuf>,
@@ -124,7 +134,6 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<Outcome> {
-    let scene = scene::of_files(&arguments.files)?;
     let cache = match arguments.cache.or_else(cache::default_folder) {
         Some(folder) => folder,
         None => anyhow::bail!("no cache folder is known; name one with --cache DIR"),
@@ -133,7 +142,12 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<Outcome> {
     let audience = arguments.token_audience;
     let tokens = arguments.token_keys.map(|file| Tokens::of_file(file, audience)).transpose()?;
     remove_stale(&cache, SystemTime::now());
-    let source = open_scene(&scene, &cache, &options)?;
+    let look_every = (arguments.scene_check > 0).then(|| Duration::from_secs(arguments.scene_check));
+    let cache_bytes = arguments.blob_cache << 20;
+    let catalogue = Catalogue::new(&arguments.files, cache.clone(), options, cache_bytes, look_every)?;
+    let catalogue = Arc::new(catalogue);
+    let runtime = tokio::runtime::Runtime::new().context("cannot start the network threads")?;
+    let scenes = runtime.block_on(catalogue.open())?;
     let log = Log::to_stderr(arguments.log_format, arguments.log_limit);
     let daemon = DaemonOptions {
         listen: Some(arguments.listen),
@@ -155,26 +169,10 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<Outcome> {
             new_sessions_per_address: arguments.new_sessions_per_address,
             drain: Duration::from_secs(arguments.drain),
         },
+        provider: Some(catalogue),
         dropped_log_lines: Some(log.dropped_lines()),
         ..DaemonOptions::new(cache)
     };
-    let runtime = tokio::runtime::Runtime::new().context("cannot start the network threads")?;
-    runtime.block_on(daemon::run(daemon, source))?;
+    runtime.block_on(daemon::run(daemon, scenes))?;
     Ok(Outcome::good(""))
-}
-
-/// Prepares what is not in the cache and opens all packs.
-fn open_scene(scene: &Scene, cache: &Path, options: &Options) -> anyhow::Result<Arc<SceneStore>> {
-    let mut packs = Vec::with_capacity(scene.assets.len());
-    for asset in &scene.assets {
-        let cached = prepare_cached(asset, cache, options)?;
-        if let Some(report) = &cached.report {
-            for warning in &report.warnings {
-                tell(format_args!("warning: {warning}"));
-            }
-            tell(format_args!("{}: {report}", asset.name));
-        }
-        packs.push(cached.pack);
-    }
-    Ok(Arc::new(SceneStore::new(scene, packs, DEFAULT_CACHE_BYTES)?))
 }

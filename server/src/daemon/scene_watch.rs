@@ -10,6 +10,9 @@ use tokio::time::sleep;
 
 use super::state::ServerState;
 
+/// Scenes that there are, where they may have changed.
+pub type Found = Option<Vec<Arc<dyn SceneSource>>>;
+
 /// Where scenes come from.
 pub trait SceneProvider: Send + Sync {
     /// Time between two looks; `None` where looks must be asked for.
@@ -20,7 +23,7 @@ pub trait SceneProvider: Send + Sync {
     ///
     /// # Errors
     /// Fails where it cannot be said which scenes there are.
-    fn look(&self, asked: bool) -> BoxFuture<'_, anyhow::Result<Option<Vec<Arc<dyn SceneSource>>>>>;
+    fn look(&self, asked: bool) -> BoxFuture<'_, anyhow::Result<Found>>;
 }
 
 /// Serves what the provider finds. Goes on for ever.

@@ -18,21 +18,33 @@ pub struct Key(blake3::Hash);
 /// # Errors
 /// A model file that cannot be read. Other files may be missing: that is part of the key.
 pub fn key(obj: &Path, settings: &str, format_version: u32) -> Result<Key, ImportError> {
+    key_and_files(obj, settings, format_version).map(|(key, _)| key)
+}
+
+/// The same, with the files that the model names.
+///
+/// # Errors
+/// As [`key`].
+pub fn key_and_files(
+    obj: &Path,
+    settings: &str,
+    format_version: u32,
+) -> Result<(Key, Vec<PathBuf>), ImportError> {
     let (hash, dependencies) = model(obj)?;
     let mut hasher = blake3::Hasher::new_derive_key("lodestream prepared pack");
     hasher.update(&format_version.to_le_bytes());
     hasher.update(&RECIPE_VERSION.to_le_bytes());
     hasher.update(blake3::hash(settings.as_bytes()).as_bytes());
     hasher.update(hash.as_bytes());
-    for file in dependencies {
+    for file in &dependencies {
         // Where the files lie does not matter, only which names the OBJ and MTL files give them, and
         // those are hashed already.
-        match hash_file(&file) {
+        match hash_file(file) {
             Some(hash) => hasher.update(&[1]).update(hash.as_bytes()),
             None => hasher.update(&[0]),
         };
     }
-    Ok(Key(hasher.finalize()))
+    Ok((Key(hasher.finalize()), dependencies))
 }
 
 /// The hash of a model file, and the files that it names.
@@ -59,6 +71,12 @@ impl Key {
     #[must_use]
     pub fn bytes(&self) -> [u8; 32] {
         *self.0.as_bytes()
+    }
+
+    /// The hash as text.
+    #[must_use]
+    pub fn hex(&self) -> String {
+        self.0.to_hex().to_string()
     }
 
     /// The pack's path in a cache folder; `name` helps people who look into it.

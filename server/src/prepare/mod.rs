@@ -113,15 +113,23 @@ impl fmt::Display for Report {
 /// # Errors
 /// See [`PrepareError`].
 pub fn prepare_to(asset: &Asset, options: &Options, pack: &Path) -> Result<Report, PrepareError> {
-    let (asset, key) = keyed(asset, options)?;
+    let (asset, key, _) = keyed(asset, options)?;
     prepare_with_key(&asset, options, key, pack)
 }
 
-/// The asset with all choices made, and the key of its pack.
-fn keyed(asset: &Asset, options: &Options) -> Result<(Asset, cache::Key), ImportError> {
+/// The asset with all choices made, the key of its pack, and the files that its model names.
+fn keyed(asset: &Asset, options: &Options) -> Result<(Asset, cache::Key, Vec<PathBuf>), ImportError> {
     let asset = Asset { recipe: options.recipe.or(asset.recipe), ..asset.clone() };
-    let key = cache::key(&asset.file, &settings_text(&asset), pack_version())?;
-    Ok((asset, key))
+    let (key, files) = cache::key_and_files(&asset.file, &settings_text(&asset), pack_version())?;
+    Ok((asset, key, files))
+}
+
+/// The key of an asset's pack.
+///
+/// # Errors
+/// A model that cannot be read.
+pub fn key_of(asset: &Asset, options: &Options) -> Result<cache::Key, ImportError> {
+    keyed(asset, options).map(|(_, key, _)| key)
 }
 
 /// An asset's pack from the cache.
@@ -131,6 +139,8 @@ pub struct Cached {
     pub pack: PackFile,
     /// What preparing it came to; `None` where it was in the cache.
     pub report: Option<Report>,
+    /// The model's file, and those that it names.
+    pub files: Vec<PathBuf>,
 }
 
 /// Opens an asset's pack in a cache folder, which is made if need be; prepares the asset where the pack
@@ -139,19 +149,20 @@ pub struct Cached {
 /// # Errors
 /// See [`PrepareError`].
 pub fn prepare_cached(asset: &Asset, folder: &Path, options: &Options) -> Result<Cached, PrepareError> {
-    let (asset, key) = keyed(asset, options)?;
+    let (asset, key, mut files) = keyed(asset, options)?;
+    files.push(asset.file.clone());
     let path = key.path(folder, &asset.name);
     // The model itself was just read whole for its key; its pack is the smaller part.
     if let Ok(pack) = PackFile::open(&path)
         && pack.made_from() == key.bytes()
         && pack.verify().and_then(|()| pack.base().map(drop)).is_ok()
     {
-        return Ok(Cached { pack, report: None });
+        return Ok(Cached { pack, report: None, files });
     }
     std::fs::create_dir_all(folder)
         .map_err(|source| PrepareError::Write { path: folder.to_owned(), source })?;
     let report = prepare_with_key(&asset, options, key, &path)?;
-    Ok(Cached { pack: PackFile::open(&path)?, report: Some(report) })
+    Ok(Cached { pack: PackFile::open(&path)?, report: Some(report), files })
 }
 
 /// Everything but the files that decides what a pack holds. Threads and progress do not.

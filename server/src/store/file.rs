@@ -60,6 +60,12 @@ impl PackFile {
         self.file.path()
     }
 
+    /// Its head, which names all contents.
+    #[must_use]
+    pub fn head(&self) -> &Head {
+        &self.table.head
+    }
+
     /// Length of the pack.
     #[must_use]
     pub fn total_bytes(&self) -> u64 {

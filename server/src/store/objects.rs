@@ -178,6 +178,14 @@ impl Objects {
         Ok((bytes, length))
     }
 
+    /// At most so many bytes from the start of an object.
+    ///
+    /// # Errors
+    /// An object that is not there, a store that does not answer.
+    pub async fn start(&self, name: &str, most: u64) -> Result<Bytes, StoreError> {
+        self.range(name, 0..most).await.map(|(bytes, _)| bytes)
+    }
+
     /// An object whole, if it has at most so many bytes.
     ///
     /// # Errors
@@ -272,7 +280,8 @@ impl Objects {
 
 /// Transient faults are tried again after ever longer times, drawn anew each time so that servers do not come together
 /// (decorrelated jitter: Brooker, "Exponential Backoff and Jitter", 2015).
-fn retries() -> RetryConfig {
+#[must_use]
+pub fn retries() -> RetryConfig {
     RetryConfig {
         backoff: BackoffConfig {
             init_backoff: Duration::from_millis(100),

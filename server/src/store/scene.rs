@@ -82,7 +82,10 @@ impl SceneStore {
         let wrong = |what| StoreError::Scene { path: objects.path(name), what };
         let SceneObject { composed, packs } = SceneObject::decode(&bytes).map_err(wrong)?;
         drop(bytes);
-        let opened = packs.iter().map(|pack| ObjectPack::open(objects, &pack.name, pack.fingerprint, cache));
+        let opened = packs.into_iter().map(|pack| {
+            let (objects, cache) = (objects.clone(), cache.clone());
+            async move { ObjectPack::open(&objects, &pack.name, pack.fingerprint, &cache).await }
+        });
         let opened: Vec<ObjectPack> =
             futures_util::stream::iter(opened).buffered(OPENED_AT_ONCE).try_collect().await?;
         let packs = opened.into_iter().map(|pack| Pack::Object(Arc::new(pack))).collect();

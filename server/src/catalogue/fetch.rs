@@ -1,0 +1,73 @@
+//! Models and scene files from stores, with the files that they name: into a folder, where they lie as they do there.
+
+use std::path::{Component, Path, PathBuf};
+
+use anyhow::{Context as _, bail};
+use lodestream_import::MAX_FILE_BYTES;
+
+use super::place::has_ending;
+use crate::store::{Objects, StoreError};
+
+/// Files that one scene or model may name.
+const MAX_FILES: usize = 10_000;
+
+/// Fetches a model or a scene file and all that they name; gives its place in `folder`. What is named and not there is
+/// left to whoever reads them.
+///
+/// # Errors
+/// A URL of no store, a store that does not answer, a file that is not there or too long.
+pub async fn fetch(url: &str, folder: &Path) -> anyhow::Result<PathBuf> {
+    let Some((root, name)) = url.rsplit_once('/').filter(|(_, name)| !name.is_empty()) else {
+        bail!("{url}: names no model");
+    };
+    let objects = Objects::of_url(root)?;
+    let file = folder.join(name);
+    objects.download(name, &file, MAX_FILE_BYTES).await?;
+    let mut to_read = vec![file.clone()];
+    let mut seen = 1;
+    while let Some(next) = to_read.pop() {
+        for named in named_in(&next)? {
+            // Anything else is not below the scene, and refused by whoever reads it.
+            let Ok(relative) = named.strip_prefix(folder) else { continue };
+            if named.exists() || !relative.components().all(|part| matches!(part, Component::Normal(_))) {
+                continue;
+            }
+            seen += 1;
+            if seen > MAX_FILES {
+                bail!("{url}: names more than {MAX_FILES} files");
+            }
+            if let Some(parent) = named.parent() {
+                std::fs::create_dir_all(parent).with_context(|| parent.display().to_string())?;
+            }
+            let parts: Vec<_> = relative.iter().map(|part| part.to_string_lossy()).collect();
+            match objects.download(&parts.join("/"), &named, MAX_FILE_BYTES).await {
+                // An OBJ file names materials, and only these name textures.
+                Ok(()) if has_ending(&named, &["mtl"]) => to_read.push(next.clone()),
+                Ok(()) => to_read.push(named),
+                Err(StoreError::NoSuchObject { .. }) => {}
+                Err(why) => return Err(why.into()),
+            }
+        }
+    }
+    Ok(file)
+}
+
+/// The files that a file names, by where they would lie.
+fn named_in(file: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    let folder = file.parent().unwrap_or(Path::new(""));
+    if has_ending(file, &["toml"]) {
+        let text = std::fs::read_to_string(file).with_context(|| file.display().to_string())?;
+        // What is wrong with it is told when it is read as a scene.
+        let Ok(table) = text.parse::<toml::Table>() else { return Ok(Vec::new()) };
+        let assets = table.get("asset").and_then(toml::Value::as_array).into_iter().flatten();
+        let files = assets.filter_map(|asset| asset.get("file"));
+        let features = table.get("terrain").and_then(|terrain| terrain.get("features"));
+        let all = files.chain(features).filter_map(toml::Value::as_str);
+        return Ok(all.map(|name| folder.join(name)).collect());
+    }
+    if !has_ending(file, &["obj", "gltf", "glb"]) {
+        return Ok(Vec::new());
+    }
+    let bytes = lodestream_import::read_file(file, MAX_FILE_BYTES)?;
+    Ok(lodestream_import::dependencies(file, &bytes))
+}

@@ -1,0 +1,148 @@
+//! What the words of the command line stand for.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, bail};
+
+use crate::scene::SceneError;
+use crate::store::{Listed, Objects};
+
+/// What a published scene's object is called behind its name.
+pub(super) const PUBLISHED: &str = ".lss";
+/// Endings of models.
+const MODELS: [&str; 4] = ["obj", "gltf", "glb", "ply"];
+
+/// Where scenes are.
+#[derive(Clone, Debug)]
+pub(super) enum Place {
+    /// One scene: a scene file, or models side by side.
+    Files(Vec<PathBuf>),
+    /// Each scene file in a folder and in its folders, or else each model in it.
+    Folder(PathBuf),
+    /// Published scenes: one, or all in a folder.
+    Published(Objects, Option<String>),
+}
+
+/// A scene that is there.
+#[derive(Clone, Debug)]
+pub(super) enum Found {
+    /// A scene file, or models side by side.
+    Files(Vec<PathBuf>),
+    /// A published one.
+    Published(Objects, Listed),
+}
+
+impl Found {
+    /// What tells it apart from others.
+    pub(super) fn key(&self) -> String {
+        match self {
+            Self::Files(files) => {
+                files.iter().map(|file| file.display().to_string()).collect::<Vec<_>>().join("\n")
+            }
+            Self::Published(objects, listed) => format!("{}/{}", objects.name(), listed.name),
+        }
+    }
+}
+
+impl Place {
+    /// The places of all words.
+    pub(super) fn of_words(words: &[PathBuf]) -> anyhow::Result<Vec<Self>> {
+        let mut places = Vec::new();
+        let mut models = Vec::new();
+        for word in words {
+            if Objects::is_url(word) {
+                let url = word.to_string_lossy();
+                places.push(match url.rsplit_once('/') {
+                    Some((folder, name)) if name.ends_with(PUBLISHED) => {
+                        Self::Published(Objects::of_url(folder)?, Some(name.to_owned()))
+                    }
+                    _ => Self::Published(Objects::of_url(&url)?, None),
+                });
+            } else if word.is_dir() {
+                places.push(if names(word, &[&PUBLISHED[1..]])?.is_empty() {
+                    Self::Folder(word.clone())
+                } else {
+                    Self::Published(Objects::of_folder(word)?, None)
+                });
+            } else if has_ending(word, &["toml"]) {
+                places.push(Self::Files(vec![word.clone()]));
+            } else if has_ending(word, &[&PUBLISHED[1..]]) {
+                let folder = word.parent().filter(|folder| !folder.as_os_str().is_empty());
+                let name = word.file_name().unwrap_or_default().to_string_lossy().into_owned();
+                places
+                    .push(Self::Published(Objects::of_folder(folder.unwrap_or(Path::new(".")))?, Some(name)));
+            } else {
+                models.push(word.clone());
+            }
+        }
+        match (&places[..], models.is_empty()) {
+            ([], true) => Err(SceneError::NothingNamed.into()),
+            (_, true) => Ok(places),
+            ([], false) => Ok(vec![Self::Files(models)]),
+            ([Self::Files(scene), ..], false) => {
+                let path = scene.first().cloned().unwrap_or_default();
+                Err(SceneError::SceneAmongOthers { path }.into())
+            }
+            (_, false) => bail!("{}: models stand alone, or in a folder", models[0].display()),
+        }
+    }
+
+    /// Whether it was named one by one: then it must be there.
+    pub(super) const fn is_one(&self) -> bool {
+        matches!(self, Self::Files(_) | Self::Published(_, Some(_)))
+    }
+
+    /// The scenes that are there.
+    pub(super) async fn list(&self) -> anyhow::Result<Vec<Found>> {
+        match self {
+            Self::Files(files) => Ok(vec![Found::Files(files.clone())]),
+            Self::Folder(folder) => {
+                let folder = folder.clone();
+                let scenes = tokio::task::spawn_blocking(move || scenes_in(&folder)).await??;
+                Ok(scenes.into_iter().map(|file| Found::Files(vec![file])).collect())
+            }
+            Self::Published(objects, name) => {
+                let mut listed = objects.list(PUBLISHED).await?;
+                if let Some(name) = name {
+                    listed.retain(|listed| listed.name == *name);
+                    if listed.is_empty() {
+                        bail!("{}/{name}: there is no such object", objects.name());
+                    }
+                }
+                Ok(listed.into_iter().map(|listed| Found::Published(objects.clone(), listed)).collect())
+            }
+        }
+    }
+}
+
+/// Scene files in a folder and in the folders in it, or else models in it.
+fn scenes_in(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    let mut scenes = names(folder, &["toml"])?;
+    for inner in std::fs::read_dir(folder).with_context(|| folder.display().to_string())? {
+        let inner = inner.with_context(|| folder.display().to_string())?.path();
+        let scene = inner.join("scene.toml");
+        if scene.is_file() {
+            scenes.push(scene);
+        }
+    }
+    scenes.sort();
+    if scenes.is_empty() { names(folder, &MODELS) } else { Ok(scenes) }
+}
+
+/// Files in a folder that end like this, in the order of their names.
+fn names(folder: &Path, endings: &[&str]) -> anyhow::Result<Vec<PathBuf>> {
+    let about = || folder.display().to_string();
+    let mut found = Vec::new();
+    for file in std::fs::read_dir(folder).with_context(about)? {
+        let file = file.with_context(about)?.path();
+        if has_ending(&file, endings) && file.is_file() {
+            found.push(file);
+        }
+    }
+    found.sort();
+    Ok(found)
+}
+
+pub(super) fn has_ending(path: &Path, endings: &[&str]) -> bool {
+    path.extension().is_some_and(|ending| endings.iter().any(|wanted| ending.eq_ignore_ascii_case(wanted)))
+}

@@ -1,0 +1,117 @@
+//! A scene and its packs as objects, which any server over them serves alike.
+//!
+//! Packs are called by what they are made from, so what is there already is neither prepared nor written again, whoever
+//! made it; the scene object, which alone is ever exchanged, comes last.
+
+use std::path::Path;
+
+use bytes::Bytes;
+use lodestream_geometry::pack::{HEAD_BYTES, Head};
+use lodestream_import::MAX_FILE_BYTES;
+
+use super::place::PUBLISHED;
+use crate::prepare::{Options, key_of, prepare_cached};
+use crate::scene::Scene;
+use crate::store::{MAX_SCENE_OBJECT_BYTES, Objects, PackFile, PackName, SceneObject, StoreError, describe};
+use crate::tell::tell;
+
+/// What publishing came to.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Published {
+    /// Name of the scene object.
+    pub name: String,
+    /// Packs that were prepared.
+    pub prepared: usize,
+    /// Packs that were written, and those that were there.
+    pub written: usize,
+    /// See `written`.
+    pub there: usize,
+    /// Whether the scene object was written: it was another, or none.
+    pub scene_written: bool,
+}
+
+impl std::fmt::Display for Published {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { name, prepared, written, there, scene_written } = self;
+        let scene = if *scene_written { "written" } else { "as before" };
+        write!(f, "{name} {scene}; packs: {written} written, {there} there before, {prepared} prepared")
+    }
+}
+
+/// Publishes a scene. Packs are prepared in `cache`, as for serving.
+///
+/// # Errors
+/// A model that cannot be prepared, a store that does not answer or take it. What is written then is whole, and used the
+/// next time.
+pub async fn publish(
+    scene: &Scene,
+    objects: &Objects,
+    cache: &Path,
+    options: &Options,
+) -> anyhow::Result<Published> {
+    let mut done = Published::default();
+    let mut packs = Vec::with_capacity(scene.assets.len());
+    let mut names = Vec::with_capacity(scene.assets.len());
+    for asset in &scene.assets {
+        let key = key_of(asset, options)?;
+        let (local, name) = (key.path(cache, &asset.name), format!("packs/{}.lsp", key.hex()));
+        if !local.exists() && objects.length(&name).await?.is_some() {
+            std::fs::create_dir_all(cache)?;
+            // Another machine made it. Whether it is whole and the right one is looked at below.
+            if let Err(why) = objects.download(&name, &local, MAX_FILE_BYTES).await {
+                tell(format_args!("warning: prepared here: {why}"));
+            }
+        }
+        let cached = prepare_cached(asset, cache, options)?;
+        if let Some(report) = &cached.report {
+            done.prepared += 1;
+            report.warnings.iter().for_each(|warning| tell(format_args!("warning: {warning}")));
+            tell(format_args!("{}: {report}", asset.name));
+        }
+        if is_there(objects, &name, &cached.pack).await? {
+            done.there += 1;
+        } else {
+            objects.put(&name, Bytes::from(std::fs::read(cached.pack.path())?)).await?;
+            done.written += 1;
+        }
+        names.push((cached.pack.path().to_owned(), name));
+        packs.push(cached.pack);
+    }
+    let (composed, packs) = describe(scene, packs)?;
+    let name_of = |pack: &PackFile| {
+        let name = names.iter().find(|(path, _)| path == pack.path()).map(|(_, name)| name.clone());
+        PackName { name: name.unwrap_or_default(), fingerprint: pack.fingerprint() }
+    };
+    let object = SceneObject { packs: packs.iter().map(name_of).collect(), composed };
+    done.name = format!("{}{PUBLISHED}", object_name(&scene.name));
+    let bytes = object.encode().map_err(|what| anyhow::anyhow!("{}: {what}", scene.name))?;
+    let before = match objects.whole(&done.name, MAX_SCENE_OBJECT_BYTES as u64).await {
+        Ok(before) => Some(before),
+        Err(StoreError::NoSuchObject { .. }) => None,
+        Err(why) => return Err(why.into()),
+    };
+    if before.is_none_or(|before| before != bytes) {
+        objects.put(&done.name, bytes.into()).await?;
+        done.scene_written = true;
+    }
+    Ok(done)
+}
+
+/// Whether an object is this pack: its head names all contents.
+pub async fn is_there(objects: &Objects, name: &str, pack: &PackFile) -> Result<bool, StoreError> {
+    if objects.length(name).await? != Some(pack.total_bytes()) {
+        return Ok(false);
+    }
+    let head = objects.start(name, HEAD_BYTES as u64).await?;
+    Ok(Head::parse(&head).is_ok_and(|head| head == *pack.head()))
+}
+
+/// A scene's name as one of an object: what not every store takes as it is is left out, and a hash then tells names apart.
+fn object_name(name: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
+    if name.chars().all(plain) && !name.is_empty() && !name.starts_with('.') && name.len() <= 100 {
+        return name.to_owned();
+    }
+    let kept: String = name.chars().filter(|c| c.is_ascii_alphanumeric()).take(40).collect();
+    format!("{kept}-{}", &blake3::hash(name.as_bytes()).to_hex()[..16])
+}

@@ -1,0 +1,96 @@
+//! Several servers over one store, behind a balancer: one server, as far as viewers can tell.
+
+use std::io::copy;
+use std::net::{Ipv4Addr, Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+
+use lodestream_client::core::Change;
+use lodestream_protocol::source::SceneSource;
+use lodestream_server::catalogue::publish::publish;
+use lodestream_server::daemon::SessionSettings;
+use lodestream_server::scene::of_files;
+use lodestream_server::store::{BlobCache, Objects, SceneStore};
+
+use crate::support::daemon::{Server, Transport};
+use crate::support::scene::options;
+use crate::support::shapes::write_scene;
+use crate::support::viewer::{Viewer, config};
+
+/// Hands TCP connections to servers in turn, and to the next where one takes none. What balancers do, and no more.
+fn balance(servers: [SocketAddr; 2]) -> (SocketAddr, Arc<Mutex<Vec<SocketAddr>>>) {
+    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+    let address = listener.local_addr().unwrap();
+    let (turn, chosen) = (AtomicUsize::new(0), Arc::new(Mutex::new(Vec::new())));
+    let noted = Arc::clone(&chosen);
+    std::thread::spawn(move || {
+        while let Ok((client, _)) = listener.accept() {
+            let first = turn.fetch_add(1, Ordering::Relaxed);
+            let in_turn = [servers[first % 2], servers[(first + 1) % 2]];
+            let Some(server) = in_turn.into_iter().find_map(|server| TcpStream::connect(server).ok()) else {
+                continue;
+            };
+            noted.lock().unwrap().push(server.peer_addr().unwrap());
+            let both =
+                [(&client, &server), (&server, &client)].map(|(from, to)| (from.try_clone(), to.try_clone()));
+            for (from, to) in both {
+                let (mut from, mut to) = (from.unwrap(), to.unwrap());
+                std::thread::spawn(move || {
+                    let _ = copy(&mut from, &mut to);
+                    // The end of one direction is that of both.
+                    let _ = (from.shutdown(Shutdown::Both), to.shutdown(Shutdown::Both));
+                });
+            }
+        }
+    });
+    (address, chosen)
+}
+
+/// A server by itself over the store: what is in one's memory is in no other's.
+fn server(objects: &Objects, runtime: &tokio::runtime::Runtime, rate_bits_per_s: Option<u64>) -> Server {
+    let cache = BlobCache::new(1 << 26);
+    let scene = runtime.block_on(SceneStore::open(objects, "scene.lss", &cache)).unwrap();
+    let scene: Arc<dyn SceneSource> = Arc::new(scene);
+    Server::start(scene, SessionSettings { rate_bits_per_s, ..SessionSettings::default() })
+}
+
+#[test]
+fn two_servers_over_one_store_and_a_balancer_are_one_server() {
+    let folder = tempfile::tempdir().unwrap();
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
+    let mut scene = of_files(&[write_scene(folder.path())]).unwrap();
+    scene.name = "scene".into();
+    let bucket = folder.path().join("bucket");
+    std::fs::create_dir(&bucket).unwrap();
+    let objects = Objects::of_folder(&bucket).unwrap();
+    runtime.block_on(publish(&scene, &objects, &folder.path().join("cache"), &options())).unwrap();
+
+    let slow = Some(100_000);
+    let servers = [server(&objects, &runtime, slow), server(&objects, &runtime, None)];
+    let (balancer, chosen) = balance(servers.each_ref().map(Server::http_address));
+    let address = format!("ws://{balancer}/scene").parse().unwrap();
+    let mut viewer = Viewer::start(&address, config());
+    let before = viewer.wait("chunks", |status| status.stats.applied_chunks >= 10).stats;
+    assert!(!before.settled, "the first server must end mid-way");
+    let [first, second] = servers;
+    first.kill();
+    let after = viewer.settle().stats;
+    let went = chosen.lock().unwrap().clone();
+    assert_eq!(went.last(), Some(&second.http_address()), "{went:?}");
+    assert!(after.connections >= 2 && after.decode_failures == 0, "{after:?}");
+    // It was the same scene to the viewer: nothing was thrown away, and what it had was not sent again but what the
+    // second server pushed before it could hear of that.
+    let scenes = viewer.changes.iter().filter(|change| matches!(change, Change::Scene(_))).count();
+    assert_eq!(scenes, 1);
+    let mut direct = Viewer::start(&second.address(Transport::WebSocket), config());
+    let alone = direct.settle().stats;
+    assert_eq!(after.faces, alone.faces);
+    let pushed = 20_000;
+    assert!(
+        after.transport_bytes <= alone.transport_bytes + pushed,
+        "{} bytes where one server sends {}",
+        after.transport_bytes,
+        alone.transport_bytes
+    );
+    second.assert_healthy();
+}
