@@ -4,6 +4,7 @@ mod args;
 mod figures;
 mod files;
 mod frames;
+mod generate;
 mod headless;
 mod log;
 mod outcome;
@@ -55,6 +56,10 @@ fn without_wayland() {}
 /// # Errors
 /// One line that says what went wrong and what to do.
 fn run() -> anyhow::Result<Outcome> {
-    let args = Args::parse();
+    let words: Vec<_> = std::env::args_os().collect();
+    if generate::run(&words)? {
+        return Ok(Outcome::Finished);
+    }
+    let args = Args::parse_from(words);
     if args.headless { headless::run(&args) } else { window::run(&args) }
 }

@@ -144,3 +144,21 @@ fn a_peer_that_accepts_and_stays_silent_hung_the_viewer() {
     assert!(!picture.exists());
     drop(silent);
 }
+
+#[test]
+fn completions_and_the_manual_name_every_argument() {
+    let run = |words: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-viewer"));
+        command.arg("generate").args(words).env("RUST_LOG", "off").output().unwrap()
+    };
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let script = String::from_utf8(run(&["completions", shell]).stdout).unwrap();
+        assert!(script.contains("headless") && script.contains("token-file"), "{shell}: {script}");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let pages = folder.path().join("man");
+    assert!(run(&["man", pages.to_str().unwrap()]).status.success());
+    let page = std::fs::read_to_string(pages.join("lodestream-viewer.1")).unwrap();
+    assert!(page.contains("headless") && page.contains("Streams a scene"), "{page}");
+    assert_eq!(run(&["completions", "sh"]).status.code(), Some(2));
+}
