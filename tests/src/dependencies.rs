@@ -62,6 +62,13 @@ fn an_embedder_of_the_renderer_compiles_no_network() {
     assert!(needs("lodestream-render", &["--features", "client"]).contains("lodestream-client"));
 }
 
+/// Clients of stores bring a library of TLS in C unless they are told not to.
+#[test]
+fn the_server_has_one_library_of_tls() {
+    lacks("lodestream-server", &[], &["aws-lc-rs", "aws-lc-sys", "openssl", "native-tls", "wgpu", "winit"]);
+    assert!(needs("lodestream-server", &[]).contains("object_store"));
+}
+
 #[test]
 fn the_simulated_links_know_nothing_of_ours() {
     let ours: Vec<String> = needs("lodestream-netsim", &[])

@@ -51,6 +51,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         (Objects::is_url(output), output.extension().is_some_and(|ending| ending == "lsp"));
     let publishes =
         to_store && !to_pack || output.is_dir() || output.as_os_str().to_string_lossy().ends_with('/');
+    if !publishes && model.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("toml")) {
+        bail!("{}: a scene is published into a folder or a store: write --output FOLDER/", model.display());
+    }
     if !to_store && !publishes && !Objects::is_url(model) {
         let report = prepare_to(&asset(arguments, model)?, &options, output)?;
         return Ok(told(&report, output));
