@@ -11,12 +11,21 @@ use clap_complete::Shell;
 
 use crate::args::Args;
 
-/// Writes completions for a shell, or the page of the manual.
+/// The program where it is given no address.
 #[derive(Debug, Parser)]
-#[command(name = "lodestream-viewer generate")]
-struct Generate {
+#[command(name = "lodestream-viewer")]
+struct WithoutAddress {
     #[command(subcommand)]
-    what: What,
+    command: Word,
+}
+
+#[derive(Debug, Subcommand)]
+enum Word {
+    /// Write completions for a shell, or the page of the manual.
+    Generate {
+        #[command(subcommand)]
+        what: What,
+    },
 }
 
 #[derive(Debug, Subcommand)]
@@ -42,7 +51,8 @@ pub(crate) fn run(words: &[OsString]) -> anyhow::Result<bool> {
     if words.get(1).is_none_or(|word| word != "generate") {
         return Ok(false);
     }
-    match Generate::parse_from(&words[1..]).what {
+    let WithoutAddress { command: Word::Generate { what } } = WithoutAddress::parse_from(words);
+    match what {
         What::Completions { shell } => completions(shell, Args::command()),
         What::Man { folder } => {
             man(&folder, Args::command()).with_context(|| folder.display().to_string())?

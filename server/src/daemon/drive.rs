@@ -139,6 +139,8 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
     let mut reads = Reads::new(Arc::clone(version.source()));
     let mut allowance = Allowance::new(clock.now());
     let mut progress = Progress::new(metrics, Time::ZERO);
+    // Once for the session: to ask anew in each turn took a twentieth of the loop's time.
+    let mut draining = pin!(state.reached(Phase::Draining));
     let mut receiving = true;
     let mut sent_bytes = 0_u64;
     // Everything that was asked for has been handed over.
@@ -239,7 +241,7 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
         let wake = clock.instant(wake.map_or(now + Duration::from_secs(60), |due| due.max(earliest)));
         tokio::select! {
             biased;
-            () = state.reached(Phase::Draining), if drain_until.is_none() => {
+            () = &mut draining, if drain_until.is_none() => {
                 drain_until = Some(clock.now() + state.settings().drain);
             }
             () = &mut proof, if !proved => proved = true,
