@@ -258,6 +258,37 @@ fn a_terminal_that_hung_up_ended_the_server() {
     assert!(errors.contains("SIGHUP"), "{errors}");
 }
 
+#[test]
+fn a_changed_configuration_holds_after_a_hangup_and_a_wrong_one_changes_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("model.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let write = |text: &str| std::fs::write(folder.path().join("server.toml"), text).unwrap();
+    write("files = 'model.obj'\nrate = '2Mbit'\n");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-server"));
+    command.args(["serve", "--config", "server.toml"]);
+    let server = Server::started(command, folder.path());
+    let until = |line: &str| {
+        let began = Instant::now();
+        while !server.get("/metrics").lines().any(|l| l == line) {
+            assert!(began.elapsed() < LIMIT, "{line}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    };
+    until("lodestream_rate_bits_per_second 2000000");
+    write("files = 'model.obj'\nrate = 'fast'\n");
+    server.signal("-HUP");
+    write("files = 'model.obj'\nrate = '4Mbit'\ntotal-rate = '9Mbit'\nallow-origin = 'https://e'\n");
+    server.signal("-HUP");
+    until("lodestream_rate_bits_per_second 4000000");
+    until("lodestream_total_rate_bits_per_second 9000000");
+    write("files = 'model.obj'\nno-such-key = 1\n");
+    server.signal("-HUP");
+    server.signal("-TERM");
+    let (status, errors) = server.ended();
+    assert!(status.success(), "{status}: {errors}");
+    assert!(errors.contains("settings were read anew"), "{errors}");
+}
+
 #[cfg(target_os = "linux")]
 #[test]
 fn the_soft_limit_of_open_files_bounded_sessions() {

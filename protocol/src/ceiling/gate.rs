@@ -63,6 +63,14 @@ impl Gate {
         self.line_ends = self.line_ends - self.apart();
     }
 
+    /// Fills at another rate from now on. Nobody may stand in line.
+    pub(super) fn set_rate(&mut self, rate_bits_per_s: u64, now: Time) {
+        self.rate_bits_per_s = rate_bits_per_s;
+        // What pieces cost is learnt anew; what was overdrawn is paid in time, as it was.
+        self.mean_cost_ns = 0;
+        self.line_ends = now;
+    }
+
     /// Takes the tokens of so many bits; the bucket may be overdrawn.
     pub(super) fn spend(&mut self, now: Time, bits: u64) {
         let cost = u128::from(bits) * 1_000_000_000 / u128::from(self.rate_bits_per_s.max(1));

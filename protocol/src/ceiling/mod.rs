@@ -107,6 +107,12 @@ impl Ceiling {
         CeilingShare { ceiling: Arc::clone(self), member, group, weight, began }
     }
 
+    /// Holds all who share it to other limits from `now` on, which is the ceiling's. Sessions that joined while groups had no
+    /// limit stay bounded by the ceiling of all alone.
+    pub fn set_limits(&self, limits: Limits, now: Time) {
+        self.table().set_limits(limits, now);
+    }
+
     /// What the sessions that have something to send are given together, as far as they can use it, in bits per second;
     /// `now` is the ceiling's.
     #[must_use]

@@ -49,6 +49,20 @@ fn step_out(member: &mut Member, gates: [Option<&mut Gate>; 2]) {
     }
 }
 
+/// What who has nothing beside it may have, of a group and of those in none.
+fn alone(limits: Limits) -> [Level; 2] {
+    let all = limits.total_bits_per_s.map_or(UNBOUNDED, |rate| level_of(rate.max(1), 1));
+    let of_group = limits.group_bits_per_s.map_or(UNBOUNDED, |rate| level_of(rate.max(1), 1)).min(all);
+    [of_group, all]
+}
+
+fn set_rate(gate: &mut Option<Gate>, rate: Option<u64>, now: Time) {
+    match (gate.as_mut(), rate) {
+        (Some(gate), Some(rate)) => gate.set_rate(rate, now),
+        _ => *gate = rate.map(Gate::new),
+    }
+}
+
 /// See the module.
 #[derive(Debug)]
 pub(super) struct Table {
@@ -71,8 +85,7 @@ pub(super) struct Table {
 
 impl Table {
     pub(super) fn new(limits: Limits) -> Self {
-        let all = limits.total_bits_per_s.map_or(UNBOUNDED, |rate| level_of(rate.max(1), 1));
-        let of_group = limits.group_bits_per_s.map_or(UNBOUNDED, |rate| level_of(rate.max(1), 1)).min(all);
+        let [of_group, all] = alone(limits);
         let mut groups = Slab::new();
         groups.insert(Group { clock: Clock::new(Time::ZERO, all), gate: None, members: 0 });
         Self {
@@ -89,6 +102,27 @@ impl Table {
             given_bits_per_s: 0,
             claims: Vec::new(),
         }
+    }
+
+    /// Holds everybody to other limits from now on.
+    pub(super) fn set_limits(&mut self, limits: Limits, now: Time) {
+        let now = self.at(now);
+        for (_, member) in &mut self.members {
+            if let Some(group) = self.groups.get_mut(member.group) {
+                member.settle(&group.clock, now);
+                step_out(member, gates(group, &mut self.total));
+                member.held_up = false;
+            }
+        }
+        set_rate(&mut self.total, limits.total_bits_per_s, now);
+        for (number, group) in &mut self.groups {
+            if number != NO_GROUP {
+                set_rate(&mut group.gate, limits.group_bits_per_s, now);
+            }
+        }
+        (self.limits, self.alone) = (limits, alone(limits));
+        self.changed = true;
+        self.filled_at = None;
     }
 
     fn at(&mut self, now: Time) -> Time {
@@ -299,6 +333,12 @@ impl Table {
         let now = self.at(now);
         self.refresh(now);
         self.given_bits_per_s
+    }
+
+    /// The last moment that it was told.
+    #[cfg(test)]
+    pub(super) fn last(&self) -> Time {
+        self.now
     }
 
     /// Entries of all tables.

@@ -73,3 +73,49 @@ fn weights_are_from_1_to_100() {
     assert_eq!([1, 100].map(|weight| Weight::new(weight).map(Weight::get)), [Some(1), Some(100)]);
     assert_eq!(Weight::default(), Weight::ONE);
 }
+
+#[test]
+fn other_limits_hold_at_once_for_those_who_are_there() {
+    let ceiling = both(8_000_000, 2_000_000);
+    let mut shares: Vec<_> = (0..6).map(|n| ceiling.join(Some(n), Weight::ONE, Time::ZERO)).collect();
+    let mut at = Time::from_ms(1000);
+    // What each sends in two seconds, in Mbit/s, once levels are found.
+    let mut sent = |shares: &mut [CeilingShare]| {
+        let mut bits = vec![0.0; shares.len()];
+        for step in 0..25_000 {
+            at = at + Duration::from_micros(100);
+            for (share, bits) in shares.iter_mut().zip(&mut bits) {
+                while share.ask(at, BUSY) <= at {
+                    share.spend(at, 1000);
+                    *bits += if step >= 5000 { 8000.0 } else { 0.0 };
+                }
+            }
+        }
+        let rates: Vec<f64> = bits.iter().map(|bits| bits / 2e6).collect();
+        (at, rates)
+    };
+    let near = |rates: &[f64], expected: f64| {
+        assert!(rates.iter().all(|rate| (rate / expected - 1.0).abs() <= 0.02), "{rates:?} for {expected}");
+    };
+    let (now, rates) = sent(&mut shares);
+    near(&rates, 8.0 / 6.0);
+    for (total, group, expected) in [
+        (Some(24_000_000), Some(3_000_000), 3.0),
+        (Some(3_000_000), None, 0.5),
+        (Some(6_000_000), Some(9_000_000), 1.0),
+    ] {
+        let now = now.max(at_of(&ceiling));
+        ceiling.set_limits(Limits { total_bits_per_s: total, group_bits_per_s: group }, now);
+        near(&sent(&mut shares).1, expected);
+    }
+    ceiling.set_limits(Limits::default(), at_of(&ceiling));
+    // What was overdrawn is paid first.
+    let soon = at_of(&ceiling) + Duration::from_millis(10);
+    let waits: Vec<_> = shares.iter_mut().map(|share| share.ask(soon, BUSY).since(soon)).collect();
+    assert!(waits.iter().all(|wait| *wait <= Duration::from_millis(1)), "{waits:?}");
+}
+
+/// The last moment that a ceiling was told.
+fn at_of(ceiling: &Ceiling) -> Time {
+    ceiling.table().last()
+}

@@ -148,7 +148,8 @@ pub(super) fn save(command: &Command, words: &[OsString], file: &Path) -> anyhow
 
 /// A value as TOML: a number where it is one, else text; paths from the root, since files count from their own folder.
 fn quoted(argument: &Arg, value: &OsStr) -> anyhow::Result<String> {
-    let path = is_path(argument).then(|| std::path::absolute(value)).transpose()?;
+    let path = is_path(argument) && !Objects::is_url(Path::new(value));
+    let path = path.then(|| std::path::absolute(value)).transpose()?;
     let value = path.as_deref().map_or(value, Path::as_os_str);
     let text = value.to_str().with_context(|| format!("{} is not UTF-8", value.display()))?;
     Ok(match text.parse::<i64>() {

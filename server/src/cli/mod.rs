@@ -69,7 +69,7 @@ pub fn main() -> ExitCode {
     finish(match Cli::parse_from(&words).command {
         Command::Serve(arguments) => match &arguments.save_config {
             Some(file) => config::save(&Cli::command(), &words, file),
-            None => serve::run(*arguments),
+            None => serve::run(*arguments, serve_again),
         },
         Command::Prepare(arguments) => prepare::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
@@ -80,6 +80,15 @@ pub fn main() -> ExitCode {
         Command::TerrainImport(arguments) => terrain::import(&arguments),
         Command::Generate(arguments) => generate::run(&arguments, Cli::command()),
     })
+}
+
+/// The arguments of `serve` as they would be if the program began now.
+fn serve_again() -> anyhow::Result<serve::Arguments> {
+    let words = config::with_file(&Cli::command(), std::env::args_os().collect())?;
+    match Cli::try_parse_from(words)?.command {
+        Command::Serve(arguments) => Ok(*arguments),
+        _ => anyhow::bail!("the program serves no more"),
+    }
 }
 
 fn finish(outcome: anyhow::Result<Outcome>) -> ExitCode {

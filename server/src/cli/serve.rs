@@ -133,7 +133,33 @@ pub(super) struct Arguments {
     threads: Option<NonZeroUsize>,
 }
 
-pub(super) fn run(arguments: Arguments) -> anyhow::Result<Outcome> {
+impl Arguments {
+    /// What may change while the server runs. What tokens are verified by is read elsewhere.
+    fn changeable(&self) -> (SessionSettings, Admission) {
+        let sessions = SessionSettings {
+            rate_bits_per_s: self.rate.0,
+            rate_per_address_bits_per_s: self.rate_per_address.0,
+            total_rate_bits_per_s: self.total_rate.0,
+            max_sessions: self.max_sessions,
+            max_sessions_per_address: self.max_sessions_per_address,
+            new_sessions_per_address: self.new_sessions_per_address,
+            drain: Duration::from_secs(self.drain),
+        };
+        let admission = Admission {
+            origins: self.allow_origin.iter().cloned().collect(),
+            proxies: self.trusted_proxy.iter().copied().collect(),
+            tokens: None,
+        };
+        (sessions, admission)
+    }
+}
+
+/// `again` reads the arguments anew, with what their file says then.
+pub(super) fn run(
+    arguments: Arguments,
+    again: impl Fn() -> anyhow::Result<Arguments> + Send + Sync + 'static,
+) -> anyhow::Result<Outcome> {
+    let (sessions, admission) = arguments.changeable();
     let cache = match arguments.cache.or_else(cache::default_folder) {
         Some(folder) => folder,
         None => anyhow::bail!("no cache folder is known; name one with --cache DIR"),
@@ -155,20 +181,9 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<Outcome> {
         http_tls: arguments.http_tls,
         admin: arguments.admin.unwrap_or(AdminPort::Standard),
         certificate: arguments.cert.zip(arguments.key),
-        admission: Admission {
-            origins: arguments.allow_origin.into_iter().collect(),
-            proxies: arguments.trusted_proxy.into_iter().collect(),
-            tokens: tokens.map(Arc::new),
-        },
-        sessions: SessionSettings {
-            rate_bits_per_s: arguments.rate.0,
-            rate_per_address_bits_per_s: arguments.rate_per_address.0,
-            total_rate_bits_per_s: arguments.total_rate.0,
-            max_sessions: arguments.max_sessions,
-            max_sessions_per_address: arguments.max_sessions_per_address,
-            new_sessions_per_address: arguments.new_sessions_per_address,
-            drain: Duration::from_secs(arguments.drain),
-        },
+        admission: Admission { tokens: tokens.map(Arc::new), ..admission },
+        sessions,
+        settings_again: Some(Arc::new(move || again().map(|arguments| arguments.changeable()))),
         provider: Some(catalogue),
         dropped_log_lines: Some(log.dropped_lines()),
         ..DaemonOptions::new(cache)

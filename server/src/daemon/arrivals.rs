@@ -57,12 +57,12 @@ impl FromStr for NewSessions {
 /// See the module.
 #[derive(Debug)]
 pub(super) struct Arrivals {
-    limit: NewSessions,
     table: Mutex<Table>,
 }
 
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct Table {
+    limit: NewSessions,
     /// When each bucket will be full.
     full_at: HashMap<Block, Time>,
     /// The same, the fullest first.
@@ -89,7 +89,13 @@ impl Table {
 impl Arrivals {
     /// With all buckets full.
     pub(super) fn new(limit: NewSessions) -> Self {
-        Self { limit, table: Mutex::default() }
+        let table = Table { limit, full_at: HashMap::new(), order: BTreeSet::new() };
+        Self { table: Mutex::new(table) }
+    }
+
+    /// With this limit from now on. Buckets are full when they would have been.
+    pub(super) fn set(&self, limit: NewSessions) {
+        self.table().limit = limit;
     }
 
     /// A thread that panicked while it held the lock left at worst one bucket forgotten.
@@ -106,17 +112,18 @@ impl Arrivals {
 
     /// Whether an address may begin a session; nothing is taken.
     pub(super) fn check(&self, address: IpAddr, now: Time) -> bool {
-        match self.limit {
+        let table = self.table();
+        match table.limit {
             NewSessions::Unlimited => true,
-            NewSessions::AtOnce(n) => Self::after(&self.table(), n, Block::of(address), now).is_some(),
+            NewSessions::AtOnce(n) => Self::after(&table, n, Block::of(address), now).is_some(),
         }
     }
 
     /// Takes a token of an address that begins a session; whether there was one.
     pub(super) fn take(&self, address: IpAddr, now: Time) -> bool {
-        let NewSessions::AtOnce(at_once) = self.limit else { return true };
         let block = Block::of(address);
         let mut table = self.table();
+        let NewSessions::AtOnce(at_once) = table.limit else { return true };
         while table.order.first().is_some_and(|(full_at, _)| *full_at <= now) {
             table.forget_first();
         }

@@ -53,8 +53,8 @@ pub(super) enum NoLease {
 /// See the module.
 #[derive(Debug)]
 pub(super) struct Leases {
-    all: u64,
-    of_address: u64,
+    all: AtomicU64,
+    of_address: AtomicU64,
     table: Mutex<Table>,
 }
 
@@ -111,7 +111,13 @@ impl Table {
 impl Leases {
     /// So many leases in all and of one address.
     pub(super) fn new(all: u64, of_address: u64) -> Arc<Self> {
-        Arc::new(Self { all, of_address, table: Mutex::default() })
+        Arc::new(Self { all: all.into(), of_address: of_address.into(), table: Mutex::default() })
+    }
+
+    /// So many from now on. Who has one keeps it.
+    pub(super) fn set(&self, all: u64, of_address: u64) {
+        self.all.store(all, Ordering::Relaxed);
+        self.of_address.store(of_address, Ordering::Relaxed);
     }
 
     /// A thread that panicked while it held the lock left the table usable: counts are changed with it.
@@ -129,11 +135,12 @@ impl Leases {
     /// Who has to leave for a session of an address; `None` where nobody.
     fn cost(&self, table: &Table, block: Block, now: Time) -> Result<Option<u64>, NoLease> {
         let held = table.of(block);
-        if held >= self.of_address {
+        let [all, of_address] = [&self.all, &self.of_address].map(|count| count.load(Ordering::Relaxed));
+        if held >= of_address {
             return Err(NoLease::OfAddress);
         }
-        let free = self.all.saturating_sub(table.taken.len() as u64);
-        let kept = if held == 0 { 0 } else { self.all / KEPT };
+        let free = all.saturating_sub(table.taken.len() as u64);
+        let kept = if held == 0 { 0 } else { all / KEPT };
         if free > kept {
             return Ok(None);
         }

@@ -19,7 +19,7 @@
 //! | [`tokens`], `token_keys`, `token_crypto` | tokens, and what they are verified by |
 //! | [`scenes`], [`scene_watch`], `quic_scenes` | scenes and their versions, their exchange, by which names clients ask for one |
 //! | `threshold` | what a session waits for before it begins |
-//! | `reload` | files that are read again while the server runs |
+//! | `reload`, [`settings_watch`] | files and settings that are read again while the server runs |
 //! | [`shutdown`], `notify` | what its name says; what the service manager is told |
 //! | [`memory_scene`] | a scene made of numbers, for tests |
 //!
@@ -55,6 +55,7 @@ pub mod renewal;
 mod room;
 pub mod scene_watch;
 pub mod scenes;
+pub mod settings_watch;
 pub mod shutdown;
 pub mod state;
 #[cfg(test)]
@@ -89,6 +90,7 @@ use self::reach::reachable;
 use self::renewal::LiveCertificate;
 use self::scene_watch::SceneProvider;
 use self::scenes::Scenes;
+use self::settings_watch::SettingsAgain;
 use self::shutdown::{Signals, StopRequests};
 pub use self::state::{ServerState, SessionSettings};
 use self::tls::Tls;
@@ -119,6 +121,8 @@ pub struct DaemonOptions {
     pub sessions: SessionSettings,
     /// Who may open sessions over HTTP.
     pub admission: Admission,
+    /// Reads anew, at SIGHUP, what [`ServerState::change`] takes.
+    pub settings_again: Option<SettingsAgain>,
     /// Where scenes are looked for again while the server runs.
     pub provider: Option<Arc<dyn SceneProvider>>,
     /// What counts the log's lines that were left out, if that can happen.
@@ -138,6 +142,7 @@ impl DaemonOptions {
             certificate: None,
             sessions: SessionSettings::default(),
             admission: Admission::default(),
+            settings_again: None,
             provider: None,
             dropped_log_lines: None,
         }
@@ -184,6 +189,7 @@ pub struct Daemon {
     pin: String,
     renewed: Option<renewal::Files>,
     provider: Option<Arc<dyn SceneProvider>>,
+    settings_again: Option<SettingsAgain>,
     reloads: watch::Sender<u64>,
 }
 
@@ -226,8 +232,9 @@ impl Daemon {
         let addressed = |listener: TcpListener| listener.local_addr().map(|address| (listener, address));
         let http = options.http.map(listen_tcp).transpose()?.map(addressed).transpose()?;
         let admin = options.admin.listen()?.map(addressed).transpose()?;
-        let (provider, reloads) = (options.provider, watch::Sender::new(0));
-        Ok(Self { state, quic, http, tls, admin, pin, renewed, provider, reloads })
+        let (provider, settings_again, reloads) =
+            (options.provider, options.settings_again, watch::Sender::new(0));
+        Ok(Self { state, quic, http, tls, admin, pin, renewed, provider, settings_again, reloads })
     }
 
     /// Addresses for viewers: `quic://HOST:PORT#PIN`, and `wss://HOST:PORT/#PIN` or, without TLS, `ws://HOST:PORT/`; of
@@ -316,12 +323,15 @@ impl Daemon {
     /// # Errors
     /// Fails where a listener ends by itself, or a second request came before all sessions had ended.
     pub async fn serve(self, mut stop: impl StopRequests) -> anyhow::Result<()> {
-        let Self { state, quic, http, tls, admin, pin: _, renewed, provider, reloads } = self;
+        let Self { state, quic, http, tls, admin, pin: _, renewed, provider, settings_again, reloads } = self;
         let mut listeners = tokio::task::JoinSet::new();
         // Ends with this.
         let mut renewals = tokio::task::JoinSet::new();
         if let Some(files) = renewed {
             renewals.spawn(renewal::renew(files, Arc::clone(&state), reloads.subscribe()));
+        }
+        if let Some(read) = settings_again {
+            renewals.spawn(settings_watch::follow(read, Arc::clone(&state), reloads.subscribe()));
         }
         if let Some(provider) = provider {
             renewals.spawn(scene_watch::follow(provider, Arc::clone(&state), reloads.subscribe()));

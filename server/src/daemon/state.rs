@@ -1,8 +1,8 @@
 //! What all sessions of a daemon share.
 
 use std::net::SocketAddr;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard};
 use std::time::{Duration, SystemTime};
 
 use lodestream_protocol::Time;
@@ -60,12 +60,22 @@ impl SessionSettings {
         [self.rate_bits_per_s, granted_bits_per_s].into_iter().flatten().min()
     }
 
-    /// What sessions share, if anything.
-    fn ceiling(&self) -> Option<Arc<Ceiling>> {
-        let limits = Limits {
+    /// Most sessions of one address, and how many it may begin.
+    fn of_address(&self) -> (u64, NewSessions) {
+        let of_address = self.max_sessions_per_address.unwrap_or(default_of_address(self.max_sessions));
+        (of_address, self.new_sessions_per_address.unwrap_or(NewSessions::of_places(of_address)))
+    }
+
+    fn limits(&self) -> Limits {
+        Limits {
             total_bits_per_s: self.total_rate_bits_per_s,
             group_bits_per_s: self.rate_per_address_bits_per_s,
-        };
+        }
+    }
+
+    /// What sessions share, if anything.
+    fn ceiling(&self) -> Option<Arc<Ceiling>> {
+        let limits = self.limits();
         (limits != Limits::default()).then(|| Ceiling::new(limits))
     }
 }
@@ -95,13 +105,32 @@ pub enum Phase {
     Stopped,
 }
 
+/// What may be changed while the daemon runs, and what follows from it.
+struct Live {
+    settings: SessionSettings,
+    admission: Arc<Admission>,
+    quic: Arc<ServerConfig>,
+    websocket: Arc<ServerConfig>,
+    ceiling: Option<Arc<Ceiling>>,
+}
+
+impl Live {
+    fn new(settings: SessionSettings, admission: Admission) -> Self {
+        let rate = settings.rate_bits_per_s;
+        Self {
+            settings,
+            admission: Arc::new(admission),
+            quic: Arc::new(ServerConfig::quic(rate)),
+            websocket: Arc::new(ServerConfig::websocket(rate)),
+            ceiling: settings.ceiling(),
+        }
+    }
+}
+
 /// Scenes, settings and counters of a daemon; what every connection handler needs.
 pub struct ServerState {
     scenes: Scenes,
-    settings: SessionSettings,
-    admission: Admission,
-    quic: Arc<ServerConfig>,
-    websocket: Arc<ServerConfig>,
+    live: RwLock<Live>,
     metrics: Metrics,
     phase: watch::Sender<Phase>,
     sessions: watch::Sender<u64>,
@@ -111,7 +140,6 @@ pub struct ServerState {
     unproved: Arc<Room>,
     requests: Arc<Room>,
     damage: Damage,
-    ceiling: Option<Arc<Ceiling>>,
     started: Instant,
 }
 
@@ -119,7 +147,7 @@ impl std::fmt::Debug for ServerState {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("ServerState")
             .field("scenes", &self.scenes)
-            .field("settings", &self.settings)
+            .field("settings", &self.settings())
             .field("phase", &self.phase())
             .finish_non_exhaustive()
     }
@@ -139,17 +167,10 @@ impl ServerState {
         settings: SessionSettings,
         admission: Admission,
     ) -> Arc<Self> {
-        let rate = settings.rate_bits_per_s;
-        let of_address =
-            settings.max_sessions_per_address.unwrap_or(default_of_address(settings.max_sessions));
-        let arrivals = settings.new_sessions_per_address.unwrap_or(NewSessions::of_places(of_address));
-        let (quic, websocket) = (ServerConfig::quic(rate), ServerConfig::websocket(rate));
+        let (of_address, arrivals) = settings.of_address();
         Arc::new(Self {
             scenes: scenes.into(),
-            settings,
-            admission,
-            quic: Arc::new(quic),
-            websocket: Arc::new(websocket),
+            live: RwLock::new(Live::new(settings, admission)),
             metrics: Metrics::default(),
             phase: watch::Sender::new(Phase::Running),
             sessions: watch::Sender::new(0),
@@ -159,7 +180,6 @@ impl ServerState {
             unproved: Room::new(MAX_UNPROVED),
             requests: Room::new(MAX_REQUESTS),
             damage: Damage::default(),
-            ceiling: settings.ceiling(),
             started: Instant::now(),
         })
     }
@@ -170,15 +190,36 @@ impl ServerState {
         &self.scenes
     }
 
+    /// A thread that panicked while it held the lock left what was there before.
+    fn live(&self) -> RwLockReadGuard<'_, Live> {
+        self.live.read().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// The settings.
     #[must_use]
-    pub const fn settings(&self) -> &SessionSettings {
-        &self.settings
+    pub fn settings(&self) -> SessionSettings {
+        self.live().settings
     }
 
     /// Who may open sessions.
-    pub(super) const fn admission(&self) -> &Admission {
-        &self.admission
+    pub(super) fn admission(&self) -> Arc<Admission> {
+        Arc::clone(&self.live().admission)
+    }
+
+    /// Has these settings hold from now on: for new sessions, and what sessions share for those that share it already. By
+    /// what tokens are verified stays.
+    pub fn change(&self, settings: SessionSettings, admission: Admission) {
+        let (of_address, arrivals) = settings.of_address();
+        self.leases.set(settings.max_sessions, of_address);
+        self.arrivals.set(arrivals);
+        let mut live = self.live.write().unwrap_or_else(PoisonError::into_inner);
+        let admission = Admission { tokens: live.admission.tokens.clone(), ..admission };
+        let shared = live.ceiling.take();
+        *live = Live::new(settings, admission);
+        if let Some(shared) = shared {
+            shared.set_limits(settings.limits(), self.now());
+            live.ceiling = Some(shared);
+        }
     }
 
     /// The counters.
@@ -191,19 +232,21 @@ impl ServerState {
     #[must_use]
     pub fn render_metrics(&self) -> String {
         let draining = self.phase() != Phase::Running;
+        let (settings, ceiling) = (self.settings(), self.live().ceiling.clone());
         let rates = Rates {
-            of_session: self.settings.rate_bits_per_s,
-            of_address: self.settings.rate_per_address_bits_per_s,
-            of_all: self.settings.total_rate_bits_per_s,
-            given: self.ceiling.as_ref().map_or(0, |ceiling| ceiling.given_bits_per_s(self.now())),
+            of_session: settings.rate_bits_per_s,
+            of_address: settings.rate_per_address_bits_per_s,
+            of_all: settings.total_rate_bits_per_s,
+            given: ceiling.map_or(0, |ceiling| ceiling.given_bits_per_s(self.now())),
         };
         self.metrics.render(rates, draining, self.scenes.cache_use())
     }
 
     pub(super) fn config(&self, transport: Transport) -> Arc<ServerConfig> {
+        let live = self.live();
         Arc::clone(match transport {
-            Transport::Quic => &self.quic,
-            Transport::WebSocket => &self.websocket,
+            Transport::Quic => &live.quic,
+            Transport::WebSocket => &live.websocket,
         })
     }
 
@@ -213,8 +256,9 @@ impl ServerState {
         transport: Transport,
         granted_bits_per_s: Option<u64>,
     ) -> Arc<ServerConfig> {
-        let rate = self.settings.rate_at_most(granted_bits_per_s);
-        if rate == self.settings.rate_bits_per_s {
+        let settings = self.settings();
+        let rate = settings.rate_at_most(granted_bits_per_s);
+        if rate == settings.rate_bits_per_s {
             return self.config(transport);
         }
         Arc::new(match transport {
@@ -271,7 +315,8 @@ impl ServerState {
 
     /// What a token grants, for the scene of this name if one is named; there must be something to verify it by.
     pub(super) fn verify_token(&self, token: &str, scene: Option<&str>) -> Result<Grant, TokenError> {
-        let tokens = self.admission.tokens.as_ref().ok_or(TokenError::Signature)?;
+        let admission = self.admission();
+        let tokens = admission.tokens.as_ref().ok_or(TokenError::Signature)?;
         let grant = tokens.verify(token, SystemTime::now());
         let grant = grant.and_then(|grant| match scene {
             Some(scene) => grant.of(scene),
@@ -377,7 +422,8 @@ impl SessionGuard {
     /// Its part in what sessions share, if they share anything: `began` is when its clock did.
     pub(super) fn share(&self, weight: Weight, began: Instant) -> Option<CeilingShare> {
         let began = Time::from(began.saturating_duration_since(self.state.started));
-        self.state.ceiling.as_ref().map(|ceiling| ceiling.join(self.group(), weight, began))
+        let ceiling = self.state.live().ceiling.clone();
+        ceiling.map(|ceiling| ceiling.join(self.group(), weight, began))
     }
 
     /// With whom it counts as one there: the sessions of its address, once that is proved. Whoever forges an address takes

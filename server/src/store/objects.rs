@@ -189,7 +189,7 @@ impl Objects {
     /// An object whole, if it has at most so many bytes.
     ///
     /// # Errors
-    /// As [`Objects::range`]; an object that is longer.
+    /// An object that is not there or longer, a store that does not answer.
     pub async fn whole(&self, name: &str, most: u64) -> Result<Bytes, StoreError> {
         let path = self.at(name);
         let read = async {
@@ -251,7 +251,7 @@ impl Objects {
     /// Copies an object into a file, whole or not at all.
     ///
     /// # Errors
-    /// As [`Objects::range`]; a file that cannot be written.
+    /// An object that is not there or longer, a store that does not answer, a file that cannot be written.
     pub async fn download(&self, name: &str, file: &FilePath, most: u64) -> Result<(), StoreError> {
         let path = self.at(name);
         let answer = self.bounded(name, async { self.store.get(&path).await }).await?;

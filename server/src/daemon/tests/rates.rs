@@ -171,3 +171,16 @@ async fn an_address_that_is_not_proved_is_charged_nothing() {
     let over_tcp = state.begin_session(Transport::WebSocket, from(1)).unwrap();
     assert_eq!(over_tcp.group(), proved);
 }
+
+#[tokio::test(start_paused = true)]
+async fn settings_that_change_hold_for_new_sessions_and_what_is_shared_for_all() {
+    let state = ServerState::new(Arc::new(scene()), sharing(None, Some(2 * MBIT)));
+    let old = greeted(Client::from(from(1), &state)).await;
+    let settings =
+        SessionSettings { rate_bits_per_s: Some(MBIT), max_sessions: 2, ..sharing(None, Some(4 * MBIT)) };
+    state.change(settings, Admission::default());
+    let new = greeted(Client::from(from(2), &state)).await;
+    assert!(Client::from(from(3), &state).await.is_err(), "two are there");
+    // The new one has its own rate, the old one what is left of the new total.
+    near(&parts(vec![old, new]).await, &[3.0, 1.0]);
+}
