@@ -1,8 +1,11 @@
 //! Seed inputs, made from what the project itself makes: regenerate them when a format changes.
 
+use std::path::Path;
+
 use data_encoding::BASE64;
 use lodestream_compress::{compress, encode_base};
 use lodestream_geometry::Codec;
+use lodestream_geometry::index::Sphere;
 use lodestream_geometry::mesh::SourceMesh;
 use lodestream_geometry::pack::{BlobKind, write};
 use lodestream_geometry::prepare::Prepared;
@@ -19,6 +22,9 @@ use lodestream_protocol::scene::{AssetEntry, Camera, InstanceEntry, Light, Scene
 use lodestream_protocol::shared::SharedTexture;
 use lodestream_protocol::stream::blob_head;
 use lodestream_protocol::view::View;
+use lodestream_server::compose::compose;
+use lodestream_server::scene;
+use lodestream_server::store::{PackName, SceneObject};
 use lodestream_terrain::{
     Distribution, Erosion, Mode, Parameters, PatchPoint, PatchPoints, Shape, Stamp, encode_points,
     encode_stamps,
@@ -44,6 +50,7 @@ pub fn of(target: &str) -> Vec<(String, Vec<u8>)> {
         "messages" => messages(),
         "terrain" => terrain(),
         "lamps" => lamps(),
+        "scene_object" => published(),
         _ => Vec::new(),
     }
 }
@@ -444,6 +451,49 @@ fn lamps() -> Vec<(String, Vec<u8>)> {
         seed("directory", with(1, 9, directory(9))),
         seed("few", with(2, 5, page(&some))),
         seed("few-pages", with(2, 200, directory(4))),
+    ]
+}
+
+/// Scenes over packs that are only named.
+fn published() -> Vec<(String, Vec<u8>)> {
+    let assets = "[[asset]]\nname = 'a'\nfile = 'a.obj'\n[[asset]]\nname = 'b'\nfile = 'b.obj'\n";
+    let places = |count: usize| -> String {
+        let place = |n: usize| {
+            format!("[[instance]]\nasset = '{}'\ntranslation = [{n}, 0, 0.5]\n", ["a", "b"][n % 2])
+        };
+        (0..count).map(place).collect()
+    };
+    let lamps = |count: usize| "[[lamp]]\nposition = [0, 2, 0]\nintensity = 40\n".repeat(count);
+    let object = |text: String| {
+        let scene = scene::parse(Path::new("scene.toml"), &text).expect("the text is a scene");
+        let entry = |(n, asset): (u8, &scene::Asset)| AssetEntry {
+            name: asset.name.clone(),
+            fingerprint: [n; 16],
+            sphere: Sphere { center: [0.0; 3], radius: 1.0 },
+            root_error: 0.1,
+            base_bytes: 100,
+            ..AssetEntry::default()
+        };
+        let entries: Vec<_> = (1..).zip(&scene.assets).map(entry).collect();
+        let composed = compose(&scene, &entries, &[Vec::new(), Vec::new()]).expect("it can be described");
+        let assets = composed.pages.iter().flat_map(|page| &page.assets);
+        let pack = |asset: &AssetEntry| PackName { name: asset.name.clone(), fingerprint: asset.fingerprint };
+        let packs = assets.map(pack).collect();
+        SceneObject { composed, packs }.encode().expect("a scene is encoded")
+    };
+    vec![
+        seed("one", object(format!("{assets}{}", places(1)))),
+        seed("two", object(format!("{assets}{}", places(2)))),
+        seed("pages", object(format!("{assets}{}", places(150)))),
+        seed("lamps", object(format!("{assets}{}{}", places(2), lamps(3)))),
+        seed("streets", object(format!("{assets}{}{}", places(1), lamps(300)))),
+        seed(
+            "ground",
+            object(format!(
+                "{assets}{}[terrain]\nseed = 7\npatch_cells = 64\npatches = 4\namplitude = 30\n",
+                places(2)
+            )),
+        ),
     ]
 }
 

@@ -91,3 +91,8 @@ fn corpora_stay_small() {
     }
     assert!(files <= 600 && bytes <= 1 << 20, "{files} files of {bytes} bytes");
 }
+
+#[test]
+fn scene_object() {
+    replay("scene_object");
+}

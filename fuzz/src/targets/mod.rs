@@ -4,6 +4,7 @@ mod asset;
 mod import;
 mod lamps;
 mod messages;
+mod scene;
 mod sequence;
 mod terrain;
 
@@ -11,6 +12,7 @@ pub use asset::{base_decoder, chunk_decoder, pack_reader, rehashed};
 pub use import::{gltf_import, obj_import, ply_import};
 pub use lamps::lamps;
 pub use messages::messages;
+pub use scene::scene_object;
 pub use sequence::apply_undo;
 pub use terrain::terrain;
 
@@ -18,7 +20,7 @@ pub use terrain::terrain;
 pub type Target = fn(&[u8]) -> bool;
 
 /// Every target by the name of its corpus.
-pub const ALL: [(&str, Target); 10] = [
+pub const ALL: [(&str, Target); 11] = [
     ("pack_reader", pack_reader),
     ("base_decoder", base_decoder),
     ("chunk_decoder", chunk_decoder),
@@ -29,4 +31,5 @@ pub const ALL: [(&str, Target); 10] = [
     ("messages", messages),
     ("terrain", terrain),
     ("lamps", lamps),
+    ("scene_object", scene_object),
 ];

@@ -7,6 +7,7 @@
 //! ```
 
 use bincode::config::{Configuration, Limit, LittleEndian, Varint};
+use bincode::error::DecodeError;
 use bincode::{Decode, Encode};
 use bytes::Bytes;
 use lodestream_protocol::lamps::Lamps;
@@ -23,8 +24,31 @@ const HEAD_BYTES: usize = MAGIC.len() + 2 + 32;
 /// Longest scene object: a million instances take 40 MB.
 pub const MAX_SCENE_OBJECT_BYTES: usize = 512 << 20;
 
-const CODING: Configuration<LittleEndian, Varint, Limit<MAX_SCENE_OBJECT_BYTES>> =
-    bincode::config::standard().with_limit::<MAX_SCENE_OBJECT_BYTES>();
+/// Memory that decoding may claim, for each byte: an instance of 15 bytes takes 60.
+const CLAIM_PER_BYTE: usize = 32;
+
+type Limited<const N: usize> = Configuration<LittleEndian, Varint, Limit<N>>;
+
+const fn limited<const N: usize>() -> Limited<N> {
+    bincode::config::standard().with_limit::<N>()
+}
+
+/// Reads what is coded. The coder knows limits at compile time alone, so there are some, and that is taken which the bytes
+/// justify: a length that lies is refused before anything is reserved for it.
+fn read(body: &[u8]) -> Result<(Coded, usize), DecodeError> {
+    let claim = body.len().saturating_mul(CLAIM_PER_BYTE);
+    if claim <= 1 << 16 {
+        bincode::decode_from_slice(body, limited::<{ 1 << 16 }>())
+    } else if claim <= 1 << 20 {
+        bincode::decode_from_slice(body, limited::<{ 1 << 20 }>())
+    } else if claim <= 1 << 24 {
+        bincode::decode_from_slice(body, limited::<{ 1 << 24 }>())
+    } else if claim <= 1 << 28 {
+        bincode::decode_from_slice(body, limited::<{ 1 << 28 }>())
+    } else {
+        bincode::decode_from_slice(body, limited::<{ CLAIM_PER_BYTE * MAX_SCENE_OBJECT_BYTES }>())
+    }
+}
 
 /// A pack among the objects.
 #[derive(Clone, Debug, PartialEq, Eq, Encode, Decode)]
@@ -72,7 +96,8 @@ impl SceneObject {
             lamp_blobs: owned(lamps.parts()),
             packs: self.packs.clone(),
         };
-        let body = bincode::encode_to_vec(&coded, CODING).map_err(|why| why.to_string())?;
+        let body =
+            bincode::encode_to_vec(&coded, bincode::config::standard()).map_err(|why| why.to_string())?;
         if body.len() > MAX_SCENE_OBJECT_BYTES - HEAD_BYTES {
             return Err(format!("{} bytes are more than a scene may have", body.len()));
         }
@@ -97,8 +122,7 @@ impl SceneObject {
         if blake3::hash(body).as_bytes()[..] != head[10..] {
             return Err("its hash does not match: it is damaged".into());
         }
-        let (coded, used): (Coded, usize) =
-            bincode::decode_from_slice(body, CODING).map_err(|why| format!("it cannot be read: {why}"))?;
+        let (coded, used): (Coded, usize) = read(body).map_err(|why| format!("it cannot be read: {why}"))?;
         if used != body.len() {
             return Err(format!("{} bytes are left over at its end", body.len() - used));
         }
@@ -152,5 +176,98 @@ impl SceneObject {
             return Err("its fingerprint is of another scene".into());
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use lodestream_geometry::index::Sphere;
+    use lodestream_protocol::scene::AssetEntry;
+
+    use super::*;
+    use crate::compose::compose;
+    use crate::scene::{Scene, parse};
+
+    /// A scene of two assets, three instances and a lamp.
+    fn object() -> SceneObject {
+        let text = "[[asset]]\nname = 'a'\nfile = 'a.obj'\n[[asset]]\nname = 'b'\nfile = 'b.obj'\n\
+                    [[instance]]\nasset = 'a'\n[[instance]]\nasset = 'b'\ntranslation = [0, 0, 9]\n\
+                    [[instance]]\nasset = 'b'\ntranslation = [1e6, 0, 0.1]\n\
+                    [[lamp]]\nposition = [0, 2, 0]\nintensity = 40\n";
+        let scene: Scene = parse(std::path::Path::new("scene.toml"), text).unwrap();
+        let entry = |name: &str, n: u8| AssetEntry {
+            name: name.into(),
+            fingerprint: [n; 16],
+            sphere: Sphere { center: [0.0; 3], radius: 1.0 },
+            root_error: 0.1,
+            base_bytes: 100,
+            ..AssetEntry::default()
+        };
+        let composed = compose(&scene, &[entry("a", 1), entry("b", 2)], &[Vec::new(), Vec::new()]).unwrap();
+        let names = composed.pages[0].assets.iter();
+        let packs = names.map(|asset| PackName { name: asset.name.clone(), fingerprint: asset.fingerprint });
+        SceneObject { packs: packs.collect(), composed }
+    }
+
+    /// The bytes, with the hash made right: as of somebody who means it.
+    fn sealed(body: &[u8]) -> Vec<u8> {
+        [&MAGIC[..], &VERSION.to_le_bytes(), blake3::hash(body).as_bytes(), body].concat()
+    }
+
+    #[test]
+    fn what_is_read_is_what_was_written() {
+        let object = object();
+        let bytes = object.encode().unwrap();
+        let read = SceneObject::decode(&bytes).unwrap();
+        assert_eq!(read.composed.header, object.composed.header);
+        assert_eq!(read.composed.pages, object.composed.pages);
+        assert_eq!(read.composed.lamps.lamps(), object.composed.lamps.lamps());
+        assert_eq!(read.packs, object.packs);
+        assert_eq!(read.encode().unwrap(), bytes);
+    }
+
+    #[test]
+    fn whatever_is_cut_off_is_missed() {
+        let bytes = object().encode().unwrap();
+        for length in 0..bytes.len() {
+            assert!(SceneObject::decode(&bytes[..length]).is_err(), "{length}");
+            if let Some(body) = bytes[..length].get(HEAD_BYTES..) {
+                assert!(SceneObject::decode(&sealed(body)).is_err(), "{length} with the hash made right");
+            }
+        }
+        let longer = [&bytes[HEAD_BYTES..], &[0]].concat();
+        assert!(SceneObject::decode(&sealed(&longer)).unwrap_err().contains("left over"));
+    }
+
+    /// The fingerprint is over all that is said of the scene, so no bit of that may be another, and the packs' names are
+    /// what is left.
+    #[test]
+    fn no_bit_of_the_description_may_be_another() {
+        let object = object();
+        let bytes = object.encode().unwrap();
+        let mut taken = 0;
+        for bit in 8 * HEAD_BYTES..8 * bytes.len() {
+            let mut changed = bytes.clone();
+            changed[bit / 8] ^= 1 << (bit % 8);
+            assert!(SceneObject::decode(&changed).is_err(), "bit {bit}");
+            if let Ok(read) = SceneObject::decode(&sealed(&changed[HEAD_BYTES..])) {
+                taken += 1;
+                assert_eq!(read.composed.header, object.composed.header, "bit {bit}");
+                assert_eq!(read.composed.pages, object.composed.pages, "bit {bit}");
+            }
+        }
+        // Two names of a letter, of which a bit makes no UTF-8, and what is said of lamps.
+        assert!(taken < 400, "{taken} of {} bits", 8 * (bytes.len() - HEAD_BYTES));
+    }
+
+    #[test]
+    fn lengths_that_lie_reserve_nothing() {
+        for length in [250_u8, 251, 252, 253, 254, 255] {
+            for at in 0..40 {
+                let mut body = vec![length; 60];
+                body[..at].fill(0);
+                assert!(SceneObject::decode(&sealed(&body)).is_err());
+            }
+        }
     }
 }
