@@ -159,6 +159,6 @@ fn completions_and_the_manual_name_every_argument() {
     let pages = folder.path().join("man");
     assert!(run(&["man", pages.to_str().unwrap()]).status.success());
     let page = std::fs::read_to_string(pages.join("lodestream-viewer.1")).unwrap();
-    assert!(page.contains("headless") && page.contains("Streams a scene"), "{page}");
+    assert!(page.contains("headless") && page.contains("streams a scene"), "{page}");
     assert_eq!(run(&["completions", "sh"]).status.code(), Some(2));
 }
