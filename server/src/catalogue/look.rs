@@ -182,8 +182,9 @@ fn open_files(
         packs.push(cached.pack);
     }
     let source = Arc::new(SceneStore::sharing(&scene, packs, blobs)?);
-    // What changed while it was read is looked at again.
-    let stamp = of_files(&files).filter(|(_, last)| last.is_none_or(|last| last < began));
+    // What changed while it was read is looked at again. (A time that is still to come is that of another clock.)
+    let meanwhile = began..=SystemTime::now();
+    let stamp = of_files(&files).filter(|(_, last)| last.is_none_or(|last| !meanwhile.contains(&last)));
     Ok(Known { stamp: stamp.map(|(stamp, _)| stamp), files, source })
 }
 

@@ -173,7 +173,9 @@ fn answer(
     // Where tokens are asked for, who shows none learns not even whether there is such a scene.
     let open = state.admission().tokens.is_none();
     if let Some(name) = name.as_deref().filter(|name| open && state.scenes().get(name).is_none()) {
-        state.metrics().session_refused(Refusal::Scene);
+        if lists(request.headers(), &header::UPGRADE, "websocket") {
+            state.metrics().session_refused(Refusal::Scene);
+        }
         let missing = state.scenes().missing(name, true);
         return text(
             StatusCode::NOT_FOUND,
