@@ -24,11 +24,15 @@ use crate::tell::tell;
 /// What a scene was when it was looked at.
 type Stamp = blake3::Hash;
 
+/// What is known of a scene.
+#[derive(Clone, Default)]
 struct Known {
+    /// `None` where it must be looked at again in any case.
     stamp: Option<Stamp>,
     /// Files whose change changes the scene.
     files: Vec<PathBuf>,
-    source: Arc<SceneStore>,
+    /// `None` where it could not be opened yet.
+    source: Option<Arc<SceneStore>>,
 }
 
 /// See the module.
@@ -85,67 +89,67 @@ impl Catalogue {
         Ok(Scenes::new(sources)?)
     }
 
-    /// All scenes, if any changed.
-    async fn all(&self, asked: bool, first: bool) -> anyhow::Result<scene_watch::Found> {
+    /// All scenes, if any changed. Where it cannot be said which there are, all stays as it was.
+    async fn all(&self, asked: bool, first: bool) -> anyhow::Result<Option<Vec<Arc<dyn SceneSource>>>> {
+        let mut listed = Vec::new();
+        for place in &self.places {
+            listed.extend(place.list().await?.into_iter().map(|found| (place.is_one(), found)));
+        }
         let mut known = self.known.lock().await;
         let mut now = BTreeMap::new();
         let mut changed = asked;
-        for place in &self.places {
-            for found in place.list().await? {
-                let key = found.key();
-                let before = known.remove(&key);
-                let stamp = stamp(&found, before.as_ref()).await;
-                if let Some(mut before) = before {
-                    if !asked && before.stamp.is_some() && before.stamp == stamp {
-                        now.insert(key, before);
-                        continue;
-                    }
-                    match self.open_one(&found, true).await {
-                        Ok(new) => {
-                            now.insert(key, new);
-                            changed = true;
-                        }
-                        Err(why) => {
-                            tracing::error!("{key} stays as it was: {why:#}");
-                            // It is looked at again when it changes.
-                            before.stamp = stamp;
-                            now.insert(key, before);
-                        }
-                    }
-                    continue;
-                }
-                match self.open_one(&found, !first).await {
-                    Ok(new) => {
-                        now.insert(key, new);
-                        changed = true;
-                    }
-                    Err(why) if first && place.is_one() => return Err(why),
-                    Err(why) if first => tell(format_args!("warning: not served: {why:#}")),
-                    Err(why) => tracing::error!("{key} is not served: {why:#}"),
+        for (is_one, found) in listed {
+            let key = found.key();
+            let before = known.get(&key);
+            let stamp = stamp(&found, before).await;
+            if let Some(same) = before.filter(|known| !asked && known.stamp.is_some() && known.stamp == stamp)
+            {
+                now.insert(key, same.clone());
+                continue;
+            }
+            let (mut new, opened) = self.open_one(&found, !first).await;
+            match opened {
+                Ok(()) => changed = true,
+                Err(why) if first && is_one => return Err(why),
+                Err(why) if first => tell(format_args!("warning: not served: {why:#}")),
+                Err(why) => {
+                    new.source = before.and_then(|before| before.source.clone());
+                    let becomes = if new.source.is_some() { "stays as it was" } else { "is not served" };
+                    tracing::error!("{key} {becomes}: {why:#}");
                 }
             }
+            now.insert(key, new);
         }
-        // What is left was not found any more.
-        changed |= !known.is_empty();
+        changed |= known.keys().any(|key| !now.contains_key(key));
         *known = now;
-        let sources = known.values().map(|known| Arc::clone(&known.source) as Arc<dyn SceneSource>);
-        Ok(changed.then(|| sources.collect()))
+        let sources = known.values().filter_map(|known| known.source.clone());
+        Ok(changed.then(|| sources.map(|source| source as Arc<dyn SceneSource>).collect()))
     }
 
-    async fn open_one(&self, found: &Found, quiet: bool) -> anyhow::Result<Known> {
+    /// What a scene is now, whether or not it can be opened: what cannot is tried again when it changes.
+    async fn open_one(&self, found: &Found, quiet: bool) -> (Known, anyhow::Result<()>) {
         match found {
             Found::Published(objects, listed) => {
-                let source = SceneStore::open(objects, &listed.name, &self.blobs).await?;
-                let stamp = Some(blake3::hash(listed.version.as_bytes()));
-                Ok(Known { stamp, files: Vec::new(), source: Arc::new(source) })
+                let opened = SceneStore::open(objects, &listed.name, &self.blobs).await;
+                // A store that fails for a moment is no change of the object.
+                let stamp = opened.is_ok().then(|| blake3::hash(listed.version.as_bytes()));
+                let (source, opened) = parted(opened.map_err(Into::into));
+                (Known { stamp, files: Vec::new(), source }, opened)
             }
-            Found::Files(files) => {
-                let (words, folder, blobs) = (files.clone(), self.folder.clone(), self.blobs.clone());
+            Found::Files(words) => {
+                let (words, folder, blobs) = (words.clone(), self.folder.clone(), self.blobs.clone());
                 let options = Options { quiet: quiet || self.options.quiet, ..self.options };
-                let opened = spawn_blocking(move || open_files(&words, &folder, &options, &blobs));
-                opened.await.context("preparing was cut short")?
+                let opened = spawn_blocking(move || open_files(&words, &folder, &options, &blobs)).await;
+                opened.unwrap_or_else(|why| (Known::default(), Err(why).context("preparing was cut short")))
             }
         }
+    }
+}
+
+fn parted(opened: anyhow::Result<SceneStore>) -> (Option<Arc<SceneStore>>, anyhow::Result<()>) {
+    match opened {
+        Ok(source) => (Some(Arc::new(source)), Ok(())),
+        Err(why) => (None, Err(why)),
     }
 }
 
@@ -165,10 +169,26 @@ fn open_files(
     folder: &std::path::Path,
     options: &Options,
     blobs: &BlobCache,
-) -> anyhow::Result<Known> {
+) -> (Known, anyhow::Result<()>) {
     let began = SystemTime::now();
+    let mut files = words.to_vec();
+    let (source, opened) = parted(read_files(words, folder, options, blobs, &mut files));
+    // What changed while it was read is looked at again. (A time that is still to come is that of another clock.)
+    let meanwhile = began..=SystemTime::now();
+    let stamp = of_files(&files).filter(|(_, last)| last.is_none_or(|last| !meanwhile.contains(&last)));
+    (Known { stamp: stamp.map(|(stamp, _)| stamp), files, source }, opened)
+}
+
+/// The scene; `files` gets those that it is read from.
+fn read_files(
+    words: &[PathBuf],
+    folder: &std::path::Path,
+    options: &Options,
+    blobs: &BlobCache,
+    files: &mut Vec<PathBuf>,
+) -> anyhow::Result<SceneStore> {
     let scene = scene::of_files(words)?;
-    let mut files = scene.files.clone();
+    files.extend(scene.files.iter().chain(scene.assets.iter().map(|asset| &asset.file)).cloned());
     let mut packs = Vec::with_capacity(scene.assets.len());
     for asset in &scene.assets {
         let cached = prepare_cached(asset, folder, options)?;
@@ -181,11 +201,7 @@ fn open_files(
         files.extend(cached.files);
         packs.push(cached.pack);
     }
-    let source = Arc::new(SceneStore::sharing(&scene, packs, blobs)?);
-    // What changed while it was read is looked at again. (A time that is still to come is that of another clock.)
-    let meanwhile = began..=SystemTime::now();
-    let stamp = of_files(&files).filter(|(_, last)| last.is_none_or(|last| !meanwhile.contains(&last)));
-    Ok(Known { stamp: stamp.map(|(stamp, _)| stamp), files, source })
+    Ok(SceneStore::sharing(&scene, packs, blobs)?)
 }
 
 /// What a scene is like now, as far as that shows without reading it.

@@ -15,7 +15,9 @@ use std::sync::{Arc, LazyLock};
 
 use lodestream_protocol::source::{SceneSource, SourceError};
 use lodestream_protocol::{BlobId, BlobPart};
+use lodestream_server::catalogue::Catalogue;
 use lodestream_server::catalogue::publish::{Published, publish};
+use lodestream_server::daemon::scene_watch::SceneProvider as _;
 use lodestream_server::prepare::{Options, prepare_cached};
 use lodestream_server::scene::{self, Scene};
 use lodestream_server::store::{BlobCache, Objects, SceneStore};
@@ -367,4 +369,41 @@ fn a_folder_is_followed_and_what_cannot_be_read_stays_as_it_was() {
     // The sheet is the hall's too; its file is mended.
     write_scene(&scenes, "hall", 0.2);
     server.until(|list| list["scenes"][0] != first["scenes"][0]);
+}
+
+/// A place that could not be listed lost what was known of those before it, and a scene that could not be read was read
+/// again at every look.
+#[test]
+fn what_fails_is_left_alone_until_it_changes() {
+    let folder = tempfile::tempdir().unwrap();
+    let [one, other] = ["one", "other"].map(|name| folder.path().join(name));
+    for (place, name) in [(&one, "hall"), (&other, "yard")] {
+        std::fs::create_dir(place).unwrap();
+        write_scene(place, name, 0.1);
+    }
+    let broken = one.join("broken.toml");
+    std::fs::write(&broken, "nonsense").unwrap();
+    let cache = folder.path().join("cache");
+    let words = [one.clone(), other.clone()];
+    let catalogue = Catalogue::new(&words, cache, options(), 1 << 24, None).unwrap();
+    let runtime = Runtime::new().unwrap();
+    let scenes = runtime.block_on(catalogue.open()).unwrap();
+    assert!(scenes.get("hall").is_some() && scenes.get("yard").is_some());
+    let look = || runtime.block_on(catalogue.look(false));
+    assert!(look().unwrap().is_none());
+    // A place that is away.
+    let away = folder.path().join("away");
+    std::fs::rename(&other, &away).unwrap();
+    // The scene before it cannot be read meanwhile.
+    let (hall, text) = (one.join("hall.toml"), std::fs::read(one.join("hall.toml")).unwrap());
+    assert!(look().is_err());
+    std::fs::rename(&away, &other).unwrap();
+    std::fs::write(&hall, "nonsense").unwrap();
+    assert!(look().unwrap().is_none(), "nothing else may be served for a scene that cannot be read");
+    assert!(look().unwrap().is_none());
+    std::fs::write(&hall, text).unwrap();
+    assert_eq!(look().unwrap().map(|all| all.len()), Some(2));
+    write_scene(&one, "broken", 0.1);
+    assert_eq!(look().unwrap().map(|all| all.len()), Some(3));
+    assert!(look().unwrap().is_none());
 }
