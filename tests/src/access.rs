@@ -1,10 +1,13 @@
 //! Tokens: who is let in, and what those are told who are not.
 
+use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use lodestream_client::core::Config;
 use lodestream_protocol::message::Token;
 use lodestream_server::daemon::SessionSettings;
+use lodestream_server::daemon::access::Access;
+use lodestream_server::daemon::hook::Hook;
 use lodestream_server::daemon::tokens::Tokens;
 
 use crate::support::LIMIT;
@@ -36,9 +39,9 @@ fn a_viewer_with_a_token_sees_the_scene_and_others_are_told_why_they_do_not() {
     let name = scene.source().header().name.clone();
     let file = tempfile::NamedTempFile::new().unwrap();
     std::fs::write(file.path(), SECRET).unwrap();
-    let tokens = std::sync::Arc::new(Tokens::of_file(file.path(), None).unwrap());
+    let access = Arc::new(Access::Tokens(Tokens::of_file(file.path(), None).unwrap()));
     let server = Server::start_with(scene.source(), SessionSettings::default(), |options| {
-        options.admission.tokens = Some(tokens);
+        options.admission.access = Some(access);
     });
     for transport in Transport::BOTH {
         let address = server.address(transport);
@@ -59,6 +62,51 @@ fn a_viewer_with_a_token_sees_the_scene_and_others_are_told_why_they_do_not() {
         viewer.show(token(b"another", &name, 300));
         let told = viewer.end(LIMIT);
         assert!(told.contains("no key that the server knows"), "{transport:?}: {told}");
+    }
+    server.assert_healthy();
+}
+
+/// The program of docs/operating.md, in words for a shell.
+#[cfg(unix)]
+const PROGRAM: &str = r#"#!/bin/sh
+read -r asked
+case "$asked" in
+    *'"token":"open sesame","scene":"'*) echo '{"active": true}' ;;
+    *'"token":"for others"'*) echo '{"active": true, "scene": "another"}' ;;
+    *'"token":"broken"'*) exit 1 ;;
+    *) echo '{"active": false}' ;;
+esac
+"#;
+
+#[cfg(unix)]
+#[test]
+fn a_program_of_the_operators_says_who_sees_the_scene() {
+    let folder = tempfile::tempdir().unwrap();
+    let (text, program) = (folder.path().join("text"), folder.path().join("may-see"));
+    std::fs::write(&text, PROGRAM).unwrap();
+    // Another program writes it: what is open for writing here cannot be run where another test starts a program.
+    let written = std::process::Command::new("install").args(["-m", "700"]).args([&text, &program]).status();
+    assert!(written.unwrap().success());
+    let hook = Hook::of_command(&program).unwrap();
+    let access = Arc::new(Access::Hook { hook, authorization: None });
+    let server = Server::start_with(TestScene::small().source(), SessionSettings::default(), |options| {
+        options.admission.access = Some(access);
+    });
+    let shown = |text: &str| showing(Some(Token(text.to_owned())));
+    for transport in Transport::BOTH {
+        let address = server.address(transport);
+        for (token, why) in [("nobody", "refused"), ("for others", "not for this scene")] {
+            let told = Viewer::start(&address, shown(token)).end(LIMIT);
+            assert!(told.contains(why), "{transport:?}: {told}");
+        }
+        let mut viewer = Viewer::start(&address, shown("open sesame"));
+        let status = viewer.settle();
+        assert!(status.stats.applied_chunks > 0, "{:?}", status.stats);
+        // What cannot be found out ends nothing; the next does.
+        viewer.show(Token("broken".to_owned()));
+        viewer.show(Token("nobody".to_owned()));
+        let told = viewer.end(LIMIT);
+        assert!(told.contains("the token is refused"), "{transport:?}: {told}");
     }
     server.assert_healthy();
 }

@@ -9,6 +9,7 @@ use std::time::{Duration, SystemTime};
 use anyhow::Context as _;
 use clap::{Args, value_parser};
 use lodestream_compress::whole_file::remove_stale;
+use url::Url;
 
 use super::log::Log;
 use super::log_limit::{LogLimit, parse_log_limit};
@@ -17,9 +18,12 @@ use super::outcome::Outcome;
 use super::recipe::RecipeArguments;
 use super::units::{Rate, parse_rate};
 use crate::catalogue::Catalogue;
+use crate::daemon::access::Access;
 use crate::daemon::admin::AdminPort;
 use crate::daemon::admission::Admission;
 use crate::daemon::arrivals::NewSessions;
+use crate::daemon::hook::Hook;
+use crate::daemon::hook_url::Authorization;
 use crate::daemon::origin::Origin;
 use crate::daemon::proxy::Network;
 use crate::daemon::state::DRAIN_SECONDS;
@@ -108,11 +112,22 @@ pub(super) struct Arguments {
     trusted_proxy: Vec<Network>,
     /// Ask clients for tokens (JSON Web Tokens) that this file's keys have signed: a public key (PEM), a set of keys
     /// (JWKS), or a secret of 32 bytes and more. Read again when it changes and at SIGHUP.
-    #[arg(long, env = "LODESTREAM_TOKEN_KEYS", value_name = "FILE")]
+    #[arg(long, env = "LODESTREAM_TOKEN_KEYS", value_name = "FILE", group = "access")]
     token_keys: Option<PathBuf>,
     /// Audience that tokens must be for; without, tokens with an audience are refused.
     #[arg(long, env = "LODESTREAM_TOKEN_AUDIENCE", value_name = "NAME", requires = "token_keys")]
     token_audience: Option<String>,
+    /// Ask clients for tokens, and let this program decide about each: it reads one line of JSON (token, scene,
+    /// client_address) and answers with JSON (active: true or false; exp, scene, weight, rate, sub as in a token).
+    #[arg(long, env = "LODESTREAM_ACCESS_COMMAND", value_name = "FILE", group = "access")]
+    access_command: Option<PathBuf>,
+    /// The same by an endpoint of token introspection (RFC 7662), http or https.
+    #[arg(long, env = "LODESTREAM_ACCESS_URL", value_name = "URL", group = "access")]
+    access_url: Option<Url>,
+    /// File with the value of the header Authorization for --access-url, for example "Bearer SECRET". Read again when it
+    /// changes and at SIGHUP.
+    #[arg(long, env = "LODESTREAM_ACCESS_AUTHORIZATION", value_name = "FILE", requires = "access_url")]
+    access_authorization: Option<PathBuf>,
     /// Certificate chain (PEM), read again when it changes and at SIGHUP [default: a self-signed one, kept in the cache
     /// folder].
     #[arg(long, env = "LODESTREAM_CERT", value_name = "FILE", requires = "key")]
@@ -134,7 +149,7 @@ pub(super) struct Arguments {
 }
 
 impl Arguments {
-    /// What may change while the server runs. What tokens are verified by is read elsewhere.
+    /// What may change while the server runs. What tokens are judged by is read elsewhere.
     fn changeable(&self) -> (SessionSettings, Admission) {
         let sessions = SessionSettings {
             rate_bits_per_s: self.rate.0,
@@ -148,9 +163,24 @@ impl Arguments {
         let admission = Admission {
             origins: self.allow_origin.iter().cloned().collect(),
             proxies: self.trusted_proxy.iter().copied().collect(),
-            tokens: None,
+            access: None,
         };
         (sessions, admission)
+    }
+
+    /// By what the tokens of clients are judged, where they are asked for.
+    fn access(&self) -> anyhow::Result<Option<Access>> {
+        if let Some(file) = &self.token_keys {
+            return Tokens::of_file(file, self.token_audience.clone()).map(Access::Tokens).map(Some);
+        }
+        if let Some(program) = &self.access_command {
+            let hook = Hook::of_command(program)?;
+            return Ok(Some(Access::Hook { hook, authorization: None }));
+        }
+        let Some(url) = &self.access_url else { return Ok(None) };
+        let authorization = self.access_authorization.as_deref().map(Authorization::of_file).transpose()?;
+        let hook = Hook::of_url(url, authorization.clone())?;
+        Ok(Some(Access::Hook { hook, authorization }))
     }
 }
 
@@ -160,13 +190,12 @@ pub(super) fn run(
     again: impl Fn() -> anyhow::Result<Arguments> + Send + Sync + 'static,
 ) -> anyhow::Result<Outcome> {
     let (sessions, admission) = arguments.changeable();
+    let access = arguments.access()?;
     let cache = match arguments.cache.or_else(cache::default_folder) {
         Some(folder) => folder,
         None => anyhow::bail!("no cache folder is known; name one with --cache DIR"),
     };
     let options = Options { recipe: arguments.recipe.resolve(), threads: arguments.threads, quiet: false };
-    let audience = arguments.token_audience;
-    let tokens = arguments.token_keys.map(|file| Tokens::of_file(file, audience)).transpose()?;
     remove_stale(&cache, SystemTime::now());
     let look_every = (arguments.scene_check > 0).then(|| Duration::from_secs(arguments.scene_check));
     let cache_bytes = arguments.blob_cache << 20;
@@ -181,7 +210,7 @@ pub(super) fn run(
         http_tls: arguments.http_tls,
         admin: arguments.admin.unwrap_or(AdminPort::Standard),
         certificate: arguments.cert.zip(arguments.key),
-        admission: Admission { tokens: tokens.map(Arc::new), ..admission },
+        admission: Admission { access: access.map(Arc::new), ..admission },
         sessions,
         settings_again: Some(Arc::new(move || again().map(|arguments| arguments.changeable()))),
         provider: Some(catalogue),

@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
+use super::access::Access;
 use super::origin::AllowedOrigins;
 use super::proxy::TrustedProxies;
-use super::tokens::Tokens;
 
 /// See the module; by default no web page, no proxy is believed, and nobody is asked for a token.
 #[derive(Clone, Debug, Default)]
@@ -13,6 +13,6 @@ pub struct Admission {
     pub origins: AllowedOrigins,
     /// Proxies that are believed when they say for whom they ask.
     pub proxies: TrustedProxies,
-    /// Tokens that sessions are asked for.
-    pub tokens: Option<Arc<Tokens>>,
+    /// By what the tokens that sessions are asked for are judged.
+    pub access: Option<Arc<Access>>,
 }

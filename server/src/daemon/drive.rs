@@ -18,13 +18,13 @@ use lodestream_protocol::server::{ServerSession, Transmit};
 use tokio::time::{Instant, sleep_until};
 
 use super::allowance::Allowance;
+use super::grant::{Grant, TokenError};
 use super::intake::TOO_MUCH;
 use super::progress::Progress;
 use super::reads::Reads;
 use super::refusal::Refusal;
 use super::state::{Phase, SessionGuard};
-use super::threshold::{Admitted, admit, refusal};
-use super::tokens::{Grant, TokenError};
+use super::threshold::{Admitted, Judging, admit, judged, refusal};
 
 /// What came from the client.
 #[derive(Debug)]
@@ -127,6 +127,7 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
     let clock = Clock::start();
     let weight = grant.as_ref().map_or(Weight::ONE, |grant| grant.weight);
     let granted_bits_per_s = grant.as_ref().and_then(|grant| grant.rate_bits_per_s);
+    let mut judging: Option<Judging> = None;
     let mut token_until = grant.map(|grant| clock.granted(&grant));
     let state = guard.state.clone();
     let metrics = state.metrics();
@@ -246,6 +247,21 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
             }
             () = &mut proof, if !proved => proved = true,
             why = guard.dismissed() => session.close(clock.now(), CloseCode::Busy, why),
+            judged = judged(&mut judging), if judging.is_some() => {
+                judging = None;
+                let now = clock.now();
+                match judged {
+                    Ok(grant) => {
+                        token_until = Some(clock.granted(&grant));
+                        session.set_rate(now, state.settings().rate_at_most(grant.rate_bits_per_s));
+                        session.set_weight(now, grant.weight);
+                    }
+                    Err(why) => {
+                        let close = refusal(why);
+                        session.close(now, close.code, &close.reason);
+                    }
+                }
+            }
             received = receiver.receive(), if receiving => {
                 let now = clock.now();
                 receiving = matches!(received, Received::Message(_) | Received::Skipped);
@@ -256,19 +272,10 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
                         session.close(now, CloseCode::Limit, "too many tokens at once");
                     }
                     Received::Message(ClientMessage::Token(token)) => {
-                        if state.admission().tokens.is_some() {
-                            match state.verify_token(&token.0, Some(version.name())) {
-                                Ok(grant) => {
-                                    token_until = Some(clock.granted(&grant));
-                                    let rate = state.settings().rate_at_most(grant.rate_bits_per_s);
-                                    session.set_rate(now, rate);
-                                    session.set_weight(now, grant.weight);
-                                }
-                                Err(why) => {
-                                    let close = refusal(why);
-                                    session.close(now, close.code, &close.reason);
-                                }
-                            }
+                        if state.admission().access.is_some() {
+                            let (token, scene) = (token.0.clone(), version.name().to_owned());
+                            // The last one counts.
+                            judging = Some(Box::pin(state.clone().verify_next_token(token, scene, guard.peer)));
                         }
                         session.handle_message(now, ClientMessage::Token(token));
                     }

@@ -21,6 +21,7 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::time::timeout;
 use tokio_tungstenite::tungstenite::handshake::derive_accept_key;
 
+use super::grant::TokenError;
 use super::intake::{Lift, Metered};
 use super::listen::accept_each;
 use super::metrics::Transport;
@@ -28,7 +29,6 @@ use super::refusal::Refusal;
 use super::room::Seat;
 use super::state::{Phase, ServerState, SessionGuard};
 use super::tls::Tls;
-use super::tokens::TokenError;
 use super::websocket;
 
 /// Time in which a request's head must be there: slow senders hold a connection no longer.
@@ -119,8 +119,8 @@ where
 {
     let granted = Granted::default();
     let service = service_fn(|mut request: Request<Incoming>| {
-        let response = answer(&mut request, &state, peer, &granted);
-        async move { Ok::<_, Infallible>(response) }
+        let (state, granted) = (Arc::clone(&state), Arc::clone(&granted));
+        async move { Ok::<_, Infallible>(answer(&mut request, &state, peer, &granted).await) }
     });
     let connection = one_request().serve_connection(TokioIo::new(stream), service).with_upgrades();
     let served = tokio::select! {
@@ -157,7 +157,7 @@ pub(super) fn text(status: StatusCode, body: impl Into<Bytes>) -> Answer {
     response
 }
 
-fn answer(
+async fn answer(
     request: &mut Request<Incoming>,
     state: &Arc<ServerState>,
     peer: SocketAddr,
@@ -171,7 +171,7 @@ fn answer(
         path => Some(scene_of_path(path).unwrap_or_else(|| path.to_owned())),
     };
     // Where tokens are asked for, who shows none learns not even whether there is such a scene.
-    let open = state.admission().tokens.is_none();
+    let open = state.admission().access.is_none();
     if let Some(name) = name.as_deref().filter(|name| open && state.scenes().get(name).is_none()) {
         if lists(request.headers(), &header::UPGRADE, "websocket") {
             state.metrics().session_refused(Refusal::Scene);
@@ -188,18 +188,19 @@ fn answer(
     match path {
         "/health" => health(state),
         "/ready" => ready(state),
-        "/scenes" => list(request.headers(), state),
-        _ => upgrade(request, state, peer, granted, name),
+        "/scenes" => list(request.headers(), state, peer).await,
+        _ => upgrade(request, state, peer, granted, name).await,
     }
 }
 
 /// The scenes that the request's token is for, or where none is asked for, all.
-fn list(headers: &HeaderMap, state: &ServerState) -> Answer {
-    if state.admission().tokens.is_none() {
+async fn list(headers: &HeaderMap, state: &Arc<ServerState>, peer: SocketAddr) -> Answer {
+    if state.admission().access.is_none() {
         return scenes(state, |_| true);
     }
     let Some(token) = bearer(headers) else { return unauthorised(&TokenError::Missing) };
-    match state.verify_token(token, None) {
+    let peer = state.admission().proxies.client(peer, headers);
+    match state.clone().verify_token(token.to_owned(), None, peer).await {
         Ok(grant) => scenes(state, |name| grant.is_for(name)),
         Err(why) => unauthorised(&why),
     }
@@ -213,8 +214,11 @@ pub(super) fn scenes(state: &ServerState, listed: impl Fn(&str) -> bool) -> Answ
     response
 }
 
-/// To a request whose token is not taken (RFC 6750, section 3).
+/// To a request whose token is not taken (RFC 6750, section 3), or of whose token nothing is known.
 fn unauthorised(why: &TokenError) -> Answer {
+    if *why == TokenError::Unknown {
+        return text(StatusCode::SERVICE_UNAVAILABLE, format!("{why}\n"));
+    }
     let mut response = text(StatusCode::UNAUTHORIZED, format!("{why}\n"));
     let asked = match why {
         TokenError::Missing => "Bearer",
@@ -264,7 +268,7 @@ fn bearer(headers: &HeaderMap) -> Option<&str> {
 }
 
 /// The server's part of the opening handshake (RFC 6455 §4.2).
-fn upgrade(
+async fn upgrade(
     request: &mut Request<Incoming>,
     state: &Arc<ServerState>,
     peer: SocketAddr,
@@ -307,15 +311,16 @@ fn upgrade(
         return text(StatusCode::BAD_REQUEST, format!("the only subprotocol here is {ALPN}\n"));
     }
     // Who sends none here may still do so in a message.
-    let grant = match bearer(headers).filter(|_| state.admission().tokens.is_some()) {
+    let grant = match bearer(headers).filter(|_| state.admission().access.is_some()) {
         None => None,
         Some(token) => {
-            let only = state.scenes().only();
-            let scene = name.as_deref().or_else(|| only.as_ref().map(|only| only.name()));
-            match state.verify_token(token, scene) {
+            let scene = name.clone().or_else(|| state.scenes().only().map(|only| only.name().to_owned()));
+            match state.clone().verify_token(token.to_owned(), scene, peer).await {
                 Ok(grant) => Some(grant),
                 Err(why) => {
-                    state.metrics().session_refused(Refusal::Token);
+                    if why != TokenError::Unknown {
+                        state.metrics().session_refused(Refusal::Token);
+                    }
                     tracing::info!(%peer, "session refused: {why}");
                     return unauthorised(&why);
                 }

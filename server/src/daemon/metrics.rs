@@ -76,6 +76,7 @@ pub struct Metrics {
     failed_handshakes: IntCounter,
     early_data: IntCounter,
     tokens_refused: IntCounter,
+    access_unknown: IntCounter,
     certificate_end: IntGauge,
     certificates_refused: IntCounter,
     scene_exchanges: IntCounter,
@@ -194,6 +195,10 @@ impl Metrics {
                 "lodestream_early_data_sessions_total",
                 "Resumed QUIC sessions whose first words came before the handshake was complete.",
             )?,
+            access_unknown: counter(
+                "lodestream_access_unknown_total",
+                "Tokens of which the program or URL that decides about them said nothing in time, or nonsense.",
+            )?,
             tokens_refused: counter(
                 "lodestream_tokens_refused_total",
                 "Sessions refused or ended for their tokens: none, of another key, expired, for another scene.",
@@ -294,6 +299,11 @@ impl Metrics {
 
     pub(super) fn handshake_failed(&self) {
         self.failed_handshakes.inc();
+    }
+
+    /// Nothing could be found out about a token.
+    pub(super) fn access_unknown(&self) {
+        self.access_unknown.inc();
     }
 
     pub(super) fn token_refused(&self) {

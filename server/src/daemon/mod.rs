@@ -16,7 +16,9 @@
 //! | [`origin`] | which web pages may open sessions |
 //! | [`proxy`], [`admission`] | for whom a proxy asks; all that is said of who may come |
 //! | [`certificate`], [`renewal`], [`tls`] | the certificate, its exchange while the server runs, TLS for HTTP |
-//! | [`tokens`], `token_keys`, `token_crypto` | tokens, and what they are verified by |
+//! | [`access`], `grant` | by what it is decided who may see a scene, and what they are granted |
+//! | [`tokens`], `token_keys`, `token_crypto` | signed tokens, and what they are verified by |
+//! | [`hook`], `hook_command`, [`hook_url`] | the operator's own program or URL that decides |
 //! | [`scenes`], [`scene_watch`], `quic_scenes` | scenes and their versions, their exchange, by which names clients ask for one |
 //! | `threshold` | what a session waits for before it begins |
 //! | `reload`, [`settings_watch`] | files and settings that are read again while the server runs |
@@ -26,6 +28,7 @@
 //! [`run`] is the whole daemon. Its parts take any endpoint ([`quic::serve_quic`]) and any byte stream
 //! ([`http::accept_http`]), and read no clock but tokio's, so a simulator runs them unchanged in paused time.
 
+pub mod access;
 pub mod admin;
 pub mod admission;
 mod allowance;
@@ -34,6 +37,10 @@ pub mod certificate;
 pub mod congestion;
 mod damage;
 mod drive;
+mod grant;
+pub mod hook;
+mod hook_command;
+pub mod hook_url;
 pub mod http;
 mod intake;
 mod leases;
@@ -277,10 +284,10 @@ impl Daemon {
         let public = |address: &SocketAddr| !address.ip().to_canonical().is_loopback();
         let http = self.http_address().filter(public);
         let address = self.quic_address().filter(public).or(http)?;
-        if self.state.admission().tokens.is_none() {
+        if self.state.admission().access.is_none() {
             return Some(format!(
                 "{address} is for other machines too, and nobody is asked for a token: whoever reaches it may see the \
-                 scene (--token-keys FILE asks for tokens)"
+                 scene (--token-keys FILE asks for tokens, --access-command and --access-url let your own program decide)"
             ));
         }
         http.filter(|_| self.tls.is_none()).map(|address| {
@@ -336,8 +343,8 @@ impl Daemon {
         if let Some(provider) = provider {
             renewals.spawn(scene_watch::follow(provider, Arc::clone(&state), reloads.subscribe()));
         }
-        if let Some(tokens) = &state.admission().tokens {
-            renewals.spawn(tokens::renew_keys(Arc::clone(tokens), reloads.subscribe()));
+        if let Some(access) = &state.admission().access {
+            renewals.spawn(Arc::clone(access).renew(reloads.subscribe()));
         }
         if let Some((endpoint, _, settings)) = quic {
             renewals.spawn(follow_scenes(settings, endpoint.clone(), Arc::clone(&state)));

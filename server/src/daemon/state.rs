@@ -3,7 +3,7 @@
 use std::net::SocketAddr;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard};
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 
 use lodestream_protocol::Time;
 use lodestream_protocol::ceiling::{Ceiling, CeilingShare, Limits, Weight};
@@ -16,11 +16,11 @@ use tokio::time::Instant;
 use super::admission::Admission;
 use super::arrivals::{Arrivals, NewSessions};
 use super::damage::Damage;
+use super::grant::{Grant, TokenError};
 use super::leases::{Lease, Leases, NoLease, default_of_address};
 use super::metrics::{Metrics, Rates, Transport};
 use super::room::{Block, Room, Seat};
 use super::scenes::{Scenes, Version};
-use super::tokens::{Grant, TokenError};
 
 /// Sessions that have not proved to be a client's: address and `Hello` are awaited. Hundreds of clients may connect at
 /// once; one takes as much memory as a session at its beginning.
@@ -207,13 +207,13 @@ impl ServerState {
     }
 
     /// Has these settings hold from now on: for new sessions, and what sessions share for those that share it already. By
-    /// what tokens are verified stays.
+    /// what tokens are judged stays.
     pub fn change(&self, settings: SessionSettings, admission: Admission) {
         let (of_address, arrivals) = settings.of_address();
         self.leases.set(settings.max_sessions, of_address);
         self.arrivals.set(arrivals);
         let mut live = self.live.write().unwrap_or_else(PoisonError::into_inner);
-        let admission = Admission { tokens: live.admission.tokens.clone(), ..admission };
+        let admission = Admission { access: live.admission.access.clone(), ..admission };
         let shared = live.ceiling.take();
         *live = Live::new(settings, admission);
         if let Some(shared) = shared {
@@ -313,21 +313,36 @@ impl ServerState {
         self.requests.enter(peer.ip())
     }
 
-    /// What a token grants, for the scene of this name if one is named; there must be something to verify it by.
-    pub(super) fn verify_token(&self, token: &str, scene: Option<&str>) -> Result<Grant, TokenError> {
-        let admission = self.admission();
-        let tokens = admission.tokens.as_ref().ok_or(TokenError::Signature)?;
-        let grant = tokens.verify(token, SystemTime::now());
-        let grant = grant.and_then(|grant| match scene {
-            Some(scene) => grant.of(scene),
-            None => Ok(grant),
-        });
+    /// What a token grants to who shows it for this scene, if for one; there must be something to judge it by.
+    pub(super) async fn verify_token(
+        self: Arc<Self>,
+        token: String,
+        scene: Option<String>,
+        peer: SocketAddr,
+    ) -> Result<Grant, TokenError> {
+        let access = self.admission().access.clone().ok_or(TokenError::Unknown)?;
+        let grant = access.verify(token, scene, peer.ip()).await;
+        grant.map_err(|why| self.token_refused(why))
+    }
+
+    /// The same for a session that has a grant, which goes on with that until it is known.
+    pub(super) async fn verify_next_token(
+        self: Arc<Self>,
+        token: String,
+        scene: String,
+        peer: SocketAddr,
+    ) -> Result<Grant, TokenError> {
+        let access = self.admission().access.clone().ok_or(TokenError::Unknown)?;
+        let grant = access.verify_patiently(token, scene, peer.ip()).await;
         grant.map_err(|why| self.token_refused(why))
     }
 
     /// Counts that a session is refused or ended for its token.
     pub(super) fn token_refused(&self, why: TokenError) -> TokenError {
-        self.metrics.token_refused();
+        match why {
+            TokenError::Unknown => self.metrics.access_unknown(),
+            _ => self.metrics.token_refused(),
+        }
         why
     }
 

@@ -1,7 +1,7 @@
 //! What a session waits for before it begins: its scene, where it is not known yet, and a token, where the daemon asks for
 //! tokens. Nothing is planned, sent or given a lease before.
 
-use std::future::Future;
+use std::future::{Future, pending};
 use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
@@ -9,11 +9,12 @@ use std::time::Duration;
 use lodestream_protocol::message::{ClientMessage, Close, CloseCode, Hello};
 use tokio::time::{Instant, sleep_until};
 
+use super::access::Access;
 use super::drive::{Receive, Received};
+use super::grant::{Grant, TokenError};
 use super::intake::TOO_MUCH;
 use super::scenes::Version;
 use super::state::{Phase, SessionGuard};
-use super::tokens::{Grant, TokenError};
 
 /// Time in which all of it must be there, as for `Hello`.
 const TIMEOUT: Duration = Duration::from_secs(10);
@@ -30,6 +31,17 @@ pub(super) struct Admitted {
     pub(super) hello: Option<Box<Hello>>,
 }
 
+/// A token that is being judged.
+pub(super) type Judging = Pin<Box<dyn Future<Output = Result<Grant, TokenError>> + Send>>;
+
+/// What is judged of it; never, where there is none. Safe to drop before it resolves.
+pub(super) async fn judged(judging: &mut Option<Judging>) -> Result<Grant, TokenError> {
+    match judging {
+        Some(judging) => judging.await,
+        None => pending().await,
+    }
+}
+
 /// Waits for the client's token, unless it came with its request or none is asked for, and for its `Hello` where only that
 /// can say which scene is meant. `proof` of its address is waited for meanwhile.
 ///
@@ -42,13 +54,19 @@ pub(super) async fn admit<R: Receive>(
     receiver: &mut R,
 ) -> Result<Admitted, Close> {
     let state = &guard.state;
-    let (scenes, asks) = (state.scenes(), state.admission().tokens.is_some());
+    let (scenes, access) = (state.scenes(), state.admission().access.clone());
+    let asks = access.is_some();
     let mut name = guard.asked.clone().or_else(|| scenes.only().map(|only| only.name().to_owned()));
     let mut grant = guard.grant.clone();
     let mut hello: Option<Box<Hello>> = None;
+    let (mut shown, mut judging): (Option<String>, Option<Judging>) = (None, None);
     let until = Instant::now() + TIMEOUT;
     let mut passed_over = 0;
     loop {
+        let can_judge = |access: &Arc<Access>| name.is_some() || access.judges_without_scene();
+        if let Some(token) = shown.take_if(|_| access.as_ref().is_some_and(can_judge)) {
+            judging = Some(Box::pin(state.clone().verify_token(token, name.clone(), guard.peer)));
+        }
         if let Some(name) = name.as_deref().filter(|_| !asks || grant.is_some()) {
             // Whoever may not see a scene does not hear whether there is one.
             let grant = grant.map(|grant| grant.of(name).map_err(|why| refusal(state.token_refused(why))));
@@ -64,14 +82,18 @@ pub(super) async fn admit<R: Receive>(
             }
             () = proof.as_mut(), if !*proved => *proved = true,
             why = guard.dismissed() => return Err(Close::new(CloseCode::Busy, why)),
-            received = receiver.receive() => match received {
-                Received::Message(ClientMessage::Token(token)) if asks && grant.is_none() => {
-                    grant = Some(state.verify_token(&token.0, name.as_deref()).map_err(refusal)?);
+            judged = judged(&mut judging), if judging.is_some() => {
+                grant = Some(judged.map_err(refusal)?);
+                judging = None;
+            }
+            received = receiver.receive(), if judging.is_none() => match received {
+                Received::Message(ClientMessage::Token(token)) if asks && grant.is_none() && shown.is_none() => {
+                    shown = Some(token.0);
                 }
-                Received::Message(ClientMessage::Hello(said)) if !asks || grant.is_some() => {
+                Received::Message(ClientMessage::Hello(said)) if !asks || grant.is_some() || shown.is_some() => {
                     // The name is not known, or this would be over.
                     if said.scene.is_empty() {
-                        let may = |name: &str| grant.as_ref().is_none_or(|grant| grant.is_for(name));
+                        let may = |name: &str| grant.as_ref().map_or(!asks, |grant| grant.is_for(name));
                         let all = scenes.table().names().all(may);
                         return Err(Close::new(CloseCode::NoSuchScene, scenes.missing("", all)));
                     }
@@ -89,7 +111,7 @@ pub(super) async fn admit<R: Receive>(
                 Received::Message(ClientMessage::Ping(_) | ClientMessage::Token(_)) | Received::Skipped => {
                     return Err(Close::new(CloseCode::Limit, "too many messages before Hello"));
                 }
-                Received::Message(_) if asks && grant.is_none() => {
+                Received::Message(_) if asks && grant.is_none() && shown.is_none() => {
                     return Err(refusal(state.token_refused(TokenError::Missing)));
                 }
                 Received::Message(_) => {
@@ -108,7 +130,8 @@ pub(super) async fn admit<R: Receive>(
     }
 }
 
-/// What a client is told whose token is not taken.
+/// What a client is told whose token is not taken. It may try again where the token may be a good one.
 pub(super) fn refusal(why: TokenError) -> Close {
-    Close::new(CloseCode::Unauthorised, why.to_string())
+    let code = if why == TokenError::Unknown { CloseCode::Busy } else { CloseCode::Unauthorised };
+    Close::new(code, why.to_string())
 }

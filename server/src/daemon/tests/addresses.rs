@@ -2,9 +2,9 @@
 
 use std::net::Ipv6Addr;
 
+use super::tokens::with_keys;
 use super::*;
 use crate::daemon::admin::AdminPort;
-use crate::daemon::tokens::Tokens;
 
 /// A daemon whose ports are all at one address.
 async fn at(ip: std::net::IpAddr, set: impl FnOnce(&mut DaemonOptions)) -> (Daemon, tempfile::TempDir) {
@@ -54,10 +54,7 @@ async fn who_lets_strangers_in_is_warned() {
     })
     .await;
     assert!(half.warning_of_strangers().unwrap().contains("0.0.0.0:"), "the port is named as it was given");
-    let file = tempfile::NamedTempFile::new().unwrap();
-    std::fs::write(file.path(), [b'k'; 32]).unwrap();
-    let tokens = Arc::new(Tokens::of_file(file.path(), None).unwrap());
-    let asking = |options: &mut DaemonOptions| options.admission.tokens = Some(tokens.clone());
+    let asking = |options: &mut DaemonOptions| options.admission.access = with_keys();
     let (plain, _folder) = at(Ipv4Addr::UNSPECIFIED.into(), asking).await;
     assert!(plain.warning_of_strangers().unwrap().contains("--http-tls"));
     let (safe, _folder) = at(Ipv4Addr::UNSPECIFIED.into(), |options| {

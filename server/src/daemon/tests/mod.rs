@@ -1,5 +1,6 @@
 //! The daemon over loopback sockets and, in paused time, over in-memory streams.
 
+mod access;
 mod addresses;
 mod admin;
 mod arrivals;

@@ -16,7 +16,7 @@ fn scene(name: &str, assets: u32) -> Arc<dyn SceneSource> {
 }
 
 /// Two, of one asset and of two.
-fn two() -> Scenes {
+pub(super) fn two() -> Scenes {
     Scenes::new(vec![scene("one", 1), scene("two", 2)]).unwrap()
 }
 
@@ -24,18 +24,18 @@ fn state(admission: Admission) -> Arc<ServerState> {
     ServerState::admitting(two(), SessionSettings::default(), admission)
 }
 
-fn hello_for(scene: &str) -> ClientMessage {
+pub(super) fn hello_for(scene: &str) -> ClientMessage {
     ClientMessage::Hello(Hello::new(scene))
 }
 
-async fn at(state: &Arc<ServerState>, path: &str) -> Result<Client<DuplexStream>, String> {
+pub(super) async fn at(state: &Arc<ServerState>, path: &str) -> Result<Client<DuplexStream>, String> {
     let (near, far) = duplex(64 * 1024);
     tokio::spawn(accept_http(far, Arc::clone(state), peer()));
     let opened = tokio_tungstenite::client_async(format!("ws://server{path}"), near).await;
     opened.map(|(socket, _)| Client(socket)).map_err(|why| why.to_string())
 }
 
-async fn get(state: &Arc<ServerState>, path: &str, token: Option<&str>) -> String {
+pub(super) async fn get(state: &Arc<ServerState>, path: &str, token: Option<&str>) -> String {
     let (mut near, far) = duplex(64 * 1024);
     tokio::spawn(accept_http(far, Arc::clone(state), peer()));
     let token = token.map(|token| format!("Authorization: Bearer {token}\r\n")).unwrap_or_default();
@@ -46,14 +46,14 @@ async fn get(state: &Arc<ServerState>, path: &str, token: Option<&str>) -> Strin
 }
 
 impl Client<DuplexStream> {
-    async fn welcome(&mut self) -> Welcome {
+    pub(super) async fn welcome(&mut self) -> Welcome {
         match self.next().await {
             Some(ServerFrame::Message(ServerMessage::Welcome(welcome))) => welcome,
             other => panic!("{other:?}"),
         }
     }
 
-    async fn closed(&mut self) -> (u16, String) {
+    pub(super) async fn closed(&mut self) -> (u16, String) {
         match self.0.next().await {
             Some(Ok(Message::Close(Some(frame)))) => (frame.code.into(), frame.reason.to_string()),
             other => panic!("{other:?}"),
@@ -181,7 +181,7 @@ async fn a_session_finishes_on_the_version_that_it_began_with() {
 
 #[tokio::test(start_paused = true)]
 async fn who_may_see_one_scene_learns_nothing_of_another() {
-    let admission = Admission { tokens: Some(Arc::new(with_keys())), ..Admission::default() };
+    let admission = Admission { access: with_keys(), ..Admission::default() };
     let state = state(admission);
     let of = |scene: &str| signed_claims(&format!(r#"{{"exp":{},"scene":"{scene}"}}"#, in_s(60)));
     // Whether there is such a scene makes no difference.

@@ -8,8 +8,10 @@ use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 use tokio_tungstenite::tungstenite::http::HeaderValue;
 
 use super::*;
+use crate::daemon::access::Access;
 use crate::daemon::admission::Admission;
-use crate::daemon::tokens::{TokenError, Tokens};
+use crate::daemon::grant::TokenError;
+use crate::daemon::tokens::Tokens;
 
 const SECRET: &[u8] = b"a secret of more than thirty-two bytes";
 
@@ -60,13 +62,13 @@ fn asking() -> Arc<ServerState> {
 }
 
 /// What takes tokens of [`signed_claims`].
-pub(super) fn with_keys() -> Tokens {
-    keys(SECRET, None)
+pub(super) fn with_keys() -> Option<Arc<Access>> {
+    Some(Arc::new(Access::Tokens(keys(SECRET, None))))
 }
 
 /// A server that asks for tokens.
 pub(super) fn asking_with(scene: MemoryScene, settings: SessionSettings) -> Arc<ServerState> {
-    let admission = Admission { tokens: Some(Arc::new(keys(SECRET, None))), ..Admission::default() };
+    let admission = Admission { access: with_keys(), ..Admission::default() };
     ServerState::admitting(Arc::new(scene), settings, admission)
 }
 
@@ -83,18 +85,18 @@ pub(super) async fn with_header(
     opened.map(|(socket, _)| Client(socket)).map_err(|why| why.to_string())
 }
 
-fn token(text: String) -> ClientMessage {
+pub(super) fn token(text: String) -> ClientMessage {
     ClientMessage::Token(Token(text))
 }
 
 impl Client<DuplexStream> {
-    async fn is_welcome(&mut self) {
+    pub(super) async fn is_welcome(&mut self) {
         let first = self.next().await;
         assert!(matches!(first, Some(ServerFrame::Message(ServerMessage::Welcome(_)))), "{first:?}");
     }
 
     /// The WebSocket's own close, before which nothing came.
-    async fn turned_away(&mut self) -> (u16, String) {
+    pub(super) async fn turned_away(&mut self) -> (u16, String) {
         match self.0.next().await {
             Some(Ok(Message::Close(Some(frame)))) => (frame.code.into(), frame.reason.to_string()),
             other => panic!("{other:?}"),
