@@ -1,4 +1,5 @@
-//! Times selections of the demo scene's start view, with hidden things last and without, as far refined as they are.
+//! Times selections of the demo scene's start view, with hidden things last and without, as far refined as they are; then
+//! of up to a million of its things strewn over a square, looked through one by one and found by their hierarchy.
 //!
 //! `cargo bench -p lodestream-sim --bench select`. Both are done in turn, so that the ratios hold on a busy machine. The
 //! camera wavers by a millimetre, so that what is seen is drawn anew for each selection.
@@ -10,7 +11,9 @@ use anyhow::Context as _;
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_stated_page};
 use lodestream_geometry::refine::ActiveMesh;
 use lodestream_protocol::scene::InstanceEntry;
-use lodestream_protocol::select::{AssetState, Occluder, SelectSettings, Selector, State};
+use lodestream_protocol::select::{
+    AssetState, InstanceTree, Instances, Occluder, SelectSettings, Selector, State,
+};
 use lodestream_protocol::source::SceneSource;
 use lodestream_protocol::view::View;
 use lodestream_protocol::{BlobId, BlobPart};
@@ -27,6 +30,7 @@ fn main() -> anyhow::Result<()> {
     let source = scene::open(&SceneChoice::Demo, None, &cache, true)?;
     let (instances, mut assets, mut meshes) = known(&*source)?;
     let view = source.header().camera.view([1280, 720], 1.0);
+    many(&assets);
     println!("applied   occluders   hidden last, ms   without, ms   median of paired ratios");
     for level in 0..=8 {
         if level > 0 {
@@ -35,6 +39,47 @@ fn main() -> anyhow::Result<()> {
         report(&view, &instances, &assets, &meshes);
     }
     Ok(())
+}
+
+/// Selections among things that stand a few metres apart, seen from the middle of them, a metre and a half above ground.
+fn many(assets: &[AssetState]) {
+    println!(
+        "instances   looked at   making, ms   by hierarchy, ms   one by one, ms   median of paired ratios"
+    );
+    for count in [1000_u32, 10_000, 100_000, 1_000_000] {
+        let side = f64::from(count).sqrt() * 5.0;
+        let kinds = assets.len() as u32;
+        // Weyl's sequence: as if at random, and evenly.
+        let place = |number: u32| {
+            let along = |step: f64| (f64::from(number) * step).fract() * side;
+            InstanceEntry::at(number % kinds, [along(0.754_877_666), 0.0, along(0.569_840_291)])
+        };
+        let instances: Vec<InstanceEntry> = (0..count).map(place).collect();
+        let make =
+            || InstanceTree::new(instances.iter(), |asset| assets.get(asset as usize).map(AssetState::entry));
+        let (tree, making) = timed(make);
+        let eye = [side / 2.0, 1.5, side / 2.0];
+        let mut selectors = [(); 2].map(|()| Selector::default());
+        let mut seconds = [Vec::new(), Vec::new()];
+        let mut seen = 0;
+        for turn in 0..12 {
+            let angle = f64::from(turn) * 0.5;
+            let target = [eye[0] + angle.cos(), eye[1], eye[2] + angle.sin()];
+            let view = View::look_at(eye, target, [0.0, 1.0, 0.0], 0.9, [1280, 720]);
+            let among = Instances::new(&instances, &tree);
+            let [found, plain] = &mut selectors;
+            let (found, took) = timed(|| found.select_among(&view, among, assets));
+            seconds[0].push(took);
+            let (plain, took) = timed(|| plain.select(&view, &instances, assets));
+            seconds[1].push(took);
+            assert_eq!(found, plain);
+            seen = found.counters.visible_instances;
+        }
+        let ratio = paired_ratio(&seconds[1], &seconds[0]);
+        let [with, without] = seconds.map(|seconds| median(seconds) * 1e3);
+        let making = making * 1e3;
+        println!("{count:>9}   {seen:>9}   {making:>10.1}   {with:>16.2}   {without:>14.2}   {ratio:>6.1}");
+    }
 }
 
 /// All assets with base mesh and index.

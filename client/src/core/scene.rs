@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use lodestream_protocol::blob::{BlobId, BlobPart};
 use lodestream_protocol::scene::{InstanceEntry, SceneHeader, ScenePage};
-use lodestream_protocol::select::{AssetState, State};
+use lodestream_protocol::select::{AssetState, InstanceTree, Instances, State};
 
 use super::asset::RefinedAsset;
 use super::changes::{Change, NewAsset};
@@ -16,11 +16,16 @@ use super::terrain_points::TerrainPoints;
 /// Pages kept that came ahead of their turn.
 const MAX_EARLY_PAGES: usize = 256;
 
+/// Instances that are looked through one by one.
+const MAX_LOOSE: usize = 1024;
+
 /// Header, pages and assets.
 #[derive(Debug, Default)]
 pub(crate) struct Scene {
     pub(crate) header: Option<SceneHeader>,
-    pub(crate) instances: Vec<InstanceEntry>,
+    instances: Vec<InstanceEntry>,
+    /// Where the first of them are, so many that the rest is no more.
+    tree: InstanceTree,
     /// Where the blobs of each asset are.
     pub(crate) states: Vec<AssetState>,
     /// The assets whose base mesh is here; as long as `states`.
@@ -105,6 +110,20 @@ impl Scene {
             self.next_page += 1;
         }
         Ok(first..self.asset_count())
+    }
+
+    /// Makes the hierarchy of instances anew where those that it does not know are many: as many as it knows, so that all
+    /// its makings together take no longer than two of the last.
+    pub(crate) fn renew_tree(&mut self) {
+        if self.instances.len() - self.tree.len() > self.tree.len().max(MAX_LOOSE) {
+            let asset = |number: u32| self.states.get(number as usize).map(AssetState::entry);
+            self.tree = InstanceTree::new(self.instances.iter(), asset);
+        }
+    }
+
+    /// The instances.
+    pub(crate) fn instances(&self) -> Instances<'_> {
+        Instances::new(&self.instances, &self.tree)
     }
 
     /// Whether all pages are here.

@@ -16,6 +16,7 @@
 //! count it whole.
 
 pub(crate) mod difference;
+mod instance_tree;
 mod occluder;
 pub mod priority;
 mod project;
@@ -29,6 +30,7 @@ pub(crate) mod textures;
 pub(crate) mod visibility;
 
 pub use difference::{lamp_priority, shape_priority};
+pub use instance_tree::{InstanceTree, Instances};
 pub use occluder::Occluder;
 pub use priority::Priority;
 pub use project::{Bounds, LocalView, Projection};

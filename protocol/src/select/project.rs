@@ -51,15 +51,33 @@ impl Projection {
     #[must_use]
     pub fn bounds(&self, asset: &AssetEntry, instance: &InstanceEntry) -> Bounds {
         let (center, radius) = self.sphere(asset, instance);
-        let distance = f64::from(center.length()).max(f64::from(radius)).max(f64::MIN_POSITIVE);
-        #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
-        let coverage_px = (f64::from(radius) * self.scale_px / distance) as f32;
         Bounds {
             visible: self.frustum.sees(center, radius),
             depth: f64::from(self.frustum.depth(center, radius)),
-            coverage_px,
+            coverage_px: self.radius_px(center, radius),
             centrality: centrality(&self.frustum, center, radius),
         }
+    }
+
+    /// Radius of an instance on the screen, in pixels, as [`Bounds::coverage_px`].
+    pub(crate) fn coverage_px(&self, asset: &AssetEntry, instance: &InstanceEntry) -> f32 {
+        let (center, radius) = self.sphere(asset, instance);
+        self.radius_px(center, radius)
+    }
+
+    #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
+    fn radius_px(&self, center: Vec3, radius: f32) -> f32 {
+        let distance = f64::from(center.length()).max(f64::from(radius)).max(f64::MIN_POSITIVE);
+        (f64::from(radius) * self.scale_px / distance) as f32
+    }
+
+    /// Where the eye is.
+    pub(super) const fn eye(&self) -> DVec3 {
+        self.eye
+    }
+
+    pub(super) const fn frustum(&self) -> &Frustum {
+        &self.frustum
     }
 
     /// An instance's bounding sphere, its centre relative to the eye.

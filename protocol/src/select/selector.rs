@@ -10,6 +10,7 @@ use lodestream_geometry::index::ChunkInfo;
 use lodestream_geometry::screen::{visible_error, visible_error_at};
 
 use super::difference::{Package, Picture, seen_error};
+use super::instance_tree::{Found, Instances, Sought};
 use super::priority::{Priority, hidden};
 use super::project::Projection;
 use super::selection::{Counters, Selection, State, Wanted};
@@ -47,6 +48,8 @@ pub struct Selector {
     /// Of the chunks of one instance: screen error and centrality of those in view, and how much of each is seen.
     found: Vec<Option<(f64, f32)>>,
     shares: Vec<f32>,
+    /// Instances that are looked at.
+    nearby: Found,
     /// How far the eye may get until what is wanted now is here.
     way: f32,
     /// Unit vector towards the sun, where it shines.
@@ -63,7 +66,7 @@ struct Seen {
     placed: bool,
     /// Some visible instance is so far away that its chunks were not looked at.
     far: bool,
-    /// Radius on the screen, of instances out of view too.
+    /// Radius on the screen, of instances out of view too as far as they were looked at.
     coverage_px: f32,
     /// The same of those in view.
     visible_px: f32,
@@ -165,6 +168,7 @@ impl Selector {
             visibility: Visibility::default(),
             found: Vec::new(),
             shares: Vec::new(),
+            nearby: Found::default(),
             way: 0.0,
             to_sun: None,
             textures: Textures::default(),
@@ -195,7 +199,7 @@ impl Selector {
         instances: &[InstanceEntry],
         assets: &[AssetState],
     ) -> &Visibility {
-        self.visibility.draw(view, self.way, instances, assets);
+        self.visibility.draw(view, self.way, instances.into(), assets);
         &self.visibility
     }
 
@@ -208,8 +212,19 @@ impl Selector {
     /// Selects for one view. `assets` are indexed by asset number; instances of assets beyond them
     /// are skipped.
     ///
-    /// Costs a sphere test per known chunk and visible instance.
+    /// Costs a sphere test per instance, and per known chunk and visible instance. Of scenes with thousands of instances,
+    /// [`Selector::select_among`] finds those in view.
     pub fn select(&mut self, view: &View, instances: &[InstanceEntry], assets: &[AssetState]) -> &Selection {
+        self.select_among(view, instances.into(), assets)
+    }
+
+    /// The same, to the bit, with a hierarchy of the instances: what is out of view costs next to nothing.
+    pub fn select_among(
+        &mut self,
+        view: &View,
+        instances: Instances<'_>,
+        assets: &[AssetState],
+    ) -> &Selection {
         self.reset(assets);
         let in_use = usage(assets);
         self.look(view, instances, assets, in_use);
@@ -225,14 +240,16 @@ impl Selector {
             share <= f64::from(self.settings.keep_out_of_view.get())
         };
         let picture = Picture::new(view);
+        let projection = Projection::new(view);
         for (number, asset) in (0..).zip(assets) {
             self.refine(number, asset, threshold, keep_out_of_view);
-            self.want_base_and_pages(number, asset, threshold, &picture);
+            let beyond_px = || instances.coverage_px(number, asset.entry(), &projection);
+            self.want_base_and_pages(number, asset, threshold, &picture, beyond_px);
             self.want_textures(number, asset, threshold, &picture);
         }
         if self.settings.hidden_last && self.textures.seeks() {
             self.visibility.draw(view, self.way, instances, assets);
-            self.textures.weigh(&self.visibility, view, instances, assets);
+            self.textures.weigh(&self.visibility, view, instances.all(), assets);
         }
         self.textures.list(&mut self.selection);
         self.finish()
@@ -256,14 +273,19 @@ impl Selector {
     }
 
     /// The pass over instances: screen errors per chunk, and the achieved error.
-    fn look(&mut self, view: &View, instances: &[InstanceEntry], assets: &[AssetState], in_use: (u64, u64)) {
+    fn look(&mut self, view: &View, instances: Instances<'_>, assets: &[AssetState], in_use: (u64, u64)) {
         let (projection, picture) = (Projection::new(view), Picture::new(view));
+        instances.find(&Sought::in_view(&projection), &mut self.nearby);
+        for (number, seen) in (0..).zip(&mut self.seen) {
+            seen.placed = instances.places(number);
+        }
         let counters = &mut self.selection.counters;
         (counters.applied_faces, counters.applied_bytes) = in_use;
         let floor_px = f64::from(view.target_px * self.settings.undo_below.get());
         let (mut worst, mut worst_seen) = (0.0_f64, 0.0_f64);
         let mut drawn = false;
-        for (number, instance) in (0..).zip(instances) {
+        for &number in self.nearby.numbers() {
+            let instance = &instances.all()[number as usize];
             let Some(asset) = assets.get(instance.asset as usize) else { continue };
             let seen = &mut self.seen[instance.asset as usize];
             seen.placed = true;

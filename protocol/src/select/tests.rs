@@ -14,6 +14,7 @@ use crate::view::View;
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, Sphere, decode_stated_page, encode_pages};
 
 mod hidden_textures;
+mod many_instances;
 mod shadows;
 
 /// An asset whose base is applied and whose index is known.

@@ -106,7 +106,7 @@ mod tests {
         let hidden = |height: f64| {
             let instances = [InstanceEntry::at(0, [0.0; 3]), InstanceEntry::at(1, [0.0, height, 0.0])];
             let mut visibility = Visibility::default();
-            visibility.draw(&view, 0.0, &instances, &assets);
+            visibility.draw(&view, 0.0, instances[..].into(), &assets);
             let known = (&[0, 1][..], &instances[..], &assets[..]);
             let levels = coarse_textures(&*scene, &view, &SelectSettings::default(), &visibility, known);
             let hidden = |asset| {

@@ -2,10 +2,9 @@
 
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
+use super::places::Places;
 use crate::blob::{BlobId, BlobPart};
-use crate::scene::{AssetEntry, ScenePage};
 use crate::scheduler::Unit;
 use crate::select::Projection;
 use crate::select::priority::{Priority, base_priority, refine_priority};
@@ -27,30 +26,27 @@ const LEAST_TEXTURED: f32 = 0.125;
 
 /// The first flight for a view: scene pages, base meshes and, of what is large on the screen, the coarsest levels of
 /// textures, least urgent first (so that the next is popped from the end). Base meshes out of view are left to the client.
-pub(super) fn first_flight(source: &dyn SceneSource, view: &View) -> Vec<(Priority, Unit)> {
+pub(super) fn first_flight(source: &dyn SceneSource, places: &Places, view: &View) -> Vec<(Priority, Unit)> {
     let projection = Projection::new(view);
-    let pages = all_pages(source);
-    let assets: Vec<(u32, &AssetEntry)> =
-        pages.iter().flat_map(|page| page.assets.iter().map(|asset| (page.page, asset))).collect();
-    let mut best = vec![0; assets.len()];
-    let mut largest_px = vec![0.0_f32; assets.len()];
-    let mut page_best = vec![0; pages.len()];
-    for (page, best_on_page) in pages.iter().zip(&mut page_best) {
-        for instance in &page.instances {
-            let Some((_, asset)) = assets.get(instance.asset as usize) else { continue };
-            let bounds = projection.bounds(asset, instance);
-            if bounds.visible {
-                let priority = base_priority(bounds.coverage_px, bounds.centrality);
-                let best = &mut best[instance.asset as usize];
-                *best = priority.max(*best);
-                let largest_px = &mut largest_px[instance.asset as usize];
-                *largest_px = largest_px.max(bounds.coverage_px);
+    let mut best = vec![0; places.assets().len()];
+    let mut largest_px = vec![0.0_f32; best.len()];
+    let mut page_best = vec![0; places.page_count()];
+    for (_, page, instance) in places.near(&projection) {
+        let Some(asset) = places.asset(instance.asset) else { continue };
+        let bounds = projection.bounds(asset, instance);
+        if bounds.visible {
+            let priority = base_priority(bounds.coverage_px, bounds.centrality);
+            let best = &mut best[instance.asset as usize];
+            *best = priority.max(*best);
+            let largest_px = &mut largest_px[instance.asset as usize];
+            *largest_px = largest_px.max(bounds.coverage_px);
+            if let Some(best_on_page) = page_best.get_mut(page as usize) {
                 *best_on_page = priority.max(*best_on_page);
             }
         }
     }
     // A base mesh is of no use before the page that lists its asset.
-    for (&(page, _), &priority) in assets.iter().zip(&best) {
+    for ((page, _), &priority) in places.assets().zip(&best) {
         if let Some(best_on_page) = page_best.get_mut(page as usize) {
             *best_on_page = priority.max(*best_on_page);
         }
@@ -61,7 +57,7 @@ pub(super) fn first_flight(source: &dyn SceneSource, view: &View) -> Vec<(Priori
     let of_bases = of_bases.map(|(asset, &priority)| (priority, Unit::Blob(BlobId::base(asset))));
     #[expect(clippy::cast_precision_loss, reason = "a viewport has at most 65,535 rows")]
     let least_px = LEAST_TEXTURED * view.viewport_px[1] as f32;
-    let of_textures = coarsest_textures(source, &assets, |asset| {
+    let of_textures = coarsest_textures(source, places, |asset| {
         best.get(asset).zip(largest_px.get(asset)).filter(|(_, px)| **px >= least_px).map(|(best, _)| *best)
     });
     let mut flight: Vec<_> = of_pages.chain(of_bases).chain(of_textures).collect();
@@ -74,11 +70,11 @@ pub(super) fn first_flight(source: &dyn SceneSource, view: &View) -> Vec<(Priori
 /// exceeds [`MAX_TEXTURES_BYTES`] the most urgent.
 fn coarsest_textures(
     source: &dyn SceneSource,
-    assets: &[(u32, &AssetEntry)],
+    places: &Places,
     priority_of: impl Fn(usize) -> Option<Priority>,
 ) -> impl Iterator<Item = (Priority, Unit)> {
     let mut levels: BTreeMap<BlobId, (Priority, u32)> = BTreeMap::new();
-    for (number, &(_, entry)) in assets.iter().enumerate() {
+    for (number, (_, entry)) in places.assets().enumerate() {
         let (Ok(asset), Some(priority)) = (u32::try_from(number), priority_of(number)) else { continue };
         for texture in 0..MAX_TEXTURES {
             let id = entry.sent_blob(asset, BlobPart::Texture { texture, level: 0 });
@@ -98,22 +94,23 @@ fn coarsest_textures(
     })
 }
 
-/// All pages of the description.
-pub(super) fn all_pages(source: &dyn SceneSource) -> Vec<Arc<ScenePage>> {
-    (0..source.header().page_count).map_while(|page| source.page(page)).collect()
-}
-
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
     use crate::scene::Camera;
     use crate::testing::MemoryScene;
+
+    fn flight(scene: &MemoryScene, view: &View) -> Vec<(Priority, Unit)> {
+        first_flight(scene, &Places::new(scene), view)
+    }
 
     #[test]
     fn the_largest_and_nearest_base_comes_first_and_behind_its_page() {
         let scene = MemoryScene::new(20, 1, 2);
         let view = scene.header.camera.view([1280, 720], 1.0);
-        let mut flight = first_flight(&*scene, &view);
+        let mut flight = flight(&scene, &view);
         flight.reverse();
         let units: Vec<_> = flight.iter().map(|(_, unit)| *unit).collect();
         assert_eq!(units[..2], [Unit::Page(0), Unit::Blob(BlobId::base(0))]);
@@ -130,7 +127,7 @@ mod tests {
         Arc::get_mut(&mut scene).unwrap().texture_levels = 3;
         let view = scene.header.camera.view([1280, 720], 1.0);
         let near = |levels_of: View| {
-            let flight = first_flight(&*scene, &levels_of);
+            let flight = flight(&scene, &levels_of);
             let texture = |(at, (_, unit)): (usize, &(Priority, Unit))| match unit {
                 Unit::Blob(id @ BlobId::Asset { asset, part: BlobPart::Texture { level, .. } }) => {
                     assert_eq!(*level, 0, "{id}");
@@ -155,7 +152,7 @@ mod tests {
         // Through a telescope everything is large.
         let camera =
             Camera { eye: [0.0, 0.3, 4.0], target: [0.0, 0.3, 0.0], fov_y: 0.05, ..scene.header.camera };
-        let flight = first_flight(&*scene, &camera.view([1280, 720], 1.0));
+        let flight = flight(&scene, &camera.view([1280, 720], 1.0));
         let blobs = flight.iter().rev().filter_map(|(_, unit)| match unit {
             Unit::Blob(id @ BlobId::Asset { asset, part }) => Some((id, *asset, part)),
             _ => None,

@@ -10,6 +10,7 @@ mod config;
 mod first_flight;
 mod outbox;
 mod pace;
+mod places;
 mod plans;
 mod push;
 mod refinement;

@@ -1,12 +1,13 @@
 //! First flights that the sessions of a scene share.
 //!
-//! To order a scene for a view costs a pass over its instances, 54 ms for a million of them; and whoever connects
-//! sees the start view, before anybody knows whether he is there at all.
+//! To order a scene for a view costs a pass over the instances in view; and whoever connects sees the start view, before
+//! anybody knows whether he is there at all.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use super::first_flight::first_flight;
+use super::places::Places;
 use crate::scheduler::Unit;
 use crate::select::priority::Priority;
 use crate::source::SceneSource;
@@ -21,6 +22,7 @@ pub(super) type Flight = Arc<[(Priority, Unit)]>;
 /// See the module. All sessions that share it must be of one scene.
 #[derive(Debug, Default)]
 pub struct Plans {
+    places: OnceLock<Places>,
     start: OnceLock<(View, Flight)>,
     kept: Mutex<VecDeque<(View, Flight)>>,
 }
@@ -32,9 +34,14 @@ impl Plans {
         Arc::default()
     }
 
+    /// What of the scene lies where.
+    pub(super) fn places(&self, source: &dyn SceneSource) -> &Places {
+        self.places.get_or_init(|| Places::new(source))
+    }
+
     /// The flight for a view. The first one that is asked for is taken for the start view's, and kept for good.
     pub(super) fn flight(&self, source: &dyn SceneSource, view: &View) -> Flight {
-        let plan = || Flight::from(first_flight(source, view));
+        let plan = || Flight::from(first_flight(source, self.places(source), view));
         let (start, flight) = self.start.get_or_init(|| (*view, plan()));
         if start == view {
             return Arc::clone(flight);
@@ -128,7 +135,7 @@ mod tests {
         for n in 1..100 {
             let flight = plans.flight(&*scene, &at(n));
             assert!(Arc::ptr_eq(&flight, &plans.flight(&*scene, &at(n))));
-            assert_eq!(flight[..], first_flight(&*scene, &at(n))[..]);
+            assert_eq!(flight[..], first_flight(&*scene, &Places::new(&*scene), &at(n))[..]);
         }
         assert!(Arc::ptr_eq(&first, &plans.flight(&*scene, &start)));
         assert_eq!(plans.kept.lock().unwrap().len(), MAX_KEPT);

@@ -229,7 +229,8 @@ impl Push {
             None => source.try_read(id),
         };
         let flight = self.plans.flight(source, &self.view);
-        match first_refinement(source, &self.view, &flight, budget, &read) {
+        let places = self.plans.places(source);
+        match first_refinement((source, places), &self.view, &flight, budget, &read) {
             Ok(refinement) => {
                 self.pages.here = HashMap::new();
                 for Refining { priority, id, end } in refinement {

@@ -1,16 +1,16 @@
 //! The first refinement for a view, which the server sends unasked behind the base meshes.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_stated_page};
 
 use super::coarse_textures::coarse_textures;
-use super::first_flight::all_pages;
+use super::places::Places;
 use crate::blob::{BlobId, BlobPart};
-use crate::scene::{AssetEntry, InstanceEntry};
+use crate::scene::InstanceEntry;
 use crate::scheduler::Unit;
 use crate::select::priority::Priority;
-use crate::select::{AssetState, SelectSettings, Selector, State, Wanted};
+use crate::select::{AssetState, Projection, SelectSettings, Selector, State, Wanted};
 use crate::source::{Reading, SceneSource, SourceError};
 use crate::view::View;
 
@@ -44,13 +44,13 @@ pub(super) type ReadPage<'a> = &'a dyn Fn(&BlobId) -> Result<Reading, SourceErro
 ///
 /// `flight` is the first flight for the view. `read` gives index pages; where it has not all of them at hand, the missing ones are what comes back instead.
 pub(super) fn first_refinement(
-    source: &dyn SceneSource,
+    (source, places): (&dyn SceneSource, &Places),
     view: &View,
     flight: &[(Priority, Unit)],
     budget_bytes: u64,
     read: ReadPage<'_>,
 ) -> Result<Vec<Refining>, Missing> {
-    let (numbers, instances, mut assets) = visible_assets(source, flight);
+    let (numbers, instances, mut assets) = visible_assets(source, places, view, flight);
     let settings = SelectSettings { prefetch_bases: false, ..SelectSettings::default() };
     let mut selector = Selector::new(settings);
     let known = (&numbers[..], &instances[..], &mut assets[..]);
@@ -173,10 +173,12 @@ fn learn(bytes: &[u8], page: u32, asset: &mut AssetState) -> Option<()> {
     asset.add_index_page(page, decode_stated_page(bytes, first).ok()?).ok()
 }
 
-/// The assets that cover most of the screen: their numbers, their instances (with assets renumbered) and
-/// states in which only the base is there.
+/// The assets that cover most of the screen: their numbers, their instances (with assets renumbered) that are in view, and
+/// of each the largest on the screen, which decides how urgent its pages are; and states in which only the base is there.
 fn visible_assets(
     source: &dyn SceneSource,
+    places: &Places,
+    view: &View,
     flight: &[(Priority, Unit)],
 ) -> (Vec<u32>, Vec<InstanceEntry>, Vec<AssetState>) {
     let numbers: Vec<u32> = flight
@@ -189,12 +191,10 @@ fn visible_assets(
         .take(MAX_REFINED_ASSETS)
         .collect();
     let local: HashMap<u32, u32> = numbers.iter().copied().zip(0..).collect();
-    let pages = all_pages(source);
-    let entries: Vec<&AssetEntry> = pages.iter().flat_map(|page| &page.assets).collect();
     let assets = numbers
         .iter()
-        .filter_map(|&number| Some((number, entries.get(number as usize)?)))
-        .map(|(number, &entry)| {
+        .filter_map(|&number| Some((number, places.asset(number)?)))
+        .map(|(number, entry)| {
             let mut state = AssetState::new(entry.clone());
             state.set_state(BlobPart::Base, State::Applied);
             if let Some(occluder) = source.occluder(number) {
@@ -203,11 +203,15 @@ fn visible_assets(
             state
         })
         .collect();
-    let instances = pages
-        .iter()
-        .flat_map(|page| &page.instances)
-        .filter_map(|instance| local.get(&instance.asset).map(|&asset| InstanceEntry { asset, ..*instance }))
-        .collect();
+    let projection = Projection::new(view);
+    let in_view = places.near(&projection).into_iter().map(|(number, _, instance)| (number, instance));
+    let largest = numbers.iter().filter_map(|&asset| places.largest(asset, &projection));
+    // By number: what hides what is found in that order.
+    let placed: BTreeMap<u32, &InstanceEntry> =
+        in_view.filter(|(_, instance)| local.contains_key(&instance.asset)).chain(largest).collect();
+    let renumber =
+        |instance: &&InstanceEntry| Some(InstanceEntry { asset: *local.get(&instance.asset)?, ..**instance });
+    let instances = placed.values().filter_map(renumber).collect();
     (numbers, instances, assets)
 }
 
@@ -219,9 +223,15 @@ mod tests {
     use crate::testing::MemoryScene;
     use std::collections::HashSet;
 
+    fn refinement_for(scene: &MemoryScene, view: &View, budget: u64) -> Vec<Refining> {
+        let places = Places::new(scene);
+        let flight = first_flight(scene, &places, view);
+        first_refinement((scene, &places), view, &flight, budget, &|id| scene.try_read(id)).unwrap()
+    }
+
     fn refinement(scene: &MemoryScene, budget: u64) -> Vec<Refining> {
         let view = scene.header.camera.view([1280, 720], 1.0);
-        first_refinement(scene, &view, &first_flight(scene, &view), budget, &|id| scene.try_read(id)).unwrap()
+        refinement_for(scene, &view, budget)
     }
 
     #[test]
@@ -229,12 +239,13 @@ mod tests {
         let scene = MemoryScene::new(3, 2, 5);
         let view = scene.header.camera.view([1280, 720], 1.0);
         let here = std::cell::RefCell::new(HashSet::new());
-        let flight = first_flight(&*scene, &view);
+        let places = Places::new(&*scene);
+        let flight = first_flight(&*scene, &places, &view);
         let read = |id: &BlobId| {
             if here.borrow().contains(id) { scene.try_read(id) } else { Ok(Reading::Pending) }
         };
         for _ in 0..MAX_REFINED_PAGES {
-            match first_refinement(&*scene, &view, &flight, 64_000, &read) {
+            match first_refinement((&*scene, &places), &view, &flight, 64_000, &read) {
                 Ok(pushed) => return assert_eq!(pushed, refinement(&scene, 64_000)),
                 Err(Missing(pages)) => {
                     assert!((1..=MAX_MISSING).contains(&pages.len()));
@@ -272,9 +283,7 @@ mod tests {
         assert!(place(BlobId::texture(0, 0, 0)) < pushed.len() / 2, "{pushed:?}");
         // Far away the mean colour does.
         let far = View { eye: [0.0, 1.0, 4000.0], ..scene.header.camera.view([1280, 720], 1.0) };
-        let pushed =
-            first_refinement(&*scene, &far, &first_flight(&*scene, &far), 64_000, &|id| scene.try_read(id))
-                .unwrap();
+        let pushed = refinement_for(&scene, &far, 64_000);
         assert!(pushed.iter().all(|next| !matches!(next.id.part(), Some(BlobPart::Texture { .. }))));
     }
 

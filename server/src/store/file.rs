@@ -9,7 +9,7 @@ use bytes::Bytes;
 use lodestream_compress::decode_base;
 use lodestream_geometry::DecodeError;
 use lodestream_geometry::base::Base;
-use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_page, page_count};
+use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, decode_page, page_count};
 use lodestream_geometry::pack::{BlobKind, Entry, HEAD_BYTES, Head};
 use lodestream_geometry::screen::visible_error;
 use lodestream_protocol::BlobPart;
@@ -197,12 +197,22 @@ impl PackFile {
         levels.chunk_by(|a, b| a.0 == b.0).map(of).collect()
     }
 
-    /// What shows of the base mesh's error: attributes may be off by more than the geometry is.
+    /// What shows of the base mesh's error: attributes may be off by more than the geometry is. Chunks must be as long as the
+    /// index says: a client would take anything else for a lie of its server.
     fn root_error(&self, base: &Base) -> Result<f32, StoreError> {
         let mut error = base.geometric_error;
         for page in 0..page_count(base.chunk_count as usize) as u32 {
             let bytes = self.read(BlobPart::IndexPage(page))?;
-            let infos = decode_page(&bytes, page * CHUNKS_PER_PAGE as u32).map_err(|e| self.damaged(e))?;
+            let first = page * CHUNKS_PER_PAGE as u32;
+            let infos = decode_page(&bytes, first).map_err(|e| self.damaged(e))?;
+            let fits = |(chunk, info): (u32, &ChunkInfo)| {
+                self.blob_len(BlobPart::Chunk(chunk)) == Some(info.payload_bytes)
+            };
+            if !(first..).zip(&infos).all(fits) {
+                return Err(
+                    self.damaged(DecodeError::new("pack", "a chunk is not as long as its index page says"))
+                );
+            }
             error = infos.iter().map(|info| visible_error(info, 1.0)).fold(error, f32::max);
         }
         Ok(error)

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use image::{Rgb, RgbImage};
 use lodestream_geometry::index::decode_page;
+use lodestream_geometry::pack::BlobKind;
 use lodestream_geometry::refine::ActiveMesh;
 use lodestream_protocol::asset::AssetDescription;
 use lodestream_protocol::source::{CacheUse, Reading, SceneSource, SourceError};
@@ -165,6 +166,32 @@ fn missing_blobs_are_not_found_and_damaged_ones_unreadable() {
     assert!(store.blob_len(&finest).is_some());
     let error = store.read(&finest).unwrap_err().to_string();
     assert!(error.contains("damaged"), "{error}");
+}
+
+#[test]
+fn a_pack_whose_chunks_are_not_as_long_as_its_index_says_was_served() {
+    let dir = TempDir::new().unwrap();
+    let path = dir.path().join("sheet.lsp");
+    prepare_to(&scene(dir.path(), 40).assets[1], &options(), &path).unwrap();
+    let pack = PackFile::open(&path).unwrap();
+    pack.entry("sheet").unwrap();
+    let blobs = |change: &dyn Fn(&mut Vec<u8>)| {
+        let mut blobs: Vec<_> =
+            pack.entries().iter().map(|entry| (entry.kind, pack.read_entry(entry).unwrap())).collect();
+        change(&mut blobs.iter_mut().find(|(kind, _)| *kind == BlobKind::Chunk(0)).unwrap().1);
+        let blobs: Vec<_> = blobs.iter().map(|(kind, bytes)| (*kind, &bytes[..])).collect();
+        lodestream_geometry::pack::write(pack.made_from(), &blobs).unwrap()
+    };
+    let other = dir.path().join("other.lsp");
+    let longer = |chunk: &mut Vec<u8>| chunk.push(0);
+    let shorter = |chunk: &mut Vec<u8>| chunk.truncate(1);
+    for change in [&longer as &dyn Fn(&mut Vec<u8>), &shorter] {
+        std::fs::write(&other, blobs(change)).unwrap();
+        let other = PackFile::open(&other).unwrap();
+        other.verify().unwrap();
+        let error = other.entry("sheet").unwrap_err().to_string();
+        assert!(error.contains("a chunk is not as long as its index page says"), "{error}");
+    }
 }
 
 #[test]

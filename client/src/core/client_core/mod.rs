@@ -433,7 +433,7 @@ impl ClientCore {
             milestones: self.milestones,
             transport_bytes: self.received_bytes(),
             assets: self.scene.asset_count(),
-            instances: u32::try_from(self.scene.instances.len()).unwrap_or(u32::MAX),
+            instances: u32::try_from(self.scene.instances().all().len()).unwrap_or(u32::MAX),
             scene_instances: self.scene.header.as_ref().map_or(0, |h| h.instance_count),
             wanted_chunks: u64::from(self.counters().missing_chunks),
             texture_levels: self.counts.texture_levels,

@@ -55,12 +55,13 @@ impl ClientCore {
         self.selected = Some(now);
         self.counts.selections += 1;
         self.scene.renew_occluders();
+        self.scene.renew_tree();
         let round_trip = self.session.as_ref().and_then(|session| session.stats().rtt);
         self.selector.set_way(self.motion.way(now, round_trip.unwrap_or(USUAL_ROUND_TRIP)));
         let light = self.scene.header.as_ref().map(|header| header.light);
         let shines = |light: &Light| light.color.iter().any(|&part| part > 0.0);
         self.selector.set_to_sun(light.filter(shines).map(|light| light.direction));
-        let selection = self.selector.select(&view, &self.scene.instances, &self.scene.states);
+        let selection = self.selector.select_among(&view, self.scene.instances(), &self.scene.states);
         let (counters, cancel, undo) = (selection.counters, selection.cancel.clone(), selection.undo.clone());
         self.wanted.clone_from(&selection.wanted);
         self.failed.clone_from(&selection.failed);

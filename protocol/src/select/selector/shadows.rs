@@ -5,8 +5,8 @@ use lodestream_geometry::screen::visible_error;
 
 use super::{BIN_SHIFT, BINS, Selector, enough, threshold_within};
 use crate::blob::BlobPart;
-use crate::scene::InstanceEntry;
 use crate::select::difference::{Picture, seen_error};
+use crate::select::instance_tree::{Instances, Sought};
 use crate::select::priority::hidden;
 use crate::select::project::Projection;
 use crate::select::selection::State;
@@ -29,18 +29,23 @@ impl Selector {
         view: &View,
         to_sun: Vec3,
         threshold: f32,
-        instances: &[InstanceEntry],
+        instances: Instances<'_>,
         assets: &[AssetState],
     ) {
         let (projection, picture) = (Projection::new(view), Picture::new(view));
         let floor_px = f64::from(threshold * self.settings.undo_below.get());
-        let placed = || instances.iter().filter_map(|at| Some((at, assets.get(at.asset as usize)?)));
-        let bottoms = placed().filter_map(|(instance, asset)| {
+        let placed = |number: &u32| {
+            let instance = instances.all().get(*number as usize)?;
+            Some((instance, assets.get(instance.asset as usize)?))
+        };
+        instances.find(&Sought::in_view(&projection), &mut self.nearby);
+        let bottoms = self.nearby.numbers().iter().filter_map(placed).filter_map(|(instance, asset)| {
             let (center, radius) = projection.sphere(asset.entry(), instance);
             projection.sees(center, radius).then_some(to_sun.dot(center) - radius)
         });
         let lowest = bottoms.fold(f32::INFINITY, f32::min);
-        for (instance, asset) in placed() {
+        instances.find(&Sought::casting(&projection, to_sun, lowest), &mut self.nearby);
+        for (instance, asset) in self.nearby.numbers().iter().filter_map(placed) {
             let (center, radius) = projection.sphere(asset.entry(), instance);
             let fall = to_sun.dot(center) + radius - lowest;
             if fall.is_nan() || fall <= 0.0 {

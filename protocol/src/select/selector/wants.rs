@@ -9,15 +9,24 @@ use crate::select::state::AssetState;
 use crate::select::textures::SoughtLevel;
 
 impl Selector {
-    /// Base meshes of what is placed, and index pages of what is in view while something behind them may be wanted.
+    /// Base meshes of what is placed, and index pages of what is in view while something behind them may be wanted. How
+    /// large instances are on the screen that were not looked at, `beyond_px` says.
     pub(super) fn want_base_and_pages(
         &mut self,
         number: u32,
         asset: &AssetState,
         threshold: f32,
         picture: &Picture,
+        beyond_px: impl Fn() -> f32,
     ) {
-        let seen = self.seen[number as usize];
+        let mut seen = self.seen[number as usize];
+        let seeks_pages = (seen.visible || seen.casts)
+            && asset.state(BlobPart::Base) != State::Failed
+            && seen.unknown_px > threshold
+            && asset.known_pages() < asset.entry().index_pages();
+        if seeks_pages || asset.state(BlobPart::Base) != State::Applied {
+            seen.coverage_px = seen.coverage_px.max(beyond_px());
+        }
         let Selection { wanted, failed, .. } = &mut self.selection;
         let mut want = |part: BlobPart, priority: Priority| {
             let id = BlobId::Asset { asset: number, part };
@@ -34,10 +43,7 @@ impl Selector {
             want(BlobPart::Base, prefetch_priority(seen.coverage_px));
         }
         let pages = asset.entry().index_pages();
-        if (seen.visible || seen.casts)
-            && asset.state(BlobPart::Base) != State::Failed
-            && seen.unknown_px > threshold
-        {
+        if seeks_pages {
             // On a surface, the error falls with the square root of the number of chunks. Asking for as
             // many pages again as are known makes the number of round trips logarithmic. That is done an octave
             // beyond the threshold, less urgently: the error of what is unknown is a bound, which often stands just above

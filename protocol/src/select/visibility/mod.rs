@@ -18,6 +18,7 @@ use std::sync::Arc;
 use glam::{DVec3, Mat3, Vec3};
 use lodestream_geometry::index::Sphere;
 
+use super::instance_tree::{Found, Instances, Sought};
 use super::occluder::Occluder;
 use super::project::Projection;
 use super::state::{AssetState, Chunk};
@@ -65,6 +66,8 @@ pub(crate) struct Visibility {
     /// What was found of each instance in what is drawn, by chunk.
     known: HashMap<u32, Vec<Option<f32>>>,
     drawn: Option<Drawn>,
+    /// Instances that may be in view.
+    nearby: Found,
 }
 
 /// What a buffer shows.
@@ -133,8 +136,9 @@ impl Drawn {
 impl Visibility {
     /// Draws what hides, unless the buffer shows it already. `way`: how far the eye may get, in world units, until what is
     /// seen now matters; edges give way by what that uncovers.
-    pub(crate) fn draw(&mut self, view: &View, way: f32, instances: &[InstanceEntry], assets: &[AssetState]) {
-        if self.drawn.as_ref().is_some_and(|drawn| drawn.shows(view, way, instances.len(), assets)) {
+    pub(crate) fn draw(&mut self, view: &View, way: f32, instances: Instances<'_>, assets: &[AssetState]) {
+        let count = instances.all().len();
+        if self.drawn.as_ref().is_some_and(|drawn| drawn.shows(view, way, count, assets)) {
             return;
         }
         self.known.clear();
@@ -145,7 +149,9 @@ impl Visibility {
         let px = self.buffer.scale() / projection.scale_px() as f32;
         let mut order = Vec::new();
         let mut faces = 0;
-        for (number, instance) in (0..).zip(instances) {
+        instances.find(&Sought::in_view(&projection), &mut self.nearby);
+        for &number in self.nearby.numbers() {
+            let instance = &instances.all()[number as usize];
             let Some(asset) = assets.get(instance.asset as usize) else { continue };
             let Some(occluder) = asset.occluder() else { continue };
             let bounds = projection.bounds(asset.entry(), instance);
@@ -182,7 +188,7 @@ impl Visibility {
         self.buffer.erode(1 + (uncovered.ceil() as u32).min(MAX_UNCOVERED));
         let occluders = assets.iter().map(|asset| asset.occluder().cloned()).collect();
         frames.sort_unstable_by_key(|(number, _)| *number);
-        self.drawn = Some(Drawn { view: *view, way, instances: instances.len(), occluders, frames });
+        self.drawn = Some(Drawn { view: *view, way, instances: count, occluders, frames });
     }
 
     /// How much of each chunk's region is seen of an instance, 0 to 1; 0 only where it is hidden. Asked are the chunks for

@@ -469,7 +469,7 @@ fn share_behind(occluder: Occluder, at: [f32; 3], radius: f32, error: f32, way: 
     let view = View::look_at([0.0; 3], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0], 0.9, [1280, 720]);
     let (instances, states) = ([InstanceEntry::at(0, [0.0; 3])], [state]);
     let mut visibility = Visibility::default();
-    visibility.draw(&view, way, &instances, &states);
+    visibility.draw(&view, way, instances[..].into(), &states);
     let placed = Placed::new(&view, states[0].entry(), &instances[0]);
     let mut shares = [1.0];
     visibility.shares(0, &placed, states[0].chunks(), |_, _| true, &mut shares);
