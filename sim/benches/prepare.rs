@@ -3,11 +3,13 @@
 //!
 //! `cargo bench -p lodestream-sim --bench prepare -- [MODEL.obj…]` takes the models named, else those of
 //! the folder `LODESTREAM_MODELS`, else a generated mesh. Import and quantisation are not timed. Times are
-//! the best of three and vary with the machine: use ratios. `--json` prints an object a line.
+//! the best of three and vary with the machine: use ratios. `--json` prints an object a line. Where Draco's programs
+//! (`draco_encoder`, `draco_decoder`) are found, its decoder is timed on the same file, to the millisecond that it prints.
 
 mod heap;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::sync::Mutex;
 use std::time::Instant;
 
@@ -29,7 +31,7 @@ fn main() -> anyhow::Result<()> {
     if !json {
         println!(
             "{:<16} {:>8} | k faces/s: {:>8} {:>8} {:>8} {:>8} {:>11} | {:>9} | heap, B/face: {:>8} {:>8} {:>8} | \
-             k splits/s: {:>8} {:>8} {:>8} {:>12}",
+             k splits/s: {:>8} {:>8} {:>8} {:>12} {:>12}",
             "model",
             "faces",
             "simplify",
@@ -44,11 +46,13 @@ fn main() -> anyhow::Result<()> {
             "decode",
             "apply",
             "both",
-            "both / peer"
+            "both / peer",
+            "both / Draco"
         );
     }
-    for (name, mesh) in meshes()? {
-        let row = row(name, &mesh)?;
+    for (name, file, mesh) in meshes()? {
+        let draco = file.as_deref().and_then(draco);
+        let row = row(name, &mesh, draco)?;
         if json { println!("{}", serde_json::to_string(&row)?) } else { row.print() }
     }
     Ok(())
@@ -75,6 +79,8 @@ struct Row {
     refine_splits_per_s: f64,
     simplify_over_peer_time: f64,
     refine_over_peer_time: f64,
+    /// Against Draco's decoder of the same file; `None` where that is not there.
+    refine_over_draco_time: Option<f64>,
 }
 
 impl Row {
@@ -83,7 +89,7 @@ impl Row {
             .map(|bytes| bytes as f64 / self.faces as f64);
         println!(
             "{:<16} {:>8} |            {:>8.0} {:>8.0} {:>8.0} {:>8.0} {:>11.0} | {:>7.1} x |               {:>8.0} {:>8.0} \
-             {:>8.0} |             {:>8.0} {:>8.0} {:>8.0} {:>12.2}",
+             {:>8.0} |             {:>8.0} {:>8.0} {:>8.0} {:>12.2} {:>12.2}",
             self.model,
             self.faces,
             self.simplify_faces_per_s / 1e3,
@@ -98,12 +104,13 @@ impl Row {
             self.decode_splits_per_s / 1e3,
             self.apply_splits_per_s / 1e3,
             self.refine_splits_per_s / 1e3,
-            self.refine_over_peer_time
+            self.refine_over_peer_time,
+            self.refine_over_draco_time.unwrap_or(f64::NAN)
         );
     }
 }
 
-fn row(model: String, mesh: &QuantisedMesh) -> anyhow::Result<Row> {
+fn row(model: String, mesh: &QuantisedMesh, draco: Option<f64>) -> anyhow::Result<Row> {
     let mut best = [f64::INFINITY; 5];
     let mut heap = [0; 3];
     let mut refining = [f64::INFINITY; 2];
@@ -146,7 +153,25 @@ fn row(model: String, mesh: &QuantisedMesh) -> anyhow::Result<Row> {
         refine_splits_per_s: split_count / (decode + apply),
         simplify_over_peer_time: simplify / peer,
         refine_over_peer_time: (decode + apply) / peer,
+        refine_over_draco_time: draco.map(|draco| (decode + apply) / draco),
     })
+}
+
+/// Seconds that Draco's decoder takes for a file, encoded as finely: the best of some runs.
+fn draco(model: &Path) -> Option<f64> {
+    let folder = tempfile::tempdir().ok()?;
+    let [coded, back] = ["coded.drc", "back.ply"].map(|name| folder.path().join(name));
+    let run = |program: &str, from: &Path, to: &Path, more: &[&str]| {
+        let output = Command::new(program).arg("-i").arg(from).arg("-o").arg(to).args(more).output().ok()?;
+        output.status.success().then(|| String::from_utf8_lossy(&output.stdout).into_owned())
+    };
+    run("draco_encoder", model, &coded, &["-qp", "12", "-qt", "12", "-cl", "7"])?;
+    let milliseconds = |_| {
+        let said = run("draco_decoder", &coded, &back, &[])?;
+        said.split_once('(')?.1.split_once(" ms to decode")?.0.parse::<f64>().ok()
+    };
+    let best = (0..3 * RUNS).filter_map(milliseconds).fold(f64::INFINITY, f64::min);
+    (best > 0.0 && best.is_finite()).then_some(best / 1e3)
 }
 
 /// Seconds that decoding and applying all chunks take.
@@ -221,7 +246,8 @@ fn meshoptimizer(mesh: &QuantisedMesh) -> anyhow::Result<f64> {
     Ok(seconds)
 }
 
-fn meshes() -> anyhow::Result<Vec<(String, QuantisedMesh)>> {
+/// Names, files where there is one, and meshes.
+fn meshes() -> anyhow::Result<Vec<(String, Option<PathBuf>, QuantisedMesh)>> {
     // Cargo adds `--bench`.
     let mut files: Vec<PathBuf> =
         std::env::args().skip(1).filter(|a| !a.starts_with('-')).map(PathBuf::from).collect();
@@ -235,14 +261,15 @@ fn meshes() -> anyhow::Result<Vec<(String, QuantisedMesh)>> {
         quantise(mesh, &QuantiseSettings { precision: Precision::Bits(12), ..QuantiseSettings::default() })
     };
     if files.is_empty() {
-        return Ok(vec![("generated".to_owned(), quantised(&height_field(200))?)]);
+        return Ok(vec![("generated".to_owned(), None, quantised(&height_field(200))?)]);
     }
     let load = |file: PathBuf| {
         let mesh = lodestream_import::import(&file)
             .with_context(|| format!("cannot import {}", file.display()))?
             .mesh;
         let name = file.file_stem().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
-        Ok((name, quantised(&mesh)?))
+        let mesh = quantised(&mesh)?;
+        Ok((name, Some(file), mesh))
     };
     files.into_iter().map(load).collect()
 }

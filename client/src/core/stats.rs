@@ -73,6 +73,8 @@ pub struct Stats {
     pub mesh_bytes: u64,
     /// Chunks undone so far.
     pub undone: u64,
+    /// Faces decoded so far, those of base meshes and of what was decoded again included.
+    pub decoded_faces: u64,
     /// Blobs that came damaged so far.
     pub decode_failures: u64,
     /// Blobs evicted from the cache so far.

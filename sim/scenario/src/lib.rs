@@ -7,6 +7,7 @@ mod bare_sender;
 pub mod baseline;
 pub(crate) mod camera_drive;
 pub mod camera_path;
+mod computing;
 pub mod draco;
 pub mod field;
 pub mod goodput;

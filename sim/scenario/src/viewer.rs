@@ -10,6 +10,7 @@ use lodestream_protocol::view::View;
 
 use super::camera_drive::{CameraDrive, Phase, Reached};
 use super::camera_path::CameraPath;
+use super::computing::Computing;
 use super::ledger::{Ledger, Use};
 use super::observer::Observer;
 use super::outcome::note_quality;
@@ -24,10 +25,11 @@ pub(crate) struct Settled {
 }
 
 /// Runs the core after everything that arrives, without a budget: decoding and applying take no virtual
-/// time. Leaves once the camera is at rest and nothing more is wanted, or at the time limit.
+/// time but where a plan says how fast they are. Leaves once the camera is at rest and nothing more is wanted, or at the time limit.
 #[derive(Debug)]
 pub(crate) struct Viewer<'a> {
     core: ClientCore,
+    computing: Computing,
     clock: Clock,
     limit: Time,
     drive: CameraDrive,
@@ -86,6 +88,7 @@ impl<'a> Viewer<'a> {
         core.begin(clock.now());
         Self {
             core,
+            computing: Computing::new(client.splits_per_s),
             clock,
             limit: Time::from(time_limit),
             drive: CameraDrive::new(path, viewport_px, client.target_px),
@@ -225,7 +228,7 @@ impl Host for Viewer<'_> {
             observer.before(now, &mut self.core, self.seen);
         }
         self.move_camera(now);
-        let progress = self.core.update(now, u64::MAX);
+        let progress = self.computing.turn(&mut self.core, now);
         self.observe(now);
         if let Some(observer) = &mut self.observer {
             observer.after(&mut self.core, self.seen);
@@ -238,8 +241,9 @@ impl Host for Viewer<'_> {
             // The last words are the transport's matter.
             None
         } else {
-            let next = self.drive.next_move(self.clock.now(), self.reached());
-            Some(next.map_or(self.limit, |next| next.min(self.limit)))
+            let now = self.clock.now();
+            let moves = self.drive.next_move(now, self.reached());
+            [moves, self.computing.next(now), Some(self.limit)].into_iter().flatten().min()
         };
         let clock = self.clock;
         async move {

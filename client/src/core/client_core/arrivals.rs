@@ -144,6 +144,7 @@ impl ClientCore {
                     .collect();
                 let levels = levels.iter().map(|part| state.entry().sent_blob(asset, *part)).collect();
                 state.set_state(BlobPart::Base, State::Applied);
+                self.counts.decoded_faces += refined.mesh().face_count() as u64;
                 self.scene.set_base(asset, refined);
                 if !self.config.track_changes {
                     self.scene.drop_changes();
@@ -245,6 +246,11 @@ impl ClientCore {
             Ok(()) => {
                 self.failures.forget(id);
                 self.set_applied(id, stop);
+                if let Some((asset, BlobPart::Chunk(chunk))) = self.scene.asset(id)
+                    && let Some(info) = asset.chunk(chunk)
+                {
+                    self.counts.decoded_faces += u64::from(info.extent(stop).faces);
+                }
             }
             Err(why) => {
                 // What was there of it up to a stop was undone.

@@ -87,6 +87,7 @@ pub struct ClientCore {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Counts {
     pub(super) undone: u64,
+    pub(super) decoded_faces: u64,
     pub(super) decode_failures: u64,
     evicted: u64,
     refused: u64,
@@ -415,6 +416,12 @@ impl ClientCore {
         &self.milestones
     }
 
+    /// [`Stats::decoded_faces`], without the rest.
+    #[must_use]
+    pub const fn decoded_faces(&self) -> u64 {
+        self.counts.decoded_faces
+    }
+
     /// Everything countable. Costs a pass over the assets.
     #[must_use]
     pub fn stats(&self) -> Stats {
@@ -439,6 +446,7 @@ impl ClientCore {
             texture_levels: self.counts.texture_levels,
             cached_bytes: self.cache.bytes(),
             undone: self.counts.undone,
+            decoded_faces: self.counts.decoded_faces,
             decode_failures: self.counts.decode_failures,
             evicted: self.counts.evicted,
             refused: self.counts.refused,

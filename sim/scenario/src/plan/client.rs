@@ -20,6 +20,8 @@ pub struct ClientSettings {
     pub hidden_last: bool,
     /// Whether what casts shadows into view from out of it is refined too.
     pub shadows: bool,
+    /// Vertex splits that the client decodes and applies in a second of virtual time; `None`: in no time.
+    pub splits_per_s: Option<f64>,
 }
 
 impl ClientSettings {
@@ -33,6 +35,7 @@ impl ClientSettings {
             stops: true,
             hidden_last: true,
             shadows: false,
+            splits_per_s: None,
         }
     }
 
@@ -58,6 +61,7 @@ pub(super) struct ClientFile {
     stops: Option<bool>,
     hidden_last: Option<bool>,
     shadows: Option<bool>,
+    splits_per_s: Option<f64>,
 }
 
 impl ClientFile {
@@ -75,6 +79,12 @@ impl ClientFile {
             let message = format!("{depth} is not a number of bytes from 1 to 1 GiB");
             return Err(Fault::new("request_depth_bytes", message));
         }
+        if let Some(rate) = self.splits_per_s.filter(|rate| !(1e3..=1e12).contains(rate)) {
+            return Err(Fault::new(
+                "splits_per_s",
+                format!("{rate} is not a rate from 1e3 to 1e12 splits a second"),
+            ));
+        }
         let shipped = ClientSettings::to(target_px as f32);
         Ok(ClientSettings {
             request_depth_bytes: self.request_depth_bytes,
@@ -82,6 +92,7 @@ impl ClientFile {
             stops: self.stops.unwrap_or(shipped.stops),
             hidden_last: self.hidden_last.unwrap_or(shipped.hidden_last),
             shadows: self.shadows.unwrap_or(shipped.shadows),
+            splits_per_s: self.splits_per_s,
             ..shipped
         })
     }

@@ -17,6 +17,7 @@
 //! prefetch_bases = true       # base meshes of what is out of view, last
 //! stops = true                # chunks only up to the stop that suffices
 //! shadows = false             # what casts shadows into view from out of it is refined too, as the viewer does
+//! splits_per_s = 500_000      # how fast it decodes and applies; without it that takes no virtual time
 //! hidden_last = true          # what the scene's own surfaces hide comes last; if not, the server does not ask either
 //!
 //! [link.train]                # a link by name: how it is from server to client,

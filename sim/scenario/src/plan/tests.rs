@@ -396,7 +396,7 @@ fn pictures_have_the_shape_of_the_view_and_instants_in_order() {
 fn the_client_and_the_codec_are_as_shipped_unless_the_plan_says_otherwise() {
     let plain = parse_at(GOOD).unwrap();
     assert_eq!((plain.client, plain.codec), (ClientSettings::to(1.0), None));
-    let client = "[client]\ntarget_px = 4\nrequest_depth_bytes = 9000\nprefetch_bases = false\nstops = false\nshadows = true\n";
+    let client = "[client]\ntarget_px = 4\nrequest_depth_bytes = 9000\nprefetch_bases = false\nstops = false\nshadows = true\nsplits_per_s = 3e5\n";
     let head = "codec = \"zstd\"\nttq_px = [4, 1]\n";
     let own =
         parse_at(&format!("{head}{}", GOOD.replace("[[sweep]]", &format!("{client}[[sweep]]")))).unwrap();
@@ -407,6 +407,7 @@ fn the_client_and_the_codec_are_as_shipped_unless_the_plan_says_otherwise() {
         stops: false,
         hidden_last: true,
         shadows: true,
+        splits_per_s: Some(3e5),
     };
     assert_eq!((own.client, own.codec), (expected, Some(Codec::Plain)));
     for (text, field, message) in [

@@ -182,3 +182,27 @@ fn over_websocket_refinement_begins_with_the_first_frame() {
         assert!(run.ttq_ms["1"].unwrap() - first < run.rtt_ms * 2.2 + 30.0, "{run:?}");
     }
 }
+
+#[test]
+fn a_client_that_decodes_slowly_is_as_late_as_that_takes_and_no_later() {
+    let sweep = "transport = [\"quic\", \"ws\"]\nrate_bits_per_s = 16_000_000\nrtt_ms = 20\ncamera = [\"still\", \"orbit\"]";
+    let with = |client: &str| results_of(&parse(client, sweep));
+    let free = with("");
+    // So fast that it takes less than a nanosecond a blob.
+    let fast = with("[client]\nsplits_per_s = 1e12\n");
+    for (free, fast) in free.iter().zip(&fast) {
+        let (free, fast) = (free.settled_ms.unwrap(), fast.settled_ms.unwrap());
+        assert!((free - fast).abs() <= 0.02 * free, "{free} and {fast} ms");
+    }
+    let slow = with("[client]\nsplits_per_s = 20_000\n");
+    for (free, slow) in free.iter().zip(&slow) {
+        // Two faces a split.
+        let computing_ms = slow.applied_faces.unwrap() as f64 / 2.0 / 20.0;
+        let (free_ms, slow_ms) = (free.settled_ms.unwrap(), slow.settled_ms.unwrap());
+        assert!(slow_ms >= computing_ms && slow_ms > free_ms, "{slow_ms} ms, {free_ms} and {computing_ms}");
+        let late = free_ms + computing_ms / 2.0..free_ms + 1.5 * computing_ms;
+        assert!(slow.camera != "still" || late.contains(&slow_ms), "{slow_ms} ms, not {late:?}");
+        assert!(slow.ttff_ms >= free.ttff_ms);
+    }
+    assert_eq!(slow, with("[client]\nsplits_per_s = 20_000\n"), "it repeats to the bit");
+}
