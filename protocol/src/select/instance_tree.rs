@@ -27,6 +27,8 @@ const CURVE_BITS: u32 = 21;
 struct Ball {
     center: DVec3,
     radius: f64,
+    /// Radius of the largest instance in it.
+    largest: f64,
 }
 
 impl Ball {
@@ -40,11 +42,18 @@ impl Ball {
         let center = low.midpoint(high);
         let reach = |ball: &Self| ball.center.distance(center) + ball.radius;
         let radius = balls.iter().map(reach).fold(0.0, f64::max);
-        if radius.is_finite() { Self { center, radius } } else { Self::everywhere() }
+        let largest = balls.iter().map(|ball| ball.largest).fold(0.0, f64::max);
+        if radius.is_finite() { Self { center, radius, largest } } else { Self::everywhere() }
     }
 
     const fn everywhere() -> Self {
-        Self { center: DVec3::ZERO, radius: f64::INFINITY }
+        Self { center: DVec3::ZERO, radius: f64::INFINITY, largest: f64::INFINITY }
+    }
+
+    /// Bound on the radii of its instances on the screen, in pixels, at a distance of its centre from the eye.
+    fn widest_px(&self, distance: f64, scale_px: f64) -> f64 {
+        let nearest = distance - self.radius;
+        if nearest > 0.0 { self.largest * scale_px / nearest * (1.0 + 1e-5) } else { f64::INFINITY }
     }
 }
 
@@ -55,6 +64,9 @@ pub(super) struct Sought {
     /// Inward normals of the planes through the eye, the near one among them.
     planes: [DVec3; 5],
     fall: Option<Fall>,
+    /// Least radius on the screen, and pixels per unit of tangent.
+    least_px: f64,
+    scale_px: f64,
 }
 
 /// What carries shadows: from the sun, down to the lowest that matters.
@@ -70,7 +82,13 @@ impl Sought {
         let frustum = projection.frustum();
         let [a, b, c, d] = frustum.sides;
         let planes = [frustum.forward, a, b, c, d].map(|normal| normal.as_dvec3());
-        Self { eye: projection.eye(), planes, fall: None }
+        let scale_px = projection.scale_px();
+        Self { eye: projection.eye(), planes, fall: None, least_px: 0.0, scale_px }
+    }
+
+    /// The same of those alone that are so large on the screen.
+    pub(super) fn in_view_from(projection: &Projection, least_px: f32) -> Self {
+        Self { least_px: f64::from(least_px), ..Self::in_view(projection) }
     }
 
     /// Spheres that do somewhere on the way on which light from `to_sun` carries them, down to `lowest` (along `to_sun`, from
@@ -87,6 +105,9 @@ impl Sought {
         // What is not a number is not left out either.
         if size.is_nan() || size > FAR {
             return true;
+        }
+        if ball.widest_px(center.length(), self.scale_px) < self.least_px {
+            return false;
         }
         let radius = ball.radius + SLACK * size;
         let Some(Fall { to_sun, lowest }) = self.fall else {
@@ -249,11 +270,8 @@ impl InstanceTree {
         let mut best: Option<(f32, Reverse<u32>)> = None;
         for leaf in self.leaves(asset) {
             let ball = &self.balls[leaf];
-            // The largest radius of an instance is no larger than the ball's, and none is nearer than its near side.
-            let nearest = ball.center.distance(projection.eye()) - ball.radius;
-            let widest = ball.radius * projection.scale_px() / nearest;
-            let beaten = best.is_some_and(|(px, _)| nearest > 0.0 && widest * (1.0 + 1e-5) < f64::from(px));
-            if beaten {
+            let widest_px = ball.widest_px(ball.center.distance(projection.eye()), projection.scale_px());
+            if best.is_some_and(|(px, _)| widest_px < f64::from(px)) {
                 continue;
             }
             for &number in self.of_leaf(leaf) {
@@ -270,7 +288,8 @@ impl InstanceTree {
 fn ball(asset: &AssetEntry, instance: &InstanceEntry) -> Ball {
     let center = instance.to_world(asset.origin, asset.sphere.center);
     let radius = f64::from(asset.sphere.radius * instance.scale);
-    if center.is_finite() && radius.is_finite() { Ball { center, radius } } else { Ball::everywhere() }
+    let known = center.is_finite() && radius.is_finite();
+    if known { Ball { center, radius, largest: radius } } else { Ball::everywhere() }
 }
 
 /// Scenes number what they have by u32.
@@ -433,6 +452,7 @@ mod tests {
             view in eyes(),
             sun in prop::array::uniform3(-1.0..1.0_f32),
             lowest in -50.0..50.0_f32,
+            least_px in 0.1..100.0_f32,
         ) {
             let assets: Vec<AssetEntry> = [0.5, 2.0, 0.0, 40.0, 1.0].map(asset).into();
             let tree = InstanceTree::new(instances.iter(), |number| assets.get(number as usize));
@@ -449,6 +469,12 @@ mod tests {
                 let (center, radius) = sphere(at);
                 let known = found.numbers().binary_search(&length(at)).is_ok();
                 prop_assert!(known || !projection.sees(center, radius), "{}", at);
+            }
+            tree.find(&Sought::in_view_from(&projection, least_px), &mut found);
+            for (at, instance) in instances.iter().enumerate() {
+                let bounds = projection.bounds(&assets[instance.asset as usize], instance);
+                let known = found.numbers().binary_search(&length(at)).is_ok();
+                prop_assert!(known || !bounds.visible || bounds.coverage_px < least_px, "{}", at);
             }
             let to_sun = Vec3::from(sun).normalize_or(Vec3::Y);
             tree.find(&Sought::casting(&projection, to_sun, lowest), &mut found);

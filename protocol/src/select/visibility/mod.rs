@@ -149,7 +149,7 @@ impl Visibility {
         let px = self.buffer.scale() / projection.scale_px() as f32;
         let mut order = Vec::new();
         let mut faces = 0;
-        instances.find(&Sought::in_view(&projection), &mut self.nearby);
+        instances.find(&Sought::in_view_from(&projection, LEAST_RADIUS / px), &mut self.nearby);
         for &number in self.nearby.numbers() {
             let instance = &instances.all()[number as usize];
             let Some(asset) = assets.get(instance.asset as usize) else { continue };
