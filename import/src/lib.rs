@@ -13,6 +13,7 @@ mod file;
 pub mod gltf;
 mod import;
 mod knob;
+mod meshopt;
 mod model;
 mod obj;
 mod ply;

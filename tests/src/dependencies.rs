@@ -62,6 +62,14 @@ fn an_embedder_of_the_renderer_compiles_no_network() {
     assert!(needs("lodestream-render", &["--features", "client"]).contains("lodestream-client"));
 }
 
+/// Nor C: meshoptimizer's library is what tests encode with.
+#[test]
+fn who_reads_models_compiles_no_draco_if_he_wants_none() {
+    assert!(needs("lodestream-import", &[]).contains("draco-core"));
+    lacks("lodestream-import", &["--no-default-features"], &["draco-core"]);
+    lacks("lodestream-import", &[], &["meshopt", "zstd-sys", "tokio", "clap"]);
+}
+
 /// Clients of stores bring a library of TLS in C unless they are told not to.
 #[test]
 fn the_server_has_one_library_of_tls() {

@@ -1,14 +1,18 @@
 //! Accessors: the elements of vertex attributes and indices, read where they lie.
 //!
-//! Nothing is decoded ahead, so a file cannot ask for more memory than it has bytes; everything that a
-//! later read relies on is checked once, when the accessor is opened.
+//! Nothing is decoded ahead but compressed views, so a file cannot ask for more memory than it has bytes; everything that
+//! a later read relies on is checked once, when the accessor is opened.
+
+use std::collections::BTreeMap;
 
 use bytes::Bytes;
 use gltf::json::accessor::{ComponentType, Type};
 use gltf::json::validation::Checked;
 
+use super::compressed::{CompressedView, of_view};
 use super::container::Document;
 use crate::error::ImportError;
+use crate::file::MAX_FILE_BYTES;
 
 /// Most elements of an accessor that has no bytes of its own, only zeros and what is sparse.
 const MAX_ZEROS: usize = 1 << 16;
@@ -17,6 +21,12 @@ const MAX_ZEROS: usize = 1 << 16;
 pub(super) struct Buffers<'a> {
     document: &'a Document,
     read: Vec<Option<Bytes>>,
+    /// Views that were compressed, by index.
+    unpacked: BTreeMap<usize, Bytes>,
+    /// Bytes that they came to.
+    unpacked_bytes: u64,
+    /// Compressed bytes that were decoded, by buffer.
+    decoded_bytes: Vec<u64>,
 }
 
 /// The elements of one accessor.
@@ -34,7 +44,14 @@ pub(super) struct Elements {
 
 impl<'a> Buffers<'a> {
     pub(super) fn new(document: &'a Document) -> Self {
-        Self { document, read: vec![None; document.root.buffers.len()] }
+        let buffers = document.root.buffers.len();
+        Self {
+            document,
+            read: vec![None; buffers],
+            unpacked: BTreeMap::new(),
+            unpacked_bytes: 0,
+            decoded_bytes: vec![0; buffers],
+        }
     }
 
     fn buffer(&mut self, index: usize) -> Result<Bytes, ImportError> {
@@ -50,14 +67,69 @@ impl<'a> Buffers<'a> {
     pub(super) fn view(&mut self, index: usize) -> Result<(Bytes, Option<usize>), ImportError> {
         let error = |what: &str| self.document.error(format!("bufferViews[{index}] {what}"));
         let view = self.document.root.buffer_views.get(index).ok_or_else(|| error("does not exist"))?;
-        let (offset, length) = (view.byte_offset.unwrap_or_default().0, view.byte_length.0);
         let stride = view.byte_stride.map(|stride| stride.0).filter(|&stride| stride > 0);
-        let beyond = error("reaches beyond its buffer");
-        let bytes = self.buffer(view.buffer.value())?;
+        if let Some(compressed) = of_view(view).map_err(|what| error(&what))? {
+            return Ok((self.unpacked(index, &compressed)?, stride));
+        }
+        let offset = view.byte_offset.unwrap_or_default().0;
+        Ok((self.range(index, view.buffer.value(), offset, view.byte_length.0)?, stride))
+    }
+
+    /// The bytes of a buffer view that are to be decoded, by whoever asks for them.
+    pub(super) fn compressed_view(&mut self, index: usize) -> Result<Bytes, ImportError> {
+        let views = &self.document.root.buffer_views;
+        let buffer = views.get(index).map_or(0, |view| view.buffer.value());
+        let (bytes, _) = self.view(index)?;
+        self.count(index, buffer, &bytes)?;
+        Ok(bytes)
+    }
+
+    /// Some bytes of a buffer, which the view `index` is about.
+    fn range(&mut self, index: usize, buffer: usize, offset: u64, length: u64) -> Result<Bytes, ImportError> {
+        let bytes = self.buffer(buffer)?;
         let end = offset.checked_add(length).filter(|&end| end <= bytes.len() as u64);
         // No end above a length that fits `usize` fails to fit it.
-        let end = end.ok_or(beyond)? as usize;
-        Ok((bytes.slice(offset as usize..end), stride))
+        let end = end.ok_or_else(|| {
+            self.document
+                .error(format!("bufferViews[{index}] reaches beyond its buffer; the file is damaged"))
+        })?;
+        Ok(bytes.slice(offset as usize..end as usize))
+    }
+
+    /// Counts bytes that are decoded. Those of a buffer that overlap would be decoded once for each view that a file
+    /// lists, and a view is described in less bytes than it may come to.
+    fn count(&mut self, index: usize, buffer: usize, bytes: &Bytes) -> Result<(), ImportError> {
+        let length = self.buffer(buffer)?.len() as u64;
+        let decoded = &mut self.decoded_bytes[buffer];
+        *decoded += bytes.len() as u64;
+        if *decoded > length {
+            return Err(self.document.error(format!(
+                "bufferViews[{index}]: the compressed views of buffers[{buffer}] come to more bytes than it has, \
+                 {length}; export the file again"
+            )));
+        }
+        Ok(())
+    }
+
+    /// What a compressed view comes to.
+    fn unpacked(&mut self, index: usize, view: &CompressedView) -> Result<Bytes, ImportError> {
+        if let Some(bytes) = self.unpacked.get(&index) {
+            return Ok(bytes.clone());
+        }
+        let data = self.range(index, view.buffer, view.offset, view.length)?;
+        self.count(index, view.buffer, &data)?;
+        let document = self.document;
+        let error = |what: String| document.error(format!("bufferViews[{index}] {what}"));
+        let bytes = view.unpacked_bytes().and_then(|bytes| bytes.checked_add(self.unpacked_bytes));
+        self.unpacked_bytes = bytes.filter(|&bytes| bytes <= MAX_FILE_BYTES).ok_or_else(|| {
+            error(format!("comes to too many bytes; at most {MAX_FILE_BYTES} are read, so split the file"))
+        })?;
+        let bytes = view
+            .unpack(&data)
+            .map_err(|what| error(format!("does not decode: {what}; export the file again")))?;
+        let bytes = Bytes::from(bytes);
+        self.unpacked.insert(index, bytes.clone());
+        Ok(bytes)
     }
 
     /// Opens an accessor. `place` says in messages what it is for.
@@ -155,6 +227,30 @@ fn component(bytes: &[u8], kind: ComponentType) -> f64 {
 }
 
 impl Elements {
+    /// Elements that lie one after the other.
+    ///
+    /// # Panics
+    /// If there are less bytes than that many elements have.
+    pub(super) fn packed(
+        bytes: Bytes,
+        count: usize,
+        components: usize,
+        kind: ComponentType,
+        normalised: bool,
+    ) -> Self {
+        let size = components * kind.size();
+        assert!(bytes.len() / size >= count, "{} bytes for {count} elements of {size}", bytes.len());
+        Self {
+            count,
+            components,
+            kind,
+            normalised,
+            dense: Some((bytes, size)),
+            sparse: Vec::new(),
+            values: Bytes::new(),
+        }
+    }
+
     pub(super) fn len(&self) -> usize {
         self.count
     }

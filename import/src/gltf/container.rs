@@ -7,10 +7,15 @@ use std::path::{Component, Path, PathBuf};
 use bytes::Bytes;
 use gltf::json;
 
+use super::compressed;
 use crate::error::ImportError;
 use crate::file::{MAX_FILE_BYTES, read_file};
 
-/// Extensions that are understood, so that a file may require them.
+/// The extension of meshes that are compressed with Draco.
+pub(super) const DRACO: &str = "KHR_draco_mesh_compression";
+
+/// Extensions that are understood, so that a file may require them; with what is in [`compressed::EXTENSIONS`], and
+/// [`DRACO`] where it is built.
 const SUPPORTED: [&str; 5] = [
     "KHR_lights_punctual",
     "KHR_mesh_quantization",
@@ -18,6 +23,12 @@ const SUPPORTED: [&str; 5] = [
     "KHR_materials_unlit",
     "KHR_materials_emissive_strength",
 ];
+
+fn supported(name: &str) -> bool {
+    SUPPORTED.contains(&name)
+        || compressed::EXTENSIONS.contains(&name)
+        || (cfg!(feature = "draco") && name == DRACO)
+}
 
 /// Whether what a file looks like without the extension is worth more than a refusal, also where the file requires
 /// it: surfaces that shine otherwise, lights and notes.
@@ -62,7 +73,7 @@ impl Document {
         }
         let missing: Vec<&str> = head.extensions_required.iter().map(String::as_str).collect();
         let missing: Vec<&str> =
-            missing.into_iter().filter(|name| !SUPPORTED.contains(name) && !dispensable(name)).collect();
+            missing.into_iter().filter(|name| !supported(name) && !dispensable(name)).collect();
         if !missing.is_empty() {
             let names = missing.join(", ");
             return Err(error(format!(
@@ -83,7 +94,7 @@ impl Document {
     pub(super) fn unknown_extensions(&self) -> impl Iterator<Item = &str> {
         let names: BTreeSet<&String> =
             self.root.extensions_used.iter().chain(&self.root.extensions_required).collect();
-        names.into_iter().map(String::as_str).filter(|name| !SUPPORTED.contains(name))
+        names.into_iter().map(String::as_str).filter(|name| !supported(name))
     }
 
     /// The bytes of one buffer: at least as many as it says.

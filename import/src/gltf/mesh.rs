@@ -11,6 +11,7 @@ use lodestream_geometry::mesh::{Corner, NONE, SourceMesh};
 
 use super::accessor::{Buffers, Elements};
 use super::container::Document;
+use super::draco::{Compressed, Streams};
 use super::ignored::Ignored;
 use super::material::{Converted, convert};
 use crate::error::ImportError;
@@ -26,6 +27,7 @@ const MAX_MATERIALS: usize = lodestream_protocol::asset::MAX_MATERIALS;
 pub(super) struct Builder<'a> {
     document: &'a Document,
     buffers: Buffers<'a>,
+    streams: Streams,
     mesh: SourceMesh,
     materials: Vec<Converted>,
     /// By index in the file; `None` is the default material.
@@ -49,6 +51,7 @@ impl<'a> Builder<'a> {
         Self {
             document,
             buffers: Buffers::new(document),
+            streams: Streams::default(),
             mesh: SourceMesh::default(),
             materials: Vec::new(),
             material_of: BTreeMap::new(),
@@ -92,11 +95,15 @@ impl<'a> Builder<'a> {
             self.ignored.note("morph targets");
         }
         let material = self.material(primitive.material.map(|m| m.value()))?;
-        let Some(attributes) = self.attributes(primitive, place, material)? else { return Ok(()) };
+        let compressed = self.streams.open(document, &mut self.buffers, primitive, place)?;
+        // A stream has the triangles themselves, whatever they were before.
+        let mode = if compressed.is_some() { Mode::Triangles } else { mode };
+        let attributes = self.attributes(primitive, compressed.as_ref(), place, material)?;
+        let Some(attributes) = attributes else { return Ok(()) };
         if attributes.uvs.is_none() {
             self.warn_of_maps(material, place);
         }
-        let indices = self.indices(primitive, place, attributes.positions.len())?;
+        let indices = self.indices(primitive, compressed.as_ref(), place, attributes.positions.len())?;
         let faces = match mode {
             Mode::Triangles => indices.len() / 3,
             _ => indices.len().saturating_sub(2),
@@ -160,9 +167,11 @@ impl<'a> Builder<'a> {
     fn attributes(
         &mut self,
         primitive: &json::mesh::Primitive,
+        compressed: Option<&Compressed>,
         place: &str,
         material: u16,
     ) -> Result<Option<Attributes>, ImportError> {
+        let document = self.document;
         let uv_set = self.materials[usize::from(material)].uv_set;
         let mut positions = None;
         let (mut normals, mut uvs, mut colors) = (None, None, None);
@@ -173,7 +182,14 @@ impl<'a> Builder<'a> {
             };
             let name = semantic.to_string();
             let place = format!("{place}.attributes.{name}");
-            let mut open = |allowed: &[Type]| self.buffers.open(accessor.value(), &place, allowed);
+            let mut open = |allowed: &[Type]| {
+                let decoded =
+                    compressed.map(|c| c.attribute(document, &name, accessor.value(), &place, allowed));
+                match decoded.transpose()?.flatten() {
+                    Some(elements) => Ok(elements),
+                    None => self.buffers.open(accessor.value(), &place, allowed),
+                }
+            };
             match semantic {
                 Semantic::Positions => positions = Some(open(&[Type::Vec3])?),
                 Semantic::Normals => normals = Some(open(&[Type::Vec3])?),
@@ -202,19 +218,23 @@ impl<'a> Builder<'a> {
     fn indices(
         &mut self,
         primitive: &json::mesh::Primitive,
+        compressed: Option<&Compressed>,
         place: &str,
         vertices: usize,
     ) -> Result<Vec<u32>, ImportError> {
         let document = self.document;
-        let Some(accessor) = primitive.indices else {
-            return Ok((0..vertices as u32).collect());
-        };
         let place = format!("{place}.indices");
-        let elements = self.buffers.open(accessor.value(), &place, &[Type::Scalar])?;
-        if !elements.is_unsigned() {
-            return Err(document.error(format!("{place}: are not unsigned integers")));
-        }
-        let indices: Vec<u32> = (0..elements.len()).map(|i| elements.get::<1>(i)[0] as u32).collect();
+        let indices: Vec<u32> = match (compressed, primitive.indices) {
+            (Some(compressed), _) => compressed.corners(),
+            (None, None) => return Ok((0..vertices as u32).collect()),
+            (None, Some(accessor)) => {
+                let elements = self.buffers.open(accessor.value(), &place, &[Type::Scalar])?;
+                if !elements.is_unsigned() {
+                    return Err(document.error(format!("{place}: are not unsigned integers")));
+                }
+                (0..elements.len()).map(|i| elements.get::<1>(i)[0] as u32).collect()
+            }
+        };
         match indices.iter().find(|&&index| index as usize >= vertices) {
             Some(index) => {
                 Err(document.error(format!("{place}: index {index} is beyond the {vertices} vertices")))

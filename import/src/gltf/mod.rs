@@ -10,7 +10,9 @@
 //! check, where it is used.
 
 mod accessor;
+mod compressed;
 mod container;
+mod draco;
 mod ignored;
 mod lights;
 mod maps;
