@@ -9,7 +9,9 @@
 #[allow(clippy::unwrap_used, reason = "helpers of tests")]
 #[path = "../../geometry/tests/suite/common/mod.rs"]
 mod common;
+mod compressed;
 pub mod fixtures;
+mod glb;
 pub mod input;
 pub mod meter;
 pub mod seeds;

@@ -31,7 +31,9 @@ use lodestream_terrain::{
 };
 
 use crate::common::shapes;
+use crate::compressed;
 use crate::fixtures;
+use crate::glb::glb;
 
 /// The seeds of a target by the name of its corpus, as (file name, bytes). None for an unknown name.
 ///
@@ -46,6 +48,7 @@ pub fn of(target: &str) -> Vec<(String, Vec<u8>)> {
         "apply_undo" => sequences(),
         "obj_import" => models(),
         "gltf_import" => scenes(),
+        "gltf_compressed" => compressed::seeds(),
         "ply_import" => scans(),
         "messages" => messages(),
         "terrain" => terrain(),
@@ -56,7 +59,7 @@ pub fn of(target: &str) -> Vec<(String, Vec<u8>)> {
 }
 
 /// A seed that a target must accept.
-fn seed(name: impl Into<String>, bytes: Vec<u8>) -> (String, Vec<u8>) {
+pub(crate) fn seed(name: impl Into<String>, bytes: Vec<u8>) -> (String, Vec<u8>) {
     (name.into(), bytes)
 }
 
@@ -240,21 +243,6 @@ fn models() -> Vec<(String, Vec<u8>)> {
         ("concave", "v 0 2 0\nv -1 0 0\nv 0 1 0\nv 1 0 0\nvn 0 0 4\nusemtl a b\nf 1//1 2//1 3//1 4//1\n".into()),
     ];
     texts.map(|(name, text)| seed(name, [text.as_bytes(), b"\0", MTL.as_bytes()].concat())).into()
-}
-
-/// A GLB file of a JSON text and a binary chunk.
-fn glb(json: &str, bin: &[u8]) -> Vec<u8> {
-    let chunk = |kind: &[u8; 4], bytes: &[u8], pad: u8| {
-        let length = bytes.len().next_multiple_of(4);
-        let mut chunk = (length as u32).to_le_bytes().to_vec();
-        chunk.extend(kind);
-        chunk.extend(bytes);
-        chunk.resize(8 + length, pad);
-        chunk
-    };
-    let body = [chunk(b"JSON", json.as_bytes(), b' '), chunk(b"BIN\0", bin, 0)].concat();
-    let length = (body.len() as u32 + 12).to_le_bytes();
-    [&b"glTF"[..], &2_u32.to_le_bytes(), &length, &body].concat()
 }
 
 /// The beginning of a material with everything that one can have, and the textures that it names before it.

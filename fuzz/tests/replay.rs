@@ -61,6 +61,11 @@ fn gltf_import() {
 }
 
 #[test]
+fn gltf_compressed() {
+    replay("gltf_compressed");
+}
+
+#[test]
 fn ply_import() {
     replay("ply_import");
 }

@@ -7,6 +7,7 @@ use lodestream_geometry::quantise::{QuantiseSettings, quantise};
 use lodestream_import::Part;
 use tempfile::TempDir;
 
+use crate::compressed::file;
 use crate::meter::{Ceiling, within};
 
 thread_local! {
@@ -57,6 +58,16 @@ const PLY: Ceiling = Ceiling { base_bytes: 1 << 18, bytes_per_byte: 256, base_st
 
 /// A glTF or GLB file: whole, its contents, and its first mesh alone.
 pub fn gltf_import(data: &[u8]) -> bool {
+    let compressed = data.windows(12).any(|name| name == b"_compression");
+    import_gltf(data, if compressed { COMPRESSED } else { GLTF })
+}
+
+/// A stream of Draco or of one of meshoptimizer's codecs, in a GLB file that is made around it ([`file`]).
+pub fn gltf_compressed(data: &[u8]) -> bool {
+    file(data).is_some_and(|file| import_gltf(&file, COMPRESSED))
+}
+
+fn import_gltf(data: &[u8], ceiling: Ceiling) -> bool {
     in_folder(|folder| {
         let path = folder.join(if data.starts_with(b"glTF") { "a.glb" } else { "a.gltf" });
         std::fs::write(&path, data).expect("a file in the temporary folder");
@@ -66,12 +77,13 @@ pub fn gltf_import(data: &[u8]) -> bool {
             Part::Mesh { mesh: 0, linear: [[1.0, 0.5, 0.0], [0.0, -2.0, 0.0], [0.0, 0.0, 1.0]] },
         ];
         for part in parts {
-            if let Ok(imported) = within(GLTF, data.len(), || lodestream_import::import_part(&path, &part)) {
+            if let Ok(imported) = within(ceiling, data.len(), || lodestream_import::import_part(&path, &part))
+            {
                 consistent(&imported.mesh, imported.materials.len());
                 accepted = true;
             }
         }
-        if let Ok(contents) = within(GLTF, data.len(), || lodestream_import::gltf::contents(&path)) {
+        if let Ok(contents) = within(ceiling, data.len(), || lodestream_import::gltf::contents(&path)) {
             for placed in &contents.placed {
                 assert!(placed.scale > 0.0 && placed.scale.is_finite());
                 assert!(placed.translation.iter().chain(&placed.rotation).all(|x| x.is_finite()));
@@ -87,6 +99,11 @@ pub fn gltf_import(data: &[u8]) -> bool {
 /// JSON of a few bytes a value becomes structures of some hundred bytes each. Every place of a mesh is a
 /// node in the file, so what is imported may have the file's length squared; this is for small files.
 const GLTF: Ceiling = Ceiling { base_bytes: 1 << 22, bytes_per_byte: 4096, base_steps: 0, steps_per_byte: 0 };
+
+/// A byte of a compressed stream comes to 256 elements, or 128 triangles and points, at most, each of some hundred bytes
+/// in the decoder, its result and the mesh.
+const COMPRESSED: Ceiling =
+    Ceiling { base_bytes: 1 << 23, bytes_per_byte: 1 << 16, base_steps: 0, steps_per_byte: 0 };
 
 /// Whether everything that a face refers to is there; and if a mesh can be made of it, it is.
 fn consistent(mesh: &SourceMesh, materials: usize) {

@@ -9,7 +9,7 @@ mod sequence;
 mod terrain;
 
 pub use asset::{base_decoder, chunk_decoder, pack_reader, rehashed};
-pub use import::{gltf_import, obj_import, ply_import};
+pub use import::{gltf_compressed, gltf_import, obj_import, ply_import};
 pub use lamps::lamps;
 pub use messages::messages;
 pub use scene::scene_object;
@@ -20,13 +20,14 @@ pub use terrain::terrain;
 pub type Target = fn(&[u8]) -> bool;
 
 /// Every target by the name of its corpus.
-pub const ALL: [(&str, Target); 11] = [
+pub const ALL: [(&str, Target); 12] = [
     ("pack_reader", pack_reader),
     ("base_decoder", base_decoder),
     ("chunk_decoder", chunk_decoder),
     ("apply_undo", apply_undo),
     ("obj_import", obj_import),
     ("gltf_import", gltf_import),
+    ("gltf_compressed", gltf_compressed),
     ("ply_import", ply_import),
     ("messages", messages),
     ("terrain", terrain),
