@@ -1,7 +1,9 @@
 //! One Draco stream, by the crate `draco-core`.
 
 use bytes::Bytes;
-use draco_core::{DataType, DecodeLimits, DecoderBuffer, Mesh, MeshDecoder, PointAttribute, PointIndex};
+use draco_core::{
+    DataType, DecodeLimits, DecoderBuffer, ErrorKind, Mesh, MeshDecoder, PointAttribute, PointIndex,
+};
 use gltf::json::accessor::ComponentType;
 
 use super::{Attribute, Decoded, Stated};
@@ -20,18 +22,28 @@ const POINT_BYTES: u64 = 128;
 /// In a few words: what the decoder found.
 pub(super) fn decode(data: &Bytes, stated: Stated) -> Result<Decoded, String> {
     let most = PER_BYTE.saturating_mul(data.len() as u64).saturating_add(BASE);
-    let points = stated.points.min(most);
+    let (points, triangles) = (stated.points.min(most), stated.triangles.min(most));
     let limits = DecodeLimits::default()
         .with_max_points(points)
-        .with_max_faces(stated.triangles.min(most))
+        .with_max_faces(triangles)
         .with_max_decoded_bytes(points * POINT_BYTES);
+    let too_much = || {
+        format!(
+            "it comes to more than {triangles} triangles or {points} points, which is what its accessors state, or the \
+             most that {} bytes may come to",
+            data.len()
+        )
+    };
     let mut mesh = Mesh::new();
-    MeshDecoder::new()
-        .decode(&mut DecoderBuffer::new(data).with_limits(limits), &mut mesh)
-        .map_err(|e| e.to_string())?;
+    MeshDecoder::new().decode(&mut DecoderBuffer::new(data).with_limits(limits), &mut mesh).map_err(|e| {
+        match e.kind() {
+            ErrorKind::LimitExceeded => too_much(),
+            _ => e.to_string(),
+        }
+    })?;
     let count = mesh.num_points();
     if count as u64 > points {
-        return Err(format!("it has {count} points, more than the {points} that are stated"));
+        return Err(too_much());
     }
     let attributes = (0..mesh.num_attributes()).map(|index| mesh.attribute(index));
     let attributes =

@@ -264,11 +264,10 @@ fn streams_that_say_otherwise_than_their_file_are_refused_with_their_place() {
     set("/accessors/3/count".into(), json!(300)).refused(&[
         place,
         "bufferViews[0]",
-        "192 faces",
-        "100",
+        "100 triangles",
         "again",
     ]);
-    set("/accessors/0/count".into(), json!(12)).refused(&[place, "bufferViews[0]", "again"]);
+    set("/accessors/0/count".into(), json!(12)).refused(&[place, "bufferViews[0]", "12 points", "again"]);
     set("/accessors/0/type".into(), json!("VEC2")).refused(&["POSITION", "accessors[0]", "3 components"]);
     set("/accessors/1/type".into(), json!("VEC3")).refused(&["TEXCOORD_0", "2 components"]);
     set(format!("{extension}/attributes/NORMAL"), json!(9)).refused(&["NORMAL", "attribute 9"]);
