@@ -268,12 +268,14 @@ fn scenes() -> Vec<(String, Vec<u8>)> {
     };
     let one = r#""nodes":[{"mesh":0}]"#;
     let nested = r#""nodes":[{"children":[1,2],"translation":[1,2,3]},{"mesh":0,"rotation":[0,0.6,0,0.8],"scale":[2,2,2]},{"mesh":0,"matrix":[1,0,0,0,0,-1,0,0,0,0,3,0,0,0,5,1]}]"#;
+    let places = r#""extensionsRequired":["EXT_mesh_gpu_instancing"],"nodes":[{"mesh":0,"extensions":{"EXT_mesh_gpu_instancing":{"attributes":{"TRANSLATION":0,"SCALE":0}}}}]"#;
     let data = format!(r#""uri":"data:application/octet-stream;base64,{}","#, BASE64.encode(&bin));
     vec![
         seed("square.glb", glb(&file("", 4, one, r#","material":0"#), &bin)),
         seed("strip.glb", glb(&file("", 5, one, ""), &bin)),
         seed("fan.glb", glb(&file("", 6, nested, r#","material":0"#), &bin)),
         seed("nodes.glb", glb(&file("", 4, nested, ""), &bin)),
+        seed("places.glb", glb(&file("", 4, places, ""), &bin)),
         seed("data-uri.gltf", file(&data, 4, nested, "").into_bytes()),
         seed("materials.glb", glb(&file("", 4, one, r#","material":0"#).replace(r#""materials":[{"name":"m","#, MAPS), &bin)),
         seed("lights.glb", glb(&file("", 4, LIGHTS, ""), &bin)),

@@ -58,11 +58,12 @@ const PLY: Ceiling = Ceiling { base_bytes: 1 << 18, bytes_per_byte: 256, base_st
 
 /// A glTF or GLB file: whole, its contents, and its first mesh alone.
 pub fn gltf_import(data: &[u8]) -> bool {
-    let compressed = data.windows(12).any(|name| name == b"_compression");
-    import_gltf(data, if compressed { COMPRESSED } else { GLTF })
+    let has = |name: &[u8]| data.windows(name.len()).any(|text| text == name);
+    let dense = has(b"_compression") || has(b"_instancing");
+    import_gltf(data, if dense { COMPRESSED } else { GLTF })
 }
 
-/// A stream of Draco or of one of meshoptimizer's codecs, in a GLB file that is made around it ([`file`]).
+/// A stream of Draco or of one of meshoptimizer's codecs, in a GLB file that is made around it.
 pub fn gltf_compressed(data: &[u8]) -> bool {
     file(data).is_some_and(|file| import_gltf(&file, COMPRESSED))
 }
@@ -101,7 +102,7 @@ fn import_gltf(data: &[u8], ceiling: Ceiling) -> bool {
 const GLTF: Ceiling = Ceiling { base_bytes: 1 << 22, bytes_per_byte: 4096, base_steps: 0, steps_per_byte: 0 };
 
 /// A byte of a compressed stream comes to 256 elements, or 128 triangles and points, at most, each of some hundred bytes
-/// in the decoder, its result and the mesh.
+/// in the decoder, its result and the mesh. A byte may also be one more place of a mesh.
 const COMPRESSED: Ceiling =
     Ceiling { base_bytes: 1 << 23, bytes_per_byte: 1 << 16, base_steps: 0, steps_per_byte: 0 };
 

@@ -132,6 +132,17 @@ impl<'a> Buffers<'a> {
         Ok(bytes)
     }
 
+    /// Bytes of the file that an accessor's view takes, compressed or not; 0 for one without.
+    pub(super) fn stored_bytes(&self, accessor: usize) -> u64 {
+        let root = &self.document.root;
+        let view = root.accessors.get(accessor).and_then(|accessor| accessor.buffer_view);
+        let view = view.and_then(|view| root.buffer_views.get(view.value()));
+        view.map_or(0, |view| match of_view(view) {
+            Ok(Some(compressed)) => compressed.length,
+            _ => view.byte_length.0,
+        })
+    }
+
     /// Opens an accessor. `place` says in messages what it is for.
     ///
     /// # Errors

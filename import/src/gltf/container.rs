@@ -16,7 +16,8 @@ pub(super) const DRACO: &str = "KHR_draco_mesh_compression";
 
 /// Extensions that are understood, so that a file may require them; with what is in [`compressed::EXTENSIONS`], and
 /// [`DRACO`] where it is built.
-const SUPPORTED: [&str; 5] = [
+const SUPPORTED: [&str; 6] = [
+    "EXT_mesh_gpu_instancing",
     "KHR_lights_punctual",
     "KHR_mesh_quantization",
     "KHR_texture_transform",

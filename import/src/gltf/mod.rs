@@ -1,7 +1,7 @@
 //! glTF 2.0 and GLB to [`SourceMesh`](lodestream_geometry::mesh::SourceMesh) and materials.
 //!
-//! Meshes of triangles (lists, strips, fans; indexed or not; every component type, sparse accessors too)
-//! with positions, normals, one set of texture coordinates and vertex colours; nodes flattened to
+//! Meshes of triangles (lists, strips, fans; indexed or not; every component type, sparse accessors too; compressed or
+//! not) with positions, normals, one set of texture coordinates and vertex colours; nodes flattened to
 //! transformations in f64; metallic-roughness materials with all their maps; lights that stand in the scene. What a
 //! file has beyond that is named in a warning, and refused where the file requires it and the picture would be another without it.
 //!
@@ -14,6 +14,7 @@ mod compressed;
 mod container;
 mod draco;
 mod ignored;
+mod instancing;
 mod lights;
 mod maps;
 mod material;

@@ -3,7 +3,9 @@
 use glam::{DMat4, DQuat, DVec3};
 use gltf::json;
 
+use super::accessor::Buffers;
 use super::container::Document;
+use super::instancing;
 use super::lights::{self, PlacedLight};
 use crate::error::ImportError;
 
@@ -25,7 +27,8 @@ pub(super) struct Flattened {
 /// come, depth first. A file without scenes is a library: each of its meshes once, as it is, and no light.
 ///
 /// # Errors
-/// Nodes that do not exist, have two parents or are their own ancestors, and values that are not finite.
+/// Nodes that do not exist, have two parents or are their own ancestors, values that are not finite, and places of a
+/// mesh that are not told as they should be.
 pub(super) fn placed(document: &Document) -> Result<Flattened, ImportError> {
     let root = &document.root;
     let number = root.scene.map_or(0, |scene| scene.value());
@@ -38,6 +41,7 @@ pub(super) fn placed(document: &Document) -> Result<Flattened, ImportError> {
         return Err(document.error(format!("scenes[{number}] does not exist")));
     };
     let mut placed = Flattened::default();
+    let mut buffers = Buffers::new(document);
     let mut seen = vec![false; root.nodes.len()];
     let mut waiting: Vec<(usize, DMat4)> =
         scene.nodes.iter().rev().map(|node| (node.value(), DMat4::IDENTITY)).collect();
@@ -51,8 +55,17 @@ pub(super) fn placed(document: &Document) -> Result<Flattened, ImportError> {
         if !to_scene.is_finite() {
             return Err(error("has a transformation that is not finite"));
         }
-        if let Some(mesh) = node.mesh {
-            placed.meshes.push(Placed { mesh: mesh.value(), to_scene });
+        if let Some(mesh) = node.mesh.map(|mesh| mesh.value()) {
+            match instancing::of_node(document, &mut buffers, node, index)? {
+                None => placed.meshes.push(Placed { mesh, to_scene }),
+                Some(places) => {
+                    let places: Vec<DMat4> = places.into_iter().map(|place| to_scene * place).collect();
+                    if !places.iter().all(DMat4::is_finite) {
+                        return Err(error("has a place that is not finite; export the file again"));
+                    }
+                    placed.meshes.extend(places.into_iter().map(|to_scene| Placed { mesh, to_scene }));
+                }
+            }
         }
         if let Some(light) = lights::of_node(node).map_err(error)? {
             placed.lights.push(PlacedLight { node: index, light, to_scene });

@@ -3,6 +3,7 @@
 mod compressed;
 #[cfg(feature = "draco")]
 mod draco;
+mod instancing;
 mod lights;
 mod materials;
 
