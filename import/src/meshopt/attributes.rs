@@ -1,7 +1,7 @@
 //! Mode ATTRIBUTES: blocks of up to 256 elements; of each block the first bytes of all elements, then the second ones and
 //! so on; each byte as its difference from the element before, in groups of 16 with as many bits as the group needs.
 
-use super::Damage;
+use super::damage::Damage;
 use super::reader::Reader;
 
 /// Bytes of a block, and elements, at most.

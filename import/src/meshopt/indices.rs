@@ -1,6 +1,6 @@
 //! Modes TRIANGLES and INDICES.
 
-use super::Damage;
+use super::damage::Damage;
 use super::reader::Reader;
 
 /// Corners and edges that were met last, newest at 0: of 16 entries, overwritten in turn.

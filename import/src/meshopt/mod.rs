@@ -9,12 +9,14 @@
 //! What is reserved is held against the bytes that are there first: each format has a least number of bytes per element.
 
 mod attributes;
+mod damage;
 mod filter;
 mod indices;
 mod reader;
 #[cfg(test)]
 pub(crate) mod tests;
 
+pub(crate) use damage::Damage;
 pub(crate) use filter::Filter;
 
 /// What a buffer view is compressed as.
@@ -26,23 +28,6 @@ pub(crate) enum Mode {
     Triangles,
     /// Any indices.
     Indices,
-}
-
-/// What is wrong with compressed bytes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub(crate) enum Damage {
-    #[error("elements of {0} bytes cannot be compressed so")]
-    Stride(usize),
-    #[error("{0} indices are no triangles")]
-    Triangles(usize),
-    #[error("the first byte, {0:#04x}, is of another format or of a later version")]
-    Header(u8),
-    #[error("they are coded in an unknown way")]
-    Channel,
-    #[error("the bytes end before the elements do")]
-    Short,
-    #[error("bytes are left over")]
-    Left,
 }
 
 /// `count` elements of `stride` bytes each.

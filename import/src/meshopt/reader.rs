@@ -1,6 +1,6 @@
 //! Bytes from front to back.
 
-use super::Damage;
+use super::damage::Damage;
 
 /// What is left of some bytes.
 pub(super) struct Reader<'a> {
