@@ -7,6 +7,7 @@ use lodestream_geometry::index::{ChunkInfo, Sphere, Stop, encode_pages};
 
 use crate::blob::{BlobId, BlobPart};
 use crate::scene::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
+use crate::select::Occluder;
 use crate::source::{Reading, SceneSource, SourceError};
 
 /// A square of side 2 about the origin in the xz plane, refined as a quadtree: level l has 4^l patches
@@ -81,6 +82,8 @@ pub(crate) struct MemoryScene {
     index: Vec<Vec<Bytes>>,
     /// Levels of the one texture that each asset has, none if 0.
     pub(crate) texture_levels: u8,
+    /// What of every asset hides what is behind it.
+    pub(crate) occluder: Option<Arc<Occluder>>,
 }
 
 impl MemoryScene {
@@ -124,7 +127,7 @@ impl MemoryScene {
         };
         header.check().unwrap();
         let index = chunks.iter().map(|infos| index_pages(infos)).collect();
-        Arc::new(Self { header, pages, chunks, index, texture_levels: 0 })
+        Arc::new(Self { header, pages, chunks, index, texture_levels: 0, occluder: None })
     }
 }
 
@@ -151,6 +154,10 @@ impl SceneSource for MemoryScene {
             }
             BlobPart::Texture { .. } => None,
         }
+    }
+
+    fn occluder(&self, _asset: u32) -> Option<Arc<Occluder>> {
+        self.occluder.clone()
     }
 
     fn read(&self, id: &BlobId) -> Result<Bytes, SourceError> {

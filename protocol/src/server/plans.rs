@@ -1,19 +1,21 @@
-//! First flights that the sessions of a scene share.
+//! First flights, and first refinements behind them, that the sessions of a scene share.
 //!
 //! To order a scene for a view costs a pass over the instances in view; and whoever connects sees the start view, before
 //! anybody knows whether he is there at all.
 
 use std::collections::VecDeque;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use super::first_flight::first_flight;
 use super::places::Places;
+use super::refinement::{Missing, ReadPage, Refinement, Refining, first_refinement};
 use crate::scheduler::Unit;
 use crate::select::priority::Priority;
 use crate::source::SceneSource;
 use crate::view::View;
 
-/// Flights kept beside that of the start view: those of clients with pictures of the same size who come at one time.
+/// Flights kept beside that of the start view, and refinements: those of clients with pictures of the same size who come
+/// at one time.
 const MAX_KEPT: usize = 8;
 
 /// Units of the first flight for a view, least urgent first.
@@ -24,7 +26,41 @@ pub(super) type Flight = Arc<[(Priority, Unit)]>;
 pub struct Plans {
     places: OnceLock<Places>,
     start: OnceLock<(View, Flight)>,
-    kept: Mutex<VecDeque<(View, Flight)>>,
+    kept: Kept<View, (Priority, Unit)>,
+    /// By view and budget in bytes.
+    refinements: Kept<(View, u64), Refining>,
+}
+
+/// Lists of one kind, the one that was used last in front.
+#[derive(Debug)]
+struct Kept<K, T>(Mutex<VecDeque<(K, Arc<[T]>)>>);
+
+impl<K, T> Default for Kept<K, T> {
+    fn default() -> Self {
+        Self(Mutex::default())
+    }
+}
+
+impl<K: PartialEq, T> Kept<K, T> {
+    /// A thread that panicked while it held the lock left the lists usable: entries are whole.
+    fn lists(&self) -> MutexGuard<'_, VecDeque<(K, Arc<[T]>)>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn get(&self, key: &K) -> Option<Arc<[T]>> {
+        let mut lists = self.lists();
+        let at = lists.iter().position(|(of, _)| of == key)?;
+        let list = lists.remove(at)?;
+        let found = Arc::clone(&list.1);
+        lists.push_front(list);
+        Some(found)
+    }
+
+    fn keep(&self, key: K, list: &Arc<[T]>) {
+        let mut lists = self.lists();
+        lists.truncate(MAX_KEPT - 1);
+        lists.push_front((key, Arc::clone(list)));
+    }
 }
 
 impl Plans {
@@ -46,17 +82,35 @@ impl Plans {
         if start == view {
             return Arc::clone(flight);
         }
-        // A thread that panicked while it held the lock left the list usable: entries are whole.
-        let kept = || self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, flight)) = kept().iter().find(|(of, _)| of == view) {
-            return Arc::clone(flight);
+        if let Some(flight) = self.kept.get(view) {
+            return flight;
         }
         // Two sessions may plan the same; none waits for another.
         let flight = plan();
-        let mut kept = kept();
-        kept.truncate(MAX_KEPT - 1);
-        kept.push_front((*view, Arc::clone(&flight)));
+        self.kept.keep(*view, &flight);
         flight
+    }
+
+    /// The first refinement for a view within a budget, as `first_refinement` chooses it.
+    pub(super) fn refinement(
+        &self,
+        source: &dyn SceneSource,
+        view: &View,
+        budget_bytes: u64,
+        read: ReadPage<'_>,
+    ) -> Result<Arc<[Refining]>, Missing> {
+        let key = (*view, budget_bytes);
+        if let Some(refinement) = self.refinements.get(&key) {
+            return Ok(refinement);
+        }
+        let (flight, places) = (self.flight(source, view), self.places(source));
+        let Refinement { pushed, lasts } =
+            first_refinement((source, places), view, &flight, budget_bytes, read)?;
+        let pushed = Arc::from(pushed);
+        if lasts {
+            self.refinements.keep(key, &pushed);
+        }
+        Ok(pushed)
     }
 }
 
@@ -123,6 +177,9 @@ impl Queue {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::blob::BlobId;
+    use crate::select::Occluder;
+    use crate::source::SourceError;
     use crate::testing::MemoryScene;
 
     #[test]
@@ -138,7 +195,33 @@ mod tests {
             assert_eq!(flight[..], first_flight(&*scene, &Places::new(&*scene), &at(n))[..]);
         }
         assert!(Arc::ptr_eq(&first, &plans.flight(&*scene, &start)));
-        assert_eq!(plans.kept.lock().unwrap().len(), MAX_KEPT);
+        assert_eq!(plans.kept.lists().len(), MAX_KEPT);
+    }
+
+    #[test]
+    fn a_refinement_is_chosen_once_unless_something_may_be_better_known_later() {
+        let scene = MemoryScene::new(3, 2, 5);
+        let view = scene.header.camera.view([1280, 720], 1.0);
+        let chosen = |scene: &MemoryScene, plans: &Plans, budget| {
+            plans.refinement(scene, &view, budget, &|id| scene.try_read(id)).unwrap()
+        };
+        let plans = Plans::default();
+        let first = chosen(&scene, &plans, 20_000);
+        assert!(!first.is_empty());
+        // No surface is known that may hide something: one may be later.
+        assert!(!Arc::ptr_eq(&first, &chosen(&scene, &plans, 20_000)));
+        let mut scene = scene;
+        Arc::get_mut(&mut scene).unwrap().occluder =
+            Some(Arc::new(Occluder::new(vec![[0.0; 3]; 3], vec![[0, 1, 2]])));
+        let first = chosen(&scene, &plans, 20_000);
+        assert!(Arc::ptr_eq(&first, &chosen(&scene, &plans, 20_000)));
+        assert_ne!(first, chosen(&scene, &plans, 64_000));
+        // What could not be read may be read later.
+        let plans = Plans::default();
+        let broken = |id: &BlobId| Err(SourceError::NotFound(*id));
+        let without = plans.refinement(&*scene, &view, 20_000, &broken).unwrap();
+        assert!(without.is_empty());
+        assert_eq!(chosen(&scene, &plans, 20_000), first);
     }
 
     #[test]

@@ -8,7 +8,7 @@ use bytes::Bytes;
 
 use super::config::ServerConfig;
 use super::plans::{Plans, Queue};
-use super::refinement::{MAX_REFINED_PAGES, Missing, Refining, first_refinement};
+use super::refinement::{MAX_REFINED_PAGES, Missing, Refining};
 use super::requests::Requests;
 use crate::blob::{BlobId, BlobPart};
 use crate::scheduler::Unit;
@@ -228,12 +228,10 @@ impl Push {
             Some(read) => read.clone().map(Reading::Ready),
             None => source.try_read(id),
         };
-        let flight = self.plans.flight(source, &self.view);
-        let places = self.plans.places(source);
-        match first_refinement((source, places), &self.view, &flight, budget, &read) {
+        match self.plans.refinement(source, &self.view, budget, &read) {
             Ok(refinement) => {
                 self.pages.here = HashMap::new();
-                for Refining { priority, id, end } in refinement {
+                for &Refining { priority, id, end } in &*refinement {
                     let unit = Unit::Blob(id);
                     if !requests.has(&unit) && requests.push_part(id, priority, end) {
                         self.unasked.insert(unit);

@@ -1,5 +1,6 @@
 //! The first refinement for a view, which the server sends unasked behind the base meshes.
 
+use std::cell::Cell;
 use std::collections::{BTreeMap, HashMap};
 
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_stated_page};
@@ -29,6 +30,16 @@ pub(super) struct Refining {
     pub(super) end: Option<u32>,
 }
 
+/// The first refinement for a view.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Refinement {
+    /// Most urgent first.
+    pub(super) pushed: Vec<Refining>,
+    /// Whether another choice would come to the same: nothing could not be read, and no surface that hides something may
+    /// be known later.
+    pub(super) lasts: bool,
+}
+
 /// Index pages that have to be read before a refinement can be chosen.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Missing(pub(super) Vec<BlobId>);
@@ -49,12 +60,18 @@ pub(super) fn first_refinement(
     flight: &[(Priority, Unit)],
     budget_bytes: u64,
     read: ReadPage<'_>,
-) -> Result<Vec<Refining>, Missing> {
+) -> Result<Refinement, Missing> {
     let (numbers, instances, mut assets) = visible_assets(source, places, view, flight);
+    let failed = Cell::new(false);
+    let read = |id: &BlobId| {
+        let page = read(id);
+        failed.set(failed.get() | page.is_err());
+        page
+    };
     let settings = SelectSettings { prefetch_bases: false, ..SelectSettings::default() };
     let mut selector = Selector::new(settings);
     let known = (&numbers[..], &instances[..], &mut assets[..]);
-    let mut out = learn_pages(source, view, &mut selector, budget_bytes, read, known)?;
+    let mut out = learn_pages(source, view, &mut selector, budget_bytes, &read, known)?;
     let visibility = selector.visibility(view, &instances, &assets);
     let mut textures = coarse_textures(source, view, &settings, visibility, (&numbers, &instances, &assets))
         .into_iter()
@@ -87,7 +104,8 @@ pub(super) fn first_refinement(
     }
     // Stable, so pages stay before chunks that are as urgent.
     out.sort_by_key(|next| std::cmp::Reverse(next.priority));
-    Ok(out)
+    let lasts = !failed.get() && assets.iter().all(|asset| asset.occluder().is_some());
+    Ok(Refinement { pushed: out, lasts })
 }
 
 /// The index page that lists a chunk.
@@ -226,7 +244,8 @@ mod tests {
     fn refinement_for(scene: &MemoryScene, view: &View, budget: u64) -> Vec<Refining> {
         let places = Places::new(scene);
         let flight = first_flight(scene, &places, view);
-        first_refinement((scene, &places), view, &flight, budget, &|id| scene.try_read(id)).unwrap()
+        let chosen = first_refinement((scene, &places), view, &flight, budget, &|id| scene.try_read(id));
+        chosen.unwrap().pushed
     }
 
     fn refinement(scene: &MemoryScene, budget: u64) -> Vec<Refining> {
@@ -246,7 +265,7 @@ mod tests {
         };
         for _ in 0..MAX_REFINED_PAGES {
             match first_refinement((&*scene, &places), &view, &flight, 64_000, &read) {
-                Ok(pushed) => return assert_eq!(pushed, refinement(&scene, 64_000)),
+                Ok(chosen) => return assert_eq!(chosen.pushed, refinement(&scene, 64_000)),
                 Err(Missing(pages)) => {
                     assert!((1..=MAX_MISSING).contains(&pages.len()));
                     assert!(pages.iter().all(|id| here.borrow_mut().insert(*id)), "named twice: {pages:?}");
