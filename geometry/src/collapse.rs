@@ -51,7 +51,7 @@ pub(crate) struct Collapse {
 }
 
 /// The collapses of one region in one level.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Records {
     pub(crate) collapses: Vec<Collapse>,
     pub(crate) moved: Vec<MovedCorner>,

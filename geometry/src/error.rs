@@ -1,6 +1,7 @@
 //! Error values of the crate: what was wrong, and where.
 
 use crate::simplify::settings::SettingsError;
+use crate::spill::SpillError;
 
 /// Bytes or values that cannot be what they claim to be.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -79,6 +80,9 @@ pub enum MeshError {
         /// What went wrong.
         why: String,
     },
+    /// Storage does not keep what is put away between levels.
+    #[error(transparent)]
+    Spill(#[from] SpillError),
     /// The pool of threads does not keep its promise.
     #[error(transparent)]
     SkippedTask(#[from] SkippedTask),

@@ -11,6 +11,7 @@ mod name;
 pub mod numbers;
 pub mod pool;
 pub mod random;
+pub mod spill;
 
 // From a mesh to a pack.
 pub mod quantise;

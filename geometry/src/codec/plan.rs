@@ -126,7 +126,7 @@ impl<'a> Guide<'a> {
     }
 
     fn vertex_of(&self, wedge: u32) -> u32 {
-        self.source.wedges[wedge as usize].vertex
+        self.source.wedges.get(wedge).vertex
     }
 
     /// Builds the forest of a segment. The region must have been gathered.

@@ -1,7 +1,8 @@
 //! A chunk as its builder knows it.
 
 use crate::collapse::{Placed, Records};
-use crate::mesh::Wedge;
+use crate::mesh::Face;
+use crate::mesh::wedges::Wedges;
 
 /// What an encoder is told of a chunk.
 pub(crate) struct Source<'a> {
@@ -13,8 +14,9 @@ pub(crate) struct Source<'a> {
     /// How many bits the grid leaves out that the chunk brings vertices to.
     pub(crate) shift: u8,
     /// The builder's wedges: the mesh's, and those kept by collapses.
-    pub(crate) wedges: &'a [Wedge],
-    pub(crate) materials: &'a [u16],
+    pub(crate) wedges: &'a Wedges<'a>,
+    /// The builder's faces, for their materials.
+    pub(crate) faces: &'a [Face],
     /// Builder's ids by slot of the mesh that is encoded against.
     pub(crate) vertex_by_slot: &'a [u32],
     pub(crate) wedge_by_slot: &'a [u32],

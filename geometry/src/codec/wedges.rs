@@ -116,7 +116,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
             Some(WantedWedge::New(builder)) => Some(builder),
             _ => None,
         };
-        let want = builder.and_then(|b| Some(self.guide.as_ref()?.source.wedges[b as usize].attributes));
+        let want = builder.and_then(|b| Some(self.guide.as_ref()?.source.wedges.get(b).attributes));
         let expected = Expected { first: self.local.first_wedge(vertex).is_none(), ..*expected };
         let attributes = code_attributes(self.coder, self.mesh.kinds, &mut self.recent_uv, &expected, want)?;
         let wedge = self.local.add_wedge(vertex, attributes);
@@ -150,7 +150,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
 
         let near = beside.map_or(0, |f| self.local.material(f));
         let want = match (added.face, self.guide.as_ref()) {
-            (Some(face), Some(g)) => g.source.materials[face as usize],
+            (Some(face), Some(g)) => g.source.faces[face as usize].material,
             _ => near,
         };
         let mut material = near;

@@ -16,6 +16,7 @@ pub(crate) mod rows;
 pub(crate) mod slot_map;
 pub(crate) mod stars;
 pub(crate) mod vec3;
+pub(crate) mod wedges;
 pub(crate) mod wide_bvh;
 
 /// Marks a [`Corner`] attribute that the source does not give.

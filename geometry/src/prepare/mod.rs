@@ -1,23 +1,27 @@
 //! Preparation: from a quantised mesh to a base mesh, an index and chunk payloads.
 
+mod encode;
 pub mod training;
 
 use crate::asset::base::{Base, MAX_BASE_FACES, Totals};
 use crate::asset::index::{ChunkInfo, Sphere};
 use crate::codec::base;
 use crate::codec::base::mesh::{BaseFormat, BaseMesh};
-use crate::codec::chunk::{Encoded, Reached, encode};
+use crate::codec::chunk::Reached;
 use crate::codec::index_page::encode_pages;
 use crate::codec::source::Source;
 use crate::entropy::Codec;
 use crate::error::{DecodeError, MeshError};
 use crate::mesh::Kinds;
+use crate::mesh::vec3::Vec3;
 use crate::mesh::{Face, NO_COLOR, QuantisedMesh, Wedge};
 use crate::pool::{Monitor, Pool, Stage, Watched};
+use crate::prepare::encode::{Finished, Plan, encode_all};
 use crate::refine::ActiveMesh;
 use crate::simplify::hierarchy::{RegionChunk, Simplified};
 use crate::simplify::settings::Settings;
 use crate::simplify::simplify;
+use crate::spill::{InMemory, Spill};
 
 #[cfg(test)]
 mod reference_test;
@@ -42,6 +46,7 @@ pub struct Hooks<'a> {
     monitor: &'a dyn Monitor,
     store: Store<'a>,
     observe: Observer<'a>,
+    spill: Option<&'a dyn Spill>,
 }
 
 impl std::fmt::Debug for Hooks<'_> {
@@ -54,13 +59,20 @@ impl<'a> Hooks<'a> {
     /// Works on the threads of `pool`, tells `monitor`, and leaves payloads as they are.
     #[must_use]
     pub fn new(pool: &'a dyn Pool, monitor: &'a dyn Monitor) -> Self {
-        Self { pool, monitor, store: &Ok, observe: &|_, _, _| {} }
+        Self { pool, monitor, store: &Ok, observe: &|_, _, _| {}, spill: None }
     }
 
     /// Payloads, and the lengths that the index says, are what `store` makes of them.
     #[must_use]
     pub fn stored_by(self, store: Store<'a>) -> Self {
         Self { store, ..self }
+    }
+
+    /// Levels that are finished are put away into `spill`, not kept in memory: about 50 bytes a face. What is prepared does
+    /// not depend on it.
+    #[must_use]
+    pub fn spilling_to(self, spill: &'a dyn Spill) -> Self {
+        Self { spill: Some(spill), ..self }
     }
 
     /// Shows each chunk to `observe` before it is encoded.
@@ -87,18 +99,10 @@ pub fn prepare(mesh: &QuantisedMesh, settings: &Settings, hooks: &Hooks<'_>) -> 
     if mesh.faces.is_empty() {
         return Err(MeshError::NoFaces { dropped: 0 });
     }
+    let in_memory = InMemory::default();
     let mut pool = Watched::new(hooks.pool, hooks.monitor, mesh.faces.len());
-    let simplified = simplify(mesh, settings, &mut pool)?;
+    let mut simplified = simplify(mesh, settings, &mut pool, hooks.spill.unwrap_or(&in_memory))?;
     pool.begin(Stage::Encode)?;
-    let order: Vec<(usize, usize)> = simplified
-        .levels
-        .iter()
-        .enumerate()
-        .rev()
-        .flat_map(|(level, chunks)| (0..chunks.len()).map(move |c| (level, c)))
-        .collect();
-    let chunk = |id: usize| &simplified.levels[order[id].0][order[id].1];
-    let parents = parents(&simplified, &order, mesh.faces.len());
     let limit = usize::from(u16::MAX);
     let materials = mesh
         .faces
@@ -108,76 +112,41 @@ pub fn prepare(mesh: &QuantisedMesh, settings: &Settings, hooks: &Hooks<'_>) -> 
         .unwrap_or(0)
         .checked_add(1)
         .ok_or(MeshError::TooLarge { kind: "materials", count: limit + 1, limit })?;
-    let (mut base, first) = build_base(mesh, &simplified, order.len(), materials, settings.codec)?;
-    let mut encoded: Vec<Payload> = Vec::with_capacity(order.len());
-    let mut keep = |e: Encoded| encoded.push(Payload::of(e));
-    let plan = Plan { mesh, simplified: &simplified, order: &order, parents: &parents, base: &base };
-    encode_all(&plan, first, &pool, hooks, &mut keep)?;
+    let (mut base, first) = build_base(mesh, &simplified, materials, settings.codec)?;
+    simplified.live.forget_faces();
+    let mut chunks: Vec<Chunk> = Vec::with_capacity(simplified.levels.chunk_count());
+    let plan = Plan { mesh, simplified: &simplified, base: &base };
+    encode_all(&plan, first, &pool, hooks, &mut |finished| chunks.push(Chunk::of(finished)))?;
 
-    let mut errors: Vec<f64> = (0..order.len()).map(|id| chunk(id).error).collect();
-    let mut slides: Vec<f64> = (0..order.len()).map(|id| chunk(id).attribute_error).collect();
-    for id in (0..order.len()).rev() {
-        for &parent in &parents[id] {
-            errors[parent as usize] = errors[parent as usize].max(errors[id]);
-            slides[parent as usize] = slides[parent as usize].max(slides[id]);
+    for id in (0..chunks.len()).rev() {
+        let Chunk { error, attribute_error, .. } = chunks[id];
+        for at in 0..chunks[id].parents.len() {
+            let parent = chunks[id].parents[at] as usize;
+            let parent = &mut chunks[parent];
+            parent.error = parent.error.max(error);
+            parent.attribute_error = parent.attribute_error.max(attribute_error);
         }
     }
     // A chunk is no better at a stop than its children are while they are missing. It can be worse than
     // while it is missing itself: what is far on the way need not be in the end.
-    let mut finer = vec![0.0_f64; order.len()];
-    for id in 0..order.len() {
-        for &parent in &parents[id] {
-            finer[parent as usize] = finer[parent as usize].max(errors[id]);
+    let mut finer = vec![0.0_f64; chunks.len()];
+    for chunk in &chunks {
+        for &parent in &chunk.parents {
+            finer[parent as usize] = finer[parent as usize].max(chunk.error);
         }
     }
-    let root = errors.iter().copied().fold(simplified.stray_error, f64::max);
+    let root = chunks.iter().map(|chunk| chunk.error).fold(simplified.stray_error, f64::max);
     base.geometric_error = round_up(root * mesh.grid.step);
-    let levels = simplified.levels.len();
-    let infos: Vec<ChunkInfo> = encoded
-        .iter()
-        .enumerate()
-        .map(|(id, e)| ChunkInfo {
-            level: (levels - order[id].0).min(255) as u8,
-            sphere: sphere(mesh, chunk(id)),
-            error: round_up(errors[id] * mesh.grid.step),
-            attribute_error: round_up(slides[id] * mesh.grid.step),
-            stops: e
-                .stops
-                .iter()
-                .zip(&chunk(id).stop_errors[chunk(id).records.coded_stops()])
-                .map(|(stop, error)| stop.stop(round_up(error.max(finer[id]) * mesh.grid.step)))
-                .collect(),
-            parents: parents[id].clone(),
-            payload_bytes: e.bytes.len() as u32,
-            vertices: e.vertices,
-            wedges: e.wedges,
-            faces: e.faces,
-        })
-        .collect();
+    let levels = simplified.levels.count();
+    drop(simplified);
+    let (mut infos, mut payloads) = (Vec::with_capacity(chunks.len()), Vec::with_capacity(chunks.len()));
+    for (chunk, finer) in chunks.into_iter().zip(finer) {
+        infos.push(chunk.info(mesh, levels, finer));
+        payloads.push(chunk.bytes);
+    }
     let (pages, infos) = encode_pages(&infos).map_err(|e| MeshError::Internal { why: e.to_string() })?;
     base.geometric_error = infos.iter().map(|i| i.error).fold(base.geometric_error, f32::max);
-    Ok(Prepared { base, infos, pages, chunks: encoded.into_iter().map(|e| e.bytes).collect() })
-}
-
-/// Parents of each chunk: at each of its faces, the chunk of the nearest coarser level whose region
-/// held the face, whether or not it changed it (a chunk that only read a face must also come first,
-/// or it would be decoded against a star that a finer chunk has altered).
-fn parents(simplified: &Simplified, order: &[(usize, usize)], faces: usize) -> Vec<Vec<u32>> {
-    const NOBODY: u32 = u32::MAX;
-    let mut owner = vec![NOBODY; faces];
-    let mut all = Vec::with_capacity(order.len());
-    for (id, &(level, index)) in order.iter().enumerate() {
-        let chunk = &simplified.levels[level][index];
-        let mut parents: Vec<u32> =
-            chunk.faces.iter().map(|&f| owner[f as usize]).filter(|&o| o != NOBODY).collect();
-        parents.sort_unstable();
-        parents.dedup();
-        for &f in &chunk.faces {
-            owner[f as usize] = id as u32;
-        }
-        all.push(parents);
-    }
-    all
+    Ok(Prepared { base, infos, pages, chunks: payloads })
 }
 
 /// The builder's ids of everything in an [`ActiveMesh`] that only grows, by slot.
@@ -189,8 +158,7 @@ struct BySlot {
 
 fn build_base(
     mesh: &QuantisedMesh,
-    simplified: &Simplified,
-    chunks: usize,
+    simplified: &Simplified<'_>,
     materials: u16,
     codec: Codec,
 ) -> Result<(Base, BySlot), MeshError> {
@@ -199,7 +167,7 @@ fn build_base(
     let mut wedges: Vec<u32> = faces.iter().flat_map(|&f| live.face_wedges[f as usize]).collect();
     wedges.sort_unstable();
     wedges.dedup();
-    let mut vertices: Vec<u32> = wedges.iter().map(|&w| live.wedges[w as usize].vertex).collect();
+    let mut vertices: Vec<u32> = wedges.iter().map(|&w| live.wedges.get(w).vertex).collect();
     vertices.sort_unstable();
     vertices.dedup();
     let place = |list: &[u32], x: u32| list.binary_search(&x).map_or(0, |i| i as u32);
@@ -208,7 +176,7 @@ fn build_base(
         wedges: wedges
             .iter()
             .map(|&w| {
-                let wedge = live.wedges[w as usize];
+                let wedge = live.wedges.get(w);
                 Wedge { vertex: place(&vertices, wedge.vertex), ..wedge }
             })
             .collect(),
@@ -216,7 +184,7 @@ fn build_base(
             .iter()
             .map(|&f| Face {
                 wedges: live.face_wedges[f as usize].map(|w| place(&wedges, w)),
-                material: live.material[f as usize],
+                material: live.material(f),
             })
             .collect(),
     };
@@ -247,8 +215,8 @@ fn build_base(
         sphere: Sphere { center: center.map(|x| x as f32), radius: round_up(radius) },
         diagonal: (2.0 * radius) as f32,
         geometric_error: 0.0,
-        chunk_count: chunks as u32,
-        level_count: simplified.levels.len().min(255) as u8,
+        chunk_count: simplified.levels.chunk_count() as u32,
+        level_count: simplified.levels.count().min(255) as u8,
         material_count: materials,
         codec,
         colors: kinds.colors,
@@ -274,90 +242,68 @@ fn build_base(
 }
 
 /// What is kept of an encoded chunk: not what it adds, which is as large as the mesh.
-struct Payload {
+struct Chunk {
     bytes: Vec<u8>,
-    stops: Vec<Reached>,
+    /// The level, counted from the finest.
+    level: usize,
+    parents: Vec<u32>,
+    /// In grid cells; see [`RegionChunk`].
+    error: f64,
+    attribute_error: f64,
+    center: Vec3,
+    radius: f64,
+    /// Each with its error.
+    stops: Vec<(Reached, f64)>,
     vertices: u32,
     wedges: u32,
     faces: u32,
 }
 
-impl Payload {
-    fn of(e: Encoded) -> Self {
+impl Chunk {
+    fn of(Finished { level, region, parents, encoded: e }: Finished) -> Self {
         let [vertices, wedges, faces] = [&e.vertices, &e.wedges, &e.faces].map(|list| list.len() as u32);
-        Self { bytes: e.bytes, stops: e.stops, vertices, wedges, faces }
-    }
-}
-
-/// What there is to encode.
-struct Plan<'a> {
-    mesh: &'a QuantisedMesh,
-    simplified: &'a Simplified,
-    /// Level and region of each chunk.
-    order: &'a [(usize, usize)],
-    /// Of each chunk, those before it on which it depends.
-    parents: &'a [Vec<u32>],
-    base: &'a Base,
-}
-
-/// Encodes all chunks, level by level: within a level each against the same mesh, at the same time. `by_slot` is the
-/// base's; `keep` gets chunks in order.
-fn encode_all(
-    plan: &Plan<'_>,
-    mut by_slot: BySlot,
-    pool: &Watched<'_>,
-    hooks: &Hooks<'_>,
-    keep: &mut dyn FnMut(Encoded),
-) -> Result<(), MeshError> {
-    let &Plan { mesh, simplified, order, parents, base } = plan;
-    let mut active = ActiveMesh::growing(base);
-    let mut slot_of_vertex = vec![u32::MAX; mesh.positions.len()];
-    for (slot, &v) in by_slot.vertices.iter().enumerate() {
-        slot_of_vertex[v as usize] = slot as u32;
-    }
-    let mut first = 0;
-    for run in order.chunk_by(|a, b| a.0 == b.0) {
-        let results = pool.map(run.len(), &|i| {
-            let chunk: &RegionChunk = &simplified.levels[run[i].0][run[i].1];
-            let source = Source {
-                records: &chunk.records,
-                place: &|v| simplified.live.placed(v),
-                moves: &chunk.moves,
-                shift: simplified.shifts[run[i].0],
-                wedges: &simplified.live.wedges,
-                materials: &simplified.live.material,
-                vertex_by_slot: &by_slot.vertices,
-                wedge_by_slot: &by_slot.wedges,
-                face_by_slot: &by_slot.faces,
-                slot_of_vertex: &slot_of_vertex,
-                interior: &|v| chunk.interior.binary_search(&v).is_ok(),
-            };
-            (hooks.observe)(&active, (first + i) as u32, &source);
-            let encoded = encode(&active, (first + i) as u32, parents[first + i].clone(), &source)?;
-            Ok(Encoded { bytes: (hooks.store)(encoded.bytes)?, ..encoded })
-        })?;
-        for result in results {
-            let encoded: Encoded =
-                result.map_err(|e: DecodeError| MeshError::Internal { why: e.to_string() })?;
-            active.apply(&encoded.delta).map_err(|e| MeshError::Internal { why: e.to_string() })?;
-            for &v in &encoded.vertices {
-                slot_of_vertex[v as usize] = by_slot.vertices.len() as u32;
-                by_slot.vertices.push(v);
-            }
-            by_slot.wedges.extend(&encoded.wedges);
-            by_slot.faces.extend(&encoded.faces);
-            keep(encoded);
+        let RegionChunk { records, error, attribute_error, stop_errors, center, radius, .. } = region;
+        let stop_errors = stop_errors[records.coded_stops()].iter().copied();
+        let stops = e.stops.into_iter().zip(stop_errors).collect();
+        Self {
+            bytes: e.bytes,
+            level,
+            parents,
+            error,
+            attribute_error,
+            center,
+            radius,
+            stops,
+            vertices,
+            wedges,
+            faces,
         }
-        first += run.len();
     }
-    Ok(())
-}
 
-/// A chunk's sphere in the asset's units, relative to the grid's origin.
-fn sphere(mesh: &QuantisedMesh, chunk: &RegionChunk) -> Sphere {
-    let middle = f64::from(1_u32 << mesh.grid.bits) * 0.5;
-    let center = chunk.center.map(|x| (x + middle) * mesh.grid.step);
-    Sphere { center: center.map(|x| x as f32), radius: round_up(chunk.radius * mesh.grid.step) }
+    /// Its entry in the index; `finer` is the largest error of its children.
+    fn info(&self, mesh: &QuantisedMesh, levels: usize, finer: f64) -> ChunkInfo {
+        let step = mesh.grid.step;
+        let stop = |&(stop, error): &(Reached, f64)| stop.stop(round_up(error.max(finer) * step));
+        ChunkInfo {
+            level: (levels - self.level).min(255) as u8,
+            sphere: self.sphere(mesh),
+            error: round_up(self.error * step),
+            attribute_error: round_up(self.attribute_error * step),
+            stops: self.stops.iter().map(stop).collect(),
+            parents: self.parents.clone(),
+            payload_bytes: self.bytes.len() as u32,
+            vertices: self.vertices,
+            wedges: self.wedges,
+            faces: self.faces,
+        }
+    }
+
+    /// Its sphere in the asset's units, relative to the grid's origin.
+    fn sphere(&self, mesh: &QuantisedMesh) -> Sphere {
+        let middle = f64::from(1_u32 << mesh.grid.bits) * 0.5;
+        let center = self.center.map(|x| (x + middle) * mesh.grid.step);
+        Sphere { center: center.map(|x| x as f32), radius: round_up(self.radius * mesh.grid.step) }
+    }
 }
 
 /// A float not below `x`, with a little to spare for the rounding of what it is added to.

@@ -10,12 +10,14 @@ use crate::collapse::NO_VERTEX;
 use crate::common;
 use crate::mesh::{QuantisedMesh, Wedge};
 use crate::pool::{Serial, Silent, Watched};
-use crate::prepare::{Encoded, Hooks, Plan, build_base, encode_all, parents};
+use crate::prepare::encode::{Finished, Plan, encode_all};
+use crate::prepare::{Hooks, build_base};
 use crate::random::Random;
 use crate::refine::{ActiveMesh, ChunkDelta, Id};
-use crate::simplify::hierarchy::Simplified;
+use crate::simplify::hierarchy::{RegionChunk, Simplified};
 use crate::simplify::settings::Settings;
 use crate::simplify::simplify;
+use crate::spill::InMemory;
 
 /// Faces by the builder's ids: wedges, rotated so that the least comes first.
 type Faces = BTreeMap<u32, [u32; 3]>;
@@ -23,8 +25,8 @@ type Faces = BTreeMap<u32, [u32; 3]>;
 /// Everything that the two sides need, with the builder's names of canonical ids.
 struct Case<'a> {
     mesh: &'a QuantisedMesh,
-    simplified: Simplified,
-    order: Vec<(usize, usize)>,
+    simplified: Simplified<'a>,
+    regions: Vec<RegionChunk>,
     infos: Vec<ChunkInfo>,
     payloads: Vec<Vec<u8>>,
     base: Base,
@@ -35,41 +37,35 @@ struct Case<'a> {
 }
 
 impl<'a> Case<'a> {
-    fn new(mesh: &'a QuantisedMesh, settings: &Settings) -> Self {
+    fn new(mesh: &'a QuantisedMesh, settings: &Settings, spill: &'a InMemory) -> Self {
         let mut pool = Watched::new(&Serial, &Silent, mesh.faces.len());
-        let simplified = simplify(mesh, settings, &mut pool).unwrap();
-        let order: Vec<(usize, usize)> = simplified
-            .levels
-            .iter()
-            .enumerate()
-            .rev()
-            .flat_map(|(level, chunks)| (0..chunks.len()).map(move |c| (level, c)))
-            .collect();
-        let parents = parents(&simplified, &order, mesh.faces.len());
+        let simplified = simplify(mesh, settings, &mut pool, spill).unwrap();
         let materials = mesh.faces.iter().map(|f| f.material).max().unwrap_or(0) + 1;
-        let (base, first) = build_base(mesh, &simplified, order.len(), materials, settings.codec).unwrap();
+        let (base, first) = build_base(mesh, &simplified, materials, settings.codec).unwrap();
         let (mut vertices, mut wedges, mut faces) =
             (vec![first.vertices.clone()], vec![first.wedges.clone()], vec![first.faces.clone()]);
-        let (mut infos, mut payloads, mut deltas) = (Vec::new(), Vec::new(), Vec::new());
-        let mut keep = |e: Encoded| {
+        let (mut regions, mut infos, mut payloads, mut deltas) =
+            (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let mut keep = |Finished { level, region, parents, encoded: e }: Finished| {
             infos.push(ChunkInfo {
-                parents: parents[infos.len()].clone(),
-                level: base.level_count - order[infos.len()].0 as u8,
+                parents,
+                level: base.level_count - level as u8,
                 vertices: e.vertices.len() as u32,
                 wedges: e.wedges.len() as u32,
                 faces: e.faces.len() as u32,
                 stops: e.stops.iter().map(|s| s.stop(0.0)).collect(),
                 ..ChunkInfo::default()
             });
+            regions.push(region);
             payloads.push(e.bytes);
             deltas.push(e.delta);
             vertices.push(e.vertices);
             wedges.push(e.wedges);
             faces.push(e.faces);
         };
-        let plan = Plan { mesh, simplified: &simplified, order: &order, parents: &parents, base: &base };
+        let plan = Plan { mesh, simplified: &simplified, base: &base };
         encode_all(&plan, first, &pool, &Hooks::new(&Serial, &Silent), &mut keep).unwrap();
-        Self { mesh, simplified, order, infos, payloads, base, deltas, vertices, wedges, faces }
+        Self { mesh, simplified, regions, infos, payloads, base, deltas, vertices, wedges, faces }
     }
 
     /// All chunks.
@@ -81,7 +77,7 @@ impl<'a> Case<'a> {
     /// those that are in it up to a stop.
     fn collapsed(&self, set: &[Member]) -> Faces {
         let all_wedges = &self.simplified.live.wedges;
-        let vertex = |w: u32| all_wedges[w as usize].vertex;
+        let vertex = |w: u32| all_wedges.get(w).vertex;
         let mut faces: BTreeMap<u32, [u32; 3]> =
             self.mesh.faces.iter().enumerate().map(|(i, f)| (i as u32, f.wedges)).collect();
         let mut around: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
@@ -91,8 +87,8 @@ impl<'a> Case<'a> {
             }
         }
         // Ids run from coarse to fine, so the finest level comes last.
-        for id in (0..self.order.len()).rev() {
-            let records = &self.simplified.levels[self.order[id].0][self.order[id].1].records;
+        for id in (0..self.regions.len()).rev() {
+            let records = &self.regions[id].records;
             let left = match set.binary_search_by_key(&(id as u32), |m| m.chunk).map(|at| set[at].stop) {
                 Ok(Some(stop)) => records.stops[records.coded_stops()][usize::from(stop)] as usize,
                 Ok(None) => 0,
@@ -139,9 +135,7 @@ impl<'a> Case<'a> {
 
     /// Where the vertices are that some chunk of `set` moves: where the finest such chunk says.
     fn moved(&self, set: &[Member]) -> BTreeMap<u32, [i32; 3]> {
-        let chunk = |m: &Member| {
-            &self.simplified.levels[self.order[m.chunk as usize].0][self.order[m.chunk as usize].1]
-        };
+        let chunk = |m: &Member| &self.regions[m.chunk as usize];
         // Ids run from coarse to fine, so the finest comes last.
         set.iter().flat_map(|m| chunk(m).moves.iter().map(|m| (m.vertex, m.cell))).collect()
     }
@@ -161,7 +155,7 @@ impl<'a> Case<'a> {
             }
         }
         for &(id, vertex, attributes) in &snapshot.wedges {
-            let expected = self.simplified.live.wedges[name(&self.wedges, id) as usize];
+            let expected = self.simplified.live.wedges.get(name(&self.wedges, id));
             assert_eq!(Wedge { vertex: name(&self.vertices, vertex), attributes }, expected);
         }
         let mut faces = Faces::new();
@@ -184,7 +178,8 @@ fn any_closed_set_is_the_input_collapsed_by_the_complement() {
     for (name, source) in common::all() {
         let mesh = common::quantised(&source);
         for region_faces in [50, 200, 1000] {
-            let case = Case::new(&mesh, &common::regions(region_faces));
+            let spill = InMemory::default();
+            let case = Case::new(&mesh, &common::regions(region_faces), &spill);
             moves += case.moved(&case.everything()).len();
             let mut random = Random::new(31);
             for attempt in 0..8 {
@@ -220,7 +215,8 @@ fn any_closed_set_is_the_input_collapsed_by_the_complement() {
 #[test]
 fn the_reference_differs_when_one_chunk_is_left_out() {
     let mesh = common::quantised(&common::shapes::torus(40, 70));
-    let case = Case::new(&mesh, &common::regions(200));
+    let spill = InMemory::default();
+    let case = Case::new(&mesh, &common::regions(200), &spill);
     let all = case.everything();
     assert!(case.collapsed(&all) != case.collapsed(&all[..all.len() - 1]));
 }

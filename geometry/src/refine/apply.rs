@@ -43,6 +43,11 @@ impl ActiveMesh {
         Ok(self.insert(delta, checked))
     }
 
+    /// Whether [`Self::apply`] would succeed, and if not, why.
+    pub(crate) fn would_apply(&mut self, delta: &ChunkDelta) -> Result<(), RefineError> {
+        self.may_apply(delta).map(drop)
+    }
+
     /// Undoes an applied chunk none of whose children is applied.
     ///
     /// # Errors

@@ -41,7 +41,7 @@ struct Texture {
 
 impl InputAttributes {
     /// Of a mesh of which nothing is collapsed.
-    pub(crate) fn new(live: &Live, grid: UvGrid) -> Self {
+    pub(crate) fn new(live: &Live<'_>, grid: UvGrid) -> Self {
         let area = |v: u32| -> f64 {
             let faces = live.stars.corners(v).map(|c| c / 3);
             faces.map(|f| length(normal_of(live, f))).sum::<f64>()
@@ -61,7 +61,7 @@ impl InputAttributes {
     /// `normals` are the coarse surface's.
     pub(crate) fn error(
         &self,
-        live: &Live,
+        live: &Live<'_>,
         input: &WideBvh,
         samples: &[u32],
         face_near: &dyn Fn(u32) -> u32,
@@ -85,14 +85,14 @@ impl InputAttributes {
 }
 
 impl Texture {
-    fn new(live: &Live, grid: UvGrid) -> Self {
+    fn new(live: &Live<'_>, grid: UvGrid) -> Self {
         let count = live.positions.len();
         let uvs = Rows::new(count, || live.wedges.iter().map(|w| (w.vertex, w.attributes.uv)));
         let length_per_uv = (0..count as u32).map(|v| {
             let (mut surface, mut map) = (0.0, 0.0);
             for face in live.stars.corners(v).map(|c| c / 3) {
                 let uv = |k: usize| {
-                    uv_of(&grid, live.wedges[live.face_wedges[face as usize][k] as usize].attributes.uv)
+                    uv_of(&grid, live.wedges.get(live.face_wedges[face as usize][k]).attributes.uv)
                 };
                 let ([a, b], [c, d], [e, f]) = (uv(0), uv(1), uv(2));
                 map += ((c - a) * (f - b) - (d - b) * (e - a)).abs();
@@ -104,7 +104,7 @@ impl Texture {
     }
 
     /// How far the texture at a vertex of the input has slid, or `enough` where it is no farther.
-    fn slide(&self, live: &Live, (sample, point): (u32, Vec3), face: u32, enough: f64) -> f64 {
+    fn slide(&self, live: &Live<'_>, (sample, point): (u32, Vec3), face: u32, enough: f64) -> f64 {
         let heir = live.heir(sample);
         let most = length(sub(point, live.positions[heir as usize]));
         if most <= enough {
@@ -123,11 +123,11 @@ impl Texture {
     }
 
     /// The same, if the texture is on the given face; at least the distance of the face.
-    fn slide_on(&self, live: &Live, (sample, point): (u32, Vec3), face: u32) -> f64 {
+    fn slide_on(&self, live: &Live<'_>, (sample, point): (u32, Vec3), face: u32) -> f64 {
         let near = Near::new(live, point, face);
         let wedges = live.face_wedges[face as usize];
         let [u, v, _] = near.mix(|k| {
-            let [u, v] = uv_of(&self.grid, live.wedges[wedges[k] as usize].attributes.uv);
+            let [u, v] = uv_of(&self.grid, live.wedges.get(wedges[k]).attributes.uv);
             [u, v, 0.0]
         });
         let own = self.uvs.row(sample).iter();
@@ -149,7 +149,7 @@ struct Near {
 }
 
 impl Near {
-    fn new(live: &Live, point: Vec3, face: u32) -> Self {
+    fn new(live: &Live<'_>, point: Vec3, face: u32) -> Self {
         let vertices = live.face_vertices[face as usize];
         let triangle = live.triangle(face as usize);
         let point = DVec3::from(point);
@@ -175,7 +175,7 @@ fn weights(p: Vec3, [a, b, c]: [Vec3; 3]) -> [f64; 3] {
 }
 
 /// Area-weighted normals of the vertices that have faces.
-pub(crate) fn vertex_normals(live: &Live) -> Vec<[f32; 3]> {
+pub(crate) fn vertex_normals(live: &Live<'_>) -> Vec<[f32; 3]> {
     let mut sums = vec![[0.0; 3]; live.positions.len()];
     for &face in &live.faces {
         let normal = normal_of(live, face);
@@ -186,7 +186,7 @@ pub(crate) fn vertex_normals(live: &Live) -> Vec<[f32; 3]> {
     sums.into_iter().map(|n| unit(n).map(|x| x as f32)).collect()
 }
 
-fn normal_of(live: &Live, face: u32) -> Vec3 {
+fn normal_of(live: &Live<'_>, face: u32) -> Vec3 {
     let [a, b, c] = live.triangle(face as usize);
     triangle_normal(a, b, c)
 }
@@ -206,6 +206,7 @@ mod tests {
     use crate::mesh::{Corner, SourceMesh};
     use crate::pool::{Serial, Silent, Watched};
     use crate::simplify::simplify;
+    use crate::spill::InMemory;
 
     /// Largest attribute and geometric error of the chunks of a square of 40 × 40 cells, with heights and
     /// texture coordinates as given.
@@ -226,12 +227,12 @@ mod tests {
         }
         let mesh = common::quantised(&mesh);
         let mut pool = Watched::new(&Serial, &Silent, mesh.faces.len());
-        let simplified = simplify(&mesh, &common::regions(400), &mut pool).unwrap();
-        let chunks = || simplified.levels.iter().flatten();
-        assert!(chunks().count() > 2);
+        let spill = InMemory::default();
+        let chunks = simplify(&mesh, &common::regions(400), &mut pool, &spill).unwrap().levels.all();
+        assert!(chunks.len() > 2);
         let cells = f64::from(1_u32 << mesh.grid.bits);
         let most = |error: &dyn Fn(&crate::simplify::hierarchy::RegionChunk) -> f64| {
-            chunks().map(error).fold(0.0, f64::max) / cells
+            chunks.iter().map(error).fold(0.0, f64::max) / cells
         };
         (most(&|c| c.attribute_error), most(&|c| c.error))
     }

@@ -18,7 +18,7 @@ impl Records {
     /// got. `changed(corner)` is called for every corner that got another vertex.
     pub(crate) fn commit(
         &mut self,
-        live: &mut Live,
+        live: &mut Live<'_>,
         done: &mut Committed,
         end: usize,
         changed: &mut dyn FnMut(u32),

@@ -109,7 +109,7 @@ pub(crate) type Attachment = (u32, u32, f32);
 pub(crate) type FarEdge = ([u32; 2], f64);
 
 impl Deviation {
-    pub(crate) fn new(live: &Live, uv_grid: UvGrid) -> Self {
+    pub(crate) fn new(live: &Live<'_>, uv_grid: UvGrid) -> Self {
         let count = live.face_vertices.len();
         let mut attached = vec![0_u32; live.positions.len()];
         let mut around = vec![0.0_f32; live.positions.len()];
@@ -257,7 +257,7 @@ impl Deviation {
     /// Each edge is cut into at most `most` parts at first.
     pub(crate) fn edges(
         &self,
-        live: &Live,
+        live: &Live<'_>,
         corners: &[u32],
         far: &mut Vec<FarEdge>,
         mut error: f64,
@@ -298,7 +298,7 @@ impl Deviation {
 
     fn edge(
         &self,
-        live: &Live,
+        live: &Live<'_>,
         edge: [u32; 2],
         (far, near): (&mut Vec<FarEdge>, &mut NearInput<'_>),
         error: &mut f64,
@@ -341,7 +341,7 @@ impl Deviation {
     /// judged by about `budget` of the samples and the middles of the triangles.
     pub(crate) fn within(
         &self,
-        live: &Live,
+        live: &Live<'_>,
         triangles: &[[u32; 3]],
         samples: &[u32],
         limit: f64,
@@ -369,7 +369,7 @@ impl Deviation {
     }
 
     /// The attribute error of a settled region; `normals` are those of the coarse surface.
-    pub(crate) fn attribute_error(&self, live: &Live, samples: &[u32], normals: &[[f32; 3]]) -> f64 {
+    pub(crate) fn attribute_error(&self, live: &Live<'_>, samples: &[u32], normals: &[[f32; 3]]) -> f64 {
         self.attributes.error(live, &self.input, samples, &|s| self.attached[s as usize], normals)
     }
 
@@ -382,7 +382,7 @@ impl Deviation {
     }
 
     /// Attaches samples whose region has lost all its faces to the nearest face anywhere.
-    pub(crate) fn attach_anywhere(&mut self, live: &Live, samples: Own<'_>) -> f64 {
+    pub(crate) fn attach_anywhere(&mut self, live: &Live<'_>, samples: Own<'_>) -> f64 {
         let faces: Vec<u32> = (0..live.alive.len() as u32).filter(|&f| live.alive[f as usize]).collect();
         let everywhere = Surroundings::new(live, &faces, &|_| true);
         let mut error = 0.0_f64;

@@ -18,7 +18,7 @@ const MOST_PARTS: usize = 64;
 
 /// The vertices nearest to the corners of large, thin parts, ascending; `error` is the base mesh's and `diagonal` the
 /// mesh's, in grid cells.
-pub(crate) fn corners_to_hold(live: &Live, error: f64, diagonal: f64) -> Vec<u32> {
+pub(crate) fn corners_to_hold(live: &Live<'_>, error: f64, diagonal: f64) -> Vec<u32> {
     let component = components(live.positions.len(), &live.face_vertices);
     let mut vertices: Vec<u32> = (0..live.positions.len() as u32).collect();
     vertices.sort_by_key(|&v| component[v as usize]);
@@ -38,7 +38,7 @@ pub(crate) fn corners_to_hold(live: &Live, error: f64, diagonal: f64) -> Vec<u32
 
 /// A component, and the box along its principal axes.
 struct Part<'a> {
-    live: &'a Live,
+    live: &'a Live<'a>,
     vertices: &'a [u32],
     axes: [Vec3; 3],
     low: Vec3,
@@ -46,7 +46,7 @@ struct Part<'a> {
 }
 
 impl<'a> Part<'a> {
-    fn new(live: &'a Live, vertices: &'a [u32]) -> Self {
+    fn new(live: &'a Live<'a>, vertices: &'a [u32]) -> Self {
         let axes = principal_axes(vertices.iter().map(|&v| live.positions[v as usize]));
         let (low, high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
         let mut part = Self { live, vertices, axes, low, high };

@@ -1,10 +1,17 @@
 //! What simplification leaves: levels of chunks above a base mesh.
 
 use crate::collapse::{Placed, Records};
+use crate::error::MeshError;
 use crate::mesh::vec3::Vec3;
 use crate::simplify::live::Live;
+use crate::simplify::packed::{pack, unpack};
+use crate::spill::{Piece, Spill, SpillError};
+
+/// Chunks that are put away and encoded together: enough for any number of threads, a few megabytes.
+const BLOCK_CHUNKS: usize = 128;
 
 /// A region with its collapses.
+#[derive(Debug, PartialEq)]
 pub(crate) struct RegionChunk {
     pub(crate) records: Records,
     /// Faces of the region at the level's start.
@@ -33,13 +40,72 @@ impl RegionChunk {
 }
 
 /// A mesh reduced to its base, and the way there.
-pub(crate) struct Simplified {
-    /// Levels, finest first; each a list of chunks.
-    pub(crate) levels: Vec<Vec<RegionChunk>>,
+pub(crate) struct Simplified<'a> {
+    /// Levels, finest first.
+    pub(crate) levels: Levels<'a>,
     /// What is left.
-    pub(crate) live: Live,
+    pub(crate) live: Live<'a>,
     /// Error of regions that vanished or were dropped without a chunk of their own.
     pub(crate) stray_error: f64,
     /// How many bits the grids leave out that the levels' chunks bring vertices to; one more for the base mesh.
     pub(crate) shifts: Vec<u8>,
+}
+
+/// Finished levels, finest first, each a list of chunks that are put away in blocks: chunks that follow one another are
+/// neighbours in space (`partition`).
+pub(crate) struct Levels<'a> {
+    spill: &'a dyn Spill,
+    /// How many chunks each has.
+    chunks: Vec<usize>,
+}
+
+impl<'a> Levels<'a> {
+    pub(crate) fn new(spill: &'a dyn Spill) -> Self {
+        Self { spill, chunks: Vec::new() }
+    }
+
+    /// Puts a level away.
+    pub(crate) fn push(&mut self, mut chunks: Vec<RegionChunk>) -> Result<(), MeshError> {
+        let level = self.chunks.len() as u32;
+        self.chunks.push(chunks.len());
+        let mut left = chunks.drain(..);
+        for block in 0.. {
+            let chunks: Vec<RegionChunk> = left.by_ref().take(BLOCK_CHUNKS).collect();
+            if chunks.is_empty() {
+                break;
+            }
+            self.spill.put(Piece { level, block }, pack(&chunks))?;
+        }
+        Ok(())
+    }
+
+    /// How many there are.
+    pub(crate) fn count(&self) -> usize {
+        self.chunks.len()
+    }
+
+    /// How many chunks they have together.
+    pub(crate) fn chunk_count(&self) -> usize {
+        self.chunks.iter().sum()
+    }
+
+    /// How many blocks a level is in.
+    pub(crate) fn blocks(&self, level: usize) -> usize {
+        self.chunks[level].div_ceil(BLOCK_CHUNKS)
+    }
+
+    /// The chunks of a block.
+    pub(crate) fn block(&self, level: usize, block: usize) -> Result<Vec<RegionChunk>, MeshError> {
+        let count = (self.chunks[level] - block * BLOCK_CHUNKS).min(BLOCK_CHUNKS);
+        let piece = Piece { level: level as u32, block: block as u32 };
+        let bytes = self.spill.get(piece)?.ok_or_else(|| SpillError::new(format!("{piece} is gone")))?;
+        Ok(unpack(&bytes, count).map_err(SpillError::new)?)
+    }
+
+    /// All chunks of all levels, finest first.
+    #[cfg(test)]
+    pub(crate) fn all(&self) -> Vec<RegionChunk> {
+        let blocks = (0..self.count()).flat_map(|level| (0..self.blocks(level)).map(move |b| (level, b)));
+        blocks.flat_map(|(level, block)| self.block(level, block).unwrap()).collect()
+    }
 }

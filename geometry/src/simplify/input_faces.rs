@@ -132,7 +132,7 @@ const MOST_BRIDGES: usize = 8;
 /// these a walk begins, it looks at them first, so a point that is near one of them is near enough. Found one by one, since
 /// the first are often all that is needed.
 struct Bridges<'a> {
-    live: &'a Live,
+    live: &'a Live<'a>,
     near: [u32; 3],
     /// Corners around the vertices of the first that are still to be looked at.
     corners: std::slice::Iter<'a, u32>,
@@ -143,7 +143,7 @@ struct Bridges<'a> {
 }
 
 impl<'a> Bridges<'a> {
-    fn new(live: &'a Live, near: [u32; 3]) -> Self {
+    fn new(live: &'a Live<'a>, near: [u32; 3]) -> Self {
         Self {
             live,
             near,

@@ -37,7 +37,7 @@ pub(crate) struct Level<'a> {
 impl<'a> Level<'a> {
     /// Cuts the live faces into `count` regions; the vertices of `held`, ascending, stay.
     pub(crate) fn new(
-        live: &Live,
+        live: &Live<'_>,
         deviation: &Deviation,
         number: usize,
         count: usize,
@@ -83,7 +83,7 @@ impl<'a> Level<'a> {
     /// Simplifies all regions; `last` lets each go as far as it can.
     pub(crate) fn simplify(
         &self,
-        live: &Live,
+        live: &Live<'_>,
         last: bool,
         tear: bool,
         settings: &Settings,
@@ -105,7 +105,7 @@ impl<'a> Level<'a> {
     /// collapses up to a cost.
     pub(crate) fn simplify_again(
         &self,
-        live: &Live,
+        live: &Live<'_>,
         r: usize,
         held: &[u32],
         (most, highest_cost): (usize, f64),
@@ -119,7 +119,7 @@ impl<'a> Level<'a> {
         records
     }
 
-    fn region(&self, live: &Live, r: usize, settings: &Settings) -> Region {
+    fn region(&self, live: &Live<'_>, r: usize, settings: &Settings) -> Region {
         let inside = |v: u32| self.interior[v as usize] == r as u32;
         Region::new(live, self.faces[r].clone(), &inside, settings.metric)
     }
@@ -146,7 +146,7 @@ pub(crate) fn truncate_globally(records: &mut [Records], level: &Level<'_>, sett
 }
 
 /// For each live face, by its place in the list, the place of a face across each edge.
-fn adjacency(live: &Live) -> Vec<[u32; 3]> {
+fn adjacency(live: &Live<'_>) -> Vec<[u32; 3]> {
     let mut place = vec![NOBODY; live.alive.len()];
     for (i, &f) in live.faces.iter().enumerate() {
         place[f as usize] = i as u32;

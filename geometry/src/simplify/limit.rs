@@ -39,7 +39,7 @@ const MOST_ATTEMPTS: usize = 8;
 /// to be. Where a region's collapses go too far, the vertices whose removal did it are held and the
 /// region is simplified again; what is still too far then ends the collapses.
 pub(crate) fn limit_error(
-    live: &Live,
+    live: &Live<'_>,
     deviation: &Deviation,
     level: &Level<'_>,
     records: &mut [Records],
@@ -75,7 +75,7 @@ pub(crate) struct Limit {
 }
 
 impl Limit {
-    pub(crate) fn new(live: &Live, error: f64, diagonal: f64) -> Self {
+    pub(crate) fn new(live: &Live<'_>, error: f64, diagonal: f64) -> Self {
         let spacing = (POINT_SPACING * error).max(LEAST_SPACING * diagonal);
         let mut points = Vec::new();
         for &corners in &live.face_vertices {
@@ -123,7 +123,7 @@ fn lay(corners: [Vec3; 3], spacing: f64, visit: &mut impl FnMut(Vec3)) {
 
 /// A region that may go too far.
 struct Limited<'a> {
-    live: &'a Live,
+    live: &'a Live<'a>,
     deviation: &'a Deviation,
     level: &'a Level<'a>,
     r: usize,
@@ -276,7 +276,7 @@ fn heirs(records: &Records) -> SlotMap {
 }
 
 /// A region's faces after its first `count` collapses; `None` where one has vanished.
-fn faces_after(live: &Live, faces: &[u32], records: &Records, count: usize) -> Vec<Option<[u32; 3]>> {
+fn faces_after(live: &Live<'_>, faces: &[u32], records: &Records, count: usize) -> Vec<Option<[u32; 3]>> {
     let place = |face: u32| faces.binary_search(&face).unwrap_or(0);
     let mut triangles: Vec<Option<[u32; 3]>> =
         faces.iter().map(|&f| Some(live.face_vertices[f as usize])).collect();

@@ -3,6 +3,7 @@
 use crate::collapse::Placed;
 use crate::mesh::corner;
 use crate::mesh::vec3::{Vec3, add, cross, dot, length, scale, sub, triangle_normal};
+use crate::mesh::wedges::Wedges;
 use crate::mesh::{Attributes, QuantisedMesh, Wedge};
 use crate::simplify::quadric::Quadric;
 use crate::simplify::star_table::{StarTable, each_edge};
@@ -16,7 +17,8 @@ const SEAM_WEIGHT: f64 = 1.0;
 const MOST_HOPS: usize = 10_000;
 
 /// What is left of a mesh at some point of its simplification. Ids are the input's throughout.
-pub(crate) struct Live {
+pub(crate) struct Live<'a> {
+    mesh: &'a QuantisedMesh,
     /// Positions in grid cells about the middle of the grid.
     pub(crate) positions: Vec<Vec3>,
     pub(crate) quadrics: Vec<Quadric>,
@@ -27,13 +29,12 @@ pub(crate) struct Live {
     /// Bits per axis.
     bits: u8,
     /// Wedges; grows when a collapse keeps a wedge that meets none at its new vertex.
-    pub(crate) wedges: Vec<Wedge>,
+    pub(crate) wedges: Wedges<'a>,
     /// Next unused normal group of each vertex.
     next_group: Vec<u32>,
     /// Corners of each face, as wedges and as vertices; meaningless for dead faces.
     pub(crate) face_wedges: Vec<[u32; 3]>,
     pub(crate) face_vertices: Vec<[u32; 3]>,
-    pub(crate) material: Vec<u16>,
     pub(crate) alive: Vec<bool>,
     /// Where a removed vertex was collapsed to; itself while it is there.
     pub(crate) moved_to: Vec<u32>,
@@ -45,8 +46,8 @@ pub(crate) struct Live {
     pub(crate) faces: Vec<u32>,
 }
 
-impl Live {
-    pub(crate) fn new(mesh: &QuantisedMesh) -> Self {
+impl<'a> Live<'a> {
+    pub(crate) fn new(mesh: &'a QuantisedMesh) -> Self {
         let middle = f64::from(1_u32 << mesh.grid.bits) * 0.5;
         let positions: Vec<Vec3> = mesh.positions.iter().map(|p| p.map(|x| f64::from(x) - middle)).collect();
         let face_wedges: Vec<[u32; 3]> = mesh.faces.iter().map(|f| f.wedges).collect();
@@ -58,15 +59,15 @@ impl Live {
             *next = (*next).max(wedge.attributes.group + 1);
         }
         let mut live = Self {
+            mesh,
             moved_to: (0..positions.len() as u32).collect(),
             quadrics: vec![Quadric::default(); positions.len()],
             shifts: vec![0; positions.len()],
             middle,
             bits: mesh.grid.bits,
             positions,
-            wedges: mesh.wedges.clone(),
+            wedges: Wedges::new(&mesh.wedges),
             next_group,
-            material: mesh.faces.iter().map(|f| f.material).collect(),
             alive: vec![true; face_wedges.len()],
             reach: vec![0.0; mesh.positions.len()],
             faces: (0..face_wedges.len() as u32).collect(),
@@ -133,6 +134,18 @@ impl Live {
         self.stars = StarTable::default();
     }
 
+    /// Lets go of what only the base mesh needs: where vertices are, and wedges, stay.
+    pub(crate) fn forget_faces(&mut self) {
+        self.face_wedges = Vec::new();
+        self.alive = Vec::new();
+        self.faces = Vec::new();
+    }
+
+    /// The material of a face.
+    pub(crate) fn material(&self, face: u32) -> u16 {
+        self.mesh.faces[face as usize].material
+    }
+
     /// The vertex that an input vertex has been collapsed to.
     pub(crate) fn heir(&self, mut vertex: u32) -> u32 {
         // Bounded: outlines unlocked on purpose can make two vertices each other's heirs.
@@ -150,9 +163,8 @@ impl Live {
     pub(crate) fn keep_wedge(&mut self, vertex: u32, source: u32) -> u32 {
         let group = self.next_group[vertex as usize];
         self.next_group[vertex as usize] += 1;
-        let attributes = Attributes { group, ..self.wedges[source as usize].attributes };
-        self.wedges.push(Wedge { vertex, attributes });
-        (self.wedges.len() - 1) as u32
+        let attributes = Attributes { group, ..self.wedges.get(source).attributes };
+        self.wedges.push(Wedge { vertex, attributes })
     }
 
     /// Brings faces and stars up to date after collapses.
@@ -211,6 +223,6 @@ impl Live {
     fn edge_attributes(&self, corner: u32) -> (u32, u32, u16) {
         let (face, k) = (corner::face_of(corner) as usize, corner::side_of(corner));
         let (a, b) = (self.face_wedges[face][k], self.face_wedges[face][corner::next(k)]);
-        (a.min(b), a.max(b), self.material[face])
+        (a.min(b), a.max(b), self.material(face as u32))
     }
 }

@@ -56,7 +56,7 @@ pub(crate) struct Coarsening {
 /// Performs the collapses, puts what is left on its grid, measures the regions, and makes chunks of those that
 /// have any collapses; answers them and the bits that the grid at the level's end leaves out.
 pub(crate) fn measure(
-    live: &mut Live,
+    live: &mut Live<'_>,
     deviation: &mut Deviation,
     level: &Level<'_>,
     records: Vec<Records>,
@@ -116,14 +116,14 @@ struct Latest {
 }
 
 impl Latest {
-    fn new(live: &Live, deviation: &Deviation) -> Self {
+    fn new(live: &Live<'_>, deviation: &Deviation) -> Self {
         Self { part: 0, changed_in: vec![0; live.alive.len()], placed_in: vec![0; deviation.sample_count()] }
     }
 }
 
 /// Measures what changed.
 fn look(
-    live: &Live,
+    live: &Live<'_>,
     deviation: &mut Deviation,
     level: &Level<'_>,
     courses: &mut [Course],
@@ -198,7 +198,7 @@ impl Course {
     }
 
     /// Performs the collapses of one part, counted from 1.
-    fn perform(&mut self, part: usize, live: &mut Live, latest: &mut Latest) {
+    fn perform(&mut self, part: usize, live: &mut Live<'_>, latest: &mut Latest) {
         self.corners.clear();
         self.performed = false;
         let stops = self.records.stops.len();
@@ -220,7 +220,7 @@ impl Course {
     /// Puts what is left of a region with collapses on a grid. Nothing that was known of it holds then.
     fn place(
         &mut self,
-        live: &mut Live,
+        live: &mut Live<'_>,
         faces: &[u32],
         vertices: &[u32],
         rounding: Rounding,
@@ -242,7 +242,7 @@ impl Course {
     }
 
     /// Takes the vertices off the grid again.
-    fn lift(&mut self, live: &mut Live) {
+    fn lift(&mut self, live: &mut Live<'_>) {
         for m in self.moves.drain(..) {
             live.positions[m.vertex as usize] = live.position(m.cell);
             live.shifts[m.vertex as usize] = m.shift;
@@ -251,7 +251,7 @@ impl Course {
 
     /// Largest distance from the input of the edges that are still there, and of their ends. What was not looked at closely
     /// was within a share of the largest distance at that time.
-    fn edges(&self, live: &Live) -> f64 {
+    fn edges(&self, live: &Live<'_>) -> f64 {
         let joined = |[a, b]: [u32; 2]| {
             live.stars.corners(a).any(|c| live.face_vertices[(c / 3) as usize].contains(&b))
         };
@@ -262,7 +262,7 @@ impl Course {
 
 /// Settles the errors when all collapses are done.
 fn finish(
-    live: &Live,
+    live: &Live<'_>,
     deviation: &mut Deviation,
     level: &Level<'_>,
     courses: Vec<Course>,

@@ -17,6 +17,7 @@ mod limit;
 mod live;
 mod measure;
 mod metric;
+mod packed;
 mod partition;
 mod placement;
 mod quadric;
@@ -35,12 +36,13 @@ use crate::mesh::vec3::{length, sub};
 use crate::pool::{Stage, Watched};
 use crate::simplify::deviation::{Deviation, extend};
 use crate::simplify::extent::corners_to_hold;
-use crate::simplify::hierarchy::{RegionChunk, Simplified};
+use crate::simplify::hierarchy::{Levels, RegionChunk, Simplified};
 use crate::simplify::level::{Level, truncate_globally};
 use crate::simplify::limit::{Limit, limit_error};
 use crate::simplify::live::Live;
 use crate::simplify::measure::{Coarsening, measure};
 use crate::simplify::settings::Settings;
+use crate::spill::Spill;
 
 /// Where a level is stuck, as many faces still fit into one region.
 const MAX_REGION_FACES: usize = *Settings::REGION_FACES.end();
@@ -48,14 +50,15 @@ const MAX_REGION_FACES: usize = *Settings::REGION_FACES.end();
 const LEAST_PROGRESS: f64 = 0.05;
 
 /// `settings` must have passed [`Settings::check`].
-pub(crate) fn simplify(
-    mesh: &QuantisedMesh,
+pub(crate) fn simplify<'a>(
+    mesh: &'a QuantisedMesh,
     settings: &Settings,
     pool: &mut Watched<'_>,
-) -> Result<Simplified, MeshError> {
+    spill: &'a dyn Spill,
+) -> Result<Simplified<'a>, MeshError> {
     let mut live = Live::new(mesh);
     let mut deviation = Deviation::new(&live, mesh.uv_grid);
-    let mut levels = Vec::new();
+    let mut levels = Levels::new(spill);
     let mut stray_error = 0.0_f64;
     let diagonal = diagonal(mesh);
     let limit = Limit::new(&live, settings.base_error * diagonal, diagonal);
@@ -71,8 +74,8 @@ pub(crate) fn simplify(
         pool.begin(Stage::Simplify)?;
         let last = live.faces.len() <= if stuck { top_faces.max(MAX_REGION_FACES) } else { top_faces };
         let count = if last { 1 } else { live.faces.len() / region_faces };
-        let level = Level::new(&live, &deviation, levels.len(), count, &held);
-        let tear = settings.unlock_outlines && levels.is_empty();
+        let level = Level::new(&live, &deviation, levels.count(), count, &held);
+        let tear = settings.unlock_outlines && levels.count() == 0;
         let mut records = level.simplify(&live, last, tear, settings, pool)?;
         if !last {
             truncate_globally(&mut records, &level, settings);
@@ -95,7 +98,7 @@ pub(crate) fn simplify(
             chunks.iter_mut().for_each(RegionChunk::forget_stops);
         }
         if !chunks.is_empty() {
-            levels.push(chunks);
+            levels.push(chunks)?;
             shifts.push(next);
             shift = next;
         }

@@ -54,7 +54,7 @@ impl Rounding {
 
 /// How many of the lowest bits the next coarser grid leaves out, where this one leaves out `shift`: its
 /// points are as far apart as `share` of the median of the regions' errors, in cells.
-pub(crate) fn coarser(live: &Live, shift: u8, share: f64, errors: &mut [f64]) -> u8 {
+pub(crate) fn coarser(live: &Live<'_>, shift: u8, share: f64, errors: &mut [f64]) -> u8 {
     errors.sort_unstable_by(f64::total_cmp);
     let median = errors.get(errors.len() / 2).copied().unwrap_or(0.0);
     let most = live.bits().saturating_sub(LEAST_BITS).min(MAX_SHIFT);
@@ -63,7 +63,7 @@ pub(crate) fn coarser(live: &Live, shift: u8, share: f64, errors: &mut [f64]) ->
 }
 
 /// Puts those of the given vertices that have faces on a grid; answers where they were.
-pub(crate) fn place(live: &mut Live, vertices: &[u32], rounding: Rounding) -> Vec<Placed> {
+pub(crate) fn place(live: &mut Live<'_>, vertices: &[u32], rounding: Rounding) -> Vec<Placed> {
     let mut moves = Vec::new();
     for &v in vertices {
         if live.moved_to[v as usize] != v || live.stars.corners(v).next().is_none() {
@@ -84,7 +84,7 @@ pub(crate) fn place(live: &mut Live, vertices: &[u32], rounding: Rounding) -> Ve
 
 /// The nearest point of the grid or, of the 26 around it, one where the quadric and the way there cost
 /// less.
-fn best(live: &Live, v: u32, shift: u8, nearest: Vec3) -> Vec3 {
+fn best(live: &Live<'_>, v: u32, shift: u8, nearest: Vec3) -> Vec3 {
     let before = live.positions[v as usize];
     let quadric = &live.quadrics[v as usize];
     let weight = HOLD * quadric.weight();
@@ -105,7 +105,7 @@ fn best(live: &Live, v: u32, shift: u8, nearest: Vec3) -> Vec3 {
 }
 
 /// Whether no face at a vertex turns far when the vertex goes to `x`.
-fn upright(live: &Live, v: u32, x: Vec3) -> bool {
+fn upright(live: &Live<'_>, v: u32, x: Vec3) -> bool {
     let p = live.positions[v as usize];
     live.stars.corners(v).all(|corner| {
         let (triangle, k) = (live.triangle(corner::face_of(corner) as usize), corner::side_of(corner));

@@ -50,7 +50,7 @@ struct Scratch {
 impl Region {
     /// Copies the region of the given faces. `is_interior` answers by global vertex id.
     pub(crate) fn new(
-        live: &Live,
+        live: &Live<'_>,
         faces: Vec<u32>,
         is_interior: &dyn Fn(u32) -> bool,
         metric: Metric,

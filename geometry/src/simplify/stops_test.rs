@@ -5,13 +5,15 @@ use crate::common;
 use crate::pool::{Serial, Silent, Watched};
 use crate::simplify::settings::Settings;
 use crate::simplify::simplify;
+use crate::spill::InMemory;
 
 fn each_chunk(parts: usize, check: &mut dyn FnMut(&Records)) {
     for (_, source) in common::all() {
         let mesh = common::quantised(&source);
         let settings = Settings { parts, min_part_splits: 4, ..common::regions(200) };
-        let simplified = simplify(&mesh, &settings, &mut Watched::new(&Serial, &Silent, 0)).unwrap();
-        simplified.levels.iter().flatten().for_each(|chunk| check(&chunk.records));
+        let spill = InMemory::default();
+        let simplified = simplify(&mesh, &settings, &mut Watched::new(&Serial, &Silent, 0), &spill).unwrap();
+        simplified.levels.all().iter().for_each(|chunk| check(&chunk.records));
     }
 }
 

@@ -13,7 +13,7 @@ pub(crate) const ROUNDING: f64 = 1.0 + 1e-6;
 
 /// A region in the course of its collapses.
 pub(crate) struct Surroundings<'a> {
-    pub(crate) live: &'a Live,
+    pub(crate) live: &'a Live<'a>,
     /// The region's faces at the level's start, ascending.
     pub(crate) faces: &'a [u32],
     /// Which faces lie in the region.
@@ -23,7 +23,7 @@ pub(crate) struct Surroundings<'a> {
 }
 
 impl<'a> Surroundings<'a> {
-    pub(crate) fn new(live: &'a Live, faces: &'a [u32], inside: &'a dyn Fn(u32) -> bool) -> Self {
+    pub(crate) fn new(live: &'a Live<'a>, faces: &'a [u32], inside: &'a dyn Fn(u32) -> bool) -> Self {
         Self { live, faces, inside, nearest: OnceCell::new() }
     }
 

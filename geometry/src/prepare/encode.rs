@@ -1,0 +1,108 @@
+//! Encoding: block by block from what simplification has put away, coarse levels first.
+
+use crate::asset::base::Base;
+use crate::codec::chunk::{Encoded, encode};
+use crate::codec::source::Source;
+use crate::error::{DecodeError, MeshError};
+use crate::mesh::QuantisedMesh;
+use crate::pool::Watched;
+use crate::prepare::{BySlot, Hooks};
+use crate::refine::ActiveMesh;
+use crate::simplify::hierarchy::{RegionChunk, Simplified};
+
+/// Nobody's face: the base mesh's.
+const NOBODY: u32 = u32::MAX;
+
+/// What there is to encode.
+pub(super) struct Plan<'a> {
+    pub(super) mesh: &'a QuantisedMesh,
+    pub(super) simplified: &'a Simplified<'a>,
+    pub(super) base: &'a Base,
+}
+
+/// A chunk that is encoded.
+pub(super) struct Finished {
+    /// The level, counted from the finest.
+    pub(super) level: usize,
+    pub(super) region: RegionChunk,
+    pub(super) parents: Vec<u32>,
+    pub(super) encoded: Encoded,
+}
+
+/// Encodes all chunks, level by level and block by block: the chunks of a block at the same time, since those of a
+/// level do not depend on each other. `by_slot` is the base's; `keep` gets chunks in order.
+///
+/// The finest level is encoded against a mesh that it is never put into: with it, that mesh would be the largest thing
+/// of all.
+pub(super) fn encode_all(
+    plan: &Plan<'_>,
+    mut by_slot: BySlot,
+    pool: &Watched<'_>,
+    hooks: &Hooks<'_>,
+    keep: &mut dyn FnMut(Finished),
+) -> Result<(), MeshError> {
+    let &Plan { mesh, simplified, base } = plan;
+    let levels = &simplified.levels;
+    let internal = |why: String| MeshError::Internal { why };
+    let mut active = ActiveMesh::growing(base);
+    let mut slot_of_vertex = vec![u32::MAX; mesh.positions.len()];
+    for (slot, &v) in by_slot.vertices.iter().enumerate() {
+        slot_of_vertex[v as usize] = slot as u32;
+    }
+    let mut owners = vec![NOBODY; mesh.faces.len()];
+    let mut first = 0;
+    for (level, block) in (0..levels.count()).rev().flat_map(|l| (0..levels.blocks(l)).map(move |b| (l, b))) {
+        let regions = levels.block(level, block)?;
+        let parents: Vec<Vec<u32>> =
+            (first..).zip(&regions).map(|(id, region)| take_over(&mut owners, id, &region.faces)).collect();
+        let results = pool.map(regions.len(), &|i| {
+            let region = &regions[i];
+            let source = Source {
+                records: &region.records,
+                place: &|v| simplified.live.placed(v),
+                moves: &region.moves,
+                shift: simplified.shifts[level],
+                wedges: &simplified.live.wedges,
+                faces: &mesh.faces,
+                vertex_by_slot: &by_slot.vertices,
+                wedge_by_slot: &by_slot.wedges,
+                face_by_slot: &by_slot.faces,
+                slot_of_vertex: &slot_of_vertex,
+                interior: &|v| region.interior.binary_search(&v).is_ok(),
+            };
+            let id = first + i as u32;
+            (hooks.observe)(&active, id, &source);
+            let encoded = encode(&active, id, parents[i].clone(), &source)?;
+            Ok(Encoded { bytes: (hooks.store)(encoded.bytes)?, ..encoded })
+        })?;
+        first += regions.len() as u32;
+        for ((region, parents), result) in regions.into_iter().zip(parents).zip(results) {
+            let encoded: Encoded = result.map_err(|e: DecodeError| internal(e.to_string()))?;
+            if level == 0 {
+                active.would_apply(&encoded.delta).map_err(|e| internal(e.to_string()))?;
+            } else {
+                active.apply(&encoded.delta).map_err(|e| internal(e.to_string()))?;
+                for &v in &encoded.vertices {
+                    slot_of_vertex[v as usize] = by_slot.vertices.len() as u32;
+                    by_slot.vertices.push(v);
+                }
+                by_slot.wedges.extend(&encoded.wedges);
+                by_slot.faces.extend(&encoded.faces);
+            }
+            keep(Finished { level, region, parents, encoded });
+        }
+    }
+    Ok(())
+}
+
+/// Parents of a chunk: at each of its faces, the chunk of the nearest coarser level whose region held the face, whether
+/// or not it changed it (a chunk that only read a face must also come first, or it would be decoded against a star that
+/// a finer chunk has altered). The faces are then the chunk's own.
+fn take_over(owners: &mut [u32], id: u32, faces: &[u32]) -> Vec<u32> {
+    let mut parents: Vec<u32> =
+        faces.iter().map(|&f| owners[f as usize]).filter(|&owner| owner != NOBODY).collect();
+    parents.sort_unstable();
+    parents.dedup();
+    faces.iter().for_each(|&f| owners[f as usize] = id);
+    parents
+}

@@ -1,0 +1,159 @@
+//! Chunks of a finished level as bytes, to be put away until they are encoded. Not a format: read by the program that
+//! wrote it, so numbers stand as they are, which costs least time.
+
+use crate::collapse::{Collapse, MovedCorner, NO_VERTEX, Placed, Records, RemovedFace};
+use crate::entropy::bytes::Reader;
+use crate::error::DecodeError;
+use crate::simplify::hierarchy::RegionChunk;
+
+/// The chunks of one block.
+pub(crate) fn pack(chunks: &[RegionChunk]) -> Vec<u8> {
+    let mut out = Vec::with_capacity(chunks.iter().map(bytes_of).sum());
+    for chunk in chunks {
+        let records = &chunk.records;
+        put(&mut out, &records.collapses, |c| {
+            let [low, high] = halves(c.cost);
+            [c.removed, c.target, low, high, c.moved_end, c.removed_end, c.kept_end]
+        });
+        put(&mut out, &records.moved, |m| [m.face, m.from, m.to]);
+        put(&mut out, &records.removed, |r| {
+            let [a, b, c] = r.wedges;
+            [r.face, a, b, c, r.third.unwrap_or(NO_VERTEX)]
+        });
+        put(&mut out, &records.kept, |&k| [k]);
+        put(&mut out, &records.stops, |&s| [s]);
+        put(&mut out, &chunk.faces, |&f| [f]);
+        put(&mut out, &chunk.interior, |&v| [v]);
+        put(&mut out, &chunk.stop_errors, |&e| halves(e));
+        put(&mut out, &chunk.moves, |m| {
+            let [x, y, z] = m.cell.map(i32::cast_unsigned);
+            [m.vertex, x, y, z, m.shift.into()]
+        });
+        put(&mut out, &[records.first_kept], |&k| [k]);
+        let [x, y, z] = chunk.center;
+        let reals = [records.reach, chunk.error, chunk.attribute_error, x, y, z, chunk.radius];
+        put(&mut out, &reals, |&x| halves(x));
+    }
+    out
+}
+
+/// Reads what [`pack`] has made of so many chunks.
+///
+/// # Errors
+/// Where it has not.
+pub(crate) fn unpack(bytes: &[u8], count: usize) -> Result<Vec<RegionChunk>, DecodeError> {
+    let mut r = Reader::new(bytes, "chunks that were put away");
+    let chunks = (0..count).map(|_| chunk(&mut r)).collect::<Result<_, _>>()?;
+    if r.remaining() > 0 { Err(r.error("there are more than were put away")) } else { Ok(chunks) }
+}
+
+fn chunk(r: &mut Reader<'_>) -> Result<RegionChunk, DecodeError> {
+    let collapses = list(r, |[removed, target, low, high, moved_end, removed_end, kept_end]| Collapse {
+        removed,
+        target,
+        cost: real([low, high]),
+        moved_end,
+        removed_end,
+        kept_end,
+    })?;
+    let moved = list(r, |[face, from, to]| MovedCorner { face, from, to })?;
+    let removed = list(r, |[face, a, b, c, third]| RemovedFace {
+        face,
+        wedges: [a, b, c],
+        third: (third != NO_VERTEX).then_some(third),
+    })?;
+    let (kept, stops) = (list(r, |[k]| k)?, list(r, |[s]| s)?);
+    let (faces, interior) = (list(r, |[f]| f)?, list(r, |[v]| v)?);
+    let stop_errors = list(r, real)?;
+    let moves = list(r, |[vertex, x, y, z, shift]| Placed {
+        vertex,
+        cell: [x, y, z].map(u32::cast_signed),
+        shift: shift as u8,
+    })?;
+    let first_kept = list(r, |[k]| k)?.first().copied().unwrap_or_default();
+    let reals = list(r, real)?;
+    let &[reach, error, attribute_error, x, y, z, radius] = reals.as_slice() else {
+        return Err(r.error("a chunk has not all its figures"));
+    };
+    let ends = |c: &Collapse| [c.moved_end, c.removed_end, c.kept_end];
+    let lengths = [moved.len(), removed.len(), kept.len()];
+    let within = collapses.iter().all(|c| (0..3).all(|k| ends(c)[k] as usize <= lengths[k]));
+    let rising = collapses.windows(2).all(|c| (0..3).all(|k| ends(&c[0])[k] <= ends(&c[1])[k]));
+    if !within || !rising || stops.iter().any(|&s| s as usize > collapses.len()) {
+        return Err(r.error("its lists do not fit together"));
+    }
+    let records = Records { collapses, moved, removed, kept, first_kept, stops, reach };
+    let center = [x, y, z];
+    Ok(RegionChunk { records, faces, interior, error, attribute_error, stop_errors, moves, center, radius })
+}
+
+/// About how long a chunk gets.
+fn bytes_of(chunk: &RegionChunk) -> usize {
+    let records = &chunk.records;
+    let words = 7 * records.collapses.len()
+        + 3 * records.moved.len()
+        + 5 * records.removed.len()
+        + records.kept.len()
+        + chunk.faces.len()
+        + chunk.interior.len()
+        + 5 * chunk.moves.len();
+    4 * words + 160 + 12 * records.stops.len()
+}
+
+fn put<T, const N: usize>(out: &mut Vec<u8>, list: &[T], words: impl Fn(&T) -> [u32; N]) {
+    out.extend((list.len() as u32).to_le_bytes());
+    for entry in list {
+        out.extend(words(entry).iter().flat_map(|word| word.to_le_bytes()));
+    }
+}
+
+fn list<T, const N: usize>(r: &mut Reader<'_>, entry: impl Fn([u32; N]) -> T) -> Result<Vec<T>, DecodeError> {
+    let count = u32::from_le_bytes(r.array()?) as usize;
+    let bytes = r.take(count.saturating_mul(4 * N))?;
+    let word = |at: &[u8]| at.iter().rev().fold(0, |word, &byte| word << 8 | u32::from(byte));
+    Ok(bytes
+        .chunks_exact(4 * N)
+        .map(|at| entry(std::array::from_fn(|k| word(&at[4 * k..4 * k + 4]))))
+        .collect())
+}
+
+fn halves(x: f64) -> [u32; 2] {
+    let bits = x.to_bits();
+    [bits as u32, (bits >> 32) as u32]
+}
+
+fn real([low, high]: [u32; 2]) -> f64 {
+    f64::from_bits(u64::from(high) << 32 | u64::from(low))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::common;
+    use crate::pool::{Serial, Silent, Watched};
+    use crate::simplify::simplify;
+    use crate::spill::InMemory;
+
+    #[test]
+    fn chunks_come_back_as_they_were_and_no_beginning_of_them_is_taken_for_them() {
+        let spill = InMemory::default();
+        let mut taken = 0;
+        for (name, source) in common::all() {
+            let mesh = common::quantised(&source);
+            let mut pool = Watched::new(&Serial, &Silent, mesh.faces.len());
+            let chunks = simplify(&mesh, &common::regions(400), &mut pool, &spill).unwrap().levels.all();
+            let bytes = pack(&chunks);
+            assert!(unpack(&bytes, chunks.len()).unwrap() == chunks, "{name}");
+            if let Some(chunk) = chunks.last() {
+                let bytes = pack(std::slice::from_ref(chunk));
+                assert!(
+                    (0..bytes.len()).step_by(7).all(|length| unpack(&bytes[..length], 1).is_err()),
+                    "{name}"
+                );
+                assert!(unpack(&bytes, 2).is_err());
+                taken += 1;
+            }
+        }
+        assert!(taken > 10, "only {taken} meshes have chunks");
+    }
+}
