@@ -25,25 +25,32 @@ pub(crate) struct MovedCorner {
     pub(crate) to: u32,
 }
 
-/// A face that vanished with a collapse, with its corners at that time.
+/// A face that vanished with a collapse.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct RemovedFace {
     pub(crate) face: u32,
-    pub(crate) wedges: [u32; 3],
     /// The corner that is neither the removed vertex nor its target, where a split could not find it
-    /// among the target's neighbours.
-    pub(crate) third: Option<u32>,
+    /// among the target's neighbours; else [`NO_VERTEX`].
+    third: u32,
+}
+
+impl RemovedFace {
+    pub(crate) fn new(face: u32, third: Option<u32>) -> Self {
+        Self { face, third: third.unwrap_or(NO_VERTEX) }
+    }
+
+    pub(crate) fn third(&self) -> Option<u32> {
+        (self.third != NO_VERTEX).then_some(self.third)
+    }
 }
 
 /// One half-edge collapse: `removed` goes onto `target`. Without a target: a vertex whose faces are
 /// all gone is dropped.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Collapse {
     pub(crate) removed: u32,
     /// [`NO_VERTEX`] for a vertex without faces.
     pub(crate) target: u32,
-    /// Largest cost so far in this region.
-    pub(crate) cost: f64,
     /// Ends of this collapse's parts of the lists in [`Records`]; they start where the previous ends.
     pub(crate) moved_end: u32,
     pub(crate) removed_end: u32,
@@ -54,8 +61,12 @@ pub(crate) struct Collapse {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Records {
     pub(crate) collapses: Vec<Collapse>,
+    /// Largest cost so far in this region, by collapse; forgotten once it is known how many there are.
+    pub(crate) costs: Vec<f64>,
     pub(crate) moved: Vec<MovedCorner>,
     pub(crate) removed: Vec<RemovedFace>,
+    /// Wedges of these faces when they vanished. Empty until a level is put away: so long, faces that are dead tell.
+    pub(crate) vanished: Vec<[u32; 3]>,
     /// Wedges that a collapse kept: the source wedge of each. Until [`Records::commit`] they are
     /// numbered from `first_kept` on.
     pub(crate) kept: Vec<u32>,
@@ -84,9 +95,16 @@ impl Records {
         )
     }
 
+    /// Wedges of the faces that vanished with one collapse.
+    pub(crate) fn vanished(&self, index: usize) -> &[[u32; 3]] {
+        let from = index.checked_sub(1).map_or(0, |i| self.collapses[i].removed_end);
+        &self.vanished[from as usize..self.collapses[index].removed_end as usize]
+    }
+
     /// Keeps the first `count` collapses only.
     pub(crate) fn truncate(&mut self, count: usize) {
         self.collapses.truncate(count);
+        self.costs.truncate(count);
         let (moved, removed, kept) =
             self.collapses.last().map_or((0, 0, 0), |c| (c.moved_end, c.removed_end, c.kept_end));
         self.moved.truncate(moved as usize);
@@ -98,6 +116,7 @@ impl Records {
     /// Gives back the room that grew with the lists: all regions of a level are kept at once.
     pub(crate) fn shrink(&mut self) {
         self.collapses.shrink_to_fit();
+        self.costs.shrink_to_fit();
         self.moved.shrink_to_fit();
         self.removed.shrink_to_fit();
         self.kept.shrink_to_fit();

@@ -15,6 +15,7 @@ use crate::codec::source::Source;
 use crate::collapse::NO_VERTEX;
 use crate::collapse::Placed;
 use crate::collapse::Records;
+use crate::collapse::RemovedFace;
 use crate::mesh::corner;
 use crate::numbers::id32;
 
@@ -114,7 +115,7 @@ impl<'a> Guide<'a> {
             made.push(collapse.removed);
             if collapse.target != NO_VERTEX {
                 needed.push(collapse.target);
-                needed.extend(removed.iter().flat_map(|r| r.third));
+                needed.extend(removed.iter().flat_map(RemovedFace::third));
             }
         }
         needed.extend(self.source.moves.iter().map(|m| m.vertex));
@@ -157,15 +158,15 @@ impl<'a> Guide<'a> {
                     *corner = m.from;
                 }
             }
-            for r in removed {
-                let at = |vertex: u32| r.wedges.into_iter().find(|&w| self.vertex_of(w) == vertex);
+            for (r, &vanished) in removed.iter().zip(self.records.vanished(index)) {
+                let at = |vertex: u32| vanished.into_iter().find(|&w| self.vertex_of(w) == vertex);
                 if let (Some(from), Some(to)) = (at(u), at(t)) {
                     stands(from, to);
                 }
-                for w in r.wedges {
+                for w in vanished {
                     self.any_wedge.entry(self.vertex_of(w)).or_insert(w);
                 }
-                self.state.insert(r.face, r.wedges);
+                self.state.insert(r.face, vanished);
                 born.push(r.face);
             }
             self.children.entry(t).or_default().push_back(u);

@@ -15,6 +15,7 @@ use glam::DVec3;
 use crate::mesh::UvGrid;
 use crate::mesh::distance::closest_point_on_triangle;
 use crate::mesh::rows::Rows;
+use crate::mesh::slot_map::SlotMap;
 use crate::mesh::vec3::{Vec3, add, cross, dot, length, scale, sub, triangle_normal};
 use crate::mesh::wide_bvh::WideBvh;
 use crate::simplify::live::Live;
@@ -52,27 +53,27 @@ impl InputAttributes {
         });
         Self {
             spacing: spacing.collect(),
-            normals: vertex_normals(live),
+            normals: (0..live.positions.len() as u32).map(|v| vertex_normal(live, v)).collect(),
             texture: (grid.bits > 0).then(|| Texture::new(live, grid)),
         }
     }
 
     /// The attribute error of a region, from its samples and the live faces that they are near.
-    /// `normals` are the coarse surface's.
     pub(crate) fn error(
         &self,
         live: &Live<'_>,
         input: &WideBvh,
         samples: &[u32],
         face_near: &dyn Fn(u32) -> u32,
-        normals: &[[f32; 3]],
     ) -> f64 {
         let vertices = || samples.iter().copied().filter(|&s| (s as usize) < self.normals.len());
         let step = (samples.len() / NORMAL_SAMPLES).max(1);
         let (mut sum, mut count) = (0.0, 0.0);
+        let mut normals = KnownNormals { numbers: SlotMap::with_room(NORMAL_SAMPLES), normals: Vec::new() };
         for sample in vertices().step_by(step) {
             let near = Near::new(live, input.position(sample), face_near(sample));
-            let coarse = unit(near.mix(|k| normals[near.vertices[k] as usize].map(f64::from)));
+            let around = near.vertices.map(|v| normals.at(live, v));
+            let coarse = unit(near.mix(|k| around[k].map(f64::from)));
             let own = self.normals[sample as usize].map(f64::from);
             let chord = length(sub(own, coarse)) * f64::from(self.spacing[sample as usize]);
             sum += chord * chord;
@@ -174,16 +175,28 @@ fn weights(p: Vec3, [a, b, c]: [Vec3; 3]) -> [f64; 3] {
     [1.0 - v - w, v, w]
 }
 
-/// Area-weighted normals of the vertices that have faces.
-pub(crate) fn vertex_normals(live: &Live<'_>) -> Vec<[f32; 3]> {
-    let mut sums = vec![[0.0; 3]; live.positions.len()];
-    for &face in &live.faces {
-        let normal = normal_of(live, face);
-        for v in live.face_vertices[face as usize] {
-            sums[v as usize] = add(sums[v as usize], normal);
+/// Normals of vertices that were asked for.
+struct KnownNormals {
+    numbers: SlotMap,
+    normals: Vec<[f32; 3]>,
+}
+
+impl KnownNormals {
+    fn at(&mut self, live: &Live<'_>, vertex: u32) -> [f32; 3] {
+        let next = self.normals.len() as u32;
+        let number = self.numbers.number_or(vertex, next);
+        if number == next {
+            self.normals.push(vertex_normal(live, vertex));
         }
+        self.normals[number as usize]
     }
-    sums.into_iter().map(|n| unit(n).map(|x| x as f32)).collect()
+}
+
+/// The area-weighted normal of a vertex; zero where it has no faces.
+fn vertex_normal(live: &Live<'_>, vertex: u32) -> [f32; 3] {
+    let faces = live.stars.corners(vertex).map(|c| c / 3);
+    let sum = faces.fold([0.0; 3], |sum, face| add(sum, normal_of(live, face)));
+    unit(sum).map(|x| x as f32)
 }
 
 fn normal_of(live: &Live<'_>, face: u32) -> Vec3 {

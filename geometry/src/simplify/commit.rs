@@ -50,8 +50,7 @@ impl Records {
                 live.face_wedges[face][k] = moved.to;
                 changed(moved.face * 3 + k as u32);
             }
-            for removed in &mut self.removed[removed_at..collapse.removed_end as usize] {
-                removed.wedges = live.face_wedges[removed.face as usize];
+            for removed in &self.removed[removed_at..collapse.removed_end as usize] {
                 live.alive[removed.face as usize] = false;
             }
             moved_at = collapse.moved_end as usize;

@@ -368,9 +368,9 @@ impl Deviation {
         self.attached[sample as usize]
     }
 
-    /// The attribute error of a settled region; `normals` are those of the coarse surface.
-    pub(crate) fn attribute_error(&self, live: &Live<'_>, samples: &[u32], normals: &[[f32; 3]]) -> f64 {
-        self.attributes.error(live, &self.input, samples, &|s| self.attached[s as usize], normals)
+    /// The attribute error of a settled region.
+    pub(crate) fn attribute_error(&self, live: &Live<'_>, samples: &[u32]) -> f64 {
+        self.attributes.error(live, &self.input, samples, &|s| self.attached[s as usize])
     }
 
     /// Takes over the new places of samples.

@@ -64,13 +64,16 @@ impl<'a> Levels<'a> {
         Self { spill, chunks: Vec::new() }
     }
 
-    /// Puts a level away.
-    pub(crate) fn push(&mut self, mut chunks: Vec<RegionChunk>) -> Result<(), MeshError> {
+    /// Puts a level away that `live` is the end of.
+    pub(crate) fn push(&mut self, mut chunks: Vec<RegionChunk>, live: &Live<'_>) -> Result<(), MeshError> {
         let level = self.chunks.len() as u32;
         self.chunks.push(chunks.len());
         let mut left = chunks.drain(..);
         for block in 0.. {
-            let chunks: Vec<RegionChunk> = left.by_ref().take(BLOCK_CHUNKS).collect();
+            let mut chunks: Vec<RegionChunk> = left.by_ref().take(BLOCK_CHUNKS).collect();
+            for Records { removed, vanished, .. } in chunks.iter_mut().map(|chunk| &mut chunk.records) {
+                *vanished = removed.iter().map(|r| live.face_wedges[r.face as usize]).collect();
+            }
             if chunks.is_empty() {
                 break;
             }

@@ -3,7 +3,6 @@
 use crate::collapse::Records;
 use crate::error::MeshError;
 use crate::mesh::corner;
-use crate::mesh::vec3::Vec3;
 use crate::pool::Watched;
 use crate::simplify::deviation::{Deviation, Samples};
 use crate::simplify::live::Live;
@@ -44,11 +43,12 @@ impl<'a> Level<'a> {
         held: &'a [u32],
     ) -> Self {
         let list = &live.faces;
-        let centroids: Vec<Vec3> = list.iter().map(|&f| live.centroid(f as usize)).collect();
-        let adjacent = if count > 1 { adjacency(live) } else { Vec::new() };
-        let regions = partition(&centroids, &adjacent, count, number);
+        let centroids = list.iter().map(|&f| live.centroid(f as usize));
+        let regions = partition(centroids, &|| adjacency(live), count, number);
         let mut region_of_face = vec![OUTLINE; live.alive.len()];
-        let mut faces = vec![Vec::new(); count.max(1)];
+        let mut sizes = vec![0; count.max(1)];
+        regions.iter().for_each(|&region| sizes[region as usize] += 1);
+        let mut faces: Vec<Vec<u32>> = sizes.into_iter().map(Vec::with_capacity).collect();
         for (&f, &region) in list.iter().zip(&regions) {
             region_of_face[f as usize] = region;
             faces[region as usize].push(f);
@@ -114,7 +114,7 @@ impl<'a> Level<'a> {
         let mut region = self.region(live, r, settings);
         region.hold(|v| [self.held, held].iter().any(|held| held.binary_search(&v).is_ok()));
         let mut records = simplify_region(region, most, settings.round_share);
-        let keep = records.collapses.partition_point(|c| c.cost <= highest_cost);
+        let keep = records.costs.partition_point(|&cost| cost <= highest_cost);
         records.truncate(keep);
         records
     }
@@ -128,7 +128,7 @@ impl<'a> Level<'a> {
 /// Cuts all regions' collapses at one cost, so that a level removes its share where it hurts least;
 /// regions left with too few splits keep none.
 pub(crate) fn truncate_globally(records: &mut [Records], level: &Level<'_>, settings: &Settings) {
-    let mut costs: Vec<f64> = records.iter().flat_map(|r| r.collapses.iter().map(|c| c.cost)).collect();
+    let mut costs: Vec<f64> = records.iter().flat_map(|r| r.costs.iter().copied()).collect();
     let total: usize = level.capacity.iter().sum();
     let target = (total as f64 * settings.level_share) as usize;
     let limit = if target < costs.len() && target > 0 {
@@ -137,7 +137,7 @@ pub(crate) fn truncate_globally(records: &mut [Records], level: &Level<'_>, sett
         f64::INFINITY
     };
     for region in records {
-        let mut keep = region.collapses.partition_point(|c| c.cost <= limit);
+        let mut keep = region.costs.partition_point(|&cost| cost <= limit);
         if keep < settings.min_splits {
             keep = 0;
         }

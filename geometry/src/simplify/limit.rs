@@ -134,7 +134,7 @@ struct Limited<'a> {
 
 impl Limited<'_> {
     fn shorten(&self, whole: &Records, regions: usize, settings: &Settings) -> Records {
-        let highest_cost = whole.collapses.last().map_or(0.0, |c| c.cost);
+        let highest_cost = whole.costs.last().copied().unwrap_or(0.0);
         let mut records = whole.clone();
         let mut held: Vec<u32> = Vec::new();
         for _ in 0..MOST_ATTEMPTS {

@@ -4,14 +4,17 @@
 //! The collapses are performed part by part, between the stops, and each part is measured by what it
 //! changed; so stops cost what changes twice, not a whole measurement each.
 
+use std::borrow::Cow;
+
 use crate::collapse::Placed;
 use crate::collapse::Records;
 use crate::error::MeshError;
 use crate::mesh::vec3::{Vec3, add, length, scale, sub};
 use crate::pool::Watched;
-use crate::simplify::attributes::vertex_normals;
 use crate::simplify::commit::Committed;
-use crate::simplify::deviation::{Deviation, FarEdge, MARGIN, MOST_DENSE, MOST_SPARSE, SUSPICIOUS, extend};
+use crate::simplify::deviation::{
+    Attachment, Deviation, FarEdge, MARGIN, MOST_DENSE, MOST_SPARSE, SUSPICIOUS, extend,
+};
 use crate::simplify::hierarchy::RegionChunk;
 use crate::simplify::level::Level;
 use crate::simplify::live::Live;
@@ -22,14 +25,18 @@ use crate::simplify::surroundings::Surroundings;
 /// again.
 const ABSURD: f64 = 1.1;
 
+/// Regions whose samples are followed together: enough for any number of threads.
+const AT_A_TIME: usize = 1024;
+
 /// A region whose collapses are being performed.
 struct Course {
     records: Records,
     committed: Committed,
     /// Whether the current part has collapses.
     performed: bool,
-    /// Corners that they changed.
+    /// Corners that they changed, and whether all did.
     corners: Vec<u32>,
+    all_corners: bool,
     /// Largest distance so far, without margin.
     error: f64,
     /// The same when each stop but the last was passed, finest first.
@@ -67,9 +74,9 @@ pub(crate) fn measure(
     let mut courses: Vec<Course> = records.into_iter().map(Course::new).collect();
     let mut latest = Latest::new(live, deviation);
     let parts = courses.iter().map(|c| c.records.stops.len() + 1).max().unwrap_or(0);
-    for part in 1..=parts as u32 {
-        latest.part = part;
-        courses.iter_mut().for_each(|c| c.perform(part as usize, live, &mut latest));
+    for part in 1..=parts {
+        latest.part = part as u8;
+        courses.iter_mut().for_each(|c| c.perform(part, live, &mut latest));
         live.settle();
         look(live, deviation, level, &mut courses, &mut latest, pool)?;
         courses.iter_mut().for_each(|c| c.stops.push(c.error));
@@ -81,7 +88,7 @@ pub(crate) fn measure(
         shift: placement::coarser(live, coarsening.shift, coarsening.share, &mut errors),
         way: Way::Best,
     };
-    while rounding.shift > 0 || latest.part > parts as u32 {
+    while rounding.shift > 0 || usize::from(latest.part) > parts {
         latest.part += 1;
         for (course, (faces, vertices)) in courses.iter_mut().zip(level.faces.iter().zip(&interior)) {
             course.place(live, faces, vertices, rounding, &mut latest);
@@ -107,12 +114,19 @@ fn worst(courses: &[Course]) -> f64 {
     courses.iter().map(|c| c.error).fold(0.0, f64::max) * MARGIN
 }
 
+/// The corners of those of the given faces that are left.
+fn corners_left(live: &Live<'_>, faces: &[u32]) -> Vec<u32> {
+    let left = faces.iter().filter(|&&f| live.alive[f as usize]);
+    left.flat_map(|f| [f * 3, f * 3 + 1, f * 3 + 2]).collect()
+}
+
 /// What changed last.
 struct Latest {
-    part: u32,
+    /// Stops are few (`Settings::PARTS`), and so are attempts at a grid.
+    part: u8,
     /// The part in which each face changed last, and each sample was placed.
-    changed_in: Vec<u32>,
-    placed_in: Vec<u32>,
+    changed_in: Vec<u8>,
+    placed_in: Vec<u8>,
 }
 
 impl Latest {
@@ -130,33 +144,21 @@ fn look(
     latest: &mut Latest,
     pool: &Watched<'_>,
 ) -> Result<(), MeshError> {
-    let (known, now) = (&*deviation, &*latest);
-    let seen = &*courses;
-    let results = pool.map(seen.len(), &|r| {
-        let course = &seen[r];
-        if !course.performed {
-            return None;
-        }
-        let inside = |f: u32| level.region_of_face[f as usize] == r as u32;
-        let region = Surroundings::new(live, &level.faces[r], &inside);
-        let changed = |f: u32| now.changed_in[f as usize] == now.part;
-        let (places, error) = known.follow(&region, &changed, level.samples.of(r).list, course.error);
-        let mut far = Vec::new();
-        let error = known.edges(live, &course.corners, &mut far, error, MOST_SPARSE);
-        let mut moved = 0.0;
-        for m in &course.moves {
-            let around = known.input_faces.row(m.vertex).first();
-            known.farthest(live.positions[m.vertex as usize], &mut moved, &mut around.copied());
-        }
-        Some((places, far, moved, error.max(moved)))
-    })?;
-    for (course, result) in courses.iter_mut().zip(results) {
-        if let Some((places, far, moved, error)) = result {
-            deviation.attach(&places);
-            places.iter().for_each(|&(sample, ..)| latest.placed_in[sample as usize] = latest.part);
-            course.far.extend(far);
-            course.moved = moved;
-            course.error = error;
+    // Nothing that is found here depends on where another region's samples are: some regions at a time, so that not all
+    // new places are there twice.
+    for first in (0..courses.len()).step_by(AT_A_TIME) {
+        let (known, now) = (&*deviation, &*latest);
+        let seen = &*courses;
+        let count = (seen.len() - first).min(AT_A_TIME);
+        let results = pool.map(count, &|r| follow(live, known, level, (&seen[first + r], first + r), now))?;
+        for (course, result) in courses[first..].iter_mut().zip(results) {
+            if let Some((places, far, moved, error)) = result {
+                deviation.attach(&places);
+                places.iter().for_each(|&(sample, ..)| latest.placed_in[sample as usize] = latest.part);
+                course.far.extend(far);
+                course.moved = moved;
+                course.error = error;
+            }
         }
     }
     let (known, now) = (&*deviation, &*latest);
@@ -180,6 +182,32 @@ fn look(
     Ok(())
 }
 
+/// Where the samples of a region went, its edges that may be far, how far the vertices are that were put on a grid, and
+/// the largest distance; `None` where nothing changed.
+fn follow(
+    live: &Live<'_>,
+    known: &Deviation,
+    level: &Level<'_>,
+    (course, r): (&Course, usize),
+    now: &Latest,
+) -> Option<(Vec<Attachment>, Vec<FarEdge>, f64, f64)> {
+    if !course.performed {
+        return None;
+    }
+    let inside = |f: u32| level.region_of_face[f as usize] == r as u32;
+    let region = Surroundings::new(live, &level.faces[r], &inside);
+    let changed = |f: u32| now.changed_in[f as usize] == now.part;
+    let (places, error) = known.follow(&region, &changed, level.samples.of(r).list, course.error);
+    let mut far = Vec::new();
+    let error = known.edges(live, &course.corners(live, &level.faces[r]), &mut far, error, MOST_SPARSE);
+    let mut moved = 0.0;
+    for m in &course.moves {
+        let around = known.input_faces.row(m.vertex).first();
+        known.farthest(live.positions[m.vertex as usize], &mut moved, &mut around.copied());
+    }
+    Some((places, far, moved, error.max(moved)))
+}
+
 impl Course {
     fn new(records: Records) -> Self {
         let (committed, corners) = (Committed::default(), Vec::new());
@@ -188,6 +216,7 @@ impl Course {
             committed,
             performed: false,
             corners,
+            all_corners: false,
             error: 0.0,
             stops: Vec::new(),
             far: Vec::new(),
@@ -226,7 +255,8 @@ impl Course {
         rounding: Rounding,
         latest: &mut Latest,
     ) {
-        self.corners.clear();
+        self.corners = Vec::new();
+        self.all_corners = true;
         self.performed = !self.records.collapses.is_empty();
         if !self.performed {
             return;
@@ -234,11 +264,15 @@ impl Course {
         self.moves = if rounding.shift > 0 { place(live, vertices, rounding) } else { Vec::new() };
         for &face in faces.iter().filter(|&&f| live.alive[f as usize]) {
             latest.changed_in[face as usize] = latest.part;
-            self.corners.extend([face * 3, face * 3 + 1, face * 3 + 2]);
         }
         self.error = 0.0;
         self.far.clear();
         self.far_faces.clear();
+    }
+
+    /// The corners that changed last.
+    fn corners<'a>(&'a self, live: &Live<'_>, faces: &[u32]) -> Cow<'a, [u32]> {
+        if self.all_corners { corners_left(live, faces).into() } else { (&self.corners).into() }
     }
 
     /// Takes the vertices off the grid again.
@@ -284,7 +318,7 @@ fn finish(
             let mut edges = courses[r].edges(live);
             if edges > ABSURD * error && edges <= SUSPICIOUS * courses[r].error {
                 // Something on the way was far; what is there now need not be.
-                let corners: Vec<u32> = left().flat_map(|f| [f * 3, f * 3 + 1, f * 3 + 2]).collect();
+                let corners = corners_left(live, &level.faces[r]);
                 edges = known.edges(live, &corners, &mut Vec::new(), error.max(courses[r].moved), MOST_DENSE);
                 edges = known.faces(&region, &|_| true, level.samples.of(r), true, &mut Vec::new(), edges);
             }
@@ -299,7 +333,6 @@ fn finish(
         };
         Some((result, sphere(&points)))
     })?;
-    let normals = vertex_normals(live);
     let mut chunks = Vec::new();
     for (r, (course, settled)) in courses.into_iter().zip(settled).enumerate() {
         let Some((result, (center, radius))) = settled else { continue };
@@ -314,7 +347,7 @@ fn finish(
                 error
             }
         };
-        let attribute_error = deviation.attribute_error(live, level.samples.of(r).list, &normals);
+        let attribute_error = deviation.attribute_error(live, level.samples.of(r).list);
         let stops = course.records.stops.len();
         let stop_errors = course.stops[..stops].iter().rev().map(|e| e * MARGIN).collect();
         let (faces, interior) = (level.faces[r].clone(), std::mem::take(&mut interior[r]));

@@ -86,6 +86,7 @@ pub(crate) fn simplify<'a>(
         let vertices = level.vertices;
         for region in &mut records {
             region.choose_stops(settings.parts, settings.min_part_splits);
+            region.costs = Vec::new();
         }
         let removed: usize = records.iter().map(|r| r.collapses.len()).sum();
         pool.begin(Stage::Measure)?;
@@ -98,7 +99,7 @@ pub(crate) fn simplify<'a>(
             chunks.iter_mut().for_each(RegionChunk::forget_stops);
         }
         if !chunks.is_empty() {
-            levels.push(chunks)?;
+            levels.push(chunks, &live)?;
             shifts.push(next);
             shift = next;
         }

@@ -11,15 +11,10 @@ pub(crate) fn pack(chunks: &[RegionChunk]) -> Vec<u8> {
     let mut out = Vec::with_capacity(chunks.iter().map(bytes_of).sum());
     for chunk in chunks {
         let records = &chunk.records;
-        put(&mut out, &records.collapses, |c| {
-            let [low, high] = halves(c.cost);
-            [c.removed, c.target, low, high, c.moved_end, c.removed_end, c.kept_end]
-        });
+        put(&mut out, &records.collapses, |c| [c.removed, c.target, c.moved_end, c.removed_end, c.kept_end]);
         put(&mut out, &records.moved, |m| [m.face, m.from, m.to]);
-        put(&mut out, &records.removed, |r| {
-            let [a, b, c] = r.wedges;
-            [r.face, a, b, c, r.third.unwrap_or(NO_VERTEX)]
-        });
+        put(&mut out, &records.removed, |r| [r.face, r.third().unwrap_or(NO_VERTEX)]);
+        put(&mut out, &records.vanished, |&wedges| wedges);
         put(&mut out, &records.kept, |&k| [k]);
         put(&mut out, &records.stops, |&s| [s]);
         put(&mut out, &chunk.faces, |&f| [f]);
@@ -48,20 +43,16 @@ pub(crate) fn unpack(bytes: &[u8], count: usize) -> Result<Vec<RegionChunk>, Dec
 }
 
 fn chunk(r: &mut Reader<'_>) -> Result<RegionChunk, DecodeError> {
-    let collapses = list(r, |[removed, target, low, high, moved_end, removed_end, kept_end]| Collapse {
+    let collapses = list(r, |[removed, target, moved_end, removed_end, kept_end]| Collapse {
         removed,
         target,
-        cost: real([low, high]),
         moved_end,
         removed_end,
         kept_end,
     })?;
     let moved = list(r, |[face, from, to]| MovedCorner { face, from, to })?;
-    let removed = list(r, |[face, a, b, c, third]| RemovedFace {
-        face,
-        wedges: [a, b, c],
-        third: (third != NO_VERTEX).then_some(third),
-    })?;
+    let removed = list(r, |[face, third]| RemovedFace::new(face, (third != NO_VERTEX).then_some(third)))?;
+    let vanished = list(r, |wedges| wedges)?;
     let (kept, stops) = (list(r, |[k]| k)?, list(r, |[s]| s)?);
     let (faces, interior) = (list(r, |[f]| f)?, list(r, |[v]| v)?);
     let stop_errors = list(r, real)?;
@@ -79,10 +70,15 @@ fn chunk(r: &mut Reader<'_>) -> Result<RegionChunk, DecodeError> {
     let lengths = [moved.len(), removed.len(), kept.len()];
     let within = collapses.iter().all(|c| (0..3).all(|k| ends(c)[k] as usize <= lengths[k]));
     let rising = collapses.windows(2).all(|c| (0..3).all(|k| ends(&c[0])[k] <= ends(&c[1])[k]));
-    if !within || !rising || stops.iter().any(|&s| s as usize > collapses.len()) {
+    if !within
+        || vanished.len() != removed.len()
+        || !rising
+        || stops.iter().any(|&s| s as usize > collapses.len())
+    {
         return Err(r.error("its lists do not fit together"));
     }
-    let records = Records { collapses, moved, removed, kept, first_kept, stops, reach };
+    let records =
+        Records { collapses, costs: Vec::new(), moved, removed, vanished, kept, first_kept, stops, reach };
     let center = [x, y, z];
     Ok(RegionChunk { records, faces, interior, error, attribute_error, stop_errors, moves, center, radius })
 }
@@ -90,7 +86,7 @@ fn chunk(r: &mut Reader<'_>) -> Result<RegionChunk, DecodeError> {
 /// About how long a chunk gets.
 fn bytes_of(chunk: &RegionChunk) -> usize {
     let records = &chunk.records;
-    let words = 7 * records.collapses.len()
+    let words = 5 * records.collapses.len()
         + 3 * records.moved.len()
         + 5 * records.removed.len()
         + records.kept.len()

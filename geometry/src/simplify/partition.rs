@@ -15,20 +15,25 @@ pub(crate) const NOBODY: u32 = u32::MAX;
 
 /// Assigns each face to a region `0..count`.
 ///
-/// `adjacent[i]` names a face across each edge of face `i`, or [`NOBODY`].
-pub(crate) fn partition(centroids: &[Vec3], adjacent: &[[u32; 3]], count: usize, level: usize) -> Vec<u32> {
+/// `adjacent` is asked once the cuts are made, and names for each face one across each of its edges, or [`NOBODY`].
+pub(crate) fn partition(
+    centroids: impl ExactSizeIterator<Item = Vec3>,
+    adjacent: &dyn Fn() -> Vec<[u32; 3]>,
+    count: usize,
+    level: usize,
+) -> Vec<u32> {
     let mut region = vec![0_u32; centroids.len()];
     if count <= 1 {
         return region;
     }
     let axes = FRAMES[level % FRAMES.len()];
     let mut points: Vec<Point> = centroids
-        .iter()
         .zip(0..)
-        .map(|(c, face)| Point { at: axes.map(|axis| dot(*c, axis) as f32), face })
+        .map(|(c, face)| Point { at: axes.map(|axis| dot(c, axis) as f32), face })
         .collect();
     bisect(&mut points, 0, count, FIRST_CUTS[level % FIRST_CUTS.len()], &mut region);
-    smooth(&mut region, count, adjacent);
+    drop(points);
+    smooth(&mut region, count, &adjacent());
     region
 }
 

@@ -167,7 +167,7 @@ impl Region {
     fn remove_face(&mut self, face: usize, k: usize, t: u32, lonely: &mut Vec<u32>) {
         let corners = self.corners[face];
         let third = corners.into_iter().find(|&v| v != corners[k] && v != t);
-        self.records.removed.push(RemovedFace { face: self.faces[face], wedges: self.wedges[face], third });
+        self.records.removed.push(RemovedFace::new(self.faces[face], third));
         for j in (0..3).filter(|&j| j != k) {
             self.stars.remove(corners[j], (face * 3 + j) as u32);
             if self.stars.is_empty(corners[j]) {
@@ -204,10 +204,12 @@ impl Region {
     /// neighbours of `t`.
     fn note_thirds(&mut self, t: u32, first_removed: usize) {
         for i in first_removed..self.records.removed.len() {
-            let Some(x) = self.records.removed[i].third else { continue };
+            let RemovedFace { face, .. } = self.records.removed[i];
+            let Some(x) = self.records.removed[i].third() else { continue };
             // From the third's side: a hub is likelier to be the target.
             let found = self.stars.corners(x).any(|c| self.corners[corner::face_of(c) as usize].contains(&t));
-            self.records.removed[i].third = (!found).then_some(self.vertices[x as usize]);
+            let third = (!found).then_some(self.vertices[x as usize]);
+            self.records.removed[i] = RemovedFace::new(face, third);
             if !found {
                 // The face has shrunk to an edge of no face: its points may be far from any.
                 self.records.reach = f64::INFINITY;
@@ -216,10 +218,10 @@ impl Region {
     }
 
     fn record(&mut self, removed: u32, target: u32) {
+        self.records.costs.push(self.highest_cost);
         self.records.collapses.push(Collapse {
             removed,
             target,
-            cost: self.highest_cost,
             moved_end: self.records.moved.len() as u32,
             removed_end: self.records.removed.len() as u32,
             kept_end: self.records.kept.len() as u32,
