@@ -178,7 +178,18 @@ pub fn prepare(
     pool: &dyn Pool,
     monitor: &dyn Monitor,
 ) -> Result<Prepared, MeshError> {
-    let hooks = Hooks::new(pool, monitor);
+    prepare_by(mesh, settings, Hooks::new(pool, monitor))
+}
+
+/// The same, with all that a preparation calls on.
+///
+/// # Errors
+/// As there.
+pub fn prepare_by(
+    mesh: &QuantisedMesh,
+    settings: &Settings,
+    hooks: Hooks<'_>,
+) -> Result<Prepared, MeshError> {
     match settings.codec {
         Codec::Range => prepare::prepare(mesh, settings, &hooks),
         Codec::Plain => prepare::prepare(mesh, settings, &hooks.stored_by(&|plain| compress(&plain))),

@@ -53,6 +53,10 @@ impl SpillError {
 /// Keeps pieces. What [`Spill::get`] answers must be what [`Spill::put`] was given for the same mesh and settings, by
 /// this preparation or, where there is storage that lasts, by one before it that was ended early.
 pub trait Spill: Sync {
+    /// Whether pieces outlive the process. Then a level is closed with what it takes to go on from it, about 7 bytes a
+    /// face of the input; and what is closed already is not done again.
+    fn lasts(&self) -> bool;
+
     /// Keeps a piece, in place of what was there under its name.
     ///
     /// # Errors
@@ -71,6 +75,10 @@ pub trait Spill: Sync {
 pub struct InMemory(Mutex<BTreeMap<Piece, Vec<u8>>>);
 
 impl Spill for InMemory {
+    fn lasts(&self) -> bool {
+        false
+    }
+
     fn put(&self, piece: Piece, bytes: Vec<u8>) -> Result<(), SpillError> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(piece, bytes);
         Ok(())

@@ -25,6 +25,11 @@ impl<'a> Wedges<'a> {
         self.input.get(wedge).copied().unwrap_or_else(|| self.added[wedge - self.input.len()])
     }
 
+    /// Those from `first` on, which are not the input's.
+    pub(crate) fn added_from(&self, first: usize) -> &[Wedge] {
+        &self.added[first - self.input.len()..]
+    }
+
     /// All of them.
     pub(crate) fn iter(&self) -> impl Iterator<Item = &Wedge> {
         self.input.iter().chain(&self.added)

@@ -68,7 +68,7 @@ impl<'a> Hooks<'a> {
         Self { store, ..self }
     }
 
-    /// Levels that are finished are put away into `spill`, not kept in memory: about 50 bytes a face. What is prepared does
+    /// Levels that are finished are put away into `spill`, not kept in memory: 37 to 65 bytes a face. What is prepared does
     /// not depend on it.
     #[must_use]
     pub fn spilling_to(self, spill: &'a dyn Spill) -> Self {

@@ -373,6 +373,16 @@ impl Deviation {
         self.attributes.error(live, &self.input, samples, &|s| self.attached[s as usize])
     }
 
+    /// Where all samples are: faces, and how far.
+    pub(crate) fn places(&self) -> (&[u32], &[f32]) {
+        (&self.attached, &self.distance)
+    }
+
+    /// Takes over the places of all samples.
+    pub(crate) fn take_places(&mut self, attached: Vec<u32>, distance: Vec<f32>) {
+        (self.attached, self.distance) = (attached, distance);
+    }
+
     /// Takes over the new places of samples.
     pub(crate) fn attach(&mut self, places: &[Attachment]) {
         for &(sample, face, distance) in places {

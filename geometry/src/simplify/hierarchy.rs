@@ -3,12 +3,14 @@
 use crate::collapse::{Placed, Records};
 use crate::error::MeshError;
 use crate::mesh::vec3::Vec3;
+use crate::simplify::deviation::Deviation;
 use crate::simplify::live::Live;
 use crate::simplify::packed::{pack, unpack};
+use crate::simplify::resume::{End, Outcome, perform};
 use crate::spill::{Piece, Spill, SpillError};
 
 /// Chunks that are put away and encoded together: enough for any number of threads, a few megabytes.
-const BLOCK_CHUNKS: usize = 128;
+const BLOCK_CHUNKS: usize = 64;
 
 /// A region with its collapses.
 #[derive(Debug, PartialEq)]
@@ -82,6 +84,47 @@ impl<'a> Levels<'a> {
         Ok(())
     }
 
+    /// Closes the level that was put away last.
+    pub(crate) fn close(&self, end: &End) -> Result<(), MeshError> {
+        Ok(self.spill.put(Piece::end_of(self.chunks.len() as u32 - 1), end.pack())?)
+    }
+
+    /// Whether levels are to be closed.
+    pub(crate) fn resumes(&self) -> bool {
+        self.spill.lasts()
+    }
+
+    /// Does again the next level, if a preparation before this one has finished it; answers how it ended.
+    pub(crate) fn redo(
+        &mut self,
+        live: &mut Live<'_>,
+        deviation: &mut Deviation,
+    ) -> Result<Option<Outcome>, MeshError> {
+        if !self.spill.lasts() {
+            return Ok(None);
+        }
+        let level = self.chunks.len();
+        let Some(bytes) = self.spill.get(Piece::end_of(level as u32))? else { return Ok(None) };
+        let Some(mut end) = End::unpack(&bytes).map_err(SpillError::new)? else { return Ok(None) };
+        drop(bytes);
+        let outcome = end.outcome;
+        self.chunks.push(outcome.chunks);
+        // A crash may have left some without others: then the level is done as if nothing were there.
+        for block in 0..self.blocks(level) {
+            if self.whole_block(level, block)?.is_none() {
+                self.chunks.pop();
+                return Ok(None);
+            }
+        }
+        end.add_wedges(live)?;
+        let mut moves = Vec::new();
+        for block in 0..self.blocks(level) {
+            moves.extend(perform(self.block(level, block)?, live)?);
+        }
+        end.close(&moves, live, deviation)?;
+        Ok(Some(outcome))
+    }
+
     /// How many there are.
     pub(crate) fn count(&self) -> usize {
         self.chunks.len()
@@ -99,10 +142,15 @@ impl<'a> Levels<'a> {
 
     /// The chunks of a block.
     pub(crate) fn block(&self, level: usize, block: usize) -> Result<Vec<RegionChunk>, MeshError> {
+        let gone = || SpillError::new(format!("block {block} of level {level} is gone"));
+        Ok(self.whole_block(level, block)?.ok_or_else(gone)?)
+    }
+
+    /// The same, or `None` where it is not there or damaged.
+    fn whole_block(&self, level: usize, block: usize) -> Result<Option<Vec<RegionChunk>>, MeshError> {
         let count = (self.chunks[level] - block * BLOCK_CHUNKS).min(BLOCK_CHUNKS);
         let piece = Piece { level: level as u32, block: block as u32 };
-        let bytes = self.spill.get(piece)?.ok_or_else(|| SpillError::new(format!("{piece} is gone")))?;
-        Ok(unpack(&bytes, count).map_err(SpillError::new)?)
+        Ok(self.spill.get(piece)?.and_then(|bytes| unpack(&bytes, count).ok()))
     }
 
     /// All chunks of all levels, finest first.

@@ -167,6 +167,12 @@ impl<'a> Live<'a> {
         self.wedges.push(Wedge { vertex, attributes })
     }
 
+    /// Takes over a wedge that [`Self::keep_wedge`] has made before.
+    pub(crate) fn keep_again(&mut self, wedge: Wedge) {
+        self.next_group[wedge.vertex as usize] = wedge.attributes.group + 1;
+        self.wedges.push(wedge);
+    }
+
     /// Brings faces and stars up to date after collapses.
     pub(crate) fn settle(&mut self) {
         self.faces.retain(|&f| self.alive[f as usize]);

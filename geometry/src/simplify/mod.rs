@@ -23,6 +23,7 @@ mod placement;
 mod quadric;
 mod queue;
 mod region;
+mod resume;
 pub(crate) mod settings;
 mod star_table;
 #[cfg(test)]
@@ -41,6 +42,7 @@ use crate::simplify::level::{Level, truncate_globally};
 use crate::simplify::limit::{Limit, limit_error};
 use crate::simplify::live::Live;
 use crate::simplify::measure::{Coarsening, measure};
+use crate::simplify::resume::{End, Outcome};
 use crate::simplify::settings::Settings;
 use crate::spill::Spill;
 
@@ -70,6 +72,16 @@ pub(crate) fn simplify<'a>(
     let mut stuck = false;
     let mut shifts = vec![0];
     let mut shift = 0;
+    while let Some(done) = levels.redo(&mut live, &mut deviation)? {
+        (shift, stuck, stray_error) = (done.shift, done.little, done.stray_error);
+        shifts.push(shift);
+        pool.advance(faces_total - live.faces.len(), done.removed);
+        pool.begin(Stage::Simplify)?;
+        if done.last {
+            live.finish();
+            return Ok(Simplified { levels, live, stray_error, shifts });
+        }
+    }
     loop {
         pool.begin(Stage::Simplify)?;
         let last = live.faces.len() <= if stuck { top_faces.max(MAX_REGION_FACES) } else { top_faces };
@@ -89,6 +101,7 @@ pub(crate) fn simplify<'a>(
             region.costs = Vec::new();
         }
         let removed: usize = records.iter().map(|r| r.collapses.len()).sum();
+        let wedges = live.wedges.len();
         pool.begin(Stage::Measure)?;
         // What the base mesh lacks besides counts against what it may: no coarser grid on the last way there.
         let share = if last { 0.0 } else { settings.coarse_grid };
@@ -98,14 +111,22 @@ pub(crate) fn simplify<'a>(
         if settings.codec == Codec::Plain {
             chunks.iter_mut().for_each(RegionChunk::forget_stops);
         }
+        drop(level);
+        pool.advance(faces_total - live.faces.len(), removed);
+        let little = (removed as f64) < LEAST_PROGRESS * vertices as f64;
+        let last = last || (little && (stuck || live.faces.len() > MAX_REGION_FACES));
         if !chunks.is_empty() {
+            let outcome = Outcome { chunks: chunks.len(), shift: next, little, last, removed, stray_error };
+            let moves = chunks.iter().flat_map(|chunk| &chunk.moves);
+            let end = levels.resumes().then(|| End::new(outcome, moves, wedges, &live, &deviation));
             levels.push(chunks, &live)?;
+            if let Some(end) = end {
+                levels.close(&end)?;
+            }
             shifts.push(next);
             shift = next;
         }
-        pool.advance(faces_total - live.faces.len(), removed);
-        let little = (removed as f64) < LEAST_PROGRESS * vertices as f64;
-        if last || (little && (stuck || live.faces.len() > MAX_REGION_FACES)) {
+        if last {
             live.finish();
             return Ok(Simplified { levels, live, stray_error, shifts });
         }

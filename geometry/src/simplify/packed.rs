@@ -96,14 +96,19 @@ fn bytes_of(chunk: &RegionChunk) -> usize {
     4 * words + 160 + 12 * records.stops.len()
 }
 
-fn put<T, const N: usize>(out: &mut Vec<u8>, list: &[T], words: impl Fn(&T) -> [u32; N]) {
+/// Appends a list of entries of so many words each.
+pub(super) fn put<T, const N: usize>(out: &mut Vec<u8>, list: &[T], words: impl Fn(&T) -> [u32; N]) {
     out.extend((list.len() as u32).to_le_bytes());
     for entry in list {
         out.extend(words(entry).iter().flat_map(|word| word.to_le_bytes()));
     }
 }
 
-fn list<T, const N: usize>(r: &mut Reader<'_>, entry: impl Fn([u32; N]) -> T) -> Result<Vec<T>, DecodeError> {
+/// Reads what [`put`] has appended.
+pub(super) fn list<T, const N: usize>(
+    r: &mut Reader<'_>,
+    entry: impl Fn([u32; N]) -> T,
+) -> Result<Vec<T>, DecodeError> {
     let count = u32::from_le_bytes(r.array()?) as usize;
     let bytes = r.take(count.saturating_mul(4 * N))?;
     let word = |at: &[u8]| at.iter().rev().fold(0, |word, &byte| word << 8 | u32::from(byte));
@@ -113,12 +118,12 @@ fn list<T, const N: usize>(r: &mut Reader<'_>, entry: impl Fn([u32; N]) -> T) ->
         .collect())
 }
 
-fn halves(x: f64) -> [u32; 2] {
+pub(super) fn halves(x: f64) -> [u32; 2] {
     let bits = x.to_bits();
     [bits as u32, (bits >> 32) as u32]
 }
 
-fn real([low, high]: [u32; 2]) -> f64 {
+pub(super) fn real([low, high]: [u32; 2]) -> f64 {
     f64::from_bits(u64::from(high) << 32 | u64::from(low))
 }
 

@@ -21,5 +21,6 @@ mod hostile;
 mod precision;
 mod promises;
 mod render;
+mod resuming;
 mod sets;
 mod tangles;
