@@ -156,6 +156,7 @@ mod tests {
             "prepare a.obj -o a.lsp --metric melax --round-size 0.1",
             "serve a.glb --metric qem --round-size heap --codec range",
             "prepare a.obj -o a.lsp --codec zstd",
+            "prepare a.obj -o a.lsp --keep-levels",
             "inspect a.lsp --json",
             "export a.lsp --faces 1000 -o b.obj",
             "export a.lsp --error 0.1 -o b.obj",

@@ -38,14 +38,22 @@ pub(super) struct Arguments {
     /// Threads; the pack does not depend on it [default: as many as there are cores].
     #[arg(long, value_name = "N")]
     threads: Option<NonZeroUsize>,
+    /// Keep finished levels beside the pack until it is there, so that a run that is killed goes on from them; always
+    /// so from a million faces on.
+    #[arg(long)]
+    keep_levels: bool,
     /// No progress.
     #[arg(short, long)]
     quiet: bool,
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
-    let options =
-        Options { recipe: arguments.recipe.resolve(), threads: arguments.threads, quiet: arguments.quiet };
+    let options = Options {
+        recipe: arguments.recipe.resolve(),
+        threads: arguments.threads,
+        quiet: arguments.quiet,
+        keep_levels: arguments.keep_levels,
+    };
     let Arguments { model, output, .. } = arguments;
     let (to_store, to_pack) =
         (Objects::is_url(output), output.extension().is_some_and(|ending| ending == "lsp"));

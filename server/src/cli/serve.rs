@@ -29,7 +29,7 @@ use crate::daemon::proxy::Network;
 use crate::daemon::state::DRAIN_SECONDS;
 use crate::daemon::tokens::Tokens;
 use crate::daemon::{self, DaemonOptions, SessionSettings};
-use crate::prepare::{Options, cache};
+use crate::prepare::{Options, cache, remove_stale_levels};
 use crate::store::DEFAULT_CACHE_BYTES;
 
 /// Longest time to drain: a day.
@@ -195,8 +195,14 @@ pub(super) fn run(
         Some(folder) => folder,
         None => anyhow::bail!("no cache folder is known; name one with --cache DIR"),
     };
-    let options = Options { recipe: arguments.recipe.resolve(), threads: arguments.threads, quiet: false };
+    let options = Options {
+        recipe: arguments.recipe.resolve(),
+        threads: arguments.threads,
+        quiet: false,
+        keep_levels: false,
+    };
     remove_stale(&cache, SystemTime::now());
+    remove_stale_levels(&cache, SystemTime::now());
     let look_every = (arguments.scene_check > 0).then(|| Duration::from_secs(arguments.scene_check));
     let cache_bytes = arguments.blob_cache << 20;
     let catalogue = Catalogue::new(&arguments.files, cache.clone(), options, cache_bytes, look_every)?;

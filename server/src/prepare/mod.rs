@@ -2,6 +2,7 @@
 
 pub mod cache;
 pub mod describe;
+mod kept;
 mod progress;
 #[cfg(test)]
 mod tests;
@@ -11,13 +12,14 @@ mod threads;
 use std::fmt;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use lodestream_compress::whole_file::write_atomically;
-use lodestream_compress::{encode_base, prepare};
+use lodestream_compress::{encode_base, prepare_by};
 use lodestream_geometry::MeshError;
 use lodestream_geometry::base::FORMAT_VERSION;
 use lodestream_geometry::pack::{BlobKind, PACK_VERSION};
+use lodestream_geometry::prepare::Hooks;
 use lodestream_geometry::quantise::quantise;
 use lodestream_import::ImportError;
 use lodestream_import::recipe::{Recipe, ReliefDepth};
@@ -25,6 +27,8 @@ use lodestream_import::recipe::{Recipe, ReliefDepth};
 use crate::scene::Asset;
 use crate::store::{PackFile, StoreError};
 
+use kept::Kept;
+pub use kept::remove_stale_levels;
 pub use progress::Reporter;
 pub use threads::Threads;
 
@@ -37,7 +41,12 @@ pub struct Options {
     pub threads: Option<NonZeroUsize>,
     /// Shows no progress.
     pub quiet: bool,
+    /// Keeps finished levels beside the pack however small the model is, not from [`KEPT_FROM_FACES`] on alone.
+    pub keep_levels: bool,
 }
+
+/// Models of so many faces and more have their finished levels kept beside the pack: they take a core ten seconds and more.
+pub const KEPT_FROM_FACES: usize = 1_000_000;
 
 /// A model that cannot be prepared.
 #[derive(Debug, thiserror::Error)]
@@ -87,6 +96,8 @@ pub struct Report {
     pub pack_bytes: u64,
     /// Time of simplification, chunking and coding: without import and textures.
     pub time: Duration,
+    /// Levels that a run before this one had finished.
+    pub resumed_levels: usize,
     /// What was odd, a line each.
     pub warnings: Vec<String>,
 }
@@ -104,7 +115,12 @@ impl fmt::Display for Report {
             self.pack_bytes,
             self.geometry_bytes,
             self.faces as f64 / seconds.max(1e-9)
-        )
+        )?;
+        match self.resumed_levels {
+            0 => Ok(()),
+            1 => write!(f, "; went on from a finished level"),
+            levels => write!(f, "; went on from {levels} finished levels"),
+        }
     }
 }
 
@@ -176,6 +192,18 @@ fn pack_version() -> u32 {
     u32::from(PACK_VERSION) << 8 | u32::from(FORMAT_VERSION)
 }
 
+/// Where finished levels are kept: nowhere but in memory if they need not be, if another process is making the same
+/// pack, or if the pack is no file, so that nothing belongs beside it.
+fn kept_levels(pack: &Path, key: &cache::Key, wanted: bool) -> std::io::Result<Option<Kept>> {
+    if !wanted || std::fs::metadata(pack).is_ok_and(|at| !at.is_file()) {
+        return Ok(None);
+    }
+    if let Some(folder) = pack.parent() {
+        remove_stale_levels(folder, SystemTime::now());
+    }
+    Kept::beside(pack, key)
+}
+
 fn prepare_with_key(
     asset: &Asset,
     options: &Options,
@@ -197,8 +225,15 @@ fn prepare_with_key(
     let start = Instant::now();
     let mesh = quantise(&imported.mesh, &recipe.quantise_settings()).map_err(mesh_error)?;
     drop(imported.mesh);
+    let kept = kept_levels(pack, &key, options.keep_levels || mesh.faces.len() >= KEPT_FROM_FACES);
+    let kept = kept.map_err(|source| PrepareError::Write { path: pack.to_owned(), source })?;
     let reporter = Reporter::new(name, options.quiet);
-    let prepared = prepare(&mesh, &recipe.settings(), &Threads::new(options.threads), &reporter);
+    let threads = Threads::new(options.threads);
+    let mut hooks = Hooks::new(&threads, &reporter);
+    if let Some(kept) = &kept {
+        hooks = hooks.spilling_to(kept);
+    }
+    let prepared = prepare_by(&mesh, &recipe.settings(), hooks);
     reporter.finish();
     let mut prepared = prepared.map_err(mesh_error)?;
     let time = start.elapsed();
@@ -220,12 +255,15 @@ fn prepare_with_key(
     let bytes = lodestream_geometry::pack::write(key.bytes(), &blobs)
         .map_err(|error| write_error(std::io::Error::other(error)))?;
     write_atomically(pack, |out| out.write_all(&bytes)).map_err(write_error)?;
+    let resumed_levels = kept.as_ref().map_or(0, Kept::resumed);
+    kept.into_iter().for_each(Kept::remove);
     Ok(Report {
         faces: mesh.faces.len(),
         vertices: mesh.positions.len(),
         geometry_bytes,
         pack_bytes: bytes.len() as u64,
         time,
+        resumed_levels,
         warnings,
     })
 }

@@ -1,0 +1,80 @@
+//! A preparation that is killed goes on where it was, and makes the same pack.
+
+#![allow(
+    clippy::unwrap_used,
+    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
+)]
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use tempfile::TempDir;
+
+/// A landscape of `2 × size²` faces.
+fn landscape(size: u32) -> String {
+    let mut text = String::new();
+    for i in 0..=size {
+        for j in 0..=size {
+            let (x, y) = (f64::from(i), f64::from(j));
+            let z = 6.0 * (x * 0.09).sin() * (y * 0.07).cos() + 0.3 * (x * 0.9 + y * 1.3).sin();
+            writeln!(text, "v {x} {y} {z}").unwrap();
+        }
+    }
+    for (i, j) in (0..size).flat_map(|i| (0..size).map(move |j| (i, j))) {
+        let a = i * (size + 1) + j + 1;
+        let (b, c, d) = (a + 1, a + size + 1, a + size + 2);
+        writeln!(text, "f {a} {c} {d}\nf {a} {d} {b}").unwrap();
+    }
+    text
+}
+
+fn prepare(model: &Path, pack: &Path, threads: &str) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-server"));
+    command.arg("prepare").arg(model).arg("--output").arg(pack).args(["--threads", threads, "--quiet"]);
+    command.arg("--keep-levels").stdout(Stdio::piped()).stderr(Stdio::null());
+    command
+}
+
+/// The folders of finished levels beside a pack.
+fn kept(folder: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    entries.filter(|path| path.is_dir()).collect()
+}
+
+#[test]
+fn a_killed_preparation_goes_on_and_makes_the_same_pack() {
+    let dir = TempDir::new().unwrap();
+    let model = dir.path().join("land.obj");
+    std::fs::write(&model, landscape(220)).unwrap();
+    let whole = dir.path().join("whole.lsp");
+    assert!(prepare(&model, &whole, "2").status().unwrap().success());
+    assert!(kept(dir.path()).is_empty(), "nothing is left behind");
+
+    let folder = dir.path().join("killed");
+    std::fs::create_dir(&folder).unwrap();
+    let pack = folder.join("land.lsp");
+    // On a busy machine it may be done before it is looked at.
+    let killed = (0..20).any(|_| {
+        let _ = std::fs::remove_file(&pack);
+        let mut child = prepare(&model, &pack, "1").spawn().unwrap();
+        while child.try_wait().unwrap().is_none() {
+            if kept(&folder).iter().any(|levels| levels.join("0-end").exists()) {
+                child.kill().unwrap();
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        child.wait().unwrap();
+        !pack.exists()
+    });
+    assert!(killed && kept(&folder).len() == 1, "it was done every time before it could be killed");
+
+    let output = prepare(&model, &pack, "2").output().unwrap();
+    assert!(output.status.success());
+    let told = String::from_utf8(output.stdout).unwrap();
+    assert!(told.contains("went on from"), "{told}");
+    assert!(kept(&folder).is_empty(), "nothing is left behind");
+    assert!(std::fs::read(&pack).unwrap() == std::fs::read(&whole).unwrap(), "another pack");
+}
