@@ -8,7 +8,8 @@ use crate::mesh::QuantisedMesh;
 use crate::pool::Watched;
 use crate::prepare::{BySlot, Hooks};
 use crate::refine::ActiveMesh;
-use crate::simplify::hierarchy::{RegionChunk, Simplified};
+use crate::simplify::hierarchy::RegionChunk;
+use crate::simplify::levels::Simplified;
 
 /// Nobody's face: the base mesh's.
 const NOBODY: u32 = u32::MAX;
