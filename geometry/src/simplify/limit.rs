@@ -15,6 +15,7 @@ use crate::simplify::deviation::{Deviation, MARGIN};
 use crate::simplify::level::Level;
 use crate::simplify::live::Live;
 use crate::simplify::settings::Settings;
+use crate::simplify::surroundings::compact;
 
 /// Input samples by which a region is judged while a level that keeps within the base's error is
 /// searched for.
@@ -163,7 +164,9 @@ impl Limited<'_> {
         let triangles: Vec<[u32; 3]> = after.iter().copied().flatten().collect();
         let went = heirs(records);
         let mut far: BTreeMap<u32, (f64, u32, Vec3)> = BTreeMap::new();
-        let surface = WideBvh::new(&live.positions, &triangles);
+        // Of its own corners alone: a hierarchy copies the positions that it is given, and regions that go too far are many.
+        let (places, compacted) = compact(&live.positions, &triangles);
+        let surface = WideBvh::new(&places, &compacted);
         let mut hints = Hints::new(limit, None);
         for &sample in self.samples.iter().filter(|&&s| (s as usize) < live.positions.len()) {
             let root = live.heir(sample);
