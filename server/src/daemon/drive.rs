@@ -325,7 +325,7 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
                 }
                 session.handle_read(clock.now(), id, &bytes);
             }
-            () = sleep_until(wake) => {}
+            () = sleep_until(wake) => progress.alarm(),
         }
     }
 }

@@ -83,6 +83,8 @@ pub struct Metrics {
     bases_sent: Histogram,
     first_byte: Histogram,
     waiting: IntGauge,
+    turns: IntCounter,
+    alarms: IntCounter,
     cache_hits: IntCounter,
     cache_misses: IntCounter,
     rendering: Mutex<()>,
@@ -217,6 +219,14 @@ impl Metrics {
             )?,
             bases_sent,
             first_byte,
+            turns: counter(
+                "lodestream_session_turns_total",
+                "Turns of the loops of sessions: how often one was woken, or went on without being.",
+            )?,
+            alarms: counter(
+                "lodestream_session_timers_total",
+                "Of these, those in which a timer had run out.",
+            )?,
             waiting: gauge(
                 "lodestream_queued_bytes",
                 "Bytes of blobs and messages that wait in sessions to be handed to the transports.",
@@ -334,6 +344,12 @@ impl Metrics {
 
     pub(super) fn first_byte(&self, after: Duration) {
         self.first_byte.observe(after.as_secs_f64());
+    }
+
+    /// A session's loop has turned so often, and so often because a timer had run out.
+    pub(super) fn turned(&self, turns: u32, alarms: u32) {
+        self.turns.inc_by(turns.into());
+        self.alarms.inc_by(alarms.into());
     }
 
     /// What waits in a session has changed.

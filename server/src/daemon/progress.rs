@@ -1,4 +1,5 @@
-//! What is measured of a session while it runs: when its first blob's first byte was handed over, and what waits.
+//! What is measured of a session while it runs: when its first blob's first byte was handed over, what waits, and how
+//! often its loop turns.
 
 use std::time::Duration;
 
@@ -19,12 +20,16 @@ pub(super) struct Progress<'a> {
     since: Option<Time>,
     told_bytes: u64,
     next_look: Time,
+    /// Turns of the loop that were not told yet, and those by timers.
+    turns: u32,
+    alarms: u32,
+    next_told: Time,
 }
 
 impl<'a> Progress<'a> {
     /// Of a session that begins now.
     pub(super) const fn new(metrics: &'a Metrics, now: Time) -> Self {
-        Self { metrics, since: Some(now), told_bytes: 0, next_look: now }
+        Self { metrics, since: Some(now), told_bytes: 0, next_look: now, turns: 0, alarms: 0, next_told: now }
     }
 
     /// The client has said something: who says `Hello` before there is a byte counts from then on, since some transports
@@ -42,14 +47,29 @@ impl<'a> Progress<'a> {
         }
     }
 
-    /// Looks at what waits, if it is time or nothing does.
+    /// A timer has run out.
+    pub(super) const fn alarm(&mut self) {
+        self.alarms += 1;
+    }
+
+    /// The loop has turned. Looks at what waits, if it is time or nothing does.
     pub(super) fn look(&mut self, now: Time, session: &ServerSession) {
+        self.turns += 1;
+        if now >= self.next_told {
+            self.next_told = now + LOOK_INTERVAL;
+            self.tell_turns();
+        }
         if session.nothing_waits() {
             self.tell(0);
         } else if now >= self.next_look {
             self.next_look = now + LOOK_INTERVAL;
             self.tell(session.waiting_bytes());
         }
+    }
+
+    /// Not at each turn: all sessions count in one place.
+    fn tell_turns(&mut self) {
+        self.metrics.turned(std::mem::take(&mut self.turns), std::mem::take(&mut self.alarms));
     }
 
     fn tell(&mut self, bytes: u64) {
@@ -63,5 +83,6 @@ impl<'a> Progress<'a> {
 impl Drop for Progress<'_> {
     fn drop(&mut self) {
         self.tell(0);
+        self.tell_turns();
     }
 }

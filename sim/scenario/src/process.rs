@@ -42,6 +42,20 @@ impl Process {
         Ok(ticks.iter().sum::<f64>() / TICKS_PER_S)
     }
 
+    /// How often its threads have waited for something and were woken, so far.
+    pub(crate) fn wake_ups(&self) -> anyhow::Result<u64> {
+        let file = self.folder.join("task");
+        let threads =
+            std::fs::read_dir(&file).with_context(|| format!("{}: this needs Linux", file.display()))?;
+        // A thread that ended meanwhile is not counted.
+        let of = |thread: std::fs::DirEntry| {
+            let text = std::fs::read_to_string(thread.path().join("status")).ok()?;
+            let line = text.lines().find_map(|line| line.strip_prefix("voluntary_ctxt_switches:"))?;
+            line.trim().parse::<u64>().ok()
+        };
+        Ok(threads.flatten().filter_map(of).sum())
+    }
+
     fn read(&self, name: &str) -> anyhow::Result<(String, String)> {
         let file = self.folder.join(name);
         let text = std::fs::read_to_string(&file)

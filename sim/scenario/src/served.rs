@@ -138,6 +138,11 @@ impl Server {
         Process::of(self.child.id()).cpu_s()
     }
 
+    /// How often its threads were woken so far.
+    pub(crate) fn wake_ups(&self) -> anyhow::Result<u64> {
+        Process::of(self.child.id()).wake_ups()
+    }
+
     /// Threads and tasks that panicked so far, as the server said on its standard error.
     pub(crate) fn panics(&self) -> u32 {
         self.panics.load(Ordering::Relaxed)

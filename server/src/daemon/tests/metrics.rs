@@ -128,3 +128,26 @@ async fn refusals_are_counted_by_their_reason() {
     refused("draining", 1);
     refused("token", 0);
 }
+
+#[tokio::test(start_paused = true)]
+async fn turns_of_sessions_are_counted_and_those_by_timers() {
+    let state = state_of(MemoryScene::new(1, 100, 20_000), Some(1_000_000));
+    let counted = || {
+        let text = state.render_metrics();
+        ["turns", "timers"].map(|what| {
+            let name = format!("\nlodestream_session_{what}_total ");
+            let (_, rest) = text.split_once(&name).unwrap();
+            rest.lines().next().unwrap().parse::<u64>().unwrap()
+        })
+    };
+    assert_eq!(counted(), [0, 0]);
+    let mut client = Client::in_memory(&state).await;
+    client.send(&hello()).await;
+    client.send(&want_textures(1)).await;
+    client.read_blobs(3).await;
+    client.send(&ClientMessage::Bye).await;
+    state.all_sessions_ended().await;
+    // A limiter is waited for by timers, and messages are not.
+    let [turns, timers] = counted();
+    assert!(timers > 20 && turns > timers + 3, "{turns} turns, {timers} by timers");
+}

@@ -43,6 +43,8 @@ pub(super) struct Crowd {
     /// Its processor time until the window, and within it.
     pub(super) connect_cpu_s: f64,
     pub(super) cpu_s: f64,
+    /// How often its threads were woken within it.
+    pub(super) wake_ups: u64,
     /// Bytes of blobs that came to each client within the window.
     pub(super) received: Vec<u64>,
     /// From the connect call to the first bytes of a blob, the shortest first.
@@ -61,9 +63,10 @@ impl Crowd {
                 .map(|_| tokio::spawn(client(clock, *case, server.at(), role.clone())))
                 .collect();
             tokio::time::sleep(WARM_UP).await;
-            let cpu_start = server.cpu_s()?;
+            let (cpu_start, woken_start) = (server.cpu_s()?, server.wake_ups()?);
             tokio::time::sleep(case.window()).await;
-            let (cpu_end, loaded_bytes) = (server.cpu_s()?, server.memory_bytes()?);
+            let (cpu_end, woken_end) = (server.cpu_s()?, server.wake_ups()?);
+            let loaded_bytes = server.memory_bytes()?;
             let (mut received, mut first_ns) = (Vec::new(), Vec::new());
             for client in clients {
                 if let Some(seen) = client.await? {
@@ -78,6 +81,7 @@ impl Crowd {
                 loaded_bytes,
                 connect_cpu_s: cpu_start - cpu_before,
                 cpu_s: cpu_end - cpu_start,
+                wake_ups: woken_end.saturating_sub(woken_start),
                 received,
                 first_ns,
             })
@@ -97,6 +101,11 @@ impl Crowd {
     /// Processor time for a megabyte that came.
     pub(super) fn cpu_ms_per_mb(&self) -> f64 {
         self.cpu_s * 1e3 / (self.bytes() / 1e6)
+    }
+
+    /// Wake-ups of the server's threads for a megabyte that came.
+    pub(super) fn wake_ups_per_mb(&self) -> f64 {
+        self.wake_ups as f64 / (self.bytes() / 1e6)
     }
 }
 

@@ -92,6 +92,10 @@ pub struct Load {
     pub bare_cpu_ms_per_mb: f64,
     /// The one over the other.
     pub cpu_over_bare: f64,
+    /// How often threads of the server waited and were woken, for a megabyte of blobs.
+    pub wake_ups_per_mb: f64,
+    /// The same of a bare sender.
+    pub bare_wake_ups_per_mb: f64,
     /// Time from the connect call to the first bytes of a blob that half of the clients do not exceed.
     pub first_blob_p50_ms: f64,
     /// The longest.
@@ -137,6 +141,8 @@ pub fn measure(
         cpu_ms_per_mb,
         bare_cpu_ms_per_mb,
         cpu_over_bare: cpu_ms_per_mb / bare_cpu_ms_per_mb,
+        wake_ups_per_mb: active.wake_ups_per_mb(),
+        bare_wake_ups_per_mb: bare.wake_ups_per_mb(),
         first_blob_p50_ms: place(firsts.div_ceil(2).max(1) - 1),
         first_blob_max_ms: place(firsts.max(1) - 1),
     })
@@ -148,7 +154,7 @@ impl std::fmt::Display for Load {
             f,
             "{}, {} assets, {} instances, {} clients at {} Mbit/s: {:.0} % of it received, by the last {:.0} % of what can \
              be, {:.1} MB open, {:.0} kB a client, {:.0} an idle one, {:.1} % of a core, {:.2} ms a megabyte, {:.2} times \
-             the {:.2} of a bare sender, first blob after {:.0} ms, at most {:.0}; {} failed",
+             the {:.2} of a bare sender, {:.0} wake-ups a megabyte and {:.0} of that, first blob after {:.0} ms, at most {:.0}; {} failed",
             self.transport,
             self.assets,
             self.instances,
@@ -163,6 +169,8 @@ impl std::fmt::Display for Load {
             self.cpu_ms_per_mb,
             self.cpu_over_bare,
             self.bare_cpu_ms_per_mb,
+            self.wake_ups_per_mb,
+            self.bare_wake_ups_per_mb,
             self.first_blob_p50_ms,
             self.first_blob_max_ms,
             self.failed
