@@ -1,9 +1,9 @@
 //! Who may see a scene, by the operator's own word: a program that is run, or a URL that is asked, for each token.
 //!
 //! The questions and answers are those of token introspection (RFC 7662), with a scene and the client's address in the
-//! question and what a [`Grant`] holds in the answer. Whatever a client shows as its token comes to the program as it is.
-//! Strangers cause these questions, so there are at most [`MAX_AT_ONCE`] at a time, each has an end, and an answer is
-//! good for [`GOOD_FOR`] for whoever asks the same.
+//! question and what a grant holds in the answer. Whatever a client shows as its token comes to the program as it is.
+//! Strangers cause these questions, so there are at most sixteen at a time, each has an end, and an answer is
+//! good for ten seconds for whoever asks the same.
 
 use std::fmt;
 use std::future::Future;
