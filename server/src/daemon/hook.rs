@@ -122,11 +122,22 @@ impl fmt::Debug for Hook {
     }
 }
 
+/// Room for answers that are good for so long.
+fn answers(good_for: Duration) -> Cache<[u8; 32], Answer> {
+    Cache::builder().max_capacity(MAX_KEPT).time_to_live(good_for).build()
+}
+
 impl Hook {
     /// What asks in this way, under a name for messages.
     pub(super) fn new(name: String, ask: impl Ask + 'static) -> Self {
-        let kept = Cache::builder().max_capacity(MAX_KEPT).time_to_live(GOOD_FOR).build();
-        Self { name, ask: Box::new(ask), within: ANSWER_WITHIN, free: Semaphore::new(MAX_AT_ONCE), kept }
+        let (free, kept) = (Semaphore::new(MAX_AT_ONCE), answers(GOOD_FOR));
+        Self { name, ask: Box::new(ask), within: ANSWER_WITHIN, free, kept }
+    }
+
+    /// The same whose answers are good for another time: that of the cache goes on where tests pause theirs.
+    #[cfg(test)]
+    pub(super) fn keeping_for(self, good_for: Duration) -> Self {
+        Self { kept: answers(good_for), ..self }
     }
 
     /// The same with another end of questions: tests wait longer for a busy machine.

@@ -42,7 +42,7 @@ impl Script {
     }
 
     fn access(&self) -> Admission {
-        let hook = Hook::new("a script".into(), self.clone());
+        let hook = Hook::new("a script".into(), self.clone()).keeping_for(Duration::from_secs(3600));
         Admission {
             access: Some(Arc::new(Access::Hook { hook, authorization: None })),
             ..Admission::default()
@@ -170,7 +170,7 @@ async fn it_is_asked_once_for_all_who_show_the_same_and_a_few_at_a_time() {
     // Thirty addresses, each with two sessions: it may decide by address.
     assert_eq!(script.asked().len(), 30);
     assert_eq!(script.at_once.lock().unwrap().1, 16);
-    // For ten seconds.
+    // And not again for a while.
     let again = async || {
         let mut client = Client::from(SocketAddr::from(([10, 0, 0, 0], 4000)), &state).await.unwrap();
         client.send(&token("the same".into())).await;
@@ -178,7 +178,7 @@ async fn it_is_asked_once_for_all_who_show_the_same_and_a_few_at_a_time() {
     };
     again().await;
     assert_eq!(script.asked().len(), 30);
-    // The cache counts by a clock of its own, which does not pause; an answer of another question is none of this one.
+    // An answer of another question is none of this one.
     let mut client = Client::from(SocketAddr::from(([10, 0, 0, 0], 4000)), &state).await.unwrap();
     client.send(&token("another".into())).await;
     client.is_welcome().await;
@@ -409,5 +409,16 @@ fn what_is_no_url_or_no_authorization_is_refused() {
     for bad in ["", "secret", " secret", "Bearer a\u{7}b"] {
         std::fs::write(file.path(), bad).unwrap();
         assert!(Authorization::of_file(file.path()).is_err(), "{bad}");
+    }
+}
+
+#[tokio::test]
+async fn an_answer_is_good_for_a_while_and_no_longer() {
+    let script = Script::saying([yes()]);
+    let hook = Hook::new("a script".into(), script.clone()).keeping_for(Duration::from_millis(1));
+    for asked in 1..=3 {
+        hook.verify(question("t")).await.unwrap();
+        assert_eq!(script.asked().len(), asked);
+        sleep(Duration::from_millis(20)).await;
     }
 }
