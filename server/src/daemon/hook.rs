@@ -29,8 +29,8 @@ const MAX_KEPT: u64 = 4096;
 /// Longest answer, in bytes.
 pub(super) const MAX_ANSWER_BYTES: usize = 64 * 1024;
 
-/// What is asked.
-#[derive(Clone, Debug, Serialize)]
+/// What is asked. Not to be formatted: the token would be in it.
+#[derive(Clone, Serialize)]
 pub(super) struct Question {
     /// What the client showed.
     pub(super) token: String,
