@@ -8,6 +8,7 @@ pub mod daemon;
 pub mod demo_scene;
 pub mod export_obj;
 pub mod inspect;
+pub mod mapped;
 pub mod prepare;
 pub mod scene;
 pub mod store;

@@ -1,5 +1,10 @@
 //! The server's program: see [`lodestream_server::cli`].
 
+use lodestream_server::mapped::Mapped;
+
+#[global_allocator]
+static ALLOCATOR: Mapped = Mapped;
+
 fn main() -> std::process::ExitCode {
     lodestream_server::cli::main()
 }

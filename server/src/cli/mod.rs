@@ -157,6 +157,7 @@ mod tests {
             "serve a.glb --metric qem --round-size heap --codec range",
             "prepare a.obj -o a.lsp --codec zstd",
             "prepare a.obj -o a.lsp --keep-levels",
+            "prepare a.ply -o a.lsp --out-of-core dir",
             "inspect a.lsp --json",
             "export a.lsp --faces 1000 -o b.obj",
             "export a.lsp --error 0.1 -o b.obj",

@@ -12,6 +12,7 @@ use super::outcome::Outcome;
 use super::recipe::RecipeArguments;
 use crate::catalogue::fetch::fetch;
 use crate::catalogue::publish::publish;
+use crate::mapped::{FROM_BYTES, Mapped};
 use crate::prepare::{Options, Report, cache, key_of, prepare_to};
 use crate::scene::{self, Asset};
 use crate::store::{Objects, StoreError};
@@ -42,12 +43,18 @@ pub(super) struct Arguments {
     /// so from a million faces on.
     #[arg(long)]
     keep_levels: bool,
+    /// For meshes larger than memory: lists of more than 4 MB lie in files of this folder, on a disk, and are read and
+    /// written as they are needed: about 300 bytes a face. The pack is the same.
+    #[arg(long, value_name = "DIR")]
+    out_of_core: Option<PathBuf>,
     /// No progress.
     #[arg(short, long)]
     quiet: bool,
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
+    let _mapping =
+        arguments.out_of_core.as_deref().map(|folder| Mapped::into(folder, FROM_BYTES)).transpose()?;
     let options = Options {
         recipe: arguments.recipe.resolve(),
         threads: arguments.threads,

@@ -24,6 +24,7 @@ use lodestream_geometry::quantise::quantise;
 use lodestream_import::ImportError;
 use lodestream_import::recipe::{Recipe, ReliefDepth};
 
+use crate::mapped::Mapped;
 use crate::scene::Asset;
 use crate::store::{PackFile, StoreError};
 
@@ -47,6 +48,9 @@ pub struct Options {
 
 /// Models of so many faces and more have their finished levels kept beside the pack: they take a core ten seconds and more.
 pub const KEPT_FROM_FACES: usize = 1_000_000;
+
+/// The most that the lists of a preparation take, the input's included (docs/benchmarks/preparation.md).
+const LIST_BYTES_A_FACE: u64 = 300;
 
 /// A model that cannot be prepared.
 #[derive(Debug, thiserror::Error)]
@@ -81,6 +85,35 @@ pub enum PrepareError {
     /// The pack just written cannot be opened.
     #[error(transparent)]
     Store(#[from] StoreError),
+    /// The disk with the lists of a preparation out of core has too little room for them.
+    #[error(
+        "{}: the lists of {faces} faces take about {:.1} GB, {:.1} GB are free for them: name a folder on a larger disk \
+         with --out-of-core", path.display(), *needed as f64 * 1e-9, *free as f64 * 1e-9
+    )]
+    NoRoom {
+        /// The model.
+        path: PathBuf,
+        /// Its faces.
+        faces: usize,
+        /// What its lists take.
+        needed: u64,
+        /// What there is.
+        free: u64,
+    },
+}
+
+impl PrepareError {
+    /// Refuses a mesh whose lists would not fit into so many bytes of a disk, if they are to lie on one.
+    ///
+    /// # Errors
+    /// [`PrepareError::NoRoom`].
+    pub fn room(path: &Path, faces: usize, free: Option<u64>) -> Result<(), Self> {
+        let needed = faces as u64 * LIST_BYTES_A_FACE;
+        match free {
+            Some(free) if free < needed => Err(Self::NoRoom { path: path.to_owned(), faces, needed, free }),
+            _ => Ok(()),
+        }
+    }
 }
 
 /// What a preparation came to.
@@ -225,6 +258,7 @@ fn prepare_with_key(
     let start = Instant::now();
     let mesh = quantise(&imported.mesh, &recipe.quantise_settings()).map_err(mesh_error)?;
     drop(imported.mesh);
+    PrepareError::room(model, mesh.faces.len(), Mapped::free_bytes())?;
     let kept = kept_levels(pack, &key, options.keep_levels || mesh.faces.len() >= KEPT_FROM_FACES);
     let kept = kept.map_err(|source| PrepareError::Write { path: pack.to_owned(), source })?;
     let reporter = Reporter::new(name, options.quiet);

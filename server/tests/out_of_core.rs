@@ -1,0 +1,175 @@
+//! Preparation with its lists in files: the same pack, whatever becomes of the files.
+
+#![allow(
+    clippy::unwrap_used,
+    reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
+)]
+#![cfg(target_os = "linux")]
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use lodestream_server::mapped::{MapError, Mapped, Mapping};
+use lodestream_server::prepare::{Options, PrepareError, prepare_to};
+use lodestream_server::scene::Asset;
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+use tempfile::TempDir;
+use tokio::signal::unix::{SignalKind, signal};
+
+#[global_allocator]
+static ALLOCATOR: Mapped = Mapped;
+
+/// What is mapped is the whole process's.
+static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+
+fn alone() -> MutexGuard<'static, ()> {
+    ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A folder on a disk: that of the build, as far as is known.
+fn folder() -> TempDir {
+    TempDir::new_in(env!("CARGO_TARGET_TMPDIR")).unwrap()
+}
+
+/// So small that most lists of a small mesh are mapped.
+const FROM_BYTES: usize = 16 << 10;
+
+/// Lists go to files; `None` where the build lies in memory, as some people's does.
+fn mapping(folder: &Path) -> Option<Mapping> {
+    match Mapped::into(folder, FROM_BYTES) {
+        Ok(mapping) => Some(mapping),
+        Err(error @ MapError::InMemory(_)) => {
+            eprintln!("NOT TESTED: {error}");
+            None
+        }
+        Err(error) => panic!("{error}"),
+    }
+}
+
+fn landscape(folder: &Path, size: u32) -> PathBuf {
+    let mut text = String::new();
+    for i in 0..=size {
+        for j in 0..=size {
+            let (x, y) = (f64::from(i), f64::from(j));
+            let z = 6.0 * (x * 0.09).sin() * (y * 0.07).cos() + 0.3 * (x * 0.9 + y * 1.3).sin();
+            writeln!(text, "v {x} {y} {z}").unwrap();
+        }
+    }
+    for (i, j) in (0..size).flat_map(|i| (0..size).map(move |j| (i, j))) {
+        let a = i * (size + 1) + j + 1;
+        let (b, c, d) = (a + 1, a + size + 1, a + size + 2);
+        writeln!(text, "f {a} {c} {d}\nf {a} {d} {b}").unwrap();
+    }
+    let file = folder.join("land.obj");
+    std::fs::write(&file, text).unwrap();
+    file
+}
+
+fn pack(model: &Path, pack: &Path, threads: usize) -> Vec<u8> {
+    let options = Options { threads: threads.try_into().ok(), quiet: true, ..Options::default() };
+    prepare_to(&Asset::of_file(model), &options, pack).unwrap();
+    std::fs::read(pack).unwrap()
+}
+
+#[test]
+fn lists_in_files_change_no_byte_and_leave_no_file() {
+    let _alone = alone();
+    let dir = folder();
+    let model = landscape(dir.path(), 90);
+    let in_memory = pack(&model, &dir.path().join("memory.lsp"), 2);
+    let lists = dir.path().join("lists");
+    std::fs::create_dir(&lists).unwrap();
+    let Some(mapping) = mapping(&lists) else { return };
+    for threads in [1, 2] {
+        assert!(pack(&model, &dir.path().join("files.lsp"), threads) == in_memory, "another pack");
+    }
+    assert!(Mapped::most_bytes() > 500_000, "{} bytes were mapped", Mapped::most_bytes());
+    assert_eq!(std::fs::read_dir(&lists).unwrap().count(), 0);
+    drop(mapping);
+    let most = Mapped::most_bytes();
+    assert!(pack(&model, &dir.path().join("after.lsp"), 2) == in_memory);
+    assert_eq!(Mapped::most_bytes(), most, "nothing is mapped any more");
+}
+
+#[test]
+fn lists_that_grow_shrink_and_change_hands_keep_what_is_in_them() {
+    let _alone = alone();
+    let dir = folder();
+    let Some(first) = mapping(dir.path()) else { return };
+    let made_before: Vec<u64> = (0..50_000).collect();
+    let mut grown = Vec::new();
+    (0..100_000_u64).for_each(|i| grown.push(i));
+    assert!(vec![0_u8; 1 << 20].iter().all(|&byte| byte == 0));
+    assert!(matches!(Mapped::into(dir.path(), FROM_BYTES), Err(MapError::InUse)));
+    drop(first);
+    // In memory again: what was mapped stays so, until it grows.
+    (100_000..200_000).for_each(|i| grown.push(i));
+    grown.truncate(150_000);
+    grown.shrink_to_fit();
+    let second = mapping(dir.path()).unwrap();
+    let threads: Vec<_> = (0..4_u64)
+        .map(|t| std::thread::spawn(move || (0..40_u64).map(|i| vec![t * i; 5000]).collect::<Vec<_>>()))
+        .collect();
+    for (t, thread) in (0_u64..).zip(threads) {
+        for (i, list) in (0_u64..).zip(thread.join().unwrap()) {
+            assert!(list.len() == 5000 && list.iter().all(|&x| x == t * i));
+        }
+    }
+    drop(second);
+    assert!(made_before.iter().copied().eq(0..50_000));
+    assert!(grown.into_iter().eq(0..150_000));
+}
+
+/// A signal would have come of writing to a file without room, and of making it longer than is allowed.
+#[test]
+fn lists_without_room_on_the_disk_lie_in_memory() {
+    let _alone = alone();
+    let dir = folder();
+    let model = landscape(dir.path(), 90);
+    let in_memory = pack(&model, &dir.path().join("memory.lsp"), 2);
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_io().build().unwrap();
+    let _entered = runtime.enter();
+    let _signal = signal(SignalKind::from_raw(rustix::process::Signal::XFSZ.as_raw())).unwrap();
+    let Some(_mapping) = mapping(dir.path()) else { return };
+    let limit = getrlimit(Resource::Fsize);
+    setrlimit(Resource::Fsize, Rlimit { current: Some(400_000), ..limit }).unwrap();
+    let small = pack(&model, &dir.path().join("small.lsp"), 2);
+    setrlimit(Resource::Fsize, limit).unwrap();
+    assert!(small == in_memory, "another pack");
+}
+
+#[test]
+fn a_mesh_that_the_disk_has_no_room_for_is_refused() {
+    let free = 10_u64 << 30;
+    let refused = PrepareError::room("land.ply".as_ref(), 100_000_000, Some(free)).unwrap_err().to_string();
+    for word in ["land.ply", "100000000 faces", "10.7 GB", "--out-of-core"] {
+        assert!(refused.contains(word), "{refused}");
+    }
+    assert!(PrepareError::room("land.ply".as_ref(), 20_000_000, Some(free)).is_ok());
+    assert!(PrepareError::room("land.ply".as_ref(), 100_000_000, None).is_ok());
+}
+
+#[test]
+fn the_program_prepares_out_of_core_and_refuses_folders_that_cannot_hold_lists() {
+    let dir = folder();
+    let model = landscape(dir.path(), 60);
+    let prepare = |pack: &str, folder: &Path| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-server"));
+        command.arg("prepare").arg(&model).arg("--output").arg(dir.path().join(pack)).arg("--quiet");
+        command.arg("--out-of-core").arg(folder).output().unwrap()
+    };
+    let missing = prepare("none.lsp", &dir.path().join("nowhere"));
+    let told = String::from_utf8(missing.stderr).unwrap();
+    assert!(!missing.status.success() && told.contains("nowhere"), "{told}");
+    assert!(!dir.path().join("none.lsp").exists());
+    if Path::new("/dev/shm").is_dir() {
+        let in_memory = prepare("none.lsp", Path::new("/dev/shm"));
+        let told = String::from_utf8(in_memory.stderr).unwrap();
+        assert!(!in_memory.status.success() && told.contains("tmpfs"), "{told}");
+    }
+    let done = prepare("done.lsp", dir.path());
+    let told = String::from_utf8(done.stderr).unwrap();
+    assert!(done.status.success() || told.contains("tmpfs"), "{told}");
+}
