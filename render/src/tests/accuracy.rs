@@ -7,7 +7,8 @@ use super::{headless, keep};
 use crate::graph::Resource;
 use crate::readback::read_texture;
 use crate::twin::depth::view_ray;
-use crate::twin::relief::{reach, steps, tests::bricks};
+use crate::twin::relief::height_maps::bricks;
+use crate::twin::relief::{reach, steps};
 use crate::twin::surface::DepthPicture;
 use crate::twin::{antialias, brdf, ssao, tone};
 use crate::{

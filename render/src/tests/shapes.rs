@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use crate::twin::relief::ReliefMap;
-use crate::twin::relief::tests::bricks;
+use crate::twin::relief::height_maps::bricks;
 use crate::{AssetGpu, Headless, Instance, Material, PackedVertex, TextureData, TextureKind, TextureShape};
 
 /// Vertices and faces.

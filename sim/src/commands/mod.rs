@@ -9,6 +9,7 @@ mod measure;
 mod models;
 mod mutate;
 mod normals;
+mod relief_methods;
 mod reproduce;
 mod run;
 mod seed_table;
@@ -60,6 +61,9 @@ pub(crate) enum Command {
     /// Settles a plan's case in virtual time and draws it with several values of a setting of the renderer, in real time
     /// on the machine's graphics adapter: time of a frame, and how far the picture is from that with the last value.
     DrawTrade(draw_trade::DrawTrade),
+    /// Holds ways of relief mapping, from parallax to a quadtree, against the exact hit by angle: wrong hits, how far off,
+    /// lookups.
+    ReliefMethods(relief_methods::ReliefMethods),
     /// Streams scenes over simulated links in virtual time.
     Run(run::Run),
     /// Makes the figures of the benchmarks' pages anew and says what differs from those committed. Reads the project's
@@ -87,6 +91,7 @@ impl Command {
             Self::Load(command) => command.run(),
             Self::FrameTime(command) => command.run(),
             Self::DrawTrade(command) => command.run(),
+            Self::ReliefMethods(command) => command.run(),
             Self::Run(command) => command.run(),
             Self::Shown(command) => command.run(),
             Self::Strangers(command) => command.run(),

@@ -12,6 +12,7 @@
 pub mod draw_trade;
 pub mod frame_time;
 mod painter;
+pub mod relief_methods;
 mod settled;
 pub mod shown;
 #[cfg(test)]

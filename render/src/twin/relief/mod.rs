@@ -1,4 +1,10 @@
-//! Relief mapping: `relief_trace` of `relief.wgsl`, and the exact intersection it approximates.
+//! Relief mapping: `relief_trace` of `relief.wgsl`, and the exact intersection it approximates; other ways to look for it
+//! ([`methods`]), and heights to judge them by ([`height_maps`]).
+
+pub mod cones;
+pub mod height_maps;
+pub mod methods;
+pub mod pyramid;
 
 /// Halvings after the linear search, as in the shader.
 pub const HALVINGS: u32 = 8;
@@ -46,7 +52,11 @@ impl ReliefMap {
     /// Height at a texture coordinate.
     #[must_use]
     pub fn sample(&self, uv: [f64; 2]) -> f64 {
-        let [x, y] = self.to_texels(uv);
+        self.at_texels(self.to_texels(uv))
+    }
+
+    /// Height at a place in texels.
+    fn at_texels(&self, [x, y]: [f64; 2]) -> f64 {
         let (x0, y0) = (x.floor(), y.floor());
         let (fx, fy) = (x - x0, y - y0);
         let (i, j) = (x0 as i64, y0 as i64);
@@ -101,19 +111,24 @@ impl ReliefMap {
             return 0.0;
         }
         for cell in cuts.windows(2) {
-            let (s0, s1) = (cell[0], cell[1]);
-            if s1 - s0 < 1e-15 {
-                continue;
-            }
-            // Clearance is a quadratic in t over the cell: c0 (1-t)² + … from three values.
-            let (c0, ch, c1) = (clearance(s0), clearance(0.5 * (s0 + s1)), clearance(s1));
-            let (qa, qb) = (2.0 * (c0 + c1) - 4.0 * ch, 4.0 * ch - 3.0 * c0 - c1);
-            if let Some(t) = first_root(qa, qb, c0) {
-                return s0 + t * (s1 - s0);
+            if let Some(hit) = within_patch(&clearance, [cell[0], cell[1]]) {
+                return hit;
             }
         }
         1.0
     }
+}
+
+/// Where the clearance over the surface first comes to nothing between two places of a ray, all within one patch of four
+/// texels.
+fn within_patch(clearance: &dyn Fn(f64) -> f64, [s0, s1]: [f64; 2]) -> Option<f64> {
+    if s1 - s0 < 1e-15 {
+        return None;
+    }
+    // Clearance is a quadratic in t over the patch: c0 (1-t)² + … from three values.
+    let (c0, ch, c1) = (clearance(s0), clearance(0.5 * (s0 + s1)), clearance(s1));
+    let (qa, qb) = (2.0 * (c0 + c1) - 4.0 * ch, 4.0 * ch - 3.0 * c0 - c1);
+    first_root(qa, qb, c0).map(|t| s0 + t * (s1 - s0))
 }
 
 /// Smallest root of a t² + b t + c in [0, 1].
@@ -132,20 +147,9 @@ fn first_root(a: f64, b: f64, c: f64) -> Option<f64> {
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
+mod tests {
+    use super::height_maps::bricks;
     use super::*;
-
-    /// Two bricks a row, offset by half in every other row, with sloped joints.
-    pub(crate) fn bricks(size: usize) -> ReliefMap {
-        let edge = |t: f64, width: f64| (t.min(1.0 - t) / width).clamp(0.0, 1.0);
-        let texels = (0..size * size).map(|i| {
-            let (u, v) = ((i % size) as f64 / size as f64, (i / size) as f64 / size as f64);
-            let row = (v * 4.0).floor();
-            let x = (u * 2.0 + 0.5 * (row % 2.0)).fract();
-            edge(x, 0.08).min(edge((v * 4.0).fract(), 0.16))
-        });
-        ReliefMap { width: size, height: size, texels: texels.collect() }
-    }
 
     #[test]
     fn exact_intersection_of_a_ramp() {

@@ -1,0 +1,193 @@
+//! Ways of relief mapping held against the exact hit of a ray with the surface that the texels describe, by angle.
+//!
+//! Everything is computed in f64 on the CPU by the shader's twins, so figures repeat to the digit. What a way costs is
+//! counted in lookups, since a fragment spends its time there.
+
+use std::f64::consts::TAU;
+use std::fmt;
+
+use lodestream_render::twin::relief::ReliefMap;
+use lodestream_render::twin::relief::height_maps;
+use lodestream_render::twin::relief::methods::{Method, Prepared, Ray};
+use serde::Serialize;
+
+/// Texels along a side of the maps.
+const SIDE: usize = 128;
+/// Depth of the relief in widths of the texture.
+const DEPTH: f64 = 0.05;
+/// Angles between ray and normal, degrees.
+pub const ANGLES: [f64; 6] = [0.0, 45.0, 75.0, 85.0, 89.9, 89.99];
+/// Steps of the main table: the shader's linear steps at grazing angles.
+const STEPS: u32 = 48;
+/// Steps of the table of error over cost, and its angle.
+const CURVE: ([u32; 5], f64) = ([8, 16, 32, 64, 128], 75.0);
+/// A hit so many texels off along the surface is another one.
+const WRONG_TEXELS: f64 = 1.0;
+
+/// How far off a way is at an angle.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct AtAngle {
+    /// Degrees to the normal.
+    pub degrees: f64,
+    /// Share of rays whose hit is more than a texel off along the surface.
+    pub wrong: f64,
+    /// Root of the mean squared distance along the surface, texels.
+    pub rms_texels: f64,
+    /// Mean lookups a ray.
+    pub lookups: f64,
+}
+
+/// A way over a map.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct OfMap {
+    /// What the map shows.
+    pub map: &'static str,
+    /// The way.
+    pub method: &'static str,
+    /// By [`ANGLES`].
+    pub angles: Vec<AtAngle>,
+}
+
+/// A way with so many steps, over all maps.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct WithSteps {
+    /// The way.
+    pub method: &'static str,
+    /// Steps at most.
+    pub steps: u32,
+    /// At [`CURVE`]'s angle.
+    #[serde(flatten)]
+    pub at: AtAngle,
+}
+
+/// All ways over all maps.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Comparison {
+    /// By map and way, with the shader's steps.
+    pub maps: Vec<OfMap>,
+    /// Error over cost at 75°.
+    pub steps: Vec<WithSteps>,
+}
+
+/// Compares with `rays` rays a map and angle.
+#[must_use]
+pub fn compare(rays: u32) -> Comparison {
+    let maps: [(&str, ReliefMap); 4] = [
+        ("brick", height_maps::bricks(SIDE)),
+        ("cobble", height_maps::cobble(SIDE)),
+        ("noise", height_maps::noise(SIDE)),
+        ("lettering", height_maps::lettering(SIDE)),
+    ];
+    let maps = maps.map(|(name, heights)| (name, Prepared::new(heights)));
+    let mut result = Comparison { maps: Vec::new(), steps: Vec::new() };
+    for (name, map) in &maps {
+        // What is true does not depend on the way.
+        let truth = ANGLES.map(|degrees| Truth::new(&map.heights, degrees, rays));
+        for method in Method::ALL {
+            let angles = truth.iter().map(|truth| truth.judge(map, method, STEPS)).collect();
+            result.maps.push(OfMap { map: name, method: method.name(), angles });
+        }
+    }
+    let (counts, degrees) = CURVE;
+    let truth: Vec<Truth> = maps.iter().map(|(_, map)| Truth::new(&map.heights, degrees, rays)).collect();
+    for method in Method::ALL {
+        for &steps in counts.iter().take(if method.steps() { counts.len() } else { 1 }) {
+            let of: Vec<AtAngle> =
+                maps.iter().zip(&truth).map(|((_, map), truth)| truth.judge(map, method, steps)).collect();
+            let mean = |figure: fn(&AtAngle) -> f64| of.iter().map(figure).sum::<f64>() / of.len() as f64;
+            let at = AtAngle {
+                degrees,
+                wrong: mean(|a| a.wrong),
+                rms_texels: mean(|a| a.rms_texels * a.rms_texels).sqrt(),
+                lookups: mean(|a| a.lookups),
+            };
+            result.steps.push(WithSteps { method: method.name(), steps, at });
+        }
+    }
+    result
+}
+
+/// Rays at an angle, and where each meets the surface.
+struct Truth {
+    degrees: f64,
+    rays: Vec<(Ray, f64)>,
+}
+
+impl Truth {
+    fn new(map: &ReliefMap, degrees: f64, count: u32) -> Self {
+        let (sine, cosine) = degrees.to_radians().sin_cos();
+        let reach = DEPTH * sine / cosine;
+        let rays = (0..count).map(|i| {
+            // Along the golden ratios of one and two dimensions: even, and the same each time (Roberts 2018).
+            let even = |step: f64| (0.5 + f64::from(i) * step).fract();
+            let (along, across) = (even(0.618_033_988_749_894_9) * TAU).sin_cos();
+            let start = [even(0.754_877_666_246_692_8), even(0.569_840_290_998_053_2)];
+            let ray = Ray { start, span: [reach * along, reach * across], cosine };
+            (ray, map.intersect(ray.start, ray.span))
+        });
+        Self { degrees, rays: rays.collect() }
+    }
+
+    fn judge(&self, map: &Prepared, method: Method, steps: u32) -> AtAngle {
+        let (mut wrong, mut squares, mut lookups) = (0_u32, 0.0, 0_u64);
+        for (ray, exact) in &self.rays {
+            let found = method.find(map, ray, steps);
+            let texels = (found.at - exact).abs() * ray.span[0].hypot(ray.span[1]) * SIDE as f64;
+            wrong += u32::from(texels > WRONG_TEXELS);
+            squares += texels * texels;
+            lookups += u64::from(found.lookups);
+        }
+        let count = self.rays.len().max(1) as f64;
+        AtAngle {
+            degrees: self.degrees,
+            wrong: f64::from(wrong) / count,
+            rms_texels: (squares / count).sqrt(),
+            lookups: lookups as f64 / count,
+        }
+    }
+}
+
+impl fmt::Display for Comparison {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:10} {:25}", "map", "wrong %, RMS texels at")?;
+        ANGLES.iter().try_for_each(|degrees| write!(f, "{:>15}", format!("{degrees}°")))?;
+        for OfMap { map, method, angles } in &self.maps {
+            write!(f, "\n{map:10} {method:25}")?;
+            for AtAngle { wrong, rms_texels, .. } in angles {
+                write!(f, "{:>15}", format!("{:.1}, {rms_texels:.3}", wrong * 100.0))?;
+            }
+        }
+        write!(f, "\n\nat {}°, all maps: steps, lookups, wrong %, RMS texels", CURVE.1)?;
+        for WithSteps { method, steps, at } in &self.steps {
+            let AtAngle { wrong, rms_texels, lookups, .. } = at;
+            write!(f, "\n{method:25} {steps:>4} {lookups:>7.1} {:>6.1} {rms_texels:>8.3}", wrong * 100.0)?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_exact_way_is_exact_and_doing_nothing_is_worst() {
+        let all = compare(100);
+        assert_eq!(all.maps.len(), 4 * Method::ALL.len());
+        for of in &all.maps {
+            for at in &of.angles {
+                let at_rest = at.degrees == 0.0;
+                match of.method {
+                    "none" => assert!(at_rest || at.rms_texels > 0.5, "{of:?}"),
+                    // At 89.9° and beyond 48 cells are not the whole way.
+                    "quadtree" if at.degrees < 80.0 => assert!(at.rms_texels < 1e-6, "{of:?}"),
+                    _ => assert!(at.rms_texels.is_finite(), "{of:?}"),
+                }
+            }
+        }
+        let of = |method: Method| all.steps.iter().filter(move |row| row.method == method.name());
+        let last = |method| of(method).next_back().map_or(f64::NAN, |row| row.at.rms_texels);
+        assert!(last(Method::Relief) < last(Method::SteepParallax));
+        assert_eq!(compare(100), all, "figures repeat");
+    }
+}

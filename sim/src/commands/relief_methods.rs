@@ -1,0 +1,22 @@
+//! `lodestream-sim relief-methods`: its arguments, and the tables.
+
+use clap::Args;
+use lodestream_report::pictures::relief_methods::compare;
+
+use crate::print::print;
+
+#[derive(Debug, Args)]
+pub(crate) struct ReliefMethods {
+    /// Rays over each map at each angle.
+    #[arg(long, default_value_t = 4096, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    rays: u32,
+    /// Prints JSON instead of tables.
+    #[arg(long)]
+    json: bool,
+}
+
+impl ReliefMethods {
+    pub(crate) fn run(&self) -> anyhow::Result<()> {
+        print(&compare(self.rays), self.json)
+    }
+}
