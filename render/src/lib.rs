@@ -79,8 +79,8 @@ pub use readback::TargetCopy;
 pub use renderer::Renderer;
 pub use scene::{
     AmbientOcclusion, AntiAliasing, Drawable, Frame, MAP_SIDES, MAP_STEPS, MAX_ANISOTROPY, MAX_CASCADES,
-    MAX_FILTER, MAX_RELIEF_STEPS, MAX_SAMPLES, MIN_RENDER_SCALE, OcclusionRadius, Settings, Shade, Shadows,
-    ToneMapping,
+    MAX_FILTER, MAX_RELIEF_STEPS, MAX_SAMPLES, MIN_RENDER_SCALE, OcclusionRadius, ReliefMethod, Settings,
+    Shade, Shadows, ToneMapping,
 };
 #[cfg(feature = "client")]
 pub use scene_view::SceneView;

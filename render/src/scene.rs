@@ -244,6 +244,38 @@ impl AntiAliasing {
     }
 }
 
+/// How relief mapping looks for where the eye's ray meets a mesh's height map, the cheapest first. How far off each is, and
+/// what it costs: docs/benchmarks/surfaces.md.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub enum ReliefMethod {
+    /// Not at all: one lookup says how far the surface slides (Welsh, "Parallax mapping with offset limiting", 2004).
+    Parallax,
+    /// The first of equal steps that lies below (McGuire and McGuire, "Steep parallax mapping", 2005): terraces.
+    SteepParallax,
+    /// The same, then where the chords of the last step cross (Tatarchuk, "Dynamic parallax occlusion mapping", 2006).
+    ParallaxOcclusion,
+    /// The same, then eight halvings (Policarpo, Oliveira and Comba, "Real-time relief mapping on arbitrary polygonal
+    /// surfaces", 2005).
+    #[default]
+    Relief,
+}
+
+impl ReliefMethod {
+    /// All there are.
+    pub const ALL: [Self; 4] = [Self::Parallax, Self::SteepParallax, Self::ParallaxOcclusion, Self::Relief];
+
+    /// Its name for people and on command lines.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Parallax => "parallax",
+            Self::SteepParallax => "steep-parallax",
+            Self::ParallaxOcclusion => "parallax-occlusion",
+            Self::Relief => "relief",
+        }
+    }
+}
+
 /// How to draw.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
@@ -276,6 +308,8 @@ pub struct Settings {
     /// Steps of relief mapping's linear search at grazing angles, 1 to [`MAX_RELIEF_STEPS`]: details thinner than a step
     /// may be jumped over. Looking straight down a quarter as many are taken, and on the ground five twelfths.
     pub relief_steps: u32,
+    /// How relief mapping of meshes looks for the hit; the ground's is always [`ReliefMethod::Relief`].
+    pub relief_method: ReliefMethod,
     /// Water, where a frame has some.
     pub water: bool,
     /// Distance of the near plane in world units, > 0: the depth that is stored is `near / view depth`. Reversed
@@ -311,6 +345,7 @@ impl Default for Settings {
             anisotropy: 4,
             relief: true,
             relief_steps: 48,
+            relief_method: ReliefMethod::default(),
             water: true,
             near: 1e-4,
             exposure: 1.0,

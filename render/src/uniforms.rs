@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Mat4};
 
 use super::camera::{clip_from_view, view_from_world};
-use super::scene::{Frame, MAX_RELIEF_STEPS, MAX_SAMPLES, OcclusionRadius, Shade, ToneMapping};
+use super::scene::{Frame, MAX_RELIEF_STEPS, MAX_SAMPLES, OcclusionRadius, ReliefMethod, Shade, ToneMapping};
 use super::shadows::Cascade;
 use super::sky::SkyLight;
 use super::temporal::TemporalStep;
@@ -46,7 +46,7 @@ pub(crate) struct FrameUniform {
     jitter: [f32; 2],
     before_s: f32,
     history: f32,
-    /// 1: nothing has changed since the frame before; 2: surfaces give off light.
+    /// 1: nothing has changed since the frame before; 2: surfaces give off light; from 4 on: [`relief_method`].
     flags: u32,
     lookups: f32,
     kernel: [[f32; 4]; ssao::MAX_SAMPLES],
@@ -113,7 +113,9 @@ impl FrameUniform {
             jitter: step.jitter,
             before_s: step.before_s,
             history: step.history,
-            flags: u32::from(step.still) | u32::from(frame.settings.emission) << 1,
+            flags: u32::from(step.still)
+                | u32::from(frame.settings.emission) << 1
+                | relief_method(frame.settings.relief_method) << 2,
             lookups,
             kernel,
         }
@@ -131,6 +133,16 @@ impl FrameUniform {
             view_from_world: Mat4::from_mat3(cascade.axes.transpose().as_mat3()).to_cols_array_2d(),
             ..*self
         }
+    }
+}
+
+/// The number of a way of relief mapping in `relief.wgsl`.
+fn relief_method(method: ReliefMethod) -> u32 {
+    match method {
+        ReliefMethod::Relief => 0,
+        ReliefMethod::ParallaxOcclusion => 1,
+        ReliefMethod::SteepParallax => 2,
+        ReliefMethod::Parallax => 3,
     }
 }
 

@@ -11,7 +11,7 @@ use lodestream_protocol::scene::Camera;
 use lodestream_protocol::view::View;
 
 use lodestream_client::net::Address;
-use lodestream_render::{AntiAliasing, Shade, ToneMapping};
+use lodestream_render::{AntiAliasing, ReliefMethod, Shade, ToneMapping};
 
 use crate::outcome::EXIT_CODES;
 
@@ -101,6 +101,9 @@ pub(crate) struct Args {
     /// No relief mapping
     #[arg(long)]
     pub(crate) no_relief: bool,
+    /// How relief mapping of meshes looks for the hit, the cheapest first
+    #[arg(long, value_name = "NAME", value_parser = reliefs(), conflicts_with = "no_relief")]
+    pub(crate) relief_method: Option<ReliefMethod>,
     /// Most faces in use, over all assets
     #[arg(long, value_name = "FACES", default_value_t = 8_000_000)]
     pub(crate) max_faces: u64,
@@ -125,6 +128,14 @@ fn smoothings() -> impl TypedValueParser<Value = AntiAliasing> {
     PossibleValuesParser::new(AntiAliasing::ALL.map(AntiAliasing::name)).try_map(|name| {
         // One of those offered.
         AntiAliasing::ALL.into_iter().find(|way| way.name() == name).ok_or("no such anti-aliasing")
+    })
+}
+
+/// Reads a [`ReliefMethod`] by its name.
+fn reliefs() -> impl TypedValueParser<Value = ReliefMethod> {
+    PossibleValuesParser::new(ReliefMethod::ALL.map(ReliefMethod::name)).try_map(|name| {
+        // One of those offered.
+        ReliefMethod::ALL.into_iter().find(|way| way.name() == name).ok_or("no such way")
     })
 }
 

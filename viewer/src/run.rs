@@ -74,6 +74,7 @@ pub(crate) fn settings(args: &Args, software: bool) -> Settings {
     // A picture that stands is drawn many times for the temporal one, and one that moves has little of it at few frames
     // a second.
     let usual = if software { AntiAliasing::Spatial } else { AntiAliasing::Temporal };
+    settings.relief_method = args.relief_method.unwrap_or_default();
     let anti_aliasing = args.anti_aliasing.unwrap_or(usual);
     settings.anti_aliasing = if args.no_aa { AntiAliasing::None } else { anti_aliasing };
     settings.tone_mapping = args.tone_mapping;
@@ -99,6 +100,7 @@ pub(crate) fn tell_figures(args: &Args, stats: &Stats, shown: &Shown) -> anyhow:
 mod tests {
     use super::*;
     use clap::Parser as _;
+    use lodestream_render::ReliefMethod;
 
     fn of(flags: &[&str], software: bool) -> Settings {
         settings(&Args::parse_from([&["viewer", "ws://h:1"], flags].concat()), software)
@@ -116,6 +118,13 @@ mod tests {
             (&["--no-aa"], AntiAliasing::None),
         ] {
             assert_eq!([true, false].map(|software| of(flags, software).anti_aliasing), [way; 2]);
+        }
+    }
+
+    #[test]
+    fn relief_is_found_as_it_is_told() {
+        for way in ReliefMethod::ALL {
+            assert_eq!(of(&["--relief-method", way.name()], true).relief_method, way);
         }
     }
 

@@ -1,6 +1,6 @@
 // Relief mapping: where the eye's ray meets a height field below the surface.
 // Linear then binary search (Policarpo, Oliveira, Comba, "Real-time relief mapping on arbitrary
-// polygonal surfaces", 2005). Twin: twin/relief.rs.
+// polygonal surfaces", 2005), or less of it (Settings::relief_method). Twins: twin/relief/mod.rs, methods.rs.
 
 // Share of the linear steps at grazing angles that is taken looking straight down; halvings after them.
 const RELIEF_STEPS_DOWN: f32 = 0.25;
@@ -9,6 +9,12 @@ const RELIEF_HALVINGS: i32 = 8;
 // along it by its depth times the tangent, without bound, while the surface's own edges and what stands on it stay where
 // they are: at a corner and under a cap bricks would swim.
 const RELIEF_MOST_SHIFT: f32 = 2.0;
+
+// Of frame.flags: how the hit is looked for.
+const RELIEF_WAY_BIT: u32 = 2u;
+const RELIEF_SECANT: u32 = 1u;
+const RELIEF_STEEP: u32 = 2u;
+const RELIEF_OFFSET: u32 = 3u;
 
 struct ReliefHit {
     uv: vec2<f32>,
@@ -22,15 +28,27 @@ fn relief_height(uv: vec2<f32>, lod: f32) -> f32 {
 // Fraction of the way from `start` (surface) to `start + span` (full depth) at which the ray meets
 // the height field.
 fn relief_trace(start: vec2<f32>, span: vec2<f32>, lod: f32, steps: f32) -> f32 {
+    let way = frame.flags >> RELIEF_WAY_BIT & 3u;
     let step = 1.0 / steps;
     var below = step;
+    // Over the surface, in depths, at the last place above and the first below.
+    var before = 1.0;
+    var now = 1.0 - relief_height(start + span * below, lod) - below;
     for (var i = 1.0; i < steps; i += 1.0) {
-        if (below >= 1.0 - relief_height(start + span * below, lod)) {
+        if (now <= 0.0) {
             break;
         }
+        before = now;
         below = (i + 1.0) * step;
+        now = 1.0 - relief_height(start + span * below, lod) - below;
+    }
+    if (way == RELIEF_STEEP || (way == RELIEF_SECANT && (now > 0.0 || before <= now))) {
+        return below;
     }
     var above = below - step;
+    if (way == RELIEF_SECANT) {
+        return above + step * clamp(before / (before - now), 0.0, 1.0);
+    }
     for (var i = 0; i < RELIEF_HALVINGS; i++) {
         let middle = 0.5 * (above + below);
         if (middle >= 1.0 - relief_height(start + span * middle, lod)) {
@@ -72,7 +90,12 @@ fn relief(
     let reach = depth * min(1.0 / max(cosine, 1e-4), RELIEF_MOST_SHIFT / max(sine, 1e-4));
     let span = vec2(dot(grad_u, view), dot(grad_v, view)) * reach;
     let steps = ceil(mix(frame.relief_steps, frame.relief_steps * RELIEF_STEPS_DOWN, cosine));
-    hit.uv = uv + span * relief_trace(uv, span, lod, steps);
+    if ((frame.flags >> RELIEF_WAY_BIT & 3u) == RELIEF_OFFSET) {
+        // Not divided by the cosine: it slides by its depth at most.
+        hit.uv = uv + span * ((1.0 - relief_height(uv, lod)) * depth / reach);
+    } else {
+        hit.uv = uv + span * relief_trace(uv, span, lod, steps);
+    }
 
     // Surface n·depth·(height − 1): its normal from central differences over one texel of that lod.
     let texel = exp2(lod) / size;

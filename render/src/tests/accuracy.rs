@@ -8,12 +8,14 @@ use crate::graph::Resource;
 use crate::readback::read_texture;
 use crate::twin::depth::view_ray;
 use crate::twin::relief::height_maps::bricks;
+use crate::twin::relief::methods::{Method, Prepared, Ray};
 use crate::twin::relief::{reach, steps};
 use crate::twin::surface::DepthPicture;
 use crate::twin::{antialias, brdf, ssao, tone};
 use crate::{
     AmbientOcclusion, AntiAliasing, AssetGpu, Drawable, Frame, Headless, Instance, Material, OcclusionRadius,
-    PlainSky, Pose, Renderer, Settings, Sky, Target, TextureData, TextureKind, TextureShape, ToneMapping,
+    PlainSky, Pose, ReliefMethod, Renderer, Settings, Sky, Target, TextureData, TextureKind, TextureShape,
+    ToneMapping,
 };
 
 #[test]
@@ -206,9 +208,14 @@ fn wall_of_coordinates(h: &Headless, relief_depth: f32) -> AssetGpu {
 
 /// What a frame shows of [`wall_of_coordinates`]: for each pixel of it the ray from the eye, where that meets the wall, and
 /// the place that is shown there, both in texture coordinates.
-fn places(h: &mut Headless, wall: &AssetGpu, camera: Pose) -> Vec<(DVec3, [f64; 2], [f64; 2])> {
+fn places(
+    h: &mut Headless,
+    wall: &AssetGpu,
+    camera: Pose,
+    settings: Settings,
+) -> Vec<(DVec3, [f64; 2], [f64; 2])> {
     let drawables = [Drawable { asset: wall, instances: &[Instance::default()] }];
-    h.frame(&Frame::new(camera, &drawables)).unwrap();
+    h.frame(&Frame { settings, ..Frame::new(camera, &drawables) }).unwrap();
     let (width, height) = h.size();
     let covered = h.coverage().unwrap();
     let albedo = h.intermediate(Resource::Albedo, 4).unwrap();
@@ -233,7 +240,7 @@ fn relief_matches_its_twin_and_the_exact_hit() {
     let wall = wall_of_coordinates(&h, relief_depth);
     let camera = Pose::look_at(DVec3::new(0.9, 0.75, 0.35), DVec3::new(0.45, 0.5, 0.0), DVec3::Y, 0.5);
     let (mut n, mut off_twin, mut off_exact, mut moved) = (0, 0, 0, 0);
-    for (ray, start, got) in places(&mut h, &wall, camera) {
+    for (ray, start, got) in places(&mut h, &wall, camera, Settings::default()) {
         let cosine = -ray.z;
         let reach = reach(f64::from(relief_depth), cosine);
         let span = [ray.x * reach, -ray.y * reach];
@@ -260,6 +267,63 @@ fn relief_matches_its_twin_and_the_exact_hit() {
 }
 
 #[test]
+fn each_way_of_relief_matches_its_twin() {
+    let Some(mut h) = headless(128, 96) else { return };
+    let map = Prepared::new(bricks(64));
+    let depth = 0.15;
+    let wall = wall_of_coordinates(&h, depth as f32);
+    let camera = Pose::look_at(DVec3::new(0.9, 0.75, 0.35), DVec3::new(0.45, 0.5, 0.0), DVec3::Y, 0.5);
+    // Few enough that terraces are wider than a step of the colours.
+    let relief_steps = 12;
+    for way in ReliefMethod::ALL {
+        let twin = match way {
+            ReliefMethod::Parallax => Method::Parallax,
+            ReliefMethod::SteepParallax => Method::SteepParallax,
+            ReliefMethod::ParallaxOcclusion => Method::ParallaxOcclusion,
+            ReliefMethod::Relief => Method::Relief,
+        };
+        let settings = Settings { relief_method: way, relief_steps, ..Settings::default() };
+        let seen = places(&mut h, &wall, camera, settings);
+        keep(&h, &format!("relief-way-{}", way.name()));
+        // Off each twin, its own first.
+        let mut off = [(twin, 0), (Method::None, 0), (Method::SteepParallax, 0), (Method::Relief, 0)];
+        let mut n = 0;
+        for (ray, start, got) in seen {
+            let cosine = -ray.z;
+            let reach = reach(depth, cosine);
+            let ray = Ray { start, span: [ray.x * reach, -ray.y * reach], cosine };
+            // A limited offset is divided by the whole way, which the twin's ray is for less.
+            let ray_of = |method| match method {
+                Method::Parallax => Ray { cosine: depth / reach, ..ray },
+                _ => ray,
+            };
+            let places = off.map(|(method, _)| {
+                let ray = ray_of(method);
+                ray.at(method.find(&map, &ray, steps(relief_steps, cosine)).at)
+            });
+            let inside = |q: &[f64; 2]| q.iter().all(|x| (0.02..0.98).contains(x));
+            if !inside(&got) || !places.iter().all(inside) {
+                continue;
+            }
+            n += 1;
+            for (off, place) in off.iter_mut().zip(places) {
+                off.1 += usize::from((place[0] - got[0]).hypot(place[1] - got[1]) > 2.0 / 256.0);
+            }
+        }
+        assert!(n > 3000, "only {n} pixels to compare");
+        assert!(off[0].1 * 100 < n, "{}: {} of {n} pixels off the twin", way.name(), off[0].1);
+        for (other, off) in &off[1..] {
+            assert!(
+                *other == twin || off * 10 > n,
+                "{} draws {}: {off} of {n} differ",
+                way.name(),
+                other.name()
+            );
+        }
+    }
+}
+
+#[test]
 fn bricks_do_not_swim_along_a_wall_that_is_seen_ever_more_from_its_side() {
     let Some(mut h) = headless(160, 120) else { return };
     let depth = 0.04;
@@ -268,7 +332,7 @@ fn bricks_do_not_swim_along_a_wall_that_is_seen_ever_more_from_its_side() {
     for degrees in [30.0, 55.0, 70.0, 80.0, 86.0_f64] {
         let (sine, cosine) = degrees.to_radians().sin_cos();
         let camera = Pose::look_at(middle + DVec3::new(sine, 0.0, cosine) * 4.0, middle, DVec3::Y, 0.2);
-        let seen = places(&mut h, &wall, camera);
+        let seen = places(&mut h, &wall, camera, Settings::default());
         keep(&h, &format!("relief-{degrees}"));
         let far = |[x, y]: &[f64; 2]| (0.3..0.7).contains(x) && (0.3..0.7).contains(y);
         let shifts: Vec<f64> = seen

@@ -8,7 +8,7 @@ use std::time::Duration;
 use lodestream_client::core::Stats;
 use lodestream_render::{
     AntiAliasing, MAX_ANISOTROPY, MAX_CASCADES, MAX_FILTER, MAX_LIGHTS, MAX_RELIEF_STEPS, MAX_SAMPLES,
-    OcclusionRadius, Shade, Timings, ToneMapping,
+    OcclusionRadius, ReliefMethod, Shade, Timings, ToneMapping,
 };
 
 pub(super) use choices::Choices;
@@ -147,6 +147,14 @@ fn parameters(ui: &mut egui::Ui, choices: &mut Choices) {
         slider(ui, "lookups of textures", egui::Slider::new(&mut choices.anisotropy, 1..=MAX_ANISOTROPY));
         let steps = egui::Slider::new(&mut choices.relief_steps, 1..=MAX_RELIEF_STEPS).logarithmic(true);
         slider(ui, "relief: steps", steps);
+        ui.label("way");
+        let named = egui::ComboBox::from_id_salt("relief").selected_text(choices.relief_method.name());
+        named.show_ui(ui, |ui| {
+            for way in ReliefMethod::ALL {
+                ui.selectable_value(&mut choices.relief_method, way, way.name());
+            }
+        });
+        ui.end_row();
         slider(ui, "exposure", egui::Slider::new(&mut choices.exposure, 0.05..=20.0).logarithmic(true));
         ui.label("tone mapping");
         egui::ComboBox::from_id_salt("tone").selected_text(choices.tone_mapping.name()).show_ui(ui, |ui| {

@@ -1,7 +1,7 @@
 //! What can be changed in the overlay: from the settings, and back into them.
 
 use lodestream_render::{
-    AmbientOcclusion, AntiAliasing, LightCulling, Settings, Shade, Shadows, ToneMapping,
+    AmbientOcclusion, AntiAliasing, LightCulling, ReliefMethod, Settings, Shade, Shadows, ToneMapping,
 };
 
 /// What the user may change.
@@ -37,6 +37,7 @@ pub(in crate::window) struct Choices {
     pub(in crate::window) dither: bool,
     pub(in crate::window) anisotropy: u32,
     pub(in crate::window) relief_steps: u32,
+    pub(in crate::window) relief_method: ReliefMethod,
     pub(in crate::window) exposure: f32,
     pub(in crate::window) tone_mapping: ToneMapping,
 }
@@ -66,6 +67,7 @@ impl Choices {
             dither: settings.dither,
             anisotropy: settings.anisotropy,
             relief_steps: settings.relief_steps,
+            relief_method: settings.relief_method,
             exposure: settings.exposure,
             tone_mapping: settings.tone_mapping,
         }
@@ -86,6 +88,7 @@ impl Choices {
         settings.dither = self.dither;
         settings.anisotropy = self.anisotropy;
         settings.relief_steps = self.relief_steps;
+        settings.relief_method = self.relief_method;
         settings.exposure = self.exposure;
         settings.tone_mapping = self.tone_mapping;
     }
@@ -110,6 +113,7 @@ mod tests {
             water: false,
             dither: false,
             relief_steps: 7,
+            relief_method: ReliefMethod::SteepParallax,
             exposure: 2.0,
             tone_mapping: ToneMapping::Neutral,
             ..Settings::default()
