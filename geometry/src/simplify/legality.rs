@@ -6,6 +6,8 @@
 //! behind, allow what can be written down and gives no edge more faces than two (or than the input
 //! gave it): holes close, components vanish, seams shorten; faces that turn over cost extra. A closed
 //! manifold therefore stays one, down to nothing.
+//!
+//! *Clustering* looks at no face: of the strict rules only that on seams is left, where it is asked for.
 
 use crate::mesh::corner;
 use crate::mesh::vec3::{dot, sub, triangle_normal};
@@ -65,14 +67,15 @@ impl Rules {
 
     /// What collapsing `u` onto `t` costs beyond its metric, or `None` where it is not allowed.
     pub(crate) fn penalty(&mut self, region: &Region, u: u32, t: u32) -> Option<f64> {
-        if self.strict && !seams_allow(region, u, t) {
+        if self.strict && region.metric != Metric::Clustering && !seams_allow(region, u, t) {
             return None;
         }
         let removed = self.count_around(region, u, t);
         if removed == 0 {
             return None;
         }
-        let allowed = if self.strict {
+        let clusters = region.metric.clusters();
+        let allowed = if self.strict && !clusters {
             self.strict_topology(u, t, removed)
         } else {
             self.relaxed_topology(region, u, t)
@@ -80,7 +83,7 @@ impl Rules {
         if !allowed {
             return None;
         }
-        self.turning(region, u, t)
+        if clusters { Some(0.0) } else { self.turning(region, u, t) }
     }
 
     /// Counts the faces that join each neighbour to u, to t and to both; answers how many join u to t.
@@ -149,10 +152,7 @@ impl Rules {
     }
 
     fn turning(&self, region: &Region, u: u32, t: u32) -> Option<f64> {
-        let most = match region.metric {
-            Metric::Qem => MAX_TURN_COS,
-            Metric::Melax => 0.0,
-        };
+        let most = if region.metric == Metric::Qem { MAX_TURN_COS } else { 0.0 };
         let to = region.positions[t as usize];
         let edge = sub(region.positions[u as usize], to);
         let mut penalty = 0.0;
@@ -173,9 +173,10 @@ impl Rules {
                     return None;
                 }
             } else if cosine < 0.0 {
-                penalty += match region.metric {
-                    Metric::Qem => FLIP_PENALTY * dot(edge, edge) * n1.sqrt(),
-                    Metric::Melax => dot(edge, edge).sqrt(),
+                penalty += if region.metric == Metric::Qem {
+                    FLIP_PENALTY * dot(edge, edge) * n1.sqrt()
+                } else {
+                    dot(edge, edge).sqrt()
                 };
             }
         }

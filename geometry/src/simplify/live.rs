@@ -105,6 +105,11 @@ impl<'a> Live<'a> {
         })
     }
 
+    /// Half the grid: what is added to a position to get its cell.
+    pub(crate) fn middle(&self) -> f64 {
+        self.middle
+    }
+
     pub(crate) fn bits(&self) -> u8 {
         self.bits
     }

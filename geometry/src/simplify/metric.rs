@@ -1,5 +1,6 @@
-//! What collapses cost: quadrics, or edge length × curvature.
+//! What collapses cost: quadrics, edge length × curvature, or the cell that both ends share.
 
+use crate::mesh::corner;
 use crate::mesh::vec3::{Vec3, dot, length, scale, sub, triangle_normal};
 use crate::simplify::region::Region;
 use crate::simplify::settings::Metric;
@@ -9,18 +10,26 @@ use crate::simplify::settings::Metric;
 const FLAT_ORDER: f64 = 1e-9;
 /// The same for Melax's cost, per edge length.
 const FLAT_CURVATURE: f64 = 1e-9;
+/// Gives equal weights an order, the near first: cost per edge length, as a share of the cell.
+const NEAR_FIRST: f64 = 1e-3;
 
 /// Computes costs; keeps room for the normals of a star.
 #[derive(Default)]
 pub(crate) struct Pricer {
     /// Corners of each face of the star and its unit normal, zero where it has none.
     star: Vec<([u32; 3], Vec3)>,
+    /// The directions of its edges, and what the vertex weighs among those of its cell.
+    edges: Vec<Vec3>,
+    weight: f64,
 }
 
 impl Pricer {
     /// Must be called before [`Pricer::cost`] for another `u`, or after a change at `u`.
     pub(crate) fn look_at(&mut self, region: &Region, u: u32) {
-        if region.metric == Metric::Qem {
+        if region.metric.clusters() {
+            self.weight = self.weigh(region, u);
+        }
+        if region.metric != Metric::Melax {
             return;
         }
         self.star.clear();
@@ -33,14 +42,38 @@ impl Pricer {
         }));
     }
 
-    /// The cost of `u` onto `t`: cells⁴ for quadrics (area × squared distance), cells for Melax.
+    /// The cost of `u` onto `t`: cells⁴ for quadrics (area × squared distance), cells for the others.
     pub(crate) fn cost(&self, region: &Region, u: u32, t: u32) -> f64 {
         let edge = sub(region.positions[u as usize], region.positions[t as usize]);
         let square = dot(edge, edge);
         match region.metric {
             Metric::Qem => region.quadric_cost(u, t) + FLAT_ORDER * square * square,
             Metric::Melax => square.sqrt() * (self.curvature(t) + FLAT_CURVATURE),
+            Metric::Clustering | Metric::ClusteringSeams => {
+                let cell = f64::from(1_u32 << shared_level(region.cell(u), region.cell(t)));
+                // Between this cell's size and the next one's, so that cells are emptied level by level.
+                cell * (1.0 + 0.9 * self.weight) + NEAR_FIRST * square.sqrt().min(cell)
+            }
         }
+    }
+
+    /// cos(θ/2), θ the widest angle between two edges at `u` (Low and Tan 1997): 0 within a plane, 1 at a spike.
+    fn weigh(&mut self, region: &Region, u: u32) -> f64 {
+        let at = region.positions[u as usize];
+        self.edges.clear();
+        self.edges.extend(region.stars.corners(u).flat_map(|corner| {
+            let (corners, k) = (region.corners[corner::face_of(corner) as usize], corner::side_of(corner));
+            [corners[corner::next(k)], corners[corner::previous(k)]].map(|v| {
+                let edge = sub(region.positions[v as usize], at);
+                let size = length(edge);
+                if size > 0.0 { scale(edge, 1.0 / size) } else { [0.0; 3] }
+            })
+        }));
+        let mut widest = 1.0_f64;
+        for (i, a) in self.edges.iter().enumerate() {
+            widest = self.edges[i + 1..].iter().map(|b| dot(*a, *b)).fold(widest, f64::min);
+        }
+        (0.5 * (1.0 + widest.max(-1.0))).sqrt()
     }
 
     /// Melax's curvature at the star's vertex towards `t`: over the faces around it, the most that the
@@ -55,5 +88,25 @@ impl Pricer {
             most = most.max(least);
         }
         most
+    }
+}
+
+/// The level of the smallest octree cell that holds both cells of the grid, 0 for that of the grid itself.
+fn shared_level(a: [i32; 3], b: [i32; 3]) -> u32 {
+    let differing = (0..3).map(|k| (a[k] ^ b[k]).unsigned_abs()).fold(0, |all, bits| all | bits);
+    (u32::BITS - differing.leading_zeros()).min(u32::BITS - 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::shared_level;
+
+    #[test]
+    fn cells_share_the_smallest_cell_of_the_octree_that_holds_both() {
+        assert_eq!(shared_level([5, 6, 7], [5, 6, 7]), 0);
+        assert_eq!(shared_level([4, 6, 7], [5, 6, 7]), 1);
+        // Neighbours, but on both sides of the middle.
+        assert_eq!(shared_level([7, 0, 0], [8, 0, 0]), 4);
+        assert_eq!(shared_level([1, 9, 0], [0, 8, 2]), 2);
     }
 }

@@ -174,7 +174,7 @@ impl Order {
             if !self.region.interior[w as usize] || self.region.held[w as usize] {
                 continue;
             }
-            if self.region.metric == Metric::Melax {
+            if self.region.metric != Metric::Qem {
                 self.look_again(w, None);
                 continue;
             }

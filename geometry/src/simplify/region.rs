@@ -23,6 +23,8 @@ pub(crate) struct Region {
     faces: Vec<u32>,
     pub(crate) interior: Vec<bool>,
     pub(crate) positions: Vec<Vec3>,
+    /// Half the grid: see [`Live::middle`].
+    middle: f64,
     quadrics: Vec<Quadric>,
     /// Each quadric at its own vertex.
     own_cost: Vec<f64>,
@@ -71,6 +73,7 @@ impl Region {
             metric,
             interior: vertices.iter().map(|&v| is_interior(v)).collect(),
             own_cost: quadrics.iter().zip(&positions).map(|(q, p)| q.evaluate(*p)).collect(),
+            middle: live.middle(),
             reach: vertices.iter().map(|&v| live.reach[v as usize]).collect(),
             positions,
             quadrics,
@@ -89,6 +92,11 @@ impl Region {
 
     pub(crate) fn vertex_count(&self) -> u32 {
         self.vertices.len() as u32
+    }
+
+    /// The cell of a vertex.
+    pub(crate) fn cell(&self, v: u32) -> [i32; 3] {
+        self.positions[v as usize].map(|x| (x + self.middle) as i32)
     }
 
     /// What moving `u` onto `t` costs by the quadrics of both.

@@ -102,21 +102,24 @@ fn a_frigate_with_seams_everywhere_never_opens() {
 #[test]
 fn other_metrics_and_rounds_keep_the_promises() {
     let meshes = [shapes::torus(40, 70), shapes::perforated(24, 30), shapes::frigate(6), shapes::crowd(40)];
-    let mut bytes = BTreeSet::new();
+    let (mut bytes, mut along_seams) = (BTreeSet::new(), BTreeSet::new());
     for source in &meshes {
         let mesh = quantised(source);
-        for metric in [Metric::Qem, Metric::Melax] {
+        for metric in Metric::ALL {
             for round_share in [None, Some(0.05), Some(0.2)] {
                 let settings = Settings { metric, round_share, ..regions(200) };
                 let asset = prepared(&mesh, &settings);
                 let report = check(&asset.base, &asset.infos, &asset.chunks, 6, 9, &Serial).unwrap();
                 let found = (report.cracks, report.order_dependent, report.undo_errors);
                 assert_eq!(found, (0, 0, 0), "{metric:?}, {round_share:?}");
-                bytes.insert(asset.chunks);
+                let of = if metric == Metric::ClusteringSeams { &mut along_seams } else { &mut bytes };
+                of.insert(asset.chunks);
             }
         }
     }
-    assert_eq!(bytes.len(), meshes.len() * 6, "a knob does nothing");
+    assert_eq!(bytes.len(), meshes.len() * 9, "a knob does nothing");
+    // Not all have seams.
+    assert!(along_seams.difference(&bytes).count() >= 3, "seams are not looked at");
 }
 
 #[test]

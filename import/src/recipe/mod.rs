@@ -7,7 +7,7 @@
 //! | uv bits | [`UvBits`] | 1 to 16 | grid of texture coordinates |
 //! | normal tolerance | [`NormalTolerance`] | 0 to 180 degrees | which normals are sent |
 //! | relief depth | [`ReliefDepth`] | 0 to 1 of texture coordinates | materials |
-//! | metric | [`Metric`](lodestream_geometry::Metric) | `qem`, `melax` | order of collapses |
+//! | metric | [`Metric`](lodestream_geometry::Metric) | `qem`, `melax`, `clustering`, `clustering-seams` | order of collapses |
 //! | round size | [`Round`] | `heap`, or a share of 0.01 to 0.5 | order of collapses |
 //! | codec | [`Codec`](lodestream_geometry::Codec) | `range`, `zstd` | base mesh and chunks |
 //! | region faces | [`RegionFaces`] | 50 to 20,000 | size of chunks |

@@ -30,8 +30,8 @@ pub(super) struct RecipeArguments {
     /// 0 sends all, 180 none [default: 10].
     #[arg(long, value_name = "DEGREES")]
     normal_tolerance: Option<NormalTolerance>,
-    /// What a collapse is held to cost: qem (quadric error) or melax (length × curvature)
-    /// [default: qem].
+    /// What a collapse is held to cost: qem (quadric error), melax (length × curvature), clustering (the cell that both
+    /// ends share) or clustering-seams (the same, along seams) [default: qem].
     #[arg(long, value_name = "METRIC")]
     metric: Option<Metric>,
     /// Order of collapses: heap (the cheapest first), or rounds of this share of the vertices, 0.01 to

@@ -107,7 +107,7 @@ fn scene_files_place_gltf_models_whole_by_mesh_and_merged() {
         ("mesh = \"mast\"", "mesh = \"mast\"\nmerge = true", "exclude each other"),
         ("uv_bits = 10", "uv_bits = 17", ":2: asset \"fleet\": uv_bits: 1 to 16"),
         ("4.5", "181", "normal_tolerance: 0 to 180"),
-        ("\"melax\"", "\"best\"", "metric: qem or melax"),
+        ("\"melax\"", "\"best\"", "metric: qem, melax, clustering or clustering-seams"),
         ("0.25", "0.7", "round_size: heap, or a share"),
         ("\"zstd\"", "\"gzip\"", "codec: range or zstd"),
         ("ship.gltf\"\n        uv", "no.gltf\"\n        uv", "no.gltf: cannot be read"),

@@ -29,7 +29,7 @@ pub(crate) struct Assess {
     /// Distance of the points of a level's grid of positions over the level's error, 0 to 4; 0 for one grid.
     #[arg(long, default_value_t = CoarseGrid::default())]
     coarse_grid: CoarseGrid,
-    /// What a collapse is held to cost: qem or melax.
+    /// What a collapse is held to cost: qem, melax, clustering or clustering-seams.
     #[arg(long, default_value_t = Metric::default())]
     metric: Metric,
     /// Order of collapses: heap, or rounds of this share of the vertices, 0.01 to 0.5.
