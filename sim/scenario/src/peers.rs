@@ -14,18 +14,22 @@
 //! that of what is drawn while its children are missing. Children come after their parents, and may have several; nodes
 //! without parents are the roots.
 
-use std::path::Path;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
 /// Longest file.
 const MAX_FILE_BYTES: u64 = 64 << 20;
-/// Most peers of a file: each is a run of every case.
+/// Most peers in all: each is a run of every case.
 const MAX_PEERS: usize = 64;
 /// Longest node or index.
 const MAX_PEER_PART_BYTES: u64 = 1 << 32;
 /// The one kind that is known.
 const CLUSTER_DAG: &str = "cluster-dag";
+
+/// Why two peers may not have one name.
+const ROWS_DIFFER: &str = "rows of a report need different ones";
 
 /// A file of peers that cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -48,6 +52,19 @@ pub struct Peer {
     pub index_bytes: u64,
     /// Nodes, parents first.
     pub nodes: Vec<Node>,
+}
+
+impl Peer {
+    /// The same peer where errors are `factor` times as large as it states them: what is fetched by one that states less
+    /// than there is, if it is to be believed.
+    #[must_use]
+    pub fn with_errors(mut self, factor: f32) -> Self {
+        for node in &mut self.nodes {
+            node.error = (node.error * factor).min(f32::MAX);
+        }
+        self.name = format!("{}, errors times {factor}", self.name);
+        self
+    }
 }
 
 /// A part of a model at some precision.
@@ -97,6 +114,62 @@ fn fault<T>(place: impl Into<String>, message: impl Into<String>) -> Result<T, F
     Err(Fault { place: place.into(), message: message.into() })
 }
 
+/// Reads all files of a list that is written as `$PATH` is: each entry is a file of peers, or a folder whose `*.json`
+/// files are read in the order of their names.
+///
+/// # Errors
+/// As [`read`]; also folders without such files, and peers of two files with one name.
+pub fn read_all(list: &OsStr) -> Result<Vec<Peer>, PeersError> {
+    let mut all: Vec<Peer> = Vec::new();
+    for entry in std::env::split_paths(list) {
+        for path in files(&entry)? {
+            let refused = |place: String, message: String| PeersError {
+                file: path.display().to_string(),
+                place,
+                message,
+            };
+            for (p, peer) in read(&path)?.into_iter().enumerate() {
+                if all.iter().any(|other| other.name == peer.name) {
+                    let message =
+                        format!("{:?} is the name of another file's peer; {ROWS_DIFFER}", peer.name);
+                    return Err(refused(format!("[{p}].peer"), message));
+                }
+                all.push(peer);
+            }
+            if all.len() > MAX_PEERS {
+                let message =
+                    format!("with it there are {} peers; {MAX_PEERS} may be named at once", all.len());
+                return Err(refused("file".to_owned(), message));
+            }
+        }
+    }
+    Ok(all)
+}
+
+/// The files that an entry of a list names.
+fn files(entry: &Path) -> Result<Vec<PathBuf>, PeersError> {
+    if !entry.is_dir() {
+        return Ok(vec![entry.to_owned()]);
+    }
+    let refused = |message: String| PeersError {
+        file: entry.display().to_string(),
+        place: "folder".to_owned(),
+        message,
+    };
+    let mut files = Vec::new();
+    for file in std::fs::read_dir(entry).map_err(|why| refused(format!("cannot be read: {why}")))? {
+        let path = file.map_err(|why| refused(format!("cannot be read: {why}")))?.path();
+        if path.extension().is_some_and(|extension| extension == "json") {
+            files.push(path);
+        }
+    }
+    if files.is_empty() {
+        return Err(refused("has no *.json; name a file of peers, or a folder with some".to_owned()));
+    }
+    files.sort();
+    Ok(files)
+}
+
 /// Reads a file of peers.
 ///
 /// # Errors
@@ -143,8 +216,7 @@ fn check(peers: Vec<PeerFile>) -> Result<Vec<Peer>, Fault> {
     for (p, file) in peers.into_iter().enumerate() {
         let peer = check_peer(file).map_err(|f| Fault { place: format!("[{p}].{}", f.place), ..f })?;
         if checked.iter().any(|other| other.name == peer.name) {
-            let message =
-                format!("{:?} is another peer's name; rows of a report need different ones", peer.name);
+            let message = format!("{:?} is another peer's name; {ROWS_DIFFER}", peer.name);
             return fault(format!("[{p}].peer"), message);
         }
         checked.push(peer);
@@ -283,5 +355,63 @@ mod tests {
         assert_eq!(parse(&empty, "f").unwrap_err().place, "[0].nodes");
         assert!(read(Path::new("no/peers.json")).unwrap_err().message.contains("cannot be read"));
         assert!(read(Path::new(env!("CARGO_MANIFEST_DIR"))).unwrap_err().message.contains("regular"));
+    }
+
+    #[test]
+    fn errors_may_be_larger_than_stated() {
+        let peer = parse(EXAMPLE, "example.json").unwrap().remove(0);
+        let twice = peer.clone().with_errors(2.0);
+        assert_eq!(twice.name, format!("{}, errors times 2", peer.name));
+        for (node, larger) in peer.nodes.iter().zip(&twice.nodes) {
+            assert_eq!(Node { error: 2.0 * node.error, ..node.clone() }, *larger);
+        }
+        assert!(twice.with_errors(f32::MAX).nodes.iter().all(|node| node.error.is_finite()));
+    }
+
+    /// A list of files and folders as `$PATH` has them.
+    fn list(entries: &[&Path]) -> std::ffi::OsString {
+        std::env::join_paths(entries).unwrap()
+    }
+
+    #[test]
+    fn several_files_and_folders_of_them_are_read_in_their_order() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = |name: &str, peer: &str| {
+            let text = format!(
+                r#"[{{"peer":"{peer}","kind":"cluster-dag","index_bytes":1,"total_bytes":9,"nodes":[
+                {{"bytes":8,"vertices":3,"faces":1,"error":0,"center":[0,0,0],"radius":1,"children":[]}}]}}]"#
+            );
+            let path = folder.path().join(name);
+            std::fs::write(&path, text).unwrap();
+            path
+        };
+        let (second, first) = (file("b.json", "second"), file("a.json", "first"));
+        std::fs::write(folder.path().join("notes.txt"), "not of peers").unwrap();
+        let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../peers/example.json");
+        let names = |entries: &[&Path]| {
+            let peers = read_all(&list(entries)).unwrap();
+            peers.into_iter().map(|peer| peer.name).collect::<Vec<_>>()
+        };
+        assert_eq!(names(&[folder.path()]), ["first", "second"]);
+        assert_eq!(names(&[&second, &first]), ["second", "first"]);
+        assert_eq!(names(&[&example]), names(&[example.parent().unwrap()]), "one file is a list too");
+        assert_eq!(names(&[folder.path(), &example]).len(), 4);
+
+        let refused = |entries: &[&Path]| read_all(&list(entries)).unwrap_err();
+        let twice = refused(&[&first, folder.path()]);
+        assert_eq!((twice.file.as_str(), twice.place.as_str()), (first.to_str().unwrap(), "[0].peer"));
+        assert!(twice.message.contains("another file's peer"), "{twice}");
+        let none = refused(&[&first, Path::new("no/peers.json")]);
+        assert!(none.file.contains("no/peers.json") && none.message.contains("cannot be read"), "{none}");
+        let empty = tempfile::tempdir().unwrap();
+        assert!(refused(&[empty.path()]).message.contains("has no *.json"));
+        file("c.json", " ");
+        let bad = refused(&[folder.path()]);
+        assert!(bad.file.ends_with("c.json") && bad.message.contains("not a name"), "{bad}");
+        std::fs::remove_file(folder.path().join("c.json")).unwrap();
+        for number in 0..MAX_PEERS {
+            file(&format!("d{number}.json"), &format!("peer {number}"));
+        }
+        assert!(refused(&[folder.path()]).message.contains("there are 65 peers"));
     }
 }

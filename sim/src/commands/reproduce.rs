@@ -1,5 +1,6 @@
 //! `lodestream-sim reproduce`: its arguments, and what differs.
 
+use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -24,9 +25,10 @@ pub(crate) struct Reproduce {
     /// docs/benchmarks].
     #[arg(long, value_name = "FILE|DIR")]
     document: Vec<PathBuf>,
-    /// Nodes of view-dependent peers; rows that need them are left out without them.
-    #[arg(long, env = "LODESTREAM_PEERS", value_name = "FILE")]
-    peers: Option<PathBuf>,
+    /// Nodes of view-dependent peers: files and folders of *.json, with colons between them; rows that need them are left
+    /// out without them.
+    #[arg(long, env = "LODESTREAM_PEERS", value_name = "FILE|DIR[:...]")]
+    peers: Option<OsString>,
     /// Draco's encoder [default: draco_encoder, where $PATH has it]; rows that need it are left out without it.
     #[arg(long, env = "LODESTREAM_DRACO_ENCODER", value_name = "FILE")]
     draco_encoder: Option<PathBuf>,
@@ -47,12 +49,13 @@ impl Reproduce {
             _ => Mode::Compare,
         };
         // Its commands take these from their environment.
-        let beside = [("LODESTREAM_PEERS", &self.peers), ("LODESTREAM_DRACO_ENCODER", &self.draco_encoder)];
+        let draco_encoder = self.draco_encoder.clone().map(OsString::from);
+        let beside = [("LODESTREAM_PEERS", self.peers.clone()), ("LODESTREAM_DRACO_ENCODER", draco_encoder)];
         let options = Options {
             sections: self.sections.clone(),
             documents: self.document.clone(),
             models: self.models.clone(),
-            environment: beside.into_iter().filter_map(|(name, file)| Some((name, file.clone()?))).collect(),
+            environment: beside.into_iter().filter_map(|(name, value)| Some((name, value?))).collect(),
             only: self.only.clone(),
             output: self.output.clone(),
             mode,

@@ -21,6 +21,7 @@ mod section;
 mod table;
 
 use std::collections::BTreeMap;
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
@@ -45,8 +46,8 @@ pub struct Options {
     pub documents: Vec<PathBuf>,
     /// Folder of models that are not part of the project.
     pub models: Option<PathBuf>,
-    /// What commands find in their environment, as the file of peers.
-    pub environment: Vec<(&'static str, PathBuf)>,
+    /// What commands find in their environment, as files of peers.
+    pub environment: Vec<(&'static str, OsString)>,
     /// Names of the sections to run; all if empty.
     pub only: Vec<String>,
     /// Where reports and figures go.
@@ -347,7 +348,7 @@ fn execute(section: &str, line: &[String], options: &Options) -> anyhow::Result<
     };
     let output = Command::new(&program)
         .args(arguments)
-        .envs(options.environment.iter().map(|(name, path)| (name, path)))
+        .envs(options.environment.iter().map(|(name, value)| (name, value)))
         .output()
         .with_context(|| format!("{} cannot be run", program.display()))?;
     if !output.status.success() {

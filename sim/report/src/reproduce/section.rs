@@ -23,7 +23,8 @@
 //! [[section.table]]
 //! id = "position-bits"            # stands on a page as <!-- table: position-bits -->
 //! columns = [["bits", "{label}"], ["chunks, B", "{payload_bytes:,}"], ["view", "{view.bytes*100:.0} %"]]
-//! # only = { scene = "demo" }     # leaves out rows with other values in these columns
+//! # only = { scene = "demo" }     # leaves out rows with other values in these columns; "nodes*": what begins so,
+//! #                               # "!nodes*": what does not
 //! # by = ["transport"]            # rows with equal values in these columns share a line,
 //! # across = "rate_bits_per_s"    # on which {ttff_ms@2000000} is the figure of the row with that value here
 //!

@@ -101,15 +101,27 @@ fn groups<'a>(table: &Table, rows: &'a Rows) -> anyhow::Result<Vec<Vec<&'a [Stri
     Ok(groups)
 }
 
-/// The rows that have some values.
+/// The rows that have some values; a value that ends in `*` stands for all that begin so, and one after `!` for all
+/// others.
 pub(super) fn only<'a>(
     conditions: &BTreeMap<String, String>,
     rows: &'a Rows,
 ) -> anyhow::Result<Vec<&'a [String]>> {
     let places = conditions.iter().map(|(name, value)| Ok((rows.place(name)?, value)));
     let places: Vec<(usize, &String)> = places.collect::<anyhow::Result<_>>()?;
-    let has = |row: &&[String]| places.iter().all(|(c, value)| row[*c] == **value);
+    let has = |row: &&[String]| places.iter().all(|(c, value)| is_one_of(&row[*c], value));
     Ok(rows.rows.iter().map(Vec::as_slice).filter(has).collect())
+}
+
+/// Whether a condition takes a value.
+fn is_one_of(value: &str, condition: &str) -> bool {
+    if let Some(others) = condition.strip_prefix('!') {
+        return !is_one_of(value, others);
+    }
+    match condition.strip_suffix('*') {
+        Some(beginning) => value.starts_with(beginning),
+        None => value == condition,
+    }
 }
 
 /// Products and quotients of a row's figures and numbers.
@@ -282,6 +294,14 @@ mod tests {
         assert_eq!(found(&table), ["a: 9 / 5 / 18.0", "b: 8 / – / –", "c: – / 1 / –"]);
         table.only.insert("what".to_owned(), "b".to_owned());
         assert_eq!(found(&table), ["b: 8 / – / –"]);
+        for (condition, expected) in
+            [("b*", &["b"][..]), ("*", &["a", "b", "c"]), ("!b", &["a", "c"]), ("!*", &[]), ("b!", &[])]
+        {
+            table.only.insert("what".to_owned(), condition.to_owned());
+            let shown: Vec<String> = found(&table).iter().map(|line| line[..1].to_owned()).collect();
+            assert_eq!(shown, expected, "{condition}");
+        }
+        table.only.insert("what".to_owned(), "b".to_owned());
         table.only.insert("where".to_owned(), String::new());
         assert!(lines(&table, &rows).unwrap_err().to_string().contains("no column where"));
     }

@@ -88,6 +88,23 @@ fn nodes_come_after_their_parents_and_only_as_far_as_the_view_needs_them() {
     assert_eq!((sharp.error_px, sharp.wanted.len()), (0.0, 0), "what has no children is all there is");
 }
 
+/// Larger errors are more to fetch, and earlier; what has no children stays exact.
+#[test]
+fn a_peer_whose_errors_are_larger_than_stated_is_fetched_further() {
+    let peer = peers::parse(include_str!("../../../peers/example.json"), "example").unwrap().remove(0);
+    let wanted = |factor: f32, target_px: f32| {
+        let offer = nodes::offer(&peer.clone().with_errors(factor), [0.0; 3]);
+        let content = content(vec![offer], [0.0, 0.0, 5.0]);
+        let mut held = Held::nothing(&content);
+        have(&mut held, 0, 0);
+        pieces(&content, &held, target_px).len()
+    };
+    let target_px = [40.0, 20.0, 10.0, 5.0, 2.5, 1.2].into_iter().find(|&px| wanted(1.0, px) > 1).unwrap();
+    assert_eq!(wanted(1.0, target_px * 2.0), 1, "only its root is wanted");
+    assert_eq!(wanted(2.0, target_px * 2.0), wanted(1.0, target_px));
+    assert_eq!(wanted(1e3, target_px), peer.nodes.len(), "there is no more than all");
+}
+
 #[test]
 fn children_out_of_view_are_not_wanted_and_a_shared_child_brings_all_its_parents() {
     // Close before the left end: the right child (x from 0.25) is out of view, the left and the shared are not.
