@@ -3,8 +3,9 @@
 use std::future::Future;
 use std::time::Duration;
 
-use lodestream_client::core::{ClientCore, Config, Progress, QUALITIES_PX, StartView};
+use lodestream_client::core::{ClientCore, Config, Decoders, Progress, QUALITIES_PX, StartView};
 use lodestream_client::net::{Clock, Host};
+use lodestream_client::threads::Threads;
 use lodestream_protocol::Time;
 use lodestream_protocol::view::View;
 
@@ -58,14 +59,27 @@ impl<'a> Viewer<'a> {
         observer: Option<&'a mut dyn Observer>,
     ) -> Self {
         let start = StartView::OfScene { viewport_px, target_px: client.target_px };
-        Self::starting(start, viewport_px, client, path, time_limit, observer)
+        Self::starting(start, viewport_px, client, path, time_limit, observer, Decoders::default())
+    }
+
+    /// The same where computing takes time: nothing is drawn, so all processors decode.
+    pub(crate) fn in_real_time(
+        viewport_px: [u32; 2],
+        client: ClientSettings,
+        path: CameraPath,
+        time_limit: Duration,
+    ) -> Self {
+        let start = StartView::OfScene { viewport_px, target_px: client.target_px };
+        let decoders = Threads::new(std::thread::available_parallelism().ok()).decoders();
+        Self::starting(start, viewport_px, client, path, time_limit, None, decoders)
     }
 
     /// A client whose camera stands still at a pose.
     pub(super) fn at_pose(view: View, time_limit: Duration, observer: &'a mut dyn Observer) -> Self {
         let (start, path) = (StartView::Given(view), CameraPath::STILL);
         let client = ClientSettings::to(view.target_px);
-        Self::starting(start, view.viewport_px, client, path, time_limit, Some(observer))
+        let (size, decoders) = (view.viewport_px, Decoders::default());
+        Self::starting(start, size, client, path, time_limit, Some(observer), decoders)
     }
 
     fn starting(
@@ -75,8 +89,10 @@ impl<'a> Viewer<'a> {
         path: CameraPath,
         time_limit: Duration,
         observer: Option<&'a mut dyn Observer>,
+        decoders: Decoders,
     ) -> Self {
         let mut config = Config::new(start);
+        config.decoders = decoders;
         // Where nobody looks on, textures are fetched and counted, but their pixels are not decoded. An observer takes
         // what is decoded before it is much, so that decoding never has to wait.
         config.track_changes = observer.is_some();

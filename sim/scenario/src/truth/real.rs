@@ -43,7 +43,7 @@ pub(super) fn run_case(
     let relay = Relay::start(case, &server, seed)?;
     let limit = Duration::from_secs_f64(case.time_limit_s);
     let (viewer, close) = client_runtime()?.block_on(async {
-        let mut viewer = Viewer::new(plan.viewport_px, plan.client, case.path, limit, None);
+        let mut viewer = Viewer::in_real_time(plan.viewport_px, plan.client, case.path, limit);
         let close = match case.transport {
             Transport::Quic => over_quic(&relay, &server, limit, &mut viewer).await?,
             Transport::Ws => over_websocket(&relay, limit, &mut viewer).await?,
