@@ -1,7 +1,7 @@
 //! `lodestream-sim draw-trade`: its arguments, and a line for each value.
 
 use clap::Args;
-use lodestream_render::{MAP_SIDES, MAX_FILTER, MAX_RELIEF_STEPS, MAX_SAMPLES};
+use lodestream_render::{MAP_SIDES, MAX_FILTER, MAX_RELIEF_STEPS, MAX_SAMPLES, ReliefMethod};
 use lodestream_report::pictures::draw_trade::{Knob, draw_trade};
 use lodestream_report::pictures::frame_time::MAX_FRAMES;
 
@@ -29,6 +29,9 @@ struct KnobArguments {
     /// Linear steps of relief mapping at grazing angles, divided by commas; 0 draws none.
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_RELIEF_STEPS)))]
     relief_steps: Option<Vec<u32>>,
+    /// Ways of relief mapping, divided by commas: 0 draws none, 1 parallax, 2 steep parallax, 3 parallax occlusion, 4 relief.
+    #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(0..=ReliefMethod::ALL.len() as i64))]
+    relief_methods: Option<Vec<u32>>,
     /// Samples of ambient occlusion per pixel, divided by commas; 0 draws none.
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_SAMPLES)))]
     occlusion_samples: Option<Vec<u32>>,
@@ -50,6 +53,7 @@ impl KnobArguments {
     fn knob(&self) -> anyhow::Result<Knob> {
         let (knob, count) = match self {
             Self { relief_steps: Some(steps), .. } => (Knob::ReliefSteps(steps.clone()), steps.len()),
+            Self { relief_methods: Some(ways), .. } => (Knob::ReliefMethods(ways.clone()), ways.len()),
             Self { occlusion_samples: Some(samples), .. } => {
                 (Knob::OcclusionSamples(samples.clone()), samples.len())
             }
@@ -60,7 +64,7 @@ impl KnobArguments {
             Self { smooth_edges: Some(smooth), .. } => (Knob::SmoothEdges(smooth.clone()), smooth.len()),
             Self { ground_px: Some(px), .. } => (Knob::GroundPx(px.clone()), px.len()),
             _ => anyhow::bail!(
-                "name --relief-steps, --occlusion-samples, --shadow-sides, --shadow-filters, --smooth-edges or --ground-px"
+                "name --relief-steps, --relief-methods, --occlusion-samples, --shadow-sides, --shadow-filters, --smooth-edges or --ground-px"
             ),
         };
         anyhow::ensure!(count <= MAX_VALUES, "{count} values are given; {MAX_VALUES} are the most");
@@ -102,10 +106,11 @@ mod tests {
 
     #[test]
     fn other_numbers_of_knobs_and_values_out_of_range_are_refused() {
-        let cases: [&[&str]; 7] = [
+        let cases: [&[&str]; 8] = [
             &[],
             &["--relief-steps", "1", "--ground-px", "1"],
             &["--relief-steps", "1025"],
+            &["--relief-methods", "5"],
             &["--relief-steps", ""],
             &["--occlusion-samples", "65"],
             &["--ground-px", "0"],

@@ -9,7 +9,7 @@ use anyhow::Context as _;
 use image::RgbaImage;
 use lodestream_protocol::source::SceneSource;
 use lodestream_protocol::view::View;
-use lodestream_render::{AmbientOcclusion, AntiAliasing, Counters, Gpu, Settings, Shadows};
+use lodestream_render::{AmbientOcclusion, AntiAliasing, Counters, Gpu, ReliefMethod, Settings, Shadows};
 use lodestream_scenario::picture::ImageError;
 use lodestream_scenario::plan::Plan;
 use lodestream_scenario::stopwatch::{Spread, median, paired_ratio, rounded};
@@ -24,6 +24,8 @@ use crate::image_error::image_error;
 pub enum Knob {
     /// Linear steps of relief mapping at grazing angles; 0 draws none.
     ReliefSteps(Vec<u32>),
+    /// Ways of relief mapping: 0 draws none, then [`ReliefMethod::ALL`] by number.
+    ReliefMethods(Vec<u32>),
     /// Samples of ambient occlusion; 0 draws none.
     OcclusionSamples(Vec<u32>),
     /// Texels along a side of the shadows' maps, which each frame draws anew; 0 draws none.
@@ -71,6 +73,7 @@ impl Knob {
     fn values(&self) -> Vec<f32> {
         match self {
             Self::ReliefSteps(counts)
+            | Self::ReliefMethods(counts)
             | Self::OcclusionSamples(counts)
             | Self::ShadowSides(counts)
             | Self::ShadowFilters(counts)
@@ -87,6 +90,13 @@ impl Knob {
                 let relief_steps = steps[number];
                 (view, Settings { relief: relief_steps > 0, relief_steps, ..usual })
             }
+            Self::ReliefMethods(ways) => match ways[number].checked_sub(1) {
+                None => (view, Settings { relief: false, ..usual }),
+                Some(way) => {
+                    let known = ReliefMethod::ALL.get(way as usize).copied();
+                    (view, Settings { relief_method: known.unwrap_or_default(), ..usual })
+                }
+            },
             Self::OcclusionSamples(samples) => {
                 let samples = samples[number];
                 let some = AmbientOcclusion { samples, ..AmbientOcclusion::default() };
