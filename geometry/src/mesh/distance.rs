@@ -145,15 +145,15 @@ impl Node {
     }
 }
 
-/// A bounding volume hierarchy over triangles, for distance queries.
+/// A bounding volume hierarchy over triangles, for questions of distance and of rays.
 #[derive(Clone, Debug)]
 pub struct TriangleBvh {
-    nodes: Vec<Node>,
-    positions: Vec<DVec3>,
+    pub(super) nodes: Vec<Node>,
+    pub(super) positions: Vec<DVec3>,
     /// Corners as indices of `positions`, in the order of the leaves.
-    triangles: Vec<[u32; 3]>,
+    pub(super) triangles: Vec<[u32; 3]>,
     /// The caller's index of each of `triangles`.
-    ids: Vec<u32>,
+    pub(super) ids: Vec<u32>,
 }
 
 impl TriangleBvh {

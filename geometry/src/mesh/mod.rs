@@ -12,6 +12,7 @@ pub(crate) mod four;
 pub mod normals;
 pub mod octahedral;
 pub(crate) mod principal_axes;
+mod ray;
 pub(crate) mod rows;
 pub(crate) mod slot_map;
 pub(crate) mod stars;
