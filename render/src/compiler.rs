@@ -102,7 +102,9 @@ impl Compiler {
 fn tasks(settings: &Settings, ground: bool) -> Vec<Task> {
     let relief = settings.relief;
     let shadows = settings.shadows.is_some();
-    let occlusion = settings.occlusion.is_some_and(|occlusion| occlusion.strength > 0.0);
+    let method =
+        settings.occlusion.filter(|occlusion| occlusion.strength > 0.0).map(|occlusion| occlusion.method);
+    let occlusion = method.is_some();
     let mut tasks = vec![Task::Surface { relief: false }];
     let mut also = |needed: bool, more: &[Task]| tasks.extend(more.iter().filter(|_| needed));
     also(ground, &[Task::Ground { relief }]);
@@ -111,7 +113,9 @@ fn tasks(settings: &Settings, ground: bool) -> Vec<Task> {
     also(ground && settings.water, &[Task::Water]);
     also(shadows, &[Task::Whole(Whole::Sunlight), Task::Caster]);
     also(shadows && ground, &[Task::GroundCaster]);
-    also(occlusion, &[Task::Whole(Whole::Occlusion), Task::Whole(Whole::Blur)]);
+    if let Some(method) = method {
+        also(true, &[Task::Whole(Whole::Occlusion(method)), Task::Whole(Whole::Blur)]);
+    }
     match settings.anti_aliasing {
         AntiAliasing::None => also(true, &[Task::Whole(Whole::ToneMap)]),
         AntiAliasing::Spatial => {

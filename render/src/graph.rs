@@ -11,7 +11,7 @@ pub enum PassId {
     Overdraw,
     /// Surfaces to depth, normal and albedo.
     GBuffer,
-    /// Ambient occlusion, 16 rotated samples.
+    /// Ambient occlusion by one of [`crate::OcclusionMethod`], in 16 rotations.
     Occlusion,
     /// 4×4 blur that removes the rotation's pattern.
     OcclusionBlur,

@@ -38,6 +38,7 @@ mod lights;
 mod material;
 mod material_kit;
 mod mesh_pipelines;
+mod occlusion;
 mod pipelines;
 mod readback;
 mod receivers;
@@ -75,12 +76,12 @@ pub use instance::Instance;
 pub use lights::{LIGHT_TILES, Light, LightCulling, MAX_LIGHTS, Spot};
 pub use lodestream_protocol::pose::Pose;
 pub use material::{Alpha, Material, Wrap};
+pub use occlusion::{AmbientOcclusion, MAX_SAMPLES, OcclusionMethod, OcclusionRadius};
 pub use readback::TargetCopy;
 pub use renderer::Renderer;
 pub use scene::{
-    AmbientOcclusion, AntiAliasing, Drawable, Frame, MAP_SIDES, MAP_STEPS, MAX_ANISOTROPY, MAX_CASCADES,
-    MAX_FILTER, MAX_RELIEF_STEPS, MAX_SAMPLES, MIN_RENDER_SCALE, OcclusionRadius, ReliefMethod, Settings,
-    Shade, Shadows, ToneMapping,
+    AntiAliasing, Drawable, Frame, MAP_SIDES, MAP_STEPS, MAX_ANISOTROPY, MAX_CASCADES, MAX_FILTER,
+    MAX_RELIEF_STEPS, MIN_RENDER_SCALE, ReliefMethod, Settings, Shade, Shadows, ToneMapping,
 };
 #[cfg(feature = "client")]
 pub use scene_view::SceneView;

@@ -8,17 +8,31 @@ use super::gbuffer::{UNIFORM_BLOCK, shader};
 use super::gpu::Gpu;
 use super::material_kit::MaterialKit;
 use super::mesh_pipelines::MeshPipelines;
+use super::occlusion::OcclusionMethod;
 use super::targets::{DISPLAY, OCCLUSION, RADIANCE, SUNLIGHT};
 use super::temporal::Resolve;
 use super::terrain::TerrainPipelines;
 use super::water::WaterPipelines;
 
-const SSAO: &str = concat!(
-    include_str!("shaders/common.wgsl"),
-    include_str!("shaders/fullscreen.wgsl"),
-    include_str!("shaders/surface.wgsl"),
-    include_str!("shaders/ssao.wgsl")
-);
+/// The text of an estimator of occlusion, from those of its own files.
+macro_rules! occlusion {
+    ($($file:literal),+) => {
+        concat!(
+            include_str!("shaders/common.wgsl"),
+            include_str!("shaders/fullscreen.wgsl"),
+            include_str!("shaders/surface.wgsl"),
+            include_str!("shaders/occlusion_radius.wgsl"),
+            $(include_str!(concat!("shaders/", $file, ".wgsl"))),+
+        )
+    };
+}
+
+const SSAO: &str = occlusion!("occlusion", "ssao");
+const HBAO: &str = occlusion!("occlusion", "hbao");
+const ALCHEMY: &str = occlusion!("occlusion", "alchemy");
+const GTAO: &str = occlusion!("occlusion", "slices", "gtao");
+const BITMASK: &str = occlusion!("occlusion", "slices", "bitmask");
+const BLUR: &str = occlusion!("occlusion_blur");
 const SHADOWS: &str = concat!(
     include_str!("shaders/common.wgsl"),
     include_str!("shaders/fullscreen.wgsl"),
@@ -79,7 +93,7 @@ pub(crate) const DEBUG: &str = concat!(
 pub(crate) enum Whole {
     /// The edges over the lit picture.
     Wireframe,
-    Occlusion,
+    Occlusion(OcclusionMethod),
     Blur,
     Sunlight,
     Lighting {
@@ -100,13 +114,13 @@ pub(crate) enum Whole {
 }
 
 impl Whole {
-    const COUNT: usize = 15;
+    const COUNT: usize = 14 + OcclusionMethod::ALL.len();
 
     const fn number(self) -> usize {
         match self {
             Self::Lighting { occlusion, shadows } => (occlusion as usize) << 1 | shadows as usize,
             Self::Wireframe => 4,
-            Self::Occlusion => 5,
+            Self::Enlarge => 5,
             Self::Blur => 6,
             Self::Sunlight => 7,
             Self::Sky => 8,
@@ -115,7 +129,7 @@ impl Whole {
             Self::ToneMapDisplay => 11,
             Self::AntiAlias => 12,
             Self::AntiAliasSmall => 13,
-            Self::Enlarge => 14,
+            Self::Occlusion(method) => 14 + method as usize,
         }
     }
 }
@@ -123,13 +137,33 @@ impl Whole {
 /// Texts of shaders.
 #[derive(Clone, Copy)]
 enum Module {
-    Ssao,
     Sunlight,
     AntiAlias,
     Wireframe,
     Lighting,
     ToneMap,
     Enlarge,
+    Blur,
+    Ssao,
+    Hbao,
+    Alchemy,
+    Gtao,
+    Bitmask,
+}
+
+impl Module {
+    const COUNT: usize = Self::Bitmask as usize + 1;
+
+    const fn of(method: OcclusionMethod) -> Self {
+        match method {
+            // They differ by their kernel.
+            OcclusionMethod::Ssao | OcclusionMethod::SsaoCentred => Self::Ssao,
+            OcclusionMethod::Hbao => Self::Hbao,
+            OcclusionMethod::Alchemy => Self::Alchemy,
+            OcclusionMethod::Gtao => Self::Gtao,
+            OcclusionMethod::Bitmask => Self::Bitmask,
+        }
+    }
 }
 
 /// See the module.
@@ -142,7 +176,7 @@ pub(crate) struct Pipelines {
     water: OnceLock<WaterPipelines>,
     /// Of means over time, whose pass has it too.
     pub(crate) resolve: Arc<OnceLock<Resolve>>,
-    modules: [OnceLock<wgpu::ShaderModule>; 7],
+    modules: [OnceLock<wgpu::ShaderModule>; Module::COUNT],
     whole: [OnceLock<wgpu::RenderPipeline>; Whole::COUNT],
     target: wgpu::TextureFormat,
 }
@@ -182,13 +216,18 @@ impl Pipelines {
 
     fn module(&self, gpu: &Gpu, module: Module) -> &wgpu::ShaderModule {
         let (label, text) = match module {
-            Module::Ssao => ("ssao", SSAO),
             Module::Sunlight => ("sunlight", SHADOWS),
             Module::AntiAlias => ("antialias", ANTIALIAS),
             Module::Wireframe => ("wireframe", WIREFRAME),
             Module::Lighting => ("lighting", LIGHTING),
             Module::ToneMap => ("tonemap", TONEMAP),
             Module::Enlarge => ("enlarge", ENLARGE),
+            Module::Blur => ("occlusion blur", BLUR),
+            Module::Ssao => ("ssao", SSAO),
+            Module::Hbao => ("hbao", HBAO),
+            Module::Alchemy => ("alchemy", ALCHEMY),
+            Module::Gtao => ("gtao", GTAO),
+            Module::Bitmask => ("bitmask", BITMASK),
         };
         self.modules[module as usize].get_or_init(|| shader(gpu, label, text))
     }
@@ -211,8 +250,8 @@ impl Pipelines {
                     &[],
                 )
             }
-            Whole::Occlusion => full(Module::Ssao, "fs_occlusion", OCCLUSION.into(), &[]),
-            Whole::Blur => full(Module::Ssao, "fs_blur", OCCLUSION.into(), &[]),
+            Whole::Occlusion(method) => full(Module::of(method), "fs_occlusion", OCCLUSION.into(), &[]),
+            Whole::Blur => full(Module::Blur, "fs_blur", OCCLUSION.into(), &[]),
             Whole::Sunlight => full(Module::Sunlight, "fs_sunlight", SUNLIGHT.into(), &[]),
             Whole::Lighting { occlusion, shadows } => {
                 let constants = [("OCCLUSION", share(occlusion)), ("SHADOWS", share(shadows))];

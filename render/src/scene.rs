@@ -6,12 +6,11 @@ use super::asset::AssetGpu;
 use super::environment::Environment;
 use super::instance::Instance;
 use super::lights::{Light, LightCulling};
+use super::occlusion::AmbientOcclusion;
 use super::sky::SkyMaps;
 use super::terrain::TerrainFrame;
 use super::water::Water;
 
-/// Most samples of ambient occlusion per pixel.
-pub const MAX_SAMPLES: u32 = super::twin::ssao::MAX_SAMPLES as u32;
 /// Most lookups of a texture along a pixel's footprint.
 pub const MAX_ANISOTROPY: u32 = 16;
 /// Least share of a target's sides in which a picture is drawn.
@@ -36,33 +35,6 @@ pub struct Drawable<'a> {
     /// Its placements. [`AntiAliasing::Temporal`] takes those of two frames for the same ones where as many stand in the
     /// same order, and tells their motion from it.
     pub instances: &'a [Instance],
-}
-
-/// Reach of ambient occlusion.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum OcclusionRadius {
-    /// In world units: shading that stays put when the camera moves; needs to know the scene.
-    World(f32),
-    /// As a fraction of the view depth: works from millimetres to kilometres, but grows with
-    /// distance.
-    Depth(f32),
-}
-
-/// Screen-space ambient occlusion.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct AmbientOcclusion {
-    /// Reach of the samples.
-    pub radius: OcclusionRadius,
-    /// 0 = none, 1 = as sampled; more makes up for occluders thinner than the samples' spacing.
-    pub strength: f32,
-    /// Samples per pixel, 1 to [`MAX_SAMPLES`]; powers of two are spread best. Most of what occlusion costs goes with them.
-    pub samples: u32,
-}
-
-impl Default for AmbientOcclusion {
-    fn default() -> Self {
-        Self { radius: OcclusionRadius::Depth(0.06), strength: 1.5, samples: 16 }
-    }
 }
 
 /// Shadows of the sun.

@@ -4,11 +4,12 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Mat4};
 
 use super::camera::{clip_from_view, view_from_world};
-use super::scene::{Frame, MAX_RELIEF_STEPS, MAX_SAMPLES, OcclusionRadius, ReliefMethod, Shade, ToneMapping};
+use super::occlusion::{MAX_SAMPLES, OcclusionMethod, OcclusionRadius};
+use super::scene::{Frame, MAX_RELIEF_STEPS, ReliefMethod, Shade, ToneMapping};
 use super::shadows::Cascade;
 use super::sky::SkyLight;
 use super::temporal::TemporalStep;
-use super::twin::ssao;
+use super::twin::occlusion::ssao;
 
 /// Shader twin: `struct Frame` in `common.wgsl`; keep the two in step.
 #[repr(C)]
@@ -49,7 +50,7 @@ pub(crate) struct FrameUniform {
     /// 1: nothing has changed since the frame before; 2: surfaces give off light; from 4 on: [`relief_method`].
     flags: u32,
     lookups: f32,
-    kernel: [[f32; 4]; ssao::MAX_SAMPLES],
+    kernel: [[f32; 4]; MAX_SAMPLES as usize],
 }
 
 impl FrameUniform {
@@ -72,9 +73,10 @@ impl FrameUniform {
             OcclusionRadius::Depth(f) => (0.0, f),
         };
         let samples = occlusion.samples.clamp(1, MAX_SAMPLES);
-        let mut kernel = [[0.0; 4]; ssao::MAX_SAMPLES];
-        for (slot, [x, y, z]) in kernel.iter_mut().zip(ssao::kernel(samples as usize)) {
-            *slot = [x as f32, y as f32, z as f32, 0.0];
+        let mut kernel = [[0.0; 4]; MAX_SAMPLES as usize];
+        let centred = occlusion.method == OcclusionMethod::SsaoCentred;
+        for (slot, sample) in kernel.iter_mut().zip(ssao::kernel(samples as usize, centred)) {
+            *slot = sample.map(|x| x as f32);
         }
         Self {
             clip_from_view: step.jittered(clip_from_view(camera, near, (width, height)), (width, height)),
@@ -154,6 +156,6 @@ mod tests {
     fn size_is_what_the_shader_declares() {
         // Three matrices, fourteen vectors, 24 scalars, the kernel's vectors; WGSL's uniform layout
         // has no holes in that order.
-        assert_eq!(size_of::<FrameUniform>(), 3 * 64 + 14 * 16 + 24 * 4 + ssao::MAX_SAMPLES * 16);
+        assert_eq!(size_of::<FrameUniform>(), 3 * 64 + 14 * 16 + 24 * 4 + MAX_SAMPLES as usize * 16);
     }
 }

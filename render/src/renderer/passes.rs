@@ -35,7 +35,10 @@ impl Renderer {
             PassId::GBuffer | PassId::Overdraw | PassId::Emission | PassId::Transparency | PassId::Edges => {
                 self.geometry(gpu, encoder, pass.id, frame, (list, ground), counters)
             }
-            PassId::Occlusion => full(encoder, p(Whole::Occlusion), &[Depth], OcclusionRaw),
+            PassId::Occlusion => {
+                let method = frame.settings.occlusion.unwrap_or_default().method;
+                full(encoder, p(Whole::Occlusion(method)), &[Depth], OcclusionRaw);
+            }
             PassId::OcclusionBlur => full(encoder, p(Whole::Blur), &[Depth, OcclusionRaw], Occlusion),
             // Before all others: what has changed of the maps is drawn when the frame is planned.
             PassId::ShadowMaps => {}

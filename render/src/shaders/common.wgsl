@@ -33,7 +33,7 @@ struct Frame {
     history: f32, // frames that what earlier ones showed counts for at most; 0: there is nothing
     flags: u32, // 1: nothing has changed since the frame before; 2: surfaces give off light; 4, 8: way of relief mapping (relief.wgsl)
     lookups: f32, // of a texture along a footprint, where its sampler does no more than one
-    kernel: array<vec4<f32>, 64>, // as many as there are samples
+    kernel: array<vec4<f32>, 64>, // as many as there are samples; w: what each counts
 }
 
 @group(0) @binding(0) var<uniform> frame: Frame;

@@ -1,0 +1,95 @@
+//! Ambient occlusion in screen space: by which method, how far, how many samples.
+//!
+//! All methods estimate one integral, which `docs/design/occlusion.md` states.
+
+/// Most samples of ambient occlusion per pixel.
+pub const MAX_SAMPLES: u32 = 64;
+
+/// Reach of ambient occlusion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum OcclusionRadius {
+    /// In world units: shading that stays put when the camera moves; needs to know the scene.
+    World(f32),
+    /// As a fraction of the view depth: works from millimetres to kilometres, but grows with
+    /// distance.
+    Depth(f32),
+}
+
+/// How occlusion is estimated from depth. Figures of each are in `docs/benchmarks/occlusion.md`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub enum OcclusionMethod {
+    /// Points in the hemisphere above the surface, evenly along the radius, each before or behind what is drawn there
+    /// (Mittring 2007; Filion and McNaughton 2008).
+    #[default]
+    Ssao,
+    /// The same with points denser near the middle, each of which counts for as much more of the radius as it stands for.
+    SsaoCentred,
+    /// Horizons above the tangent plane, marched along directions of the picture (Bavoil and Sainz 2008).
+    Hbao,
+    /// Points on a spiral, by how high above the tangent plane what is drawn there lies (McGuire et al. 2011 and 2012).
+    Alchemy,
+    /// Slices through the direction to the eye, each with a horizon to both sides, integrated in closed form (Jimenez et
+    /// al. 2016; XeGTAO).
+    Gtao,
+    /// The same slices with a mask of 32 sectors in place of horizons: what is thin hides no more than itself (Therrien
+    /// et al. 2023).
+    Bitmask,
+}
+
+impl OcclusionMethod {
+    /// All there are.
+    pub const ALL: [Self; 6] =
+        [Self::Ssao, Self::SsaoCentred, Self::Hbao, Self::Alchemy, Self::Gtao, Self::Bitmask];
+
+    /// Its name for people and on command lines.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Ssao => "ssao",
+            Self::SsaoCentred => "ssao-centred",
+            Self::Hbao => "hbao",
+            Self::Alchemy => "alchemy",
+            Self::Gtao => "gtao",
+            Self::Bitmask => "bitmask",
+        }
+    }
+}
+
+/// Screen-space ambient occlusion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AmbientOcclusion {
+    /// How it is estimated.
+    pub method: OcclusionMethod,
+    /// Reach of the samples.
+    pub radius: OcclusionRadius,
+    /// 0 = none, 1 = as estimated; more makes up for occluders thinner than the samples' spacing.
+    pub strength: f32,
+    /// Lookups of depth per pixel, 1 to [`MAX_SAMPLES`]; powers of two are spread best. Most of what occlusion costs goes
+    /// with them.
+    pub samples: u32,
+}
+
+impl Default for AmbientOcclusion {
+    fn default() -> Self {
+        Self {
+            method: OcclusionMethod::Ssao,
+            radius: OcclusionRadius::Depth(0.06),
+            strength: 1.5,
+            samples: 16,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn methods_have_names_of_their_own() {
+        let mut names = OcclusionMethod::ALL.map(OcclusionMethod::name).to_vec();
+        names.sort_unstable();
+        names.dedup();
+        assert_eq!(names.len(), OcclusionMethod::ALL.len());
+        assert!(OcclusionMethod::ALL.is_sorted(), "they are numbered in their order");
+    }
+}

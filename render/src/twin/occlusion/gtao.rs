@@ -1,0 +1,30 @@
+//! Horizons of slices: `gtao.wgsl`.
+
+use std::f64::consts::FRAC_PI_2;
+
+use super::slices::{Slice, counts};
+use super::{MIN_ELEVATION, Receiver, length};
+
+pub(super) fn sums(r: &Receiver<'_>) -> [f64; 2] {
+    let (slices, steps) = counts(r.samples);
+    let mut sums = [0.0; 2];
+    for slice in (0..slices).map(|number| Slice::new(r, number)) {
+        for side in [-1.0, 1.0] {
+            let mut horizon = -side * slice.sine;
+            let mut open = slice.arc(slice.angle + side * FRAC_PI_2);
+            sums[1] += slice.normal_length * open;
+            for step in 0..steps {
+                let to = slice.to_drawn(r, step, side);
+                let [x, y] = slice.within(r, to);
+                let distance = x.hypot(y);
+                let cosine = (y * slice.cosine - x * slice.sine) / distance.max(1e-30);
+                if y > MIN_ELEVATION * distance && cosine > horizon {
+                    let left = slice.arc(side * cosine.clamp(-1.0, 1.0).acos());
+                    sums[0] += slice.normal_length * r.falloff(length(to)) * (open - left);
+                    (horizon, open) = (cosine, left);
+                }
+            }
+        }
+    }
+    [sums[0].max(0.0), sums[1].max(1e-6)]
+}
