@@ -322,6 +322,23 @@ impl AssetGpu {
         Some((self.vertices.buffer()?, parts))
     }
 
+    /// Corners of the triangles that are not seen through, where vertices belong, relative to the origin; read back. Holes
+    /// of materials are not left out. Waits for the device.
+    pub(crate) fn triangles(&self, gpu: &Gpu) -> Result<Vec<[Vec3; 3]>, RenderError> {
+        let vertices = self.vertices.read(gpu)?;
+        let mut triangles = Vec::new();
+        for part in self.parts.iter().filter(|part| !part.bound.features.blend) {
+            let faces = part.indices.read(gpu)?;
+            // Unused slots are no triangles.
+            let used = faces.iter().filter(|[a, b, c]| a != b && b != c && c != a);
+            triangles.extend(used.filter_map(|face| {
+                let [a, b, c] = face.map(|i| vertices.get(i as usize).map(|v| Vec3::from(v.position)));
+                Some([a?, b?, c?])
+            }));
+        }
+        Ok(triangles)
+    }
+
     /// Whether any of its faces have a material of which something holds.
     pub(crate) fn any(&self, holds: impl Fn(Features) -> bool) -> bool {
         self.parts.iter().any(|part| part.indices.len() > 0 && holds(part.bound.features))

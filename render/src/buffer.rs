@@ -5,6 +5,7 @@ use std::marker::PhantomData;
 use bytemuck::Pod;
 
 use super::gpu::{Gpu, RenderError};
+use super::readback::read_buffer;
 
 /// Elements that the smallest buffer holds; an empty buffer cannot be bound.
 const MIN_ELEMENTS: u64 = 64;
@@ -38,6 +39,17 @@ impl<T: Pod> GrowingBuffer<T> {
     /// The buffer, once something was written.
     pub(crate) fn buffer(&self) -> Option<&wgpu::Buffer> {
         self.buffer.as_ref()
+    }
+
+    /// What it holds, read back. Waits for the device.
+    pub(crate) fn read(&self, gpu: &Gpu) -> Result<Vec<T>, RenderError> {
+        match &self.buffer {
+            Some(buffer) if self.len > 0 => {
+                let bytes = read_buffer(gpu, buffer, self.len * size_of::<T>() as u64)?;
+                Ok(bytemuck::pod_collect_to_vec(&bytes))
+            }
+            _ => Ok(Vec::new()),
+        }
     }
 
     /// Forgets elements past `len`; memory is kept.

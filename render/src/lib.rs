@@ -40,6 +40,7 @@ mod material_kit;
 mod mesh_pipelines;
 mod occlusion;
 mod pipelines;
+pub mod rays;
 mod readback;
 mod receivers;
 mod renderer;

@@ -1,6 +1,6 @@
 //! Ambient occlusion in screen space: by which method, how far, how many samples.
 //!
-//! All methods estimate one integral, which `docs/design/occlusion.md` states.
+//! All methods estimate one integral, which `docs/design/occlusion.md` states, and rays compute ([`crate::rays`]).
 
 /// Most samples of ambient occlusion per pixel.
 pub const MAX_SAMPLES: u32 = 64;

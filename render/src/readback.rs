@@ -1,4 +1,4 @@
-//! Textures back to memory.
+//! Textures and buffers back to memory.
 
 use std::sync::mpsc;
 
@@ -53,22 +53,45 @@ impl Copied {
 
     /// The texels, rows from the top, tightly packed. Waits for the device.
     fn read(self, gpu: &Gpu) -> Result<Vec<u8>, RenderError> {
-        let (done, answer) = mpsc::sync_channel(1);
-        self.buffer.map_async(wgpu::MapMode::Read, .., move |result| {
-            // The receiver lives until after the wait below.
-            let _ = done.send(result);
-        });
-        let failed = |e: &dyn std::fmt::Display| RenderError::Picture(format!("cannot read it back: {e}"));
-        gpu.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|e| failed(&e))?;
-        gpu.check()?;
-        answer.try_recv().map_err(|e| failed(&e))?.map_err(|e| failed(&e))?;
-        let mapped = self.buffer.get_mapped_range(..).map_err(|e| failed(&e))?;
         let mut texels = Vec::with_capacity(self.row_bytes as usize * self.rows as usize);
-        for line in mapped.chunks_exact(self.padded_bytes as usize) {
-            texels.extend_from_slice(&line[..self.row_bytes as usize]);
-        }
+        mapped(gpu, &self.buffer, |bytes| {
+            for line in bytes.chunks_exact(self.padded_bytes as usize) {
+                texels.extend_from_slice(&line[..self.row_bytes as usize]);
+            }
+        })?;
         Ok(texels)
     }
+}
+
+/// Hands over what a buffer holds that can be mapped for reading. Waits for the device.
+fn mapped(gpu: &Gpu, buffer: &wgpu::Buffer, take: impl FnOnce(&[u8])) -> Result<(), RenderError> {
+    let (done, answer) = mpsc::sync_channel(1);
+    buffer.map_async(wgpu::MapMode::Read, .., move |result| {
+        // The receiver lives until after the wait below.
+        let _ = done.send(result);
+    });
+    let failed = |e: &dyn std::fmt::Display| RenderError::Picture(format!("cannot read it back: {e}"));
+    gpu.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|e| failed(&e))?;
+    gpu.check()?;
+    answer.try_recv().map_err(|e| failed(&e))?.map_err(|e| failed(&e))?;
+    take(&buffer.get_mapped_range(..).map_err(|e| failed(&e))?);
+    Ok(())
+}
+
+/// Reads the first `bytes` of a buffer whose usages include [`wgpu::BufferUsages::COPY_SRC`]. Waits for the device.
+pub(crate) fn read_buffer(gpu: &Gpu, buffer: &wgpu::Buffer, bytes: u64) -> Result<Vec<u8>, RenderError> {
+    let copy = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some("readback"),
+        size: bytes,
+        usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+        mapped_at_creation: false,
+    });
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    encoder.copy_buffer_to_buffer(buffer, 0, &copy, 0, bytes);
+    gpu.queue.submit([encoder.finish()]);
+    let mut read = Vec::new();
+    mapped(gpu, &copy, |bytes| read.extend_from_slice(bytes))?;
+    Ok(read)
 }
 
 /// Reads the whole of mip level 0 of a 2D texture with `bytes_per_texel`, rows from the top,

@@ -11,6 +11,7 @@ use super::pipeline::TerrainPipelines;
 use super::rises::rises;
 use super::{grid, layers, regions};
 use crate::gpu::{Gpu, RenderError};
+use crate::readback::read_texture;
 use crate::tiles::{MAX_REGIONS, TILE_MARGIN, TILE_SAMPLES, TileRegion};
 
 /// Texels along a side of the atlas.
@@ -177,6 +178,7 @@ impl TerrainGpu {
             let what = "the atlas of terrain tiles (side in texels)";
             return Err(RenderError::TooLarge { what, needed: ATLAS_SIDE.into(), allowed: allowed.into() });
         }
+        // Heights are read back where rays are cast at what is drawn.
         let atlas = |label, format| {
             device.create_texture(&wgpu::TextureDescriptor {
                 label: Some(label),
@@ -185,7 +187,9 @@ impl TerrainGpu {
                 sample_count: 1,
                 dimension: wgpu::TextureDimension::D2,
                 format,
-                usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+                usage: wgpu::TextureUsages::TEXTURE_BINDING
+                    | wgpu::TextureUsages::COPY_DST
+                    | wgpu::TextureUsages::COPY_SRC,
                 view_formats: &[],
             })
         };
@@ -307,6 +311,17 @@ impl TerrainGpu {
         write(&self.atlas, bytemuck::cast_slice(&heights));
         write(&self.rises, bytemuck::cast_slice(&rises(&heights)));
         Ok(())
+    }
+
+    /// The heights that lie in slots, read back: rows of `TILE_SAMPLES` each. Waits for the device.
+    pub(crate) fn heights(&self, gpu: &Gpu) -> Result<impl Fn(u32) -> Vec<i32>, RenderError> {
+        let all: Vec<i32> = bytemuck::pod_collect_to_vec(&read_texture(gpu, &self.atlas, 4)?);
+        Ok(move |slot| {
+            let [x, y] = texel(slot).map(|at| at as usize);
+            let row = |row| (y + row) * ATLAS_SIDE as usize + x;
+            let side = TILE_SAMPLES as usize;
+            (0..side).flat_map(|i| &all[row(i)..row(i) + side]).copied().collect()
+        })
     }
 
     /// What lies in a slot.

@@ -9,6 +9,7 @@ mod regions;
 mod rises;
 mod tile_raw;
 
+pub(crate) use atlas::arrival;
 pub use atlas::{MAX_DRAWN_HEIGHT, TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart};
 pub(crate) use list::{TileList, receivers};
 pub(crate) use pipeline::TerrainPipelines;

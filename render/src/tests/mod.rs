@@ -14,6 +14,7 @@ mod haze;
 mod host;
 mod lights;
 mod materials;
+mod occlusion;
 mod pictures;
 mod shadows;
 mod shapes;
