@@ -116,6 +116,9 @@ fn tasks(settings: &Settings, ground: bool) -> Vec<Task> {
     if let Some(method) = method {
         also(true, &[Task::Whole(Whole::Occlusion(method)), Task::Whole(Whole::Blur)]);
     }
+    if let Some(still) = settings.occlusion.and_then(|occlusion| occlusion.still) {
+        also(occlusion, &[Task::Whole(Whole::OcclusionMean(still))]);
+    }
     match settings.anti_aliasing {
         AntiAliasing::None => also(true, &[Task::Whole(Whole::ToneMap)]),
         AntiAliasing::Spatial => {

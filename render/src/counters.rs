@@ -24,6 +24,8 @@ pub struct Counters {
     /// Frames in a row in which nothing changed, this one among them, of which the picture is a mean; 0 without
     /// [`super::AntiAliasing::Temporal`].
     pub still_frames: u32,
+    /// Frames that a mean of occlusion still lacks, where nothing changes; 0 without [`super::AmbientOcclusion::still`].
+    pub occlusion_frames_left: u32,
     /// Terrain tiles drawn; one of which only single quadrants are drawn counts once per quadrant.
     pub terrain_tiles: u32,
     /// Triangles of these.
@@ -38,6 +40,6 @@ impl Counters {
     /// of few.
     #[must_use]
     pub fn is_unfinished(&self) -> bool {
-        (1..ENOUGH_FRAMES).contains(&self.still_frames)
+        (1..ENOUGH_FRAMES).contains(&self.still_frames) || self.occlusion_frames_left > 0
     }
 }

@@ -68,6 +68,18 @@ pub(crate) fn fullscreen(
     group: &wgpu::BindGroup,
     target: &Target<'_>,
 ) {
+    blended(encoder, id, pipeline, group, target, 1.0);
+}
+
+/// The same with a share for pipelines whose blending has one.
+pub(crate) fn blended(
+    encoder: &mut PassEncoder<'_>,
+    id: PassId,
+    pipeline: &wgpu::RenderPipeline,
+    group: &wgpu::BindGroup,
+    target: &Target<'_>,
+    share: f64,
+) {
     let load = match target.load {
         Load::Clear => wgpu::LoadOp::Clear(wgpu::Color::BLACK),
         Load::Keep => wgpu::LoadOp::Load,
@@ -82,6 +94,7 @@ pub(crate) fn fullscreen(
     let mut pass = encoder.begin(id, &descriptor);
     pass.set_pipeline(pipeline);
     pass.set_bind_group(0, group, &[]);
+    pass.set_blend_constant(wgpu::Color { r: share, g: share, b: share, a: share });
     pass.draw(0..3, 0..1);
 }
 

@@ -88,6 +88,8 @@ pub(crate) enum Resource {
     Normal,
     Albedo,
     OcclusionRaw,
+    /// The same as a mean of frames; kept from frame to frame.
+    OcclusionMean,
     Occlusion,
     /// Of fixed size; not allocated with those of the picture's.
     ShadowMaps,
@@ -134,6 +136,8 @@ impl Pass {
 pub(crate) struct Needs {
     pub(crate) geometry: bool,
     pub(crate) occlusion: bool,
+    /// It is a mean of frames, and whether all of them are drawn.
+    pub(crate) still: Option<bool>,
     pub(crate) shadows: bool,
     pub(crate) lamps: bool,
     pub(crate) emission: bool,
@@ -159,8 +163,8 @@ pub(crate) struct Needs {
 /// The passes that could run, in order.
 pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
     use Resource::{
-        Albedo, Depth, Display, Edges, History, Motion, Normal, Occlusion, OcclusionRaw, Overdraw, Radiance,
-        ShadowMaps, Smoothed, Sunlight, Target,
+        Albedo, Depth, Display, Edges, History, Motion, Normal, Occlusion, OcclusionMean, OcclusionRaw,
+        Overdraw, Radiance, ShadowMaps, Smoothed, Sunlight, Target,
     };
     let pass = |id, reads, writes| Pass { id, reads, writes };
     let mut passes = Vec::new();
@@ -170,8 +174,18 @@ pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
             // Drawn anew: the depth that it tests against begins empty.
             passes.push(pass(PassId::Overdraw, &[], &[Depth, Overdraw]));
         }
-        passes.push(pass(PassId::Occlusion, &[Depth], &[OcclusionRaw]));
-        passes.push(pass(PassId::OcclusionBlur, &[Depth, OcclusionRaw], &[Occlusion]));
+        match needs.still {
+            None => {
+                passes.push(pass(PassId::Occlusion, &[Depth], &[OcclusionRaw]));
+                passes.push(pass(PassId::OcclusionBlur, &[Depth, OcclusionRaw], &[Occlusion]));
+            }
+            Some(false) => {
+                passes.push(pass(PassId::Occlusion, &[Depth, OcclusionMean], &[OcclusionMean]));
+                passes.push(pass(PassId::OcclusionBlur, &[Depth, OcclusionMean], &[Occlusion]));
+            }
+            // What was drawn last is read again.
+            Some(true) => {}
+        }
         passes.push(pass(PassId::ShadowMaps, &[], &[ShadowMaps]));
         passes.push(pass(PassId::Sunlight, &[Depth, Normal, ShadowMaps], &[Sunlight]));
         let lit_by: &[Resource] = match (needs.occlusion, needs.shadows) {
@@ -315,6 +329,17 @@ mod tests {
     }
 
     #[test]
+    fn occlusion_as_a_mean_of_frames_goes_on_from_itself_and_ends() {
+        use PassId::{GBuffer, Lighting, Occlusion, OcclusionBlur, ToneMap};
+        let with = |still| {
+            ids(Needs { geometry: true, occlusion: true, still, ..Needs::default() }, &[Resource::Target])
+        };
+        let all = [GBuffer, Occlusion, OcclusionBlur, Lighting, ToneMap];
+        assert_eq!((with(None), with(Some(false))), (all.to_vec(), all.to_vec()));
+        assert_eq!(with(Some(true)), [GBuffer, Lighting, ToneMap]);
+    }
+
+    #[test]
     fn edges_are_smoothed_before_a_picture_is_enlarged() {
         use PassId::{AntiAlias, Enlarge, GBuffer, Lighting, Temporal, ToneMap};
         let needs = Needs { geometry: true, enlarged: true, antialias: true, ..Needs::default() };
@@ -382,6 +407,8 @@ mod tests {
                 shown,
                 geometry: bit(0),
                 occlusion: bit(1),
+                // Which reads what an earlier frame wrote.
+                still: None,
                 wireframe: bit(2),
                 depth: bit(3),
                 keep: bit(4),

@@ -17,6 +17,7 @@
 //! Surfaces are drawn from both sides: scanned meshes may be open, so nothing is culled, and the
 //! normal of a back face is flipped in the fragment shader.
 
+mod accumulation;
 mod asset;
 mod buffer;
 mod camera;
@@ -77,7 +78,7 @@ pub use instance::Instance;
 pub use lights::{LIGHT_TILES, Light, LightCulling, MAX_LIGHTS, Spot};
 pub use lodestream_protocol::pose::Pose;
 pub use material::{Alpha, Material, Wrap};
-pub use occlusion::{AmbientOcclusion, MAX_SAMPLES, OcclusionMethod, OcclusionRadius};
+pub use occlusion::{AmbientOcclusion, MAX_SAMPLES, OcclusionMethod, OcclusionRadius, STILL_FRAMES};
 pub use readback::TargetCopy;
 pub use renderer::Renderer;
 pub use scene::{

@@ -67,7 +67,13 @@ pub struct AmbientOcclusion {
     /// Lookups of depth per pixel, 1 to [`MAX_SAMPLES`]; powers of two are spread best. Most of what occlusion costs goes
     /// with them.
     pub samples: u32,
+    /// How it is estimated while nothing changes, if it is then to be the mean of [`STILL_FRAMES`] frames, each with other
+    /// samples. Once they are drawn occlusion costs nothing; any change begins anew. Two bytes a pixel more.
+    pub still: Option<OcclusionMethod>,
 }
+
+/// Frames of which [`AmbientOcclusion::still`] is the mean: one for each rotation of the samples.
+pub const STILL_FRAMES: u32 = 16;
 
 impl Default for AmbientOcclusion {
     fn default() -> Self {
@@ -76,6 +82,7 @@ impl Default for AmbientOcclusion {
             radius: OcclusionRadius::Depth(0.06),
             strength: 1.5,
             samples: 16,
+            still: None,
         }
     }
 }

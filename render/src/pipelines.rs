@@ -9,7 +9,7 @@ use super::gpu::Gpu;
 use super::material_kit::MaterialKit;
 use super::mesh_pipelines::MeshPipelines;
 use super::occlusion::OcclusionMethod;
-use super::targets::{DISPLAY, OCCLUSION, RADIANCE, SUNLIGHT};
+use super::targets::{DISPLAY, OCCLUSION, OCCLUSION_MEAN, RADIANCE, SUNLIGHT};
 use super::temporal::Resolve;
 use super::terrain::TerrainPipelines;
 use super::water::WaterPipelines;
@@ -94,6 +94,8 @@ pub(crate) enum Whole {
     /// The edges over the lit picture.
     Wireframe,
     Occlusion(OcclusionMethod),
+    /// The same into a mean of frames, with the share that is set as the blend's constant.
+    OcclusionMean(OcclusionMethod),
     Blur,
     Sunlight,
     Lighting {
@@ -114,7 +116,7 @@ pub(crate) enum Whole {
 }
 
 impl Whole {
-    const COUNT: usize = 14 + OcclusionMethod::ALL.len();
+    const COUNT: usize = 14 + 2 * OcclusionMethod::ALL.len();
 
     const fn number(self) -> usize {
         match self {
@@ -130,6 +132,7 @@ impl Whole {
             Self::AntiAlias => 12,
             Self::AntiAliasSmall => 13,
             Self::Occlusion(method) => 14 + method as usize,
+            Self::OcclusionMean(method) => 14 + OcclusionMethod::ALL.len() + method as usize,
         }
     }
 }
@@ -251,6 +254,16 @@ impl Pipelines {
                 )
             }
             Whole::Occlusion(method) => full(Module::of(method), "fs_occlusion", OCCLUSION.into(), &[]),
+            Whole::OcclusionMean(method) => {
+                let over = wgpu::BlendComponent {
+                    src_factor: wgpu::BlendFactor::Constant,
+                    dst_factor: wgpu::BlendFactor::OneMinusConstant,
+                    operation: wgpu::BlendOperation::Add,
+                };
+                let blend = Some(wgpu::BlendState { color: over, alpha: over });
+                let mean = wgpu::ColorTargetState { blend, ..OCCLUSION_MEAN.into() };
+                full(Module::of(method), "fs_occlusion", mean, &[])
+            }
             Whole::Blur => full(Module::Blur, "fs_blur", OCCLUSION.into(), &[]),
             Whole::Sunlight => full(Module::Sunlight, "fs_sunlight", SUNLIGHT.into(), &[]),
             Whole::Lighting { occlusion, shadows } => {

@@ -13,6 +13,8 @@ pub(crate) const ALBEDO: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8UnormSr
 pub(crate) const NORMAL: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 /// Ambient occlusion, 1 = open.
 pub(crate) const OCCLUSION: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
+/// The same as a mean of frames.
+pub(crate) const OCCLUSION_MEAN: wgpu::TextureFormat = wgpu::TextureFormat::R16Float;
 /// Share of the sun's light, and the number of the cascade that said so in 255ths (255: none).
 pub(crate) const SUNLIGHT: wgpu::TextureFormat = wgpu::TextureFormat::Rg8Unorm;
 /// Display values, sRGB-encoded by the shader.
@@ -60,6 +62,7 @@ impl Targets {
                 Resource::Normal => NORMAL,
                 Resource::Albedo => ALBEDO,
                 Resource::OcclusionRaw | Resource::Occlusion => OCCLUSION,
+                Resource::OcclusionMean => OCCLUSION_MEAN,
                 Resource::Sunlight => SUNLIGHT,
                 Resource::Edges => EDGES,
                 Resource::Radiance => RADIANCE,

@@ -47,7 +47,8 @@ pub(crate) struct FrameUniform {
     jitter: [f32; 2],
     before_s: f32,
     history: f32,
-    /// 1: nothing has changed since the frame before; 2: surfaces give off light; from 4 on: [`relief_method`].
+    /// 1: nothing has changed since the frame before; 2: surfaces give off light; 4, 8: [`relief_method`]; above bit
+    /// 8 those of occlusion's mean.
     flags: u32,
     lookups: f32,
     kernel: [[f32; 4]; MAX_SAMPLES as usize],
@@ -55,7 +56,7 @@ pub(crate) struct FrameUniform {
 
 impl FrameUniform {
     /// The block of a frame that is drawn in one size and shown in another; sides fit into 16 bits. `lookups`: of a
-    /// texture, along a pixel's footprint.
+    /// texture, along a pixel's footprint. `accumulation`: the flags of that step.
     pub(crate) fn new(
         frame: &Frame<'_>,
         sky: &SkyLight,
@@ -63,6 +64,7 @@ impl FrameUniform {
         target: (u32, u32),
         step: &TemporalStep,
         lookups: f32,
+        accumulation: u32,
     ) -> Self {
         let (camera, near) = (&frame.camera, frame.settings.near);
         let (tx, ty) = camera.tan_half_fov(width, height);
@@ -117,7 +119,8 @@ impl FrameUniform {
             history: step.history,
             flags: u32::from(step.still)
                 | u32::from(frame.settings.emission) << 1
-                | relief_method(frame.settings.relief_method) << 2,
+                | relief_method(frame.settings.relief_method) << 2
+                | accumulation,
             lookups,
             kernel,
         }

@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+use crate::accumulation::Accumulation;
 use crate::asset::AssetGpu;
 use crate::buffer::GrowingBuffer;
 use crate::compiler::Compiler;
@@ -52,6 +53,7 @@ pub struct Renderer {
     lamps: LampPass,
     water: WaterPass,
     temporal: Temporal,
+    accumulation: Accumulation,
     target_format: wgpu::TextureFormat,
     warned_wireframe: bool,
     /// Where somebody asked what passes take.
@@ -109,6 +111,7 @@ impl Renderer {
             lamps: LampPass::new(gpu),
             water: WaterPass::new(gpu),
             temporal,
+            accumulation: Accumulation::default(),
             target_format,
             warned_wireframe: false,
             timer: None,
@@ -226,7 +229,9 @@ impl Renderer {
         let water = frame.water.filter(|_| frame.settings.water);
         let water = water.and_then(|water| water.seen_from(frame.camera.eye));
         let has_surfaces = !list.batches.is_empty() || ground.is_some() || water.is_some();
-        let occlusion = frame.settings.occlusion.is_some_and(|o| o.strength > 0.0);
+        let ambient = frame.settings.occlusion.filter(|o| o.strength > 0.0 && has_surfaces);
+        let accumulated = self.accumulation.begin(frame, ambient, size);
+        let occlusion = ambient.is_some();
         let lit = !frame.lights.is_empty() && LampPass::is_possible(gpu);
         let through = frame.settings.transparency && list.any(|features| features.blend);
         let culling = frame.settings.lights.filter(|_| lit);
@@ -252,6 +257,7 @@ impl Renderer {
             &graph::candidates(Needs {
                 geometry: has_surfaces,
                 occlusion,
+                still: (accumulated.number > 0).then_some(accumulated.done),
                 shadows: !casters.is_empty(),
                 lamps: lamps.is_some(),
                 emission: frame.settings.emission && list.any(|features| features.emits && !features.blend),
@@ -278,7 +284,7 @@ impl Renderer {
         }
         let lookups = if gpu.has_anisotropic_filter() { 1 } else { frame.settings.anisotropy };
         let lookups = lookups.clamp(1, MAX_ANISOTROPY) as f32;
-        let uniform = FrameUniform::new(frame, &sky, size, target.size, &step, lookups);
+        let uniform = FrameUniform::new(frame, &sky, size, target.size, &step, lookups, accumulated.flags());
         gpu.queue.write_buffer(&self.frame_buffer, 0, bytemuck::bytes_of(&uniform));
         let runs = |id| plan.iter().any(|pass| pass.id == id);
         if let Some((shown, _)) = shown.filter(|_| runs(PassId::Debug)) {
@@ -314,11 +320,12 @@ impl Renderer {
         }
         for pass in &plan {
             let drawn = (&list, ground.as_ref(), moving.as_slice());
-            self.run(gpu, &mut passes, *pass, target, frame, drawn, &mut counters);
+            self.run(gpu, &mut passes, *pass, target, (frame, accumulated), drawn, &mut counters);
             passes.recorded(pass.id);
             counters.passes.push(pass.id);
         }
         counters.still_frames = if temporal && has_surfaces { self.temporal.still_frames() } else { 0 };
+        counters.occlusion_frames_left = accumulated.left;
         passes.end(self.timer.as_mut());
         gpu.check()?;
         Ok(counters)

@@ -1,10 +1,11 @@
 //! What each planned pass records: its inputs, and what is drawn with them.
 
 use super::Renderer;
+use crate::accumulation::AccumulationStep;
 use crate::counters::Counters;
 use crate::debug;
 use crate::draw::{Batch, DrawList};
-use crate::fullscreen::{attachment, fullscreen};
+use crate::fullscreen::{attachment, blended, fullscreen};
 use crate::gpu::Gpu;
 use crate::graph::{Pass, PassId, Resource};
 use crate::pipelines::Whole;
@@ -22,11 +23,13 @@ impl Renderer {
         encoder: &mut PassEncoder<'_>,
         pass: Pass,
         target: &Target<'_>,
-        frame: &Frame<'_>,
+        (frame, accumulated): (&Frame<'_>, AccumulationStep),
         (list, ground, moving): (&DrawList<'_>, Option<&TileList<'_>>, &[Batch<'_>]),
         counters: &mut Counters,
     ) {
-        use Resource::{Albedo, Depth, Display, Normal, Occlusion, OcclusionRaw, Radiance, Sunlight};
+        use Resource::{
+            Albedo, Depth, Display, Normal, Occlusion, OcclusionMean, OcclusionRaw, Radiance, Sunlight,
+        };
         let p = |pass| self.pipelines.whole(gpu, pass);
         let full = |encoder: &mut PassEncoder<'_>, pipeline, reads: &[Resource], write| {
             self.full(gpu, encoder, pass.id, (pipeline, reads), (write, Load::Clear));
@@ -35,17 +38,27 @@ impl Renderer {
             PassId::GBuffer | PassId::Overdraw | PassId::Emission | PassId::Transparency | PassId::Edges => {
                 self.geometry(gpu, encoder, pass.id, frame, (list, ground), counters)
             }
-            PassId::Occlusion => {
-                let method = frame.settings.occlusion.unwrap_or_default().method;
-                full(encoder, p(Whole::Occlusion(method)), &[Depth], OcclusionRaw);
+            PassId::Occlusion if pass.writes(OcclusionMean) => {
+                if let Some(mean) = self.targets.view(OcclusionMean) {
+                    let pipeline = p(Whole::OcclusionMean(accumulated.method));
+                    let group = self.inputs(gpu, pipeline, &[Depth]);
+                    // The first takes the place of what is there.
+                    let target = Target { load: Load::Keep, ..Target::colour(&mean, (0, 0)) };
+                    blended(encoder, pass.id, pipeline, &group, &target, 1.0 / f64::from(accumulated.number));
+                }
             }
-            PassId::OcclusionBlur => full(encoder, p(Whole::Blur), &[Depth, OcclusionRaw], Occlusion),
+            PassId::Occlusion => {
+                full(encoder, p(Whole::Occlusion(accumulated.method)), &[Depth], OcclusionRaw);
+            }
+            PassId::OcclusionBlur => {
+                let raw = if pass.reads(OcclusionMean) { OcclusionMean } else { OcclusionRaw };
+                full(encoder, p(Whole::Blur), &[Depth, raw], Occlusion);
+            }
             // Before all others: what has changed of the maps is drawn when the frame is planned.
             PassId::ShadowMaps => {}
             PassId::Sunlight => self.sunlight(gpu, encoder),
             PassId::Lighting => {
-                let [occlusion, shadows] =
-                    [PassId::OcclusionBlur, PassId::Sunlight].map(|pass| counters.passes.contains(&pass));
+                let [occlusion, shadows] = [Occlusion, Sunlight].map(|resource| pass.reads(resource));
                 // The shader reads none of what there is not, but its slot must be filled: any will do.
                 let or = |there, resource| if there { resource } else { Albedo };
                 let reads = [Depth, Normal, Albedo, or(occlusion, Occlusion), or(shadows, Sunlight)];
@@ -94,8 +107,9 @@ impl Renderer {
             PassId::Debug => {
                 let settings = &frame.settings;
                 // Of what there is not the plan has no pass.
-                let there = [PassId::OcclusionBlur, PassId::Sunlight, PassId::Lamps, PassId::Motion]
-                    .map(|pass| counters.passes.contains(&pass));
+                let ran = |pass| counters.passes.contains(&pass);
+                let occlusion = pass.reads(Occlusion);
+                let there = [occlusion, ran(PassId::Sunlight), ran(PassId::Lamps), ran(PassId::Motion)];
                 let Some((shown, reads)) = debug::shown(settings.shade, there) else { return };
                 let Some(pipeline) = self.debug.get(shown, target) else { return };
                 // The shader reads none of what is not shown, but its slots must be filled.

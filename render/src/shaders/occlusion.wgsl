@@ -24,12 +24,13 @@ fn basis(n: vec3<f32>) -> mat3x3<f32> {
     return mat3x3(vec3(1.0 + s * n.x * n.x * a, s * b, -s * n.x), vec3(b, s + n.y * n.y * a, -n.y), n);
 }
 
-// Which of the 16 rotations a pixel uses: a 4x4 Bayer matrix.
+// Which of the 16 rotations a pixel uses: a 4x4 Bayer matrix, turned on with each frame of a mean.
 fn rotation_index(pixel: vec2<i32>) -> u32 {
     let x = u32(pixel.x) & 3u;
     let y = u32(pixel.y) & 3u;
     let xy = x ^ y;
-    return ((xy & 1u) << 3u) | ((y & 1u) << 2u) | (xy & 2u) | ((y & 2u) >> 1u);
+    let own = ((xy & 1u) << 3u) | ((y & 1u) << 2u) | (xy & 2u) | ((y & 2u) >> 1u);
+    return (own + (frame.flags >> 8u)) & 15u;
 }
 
 // What of an occluder at this distance counts: linear to the radius, which is what points spread evenly along it find.

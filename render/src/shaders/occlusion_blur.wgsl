@@ -3,7 +3,7 @@
 @group(0) @binding(2) var raw_map: texture_2d<f32>;
 
 // Mean of the 4x4 neighbours that lie at about the same depth; every window holds each rotation
-// once.
+// once. The more rotations a pixel has had itself, over frames, the more of it is its own.
 @fragment
 fn fs_blur(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let pixel = vec2<i32>(at.xy);
@@ -24,5 +24,6 @@ fn fs_blur(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
             }
         }
     }
-    return vec4(sum / max(weight, 1.0));
+    let own = f32(max(frame.flags >> 12u, 1u) - 1u) / 15.0;
+    return vec4(mix(sum / max(weight, 1.0), textureLoad(raw_map, pixel, 0).x, own));
 }

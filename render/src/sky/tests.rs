@@ -56,7 +56,7 @@ fn pixels(gpu: &Gpu, sky: &mut SkyGpu, environment: Environment) -> Vec<[f32; 4]
     let camera = Pose::look_at(DVec3::ZERO, DVec3::X, DVec3::Z, 1.0);
     let frame = Frame { environment, ..Frame::new(camera, &[]) };
     let light = sky.light(gpu, &environment, None);
-    let uniform = FrameUniform::new(&frame, &light, (SIDE, SIDE), (SIDE, SIDE), &TemporalStep::NONE, 1.0);
+    let uniform = FrameUniform::new(&frame, &light, (SIDE, SIDE), (SIDE, SIDE), &TemporalStep::NONE, 1.0, 0);
     let device = &gpu.device;
     let buffer = device.create_buffer(&wgpu::BufferDescriptor {
         label: None,

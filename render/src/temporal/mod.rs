@@ -16,7 +16,7 @@ use crate::instance::InstanceRaw;
 use crate::scene::Frame;
 use crate::timing::PassEncoder;
 
-use past::Past;
+pub(crate) use past::Past;
 pub(crate) use resolve::Resolve;
 
 /// Frames that count for as much as what earlier ones showed, while things move.

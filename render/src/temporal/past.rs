@@ -46,7 +46,7 @@ struct Ground {
 
 /// A frame that was drawn.
 #[derive(Debug)]
-pub(super) struct Past {
+pub(crate) struct Past {
     pub(super) time_s: f32,
     /// Whether vertices were on their way.
     moving: bool,
@@ -54,7 +54,7 @@ pub(super) struct Past {
 }
 
 impl Past {
-    pub(super) fn of(frame: &Frame<'_>) -> Self {
+    pub(crate) fn of(frame: &Frame<'_>) -> Self {
         let mut drawn: BTreeMap<u64, Drawn> = BTreeMap::new();
         for drawable in frame.drawables {
             let asset = drawn.entry(drawable.asset.number()).or_default();
@@ -89,7 +89,7 @@ impl Past {
     }
 
     /// Whether both show the same.
-    pub(super) fn is(&self, other: &Self) -> bool {
+    pub(crate) fn is(&self, other: &Self) -> bool {
         !self.moving && !other.moving && self.made == other.made
     }
 

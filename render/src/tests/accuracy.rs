@@ -97,7 +97,8 @@ fn occlusion_matches_its_twin() {
     let mut frame = Frame::new(camera, &drawables);
     for (method, samples) in OcclusionMethod::ALL.into_iter().flat_map(|method| [(method, 16), (method, 8)]) {
         let radius = OcclusionRadius::World(0.3);
-        frame.settings.occlusion = Some(AmbientOcclusion { method, radius, strength: 1.0, samples });
+        frame.settings.occlusion =
+            Some(AmbientOcclusion { method, radius, strength: 1.0, samples, still: None });
         h.frame(&frame).unwrap();
         let depth = h.depth().unwrap();
         let raw = h.intermediate(Resource::OcclusionRaw, 1).unwrap();
@@ -108,7 +109,13 @@ fn occlusion_matches_its_twin() {
             tan_half_fov: [tx, ty],
             near: frame.settings.near,
         };
-        let twin = occlusion::Occlusion { picture, method, radius: (0.3, 0.0), samples: samples as usize };
+        let twin = occlusion::Occlusion {
+            picture,
+            method,
+            radius: (0.3, 0.0),
+            samples: samples as usize,
+            turned: 0,
+        };
         let (mut sum, mut different, mut darkest) = (0.0, 0, 1.0f64);
         for (i, value) in raw.iter().enumerate() {
             let pixel = [(i % width as usize) as i64, (i / width as usize) as i64];

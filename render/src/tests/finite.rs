@@ -156,7 +156,7 @@ fn resolved(h: &Headless, [radiance, old]: [&[[f32; 4]]; 2], still: bool) -> Vec
     let before = clip_from_view(&camera, frame.settings.near, size) * view_from_world(&camera);
     let step = TemporalStep { before, history: 6.0, still, ..TemporalStep::NONE };
     let sky = SkyGpu::new(gpu).light(gpu, &environment, None);
-    let uniform = FrameUniform::new(&frame, &sky, size, size, &step, 1.0);
+    let uniform = FrameUniform::new(&frame, &sky, size, size, &step, 1.0, 0);
     let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
         label: None,
         size: size_of::<FrameUniform>() as u64,

@@ -2,6 +2,7 @@
 //!
 //! Without an adapter they fail. `LODESTREAM_SKIP_GPU=1` skips them, and says so.
 
+mod accumulation;
 mod accuracy;
 mod ahead;
 mod covering;

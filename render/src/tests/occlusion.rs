@@ -17,7 +17,7 @@ use crate::{
 fn shown(method: OcclusionMethod, radius: OcclusionRadius, samples: u32) -> Settings {
     Settings {
         shade: Shade::Occlusion,
-        occlusion: Some(AmbientOcclusion { method, radius, strength: 1.0, samples }),
+        occlusion: Some(AmbientOcclusion { method, radius, strength: 1.0, samples, still: None }),
         anti_aliasing: AntiAliasing::None,
         shadows: None,
         ..Settings::default()
@@ -251,7 +251,8 @@ fn a_thin_post_before_a_wall_hides_too_much_by_horizons_and_less_by_sectors() {
     let all = [Drawable { asset: &wall, instances: &here }, Drawable { asset: &post, instances: &here }];
     let camera = Pose::look_at(DVec3::new(0.0, 0.0, 3.0), DVec3::ZERO, DVec3::Y, 0.6);
     let frame = Frame::new(camera, &all);
-    let radius = OcclusionRadius::World(1.0);
+    // Of which half is a post's thickness: less than it stands before the wall.
+    let radius = OcclusionRadius::World(0.4);
     let rays = Rays::of_frame(h.gpu(), &frame).unwrap().picture([160, 90], radius, 512);
     let mean = |values: &mut dyn Iterator<Item = f64>| {
         let all: Vec<f64> = values.collect();

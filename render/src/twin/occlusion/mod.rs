@@ -26,6 +26,8 @@ pub struct Occlusion<'a> {
     pub radius: (f64, f64),
     /// Samples per pixel.
     pub samples: usize,
+    /// By how much rotations are turned on, in a frame of a mean.
+    pub turned: u32,
 }
 
 /// A pixel whose occlusion is asked for.
@@ -103,7 +105,7 @@ impl Occlusion<'_> {
         }
         let centre = picture.position_at(pixel);
         let normal = picture.normal_at(pixel, centre);
-        let rotation = rotation_index(pixel);
+        let rotation = (rotation_index(pixel) + self.turned) & 15;
         let receiver =
             Receiver { picture, pixel, depth, centre, normal, radius, rotation, scale_px, samples };
         let [occluded, of] = match self.method {
@@ -148,7 +150,7 @@ mod tests {
 
     fn mean_openness(method: OcclusionMethod, stored: &[f32], size: u32) -> f64 {
         let picture = DepthPicture { stored, size_px: [size; 2], tan_half_fov: [0.5; 2], near: 0.01 };
-        let occlusion = Occlusion { picture, method, radius: (0.5, 0.0), samples: 16 };
+        let occlusion = Occlusion { picture, method, radius: (0.5, 0.0), samples: 16, turned: 0 };
         // A 4×4 window in the middle: every rotation once, as after the blur.
         let middle = i64::from(size / 2);
         let window = (0..16).map(|i| [middle - 2 + i % 4, middle - 2 + i / 4]);
