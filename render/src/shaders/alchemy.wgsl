@@ -14,7 +14,7 @@ fn occlusion_sums(r: Receiver) -> vec2<f32> {
     for (var i = 0u; i < samples; i++) {
         let share = (f32(i) + march_offset(r)) / f32(samples);
         let angle = 2.0 * PI * (share * TURNS + f32(r.rotation) / 16.0);
-        let to = to_drawn(r, vec2(cos(angle), sin(angle)) * march_px(r, share));
+        let to = drawn_at(r, vec2(cos(angle), sin(angle)) * march_px(r, share));
         // In units of the radius.
         let squared = dot(to, to) / (r.radius * r.radius);
         let height = dot(to, r.normal) / r.radius - MIN_ELEVATION * sqrt(squared);

@@ -29,7 +29,7 @@ fn occlusion_sums(r: Receiver) -> vec2<f32> {
         var occluded = 0.0;
         for (var k = 0u; k < steps; k++) {
             for (var side = -1.0; side < 2.0; side += 2.0) {
-                let to = to_drawn(r, slice.offset_px * (side * step_length(r, k)));
+                let to = drawn_at(r, slice.offset_px * (side * step_length(r, k)));
                 let front = within(r, slice, to);
                 if (front.y <= MIN_ELEVATION * length(front)) {
                     continue;

@@ -14,7 +14,7 @@ fn occlusion_sums(r: Receiver) -> vec2<f32> {
             var open = arc(slice, slice.angle + side * (0.5 * PI));
             whole += open;
             for (var k = 0u; k < steps; k++) {
-                let to = to_drawn(r, slice.offset_px * (side * step_length(r, k)));
+                let to = drawn_at(r, slice.offset_px * (side * step_length(r, k)));
                 let at = within(r, slice, to);
                 let distance = length(at);
                 let cosine = (at.y * slice.cosine - at.x * slice.sine) / max(distance, 1e-30);

@@ -14,7 +14,7 @@ fn occlusion_sums(r: Receiver) -> vec2<f32> {
         var horizon = MIN_ELEVATION * MIN_ELEVATION;
         for (var k = 0u; k < steps; k++) {
             let share = (f32(k) + march_offset(r)) / f32(steps);
-            let to = to_drawn(r, along * march_px(r, share));
+            let to = drawn_at(r, along * march_px(r, share));
             let height = dot(to, r.normal);
             let squared = dot(to, to);
             let rise = height * height / max(squared, 1e-30);

@@ -50,7 +50,7 @@ fn march_px(r: Receiver, share: f32) -> f32 {
 
 // What is drawn at an offset in pixels: from the receiver, view space. 0 outside of the picture, where nothing is known,
 // in the pixel itself and in the sky.
-fn to_drawn(r: Receiver, offset_px: vec2<f32>) -> vec3<f32> {
+fn drawn_at(r: Receiver, offset_px: vec2<f32>) -> vec3<f32> {
     let there = vec2<i32>(floor(vec2<f32>(r.pixel) + 0.5 + offset_px));
     if (any(there < vec2(0)) || any(there >= vec2<i32>(frame.size_px)) || all(there == r.pixel)) {
         return vec3(0.0);

@@ -39,7 +39,7 @@ fn psnr_db(a: &RgbaImage, b: &RgbaImage) -> Option<f64> {
 }
 
 /// Mean over the map that the authors' own code (crate `nv-flip`) draws of pictures of one size.
-fn flip(picture: &RgbaImage, reference: &RgbaImage) -> f64 {
+pub(crate) fn flip(picture: &RgbaImage, reference: &RgbaImage) -> f64 {
     let image = |rgba: &RgbaImage| {
         let rgb = DynamicImage::from(rgba.clone()).into_rgb8();
         nv_flip::FlipImageRgb8::with_data(rgb.width(), rgb.height(), &rgb)

@@ -9,6 +9,7 @@ mod measure;
 mod models;
 mod mutate;
 mod normals;
+mod occlusion_errors;
 mod relief_methods;
 mod reproduce;
 mod run;
@@ -61,6 +62,9 @@ pub(crate) enum Command {
     /// Settles a plan's case in virtual time and draws it with several values of a setting of the renderer, in real time
     /// on the machine's graphics adapter: time of a frame, and how far the picture is from that with the last value.
     DrawTrade(draw_trade::DrawTrade),
+    /// Settles a plan's case in virtual time and holds methods of ambient occlusion against rays at the triangles that are
+    /// drawn, on the machine's graphics adapter: error, and time of their passes.
+    OcclusionErrors(occlusion_errors::OcclusionErrors),
     /// Holds ways of relief mapping, from parallax to a quadtree, against the exact hit by angle: wrong hits, how far off,
     /// lookups.
     ReliefMethods(relief_methods::ReliefMethods),
@@ -91,6 +95,7 @@ impl Command {
             Self::Load(command) => command.run(),
             Self::FrameTime(command) => command.run(),
             Self::DrawTrade(command) => command.run(),
+            Self::OcclusionErrors(command) => command.run(),
             Self::ReliefMethods(command) => command.run(),
             Self::Run(command) => command.run(),
             Self::Shown(command) => command.run(),

@@ -21,7 +21,7 @@ pub(super) fn sums(r: &Receiver<'_>) -> [f64; 2] {
         let whole = slice.signed_arc(slice.angle + FRAC_PI_2) - begin;
         let (mut hidden, mut occluded) = (0_u32, 0.0);
         for (step, side) in (0..steps).flat_map(|step| [(step, -1.0), (step, 1.0)]) {
-            let to = slice.to_drawn(r, step, side);
+            let to = slice.drawn_at(r, step, side);
             let [x, y] = slice.within(r, to);
             if y <= MIN_ELEVATION * x.hypot(y) {
                 continue;

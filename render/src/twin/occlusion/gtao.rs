@@ -14,7 +14,7 @@ pub(super) fn sums(r: &Receiver<'_>) -> [f64; 2] {
             let mut open = slice.arc(slice.angle + side * FRAC_PI_2);
             sums[1] += slice.normal_length * open;
             for step in 0..steps {
-                let to = slice.to_drawn(r, step, side);
+                let to = slice.drawn_at(r, step, side);
                 let [x, y] = slice.within(r, to);
                 let distance = x.hypot(y);
                 let cosine = (y * slice.cosine - x * slice.sine) / distance.max(1e-30);

@@ -14,7 +14,7 @@ pub(super) fn sums(r: &Receiver<'_>) -> [f64; 2] {
         let mut horizon = MIN_ELEVATION * MIN_ELEVATION;
         for k in 0..steps {
             let share = (k as f64 + r.march_offset()) / steps as f64;
-            let to = r.to_drawn([cos, sin].map(|x| x * r.march_px(share)));
+            let to = r.drawn_at([cos, sin].map(|x| x * r.march_px(share)));
             let height = dot(to, r.normal);
             let squared = dot(to, to);
             let rise = height * height / squared.max(1e-30);

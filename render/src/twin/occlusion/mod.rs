@@ -82,7 +82,7 @@ impl Receiver<'_> {
     }
 
     /// What is drawn at an offset in pixels, from here.
-    fn to_drawn(&self, offset_px: [f64; 2]) -> V3 {
+    fn drawn_at(&self, offset_px: [f64; 2]) -> V3 {
         let there = [0, 1].map(|i| (self.pixel[i] as f64 + 0.5 + offset_px[i]).floor() as i64);
         let outside = (0..2).any(|i| there[i] < 0 || there[i] >= i64::from(self.picture.size_px[i]));
         if outside || there == self.pixel || self.picture.depth_at(there) >= 1e30 {

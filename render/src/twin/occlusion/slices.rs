@@ -43,9 +43,9 @@ impl Slice {
     }
 
     /// What is drawn so many steps away on one of the sides.
-    pub(super) fn to_drawn(&self, r: &Receiver<'_>, step: usize, side: f64) -> V3 {
+    pub(super) fn drawn_at(&self, r: &Receiver<'_>, step: usize, side: f64) -> V3 {
         let share = (step as f64 + r.march_offset()) / counts(r.samples).1 as f64;
-        r.to_drawn(self.offset_px.map(|px| px * side * r.march_px(share * share) * r.depth / r.scale_px))
+        r.drawn_at(self.offset_px.map(|px| px * side * r.march_px(share * share) * r.depth / r.scale_px))
     }
 
     /// Along the tangent and along the normal.

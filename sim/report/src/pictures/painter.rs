@@ -7,7 +7,10 @@ use image::RgbaImage;
 use lodestream_client::core::ClientCore;
 use lodestream_protocol::Time;
 use lodestream_protocol::view::View;
-use lodestream_render::{AntiAliasing, Counters, Gpu, Headless, RenderError, SceneView, Settings};
+use lodestream_render::rays::Rays;
+use lodestream_render::{
+    AntiAliasing, Counters, Frame, Gpu, Headless, PassId, RenderError, SceneView, Settings,
+};
 use lodestream_scenario::observer::Observer;
 use lodestream_scenario::plan::PictureSettings;
 use lodestream_scenario::timeline::Sample;
@@ -105,6 +108,49 @@ impl<'a> Painter<'a> {
     /// What the graphics device refuses.
     pub(super) fn picture(&self) -> Result<RgbaImage, RenderError> {
         self.studio.alone(|_| self.headless.picture())
+    }
+
+    /// Reversed depth of the last frame, [`Settings::near`] over view depth; 0 where no surface is.
+    ///
+    /// # Errors
+    /// What the graphics device refuses.
+    pub(super) fn depth(&self) -> Result<Vec<f32>, RenderError> {
+        self.studio.alone(|_| self.headless.depth())
+    }
+
+    /// Rays against what the last frame drew.
+    ///
+    /// # Errors
+    /// What the graphics device refuses.
+    pub(super) fn rays(&self, view: &View) -> Result<Rays, RenderError> {
+        self.studio.alone(|gpu| {
+            let frame = |frame: &Frame<'_>| Rays::of_frame(gpu, frame);
+            self.scene.with_frame(view.pose(), Settings::default(), AFTER_ALL_MORPHS_S, frame)
+        })
+    }
+
+    /// Draws a frame and says what passes of it took on the device, in milliseconds; 0 where they did not run.
+    ///
+    /// # Errors
+    /// What the graphics device refuses.
+    pub(super) fn pass_ms<const N: usize>(
+        &mut self,
+        view: &View,
+        settings: Settings,
+        passes: [PassId; N],
+    ) -> Result<[f64; N], RenderError> {
+        // Of this frame alone.
+        self.headless.time_passes(false);
+        self.headless.time_passes(true);
+        self.frame(view, settings)?;
+        let timings = self.headless.timings();
+        let taken = |pass: PassId| {
+            let time = timings.passes.iter().find(|time| time.pass == pass).and_then(|time| time.gpu);
+            time.map_or(0.0, |time| time.as_secs_f64() * 1e3)
+        };
+        let taken = passes.map(taken);
+        self.headless.time_passes(false);
+        Ok(taken)
     }
 
     /// Screen error of the last frame's ground; `None` without one.

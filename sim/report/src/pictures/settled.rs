@@ -60,6 +60,27 @@ pub(super) fn settle<'a>(
     clients.into_iter().map(settle).collect()
 }
 
+/// What draws a viewer that has settled with its camera at a view, by the plan's case.
+///
+/// # Errors
+/// As [`settle`].
+pub(super) fn settle_at<'a>(
+    plan: &Plan,
+    scene: &Arc<dyn SceneSource>,
+    studio: &'a Studio,
+    view: View,
+) -> anyhow::Result<Painter<'a>> {
+    let case = only_case(plan)?;
+    let seed = case.seeds.first().copied().unwrap_or(1);
+    let certificate = certificate()?;
+    let settings = PictureSettings { at_s: Vec::new(), size_px: plan.viewport_px, first: None };
+    let mut painter = Painter::new(studio, &settings)?;
+    Run { plan, case, scene, certificate: &certificate, seed }.settle_at(view, &mut painter)?;
+    painter.check()?;
+    painter.settled_view().with_context(|| format!("from {:?}: no settled picture", view.eye))?;
+    Ok(painter)
+}
+
 fn only_case(plan: &Plan) -> anyhow::Result<&Case> {
     let [case] = &plan.cases[..] else {
         anyhow::bail!("the plan has {} cases: choose one, as with --set sweep.seeds=1", plan.cases.len());
