@@ -11,7 +11,7 @@ use lodestream_protocol::scene::Camera;
 use lodestream_protocol::view::View;
 
 use lodestream_client::net::Address;
-use lodestream_render::{AntiAliasing, ReliefMethod, Shade, ToneMapping};
+use lodestream_render::{AntiAliasing, OcclusionMethod, ReliefMethod, Shade, ToneMapping};
 
 use crate::outcome::EXIT_CODES;
 
@@ -83,6 +83,12 @@ pub(crate) struct Args {
     /// No ambient occlusion
     #[arg(long)]
     pub(crate) no_ao: bool,
+    /// By which method ambient occlusion is estimated
+    #[arg(long, value_name = "NAME", default_value = "ssao", value_parser = occlusion_methods())]
+    pub(crate) occlusion_method: OcclusionMethod,
+    /// By which method it is estimated while nothing changes, as the mean of 16 frames; without, as always
+    #[arg(long, value_name = "NAME", value_parser = occlusion_methods())]
+    pub(crate) occlusion_still: Option<OcclusionMethod>,
     /// No shadows of the sun
     #[arg(long)]
     pub(crate) no_shadows: bool,
@@ -136,6 +142,14 @@ fn reliefs() -> impl TypedValueParser<Value = ReliefMethod> {
     PossibleValuesParser::new(ReliefMethod::ALL.map(ReliefMethod::name)).try_map(|name| {
         // One of those offered.
         ReliefMethod::ALL.into_iter().find(|way| way.name() == name).ok_or("no such way")
+    })
+}
+
+/// Reads an [`OcclusionMethod`] by its name.
+fn occlusion_methods() -> impl TypedValueParser<Value = OcclusionMethod> {
+    PossibleValuesParser::new(OcclusionMethod::ALL.map(OcclusionMethod::name)).try_map(|name| {
+        // One of those offered.
+        OcclusionMethod::ALL.into_iter().find(|way| way.name() == name).ok_or("no such method")
     })
 }
 

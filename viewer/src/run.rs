@@ -70,7 +70,12 @@ pub(crate) fn core_config(args: &Args) -> anyhow::Result<Config> {
 /// The renderer's settings for these arguments, on a device whose driver is `software` or not.
 pub(crate) fn settings(args: &Args, software: bool) -> Settings {
     let mut settings = Settings { relief: !args.no_relief, wireframe: args.wireframe, ..Settings::default() };
-    settings.occlusion = (!args.no_ao).then(AmbientOcclusion::default);
+    let ambient = AmbientOcclusion {
+        method: args.occlusion_method,
+        still: args.occlusion_still,
+        ..AmbientOcclusion::default()
+    };
+    settings.occlusion = (!args.no_ao).then_some(ambient);
     // A picture that stands is drawn many times for the temporal one, and one that moves has little of it at few frames
     // a second.
     let usual = if software { AntiAliasing::Spatial } else { AntiAliasing::Temporal };
@@ -98,6 +103,8 @@ pub(crate) fn tell_figures(args: &Args, stats: &Stats, shown: &Shown) -> anyhow:
 
 #[cfg(test)]
 mod tests {
+    use lodestream_render::OcclusionMethod;
+
     use super::*;
     use clap::Parser as _;
     use lodestream_render::ReliefMethod;
@@ -125,6 +132,16 @@ mod tests {
     fn relief_is_found_as_it_is_told() {
         for way in ReliefMethod::ALL {
             assert_eq!(of(&["--relief-method", way.name()], true).relief_method, way);
+        }
+    }
+
+    #[test]
+    fn occlusion_is_estimated_by_the_method_that_is_named() {
+        for method in OcclusionMethod::ALL {
+            let occlusion = of(&["--occlusion-method", method.name()], true).occlusion;
+            assert_eq!(occlusion, Some(AmbientOcclusion { method, ..AmbientOcclusion::default() }));
+            let still = of(&["--occlusion-still", method.name()], true).occlusion;
+            assert_eq!(still, Some(AmbientOcclusion { still: Some(method), ..AmbientOcclusion::default() }));
         }
     }
 

@@ -8,7 +8,7 @@ use std::time::Duration;
 use lodestream_client::core::Stats;
 use lodestream_render::{
     AntiAliasing, MAX_ANISOTROPY, MAX_CASCADES, MAX_FILTER, MAX_LIGHTS, MAX_RELIEF_STEPS, MAX_SAMPLES,
-    OcclusionRadius, ReliefMethod, Shade, Timings, ToneMapping,
+    OcclusionMethod, OcclusionRadius, ReliefMethod, Shade, Timings, ToneMapping,
 };
 
 pub(super) use choices::Choices;
@@ -113,7 +113,23 @@ fn parameters(ui: &mut egui::Ui, choices: &mut Choices) {
         ui.end_row();
     };
     egui::Grid::new("parameters").num_columns(2).spacing([10.0, 0.0]).show(ui, |ui| {
-        slider(ui, "occlusion: samples", egui::Slider::new(&mut ambient.samples, 1..=MAX_SAMPLES));
+        ui.label("occlusion: method");
+        egui::ComboBox::from_id_salt("method").selected_text(ambient.method.name()).show_ui(ui, |ui| {
+            for method in OcclusionMethod::ALL {
+                ui.selectable_value(&mut ambient.method, method, method.name());
+            }
+        });
+        ui.end_row();
+        ui.label("while still");
+        let still = ambient.still.map_or("the same", OcclusionMethod::name);
+        egui::ComboBox::from_id_salt("still").selected_text(still).show_ui(ui, |ui| {
+            ui.selectable_value(&mut ambient.still, None, "the same");
+            for method in OcclusionMethod::ALL {
+                ui.selectable_value(&mut ambient.still, Some(method), method.name());
+            }
+        });
+        ui.end_row();
+        slider(ui, "samples", egui::Slider::new(&mut ambient.samples, 1..=MAX_SAMPLES));
         slider(ui, "strength", egui::Slider::new(&mut ambient.strength, 0.0..=4.0));
         match &mut ambient.radius {
             OcclusionRadius::Depth(share) => {
