@@ -3,6 +3,7 @@
 mod assess;
 mod draw_trade;
 mod frame_time;
+mod gallery;
 mod goodput;
 mod load;
 mod measure;
@@ -68,6 +69,9 @@ pub(crate) enum Command {
     /// Holds ways of relief mapping, from parallax to a quadtree, against the exact hit by angle: wrong hits, how far off,
     /// lookups.
     ReliefMethods(relief_methods::ReliefMethods),
+    /// Settles a plan's case in virtual time and writes a page with pictures of it: as it is shown, without each technique, by
+    /// other ways, and by each view for developers; with how far each is from the first, and its time.
+    Gallery(gallery::Gallery),
     /// Streams scenes over simulated links in virtual time.
     Run(run::Run),
     /// Makes the figures of the benchmarks' pages anew and says what differs from those committed. Reads the project's
@@ -97,6 +101,7 @@ impl Command {
             Self::DrawTrade(command) => command.run(),
             Self::OcclusionErrors(command) => command.run(),
             Self::ReliefMethods(command) => command.run(),
+            Self::Gallery(command) => command.run(),
             Self::Run(command) => command.run(),
             Self::Shown(command) => command.run(),
             Self::Strangers(command) => command.run(),

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use super::{MIN_ELEVATION, Receiver};
+use super::receiver::{MIN_ELEVATION, Receiver};
 use crate::twin::surface::dot;
 
 const TURNS: f64 = 7.0;

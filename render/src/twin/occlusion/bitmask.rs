@@ -2,8 +2,8 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
+use super::receiver::{MIN_ELEVATION, Receiver, length};
 use super::slices::{Slice, counts};
-use super::{MIN_ELEVATION, Receiver, length};
 
 const THICKNESS: f64 = 0.5;
 

@@ -2,8 +2,8 @@
 
 use std::f64::consts::FRAC_PI_2;
 
+use super::receiver::{MIN_ELEVATION, Receiver, length};
 use super::slices::{Slice, counts};
-use super::{MIN_ELEVATION, Receiver, length};
 
 pub(super) fn sums(r: &Receiver<'_>) -> [f64; 2] {
     let (slices, steps) = counts(r.samples);

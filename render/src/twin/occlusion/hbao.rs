@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use super::{MIN_ELEVATION, Receiver};
+use super::receiver::{MIN_ELEVATION, Receiver};
 use crate::twin::surface::dot;
 
 pub(super) fn sums(r: &Receiver<'_>) -> [f64; 2] {

@@ -4,14 +4,15 @@ mod alchemy;
 mod bitmask;
 mod gtao;
 mod hbao;
+mod receiver;
 mod slices;
 pub mod ssao;
 
-use super::surface::{DepthPicture, V3, dot, sub};
+use receiver::Receiver;
+
+use super::surface::DepthPicture;
 use crate::occlusion::OcclusionMethod;
 
-/// As in the shader: elevation above the tangent plane from which on something occludes.
-const MIN_ELEVATION: f64 = 0.03;
 const MIN_RADIUS_PX: f64 = 1.0;
 const MAX_RADIUS_PX: f64 = 256.0;
 
@@ -30,28 +31,6 @@ pub struct Occlusion<'a> {
     pub turned: u32,
 }
 
-/// A pixel whose occlusion is asked for.
-#[derive(Clone, Copy, Debug)]
-struct Receiver<'a> {
-    picture: DepthPicture<'a>,
-    pixel: [i64; 2],
-    depth: f64,
-    centre: V3,
-    normal: V3,
-    radius: f64,
-    rotation: u32,
-    scale_px: f64,
-    samples: usize,
-}
-
-/// Two perpendiculars to the unit vector `n` (Duff et al., 2017).
-fn basis(n: V3) -> [V3; 2] {
-    let s = if n[2] >= 0.0 { 1.0 } else { -1.0 };
-    let a = -1.0 / (s + n[2]);
-    let b = n[0] * n[1] * a;
-    [[1.0 + s * n[0] * n[0] * a, s * b, -s * n[0]], [b, s + n[1] * n[1] * a, -n[1]]]
-}
-
 /// Which of the 16 rotations a pixel uses.
 #[must_use]
 pub fn rotation_index(pixel: [i64; 2]) -> u32 {
@@ -64,32 +43,6 @@ pub fn rotation_index(pixel: [i64; 2]) -> u32 {
 #[must_use]
 pub fn radius_at(depth: f64, radius: (f64, f64), scale_px: f64) -> f64 {
     (radius.0 + radius.1 * depth).min(MAX_RADIUS_PX * depth / scale_px)
-}
-
-impl Receiver<'_> {
-    /// What of an occluder at a distance counts.
-    fn falloff(&self, distance: f64) -> f64 {
-        (1.0 - distance / self.radius).max(0.0)
-    }
-
-    fn march_offset(&self) -> f64 {
-        (f64::from((self.rotation * 5 + 3) & 15) + 0.5) / 16.0
-    }
-
-    /// Pixels to go for a share of the radius.
-    fn march_px(&self, share: f64) -> f64 {
-        1.0 + ((self.radius * self.scale_px / self.depth).max(1.0) - 1.0) * share
-    }
-
-    /// What is drawn at an offset in pixels, from here.
-    fn drawn_at(&self, offset_px: [f64; 2]) -> V3 {
-        let there = [0, 1].map(|i| (self.pixel[i] as f64 + 0.5 + offset_px[i]).floor() as i64);
-        let outside = (0..2).any(|i| there[i] < 0 || there[i] >= i64::from(self.picture.size_px[i]));
-        if outside || there == self.pixel || self.picture.depth_at(there) >= 1e30 {
-            return [0.0; 3];
-        }
-        sub(self.picture.position_at(there), self.centre)
-    }
 }
 
 impl Occlusion<'_> {
@@ -120,14 +73,11 @@ impl Occlusion<'_> {
     }
 }
 
-fn length(v: V3) -> f64 {
-    dot(v, v).sqrt()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::twin::depth::view_ray;
+    use crate::twin::surface::V3;
 
     #[test]
     fn each_rotation_occurs_once_in_every_4x4_window() {

@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use super::{Receiver, basis, length};
+use super::receiver::{Receiver, basis, length};
 use crate::twin::surface::{V3, dot, scale};
 
 /// See the shader's.

@@ -1,6 +1,6 @@
 //! Points in the hemisphere: `ssao.wgsl`.
 
-use super::{MIN_ELEVATION, Receiver, basis};
+use super::receiver::{MIN_ELEVATION, Receiver, basis};
 use crate::twin::surface::{V3, dot, sub};
 
 /// Sample offsets in the unit hemisphere about +z, and what each counts: directions cosine-weighted (so that the mean is

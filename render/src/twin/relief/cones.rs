@@ -1,7 +1,7 @@
 //! Cones over the texels of a height map that a ray may cross in one step.
 
 use super::ReliefMap;
-use super::methods::{Found, Ray, clearance};
+use super::ray::{Found, Ray, clearance};
 
 /// For each texel a cone that stands on it and opens upwards.
 #[derive(Clone, Debug)]

@@ -4,6 +4,7 @@
 
 use super::cones::Cones;
 use super::pyramid::Pyramid;
+use super::ray::{Found, Ray, clearance};
 use super::{HALVINGS, ReliefMap};
 
 /// A way to look for the hit.
@@ -51,34 +52,6 @@ impl Prepared {
         let (cones, relaxed) = (Cones::safe(&heights), Cones::relaxed(&heights));
         Self { cones, relaxed, pyramid: Pyramid::new(&heights), heights }
     }
-}
-
-/// A ray over a height map.
-#[derive(Clone, Copy, Debug)]
-pub struct Ray {
-    /// Texture coordinates where it comes to the surface.
-    pub start: [f64; 2],
-    /// How far they change until it is at full depth.
-    pub span: [f64; 2],
-    /// Cosine of its angle to the normal.
-    pub cosine: f64,
-}
-
-impl Ray {
-    /// Texture coordinates at a fraction of the way.
-    #[must_use]
-    pub fn at(&self, s: f64) -> [f64; 2] {
-        [self.start[0] + self.span[0] * s, self.start[1] + self.span[1] * s]
-    }
-}
-
-/// What was found.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Found {
-    /// Fraction of the way.
-    pub at: f64,
-    /// Lookups of a texture, each of four texels or one.
-    pub lookups: u32,
 }
 
 impl Method {
@@ -147,11 +120,6 @@ impl Method {
     }
 }
 
-/// How far a ray is above the surface, in depths.
-pub(super) fn clearance(map: &ReliefMap, ray: &Ray, s: f64) -> f64 {
-    1.0 - map.sample(ray.at(s)) - s
-}
-
 /// The last of equal steps: from above the surface to below.
 struct Linear {
     above: f64,
@@ -165,17 +133,16 @@ fn linear(map: &ReliefMap, ray: &Ray, steps: u32) -> Linear {
     let step = 1.0 / f64::from(steps);
     // The surface's own height is not looked up: a ray begins at its highest.
     let mut before = 1.0;
-    let mut lookups = 0;
-    for i in 1..=steps {
-        let below = f64::from(i) * step;
+    let mut lookups = 1;
+    loop {
+        let below = f64::from(lookups) * step;
         let now = clearance(map, ray, below);
-        lookups += 1;
-        if now <= 0.0 || i == steps {
+        if now <= 0.0 || lookups >= steps {
             return Linear { above: below - step, below, clearance: [before, now], lookups };
         }
         before = now;
+        lookups += 1;
     }
-    unreachable!("there is a last step")
 }
 
 impl Linear {

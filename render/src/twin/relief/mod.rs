@@ -5,6 +5,7 @@ pub mod cones;
 pub mod height_maps;
 pub mod methods;
 pub mod pyramid;
+pub mod ray;
 
 /// Halvings after the linear search, as in the shader.
 pub const HALVINGS: u32 = 8;

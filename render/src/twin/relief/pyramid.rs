@@ -1,6 +1,6 @@
 //! Largest heights of a map over ever larger cells, and the exact hit found over them.
 
-use super::methods::{Found, Ray, clearance};
+use super::ray::{Found, Ray, clearance};
 use super::{ReliefMap, within_patch};
 
 /// Levels of largest heights: cells of level 0 are the patches between four texels' middles, of each next twice as wide.

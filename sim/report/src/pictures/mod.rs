@@ -11,6 +11,7 @@
 
 pub mod draw_trade;
 pub mod frame_time;
+pub mod gallery;
 pub mod occlusion;
 mod painter;
 pub mod relief_methods;

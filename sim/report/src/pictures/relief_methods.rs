@@ -8,7 +8,8 @@ use std::fmt;
 
 use lodestream_render::twin::relief::ReliefMap;
 use lodestream_render::twin::relief::height_maps;
-use lodestream_render::twin::relief::methods::{Method, Prepared, Ray};
+use lodestream_render::twin::relief::methods::{Method, Prepared};
+use lodestream_render::twin::relief::ray::Ray;
 use serde::Serialize;
 
 /// Texels along a side of the maps.

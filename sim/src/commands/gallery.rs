@@ -1,0 +1,28 @@
+//! `lodestream-sim gallery`: its arguments, and the page that it writes.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use lodestream_report::pictures::frame_time::MAX_FRAMES;
+use lodestream_report::pictures::gallery::gallery;
+
+use crate::arguments::DrawnCase;
+
+/// The plan must come to one case; it runs with its first seed.
+#[derive(Debug, Args)]
+pub(crate) struct Gallery {
+    #[command(flatten)]
+    case: DrawnCase,
+    /// Frames of each that are timed, after two that are not.
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_FRAMES)))]
+    frames: u32,
+    /// Folder of the page and its pictures; made if need be.
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+}
+
+impl Gallery {
+    pub(crate) fn run(&self) -> anyhow::Result<()> {
+        self.case.run(|plan, scene, gpu| gallery(plan, scene, gpu, self.frames, &self.output))
+    }
+}
