@@ -72,6 +72,8 @@ pub(crate) struct RefinedAsset {
     pub(crate) uv_per_unit: f32,
     mesh: ActiveMesh,
     dirty: Option<Dirty>,
+    /// It stands among those whose changes wait to be fetched.
+    waits: bool,
     /// When a chunk's vertices were first handed to a renderer, in seconds.
     births: BTreeMap<u32, f32>,
     levels: BTreeMap<u32, u8>,
@@ -100,6 +102,7 @@ impl RefinedAsset {
             uv_per_unit: uv_per_unit(&base),
             mesh: ActiveMesh::new(&base),
             dirty: track_changes.then(Dirty::default),
+            waits: false,
             births: BTreeMap::new(),
             levels: BTreeMap::new(),
             occluding_faces: 0,
@@ -206,6 +209,11 @@ impl RefinedAsset {
         &self.mesh
     }
 
+    /// Notes that its changes wait to be fetched; whether they did not before. Never where nobody fetches them.
+    pub(crate) fn begins_to_wait(&mut self) -> bool {
+        self.dirty.is_some() && !std::mem::replace(&mut self.waits, true)
+    }
+
     /// Whether [`RefinedAsset::take_changes`] has something.
     pub(crate) fn has_changes(&self) -> bool {
         self.dirty.as_ref().is_some_and(|d| !d.wedges.is_empty() || !d.draws.is_empty())
@@ -214,6 +222,7 @@ impl RefinedAsset {
     /// What changed since the last call; together with all earlier changes it is the mesh as it is now.
     /// Vertices that appear for the first time are born at `now_s`.
     pub(crate) fn take_changes(&mut self, asset: u32, now_s: f32) -> Option<MeshChange> {
+        self.waits = false;
         let dirty = self.dirty.as_mut()?;
         if dirty.wedges.is_empty() && dirty.draws.is_empty() {
             return None;

@@ -40,6 +40,9 @@ pub(crate) struct Scene {
     early: BTreeMap<u32, ScenePage>,
     /// Changes for a renderer that say what there is: the scene, instances, assets, in order.
     changes: VecDeque<Change>,
+    /// Assets whose meshes have changed since a renderer fetched them, those first that have waited longest: what is seen
+    /// first is applied first.
+    changed: VecDeque<u32>,
     /// Texture levels, which may be many megabytes.
     textures: VecDeque<Change>,
     waiting_bytes: usize,
@@ -206,6 +209,15 @@ impl Scene {
             shared,
         }));
         self.refined[asset as usize] = Some(refined);
+        self.note_changed(asset);
+    }
+
+    /// Puts an asset whose mesh changes behind those that wait to be fetched, unless it waits itself.
+    pub(crate) fn note_changed(&mut self, asset: u32) {
+        let refined = self.refined.get_mut(asset as usize).and_then(Option::as_mut);
+        if refined.is_some_and(RefinedAsset::begins_to_wait) {
+            self.changed.push_back(asset);
+        }
     }
 
     /// Tells selections what surfaces are known by now.
@@ -250,7 +262,11 @@ impl Scene {
         let terrain = self.terrain.as_ref().is_some_and(TerrainPoints::has_changes);
         let other = !self.changes.is_empty() || !self.textures.is_empty();
         let mark = self.first_frame == FirstFrame::Here;
-        other || mark || terrain || self.refined.iter().flatten().any(RefinedAsset::has_changes)
+        other || mark || terrain || self.changed.iter().any(|&asset| self.has_mesh_changes(asset))
+    }
+
+    fn has_mesh_changes(&self, asset: u32) -> bool {
+        self.refined.get(asset as usize).and_then(Option::as_ref).is_some_and(RefinedAsset::has_changes)
     }
 
     /// Changes, in order, until they hold about `max_bytes`; at least one if there is any. Shapes come before textures, so
@@ -268,11 +284,13 @@ impl Scene {
         if !self.changes.is_empty() {
             return taken;
         }
-        for (number, refined) in (0..).zip(&mut self.refined) {
+        while let Some(&asset) = self.changed.front() {
             if bytes >= max_bytes {
                 return taken;
             }
-            if let Some(change) = refined.as_mut().and_then(|r| r.take_changes(number, now_s)) {
+            self.changed.pop_front();
+            let refined = self.refined.get_mut(asset as usize).and_then(Option::as_mut);
+            if let Some(change) = refined.and_then(|refined| refined.take_changes(asset, now_s)) {
                 let change = Change::Mesh(change);
                 bytes += change.bytes();
                 taken.push(change);

@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use bytes::Bytes;
+use lodestream_geometry::refine::ActiveMesh;
 use lodestream_protocol::blob::BlobId;
 use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::scene::Camera;
@@ -534,6 +535,47 @@ fn changes_rebuild_the_mesh_step_by_step() {
     assert!(vertices.iter().flatten().any(|v| v.level > 0 && v.birth_s < 0.0));
     assert!(vertices.iter().flatten().any(|v| v.level > 1 && v.birth_s > 0.0));
     assert!(steps > 3 && textures == 3, "{steps} {textures}");
+}
+
+/// They came by their numbers: where a step was full, an asset at the camera waited for all with lower numbers.
+#[test]
+fn a_renderer_is_given_first_what_was_refined_first() {
+    let mut link = Loopback::new(Hills::new(3), |_| {});
+    // Beside the last of them, along the row.
+    let camera = Camera { eye: [9.0, 2.0, 3.0], target: [3.0, 0.0, 0.0], ..Hills::new(3).camera() };
+    link.core.set_view(link.now, view(camera, 1e-4));
+    link.connect();
+    while link.core.stats().milestones.first_frame.is_none() {
+        link.run(1);
+    }
+    link.core.take_changes(link.now, usize::MAX);
+    let applied = |link: &Loopback, asset| link.core.mesh(asset).map_or(0, ActiveMesh::applied_count);
+    let before = [0, 1, 2].map(|asset| applied(&link, asset));
+    // Nobody fetches anything until all are refined further, a blob at a time.
+    let mut refined: Vec<u32> = Vec::new();
+    link.budget = 1;
+    for _ in 0..10_000 {
+        if refined.len() == 3 {
+            break;
+        }
+        link.run(1);
+        for asset in 0..3 {
+            if applied(&link, asset) > before[asset as usize] && !refined.contains(&asset) {
+                refined.push(asset);
+            }
+        }
+    }
+    assert!(refined.len() == 3 && refined != [0, 1, 2], "their numbers say nothing: {refined:?}");
+    let mut given = Vec::new();
+    while link.core.has_changes() {
+        let step = link.core.take_changes(link.now, 1);
+        assert!(!step.is_empty());
+        given.extend(step.iter().filter_map(|change| match change {
+            Change::Mesh(mesh) => Some(mesh.asset),
+            _ => None,
+        }));
+    }
+    assert_eq!(given, refined);
 }
 
 /// Time that a renderer takes to move a vertex to its place: longer ago than that, and it is there.

@@ -282,6 +282,7 @@ impl ClientCore {
         bytes: &[u8],
         error_px: u16,
     ) -> Result<(), String> {
+        self.scene.note_changed(asset);
         let info = self.scene.states.get(asset as usize).and_then(|state| state.chunk(chunk));
         let refined = self.scene.refined.get_mut(asset as usize).and_then(Option::as_mut);
         let (Some(info), Some(refined)) = (info, refined) else { return Err("no such chunk".into()) };

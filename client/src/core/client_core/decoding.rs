@@ -88,6 +88,7 @@ impl ClientCore {
     fn apply_decoded(&mut self, ready: &Ready, delta: &ChunkDelta) -> Result<(), String> {
         let level = self.scene.states.get(ready.asset as usize).and_then(|state| state.chunk(ready.chunk));
         let level = level.map_or(0, |info| info.level);
+        self.scene.note_changed(ready.asset);
         let refined = self.scene.refined.get_mut(ready.asset as usize).and_then(Option::as_mut);
         let refined = refined.ok_or("no such asset")?;
         refined.apply_decoded(level, delta).map_err(|why| why.to_string())?;

@@ -121,6 +121,7 @@ impl ClientCore {
 
     fn undo(&mut self, now: Time, id: BlobId) {
         let BlobId::Asset { asset, part: BlobPart::Chunk(chunk) } = id else { return };
+        self.scene.note_changed(asset);
         let Some(Some(refined)) = self.scene.refined.get_mut(asset as usize) else { return };
         match refined.undo(chunk) {
             Ok(()) => {
