@@ -1,6 +1,6 @@
 //! One asset in GPU memory: vertices, an index list per material, materials and textures.
 
-use std::ops::RangeInclusive;
+use std::ops::{Range, RangeInclusive};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::{DVec3, Vec3};
@@ -10,6 +10,8 @@ use super::gpu::{Gpu, RenderError};
 use super::material::Material;
 use super::material_kit::{BoundMaterial, Features, MaterialKit};
 use super::texture::{Texture, TextureData};
+#[cfg(feature = "client")]
+use super::uploads::Uploads;
 use super::vertex::PackedVertex;
 
 /// Slots between two touched ones that are sent along, because one longer upload is cheaper than
@@ -40,15 +42,35 @@ pub struct AssetGpu {
     kit: MaterialKit,
     origin: DVec3,
     bounds: Option<(DVec3, f64)>,
-    /// Corners of the box around all vertices that were ever written, where they are and whence they come.
-    extent: [Vec3; 2],
-    /// When the youngest vertex that moves was born.
-    moved_s: f32,
+    reach: Reach,
     stamp: u64,
     look_stamp: u64,
     vertices: GrowingBuffer<PackedVertex>,
     parts: Vec<Part>,
     textures: Vec<Texture>,
+}
+
+/// Where vertices that were ever written can be, and until when they move.
+#[derive(Debug)]
+struct Reach {
+    /// Corners of the box around them, where they are and whence they come.
+    extent: [Vec3; 2],
+    /// When the youngest that moves was born.
+    moved_s: f32,
+}
+
+impl Reach {
+    const NONE: Self = Self { extent: [Vec3::INFINITY, Vec3::NEG_INFINITY], moved_s: f32::NEG_INFINITY };
+
+    fn note(&mut self, vertex: &PackedVertex) {
+        for at in [vertex.position, vertex.morph_from].map(Vec3::from) {
+            let [low, high] = self.extent;
+            self.extent = [low.min(at), high.max(at)];
+        }
+        if vertex.morph_from != vertex.position {
+            self.moved_s = self.moved_s.max(vertex.birth_s);
+        }
+    }
 }
 
 /// The faces of one material.
@@ -88,8 +110,7 @@ impl AssetGpu {
             kit,
             origin,
             bounds: None,
-            extent: [Vec3::INFINITY, Vec3::NEG_INFINITY],
-            moved_s: f32::NEG_INFINITY,
+            reach: Reach::NONE,
             stamp: new_stamp(),
             look_stamp: new_stamp(),
             vertices,
@@ -116,7 +137,7 @@ impl AssetGpu {
 
     /// A sphere that holds all vertices: what was told, or what was written.
     pub(crate) fn sphere(&self) -> (DVec3, f64) {
-        let [low, high] = self.extent.map(Vec3::as_dvec3);
+        let [low, high] = self.reach.extent.map(Vec3::as_dvec3);
         self.bounds.unwrap_or((0.5 * (low + high), 0.5 * low.distance(high)))
     }
 
@@ -137,7 +158,7 @@ impl AssetGpu {
 
     /// Whether vertices may still be on their way at `time_s`, when they take `morph_s` to where they belong.
     pub(crate) fn is_moving(&self, time_s: f32, morph_s: f32) -> bool {
-        time_s < self.moved_s + morph_s
+        time_s < self.reach.moved_s + morph_s
     }
 
     /// Replaces the vertices from slot `first` on. The buffer grows as needed; slots skipped over
@@ -154,15 +175,33 @@ impl AssetGpu {
         self.vertices.write(gpu, first as u64, vertices)?;
         self.stamp = new_stamp();
         for vertex in vertices {
-            for at in [vertex.position, vertex.morph_from].map(Vec3::from) {
-                let [low, high] = self.extent;
-                self.extent = [low.min(at), high.max(at)];
-            }
-            if vertex.morph_from != vertex.position {
-                self.moved_s = self.moved_s.max(vertex.birth_s);
-            }
+            self.reach.note(vertex);
         }
         Ok(())
+    }
+
+    /// As [`AssetGpu::update_vertices`], among other uploads and to be seen with them: see [`AssetGpu::commit`].
+    #[cfg(feature = "client")]
+    pub(crate) fn stage_vertices(
+        &mut self,
+        gpu: &Gpu,
+        uploads: &mut Uploads,
+        first: usize,
+        vertices: impl ExactSizeIterator<Item = PackedVertex>,
+    ) -> Result<(), RenderError> {
+        let reach = &mut self.reach;
+        let vertices = vertices.inspect(|vertex| reach.note(vertex));
+        self.vertices.stage(gpu, uploads, first as u64, vertices)
+    }
+
+    /// From now on what was staged is drawn: uploads must be submitted before the next frame.
+    #[cfg(feature = "client")]
+    pub(crate) fn commit(&mut self) {
+        self.vertices.commit();
+        for part in &mut self.parts {
+            part.indices.commit();
+        }
+        self.stamp = new_stamp();
     }
 
     /// Replaces the vertices of single slots, in ascending order, from what `vertex` says of each.
@@ -221,14 +260,27 @@ impl AssetGpu {
         first: usize,
         faces: &[[u32; 3]],
     ) -> Result<(), RenderError> {
-        let count = self.parts.len();
-        self.parts
-            .get_mut(material)
-            .ok_or(RenderError::NoSuch { what: "material", index: material, count })?
-            .indices
-            .write(gpu, first as u64, faces)?;
+        self.part(material)?.indices.write(gpu, first as u64, faces)?;
         self.stamp = new_stamp();
         Ok(())
+    }
+
+    /// As [`AssetGpu::update_indices`], among other uploads and to be seen with them: see [`AssetGpu::commit`].
+    #[cfg(feature = "client")]
+    pub(crate) fn stage_indices(
+        &mut self,
+        gpu: &Gpu,
+        uploads: &mut Uploads,
+        material: usize,
+        first: usize,
+        faces: impl ExactSizeIterator<Item = [u32; 3]>,
+    ) -> Result<(), RenderError> {
+        self.part(material)?.indices.stage(gpu, uploads, first as u64, faces)
+    }
+
+    fn part(&mut self, material: usize) -> Result<&mut Part, RenderError> {
+        let count = self.parts.len();
+        self.parts.get_mut(material).ok_or(RenderError::NoSuch { what: "material", index: material, count })
     }
 
     /// Forgets the face slots of `material` from `len` on (they are not drawn any more).
@@ -266,13 +318,29 @@ impl AssetGpu {
         level: u32,
         data: TextureData<'_>,
     ) -> Result<(), RenderError> {
+        self.update_texture_rows(gpu, texture, level, data, 0..u32::MAX)
+    }
+
+    /// Hands in some rows of a level, of which `data` has all, so that a long one does not make a frame late. Rows come in
+    /// order; the level is drawn with once the last is here.
+    ///
+    /// # Errors
+    /// As [`AssetGpu::update_texture`].
+    pub fn update_texture_rows(
+        &mut self,
+        gpu: &Gpu,
+        texture: usize,
+        level: u32,
+        data: TextureData<'_>,
+        rows: Range<u32>,
+    ) -> Result<(), RenderError> {
         let count = self.textures.len();
         let slot = self.textures.get(texture).ok_or(RenderError::NoSuch {
             what: "texture",
             index: texture,
             count,
         })?;
-        if slot.upload(gpu, level, data)? {
+        if slot.upload(gpu, level, data, &rows)? {
             let mut holes = false;
             for part in &mut self.parts {
                 let m = &part.material;

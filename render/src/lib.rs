@@ -44,6 +44,8 @@ mod pipelines;
 pub mod rays;
 mod readback;
 mod receivers;
+#[cfg(feature = "client")]
+mod refining;
 mod renderer;
 mod scene;
 #[cfg(feature = "client")]
@@ -59,6 +61,8 @@ pub mod tiles;
 mod timing;
 pub mod twin;
 mod uniforms;
+#[cfg(feature = "client")]
+mod uploads;
 mod vertex;
 mod water;
 

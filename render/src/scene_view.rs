@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 use glam::{DQuat, DVec3, Vec3};
-use lodestream_client::core::{Change, MeshChange, NewAsset, TexturePixels};
+use lodestream_client::core::{Change, NewAsset, TextureChange, TexturePixels};
 use lodestream_protocol::lamps::Lamp;
 use lodestream_protocol::pose::Pose;
 use lodestream_protocol::scene::{InstanceEntry, SceneHeader};
@@ -19,6 +19,7 @@ use crate::ground_scene::{GroundScene, Making, Measuring};
 use crate::instance::Instance;
 use crate::lights::{Light, Spot};
 use crate::material::Material;
+use crate::refining::Refining;
 use crate::renderer::Renderer;
 use crate::scene::{Drawable, Frame, Settings, Shadows};
 use crate::shadows;
@@ -26,7 +27,7 @@ use crate::sky::{SkyAhead, SkyMaps};
 use crate::target::Target;
 use crate::texture::{Texture, TextureData, TextureShape, WeakTexture};
 use crate::tiles::Maker;
-use crate::vertex::PackedVertex;
+use crate::uploads::Uploads;
 use crate::water::Water;
 
 /// Screen error of the ground's surface over that of meshes: since its normals are those of a surface twice as fine, its
@@ -51,8 +52,14 @@ pub struct SceneView {
     instances: Vec<Vec<Instance>>,
     /// Its light is as its description says, without air.
     plain: bool,
-    /// Steps that wait for a frame with time to spare; each is taken whole.
-    waiting: VecDeque<Vec<Change>>,
+    /// Steps that wait for a frame with time to spare.
+    waiting: VecDeque<VecDeque<Change>>,
+    /// The change before the first of them, of which a part is staged.
+    refining: Option<Refining>,
+    /// What of meshes is not submitted yet.
+    uploads: Uploads,
+    /// Rows that are uploaded of the texture level with which the first of them begins.
+    rows: u32,
     /// Everything that the first frame needs is uploaded.
     whole: bool,
     /// Last time that a mesh changed, in seconds of the core's clock.
@@ -97,7 +104,7 @@ impl SceneView {
                 self.computing = SkyAhead::start(environment(header, self.plain)).ok();
             }
         }
-        self.waiting.push_back(step);
+        self.waiting.push_back(step.into());
     }
 
     /// Steps that were not uploaded yet.
@@ -118,8 +125,9 @@ impl SceneView {
         self.whole
     }
 
-    /// Uploads waiting steps until they came to about `budget_bytes`, at least one. A step is uploaded
-    /// whole, so that no frame shows half of it.
+    /// Uploads waiting steps until they came to about `budget_bytes`. What is said of a mesh is seen once all of it is
+    /// here, so that no frame shows half a chunk, and a level of a texture once its last row is; of either as much is
+    /// uploaded ahead as the budget has.
     ///
     /// # Errors
     /// What the graphics device refuses.
@@ -130,15 +138,12 @@ impl SceneView {
         budget_bytes: usize,
         now_s: f32,
     ) -> Result<usize, RenderError> {
-        let (mut bytes, mut lit, was_whole) = (0, false, self.whole);
-        while bytes < budget_bytes
-            && let Some(step) = self.waiting.pop_front()
-        {
-            for change in step {
-                bytes += change.bytes();
-                lit |= matches!(change, Change::Scene(_) | Change::LampPage { .. });
-                self.apply(gpu, renderer, change, now_s)?;
-            }
+        let (mut lit, was_whole) = (false, self.whole);
+        let bytes = self.upload_steps(gpu, renderer, budget_bytes, now_s, &mut lit)?;
+        if self.refining.is_some() {
+            self.uploads.record(gpu)?;
+        } else {
+            self.uploads.submit(gpu)?;
         }
         if lit {
             // Once, however many pages came: there may be thousands.
@@ -155,13 +160,58 @@ impl SceneView {
         Ok(bytes)
     }
 
-    fn apply(
+    /// Answers how many bytes that were, and sets `lit` where lamps have changed.
+    fn upload_steps(
         &mut self,
         gpu: &Gpu,
         renderer: &Renderer,
-        change: Change,
+        budget_bytes: usize,
         now_s: f32,
-    ) -> Result<(), RenderError> {
+        lit: &mut bool,
+    ) -> Result<usize, RenderError> {
+        let mut bytes = 0;
+        while bytes < budget_bytes {
+            let room = budget_bytes - bytes;
+            if self.refining.is_some() {
+                bytes += self.refine(gpu, room, now_s)?;
+                continue;
+            }
+            let Some(step) = self.waiting.front_mut() else { break };
+            let Some(change) = step.pop_front() else {
+                self.waiting.pop_front();
+                continue;
+            };
+            let needed = change.bytes();
+            match change {
+                Change::Mesh(mesh) => {
+                    if needed > room {
+                        // What is whole is not kept waiting for what is not.
+                        self.uploads.submit(gpu)?;
+                    }
+                    self.refining = Some(Refining::new(mesh));
+                }
+                Change::Texture(texture) => {
+                    bytes += self.paint(gpu, &texture, room)?;
+                    if self.rows > 0
+                        && let Some(step) = self.waiting.front_mut()
+                    {
+                        step.push_front(Change::Texture(texture));
+                    }
+                }
+                change => {
+                    bytes += needed;
+                    *lit |= matches!(change, Change::Scene(_) | Change::LampPage { .. });
+                    self.apply(gpu, renderer, change)?;
+                }
+            }
+        }
+        if self.refining.is_none() {
+            self.waiting.pop_front_if(|step| step.is_empty());
+        }
+        Ok(bytes)
+    }
+
+    fn apply(&mut self, gpu: &Gpu, renderer: &Renderer, change: Change) -> Result<(), RenderError> {
         match change {
             Change::Scene(header) => {
                 let waiting = std::mem::take(&mut self.waiting);
@@ -172,8 +222,19 @@ impl SceneView {
                     None => None,
                 };
                 let (computing, sky, plain) = (self.computing.take(), self.sky.take(), self.plain);
+                let uploads = std::mem::take(&mut self.uploads);
                 let header = Some(*header);
-                *self = Self { header, plain, waiting, ground, making, computing, sky, ..Self::default() };
+                *self = Self {
+                    header,
+                    plain,
+                    waiting,
+                    uploads,
+                    ground,
+                    making,
+                    computing,
+                    sky,
+                    ..Self::default()
+                };
             }
             Change::Instances(entries) => {
                 for entry in &entries {
@@ -190,24 +251,38 @@ impl SceneView {
                 self.lamp_pages.insert(page, lamps);
             }
             Change::FirstFrame => self.whole = true,
-            Change::Mesh(mesh) => {
-                self.changed_s = now_s;
-                return self.refine(gpu, &mesh);
-            }
             Change::TerrainPoints { x, y, points } => {
                 if let Some(ground) = &mut self.ground {
                     ground.set_points(x, y, points)?;
                 }
             }
-            Change::Texture(texture) => {
-                let asset = self.assets.get_mut(texture.asset as usize).and_then(Option::as_mut);
-                if let Some(asset) = asset {
-                    let (index, level) = (usize::from(texture.texture), u32::from(texture.level));
-                    return asset.update_texture(gpu, index, level, texels(&texture.pixels));
-                }
-            }
+            // Piece by piece.
+            Change::Mesh(_) | Change::Texture(_) => {}
         }
         Ok(())
+    }
+
+    /// Uploads as many of a texture level's rows that are not there as come to about `budget_bytes`, at least one; answers
+    /// how many bytes that were. Where all are there, none are begun.
+    fn paint(
+        &mut self,
+        gpu: &Gpu,
+        texture: &TextureChange,
+        budget_bytes: usize,
+    ) -> Result<usize, RenderError> {
+        let first = std::mem::take(&mut self.rows);
+        let Some(asset) = self.assets.get_mut(texture.asset as usize).and_then(Option::as_mut) else {
+            return Ok(0);
+        };
+        let (index, level) = (usize::from(texture.texture), u32::from(texture.level));
+        let shape = asset.textures().get(index).map(Texture::declared_shape);
+        let height = shape.map_or(1, |shape| shape.level_size(level).1).max(1);
+        let of_row = texture.pixels.bytes().div_ceil(height as usize).max(1);
+        let rows = u32::try_from(budget_bytes / of_row).unwrap_or(u32::MAX).max(1).min(height - first);
+        let end = first + rows;
+        asset.update_texture_rows(gpu, index, level, texels(&texture.pixels), first..end)?;
+        self.rows = if end < height { end } else { 0 };
+        Ok(rows as usize * of_row)
     }
 
     fn add(&mut self, gpu: &Gpu, renderer: &Renderer, asset: &NewAsset) {
@@ -238,26 +313,20 @@ impl SceneView {
         })
     }
 
-    fn refine(&mut self, gpu: &Gpu, mesh: &MeshChange) -> Result<(), RenderError> {
-        let Some(asset) = self.assets.get_mut(mesh.asset as usize).and_then(Option::as_mut) else {
-            return Ok(());
+    /// Stages as much of a mesh's change as comes to about `budget_bytes`; answers how many bytes that were.
+    fn refine(&mut self, gpu: &Gpu, budget_bytes: usize, now_s: f32) -> Result<usize, RenderError> {
+        let Some(mut refining) = self.refining.take() else { return Ok(0) };
+        let Some(asset) = self.assets.get_mut(refining.asset as usize).and_then(Option::as_mut) else {
+            return Ok(0);
         };
-        for (first, vertices) in &mesh.vertices {
-            let vertices: Vec<PackedVertex> = vertices
-                .iter()
-                .map(|v| {
-                    PackedVertex::new(v.data.position, v.data.normal, v.data.uv)
-                        .morphing(v.data.morph_from, v.birth_s)
-                        .coloured(v.data.color)
-                        .at_level(v.level)
-                })
-                .collect();
-            asset.update_vertices(gpu, *first as usize, &vertices)?;
+        let (bytes, all) = refining.stage(gpu, &mut self.uploads, asset, budget_bytes)?;
+        if all {
+            asset.commit();
+            self.changed_s = now_s;
+        } else {
+            self.refining = Some(refining);
         }
-        for run in &mesh.indices {
-            asset.update_indices(gpu, usize::from(run.material), run.first as usize, &run.faces)?;
-        }
-        Ok(())
+        Ok(bytes)
     }
 
     /// The scene's header, once it has arrived.

@@ -5,6 +5,8 @@
 //! only the unbroken run of levels from the coarsest up: the view starts there, so that trilinear
 //! filtering never meets a level that is not there yet.
 
+use std::borrow::Cow;
+use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
 use lodestream_protocol::asset::level_size;
@@ -69,7 +71,17 @@ pub enum TextureData<'a> {
     R16(&'a [u16]),
 }
 
-impl TextureData<'_> {
+impl<'a> TextureData<'a> {
+    /// Some rows of so many texels each.
+    fn rows(self, width: u32, rows: &Range<u32>) -> Self {
+        let [first, end] = [rows.start, rows.end].map(|row| row as usize * width as usize);
+        match self {
+            Self::Rgba8(d) => Self::Rgba8(&d[4 * first..4 * end]),
+            Self::R8(d) => Self::R8(&d[first..end]),
+            Self::R16(d) => Self::R16(&d[first..end]),
+        }
+    }
+
     fn texels(&self) -> usize {
         match self {
             Self::Rgba8(d) if d.len().is_multiple_of(4) => d.len() / 4,
@@ -79,25 +91,23 @@ impl TextureData<'_> {
         }
     }
 
-    fn convert(&self, format: wgpu::TextureFormat) -> Vec<u8> {
+    fn convert(self, format: wgpu::TextureFormat) -> Cow<'a, [u8]> {
         let grey = |g: u8| [g, g, g, 255];
-        use wgpu::TextureFormat::{Rgba8Unorm, Rgba8UnormSrgb};
+        use wgpu::TextureFormat::{R16Unorm, Rgba8Unorm, Rgba8UnormSrgb};
         match (format, self) {
-            (Rgba8UnormSrgb | Rgba8Unorm, Self::Rgba8(d)) => d.to_vec(),
+            (Rgba8UnormSrgb | Rgba8Unorm, Self::Rgba8(d)) => d.into(),
             (Rgba8UnormSrgb | Rgba8Unorm, Self::R8(d)) => d.iter().flat_map(|&g| grey(g)).collect(),
             (Rgba8UnormSrgb | Rgba8Unorm, Self::R16(d)) => {
                 d.iter().flat_map(|&g| grey((g >> 8) as u8)).collect()
             }
             // × 257 maps 0..=255 onto 0..=65535 exactly.
-            (wgpu::TextureFormat::R16Unorm, Self::Rgba8(d)) => {
+            (R16Unorm, Self::Rgba8(d)) => {
                 d.chunks_exact(4).flat_map(|p| (u16::from(p[0]) * 257).to_le_bytes()).collect()
             }
-            (wgpu::TextureFormat::R16Unorm, Self::R8(d)) => {
-                d.iter().flat_map(|&g| (u16::from(g) * 257).to_le_bytes()).collect()
-            }
-            (wgpu::TextureFormat::R16Unorm, Self::R16(d)) => d.iter().flat_map(|g| g.to_le_bytes()).collect(),
+            (R16Unorm, Self::R8(d)) => d.iter().flat_map(|&g| (u16::from(g) * 257).to_le_bytes()).collect(),
+            (R16Unorm, Self::R16(d)) => d.iter().flat_map(|g| g.to_le_bytes()).collect(),
             (_, Self::Rgba8(d)) => d.chunks_exact(4).map(|p| p[0]).collect(),
-            (_, Self::R8(d)) => d.to_vec(),
+            (_, Self::R8(d)) => d.into(),
             (_, Self::R16(d)) => d.iter().map(|g| (g >> 8) as u8).collect(),
         }
     }
@@ -161,8 +171,15 @@ impl StreamedTexture {
         finest_usable(&self.present)
     }
 
-    /// Takes one level. Returns whether what is drawn changes.
-    fn upload(&mut self, gpu: &Gpu, level: u32, data: TextureData<'_>) -> Result<bool, RenderError> {
+    /// Takes some rows of one level, given whole; those before them were taken. Returns whether what is drawn changes: once
+    /// the last is here.
+    fn upload(
+        &mut self,
+        gpu: &Gpu,
+        level: u32,
+        data: TextureData<'_>,
+        rows: &Range<u32>,
+    ) -> Result<bool, RenderError> {
         let count = self.present.len();
         let Some(slot) = self.present.get_mut(level as usize) else {
             return Err(RenderError::NoSuch { what: "texture level", index: level as usize, count });
@@ -175,15 +192,17 @@ impl StreamedTexture {
         if self.limit.is_none_or(|limit| level > limit) {
             return Ok(false);
         }
-        *slot = true;
+        let rows = rows.start.min(height)..rows.end.min(height);
+        let whole = rows.end == height;
+        *slot |= whole;
         self.reach(gpu, level);
-        if let Some((texture, top)) = &self.allocated {
-            let pixels = data.convert(self.format);
+        if let Some((texture, top)) = self.allocated.as_ref().filter(|_| !rows.is_empty()) {
+            let pixels = data.rows(width, &rows).convert(self.format);
             gpu.queue.write_texture(
                 wgpu::TexelCopyTextureInfo {
                     texture,
                     mip_level: top - level,
-                    origin: wgpu::Origin3d::ZERO,
+                    origin: wgpu::Origin3d { x: 0, y: rows.start, z: 0 },
                     aspect: wgpu::TextureAspect::All,
                 },
                 &pixels,
@@ -192,10 +211,10 @@ impl StreamedTexture {
                     bytes_per_row: Some(width * self.format.block_copy_size(None).unwrap_or(1)),
                     rows_per_image: None,
                 },
-                wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+                wgpu::Extent3d { width, height: rows.end - rows.start, depth_or_array_layers: 1 },
             );
         }
-        Ok(true)
+        Ok(whole)
     }
 
     /// Makes sure that `level` is allocated, moving the coarser ones over.
@@ -303,15 +322,21 @@ impl Texture {
         self.streamed().view()
     }
 
-    /// Takes one level. Of a texture that several assets have, once, whichever of them it comes for. Returns whether
-    /// what is drawn may change.
-    pub(crate) fn upload(&self, gpu: &Gpu, level: u32, data: TextureData<'_>) -> Result<bool, RenderError> {
+    /// Takes some rows of one level, given whole; of a texture that several assets have, once, whichever of them it comes
+    /// for. Returns whether what is drawn may change.
+    pub(crate) fn upload(
+        &self,
+        gpu: &Gpu,
+        level: u32,
+        data: TextureData<'_>,
+        rows: &Range<u32>,
+    ) -> Result<bool, RenderError> {
         let shared = Arc::strong_count(&self.0) > 1;
         let mut streamed = self.streamed();
         if shared && streamed.present.get(level as usize) == Some(&true) {
             return Ok(true);
         }
-        streamed.upload(gpu, level, data)
+        streamed.upload(gpu, level, data, rows)
     }
 }
 
@@ -352,9 +377,9 @@ mod tests {
     #[test]
     fn conversions_keep_the_extremes() {
         let r16 = TextureData::R8(&[0, 255]).convert(wgpu::TextureFormat::R16Unorm);
-        assert_eq!(r16, [0, 0, 255, 255]);
+        assert_eq!(*r16, [0, 0, 255, 255]);
         let rgba = TextureData::R16(&[0xffff]).convert(wgpu::TextureFormat::Rgba8UnormSrgb);
-        assert_eq!(rgba, [255; 4]);
+        assert_eq!(*rgba, [255; 4]);
         assert_eq!(TextureData::Rgba8(&[1, 2, 3]).texels(), 0);
     }
 }

@@ -20,6 +20,8 @@ mod pictures;
 mod shadows;
 mod shapes;
 mod spheres;
+#[cfg(feature = "client")]
+mod staged;
 mod streaming;
 mod switches;
 mod temporal;
