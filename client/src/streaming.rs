@@ -17,10 +17,10 @@ use crate::net::{Clock, End, Host, Retry, Server, stream};
 
 /// Payload bytes decoded between two looks at the network: about 5 ms of work.
 const SLICE_BYTES: u64 = 16 * 1024;
-/// Bytes of changes in one step: what a renderer uploads in a few milliseconds.
-const STEP_BYTES: usize = 4 << 20;
+/// Bytes of changes in one step: what a frame takes, so that what was refined first does not wait for more.
+const STEP_BYTES: usize = 512 << 10;
 /// Steps that may wait for the renderer.
-const MAX_STEPS: usize = 4;
+const MAX_STEPS: usize = 8;
 /// What is said of a server that does not answer while its connection is not given up.
 const SILENT: &str = "the server does not answer; waiting for it";
 /// Time between two statuses.

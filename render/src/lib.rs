@@ -52,6 +52,8 @@ mod scene;
 mod scene_view;
 mod shadows;
 mod sky;
+#[cfg(feature = "client")]
+mod staging;
 mod target;
 mod targets;
 mod temporal;
@@ -92,6 +94,8 @@ pub use scene::{
 #[cfg(feature = "client")]
 pub use scene_view::SceneView;
 pub use sky::SkyMaps;
+#[cfg(feature = "client")]
+pub use staging::{MAX_WAITING_STEPS, upload_budget};
 pub use target::{Load, Target};
 pub use terrain::{MAX_DRAWN_HEIGHT, TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart};
 pub use texture::{Texture, TextureData, TextureKind, TextureShape};

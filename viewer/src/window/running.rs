@@ -5,7 +5,9 @@ use std::time::{Duration, Instant};
 
 use lodestream_client::net::Retry;
 use lodestream_client::streaming::{Controls, Streaming};
-use lodestream_render::{Counters, Pose, SceneView, Settings, Shadows, Timings};
+use lodestream_render::{
+    Counters, MAX_WAITING_STEPS, Pose, SceneView, Settings, Shadows, Timings, upload_budget,
+};
 use winit::dpi::{LogicalSize, PhysicalPosition};
 use winit::event::MouseButton;
 use winit::event_loop::{ActiveEventLoop, OwnedDisplayHandle};
@@ -28,10 +30,6 @@ use crate::outcome::lacks;
 use crate::run::{core_config, server, settings};
 use crate::token;
 
-/// Bytes uploaded per frame, so that a burst of chunks does not make it late.
-const UPLOAD_BYTES: usize = 8 << 20;
-/// Steps that are taken from the streaming thread before they are uploaded, at most.
-const MAX_WAITING_STEPS: usize = 16;
 /// Time between two looks at the tiles that are being made, while nothing else changes.
 const TILES_INTERVAL: Duration = Duration::from_millis(50);
 /// Time between two pictures of the overlay while nothing else changes.
@@ -406,7 +404,8 @@ impl Steps for FrameSteps<'_> {
         running.receive();
         let was_whole = running.scene.is_whole();
         // What the first frame needs is little, and is not put off.
-        let budget = if running.shown.has_begun() { UPLOAD_BYTES } else { usize::MAX };
+        let frame = Duration::from_secs_f64(running.frame_ms / 1e3);
+        let budget = if running.shown.has_begun() { upload_budget(frame) } else { usize::MAX };
         running.scene.upload(&running.painter.gpu, &running.painter.renderer, budget, self.now_s)?;
         if running.scene.is_whole() && !was_whole {
             tracing::debug!(now = ?running.now(), "first frame uploaded");
