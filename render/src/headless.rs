@@ -93,6 +93,16 @@ impl Headless {
         Ok(counters)
     }
 
+    /// Hands what was written to the device, as a frame does, without drawing, and takes back what it is done with.
+    ///
+    /// # Errors
+    /// [`RenderError::Device`] if it is lost.
+    pub fn flush(&self) -> Result<(), RenderError> {
+        self.gpu.queue.submit([]);
+        self.gpu.device.poll(wgpu::PollType::Poll).map_err(|e| RenderError::Device(e.to_string()))?;
+        self.gpu.check()
+    }
+
     /// As [`Renderer::time_passes`].
     pub fn time_passes(&mut self, on: bool) {
         self.renderer.time_passes(&self.gpu, on);

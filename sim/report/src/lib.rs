@@ -10,6 +10,7 @@ pub mod percentiles;
 pub mod pictures;
 pub mod plots;
 pub mod reproduce;
+pub mod staging;
 mod tables;
 #[cfg(test)]
 mod tests;

@@ -16,6 +16,7 @@ mod reproduce;
 mod run;
 mod seed_table;
 mod shown;
+mod staging;
 mod strangers;
 mod terrain_table;
 mod train;
@@ -79,6 +80,9 @@ pub(crate) enum Command {
     Reproduce(reproduce::Reproduce),
     /// Holds the frames that a viewer's window showed against the last of them: `lodestream-viewer --frames DIR` keeps them.
     Shown(shown::Shown),
+    /// Runs the cases of a plan in real time with frames at fixed instants, and says what these spend on what has come
+    /// since the last: taking it from the streaming thread and handing it to the machine's graphics adapter.
+    Staging(staging::Staging),
     /// Runs the cases of a plan in virtual time and again in real time, over real sockets on loopback and a
     /// relay with the same link code, and says how they differ.
     Truth(truth::Truth),
@@ -105,6 +109,7 @@ impl Command {
             Self::Run(command) => command.run(),
             Self::Shown(command) => command.run(),
             Self::Strangers(command) => command.run(),
+            Self::Staging(command) => command.run(),
             Self::Truth(command) => command.run(),
             // What it finds is its exit code.
             Self::Reproduce(command) => return command.run(),

@@ -20,6 +20,7 @@ use lodestream_protocol::source::SceneSource;
 use crate::plan::Plan;
 use crate::result::RunResult;
 use crate::technique::Technique;
+pub use real::RealLink;
 pub use report::{Comparison, Difference, Figure, compare, figures};
 
 /// Times a case may be repeated in real time.

@@ -6,7 +6,7 @@ use std::sync::mpsc;
 use std::time::{Duration, SystemTime};
 
 use anyhow::Context as _;
-use lodestream_client::net::{self, Pin};
+use lodestream_client::net::{self, Address, Pin, Scheme};
 use lodestream_netsim::link::{IP_UDP_BYTES, LinkCounters};
 use lodestream_netsim::tcp::IP_TCP_BYTES;
 use lodestream_protocol::message::{Close, CloseCode};
@@ -31,6 +31,51 @@ use crate::viewer::Viewer;
 
 /// Time that the daemon and the relay may take to end.
 const STOP_TIMEOUT: Duration = Duration::from_secs(10);
+
+/// A case's server and link in real time, for a client that is not the simulator's.
+pub struct RealLink {
+    server: Server,
+    relay: Relay,
+    scheme: Scheme,
+}
+
+impl RealLink {
+    /// Serves the scene over the case's link.
+    ///
+    /// # Errors
+    /// Sockets and folders that the system refuses.
+    pub fn start(case: &Case, scene: &Arc<dyn SceneSource>, seed: u64) -> anyhow::Result<Self> {
+        let server = Server::start(case, scene)?;
+        let relay = Relay::start(case, &server, seed)?;
+        let scheme = match case.transport {
+            Transport::Quic => Scheme::Quic,
+            Transport::Ws => Scheme::WebSocket,
+        };
+        Ok(Self { server, relay, scheme })
+    }
+
+    /// Where a client finds it.
+    #[must_use]
+    pub fn address(&self) -> Address {
+        Address {
+            scheme: self.scheme,
+            host: self.relay.address.ip().to_string(),
+            port: self.relay.address.port(),
+            scene: String::new(),
+            pin: (self.scheme == Scheme::Quic).then_some(Pin::Certificate(self.server.fingerprint)),
+        }
+    }
+
+    /// Ends both.
+    ///
+    /// # Errors
+    /// What went wrong with the relay.
+    pub fn stop(self) -> anyhow::Result<()> {
+        self.relay.stop()?;
+        self.server.stop();
+        Ok(())
+    }
+}
 
 /// Runs a case; takes as long as it says.
 pub(super) fn run_case(
