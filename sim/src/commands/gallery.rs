@@ -14,7 +14,7 @@ pub(crate) struct Gallery {
     #[command(flatten)]
     case: DrawnCase,
     /// Frames of each that are timed, after two that are not.
-    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_FRAMES)))]
+    #[arg(long, default_value_t = 9, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_FRAMES)))]
     frames: u32,
     /// Folder of the page and its pictures; made if need be.
     #[arg(short, long, value_name = "DIR")]

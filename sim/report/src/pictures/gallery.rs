@@ -192,9 +192,13 @@ pub fn gallery(
     std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
     let mut shown = Vec::with_capacity(entries.len());
     for (entry, picture) in entries.iter().zip(&pictures) {
+        let compared = !matches!(entry.part, Part::Usual | Part::View);
+        // What a scene has not, or a view does not show.
+        if entry.part == Part::Without && *picture == pictures[0] {
+            continue;
+        }
         let file = format!("{}.jpg", slug(entry));
         write_jpeg(&folder.join(&file), picture)?;
-        let compared = !matches!(entry.part, Part::Usual | Part::View);
         let flip = compared.then(|| image_error(picture, &pictures[0])).transpose()?.map(|error| error.flip);
         let at = timed.iter().position(|other| std::ptr::eq(*other, entry)).filter(|_| compared);
         let over_usual = at.map(|at| rounded(paired_ratio(&seconds[at], &seconds[0]), 2));
@@ -244,11 +248,12 @@ fn write_jpeg(path: &Path, picture: &RgbaImage) -> anyhow::Result<()> {
 fn page(shown: &[Shown], [width, height]: [u32; 2], adapter: &str, frames: u32) -> String {
     let mut page = format!(
         "# Gallery\n\n*What does each technique do to the picture, and what does it cost?*\n\nWritten by\n\n```sh\n\
-         lodestream-sim gallery sim/plans/gallery.toml -o docs/gallery\n```\n\nThe demo settled at one pixel, {width}×{height}, \
-         on {adapter}. FLIP is how far a picture is from the first, at 67\npixels a degree; time is that of a frame over the \
-         first's, median of {frames} drawn by turns: compare, since machines differ.\nErrors against what is true, not against \
-         the default, are in [drawing](../benchmarks/drawing.md),\n[occlusion](../benchmarks/occlusion.md) and \
-         [surfaces](../benchmarks/surfaces.md).\n"
+         lodestream-sim gallery sim/plans/gallery.toml -o docs/gallery\n```\n\n\
+         The demo settled at one pixel, {width}×{height}, drawn by\n{adapter}.\n\
+         FLIP is how far a picture is from the first, at 67 pixels a degree; time is that of a frame over the first's, the\n\
+         median of {frames} that are drawn by turns: machines differ. What the view does not show is left out. Errors against\n\
+         what is true, not against the default: [drawing](../benchmarks/drawing.md),\n\
+         [occlusion](../benchmarks/occlusion.md), [surfaces](../benchmarks/surfaces.md).\n"
     );
     for part in Part::ALL {
         page.push_str(&format!("\n## {}\n\n| | | |\n|---|---|---|\n", part.title()));
