@@ -56,7 +56,7 @@ pub struct WithSteps {
     pub method: &'static str,
     /// Steps at most.
     pub steps: u32,
-    /// At [`CURVE`]'s angle.
+    /// At 75°.
     #[serde(flatten)]
     pub at: AtAngle,
 }
