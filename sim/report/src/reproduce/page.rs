@@ -69,7 +69,7 @@ fn one(section: &Section, rows: &Rows, outcome: &Outcome) -> anyhow::Result<Mark
             dl {
                 dt { "Knob" } dd { (marked(&trade.knob)) }
                 dt { "Default" } dd { (marked(&trade.default)) }
-                dt { "Why" } dd { (marked(&trade.reason).into_string()) }
+                dt { "Why" } dd { (marked(&trade.reason)) }
             }
             "\n"
         }
