@@ -73,7 +73,7 @@ impl Drop for Mapping {
     }
 }
 
-// What is handed out is what the system's allocator hands out, or a private mapping of at least the size that was asked
+// What is handed out is what the system's allocator hands out, or a mapping of its own of at least the size that was asked
 // for, at the start of a page; which of the two it was is looked up before it goes back.
 #[allow(unsafe_code, reason = "an allocator cannot be written without")]
 unsafe impl GlobalAlloc for Mapped {

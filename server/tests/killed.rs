@@ -5,30 +5,13 @@
     reason = "helpers of tests are tests, whatever the lint thinks of functions without #[test]"
 )]
 
-use std::fmt::Write as _;
+mod landscape;
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use tempfile::TempDir;
-
-/// A landscape of `2 × size²` faces.
-fn landscape(size: u32) -> String {
-    let mut text = String::new();
-    for i in 0..=size {
-        for j in 0..=size {
-            let (x, y) = (f64::from(i), f64::from(j));
-            let z = 6.0 * (x * 0.09).sin() * (y * 0.07).cos() + 0.3 * (x * 0.9 + y * 1.3).sin();
-            writeln!(text, "v {x} {y} {z}").unwrap();
-        }
-    }
-    for (i, j) in (0..size).flat_map(|i| (0..size).map(move |j| (i, j))) {
-        let a = i * (size + 1) + j + 1;
-        let (b, c, d) = (a + 1, a + size + 1, a + size + 2);
-        writeln!(text, "f {a} {c} {d}\nf {a} {d} {b}").unwrap();
-    }
-    text
-}
 
 fn prepare(model: &Path, pack: &Path, threads: &str) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_lodestream-server"));
@@ -47,7 +30,7 @@ fn kept(folder: &Path) -> Vec<PathBuf> {
 fn a_killed_preparation_goes_on_and_makes_the_same_pack() {
     let dir = TempDir::new().unwrap();
     let model = dir.path().join("land.obj");
-    std::fs::write(&model, landscape(220)).unwrap();
+    std::fs::write(&model, landscape::obj(220)).unwrap();
     let whole = dir.path().join("whole.lsp");
     assert!(prepare(&model, &whole, "2").status().unwrap().success());
     assert!(kept(dir.path()).is_empty(), "nothing is left behind");

@@ -6,7 +6,8 @@
 )]
 #![cfg(target_os = "linux")]
 
-use std::fmt::Write as _;
+mod landscape;
+
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -21,7 +22,7 @@ use tokio::signal::unix::{SignalKind, signal};
 #[global_allocator]
 static ALLOCATOR: Mapped = Mapped;
 
-/// What is mapped is the whole process's.
+/// What is mapped is the whole process's, and so are limits, which programs that it starts have too.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
 fn alone() -> MutexGuard<'static, ()> {
@@ -49,21 +50,8 @@ fn mapping(folder: &Path) -> Option<Mapping> {
 }
 
 fn landscape(folder: &Path, size: u32) -> PathBuf {
-    let mut text = String::new();
-    for i in 0..=size {
-        for j in 0..=size {
-            let (x, y) = (f64::from(i), f64::from(j));
-            let z = 6.0 * (x * 0.09).sin() * (y * 0.07).cos() + 0.3 * (x * 0.9 + y * 1.3).sin();
-            writeln!(text, "v {x} {y} {z}").unwrap();
-        }
-    }
-    for (i, j) in (0..size).flat_map(|i| (0..size).map(move |j| (i, j))) {
-        let a = i * (size + 1) + j + 1;
-        let (b, c, d) = (a + 1, a + size + 1, a + size + 2);
-        writeln!(text, "f {a} {c} {d}\nf {a} {d} {b}").unwrap();
-    }
     let file = folder.join("land.obj");
-    std::fs::write(&file, text).unwrap();
+    std::fs::write(&file, landscape::obj(size)).unwrap();
     file
 }
 
@@ -153,6 +141,7 @@ fn a_mesh_that_the_disk_has_no_room_for_is_refused() {
 
 #[test]
 fn the_program_prepares_out_of_core_and_refuses_folders_that_cannot_hold_lists() {
+    let _alone = alone();
     let dir = folder();
     let model = landscape(dir.path(), 60);
     let prepare = |pack: &str, folder: &Path| {
