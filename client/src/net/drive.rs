@@ -77,7 +77,7 @@ impl Host for ClientCore {
 }
 
 /// What came from the server.
-#[cfg_attr(not(feature = "quic"), allow(dead_code))] // its streams alone bring pieces
+#[cfg_attr(not(feature = "quic"), allow(dead_code, reason = "its streams alone bring pieces"))]
 #[derive(Debug)]
 pub(super) enum Received {
     /// A control message, or a piece on WebSocket.

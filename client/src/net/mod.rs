@@ -11,19 +11,19 @@ mod addresses;
 #[cfg(any(feature = "quic", feature = "websocket"))]
 mod connect;
 #[cfg(any(feature = "quic", feature = "websocket"))]
-#[cfg_attr(not(feature = "runtime"), allow(unreachable_pub))]
+#[cfg_attr(not(feature = "runtime"), allow(unreachable_pub, reason = "the runtime hands it on"))]
 mod drive;
 mod pin;
 #[cfg(feature = "quic")]
-#[cfg_attr(not(feature = "runtime"), allow(unreachable_pub))]
+#[cfg_attr(not(feature = "runtime"), allow(unreachable_pub, reason = "the runtime hands it on"))]
 mod quic;
 #[cfg(feature = "quic")]
-#[cfg_attr(not(feature = "runtime"), allow(unreachable_pub))]
+#[cfg_attr(not(feature = "runtime"), allow(unreachable_pub, reason = "the runtime hands it on"))]
 mod quic_open;
 #[cfg(feature = "quic")]
 mod quic_sender;
 #[cfg(any(feature = "quic", feature = "websocket"))]
-#[cfg_attr(not(feature = "runtime"), allow(unreachable_pub))]
+#[cfg_attr(not(feature = "runtime"), allow(unreachable_pub, reason = "the runtime hands it on"))]
 mod reconnect;
 #[cfg(any(feature = "quic", feature = "websocket"))]
 mod server;
@@ -34,7 +34,7 @@ mod tls;
 #[cfg(any(feature = "quic", feature = "tls"))]
 mod trust;
 #[cfg(feature = "websocket")]
-#[cfg_attr(not(feature = "runtime"), allow(unreachable_pub))]
+#[cfg_attr(not(feature = "runtime"), allow(unreachable_pub, reason = "the runtime hands it on"))]
 mod websocket;
 
 pub use address::{Address, AddressError, Scheme};

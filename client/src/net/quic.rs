@@ -63,7 +63,7 @@ pub enum QuicSetupError {
 ///
 /// # Errors
 /// Fails where TLS or QUIC refuse their settings.
-#[cfg_attr(not(feature = "runtime"), allow(dead_code))] // for hosts with a runtime of their own
+#[cfg_attr(not(feature = "runtime"), allow(dead_code, reason = "for hosts with a runtime of their own"))]
 pub fn client_config(trust: impl Into<Trust>) -> Result<quinn::ClientConfig, QuicSetupError> {
     client_config_of(trust.into(), Refusal::default(), "")
 }

@@ -57,7 +57,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> WebSocketConnection<Counting<S>> {
     ///
     /// # Errors
     /// Says why there is none: the answer is another or none within `limit`, or the connection is lost.
-    #[cfg_attr(not(feature = "runtime"), allow(dead_code))] // for hosts with a runtime of their own
+    #[cfg_attr(not(feature = "runtime"), allow(dead_code, reason = "for hosts with a runtime of their own"))]
     pub async fn open(stream: S, authority: &str, limit: Duration) -> Result<Self, Close> {
         let (stream, received) = Counting::new(stream);
         Self::open_counted(stream, received, Target { authority, path: "/" }, None, limit).await
