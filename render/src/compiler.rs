@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use super::gpu::Gpu;
 use super::material_kit::Features;
 use super::pipelines::{Pipelines, Whole};
+use super::reflections::ReflectionMethod;
 use super::scene::{AntiAliasing, Settings};
 use super::temporal::Resolve;
 
@@ -21,7 +22,10 @@ enum Task {
     },
     GroundCaster,
     Whole(Whole),
-    Water,
+    Water {
+        by_cells: Option<bool>,
+    },
+    Bloom,
     Wire,
     GroundWire,
     /// How far things move, and means over time.
@@ -79,8 +83,11 @@ impl Compiler {
             Task::Whole(pass) => {
                 pipelines.whole(gpu, pass);
             }
-            Task::Water => {
-                pipelines.water(gpu);
+            Task::Water { by_cells } => {
+                pipelines.water(gpu, by_cells);
+            }
+            Task::Bloom => {
+                pipelines.bloom(gpu);
             }
             Task::Wire => {
                 meshes.wire(gpu);
@@ -110,7 +117,13 @@ fn tasks(settings: &Settings, ground: bool) -> Vec<Task> {
     also(ground, &[Task::Ground { relief }]);
     also(relief, &[Task::Surface { relief: true }]);
     also(true, &[Task::Whole(Whole::Lighting { occlusion, shadows })]);
-    also(ground && settings.water, &[Task::Water]);
+    let by_cells = settings.reflections.map(|reflections| reflections.method == ReflectionMethod::HiZ);
+    also(ground && settings.water, &[Task::Water { by_cells }]);
+    if let Some(by_cells) = by_cells {
+        also(true, &[Task::Whole(Whole::Reflections { occlusion, by_cells })]);
+        also(by_cells, &[Task::Whole(Whole::DepthPyramid)]);
+    }
+    also(settings.bloom.is_some(), &[Task::Bloom]);
     also(shadows, &[Task::Whole(Whole::Sunlight), Task::Caster]);
     also(shadows && ground, &[Task::GroundCaster]);
     if let Some(method) = method {

@@ -27,6 +27,10 @@ pub enum PassId {
     Lamps,
     /// Light that surfaces give off.
     Emission,
+    /// Nearest depths of cells, for rays to skip what is empty.
+    DepthPyramid,
+    /// What smooth surfaces mirror of the lit picture.
+    Reflections,
     /// Water that stands level, over the lit picture.
     Water,
     /// What is seen through, from far to near over the lit picture.
@@ -35,6 +39,8 @@ pub enum PassId {
     Edges,
     /// The same over the lit picture, where they are not too close together.
     Wireframe,
+    /// Light that spreads around what is bright.
+    Bloom,
     /// Where what moves by itself was in the frame before.
     Motion,
     /// The picture and those before it as one.
@@ -66,10 +72,13 @@ impl PassId {
             Self::Sky => "sky",
             Self::Lamps => "lamps",
             Self::Emission => "emission",
+            Self::DepthPyramid => "depth_pyramid",
+            Self::Reflections => "reflections",
             Self::Water => "water",
             Self::Transparency => "transparency",
             Self::Edges => "edges",
             Self::Wireframe => "wireframe",
+            Self::Bloom => "bloom",
             Self::Motion => "motion",
             Self::Temporal => "temporal",
             Self::ToneMap => "tone_map",
@@ -97,6 +106,10 @@ pub(crate) enum Resource {
     /// How many edges of triangles cross each pixel.
     Edges,
     Radiance,
+    /// The same before what is mirrored of it was added.
+    Lit,
+    /// Nearest depths of cells; its levels are not allocated with those of the picture's size.
+    Pyramid,
     /// How far what moves by itself has come since the frame before.
     Motion,
     /// The picture as a mean of frames; kept from frame to frame, and not allocated with those of one.
@@ -141,6 +154,9 @@ pub(crate) struct Needs {
     pub(crate) shadows: bool,
     pub(crate) lamps: bool,
     pub(crate) emission: bool,
+    /// What is mirrored of the picture, and whether it is looked for by cells of depths.
+    pub(crate) reflections: Option<bool>,
+    pub(crate) bloom: bool,
     pub(crate) water: bool,
     pub(crate) transparency: bool,
     pub(crate) wireframe: bool,
@@ -163,8 +179,8 @@ pub(crate) struct Needs {
 /// The passes that could run, in order.
 pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
     use Resource::{
-        Albedo, Depth, Display, Edges, History, Motion, Normal, Occlusion, OcclusionMean, OcclusionRaw,
-        Overdraw, Radiance, ShadowMaps, Smoothed, Sunlight, Target,
+        Albedo, Depth, Display, Edges, History, Lit, Motion, Normal, Occlusion, OcclusionMean, OcclusionRaw,
+        Overdraw, Pyramid, Radiance, ShadowMaps, Smoothed, Sunlight, Target,
     };
     let pass = |id, reads, writes| Pass { id, reads, writes };
     let mut passes = Vec::new();
@@ -201,10 +217,29 @@ pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
         if needs.emission {
             passes.push(pass(PassId::Emission, &[Depth, Radiance], &[Radiance]));
         }
+        if let Some(by_cells) = needs.reflections {
+            if by_cells {
+                passes.push(pass(PassId::DepthPyramid, &[Depth], &[Pyramid]));
+            }
+            let mirrored: &[Resource] = match (needs.occlusion, by_cells) {
+                (false, false) => &[Depth, Normal, Albedo, Radiance],
+                (true, false) => &[Depth, Normal, Albedo, Radiance, Occlusion],
+                (false, true) => &[Depth, Normal, Albedo, Radiance, Pyramid],
+                (true, true) => &[Depth, Normal, Albedo, Radiance, Occlusion, Pyramid],
+            };
+            passes.push(pass(PassId::Reflections, mirrored, &[Lit, Radiance]));
+        }
         let seen_by: &[Resource] =
             if needs.shadows { &[Depth, Radiance, ShadowMaps] } else { &[Depth, Radiance] };
         if needs.water {
-            passes.push(pass(PassId::Water, seen_by, &[Radiance]));
+            let water_by: &[Resource] = match (needs.reflections, needs.shadows) {
+                (None, _) => seen_by,
+                (Some(false), false) => &[Depth, Radiance, Lit],
+                (Some(false), true) => &[Depth, Radiance, Lit, ShadowMaps],
+                (Some(true), false) => &[Depth, Radiance, Lit, Pyramid],
+                (Some(true), true) => &[Depth, Radiance, Lit, Pyramid, ShadowMaps],
+            };
+            passes.push(pass(PassId::Water, water_by, &[Radiance]));
         }
         if needs.transparency {
             passes.push(pass(PassId::Transparency, seen_by, &[Radiance]));
@@ -212,6 +247,9 @@ pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
         if needs.wireframe {
             passes.push(pass(PassId::Edges, &[Depth], &[Edges]));
             passes.push(pass(PassId::Wireframe, &[Edges, Radiance], &[Radiance]));
+        }
+        if needs.bloom {
+            passes.push(pass(PassId::Bloom, &[Radiance], &[Radiance]));
         }
         if needs.motion {
             passes.push(pass(PassId::Motion, &[Depth], &[Motion]));
@@ -301,6 +339,8 @@ mod tests {
             shadows: true,
             lamps: true,
             emission: true,
+            reflections: Some(true),
+            bloom: true,
             water: true,
             transparency: true,
             wireframe: true,
@@ -318,10 +358,13 @@ mod tests {
                 PassId::Lighting,
                 PassId::Lamps,
                 PassId::Emission,
+                PassId::DepthPyramid,
+                PassId::Reflections,
                 PassId::Water,
                 PassId::Transparency,
                 PassId::Edges,
                 PassId::Wireframe,
+                PassId::Bloom,
                 PassId::ToneMap,
                 PassId::AntiAlias
             ]
@@ -401,7 +444,7 @@ mod tests {
             Some(&[Resource::Depth, Resource::Sunlight]),
             Some(&[Resource::Depth, Resource::Overdraw]),
         ];
-        for (bits, shown) in (0..16_384).flat_map(|bits| shown.map(|shown| (bits, shown))) {
+        for (bits, shown) in (0..131_072).flat_map(|bits| shown.map(|shown| (bits, shown))) {
             let bit = |n: u32| bits >> n & 1 != 0;
             let needs = Needs {
                 shown,
@@ -421,6 +464,8 @@ mod tests {
                 temporal: bit(11),
                 water: bit(12),
                 enlarged: bit(13),
+                reflections: bit(14).then_some(bit(15)),
+                bloom: bit(16),
             };
             let mut written = Vec::new();
             for pass in plan(&candidates(needs), &[Resource::Target]) {

@@ -19,6 +19,7 @@
 
 mod accumulation;
 mod asset;
+mod bloom;
 mod buffer;
 mod camera;
 mod compiler;
@@ -46,6 +47,7 @@ mod readback;
 mod receivers;
 #[cfg(feature = "client")]
 mod refining;
+mod reflections;
 mod renderer;
 mod scene;
 #[cfg(feature = "client")]
@@ -72,6 +74,7 @@ mod water;
 mod tests;
 
 pub use asset::AssetGpu;
+pub use bloom::Bloom;
 pub use camera::clip_from_view;
 pub use compiler::Compiler;
 pub use counters::Counters;
@@ -86,6 +89,10 @@ pub use lodestream_protocol::pose::Pose;
 pub use material::{Alpha, Material, Wrap};
 pub use occlusion::{AmbientOcclusion, MAX_SAMPLES, OcclusionMethod, OcclusionRadius, STILL_FRAMES};
 pub use readback::TargetCopy;
+pub use reflections::{
+    MAX_REFLECTION_STEPS, PYRAMID_LEVELS as REFLECTION_LEVELS, REFLECTION_THICKNESS, ReflectionMethod,
+    Reflections,
+};
 pub use renderer::Renderer;
 pub use scene::{
     AntiAliasing, Drawable, Frame, MAP_SIDES, MAP_STEPS, MAX_ANISOTROPY, MAX_CASCADES, MAX_FILTER,

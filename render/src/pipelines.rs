@@ -3,12 +3,14 @@
 
 use std::sync::{Arc, OnceLock};
 
+use super::bloom::BloomPipelines;
 use super::fullscreen::fullscreen_pipeline;
-use super::gbuffer::{UNIFORM_BLOCK, shader};
+use super::gbuffer::{ADD, UNIFORM_BLOCK, shader};
 use super::gpu::Gpu;
 use super::material_kit::MaterialKit;
 use super::mesh_pipelines::MeshPipelines;
 use super::occlusion::OcclusionMethod;
+use super::reflections::PYRAMID;
 use super::targets::{DISPLAY, OCCLUSION, OCCLUSION_MEAN, RADIANCE, SUNLIGHT};
 use super::temporal::Resolve;
 use super::terrain::TerrainPipelines;
@@ -48,6 +50,18 @@ const LIGHTING: &str = concat!(
     include_str!("shaders/brdf.wgsl"),
     include_str!("shaders/lighting.wgsl")
 );
+const REFLECTIONS: &str = concat!(
+    include_str!("shaders/common.wgsl"),
+    include_str!("shaders/fullscreen.wgsl"),
+    include_str!("shaders/surface.wgsl"),
+    include_str!("shaders/targets.wgsl"),
+    include_str!("shaders/sky.wgsl"),
+    include_str!("shaders/brdf.wgsl"),
+    include_str!("shaders/tracing.wgsl"),
+    include_str!("shaders/reflections.wgsl")
+);
+const DEPTH_PYRAMID: &str =
+    concat!(include_str!("shaders/fullscreen.wgsl"), include_str!("shaders/pyramid.wgsl"));
 const WIREFRAME: &str = concat!(
     include_str!("shaders/common.wgsl"),
     include_str!("shaders/fullscreen.wgsl"),
@@ -102,6 +116,11 @@ pub(crate) enum Whole {
         occlusion: bool,
         shadows: bool,
     },
+    DepthPyramid,
+    Reflections {
+        occlusion: bool,
+        by_cells: bool,
+    },
     /// Of a picture without surfaces.
     Sky,
     ToneMap,
@@ -116,7 +135,7 @@ pub(crate) enum Whole {
 }
 
 impl Whole {
-    const COUNT: usize = 14 + 2 * OcclusionMethod::ALL.len();
+    const COUNT: usize = 19 + 2 * OcclusionMethod::ALL.len();
 
     const fn number(self) -> usize {
         match self {
@@ -131,8 +150,10 @@ impl Whole {
             Self::ToneMapDisplay => 11,
             Self::AntiAlias => 12,
             Self::AntiAliasSmall => 13,
-            Self::Occlusion(method) => 14 + method as usize,
-            Self::OcclusionMean(method) => 14 + OcclusionMethod::ALL.len() + method as usize,
+            Self::DepthPyramid => 14,
+            Self::Reflections { occlusion, by_cells } => 15 + ((occlusion as usize) << 1 | by_cells as usize),
+            Self::Occlusion(method) => 19 + method as usize,
+            Self::OcclusionMean(method) => 19 + OcclusionMethod::ALL.len() + method as usize,
         }
     }
 }
@@ -144,6 +165,8 @@ enum Module {
     AntiAlias,
     Wireframe,
     Lighting,
+    DepthPyramid,
+    Reflections,
     ToneMap,
     Enlarge,
     Blur,
@@ -176,7 +199,9 @@ pub(crate) struct Pipelines {
     pub(crate) frame_layout: wgpu::BindGroupLayout,
     pub(crate) meshes: MeshPipelines,
     terrain: OnceLock<TerrainPipelines>,
-    water: OnceLock<WaterPipelines>,
+    /// Where the sky alone is mirrored, and where the picture is too, by either search.
+    water: [OnceLock<WaterPipelines>; 3],
+    bloom: OnceLock<BloomPipelines>,
     /// Of means over time, whose pass has it too.
     pub(crate) resolve: Arc<OnceLock<Resolve>>,
     modules: [OnceLock<wgpu::ShaderModule>; Module::COUNT],
@@ -193,7 +218,8 @@ impl Pipelines {
         Self {
             meshes: MeshPipelines::new(gpu, kit, &frame_layout),
             terrain: OnceLock::new(),
-            water: OnceLock::new(),
+            water: Default::default(),
+            bloom: OnceLock::new(),
             resolve: Arc::default(),
             modules: Default::default(),
             whole: Default::default(),
@@ -207,9 +233,16 @@ impl Pipelines {
         self.terrain.get_or_init(|| TerrainPipelines::new(gpu, &self.frame_layout))
     }
 
-    /// What draws water.
-    pub(crate) fn water(&self, gpu: &Gpu) -> &WaterPipelines {
-        self.water.get_or_init(|| WaterPipelines::new(gpu, self.meshes.light_layout(gpu, false)))
+    /// What draws water; what mirrors the picture looks for it by cells or by pixels.
+    pub(crate) fn water(&self, gpu: &Gpu, by_cells: Option<bool>) -> &WaterPipelines {
+        let number = by_cells.map_or(0, |by_cells| 1 + usize::from(by_cells));
+        self.water[number]
+            .get_or_init(|| WaterPipelines::new(gpu, self.meshes.light_layout(gpu, false), by_cells))
+    }
+
+    /// What spreads light around what is bright.
+    pub(crate) fn bloom(&self, gpu: &Gpu) -> &BloomPipelines {
+        self.bloom.get_or_init(|| BloomPipelines::new(gpu))
     }
 
     /// What draws a pass over the whole of a picture.
@@ -223,6 +256,8 @@ impl Pipelines {
             Module::AntiAlias => ("antialias", ANTIALIAS),
             Module::Wireframe => ("wireframe", WIREFRAME),
             Module::Lighting => ("lighting", LIGHTING),
+            Module::DepthPyramid => ("depth pyramid", DEPTH_PYRAMID),
+            Module::Reflections => ("reflections", REFLECTIONS),
             Module::ToneMap => ("tonemap", TONEMAP),
             Module::Enlarge => ("enlarge", ENLARGE),
             Module::Blur => ("occlusion blur", BLUR),
@@ -269,6 +304,12 @@ impl Pipelines {
             Whole::Lighting { occlusion, shadows } => {
                 let constants = [("OCCLUSION", share(occlusion)), ("SHADOWS", share(shadows))];
                 full(Module::Lighting, "fs_lighting", RADIANCE.into(), &constants)
+            }
+            Whole::DepthPyramid => full(Module::DepthPyramid, "fs_pyramid", PYRAMID.into(), &[]),
+            Whole::Reflections { occlusion, by_cells } => {
+                let constants = [("OCCLUSION", share(occlusion)), ("HI_Z", share(by_cells))];
+                let over = wgpu::ColorTargetState { blend: Some(ADD), ..RADIANCE.into() };
+                full(Module::Reflections, "fs_reflections", over, &constants)
             }
             Whole::Sky => full(Module::Lighting, "fs_sky", RADIANCE.into(), &[]),
             Whole::ToneMap => full(Module::ToneMap, "fs_tonemap", self.target.into(), encode),

@@ -3,10 +3,12 @@
 use lodestream_protocol::pose::Pose;
 
 use super::asset::AssetGpu;
+use super::bloom::Bloom;
 use super::environment::Environment;
 use super::instance::Instance;
 use super::lights::{Light, LightCulling};
 use super::occlusion::AmbientOcclusion;
+use super::reflections::Reflections;
 use super::sky::SkyMaps;
 use super::terrain::TerrainFrame;
 use super::water::Water;
@@ -284,6 +286,10 @@ pub struct Settings {
     pub relief_method: ReliefMethod,
     /// Water, where a frame has some.
     pub water: bool,
+    /// What smooth surfaces and water mirror of the picture; `None` leaves them the sky, and saves two passes.
+    pub reflections: Option<Reflections>,
+    /// Light that spreads around what is bright; `None` saves a pass.
+    pub bloom: Option<Bloom>,
     /// Distance of the near plane in world units, > 0: the depth that is stored is `near / view depth`. Reversed
     /// floating-point depth has the same relative precision everywhere, so this may be tiny: a thousandth of the
     /// smallest thing worth looking at costs nothing.
@@ -319,6 +325,8 @@ impl Default for Settings {
             relief_steps: 48,
             relief_method: ReliefMethod::default(),
             water: true,
+            reflections: None,
+            bloom: None,
             near: 1e-4,
             exposure: 1.0,
             tone_mapping: ToneMapping::Filmic,

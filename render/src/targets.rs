@@ -65,11 +65,15 @@ impl Targets {
                 Resource::OcclusionMean => OCCLUSION_MEAN,
                 Resource::Sunlight => SUNLIGHT,
                 Resource::Edges => EDGES,
-                Resource::Radiance => RADIANCE,
+                Resource::Radiance | Resource::Lit => RADIANCE,
                 Resource::Display | Resource::Smoothed => DISPLAY,
                 Resource::Overdraw => OVERDRAW,
                 Resource::Motion => MOTION,
-                Resource::ShadowMaps | Resource::History | Resource::Target => continue,
+                Resource::ShadowMaps | Resource::Pyramid | Resource::History | Resource::Target => continue,
+            };
+            let copied = match resource {
+                Resource::Lit => wgpu::TextureUsages::COPY_DST,
+                _ => wgpu::TextureUsages::empty(),
             };
             self.textures.entry(*resource).or_insert_with(|| {
                 gpu.device.create_texture(&wgpu::TextureDescriptor {
@@ -81,7 +85,8 @@ impl Targets {
                     format,
                     usage: wgpu::TextureUsages::RENDER_ATTACHMENT
                         | wgpu::TextureUsages::TEXTURE_BINDING
-                        | wgpu::TextureUsages::COPY_SRC,
+                        | wgpu::TextureUsages::COPY_SRC
+                        | copied,
                     view_formats: &[],
                 })
             });

@@ -7,17 +7,27 @@ use crate::fullscreen::attachment;
 use crate::gbuffer::{ADD, shader};
 use crate::gpu::Gpu;
 use crate::graph::PassId;
+use crate::reflections::Tracer;
 use crate::targets::{DEPTH, RADIANCE};
 use crate::timing::PassEncoder;
 use crate::twin;
 
-const WATER: &str = concat!(
-    include_str!("shaders/common.wgsl"),
-    include_str!("shaders/shadows.wgsl"),
-    include_str!("shaders/sky.wgsl"),
-    include_str!("shaders/brdf.wgsl"),
-    include_str!("shaders/water.wgsl")
-);
+/// The text of the shader, with what water mirrors.
+macro_rules! water {
+    ($($mirrors:literal),+) => {
+        concat!(
+            include_str!("shaders/common.wgsl"),
+            include_str!("shaders/shadows.wgsl"),
+            include_str!("shaders/sky.wgsl"),
+            include_str!("shaders/brdf.wgsl"),
+            include_str!("shaders/water.wgsl"),
+            $(include_str!(concat!("shaders/", $mirrors, ".wgsl"))),+
+        )
+    };
+}
+
+const WATER: &str = water!("water_sky");
+const MIRRORING: &str = water!("tracing", "water_picture");
 
 /// Ripples; as in the shader.
 const WAVES: usize = 12;
@@ -122,23 +132,33 @@ impl WaterPass {
         gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&WaterUniform::new(water)));
     }
 
-    /// Draws over the lit picture what was prepared.
+    /// Draws over the lit picture what was prepared; with the picture as it was before, cells of depths and what rays go
+    /// by, where it mirrors that.
     pub(crate) fn draw(
         &self,
         gpu: &Gpu,
         encoder: &mut PassEncoder<'_>,
         pipelines: &WaterPipelines,
         light: &wgpu::BindGroup,
-        depth: &wgpu::TextureView,
+        (depth, mirrored): (&wgpu::TextureView, Option<(&wgpu::TextureView, &wgpu::TextureView, &Tracer)>),
         into: &wgpu::TextureView,
     ) {
+        let view = |binding, view| wgpu::BindGroupEntry {
+            binding,
+            resource: wgpu::BindingResource::TextureView(view),
+        };
+        let mut entries = vec![
+            wgpu::BindGroupEntry { binding: 0, resource: self.uniform.as_entire_binding() },
+            view(1, depth),
+        ];
+        if let Some((lit, cells, tracer)) = mirrored {
+            let tracing = wgpu::BindGroupEntry { binding: 4, resource: tracer.binding() };
+            entries.extend([view(2, lit), view(3, cells), tracing]);
+        }
         let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("water"),
             layout: &pipelines.layout,
-            entries: &[
-                wgpu::BindGroupEntry { binding: 0, resource: self.uniform.as_entire_binding() },
-                wgpu::BindGroupEntry { binding: 1, resource: wgpu::BindingResource::TextureView(depth) },
-            ],
+            entries: &entries,
         });
         let descriptor = wgpu::RenderPassDescriptor {
             label: Some(PassId::Water.name()),
@@ -162,39 +182,41 @@ impl WaterPass {
 }
 
 impl WaterPipelines {
-    /// `light`: group 0, what lights surfaces where they are drawn.
-    pub(crate) fn new(gpu: &Gpu, light: &wgpu::BindGroupLayout) -> Self {
+    /// `light`: group 0, what lights surfaces where they are drawn. `by_cells`: how the picture is looked for that is
+    /// mirrored, if it is.
+    pub(crate) fn new(gpu: &Gpu, light: &wgpu::BindGroupLayout, by_cells: Option<bool>) -> Self {
         let entry =
             |binding, visibility, ty| wgpu::BindGroupLayoutEntry { binding, visibility, ty, count: None };
+        let uniform = wgpu::BindingType::Buffer {
+            ty: wgpu::BufferBindingType::Uniform,
+            has_dynamic_offset: false,
+            min_binding_size: None,
+        };
+        let texture = wgpu::BindingType::Texture {
+            sample_type: wgpu::TextureSampleType::Float { filterable: false },
+            view_dimension: wgpu::TextureViewDimension::D2,
+            multisampled: false,
+        };
+        let fragment = wgpu::ShaderStages::FRAGMENT;
+        let entries = [
+            entry(0, wgpu::ShaderStages::VERTEX_FRAGMENT, uniform),
+            entry(1, fragment, texture),
+            entry(2, fragment, texture),
+            entry(3, fragment, texture),
+            entry(4, fragment, uniform),
+        ];
         let layout = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some("water"),
-            entries: &[
-                entry(
-                    0,
-                    wgpu::ShaderStages::VERTEX_FRAGMENT,
-                    wgpu::BindingType::Buffer {
-                        ty: wgpu::BufferBindingType::Uniform,
-                        has_dynamic_offset: false,
-                        min_binding_size: None,
-                    },
-                ),
-                entry(
-                    1,
-                    wgpu::ShaderStages::FRAGMENT,
-                    wgpu::BindingType::Texture {
-                        sample_type: wgpu::TextureSampleType::Float { filterable: false },
-                        view_dimension: wgpu::TextureViewDimension::D2,
-                        multisampled: false,
-                    },
-                ),
-            ],
+            entries: if by_cells.is_some() { &entries } else { &entries[..2] },
         });
         let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: Some("water"),
             bind_group_layouts: &[Some(light), Some(&layout)],
             immediate_size: 0,
         });
-        let module = shader(gpu, "water", WATER);
+        let module = shader(gpu, "water", if by_cells.is_some() { MIRRORING } else { WATER });
+        let search = [("HI_Z", f64::from(u8::from(by_cells == Some(true))))];
+        let constants: &[(&str, f64)] = if by_cells.is_some() { &search } else { &[] };
         let component = |src_factor, dst_factor| wgpu::BlendComponent {
             src_factor,
             dst_factor,
@@ -227,7 +249,7 @@ impl WaterPipelines {
                 fragment: Some(wgpu::FragmentState {
                     module: &module,
                     entry_point: Some(fragment),
-                    compilation_options: Default::default(),
+                    compilation_options: wgpu::PipelineCompilationOptions { constants, ..Default::default() },
                     targets: &[Some(target)],
                 }),
                 multiview_mask: None,

@@ -11,7 +11,9 @@ use lodestream_protocol::scene::Camera;
 use lodestream_protocol::view::View;
 
 use lodestream_client::net::Address;
-use lodestream_render::{AntiAliasing, OcclusionMethod, ReliefMethod, Shade, ToneMapping};
+use lodestream_render::{
+    AntiAliasing, MAX_REFLECTION_STEPS, OcclusionMethod, ReflectionMethod, ReliefMethod, Shade, ToneMapping,
+};
 
 use crate::outcome::EXIT_CODES;
 
@@ -104,6 +106,17 @@ pub(crate) struct Args {
     /// No water
     #[arg(long)]
     pub(crate) no_water: bool,
+    /// How smooth surfaces and water look for what they mirror of the picture; without, they mirror the sky alone
+    #[arg(long, value_name = "NAME", value_parser = reflections())]
+    pub(crate) reflections: Option<ReflectionMethod>,
+    /// Steps of a reflection's ray at most
+    #[arg(long, value_name = "STEPS", default_value_t = 100, requires = "reflections",
+        value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_REFLECTION_STEPS)))]
+    pub(crate) reflection_steps: u32,
+    /// Share of light that spreads around what is bright, 0 to 1
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, default_missing_value = "0.04", num_args = 0..=1,
+        value_parser = share)]
+    pub(crate) bloom: f32,
     /// No relief mapping
     #[arg(long)]
     pub(crate) no_relief: bool,
@@ -143,6 +156,20 @@ fn reliefs() -> impl TypedValueParser<Value = ReliefMethod> {
         // One of those offered.
         ReliefMethod::ALL.into_iter().find(|way| way.name() == name).ok_or("no such way")
     })
+}
+
+/// Reads a [`ReflectionMethod`] by its name.
+fn reflections() -> impl TypedValueParser<Value = ReflectionMethod> {
+    PossibleValuesParser::new(ReflectionMethod::ALL.map(ReflectionMethod::name)).try_map(|name| {
+        // One of those offered.
+        ReflectionMethod::ALL.into_iter().find(|way| way.name() == name).ok_or("no such search")
+    })
+}
+
+/// Reads a part of a whole.
+fn share(text: &str) -> Result<f32, String> {
+    let share: f32 = text.parse().map_err(|_| "not a number".to_owned())?;
+    if (0.0..=1.0).contains(&share) { Ok(share) } else { Err("not from 0 to 1".to_owned()) }
 }
 
 /// Reads an [`OcclusionMethod`] by its name.

@@ -7,7 +7,9 @@ use anyhow::{Context as _, bail};
 use lodestream_client::core::{Config, StartView, Stats};
 use lodestream_client::net::{Authorities, Scheme, Server};
 use lodestream_client::threads::Threads;
-use lodestream_render::{AmbientOcclusion, AntiAliasing, LightCulling, Settings, Shade, Shadows};
+use lodestream_render::{
+    AmbientOcclusion, AntiAliasing, Bloom, LightCulling, Reflections, Settings, Shade, Shadows,
+};
 
 use crate::args::Args;
 use crate::figures::Figures;
@@ -87,6 +89,9 @@ pub(crate) fn settings(args: &Args, software: bool) -> Settings {
     settings.shadows = (!args.no_shadows).then(Shadows::default);
     settings.lights = (!args.no_lamps).then(LightCulling::default);
     settings.water = !args.no_water;
+    let (method, steps) = (args.reflections, args.reflection_steps);
+    settings.reflections = method.map(|method| Reflections { method, steps });
+    settings.bloom = (args.bloom > 0.0).then_some(Bloom { strength: args.bloom });
     settings.shade = if args.colour_by_level { Shade::Level } else { args.view };
     settings
 }
@@ -107,7 +112,7 @@ mod tests {
 
     use super::*;
     use clap::Parser as _;
-    use lodestream_render::ReliefMethod;
+    use lodestream_render::{ReflectionMethod, ReliefMethod};
 
     fn of(flags: &[&str], software: bool) -> Settings {
         settings(&Args::parse_from([&["viewer", "ws://h:1"], flags].concat()), software)
@@ -132,6 +137,26 @@ mod tests {
     fn relief_is_found_as_it_is_told() {
         for way in ReliefMethod::ALL {
             assert_eq!(of(&["--relief-method", way.name()], true).relief_method, way);
+        }
+    }
+
+    #[test]
+    fn reflections_and_bloom_are_drawn_where_they_are_asked_for() {
+        for method in ReflectionMethod::ALL {
+            let asked =
+                |more: &[&str]| of(&[&["--reflections", method.name()], more].concat(), true).reflections;
+            assert_eq!(asked(&[]), Some(Reflections { method, ..Reflections::default() }));
+            assert_eq!(asked(&["--reflection-steps", "7"]), Some(Reflections { method, steps: 7 }));
+        }
+        assert_eq!(of(&["--bloom"], true).bloom, Some(Bloom::default()));
+        assert_eq!(of(&["--bloom", "0.5"], true).bloom, Some(Bloom { strength: 0.5 }));
+        for wrong in
+            [["--bloom", "2"], ["--bloom", "nan"], ["--reflections", "guess"], ["--reflection-steps", "9"]]
+        {
+            assert!(
+                Args::try_parse_from([&["viewer", "ws://h:1"], &wrong[..]].concat()).is_err(),
+                "{wrong:?}"
+            );
         }
     }
 

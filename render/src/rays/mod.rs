@@ -66,6 +66,14 @@ impl Rays {
         self.triangles.len()
     }
 
+    /// How far a ray goes until it meets a triangle, in lengths of its direction: `from` a place relative to the eye, on
+    /// world axes, beyond a part of its direction.
+    #[must_use]
+    pub fn first_hit(&self, from: DVec3, direction: DVec3, beyond: f64) -> Option<f64> {
+        let hit = self.bvh.first_hit(from.to_array(), direction.to_array(), [beyond, f64::INFINITY]);
+        hit.map(|(length, _)| length)
+    }
+
     /// What each pixel of a picture sees, rows from the top, by so many rays each; `None` where it sees no triangle. The
     /// answer does not depend on the number of threads.
     #[must_use]

@@ -8,6 +8,7 @@ use glam::DVec3;
 
 use crate::accumulation::Accumulation;
 use crate::asset::AssetGpu;
+use crate::bloom::{Bloom, BloomPass};
 use crate::buffer::GrowingBuffer;
 use crate::compiler::Compiler;
 use crate::composite::Composites;
@@ -23,6 +24,7 @@ use crate::lights::{LampList, LampPass};
 use crate::material::Material;
 use crate::material_kit::{Features, MaterialKit};
 use crate::pipelines::Pipelines;
+use crate::reflections::{ReflectionMethod, Tracer};
 use crate::scene::{AntiAliasing, Frame, MAX_ANISOTROPY, MIN_RENDER_SCALE, Settings, Shade};
 use crate::shadows::{self, Casters, ShadowMaps, Sun};
 use crate::sky::SkyGpu;
@@ -52,6 +54,8 @@ pub struct Renderer {
     sky: SkyGpu,
     lamps: LampPass,
     water: WaterPass,
+    tracer: Tracer,
+    bloom: BloomPass,
     temporal: Temporal,
     accumulation: Accumulation,
     target_format: wgpu::TextureFormat,
@@ -110,6 +114,8 @@ impl Renderer {
             sky: SkyGpu::new(gpu),
             lamps: LampPass::new(gpu),
             water: WaterPass::new(gpu),
+            tracer: Tracer::new(gpu),
+            bloom: BloomPass::default(),
             temporal,
             accumulation: Accumulation::default(),
             target_format,
@@ -251,6 +257,7 @@ impl Renderer {
             self.temporal.forget();
             (TemporalStep::NONE, Vec::new())
         };
+        let reflections = frame.settings.reflections;
         let there = [occlusion, !casters.is_empty(), lamps.is_some(), !moving.is_empty()];
         let shown = debug::shown(frame.settings.shade, there);
         let plan = graph::plan(
@@ -261,6 +268,8 @@ impl Renderer {
                 shadows: !casters.is_empty(),
                 lamps: lamps.is_some(),
                 emission: frame.settings.emission && list.any(|features| features.emits && !features.blend),
+                reflections: reflections.map(|reflections| reflections.method == ReflectionMethod::HiZ),
+                bloom: frame.settings.bloom.and_then(Bloom::share).is_some(),
                 water: water.is_some(),
                 transparency: through,
                 shown: shown.map(|(_, reads)| reads),
@@ -278,6 +287,12 @@ impl Renderer {
         self.instances.write(gpu, 0, &list.instances)?;
         if let Some(lamps) = &lamps {
             self.lamps.prepare(gpu, lamps)?;
+        }
+        if let Some(reflections) = reflections {
+            self.tracer.prepare(gpu, reflections, size);
+        }
+        if frame.settings.bloom.is_some() {
+            self.bloom.prepare(gpu, size);
         }
         if let Some(water) = &water {
             self.water.prepare(gpu, water);

@@ -2,6 +2,7 @@
 
 use super::Renderer;
 use crate::accumulation::AccumulationStep;
+use crate::bloom::Bloom;
 use crate::counters::Counters;
 use crate::debug;
 use crate::draw::{Batch, DrawList};
@@ -28,7 +29,8 @@ impl Renderer {
         counters: &mut Counters,
     ) {
         use Resource::{
-            Albedo, Depth, Display, Normal, Occlusion, OcclusionMean, OcclusionRaw, Radiance, Sunlight,
+            Albedo, Depth, Display, Lit, Normal, Occlusion, OcclusionMean, OcclusionRaw, Pyramid, Radiance,
+            Sunlight,
         };
         let p = |pass| self.pipelines.whole(gpu, pass);
         let full = |encoder: &mut PassEncoder<'_>, pipeline, reads: &[Resource], write| {
@@ -66,7 +68,22 @@ impl Renderer {
                 self.lit(gpu, encoder, pass.id, (pipeline, &reads), true);
             }
             PassId::Lamps => self.lamps(gpu, encoder, frame.settings.shade == Shade::Lamps),
-            PassId::Water => self.water(gpu, encoder),
+            PassId::DepthPyramid => {
+                if let Some(depth) = self.targets.view(Depth) {
+                    self.tracer.build(gpu, encoder, p(Whole::DepthPyramid), &depth);
+                }
+            }
+            PassId::Reflections => {
+                let [occlusion, by_cells] = [Occlusion, Pyramid].map(|resource| pass.reads(resource));
+                self.reflections(gpu, encoder, p(Whole::Reflections { occlusion, by_cells }), occlusion);
+            }
+            PassId::Water => self.water(gpu, encoder, pass.reads(Lit).then_some(pass.reads(Pyramid))),
+            PassId::Bloom => {
+                let share = frame.settings.bloom.and_then(Bloom::share);
+                if let (Some(picture), Some(share)) = (self.targets.view(Radiance), share) {
+                    self.bloom.draw(gpu, encoder, self.pipelines.bloom(gpu), &picture, share);
+                }
+            }
             PassId::Wireframe => {
                 let over = (Radiance, Load::Keep);
                 self.full(gpu, encoder, pass.id, (p(Whole::Wireframe), &[Resource::Edges]), over);
@@ -215,13 +232,50 @@ impl Renderer {
         self.lamps.light(gpu, &mut pass, &self.frame_buffer, &[depth, normal, albedo], counted);
     }
 
-    /// Draws water over the lit picture.
-    fn water(&self, gpu: &Gpu, encoder: &mut PassEncoder<'_>) {
+    /// Keeps the lit picture, and adds to it what smooth surfaces mirror of it.
+    fn reflections(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut PassEncoder<'_>,
+        pipeline: &wgpu::RenderPipeline,
+        occlusion: bool,
+    ) {
+        let texture = |resource| self.targets.texture(resource);
+        let (Some(from), Some(to), Some(into)) =
+            (texture(Resource::Radiance), texture(Resource::Lit), self.targets.view(Resource::Radiance))
+        else {
+            return;
+        };
+        encoder.encoder.copy_texture_to_texture(from.as_image_copy(), to.as_image_copy(), from.size());
+        use Resource::{Albedo, Depth, Lit, Normal, Occlusion};
+        // The shader reads none of what there is not, but its slot must be filled: any will do.
+        let reads = [Depth, Normal, Albedo, if occlusion { Occlusion } else { Albedo }, Lit];
+        let Some(cells) = self.tracer.pyramid().or_else(|| self.targets.view(Depth)) else { return };
+        let [_, lobes, split_sum] = self.sky.views();
+        let view = |binding, view| (binding, wgpu::BindingResource::TextureView(view));
+        let more = [
+            view(6, &cells),
+            (7, self.tracer.binding()),
+            view(11, &lobes),
+            (12, wgpu::BindingResource::Sampler(self.sky.sampler())),
+            view(13, &split_sum),
+        ];
+        let group = self.inputs_and(gpu, pipeline, &reads, &more);
+        let over = Target { load: Load::Keep, ..Target::colour(&into, (0, 0)) };
+        fullscreen(encoder, PassId::Reflections, pipeline, &group, &over);
+    }
+
+    /// Draws water over the lit picture, which mirrors the picture perhaps: by cells of depths or by pixels.
+    fn water(&self, gpu: &Gpu, encoder: &mut PassEncoder<'_>, by_cells: Option<bool>) {
         let view = |resource| self.targets.view(resource);
         if let (Some(depth), Some(into), Some(light)) =
             (view(Resource::Depth), view(Resource::Radiance), self.light(gpu, false))
         {
-            self.water.draw(gpu, encoder, self.pipelines.water(gpu), &light, &depth, &into);
+            let lit = by_cells.and_then(|_| view(Resource::Lit));
+            let cells = by_cells.filter(|&cells| cells).and_then(|_| self.tracer.pyramid());
+            let mirrored = lit.as_ref().map(|lit| (lit, cells.as_ref().unwrap_or(&depth), &self.tracer));
+            let pipelines = self.pipelines.water(gpu, by_cells);
+            self.water.draw(gpu, encoder, pipelines, &light, (&depth, mirrored), &into);
         }
     }
 

@@ -96,7 +96,8 @@ fn fs_water_added(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let mirror = Reflector(vec3(WATER), 1.0, s.roughness, s.normal, s.to_eye, 1.0);
     // Ripples may point what they mirror below the horizon, where other ripples are.
     let away = reflect(-s.to_eye, s.normal);
-    let sky = s.mirrored * reflected(vec3(away.x, abs(away.y), away.z), s.roughness);
+    let up = vec3(away.x, abs(away.y), away.z);
+    let sky = s.mirrored * mirrored_at(s, up, reflected(up, s.roughness));
     let light = ambient(vec3(0.0, 1.0, 0.0)) + sun * height;
     let sent_back = water.scattered.rgb * light * ((1.0 - s.mirrored) - s.left);
     let seen = from_light(mirror, frame.to_sun.xyz, sun) + sky + sent_back;

@@ -17,6 +17,7 @@ mod lights;
 mod materials;
 mod occlusion;
 mod pictures;
+mod reflections;
 mod shadows;
 mod shapes;
 mod spheres;

@@ -4,11 +4,13 @@
 //! also holds the exact computation.
 
 pub mod antialias;
+pub mod bloom;
 pub mod brdf;
 pub mod debug;
 pub mod depth;
 pub mod lights;
 pub mod occlusion;
+pub mod reflections;
 pub mod relief;
 pub mod sky;
 pub mod sunlight;

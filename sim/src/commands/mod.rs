@@ -11,6 +11,7 @@ mod models;
 mod mutate;
 mod normals;
 mod occlusion_errors;
+mod reflection_errors;
 mod relief_methods;
 mod reproduce;
 mod run;
@@ -67,6 +68,9 @@ pub(crate) enum Command {
     /// Settles a plan's case in virtual time and holds methods of ambient occlusion against rays at the triangles that are
     /// drawn, on the machine's graphics adapter: error, and time of their passes.
     OcclusionErrors(occlusion_errors::OcclusionErrors),
+    /// Settles a plan's case in virtual time and holds searches of screen-space reflections against rays at the triangles that
+    /// are drawn, on the machine's graphics adapter: what is found of what mirrors would show, and lookups.
+    ReflectionErrors(reflection_errors::ReflectionErrors),
     /// Holds ways of relief mapping, from parallax to a quadtree, against the exact hit by angle: wrong hits, how far off,
     /// lookups.
     ReliefMethods(relief_methods::ReliefMethods),
@@ -104,6 +108,7 @@ impl Command {
             Self::FrameTime(command) => command.run(),
             Self::DrawTrade(command) => command.run(),
             Self::OcclusionErrors(command) => command.run(),
+            Self::ReflectionErrors(command) => command.run(),
             Self::ReliefMethods(command) => command.run(),
             Self::Gallery(command) => command.run(),
             Self::Run(command) => command.run(),

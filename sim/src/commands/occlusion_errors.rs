@@ -68,7 +68,7 @@ fn methods() -> impl TypedValueParser<Value = Named> {
     })
 }
 
-fn camera(text: &str) -> Result<Camera, String> {
+pub(super) fn camera(text: &str) -> Result<Camera, String> {
     let numbers: Option<Vec<f64>> =
         text.split(',').map(|n| n.trim().parse().ok().filter(|x: &f64| x.is_finite())).collect();
     match numbers.as_deref() {

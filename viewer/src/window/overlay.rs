@@ -7,8 +7,9 @@ use std::time::Duration;
 
 use lodestream_client::core::Stats;
 use lodestream_render::{
-    AntiAliasing, MAX_ANISOTROPY, MAX_CASCADES, MAX_FILTER, MAX_LIGHTS, MAX_RELIEF_STEPS, MAX_SAMPLES,
-    OcclusionMethod, OcclusionRadius, ReliefMethod, Shade, Timings, ToneMapping,
+    AntiAliasing, MAX_ANISOTROPY, MAX_CASCADES, MAX_FILTER, MAX_LIGHTS, MAX_REFLECTION_STEPS,
+    MAX_RELIEF_STEPS, MAX_SAMPLES, OcclusionMethod, OcclusionRadius, ReflectionMethod, Reflections,
+    ReliefMethod, Shade, Timings, ToneMapping,
 };
 
 pub(super) use choices::Choices;
@@ -171,6 +172,22 @@ fn parameters(ui: &mut egui::Ui, choices: &mut Choices) {
             }
         });
         ui.end_row();
+        ui.label("reflections");
+        let named = choices.reflections.map_or("the sky", |reflections| reflections.method.name());
+        egui::ComboBox::from_id_salt("reflections").selected_text(named).show_ui(ui, |ui| {
+            let chosen = &mut choices.reflections;
+            let steps = chosen.unwrap_or_default().steps;
+            ui.selectable_value(chosen, None, "the sky");
+            for method in ReflectionMethod::ALL {
+                ui.selectable_value(chosen, Some(Reflections { method, steps }), method.name());
+            }
+        });
+        ui.end_row();
+        if let Some(reflections) = &mut choices.reflections {
+            let steps = egui::Slider::new(&mut reflections.steps, 1..=MAX_REFLECTION_STEPS).logarithmic(true);
+            slider(ui, "steps of a ray", steps);
+        }
+        slider(ui, "bloom", egui::Slider::new(&mut choices.bloom.strength, 0.0..=0.5));
         slider(ui, "exposure", egui::Slider::new(&mut choices.exposure, 0.05..=20.0).logarithmic(true));
         ui.label("tone mapping");
         egui::ComboBox::from_id_salt("tone").selected_text(choices.tone_mapping.name()).show_ui(ui, |ui| {

@@ -14,6 +14,7 @@ pub mod frame_time;
 pub mod gallery;
 pub mod occlusion;
 mod painter;
+pub mod reflections;
 pub mod relief_methods;
 mod settled;
 pub mod shown;

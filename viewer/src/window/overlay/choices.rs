@@ -1,7 +1,8 @@
 //! What can be changed in the overlay: from the settings, and back into them.
 
 use lodestream_render::{
-    AmbientOcclusion, AntiAliasing, LightCulling, ReliefMethod, Settings, Shade, Shadows, ToneMapping,
+    AmbientOcclusion, AntiAliasing, Bloom, LightCulling, Reflections, ReliefMethod, Settings, Shade, Shadows,
+    ToneMapping,
 };
 
 /// What the user may change.
@@ -34,6 +35,8 @@ pub(in crate::window) struct Choices {
     pub(in crate::window) emission: bool,
     pub(in crate::window) transparency: bool,
     pub(in crate::window) water: bool,
+    pub(in crate::window) reflections: Option<Reflections>,
+    pub(in crate::window) bloom: Bloom,
     pub(in crate::window) dither: bool,
     pub(in crate::window) anisotropy: u32,
     pub(in crate::window) relief_steps: u32,
@@ -64,6 +67,8 @@ impl Choices {
             emission: settings.emission,
             transparency: settings.transparency,
             water: settings.water,
+            reflections: settings.reflections,
+            bloom: settings.bloom.unwrap_or(Bloom { strength: 0.0 }),
             dither: settings.dither,
             anisotropy: settings.anisotropy,
             relief_steps: settings.relief_steps,
@@ -85,6 +90,8 @@ impl Choices {
         settings.emission = self.emission;
         settings.transparency = self.transparency;
         settings.water = self.water;
+        settings.reflections = self.reflections;
+        settings.bloom = (self.bloom.strength > 0.0).then_some(self.bloom);
         settings.dither = self.dither;
         settings.anisotropy = self.anisotropy;
         settings.relief_steps = self.relief_steps;
@@ -111,6 +118,8 @@ mod tests {
             emission: false,
             transparency: false,
             water: false,
+            reflections: Some(Reflections { steps: 3, ..Reflections::default() }),
+            bloom: Some(Bloom { strength: 0.1 }),
             dither: false,
             relief_steps: 7,
             relief_method: ReliefMethod::SteepParallax,

@@ -1,0 +1,5 @@
+// Water that mirrors the sky alone.
+
+fn mirrored_at(s: Surface, direction: vec3<f32>, sky: vec3<f32>) -> vec3<f32> {
+    return sky;
+}
