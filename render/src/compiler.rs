@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::gpu::Gpu;
 use super::material_kit::Features;
+use super::occlusion::OcclusionMethod;
 use super::pipelines::{Pipelines, Whole};
 use super::reflections::ReflectionMethod;
 use super::scene::{AntiAliasing, Settings};
@@ -26,6 +27,8 @@ enum Task {
         by_cells: Option<bool>,
     },
     Bloom,
+    /// Of occlusion.
+    Layers,
     Wire,
     GroundWire,
     /// How far things move, and means over time.
@@ -86,6 +89,9 @@ impl Compiler {
             Task::Water { by_cells } => {
                 pipelines.water(gpu, by_cells);
             }
+            Task::Layers => {
+                pipelines.layers(gpu);
+            }
             Task::Bloom => {
                 pipelines.bloom(gpu);
             }
@@ -127,10 +133,18 @@ fn tasks(settings: &Settings, ground: bool) -> Vec<Task> {
     also(shadows, &[Task::Whole(Whole::Sunlight), Task::Caster]);
     also(shadows && ground, &[Task::GroundCaster]);
     if let Some(method) = method {
-        also(true, &[Task::Whole(Whole::Occlusion(method)), Task::Whole(Whole::Blur)]);
+        let estimate = match method {
+            OcclusionMethod::HbaoPlus => Task::Layers,
+            method => Task::Whole(Whole::Occlusion(method)),
+        };
+        also(true, &[estimate, Task::Whole(Whole::Blur)]);
     }
     if let Some(still) = settings.occlusion.and_then(|occlusion| occlusion.still) {
-        also(occlusion, &[Task::Whole(Whole::OcclusionMean(still))]);
+        let estimate = match still {
+            OcclusionMethod::HbaoPlus => Task::Layers,
+            still => Task::Whole(Whole::OcclusionMean(still)),
+        };
+        also(occlusion, &[estimate]);
     }
     match settings.anti_aliasing {
         AntiAliasing::None => also(true, &[Task::Whole(Whole::ToneMap)]),

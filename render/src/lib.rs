@@ -36,6 +36,7 @@ mod ground_scene;
 mod headless;
 pub mod image_compare;
 mod instance;
+mod layers;
 mod lights;
 mod material;
 mod material_kit;

@@ -26,6 +26,9 @@ pub enum OcclusionMethod {
     SsaoCentred,
     /// Horizons above the tangent plane, marched along directions of the picture (Bavoil and Sainz 2008).
     Hbao,
+    /// The same within each of sixteen layers of every fourth pixel of every fourth row, whose pixels look up neighbours
+    /// (Bavoil 2014): horizons of at least four pixels.
+    HbaoPlus,
     /// Points on a spiral, by how high above the tangent plane what is drawn there lies (McGuire et al. 2011 and 2012).
     Alchemy,
     /// Slices through the direction to the eye, each with a horizon to both sides, integrated in closed form (Jimenez et
@@ -38,8 +41,8 @@ pub enum OcclusionMethod {
 
 impl OcclusionMethod {
     /// All there are.
-    pub const ALL: [Self; 6] =
-        [Self::Ssao, Self::SsaoCentred, Self::Hbao, Self::Alchemy, Self::Gtao, Self::Bitmask];
+    pub const ALL: [Self; 7] =
+        [Self::Ssao, Self::SsaoCentred, Self::Hbao, Self::HbaoPlus, Self::Alchemy, Self::Gtao, Self::Bitmask];
 
     /// Its name for people and on command lines.
     #[must_use]
@@ -48,6 +51,7 @@ impl OcclusionMethod {
             Self::Ssao => "ssao",
             Self::SsaoCentred => "ssao-centred",
             Self::Hbao => "hbao",
+            Self::HbaoPlus => "hbao-plus",
             Self::Alchemy => "alchemy",
             Self::Gtao => "gtao",
             Self::Bitmask => "bitmask",

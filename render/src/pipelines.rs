@@ -7,6 +7,7 @@ use super::bloom::BloomPipelines;
 use super::fullscreen::fullscreen_pipeline;
 use super::gbuffer::{ADD, UNIFORM_BLOCK, shader};
 use super::gpu::Gpu;
+use super::layers::LayerPipelines;
 use super::material_kit::MaterialKit;
 use super::mesh_pipelines::MeshPipelines;
 use super::occlusion::OcclusionMethod;
@@ -29,11 +30,13 @@ macro_rules! occlusion {
     };
 }
 
-const SSAO: &str = occlusion!("occlusion", "ssao");
-const HBAO: &str = occlusion!("occlusion", "hbao");
-const ALCHEMY: &str = occlusion!("occlusion", "alchemy");
-const GTAO: &str = occlusion!("occlusion", "slices", "gtao");
-const BITMASK: &str = occlusion!("occlusion", "slices", "bitmask");
+const SSAO: &str = occlusion!("occlusion", "ssao", "whole");
+const HBAO: &str = occlusion!("occlusion", "hbao", "whole");
+/// For [`super::layers`].
+pub(crate) const HBAO_PLUS: &str = occlusion!("occlusion", "hbao", "layers");
+const ALCHEMY: &str = occlusion!("occlusion", "alchemy", "whole");
+const GTAO: &str = occlusion!("occlusion", "slices", "gtao", "whole");
+const BITMASK: &str = occlusion!("occlusion", "slices", "bitmask", "whole");
 const BLUR: &str = occlusion!("occlusion_blur");
 const SHADOWS: &str = concat!(
     include_str!("shaders/common.wgsl"),
@@ -101,6 +104,16 @@ pub(crate) const DEBUG: &str = concat!(
     include_str!("shaders/motion.wgsl"),
     include_str!("shaders/debug.wgsl")
 );
+
+/// Mixes what is drawn with what is there by the share that is the blend's constant.
+const BY_SHARE: wgpu::BlendState = {
+    let over = wgpu::BlendComponent {
+        src_factor: wgpu::BlendFactor::Constant,
+        dst_factor: wgpu::BlendFactor::OneMinusConstant,
+        operation: wgpu::BlendOperation::Add,
+    };
+    wgpu::BlendState { color: over, alpha: over }
+};
 
 /// A pass over the whole of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -184,7 +197,8 @@ impl Module {
         match method {
             // They differ by their kernel.
             OcclusionMethod::Ssao | OcclusionMethod::SsaoCentred => Self::Ssao,
-            OcclusionMethod::Hbao => Self::Hbao,
+            // The latter has pipelines of its own.
+            OcclusionMethod::Hbao | OcclusionMethod::HbaoPlus => Self::Hbao,
             OcclusionMethod::Alchemy => Self::Alchemy,
             OcclusionMethod::Gtao => Self::Gtao,
             OcclusionMethod::Bitmask => Self::Bitmask,
@@ -202,6 +216,7 @@ pub(crate) struct Pipelines {
     /// Where the sky alone is mirrored, and where the picture is too, by either search.
     water: [OnceLock<WaterPipelines>; 3],
     bloom: OnceLock<BloomPipelines>,
+    layers: OnceLock<LayerPipelines>,
     /// Of means over time, whose pass has it too.
     pub(crate) resolve: Arc<OnceLock<Resolve>>,
     modules: [OnceLock<wgpu::ShaderModule>; Module::COUNT],
@@ -220,9 +235,10 @@ impl Pipelines {
             terrain: OnceLock::new(),
             water: Default::default(),
             bloom: OnceLock::new(),
+            layers: OnceLock::new(),
             resolve: Arc::default(),
             modules: Default::default(),
-            whole: Default::default(),
+            whole: std::array::from_fn(|_| OnceLock::new()),
             target,
             frame_layout,
         }
@@ -243,6 +259,11 @@ impl Pipelines {
     /// What spreads light around what is bright.
     pub(crate) fn bloom(&self, gpu: &Gpu) -> &BloomPipelines {
         self.bloom.get_or_init(|| BloomPipelines::new(gpu))
+    }
+
+    /// What estimates occlusion in layers.
+    pub(crate) fn layers(&self, gpu: &Gpu) -> &LayerPipelines {
+        self.layers.get_or_init(|| LayerPipelines::new(gpu, BY_SHARE))
     }
 
     /// What draws a pass over the whole of a picture.
@@ -290,13 +311,7 @@ impl Pipelines {
             }
             Whole::Occlusion(method) => full(Module::of(method), "fs_occlusion", OCCLUSION.into(), &[]),
             Whole::OcclusionMean(method) => {
-                let over = wgpu::BlendComponent {
-                    src_factor: wgpu::BlendFactor::Constant,
-                    dst_factor: wgpu::BlendFactor::OneMinusConstant,
-                    operation: wgpu::BlendOperation::Add,
-                };
-                let blend = Some(wgpu::BlendState { color: over, alpha: over });
-                let mean = wgpu::ColorTargetState { blend, ..OCCLUSION_MEAN.into() };
+                let mean = wgpu::ColorTargetState { blend: Some(BY_SHARE), ..OCCLUSION_MEAN.into() };
                 full(Module::of(method), "fs_occlusion", mean, &[])
             }
             Whole::Blur => full(Module::Blur, "fs_blur", OCCLUSION.into(), &[]),

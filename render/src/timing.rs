@@ -16,8 +16,9 @@ use super::graph::PassId;
 const FRAMES: usize = 30;
 /// Frames whose timestamps may be under way.
 const RING: usize = 4;
-/// Stretches of a frame that are stamped, at most: its passes, and each map of shadows.
-const STRETCHES: usize = 24;
+/// Stretches of a frame that are stamped, at most: its passes, each map of shadows, each layer of occlusion twice, each
+/// level of depths and of bloom.
+const STRETCHES: usize = 96;
 /// A timestamp's bytes.
 const STAMP: u64 = wgpu::QUERY_SIZE as u64;
 

@@ -20,9 +20,11 @@ use crate::fullscreen::depth_attachment;
 use crate::gpu::{Gpu, RenderError};
 use crate::graph::{self, Needs, PassId, Resource};
 use crate::instance::InstanceRaw;
+use crate::layers::Layers;
 use crate::lights::{LampList, LampPass};
 use crate::material::Material;
 use crate::material_kit::{Features, MaterialKit};
+use crate::occlusion::OcclusionMethod;
 use crate::pipelines::Pipelines;
 use crate::reflections::{ReflectionMethod, Tracer};
 use crate::scene::{AntiAliasing, Frame, MAX_ANISOTROPY, MIN_RENDER_SCALE, Settings, Shade};
@@ -56,6 +58,7 @@ pub struct Renderer {
     water: WaterPass,
     tracer: Tracer,
     bloom: BloomPass,
+    layers: Layers,
     temporal: Temporal,
     accumulation: Accumulation,
     target_format: wgpu::TextureFormat,
@@ -116,6 +119,7 @@ impl Renderer {
             water: WaterPass::new(gpu),
             tracer: Tracer::new(gpu),
             bloom: BloomPass::default(),
+            layers: Layers::default(),
             temporal,
             accumulation: Accumulation::default(),
             target_format,
@@ -290,6 +294,9 @@ impl Renderer {
         }
         if let Some(reflections) = reflections {
             self.tracer.prepare(gpu, reflections, size);
+        }
+        if occlusion && accumulated.method == OcclusionMethod::HbaoPlus {
+            self.layers.prepare(gpu, size);
         }
         if frame.settings.bloom.is_some() {
             self.bloom.prepare(gpu, size);

@@ -9,6 +9,7 @@ use crate::draw::{Batch, DrawList};
 use crate::fullscreen::{attachment, blended, fullscreen};
 use crate::gpu::Gpu;
 use crate::graph::{Pass, PassId, Resource};
+use crate::occlusion::OcclusionMethod;
 use crate::pipelines::Whole;
 use crate::scene::{Frame, Shade};
 use crate::target::{Load, Target};
@@ -39,6 +40,14 @@ impl Renderer {
         match pass.id {
             PassId::GBuffer | PassId::Overdraw | PassId::Emission | PassId::Transparency | PassId::Edges => {
                 self.geometry(gpu, encoder, pass.id, frame, (list, ground), counters)
+            }
+            PassId::Occlusion if accumulated.method == OcclusionMethod::HbaoPlus => {
+                let mean = pass.writes(OcclusionMean).then(|| 1.0 / f64::from(accumulated.number));
+                let into = self.targets.view(if mean.is_some() { OcclusionMean } else { OcclusionRaw });
+                if let (Some(depth), Some(into)) = (self.targets.view(Depth), into) {
+                    let from = (&self.frame_buffer, &depth);
+                    self.layers.draw(gpu, encoder, self.pipelines.layers(gpu), from, (&into, mean));
+                }
             }
             PassId::Occlusion if pass.writes(OcclusionMean) => {
                 if let Some(mean) = self.targets.view(OcclusionMean) {

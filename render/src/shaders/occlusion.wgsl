@@ -1,5 +1,6 @@
 // What the estimators of ambient occlusion share: receivers, rotations, and what is made of their sums. Each has a file
-// of its own with `occlusion_sums`, which gives how much is occluded, and of how much. Twin: twin/occlusion/mod.rs.
+// of its own with `occlusion_sums`, which gives how much is occluded, and of how much; what is drawn around a receiver is
+// looked up in the picture (whole.wgsl) or in a sixteenth of it (layers.wgsl). Twin: twin/occlusion/mod.rs.
 
 // Something counts as an occluder from this height above the tangent plane on, as a fraction of the radius (SSAO) or of
 // its distance (all others); keeps flat and gently curved surfaces clean.
@@ -43,33 +44,15 @@ fn march_offset(r: Receiver) -> f32 {
     return (f32((r.rotation * 5u + 3u) & 15u) + 0.5) / 16.0;
 }
 
-// Pixels to go for a share of the radius: from the next pixel on, since a sample in the own one finds nothing.
-fn march_px(r: Receiver, share: f32) -> f32 {
-    return mix(1.0, max(r.radius * frame.scale_px / r.depth, 1.0), share);
-}
-
-// What is drawn at an offset in pixels: from the receiver, view space. 0 outside of the picture, where nothing is known,
-// in the pixel itself and in the sky.
-fn drawn_at(r: Receiver, offset_px: vec2<f32>) -> vec3<f32> {
-    let there = vec2<i32>(floor(vec2<f32>(r.pixel) + 0.5 + offset_px));
-    if (any(there < vec2(0)) || any(there >= vec2<i32>(frame.size_px)) || all(there == r.pixel)) {
-        return vec3(0.0);
-    }
-    let depth = depth_at(there);
-    return select(view_ray(there) * depth - r.centre, vec3(0.0), depth >= FAR);
-}
-
-@fragment
-fn fs_occlusion(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
-    let pixel = vec2<i32>(at.xy);
+// How open the surface at a pixel is.
+fn open_at(pixel: vec2<i32>) -> f32 {
     let depth = depth_at(pixel);
     let radius = radius_at(depth);
     if (depth >= FAR || radius * frame.scale_px < MIN_RADIUS_PX * depth) {
-        return vec4(1.0);
+        return 1.0;
     }
     let centre = view_ray(pixel) * depth;
     let receiver = Receiver(pixel, depth, centre, normal_at(pixel, centre), radius, rotation_index(pixel));
     let sums = occlusion_sums(receiver);
-    let open = 1.0 - frame.occlusion_strength * sums.x / sums.y;
-    return vec4(clamp(open, 0.0, 1.0));
+    return clamp(1.0 - frame.occlusion_strength * sums.x / sums.y, 0.0, 1.0);
 }

@@ -128,7 +128,9 @@ fn occlusion_matches_its_twin() {
             darkest = darkest.min(want);
         }
         let mean = sum / raw.len() as f64;
-        assert!(darkest < 0.75, "the scene has no corner: {darkest}");
+        // Layers see nothing within four pixels, of the radius' dozen.
+        let corner = if method == OcclusionMethod::HbaoPlus { 0.8 } else { 0.75 };
+        assert!(darkest < corner, "the scene has no corner: {darkest}");
         assert!(
             mean < 0.004 && different * 50 < raw.len(),
             "{} {samples}: mean {mean}, {different} pixels differ",

@@ -59,12 +59,13 @@ impl Occlusion<'_> {
         let centre = picture.position_at(pixel);
         let normal = picture.normal_at(pixel, centre);
         let rotation = (rotation_index(pixel) + self.turned) & 15;
+        let stride = if self.method == OcclusionMethod::HbaoPlus { 4 } else { 1 };
         let receiver =
-            Receiver { picture, pixel, depth, centre, normal, radius, rotation, scale_px, samples };
+            Receiver { picture, pixel, depth, centre, normal, radius, rotation, scale_px, samples, stride };
         let [occluded, of] = match self.method {
             OcclusionMethod::Ssao => ssao::sums(&receiver, false),
             OcclusionMethod::SsaoCentred => ssao::sums(&receiver, true),
-            OcclusionMethod::Hbao => hbao::sums(&receiver),
+            OcclusionMethod::Hbao | OcclusionMethod::HbaoPlus => hbao::sums(&receiver),
             OcclusionMethod::Alchemy => alchemy::sums(&receiver),
             OcclusionMethod::Gtao => gtao::sums(&receiver),
             OcclusionMethod::Bitmask => bitmask::sums(&receiver),
@@ -126,8 +127,13 @@ mod tests {
             // In the edge itself each wall hides half of the other's hemisphere. The integral is 0.703 in the mean of the
             // window. Beside the edge the neighbour that is nearest in depth is the one across it, whose normal is
             // between both walls': that leaves horizons too low.
-            let horizons =
-                matches!(method, OcclusionMethod::Hbao | OcclusionMethod::Gtao | OcclusionMethod::Bitmask);
+            let horizons = matches!(
+                method,
+                OcclusionMethod::Hbao
+                    | OcclusionMethod::HbaoPlus
+                    | OcclusionMethod::Gtao
+                    | OcclusionMethod::Bitmask
+            );
             let most = if horizons { 0.87 } else { 0.8 };
             assert!((0.6..most).contains(&edge), "{method:?}: {edge}");
         }

@@ -17,6 +17,8 @@ pub(super) struct Receiver<'a> {
     pub(super) rotation: u32,
     pub(super) scale_px: f64,
     pub(super) samples: usize,
+    /// Pixels between two that are looked up: 4 where it has a sixteenth of the picture.
+    pub(super) stride: i64,
 }
 
 /// Two perpendiculars to the unit vector `n` (Duff et al., 2017).
@@ -37,14 +39,17 @@ impl Receiver<'_> {
         (f64::from((self.rotation * 5 + 3) & 15) + 0.5) / 16.0
     }
 
-    /// Pixels to go for a share of the radius.
+    /// Pixels to go for a share of the radius, from the next on.
     pub(super) fn march_px(&self, share: f64) -> f64 {
-        1.0 + ((self.radius * self.scale_px / self.depth).max(1.0) - 1.0) * share
+        let next = self.stride as f64;
+        next + ((self.radius * self.scale_px / self.depth).max(next) - next) * share
     }
 
     /// What is drawn at an offset in pixels, from here.
     pub(super) fn drawn_at(&self, offset_px: [f64; 2]) -> V3 {
-        let there = [0, 1].map(|i| (self.pixel[i] as f64 + 0.5 + offset_px[i]).floor() as i64);
+        let stride = self.stride as f64;
+        let there = [0, 1]
+            .map(|i| self.pixel[i] + self.stride * ((offset_px[i] + 0.5 * stride) / stride).floor() as i64);
         let outside = (0..2).any(|i| there[i] < 0 || there[i] >= i64::from(self.picture.size_px[i]));
         if outside || there == self.pixel || self.picture.depth_at(there) >= 1e30 {
             return [0.0; 3];

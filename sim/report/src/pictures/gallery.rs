@@ -127,6 +127,7 @@ fn entries() -> Vec<Entry> {
             OcclusionMethod::Ssao => "Mittring 2007",
             OcclusionMethod::SsaoCentred => "Chapman 2013",
             OcclusionMethod::Hbao => "Bavoil, Sainz, Dimitrov 2008",
+            OcclusionMethod::HbaoPlus => "Bavoil 2014",
             OcclusionMethod::Alchemy => "McGuire, Osman, Bukowski, Hennessy 2011",
             OcclusionMethod::Gtao => "Jimenez, Wu, Pesce, Jarabo 2016",
             OcclusionMethod::Bitmask => "Therrien, Levesque, Gilet 2023",
