@@ -40,12 +40,24 @@ fn psnr_db(a: &RgbaImage, b: &RgbaImage) -> Option<f64> {
 
 /// Mean over the map that the authors' own code (crate `nv-flip`) draws of pictures of one size.
 pub(crate) fn flip(picture: &RgbaImage, reference: &RgbaImage) -> f64 {
+    let map = flip_map(picture, reference);
+    map.iter().copied().map(f64::from).sum::<f64>() / map.len().max(1) as f64
+}
+
+/// The same over some pixels of it, as many as `covered` says: rows from the top.
+pub(crate) fn flip_of(picture: &RgbaImage, reference: &RgbaImage, covered: &[bool]) -> f64 {
+    let map = flip_map(picture, reference);
+    let of_covered =
+        || map.iter().zip(covered).filter(|(_, covered)| **covered).map(|(flip, _)| f64::from(*flip));
+    of_covered().sum::<f64>() / of_covered().count().max(1) as f64
+}
+
+fn flip_map(picture: &RgbaImage, reference: &RgbaImage) -> Vec<f32> {
     let image = |rgba: &RgbaImage| {
         let rgb = DynamicImage::from(rgba.clone()).into_rgb8();
         nv_flip::FlipImageRgb8::with_data(rgb.width(), rgb.height(), &rgb)
     };
-    let map = nv_flip::flip(image(reference), image(picture), PIXELS_PER_DEGREE).to_vec();
-    map.iter().copied().map(f64::from).sum::<f64>() / map.len().max(1) as f64
+    nv_flip::flip(image(reference), image(picture), PIXELS_PER_DEGREE).to_vec()
 }
 
 #[cfg(test)]

@@ -16,6 +16,7 @@ pub mod occlusion;
 mod painter;
 pub mod reflections;
 pub mod relief_methods;
+pub mod relief_worth;
 mod settled;
 pub mod shown;
 #[cfg(test)]

@@ -9,7 +9,7 @@ use lodestream_protocol::Time;
 use lodestream_protocol::view::View;
 use lodestream_render::rays::Rays;
 use lodestream_render::{
-    AntiAliasing, Counters, Frame, Gpu, Headless, PassId, RenderError, SceneView, Settings,
+    AntiAliasing, Counters, Environment, Frame, Gpu, Headless, PassId, RenderError, SceneView, Settings,
 };
 use lodestream_scenario::observer::Observer;
 use lodestream_scenario::plan::PictureSettings;
@@ -100,6 +100,21 @@ impl<'a> Painter<'a> {
     pub(super) fn frame(&mut self, view: &View, settings: Settings) -> Result<Counters, RenderError> {
         let Self { studio, headless, scene, .. } = self;
         studio.alone(|_| frame(headless, scene, view, settings))
+    }
+
+    /// The same in other light, without exposure.
+    ///
+    /// # Errors
+    /// What the graphics device refuses.
+    pub(super) fn frame_in(
+        &mut self,
+        view: &View,
+        settings: Settings,
+        environment: Environment,
+    ) -> Result<Counters, RenderError> {
+        let Self { studio, headless, scene, .. } = self;
+        let draw = |frame: &Frame<'_>| headless.frame(&Frame { environment, sky: None, settings, ..*frame });
+        studio.alone(|_| scene.with_frame(view.pose(), settings, AFTER_ALL_MORPHS_S, draw))
     }
 
     /// The last frame's picture.
