@@ -10,7 +10,7 @@ use super::instance::{Instance, InstanceRaw};
 use super::material_kit::Features;
 use super::mesh_pipelines::MeshPipelines;
 use super::receivers::Receivers;
-use super::scene::Frame;
+use super::scene::{Frame, ReliefMethod};
 
 /// The instances of one asset that are drawn: a range of the frame's instance buffer.
 #[derive(Clone, Copy, Debug)]
@@ -98,17 +98,32 @@ impl<'a> DrawList<'a> {
         self.batches.iter().any(|batch| batch.asset.any(&holds))
     }
 
-    /// Draws all surfaces that are not seen through; `relief` says whether height maps are honoured.
+    /// Draws all surfaces that are not seen through; `relief` says how height maps are honoured, if they are.
     pub(crate) fn surfaces(
         &self,
         gpu: &Gpu,
         pass: &mut wgpu::RenderPass<'_>,
         (pipelines, instances): (&MeshPipelines, &wgpu::Buffer),
-        relief: bool,
+        relief: Option<ReliefMethod>,
         counters: &mut Counters,
     ) {
-        draw(&self.batches, pass, instances, counters, |of| {
-            (!of.blend).then(|| pipelines.surface(gpu, of, relief))
+        let wanted = relief.and_then(ReliefMethod::aid);
+        each(&self.batches, pass, instances, |pass, part, triangles| {
+            let of = part.material.features;
+            if of.blend {
+                return false;
+            }
+            let aided =
+                wanted.filter(|_| of.relief).and_then(|aid| Some((aid, part.material.aid(gpu, aid)?)));
+            match aided {
+                Some((aid, group)) => {
+                    pass.set_pipeline(pipelines.aided(gpu, of, aid));
+                    pass.set_bind_group(2, group, &[]);
+                }
+                None => pass.set_pipeline(pipelines.surface(gpu, of, relief.is_some())),
+            }
+            count(pass, part, triangles, counters);
+            true
         });
     }
 
@@ -207,11 +222,16 @@ fn draw<'p>(
     each(batches, pass, instances, |pass, part, triangles| {
         let Some(pipeline) = pipeline(part.material.features) else { return false };
         pass.set_pipeline(pipeline);
-        pass.set_bind_group(1, &part.material.group, &[]);
-        counters.draws += 1;
-        counters.triangles += triangles;
+        count(pass, part, triangles, counters);
         true
     });
+}
+
+/// Takes a part's material, and counts what is drawn with it.
+fn count(pass: &mut wgpu::RenderPass<'_>, part: &PartDraw<'_>, triangles: u64, counters: &mut Counters) {
+    pass.set_bind_group(1, &part.material.group, &[]);
+    counters.draws += 1;
+    counters.triangles += triangles;
 }
 
 /// Draws parts of some batches; `prepare` chooses which and how, and is told how many triangles each has.

@@ -49,6 +49,7 @@ mod receivers;
 #[cfg(feature = "client")]
 mod refining;
 mod reflections;
+mod relief_aid;
 mod renderer;
 mod scene;
 #[cfg(feature = "client")]

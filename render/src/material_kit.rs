@@ -1,11 +1,14 @@
 //! Materials as the shaders see them.
 
+use std::sync::OnceLock;
+
 use bytemuck::{Pod, Zeroable};
 use lodestream_protocol::asset::{Alpha, Wrap};
 use wgpu::util::DeviceExt;
 
 use super::gpu::Gpu;
 use super::material::Material;
+use super::relief_aid::ReliefAid;
 use super::texture::{Texture, TextureKind};
 
 /// `Material` of `gbuffer.wgsl`.
@@ -39,6 +42,8 @@ const WRAPS: [Wrap; 3] = [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror];
 #[derive(Clone, Debug)]
 pub(crate) struct MaterialKit {
     pub(crate) layout: wgpu::BindGroupLayout,
+    /// Of what relief mapping must know beforehand.
+    pub(crate) aid_layout: wgpu::BindGroupLayout,
     /// By how they wrap along u and v.
     samplers: [[wgpu::Sampler; 3]; 3],
     white: wgpu::TextureView,
@@ -114,6 +119,7 @@ impl MaterialKit {
         });
         Self {
             layout,
+            aid_layout: ReliefAid::layout(gpu),
             samplers: WRAPS.map(|u| WRAPS.map(|v| sampler(gpu, [u, v]))),
             white: texel(gpu, wgpu::TextureFormat::Rgba8UnormSrgb, &[255; 4]),
             flat: texel(gpu, wgpu::TextureFormat::R8Unorm, &[255]),
@@ -183,7 +189,15 @@ impl MaterialKit {
             entries: &entries,
         });
         let features = Features { relief, maps: surfaces || normals, ..Features::of(material) };
-        BoundMaterial { group, features }
+        // Beyond the edge the aids know only the repeat.
+        let heights = found[1].filter(|_| relief && material.wrap == [Wrap::Repeat; 2]).cloned();
+        BoundMaterial {
+            group,
+            features,
+            heights,
+            aids: Default::default(),
+            aid_layout: self.aid_layout.clone(),
+        }
     }
 }
 
@@ -192,6 +206,30 @@ impl MaterialKit {
 pub(crate) struct BoundMaterial {
     pub(crate) group: wgpu::BindGroup,
     pub(crate) features: Features,
+    /// The height map, where something can be known of it beforehand.
+    heights: Option<Texture>,
+    /// Group 2 of what relief mapping has asked to know; `None` within where that is nothing.
+    aids: [OnceLock<Option<wgpu::BindGroup>>; ReliefAid::COUNT],
+    aid_layout: wgpu::BindGroupLayout,
+}
+
+impl BoundMaterial {
+    /// Group 2 with what relief mapping asks to know of the height map, made when it is first asked for; `None` where its
+    /// search must do without.
+    pub(crate) fn aid(&self, gpu: &Gpu, aid: ReliefAid) -> Option<&wgpu::BindGroup> {
+        let group = self.aids[aid.number()].get_or_init(|| {
+            let view = self.heights.as_ref()?.aid(gpu, aid)?;
+            Some(gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some("relief's aid"),
+                layout: &self.aid_layout,
+                entries: &[wgpu::BindGroupEntry {
+                    binding: 0,
+                    resource: wgpu::BindingResource::TextureView(&view),
+                }],
+            }))
+        });
+        group.as_ref()
+    }
 }
 
 /// What a material asks of the shaders.

@@ -7,21 +7,33 @@ use super::gpu::Gpu;
 use super::instance::{BEFORE_ATTRIBUTES, INSTANCE_ATTRIBUTES, InstanceRaw};
 use super::lights::LampPass;
 use super::material_kit::{Features, MaterialKit};
+use super::relief_aid::ReliefAid;
 use super::vertex::{PackedVertex, VERTEX_ATTRIBUTES};
 
-const SURFACE: &str = concat!(
-    include_str!("shaders/common.wgsl"),
-    include_str!("shaders/targets.wgsl"),
-    include_str!("shaders/anisotropic.wgsl"),
-    include_str!("shaders/gbuffer.wgsl"),
-    include_str!("shaders/relief.wgsl")
-);
+/// What fills the G-buffer, with the file that says where relief is met.
+macro_rules! surface {
+    ($found:literal) => {
+        concat!(
+            include_str!("shaders/common.wgsl"),
+            include_str!("shaders/targets.wgsl"),
+            include_str!("shaders/anisotropic.wgsl"),
+            include_str!("shaders/gbuffer.wgsl"),
+            include_str!("shaders/relief.wgsl"),
+            include_str!($found)
+        )
+    };
+}
+const SURFACE: &str = surface!("shaders/relief_steps.wgsl");
+/// By what is known of the height map.
+const AIDED: [&str; ReliefAid::COUNT] =
+    [surface!("shaders/relief_cones.wgsl"), surface!("shaders/relief_quadtree.wgsl")];
 const MOTION: &str = concat!(
     include_str!("shaders/common.wgsl"),
     include_str!("shaders/targets.wgsl"),
     include_str!("shaders/anisotropic.wgsl"),
     include_str!("shaders/gbuffer.wgsl"),
     include_str!("shaders/relief.wgsl"),
+    include_str!("shaders/relief_steps.wgsl"),
     include_str!("shaders/motion.wgsl"),
     include_str!("shaders/moved.wgsl")
 );
@@ -34,6 +46,7 @@ macro_rules! transparent {
             include_str!("shaders/anisotropic.wgsl"),
             include_str!("shaders/gbuffer.wgsl"),
             include_str!("shaders/relief.wgsl"),
+            include_str!("shaders/relief_steps.wgsl"),
             include_str!("shaders/shadows.wgsl"),
             include_str!("shaders/sky.wgsl"),
             include_str!("shaders/brdf.wgsl"),
@@ -59,6 +72,14 @@ struct Lit {
     pipelines: [OnceLock<[wgpu::RenderPipeline; 2]>; 2],
 }
 
+/// What draws surfaces whose relief is found with an aid.
+#[derive(Debug)]
+struct Aided {
+    module: wgpu::ShaderModule,
+    /// By maps and mask.
+    surfaces: [OnceLock<wgpu::RenderPipeline>; 4],
+}
+
 /// See the module.
 #[derive(Debug)]
 pub(crate) struct MeshPipelines {
@@ -71,6 +92,10 @@ pub(crate) struct MeshPipelines {
     lit: [OnceLock<Lit>; 2],
     /// By relief, maps and mask.
     surfaces: [OnceLock<wgpu::RenderPipeline>; 8],
+    /// With relief that is found with an aid.
+    aided: [OnceLock<Aided>; ReliefAid::COUNT],
+    /// Frame, material and aid.
+    aided_layout: wgpu::PipelineLayout,
     /// `None` where the device cannot draw triangles as lines.
     wire: OnceLock<Option<wgpu::RenderPipeline>>,
     caster: OnceLock<wgpu::RenderPipeline>,
@@ -105,6 +130,11 @@ fn pass<'a>(module: &'a wgpu::ShaderModule, layout: &'a wgpu::PipelineLayout) ->
     GeometryPass { module, layout, buffers: &BUFFERS[..2] }
 }
 
+/// What is compiled in.
+fn constants([relief, maps, mask]: [bool; 3]) -> [(&'static str, f64); 3] {
+    [("RELIEF", relief), ("MAPS", maps), ("MASK", mask)].map(|(name, on)| (name, f64::from(u8::from(on))))
+}
+
 fn layout(gpu: &Gpu, label: &str, groups: &[Option<&wgpu::BindGroupLayout>]) -> wgpu::PipelineLayout {
     gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: Some(label),
@@ -122,6 +152,12 @@ impl MeshPipelines {
             lit: Default::default(),
             module: OnceLock::new(),
             surfaces: Default::default(),
+            aided: Default::default(),
+            aided_layout: layout(
+                gpu,
+                "meshes with relief's aid",
+                &[Some(frame_layout), Some(&kit.layout), Some(&kit.aid_layout)],
+            ),
             wire: OnceLock::new(),
             caster: OnceLock::new(),
             pierced_caster: OnceLock::new(),
@@ -143,8 +179,7 @@ impl MeshPipelines {
     fn variant(&self, gpu: &Gpu, [relief, maps, mask]: [bool; 3]) -> &wgpu::RenderPipeline {
         let at = usize::from(relief) | usize::from(maps) << 1 | usize::from(mask) << 2;
         self.surfaces[at].get_or_init(|| {
-            let constants = [("RELIEF", relief), ("MAPS", maps), ("MASK", mask)];
-            let constants = constants.map(|(name, on)| (name, f64::from(u8::from(on))));
+            let constants = constants([relief, maps, mask]);
             self.pass(gpu).surface(gpu, ["vs_surface", "fs_surface"], &constants)
         })
     }
@@ -180,6 +215,19 @@ impl MeshPipelines {
     /// Into the G-buffer; `relief` says whether height maps are honoured.
     pub(crate) fn surface(&self, gpu: &Gpu, material: Features, relief: bool) -> &wgpu::RenderPipeline {
         self.variant(gpu, [relief && material.relief, material.maps, material.mask])
+    }
+
+    /// Into the G-buffer, of a material with relief that is found with an aid, which is group 2.
+    pub(crate) fn aided(&self, gpu: &Gpu, material: Features, aid: ReliefAid) -> &wgpu::RenderPipeline {
+        let aided = self.aided[aid.number()].get_or_init(|| Aided {
+            module: shader(gpu, "gbuffer with relief's aid", AIDED[aid.number()]),
+            surfaces: Default::default(),
+        });
+        let at = usize::from(material.maps) | usize::from(material.mask) << 1;
+        aided.surfaces[at].get_or_init(|| {
+            let constants = constants([true, material.maps, material.mask]);
+            pass(&aided.module, &self.aided_layout).surface(gpu, ["vs_surface", "fs_surface"], &constants)
+        })
     }
 
     /// Into maps of shadows, of materials with holes; with their group 1.

@@ -9,6 +9,7 @@ use super::instance::Instance;
 use super::lights::{Light, LightCulling};
 use super::occlusion::AmbientOcclusion;
 use super::reflections::Reflections;
+use super::relief_aid::ReliefAid;
 use super::sky::SkyMaps;
 use super::terrain::TerrainFrame;
 use super::water::Water;
@@ -232,11 +233,27 @@ pub enum ReliefMethod {
     /// surfaces", 2005).
     #[default]
     Relief,
+    /// Steps to the edge of cones that a ray may pierce once, then halvings (Policarpo and Oliveira, "Relaxed cone stepping
+    /// for relief mapping", 2007). Of height maps that repeat, have at most 256² texels, and are seen at about a texel a
+    /// pixel or nearer; else as [`Self::Relief`]. The first frame that draws a map so looks for its cones, which takes
+    /// seconds at 256².
+    RelaxedCones,
+    /// Over cells of a pyramid of largest heights, to the exact hit (Tevs, Ihrke and Seidel, "Maximum mipmaps", 2008;
+    /// Drobot, "Quadtree displacement mapping", 2010). Of height maps that repeat, have at most 2048² texels, and are
+    /// seen so; else as [`Self::Relief`]. The pyramid takes 5⅓ bytes a texel on the device.
+    Quadtree,
 }
 
 impl ReliefMethod {
     /// All there are.
-    pub const ALL: [Self; 4] = [Self::Parallax, Self::SteepParallax, Self::ParallaxOcclusion, Self::Relief];
+    pub const ALL: [Self; 6] = [
+        Self::Parallax,
+        Self::SteepParallax,
+        Self::ParallaxOcclusion,
+        Self::Relief,
+        Self::RelaxedCones,
+        Self::Quadtree,
+    ];
 
     /// Its name for people and on command lines.
     #[must_use]
@@ -246,6 +263,17 @@ impl ReliefMethod {
             Self::SteepParallax => "steep-parallax",
             Self::ParallaxOcclusion => "parallax-occlusion",
             Self::Relief => "relief",
+            Self::RelaxedCones => "relaxed-cones",
+            Self::Quadtree => "quadtree",
+        }
+    }
+
+    /// What of a height map must be known beforehand.
+    pub(crate) const fn aid(self) -> Option<ReliefAid> {
+        match self {
+            Self::RelaxedCones => Some(ReliefAid::Cones),
+            Self::Quadtree => Some(ReliefAid::Pyramid),
+            _ => None,
         }
     }
 }
@@ -284,6 +312,9 @@ pub struct Settings {
     pub relief_steps: u32,
     /// How relief mapping of meshes looks for the hit; the ground's is always [`ReliefMethod::Relief`].
     pub relief_method: ReliefMethod,
+    /// Whether the sun leaves dark what heights of a mesh's relief hide from it; the ground's hide nothing. Takes as many
+    /// lookups again as the search by equal steps, less where the sun is high.
+    pub relief_shadows: bool,
     /// Water, where a frame has some.
     pub water: bool,
     /// What smooth surfaces and water mirror of the picture; `None` leaves them the sky, and saves two passes.
@@ -324,6 +355,7 @@ impl Default for Settings {
             relief: true,
             relief_steps: 48,
             relief_method: ReliefMethod::default(),
+            relief_shadows: false,
             water: true,
             reflections: None,
             bloom: None,

@@ -12,6 +12,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use lodestream_protocol::asset::level_size;
 
 use super::gpu::{Gpu, RenderError};
+use super::relief_aid::ReliefAid;
 
 /// Longest side that is ever allocated; finer levels are left out, so that a forged or careless
 /// size cannot claim gigabytes.
@@ -130,6 +131,8 @@ struct StreamedTexture {
     limit: Option<u32>,
     /// The texture and its finest level: the GPU's mip level 0.
     allocated: Option<(wgpu::Texture, u32)>,
+    /// What relief mapping asked to know of it, with the level that it is of; `None` within of those that are too large.
+    aids: [Option<(u32, Option<wgpu::Texture>)>; ReliefAid::COUNT],
 }
 
 impl StreamedTexture {
@@ -153,7 +156,8 @@ impl StreamedTexture {
             }
             TextureKind::Height => wgpu::TextureFormat::R8Unorm,
         };
-        Self { declared, shape, format, present: vec![false; shape.levels as usize], limit, allocated: None }
+        let present = vec![false; shape.levels as usize];
+        Self { declared, shape, format, present, limit, allocated: None, aids: Default::default() }
     }
 
     /// Of the levels that are allocated.
@@ -267,6 +271,21 @@ impl StreamedTexture {
             }),
         )
     }
+
+    /// What relief mapping asks to know of the finest level that is drawn with. Made once for each, which waits for the
+    /// device; `None` of maps that are too large, while there is no level, and where the device gave nothing back.
+    fn aid(&mut self, gpu: &Gpu, aid: ReliefAid) -> Option<wgpu::TextureView> {
+        let finest = self.finest()?;
+        let kept = &mut self.aids[aid.number()];
+        if kept.as_ref().is_none_or(|(level, _)| *level != finest) {
+            let (texture, top) = self.allocated.as_ref()?;
+            let made = aid.make(gpu, texture, top - finest);
+            let made = made.inspect_err(|why| tracing::warn!("relief is found by equal steps: {why}"));
+            *kept = Some((finest, made.ok().flatten()));
+        }
+        let (_, made) = kept.as_ref()?;
+        made.as_ref().map(|texture| texture.create_view(&Default::default()))
+    }
 }
 
 /// A texture in GPU memory that assets are made with ([`super::Renderer::create_asset_with`]). Clones are the same
@@ -320,6 +339,11 @@ impl Texture {
     /// A view of the levels that may be drawn with.
     pub(crate) fn view(&self) -> Option<wgpu::TextureView> {
         self.streamed().view()
+    }
+
+    /// What relief mapping asks to know of it, as [`StreamedTexture::aid`] says.
+    pub(crate) fn aid(&self, gpu: &Gpu, aid: ReliefAid) -> Option<wgpu::TextureView> {
+        self.streamed().aid(gpu, aid)
     }
 
     /// Takes some rows of one level, given whole; of a texture that several assets have, once, whichever of them it comes

@@ -47,7 +47,8 @@ pub(crate) struct FrameUniform {
     jitter: [f32; 2],
     before_s: f32,
     history: f32,
-    /// 1: nothing has changed since the frame before; 2: surfaces give off light; 4, 8: [`relief_method`]; above bit
+    /// 1: nothing has changed since the frame before; 2: surfaces give off light; 4, 8: [`relief_method`]; 16: relief
+    /// hides the sun; above bit
     /// 8 those of occlusion's mean.
     flags: u32,
     lookups: f32,
@@ -120,6 +121,7 @@ impl FrameUniform {
             flags: u32::from(step.still)
                 | u32::from(frame.settings.emission) << 1
                 | relief_method(frame.settings.relief_method) << 2
+                | u32::from(frame.settings.relief_shadows) << 4
                 | accumulation,
             lookups,
             kernel,
@@ -144,7 +146,8 @@ impl FrameUniform {
 /// The number of a way of relief mapping in `relief.wgsl`.
 fn relief_method(method: ReliefMethod) -> u32 {
     match method {
-        ReliefMethod::Relief => 0,
+        // The last two search where they cannot do what they do.
+        ReliefMethod::Relief | ReliefMethod::RelaxedCones | ReliefMethod::Quadtree => 0,
         ReliefMethod::ParallaxOcclusion => 1,
         ReliefMethod::SteepParallax => 2,
         ReliefMethod::Parallax => 3,

@@ -397,7 +397,10 @@ impl Renderer {
                     }
                 }
                 PassId::Overdraw => list.overdraw(gpu, &mut pass, (meshes, instances), false, counters),
-                _ => list.surfaces(gpu, &mut pass, (meshes, instances), relief, counters),
+                _ => {
+                    let way = relief.then_some(frame.settings.relief_method);
+                    list.surfaces(gpu, &mut pass, (meshes, instances), way, counters);
+                }
             }
         }
         // After the assets, which hide much of it.

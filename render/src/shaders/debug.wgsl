@@ -20,7 +20,7 @@ fn normal_colour(texel: vec4<f32>) -> vec3<f32> {
 
 // Roughness, metal, and how open to the sky the material says that it is.
 fn surface_colour(texel: vec4<f32>, albedo: vec4<f32>) -> vec3<f32> {
-    return vec3(texel.z, albedo.a, texel.w);
+    return vec3(texel.z, albedo.a, abs(texel.w));
 }
 
 fn albedo(texel: vec4<f32>) -> vec3<f32> {

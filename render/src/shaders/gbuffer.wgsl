@@ -140,6 +140,7 @@ fn shaded(s: Surface, front: bool) -> Shaded {
     normal = select(-view, normal / normal_length, normal_length > 1e-6);
 
     var uv = s.uv;
+    var sunlit = true;
     var out = Shaded(vec3(0.0), 1.0, normal, material.roughness, material.metallic, material.occlusion);
     if (RELIEF || MAPS) {
         let along = gradients(normal, dp_dx, dp_dy, duv_dx, duv_dy);
@@ -147,6 +148,7 @@ fn shaded(s: Surface, front: bool) -> Shaded {
             let hit = relief(s.uv, normal, view, view_length, along, duv_dx, duv_dy);
             uv = hit.uv;
             out.normal = hit.normal;
+            sunlit = hit.sunlit;
         }
         if (MAPS) {
             let texel = anisotropic(normal_map, map_sampler, uv, footprint(duv_dx, duv_dy, vec2<f32>(textureDimensions(normal_map)))).xyz;
@@ -166,6 +168,9 @@ fn shaded(s: Surface, front: bool) -> Shaded {
     }
     // Narrower lobes than this flicker.
     out.roughness = clamp(out.roughness, 0.05, 1.0);
+    if (RELIEF && !sunlit) {
+        out.occlusion = hidden_from_sun(out.occlusion);
+    }
     return out;
 }
 

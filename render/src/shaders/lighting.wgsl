@@ -25,7 +25,7 @@ fn fs_lighting(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     if (is_unlit(stored)) {
         return vec4(albedo.rgb, 1.0);
     }
-    var surface = Reflector(albedo.rgb, albedo.a, stored.z, from_octahedral(stored.xy), -ray, stored.w);
+    var surface = Reflector(albedo.rgb, albedo.a, stored.z, from_octahedral(stored.xy), -ray, abs(stored.w));
     if (OCCLUSION) {
         surface.open *= textureLoad(occlusion_map, pixel, 0).x;
     }
@@ -36,6 +36,9 @@ fn fs_lighting(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
         if (frame.shade == 2u && sunlight.y < 1.0) {
             surface.albedo = level_colour(u32(round(sunlight.y * 255.0)));
         }
+    }
+    if (stored.w < 0.0) {
+        sun = vec3(0.0);
     }
     let distance = view_depth(textureLoad(depth_map, pixel, 0).x) * length(view_ray(pixel));
     return vec4(hazed(lit(surface, sun), ray, distance), 1.0);

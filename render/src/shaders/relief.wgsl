@@ -1,6 +1,7 @@
 // Relief mapping: where the eye's ray meets a height field below the surface.
 // Linear then binary search (Policarpo, Oliveira, Comba, "Real-time relief mapping on arbitrary
-// polygonal surfaces", 2005), or less of it (Settings::relief_method). Twins: twin/relief/mod.rs, methods.rs.
+// polygonal surfaces", 2005), or less of it, or what relief_found() of another file finds with a texture of its own
+// (Settings::relief_method). Twins: twin/relief/mod.rs, methods.rs.
 
 // Share of the linear steps at grazing angles that is taken looking straight down; halvings after them.
 const RELIEF_STEPS_DOWN: f32 = 0.25;
@@ -16,13 +17,41 @@ const RELIEF_SECANT: u32 = 1u;
 const RELIEF_STEEP: u32 = 2u;
 const RELIEF_OFFSET: u32 = 3u;
 
+// Minified further than this, in levels, a search with a texture of its own, which the finest heights have, leaves it to
+// equal steps: a ray crosses few texels then.
+const RELIEF_FINEST: f32 = 0.5;
+
+// Of frame.flags: whether heights hide the sun from others.
+const RELIEF_SHADOWS: u32 = 16u;
+// Heights that reach into the sun's ray by less than this hide nothing, in depths: as far as the ray may begin below the
+// surface between two texels.
+const RELIEF_SHADOW_BIAS: f32 = 0.02;
+// Least sine of the sun's height over the surface: a lower one is taken for as high.
+const RELIEF_LOWEST_SUN: f32 = 0.1;
+
 struct ReliefHit {
     uv: vec2<f32>,
     normal: vec3<f32>,
+    sunlit: bool,
 }
 
 fn relief_height(uv: vec2<f32>, lod: f32) -> f32 {
     return textureSampleLevel(height_map, map_sampler, uv, lod).r;
+}
+
+// Halvings between a place above and one below.
+fn relief_halved(start: vec2<f32>, span: vec2<f32>, lod: f32, over: f32, under: f32) -> f32 {
+    var above = over;
+    var below = under;
+    for (var i = 0; i < RELIEF_HALVINGS; i++) {
+        let middle = 0.5 * (above + below);
+        if (middle >= 1.0 - relief_height(start + span * middle, lod)) {
+            below = middle;
+        } else {
+            above = middle;
+        }
+    }
+    return 0.5 * (above + below);
 }
 
 // Fraction of the way from `start` (surface) to `start + span` (full depth) at which the ray meets
@@ -45,26 +74,36 @@ fn relief_trace(start: vec2<f32>, span: vec2<f32>, lod: f32, steps: f32) -> f32 
     if (way == RELIEF_STEEP || (way == RELIEF_SECANT && (now > 0.0 || before <= now))) {
         return below;
     }
-    var above = below - step;
+    let above = below - step;
     if (way == RELIEF_SECANT) {
         return above + step * clamp(before / (before - now), 0.0, 1.0);
     }
-    for (var i = 0; i < RELIEF_HALVINGS; i++) {
-        let middle = 0.5 * (above + below);
-        if (middle >= 1.0 - relief_height(start + span * middle, lod)) {
-            below = middle;
-        } else {
-            above = middle;
+    return relief_halved(start, span, lod, above, below);
+}
+
+// Whether the sun reaches the height field at a place, from which its ray is at the surface after `climb` times how deep
+// that lies.
+fn relief_sunlit(place: vec2<f32>, climb: vec2<f32>, lod: f32, steps: f32) -> bool {
+    let below = 1.0 - relief_height(place, lod);
+    for (var i = 1.0; i < steps; i += 1.0) {
+        let risen = below * (i / steps);
+        if (relief_height(place + climb * risen, lod) > 1.0 - below + risen + RELIEF_SHADOW_BIAS) {
+            return false;
         }
     }
-    return 0.5 * (above + below);
+    return true;
+}
+
+// Linear steps for a cosine between a ray and the normal.
+fn relief_step_count(cosine: f32) -> f32 {
+    return ceil(mix(frame.relief_steps, frame.relief_steps * RELIEF_STEPS_DOWN, cosine));
 }
 
 fn relief(
     uv: vec2<f32>, normal: vec3<f32>, view: vec3<f32>, view_length: f32, along: Gradients,
     duv_dx: vec2<f32>, duv_dy: vec2<f32>,
 ) -> ReliefHit {
-    var hit = ReliefHit(uv, normal);
+    var hit = ReliefHit(uv, normal, true);
     let cosine = -dot(view, normal);
     if (cosine <= 0.0 || !along.exist) {
         return hit;
@@ -89,12 +128,12 @@ fn relief(
     let sine = sqrt(max(1.0 - cosine * cosine, 0.0));
     let reach = depth * min(1.0 / max(cosine, 1e-4), RELIEF_MOST_SHIFT / max(sine, 1e-4));
     let span = vec2(dot(grad_u, view), dot(grad_v, view)) * reach;
-    let steps = ceil(mix(frame.relief_steps, frame.relief_steps * RELIEF_STEPS_DOWN, cosine));
+    let steps = relief_step_count(cosine);
     if ((frame.flags >> RELIEF_WAY_BIT & 3u) == RELIEF_OFFSET) {
         // Not divided by the cosine: it slides by its depth at most.
         hit.uv = uv + span * ((1.0 - relief_height(uv, lod)) * depth / reach);
     } else {
-        hit.uv = uv + span * relief_trace(uv, span, lod, steps);
+        hit.uv = uv + span * relief_found(uv, span, lod, steps);
     }
 
     // Surface n·depth·(height − 1): its normal from central differences over one texel of that lod.
@@ -103,5 +142,12 @@ fn relief(
     let dh_dv = relief_height(hit.uv + vec2(0.0, texel.y), lod) - relief_height(hit.uv - vec2(0.0, texel.y), lod);
     let slope = grad_u * (dh_du / (2.0 * texel.x)) + grad_v * (dh_dv / (2.0 * texel.y));
     hit.normal = normalize(normal - depth * slope);
+
+    if ((frame.flags & RELIEF_SHADOWS) != 0u) {
+        let sun = frame.to_sun.xyz;
+        let up = dot(sun, normal);
+        let climb = vec2(dot(grad_u, sun), dot(grad_v, sun)) * (depth / max(up, RELIEF_LOWEST_SUN));
+        hit.sunlit = up > 0.0 && relief_sunlit(hit.uv, climb, lod, relief_step_count(up));
+    }
     return hit;
 }

@@ -17,3 +17,8 @@ fn g_buffer(
 fn is_unlit(stored: vec4<f32>) -> bool {
     return stored.x > 1.5;
 }
+
+// How open a surface is to the sky is stored with a sign: below 0 where its own relief hides the sun from it.
+fn hidden_from_sun(occlusion: f32) -> f32 {
+    return -max(occlusion, 1e-3);
+}

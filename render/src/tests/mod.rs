@@ -18,6 +18,7 @@ mod materials;
 mod occlusion;
 mod pictures;
 mod reflections;
+mod relief;
 mod shadows;
 mod shapes;
 mod spheres;

@@ -16,6 +16,8 @@ pub struct Cones {
 const WINDOW: f64 = 0.25;
 /// Least of a cone's ratio, in texels per depth: a step is always some way.
 const LEAST_TEXELS: f64 = 0.25;
+/// Leaves rounding room where something is too far away to count.
+const SURELY: f64 = 1.0 - 1e-9;
 /// Texels a step by which a relaxed cone's rays are followed below the surface.
 const FOLLOW_TEXELS: f64 = 0.5;
 
@@ -61,6 +63,13 @@ impl Cones {
         })
     }
 
+    /// The texels' cones, radius over height in texture widths per depth; rows from the top.
+    #[must_use]
+    pub fn ratios(&self) -> &[f64] {
+        &self.ratios.texels
+    }
+
+    /// Finds each texel's narrowest of what `cone` says of it and another so many texels away.
     fn new(map: &ReliefMap, cone: &dyn Fn([i64; 2], [i64; 2]) -> Option<f64>) -> Self {
         let reach = (WINDOW * map.width.max(map.height) as f64) as i64;
         let least = LEAST_TEXELS / map.width.max(map.height) as f64;
@@ -68,13 +77,20 @@ impl Cones {
         for y in 0..map.height as i64 {
             for x in 0..map.width as i64 {
                 let mut ratio = 1.0_f64;
-                // Rings outwards: what is farther than the cone is wide at its top cannot narrow it.
+                // How wide the cone is at the top, where what narrows it ends at the latest.
+                let above = 1.0 - map.texel(x, y);
+                let beyond = |away: f64, ratio: f64| away * SURELY > ratio * above;
+                // Rings outwards.
                 for ring in 1..=reach {
-                    if distance(map, [ring as f64, 0.0]).min(distance(map, [0.0, ring as f64])) > ratio {
+                    let nearest = distance(map, [ring as f64, 0.0]).min(distance(map, [0.0, ring as f64]));
+                    if beyond(nearest, ratio) {
                         break;
                     }
                     for k in -ring..=ring {
                         for other in [[k, ring], [k, -ring], [ring, k], [-ring, k]] {
+                            if beyond(distance(map, other.map(|way| way as f64)), ratio) {
+                                continue;
+                            }
                             if let Some(other) = cone([x, y], other) {
                                 ratio = ratio.min(other);
                             }

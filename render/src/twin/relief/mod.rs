@@ -91,6 +91,18 @@ impl ReliefMap {
         0.5 * (above + below)
     }
 
+    /// Whether the shader lets the sun reach the height field at a place: by equal steps along its ray, which is at the
+    /// surface after `climb` times how deep the place lies.
+    #[must_use]
+    pub fn sunlit(&self, place: [f64; 2], climb: [f64; 2], steps: u32) -> bool {
+        let below = 1.0 - self.sample(place);
+        (1..steps).all(|i| {
+            let risen = below * f64::from(i) / f64::from(steps);
+            let there = [0, 1].map(|k| place[k] + climb[k] * risen);
+            self.sample(there) <= 1.0 - below + risen + SHADOW_BIAS
+        })
+    }
+
     /// The first intersection itself: cell by cell, where height along the ray is a quadratic.
     #[must_use]
     pub fn intersect(&self, start: [f64; 2], span: [f64; 2]) -> f64 {
@@ -118,6 +130,18 @@ impl ReliefMap {
         }
         1.0
     }
+}
+
+/// Heights that reach into the sun's ray by less than this hide nothing, as in the shader.
+const SHADOW_BIAS: f64 = 0.02;
+/// Least sine of the sun's height over the surface, as in the shader.
+const LOWEST_SUN: f64 = 0.1;
+
+/// Texture coordinates that the sun's ray changes by until it has climbed a whole depth, by those that it changes by along
+/// its unit vector, and the cosine between it and the normal; as in the shader.
+#[must_use]
+pub fn climb(depth: f64, along: [f64; 2], cosine: f64) -> [f64; 2] {
+    along.map(|along| along * depth / cosine.max(LOWEST_SUN))
 }
 
 /// Where the clearance over the surface first comes to nothing between two places of a ray, all within one patch of four

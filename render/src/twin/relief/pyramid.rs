@@ -38,6 +38,12 @@ impl Pyramid {
         Self { levels }
     }
 
+    /// Largest heights, finest first; of a cell at (x, y) and the next, rows from the top.
+    #[must_use]
+    pub fn levels(&self) -> &[ReliefMap] {
+        &self.levels
+    }
+
     /// Walks over cells that the ray is above, larger ones as long as they are free; meets the surface in its patch.
     pub(super) fn find(&self, map: &ReliefMap, ray: &Ray, steps: u32) -> Found {
         let texels = [map.width as f64, map.height as f64];

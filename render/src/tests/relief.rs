@@ -1,0 +1,368 @@
+//! Relief mapping's shaders against their twins in f64, and against the surface that a height map describes.
+
+use glam::DVec3;
+
+use super::shapes::{fill, mips16, quad};
+use super::{headless, keep};
+use crate::graph::Resource;
+use crate::twin::brdf;
+use crate::twin::depth::view_ray;
+use crate::twin::relief::height_maps::bricks;
+use crate::twin::relief::methods::{Method, Prepared};
+use crate::twin::relief::ray::Ray;
+use crate::twin::relief::{climb, reach, steps};
+use crate::{
+    AntiAliasing, AssetGpu, Drawable, Environment, Frame, Headless, Instance, Material, Pose, ReliefMethod,
+    Settings, TextureData, TextureKind, TextureShape, Wrap,
+};
+
+/// The unit square in the plane z = 0 under bricks this deep. Its colours say where on it they lie, 256 steps along u and
+/// v.
+fn wall_of_coordinates(h: &Headless, relief_depth: f32) -> AssetGpu {
+    const SIZE: u32 = 64;
+    let shape = |kind, size| TextureShape::full(size, size, kind);
+    let material = Material {
+        base_colour: [1.0; 3],
+        relief_depth,
+        colour_texture: Some(0),
+        height_texture: Some(1),
+        ..Material::default()
+    };
+    let shapes = [shape(TextureKind::Colour, 256), shape(TextureKind::Height, SIZE)];
+    let mut wall = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[material], &shapes);
+    fill(h, &mut wall, &quad([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0));
+    for level in 0..shapes[0].levels {
+        let (w, rows) = shapes[0].level_size(level);
+        // Means of the texels that a coarser one covers.
+        let mean = |k: u32, n: u32| (k * (256 / n) + (256 / n - 1) / 2) as u8;
+        let texel = |i: u32| [mean(i % w, w), mean(i / w, rows), 0, 255];
+        let pixels: Vec<u8> = (0..w * rows).flat_map(texel).collect();
+        wall.update_texture(h.gpu(), 0, level, TextureData::Rgba8(&pixels)).unwrap();
+    }
+    for (level, heights) in mips16(&bricks(SIZE as usize)).iter().enumerate() {
+        wall.update_texture(h.gpu(), 1, level as u32, TextureData::R16(heights)).unwrap();
+    }
+    wall
+}
+
+/// A pixel that shows [`wall_of_coordinates`].
+struct Seen {
+    /// Its number.
+    pixel: usize,
+    /// From the eye.
+    ray: DVec3,
+    /// Where that meets the wall, and the place that is shown there, both in texture coordinates.
+    start: [f64; 2],
+    place: [f64; 2],
+}
+
+impl Seen {
+    /// Whether it shows what is not near the wall's edge.
+    fn is_inside(&self) -> bool {
+        [self.start, self.place].iter().flatten().all(|x| (0.02..0.98).contains(x))
+    }
+}
+
+/// What a frame shows of [`wall_of_coordinates`].
+fn places(
+    h: &mut Headless,
+    wall: &AssetGpu,
+    camera: Pose,
+    settings: Settings,
+    environment: Environment,
+) -> Vec<Seen> {
+    let drawables = [Drawable { asset: wall, instances: &[Instance::default()] }];
+    h.frame(&Frame { settings, environment, ..Frame::new(camera, &drawables) }).unwrap();
+    let (width, height) = h.size();
+    let covered = h.coverage().unwrap();
+    let albedo = h.intermediate(Resource::Albedo, 4).unwrap();
+    let (tx, ty) = camera.tan_half_fov(width, height);
+    let seen = covered.iter().enumerate().filter(|(_, covered)| **covered).map(|(i, _)| {
+        let pixel = [(i % width as usize) as i64, (i / width as usize) as i64];
+        let ray = (camera.rotation * DVec3::from(view_ray(pixel, [width, height], [tx, ty]))).normalize();
+        let p = camera.eye + ray * (-camera.eye.z / ray.z);
+        // Texel centre k holds the value k: undo the half texel. Texture space: v down.
+        let place = [0, 1].map(|c| (f64::from(albedo[i * 4 + c]) + 0.5) / 256.0);
+        Seen { pixel: i, ray, start: [p.x, 1.0 - p.y], place }
+    });
+    seen.collect()
+}
+
+#[test]
+fn relief_matches_its_twin_and_the_exact_hit() {
+    let Some(mut h) = headless(128, 96) else { return };
+    let map = bricks(64);
+    // Deep, so that a search without its binary part would be off by more than a colour step.
+    let relief_depth = 0.3f32;
+    let wall = wall_of_coordinates(&h, relief_depth);
+    let camera = Pose::look_at(DVec3::new(0.9, 0.75, 0.35), DVec3::new(0.45, 0.5, 0.0), DVec3::Y, 0.5);
+    let (mut n, mut off_twin, mut off_exact, mut moved) = (0, 0, 0, 0);
+    for Seen { ray, start, place: got, .. } in
+        places(&mut h, &wall, camera, Settings::default(), Environment::default())
+    {
+        let cosine = -ray.z;
+        let reach = reach(f64::from(relief_depth), cosine);
+        let span = [ray.x * reach, -ray.y * reach];
+        let uv = |s: f64| [0, 1].map(|a| start[a] + span[a] * s);
+        let traced = uv(map.trace(start, span, steps(Settings::default().relief_steps, cosine)));
+        let exact = uv(map.intersect(start, span));
+        let inside = |q: [f64; 2]| q.iter().all(|x| (0.02..0.98).contains(x));
+        if !inside(got) || !inside(traced) || !inside(exact) {
+            continue;
+        }
+        let apart = |a: [f64; 2]| (a[0] - got[0]).hypot(a[1] - got[1]);
+        n += 1;
+        // Two steps of the 8-bit coordinates.
+        off_twin += usize::from(apart(traced) > 2.0 / 256.0);
+        off_exact += usize::from(apart(exact) > 2.5 / 256.0);
+        moved += usize::from(apart(start) > 4.0 / 256.0);
+    }
+    keep(&h, "relief-accuracy");
+    assert!(n > 3000, "only {n} pixels to compare");
+    assert!(moved * 4 > n, "relief moved only {moved} of {n} pixels");
+    assert!(off_twin * 500 < n, "{off_twin} of {n} pixels off the twin");
+    // Linear steps jump over some crests, which this deep a relief has at every joint.
+    assert!(off_exact * 20 < n, "{off_exact} of {n} pixels off the exact hit");
+}
+
+#[test]
+fn the_quadtree_draws_the_exact_hit_where_equal_steps_jump_over_crests() {
+    let Some(mut h) = headless(128, 96) else { return };
+    let map = bricks(64);
+    let depth = 0.3;
+    let wall = wall_of_coordinates(&h, depth as f32);
+    let camera = Pose::look_at(DVec3::new(0.9, 0.75, 0.35), DVec3::new(0.45, 0.5, 0.0), DVec3::Y, 0.5);
+    let mut off = |relief_method| {
+        let settings = Settings { relief_method, relief_steps: 64, ..Settings::default() };
+        let (mut off, mut n) = (0, 0);
+        for Seen { ray, start, place: got, .. } in
+            places(&mut h, &wall, camera, settings, Environment::default())
+        {
+            let reach = reach(depth, -ray.z);
+            let span = [ray.x * reach, -ray.y * reach];
+            let s = map.intersect(start, span);
+            let exact = [0, 1].map(|a| start[a] + span[a] * s);
+            if [got, exact].iter().flatten().all(|x| (0.02..0.98).contains(x)) {
+                n += 1;
+                off += usize::from((exact[0] - got[0]).hypot(exact[1] - got[1]) > 2.5 / 256.0);
+            }
+        }
+        assert!(n > 3000, "only {n} pixels to compare");
+        off
+    };
+    let [quadtree, cones, steps] =
+        [ReliefMethod::Quadtree, ReliefMethod::RelaxedCones, ReliefMethod::Relief].map(&mut off);
+    assert!(
+        quadtree * 4 < steps && cones < steps,
+        "{quadtree}, {cones} and {steps} pixels off the exact hit"
+    );
+}
+
+#[test]
+fn what_a_way_must_know_beforehand_is_known_of_maps_that_repeat_and_leaves_nothing_behind() {
+    let Some(mut h) = headless(96, 72) else { return };
+    let gpu = h.gpu().clone();
+    let mut wall = wall_of_coordinates(&h, 0.15);
+    let near = Pose::look_at(DVec3::new(0.9, 0.75, 0.35), DVec3::new(0.45, 0.5, 0.0), DVec3::Y, 0.5);
+    // More than a texel of the height map a pixel.
+    let far = Pose::look_at(DVec3::new(4.0, 0.75, 3.0), DVec3::new(0.5, 0.5, 0.0), DVec3::Y, 0.9);
+    let mut picture = |wall: &AssetGpu, camera, relief_method| {
+        let drawables = [Drawable { asset: wall, instances: &[Instance::default()] }];
+        let settings = Settings { relief_method, relief_steps: 12, ..Settings::default() };
+        h.frame(&Frame { settings, ..Frame::new(camera, &drawables) }).unwrap();
+        h.picture().unwrap()
+    };
+    let before = picture(&wall, near, ReliefMethod::Relief);
+    for way in [ReliefMethod::RelaxedCones, ReliefMethod::Quadtree] {
+        assert!(picture(&wall, near, way) != before, "{}", way.name());
+        assert!(picture(&wall, far, way) == picture(&wall, far, ReliefMethod::Relief), "{}", way.name());
+        assert!(picture(&wall, near, ReliefMethod::Relief) == before, "after {}", way.name());
+    }
+    let material = Material {
+        base_colour: [1.0; 3],
+        relief_depth: 0.15,
+        colour_texture: Some(0),
+        height_texture: Some(1),
+        wrap: [Wrap::Clamp, Wrap::Repeat],
+        ..Material::default()
+    };
+    wall.set_material(&gpu, 0, material).unwrap();
+    let clamped = picture(&wall, near, ReliefMethod::Relief);
+    for way in [ReliefMethod::RelaxedCones, ReliefMethod::Quadtree] {
+        assert!(picture(&wall, near, way) == clamped, "{}", way.name());
+    }
+}
+
+#[test]
+fn each_way_of_relief_matches_its_twin() {
+    let Some(mut h) = headless(128, 96) else { return };
+    let map = Prepared::new(bricks(64));
+    let depth = 0.15;
+    let wall = wall_of_coordinates(&h, depth as f32);
+    let camera = Pose::look_at(DVec3::new(0.9, 0.75, 0.35), DVec3::new(0.45, 0.5, 0.0), DVec3::Y, 0.5);
+    // Few enough that terraces are wider than a step of the colours.
+    let relief_steps = 12;
+    for way in ReliefMethod::ALL {
+        let twin = match way {
+            ReliefMethod::Parallax => Method::Parallax,
+            ReliefMethod::SteepParallax => Method::SteepParallax,
+            ReliefMethod::ParallaxOcclusion => Method::ParallaxOcclusion,
+            ReliefMethod::Relief => Method::Relief,
+            ReliefMethod::RelaxedCones => Method::RelaxedConeStepping,
+            ReliefMethod::Quadtree => Method::Quadtree,
+        };
+        let settings = Settings { relief_method: way, relief_steps, ..Settings::default() };
+        let seen = places(&mut h, &wall, camera, settings, Environment::default());
+        keep(&h, &format!("relief-way-{}", way.name()));
+        // Off each twin, its own first.
+        let mut off = [(twin, 0), (Method::None, 0), (Method::SteepParallax, 0), (Method::Relief, 0)];
+        let mut n = 0;
+        for Seen { ray, start, place: got, .. } in seen {
+            let cosine = -ray.z;
+            let reach = reach(depth, cosine);
+            let ray = Ray { start, span: [ray.x * reach, -ray.y * reach], cosine };
+            // A limited offset is divided by the whole way, which the twin's ray is for less.
+            let ray_of = |method| match method {
+                Method::Parallax => Ray { cosine: depth / reach, ..ray },
+                _ => ray,
+            };
+            let places = off.map(|(method, _)| {
+                let ray = ray_of(method);
+                ray.at(method.find(&map, &ray, steps(relief_steps, cosine)).at)
+            });
+            let inside = |q: &[f64; 2]| q.iter().all(|x| (0.02..0.98).contains(x));
+            if !inside(&got) || !places.iter().all(inside) {
+                continue;
+            }
+            n += 1;
+            for (off, place) in off.iter_mut().zip(places) {
+                off.1 += usize::from((place[0] - got[0]).hypot(place[1] - got[1]) > 2.0 / 256.0);
+            }
+        }
+        assert!(n > 3000, "only {n} pixels to compare");
+        assert!(off[0].1 * 100 < n, "{}: {} of {n} pixels off the twin", way.name(), off[0].1);
+        for (other, off) in &off[1..] {
+            assert!(
+                *other == twin || off * 25 > n,
+                "{} draws {}: {off} of {n} differ",
+                way.name(),
+                other.name()
+            );
+        }
+    }
+}
+
+#[test]
+fn bricks_do_not_swim_along_a_wall_that_is_seen_ever_more_from_its_side() {
+    let Some(mut h) = headless(160, 120) else { return };
+    let depth = 0.04;
+    let wall = wall_of_coordinates(&h, depth as f32);
+    let middle = DVec3::new(0.5, 0.5, 0.0);
+    for degrees in [30.0, 55.0, 70.0, 80.0, 86.0_f64] {
+        let (sine, cosine) = degrees.to_radians().sin_cos();
+        let camera = Pose::look_at(middle + DVec3::new(sine, 0.0, cosine) * 4.0, middle, DVec3::Y, 0.2);
+        let seen = places(&mut h, &wall, camera, Settings::default(), Environment::default());
+        keep(&h, &format!("relief-{degrees}"));
+        let far = |[x, y]: &[f64; 2]| (0.3..0.7).contains(x) && (0.3..0.7).contains(y);
+        let shifts: Vec<f64> = seen
+            .iter()
+            .filter(|seen| far(&seen.start))
+            .map(|Seen { start, place, .. }| (place[0] - start[0]).hypot(place[1] - start[1]) / depth)
+            .collect();
+        let most = shifts.iter().fold(0.0_f64, |a, b| a.max(*b));
+        let mean = shifts.iter().sum::<f64>() / shifts.len() as f64;
+        println!("{degrees}: along the wall by {mean:.2} depths in the mean, {most:.2} at most");
+        // A step of the colours, and what a footprint of them is rounded to.
+        let rounding = 1.5 / 256.0 / depth;
+        assert!(
+            shifts.len() > 100 && most < degrees.to_radians().tan().min(2.0) + rounding,
+            "{degrees}: {most}"
+        );
+    }
+}
+
+/// IEEE 754 binary16 to f64.
+fn half(bits: u16) -> f64 {
+    let (exponent, fraction) = (i32::from(bits >> 10 & 31), f64::from(bits & 1023) / 1024.0);
+    let size =
+        if exponent == 0 { fraction * 2f64.powi(-14) } else { (1.0 + fraction) * 2f64.powi(exponent - 15) };
+    if bits >> 15 == 1 { -size } else { size }
+}
+
+#[test]
+fn what_relief_hides_from_the_sun_matches_its_twin_and_is_dark() {
+    let Some(mut h) = headless(128, 96) else { return };
+    let map = bricks(64);
+    let depth = 0.1;
+    let wall = wall_of_coordinates(&h, depth as f32);
+    let camera = Pose::look_at(DVec3::new(0.5, 0.45, 0.9), DVec3::new(0.5, 0.5, 0.0), DVec3::Y, 0.6);
+    for sun in [DVec3::new(0.6, 0.5, 0.4), DVec3::new(-0.7, -0.2, 0.9)] {
+        let sun = sun.normalize();
+        let environment = Environment { to_sun: sun, ..Environment::default() };
+        let mut frames = [false, true].map(|relief_shadows| {
+            let usual = Settings { shadows: None, occlusion: None, ..Settings::default() };
+            let settings = Settings { relief_shadows, anti_aliasing: AntiAliasing::None, ..usual };
+            let seen = places(&mut h, &wall, camera, settings, environment);
+            keep(&h, if relief_shadows { "relief-shadows" } else { "relief-no-shadows" });
+            let normals: Vec<half::f16> =
+                bytemuck::pod_collect_to_vec(&h.intermediate(Resource::Normal, 8).unwrap());
+            (seen, normals, h.picture().unwrap())
+        });
+        let [(_, open, bright), (seen, normals, picture)] = &mut frames;
+        assert!(open.chunks(4).all(|texel| texel[3].to_f32() >= 0.0), "off, nothing is marked");
+        let (mut n, mut dark, mut off_twin, mut off_truth) = (0, 0, 0, 0);
+        for Seen { pixel, place, .. } in seen.iter().filter(|seen| seen.is_inside()) {
+            let hidden = normals[pixel * 4 + 3].to_f32() < 0.0;
+            let climb = climb(depth, [sun.x, -sun.y], sun.z);
+            n += 1;
+            dark += usize::from(hidden);
+            off_twin += usize::from(hidden == map.sunlit(*place, climb, steps(48, sun.z)));
+            off_truth += usize::from(hidden == map.sunlit(*place, climb, 2000));
+            let (x, y) = ((pixel % 128) as u32, (pixel / 128) as u32);
+            let darker = picture.get_pixel(x, y)[0] < bright.get_pixel(x, y)[0];
+            assert!(hidden || !darker, "{x}, {y} is darker in the sun");
+        }
+        assert!(n > 3000 && dark * 12 > n, "{dark} of {n} pixels are hidden from {sun}");
+        // Places are known to a step of 8 bits.
+        assert!(off_twin * 25 < n, "{off_twin} of {n} pixels off the twin");
+        assert!(off_truth * 20 < n, "{off_truth} of {n} pixels off what the surface hides");
+    }
+}
+
+#[test]
+fn relief_normals_follow_the_height_map_on_any_placement() {
+    const SIZE: u32 = 64;
+    let (width, height) = (64, 64);
+    let Some(mut h) = headless(width, height) else { return };
+    let depth = 0.25;
+    let material = Material { relief_depth: depth as f32, height_texture: Some(0), ..Material::default() };
+    let shape = TextureShape { levels: 1, ..TextureShape::full(SIZE, SIZE, TextureKind::Height) };
+    // Heights rise to the right, or downwards in the picture (v up: they fall with v).
+    for (direction, want) in [(0, [-depth, 0.0, 1.0]), (1, [0.0, depth, 1.0])] {
+        let ramp = |i: u32| (if direction == 0 { i % SIZE } else { i / SIZE }) * 65_535 / SIZE;
+        let heights: Vec<u16> = (0..SIZE * SIZE).map(|i| ramp(i) as u16).collect();
+        let mut wall = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[material], &[shape]);
+        fill(&h, &mut wall, &quad([-0.5, -0.5, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0));
+        wall.update_texture(h.gpu(), 0, 0, TextureData::R16(&heights)).unwrap();
+        for instance in [
+            Instance::default(),
+            Instance {
+                translation: DVec3::new(100.0, -3.0, 7.0),
+                rotation: glam::DQuat::from_axis_angle(DVec3::new(1.0, 2.0, -0.5).normalize(), 1.1),
+                scale: 3.0,
+            },
+        ] {
+            let drawables = [Drawable { asset: &wall, instances: &[instance] }];
+            let eye = instance.to_world(DVec3::new(0.2, -0.1, 1.3));
+            let up = instance.rotation * DVec3::Y;
+            let camera = Pose::look_at(eye, instance.to_world(DVec3::ZERO), up, 0.25);
+            h.frame(&Frame::new(camera, &drawables)).unwrap();
+            let normals = h.intermediate(Resource::Normal, 8).unwrap();
+            let pixel = &normals[((height / 2 * width + width / 2) * 8) as usize..];
+            let stored = [0, 1].map(|c| half(u16::from_le_bytes([pixel[2 * c], pixel[2 * c + 1]])));
+            let got = brdf::from_octahedral(stored);
+            let want = instance.rotation * DVec3::from(want).normalize();
+            assert!((DVec3::from(got) - want).length() < 0.01, "{direction}: {got:?} {want}");
+        }
+    }
+}
