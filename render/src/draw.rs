@@ -8,7 +8,7 @@ use super::counters::Counters;
 use super::gpu::Gpu;
 use super::instance::{Instance, InstanceRaw};
 use super::material_kit::Features;
-use super::mesh_pipelines::MeshPipelines;
+use super::mesh_pipelines::{MeshPipelines, ReliefDraw};
 use super::receivers::Receivers;
 use super::scene::{Frame, ReliefMethod};
 
@@ -32,6 +32,14 @@ impl<'a> Batch<'a> {
     pub(crate) fn drawable(&self) -> usize {
         self.drawable
     }
+}
+
+/// How height maps are honoured.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Relief {
+    pub(crate) method: ReliefMethod,
+    /// Depth is that of what it shows.
+    pub(crate) in_depth: bool,
 }
 
 /// What a frame draws.
@@ -104,23 +112,27 @@ impl<'a> DrawList<'a> {
         gpu: &Gpu,
         pass: &mut wgpu::RenderPass<'_>,
         (pipelines, instances): (&MeshPipelines, &wgpu::Buffer),
-        relief: Option<ReliefMethod>,
+        relief: Option<Relief>,
         counters: &mut Counters,
     ) {
-        let wanted = relief.and_then(ReliefMethod::aid);
         each(&self.batches, pass, instances, |pass, part, triangles| {
             let of = part.material.features;
             if of.blend {
                 return false;
             }
-            let aided =
-                wanted.filter(|_| of.relief).and_then(|aid| Some((aid, part.material.aid(gpu, aid)?)));
-            match aided {
-                Some((aid, group)) => {
-                    pass.set_pipeline(pipelines.aided(gpu, of, aid));
-                    pass.set_bind_group(2, group, &[]);
+            match relief.filter(|_| of.relief) {
+                Some(relief) => {
+                    let known = relief.method.aid().and_then(|aid| Some((aid, part.material.aid(gpu, aid)?)));
+                    if let Some((_, group)) = known {
+                        pass.set_bind_group(2, group, &[]);
+                    }
+                    let how = ReliefDraw {
+                        aid: known.map(|(aid, _)| aid),
+                        deep: relief.in_depth && of.relief_may_be_deep(),
+                    };
+                    pass.set_pipeline(pipelines.relief(gpu, of, how));
                 }
-                None => pass.set_pipeline(pipelines.surface(gpu, of, relief.is_some())),
+                None => pass.set_pipeline(pipelines.surface(gpu, of, false)),
             }
             count(pass, part, triangles, counters);
             true

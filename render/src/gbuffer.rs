@@ -73,6 +73,17 @@ impl GeometryPass<'_> {
         self.pipeline(gpu, entry[0], Some(fragment), Raster::FILL)
     }
 
+    /// Draws nothing but the depth that the fragment stage says.
+    pub(crate) fn sunken_caster(
+        &self,
+        gpu: &Gpu,
+        entry: [&str; 2],
+        constants: &[(&str, f64)],
+    ) -> wgpu::RenderPipeline {
+        let fragment = Fragment { module: self.module, entry: entry[1], constants, targets: &[] };
+        self.pipeline(gpu, entry[0], Some(fragment), Raster::FILL)
+    }
+
     /// Adds light to the picture where the same surfaces were drawn into the G-buffer.
     pub(crate) fn emission(&self, gpu: &Gpu, entry: [&str; 2]) -> wgpu::RenderPipeline {
         let target = wgpu::ColorTargetState { blend: Some(ADD), ..RADIANCE.into() };

@@ -248,6 +248,11 @@ pub(crate) struct Features {
 }
 
 impl Features {
+    /// Whether what relief shows can be what depth says: what is given off is drawn at the surface's own.
+    pub(crate) const fn relief_may_be_deep(self) -> bool {
+        self.relief && !self.emits && !self.blend
+    }
+
     /// When all its textures are here.
     pub(crate) fn of(material: &Material) -> Self {
         Self {

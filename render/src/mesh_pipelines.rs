@@ -72,12 +72,13 @@ struct Lit {
     pipelines: [OnceLock<[wgpu::RenderPipeline; 2]>; 2],
 }
 
-/// What draws surfaces whose relief is found with an aid.
-#[derive(Debug)]
-struct Aided {
-    module: wgpu::ShaderModule,
-    /// By maps and mask.
-    surfaces: [OnceLock<wgpu::RenderPipeline>; 4],
+/// How relief is met, beyond equal steps that leave depth as it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct ReliefDraw {
+    /// What is known of the height map.
+    pub(crate) aid: Option<ReliefAid>,
+    /// Depth is that of what it shows.
+    pub(crate) deep: bool,
 }
 
 /// See the module.
@@ -93,7 +94,11 @@ pub(crate) struct MeshPipelines {
     /// By relief, maps and mask.
     surfaces: [OnceLock<wgpu::RenderPipeline>; 8],
     /// With relief that is found with an aid.
-    aided: [OnceLock<Aided>; ReliefAid::COUNT],
+    aided: [OnceLock<wgpu::ShaderModule>; ReliefAid::COUNT],
+    /// With relief: without an aid and by aid; leaving depth and with its own; by maps and mask.
+    reliefs: [[[OnceLock<wgpu::RenderPipeline>; 4]; 2]; 1 + ReliefAid::COUNT],
+    /// Without holes and with.
+    sunken_casters: [OnceLock<wgpu::RenderPipeline>; 2],
     /// Frame, material and aid.
     aided_layout: wgpu::PipelineLayout,
     /// `None` where the device cannot draw triangles as lines.
@@ -153,6 +158,8 @@ impl MeshPipelines {
             module: OnceLock::new(),
             surfaces: Default::default(),
             aided: Default::default(),
+            reliefs: Default::default(),
+            sunken_casters: Default::default(),
             aided_layout: layout(
                 gpu,
                 "meshes with relief's aid",
@@ -217,16 +224,32 @@ impl MeshPipelines {
         self.variant(gpu, [relief && material.relief, material.maps, material.mask])
     }
 
-    /// Into the G-buffer, of a material with relief that is found with an aid, which is group 2.
-    pub(crate) fn aided(&self, gpu: &Gpu, material: Features, aid: ReliefAid) -> &wgpu::RenderPipeline {
-        let aided = self.aided[aid.number()].get_or_init(|| Aided {
-            module: shader(gpu, "gbuffer with relief's aid", AIDED[aid.number()]),
-            surfaces: Default::default(),
-        });
+    /// Into the G-buffer, of a material with relief; what is known of its height map is group 2.
+    pub(crate) fn relief(&self, gpu: &Gpu, material: Features, how: ReliefDraw) -> &wgpu::RenderPipeline {
+        let ReliefDraw { aid, deep } = how;
+        if aid.is_none() && !deep {
+            return self.surface(gpu, material, true);
+        }
         let at = usize::from(material.maps) | usize::from(material.mask) << 1;
-        aided.surfaces[at].get_or_init(|| {
+        self.reliefs[aid.map_or(0, |aid| 1 + aid.number())][usize::from(deep)][at].get_or_init(|| {
+            let module = aid.map_or_else(|| self.module(gpu), |aid| self.aided(gpu, aid));
+            let layout = if aid.is_some() { &self.aided_layout } else { &self.layout };
+            let fragment = if deep { "fs_deep_surface" } else { "fs_surface" };
             let constants = constants([true, material.maps, material.mask]);
-            pass(&aided.module, &self.aided_layout).surface(gpu, ["vs_surface", "fs_surface"], &constants)
+            pass(module, layout).surface(gpu, ["vs_surface", fragment], &constants)
+        })
+    }
+
+    fn aided(&self, gpu: &Gpu, aid: ReliefAid) -> &wgpu::ShaderModule {
+        let at = aid.number();
+        self.aided[at].get_or_init(|| shader(gpu, "gbuffer with relief's aid", AIDED[at]))
+    }
+
+    /// Into maps of shadows, of materials whose relief is in depth; with their group 1.
+    pub(crate) fn sunken_caster(&self, gpu: &Gpu, material: Features) -> &wgpu::RenderPipeline {
+        self.sunken_casters[usize::from(material.mask)].get_or_init(|| {
+            let constants = constants([false, false, material.mask]);
+            self.pass(gpu).sunken_caster(gpu, ["vs_surface", "fs_sunken"], &constants)
         })
     }
 

@@ -315,6 +315,11 @@ pub struct Settings {
     /// Whether the sun leaves dark what heights of a mesh's relief hide from it; the ground's hide nothing. Takes as many
     /// lookups again as the search by equal steps, less where the sun is high.
     pub relief_shadows: bool,
+    /// Whether depth is that of what a mesh's relief shows, so that things which stand in it or reach through it meet it
+    /// where they should, and ambient occlusion sees it. Not of what gives off light. Shadows of such surfaces in the sun's
+    /// maps then begin at the deepest of the relief, its own heights hide the sun by [`Self::relief_shadows`] alone, and
+    /// the depth test comes after their fragments.
+    pub relief_in_depth: bool,
     /// Water, where a frame has some.
     pub water: bool,
     /// What smooth surfaces and water mirror of the picture; `None` leaves them the sky, and saves two passes.
@@ -356,6 +361,7 @@ impl Default for Settings {
             relief_steps: 48,
             relief_method: ReliefMethod::default(),
             relief_shadows: false,
+            relief_in_depth: false,
             water: true,
             reflections: None,
             bloom: None,

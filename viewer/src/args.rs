@@ -123,6 +123,12 @@ pub(crate) struct Args {
     /// How relief mapping of meshes looks for the hit, the cheapest first
     #[arg(long, value_name = "NAME", value_parser = reliefs(), conflicts_with = "no_relief")]
     pub(crate) relief_method: Option<ReliefMethod>,
+    /// Relief mapping of meshes leaves dark what its own heights hide from the sun
+    #[arg(long, conflicts_with = "no_relief")]
+    pub(crate) relief_shadows: bool,
+    /// Depth is that of what relief of meshes shows: what stands in it meets it where it should
+    #[arg(long, conflicts_with = "no_relief")]
+    pub(crate) relief_in_depth: bool,
     /// Most faces in use, over all assets
     #[arg(long, value_name = "FACES", default_value_t = 8_000_000)]
     pub(crate) max_faces: u64,

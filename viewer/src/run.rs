@@ -82,6 +82,8 @@ pub(crate) fn settings(args: &Args, software: bool) -> Settings {
     // a second.
     let usual = if software { AntiAliasing::Spatial } else { AntiAliasing::Temporal };
     settings.relief_method = args.relief_method.unwrap_or_default();
+    settings.relief_shadows = args.relief_shadows;
+    settings.relief_in_depth = args.relief_in_depth;
     let anti_aliasing = args.anti_aliasing.unwrap_or(usual);
     settings.anti_aliasing = if args.no_aa { AntiAliasing::None } else { anti_aliasing };
     settings.tone_mapping = args.tone_mapping;
@@ -138,6 +140,8 @@ mod tests {
         for way in ReliefMethod::ALL {
             assert_eq!(of(&["--relief-method", way.name()], true).relief_method, way);
         }
+        assert!(of(&["--relief-shadows"], true).relief_shadows && !of(&[], true).relief_shadows);
+        assert!(of(&["--relief-in-depth"], true).relief_in_depth && !of(&[], true).relief_in_depth);
     }
 
     #[test]

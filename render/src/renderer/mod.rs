@@ -324,7 +324,9 @@ impl Renderer {
             && runs(PassId::ShadowMaps)
         {
             let ground_px = frame.terrain.map(|terrain| terrain.error_px);
-            let sun = Sun { shadows, cascades: &casters, frame: &uniform, eye: frame.camera.eye, ground_px };
+            let sunken = frame.settings.relief && frame.settings.relief_in_depth;
+            let eye = frame.camera.eye;
+            let sun = Sun { shadows, cascades: &casters, frame: &uniform, eye, ground_px, sunken };
             self.shadow_maps.record(
                 gpu,
                 &mut passes,

@@ -5,13 +5,13 @@ use crate::accumulation::AccumulationStep;
 use crate::bloom::Bloom;
 use crate::counters::Counters;
 use crate::debug;
-use crate::draw::{Batch, DrawList};
+use crate::draw::{Batch, DrawList, Relief};
 use crate::fullscreen::{attachment, blended, fullscreen};
 use crate::gpu::Gpu;
 use crate::graph::{Pass, PassId, Resource};
 use crate::occlusion::OcclusionMethod;
 use crate::pipelines::Whole;
-use crate::scene::{Frame, Shade};
+use crate::scene::{Frame, Settings, Shade};
 use crate::target::{Load, Target};
 use crate::terrain::TileList;
 use crate::timing::PassEncoder;
@@ -398,7 +398,8 @@ impl Renderer {
                 }
                 PassId::Overdraw => list.overdraw(gpu, &mut pass, (meshes, instances), false, counters),
                 _ => {
-                    let way = relief.then_some(frame.settings.relief_method);
+                    let Settings { relief_method: method, relief_in_depth: in_depth, .. } = frame.settings;
+                    let way = relief.then_some(Relief { method, in_depth });
                     list.surfaces(gpu, &mut pass, (meshes, instances), way, counters);
                 }
             }

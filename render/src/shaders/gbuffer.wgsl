@@ -38,6 +38,9 @@ struct VertexIn {
     @location(8) rotation: vec4<f32>,
 }
 
+// Of the sun's angle to the normal, where shadows begin below a surface.
+const SUNKEN_LEAST_COSINE: f32 = 0.25;
+
 struct Surface {
     // Alike in all passes, which meet at the same depths.
     @builtin(position) @invariant clip: vec4<f32>,
@@ -56,6 +59,7 @@ struct Shaded {
     roughness: f32,
     metal: f32,
     occlusion: f32,
+    at: vec3<f32>, // world axes, relative to the eye; below the surface where relief says so
 }
 
 // Geomorph (Hoppe, "Progressive Meshes", 1996, section 3.2): how far a vertex has come from the
@@ -141,7 +145,7 @@ fn shaded(s: Surface, front: bool) -> Shaded {
 
     var uv = s.uv;
     var sunlit = true;
-    var out = Shaded(vec3(0.0), 1.0, normal, material.roughness, material.metallic, material.occlusion);
+    var out = Shaded(vec3(0.0), 1.0, normal, material.roughness, material.metallic, material.occlusion, s.position);
     if (RELIEF || MAPS) {
         let along = gradients(normal, dp_dx, dp_dy, duv_dx, duv_dy);
         if (RELIEF) {
@@ -149,6 +153,7 @@ fn shaded(s: Surface, front: bool) -> Shaded {
             uv = hit.uv;
             out.normal = hit.normal;
             sunlit = hit.sunlit;
+            out.at += hit.sunk;
         }
         if (MAPS) {
             let texel = anisotropic(normal_map, map_sampler, uv, footprint(duv_dx, duv_dy, vec2<f32>(textureDimensions(normal_map)))).xyz;
@@ -183,6 +188,24 @@ fn fs_surface(s: Surface, @builtin(front_facing) front: bool) -> GBuffer {
     return g_buffer(surface.normal, surface.roughness, surface.occlusion, surface.albedo, surface.metal, material.unlit == 1u);
 }
 
+struct DeepGBuffer {
+    @location(0) normal: vec4<f32>,
+    @location(1) albedo: vec4<f32>,
+    @builtin(frag_depth) depth: f32,
+}
+
+// The same with the depth of what relief shows (Settings::relief_in_depth).
+@fragment
+fn fs_deep_surface(s: Surface, @builtin(front_facing) front: bool) -> DeepGBuffer {
+    let surface = shaded(s, front);
+    if (MASK && surface.opacity < material.cutoff) {
+        discard;
+    }
+    let stored = g_buffer(surface.normal, surface.roughness, surface.occlusion, surface.albedo, surface.metal, material.unlit == 1u);
+    let ahead = -(frame.view_from_world * vec4(surface.at, 0.0)).z;
+    return DeepGBuffer(stored.normal, stored.albedo, clamp(frame.near / max(ahead, frame.near), 0.0, 1.0));
+}
+
 // What surfaces give off, onto the lit picture.
 @fragment
 fn fs_emission(s: Surface) -> @location(0) vec4<f32> {
@@ -196,6 +219,22 @@ fn fs_emission(s: Surface) -> @location(0) vec4<f32> {
 @vertex
 fn vs_caster(v: VertexIn) -> @builtin(position) vec4<f32> {
     return clip_position(placed(v));
+}
+
+// The same of what is drawn with relief in its depth, from the deepest of that on: else what relief shows would lie in the
+// shadow of the surface over it.
+@fragment
+fn fs_sunken(s: Surface, @builtin(front_facing) front: bool) -> @builtin(frag_depth) f32 {
+    let normal = normalize(select(-s.normal, s.normal, front));
+    let along = gradients(normal, dpdx(s.position), dpdy(s.position), dpdx(s.uv), dpdy(s.uv));
+    if (MASK && material.base_colour.a * s.colour.a * textureSample(colour_map, map_sampler, s.uv).a < material.cutoff) {
+        discard;
+    }
+    let density = sqrt(length(along.u) * length(along.v));
+    let depth = select(0.0, material.relief_depth / max(density, 1e-30), along.exist);
+    // So far the light goes on to the deepest, but where it is nearly along the surface.
+    let way = depth / max(abs(dot(normal, frame.to_sun.xyz)), SUNKEN_LEAST_COSINE);
+    return clamp(s.clip.z - way * frame.clip_from_view[2][2], 0.0, 1.0);
 }
 
 // The same of what has holes.

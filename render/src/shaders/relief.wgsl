@@ -33,6 +33,7 @@ struct ReliefHit {
     uv: vec2<f32>,
     normal: vec3<f32>,
     sunlit: bool,
+    sunk: vec3<f32>, // from the surface's own place, world axes
 }
 
 fn relief_height(uv: vec2<f32>, lod: f32) -> f32 {
@@ -103,7 +104,7 @@ fn relief(
     uv: vec2<f32>, normal: vec3<f32>, view: vec3<f32>, view_length: f32, along: Gradients,
     duv_dx: vec2<f32>, duv_dy: vec2<f32>,
 ) -> ReliefHit {
-    var hit = ReliefHit(uv, normal, true);
+    var hit = ReliefHit(uv, normal, true, vec3(0.0));
     let cosine = -dot(view, normal);
     if (cosine <= 0.0 || !along.exist) {
         return hit;
@@ -129,12 +130,17 @@ fn relief(
     let reach = depth * min(1.0 / max(cosine, 1e-4), RELIEF_MOST_SHIFT / max(sine, 1e-4));
     let span = vec2(dot(grad_u, view), dot(grad_v, view)) * reach;
     let steps = relief_step_count(cosine);
+    var below: f32; // in depths
     if ((frame.flags >> RELIEF_WAY_BIT & 3u) == RELIEF_OFFSET) {
         // Not divided by the cosine: it slides by its depth at most.
-        hit.uv = uv + span * ((1.0 - relief_height(uv, lod)) * depth / reach);
+        below = 1.0 - relief_height(uv, lod);
+        hit.uv = uv + span * (below * depth / reach);
     } else {
-        hit.uv = uv + span * relief_found(uv, span, lod, steps);
+        below = relief_found(uv, span, lod, steps);
+        hit.uv = uv + span * below;
     }
+    // Along the ray, but where that is followed less far along the surface.
+    hit.sunk = (view + normal * cosine) * (reach * below) - normal * (depth * below);
 
     // Surface n·depth·(height − 1): its normal from central differences over one texel of that lod.
     let texel = exp2(lod) / size;

@@ -58,7 +58,9 @@ fn relief_found(start: vec2<f32>, span: vec2<f32>, lod: f32, steps: f32) -> f32 
     let nudge = select(vec2(0.0), sign(way) * RELIEF_NUDGE, way != vec2(0.0));
     var at = 0.0;
     var level = coarsest;
-    for (var i = 0.0; i < steps; i += 1.0) {
+    // From the top down to a patch and up again is no way along the ray.
+    let most = steps + 2.0 * f32(coarsest);
+    for (var i = 0.0; i < most; i += 1.0) {
         if (at >= 1.0) {
             break;
         }
@@ -83,10 +85,14 @@ fn relief_found(start: vec2<f32>, span: vec2<f32>, lod: f32, steps: f32) -> f32 
             let c0 = relief_clearance(corners, from_texel + way * at - cell, at);
             let ch = relief_clearance(corners, from_texel + way * middle - cell, middle);
             let c1 = relief_clearance(corners, from_texel + way * leaves - cell, leaves);
-            let root = relief_root(2.0 * (c0 + c1) - 4.0 * ch, 4.0 * ch - 3.0 * c0 - c1, c0);
             if (c0 <= 0.0) {
                 // Rounding has let it through the last patch's edge.
                 return at;
+            }
+            var root = relief_root(2.0 * (c0 + c1) - 4.0 * ch, 4.0 * ch - 3.0 * c0 - c1, c0);
+            if (root > 1.0 && c1 <= 0.0) {
+                // It goes through, though rounding has lost where.
+                root = c0 / (c0 - c1);
             }
             if (root <= 1.0) {
                 return at + root * (leaves - at);

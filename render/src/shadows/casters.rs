@@ -77,6 +77,10 @@ impl<'a> Casters<'a> {
         frame: &Frame<'_>,
     ) {
         self.key.push(asset.stamp());
+        if frame.settings.relief && frame.settings.relief_in_depth {
+            // Their depth is of the material.
+            self.key.extend(asset.stamps());
+        }
         if asset.is_moving(frame.time_s, frame.settings.morph_s) {
             self.key.push(u64::from(frame.time_s.to_bits()));
         }

@@ -36,6 +36,8 @@ pub(crate) struct Sun<'a> {
     pub(crate) frame: &'a FrameUniform,
     pub(crate) eye: DVec3,
     pub(crate) ground_px: Option<f64>,
+    /// Surfaces whose depth is that of their relief cast shadows from its deepest.
+    pub(crate) sunken: bool,
 }
 
 /// Layers of one texture, a cascade's map each.
@@ -130,7 +132,7 @@ impl ShadowMaps {
         mut ground: impl FnMut(&mut wgpu::RenderPass<'_>, usize) -> u64,
         counters: &mut Counters,
     ) {
-        let Sun { shadows, cascades, frame, eye, ground_px } = *sun;
+        let Sun { shadows, cascades, frame, eye, ground_px, sunken } = *sun;
         let side = shadows.map_side;
         let layers = cascades.len().max(1) as u32;
         let old = self.texture.as_ref();
@@ -190,7 +192,10 @@ impl ShadowMaps {
                         // What is seen through lets light through.
                         return false;
                     }
-                    if features.mask {
+                    if sunken && features.relief_may_be_deep() {
+                        pass.set_pipeline(pipelines.sunken_caster(gpu, features));
+                        pass.set_bind_group(1, &part.material.group, &[]);
+                    } else if features.mask {
                         pass.set_pipeline(pipelines.pierced_caster(gpu));
                         pass.set_bind_group(1, &part.material.group, &[]);
                     } else {

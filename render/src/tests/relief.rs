@@ -10,15 +10,20 @@ use crate::twin::depth::view_ray;
 use crate::twin::relief::height_maps::bricks;
 use crate::twin::relief::methods::{Method, Prepared};
 use crate::twin::relief::ray::Ray;
-use crate::twin::relief::{climb, reach, steps};
+use crate::twin::relief::{ReliefMap, climb, reach, steps};
 use crate::{
     AntiAliasing, AssetGpu, Drawable, Environment, Frame, Headless, Instance, Material, Pose, ReliefMethod,
-    Settings, TextureData, TextureKind, TextureShape, Wrap,
+    Settings, Shadows, TextureData, TextureKind, TextureShape, Wrap,
 };
 
 /// The unit square in the plane z = 0 under bricks this deep. Its colours say where on it they lie, 256 steps along u and
 /// v.
 fn wall_of_coordinates(h: &Headless, relief_depth: f32) -> AssetGpu {
+    tinted_wall(h, relief_depth, 0)
+}
+
+/// The same with so much blue.
+fn tinted_wall(h: &Headless, relief_depth: f32, blue: u8) -> AssetGpu {
     const SIZE: u32 = 64;
     let shape = |kind, size| TextureShape::full(size, size, kind);
     let material = Material {
@@ -35,7 +40,7 @@ fn wall_of_coordinates(h: &Headless, relief_depth: f32) -> AssetGpu {
         let (w, rows) = shapes[0].level_size(level);
         // Means of the texels that a coarser one covers.
         let mean = |k: u32, n: u32| (k * (256 / n) + (256 / n - 1) / 2) as u8;
-        let texel = |i: u32| [mean(i % w, w), mean(i / w, rows), 0, 255];
+        let texel = |i: u32| [mean(i % w, w), mean(i / w, rows), blue, 255];
         let pixels: Vec<u8> = (0..w * rows).flat_map(texel).collect();
         wall.update_texture(h.gpu(), 0, level, TextureData::Rgba8(&pixels)).unwrap();
     }
@@ -228,7 +233,9 @@ fn each_way_of_relief_matches_its_twin() {
             };
             let places = off.map(|(method, _)| {
                 let ray = ray_of(method);
-                ray.at(method.find(&map, &ray, steps(relief_steps, cosine)).at)
+                // Up and down the six levels over the finest comes on top.
+                let levels = if method == Method::Quadtree { 12 } else { 0 };
+                ray.at(method.find(&map, &ray, steps(relief_steps, cosine) + levels).at)
             });
             let inside = |q: &[f64; 2]| q.iter().all(|x| (0.02..0.98).contains(x));
             if !inside(&got) || !places.iter().all(inside) {
@@ -296,7 +303,7 @@ fn what_relief_hides_from_the_sun_matches_its_twin_and_is_dark() {
     let depth = 0.1;
     let wall = wall_of_coordinates(&h, depth as f32);
     let camera = Pose::look_at(DVec3::new(0.5, 0.45, 0.9), DVec3::new(0.5, 0.5, 0.0), DVec3::Y, 0.6);
-    for sun in [DVec3::new(0.6, 0.5, 0.4), DVec3::new(-0.7, -0.2, 0.9)] {
+    for sun in [DVec3::new(0.6, 0.5, 0.4), DVec3::new(-0.7, 0.3, 0.9)] {
         let sun = sun.normalize();
         let environment = Environment { to_sun: sun, ..Environment::default() };
         let mut frames = [false, true].map(|relief_shadows| {
@@ -322,10 +329,106 @@ fn what_relief_hides_from_the_sun_matches_its_twin_and_is_dark() {
             let darker = picture.get_pixel(x, y)[0] < bright.get_pixel(x, y)[0];
             assert!(hidden || !darker, "{x}, {y} is darker in the sun");
         }
-        assert!(n > 3000 && dark * 12 > n, "{dark} of {n} pixels are hidden from {sun}");
+        assert!(n > 3000 && dark * 20 > n, "{dark} of {n} pixels are hidden from {sun}");
         // Places are known to a step of 8 bits.
         assert!(off_twin * 25 < n, "{off_twin} of {n} pixels off the twin");
         assert!(off_truth * 20 < n, "{off_truth} of {n} pixels off what the surface hides");
+    }
+}
+
+/// Where a ray from `eye` first meets the bricks of a wall whose surface lies at `z`, moved by `by` along it: how far away,
+/// unless it misses the middle of the wall.
+fn far_to(map: &ReliefMap, depth: f64, (eye, ray): (DVec3, DVec3), z: f64, by: [f64; 2]) -> Option<f64> {
+    let p = eye + ray * ((z - eye.z) / ray.z);
+    let start = [p.x - by[0], 1.0 - (p.y - by[1])];
+    let reach = depth / -ray.z;
+    let span = [ray.x * reach, -ray.y * reach];
+    let s = map.intersect(start, span);
+    let inside = |at: f64| [0, 1].iter().all(|k| (0.05..0.95).contains(&(start[*k] + span[*k] * at)));
+    (inside(0.0) && inside(s)).then(|| (p - eye).length() + reach * s)
+}
+
+#[test]
+fn things_that_stand_in_relief_and_reliefs_that_cross_meet_where_their_surfaces_do() {
+    let Some(mut h) = headless(128, 96) else { return };
+    let map = bricks(64);
+    let depth = 0.12;
+    let wall = wall_of_coordinates(&h, depth as f32);
+    let other = tinted_wall(&h, depth as f32, 255);
+    let flat = Material { base_colour: [0.0, 0.0, 1.0], ..Material::default() };
+    let mut pane = h.renderer().create_asset(h.gpu(), DVec3::ZERO, &[flat], &[]);
+    fill(&h, &mut pane, &quad([0.0, 0.0, -0.06], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0));
+    let camera = Pose::look_at(DVec3::new(0.8, 0.65, 0.9), DVec3::new(0.5, 0.5, 0.0), DVec3::Y, 0.6);
+    let by = [0.07, 0.09];
+    let moved = Instance { translation: DVec3::new(by[0], by[1], -0.05), ..Instance::default() };
+    let still = [Instance::default()];
+    let placed = [moved];
+    let of_wall = Drawable { asset: &wall, instances: &still };
+    let crossing: [(&str, Drawable<'_>, &dyn Fn(DVec3) -> Option<f64>); 2] = [
+        ("a pane", Drawable { asset: &pane, instances: &still }, &|ray| Some((-0.06 - camera.eye.z) / ray.z)),
+        ("a relief", Drawable { asset: &other, instances: &placed }, &|ray| {
+            far_to(&map, depth, (camera.eye, ray), -0.05, by)
+        }),
+    ];
+    for (name, drawable, far_to_other) in crossing {
+        let drawables = [of_wall, drawable];
+        for relief_method in [ReliefMethod::Relief, ReliefMethod::RelaxedCones, ReliefMethod::Quadtree] {
+            let mut other_shown = [0, 0];
+            for relief_in_depth in [false, true] {
+                let usual = Settings { shadows: None, occlusion: None, ..Settings::default() };
+                let settings = Settings { relief_in_depth, relief_method, ..usual };
+                h.frame(&Frame { settings, ..Frame::new(camera, &drawables) }).unwrap();
+                let file = format!("relief-crosses-{}-{}", name.replace(' ', "-"), relief_method.name());
+                keep(&h, &file);
+                let albedo = h.intermediate(Resource::Albedo, 4).unwrap();
+                let stored = h.depth().unwrap();
+                let (tx, ty) = camera.tan_half_fov(128, 96);
+                let (mut n, mut wrong, mut off) = (0, 0, 0);
+                for (i, texel) in albedo.chunks(4).enumerate() {
+                    let pixel = [(i % 128) as i64, (i / 128) as i64];
+                    let ahead = DVec3::from(view_ray(pixel, [128, 96], [tx, ty]));
+                    let ray = (camera.rotation * ahead).normalize();
+                    let far = far_to(&map, depth, (camera.eye, ray), 0.0, [0.0; 2]);
+                    let (Some(far), Some(other)) = (far, far_to_other(ray)) else { continue };
+                    n += 1;
+                    let shown = texel[2] > 128;
+                    other_shown[usize::from(relief_in_depth)] += usize::from(shown);
+                    wrong += usize::from(shown != (other < far));
+                    let want = settings.near * ahead.length() / far.min(other);
+                    off += usize::from((f64::from(stored[i]) / want - 1.0).abs() > 5e-3);
+                }
+                assert!(n > 3000, "only {n} pixels to compare");
+                if relief_in_depth {
+                    let way = relief_method.name();
+                    assert!(wrong * 30 < n && off * 20 < n, "{name}, {way}: {wrong}, {off} of {n} wrong");
+                }
+            }
+            let [before, crossed] = other_shown;
+            assert!(before == 0 && crossed > 1000, "{name} shows in {before}, then in {crossed} pixels");
+        }
+    }
+}
+
+#[test]
+fn relief_in_depth_does_not_lie_in_the_shadow_of_its_own_surface() {
+    let Some(mut h) = headless(96, 72) else { return };
+    let wall = wall_of_coordinates(&h, 0.1);
+    let drawables = [Drawable { asset: &wall, instances: &[Instance::default()] }];
+    let camera = Pose::look_at(DVec3::new(0.5, 0.45, 0.9), DVec3::new(0.5, 0.5, 0.0), DVec3::Y, 0.6);
+    for to_sun in [DVec3::new(0.3, 0.4, 0.9), DVec3::new(-0.8, 0.3, 0.4)] {
+        let environment = Environment { to_sun, ..Environment::default() };
+        let mut sum = |shadows: Option<Shadows>| {
+            let usual = Settings { occlusion: None, relief_in_depth: true, ..Settings::default() };
+            h.frame(&Frame {
+                environment,
+                settings: Settings { shadows, ..usual },
+                ..Frame::new(camera, &drawables)
+            })
+            .unwrap();
+            h.picture().unwrap().pixels().map(|pixel| u64::from(pixel[0])).sum::<u64>() as f64
+        };
+        let ratio = sum(Some(Shadows::default())) / sum(None);
+        assert!(ratio > 0.97, "{to_sun}: {ratio} of the light");
     }
 }
 

@@ -82,6 +82,8 @@ fn contents(ui: &mut egui::Ui, stats: &Stats, facts: &Facts<'_>, choices: &mut C
         ui.checkbox(&mut choices.occlusion, "ambient occlusion");
         ui.checkbox(&mut choices.shadows, "shadows");
         ui.checkbox(&mut choices.relief, "relief");
+        ui.add_enabled(choices.relief, egui::Checkbox::new(&mut choices.relief_shadows, "its shadows"));
+        ui.add_enabled(choices.relief, egui::Checkbox::new(&mut choices.relief_in_depth, "in depth"));
         ui.checkbox(&mut choices.lamps, "lamps");
         ui.checkbox(&mut choices.emission, "emission");
         ui.checkbox(&mut choices.transparency, "transparency");

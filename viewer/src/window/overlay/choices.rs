@@ -41,6 +41,8 @@ pub(in crate::window) struct Choices {
     pub(in crate::window) anisotropy: u32,
     pub(in crate::window) relief_steps: u32,
     pub(in crate::window) relief_method: ReliefMethod,
+    pub(in crate::window) relief_shadows: bool,
+    pub(in crate::window) relief_in_depth: bool,
     pub(in crate::window) exposure: f32,
     pub(in crate::window) tone_mapping: ToneMapping,
 }
@@ -73,6 +75,8 @@ impl Choices {
             anisotropy: settings.anisotropy,
             relief_steps: settings.relief_steps,
             relief_method: settings.relief_method,
+            relief_shadows: settings.relief_shadows,
+            relief_in_depth: settings.relief_in_depth,
             exposure: settings.exposure,
             tone_mapping: settings.tone_mapping,
         }
@@ -96,6 +100,8 @@ impl Choices {
         settings.anisotropy = self.anisotropy;
         settings.relief_steps = self.relief_steps;
         settings.relief_method = self.relief_method;
+        settings.relief_shadows = self.relief_shadows;
+        settings.relief_in_depth = self.relief_in_depth;
         settings.exposure = self.exposure;
         settings.tone_mapping = self.tone_mapping;
     }
@@ -123,6 +129,8 @@ mod tests {
             dither: false,
             relief_steps: 7,
             relief_method: ReliefMethod::SteepParallax,
+            relief_shadows: true,
+            relief_in_depth: true,
             exposure: 2.0,
             tone_mapping: ToneMapping::Neutral,
             ..Settings::default()
