@@ -235,8 +235,8 @@ pub enum ReliefMethod {
     Relief,
     /// Steps to the edge of cones that a ray may pierce once, then halvings (Policarpo and Oliveira, "Relaxed cone stepping
     /// for relief mapping", 2007). Of height maps that repeat, have at most 256² texels, and are seen at about a texel a
-    /// pixel or nearer; else as [`Self::Relief`]. The first frame that draws a map so looks for its cones, which takes
-    /// seconds at 256².
+    /// pixel or nearer; else as [`Self::Relief`]. The first frame that draws a map so looks for its cones, at a
+    /// cost of the fourth power of its side.
     RelaxedCones,
     /// Over cells of a pyramid of largest heights, to the exact hit (Tevs, Ihrke and Seidel, "Maximum mipmaps", 2008;
     /// Drobot, "Quadtree displacement mapping", 2010). Of height maps that repeat, have at most 2048² texels, and are

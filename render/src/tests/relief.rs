@@ -364,7 +364,9 @@ fn things_that_stand_in_relief_and_reliefs_that_cross_meet_where_their_surfaces_
     let still = [Instance::default()];
     let placed = [moved];
     let of_wall = Drawable { asset: &wall, instances: &still };
-    let crossing: [(&str, Drawable<'_>, &dyn Fn(DVec3) -> Option<f64>); 2] = [
+    // How far away along a ray from the eye.
+    type Far<'a> = &'a dyn Fn(DVec3) -> Option<f64>;
+    let crossing: [(&str, Drawable<'_>, Far<'_>); 2] = [
         ("a pane", Drawable { asset: &pane, instances: &still }, &|ray| Some((-0.06 - camera.eye.z) / ray.z)),
         ("a relief", Drawable { asset: &other, instances: &placed }, &|ray| {
             far_to(&map, depth, (camera.eye, ray), -0.05, by)

@@ -15,6 +15,7 @@ pub mod relief;
 pub mod sky;
 pub mod sunlight;
 pub mod surface;
+pub mod tangents;
 pub mod temporal;
 pub mod terrain;
 pub mod tone;

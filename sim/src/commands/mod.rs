@@ -20,6 +20,7 @@ mod seed_table;
 mod shown;
 mod staging;
 mod strangers;
+mod tangent_frames;
 mod terrain_table;
 mod train;
 mod truth;
@@ -78,6 +79,9 @@ pub(crate) enum Command {
     /// Sends and draws a wall as a plane with a height map and as a mesh: bytes and times over a simulated link of 2 Mbit/s
     /// and 50 ms round trip, time of a frame on the machine's graphics adapter, FLIP against a picture by rays.
     ReliefWorth(relief_worth::ReliefWorth),
+    /// Holds tangent frames of meshes, from averages in their vertices to derivatives in the shader, against those of the
+    /// surfaces that they stand for.
+    TangentFrames(tangent_frames::TangentFrames),
     /// Settles a plan's case in virtual time and writes a page with pictures of it: as it is shown, without each technique, by
     /// other ways, and by each view for developers; with how far each is from the first, and its time.
     Gallery(gallery::Gallery),
@@ -115,6 +119,7 @@ impl Command {
             Self::ReflectionErrors(command) => command.run(),
             Self::ReliefMethods(command) => command.run(),
             Self::ReliefWorth(command) => command.run(),
+            Self::TangentFrames(command) => command.run(),
             Self::Gallery(command) => command.run(),
             Self::Run(command) => command.run(),
             Self::Shown(command) => command.run(),

@@ -19,6 +19,7 @@ pub mod relief_methods;
 pub mod relief_worth;
 mod settled;
 pub mod shown;
+pub mod tangent_frames;
 #[cfg(test)]
 mod tests;
 
