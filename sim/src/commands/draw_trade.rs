@@ -29,7 +29,8 @@ struct KnobArguments {
     /// Linear steps of relief mapping at grazing angles, divided by commas; 0 draws none.
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_RELIEF_STEPS)))]
     relief_steps: Option<Vec<u32>>,
-    /// Ways of relief mapping, divided by commas: 0 draws none, 1 parallax, 2 steep parallax, 3 parallax occlusion, 4 relief.
+    /// Ways of relief mapping, divided by commas: 0 draws none, 1 parallax, 2 steep parallax, 3 parallax occlusion, 4 relief, 5
+    /// relaxed cones, 6 quadtree.
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(0..=ReliefMethod::ALL.len() as i64))]
     relief_methods: Option<Vec<u32>>,
     /// Samples of ambient occlusion per pixel, divided by commas; 0 draws none.
@@ -110,7 +111,7 @@ mod tests {
             &[],
             &["--relief-steps", "1", "--ground-px", "1"],
             &["--relief-steps", "1025"],
-            &["--relief-methods", "5"],
+            &["--relief-methods", "7"],
             &["--relief-steps", ""],
             &["--occlusion-samples", "65"],
             &["--ground-px", "0"],

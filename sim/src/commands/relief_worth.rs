@@ -6,7 +6,7 @@ use anyhow::Context as _;
 use clap::Args;
 use lodestream_render::Gpu;
 use lodestream_report::pictures::frame_time::MAX_FRAMES;
-use lodestream_report::pictures::relief_worth::{Question, relief_worth};
+use lodestream_report::pictures::relief_worth::{ANGLES, DISTANCES_M, Question, relief_worth};
 
 use crate::arguments::CacheFolder;
 use crate::print::print;
@@ -21,6 +21,9 @@ pub(crate) struct ReliefWorth {
     frames: u32,
     #[command(flatten)]
     cache: CacheFolder,
+    /// Sends only: nothing is drawn.
+    #[arg(long, conflicts_with = "pictures")]
+    sent_only: bool,
     /// Writes the pictures into this folder.
     #[arg(long, value_name = "FOLDER")]
     pictures: Option<PathBuf>,
@@ -34,8 +37,15 @@ const SIZE_PX: [u32; 2] = [640, 360];
 
 impl ReliefWorth {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
-        let question = Question { texels: self.texels.into(), size_px: SIZE_PX, frames: self.frames };
-        let gpu = Gpu::headless().context("frames are to be drawn")?;
+        let question = Question {
+            texels: self.texels.into(),
+            size_px: SIZE_PX,
+            distances_m: &DISTANCES_M,
+            angles: &ANGLES,
+            frames: self.frames,
+        };
+        let gpu = || Gpu::headless().context("frames are to be drawn");
+        let gpu = (!self.sent_only).then(gpu).transpose()?;
         let worth = relief_worth(&question, gpu, &self.cache.path()?, |name, picture| {
             let Some(folder) = &self.pictures else { return Ok(()) };
             let file = folder.join(format!("{name}.png"));

@@ -118,6 +118,8 @@ fn entries() -> Vec<Entry> {
             ReliefMethod::SteepParallax => "McGuire, McGuire 2005",
             ReliefMethod::ParallaxOcclusion => "Tatarchuk 2006",
             ReliefMethod::Relief => "Policarpo, Oliveira, Comba 2005",
+            ReliefMethod::RelaxedCones => "Policarpo, Oliveira 2007",
+            ReliefMethod::Quadtree => "Tevs, Ihrke, Seidel 2008; Drobot 2010",
         };
         let name = format!("relief: {}", relief_method.name());
         all.push(one(Part::Otherwise, &name, Settings { relief_method, ..usual }, source));

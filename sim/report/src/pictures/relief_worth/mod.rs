@@ -45,6 +45,10 @@ pub struct Question {
     pub texels: usize,
     /// Width and height of the pictures.
     pub size_px: [u32; 2],
+    /// Distances of the eye from the wall's middle, in metres.
+    pub distances_m: &'static [f64],
+    /// Angles between the view and the wall's normal, degrees.
+    pub angles: &'static [f64],
     /// Frames that are timed of each way in each view.
     pub frames: u32,
 }
@@ -105,26 +109,28 @@ pub struct ShownFrom {
 /// Both tables.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Worth {
-    /// The graphics adapter.
-    pub adapter: String,
+    /// The graphics adapter, where something is drawn.
+    pub adapter: Option<String>,
     /// What sending takes.
     pub sent: Vec<Sent>,
     /// What it shows.
     pub shown: Vec<ShownFrom>,
 }
 
-/// Sends and draws all walls in all ways. Packs are kept in a cache folder; `keep` gets each picture with a name.
+/// Sends all walls in all ways, and draws them where there is a device. Packs are kept in a cache folder; `keep` gets each
+/// picture with a name.
 ///
 /// # Errors
 /// What keeps a wall from being written, prepared or sent, and what the graphics device refuses.
 pub fn relief_worth(
     question: &Question,
-    gpu: Gpu,
+    gpu: Option<Gpu>,
     cache: &Path,
     mut keep: impl FnMut(&str, &RgbaImage) -> anyhow::Result<()>,
 ) -> anyhow::Result<Worth> {
-    let studio = Studio::new(gpu.clone());
-    let mut worth = Worth { adapter: gpu.describe(), sent: Vec::new(), shown: Vec::new() };
+    let adapter = gpu.as_ref().map(Gpu::describe);
+    let studio = gpu.map(Studio::new);
+    let mut worth = Worth { adapter, sent: Vec::new(), shown: Vec::new() };
     for wall in Wall::all(question.texels) {
         let folder = tempfile::tempdir().context("no folder for the wall")?;
         let open = |way: Way, distance_m: f64| {
@@ -141,16 +147,20 @@ pub fn relief_worth(
             anyhow::Ok((way, plan, scene))
         };
         let traced = Traced::new(&wall);
-        for distance_m in DISTANCES_M {
+        for &distance_m in question.distances_m {
             let ways =
                 Way::ALL.iter().map(|way| open(*way, distance_m)).collect::<anyhow::Result<Vec<_>>>()?;
-            for (way, plan, scene) in &ways {
+            // What is drawn in several ways is sent in one.
+            for (way, plan, scene) in
+                ways.iter().filter(|(way, ..)| *way == Way::Relief || !way.has_heights())
+            {
                 worth.sent.push(sent(&wall, *way, plan, scene, distance_m)?);
             }
+            let Some(studio) = &studio else { continue };
             let mut shown: Vec<ShownFrom> = Way::ALL
                 .map(|way| ShownFrom { map: wall.name, way: way.name(), distance_m, angles: Vec::new() })
                 .into();
-            for degrees in ANGLES {
+            for &degrees in question.angles {
                 let view = camera(distance_m, degrees).view(question.size_px, 1.0);
                 let name = |of: &str| format!("{}-{distance_m}m-{degrees}-{of}", wall.name);
                 let truth = traced.picture(&view);
@@ -158,7 +168,7 @@ pub fn relief_worth(
                 keep(&name("rays-shadowed"), &truth.shadowed)?;
                 let mut painters = ways
                     .iter()
-                    .map(|(_, plan, scene)| settle_at(plan, scene, &studio, view))
+                    .map(|(_, plan, scene)| settle_at(plan, scene, studio, view))
                     .collect::<anyhow::Result<Vec<_>>>()?;
                 let seconds = by_turns(painters.len(), question.frames, |number| {
                     painters[number].frame_in(&view, settings(ways[number].0), environment()).map(|_| ())
@@ -167,11 +177,8 @@ pub fn relief_worth(
                 for (number, painter) in painters.iter_mut().enumerate() {
                     let file = shown[number].way.replace([' ', ','], "-");
                     let shadowed = painter.picture()?;
-                    painter.frame_in(
-                        &view,
-                        Settings { shadows: None, ..settings(ways[number].0) },
-                        environment(),
-                    )?;
+                    let lit = Settings { shadows: None, relief_shadows: false, ..settings(ways[number].0) };
+                    painter.frame_in(&view, lit, environment())?;
                     let picture = painter.picture()?;
                     keep(&name(&file), &picture)?;
                     keep(&name(&format!("{file}-shadowed")), &shadowed)?;
@@ -193,7 +200,14 @@ pub fn relief_worth(
 
 /// How a way is drawn: by the sun with its shadows, under a sky that nothing hides.
 fn settings(way: Way) -> Settings {
-    Settings { occlusion: None, dither: false, relief: way == Way::Relief, ..Settings::default() }
+    let relief_shadows = way == Way::ReliefShadows;
+    Settings {
+        occlusion: None,
+        dither: false,
+        relief: way.has_heights(),
+        relief_shadows,
+        ..Settings::default()
+    }
 }
 
 /// An eye at an angle to the wall's normal, to its left.
@@ -238,7 +252,7 @@ fn sent(
 
 impl fmt::Display for Worth {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "on {}", self.adapter)?;
+        write!(f, "drawn on {}", self.adapter.as_deref().unwrap_or("nothing"))?;
         for s in &self.sent {
             write!(
                 f,
@@ -282,24 +296,35 @@ mod tests {
         }
         let gpu = open_device().expect("a graphics adapter (or LODESTREAM_SKIP_GPU=1)");
         let cache = tempfile::tempdir().unwrap();
-        let question = Question { texels: 24, size_px: [160, 90], frames: 1 };
+        let question = Question {
+            texels: 24,
+            size_px: [160, 90],
+            distances_m: &DISTANCES_M[..1],
+            angles: &[0.0, 85.0],
+            frames: 1,
+        };
         let mut pictures = 0;
-        let worth = relief_worth(&question, gpu, cache.path(), |_, _| {
+        let worth = relief_worth(&question, Some(gpu), cache.path(), |_, _| {
             pictures += 1;
             Ok(())
         })
         .unwrap();
-        assert_eq!((worth.sent.len(), worth.shown.len(), pictures), (2 * 3 * 4, 2 * 3 * 4, 2 * 3 * 4 * 10));
+        assert_eq!((worth.sent.len(), worth.shown.len(), pictures), (2 * 4, 2 * 5, 2 * 2 * 12));
         for of_distance in worth.sent.chunks(4) {
             let [plane, relief, mesh, tile] = of_distance else { panic!("four ways") };
             assert!(plane.settled_bytes < relief.settled_bytes, "{relief:?}");
             assert!(relief.all_bytes < tile.all_bytes && tile.all_bytes < mesh.all_bytes, "{mesh:?}");
             assert!(of_distance.iter().all(|sent| sent.ttff_ms <= sent.ttq_1_ms), "{of_distance:?}");
         }
-        for near in worth.shown.chunks(4).filter(|ways| ways[0].distance_m == DISTANCES_M[0]) {
-            let [plane, relief, mesh, _] = near else { panic!("four ways") };
+        for near in worth.shown.chunks(5) {
+            let [plane, relief, shadows, mesh, _] = near else { panic!("five ways") };
+            assert!(
+                shadows.angles[0].shadowed_flip < relief.angles[0].shadowed_flip,
+                "{shadows:?} {relief:?}"
+            );
+            assert_eq!(shadows.angles[0].flip, relief.angles[0].flip);
             assert!(relief.angles[0].flip < 0.7 * plane.angles[0].flip, "{relief:?} {plane:?}");
-            assert!(mesh.angles[3].flip < 0.7 * relief.angles[3].flip, "{mesh:?} {relief:?}");
+            assert!(mesh.angles[1].flip < 0.7 * relief.angles[1].flip, "{mesh:?} {relief:?}");
             assert!(relief.angles.iter().all(|shown| shown.over_relief == 1.0));
         }
     }

@@ -29,6 +29,8 @@ pub enum Way {
     Plane,
     /// A plane with the colours and the height map, and relief mapping.
     Relief,
+    /// The same, drawn with what its heights hide from the sun.
+    ReliefShadows,
     /// The surface between the texels' middles as a mesh, with the colours.
     Mesh,
     /// The same of one repeat of the texture, placed four times.
@@ -37,7 +39,7 @@ pub enum Way {
 
 impl Way {
     /// All there are.
-    pub const ALL: [Self; 4] = [Self::Plane, Self::Relief, Self::Mesh, Self::TiledMesh];
+    pub const ALL: [Self; 5] = [Self::Plane, Self::Relief, Self::ReliefShadows, Self::Mesh, Self::TiledMesh];
 
     /// What it is called in tables.
     #[must_use]
@@ -45,15 +47,21 @@ impl Way {
         match self {
             Self::Plane => "plane",
             Self::Relief => "plane and height map",
+            Self::ReliefShadows => "the same with its shadows",
             Self::Mesh => "mesh",
             Self::TiledMesh => "mesh of a tile, four times",
         }
     }
 
+    /// Whether it has a height map.
+    pub(super) fn has_heights(self) -> bool {
+        self.file() == Self::Relief.file()
+    }
+
     fn file(self) -> &'static str {
         match self {
             Self::Plane => "plane",
-            Self::Relief => "relief",
+            Self::Relief | Self::ReliefShadows => "relief",
             Self::Mesh => "mesh",
             Self::TiledMesh => "tile",
         }
@@ -156,13 +164,10 @@ impl Wall {
             |x: u32, y: u32| Luma([(self.heights.texels[(y * size + x) as usize] * 255.0).round() as u8]);
         ImageBuffer::from_fn(size, size, height).save(folder.join("height.png")).with_context(fail)?;
         let name = way.file();
-        let disp = if way == Way::Relief { "disp height.png\n" } else { "" };
+        let disp = if way.has_heights() { "disp height.png\n" } else { "" };
         let material = format!("newmtl wall\nKd 1 1 1\nPr {ROUGHNESS}\nmap_Kd colour.png\n{disp}");
         std::fs::write(folder.join(format!("{name}.mtl")), material).with_context(fail)?;
         let mesh = match way {
-            Way::Plane | Way::Relief => {
-                obj(name, &[-0.5 * SIDE_M, 0.5 * SIDE_M], REPEATS, |x, y| (DVec3::new(x, y, 0.0), DVec3::Z))
-            }
             Way::Mesh => obj(name, &self.lines(REPEATS, 1), REPEATS, |x, y| {
                 let place = self.place([x, y]);
                 (place.at, place.normal)
@@ -172,9 +177,10 @@ impl Wall {
                 let place = self.place([x - 0.5, y - 0.5]);
                 (place.at + DVec3::new(0.5, 0.5, 0.0), place.normal)
             }),
+            _ => obj(name, &[-0.5 * SIDE_M, 0.5 * SIDE_M], REPEATS, |x, y| (DVec3::new(x, y, 0.0), DVec3::Z)),
         };
         std::fs::write(folder.join(format!("{name}.obj")), mesh).with_context(fail)?;
-        let depth = if way == Way::Relief { format!("relief_depth = {DEPTH}\n") } else { String::new() };
+        let depth = if way.has_heights() { format!("relief_depth = {DEPTH}\n") } else { String::new() };
         let mut scene = format!("[[asset]]\nname = \"wall\"\nfile = \"{name}.obj\"\n{depth}");
         let places: &[[f64; 2]] = match way {
             Way::TiledMesh => &[[-0.5, -0.5], [0.5, -0.5], [-0.5, 0.5], [0.5, 0.5]],
