@@ -12,7 +12,7 @@ use super::material_kit::{BoundMaterial, Features, MaterialKit};
 use super::texture::{Texture, TextureData};
 #[cfg(feature = "client")]
 use super::uploads::Uploads;
-use super::vertex::PackedVertex;
+use super::vertex::{HostMesh, PackedVertex};
 
 /// Slots between two touched ones that are sent along, because one longer upload is cheaper than
 /// two; vertices cost a star to compute each, faces nothing.
@@ -96,15 +96,16 @@ impl AssetGpu {
         materials: &[Material],
         textures: Vec<Texture>,
     ) -> Self {
+        let read = gpu.curve_usage();
         let parts = materials
             .iter()
             .map(|material| Part {
                 material: *material,
                 bound: kit.bind(gpu, material, &textures),
-                indices: GrowingBuffer::new("index buffer", wgpu::BufferUsages::INDEX),
+                indices: GrowingBuffer::new("index buffer", wgpu::BufferUsages::INDEX | read),
             })
             .collect();
-        let vertices = GrowingBuffer::new("vertex buffer", wgpu::BufferUsages::VERTEX);
+        let vertices = GrowingBuffer::new("vertex buffer", wgpu::BufferUsages::VERTEX | read);
         Self {
             number: new_stamp(),
             kit,
@@ -131,7 +132,9 @@ impl AssetGpu {
         self.bounds = Some((centre, radius));
     }
 
-    pub(crate) fn bounds(&self) -> Option<(DVec3, f64)> {
+    /// The sphere that [`AssetGpu::set_bounds`] told.
+    #[must_use]
+    pub fn bounds(&self) -> Option<(DVec3, f64)> {
         self.bounds
     }
 
@@ -405,6 +408,14 @@ impl AssetGpu {
             }));
         }
         Ok(triangles)
+    }
+
+    /// Vertices, and the first material's triangles, read back. Waits for the device.
+    pub(crate) fn read(&self, gpu: &Gpu) -> Result<HostMesh, RenderError> {
+        let faces = self.parts.first().map_or(Ok(Vec::new()), |part| part.indices.read(gpu))?;
+        // Unused slots are no triangles.
+        let used = faces.into_iter().filter(|[a, b, c]| a != b && b != c && c != a);
+        Ok((self.vertices.read(gpu)?, used.collect()))
     }
 
     /// Whether any of its faces have a material of which something holds.

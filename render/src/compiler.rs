@@ -17,6 +17,8 @@ enum Task {
     Surface {
         relief: bool,
     },
+    /// What makes lists of curved patches, which are drawn in place of what is flat.
+    Patches,
     Caster,
     Ground {
         relief: bool,
@@ -47,6 +49,8 @@ pub struct Compiler {
     gpu: Gpu,
     pipelines: Arc<Pipelines>,
     tasks: Arc<[Task]>,
+    /// Meshes are drawn as curved patches.
+    curved: bool,
     next: Arc<AtomicUsize>,
 }
 
@@ -56,6 +60,7 @@ impl Compiler {
             gpu: gpu.clone(),
             pipelines: Arc::clone(pipelines),
             tasks: tasks(settings, ground).into(),
+            curved: settings.pn_triangles.is_some() && gpu.can_curve(),
             next: Arc::default(),
         }
     }
@@ -69,10 +74,13 @@ impl Compiler {
 
     fn make(&self, task: Task) {
         let (gpu, pipelines) = (&self.gpu, &*self.pipelines);
-        let meshes = &pipelines.meshes;
+        let meshes = if self.curved { pipelines.curved(gpu) } else { &pipelines.meshes };
         match task {
             Task::Surface { relief } => {
                 meshes.surface(gpu, Features { relief, ..Features::default() }, relief);
+            }
+            Task::Patches => {
+                pipelines.list_makers(gpu);
             }
             Task::Caster => {
                 meshes.caster(gpu);
@@ -120,6 +128,7 @@ fn tasks(settings: &Settings, ground: bool) -> Vec<Task> {
     let occlusion = method.is_some();
     let mut tasks = vec![Task::Surface { relief: false }];
     let mut also = |needed: bool, more: &[Task]| tasks.extend(more.iter().filter(|_| needed));
+    also(settings.pn_triangles.is_some(), &[Task::Patches]);
     also(ground, &[Task::Ground { relief }]);
     also(relief, &[Task::Surface { relief: true }]);
     also(true, &[Task::Whole(Whole::Lighting { occlusion, shadows })]);

@@ -1,5 +1,7 @@
 //! From drawables to draw calls: which instances may be seen, and the geometry passes' commands.
 
+use std::ops::Range;
+
 use glam::{DQuat, DVec3};
 
 use super::asset::{AssetGpu, PartDraw};
@@ -9,6 +11,7 @@ use super::gpu::Gpu;
 use super::instance::{Instance, InstanceRaw};
 use super::material_kit::Features;
 use super::mesh_pipelines::{MeshPipelines, ReliefDraw};
+use super::pn_triangles::{ListMakers, Listed, PatchLists};
 use super::receivers::Receivers;
 use super::scene::{Frame, ReliefMethod};
 
@@ -32,6 +35,44 @@ impl<'a> Batch<'a> {
     pub(crate) fn drawable(&self) -> usize {
         self.drawable
     }
+
+    /// Its instances among the frame's.
+    pub(crate) fn range(&self) -> Range<u32> {
+        self.first..self.end
+    }
+
+    /// What of it may be drawn as curved patches, all or what is in view. What is seen through is drawn instance by
+    /// instance.
+    pub(crate) fn listed(&self, in_view: bool) -> impl Iterator<Item = Listed<'a>> {
+        let instances = self.range();
+        let draws = self.asset.draws().into_iter();
+        let parts = draws.flat_map(|(vertices, parts)| parts.enumerate().map(move |part| (vertices, part)));
+        parts.map(move |(vertices, (number, part))| Listed {
+            vertices,
+            indices: part.indices,
+            part: number,
+            faces: part.faces,
+            instances: instances.clone(),
+            alone: part.material.features.blend,
+            in_view,
+        })
+    }
+}
+
+/// What meshes are drawn with: as they are, or as curved patches where there are lists of those.
+#[derive(Clone, Copy)]
+pub(crate) struct Meshes<'a> {
+    pub(crate) plain: &'a MeshPipelines,
+    pub(crate) instances: &'a wgpu::Buffer,
+    pub(crate) curved: Option<Curved<'a>>,
+}
+
+/// What curved patches are drawn with, and their lists made.
+#[derive(Clone, Copy)]
+pub(crate) struct Curved<'a> {
+    pub(crate) pipelines: &'a MeshPipelines,
+    pub(crate) makers: &'a ListMakers,
+    pub(crate) lists: &'a PatchLists,
 }
 
 /// How height maps are honoured.
@@ -111,18 +152,19 @@ impl<'a> DrawList<'a> {
         &self,
         gpu: &Gpu,
         pass: &mut wgpu::RenderPass<'_>,
-        (pipelines, instances): (&MeshPipelines, &wgpu::Buffer),
+        meshes: Meshes<'_>,
         relief: Option<Relief>,
         counters: &mut Counters,
     ) {
-        each(&self.batches, pass, instances, |pass, part, triangles| {
+        each(&self.batches, pass, meshes, |pass, pipelines, part, triangles| {
             let of = part.material.features;
             if of.blend {
                 return false;
             }
             match relief.filter(|_| of.relief) {
                 Some(relief) => {
-                    let known = relief.method.aid().and_then(|aid| Some((aid, part.material.aid(gpu, aid)?)));
+                    let aid = relief.method.aid().filter(|_| pipelines.takes_aid());
+                    let known = aid.and_then(|aid| Some((aid, part.material.aid(gpu, aid)?)));
                     if let Some((_, group)) = known {
                         pass.set_bind_group(2, group, &[]);
                     }
@@ -144,10 +186,10 @@ impl<'a> DrawList<'a> {
         &self,
         gpu: &Gpu,
         pass: &mut wgpu::RenderPass<'_>,
-        (pipelines, instances): (&MeshPipelines, &wgpu::Buffer),
+        meshes: Meshes<'_>,
         counters: &mut Counters,
     ) {
-        draw(&self.batches, pass, instances, counters, |of| {
+        draw(&self.batches, pass, meshes, counters, |pipelines, of| {
             (of.emits && !of.blend).then(|| pipelines.emission(gpu))
         });
     }
@@ -158,7 +200,7 @@ impl<'a> DrawList<'a> {
         &self,
         gpu: &Gpu,
         pass: &mut wgpu::RenderPass<'_>,
-        (pipelines, instances): (&MeshPipelines, &wgpu::Buffer),
+        meshes: Meshes<'_>,
         lamps: bool,
         counters: &mut Counters,
     ) {
@@ -171,7 +213,7 @@ impl<'a> DrawList<'a> {
         for (_, batch, instance) in order {
             let one = [Batch { first: instance, end: instance + 1, ..*batch }];
             for facing in 0..2 {
-                draw(&one, pass, instances, counters, |of| {
+                draw(&one, pass, meshes, counters, |pipelines, of| {
                     of.blend.then(|| &pipelines.transparent(gpu, of, lamps)[facing])
                 });
             }
@@ -190,11 +232,11 @@ impl<'a> DrawList<'a> {
         &self,
         gpu: &Gpu,
         pass: &mut wgpu::RenderPass<'_>,
-        (pipelines, instances): (&MeshPipelines, &wgpu::Buffer),
+        meshes: Meshes<'_>,
         seen_through: bool,
         counters: &mut Counters,
     ) {
-        draw(&self.batches, pass, instances, counters, |of| {
+        draw(&self.batches, pass, meshes, counters, |pipelines, of| {
             (of.blend == seen_through).then(|| pipelines.overdraw(gpu, of))
         });
     }
@@ -202,24 +244,31 @@ impl<'a> DrawList<'a> {
     /// Draws how far some of the batches have come, whose instances were at `before`.
     pub(crate) fn motion(
         batches: &[Batch<'_>],
+        gpu: &Gpu,
         pass: &mut wgpu::RenderPass<'_>,
-        pipeline: &wgpu::RenderPipeline,
-        [instances, before]: [&wgpu::Buffer; 2],
+        meshes: Meshes<'_>,
+        before: &wgpu::Buffer,
     ) {
-        pass.set_pipeline(pipeline);
         pass.set_vertex_buffer(2, before.slice(..));
         // What is seen through has left no depth to meet.
-        each(batches, pass, instances, |_, part, _| !part.material.features.blend);
+        each(batches, pass, meshes, |pass, pipelines, part, _| {
+            let drawn = !part.material.features.blend;
+            if drawn {
+                pass.set_pipeline(pipelines.motion(gpu));
+            }
+            drawn
+        });
     }
 
-    /// Draws all edges.
+    /// Draws all edges, where the device can.
     pub(crate) fn wires(
         &self,
+        gpu: &Gpu,
         pass: &mut wgpu::RenderPass<'_>,
-        (wire, instances): (&wgpu::RenderPipeline, &wgpu::Buffer),
+        meshes: Meshes<'_>,
         counters: &mut Counters,
     ) {
-        draw(&self.batches, pass, instances, counters, |_| Some(wire));
+        draw(&self.batches, pass, meshes, counters, |pipelines, _| pipelines.wire(gpu));
     }
 }
 
@@ -227,12 +276,12 @@ impl<'a> DrawList<'a> {
 fn draw<'p>(
     batches: &[Batch<'_>],
     pass: &mut wgpu::RenderPass<'_>,
-    instances: &wgpu::Buffer,
+    meshes: Meshes<'p>,
     counters: &mut Counters,
-    pipeline: impl Fn(Features) -> Option<&'p wgpu::RenderPipeline>,
+    pipeline: impl Fn(&'p MeshPipelines, Features) -> Option<&'p wgpu::RenderPipeline>,
 ) {
-    each(batches, pass, instances, |pass, part, triangles| {
-        let Some(pipeline) = pipeline(part.material.features) else { return false };
+    each(batches, pass, meshes, |pass, pipelines, part, triangles| {
+        let Some(pipeline) = pipeline(pipelines, part.material.features) else { return false };
         pass.set_pipeline(pipeline);
         count(pass, part, triangles, counters);
         true
@@ -247,20 +296,29 @@ fn count(pass: &mut wgpu::RenderPass<'_>, part: &PartDraw<'_>, triangles: u64, c
 }
 
 /// Draws parts of some batches; `prepare` chooses which and how, and is told how many triangles each has.
-pub(crate) fn each(
+pub(crate) fn each<'p>(
     batches: &[Batch<'_>],
     pass: &mut wgpu::RenderPass<'_>,
-    instances: &wgpu::Buffer,
-    mut prepare: impl FnMut(&mut wgpu::RenderPass<'_>, &PartDraw<'_>, u64) -> bool,
+    Meshes { plain, instances, curved }: Meshes<'p>,
+    mut prepare: impl FnMut(&mut wgpu::RenderPass<'_>, &'p MeshPipelines, &PartDraw<'_>, u64) -> bool,
 ) {
     pass.set_vertex_buffer(1, instances.slice(..));
     for batch in batches {
         let Some((vertices, parts)) = batch.asset.draws() else { continue };
-        pass.set_vertex_buffer(0, vertices.slice(..));
-        for part in parts {
-            if !prepare(pass, &part, u64::from(part.faces) * u64::from(batch.end - batch.first)) {
+        for (number, part) in parts.enumerate() {
+            let listed = curved.filter(|curved| curved.lists.has(batch.first, number));
+            let pipelines = listed.map_or(plain, |curved| curved.pipelines);
+            let triangles = u64::from(part.faces) * u64::from(batch.end - batch.first);
+            if !prepare(pass, pipelines, &part, triangles) {
                 continue;
             }
+            if let Some(Curved { lists, .. }) = listed {
+                // What is seen through has a list for each instance.
+                let firsts = if part.material.features.blend { batch.end } else { batch.first + 1 };
+                (batch.first..firsts).for_each(|first| lists.draw(pass, first, number));
+                continue;
+            }
+            pass.set_vertex_buffer(0, vertices.slice(..));
             pass.set_index_buffer(part.indices.slice(..), wgpu::IndexFormat::Uint32);
             pass.draw_indexed(0..part.faces * 3, 0, batch.first..batch.end);
         }

@@ -197,6 +197,24 @@ impl Gpu {
         !self.is_software() && self.adapter.get_downlevel_capabilities().flags.contains(filters)
     }
 
+    /// Whether triangles can be drawn as curved patches: storage in compute and vertex stages, and draws whose numbers the
+    /// device makes itself.
+    pub(crate) fn can_curve(&self) -> bool {
+        let needed = wgpu::DownlevelFlags::COMPUTE_SHADERS
+            | wgpu::DownlevelFlags::VERTEX_STORAGE
+            | wgpu::DownlevelFlags::INDIRECT_EXECUTION;
+        let limits = self.device.limits();
+        self.adapter.get_downlevel_capabilities().flags.contains(needed)
+            && limits.max_compute_invocations_per_workgroup >= 64
+            && limits.max_storage_buffers_per_shader_stage >= 7
+            && limits.max_bind_groups >= 3
+    }
+
+    /// What buffers of meshes and of their places are made for besides, so that patches may be made of them.
+    pub(crate) fn curve_usage(&self) -> wgpu::BufferUsages {
+        if self.can_curve() { wgpu::BufferUsages::STORAGE } else { wgpu::BufferUsages::empty() }
+    }
+
     /// Most lookups of a sampler along a footprint.
     pub(crate) fn anisotropy_clamp(&self) -> u16 {
         if self.has_anisotropic_filter() { 8 } else { 1 }

@@ -7,6 +7,8 @@
 /// A pass over the picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum PassId {
+    /// Lists of triangles by how finely they are cut, for [`crate::PnTriangles`].
+    Patches,
     /// How often each pixel is drawn, in place of the surfaces.
     Overdraw,
     /// Surfaces to depth, normal and albedo.
@@ -62,6 +64,7 @@ impl PassId {
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
+            Self::Patches => "patches",
             Self::Overdraw => "overdraw",
             Self::GBuffer => "g_buffer",
             Self::Occlusion => "occlusion",
@@ -93,6 +96,8 @@ impl PassId {
 /// What passes hand on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) enum Resource {
+    /// Lists of triangles; not allocated with the picture's.
+    Patches,
     Depth,
     Normal,
     Albedo,
@@ -148,6 +153,8 @@ impl Pass {
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Needs {
     pub(crate) geometry: bool,
+    /// Triangles are drawn as curved patches.
+    pub(crate) curved: bool,
     pub(crate) occlusion: bool,
     /// It is a mean of frames, and whether all of them are drawn.
     pub(crate) still: Option<bool>,
@@ -180,15 +187,17 @@ pub(crate) struct Needs {
 pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
     use Resource::{
         Albedo, Depth, Display, Edges, History, Lit, Motion, Normal, Occlusion, OcclusionMean, OcclusionRaw,
-        Overdraw, Pyramid, Radiance, ShadowMaps, Smoothed, Sunlight, Target,
+        Overdraw, Patches, Pyramid, Radiance, ShadowMaps, Smoothed, Sunlight, Target,
     };
     let pass = |id, reads, writes| Pass { id, reads, writes };
     let mut passes = Vec::new();
     if needs.geometry {
-        passes.push(pass(PassId::GBuffer, &[], &[Depth, Normal, Albedo]));
+        let drawn_by: &[Resource] = if needs.curved { &[Patches] } else { &[] };
+        passes.push(pass(PassId::Patches, &[], &[Patches]));
+        passes.push(pass(PassId::GBuffer, drawn_by, &[Depth, Normal, Albedo]));
         if needs.shown.is_some_and(|shown| shown.contains(&Overdraw)) {
             // Drawn anew: the depth that it tests against begins empty.
-            passes.push(pass(PassId::Overdraw, &[], &[Depth, Overdraw]));
+            passes.push(pass(PassId::Overdraw, drawn_by, &[Depth, Overdraw]));
         }
         match needs.still {
             None => {
@@ -444,7 +453,7 @@ mod tests {
             Some(&[Resource::Depth, Resource::Sunlight]),
             Some(&[Resource::Depth, Resource::Overdraw]),
         ];
-        for (bits, shown) in (0..131_072).flat_map(|bits| shown.map(|shown| (bits, shown))) {
+        for (bits, shown) in (0..262_144).flat_map(|bits| shown.map(|shown| (bits, shown))) {
             let bit = |n: u32| bits >> n & 1 != 0;
             let needs = Needs {
                 shown,
@@ -466,6 +475,7 @@ mod tests {
                 enlarged: bit(13),
                 reflections: bit(14).then_some(bit(15)),
                 bloom: bit(16),
+                curved: bit(17),
             };
             let mut written = Vec::new();
             for pass in plan(&candidates(needs), &[Resource::Target]) {

@@ -43,6 +43,7 @@ mod material_kit;
 mod mesh_pipelines;
 mod occlusion;
 mod pipelines;
+mod pn_triangles;
 pub mod rays;
 mod readback;
 mod receivers;
@@ -90,6 +91,7 @@ pub use lights::{LIGHT_TILES, Light, LightCulling, MAX_LIGHTS, Spot};
 pub use lodestream_protocol::pose::Pose;
 pub use material::{Alpha, Material, Wrap};
 pub use occlusion::{AmbientOcclusion, MAX_SAMPLES, OcclusionMethod, OcclusionRadius, STILL_FRAMES};
+pub use pn_triangles::{MAX_PN_LEVEL, PnTriangles};
 pub use readback::TargetCopy;
 pub use reflections::{
     MAX_REFLECTION_STEPS, PYRAMID_LEVELS as REFLECTION_LEVELS, REFLECTION_THICKNESS, ReflectionMethod,
@@ -109,7 +111,7 @@ pub use target::{Load, Target};
 pub use terrain::{MAX_DRAWN_HEIGHT, TERRAIN_SLOTS, TerrainFrame, TerrainGpu, TerrainLook, TerrainPart};
 pub use texture::{Texture, TextureData, TextureKind, TextureShape};
 pub use timing::{PassTime, Timings};
-pub use vertex::PackedVertex;
+pub use vertex::{HostMesh, PackedVertex, mark_smooth};
 pub use water::Water;
 
 /// Computes what is the same in every program, which takes some hundredths of a second: tables of the air and of what

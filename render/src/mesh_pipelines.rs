@@ -7,57 +7,54 @@ use super::gpu::Gpu;
 use super::instance::{BEFORE_ATTRIBUTES, INSTANCE_ATTRIBUTES, InstanceRaw};
 use super::lights::LampPass;
 use super::material_kit::{Features, MaterialKit};
+use super::pn_triangles::{GRID_VERTEX, ReadOnlyLists};
 use super::relief_aid::ReliefAid;
 use super::vertex::{PackedVertex, VERTEX_ATTRIBUTES};
 
-/// What fills the G-buffer, with the file that says where relief is met.
-macro_rules! surface {
-    ($found:literal) => {
+/// Texts of shaders.
+#[derive(Debug)]
+struct Texts {
+    surface: &'static str,
+    motion: &'static str,
+    /// What is lit where it is drawn, without lamps and with.
+    transparent: [&'static str; 2],
+}
+
+/// A text from those of its own files; `$found`: where relief is met, `$vertex`: what vertices are made of.
+macro_rules! text {
+    ($found:literal, [$($vertex:literal),+] $(, $more:literal)*) => {
         concat!(
             include_str!("shaders/common.wgsl"),
             include_str!("shaders/targets.wgsl"),
             include_str!("shaders/anisotropic.wgsl"),
             include_str!("shaders/gbuffer.wgsl"),
             include_str!("shaders/relief.wgsl"),
-            include_str!($found)
+            include_str!(concat!("shaders/", $found, ".wgsl")),
+            include_str!("shaders/placement.wgsl"),
+            $(include_str!(concat!("shaders/", $vertex, ".wgsl")),)+
+            $(include_str!(concat!("shaders/", $more, ".wgsl")),)*
         )
     };
 }
-const SURFACE: &str = surface!("shaders/relief_steps.wgsl");
-/// By what is known of the height map.
+
+macro_rules! texts {
+    ([$($vertex:literal),+], $motion:literal) => {
+        Texts {
+            surface: text!("relief_steps", [$($vertex),+]),
+            motion: text!("relief_steps", [$($vertex),+], "motion", "moved", $motion),
+            transparent: [
+                text!("relief_steps", [$($vertex),+], "shadows", "sky", "brdf", "no_lamps", "forward"),
+                text!("relief_steps", [$($vertex),+], "shadows", "sky", "brdf", "lamp", "lights", "forward"),
+            ],
+        }
+    };
+}
+
+const MESH: Texts = texts!(["mesh_vertex"], "mesh_motion");
+const CURVED: Texts = texts!(["pn_patch", "pn_vertex"], "pn_motion");
+/// Surfaces by what is known of their height map: of triangles as they are alone, since lists of patches take its group.
 const AIDED: [&str; ReliefAid::COUNT] =
-    [surface!("shaders/relief_cones.wgsl"), surface!("shaders/relief_quadtree.wgsl")];
-const MOTION: &str = concat!(
-    include_str!("shaders/common.wgsl"),
-    include_str!("shaders/targets.wgsl"),
-    include_str!("shaders/anisotropic.wgsl"),
-    include_str!("shaders/gbuffer.wgsl"),
-    include_str!("shaders/relief.wgsl"),
-    include_str!("shaders/relief_steps.wgsl"),
-    include_str!("shaders/motion.wgsl"),
-    include_str!("shaders/moved.wgsl")
-);
-/// What is lit where it is drawn, with the files that give it the light of lamps.
-macro_rules! transparent {
-    ($($lamps:literal),*) => {
-        concat!(
-            include_str!("shaders/common.wgsl"),
-            include_str!("shaders/targets.wgsl"),
-            include_str!("shaders/anisotropic.wgsl"),
-            include_str!("shaders/gbuffer.wgsl"),
-            include_str!("shaders/relief.wgsl"),
-            include_str!("shaders/relief_steps.wgsl"),
-            include_str!("shaders/shadows.wgsl"),
-            include_str!("shaders/sky.wgsl"),
-            include_str!("shaders/brdf.wgsl"),
-            $(include_str!($lamps),)*
-            include_str!("shaders/forward.wgsl")
-        )
-    };
-}
-/// Without lamps and with.
-const TRANSPARENT: [&str; 2] =
-    [transparent!("shaders/no_lamps.wgsl"), transparent!("shaders/lamp.wgsl", "shaders/lights.wgsl")];
+    [text!("relief_cones", ["mesh_vertex"]), text!("relief_quadtree", ["mesh_vertex"])];
 
 /// What draws surfaces that are lit where they are drawn.
 #[derive(Debug)]
@@ -84,6 +81,11 @@ pub(crate) struct ReliefDraw {
 /// See the module.
 #[derive(Debug)]
 pub(crate) struct MeshPipelines {
+    texts: &'static Texts,
+    /// Vertices, in passes but for that of motion, and in that.
+    buffers: [&'static [Option<wgpu::VertexBufferLayout<'static>>]; 2],
+    /// Group 2: lists of patches, where vertices are on those.
+    lists: Option<ReadOnlyLists>,
     module: OnceLock<wgpu::ShaderModule>,
     /// Frame and material.
     layout: wgpu::PipelineLayout,
@@ -112,7 +114,7 @@ pub(crate) struct MeshPipelines {
     overdraw: [OnceLock<wgpu::RenderPipeline>; 3],
 }
 
-const BUFFERS: [Option<wgpu::VertexBufferLayout<'_>>; 3] = [
+static BUFFERS: [Option<wgpu::VertexBufferLayout<'_>>; 3] = [
     Some(wgpu::VertexBufferLayout {
         array_stride: size_of::<PackedVertex>() as u64,
         step_mode: wgpu::VertexStepMode::Vertex,
@@ -131,9 +133,7 @@ const BUFFERS: [Option<wgpu::VertexBufferLayout<'_>>; 3] = [
     }),
 ];
 
-fn pass<'a>(module: &'a wgpu::ShaderModule, layout: &'a wgpu::PipelineLayout) -> GeometryPass<'a> {
-    GeometryPass { module, layout, buffers: &BUFFERS[..2] }
-}
+static GRID: [Option<wgpu::VertexBufferLayout<'_>>; 1] = [Some(GRID_VERTEX)];
 
 /// What is compiled in.
 fn constants([relief, maps, mask]: [bool; 3]) -> [(&'static str, f64); 3] {
@@ -149,11 +149,36 @@ fn layout(gpu: &Gpu, label: &str, groups: &[Option<&wgpu::BindGroupLayout>]) -> 
 }
 
 impl MeshPipelines {
+    /// Of triangles as they are.
     pub(crate) fn new(gpu: &Gpu, kit: &MaterialKit, frame_layout: &wgpu::BindGroupLayout) -> Self {
+        Self::of(gpu, (&MESH, [&BUFFERS[..2], &BUFFERS]), None, (kit, frame_layout))
+    }
+
+    /// Of [`super::PnTriangles`].
+    pub(crate) fn curved(gpu: &Gpu, kit: &MaterialKit, frame_layout: &wgpu::BindGroupLayout) -> Self {
+        let lists = Some(ReadOnlyLists::new(gpu));
+        Self::of(gpu, (&CURVED, [&GRID; 2]), lists, (kit, frame_layout))
+    }
+
+    fn of(
+        gpu: &Gpu,
+        (texts, buffers): (&'static Texts, [&'static [Option<wgpu::VertexBufferLayout<'static>>]; 2]),
+        lists: Option<ReadOnlyLists>,
+        (kit, frame): (&MaterialKit, &wgpu::BindGroupLayout),
+    ) -> Self {
+        let material = &kit.layout;
+        let with_lists = |label, groups: [Option<&wgpu::BindGroupLayout>; 2]| {
+            let groups = [groups[0], groups[1], lists.as_ref().map(|lists| &lists.layout)];
+            let count = groups.iter().rposition(Option::is_some).map_or(0, |last| last + 1);
+            layout(gpu, label, &groups[..count])
+        };
         Self {
-            layout: layout(gpu, "meshes", &[Some(frame_layout), Some(&kit.layout)]),
-            caster_layout: layout(gpu, "casters", &[Some(frame_layout)]),
-            material: kit.layout.clone(),
+            layout: with_lists("meshes", [Some(frame), Some(material)]),
+            caster_layout: with_lists("casters", [Some(frame), None]),
+            material: material.clone(),
+            texts,
+            buffers,
+            lists,
             lit: Default::default(),
             module: OnceLock::new(),
             surfaces: Default::default(),
@@ -163,7 +188,7 @@ impl MeshPipelines {
             aided_layout: layout(
                 gpu,
                 "meshes with relief's aid",
-                &[Some(frame_layout), Some(&kit.layout), Some(&kit.aid_layout)],
+                &[Some(frame), Some(material), Some(&kit.aid_layout)],
             ),
             wire: OnceLock::new(),
             caster: OnceLock::new(),
@@ -174,13 +199,26 @@ impl MeshPipelines {
         }
     }
 
+    /// What vertices read of lists of patches, where they are on those.
+    pub(crate) fn lists(&self) -> Option<&ReadOnlyLists> {
+        self.lists.as_ref()
+    }
+
     fn module(&self, gpu: &Gpu) -> &wgpu::ShaderModule {
-        self.module.get_or_init(|| shader(gpu, "gbuffer", SURFACE))
+        self.module.get_or_init(|| shader(gpu, "gbuffer", self.texts.surface))
+    }
+
+    fn pass_of<'a>(
+        &self,
+        module: &'a wgpu::ShaderModule,
+        layout: &'a wgpu::PipelineLayout,
+    ) -> GeometryPass<'a> {
+        GeometryPass { module, layout, buffers: self.buffers[0] }
     }
 
     /// What draws with materials.
     fn pass(&self, gpu: &Gpu) -> GeometryPass<'_> {
-        pass(self.module(gpu), &self.layout)
+        self.pass_of(self.module(gpu), &self.layout)
     }
 
     fn variant(&self, gpu: &Gpu, [relief, maps, mask]: [bool; 3]) -> &wgpu::RenderPipeline {
@@ -198,7 +236,8 @@ impl MeshPipelines {
 
     /// Into maps of shadows.
     pub(crate) fn caster(&self, gpu: &Gpu) -> &wgpu::RenderPipeline {
-        self.caster.get_or_init(|| pass(self.module(gpu), &self.caster_layout).caster(gpu, "vs_caster"))
+        self.caster
+            .get_or_init(|| self.pass_of(self.module(gpu), &self.caster_layout).caster(gpu, "vs_caster"))
     }
 
     /// Compiles what a material will be drawn with beyond what settings alone ask for; nothing where that is done.
@@ -224,6 +263,11 @@ impl MeshPipelines {
         self.variant(gpu, [relief && material.relief, material.maps, material.mask])
     }
 
+    /// Whether surfaces take what is known of height maps.
+    pub(crate) fn takes_aid(&self) -> bool {
+        self.lists.is_none()
+    }
+
     /// Into the G-buffer, of a material with relief; what is known of its height map is group 2.
     pub(crate) fn relief(&self, gpu: &Gpu, material: Features, how: ReliefDraw) -> &wgpu::RenderPipeline {
         let ReliefDraw { aid, deep } = how;
@@ -236,7 +280,7 @@ impl MeshPipelines {
             let layout = if aid.is_some() { &self.aided_layout } else { &self.layout };
             let fragment = if deep { "fs_deep_surface" } else { "fs_surface" };
             let constants = constants([true, material.maps, material.mask]);
-            pass(module, layout).surface(gpu, ["vs_surface", fragment], &constants)
+            self.pass_of(module, layout).surface(gpu, ["vs_surface", fragment], &constants)
         })
     }
 
@@ -261,8 +305,9 @@ impl MeshPipelines {
     /// How far things have come since the frame before, which a third buffer tells of instances.
     pub(crate) fn motion(&self, gpu: &Gpu) -> &wgpu::RenderPipeline {
         self.motion.get_or_init(|| {
-            let module = shader(gpu, "motion", MOTION);
-            let pass = GeometryPass { module: &module, layout: &self.caster_layout, buffers: &BUFFERS };
+            let module = shader(gpu, "motion", self.texts.motion);
+            let layout = &self.caster_layout;
+            let pass = GeometryPass { module: &module, layout, buffers: self.buffers[1] };
             pass.motion(gpu, ["vs_motion", "fs_motion"])
         })
     }
@@ -275,8 +320,10 @@ impl MeshPipelines {
     fn lit(&self, gpu: &Gpu, lamps: bool) -> &Lit {
         self.lit[usize::from(lamps)].get_or_init(|| {
             let light = light_layout(gpu, lamps);
+            let lists = self.lists.as_ref().map(|lists| Some(&lists.layout));
+            let groups: Vec<_> = [Some(&light), Some(&self.material)].into_iter().chain(lists).collect();
             Lit {
-                layout: layout(gpu, "lit meshes", &[Some(&light), Some(&self.material)]),
+                layout: layout(gpu, "lit meshes", &groups),
                 light,
                 module: OnceLock::new(),
                 pipelines: Default::default(),
@@ -299,9 +346,9 @@ impl MeshPipelines {
         let lit = self.lit(gpu, lamps);
         lit.pipelines[usize::from(material.maps)].get_or_init(|| {
             let maps = [("MAPS", f64::from(u8::from(material.maps)))];
-            let module =
-                lit.module.get_or_init(|| shader(gpu, "transparent", TRANSPARENT[usize::from(lamps)]));
-            pass(module, &lit.layout).transparent(gpu, ["vs_surface", "fs_transparent"], &maps)
+            let text = self.texts.transparent[usize::from(lamps)];
+            let module = lit.module.get_or_init(|| shader(gpu, "transparent", text));
+            self.pass_of(module, &lit.layout).transparent(gpu, ["vs_surface", "fs_transparent"], &maps)
         })
     }
 

@@ -11,6 +11,7 @@ use super::layers::LayerPipelines;
 use super::material_kit::MaterialKit;
 use super::mesh_pipelines::MeshPipelines;
 use super::occlusion::OcclusionMethod;
+use super::pn_triangles::ListMakers;
 use super::reflections::PYRAMID;
 use super::targets::{DISPLAY, OCCLUSION, OCCLUSION_MEAN, RADIANCE, SUNLIGHT};
 use super::temporal::Resolve;
@@ -212,6 +213,9 @@ pub(crate) struct Pipelines {
     /// Group 0 of the geometry passes: the frame's uniform block.
     pub(crate) frame_layout: wgpu::BindGroupLayout,
     pub(crate) meshes: MeshPipelines,
+    kit: MaterialKit,
+    curved: OnceLock<MeshPipelines>,
+    list_makers: OnceLock<ListMakers>,
     terrain: OnceLock<TerrainPipelines>,
     /// Where the sky alone is mirrored, and where the picture is too, by either search.
     water: [OnceLock<WaterPipelines>; 3],
@@ -226,12 +230,18 @@ pub(crate) struct Pipelines {
 
 impl Pipelines {
     pub(crate) fn new(gpu: &Gpu, kit: &MaterialKit, target: wgpu::TextureFormat) -> Self {
+        // Lists of patches are made as the frame's eye sees them.
+        let lists = if gpu.can_curve() { wgpu::ShaderStages::COMPUTE } else { wgpu::ShaderStages::NONE };
+        let visibility = UNIFORM_BLOCK.visibility | lists;
         let frame_layout = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some("frame"),
-            entries: &[UNIFORM_BLOCK],
+            entries: &[wgpu::BindGroupLayoutEntry { visibility, ..UNIFORM_BLOCK }],
         });
         Self {
             meshes: MeshPipelines::new(gpu, kit, &frame_layout),
+            kit: kit.clone(),
+            curved: OnceLock::new(),
+            list_makers: OnceLock::new(),
             terrain: OnceLock::new(),
             water: Default::default(),
             bloom: OnceLock::new(),
@@ -242,6 +252,16 @@ impl Pipelines {
             target,
             frame_layout,
         }
+    }
+
+    /// What draws meshes as [`super::PnTriangles`].
+    pub(crate) fn curved(&self, gpu: &Gpu) -> &MeshPipelines {
+        self.curved.get_or_init(|| MeshPipelines::curved(gpu, &self.kit, &self.frame_layout))
+    }
+
+    /// What makes their lists; nothing where the device cannot.
+    pub(crate) fn list_makers(&self, gpu: &Gpu) -> Option<&ListMakers> {
+        gpu.can_curve().then(|| self.list_makers.get_or_init(|| ListMakers::new(gpu, &self.frame_layout)))
     }
 
     /// What draws tiles of a terrain.

@@ -94,8 +94,9 @@ impl Refining {
 }
 
 fn packed(v: &Vertex) -> PackedVertex {
-    PackedVertex::new(v.data.position, v.data.normal, v.data.uv)
+    let vertex = PackedVertex::new(v.data.position, v.data.normal, v.data.uv)
         .morphing(v.data.morph_from, v.birth_s)
         .coloured(v.data.color)
-        .at_level(v.level)
+        .at_level(v.level);
+    if v.data.smooth { vertex.smooth() } else { vertex }
 }

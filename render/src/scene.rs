@@ -8,6 +8,7 @@ use super::environment::Environment;
 use super::instance::Instance;
 use super::lights::{Light, LightCulling};
 use super::occlusion::AmbientOcclusion;
+use super::pn_triangles::PnTriangles;
 use super::reflections::Reflections;
 use super::relief_aid::ReliefAid;
 use super::sky::SkyMaps;
@@ -320,6 +321,9 @@ pub struct Settings {
     /// maps then begin at the deepest of the relief, its own heights hide the sun by [`Self::relief_shadows`] alone, and
     /// the depth test comes after their fragments.
     pub relief_in_depth: bool,
+    /// Meshes' triangles as curved patches; `None` draws them flat. A device without storage in vertex shaders always does,
+    /// and a warning is logged.
+    pub pn_triangles: Option<PnTriangles>,
     /// Water, where a frame has some.
     pub water: bool,
     /// What smooth surfaces and water mirror of the picture; `None` leaves them the sky, and saves two passes.
@@ -362,6 +366,7 @@ impl Default for Settings {
             relief_method: ReliefMethod::default(),
             relief_shadows: false,
             relief_in_depth: false,
+            pn_triangles: None,
             water: true,
             reflections: None,
             bloom: None,

@@ -69,7 +69,11 @@ impl Targets {
                 Resource::Display | Resource::Smoothed => DISPLAY,
                 Resource::Overdraw => OVERDRAW,
                 Resource::Motion => MOTION,
-                Resource::ShadowMaps | Resource::Pyramid | Resource::History | Resource::Target => continue,
+                Resource::Patches
+                | Resource::ShadowMaps
+                | Resource::Pyramid
+                | Resource::History
+                | Resource::Target => continue,
             };
             let copied = match resource {
                 Resource::Lit => wgpu::TextureUsages::COPY_DST,

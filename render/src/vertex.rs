@@ -20,7 +20,8 @@ pub struct PackedVertex {
     pub level: u32,
     /// Texture coordinates, `v` up as in OBJ.
     pub uv: [f32; 2],
-    /// Unit normal as signed 16-bit fractions, the fourth is padding.
+    /// Unit normal as signed 16-bit fractions. The fourth is not 0 where no crease runs through the vertex: all wedges of
+    /// it have this normal ([`PackedVertex::smooth`]).
     pub normal: [i16; 4],
     /// Colour, sRGB-encoded, with opacity; multiplies the material's.
     pub colour: [u8; 4],
@@ -46,10 +47,41 @@ impl PackedVertex {
         Self { colour, ..self }
     }
 
+    /// The same vertex, of which every wedge has this normal. [`super::PnTriangles`] bend at such vertices alone; a surface
+    /// would open along a crease where one of a vertex's wedges says so and another has another normal.
+    #[must_use]
+    pub fn smooth(mut self) -> Self {
+        self.normal[3] = i16::MAX;
+        self
+    }
+
     /// The same vertex, marked with a level of refinement.
     #[must_use]
     pub fn at_level(self, level: u32) -> Self {
         Self { level, ..self }
+    }
+}
+
+/// Vertices and faces of a mesh.
+pub type HostMesh = (Vec<PackedVertex>, Vec<[u32; 3]>);
+
+/// Marks the vertices of a whole mesh that are [`PackedVertex::smooth`]: all that lie at the same place, and come from the
+/// same, have the same normal. Cost: one sort.
+pub fn mark_smooth(vertices: &mut [PackedVertex]) {
+    // By value: −0 is 0.
+    let place = |v: &PackedVertex| [v.position, v.morph_from].map(|p| p.map(|x| (x + 0.0).to_bits()));
+    let normal = |v: &PackedVertex| [v.normal[0], v.normal[1], v.normal[2]];
+    vertices.iter_mut().for_each(|vertex| vertex.normal[3] = 0);
+    let mut order: Vec<usize> = (0..vertices.len()).collect();
+    order.sort_by_key(|&i| place(&vertices[i]));
+    let mut rest = order.as_slice();
+    while let Some(&first) = rest.first() {
+        let here = place(&vertices[first]);
+        let (alike, others) = rest.split_at(rest.partition_point(|&i| place(&vertices[i]) <= here));
+        rest = others;
+        if alike.iter().all(|&i| normal(&vertices[i]) == normal(&vertices[first])) {
+            alike.iter().for_each(|&i| vertices[i] = vertices[i].smooth());
+        }
     }
 }
 
@@ -76,6 +108,16 @@ mod tests {
         assert_eq!(size_of::<PackedVertex>(), 52);
         let offsets: Vec<u64> = VERTEX_ATTRIBUTES.iter().map(|a| a.offset).collect();
         assert_eq!(offsets, [0, 12, 16, 28, 32, 40, 48]);
+    }
+
+    #[test]
+    fn a_vertex_is_smooth_where_all_that_lie_there_have_its_normal() {
+        let at = |x: f32, normal| PackedVertex::new([x, 0.0, 0.0], normal, [x; 2]);
+        let (up, side) = ([0.0, 1.0, 0.0], [1.0, 0.0, 0.0]);
+        let mut vertices = [at(0.0, up), at(1.0, up), at(-0.0, up), at(1.0, side), at(2.0, side)];
+        mark_smooth(&mut vertices);
+        assert_eq!(vertices.map(|v| v.normal[3] != 0), [true, false, true, false, true]);
+        assert_eq!(vertices[4], at(2.0, side).smooth());
     }
 
     #[test]

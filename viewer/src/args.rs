@@ -129,6 +129,9 @@ pub(crate) struct Args {
     /// Depth is that of what relief of meshes shows: what stands in it meets it where it should
     #[arg(long, conflicts_with = "no_relief")]
     pub(crate) relief_in_depth: bool,
+    /// Triangles of meshes as curved patches, cut until no edge is further off its curve than this many pixels
+    #[arg(long, value_name = "PX", num_args = 0..=1, require_equals = true, default_missing_value = "0.25")]
+    pub(crate) pn_triangles: Option<PixelError>,
     /// Most faces in use, over all assets
     #[arg(long, value_name = "FACES", default_value_t = 8_000_000)]
     pub(crate) max_faces: u64,

@@ -8,7 +8,7 @@ use lodestream_client::core::{Config, StartView, Stats};
 use lodestream_client::net::{Authorities, Scheme, Server};
 use lodestream_client::threads::Threads;
 use lodestream_render::{
-    AmbientOcclusion, AntiAliasing, Bloom, LightCulling, Reflections, Settings, Shade, Shadows,
+    AmbientOcclusion, AntiAliasing, Bloom, LightCulling, PnTriangles, Reflections, Settings, Shade, Shadows,
 };
 
 use crate::args::Args;
@@ -94,6 +94,8 @@ pub(crate) fn settings(args: &Args, software: bool) -> Settings {
     let (method, steps) = (args.reflections, args.reflection_steps);
     settings.reflections = method.map(|method| Reflections { method, steps });
     settings.bloom = (args.bloom > 0.0).then_some(Bloom { strength: args.bloom });
+    settings.pn_triangles =
+        args.pn_triangles.map(|error| PnTriangles { error_px: error.0, ..PnTriangles::default() });
     settings.shade = if args.colour_by_level { Shade::Level } else { args.view };
     settings
 }
@@ -161,6 +163,19 @@ mod tests {
                 Args::try_parse_from([&["viewer", "ws://h:1"], &wrong[..]].concat()).is_err(),
                 "{wrong:?}"
             );
+        }
+    }
+
+    #[test]
+    fn triangles_are_curved_where_that_is_asked_for() {
+        let usual = PnTriangles::default();
+        assert_eq!(of(&[], true).pn_triangles, None);
+        assert_eq!(of(&["--pn-triangles"], true).pn_triangles, Some(usual));
+        let coarse = Some(PnTriangles { error_px: 2.0, ..usual });
+        assert_eq!(of(&["--pn-triangles=2"], true).pn_triangles, coarse);
+        for wrong in ["0", "-1", "none"] {
+            let words = ["viewer", &format!("--pn-triangles={wrong}"), "ws://h:1"];
+            assert!(Args::try_parse_from(words).is_err(), "{wrong}");
         }
     }
 

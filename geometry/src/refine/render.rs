@@ -1,7 +1,7 @@
 //! What a renderer needs of a refined mesh.
 
 use crate::mesh::Wedge;
-use crate::mesh::corner::{face_of, side_of};
+use crate::mesh::corner::{self, face_of, side_of};
 use crate::mesh::octahedral;
 use crate::mesh::vec3::{Vec3, add, length, triangle_normal};
 use crate::numbers::{id32, nearest_f32};
@@ -42,6 +42,8 @@ pub struct RenderVertex {
     pub color: [u8; 4],
     /// Where the vertex was before [`ActiveMesh::wedge_chunk`] was applied, relative like `position`.
     pub morph_from: [f32; 3],
+    /// All wedges of the vertex have this normal: no crease runs through it.
+    pub smooth: bool,
 }
 
 impl ActiveMesh {
@@ -96,30 +98,39 @@ impl ActiveMesh {
         let step = self.grid.step;
         let place = |q: [i32; 3]| q.map(|x| nearest_f32(f64::from(x) * step));
         let uv = self.uv_grid.uv(wedge.attributes.uv);
+        let (normal, smooth) = self.normal(wedge);
         RenderVertex {
             position: place(self.positions[wedge.vertex as usize]),
-            normal: self.normal(wedge).map(nearest_f32),
+            normal: normal.map(nearest_f32),
+            smooth,
             uv: uv.map(nearest_f32),
             color: wedge.attributes.color,
             morph_from: place(self.morph_from[wedge.vertex as usize]),
         }
     }
 
-    /// The unit normal of a wedge, or zero.
-    fn normal(&self, wedge: Wedge) -> Vec3 {
+    /// The unit normal of a wedge, or zero, and whether all wedges around its vertex have the same.
+    fn normal(&self, wedge: Wedge) -> (Vec3, bool) {
+        let mut smooth = true;
         if let Some(explicit) = wedge.attributes.normal {
-            return octahedral::decode(explicit);
+            for corner in self.stars.corners(wedge.vertex) {
+                let other = self.wedges[corner::at(&self.faces, corner) as usize];
+                smooth &= other.attributes.normal == Some(explicit);
+            }
+            return (octahedral::decode(explicit), smooth);
         }
         let mut normal = [0.0; 3];
         for corner in self.stars.corners(wedge.vertex) {
             let face = self.faces[face_of(corner) as usize];
-            if self.wedges[face[side_of(corner)] as usize].attributes.group == wedge.attributes.group {
+            let other = self.wedges[face[side_of(corner)] as usize].attributes;
+            if other.group == wedge.attributes.group {
                 let [a, b, c] = face.map(|w| self.cell(w));
                 normal = add(normal, triangle_normal(a, b, c));
             }
+            smooth &= other.group == wedge.attributes.group && other.normal.is_none();
         }
         let size = length(normal);
-        if size > 0.0 { normal.map(|x| x / size) } else { [0.0; 3] }
+        (if size > 0.0 { normal.map(|x| x / size) } else { [0.0; 3] }, smooth)
     }
 
     /// Position of a wedge in grid cells.

@@ -62,7 +62,8 @@ fn creases_of_a_cube_are_kept() {
     let wedges = live_wedges(&active);
     assert_eq!(wedges.len(), 8);
     for slot in wedges {
-        assert!(active.render_vertex(slot).normal.iter().all(|x| x.abs() > 0.2));
+        let vertex = active.render_vertex(slot);
+        assert!(vertex.smooth && vertex.normal.iter().all(|x| x.abs() > 0.2));
     }
 }
 
@@ -85,6 +86,7 @@ fn shading_is_smooth_across_texture_seams() {
         seams += 1;
         assert_ne!(pair[0].1.uv, pair[1].1.uv);
         assert_eq!(pair[0].1.normal, pair[1].1.normal);
+        assert!(pair[0].1.smooth && pair[1].1.smooth);
     }
     assert_eq!(seams, 40 + 70 + 1);
 }

@@ -14,7 +14,7 @@ use crate::compiler::Compiler;
 use crate::composite::Composites;
 use crate::counters::Counters;
 use crate::debug::{self, DebugPipelines};
-use crate::draw::DrawList;
+use crate::draw::{Curved, DrawList, Meshes};
 use crate::environment::Environment;
 use crate::fullscreen::depth_attachment;
 use crate::gpu::{Gpu, RenderError};
@@ -26,6 +26,7 @@ use crate::material::Material;
 use crate::material_kit::{Features, MaterialKit};
 use crate::occlusion::OcclusionMethod;
 use crate::pipelines::Pipelines;
+use crate::pn_triangles::{Curving, PatchLists};
 use crate::reflections::{ReflectionMethod, Tracer};
 use crate::scene::{AntiAliasing, Frame, MAX_ANISOTROPY, MIN_RENDER_SCALE, Settings, Shade};
 use crate::shadows::{self, Casters, ShadowMaps, Sun};
@@ -51,6 +52,7 @@ pub struct Renderer {
     frame_buffer: wgpu::Buffer,
     frame_group: wgpu::BindGroup,
     instances: GrowingBuffer<InstanceRaw>,
+    patches: PatchLists,
     tiles: GrowingBuffer<TileRaw>,
     shadow_maps: ShadowMaps,
     sky: SkyGpu,
@@ -63,6 +65,7 @@ pub struct Renderer {
     accumulation: Accumulation,
     target_format: wgpu::TextureFormat,
     warned_wireframe: bool,
+    warned_patches: bool,
     /// Where somebody asked what passes take.
     timer: Option<Timer>,
 }
@@ -101,7 +104,8 @@ impl Renderer {
             entries: &[wgpu::BindGroupEntry { binding: 0, resource: frame_buffer.as_entire_binding() }],
         });
         let shadow_maps = ShadowMaps::new(gpu, &pipelines.frame_layout);
-        let temporal = Temporal::new(Arc::clone(&pipelines.resolve));
+        let read = gpu.curve_usage();
+        let temporal = Temporal::new(Arc::clone(&pipelines.resolve), read);
         gpu.check()?;
         Ok(Self {
             kit,
@@ -111,7 +115,8 @@ impl Renderer {
             targets: Targets::default(),
             frame_buffer,
             frame_group,
-            instances: GrowingBuffer::new("instance buffer", wgpu::BufferUsages::VERTEX),
+            instances: GrowingBuffer::new("instance buffer", wgpu::BufferUsages::VERTEX | read),
+            patches: PatchLists::default(),
             tiles: GrowingBuffer::new("terrain tiles", wgpu::BufferUsages::VERTEX),
             shadow_maps,
             sky: SkyGpu::new(gpu),
@@ -124,6 +129,7 @@ impl Renderer {
             accumulation: Accumulation::default(),
             target_format,
             warned_wireframe: false,
+            warned_patches: false,
             timer: None,
         })
     }
@@ -235,6 +241,11 @@ impl Renderer {
             tracing::warn!("{} cannot draw wireframes; they are left out", gpu.describe());
             self.warned_wireframe = true;
         }
+        let curved = frame.settings.pn_triangles.filter(|_| gpu.can_curve());
+        if frame.settings.pn_triangles.is_some() && curved.is_none() && !self.warned_patches {
+            tracing::warn!("{} cannot draw curved patches; triangles stay flat", gpu.describe());
+            self.warned_patches = true;
+        }
         // From below its level water is not seen.
         let water = frame.water.filter(|_| frame.settings.water);
         let water = water.and_then(|water| water.seen_from(frame.camera.eye));
@@ -267,6 +278,7 @@ impl Renderer {
         let plan = graph::plan(
             &graph::candidates(Needs {
                 geometry: has_surfaces,
+                curved: curved.is_some(),
                 occlusion,
                 still: (accumulated.number > 0).then_some(accumulated.done),
                 shadows: !casters.is_empty(),
@@ -289,6 +301,19 @@ impl Renderer {
         );
         self.targets.ensure(gpu, size, &graph::resources(&plan))?;
         self.instances.write(gpu, 0, &list.instances)?;
+        self.patches.clear();
+        if let (Some(settings), Some(instances)) = (curved, self.instances.buffer()) {
+            let before = self.temporal.before().filter(|_| !moving.is_empty());
+            let casters = casters.iter().flat_map(|casters| &casters.batches);
+            let seen = list.batches.iter().flat_map(|batch| batch.listed(true));
+            let parts = seen.chain(casters.flat_map(|batch| batch.listed(false)));
+            let curving = Curving { settings, instances, before };
+            if let (Some(makers), Some(lists)) =
+                (self.pipelines.list_makers(gpu), self.pipelines.curved(gpu).lists())
+            {
+                self.patches.plan(gpu, (makers, lists), curving, parts)?;
+            }
+        }
         if let Some(lamps) = &lamps {
             self.lamps.prepare(gpu, lamps)?;
         }
@@ -327,11 +352,12 @@ impl Renderer {
             let sunken = frame.settings.relief && frame.settings.relief_in_depth;
             let eye = frame.camera.eye;
             let sun = Sun { shadows, cascades: &casters, frame: &uniform, eye, ground_px, sunken };
+            let meshes = meshes(gpu, frame, &self.pipelines, (&self.instances, &self.patches));
             self.shadow_maps.record(
                 gpu,
                 &mut passes,
                 &sun,
-                (&self.pipelines.meshes, self.instances.buffer()),
+                (meshes, &self.frame_group),
                 |pass, cascade| match (&ground, self.tiles.buffer()) {
                     (Some(ground), Some(tiles)) => {
                         ground.cast(pass, self.pipelines.terrain(gpu).caster(gpu), tiles, cascade)
@@ -377,6 +403,18 @@ impl Renderer {
     pub(crate) fn intermediate(&self, resource: Resource) -> Option<&wgpu::Texture> {
         if resource == Resource::History { self.temporal.history() } else { self.targets.texture(resource) }
     }
+}
+
+/// What a frame's meshes are drawn with, where it has some.
+fn meshes<'a>(
+    gpu: &Gpu,
+    frame: &Frame<'_>,
+    pipelines: &'a Pipelines,
+    (instances, lists): (&'a GrowingBuffer<InstanceRaw>, &'a PatchLists),
+) -> Option<Meshes<'a>> {
+    let makers = frame.settings.pn_triangles.and_then(|_| pipelines.list_makers(gpu));
+    let curved = makers.map(|makers| Curved { pipelines: pipelines.curved(gpu), makers, lists });
+    Some(Meshes { plain: &pipelines.meshes, instances: instances.buffer()?, curved })
 }
 
 /// The size in which a target's picture is drawn.

@@ -5,7 +5,7 @@ use crate::accumulation::AccumulationStep;
 use crate::bloom::Bloom;
 use crate::counters::Counters;
 use crate::debug;
-use crate::draw::{Batch, DrawList, Relief};
+use crate::draw::{Batch, DrawList, Meshes, Relief};
 use crate::fullscreen::{attachment, blended, fullscreen};
 use crate::gpu::Gpu;
 use crate::graph::{Pass, PassId, Resource};
@@ -97,7 +97,13 @@ impl Renderer {
                 let over = (Radiance, Load::Keep);
                 self.full(gpu, encoder, pass.id, (p(Whole::Wireframe), &[Resource::Edges]), over);
             }
-            PassId::Motion => self.motion(gpu, encoder, moving),
+            PassId::Patches => {
+                if let Some(makers) = self.pipelines.list_makers(gpu) {
+                    let ranges = list.batches.iter().map(Batch::range);
+                    self.patches.record(makers, encoder, pass.id, &self.frame_group, ranges);
+                }
+            }
+            PassId::Motion => self.motion(gpu, encoder, frame, moving),
             PassId::Temporal => {
                 let view = |resource| self.targets.view(resource);
                 if let (Some(radiance), Some(depth)) = (view(Radiance), view(Depth)) {
@@ -152,11 +158,15 @@ impl Renderer {
         }
     }
 
+    fn meshes(&self, gpu: &Gpu, frame: &Frame<'_>) -> Option<Meshes<'_>> {
+        super::meshes(gpu, frame, &self.pipelines, (&self.instances, &self.patches))
+    }
+
     /// Draws how far what moves by itself has come.
-    fn motion(&self, gpu: &Gpu, encoder: &mut PassEncoder<'_>, moving: &[Batch<'_>]) {
+    fn motion(&self, gpu: &Gpu, encoder: &mut PassEncoder<'_>, frame: &Frame<'_>, moving: &[Batch<'_>]) {
         let view = |resource| self.targets.view(resource);
-        let (Some(depth), Some(motion), Some(instances), Some(before)) =
-            (view(Resource::Depth), view(Resource::Motion), self.instances.buffer(), self.temporal.before())
+        let (Some(depth), Some(motion), Some(meshes), Some(before)) =
+            (view(Resource::Depth), view(Resource::Motion), self.meshes(gpu, frame), self.temporal.before())
         else {
             return;
         };
@@ -174,7 +184,7 @@ impl Renderer {
         };
         let mut pass = encoder.begin(PassId::Motion, &descriptor);
         pass.set_bind_group(0, &self.frame_group, &[]);
-        DrawList::motion(moving, &mut pass, self.pipelines.meshes.motion(gpu), [instances, before]);
+        DrawList::motion(moving, gpu, &mut pass, meshes, before);
     }
 
     /// Looks the shadow maps up for each pixel.
@@ -380,27 +390,23 @@ impl Renderer {
         };
         let mut pass = encoder.begin(id, &descriptor);
         pass.set_bind_group(0, &self.frame_group, &[]);
-        let (meshes, relief) = (&self.pipelines.meshes, frame.settings.relief);
-        if let Some(instances) = self.instances.buffer() {
+        let (meshes, relief) = (self.meshes(gpu, frame), frame.settings.relief);
+        if let Some(meshes) = meshes {
             match id {
-                PassId::Emission => list.emission(gpu, &mut pass, (meshes, instances), counters),
+                PassId::Emission => list.emission(gpu, &mut pass, meshes, counters),
                 PassId::Transparency => {
                     let lamps = counters.passes.contains(&PassId::Lamps);
                     if let Some(light) = self.light(gpu, lamps) {
                         pass.set_bind_group(0, &light, &[]);
-                        list.transparent(gpu, &mut pass, (meshes, instances), lamps, counters);
+                        list.transparent(gpu, &mut pass, meshes, lamps, counters);
                     }
                 }
-                PassId::Edges => {
-                    if let Some(wire) = meshes.wire(gpu) {
-                        list.wires(&mut pass, (wire, instances), counters);
-                    }
-                }
-                PassId::Overdraw => list.overdraw(gpu, &mut pass, (meshes, instances), false, counters),
+                PassId::Edges => list.wires(gpu, &mut pass, meshes, counters),
+                PassId::Overdraw => list.overdraw(gpu, &mut pass, meshes, false, counters),
                 _ => {
                     let Settings { relief_method: method, relief_in_depth: in_depth, .. } = frame.settings;
                     let way = relief.then_some(Relief { method, in_depth });
-                    list.surfaces(gpu, &mut pass, (meshes, instances), way, counters);
+                    list.surfaces(gpu, &mut pass, meshes, way, counters);
                 }
             }
         }
@@ -410,10 +416,10 @@ impl Renderer {
         {
             ground.draw(&mut pass, pipeline, tiles, counters);
         }
-        if let (PassId::Overdraw, Some(instances)) = (id, self.instances.buffer())
+        if let (PassId::Overdraw, Some(meshes)) = (id, meshes)
             && frame.settings.transparency
         {
-            list.overdraw(gpu, &mut pass, (meshes, instances), true, counters);
+            list.overdraw(gpu, &mut pass, meshes, true, counters);
         }
     }
 

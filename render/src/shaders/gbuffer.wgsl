@@ -26,18 +26,6 @@ struct Material {
 @group(1) @binding(5) var normal_map: texture_2d<f32>;
 @group(1) @binding(6) var emission_map: texture_2d<f32>;
 
-struct VertexIn {
-    @location(0) position: vec3<f32>,
-    @location(1) birth_s: f32,
-    @location(2) morph_from: vec3<f32>,
-    @location(3) level: u32,
-    @location(4) uv: vec2<f32>,
-    @location(5) normal: vec4<f32>,
-    @location(6) colour: vec4<f32>, // sRGB-encoded
-    @location(7) offset_scale: vec4<f32>,
-    @location(8) rotation: vec4<f32>,
-}
-
 // Of the sun's angle to the normal, where shadows begin below a surface.
 const SUNKEN_LEAST_COSINE: f32 = 0.25;
 
@@ -60,37 +48,6 @@ struct Shaded {
     metal: f32,
     occlusion: f32,
     at: vec3<f32>, // world axes, relative to the eye; below the surface where relief says so
-}
-
-// Geomorph (Hoppe, "Progressive Meshes", 1996, section 3.2): how far a vertex has come from the
-// position it split from.
-fn morph_weight(age_s: f32) -> f32 {
-    if (frame.morph_s <= 0.0) {
-        return 1.0;
-    }
-    return smoothstep(0.0, 1.0, clamp(age_s, 0.0, frame.morph_s) / frame.morph_s);
-}
-
-// Position of a vertex now, world axes, relative to the eye.
-fn placed(v: VertexIn) -> vec3<f32> {
-    let local = mix(v.morph_from, v.position, morph_weight(frame.time_s - v.birth_s));
-    return rotate(v.rotation, local * v.offset_scale.w) + v.offset_scale.xyz;
-}
-
-fn clip_position(world: vec3<f32>) -> vec4<f32> {
-    return frame.clip_from_view * vec4((frame.view_from_world * vec4(world, 0.0)).xyz, 1.0);
-}
-
-@vertex
-fn vs_surface(v: VertexIn) -> Surface {
-    var out: Surface;
-    out.position = placed(v);
-    out.clip = clip_position(out.position);
-    out.normal = rotate(v.rotation, v.normal.xyz);
-    out.uv = vec2(v.uv.x, 1.0 - v.uv.y);
-    out.level = v.level;
-    out.colour = vec4(linear_from_srgb(v.colour.rgb), v.colour.a);
-    return out;
 }
 
 // Gradients of u and v along a surface from screen-space derivatives (Schüler, "Normal mapping without precomputed
@@ -215,14 +172,8 @@ fn fs_emission(s: Surface) -> @location(0) vec4<f32> {
     return vec4(min(material.emission * texel, vec3(MAX_RADIANCE)) * left, 0.0);
 }
 
-// Into a map of shadows: `frame` is then as the sun sees it.
-@vertex
-fn vs_caster(v: VertexIn) -> @builtin(position) vec4<f32> {
-    return clip_position(placed(v));
-}
-
-// The same of what is drawn with relief in its depth, from the deepest of that on: else what relief shows would lie in the
-// shadow of the surface over it.
+// Into a map of shadows, what is drawn with relief in its depth, from the deepest of that on: else what relief shows would
+// lie in the shadow of the surface over it.
 @fragment
 fn fs_sunken(s: Surface, @builtin(front_facing) front: bool) -> @builtin(frag_depth) f32 {
     let normal = normalize(select(-s.normal, s.normal, front));
@@ -237,16 +188,11 @@ fn fs_sunken(s: Surface, @builtin(front_facing) front: bool) -> @builtin(frag_de
     return clamp(s.clip.z - way * frame.clip_from_view[2][2], 0.0, 1.0);
 }
 
-// The same of what has holes.
+// What has holes, in a map of shadows.
 struct Pierced {
     @builtin(position) clip: vec4<f32>,
     @location(0) uv: vec2<f32>,
     @location(1) opacity: f32,
-}
-
-@vertex
-fn vs_pierced(v: VertexIn) -> Pierced {
-    return Pierced(clip_position(placed(v)), vec2(v.uv.x, 1.0 - v.uv.y), v.colour.a);
 }
 
 fn is_hole(p: Pierced) -> bool {
@@ -269,15 +215,7 @@ fn fs_pierced_overdraw(p: Pierced) -> @location(0) vec4<f32> {
     return vec4(1.0, 0.0, 0.0, 0.0);
 }
 
-// Edges, counted. Moved towards the eye by two thousandths of their depth, which keeps them in
-// front of the faces they belong to.
-@vertex
-fn vs_wire(v: VertexIn) -> @builtin(position) vec4<f32> {
-    var clip = clip_position(placed(v));
-    clip.z *= 1.002;
-    return clip;
-}
-
+// Edges, counted.
 @fragment
 fn fs_wire() -> @location(0) vec4<f32> {
     return vec4(EDGE, 0.0, 0.0, 1.0);

@@ -6,15 +6,6 @@ struct Moved {
     @location(0) before: vec3<f32>, // world axes, relative to this frame's eye
 }
 
-@vertex
-fn vs_motion(
-    v: VertexIn, @location(9) offset_scale_before: vec4<f32>, @location(10) rotation_before: vec4<f32>,
-) -> Moved {
-    let local = mix(v.morph_from, v.position, morph_weight(frame.before_s - v.birth_s));
-    let before = rotate(rotation_before, local * offset_scale_before.w) + offset_scale_before.xyz;
-    return Moved(clip_position(placed(v)), before);
-}
-
 @fragment
 fn fs_motion(m: Moved) -> @location(0) vec4<f32> {
     let motion = place_before(vec4(m.before, 1.0)) - place_now(vec2<i32>(m.clip.xy));

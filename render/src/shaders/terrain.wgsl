@@ -315,7 +315,7 @@ fn vs_terrain_caster(tile: TileIn) -> @builtin(position) vec4<f32> {
     return clip_position(place(tile).position);
 }
 
-// Edges, counted, moved towards the eye as in gbuffer.wgsl.
+// Edges, counted, moved towards the eye as in mesh_vertex.wgsl.
 @vertex
 fn vs_terrain_wire(tile: TileIn) -> @builtin(position) vec4<f32> {
     var clip = clip_position(place(tile).position);

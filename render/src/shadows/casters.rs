@@ -6,6 +6,7 @@ use super::Cascade;
 use crate::asset::AssetGpu;
 use crate::draw::{Batch, DrawList, finite, middle};
 use crate::instance::Instance;
+use crate::pn_triangles::PnTriangles;
 use crate::scene::Frame;
 use crate::terrain::TerrainPart;
 
@@ -51,6 +52,9 @@ impl<'a> Casters<'a> {
         'f: 'a,
     {
         let eye = frame.camera.eye;
+        if let Some(PnTriangles { error_px, most }) = frame.settings.pn_triangles {
+            self.key.push(u64::from(error_px.to_bits()) << 32 | u64::from(most));
+        }
         for (number, drawable) in frame.drawables.iter().enumerate().filter(|(_, d)| d.asset.is_drawable()) {
             let (centre, radius) = drawable.asset.sphere();
             let placed = drawable.instances.iter().filter_map(|instance| {

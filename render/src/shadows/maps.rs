@@ -4,10 +4,9 @@ use glam::DVec3;
 
 use super::{Cascade, Casters, SunlightUniform};
 use crate::counters::Counters;
-use crate::draw::each;
+use crate::draw::{Batch, Curved, Meshes, each};
 use crate::gpu::Gpu;
 use crate::graph::PassId;
-use crate::mesh_pipelines::MeshPipelines;
 use crate::scene::{MAP_SIDES, MAX_CASCADES, Shadows};
 use crate::targets::DEPTH;
 use crate::timing::PassEncoder;
@@ -121,14 +120,14 @@ impl ShadowMaps {
         gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
     }
 
-    /// Draws the maps of which something has changed, meshes by `pipelines`; `ground` draws what of the terrain casts into
+    /// Draws the maps of which something has changed, meshes as the frame's, whose bindings come with them; `ground` draws what of the terrain casts into
     /// one, and gives its number of triangles.
     pub(crate) fn record(
         &mut self,
         gpu: &Gpu,
         encoder: &mut PassEncoder<'_>,
         sun: &Sun<'_>,
-        (pipelines, instances): (&MeshPipelines, Option<&wgpu::Buffer>),
+        (meshes, eye_frame): (Option<Meshes<'_>>, &wgpu::BindGroup),
         mut ground: impl FnMut(&mut wgpu::RenderPass<'_>, usize) -> u64,
         counters: &mut Counters,
     ) {
@@ -183,10 +182,15 @@ impl ShadowMaps {
                 }),
                 ..Default::default()
             };
+            if let Some(Curved { lists, makers, .. }) = meshes.and_then(|meshes| meshes.curved) {
+                let ranges = casters.batches.iter().map(Batch::range);
+                // As finely as the eye sees them: what is lit is then what casts.
+                lists.record(makers, encoder, PassId::ShadowMaps, eye_frame, ranges);
+            }
             let mut pass = encoder.begin(PassId::ShadowMaps, &descriptor);
             pass.set_bind_group(0, group, &[]);
-            if let Some(instances) = instances {
-                each(&casters.batches, &mut pass, instances, |pass, part, triangles| {
+            if let Some(meshes) = meshes {
+                each(&casters.batches, &mut pass, meshes, |pass, pipelines, part, triangles| {
                     let features = part.material.features;
                     if features.blend {
                         // What is seen through lets light through.

@@ -77,11 +77,13 @@ pub(crate) struct Temporal {
     step: TemporalStep,
     /// Where instances were, as [`DrawList::instances`].
     before: GrowingBuffer<InstanceRaw>,
+    /// What that is made for beside vertices.
+    usage: wgpu::BufferUsages,
 }
 
 impl Temporal {
-    /// `resolve`: what draws the mean, once there is one.
-    pub(crate) fn new(resolve: Arc<OnceLock<Resolve>>) -> Self {
+    /// `resolve`: what draws the mean, once there is one; `usage`: what instances are made for beside vertices.
+    pub(crate) fn new(resolve: Arc<OnceLock<Resolve>>, usage: wgpu::BufferUsages) -> Self {
         Self {
             resolve,
             histories: None,
@@ -90,13 +92,14 @@ impl Temporal {
             still_frames: 0,
             #[cfg(test)]
             step: TemporalStep::NONE,
-            before: GrowingBuffer::new("instances before", wgpu::BufferUsages::VERTEX),
+            before: GrowingBuffer::new("instances before", wgpu::BufferUsages::VERTEX | usage),
+            usage,
         }
     }
 
     /// Forgets all frames: the next one is the first.
     pub(crate) fn forget(&mut self) {
-        *self = Self::new(Arc::clone(&self.resolve));
+        *self = Self::new(Arc::clone(&self.resolve), self.usage);
     }
 
     /// Begins a frame in pictures of `size`, `jittered` unless only its motion is asked for, over water as [`TemporalStep`] says.

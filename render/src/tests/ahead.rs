@@ -6,8 +6,8 @@ use super::headless;
 use super::shapes::{asset, at, sphere};
 use super::terrain::{entry, scene};
 use crate::{
-    AmbientOcclusion, AntiAliasing, Drawable, Environment, Frame, Gpu, Making, Material, Pose, Renderer,
-    Settings, Shadows, SkyMaps, Target, Water,
+    AmbientOcclusion, AntiAliasing, Drawable, Environment, Frame, Gpu, Making, Material, PnTriangles, Pose,
+    Renderer, Settings, Shadows, SkyMaps, Target, Water,
 };
 
 const SIDE: u32 = 64;
@@ -22,6 +22,11 @@ fn kinds() -> Vec<Settings> {
         Settings { anti_aliasing: AntiAliasing::None, relief: false, ..full },
         Settings { shadows: None, occlusion: None, ..full },
         Settings { wireframe: true, water: false, ..full },
+        Settings {
+            pn_triangles: Some(PnTriangles::default()),
+            anti_aliasing: AntiAliasing::Temporal,
+            ..full
+        },
         // What a slow device begins with.
         Settings {
             render_scale: 0.25,

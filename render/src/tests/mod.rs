@@ -17,6 +17,7 @@ mod lights;
 mod materials;
 mod occlusion;
 mod pictures;
+mod pn_triangles;
 mod reflections;
 mod relief;
 mod shadows;

@@ -22,6 +22,7 @@ fn vertex(x: f32, y: f32, color: [u8; 4]) -> Vertex {
         uv: [0.5 + 0.5 * x, 0.5 + 0.5 * y],
         color,
         morph_from: [x, y, 0.0],
+        smooth: true,
     };
     Vertex { data, birth_s: 0.0, level: 0 }
 }

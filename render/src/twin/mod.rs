@@ -10,6 +10,7 @@ pub mod debug;
 pub mod depth;
 pub mod lights;
 pub mod occlusion;
+pub mod pn_triangles;
 pub mod reflections;
 pub mod relief;
 pub mod sky;

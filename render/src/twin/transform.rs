@@ -1,4 +1,4 @@
-//! Placement of vertices: `rotate` of `common.wgsl` and `vs_surface` of `gbuffer.wgsl`.
+//! Placement of vertices: `rotate` of `common.wgsl`, `morph_weight` and `in_world` of `placement.wgsl`.
 
 fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use lodestream_client::core::Stats;
 use lodestream_render::{
-    AntiAliasing, MAX_ANISOTROPY, MAX_CASCADES, MAX_FILTER, MAX_LIGHTS, MAX_REFLECTION_STEPS,
+    AntiAliasing, MAX_ANISOTROPY, MAX_CASCADES, MAX_FILTER, MAX_LIGHTS, MAX_PN_LEVEL, MAX_REFLECTION_STEPS,
     MAX_RELIEF_STEPS, MAX_SAMPLES, OcclusionMethod, OcclusionRadius, ReflectionMethod, Reflections,
     ReliefMethod, Shade, Timings, ToneMapping,
 };
@@ -84,6 +84,7 @@ fn contents(ui: &mut egui::Ui, stats: &Stats, facts: &Facts<'_>, choices: &mut C
         ui.checkbox(&mut choices.relief, "relief");
         ui.add_enabled(choices.relief, egui::Checkbox::new(&mut choices.relief_shadows, "its shadows"));
         ui.add_enabled(choices.relief, egui::Checkbox::new(&mut choices.relief_in_depth, "in depth"));
+        ui.checkbox(&mut choices.curved, "curved triangles");
         ui.checkbox(&mut choices.lamps, "lamps");
         ui.checkbox(&mut choices.emission, "emission");
         ui.checkbox(&mut choices.transparency, "transparency");
@@ -190,6 +191,10 @@ fn parameters(ui: &mut egui::Ui, choices: &mut Choices) {
             slider(ui, "steps of a ray", steps);
         }
         slider(ui, "bloom", egui::Slider::new(&mut choices.bloom.strength, 0.0..=0.5));
+        let error = egui::Slider::new(&mut choices.patches.error_px, 0.05..=8.0).logarithmic(true);
+        slider(ui, "curved triangles: error, px", error);
+        let most = egui::Slider::new(&mut choices.patches.most, 1..=MAX_PN_LEVEL).logarithmic(true);
+        slider(ui, "at most pieces an edge", most);
         slider(ui, "exposure", egui::Slider::new(&mut choices.exposure, 0.05..=20.0).logarithmic(true));
         ui.label("tone mapping");
         egui::ComboBox::from_id_salt("tone").selected_text(choices.tone_mapping.name()).show_ui(ui, |ui| {

@@ -1,8 +1,8 @@
 //! What can be changed in the overlay: from the settings, and back into them.
 
 use lodestream_render::{
-    AmbientOcclusion, AntiAliasing, Bloom, LightCulling, Reflections, ReliefMethod, Settings, Shade, Shadows,
-    ToneMapping,
+    AmbientOcclusion, AntiAliasing, Bloom, LightCulling, PnTriangles, Reflections, ReliefMethod, Settings,
+    Shade, Shadows, ToneMapping,
 };
 
 /// What the user may change.
@@ -43,6 +43,9 @@ pub(in crate::window) struct Choices {
     pub(in crate::window) relief_method: ReliefMethod,
     pub(in crate::window) relief_shadows: bool,
     pub(in crate::window) relief_in_depth: bool,
+    pub(in crate::window) curved: bool,
+    /// How finely, where triangles are curved.
+    pub(in crate::window) patches: PnTriangles,
     pub(in crate::window) exposure: f32,
     pub(in crate::window) tone_mapping: ToneMapping,
 }
@@ -77,6 +80,8 @@ impl Choices {
             relief_method: settings.relief_method,
             relief_shadows: settings.relief_shadows,
             relief_in_depth: settings.relief_in_depth,
+            curved: settings.pn_triangles.is_some(),
+            patches: settings.pn_triangles.unwrap_or_default(),
             exposure: settings.exposure,
             tone_mapping: settings.tone_mapping,
         }
@@ -102,6 +107,7 @@ impl Choices {
         settings.relief_method = self.relief_method;
         settings.relief_shadows = self.relief_shadows;
         settings.relief_in_depth = self.relief_in_depth;
+        settings.pn_triangles = self.curved.then_some(self.patches);
         settings.exposure = self.exposure;
         settings.tone_mapping = self.tone_mapping;
     }
@@ -131,6 +137,7 @@ mod tests {
             relief_method: ReliefMethod::SteepParallax,
             relief_shadows: true,
             relief_in_depth: true,
+            pn_triangles: Some(PnTriangles { error_px: 1.5, most: 8 }),
             exposure: 2.0,
             tone_mapping: ToneMapping::Neutral,
             ..Settings::default()

@@ -1,0 +1,11 @@
+// How far vertices of PN triangles have come.
+
+@group(2) @binding(5) var<storage, read> instances_before: array<vec4<f32>>;
+
+@vertex
+fn vs_motion(v: VertexIn) -> Moved {
+    let at = found(v);
+    let local = local_at(v, at, frame.before_s);
+    let before = in_world(local, instances_before[2u * at.instance], instances_before[2u * at.instance + 1u]);
+    return Moved(clip_position(placed(v, at)), before);
+}
