@@ -11,6 +11,7 @@ mod models;
 mod mutate;
 mod normals;
 mod occlusion_errors;
+mod pn_triangles;
 mod reflection_errors;
 mod relief_methods;
 mod relief_worth;
@@ -73,6 +74,9 @@ pub(crate) enum Command {
     /// Settles a plan's case in virtual time and holds searches of screen-space reflections against rays at the triangles that
     /// are drawn, on the machine's graphics adapter: what is found of what mirrors would show, and lookups.
     ReflectionErrors(reflection_errors::ReflectionErrors),
+    /// Draws meshes with curved triangles: pictures of scenes that arrive against the settled one, cost against the same
+    /// mesh cut on the host, and how many are drawn at some frame rates, on the machine's graphics adapter.
+    PnTriangles(pn_triangles::PnTrianglesOf),
     /// Holds ways of relief mapping, from parallax to a quadtree, against the exact hit by angle: wrong hits, how far off,
     /// lookups.
     ReliefMethods(relief_methods::ReliefMethods),
@@ -117,6 +121,7 @@ impl Command {
             Self::DrawTrade(command) => command.run(),
             Self::OcclusionErrors(command) => command.run(),
             Self::ReflectionErrors(command) => command.run(),
+            Self::PnTriangles(command) => command.run(),
             Self::ReliefMethods(command) => command.run(),
             Self::ReliefWorth(command) => command.run(),
             Self::TangentFrames(command) => command.run(),

@@ -3,13 +3,15 @@
 use std::collections::VecDeque;
 use std::sync::{Mutex, PoisonError};
 
+use anyhow::Context as _;
 use image::RgbaImage;
 use lodestream_client::core::ClientCore;
 use lodestream_protocol::Time;
 use lodestream_protocol::view::View;
 use lodestream_render::rays::Rays;
 use lodestream_render::{
-    AntiAliasing, Counters, Environment, Frame, Gpu, Headless, PassId, RenderError, SceneView, Settings,
+    AntiAliasing, AssetGpu, Counters, Environment, Frame, Gpu, Headless, PassId, PnTriangles, RenderError,
+    SceneView, Settings,
 };
 use lodestream_scenario::observer::Observer;
 use lodestream_scenario::plan::PictureSettings;
@@ -46,6 +48,7 @@ pub(crate) struct Painter<'a> {
     studio: &'a Studio,
     headless: Headless,
     scene: SceneView,
+    patches: Option<PnTriangles>,
     first_frame_due: bool,
     due: VecDeque<f64>,
     shots: Vec<Shot>,
@@ -64,10 +67,35 @@ impl<'a> Painter<'a> {
             studio,
             headless,
             scene: SceneView::new(),
+            patches: None,
             first_frame_due: true,
             due: settings.at_s.iter().copied().collect(),
             shots: Vec::new(),
             failed: None,
+        })
+    }
+
+    /// Its pictures have curved triangles.
+    pub(super) fn curved(self, patches: Option<PnTriangles>) -> Self {
+        Self { patches, ..self }
+    }
+
+    /// Hands over a frame without anything but the scene's first mesh, to be drawn as one likes.
+    ///
+    /// # Errors
+    /// Scenes without a mesh, and what `draw` refuses.
+    pub(super) fn with_mesh<R>(
+        &mut self,
+        view: &View,
+        settings: Settings,
+        draw: impl FnOnce(&mut Headless, Frame<'_>, &AssetGpu) -> anyhow::Result<R>,
+    ) -> anyhow::Result<R> {
+        let Self { studio, headless, scene, .. } = self;
+        studio.alone(|_| {
+            scene.with_frame(view.pose(), settings, AFTER_ALL_MORPHS_S, |frame| {
+                let mesh = frame.drawables.first().context("the scene has no mesh")?.asset;
+                draw(headless, Frame { drawables: &[], terrain: None, water: None, ..*frame }, mesh)
+            })
         })
     }
 
@@ -184,7 +212,7 @@ impl<'a> Painter<'a> {
         };
         let picture = self.studio.alone(|gpu| {
             upload(&mut self.scene, core, gpu, &self.headless)?;
-            draw(&mut self.headless, &mut self.scene, &view)
+            draw(&mut self.headless, &mut self.scene, &view, self.patches)
         });
         let Sample { at_ns, bytes, error_px, seen_error_px } = seen;
         if let Some(picture) = self.note(picture) {
@@ -246,7 +274,12 @@ fn upload(
     Ok(())
 }
 
-fn draw(headless: &mut Headless, scene: &mut SceneView, view: &View) -> Result<RgbaImage, RenderError> {
+fn draw(
+    headless: &mut Headless,
+    scene: &mut SceneView,
+    view: &View,
+    pn_triangles: Option<PnTriangles>,
+) -> Result<RgbaImage, RenderError> {
     // What is judged is what has arrived of the surfaces: shadows would count some of it twice, and smoothed edges hide
     // some.
     frame(
@@ -258,6 +291,7 @@ fn draw(headless: &mut Headless, scene: &mut SceneView, view: &View) -> Result<R
             anti_aliasing: AntiAliasing::None,
             dither: false,
             anisotropy: 1,
+            pn_triangles,
             ..Settings::default()
         },
     )?;

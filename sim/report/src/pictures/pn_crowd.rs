@@ -1,0 +1,282 @@
+//! How many of a mesh can be drawn within a band of frame rates, flat and curved, with two methods of occlusion: an older
+//! system's experiment.
+//!
+//! Instances stand at places that are spread evenly over a frustum before the eye, the first so many of one sequence. Their
+//! number is doubled until a frame takes longer than the slowest band allows; between two numbers time is taken to grow
+//! evenly. Of the frames of a number the fastest counts: what else the machine does is no part of it.
+
+use std::fmt;
+use std::sync::Arc;
+
+use glam::{DQuat, DVec3};
+use lodestream_protocol::pose::Pose;
+use lodestream_protocol::source::SceneSource;
+use lodestream_render::{
+    AmbientOcclusion, AntiAliasing, Drawable, Frame, Gpu, Headless, Instance, OcclusionMethod, PnTriangles,
+    Settings,
+};
+use lodestream_scenario::plan::Plan;
+use lodestream_scenario::stopwatch::rounded;
+use serde::Serialize;
+
+use super::painter::Studio;
+use super::settled::{by_turns, settle};
+
+/// Frames a second at which a band ends.
+pub const BANDS: [f64; 3] = [54.0, 45.0, 30.0];
+/// Most instances that are worth trying.
+pub const MOST: usize = 1 << 15;
+/// Radii at which the nearest and the furthest stand, and the view's height.
+const NEAR: f64 = 6.0;
+const FAR: f64 = 24.0;
+const FOV_Y: f64 = 0.8;
+
+/// One way to draw.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Crowd {
+    /// Whose figures these are.
+    pub system: &'static str,
+    /// How triangles are drawn.
+    pub triangles: &'static str,
+    /// The method of occlusion.
+    pub occlusion: &'static str,
+    /// Width and height of the frames, which are the plan's viewport.
+    pub size_px: [u32; 2],
+    /// The graphics adapter.
+    pub adapter: String,
+    /// A frame of one of them, in milliseconds; not known of the older system.
+    pub one_ms: Option<f64>,
+    /// Instances that are drawn at each of [`BANDS`].
+    pub instances: [f64; 3],
+    /// The same over those of flat triangles.
+    pub over_flat: [f64; 3],
+}
+
+/// The older system's table: "monkeys" that it drew at 1920×1080 within 54 to 60, 45 to 50 and 30 to 34 frames a second,
+/// by device, occlusion and triangles. How finely it tessellated them is not known.
+const OLDER: [(&str, &str, &str, [f64; 3]); 8] = [
+    ("older system, GTX 970", "ssao", "flat", [1374.0, 1669.0, 2376.0]),
+    ("older system, GTX 970", "ssao", "curved", [320.0, 392.0, 592.0]),
+    ("older system, GTX 970", "hbao", "flat", [159.0, 206.0, 338.0]),
+    ("older system, GTX 970", "hbao", "curved", [93.0, 125.0, 231.0]),
+    ("older system, GTX 960M", "ssao", "flat", [163.0, 792.0, 1325.0]),
+    ("older system, GTX 960M", "ssao", "curved", [116.0, 153.0, 242.0]),
+    ("older system, GTX 960M", "hbao", "flat", [61.0, 123.0, 203.0]),
+    ("older system, GTX 960M", "hbao", "curved", [26.0, 78.0, 137.0]),
+];
+
+fn older() -> Vec<Crowd> {
+    let row = |(system, occlusion, triangles, instances)| Crowd {
+        system,
+        triangles,
+        occlusion,
+        size_px: [1920, 1080],
+        adapter: String::new(),
+        one_ms: None,
+        instances,
+        over_flat: [1.0; 3],
+    };
+    OLDER.into_iter().map(row).collect()
+}
+
+/// Fills in how many are drawn over how many flat ones, of the same system with the same occlusion.
+fn compare(rows: &mut [Crowd]) {
+    let flat: Vec<Crowd> = rows.iter().filter(|row| row.triangles == "flat").cloned().collect();
+    for row in rows {
+        let of = |other: &&Crowd| other.system == row.system && other.occlusion == row.occlusion;
+        let Some(flat) = flat.iter().find(of) else { continue };
+        let over = row.instances.iter().zip(flat.instances);
+        let over = over.map(|(count, flat)| if flat > 0.0 { rounded(count / flat, 3) } else { 0.0 });
+        row.over_flat = std::array::from_fn(|_| 0.0);
+        over.enumerate().for_each(|(band, share)| row.over_flat[band] = share);
+    }
+}
+
+/// Ways to draw triangles.
+fn ways() -> [(&'static str, Option<PnTriangles>); 4] {
+    let usual = PnTriangles::default();
+    [
+        ("flat", None),
+        ("curved, 1 px", Some(PnTriangles { error_px: 1.0, ..usual })),
+        ("curved", Some(usual)),
+        // As finely as may be, up to that.
+        ("curved, 4 pieces an edge", Some(PnTriangles { error_px: 0.0, most: 4 })),
+    ]
+}
+
+/// Settles the plan's case and draws ever more of its first mesh, up to `most`; so many frames of each number.
+///
+/// # Errors
+/// Plans of more than one case, scenes without a mesh, runs that do not settle, and what the graphics device refuses.
+pub fn crowd(
+    plan: &Plan,
+    scene: &Arc<dyn SceneSource>,
+    gpu: Gpu,
+    (frames, most): (u32, usize),
+    mut keep: impl FnMut(&str, &image::RgbaImage) -> anyhow::Result<()>,
+) -> anyhow::Result<Vec<Crowd>> {
+    let adapter = gpu.describe();
+    let studio = Studio::new(gpu);
+    let mut settled = settle(plan, scene, &studio, [plan.client])?;
+    let mut rows = Vec::new();
+    let Some(one) = settled.first_mut() else { return Ok(rows) };
+    let methods = [OcclusionMethod::Ssao, OcclusionMethod::Hbao];
+    let all: Vec<_> =
+        methods.iter().flat_map(|method| ways().map(|(name, way)| (*method, name, way))).collect();
+    // By way: numbers, and what a frame took.
+    let mut taken: Vec<Vec<(usize, f64)>> = vec![Vec::new(); all.len()];
+    let mut count = 1;
+    let slowest = BANDS.map(|band| 1.0 / band).into_iter().fold(0.0, f64::max);
+    let base = Settings { shadows: None, anti_aliasing: AntiAliasing::None, ..Settings::default() };
+    while count <= most {
+        let left: Vec<usize> = (0..all.len())
+            .filter(|&i| taken[i].last().is_none_or(|(_, seconds)| *seconds < slowest))
+            .collect();
+        if left.is_empty() {
+            break;
+        }
+        let seconds = one.painter.with_mesh(&one.view, base, |headless, frame, mesh| {
+            let (centre, radius) = mesh.bounds().unwrap_or((DVec3::ZERO, 1.0));
+            let instances = places(count, mesh.origin() + centre, radius);
+            let drawables = [Drawable { asset: mesh, instances: &instances }];
+            let camera = Pose::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, FOV_Y);
+            let draw = |headless: &mut Headless, i: usize| {
+                let (method, _, pn_triangles) = all[i];
+                let occlusion = Some(AmbientOcclusion { method, ..AmbientOcclusion::default() });
+                let settings = Settings { occlusion, pn_triangles, ..frame.settings };
+                headless.frame(&Frame { camera, settings, drawables: &drawables, ..frame })
+            };
+            let seconds = by_turns(left.len(), frames, |i| draw(headless, left[i]).map(drop))?;
+            if count == 4 {
+                for &i in &left {
+                    draw(headless, i)?;
+                    keep(
+                        &format!("crowd-{}-{}", all[i].0.name(), all[i].1.replace([' ', ','], "-")),
+                        &headless.picture()?,
+                    )?;
+                }
+            }
+            Ok(seconds)
+        })?;
+        for (&i, seconds) in left.iter().zip(seconds) {
+            taken[i].push((count, seconds.into_iter().fold(f64::INFINITY, f64::min)));
+        }
+        count *= 2;
+    }
+    for ((method, triangles, _), taken) in all.iter().zip(&taken) {
+        rows.push(Crowd {
+            system: "ours",
+            triangles,
+            occlusion: method.name(),
+            size_px: plan.viewport_px,
+            adapter: adapter.clone(),
+            one_ms: taken.first().map(|(_, seconds)| rounded(seconds * 1e3, 3)),
+            instances: BANDS.map(|band| rounded(at_seconds(taken, 1.0 / band), 0)),
+            over_flat: [1.0; 3],
+        });
+    }
+    rows.extend(older());
+    compare(&mut rows);
+    Ok(rows)
+}
+
+/// The number whose frame takes so long: none where one takes longer, the most tried where that does not.
+fn at_seconds(taken: &[(usize, f64)], seconds: f64) -> f64 {
+    let mut before = (0.0, 0.0);
+    for (number, &(count, took)) in taken.iter().enumerate() {
+        let now = (count as f64, took);
+        if took >= seconds {
+            let share = (seconds - before.1) / (now.1 - before.1);
+            return if number == 0 { 0.0 } else { before.0 + share * (now.0 - before.0) };
+        }
+        before = now;
+    }
+    before.0
+}
+
+/// The first so many places before an eye at zero that looks along −z, for a mesh of a middle and radius, each turned its
+/// own way.
+fn places(count: usize, centre: DVec3, radius: f64) -> Vec<Instance> {
+    // Even in three dimensions, and any first ones of it too (Roberts 2018).
+    let even = |i: usize, step: f64| (0.5 + i as f64 * step).fract();
+    let half = (0.5 * FOV_Y).tan();
+    (0..count)
+        .map(|i| {
+            let [u, v, w] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_2, 0.549_700_477_901_970_3]
+                .map(|s| even(i, s));
+            let distance = radius * (NEAR + (FAR - NEAR) * w);
+            let across = DVec3::new((u - 0.5) * 3.2 * half, (v - 0.5) * 1.8 * half, -1.0) * distance;
+            let rotation = DQuat::from_rotation_y(even(i, 0.618_033_988_749_894_9) * std::f64::consts::TAU);
+            Instance { translation: across - rotation * centre, rotation, scale: 1.0 }
+        })
+        .collect()
+}
+
+/// A line for people.
+impl fmt::Display for Crowd {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { system, triangles, occlusion, one_ms, instances, over_flat, .. } = self;
+        write!(f, "{system}, {triangles}, {occlusion}:")?;
+        if let Some(one_ms) = one_ms {
+            write!(f, " one {one_ms:.1} ms;")?;
+        }
+        let bands = BANDS.iter().zip(instances).zip(over_flat);
+        bands.into_iter().try_for_each(|((band, count), over)| {
+            write!(f, " {count:.0} at {band} frames/s ({over:.2} of flat),")
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::super::open_device;
+    use super::super::tests::may_draw;
+    use super::*;
+    use crate::tests::small_scene;
+    use lodestream_scenario::plan;
+
+    #[test]
+    fn ever_more_are_drawn_each_way() {
+        if !may_draw() {
+            return;
+        }
+        let text = "scene = \"demo-small\"\nviewport_px = [64, 36]\n[[sweep]]\ntransport = \"quic\"\n\
+                    rate_bits_per_s = 16_000_000\nrtt_ms = 50\n";
+        let plan = plan::parse(text, Path::new("test.toml")).unwrap();
+        let gpu = open_device().expect("a graphics adapter (or LODESTREAM_SKIP_GPU=1)");
+        let rows = crowd(&plan, &small_scene(), gpu, (1, 4), |_, _| Ok(())).unwrap();
+        let ours: Vec<&Crowd> = rows.iter().filter(|row| row.system == "ours").collect();
+        assert_eq!((ours.len(), rows.len()), (8, 16));
+        assert!(ours.iter().all(|row| row.one_ms.is_some_and(|ms| ms > 0.0)));
+        assert!(ours.iter().all(|row| row.instances.is_sorted()), "{ours:?}");
+    }
+
+    #[test]
+    fn numbers_between_two_that_were_drawn_are_told_by_their_times() {
+        let taken = [(1, 0.010), (2, 0.012), (4, 0.020), (8, 0.040)];
+        assert_eq!(at_seconds(&taken, 0.020), 4.0);
+        assert_eq!(at_seconds(&taken, 0.030), 6.0);
+        assert_eq!(at_seconds(&taken, 0.005), 0.0, "one takes longer");
+        assert_eq!(at_seconds(&taken, 1.0), 8.0, "the most that was tried");
+    }
+
+    #[test]
+    fn the_older_systems_curved_ones_are_told_against_its_flat_ones() {
+        let mut rows = older();
+        compare(&mut rows);
+        assert_eq!(rows[1].over_flat, [0.233, 0.235, 0.249]);
+        assert_eq!(rows[2].over_flat, [1.0; 3]);
+    }
+
+    #[test]
+    fn places_are_before_the_eye_and_the_first_ones_stay() {
+        let (some, more) = (places(10, DVec3::ONE, 2.0), places(100, DVec3::ONE, 2.0));
+        assert_eq!(some[..], more[..10]);
+        for instance in more {
+            let middle = instance.to_world(DVec3::ONE);
+            assert!((2.0 * NEAR..2.0 * FAR).contains(&-middle.z), "{middle}");
+        }
+    }
+}

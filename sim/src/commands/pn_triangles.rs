@@ -1,0 +1,99 @@
+//! `lodestream-sim pn-triangles`: its arguments, and what each question prints.
+
+use std::fmt::Display;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use anyhow::Context as _;
+use clap::{Args, ValueEnum};
+use lodestream_protocol::source::SceneSource;
+use lodestream_render::{Gpu, PnTriangles};
+use lodestream_report::pictures::frame_time::MAX_FRAMES;
+use lodestream_report::pictures::{pn_cost, pn_crowd, pn_waiting};
+use lodestream_scenario::plan;
+use serde::Serialize;
+
+use crate::arguments::{Beside, CacheFolder};
+
+/// What is asked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Question {
+    /// How far pictures of a scene that arrives are from the settled one, flat and curved; of all cases.
+    Waiting,
+    /// What the first mesh of a settled case takes, flat, curved, and cut on the host as finely.
+    Cost,
+    /// How many of it are drawn at some frame rates.
+    Crowd,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct PnTrianglesOf {
+    /// What is asked
+    question: Question,
+    /// The plan (TOML); each case runs with its first seed.
+    plan: PathBuf,
+    /// Another value for a key of the plan, as "sweep.rate_bits_per_s=16000000"; may be given more than once.
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Pixels by which edges may be off their curves, divided by commas: the first for what arrives, each for cost.
+    #[arg(long, value_delimiter = ',', default_value = "0.25")]
+    error_px: Vec<f32>,
+    /// Frames of each that are timed.
+    #[arg(long, default_value_t = 9, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_FRAMES)))]
+    frames: u32,
+    /// Writes the pictures into this folder.
+    #[arg(long, value_name = "FOLDER")]
+    pictures: Option<PathBuf>,
+    #[command(flatten)]
+    cache: CacheFolder,
+    #[command(flatten)]
+    beside: Beside,
+    /// Prints JSON instead of text.
+    #[arg(long)]
+    json: bool,
+}
+
+impl PnTrianglesOf {
+    pub(crate) fn run(&self) -> anyhow::Result<()> {
+        let plan = self.beside.add_to(plan::read_with(&self.plan, &self.set)?)?;
+        // Before anything is prepared: without an adapter it would be for nothing.
+        let gpu = Gpu::headless().context("frames are to be drawn")?;
+        let scenes = self.cache.open_scenes(&plan, true)?;
+        let first: &Arc<dyn SceneSource> = scenes.first().context("the plan has no scene")?;
+        match self.question {
+            Question::Waiting => {
+                let error_px = self.error_px.first().copied().context("no error")?;
+                let patches = PnTriangles { error_px, ..PnTriangles::default() };
+                self.print(&pn_waiting::waiting(&plan, &scenes, gpu, patches, |name, picture| {
+                    self.keep(name, |file| Ok(picture.save(file)?))
+                })?)
+            }
+            Question::Cost => self.print(&pn_cost::cost(&plan, first, gpu, &self.error_px, self.frames)?),
+            Question::Crowd => self.print(&pn_crowd::crowd(
+                &plan,
+                first,
+                gpu,
+                (self.frames, pn_crowd::MOST),
+                |name, picture| self.keep(name, |file| Ok(picture.save(file)?)),
+            )?),
+        }
+    }
+
+    /// Has a picture written, where pictures are.
+    fn keep(&self, name: &str, write: impl FnOnce(&Path) -> anyhow::Result<()>) -> anyhow::Result<()> {
+        let Some(folder) = &self.pictures else { return Ok(()) };
+        let file = folder.join(format!("{name}.png"));
+        let fail = || format!("{}: cannot be written", file.display());
+        std::fs::create_dir_all(folder).with_context(fail)?;
+        write(&file).with_context(fail)
+    }
+
+    fn print<T: Display + Serialize>(&self, results: &[T]) -> anyhow::Result<()> {
+        if self.json {
+            println!("{}", serde_json::to_string(results)?);
+        } else {
+            results.iter().for_each(|result| println!("{result}"));
+        }
+        Ok(())
+    }
+}
