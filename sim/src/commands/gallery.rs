@@ -3,9 +3,11 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use lodestream_protocol::scene::Camera;
 use lodestream_report::pictures::frame_time::MAX_FRAMES;
 use lodestream_report::pictures::gallery::gallery;
 
+use super::occlusion_errors::camera;
 use crate::arguments::DrawnCase;
 
 /// The plan must come to one case; it runs with its first seed.
@@ -16,6 +18,9 @@ pub(crate) struct Gallery {
     /// Frames of each that are timed, after two that are not.
     #[arg(long, default_value_t = 9, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_FRAMES)))]
     frames: u32,
+    /// A second camera, as X,Y,Z,X,Y,Z: where it stands and what it looks at.
+    #[arg(long, value_name = "CAMERA", value_parser = camera, allow_hyphen_values = true)]
+    view: Option<Camera>,
     /// Folder of the page and its pictures; made if need be.
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
@@ -23,6 +28,6 @@ pub(crate) struct Gallery {
 
 impl Gallery {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
-        self.case.run(|plan, scene, gpu| gallery(plan, scene, gpu, self.frames, &self.output))
+        self.case.run(|plan, scene, gpu| gallery(plan, scene, gpu, self.frames, self.view, &self.output))
     }
 }

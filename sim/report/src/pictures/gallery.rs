@@ -8,17 +8,19 @@ use std::sync::Arc;
 use anyhow::Context as _;
 use image::codecs::jpeg::JpegEncoder;
 use image::{DynamicImage, RgbaImage};
+use lodestream_protocol::scene::Camera;
 use lodestream_protocol::source::SceneSource;
+use lodestream_protocol::view::View;
 use lodestream_render::{
-    AmbientOcclusion, AntiAliasing, Gpu, OcclusionMethod, ReliefMethod, STILL_FRAMES, Settings, Shade,
-    ToneMapping,
+    AmbientOcclusion, AntiAliasing, Bloom, Gpu, OcclusionMethod, PnTriangles, ReflectionMethod, Reflections,
+    ReliefMethod, STILL_FRAMES, Settings, Shade, ToneMapping,
 };
 use lodestream_scenario::plan::Plan;
 use lodestream_scenario::stopwatch::{paired_ratio, rounded};
 use serde::Serialize;
 
-use super::painter::Studio;
-use super::settled::{by_turns, settle};
+use super::painter::{Painter, Studio};
+use super::settled::{by_turns, settle, settle_at};
 use crate::image_error::image_error;
 
 /// Quality of the pictures' files, of 100.
@@ -38,18 +40,21 @@ pub enum Part {
     Without,
     /// One technique another way.
     Otherwise,
+    /// The same and others where a second camera looks.
+    Elsewhere,
     /// What passes hand on, for developers.
     View,
 }
 
 impl Part {
-    const ALL: [Self; 4] = [Self::Usual, Self::Without, Self::Otherwise, Self::View];
+    const ALL: [Self; 5] = [Self::Usual, Self::Without, Self::Otherwise, Self::Elsewhere, Self::View];
 
     const fn title(self) -> &'static str {
         match self {
             Self::Usual => "As it is shown",
             Self::Without => "Without one technique",
             Self::Otherwise => "Another way",
+            Self::Elsewhere => "At another place",
             Self::View => "Views for developers",
         }
     }
@@ -156,6 +161,14 @@ fn entries() -> Vec<Entry> {
             "Karis 2014",
         )
     });
+    let patches = Settings { pn_triangles: Some(PnTriangles::default()), ..usual };
+    all.push(one(Part::Otherwise, "curved triangles", patches, "Vlachos, Peters, Boyd, Mitchell 2001"));
+    let bloom = Settings { bloom: Some(Bloom::default()), ..usual };
+    all.push(one(Part::Otherwise, "bloom", bloom, "Jimenez 2014"));
+    let own = Settings { relief_shadows: true, ..usual };
+    all.push(one(Part::Otherwise, "relief: with its shadows", own, "Policarpo, Oliveira, Comba 2005"));
+    let deep = Settings { relief_in_depth: true, ..usual };
+    all.push(one(Part::Otherwise, "relief: in depth", deep, "Policarpo, Oliveira, Comba 2005"));
     let neutral = Settings { tone_mapping: ToneMapping::Neutral, ..usual };
     all.push(one(Part::Otherwise, "tone mapping: neutral", neutral, "Khronos 2024"));
     for shade in Shade::ALL.into_iter().filter(|&shade| shade != usual.shade) {
@@ -163,6 +176,29 @@ fn entries() -> Vec<Entry> {
     }
     all.push(one(Part::View, "wireframe", Settings { wireframe: true, ..usual }, ""));
     all
+}
+
+/// What the gallery shows where a second camera looks.
+fn elsewhere() -> Vec<Entry> {
+    let usual = Settings::default();
+    let one = |name: &str, settings, source| Entry {
+        part: Part::Elsewhere,
+        name: name.to_owned(),
+        settings,
+        frames: 1,
+        source,
+    };
+    let mirrored = |method, steps| Settings { reflections: Some(Reflections { method, steps }), ..usual };
+    vec![
+        one("all at its default", usual, ""),
+        one(
+            "reflections: hi-z, 100 steps",
+            mirrored(ReflectionMethod::HiZ, Reflections::default().steps),
+            "Uludag 2014",
+        ),
+        one("reflections: linear, 150 steps", mirrored(ReflectionMethod::Linear, 150), "McGuire, Mara 2014"),
+        one("no water", Settings { water: false, ..usual }, "Schlick 1994 (reflectance)"),
+    ]
 }
 
 /// Settles the plan's case, draws all of the gallery into a folder, times so many frames of each, and writes the page.
@@ -175,27 +211,46 @@ pub fn gallery(
     scene: &Arc<dyn SceneSource>,
     gpu: Gpu,
     frames: u32,
+    camera: Option<Camera>,
     folder: &Path,
 ) -> anyhow::Result<Vec<Shown>> {
-    let entries = entries();
     let adapter = gpu.describe();
     let studio = Studio::new(gpu);
     let mut settled = settle(plan, scene, &studio, [plan.client])?;
     let one = settled.first_mut().context("nothing has settled")?;
-    let (view, painter) = (one.view, &mut one.painter);
+    let mut shown = draw(&mut one.painter, &one.view, &entries(), frames, folder)?;
+    if let Some(camera) = camera {
+        let view = camera.view(plan.viewport_px, plan.client.target_px);
+        let mut painter = settle_at(plan, scene, &studio, view)?;
+        shown.extend(draw(&mut painter, &view, &elsewhere(), frames, folder)?);
+    }
+    let page = page(&shown, plan.viewport_px, &adapter, frames);
+    let path = folder.join(PAGE);
+    std::fs::write(&path, page).with_context(|| path.display().to_string())?;
+    Ok(shown)
+}
+
+/// Draws entries of one view, of which the first is what the others are held against.
+fn draw(
+    painter: &mut Painter<'_>,
+    view: &View,
+    entries: &[Entry],
+    frames: u32,
+    folder: &Path,
+) -> anyhow::Result<Vec<Shown>> {
     let mut pictures: Vec<RgbaImage> = Vec::with_capacity(entries.len());
-    for entry in &entries {
+    for entry in entries {
         for _ in 0..entry.frames {
-            painter.frame(&view, entry.settings)?;
+            painter.frame(view, entry.settings)?;
         }
         pictures.push(painter.picture()?);
     }
     let timed: Vec<&Entry> = entries.iter().filter(|entry| entry.is_timed()).collect();
-    let seconds = by_turns(timed.len(), frames, |i| painter.frame(&view, timed[i].settings).map(drop))?;
+    let seconds = by_turns(timed.len(), frames, |i| painter.frame(view, timed[i].settings).map(drop))?;
     std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
     let mut shown = Vec::with_capacity(entries.len());
-    for (entry, picture) in entries.iter().zip(&pictures) {
-        let compared = !matches!(entry.part, Part::Usual | Part::View);
+    for (number, (entry, picture)) in entries.iter().zip(&pictures).enumerate() {
+        let compared = number > 0 && entry.part != Part::View;
         // What a scene has not, or a view does not show.
         if entry.part == Part::Without && *picture == pictures[0] {
             continue;
@@ -208,9 +263,6 @@ pub fn gallery(
         let Entry { part, name, source, .. } = entry;
         shown.push(Shown { part: *part, name: name.clone(), file, flip, over_usual, source });
     }
-    let page = page(&shown, plan.viewport_px, &adapter, frames);
-    let path = folder.join(PAGE);
-    std::fs::write(&path, page).with_context(|| path.display().to_string())?;
     Ok(shown)
 }
 
@@ -227,6 +279,7 @@ fn slug(entry: &Entry) -> String {
         Part::Usual => "",
         Part::Without => "without-",
         Part::Otherwise => "",
+        Part::Elsewhere => "elsewhere-",
         Part::View => "view-",
     };
     let mut slug = prefix.to_owned();
@@ -251,12 +304,13 @@ fn write_jpeg(path: &Path, picture: &RgbaImage) -> anyhow::Result<()> {
 fn page(shown: &[Shown], [width, height]: [u32; 2], adapter: &str, frames: u32) -> String {
     let mut page = format!(
         "# Gallery\n\n*What does each technique do to the picture, and what does it cost?*\n\nWritten by\n\n```sh\n\
-         lodestream-sim gallery sim/plans/gallery.toml -o docs/gallery\n```\n\n\
+         lodestream-sim gallery sim/plans/gallery.toml -o docs/gallery \\\n    --view -95,8,60,-160,-2,-40\n```\n\n\
          The demo settled at one pixel, {width}×{height}, drawn by\n{adapter}.\n\
-         FLIP is how far a picture is from the first, at 67 pixels a degree; time is that of a frame over the first's, the\n\
+         FLIP is how far a picture is from the first of its place, at 67 pixels a degree; time is that of a frame over the first's, the\n\
          median of {frames} that are drawn by turns: machines differ. What the view does not show is left out. Errors against\n\
          what is true, not against the default: [drawing](../benchmarks/drawing.md),\n\
-         [occlusion](../benchmarks/occlusion.md), [surfaces](../benchmarks/surfaces.md).\n"
+         [occlusion](../benchmarks/occlusion.md), [surfaces](../benchmarks/surfaces.md),\n\
+         [reflections](../benchmarks/reflections.md), [curved triangles](../benchmarks/pn-triangles.md).\n"
     );
     for part in Part::ALL {
         page.push_str(&format!("\n## {}\n\n| | | |\n|---|---|---|\n", part.title()));
@@ -300,11 +354,14 @@ mod tests {
     use crate::tests::small_scene;
     use lodestream_scenario::plan;
 
+    const CAMERA: Camera =
+        Camera { eye: [2.0, 3.0, 20.0], target: [0.0, 2.0, 0.0], up: [0.0, 1.0, 0.0], fov_y: 0.9 };
+
     #[test]
     fn every_way_and_view_is_in_the_gallery_once() {
         let entries = entries();
-        let files: BTreeSet<String> = entries.iter().map(slug).collect();
-        assert_eq!(files.len(), entries.len());
+        let files: BTreeSet<String> = entries.iter().chain(&elsewhere()).map(slug).collect();
+        assert_eq!(files.len(), entries.len() + elsewhere().len());
         let views = entries.iter().filter(|entry| entry.part == Part::View).count();
         assert_eq!(views, Shade::ALL.len(), "all but the usual one, and the wireframe");
         for method in OcclusionMethod::ALL {
@@ -329,13 +386,14 @@ mod tests {
         let plan = plan::parse(text, Path::new("test.toml")).unwrap();
         let gpu = open_device().expect("a graphics adapter (or LODESTREAM_SKIP_GPU=1)");
         let folder = tempfile::tempdir().unwrap();
-        let shown = gallery(&plan, &small_scene(), gpu, 1, folder.path()).unwrap();
+        let shown = gallery(&plan, &small_scene(), gpu, 1, Some(CAMERA), folder.path()).unwrap();
         let page = std::fs::read_to_string(folder.path().join(PAGE)).unwrap();
         for one in &shown {
             let picture = image::open(folder.path().join(&one.file)).unwrap();
             assert_eq!((picture.width(), picture.height()), (96, 54));
             assert!(page.contains(&format!("]({})", one.file)), "{}", one.file);
-            assert_eq!(one.flip.is_some(), matches!(one.part, Part::Without | Part::Otherwise));
+            let compared = matches!(one.part, Part::Without | Part::Otherwise | Part::Elsewhere);
+            assert_eq!(one.flip.is_some(), compared && one.name != "all at its default");
         }
         let flip = |name: &str| shown.iter().find(|one| one.name == name).and_then(|one| one.flip).unwrap();
         assert!(flip("shadows") > 0.001 && flip("relief") > 0.0005, "{shown:?}");
