@@ -306,9 +306,9 @@ fn page(shown: &[Shown], [width, height]: [u32; 2], adapter: &str, frames: u32) 
         "# Gallery\n\n*What does each technique do to the picture, and what does it cost?*\n\nWritten by\n\n```sh\n\
          lodestream-sim gallery sim/plans/gallery.toml -o docs/gallery \\\n    --view -95,8,60,-160,-2,-40\n```\n\n\
          The demo settled at one pixel, {width}×{height}, drawn by\n{adapter}.\n\
-         FLIP is how far a picture is from the first of its place, at 67 pixels a degree; time is that of a frame over the first's, the\n\
-         median of {frames} that are drawn by turns: machines differ. What the view does not show is left out. Errors against\n\
-         what is true, not against the default: [drawing](../benchmarks/drawing.md),\n\
+         FLIP is how far a picture is from the first of its place, at 67 pixels a degree; time is that of a frame over the\n\
+         first's, the median of {frames} that are drawn by turns: machines differ. What the view does not show is left out.\n\
+         Errors against what is true, not against the default: [drawing](../benchmarks/drawing.md),\n\
          [occlusion](../benchmarks/occlusion.md), [surfaces](../benchmarks/surfaces.md),\n\
          [reflections](../benchmarks/reflections.md), [curved triangles](../benchmarks/pn-triangles.md).\n"
     );
