@@ -1,6 +1,6 @@
 //! Bloom: light that spreads in a lens, over the lit picture. How it is weighed is in `docs/design/reflections.md`.
 
-use crate::fullscreen::blended;
+use crate::fullscreen::{self, blended};
 use crate::gbuffer::shader;
 use crate::gpu::Gpu;
 use crate::graph::PassId;
@@ -56,27 +56,8 @@ impl BloomPipelines {
             operation: wgpu::BlendOperation::Add,
         };
         let pipeline = |entry, blend| {
-            gpu.render_pipeline(&wgpu::RenderPipelineDescriptor {
-                label: Some(entry),
-                layout: None,
-                vertex: wgpu::VertexState {
-                    module: &module,
-                    entry_point: Some("vs_bloom"),
-                    compilation_options: Default::default(),
-                    buffers: &[],
-                },
-                primitive: Default::default(),
-                depth_stencil: None,
-                multisample: Default::default(),
-                fragment: Some(wgpu::FragmentState {
-                    module: &module,
-                    entry_point: Some(entry),
-                    compilation_options: Default::default(),
-                    targets: &[Some(wgpu::ColorTargetState { blend, ..RADIANCE.into() })],
-                }),
-                multiview_mask: None,
-                cache: None,
-            })
+            let target = wgpu::ColorTargetState { blend, ..RADIANCE.into() };
+            fullscreen::pipeline(gpu, &module, ["vs_bloom", entry], (target, None), &[])
         };
         Self {
             halved: pipeline("fs_halved", None),

@@ -1,6 +1,6 @@
 //! The last pass into a host's targets, where depth goes along or what is there stays.
 
-use super::fullscreen::deep_pipeline;
+use super::fullscreen;
 use super::gbuffer::shader;
 use super::gpu::Gpu;
 use super::pipelines::COMPOSITE;
@@ -63,5 +63,6 @@ pub(crate) fn into_target(
         stencil: Default::default(),
         bias: Default::default(),
     });
-    deep_pipeline(gpu, module, entry, (format.into(), depth_stencil), constants)
+    let stages = ["vs_fullscreen", entry];
+    fullscreen::pipeline(gpu, module, stages, (format.into(), depth_stencil), constants)
 }

@@ -13,14 +13,14 @@ pub(crate) fn fullscreen_pipeline(
     target: wgpu::ColorTargetState,
     constants: &[(&str, f64)],
 ) -> wgpu::RenderPipeline {
-    deep_pipeline(gpu, module, entry, (target, None), constants)
+    pipeline(gpu, module, ["vs_fullscreen", entry], (target, None), constants)
 }
 
-/// The same, with depth.
-pub(crate) fn deep_pipeline(
+/// The same by a vertex stage and a fragment stage, with depth perhaps.
+pub(crate) fn pipeline(
     gpu: &Gpu,
     module: &wgpu::ShaderModule,
-    entry: &str,
+    [vertex, entry]: [&str; 2],
     (target, depth_stencil): (wgpu::ColorTargetState, Option<wgpu::DepthStencilState>),
     constants: &[(&str, f64)],
 ) -> wgpu::RenderPipeline {
@@ -29,7 +29,7 @@ pub(crate) fn deep_pipeline(
         layout: None,
         vertex: wgpu::VertexState {
             module,
-            entry_point: Some("vs_fullscreen"),
+            entry_point: Some(vertex),
             compilation_options: Default::default(),
             buffers: &[],
         },

@@ -1,7 +1,7 @@
 //! Ambient occlusion in sixteen layers of the picture's depths, each drawn by itself: what is looked up for neighbours lies
 //! together (Bavoil 2014). The whole of it is one pass of the plan.
 
-use crate::fullscreen::{attachment, blended};
+use crate::fullscreen::{self, attachment, blended};
 use crate::gbuffer::shader;
 use crate::gpu::Gpu;
 use crate::graph::PassId;
@@ -28,27 +28,7 @@ impl LayerPipelines {
     pub(crate) fn new(gpu: &Gpu, over: wgpu::BlendState) -> Self {
         let module = shader(gpu, "occlusion in layers", HBAO_PLUS);
         let pipeline = |vertex, fragment, target: wgpu::ColorTargetState| {
-            gpu.render_pipeline(&wgpu::RenderPipelineDescriptor {
-                label: Some(fragment),
-                layout: None,
-                vertex: wgpu::VertexState {
-                    module: &module,
-                    entry_point: Some(vertex),
-                    compilation_options: Default::default(),
-                    buffers: &[],
-                },
-                primitive: Default::default(),
-                depth_stencil: None,
-                multisample: Default::default(),
-                fragment: Some(wgpu::FragmentState {
-                    module: &module,
-                    entry_point: Some(fragment),
-                    compilation_options: Default::default(),
-                    targets: &[Some(target)],
-                }),
-                multiview_mask: None,
-                cache: None,
-            })
+            fullscreen::pipeline(gpu, &module, [vertex, fragment], (target, None), &[])
         };
         let mean = wgpu::ColorTargetState { blend: Some(over), ..OCCLUSION_MEAN.into() };
         Self {

@@ -22,7 +22,7 @@ use lodestream_scenario::stopwatch::{median, rounded};
 use serde::Serialize;
 
 use super::painter::{Painter, Studio};
-use super::settled::{settle, settle_at};
+use super::settled::settle_views;
 use crate::image_error::flip;
 
 /// Most rays a pixel.
@@ -100,14 +100,7 @@ pub fn occlusion_errors(
 ) -> anyhow::Result<Vec<OcclusionError>> {
     let adapter = gpu.describe();
     let studio = Studio::new(gpu);
-    let mut views: Vec<(Painter<'_>, View)> = settle(plan, scene, &studio, [plan.client])?
-        .into_iter()
-        .map(|settled| (settled.painter, settled.view))
-        .collect();
-    for camera in &question.cameras {
-        let view = camera.view(plan.viewport_px, plan.client.target_px);
-        views.push((settle_at(plan, scene, &studio, view)?, view));
-    }
+    let mut views = settle_views(plan, scene, &studio, &question.cameras)?;
     let mut errors = Vec::new();
     for (number, (painter, view)) in views.iter_mut().enumerate() {
         errors.extend(of_view(painter, view, (number, plan.viewport_px, &adapter), question, &mut keep)?);

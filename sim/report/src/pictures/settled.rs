@@ -8,6 +8,7 @@
 use std::sync::Arc;
 
 use anyhow::Context as _;
+use lodestream_protocol::scene::Camera;
 use lodestream_protocol::source::SceneSource;
 use lodestream_protocol::view::View;
 use lodestream_scenario::plan::{Case, ClientSettings, PictureSettings, Plan};
@@ -58,6 +59,25 @@ pub(super) fn settle<'a>(
         Ok(Settled { run, painter, view })
     };
     clients.into_iter().map(settle).collect()
+}
+
+/// What draws the plan's case at its own view, and at those of more cameras, each with its view.
+///
+/// # Errors
+/// As [`settle`].
+pub(super) fn settle_views<'a>(
+    plan: &Plan,
+    scene: &Arc<dyn SceneSource>,
+    studio: &'a Studio,
+    cameras: &[Camera],
+) -> anyhow::Result<Vec<(Painter<'a>, View)>> {
+    let own = settle(plan, scene, studio, [plan.client])?;
+    let own = own.into_iter().map(|settled| Ok((settled.painter, settled.view)));
+    let others = cameras.iter().map(|camera| {
+        let view = camera.view(plan.viewport_px, plan.client.target_px);
+        Ok((settle_at(plan, scene, studio, view)?, view))
+    });
+    own.chain(others).collect()
 }
 
 /// What draws a viewer that has settled with its camera at a view, by the plan's case.
