@@ -257,6 +257,17 @@ fn indices_out_of_range_name_their_line() {
     refused(format!("{TRIANGLE}f 1/1/1/1 2 3\n"), &[":4: face"]);
 }
 
+/// White space that only Unicode knows, in front of an element: it was counted and not read.
+#[test]
+fn what_is_counted_is_what_is_read() {
+    let dir = TempDir::new().unwrap();
+    for space in ["\u{b}", "\u{a0}", "\u{2003}", "\u{3000} "] {
+        let text = format!("{TRIANGLE}{space}vn 0 0 1\n{space}vt 0 1\nf 1/1/1 2/1/1 3/1/1\n");
+        let mesh = import(&write(&dir, "spaced.obj", text)).unwrap().mesh;
+        assert_eq!((mesh.faces.len(), mesh.uvs.len(), mesh.normals.len()), (1, 1, 1), "{space:?}");
+    }
+}
+
 #[test]
 fn random_bytes_are_refused_without_panic() {
     let mut state = 0x2545_F491_4F6C_DD1Du64;

@@ -106,18 +106,24 @@ fn count_elements(bytes: &[u8]) -> ([usize; 3], bool) {
     let mut counts = [0usize; 3];
     let mut colored = false;
     for (_, line) in logical_lines(bytes) {
-        let mut words = line.split_whitespace();
-        match words.next() {
-            Some("v") => {
+        match keyword(&line) {
+            ("v", values) => {
                 counts[0] += 1;
-                colored = colored || words.nth(MIN_COLORED_VALUES - 1).is_some();
+                colored = colored || values.split_whitespace().nth(MIN_COLORED_VALUES - 1).is_some();
             }
-            Some("vt") => counts[1] += 1,
-            Some("vn") => counts[2] += 1,
+            ("vt", _) => counts[1] += 1,
+            ("vn", _) => counts[2] += 1,
             _ => {}
         }
     }
     (counts, colored)
+}
+
+/// The first word of a line, and the rest. What elements are counted by must be what they are read by, white space that
+/// only Unicode knows included.
+fn keyword(line: &str) -> (&str, &str) {
+    let line = line.trim_start();
+    line.split_once(char::is_whitespace).unwrap_or((line, ""))
 }
 
 /// Values of a vertex with a colour: x y z r g b, perhaps with opacity after them.
@@ -157,7 +163,7 @@ impl<'a> Reader<'a> {
     }
 
     fn line(&mut self, number: usize, line: &str) -> Result<(), ImportError> {
-        let (keyword, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
+        let (keyword, rest) = keyword(line);
         if keyword.is_empty() || keyword.starts_with('#') {
             return Ok(());
         }
