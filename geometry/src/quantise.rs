@@ -106,7 +106,7 @@ pub fn quantise(source: &SourceMesh, settings: &QuantiseSettings) -> Result<Quan
     mesh.faces.reserve_exact(kept.len());
     let mut vertex_new = vec![NONE; positions.len()];
     let mut groups = NormalGroups::default();
-    let mut wedge_of: HashMap<Wedge, u32> = HashMap::new();
+    let mut known = KnownWedges::default();
     for &index in &kept {
         let wedges = source.faces[index].map(|corner| {
             let welded = vertex_of[corner.position as usize] as usize;
@@ -115,49 +115,105 @@ pub fn quantise(source: &SourceMesh, settings: &QuantiseSettings) -> Result<Quan
                 mesh.positions.push(snap(&grid, positions[welded]));
             }
             let vertex = vertex_new[welded];
-            let group = groups.group(vertex, corner.normal, &source.normals);
+            let (group, normal) = groups.group(vertex, corner.normal, &source.normals);
             let uv =
                 if corner.uv == NONE { [0; 2] } else { snap_uv(&uv_grid, source.uvs[corner.uv as usize]) };
             let color = if corner.color == NONE { NO_COLOR } else { source.colors[corner.color as usize] };
             let wedge = Wedge { vertex, attributes: Attributes { uv, group, color, normal: None } };
-            *wedge_of.entry(wedge).or_insert_with(|| {
-                mesh.wedges.push(wedge);
-                id32(mesh.wedges.len() - 1)
-            })
+            known.number(wedge, &mut mesh.wedges, || groups.of_wedge.extend(normal))
         });
         mesh.faces.push(Face { wedges, material: source.materials.get(index).copied().unwrap_or(0) });
     }
     if !source.normals.is_empty() {
-        let meant: Vec<_> = mesh.wedges.iter().map(|wedge| groups.normal(wedge)).collect();
+        let meant: Vec<_> =
+            groups.of_wedge.iter().map(|&at| groups.normals[at as usize].map(f64::from)).collect();
         normals::keep_explicit(&mut mesh, &meant, settings.normal_tolerance);
     }
     Ok(mesh)
 }
 
-/// The normal groups of each vertex, in order of first use: (source index, unit normal).
+/// The normal groups of each vertex, in order of first use: lists within one list, since most vertices have one group.
 #[derive(Default)]
 struct NormalGroups {
-    per_vertex: Vec<Vec<[f32; 3]>>,
+    /// By vertex, the first of its groups, [`NONE`] for none.
+    first: Vec<u32>,
+    /// Unit normals, zero where the source gives none, and the next group of the same vertex.
+    normals: Vec<[f32; 3]>,
+    next: Vec<u32>,
+    /// By wedge, its place among the normals; empty where no source normal is given.
+    of_wedge: Vec<u32>,
 }
 
 impl NormalGroups {
-    fn group(&mut self, vertex: u32, normal: u32, normals: &[[f32; 3]]) -> u32 {
-        if self.per_vertex.len() <= vertex as usize {
-            self.per_vertex.resize(vertex as usize + 1, Vec::new());
+    /// The group's number within the vertex, and its place among the normals, where there are any.
+    fn group(&mut self, vertex: u32, normal: u32, normals: &[[f32; 3]]) -> (u32, Option<u32>) {
+        if normals.is_empty() {
+            return (0, None);
         }
-        let groups = &mut self.per_vertex[vertex as usize];
+        if self.first.len() <= vertex as usize {
+            self.first.resize(vertex as usize + 1, NONE);
+        }
         let n = if normal == NONE { [0.0; 3] } else { unit(normals[normal as usize]) };
-        let same = |m: &[f32; 3]| *m == n || m[0] * n[0] + m[1] * n[1] + m[2] * n[2] >= SAME_NORMAL_COS;
-        if let Some(found) = groups.iter().position(same) {
-            return id32(found);
+        let same = |m: [f32; 3]| m == n || m[0] * n[0] + m[1] * n[1] + m[2] * n[2] >= SAME_NORMAL_COS;
+        let mut number = 0;
+        let mut link = &mut self.first[vertex as usize];
+        while *link != NONE {
+            let at = *link;
+            if same(self.normals[at as usize]) {
+                return (number, Some(at));
+            }
+            number += 1;
+            link = &mut self.next[at as usize];
         }
-        groups.push(n);
-        id32(groups.len() - 1)
+        let new = id32(self.normals.len());
+        *link = new;
+        self.normals.push(n);
+        self.next.push(NONE);
+        (number, Some(new))
     }
+}
 
-    /// The normal of a wedge's group; zero where the source gives none.
-    fn normal(&self, wedge: &Wedge) -> [f64; 3] {
-        self.per_vertex[wedge.vertex as usize][wedge.attributes.group as usize].map(f64::from)
+/// Wedges of one vertex that are compared one by one; those beyond are hashed.
+const MOST_COMPARED: usize = 16;
+
+/// The wedges that there are, by vertex: nearly all have one or two, which takes a quarter of what hashing them all would.
+#[derive(Default)]
+struct KnownWedges {
+    /// By vertex, the last of its compared wedges, [`NONE`] for none; by wedge, the one before it.
+    last: Vec<u32>,
+    before: Vec<u32>,
+    others: HashMap<Wedge, u32>,
+}
+
+impl KnownWedges {
+    /// The number of a wedge, which is added to the list, and told, where it is new.
+    fn number(&mut self, wedge: Wedge, wedges: &mut Vec<Wedge>, added: impl FnOnce()) -> u32 {
+        let vertex = wedge.vertex as usize;
+        if self.last.len() <= vertex {
+            self.last.resize(vertex + 1, NONE);
+        }
+        let (mut at, mut compared) = (self.last[vertex], 0);
+        while at != NONE {
+            if wedges[at as usize] == wedge {
+                return at;
+            }
+            compared += 1;
+            at = self.before[at as usize];
+        }
+        let new = id32(wedges.len());
+        let many = compared == MOST_COMPARED;
+        if many && let Some(&number) = self.others.get(&wedge) {
+            return number;
+        }
+        if many {
+            self.others.insert(wedge, new);
+            self.before.push(NONE);
+        } else {
+            self.before.push(std::mem::replace(&mut self.last[vertex], new));
+        }
+        wedges.push(wedge);
+        added();
+        new
     }
 }
 
