@@ -42,6 +42,11 @@ impl RemovedFace {
     pub(crate) fn third(&self) -> Option<u32> {
         (self.third != NO_VERTEX).then_some(self.third)
     }
+
+    /// The same by other ids.
+    pub(crate) fn renamed(&self, face: impl Fn(u32) -> u32, vertex: impl Fn(u32) -> u32) -> Self {
+        Self::new(face(self.face), self.third().map(vertex))
+    }
 }
 
 /// One half-edge collapse: `removed` goes onto `target`. Without a target: a vertex whose faces are

@@ -17,11 +17,25 @@ pub struct Piece {
 impl Piece {
     /// Stands for what is put away once all blocks of a level are.
     pub const END: u32 = u32::MAX;
+    /// Stands for the level of what closes a spatial block, of meshes that are simplified block after block.
+    pub const OF_BLOCKS: u32 = u32::MAX;
 
     /// What closes a level.
     #[must_use]
     pub const fn end_of(level: u32) -> Self {
         Self { level, block: Self::END }
+    }
+
+    /// Whether it closes a level or a block: all that belongs to that was put away before.
+    #[must_use]
+    pub const fn closes(self) -> bool {
+        self.block == Self::END || self.level == Self::OF_BLOCKS
+    }
+
+    /// What closes a spatial block.
+    #[must_use]
+    pub const fn end_of_block(block: u32) -> Self {
+        Self { level: Self::OF_BLOCKS, block }
     }
 }
 
@@ -29,6 +43,7 @@ impl Piece {
 impl fmt::Display for Piece {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.block {
+            block if self.level == Self::OF_BLOCKS => write!(f, "end-{block}"),
             Self::END => write!(f, "{}-end", self.level),
             block => write!(f, "{}-{block}", self.level),
         }

@@ -1,7 +1,7 @@
 //! Prepares a generated mesh in memory, with finished levels put away into files, and again from these, in one run on one
 //! thread: memory, time, and whether what comes out is the same.
 //!
-//! `cargo bench -p lodestream-sim --bench levels -- [land | torus] [FACES] [--ply FILE]`: a landscape of 500,000 faces
+//! `cargo bench -p lodestream-sim --bench levels -- [land | torus] [FACES] [--block-faces N] [--ply FILE]`: a landscape of 500,000 faces
 //! without. `land` is a rolling ground with detail at every scale, `torus` one closed object with the same bumps. With
 //! `--ply` the mesh is written as binary PLY instead, for `lodestream-server prepare`. Times vary with the machine: use
 //! ratios.
@@ -30,18 +30,29 @@ const SIZES: u32 = 4;
 fn main() -> anyhow::Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).filter(|a| a != "--bench").collect();
     let ply = arguments.iter().position(|a| a == "--ply").map(|at| arguments.get(at + 1));
+    let blocks = arguments.iter().position(|a| a == "--block-faces").map(|at| arguments.get(at + 1));
+    let mut settings = Settings::default();
+    if let Some(faces) = blocks {
+        settings.block_faces = faces.context("--block-faces names a number")?.parse()?;
+    }
     let torus = arguments.iter().any(|a| a == "torus");
     let faces = arguments.iter().find_map(|a| a.parse().ok()).unwrap_or(500_000_u32);
     let grid = Grid { side: (f64::from(faces) / 2.0).sqrt().round().max(3.0) as usize, torus };
     if let Some(file) = ply {
         return grid.write_ply(file.context("--ply names a file")?.as_ref());
     }
-    let mesh = quantise(&grid.source(), &QuantiseSettings::default())?;
+    let source = grid.source();
+    let before = heap::used();
+    heap::take_peak();
+    let mesh = quantise(&source, &QuantiseSettings::default())?;
+    let peak = heap::take_peak().saturating_sub(before) as f64;
+    println!("quantising: heap {:.0} B/face beside the source", peak / mesh.faces.len() as f64);
+    drop(source);
     let folder = tempfile::tempdir()?;
     let files = Files(folder.path().to_owned());
-    let plain = row("in memory", &mesh, None)?;
-    let put_away = row("in files", &mesh, Some(&files))?;
-    let again = row("again from files", &mesh, Some(&files))?;
+    let plain = row("in memory", (&mesh, &settings), None)?;
+    let put_away = row("in files", (&mesh, &settings), Some(&files))?;
+    let again = row("again from files", (&mesh, &settings), Some(&files))?;
     anyhow::ensure!(plain.0 == put_away.0 && plain.0 == again.0, "what comes out is not the same");
     let bytes = std::fs::read_dir(folder.path())?.flatten().filter_map(|file| file.metadata().ok());
     let bytes: u64 = bytes.map(|file| file.len()).sum();
@@ -55,13 +66,17 @@ fn main() -> anyhow::Result<()> {
 }
 
 /// Prepares once; answers the asset and the seconds.
-fn row(name: &str, mesh: &QuantisedMesh, spill: Option<&dyn Spill>) -> anyhow::Result<(Prepared, f64)> {
+fn row(
+    name: &str,
+    (mesh, settings): (&QuantisedMesh, &Settings),
+    spill: Option<&dyn Spill>,
+) -> anyhow::Result<(Prepared, f64)> {
     let before = heap::used();
     heap::take_peak();
     let peaks = Peaks(Mutex::default());
     let hooks = Hooks::new(&Serial, &peaks);
     let start = Instant::now();
-    let asset = prepare(mesh, &Settings::default(), &spill.map_or(hooks, |spill| hooks.spilling_to(spill)))?;
+    let asset = prepare(mesh, settings, &spill.map_or(hooks, |spill| hooks.spilling_to(spill)))?;
     let seconds = start.elapsed().as_secs_f64();
     peaks.report(Progress::default());
     let (_, peaks) = peaks.0.into_inner().unwrap_or_default();

@@ -309,6 +309,12 @@ fn assess_takes_the_size_of_the_top_and_refuses_what_is_out_of_range() {
         let error = String::from_utf8_lossy(&output.stderr);
         assert!(error.contains("--coarse-grid") && error.contains("0 to 4"), "{error}");
     }
+    for faces in ["99", "100000001", "-1", "all"] {
+        let output = simulator(&["assess", &model, &format!("--block-faces={faces}")]);
+        assert_eq!(output.status.code(), Some(2), "{faces}");
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert!(error.contains("--block-faces") && error.contains("100 to 100000000"), "{error}");
+    }
 }
 
 #[test]

@@ -9,6 +9,7 @@ pub mod components;
 pub(crate) mod corner;
 pub mod distance;
 pub(crate) mod four;
+pub(crate) mod id_set;
 pub mod normals;
 pub mod octahedral;
 pub(crate) mod principal_axes;

@@ -60,10 +60,10 @@ pub(super) fn encode_all(
             let region = &regions[i];
             let source = Source {
                 records: &region.records,
-                place: &|v| simplified.live.placed(v),
+                place: &|v| simplified.placed(v),
                 moves: &region.moves,
                 shift: simplified.shifts[level],
-                wedges: &simplified.live.wedges,
+                wedges: &simplified.wedges,
                 faces: &mesh.faces,
                 vertex_by_slot: &by_slot.vertices,
                 wedge_by_slot: &by_slot.wedges,

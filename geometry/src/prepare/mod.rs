@@ -18,10 +18,11 @@ use crate::mesh::{Face, NO_COLOR, QuantisedMesh, Wedge};
 use crate::pool::{Monitor, Pool, Stage, Watched};
 use crate::prepare::encode::{Finished, Plan, encode_all};
 use crate::refine::ActiveMesh;
+use crate::simplify::blocks::{in_blocks, simplify_blocks};
 use crate::simplify::hierarchy::RegionChunk;
-use crate::simplify::levels::Simplified;
+use crate::simplify::levels::{Levels, Simplified};
 use crate::simplify::settings::Settings;
-use crate::simplify::simplify;
+use crate::simplify::simplify_from;
 use crate::spill::{InMemory, Spill};
 
 #[cfg(test)]
@@ -102,7 +103,13 @@ pub fn prepare(mesh: &QuantisedMesh, settings: &Settings, hooks: &Hooks<'_>) -> 
     }
     let in_memory = InMemory::default();
     let mut pool = Watched::new(hooks.pool, hooks.monitor, mesh.faces.len());
-    let mut simplified = simplify(mesh, settings, &mut pool, hooks.spill.unwrap_or(&in_memory))?;
+    let mut levels = Levels::new(hooks.spill.unwrap_or(&in_memory));
+    let merged = if in_blocks(mesh, settings) {
+        Some(simplify_blocks(mesh, settings, &mut pool, &mut levels)?)
+    } else {
+        None
+    };
+    let mut simplified = simplify_from(mesh, merged.as_ref(), settings, &mut pool, levels)?;
     pool.begin(Stage::Encode)?;
     let limit = usize::from(u16::MAX);
     let materials = mesh
@@ -114,7 +121,7 @@ pub fn prepare(mesh: &QuantisedMesh, settings: &Settings, hooks: &Hooks<'_>) -> 
         .checked_add(1)
         .ok_or(MeshError::TooLarge { kind: "materials", count: limit + 1, limit })?;
     let (mut base, first) = build_base(mesh, &simplified, materials, settings.codec)?;
-    simplified.live.forget_faces();
+    simplified.forget_faces();
     let mut chunks: Vec<Chunk> = Vec::with_capacity(simplified.levels.chunk_count());
     let plan = Plan { mesh, simplified: &simplified, base: &base };
     encode_all(&plan, first, &pool, hooks, &mut |finished| chunks.push(Chunk::of(finished)))?;
@@ -163,29 +170,29 @@ fn build_base(
     materials: u16,
     codec: Codec,
 ) -> Result<(Base, BySlot), MeshError> {
-    let live = &simplified.live;
-    let faces: Vec<u32> = (0..live.alive.len() as u32).filter(|&f| live.alive[f as usize]).collect();
-    let mut wedges: Vec<u32> = faces.iter().flat_map(|&f| live.face_wedges[f as usize]).collect();
+    let faces = simplified.faces();
+    let all_wedges = &simplified.wedges;
+    let mut wedges: Vec<u32> = faces.iter().flat_map(|&(_, wedges)| wedges).collect();
     wedges.sort_unstable();
     wedges.dedup();
-    let mut vertices: Vec<u32> = wedges.iter().map(|&w| live.wedges.get(w).vertex).collect();
+    let mut vertices: Vec<u32> = wedges.iter().map(|&w| all_wedges.get(w).vertex).collect();
     vertices.sort_unstable();
     vertices.dedup();
     let place = |list: &[u32], x: u32| list.binary_search(&x).map_or(0, |i| i as u32);
     let coarsest = BaseMesh {
-        positions: vertices.iter().map(|&v| live.cell(v)).collect(),
+        positions: vertices.iter().map(|&v| simplified.placed(v).cell).collect(),
         wedges: wedges
             .iter()
             .map(|&w| {
-                let wedge = live.wedges.get(w);
+                let wedge = all_wedges.get(w);
                 Wedge { vertex: place(&vertices, wedge.vertex), ..wedge }
             })
             .collect(),
         faces: faces
             .iter()
-            .map(|&f| Face {
-                wedges: live.face_wedges[f as usize].map(|w| place(&wedges, w)),
-                material: live.material(f),
+            .map(|&(f, corners)| Face {
+                wedges: corners.map(|w| place(&wedges, w)),
+                material: mesh.faces[f as usize].material,
             })
             .collect(),
     };
@@ -237,7 +244,7 @@ fn build_base(
     let by_slot = BySlot {
         vertices: pick(&vertices, &ordered.vertices),
         wedges: pick(&wedges, &ordered.wedges),
-        faces: pick(&faces, &ordered.faces),
+        faces: ordered.faces.iter().map(|&i| faces[i as usize].0).collect(),
     };
     Ok((base, by_slot))
 }

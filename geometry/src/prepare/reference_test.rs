@@ -14,10 +14,11 @@ use crate::prepare::encode::{Finished, Plan, encode_all};
 use crate::prepare::{Hooks, build_base};
 use crate::random::Random;
 use crate::refine::{ActiveMesh, ChunkDelta, Id};
+use crate::simplify::blocks::{Merged, in_blocks, simplify_blocks};
 use crate::simplify::hierarchy::RegionChunk;
-use crate::simplify::levels::Simplified;
+use crate::simplify::levels::{Levels, Simplified};
 use crate::simplify::settings::Settings;
-use crate::simplify::simplify;
+use crate::simplify::simplify_from;
 use crate::spill::InMemory;
 
 /// Faces by the builder's ids: wedges, rotated so that the least comes first.
@@ -38,9 +39,16 @@ struct Case<'a> {
 }
 
 impl<'a> Case<'a> {
-    fn new(mesh: &'a QuantisedMesh, settings: &Settings, spill: &'a InMemory) -> Self {
+    fn new(
+        mesh: &'a QuantisedMesh,
+        settings: &Settings,
+        (spill, merged): (&'a InMemory, &'a mut Option<Merged>),
+    ) -> Self {
         let mut pool = Watched::new(&Serial, &Silent, mesh.faces.len());
-        let simplified = simplify(mesh, settings, &mut pool, spill).unwrap();
+        let mut levels = Levels::new(spill);
+        *merged = in_blocks(mesh, settings)
+            .then(|| simplify_blocks(mesh, settings, &mut pool, &mut levels).unwrap());
+        let simplified = simplify_from(mesh, merged.as_ref(), settings, &mut pool, levels).unwrap();
         let materials = mesh.faces.iter().map(|f| f.material).max().unwrap_or(0) + 1;
         let (base, first) = build_base(mesh, &simplified, materials, settings.codec).unwrap();
         let (mut vertices, mut wedges, mut faces) =
@@ -77,7 +85,7 @@ impl<'a> Case<'a> {
     /// The input after the collapses of all chunks that are not in `set`, and those after the stops of
     /// those that are in it up to a stop.
     fn collapsed(&self, set: &[Member]) -> Faces {
-        let all_wedges = &self.simplified.live.wedges;
+        let all_wedges = &self.simplified.wedges;
         let vertex = |w: u32| all_wedges.get(w).vertex;
         let mut faces: BTreeMap<u32, [u32; 3]> =
             self.mesh.faces.iter().enumerate().map(|(i, f)| (i as u32, f.wedges)).collect();
@@ -149,14 +157,14 @@ impl<'a> Case<'a> {
         let name = |lists: &[Vec<u32>], id: Id| lists[id.owner as usize][id.index as usize];
         for &(id, position) in &snapshot.vertices {
             let vertex = name(&self.vertices, id);
-            let left = || self.simplified.live.cell(vertex);
+            let left = || self.simplified.placed(vertex).cell;
             assert_eq!(position, moved.get(&vertex).copied().unwrap_or_else(left), "vertex {vertex}");
             if set.len() == self.infos.len() && set.iter().all(|m| m.stop.is_none()) {
                 assert_eq!(position, self.mesh.positions[vertex as usize], "vertex {vertex} of the input");
             }
         }
         for &(id, vertex, attributes) in &snapshot.wedges {
-            let expected = self.simplified.live.wedges.get(name(&self.wedges, id));
+            let expected = self.simplified.wedges.get(name(&self.wedges, id));
             assert_eq!(Wedge { vertex: name(&self.vertices, vertex), attributes }, expected);
         }
         let mut faces = Faces::new();
@@ -178,9 +186,10 @@ fn any_closed_set_is_the_input_collapsed_by_the_complement() {
     let (mut at_stops, mut moves) = (0, 0);
     for (name, source) in common::all() {
         let mesh = common::quantised(&source);
-        for region_faces in [50, 200, 1000] {
-            let spill = InMemory::default();
-            let case = Case::new(&mesh, &common::regions(region_faces), &spill);
+        let blocks = Settings { block_faces: 500, ..common::regions(100) };
+        for settings in [50, 200, 1000].map(common::regions).into_iter().chain([blocks]) {
+            let (spill, mut merged) = (InMemory::default(), None);
+            let case = Case::new(&mesh, &settings, (&spill, &mut merged));
             moves += case.moved(&case.everything()).len();
             let mut random = Random::new(31);
             for attempt in 0..8 {
@@ -194,7 +203,7 @@ fn any_closed_set_is_the_input_collapsed_by_the_complement() {
                     let (info, payload) = (&case.infos[id as usize], &case.payloads[id as usize]);
                     let delta = active
                         .decode_prefix(id, info, stop, payload)
-                        .unwrap_or_else(|e| panic!("{name} {region_faces} {attempt}: {e} {info:?}"));
+                        .unwrap_or_else(|e| panic!("{name} {settings:?} {attempt}: {e} {info:?}"));
                     let canonical = stop.is_some() || delta == case.deltas[id as usize];
                     assert!(canonical, "{name}: chunk {id} is not canonical");
                     active.apply(&delta).unwrap();
@@ -202,7 +211,7 @@ fn any_closed_set_is_the_input_collapsed_by_the_complement() {
                 }
                 assert!(
                     case.named(&active, &set) == case.collapsed(&set),
-                    "{name}, regions of {region_faces}: {} of {} chunks",
+                    "{name}, {settings:?}: {} of {} chunks",
                     set.len(),
                     case.infos.len()
                 );
@@ -216,8 +225,8 @@ fn any_closed_set_is_the_input_collapsed_by_the_complement() {
 #[test]
 fn the_reference_differs_when_one_chunk_is_left_out() {
     let mesh = common::quantised(&common::shapes::torus(40, 70));
-    let spill = InMemory::default();
-    let case = Case::new(&mesh, &common::regions(200), &spill);
+    let (spill, mut merged) = (InMemory::default(), None);
+    let case = Case::new(&mesh, &common::regions(200), (&spill, &mut merged));
     let all = case.everything();
     assert!(case.collapsed(&all) != case.collapsed(&all[..all.len() - 1]));
 }

@@ -15,13 +15,16 @@
 //! Manocha, "Appearance-preserving simplification", 1998, §4); [`MARGIN`] stands for what lies between
 //! the points.
 
+use crate::error::MeshError;
 use crate::mesh::UvGrid;
 use crate::mesh::corner;
-
+use crate::mesh::distance::TriangleBvh;
 use crate::mesh::rows::Rows;
 use crate::mesh::vec3::{Vec3, add, length, scale, sub};
 use crate::mesh::wide_bvh::{Hints, Seeds, WideBvh};
+use crate::pool::Watched;
 use crate::simplify::attributes::InputAttributes;
+use crate::simplify::blocks::Inherited;
 use crate::simplify::live::Live;
 use crate::simplify::star_table::each_edge;
 use crate::simplify::surroundings::{ROUNDING, Surroundings, compact};
@@ -37,6 +40,8 @@ pub(crate) const MOST_SPARSE: usize = 4;
 pub(crate) const DENSE: f64 = 4.0;
 pub(crate) const LEAST_DENSE: usize = 12;
 pub(crate) const MOST_DENSE: usize = 32;
+/// The same for the inside of a face, at least.
+const LEAST_LATTICE: usize = LEAST_DENSE / 2;
 /// Points less than this share of the input's mean edge apart, or of the error, are likely to be near the same face.
 const HINT_SHARE: f64 = 0.5;
 /// Edges that are remembered as near.
@@ -64,6 +69,7 @@ pub(crate) struct Deviation {
     around: Vec<f32>,
     /// Mean length of the input's edges.
     pub(crate) mean_edge: f64,
+    inherited: Inherited,
 }
 
 /// The samples of each region of a level.
@@ -147,7 +153,18 @@ impl Deviation {
             attached,
             around,
             mean_edge,
+            inherited: Inherited::default(),
         }
+    }
+
+    /// The same where what is measured against is itself off: what is `inherited` comes on top of all that is found.
+    pub(crate) fn behind(self, inherited: Inherited) -> Self {
+        Self { inherited, ..self }
+    }
+
+    /// What comes on top of what is found around the given samples: of the surface, and of attributes.
+    pub(crate) fn inherited(&self, samples: &[u32]) -> [f64; 2] {
+        self.inherited.around(samples)
     }
 
     pub(crate) fn sample_count(&self) -> usize {
@@ -282,18 +299,34 @@ impl Deviation {
             if near.face == Some(face) {
                 continue;
             }
-            if self.input.any_within_again(live.centroid(face), SUSPICIOUS * error, &mut near.hints) {
+            let (triangle, limit) = (live.triangle(face), SUSPICIOUS * error);
+            let lattice = self.lattice(triangle);
+            let mut is_near = |point| self.input.any_within_again(point, limit, &mut near.hints);
+            if is_near(live.centroid(face))
+                && (lattice == LEAST_LATTICE || all_over(triangle, lattice, &mut is_near))
+            {
                 near.face = Some(face);
             } else {
                 let mut own = 0.0;
                 let mut last = None;
                 let visit = &mut |p| self.farthest(p, &mut own, &mut last);
-                over_face(live.triangle(face), LEAST_DENSE / 2, visit);
+                over_face(triangle, lattice, visit);
                 far.push(([apex, next], own));
                 error = error.max(own);
             }
         }
         error
+    }
+
+    /// Parts that a face's edges are cut into to look at its inside closely. Behind blocks what is measured against has
+    /// few points itself, and a face may lie across a hole of it: wide faces are looked at by its mean edge.
+    fn lattice(&self, [a, b, c]: [Vec3; 3]) -> usize {
+        if self.inherited.is_empty() {
+            return LEAST_LATTICE;
+        }
+        let longest = [sub(b, a), sub(c, b), sub(a, c)].map(length).into_iter().fold(0.0, f64::max);
+        let parts = (longest / self.mean_edge.max(f64::MIN_POSITIVE)).ceil();
+        (parts as usize).clamp(LEAST_LATTICE, MOST_DENSE)
     }
 
     fn edge(
@@ -383,6 +416,30 @@ impl Deviation {
         (self.attached, self.distance) = (attached, distance);
     }
 
+    /// Finds all samples anew, wherever they were: the nearest face that is left.
+    pub(crate) fn find_again(&mut self, live: &Live<'_>, pool: &Watched<'_>) -> Result<(), MeshError> {
+        let triangles: Vec<[u32; 3]> = live.faces.iter().map(|&f| live.face_vertices[f as usize]).collect();
+        let (positions, triangles) = compact(&live.positions, &triangles);
+        let left = TriangleBvh::new(&positions, &triangles);
+        let count = self.sample_count();
+        let found = pool.map(count.div_ceil(FOUND_TOGETHER), &|part| {
+            let samples = part * FOUND_TOGETHER..((part + 1) * FOUND_TOGETHER).min(count);
+            let place = |sample: usize| {
+                let point = self.point(sample as u32);
+                left.nearest(point, f64::INFINITY)
+                    .map(|(distance, face)| (live.faces[face as usize], (distance * ROUNDING) as f32))
+            };
+            samples.map(place).collect::<Vec<_>>()
+        })?;
+        for (sample, place) in found.into_iter().flatten().enumerate() {
+            if let Some((face, distance)) = place {
+                self.attached[sample] = face;
+                self.distance[sample] = distance;
+            }
+        }
+        Ok(())
+    }
+
     /// Takes over the new places of samples.
     pub(crate) fn attach(&mut self, places: &[Attachment]) {
         for &(sample, face, distance) in places {
@@ -406,6 +463,9 @@ impl Deviation {
         error * MARGIN
     }
 }
+
+/// Samples that are found anew as one task.
+const FOUND_TOGETHER: usize = 4096;
 
 /// What was found near the input in a pass over edges and faces in which the largest distance only grows: it need not be
 /// looked at again.
@@ -453,6 +513,11 @@ pub(crate) fn on_face([a, b, c]: [Vec3; 3], n: usize, i: usize, j: usize) -> Vec
     let inverse = 1.0 / n as f64;
     let (u, v) = (i as f64 * inverse, j as f64 * inverse);
     add(add(scale(a, u), scale(b, v)), scale(c, 1.0 - u - v))
+}
+
+/// Whether all of [`over_face`]'s points are as asked.
+fn all_over(triangle: [Vec3; 3], n: usize, is: &mut dyn FnMut(Vec3) -> bool) -> bool {
+    (1..n).all(|i| (1..n - i).all(|j| is(on_face(triangle, n, i, j))))
 }
 
 /// Calls `visit` for a lattice of points inside a triangle, edges left out.

@@ -1,6 +1,6 @@
 //! What simplification makes of a region: a chunk.
 
-use crate::collapse::{Placed, Records};
+use crate::collapse::{NO_VERTEX, Placed, Records};
 use crate::mesh::vec3::Vec3;
 
 /// A region with its collapses.
@@ -24,7 +24,30 @@ pub(crate) struct RegionChunk {
     pub(crate) radius: f64,
 }
 
+/// How many there are of what chunks name.
+#[derive(Clone, Copy)]
+pub(crate) struct Bounds {
+    pub(crate) vertices: usize,
+    pub(crate) faces: usize,
+    pub(crate) wedges: usize,
+}
+
 impl RegionChunk {
+    /// Whether it names nothing that there is not.
+    pub(super) fn fits(&self, bounds: Bounds) -> bool {
+        let vertex = |v: u32| (v as usize) < bounds.vertices;
+        let face = |f: u32| (f as usize) < bounds.faces;
+        let wedge = |w: u32| (w as usize) < bounds.wedges;
+        let Records { collapses, moved, removed, vanished, kept, .. } = &self.records;
+        collapses.iter().all(|c| vertex(c.removed) && (vertex(c.target) || c.target == NO_VERTEX))
+            && moved.iter().all(|m| face(m.face) && wedge(m.from) && wedge(m.to))
+            && removed.iter().all(|r| face(r.face) && r.third().is_none_or(vertex))
+            && vanished.iter().flatten().chain(kept).all(|&w| wedge(w))
+            && self.faces.iter().all(|&f| face(f))
+            && self.interior.iter().all(|&v| vertex(v))
+            && self.moves.iter().all(|m| vertex(m.vertex))
+    }
+
     /// Leaves only the chunk as a whole.
     pub(super) fn forget_stops(&mut self) {
         self.records.stops.clear();

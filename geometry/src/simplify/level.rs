@@ -8,6 +8,7 @@ use crate::simplify::deviation::{Deviation, Samples};
 use crate::simplify::live::Live;
 use crate::simplify::partition::{NOBODY, partition};
 use crate::simplify::queue::simplify_region;
+use crate::simplify::reduce::Fixed;
 use crate::simplify::region::Region;
 use crate::simplify::settings::Settings;
 use crate::simplify::star_table::each_edge;
@@ -27,20 +28,19 @@ pub(crate) struct Level<'a> {
     capacity: Vec<usize>,
     /// Live vertices.
     pub(crate) vertices: usize,
-    /// Vertices that no level removes, ascending.
-    held: &'a [u32],
+    fixed: Fixed<'a>,
     /// The samples of each region.
     pub(crate) samples: Samples,
 }
 
 impl<'a> Level<'a> {
-    /// Cuts the live faces into `count` regions; the vertices of `held`, ascending, stay.
+    /// Cuts the live faces into `count` regions.
     pub(crate) fn new(
         live: &Live<'_>,
         deviation: &Deviation,
         number: usize,
         count: usize,
-        held: &'a [u32],
+        fixed: Fixed<'a>,
     ) -> Self {
         let list = &live.faces;
         let centroids = list.iter().map(|&f| live.centroid(f as usize));
@@ -60,13 +60,13 @@ impl<'a> Level<'a> {
             let mut corners = live.stars.corners(v).map(|c| region_of_face[corner::face_of(c) as usize]);
             let Some(first) = corners.next() else { continue };
             vertices += 1;
-            if corners.all(|r| r == first) {
+            if corners.all(|r| r == first) && !fixed.locked.get(v as usize).is_some_and(|&locked| locked) {
                 interior[v as usize] = first;
                 capacity[first as usize] += 1;
             }
         }
         let samples = deviation.by_region(&region_of_face, faces.len());
-        Self { region_of_face, faces, interior, capacity, vertices, held, samples }
+        Self { region_of_face, faces, interior, capacity, vertices, fixed, samples }
     }
 
     /// The interior vertices of each region, ascending.
@@ -93,7 +93,7 @@ impl<'a> Level<'a> {
         pool.map(self.faces.len(), &|r| {
             let limit = if last { usize::MAX } else { (self.capacity[r] as f64 * share) as usize };
             let mut region = self.region(live, r, settings);
-            region.hold(|v| self.held.binary_search(&v).is_ok());
+            region.hold(|v| self.fixed.held.binary_search(&v).is_ok());
             if tear {
                 region.tear_outline();
             }
@@ -112,7 +112,7 @@ impl<'a> Level<'a> {
         settings: &Settings,
     ) -> Records {
         let mut region = self.region(live, r, settings);
-        region.hold(|v| [self.held, held].iter().any(|held| held.binary_search(&v).is_ok()));
+        region.hold(|v| [self.fixed.held, held].iter().any(|held| held.binary_search(&v).is_ok()));
         let mut records = simplify_region(region, most, settings.round_share);
         let keep = records.costs.partition_point(|&cost| cost <= highest_cost);
         records.truncate(keep);

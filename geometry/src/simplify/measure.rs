@@ -336,20 +336,21 @@ fn finish(
     let mut chunks = Vec::new();
     for (r, (course, settled)) in courses.into_iter().zip(settled).enumerate() {
         let Some((result, (center, radius))) = settled else { continue };
+        let [inherited, of_attributes] = deviation.inherited(level.samples.of(r).list);
         let error = match result {
             Some((places, error)) => {
                 deviation.attach(&places);
-                error
+                error + inherited
             }
             None => {
-                let error = deviation.attach_anywhere(live, level.samples.of(r));
+                let error = deviation.attach_anywhere(live, level.samples.of(r)) + inherited;
                 *stray_error = stray_error.max(error);
                 error
             }
         };
-        let attribute_error = deviation.attribute_error(live, level.samples.of(r).list);
+        let attribute_error = deviation.attribute_error(live, level.samples.of(r).list) + of_attributes;
         let stops = course.records.stops.len();
-        let stop_errors = course.stops[..stops].iter().rev().map(|e| e * MARGIN).collect();
+        let stop_errors = course.stops[..stops].iter().rev().map(|e| e * MARGIN + inherited).collect();
         let (faces, interior) = (level.faces[r].clone(), std::mem::take(&mut interior[r]));
         let records = course.records;
         chunks.push(RegionChunk {

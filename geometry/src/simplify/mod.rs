@@ -6,6 +6,7 @@
 //! level cuts anew, so outlines move. The collapses of one region are one chunk.
 
 mod attributes;
+pub(crate) mod blocks;
 mod commit;
 mod deviation;
 mod extent;
@@ -23,6 +24,7 @@ mod partition;
 mod placement;
 mod quadric;
 mod queue;
+mod reduce;
 mod region;
 mod resume;
 pub(crate) mod settings;
@@ -31,21 +33,20 @@ mod star_table;
 mod stops_test;
 mod surroundings;
 
-use crate::entropy::Codec;
 use crate::error::MeshError;
 use crate::mesh::QuantisedMesh;
 use crate::mesh::vec3::{length, sub};
 use crate::pool::{Stage, Watched};
+use crate::simplify::blocks::Merged;
 use crate::simplify::deviation::{Deviation, extend};
 use crate::simplify::extent::corners_to_hold;
-use crate::simplify::hierarchy::RegionChunk;
-use crate::simplify::level::{Level, truncate_globally};
 use crate::simplify::levels::{Levels, Simplified};
-use crate::simplify::limit::{Limit, limit_error};
+use crate::simplify::limit::Limit;
 use crate::simplify::live::Live;
-use crate::simplify::measure::{Coarsening, measure};
+use crate::simplify::reduce::{Fixed, Place, Reduced, Reduction};
 use crate::simplify::resume::{End, Outcome};
 use crate::simplify::settings::Settings;
+#[cfg(test)]
 use crate::spill::Spill;
 
 /// Where a level is stuck, as many faces still fit into one region.
@@ -53,68 +54,72 @@ const MAX_REGION_FACES: usize = *Settings::REGION_FACES.end();
 /// A level that removes less than this share of the vertices ends the hierarchy.
 const LEAST_PROGRESS: f64 = 0.05;
 
-/// `settings` must have passed [`Settings::check`].
+/// Simplifies a mesh of any size. `settings` must have passed [`Settings::check`].
+#[cfg(test)]
 pub(crate) fn simplify<'a>(
     mesh: &'a QuantisedMesh,
     settings: &Settings,
     pool: &mut Watched<'_>,
     spill: &'a dyn Spill,
 ) -> Result<Simplified<'a>, MeshError> {
-    let mut live = Live::new(mesh);
-    let mut deviation = Deviation::new(&live, mesh.uv_grid);
-    let mut levels = Levels::new(spill);
-    let mut stray_error = 0.0_f64;
+    simplify_from(mesh, None, settings, pool, Levels::new(spill))
+}
+
+/// Simplifies a mesh, or what is left of one whose finest levels were simplified in blocks and are the first of `levels`.
+/// `settings` must have passed [`Settings::check`].
+pub(crate) fn simplify_from<'a>(
+    mesh: &'a QuantisedMesh,
+    merged: Option<&'a Merged>,
+    settings: &Settings,
+    pool: &mut Watched<'_>,
+    mut levels: Levels<'a>,
+) -> Result<Simplified<'a>, MeshError> {
+    let left = merged.map_or(mesh, |merged| &merged.mesh);
+    let mut live = Live::new(left);
+    let inherited = merged.map(|merged| merged.inherited.clone()).unwrap_or_default();
     let diagonal = diagonal(mesh);
-    let limit = Limit::new(&live, settings.base_error * diagonal, diagonal);
-    let held = corners_to_hold(&live, limit.error, diagonal);
-    let faces_total = live.faces.len();
+    let limit = Limit::new(&live, (settings.base_error * diagonal - inherited.most()).max(0.0), diagonal);
+    let mut deviation = Deviation::new(&live, mesh.uv_grid).behind(inherited);
+    let mut stray_error = merged.map_or(0.0, |merged| merged.stray_error);
+    let mut shifts = vec![0; 1 + levels.count()];
+    let mut held = corners_to_hold(&live, limit.error, diagonal);
+    if let Some(merged) = merged {
+        merged.catch_up(mesh, &mut live, &levels)?;
+        deviation.find_again(&live, pool)?;
+        held.iter_mut().for_each(|v| *v = live.heir(*v));
+        held.sort_unstable();
+        held.dedup();
+    }
+    let reduction = Reduction { settings, limit: &limit, fixed: Fixed { held: &held, locked: &[] } };
+    // Faces that the levels of blocks have removed.
+    let gone = mesh.faces.len() - left.faces.len();
+    let done = |live: &Live<'_>| gone + live.alive.len() - live.faces.len();
     let region_faces = settings.region_faces;
     let top_faces = (settings.top_regions * region_faces as f64) as usize;
     let top_faces = top_faces.min(2 * MAX_REGION_FACES);
     let mut stuck = false;
-    let mut shifts = vec![0];
     let mut shift = 0;
-    while let Some(done) = levels.redo(&mut live, &mut deviation)? {
-        (shift, stuck, stray_error) = (done.shift, done.little, done.stray_error);
+    levels.rename_by(merged.map(|merged| &merged.names));
+    while let Some(outcome) = levels.redo(&mut live, &mut deviation)? {
+        (shift, stuck, stray_error) = (outcome.shift, outcome.little, outcome.stray_error);
         shifts.push(shift);
-        pool.advance(faces_total - live.faces.len(), done.removed);
+        pool.advance(done(&live), outcome.removed);
         pool.begin(Stage::Simplify)?;
-        if done.last {
+        if outcome.last {
             live.finish();
-            return Ok(Simplified { levels, live, stray_error, shifts });
+            return Ok(Simplified::new(mesh, merged, levels, live, stray_error, shifts));
         }
     }
     loop {
         pool.begin(Stage::Simplify)?;
         let last = live.faces.len() <= if stuck { top_faces.max(MAX_REGION_FACES) } else { top_faces };
         let count = if last { 1 } else { live.faces.len() / region_faces };
-        let level = Level::new(&live, &deviation, levels.count(), count, &held);
-        let tear = settings.unlock_outlines && levels.count() == 0;
-        let mut records = level.simplify(&live, last, tear, settings, pool)?;
-        if !last {
-            truncate_globally(&mut records, &level, settings);
-        }
-        pool.begin(Stage::Measure)?;
-        limit_error(&live, &deviation, &level, &mut records, &limit, settings, pool)?;
-        pool.begin(Stage::Simplify)?;
-        let vertices = level.vertices;
-        for region in &mut records {
-            region.choose_stops(settings.parts, settings.min_part_splits);
-            region.costs = Vec::new();
-        }
-        let removed: usize = records.iter().map(|r| r.collapses.len()).sum();
-        let wedges = live.wedges.len();
-        pool.begin(Stage::Measure)?;
         // What the base mesh lacks besides counts against what it may: no coarser grid on the last way there.
-        let share = if last { 0.0 } else { settings.coarse_grid };
-        let coarsening = Coarsening { shift, share, limit: limit.error };
-        let (mut chunks, next) =
-            measure(&mut live, &mut deviation, &level, records, coarsening, pool, &mut stray_error)?;
-        if settings.codec == Codec::Plain {
-            chunks.iter_mut().for_each(RegionChunk::forget_stops);
-        }
-        drop(level);
-        pool.advance(faces_total - live.faces.len(), removed);
+        let coarse_grid = if last { 0.0 } else { settings.coarse_grid };
+        let place = Place { number: levels.count(), count, last, shift, coarse_grid, done: gone };
+        let wedges = live.wedges.len();
+        let Reduced { chunks, shift: next, removed, vertices } =
+            reduction.level(&mut live, &mut deviation, place, &mut stray_error, pool)?;
         let little = (removed as f64) < LEAST_PROGRESS * vertices as f64;
         let last = last || (little && (stuck || live.faces.len() > MAX_REGION_FACES));
         if !chunks.is_empty() {
@@ -130,7 +135,7 @@ pub(crate) fn simplify<'a>(
         }
         if last {
             live.finish();
-            return Ok(Simplified { levels, live, stray_error, shifts });
+            return Ok(Simplified::new(mesh, merged, levels, live, stray_error, shifts));
         }
         // Outlines may be what is in the way: one more level, in one region.
         stuck = little;

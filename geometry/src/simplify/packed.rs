@@ -4,6 +4,7 @@
 use crate::collapse::{Collapse, MovedCorner, NO_VERTEX, Placed, Records, RemovedFace};
 use crate::entropy::bytes::Reader;
 use crate::error::DecodeError;
+use crate::mesh::{Attributes, Wedge};
 use crate::simplify::hierarchy::RegionChunk;
 
 /// The chunks of one block.
@@ -116,6 +117,29 @@ pub(super) fn list<T, const N: usize>(
         .chunks_exact(4 * N)
         .map(|at| entry(std::array::from_fn(|k| word(&at[4 * k..4 * k + 4]))))
         .collect())
+}
+
+/// Appends wedges.
+pub(super) fn put_wedges(out: &mut Vec<u8>, wedges: &[Wedge]) {
+    put(out, wedges, |w| {
+        let Attributes { uv, group, color, normal } = w.attributes;
+        let [u, v] = uv.map(i32::cast_unsigned);
+        let [x, y] = normal.unwrap_or_default().map(u32::from);
+        [w.vertex, u, v, group, u32::from_le_bytes(color), normal.is_some().into(), x << 16 | y]
+    });
+}
+
+/// Reads what [`put_wedges`] has appended.
+pub(super) fn wedges(r: &mut Reader<'_>) -> Result<Vec<Wedge>, DecodeError> {
+    list(r, |[vertex, u, v, group, color, has_normal, normal]| Wedge {
+        vertex,
+        attributes: Attributes {
+            uv: [u, v].map(u32::cast_signed),
+            group,
+            color: color.to_le_bytes(),
+            normal: (has_normal != 0).then_some([(normal >> 16) as u16, normal as u16]),
+        },
+    })
 }
 
 pub(super) fn halves(x: f64) -> [u32; 2] {

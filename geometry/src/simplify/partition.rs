@@ -22,6 +22,15 @@ pub(crate) fn partition(
     count: usize,
     level: usize,
 ) -> Vec<u32> {
+    let mut region = halves(centroids, count, level);
+    if count > 1 {
+        smooth(&mut region, count, &adjacent());
+    }
+    region
+}
+
+/// The same, with outlines as the cuts make them.
+pub(crate) fn halves(centroids: impl ExactSizeIterator<Item = Vec3>, count: usize, level: usize) -> Vec<u32> {
     let mut region = vec![0_u32; centroids.len()];
     if count <= 1 {
         return region;
@@ -32,8 +41,6 @@ pub(crate) fn partition(
         .map(|(c, face)| Point { at: axes.map(|axis| dot(c, axis) as f32), face })
         .collect();
     bisect(&mut points, 0, count, FIRST_CUTS[level % FIRST_CUTS.len()], &mut region);
-    drop(points);
-    smooth(&mut region, count, &adjacent());
     region
 }
 

@@ -3,16 +3,16 @@
 //! The blocks of a level tell what its collapses did; what they do not tell closes it ([`End`]). A level is done again by
 //! performing its collapses, without searching for them or measuring, which is nearly all of the work.
 
-use crate::collapse::{NO_VERTEX, Placed, Records};
+use crate::collapse::{Placed, Records};
 use crate::entropy::bytes::Reader;
 use crate::error::{DecodeError, MeshError};
+use crate::mesh::Wedge;
 use crate::mesh::vec3::{length, sub};
-use crate::mesh::{Attributes, Wedge};
 use crate::simplify::commit::Committed;
 use crate::simplify::deviation::Deviation;
-use crate::simplify::hierarchy::RegionChunk;
+use crate::simplify::hierarchy::{Bounds, RegionChunk};
 use crate::simplify::live::Live;
-use crate::simplify::packed::{halves, list, put, real};
+use crate::simplify::packed::{halves, list, put, put_wedges, real, wedges};
 use crate::spill::SpillError;
 
 /// Pieces are read by the layout that wrote them.
@@ -73,12 +73,7 @@ impl End {
         let head =
             [LAYOUT, chunks as u32, shift.into(), little.into(), last.into(), removed as u32, low, high];
         put(&mut out, &head, |&x| [x]);
-        put(&mut out, &self.added, |w| {
-            let Attributes { uv, group, color, normal } = w.attributes;
-            let [u, v] = uv.map(i32::cast_unsigned);
-            let [x, y] = normal.unwrap_or_default().map(u32::from);
-            [w.vertex, u, v, group, u32::from_le_bytes(color), normal.is_some().into(), x << 16 | y]
-        });
+        put_wedges(&mut out, &self.added);
         put(&mut out, &self.placed, |p| {
             let [x, y, z] = p.cell.map(i32::cast_unsigned);
             [p.vertex, x, y, z, p.shift.into()]
@@ -98,15 +93,7 @@ impl End {
         let &[LAYOUT, chunks, shift, little, last, removed, low, high] = head.as_slice() else {
             return Ok(None);
         };
-        let added = list(&mut r, |[vertex, u, v, group, color, has_normal, normal]| Wedge {
-            vertex,
-            attributes: Attributes {
-                uv: [u, v].map(u32::cast_signed),
-                group,
-                color: color.to_le_bytes(),
-                normal: (has_normal != 0).then_some([(normal >> 16) as u16, normal as u16]),
-            },
-        })?;
+        let added = wedges(&mut r)?;
         let placed = list(&mut r, |[vertex, x, y, z, shift]| Placed {
             vertex,
             cell: [x, y, z].map(u32::cast_signed),
@@ -165,16 +152,14 @@ impl End {
 
 /// Performs a block's collapses again. The final numbers of wedges are known.
 pub(crate) fn perform(chunks: Vec<RegionChunk>, live: &mut Live<'_>) -> Result<Vec<Placed>, MeshError> {
-    let (vertices, faces, wedges) = (live.positions.len(), live.alive.len(), live.wedges.len());
+    let bounds =
+        Bounds { vertices: live.positions.len(), faces: live.alive.len(), wedges: live.wedges.len() };
     let mut moves = Vec::new();
-    for RegionChunk { records, moves: moved, .. } in chunks {
+    for chunk in chunks {
+        let fits = chunk.fits(bounds);
+        let RegionChunk { records, moves: moved, .. } = chunk;
         let mut records = Records { first_kept: u32::MAX, kept: Vec::new(), ..records };
         records.collapses.iter_mut().for_each(|c| c.kept_end = 0);
-        let fits = records.collapses.iter().all(|c| {
-            (c.removed as usize) < vertices && ((c.target as usize) < vertices || c.target == NO_VERTEX)
-        }) && records.moved.iter().all(|m| (m.face as usize) < faces && (m.to as usize) < wedges)
-            && records.removed.iter().all(|r| (r.face as usize) < faces)
-            && moved.iter().all(|m| (m.vertex as usize) < vertices);
         if !fits {
             return Err(not_of_this_mesh());
         }
@@ -185,6 +170,6 @@ pub(crate) fn perform(chunks: Vec<RegionChunk>, live: &mut Live<'_>) -> Result<V
     Ok(moves)
 }
 
-fn not_of_this_mesh() -> MeshError {
+pub(super) fn not_of_this_mesh() -> MeshError {
     SpillError::new("a level that was put away is not of this mesh; remove it").into()
 }

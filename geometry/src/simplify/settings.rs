@@ -92,6 +92,10 @@ pub struct Settings {
     /// the level's regions ([`Self::COARSE_GRID`]); 0 keeps one grid for all levels. More makes coarse levels smaller and
     /// the whole larger: what a coarse grid leaves out comes later.
     pub coarse_grid: f64,
+    /// Most faces that are simplified at once ([`Self::BLOCK_FACES`]): a mesh of more is cut into spatial blocks, whose
+    /// finest levels are made one block after the other. It bounds memory (some 280 bytes a face): outlines of blocks
+    /// stay for these levels, and errors are stated about a quarter above what they are on the level behind them.
+    pub block_faces: usize,
     /// Lets each region of the finest level collapse one vertex of its outline, which tears the mesh.
     /// Only for showing that the checks notice.
     #[doc(hidden)]
@@ -112,6 +116,7 @@ impl Default for Settings {
             round_share: None,
             codec: Codec::Range,
             coarse_grid: 0.7,
+            block_faces: 4_000_000,
             unlock_outlines: false,
         }
     }
@@ -135,6 +140,8 @@ impl Settings {
     pub const ROUND_SHARE: RangeInclusive<f64> = 0.01..=0.5;
     /// Range of [`Self::coarse_grid`].
     pub const COARSE_GRID: RangeInclusive<f64> = 0.0..=4.0;
+    /// Range of [`Self::block_faces`].
+    pub const BLOCK_FACES: RangeInclusive<usize> = 100..=100_000_000;
 
     /// Whether every knob is in its range.
     ///
@@ -176,7 +183,8 @@ impl Settings {
         if let Some(share) = self.round_share {
             real("round share", share, Self::ROUND_SHARE)?;
         }
-        real("coarse grid", self.coarse_grid, Self::COARSE_GRID)
+        real("coarse grid", self.coarse_grid, Self::COARSE_GRID)?;
+        whole("faces of a block", self.block_faces, Self::BLOCK_FACES)
     }
 }
 
@@ -201,7 +209,7 @@ mod tests {
     #[test]
     fn every_knob_is_refused_outside_its_range_and_accepted_at_its_ends() {
         type Set = fn(&mut Settings, f64);
-        let knobs: [(&str, Set, f64, f64); 9] = [
+        let knobs: [(&str, Set, f64, f64); 10] = [
             ("region faces", |s, x| s.region_faces = x as usize, 50.0, 20_000.0),
             ("level share", |s, x| s.level_share = x, 0.1, 0.9),
             ("top regions", |s, x| s.top_regions = x, 0.25, 16.0),
@@ -211,6 +219,7 @@ mod tests {
             ("fewest splits of a part", |s, x| s.min_part_splits = x as usize, 1.0, 20_000.0),
             ("round share", |s, x| s.round_share = Some(x), 0.01, 0.5),
             ("coarse grid", |s, x| s.coarse_grid = x, 0.0, 4.0),
+            ("faces of a block", |s, x| s.block_faces = x as usize, 100.0, 100_000_000.0),
         ];
         let checked = |set: Set, x: f64| {
             let mut settings = Settings::default();

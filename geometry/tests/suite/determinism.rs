@@ -6,14 +6,15 @@ use lodestream_geometry::index::decode_page;
 use lodestream_geometry::pool::{Pool, Serial, Silent};
 use lodestream_geometry::prepare::{Hooks, prepare};
 
-use crate::common::{Shuffled, all, prepared, quantised, regions, shapes};
+use crate::common::{Shuffled, all, in_blocks, prepared, quantised, regions, shapes};
 
 #[test]
 fn bytes_do_not_depend_on_threads_or_on_the_order_of_tasks() {
     for (name, source) in all() {
-        let settings = regions(200);
-        let expected = prepared(&quantised(&source), &settings);
-        for (threads, seed) in [(1, 1), (2, 2), (5, 3)] {
+        let plain = regions(200);
+        let runs = [(1, 1, plain), (2, 2, plain), (5, 3, plain), (3, 4, in_blocks(500, regions(100)))];
+        for (threads, seed, settings) in runs {
+            let expected = prepared(&quantised(&source), &settings);
             // Quantised anew: hash maps are seeded anew as well.
             let mesh = quantised(&source);
             let again = prepare(&mesh, &settings, &Hooks::new(&Shuffled { threads, seed }, &Silent)).unwrap();

@@ -9,7 +9,7 @@ use lodestream_geometry::random::Random;
 use lodestream_geometry::refine::ActiveMesh;
 use lodestream_geometry::screen::visible_error;
 
-use crate::common::{all, prepared, quantised, regions, shapes, stopping, with_bits};
+use crate::common::{all, in_blocks, prepared, quantised, regions, shapes, stopping, with_bits};
 use crate::promises::{apply, deltas};
 
 #[test]
@@ -126,7 +126,7 @@ fn errors_bound_the_sampled_distance_and_are_not_absurd() {
         let input = Surface::new(&mesh);
         let area = input.area() / input.triangles.len() as f64;
         let mut ratios = Vec::new();
-        for settings in [stopping(200), stopping(300), regions(1000)] {
+        for settings in [stopping(200), stopping(300), regions(1000), in_blocks(500, stopping(100))] {
             let asset = prepared(&mesh, &settings);
             for attempt in 0..5 {
                 let set =
@@ -169,8 +169,11 @@ fn errors_at_stops_bound_the_sampled_distance() {
     for (name, mesh) in meshes() {
         let input = Surface::new(&mesh);
         let area = input.area() / input.triangles.len() as f64;
-        let asset = prepared(&mesh, &stopping(200));
-        for level in 1..=asset.base.level_count {
+        let settings = [stopping(200), in_blocks(500, stopping(100))];
+        let assets = settings.map(|settings| prepared(&mesh, &settings));
+        for (asset, level) in
+            assets.iter().flat_map(|a| (1..=a.base.level_count).map(move |level| (a, level)))
+        {
             let stops = asset.infos.iter().filter(|i| i.level == level).map(|i| i.stops.len()).max();
             for stop in 0..stops.unwrap_or(0) {
                 let member = |(chunk, info): (u32, &ChunkInfo)| {
@@ -178,8 +181,8 @@ fn errors_at_stops_bound_the_sampled_distance() {
                     (info.level <= level).then_some(Member { chunk, stop })
                 };
                 let set: Vec<Member> = (0..).zip(&asset.infos).filter_map(member).collect();
-                let error = f64::from(stated(&asset, &set));
-                let coarse = Surface::new(&refined(&asset, &set));
+                let error = f64::from(stated(asset, &set));
+                let coarse = Surface::new(&refined(asset, &set));
                 let cells = input.farthest(&coarse, area).max(coarse.farthest(&input, area));
                 tried += 1;
                 if cells > NOISE && error < 0.99 * cells * mesh.grid.step {

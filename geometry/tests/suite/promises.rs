@@ -12,7 +12,7 @@ use lodestream_geometry::prepare::Prepared;
 use lodestream_geometry::random::Random;
 use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, ChunkError, RefineError};
 
-use crate::common::{all, closed, plain_faces, prepared, quantised, regions, shapes, stopping};
+use crate::common::{all, closed, in_blocks, plain_faces, prepared, quantised, regions, shapes, stopping};
 
 /// The deltas of all chunks, decoded in order.
 pub(crate) fn deltas(prepared: &Prepared) -> (ActiveMesh, Vec<ChunkDelta>) {
@@ -56,6 +56,7 @@ fn random_closed_sets_have_no_cracks_in_any_order() {
             passes_check(name, &mesh, &regions(faces));
         }
         passes_check(name, &mesh, &stopping(100));
+        passes_check(name, &mesh, &in_blocks(500, stopping(100)));
     }
 }
 
@@ -74,13 +75,13 @@ fn the_meshes_under_test_have_enough_chunks_to_mean_something() {
 fn closed_manifolds_keep_two_faces_at_every_edge() {
     for (name, source) in closed() {
         let mesh = quantised(&source);
-        let asset = prepared(&mesh, &stopping(200));
+        let assets = [stopping(200), in_blocks(700, stopping(200))].map(|s| prepared(&mesh, &s));
         let mut random = Random::new(4);
-        for _ in 0..15 {
+        for asset in assets.iter().flat_map(|asset| std::iter::repeat_n(asset, 15)) {
             let set = closed_set::random(&asset.infos, &mut random);
             let mut active = ActiveMesh::new(&asset.base);
             for member in closed_set::random_order(&asset.infos, &set, &mut random) {
-                apply(&mut active, &asset, member);
+                apply(&mut active, asset, member);
             }
             let state = active.to_mesh();
             let mut directed: Vec<(u32, u32)> = Vec::new();
@@ -104,11 +105,11 @@ fn all_chunks_applied_give_the_input_back() {
     for (name, source) in all() {
         let mesh = quantised(&source);
         let expected = plain_faces(&mesh);
-        for faces in [50, 1000] {
-            let asset = prepared(&mesh, &regions(faces));
+        for settings in [regions(50), regions(1000), in_blocks(600, regions(100))] {
+            let asset = prepared(&mesh, &settings);
             let active = deltas(&asset).0;
             let full = active.to_mesh();
-            assert!(plain_faces(&full) == expected, "{name}, regions of {faces}");
+            assert!(plain_faces(&full) == expected, "{name}, {settings:?}");
             assert_eq!(full.positions.len(), mesh.positions.len(), "{name}: vertices");
             // A region does not know the wedges that its outline's vertices have beyond it: one that only
             // such faces use may come twice. It looks the same, so only its number tells.

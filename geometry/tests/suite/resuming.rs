@@ -11,7 +11,7 @@ use lodestream_geometry::prepare::{Hooks, Prepared, prepare};
 use lodestream_geometry::spill::{Piece, Spill, SpillError};
 use lodestream_geometry::{Codec, MeshError, Settings};
 
-use crate::common::{all, prepared, quantised, regions, shapes};
+use crate::common::{all, in_blocks, prepared, quantised, regions, shapes};
 
 /// Storage that lasts, until it breaks: after so many pieces, and for good.
 struct Lasting {
@@ -85,7 +85,11 @@ fn a_preparation_goes_on_from_wherever_its_storage_broke() {
     let mut ends = 0;
     for (name, source) in meshes {
         let mesh = quantised(&source);
-        for (settings, step) in [(regions(50), 2), (Settings { codec: Codec::Plain, ..regions(200) }, 3)] {
+        for (settings, step) in [
+            (regions(50), 2),
+            (Settings { codec: Codec::Plain, ..regions(200) }, 3),
+            (in_blocks(700, regions(100)), 5),
+        ] {
             let expected = prepare(&mesh, &settings, &Hooks::new(&Serial, &Silent)).unwrap();
             for pieces in (0..).step_by(step) {
                 let broken = Lasting::new(pieces);
@@ -163,4 +167,10 @@ fn what_another_mesh_has_put_away_is_an_error_or_of_no_use() {
             assert!(asset == prepared(&mesh, &regions(200)), "{name}");
         }
     }
+    // A block of a larger mesh names what a smaller one does not have.
+    let (large, small) = (shapes::torus(60, 80), shapes::torus(30, 40));
+    let (settings, store) = (in_blocks(700, regions(100)), Lasting::new(usize::MAX));
+    with(&quantised(&large), &settings, &store).unwrap();
+    let why = with(&quantised(&small), &settings, &store).unwrap_err();
+    assert!(why.to_string().contains("is not of this mesh"), "{why}");
 }

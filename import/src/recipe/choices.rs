@@ -8,7 +8,9 @@ use lodestream_geometry::{Codec, Metric, Settings};
 
 use crate::knob::Impossible;
 
-use super::knob::{NormalTolerance, PositionBits, RegionFaces, ReliefDepth, Round, Tolerance, UvBits};
+use super::knob::{
+    BlockFaces, NormalTolerance, PositionBits, RegionFaces, ReliefDepth, Round, Tolerance, UvBits,
+};
 
 /// How finely an asset's positions are kept.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,6 +36,8 @@ pub struct Recipe {
     pub round: Option<Round>,
     /// How base mesh and chunks are coded.
     pub codec: Option<Codec>,
+    /// Most faces that are simplified at once.
+    pub block_faces: Option<BlockFaces>,
     /// Depth of relief, instead of what the materials say.
     pub relief_depth: Option<ReliefDepth>,
 }
@@ -49,6 +53,7 @@ impl Recipe {
             metric: self.metric.or(other.metric),
             round: self.round.or(other.round),
             codec: self.codec.or(other.codec),
+            block_faces: self.block_faces.or(other.block_faces),
             relief_depth: self.relief_depth.or(other.relief_depth),
         }
     }
@@ -76,6 +81,7 @@ impl Recipe {
             metric: self.metric.unwrap_or(default.metric),
             round_share: self.round.map_or(default.round_share, Round::share),
             codec: self.codec.unwrap_or(default.codec),
+            block_faces: self.block_faces.map_or(default.block_faces, BlockFaces::get),
             ..default
         }
     }
@@ -96,6 +102,8 @@ impl fmt::Display for Recipe {
             Some(share) => write!(f, ", round-size {share}")?,
         }
         write!(f, ", region-faces {}, codec {}", settings.region_faces, settings.codec)?;
+        // Nothing to nearly all meshes, which are smaller.
+        self.block_faces.map_or(Ok(()), |faces| write!(f, ", block-faces {}", faces.get()))?;
         self.relief_depth.map_or(Ok(()), |depth| write!(f, ", relief-depth {depth}"))
     }
 }
@@ -155,6 +163,7 @@ impl Recipe {
             "normal-tolerance" => self.normal_tolerance = Some(value.trim_end_matches('°').parse()?),
             "metric" => self.metric = Some(value.parse::<Metric>()?),
             "round-size" => self.round = Some(value.parse()?),
+            "block-faces" => self.block_faces = Some(value.parse()?),
             "codec" => self.codec = Some(value.parse::<Codec>()?),
             "relief-depth" => self.relief_depth = Some(value.parse()?),
             // Told, but no choice yet.
@@ -207,6 +216,7 @@ mod tests {
             metric: Some(Metric::Melax),
             round: Round::try_from(0.1).ok(),
             codec: Some(Codec::Plain),
+            block_faces: BlockFaces::try_from(1_000_000).ok(),
             relief_depth: ReliefDepth::try_from(0.1).ok(),
         };
         assert_eq!(all.to_string().parse(), Ok(all));

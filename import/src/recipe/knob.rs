@@ -47,6 +47,10 @@ knob! {
     /// Distance of the points of a level's grid of positions over the level's error; 0 keeps one grid.
     CoarseGrid(f64), Settings::COARSE_GRID, "of the level's error"
 }
+knob! {
+    /// Most faces that are simplified at once: larger meshes block after block.
+    BlockFaces(usize), Settings::BLOCK_FACES, "faces"
+}
 
 impl Eq for PositionBits {}
 impl Eq for UvBits {}
@@ -85,6 +89,12 @@ impl Default for LevelShare {
 impl Default for TopRegions {
     fn default() -> Self {
         Self(Settings::default().top_regions)
+    }
+}
+
+impl Default for BlockFaces {
+    fn default() -> Self {
+        Self(Settings::default().block_faces)
     }
 }
 

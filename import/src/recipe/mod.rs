@@ -14,6 +14,7 @@
 //! | level share | [`LevelShare`] | 0.1 to 0.9 | number of levels |
 //! | top regions | [`TopRegions`] | 0.25 to 16 | the first step |
 //! | coarse grid | [`CoarseGrid`] | 0 to 4 | grids of coarse levels |
+//! | block faces | [`BlockFaces`] | 100 to 100,000,000 | meshes that are simplified block after block |
 //!
 //! Each is read from text by `FromStr` and from a number by `TryFrom`, with the same refusal.
 
@@ -22,6 +23,6 @@ mod knob;
 
 pub use choices::{Precision, ReadError, Recipe};
 pub use knob::{
-    CoarseGrid, LevelShare, NormalTolerance, PositionBits, RegionFaces, ReliefDepth, Round, RoundShare,
-    Tolerance, TopRegions, UvBits,
+    BlockFaces, CoarseGrid, LevelShare, NormalTolerance, PositionBits, RegionFaces, ReliefDepth, Round,
+    RoundShare, Tolerance, TopRegions, UvBits,
 };

@@ -18,6 +18,10 @@ use crate::scene::{self, Asset};
 use crate::store::{Objects, StoreError};
 use crate::tell::tell;
 
+/// No list of a block is longer than so many bytes a face (the longest is that of quadrics): those that are belong to the
+/// whole mesh.
+const BLOCK_LIST_BYTES: usize = 48;
+
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
     /// The model: OBJ, glTF, GLB or PLY, or to publish, a scene file (TOML); a path or a URL. The meshes of a glTF file
@@ -43,8 +47,8 @@ pub(super) struct Arguments {
     /// so from a million faces on.
     #[arg(long)]
     keep_levels: bool,
-    /// For meshes larger than memory: lists of more than 4 MB lie in files of this folder, on a disk, and are read and
-    /// written as they are needed: about 300 bytes a face. The pack is the same.
+    /// For meshes larger than memory: lists longer than a block's (--block-faces) lie in files of this folder, on a disk,
+    /// and are read and written as they are needed: about 250 bytes a face. The pack is the same.
     #[arg(long, value_name = "DIR")]
     out_of_core: Option<PathBuf>,
     /// No progress.
@@ -53,10 +57,12 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
+    let recipe = arguments.recipe.resolve();
+    let from_bytes = FROM_BYTES.max(BLOCK_LIST_BYTES * recipe.settings().block_faces);
     let _mapping =
-        arguments.out_of_core.as_deref().map(|folder| Mapped::into(folder, FROM_BYTES)).transpose()?;
+        arguments.out_of_core.as_deref().map(|folder| Mapped::into(folder, from_bytes)).transpose()?;
     let options = Options {
-        recipe: arguments.recipe.resolve(),
+        recipe,
         threads: arguments.threads,
         quiet: arguments.quiet,
         keep_levels: arguments.keep_levels,

@@ -3,7 +3,7 @@
 use clap::Args;
 use lodestream_geometry::{Codec, Metric};
 use lodestream_import::recipe::{
-    NormalTolerance, PositionBits, Precision, Recipe, ReliefDepth, Round, Tolerance, UvBits,
+    BlockFaces, NormalTolerance, PositionBits, Precision, Recipe, ReliefDepth, Round, Tolerance, UvBits,
 };
 
 /// How finely positions are kept; one of the two, or neither for the default.
@@ -42,6 +42,10 @@ pub(super) struct RecipeArguments {
     /// do for clients) [default: range].
     #[arg(long, value_name = "CODEC")]
     codec: Option<Codec>,
+    /// Most faces that are simplified at once, 100 to 100,000,000: a mesh of more is simplified in blocks of space, one after
+    /// the other, in some 300 bytes a face of a block [default: 4000000].
+    #[arg(long, value_name = "N")]
+    block_faces: Option<BlockFaces>,
     /// Depth of relief, 0 to 1 in units of texture coordinates, instead of what the materials say.
     #[arg(long, value_name = "DEPTH")]
     relief_depth: Option<ReliefDepth>,
@@ -57,6 +61,7 @@ impl RecipeArguments {
             metric: self.metric,
             round: self.round_size,
             codec: self.codec,
+            block_faces: self.block_faces,
             relief_depth: self.relief_depth,
         }
     }

@@ -5,6 +5,7 @@
 //! leaves incomplete does not hash to what it says, and is done again.
 
 use std::collections::BTreeSet;
+use std::fmt;
 use std::fs::{File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -23,13 +24,33 @@ const LOCK: &str = "lock";
 /// A folder in which nothing was put away for so long is not gone on from: models are prepared within hours.
 const STALE_AFTER: Duration = Duration::from_secs(7 * 24 * 60 * 60);
 
+/// What an earlier run had finished.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Resumed {
+    /// Levels of the whole mesh.
+    pub levels: usize,
+    /// Spatial blocks, of a mesh that is simplified block after block.
+    pub blocks: usize,
+}
+
+impl fmt::Display for Resumed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let parts = [(self.blocks, "block"), (self.levels, "level")].into_iter().filter(|part| part.0 > 0);
+        let named = parts.map(|(count, what)| match count {
+            1 => format!("a finished {what}"),
+            _ => format!("{count} finished {what}s"),
+        });
+        f.write_str(&named.collect::<Vec<String>>().join(" and "))
+    }
+}
+
 /// A folder of finished levels.
 pub(super) struct Kept {
     folder: PathBuf,
     /// Until it is closed.
     _lock: File,
-    /// Levels that were there already.
-    resumed: Mutex<BTreeSet<u32>>,
+    /// What closes levels and blocks that were there already.
+    resumed: Mutex<BTreeSet<Piece>>,
 }
 
 impl Kept {
@@ -49,9 +70,11 @@ impl Kept {
         }
     }
 
-    /// How many levels were there already.
-    pub(super) fn resumed(&self) -> usize {
-        self.levels().len()
+    /// How many levels and blocks were there already.
+    pub(super) fn resumed(&self) -> Resumed {
+        let closing = self.closing();
+        let blocks = closing.iter().filter(|piece| piece.level == Piece::OF_BLOCKS).count();
+        Resumed { levels: closing.len() - blocks, blocks }
     }
 
     /// Removes the folder: the pack is there.
@@ -60,7 +83,7 @@ impl Kept {
         let _ = std::fs::remove_dir_all(&self.folder);
     }
 
-    fn levels(&self) -> MutexGuard<'_, BTreeSet<u32>> {
+    fn closing(&self) -> MutexGuard<'_, BTreeSet<Piece>> {
         self.resumed.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -76,7 +99,7 @@ impl Spill for Kept {
 
     fn put(&self, piece: Piece, bytes: Vec<u8>) -> Result<(), SpillError> {
         // It was of no use, then.
-        self.levels().remove(&piece.level);
+        self.closing().remove(&piece);
         let path = self.path(piece);
         let part = path.with_extension("part");
         let write = || {
@@ -101,8 +124,8 @@ impl Spill for Kept {
         if hash(piece, rest) != *said {
             return Ok(None);
         }
-        if piece.block == Piece::END {
-            self.levels().insert(piece.level);
+        if piece.closes() {
+            self.closing().insert(piece);
         }
         bytes.drain(..blake3::OUT_LEN);
         Ok(Some(bytes))
@@ -157,7 +180,7 @@ mod tests {
         drop(kept);
         let kept = Kept::beside(&pack, &key).unwrap().unwrap();
         assert_eq!((kept.get(one), kept.get(end)), (Ok(Some(vec![7; 1000])), Ok(Some(Vec::new()))));
-        assert_eq!(kept.resumed(), 1);
+        assert_eq!(kept.resumed(), Resumed { levels: 1, blocks: 0 });
         let file = kept.path(one);
         let whole = std::fs::read(&file).unwrap();
         for bytes in [&whole[..999], &whole[..20], &[], &[&whole[..], &[7]].concat()] {

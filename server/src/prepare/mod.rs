@@ -29,7 +29,7 @@ use crate::scene::Asset;
 use crate::store::{PackFile, StoreError};
 
 use kept::Kept;
-pub use kept::remove_stale_levels;
+pub use kept::{Resumed, remove_stale_levels};
 pub use progress::Reporter;
 pub use threads::Threads;
 
@@ -129,8 +129,8 @@ pub struct Report {
     pub pack_bytes: u64,
     /// Time of simplification, chunking and coding: without import and textures.
     pub time: Duration,
-    /// Levels that a run before this one had finished.
-    pub resumed_levels: usize,
+    /// What a run before this one had finished.
+    pub resumed: Resumed,
     /// What was odd, a line each.
     pub warnings: Vec<String>,
 }
@@ -149,11 +149,10 @@ impl fmt::Display for Report {
             self.geometry_bytes,
             self.faces as f64 / seconds.max(1e-9)
         )?;
-        match self.resumed_levels {
-            0 => Ok(()),
-            1 => write!(f, "; went on from a finished level"),
-            levels => write!(f, "; went on from {levels} finished levels"),
+        if self.resumed == Resumed::default() {
+            return Ok(());
         }
+        write!(f, "; went on from {}", self.resumed)
     }
 }
 
@@ -289,7 +288,7 @@ fn prepare_with_key(
     let bytes = lodestream_geometry::pack::write(key.bytes(), &blobs)
         .map_err(|error| write_error(std::io::Error::other(error)))?;
     write_atomically(pack, |out| out.write_all(&bytes)).map_err(write_error)?;
-    let resumed_levels = kept.as_ref().map_or(0, Kept::resumed);
+    let resumed = kept.as_ref().map(Kept::resumed).unwrap_or_default();
     kept.into_iter().for_each(Kept::remove);
     Ok(Report {
         faces: mesh.faces.len(),
@@ -297,7 +296,7 @@ fn prepare_with_key(
         geometry_bytes,
         pack_bytes: bytes.len() as u64,
         time,
-        resumed_levels,
+        resumed,
         warnings,
     })
 }

@@ -78,6 +78,7 @@ struct RawAsset {
     metric: Option<String>,
     round_size: Option<RawRound>,
     codec: Option<String>,
+    block_faces: Option<usize>,
     relief_depth: Option<f32>,
 }
 
@@ -273,6 +274,7 @@ impl Source<'_> {
             metric: choice(raw.metric.as_deref()).map_err(bad("metric"))?,
             round: round.transpose().map_err(bad("round_size"))?,
             codec: choice(raw.codec.as_deref()).map_err(bad("codec"))?,
+            block_faces: knob(raw.block_faces).map_err(bad("block_faces"))?,
             relief_depth: knob(raw.relief_depth).map_err(bad("relief_depth"))?,
         };
         let file = folder.join(&raw.file);

@@ -6,7 +6,9 @@ use std::path::PathBuf;
 use clap::Args;
 use lodestream_assess::assess::{self, Options};
 use lodestream_geometry::{Codec, Metric};
-use lodestream_import::recipe::{CoarseGrid, LevelShare, PositionBits, RegionFaces, Round, TopRegions};
+use lodestream_import::recipe::{
+    BlockFaces, CoarseGrid, LevelShare, PositionBits, RegionFaces, Round, TopRegions,
+};
 
 use crate::print::print;
 
@@ -29,6 +31,9 @@ pub(crate) struct Assess {
     /// Distance of the points of a level's grid of positions over the level's error, 0 to 4; 0 for one grid.
     #[arg(long, default_value_t = CoarseGrid::default())]
     coarse_grid: CoarseGrid,
+    /// Most faces that are simplified at once, 100 to 100,000,000: larger meshes block after block.
+    #[arg(long, default_value_t = BlockFaces::default())]
+    block_faces: BlockFaces,
     /// What a collapse is held to cost: qem, melax, clustering or clustering-seams.
     #[arg(long, default_value_t = Metric::default())]
     metric: Metric,
@@ -63,6 +68,7 @@ impl Assess {
             level_share: self.level_share,
             top_regions: self.top_regions,
             coarse_grid: self.coarse_grid,
+            block_faces: self.block_faces,
             metric: self.metric,
             round: self.round_size,
             codec: self.codec,

@@ -64,6 +64,11 @@ pub(crate) fn stopping(faces: usize) -> Settings {
     Settings { min_part_splits: 4, ..regions(faces) }
 }
 
+/// The finest levels in blocks of so many faces.
+pub(crate) fn in_blocks(faces: usize, settings: Settings) -> Settings {
+    Settings { block_faces: faces, ..settings }
+}
+
 /// Prepares a mesh, once for all tests that ask for the same of the same: what is prepared depends on nothing else, as
 /// `determinism` and `golden` show.
 pub(crate) fn prepared(mesh: &QuantisedMesh, settings: &Settings) -> Prepared {

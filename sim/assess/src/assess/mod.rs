@@ -102,6 +102,7 @@ pub fn assess(path: &Path, options: &Options) -> anyhow::Result<Assessment> {
         level_share: options.level_share.get(),
         top_regions: options.top_regions.get(),
         coarse_grid: options.coarse_grid.get(),
+        block_faces: options.block_faces.get(),
         metric: options.metric,
         round_share: options.round.share(),
         codec: options.codec,

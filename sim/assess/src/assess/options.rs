@@ -1,7 +1,9 @@
 //! What to assess, and how.
 
 use lodestream_geometry::{Codec, Metric};
-use lodestream_import::recipe::{CoarseGrid, LevelShare, PositionBits, RegionFaces, Round, TopRegions};
+use lodestream_import::recipe::{
+    BlockFaces, CoarseGrid, LevelShare, PositionBits, RegionFaces, Round, TopRegions,
+};
 
 /// What to assess, and how.
 #[derive(Clone, Copy, Debug)]
@@ -16,6 +18,8 @@ pub struct Options {
     pub top_regions: TopRegions,
     /// [`lodestream_geometry::Settings::coarse_grid`].
     pub coarse_grid: CoarseGrid,
+    /// Most faces that are simplified at once.
+    pub block_faces: BlockFaces,
     /// What a collapse is held to cost.
     pub metric: Metric,
     /// Order of collapses.
