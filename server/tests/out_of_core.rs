@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
+use lodestream_import::recipe::Recipe;
 use lodestream_server::mapped::{MapError, Mapped, Mapping};
 use lodestream_server::prepare::{Options, PrepareError, prepare_to};
 use lodestream_server::scene::Asset;
@@ -56,7 +57,11 @@ fn landscape(folder: &Path, size: u32) -> PathBuf {
 }
 
 fn pack(model: &Path, pack: &Path, threads: usize) -> Vec<u8> {
-    let options = Options { threads: threads.try_into().ok(), quiet: true, ..Options::default() };
+    pack_by(model, pack, threads, Recipe::default())
+}
+
+fn pack_by(model: &Path, pack: &Path, threads: usize, recipe: Recipe) -> Vec<u8> {
+    let options = Options { threads: threads.try_into().ok(), quiet: true, recipe, ..Options::default() };
     prepare_to(&Asset::of_file(model), &options, pack).unwrap();
     std::fs::read(pack).unwrap()
 }
@@ -67,11 +72,16 @@ fn lists_in_files_change_no_byte_and_leave_no_file() {
     let dir = folder();
     let model = landscape(dir.path(), 90);
     let in_memory = pack(&model, &dir.path().join("memory.lsp"), 2);
+    let blocks = Recipe { block_faces: "2000".parse().ok(), ..Recipe::default() };
+    let in_blocks = pack_by(&model, &dir.path().join("blocks.lsp"), 2, blocks);
+    assert!(in_blocks != in_memory);
     let lists = dir.path().join("lists");
     std::fs::create_dir(&lists).unwrap();
     let Some(mapping) = mapping(&lists) else { return };
     for threads in [1, 2] {
         assert!(pack(&model, &dir.path().join("files.lsp"), threads) == in_memory, "another pack");
+        let again = pack_by(&model, &dir.path().join("files.lsp"), threads, blocks);
+        assert!(again == in_blocks, "another pack in blocks");
     }
     assert!(Mapped::most_bytes() > 500_000, "{} bytes were mapped", Mapped::most_bytes());
     assert_eq!(std::fs::read_dir(&lists).unwrap().count(), 0);

@@ -181,6 +181,12 @@ mod tests {
         let kept = Kept::beside(&pack, &key).unwrap().unwrap();
         assert_eq!((kept.get(one), kept.get(end)), (Ok(Some(vec![7; 1000])), Ok(Some(Vec::new()))));
         assert_eq!(kept.resumed(), Resumed { levels: 1, blocks: 0 });
+        let block = Piece::end_of_block(0);
+        kept.put(block, Vec::new()).unwrap();
+        assert_eq!(kept.resumed().to_string(), "a finished level", "it was not there before");
+        assert_eq!(kept.get(block), Ok(Some(Vec::new())));
+        assert_eq!(kept.resumed().to_string(), "a finished block and a finished level");
+        assert_ne!(kept.path(block), kept.path(end));
         let file = kept.path(one);
         let whole = std::fs::read(&file).unwrap();
         for bytes in [&whole[..999], &whole[..20], &[], &[&whole[..], &[7]].concat()] {
