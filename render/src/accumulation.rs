@@ -4,7 +4,7 @@
 //! needed. Whether anything has changed is told from what a frame is made of: camera, settings, light, the state of every
 //! mesh and tile that is drawn, and whether vertices are on their way. Nothing is guessed from pictures.
 
-use crate::occlusion::{AmbientOcclusion, OcclusionMethod, STILL_FRAMES};
+use crate::occlusion::{AmbientOcclusion, OcclusionMethod, OcclusionNormals, STILL_FRAMES};
 use crate::scene::Frame;
 use crate::temporal::Past;
 
@@ -13,6 +13,8 @@ use crate::temporal::Past;
 pub(crate) struct AccumulationStep {
     /// How it is estimated.
     pub(crate) method: OcclusionMethod,
+    /// About which normals.
+    pub(crate) normals: OcclusionNormals,
     /// Its number among those that are added up, from 1 on; 0 where it stands alone.
     pub(crate) number: u32,
     /// All are added up: nothing is drawn.
@@ -45,21 +47,27 @@ impl Accumulation {
         occlusion: Option<AmbientOcclusion>,
         size: (u32, u32),
     ) -> AccumulationStep {
-        let alone = |method, left| AccumulationStep { method, number: 0, done: false, left };
-        let Some((occlusion, still)) = occlusion.and_then(|occlusion| Some((occlusion, occlusion.still?)))
-        else {
+        let AmbientOcclusion { method, normals, still, .. } = occlusion.unwrap_or_default();
+        let alone = |left| AccumulationStep { method, normals, number: 0, done: false, left };
+        let Some(still) = still.filter(|_| occlusion.is_some()) else {
             *self = Self::default();
-            return alone(occlusion.unwrap_or_default().method, 0);
+            return alone(0);
         };
         let now = (Past::of(frame), size);
         let same = self.past.as_ref().is_some_and(|(past, before)| past.is(&now.0) && *before == size);
         self.past = Some(now);
         if !same {
             self.number = 0;
-            return alone(occlusion.method, STILL_FRAMES);
+            return alone(STILL_FRAMES);
         }
         let done = self.number == STILL_FRAMES;
         self.number = (self.number + 1).min(STILL_FRAMES);
-        AccumulationStep { method: still, number: self.number, done, left: STILL_FRAMES - self.number }
+        AccumulationStep {
+            method: still,
+            normals,
+            number: self.number,
+            done,
+            left: STILL_FRAMES - self.number,
+        }
     }
 }

@@ -5,8 +5,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::gpu::Gpu;
 use super::material_kit::Features;
-use super::occlusion::OcclusionMethod;
-use super::pipelines::{Pipelines, Whole};
+use super::occlusion::{OcclusionMethod, OcclusionNormals};
+use super::pipelines::{Estimate, Estimated, Pipelines, Whole};
 use super::reflections::ReflectionMethod;
 use super::scene::{AntiAliasing, Settings};
 use super::temporal::Resolve;
@@ -30,7 +30,7 @@ enum Task {
     },
     Bloom,
     /// Of occlusion.
-    Layers,
+    Layers(OcclusionNormals),
     Wire,
     GroundWire,
     /// How far things move, and means over time.
@@ -97,8 +97,8 @@ impl Compiler {
             Task::Water { by_cells } => {
                 pipelines.water(gpu, by_cells);
             }
-            Task::Layers => {
-                pipelines.layers(gpu);
+            Task::Layers(normals) => {
+                pipelines.layers(gpu, normals);
             }
             Task::Bloom => {
                 pipelines.bloom(gpu);
@@ -123,9 +123,8 @@ impl Compiler {
 fn tasks(settings: &Settings, ground: bool) -> Vec<Task> {
     let relief = settings.relief;
     let shadows = settings.shadows.is_some();
-    let method =
-        settings.occlusion.filter(|occlusion| occlusion.strength > 0.0).map(|occlusion| occlusion.method);
-    let occlusion = method.is_some();
+    let ambient = settings.occlusion.filter(|occlusion| occlusion.strength > 0.0);
+    let occlusion = ambient.is_some();
     let mut tasks = vec![Task::Surface { relief: false }];
     let mut also = |needed: bool, more: &[Task]| tasks.extend(more.iter().filter(|_| needed));
     also(settings.pn_triangles.is_some(), &[Task::Patches]);
@@ -141,19 +140,16 @@ fn tasks(settings: &Settings, ground: bool) -> Vec<Task> {
     also(settings.bloom.is_some(), &[Task::Bloom]);
     also(shadows, &[Task::Whole(Whole::Sunlight), Task::Caster]);
     also(shadows && ground, &[Task::GroundCaster]);
-    if let Some(method) = method {
-        let estimate = match method {
-            OcclusionMethod::HbaoPlus => Task::Layers,
-            method => Task::Whole(Whole::Occlusion(method)),
+    if let Some(ambient) = ambient {
+        let normals = ambient.normals;
+        let estimate = |method, into| match method {
+            OcclusionMethod::HbaoPlus => Task::Layers(normals),
+            method => Task::Whole(Whole::Occlusion(Estimate { method, normals, into })),
         };
-        also(true, &[estimate, Task::Whole(Whole::Blur)]);
-    }
-    if let Some(still) = settings.occlusion.and_then(|occlusion| occlusion.still) {
-        let estimate = match still {
-            OcclusionMethod::HbaoPlus => Task::Layers,
-            still => Task::Whole(Whole::OcclusionMean(still)),
-        };
-        also(occlusion, &[estimate]);
+        also(true, &[estimate(ambient.method, Estimated::Frame), Task::Whole(Whole::Blur)]);
+        if let Some(still) = ambient.still {
+            also(true, &[estimate(still, Estimated::Mean)]);
+        }
     }
     match settings.anti_aliasing {
         AntiAliasing::None => also(true, &[Task::Whole(Whole::ToneMap)]),

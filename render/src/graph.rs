@@ -156,6 +156,8 @@ pub(crate) struct Needs {
     /// Triangles are drawn as curved patches.
     pub(crate) curved: bool,
     pub(crate) occlusion: bool,
+    /// It goes by the normals that are drawn.
+    pub(crate) drawn_normals: bool,
     /// It is a mean of frames, and whether all of them are drawn.
     pub(crate) still: Option<bool>,
     pub(crate) shadows: bool,
@@ -201,11 +203,17 @@ pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
         }
         match needs.still {
             None => {
-                passes.push(pass(PassId::Occlusion, &[Depth], &[OcclusionRaw]));
+                let seen_by: &[Resource] = if needs.drawn_normals { &[Depth, Normal] } else { &[Depth] };
+                passes.push(pass(PassId::Occlusion, seen_by, &[OcclusionRaw]));
                 passes.push(pass(PassId::OcclusionBlur, &[Depth, OcclusionRaw], &[Occlusion]));
             }
             Some(false) => {
-                passes.push(pass(PassId::Occlusion, &[Depth, OcclusionMean], &[OcclusionMean]));
+                let seen_by: &[Resource] = if needs.drawn_normals {
+                    &[Depth, Normal, OcclusionMean]
+                } else {
+                    &[Depth, OcclusionMean]
+                };
+                passes.push(pass(PassId::Occlusion, seen_by, &[OcclusionMean]));
                 passes.push(pass(PassId::OcclusionBlur, &[Depth, OcclusionMean], &[Occlusion]));
             }
             // What was drawn last is read again.
@@ -453,7 +461,7 @@ mod tests {
             Some(&[Resource::Depth, Resource::Sunlight]),
             Some(&[Resource::Depth, Resource::Overdraw]),
         ];
-        for (bits, shown) in (0..262_144).flat_map(|bits| shown.map(|shown| (bits, shown))) {
+        for (bits, shown) in (0..524_288).flat_map(|bits| shown.map(|shown| (bits, shown))) {
             let bit = |n: u32| bits >> n & 1 != 0;
             let needs = Needs {
                 shown,
@@ -476,6 +484,7 @@ mod tests {
                 reflections: bit(14).then_some(bit(15)),
                 bloom: bit(16),
                 curved: bit(17),
+                drawn_normals: bit(18),
             };
             let mut written = Vec::new();
             for pass in plan(&candidates(needs), &[Resource::Target]) {

@@ -5,7 +5,8 @@ use crate::fullscreen::{self, attachment, blended};
 use crate::gbuffer::shader;
 use crate::gpu::Gpu;
 use crate::graph::PassId;
-use crate::pipelines::HBAO_PLUS;
+use crate::occlusion::OcclusionNormals;
+use crate::pipelines::{HBAO_PLUS, sides};
 use crate::target::{Load, Target};
 use crate::targets::{OCCLUSION, OCCLUSION_MEAN};
 use crate::timing::PassEncoder;
@@ -25,10 +26,10 @@ pub(crate) struct LayerPipelines {
 }
 
 impl LayerPipelines {
-    pub(crate) fn new(gpu: &Gpu, over: wgpu::BlendState) -> Self {
+    pub(crate) fn new(gpu: &Gpu, over: wgpu::BlendState, normals: OcclusionNormals) -> Self {
         let module = shader(gpu, "occlusion in layers", HBAO_PLUS);
         let pipeline = |vertex, fragment, target: wgpu::ColorTargetState| {
-            fullscreen::pipeline(gpu, &module, [vertex, fragment], (target, None), &[])
+            fullscreen::pipeline(gpu, &module, [vertex, fragment], (target, None), &sides(normals))
         };
         let mean = wgpu::ColorTargetState { blend: Some(over), ..OCCLUSION_MEAN.into() };
         Self {
@@ -73,13 +74,14 @@ impl Layers {
         self.textures = Some([DEPTHS, OCCLUSION].map(texture));
     }
 
-    /// Splits the depths, estimates layer by layer, and joins the layers in a picture: a share of it goes into a mean.
+    /// Splits the depths, estimates layer by layer, and joins the layers in a picture: a share of it goes into a mean. Where
+    /// normals are not those that are drawn, any picture will do for these.
     pub(crate) fn draw(
         &self,
         gpu: &Gpu,
         encoder: &mut PassEncoder<'_>,
         pipelines: &LayerPipelines,
-        (frame, depth): (&wgpu::Buffer, &wgpu::TextureView),
+        (frame, depth, normal): (&wgpu::Buffer, &wgpu::TextureView, &wgpu::TextureView),
         (into, mean): (&wgpu::TextureView, Option<f64>),
     ) {
         let Some(textures) = &self.textures else { return };
@@ -101,7 +103,8 @@ impl Layers {
         };
         let frame = wgpu::BindGroupEntry { binding: 0, resource: frame.as_entire_binding() };
         let split = group(&pipelines.split, &[view(1, depth)]);
-        let estimate = group(&pipelines.estimate, &[frame, view(1, depth), view(2, &depths)]);
+        let estimate =
+            group(&pipelines.estimate, &[frame, view(1, depth), view(2, &depths), view(3, normal)]);
         let [deep, light] = textures;
         for (pipeline, group, texture) in
             [(&pipelines.split, &split, deep), (&pipelines.estimate, &estimate, light)]

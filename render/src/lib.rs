@@ -90,7 +90,9 @@ pub use instance::Instance;
 pub use lights::{LIGHT_TILES, Light, LightCulling, MAX_LIGHTS, Spot};
 pub use lodestream_protocol::pose::Pose;
 pub use material::{Alpha, Material, Wrap};
-pub use occlusion::{AmbientOcclusion, MAX_SAMPLES, OcclusionMethod, OcclusionRadius, STILL_FRAMES};
+pub use occlusion::{
+    AmbientOcclusion, MAX_SAMPLES, OcclusionMethod, OcclusionNormals, OcclusionRadius, STILL_FRAMES,
+};
 pub use pn_triangles::{MAX_PN_LEVEL, PnTriangles};
 pub use readback::TargetCopy;
 pub use reflections::{

@@ -59,6 +59,36 @@ impl OcclusionMethod {
     }
 }
 
+/// From which neighbours in the depth buffer a pixel's normal is taken: of two on each axis one may lie on another surface,
+/// as beside the inner edge of two walls. Figures of each are in `docs/benchmarks/occlusion.md`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub enum OcclusionNormals {
+    /// From the nearer in depth on each axis.
+    #[default]
+    Nearest,
+    /// From the pair that agrees best with the normal that is drawn, smooth or out of a map. What is drawn with smooth
+    /// normals over an edge, or unlit, has none to go by.
+    Drawn,
+    /// From the side on each axis whose next two pixels lie in line with this one in stored depth, as they do on a plane.
+    /// Needs no drawn normal, and four more lookups.
+    Extended,
+}
+
+impl OcclusionNormals {
+    /// All there are.
+    pub const ALL: [Self; 3] = [Self::Nearest, Self::Drawn, Self::Extended];
+
+    /// Its name for people and on command lines.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Nearest => "nearest",
+            Self::Drawn => "drawn",
+            Self::Extended => "extended",
+        }
+    }
+}
+
 /// Screen-space ambient occlusion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AmbientOcclusion {
@@ -71,6 +101,8 @@ pub struct AmbientOcclusion {
     /// Lookups of depth per pixel, 1 to [`MAX_SAMPLES`]; powers of two are spread best. Most of what occlusion costs goes
     /// with them.
     pub samples: u32,
+    /// From which neighbours the normals are taken that it is estimated about.
+    pub normals: OcclusionNormals,
     /// How it is estimated while nothing changes, if it is then to be the mean of [`STILL_FRAMES`] frames, each with other
     /// samples. Once they are drawn occlusion costs nothing; any change begins anew. Two bytes a pixel more.
     pub still: Option<OcclusionMethod>,
@@ -86,6 +118,7 @@ impl Default for AmbientOcclusion {
             radius: OcclusionRadius::Depth(0.06),
             strength: 1.5,
             samples: 16,
+            normals: OcclusionNormals::Nearest,
             still: None,
         }
     }
@@ -102,5 +135,6 @@ mod tests {
         names.dedup();
         assert_eq!(names.len(), OcclusionMethod::ALL.len());
         assert!(OcclusionMethod::ALL.is_sorted(), "they are numbered in their order");
+        assert!(OcclusionNormals::ALL.is_sorted(), "the shader knows them by their numbers");
     }
 }

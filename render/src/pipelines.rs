@@ -10,7 +10,7 @@ use super::gpu::Gpu;
 use super::layers::LayerPipelines;
 use super::material_kit::MaterialKit;
 use super::mesh_pipelines::MeshPipelines;
-use super::occlusion::OcclusionMethod;
+use super::occlusion::{OcclusionMethod, OcclusionNormals};
 use super::pn_triangles::ListMakers;
 use super::reflections::PYRAMID;
 use super::targets::{DISPLAY, OCCLUSION, OCCLUSION_MEAN, RADIANCE, SUNLIGHT};
@@ -26,6 +26,8 @@ macro_rules! occlusion {
             include_str!("shaders/fullscreen.wgsl"),
             include_str!("shaders/surface.wgsl"),
             include_str!("shaders/occlusion_radius.wgsl"),
+            include_str!("shaders/targets.wgsl"),
+            include_str!("shaders/occlusion_normal.wgsl"),
             $(include_str!(concat!("shaders/", $file, ".wgsl"))),+
         )
     };
@@ -116,14 +118,42 @@ const BY_SHARE: wgpu::BlendState = {
     wgpu::BlendState { color: over, alpha: over }
 };
 
+/// An estimator of occlusion, as it is compiled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Estimate {
+    pub(crate) method: OcclusionMethod,
+    pub(crate) normals: OcclusionNormals,
+    pub(crate) into: Estimated,
+}
+
+/// What estimates of occlusion are drawn into.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Estimated {
+    /// A frame's picture.
+    Frame,
+    /// A mean of frames, with the share that is set as the blend's constant.
+    Mean,
+}
+
+impl Estimate {
+    const COUNT: usize = 2 * OcclusionNormals::ALL.len() * OcclusionMethod::ALL.len();
+
+    const fn number(self) -> usize {
+        (self.method as usize * OcclusionNormals::ALL.len() + self.normals as usize) * 2 + self.into as usize
+    }
+}
+
+/// What is compiled in for the sides that normals are taken from.
+pub(crate) fn sides(normals: OcclusionNormals) -> [(&'static str, f64); 1] {
+    [("SIDES", normals as u8 as f64)]
+}
+
 /// A pass over the whole of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Whole {
     /// The edges over the lit picture.
     Wireframe,
-    Occlusion(OcclusionMethod),
-    /// The same into a mean of frames, with the share that is set as the blend's constant.
-    OcclusionMean(OcclusionMethod),
+    Occlusion(Estimate),
     Blur,
     Sunlight,
     Lighting {
@@ -149,7 +179,7 @@ pub(crate) enum Whole {
 }
 
 impl Whole {
-    const COUNT: usize = 19 + 2 * OcclusionMethod::ALL.len();
+    const COUNT: usize = 19 + Estimate::COUNT;
 
     const fn number(self) -> usize {
         match self {
@@ -166,8 +196,7 @@ impl Whole {
             Self::AntiAliasSmall => 13,
             Self::DepthPyramid => 14,
             Self::Reflections { occlusion, by_cells } => 15 + ((occlusion as usize) << 1 | by_cells as usize),
-            Self::Occlusion(method) => 19 + method as usize,
-            Self::OcclusionMean(method) => 19 + OcclusionMethod::ALL.len() + method as usize,
+            Self::Occlusion(estimate) => 19 + estimate.number(),
         }
     }
 }
@@ -220,7 +249,8 @@ pub(crate) struct Pipelines {
     /// Where the sky alone is mirrored, and where the picture is too, by either search.
     water: [OnceLock<WaterPipelines>; 3],
     bloom: OnceLock<BloomPipelines>,
-    layers: OnceLock<LayerPipelines>,
+    /// By what normals are taken from.
+    layers: [OnceLock<LayerPipelines>; OcclusionNormals::ALL.len()],
     /// Of means over time, whose pass has it too.
     pub(crate) resolve: Arc<OnceLock<Resolve>>,
     modules: [OnceLock<wgpu::ShaderModule>; Module::COUNT],
@@ -245,7 +275,7 @@ impl Pipelines {
             terrain: OnceLock::new(),
             water: Default::default(),
             bloom: OnceLock::new(),
-            layers: OnceLock::new(),
+            layers: Default::default(),
             resolve: Arc::default(),
             modules: Default::default(),
             whole: std::array::from_fn(|_| OnceLock::new()),
@@ -282,8 +312,8 @@ impl Pipelines {
     }
 
     /// What estimates occlusion in layers.
-    pub(crate) fn layers(&self, gpu: &Gpu) -> &LayerPipelines {
-        self.layers.get_or_init(|| LayerPipelines::new(gpu, BY_SHARE))
+    pub(crate) fn layers(&self, gpu: &Gpu, normals: OcclusionNormals) -> &LayerPipelines {
+        self.layers[normals as usize].get_or_init(|| LayerPipelines::new(gpu, BY_SHARE, normals))
     }
 
     /// What draws a pass over the whole of a picture.
@@ -329,10 +359,14 @@ impl Pipelines {
                     &[],
                 )
             }
-            Whole::Occlusion(method) => full(Module::of(method), "fs_occlusion", OCCLUSION.into(), &[]),
-            Whole::OcclusionMean(method) => {
-                let mean = wgpu::ColorTargetState { blend: Some(BY_SHARE), ..OCCLUSION_MEAN.into() };
-                full(Module::of(method), "fs_occlusion", mean, &[])
+            Whole::Occlusion(Estimate { method, normals, into }) => {
+                let target = match into {
+                    Estimated::Frame => OCCLUSION.into(),
+                    Estimated::Mean => {
+                        wgpu::ColorTargetState { blend: Some(BY_SHARE), ..OCCLUSION_MEAN.into() }
+                    }
+                };
+                full(Module::of(method), "fs_occlusion", target, &sides(normals))
             }
             Whole::Blur => full(Module::Blur, "fs_blur", OCCLUSION.into(), &[]),
             Whole::Sunlight => full(Module::Sunlight, "fs_sunlight", SUNLIGHT.into(), &[]),

@@ -12,7 +12,8 @@ use lodestream_protocol::view::View;
 
 use lodestream_client::net::Address;
 use lodestream_render::{
-    AntiAliasing, MAX_REFLECTION_STEPS, OcclusionMethod, ReflectionMethod, ReliefMethod, Shade, ToneMapping,
+    AntiAliasing, MAX_REFLECTION_STEPS, OcclusionMethod, OcclusionNormals, ReflectionMethod, ReliefMethod,
+    Shade, ToneMapping,
 };
 
 use crate::outcome::EXIT_CODES;
@@ -91,6 +92,9 @@ pub(crate) struct Args {
     /// By which method it is estimated while nothing changes, as the mean of 16 frames; without, as always
     #[arg(long, value_name = "NAME", value_parser = occlusion_methods())]
     pub(crate) occlusion_still: Option<OcclusionMethod>,
+    /// By what the pixels are chosen that it takes normals from: nearest in depth, the drawn normals, or surfaces that go on
+    #[arg(long, value_name = "NAME", default_value = "nearest", value_parser = occlusion_normals())]
+    pub(crate) occlusion_normals: OcclusionNormals,
     /// No shadows of the sun
     #[arg(long)]
     pub(crate) no_shadows: bool,
@@ -179,6 +183,14 @@ fn reflections() -> impl TypedValueParser<Value = ReflectionMethod> {
 fn share(text: &str) -> Result<f32, String> {
     let share: f32 = text.parse().map_err(|_| "not a number".to_owned())?;
     if (0.0..=1.0).contains(&share) { Ok(share) } else { Err("not from 0 to 1".to_owned()) }
+}
+
+/// Reads [`OcclusionNormals`] by their name.
+fn occlusion_normals() -> impl TypedValueParser<Value = OcclusionNormals> {
+    PossibleValuesParser::new(OcclusionNormals::ALL.map(OcclusionNormals::name)).try_map(|name| {
+        // One of those offered.
+        OcclusionNormals::ALL.into_iter().find(|way| way.name() == name).ok_or("no such normals")
+    })
 }
 
 /// Reads an [`OcclusionMethod`] by its name.

@@ -74,6 +74,7 @@ pub(crate) fn settings(args: &Args, software: bool) -> Settings {
     let mut settings = Settings { relief: !args.no_relief, wireframe: args.wireframe, ..Settings::default() };
     let ambient = AmbientOcclusion {
         method: args.occlusion_method,
+        normals: args.occlusion_normals,
         still: args.occlusion_still,
         ..AmbientOcclusion::default()
     };
@@ -112,7 +113,7 @@ pub(crate) fn tell_figures(args: &Args, stats: &Stats, shown: &Shown) -> anyhow:
 
 #[cfg(test)]
 mod tests {
-    use lodestream_render::OcclusionMethod;
+    use lodestream_render::{OcclusionMethod, OcclusionNormals};
 
     use super::*;
     use clap::Parser as _;
@@ -186,6 +187,10 @@ mod tests {
             assert_eq!(occlusion, Some(AmbientOcclusion { method, ..AmbientOcclusion::default() }));
             let still = of(&["--occlusion-still", method.name()], true).occlusion;
             assert_eq!(still, Some(AmbientOcclusion { still: Some(method), ..AmbientOcclusion::default() }));
+        }
+        for normals in OcclusionNormals::ALL {
+            let occlusion = of(&["--occlusion-normals", normals.name()], true).occlusion;
+            assert_eq!(occlusion, Some(AmbientOcclusion { normals, ..AmbientOcclusion::default() }));
         }
     }
 

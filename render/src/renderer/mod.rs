@@ -24,7 +24,7 @@ use crate::layers::Layers;
 use crate::lights::{LampList, LampPass};
 use crate::material::Material;
 use crate::material_kit::{Features, MaterialKit};
-use crate::occlusion::OcclusionMethod;
+use crate::occlusion::{OcclusionMethod, OcclusionNormals};
 use crate::pipelines::Pipelines;
 use crate::pn_triangles::{Curving, PatchLists};
 use crate::reflections::{ReflectionMethod, Tracer};
@@ -280,6 +280,7 @@ impl Renderer {
                 geometry: has_surfaces,
                 curved: curved.is_some(),
                 occlusion,
+                drawn_normals: accumulated.normals == OcclusionNormals::Drawn,
                 still: (accumulated.number > 0).then_some(accumulated.done),
                 shadows: !casters.is_empty(),
                 lamps: lamps.is_some(),

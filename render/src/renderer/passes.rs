@@ -10,7 +10,7 @@ use crate::fullscreen::{attachment, blended, fullscreen};
 use crate::gpu::Gpu;
 use crate::graph::{Pass, PassId, Resource};
 use crate::occlusion::OcclusionMethod;
-use crate::pipelines::Whole;
+use crate::pipelines::{Estimate, Estimated, Whole};
 use crate::scene::{Frame, Settings, Shade};
 use crate::target::{Load, Target};
 use crate::terrain::TileList;
@@ -41,26 +41,7 @@ impl Renderer {
             PassId::GBuffer | PassId::Overdraw | PassId::Emission | PassId::Transparency | PassId::Edges => {
                 self.geometry(gpu, encoder, pass.id, frame, (list, ground), counters)
             }
-            PassId::Occlusion if accumulated.method == OcclusionMethod::HbaoPlus => {
-                let mean = pass.writes(OcclusionMean).then(|| 1.0 / f64::from(accumulated.number));
-                let into = self.targets.view(if mean.is_some() { OcclusionMean } else { OcclusionRaw });
-                if let (Some(depth), Some(into)) = (self.targets.view(Depth), into) {
-                    let from = (&self.frame_buffer, &depth);
-                    self.layers.draw(gpu, encoder, self.pipelines.layers(gpu), from, (&into, mean));
-                }
-            }
-            PassId::Occlusion if pass.writes(OcclusionMean) => {
-                if let Some(mean) = self.targets.view(OcclusionMean) {
-                    let pipeline = p(Whole::OcclusionMean(accumulated.method));
-                    let group = self.inputs(gpu, pipeline, &[Depth]);
-                    // The first takes the place of what is there.
-                    let target = Target { load: Load::Keep, ..Target::colour(&mean, (0, 0)) };
-                    blended(encoder, pass.id, pipeline, &group, &target, 1.0 / f64::from(accumulated.number));
-                }
-            }
-            PassId::Occlusion => {
-                full(encoder, p(Whole::Occlusion(accumulated.method)), &[Depth], OcclusionRaw);
-            }
+            PassId::Occlusion => self.occlusion(gpu, encoder, pass, accumulated),
             PassId::OcclusionBlur => {
                 let raw = if pass.reads(OcclusionMean) { OcclusionMean } else { OcclusionRaw };
                 full(encoder, p(Whole::Blur), &[Depth, raw], Occlusion);
@@ -185,6 +166,41 @@ impl Renderer {
         let mut pass = encoder.begin(PassId::Motion, &descriptor);
         pass.set_bind_group(0, &self.frame_group, &[]);
         DrawList::motion(moving, gpu, &mut pass, meshes, before);
+    }
+
+    /// Estimates occlusion, for a frame or into a mean of frames.
+    fn occlusion(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut PassEncoder<'_>,
+        pass: Pass,
+        AccumulationStep { method, normals, number, .. }: AccumulationStep,
+    ) {
+        use Resource::{Depth, Normal, OcclusionMean, OcclusionRaw};
+        let mean = pass.writes(OcclusionMean);
+        // Where the drawn normals are not read, their slot must be filled all the same.
+        let reads = [Depth, if pass.reads(Normal) { Normal } else { Depth }];
+        let view = |resource| self.targets.view(resource);
+        let (Some(depth), Some(normal), Some(into)) =
+            (view(Depth), view(reads[1]), view(if mean { OcclusionMean } else { OcclusionRaw }))
+        else {
+            return;
+        };
+        // The first of a mean takes the place of what is there.
+        let share = mean.then(|| 1.0 / f64::from(number));
+        if method == OcclusionMethod::HbaoPlus {
+            let from = (&self.frame_buffer, &depth, &normal);
+            self.layers.draw(gpu, encoder, self.pipelines.layers(gpu, normals), from, (&into, share));
+            return;
+        }
+        let estimated = if mean { Estimated::Mean } else { Estimated::Frame };
+        let estimate = Whole::Occlusion(Estimate { method, normals, into: estimated });
+        let pipeline = self.pipelines.whole(gpu, estimate);
+        let group =
+            self.inputs_and(gpu, pipeline, &[Depth], &[(3, wgpu::BindingResource::TextureView(&normal))]);
+        let load = if mean { Load::Keep } else { Load::Clear };
+        let target = Target { load, ..Target::colour(&into, (0, 0)) };
+        blended(encoder, pass.id, pipeline, &group, &target, share.unwrap_or(1.0));
     }
 
     /// Looks the shadow maps up for each pixel.

@@ -52,7 +52,7 @@ fn open_at(pixel: vec2<i32>) -> f32 {
         return 1.0;
     }
     let centre = view_ray(pixel) * depth;
-    let receiver = Receiver(pixel, depth, centre, normal_at(pixel, centre), radius, rotation_index(pixel));
+    let receiver = Receiver(pixel, depth, centre, receiver_normal(pixel, centre), radius, rotation_index(pixel));
     let sums = occlusion_sums(receiver);
     return clamp(1.0 - frame.occlusion_strength * sums.x / sums.y, 0.0, 1.0);
 }

@@ -1,4 +1,4 @@
-// The 4x4 blur that cancels the pattern of occlusion's rotations. Twin: none; it is a mean, which tests take themselves.
+// The 4x4 blur that cancels the pattern of occlusion's rotations. Twin: twin/occlusion/blur.rs.
 
 @group(0) @binding(2) var raw_map: texture_2d<f32>;
 

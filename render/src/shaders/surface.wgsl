@@ -21,6 +21,11 @@ fn normal_at(pixel: vec2<i32>, centre: vec3<f32>) -> vec3<f32> {
     let up = centre - position_at(pixel - vec2(0, 1));
     let dx = select(left, right, pixel.x == 0 || (abs(right.z) < abs(left.z) && pixel.x + 1 < i32(frame.size_px.x)));
     let dy = select(up, down, pixel.y == 0 || (abs(down.z) < abs(up.z) && pixel.y + 1 < i32(frame.size_px.y)));
+    return facing(dx, dy, centre);
+}
+
+// The normal of what two differences of places span, towards the eye; that way itself where they span nothing.
+fn facing(dx: vec3<f32>, dy: vec3<f32>, centre: vec3<f32>) -> vec3<f32> {
     let n = cross(dx, dy);
     let len = length(n);
     let towards_eye = -normalize(centre);

@@ -3,11 +3,12 @@
 use glam::DVec3;
 use half::f16;
 
+use super::accuracy::blur_matches_its_twin;
 use super::shapes::{Mesh, asset, at, cube, quad};
 use super::{headless, keep};
 use crate::graph::Resource;
 use crate::image_compare::compare;
-use crate::twin::occlusion::Occlusion;
+use crate::twin::occlusion::{Blur, Normals, Occlusion};
 use crate::twin::surface::DepthPicture;
 use crate::{
     AmbientOcclusion, AntiAliasing, AssetGpu, Drawable, Environment, Frame, Headless, Instance, Material,
@@ -67,6 +68,23 @@ impl Scene {
     }
 }
 
+fn surfaces(stored: &[f32]) -> DepthPicture<'_> {
+    DepthPicture {
+        stored,
+        size_px: [SIZE.0, SIZE.1],
+        tan_half_fov: camera().tan_half_fov(SIZE.0, SIZE.1).into(),
+        near: Settings::default().near,
+    }
+}
+
+fn blur_of_a_mean_matches_its_twin(h: &Headless, number: u32) {
+    let mean: Vec<f16> = bytemuck::pod_collect_to_vec(&h.intermediate(Resource::OcclusionMean, 2).unwrap());
+    let raw: Vec<f64> = mean.iter().map(|value| value.to_f64()).collect();
+    let stored = h.depth().unwrap();
+    let radius = (f64::from(0.4_f32), 0.0);
+    blur_matches_its_twin(h, &Blur { picture: surfaces(&stored), raw: &raw, radius, number });
+}
+
 #[test]
 fn sixteen_frames_are_the_mean_of_all_rotations_and_then_nothing_is_drawn() {
     let Some(mut h) = headless(SIZE.0, SIZE.1) else { return };
@@ -74,19 +92,17 @@ fn sixteen_frames_are_the_mean_of_all_rotations_and_then_nothing_is_drawn() {
     // One that stands alone, then those that are added up.
     for frame in 0..=STILL_FRAMES {
         assert_eq!(scene.draw(&mut h, 0.0, |_| {}), 2, "frame {frame}");
+        if [1, 6, STILL_FRAMES].contains(&frame) {
+            blur_of_a_mean_matches_its_twin(&h, frame);
+        }
     }
     let mean: Vec<f16> = bytemuck::pod_collect_to_vec(&h.intermediate(Resource::OcclusionMean, 2).unwrap());
     let stored = h.depth().unwrap();
-    let (tx, ty) = camera().tan_half_fov(SIZE.0, SIZE.1);
-    let picture = DepthPicture {
-        stored: &stored,
-        size_px: [SIZE.0, SIZE.1],
-        tan_half_fov: [tx, ty],
-        near: Settings::default().near,
-    };
+    let picture = surfaces(&stored);
     let twin = |turned| Occlusion {
         picture,
         method: OcclusionMethod::Bitmask,
+        normals: Normals::Nearest,
         radius: (f64::from(0.4_f32), 0.0),
         samples: 16,
         turned,

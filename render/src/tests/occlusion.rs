@@ -14,17 +14,28 @@ use crate::{
 };
 
 /// Occlusion at strength 1 in place of the picture.
-fn shown(method: OcclusionMethod, radius: OcclusionRadius, samples: u32) -> Settings {
+pub(super) fn shown(method: OcclusionMethod, radius: OcclusionRadius, samples: u32) -> Settings {
     Settings {
         shade: Shade::Occlusion,
-        occlusion: Some(AmbientOcclusion { method, radius, strength: 1.0, samples, still: None }),
+        occlusion: Some(AmbientOcclusion {
+            method,
+            radius,
+            strength: 1.0,
+            samples,
+            ..AmbientOcclusion::default()
+        }),
         anti_aliasing: AntiAliasing::None,
         shadows: None,
         ..Settings::default()
     }
 }
 
-fn draw(h: &mut Headless, camera: Pose, drawables: &[Drawable<'_>], settings: Settings) -> RgbaImage {
+pub(super) fn draw(
+    h: &mut Headless,
+    camera: Pose,
+    drawables: &[Drawable<'_>],
+    settings: Settings,
+) -> RgbaImage {
     h.frame(&Frame { settings, ..Frame::new(camera, drawables) }).unwrap();
     h.picture().unwrap()
 }

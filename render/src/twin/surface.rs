@@ -34,14 +34,16 @@ pub(super) fn scale(a: V3, s: f64) -> V3 {
 }
 
 impl DepthPicture<'_> {
+    /// Pixels per world unit at depth 1.
+    pub(super) fn scale_px(&self) -> f64 {
+        f64::from(self.size_px[1]) / (2.0 * self.tan_half_fov[1])
+    }
+
     /// View depth at a pixel, or at the nearest one of the picture; 1e30 where there is no surface.
     #[must_use]
     pub fn depth_at(&self, p: [i64; 2]) -> f64 {
-        let clamp = |x: i64, n: u32| x.clamp(0, i64::from(n) - 1) as usize;
-        let (x, y) = (clamp(p[0], self.size_px[0]), clamp(p[1], self.size_px[1]));
-        let stored = self.stored[y * self.size_px[0] as usize + x];
         // The shader uses a large number instead of infinity.
-        view_depth(f64::from(stored), self.near).min(1e30)
+        view_depth(self.stored_at(p), self.near).min(1e30)
     }
 
     /// Where the surface at a pixel lies, in view space.
@@ -60,12 +62,24 @@ impl DepthPicture<'_> {
         let last = |i: usize| p[i] + 1 >= i64::from(self.size_px[i]);
         let dx = pick(sub(centre, at(-1, 0)), sub(at(1, 0), centre), p[0] == 0, last(0));
         let dy = pick(sub(centre, at(0, -1)), sub(at(0, 1), centre), p[1] == 0, last(1));
-        let n = cross(dx, dy);
-        let length = dot(n, n).sqrt();
-        let towards_eye = scale(centre, -1.0 / dot(centre, centre).sqrt());
-        if !(length > 1e-30 && length < 1e30) {
-            return towards_eye;
-        }
-        scale(n, if dot(n, towards_eye) > 0.0 { 1.0 } else { -1.0 } / length)
+        facing(dx, dy, centre)
     }
+
+    /// What is stored at a pixel, or at the nearest one of the picture.
+    pub(super) fn stored_at(&self, p: [i64; 2]) -> f64 {
+        let clamp = |x: i64, n: u32| x.clamp(0, i64::from(n) - 1) as usize;
+        let (x, y) = (clamp(p[0], self.size_px[0]), clamp(p[1], self.size_px[1]));
+        f64::from(self.stored[y * self.size_px[0] as usize + x])
+    }
+}
+
+/// The normal of what two differences of places span, towards the eye.
+pub(super) fn facing(dx: V3, dy: V3, centre: V3) -> V3 {
+    let n = cross(dx, dy);
+    let length = dot(n, n).sqrt();
+    let towards_eye = scale(centre, -1.0 / dot(centre, centre).sqrt());
+    if !(length > 1e-30 && length < 1e30) {
+        return towards_eye;
+    }
+    scale(n, if dot(n, towards_eye) > 0.0 { 1.0 } else { -1.0 } / length)
 }

@@ -6,7 +6,7 @@ use anyhow::Context as _;
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use lodestream_protocol::scene::Camera;
-use lodestream_render::{MAX_SAMPLES, OcclusionMethod, OcclusionRadius};
+use lodestream_render::{MAX_SAMPLES, OcclusionMethod, OcclusionNormals, OcclusionRadius};
 use lodestream_report::pictures::frame_time::MAX_FRAMES;
 use lodestream_report::pictures::occlusion::{MAX_RAYS, Question, occlusion_errors};
 
@@ -25,7 +25,10 @@ pub(crate) struct OcclusionErrors {
     view: Vec<Camera>,
     /// Methods, divided by commas.
     #[arg(long, value_delimiter = ',', value_parser = methods(), default_values_t = OcclusionMethod::ALL.map(Named))]
-    methods: Vec<Named>,
+    methods: Vec<Named<OcclusionMethod>>,
+    /// What normals are taken from, divided by commas; each method is drawn with each.
+    #[arg(long, value_delimiter = ',', value_parser = normals(), default_values_t = [Named(OcclusionNormals::Nearest)])]
+    normals: Vec<Named<OcclusionNormals>>,
     /// Samples per pixel, divided by commas; each method is drawn with each.
     #[arg(
         long,
@@ -51,20 +54,32 @@ pub(crate) struct OcclusionErrors {
     pictures: Option<PathBuf>,
 }
 
-/// A method, by its name.
+/// One of a few, by its name.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Named(OcclusionMethod);
+struct Named<T>(T);
 
-impl std::fmt::Display for Named {
+impl std::fmt::Display for Named<OcclusionMethod> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(self.0.name())
     }
 }
 
-fn methods() -> impl TypedValueParser<Value = Named> {
+impl std::fmt::Display for Named<OcclusionNormals> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.0.name())
+    }
+}
+
+fn methods() -> impl TypedValueParser<Value = Named<OcclusionMethod>> {
     PossibleValuesParser::new(OcclusionMethod::ALL.map(OcclusionMethod::name)).try_map(|name| {
         // One of those offered.
         OcclusionMethod::ALL.into_iter().find(|way| way.name() == name).map(Named).ok_or("no such method")
+    })
+}
+
+fn normals() -> impl TypedValueParser<Value = Named<OcclusionNormals>> {
+    PossibleValuesParser::new(OcclusionNormals::ALL.map(OcclusionNormals::name)).try_map(|name| {
+        OcclusionNormals::ALL.into_iter().find(|way| way.name() == name).map(Named).ok_or("no such normals")
     })
 }
 
@@ -85,6 +100,7 @@ impl OcclusionErrors {
             cameras: self.view.clone(),
             methods: self.methods.iter().map(|named| named.0).collect(),
             samples: self.samples.clone(),
+            normals: self.normals.iter().map(|named| named.0).collect(),
             still: self.still,
             radius: OcclusionRadius::Depth(self.radius),
             rays: self.rays,
@@ -124,13 +140,20 @@ mod tests {
         let all = parsed(&[]).unwrap();
         assert_eq!(all.methods, OcclusionMethod::ALL.map(Named));
         assert_eq!((all.samples.as_slice(), all.rays, all.view.len()), (&[8, 16, 32][..], 512, 0));
+        assert_eq!(all.normals, [Named(OcclusionNormals::Nearest)]);
         let some =
-            parsed(&["--methods", "gtao,bitmask", "--samples", "4", "--view", "-1,2,3,0,0,0.5"]).unwrap();
+            parsed(&["--methods", "gtao,bitmask", "--normals", "drawn,extended", "--view", "-1,2,3,0,0,0.5"])
+                .unwrap();
+        assert_eq!(some.normals, [OcclusionNormals::Drawn, OcclusionNormals::Extended].map(Named));
         assert_eq!(some.methods, [OcclusionMethod::Gtao, OcclusionMethod::Bitmask].map(Named));
         assert_eq!((some.view[0].eye, some.view[0].target), ([-1.0, 2.0, 3.0], [0.0, 0.0, 0.5]));
-        for wrong in
-            [["--methods", "guess"], ["--samples", "65"], ["--view", "1,2,3"], ["--view", "0,0,0,0,0,0"]]
-        {
+        for wrong in [
+            ["--methods", "guess"],
+            ["--normals", "smooth"],
+            ["--samples", "65"],
+            ["--view", "1,2,3"],
+            ["--view", "0,0,0,0,0,0"],
+        ] {
             assert!(parsed(&wrong).is_err(), "{wrong:?}");
         }
     }

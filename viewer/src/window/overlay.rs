@@ -8,8 +8,8 @@ use std::time::Duration;
 use lodestream_client::core::Stats;
 use lodestream_render::{
     AntiAliasing, MAX_ANISOTROPY, MAX_CASCADES, MAX_FILTER, MAX_LIGHTS, MAX_PN_LEVEL, MAX_REFLECTION_STEPS,
-    MAX_RELIEF_STEPS, MAX_SAMPLES, OcclusionMethod, OcclusionRadius, ReflectionMethod, Reflections,
-    ReliefMethod, Shade, Timings, ToneMapping,
+    MAX_RELIEF_STEPS, MAX_SAMPLES, OcclusionMethod, OcclusionNormals, OcclusionRadius, ReflectionMethod,
+    Reflections, ReliefMethod, Shade, Timings, ToneMapping,
 };
 
 pub(super) use choices::Choices;
@@ -130,6 +130,13 @@ fn parameters(ui: &mut egui::Ui, choices: &mut Choices) {
             ui.selectable_value(&mut ambient.still, None, "the same");
             for method in OcclusionMethod::ALL {
                 ui.selectable_value(&mut ambient.still, Some(method), method.name());
+            }
+        });
+        ui.end_row();
+        ui.label("normals");
+        egui::ComboBox::from_id_salt("normals").selected_text(ambient.normals.name()).show_ui(ui, |ui| {
+            for normals in OcclusionNormals::ALL {
+                ui.selectable_value(&mut ambient.normals, normals, normals.name());
             }
         });
         ui.end_row();

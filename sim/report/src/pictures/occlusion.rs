@@ -14,8 +14,8 @@ use lodestream_protocol::source::SceneSource;
 use lodestream_protocol::view::View;
 use lodestream_render::rays::Seen;
 use lodestream_render::{
-    AmbientOcclusion, AntiAliasing, Gpu, OcclusionMethod, OcclusionRadius, PassId, STILL_FRAMES, Settings,
-    Shade,
+    AmbientOcclusion, AntiAliasing, Gpu, OcclusionMethod, OcclusionNormals, OcclusionRadius, PassId,
+    STILL_FRAMES, Settings, Shade,
 };
 use lodestream_scenario::plan::Plan;
 use lodestream_scenario::stopwatch::{median, rounded};
@@ -40,6 +40,8 @@ pub struct Question {
     pub methods: Vec<OcclusionMethod>,
     /// Samples a pixel, each with each method.
     pub samples: Vec<u32>,
+    /// What normals are taken from, each with each method and number of samples.
+    pub normals: Vec<OcclusionNormals>,
     /// Samples a pixel and frame of means over [`STILL_FRAMES`] frames in which nothing changes, of each method; 0: none.
     pub still: u32,
     /// Reach of occlusion.
@@ -59,6 +61,8 @@ pub struct OcclusionError {
     pub method: String,
     /// Samples a pixel, over all frames of a mean.
     pub samples: u32,
+    /// What its normals are taken from.
+    pub normals: String,
     /// Frames of the mean; 1 where each frame stands alone.
     pub mean_of: u32,
     /// Width and height of the pictures, which are the plan's viewport.
@@ -108,16 +112,55 @@ pub fn occlusion_errors(
     Ok(errors)
 }
 
-/// How one view is drawn with one method, in frames that stand alone or in a mean of them.
-fn settings(question: &Question, (method, samples, still): (OcclusionMethod, u32, bool)) -> Settings {
-    let still = still.then_some(method);
-    let occlusion = AmbientOcclusion { method, radius: question.radius, strength: 1.0, samples, still };
-    Settings {
-        shade: Shade::Occlusion,
-        occlusion: Some(occlusion),
-        shadows: None,
-        anti_aliasing: AntiAliasing::None,
-        ..Settings::default()
+/// How a view is drawn.
+#[derive(Clone, Copy, Debug)]
+struct Way {
+    method: OcclusionMethod,
+    normals: OcclusionNormals,
+    samples: u32,
+    /// In a mean of frames, or in such as stand alone.
+    still: bool,
+}
+
+impl Way {
+    /// All that are asked for: those that stand alone first.
+    fn all(question: &Question) -> Vec<Self> {
+        let alone = question.samples.iter().map(|samples| (*samples, false));
+        let means = Some((question.still, true)).filter(|(samples, _)| *samples > 0);
+        let counts = alone.chain(means);
+        let normals = counts.flat_map(|count| question.normals.iter().map(move |normals| (count, *normals)));
+        normals
+            .flat_map(|((samples, still), normals)| {
+                question.methods.iter().map(move |method| Self { method: *method, normals, samples, still })
+            })
+            .collect()
+    }
+
+    fn settings(self, radius: OcclusionRadius) -> Settings {
+        let Self { method, normals, samples, still } = self;
+        let still = still.then_some(method);
+        let occlusion = AmbientOcclusion { method, radius, strength: 1.0, samples, normals, still };
+        Settings {
+            shade: Shade::Occlusion,
+            occlusion: Some(occlusion),
+            shadows: None,
+            anti_aliasing: AntiAliasing::None,
+            ..Settings::default()
+        }
+    }
+
+    /// Frames of its mean.
+    fn mean_of(self) -> u32 {
+        if self.still { STILL_FRAMES } else { 1 }
+    }
+
+    /// Of a picture.
+    fn name(self) -> String {
+        let normals = match self.normals {
+            OcclusionNormals::Nearest => String::new(),
+            normals => format!("-{}", normals.name()),
+        };
+        format!("{}-{}{normals}", self.method.name(), self.samples * self.mean_of())
     }
 }
 
@@ -128,14 +171,9 @@ fn of_view(
     question: &Question,
     keep: &mut impl FnMut(&str, &RgbaImage) -> anyhow::Result<()>,
 ) -> anyhow::Result<Vec<OcclusionError>> {
-    let alone = question.samples.iter().map(|samples| (*samples, false));
-    let means = Some((question.still, true)).filter(|(samples, _)| *samples > 0);
-    let all: Vec<(OcclusionMethod, u32, bool)> = alone
-        .chain(means)
-        .flat_map(|(samples, still)| question.methods.iter().map(move |method| (*method, samples, still)))
-        .collect();
+    let all = Way::all(question);
     let first = all.first().context("there is no method, or no number of samples")?;
-    painter.frame(view, settings(question, *first))?;
+    painter.frame(view, first.settings(question.radius))?;
     let (near, depth) = (Settings::default().near, painter.depth()?);
     let rays = painter.rays(view)?;
     let seen = rays.picture(size_px, question.radius, question.rays);
@@ -161,7 +199,7 @@ fn of_view(
     for _ in 0..question.frames.max(1) {
         for (way, times) in all.iter().zip(&mut times) {
             // The first frame of a mean stands alone.
-            let settings = settings(question, *way);
+            let settings = way.settings(question.radius);
             let [estimate, blur] =
                 painter.pass_ms(view, settings, [PassId::Occlusion, PassId::OcclusionBlur])?;
             times[0].push(estimate);
@@ -171,15 +209,12 @@ fn of_view(
     let reference = times[0][1].clone();
     let mut errors = Vec::new();
     for (way, [estimates, passes]) in all.into_iter().zip(times) {
-        let (method, samples, still) = way;
-        let mean_of = if still { STILL_FRAMES } else { 1 };
-        let samples = samples * mean_of;
         // The first frame after others stands alone; then come those of a mean.
-        for _ in 0..if still { 1 + STILL_FRAMES } else { 1 } {
-            painter.frame(view, settings(question, way))?;
+        for _ in 0..if way.still { 1 + STILL_FRAMES } else { 1 } {
+            painter.frame(view, way.settings(question.radius))?;
         }
         let picture = painter.picture()?;
-        keep(&format!("view-{number}-{}-{samples}", method.name()), &picture)?;
+        keep(&format!("view-{number}-{}", way.name()), &picture)?;
         let drawn: Vec<f64> = picture
             .pixels()
             .zip(&judged)
@@ -188,9 +223,10 @@ fn of_view(
             .collect();
         errors.push(OcclusionError {
             view: number,
-            method: method.name().to_owned(),
-            samples,
-            mean_of,
+            method: way.method.name().to_owned(),
+            samples: way.samples * way.mean_of(),
+            normals: way.normals.name().to_owned(),
+            mean_of: way.mean_of(),
             size_px,
             adapter: adapter.to_owned(),
             triangles: rays.triangles(),
@@ -221,11 +257,12 @@ impl fmt::Display for OcclusionError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "view {}, {:>12} {:>3}: MSE {:.6}, bias {:+.4}, FLIP {:.4}, {:.2} ms ({:.2} without blur), {:.2} times the \
+            "view {}, {:>12} {:>3}, {}: MSE {:.6}, bias {:+.4}, FLIP {:.4}, {:.2} ms ({:.2} without blur), {:.2} times the \
              first; open {:.3}, {:.1} % judged, {} triangles",
             self.view,
             self.method,
             self.samples,
+            self.normals,
             self.mse,
             self.bias,
             self.flip,
@@ -263,6 +300,7 @@ mod tests {
             cameras: Vec::new(),
             methods: OcclusionMethod::ALL.to_vec(),
             samples: vec![16],
+            normals: vec![OcclusionNormals::Nearest],
             still: 16,
             radius: OcclusionRadius::Depth(0.06),
             rays: 64,
