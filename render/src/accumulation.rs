@@ -15,6 +15,8 @@ pub(crate) struct AccumulationStep {
     pub(crate) method: OcclusionMethod,
     /// About which normals.
     pub(crate) normals: OcclusionNormals,
+    /// Of one pixel of each 2×2.
+    pub(crate) half: bool,
     /// Its number among those that are added up, from 1 on; 0 where it stands alone.
     pub(crate) number: u32,
     /// All are added up: nothing is drawn.
@@ -47,8 +49,9 @@ impl Accumulation {
         occlusion: Option<AmbientOcclusion>,
         size: (u32, u32),
     ) -> AccumulationStep {
-        let AmbientOcclusion { method, normals, still, .. } = occlusion.unwrap_or_default();
-        let alone = |left| AccumulationStep { method, normals, number: 0, done: false, left };
+        let AmbientOcclusion { method, normals, half, still, .. } = occlusion.unwrap_or_default();
+        let half = half && method != OcclusionMethod::HbaoPlus;
+        let alone = |left| AccumulationStep { method, normals, half, number: 0, done: false, left };
         let Some(still) = still.filter(|_| occlusion.is_some()) else {
             *self = Self::default();
             return alone(0);
@@ -62,12 +65,7 @@ impl Accumulation {
         }
         let done = self.number == STILL_FRAMES;
         self.number = (self.number + 1).min(STILL_FRAMES);
-        AccumulationStep {
-            method: still,
-            normals,
-            number: self.number,
-            done,
-            left: STILL_FRAMES - self.number,
-        }
+        let left = STILL_FRAMES - self.number;
+        AccumulationStep { method: still, normals, half: false, number: self.number, done, left }
     }
 }

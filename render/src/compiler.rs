@@ -146,7 +146,13 @@ fn tasks(settings: &Settings, ground: bool) -> Vec<Task> {
             OcclusionMethod::HbaoPlus => Task::Layers(normals),
             method => Task::Whole(Whole::Occlusion(Estimate { method, normals, into })),
         };
-        also(true, &[estimate(ambient.method, Estimated::Frame), Task::Whole(Whole::Blur)]);
+        let half = ambient.half && ambient.method != OcclusionMethod::HbaoPlus;
+        if half {
+            also(true, &[estimate(ambient.method, Estimated::Half), Task::Whole(Whole::Upsample)]);
+        } else {
+            also(true, &[estimate(ambient.method, Estimated::Frame)]);
+        }
+        also(!half || ambient.still.is_some(), &[Task::Whole(Whole::Blur)]);
         if let Some(still) = ambient.still {
             also(true, &[estimate(still, Estimated::Mean)]);
         }

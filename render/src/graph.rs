@@ -102,6 +102,8 @@ pub(crate) enum Resource {
     Normal,
     Albedo,
     OcclusionRaw,
+    /// The same of one pixel of each 2×2.
+    OcclusionHalf,
     /// The same as a mean of frames; kept from frame to frame.
     OcclusionMean,
     Occlusion,
@@ -158,6 +160,8 @@ pub(crate) struct Needs {
     pub(crate) occlusion: bool,
     /// It goes by the normals that are drawn.
     pub(crate) drawn_normals: bool,
+    /// Of one pixel of each 2×2, where it is no mean of frames.
+    pub(crate) half_occlusion: bool,
     /// It is a mean of frames, and whether all of them are drawn.
     pub(crate) still: Option<bool>,
     pub(crate) shadows: bool,
@@ -188,8 +192,8 @@ pub(crate) struct Needs {
 /// The passes that could run, in order.
 pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
     use Resource::{
-        Albedo, Depth, Display, Edges, History, Lit, Motion, Normal, Occlusion, OcclusionMean, OcclusionRaw,
-        Overdraw, Patches, Pyramid, Radiance, ShadowMaps, Smoothed, Sunlight, Target,
+        Albedo, Depth, Display, Edges, History, Lit, Motion, Normal, Occlusion, OcclusionHalf, OcclusionMean,
+        OcclusionRaw, Overdraw, Patches, Pyramid, Radiance, ShadowMaps, Smoothed, Sunlight, Target,
     };
     let pass = |id, reads, writes| Pass { id, reads, writes };
     let mut passes = Vec::new();
@@ -204,8 +208,12 @@ pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
         match needs.still {
             None => {
                 let seen_by: &[Resource] = if needs.drawn_normals { &[Depth, Normal] } else { &[Depth] };
-                passes.push(pass(PassId::Occlusion, seen_by, &[OcclusionRaw]));
-                passes.push(pass(PassId::OcclusionBlur, &[Depth, OcclusionRaw], &[Occlusion]));
+                let (estimate, blurred): (&[Resource], &[Resource]) = match needs.half_occlusion {
+                    false => (&[OcclusionRaw], &[Depth, OcclusionRaw]),
+                    true => (&[OcclusionHalf], &[Depth, OcclusionHalf]),
+                };
+                passes.push(pass(PassId::Occlusion, seen_by, estimate));
+                passes.push(pass(PassId::OcclusionBlur, blurred, &[Occlusion]));
             }
             Some(false) => {
                 let seen_by: &[Resource] = if needs.drawn_normals {
@@ -461,7 +469,7 @@ mod tests {
             Some(&[Resource::Depth, Resource::Sunlight]),
             Some(&[Resource::Depth, Resource::Overdraw]),
         ];
-        for (bits, shown) in (0..524_288).flat_map(|bits| shown.map(|shown| (bits, shown))) {
+        for (bits, shown) in (0..1_048_576).flat_map(|bits| shown.map(|shown| (bits, shown))) {
             let bit = |n: u32| bits >> n & 1 != 0;
             let needs = Needs {
                 shown,
@@ -485,6 +493,7 @@ mod tests {
                 bloom: bit(16),
                 curved: bit(17),
                 drawn_normals: bit(18),
+                half_occlusion: bit(19),
             };
             let mut written = Vec::new();
             for pass in plan(&candidates(needs), &[Resource::Target]) {

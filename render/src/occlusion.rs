@@ -103,6 +103,10 @@ pub struct AmbientOcclusion {
     pub samples: u32,
     /// From which neighbours the normals are taken that it is estimated about.
     pub normals: OcclusionNormals,
+    /// Whether one pixel of each 2×2 is estimated, and the others get the mean of those around them at about their depth.
+    /// Not of frames that go into a mean, and not by [`OcclusionMethod::HbaoPlus`], whose layers need every pixel: both
+    /// stay whole.
+    pub half: bool,
     /// How it is estimated while nothing changes, if it is then to be the mean of [`STILL_FRAMES`] frames, each with other
     /// samples. Once they are drawn occlusion costs nothing; any change begins anew. Two bytes a pixel more.
     pub still: Option<OcclusionMethod>,
@@ -119,6 +123,7 @@ impl Default for AmbientOcclusion {
             strength: 1.5,
             samples: 16,
             normals: OcclusionNormals::Nearest,
+            half: false,
             still: None,
         }
     }

@@ -33,14 +33,15 @@ macro_rules! occlusion {
     };
 }
 
-const SSAO: &str = occlusion!("occlusion", "ssao", "whole");
-const HBAO: &str = occlusion!("occlusion", "hbao", "whole");
+const SSAO: &str = occlusion!("occlusion", "ssao", "occlusion_half", "whole");
+const HBAO: &str = occlusion!("occlusion", "hbao", "occlusion_half", "whole");
 /// For [`super::layers`].
 pub(crate) const HBAO_PLUS: &str = occlusion!("occlusion", "hbao", "layers");
-const ALCHEMY: &str = occlusion!("occlusion", "alchemy", "whole");
-const GTAO: &str = occlusion!("occlusion", "slices", "gtao", "whole");
-const BITMASK: &str = occlusion!("occlusion", "slices", "bitmask", "whole");
+const ALCHEMY: &str = occlusion!("occlusion", "alchemy", "occlusion_half", "whole");
+const GTAO: &str = occlusion!("occlusion", "slices", "gtao", "occlusion_half", "whole");
+const BITMASK: &str = occlusion!("occlusion", "slices", "bitmask", "occlusion_half", "whole");
 const BLUR: &str = occlusion!("occlusion_blur");
+const UPSAMPLE: &str = occlusion!("occlusion_half", "occlusion_upsample");
 const SHADOWS: &str = concat!(
     include_str!("shaders/common.wgsl"),
     include_str!("shaders/fullscreen.wgsl"),
@@ -131,15 +132,17 @@ pub(crate) struct Estimate {
 pub(crate) enum Estimated {
     /// A frame's picture.
     Frame,
+    /// The same of half its sides.
+    Half,
     /// A mean of frames, with the share that is set as the blend's constant.
     Mean,
 }
 
 impl Estimate {
-    const COUNT: usize = 2 * OcclusionNormals::ALL.len() * OcclusionMethod::ALL.len();
+    const COUNT: usize = 3 * OcclusionNormals::ALL.len() * OcclusionMethod::ALL.len();
 
     const fn number(self) -> usize {
-        (self.method as usize * OcclusionNormals::ALL.len() + self.normals as usize) * 2 + self.into as usize
+        (self.method as usize * OcclusionNormals::ALL.len() + self.normals as usize) * 3 + self.into as usize
     }
 }
 
@@ -155,6 +158,8 @@ pub(crate) enum Whole {
     Wireframe,
     Occlusion(Estimate),
     Blur,
+    /// From half the sides of a picture.
+    Upsample,
     Sunlight,
     Lighting {
         occlusion: bool,
@@ -179,7 +184,7 @@ pub(crate) enum Whole {
 }
 
 impl Whole {
-    const COUNT: usize = 19 + Estimate::COUNT;
+    const COUNT: usize = 20 + Estimate::COUNT;
 
     const fn number(self) -> usize {
         match self {
@@ -196,7 +201,8 @@ impl Whole {
             Self::AntiAliasSmall => 13,
             Self::DepthPyramid => 14,
             Self::Reflections { occlusion, by_cells } => 15 + ((occlusion as usize) << 1 | by_cells as usize),
-            Self::Occlusion(estimate) => 19 + estimate.number(),
+            Self::Upsample => 19,
+            Self::Occlusion(estimate) => 20 + estimate.number(),
         }
     }
 }
@@ -213,6 +219,7 @@ enum Module {
     ToneMap,
     Enlarge,
     Blur,
+    Upsample,
     Ssao,
     Hbao,
     Alchemy,
@@ -332,6 +339,7 @@ impl Pipelines {
             Module::ToneMap => ("tonemap", TONEMAP),
             Module::Enlarge => ("enlarge", ENLARGE),
             Module::Blur => ("occlusion blur", BLUR),
+            Module::Upsample => ("occlusion upsampling", UPSAMPLE),
             Module::Ssao => ("ssao", SSAO),
             Module::Hbao => ("hbao", HBAO),
             Module::Alchemy => ("alchemy", ALCHEMY),
@@ -360,15 +368,16 @@ impl Pipelines {
                 )
             }
             Whole::Occlusion(Estimate { method, normals, into }) => {
-                let target = match into {
-                    Estimated::Frame => OCCLUSION.into(),
-                    Estimated::Mean => {
-                        wgpu::ColorTargetState { blend: Some(BY_SHARE), ..OCCLUSION_MEAN.into() }
-                    }
+                let mean = wgpu::ColorTargetState { blend: Some(BY_SHARE), ..OCCLUSION_MEAN.into() };
+                let (entry, target) = match into {
+                    Estimated::Frame => ("fs_occlusion", OCCLUSION.into()),
+                    Estimated::Half => ("fs_occlusion_half", OCCLUSION.into()),
+                    Estimated::Mean => ("fs_occlusion", mean),
                 };
-                full(Module::of(method), "fs_occlusion", target, &sides(normals))
+                full(Module::of(method), entry, target, &sides(normals))
             }
             Whole::Blur => full(Module::Blur, "fs_blur", OCCLUSION.into(), &[]),
+            Whole::Upsample => full(Module::Upsample, "fs_upsample", OCCLUSION.into(), &[]),
             Whole::Sunlight => full(Module::Sunlight, "fs_sunlight", SUNLIGHT.into(), &[]),
             Whole::Lighting { occlusion, shadows } => {
                 let constants = [("OCCLUSION", share(occlusion)), ("SHADOWS", share(shadows))];

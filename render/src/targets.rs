@@ -61,7 +61,7 @@ impl Targets {
                 Resource::Depth => DEPTH,
                 Resource::Normal => NORMAL,
                 Resource::Albedo => ALBEDO,
-                Resource::OcclusionRaw | Resource::Occlusion => OCCLUSION,
+                Resource::OcclusionRaw | Resource::OcclusionHalf | Resource::Occlusion => OCCLUSION,
                 Resource::OcclusionMean => OCCLUSION_MEAN,
                 Resource::Sunlight => SUNLIGHT,
                 Resource::Edges => EDGES,
@@ -79,10 +79,14 @@ impl Targets {
                 Resource::Lit => wgpu::TextureUsages::COPY_DST,
                 _ => wgpu::TextureUsages::empty(),
             };
+            let (width, height) = match resource {
+                Resource::OcclusionHalf => (size.0.div_ceil(2), size.1.div_ceil(2)),
+                _ => size,
+            };
             self.textures.entry(*resource).or_insert_with(|| {
                 gpu.device.create_texture(&wgpu::TextureDescriptor {
                     label: Some("frame target"),
-                    size: wgpu::Extent3d { width: size.0, height: size.1, depth_or_array_layers: 1 },
+                    size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
                     mip_level_count: 1,
                     sample_count: 1,
                     dimension: wgpu::TextureDimension::D2,

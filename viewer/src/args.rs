@@ -95,6 +95,9 @@ pub(crate) struct Args {
     /// By what the pixels are chosen that it takes normals from: nearest in depth, the drawn normals, or surfaces that go on
     #[arg(long, value_name = "NAME", default_value = "nearest", value_parser = occlusion_normals())]
     pub(crate) occlusion_normals: OcclusionNormals,
+    /// Estimate ambient occlusion at one pixel of each 2×2 where frames stand alone; not by hbao-plus
+    #[arg(long, conflicts_with = "no_ao")]
+    pub(crate) occlusion_half: bool,
     /// No shadows of the sun
     #[arg(long)]
     pub(crate) no_shadows: bool,

@@ -61,5 +61,6 @@ fn run() -> anyhow::Result<Outcome> {
         return Ok(Outcome::Finished);
     }
     let args = Args::parse_from(words);
+    run::check(&args)?;
     if args.headless { headless::run(&args) } else { window::run(&args) }
 }

@@ -8,7 +8,8 @@ use lodestream_client::core::{Config, StartView, Stats};
 use lodestream_client::net::{Authorities, Scheme, Server};
 use lodestream_client::threads::Threads;
 use lodestream_render::{
-    AmbientOcclusion, AntiAliasing, Bloom, LightCulling, PnTriangles, Reflections, Settings, Shade, Shadows,
+    AmbientOcclusion, AntiAliasing, Bloom, LightCulling, OcclusionMethod, PnTriangles, Reflections, Settings,
+    Shade, Shadows,
 };
 
 use crate::args::Args;
@@ -20,6 +21,19 @@ use crate::token;
 
 /// Longest file of certificates that is read; the system's own have a quarter of a megabyte.
 const MAX_CA_BYTES: u64 = 4 << 20;
+
+/// Refuses arguments that only together make no sense.
+///
+/// # Errors
+/// Says which.
+pub(crate) fn check(args: &Args) -> anyhow::Result<()> {
+    if args.occlusion_half && args.occlusion_method == OcclusionMethod::HbaoPlus {
+        bail!(
+            "--occlusion-half is of no use with --occlusion-method hbao-plus, whose layers need every pixel"
+        );
+    }
+    Ok(())
+}
 
 /// The server of these arguments, and who may vouch for it.
 ///
@@ -75,6 +89,7 @@ pub(crate) fn settings(args: &Args, software: bool) -> Settings {
     let ambient = AmbientOcclusion {
         method: args.occlusion_method,
         normals: args.occlusion_normals,
+        half: args.occlusion_half,
         still: args.occlusion_still,
         ..AmbientOcclusion::default()
     };
@@ -113,7 +128,7 @@ pub(crate) fn tell_figures(args: &Args, stats: &Stats, shown: &Shown) -> anyhow:
 
 #[cfg(test)]
 mod tests {
-    use lodestream_render::{OcclusionMethod, OcclusionNormals};
+    use lodestream_render::OcclusionNormals;
 
     use super::*;
     use clap::Parser as _;
@@ -187,6 +202,12 @@ mod tests {
             assert_eq!(occlusion, Some(AmbientOcclusion { method, ..AmbientOcclusion::default() }));
             let still = of(&["--occlusion-still", method.name()], true).occlusion;
             assert_eq!(still, Some(AmbientOcclusion { still: Some(method), ..AmbientOcclusion::default() }));
+        }
+        let half = of(&["--occlusion-half"], true).occlusion;
+        assert_eq!(half, Some(AmbientOcclusion { half: true, ..AmbientOcclusion::default() }));
+        for (method, allowed) in [("gtao", true), ("hbao-plus", false)] {
+            let words = ["viewer", "--occlusion-half", "--occlusion-method", method, "ws://h:1"];
+            assert_eq!(check(&Args::try_parse_from(words).unwrap()).is_ok(), allowed);
         }
         for normals in OcclusionNormals::ALL {
             let occlusion = of(&["--occlusion-normals", normals.name()], true).occlusion;

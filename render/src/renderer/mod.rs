@@ -281,6 +281,7 @@ impl Renderer {
                 curved: curved.is_some(),
                 occlusion,
                 drawn_normals: accumulated.normals == OcclusionNormals::Drawn,
+                half_occlusion: accumulated.half,
                 still: (accumulated.number > 0).then_some(accumulated.done),
                 shadows: !casters.is_empty(),
                 lamps: lamps.is_some(),

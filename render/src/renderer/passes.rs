@@ -30,8 +30,8 @@ impl Renderer {
         counters: &mut Counters,
     ) {
         use Resource::{
-            Albedo, Depth, Display, Lit, Normal, Occlusion, OcclusionMean, OcclusionRaw, Pyramid, Radiance,
-            Sunlight,
+            Albedo, Depth, Display, Lit, Normal, Occlusion, OcclusionHalf, OcclusionMean, OcclusionRaw,
+            Pyramid, Radiance, Sunlight,
         };
         let p = |pass| self.pipelines.whole(gpu, pass);
         let full = |encoder: &mut PassEncoder<'_>, pipeline, reads: &[Resource], write| {
@@ -42,6 +42,9 @@ impl Renderer {
                 self.geometry(gpu, encoder, pass.id, frame, (list, ground), counters)
             }
             PassId::Occlusion => self.occlusion(gpu, encoder, pass, accumulated),
+            PassId::OcclusionBlur if pass.reads(OcclusionHalf) => {
+                full(encoder, p(Whole::Upsample), &[Depth, OcclusionHalf], Occlusion);
+            }
             PassId::OcclusionBlur => {
                 let raw = if pass.reads(OcclusionMean) { OcclusionMean } else { OcclusionRaw };
                 full(encoder, p(Whole::Blur), &[Depth, raw], Occlusion);
@@ -176,14 +179,19 @@ impl Renderer {
         pass: Pass,
         AccumulationStep { method, normals, number, .. }: AccumulationStep,
     ) {
-        use Resource::{Depth, Normal, OcclusionMean, OcclusionRaw};
-        let mean = pass.writes(OcclusionMean);
+        use Resource::{Depth, Normal, OcclusionHalf, OcclusionMean, OcclusionRaw};
+        let (estimated, written) = if pass.writes(OcclusionMean) {
+            (Estimated::Mean, OcclusionMean)
+        } else if pass.writes(OcclusionHalf) {
+            (Estimated::Half, OcclusionHalf)
+        } else {
+            (Estimated::Frame, OcclusionRaw)
+        };
+        let mean = estimated == Estimated::Mean;
         // Where the drawn normals are not read, their slot must be filled all the same.
         let reads = [Depth, if pass.reads(Normal) { Normal } else { Depth }];
         let view = |resource| self.targets.view(resource);
-        let (Some(depth), Some(normal), Some(into)) =
-            (view(Depth), view(reads[1]), view(if mean { OcclusionMean } else { OcclusionRaw }))
-        else {
+        let (Some(depth), Some(normal), Some(into)) = (view(Depth), view(reads[1]), view(written)) else {
             return;
         };
         // The first of a mean takes the place of what is there.
@@ -193,7 +201,6 @@ impl Renderer {
             self.layers.draw(gpu, encoder, self.pipelines.layers(gpu, normals), from, (&into, share));
             return;
         }
-        let estimated = if mean { Estimated::Mean } else { Estimated::Frame };
         let estimate = Whole::Occlusion(Estimate { method, normals, into: estimated });
         let pipeline = self.pipelines.whole(gpu, estimate);
         let group =

@@ -53,7 +53,7 @@ fn fs_layer(at: Layer) -> @location(0) vec4<f32> {
     if (any(pixel >= vec2<i32>(frame.size_px))) {
         return vec4(1.0);
     }
-    return vec4(open_at(pixel));
+    return vec4(open_at(pixel, pixel));
 }
 
 // The layers as one picture again.

@@ -44,15 +44,15 @@ fn march_offset(r: Receiver) -> f32 {
     return (f32((r.rotation * 5u + 3u) & 15u) + 0.5) / 16.0;
 }
 
-// How open the surface at a pixel is.
-fn open_at(pixel: vec2<i32>) -> f32 {
+// How open the surface at a pixel is, by the rotation of a place of the picture that is drawn into.
+fn open_at(pixel: vec2<i32>, place: vec2<i32>) -> f32 {
     let depth = depth_at(pixel);
     let radius = radius_at(depth);
     if (depth >= FAR || radius * frame.scale_px < MIN_RADIUS_PX * depth) {
         return 1.0;
     }
     let centre = view_ray(pixel) * depth;
-    let receiver = Receiver(pixel, depth, centre, receiver_normal(pixel, centre), radius, rotation_index(pixel));
+    let receiver = Receiver(pixel, depth, centre, receiver_normal(pixel, centre), radius, rotation_index(place));
     let sums = occlusion_sums(receiver);
     return clamp(1.0 - frame.occlusion_strength * sums.x / sums.y, 0.0, 1.0);
 }

@@ -18,5 +18,13 @@ fn drawn_at(r: Receiver, offset_px: vec2<f32>) -> vec3<f32> {
 
 @fragment
 fn fs_occlusion(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
-    return vec4(open_at(vec2<i32>(at.xy)));
+    let pixel = vec2<i32>(at.xy);
+    return vec4(open_at(pixel, pixel));
+}
+
+// Of one pixel of each 2x2.
+@fragment
+fn fs_occlusion_half(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
+    let cell = vec2<i32>(at.xy);
+    return vec4(open_at(half_pixel(cell), cell));
 }

@@ -124,8 +124,14 @@ fn occlusion_matches_its_twin() {
     };
     for (method, samples, normals) in OcclusionMethod::ALL.into_iter().flat_map(ways) {
         let radius = OcclusionRadius::World(0.3);
-        frame.settings.occlusion =
-            Some(AmbientOcclusion { method, radius, strength: 1.0, samples, normals, still: None });
+        frame.settings.occlusion = Some(AmbientOcclusion {
+            method,
+            radius,
+            strength: 1.0,
+            samples,
+            normals,
+            ..AmbientOcclusion::default()
+        });
         h.frame(&frame).unwrap();
         let depth = h.depth().unwrap();
         let raw = h.intermediate(Resource::OcclusionRaw, 1).unwrap();

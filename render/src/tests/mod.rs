@@ -16,6 +16,7 @@ mod host;
 mod lights;
 mod materials;
 mod occlusion;
+mod occlusion_half;
 mod occlusion_rays;
 mod pictures;
 mod pn_triangles;

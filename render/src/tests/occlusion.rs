@@ -41,7 +41,7 @@ pub(super) fn draw(
 }
 
 /// Values of pixels that show something, of 255.
-fn values(picture: &RgbaImage, covered: &[bool]) -> Vec<u8> {
+pub(super) fn values(picture: &RgbaImage, covered: &[bool]) -> Vec<u8> {
     picture.pixels().zip(covered).filter(|(_, covered)| **covered).map(|(pixel, _)| pixel[0]).collect()
 }
 

@@ -29,6 +29,9 @@ pub(crate) struct OcclusionErrors {
     /// What normals are taken from, divided by commas; each method is drawn with each.
     #[arg(long, value_delimiter = ',', value_parser = normals(), default_values_t = [Named(OcclusionNormals::Nearest)])]
     normals: Vec<Named<OcclusionNormals>>,
+    /// Draws those that stand alone of one pixel of each 2×2 too, but for `hbao-plus`, whose layers stay whole.
+    #[arg(long)]
+    half: bool,
     /// Samples per pixel, divided by commas; each method is drawn with each.
     #[arg(
         long,
@@ -101,6 +104,7 @@ impl OcclusionErrors {
             methods: self.methods.iter().map(|named| named.0).collect(),
             samples: self.samples.clone(),
             normals: self.normals.iter().map(|named| named.0).collect(),
+            half: self.half,
             still: self.still,
             radius: OcclusionRadius::Depth(self.radius),
             rays: self.rays,

@@ -141,6 +141,10 @@ fn parameters(ui: &mut egui::Ui, choices: &mut Choices) {
         });
         ui.end_row();
         slider(ui, "samples", egui::Slider::new(&mut ambient.samples, 1..=MAX_SAMPLES));
+        ui.label("one pixel of four");
+        let whole = ambient.method == OcclusionMethod::HbaoPlus;
+        ui.add_enabled(!whole, egui::Checkbox::without_text(&mut ambient.half));
+        ui.end_row();
         slider(ui, "strength", egui::Slider::new(&mut ambient.strength, 0.0..=4.0));
         match &mut ambient.radius {
             OcclusionRadius::Depth(share) => {

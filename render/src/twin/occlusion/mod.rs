@@ -4,6 +4,7 @@ mod alchemy;
 mod bitmask;
 mod blur;
 mod gtao;
+mod half;
 mod hbao;
 mod normal;
 mod receiver;
@@ -11,6 +12,7 @@ mod slices;
 pub mod ssao;
 
 pub use blur::Blur;
+pub use half::{Upsample, half_pixel, half_size};
 pub use normal::Normals;
 use receiver::Receiver;
 
@@ -55,6 +57,11 @@ impl Occlusion<'_> {
     /// How open the surface at a pixel is: 1 = nothing near hides the sky, 0 = buried.
     #[must_use]
     pub fn openness(&self, pixel: [i64; 2], strength: f64) -> f64 {
+        self.openness_turned_as(pixel, pixel, strength)
+    }
+
+    /// The same with the rotation of a place of the picture that is drawn into.
+    fn openness_turned_as(&self, pixel: [i64; 2], place: [i64; 2], strength: f64) -> f64 {
         let Self { picture, samples, .. } = *self;
         let depth = picture.depth_at(pixel);
         let scale_px = picture.scale_px();
@@ -64,7 +71,7 @@ impl Occlusion<'_> {
         }
         let centre = picture.position_at(pixel);
         let normal = self.normals.of(&picture, pixel, centre);
-        let rotation = (rotation_index(pixel) + self.turned) & 15;
+        let rotation = (rotation_index(place) + self.turned) & 15;
         let stride = if self.method == OcclusionMethod::HbaoPlus { 4 } else { 1 };
         let receiver =
             Receiver { picture, pixel, depth, centre, normal, radius, rotation, scale_px, samples, stride };

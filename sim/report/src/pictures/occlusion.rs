@@ -42,6 +42,8 @@ pub struct Question {
     pub samples: Vec<u32>,
     /// What normals are taken from, each with each method and number of samples.
     pub normals: Vec<OcclusionNormals>,
+    /// Whether those that stand alone are drawn of one pixel of each 2×2 too, but for those in layers, which stay whole.
+    pub half: bool,
     /// Samples a pixel and frame of means over [`STILL_FRAMES`] frames in which nothing changes, of each method; 0: none.
     pub still: u32,
     /// Reach of occlusion.
@@ -63,6 +65,8 @@ pub struct OcclusionError {
     pub samples: u32,
     /// What its normals are taken from.
     pub normals: String,
+    /// Whether one pixel of each 2×2 is estimated.
+    pub half: bool,
     /// Frames of the mean; 1 where each frame stands alone.
     pub mean_of: u32,
     /// Width and height of the pictures, which are the plan's viewport.
@@ -118,6 +122,8 @@ struct Way {
     method: OcclusionMethod,
     normals: OcclusionNormals,
     samples: u32,
+    /// Of one pixel of each 2×2.
+    half: bool,
     /// In a mean of frames, or in such as stand alone.
     still: bool,
 }
@@ -125,21 +131,24 @@ struct Way {
 impl Way {
     /// All that are asked for: those that stand alone first.
     fn all(question: &Question) -> Vec<Self> {
-        let alone = question.samples.iter().map(|samples| (*samples, false));
-        let means = Some((question.still, true)).filter(|(samples, _)| *samples > 0);
-        let counts = alone.chain(means);
-        let normals = counts.flat_map(|count| question.normals.iter().map(move |normals| (count, *normals)));
-        normals
-            .flat_map(|((samples, still), normals)| {
-                question.methods.iter().map(move |method| Self { method: *method, normals, samples, still })
-            })
-            .collect()
+        let counts = |half, still| question.samples.iter().map(move |samples| (*samples, half, still));
+        let halves = counts(true, false).filter(|_| question.half);
+        let means = Some((question.still, false, true)).filter(|(samples, ..)| *samples > 0);
+        let mut all = Vec::new();
+        for (samples, half, still) in counts(false, false).chain(halves).chain(means) {
+            for &normals in &question.normals {
+                let ways =
+                    question.methods.iter().map(|&method| Self { method, normals, samples, half, still });
+                all.extend(ways.filter(|way| !(half && way.method == OcclusionMethod::HbaoPlus)));
+            }
+        }
+        all
     }
 
     fn settings(self, radius: OcclusionRadius) -> Settings {
-        let Self { method, normals, samples, still } = self;
+        let Self { method, normals, samples, half, still } = self;
         let still = still.then_some(method);
-        let occlusion = AmbientOcclusion { method, radius, strength: 1.0, samples, normals, still };
+        let occlusion = AmbientOcclusion { method, radius, strength: 1.0, samples, normals, half, still };
         Settings {
             shade: Shade::Occlusion,
             occlusion: Some(occlusion),
@@ -160,7 +169,8 @@ impl Way {
             OcclusionNormals::Nearest => String::new(),
             normals => format!("-{}", normals.name()),
         };
-        format!("{}-{}{normals}", self.method.name(), self.samples * self.mean_of())
+        let half = if self.half { "-half" } else { "" };
+        format!("{}-{}{normals}{half}", self.method.name(), self.samples * self.mean_of())
     }
 }
 
@@ -226,6 +236,7 @@ fn of_view(
             method: way.method.name().to_owned(),
             samples: way.samples * way.mean_of(),
             normals: way.normals.name().to_owned(),
+            half: way.half,
             mean_of: way.mean_of(),
             size_px,
             adapter: adapter.to_owned(),
@@ -257,12 +268,13 @@ impl fmt::Display for OcclusionError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "view {}, {:>12} {:>3}, {}: MSE {:.6}, bias {:+.4}, FLIP {:.4}, {:.2} ms ({:.2} without blur), {:.2} times the \
+            "view {}, {:>12} {:>3}, {}{}: MSE {:.6}, bias {:+.4}, FLIP {:.4}, {:.2} ms ({:.2} without blur), {:.2} times the \
              first; open {:.3}, {:.1} % judged, {} triangles",
             self.view,
             self.method,
             self.samples,
             self.normals,
+            if self.half { ", half" } else { "" },
             self.mse,
             self.bias,
             self.flip,
@@ -301,6 +313,7 @@ mod tests {
             methods: OcclusionMethod::ALL.to_vec(),
             samples: vec![16],
             normals: vec![OcclusionNormals::Nearest],
+            half: false,
             still: 16,
             radius: OcclusionRadius::Depth(0.06),
             rays: 64,
