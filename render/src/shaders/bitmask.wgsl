@@ -27,10 +27,15 @@ fn occlusion_sums(r: Receiver) -> vec2<f32> {
         let whole = signed_arc(slice, slice.angle + 0.5 * PI) - begin;
         var hidden = 0u;
         var occluded = 0.0;
+        var before = vec2(0.0);
         for (var k = 0u; k < steps; k++) {
-            for (var side = -1.0; side < 2.0; side += 2.0) {
+            for (var end = 0u; end < 2u; end++) {
+                let side = 2.0 * f32(end) - 1.0;
                 let to = drawn_at(r, slice.offset_px * (side * step_length(r, k)));
                 let front = within(r, slice, to);
+                let here = falloff(r, length(to));
+                let met = met_between(before[end], here);
+                before[end] = come_from(here, length(front));
                 if (front.y <= MIN_ELEVATION * length(front)) {
                     continue;
                 }
@@ -48,7 +53,7 @@ fn occlusion_sums(r: Receiver) -> vec2<f32> {
                 let low = (signed_arc(slice, ends.x) - begin) / whole;
                 let high = (signed_arc(slice, ends.y) - begin) / whole;
                 let covered = sectors(low, high, dither);
-                occluded += falloff(r, length(to)) * f32(countOneBits(covered & ~hidden)) / 32.0;
+                occluded += met * f32(countOneBits(covered & ~hidden)) / 32.0;
                 hidden |= covered;
             }
         }

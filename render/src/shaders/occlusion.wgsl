@@ -39,6 +39,17 @@ fn falloff(r: Receiver, distance: f32) -> f32 {
     return max(1.0 - distance / r.radius, 0.0);
 }
 
+// What of an occluder counts that a march meets between two places, by the falloff of each: what rises there is as near as
+// both are in the mean. But what lies far behind or before the other is met at the latter: at most half as much again.
+fn met_between(before: f32, here: f32) -> f32 {
+    return 0.5 * (here + clamp(before, here, 2.0 * here));
+}
+
+// The falloff of a place that a march comes from; none where nothing was drawn.
+fn come_from(here: f32, distance: f32) -> f32 {
+    return select(here, 0.0, distance <= 0.0);
+}
+
 // Where along a march a pixel's samples lie, 0..1 between two: each of 16 once, in another order than rotations.
 fn march_offset(r: Receiver) -> f32 {
     return (f32((r.rotation * 5u + 3u) & 15u) + 0.5) / 16.0;

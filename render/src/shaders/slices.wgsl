@@ -13,9 +13,11 @@ struct Slice {
     angle: f32,
 }
 
-// How many slices a number of samples comes to, and how many steps to either side of each.
+// How many slices a number of samples comes to, and how many steps to either side of each: four, and eight in a mean of
+// frames, which turn slices anyway.
 fn slice_count() -> u32 {
-    return max((frame.occlusion_samples + 4u) / 8u, 1u);
+    let to_both_sides = select(16u, 8u, (frame.flags >> 12u) == 0u);
+    return max((frame.occlusion_samples + to_both_sides / 2u) / to_both_sides, 1u);
 }
 
 fn step_count() -> u32 {

@@ -105,7 +105,7 @@ fn sixteen_frames_are_the_mean_of_all_rotations_and_then_nothing_is_drawn() {
         normals: Normals::Nearest,
         radius: (f64::from(0.4_f32), 0.0),
         samples: 16,
-        turned,
+        turned: Some(turned),
     };
     let mut off = 0;
     for (i, got) in mean.iter().enumerate() {

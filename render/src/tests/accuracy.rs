@@ -153,7 +153,7 @@ fn occlusion_matches_its_twin() {
             },
             radius: (0.3, 0.0),
             samples: samples as usize,
-            turned: 0,
+            turned: None,
         };
         let (mut sum, mut different, mut darkest) = (0.0, 0, 1.0f64);
         for (i, value) in raw.iter().enumerate() {

@@ -64,7 +64,7 @@ fn half_of_occlusion_and_what_becomes_of_it_match_their_twins() {
             };
             let radius = (f64::from(0.3_f32), 0.0);
             let twin =
-                Occlusion { picture, method, normals: Normals::Nearest, radius, samples: 16, turned: 0 };
+                Occlusion { picture, method, normals: Normals::Nearest, radius, samples: 16, turned: None };
             let half: Vec<f64> =
                 h.intermediate(Resource::OcclusionHalf, 1).unwrap().iter().map(share).collect();
             let place = |i: usize, width: u32| [i as i64 % i64::from(width), i as i64 / i64::from(width)];

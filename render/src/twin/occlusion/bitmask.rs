@@ -2,7 +2,7 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use super::receiver::{MIN_ELEVATION, Receiver, length};
+use super::receiver::{MIN_ELEVATION, Receiver, come_from, length, met_between};
 use super::slices::{Slice, counts};
 
 const THICKNESS: f64 = 0.5;
@@ -13,16 +13,19 @@ fn sectors(low: f64, high: f64, dither: f64) -> u32 {
 }
 
 pub(super) fn sums(r: &Receiver<'_>) -> [f64; 2] {
-    let (slices, steps) = counts(r.samples);
+    let (slices, steps) = counts(r);
     let dither = (f64::from((r.rotation * 7 + 1) & 15) + 0.5) / 16.0;
     let mut sums = [0.0; 2];
     for slice in (0..slices).map(|number| Slice::new(r, number)) {
         let begin = slice.signed_arc(slice.angle - FRAC_PI_2);
         let whole = slice.signed_arc(slice.angle + FRAC_PI_2) - begin;
-        let (mut hidden, mut occluded) = (0_u32, 0.0);
-        for (step, side) in (0..steps).flat_map(|step| [(step, -1.0), (step, 1.0)]) {
-            let to = slice.drawn_at(r, step, side);
+        let (mut hidden, mut occluded, mut before) = (0_u32, 0.0, [0.0; 2]);
+        for (step, end) in (0..steps).flat_map(|step| [(step, 0), (step, 1)]) {
+            let to = slice.drawn_at(r, step, [-1.0, 1.0][end]);
             let [x, y] = slice.within(r, to);
+            let here = r.falloff(length(to));
+            let met = met_between(before[end], here);
+            before[end] = come_from(here, x.hypot(y));
             if y <= MIN_ELEVATION * x.hypot(y) {
                 continue;
             }
@@ -37,7 +40,7 @@ pub(super) fn sums(r: &Receiver<'_>) -> [f64; 2] {
             let share =
                 |end: f64| (slice.signed_arc(end.clamp(-FRAC_PI_2, FRAC_PI_2) + slice.angle) - begin) / whole;
             let covered = sectors(share(low), share(high), dither);
-            occluded += r.falloff(length(to)) * f64::from((covered & !hidden).count_ones()) / 32.0;
+            occluded += met * f64::from((covered & !hidden).count_ones()) / 32.0;
             hidden |= covered;
         }
         sums[0] += slice.normal_length * whole * occluded;

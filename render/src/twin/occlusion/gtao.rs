@@ -2,25 +2,29 @@
 
 use std::f64::consts::FRAC_PI_2;
 
-use super::receiver::{MIN_ELEVATION, Receiver, length};
+use super::receiver::{MIN_ELEVATION, Receiver, come_from, length, met_between};
 use super::slices::{Slice, counts};
 
 pub(super) fn sums(r: &Receiver<'_>) -> [f64; 2] {
-    let (slices, steps) = counts(r.samples);
+    let (slices, steps) = counts(r);
     let mut sums = [0.0; 2];
     for slice in (0..slices).map(|number| Slice::new(r, number)) {
         for side in [-1.0, 1.0] {
             let mut horizon = -side * slice.sine;
             let mut open = slice.arc(slice.angle + side * FRAC_PI_2);
             sums[1] += slice.normal_length * open;
+            let mut before = 0.0;
             for step in 0..steps {
                 let to = slice.drawn_at(r, step, side);
                 let [x, y] = slice.within(r, to);
                 let distance = x.hypot(y);
                 let cosine = (y * slice.cosine - x * slice.sine) / distance.max(1e-30);
+                let here = r.falloff(length(to));
+                let met = met_between(before, here);
+                before = come_from(here, distance);
                 if y > MIN_ELEVATION * distance && cosine > horizon {
                     let left = slice.arc(side * cosine.clamp(-1.0, 1.0).acos());
-                    sums[0] += slice.normal_length * r.falloff(length(to)) * (open - left);
+                    sums[0] += slice.normal_length * met * (open - left);
                     (horizon, open) = (cosine, left);
                 }
             }

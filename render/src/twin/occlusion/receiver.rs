@@ -17,6 +17,8 @@ pub(super) struct Receiver<'a> {
     pub(super) rotation: u32,
     pub(super) scale_px: f64,
     pub(super) samples: usize,
+    /// Whether it is a frame of a mean.
+    pub(super) of_a_mean: bool,
     /// Pixels between two that are looked up: 4 where it has a sixteenth of the picture.
     pub(super) stride: i64,
 }
@@ -60,4 +62,14 @@ impl Receiver<'_> {
 
 pub(super) fn length(v: V3) -> f64 {
     dot(v, v).sqrt()
+}
+
+/// What of an occluder counts that a march meets between two places, by the falloff of each.
+pub(super) fn met_between(before: f64, here: f64) -> f64 {
+    0.5 * (here + before.clamp(here, 2.0 * here))
+}
+
+/// The falloff of a place that a march comes from; none where nothing was drawn.
+pub(super) fn come_from(here: f64, distance: f64) -> f64 {
+    if distance <= 0.0 { 0.0 } else { here }
 }

@@ -16,15 +16,20 @@ pub(super) struct Slice {
 }
 
 /// Slices, and steps to either side of each.
-pub(super) fn counts(samples: usize) -> (usize, usize) {
-    let slices = ((samples + 4) / 8).max(1);
+pub(super) fn counts(r: &Receiver<'_>) -> (usize, usize) {
+    counts_of(r.samples, r.of_a_mean)
+}
+
+fn counts_of(samples: usize, of_a_mean: bool) -> (usize, usize) {
+    let to_both_sides = if of_a_mean { 16 } else { 8 };
+    let slices = ((samples + to_both_sides / 2) / to_both_sides).max(1);
     (slices, (samples / (2 * slices)).max(1))
 }
 
 impl Slice {
     pub(super) fn new(r: &Receiver<'_>, number: usize) -> Self {
         let to_eye = scale(r.centre, -1.0 / length(r.centre));
-        let (slices, _) = counts(r.samples);
+        let (slices, _) = counts(r);
         let (sin, cos) = (PI * (number as f64 + f64::from(r.rotation) / 16.0) / slices as f64).sin_cos();
         let [b0, b1] = basis(to_eye);
         let along = [0, 1, 2].map(|i| b0[i] * cos + b1[i] * sin);
@@ -44,7 +49,7 @@ impl Slice {
 
     /// What is drawn so many steps away on one of the sides.
     pub(super) fn drawn_at(&self, r: &Receiver<'_>, step: usize, side: f64) -> V3 {
-        let share = (step as f64 + r.march_offset()) / counts(r.samples).1 as f64;
+        let share = (step as f64 + r.march_offset()) / counts(r).1 as f64;
         r.drawn_at(self.offset_px.map(|px| px * side * r.march_px(share * share) * r.depth / r.scale_px))
     }
 
@@ -87,6 +92,8 @@ mod tests {
                 assert!((slice.signed_arc(end) - sum).abs() < 1e-6, "{angle} {end}");
             }
         }
-        assert_eq!([1, 4, 8, 16, 32, 64].map(counts), [(1, 1), (1, 2), (1, 4), (2, 4), (4, 4), (8, 4)]);
+        let counts = |of_a_mean| [1, 4, 8, 16, 32, 64].map(|samples| counts_of(samples, of_a_mean));
+        assert_eq!(counts(false), [(1, 1), (1, 2), (1, 4), (2, 4), (4, 4), (8, 4)]);
+        assert_eq!(counts(true), [(1, 1), (1, 2), (1, 4), (1, 8), (2, 8), (4, 8)]);
     }
 }
