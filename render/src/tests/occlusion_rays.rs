@@ -3,11 +3,11 @@
 use glam::DVec3;
 
 use super::occlusion::{draw, shown};
-use super::shapes::{asset, quad};
+use super::shapes::{Mesh, asset, join, quad};
 use super::{headless, keep};
 use crate::rays::{Rays, Seen};
 use crate::{
-    AmbientOcclusion, Drawable, Frame, Instance, Material, OcclusionMethod, OcclusionNormals,
+    AmbientOcclusion, Drawable, Frame, Headless, Instance, Material, OcclusionMethod, OcclusionNormals,
     OcclusionRadius, Pose, Settings,
 };
 
@@ -51,10 +51,93 @@ fn beside_an_inner_edge_occlusion_is_nearer_to_rays_with_normals_of_its_own_wall
         // Directions that are even in the picture are too few towards walls at a slant, whatever the normal.
         let most = match method {
             OcclusionMethod::Hbao | OcclusionMethod::HbaoPlus | OcclusionMethod::Alchemy => 0.95,
-            _ => 0.65,
+            _ => 0.6,
         };
         for better in [drawn, extended] {
             assert!(better[1] < most * nearest[1], "{name}: {better:.4?} {nearest:.4?}");
         }
+    }
+}
+
+/// A box from a corner on, faces outwards.
+fn block([x, y, z]: [f32; 3], [dx, dy, dz]: [f32; 3]) -> Mesh {
+    join(&[
+        quad([x, y, z + dz], [dx, 0.0, 0.0], [0.0, dy, 0.0], 1.0),
+        quad([x + dx, y, z], [-dx, 0.0, 0.0], [0.0, dy, 0.0], 1.0),
+        quad([x + dx, y, z + dz], [0.0, 0.0, -dz], [0.0, dy, 0.0], 1.0),
+        quad([x, y, z], [0.0, 0.0, dz], [0.0, dy, 0.0], 1.0),
+        quad([x, y + dy, z + dz], [dx, 0.0, 0.0], [0.0, 0.0, -dz], 1.0),
+    ])
+}
+
+/// What `docs/benchmarks/occlusion.md` tells of faults: how dark a wall gets behind a pillar that stands two radii before it, and how
+/// dark what faces the eye gets behind what stands right before it, whose back no depth buffer knows; for the radius, twice
+/// and four times that.
+#[test]
+fn what_lies_behind_gets_too_dark_and_what_lies_in_a_row_not_dark_enough() {
+    const RADIUS: f32 = 0.4;
+    const SIZE: [u32; 2] = [240, 135];
+    const BESIDE_PX: usize = 10;
+    let Some(mut h) = headless(SIZE[0], SIZE[1]) else { return };
+    // The eye is at z = 0 and looks along -z, so that what faces it has one depth each.
+    let (wall, pillar, fronts) = (5.0, 4.2, [2.0_f32, 2.7, 3.4, 4.1]);
+    let row = fronts.map(|front| block([1.0, -1.0, -front - 0.45], [0.6, 1.0, 0.45]));
+    let mesh = join(&[
+        quad([-6.0, -1.0, -wall], [12.0, 0.0, 0.0], [0.0, 5.0, 0.0], 1.0),
+        quad([-6.0, -1.0, 1.0], [12.0, 0.0, 0.0], [0.0, 0.0, -wall - 1.0], 1.0),
+        block([-1.0, -1.0, -pillar - 0.2], [0.4, 4.0, 0.2]),
+        join(&row),
+    ]);
+    let mesh = asset(&h, &mesh, Material::default());
+    let all = [Drawable { asset: &mesh, instances: &[Instance::default()] }];
+    let camera = Pose::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 0.7);
+    let seen_by = |h: &Headless, radius| {
+        Rays::of_frame(h.gpu(), &Frame::new(camera, &all)).unwrap().picture(SIZE, radius, 256)
+    };
+    let radii = [1.0, 2.0, 4.0].map(|factor| OcclusionRadius::World(factor * RADIUS));
+    let truths = radii.map(|radius| seen_by(&h, radius));
+    let is_at =
+        |i: usize, depth: f32| truths[0][i].is_some_and(|seen| (seen.depth - f64::from(depth)).abs() < 1e-4);
+    let width = SIZE[0] as usize;
+    let beside: Vec<usize> = (0..truths[0].len())
+        .filter(|&i| {
+            let near = |steps: usize| {
+                (i % width >= steps && is_at(i - steps, pillar))
+                    || (i % width + steps < width && is_at(i + steps, pillar))
+            };
+            is_at(i, wall) && (1..=BESIDE_PX).any(near)
+        })
+        .collect();
+    let behind: Vec<usize> =
+        (0..truths[0].len()).filter(|&i| fronts[1..].iter().any(|front| is_at(i, *front))).collect();
+    let hidden = |pixels: &[usize], truth: &[Option<Seen>]| {
+        mean_of(pixels, |i| truth[i].map_or(0.0, |seen| 1.0 - seen.openness))
+    };
+    let rays: [[f64; 2]; 3] = truths.each_ref().map(|truth| [hidden(&beside, truth), hidden(&behind, truth)]);
+    println!("hidden by rays beside the pillar and in the row, by radius: {rays:.3?}");
+    for method in OcclusionMethod::ALL {
+        let drawn = [0, 1, 2].map(|k| {
+            let picture = draw(&mut h, camera, &all, shown(method, radii[k], 16));
+            keep(&h, &format!("occlusion-row-{}-{}", method.name(), 1 << k));
+            [&beside, &behind]
+                .map(|pixels| mean_of(pixels, |i| 1.0 - f64::from(picture.as_raw()[4 * i]) / 255.0))
+        });
+        let name = method.name();
+        println!("{name}: {drawn:.3?}");
+        let points = matches!(method, OcclusionMethod::Ssao | OcclusionMethod::SsaoCentred);
+        for (k, ([beside, row], [rays_beside, rays_row])) in drawn.into_iter().zip(rays).enumerate() {
+            // Points behind the pillar count for hidden up to some radii behind it, and darken the wall two radii away:
+            // that is what they are known for. Marches go by how far away what they meet is.
+            let most = [[0.12, 0.28, 0.08], [0.03, 0.03, 0.1]][usize::from(!points)][k];
+            let bleeding = beside - rays_beside;
+            assert!((-0.06..most).contains(&bleeding), "{name}, radius {k}: {bleeding}");
+            // What is behind what is drawn is not known, to any.
+            let known = if points && k == 0 { 2.8 } else { 1.1 };
+            assert!(row < known * rays_row, "{name}, radius {k}: {row} of {rays_row}");
+        }
+        let [first, _, last] = drawn;
+        assert!(last[1] < 0.85 * rays[2][1], "{name}: {last:?}");
+        // A larger radius finds more of the row, and lets more bleed.
+        assert!(points || last[1] > 1.5 * first[1] && last[0] > first[0] + 0.05, "{name}: {drawn:?}");
     }
 }
