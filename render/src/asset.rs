@@ -383,6 +383,11 @@ impl AssetGpu {
         self.vertices.bytes() + self.parts.iter().map(|p| p.indices.bytes()).sum::<u64>()
     }
 
+    /// Vertex slots that were written.
+    pub(crate) fn slots(&self) -> u64 {
+        self.vertices.len()
+    }
+
     /// The vertex buffer and the parts that have faces; nothing while there are no vertices.
     pub(crate) fn draws(&self) -> Option<(&wgpu::Buffer, impl Iterator<Item = PartDraw<'_>>)> {
         let parts = self.parts.iter().filter_map(|part| {

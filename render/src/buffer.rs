@@ -162,3 +162,27 @@ impl<T: Pod> GrowingBuffer<T> {
         Ok(Some((old, Contents { buffer: Some(new), capacity, len: now.len })))
     }
 }
+
+/// A buffer of so many bytes at least, for the device alone to fill; what it held is lost where it grows.
+pub(crate) fn room<'a>(
+    gpu: &Gpu,
+    slot: &'a mut Option<wgpu::Buffer>,
+    what: &'static str,
+    bytes: u64,
+    usage: wgpu::BufferUsages,
+) -> Result<&'a wgpu::Buffer, RenderError> {
+    let limits = gpu.device.limits();
+    let allowed = limits.max_buffer_size.min(limits.max_storage_buffer_binding_size);
+    if bytes > allowed {
+        return Err(RenderError::TooLarge { what, needed: bytes, allowed });
+    }
+    slot.take_if(|buffer| buffer.size() < bytes);
+    Ok(slot.get_or_insert_with(|| {
+        gpu.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some(what),
+            size: bytes.next_power_of_two().min(allowed),
+            usage,
+            mapped_at_creation: false,
+        })
+    }))
+}

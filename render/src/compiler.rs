@@ -29,6 +29,7 @@ enum Task {
         by_cells: Option<bool>,
     },
     Bloom,
+    Ink,
     /// Of occlusion.
     Layers(OcclusionNormals),
     Wire,
@@ -59,8 +60,8 @@ impl Compiler {
         Self {
             gpu: gpu.clone(),
             pipelines: Arc::clone(pipelines),
-            tasks: tasks(settings, ground).into(),
-            curved: settings.pn_triangles.is_some() && gpu.can_curve(),
+            tasks: tasks(gpu, settings, ground).into(),
+            curved: settings.curves(gpu).is_some(),
             next: Arc::default(),
         }
     }
@@ -103,6 +104,9 @@ impl Compiler {
             Task::Bloom => {
                 pipelines.bloom(gpu);
             }
+            Task::Ink => {
+                pipelines.ink(gpu);
+            }
             Task::Wire => {
                 meshes.wire(gpu);
             }
@@ -120,14 +124,14 @@ impl Compiler {
 }
 
 /// What is needed for some settings. The longest first, so that threads end together.
-fn tasks(settings: &Settings, ground: bool) -> Vec<Task> {
+fn tasks(gpu: &Gpu, settings: &Settings, ground: bool) -> Vec<Task> {
     let relief = settings.relief;
     let shadows = settings.shadows.is_some();
     let ambient = settings.occlusion.filter(|occlusion| occlusion.strength > 0.0);
     let occlusion = ambient.is_some();
     let mut tasks = vec![Task::Surface { relief: false }];
     let mut also = |needed: bool, more: &[Task]| tasks.extend(more.iter().filter(|_| needed));
-    also(settings.pn_triangles.is_some(), &[Task::Patches]);
+    also(settings.curves(gpu).is_some(), &[Task::Patches]);
     also(ground, &[Task::Ground { relief }]);
     also(relief, &[Task::Surface { relief: true }]);
     also(true, &[Task::Whole(Whole::Lighting { occlusion, shadows })]);
@@ -138,6 +142,7 @@ fn tasks(settings: &Settings, ground: bool) -> Vec<Task> {
         also(by_cells, &[Task::Whole(Whole::DepthPyramid)]);
     }
     also(settings.bloom.is_some(), &[Task::Bloom]);
+    also(settings.draws_ink(gpu).is_some(), &[Task::Ink]);
     also(shadows, &[Task::Whole(Whole::Sunlight), Task::Caster]);
     also(shadows && ground, &[Task::GroundCaster]);
     if let Some(ambient) = ambient {

@@ -210,7 +210,15 @@ impl Gpu {
             && limits.max_bind_groups >= 3
     }
 
-    /// What buffers of meshes and of their places are made for besides, so that patches may be made of them.
+    /// Whether ink can be drawn: what curved patches need, and groups of 256.
+    pub(crate) fn can_ink(&self) -> bool {
+        let limits = self.device.limits();
+        self.can_curve()
+            && limits.max_compute_invocations_per_workgroup >= 256
+            && limits.max_compute_workgroup_size_x >= 256
+    }
+
+    /// What buffers of meshes and of their places are made for besides, so that patches and strokes may be made of them.
     pub(crate) fn curve_usage(&self) -> wgpu::BufferUsages {
         if self.can_curve() { wgpu::BufferUsages::STORAGE } else { wgpu::BufferUsages::empty() }
     }

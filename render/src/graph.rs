@@ -37,6 +37,10 @@ pub enum PassId {
     Water,
     /// What is seen through, from far to near over the lit picture.
     Transparency,
+    /// Strokes of ink: which edges are some, and what of them is seen.
+    Strokes,
+    /// The same blurred over the lit picture, whose light is in levels.
+    Ink,
     /// Triangle edges, counted per pixel.
     Edges,
     /// The same over the lit picture, where they are not too close together.
@@ -79,6 +83,8 @@ impl PassId {
             Self::Reflections => "reflections",
             Self::Water => "water",
             Self::Transparency => "transparency",
+            Self::Strokes => "strokes",
+            Self::Ink => "ink",
             Self::Edges => "edges",
             Self::Wireframe => "wireframe",
             Self::Bloom => "bloom",
@@ -110,10 +116,12 @@ pub(crate) enum Resource {
     /// Of fixed size; not allocated with those of the picture's.
     ShadowMaps,
     Sunlight,
+    /// How much of each pixel strokes of ink cover.
+    Strokes,
     /// How many edges of triangles cross each pixel.
     Edges,
     Radiance,
-    /// The same before what is mirrored of it was added.
+    /// The same before what is mirrored of it was added, or before it was drawn in ink.
     Lit,
     /// Nearest depths of cells; its levels are not allocated with those of the picture's size.
     Pyramid,
@@ -172,6 +180,8 @@ pub(crate) struct Needs {
     pub(crate) bloom: bool,
     pub(crate) water: bool,
     pub(crate) transparency: bool,
+    /// The lit picture is drawn in ink.
+    pub(crate) ink: bool,
     pub(crate) wireframe: bool,
     /// Something moves by itself.
     pub(crate) motion: bool,
@@ -193,7 +203,7 @@ pub(crate) struct Needs {
 pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
     use Resource::{
         Albedo, Depth, Display, Edges, History, Lit, Motion, Normal, Occlusion, OcclusionHalf, OcclusionMean,
-        OcclusionRaw, Overdraw, Patches, Pyramid, Radiance, ShadowMaps, Smoothed, Sunlight, Target,
+        OcclusionRaw, Overdraw, Patches, Pyramid, Radiance, ShadowMaps, Smoothed, Strokes, Sunlight, Target,
     };
     let pass = |id, reads, writes| Pass { id, reads, writes };
     let mut passes = Vec::new();
@@ -268,6 +278,10 @@ pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
         }
         if needs.transparency {
             passes.push(pass(PassId::Transparency, seen_by, &[Radiance]));
+        }
+        if needs.ink {
+            passes.push(pass(PassId::Strokes, &[Depth], &[Strokes]));
+            passes.push(pass(PassId::Ink, &[Depth, Albedo, Radiance, Strokes], &[Lit, Radiance]));
         }
         if needs.wireframe {
             passes.push(pass(PassId::Edges, &[Depth], &[Edges]));
@@ -469,7 +483,7 @@ mod tests {
             Some(&[Resource::Depth, Resource::Sunlight]),
             Some(&[Resource::Depth, Resource::Overdraw]),
         ];
-        for (bits, shown) in (0..1_048_576).flat_map(|bits| shown.map(|shown| (bits, shown))) {
+        for (bits, shown) in (0..2_097_152).flat_map(|bits| shown.map(|shown| (bits, shown))) {
             let bit = |n: u32| bits >> n & 1 != 0;
             let needs = Needs {
                 shown,
@@ -494,6 +508,7 @@ mod tests {
                 curved: bit(17),
                 drawn_normals: bit(18),
                 half_occlusion: bit(19),
+                ink: bit(20),
             };
             let mut written = Vec::new();
             for pass in plan(&candidates(needs), &[Resource::Target]) {

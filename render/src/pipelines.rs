@@ -7,6 +7,7 @@ use super::bloom::BloomPipelines;
 use super::fullscreen::fullscreen_pipeline;
 use super::gbuffer::{ADD, UNIFORM_BLOCK, shader};
 use super::gpu::Gpu;
+use super::ink::InkPipelines;
 use super::layers::LayerPipelines;
 use super::material_kit::MaterialKit;
 use super::mesh_pipelines::MeshPipelines;
@@ -256,6 +257,7 @@ pub(crate) struct Pipelines {
     /// Where the sky alone is mirrored, and where the picture is too, by either search.
     water: [OnceLock<WaterPipelines>; 3],
     bloom: OnceLock<BloomPipelines>,
+    ink: OnceLock<InkPipelines>,
     /// By what normals are taken from.
     layers: [OnceLock<LayerPipelines>; OcclusionNormals::ALL.len()],
     /// Of means over time, whose pass has it too.
@@ -267,7 +269,7 @@ pub(crate) struct Pipelines {
 
 impl Pipelines {
     pub(crate) fn new(gpu: &Gpu, kit: &MaterialKit, target: wgpu::TextureFormat) -> Self {
-        // Lists of patches are made as the frame's eye sees them.
+        // Lists of patches and strokes are made as the frame's eye sees them.
         let lists = if gpu.can_curve() { wgpu::ShaderStages::COMPUTE } else { wgpu::ShaderStages::NONE };
         let visibility = UNIFORM_BLOCK.visibility | lists;
         let frame_layout = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
@@ -282,6 +284,7 @@ impl Pipelines {
             terrain: OnceLock::new(),
             water: Default::default(),
             bloom: OnceLock::new(),
+            ink: OnceLock::new(),
             layers: Default::default(),
             resolve: Arc::default(),
             modules: Default::default(),
@@ -316,6 +319,11 @@ impl Pipelines {
     /// What spreads light around what is bright.
     pub(crate) fn bloom(&self, gpu: &Gpu) -> &BloomPipelines {
         self.bloom.get_or_init(|| BloomPipelines::new(gpu))
+    }
+
+    /// What draws in ink.
+    pub(crate) fn ink(&self, gpu: &Gpu) -> &InkPipelines {
+        self.ink.get_or_init(|| InkPipelines::new(gpu, &self.frame_layout))
     }
 
     /// What estimates occlusion in layers.

@@ -5,6 +5,8 @@ use lodestream_protocol::pose::Pose;
 use super::asset::AssetGpu;
 use super::bloom::Bloom;
 use super::environment::Environment;
+use super::gpu::Gpu;
+use super::ink::Ink;
 use super::instance::Instance;
 use super::lights::{Light, LightCulling};
 use super::occlusion::AmbientOcclusion;
@@ -330,6 +332,10 @@ pub struct Settings {
     pub reflections: Option<Reflections>,
     /// Light that spreads around what is bright; `None` saves a pass.
     pub bloom: Option<Bloom>,
+    /// Strokes along contours, and light in levels; `None` saves two passes. Triangles are then flat, whatever
+    /// [`Self::pn_triangles`] says: contours are those of flat ones. A device without storage in vertex shaders draws none,
+    /// and a warning is logged.
+    pub ink: Option<Ink>,
     /// Distance of the near plane in world units, > 0: the depth that is stored is `near / view depth`. Reversed
     /// floating-point depth has the same relative precision everywhere, so this may be tiny: a thousandth of the
     /// smallest thing worth looking at costs nothing.
@@ -370,6 +376,7 @@ impl Default for Settings {
             water: true,
             reflections: None,
             bloom: None,
+            ink: None,
             near: 1e-4,
             exposure: 1.0,
             tone_mapping: ToneMapping::Filmic,
@@ -377,6 +384,18 @@ impl Default for Settings {
             morph_s: 0.25,
             render_scale: 1.0,
         }
+    }
+}
+
+impl Settings {
+    /// How meshes are curved, where a device can and nothing speaks against it.
+    pub(crate) fn curves(&self, gpu: &Gpu) -> Option<PnTriangles> {
+        self.pn_triangles.filter(|_| gpu.can_curve() && self.draws_ink(gpu).is_none())
+    }
+
+    /// How ink is drawn, where a device can.
+    pub(crate) fn draws_ink(&self, gpu: &Gpu) -> Option<Ink> {
+        self.ink.filter(|_| gpu.can_ink())
     }
 }
 

@@ -25,6 +25,8 @@ pub(crate) const EDGES: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
 pub(crate) const OVERDRAW: wgpu::TextureFormat = wgpu::TextureFormat::R16Float;
 /// From where a surface is to where it was in the frame before, in pixels.
 pub(crate) const MOTION: wgpu::TextureFormat = wgpu::TextureFormat::Rg16Float;
+/// How much of a pixel strokes of ink cover.
+pub(crate) const STROKES: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
 /// Linear radiance.
 pub(crate) const RADIANCE: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 
@@ -67,6 +69,7 @@ impl Targets {
                 Resource::Edges => EDGES,
                 Resource::Radiance | Resource::Lit => RADIANCE,
                 Resource::Display | Resource::Smoothed => DISPLAY,
+                Resource::Strokes => STROKES,
                 Resource::Overdraw => OVERDRAW,
                 Resource::Motion => MOTION,
                 Resource::Patches

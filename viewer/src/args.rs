@@ -12,8 +12,8 @@ use lodestream_protocol::view::View;
 
 use lodestream_client::net::Address;
 use lodestream_render::{
-    AntiAliasing, MAX_REFLECTION_STEPS, OcclusionMethod, OcclusionNormals, ReflectionMethod, ReliefMethod,
-    Shade, ToneMapping,
+    AntiAliasing, Ink, MAX_INK_LEVELS, MAX_INK_WIDTH, MAX_REFLECTION_STEPS, OcclusionMethod,
+    OcclusionNormals, ReflectionMethod, ReliefMethod, Shade, ToneMapping,
 };
 
 use crate::outcome::EXIT_CODES;
@@ -139,6 +139,22 @@ pub(crate) struct Args {
     /// Triangles of meshes as curved patches, cut until no edge is further off its curve than this many pixels
     #[arg(long, value_name = "PX", num_args = 0..=1, require_equals = true, default_missing_value = "0.25")]
     pub(crate) pn_triangles: Option<PixelError>,
+    /// Strokes of ink along contours and creases of meshes, so many pixels wide, over light in levels
+    #[arg(long, value_name = "PX", num_args = 0..=1, require_equals = true, default_missing_value = "2",
+        value_parser = ink_width)]
+    pub(crate) ink: Option<f32>,
+    /// Levels of light under ink; with 1 light is as it is
+    #[arg(long, value_name = "N", default_value_t = Ink::default().levels, requires = "ink",
+        value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_INK_LEVELS)))]
+    pub(crate) ink_levels: u32,
+    /// Angle between two faces from which on their edge has a stroke wherever it is seen; with 180 none has
+    #[arg(long, value_name = "DEGREES", default_value_t = Ink::default().crease_degrees, requires = "ink",
+        value_parser = crease)]
+    pub(crate) ink_crease: f32,
+    /// By how much of a level borders between levels of light are spattered, 0 to 1
+    #[arg(long, value_name = "SHARE", default_value_t = Ink::default().spatter, requires = "ink",
+        value_parser = share)]
+    pub(crate) ink_spatter: f32,
     /// Most faces in use, over all assets
     #[arg(long, value_name = "FACES", default_value_t = 8_000_000)]
     pub(crate) max_faces: u64,
@@ -156,6 +172,18 @@ fn shades() -> impl TypedValueParser<Value = Shade> {
         // One of those offered.
         Shade::ALL.into_iter().find(|shade| shade.name() == name).ok_or("no such view")
     })
+}
+
+/// Reads the width of strokes.
+fn ink_width(text: &str) -> Result<f32, String> {
+    let width = text.parse().ok().filter(|px: &f32| (0.0..=MAX_INK_WIDTH).contains(px));
+    width.ok_or_else(|| format!("write a number of pixels from 0 to {MAX_INK_WIDTH}"))
+}
+
+/// Reads an angle of creases.
+fn crease(text: &str) -> Result<f32, String> {
+    let degrees = text.parse().ok().filter(|degrees: &f32| (0.0..=180.0).contains(degrees));
+    degrees.ok_or_else(|| "write a number of degrees from 0 to 180".into())
 }
 
 /// Reads an [`AntiAliasing`] by its name.

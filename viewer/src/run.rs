@@ -8,8 +8,8 @@ use lodestream_client::core::{Config, StartView, Stats};
 use lodestream_client::net::{Authorities, Scheme, Server};
 use lodestream_client::threads::Threads;
 use lodestream_render::{
-    AmbientOcclusion, AntiAliasing, Bloom, LightCulling, OcclusionMethod, PnTriangles, Reflections, Settings,
-    Shade, Shadows,
+    AmbientOcclusion, AntiAliasing, Bloom, Ink, LightCulling, OcclusionMethod, PnTriangles, Reflections,
+    Settings, Shade, Shadows,
 };
 
 use crate::args::Args;
@@ -112,6 +112,13 @@ pub(crate) fn settings(args: &Args, software: bool) -> Settings {
     settings.bloom = (args.bloom > 0.0).then_some(Bloom { strength: args.bloom });
     settings.pn_triangles =
         args.pn_triangles.map(|error| PnTriangles { error_px: error.0, ..PnTriangles::default() });
+    settings.ink = args.ink.map(|width_px| Ink {
+        width_px,
+        levels: args.ink_levels,
+        crease_degrees: args.ink_crease,
+        spatter: args.ink_spatter,
+        ..Ink::default()
+    });
     settings.shade = if args.colour_by_level { Shade::Level } else { args.view };
     settings
 }
@@ -192,6 +199,29 @@ mod tests {
         for wrong in ["0", "-1", "none"] {
             let words = ["viewer", &format!("--pn-triangles={wrong}"), "ws://h:1"];
             assert!(Args::try_parse_from(words).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn ink_is_drawn_where_it_is_asked_for() {
+        let usual = Ink::default();
+        assert_eq!(of(&[], true).ink, None);
+        assert_eq!(of(&["--ink"], true).ink, Some(usual));
+        assert_eq!(of(&["--ink=0"], true).ink, Some(Ink { width_px: 0.0, ..usual }));
+        let words = ["--ink=3.5", "--ink-levels", "6", "--ink-crease", "180", "--ink-spatter", "0"];
+        let asked = Ink { width_px: 3.5, levels: 6, crease_degrees: 180.0, spatter: 0.0, ..usual };
+        assert_eq!(of(&words, true).ink, Some(asked));
+        for wrong in [
+            ["--ink=nan", "--no-ao"],
+            ["--ink=-1", "--no-ao"],
+            ["--ink=33", "--no-ao"],
+            ["--ink-levels", "4"],
+            ["--ink", "--ink-crease=181"],
+            ["--ink", "--ink-levels=0"],
+            ["--ink", "--ink-spatter=2"],
+        ] {
+            let words = [&["viewer", "ws://h:1"], &wrong[..]].concat();
+            assert!(Args::try_parse_from(words).is_err(), "{wrong:?}");
         }
     }
 

@@ -7,10 +7,13 @@ use std::sync::OnceLock;
 use super::grid::{Grids, STEPS};
 use super::makers::{ListMakers, ReadOnlyLists};
 use super::settings::PnTriangles;
+use crate::buffer::room;
 use crate::gpu::{Gpu, RenderError};
 use crate::graph::PassId;
 use crate::timing::PassEncoder;
 
+/// What errors call the memory.
+const LISTS: &str = "lists of patches";
 /// Invocations of a group.
 const GROUP: u64 = 64;
 /// Most triangles, over all instances, that a frame and its maps of shadows list; what is beyond is drawn flat.
@@ -124,10 +127,10 @@ impl PatchLists {
         let storage = wgpu::BufferUsages::STORAGE;
         let Memory { jobs, listed, steps, counts } = &mut self.memory;
         let drawn = storage | wgpu::BufferUsages::INDIRECT | wgpu::BufferUsages::COPY_DST;
-        let jobs = room(gpu, jobs, ends[0], drawn)?;
-        let listed = room(gpu, listed, ends[1], storage)?;
-        let steps = room(gpu, steps, ends[2], storage)?;
-        let counts = room(gpu, counts, ends[3], storage)?;
+        let jobs = room(gpu, jobs, LISTS, ends[0], drawn)?;
+        let listed = room(gpu, listed, LISTS, ends[1], storage)?;
+        let steps = room(gpu, steps, LISTS, ends[2], storage)?;
+        let counts = room(gpu, counts, LISTS, ends[3], storage)?;
         let mut heads = vec![0_u32; plans.len() * JOB_WORDS];
         for ((number, plan), head) in (0..).zip(&plans).zip(heads.chunks_exact_mut(JOB_WORDS)) {
             let Curving { settings, .. } = curving;
@@ -268,27 +271,4 @@ fn group<'a>(
         layout,
         entries: &entries,
     })
-}
-
-/// A buffer of so many bytes at least; what it held is lost where it grows.
-fn room<'a>(
-    gpu: &Gpu,
-    slot: &'a mut Option<wgpu::Buffer>,
-    bytes: u64,
-    usage: wgpu::BufferUsages,
-) -> Result<&'a wgpu::Buffer, RenderError> {
-    let limits = gpu.device.limits();
-    let allowed = limits.max_buffer_size.min(limits.max_storage_buffer_binding_size);
-    if bytes > allowed {
-        return Err(RenderError::TooLarge { what: "lists of patches", needed: bytes, allowed });
-    }
-    slot.take_if(|buffer| buffer.size() < bytes);
-    Ok(slot.get_or_insert_with(|| {
-        gpu.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("lists of patches"),
-            size: bytes.next_power_of_two().min(allowed),
-            usage,
-            mapped_at_creation: false,
-        })
-    }))
 }

@@ -19,6 +19,7 @@ use crate::environment::Environment;
 use crate::fullscreen::depth_attachment;
 use crate::gpu::{Gpu, RenderError};
 use crate::graph::{self, Needs, PassId, Resource};
+use crate::ink::{InkPass, Seen};
 use crate::instance::InstanceRaw;
 use crate::layers::Layers;
 use crate::lights::{LampList, LampPass};
@@ -60,12 +61,14 @@ pub struct Renderer {
     water: WaterPass,
     tracer: Tracer,
     bloom: BloomPass,
+    ink: InkPass,
     layers: Layers,
     temporal: Temporal,
     accumulation: Accumulation,
     target_format: wgpu::TextureFormat,
     warned_wireframe: bool,
     warned_patches: bool,
+    warned_ink: bool,
     /// Where somebody asked what passes take.
     timer: Option<Timer>,
 }
@@ -124,12 +127,14 @@ impl Renderer {
             water: WaterPass::new(gpu),
             tracer: Tracer::new(gpu),
             bloom: BloomPass::default(),
+            ink: InkPass::default(),
             layers: Layers::default(),
             temporal,
             accumulation: Accumulation::default(),
             target_format,
             warned_wireframe: false,
             warned_patches: false,
+            warned_ink: false,
             timer: None,
         })
     }
@@ -241,8 +246,13 @@ impl Renderer {
             tracing::warn!("{} cannot draw wireframes; they are left out", gpu.describe());
             self.warned_wireframe = true;
         }
-        let curved = frame.settings.pn_triangles.filter(|_| gpu.can_curve());
-        if frame.settings.pn_triangles.is_some() && curved.is_none() && !self.warned_patches {
+        let ink = frame.settings.draws_ink(gpu);
+        if frame.settings.ink.is_some() && ink.is_none() && !self.warned_ink {
+            tracing::warn!("{} cannot draw in ink; it is left out", gpu.describe());
+            self.warned_ink = true;
+        }
+        let curved = frame.settings.curves(gpu);
+        if frame.settings.pn_triangles.is_some() && !gpu.can_curve() && !self.warned_patches {
             tracing::warn!("{} cannot draw curved patches; triangles stay flat", gpu.describe());
             self.warned_patches = true;
         }
@@ -291,6 +301,7 @@ impl Renderer {
                 water: water.is_some(),
                 transparency: through,
                 shown: shown.map(|(_, reads)| reads),
+                ink: ink.is_some(),
                 wireframe,
                 motion: !moving.is_empty(),
                 temporal,
@@ -327,6 +338,13 @@ impl Renderer {
         }
         if frame.settings.bloom.is_some() {
             self.bloom.prepare(gpu, size);
+        }
+        match ink.filter(|_| plan.iter().any(|pass| pass.id == PassId::Ink)) {
+            Some(ink) => {
+                let seen = Seen { frame, batches: &list.batches, instances: self.instances.buffer() };
+                self.ink.prepare(gpu, self.pipelines.ink(gpu), &ink, &seen)?;
+            }
+            None => self.ink.clear(),
         }
         if let Some(water) = &water {
             self.water.prepare(gpu, water);
@@ -395,6 +413,12 @@ impl Renderer {
         self.sky.computed
     }
 
+    /// How often edges of a mesh were looked for since ink was off.
+    #[cfg(test)]
+    pub(crate) fn edges_found(&self) -> u32 {
+        self.ink.found
+    }
+
     /// What the last frame did over time.
     #[cfg(test)]
     pub(crate) fn temporal_step(&self) -> TemporalStep {
@@ -414,7 +438,7 @@ fn meshes<'a>(
     pipelines: &'a Pipelines,
     (instances, lists): (&'a GrowingBuffer<InstanceRaw>, &'a PatchLists),
 ) -> Option<Meshes<'a>> {
-    let makers = frame.settings.pn_triangles.and_then(|_| pipelines.list_makers(gpu));
+    let makers = frame.settings.curves(gpu).and_then(|_| pipelines.list_makers(gpu));
     let curved = makers.map(|makers| Curved { pipelines: pipelines.curved(gpu), makers, lists });
     Some(Meshes { plain: &pipelines.meshes, instances: instances.buffer()?, curved })
 }

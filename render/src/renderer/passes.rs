@@ -77,6 +77,15 @@ impl Renderer {
                     self.bloom.draw(gpu, encoder, self.pipelines.bloom(gpu), &picture, share);
                 }
             }
+            PassId::Strokes => {
+                if let (Some(depth), Some(into)) =
+                    (self.targets.view(Depth), self.targets.view(Resource::Strokes))
+                {
+                    let of_frame = (&self.frame_group, &self.frame_buffer);
+                    self.ink.draw(gpu, encoder, self.pipelines.ink(gpu), of_frame, &depth, &into);
+                }
+            }
+            PassId::Ink => self.ink(gpu, encoder),
             PassId::Wireframe => {
                 let over = (Radiance, Load::Keep);
                 self.full(gpu, encoder, pass.id, (p(Whole::Wireframe), &[Resource::Edges]), over);
@@ -305,6 +314,22 @@ impl Renderer {
         let group = self.inputs_and(gpu, pipeline, &reads, &more);
         let over = Target { load: Load::Keep, ..Target::colour(&into, (0, 0)) };
         fullscreen(encoder, PassId::Reflections, pipeline, &group, &over);
+    }
+
+    /// Keeps the lit picture, and draws it anew in levels of light and under strokes.
+    fn ink(&self, gpu: &Gpu, encoder: &mut PassEncoder<'_>) {
+        use Resource::{Albedo, Depth, Lit, Radiance, Strokes};
+        let texture = |resource| self.targets.texture(resource);
+        let (Some(from), Some(to), Some(into), Some(uniform)) =
+            (texture(Radiance), texture(Lit), self.targets.view(Radiance), self.ink.uniform())
+        else {
+            return;
+        };
+        encoder.encoder.copy_texture_to_texture(from.as_image_copy(), to.as_image_copy(), from.size());
+        let pipeline = &self.pipelines.ink(gpu).mixed;
+        let more = [(5, uniform.as_entire_binding())];
+        let group = self.inputs_and(gpu, pipeline, &[Lit, Depth, Albedo, Strokes], &more);
+        fullscreen(encoder, PassId::Ink, pipeline, &group, &Target::colour(&into, (0, 0)));
     }
 
     /// Draws water over the lit picture, which mirrors the picture perhaps: by cells of depths or by pixels.

@@ -52,7 +52,8 @@ impl<'a> Casters<'a> {
         'f: 'a,
     {
         let eye = frame.camera.eye;
-        if let Some(PnTriangles { error_px, most }) = frame.settings.pn_triangles {
+        let curved = frame.settings.pn_triangles.filter(|_| frame.settings.ink.is_none());
+        if let Some(PnTriangles { error_px, most }) = curved {
             self.key.push(u64::from(error_px.to_bits()) << 32 | u64::from(most));
         }
         for (number, drawable) in frame.drawables.iter().enumerate().filter(|(_, d)| d.asset.is_drawable()) {

@@ -6,8 +6,8 @@ use super::headless;
 use super::shapes::{asset, at, sphere};
 use super::terrain::{entry, scene};
 use crate::{
-    AmbientOcclusion, AntiAliasing, Drawable, Environment, Frame, Gpu, Making, Material, PnTriangles, Pose,
-    Renderer, Settings, Shadows, SkyMaps, Target, Water,
+    AmbientOcclusion, AntiAliasing, Drawable, Environment, Frame, Gpu, Ink, Making, Material, PnTriangles,
+    Pose, Renderer, Settings, Shadows, SkyMaps, Target, Water,
 };
 
 const SIDE: u32 = 64;
@@ -27,6 +27,7 @@ fn kinds() -> Vec<Settings> {
             anti_aliasing: AntiAliasing::Temporal,
             ..full
         },
+        Settings { ink: Some(Ink::default()), pn_triangles: Some(PnTriangles::default()), ..full },
         // What a slow device begins with.
         Settings {
             render_scale: 0.25,

@@ -13,6 +13,7 @@ mod finite;
 mod ground;
 mod haze;
 mod host;
+mod ink;
 mod lights;
 mod materials;
 mod occlusion;

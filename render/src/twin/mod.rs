@@ -8,6 +8,7 @@ pub mod bloom;
 pub mod brdf;
 pub mod debug;
 pub mod depth;
+pub mod ink;
 pub mod lights;
 pub mod occlusion;
 pub mod pn_triangles;

@@ -7,9 +7,9 @@ use std::time::Duration;
 
 use lodestream_client::core::Stats;
 use lodestream_render::{
-    AntiAliasing, MAX_ANISOTROPY, MAX_CASCADES, MAX_FILTER, MAX_LIGHTS, MAX_PN_LEVEL, MAX_REFLECTION_STEPS,
-    MAX_RELIEF_STEPS, MAX_SAMPLES, OcclusionMethod, OcclusionNormals, OcclusionRadius, ReflectionMethod,
-    Reflections, ReliefMethod, Shade, Timings, ToneMapping,
+    AntiAliasing, Ink, MAX_ANISOTROPY, MAX_CASCADES, MAX_FILTER, MAX_INK_BLUR, MAX_INK_LEVELS, MAX_LIGHTS,
+    MAX_PN_LEVEL, MAX_REFLECTION_STEPS, MAX_RELIEF_STEPS, MAX_SAMPLES, OcclusionMethod, OcclusionNormals,
+    OcclusionRadius, ReflectionMethod, Reflections, ReliefMethod, Shade, Timings, ToneMapping,
 };
 
 pub(super) use choices::Choices;
@@ -85,6 +85,7 @@ fn contents(ui: &mut egui::Ui, stats: &Stats, facts: &Facts<'_>, choices: &mut C
         ui.add_enabled(choices.relief, egui::Checkbox::new(&mut choices.relief_shadows, "its shadows"));
         ui.add_enabled(choices.relief, egui::Checkbox::new(&mut choices.relief_in_depth, "in depth"));
         ui.checkbox(&mut choices.curved, "curved triangles");
+        ui.checkbox(&mut choices.inked, "ink");
         ui.checkbox(&mut choices.lamps, "lamps");
         ui.checkbox(&mut choices.emission, "emission");
         ui.checkbox(&mut choices.transparency, "transparency");
@@ -206,6 +207,7 @@ fn parameters(ui: &mut egui::Ui, choices: &mut Choices) {
         slider(ui, "curved triangles: error, px", error);
         let most = egui::Slider::new(&mut choices.patches.most, 1..=MAX_PN_LEVEL).logarithmic(true);
         slider(ui, "at most pieces an edge", most);
+        ink(ui, &mut choices.ink);
         slider(ui, "exposure", egui::Slider::new(&mut choices.exposure, 0.05..=20.0).logarithmic(true));
         ui.label("tone mapping");
         egui::ComboBox::from_id_salt("tone").selected_text(choices.tone_mapping.name()).show_ui(ui, |ui| {
@@ -215,6 +217,20 @@ fn parameters(ui: &mut egui::Ui, choices: &mut Choices) {
         });
         ui.end_row();
     });
+}
+
+/// What ink can be told.
+fn ink(ui: &mut egui::Ui, ink: &mut Ink) {
+    let mut row = |name: &str, slider: egui::Slider<'_>| {
+        ui.label(name);
+        ui.add(slider);
+        ui.end_row();
+    };
+    row("ink: strokes, px", egui::Slider::new(&mut ink.width_px, 0.0..=8.0));
+    row("blurred by, px", egui::Slider::new(&mut ink.blur_px, 0..=MAX_INK_BLUR));
+    row("creases from, degrees", egui::Slider::new(&mut ink.crease_degrees, 0.0..=180.0));
+    row("levels of light", egui::Slider::new(&mut ink.levels, 1..=MAX_INK_LEVELS));
+    row("spattered by, levels", egui::Slider::new(&mut ink.spatter, 0.0..=1.0));
 }
 
 /// What passes took, a row each.

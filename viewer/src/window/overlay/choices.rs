@@ -1,8 +1,8 @@
 //! What can be changed in the overlay: from the settings, and back into them.
 
 use lodestream_render::{
-    AmbientOcclusion, AntiAliasing, Bloom, LightCulling, PnTriangles, Reflections, ReliefMethod, Settings,
-    Shade, Shadows, ToneMapping,
+    AmbientOcclusion, AntiAliasing, Bloom, Ink, LightCulling, PnTriangles, Reflections, ReliefMethod,
+    Settings, Shade, Shadows, ToneMapping,
 };
 
 /// What the user may change.
@@ -46,6 +46,9 @@ pub(in crate::window) struct Choices {
     pub(in crate::window) curved: bool,
     /// How finely, where triangles are curved.
     pub(in crate::window) patches: PnTriangles,
+    pub(in crate::window) inked: bool,
+    /// How, where there is ink.
+    pub(in crate::window) ink: Ink,
     pub(in crate::window) exposure: f32,
     pub(in crate::window) tone_mapping: ToneMapping,
 }
@@ -82,6 +85,8 @@ impl Choices {
             relief_in_depth: settings.relief_in_depth,
             curved: settings.pn_triangles.is_some(),
             patches: settings.pn_triangles.unwrap_or_default(),
+            inked: settings.ink.is_some(),
+            ink: settings.ink.unwrap_or_default(),
             exposure: settings.exposure,
             tone_mapping: settings.tone_mapping,
         }
@@ -108,6 +113,7 @@ impl Choices {
         settings.relief_shadows = self.relief_shadows;
         settings.relief_in_depth = self.relief_in_depth;
         settings.pn_triangles = self.curved.then_some(self.patches);
+        settings.ink = self.inked.then_some(self.ink);
         settings.exposure = self.exposure;
         settings.tone_mapping = self.tone_mapping;
     }
@@ -138,6 +144,7 @@ mod tests {
             relief_shadows: true,
             relief_in_depth: true,
             pn_triangles: Some(PnTriangles { error_px: 1.5, most: 8 }),
+            ink: Some(Ink { levels: 7, ..Ink::default() }),
             exposure: 2.0,
             tone_mapping: ToneMapping::Neutral,
             ..Settings::default()
