@@ -16,7 +16,7 @@ pub(super) fn groups(invocations: u64) -> u32 {
     invocations.min(MOST_INVOCATIONS).div_ceil(GROUP) as u32
 }
 
-/// A mesh's edges on the device: 24 bytes a face slot.
+/// A mesh's edges on the device: 24 bytes a face slot, rounded up.
 #[derive(Debug)]
 pub(super) struct Adjacency {
     /// Of the geometry that it was made of.

@@ -468,3 +468,54 @@ fn pictures_are_the_same_each_time() {
         assert!(draw(&mut h, &drawables, camera, inked(Ink::default())) == first);
     }
 }
+
+/// Figures for docs/benchmarks/ink.md; what is timed says nothing of right and wrong.
+#[test]
+fn what_ink_takes_of_a_frame() {
+    use std::time::Instant;
+    let Some(mut h) = headless(640, 360) else { return };
+    let many: Vec<_> =
+        (0..40).map(|i| at(f64::from(i % 8) - 3.5, f64::from(i / 8) - 2.0, 0.0, 0.9)).collect();
+    let scenes = [
+        ("one mesh", sphere(256), vec![at(0.0, 0.0, 0.0, 4.0)]),
+        ("40 instances", sphere(48), many),
+        ("a coarse mesh", sphere(16), vec![at(0.0, 0.0, 0.0, 4.0)]),
+    ];
+    let usual = Ink::default();
+    let strokes = Ink { levels: 1, ..usual };
+    let ways = [
+        ("none", None),
+        ("first frame", Some(usual)),
+        ("strokes and levels", Some(usual)),
+        ("strokes", Some(strokes)),
+        ("strokes, contours alone", Some(Ink { crease_degrees: 180.0, ..strokes })),
+        ("levels", Some(Ink { width_px: 0.0, ..usual })),
+    ];
+    for (name, mesh, places) in scenes {
+        let ball = asset(&h, &mesh, Material::default());
+        let drawables = [Drawable { asset: &ball, instances: &places }];
+        let camera = view([1.0, 2.0, 7.0]);
+        let mut seconds = vec![Vec::new(); ways.len()];
+        for turn in 0..7 {
+            for ((_, ink), seconds) in ways.iter().zip(&mut seconds) {
+                let settings = Settings { ink: *ink, ..Settings::default() };
+                let begun = Instant::now();
+                h.frame(&Frame { settings, ..Frame::new(camera, &drawables) }).unwrap();
+                // The first makes pipelines.
+                if turn > 0 {
+                    seconds.push(begun.elapsed().as_secs_f64());
+                }
+            }
+        }
+        let triangles = mesh.1.len() * places.len();
+        for (way, times) in seconds.iter().enumerate() {
+            let median = |mut of: Vec<f64>| {
+                of.sort_by(f64::total_cmp);
+                of[of.len() / 2]
+            };
+            let over = times.iter().zip(&seconds[0]).map(|(time, none)| time / none).collect();
+            let (ms, over) = (median(times.clone()) * 1e3, median(over));
+            println!("| {name} | {triangles} | {} | {ms:.0} | {over:.2} |", ways[way].0);
+        }
+    }
+}

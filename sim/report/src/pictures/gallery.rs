@@ -12,8 +12,8 @@ use lodestream_protocol::scene::Camera;
 use lodestream_protocol::source::SceneSource;
 use lodestream_protocol::view::View;
 use lodestream_render::{
-    AmbientOcclusion, AntiAliasing, Bloom, Gpu, OcclusionMethod, PnTriangles, ReflectionMethod, Reflections,
-    ReliefMethod, STILL_FRAMES, Settings, Shade, ToneMapping,
+    AmbientOcclusion, AntiAliasing, Bloom, Gpu, Ink, OcclusionMethod, PnTriangles, ReflectionMethod,
+    Reflections, ReliefMethod, STILL_FRAMES, Settings, Shade, ToneMapping,
 };
 use lodestream_scenario::plan::Plan;
 use lodestream_scenario::stopwatch::{paired_ratio, rounded};
@@ -163,6 +163,8 @@ fn entries() -> Vec<Entry> {
     });
     let patches = Settings { pn_triangles: Some(PnTriangles::default()), ..usual };
     all.push(one(Part::Otherwise, "curved triangles", patches, "Vlachos, Peters, Boyd, Mitchell 2001"));
+    let ink = Settings { ink: Some(Ink::default()), ..usual };
+    all.push(one(Part::Otherwise, "ink", ink, "Cole, Finkelstein 2010"));
     let bloom = Settings { bloom: Some(Bloom::default()), ..usual };
     all.push(one(Part::Otherwise, "bloom", bloom, "Jimenez 2014"));
     let own = Settings { relief_shadows: true, ..usual };
@@ -310,7 +312,7 @@ fn page(shown: &[Shown], [width, height]: [u32; 2], adapter: &str, frames: u32) 
          first's, the median of {frames} that are drawn by turns: machines differ. What the view does not show is left out.\n\
          Errors against what is true, not against the default: [drawing](../benchmarks/drawing.md),\n\
          [occlusion](../benchmarks/occlusion.md), [surfaces](../benchmarks/surfaces.md),\n\
-         [reflections](../benchmarks/reflections.md), [curved triangles](../benchmarks/pn-triangles.md).\n"
+         [reflections](../benchmarks/reflections.md), [curved triangles](../benchmarks/pn-triangles.md),\n[ink](../benchmarks/ink.md).\n"
     );
     for part in Part::ALL {
         page.push_str(&format!("\n## {}\n\n| | | |\n|---|---|---|\n", part.title()));
