@@ -8,6 +8,7 @@ use lodestream_protocol::terrain::TerrainEntry;
 use lodestream_terrain::{PatchPoints, Scratch, Terrain};
 
 use crate::gpu::{Gpu, RenderError};
+use crate::heights::{LEAST_HEIGHT_FACTOR, MAX_HEIGHT_FACTOR};
 use crate::renderer::Renderer;
 use crate::shadows::Cascade;
 use crate::terrain::layers;
@@ -38,6 +39,8 @@ pub enum Making {
 pub struct GroundScene {
     gpu: TerrainGpu,
     ground: Arc<Ground>,
+    /// What its heights are multiplied by.
+    factor: f64,
     /// Grows with every change of the ground.
     state: u64,
     store: TileStore,
@@ -120,6 +123,7 @@ impl GroundScene {
         Ok(Self {
             gpu: on_gpu?,
             ground: Arc::new(ground),
+            factor: 1.0,
             state: 0,
             store: TileStore::new(TERRAIN_SLOTS),
             parts: Vec::new(),
@@ -147,6 +151,32 @@ impl GroundScene {
         self.state += 1;
         self.store.forget(origin, side);
         Ok(())
+    }
+
+    /// Multiplies the terrain's heights from the next frame on: 0 to [`MAX_HEIGHT_FACTOR`], where 1 leaves them as they
+    /// are. Tiles keep their places on the device. What is not within is taken for the nearest that is, what is no number
+    /// for 1.
+    ///
+    /// [`MAX_HEIGHT_FACTOR`]: crate::MAX_HEIGHT_FACTOR
+    pub fn multiply_heights(&mut self, factor: f64) {
+        let factor = if factor.is_nan() { 1.0 } else { factor };
+        let factor = factor.clamp(LEAST_HEIGHT_FACTOR, MAX_HEIGHT_FACTOR);
+        if factor != self.factor {
+            self.factor = factor;
+            Arc::make_mut(&mut self.ground).multiply_heights(factor);
+            self.gpu.multiply_heights(factor);
+        }
+    }
+
+    /// What heights are multiplied by.
+    #[must_use]
+    pub fn height_factor(&self) -> f64 {
+        self.factor
+    }
+
+    /// Height of the ground at a place, world units.
+    pub fn height(&mut self, x: f64, z: f64) -> f64 {
+        self.ground.height(x, z, &mut self.scratch)
     }
 
     /// Prepares what a frame draws from `camera` into a picture of `size` pixels, for a screen error of `target_px`.

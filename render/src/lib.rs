@@ -34,6 +34,7 @@ mod gpu;
 mod graph;
 mod ground_scene;
 mod headless;
+mod heights;
 pub mod image_compare;
 mod ink;
 mod instance;
@@ -60,6 +61,8 @@ mod shadows;
 mod sky;
 #[cfg(feature = "client")]
 mod staging;
+#[cfg(feature = "client")]
+mod standing;
 mod target;
 mod targets;
 mod temporal;
@@ -87,6 +90,7 @@ pub use gpu::{Gpu, RenderError};
 pub use graph::PassId;
 pub use ground_scene::{GroundScene, Making, Measuring};
 pub use headless::Headless;
+pub use heights::{HeightError, HeightFactor, MAX_HEIGHT_FACTOR};
 pub use ink::{Ink, MAX_INK_BLUR, MAX_INK_LEVELS, MAX_INK_WIDTH};
 pub use instance::Instance;
 pub use lights::{LIGHT_TILES, Light, LightCulling, MAX_LIGHTS, Spot};

@@ -16,6 +16,7 @@ use crate::draw::DrawList;
 use crate::environment::{Air, Environment, Haze, PlainSky, Sky};
 use crate::gpu::{Gpu, RenderError};
 use crate::ground_scene::{GroundScene, Making, Measuring};
+use crate::heights::{HeightError, HeightFactor};
 use crate::instance::Instance;
 use crate::lights::{Light, Spot};
 use crate::material::Material;
@@ -24,6 +25,7 @@ use crate::renderer::Renderer;
 use crate::scene::{Drawable, Frame, Settings, Shadows};
 use crate::shadows;
 use crate::sky::{SkyAhead, SkyMaps};
+use crate::standing::Standing;
 use crate::target::Target;
 use crate::texture::{Texture, TextureData, TextureShape, WeakTexture};
 use crate::tiles::Maker;
@@ -72,6 +74,10 @@ pub struct SceneView {
     lights: Vec<Light>,
     /// The scene's terrain, if it has one.
     ground: Option<GroundScene>,
+    /// What its heights are multiplied by.
+    heights: HeightFactor,
+    /// What stands on it, where they are multiplied.
+    standing: Option<Standing>,
     making: Making,
     /// The terrain of a scene that waits to be uploaded.
     measuring: Option<Measuring>,
@@ -223,6 +229,7 @@ impl SceneView {
                 };
                 let (computing, sky, plain) = (self.computing.take(), self.sky.take(), self.plain);
                 let uploads = std::mem::take(&mut self.uploads);
+                let heights = self.heights;
                 let header = Some(*header);
                 *self = Self {
                     header,
@@ -230,6 +237,7 @@ impl SceneView {
                     waiting,
                     uploads,
                     ground,
+                    heights,
                     making,
                     computing,
                     sky,
@@ -254,6 +262,7 @@ impl SceneView {
             Change::TerrainPoints { x, y, points } => {
                 if let Some(ground) = &mut self.ground {
                     ground.set_points(x, y, points)?;
+                    self.standing.iter_mut().for_each(Standing::forget);
                 }
             }
             // Piece by piece.
@@ -355,6 +364,46 @@ impl SceneView {
         textures.fold((0, 0), |(count, bytes), texture| (count + 1, bytes + texture.bytes()))
     }
 
+    /// Lets the ground's heights go to `factor` times what the scene has, within so many seconds from `now_s` on, of the
+    /// clock of the changes; at once where these are 0. What stands on it and the water go with it. Tiles of the scene's
+    /// terrain are not made anew. Calls of [`SceneView::move_ground`] follow; a scene that comes later begins where it is
+    /// then.
+    ///
+    /// # Errors
+    /// A factor or a time that there is not.
+    pub fn multiply_heights(&mut self, factor: f64, seconds: f64, now_s: f32) -> Result<(), HeightError> {
+        self.heights = self.heights.towards(factor, seconds, now_s.into())?;
+        Ok(())
+    }
+
+    /// Where they go, and when.
+    #[must_use]
+    pub const fn heights(&self) -> HeightFactor {
+        self.heights
+    }
+
+    /// Puts the ground's heights where they are at a time, with what stands on it, before [`SceneView::prepare_ground`] of
+    /// the frame. Answers whether they are on their way: the next frame is another one. Where heights are the scene's own
+    /// this does nothing.
+    pub fn move_ground(&mut self, now_s: f32) -> bool {
+        let now_s = f64::from(now_s);
+        let Some(ground) = &mut self.ground else { return false };
+        ground.multiply_heights(self.heights.at(now_s));
+        if ground.height_factor() == 1.0 {
+            self.standing = None;
+        } else {
+            self.standing.get_or_insert_default().follow(ground, &self.instances, &self.lights);
+        }
+        self.heights.is_moving(now_s)
+    }
+
+    /// By how much ground lies higher at a place than in the scene, world units: what follows it from there moves by that.
+    pub fn ground_rise(&mut self, at: DVec3) -> f64 {
+        let Some(ground) = &mut self.ground else { return 0.0 };
+        let factor = ground.height_factor();
+        if factor == 1.0 { 0.0 } else { ground.height(at.x, at.z) * (1.0 - 1.0 / factor) }
+    }
+
     /// Chooses the terrain's tiles for the frames that follow from `camera`, into pictures of `size` pixels, where meshes
     /// have a screen error of `target_px`: the ground's surface has 2.4 times that, and normals of a finer one. Where
     /// there are to be `shadows`, also tiles out of view that cast some into it. Scenes without terrain need no call.
@@ -412,6 +461,7 @@ impl SceneView {
         settings: Settings,
         time_s: f32,
     ) -> Result<Counters, RenderError> {
+        self.move_ground(time_s);
         self.prepare_ground(gpu, &view.pose(), target.size, view.target_px, settings.shadows)?;
         self.with_frame(view.pose(), settings, time_s, |frame| renderer.record(gpu, encoder, target, frame))
     }
@@ -427,16 +477,20 @@ impl SceneView {
         let drawables: Vec<Drawable<'_>> = self
             .assets
             .iter()
-            .zip(&self.instances)
+            .zip(self.standing.as_ref().map_or(&self.instances, |standing| &standing.instances))
             .filter_map(|(asset, instances)| Some(Drawable { asset: asset.as_ref()?, instances }))
             .collect();
         let environment =
             self.header.as_ref().map_or_else(Environment::default, |header| environment(header, self.plain));
         let exposure = settings.exposure * exposure(&environment, self.has_lamps);
         let settings = Settings { exposure, ..settings };
-        let (terrain, lights) = (self.ground.as_ref().map(GroundScene::frame), &self.lights[..]);
+        let lights = self.standing.as_ref().map_or(&self.lights, |standing| &standing.lights).as_slice();
+        let terrain = self.ground.as_ref().map(GroundScene::frame);
         // Before there is ground nothing would rise over it.
-        let water = self.ground.as_ref().and(self.header.as_ref()).and_then(water);
+        let water = self.ground.as_ref().zip(self.header.as_ref()).and_then(|(ground, header)| {
+            let water = water(header)?;
+            Some(Water { level: water.level * ground.height_factor(), ..water })
+        });
         let (drawables, sky) = (&drawables[..], self.sky.as_ref());
         draw(&Frame { camera, drawables, terrain, water, lights, environment, sky, settings, time_s })
     }

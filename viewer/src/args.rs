@@ -12,7 +12,7 @@ use lodestream_protocol::view::View;
 
 use lodestream_client::net::Address;
 use lodestream_render::{
-    AntiAliasing, Ink, MAX_INK_LEVELS, MAX_INK_WIDTH, MAX_REFLECTION_STEPS, OcclusionMethod,
+    AntiAliasing, HeightFactor, Ink, MAX_INK_LEVELS, MAX_INK_WIDTH, MAX_REFLECTION_STEPS, OcclusionMethod,
     OcclusionNormals, ReflectionMethod, ReliefMethod, Shade, ToneMapping,
 };
 
@@ -124,6 +124,12 @@ pub(crate) struct Args {
     #[arg(long, value_name = "SHARE", default_value_t = 0.0, default_missing_value = "0.04", num_args = 0..=1,
         value_parser = share)]
     pub(crate) bloom: f32,
+    /// Heights of the ground are multiplied by this, 0 to 100, and what stands on it goes up and down with it
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = heights)]
+    pub(crate) ground_heights: f64,
+    /// Seconds in which heights of the ground go where they are to; without a window they are there at once
+    #[arg(long, value_name = "SECONDS", default_value_t = 2.0, value_parser = heights_time)]
+    pub(crate) ground_seconds: f64,
     /// No relief mapping
     #[arg(long)]
     pub(crate) no_relief: bool,
@@ -178,6 +184,18 @@ fn shades() -> impl TypedValueParser<Value = Shade> {
 fn ink_width(text: &str) -> Result<f32, String> {
     let width = text.parse().ok().filter(|px: &f32| (0.0..=MAX_INK_WIDTH).contains(px));
     width.ok_or_else(|| format!("write a number of pixels from 0 to {MAX_INK_WIDTH}"))
+}
+
+/// Reads what heights of the ground are multiplied by.
+fn heights(text: &str) -> Result<f64, String> {
+    let factor = text.parse().map_err(|_| "not a number".to_owned())?;
+    HeightFactor::default().towards(factor, 0.0, 0.0).map(|_| factor).map_err(|why| why.to_string())
+}
+
+/// Reads how long they take.
+fn heights_time(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().map_err(|_| "not a number".to_owned())?;
+    HeightFactor::default().towards(1.0, seconds, 0.0).map(|_| seconds).map_err(|why| why.to_string())
 }
 
 /// Reads an angle of creases.
@@ -398,6 +416,15 @@ mod tests {
         assert_eq!("640x360".parse(), Ok(Size([640, 360])));
         for bad in ["640", "0x10", "10x0", "axb", "99999x1", "-1x5"] {
             assert!(bad.parse::<Size>().is_err(), "{bad}");
+        }
+        for (wrong, said) in [
+            (["--ground-heights", "nan"], "multiplied by 0 to 100, not by NaN"),
+            (["--ground-heights", "-2"], "multiplied by 0 to 100, not by -2"),
+            (["--ground-seconds", "inf"], "for 0 seconds or longer, not for inf"),
+        ] {
+            let wrong = wrong.join("=");
+            let error = Args::try_parse_from(["viewer", "ws://h:1", &wrong]).unwrap_err().to_string();
+            assert!(error.contains(said), "{error}");
         }
         assert!("0".parse::<PixelError>().is_err() && "nan".parse::<PixelError>().is_err());
         assert!("0".parse::<Seconds>().is_err() && "1e300".parse::<Seconds>().is_err());

@@ -52,6 +52,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let mut headless = Headless::new(Gpu::headless()?, width, height)?;
     headless.time_passes(args.stats.is_some());
     let mut scene = SceneView::new();
+    scene.multiply_heights(args.ground_heights, 0.0, 0.0)?;
     let clock = streaming.clock();
     let deadline = args.timeout.map_or(DEFAULT_TIMEOUT, |t| t.0);
     let mut shown = Shown::default();
@@ -139,6 +140,7 @@ fn draw(
     let Some(start) = start else { bail!("the server sent no scene") };
     let camera = start.pose();
     let settings = settings(args, headless.gpu().is_software());
+    scene.move_ground(time_s);
     scene.prepare_ground(headless.gpu(), &camera, headless.size(), args.pixel_error.0, settings.shadows)?;
     let counters = scene.with_frame(camera, settings, time_s, |frame: &Frame<'_>| headless.frame(frame))?;
     Ok(counters)

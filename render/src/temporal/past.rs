@@ -9,7 +9,7 @@ use crate::environment::Environment;
 use crate::instance::Instance;
 use crate::lights::Light;
 use crate::scene::{Frame, Settings};
-use crate::terrain::TerrainPart;
+use crate::terrain::{TerrainLook, TerrainPart};
 use crate::tiles::TileRegion;
 use crate::water::Water;
 
@@ -37,6 +37,7 @@ struct Made {
 /// The ground that a frame drew.
 #[derive(Debug, PartialEq)]
 struct Ground {
+    look: TerrainLook,
     parts: Vec<TerrainPart>,
     casters: Vec<TerrainPart>,
     regions: Vec<TileRegion>,
@@ -62,6 +63,7 @@ impl Past {
             asset.instances.extend(drawable.instances);
         }
         let ground = frame.terrain.map(|ground| Ground {
+            look: ground.terrain.look,
             parts: ground.parts.to_vec(),
             casters: ground.casters.to_vec(),
             regions: ground.regions.to_vec(),

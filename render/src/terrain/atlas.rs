@@ -144,7 +144,12 @@ impl EyeCell {
 /// A terrain's tiles in GPU memory.
 #[derive(Debug)]
 pub struct TerrainGpu {
+    /// As it lies in the world now.
     pub(crate) look: TerrainLook,
+    /// What its heights are multiplied by, which are then those of `look`.
+    factor: f64,
+    /// As it was made.
+    made: TerrainLook,
     pub(crate) atlas: wgpu::Texture,
     /// Rises of the tiles' own and of the next coarser tiles' samples, where the heights are.
     pub(crate) rises: wgpu::Texture,
@@ -258,7 +263,28 @@ impl TerrainGpu {
         });
         gpu.check()?;
         let slots = vec![Slot::default(); TERRAIN_SLOTS as usize];
-        Ok(Self { look, atlas, rises, uniform, regions, group, indices, slots, written: 0 })
+        Ok(Self {
+            look,
+            factor: 1.0,
+            made: look,
+            atlas,
+            rises,
+            uniform,
+            regions,
+            group,
+            indices,
+            slots,
+            written: 0,
+        })
+    }
+
+    /// Multiplies heights, not those of before but those that it was made with, by a factor above 0. What covers the ground
+    /// goes with them.
+    pub fn multiply_heights(&mut self, factor: f64) {
+        let made = self.made;
+        let zones = made.zones.map(|zone| zone * factor as f32);
+        self.factor = factor;
+        self.look = TerrainLook { height_unit: made.height_unit * factor, zones, ..made };
     }
 
     /// How the terrain lies in the world.
@@ -339,8 +365,9 @@ impl TerrainGpu {
     /// Writes what the shader knows of this frame.
     pub(crate) fn write_uniform(&self, gpu: &Gpu, eye: &EyeCell, position: DVec3, frame: &TerrainFrame<'_>) {
         let within = |period: f64| [position.x, position.z].map(|x| x.rem_euclid(period) as f32);
+        let [sand, grass, hill] = self.made.zones;
+        let width = 0.08 * ((grass - sand).min(hill - grass)).max(1e-3) * self.factor as f32;
         let [sand, grass, hill] = self.look.zones;
-        let width = 0.08 * ((grass - sand).min(hill - grass)).max(1e-3);
         let uniform = TerrainUniform {
             eye_fraction: eye.fraction.as_vec3().to_array(),
             eye_height: eye.height,

@@ -64,6 +64,7 @@ impl<'a> TileList<'a> {
         let batches = batches(frame.parts.iter(), &at, &mut tiles);
         let mut casters = Vec::with_capacity(cascades.len());
         for into in cascades {
+            into.key.push(frame.terrain.look.height_unit.to_bits());
             let parts: Vec<_> = frame
                 .parts
                 .iter()

@@ -12,6 +12,7 @@ mod extremes;
 mod finite;
 mod ground;
 mod haze;
+mod heights;
 mod host;
 mod ink;
 mod lights;

@@ -71,7 +71,13 @@ pub(super) fn draw(
 }
 
 /// Prepares what casts shadows into a view of prepared ground from out of it.
-fn prepare_casters(h: &Headless, ground: &mut GroundScene, making: &Making, camera: Pose, to_sun: DVec3) {
+pub(super) fn prepare_casters(
+    h: &Headless,
+    ground: &mut GroundScene,
+    making: &Making,
+    camera: Pose,
+    to_sun: DVec3,
+) {
     let environment = Environment { to_sun, ..Environment::default() };
     let frame = Frame { terrain: Some(ground.frame()), environment, ..Frame::new(camera, &[]) };
     let list = DrawList::new(&frame, h.size(), &mut Counters::default());

@@ -37,8 +37,10 @@ pub struct Ground {
     listed: Vec<([DVec2; 2], Vec<f64>)>,
     /// All regions.
     regions: Vec<Region>,
-    /// Lowest and highest height there can be, world units.
+    /// Lowest and highest height there can be, world units, before they are multiplied.
     bounds: [f64; 2],
+    /// What heights are multiplied by.
+    factor: f64,
     roots: [TileId; 4],
 }
 
@@ -65,6 +67,7 @@ impl Ground {
         let stamped = worthwhile(stamped, &errors, MAX_REGIONS - MAX_LISTED);
         Self {
             bounds: [low, high].map(|h| h * height_unit),
+            factor: 1.0,
             terrain,
             unit,
             height_unit,
@@ -74,6 +77,23 @@ impl Ground {
             listed: Vec::new(),
             roots: [root(-1, -1), root(0, -1), root(-1, 0), root(0, 0)],
         }
+    }
+
+    /// Multiplies heights, not those of before but the terrain's own, by a factor above 0. Errors grow alike, so views draw
+    /// finer tiles of higher ground.
+    pub fn multiply_heights(&mut self, factor: f64) {
+        self.factor = factor;
+    }
+
+    /// Lowest and highest height there can be, world units.
+    fn bounds(&self) -> [f64; 2] {
+        self.bounds.map(|height| height * self.factor)
+    }
+
+    /// Height of the ground at a place, world units; beyond the world's edge it is that of the edge.
+    #[must_use]
+    pub fn height(&self, x: f64, z: f64, scratch: &mut Scratch) -> f64 {
+        self.terrain.height_between(x / self.unit, z / self.unit, scratch) * self.height_unit * self.factor
     }
 
     /// Lists points for a patch, in place of those it had. Gives the square of grid units (origin, side) whose heights may
@@ -198,7 +218,7 @@ impl Ground {
     /// plane and this. Looks at a few points of each spacing around the eye.
     #[must_use]
     pub fn clearance(&self, eye: DVec3, scratch: &mut Scratch) -> f64 {
-        let mut best = (eye.y - self.bounds[1]).max(0.0);
+        let mut best = (eye.y - self.bounds()[1]).max(0.0);
         let at = [eye.x / self.unit, eye.z / self.unit];
         let mut heights = Vec::new();
         for spacing in 0..self.errors.len() as u8 {
@@ -206,10 +226,11 @@ impl Ground {
             let first = at.map(|x| (x / step).clamp(-1e12, 1e12).floor() as i64 - CLEARANCE_POINTS);
             let side = 2 * CLEARANCE_POINTS + 2;
             self.points(spacing, first, side, scratch, &mut heights);
-            let highest = heights.iter().copied().max().map_or(0.0, f64::from) * self.height_unit;
+            let highest =
+                heights.iter().copied().max().map_or(0.0, f64::from) * self.height_unit * self.factor;
             let seen = 2.0 * CLEARANCE_POINTS as f64 * step;
             let error = self.error_near(usize::from(spacing), DVec2::from(at), seen);
-            let over = eye.y - (highest + error * self.unit);
+            let over = eye.y - (highest + error * self.unit * self.factor);
             // Ground further away than twice the clearance may be higher: 1 / sqrt(1 + 1/4) is 0.89.
             let reach = CLEARANCE_POINTS as f64 * step * self.unit / 2.0;
             best = best.max(over.min(reach));
@@ -225,7 +246,7 @@ impl Ground {
         let eye = Eye { at: [view.eye.x / self.unit, view.eye.z / self.unit], above: view.above / self.unit };
         let mut px = target_px;
         loop {
-            let reaches = Reaches::new(&self.errors, &self.regions, view.scale_px, px);
+            let reaches = Reaches::new(&self.errors, &self.regions, view.scale_px * self.factor, px);
             let end = |tile| reaches.end(tile);
             if let Some(picked) = select(&self.roots, &end, eye, max_tiles.max(64), &sees) {
                 return Tiles { picked, reaches, target_px: px, unit: self.unit };
@@ -250,7 +271,8 @@ impl Ground {
         matters: &dyn Fn([DVec3; 2]) -> bool,
     ) -> Tiles {
         let eye = Eye { at: [view.eye.x / self.unit, view.eye.z / self.unit], above: view.above / self.unit };
-        let reaches = |px| Reaches::new(&self.errors, &self.regions, view.scale_px, px);
+        let scale_px = view.scale_px * self.factor;
+        let reaches = |px| Reaches::new(&self.errors, &self.regions, scale_px, px);
         let seen = reaches(target_px);
         let mut px = target_px * OUT_OF_VIEW;
         loop {
@@ -279,7 +301,8 @@ impl Ground {
     fn column(&self, tile: TileId) -> [DVec3; 2] {
         let [x, z] = tile.origin().map(|x| x as f64 * self.unit);
         let side = tile.side() as f64 * self.unit;
-        [DVec3::new(x, self.bounds[0], z), DVec3::new(x + side, self.bounds[1], z + side)]
+        let [low, high] = self.bounds();
+        [DVec3::new(x, low, z), DVec3::new(x + side, high, z + side)]
     }
 
     /// Whether a tile's column from the lowest to the highest height there is reaches into the view.

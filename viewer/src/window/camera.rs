@@ -117,6 +117,12 @@ impl Rig {
         self.target += shift;
     }
 
+    /// Moves it up, with what it looks at.
+    pub(super) fn lift(&mut self, up: f64) {
+        self.eye.y += up;
+        self.target.y += up;
+    }
+
     /// What the server is told.
     pub(super) fn view(&self, viewport_px: [u32; 2], target_px: f32) -> View {
         let up = self.up.as_vec3().into();

@@ -207,6 +207,9 @@ fn parameters(ui: &mut egui::Ui, choices: &mut Choices) {
         slider(ui, "curved triangles: error, px", error);
         let most = egui::Slider::new(&mut choices.patches.most, 1..=MAX_PN_LEVEL).logarithmic(true);
         slider(ui, "at most pieces an edge", most);
+        let [factor, seconds] = &mut choices.heights;
+        slider(ui, "heights of the ground ×", egui::Slider::new(factor, 0.0..=10.0));
+        slider(ui, "within, s", egui::Slider::new(seconds, 0.0..=10.0));
         ink(ui, &mut choices.ink);
         slider(ui, "exposure", egui::Slider::new(&mut choices.exposure, 0.05..=20.0).logarithmic(true));
         ui.label("tone mapping");
@@ -270,7 +273,7 @@ mod tests {
             }
         }
         let context = egui::Context::default();
-        let mut choices = Choices { hidden, ..Choices::new(&Settings::default(), 1.0) };
+        let mut choices = Choices { hidden, ..Choices::new(&Settings::default(), 1.0, [1.0, 2.0]) };
         let mut text = String::new();
         // A window is measured before it is drawn.
         for _ in 0..3 {

@@ -58,6 +58,10 @@ pub(super) struct Running {
     pub(super) quality: Quality,
     /// Whether the last frame showed all there is but for tiles of the terrain.
     only_tiles_missing: bool,
+    /// Heights of the ground are on their way.
+    ground_moves: bool,
+    /// By how much the ground below the eye is higher than the scene's.
+    rise: f64,
     /// Something else than time asks for a frame.
     pub(super) dirty: bool,
     pub(super) shown: Shown,
@@ -118,7 +122,10 @@ impl Running {
             scene,
             rig: args.camera.map(|camera| Rig::new(camera.0)),
             news: News::default(),
-            choices: Choices { hidden: args.no_overlay, ..Choices::new(&settings, args.pixel_error.0) },
+            choices: Choices {
+                hidden: args.no_overlay,
+                ..Choices::new(&settings, args.pixel_error.0, [args.ground_heights, args.ground_seconds])
+            },
             settings,
             keys: Keys::default(),
             button: None,
@@ -131,6 +138,8 @@ impl Running {
             bits_per_s: 0.0,
             quality: Quality::new(painter.is_software()),
             only_tiles_missing: false,
+            ground_moves: false,
+            rise: 0.0,
             dirty: false,
             shown: Shown::default(),
             film: Film::default(),
@@ -171,7 +180,9 @@ impl Running {
         {
             // Only while it moves: the first picture waits for nothing coarser.
             let meshes = if self.quality.is_moving(self.now()) { self.step().meshes } else { 1.0 };
-            let view = rig.view(self.painter.size(), self.choices.target_px * meshes);
+            let mut view = rig.view(self.painter.size(), self.choices.target_px * meshes);
+            // The server knows what stands on the ground where the scene has it.
+            view.eye[1] -= self.rise;
             let shadows = Some(self.choices.shadows);
             self.streaming.control(Controls { view: Some(view), shadows, leave: false });
         }
@@ -194,7 +205,11 @@ impl Running {
     /// Whether the picture would be the last one again: nothing but tiles of the terrain is waited for, and those that came
     /// since are not enough for finer ground. Drawing it would only take the processor from those who make them.
     fn is_unchanged(&mut self) -> anyhow::Result<bool> {
-        if !self.only_tiles_missing || std::mem::take(&mut self.dirty) || self.keys.is_pushing() {
+        if self.ground_moves
+            || !self.only_tiles_missing
+            || std::mem::take(&mut self.dirty)
+            || self.keys.is_pushing()
+        {
             return Ok(false);
         }
         let before = self.scene.ground_px();
@@ -209,7 +224,26 @@ impl Running {
         )
     }
 
+    /// Moves the ground on, and the camera with what is below it.
+    fn move_ground(&mut self) -> anyhow::Result<()> {
+        let now_s = self.now().as_secs_f32();
+        let [factor, seconds] = self.choices.heights;
+        // What nobody has seen is not moved.
+        if factor != self.scene.heights().target() && self.shown.has_begun() {
+            self.scene.multiply_heights(factor, seconds, now_s)?;
+        }
+        let eye = self.camera().eye;
+        let before = self.scene.ground_rise(eye);
+        self.ground_moves = self.scene.move_ground(now_s);
+        self.rise = self.scene.ground_rise(eye);
+        if let Some(rig) = &mut self.rig {
+            rig.lift(self.rise - before);
+        }
+        Ok(())
+    }
+
     fn prepare_ground(&mut self) -> anyhow::Result<()> {
+        self.move_ground()?;
         let [width, height] = self.painter.size();
         let (camera, px) = (self.camera(), self.choices.target_px * self.step().ground);
         let shadows = self.shadows();
@@ -246,7 +280,7 @@ impl Running {
         }
         let drawn = Drawn {
             shows,
-            morphing: now_s - self.scene.changed_s() <= self.settings.morph_s,
+            morphing: self.ground_moves || now_s - self.scene.changed_s() <= self.settings.morph_s,
             unfinished: self.counters.is_unfinished(),
             full,
             late_shadow_maps: self.counters.late_shadow_maps,

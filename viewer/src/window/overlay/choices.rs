@@ -49,14 +49,17 @@ pub(in crate::window) struct Choices {
     pub(in crate::window) inked: bool,
     /// How, where there is ink.
     pub(in crate::window) ink: Ink,
+    /// What heights of the ground are multiplied by, and within how many seconds.
+    pub(in crate::window) heights: [f64; 2],
     pub(in crate::window) exposure: f32,
     pub(in crate::window) tone_mapping: ToneMapping,
 }
 
 impl Choices {
-    pub(in crate::window) fn new(settings: &Settings, target_px: f32) -> Self {
+    pub(in crate::window) fn new(settings: &Settings, target_px: f32, heights: [f64; 2]) -> Self {
         Self {
             target_px,
+            heights,
             frozen: false,
             adapt: true,
             hidden: false,
@@ -149,7 +152,7 @@ mod tests {
             tone_mapping: ToneMapping::Neutral,
             ..Settings::default()
         };
-        let mut choices = Choices::new(&settings, 1.0);
+        let mut choices = Choices::new(&settings, 1.0, [1.0, 2.0]);
         let mut back = Settings::default();
         choices.apply(&mut back);
         assert_eq!(back, settings);
