@@ -24,7 +24,7 @@ use crate::mesh::vec3::{Vec3, add, length, scale, sub};
 use crate::mesh::wide_bvh::{Hints, Seeds, WideBvh};
 use crate::pool::Watched;
 use crate::simplify::attributes::InputAttributes;
-use crate::simplify::blocks::Inherited;
+use crate::simplify::inherited::Inherited;
 use crate::simplify::live::Live;
 use crate::simplify::star_table::each_edge;
 use crate::simplify::surroundings::{ROUNDING, Surroundings, compact};

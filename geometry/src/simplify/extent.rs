@@ -4,9 +4,11 @@
 //! be left of it, and of a row of its like, are shards, however large it is on the screen. So the corners of such
 //! components are held through all levels, and what is left of a box is that box.
 
+use crate::mesh::QuantisedMesh;
 use crate::mesh::components::components;
 use crate::mesh::principal_axes::principal_axes;
-use crate::mesh::vec3::{Vec3, dot, length};
+use crate::mesh::vec3::{Vec3, dot, length, sub};
+use crate::simplify::deviation::extend;
 use crate::simplify::live::Live;
 
 /// Diagonal of a part that is large, as a share of the mesh's.
@@ -34,6 +36,15 @@ pub(crate) fn corners_to_hold(live: &Live<'_>, error: f64, diagonal: f64) -> Vec
     held.sort_unstable();
     held.dedup();
     held
+}
+
+/// Diagonal of the bounding box in grid cells.
+pub(crate) fn diagonal(mesh: &QuantisedMesh) -> f64 {
+    let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+    for p in &mesh.positions {
+        extend(&mut bounds, p.map(f64::from));
+    }
+    length(sub(bounds[1], bounds[0]))
 }
 
 /// A component, and the box along its principal axes.

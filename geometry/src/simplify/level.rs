@@ -8,7 +8,6 @@ use crate::simplify::deviation::{Deviation, Samples};
 use crate::simplify::live::Live;
 use crate::simplify::partition::{NOBODY, partition};
 use crate::simplify::queue::simplify_region;
-use crate::simplify::reduce::Fixed;
 use crate::simplify::region::Region;
 use crate::simplify::settings::Settings;
 use crate::simplify::star_table::each_edge;
@@ -17,6 +16,15 @@ use crate::simplify::star_table::each_edge;
 const OUTLINE: u32 = u32::MAX;
 /// Share of a region's interior that is tried, so that flat regions can give more than others.
 const MOST_OF_A_REGION: f64 = 0.85;
+
+/// Vertices that no level removes.
+#[derive(Clone, Copy)]
+pub(crate) struct Fixed<'a> {
+    /// Ascending; others may be collapsed onto them.
+    pub(crate) held: &'a [u32],
+    /// By vertex, whether faces of it are elsewhere, so that it is on every outline; empty where all faces are here.
+    pub(crate) locked: &'a [bool],
+}
 
 /// The regions of one level.
 pub(crate) struct Level<'a> {

@@ -11,6 +11,7 @@ mod commit;
 mod deviation;
 mod extent;
 pub(crate) mod hierarchy;
+mod inherited;
 mod input_faces;
 mod legality;
 mod level;
@@ -35,15 +36,16 @@ mod surroundings;
 
 use crate::error::MeshError;
 use crate::mesh::QuantisedMesh;
-use crate::mesh::vec3::{length, sub};
 use crate::pool::{Stage, Watched};
-use crate::simplify::blocks::Merged;
-use crate::simplify::deviation::{Deviation, extend};
-use crate::simplify::extent::corners_to_hold;
+use crate::simplify::blocks::catch_up;
+use crate::simplify::blocks::merged::Merged;
+use crate::simplify::deviation::Deviation;
+use crate::simplify::extent::{corners_to_hold, diagonal};
+use crate::simplify::level::Fixed;
 use crate::simplify::levels::{Levels, Simplified};
 use crate::simplify::limit::Limit;
 use crate::simplify::live::Live;
-use crate::simplify::reduce::{Fixed, Place, Reduced, Reduction};
+use crate::simplify::reduce::{Place, Reduced, Reduction};
 use crate::simplify::resume::{End, Outcome};
 use crate::simplify::settings::Settings;
 #[cfg(test)]
@@ -84,7 +86,7 @@ pub(crate) fn simplify_from<'a>(
     let mut shifts = vec![0; 1 + levels.count()];
     let mut held = corners_to_hold(&live, limit.error, diagonal);
     if let Some(merged) = merged {
-        merged.catch_up(mesh, &mut live, &levels)?;
+        catch_up(merged, mesh, &mut live, &levels)?;
         deviation.find_again(&live, pool)?;
         held.iter_mut().for_each(|v| *v = live.heir(*v));
         held.sort_unstable();
@@ -140,13 +142,4 @@ pub(crate) fn simplify_from<'a>(
         // Outlines may be what is in the way: one more level, in one region.
         stuck = little;
     }
-}
-
-/// Diagonal of the bounding box in grid cells.
-fn diagonal(mesh: &QuantisedMesh) -> f64 {
-    let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
-    for p in &mesh.positions {
-        extend(&mut bounds, p.map(f64::from));
-    }
-    length(sub(bounds[1], bounds[0]))
 }

@@ -5,7 +5,7 @@ use crate::error::MeshError;
 use crate::pool::{Stage, Watched};
 use crate::simplify::deviation::Deviation;
 use crate::simplify::hierarchy::RegionChunk;
-use crate::simplify::level::{Level, truncate_globally};
+use crate::simplify::level::{Fixed, Level, truncate_globally};
 use crate::simplify::limit::{Limit, limit_error};
 use crate::simplify::live::Live;
 use crate::simplify::measure::{Coarsening, measure};
@@ -16,15 +16,6 @@ pub(crate) struct Reduction<'a> {
     pub(crate) settings: &'a Settings,
     pub(crate) limit: &'a Limit,
     pub(crate) fixed: Fixed<'a>,
-}
-
-/// Vertices that no level removes.
-#[derive(Clone, Copy)]
-pub(crate) struct Fixed<'a> {
-    /// Ascending; others may be collapsed onto them.
-    pub(crate) held: &'a [u32],
-    /// By vertex, whether faces of it are elsewhere, so that it is on every outline; empty where all faces are here.
-    pub(crate) locked: &'a [bool],
 }
 
 /// Which level it is.

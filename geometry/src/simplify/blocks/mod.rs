@@ -8,8 +8,9 @@
 //! huge meshes" (2003); here they stay for a few levels, of which the coarser, with all blocks in one, cut anew.
 
 mod cut;
-mod end;
-mod names;
+pub(crate) mod end;
+pub(crate) mod merged;
+pub(crate) mod names;
 
 use crate::error::MeshError;
 use crate::mesh::wedges::Wedges;
@@ -17,16 +18,18 @@ use crate::mesh::{QuantisedMesh, Wedge};
 use crate::pool::Watched;
 use crate::simplify::blocks::cut::Cut;
 
-pub(crate) use crate::simplify::blocks::end::BlockEnd;
-pub(crate) use crate::simplify::blocks::names::Names;
+use crate::simplify::blocks::end::BlockEnd;
+use crate::simplify::blocks::merged::Merged;
 use crate::simplify::blocks::names::{Numbers, part};
 use crate::simplify::deviation::Deviation;
-use crate::simplify::diagonal;
+use crate::simplify::extent::diagonal;
 use crate::simplify::hierarchy::{Bounds, RegionChunk};
+use crate::simplify::inherited::Inherited;
+use crate::simplify::level::Fixed;
 use crate::simplify::levels::{Levels, keep_vanished};
 use crate::simplify::limit::Limit;
 use crate::simplify::live::Live;
-use crate::simplify::reduce::{Fixed, Place, Reduction};
+use crate::simplify::reduce::{Place, Reduction};
 use crate::simplify::resume::perform;
 use crate::simplify::settings::Settings;
 
@@ -38,51 +41,6 @@ const MOST_LEVELS: usize = 8;
 const LEFT_BLOCKS: f64 = 2.0;
 /// Levels of blocks after that: what has been made of it since is known from the input.
 const LEVELS_BEHIND: usize = 1;
-
-/// What is left of all blocks but for their last levels, as a mesh to go on with.
-#[derive(Debug)]
-pub(crate) struct Merged {
-    pub(crate) mesh: QuantisedMesh,
-    /// The input's ids.
-    pub(crate) names: Names,
-    /// By vertex, what the levels of blocks have cost around it.
-    pub(crate) inherited: Inherited,
-    /// Wedges of the mesh that the blocks' last levels add, behind its own.
-    also: Vec<Wedge>,
-    /// Levels of blocks that the mesh lies behind.
-    levels: usize,
-    /// Wedges that the blocks' collapses added, as the input has them: numbered behind its own.
-    pub(crate) added: Vec<Wedge>,
-    /// Error of regions that vanished.
-    pub(crate) stray_error: f64,
-}
-
-/// How far a mesh is from the input that it stands for, in grid cells, by vertex: no point around one is farther off.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Inherited {
-    geometric: Vec<f32>,
-    attributes: Vec<f32>,
-}
-
-impl Inherited {
-    /// Whether nothing is inherited: the mesh is the input.
-    pub(crate) fn is_empty(&self) -> bool {
-        self.geometric.is_empty()
-    }
-
-    /// The most around the given samples, of which the first are the vertices: geometric, and of attributes.
-    pub(crate) fn around(&self, samples: &[u32]) -> [f64; 2] {
-        [&self.geometric, &self.attributes].map(|errors| {
-            let known = samples.iter().map_while(|&s| errors.get(s as usize));
-            known.fold(0.0_f64, |most, &error| most.max(f64::from(error)))
-        })
-    }
-
-    /// The most of all, geometric.
-    pub(crate) fn most(&self) -> f64 {
-        self.geometric.iter().fold(0.0_f64, |most, &error| most.max(f64::from(error)))
-    }
-}
 
 /// Whether a mesh is simplified block after block.
 pub(crate) fn in_blocks(mesh: &QuantisedMesh, settings: &Settings) -> bool {
@@ -219,31 +177,30 @@ impl Whole<'_> {
     }
 }
 
-impl Merged {
-    /// Takes what is left to where the last levels of blocks have left it: `live` is the mesh itself, of `whole`.
-    pub(crate) fn catch_up(
-        &self,
-        whole: &QuantisedMesh,
-        live: &mut Live<'_>,
-        levels: &Levels<'_>,
-    ) -> Result<(), MeshError> {
-        self.also.iter().for_each(|&wedge| live.keep_again(wedge));
-        let bounds = Bounds {
-            vertices: whole.positions.len(),
-            faces: whole.faces.len(),
-            wedges: whole.wedges.len() + self.added.len(),
-        };
-        let numbers = Numbers::new(&self.names, self.mesh.wedges.len(), bounds);
-        for level in self.levels..levels.count() {
-            for piece in 0..levels.blocks(level) {
-                let mut chunks = levels.block(level, piece)?;
-                chunks.iter_mut().for_each(|chunk| numbers.rename(chunk));
-                perform(chunks, live)?;
-            }
+/// Takes what is left to where the last levels of blocks have left it: `live` is the mesh itself, of
+/// `whole`.
+pub(crate) fn catch_up(
+    merged: &Merged,
+    whole: &QuantisedMesh,
+    live: &mut Live<'_>,
+    levels: &Levels<'_>,
+) -> Result<(), MeshError> {
+    merged.also.iter().for_each(|&wedge| live.keep_again(wedge));
+    let bounds = Bounds {
+        vertices: whole.positions.len(),
+        faces: whole.faces.len(),
+        wedges: whole.wedges.len() + merged.added.len(),
+    };
+    let numbers = Numbers::new(&merged.names, merged.mesh.wedges.len(), bounds);
+    for level in merged.levels..levels.count() {
+        for piece in 0..levels.blocks(level) {
+            let mut chunks = levels.block(level, piece)?;
+            chunks.iter_mut().for_each(|chunk| numbers.rename(chunk));
+            perform(chunks, live)?;
         }
-        live.settle();
-        Ok(())
     }
+    live.settle();
+    Ok(())
 }
 
 /// A float not below `x`.
