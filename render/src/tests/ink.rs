@@ -471,6 +471,7 @@ fn pictures_are_the_same_each_time() {
 
 /// Figures for docs/benchmarks/ink.md; what is timed says nothing of right and wrong.
 #[test]
+#[ignore = "measures: takes minutes, and says nothing of right and wrong"]
 fn what_ink_takes_of_a_frame() {
     use std::time::Instant;
     let Some(mut h) = headless(640, 360) else { return };
