@@ -18,8 +18,8 @@ use crate::scene::{self, Asset};
 use crate::store::{Objects, StoreError};
 use crate::tell::tell;
 
-/// No list of a block is longer than so many bytes a face (the longest is that of quadrics): those that are belong to the
-/// whole mesh.
+/// No list of a block that is a closed surface is longer than so many bytes a face (the longest is that of quadrics):
+/// those that are belong to the whole mesh, or to a block of faces that share few vertices.
 const BLOCK_LIST_BYTES: usize = 48;
 
 #[derive(Debug, Args)]

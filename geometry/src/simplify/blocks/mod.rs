@@ -115,6 +115,8 @@ impl Whole<'_> {
         let mut live = Live::new(&block);
         let mut deviation = Deviation::new(&live, block.uv_grid);
         let limit = Limit::new(&live, settings.base_error * diagonal, diagonal);
+        // Corners of large, thin parts are held from the first level behind blocks on: which parts those are only the whole
+        // mesh tells, and fine levels leave their corners to within their small errors.
         let reduction = Reduction { settings, limit: &limit, fixed: Fixed { held: &[], locked: &locked } };
         let mut end = BlockEnd::default();
         // By face, the errors of the last chunk that held it: of what is left around it.
