@@ -8,6 +8,10 @@ const NEITHER: u32 = 4u;
 // Two meet at more than the angle of a crease.
 const CREASE: u32 = 8u;
 
+// A crease is no wider than this share of how high the higher of its triangles looks over it: where many lie side by side,
+// as along a fluted column far away, they leave two thirds of what is between them.
+const CREASE_SHARE: f32 = 0.33333333;
+
 // Least height of a triangle over its edge that is one, in lengths of the edge.
 const LEAST_HEIGHT: f32 = 1e-6;
 
@@ -35,8 +39,13 @@ fn is_crease(first: vec3<f32>, second: vec3<f32>, cosine: f32, more: bool) -> bo
     return sizes > 0.0 && on < cosine * sizes;
 }
 
-// Whether an edge is drawn: all its triangles lie on one side of what the eye sees it along, of which a border has one, or
-// two meet in a crease.
+// Whether all of an edge's triangles lie on one side of what the eye sees it along, of which a border has one.
+fn is_contour(found: u32) -> bool {
+    let side = found & ~CREASE;
+    return side == LEFT || side == RIGHT;
+}
+
+// Whether an edge is drawn: it is a contour, or two of its triangles meet in a crease.
 fn is_stroke(found: u32) -> bool {
-    return found == LEFT || found == RIGHT || (found & CREASE) != 0u;
+    return is_contour(found) || (found & CREASE) != 0u;
 }

@@ -9,7 +9,7 @@ struct Job {
 }
 
 struct Stroke {
-    // Pixels, stored depth.
+    // Pixels, stored depth; of the start, half the most that it may be wide.
     start: vec4<f32>,
     end: vec4<f32>,
 }
@@ -36,6 +36,8 @@ const NONE: u32 = 0xffffffffu;
 const MOST_SIDES: u32 = 16u;
 // Pixels beyond the picture at which strokes are cut.
 const MARGIN_PX: f32 = 64.0;
+// More pixels than any stroke is wide.
+const UNBOUND: f32 = 1e6;
 
 fn next_side(side: u32) -> u32 {
     return select(side + 1u, side - 2u, side % 3u == 2u);
@@ -74,7 +76,7 @@ fn in_picture(clip: vec4<f32>) -> vec4<f32> {
     return vec4((ndc * vec2(0.5, -0.5) + 0.5) * frame.size_px, clip.z / clip.w, 0.0);
 }
 
-fn add(from_clip: vec4<f32>, to_clip: vec4<f32>) {
+fn add(from_clip: vec4<f32>, to_clip: vec4<f32>, half_room: f32) {
     var stretch = vec2(0.0, 1.0);
     stretch = cut(stretch, from_clip.w - from_clip.z, to_clip.w - to_clip.z);
     let margin = 1.0 + 2.0 * MARGIN_PX / frame.size_px;
@@ -96,8 +98,21 @@ fn add(from_clip: vec4<f32>, to_clip: vec4<f32>) {
     }
     let number = atomicAdd(&drawn.strokes, 1u);
     if (number < job.most) {
-        strokes[number] = Stroke(start, end);
+        strokes[number] = Stroke(vec4(start.xyz, half_room), end);
     }
+}
+
+// How high a triangle looks over its edge, in pixels; where it reaches behind the eye, as high as may be.
+fn height_px(from_clip: vec4<f32>, to_clip: vec4<f32>, third: vec3<f32>) -> f32 {
+    let third_clip = clip_position(third);
+    if (min(min(from_clip.w - from_clip.z, to_clip.w - to_clip.z), third_clip.w - third_clip.z) <= 0.0) {
+        return UNBOUND;
+    }
+    let start = in_picture(from_clip).xy;
+    let along = in_picture(to_clip).xy - start;
+    let across = in_picture(third_clip).xy - start;
+    let height = abs(along.x * across.y - along.y * across.x) / length(along);
+    return select(UNBOUND, height, height < UNBOUND);
 }
 
 @compute @workgroup_size(256)
@@ -118,17 +133,21 @@ fn cs_strokes(@builtin(global_invocation_id) id: vec3<u32>) {
     var a = local(corners[side]);
     var b = local(corners[next]);
     if (is_before(b, a)) {
-        let first = b;
+        let least = b;
         b = a;
-        a = first;
+        a = least;
     }
     let from_eye = in_world(a, offset_scale, rotation);
     // Differences are those of the asset's own coordinates, which are exact far from zero too; in units of the edge, so that
     // squares of none are too small.
     let longest = max(max(abs(b.x - a.x), abs(b.y - a.y)), abs(b.z - a.z));
+    let from_clip = clip_position(from_eye);
+    let to_clip = clip_position(in_world(b, offset_scale, rotation));
     let scale = 1.0 / max(longest, 1e-37);
     let along = (b - a) * scale;
-    let normal = cross(along, (local(corners[next_side(next)]) - a) * scale);
+    let first = local(corners[next_side(next)]);
+    let normal = cross(along, (first - a) * scale);
+    var highest = height_px(from_clip, to_clip, in_world(first, offset_scale, rotation));
     var found = side_of(from_eye, along, rotate(rotation, normal));
     let more = other != side && rings[other] != side;
     for (var count = 1u; other != side; count++) {
@@ -139,10 +158,11 @@ fn cs_strokes(@builtin(global_invocation_id) id: vec3<u32>) {
         let its = cross(along, (third - a) * scale);
         found |= side_of(from_eye, along, rotate(rotation, its));
         found |= select(0u, CREASE, is_crease(normal, its, job.crease, more));
+        highest = max(highest, height_px(from_clip, to_clip, in_world(third, offset_scale, rotation)));
         other = rings[other];
     }
     if (is_stroke(found)) {
-        add(clip_position(from_eye), clip_position(in_world(b, offset_scale, rotation)));
+        add(from_clip, to_clip, select(0.5 * CREASE_SHARE * highest, UNBOUND, is_contour(found)));
     }
 }
 

@@ -8,7 +8,7 @@ use super::shapes::{Mesh, asset, at, cube, join, quad, sphere};
 use super::{headless, keep};
 use crate::graph::Resource;
 use crate::twin::depth::{project, view_depth, view_ray};
-use crate::twin::ink::{Stroke, blurred, edges, is_seen, is_stroke, level_of, noise};
+use crate::twin::ink::{Stroke, blurred, edges, is_seen, kind, level_of, noise};
 use crate::{
     Alpha, AntiAliasing, AssetGpu, Drawable, Frame, Headless, Ink, Instance, Material, PackedVertex, PassId,
     PnTriangles, Pose, Settings, Shade,
@@ -88,26 +88,27 @@ fn strokes_are_what_their_twin_says() {
         let (got, depth) = (strokes(&h), h.depth().unwrap());
         let cosine =
             if ink.crease_degrees < 180.0 { f64::from(ink.crease_degrees).to_radians().cos() } else { -2.0 };
+        let half_width = 0.5 * f64::from(ink.width_px);
         let mut lines = Vec::new();
         for (mesh, place) in meshes.iter().zip(&places) {
             let positions: Vec<_> = mesh.0.iter().map(|v| v.position).collect();
             for (ends, thirds) in edges(&positions, &mesh.1) {
                 let world = |p: DVec3| place.to_world(p);
-                let thirds: Vec<_> = thirds.iter().map(|third| world(*third) - camera.eye).collect();
-                let ends = ends.map(world);
-                if is_stroke(ends.map(|end| end - camera.eye), &thirds, cosine) {
-                    let [start, end] = ends.map(|end| seen(&camera, size, end));
-                    lines.push(Stroke { start, end });
+                let (ends, thirds) = (ends.map(world), thirds.iter().map(|third| world(*third)));
+                let around: Vec<_> = thirds.clone().map(|third| third - camera.eye).collect();
+                if let Some(kind) = kind(ends.map(|end| end - camera.eye), &around, cosine) {
+                    let in_picture = |point| seen(&camera, size, point);
+                    let thirds: Vec<_> = thirds.map(in_picture).collect();
+                    lines.push(Stroke::new(kind, ends.map(in_picture), &thirds, half_width));
                 }
             }
         }
-        let half_width = 0.5 * f64::from(ink.width_px);
         let (mut off, mut covered) = (0, 0);
         for y in 0..size[1] {
             for x in 0..size[0] {
                 let middle = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
                 let covers = |line: &Stroke| {
-                    let cover = line.covers(middle, half_width);
+                    let cover = line.covers(middle);
                     if cover > 0.0 && is_seen(line.spine(middle), &depth, size) { cover } else { 0.0 }
                 };
                 let want = lines.iter().map(covers).fold(0.0, f64::max);
@@ -207,6 +208,31 @@ fn a_cube_shows_its_outline_and_no_diagonal() {
     keep(&h, "ink-cube");
     let share = all as f64 / outline as f64;
     assert!((1.35..1.6).contains(&share), "{outline} {all}");
+}
+
+/// A wall of folds, from near by and so far away that each is a pixel or two wide.
+#[test]
+fn creases_side_by_side_leave_what_is_between_them() {
+    let Some(mut h) = headless(128, 128) else { return };
+    let side = |x: f32, z: f32, back: f32| quad([x, -3.0, z], [0.125, 0.0, back], [0.0, 6.0, 0.0], 1.0);
+    let folds: Vec<Mesh> = (0..24)
+        .map(|i| i as f32 * 0.25 - 3.0)
+        .flat_map(|x| [side(x, 0.0, 0.125), side(x + 0.125, 0.125, -0.125)])
+        .collect();
+    let wall = asset(&h, &join(&folds), Material::default());
+    let ink = Ink { levels: 0, blur_px: 0, ..Ink::default() };
+    for (away, least, most) in [(1.0, 0.02, 0.2), (8.0, 0.1, 0.36), (30.0, 0.1, 0.36)] {
+        let got = drawn(&mut h, &wall, view([0.0, 0.0, away]), ink);
+        keep(&h, &format!("ink-folds-{away}"));
+        // The middle of the wall, which has no outline.
+        let half = (100.0 / away).min(60.0) as usize;
+        let (rows, columns) = (60..68, 64 - half..64 + half);
+        let covers = rows.flat_map(|y| columns.clone().map(move |x| y * 128 + x)).map(|i| f64::from(got[i]));
+        let (sum, count) = covers.fold((0.0, 0.0), |(sum, count), cover| (sum + cover / 255.0, count + 1.0));
+        let mean = sum / count;
+        println!("{away}: {mean:.3} of the wall is ink");
+        assert!((least..=most).contains(&mean), "{away}: {mean}");
+    }
 }
 
 #[test]

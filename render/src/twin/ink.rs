@@ -7,6 +7,8 @@ use glam::{DVec2, DVec3};
 
 /// Least height of a triangle over its edge, in lengths of the edge.
 const LEAST_HEIGHT: f64 = 1e-6;
+/// Most of its higher triangle's height that a crease takes.
+const CREASE_SHARE: f64 = 1.0 / 3.0;
 /// By how much a stroke's depth may lie behind what is there.
 const BIAS: f64 = 0.002;
 /// Pixels that a cell of noise is wide, up to twice.
@@ -34,10 +36,19 @@ pub fn edges(positions: &[[f32; 3]], faces: &[[u32; 3]]) -> Vec<([DVec3; 2], Vec
     found.into_iter().map(|(ends, thirds)| (ends.map(point), thirds)).collect()
 }
 
-/// Whether an edge is a stroke as zero sees it: all its triangles lie on one side of the plane through the eye and the
-/// edge, or two of them meet in a crease.
+/// Why an edge is a stroke.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Contours and borders.
+    Contour,
+    /// Seen wherever it lies, but no wider than a share of what its triangles look.
+    Crease,
+}
+
+/// Whether an edge is a stroke as zero sees it, and which: all its triangles lie on one side of the plane through the eye and
+/// the edge, or two of them meet in a crease.
 #[must_use]
-pub fn is_stroke([a, b]: [DVec3; 2], thirds: &[DVec3], crease_cosine: f64) -> bool {
+pub fn kind([a, b]: [DVec3; 2], thirds: &[DVec3], crease_cosine: f64) -> Option<Kind> {
     let along = b - a;
     let normals: Vec<DVec3> = thirds.iter().map(|third| along.cross(*third - a)).collect();
     let sides = normals.iter().map(|normal| {
@@ -45,7 +56,7 @@ pub fn is_stroke([a, b]: [DVec3; 2], thirds: &[DVec3], crease_cosine: f64) -> bo
         if is_flat { a.dot(*normal).partial_cmp(&0.0).map_or(0, |side| side as i32) } else { 0 }
     });
     let sides: Vec<i32> = sides.collect();
-    let Some(first) = sides.first() else { return false };
+    let first = sides.first()?;
     let is_contour = *first != 0 && sides.iter().all(|side| side == first);
     let is_crease = normals.iter().skip(1).any(|other| {
         let sizes = normals[0].length() * other.length();
@@ -53,7 +64,7 @@ pub fn is_stroke([a, b]: [DVec3; 2], thirds: &[DVec3], crease_cosine: f64) -> bo
         let on = if thirds.len() > 2 { turned.abs() } else { -turned };
         sizes > 0.0 && on < crease_cosine * sizes
     });
-    is_contour || is_crease
+    is_contour.then_some(Kind::Contour).or(is_crease.then_some(Kind::Crease))
 }
 
 /// A stroke in the picture: pixels and stored depth of its ends.
@@ -63,9 +74,23 @@ pub struct Stroke {
     pub start: DVec3,
     /// The other.
     pub end: DVec3,
+    /// Half its width, in pixels.
+    pub half_width: f64,
 }
 
 impl Stroke {
+    /// A stroke of a kind that is to be so wide, by the ends of its edge in the picture and the third corners of its triangles.
+    #[must_use]
+    pub fn new(kind: Kind, [start, end]: [DVec3; 2], thirds: &[DVec3], half_width: f64) -> Self {
+        let along = (end - start).truncate();
+        let height = |third: &DVec3| along.perp_dot((*third - start).truncate()).abs() / along.length();
+        let room = match kind {
+            Kind::Contour => f64::INFINITY,
+            Kind::Crease => 0.5 * CREASE_SHARE * thirds.iter().map(height).fold(0.0, f64::max),
+        };
+        Self { start, end, half_width: half_width.min(room) }
+    }
+
     /// The point of its spine that is nearest to a point of the picture, with its depth.
     #[must_use]
     pub fn spine(&self, at: DVec2) -> DVec3 {
@@ -76,8 +101,9 @@ impl Stroke {
 
     /// How much of a pixel whose middle is `at` a stroke covers, seen or not.
     #[must_use]
-    pub fn covers(&self, at: DVec2, half_width: f64) -> f64 {
-        (half_width + 0.5 - at.distance(self.spine(at).truncate())).clamp(0.0, 1.0)
+    pub fn covers(&self, at: DVec2) -> f64 {
+        let most = (2.0 * self.half_width).min(1.0);
+        (self.half_width + 0.5 - at.distance(self.spine(at).truncate())).clamp(0.0, most)
     }
 }
 
@@ -161,7 +187,7 @@ mod tests {
         let edge = [DVec3::new(-1.0, 0.0, -5.0), DVec3::new(1.0, 0.0, -5.0)];
         let (up, down, behind) =
             (DVec3::new(0.0, 1.0, -5.0), DVec3::new(0.0, -1.0, -5.0), DVec3::new(0.0, 0.5, -7.0));
-        let is = |thirds: &[DVec3]| is_stroke(edge, thirds, -2.0);
+        let is = |thirds: &[DVec3]| kind(edge, thirds, -2.0) == Some(Kind::Contour);
         assert!(!is(&[up, down]) && !is(&[down, up]) && !is(&[behind, down]));
         assert!(is(&[up, behind]) && is(&[up]) && is(&[up, behind, up]));
         assert!(!is(&[up, behind, down]) && !is(&[]));
@@ -175,8 +201,8 @@ mod tests {
         for turned in [0.0, 20.0, 39.0, 41.0, 90.0, 170.0_f64] {
             let (sin, cos) = turned.to_radians().sin_cos();
             let thirds = [DVec3::new(0.0, -1.0, -5.0), DVec3::new(0.0, cos, -5.0 - sin)];
-            let is = is_stroke(edge, &thirds, 40.0_f64.to_radians().cos());
-            assert_eq!(is, turned > 40.0, "{turned}");
+            let is = kind(edge, &thirds, 40.0_f64.to_radians().cos());
+            assert_eq!(is.is_some(), turned > 40.0, "{turned}");
         }
     }
 
