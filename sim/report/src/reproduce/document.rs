@@ -82,15 +82,23 @@ impl Documents {
         Ok(stale)
     }
 
-    /// Writes the section's tables anew wherever their mark stands, and tells which files have changed.
+    /// Writes the section's tables anew wherever their mark stands, and tells which files have changed. Files are read again:
+    /// sections run for minutes, and what somebody wrote meanwhile stays.
     ///
     /// # Errors
-    /// As [`Documents::stale`]; then nothing is changed.
+    /// As [`Documents::stale`], and what cannot be read; then nothing is changed.
     pub(crate) fn update(
         &mut self,
         section: &Section,
         rows: &Rows,
     ) -> anyhow::Result<Vec<(PathBuf, String)>> {
+        for page in &mut self.pages {
+            match std::fs::read_to_string(&page.file) {
+                Ok(text) => page.text = text,
+                Err(error) if error.kind() == std::io::ErrorKind::NotFound => {}
+                Err(error) => return Err(error).with_context(|| page.file.display().to_string()),
+            }
+        }
         let before = self.pages.clone();
         for (id, text) in table::all(section, rows)? {
             for (page, [start, end]) in self.places(id)? {
@@ -164,6 +172,7 @@ mod tests {
         };
         let expected = [("first.md", "one"), ("topics/a.md", "one"), ("topics/b.md", "two")];
         assert_eq!(stale(&documents), expected.map(|(file, table)| (at(file), table.to_owned())));
+        std::fs::write(at("first.md"), "# First\n\n<!-- table: one -->\n\nAnother end.\n").unwrap();
         for (file, text) in documents.update(&section(), &rows).unwrap() {
             std::fs::write(file, text).unwrap();
         }
@@ -171,7 +180,7 @@ mod tests {
         assert_eq!(stale(&Documents::read(&named, Path::new("")).unwrap()), []);
         assert_eq!(documents.update(&section(), &rows).unwrap(), []);
         let written = std::fs::read_to_string(at("first.md")).unwrap();
-        assert_eq!(written, "# First\n\n<!-- table: one -->\n| B |\n|---|\n| 1,234 |\n\nEnd.\n");
+        assert_eq!(written, "# First\n\n<!-- table: one -->\n| B |\n|---|\n| 1,234 |\n\nAnother end.\n");
     }
 
     #[test]
