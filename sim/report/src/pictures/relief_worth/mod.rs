@@ -15,7 +15,7 @@ use anyhow::Context as _;
 use image::RgbaImage;
 use lodestream_protocol::scene::Camera;
 use lodestream_protocol::source::SceneSource;
-use lodestream_render::{Gpu, Settings};
+use lodestream_render::{Gpu, ReliefMethod, Settings};
 use lodestream_scenario::plan::{self, ClientSettings, Plan};
 use lodestream_scenario::run::{Run, certificate};
 use lodestream_scenario::scene;
@@ -201,7 +201,13 @@ pub fn relief_worth(
 /// How a way is drawn: by the sun with its shadows, under a sky that nothing hides.
 fn settings(way: Way) -> Settings {
     let relief_shadows = way == Way::ReliefShadows;
+    let relief_method = match way {
+        Way::Cones => ReliefMethod::RelaxedCones,
+        Way::Quadtree => ReliefMethod::Quadtree,
+        _ => ReliefMethod::default(),
+    };
     Settings {
+        relief_method,
         occlusion: None,
         dither: false,
         relief: way.has_heights(),
@@ -309,15 +315,18 @@ mod tests {
             Ok(())
         })
         .unwrap();
-        assert_eq!((worth.sent.len(), worth.shown.len(), pictures), (2 * 4, 2 * 5, 2 * 2 * 12));
+        assert_eq!((worth.sent.len(), worth.shown.len(), pictures), (2 * 4, 2 * 7, 2 * 2 * 16));
         for of_distance in worth.sent.chunks(4) {
             let [plane, relief, mesh, tile] = of_distance else { panic!("four ways") };
             assert!(plane.settled_bytes < relief.settled_bytes, "{relief:?}");
             assert!(relief.all_bytes < tile.all_bytes && tile.all_bytes < mesh.all_bytes, "{mesh:?}");
             assert!(of_distance.iter().all(|sent| sent.ttff_ms <= sent.ttq_1_ms), "{of_distance:?}");
         }
-        for near in worth.shown.chunks(5) {
-            let [plane, relief, shadows, mesh, _] = near else { panic!("five ways") };
+        for near in worth.shown.chunks(7) {
+            let [plane, relief, shadows, cones, quadtree, mesh, _] = near else { panic!("seven ways") };
+            for way in [cones, quadtree] {
+                assert!(way.angles[0].flip < 0.7 * plane.angles[0].flip, "{way:?} {plane:?}");
+            }
             assert!(
                 shadows.angles[0].shadowed_flip < relief.angles[0].shadowed_flip,
                 "{shadows:?} {relief:?}"

@@ -31,6 +31,10 @@ pub enum Way {
     Relief,
     /// The same, drawn with what its heights hide from the sun.
     ReliefShadows,
+    /// The plane and its heights, by relaxed cones.
+    Cones,
+    /// The same, by a quadtree of largest heights.
+    Quadtree,
     /// The surface between the texels' middles as a mesh, with the colours.
     Mesh,
     /// The same of one repeat of the texture, placed four times.
@@ -39,7 +43,15 @@ pub enum Way {
 
 impl Way {
     /// All there are.
-    pub const ALL: [Self; 5] = [Self::Plane, Self::Relief, Self::ReliefShadows, Self::Mesh, Self::TiledMesh];
+    pub const ALL: [Self; 7] = [
+        Self::Plane,
+        Self::Relief,
+        Self::ReliefShadows,
+        Self::Cones,
+        Self::Quadtree,
+        Self::Mesh,
+        Self::TiledMesh,
+    ];
 
     /// What it is called in tables.
     #[must_use]
@@ -48,6 +60,8 @@ impl Way {
             Self::Plane => "plane",
             Self::Relief => "plane and height map",
             Self::ReliefShadows => "the same with its shadows",
+            Self::Cones => "the same by relaxed cones",
+            Self::Quadtree => "the same by a quadtree",
             Self::Mesh => "mesh",
             Self::TiledMesh => "mesh of a tile, four times",
         }
@@ -61,7 +75,7 @@ impl Way {
     fn file(self) -> &'static str {
         match self {
             Self::Plane => "plane",
-            Self::Relief | Self::ReliefShadows => "relief",
+            Self::Relief | Self::ReliefShadows | Self::Cones | Self::Quadtree => "relief",
             Self::Mesh => "mesh",
             Self::TiledMesh => "tile",
         }
