@@ -5,6 +5,7 @@ mod draw_trade;
 mod frame_time;
 mod gallery;
 mod goodput;
+mod ink_cost;
 mod load;
 mod measure;
 mod models;
@@ -74,6 +75,9 @@ pub(crate) enum Command {
     /// Settles a plan's case in virtual time and holds searches of screen-space reflections against rays at the triangles that
     /// are drawn, on the machine's graphics adapter: what is found of what mirrors would show, and lookups.
     ReflectionErrors(reflection_errors::ReflectionErrors),
+    /// Settles a plan's case in virtual time and times frames of it without ink, with it, and with its parts, in real time on
+    /// the machine's graphics adapter.
+    InkCost(ink_cost::InkCostOf),
     /// Draws meshes with curved triangles: pictures of scenes that arrive against the settled one, cost against the same
     /// mesh cut on the host, and how many are drawn at some frame rates, on the machine's graphics adapter.
     PnTriangles(pn_triangles::PnTrianglesOf),
@@ -121,6 +125,7 @@ impl Command {
             Self::DrawTrade(command) => command.run(),
             Self::OcclusionErrors(command) => command.run(),
             Self::ReflectionErrors(command) => command.run(),
+            Self::InkCost(command) => command.run(),
             Self::PnTriangles(command) => command.run(),
             Self::ReliefMethods(command) => command.run(),
             Self::ReliefWorth(command) => command.run(),

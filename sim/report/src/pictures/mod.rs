@@ -12,6 +12,7 @@
 pub mod draw_trade;
 pub mod frame_time;
 pub mod gallery;
+pub mod ink;
 pub mod occlusion;
 mod painter;
 pub mod pn_cost;

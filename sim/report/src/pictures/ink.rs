@@ -1,0 +1,133 @@
+//! What ink takes of a frame: nothing, and its parts one by one, of settled views.
+
+use std::fmt;
+use std::sync::Arc;
+
+use image::RgbaImage;
+use lodestream_protocol::scene::Camera;
+use lodestream_protocol::source::SceneSource;
+use lodestream_render::{Gpu, Ink, Settings};
+use lodestream_scenario::plan::Plan;
+use lodestream_scenario::stopwatch::{median, paired_ratio, rounded};
+use serde::Serialize;
+
+use super::painter::Studio;
+use super::settled::{by_turns, settle_views};
+
+/// What is drawn, by turns in this order: after a frame without ink edges are found anew, after others they are there.
+const WAYS: [&str; 5] = ["none", "first frame", "strokes and levels", "strokes", "levels"];
+
+/// One way at one view.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct InkCost {
+    /// 0: the scene's own.
+    pub view: usize,
+    /// Which.
+    pub way: &'static str,
+    /// Width and height of the frames.
+    pub size_px: [u32; 2],
+    /// The graphics adapter.
+    pub adapter: String,
+    /// Triangles of meshes that the frame draws.
+    pub triangles: u64,
+    /// What a frame takes, in milliseconds: the median.
+    pub frame_ms: f64,
+    /// Over one without ink: the median over frames by turns.
+    pub over_none: f64,
+}
+
+fn settings(way: &str) -> Settings {
+    let usual = Ink::default();
+    let ink = match way {
+        "none" => None,
+        "strokes" => Some(Ink { levels: 1, ..usual }),
+        "levels" => Some(Ink { width_px: 0.0, ..usual }),
+        _ => Some(usual),
+    };
+    Settings { ink, ..Settings::default() }
+}
+
+/// Settles the plan's case at the scene's own view and at those of more cameras, and draws so many frames of each way.
+/// `keep` is handed pictures with their names.
+///
+/// # Errors
+/// A plan of more than one case, or of another technique; runs that do not settle; whatever ends a run early, what the
+/// graphics device refuses, and what `keep` does.
+pub fn ink_cost(
+    plan: &Plan,
+    scene: &Arc<dyn SceneSource>,
+    gpu: Gpu,
+    cameras: &[Camera],
+    frames: u32,
+    mut keep: impl FnMut(&str, &RgbaImage) -> anyhow::Result<()>,
+) -> anyhow::Result<Vec<InkCost>> {
+    let adapter = gpu.describe();
+    let studio = Studio::new(gpu);
+    let mut rows = Vec::new();
+    for (number, (painter, view)) in settle_views(plan, scene, &studio, cameras)?.iter_mut().enumerate() {
+        let mut triangles = [0; WAYS.len()];
+        for (way, name) in WAYS.into_iter().enumerate() {
+            let counters = painter.frame(view, settings(name))?;
+            triangles[way] = counters.triangles - counters.terrain_triangles;
+            keep(&format!("{number}-{}", name.replace(' ', "-")), &painter.picture()?)?;
+        }
+        let seconds = by_turns(WAYS.len(), frames, |way| painter.frame(view, settings(WAYS[way])).map(drop))?;
+        for (way, name) in WAYS.into_iter().enumerate() {
+            rows.push(InkCost {
+                view: number,
+                way: name,
+                size_px: plan.viewport_px,
+                adapter: adapter.clone(),
+                triangles: triangles[way],
+                frame_ms: rounded(median(seconds[way].clone()) * 1e3, 3),
+                over_none: rounded(paired_ratio(&seconds[way], &seconds[0]), 3),
+            });
+        }
+    }
+    Ok(rows)
+}
+
+/// A line for people.
+impl fmt::Display for InkCost {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { view, way, triangles, frame_ms, over_none, .. } = self;
+        write!(
+            f,
+            "view {view}, {way}: {frame_ms:.1} ms a frame of {triangles} triangles, {over_none:.2} of one without"
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::super::open_device;
+    use super::super::tests::may_draw;
+    use super::*;
+    use crate::tests::small_scene;
+    use lodestream_scenario::plan;
+
+    #[test]
+    fn each_way_is_another_picture() {
+        if !may_draw() {
+            return;
+        }
+        let text = "scene = \"demo-small\"\nviewport_px = [160, 90]\n[[sweep]]\ntransport = \"quic\"\n\
+                    rate_bits_per_s = 16_000_000\nrtt_ms = 50\n";
+        let plan = plan::parse(text, Path::new("test.toml")).unwrap();
+        let gpu = open_device().expect("a graphics adapter (or LODESTREAM_SKIP_GPU=1)");
+        let mut pictures = Vec::new();
+        let keep = |_: &str, picture: &RgbaImage| {
+            pictures.push(picture.clone());
+            Ok(())
+        };
+        let rows = ink_cost(&plan, &small_scene(), gpu, &[], 1, keep).unwrap();
+        assert!(rows.iter().map(|row| row.way).eq(WAYS) && rows.iter().all(|row| row.frame_ms > 0.0));
+        assert!(rows.iter().all(|row| row.triangles == rows[0].triangles && row.triangles > 0));
+        let [none, first, both, strokes, levels] = &pictures[..] else {
+            panic!("{} pictures", pictures.len())
+        };
+        assert!(first == both && none != both && none != strokes && none != levels && strokes != levels);
+    }
+}
