@@ -9,7 +9,7 @@ use crate::scene::Frame;
 use crate::temporal::Past;
 
 /// What one frame does of it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct AccumulationStep {
     /// How it is estimated.
     pub(crate) method: OcclusionMethod,

@@ -20,7 +20,6 @@ pub enum OcclusionRadius {
 pub enum OcclusionMethod {
     /// Points in the hemisphere above the surface, evenly along the radius, each before or behind what is drawn there
     /// (Mittring 2007; Filion and McNaughton 2008).
-    #[default]
     Ssao,
     /// The same with points denser near the middle, each of which counts for as much more of the radius as it stands for.
     SsaoCentred,
@@ -33,6 +32,7 @@ pub enum OcclusionMethod {
     Alchemy,
     /// Slices through the direction to the eye, each with a horizon to both sides, integrated in closed form (Jimenez et
     /// al. 2016; XeGTAO).
+    #[default]
     Gtao,
     /// The same slices with a mask of 32 sectors in place of horizons: what is thin hides no more than itself (Therrien
     /// et al. 2023).
@@ -118,7 +118,7 @@ pub const STILL_FRAMES: u32 = 16;
 impl Default for AmbientOcclusion {
     fn default() -> Self {
         Self {
-            method: OcclusionMethod::Ssao,
+            method: OcclusionMethod::Gtao,
             radius: OcclusionRadius::Depth(0.06),
             strength: 1.5,
             samples: 16,

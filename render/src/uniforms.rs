@@ -3,6 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Mat4};
 
+use super::accumulation::AccumulationStep;
 use super::camera::{clip_from_view, view_from_world};
 use super::occlusion::{MAX_SAMPLES, OcclusionMethod, OcclusionRadius};
 use super::scene::{Frame, MAX_RELIEF_STEPS, ReliefMethod, Shade, ToneMapping};
@@ -57,7 +58,7 @@ pub(crate) struct FrameUniform {
 
 impl FrameUniform {
     /// The block of a frame that is drawn in one size and shown in another; sides fit into 16 bits. `lookups`: of a
-    /// texture, along a pixel's footprint. `accumulation`: the flags of that step.
+    /// texture, along a pixel's footprint. `accumulation`: of occlusion.
     pub(crate) fn new(
         frame: &Frame<'_>,
         sky: &SkyLight,
@@ -65,7 +66,7 @@ impl FrameUniform {
         target: (u32, u32),
         step: &TemporalStep,
         lookups: f32,
-        accumulation: u32,
+        accumulation: AccumulationStep,
     ) -> Self {
         let (camera, near) = (&frame.camera, frame.settings.near);
         let (tx, ty) = camera.tan_half_fov(width, height);
@@ -77,7 +78,7 @@ impl FrameUniform {
         };
         let samples = occlusion.samples.clamp(1, MAX_SAMPLES);
         let mut kernel = [[0.0; 4]; MAX_SAMPLES as usize];
-        let centred = occlusion.method == OcclusionMethod::SsaoCentred;
+        let centred = accumulation.method == OcclusionMethod::SsaoCentred;
         for (slot, sample) in kernel.iter_mut().zip(ssao::kernel(samples as usize, centred)) {
             *slot = sample.map(|x| x as f32);
         }
@@ -122,7 +123,7 @@ impl FrameUniform {
                 | u32::from(frame.settings.emission) << 1
                 | relief_method(frame.settings.relief_method) << 2
                 | u32::from(frame.settings.relief_shadows) << 4
-                | accumulation,
+                | accumulation.flags(),
             lookups,
             kernel,
         }

@@ -87,13 +87,14 @@ pub(crate) struct Args {
     #[arg(long)]
     pub(crate) no_ao: bool,
     /// By which method ambient occlusion is estimated
-    #[arg(long, value_name = "NAME", default_value = "ssao", value_parser = occlusion_methods())]
+    #[arg(long, value_name = "NAME", default_value = OcclusionMethod::default().name(), value_parser = occlusion_methods())]
     pub(crate) occlusion_method: OcclusionMethod,
-    /// By which method it is estimated while nothing changes, as the mean of 16 frames; without, as always
-    #[arg(long, value_name = "NAME", value_parser = occlusion_methods())]
-    pub(crate) occlusion_still: Option<OcclusionMethod>,
+    /// By which method it is estimated while nothing changes, as the mean of 16 frames, or none for as always; without, gtao on
+    /// a graphics processor and none where processors draw
+    #[arg(long, value_name = "NAME", value_parser = still_methods())]
+    pub(crate) occlusion_still: Option<Still>,
     /// By what the pixels are chosen that it takes normals from: nearest in depth, the drawn normals, or surfaces that go on
-    #[arg(long, value_name = "NAME", default_value = "nearest", value_parser = occlusion_normals())]
+    #[arg(long, value_name = "NAME", default_value = OcclusionNormals::default().name(), value_parser = occlusion_normals())]
     pub(crate) occlusion_normals: OcclusionNormals,
     /// Estimate ambient occlusion at one pixel of each 2×2 where frames stand alone; not by hbao-plus
     #[arg(long, conflicts_with = "no_ao")]
@@ -248,6 +249,17 @@ fn occlusion_methods() -> impl TypedValueParser<Value = OcclusionMethod> {
         // One of those offered.
         OcclusionMethod::ALL.into_iter().find(|way| way.name() == name).ok_or("no such method")
     })
+}
+
+/// By which method ambient occlusion is estimated while nothing changes, if by another than always.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Still(pub(crate) Option<OcclusionMethod>);
+
+/// Reads a [`Still`]: the name of a method, or none.
+fn still_methods() -> impl TypedValueParser<Value = Still> {
+    let names = OcclusionMethod::ALL.into_iter().map(OcclusionMethod::name).chain(["none"]);
+    PossibleValuesParser::new(names)
+        .map(|name| Still(OcclusionMethod::ALL.into_iter().find(|way| way.name() == name)))
 }
 
 /// Reads a [`ToneMapping`] by its name.

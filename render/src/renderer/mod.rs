@@ -351,7 +351,7 @@ impl Renderer {
         }
         let lookups = if gpu.has_anisotropic_filter() { 1 } else { frame.settings.anisotropy };
         let lookups = lookups.clamp(1, MAX_ANISOTROPY) as f32;
-        let uniform = FrameUniform::new(frame, &sky, size, target.size, &step, lookups, accumulated.flags());
+        let uniform = FrameUniform::new(frame, &sky, size, target.size, &step, lookups, accumulated);
         gpu.queue.write_buffer(&self.frame_buffer, 0, bytemuck::bytes_of(&uniform));
         let runs = |id| plan.iter().any(|pass| pass.id == id);
         if let Some((shown, _)) = shown.filter(|_| runs(PassId::Debug)) {

@@ -27,15 +27,14 @@ fn occlusion_sums(r: Receiver) -> vec2<f32> {
         let whole = signed_arc(slice, slice.angle + 0.5 * PI) - begin;
         var hidden = 0u;
         var occluded = 0.0;
-        var before = vec2(0.0);
+        var last = array<vec3<f32>, 2>();
         for (var k = 0u; k < steps; k++) {
             for (var end = 0u; end < 2u; end++) {
                 let side = 2.0 * f32(end) - 1.0;
                 let to = drawn_at(r, slice.offset_px * (side * step_length(r, k)));
                 let front = within(r, slice, to);
-                let here = falloff(r, length(to));
-                let met = met_between(before[end], here);
-                before[end] = come_from(here, length(front));
+                let met = met_between(r, last[end], to);
+                last[end] = to;
                 if (front.y <= MIN_ELEVATION * length(front)) {
                     continue;
                 }

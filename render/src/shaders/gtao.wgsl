@@ -13,15 +13,14 @@ fn occlusion_sums(r: Receiver) -> vec2<f32> {
             var horizon = -side * slice.sine;
             var open = arc(slice, slice.angle + side * (0.5 * PI));
             whole += open;
-            var before = 0.0;
+            var last = vec3(0.0);
             for (var k = 0u; k < steps; k++) {
                 let to = drawn_at(r, slice.offset_px * (side * step_length(r, k)));
                 let at = within(r, slice, to);
                 let distance = length(at);
                 let cosine = (at.y * slice.cosine - at.x * slice.sine) / max(distance, 1e-30);
-                let here = falloff(r, length(to));
-                let met = met_between(before, here);
-                before = come_from(here, distance);
+                let met = met_between(r, last, to);
+                last = to;
                 if (at.y > MIN_ELEVATION * distance && cosine > horizon) {
                     let left = arc(slice, side * acos(clamp(cosine, -1.0, 1.0)));
                     occluded += met * (open - left);

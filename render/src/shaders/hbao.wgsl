@@ -12,16 +12,15 @@ fn occlusion_sums(r: Receiver) -> vec2<f32> {
         let angle = 2.0 * PI * (f32(i) + f32(r.rotation) / 16.0) / f32(directions);
         let along = vec2(cos(angle), sin(angle));
         var horizon = MIN_ELEVATION * MIN_ELEVATION;
-        var before = 0.0;
+        var last = vec3(0.0);
         for (var k = 0u; k < steps; k++) {
             let share = (f32(k) + march_offset(r)) / f32(steps);
             let to = drawn_at(r, along * march_px(r, share));
             let height = dot(to, r.normal);
             let squared = dot(to, to);
             let rise = height * height / max(squared, 1e-30);
-            let here = falloff(r, sqrt(squared));
-            let met = met_between(before, here);
-            before = come_from(here, squared);
+            let met = met_between(r, last, to);
+            last = to;
             if (height > 0.0 && rise > horizon) {
                 occluded += met * (rise - horizon);
                 horizon = rise;

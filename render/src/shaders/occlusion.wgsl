@@ -39,15 +39,18 @@ fn falloff(r: Receiver, distance: f32) -> f32 {
     return max(1.0 - distance / r.radius, 0.0);
 }
 
-// What of an occluder counts that a march meets between two places, by the falloff of each: what rises there is as near as
-// both are in the mean. But what lies far behind or before the other is met at the latter: at most half as much again.
-fn met_between(before: f32, here: f32) -> f32 {
-    return 0.5 * (here + clamp(before, here, 2.0 * here));
-}
-
-// The falloff of a place that a march comes from; none where nothing was drawn.
-fn come_from(here: f32, distance: f32) -> f32 {
-    return select(here, 0.0, distance <= 0.0);
+// What of an occluder counts that a march meets on the way from one place to the next, both from the receiver: a surface is
+// taken to run straight between them, and counts by its falloff in the mean of its ends and twice its middle. So a ball
+// hides what it stands on, though of the next sample on it nothing counts any more. What lies as far from the last as one
+// radius to two is less and less its surface, and counts where it is: what stands far before a wall has no halo there.
+fn met_between(r: Receiver, last: vec3<f32>, to: vec3<f32>) -> f32 {
+    let here = falloff(r, length(to));
+    // Nothing was drawn there, or this is the first.
+    if (all(last == vec3(0.0))) {
+        return here;
+    }
+    let mean = 0.25 * (here + falloff(r, length(last))) + 0.5 * falloff(r, 0.5 * length(last + to));
+    return here + clamp(2.0 - length(to - last) / r.radius, 0.0, 1.0) * max(mean - here, 0.0);
 }
 
 // Where along a march a pixel's samples lie, 0..1 between two: each of 16 once, in another order than rotations.

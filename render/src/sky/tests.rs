@@ -3,6 +3,7 @@
 use glam::{DVec3, Vec3};
 
 use super::SkyGpu;
+use crate::accumulation::AccumulationStep;
 use crate::fullscreen::{fullscreen, fullscreen_pipeline};
 use crate::gbuffer::shader;
 use crate::gpu::Gpu;
@@ -56,7 +57,15 @@ fn pixels(gpu: &Gpu, sky: &mut SkyGpu, environment: Environment) -> Vec<[f32; 4]
     let camera = Pose::look_at(DVec3::ZERO, DVec3::X, DVec3::Z, 1.0);
     let frame = Frame { environment, ..Frame::new(camera, &[]) };
     let light = sky.light(gpu, &environment, None);
-    let uniform = FrameUniform::new(&frame, &light, (SIDE, SIDE), (SIDE, SIDE), &TemporalStep::NONE, 1.0, 0);
+    let uniform = FrameUniform::new(
+        &frame,
+        &light,
+        (SIDE, SIDE),
+        (SIDE, SIDE),
+        &TemporalStep::NONE,
+        1.0,
+        AccumulationStep::default(),
+    );
     let device = &gpu.device;
     let buffer = device.create_buffer(&wgpu::BufferDescriptor {
         label: None,

@@ -5,6 +5,7 @@ use half::f16;
 
 use super::headless;
 use super::shapes::{asset, at, cube, quad, sphere};
+use crate::accumulation::AccumulationStep;
 use crate::camera::{clip_from_view, view_from_world};
 use crate::graph::Resource;
 use crate::image_compare::compare;
@@ -156,7 +157,7 @@ fn resolved(h: &Headless, [radiance, old]: [&[[f32; 4]]; 2], still: bool) -> Vec
     let before = clip_from_view(&camera, frame.settings.near, size) * view_from_world(&camera);
     let step = TemporalStep { before, history: 6.0, still, ..TemporalStep::NONE };
     let sky = SkyGpu::new(gpu).light(gpu, &environment, None);
-    let uniform = FrameUniform::new(&frame, &sky, size, size, &step, 1.0, 0);
+    let uniform = FrameUniform::new(&frame, &sky, size, size, &step, 1.0, AccumulationStep::default());
     let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
         label: None,
         size: size_of::<FrameUniform>() as u64,

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::occlusion::{draw, shown};
-use super::shapes::{Mesh, asset, join, quad};
+use super::shapes::{Mesh, asset, at, join, quad, sphere};
 use super::{headless, keep};
 use crate::rays::{Rays, Seen};
 use crate::{
@@ -128,16 +128,47 @@ fn what_lies_behind_gets_too_dark_and_what_lies_in_a_row_not_dark_enough() {
         for (k, ([beside, row], [rays_beside, rays_row])) in drawn.into_iter().zip(rays).enumerate() {
             // Points behind the pillar count for hidden up to some radii behind it, and darken the wall two radii away:
             // that is what they are known for. Marches go by how far away what they meet is.
-            let most = [[0.12, 0.28, 0.08], [0.03, 0.03, 0.1]][usize::from(!points)][k];
+            let most = [[0.12, 0.28, 0.08], [0.05, 0.13, 0.15]][usize::from(!points)][k];
             let bleeding = beside - rays_beside;
             assert!((-0.06..most).contains(&bleeding), "{name}, radius {k}: {bleeding}");
             // What is behind what is drawn is not known, to any.
-            let known = if points && k == 0 { 2.8 } else { 1.1 };
+            let known = [2.8, 1.2, 1.1][k];
             assert!(row < known * rays_row, "{name}, radius {k}: {row} of {rays_row}");
         }
         let [first, _, last] = drawn;
-        assert!(last[1] < 0.85 * rays[2][1], "{name}: {last:?}");
+        assert!(last[1] < 0.95 * rays[2][1], "{name}: {last:?}");
         // A larger radius finds more of the row, and lets more bleed.
         assert!(points || last[1] > 1.5 * first[1] && last[0] > first[0] + 0.05, "{name}: {drawn:?}");
+    }
+}
+
+/// Where a ball stands on a floor, the eye looks past what hides it: what a march meets of the ball begins right beside
+/// what it hides, and the next step may be too far up to count.
+#[test]
+fn a_ball_is_dark_where_it_stands() {
+    let camera = Pose::look_at(DVec3::new(0.6, 1.3, 2.2), DVec3::new(0.0, 0.1, 0.0), DVec3::Y, 0.8);
+    let radius = OcclusionRadius::Depth(0.06);
+    for (size, most) in [([96, 54], 0.97), ([384, 216], 0.88)] {
+        let Some(mut h) = headless(size[0], size[1]) else { return };
+        let floor = quad([-9.0, 0.0, 9.0], [18.0, 0.0, 0.0], [0.0, 0.0, -18.0], 1.0);
+        let [floor, ball] = [floor, sphere(48)].map(|mesh| asset(&h, &mesh, Material::default()));
+        let (here, there) = ([Instance::default()], [at(-0.2, 0.3, 0.2, 0.6)]);
+        let all =
+            [Drawable { asset: &floor, instances: &here }, Drawable { asset: &ball, instances: &there }];
+        let rays = Rays::of_frame(h.gpu(), &Frame::new(camera, &all)).unwrap().picture(size, radius, 256);
+        let open = |i: usize| rays[i].map_or(1.0, |seen| seen.openness);
+        let dark: Vec<usize> = (0..rays.len()).filter(|i| open(*i) < 0.9).collect();
+        println!("{size:?}: rays {:.3} at {} pixels", mean_of(&dark, open), dark.len());
+        for method in OcclusionMethod::ALL {
+            let picture = draw(&mut h, camera, &all, shown(method, radius, 16));
+            keep(&h, &format!("occlusion-ball-{}-{}", size[0], method.name()));
+            let found = mean_of(&dark, |i| f64::from(picture.as_raw()[4 * i]) / 255.0);
+            println!("{}: {found:.3}", method.name());
+            match method {
+                OcclusionMethod::Ssao | OcclusionMethod::SsaoCentred => assert!(found < 0.8),
+                OcclusionMethod::Gtao => assert!(found < most, "{found}"),
+                _ => {}
+            }
+        }
     }
 }

@@ -27,7 +27,7 @@ pub(crate) struct OcclusionErrors {
     #[arg(long, value_delimiter = ',', value_parser = methods(), default_values_t = OcclusionMethod::ALL.map(Named))]
     methods: Vec<Named<OcclusionMethod>>,
     /// What normals are taken from, divided by commas; each method is drawn with each.
-    #[arg(long, value_delimiter = ',', value_parser = normals(), default_values_t = [Named(OcclusionNormals::Nearest)])]
+    #[arg(long, value_delimiter = ',', value_parser = normals(), default_values_t = [Named(OcclusionNormals::default())])]
     normals: Vec<Named<OcclusionNormals>>,
     /// Draws those that stand alone of one pixel of each 2×2 too, but for `hbao-plus`, whose layers stay whole.
     #[arg(long)]
@@ -144,7 +144,7 @@ mod tests {
         let all = parsed(&[]).unwrap();
         assert_eq!(all.methods, OcclusionMethod::ALL.map(Named));
         assert_eq!((all.samples.as_slice(), all.rays, all.view.len()), (&[8, 16, 32][..], 512, 0));
-        assert_eq!(all.normals, [Named(OcclusionNormals::Nearest)]);
+        assert_eq!(all.normals, [Named(OcclusionNormals::default())]);
         let some =
             parsed(&["--methods", "gtao,bitmask", "--normals", "drawn,extended", "--view", "-1,2,3,0,0,0.5"])
                 .unwrap();

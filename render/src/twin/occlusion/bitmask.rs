@@ -2,7 +2,7 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use super::receiver::{MIN_ELEVATION, Receiver, come_from, length, met_between};
+use super::receiver::{MIN_ELEVATION, Receiver};
 use super::slices::{Slice, counts};
 
 const THICKNESS: f64 = 0.5;
@@ -19,13 +19,12 @@ pub(super) fn sums(r: &Receiver<'_>) -> [f64; 2] {
     for slice in (0..slices).map(|number| Slice::new(r, number)) {
         let begin = slice.signed_arc(slice.angle - FRAC_PI_2);
         let whole = slice.signed_arc(slice.angle + FRAC_PI_2) - begin;
-        let (mut hidden, mut occluded, mut before) = (0_u32, 0.0, [0.0; 2]);
+        let (mut hidden, mut occluded, mut last) = (0_u32, 0.0, [[0.0; 3]; 2]);
         for (step, end) in (0..steps).flat_map(|step| [(step, 0), (step, 1)]) {
             let to = slice.drawn_at(r, step, [-1.0, 1.0][end]);
             let [x, y] = slice.within(r, to);
-            let here = r.falloff(length(to));
-            let met = met_between(before[end], here);
-            before[end] = come_from(here, x.hypot(y));
+            let met = r.met_between(last[end], to);
+            last[end] = to;
             if y <= MIN_ELEVATION * x.hypot(y) {
                 continue;
             }

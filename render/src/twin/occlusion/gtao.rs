@@ -2,7 +2,7 @@
 
 use std::f64::consts::FRAC_PI_2;
 
-use super::receiver::{MIN_ELEVATION, Receiver, come_from, length, met_between};
+use super::receiver::{MIN_ELEVATION, Receiver};
 use super::slices::{Slice, counts};
 
 pub(super) fn sums(r: &Receiver<'_>) -> [f64; 2] {
@@ -13,15 +13,14 @@ pub(super) fn sums(r: &Receiver<'_>) -> [f64; 2] {
             let mut horizon = -side * slice.sine;
             let mut open = slice.arc(slice.angle + side * FRAC_PI_2);
             sums[1] += slice.normal_length * open;
-            let mut before = 0.0;
+            let mut last = [0.0; 3];
             for step in 0..steps {
                 let to = slice.drawn_at(r, step, side);
                 let [x, y] = slice.within(r, to);
                 let distance = x.hypot(y);
                 let cosine = (y * slice.cosine - x * slice.sine) / distance.max(1e-30);
-                let here = r.falloff(length(to));
-                let met = met_between(before, here);
-                before = come_from(here, distance);
+                let met = r.met_between(last, to);
+                last = to;
                 if y > MIN_ELEVATION * distance && cosine > horizon {
                     let left = slice.arc(side * cosine.clamp(-1.0, 1.0).acos());
                     sums[0] += slice.normal_length * met * (open - left);

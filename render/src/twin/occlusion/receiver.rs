@@ -17,8 +17,6 @@ pub(super) struct Receiver<'a> {
     pub(super) rotation: u32,
     pub(super) scale_px: f64,
     pub(super) samples: usize,
-    /// Whether it is a frame of a mean.
-    pub(super) of_a_mean: bool,
     /// Pixels between two that are looked up: 4 where it has a sixteenth of the picture.
     pub(super) stride: i64,
 }
@@ -35,6 +33,18 @@ impl Receiver<'_> {
     /// What of an occluder at a distance counts.
     pub(super) fn falloff(&self, distance: f64) -> f64 {
         (1.0 - distance / self.radius).max(0.0)
+    }
+
+    /// What of an occluder counts that a march meets on the way from one place to the next.
+    pub(super) fn met_between(&self, last: V3, to: V3) -> f64 {
+        let here = self.falloff(length(to));
+        if last == [0.0; 3] {
+            return here;
+        }
+        let middle = [0, 1, 2].map(|i| 0.5 * (last[i] + to[i]));
+        let mean = 0.25 * (here + self.falloff(length(last))) + 0.5 * self.falloff(length(middle));
+        let joined = (2.0 - length(sub(to, last)) / self.radius).clamp(0.0, 1.0);
+        here + joined * (mean - here).max(0.0)
     }
 
     pub(super) fn march_offset(&self) -> f64 {
@@ -62,14 +72,4 @@ impl Receiver<'_> {
 
 pub(super) fn length(v: V3) -> f64 {
     dot(v, v).sqrt()
-}
-
-/// What of an occluder counts that a march meets between two places, by the falloff of each.
-pub(super) fn met_between(before: f64, here: f64) -> f64 {
-    0.5 * (here + before.clamp(here, 2.0 * here))
-}
-
-/// The falloff of a place that a march comes from; none where nothing was drawn.
-pub(super) fn come_from(here: f64, distance: f64) -> f64 {
-    if distance <= 0.0 { 0.0 } else { here }
 }

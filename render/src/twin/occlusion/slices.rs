@@ -17,12 +17,11 @@ pub(super) struct Slice {
 
 /// Slices, and steps to either side of each.
 pub(super) fn counts(r: &Receiver<'_>) -> (usize, usize) {
-    counts_of(r.samples, r.of_a_mean)
+    counts_of(r.samples)
 }
 
-fn counts_of(samples: usize, of_a_mean: bool) -> (usize, usize) {
-    let to_both_sides = if of_a_mean { 16 } else { 8 };
-    let slices = ((samples + to_both_sides / 2) / to_both_sides).max(1);
+fn counts_of(samples: usize) -> (usize, usize) {
+    let slices = ((samples + 8) / 16).max(1);
     (slices, (samples / (2 * slices)).max(1))
 }
 
@@ -92,8 +91,7 @@ mod tests {
                 assert!((slice.signed_arc(end) - sum).abs() < 1e-6, "{angle} {end}");
             }
         }
-        let counts = |of_a_mean| [1, 4, 8, 16, 32, 64].map(|samples| counts_of(samples, of_a_mean));
-        assert_eq!(counts(false), [(1, 1), (1, 2), (1, 4), (2, 4), (4, 4), (8, 4)]);
-        assert_eq!(counts(true), [(1, 1), (1, 2), (1, 4), (1, 8), (2, 8), (4, 8)]);
+        let counts = [1, 4, 8, 16, 32, 64].map(counts_of);
+        assert_eq!(counts, [(1, 1), (1, 2), (1, 4), (1, 8), (2, 8), (4, 8)]);
     }
 }

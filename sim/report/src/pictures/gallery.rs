@@ -12,8 +12,8 @@ use lodestream_protocol::scene::Camera;
 use lodestream_protocol::source::SceneSource;
 use lodestream_protocol::view::View;
 use lodestream_render::{
-    AmbientOcclusion, AntiAliasing, Bloom, Gpu, Ink, OcclusionMethod, PnTriangles, ReflectionMethod,
-    Reflections, ReliefMethod, STILL_FRAMES, Settings, Shade, ToneMapping,
+    AmbientOcclusion, AntiAliasing, Bloom, Gpu, Ink, OcclusionMethod, OcclusionNormals, PnTriangles,
+    ReflectionMethod, Reflections, ReliefMethod, STILL_FRAMES, Settings, Shade, ToneMapping,
 };
 use lodestream_scenario::plan::Plan;
 use lodestream_scenario::stopwatch::{paired_ratio, rounded};
@@ -106,7 +106,7 @@ fn entries() -> Vec<Entry> {
         without(
             "ambient occlusion",
             Settings { occlusion: None, ..usual },
-            "Mittring 2007; Filion, McNaughton 2008",
+            "Jimenez, Wu, Pesce, Jarabo 2016",
         ),
         without("shadows", Settings { shadows: None, ..usual }, "Williams 1978; Dimitrov 2007 (cascades)"),
         without("lamps", Settings { lights: None, ..usual }, "Olsson, Billeter, Assarsson 2012 (clusters)"),
@@ -141,6 +141,11 @@ fn entries() -> Vec<Entry> {
         };
         let settings = Settings { occlusion: Some(AmbientOcclusion { method, ..some }), ..usual };
         all.push(one(Part::Otherwise, &format!("occlusion: {}", method.name()), settings, source));
+    }
+    let drawn = AmbientOcclusion { normals: OcclusionNormals::Drawn, ..some };
+    let half = AmbientOcclusion { half: true, ..some };
+    for (name, how) in [("occlusion: by drawn normals", drawn), ("occlusion: half the pixels", half)] {
+        all.push(one(Part::Otherwise, name, Settings { occlusion: Some(how), ..usual }, ""));
     }
     let still = AmbientOcclusion { still: Some(OcclusionMethod::Gtao), ..some };
     all.push(Entry {

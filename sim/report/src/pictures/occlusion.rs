@@ -166,7 +166,7 @@ impl Way {
     /// Of a picture.
     fn name(self) -> String {
         let normals = match self.normals {
-            OcclusionNormals::Nearest => String::new(),
+            normals if normals == OcclusionNormals::default() => String::new(),
             normals => format!("-{}", normals.name()),
         };
         let half = if self.half { "-half" } else { "" };
@@ -312,7 +312,7 @@ mod tests {
             cameras: Vec::new(),
             methods: OcclusionMethod::ALL.to_vec(),
             samples: vec![16],
-            normals: vec![OcclusionNormals::Nearest],
+            normals: vec![OcclusionNormals::default()],
             half: false,
             still: 16,
             radius: OcclusionRadius::Depth(0.06),
