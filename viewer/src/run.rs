@@ -148,10 +148,12 @@ mod tests {
     }
 
     #[test]
-    fn without_flags_all_is_drawn_and_edges_are_smoothed_over_time_where_no_processor_draws() {
+    fn without_flags_all_is_drawn_and_edges_and_occlusion_are_of_many_frames_where_no_processor_draws() {
         assert_eq!(of(&[], true), Settings::default());
         assert_eq!(of(&[], true).anti_aliasing, AntiAliasing::Spatial);
-        let graphics = Settings { anti_aliasing: AntiAliasing::Temporal, ..Settings::default() };
+        let still = AmbientOcclusion { still: Some(OcclusionMethod::Gtao), ..AmbientOcclusion::default() };
+        let graphics =
+            Settings { anti_aliasing: AntiAliasing::Temporal, occlusion: Some(still), ..Settings::default() };
         assert_eq!(of(&[], false), graphics);
         for (flags, way) in [
             (&["--anti-aliasing", "temporal"][..], AntiAliasing::Temporal),
