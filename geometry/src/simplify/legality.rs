@@ -1,11 +1,11 @@
 //! Which collapses are allowed.
 //!
-//! *Strict* rules keep the surface's kind: the link condition (Dey, Edelsbrunner, Guha and Nekhayev,
-//! "Topology preserving edge contraction", 1999), boundaries collapse along themselves, seam vertices
-//! along their seam, no face turns by more than 75°. *Relaxed* rules, for what strict ones leave
-//! behind, allow what can be written down and gives no edge more faces than two (or than the input
-//! gave it): holes close, components vanish, seams shorten; faces that turn over cost extra. A closed
-//! manifold therefore stays one, down to nothing.
+//! *Strict* rules keep the surface's kind: the link condition (Dey, Edelsbrunner, Guha and Nekhayev, "Topology
+//! preserving edge contraction", 1999) or, where sheets touch along edges of more than two faces, what is left of it
+//! there; boundaries collapse along themselves, seam vertices along their seam, no face turns by more than 75°.
+//! *Relaxed* rules, for what strict ones leave behind, allow what can be written down and gives no edge more faces than
+//! two (or than the input gave it): holes close, components vanish, seams shorten; faces that turn over cost extra. A
+//! closed manifold therefore stays one, down to nothing.
 //!
 //! *Clustering* looks at no face: of the strict rules only that on seams is left, where it is asked for.
 
@@ -76,7 +76,7 @@ impl Rules {
         }
         let clusters = region.metric.clusters();
         let allowed = if self.strict && !clusters {
-            self.strict_topology(u, t, removed)
+            self.strict_topology(region, u, t, removed)
         } else {
             self.relaxed_topology(region, u, t)
         };
@@ -115,14 +115,15 @@ impl Rules {
         removed
     }
 
-    /// The link condition; boundaries only along themselves; no edge of three faces.
-    fn strict_topology(&self, u: u32, t: u32, removed: u32) -> bool {
+    /// The link condition; boundaries only along themselves. Edges of more than two faces go as others do, or all around
+    /// them would go in their place.
+    fn strict_topology(&self, region: &Region, u: u32, t: u32, removed: u32) -> bool {
         let (mut ring_u, mut ring_t, mut common) = (0, 0, 0);
         let mut boundary = false;
         for &w in &self.neighbours {
             let around = self.around[w as usize];
             if around.at_u > 2 {
-                return false;
+                return self.touching_topology(region, u, t);
             }
             boundary |= around.at_u == 1;
             ring_u += u32::from(around.at_u > 0);
@@ -131,6 +132,16 @@ impl Rules {
         }
         let along = removed == if boundary { 1 } else { 2 };
         ring_u >= 3 && ring_t >= 3 && along && common == removed
+    }
+
+    /// For a vertex where sheets touch along an edge: what is left of the link condition there. No other two edges become
+    /// one, no edge is left without a face, and none gets more faces than it may by the relaxed rules.
+    fn touching_topology(&self, region: &Region, u: u32, t: u32) -> bool {
+        let linked = self.neighbours.iter().filter(|&&w| w != u && w != t).all(|&w| {
+            let Around { at_u, at_t, at_both, .. } = self.around[w as usize];
+            at_u == 0 || at_t == 0 || (at_both > 0 && at_u + at_t > 2 * at_both)
+        });
+        linked && self.relaxed_topology(region, u, t)
     }
 
     /// No edge (t, w) of the result has more than two faces, unless one that it comes from had as many.

@@ -24,3 +24,4 @@ mod render;
 mod resuming;
 mod sets;
 mod tangles;
+mod touching;
