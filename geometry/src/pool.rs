@@ -102,13 +102,20 @@ pub(crate) fn map<T: Send>(
 ) -> Result<Vec<T>, SkippedTask> {
     let slots: Vec<Mutex<Option<T>>> = (0..count).map(|_| Mutex::new(None)).collect();
     pool.run(count, &|i| {
-        let value = f(i);
-        if let Ok(mut slot) = slots[i].lock() {
-            *slot = Some(value);
-        }
+        put(&slots[i], f(i));
     });
-    let results = slots.into_iter().map(|slot| slot.into_inner().ok().flatten());
+    let results = slots.into_iter().map(taken);
     results.enumerate().map(|(task, result)| result.ok_or(SkippedTask { task, count })).collect()
+}
+
+fn put<T>(slot: &Mutex<Option<T>>, value: T) {
+    if let Ok(mut slot) = slot.lock() {
+        *slot = Some(value);
+    }
+}
+
+fn taken<T>(slot: Mutex<Option<T>>) -> Option<T> {
+    slot.into_inner().ok().flatten()
 }
 
 /// A pool whose tasks are skipped once the monitor has said no.
@@ -135,6 +142,24 @@ impl<'a> Watched<'a> {
     pub(crate) fn advance(&mut self, faces_done: usize, collapses: usize) {
         self.progress.faces_done = faces_done;
         self.progress.collapses += collapses;
+    }
+
+    /// Runs both, at the same time where there are threads.
+    pub(crate) fn both<A: Send, B: Send>(
+        &self,
+        a: &(dyn Fn() -> A + Sync),
+        b: &(dyn Fn() -> B + Sync),
+    ) -> Result<(A, B), MeshError> {
+        let (first, second) = (Mutex::new(None), Mutex::new(None));
+        self.pool.run(2, &|i| {
+            if i == 0 {
+                put(&first, a());
+            } else {
+                put(&second, b());
+            }
+        });
+        let left_out = |task| MeshError::from(SkippedTask { task, count: 2 });
+        Ok((taken(first).ok_or_else(|| left_out(0))?, taken(second).ok_or_else(|| left_out(1))?))
     }
 
     /// Runs `f(i)` for all `i`, asking the monitor before each, and returns the results in order.
@@ -169,6 +194,16 @@ mod tests {
     impl Pool for Without {
         fn run(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
             (0..count).filter(|&i| i != self.0).for_each(task);
+        }
+    }
+
+    #[test]
+    fn of_two_both_come_back_or_an_error() {
+        let both = |pool: &dyn Pool| Watched::new(pool, &Silent, 0).both(&|| 1, &|| "two");
+        assert_eq!(both(&Serial).unwrap(), (1, "two"));
+        for task in [0, 1] {
+            let error = both(&Without(task)).unwrap_err();
+            assert_eq!(error, MeshError::SkippedTask(SkippedTask { task, count: 2 }));
         }
     }
 

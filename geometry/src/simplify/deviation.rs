@@ -114,8 +114,16 @@ pub(crate) type Attachment = (u32, u32, f32);
 /// An edge, and the distance of its farthest point from the input.
 pub(crate) type FarEdge = ([u32; 2], f64);
 
-impl Deviation {
-    pub(crate) fn new(live: &Live<'_>, uv_grid: UvGrid) -> Self {
+/// What is sampled, before anything is collapsed: see the fields of [`Deviation`].
+struct FirstSamples {
+    attached: Vec<u32>,
+    middles: Vec<Vec3>,
+    around: Vec<f32>,
+    mean_edge: f64,
+}
+
+impl FirstSamples {
+    fn new(live: &Live<'_>) -> Self {
         let count = live.face_vertices.len();
         let mut attached = vec![0_u32; live.positions.len()];
         let mut around = vec![0.0_f32; live.positions.len()];
@@ -139,22 +147,42 @@ impl Deviation {
         open.sort_unstable();
         open.dedup();
         attached.extend(&open);
-        let input = WideBvh::new(&live.positions, &live.face_vertices);
-        let mean_edge = edges / (3 * count).max(1) as f64;
         Self {
-            seeds: Seeds::new(&input, mean_edge),
-            input_faces: Rows::new(live.positions.len(), || {
-                (0..).zip(input.triangles()).flat_map(|(id, triangle)| triangle.map(|vertex| (vertex, id)))
-            }),
-            input,
-            attributes: InputAttributes::new(live, uv_grid),
             middles: open.iter().map(|&f| live.centroid(f as usize)).collect(),
+            attached,
+            around,
+            mean_edge: edges / (3 * count).max(1) as f64,
+        }
+    }
+}
+
+impl Deviation {
+    /// Of an input of which nothing is collapsed.
+    pub(crate) fn new(live: &Live<'_>, uv_grid: UvGrid, pool: &Watched<'_>) -> Result<Self, MeshError> {
+        let (hierarchy, rest) = pool.both(
+            &|| {
+                let input = WideBvh::new(&live.positions, &live.face_vertices);
+                let by_corner = || {
+                    (0..).zip(input.triangles()).flat_map(|(id, corners)| corners.map(|vertex| (vertex, id)))
+                };
+                (Rows::new(live.positions.len(), by_corner), input)
+            },
+            &|| (FirstSamples::new(live), InputAttributes::new(live, uv_grid)),
+        )?;
+        let ((input_faces, input), (first, attributes)) = (hierarchy, rest);
+        let FirstSamples { attached, middles, around, mean_edge } = first;
+        Ok(Self {
+            seeds: Seeds::new(&input, mean_edge),
+            input_faces,
+            input,
+            attributes,
+            middles,
             distance: vec![0.0; attached.len()],
             attached,
             around,
             mean_edge,
             inherited: Inherited::default(),
-        }
+        })
     }
 
     /// The same where what is measured against is itself off: what is `inherited` comes on top of all that is found.

@@ -49,10 +49,11 @@ impl<'a> Level<'a> {
         number: usize,
         count: usize,
         fixed: Fixed<'a>,
-    ) -> Self {
+        pool: &Watched<'_>,
+    ) -> Result<Self, MeshError> {
         let list = &live.faces;
-        let centroids = list.iter().map(|&f| live.centroid(f as usize));
-        let regions = partition(centroids, &|| adjacency(live), count, number);
+        let centroids = || list.iter().map(|&f| live.centroid(f as usize));
+        let regions = partition(&centroids, &|| adjacency(live), count, number, pool)?;
         let mut region_of_face = vec![OUTLINE; live.alive.len()];
         let mut sizes = vec![0; count.max(1)];
         regions.iter().for_each(|&region| sizes[region as usize] += 1);
@@ -74,7 +75,7 @@ impl<'a> Level<'a> {
             }
         }
         let samples = deviation.by_region(&region_of_face, faces.len());
-        Self { region_of_face, faces, interior, capacity, vertices, fixed, samples }
+        Ok(Self { region_of_face, faces, interior, capacity, vertices, fixed, samples })
     }
 
     /// The interior vertices of each region, ascending.

@@ -333,32 +333,44 @@ fn finish(
         };
         Some((result, sphere(&points)))
     })?;
+    // Where all samples are comes first: attributes are compared there.
+    let mut found = Vec::with_capacity(settled.len());
+    for (r, settled) in settled.into_iter().enumerate() {
+        found.push(settled.map(|(result, sphere)| {
+            let stray = result.is_none();
+            let error = match result {
+                Some((places, error)) => {
+                    deviation.attach(&places);
+                    error
+                }
+                None => deviation.attach_anywhere(live, level.samples.of(r)),
+            };
+            (error, stray, sphere)
+        }));
+    }
+    let known = &*deviation;
+    let attributes = pool.map(courses.len(), &|r| {
+        let samples = level.samples.of(r).list;
+        found[r].map_or(0.0, |_| known.attribute_error(live, samples))
+    })?;
     let mut chunks = Vec::new();
-    for (r, (course, settled)) in courses.into_iter().zip(settled).enumerate() {
-        let Some((result, (center, radius))) = settled else { continue };
+    let found = found.into_iter().zip(attributes);
+    for (r, (course, (found, attribute_error))) in courses.into_iter().zip(found).enumerate() {
+        let Some((error, stray, (center, radius))) = found else { continue };
         let [inherited, of_attributes] = deviation.inherited(level.samples.of(r).list);
-        let error = match result {
-            Some((places, error)) => {
-                deviation.attach(&places);
-                error + inherited
-            }
-            None => {
-                let error = deviation.attach_anywhere(live, level.samples.of(r)) + inherited;
-                *stray_error = stray_error.max(error);
-                error
-            }
-        };
-        let attribute_error = deviation.attribute_error(live, level.samples.of(r).list) + of_attributes;
+        let error = error + inherited;
+        if stray {
+            *stray_error = stray_error.max(error);
+        }
         let stops = course.records.stops.len();
         let stop_errors = course.stops[..stops].iter().rev().map(|e| e * MARGIN + inherited).collect();
         let (faces, interior) = (level.faces[r].clone(), std::mem::take(&mut interior[r]));
-        let records = course.records;
         chunks.push(RegionChunk {
-            records,
+            records: course.records,
             faces,
             interior,
             error,
-            attribute_error,
+            attribute_error: attribute_error + of_attributes,
             stop_errors,
             moves: course.moves,
             center,

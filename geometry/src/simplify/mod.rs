@@ -81,7 +81,7 @@ pub(crate) fn simplify_from<'a>(
     let inherited = merged.map(|merged| merged.inherited.clone()).unwrap_or_default();
     let diagonal = diagonal(mesh);
     let limit = Limit::new(&live, (settings.base_error * diagonal - inherited.most()).max(0.0), diagonal);
-    let mut deviation = Deviation::new(&live, mesh.uv_grid).behind(inherited);
+    let mut deviation = Deviation::new(&live, mesh.uv_grid, pool)?.behind(inherited);
     let mut stray_error = merged.map_or(0.0, |merged| merged.stray_error);
     let mut shifts = vec![0; 1 + levels.count()];
     let mut held = corners_to_hold(&live, limit.error, diagonal);

@@ -5,7 +5,9 @@
 //! the next. A few rounds of majority voting then straighten the outlines: a straight outline leaves
 //! more interior vertices.
 
+use crate::error::MeshError;
 use crate::mesh::vec3::{Vec3, dot};
+use crate::pool::Watched;
 
 /// Rounds of majority voting.
 const SMOOTHING_ROUNDS: usize = 3;
@@ -15,18 +17,21 @@ pub(crate) const NOBODY: u32 = u32::MAX;
 
 /// Assigns each face to a region `0..count`.
 ///
-/// `adjacent` is asked once the cuts are made, and names for each face one across each of its edges, or [`NOBODY`].
-pub(crate) fn partition(
-    centroids: impl ExactSizeIterator<Item = Vec3>,
-    adjacent: &dyn Fn() -> Vec<[u32; 3]>,
+/// `adjacent` is asked where there is more than one, and names for each face one across each of its edges, or
+/// [`NOBODY`].
+pub(crate) fn partition<C: ExactSizeIterator<Item = Vec3>>(
+    centroids: &(dyn Fn() -> C + Sync),
+    adjacent: &(dyn Fn() -> Vec<[u32; 3]> + Sync),
     count: usize,
     level: usize,
-) -> Vec<u32> {
-    let mut region = halves(centroids, count, level);
-    if count > 1 {
-        smooth(&mut region, count, &adjacent());
+    pool: &Watched<'_>,
+) -> Result<Vec<u32>, MeshError> {
+    if count <= 1 {
+        return Ok(halves(centroids(), count, level));
     }
-    region
+    let (mut region, adjacent) = pool.both(&|| halves(centroids(), count, level), adjacent)?;
+    smooth(&mut region, count, &adjacent);
+    Ok(region)
 }
 
 /// The same, with outlines as the cuts make them.

@@ -59,7 +59,7 @@ impl Reduction<'_> {
         let &Self { settings, limit, fixed } = self;
         let Place { number, count, last, shift, coarse_grid, done } = place;
         pool.begin(Stage::Simplify)?;
-        let level = Level::new(live, deviation, number, count, fixed);
+        let level = Level::new(live, deviation, number, count, fixed, pool)?;
         let tear = settings.unlock_outlines && number == 0;
         let mut records = level.simplify(live, last, tear, settings, pool)?;
         if !last {
