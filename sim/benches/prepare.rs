@@ -7,18 +7,17 @@
 //! (`draco_encoder`, `draco_decoder`) are found, its decoder is timed on the same file, to the millisecond that it prints.
 
 mod heap;
+mod models;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 use std::sync::Mutex;
 use std::time::Instant;
 
-use anyhow::Context as _;
 use lodestream_geometry::Settings;
-use lodestream_geometry::mesh::{Corner, NONE, QuantisedMesh, SourceMesh};
+use lodestream_geometry::mesh::QuantisedMesh;
 use lodestream_geometry::pool::{Monitor, Progress, Serial, Stage};
 use lodestream_geometry::prepare::{Hooks, Prepared, prepare};
-use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
 use lodestream_geometry::refine::ActiveMesh;
 
 /// Times each command of the table is run.
@@ -50,7 +49,7 @@ fn main() -> anyhow::Result<()> {
             "both / Draco"
         );
     }
-    for (name, file, mesh) in meshes()? {
+    for (name, file, mesh) in models::quantised(|_| ())? {
         let draco = file.as_deref().and_then(draco);
         let row = row(name, &mesh, draco)?;
         if json { println!("{}", serde_json::to_string(&row)?) } else { row.print() }
@@ -244,54 +243,4 @@ fn meshoptimizer(mesh: &QuantisedMesh) -> anyhow::Result<f64> {
     let seconds = start.elapsed().as_secs_f64();
     anyhow::ensure!(left.len() < indices.len(), "meshoptimizer has done nothing");
     Ok(seconds)
-}
-
-/// Names, files where there is one, and meshes.
-fn meshes() -> anyhow::Result<Vec<(String, Option<PathBuf>, QuantisedMesh)>> {
-    // Cargo adds `--bench`.
-    let mut files: Vec<PathBuf> =
-        std::env::args().skip(1).filter(|a| !a.starts_with('-')).map(PathBuf::from).collect();
-    if let (true, Some(folder)) = (files.is_empty(), std::env::var_os("LODESTREAM_MODELS")) {
-        let entries = std::fs::read_dir(&folder).context("LODESTREAM_MODELS cannot be read")?;
-        files = entries.filter_map(|e| Some(e.ok()?.path())).collect();
-        files.retain(|f| f.extension().is_some_and(|e| e == "obj"));
-        files.sort();
-    }
-    let quantised = |mesh: &SourceMesh| {
-        quantise(mesh, &QuantiseSettings { precision: Precision::Bits(12), ..QuantiseSettings::default() })
-    };
-    if files.is_empty() {
-        return Ok(vec![("generated".to_owned(), None, quantised(&height_field(200))?)]);
-    }
-    let load = |file: PathBuf| {
-        let mesh = lodestream_import::import(&file)
-            .with_context(|| format!("cannot import {}", file.display()))?
-            .mesh;
-        let name = file.file_stem().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
-        let mesh = quantised(&mesh)?;
-        Ok((name, Some(file), mesh))
-    };
-    files.into_iter().map(load).collect()
-}
-
-/// A rolling landscape of `2 × size²` faces.
-fn height_field(size: u32) -> SourceMesh {
-    let mut mesh = SourceMesh::default();
-    for i in 0..=size {
-        for j in 0..=size {
-            let (x, y) = (f64::from(i), f64::from(j));
-            let z = 6.0 * (x * 0.09).sin() * (y * 0.07).cos() + 0.3 * (x * 0.9 + y * 1.3).sin();
-            mesh.positions.push([x, y, z]);
-        }
-    }
-    let corner = |position| Corner { position, uv: NONE, normal: NONE, color: NONE };
-    for i in 0..size {
-        for j in 0..size {
-            let a = i * (size + 1) + j;
-            let (b, c, d) = (a + 1, a + size + 1, a + size + 2);
-            mesh.faces.extend([[a, c, d], [a, d, b]].map(|f| f.map(corner)));
-        }
-    }
-    mesh.materials = vec![0; mesh.faces.len()];
-    mesh
 }
