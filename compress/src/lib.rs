@@ -103,7 +103,7 @@ fn is_frame(stored: &[u8]) -> bool {
 /// As [`decompress`].
 pub fn plain_chunk(codec: Codec, stored: &[u8]) -> Result<Cow<'_, [u8]>, DecodeError> {
     match codec {
-        Codec::Range => Ok(Cow::Borrowed(stored)),
+        Codec::Range | Codec::Built => Ok(Cow::Borrowed(stored)),
         Codec::Plain => decompress(stored).map(Cow::Owned),
     }
 }
@@ -114,7 +114,7 @@ pub fn plain_chunk(codec: Codec, stored: &[u8]) -> Result<Cow<'_, [u8]>, DecodeE
 /// As [`Base::encode`] and [`compress`].
 pub fn encode_base(base: &Base) -> Result<Vec<u8>, DecodeError> {
     match base.codec {
-        Codec::Range => {
+        Codec::Range | Codec::Built => {
             let blobs = base.encode_both()?;
             let frame = compress(&blobs.plain)?;
             Ok(if frame.len() < blobs.range.len() { frame } else { blobs.range })
@@ -191,7 +191,7 @@ pub fn prepare_by(
     hooks: Hooks<'_>,
 ) -> Result<Prepared, MeshError> {
     match settings.codec {
-        Codec::Range => prepare::prepare(mesh, settings, &hooks),
+        Codec::Range | Codec::Built => prepare::prepare(mesh, settings, &hooks),
         Codec::Plain => prepare::prepare(mesh, settings, &hooks.stored_by(&|plain| compress(&plain))),
     }
 }

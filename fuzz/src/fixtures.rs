@@ -38,6 +38,7 @@ pub fn all() -> &'static [Fixture] {
             ("medley", shapes::painted(shapes::medley(1)), Codec::Range),
             ("plain", shapes::painted(shapes::materials(shapes::torus(8, 10), 3)), Codec::Plain),
             ("plain-components", components(), Codec::Plain),
+            ("built", shapes::frigate(3), Codec::Built),
         ]
         .into_iter()
         .map(|(name, source, codec)| {

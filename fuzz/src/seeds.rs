@@ -66,7 +66,7 @@ pub(crate) fn seed(name: impl Into<String>, bytes: Vec<u8>) -> (String, Vec<u8>)
 fn pack(asset: &Prepared) -> Vec<u8> {
     let base = encode_base(&asset.base).expect("a prepared base is encoded");
     let stored = |chunk: &Vec<u8>| match asset.base.codec {
-        Codec::Range => chunk.clone(),
+        Codec::Range | Codec::Built => chunk.clone(),
         Codec::Plain => compress(chunk).expect("a chunk is compressed"),
     };
     let chunks: Vec<Vec<u8>> = asset.chunks.iter().map(stored).collect();

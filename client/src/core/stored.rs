@@ -30,7 +30,7 @@ pub(super) fn decode_prefix(
     stored: &[u8],
 ) -> Result<ChunkDelta, ChunkError> {
     match mesh.codec() {
-        Codec::Range => mesh.decode_prefix(chunk, info, stop, stored),
+        Codec::Range | Codec::Built => mesh.decode_prefix(chunk, info, stop, stored),
         Codec::Plain => Err(is_frame(format!("chunk {chunk}")).into()),
     }
 }

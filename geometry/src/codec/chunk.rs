@@ -144,7 +144,7 @@ impl ActiveMesh {
         let mut memory = Memory::take();
         let parents = info.parents.clone();
         let decoded = match self.codec {
-            Codec::Range => {
+            Codec::Range | Codec::Built => {
                 let mut decoder = Decoder::new(memory.contexts(), payload);
                 let mut hearing = ChunkCoder::hearing(&mut decoder, self, chunk, shift, &mut memory);
                 let heard = hearing.chunk(&ends, info.vertices);
@@ -177,7 +177,7 @@ pub(crate) fn encode(
     source: &Source<'_>,
 ) -> Result<Encoded, DecodeError> {
     let (bytes, said) = match mesh.codec {
-        Codec::Range => {
+        Codec::Range | Codec::Built => {
             let mut encoder = Encoder::new(contexts());
             let said = encode_with(&mut encoder, mesh, chunk, source)?;
             (encoder.finish(said.least_bytes()), said)

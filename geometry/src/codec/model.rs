@@ -37,6 +37,12 @@ pub(crate) const TOLD: usize = 3;
 /// Guesses at a number of a base mesh that one may be chosen of.
 pub(crate) const MOST_CHOICES: usize = 12;
 
+/// [`Codec::Built`](crate::entropy::Codec::Built): coordinates of neighbours that a vertex may share, of those that most have; of how many neighbours, told apart up to
+/// this; and how many of the vertex's coordinates before were shared, by which.
+pub(crate) const MOST_REPEATED: usize = 4;
+pub(crate) const MOST_SHARERS: usize = 4;
+pub(crate) const REPEATED_BEFORE: usize = 4;
+
 /// Contexts of one kind of residual: by recent ratios, and by the residual before.
 pub(crate) const SIZE_RECENT_CONTEXTS: usize = SIZES * RECENTS * CLASSES;
 pub(crate) const SIZE_OTHER_CONTEXTS: usize = SIZES / 2 * OTHERS * CLASSES;
@@ -122,6 +128,8 @@ layout! { CONTEXTS:
     INDEX_STOP_FACES = INTEGER_CONTEXTS,
     INDEX_STOP_BYTES = INTEGER_CONTEXTS,
     INDEX_STOP_ERROR = INTEGER_CONTEXTS,
+    REPEATS = 3 * MOST_SHARERS * REPEATED_BEFORE,
+    WHICH_REPEATS = 3 * MOST_SHARERS * MOST_REPEATED,
 }
 
 /// Where [`crate::entropy::plain_coder`]'s streams begin in the layout. Bytes: what is rare; lengths and starts

@@ -12,10 +12,11 @@ use crate::codec::fan::Spoke;
 use crate::codec::height::{self, INPUTS};
 use crate::codec::local::Local;
 use crate::codec::model::{
-    MIX_RESIDUAL, RESIDUAL_OTHER, RESIDUAL_RECENT, RESIDUAL_REST, RESIDUAL_SIGN, SIZE_OTHER_CONTEXTS,
-    SIZE_RECENT_CONTEXTS,
+    MIX_RESIDUAL, MOST_REPEATED, MOST_SHARERS, REPEATED_BEFORE, REPEATS, RESIDUAL_OTHER, RESIDUAL_RECENT,
+    RESIDUAL_REST, RESIDUAL_SIGN, SIZE_OTHER_CONTEXTS, SIZE_RECENT_CONTEXTS, WHICH_REPEATS,
 };
 use crate::codec::residual::{Residual, quarter_octaves};
+use crate::entropy::Codec;
 use crate::entropy::range_coder::Coder;
 use crate::error::DecodeError;
 use crate::mesh::vec3::{Vec3, add, cross, dot, scale, sub};
@@ -28,6 +29,9 @@ const TARGET_SHARE: f64 = 0.22;
 const END_SHARE: f64 = -0.075;
 /// Expected residual in the tangent plane over the ring's radius.
 const TANGENTIAL_SIZE: f64 = 0.18;
+
+/// Coordinates of neighbours that are told apart: of more, those that come first.
+const MOST_SEEN: usize = 16;
 
 /// Contexts of the three steps.
 pub(crate) const POSITION: [Residual; 3] = [step(0), step(1), step(2)];
@@ -71,16 +75,17 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         shift: u8,
         actual: Option<[i32; 3]>,
     ) -> Result<[i32; 3], DecodeError> {
-        let (local, bits) = (&self.local, self.resolution.bits);
-        let ring = ring(local, star, vertex);
+        let bits = self.resolution.bits;
+        let ring = ring(&self.local, star, vertex);
         let top = f64::from((1_u32 << bits) - 1);
-        let mut exact = tangential_guess(local, &ring, roles);
+        let mut exact = tangential_guess(&self.local, &ring, roles);
         let mut position = [0_i32; 3];
         let mut other = 3;
+        let mut before = 0;
         for (step, &axis) in ring.axes.iter().enumerate() {
             let mut size = quarter_octaves(ring.radius * TANGENTIAL_SIZE);
             if step == 2 && ring.normal[axis] != 0.0 {
-                let (third, log) = third_axis(local, star, &ring, roles.target, exact);
+                let (third, log) = third_axis(&self.local, star, &ring, roles.target, exact);
                 exact[axis] = third;
                 size = log;
             }
@@ -89,7 +94,16 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
             let guess = truncated(exact[axis].clamp(0.0, top) * cell + 0.5);
             let size = size - 4 * i32::from(shift);
             let residual = actual.map_or(0, |p| (p[axis] >> shift) - guess);
-            let got = POSITION[step].code(self.coder, size, self.recent.class(step), other, residual);
+            let shared = if self.mesh.codec == Codec::Built {
+                let want = self.guide.as_ref().map(|_| guess.wrapping_add(residual));
+                self.repeated((star, roles.target), (step, axis), shift, (guess, &mut before), want)
+            } else {
+                None
+            };
+            let got = match shared {
+                Some(cell) => cell.wrapping_sub(guess),
+                None => POSITION[step].code(self.coder, size, self.recent.class(step), other, residual),
+            };
             position[axis] = guess.wrapping_add(got).wrapping_shl(shift.into());
             if position[axis] < 0 || position[axis] >= 1 << bits {
                 return Err(DecodeError::new("chunk", "a position is off the grid"));
@@ -98,6 +112,53 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
             other = self.recent.follow(step, got, size);
         }
         Ok(position)
+    }
+}
+
+impl<C: Coder> ChunkCoder<'_, '_, C> {
+    /// Codes whether a coordinate is a neighbour's, and which one's: those that most neighbours share first, of as many
+    /// the nearest to the guess. `before` is whether the coordinates before were, a bit each.
+    fn repeated(
+        &mut self,
+        (star, target): (&[Spoke], u32),
+        (step, axis): (usize, usize),
+        shift: u8,
+        (guess, before): (i32, &mut usize),
+        want: Option<i32>,
+    ) -> Option<i32> {
+        let mut shared = [(0_u32, 0_i32); MOST_SEEN];
+        let mut count = 0;
+        for vertex in star.iter().map(|spoke| spoke.a).chain([target]) {
+            let cell = truncated(self.local.position(vertex)[axis]) >> shift;
+            match shared[..count].iter_mut().find(|known| known.1 == cell) {
+                Some(known) => known.0 += 1,
+                None if count < MOST_SEEN => {
+                    shared[count] = (1, cell);
+                    count += 1;
+                }
+                None => {}
+            }
+        }
+        shared[..count].sort_unstable_by_key(|&(sharers, cell)| {
+            (std::cmp::Reverse(sharers), cell.abs_diff(guess), cell)
+        });
+        let shared = &shared[..count.min(MOST_REPEATED)];
+        let sharers = (shared[0].0 as usize).min(MOST_SHARERS) - 1;
+        let at = want.and_then(|want| shared.iter().position(|known| known.1 == want));
+        let row = step * MOST_SHARERS + sharers;
+        let repeats = self.coder.bit(REPEATS + row * REPEATED_BEFORE + *before, at.is_some());
+        *before = (*before * 2 + usize::from(repeats)) % REPEATED_BEFORE;
+        if !repeats {
+            return None;
+        }
+        let at = at.unwrap_or(0);
+        let mut which = 0;
+        while which + 1 < shared.len()
+            && self.coder.bit(WHICH_REPEATS + row * MOST_REPEATED + which, at > which)
+        {
+            which += 1;
+        }
+        Some(shared[which].1)
     }
 }
 

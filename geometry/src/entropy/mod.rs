@@ -45,13 +45,17 @@ use std::str::FromStr;
 
 use crate::name::UnknownName;
 
-/// How the symbols of chunks and of the base mesh become bytes; `range` or `zstd` in words, after the compressor that
-/// goes with the second.
+/// How the symbols of chunks and of the base mesh become bytes; `range`, `built` or `zstd` in words, after the compressor
+/// that goes with the last.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Codec {
     /// An adaptive range coder with trained priors: the fewest bytes, and stopping points inside chunks.
     #[default]
     Range,
+    /// The same for what is built of parts along the axes, as machines and houses are: a chunk's position says of each
+    /// coordinate whether it is a neighbour's, and all levels lie on one grid, on which coordinates stay equal. A third
+    /// fewer bytes there, a few hundredths more elsewhere, and coarse levels take more.
+    Built,
     /// Symbols as they are, sorted into streams, for a general-purpose compressor that the caller
     /// applies to whole blobs: more bytes, less to do. Without stopping points, since a compressed blob
     /// has no beginning that could be used.
@@ -62,6 +66,7 @@ impl fmt::Display for Codec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Range => "range",
+            Self::Built => "built",
             Self::Plain => "zstd",
         })
     }
@@ -73,8 +78,9 @@ impl FromStr for Codec {
     fn from_str(name: &str) -> Result<Self, UnknownName> {
         match name {
             "range" => Ok(Self::Range),
+            "built" => Ok(Self::Built),
             "zstd" => Ok(Self::Plain),
-            _ => Err(UnknownName::new("range or zstd", name)),
+            _ => Err(UnknownName::new("range, built or zstd", name)),
         }
     }
 }
@@ -85,10 +91,10 @@ mod tests {
 
     #[test]
     fn a_codec_is_read_by_the_name_that_it_shows() {
-        for codec in [Codec::Range, Codec::Plain] {
+        for codec in [Codec::Range, Codec::Built, Codec::Plain] {
             assert_eq!(codec.to_string().parse(), Ok(codec));
         }
         let refusal = "plain".parse::<Codec>().unwrap_err();
-        assert_eq!(refusal.to_string(), "range or zstd is possible; \"plain\" is not");
+        assert_eq!(refusal.to_string(), "range, built or zstd is possible; \"plain\" is not");
     }
 }

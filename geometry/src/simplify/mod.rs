@@ -34,6 +34,7 @@ mod star_table;
 mod stops_test;
 mod surroundings;
 
+use crate::entropy::Codec;
 use crate::error::MeshError;
 use crate::mesh::QuantisedMesh;
 use crate::pool::{Stage, Watched};
@@ -117,7 +118,7 @@ pub(crate) fn simplify_from<'a>(
         let last = live.faces.len() <= if stuck { top_faces.max(MAX_REGION_FACES) } else { top_faces };
         let count = if last { 1 } else { live.faces.len() / region_faces };
         // What the base mesh lacks besides counts against what it may: no coarser grid on the last way there.
-        let coarse_grid = if last { 0.0 } else { settings.coarse_grid };
+        let coarse_grid = if last || settings.codec == Codec::Built { 0.0 } else { settings.coarse_grid };
         let place = Place { number: levels.count(), count, last, shift, coarse_grid, done: gone };
         let wedges = live.wedges.len();
         let Reduced { chunks, shift: next, removed, vertices } =

@@ -86,7 +86,8 @@ pub struct Settings {
     /// collapses that share no face, each of this share of the vertices
     /// ([`Self::ROUND_SHARE`]): coarser.
     pub round_share: Option<f64>,
-    /// How the result is coded. [`Codec::Plain`] has no stopping points, whatever `parts` says.
+    /// How the result is coded. [`Codec::Plain`] has no stopping points, whatever `parts` says, and [`Codec::Built`] one
+    /// grid, whatever `coarse_grid` says.
     pub codec: Codec,
     /// How far apart the points of a level's grid of positions may be, as a share of the median of the errors of
     /// the level's regions ([`Self::COARSE_GRID`]); 0 keeps one grid for all levels. More makes coarse levels smaller and

@@ -24,7 +24,7 @@ fn flat_grid(n: u32) -> SourceMesh {
 #[test]
 fn a_big_flat_grid_is_not_refused_under_either_codec() {
     let mesh = with_bits(&flat_grid(200), 8);
-    for codec in [Codec::Range, Codec::Plain] {
+    for codec in [Codec::Range, Codec::Built, Codec::Plain] {
         let settings = lodestream_geometry::Settings { codec, ..regions(20_000) };
         let asset = prepared(&mesh, &settings);
         let densest =
@@ -58,7 +58,7 @@ fn the_cheapest_base_mesh_is_believed() {
     let turned = |i: u32| if i.is_multiple_of(2) { [i, i + 1, i + 2] } else { [i + 1, i, i + 2] };
     base.faces = (0..count - 2).map(|i| Face { wedges: turned(i), material: 0 }).collect();
     let elements = base.positions.len() + base.wedges.len() + base.faces.len();
-    for codec in [Codec::Range, Codec::Plain] {
+    for codec in [Codec::Range, Codec::Built, Codec::Plain] {
         base.codec = codec;
         let blob = base.encode().unwrap();
         let again = Base::decode(&blob).unwrap();
@@ -71,7 +71,7 @@ fn the_cheapest_base_mesh_is_believed() {
 
 #[test]
 fn announcements_beyond_the_bytes_are_refused_at_once() {
-    for codec in [Codec::Range, Codec::Plain] {
+    for codec in [Codec::Range, Codec::Built, Codec::Plain] {
         let settings = lodestream_geometry::Settings { codec, ..regions(200) };
         let asset = prepared(&with_bits(&shapes::torus(20, 30), 12), &settings);
         let mesh = ActiveMesh::new(&asset.base);

@@ -3,11 +3,14 @@
 use lodestream_geometry::base::Base;
 use lodestream_geometry::check::check;
 use lodestream_geometry::index::ChunkInfo;
+use lodestream_geometry::mesh::SourceMesh;
 use lodestream_geometry::pool::Serial;
+use lodestream_geometry::prepare::Prepared;
+use lodestream_geometry::random::Random;
 use lodestream_geometry::refine::ActiveMesh;
 use lodestream_geometry::{Codec, Settings};
 
-use crate::common::{all, plain_faces, prepared, quantised, regions, shapes};
+use crate::common::{all, bare, plain_faces, prepared, quantised, regions, shapes, stopping};
 
 fn plain(faces: usize) -> Settings {
     Settings { codec: Codec::Plain, ..regions(faces) }
@@ -50,7 +53,7 @@ fn every_level_is_the_same_mesh_under_both_codecs() {
 fn base_meshes_are_the_same_under_both_codecs() {
     for (name, source) in all() {
         let asset = prepared(&quantised(&source), &regions(200));
-        for codec in [Codec::Range, Codec::Plain] {
+        for codec in [Codec::Range, Codec::Built, Codec::Plain] {
             let blob = asset.base.encode_as(codec).unwrap();
             assert!(Base::decode_as(&blob, codec).unwrap() == asset.base, "{name}: {codec:?}");
         }
@@ -64,6 +67,80 @@ fn the_plain_codec_passes_the_check_too() {
         let report = check(&asset.base, &asset.infos, &asset.chunks, 10, 9, &Serial).unwrap();
         assert_eq!((report.cracks, report.order_dependent, report.undo_errors), (0, 0, 0), "{name}");
     }
+}
+
+/// A turned part: a profile of steps about an axis, whose corners alone are vertices.
+fn turned(steps: u32, around: u32) -> SourceMesh {
+    let mut random = Random::new(3);
+    let (mut radius, mut z) = (3.0, 0.0);
+    // Between the ends on the axis, two corners a step: along it, then across.
+    let mut profile = vec![(0.0, 0.0), (radius, 0.0)];
+    for _ in 0..steps {
+        z += 0.1 + random.unit();
+        profile.push((radius, z));
+        radius = 1.0 + 3.0 * random.unit();
+        profile.push((radius, z));
+    }
+    profile.push((0.0, z));
+    let place = |(radius, z): (f64, f64), j: u32| {
+        let angle = std::f64::consts::TAU * f64::from(j) / f64::from(around);
+        [radius * angle.cos(), radius * angle.sin(), z]
+    };
+    let mut positions = vec![place(profile[0], 0)];
+    for &corner in &profile[1..profile.len() - 1] {
+        positions.extend((0..around).map(|j| place(corner, j)));
+    }
+    positions.push([0.0, 0.0, z]);
+    let rings = profile.len() as u32 - 2;
+    let at = |ring: u32, j: u32| 1 + ring * around + j % around;
+    let mut faces = Vec::new();
+    for j in 0..around {
+        faces.push([0, at(0, j + 1), at(0, j)]);
+        faces.push([1 + rings * around, at(rings - 1, j), at(rings - 1, j + 1)]);
+        for ring in 0..rings - 1 {
+            let (a, b, c, d) = (at(ring, j), at(ring, j + 1), at(ring + 1, j), at(ring + 1, j + 1));
+            faces.extend([[a, b, d], [a, d, c]]);
+        }
+    }
+    bare(positions, &faces)
+}
+
+#[test]
+fn what_is_built_along_the_axes_takes_a_third_fewer_bytes_and_is_the_same() {
+    let mesh = quantised(&turned(40, 48));
+    let of = |codec| prepared(&mesh, &Settings { codec, ..stopping(400) });
+    let [ranged, built] = [Codec::Range, Codec::Built].map(of);
+    let bytes = |asset: &Prepared| asset.chunks.iter().map(Vec::len).sum::<usize>();
+    assert!(bytes(&built) * 3 <= bytes(&ranged) * 2, "{} bytes instead of {}", bytes(&built), bytes(&ranged));
+    assert!(built.infos.iter().any(|info| !info.stops.is_empty()));
+    let base = Base::decode(&built.base.encode().unwrap()).unwrap();
+    assert!(base == built.base && base.codec == Codec::Built);
+    let whole = |asset: &Prepared| {
+        let mut active = ActiveMesh::new(&asset.base);
+        for (id, info) in (0..).zip(&asset.infos) {
+            let delta = active.decode(id, info, &asset.chunks[id as usize]).unwrap();
+            active.apply(&delta).unwrap();
+        }
+        plain_faces(&active.to_mesh())
+    };
+    assert!(whole(&built) == whole(&ranged));
+}
+
+#[test]
+fn built_assets_pass_the_check_whatever_they_are_of() {
+    for (name, source) in all() {
+        let asset = prepared(&quantised(&source), &Settings { codec: Codec::Built, ..stopping(200) });
+        let report = check(&asset.base, &asset.infos, &asset.chunks, 10, 9, &Serial).unwrap();
+        assert_eq!((report.cracks, report.order_dependent, report.undo_errors), (0, 0, 0), "{name}");
+    }
+}
+
+#[test]
+fn a_base_that_is_coded_in_two_ways_is_refused() {
+    let mut blob = prepared(&quantised(&shapes::torus(8, 10)), &regions(200)).base.encode().unwrap();
+    blob[1] |= 0xc0;
+    let why = Base::decode(&blob).unwrap_err().to_string();
+    assert!(why.contains("coded in no way that there is"), "{why}");
 }
 
 /// A plain payload has no beginning that could be used, and one of the range coder's is none.

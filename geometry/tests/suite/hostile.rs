@@ -22,7 +22,7 @@ fn samples() -> Vec<Prepared> {
         let settings = Settings { codec, ..regions(50) };
         small.iter().map(move |source| prepared(&quantised(source), &settings)).collect::<Vec<_>>()
     };
-    [prepared(Codec::Range), prepared(Codec::Plain)].concat()
+    [prepared(Codec::Range), prepared(Codec::Built), prepared(Codec::Plain)].concat()
 }
 
 #[test]

@@ -109,7 +109,7 @@ fn scene_files_place_gltf_models_whole_by_mesh_and_merged() {
         ("4.5", "181", "normal_tolerance: 0 to 180"),
         ("\"melax\"", "\"best\"", "metric: qem, melax, clustering or clustering-seams"),
         ("0.25", "0.7", "round_size: heap, or a share"),
-        ("\"zstd\"", "\"gzip\"", "codec: range or zstd"),
+        ("\"zstd\"", "\"gzip\"", "codec: range, built or zstd"),
         ("ship.gltf\"\n        uv", "no.gltf\"\n        uv", "no.gltf: cannot be read"),
     ] {
         let message = parse(&at, &text.replacen(from, to, 1)).unwrap_err().to_string();

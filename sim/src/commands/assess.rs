@@ -40,7 +40,7 @@ pub(crate) struct Assess {
     /// Order of collapses: heap, or rounds of this share of the vertices, 0.01 to 0.5.
     #[arg(long, default_value = "heap")]
     round_size: Round,
-    /// How the geometry is coded: range or zstd.
+    /// How the geometry is coded: range, built or zstd.
     #[arg(long, default_value_t = Codec::default())]
     codec: Codec,
     /// Leaves out texture coordinates, normals and colours.

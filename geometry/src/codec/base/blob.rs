@@ -11,6 +11,10 @@ use crate::mesh::{Grid, Kinds, UvGrid};
 use crate::numbers::id32;
 use crate::quantise::{MAX_POSITION_BITS, MAX_UV_BITS};
 
+/// How chunks are coded, beside the bits of positions.
+const BUILT: u8 = 0x40;
+const PLAIN: u8 = 0x80;
+
 impl Base {
     /// The blob's bytes. Vertices, wedges and faces must be in the order of
     /// their codec's traversal, as [`crate::prepare::prepare`] and [`Base::decode`] leave them.
@@ -44,8 +48,12 @@ impl Base {
     /// Bytes of the head and the description; the mesh as it is coded, and its format.
     fn parts(&self) -> (Vec<u8>, BaseMesh, BaseFormat) {
         let kinds = self.uv_grid.bits | u8::from(self.colors) << 6 | u8::from(self.normals) << 7;
-        let plain = u8::from(self.codec == Codec::Plain);
-        let mut out = vec![FORMAT_VERSION, self.grid.bits | plain << 7, kinds, self.level_count];
+        let coded = match self.codec {
+            Codec::Range => 0,
+            Codec::Built => BUILT,
+            Codec::Plain => PLAIN,
+        };
+        let mut out = vec![FORMAT_VERSION, self.grid.bits | coded, kinds, self.level_count];
         let shift = common_shift(&self.positions, self.shifts[0]);
         put_shifts(&mut out, shift, &self.shifts);
         for x in self.grid.origin.iter().chain([&self.grid.step]) {
@@ -100,7 +108,13 @@ impl Base {
             return Err(r.error(format!("format version {version}; this program reads {FORMAT_VERSION}")));
         }
         let (bits, kinds, level_count) = (r.u8()?, r.u8()?, r.u8()?);
-        let (bits, codec) = (bits & 0x7f, if bits & 0x80 == 0 { Codec::Range } else { Codec::Plain });
+        let codec = match bits & (BUILT | PLAIN) {
+            0 => Codec::Range,
+            BUILT => Codec::Built,
+            PLAIN => Codec::Plain,
+            _ => return Err(r.error("its chunks are coded in no way that there is")),
+        };
+        let bits = bits & !(BUILT | PLAIN);
         let (uv_bits, colors, normals) = (kinds & 0x3f, kinds & 0x40 != 0, kinds & 0x80 != 0);
         if !(1..=MAX_POSITION_BITS).contains(&bits) || uv_bits > MAX_UV_BITS {
             return Err(r.error(format!("{bits} position bits and {uv_bits} uv bits are out of range")));

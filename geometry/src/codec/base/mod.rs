@@ -37,7 +37,7 @@ pub(crate) fn ordered(mesh: &BaseMesh, format: BaseFormat) -> Result<OrderedBase
 pub(crate) fn encode(mesh: &BaseMesh, codec: Codec, format: BaseFormat) -> Result<Vec<u8>, DecodeError> {
     let range = encode_range(mesh, format)?;
     match codec {
-        Codec::Range => Ok(range.bytes),
+        Codec::Range | Codec::Built => Ok(range.bytes),
         Codec::Plain => encode_plain(mesh, format, range.chooses),
     }
 }
@@ -92,7 +92,7 @@ pub(crate) fn encode_with<C: Coder>(
 pub(crate) fn decode(bytes: &[u8], codec: Codec, format: BaseFormat) -> Result<BaseMesh, DecodeError> {
     let most = most_elements(bytes.len());
     match codec {
-        Codec::Range => {
+        Codec::Range | Codec::Built => {
             let mut decoder = Decoder::new(contexts(), bytes);
             let mesh = decode_with(&mut decoder, format, most)?;
             decoder.end(least_bytes(mesh.elements()))?;

@@ -5,7 +5,7 @@
 //!                             # itself: "model:stanford-bunny.obj", from the folder of models (--models), or a
 //!                             # field of boulders: "field:assets=10,faces=10000,instances=1000"
 //! position_bits = 12          # of models by themselves; without it the default
-//! codec = "range"             # or "zstd": how scenes that are prepared here are coded
+//! codec = "range"             # or "built", "zstd": how scenes that are prepared here are coded
 //! viewport_px = [1280, 720]
 //! ttq_px = [1, 4, 16]         # screen errors whose time is reported, of those that the client notes
 //! time_limit_s = 600          # virtual time after which a run is given up

@@ -419,7 +419,7 @@ fn the_client_and_the_codec_are_as_shipped_unless_the_plan_says_otherwise() {
         assert!(error.field == field && error.message.contains(message), "{error}");
     }
     let error = parse_at(&format!("codec = \"lzw\"\n{GOOD}")).unwrap_err();
-    let message = "range or zstd is possible; \"lzw\" is not";
+    let message = "range, built or zstd is possible; \"lzw\" is not";
     assert_eq!((error.field.as_str(), error.message.as_str()), ("codec", message));
 }
 
