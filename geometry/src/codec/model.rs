@@ -37,10 +37,11 @@ pub(crate) const TOLD: usize = 3;
 /// Guesses at a number of a base mesh that one may be chosen of.
 pub(crate) const MOST_CHOICES: usize = 12;
 
-/// [`Codec::Built`](crate::entropy::Codec::Built): coordinates of neighbours that a vertex may share, of those that most have; of how many neighbours, told apart up to
-/// this; and how many of the vertex's coordinates before were shared, by which.
+/// Coordinates of neighbours that one of a vertex may repeat, those first that most have.
 pub(crate) const MOST_REPEATED: usize = 4;
+/// Neighbours that share the first of these, told apart up to this.
 pub(crate) const MOST_SHARERS: usize = 4;
+/// Whether the two coordinates before were repeated, a bit each.
 pub(crate) const REPEATED_BEFORE: usize = 4;
 
 /// Contexts of one kind of residual: by recent ratios, and by the residual before.

@@ -4,7 +4,8 @@
 //! ring's mean, moved by shares of the Laplacian of the neighbours and of where the old vertex and the
 //! ends of the new edges are. The two axes nearest the tangent plane are coded first. Across it, the
 //! height above the ring's plane and its likely error come from a small network that sees the ring's
-//! shape about the place that is known by then ([`crate::codec::height`]). Only + − × ÷ √ in a fixed
+//! shape about the place that is known by then ([`crate::codec::height`]). Under [`Codec::Built`] each coordinate may
+//! be said to be a neighbour's first. Only + − × ÷ √ in a fixed
 //! order, so every machine predicts the same integers.
 
 use crate::codec::chunk_coder::ChunkCoder;
@@ -113,9 +114,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         }
         Ok(position)
     }
-}
 
-impl<C: Coder> ChunkCoder<'_, '_, C> {
     /// Codes whether a coordinate is a neighbour's, and which one's: those that most neighbours share first, of as many
     /// the nearest to the guess. `before` is whether the coordinates before were, a bit each.
     fn repeated(

@@ -53,8 +53,8 @@ pub enum Codec {
     #[default]
     Range,
     /// The same for what is built of parts along the axes, as machines and houses are: a chunk's position says of each
-    /// coordinate whether it is a neighbour's, and all levels lie on one grid, on which coordinates stay equal. A third
-    /// fewer bytes there, a few hundredths more elsewhere, and coarse levels take more.
+    /// coordinate whether it is a neighbour's, and all levels lie on one grid, on which coordinates stay equal. A tenth
+    /// to two fifths fewer bytes there; coarse levels take more, of anything.
     Built,
     /// Symbols as they are, sorted into streams, for a general-purpose compressor that the caller
     /// applies to whole blobs: more bytes, less to do. Without stopping points, since a compressed blob

@@ -38,8 +38,8 @@ pub(super) struct RecipeArguments {
     /// 0.5 [default: heap].
     #[arg(long, value_name = "heap | SHARE")]
     round_size: Option<Round>,
-    /// How the geometry is coded: range (the fewest bytes; chunks may be sent in part) or zstd (less to
-    /// do for clients) [default: range].
+    /// How the geometry is coded: range (the fewest bytes; chunks may be sent in part), built (fewer for what is made of
+    /// parts along the axes) or zstd (less to do for clients) [default: range].
     #[arg(long, value_name = "CODEC")]
     codec: Option<Codec>,
     /// Most faces that are simplified at once, 100 to 100,000,000: a mesh of more is simplified in blocks of space, one after
