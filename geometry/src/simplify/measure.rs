@@ -18,7 +18,7 @@ use crate::simplify::deviation::{
 use crate::simplify::hierarchy::RegionChunk;
 use crate::simplify::level::Level;
 use crate::simplify::live::Live;
-use crate::simplify::placement::{self, Rounding, Way, place};
+use crate::simplify::placement::{self, Move, Rounding, Way, place};
 use crate::simplify::surroundings::Surroundings;
 
 /// Where what was far on the way exceeds the samples' distance by this factor, edges are looked at
@@ -90,8 +90,13 @@ pub(crate) fn measure(
     };
     while rounding.shift > 0 || usize::from(latest.part) > parts {
         latest.part += 1;
-        for (course, (faces, vertices)) in courses.iter_mut().zip(level.faces.iter().zip(&interior)) {
-            course.place(live, faces, vertices, rounding, &mut latest);
+        let (seen, now) = (&*courses, &*live);
+        let moves = pool.map(seen.len(), &|r| match rounding.shift {
+            1.. if !seen[r].records.collapses.is_empty() => place(now, &interior[r], rounding),
+            _ => Vec::new(),
+        })?;
+        for (course, (faces, moves)) in courses.iter_mut().zip(level.faces.iter().zip(moves)) {
+            course.place(live, faces, moves, rounding, &mut latest);
         }
         look(live, deviation, level, &mut courses, &mut latest, pool)?;
         let Some(gentler) = rounding.gentler(coarsening.shift).filter(|_| worst(&courses) > coarsening.limit)
@@ -251,7 +256,7 @@ impl Course {
         &mut self,
         live: &mut Live<'_>,
         faces: &[u32],
-        vertices: &[u32],
+        moves: Vec<Move>,
         rounding: Rounding,
         latest: &mut Latest,
     ) {
@@ -261,7 +266,13 @@ impl Course {
         if !self.performed {
             return;
         }
-        self.moves = if rounding.shift > 0 { place(live, vertices, rounding) } else { Vec::new() };
+        if rounding.way != Way::Stay {
+            for Move { from, to } in &moves {
+                live.positions[from.vertex as usize] = *to;
+                live.shifts[from.vertex as usize] = rounding.shift;
+            }
+        }
+        self.moves = moves.into_iter().map(|m| m.from).collect();
         for &face in faces.iter().filter(|&&f| live.alive[f as usize]) {
             latest.changed_in[face as usize] = latest.part;
         }

@@ -8,6 +8,7 @@
 
 use crate::collapse::Placed;
 use crate::mesh::corner;
+use crate::mesh::slot_map::SlotMap;
 use crate::mesh::vec3::{Vec3, add, cross, dot, length, scale, sub};
 use crate::simplify::live::Live;
 
@@ -62,30 +63,48 @@ pub(crate) fn coarser(live: &Live<'_>, shift: u8, share: f64, errors: &mut [f64]
     (shift..most).find(|&s| !fits(s + 1)).unwrap_or(most.max(shift))
 }
 
-/// Puts those of the given vertices that have faces on a grid; answers where they were.
-pub(crate) fn place(live: &mut Live<'_>, vertices: &[u32], rounding: Rounding) -> Vec<Placed> {
-    let mut moves = Vec::new();
+/// Where a vertex is, and where on the grid it comes to lie.
+pub(crate) struct Move {
+    pub(crate) from: Placed,
+    pub(crate) to: Vec3,
+}
+
+/// Where on a grid those of the vertices inside a region that have faces come to lie, one after the other: each in view of
+/// where those before it went. Nothing outside of the region moves that they look at.
+pub(crate) fn place(live: &Live<'_>, vertices: &[u32], rounding: Rounding) -> Vec<Move> {
+    let mut moves: Vec<Move> = Vec::new();
+    let mut moved = SlotMap::with_room(vertices.len());
+    let mut sides = Vec::new();
     for &v in vertices {
         if live.moved_to[v as usize] != v || live.stars.corners(v).next().is_none() {
             continue;
         }
-        moves.push(live.placed(v));
-        if rounding.way == Way::Stay {
-            continue;
-        }
-        let nearest = live.on_grid(live.positions[v as usize], rounding.shift);
-        let best = rounding.way == Way::Best;
-        live.positions[v as usize] =
-            if best { self::best(live, v, rounding.shift, nearest) } else { nearest };
-        live.shifts[v as usize] = rounding.shift;
+        let before = live.positions[v as usize];
+        let to = match rounding.way {
+            Way::Stay => before,
+            Way::Nearest => live.on_grid(before, rounding.shift),
+            Way::Best => {
+                let now = |u: u32| moved.get(u).map_or(live.positions[u as usize], |i| moves[i as usize].to);
+                sides.clear();
+                sides.extend(live.stars.corners(v).map(|corner| {
+                    let (of, k) =
+                        (live.face_vertices[corner::face_of(corner) as usize], corner::side_of(corner));
+                    [corner::next(k), corner::previous(k)].map(|side| now(of[side]))
+                }));
+                best(live, v, rounding.shift, &sides)
+            }
+        };
+        moved.insert(v, moves.len() as u32);
+        moves.push(Move { from: live.placed(v), to });
     }
     moves
 }
 
-/// The nearest point of the grid or, of the 26 around it, one where the quadric and the way there cost
-/// less.
-fn best(live: &Live<'_>, v: u32, shift: u8, nearest: Vec3) -> Vec3 {
+/// The nearest point of the grid or, of the 26 around it, one where the quadric and the way there cost less. `sides` are the
+/// other corners of the faces at the vertex.
+fn best(live: &Live<'_>, v: u32, shift: u8, sides: &[[Vec3; 2]]) -> Vec3 {
     let before = live.positions[v as usize];
+    let nearest = live.on_grid(before, shift);
     let quadric = &live.quadrics[v as usize];
     let weight = HOLD * quadric.weight();
     let cost = |x: Vec3| {
@@ -97,19 +116,16 @@ fn best(live: &Live<'_>, v: u32, shift: u8, nearest: Vec3) -> Vec3 {
         let step = [i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1].map(f64::from);
         let x = live.on_grid(add(nearest, scale(step, f64::from(1_u32 << shift))), shift);
         let c = cost(x);
-        if c < least && upright(live, v, x) {
+        if c < least && upright(before, x, sides) {
             (best, least) = (x, c);
         }
     }
     best
 }
 
-/// Whether no face at a vertex turns far when the vertex goes to `x`.
-fn upright(live: &Live<'_>, v: u32, x: Vec3) -> bool {
-    let p = live.positions[v as usize];
-    live.stars.corners(v).all(|corner| {
-        let (triangle, k) = (live.triangle(corner::face_of(corner) as usize), corner::side_of(corner));
-        let (a, b) = (triangle[corner::next(k)], triangle[corner::previous(k)]);
+/// Whether no face at a vertex turns far when the vertex goes from `p` to `x`.
+fn upright(p: Vec3, x: Vec3, sides: &[[Vec3; 2]]) -> bool {
+    sides.iter().all(|&[a, b]| {
         let (before, after) = (cross(sub(a, p), sub(b, p)), cross(sub(a, x), sub(b, x)));
         dot(before, after) > LEAST_COSINE * length(before) * length(after)
     })
