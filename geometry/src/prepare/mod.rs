@@ -1,7 +1,10 @@
 //! Preparation: from a quantised mesh to a base mesh, an index and chunk payloads.
 
 mod encode;
+mod suited;
 pub mod training;
+
+pub use suited::{built_share, suited_codec};
 
 use crate::asset::base::{Base, MAX_BASE_FACES, Totals};
 use crate::asset::index::{ChunkInfo, Sphere};

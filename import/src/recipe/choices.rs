@@ -3,11 +3,13 @@
 use std::fmt;
 use std::str::FromStr;
 
+use lodestream_geometry::mesh::QuantisedMesh;
 use lodestream_geometry::quantise::{self, QuantiseSettings};
-use lodestream_geometry::{Codec, Metric, Settings};
+use lodestream_geometry::{Metric, Settings};
 
 use crate::knob::Impossible;
 
+use super::codec_choice::CodecChoice;
 use super::knob::{
     BlockFaces, NormalTolerance, PositionBits, RegionFaces, ReliefDepth, Round, Tolerance, UvBits,
 };
@@ -35,7 +37,7 @@ pub struct Recipe {
     /// Order of collapses.
     pub round: Option<Round>,
     /// How base mesh and chunks are coded.
-    pub codec: Option<Codec>,
+    pub codec: Option<CodecChoice>,
     /// Most faces that are simplified at once.
     pub block_faces: Option<BlockFaces>,
     /// Depth of relief, instead of what the materials say.
@@ -73,24 +75,35 @@ impl Recipe {
         }
     }
 
-    /// Settings of simplification.
+    /// Settings of simplification and coding, of a mesh.
     #[must_use]
-    pub fn settings(&self) -> Settings {
+    pub fn settings(&self, mesh: &QuantisedMesh) -> Settings {
+        Settings { codec: self.codec().of(mesh), ..self.simplify_settings() }
+    }
+
+    /// The same but for the codec, which may depend on the mesh.
+    #[must_use]
+    pub fn simplify_settings(&self) -> Settings {
         let default = Settings::default();
         Settings {
             metric: self.metric.unwrap_or(default.metric),
             round_share: self.round.map_or(default.round_share, Round::share),
-            codec: self.codec.unwrap_or(default.codec),
             block_faces: self.block_faces.map_or(default.block_faces, BlockFaces::get),
             ..default
         }
+    }
+
+    /// Which codec.
+    #[must_use]
+    pub fn codec(&self) -> CodecChoice {
+        self.codec.unwrap_or_default()
     }
 }
 
 /// All settings that decide what a pack holds, the defaults among them, as `inspect` shows them.
 impl fmt::Display for Recipe {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (quantise, settings) = (self.quantise_settings(), self.settings());
+        let (quantise, settings) = (self.quantise_settings(), self.simplify_settings());
         match quantise.precision {
             quantise::Precision::Bits(bits) => write!(f, "position-bits {bits}")?,
             quantise::Precision::Tolerance(length) => write!(f, "tolerance {length}")?,
@@ -101,7 +114,7 @@ impl fmt::Display for Recipe {
             None => write!(f, ", round-size heap")?,
             Some(share) => write!(f, ", round-size {share}")?,
         }
-        write!(f, ", region-faces {}, codec {}", settings.region_faces, settings.codec)?;
+        write!(f, ", region-faces {}, codec {}", settings.region_faces, self.codec())?;
         // Nothing to nearly all meshes, which are smaller.
         self.block_faces.map_or(Ok(()), |faces| write!(f, ", block-faces {}", faces.get()))?;
         self.relief_depth.map_or(Ok(()), |depth| write!(f, ", relief-depth {depth}"))
@@ -164,7 +177,7 @@ impl Recipe {
             "metric" => self.metric = Some(value.parse::<Metric>()?),
             "round-size" => self.round = Some(value.parse()?),
             "block-faces" => self.block_faces = Some(value.parse()?),
-            "codec" => self.codec = Some(value.parse::<Codec>()?),
+            "codec" => self.codec = Some(value.parse::<CodecChoice>()?),
             "relief-depth" => self.relief_depth = Some(value.parse()?),
             // Told, but no choice yet.
             "region-faces" => drop(value.parse::<RegionFaces>()?),
@@ -176,6 +189,8 @@ impl Recipe {
 
 #[cfg(test)]
 mod tests {
+    use lodestream_geometry::Codec;
+
     use super::*;
 
     fn uv(bits: u8) -> Option<UvBits> {
@@ -192,7 +207,7 @@ mod tests {
         let own = Recipe { uv_bits: uv(9), round: Round::try_from(0.1).ok(), ..Recipe::default() };
         let both = own.or(general);
         assert_eq!((both.uv_bits, both.normal_tolerance), (uv(9), degrees(3.0)));
-        assert_eq!(both.settings().round_share, Some(0.1));
+        assert_eq!(both.simplify_settings().round_share, Some(0.1));
         assert_eq!(both.quantise_settings().normal_tolerance, 3.0);
         let text = both.to_string();
         for part in [
@@ -201,7 +216,7 @@ mod tests {
             "normal-tolerance 3°",
             "metric qem",
             "round-size 0.1",
-            "codec range",
+            "codec auto",
         ] {
             assert!(text.contains(part), "{text}");
         }
@@ -215,14 +230,15 @@ mod tests {
             normal_tolerance: degrees(2.5),
             metric: Some(Metric::Melax),
             round: Round::try_from(0.1).ok(),
-            codec: Some(Codec::Plain),
+            codec: Some(Codec::Plain.into()),
             block_faces: BlockFaces::try_from(1_000_000).ok(),
             relief_depth: ReliefDepth::try_from(0.1).ok(),
         };
         assert_eq!(all.to_string().parse(), Ok(all));
         let told: Recipe = Recipe::default().to_string().parse().unwrap();
         assert_eq!(told.quantise_settings(), Recipe::default().quantise_settings());
-        assert_eq!(told.settings(), Recipe::default().settings());
+        assert_eq!(told.simplify_settings(), Recipe::default().simplify_settings());
+        assert_eq!(told.codec(), CodecChoice::Auto);
         for bad in
             ["", "uv-bits", "uv-bits 17", "color red", "tolerance wide", "position-bits 3", "relief-depth 2"]
         {

@@ -9,7 +9,7 @@
 //! | relief depth | [`ReliefDepth`] | 0 to 1 of texture coordinates | materials |
 //! | metric | [`Metric`](lodestream_geometry::Metric) | `qem`, `melax`, `clustering`, `clustering-seams` | order of collapses |
 //! | round size | [`Round`] | `heap`, or a share of 0.01 to 0.5 | order of collapses |
-//! | codec | [`Codec`](lodestream_geometry::Codec) | `range`, `zstd` | base mesh and chunks |
+//! | codec | [`CodecChoice`] | `auto`, `range`, `built`, `zstd` | base mesh and chunks |
 //! | region faces | [`RegionFaces`] | 50 to 20,000 | size of chunks |
 //! | level share | [`LevelShare`] | 0.1 to 0.9 | number of levels |
 //! | top regions | [`TopRegions`] | 0.25 to 16 | the first step |
@@ -19,9 +19,11 @@
 //! Each is read from text by `FromStr` and from a number by `TryFrom`, with the same refusal.
 
 mod choices;
+mod codec_choice;
 mod knob;
 
 pub use choices::{Precision, ReadError, Recipe};
+pub use codec_choice::CodecChoice;
 pub use knob::{
     BlockFaces, CoarseGrid, LevelShare, NormalTolerance, PositionBits, RegionFaces, ReliefDepth, Round,
     RoundShare, Tolerance, TopRegions, UvBits,

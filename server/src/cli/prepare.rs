@@ -58,7 +58,7 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let recipe = arguments.recipe.resolve();
-    let from_bytes = FROM_BYTES.max(BLOCK_LIST_BYTES * recipe.settings().block_faces);
+    let from_bytes = FROM_BYTES.max(BLOCK_LIST_BYTES * recipe.simplify_settings().block_faces);
     let _mapping =
         arguments.out_of_core.as_deref().map(|folder| Mapped::into(folder, from_bytes)).transpose()?;
     let options = Options {

@@ -1,9 +1,10 @@
 //! Options of preparation, shared by `prepare` and `serve`.
 
 use clap::Args;
-use lodestream_geometry::{Codec, Metric};
+use lodestream_geometry::Metric;
 use lodestream_import::recipe::{
-    BlockFaces, NormalTolerance, PositionBits, Precision, Recipe, ReliefDepth, Round, Tolerance, UvBits,
+    BlockFaces, CodecChoice, NormalTolerance, PositionBits, Precision, Recipe, ReliefDepth, Round, Tolerance,
+    UvBits,
 };
 
 /// How finely positions are kept; one of the two, or neither for the default.
@@ -39,9 +40,9 @@ pub(super) struct RecipeArguments {
     #[arg(long, value_name = "heap | SHARE")]
     round_size: Option<Round>,
     /// How the geometry is coded: range (the fewest bytes; chunks may be sent in part), built (fewer for what is made of
-    /// parts along the axes) or zstd (less to do for clients) [default: range].
+    /// parts along the axes), auto (whichever of these suits the model) or zstd (less to do for clients) [default: auto].
     #[arg(long, value_name = "CODEC")]
-    codec: Option<Codec>,
+    codec: Option<CodecChoice>,
     /// Most faces that are simplified at once, 100 to 100,000,000: a mesh of more is simplified in blocks of space, one after
     /// the other, in some 300 bytes a face of a block [default: 4000000].
     #[arg(long, value_name = "N")]

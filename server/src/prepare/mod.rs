@@ -216,8 +216,9 @@ pub fn prepare_cached(asset: &Asset, folder: &Path, options: &Options) -> Result
 /// Everything but the files that decides what a pack holds. Threads and progress do not.
 fn settings_text(asset: &Asset) -> String {
     let Asset { name, file: _, part, recipe } = asset;
-    let (quantise, settings) = (recipe.quantise_settings(), recipe.settings());
-    format!("{name:?} {part:?} {quantise:?} {settings:?} {:?}", recipe.relief_depth.map(ReliefDepth::get))
+    let (quantise, settings) = (recipe.quantise_settings(), recipe.simplify_settings());
+    let depth = recipe.relief_depth.map(ReliefDepth::get);
+    format!("{name:?} {part:?} {quantise:?} {settings:?} {:?} {depth:?}", recipe.codec())
 }
 
 fn pack_version() -> u32 {
@@ -266,7 +267,7 @@ fn prepare_with_key(
     if let Some(kept) = &kept {
         hooks = hooks.spilling_to(kept);
     }
-    let prepared = prepare_by(&mesh, &recipe.settings(), hooks);
+    let prepared = prepare_by(&mesh, &recipe.settings(&mesh), hooks);
     reporter.finish();
     let mut prepared = prepared.map_err(mesh_error)?;
     let time = start.elapsed();

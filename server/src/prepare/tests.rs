@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use lodestream_geometry::Codec;
 use lodestream_import::recipe::{Precision, Recipe};
 use tempfile::TempDir;
 
@@ -31,10 +32,42 @@ fn a_flag_was_lost_where_the_scene_file_had_a_value() {
         assert!(settings.starts_with("position-bits 10,"), "{told:?}");
     }
     // What no flag says is the file's, and then the default.
-    assert!(told[0].contains("codec zstd") && told[1].contains("codec range"), "{told:?}");
+    assert!(told[0].contains("codec zstd") && told[1].contains("codec auto"), "{told:?}");
     let told = settings(dir.path(), scene, Recipe::default());
     assert!(told[0].starts_with("position-bits 16,") && told[1].starts_with("tolerance 0.01,"), "{told:?}");
     assert!(told[2].starts_with("position-bits 14,"), "{told:?}");
+}
+
+#[test]
+fn each_model_has_the_codec_that_suits_it_unless_one_is_chosen() {
+    let dir = TempDir::new().unwrap();
+    // Steps, along the axes and turned about all of them.
+    let steps = |turned: bool| {
+        let mut obj = String::new();
+        for (x, y) in (0..10).flat_map(|y| (0..10).map(move |x| (f64::from(x), f64::from(y)))) {
+            let z = (x / 2.0).floor();
+            let [a, b, c] = if turned { [x - y, x + y - z, 0.7 * z + 0.4 * x] } else { [x, y, z] };
+            obj.push_str(&format!("v {a} {b} {c}\n"));
+        }
+        for i in (1..=9).flat_map(|x| (0..9).map(move |y| y * 10 + x)) {
+            obj.push_str(&format!("f {} {} {} {}\n", i, i + 1, i + 11, i + 10));
+        }
+        obj
+    };
+    for (name, turned) in [("steps.obj", false), ("turned.obj", true)] {
+        std::fs::write(dir.path().join(name), steps(turned)).unwrap();
+    }
+    let scene = "[[asset]]\nname = 'a'\nfile = 'steps.obj'\n\
+        [[asset]]\nname = 'b'\nfile = 'turned.obj'\n\
+        [[asset]]\nname = 'c'\nfile = 'steps.obj'\ncodec = 'range'\n\
+        [[asset]]\nname = 'd'\nfile = 'turned.obj'\ncodec = 'built'\n";
+    let scene = scene::parse(&dir.path().join("scene.toml"), scene).unwrap();
+    let options = Options { quiet: true, ..Options::default() };
+    let codecs = scene.assets.iter().map(|asset| {
+        let pack = prepare_cached(asset, &dir.path().join("cache"), &options).unwrap().pack;
+        pack.base().unwrap().codec
+    });
+    assert_eq!(codecs.collect::<Vec<_>>(), [Codec::Built, Codec::Range, Codec::Range, Codec::Built]);
 }
 
 #[test]

@@ -91,7 +91,7 @@ fn scene_files_place_gltf_models_whole_by_mesh_and_merged() {
     let recipe = scene.assets[1].recipe;
     assert_eq!((recipe.uv_bits, recipe.normal_tolerance), ("10".parse().ok(), "4.5".parse().ok()));
     assert_eq!(recipe.round, Round::try_from(0.25).ok());
-    assert_eq!((recipe.codec, scene.assets[4].recipe.codec), (Some(Codec::Plain), None));
+    assert_eq!((recipe.codec, scene.assets[4].recipe.codec), (Some(Codec::Plain.into()), None));
     assert_eq!(scene.assets[3].recipe.precision, "9".parse().ok().map(Precision::Bits));
     assert_eq!(scene.assets[4].recipe.round, Some(Round::Heap));
     let instances = scene.instances.unwrap();
@@ -109,7 +109,7 @@ fn scene_files_place_gltf_models_whole_by_mesh_and_merged() {
         ("4.5", "181", "normal_tolerance: 0 to 180"),
         ("\"melax\"", "\"best\"", "metric: qem, melax, clustering or clustering-seams"),
         ("0.25", "0.7", "round_size: heap, or a share"),
-        ("\"zstd\"", "\"gzip\"", "codec: range, built or zstd"),
+        ("\"zstd\"", "\"gzip\"", "codec: auto, range, built or zstd"),
         ("ship.gltf\"\n        uv", "no.gltf\"\n        uv", "no.gltf: cannot be read"),
     ] {
         let message = parse(&at, &text.replacen(from, to, 1)).unwrap_err().to_string();

@@ -102,7 +102,7 @@ impl Two {
         // Prepared once for all tests.
         static FOLDER: LazyLock<(tempfile::TempDir, Scene)> = LazyLock::new(|| {
             let folder = tempfile::tempdir().unwrap();
-            let scene = write_scene_of(folder.path(), "hall", 0.1, 140);
+            let scene = write_scene_of(folder.path(), "hall", 0.1, 180);
             for asset in &scene.assets {
                 prepare_cached(asset, &folder.path().join("cache"), &options()).unwrap();
             }

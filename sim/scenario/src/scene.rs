@@ -4,8 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use lodestream_geometry::Codec;
-use lodestream_import::recipe::{Precision, Recipe};
+use lodestream_import::recipe::{CodecChoice, Precision, Recipe};
 use lodestream_protocol::source::{Immediate, SceneSource};
 use lodestream_server::daemon::memory_scene::MemoryScene;
 use lodestream_server::demo_scene;
@@ -26,7 +25,7 @@ const DEMO_SEED: u64 = 1;
 /// Whatever keeps the scene from being generated, read or prepared.
 pub fn open(
     choice: &SceneChoice,
-    codec: Option<Codec>,
+    codec: Option<CodecChoice>,
     cache: &Path,
     quiet: bool,
 ) -> anyhow::Result<Arc<dyn SceneSource>> {
@@ -43,7 +42,7 @@ pub fn open(
 /// The same as the scene and its packs, in the order of its assets.
 pub(crate) fn packs(
     choice: &SceneChoice,
-    codec: Option<Codec>,
+    codec: Option<CodecChoice>,
     cache: &Path,
 ) -> anyhow::Result<(Scene, Vec<PackFile>)> {
     prepared(choice, codec, cache, true)
@@ -51,7 +50,7 @@ pub(crate) fn packs(
 
 fn prepared(
     choice: &SceneChoice,
-    codec: Option<Codec>,
+    codec: Option<CodecChoice>,
     cache: &Path,
     quiet: bool,
 ) -> anyhow::Result<(Scene, Vec<PackFile>)> {

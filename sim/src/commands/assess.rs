@@ -5,9 +5,9 @@ use std::path::PathBuf;
 
 use clap::Args;
 use lodestream_assess::assess::{self, Options};
-use lodestream_geometry::{Codec, Metric};
+use lodestream_geometry::Metric;
 use lodestream_import::recipe::{
-    BlockFaces, CoarseGrid, LevelShare, PositionBits, RegionFaces, Round, TopRegions,
+    BlockFaces, CoarseGrid, CodecChoice, LevelShare, PositionBits, RegionFaces, Round, TopRegions,
 };
 
 use crate::print::print;
@@ -40,9 +40,9 @@ pub(crate) struct Assess {
     /// Order of collapses: heap, or rounds of this share of the vertices, 0.01 to 0.5.
     #[arg(long, default_value = "heap")]
     round_size: Round,
-    /// How the geometry is coded: range, built or zstd.
-    #[arg(long, default_value_t = Codec::default())]
-    codec: Codec,
+    /// How the geometry is coded: auto, range, built or zstd.
+    #[arg(long, default_value_t = CodecChoice::default())]
+    codec: CodecChoice,
     /// Leaves out texture coordinates, normals and colours.
     #[arg(long)]
     positions_only: bool,

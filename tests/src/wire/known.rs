@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 
 use bytes::Bytes;
 use lodestream_compress::decode_base;
-use lodestream_geometry::Codec;
 use lodestream_geometry::base::Base;
 use lodestream_protocol::asset::{
     Alpha, AssetDescription, Material, TextureFormat, TextureInfo, TextureKind, Wrap,
@@ -379,7 +378,7 @@ fn instance(instance: &InstanceEntry) -> Value {
 fn base(base: &Base) -> Value {
     json!({
         "position_bits": base.grid.bits,
-        "plain": base.codec == Codec::Plain,
+        "codec": base.codec.to_string(),
         "uv_bits": base.uv_grid.bits,
         "colors": base.colors,
         "normals": base.normals,

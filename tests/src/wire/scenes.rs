@@ -80,6 +80,7 @@ color = [0.25, 0.5, 0.75]
 name = "ball"
 file = "ball.obj"
 relief_depth = 0.03
+codec = "built"
 [[asset]]
 name = "wall"
 file = "wall.obj"

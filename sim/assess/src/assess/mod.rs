@@ -20,6 +20,7 @@ use lodestream_compress::{decode_base, decode_chunk, encode_base, prepare};
 use lodestream_geometry::Settings;
 use lodestream_geometry::mesh::{Corner, NONE};
 use lodestream_geometry::pool::{Serial, Silent};
+use lodestream_geometry::prepare::built_share;
 use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
 use lodestream_geometry::refine::ActiveMesh;
 use serde::Serialize;
@@ -38,7 +39,11 @@ pub struct Assessment {
     pub vertices: usize,
     /// Faces of the input.
     pub faces: usize,
-    /// Chunks, and levels above the base.
+    /// How base mesh and chunks are coded.
+    pub codec: String,
+    /// [`built_share`]: what a codec is chosen by.
+    pub built_share: f64,
+    /// Chunks.
     pub chunks: usize,
     /// Levels above the base.
     pub levels: u8,
@@ -105,7 +110,7 @@ pub fn assess(path: &Path, options: &Options) -> anyhow::Result<Assessment> {
         block_faces: options.block_faces.get(),
         metric: options.metric,
         round_share: options.round.share(),
-        codec: options.codec,
+        codec: options.codec.of(&mesh),
         ..Settings::default()
     };
     let (prepared, prepare_s) = timed(|| prepare(&mesh, &settings, &Serial, &Silent));
@@ -137,6 +142,8 @@ pub fn assess(path: &Path, options: &Options) -> anyhow::Result<Assessment> {
     Ok(Assessment {
         vertices: model.mesh.positions.len(),
         faces: model.mesh.faces.len(),
+        codec: base.codec.to_string(),
+        built_share: built_share(&model.mesh),
         chunks: model.prepared.chunks.len(),
         levels: base.level_count,
         base_faces: base.faces.len(),
@@ -171,8 +178,8 @@ impl std::fmt::Display for Assessment {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         writeln!(
             f,
-            "{} vertices, {} faces; {} chunks in {} levels",
-            self.vertices, self.faces, self.chunks, self.levels
+            "{} vertices, {} faces, built share {:.3}; codec {}, {} chunks in {} levels",
+            self.vertices, self.faces, self.built_share, self.codec, self.chunks, self.levels
         )?;
         writeln!(
             f,

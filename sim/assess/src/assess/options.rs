@@ -1,8 +1,8 @@
 //! What to assess, and how.
 
-use lodestream_geometry::{Codec, Metric};
+use lodestream_geometry::Metric;
 use lodestream_import::recipe::{
-    BlockFaces, CoarseGrid, LevelShare, PositionBits, RegionFaces, Round, TopRegions,
+    BlockFaces, CoarseGrid, CodecChoice, LevelShare, PositionBits, RegionFaces, Round, TopRegions,
 };
 
 /// What to assess, and how.
@@ -25,7 +25,7 @@ pub struct Options {
     /// Order of collapses.
     pub round: Round,
     /// How base mesh and chunks are coded; bytes are those stored and sent.
-    pub codec: Codec,
+    pub codec: CodecChoice,
     /// Leaves out texture coordinates, normals and colours.
     pub positions_only: bool,
     /// Random closed sets whose stated error is compared with the measured distance.

@@ -34,7 +34,7 @@ const ENTRY_HASH_AT: usize = 20;
 /// Memory of a store's blobs.
 const CACHE_BYTES: u64 = 4 << 20;
 
-/// Packs to damage, under both codecs, each with the scene that is it alone.
+/// Packs to damage, under all codecs, each with the scene that is it alone.
 #[derive(Debug)]
 pub struct Packs {
     packs: Vec<(Scene, Vec<u8>)>,
@@ -50,9 +50,9 @@ impl Packs {
     pub fn prepare(cache: &Path, hashed: bool) -> anyhow::Result<Self> {
         let mut packs = Vec::new();
         let field = Field { assets: 2, faces: 2500, instances: 2 };
-        for codec in [Codec::Range, Codec::Plain] {
+        for codec in [Codec::Range, Codec::Built, Codec::Plain] {
             for choice in [SceneChoice::DemoSmall, SceneChoice::Field(field)] {
-                let (scene, files) = scene::packs(&choice, Some(codec), cache)?;
+                let (scene, files) = scene::packs(&choice, Some(codec.into()), cache)?;
                 for (asset, file) in scene.assets.iter().zip(files) {
                     let bytes = std::fs::read(file.path())
                         .with_context(|| format!("{}: cannot be read", file.path().display()))?;

@@ -5,7 +5,7 @@
 //!                             # itself: "model:stanford-bunny.obj", from the folder of models (--models), or a
 //!                             # field of boulders: "field:assets=10,faces=10000,instances=1000"
 //! position_bits = 12          # of models by themselves; without it the default
-//! codec = "range"             # or "built", "zstd": how scenes that are prepared here are coded
+//! codec = "auto"              # or "range", "built", "zstd": how scenes that are prepared here are coded
 //! viewport_px = [1280, 720]
 //! ttq_px = [1, 4, 16]         # screen errors whose time is reported, of those that the client notes
 //! time_limit_s = 600          # virtual time after which a run is given up
@@ -81,8 +81,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use lodestream_client::core::QUALITIES_PX;
-use lodestream_geometry::{Codec, UnknownName};
-use lodestream_import::recipe::PositionBits;
+use lodestream_geometry::UnknownName;
+use lodestream_import::recipe::{CodecChoice, PositionBits};
 use serde::Deserialize;
 
 use crate::draco::Encoder;
@@ -118,7 +118,7 @@ pub struct Plan {
     /// What the client does.
     pub client: ClientSettings,
     /// How scenes that are prepared for the plan are coded; as shipped where `None`.
-    pub codec: Option<Codec>,
+    pub codec: Option<CodecChoice>,
     /// The cases.
     pub cases: Vec<Case>,
     /// Peers that are given as data.

@@ -1,5 +1,6 @@
 //! Tests: what plans mean, and what is refused.
 
+use lodestream_geometry::Codec;
 use lodestream_netsim::link::{AtEnd, GilbertElliott, Jitter, LinkSettings, Loss, Rate};
 
 use super::*;
@@ -409,7 +410,7 @@ fn the_client_and_the_codec_are_as_shipped_unless_the_plan_says_otherwise() {
         shadows: true,
         splits_per_s: Some(3e5),
     };
-    assert_eq!((own.client, own.codec), (expected, Some(Codec::Plain)));
+    assert_eq!((own.client, own.codec), (expected, Some(Codec::Plain.into())));
     for (text, field, message) in [
         (client.replace("= 4", "= 0"), "client.target_px", "0 is not a screen error"),
         (client.replace("9000", "0"), "client.request_depth_bytes", "0 is not a number"),
@@ -419,7 +420,7 @@ fn the_client_and_the_codec_are_as_shipped_unless_the_plan_says_otherwise() {
         assert!(error.field == field && error.message.contains(message), "{error}");
     }
     let error = parse_at(&format!("codec = \"lzw\"\n{GOOD}")).unwrap_err();
-    let message = "range, built or zstd is possible; \"lzw\" is not";
+    let message = "auto, range, built or zstd is possible; \"lzw\" is not";
     assert_eq!((error.field.as_str(), error.message.as_str()), ("codec", message));
 }
 
@@ -435,7 +436,7 @@ fn keys_may_be_changed_from_outside() {
     assert_eq!(with(&[]).unwrap(), parse_at(GOOD).unwrap());
     let changed =
         with(&["client.target_px=4", "sweep.seeds = 3", "codec=\"zstd\"", "sweep.loss=[0]"]).unwrap();
-    assert_eq!((changed.client.target_px, changed.codec), (4.0, Some(Codec::Plain)));
+    assert_eq!((changed.client.target_px, changed.codec), (4.0, Some(Codec::Plain.into())));
     assert!(changed.cases.iter().all(|case| case.seeds.len() == 3));
     assert_eq!(changed.cases.len() * 2, parse_at(GOOD).unwrap().cases.len());
     for (change, message) in [
