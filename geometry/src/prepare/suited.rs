@@ -28,8 +28,8 @@ pub fn built_share(mesh: &QuantisedMesh) -> f64 {
     for face in mesh.faces.iter().step_by(step) {
         let corners = face.wedges.map(|w| mesh.positions[mesh.wedges[w as usize].vertex as usize]);
         for (a, b) in [(0, 1), (1, 2), (2, 0)] {
-            for axis in 0..3 {
-                let apart = corners[a][axis].abs_diff(corners[b][axis]);
+            for (from, to) in corners[a].into_iter().zip(corners[b]) {
+                let apart = from.abs_diff(to);
                 same += u64::from(apart == 0);
                 next += u64::from(apart == 1);
                 all += 1;
