@@ -46,7 +46,11 @@ fn each_model_has_the_codec_that_suits_it_unless_one_is_chosen() {
         let mut obj = String::new();
         for (x, y) in (0..10).flat_map(|y| (0..10).map(move |x| (f64::from(x), f64::from(y)))) {
             let z = (x / 2.0).floor();
-            let [a, b, c] = if turned { [x - y, x + y - z, 0.7 * z + 0.4 * x] } else { [x, y, z] };
+            let [a, b, c] = if turned {
+                [0.36 * x - 0.48 * y + 0.8 * z, 0.8 * x + 0.6 * y, 0.64 * y - 0.48 * x + 0.6 * z]
+            } else {
+                [x, y, z]
+            };
             obj.push_str(&format!("v {a} {b} {c}\n"));
         }
         for i in (1..=9).flat_map(|x| (0..9).map(move |y| y * 10 + x)) {

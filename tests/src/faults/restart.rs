@@ -11,8 +11,8 @@ use super::*;
 use crate::support::daemon::Transport;
 
 const CLIENTS: u8 = 50;
-/// So slow that a scene of some 40 kB takes seconds.
-const SLOW: Option<u64> = Some(60_000);
+/// So slow that a scene of some 30 kB takes seconds.
+const SLOW: Option<u64> = Some(48_000);
 /// When the server dies, and when another is there.
 const DEATH: Duration = Duration::from_secs(4);
 const REBIRTH: Duration = Duration::from_secs(30);
