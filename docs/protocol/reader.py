@@ -392,7 +392,7 @@ class Reader:
         falls = [shifts[1 + k // 2] >> 4 * (k % 2) & 15 for k in range(levels)]
         base = {
             "position_bits": bits & 63,
-            "codec": {0: "range", 64: "built", 128: "zstd"}[bits & 192],
+            "codec": {0: "range", 128: "zstd", 192: "built"}[bits & 192],
             "uv_bits": kinds & 63,
             "colors": kinds & 64 != 0,
             "normals": kinds & 128 != 0,

@@ -1,8 +1,8 @@
 //! The attributes of a new wedge: texture coordinates, normal group, colour, explicit normal.
 
 use crate::codec::model::{
-    BASE_SAME_GROUP, BASE_UV, COLOR, EXPLICIT_NORMAL, GROUP, MIX_UV, NORMAL, SAME_COLOR, SIZE_OTHER_CONTEXTS,
-    SIZE_RECENT_CONTEXTS, UV_OTHER, UV_RECENT, UV_REST, UV_SIGN,
+    BASE_UV, BUILT_LIKE_NEAR, BUILT_UV, COLOR, EXPLICIT_NORMAL, GROUP, MIX_UV, NORMAL, SAME_COLOR,
+    SIZE_OTHER_CONTEXTS, SIZE_RECENT_CONTEXTS, UV_OTHER, UV_RECENT, UV_REST, UV_SIGN,
 };
 use crate::codec::residual::{Recent, Residual, UNKNOWN};
 use crate::entropy::range_coder::Coder;
@@ -12,18 +12,24 @@ use crate::mesh::octahedral;
 use crate::mesh::{Attributes, Kinds, NO_COLOR, NORMAL_BITS};
 
 /// What is expected of a new wedge.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Expected {
     pub(crate) uv: [i32; 2],
     /// Sizes of the errors of `uv`, in quarter octaves of the uv grid's cells; `None` where nothing is known.
     pub(crate) uv_size: Option<[i32; 2]>,
+    /// Whether `uv` may be said to be that of `near`, and the context.
+    pub(crate) like_near: Option<usize>,
+    /// Where `uv` was projected to, as contexts tell places apart; `uv_size` does not matter then.
+    pub(crate) projected: Option<usize>,
     /// A wedge near by.
     pub(crate) near: Option<Attributes>,
     /// The normal of the faces, not of unit length.
     pub(crate) normal: [f64; 3],
     /// Whether it is the first wedge of its vertex.
     pub(crate) first: bool,
-    /// The group, where it is likely to be one that is there.
+    /// The group, where it was said before.
+    pub(crate) told_group: Option<u32>,
+    /// The group, where one is likely, and the context of whether it is that.
     pub(crate) group: Option<(u32, usize)>,
 }
 
@@ -55,9 +61,12 @@ pub(crate) fn code_attributes<C: Coder>(
 }
 
 fn code_group<C: Coder>(coder: &mut C, expected: &Expected, want: Option<Attributes>) -> u32 {
+    if let Some(group) = expected.told_group {
+        return group;
+    }
     let want = want.map(|w| w.group);
     if let Some((group, context)) = expected.group
-        && coder.bit(BASE_SAME_GROUP + context, want.is_none_or(|want| want == group))
+        && coder.bit(context, want.is_none_or(|want| want == group))
     {
         return group;
     }
@@ -75,17 +84,29 @@ fn code_uv<C: Coder>(
     if kinds.uv_bits == 0 {
         return Ok(uv);
     }
+    if let (Some(context), Some(near)) = (expected.like_near, expected.near)
+        && coder.bit(BUILT_LIKE_NEAR + context, want.is_some_and(|w| w.uv == near.uv))
+    {
+        return Ok(near.uv);
+    }
     let mut other = UNKNOWN;
+    // Which coordinate, and whether the first was as projected.
+    let mut missed = 0;
     for axis in 0..2 {
         let residual = want.map_or(0, |w| w.uv[axis] - expected.uv[axis]);
-        let got = match expected.uv_size {
-            Some(sizes) => {
+        let got = match (expected.projected, expected.uv_size) {
+            (Some(place), _) => {
+                let got = signed(coder, BUILT_UV + (place * 3 + missed) * INTEGER_CONTEXTS, residual);
+                missed = 1 + usize::from(got != 0);
+                got
+            }
+            (None, Some(sizes)) => {
                 let size = sizes[axis];
                 let got = UV[axis].code(coder, size, recent.class(axis), other, residual);
                 other = recent.follow(axis, got, size);
                 got
             }
-            None => signed(coder, BASE_UV + axis * INTEGER_CONTEXTS, residual),
+            (None, None) => signed(coder, BASE_UV + axis * INTEGER_CONTEXTS, residual),
         };
         uv[axis] = expected.uv[axis].wrapping_add(got);
         if uv[axis] < 0 || uv[axis] >= 1 << kinds.uv_bits {

@@ -267,6 +267,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         self.births(total)?;
         self.region()?;
         self.moves()?;
+        self.see_textures(0..id32(self.local.faces.len()));
         let local = &self.local;
         let interior = local.vertices.iter().filter(|v| v.interior).count();
         let area: f64 = (0..id32(local.faces.len())).map(|f| local.face_area(f)).sum();

@@ -11,6 +11,8 @@ use crate::codec::memory::Memory;
 use crate::codec::plan::Guide;
 use crate::codec::residual::Recent;
 use crate::codec::scratch::Scratch;
+use crate::codec::uv_map::UvMaps;
+use crate::entropy::Codec;
 use crate::entropy::range_coder::Coder;
 use crate::error::DecodeError;
 use crate::refine::{ActiveMesh, ChunkDelta};
@@ -63,6 +65,8 @@ pub(crate) struct ChunkCoder<'a, 'm, C> {
     /// How the last residuals compared with what was expected: of positions, and of texture coordinates.
     pub(crate) recent: Recent,
     pub(crate) recent_uv: Recent,
+    /// How textures are projected, under [`Codec::Built`].
+    pub(crate) uv_maps: UvMaps,
     pub(crate) scratch: Scratch,
 }
 
@@ -94,6 +98,7 @@ impl<'a, 'm, C: Coder> ChunkCoder<'a, 'm, C> {
             local: Local::new(mesh, chunk, std::mem::take(&mut memory.local)),
             recent: Recent::default(),
             recent_uv: Recent::default(),
+            uv_maps: UvMaps::default(),
             scratch: std::mem::take(&mut memory.scratch),
         }
     }
@@ -115,6 +120,12 @@ impl<'a, 'm, C: Coder> ChunkCoder<'a, 'm, C> {
     /// Whether nobody says what is wanted, so that what was announced must be held to.
     pub(crate) fn decodes(&self) -> bool {
         self.guide.as_ref().is_none()
+    }
+
+    /// Whether what is built is expected: flats along the axes, textures as projected from them.
+    #[inline]
+    pub(crate) fn built(&self) -> bool {
+        self.mesh.codec == Codec::Built
     }
 
     /// Materials that faces may name.

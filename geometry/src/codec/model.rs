@@ -2,6 +2,9 @@
 
 use std::sync::LazyLock;
 
+use crate::codec::repeat::{BEFORE, GAPS, OTHERS as OTHER_SHARERS, SHARERS, TILTS};
+use crate::codec::sheet::{BENDS as FACE_BENDS, KINDS};
+use crate::codec::uv_map::PLACES;
 use crate::entropy::context::{Contexts, MAX_INPUTS, Prob};
 use crate::entropy::plain_coder::StreamTable;
 use crate::entropy::range_coder::MIX_TREE_BITS;
@@ -37,12 +40,8 @@ pub(crate) const TOLD: usize = 3;
 /// Guesses at a number of a base mesh that one may be chosen of.
 pub(crate) const MOST_CHOICES: usize = 12;
 
-/// Coordinates of neighbours that one of a vertex may repeat, those first that most have.
+/// Coordinates of neighbours that one of a vertex may repeat: those nearest to the guess.
 pub(crate) const MOST_REPEATED: usize = 4;
-/// Neighbours that share the first of these, told apart up to this.
-pub(crate) const MOST_SHARERS: usize = 4;
-/// Whether the two coordinates before were repeated, a bit each.
-pub(crate) const REPEATED_BEFORE: usize = 4;
 
 /// Contexts of one kind of residual: by recent ratios, and by the residual before.
 pub(crate) const SIZE_RECENT_CONTEXTS: usize = SIZES * RECENTS * CLASSES;
@@ -129,8 +128,21 @@ layout! { CONTEXTS:
     INDEX_STOP_FACES = INTEGER_CONTEXTS,
     INDEX_STOP_BYTES = INTEGER_CONTEXTS,
     INDEX_STOP_ERROR = INTEGER_CONTEXTS,
-    REPEATS = 3 * MOST_SHARERS * REPEATED_BEFORE,
-    WHICH_REPEATS = 3 * MOST_SHARERS * MOST_REPEATED,
+    BUILT_SAME_WEDGE = 2 * FACE_BENDS * (KINDS - 1),
+    BUILT_LIKELY_WEDGE = KINDS - 1,
+    BUILT_NEW_WEDGE = (KINDS - 1) * 2,
+    BUILT_GROUP = 4,
+    BUILT_SIDE = INTEGER_CONTEXTS,
+    BUILT_COPIED = KINDS * 2 * 2 * 2,
+    BUILT_COPY = INTEGER_CONTEXTS,
+    BUILT_LIKE_NEAR = PLACES,
+    BUILT_UV = 2 * PLACES * 3 * INTEGER_CONTEXTS,
+    REPEATS_SO_FAR = 3 * BEFORE * 2,
+    REPEATS_TILT = TILTS * OTHER_SHARERS,
+    REPEATS_NEAR = GAPS * SHARERS * MOST_REPEATED,
+    WHICH_SHARERS = (MOST_REPEATED - 1) * SHARERS * SHARERS * (MOST_REPEATED + 1),
+    WHICH_GAPS = (MOST_REPEATED - 1) * GAPS * (GAPS + 1),
+    WHICH_REST = (MOST_REPEATED - 1) * OTHER_SHARERS * BEFORE,
 }
 
 /// Where [`crate::entropy::plain_coder`]'s streams begin in the layout. Bytes: what is rare; lengths and starts
@@ -158,7 +170,9 @@ pub(crate) const MIX_FLAG: usize = 0;
 pub(crate) const MIX_START: usize = 1;
 pub(crate) const MIX_RESIDUAL: usize = 2;
 pub(crate) const MIX_UV: usize = 5;
-pub(crate) const MIXERS: usize = 7;
+pub(crate) const MIX_REPEATS: usize = 7;
+pub(crate) const MIX_WHICH: usize = 10;
+pub(crate) const MIXERS: usize = 13;
 
 /// The trained priors ([`crate::prepare::training`]): part of the format, as its version says.
 static PRIORS: &[u8] = include_bytes!("priors.bin");

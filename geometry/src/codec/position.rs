@@ -4,20 +4,20 @@
 //! ring's mean, moved by shares of the Laplacian of the neighbours and of where the old vertex and the
 //! ends of the new edges are. The two axes nearest the tangent plane are coded first. Across it, the
 //! height above the ring's plane and its likely error come from a small network that sees the ring's
-//! shape about the place that is known by then ([`crate::codec::height`]). Under [`Codec::Built`] each coordinate may
-//! be said to be a neighbour's first. Only + − × ÷ √ in a fixed
-//! order, so every machine predicts the same integers.
+//! shape about the place that is known by then ([`crate::codec::height`]). What is [built](crate::entropy::Codec::Built)
+//! has its own guess, and each coordinate may be said to be a neighbour's first ([`crate::codec::repeat`]). Only
+//! + − × ÷ √ in a fixed order, so every machine predicts the same integers.
 
 use crate::codec::chunk_coder::ChunkCoder;
 use crate::codec::fan::Spoke;
 use crate::codec::height::{self, INPUTS};
 use crate::codec::local::Local;
 use crate::codec::model::{
-    MIX_RESIDUAL, MOST_REPEATED, MOST_SHARERS, REPEATED_BEFORE, REPEATS, RESIDUAL_OTHER, RESIDUAL_RECENT,
-    RESIDUAL_REST, RESIDUAL_SIGN, SIZE_OTHER_CONTEXTS, SIZE_RECENT_CONTEXTS, WHICH_REPEATS,
+    MIX_RESIDUAL, RESIDUAL_OTHER, RESIDUAL_RECENT, RESIDUAL_REST, RESIDUAL_SIGN, SIZE_OTHER_CONTEXTS,
+    SIZE_RECENT_CONTEXTS,
 };
+use crate::codec::repeat::Coordinate;
 use crate::codec::residual::{Residual, quarter_octaves};
-use crate::entropy::Codec;
 use crate::entropy::range_coder::Coder;
 use crate::error::DecodeError;
 use crate::mesh::vec3::{Vec3, add, cross, dot, scale, sub};
@@ -27,12 +27,11 @@ use crate::numbers::{real, truncated};
 /// relative to the ring's mean. Least squares over the models of BENCHMARKS.md, bunny left out.
 const LAPLACIAN_SHARE: f64 = 0.23;
 const TARGET_SHARE: f64 = 0.22;
+/// Of the old vertex, of what is built.
+const BUILT_TARGET_SHARE: f64 = 0.6;
 const END_SHARE: f64 = -0.075;
 /// Expected residual in the tangent plane over the ring's radius.
 const TANGENTIAL_SIZE: f64 = 0.18;
-
-/// Coordinates of neighbours that are told apart: of more, those that come first.
-const MOST_SEEN: usize = 16;
 
 /// Contexts of the three steps.
 pub(crate) const POSITION: [Residual; 3] = [step(0), step(1), step(2)];
@@ -79,7 +78,9 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         let bits = self.resolution.bits;
         let ring = ring(&self.local, star, vertex);
         let top = f64::from((1_u32 << bits) - 1);
-        let mut exact = tangential_guess(&self.local, &ring, roles);
+        let built = self.built();
+        let mut exact = tangential_guess(&self.local, &ring, roles, TARGET_SHARE);
+        let aim = if built { tangential_guess(&self.local, &ring, roles, BUILT_TARGET_SHARE) } else { exact };
         let mut position = [0_i32; 3];
         let mut other = 3;
         let mut before = 0;
@@ -92,12 +93,15 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
             }
             // Nothing here is negative, so cutting off rounds down.
             let cell = 1.0 / f64::from(1_u32 << shift);
-            let guess = truncated(exact[axis].clamp(0.0, top) * cell + 0.5);
+            let cell_of = |x: f64| truncated(x.clamp(0.0, top) * cell + 0.5);
+            let guess = cell_of(exact[axis]);
             let size = size - 4 * i32::from(shift);
             let residual = actual.map_or(0, |p| (p[axis] >> shift) - guess);
-            let shared = if self.mesh.codec == Codec::Built {
+            let shared = if built {
+                let (radius, lean) = (ring.radius, ring.normal[axis].abs());
+                let of = Coordinate { step, axis, shift, guess: cell_of(aim[axis]), radius, lean };
                 let want = self.guide.as_ref().map(|_| guess.wrapping_add(residual));
-                self.repeated((star, roles.target), (step, axis), shift, (guess, &mut before), want)
+                self.repeated(star, roles.target, &of, &mut before, want)
             } else {
                 None
             };
@@ -113,51 +117,6 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
             other = self.recent.follow(step, got, size);
         }
         Ok(position)
-    }
-
-    /// Codes whether a coordinate is a neighbour's, and which one's: those that most neighbours share first, of as many
-    /// the nearest to the guess. `before` is whether the coordinates before were, a bit each.
-    fn repeated(
-        &mut self,
-        (star, target): (&[Spoke], u32),
-        (step, axis): (usize, usize),
-        shift: u8,
-        (guess, before): (i32, &mut usize),
-        want: Option<i32>,
-    ) -> Option<i32> {
-        let mut shared = [(0_u32, 0_i32); MOST_SEEN];
-        let mut count = 0;
-        for vertex in star.iter().map(|spoke| spoke.a).chain([target]) {
-            let cell = truncated(self.local.position(vertex)[axis]) >> shift;
-            match shared[..count].iter_mut().find(|known| known.1 == cell) {
-                Some(known) => known.0 += 1,
-                None if count < MOST_SEEN => {
-                    shared[count] = (1, cell);
-                    count += 1;
-                }
-                None => {}
-            }
-        }
-        shared[..count].sort_unstable_by_key(|&(sharers, cell)| {
-            (std::cmp::Reverse(sharers), cell.abs_diff(guess), cell)
-        });
-        let shared = &shared[..count.min(MOST_REPEATED)];
-        let sharers = (shared[0].0 as usize).min(MOST_SHARERS) - 1;
-        let at = want.and_then(|want| shared.iter().position(|known| known.1 == want));
-        let row = step * MOST_SHARERS + sharers;
-        let repeats = self.coder.bit(REPEATS + row * REPEATED_BEFORE + *before, at.is_some());
-        *before = (*before * 2 + usize::from(repeats)) % REPEATED_BEFORE;
-        if !repeats {
-            return None;
-        }
-        let at = at.unwrap_or(0);
-        let mut which = 0;
-        while which + 1 < shared.len()
-            && self.coder.bit(WHICH_REPEATS + row * MOST_REPEATED + which, at > which)
-        {
-            which += 1;
-        }
-        Some(shared[which].1)
     }
 }
 
@@ -201,9 +160,9 @@ pub(crate) fn axes(normal: Vec3) -> [usize; 3] {
     }
 }
 
-fn tangential_guess(local: &Local<'_>, ring: &Ring, roles: Roles) -> Vec3 {
+fn tangential_guess(local: &Local<'_>, ring: &Ring, roles: Roles, target_share: f64) -> Vec3 {
     let mut guess = add(ring.mean, scale(ring.laplacian, LAPLACIAN_SHARE));
-    guess = add(guess, scale(sub(local.position(roles.target), ring.mean), TARGET_SHARE));
+    guess = add(guess, scale(sub(local.position(roles.target), ring.mean), target_share));
     for end in roles.ends.into_iter().flatten() {
         guess = add(guess, scale(sub(local.position(end), ring.mean), END_SHARE));
     }

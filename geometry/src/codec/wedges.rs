@@ -5,24 +5,21 @@ use crate::codec::attributes::{Expected, code_attributes};
 use crate::codec::chunk_coder::ChunkCoder;
 use crate::codec::local::Local;
 use crate::codec::model::{
-    MATERIAL, NEW_MOVED_WEDGE, NEW_WEDGE, SAME_MATERIAL, SAME_MOVED_WEDGE, SAME_WEDGE,
+    BUILT_LIKELY_WEDGE, BUILT_NEW_WEDGE, MATERIAL, NEW_MOVED_WEDGE, NEW_WEDGE, SAME_MATERIAL,
+    SAME_MOVED_WEDGE, SAME_WEDGE,
 };
 use crate::codec::plan::WantedWedge;
 use crate::codec::residual::quarter_octaves;
 use crate::codec::scratch::{Added, Fitting, Split};
+use crate::codec::sheet::{AT_MOVED, AT_NEW, AT_TARGET, AT_THIRD, Facing, NO_BEND, Sheet, normal_of_face};
 use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::{index, integer};
 use crate::error::DecodeError;
 use crate::mesh::vec3::{Vec3, add, cross, dot, scale, sub};
 use crate::numbers::truncated;
 
-/// Contexts of corners: t, x, u.
-const AT_TARGET: usize = 0;
-const AT_THIRD: usize = 1;
-const AT_NEW: usize = 2;
-
 /// A corner of a new face.
-struct Corner {
+struct Corner<'a> {
     /// [`AT_TARGET`], [`AT_THIRD`] or [`AT_NEW`].
     kind: usize,
     vertex: u32,
@@ -32,14 +29,18 @@ struct Corner {
     near: Option<u32>,
     /// Builder's face, when encoding.
     face: Option<u32>,
+    /// Of what is built.
+    facing: Option<Facing<'a>>,
 }
 
 impl<C: Coder> ChunkCoder<'_, '_, C> {
     /// Codes the wedges of the corners that moved and of the new faces, and the latter's materials.
     pub(crate) fn wedges(&mut self, split: &Split) -> Result<(), DecodeError> {
         self.moved(split)?;
+        self.see_textures(split.moving.iter().map(|&i| split.fan.spokes[i].face));
         for face in &split.added {
             self.face(split, face)?;
+            self.see_textures([face.local]);
         }
         Ok(())
     }
@@ -63,7 +64,12 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
                     let new = matches!(want, Some(WantedWedge::New(_)));
                     if first.is_none() || self.coder.bit(NEW_MOVED_WEDGE, new) {
                         let expected = self.expected(split, from);
-                        self.new_wedge(split.u, &expected, want)?
+                        let sheet = self.built().then(|| {
+                            let normal = normal_of_moved(&self.local, split, Some(from));
+                            Sheet::new(normal, self.local.material(spoke.face))
+                        });
+                        let facing = sheet.as_ref().map(|sheet| sheet.corner(AT_MOVED, Some(from), NO_BEND));
+                        self.new_wedge(split.u, expected, facing, want)?
                     } else {
                         self.chosen(split.u, want)?
                     }
@@ -91,10 +97,9 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
     fn expected(&mut self, split: &Split, from: u32) -> Expected {
         let (kinds, local) = (self.mesh.kinds, &self.local);
         let near = Some(local.wedges[from as usize].attributes);
-        let mut expected =
-            Expected { uv: [0; 2], uv_size: None, near, normal: [0.0; 3], first: false, group: None };
+        let mut expected = Expected { near, ..Expected::default() };
         if kinds.uv_bits > 0 || kinds.normals {
-            expected.normal = normal_of_moved(local, split);
+            expected.normal = normal_of_moved(local, split, None);
         }
         if kinds.uv_bits > 0 {
             let Fitting { points, seen, .. } = &mut self.scratch.fitting;
@@ -109,7 +114,8 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
     fn new_wedge(
         &mut self,
         vertex: u32,
-        expected: &Expected,
+        mut expected: Expected,
+        facing: Option<Facing<'_>>,
         want: Option<WantedWedge>,
     ) -> Result<u32, DecodeError> {
         let builder = match want {
@@ -117,8 +123,12 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
             _ => None,
         };
         let want = builder.and_then(|b| Some(self.guide.as_ref()?.source.wedges.get(b).attributes));
-        let expected = Expected { first: self.local.first_wedge(vertex).is_none(), ..*expected };
+        expected.first = self.local.first_wedge(vertex).is_none();
+        let looked = facing.map(|facing| self.look(vertex, &facing, &mut expected, want));
         let attributes = code_attributes(self.coder, self.mesh.kinds, &mut self.recent_uv, &expected, want)?;
+        if let Some(looked) = looked {
+            self.uv_maps.follow(&looked, attributes.uv);
+        }
         let wedge = self.local.add_wedge(vertex, attributes);
         if let (Some(guide), Some(builder)) = (self.guide.as_mut(), builder) {
             guide.names.wedge(builder);
@@ -131,7 +141,9 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         let cut = added.cut.map(|c| &split.cuts[c]);
         // The neighbours' wedges at t, x and u.
         let (mut at_t, mut at_x, mut at_u, mut beside) = (None, None, None, None);
+        let mut staying = None;
         if let Some(cut) = cut {
+            staying = cut.stays.map(|i| split.fan.spokes[i].face);
             let moving = &split.fan.spokes[cut.moves];
             let [centre, a, b] = self.local.spoke_wedges(moving);
             at_u = Some(centre);
@@ -142,13 +154,24 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
             at_t = Some(split.targets[0]);
             beside = Some(spoke.face);
         }
-        let corner = |kind, vertex, guess| Corner { kind, vertex, guess, near: at_t, face: added.face };
-        let t_wedge = self.corner(&corner(AT_TARGET, split.t, at_t))?;
-        let x_wedge = self.corner(&corner(AT_THIRD, added.x, at_x))?;
-        let u_guess = at_u.or(self.local.first_wedge(split.u));
-        let u_wedge = self.corner(&corner(AT_NEW, split.u, u_guess))?;
-
         let near = beside.map_or(0, |f| self.local.material(f));
+        let sheet = self.built().then(|| Sheet::new(normal_of_face(&self.local, added.local), near));
+        let sheet = sheet.as_ref();
+        let bend = |face: Option<u32>| match (sheet, face) {
+            (Some(sheet), Some(face)) => sheet.bend(normal_of_face(&self.local, face)),
+            _ => NO_BEND,
+        };
+        // Guesses at t are those of the face that stays, if one does; others those of the face that moves.
+        let (at_stay, at_move) = (bend(staying.or(beside)), bend(beside));
+        let corner = |kind, vertex, guess, from, bend| {
+            let facing = sheet.map(|sheet| sheet.corner(kind, from, bend));
+            Corner { kind, vertex, guess, near: at_t, face: added.face, facing }
+        };
+        let t_wedge = self.corner(&corner(AT_TARGET, split.t, at_t, None, at_stay))?;
+        let x_wedge = self.corner(&corner(AT_THIRD, added.x, at_x, Some(t_wedge), at_move))?;
+        let u_guess = at_u.or(self.local.first_wedge(split.u));
+        let u_wedge = self.corner(&corner(AT_NEW, split.u, u_guess, Some(t_wedge), at_move))?;
+
         let want = match (added.face, self.guide.as_ref()) {
             (Some(face), Some(g)) => g.source.faces[face as usize].material,
             _ => near,
@@ -169,38 +192,53 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
 
     /// The wedge at a corner of a new face: mostly the one that a neighbour has there.
     #[inline(always)]
-    fn corner(&mut self, corner: &Corner) -> Result<u32, DecodeError> {
-        let Corner { kind, vertex, guess, face, .. } = *corner;
+    fn corner(&mut self, corner: &Corner<'_>) -> Result<u32, DecodeError> {
+        let Corner { kind, vertex, guess, face, ref facing, .. } = *corner;
         let first = || self.local.first_wedge(vertex);
         let want = self.guide.as_ref().and_then(|g| Some(g.wedge(face?, vertex, guess, first())));
-        if let Some(guess) = guess
-            && self.coder.bit(SAME_WEDGE + kind, want == Some(WantedWedge::Known(guess)))
-        {
-            return Ok(guess);
+        if let Some(guess) = guess {
+            let same = facing.as_ref().map_or(SAME_WEDGE + kind, |facing| self.same_wedge(facing, guess));
+            if self.coder.bit(same, want == Some(WantedWedge::Known(guess))) {
+                return Ok(guess);
+            }
         }
         self.other_at_corner(corner, want)
     }
 
     #[inline(never)]
-    fn other_at_corner(&mut self, corner: &Corner, want: Option<WantedWedge>) -> Result<u32, DecodeError> {
-        let Corner { kind, vertex, guess, near, .. } = *corner;
+    fn other_at_corner(
+        &mut self,
+        corner: &Corner<'_>,
+        want: Option<WantedWedge>,
+    ) -> Result<u32, DecodeError> {
+        let Corner { kind, vertex, guess, near, facing, .. } = *corner;
         let first = self.local.first_wedge(vertex);
-        if first.is_none() || self.coder.bit(NEW_WEDGE + kind, matches!(want, Some(WantedWedge::New(_)))) {
+        let mut new = NEW_WEDGE + kind;
+        if let Some(facing) = &facing {
+            let likely = self.likely_wedge(vertex, facing, guess);
+            if let Some(likely) = likely
+                && self.coder.bit(BUILT_LIKELY_WEDGE + kind, want == Some(WantedWedge::Known(likely)))
+            {
+                return Ok(likely);
+            }
+            new = BUILT_NEW_WEDGE + kind * 2 + usize::from(likely.is_some());
+        }
+        if first.is_none() || self.coder.bit(new, matches!(want, Some(WantedWedge::New(_)))) {
             let near = guess.or(first).or(near);
             let near = near.map(|w| self.local.wedges[w as usize].attributes);
             let uv = near.map_or([0; 2], |w| w.uv);
-            let expected = Expected { uv, uv_size: None, near, normal: [0.0; 3], first: false, group: None };
-            return self.new_wedge(vertex, &expected, want);
+            return self.new_wedge(vertex, Expected { uv, near, ..Expected::default() }, facing, want);
         }
         self.chosen(vertex, want)
     }
 }
 
-/// Sum of the normals of the faces that moved, weighted by area.
-fn normal_of_moved(local: &Local<'_>, split: &Split) -> Vec3 {
+/// Sum of the normals of the faces that moved, weighted by area: of all, or of those with one wedge of t.
+fn normal_of_moved(local: &Local<'_>, split: &Split, of: Option<u32>) -> Vec3 {
     let center = local.position(split.u);
     let mut normal = [0.0; 3];
-    for spoke in split.moving.iter().map(|&i| &split.fan.spokes[i]) {
+    for &i in split.moving.iter().filter(|&&i| of.is_none_or(|of| split.targets[i] == of)) {
+        let spoke = &split.fan.spokes[i];
         let [a, b] = [spoke.a, spoke.b].map(|v| sub(local.position(v), center));
         normal = add(normal, cross(a, b));
     }

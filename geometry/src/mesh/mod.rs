@@ -10,6 +10,7 @@ pub(crate) mod corner;
 pub mod distance;
 pub(crate) mod four;
 pub(crate) mod id_set;
+pub(crate) mod leaning;
 pub mod normals;
 pub mod octahedral;
 pub(crate) mod principal_axes;

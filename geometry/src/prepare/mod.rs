@@ -4,7 +4,7 @@ mod encode;
 mod suited;
 pub mod training;
 
-pub use suited::{built_share, suited_codec};
+pub use suited::{built_share, suit, suited_codec};
 
 use crate::asset::base::{Base, MAX_BASE_FACES, Totals};
 use crate::asset::index::{ChunkInfo, Sphere};

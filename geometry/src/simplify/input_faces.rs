@@ -266,7 +266,7 @@ mod tests {
             mesh.materials.push(0);
         }
         let mesh = common::quantised(&mesh);
-        let live = Live::new(&mesh);
+        let live = Live::new(&mesh, crate::entropy::Codec::Range);
         let mut deviation = Deviation::new(&live, mesh.uv_grid, &Watched::new(&Serial, &Silent, 0)).unwrap();
         let start = mesh.wedges[mesh.faces[0].wedges[0] as usize].vertex;
         for vertex in mesh.faces[0].wedges.map(|w| mesh.wedges[w as usize].vertex) {

@@ -1,7 +1,11 @@
 //! The mesh while it is being simplified: what is left of it, with adjacency and quadrics.
 
+use std::collections::HashMap;
+
 use crate::collapse::Placed;
+use crate::entropy::Codec;
 use crate::mesh::corner;
+use crate::mesh::leaning::LEANINGS;
 use crate::mesh::vec3::{Vec3, add, cross, dot, length, scale, sub, triangle_normal};
 use crate::mesh::wedges::Wedges;
 use crate::mesh::{Attributes, QuantisedMesh, Wedge};
@@ -32,6 +36,9 @@ pub(crate) struct Live<'a> {
     pub(crate) wedges: Wedges<'a>,
     /// Next unused normal group of each vertex.
     next_group: Vec<u32>,
+    /// Where what is built is coded, groups tell sides ([`crate::mesh::leaning`]): the number of the newest copy of a side
+    /// that collapses have brought to a vertex, by both.
+    sides: Option<HashMap<(u32, u32), u32>>,
     /// Corners of each face, as wedges and as vertices; meaningless for dead faces.
     pub(crate) face_wedges: Vec<[u32; 3]>,
     pub(crate) face_vertices: Vec<[u32; 3]>,
@@ -47,7 +54,7 @@ pub(crate) struct Live<'a> {
 }
 
 impl<'a> Live<'a> {
-    pub(crate) fn new(mesh: &'a QuantisedMesh) -> Self {
+    pub(crate) fn new(mesh: &'a QuantisedMesh, codec: Codec) -> Self {
         let middle = f64::from(1_u32 << mesh.grid.bits) * 0.5;
         let positions: Vec<Vec3> = mesh.positions.iter().map(|p| p.map(|x| f64::from(x) - middle)).collect();
         let face_wedges: Vec<[u32; 3]> = mesh.faces.iter().map(|f| f.wedges).collect();
@@ -67,6 +74,7 @@ impl<'a> Live<'a> {
             bits: mesh.grid.bits,
             positions,
             wedges: Wedges::new(&mesh.wedges),
+            sides: (codec == Codec::Built).then(HashMap::new),
             next_group,
             alive: vec![true; face_wedges.len()],
             reach: vec![0.0; mesh.positions.len()],
@@ -166,16 +174,35 @@ impl<'a> Live<'a> {
 
     /// A new wedge at `vertex` with the attributes of `source` and a normal group of its own.
     pub(crate) fn keep_wedge(&mut self, vertex: u32, source: u32) -> u32 {
-        let group = self.next_group[vertex as usize];
-        self.next_group[vertex as usize] += 1;
-        let attributes = Attributes { group, ..self.wedges.get(source).attributes };
+        let attributes = self.wedges.get(source).attributes;
+        let group = match &self.sides {
+            Some(sides) => {
+                let side = attributes.group % LEANINGS;
+                let known = sides.get(&(vertex, side)).copied();
+                side + LEANINGS * (known.unwrap_or(self.next_group[vertex as usize] / LEANINGS) + 1)
+            }
+            None => self.next_group[vertex as usize],
+        };
+        let attributes = Attributes { group, ..attributes };
+        self.take_group(vertex, group);
         self.wedges.push(Wedge { vertex, attributes })
     }
 
     /// Takes over a wedge that [`Self::keep_wedge`] has made before.
     pub(crate) fn keep_again(&mut self, wedge: Wedge) {
-        self.next_group[wedge.vertex as usize] = wedge.attributes.group + 1;
+        self.take_group(wedge.vertex, wedge.attributes.group);
         self.wedges.push(wedge);
+    }
+
+    /// A group of a vertex is not given again.
+    fn take_group(&mut self, vertex: u32, group: u32) {
+        match &mut self.sides {
+            Some(sides) => {
+                let newest = sides.entry((vertex, group % LEANINGS)).or_default();
+                *newest = (*newest).max(group / LEANINGS);
+            }
+            None => self.next_group[vertex as usize] = group + 1,
+        }
     }
 
     /// Brings faces and stars up to date after collapses.

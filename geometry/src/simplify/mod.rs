@@ -78,7 +78,7 @@ pub(crate) fn simplify_from<'a>(
     mut levels: Levels<'a>,
 ) -> Result<Simplified<'a>, MeshError> {
     let left = merged.map_or(mesh, |merged| &merged.mesh);
-    let mut live = Live::new(left);
+    let mut live = Live::new(left, settings.codec);
     let inherited = merged.map(|merged| merged.inherited.clone()).unwrap_or_default();
     let diagonal = diagonal(mesh);
     let limit = Limit::new(&live, (settings.base_error * diagonal - inherited.most()).max(0.0), diagonal);

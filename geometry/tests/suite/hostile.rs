@@ -3,7 +3,7 @@
 use lodestream_geometry::base::{Base, MAX_CHUNKS};
 use lodestream_geometry::index::{ChunkInfo, Stop, decode_page};
 use lodestream_geometry::pack::{BlobKind, HEAD_BYTES, Head, write};
-use lodestream_geometry::prepare::Prepared;
+use lodestream_geometry::prepare::{Prepared, suit};
 use lodestream_geometry::random::Random;
 use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, Id, RefineError, Repoint, Snapshot};
 use lodestream_geometry::{Codec, Settings};
@@ -17,10 +17,16 @@ use crate::promises::deltas;
 fn samples() -> Vec<Prepared> {
     let torus = shapes::materials(shapes::torus(9, 11), 3);
     let painted = shapes::painted(shapes::torus(7, 9));
-    let small = [torus, shapes::fans(20), shapes::components(30), shapes::frigate(3), painted];
+    let small =
+        [torus, shapes::fans(20), shapes::components(30), shapes::frigate(3), painted, shapes::stones(6)];
     let prepared = |codec| {
         let settings = Settings { codec, ..regions(50) };
-        small.iter().map(move |source| prepared(&quantised(source), &settings)).collect::<Vec<_>>()
+        let of = |source| {
+            let mut mesh = quantised(source);
+            suit(&mut mesh, codec);
+            prepared(&mesh, &settings)
+        };
+        small.iter().map(of).collect::<Vec<_>>()
     };
     [prepared(Codec::Range), prepared(Codec::Built), prepared(Codec::Plain)].concat()
 }

@@ -19,7 +19,7 @@ use lodestream_compress::{encode_base, prepare_by};
 use lodestream_geometry::MeshError;
 use lodestream_geometry::base::FORMAT_VERSION;
 use lodestream_geometry::pack::{BlobKind, PACK_VERSION};
-use lodestream_geometry::prepare::Hooks;
+use lodestream_geometry::prepare::{Hooks, suit};
 use lodestream_geometry::quantise::quantise;
 use lodestream_import::ImportError;
 use lodestream_import::recipe::{Recipe, ReliefDepth};
@@ -256,7 +256,7 @@ fn prepare_with_key(
         .map_err(|error| PrepareError::Describe { path: model.clone(), source: error.into() })?;
 
     let start = Instant::now();
-    let mesh = quantise(&imported.mesh, &recipe.quantise_settings()).map_err(mesh_error)?;
+    let mut mesh = quantise(&imported.mesh, &recipe.quantise_settings()).map_err(mesh_error)?;
     drop(imported.mesh);
     PrepareError::room(model, mesh.faces.len(), Mapped::free_bytes())?;
     let kept = kept_levels(pack, &key, options.keep_levels || mesh.faces.len() >= KEPT_FROM_FACES);
@@ -267,7 +267,9 @@ fn prepare_with_key(
     if let Some(kept) = &kept {
         hooks = hooks.spilling_to(kept);
     }
-    let prepared = prepare_by(&mesh, &recipe.settings(&mesh), hooks);
+    let settings = recipe.settings(&mesh);
+    suit(&mut mesh, settings.codec);
+    let prepared = prepare_by(&mesh, &settings, hooks);
     reporter.finish();
     let mut prepared = prepared.map_err(mesh_error)?;
     let time = start.elapsed();

@@ -12,8 +12,11 @@ use crate::numbers::id32;
 use crate::quantise::{MAX_POSITION_BITS, MAX_UV_BITS};
 
 /// How chunks are coded, beside the bits of positions.
-const BUILT: u8 = 0x40;
+const BUILT: u8 = 0xc0;
 const PLAIN: u8 = 0x80;
+/// What was built, before its textures were projected.
+const BUILT_BEFORE: u8 = 0x40;
+const CODED: u8 = 0xc0;
 
 impl Base {
     /// The blob's bytes. Vertices, wedges and faces must be in the order of
@@ -108,13 +111,16 @@ impl Base {
             return Err(r.error(format!("format version {version}; this program reads {FORMAT_VERSION}")));
         }
         let (bits, kinds, level_count) = (r.u8()?, r.u8()?, r.u8()?);
-        let codec = match bits & (BUILT | PLAIN) {
+        let codec = match bits & CODED {
             0 => Codec::Range,
             BUILT => Codec::Built,
             PLAIN => Codec::Plain,
+            BUILT_BEFORE => {
+                return Err(r.error("what is built was coded otherwise then: prepare its model again"));
+            }
             _ => return Err(r.error("its chunks are coded in no way that there is")),
         };
-        let bits = bits & !(BUILT | PLAIN);
+        let bits = bits & !CODED;
         let (uv_bits, colors, normals) = (kinds & 0x3f, kinds & 0x40 != 0, kinds & 0x80 != 0);
         if !(1..=MAX_POSITION_BITS).contains(&bits) || uv_bits > MAX_UV_BITS {
             return Err(r.error(format!("{bits} position bits and {uv_bits} uv bits are out of range")));

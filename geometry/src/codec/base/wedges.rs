@@ -3,7 +3,9 @@
 use crate::codec::attributes::{Expected, UV, code_attributes};
 use crate::codec::base::guess::{Chart, NEWEST, Newest, Trust, rounded};
 use crate::codec::base::walk::{Corners, Walk};
-use crate::codec::model::{BASE_CHOICE, BASE_NEW_WEDGE, BASE_SAME_WEDGE, MOST_CHOICES, TOLD};
+use crate::codec::model::{
+    BASE_CHOICE, BASE_NEW_WEDGE, BASE_SAME_GROUP, BASE_SAME_WEDGE, MOST_CHOICES, TOLD,
+};
 use crate::codec::position::axes;
 use crate::codec::residual::{Recent, UNKNOWN};
 use crate::entropy::range_coder::Coder;
@@ -124,13 +126,16 @@ impl<C: Coder> Walk<'_, C> {
         let [like, _] = self.repeats.wedge(self.mesh.wedges.len());
         let group_of = |w: usize| self.mesh.wedges[w].attributes.group;
         let group = match (like, before) {
-            (Some(like), _) => Some((group_of(like), 3 + i)),
-            (None, Some(before)) => Some((group_of(before as usize), i)),
+            (Some(like), _) => Some((group_of(like), BASE_SAME_GROUP + 3 + i)),
+            (None, Some(before)) => Some((group_of(before as usize), BASE_SAME_GROUP + i)),
             _ => None,
         };
         let expected = Expected {
             uv: [0; 2],
             uv_size: None,
+            projected: None,
+            told_group: None,
+            like_near: None,
             near: near.map(|w| self.mesh.wedges[w as usize].attributes),
             normal: [0.0; 3],
             first: self.wedges_of[vertex as usize].is_empty(),

@@ -112,7 +112,7 @@ impl Whole<'_> {
         let faces = cut.faces(number);
         let (block, names) = part(mesh, wedges, faces, &|at| mesh.faces[faces[at] as usize].wedges);
         let locked: Vec<bool> = names.vertices().iter().map(|&v| cut.is_shared(v)).collect();
-        let mut live = Live::new(&block);
+        let mut live = Live::new(&block, settings.codec);
         let mut deviation = Deviation::new(&live, block.uv_grid, pool)?;
         let limit = Limit::new(&live, settings.base_error * diagonal, diagonal);
         // Corners of large, thin parts are held from the first level behind blocks on: which parts those are only the whole

@@ -32,6 +32,7 @@ pub(crate) fn all() -> Vec<(&'static str, SourceMesh)> {
         ("needles", shapes::needles(800)),
         ("medley", shapes::medley(6)),
         ("painted torus", shapes::painted(shapes::torus(30, 50))),
+        ("dressed stones", shapes::stones(40)),
     ]
 }
 

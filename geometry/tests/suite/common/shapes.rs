@@ -184,6 +184,85 @@ pub(crate) fn frigate(boxes: u32) -> SourceMesh {
     mesh
 }
 
+/// A wall of dressed stones with chamfered edges, flat and sharp, on a floor of another material; textures are projected
+/// along the axis that a face looks along.
+pub(crate) fn stones(count: u32) -> SourceMesh {
+    let mut random = Random::new(11);
+    let mut mesh = SourceMesh::default();
+    for i in 0..count {
+        let (row, column) = (f64::from(i / 6), f64::from(i % 6));
+        let low = [2.0 * column + 0.3 * random.unit(), 0.4 * random.unit(), row];
+        let high = [2.0 * column + 1.9, 1.0 + 0.2 * random.unit(), row + 0.97];
+        stone(&mut mesh, low, high, 0.06);
+    }
+    let floor = |x: u32, y: u32| [f64::from(x) * 1.25 - 1.0, f64::from(y) * 0.5 - 3.0, 0.0];
+    for (x, y) in (0..12).flat_map(|x| (0..6).map(move |y| (x, y))) {
+        let quad = [floor(x, y), floor(x + 1, y), floor(x + 1, y + 1), floor(x, y + 1)];
+        flat(&mut mesh, &quad, [0.0, 0.0, 1.0], 1);
+    }
+    mesh
+}
+
+/// A box with its edges cut off at 45°.
+fn stone(mesh: &mut SourceMesh, low: [f64; 3], high: [f64; 3], chamfer: f64) {
+    // By corner and axis: the corner of the side along that axis.
+    let place = |corner: usize, side: usize| {
+        [0, 1, 2].map(|k| {
+            let inset = if k == side { 0.0 } else { chamfer };
+            if corner >> k & 1 == 1 { high[k] - inset } else { low[k] + inset }
+        })
+    };
+    let centre = [0, 1, 2].map(|k| 0.5 * (low[k] + high[k]));
+    let mut out = |places: &[[f64; 3]]| flat(mesh, places, centre, 0);
+    for axis in 0..3 {
+        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+        let at = |side: usize, a: usize, b: usize| side << axis | a << u | b << v;
+        let around = [(0, 0), (1, 0), (1, 1), (0, 1)];
+        for side in 0..2 {
+            out(&around.map(|(a, b)| place(at(side, a, b), axis)));
+        }
+        for (a, b) in around {
+            let (near, far) = (at(0, a, b), at(1, a, b));
+            out(&[place(near, u), place(far, u), place(far, v), place(near, v)]);
+        }
+    }
+    for corner in 0..8 {
+        out(&[0, 1, 2].map(|side| place(corner, side)));
+    }
+}
+
+/// A convex polygon, seen from the side that `inside` does not lie on, with a normal of its own; for a floor, `inside` is
+/// its normal.
+fn flat(mesh: &mut SourceMesh, places: &[[f64; 3]], inside: [f64; 3], material: u16) {
+    let minus = |a: [f64; 3], b: [f64; 3]| [0, 1, 2].map(|k| a[k] - b[k]);
+    let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let (e, f) = (minus(places[1], places[0]), minus(places[2], places[0]));
+    let n = [e[1] * f[2] - e[2] * f[1], e[2] * f[0] - e[0] * f[2], e[0] * f[1] - e[1] * f[0]];
+    let way = if material == 0 { minus(places[0], inside) } else { inside };
+    let turned = dot(n, way) < 0.0;
+    let size = dot(n, n).sqrt() * if turned { -1.0 } else { 1.0 };
+    let n = n.map(|x| x / size);
+    // Of a chamfer, the first axis: what lies between two is not told by chance.
+    let axis = (0..3).find(|&k| n.iter().all(|x| x.abs() < n[k].abs() + 1e-9)).unwrap_or(0);
+    let normal = mesh.normals.len() as u32;
+    mesh.normals.push(n.map(|x| x as f32));
+    let corners: Vec<Corner> = places
+        .iter()
+        .map(|&p| {
+            let index = mesh.positions.len() as u32;
+            mesh.positions.push(p);
+            let [u, v] = [p[(axis + 1) % 3], p[(axis + 2) % 3]].map(|x| (x / 2.4) as f32);
+            mesh.uvs.push([if n[axis] < 0.0 { -u } else { u }, v]);
+            Corner { uv: index, normal, ..Corner::at(index) }
+        })
+        .collect();
+    for i in 1..corners.len() - 1 {
+        let [a, b] = if turned { [i + 1, i] } else { [i, i + 1] };
+        mesh.faces.push([corners[0], corners[a], corners[b]]);
+        mesh.materials.push(material);
+    }
+}
+
 /// The same surface with a normal of its own for every face.
 pub(crate) fn flat_shaded(mut mesh: SourceMesh) -> SourceMesh {
     mesh.normals.clear();

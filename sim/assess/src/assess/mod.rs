@@ -20,7 +20,7 @@ use lodestream_compress::{decode_base, decode_chunk, encode_base, prepare};
 use lodestream_geometry::Settings;
 use lodestream_geometry::mesh::{Corner, NONE};
 use lodestream_geometry::pool::{Serial, Silent};
-use lodestream_geometry::prepare::built_share;
+use lodestream_geometry::prepare::{built_share, suit};
 use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
 use lodestream_geometry::refine::ActiveMesh;
 use serde::Serialize;
@@ -101,7 +101,7 @@ pub fn assess(path: &Path, options: &Options) -> anyhow::Result<Assessment> {
         imported.mesh.materials.fill(0);
     }
     let precision = Precision::Bits(options.position_bits.get());
-    let mesh = quantise(&imported.mesh, &QuantiseSettings { precision, ..QuantiseSettings::default() })?;
+    let mut mesh = quantise(&imported.mesh, &QuantiseSettings { precision, ..QuantiseSettings::default() })?;
     let settings = Settings {
         region_faces: options.region_faces.get(),
         level_share: options.level_share.get(),
@@ -113,6 +113,7 @@ pub fn assess(path: &Path, options: &Options) -> anyhow::Result<Assessment> {
         codec: options.codec.of(&mesh),
         ..Settings::default()
     };
+    suit(&mut mesh, settings.codec);
     let (prepared, prepare_s) = timed(|| prepare(&mesh, &settings, &Serial, &Silent));
     let prepared = prepared?;
 
