@@ -3,7 +3,7 @@
 use std::sync::OnceLock;
 
 use lodestream_geometry::mesh::SourceMesh;
-use lodestream_geometry::prepare::Prepared;
+use lodestream_geometry::prepare::{Prepared, suit};
 use lodestream_geometry::refine::ActiveMesh;
 use lodestream_geometry::{Codec, Settings};
 
@@ -21,7 +21,7 @@ pub struct Fixture {
 
 /// The assets: seams and materials, non-manifold stars, vanishing components, seams nearly everywhere,
 /// stars of high valence, all of these with colours and normals; and some under the plain codec, whose
-/// chunks are not compressed here. A few hundred faces each, so that one input takes well under a millisecond.
+/// chunks are not compressed here; and stones as what is built. A few hundred faces each, so that one input takes well under a millisecond.
 ///
 /// # Panics
 /// If an asset does not decode: then there is nothing to fuzz.
@@ -38,11 +38,13 @@ pub fn all() -> &'static [Fixture] {
             ("medley", shapes::painted(shapes::medley(1)), Codec::Range),
             ("plain", shapes::painted(shapes::materials(shapes::torus(8, 10), 3)), Codec::Plain),
             ("plain-components", components(), Codec::Plain),
-            ("built", shapes::frigate(3), Codec::Built),
+            ("built", shapes::stones(6), Codec::Built),
         ]
         .into_iter()
         .map(|(name, source, codec)| {
-            let asset = prepared(&quantised(&source), &Settings { codec, ..stopping(50) });
+            let mut source = quantised(&source);
+            suit(&mut source, codec);
+            let asset = prepared(&source, &Settings { codec, ..stopping(50) });
             let mut mesh = ActiveMesh::new(&asset.base);
             let mut before = Vec::new();
             for (id, (info, payload)) in (0..).zip(asset.infos.iter().zip(&asset.chunks)) {
