@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 
 use lodestream_geometry::DecodeError;
 use lodestream_geometry::mesh::{Attributes, QuantisedMesh};
+use lodestream_geometry::prepare::suit;
 use lodestream_geometry::quantise::quantise;
 use lodestream_geometry::refine::ActiveMesh;
 use lodestream_import::Part;
@@ -80,8 +81,9 @@ pub fn compare(pack: &PackFile, model: &Path, part: &Part) -> Result<Difference,
     let settings_error = |why| CompareError::Settings { path: pack.path().to_owned(), why };
     let recipe: Recipe = pack.settings()?.parse().map_err(settings_error)?;
     let imported = lodestream_import::import_part(model, part).map_err(PrepareError::from)?;
-    let mesh = quantise(&imported.mesh, &recipe.quantise_settings())
+    let mut mesh = quantise(&imported.mesh, &recipe.quantise_settings())
         .map_err(|source| PrepareError::Mesh { path: model.to_owned(), source })?;
+    suit(&mut mesh, asset.base.codec);
     if mesh.grid != asset.base.grid || mesh.uv_grid != asset.base.uv_grid {
         return Err(CompareError::Grid { model: model.to_owned(), pack: pack.path().to_owned() });
     }

@@ -232,7 +232,7 @@ mod tests {
             });
             // A packet or two may still be on its way when the client has left.
             assert!(counted <= delivered && delivered - counted < 5000, "{case}: {counted} of {delivered}");
-            assert!(counted > 50_000, "{case}: {counted}");
+            assert!(counted > 40_000, "{case}: {counted}");
         }
     }
 }

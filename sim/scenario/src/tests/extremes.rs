@@ -128,7 +128,7 @@ fn a_scene_without_anything_is_complete_at_once() {
 #[test]
 fn a_link_that_dies_in_the_middle_ends_the_run_by_silence() {
     let dying = "scene = \"demo-small\"\nviewport_px = [640, 360]\ntime_limit_s = 3600\n[link.dying]\n\
-                 down = { rate_steps = [{ from_s = 0, bits_per_s = 500_000 }, { from_s = 1, bits_per_s = 0 }, \
+                 down = { rate_steps = [{ from_s = 0, bits_per_s = 500_000 }, { from_s = 0.6, bits_per_s = 0 }, \
                  { from_s = 900_000, bits_per_s = 1 }], delay_ms = 25 }\n\
                  [[sweep]]\ntransport = [\"quic\", \"ws\"]\nlink = \"dying\"\n";
     let both = results(plan::parse(dying, Path::new("extreme.toml")).unwrap());
