@@ -2,9 +2,6 @@
 
 use std::sync::LazyLock;
 
-use crate::codec::repeat::{BEFORE, GAPS, OTHERS as OTHER_SHARERS, SHARERS, TILTS};
-use crate::codec::sheet::{BENDS as FACE_BENDS, KINDS};
-use crate::codec::uv_map::PLACES;
 use crate::entropy::context::{Contexts, MAX_INPUTS, Prob};
 use crate::entropy::plain_coder::StreamTable;
 use crate::entropy::range_coder::MIX_TREE_BITS;
@@ -42,6 +39,22 @@ pub(crate) const MOST_CHOICES: usize = 12;
 
 /// Coordinates of neighbours that one of a vertex may repeat: those nearest to the guess.
 pub(crate) const MOST_REPEATED: usize = 4;
+/// Neighbours that share a coordinate, told apart up to this.
+pub(crate) const SHARERS: usize = 4;
+/// Neighbours that do not share the nearest coordinate, and the old vertex, told apart up to one less than this.
+pub(crate) const NOT_SHARERS: usize = 6;
+/// Distances between a coordinate and the guess, in quarters of the ring's radius, told apart up to one less than this.
+pub(crate) const GAPS: usize = 9;
+/// Classes of how far a ring's normal leans to an axis.
+pub(crate) const TILTS: usize = 8;
+/// Whether the two coordinates before were repeated, a bit each.
+pub(crate) const BEFORE: usize = 4;
+/// Classes of how two faces are bent against each other.
+pub(crate) const FACE_BENDS: usize = 4;
+/// Corners of a new face, and one of a face that moved.
+pub(crate) const CORNERS: usize = 4;
+/// Places for which projections of textures and what else is expected are compared.
+pub(crate) const PLACES: usize = 3;
 
 /// Contexts of one kind of residual: by recent ratios, and by the residual before.
 pub(crate) const SIZE_RECENT_CONTEXTS: usize = SIZES * RECENTS * CLASSES;
@@ -128,21 +141,21 @@ layout! { CONTEXTS:
     INDEX_STOP_FACES = INTEGER_CONTEXTS,
     INDEX_STOP_BYTES = INTEGER_CONTEXTS,
     INDEX_STOP_ERROR = INTEGER_CONTEXTS,
-    BUILT_SAME_WEDGE = 2 * FACE_BENDS * (KINDS - 1),
-    BUILT_LIKELY_WEDGE = KINDS - 1,
-    BUILT_NEW_WEDGE = (KINDS - 1) * 2,
+    BUILT_SAME_WEDGE = 2 * FACE_BENDS * (CORNERS - 1),
+    BUILT_LIKELY_WEDGE = CORNERS - 1,
+    BUILT_NEW_WEDGE = (CORNERS - 1) * 2,
     BUILT_GROUP = 4,
     BUILT_SIDE = INTEGER_CONTEXTS,
-    BUILT_COPIED = KINDS * 2 * 2 * 2,
+    BUILT_COPIED = CORNERS * 2 * 2 * 2,
     BUILT_COPY = INTEGER_CONTEXTS,
     BUILT_LIKE_NEAR = PLACES,
     BUILT_UV = 2 * PLACES * 3 * INTEGER_CONTEXTS,
     REPEATS_SO_FAR = 3 * BEFORE * 2,
-    REPEATS_TILT = TILTS * OTHER_SHARERS,
+    REPEATS_TILT = TILTS * NOT_SHARERS,
     REPEATS_NEAR = GAPS * SHARERS * MOST_REPEATED,
     WHICH_SHARERS = (MOST_REPEATED - 1) * SHARERS * SHARERS * (MOST_REPEATED + 1),
     WHICH_GAPS = (MOST_REPEATED - 1) * GAPS * (GAPS + 1),
-    WHICH_REST = (MOST_REPEATED - 1) * OTHER_SHARERS * BEFORE,
+    WHICH_REST = (MOST_REPEATED - 1) * NOT_SHARERS * BEFORE,
 }
 
 /// Where [`crate::entropy::plain_coder`]'s streams begin in the layout. Bytes: what is rare; lengths and starts

@@ -4,25 +4,14 @@
 use crate::codec::chunk_coder::ChunkCoder;
 use crate::codec::fan::Spoke;
 use crate::codec::model::{
-    MIX_REPEATS, MIX_WHICH, MOST_REPEATED, REPEATS_NEAR, REPEATS_SO_FAR, REPEATS_TILT, WHICH_GAPS,
-    WHICH_REST, WHICH_SHARERS,
+    BEFORE, GAPS, MIX_REPEATS, MIX_WHICH, MOST_REPEATED, NOT_SHARERS, REPEATS_NEAR, REPEATS_SO_FAR,
+    REPEATS_TILT, SHARERS, WHICH_GAPS, WHICH_REST, WHICH_SHARERS,
 };
 use crate::entropy::range_coder::Coder;
 use crate::numbers::truncated;
 
 /// Coordinates of neighbours that are told apart: of more, those that come first.
 const MOST_SEEN: usize = 16;
-/// Neighbours that share a coordinate, told apart up to this.
-pub(crate) const SHARERS: usize = 4;
-/// Neighbours that do not share the nearest coordinate, and the old vertex, told apart up to one less than this.
-pub(crate) const OTHERS: usize = 6;
-/// Distances between a coordinate and the guess, in quarters of the ring's radius, told apart up to one less than this.
-pub(crate) const GAPS: usize = 9;
-/// Classes of how far a ring's normal leans to an axis.
-pub(crate) const TILTS: usize = 8;
-/// Whether the two coordinates before were repeated, a bit each.
-pub(crate) const BEFORE: usize = 4;
-
 /// One coordinate of a new vertex.
 pub(crate) struct Coordinate {
     /// 0 to 2, in coding order.
@@ -79,13 +68,13 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         let second = near.get(1).copied();
         let (gap, next_gap) = (gap(near[0]), second.map_or(GAPS, gap));
         let (sharers, next_sharers) = (near[0].0.min(SHARERS), second.map_or(0, |s| s.0.min(SHARERS - 1)));
-        let others = (star.len() + 1 - near[0].0.min(star.len() + 1)).min(OTHERS - 1);
+        let others = (star.len() + 1 - near[0].0.min(star.len() + 1)).min(NOT_SHARERS - 1);
         let tilt = truncated((of.lean * 8.0).min(7.0)).unsigned_abs() as usize;
 
         let at = want.and_then(|want| near.iter().position(|known| known.1 == want));
         let repeats = [
             REPEATS_SO_FAR + (step * BEFORE + *before) * 2 + usize::from(target == 0),
-            REPEATS_TILT + tilt * OTHERS + others,
+            REPEATS_TILT + tilt * NOT_SHARERS + others,
             REPEATS_NEAR + (gap * SHARERS + sharers - 1) * MOST_REPEATED + near.len() - 1,
         ];
         let which = [
@@ -98,7 +87,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         if !repeats {
             return None;
         }
-        let sizes = [SHARERS * SHARERS * (MOST_REPEATED + 1), GAPS * (GAPS + 1), OTHERS * BEFORE];
+        let sizes = [SHARERS * SHARERS * (MOST_REPEATED + 1), GAPS * (GAPS + 1), NOT_SHARERS * BEFORE];
         let at = at.unwrap_or(0);
         let mut found = 0;
         while found + 1 < near.len() {

@@ -5,25 +5,24 @@
 use crate::codec::attributes::Expected;
 use crate::codec::chunk_coder::ChunkCoder;
 use crate::codec::local::Local;
-use crate::codec::model::{BUILT_COPIED, BUILT_COPY, BUILT_GROUP, BUILT_SAME_WEDGE, BUILT_SIDE};
-use crate::codec::uv_map::{Anchor, Looked, PLACES};
+use crate::codec::model::{
+    BUILT_COPIED, BUILT_COPY, BUILT_GROUP, BUILT_SAME_WEDGE, BUILT_SIDE, CORNERS, FACE_BENDS, PLACES,
+};
+use crate::codec::uv_map::{Anchor, Looked};
 use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::integer;
 use crate::mesh::Attributes;
 use crate::mesh::leaning::{LEANINGS, leaning, looks_along};
 use crate::mesh::vec3::{Vec3, dot, triangle_normal};
 
-/// Corners: t, x and u of a new face; u of a face that moved.
+/// Corners, fewer than [`CORNERS`]: t, x and u of a new face; u of a face that moved.
 pub(crate) const AT_TARGET: usize = 0;
 pub(crate) const AT_THIRD: usize = 1;
 pub(crate) const AT_NEW: usize = 2;
 pub(crate) const AT_MOVED: usize = 3;
-pub(crate) const KINDS: usize = 4;
 
-/// Classes of how two faces are bent: flat within 1.5°, within 15°, more, and [`NO_BEND`].
-pub(crate) const BENDS: usize = 4;
-/// There is no other face, or one has no area.
-pub(crate) const NO_BEND: usize = BENDS - 1;
+/// Of the classes of how two faces are bent (flat within 1.5°, within 15°, more): there is no other, or one has no area.
+pub(crate) const NO_BEND: usize = FACE_BENDS - 1;
 
 /// Wedges of a vertex that are looked at, so that a stranger's vertex of many costs no more.
 const MOST_LOOKED_AT: usize = 32;
@@ -98,7 +97,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
     /// The context of whether the wedge at a corner is the one that is guessed.
     pub(crate) fn same_wedge(&self, of: &Facing<'_>, guess: u32) -> usize {
         let agrees = self.group_of(guess) % LEANINGS == self.likely_group(of);
-        BUILT_SAME_WEDGE + (usize::from(agrees) * BENDS + of.bend) * (KINDS - 1) + of.kind
+        BUILT_SAME_WEDGE + (usize::from(agrees) * FACE_BENDS + of.bend) * (CORNERS - 1) + of.kind
     }
 
     /// A wedge of the vertex, other than the guess, whose normal group is the likely one.

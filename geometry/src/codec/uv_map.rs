@@ -1,6 +1,7 @@
 //! Where textures lie on what is built: mostly as projected along the axis that a face looks along, on all faces alike, so
 //! texture coordinates follow from where a corner is and from the faces that are there.
 
+use crate::codec::model::PLACES;
 use crate::codec::residual::quarter_octaves;
 use crate::mesh::leaning::{LEANINGS, ways_of};
 use crate::mesh::vec3::{Vec3, sub};
@@ -10,9 +11,6 @@ use crate::numbers::truncated;
 const SIDES: usize = 6;
 /// Materials whose textures are told apart; others count as one of these.
 const MATERIALS: usize = 4;
-/// Places for which projections and what else is expected are compared: corners of faces that moved, of new ones of
-/// which another corner is known, and of others.
-pub(crate) const PLACES: usize = 3;
 
 /// The axes across each.
 const ACROSS: [[usize; 2]; 3] = [[1, 2], [0, 2], [0, 1]];
@@ -62,7 +60,7 @@ pub(crate) struct UvMaps {
     sides: [[Side; SIDES]; MATERIALS],
     /// Along which of the axes that it leans to what leans so was projected last.
     last: [usize; LEANINGS as usize],
-    /// By place, how far off projections from the mean, those from one corner and what else was expected were: means of
+    /// By place (corners of faces that moved, of new ones of which another corner is known, and of others), how far off projections from the mean, those from one corner and what else was expected were: means of
     /// logarithms, in quarter octaves × 16.
     off: [[i32; 3]; PLACES],
 }
