@@ -56,15 +56,15 @@ fn pictures_approach_the_settled_one_and_change_nothing_in_the_run() {
         return;
     }
     let sweep = "transport = [\"quic\", \"ws\"]\nrate_bits_per_s = 2_000_000\nrtt_ms = 50\njitter_ms = 5";
-    let plan = parse("[pictures]\nat_s = [0.22, 0.3, 9]\nsize_px = [96, 54]", sweep);
+    let plan = parse("[pictures]\nat_s = [0.19, 0.25, 9]\nsize_px = [96, 54]", sweep);
     let folder = tempfile::tempdir().unwrap();
     let results = report(&plan, folder.path(), 2);
     for run in &results {
-        assert_eq!(instants(run), ["first frame", "0.22 s", "0.3 s", "9 s", "settled"], "{run:?}");
+        assert_eq!(instants(run), ["first frame", "0.19 s", "0.25 s", "9 s", "settled"], "{run:?}");
         let [first, early, late, after, settled] = &run.pictures[..] else { unreachable!() };
         assert_eq!((first.at_ms, Some(first.bytes)), (run.ttff_ms.unwrap(), run.first_frame_bytes));
         assert_eq!((settled.at_ms, settled.bytes), (run.settled_ms.unwrap(), run.total_bytes));
-        assert_eq!((early.at_ms, late.at_ms, after.at_ms), (220.0, 300.0, 9000.0));
+        assert_eq!((early.at_ms, late.at_ms, after.at_ms), (190.0, 250.0, 9000.0));
         assert!(first.bytes < early.bytes && early.bytes < late.bytes && late.bytes < settled.bytes);
         // Once settled, it stays as it is.
         assert_eq!((after.bytes, &after.file), (settled.bytes, &settled.file));
