@@ -53,8 +53,9 @@ pub enum Codec {
     #[default]
     Range,
     /// The same for what is built of parts along the axes, as machines and houses are: a chunk's position says of each
-    /// coordinate whether it is a neighbour's, and all levels lie on one grid, on which coordinates stay equal. A tenth
-    /// to two fifths fewer bytes there; coarse levels take more, of anything.
+    /// coordinate whether it is a neighbour's, normal groups follow from how faces lean, textures are projected along the
+    /// axes, and all levels lie on one grid, on which coordinates stay equal. Two to seven tenths fewer bytes there;
+    /// coarse levels of what is round take more. A mesh is brought into its form by [`crate::prepare::suit`].
     Built,
     /// Symbols as they are, sorted into streams, for a general-purpose compressor that the caller
     /// applies to whole blobs: more bytes, less to do. Without stopping points, since a compressed blob
