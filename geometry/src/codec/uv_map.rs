@@ -60,8 +60,9 @@ pub(crate) struct UvMaps {
     sides: [[Side; SIDES]; MATERIALS],
     /// Along which of the axes that it leans to what leans so was projected last.
     last: [usize; LEANINGS as usize],
-    /// By place (corners of faces that moved, of new ones of which another corner is known, and of others), how far off projections from the mean, those from one corner and what else was expected were: means of
-    /// logarithms, in quarter octaves × 16.
+    /// By place (corners of faces that moved, of new ones of which another corner is known, and of others), how far off
+    /// projections from the mean, those from one corner and what else was expected were: means of logarithms, in quarter
+    /// octaves × 16.
     off: [[i32; 3]; PLACES],
 }
 
@@ -163,8 +164,8 @@ impl UvMaps {
     }
 
     /// What texture coordinates are likely at `at`, of a corner of a normal group on a face of a material: as they go on
-    /// from `from` or, where that is `None` or leans elsewhere, from the newest corner on the same side. What leans to several axes may be
-    /// projected along either: as `from` was, else as the last that leant so.
+    /// from `from` or, where that is `None` or leans elsewhere, from the newest corner on the same side. What leans to
+    /// several axes may be projected along either: as `from` was, else as the last that leant so.
     pub(crate) fn look(
         &self,
         place: usize,

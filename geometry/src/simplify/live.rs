@@ -142,6 +142,7 @@ impl<'a> Live<'a> {
         self.quadrics = Vec::new();
         self.reach = Vec::new();
         self.next_group = Vec::new();
+        self.sides = None;
         self.moved_to = Vec::new();
         self.face_vertices = Vec::new();
         self.stars = StarTable::default();

@@ -131,15 +131,10 @@ impl<C: Coder> Walk<'_, C> {
             _ => None,
         };
         let expected = Expected {
-            uv: [0; 2],
-            uv_size: None,
-            projected: None,
-            told_group: None,
-            like_near: None,
             near: near.map(|w| self.mesh.wedges[w as usize].attributes),
-            normal: [0.0; 3],
             first: self.wedges_of[vertex as usize].is_empty(),
             group,
+            ..Expected::default()
         };
         let uv = self.uv(corners, near, actual.map(|w| w.uv))?;
         let others = Kinds { uv_bits: 0, ..self.format.kinds };
