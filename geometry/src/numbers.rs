@@ -29,6 +29,15 @@ pub fn truncated(x: f64) -> i32 {
     x as i32
 }
 
+/// The greatest integer that is not above a real number, with [`truncated`]'s ends. Where processors of any age are
+/// compiled for, `f64::floor` is a call.
+#[inline]
+#[must_use]
+pub fn floored(x: f64) -> i32 {
+    let whole = truncated(x);
+    whole.saturating_sub(i32::from(f64::from(whole) > x))
+}
+
 /// The lowest 32 bits: arithmetic modulo 2^32 goes on with them as if nothing had been lost.
 #[inline]
 #[must_use]
@@ -86,6 +95,10 @@ mod tests {
     fn real_numbers_lose_their_fraction_and_saturate() {
         let cases = [(2.9, 2), (-2.9, -2), (1e300, i32::MAX), (-1e300, i32::MIN), (f64::NAN, 0)];
         assert!(cases.into_iter().all(|(x, whole)| truncated(x) == whole));
+        let cases =
+            [(2.9, 2), (-2.9, -3), (-3.0, -3), (-0.0, 0), (-1e-9, -1), (1e300, i32::MAX), (-1e300, i32::MIN)];
+        assert!(cases.into_iter().all(|(x, whole)| floored(x) == whole));
+        assert_eq!((floored(f64::NAN), floored(f64::NEG_INFINITY)), (0, i32::MIN));
         assert_eq!(nearest_f32(0.1), 0.1_f32);
         assert_eq!(nearest_f32(1e300), f32::INFINITY);
     }

@@ -5,7 +5,7 @@ use crate::codec::model::PLACES;
 use crate::codec::residual::quarter_octaves;
 use crate::mesh::leaning::{LEANINGS, ways_of};
 use crate::mesh::vec3::{Vec3, sub};
-use crate::numbers::truncated;
+use crate::numbers::floored;
 
 /// Sides: towards and against each axis.
 const SIDES: usize = 6;
@@ -100,7 +100,7 @@ impl Side {
         let [s, t] = [dx * yy - dy * xy, dy * xx - dx * xy].map(|part| part / determinant);
         Some([0, 1].map(|k| {
             let [along, up] = self.changes[k];
-            truncated((uv[k] + s * along + t * up + 0.5).floor().clamp(-1.0e9, 1.0e9))
+            floored((uv[k] + s * along + t * up + 0.5).clamp(-1.0e9, 1.0e9))
         }))
     }
 }
@@ -233,6 +233,7 @@ impl UvMaps {
 mod tests {
     use super::*;
     use crate::mesh::leaning::leaning;
+    use crate::numbers::truncated;
 
     const UP: [f64; 3] = [0.0, 0.0, 1.0];
     const EAST: [f64; 3] = [1.0, 0.0, 0.0];

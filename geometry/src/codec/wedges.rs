@@ -16,7 +16,7 @@ use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::{index, integer};
 use crate::error::DecodeError;
 use crate::mesh::vec3::{Vec3, add, cross, dot, scale, sub};
-use crate::numbers::truncated;
+use crate::numbers::floored;
 
 /// A corner of a new face.
 struct Corner<'a> {
@@ -105,7 +105,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
             let Fitting { points, seen, .. } = &mut self.scratch.fitting;
             gather_points(local, split, from, points, seen);
             let (uv, spread) = fit(points, expected.normal);
-            expected.uv = [0, 1].map(|k| truncated((uv[k] + 0.5).floor().clamp(-1.0e9, 1.0e9)));
+            expected.uv = [0, 1].map(|k| floored((uv[k] + 0.5).clamp(-1.0e9, 1.0e9)));
             expected.uv_size = Some([quarter_octaves(spread * UV_SIZE); 2]);
         }
         expected

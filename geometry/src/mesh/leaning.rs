@@ -19,9 +19,26 @@ pub(crate) fn leaning(normal: Vec3) -> u32 {
     number.saturating_sub(1)
 }
 
+/// By leaning, which way to each axis.
+const WAYS: [[i8; 3]; LEANINGS as usize] = {
+    let mut ways = [[0; 3]; LEANINGS as usize];
+    let mut leaning = 0;
+    while leaning < ways.len() {
+        let number = leaning + 1;
+        let digits = [number % 3, number / 3 % 3, number / 9];
+        let mut axis = 0;
+        while axis < 3 {
+            ways[leaning][axis] = [0, 1, -1][digits[axis]];
+            axis += 1;
+        }
+        leaning += 1;
+    }
+    ways
+};
+
 /// Which way what leans so does to each axis: 1, −1, or 0 for not at all. Copies lean as their originals.
 pub(crate) fn ways_of(leaning: u32) -> [i8; 3] {
-    [1, 3, 9].map(|place| [0, 1, -1][((leaning % LEANINGS + 1) / place % 3) as usize])
+    WAYS[(leaning % LEANINGS) as usize]
 }
 
 /// Whether what leans so does to one axis alone.

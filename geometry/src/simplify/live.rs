@@ -108,7 +108,7 @@ impl<'a> Live<'a> {
         let most = (((1_i32 << self.bits) - 1) >> shift) << shift;
         let half = f64::from((1_i32 << shift) >> 1);
         position.map(|x| {
-            let cell = (x + self.middle + half).max(0.0).floor() as i32;
+            let cell = (x + self.middle + half).max(0.0) as i32;
             f64::from(((cell >> shift) << shift).min(most)) - self.middle
         })
     }

@@ -9,7 +9,7 @@ use crate::codec::model::MOST_CHOICES;
 use crate::codec::residual::quarter_octaves;
 use crate::entropy::range_coder::Coder;
 use crate::mesh::vec3::{Vec3, cross, dot, length, sub};
-use crate::numbers::truncated;
+use crate::numbers::floored;
 
 /// Parts of a quarter octave, the unit of sizes.
 const PARTS: i32 = 16;
@@ -202,7 +202,7 @@ impl Chart {
 /// The nearest integer, within far more than any grid has.
 pub(super) fn rounded(x: f64) -> i32 {
     const MOST: f64 = 1e8;
-    truncated((x + 0.5).clamp(-MOST, MOST).floor())
+    floored((x + 0.5).clamp(-MOST, MOST))
 }
 
 #[cfg(test)]
