@@ -132,6 +132,11 @@ impl<'a> Watched<'a> {
         Self { pool, monitor, progress: Progress { faces_total, ..Progress::default() } }
     }
 
+    /// The threads alone, for parts of a task that the monitor was asked about.
+    pub(crate) fn threads(&self) -> &'a dyn Pool {
+        self.pool
+    }
+
     /// Begins a stage.
     pub(crate) fn begin(&mut self, stage: Stage) -> Result<(), MeshError> {
         self.progress.stage = stage;

@@ -4,13 +4,13 @@ use std::collections::BTreeMap;
 
 use crate::collapse::NO_VERTEX;
 use crate::collapse::Records;
-use crate::error::MeshError;
+use crate::error::{MeshError, SkippedTask};
 use crate::mesh::corner::{next, previous};
 use crate::mesh::rows::Rows;
 use crate::mesh::slot_map::SlotMap;
 use crate::mesh::vec3::{Vec3, add, dot, length, scale, sub};
 use crate::mesh::wide_bvh::{Hints, WideBvh};
-use crate::pool::Watched;
+use crate::pool::{Pool, Serial, Watched, map};
 use crate::simplify::deviation::{Deviation, MARGIN};
 use crate::simplify::level::Level;
 use crate::simplify::live::Live;
@@ -35,6 +35,9 @@ const MOST_POINTS: usize = 1 << 20;
 const LATTICE: u32 = 5;
 /// How often a region is simplified again, each time with more vertices held.
 const MOST_ATTEMPTS: usize = 8;
+/// Samples, and faces, of a region that a task looks at where there is no other region.
+const SAMPLES_A_TASK: usize = 4096;
+const FACES_A_TASK: usize = 64;
 
 /// Brings each region's error within `limit`: no level may leave the base mesh worse than it is allowed
 /// to be. Where a region's collapses go too far, the vertices whose removal did it are held and the
@@ -48,21 +51,19 @@ pub(crate) fn limit_error(
     settings: &Settings,
     pool: &Watched<'_>,
 ) -> Result<(), MeshError> {
-    let shortened = pool.map(records.len(), &|r| {
-        let limited = Limited {
-            live,
-            deviation,
-            level,
-            r,
-            samples: level.samples.of(r).list,
-            points: limit,
-            limit: limit.error,
-        };
-        (records[r].reach > limit.error).then(|| limited.shorten(&records[r], records.len(), settings))
-    })?;
+    let shorten = |r: usize, threads| {
+        let limited = || Limited::new(live, deviation, level, r, limit, threads);
+        let region: &Records = &records[r];
+        (region.reach > limit.error).then(|| limited().shorten(region, records.len(), settings))
+    };
+    let shortened = match records.len() {
+        // The last level's one region has samples in plenty.
+        1 => vec![shorten(0, pool.threads())],
+        count => pool.map(count, &|r| shorten(r, &Serial))?,
+    };
     for (region, shortened) in records.iter_mut().zip(shortened) {
         if let Some(shortened) = shortened {
-            *region = shortened;
+            *region = shortened?;
         }
     }
     Ok(())
@@ -131,17 +132,50 @@ struct Limited<'a> {
     samples: &'a [u32],
     points: &'a Limit,
     limit: f64,
+    /// What each of the samples that are vertices, which come first, had become before this level.
+    roots: Vec<u32>,
+    threads: &'a dyn Pool,
 }
 
-impl Limited<'_> {
-    fn shorten(&self, whole: &Records, regions: usize, settings: &Settings) -> Records {
+/// A point that is too far from what is left, how far what became of the vertex that stood for it is, and the vertex to hold.
+struct TooFar {
+    distance: f64,
+    root: u32,
+    point: Vec3,
+}
+
+/// The farthest of them, the first of those that are as far, by what became of the vertex that stood for it.
+type Farthest = BTreeMap<u32, TooFar>;
+
+fn keep_farther(farthest: &mut Farthest, heir: u32, found: TooFar) {
+    if farthest.get(&heir).is_none_or(|known| found.distance > known.distance) {
+        farthest.insert(heir, found);
+    }
+}
+
+impl<'a> Limited<'a> {
+    fn new(
+        live: &'a Live<'a>,
+        deviation: &'a Deviation,
+        level: &'a Level<'a>,
+        r: usize,
+        points: &'a Limit,
+        threads: &'a dyn Pool,
+    ) -> Self {
+        let samples = level.samples.of(r).list;
+        let count = samples.partition_point(|&sample| (sample as usize) < live.positions.len());
+        let roots = samples[..count].iter().map(|&sample| live.heir(sample)).collect();
+        Self { live, deviation, level, r, samples, points, limit: points.error, roots, threads }
+    }
+
+    fn shorten(&self, whole: &Records, regions: usize, settings: &Settings) -> Result<Records, SkippedTask> {
         let highest_cost = whole.costs.last().copied().unwrap_or(0.0);
         let mut records = whole.clone();
         let mut held: Vec<u32> = Vec::new();
         for _ in 0..MOST_ATTEMPTS {
-            let far = self.gone_too_far(&records, &held);
+            let far = self.gone_too_far(&records, &held)?;
             if far.is_empty() {
-                return records;
+                return Ok(records);
             }
             held.extend(far);
             held.sort_unstable();
@@ -151,60 +185,72 @@ impl Limited<'_> {
         }
         let keep = self.longest_good_prefix(&records, regions);
         records.truncate(keep);
-        records
+        Ok(records)
     }
 
     /// The removed vertices that should have stayed: of the input's vertices that are too far from what is
     /// left, the farthest that went to each place, unless one that is held is near enough; and the last
     /// that moved a face that is too far.
-    fn gone_too_far(&self, records: &Records, held: &[u32]) -> Vec<u32> {
+    fn gone_too_far(&self, records: &Records, held: &[u32]) -> Result<Vec<u32>, SkippedTask> {
         let (live, limit) = (self.live, self.limit);
         let faces = &self.level.faces[self.r];
         let after = faces_after(live, faces, records, records.collapses.len());
-        let triangles: Vec<[u32; 3]> = after.iter().copied().flatten().collect();
-        let went = heirs(records);
-        let mut far: BTreeMap<u32, (f64, u32, Vec3)> = BTreeMap::new();
-        // Of its own corners alone: a hierarchy copies the positions that it is given, and regions that go too far are many.
-        let (places, compacted) = compact(&live.positions, &triangles);
-        let surface = WideBvh::new(&places, &compacted);
-        let mut hints = Hints::new(limit, None);
-        for &sample in self.samples.iter().filter(|&&s| (s as usize) < live.positions.len()) {
-            let root = live.heir(sample);
-            let heir = went.get(root).unwrap_or(root);
-            let lost = went.get(heir).is_some() || live.stars.corners(heir).next().is_none();
-            for point in self.points.points_at(&self.deviation.input, sample) {
-                let distance = length(sub(point, live.positions[heir as usize]));
-                if (distance <= limit / MARGIN && !lost)
-                    || (!triangles.is_empty() && surface.any_within_again(point, limit / MARGIN, &mut hints))
-                {
-                    continue;
-                }
-                let Some(root) = self.removed_near(sample, root, point, &went) else { continue };
-                let entry = far.entry(heir).or_insert((distance, root, point));
-                if distance > entry.0 {
-                    *entry = (distance, root, point);
-                }
-            }
+        let mut far = Farthest::new();
+        for (heir, found) in self.far_from(records, &after)?.into_iter().flatten() {
+            keep_farther(&mut far, heir, found);
         }
         let near = |point: Vec3, v: u32| length(sub(point, live.positions[v as usize])) <= limit / MARGIN;
         let mut hold: Vec<u32> = Vec::new();
-        for (_, root, point) in far.into_values() {
+        for TooFar { root, point, .. } in far.into_values() {
             if !hold.iter().chain(held).any(|&h| near(point, h)) {
                 hold.push(root);
             }
         }
-        for (&face, triangle) in faces.iter().zip(&after) {
-            let Some(corners) = triangle.filter(|c| *c != live.face_vertices[face as usize]) else {
-                continue;
-            };
-            if !self.near_input(corners) {
-                let last = (0..records.collapses.len())
-                    .rev()
-                    .find(|&i| records.parts(i).1.iter().any(|moved| moved.face == face));
-                hold.extend(last.map(|i| records.collapses[i].removed));
+        let moved_last = |face: u32| {
+            let moved = |i: &usize| records.parts(*i).1.iter().any(|moved| moved.face == face);
+            (0..records.collapses.len()).rev().find(moved).map(|i| records.collapses[i].removed)
+        };
+        let far_faces = map(self.threads, faces.len().div_ceil(FACES_A_TASK), &|task| -> Vec<u32> {
+            let from = task * FACES_A_TASK;
+            let some = faces.iter().zip(&after).skip(from).take(FACES_A_TASK);
+            some.filter_map(|(&face, triangle)| {
+                let corners = triangle.filter(|c| *c != live.face_vertices[face as usize])?;
+                if self.near_input(corners) { None } else { moved_last(face) }
+            })
+            .collect()
+        })?;
+        hold.extend(far_faces.into_iter().flatten());
+        Ok(hold)
+    }
+
+    /// The points of the input that are too far from what is left after the collapses, in parts, in order.
+    fn far_from(&self, records: &Records, after: &[Option<[u32; 3]>]) -> Result<Vec<Farthest>, SkippedTask> {
+        let live = self.live;
+        let enough = self.limit / MARGIN;
+        let triangles: Vec<[u32; 3]> = after.iter().copied().flatten().collect();
+        // Of its own corners alone: a hierarchy copies the positions that it is given, and regions that go too far are many.
+        let (places, compacted) = compact(&live.positions, &triangles);
+        let surface = WideBvh::new(&places, &compacted);
+        let went = heirs(records);
+        map(self.threads, self.roots.len().div_ceil(SAMPLES_A_TASK), &|task| {
+            let mut hints = Hints::new(self.limit, None);
+            let mut far = Farthest::new();
+            let some = self.samples.iter().zip(&self.roots).skip(task * SAMPLES_A_TASK).take(SAMPLES_A_TASK);
+            for (&sample, &root) in some {
+                let heir = went.get(root).unwrap_or(root);
+                let lost = went.get(heir).is_some() || live.stars.corners(heir).next().is_none();
+                for point in self.points.points_at(&self.deviation.input, sample) {
+                    let distance = length(sub(point, live.positions[heir as usize]));
+                    if (distance > enough || lost)
+                        && (triangles.is_empty() || !surface.any_within_again(point, enough, &mut hints))
+                        && let Some(root) = self.removed_near(sample, root, point, &went)
+                    {
+                        keep_farther(&mut far, heir, TooFar { distance, root, point });
+                    }
+                }
             }
-        }
-        hold
+            far
+        })
     }
 
     /// The vertex to hold for a point of an input vertex's: what that had become before this level or,

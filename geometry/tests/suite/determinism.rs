@@ -28,6 +28,18 @@ fn bytes_do_not_depend_on_threads_or_on_the_order_of_tasks() {
     }
 }
 
+/// The last level has one region, and what is held there is searched for on all threads.
+#[test]
+fn one_region_of_many_samples_is_the_same_on_any_number_of_threads() {
+    let mesh = quantised(&shapes::sphere(96, 100, 0.3));
+    let expected = prepared(&mesh, &regions(500));
+    for threads in [2, 5] {
+        let pool = Shuffled { threads, seed: 9 };
+        let again = prepare(&mesh, &regions(500), &Hooks::new(&pool, &Silent)).unwrap();
+        assert_eq!(again, expected);
+    }
+}
+
 #[test]
 fn what_a_client_decodes_is_what_was_prepared() {
     for (name, source) in all() {
