@@ -2,7 +2,8 @@
 //! `simplify`, in one run on one thread, and counts the memory that preparation takes.
 //!
 //! `cargo bench -p lodestream-sim --bench prepare -- [MODEL.obj…]` takes the models named, else those of
-//! the folder `LODESTREAM_MODELS`, else a generated mesh. Import and quantisation are not timed. Times are
+//! the folder `LODESTREAM_MODELS`, else a generated mesh, each with the codec that suits it. Import and
+//! quantisation are not timed. Times are
 //! the best of three and vary with the machine: use ratios. `--json` prints an object a line. Where Draco's programs
 //! (`draco_encoder`, `draco_decoder`) are found, its decoder is timed on the same file, to the millisecond that it prints.
 
@@ -17,7 +18,7 @@ use std::time::Instant;
 use lodestream_geometry::Settings;
 use lodestream_geometry::mesh::QuantisedMesh;
 use lodestream_geometry::pool::{Monitor, Progress, Serial, Stage};
-use lodestream_geometry::prepare::{Hooks, Prepared, prepare};
+use lodestream_geometry::prepare::{Hooks, Prepared, prepare, suit, suited_codec};
 use lodestream_geometry::refine::ActiveMesh;
 
 /// Times each command of the table is run.
@@ -51,7 +52,7 @@ fn main() -> anyhow::Result<()> {
     }
     for (name, file, mesh) in models::quantised(|_| ())? {
         let draco = file.as_deref().and_then(draco);
-        let row = row(name, &mesh, draco)?;
+        let row = row(name, mesh, draco)?;
         if json { println!("{}", serde_json::to_string(&row)?) } else { row.print() }
     }
     Ok(())
@@ -109,7 +110,10 @@ impl Row {
     }
 }
 
-fn row(model: String, mesh: &QuantisedMesh, draco: Option<f64>) -> anyhow::Result<Row> {
+fn row(model: String, mut mesh: QuantisedMesh, draco: Option<f64>) -> anyhow::Result<Row> {
+    let settings = Settings { codec: suited_codec(&mesh), ..Settings::default() };
+    suit(&mut mesh, settings.codec);
+    let mesh = &mesh;
     let mut best = [f64::INFINITY; 5];
     let mut heap = [0; 3];
     let mut refining = [f64::INFINITY; 2];
@@ -118,7 +122,7 @@ fn row(model: String, mesh: &QuantisedMesh, draco: Option<f64>) -> anyhow::Resul
         let before = heap::used();
         let watch = StopWatch::new();
         let start = Instant::now();
-        let prepared = prepare(mesh, &Settings::default(), &Hooks::new(&Serial, &watch))?;
+        let prepared = prepare(mesh, &settings, &Hooks::new(&Serial, &watch))?;
         let all = start.elapsed().as_secs_f64();
         let ([simplify, measure, encode], peaks) = watch.finish();
         splits = prepared.infos.iter().map(|i| i.vertices).sum();
