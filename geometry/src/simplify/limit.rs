@@ -72,38 +72,74 @@ pub(crate) fn limit_error(
 /// The error that is allowed, in grid cells, and what must keep to it besides the input's vertices.
 pub(crate) struct Limit {
     pub(crate) error: f64,
-    /// Points of large input faces, by their nearest corner.
-    points: Rows<Vec3>,
+    /// Points of large input faces, by their nearest corner: four times the face and which of its [`four_points`], or
+    /// [`LAID`] and a place among those.
+    points: Rows<u32>,
+    laid: Vec<Vec3>,
+}
+
+/// Marks a point that was laid. What is simplified at once has fewer faces than 2^29.
+const LAID: u32 = 1 << 31;
+
+/// The middle of a face, and those of its edges.
+fn four_points([a, b, c]: [Vec3; 3]) -> [Vec3; 4] {
+    let halfway = |p, q| scale(add(p, q), 0.5);
+    [scale(add(add(a, b), c), 1.0 / 3.0), halfway(a, b), halfway(b, c), halfway(c, a)]
 }
 
 impl Limit {
     pub(crate) fn new(live: &Live<'_>, error: f64, diagonal: f64) -> Self {
         let spacing = (POINT_SPACING * error).max(LEAST_SPACING * diagonal);
-        let mut points = Vec::new();
-        for &corners in &live.face_vertices {
+        // Large faces, and how many points were laid until then; of those, the nearest corners.
+        let mut large: Vec<(u32, u32)> = Vec::new();
+        let (mut laid, mut nearest) = (Vec::new(), Vec::new());
+        let mut count = 0;
+        for (face, &corners) in (0..).zip(&live.face_vertices) {
             let [a, b, c] = corners.map(|v| live.positions[v as usize]);
             let longest = [sub(b, a), sub(c, b), sub(a, c)].map(length).into_iter().fold(0.0, f64::max);
-            if longest > 2.0 * spacing && points.len() < MOST_POINTS {
+            let before = laid.len();
+            if longest > 2.0 * spacing && count < MOST_POINTS {
                 lay([a, b, c], spacing, &mut |point| {
-                    let nearest = corners.into_iter().min_by(|&v, &w| {
-                        let distance = |v: u32| length(sub(live.positions[v as usize], point));
-                        distance(v).total_cmp(&distance(w))
-                    });
-                    points.extend(nearest.map(|v| (v, point)));
+                    let distance = |v: u32| length(sub(live.positions[v as usize], point));
+                    let by_distance = |v: &u32, w: &u32| distance(*v).total_cmp(&distance(*w));
+                    nearest.extend(corners.into_iter().min_by(by_distance));
+                    laid.push(point);
                 });
+                count += laid.len() - before;
             } else if longest > LARGE * error {
-                points.push((corners[0], scale(add(add(a, b), c), 1.0 / 3.0)));
-                for (v, p, q) in [(corners[0], a, b), (corners[1], b, c), (corners[2], c, a)] {
-                    points.push((v, scale(add(p, q), 0.5)));
-                }
+                count += 4;
+            } else {
+                continue;
             }
+            large.push((face, laid.len() as u32));
         }
-        Self { error, points: Rows::new(live.positions.len(), || points.iter().copied()) }
+        let points = || {
+            large.iter().scan(0, |from, &(face, end)| {
+                let own = std::mem::replace(from, end)..end;
+                let [v, next, last] = live.face_vertices[face as usize];
+                let four = own.is_empty().then(|| [v, v, next, last].into_iter().zip(face * 4..));
+                let laid = own.map(|at| (nearest[at as usize], LAID | at));
+                Some(four.into_iter().flatten().chain(laid))
+            })
+        };
+        let points = Rows::new(live.positions.len(), || points().flatten());
+        // They stay until the base mesh is there.
+        laid.shrink_to_fit();
+        Self { error, points, laid }
     }
 
     /// A vertex of the input and the points for which it stands.
-    fn points_at<'a>(&'a self, input: &WideBvh, vertex: u32) -> impl Iterator<Item = Vec3> + 'a {
-        std::iter::once(input.position(vertex)).chain(self.points.row(vertex).iter().copied())
+    fn points_at<'a>(
+        &'a self,
+        live: &'a Live<'_>,
+        input: &WideBvh,
+        vertex: u32,
+    ) -> impl Iterator<Item = Vec3> + 'a {
+        let point = |&code: &u32| match code {
+            LAID.. => self.laid[(code - LAID) as usize],
+            _ => four_points(live.first_triangle(code / 4))[(code % 4) as usize],
+        };
+        std::iter::once(input.position(vertex)).chain(self.points.row(vertex).iter().map(point))
     }
 }
 
@@ -239,7 +275,7 @@ impl<'a> Limited<'a> {
             for (&sample, &root) in some {
                 let heir = went.get(root).unwrap_or(root);
                 let lost = went.get(heir).is_some() || live.stars.corners(heir).next().is_none();
-                for point in self.points.points_at(&self.deviation.input, sample) {
+                for point in self.points.points_at(live, &self.deviation.input, sample) {
                     let distance = length(sub(point, live.positions[heir as usize]));
                     if (distance > enough || lost)
                         && (triangles.is_empty() || !surface.any_within_again(point, enough, &mut hints))

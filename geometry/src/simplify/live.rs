@@ -155,6 +155,13 @@ impl<'a> Live<'a> {
         self.faces = Vec::new();
     }
 
+    /// Where the corners of a face were before anything was collapsed.
+    pub(crate) fn first_triangle(&self, face: u32) -> [Vec3; 3] {
+        let vertex = |wedge: u32| self.mesh.wedges[wedge as usize].vertex;
+        let wedges = self.mesh.faces[face as usize].wedges;
+        wedges.map(|wedge| self.position(self.mesh.positions[vertex(wedge) as usize]))
+    }
+
     /// The material of a face.
     pub(crate) fn material(&self, face: u32) -> u16 {
         self.mesh.faces[face as usize].material
