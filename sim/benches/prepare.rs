@@ -3,9 +3,9 @@
 //!
 //! `cargo bench -p lodestream-sim --bench prepare -- [MODEL.obj…]` takes the models named, else those of
 //! the folder `LODESTREAM_MODELS`, else a generated mesh, each with the codec that suits it. Import and
-//! quantisation are not timed. Times are
-//! the best of three and vary with the machine: use ratios. `--json` prints an object a line. Where Draco's programs
-//! (`draco_encoder`, `draco_decoder`) are found, its decoder is timed on the same file, to the millisecond that it prints.
+//! quantisation are not timed. Times are the best of three and vary with the machine: use ratios. `--json` prints an
+//! object a line. Where Draco's programs (`draco_encoder`, `draco_decoder`) are found, its decoder is timed on the
+//! same file, to the millisecond that it prints.
 
 mod heap;
 mod models;
