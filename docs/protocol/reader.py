@@ -19,12 +19,12 @@ import sys
 CLIENT_TAGS = {1: "Hello", 2: "Want", 3: "Cancel", 0x84: "SetView", 5: "WantScenePages", 6: "Ping", 7: "Bye",
                0x88: "Token"}
 SERVER_TAGS = {0x41: "Welcome", 0x42: "ScenePage", 0x43: "Refused", 0xC4: "BasesSent", 0xC5: "Done",
-               0x46: "Pong", 0x47: "Close", 0x48: "Piece", 0x49: "RefusedMany", 0xCA: "Lamps"}
+               0x46: "Pong", 0x47: "Close", 0x48: "Piece", 0x49: "RefusedMany", 0xCA: "PunctualLights"}
 REFUSED = ["NotFound", "Unreadable", "QueueFull", "TooLong", "OutOfRange"]
 CLOSE_CODES = ["Normal", "ShuttingDown", "Version", "NoSuchScene", "Protocol", "Limit", "Timeout", "Busy", "Lost",
                "Unauthorised"]
 STAMPS = ["ridge", "valley", "crater", "plateau", "river bed"]
-TERRAIN, LAMPS = 0xFFFFFFFF, 0xFFFFFFFE
+TERRAIN, PUNCTUAL_LIGHTS = 0xFFFFFFFF, 0xFFFFFFFE
 MAX_BODY, MAX_PIECE, MAX_BLOB = 65536, 16384, 1 << 26
 ZSTD = bytes.fromhex("28b52ffd")
 
@@ -179,8 +179,8 @@ class Reader:
 
     def read_id(self):
         asset, part = self.b.u32(), self.b.u32()
-        found = {"asset": {TERRAIN: "terrain", LAMPS: "lamps"}.get(asset, asset)}
-        ensure(asset < LAMPS or part in (1, 2), f"part {part} of {found['asset']}")
+        found = {"asset": {TERRAIN: "terrain", PUNCTUAL_LIGHTS: "punctual_lights"}.get(asset, asset)}
+        ensure(asset < PUNCTUAL_LIGHTS or part in (1, 2), f"part {part} of {found['asset']}")
         if part == 0:
             found["base"] = True
         elif part == 1:
@@ -392,7 +392,7 @@ class Reader:
         falls = [shifts[1 + k // 2] >> 4 * (k % 2) & 15 for k in range(levels)]
         base = {
             "position_bits": bits & 63,
-            "codec": {0: "range", 128: "zstd", 192: "built"}[bits & 192],
+            "codec": {0: "range", 128: "zstd", 192: "axis-aligned"}[bits & 192],
             "uv_bits": kinds & 63,
             "colors": kinds & 64 != 0,
             "normals": kinds & 128 != 0,
@@ -487,23 +487,23 @@ class Reader:
         self.b.finish("the directory")
         return patches
 
-    # Lamps.
-    def lamps(self):
+    # PunctualLights.
+    def punctual_lights(self):
         count = self.f("count", self.b.u32)
-        ensure(1 <= count <= 1 << 18, f"{count} lamps")
+        ensure(1 <= count <= 1 << 18, f"{count} punctual_lights")
         first = self.b.part(self.f("first", self.b.u64, lambda n: f"{n} bytes"))
         if count <= 16:
-            held = Reader(first).lamp_page()
-            ensure(len(held) == count, f"{len(held)} lamps of {count}")
+            held = Reader(first).punctual_light_page()
+            ensure(len(held) == count, f"{len(held)} punctual_lights of {count}")
         elif count <= 1024:
-            held = Reader(first).lamp_directory()
-            ensure(len(held) == (count + 63) // 64, f"{len(held)} pages of {count} lamps")
+            held = Reader(first).punctual_light_directory()
+            ensure(len(held) == (count + 63) // 64, f"{len(held)} pages of {count} punctual_lights")
         else:
             held = None
-        first.finish("what is said of lamps")
+        first.finish("what is said of punctual_lights")
         return {"count": count, "first": held}
 
-    def lamp_directory(self):
+    def punctual_light_directory(self):
         def listed():
             return {
                 "center": self.numbers("center", self.b.f32, 3),
@@ -512,19 +512,19 @@ class Reader:
                 "bytes": self.f("bytes", self.b.u32),
             }
         pages = self.vec("pages", listed, 256)
-        self.b.finish("the directory of lamps")
+        self.b.finish("the directory of punctual_lights")
         return pages
 
-    def lamp_page(self):
+    def punctual_light_page(self):
         b = self.b
         version = self.f("version", b.u8)
-        ensure(version == 1, f"a page of lamps of format version {version}")
+        ensure(version == 1, f"a page of punctual_lights of format version {version}")
         exponent = self.f("exponent", lambda: struct.unpack("<b", b.take(1))[0])
         origin = self.numbers("origin", b.f64, 3)
-        at, light, reach, cone, lamps = [0, 0, 0], None, None, None, []
+        at, light, reach, cone, punctual_lights = [0, 0, 0], None, None, None, []
         for _ in range(self.f("count", b.u8, lambda n: f"{n} of them")):
             flags = self.f("flags", b.u8)
-            ensure(flags < 16 and flags & 9 != 8, f"unknown flags of a lamp: {flags}")
+            ensure(flags < 16 and flags & 9 != 8, f"unknown flags of a punctual_light: {flags}")
             at = self.f("steps", lambda: [x + unzigzag(b.leb128()) for x in at])
             if not flags & 2:
                 light = self.f("colour", lambda: list(b.take(3))), self.number("brightest", self.half)
@@ -533,15 +533,15 @@ class Reader:
             if flags & 1 and not flags & 8:
                 direction = self.f("direction", lambda: [b.fixed(2), b.fixed(2)])
                 cone = direction, self.f("inner, outer", lambda: [b.fixed(2), b.fixed(2)])
-            ensure(light and 255 in light[0] and reach, "a lamp that is like one before it, which there is not")
-            lamp = {"position": [origin[i] + at[i] * 2.0 ** exponent for i in range(3)], "colour": light[0]}
-            lamp["brightest"], lamp["range"] = light[1], reach
+            ensure(light and 255 in light[0] and reach, "a punctual_light that is like one before it, which there is not")
+            punctual_light = {"position": [origin[i] + at[i] * 2.0 ** exponent for i in range(3)], "colour": light[0]}
+            punctual_light["brightest"], punctual_light["range"] = light[1], reach
             if flags & 1:
                 ensure(cone and cone[1][0] <= cone[1][1] > 0, "a cone that is none")
-                lamp["direction"], lamp["angles"] = unfolded(*cone[0]), cone[1]
-            lamps.append(lamp)
-        self.b.finish("the lamps")
-        return lamps
+                punctual_light["direction"], punctual_light["angles"] = unfolded(*cone[0]), cone[1]
+            punctual_lights.append(punctual_light)
+        self.b.finish("the punctual_lights")
+        return punctual_lights
 
     def half(self):
         """Bits 30 to 15 of an f32."""
@@ -572,7 +572,7 @@ def read_body(name, r):
         "ScenePage": r.page,
         "Refused": r.refused,
         "RefusedMany": lambda: r.vec("refusals", r.refused, 1024),
-        "Lamps": r.lamps,
+        "PunctualLights": r.punctual_lights,
         "BasesSent": lambda: None,
         "Done": lambda: None,
         "Pong": lambda: r.f("number", b.u32),
@@ -673,8 +673,8 @@ class Session:
             run["contents"] = Reader(b).base()
         elif whole and run["id"]["asset"] == "terrain" and "page" in run["id"]:
             run["contents"] = Reader(b).directory()
-        elif whole and run["id"]["asset"] == "lamps":
-            run["contents"] = Reader(b).lamp_directory() if "page" in run["id"] else Reader(b).lamp_page()
+        elif whole and run["id"]["asset"] == "punctual_lights":
+            run["contents"] = Reader(b).punctual_light_directory() if "page" in run["id"] else Reader(b).punctual_light_page()
         elif b.left():
             b.note("blob", lambda: b.take(b.left()), lambda taken: f"{len(taken)} bytes")
         self.blobs.append(run)

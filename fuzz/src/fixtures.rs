@@ -36,9 +36,9 @@ pub fn all() -> &'static [Fixture] {
             ("frigate", shapes::frigate(3), Codec::Range),
             ("poles", shapes::sphere(6, 30, 0.05), Codec::Range),
             ("medley", shapes::painted(shapes::medley(1)), Codec::Range),
-            ("plain", shapes::painted(shapes::materials(shapes::torus(8, 10), 3)), Codec::Plain),
-            ("plain-components", components(), Codec::Plain),
-            ("built", shapes::stones(6), Codec::Built),
+            ("plain", shapes::painted(shapes::materials(shapes::torus(8, 10), 3)), Codec::Zstd),
+            ("plain-components", components(), Codec::Zstd),
+            ("axis-aligned", shapes::stones(6), Codec::AxisAligned),
         ]
         .into_iter()
         .map(|(name, source, codec)| {

@@ -7,7 +7,7 @@
 //! commands.
 
 #[allow(clippy::unwrap_used, reason = "helpers of tests")]
-#[path = "../../geometry/tests/suite/common/mod.rs"]
+#[path = "../../crates/geometry/tests/suite/common/mod.rs"]
 mod common;
 mod compressed;
 pub mod fixtures;

@@ -14,9 +14,11 @@ use lodestream_protocol::asset::{
 };
 use lodestream_protocol::blob::BlobId;
 use lodestream_protocol::frame::{BlobPiece, encode_client, encode_piece, encode_server};
-use lodestream_protocol::lamps::{Lamp, Lamps, ListedLamps, Spot, encode_directory, encode_page};
 use lodestream_protocol::message::{
     ClientMessage, Close, CloseCode, Hello, ServerMessage, Token, Want, Welcome,
+};
+use lodestream_protocol::punctual_lights::{
+    PunctualLight, PunctualLightPageEntry, PunctualLights, Spot, encode_directory, encode_page,
 };
 use lodestream_protocol::scene::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
 use lodestream_protocol::shared::SharedTexture;
@@ -26,7 +28,7 @@ use lodestream_server::compose::compose;
 use lodestream_server::scene;
 use lodestream_server::store::{PackName, SceneObject};
 use lodestream_terrain::{
-    Distribution, Erosion, Mode, Parameters, PatchPoint, PatchPoints, Shape, Stamp, encode_points,
+    Distribution, Erosion, HeightOverride, HeightOverrides, Mode, Parameters, Shape, Stamp, encode_points,
     encode_stamps,
 };
 
@@ -52,7 +54,7 @@ pub fn of(target: &str) -> Vec<(String, Vec<u8>)> {
         "ply_import" => scans(),
         "messages" => messages(),
         "terrain" => terrain(),
-        "lamps" => lamps(),
+        "punctual_lights" => punctual_lights(),
         "scene_object" => published(),
         _ => Vec::new(),
     }
@@ -66,8 +68,8 @@ pub(crate) fn seed(name: impl Into<String>, bytes: Vec<u8>) -> (String, Vec<u8>)
 fn pack(asset: &Prepared) -> Vec<u8> {
     let base = encode_base(&asset.base).expect("a prepared base is encoded");
     let stored = |chunk: &Vec<u8>| match asset.base.codec {
-        Codec::Range | Codec::Built => chunk.clone(),
-        Codec::Plain => compress(chunk).expect("a chunk is compressed"),
+        Codec::Range | Codec::AxisAligned => chunk.clone(),
+        Codec::Zstd => compress(chunk).expect("a chunk is compressed"),
     };
     let chunks: Vec<Vec<u8>> = asset.chunks.iter().map(stored).collect();
     let mut blobs: Vec<(BlobKind, &[u8])> = vec![(BlobKind::Base, &base)];
@@ -124,8 +126,8 @@ fn sequences() -> Vec<(String, Vec<u8>)> {
             all(bytes, 3);
             all(bytes, 4);
         });
-        // To the first stops, which children refuse, and on to the whole.
-        operation("by-way-of-stops", &mut |bytes| {
+        // To the first truncation_points, which children refuse, and on to the whole.
+        operation("by-way-of-truncation_points", &mut |bytes| {
             all(bytes, 6);
             all(bytes, 3);
             all(bytes, 0);
@@ -346,11 +348,11 @@ fn messages() -> Vec<(String, Vec<u8>)> {
         ServerMessage::Done,
         ServerMessage::Pong(77),
         ServerMessage::Close(Close::new(CloseCode::ALL[0], "reason")),
-        ServerMessage::Lamps(Lamps {
+        ServerMessage::PunctualLights(PunctualLights {
             count: 1,
-            first: encode_page(&some_lamps()[..1]).expect("a page is encoded"),
+            first: encode_page(&some_punctual_lights()[..1]).expect("a page is encoded"),
         }),
-        ServerMessage::Lamps(Lamps { count: 5000, first: Vec::new() }),
+        ServerMessage::PunctualLights(PunctualLights { count: 5000, first: Vec::new() }),
     ];
     let mut seeds = Vec::new();
     let mut stream = vec![2];
@@ -413,24 +415,37 @@ fn messages() -> Vec<(String, Vec<u8>)> {
     seeds
 }
 
-/// A bulb, a spot, and others that share what lamps may share.
-fn some_lamps() -> Vec<Lamp> {
-    let bulb = Lamp { position: [1.0, 2.0, -3.5], intensity: [40.0, 20.0, 0.0], range: 12.0, spot: None };
+/// A bulb, a spot, and others that share what punctual lights may share.
+fn some_punctual_lights() -> Vec<PunctualLight> {
+    let bulb =
+        PunctualLight { position: [1.0, 2.0, -3.5], intensity: [40.0, 20.0, 0.0], range: 12.0, spot: None };
     let cone = Spot { direction: [0.0, -0.8, 0.6], inner: 0.25, outer: 0.75 };
-    let spot = Lamp { position: [5.0, 2.0, -3.5], spot: Some(cone), ..bulb };
-    let far = Lamp { position: [1e9, -7.25, 0.0], intensity: [1e6; 3], range: 0.5, spot: None };
-    vec![bulb, spot, Lamp { position: [9.0, 2.0, 0.0], ..spot }, far, Lamp { range: 12.0, ..far }]
+    let spot = PunctualLight { position: [5.0, 2.0, -3.5], spot: Some(cone), ..bulb };
+    let far = PunctualLight { position: [1e9, -7.25, 0.0], intensity: [1e6; 3], range: 0.5, spot: None };
+    vec![
+        bulb,
+        spot,
+        PunctualLight { position: [9.0, 2.0, 0.0], ..spot },
+        far,
+        PunctualLight { range: 12.0, ..far },
+    ]
 }
 
-fn lamps() -> Vec<(String, Vec<u8>)> {
-    let some = some_lamps();
-    let page = |lamps: &[Lamp]| encode_page(lamps).expect("a page is encoded");
-    let listed = |lamps: &[Lamp]| ListedLamps::of(lamps, page(lamps).len() as u32);
-    let street: Vec<Lamp> = (0..64)
-        .map(|n| Lamp { position: [5.0 * f64::from(n), 6.0, f64::from(n % 2) * 8.0], ..some[n as usize % 3] })
+fn punctual_lights() -> Vec<(String, Vec<u8>)> {
+    let some = some_punctual_lights();
+    let page = |punctual_lights: &[PunctualLight]| encode_page(punctual_lights).expect("a page is encoded");
+    let listed = |punctual_lights: &[PunctualLight]| {
+        PunctualLightPageEntry::of(punctual_lights, page(punctual_lights).len() as u32)
+    };
+    let street: Vec<PunctualLight> = (0..64)
+        .map(|n| PunctualLight {
+            position: [5.0 * f64::from(n), 6.0, f64::from(n % 2) * 8.0],
+            ..some[n as usize % 3]
+        })
         .collect();
     let directory = |count: usize| {
-        let entries: Vec<ListedLamps> = (0..count).map(|n| listed(&street[..1 + n % 64])).collect();
+        let entries: Vec<PunctualLightPageEntry> =
+            (0..count).map(|n| listed(&street[..1 + n % 64])).collect();
         encode_directory(&entries).expect("a directory is encoded")
     };
     let with = |kind: u8, count: u8, bytes: Vec<u8>| [&[kind, count], &bytes[..]].concat();
@@ -453,7 +468,8 @@ fn published() -> Vec<(String, Vec<u8>)> {
         };
         (0..count).map(place).collect()
     };
-    let lamps = |count: usize| "[[lamp]]\nposition = [0, 2, 0]\nintensity = 40\n".repeat(count);
+    let punctual_lights =
+        |count: usize| "[[punctual_light]]\nposition = [0, 2, 0]\nintensity = 40\n".repeat(count);
     let object = |text: String| {
         let scene = scene::parse(Path::new("scene.toml"), &text).expect("the text is a scene");
         let entry = |(n, asset): (u8, &scene::Asset)| AssetEntry {
@@ -475,8 +491,8 @@ fn published() -> Vec<(String, Vec<u8>)> {
         seed("one", object(format!("{assets}{}", places(1)))),
         seed("two", object(format!("{assets}{}", places(2)))),
         seed("pages", object(format!("{assets}{}", places(150)))),
-        seed("lamps", object(format!("{assets}{}{}", places(2), lamps(3)))),
-        seed("streets", object(format!("{assets}{}{}", places(1), lamps(300)))),
+        seed("punctual_lights", object(format!("{assets}{}{}", places(2), punctual_lights(3)))),
+        seed("streets", object(format!("{assets}{}{}", places(1), punctual_lights(300)))),
         seed(
             "ground",
             object(format!(
@@ -505,13 +521,14 @@ fn terrain() -> Vec<(String, Vec<u8>)> {
     let stamps =
         encode_stamps(&(0..).zip(shapes).map(stamp).collect::<Vec<_>>()).expect("stamps are encoded");
     let list = |name: &str, level: u8, points: &mut dyn Iterator<Item = (u16, u16, i32, bool)>| {
-        let point = |(x, y, height, fixed)| PatchPoint {
+        let point = |(x, y, height, fixed)| HeightOverride {
             x,
             y,
             mode: if fixed { Mode::Fixed } else { Mode::Additive },
             height,
         };
-        let points = PatchPoints::new(level, points.map(point).collect()).expect("points are in the patch");
+        let points =
+            HeightOverrides::new(level, points.map(point).collect()).expect("points are in the patch");
         let bytes = encode_points(level, &points).expect("points are encoded");
         seed(name, [&[2, level - 1], &bytes[..]].concat())
     };

@@ -81,8 +81,8 @@ fn terrain() {
 }
 
 #[test]
-fn lamps() {
-    replay("lamps");
+fn punctual_lights() {
+    replay("punctual_lights");
 }
 
 #[test]

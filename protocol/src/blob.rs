@@ -35,12 +35,12 @@ pub enum TerrainBlob {
     Points(u32),
 }
 
-/// Which part of a scene's lamps a blob holds.
+/// Which part of a scene's punctual lights a blob holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum LampBlob {
-    /// A page of the directory of pages ([`crate::lamps::decode_directory`]).
+pub enum PunctualLightBlob {
+    /// A page of the directory of pages ([`crate::punctual_lights::decode_directory`]).
     DirectoryPage(u32),
-    /// A page of lamps ([`crate::lamps::decode_page`]).
+    /// A page of punctual lights ([`crate::punctual_lights::decode_page`]).
     Page(u32),
 }
 
@@ -48,7 +48,7 @@ pub enum LampBlob {
 ///
 /// Two to eleven bytes on the wire: the asset's number, then the part. A terrain's blobs are written as if they were of
 /// asset 2³² − 1, which no scene has: a page of its directory as an index page, points as a chunk. So are those of
-/// lamps, of asset 2³² − 2: a page of their directory as an index page, a page of lamps as a chunk.
+/// punctual lights, of asset 2³² − 2: a page of their directory as an index page, a page of punctual lights as a chunk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum BlobId {
     /// Part of an asset.
@@ -60,14 +60,14 @@ pub enum BlobId {
     },
     /// Part of the scene's terrain.
     Terrain(TerrainBlob),
-    /// Part of the scene's lamps.
-    Lamps(LampBlob),
+    /// Part of the scene's punctual lights.
+    PunctualLights(PunctualLightBlob),
 }
 
 /// What stands on the wire where an asset's number would, in names of a terrain's blobs.
 const TERRAIN: u32 = u32::MAX;
-/// The same in names of lamps' blobs.
-const LAMPS: u32 = u32::MAX - 1;
+/// The same in names of punctual lights' blobs.
+const PUNCTUAL_LIGHTS: u32 = u32::MAX - 1;
 
 impl BlobId {
     /// The base mesh of an asset.
@@ -106,16 +106,16 @@ impl BlobId {
         Self::Terrain(TerrainBlob::Points(patch))
     }
 
-    /// A page of the directory of the scene's lamps.
+    /// A page of the directory of the scene's punctual lights.
     #[must_use]
-    pub const fn lamp_directory(page: u32) -> Self {
-        Self::Lamps(LampBlob::DirectoryPage(page))
+    pub const fn punctual_light_directory(page: u32) -> Self {
+        Self::PunctualLights(PunctualLightBlob::DirectoryPage(page))
     }
 
-    /// A page of the scene's lamps.
+    /// A page of the scene's punctual lights.
     #[must_use]
-    pub const fn lamp_page(page: u32) -> Self {
-        Self::Lamps(LampBlob::Page(page))
+    pub const fn punctual_light_page(page: u32) -> Self {
+        Self::PunctualLights(PunctualLightBlob::Page(page))
     }
 
     /// The asset that the blob is a part of, if any.
@@ -123,7 +123,7 @@ impl BlobId {
     pub const fn asset(&self) -> Option<u32> {
         match *self {
             Self::Asset { asset, .. } => Some(asset),
-            Self::Terrain(_) | Self::Lamps(_) => None,
+            Self::Terrain(_) | Self::PunctualLights(_) => None,
         }
     }
 
@@ -132,7 +132,7 @@ impl BlobId {
     pub const fn part(&self) -> Option<BlobPart> {
         match *self {
             Self::Asset { part, .. } => Some(part),
-            Self::Terrain(_) | Self::Lamps(_) => None,
+            Self::Terrain(_) | Self::PunctualLights(_) => None,
         }
     }
 }
@@ -140,14 +140,16 @@ impl BlobId {
 impl Encode for BlobId {
     fn encode<E: Encoder>(&self, e: &mut E) -> Result<(), EncodeError> {
         let (number, part) = match *self {
-            Self::Asset { asset: TERRAIN | LAMPS, .. } => {
+            Self::Asset { asset: TERRAIN | PUNCTUAL_LIGHTS, .. } => {
                 return Err(EncodeError::Other("no asset has the number 2^32 - 1 or 2^32 - 2"));
             }
             Self::Asset { asset, part } => (asset, part),
             Self::Terrain(TerrainBlob::DirectoryPage(page)) => (TERRAIN, BlobPart::IndexPage(page)),
             Self::Terrain(TerrainBlob::Points(patch)) => (TERRAIN, BlobPart::Chunk(patch)),
-            Self::Lamps(LampBlob::DirectoryPage(page)) => (LAMPS, BlobPart::IndexPage(page)),
-            Self::Lamps(LampBlob::Page(page)) => (LAMPS, BlobPart::Chunk(page)),
+            Self::PunctualLights(PunctualLightBlob::DirectoryPage(page)) => {
+                (PUNCTUAL_LIGHTS, BlobPart::IndexPage(page))
+            }
+            Self::PunctualLights(PunctualLightBlob::Page(page)) => (PUNCTUAL_LIGHTS, BlobPart::Chunk(page)),
         };
         number.encode(e)?;
         part.encode(e)
@@ -160,9 +162,11 @@ impl<Context> Decode<Context> for BlobId {
             (TERRAIN, BlobPart::IndexPage(page)) => Ok(Self::terrain_page(page)),
             (TERRAIN, BlobPart::Chunk(patch)) => Ok(Self::terrain_points(patch)),
             (TERRAIN, _) => Err(DecodeError::Other("a terrain has neither base mesh nor textures")),
-            (LAMPS, BlobPart::IndexPage(page)) => Ok(Self::lamp_directory(page)),
-            (LAMPS, BlobPart::Chunk(page)) => Ok(Self::lamp_page(page)),
-            (LAMPS, _) => Err(DecodeError::Other("lamps have neither base mesh nor textures")),
+            (PUNCTUAL_LIGHTS, BlobPart::IndexPage(page)) => Ok(Self::punctual_light_directory(page)),
+            (PUNCTUAL_LIGHTS, BlobPart::Chunk(page)) => Ok(Self::punctual_light_page(page)),
+            (PUNCTUAL_LIGHTS, _) => {
+                Err(DecodeError::Other("punctual lights have neither base mesh nor textures"))
+            }
             (asset, part) => Ok(Self::Asset { asset, part }),
         }
     }
@@ -183,8 +187,10 @@ impl std::fmt::Display for BlobId {
             },
             Self::Terrain(TerrainBlob::DirectoryPage(page)) => write!(f, "terrain directory page {page}"),
             Self::Terrain(TerrainBlob::Points(patch)) => write!(f, "terrain points of patch {patch}"),
-            Self::Lamps(LampBlob::DirectoryPage(page)) => write!(f, "lamp directory page {page}"),
-            Self::Lamps(LampBlob::Page(page)) => write!(f, "lamp page {page}"),
+            Self::PunctualLights(PunctualLightBlob::DirectoryPage(page)) => {
+                write!(f, "punctual light directory page {page}")
+            }
+            Self::PunctualLights(PunctualLightBlob::Page(page)) => write!(f, "punctual light page {page}"),
         }
     }
 }
@@ -208,8 +214,8 @@ mod tests {
             (BlobId::texture(70_000, 3, 2), 70_000, BlobPart::Texture { texture: 3, level: 2 }),
             (BlobId::terrain_page(1), u32::MAX, BlobPart::IndexPage(1)),
             (BlobId::terrain_points(2000), u32::MAX, BlobPart::Chunk(2000)),
-            (BlobId::lamp_directory(3), u32::MAX - 1, BlobPart::IndexPage(3)),
-            (BlobId::lamp_page(4000), u32::MAX - 1, BlobPart::Chunk(4000)),
+            (BlobId::punctual_light_directory(3), u32::MAX - 1, BlobPart::IndexPage(3)),
+            (BlobId::punctual_light_page(4000), u32::MAX - 1, BlobPart::Chunk(4000)),
         ] {
             let bytes = encoded(&id);
             assert_eq!(bytes, encoded(&(number, part)), "{id}");
@@ -230,15 +236,15 @@ mod tests {
     }
 
     #[test]
-    fn blobs_of_terrain_and_lamps_come_after_all_assets_pages_of_directories_first() {
+    fn blobs_of_terrain_and_punctual_lights_come_after_all_assets_pages_of_directories_first() {
         let order = [
             BlobId::base(0),
             BlobId::chunk(0, 9),
             BlobId::base(1),
             BlobId::terrain_page(7),
             BlobId::terrain_points(0),
-            BlobId::lamp_directory(9),
-            BlobId::lamp_page(0),
+            BlobId::punctual_light_directory(9),
+            BlobId::punctual_light_page(0),
         ];
         assert!(order.is_sorted());
     }

@@ -35,7 +35,7 @@ mod tag {
     pub(super) const CLOSE: u8 = 0x47;
     pub(super) const PIECE: u8 = 0x48;
     pub(super) const REFUSED_MANY: u8 = 0x49;
-    pub(super) const LAMPS: u8 = 0x4A | OPTIONAL;
+    pub(super) const PUNCTUAL_LIGHTS: u8 = 0x4A | OPTIONAL;
 }
 
 /// Why a frame is refused. The session that hears of it should be closed with
@@ -250,7 +250,7 @@ impl Frame {
         let message = match self.tag {
             tag::WELCOME => ServerMessage::Welcome(decode("Welcome", body)?),
             tag::SCENE_PAGE => ServerMessage::ScenePage(decode("ScenePage", body)?),
-            tag::LAMPS => ServerMessage::Lamps(decode("Lamps", body)?),
+            tag::PUNCTUAL_LIGHTS => ServerMessage::PunctualLights(decode("PunctualLights", body)?),
             tag::REFUSED => ServerMessage::Refused(decode("Refused", body)?),
             tag::REFUSED_MANY => ServerMessage::RefusedMany(decode("RefusedMany", body)?),
             tag::BASES_SENT => decode::<()>("BasesSent", body).map(|()| ServerMessage::BasesSent)?,
@@ -327,7 +327,9 @@ pub fn encode_server(message: &ServerMessage) -> Result<Vec<u8>, FrameError> {
     match message {
         ServerMessage::Welcome(welcome) => frame("Welcome", tag::WELCOME, welcome),
         ServerMessage::ScenePage(page) => frame("ScenePage", tag::SCENE_PAGE, page),
-        ServerMessage::Lamps(lamps) => frame("Lamps", tag::LAMPS, lamps),
+        ServerMessage::PunctualLights(punctual_lights) => {
+            frame("PunctualLights", tag::PUNCTUAL_LIGHTS, punctual_lights)
+        }
         ServerMessage::Refused(refused) => frame("Refused", tag::REFUSED, refused),
         ServerMessage::RefusedMany(many) => frame("RefusedMany", tag::REFUSED_MANY, many),
         ServerMessage::BasesSent => frame("BasesSent", tag::BASES_SENT, &()),

@@ -11,13 +11,13 @@
 //! | [`scene`] | the scene description, paged, and the description of one asset |
 //! | [`shared`] | textures that assets have in common |
 //! | [`terrain`] | what a scene says of its terrain |
-//! | [`lamps`] | what a scene says of the lights that stand in it |
+//! | [`punctual_lights`] | what a scene says of the lights that stand in it |
 //! | [`view`] | the camera that everything is judged by |
 //! | [`select`] | which blobs a view wants, in which order, and which applied chunks it can do without |
 //! | [`message`], [`frame`], [`limits`] | control messages, their bytes, and the bounds on both |
 //! | [`stream`] | how frames and blobs map onto QUIC streams and WebSocket messages |
 //! | [`server`], [`client`] | the two session state machines |
-//! | [`scheduler`], [`limiter`], [`ceiling`] | what is sent next, and when |
+//! | [`scheduler`], [`limiter`], [`shared_rate_limit`] | what is sent next, and when |
 
 #![cfg_attr(
     not(test),
@@ -31,19 +31,19 @@
 
 pub mod asset;
 pub mod blob;
-pub mod ceiling;
 pub mod client;
 pub mod frame;
-pub mod lamps;
 pub mod limiter;
 pub mod limits;
 pub mod message;
 pub mod pose;
+pub mod punctual_lights;
 pub mod scene;
 pub mod scheduler;
 pub mod select;
 pub mod server;
 pub mod shared;
+pub mod shared_rate_limit;
 pub mod source;
 pub mod stream;
 pub mod terrain;
@@ -56,6 +56,6 @@ mod pair;
 #[cfg(test)]
 mod testing;
 
-pub use blob::{BlobId, BlobPart, LampBlob, TerrainBlob};
+pub use blob::{BlobId, BlobPart, PunctualLightBlob, TerrainBlob};
 pub use time::Time;
 pub use view::View;

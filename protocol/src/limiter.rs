@@ -1,4 +1,4 @@
-//! Token bucket: how fast a session may send. What sessions share is in [`crate::ceiling`].
+//! Token bucket: how fast a session may send. What sessions share is in [`crate::shared_rate_limit`].
 //!
 //! The bucket is kept as a *theoretical arrival time* (the generic cell rate algorithm, ITU-T I.371),
 //! which is the same thing in integer nanoseconds: no rounding drifts, however small the pieces. A piece

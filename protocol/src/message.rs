@@ -3,11 +3,11 @@
 use bincode::{Decode, Encode};
 
 use crate::blob::BlobId;
-use crate::lamps::{Lamps, LampsError};
 use crate::limits::{
     MAX_BLOB_BYTES, MAX_HAVE, MAX_IDS_PER_MESSAGE, MAX_NAME_BYTES, MAX_PAGES_PER_MESSAGE, MAX_REASON_BYTES,
     MAX_TOKEN_BYTES,
 };
+use crate::punctual_lights::{PunctualLights, PunctualLightsError};
 use crate::scene::{Fingerprint, SceneError, SceneHeader, ScenePage};
 use crate::view::{View, ViewError};
 
@@ -117,8 +117,8 @@ pub enum ServerMessage {
     Welcome(Welcome),
     /// A page of the scene description.
     ScenePage(ScenePage),
-    /// The scene has lamps: behind `Welcome`, once, where it has any. Clients that know of none skip it.
-    Lamps(Lamps),
+    /// The scene has punctual lights: behind `Welcome`, once, where it has any. Clients that know of none skip it.
+    PunctualLights(PunctualLights),
     /// A blob that was asked for will not come.
     Refused(Refused),
     /// The same of several blobs, two at least and at most [`MAX_IDS_PER_MESSAGE`].
@@ -304,9 +304,9 @@ pub enum MessageError {
     /// Its part of the scene's description.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// What it says of lamps.
+    /// What it says of punctual lights.
     #[error(transparent)]
-    Lamps(#[from] LampsError),
+    PunctualLights(#[from] PunctualLightsError),
 }
 
 fn ensure(ok: bool, why: MessageError) -> Result<(), MessageError> {
@@ -341,7 +341,7 @@ impl ServerMessage {
         match self {
             Self::Welcome(welcome) => Ok(welcome.scene.check()?),
             Self::ScenePage(page) => Ok(page.check()?),
-            Self::Lamps(lamps) => Ok(lamps.first().map(drop)?),
+            Self::PunctualLights(punctual_lights) => Ok(punctual_lights.first().map(drop)?),
             Self::Close(close) => ensure(close.reason.len() <= MAX_REASON_BYTES, MessageError::Reason),
             Self::RefusedMany(many) => {
                 ensure((1..=MAX_IDS_PER_MESSAGE).contains(&many.len()), MessageError::Refusals)

@@ -215,7 +215,7 @@ impl Pair {
                     let (asset, part) = of_asset(id);
                     world.assets[asset].set_state(part, State::Failed);
                 }
-                ClientEvent::Lamps(_) => {}
+                ClientEvent::PunctualLights(_) => {}
                 ClientEvent::BasesSent => world.bases_sent = Some(now),
                 ClientEvent::Done => world.done = Some(now),
                 ClientEvent::Closed(close) => world.closed = Some(close),
@@ -272,12 +272,13 @@ fn arrived(asset: &mut AssetState, part: BlobPart, offset: u32, bytes: &[u8]) {
         if asset.state(part) == State::Cached && info.parents.iter().all(ready) {
             // As far as the bytes go.
             let held = asset.held_bytes(chunk);
-            let stop = (0..).zip(&info.stops).take_while(|(_, s)| s.payload_bytes <= held).last();
+            let truncation =
+                (0..).zip(&info.truncation_points).take_while(|(_, s)| s.payload_bytes <= held).last();
             if held == info.payload_bytes {
                 asset.set_state(part, State::Applied);
             } else {
-                let stop = stop.map(|(stop, _)| stop);
-                asset.set_stop(chunk, stop);
+                let truncation = truncation.map(|(truncation, _)| truncation);
+                asset.set_truncation(chunk, truncation);
             }
         }
     }

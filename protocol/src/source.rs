@@ -7,7 +7,7 @@ use std::sync::Arc;
 use bytes::Bytes;
 
 use crate::blob::BlobId;
-use crate::lamps::Lamps;
+use crate::punctual_lights::PunctualLights;
 use crate::scene::{SceneHeader, ScenePage};
 use crate::select::Occluder;
 
@@ -56,8 +56,8 @@ pub trait SceneSource: Send + Sync {
     /// A page of the description; `None` beyond the last.
     fn page(&self, page: u32) -> Option<Arc<ScenePage>>;
 
-    /// What the scene says of its lamps; `None` where it has none.
-    fn lamps(&self) -> Option<&Lamps> {
+    /// What the scene says of its punctual lights; `None` where it has none.
+    fn punctual_lights(&self) -> Option<&PunctualLights> {
         None
     }
 
@@ -112,8 +112,8 @@ impl<S: SceneSource> SceneSource for Immediate<S> {
         self.0.page(page)
     }
 
-    fn lamps(&self) -> Option<&Lamps> {
-        self.0.lamps()
+    fn punctual_lights(&self) -> Option<&PunctualLights> {
+        self.0.punctual_lights()
     }
 
     fn blob_len(&self, id: &BlobId) -> Option<u32> {

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use bytes::Bytes;
-use lodestream_geometry::index::{ChunkInfo, Sphere, Stop, encode_pages};
+use lodestream_geometry::index::{ChunkInfo, Sphere, TruncationPoint, encode_pages};
 
 use crate::blob::{BlobId, BlobPart};
 use crate::scene::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
@@ -11,7 +11,7 @@ use crate::select::Occluder;
 use crate::source::{Reading, SceneSource, SourceError};
 
 /// A square of side 2 about the origin in the xz plane, refined as a quadtree: level l has 4^l patches
-/// and errors of 0.2 / 2^l, with two stops on the way. Parents are the patch above and its neighbour to the
+/// and errors of 0.2 / 2^l, with two truncation_points on the way. Parents are the patch above and its neighbour to the
 /// right.
 pub(crate) fn plane(levels: u8) -> Vec<ChunkInfo> {
     let mut chunks = Vec::new();
@@ -30,7 +30,7 @@ pub(crate) fn plane(levels: u8) -> Vec<ChunkInfo> {
                 }
                 let size = 2.0 / side as f32;
                 let (error, payload_bytes) = (0.2 / side as f32, 700 + (row * 131 + column * 57) % 900);
-                let stop = |part: u32, share: f32| Stop {
+                let truncation = |part: u32, share: f32| TruncationPoint {
                     payload_bytes: payload_bytes * part / 10,
                     error: error * share,
                     vertices: 30 * part,
@@ -44,7 +44,7 @@ pub(crate) fn plane(levels: u8) -> Vec<ChunkInfo> {
                         radius: size * 0.75,
                     },
                     error,
-                    stops: vec![stop(3, 0.8), stop(6, 0.6)],
+                    truncation_points: vec![truncation(3, 0.8), truncation(6, 0.6)],
                     parents,
                     payload_bytes,
                     vertices: 300,

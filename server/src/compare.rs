@@ -15,7 +15,7 @@ use lodestream_geometry::prepare::suit;
 use lodestream_geometry::quantise::quantise;
 use lodestream_geometry::refine::ActiveMesh;
 use lodestream_import::Part;
-use lodestream_import::recipe::{ReadError, Recipe};
+use lodestream_import::preparation_settings::{PreparationSettings, ReadError};
 use lodestream_protocol::asset::AssetDescription;
 
 use crate::prepare::PrepareError;
@@ -79,17 +79,17 @@ pub enum CompareError {
 pub fn compare(pack: &PackFile, model: &Path, part: &Part) -> Result<Difference, CompareError> {
     let asset = pack.load()?;
     let settings_error = |why| CompareError::Settings { path: pack.path().to_owned(), why };
-    let recipe: Recipe = pack.settings()?.parse().map_err(settings_error)?;
+    let preparation_settings: PreparationSettings = pack.settings()?.parse().map_err(settings_error)?;
     let imported = lodestream_import::import_part(model, part).map_err(PrepareError::from)?;
-    let mut mesh = quantise(&imported.mesh, &recipe.quantise_settings())
+    let mut mesh = quantise(&imported.mesh, &preparation_settings.quantise_settings())
         .map_err(|source| PrepareError::Mesh { path: model.to_owned(), source })?;
     suit(&mut mesh, asset.base.codec);
     if mesh.grid != asset.base.grid || mesh.uv_grid != asset.base.uv_grid {
         return Err(CompareError::Grid { model: model.to_owned(), pack: pack.path().to_owned() });
     }
     let error = |source| PrepareError::Describe { path: model.to_owned(), source };
-    let described =
-        describe(&asset.description.name, &imported.materials, recipe.relief_depth).map_err(error)?;
+    let described = describe(&asset.description.name, &imported.materials, preparation_settings.relief_depth)
+        .map_err(error)?;
     // Descriptions are coded in steps: what counts is what comes back.
     let again = described.description.encode().and_then(|bytes| AssetDescription::decode(&bytes));
     let theirs = again.map_err(|e| error(e.into()))?;

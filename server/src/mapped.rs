@@ -24,7 +24,7 @@ pub const FROM_BYTES: usize = 4 << 20;
 pub enum MapError {
     /// Its files are in memory.
     #[error("{}: is a file system in memory (tmpfs); name a folder on a disk", .0.display())]
-    InMemory(std::path::PathBuf),
+    InMemoryCheckpoint(std::path::PathBuf),
     /// The system refuses.
     #[error("{}: no file there can be mapped into memory: {source}", path.display())]
     System {
@@ -156,7 +156,7 @@ mod files {
         let failed = |source: std::io::Error| MapError::System { path: folder.to_owned(), source };
         let directory = File::open(folder).map_err(failed)?;
         if u64::try_from(fstatfs(&directory).map_err(|e| failed(e.into()))?.f_type) == Ok(TMPFS_MAGIC) {
-            return Err(MapError::InMemory(folder.to_owned()));
+            return Err(MapError::InMemoryCheckpoint(folder.to_owned()));
         }
         let from_bytes = from_bytes.max(PAGE_BYTES);
         let probe = mapping(directory.as_fd(), from_bytes).map_err(|e| failed(e.into()))?;

@@ -1,4 +1,4 @@
-//! A compressed model is prepared to the very pack that its uncompressed twin is, but for the key of what it was made of.
+//! A compressed model is prepared to the very pack that its uncompressed CPU reference is, but for the key of what it was made of.
 
 #![allow(
     clippy::unwrap_used,
@@ -149,18 +149,18 @@ impl Mesh {
         MeshDecoder::new().decode(&mut DecoderBuffer::new(out.data()), &mut decoded).unwrap();
         let values =
             |number: i32, components| decoded.attribute(number).read_f32s(decoded.num_points(), components);
-        let twin = Mesh {
+        let cpu_reference = Mesh {
             positions: values(0, 3).as_chunks().0.to_vec(),
             normals: values(1, 3).as_chunks().0.to_vec(),
             uvs: values(2, 2).as_chunks().0.to_vec(),
             faces: decoded.faces().iter().map(|face| face.map(|point| point.0)).collect(),
         };
-        let mut file = twin.file(|_, _, _| None);
+        let mut file = cpu_reference.file(|_, _, _| None);
         let view = file.view(out.data());
         let numbers = json!({"POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 2});
         file.json["meshes"][0]["primitives"][0]["extensions"] =
             json!({"KHR_draco_mesh_compression": {"bufferView": view, "attributes": numbers}});
-        (file.requires("KHR_draco_mesh_compression"), twin.plain())
+        (file.requires("KHR_draco_mesh_compression"), cpu_reference.plain())
     }
 }
 
@@ -250,7 +250,7 @@ fn what_draco_compressed_is_the_pack_of_what_it_decodes_to() {
     let exact = sheet().draco(0, None).0.prepared();
     assert_same(&exact, &sheet().plain().prepared(), "every bit kept, in order");
     for level in [4, 7, 10] {
-        let (compressed, twin) = sheet().draco(level, Some(12));
-        assert_same(&compressed.prepared(), &twin.prepared(), &format!("level {level}, 12 bits"));
+        let (compressed, cpu_reference) = sheet().draco(level, Some(12));
+        assert_same(&compressed.prepared(), &cpu_reference.prepared(), &format!("level {level}, 12 bits"));
     }
 }

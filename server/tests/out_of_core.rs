@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use lodestream_import::recipe::Recipe;
+use lodestream_import::preparation_settings::PreparationSettings;
 use lodestream_server::mapped::{MapError, Mapped, Mapping};
 use lodestream_server::prepare::{Options, PrepareError, prepare_to};
 use lodestream_server::scene::Asset;
@@ -42,7 +42,7 @@ const FROM_BYTES: usize = 16 << 10;
 fn mapping(folder: &Path) -> Option<Mapping> {
     match Mapped::into(folder, FROM_BYTES) {
         Ok(mapping) => Some(mapping),
-        Err(error @ MapError::InMemory(_)) => {
+        Err(error @ MapError::InMemoryCheckpoint(_)) => {
             eprintln!("NOT TESTED: {error}");
             None
         }
@@ -57,11 +57,12 @@ fn landscape(folder: &Path, size: u32) -> PathBuf {
 }
 
 fn pack(model: &Path, pack: &Path, threads: usize) -> Vec<u8> {
-    pack_by(model, pack, threads, Recipe::default())
+    pack_by(model, pack, threads, PreparationSettings::default())
 }
 
-fn pack_by(model: &Path, pack: &Path, threads: usize, recipe: Recipe) -> Vec<u8> {
-    let options = Options { threads: threads.try_into().ok(), quiet: true, recipe, ..Options::default() };
+fn pack_by(model: &Path, pack: &Path, threads: usize, preparation_settings: PreparationSettings) -> Vec<u8> {
+    let options =
+        Options { threads: threads.try_into().ok(), quiet: true, preparation_settings, ..Options::default() };
     prepare_to(&Asset::of_file(model), &options, pack).unwrap();
     std::fs::read(pack).unwrap()
 }
@@ -72,7 +73,7 @@ fn lists_in_files_change_no_byte_and_leave_no_file() {
     let dir = folder();
     let model = landscape(dir.path(), 90);
     let in_memory = pack(&model, &dir.path().join("memory.lsp"), 2);
-    let blocks = Recipe { block_faces: "2000".parse().ok(), ..Recipe::default() };
+    let blocks = PreparationSettings { block_faces: "2000".parse().ok(), ..PreparationSettings::default() };
     let in_blocks = pack_by(&model, &dir.path().join("blocks.lsp"), 2, blocks);
     assert!(in_blocks != in_memory);
     let lists = dir.path().join("lists");

@@ -128,7 +128,10 @@ fn a_server_starts_from_its_cache_and_ends_when_asked() {
         assert!(server.get("/health").starts_with("HTTP/1.1 200"));
         assert!(server.get("/metrics").contains("lodestream_sessions{transport=\"quic\"} 0"));
         assert!(Server::get_from(&server.http, "/health").starts_with("HTTP/1.1 200"));
-        assert!(Server::get_from(&server.http, "/metrics").starts_with("HTTP/1.1 404"), "not for strangers");
+        assert!(
+            Server::get_from(&server.http, "/metrics").starts_with("HTTP/1.1 404"),
+            "not for untrusted peers"
+        );
         server.signal(signal);
         let (status, errors) = server.ended();
         assert!(status.success(), "{signal}: {status}: {errors}");

@@ -1,4 +1,4 @@
-//! How far off meshes of any number of faces are: closed sets of a prepared model against meshoptimizer's `simplify`
+//! How far off meshes of any number of faces are: ancestor-closed cuts of a prepared model against meshoptimizer's `simplify`
 //! (subset placement) of the same mesh, in one run.
 //!
 //! `cargo bench -p lodestream-sim --bench budgets -- [MODEL.obj…]` takes the models named, else those of the folder
@@ -9,7 +9,7 @@ mod models;
 
 use lodestream_assess::measure::{self, Surface};
 use lodestream_geometry::Settings;
-use lodestream_geometry::closed_set::{Budget, lowest_error};
+use lodestream_geometry::ancestor_closed_cut::{Budget, lowest_error};
 use lodestream_geometry::mesh::{Corner, NONE, QuantisedMesh, SourceMesh};
 use lodestream_geometry::pool::{Serial, Silent};
 use lodestream_geometry::prepare::{Hooks, prepare};
@@ -83,7 +83,7 @@ fn rows(model: &str, mesh: &QuantisedMesh) -> anyhow::Result<Vec<Row>> {
             let delta = active.decode_prefix(
                 member.chunk,
                 info,
-                member.stop,
+                member.truncation,
                 &prepared.chunks[member.chunk as usize],
             )?;
             active.apply(&delta)?;

@@ -96,7 +96,7 @@ fn row(model: &Path) -> anyhow::Result<Row> {
     let precision = Precision::Bits(12);
     let mesh = quantise(&imported.mesh, &QuantiseSettings { precision, ..QuantiseSettings::default() })?;
     let prepared = |codec| prepare(&mesh, &Settings { codec, ..Settings::default() }, &Serial, &Silent);
-    let assets = [prepared(Codec::Range)?, prepared(Codec::Plain)?];
+    let assets = [prepared(Codec::Range)?, prepared(Codec::Zstd)?];
     let mut best = [f64::INFINITY; 2];
     for _ in 0..RUNS {
         for (best, asset) in best.iter_mut().zip(&assets) {

@@ -16,11 +16,11 @@ use std::time::Instant;
 
 use anyhow::Context as _;
 use lodestream_geometry::Settings;
+use lodestream_geometry::checkpoint::{CheckpointError, CheckpointStore, Piece};
 use lodestream_geometry::mesh::{Corner, QuantisedMesh, SourceMesh};
 use lodestream_geometry::pool::{Monitor, Progress, Serial, Stage};
 use lodestream_geometry::prepare::{Hooks, Prepared, prepare};
 use lodestream_geometry::quantise::{QuantiseSettings, quantise};
-use lodestream_geometry::spill::{Piece, Spill, SpillError};
 
 /// Wavelength and height of the widest hills, in cells; each next is a quarter of both.
 const WIDEST: (usize, f64) = (64, 11.0);
@@ -69,14 +69,15 @@ fn main() -> anyhow::Result<()> {
 fn row(
     name: &str,
     (mesh, settings): (&QuantisedMesh, &Settings),
-    spill: Option<&dyn Spill>,
+    checkpoint: Option<&dyn CheckpointStore>,
 ) -> anyhow::Result<(Prepared, f64)> {
     let before = heap::used();
     heap::take_peak();
     let peaks = Peaks(Mutex::default());
     let hooks = Hooks::new(&Serial, &peaks);
     let start = Instant::now();
-    let asset = prepare(mesh, settings, &spill.map_or(hooks, |spill| hooks.spilling_to(spill)))?;
+    let asset =
+        prepare(mesh, settings, &checkpoint.map_or(hooks, |checkpoint| hooks.checkpointing_to(checkpoint)))?;
     let seconds = start.elapsed().as_secs_f64();
     peaks.report(Progress::default());
     let (_, peaks) = peaks.0.into_inner().unwrap_or_default();
@@ -111,18 +112,18 @@ impl Monitor for Peaks {
 /// A file for each piece.
 struct Files(PathBuf);
 
-impl Spill for Files {
+impl CheckpointStore for Files {
     fn lasts(&self) -> bool {
         true
     }
 
-    fn put(&self, piece: Piece, bytes: Vec<u8>) -> Result<(), SpillError> {
-        std::fs::write(self.0.join(piece.to_string()), bytes).map_err(SpillError::new)
+    fn put(&self, piece: Piece, bytes: Vec<u8>) -> Result<(), CheckpointError> {
+        std::fs::write(self.0.join(piece.to_string()), bytes).map_err(CheckpointError::new)
     }
 
-    fn get(&self, piece: Piece) -> Result<Option<Vec<u8>>, SpillError> {
+    fn get(&self, piece: Piece) -> Result<Option<Vec<u8>>, CheckpointError> {
         let path = self.0.join(piece.to_string());
-        if path.exists() { std::fs::read(path).map(Some).map_err(SpillError::new) } else { Ok(None) }
+        if path.exists() { std::fs::read(path).map(Some).map_err(CheckpointError::new) } else { Ok(None) }
     }
 }
 

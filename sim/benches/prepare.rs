@@ -18,7 +18,7 @@ use std::time::Instant;
 use lodestream_geometry::Settings;
 use lodestream_geometry::mesh::QuantisedMesh;
 use lodestream_geometry::pool::{Monitor, Progress, Serial, Stage};
-use lodestream_geometry::prepare::{Hooks, Prepared, prepare, suit, suited_codec};
+use lodestream_geometry::prepare::{Hooks, Prepared, prepare, select_codec, suit};
 use lodestream_geometry::refine::ActiveMesh;
 
 /// Times each command of the table is run.
@@ -111,7 +111,7 @@ impl Row {
 }
 
 fn row(model: String, mut mesh: QuantisedMesh, draco: Option<f64>) -> anyhow::Result<Row> {
-    let settings = Settings { codec: suited_codec(&mesh), ..Settings::default() };
+    let settings = Settings { codec: select_codec(&mesh), ..Settings::default() };
     suit(&mut mesh, settings.codec);
     let mesh = &mesh;
     let mut best = [f64::INFINITY; 5];

@@ -1,4 +1,4 @@
-//! `examples/embed`: a package of its own, built as a stranger would, drawing what a daemon serves.
+//! `examples/embed`: a package of its own, built as an untrusted peer would, drawing what a daemon serves.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};

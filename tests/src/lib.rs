@@ -20,7 +20,7 @@
 //! | `moving_window` | the same while a user moves the camera: nothing that was there goes |
 //! | `damage` | packs that are damaged while they are served |
 //! | `terrain` | features of a terrain arrive, and only where a view needs them |
-//! | `lamps` | lamps arrive with their scene, light its picture, and keep no first frame waiting |
+//! | `punctual_lights` | punctual lights arrive with their scene, light its picture, and keep no first frame waiting |
 //! | `documents` | what documents name is there: links, files, code, commands |
 //! | `wire` | docs/protocol.md is true: a reader written from it understands recorded sessions |
 //! | `dependencies` | what each crate makes its users compile |
@@ -63,8 +63,6 @@ mod imports;
 #[cfg(test)]
 mod interface;
 #[cfg(test)]
-mod lamps;
-#[cfg(test)]
 mod limiter;
 #[cfg(test)]
 mod models;
@@ -72,6 +70,8 @@ mod models;
 mod moving_window;
 #[cfg(test)]
 mod packs;
+#[cfg(test)]
+mod punctual_lights;
 #[cfg(test)]
 mod robustness;
 #[cfg(test)]

@@ -4,8 +4,8 @@ use std::num::NonZeroUsize;
 use std::path::Path;
 
 use lodestream_assess::measure::{Settings, compare, read_obj};
+use lodestream_geometry::ancestor_closed_cut::{Budget, lowest_error};
 use lodestream_geometry::check::check;
-use lodestream_geometry::closed_set::{Budget, lowest_error};
 use lodestream_protocol::BlobPart;
 use lodestream_server::export_obj::write_obj;
 use lodestream_server::prepare::{Options, Threads, prepare_cached, prepare_to};

@@ -1,7 +1,7 @@
 //! Terrain on its way: what a client makes of it is what the server has, and nothing is sent that no view needs.
 
 use lodestream_client::core::Change;
-use lodestream_render::tiles::{Ground, GroundView};
+use lodestream_render::tiles::{GroundView, PlacedTerrain};
 use lodestream_server::daemon::SessionSettings;
 use lodestream_server::demo_scene::{Options, generate};
 use lodestream_server::scene::{of_files, read};
@@ -115,7 +115,7 @@ fn the_demos_ground_is_drawn_as_finely_as_it_is_asked_for() {
     let scene = read(&generate(folder.path(), &Options::small(1)).unwrap().scene).unwrap();
     let (entry, camera) = (scene.terrain.unwrap().entry, scene.camera.unwrap());
     let terrain = Terrain::with_stamps(entry.parameters, entry.stamps.clone()).unwrap();
-    let ground = Ground::new(terrain.into(), &entry);
+    let ground = PlacedTerrain::new(terrain.into(), &entry);
     let pose = camera.view([1280, 720], 1.0).pose();
     let view = GroundView::new(&ground, &pose, (1280, 720), &mut Scratch::new());
     let tiles = ground.tiles(&view, 2.4, 4000);

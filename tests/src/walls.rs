@@ -7,7 +7,7 @@ use std::path::Path;
 
 use glam::{DVec3, Vec3};
 use lodestream_client::core::Change;
-use lodestream_render::{AntiAliasing, Headless, PlainSky, Pose, SceneView, Settings, Sky};
+use lodestream_render::{AntiAliasing, GradientSky, Headless, Pose, SceneView, Settings, Sky};
 use lodestream_server::demo_scene::{Options, generate};
 use lodestream_server::scene::{Scene, read};
 
@@ -53,9 +53,9 @@ fn draw(h: &mut Headless, view: &SceneView, pose: Pose, shadows: bool) -> Vec<Pi
         let drawn = view.with_frame(pose, settings, f32::MAX, |frame| {
             let mut frame = *frame;
             // Colours that do not follow the sun, so that they stay when it goes.
-            let plain = PlainSky::default();
+            let plain = GradientSky::default();
             let light = if sun { plain.sun } else { Vec3::ZERO };
-            frame.environment.sky = Sky::Plain(PlainSky { sun: light, ..plain });
+            frame.environment.sky = Sky::Plain(GradientSky { sun: light, ..plain });
             h.frame(&frame)
         });
         drawn.unwrap();

@@ -12,8 +12,8 @@ use lodestream_protocol::view::View;
 
 use lodestream_client::net::Address;
 use lodestream_render::{
-    AntiAliasing, HeightFactor, Ink, MAX_INK_LEVELS, MAX_INK_WIDTH, MAX_REFLECTION_STEPS, OcclusionMethod,
-    OcclusionNormals, ReflectionMethod, ReliefMethod, Shade, ToneMapping,
+    AntiAliasing, DebugView, Ink, MAX_INK_LEVELS, MAX_INK_WIDTH, MAX_REFLECTION_STEPS, OcclusionMethod,
+    OcclusionNormals, ReflectionMethod, ReliefMethod, ToneMapping, VerticalExaggeration,
 };
 
 use crate::outcome::EXIT_CODES;
@@ -70,7 +70,7 @@ pub(crate) struct Args {
     pub(crate) figures: bool,
     /// What colours the surfaces: their materials, or what passes hand on
     #[arg(long, value_name = "NAME", default_value = "material", value_parser = shades())]
-    pub(crate) view: Shade,
+    pub(crate) view: DebugView,
     /// The same as --view level
     #[arg(long, conflicts_with = "view")]
     pub(crate) colour_by_level: bool,
@@ -108,9 +108,9 @@ pub(crate) struct Args {
     /// The same as --anti-aliasing none
     #[arg(long, conflicts_with = "anti_aliasing")]
     pub(crate) no_aa: bool,
-    /// No lamps
+    /// No punctual lights
     #[arg(long)]
-    pub(crate) no_lamps: bool,
+    pub(crate) no_punctual_lights: bool,
     /// No water
     #[arg(long)]
     pub(crate) no_water: bool,
@@ -173,11 +173,11 @@ pub(crate) struct Args {
     pub(crate) decode_threads: Option<NonZeroUsize>,
 }
 
-/// Reads a [`Shade`] by its name.
-fn shades() -> impl TypedValueParser<Value = Shade> {
-    PossibleValuesParser::new(Shade::ALL.map(Shade::name)).try_map(|name| {
+/// Reads a [`DebugView`] by its name.
+fn shades() -> impl TypedValueParser<Value = DebugView> {
+    PossibleValuesParser::new(DebugView::ALL.map(DebugView::name)).try_map(|name| {
         // One of those offered.
-        Shade::ALL.into_iter().find(|shade| shade.name() == name).ok_or("no such view")
+        DebugView::ALL.into_iter().find(|shade| shade.name() == name).ok_or("no such view")
     })
 }
 
@@ -190,13 +190,13 @@ fn ink_width(text: &str) -> Result<f32, String> {
 /// Reads what heights of the ground are multiplied by.
 fn heights(text: &str) -> Result<f64, String> {
     let factor = text.parse().map_err(|_| "not a number".to_owned())?;
-    HeightFactor::default().towards(factor, 0.0, 0.0).map(|_| factor).map_err(|why| why.to_string())
+    VerticalExaggeration::default().towards(factor, 0.0, 0.0).map(|_| factor).map_err(|why| why.to_string())
 }
 
 /// Reads how long they take.
 fn heights_time(text: &str) -> Result<f64, String> {
     let seconds = text.parse().map_err(|_| "not a number".to_owned())?;
-    HeightFactor::default().towards(1.0, seconds, 0.0).map(|_| seconds).map_err(|why| why.to_string())
+    VerticalExaggeration::default().towards(1.0, seconds, 0.0).map(|_| seconds).map_err(|why| why.to_string())
 }
 
 /// Reads an angle of creases.
@@ -411,13 +411,13 @@ mod tests {
 
     #[test]
     fn every_view_has_a_name_that_is_read() {
-        for shade in Shade::ALL {
+        for shade in DebugView::ALL {
             let args = Args::try_parse_from(["viewer", "ws://h:1", "--view", shade.name()]).unwrap();
             assert_eq!(args.view, shade);
             assert_eq!(crate::run::settings(&args, true).shade, shade);
         }
         let args = Args::try_parse_from(["viewer", "ws://h:1", "--colour-by-level"]).unwrap();
-        assert_eq!(crate::run::settings(&args, true).shade, Shade::Level);
+        assert_eq!(crate::run::settings(&args, true).shade, DebugView::Level);
         for bad in [&["--view", "velocity"][..], &["--view", "normal", "--colour-by-level"]] {
             assert!(Args::try_parse_from(["viewer", "ws://h:1"].iter().chain(bad)).is_err(), "{bad:?}");
         }

@@ -23,7 +23,7 @@ const ATTEMPTS: u32 = 3;
 /// What the loop is woken for.
 enum Event {
     /// There may be something to look at.
-    News,
+    SessionStatus,
     /// A signal asks for the end.
     End(u8),
 }
@@ -35,7 +35,7 @@ enum Event {
 pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let output = args.output.as_ref().context("--headless needs --output FILE.png")?;
     let [width, height] = args.window.0;
-    // News are left out where some wait already: they only say that there is something to look at. A signal waits for
+    // SessionStatus are left out where some wait already: they only say that there is something to look at. A signal waits for
     // room.
     let (sender, events) = mpsc::sync_channel(1);
     let ending = sender.clone();
@@ -46,7 +46,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let retry = Retry { first_attempts: ATTEMPTS, ..Retry::default() };
     // First of all: the server answers while the device is opened and its pipelines are made.
     let mut streaming = Streaming::start(server(args)?, core_config(args)?, retry, move || {
-        let _ = sender.try_send(Event::News);
+        let _ = sender.try_send(Event::SessionStatus);
     })?;
     token::follow(args.token_file.as_ref(), &streaming)?;
     let mut headless = Headless::new(Gpu::headless()?, width, height)?;

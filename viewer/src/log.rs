@@ -48,7 +48,7 @@ where
         .with_env_filter(EnvFilter::new(LOGGED))
         .with_writer(writer)
         .with_ansi(colours)
-        .map_event_format(|ours| OneVoice {
+        .map_event_format(|ours| UniformLogFormat {
             ours,
             others: Format::default().without_time().with_level(false),
         })
@@ -57,12 +57,12 @@ where
 }
 
 /// A format that tells what others say as the program's.
-struct OneVoice<F, G> {
+struct UniformLogFormat<F, G> {
     ours: F,
     others: G,
 }
 
-impl<S, N, F, G> FormatEvent<S, N> for OneVoice<F, G>
+impl<S, N, F, G> FormatEvent<S, N> for UniformLogFormat<F, G>
 where
     S: Subscriber + for<'a> LookupSpan<'a>,
     N: for<'a> FormatFields<'a> + 'static,

@@ -8,8 +8,8 @@ use lodestream_client::core::{Config, StartView, Stats};
 use lodestream_client::net::{Authorities, Scheme, Server};
 use lodestream_client::threads::Threads;
 use lodestream_render::{
-    AmbientOcclusion, AntiAliasing, Bloom, Ink, LightCulling, OcclusionMethod, PnTriangles, Reflections,
-    Settings, Shade, Shadows,
+    AmbientOcclusion, AntiAliasing, Bloom, DebugView, Ink, LightCulling, OcclusionMethod, PnTriangles,
+    Reflections, Settings, Shadows,
 };
 
 use crate::args::{Args, Still};
@@ -107,7 +107,7 @@ pub(crate) fn settings(args: &Args, software: bool) -> Settings {
     settings.tone_mapping = args.tone_mapping;
     settings.exposure = args.exposure;
     settings.shadows = (!args.no_shadows).then(Shadows::default);
-    settings.lights = (!args.no_lamps).then(LightCulling::default);
+    settings.lights = (!args.no_punctual_lights).then(LightCulling::default);
     settings.water = !args.no_water;
     let (method, steps) = (args.reflections, args.reflection_steps);
     settings.reflections = method.map(|method| Reflections { method, steps });
@@ -121,7 +121,7 @@ pub(crate) fn settings(args: &Args, software: bool) -> Settings {
         spatter: args.ink_spatter,
         ..Ink::default()
     });
-    settings.shade = if args.colour_by_level { Shade::Level } else { args.view };
+    settings.shade = if args.colour_by_level { DebugView::Level } else { args.view };
     settings
 }
 
@@ -258,7 +258,7 @@ mod tests {
         for (flag, left) in [
             ("--no-ao", Settings { occlusion: None, ..usual }),
             ("--no-shadows", Settings { shadows: None, ..usual }),
-            ("--no-lamps", Settings { lights: None, ..usual }),
+            ("--no-punctual-lights", Settings { lights: None, ..usual }),
             ("--no-water", Settings { water: false, ..usual }),
             ("--no-relief", Settings { relief: false, ..usual }),
         ] {

@@ -123,20 +123,20 @@ impl RefinedAsset {
         }
     }
 
-    /// Decodes and applies a chunk whose parents are applied, up to a stop or whole; one that is applied up to a stop is
+    /// Decodes and applies a chunk whose parents are applied, up to a truncation or whole; one that is applied up to a truncation is
     /// taken on from there. On failure it is not applied, and nothing else has changed: where the rest is damaged, its
     /// beginning is not to be trusted either.
     pub(crate) fn apply(
         &mut self,
         chunk: u32,
         info: &ChunkInfo,
-        stop: Option<u8>,
+        truncation: Option<u8>,
         bytes: &[u8],
     ) -> Result<(), AssetError> {
         // What is raised keeps its birth, and what is new of it appears as it is: it has no place to
         // morph from but that of its oldest ancestor, which the beginning has moved on from.
-        let touched = if self.mesh.applied_stop(chunk).is_some() {
-            match self.mesh.raise(chunk, info, stop, bytes) {
+        let touched = if self.mesh.applied_truncation(chunk).is_some() {
+            match self.mesh.raise(chunk, info, truncation, bytes) {
                 Ok(touched) => touched,
                 Err(why) => {
                     self.undo(chunk)?;
@@ -144,7 +144,7 @@ impl RefinedAsset {
                 }
             }
         } else {
-            let delta = self.decode_chunk(chunk, info, stop, bytes)?;
+            let delta = self.decode_chunk(chunk, info, truncation, bytes)?;
             self.mesh.apply(&delta)?
         };
         self.note(touched);
@@ -157,10 +157,10 @@ impl RefinedAsset {
         &self,
         chunk: u32,
         info: &ChunkInfo,
-        stop: Option<u8>,
+        truncation: Option<u8>,
         bytes: &[u8],
     ) -> Result<ChunkDelta, ChunkError> {
-        decode_prefix(&self.mesh, chunk, info, stop, bytes)
+        decode_prefix(&self.mesh, chunk, info, truncation, bytes)
     }
 
     /// Applies a decoded chunk of a level. On failure nothing has changed.

@@ -5,10 +5,10 @@ use std::sync::Arc;
 
 use lodestream_geometry::refine::RenderVertex;
 use lodestream_protocol::asset::{Material, TextureInfo};
-use lodestream_protocol::lamps::Lamp;
+use lodestream_protocol::punctual_lights::PunctualLight;
 use lodestream_protocol::scene::{InstanceEntry, SceneHeader};
 use lodestream_protocol::shared::SharedTexture;
-use lodestream_terrain::{PatchPoint, PatchPoints};
+use lodestream_terrain::{HeightOverride, HeightOverrides};
 
 use super::texture_file::TexturePixels;
 
@@ -17,17 +17,17 @@ use super::texture_file::TexturePixels;
 pub enum Change {
     /// A scene begins: forget everything before it.
     Scene(Box<SceneHeader>),
-    /// The scene has so many lamps, of which those follow that its views want.
-    Lamps {
+    /// The scene has so many punctual lights, of which those follow that its views want.
+    PunctualLights {
         /// How many in all.
         count: u32,
     },
-    /// Some of the scene's lamps.
-    LampPage {
-        /// Their page. Lamps come in any order; that of pages is one that all viewers share.
+    /// Some of the scene's punctual lights.
+    PunctualLightPage {
+        /// Their page. Punctual lights come in any order; that of pages is one that all viewers share.
         page: u32,
-        /// The lamps.
-        lamps: Arc<[Lamp]>,
+        /// The punctual lights.
+        punctual_lights: Arc<[PunctualLight]>,
     },
     /// More instances; they follow those that came before. Their assets may not be there yet.
     Instances(Vec<InstanceEntry>),
@@ -47,7 +47,7 @@ pub enum Change {
         /// Row of the patch.
         y: i64,
         /// The points.
-        points: PatchPoints,
+        points: HeightOverrides,
     },
 }
 
@@ -124,15 +124,17 @@ impl Change {
     pub fn bytes(&self) -> usize {
         match self {
             Self::Scene(_) => size_of::<SceneHeader>(),
-            Self::FirstFrame | Self::Lamps { .. } => 0,
-            Self::LampPage { lamps, .. } => lamps.len() * size_of::<Lamp>(),
+            Self::FirstFrame | Self::PunctualLights { .. } => 0,
+            Self::PunctualLightPage { punctual_lights, .. } => {
+                punctual_lights.len() * size_of::<PunctualLight>()
+            }
             Self::Instances(list) => list.len() * size_of::<InstanceEntry>(),
             Self::Asset(asset) => (asset.materials.len() + 1) * size_of::<Material>(),
             Self::Mesh(mesh) => {
                 mesh.vertices.iter().map(|(_, v)| v.len() * size_of::<Vertex>()).sum::<usize>()
                     + mesh.indices.iter().map(|run| run.faces.len() * 12).sum::<usize>()
             }
-            Self::TerrainPoints { points, .. } => points.len() * size_of::<PatchPoint>(),
+            Self::TerrainPoints { points, .. } => points.len() * size_of::<HeightOverride>(),
             Self::Texture(texture) => texture.pixels.bytes(),
         }
     }

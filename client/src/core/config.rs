@@ -1,4 +1,4 @@
-//! Knobs of the client.
+//! Settings of the client.
 
 use std::time::Duration;
 
@@ -21,7 +21,7 @@ pub enum StartView {
     Given(View),
 }
 
-/// Knobs of a [`super::ClientCore`].
+/// Settings of a [`super::ClientCore`].
 #[derive(Clone, Debug)]
 pub struct Config {
     /// Scene and limits of the session.

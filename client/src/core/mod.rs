@@ -22,15 +22,15 @@ mod client_core;
 mod config;
 mod decoders;
 mod failures;
-mod lamp_pages;
+mod height_overrides;
 mod milestones;
 mod motion;
+mod punctual_light_pages;
 mod scene;
 mod shared;
 mod stats;
 #[cfg(not(feature = "zstd"))]
 mod stored;
-mod terrain_points;
 #[cfg(test)]
 pub(crate) mod testing;
 #[cfg(test)]

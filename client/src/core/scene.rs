@@ -9,9 +9,9 @@ use lodestream_protocol::select::{AssetState, InstanceTree, Instances, State};
 
 use super::asset::RefinedAsset;
 use super::changes::{Change, NewAsset};
-use super::lamp_pages::LampPages;
+use super::height_overrides::TerrainPoints;
+use super::punctual_light_pages::PunctualLightPages;
 use super::shared::SharedTextures;
-use super::terrain_points::TerrainPoints;
 
 /// Pages kept that came ahead of their turn.
 const MAX_EARLY_PAGES: usize = 256;
@@ -34,8 +34,8 @@ pub(crate) struct Scene {
     pub(super) shared: SharedTextures,
     /// Listed points of the terrain, if there is one.
     pub(super) terrain: Option<TerrainPoints>,
-    /// Lamps, if there are some.
-    pub(super) lamps: Option<LampPages>,
+    /// Punctual lights, if there are some.
+    pub(super) punctual_lights: Option<PunctualLightPages>,
     next_page: u32,
     early: BTreeMap<u32, ScenePage>,
     /// Changes for a renderer that say what there is: the scene, instances, assets, in order.

@@ -26,12 +26,12 @@ pub(super) fn decode_prefix(
     mesh: &ActiveMesh,
     chunk: u32,
     info: &ChunkInfo,
-    stop: Option<u8>,
+    truncation: Option<u8>,
     stored: &[u8],
 ) -> Result<ChunkDelta, ChunkError> {
     match mesh.codec() {
-        Codec::Range | Codec::Built => mesh.decode_prefix(chunk, info, stop, stored),
-        Codec::Plain => Err(is_frame(format!("chunk {chunk}")).into()),
+        Codec::Range | Codec::AxisAligned => mesh.decode_prefix(chunk, info, truncation, stored),
+        Codec::Zstd => Err(is_frame(format!("chunk {chunk}")).into()),
     }
 }
 

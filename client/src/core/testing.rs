@@ -17,15 +17,16 @@ use lodestream_protocol::asset::{
 };
 use lodestream_protocol::blob::{BlobId, BlobPart};
 use lodestream_protocol::frame::ServerFrame;
-use lodestream_protocol::lamps::{
-    self, FEW_LAMPS, FEW_PAGES, LAMPS_PER_PAGE, LISTED_PER_PAGE, Lamp, Lamps, ListedLamps, encode_page,
-};
 use lodestream_protocol::message::ClientMessage;
+use lodestream_protocol::punctual_lights::{
+    self, FEW_PAGES, FEW_PUNCTUAL_LIGHTS, LISTED_PER_PAGE, PUNCTUAL_LIGHTS_PER_PAGE, PunctualLight,
+    PunctualLightPageEntry, PunctualLights, encode_page,
+};
 use lodestream_protocol::scene::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
 use lodestream_protocol::server::{ServerConfig, ServerSession, Transmit};
 use lodestream_protocol::shared::SharedTexture;
 use lodestream_protocol::source::{SceneSource, SourceError};
-use lodestream_protocol::terrain::{ListedPatch, TerrainEntry, encode_directory};
+use lodestream_protocol::terrain::{OverridePatch, TerrainEntry, encode_directory};
 use lodestream_protocol::time::Time;
 use lodestream_terrain::Parameters;
 
@@ -108,7 +109,7 @@ fn description() -> AssetDescription {
 
 /// What the server reads: the test mesh as several assets in a row.
 #[derive(Debug)]
-pub(crate) struct Hills {
+pub(crate) struct TestScene {
     header: SceneHeader,
     page: Arc<ScenePage>,
     blobs: BTreeMap<BlobPart, Bytes>,
@@ -116,23 +117,23 @@ pub(crate) struct Hills {
     pub(crate) damaged: BTreeMap<BlobId, Bytes>,
     /// The page of the terrain's directory, where there is terrain.
     directory: Bytes,
-    /// What is said of lamps, where there are some, and their blobs.
-    lamps: Option<Lamps>,
-    lamp_blobs: BTreeMap<BlobId, Bytes>,
+    /// What is said of punctual lights, where there are some, and their blobs.
+    punctual_lights: Option<PunctualLights>,
+    punctual_light_blobs: BTreeMap<BlobId, Bytes>,
     /// Announced, but not there.
     pub(crate) missing: BTreeSet<BlobId>,
     /// What the server cannot read from its disk.
     pub(crate) unreadable: Mutex<BTreeSet<BlobId>>,
 }
 
-impl Hills {
+impl TestScene {
     pub(crate) fn new(assets: u32) -> Self {
         Self::of(&prepared().1, assets)
     }
 
     /// The same mesh under the plain codec.
     pub(crate) fn compressed() -> Self {
-        Self::of(&coded(&prepared().0, geometry::Codec::Plain), 1)
+        Self::of(&coded(&prepared().0, geometry::Codec::Zstd), 1)
     }
 
     fn of(prepared: &Prepared, assets: u32) -> Self {
@@ -183,8 +184,8 @@ impl Hills {
             blobs,
             damaged: BTreeMap::new(),
             directory: Bytes::new(),
-            lamps: None,
-            lamp_blobs: BTreeMap::new(),
+            punctual_lights: None,
+            punctual_light_blobs: BTreeMap::new(),
             missing: BTreeSet::new(),
             unreadable: Mutex::default(),
         }
@@ -212,7 +213,7 @@ impl Hills {
     }
 
     /// The same on a terrain of 2^`extent_log2` patches to each side, of which `listed` have points.
-    pub(crate) fn on_terrain(mut self, extent_log2: u8, listed: &[ListedPatch]) -> Self {
+    pub(crate) fn on_terrain(mut self, extent_log2: u8, listed: &[OverridePatch]) -> Self {
         self.header.terrain = Some(Box::new(TerrainEntry {
             parameters: Parameters { extent_log2, ..Parameters::default() },
             unit: 1.0,
@@ -226,24 +227,26 @@ impl Hills {
         self
     }
 
-    /// The same under lamps, in pages as they stand in the list.
-    pub(crate) fn lit_by(mut self, lamps: &[Lamp]) -> Self {
+    /// The same under punctual lights, in pages as they stand in the list.
+    pub(crate) fn lit_by(mut self, punctual_lights: &[PunctualLight]) -> Self {
         let mut listed = Vec::new();
-        for (number, group) in (0..).zip(lamps.chunks(LAMPS_PER_PAGE as usize)) {
+        for (number, group) in (0..).zip(punctual_lights.chunks(PUNCTUAL_LIGHTS_PER_PAGE as usize)) {
             let page = encode_page(group).unwrap();
-            listed.push(ListedLamps::of(group, page.len() as u32));
-            self.lamp_blobs.insert(BlobId::lamp_page(number), page.into());
+            listed.push(PunctualLightPageEntry::of(group, page.len() as u32));
+            self.punctual_light_blobs.insert(BlobId::punctual_light_page(number), page.into());
         }
         for (number, group) in (0..).zip(listed.chunks(LISTED_PER_PAGE as usize)) {
-            let page = lamps::encode_directory(group).unwrap();
-            self.lamp_blobs.insert(BlobId::lamp_directory(number), page.into());
+            let page = punctual_lights::encode_directory(group).unwrap();
+            self.punctual_light_blobs.insert(BlobId::punctual_light_directory(number), page.into());
         }
         let first = match listed.len() as u32 {
-            1 if lamps.len() <= FEW_LAMPS as usize => self.lamp_blobs[&BlobId::lamp_page(0)].to_vec(),
-            ..=FEW_PAGES => self.lamp_blobs[&BlobId::lamp_directory(0)].to_vec(),
+            1 if punctual_lights.len() <= FEW_PUNCTUAL_LIGHTS as usize => {
+                self.punctual_light_blobs[&BlobId::punctual_light_page(0)].to_vec()
+            }
+            ..=FEW_PAGES => self.punctual_light_blobs[&BlobId::punctual_light_directory(0)].to_vec(),
             _ => Vec::new(),
         };
-        self.lamps = Some(Lamps { count: lamps.len() as u32, first });
+        self.punctual_lights = Some(PunctualLights { count: punctual_lights.len() as u32, first });
         self
     }
 
@@ -253,7 +256,7 @@ impl Hills {
 
     /// The blob with its middle byte changed.
     pub(crate) fn damage(&mut self, id: BlobId) {
-        let real = id.part().map_or_else(|| &self.lamp_blobs[&id], |part| &self.blobs[&part]);
+        let real = id.part().map_or_else(|| &self.punctual_light_blobs[&id], |part| &self.blobs[&part]);
         let mut bytes = real.to_vec();
         for byte in &mut bytes {
             *byte ^= 0x5A;
@@ -262,7 +265,7 @@ impl Hills {
     }
 }
 
-impl SceneSource for Hills {
+impl SceneSource for TestScene {
     fn header(&self) -> &SceneHeader {
         &self.header
     }
@@ -271,12 +274,12 @@ impl SceneSource for Hills {
         (page == 0).then(|| self.page.clone())
     }
 
-    fn lamps(&self) -> Option<&Lamps> {
-        self.lamps.as_ref()
+    fn punctual_lights(&self) -> Option<&PunctualLights> {
+        self.punctual_lights.as_ref()
     }
 
     fn blob_len(&self, id: &BlobId) -> Option<u32> {
-        if let Some(bytes) = self.lamp_blobs.get(id) {
+        if let Some(bytes) = self.punctual_light_blobs.get(id) {
             return Some(bytes.len() as u32);
         }
         if *id == BlobId::terrain_page(0) {
@@ -296,7 +299,7 @@ impl SceneSource for Hills {
         if *id == BlobId::terrain_page(0) {
             return Ok(self.directory.clone());
         }
-        let real = id.part().map_or_else(|| self.lamp_blobs.get(id), |part| self.blobs.get(&part));
+        let real = id.part().map_or_else(|| self.punctual_light_blobs.get(id), |part| self.blobs.get(&part));
         let real = real.filter(|_| !self.missing.contains(id));
         let real = real.ok_or(SourceError::NotFound(*id))?;
         Ok(self.damaged.get(id).unwrap_or(real).clone())
@@ -310,7 +313,7 @@ type Pipe<T> = VecDeque<(Time, T)>;
 pub(crate) struct Loopback {
     pub(crate) now: Time,
     pub(crate) core: ClientCore,
-    pub(crate) source: Arc<Hills>,
+    pub(crate) source: Arc<TestScene>,
     server: Option<ServerSession>,
     up: Pipe<ClientMessage>,
     down: Pipe<Transmit>,
@@ -328,7 +331,7 @@ const LATENCY: Duration = Duration::from_millis(20);
 
 impl Loopback {
     /// A client that looks at the scene's start view, not connected yet.
-    pub(crate) fn new(source: Hills, adapt: impl FnOnce(&mut Config)) -> Self {
+    pub(crate) fn new(source: TestScene, adapt: impl FnOnce(&mut Config)) -> Self {
         let mut config = Config::new(StartView::OfScene { viewport_px: [640, 360], target_px: 1.0 });
         adapt(&mut config);
         Self {

@@ -2,9 +2,9 @@
 
 mod decoding;
 mod faults;
-mod lamps;
+mod punctual_lights;
 mod shared;
-mod stops;
+mod truncation_points;
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -15,7 +15,7 @@ use lodestream_protocol::scene::Camera;
 use lodestream_protocol::select::Share;
 use lodestream_protocol::view::View;
 
-use super::testing::{Hills, Loopback, prepared};
+use super::testing::{Loopback, TestScene, prepared};
 use super::{Change, Config, MeshChange};
 
 fn view(camera: Camera, target_px: f32) -> View {
@@ -24,12 +24,12 @@ fn view(camera: Camera, target_px: f32) -> View {
 
 /// Everything of asset 0 in its finest form.
 fn finest() -> View {
-    view(Hills::new(1).camera(), 1e-4)
+    view(TestScene::new(1).camera(), 1e-4)
 }
 
 #[test]
 fn a_view_settles_within_its_target() {
-    let mut link = Loopback::new(Hills::new(2), |_| {});
+    let mut link = Loopback::new(TestScene::new(2), |_| {});
     link.connect();
     link.settle();
     let stats = link.core.stats();
@@ -46,10 +46,10 @@ fn a_view_settles_within_its_target() {
 
 #[test]
 fn base_meshes_that_come_at_once_are_all_seen_in_slices_of_the_budget() {
-    let mut link = Loopback::new(Hills::new(24), |_| {});
+    let mut link = Loopback::new(TestScene::new(24), |_| {});
     link.budget = 1;
     // Base meshes are enough: nothing comes after them that would call for another selection.
-    link.core.set_view(link.now, view(Hills::new(24).camera(), 1e6));
+    link.core.set_view(link.now, view(TestScene::new(24).camera(), 1e6));
     link.connect_overtaken();
     link.settle();
     let stats = link.core.stats();
@@ -59,12 +59,12 @@ fn base_meshes_that_come_at_once_are_all_seen_in_slices_of_the_budget() {
 
 #[test]
 fn everything_applied_is_the_input() {
-    for source in [Hills::new(1), Hills::compressed()] {
+    for source in [TestScene::new(1), TestScene::compressed()] {
         everything_of(source);
     }
 }
 
-fn everything_of(source: Hills) {
+fn everything_of(source: TestScene) {
     let mut link = Loopback::new(source, |_| {});
     link.core.set_view(link.now, finest());
     link.connect();
@@ -94,7 +94,7 @@ fn everything_of(source: Hills) {
 
 #[test]
 fn small_slices_of_work_come_to_the_same() {
-    let mut link = Loopback::new(Hills::new(1), |_| {});
+    let mut link = Loopback::new(TestScene::new(1), |_| {});
     link.budget = 100;
     link.core.set_view(link.now, finest());
     link.connect();
@@ -104,14 +104,14 @@ fn small_slices_of_work_come_to_the_same() {
 
 #[test]
 fn what_the_camera_left_is_undone_and_comes_back_from_the_cache() {
-    let mut link = Loopback::new(Hills::new(1), |config: &mut Config| {
+    let mut link = Loopback::new(TestScene::new(1), |config: &mut Config| {
         // Out of view, nothing is kept.
         config.select.keep_out_of_view = Share::NONE;
     });
     link.connect();
     link.settle();
     let (near, sent) = (link.core.stats(), link.sent.len());
-    let camera = Hills::new(1).camera();
+    let camera = TestScene::new(1).camera();
     let away = Camera { eye: [0.0, 2.0, 300.0], ..camera };
     link.core.set_view(link.now, view(away, 1.0));
     link.run(200);
@@ -129,8 +129,8 @@ fn what_the_camera_left_is_undone_and_comes_back_from_the_cache() {
 #[test]
 fn what_casts_shadows_from_out_of_view_is_refined_where_they_are_drawn() {
     // The second hill stands beside the view, towards the sun.
-    let mut link = Loopback::new(Hills::new(2).lit_from([1.0, 0.3, 0.0]), |_| {});
-    let narrow = Camera { fov_y: 0.3, ..Hills::new(2).camera() };
+    let mut link = Loopback::new(TestScene::new(2).lit_from([1.0, 0.3, 0.0]), |_| {});
+    let narrow = Camera { fov_y: 0.3, ..TestScene::new(2).camera() };
     link.core.set_view(link.now, view(narrow, 1.0));
     link.connect();
     link.settle();
@@ -146,14 +146,14 @@ fn what_casts_shadows_from_out_of_view_is_refined_where_they_are_drawn() {
 
 #[test]
 fn a_cache_that_is_too_small_fetches_again_but_stays_bounded() {
-    let mut link = Loopback::new(Hills::new(1), |config: &mut Config| {
+    let mut link = Loopback::new(TestScene::new(1), |config: &mut Config| {
         config.select.keep_out_of_view = Share::NONE;
         config.cache_bytes = 2000;
     });
     link.connect();
     link.settle();
     let near = link.core.stats();
-    let camera = Hills::new(1).camera();
+    let camera = TestScene::new(1).camera();
     for eye in [300.0, 3.0] {
         link.core.set_view(link.now, view(Camera { eye: [0.0, 2.0, eye], ..camera }, 1.0));
         link.run(200);
@@ -168,7 +168,7 @@ fn a_cache_that_is_too_small_fetches_again_but_stays_bounded() {
 
 #[test]
 fn budgets_hold() {
-    let mut link = Loopback::new(Hills::new(1), |config: &mut Config| config.select.max_faces = 1500);
+    let mut link = Loopback::new(TestScene::new(1), |config: &mut Config| config.select.max_faces = 1500);
     link.core.set_view(link.now, finest());
     link.connect();
     link.settle();
@@ -179,7 +179,7 @@ fn budgets_hold() {
 
 #[test]
 fn changes_rebuild_the_mesh_step_by_step() {
-    let mut link = Loopback::new(Hills::new(1), |_| {});
+    let mut link = Loopback::new(TestScene::new(1), |_| {});
     link.core.set_view(link.now, finest());
     link.connect();
     let (mut vertices, mut faces) = (Vec::new(), Vec::new());
@@ -229,9 +229,9 @@ fn changes_rebuild_the_mesh_step_by_step() {
 /// They came by their numbers: where a step was full, an asset at the camera waited for all with lower numbers.
 #[test]
 fn a_renderer_is_given_first_what_was_refined_first() {
-    let mut link = Loopback::new(Hills::new(3), |_| {});
+    let mut link = Loopback::new(TestScene::new(3), |_| {});
     // Beside the last of them, along the row.
-    let camera = Camera { eye: [9.0, 2.0, 3.0], target: [3.0, 0.0, 0.0], ..Hills::new(3).camera() };
+    let camera = Camera { eye: [9.0, 2.0, 3.0], target: [3.0, 0.0, 0.0], ..TestScene::new(3).camera() };
     link.core.set_view(link.now, view(camera, 1e-4));
     link.connect();
     while link.core.stats().milestones.first_frame.is_none() {
@@ -272,7 +272,7 @@ const MORPH_S: f32 = 0.25;
 
 /// Chunks by how far off their regions were without them, in whole pixels: whether they appeared at once.
 fn appearances(view: View) -> Vec<(u16, bool)> {
-    let mut link = Loopback::new(Hills::new(1), |_| {});
+    let mut link = Loopback::new(TestScene::new(1), |_| {});
     link.core.set_view(link.now, view);
     link.connect();
     let mut seen = BTreeMap::new();
@@ -310,10 +310,10 @@ fn appearances(view: View) -> Vec<(u16, bool)> {
 /// Parts of the picture that were missing faded in.
 #[test]
 fn a_morph_holds_back_nothing_that_is_more_than_eight_pixels_off() {
-    let Camera { eye: [x, y, z], .. } = Hills::new(1).camera();
+    let Camera { eye: [x, y, z], .. } = TestScene::new(1).camera();
     let mut all = Vec::new();
     for away in [0.4, 0.6, 0.8, 1.0, 1.3, 1.7, 2.5] {
-        let camera = Camera { eye: [away * x, away * y, away * z], ..Hills::new(1).camera() };
+        let camera = Camera { eye: [away * x, away * y, away * z], ..TestScene::new(1).camera() };
         all.extend(appearances(view(camera, 0.01)));
     }
     all.sort_unstable();

@@ -31,16 +31,16 @@ const GOODBYE_TIMEOUT: Duration = Duration::from_millis(300);
 
 /// What attempts leave to those after them.
 #[derive(Default)]
-pub(super) struct Kept {
+pub(super) struct ConnectionMemory {
     #[cfg(feature = "quic")]
-    quic: Option<KeptQuic>,
+    quic: Option<QuicResumption>,
     #[cfg(feature = "tls")]
     tls: Option<super::tls::Tls>,
 }
 
 /// Holds what resumes a session.
 #[cfg(feature = "quic")]
-struct KeptQuic {
+struct QuicResumption {
     config: quinn::ClientConfig,
     refusal: Refusal,
     /// The address that gave it.
@@ -71,7 +71,7 @@ pub(super) struct OpenedQuic {
 pub(super) async fn connect(
     server: &Server,
     token: Option<&Token>,
-    kept: &mut Kept,
+    kept: &mut ConnectionMemory,
     resolver: &impl Resolver,
 ) -> Result<Connection, Close> {
     let address = &server.address;
@@ -122,7 +122,7 @@ impl Connection {
     pub(super) async fn run<H: Host>(
         self,
         address: &Address,
-        kept: &mut Kept,
+        kept: &mut ConnectionMemory,
         host: &mut H,
         clock: Clock,
     ) -> Close {
@@ -142,7 +142,13 @@ impl Connection {
 
 #[cfg(feature = "quic")]
 impl OpenedQuic {
-    async fn run<H: Host>(self, address: &Address, kept: &mut Kept, host: &mut H, clock: Clock) -> Close {
+    async fn run<H: Host>(
+        self,
+        address: &Address,
+        kept: &mut ConnectionMemory,
+        host: &mut H,
+        clock: Clock,
+    ) -> Close {
         let Self { endpoint, server, opened, refusal, others } = self;
         let (connection, early) = (opened.connection().clone(), opened.is_early());
         let close = run_quic(opened, host, clock).await;
@@ -223,14 +229,14 @@ async fn open_secure_websocket(
 async fn open_quic(
     server: &Server,
     mut servers: Vec<SocketAddr>,
-    kept: &mut Kept,
+    kept: &mut ConnectionMemory,
 ) -> Result<Connection, Close> {
     let address = &server.address;
     if kept.quic.is_none() {
         let refusal = Refusal::default();
         let config = client_config_of(trust(server).await?, refusal.clone(), &address.scene);
         let config = config.map_err(|why| at(address, lost(why.to_string())))?;
-        kept.quic = Some(KeptQuic { config, refusal, gave: None });
+        kept.quic = Some(QuicResumption { config, refusal, gave: None });
     }
     let Some(kept) = &kept.quic else { return Err(at(address, lost("QUIC cannot be set up"))) };
     // A ticket is of use where it came from; there the session begins before the server has answered.
@@ -247,10 +253,10 @@ async fn open_quic(
 async fn open_one_quic(
     server: SocketAddr,
     name: &str,
-    kept: &KeptQuic,
+    kept: &QuicResumption,
     others: bool,
 ) -> Result<Connection, Close> {
-    let KeptQuic { config, refusal, .. } = kept;
+    let QuicResumption { config, refusal, .. } = kept;
     let endpoint = endpoint(server, config.clone()).map_err(|why| lost(why.to_string()))?;
     let connecting = endpoint.connect(server, name).map_err(|why| lost(why.to_string()))?;
     match QuicConnection::open(connecting, STEP_TIMEOUT).await {

@@ -12,7 +12,7 @@ use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::time::{Instant, sleep_until, timeout_at};
 
 use super::addresses::{Resolver, System};
-use super::connect::{Connection, Kept, connect};
+use super::connect::{Connection, ConnectionMemory, connect};
 use super::drive::{Clock, Host};
 #[cfg(all(feature = "runtime", feature = "quic"))]
 use super::quic::run_quic;
@@ -107,7 +107,7 @@ pub(super) async fn stream_to<H: Host>(
     if !server.address.scene.is_empty() {
         host.core().ask_for(&server.address.scene);
     }
-    let sockets = Sockets { server, resolver, kept: Kept::default() };
+    let sockets = Sockets { server, resolver, kept: ConnectionMemory::default() };
     stream_by(sockets, host, clock, retry, report).await
 }
 
@@ -156,7 +156,7 @@ trait Connector {
 struct Sockets<'a, R> {
     server: &'a Server,
     resolver: &'a R,
-    kept: Kept,
+    kept: ConnectionMemory,
 }
 
 impl<R: Resolver> Connector for Sockets<'_, R> {

@@ -222,7 +222,7 @@ async fn a_server_that_cuts_every_session_was_connected_to_without_a_pause() {
 
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = format!("ws://{}", listener.local_addr().unwrap()).parse().unwrap();
-    let scene = crate::core::testing::Hills::new(1);
+    let scene = crate::core::testing::TestScene::new(1);
     let welcome = ServerMessage::Welcome(Welcome {
         version: *VERSIONS.end(),
         session: 1,

@@ -6,11 +6,11 @@ use lodestream_protocol::frame::ServerFrame;
 use lodestream_protocol::message::{ClientMessage, ServerMessage};
 
 use super::*;
-use crate::core::testing::{Hills, Loopback};
+use crate::core::testing::{Loopback, TestScene};
 
 /// The host of a session that is settled, and what a viewer hears of it.
 fn settled<N: Fn()>(notify: N) -> (StreamHost<N>, watch::Receiver<Status>, Time) {
-    let mut link = Loopback::new(Hills::new(1), |_| {});
+    let mut link = Loopback::new(TestScene::new(1), |_| {});
     link.connect();
     link.settle();
     // The handle is gone, which only makes the host leave where somebody asks.

@@ -134,7 +134,7 @@ pub(super) fn drawable(mesh: &ActiveMesh) {
 
 /// A chunk's payload against a prepared mesh: `asset · chunk (2) · flags · vertices (2) · wedges (2) ·
 /// faces (2) · payload`. The flags say whether the true counts and parents are announced, or those
-/// given and none; a third flag asks for the beginning up to the first stop only.
+/// given and none; a third flag asks for the beginning up to the first truncation only.
 pub fn chunk_decoder(data: &[u8]) -> bool {
     let mut input = Input::new(data);
     let fixtures = fixtures::all();
@@ -151,10 +151,10 @@ pub fn chunk_decoder(data: &[u8]) -> bool {
         info.parents.clear();
     }
     let mesh = &fixture.before[chunk];
-    let stop = (flags & 4 != 0 && !info.stops.is_empty()).then_some(0);
-    let decode = || mesh.decode_prefix(chunk as u32, &info, stop, payload);
+    let truncation = (flags & 4 != 0 && !info.truncation_points.is_empty()).then_some(0);
+    let decode = || mesh.decode_prefix(chunk as u32, &info, truncation, payload);
     let Ok(delta) = within(CHUNK, payload.len(), decode) else { return false };
-    let extent = info.extent(stop);
+    let extent = info.extent(truncation);
     assert_eq!(
         [delta.vertices.len(), delta.wedges.len(), delta.faces.len()].map(|n| n as u32),
         [extent.vertices, extent.wedges, extent.faces]

@@ -89,8 +89,8 @@ fn import_gltf(data: &[u8], ceiling: Ceiling) -> bool {
                 assert!(placed.scale > 0.0 && placed.scale.is_finite());
                 assert!(placed.translation.iter().chain(&placed.rotation).all(|x| x.is_finite()));
             }
-            for lamp in &contents.lamps {
-                lamp.check().expect("an imported light can be");
+            for punctual_light in &contents.punctual_lights {
+                punctual_light.check().expect("an imported light can be");
             }
         }
         accepted

@@ -2,16 +2,16 @@
 
 mod asset;
 mod import;
-mod lamps;
 mod messages;
+mod punctual_lights;
 mod scene;
 mod sequence;
 mod terrain;
 
 pub use asset::{base_decoder, chunk_decoder, pack_reader, rehashed};
 pub use import::{gltf_compressed, gltf_import, obj_import, ply_import};
-pub use lamps::lamps;
 pub use messages::messages;
+pub use punctual_lights::punctual_lights;
 pub use scene::scene_object;
 pub use sequence::apply_undo;
 pub use terrain::terrain;
@@ -31,6 +31,6 @@ pub const ALL: [(&str, Target); 12] = [
     ("ply_import", ply_import),
     ("messages", messages),
     ("terrain", terrain),
-    ("lamps", lamps),
+    ("punctual_lights", punctual_lights),
     ("scene_object", scene_object),
 ];

@@ -46,15 +46,15 @@ impl<'a> Player<'a> {
     fn operate(&mut self, input: &mut Input<'_>) {
         let operation = input.u8();
         let chunk = input.choice(self.deltas.len());
-        // To one of the chunk's stops, or whole.
-        let stops = self.fixture.asset.infos[chunk].stops.len();
-        let stop = (operation / 6).checked_sub(1).map(|s| s % (stops as u8 + 1));
-        let stop = stop.filter(|&s| usize::from(s) < stops);
+        // To one of the chunk's truncation_points, or whole.
+        let truncation_points = self.fixture.asset.infos[chunk].truncation_points.len();
+        let truncation = (operation / 6).checked_sub(1).map(|s| s % (truncation_points as u8 + 1));
+        let truncation = truncation.filter(|&s| usize::from(s) < truncation_points);
         match operation % 6 {
-            0 => self.decode(chunk, chunk, stop, |_| {}),
+            0 => self.decode(chunk, chunk, truncation, |_| {}),
             1 => {
                 let (at, value) = (input.u16(), input.u8());
-                self.decode(chunk, chunk, stop, |payload| {
+                self.decode(chunk, chunk, truncation, |payload| {
                     let at = usize::from(at) % payload.len().max(1);
                     if let Some(byte) = payload.get_mut(at) {
                         *byte ^= value;
@@ -62,7 +62,7 @@ impl<'a> Player<'a> {
                 });
             }
             // Another chunk's payload under this chunk's id, without parents.
-            2 => self.decode(chunk, input.choice(self.deltas.len()), stop, |_| {}),
+            2 => self.decode(chunk, input.choice(self.deltas.len()), truncation, |_| {}),
             3 => self.undo(chunk),
             4 => {
                 if let Some(delta) = self.deltas[chunk].clone() {
@@ -78,25 +78,31 @@ impl<'a> Player<'a> {
         }
     }
 
-    fn decode(&mut self, chunk: usize, source: usize, stop: Option<u8>, damage: impl FnOnce(&mut Vec<u8>)) {
+    fn decode(
+        &mut self,
+        chunk: usize,
+        source: usize,
+        truncation: Option<u8>,
+        damage: impl FnOnce(&mut Vec<u8>),
+    ) {
         let mut info = self.fixture.asset.infos[source].clone();
         if source != chunk {
             info.parents.clear();
         }
         let mut payload = self.fixture.asset.chunks[source].clone();
         damage(&mut payload);
-        if self.mesh.applied_stop(chunk as u32).is_some() {
-            self.raise(chunk, &info, stop, &payload);
-        } else if let Ok(delta) = self.mesh.decode_prefix(chunk as u32, &info, stop, &payload) {
+        if self.mesh.applied_truncation(chunk as u32).is_some() {
+            self.raise(chunk, &info, truncation, &payload);
+        } else if let Ok(delta) = self.mesh.decode_prefix(chunk as u32, &info, truncation, &payload) {
             self.apply(delta);
         }
     }
 
-    fn raise(&mut self, chunk: usize, info: &ChunkInfo, stop: Option<u8>, payload: &[u8]) {
+    fn raise(&mut self, chunk: usize, info: &ChunkInfo, truncation: Option<u8>, payload: &[u8]) {
         let before = self.state.take().unwrap_or_else(|| self.mesh.snapshot());
         let faces = self.mesh.face_count();
-        match self.mesh.raise(chunk as u32, info, stop, payload) {
-            Ok(_) => assert_eq!(self.mesh.applied_stop(chunk as u32), stop),
+        match self.mesh.raise(chunk as u32, info, truncation, payload) {
+            Ok(_) => assert_eq!(self.mesh.applied_truncation(chunk as u32), truncation),
             Err(_) => {
                 assert!(self.mesh.snapshot() == before, "a refused raise left a trace");
                 assert_eq!(self.mesh.face_count(), faces);

@@ -1,7 +1,7 @@
 //! What describes a terrain: parameters, stamps, the listed points of a patch.
 
 use lodestream_terrain::{
-    PARAMETERS_BYTES, Parameters, PatchPoints, Scratch, Stamp, Terrain, decode_points, decode_stamps,
+    HeightOverrides, PARAMETERS_BYTES, Parameters, Scratch, Stamp, Terrain, decode_points, decode_stamps,
     encode_points, encode_stamps,
 };
 
@@ -60,7 +60,7 @@ fn points(finest_level: u8, bytes: &[u8]) -> bool {
     true
 }
 
-fn apply(finest_level: u8, points: PatchPoints) {
+fn apply(finest_level: u8, points: HeightOverrides) {
     let mut terrain = with_stamps(finest_level, Vec::new());
     terrain.set_points(0, -1, points).expect("accepted points are listed");
     heights(&terrain);

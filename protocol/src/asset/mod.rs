@@ -263,7 +263,7 @@ mod tests {
         assert!(unordered.encode().is_err());
     }
 
-    fn lamp() -> Material {
+    fn punctual_light() -> Material {
         Material {
             metallic: 0.2,
             emission: [12.5, 0.0, 1e-6],
@@ -294,7 +294,7 @@ mod tests {
         ];
         for mask in 0..1_u32 << fields.len() {
             let mut description = textured();
-            description.materials[0] = lamp();
+            description.materials[0] = punctual_light();
             for (i, without) in fields.iter().enumerate() {
                 if mask & (1 << i) != 0 {
                     without(&mut description.materials[0]);

@@ -1,4 +1,4 @@
-//! Knobs of a client session, and what it begins with.
+//! Settings of a client session, and what it begins with.
 
 use std::time::Duration;
 
@@ -7,7 +7,7 @@ use crate::limits::MAX_BLOB_BYTES;
 use crate::message::Token;
 use crate::scene::Fingerprint;
 
-/// Knobs of a client session.
+/// Settings of a client session.
 #[derive(Clone, Debug)]
 pub struct ClientConfig {
     /// Name of the scene; empty for the server's default.

@@ -5,8 +5,8 @@ use std::time::Duration;
 use bytes::Bytes;
 
 use crate::blob::BlobId;
-use crate::lamps::Lamps;
 use crate::message::{Close, RefusedReason, Welcome};
+use crate::punctual_lights::PunctualLights;
 use crate::scene::ScenePage;
 
 /// What happened.
@@ -16,8 +16,8 @@ pub enum ClientEvent {
     Connected(Welcome),
     /// A page of the scene description came.
     ScenePage(ScenePage),
-    /// The scene has lamps; before the first page.
-    Lamps(Lamps),
+    /// The scene has punctual lights; before the first page.
+    PunctualLights(PunctualLights),
     /// A blob, or the part of it that was sent, is complete, asked for or not. Told after
     /// [`ClientEvent::Connected`] even where it came before.
     Blob {

@@ -104,7 +104,9 @@ impl ClientSession {
                 }
                 self.events.push_back(ClientEvent::ScenePage(page));
             }
-            ServerMessage::Lamps(lamps) => self.events.push_back(ClientEvent::Lamps(lamps)),
+            ServerMessage::PunctualLights(punctual_lights) => {
+                self.events.push_back(ClientEvent::PunctualLights(punctual_lights))
+            }
             ServerMessage::Refused(refused) => self.refused(refused),
             ServerMessage::RefusedMany(many) => many.into_iter().for_each(|refused| self.refused(refused)),
             ServerMessage::BasesSent => self.events.push_back(ClientEvent::BasesSent),

@@ -3,9 +3,9 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::lamps::Lamps;
 use crate::limits::{MAX_HAVE, MAX_IDS_PER_MESSAGE};
 use crate::message::*;
+use crate::punctual_lights::PunctualLights;
 use crate::scene::{InstanceEntry, ScenePage};
 use crate::source::SceneSource;
 use crate::testing::MemoryScene;
@@ -48,7 +48,7 @@ fn server_messages() -> Vec<ServerMessage> {
             idle_timeout_ms: 30_000,
             scene: scene.header.clone(),
         }),
-        ServerMessage::Lamps(Lamps { count: 2000, first: Vec::new() }),
+        ServerMessage::PunctualLights(PunctualLights { count: 2000, first: Vec::new() }),
         ServerMessage::Refused(Refused { id: BlobId::chunk(3, 4), reason: RefusedReason::NotFound }),
         ServerMessage::BasesSent,
         ServerMessage::Done,

@@ -72,11 +72,11 @@ pub enum Cancelled {
     /// It had not begun.
     Queued,
     /// Some of it has been sent.
-    Begun,
+    BlobTransfer,
 }
 
 #[derive(Debug)]
-struct Begun {
+struct BlobTransfer {
     id: BlobId,
     priority: Priority,
     bytes: Bytes,
@@ -94,7 +94,7 @@ enum Next {
 #[derive(Debug)]
 pub struct Scheduler {
     queue: Queue,
-    begun: Vec<Begun>,
+    begun: Vec<BlobTransfer>,
     reads: Reads,
     next_number: u64,
     max_queued: usize,
@@ -155,7 +155,7 @@ impl Scheduler {
         let read = self.reads.retain(|read| read != id);
         if let Some(index) = self.begun.iter().position(|begun| begun.id == id) {
             self.begun.remove(index);
-            return Cancelled::Begun;
+            return Cancelled::BlobTransfer;
         }
         if queued || read { Cancelled::Queued } else { Cancelled::Unknown }
     }
@@ -323,7 +323,7 @@ impl Scheduler {
         };
         let end = bytes.len().min(part.end as usize);
         let offset = (part.start as usize).min(end);
-        self.begun.push(Begun { id, priority, bytes, offset, end });
+        self.begun.push(BlobTransfer { id, priority, bytes, offset, end });
         self.advance(self.begun.len() - 1, piece_bytes)
     }
 

@@ -97,7 +97,7 @@ fn parts_are_sent_once_and_extended_in_the_queue() {
     scheduler.want_part(chunk(1), 5, 0..300);
     next(&mut scheduler, &mut sent);
     scheduler.want_part(chunk(1), 5, 0..1000);
-    assert_eq!(scheduler.cancel(BlobId::chunk(0, 1)), Cancelled::Begun);
+    assert_eq!(scheduler.cancel(BlobId::chunk(0, 1)), Cancelled::BlobTransfer);
     assert!(scheduler.is_empty(), "the rest goes with its beginning");
 }
 
@@ -109,7 +109,7 @@ fn cancel_drops_what_was_not_handed_over() {
     assert_eq!(scheduler.cancel(BlobId::chunk(0, 2)), Cancelled::Queued);
     assert_eq!(scheduler.cancel(BlobId::chunk(0, 2)), Cancelled::Unknown);
     scheduler.next(400, read);
-    assert_eq!(scheduler.cancel(BlobId::chunk(0, 1)), Cancelled::Begun);
+    assert_eq!(scheduler.cancel(BlobId::chunk(0, 1)), Cancelled::BlobTransfer);
     assert_eq!(scheduler.next(400, read), None);
 }
 

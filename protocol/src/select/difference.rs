@@ -15,7 +15,7 @@ const SHAPE: f32 = 3.0;
 /// How much of an attribute's error is seen as an error of the shape: less than it counts against the target, since what
 /// slides within a surface moves no outline.
 const ATTRIBUTE: f32 = 0.35;
-/// How much of what is seen changes where all light there comes from lamps that are missing: as much as in a picture
+/// How much of what is seen changes where all light there comes from punctual lights that are missing: as much as in a picture
 /// that is a quarter too dark. What is missing of a shape is missed sooner.
 const LIT: f32 = 0.25;
 /// Texels of so many pixels and more are a blur all alike.
@@ -71,10 +71,10 @@ pub fn shape_priority(view: &View, error_px: f32, radius_px: f32, bytes: u32) ->
     refine_priority(Picture::new(view).shape_px2(error_px, radius_px), bytes as f32, 1.0)
 }
 
-/// Priority of lamps that light a sphere of radius `radius_px`, for `bytes`; `share` of all light there is theirs, 0 to 1.
+/// Priority of punctual lights that light a sphere of radius `radius_px`, for `bytes`; `share` of all light there is theirs, 0 to 1.
 #[must_use]
 #[expect(clippy::cast_precision_loss, reason = "a priority needs no more of a length than 24 bits")]
-pub fn lamp_priority(view: &View, share: f32, radius_px: f32, bytes: u32) -> Priority {
+pub fn punctual_light_priority(view: &View, share: f32, radius_px: f32, bytes: u32) -> Priority {
     let picture = Picture::new(view);
     let area = (radius_px * radius_px).min(picture.area_px2);
     refine_priority(LIT * share * area, bytes as f32, 1.0)
@@ -87,12 +87,12 @@ pub(crate) fn seen_error(error: f32, attribute_error: f32, attribute_share: f32)
 
 /// A difference and the bytes that it takes: a chunk, with what hangs on it where that is worth more.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Package {
+pub(crate) struct SubtreeBenefit {
     pub(crate) difference_px2: f32,
     pub(crate) bytes: f32,
 }
 
-impl Package {
+impl SubtreeBenefit {
     /// This and what `behind` has: together, or this alone where that makes more of a difference per byte.
     pub(crate) fn with(self, behind: Self) -> Self {
         let both = Self {
@@ -110,8 +110,8 @@ impl Package {
         self.bytes += share * child.bytes;
     }
 
-    pub(crate) fn priority(&self, centrality: f32) -> Priority {
-        refine_priority(self.difference_px2, self.bytes, centrality)
+    pub(crate) fn priority(&self, foveation: f32) -> Priority {
+        refine_priority(self.difference_px2, self.bytes, foveation)
     }
 }
 
@@ -142,12 +142,12 @@ mod tests {
     #[test]
     fn what_hangs_on_a_chunk_counts_where_it_is_worth_more() {
         let (poor, rich) = (
-            Package { difference_px2: 10.0, bytes: 1000.0 },
-            Package { difference_px2: 900.0, bytes: 500.0 },
+            SubtreeBenefit { difference_px2: 10.0, bytes: 1000.0 },
+            SubtreeBenefit { difference_px2: 900.0, bytes: 500.0 },
         );
         assert_eq!(poor.with(rich).difference_px2, 910.0);
         assert_eq!(rich.with(poor).bytes, 500.0);
-        let mut behind = Package::default();
+        let mut behind = SubtreeBenefit::default();
         behind.add(rich, 2);
         behind.add(rich, 2);
         assert_eq!((behind.difference_px2, behind.bytes), (900.0, 500.0));

@@ -24,14 +24,14 @@ const CURVE_BITS: u32 = 21;
 
 /// A sphere that bounds others; of infinite radius where they have no bound.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Ball {
+struct BoundingSphere {
     center: DVec3,
     radius: f64,
     /// Radius of the largest instance in it.
     largest: f64,
 }
 
-impl Ball {
+impl BoundingSphere {
     /// About some, at the middle of the box around their centres.
     fn about(balls: &[Self]) -> Self {
         let [mut low, mut high] = [DVec3::INFINITY, DVec3::NEG_INFINITY];
@@ -59,11 +59,11 @@ impl Ball {
 
 /// A view, and what a sphere must reach into to be given.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Sought {
+pub(super) struct TreeQuery {
     eye: DVec3,
     /// Inward normals of the planes through the eye, the near one among them.
     planes: [DVec3; 5],
-    fall: Option<Fall>,
+    fall: Option<ShadowVolume>,
     /// Least radius on the screen, and pixels per unit of tangent.
     least_px: f64,
     scale_px: f64,
@@ -71,12 +71,12 @@ pub(super) struct Sought {
 
 /// What carries shadows: from the sun, down to the lowest that matters.
 #[derive(Clone, Copy, Debug)]
-struct Fall {
+struct ShadowVolume {
     to_sun: DVec3,
     lowest: f64,
 }
 
-impl Sought {
+impl TreeQuery {
     /// Spheres that reach into the frustum.
     pub(super) fn in_view(projection: &Projection) -> Self {
         let frustum = projection.frustum();
@@ -94,12 +94,12 @@ impl Sought {
     /// Spheres that do somewhere on the way on which light from `to_sun` carries them, down to `lowest` (along `to_sun`, from
     /// the eye).
     pub(super) fn casting(projection: &Projection, to_sun: Vec3, lowest: f32) -> Self {
-        let fall = Fall { to_sun: to_sun.as_dvec3(), lowest: f64::from(lowest) };
+        let fall = ShadowVolume { to_sun: to_sun.as_dvec3(), lowest: f64::from(lowest) };
         Self { fall: Some(fall), ..Self::in_view(projection) }
     }
 
     /// False only for a sphere in which nothing passes the exact test.
-    fn reaches(&self, ball: &Ball) -> bool {
+    fn reaches(&self, ball: &BoundingSphere) -> bool {
         let center = ball.center - self.eye;
         let size = center.abs().element_sum() + ball.radius;
         // What is not a number is not left out either.
@@ -110,7 +110,7 @@ impl Sought {
             return false;
         }
         let radius = ball.radius + SLACK * size;
-        let Some(Fall { to_sun, lowest }) = self.fall else {
+        let Some(ShadowVolume { to_sun, lowest }) = self.fall else {
             return self.planes.iter().all(|normal| normal.dot(center) >= -radius);
         };
         let fall = to_sun.dot(center) + radius - lowest;
@@ -142,13 +142,13 @@ pub struct InstanceTree {
     numbers: Vec<u32>,
     /// Where each leaf begins in `numbers`, by asset, and the end.
     begins: Vec<u32>,
-    balls: Vec<Ball>,
+    balls: Vec<BoundingSphere>,
     /// The first leaf of each asset, and the end.
     leaves_of: Vec<u32>,
     /// Leaves along the curve; what the first level above bounds.
     along: Vec<u32>,
     /// From fine to coarse.
-    levels: Vec<Vec<Ball>>,
+    levels: Vec<Vec<BoundingSphere>>,
 }
 
 impl InstanceTree {
@@ -164,7 +164,7 @@ impl InstanceTree {
             let entry = asset(instance.asset)?;
             Some((instance.asset, number, ball(entry, instance)))
         });
-        let placed: Vec<(u32, u32, Ball)> = placed.collect();
+        let placed: Vec<(u32, u32, BoundingSphere)> = placed.collect();
         let curve = Curve::through(placed.iter().map(|(_, _, ball)| ball.center));
         let mut order: Vec<(u32, u64, u32)> =
             placed.iter().map(|(asset, number, ball)| (*asset, curve.place(ball.center), *number)).collect();
@@ -180,7 +180,7 @@ impl InstanceTree {
                 of_leaf.extend(leaf.iter().map(|(_, _, number)| placed[*number as usize].2));
                 tree.numbers.extend(leaf.iter().map(|(_, _, number)| number));
                 tree.begins.push(length(tree.numbers.len()));
-                tree.balls.push(Ball::about(&of_leaf));
+                tree.balls.push(BoundingSphere::about(&of_leaf));
             }
         }
         tree.leaves_of.push(length(tree.balls.len()));
@@ -192,9 +192,10 @@ impl InstanceTree {
     fn raise(&mut self, curve: &Curve) {
         self.along = (0..length(self.balls.len())).collect();
         self.along.sort_by_cached_key(|leaf| curve.place(self.balls[*leaf as usize].center));
-        let mut below: Vec<Ball> = self.along.iter().map(|leaf| self.balls[*leaf as usize]).collect();
+        let mut below: Vec<BoundingSphere> =
+            self.along.iter().map(|leaf| self.balls[*leaf as usize]).collect();
         while below.len() > 1 {
-            below = below.chunks(FAN).map(Ball::about).collect();
+            below = below.chunks(FAN).map(BoundingSphere::about).collect();
             self.levels.push(below.clone());
         }
     }
@@ -227,13 +228,13 @@ impl InstanceTree {
 
     /// Numbers of the instances that may be in view, ascending: all that are, and some others.
     pub(crate) fn in_view(&self, projection: &Projection) -> Vec<u32> {
-        let mut found = Found::default();
-        self.find(&Sought::in_view(projection), &mut found);
+        let mut found = IndexSet::default();
+        self.find(&TreeQuery::in_view(projection), &mut found);
         found.numbers
     }
 
     /// Finds the instances that may be what is sought, ascending.
-    pub(super) fn find(&self, sought: &Sought, found: &mut Found) {
+    pub(super) fn find(&self, sought: &TreeQuery, found: &mut IndexSet) {
         found.bits.clear();
         found.bits.resize(self.numbers.len().div_ceil(64), 0);
         // A level's number counts from the leaves: 0 are leaves themselves.
@@ -285,11 +286,11 @@ impl InstanceTree {
     }
 }
 
-fn ball(asset: &AssetEntry, instance: &InstanceEntry) -> Ball {
+fn ball(asset: &AssetEntry, instance: &InstanceEntry) -> BoundingSphere {
     let center = instance.to_world(asset.origin, asset.sphere.center);
     let radius = f64::from(asset.sphere.radius * instance.scale);
     let known = center.is_finite() && radius.is_finite();
-    if known { Ball { center, radius, largest: radius } } else { Ball::everywhere() }
+    if known { BoundingSphere { center, radius, largest: radius } } else { BoundingSphere::everywhere() }
 }
 
 /// Scenes number what they have by u32.
@@ -328,7 +329,7 @@ impl<'a> Instances<'a> {
     }
 
     /// Numbers of those that may be what is sought, ascending: all that are, all that no hierarchy knows, and some others.
-    pub(super) fn find(&self, sought: &Sought, found: &mut Found) {
+    pub(super) fn find(&self, sought: &TreeQuery, found: &mut IndexSet) {
         found.numbers.clear();
         let known = self.tree.map_or(0, |tree| {
             tree.find(sought, found);
@@ -353,12 +354,12 @@ impl<'a> Instances<'a> {
 
 /// Numbers of instances that were found.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Found {
+pub(super) struct IndexSet {
     bits: Vec<u64>,
     numbers: Vec<u32>,
 }
 
-impl Found {
+impl IndexSet {
     fn list(&mut self) {
         self.numbers.clear();
         for (word, &bits) in (0_u32..).zip(&self.bits) {
@@ -458,8 +459,8 @@ mod tests {
             let tree = InstanceTree::new(instances.iter(), |number| assets.get(number as usize));
             prop_assert_eq!(tree.len(), instances.len());
             let projection = Projection::new(&view);
-            let mut found = Found::default();
-            tree.find(&Sought::in_view(&projection), &mut found);
+            let mut found = IndexSet::default();
+            tree.find(&TreeQuery::in_view(&projection), &mut found);
             prop_assert!(found.numbers().is_sorted());
             let sphere = |at: usize| {
                 let instance = &instances[at];
@@ -470,14 +471,14 @@ mod tests {
                 let known = found.numbers().binary_search(&length(at)).is_ok();
                 prop_assert!(known || !projection.sees(center, radius), "{}", at);
             }
-            tree.find(&Sought::in_view_from(&projection, least_px), &mut found);
+            tree.find(&TreeQuery::in_view_from(&projection, least_px), &mut found);
             for (at, instance) in instances.iter().enumerate() {
                 let bounds = projection.bounds(&assets[instance.asset as usize], instance);
                 let known = found.numbers().binary_search(&length(at)).is_ok();
                 prop_assert!(known || !bounds.visible || bounds.coverage_px < least_px, "{}", at);
             }
             let to_sun = Vec3::from(sun).normalize_or(Vec3::Y);
-            tree.find(&Sought::casting(&projection, to_sun, lowest), &mut found);
+            tree.find(&TreeQuery::casting(&projection, to_sun, lowest), &mut found);
             for at in 0..instances.len() {
                 let (center, radius) = sphere(at);
                 let fall = to_sun.dot(center) + radius - lowest;

@@ -11,8 +11,8 @@
 //! ([`priority`]); unneeded are the applied ones below a
 //! smaller threshold, so that nothing flickers when the camera wavers.
 //!
-//! A chunk none of whose children is above the threshold is wanted up to the first stop whose error, at
-//! the same magnification, is not above it; once a child is, or the stop does no longer, the rest. Budgets
+//! A chunk none of whose children is above the threshold is wanted up to the first truncation whose error, at
+//! the same magnification, is not above it; once a child is, or the truncation does no longer, the rest. Budgets
 //! count it whole.
 
 pub(crate) mod difference;
@@ -29,7 +29,7 @@ mod tests;
 pub(crate) mod textures;
 pub(crate) mod visibility;
 
-pub use difference::{lamp_priority, shape_priority};
+pub use difference::{punctual_light_priority, shape_priority};
 pub use instance_tree::{InstanceTree, Instances};
 pub use occluder::Occluder;
 pub use priority::Priority;

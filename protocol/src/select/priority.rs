@@ -31,8 +31,8 @@ pub const DIRECTORY: Priority = WORTH.end().to_bits();
 /// Priority of a visible instance's base mesh (and of the scene page that places it): the larger on the
 /// screen and the nearer to its centre, the sooner.
 #[must_use]
-pub fn base_priority(coverage_px: f32, centrality: f32) -> Priority {
-    (BASE * (coverage_px.clamp(0.0, 1e9) + 1e-3) * centrality.clamp(0.1, 1.0)).to_bits()
+pub fn base_priority(coverage_px: f32, foveation: f32) -> Priority {
+    (BASE * (coverage_px.clamp(0.0, 1e9) + 1e-3) * foveation.clamp(0.1, 1.0)).to_bits()
 }
 
 /// Priority of a base mesh that is out of view: near and large first.
@@ -53,11 +53,11 @@ pub fn is_hidden(priority: Priority) -> bool {
     (1..=HIDDEN_WORTH.end().to_bits()).contains(&priority)
 }
 
-/// Priority of something that makes a visible difference of `difference_px2` square pixels for `bytes`; `centrality` is 1
+/// Priority of something that makes a visible difference of `difference_px2` square pixels for `bytes`; `foveation` is 1
 /// in the middle of the picture and falls towards 0 outwards.
 #[must_use]
-pub fn refine_priority(difference_px2: f32, bytes: f32, centrality: f32) -> Priority {
-    let worth = difference_px2 / bytes.max(1.0) * centrality.clamp(0.01, 1.0).sqrt();
+pub fn refine_priority(difference_px2: f32, bytes: f32, foveation: f32) -> Priority {
+    let worth = difference_px2 / bytes.max(1.0) * foveation.clamp(0.01, 1.0).sqrt();
     let range = if difference_px2 >= LEAST_SEEN_PX2 { WORTH } else { HIDDEN_WORTH };
     worth.clamp(*range.start(), *range.end()).to_bits()
 }
@@ -73,7 +73,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn difference_per_byte_decides_then_centrality() {
+    fn difference_per_byte_decides_then_foveation() {
         assert!(refine_priority(4.0, 10.0, 1.0) > refine_priority(3.9, 10.0, 1.0));
         assert!(refine_priority(500.0, 500.0, 1.0) > refine_priority(700.0, 5000.0, 1.0));
         assert!(refine_priority(500.0, 500.0, 1.0) > refine_priority(500.0, 500.0, 0.5));

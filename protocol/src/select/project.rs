@@ -25,7 +25,7 @@ pub struct Bounds {
     /// Radius on the screen, in pixels, by distance (so it is defined out of view too).
     pub coverage_px: f32,
     /// 1 in the middle of the picture, falling outwards.
-    pub centrality: f32,
+    pub foveation: f32,
 }
 
 impl Projection {
@@ -55,7 +55,7 @@ impl Projection {
             visible: self.frustum.sees(center, radius),
             depth: f64::from(self.frustum.depth(center, radius)),
             coverage_px: self.radius_px(center, radius),
-            centrality: centrality(&self.frustum, center, radius),
+            foveation: foveation(&self.frustum, center, radius),
         }
     }
 
@@ -129,7 +129,7 @@ pub struct LocalView {
 }
 
 impl LocalView {
-    /// Screen error in pixels of an error within a sphere, and the sphere's centrality; `None` out of
+    /// Screen error in pixels of an error within a sphere, and the sphere's foveation; `None` out of
     /// view.
     #[inline]
     #[must_use]
@@ -140,7 +140,7 @@ impl LocalView {
         }
         let depth = self.frustum.depth(center, sphere.radius);
         let px = screen_error_px(f64::from(error), f64::from(depth), self.scale_px);
-        Some((px, centrality(&self.frustum, center, sphere.radius)))
+        Some((px, foveation(&self.frustum, center, sphere.radius)))
     }
 
     /// By how many pixels an error within a sphere out of view displaces its shadow, where the light carries it along `way`
@@ -165,7 +165,7 @@ fn shadow_depth(frustum: &Frustum, center: Vec3, radius: f32, way: Vec3) -> Opti
 /// 1 where the sphere covers the middle of the picture, falling with the tangent of the angle to its
 /// nearest point.
 #[inline]
-fn centrality(frustum: &Frustum, center: Vec3, radius: f32) -> f32 {
+fn foveation(frustum: &Frustum, center: Vec3, radius: f32) -> f32 {
     let along = frustum.forward.dot(center);
     let across = ((center - frustum.forward * along).length() - radius).max(0.0);
     let tangent = across / along.max(radius).max(f32::MIN_POSITIVE);

@@ -34,8 +34,8 @@ pub struct Wanted {
     pub held: u32,
     /// How many of its bytes suffice; `None` for all.
     pub end: Option<u32>,
-    /// The stop up to which a chunk is to be applied; `None` for the whole chunk.
-    pub stop: Option<u8>,
+    /// The truncation up to which a chunk is to be applied; `None` for the whole chunk.
+    pub truncation: Option<u8>,
     /// Screen error of a chunk's own while it is missing, in whole pixels rounded down, at most `u16::MAX`; 0 for other
     /// blobs.
     pub error_px: u16,
@@ -45,7 +45,7 @@ impl Wanted {
     /// All of a blob of which nothing is here.
     #[must_use]
     pub const fn whole(id: BlobId, priority: Priority, bytes: Option<u32>, state: State) -> Self {
-        Self { id, priority, bytes, state, held: 0, end: None, stop: None, error_px: 0 }
+        Self { id, priority, bytes, state, held: 0, end: None, truncation: None, error_px: 0 }
     }
 }
 

@@ -9,8 +9,8 @@ use glam::Vec3;
 use lodestream_geometry::index::ChunkInfo;
 use lodestream_geometry::screen::{visible_error, visible_error_at};
 
-use super::difference::{Package, Picture, seen_error};
-use super::instance_tree::{Found, Instances, Sought};
+use super::difference::{Picture, SubtreeBenefit, seen_error};
+use super::instance_tree::{IndexSet, Instances, TreeQuery};
 use super::priority::{Priority, hidden};
 use super::project::Projection;
 use super::selection::{Counters, Selection, State, Wanted};
@@ -41,15 +41,15 @@ pub struct Selector {
     /// Per asset: where its chunks begin in `chunks`, and what its instances add up to.
     seen: Vec<Seen>,
     /// Per chunk of all assets, one after the other.
-    chunks: Vec<Seek>,
+    chunks: Vec<ChunkEvaluation>,
     /// Faces and payload bytes by bin of screen error.
     histogram: Vec<(u64, u64)>,
     visibility: Visibility,
-    /// Of the chunks of one instance: screen error and centrality of those in view, and how much of each is seen.
+    /// Of the chunks of one instance: screen error and foveation of those in view, and how much of each is seen.
     found: Vec<Option<(f64, f32)>>,
     shares: Vec<f32>,
     /// Instances that are looked at.
-    nearby: Found,
+    nearby: IndexSet,
     /// How far the eye may get until what is wanted now is here.
     way: f32,
     /// Unit vector towards the sun, where it shines.
@@ -70,7 +70,7 @@ struct Seen {
     coverage_px: f32,
     /// The same of those in view.
     visible_px: f32,
-    centrality: f32,
+    foveation: f32,
     /// Bound on the screen error of chunks that are not known yet.
     unknown_px: f32,
     /// Something is seen of an instance, or it is not judged: else index pages are as hidden as what they tell of.
@@ -85,12 +85,12 @@ struct Seen {
 
 /// What is found out about one chunk.
 #[derive(Clone, Copy, Debug, Default)]
-struct Seek {
+struct ChunkEvaluation {
     /// Screen error while it is missing, the largest over instances, itself and its descendants.
     error_px: f32,
     /// The same of itself alone.
     own_px: f32,
-    centrality: f32,
+    foveation: f32,
     /// By how many pixels it and its descendants displace shadows that fall into view from out of it, as far as that counts.
     shadow_px: f32,
     /// The same of itself alone.
@@ -100,15 +100,15 @@ struct Seek {
     /// Visible difference while it is missing, the sum over instances.
     difference_px2: f32,
     /// What its missing descendants are worth, then it with them.
-    package: Package,
+    package: SubtreeBenefit,
     /// By what it is worth with its missing descendants; 0: not wanted.
     priority: Priority,
     /// Applied, and needed by something applied.
     kept: bool,
     /// A child is wanted, so it is itself, whole.
     inner: bool,
-    /// The stop up to which it is wanted.
-    stop: Option<u8>,
+    /// The truncation up to which it is wanted.
+    truncation: Option<u8>,
     /// It or an ancestor will never come, or is not known.
     blocked: bool,
 }
@@ -145,11 +145,11 @@ pub fn max_screen_error_px(view: &View, instances: &[InstanceEntry], assets: &[A
     worst
 }
 
-/// The length that shows where a chunk is not in use, or only up to a stop.
+/// The length that shows where a chunk is not in use, or only up to a truncation.
 fn remaining_error(chunk: &Chunk, share: f32) -> f32 {
     let info = chunk.info();
-    match chunk.stop() {
-        Some(stop) => visible_error_at(info, &info.extent(Some(stop)), share),
+    match chunk.truncation() {
+        Some(truncation) => visible_error_at(info, &info.extent(Some(truncation)), share),
         None => visible_error(info, share),
     }
 }
@@ -168,7 +168,7 @@ impl Selector {
             visibility: Visibility::default(),
             found: Vec::new(),
             shares: Vec::new(),
-            nearby: Found::default(),
+            nearby: IndexSet::default(),
             way: 0.0,
             to_sun: None,
             textures: Textures::default(),
@@ -268,14 +268,14 @@ impl Selector {
             first_chunk += asset.chunks().len();
         }
         self.chunks.clear();
-        self.chunks.resize(first_chunk, Seek::default());
+        self.chunks.resize(first_chunk, ChunkEvaluation::default());
         self.textures.clear();
     }
 
     /// The pass over instances: screen errors per chunk, and the achieved error.
     fn look(&mut self, view: &View, instances: Instances<'_>, assets: &[AssetState], in_use: (u64, u64)) {
         let (projection, picture) = (Projection::new(view), Picture::new(view));
-        instances.find(&Sought::in_view(&projection), &mut self.nearby);
+        instances.find(&TreeQuery::in_view(&projection), &mut self.nearby);
         for (number, seen) in (0..).zip(&mut self.seen) {
             seen.placed = instances.places(number);
         }
@@ -297,7 +297,7 @@ impl Selector {
             seen.visible = true;
             seen.visible_px = seen.visible_px.max(bounds.coverage_px);
             self.textures.note(number, instance.asset, bounds.coverage_px);
-            seen.centrality = seen.centrality.max(bounds.centrality);
+            seen.foveation = seen.foveation.max(bounds.foveation);
             counters.visible_instances += 1;
             if asset.state(BlobPart::Base) == State::Applied {
                 counters.drawable_instances += 1;
@@ -363,7 +363,7 @@ impl Selector {
             let seeks = &mut self.chunks[seen.first_chunk..];
             let about = found.iter().zip(&self.shares);
             for ((seek, chunk), (found, &shown)) in seeks.iter_mut().zip(asset.chunks()).zip(about) {
-                let (Some(chunk), &Some((px, centrality))) = (chunk, found) else { continue };
+                let (Some(chunk), &Some((px, foveation))) = (chunk, found) else { continue };
                 let info = chunk.info();
                 let error = visible_error(info, share);
                 if chunk.state() != State::Applied {
@@ -383,7 +383,7 @@ impl Selector {
                     let whole = picture.shape_px2(seen_px, px_per_unit * info.sphere.radius);
                     seek.difference_px2 += if shown > 0.0 { shown * whole } else { hidden(whole) };
                 }
-                seek.centrality = seek.centrality.max(centrality);
+                seek.foveation = seek.foveation.max(foveation);
             }
         }
         counters.max_screen_error_px = worst;
@@ -402,14 +402,14 @@ impl Selector {
             let seeks = &mut self.chunks[seen.first_chunk..];
             for (index, chunk) in asset.chunks().iter().enumerate().rev() {
                 let Some(info) = chunk.as_ref().map(Chunk::info) else { continue };
-                let Seek { error_px, centrality, .. } = seeks[index];
+                let ChunkEvaluation { error_px, foveation, .. } = seeks[index];
                 if error_px <= 0.0 {
                     continue;
                 }
                 for &parent in &info.parents {
                     let parent = &mut seeks[parent as usize];
                     parent.error_px = parent.error_px.max(error_px);
-                    parent.centrality = parent.centrality.max(centrality);
+                    parent.foveation = parent.foveation.max(foveation);
                 }
                 if error_px > target_px {
                     let bin = &mut self.histogram[(error_px.to_bits() >> BIN_SHIFT) as usize % BINS];
@@ -437,7 +437,7 @@ impl Selector {
     /// Lists the chunks of one asset that are wanted, no longer wanted, or to be undone.
     fn refine(&mut self, number: u32, asset: &AssetState, threshold: f32, keep_out_of_view: bool) {
         let share = self.settings.attribute_share.get();
-        let stops = self.settings.stops;
+        let truncation_points = self.settings.truncation_points;
         let chunks = asset.chunks();
         let seeks = &mut self.chunks[self.seen[number as usize].first_chunk..][..chunks.len()];
         let far = self.seen[number as usize].far;
@@ -453,26 +453,28 @@ impl Selector {
             let seek = &mut seeks[index];
             let applied = chunk.extent_in_use().is_some();
             if seek.error_px > threshold {
-                seek.stop = if stops { enough(info, seek, threshold, share) } else { None };
-                if chunk.state_up_to(seek.stop) != State::Applied {
-                    let left = match chunk.stop() {
-                        Some(stop) if seek.own_px > 0.0 => px_at(info, seek, stop, share) / seek.own_px,
+                seek.truncation = if truncation_points { enough(info, seek, threshold, share) } else { None };
+                if chunk.state_up_to(seek.truncation) != State::Applied {
+                    let left = match chunk.truncation() {
+                        Some(truncation) if seek.own_px > 0.0 => {
+                            px_at(info, seek, truncation, share) / seek.own_px
+                        }
                         _ => 1.0,
                     };
-                    let need = info.extent(seek.stop).payload_bytes;
+                    let need = info.extent(seek.truncation).payload_bytes;
                     #[expect(
                         clippy::cast_precision_loss,
                         reason = "a priority needs no more of a length than 24 bits"
                     )]
                     let bytes = need.saturating_sub(chunk.held_bytes()).max(1) as f32;
-                    let own = Package { difference_px2: left * seek.difference_px2, bytes };
+                    let own = SubtreeBenefit { difference_px2: left * seek.difference_px2, bytes };
                     seek.package = own.with(seek.package);
-                    seek.priority = seek.package.priority(seek.centrality);
+                    seek.priority = seek.package.priority(seek.foveation);
                 }
             }
             let out_of_view = seek.error_px <= 0.0 && !far;
             seek.kept |= applied && (seek.error_px >= undo_below || (out_of_view && keep_out_of_view));
-            let Seek { package, kept, error_px, .. } = *seek;
+            let ChunkEvaluation { package, kept, error_px, .. } = *seek;
             for &parent in &info.parents {
                 let parent = &mut seeks[parent as usize];
                 parent.package.add(package, info.parents.len());
@@ -511,11 +513,11 @@ impl Selector {
                 continue;
             }
             counters.needed_chunks += 1;
-            let (stop, held) = (seek.stop, chunk.held_bytes());
-            let need = info.extent(stop).payload_bytes;
+            let (truncation, held) = (seek.truncation, chunk.held_bytes());
+            let need = info.extent(truncation).payload_bytes;
             counters.needed_bytes += u64::from(need);
             counters.shadow_bytes += if seek.shadow_only { u64::from(need) } else { 0 };
-            let state = chunk.state_up_to(stop);
+            let state = chunk.state_up_to(truncation);
             if state == State::Applied {
                 continue;
             }
@@ -525,7 +527,7 @@ impl Selector {
             }
             if !blocked {
                 let id = BlobId::chunk(number, u32::try_from(index).unwrap_or(u32::MAX));
-                let (bytes, end) = (Some(info.payload_bytes), stop.map(|_| need));
+                let (bytes, end) = (Some(info.payload_bytes), truncation.map(|_| need));
                 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
                 let error_px = seek.own_px as u16;
                 self.selection.wanted.push(Wanted {
@@ -535,7 +537,7 @@ impl Selector {
                     state,
                     held,
                     end,
-                    stop,
+                    truncation,
                     error_px,
                 });
             }
@@ -572,20 +574,22 @@ fn threshold_within(histogram: &[(u64, u64)], max_faces: u64, max_bytes: u64, le
     least_px
 }
 
-/// Screen error of a chunk's own that is left at a stop.
-fn px_at(info: &ChunkInfo, seek: &Seek, stop: u8, share: f32) -> f32 {
+/// Screen error of a chunk's own that is left at a truncation.
+fn px_at(info: &ChunkInfo, seek: &ChunkEvaluation, truncation: u8, share: f32) -> f32 {
     let whole = visible_error(info, share);
-    let left = visible_error_at(info, &info.extent(Some(stop)), share);
+    let left = visible_error_at(info, &info.extent(Some(truncation)), share);
     if left < whole { seek.own_px * (left / whole) } else { seek.own_px }
 }
 
-/// The first stop of a chunk at which nothing is left above the threshold; `None` where none is, or a
+/// The first truncation of a chunk at which nothing is left above the threshold; `None` where none is, or a
 /// child is wanted.
-fn enough(info: &ChunkInfo, seek: &Seek, threshold: f32, share: f32) -> Option<u8> {
+fn enough(info: &ChunkInfo, seek: &ChunkEvaluation, threshold: f32, share: f32) -> Option<u8> {
     if seek.inner {
         return None;
     }
-    (0_u8..).take(info.stops.len()).find(|&stop| px_at(info, seek, stop, share) <= threshold)
+    (0_u8..)
+        .take(info.truncation_points.len())
+        .find(|&truncation| px_at(info, seek, truncation, share) <= threshold)
 }
 
 /// Faces and payload bytes of what is in use of all assets' chunks.

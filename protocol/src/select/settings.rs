@@ -1,8 +1,8 @@
-//! Knobs of the selection: types that hold nothing but what can be used.
+//! Settings of the selection: types that hold nothing but what can be used.
 
 use std::num::NonZeroUsize;
 
-/// A knob of the selection that has no such value.
+/// A setting of the selection that has no such value.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum SettingsError {
     /// A share that is not one.
@@ -76,7 +76,7 @@ impl TryFrom<f32> for Weight {
     }
 }
 
-/// Knobs of the selection.
+/// Settings of the selection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SelectSettings {
     /// Most faces in use, over all assets (each asset once, however many instances it has). Above it
@@ -100,9 +100,9 @@ pub struct SelectSettings {
     pub attribute_share: Share,
     /// Whether base meshes of instances out of view are fetched too, last.
     pub prefetch_bases: bool,
-    /// Whether chunks are wanted only up to the first stop that suffices, where nothing finer is wanted.
+    /// Whether chunks are wanted only up to the first truncation that suffices, where nothing finer is wanted.
     /// Off, more bytes are fetched for a view, and fewer requests are needed when the camera nears.
-    pub stops: bool,
+    pub truncation_points: bool,
     /// Whether what the scene's own surfaces hide comes last, as far as they are known ([`AssetState::set_occluder`]).
     ///
     /// [`AssetState::set_occluder`]: super::AssetState::set_occluder
@@ -125,7 +125,7 @@ impl Default for SelectSettings {
             texture_weight: Weight(0.02),
             attribute_share: Share::ALL,
             prefetch_bases: true,
-            stops: true,
+            truncation_points: true,
             hidden_last: true,
             shadows: false,
         }
@@ -137,7 +137,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn knobs_take_no_numbers_that_mean_something_else() {
+    fn settings_take_no_numbers_that_mean_something_else() {
         for bad in [f32::NAN, -0.1, 1.001, f32::INFINITY, f32::NEG_INFINITY] {
             assert!(Share::new(bad).is_err(), "{bad}");
         }

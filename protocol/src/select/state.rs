@@ -2,7 +2,9 @@
 
 use std::sync::Arc;
 
-use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, IndexPage, Stop, expected_rest_error};
+use lodestream_geometry::index::{
+    CHUNKS_PER_PAGE, ChunkInfo, IndexPage, TruncationPoint, expected_rest_error,
+};
 use lodestream_geometry::numbers::id32;
 
 use crate::asset::{AssetDescription, TextureLevel};
@@ -19,8 +21,8 @@ pub struct Chunk {
     state: State,
     /// Bytes of its beginning that are here.
     held: u32,
-    /// The stop up to which it is in use, where it is not in use whole.
-    stop: Option<u8>,
+    /// The truncation up to which it is in use, where it is not in use whole.
+    truncation: Option<u8>,
     /// How far the occluder may be off where this chunk refines.
     margin: f32,
 }
@@ -44,12 +46,12 @@ impl Chunk {
         self.held
     }
 
-    /// The stop up to which it is in use; `None` where it is whole or not in use.
+    /// The truncation up to which it is in use; `None` where it is whole or not in use.
     #[must_use]
-    pub const fn stop(&self) -> Option<u8> {
+    pub const fn truncation(&self) -> Option<u8> {
         match self.state {
             State::Applied => None,
-            _ => self.stop,
+            _ => self.truncation,
         }
     }
 
@@ -62,21 +64,21 @@ impl Chunk {
 
     /// What of it is in use, if anything.
     #[must_use]
-    pub fn extent_in_use(&self) -> Option<Stop> {
-        match (self.state, self.stop) {
+    pub fn extent_in_use(&self) -> Option<TruncationPoint> {
+        match (self.state, self.truncation) {
             (State::Applied, _) => Some(self.info.extent(None)),
-            (_, stop @ Some(_)) => Some(self.info.extent(stop)),
+            (_, truncation @ Some(_)) => Some(self.info.extent(truncation)),
             _ => None,
         }
     }
 
-    /// Where as much of it is as takes it to a stop.
+    /// Where as much of it is as takes it to a truncation.
     #[must_use]
-    pub fn state_up_to(&self, stop: Option<u8>) -> State {
+    pub fn state_up_to(&self, truncation: Option<u8>) -> State {
         match self.state {
             State::Applied | State::Failed => self.state,
-            _ if stop.is_some() && self.stop >= stop => State::Applied,
-            _ if self.held >= self.info.extent(stop).payload_bytes => State::Cached,
+            _ if truncation.is_some() && self.truncation >= truncation => State::Applied,
+            _ if self.held >= self.info.extent(truncation).payload_bytes => State::Cached,
             State::Cached => State::Absent,
             state => state,
         }
@@ -195,11 +197,11 @@ impl AssetState {
         self.known(chunk).map_or(0, Chunk::held_bytes)
     }
 
-    /// Says that a chunk is in use up to a stop ([`ChunkInfo::stops`]), or no longer: its state is then
+    /// Says that a chunk is in use up to a truncation ([`ChunkInfo::truncation_points`]), or no longer: its state is then
     /// that of the rest. A chunk that is [`State::Applied`] is in use whole.
-    pub fn set_stop(&mut self, chunk: u32, stop: Option<u8>) {
+    pub fn set_truncation(&mut self, chunk: u32, truncation: Option<u8>) {
         if let Some(chunk) = self.known_mut(chunk) {
-            chunk.stop = stop;
+            chunk.truncation = truncation;
         }
     }
 
@@ -208,7 +210,7 @@ impl AssetState {
         wanted.state = match wanted.id.part() {
             Some(BlobPart::Chunk(chunk)) => {
                 wanted.held = self.held_bytes(chunk);
-                self.known(chunk).map_or(State::Absent, |chunk| chunk.state_up_to(wanted.stop))
+                self.known(chunk).map_or(State::Absent, |chunk| chunk.state_up_to(wanted.truncation))
             }
             Some(part) => self.state(part),
             None => wanted.state,
@@ -263,7 +265,7 @@ impl AssetState {
             match &mut self.chunks[id] {
                 // Told again: where it is stays.
                 Some(chunk) => chunk.info = info,
-                slot => *slot = Some(Chunk { info, state: State::Absent, held: 0, stop: None, margin }),
+                slot => *slot = Some(Chunk { info, state: State::Absent, held: 0, truncation: None, margin }),
             }
         }
         self.rest_errors[page as usize] = rest_error;

@@ -20,7 +20,7 @@ pub(super) struct SoughtLevel {
     pub(super) state: State,
     /// Visible difference that it makes to this asset.
     pub(super) difference_px2: f32,
-    pub(super) centrality: f32,
+    pub(super) foveation: f32,
 }
 
 /// How large an asset's largest instance is on the screen, and how much is seen of the one of which most is.
@@ -122,14 +122,14 @@ impl Textures {
                 continue;
             }
             let difference_px2 = same.iter().map(|level| level.difference_px2).sum();
-            let centrality = same.iter().map(|level| level.centrality).fold(0.0, f32::max);
+            let foveation = same.iter().map(|level| level.foveation).fold(0.0, f32::max);
             // On its way for one, it is for all.
             let state = same.iter().map(|level| level.state).max().unwrap_or_default();
             #[expect(
                 clippy::cast_precision_loss,
                 reason = "a priority needs no more of a length than 24 bits"
             )]
-            let priority = refine_priority(difference_px2, bytes as f32, centrality);
+            let priority = refine_priority(difference_px2, bytes as f32, foveation);
             selection.wanted.push(Wanted::whole(id, priority, Some(bytes), state));
         }
     }

@@ -24,7 +24,7 @@ const LEAST_TEXTURED_PX: f32 = 32.0;
 #[derive(Clone, Copy, Debug, Default)]
 struct Seen {
     coverage_px: f32,
-    centrality: f32,
+    foveation: f32,
     area: ShownArea,
 }
 
@@ -50,12 +50,12 @@ pub(super) fn coarse_textures(
             let shown = visibility.shown(number, view, asset.entry(), instance);
             seen.area.add(picture.surface_px2(bounds.coverage_px), shown);
             seen.coverage_px = seen.coverage_px.max(bounds.coverage_px);
-            seen.centrality = seen.centrality.max(bounds.centrality);
+            seen.foveation = seen.foveation.max(bounds.foveation);
         }
     }
     // What several assets have in common makes the sum of the differences that it makes to each.
     let mut levels: BTreeMap<BlobId, (u32, f32, f32)> = BTreeMap::new();
-    for ((&number, asset), Seen { coverage_px, centrality, area }) in
+    for ((&number, asset), Seen { coverage_px, foveation, area }) in
         numbers.iter().zip(assets).zip(seen).filter(|(_, seen)| seen.coverage_px >= LEAST_TEXTURED_PX)
     {
         let whole = picture.texture_px2(f32::MAX, coverage_px, settings.texture_weight.get());
@@ -66,12 +66,12 @@ pub(super) fn coarse_textures(
             let id = asset.entry().sent_blob(number, part);
             let Some(bytes) = source.blob_len(&id) else { continue };
             let level = levels.entry(id).or_insert((bytes, 0.0, 0.0));
-            (level.1, level.2) = (level.1 + difference_px2, level.2.max(centrality));
+            (level.1, level.2) = (level.1 + difference_px2, level.2.max(foveation));
         }
     }
     #[expect(clippy::cast_precision_loss, reason = "a priority needs no more of a length than 24 bits")]
-    let of = |(id, (bytes, difference_px2, centrality)): (BlobId, (u32, f32, f32))| Refining {
-        priority: refine_priority(difference_px2, bytes as f32, centrality),
+    let of = |(id, (bytes, difference_px2, foveation)): (BlobId, (u32, f32, f32))| Refining {
+        priority: refine_priority(difference_px2, bytes as f32, foveation),
         id,
         end: None,
     };

@@ -1,11 +1,11 @@
-//! Knobs of a server session.
+//! Settings of a server session.
 
 use std::time::Duration;
 
 use crate::limiter::LimiterConfig;
 use crate::limits::MAX_QUEUED;
 
-/// Knobs of a server session.
+/// Settings of a server session.
 #[derive(Clone, Debug)]
 pub struct ServerConfig {
     /// How fast to send.
@@ -17,7 +17,7 @@ pub struct ServerConfig {
     /// Up to so many bytes in all, refinement of the start view follows the base meshes before `Hello` is
     /// heard. As much as the transport sends in a round trip: more would wait in the socket when `Hello`
     /// names another view. 0 on QUIC: what fits before address validation would share packets with the
-    /// base meshes and delay them, and strangers could make the server select.
+    /// base meshes and delay them, and untrusted peers could make the server select.
     pub refine_before_hello_bytes: u64,
     /// Bytes pushed unasked after the base meshes: index pages and first chunks of what is visible, so
     /// that refinement does not wait for a round trip. More covers longer round trips; what the client

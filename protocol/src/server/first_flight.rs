@@ -35,7 +35,7 @@ pub(super) fn first_flight(source: &dyn SceneSource, places: &Places, view: &Vie
         let Some(asset) = places.asset(instance.asset) else { continue };
         let bounds = projection.bounds(asset, instance);
         if bounds.visible {
-            let priority = base_priority(bounds.coverage_px, bounds.centrality);
+            let priority = base_priority(bounds.coverage_px, bounds.foveation);
             let best = &mut best[instance.asset as usize];
             *best = priority.max(*best);
             let largest_px = &mut largest_px[instance.asset as usize];

@@ -1,14 +1,14 @@
 //! How fast a session may send: its own limiter and its part in what sessions share.
 
-use crate::ceiling::{CeilingShare, Weight, Wish};
 use crate::limiter::{LimiterConfig, TokenBucket};
+use crate::shared_rate_limit::{RateShare, SendRequest, Weight};
 use crate::time::Time;
 
 /// See the module.
 #[derive(Debug)]
 pub(super) struct Pace {
     bucket: TokenBucket,
-    share: Option<CeilingShare>,
+    share: Option<RateShare>,
     /// From when on the share admits something, or is asked again.
     share_ready_at: Time,
 }
@@ -19,12 +19,12 @@ impl Pace {
         Self { bucket: TokenBucket::new(limiter), share: None, share_ready_at: Time::ZERO }
     }
 
-    /// Makes the session share a ceiling with others.
-    pub(super) fn join(&mut self, share: CeilingShare) {
+    /// Makes the session share a shared rate limit with others.
+    pub(super) fn join(&mut self, share: RateShare) {
         self.share = Some(share);
     }
 
-    /// Leaves the ceiling to the others.
+    /// Leaves the shared rate limit to the others.
     pub(super) fn leave(&mut self) {
         self.share = None;
         self.share_ready_at = Time::ZERO;
@@ -54,7 +54,7 @@ impl Pace {
         let own_ready = self.bucket.admits(now);
         if let Some(share) = &mut self.share {
             let own_bits_per_s = self.bucket.config().rate_bits_per_s;
-            self.share_ready_at = share.ask(now, Wish { active, own_bits_per_s, own_ready });
+            self.share_ready_at = share.ask(now, SendRequest { active, own_bits_per_s, own_ready });
         }
         own_ready && self.share_ready_at <= now
     }

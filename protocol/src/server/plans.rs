@@ -26,22 +26,22 @@ pub(super) type Flight = Arc<[(Priority, Unit)]>;
 pub struct Plans {
     places: OnceLock<Places>,
     start: OnceLock<(View, Flight)>,
-    kept: Kept<View, (Priority, Unit)>,
+    kept: RecentLists<View, (Priority, Unit)>,
     /// By view and budget in bytes.
-    refinements: Kept<(View, u64), Refining>,
+    refinements: RecentLists<(View, u64), Refining>,
 }
 
 /// Lists of one kind, the one that was used last in front.
 #[derive(Debug)]
-struct Kept<K, T>(Mutex<VecDeque<(K, Arc<[T]>)>>);
+struct RecentLists<K, T>(Mutex<VecDeque<(K, Arc<[T]>)>>);
 
-impl<K, T> Default for Kept<K, T> {
+impl<K, T> Default for RecentLists<K, T> {
     fn default() -> Self {
         Self(Mutex::default())
     }
 }
 
-impl<K: PartialEq, T> Kept<K, T> {
+impl<K: PartialEq, T> RecentLists<K, T> {
     /// A thread that panicked while it held the lock left the lists usable: entries are whole.
     fn lists(&self) -> MutexGuard<'_, VecDeque<(K, Arc<[T]>)>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)

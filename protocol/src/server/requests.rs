@@ -137,7 +137,7 @@ impl Requests {
     pub(super) fn cancel(&mut self, id: BlobId) {
         self.handed.remove(&Unit::Blob(id));
         self.pushed_parts.remove(&id);
-        if self.scheduler.cancel(id) == Cancelled::Begun {
+        if self.scheduler.cancel(id) == Cancelled::BlobTransfer {
             self.abandoned.push_back(id);
         }
     }

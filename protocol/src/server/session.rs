@@ -12,12 +12,12 @@ use super::push::Push;
 use super::requests::{PageWanted, Requests};
 use super::timers::{Timers, Waiting};
 use crate::blob::BlobId;
-use crate::ceiling::{CeilingShare, Weight};
 use crate::frame::FrameError;
 use crate::message::{
     ClientMessage, Close, CloseCode, Hello, Refused, ServerMessage, VERSIONS, Want, Welcome,
 };
 use crate::scheduler::Unit;
+use crate::shared_rate_limit::{RateShare, Weight};
 use crate::source::{SceneSource, SourceError};
 use crate::time::Time;
 use crate::view::View;
@@ -89,13 +89,13 @@ impl ServerSession {
             idle_timeout_ms: u32::try_from(config.idle_timeout.as_millis()).unwrap_or(u32::MAX),
             scene: header,
         });
-        let lamps = source.lamps().cloned().map(ServerMessage::Lamps);
+        let punctual_lights = source.punctual_lights().cloned().map(ServerMessage::PunctualLights);
         let mut this = Self {
             phase: Phase::Greeting,
             close: None,
             pace: Pace::new(config.limiter),
             timers: Timers::new(&config, now),
-            control: Outbox::new(std::iter::once(welcome).chain(lamps)),
+            control: Outbox::new(std::iter::once(welcome).chain(punctual_lights)),
             requests: Requests::new(config.max_queued),
             push: Push::new(plans, view, config.push_before_hello_bytes),
             done_told: true,
@@ -108,8 +108,8 @@ impl ServerSession {
         this
     }
 
-    /// Makes the session share a ceiling with others, beside its own limiter.
-    pub fn set_ceiling(&mut self, share: CeilingShare) {
+    /// Makes the session share a shared rate limit with others, beside its own limiter.
+    pub fn set_shared_rate_limit(&mut self, share: RateShare) {
         self.pace.join(share);
     }
 
@@ -119,12 +119,12 @@ impl ServerSession {
         self.pace.set_rate(now, rate_bits_per_s);
     }
 
-    /// Changes how much the session counts beside those that it shares a ceiling with. Nothing where it shares none.
+    /// Changes how much the session counts beside those that it shares a shared rate limit with. Nothing where it shares none.
     pub fn set_weight(&mut self, now: Time, weight: Weight) {
         self.pace.set_weight(now, weight);
     }
 
-    /// Changes the group of sessions with which it counts as one under a ceiling. Nothing where it shares none.
+    /// Changes the group of sessions with which it counts as one under a shared rate limit. Nothing where it shares none.
     pub fn set_group(&mut self, now: Time, group: Option<u128>) {
         self.pace.set_group(now, group);
     }

@@ -14,7 +14,7 @@ const CONFIG: Configuration<LittleEndian, Varint, Limit<{ 64 * 1024 }>> =
 
 /// A patch with listed points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
-pub struct ListedPatch {
+pub struct OverridePatch {
     /// Column of the patch.
     pub x: i32,
     /// Row of the patch.
@@ -54,7 +54,7 @@ pub enum DirectoryError {
 ///
 /// # Errors
 /// If there are more.
-pub fn encode_directory(patches: &[ListedPatch]) -> Result<Vec<u8>, DirectoryError> {
+pub fn encode_directory(patches: &[OverridePatch]) -> Result<Vec<u8>, DirectoryError> {
     if patches.len() > PATCHES_PER_PAGE as usize {
         return Err(DirectoryError::TooMany(patches.len()));
     }
@@ -65,8 +65,8 @@ pub fn encode_directory(patches: &[ListedPatch]) -> Result<Vec<u8>, DirectoryErr
 ///
 /// # Errors
 /// If the bytes are not such a page. Memory is bounded by the bytes.
-pub fn decode_directory(bytes: &[u8], count: u32) -> Result<Vec<ListedPatch>, DirectoryError> {
-    let (patches, used): (Vec<ListedPatch>, usize) =
+pub fn decode_directory(bytes: &[u8], count: u32) -> Result<Vec<OverridePatch>, DirectoryError> {
+    let (patches, used): (Vec<OverridePatch>, usize) =
         bincode::decode_from_slice(bytes, CONFIG).map_err(CodingError::from)?;
     if used != bytes.len() {
         return Err(CodingError::TrailingBytes { left: bytes.len() - used }.into());
@@ -84,8 +84,10 @@ pub fn decode_directory(bytes: &[u8], count: u32) -> Result<Vec<ListedPatch>, Di
 mod tests {
     use super::*;
 
-    fn patches(count: i32) -> Vec<ListedPatch> {
-        (0..count).map(|i| ListedPatch { x: i - 7, y: -3 * i, bytes: 100 + i as u32, error: 9000 }).collect()
+    fn patches(count: i32) -> Vec<OverridePatch> {
+        (0..count)
+            .map(|i| OverridePatch { x: i - 7, y: -3 * i, bytes: 100 + i as u32, error: 9000 })
+            .collect()
     }
 
     #[test]
@@ -107,7 +109,7 @@ mod tests {
         for hostile in [&[251, 255, 255][..], &[253, 255, 255, 255, 255, 255, 255, 255, 255]] {
             assert!(decode_directory(hostile, 1024).is_err());
         }
-        let long = ListedPatch { x: 0, y: 0, bytes: MAX_BLOB_BYTES + 1, error: 0 };
+        let long = OverridePatch { x: 0, y: 0, bytes: MAX_BLOB_BYTES + 1, error: 0 };
         assert!(decode_directory(&encode_directory(&[long]).unwrap(), 1).is_err());
     }
 }

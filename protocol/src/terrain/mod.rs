@@ -8,7 +8,7 @@ use bincode::error::{DecodeError, EncodeError};
 use bincode::{Decode, Encode};
 use lodestream_terrain::{PARAMETERS_BYTES, Parameters, Stamp, decode_stamps, encode_stamps};
 
-pub use directory::{DirectoryError, ListedPatch, PATCHES_PER_PAGE, decode_directory, encode_directory};
+pub use directory::{DirectoryError, OverridePatch, PATCHES_PER_PAGE, decode_directory, encode_directory};
 
 /// Most segments of all stamps of a scene's terrain: with so many around it, a tile takes some ten milliseconds.
 pub const MAX_SEGMENTS: usize = 2048;

@@ -13,7 +13,7 @@ use lodestream_protocol::source::SceneSource;
 use tokio::sync::Mutex;
 use tokio::task::spawn_blocking;
 
-use super::place::{Found, Place};
+use super::place::{Place, SceneLocation};
 use crate::daemon::scene_watch::{self, SceneProvider};
 use crate::daemon::scenes::Scenes;
 use crate::prepare::{Options, prepare_cached};
@@ -127,16 +127,16 @@ impl Catalogue {
     }
 
     /// What a scene is now, whether or not it can be opened: what cannot is tried again when it changes.
-    async fn open_one(&self, found: &Found, quiet: bool) -> (Known, anyhow::Result<()>) {
+    async fn open_one(&self, found: &SceneLocation, quiet: bool) -> (Known, anyhow::Result<()>) {
         match found {
-            Found::Published(objects, listed) => {
+            SceneLocation::Published(objects, listed) => {
                 let opened = SceneStore::open(objects, &listed.name, &self.blobs).await;
                 // A store that fails for a moment is no change of the object.
                 let stamp = opened.is_ok().then(|| blake3::hash(listed.version.as_bytes()));
                 let (source, opened) = parted(opened.map_err(Into::into));
                 (Known { stamp, files: Vec::new(), source }, opened)
             }
-            Found::Files(words) => {
+            SceneLocation::Files(words) => {
                 let (words, folder, blobs) = (words.clone(), self.folder.clone(), self.blobs.clone());
                 let options = Options { quiet: quiet || self.options.quiet, ..self.options };
                 let opened = spawn_blocking(move || open_files(&words, &folder, &options, &blobs)).await;
@@ -205,10 +205,10 @@ fn read_files(
 }
 
 /// What a scene is like now, as far as that shows without reading it.
-async fn stamp(found: &Found, before: Option<&Known>) -> Option<Stamp> {
+async fn stamp(found: &SceneLocation, before: Option<&Known>) -> Option<Stamp> {
     match found {
-        Found::Published(_, listed) => Some(blake3::hash(listed.version.as_bytes())),
-        Found::Files(_) => {
+        SceneLocation::Published(_, listed) => Some(blake3::hash(listed.version.as_bytes())),
+        SceneLocation::Files(_) => {
             let files = before?.files.clone();
             spawn_blocking(move || of_files(&files)).await.ok()?.map(|(stamp, _)| stamp)
         }

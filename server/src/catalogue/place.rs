@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, bail};
 
 use crate::scene::SceneError;
-use crate::store::{Listed, Objects};
+use crate::store::{ObjectEntry, Objects};
 
 /// What a published scene's object is called behind its name.
 pub(super) const PUBLISHED: &str = ".lss";
@@ -25,14 +25,14 @@ pub(super) enum Place {
 
 /// A scene that is there.
 #[derive(Clone, Debug)]
-pub(super) enum Found {
+pub(super) enum SceneLocation {
     /// A scene file, or models side by side.
     Files(Vec<PathBuf>),
     /// A published one.
-    Published(Objects, Listed),
+    Published(Objects, ObjectEntry),
 }
 
-impl Found {
+impl SceneLocation {
     /// What tells it apart from others.
     pub(super) fn key(&self) -> String {
         match self {
@@ -93,13 +93,13 @@ impl Place {
     }
 
     /// The scenes that are there.
-    pub(super) async fn list(&self) -> anyhow::Result<Vec<Found>> {
+    pub(super) async fn list(&self) -> anyhow::Result<Vec<SceneLocation>> {
         match self {
-            Self::Files(files) => Ok(vec![Found::Files(files.clone())]),
+            Self::Files(files) => Ok(vec![SceneLocation::Files(files.clone())]),
             Self::Folder(folder) => {
                 let folder = folder.clone();
                 let scenes = tokio::task::spawn_blocking(move || scenes_in(&folder)).await??;
-                Ok(scenes.into_iter().map(|file| Found::Files(vec![file])).collect())
+                Ok(scenes.into_iter().map(|file| SceneLocation::Files(vec![file])).collect())
             }
             Self::Published(objects, name) => {
                 let mut listed = objects.list(PUBLISHED).await?;
@@ -109,7 +109,10 @@ impl Place {
                         bail!("{}/{name}: there is no such object", objects.name());
                     }
                 }
-                Ok(listed.into_iter().map(|listed| Found::Published(objects.clone(), listed)).collect())
+                Ok(listed
+                    .into_iter()
+                    .map(|listed| SceneLocation::Published(objects.clone(), listed))
+                    .collect())
             }
         }
     }

@@ -78,8 +78,8 @@ fn rising_errors(root: f32, infos: &[ChunkInfo]) -> Vec<String> {
             }
         }
         // A stop may state more than its chunk does while it is missing: what is far on the way need not be
-        // in the end. Nobody stops there.
-        if info.error > root || info.stops.windows(2).any(|s| s[1].error > s[0].error) {
+        // in the end. Nobody truncation_points there.
+        if info.error > root || info.truncation_points.windows(2).any(|s| s[1].error > s[0].error) {
             lines.push(format!(
                 "chunk {id} states a larger error than the base mesh, or a stop than the one before\n"
             ));

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::outcome::Outcome;
-use super::recipe::positive;
+use super::preparation_settings::positive;
 use crate::demo_scene::{Options, generate};
 
 #[derive(Debug, Args)]

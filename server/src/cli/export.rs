@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use anyhow::Context as _;
 use clap::Args;
 use lodestream_compress::whole_file::write_atomically;
-use lodestream_geometry::closed_set::{Budget, lowest_error};
+use lodestream_geometry::ancestor_closed_cut::{Budget, lowest_error};
 
 use super::outcome::Outcome;
-use super::recipe::positive;
+use super::preparation_settings::positive;
 use super::units::parse_size;
 use crate::export_obj::write_obj;
 use crate::store::PackFile;
@@ -74,7 +74,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         mesh.faces.len(),
         mesh.positions.len(),
         set.members.len(),
-        set.members.iter().filter(|m| m.stop.is_some()).count(),
+        set.members.iter().filter(|m| m.truncation.is_some()).count(),
         set.bytes,
         set.error
     )))

@@ -27,7 +27,7 @@ pub(super) fn parse_log_limit(text: &str) -> Result<LogLimit, String> {
 
 /// Lines of one place that were left out.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct LeftOut {
+pub(super) struct SuppressedLines {
     /// The place.
     pub(super) of: &'static Metadata<'static>,
     /// How many.
@@ -61,7 +61,11 @@ impl Limiter {
 
     /// Whether a place may log a line now; if not, the line is counted. And what was left out in windows that are over
     /// since the last line, each place once.
-    pub(super) fn line(&mut self, of: &'static Metadata<'static>, now: Instant) -> (bool, Vec<LeftOut>) {
+    pub(super) fn line(
+        &mut self,
+        of: &'static Metadata<'static>,
+        now: Instant,
+    ) -> (bool, Vec<SuppressedLines>) {
         let LogLimit(Some(most)) = self.limit else { return (true, Vec::new()) };
         let now = *self.latest.insert(self.latest.map_or(now, |latest| latest.max(now)));
         let left_out = self.close(now);
@@ -90,7 +94,7 @@ impl Limiter {
     }
 
     /// Closes the windows that are over.
-    fn close(&mut self, now: Instant) -> Vec<LeftOut> {
+    fn close(&mut self, now: Instant) -> Vec<SuppressedLines> {
         let mut taken = Vec::new();
         while let Some(callsite) = self.open.front()
             && let Some(window) = self.callsites.get_mut(callsite)
@@ -103,20 +107,20 @@ impl Limiter {
     }
 
     /// Takes all that was left out.
-    pub(super) fn take_all(&mut self) -> Vec<LeftOut> {
+    pub(super) fn take_all(&mut self) -> Vec<SuppressedLines> {
         sorted(self.callsites.values_mut().filter_map(Window::take).collect())
     }
 }
 
 impl Window {
-    fn take(&mut self) -> Option<LeftOut> {
+    fn take(&mut self) -> Option<SuppressedLines> {
         let lines = std::mem::take(&mut self.left_out);
-        (lines > 0).then_some(LeftOut { of: self.metadata, lines })
+        (lines > 0).then_some(SuppressedLines { of: self.metadata, lines })
     }
 }
 
 /// By place: a map's order is nobody's business.
-fn sorted(mut taken: Vec<LeftOut>) -> Vec<LeftOut> {
+fn sorted(mut taken: Vec<SuppressedLines>) -> Vec<SuppressedLines> {
     taken.sort_by_key(|left_out| (left_out.of.file(), left_out.of.line()));
     taken
 }
@@ -155,7 +159,7 @@ mod tests {
         Box::leak(Box::new(Metadata::new("line", "here", level, file, Some(line), None, fields, kind)))
     }
 
-    fn told(left_out: &[LeftOut]) -> Vec<(u32, u64)> {
+    fn told(left_out: &[SuppressedLines]) -> Vec<(u32, u64)> {
         left_out.iter().map(|left_out| (left_out.of.line().unwrap(), left_out.lines)).collect()
     }
 

@@ -13,7 +13,7 @@ use tracing_subscriber::fmt::time::{FormatTime as _, SystemTime};
 use tracing_subscriber::fmt::{FmtContext, FormatEvent, FormatFields, MakeWriter};
 use tracing_subscriber::registry::LookupSpan;
 
-use super::log_limit::{LeftOut, Limiter, LogLimit};
+use super::log_limit::{Limiter, LogLimit, SuppressedLines};
 
 /// How lines are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -87,7 +87,7 @@ impl Lines {
         self.limiter.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn tell(&self, to: &mut Writer<'_>, LeftOut { of, lines }: LeftOut) -> fmt::Result {
+    fn tell(&self, to: &mut Writer<'_>, SuppressedLines { of, lines }: SuppressedLines) -> fmt::Result {
         let mut time = String::new();
         SystemTime.format_time(&mut Writer::new(&mut time))?;
         let place = format!("{}:{}", of.file().unwrap_or("?"), of.line().unwrap_or(0));

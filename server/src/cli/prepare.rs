@@ -9,7 +9,7 @@ use lodestream_geometry::pack::{HEAD_BYTES, Head};
 use lodestream_import::gltf;
 
 use super::outcome::Outcome;
-use super::recipe::RecipeArguments;
+use super::preparation_settings::PreparationArguments;
 use crate::catalogue::fetch::fetch;
 use crate::catalogue::publish::publish;
 use crate::mapped::{FROM_BYTES, Mapped};
@@ -39,7 +39,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "NAME")]
     mesh: Option<String>,
     #[command(flatten)]
-    recipe: RecipeArguments,
+    preparation_settings: PreparationArguments,
     /// Threads; the pack does not depend on it [default: as many as there are cores].
     #[arg(long, value_name = "N")]
     threads: Option<NonZeroUsize>,
@@ -57,12 +57,12 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
-    let recipe = arguments.recipe.resolve();
-    let from_bytes = FROM_BYTES.max(BLOCK_LIST_BYTES * recipe.simplify_settings().block_faces);
+    let preparation_settings = arguments.preparation_settings.resolve();
+    let from_bytes = FROM_BYTES.max(BLOCK_LIST_BYTES * preparation_settings.simplify_settings().block_faces);
     let _mapping =
         arguments.out_of_core.as_deref().map(|folder| Mapped::into(folder, from_bytes)).transpose()?;
     let options = Options {
-        recipe,
+        preparation_settings,
         threads: arguments.threads,
         quiet: arguments.quiet,
         keep_levels: arguments.keep_levels,

@@ -15,17 +15,17 @@ use super::log::Log;
 use super::log_limit::{LogLimit, parse_log_limit};
 use super::log_lines::LogFormat;
 use super::outcome::Outcome;
-use super::recipe::RecipeArguments;
+use super::preparation_settings::PreparationArguments;
 use super::units::{Rate, parse_rate};
 use crate::catalogue::Catalogue;
 use crate::daemon::access::Access;
 use crate::daemon::admin::AdminPort;
-use crate::daemon::admission::Admission;
-use crate::daemon::arrivals::NewSessions;
+use crate::daemon::admission_settings::AdmissionSettings;
 use crate::daemon::hook::Hook;
 use crate::daemon::hook_url::Authorization;
 use crate::daemon::origin::Origin;
 use crate::daemon::proxy::Network;
+use crate::daemon::session_rate::SessionRateLimit;
 use crate::daemon::state::DRAIN_SECONDS;
 use crate::daemon::tokens::Tokens;
 use crate::daemon::{self, DaemonOptions, SessionSettings};
@@ -96,7 +96,7 @@ pub(super) struct Arguments {
     /// Most new sessions at once of one such address, at least 1, or off; an eighth of that is given back each second
     /// [default: as many as --max-sessions-per-address, at least 32].
     #[arg(long, env = "LODESTREAM_NEW_SESSIONS_PER_ADDRESS", value_name = "N")]
-    new_sessions_per_address: Option<NewSessions>,
+    new_sessions_per_address: Option<SessionRateLimit>,
     /// How long sessions may go on after SIGTERM or SIGINT, in seconds: no new ones are taken, and those that are at
     /// nothing end at once. A second signal ends all.
     #[arg(long, env = "LODESTREAM_DRAIN", value_name = "SECONDS", default_value_t = DRAIN_SECONDS,
@@ -142,7 +142,7 @@ pub(super) struct Arguments {
     #[arg(long, env = "LODESTREAM_LOG_LIMIT", value_name = "LINES", default_value = "100", value_parser = parse_log_limit)]
     log_limit: LogLimit,
     #[command(flatten)]
-    recipe: RecipeArguments,
+    preparation_settings: PreparationArguments,
     /// Threads of preparation [default: as many as there are cores].
     #[arg(long, value_name = "N")]
     threads: Option<NonZeroUsize>,
@@ -150,7 +150,7 @@ pub(super) struct Arguments {
 
 impl Arguments {
     /// What may change while the server runs. What tokens are judged by is read elsewhere.
-    fn changeable(&self) -> (SessionSettings, Admission) {
+    fn changeable(&self) -> (SessionSettings, AdmissionSettings) {
         let sessions = SessionSettings {
             rate_bits_per_s: self.rate.0,
             rate_per_address_bits_per_s: self.rate_per_address.0,
@@ -160,7 +160,7 @@ impl Arguments {
             new_sessions_per_address: self.new_sessions_per_address,
             drain: Duration::from_secs(self.drain),
         };
-        let admission = Admission {
+        let admission = AdmissionSettings {
             origins: self.allow_origin.iter().cloned().collect(),
             proxies: self.trusted_proxy.iter().copied().collect(),
             access: None,
@@ -196,7 +196,7 @@ pub(super) fn run(
         None => anyhow::bail!("no cache folder is known; name one with --cache DIR"),
     };
     let options = Options {
-        recipe: arguments.recipe.resolve(),
+        preparation_settings: arguments.preparation_settings.resolve(),
         threads: arguments.threads,
         quiet: false,
         keep_levels: false,
@@ -216,7 +216,7 @@ pub(super) fn run(
         http_tls: arguments.http_tls,
         admin: arguments.admin.unwrap_or(AdminPort::Standard),
         certificate: arguments.cert.zip(arguments.key),
-        admission: Admission { access: access.map(Arc::new), ..admission },
+        admission: AdmissionSettings { access: access.map(Arc::new), ..admission },
         sessions,
         settings_again: Some(Arc::new(move || again().map(|arguments| arguments.changeable()))),
         provider: Some(catalogue),

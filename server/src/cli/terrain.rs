@@ -106,7 +106,7 @@ pub(super) struct ImportArguments {
     #[arg(long, value_name = "X,Y", default_value = "0,0", value_parser = pair, allow_hyphen_values = true)]
     at: [i64; 2],
     /// Height units for each step of grey.
-    #[arg(long, value_name = "UNITS", default_value_t = 1.0, value_parser = super::recipe::positive)]
+    #[arg(long, value_name = "UNITS", default_value_t = 1.0, value_parser = super::preparation_settings::positive)]
     scale: f64,
     /// Height of black, in height units.
     #[arg(long, value_name = "UNITS", default_value_t = 0, allow_negative_numbers = true)]

@@ -1,7 +1,7 @@
 //! A scene whose models are prepared, as the description that is sent: assets and instances in
 //! pages, nearest and largest first.
 
-mod lamp_blobs;
+mod punctual_light_blobs;
 mod shared;
 mod terrain_blobs;
 
@@ -9,14 +9,14 @@ use std::collections::BTreeMap;
 
 use bytes::Bytes;
 use glam::{DQuat, DVec3, Quat, Vec3};
-use lodestream_protocol::lamps::Lamp;
 use lodestream_protocol::limits::{MAX_ENTRIES_PER_PAGE, MAX_INSTANCES};
+use lodestream_protocol::punctual_lights::PunctualLight;
 use lodestream_protocol::scene::{
     AssetEntry, Camera, Fingerprint, InstanceEntry, Light, SceneError, SceneHeader, ScenePage,
 };
 
 use crate::scene::{DEFAULT_FOV_Y_DEGREES, Instance, Model, Scene, SceneTerrain};
-pub use lamp_blobs::{LampBlobs, LampBlobsError};
+pub use punctual_light_blobs::{PunctualLightBlobs, PunctualLightBlobsError};
 use shared::share_textures;
 pub use terrain_blobs::{TerrainBlobs, TerrainBlobsError};
 
@@ -48,9 +48,9 @@ pub enum ComposeError {
     /// The terrain's features cannot be sent.
     #[error(transparent)]
     Terrain(#[from] TerrainBlobsError),
-    /// The lamps cannot be sent.
+    /// The punctual lights cannot be sent.
     #[error(transparent)]
-    Lamps(#[from] LampBlobsError),
+    PunctualLights(#[from] PunctualLightBlobsError),
     /// A value that the protocol refuses.
     #[error("the scene cannot be described: {0}")]
     Refused(#[from] SceneError),
@@ -68,8 +68,8 @@ pub struct Composed {
     pub asset_order: Vec<usize>,
     /// Blobs of the scene's terrain.
     pub terrain: TerrainBlobs,
-    /// What is said of the scene's lamps, and their blobs.
-    pub lamps: LampBlobs,
+    /// What is said of the scene's punctual lights, and their blobs.
+    pub punctual_lights: PunctualLightBlobs,
 }
 
 /// Describes `scene`, whose asset `i` was prepared as `entries[i]`, with what tells the contents of its textures apart in
@@ -82,11 +82,11 @@ pub fn compose(
     entries: &[AssetEntry],
     textures: &[Vec<(u16, Fingerprint)>],
 ) -> Result<Composed, ComposeError> {
-    let (instances, lamps) = match &scene.instances {
-        Some(instances) => (instances.clone(), scene.lamps.clone()),
+    let (instances, punctual_lights) = match &scene.instances {
+        Some(instances) => (instances.clone(), scene.punctual_lights.clone()),
         None => {
-            let (instances, lamps) = side_by_side(&scene.models, entries);
-            (instances, [&scene.lamps[..], &lamps].concat())
+            let (instances, punctual_lights) = side_by_side(&scene.models, entries);
+            (instances, [&scene.punctual_lights[..], &punctual_lights].concat())
         }
     };
     if instances.is_empty() && scene.terrain.is_none() {
@@ -121,13 +121,13 @@ pub fn compose(
         Some(terrain) => TerrainBlobs::new(&terrain.terrain)?,
         None => TerrainBlobs::default(),
     };
-    let lamps = LampBlobs::new(&lamps)?;
-    header.fingerprint = fingerprint(&header, &pages, terrain.all().chain(lamps.all()));
+    let punctual_lights = PunctualLightBlobs::new(&punctual_lights)?;
+    header.fingerprint = fingerprint(&header, &pages, terrain.all().chain(punctual_lights.all()));
     header.check()?;
     for page in &pages {
         page.check()?;
     }
-    Ok(Composed { header, pages, asset_order, terrain, lamps })
+    Ok(Composed { header, pages, asset_order, terrain, punctual_lights })
 }
 
 /// Bounding sphere of an instance, in the world.
@@ -140,10 +140,10 @@ fn world_sphere(instance: &Instance, entry: &AssetEntry) -> (DVec3, f64) {
 }
 
 /// One model stays at its own origin; several stand in a row along x, their centres on one line.
-fn side_by_side(models: &[Model], entries: &[AssetEntry]) -> (Vec<Instance>, Vec<Lamp>) {
+fn side_by_side(models: &[Model], entries: &[AssetEntry]) -> (Vec<Instance>, Vec<PunctualLight>) {
     if let [] | [_] = models {
         let one = models.first().cloned().unwrap_or_default();
-        return (one.parts, one.lamps);
+        return (one.parts, one.punctual_lights);
     }
     let bounds: Vec<(DVec3, f64)> = models
         .iter()
@@ -154,17 +154,17 @@ fn side_by_side(models: &[Model], entries: &[AssetEntry]) -> (Vec<Instance>, Vec
         .collect();
     let gap = GAP * bounds.iter().map(|(_, radius)| radius).sum::<f64>() / bounds.len() as f64;
     let mut x = 0.0;
-    let (mut instances, mut lamps) = (Vec::new(), Vec::new());
+    let (mut instances, mut punctual_lights) = (Vec::new(), Vec::new());
     for (model, (center, radius)) in models.iter().zip(bounds) {
         x += radius;
         let translation = (DVec3::new(x, 0.0, 0.0) - center).to_array();
         let place = Instance { translation, ..Instance::unplaced(0) };
         let (parts, lights) = model.placed(&place);
         instances.extend(parts);
-        lamps.extend(lights);
+        punctual_lights.extend(lights);
         x += radius + gap;
     }
-    (instances, lamps)
+    (instances, punctual_lights)
 }
 
 /// A sphere about the middle of the spheres' bounding box that holds them.
@@ -255,7 +255,7 @@ impl Composed {
     /// Whether the header's fingerprint is that of all this.
     pub(crate) fn is_whole(&self) -> bool {
         let bare = SceneHeader { fingerprint: Fingerprint::default(), ..self.header.clone() };
-        let blobs = self.terrain.all().chain(self.lamps.all());
+        let blobs = self.terrain.all().chain(self.punctual_lights.all());
         fingerprint(&bare, &self.pages, blobs) == self.header.fingerprint
     }
 }
@@ -285,7 +285,7 @@ mod tests {
     use std::path::PathBuf;
 
     use lodestream_geometry::index::Sphere;
-    use lodestream_protocol::lamps::First;
+    use lodestream_protocol::punctual_lights::First;
 
     use super::*;
 
@@ -377,19 +377,24 @@ mod tests {
     }
 
     #[test]
-    fn lamps_of_models_stand_where_the_models_do_and_tell_scenes_apart() {
+    fn punctual_lights_of_models_stand_where_the_models_do_and_tell_scenes_apart() {
         let mut scene = Scene::of_models(&["a.obj", "b.obj"].map(PathBuf::from)).unwrap();
         let entries = ["a", "b"].map(|name| entry(name, [0.0; 3], 2.0));
         let dark = compose(&scene, &entries, &[]).unwrap();
-        assert_eq!(dark.lamps.lamps(), None);
-        let lamp = Lamp { position: [1.0, 5.0, 0.0], intensity: [9.0; 3], range: 30.0, spot: None };
-        scene.models[1].lamps = vec![lamp];
+        assert_eq!(dark.punctual_lights.punctual_lights(), None);
+        let punctual_light =
+            PunctualLight { position: [1.0, 5.0, 0.0], intensity: [9.0; 3], range: 30.0, spot: None };
+        scene.models[1].punctual_lights = vec![punctual_light];
         let lit = compose(&scene, &entries, &[]).unwrap();
         assert_ne!(lit.header.fingerprint, dark.header.fingerprint);
-        let First::Lamps(lamps) = lit.lamps.lamps().unwrap().first().unwrap() else { panic!() };
+        let First::PunctualLights(punctual_lights) =
+            lit.punctual_lights.punctual_lights().unwrap().first().unwrap()
+        else {
+            panic!()
+        };
         let second = lit.pages[0].instances.iter().find(|i| i.translation[0] > 1.0).unwrap();
-        assert_eq!(lamps[0].position[0], second.translation[0] + 1.0);
-        assert_eq!(lamps[0].position[1], 5.0);
+        assert_eq!(punctual_lights[0].position[0], second.translation[0] + 1.0);
+        assert_eq!(punctual_lights[0].position[1], 5.0);
     }
 
     #[test]

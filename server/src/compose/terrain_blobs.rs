@@ -2,7 +2,7 @@
 
 use bytes::Bytes;
 use lodestream_protocol::TerrainBlob;
-use lodestream_protocol::terrain::{ListedPatch, PATCHES_PER_PAGE, encode_directory};
+use lodestream_protocol::terrain::{OverridePatch, PATCHES_PER_PAGE, encode_directory};
 use lodestream_terrain::{Scratch, Terrain, TerrainError, encode_points};
 
 /// See the module. Made once when a scene is opened: features are small.
@@ -55,7 +55,7 @@ impl TerrainBlobs {
             let error = with.iter().zip(&without).map(|(a, b)| a.abs_diff(*b)).max().unwrap_or(0);
             let place = |at: i64| i32::try_from(at).unwrap_or(i32::MAX);
             let length = u32::try_from(bytes.len()).unwrap_or(u32::MAX);
-            listed.push(ListedPatch { x: place(x), y: place(y), bytes: length, error });
+            listed.push(OverridePatch { x: place(x), y: place(y), bytes: length, error });
             points.push(Bytes::from(bytes));
         }
         let pages = listed.chunks(PATCHES_PER_PAGE as usize).map(encode_directory);

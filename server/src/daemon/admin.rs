@@ -17,10 +17,10 @@ use tokio::time::timeout;
 
 use super::http::{Answer, REQUEST_TIMEOUT, health, one_request, ready, scenes, text, wrong_method};
 use super::listen::{accept_each, listen_tcp};
-use super::room::Room;
+use super::pre_auth_pool::PreAuthPool;
 use super::state::ServerState;
 
-/// Where that port is. It should be nowhere that strangers reach.
+/// Where that port is. It should be nowhere that untrusted peers reach.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AdminPort {
     /// Nowhere.
@@ -62,7 +62,7 @@ const MAX_REQUESTS: usize = 64;
 
 /// Answers requests until the daemon stops, also while it drains.
 pub async fn serve_admin(listener: TcpListener, state: Arc<ServerState>) {
-    let room = Room::new(MAX_REQUESTS);
+    let room = PreAuthPool::new(MAX_REQUESTS);
     let stopped = Arc::clone(&state);
     accept_each(listener, &stopped, move |stream, peer| {
         answer_one(stream, Arc::clone(&state), Arc::clone(&room), peer)
@@ -71,8 +71,12 @@ pub async fn serve_admin(listener: TcpListener, state: Arc<ServerState>) {
 }
 
 /// Answers one request.
-pub(super) async fn answer_one<S>(stream: S, state: Arc<ServerState>, room: Arc<Room>, peer: SocketAddr)
-where
+pub(super) async fn answer_one<S>(
+    stream: S,
+    state: Arc<ServerState>,
+    room: Arc<PreAuthPool>,
+    peer: SocketAddr,
+) where
     S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
 {
     let seat = room.enter(peer.ip());

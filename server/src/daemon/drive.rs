@@ -11,20 +11,20 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use lodestream_protocol::Time;
-use lodestream_protocol::ceiling::Weight;
 use lodestream_protocol::frame::FrameError;
 use lodestream_protocol::message::{ClientMessage, Close, CloseCode, ServerMessage};
 use lodestream_protocol::server::{ServerSession, Transmit};
+use lodestream_protocol::shared_rate_limit::Weight;
 use tokio::time::{Instant, sleep_until};
 
-use super::allowance::Allowance;
+use super::admission::{Admitted, Judging, admit, judged, refusal};
+use super::byte_rate::TOO_MUCH;
 use super::grant::{Grant, TokenError};
-use super::intake::TOO_MUCH;
+use super::message_rate::MessageRateLimiter;
 use super::progress::Progress;
 use super::reads::Reads;
 use super::refusal::Refusal;
 use super::state::{Phase, SessionGuard};
-use super::threshold::{Admitted, Judging, admit, judged, refusal};
 
 /// What came from the client.
 #[derive(Debug)]
@@ -135,10 +135,10 @@ pub(super) async fn drive<R: Receive, D: Deliver>(
     let (plans, source) = (Arc::clone(version.plans()), Arc::clone(version.source()));
     let mut session = ServerSession::sharing(plans, config, source, guard.id, clock.now());
     if let Some(share) = guard.share(weight, clock.0) {
-        session.set_ceiling(share);
+        session.set_shared_rate_limit(share);
     }
     let mut reads = Reads::new(Arc::clone(version.source()));
-    let mut allowance = Allowance::new(clock.now());
+    let mut allowance = MessageRateLimiter::new(clock.now());
     let mut progress = Progress::new(metrics, Time::ZERO);
     // Once for the session: to ask anew in each turn took a twentieth of the loop's time.
     let mut draining = pin!(state.reached(Phase::Draining));

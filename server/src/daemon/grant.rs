@@ -2,7 +2,7 @@
 
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use lodestream_protocol::ceiling::Weight;
+use lodestream_protocol::shared_rate_limit::Weight;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 use tokio::time::Instant;

@@ -2,7 +2,7 @@
 //!
 //! The questions and answers are those of token introspection (RFC 7662), with a scene and the client's address in the
 //! question and what a grant holds in the answer. Whatever a client shows as its token comes to the program as it is.
-//! Strangers cause these questions, so there are at most sixteen at a time, each has an end, and an answer is
+//! Untrusted peers cause these questions, so there are at most sixteen at a time, each has an end, and an answer is
 //! good for ten seconds for whoever asks the same.
 
 use std::fmt;
@@ -122,7 +122,7 @@ impl fmt::Debug for Hook {
     }
 }
 
-/// Room for answers that are good for so long.
+/// PreAuthPool for answers that are good for so long.
 fn answers(good_for: Duration) -> Cache<[u8; 32], Answer> {
     Cache::builder().max_capacity(MAX_KEPT).time_to_live(good_for).build()
 }

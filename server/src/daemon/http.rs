@@ -21,12 +21,12 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::time::timeout;
 use tokio_tungstenite::tungstenite::handshake::derive_accept_key;
 
+use super::byte_rate::{Lift, Metered};
 use super::grant::TokenError;
-use super::intake::{Lift, Metered};
 use super::listen::accept_each;
 use super::metrics::Transport;
+use super::pre_auth_pool::PreAuthSlot;
 use super::refusal::Refusal;
-use super::room::Seat;
 use super::state::{Phase, ServerState, SessionGuard};
 use super::tls::Tls;
 use super::websocket;
@@ -79,7 +79,7 @@ fn prepare(stream: &TcpStream) {
 }
 
 /// An upgrade that was granted, on its way from the request's handler to its connection.
-type Granted = Arc<Mutex<Option<(OnUpgrade, SessionGuard)>>>;
+type UpgradeGrant = Arc<Mutex<Option<(OnUpgrade, SessionGuard)>>>;
 
 /// Serves one connection: one request, and a session if it asks for a WebSocket. While others need its seat more, it is
 /// dropped without a word.
@@ -113,11 +113,11 @@ where
     }
 }
 
-async fn serve_one<S>(stream: S, intake: Lift, state: Arc<ServerState>, peer: SocketAddr, seat: Seat)
+async fn serve_one<S>(stream: S, intake: Lift, state: Arc<ServerState>, peer: SocketAddr, seat: PreAuthSlot)
 where
     S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
 {
-    let granted = Granted::default();
+    let granted = UpgradeGrant::default();
     let service = service_fn(|mut request: Request<Incoming>| {
         let (state, granted) = (Arc::clone(&state), Arc::clone(&granted));
         async move { Ok::<_, Infallible>(answer(&mut request, &state, peer, &granted).await) }
@@ -161,7 +161,7 @@ async fn answer(
     request: &mut Request<Incoming>,
     state: &Arc<ServerState>,
     peer: SocketAddr,
-    granted: &Granted,
+    granted: &UpgradeGrant,
 ) -> Answer {
     state.metrics().http_request();
     let path = request.uri().path();
@@ -272,7 +272,7 @@ async fn upgrade(
     request: &mut Request<Incoming>,
     state: &Arc<ServerState>,
     peer: SocketAddr,
-    granted: &Granted,
+    granted: &UpgradeGrant,
     name: Option<String>,
 ) -> Answer {
     let headers = request.headers();

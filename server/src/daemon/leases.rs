@@ -1,4 +1,4 @@
-//! Who may have a session: so many in all, so many of one address, and who leaves when nothing is left for a stranger.
+//! Who may have a session: so many in all, so many of one address, and who leaves when nothing is left for an untrusted peer.
 //!
 //! A session holds a lease, from when its client has proved an address and said `Hello`. The last eighth of them is kept
 //! for addresses that hold none. When nothing is left, a newcomer gets the lease of the least useful session, if that is
@@ -14,7 +14,7 @@ use std::time::Duration;
 use lodestream_protocol::Time;
 use tokio::sync::Notify;
 
-use super::room::Block;
+use super::pre_auth_pool::AddressBlock;
 
 /// Share of the leases that is kept for addresses that hold none: one in so many.
 const KEPT: u64 = 8;
@@ -61,30 +61,30 @@ pub(super) struct Leases {
 #[derive(Debug, Default)]
 struct Table {
     next: u64,
-    taken: BTreeMap<u64, (Block, Arc<Tenant>)>,
-    leaving: BTreeMap<u64, Block>,
-    by_block: HashMap<Block, u64>,
+    taken: BTreeMap<u64, (AddressBlock, Arc<LeaseHolder>)>,
+    leaving: BTreeMap<u64, AddressBlock>,
+    by_block: HashMap<AddressBlock, u64>,
 }
 
 /// What is known of a session that has a lease.
 #[derive(Debug)]
-struct Tenant {
+struct LeaseHolder {
     /// When it last asked for anything, in nanoseconds of [`Time`].
     asked_ns: AtomicU64,
     notice: Notify,
 }
 
 impl Table {
-    fn of(&self, block: Block) -> u64 {
+    fn of(&self, block: AddressBlock) -> u64 {
         self.by_block.get(&block).copied().unwrap_or(0)
     }
 
-    fn insert(&mut self, number: u64, block: Block, tenant: Arc<Tenant>) {
+    fn insert(&mut self, number: u64, block: AddressBlock, tenant: Arc<LeaseHolder>) {
         self.taken.insert(number, (block, tenant));
         *self.by_block.entry(block).or_insert(0) += 1;
     }
 
-    fn remove(&mut self, number: u64) -> Option<(Block, Arc<Tenant>)> {
+    fn remove(&mut self, number: u64) -> Option<(AddressBlock, Arc<LeaseHolder>)> {
         let (block, tenant) = self.taken.remove(&number)?;
         if let Some(count) = self.by_block.get_mut(&block) {
             *count -= 1;
@@ -133,7 +133,7 @@ impl Leases {
     }
 
     /// Who has to leave for a session of an address; `None` where nobody.
-    fn cost(&self, table: &Table, block: Block, now: Time) -> Result<Option<u64>, NoLease> {
+    fn cost(&self, table: &Table, block: AddressBlock, now: Time) -> Result<Option<u64>, NoLease> {
         let held = table.of(block);
         let [all, of_address] = [&self.all, &self.of_address].map(|count| count.load(Ordering::Relaxed));
         if held >= of_address {
@@ -152,12 +152,12 @@ impl Leases {
 
     /// Whether there would be a lease for an address; nobody has to leave yet.
     pub(super) fn check(&self, address: IpAddr, now: Time) -> Result<(), NoLease> {
-        self.cost(&self.table(), Block::of(address), now).map(drop)
+        self.cost(&self.table(), AddressBlock::of(address), now).map(drop)
     }
 
     /// Takes a lease for an address; whoever has to leave for it is told.
     pub(super) fn take(self: &Arc<Self>, address: IpAddr, now: Time) -> Result<Lease, NoLease> {
-        let block = Block::of(address);
+        let block = AddressBlock::of(address);
         let mut table = self.table();
         if let Some(number) = self.cost(&table, block, now)?
             && let Some((block, tenant)) = table.remove(number)
@@ -167,7 +167,7 @@ impl Leases {
         }
         table.next += 1;
         let number = table.next;
-        let tenant = Arc::new(Tenant { asked_ns: AtomicU64::new(now.as_ns()), notice: Notify::new() });
+        let tenant = Arc::new(LeaseHolder { asked_ns: AtomicU64::new(now.as_ns()), notice: Notify::new() });
         table.insert(number, block, Arc::clone(&tenant));
         Ok(Lease { leases: Arc::clone(self), number, tenant })
     }
@@ -178,7 +178,7 @@ impl Leases {
 pub(super) struct Lease {
     leases: Arc<Leases>,
     number: u64,
-    tenant: Arc<Tenant>,
+    tenant: Arc<LeaseHolder>,
 }
 
 impl Lease {
@@ -192,7 +192,7 @@ impl Lease {
     pub(super) fn moved(&self, address: IpAddr) {
         let mut table = self.leases.table();
         if let Some((_, tenant)) = table.remove(self.number) {
-            table.insert(self.number, Block::of(address), tenant);
+            table.insert(self.number, AddressBlock::of(address), tenant);
         }
     }
 
@@ -247,12 +247,12 @@ mod tests {
             of_two.extend(leases.take(ip(n % 2), Time::ZERO));
         }
         assert_eq!(of_two.len(), 70, "the last eighth is kept");
-        let strangers: Vec<_> = (2..12).map(|n| leases.take(ip(n), Time::ZERO).unwrap()).collect();
+        let untrusted_peers: Vec<_> = (2..12).map(|n| leases.take(ip(n), Time::ZERO).unwrap()).collect();
         assert!(!of_two.iter().any(lost));
         // Full: leases pass from who has many to who has none, and never back.
         let more: Vec<_> = (12..40).map(|n| leases.take(ip(n), Time::ZERO).unwrap()).collect();
         assert_eq!(of_two.iter().filter(|lease| lost(lease)).count(), more.len());
-        assert!(!strangers.iter().any(lost));
+        assert!(!untrusted_peers.iter().any(lost));
         assert_eq!(leases.take(ip(0), Time::ZERO).unwrap_err(), NoLease::Full);
     }
 
@@ -284,9 +284,9 @@ mod tests {
         assert_eq!(leases.check(ip(2), Time::ZERO).unwrap_err(), NoLease::OfAddress);
         // Where there is no room for it, it goes on all the same.
         roaming.moved(ip(1));
-        assert_eq!(leases.table().of(Block::of(ip(1))), 3);
+        assert_eq!(leases.table().of(AddressBlock::of(ip(1))), 3);
         drop(roaming);
-        assert_eq!(leases.table().of(Block::of(ip(1))), 2);
+        assert_eq!(leases.table().of(AddressBlock::of(ip(1))), 2);
         assert!(!lost(&other));
     }
 
@@ -294,9 +294,9 @@ mod tests {
     fn those_who_were_told_to_leave_are_few_at_a_time() {
         let leases = Leases::new(1000, 1000);
         let held: Vec<_> = (0..1000).filter_map(|_| leases.take(ip(1), Time::ZERO).ok()).collect();
-        let strangers: Vec<_> = (2..1000).map_while(|n| leases.take(ip(n), Time::ZERO).ok()).collect();
+        let untrusted_peers: Vec<_> = (2..1000).map_while(|n| leases.take(ip(n), Time::ZERO).ok()).collect();
         // The eighth that is kept, and then one for each that leaves.
-        assert_eq!(strangers.len(), 125 + MAX_LEAVING);
+        assert_eq!(untrusted_peers.len(), 125 + MAX_LEAVING);
         drop(held);
         assert!(leases.take(ip(5000), Time::ZERO).is_ok());
     }

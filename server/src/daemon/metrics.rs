@@ -5,7 +5,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::source::CacheUse;
-use lodestream_protocol::{BlobId, BlobPart, LampBlob, TerrainBlob};
+use lodestream_protocol::{BlobId, BlobPart, PunctualLightBlob, TerrainBlob};
 use prometheus::{
     Histogram, HistogramOpts, IntCounter, IntCounterVec, IntGauge, IntGaugeVec, Opts, Registry, TextEncoder,
 };
@@ -97,16 +97,16 @@ pub struct Metrics {
     log: OnceLock<ErrorCounter>,
 }
 
-/// Directories of terrain and lamps count as index, a terrain's points and pages of lamps as chunks.
+/// Directories of terrain and punctual lights count as index, a terrain's points and pages of punctual lights as chunks.
 const fn kind(id: &BlobId) -> usize {
     match id {
         BlobId::Asset { part: BlobPart::Base, .. } => 1,
         BlobId::Asset { part: BlobPart::IndexPage(_), .. }
         | BlobId::Terrain(TerrainBlob::DirectoryPage(_))
-        | BlobId::Lamps(LampBlob::DirectoryPage(_)) => 2,
+        | BlobId::PunctualLights(PunctualLightBlob::DirectoryPage(_)) => 2,
         BlobId::Asset { part: BlobPart::Chunk(_), .. }
         | BlobId::Terrain(TerrainBlob::Points(_))
-        | BlobId::Lamps(LampBlob::Page(_)) => 3,
+        | BlobId::PunctualLights(PunctualLightBlob::Page(_)) => 3,
         BlobId::Asset { part: BlobPart::Texture { .. }, .. } => 4,
     }
 }

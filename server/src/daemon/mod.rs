@@ -30,9 +30,10 @@
 
 pub mod access;
 pub mod admin;
-pub mod admission;
-mod allowance;
-pub mod arrivals;
+mod admission;
+pub mod admission_settings;
+mod advertised_addresses;
+mod byte_rate;
 pub mod certificate;
 pub mod congestion;
 mod damage;
@@ -42,32 +43,31 @@ pub mod hook;
 mod hook_command;
 pub mod hook_url;
 pub mod http;
-mod intake;
 mod leases;
 mod listen;
 pub mod memory_scene;
+mod message_rate;
 pub mod metrics;
 mod notify;
 pub mod origin;
+mod pre_auth_pool;
 mod progress;
 pub mod proxy;
 pub mod quic;
 mod quic_scenes;
 mod quic_stream;
-mod reach;
 mod reads;
 mod refusal;
 mod reload;
 pub mod renewal;
-mod room;
 pub mod scene_watch;
 pub mod scenes;
+pub mod session_rate;
 pub mod settings_watch;
 pub mod shutdown;
 pub mod state;
 #[cfg(test)]
 mod tests;
-mod threshold;
 pub mod tls;
 mod token_crypto;
 mod token_keys;
@@ -89,15 +89,15 @@ use tokio::time::timeout;
 use tracing_appender::non_blocking::ErrorCounter;
 
 use self::admin::AdminPort;
-use self::admission::Admission;
+use self::admission_settings::AdmissionSettings;
+use self::advertised_addresses::reachable;
 use self::certificate::Certificate;
 use self::listen::listen_tcp;
 use self::quic_scenes::{QuicSettings, follow_scenes};
-use self::reach::reachable;
 use self::renewal::LiveCertificate;
 use self::scene_watch::SceneProvider;
 use self::scenes::Scenes;
-use self::settings_watch::SettingsAgain;
+use self::settings_watch::SettingsReload;
 use self::shutdown::{Signals, StopRequests};
 pub use self::state::{ServerState, SessionSettings};
 use self::tls::Tls;
@@ -127,9 +127,9 @@ pub struct DaemonOptions {
     /// Limits of the sessions.
     pub sessions: SessionSettings,
     /// Who may open sessions over HTTP.
-    pub admission: Admission,
+    pub admission: AdmissionSettings,
     /// Reads anew, at SIGHUP, what [`ServerState::change`] takes.
-    pub settings_again: Option<SettingsAgain>,
+    pub settings_again: Option<SettingsReload>,
     /// Where scenes are looked for again while the server runs.
     pub provider: Option<Arc<dyn SceneProvider>>,
     /// What counts the log's lines that were left out, if that can happen.
@@ -148,7 +148,7 @@ impl DaemonOptions {
             state_folder: state_folder.into(),
             certificate: None,
             sessions: SessionSettings::default(),
-            admission: Admission::default(),
+            admission: AdmissionSettings::default(),
             settings_again: None,
             provider: None,
             dropped_log_lines: None,
@@ -170,7 +170,7 @@ pub async fn run(options: DaemonOptions, scenes: impl Into<Scenes>) -> anyhow::R
         // Whoever wants none may have closed it.
         let _ = writeln!(std::io::stdout(), "{url}");
     }
-    if let Some(warning) = daemon.warning_of_strangers() {
+    if let Some(warning) = daemon.warning_of_untrusted_peers() {
         tracing::warn!("{warning}");
     }
     daemon.serve(signals).await
@@ -196,7 +196,7 @@ pub struct Daemon {
     pin: String,
     renewed: Option<renewal::Files>,
     provider: Option<Arc<dyn SceneProvider>>,
-    settings_again: Option<SettingsAgain>,
+    settings_again: Option<SettingsReload>,
     reloads: watch::Sender<u64>,
 }
 
@@ -280,7 +280,7 @@ impl Daemon {
     }
 
     /// Where others may come in who should perhaps not.
-    fn warning_of_strangers(&self) -> Option<String> {
+    fn warning_of_untrusted_peers(&self) -> Option<String> {
         let public = |address: &SocketAddr| !address.ip().to_canonical().is_loopback();
         let http = self.http_address().filter(public);
         let address = self.quic_address().filter(public).or(http)?;

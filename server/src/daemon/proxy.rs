@@ -84,7 +84,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stranger_could_say_that_he_is_somebody_else() {
+    fn a_untrusted_peer_could_say_that_he_is_somebody_else() {
         assert_eq!(client(&trusted(&[]), "198.51.100.7", &[b"203.0.113.1"]), "198.51.100.7");
         assert_eq!(client(&trusted(&["10.0.0.0/8"]), "198.51.100.7", &[b"203.0.113.1"]), "198.51.100.7");
         // What a client made up stands before what the proxy added.

@@ -31,9 +31,9 @@ use super::congestion::{INITIAL_WINDOW_BYTES, bounded_queue};
 use super::drive::drive;
 use super::leases::NoLease;
 use super::metrics::Transport;
+use super::pre_auth_pool::PreAuthSlot;
 use super::quic_stream::{QuicReceiver, QuicSender, first_send_window};
 use super::renewal::LiveCertificate;
-use super::room::Seat;
 use super::state::{Phase, ServerState, SessionGuard};
 
 /// Silence after which QUIC itself gives up.
@@ -240,7 +240,7 @@ fn accept(incoming: Incoming, state: &Arc<ServerState>, unvalidated: &Arc<Atomic
 
 /// Tells a client that it comes too late. QUIC can refuse a connection only without a reason, and a client cannot tell that
 /// from a server that is not there: the handshake is done first.
-async fn turn_away(incoming: Incoming, _counted: Option<Unvalidated>, seat: Seat) {
+async fn turn_away(incoming: Incoming, _counted: Option<Unvalidated>, seat: PreAuthSlot) {
     let told = async {
         let Ok(connecting) = incoming.accept() else { return };
         if let Ok(Ok(connection)) = timeout(TURN_AWAY_TIMEOUT, connecting).await {

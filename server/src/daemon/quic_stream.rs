@@ -15,8 +15,8 @@ use lodestream_protocol::stream::{CONTROL_STREAM, blob_head, quic_priority};
 use quinn::{Connection, ConnectionError, ReadError, RecvStream, SendStream, VarInt, WriteError};
 use tokio::time::{Instant, timeout};
 
+use super::byte_rate::ByteRateLimiter;
 use super::drive::{Deliver, Receive, Received};
-use super::intake::Intake;
 use super::state::ServerState;
 
 /// Bytes read at once from the client's control stream.
@@ -55,7 +55,7 @@ pub(super) struct QuicReceiver {
     stream: Option<RecvStream>,
     kind_known: bool,
     frames: FrameReader,
-    intake: Intake,
+    intake: ByteRateLimiter,
 }
 
 impl QuicReceiver {
@@ -66,7 +66,7 @@ impl QuicReceiver {
             stream: None,
             kind_known: false,
             frames: FrameReader::new(),
-            intake: Intake::new(),
+            intake: ByteRateLimiter::new(),
         }
     }
 }

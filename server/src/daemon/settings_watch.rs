@@ -5,14 +5,14 @@ use std::sync::Arc;
 use tokio::sync::watch;
 use tokio::task::spawn_blocking;
 
-use super::admission::Admission;
+use super::admission_settings::AdmissionSettings;
 use super::state::{ServerState, SessionSettings};
 
 /// Reads settings and who may open sessions.
-pub type SettingsAgain = Arc<dyn Fn() -> anyhow::Result<(SessionSettings, Admission)> + Send + Sync>;
+pub type SettingsReload = Arc<dyn Fn() -> anyhow::Result<(SessionSettings, AdmissionSettings)> + Send + Sync>;
 
 /// Takes settings anew whenever that is asked for. Goes on as long as it may be.
-pub(super) async fn follow(read: SettingsAgain, state: Arc<ServerState>, mut asked: watch::Receiver<u64>) {
+pub(super) async fn follow(read: SettingsReload, state: Arc<ServerState>, mut asked: watch::Receiver<u64>) {
     while asked.changed().await.is_ok() {
         let read = Arc::clone(&read);
         // Disks are waited for elsewhere. It cannot fail but at the end of everything.

@@ -6,21 +6,21 @@ use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard};
 use std::time::Duration;
 
 use lodestream_protocol::Time;
-use lodestream_protocol::ceiling::{Ceiling, CeilingShare, Limits, Weight};
 use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::server::ServerConfig;
+use lodestream_protocol::shared_rate_limit::{Limits, RateShare, SharedRateLimit, Weight};
 use lodestream_protocol::source::{SceneSource, SourceError};
 use tokio::sync::watch;
 use tokio::time::Instant;
 
-use super::admission::Admission;
-use super::arrivals::{Arrivals, NewSessions};
+use super::admission_settings::AdmissionSettings;
 use super::damage::Damage;
 use super::grant::{Grant, TokenError};
 use super::leases::{Lease, Leases, NoLease, default_of_address};
 use super::metrics::{Metrics, Rates, Transport};
-use super::room::{Block, Room, Seat};
+use super::pre_auth_pool::{AddressBlock, PreAuthPool, PreAuthSlot};
 use super::scenes::{Scenes, Version};
+use super::session_rate::{SessionRateLimit, SessionRateLimiter};
 
 /// Sessions that have not proved to be a client's: address and `Hello` are awaited. Hundreds of clients may connect at
 /// once; one takes as much memory as a session at its beginning.
@@ -32,13 +32,13 @@ const MAX_REQUESTS: usize = 256;
 /// to its end, and whoever stops a server by hand does not wait.
 pub const DRAIN_SECONDS: u64 = 3;
 
-/// Knobs that all sessions share.
+/// Settings that all sessions share.
 #[derive(Clone, Copy, Debug)]
 pub struct SessionSettings {
     /// Limit of each session in bits per second; `None` for no limit.
     pub rate_bits_per_s: Option<u64>,
     /// Limit of all sessions together of one address (of IPv6: of one network of 64 bits) in bits per second, shared as
-    /// [`lodestream_protocol::ceiling`] tells; `None` for no limit.
+    /// [`lodestream_protocol::shared_rate_limit`] tells; `None` for no limit.
     pub rate_per_address_bits_per_s: Option<u64>,
     /// Limit of all sessions together in bits per second, shared likewise; `None` for no limit.
     pub total_rate_bits_per_s: Option<u64>,
@@ -49,7 +49,7 @@ pub struct SessionSettings {
     pub max_sessions_per_address: Option<u64>,
     /// Sessions that one such address may begin at once; an eighth of that is given back each second. `None`: as many as
     /// it may have, and at least 32.
-    pub new_sessions_per_address: Option<NewSessions>,
+    pub new_sessions_per_address: Option<SessionRateLimit>,
     /// How long sessions may go on with what they were asked for after shutdown has begun.
     pub drain: Duration,
 }
@@ -61,9 +61,9 @@ impl SessionSettings {
     }
 
     /// Most sessions of one address, and how many it may begin.
-    fn of_address(&self) -> (u64, NewSessions) {
+    fn of_address(&self) -> (u64, SessionRateLimit) {
         let of_address = self.max_sessions_per_address.unwrap_or(default_of_address(self.max_sessions));
-        (of_address, self.new_sessions_per_address.unwrap_or(NewSessions::of_places(of_address)))
+        (of_address, self.new_sessions_per_address.unwrap_or(SessionRateLimit::of_places(of_address)))
     }
 
     fn limits(&self) -> Limits {
@@ -74,9 +74,9 @@ impl SessionSettings {
     }
 
     /// What sessions share, if anything.
-    fn ceiling(&self) -> Option<Arc<Ceiling>> {
+    fn shared_rate_limit(&self) -> Option<Arc<SharedRateLimit>> {
         let limits = self.limits();
-        (limits != Limits::default()).then(|| Ceiling::new(limits))
+        (limits != Limits::default()).then(|| SharedRateLimit::new(limits))
     }
 }
 
@@ -108,21 +108,21 @@ pub enum Phase {
 /// What may be changed while the daemon runs, and what follows from it.
 struct Live {
     settings: SessionSettings,
-    admission: Arc<Admission>,
+    admission: Arc<AdmissionSettings>,
     quic: Arc<ServerConfig>,
     websocket: Arc<ServerConfig>,
-    ceiling: Option<Arc<Ceiling>>,
+    shared_rate_limit: Option<Arc<SharedRateLimit>>,
 }
 
 impl Live {
-    fn new(settings: SessionSettings, admission: Admission) -> Self {
+    fn new(settings: SessionSettings, admission: AdmissionSettings) -> Self {
         let rate = settings.rate_bits_per_s;
         Self {
             settings,
             admission: Arc::new(admission),
             quic: Arc::new(ServerConfig::quic(rate)),
             websocket: Arc::new(ServerConfig::websocket(rate)),
-            ceiling: settings.ceiling(),
+            shared_rate_limit: settings.shared_rate_limit(),
         }
     }
 }
@@ -136,9 +136,9 @@ pub struct ServerState {
     sessions: watch::Sender<u64>,
     next_session: AtomicU64,
     leases: Arc<Leases>,
-    arrivals: Arrivals,
-    unproved: Arc<Room>,
-    requests: Arc<Room>,
+    arrivals: SessionRateLimiter,
+    unproved: Arc<PreAuthPool>,
+    requests: Arc<PreAuthPool>,
     damage: Damage,
     started: Instant,
 }
@@ -157,7 +157,7 @@ impl ServerState {
     /// The state of a daemon that serves one scene, with the protocol's defaults for each transport.
     #[must_use]
     pub fn new(scene: Arc<dyn SceneSource>, settings: SessionSettings) -> Arc<Self> {
-        Self::admitting(scene, settings, Admission::default())
+        Self::admitting(scene, settings, AdmissionSettings::default())
     }
 
     /// The same with these scenes, and with a say in who may open sessions.
@@ -165,7 +165,7 @@ impl ServerState {
     pub fn admitting(
         scenes: impl Into<Scenes>,
         settings: SessionSettings,
-        admission: Admission,
+        admission: AdmissionSettings,
     ) -> Arc<Self> {
         let (of_address, arrivals) = settings.of_address();
         Arc::new(Self {
@@ -176,9 +176,9 @@ impl ServerState {
             sessions: watch::Sender::new(0),
             next_session: AtomicU64::new(1),
             leases: Leases::new(settings.max_sessions, of_address),
-            arrivals: Arrivals::new(arrivals),
-            unproved: Room::new(MAX_UNPROVED),
-            requests: Room::new(MAX_REQUESTS),
+            arrivals: SessionRateLimiter::new(arrivals),
+            unproved: PreAuthPool::new(MAX_UNPROVED),
+            requests: PreAuthPool::new(MAX_REQUESTS),
             damage: Damage::default(),
             started: Instant::now(),
         })
@@ -202,23 +202,23 @@ impl ServerState {
     }
 
     /// Who may open sessions.
-    pub(super) fn admission(&self) -> Arc<Admission> {
+    pub(super) fn admission(&self) -> Arc<AdmissionSettings> {
         Arc::clone(&self.live().admission)
     }
 
     /// Has these settings hold from now on: for new sessions, and what sessions share for those that share it already. By
     /// what tokens are judged stays.
-    pub fn change(&self, settings: SessionSettings, admission: Admission) {
+    pub fn change(&self, settings: SessionSettings, admission: AdmissionSettings) {
         let (of_address, arrivals) = settings.of_address();
         self.leases.set(settings.max_sessions, of_address);
         self.arrivals.set(arrivals);
         let mut live = self.live.write().unwrap_or_else(PoisonError::into_inner);
-        let admission = Admission { access: live.admission.access.clone(), ..admission };
-        let shared = live.ceiling.take();
+        let admission = AdmissionSettings { access: live.admission.access.clone(), ..admission };
+        let shared = live.shared_rate_limit.take();
         *live = Live::new(settings, admission);
         if let Some(shared) = shared {
             shared.set_limits(settings.limits(), self.now());
-            live.ceiling = Some(shared);
+            live.shared_rate_limit = Some(shared);
         }
     }
 
@@ -232,12 +232,13 @@ impl ServerState {
     #[must_use]
     pub fn render_metrics(&self) -> String {
         let draining = self.phase() != Phase::Running;
-        let (settings, ceiling) = (self.settings(), self.live().ceiling.clone());
+        let (settings, shared_rate_limit) = (self.settings(), self.live().shared_rate_limit.clone());
         let rates = Rates {
             of_session: settings.rate_bits_per_s,
             of_address: settings.rate_per_address_bits_per_s,
             of_all: settings.total_rate_bits_per_s,
-            given: ceiling.map_or(0, |ceiling| ceiling.given_bits_per_s(self.now())),
+            given: shared_rate_limit
+                .map_or(0, |shared_rate_limit| shared_rate_limit.given_bits_per_s(self.now())),
         };
         self.metrics.render(rates, draining, self.scenes.cache_use())
     }
@@ -304,12 +305,12 @@ impl ServerState {
     }
 
     /// Lets somebody in who has proved nothing yet.
-    pub(super) fn enter_unproved(&self, peer: SocketAddr) -> Seat {
+    pub(super) fn enter_unproved(&self, peer: SocketAddr) -> PreAuthSlot {
         self.unproved.enter(peer.ip())
     }
 
     /// Lets an HTTP connection in, which has no session yet.
-    pub(super) fn enter_request(&self, peer: SocketAddr) -> Seat {
+    pub(super) fn enter_request(&self, peer: SocketAddr) -> PreAuthSlot {
         self.requests.enter(peer.ip())
     }
 
@@ -387,7 +388,7 @@ impl ServerState {
         self.sessions.send_modify(|open| *open += 1);
         self.metrics.session_started(transport);
         let id = self.next_session.fetch_add(1, Ordering::Relaxed);
-        let standing = Standing::Unproved(self.enter_unproved(peer));
+        let standing = SessionKind::Unproved(self.enter_unproved(peer));
         Ok(SessionGuard {
             state: Arc::clone(self),
             transport,
@@ -405,9 +406,9 @@ impl ServerState {
 
 /// What a session has.
 #[derive(Debug)]
-enum Standing {
+enum SessionKind {
     /// A seat among those who have not proved to be clients.
-    Unproved(Seat),
+    Unproved(PreAuthSlot),
     /// A lease among the sessions.
     Leased(Lease),
 }
@@ -430,21 +431,21 @@ pub(super) struct SessionGuard {
     pub(super) version: Option<Arc<Version>>,
     /// Whether it is one of those that its address began.
     counted: bool,
-    standing: Standing,
+    standing: SessionKind,
 }
 
 impl SessionGuard {
     /// Its part in what sessions share, if they share anything: `began` is when its clock did.
-    pub(super) fn share(&self, weight: Weight, began: Instant) -> Option<CeilingShare> {
+    pub(super) fn share(&self, weight: Weight, began: Instant) -> Option<RateShare> {
         let began = Time::from(began.saturating_duration_since(self.state.started));
-        let ceiling = self.state.live().ceiling.clone();
-        ceiling.map(|ceiling| ceiling.join(self.group(), weight, began))
+        let shared_rate_limit = self.state.live().shared_rate_limit.clone();
+        shared_rate_limit.map(|shared_rate_limit| shared_rate_limit.join(self.group(), weight, began))
     }
 
     /// With whom it counts as one there: the sessions of its address, once that is proved. Whoever forges an address takes
     /// nothing from its owner.
     pub(super) fn group(&self) -> Option<u128> {
-        self.counted.then(|| Block::of(self.peer.ip()).number())
+        self.counted.then(|| AddressBlock::of(self.peer.ip()).number())
     }
 
     /// Name of the session's scene, for the log.
@@ -454,7 +455,7 @@ impl SessionGuard {
 
     /// Whether the session has a lease.
     pub(super) const fn has_lease(&self) -> bool {
-        matches!(self.standing, Standing::Leased(_))
+        matches!(self.standing, SessionKind::Leased(_))
     }
 
     /// Counts the session among those that its address began, once: the address is proved.
@@ -477,7 +478,7 @@ impl SessionGuard {
         }
         match self.state.leases.take(self.peer.ip(), self.state.now()) {
             Ok(lease) => {
-                self.standing = Standing::Leased(lease);
+                self.standing = SessionKind::Leased(lease);
                 Ok(())
             }
             Err(why) => {
@@ -490,7 +491,7 @@ impl SessionGuard {
     /// The client comes from this address now: what the session has is that one's.
     pub(super) fn comes_from(&mut self, peer: SocketAddr) {
         if peer.ip() != self.peer.ip()
-            && let Standing::Leased(lease) = &self.standing
+            && let SessionKind::Leased(lease) = &self.standing
         {
             lease.moved(peer.ip());
         }
@@ -502,7 +503,7 @@ impl SessionGuard {
 
     /// The client has asked for something: the session is of use.
     pub(super) fn asked(&self) {
-        if let Standing::Leased(lease) = &self.standing {
+        if let SessionKind::Leased(lease) = &self.standing {
             lease.asked(self.state.now());
         }
     }
@@ -510,11 +511,11 @@ impl SessionGuard {
     /// Resolves, once, when another needs what this session has; says why, for the client.
     pub(super) async fn dismissed(&self) -> &'static str {
         match &self.standing {
-            Standing::Unproved(seat) => {
+            SessionKind::Unproved(seat) => {
                 seat.lost().await;
                 "too many clients connect at once and have not said Hello"
             }
-            Standing::Leased(lease) => {
+            SessionKind::Leased(lease) => {
                 lease.lost().await;
                 "the server is full, and others have fewer sessions or ask for more"
             }

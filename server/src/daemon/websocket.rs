@@ -18,8 +18,8 @@ use tokio_tungstenite::tungstenite::protocol::{CloseFrame, Role, WebSocketConfig
 use tokio_tungstenite::tungstenite::{self, Message};
 use tracing::Instrument;
 
+use super::byte_rate::{Lift, is_too_much};
 use super::drive::{Deliver, Receive, Received, drive};
-use super::intake::{Lift, is_too_much};
 use super::state::SessionGuard;
 
 /// Read buffer of each connection, in bytes.

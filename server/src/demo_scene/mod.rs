@@ -106,9 +106,9 @@ const TEXTURE_SIZE: f64 = 1024.0;
 
 /// An asset's name, bits of position (a millimetre or two), relief depth
 /// in units of texture coordinates, and how to make it.
-type Recipe<'a> = (&'static str, u8, f64, Box<dyn Fn() -> ObjMesh + 'a>);
+type AssetRow<'a> = (&'static str, u8, f64, Box<dyn Fn() -> ObjMesh + 'a>);
 
-fn recipes(options: &Options) -> Vec<Recipe<'_>> {
+fn preparation_settings(options: &Options) -> Vec<AssetRow<'_>> {
     let Options { seed, detail } = *options;
     let pitch = Pitch((1.0 / detail).clamp(1.0, 9.0));
     let figure = move |figure: sdf::Figure, cell: f64, name: &'static str, material: &'static str| {
@@ -163,7 +163,7 @@ pub fn generate(dir: &Path, options: &Options) -> Result<Summary, Error> {
     let instances = layout::instances(options.seed);
     let mut assets = Vec::new();
     let (mut distinct_faces, mut instanced_faces) = (0, 0);
-    for (name, position_bits, relief_depth, make) in recipes(options) {
+    for (name, position_bits, relief_depth, make) in preparation_settings(options) {
         let mesh = make();
         let file = format!("{name}.obj");
         let path = dir.join(&file);

@@ -135,16 +135,19 @@ fn the_importer_has_nothing_to_complain_about() {
         let imported = lodestream_import::import(&asset.file).unwrap();
         assert_eq!(imported.warnings, Vec::<String>::new(), "{}", asset.name);
         faces += imported.mesh.faces.len();
-        let described =
-            crate::prepare::describe::describe(&asset.name, &imported.materials, asset.recipe.relief_depth)
-                .unwrap();
+        let described = crate::prepare::describe::describe(
+            &asset.name,
+            &imported.materials,
+            asset.preparation_settings.relief_depth,
+        )
+        .unwrap();
         assert_eq!(described.warnings, Vec::<String>::new(), "{}", asset.name);
         let relief = described
             .description
             .materials
             .iter()
             .any(|m| m.height_texture.is_some() && m.relief_depth > 0.0);
-        assert_eq!(relief, asset.recipe.relief_depth.is_some(), "{}", asset.name);
+        assert_eq!(relief, asset.preparation_settings.relief_depth.is_some(), "{}", asset.name);
     }
     assert_eq!(faces, summary.distinct_faces);
     drop(dir);
@@ -236,7 +239,7 @@ fn vertices_lie_on_the_solid_they_came_from() {
 fn full_detail_has_its_face_counts() {
     let mut statues = Vec::new();
     let mut total = 0;
-    for (name, _, _, make) in recipes(&Options::full(1)) {
+    for (name, _, _, make) in preparation_settings(&Options::full(1)) {
         let mesh = make();
         total += mesh.faces();
         if ["lion", "sage", "dragon"].contains(&name) {
@@ -252,7 +255,9 @@ fn full_detail_has_its_face_counts() {
 fn base_meshes_of_buildings_keep_their_allowance() {
     let dir = tempfile::tempdir().unwrap();
     let buildings = ["stylobate", "roof", "cella", "plinth", "avenue"];
-    for (name, _, _, make) in recipes(&Options::full(1)).into_iter().filter(|r| buildings.contains(&r.0)) {
+    for (name, _, _, make) in
+        preparation_settings(&Options::full(1)).into_iter().filter(|r| buildings.contains(&r.0))
+    {
         let (file, pack) = (dir.path().join(format!("{name}.obj")), dir.path().join(format!("{name}.lsp")));
         obj::write(&file, &make()).unwrap();
         prepare_to(&Asset::of_file(&file), &Default::default(), &pack).unwrap();

@@ -13,7 +13,7 @@ const RECIPE_VERSION: u32 = 18;
 pub struct Key(blake3::Hash);
 
 /// Hashes a model file, the files that it names, and the settings, with the versions of
-/// the pack format and of the recipe.
+/// the pack format and of the preparation settings.
 ///
 /// # Errors
 /// A model file that cannot be read. Other files may be missing: that is part of the key.

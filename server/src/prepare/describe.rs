@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use lodestream_import::recipe::ReliefDepth;
+use lodestream_import::preparation_settings::ReliefDepth;
 use lodestream_import::srgb::srgb_to_linear;
 use lodestream_import::texture::{Opacity, TextureError, TextureKind, TextureSource, Transparency};
 use lodestream_protocol::asset::{

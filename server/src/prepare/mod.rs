@@ -1,8 +1,8 @@
 //! From a model file to a prepared pack.
 
 pub mod cache;
+mod checkpoint_folder;
 pub mod describe;
-mod kept;
 mod progress;
 #[cfg(test)]
 mod tests;
@@ -22,14 +22,14 @@ use lodestream_geometry::pack::{BlobKind, PACK_VERSION};
 use lodestream_geometry::prepare::{Hooks, suit};
 use lodestream_geometry::quantise::quantise;
 use lodestream_import::ImportError;
-use lodestream_import::recipe::{Recipe, ReliefDepth};
+use lodestream_import::preparation_settings::{PreparationSettings, ReliefDepth};
 
 use crate::mapped::Mapped;
 use crate::scene::Asset;
 use crate::store::{PackFile, StoreError};
 
-use kept::Kept;
-pub use kept::{Resumed, remove_stale_levels};
+use checkpoint_folder::CheckpointFolder;
+pub use checkpoint_folder::{Resumed, remove_stale_levels};
 pub use progress::Reporter;
 pub use threads::Threads;
 
@@ -37,7 +37,7 @@ pub use threads::Threads;
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Options {
     /// Choices that come before those of the asset itself: flags come before files.
-    pub recipe: Recipe,
+    pub preparation_settings: PreparationSettings,
     /// Threads; as many as there are cores where `None`. The pack does not depend on it.
     pub threads: Option<NonZeroUsize>,
     /// Shows no progress.
@@ -167,7 +167,10 @@ pub fn prepare_to(asset: &Asset, options: &Options, pack: &Path) -> Result<Repor
 
 /// The asset with all choices made, the key of its pack, and the files that its model names.
 fn keyed(asset: &Asset, options: &Options) -> Result<(Asset, cache::Key, Vec<PathBuf>), ImportError> {
-    let asset = Asset { recipe: options.recipe.or(asset.recipe), ..asset.clone() };
+    let asset = Asset {
+        preparation_settings: options.preparation_settings.or(asset.preparation_settings),
+        ..asset.clone()
+    };
     let (key, files) = cache::key_and_files(&asset.file, &settings_text(&asset), pack_version())?;
     Ok((asset, key, files))
 }
@@ -215,10 +218,11 @@ pub fn prepare_cached(asset: &Asset, folder: &Path, options: &Options) -> Result
 
 /// Everything but the files that decides what a pack holds. Threads and progress do not.
 fn settings_text(asset: &Asset) -> String {
-    let Asset { name, file: _, part, recipe } = asset;
-    let (quantise, settings) = (recipe.quantise_settings(), recipe.simplify_settings());
-    let depth = recipe.relief_depth.map(ReliefDepth::get);
-    format!("{name:?} {part:?} {quantise:?} {settings:?} {:?} {depth:?}", recipe.codec())
+    let Asset { name, file: _, part, preparation_settings } = asset;
+    let (quantise, settings) =
+        (preparation_settings.quantise_settings(), preparation_settings.simplify_settings());
+    let depth = preparation_settings.relief_depth.map(ReliefDepth::get);
+    format!("{name:?} {part:?} {quantise:?} {settings:?} {:?} {depth:?}", preparation_settings.codec())
 }
 
 fn pack_version() -> u32 {
@@ -227,14 +231,14 @@ fn pack_version() -> u32 {
 
 /// Where finished levels are kept: nowhere but in memory if they need not be, if another process is making the same
 /// pack, or if the pack is no file, so that nothing belongs beside it.
-fn kept_levels(pack: &Path, key: &cache::Key, wanted: bool) -> std::io::Result<Option<Kept>> {
+fn kept_levels(pack: &Path, key: &cache::Key, wanted: bool) -> std::io::Result<Option<CheckpointFolder>> {
     if !wanted || std::fs::metadata(pack).is_ok_and(|at| !at.is_file()) {
         return Ok(None);
     }
     if let Some(folder) = pack.parent() {
         remove_stale_levels(folder, SystemTime::now());
     }
-    Kept::beside(pack, key)
+    CheckpointFolder::beside(pack, key)
 }
 
 fn prepare_with_key(
@@ -243,11 +247,11 @@ fn prepare_with_key(
     key: cache::Key,
     pack: &Path,
 ) -> Result<Report, PrepareError> {
-    let Asset { name, file: model, part, recipe } = asset;
+    let Asset { name, file: model, part, preparation_settings } = asset;
     let mesh_error = |source| PrepareError::Mesh { path: model.clone(), source };
     let imported = lodestream_import::import_part(model, part)?;
     let mut warnings = imported.warnings;
-    let described = describe::describe(name, &imported.materials, recipe.relief_depth)
+    let described = describe::describe(name, &imported.materials, preparation_settings.relief_depth)
         .map_err(|source| PrepareError::Describe { path: model.clone(), source })?;
     warnings.extend(described.warnings);
     let description = described
@@ -256,7 +260,7 @@ fn prepare_with_key(
         .map_err(|error| PrepareError::Describe { path: model.clone(), source: error.into() })?;
 
     let start = Instant::now();
-    let mut mesh = quantise(&imported.mesh, &recipe.quantise_settings()).map_err(mesh_error)?;
+    let mut mesh = quantise(&imported.mesh, &preparation_settings.quantise_settings()).map_err(mesh_error)?;
     drop(imported.mesh);
     PrepareError::room(model, mesh.faces.len(), Mapped::free_bytes())?;
     let kept = kept_levels(pack, &key, options.keep_levels || mesh.faces.len() >= KEPT_FROM_FACES);
@@ -265,9 +269,9 @@ fn prepare_with_key(
     let threads = Threads::new(options.threads);
     let mut hooks = Hooks::new(&threads, &reporter);
     if let Some(kept) = &kept {
-        hooks = hooks.spilling_to(kept);
+        hooks = hooks.checkpointing_to(kept);
     }
-    let settings = recipe.settings(&mesh);
+    let settings = preparation_settings.settings(&mesh);
     suit(&mut mesh, settings.codec);
     let prepared = prepare_by(&mesh, &settings, hooks);
     reporter.finish();
@@ -280,7 +284,7 @@ fn prepare_with_key(
     let mut blobs: Vec<(BlobKind, &[u8])> = vec![(BlobKind::Base, &base)];
     blobs.extend(prepared.pages.iter().zip(0..).map(|(page, i)| (BlobKind::IndexPage(i), &page[..])));
     blobs.extend(prepared.chunks.iter().zip(0..).map(|(chunk, i)| (BlobKind::Chunk(i), &chunk[..])));
-    let settings = recipe.to_string();
+    let settings = preparation_settings.to_string();
     let geometry_bytes = blobs.iter().map(|(_, blob)| blob.len() as u64).sum();
     for (levels, texture) in described.textures.iter().zip(0..) {
         let levels = levels.iter().zip(0..);
@@ -291,8 +295,8 @@ fn prepare_with_key(
     let bytes = lodestream_geometry::pack::write(key.bytes(), &blobs)
         .map_err(|error| write_error(std::io::Error::other(error)))?;
     write_atomically(pack, |out| out.write_all(&bytes)).map_err(write_error)?;
-    let resumed = kept.as_ref().map(Kept::resumed).unwrap_or_default();
-    kept.into_iter().for_each(Kept::remove);
+    let resumed = kept.as_ref().map(CheckpointFolder::resumed).unwrap_or_default();
+    kept.into_iter().for_each(CheckpointFolder::remove);
     Ok(Report {
         faces: mesh.faces.len(),
         vertices: mesh.positions.len(),

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use lodestream_geometry::Codec;
-use lodestream_import::recipe::{Precision, Recipe};
+use lodestream_import::preparation_settings::{Precision, PreparationSettings};
 use tempfile::TempDir;
 
 use super::{Options, prepare_cached};
@@ -12,9 +12,9 @@ use crate::scene::{self, Asset};
 const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
 
 /// What the packs of a scene file say of their making.
-fn settings(folder: &Path, scene: &str, flags: Recipe) -> Vec<String> {
+fn settings(folder: &Path, scene: &str, flags: PreparationSettings) -> Vec<String> {
     let scene = scene::parse(&folder.join("scene.toml"), scene).unwrap();
-    let options = Options { recipe: flags, quiet: true, ..Options::default() };
+    let options = Options { preparation_settings: flags, quiet: true, ..Options::default() };
     let pack = |asset| prepare_cached(asset, &folder.join("cache"), &options).unwrap().pack;
     scene.assets.iter().map(|asset| pack(asset).settings().unwrap()).collect()
 }
@@ -26,14 +26,17 @@ fn a_flag_was_lost_where_the_scene_file_had_a_value() {
     let scene = "[[asset]]\nname = 'fine'\nfile = 'a.obj'\nposition_bits = 16\ncodec = 'zstd'\n\
         [[asset]]\nname = 'close'\nfile = 'a.obj'\ntolerance = 0.01\n\
         [[asset]]\nname = 'plain'\nfile = 'a.obj'\n";
-    let flags = Recipe { precision: "10".parse().ok().map(Precision::Bits), ..Recipe::default() };
+    let flags = PreparationSettings {
+        precision: "10".parse().ok().map(Precision::Bits),
+        ..PreparationSettings::default()
+    };
     let told = settings(dir.path(), scene, flags);
     for settings in &told {
         assert!(settings.starts_with("position-bits 10,"), "{told:?}");
     }
     // What no flag says is the file's, and then the default.
     assert!(told[0].contains("codec zstd") && told[1].contains("codec auto"), "{told:?}");
-    let told = settings(dir.path(), scene, Recipe::default());
+    let told = settings(dir.path(), scene, PreparationSettings::default());
     assert!(told[0].starts_with("position-bits 16,") && told[1].starts_with("tolerance 0.01,"), "{told:?}");
     assert!(told[2].starts_with("position-bits 14,"), "{told:?}");
 }
@@ -71,7 +74,10 @@ fn each_model_has_the_codec_that_suits_it_unless_one_is_chosen() {
         let pack = prepare_cached(asset, &dir.path().join("cache"), &options).unwrap().pack;
         pack.base().unwrap().codec
     });
-    assert_eq!(codecs.collect::<Vec<_>>(), [Codec::Built, Codec::Range, Codec::Range, Codec::Built]);
+    assert_eq!(
+        codecs.collect::<Vec<_>>(),
+        [Codec::AxisAligned, Codec::Range, Codec::Range, Codec::AxisAligned]
+    );
 }
 
 #[test]

@@ -5,16 +5,16 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use lodestream_geometry::UnknownName;
-use lodestream_import::recipe::{Precision, Recipe, Round};
+use lodestream_import::preparation_settings::{Precision, PreparationSettings, Round};
 use lodestream_import::{Impossible, Part, gltf};
 use lodestream_protocol::limits::MAX_NAME_BYTES;
 use lodestream_protocol::scene::Camera;
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::lamp::RawLamp;
 use super::model::{Asset, DEFAULT_FOV_Y_DEGREES, Instance, Scene, unit};
 use super::names::UniqueNames;
+use super::punctual_light::RawPunctualLight;
 use super::terrain::{RawTerrain, SceneTerrain};
 
 /// Largest scene file, in bytes.
@@ -60,7 +60,7 @@ struct RawScene {
     camera: Option<Spanned<RawCamera>>,
     terrain: Option<Spanned<RawTerrain>>,
     #[serde(default)]
-    lamp: Vec<Spanned<RawLamp>>,
+    punctual_light: Vec<Spanned<RawPunctualLight>>,
 }
 
 #[derive(Deserialize)]
@@ -165,7 +165,8 @@ pub fn parse(path: &Path, text: &str) -> Result<Scene, SceneError> {
         if let Some((at, _)) =
             text.match_indices("[[light]]").find(|(at, _)| *at == 0 || text[..*at].ends_with('\n'))
         {
-            return source.error(at, "[light] is the scene's one sun; lights that stand in it are [[lamp]]");
+            return source
+                .error(at, "[light] is the scene's one sun; lights that stand in it are [[punctual_light]]");
         }
         let message = error.message().split_whitespace().collect::<Vec<_>>().join(" ");
         source.error(error.span().map_or(0, |span| span.start), message)
@@ -222,16 +223,18 @@ impl Source<'_> {
             let mut placed = Vec::with_capacity(instances.len());
             for raw in instances {
                 let place = self.instance(&numbers, raw, scene.terrain.as_ref())?;
-                let (parts, lamps) = scene.models[place.asset].placed(&place);
+                let (parts, punctual_lights) = scene.models[place.asset].placed(&place);
                 placed.extend(parts);
-                scene.lamps.extend(lamps);
+                scene.punctual_lights.extend(punctual_lights);
             }
             scene.instances = Some(placed);
         }
-        for raw in raw.lamp {
+        for raw in raw.punctual_light {
             let at = raw.span().start;
-            let lamp = raw.into_inner().resolve(scene.terrain.as_ref());
-            scene.lamps.extend(lamp.map_err(|why| self.error(at, format!("lamp: {why}")))?);
+            let punctual_light = raw.into_inner().resolve(scene.terrain.as_ref());
+            scene
+                .punctual_lights
+                .extend(punctual_light.map_err(|why| self.error(at, format!("punctual light: {why}")))?);
         }
         self.lights(&mut scene, raw.light, raw.ambient, raw.background)?;
         scene.camera = raw.camera.map(|raw| self.camera(raw)).transpose()?;
@@ -261,21 +264,21 @@ impl Source<'_> {
             let error = &error;
             move |why: Impossible| error(&format!("{field}: {why}"))
         };
-        let bits = knob(raw.position_bits).map_err(bad("position_bits"))?;
-        let tolerance = knob(raw.tolerance).map_err(bad("tolerance"))?;
+        let bits = setting(raw.position_bits).map_err(bad("position_bits"))?;
+        let tolerance = setting(raw.tolerance).map_err(bad("tolerance"))?;
         let round = raw.round_size.as_ref().map(|round| match round {
             RawRound::Word(word) => word.parse(),
             RawRound::Share(share) => Round::try_from(*share),
         });
-        let recipe = Recipe {
+        let preparation_settings = PreparationSettings {
             precision: bits.map(Precision::Bits).or(tolerance.map(Precision::Tolerance)),
-            uv_bits: knob(raw.uv_bits).map_err(bad("uv_bits"))?,
-            normal_tolerance: knob(raw.normal_tolerance).map_err(bad("normal_tolerance"))?,
+            uv_bits: setting(raw.uv_bits).map_err(bad("uv_bits"))?,
+            normal_tolerance: setting(raw.normal_tolerance).map_err(bad("normal_tolerance"))?,
             metric: choice(raw.metric.as_deref()).map_err(bad("metric"))?,
             round: round.transpose().map_err(bad("round_size"))?,
             codec: choice(raw.codec.as_deref()).map_err(bad("codec"))?,
-            block_faces: knob(raw.block_faces).map_err(bad("block_faces"))?,
-            relief_depth: knob(raw.relief_depth).map_err(bad("relief_depth"))?,
+            block_faces: setting(raw.block_faces).map_err(bad("block_faces"))?,
+            relief_depth: setting(raw.relief_depth).map_err(bad("relief_depth"))?,
         };
         let file = folder.join(&raw.file);
         let part = match &raw.mesh {
@@ -283,7 +286,7 @@ impl Source<'_> {
             Some(name) => gltf::part_named(&file, name)?,
             None => Part::Whole,
         };
-        Ok((Asset { name: raw.name, file, part, recipe }, raw.merge))
+        Ok((Asset { name: raw.name, file, part, preparation_settings }, raw.merge))
     }
 
     fn instance(
@@ -395,10 +398,10 @@ impl Source<'_> {
 }
 
 /// A number of the file, where there is one, as what it sets.
-fn knob<Number, Knob: TryFrom<Number, Error = Impossible>>(
+fn setting<Number, Setting: TryFrom<Number, Error = Impossible>>(
     number: Option<Number>,
-) -> Result<Option<Knob>, Impossible> {
-    number.map(Knob::try_from).transpose()
+) -> Result<Option<Setting>, Impossible> {
+    number.map(Setting::try_from).transpose()
 }
 
 /// A word of the file, where there is one, as what it names.
@@ -466,9 +469,12 @@ fov_y_degrees = 60
         let scene = parse(Path::new("dir/scene.toml"), FULL).unwrap();
         assert_eq!(scene.name, "court");
         assert_eq!(scene.assets[0].file, Path::new("dir/column.obj"));
-        assert_eq!(scene.assets[0].recipe.precision, "12".parse().ok().map(Precision::Bits));
-        assert_eq!(scene.assets[1].recipe.precision, "0.001".parse().ok().map(Precision::Tolerance));
-        assert_eq!(scene.assets[1].recipe.relief_depth, "0.04".parse().ok());
+        assert_eq!(scene.assets[0].preparation_settings.precision, "12".parse().ok().map(Precision::Bits));
+        assert_eq!(
+            scene.assets[1].preparation_settings.precision,
+            "0.001".parse().ok().map(Precision::Tolerance)
+        );
+        assert_eq!(scene.assets[1].preparation_settings.relief_depth, "0.04".parse().ok());
         let instances = scene.instances.unwrap();
         assert_eq!(instances[0].translation, [1.0, 2.0, 1e7]);
         let [x, y, z, w] = instances[0].rotation;

@@ -2,9 +2,9 @@
 
 mod curve;
 mod file;
-mod lamp;
 mod model;
 mod names;
+mod punctual_light;
 mod terrain;
 #[cfg(test)]
 mod tests;

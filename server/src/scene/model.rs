@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use glam::{DQuat, DVec3};
-use lodestream_import::recipe::Recipe;
+use lodestream_import::preparation_settings::PreparationSettings;
 use lodestream_import::{ImportError, Part, gltf, is_gltf};
-use lodestream_protocol::lamps::Lamp;
+use lodestream_protocol::punctual_lights::PunctualLight;
 use lodestream_protocol::scene::{Camera, DEFAULT_AMBIENT, DEFAULT_BACKGROUND};
 
 use super::names::UniqueNames;
@@ -22,7 +22,7 @@ pub struct Asset {
     /// What of the file.
     pub part: Part,
     /// How it is prepared.
-    pub recipe: Recipe,
+    pub preparation_settings: PreparationSettings,
 }
 
 impl Asset {
@@ -30,7 +30,12 @@ impl Asset {
     #[must_use]
     pub fn of_file(file: &Path) -> Self {
         let name = file.file_stem().map_or_else(|| "model".into(), |stem| stem.to_string_lossy());
-        Self { name: name.into_owned(), file: file.to_owned(), part: Part::Whole, recipe: Recipe::default() }
+        Self {
+            name: name.into_owned(),
+            file: file.to_owned(),
+            part: Part::Whole,
+            preparation_settings: PreparationSettings::default(),
+        }
     }
 }
 
@@ -75,19 +80,24 @@ pub struct Model {
     /// One asset, or the meshes of a glTF file.
     pub parts: Vec<Instance>,
     /// The lights that stand in it.
-    pub lamps: Vec<Lamp>,
+    pub punctual_lights: Vec<PunctualLight>,
 }
 
 impl Model {
-    /// Its parts and lamps where a placement of the model has them.
+    /// Its parts and punctual lights where a placement of the model has them.
     pub(crate) fn placed<'a>(
         &'a self,
         place: &'a Instance,
-    ) -> (impl Iterator<Item = Instance> + 'a, impl Iterator<Item = Lamp> + 'a) {
+    ) -> (impl Iterator<Item = Instance> + 'a, impl Iterator<Item = PunctualLight> + 'a) {
         let rotation = DQuat::from_array(place.rotation.map(f64::from)).normalize();
         let (translation, scale) = (DVec3::from(place.translation), f64::from(place.scale));
         let parts = self.parts.iter().map(|part| part.within(place));
-        (parts, self.lamps.iter().map(move |lamp| lamp.within(translation, rotation, scale)))
+        (
+            parts,
+            self.punctual_lights
+                .iter()
+                .map(move |punctual_light| punctual_light.within(translation, rotation, scale)),
+        )
     }
 }
 
@@ -109,7 +119,7 @@ pub struct Scene {
     /// The models that the scene is made of.
     pub models: Vec<Model>,
     /// Lights that stand in the scene: its own, and where [`Scene::instances`] says where models are, theirs.
-    pub lamps: Vec<Lamp>,
+    pub punctual_lights: Vec<PunctualLight>,
     /// Unit vector from the scene towards the light.
     pub light_direction: [f32; 3],
     /// Linear red, green, blue of the light, intensity included.
@@ -153,20 +163,23 @@ impl Scene {
             return self.add_merged(asset);
         }
         let contents = gltf::contents(&asset.file)?;
-        let model = Model { lamps: contents.lamps.clone(), parts: self.add_meshes(&asset, contents, names) };
+        let model = Model {
+            punctual_lights: contents.punctual_lights.clone(),
+            parts: self.add_meshes(&asset, contents, names),
+        };
         self.models.push(model);
         Ok(self.models.len() - 1)
     }
 
-    /// Adds all of a file as one asset, or one mesh of it, which has no lamps: they stand beside meshes.
+    /// Adds all of a file as one asset, or one mesh of it, which has no punctual lights: they stand beside meshes.
     ///
     /// # Errors
     /// A glTF file that cannot be read, where all of it is meant.
     pub(super) fn add_merged(&mut self, asset: Asset) -> Result<usize, ImportError> {
         let whole = asset.part == Part::Whole && is_gltf(&asset.file);
-        let lamps = if whole { gltf::contents(&asset.file)?.lamps } else { Vec::new() };
+        let punctual_lights = if whole { gltf::contents(&asset.file)?.punctual_lights } else { Vec::new() };
         self.assets.push(asset);
-        self.models.push(Model { parts: vec![Instance::unplaced(self.assets.len() - 1)], lamps });
+        self.models.push(Model { parts: vec![Instance::unplaced(self.assets.len() - 1)], punctual_lights });
         Ok(self.models.len() - 1)
     }
 
@@ -211,7 +224,7 @@ impl Scene {
             assets: Vec::new(),
             instances: None,
             models: Vec::new(),
-            lamps: Vec::new(),
+            punctual_lights: Vec::new(),
             light_direction: unit([0.4, 1.0, 0.6]).unwrap_or([0.0, 1.0, 0.0]),
             light_color: [1.0; 3],
             ambient: DEFAULT_AMBIENT,

@@ -151,10 +151,10 @@ fn repose() -> f64 {
 }
 
 /// A number of the file as what it sets.
-fn knob<Number, Knob: TryFrom<Number, Error = Impossible>>(
+fn setting<Number, Setting: TryFrom<Number, Error = Impossible>>(
     name: &'static str,
     number: Number,
-) -> Result<Knob, String> {
+) -> Result<Setting, String> {
     number.try_into().map_err(refusal(name))
 }
 
@@ -185,7 +185,7 @@ impl RawTerrain {
         let Some(extent_log2) = patches.and_then(|n| u8::try_from(n - 1).ok()) else {
             return Err(format!("patches must be a power of two from 2 to {}", 1_u64 << 31));
         };
-        let roughness: Roughness = knob("roughness", self.roughness)?;
+        let roughness: Roughness = setting("roughness", self.roughness)?;
         let distribution = self.distribution.as_deref().map_or(Ok(Distribution::default()), str::parse);
         let amplitude: u32 = units("amplitude", self.amplitude, self.height_unit)?;
         let mut parameters = Parameters {
@@ -241,9 +241,9 @@ impl RawErosion {
         height_unit: f32,
     ) -> Result<Erosion, String> {
         let level = self.level.unwrap_or(finest.get());
-        let slope: TalusSlope = knob("talus_degrees", self.talus_degrees)?;
-        let passes: ErosionPasses = knob("passes", self.passes)?;
-        let spikes: SpikeLimit = knob("spikes", self.spikes)?;
+        let slope: TalusSlope = setting("talus_degrees", self.talus_degrees)?;
+        let passes: ErosionPasses = setting("passes", self.passes)?;
+        let spikes: SpikeLimit = setting("spikes", self.spikes)?;
         // A level finer than the finest is refused with the other parameters.
         let step = f64::from(unit) * f64::from(1_u32 << finest.get().saturating_sub(level));
         let rise = slope.rise(step) / f64::from(height_unit);

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use lodestream_geometry::Codec;
 use lodestream_import::Part;
-use lodestream_import::recipe::{Precision, Round};
+use lodestream_import::preparation_settings::{Precision, Round};
 use tempfile::TempDir;
 
 use super::{Scene, of_files, parse};
@@ -88,12 +88,18 @@ fn scene_files_place_gltf_models_whole_by_mesh_and_merged() {
     let scene = parse(&at, text).unwrap();
     assert_eq!(names(&scene), ["fleet/hull", "fleet/mast", "fleet/mast-2", "pole", "toy"]);
     assert_eq!(scene.assets[4].part, Part::Whole);
-    let recipe = scene.assets[1].recipe;
-    assert_eq!((recipe.uv_bits, recipe.normal_tolerance), ("10".parse().ok(), "4.5".parse().ok()));
-    assert_eq!(recipe.round, Round::try_from(0.25).ok());
-    assert_eq!((recipe.codec, scene.assets[4].recipe.codec), (Some(Codec::Plain.into()), None));
-    assert_eq!(scene.assets[3].recipe.precision, "9".parse().ok().map(Precision::Bits));
-    assert_eq!(scene.assets[4].recipe.round, Some(Round::Heap));
+    let preparation_settings = scene.assets[1].preparation_settings;
+    assert_eq!(
+        (preparation_settings.uv_bits, preparation_settings.normal_tolerance),
+        ("10".parse().ok(), "4.5".parse().ok())
+    );
+    assert_eq!(preparation_settings.round, Round::try_from(0.25).ok());
+    assert_eq!(
+        (preparation_settings.codec, scene.assets[4].preparation_settings.codec),
+        (Some(Codec::Zstd.into()), None)
+    );
+    assert_eq!(scene.assets[3].preparation_settings.precision, "9".parse().ok().map(Precision::Bits));
+    assert_eq!(scene.assets[4].preparation_settings.round, Some(Round::Heap));
     let instances = scene.instances.unwrap();
     assert_eq!(instances.iter().map(|i| i.asset).collect::<Vec<_>>(), [0, 1, 2, 3, 4]);
     // A quarter turn about y takes (1, 2, 3) to (3, 2, -1); three times that, moved.

@@ -2,8 +2,8 @@
 
 use lodestream_compress::plain_chunk;
 use lodestream_geometry::DecodeError;
+use lodestream_geometry::ancestor_closed_cut::Member;
 use lodestream_geometry::base::Base;
-use lodestream_geometry::closed_set::Member;
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, decode_page, page_count};
 use lodestream_geometry::pack::{BlobKind, find};
 use lodestream_geometry::refine::ActiveMesh;
@@ -121,20 +121,20 @@ impl LoadedAsset {
     /// All chunks, whole.
     #[must_use]
     pub fn everything(&self) -> Vec<Member> {
-        (0..self.base.chunk_count).map(|chunk| Member { chunk, stop: None }).collect()
+        (0..self.base.chunk_count).map(|chunk| Member { chunk, truncation: None }).collect()
     }
 
-    /// The mesh of a closed set of chunks, given in an order that respects parents.
+    /// The mesh of a ancestor-closed cut of chunks, given in an order that respects parents.
     ///
     /// # Errors
     /// A chunk that cannot be decoded or applied.
     pub fn refined(&self, set: &[Member]) -> Result<ActiveMesh, DecodeError> {
         let mut mesh = ActiveMesh::growing(&self.base);
-        for &Member { chunk: id, stop } in set {
+        for &Member { chunk: id, truncation } in set {
             let missing = || DecodeError::new(format!("chunk {id}"), "there is no such chunk");
             let info = self.infos.get(id as usize).ok_or_else(missing)?;
             let payload = self.chunks.get(id as usize).ok_or_else(missing)?;
-            let delta = mesh.decode_prefix(id, info, stop, payload)?;
+            let delta = mesh.decode_prefix(id, info, truncation, payload)?;
             mesh.apply(&delta).map_err(|e| DecodeError::new(format!("chunk {id}"), e.to_string()))?;
         }
         Ok(mesh)

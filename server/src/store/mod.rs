@@ -20,6 +20,6 @@ pub use cache::BlobCache;
 pub use error::StoreError;
 pub use file::PackFile;
 pub use loaded::LoadedAsset;
-pub use objects::{Listed, Objects, retries};
+pub use objects::{ObjectEntry, Objects, retries};
 pub use scene::{DEFAULT_CACHE_BYTES, SceneStore, describe};
 pub use scene_object::{MAX_SCENE_OBJECT_BYTES, PackName, SceneObject};

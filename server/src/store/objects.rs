@@ -40,7 +40,7 @@ pub struct Objects {
 
 /// An object as a list shows it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Listed {
+pub struct ObjectEntry {
     /// Its place, relative to the folder.
     pub name: String,
     /// Its length in bytes.
@@ -232,7 +232,7 @@ impl Objects {
     ///
     /// # Errors
     /// A store that does not answer.
-    pub async fn list(&self, ending: &str) -> Result<Vec<Listed>, StoreError> {
+    pub async fn list(&self, ending: &str) -> Result<Vec<ObjectEntry>, StoreError> {
         let read = async {
             let found = self.store.list_with_delimiter(Some(&self.root)).await?;
             Ok(found.objects)
@@ -241,9 +241,9 @@ impl Objects {
         let listed = |meta: object_store::ObjectMeta| {
             let name = meta.location.filename()?.to_owned();
             let version = meta.e_tag.unwrap_or_default() + &meta.last_modified.to_rfc3339();
-            name.ends_with(ending).then_some(Listed { name, bytes: meta.size, version })
+            name.ends_with(ending).then_some(ObjectEntry { name, bytes: meta.size, version })
         };
-        let mut all: Vec<Listed> = objects.into_iter().filter_map(listed).collect();
+        let mut all: Vec<ObjectEntry> = objects.into_iter().filter_map(listed).collect();
         all.sort_by(|a, b| a.name.cmp(&b.name));
         Ok(all)
     }

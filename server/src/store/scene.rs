@@ -7,7 +7,7 @@ use bytes::Bytes;
 use futures_util::{StreamExt as _, TryStreamExt as _};
 use lodestream_compress::decode_base;
 use lodestream_geometry::refine::ActiveMesh;
-use lodestream_protocol::lamps::Lamps;
+use lodestream_protocol::punctual_lights::PunctualLights;
 use lodestream_protocol::scene::{SceneHeader, ScenePage};
 use lodestream_protocol::select::Occluder;
 use lodestream_protocol::source::{BlobFuture, CacheUse, Reading, SceneSource, SourceError};
@@ -21,7 +21,7 @@ use super::object_pack::ObjectPack;
 use super::objects::Objects;
 use super::pack::Pack;
 use super::scene_object::{MAX_SCENE_OBJECT_BYTES, SceneObject};
-use crate::compose::{Composed, LampBlobs, TerrainBlobs, compose};
+use crate::compose::{Composed, PunctualLightBlobs, TerrainBlobs, compose};
 use crate::scene::Scene;
 
 /// Memory that blobs of all scenes may take, by default: a demo scene fits whole, and a large one falls
@@ -44,7 +44,7 @@ pub struct SceneStore {
     /// By asset number: what hides other things, once somebody asked.
     occluders: Vec<OnceLock<Option<Arc<Occluder>>>>,
     terrain: TerrainBlobs,
-    lamps: LampBlobs,
+    punctual_lights: PunctualLightBlobs,
     cache: BlobCache,
     /// What fetches where a thread waits for it.
     runtime: Option<Handle>,
@@ -93,14 +93,14 @@ impl SceneStore {
     }
 
     fn of(composed: Composed, packs: Vec<Pack>, cache: &BlobCache) -> Self {
-        let Composed { header, pages, asset_order: _, terrain, lamps } = composed;
+        let Composed { header, pages, asset_order: _, terrain, punctual_lights } = composed;
         Self {
             header,
             pages: pages.into_iter().map(Arc::new).collect(),
             occluders: packs.iter().map(|_| OnceLock::new()).collect(),
             packs,
             terrain,
-            lamps,
+            punctual_lights,
             cache: cache.clone(),
             runtime: None,
             hits: AtomicU64::new(0),
@@ -127,7 +127,7 @@ impl SceneStore {
         match *id {
             BlobId::Asset { .. } => None,
             BlobId::Terrain(blob) => self.terrain.get(blob),
-            BlobId::Lamps(blob) => self.lamps.get(blob),
+            BlobId::PunctualLights(blob) => self.punctual_lights.get(blob),
         }
     }
 
@@ -173,14 +173,14 @@ impl SceneSource for SceneStore {
         self.pages.get(page as usize).cloned()
     }
 
-    fn lamps(&self) -> Option<&Lamps> {
-        self.lamps.lamps()
+    fn punctual_lights(&self) -> Option<&PunctualLights> {
+        self.punctual_lights.punctual_lights()
     }
 
     fn blob_len(&self, id: &BlobId) -> Option<u32> {
         match *id {
             BlobId::Asset { .. } => self.pack(id).and_then(|(pack, part)| pack.blob_len(part)),
-            BlobId::Terrain(_) | BlobId::Lamps(_) => u32::try_from(self.own(id)?.len()).ok(),
+            BlobId::Terrain(_) | BlobId::PunctualLights(_) => u32::try_from(self.own(id)?.len()).ok(),
         }
     }
 
@@ -201,7 +201,7 @@ impl SceneSource for SceneStore {
 
     fn try_read(&self, id: &BlobId) -> Result<Reading, SourceError> {
         match id {
-            BlobId::Terrain(_) | BlobId::Lamps(_) => self.read(id).map(Reading::Ready),
+            BlobId::Terrain(_) | BlobId::PunctualLights(_) => self.read(id).map(Reading::Ready),
             _ if self.blob_len(id).is_none() => Err(SourceError::NotFound(*id)),
             BlobId::Asset { .. } => {
                 let found = self.pack(id).and_then(|(pack, part)| pack.at_hand(part, &self.cache));

@@ -3,17 +3,17 @@
 //!
 //! ```text
 //! magic "LODSCENE" | version u16 | hash [32] of what follows
-//! header, pages, blobs of the terrain and of lamps, packs by asset number: bincode, as in messages
+//! header, pages, blobs of the terrain and of punctual lights, packs by asset number: bincode, as in messages
 //! ```
 
 use bincode::config::{Configuration, Limit, LittleEndian, Varint};
 use bincode::error::DecodeError;
 use bincode::{Decode, Encode};
 use bytes::Bytes;
-use lodestream_protocol::lamps::Lamps;
+use lodestream_protocol::punctual_lights::PunctualLights;
 use lodestream_protocol::scene::{Fingerprint, SceneHeader, ScenePage};
 
-use crate::compose::{Composed, LampBlobs, TerrainBlobs};
+use crate::compose::{Composed, PunctualLightBlobs, TerrainBlobs};
 
 /// First bytes of every scene object.
 const MAGIC: [u8; 8] = *b"LODSCENE";
@@ -73,8 +73,8 @@ struct Coded {
     header: SceneHeader,
     pages: Vec<ScenePage>,
     terrain: [Vec<Vec<u8>>; 2],
-    lamps: Option<Lamps>,
-    lamp_blobs: [Vec<Vec<u8>>; 2],
+    punctual_lights: Option<PunctualLights>,
+    punctual_light_blobs: [Vec<Vec<u8>>; 2],
     packs: Vec<PackName>,
 }
 
@@ -87,13 +87,13 @@ impl SceneObject {
         let owned = |(a, b): (&[Bytes], &[Bytes])| {
             [a, b].map(|blobs| blobs.iter().map(|blob| blob.to_vec()).collect())
         };
-        let Composed { header, pages, terrain, lamps, .. } = &self.composed;
+        let Composed { header, pages, terrain, punctual_lights, .. } = &self.composed;
         let coded = Coded {
             header: header.clone(),
             pages: pages.clone(),
             terrain: owned(terrain.parts()),
-            lamps: lamps.lamps().cloned(),
-            lamp_blobs: owned(lamps.parts()),
+            punctual_lights: punctual_lights.punctual_lights().cloned(),
+            punctual_light_blobs: owned(punctual_lights.parts()),
             packs: self.packs.clone(),
         };
         let body =
@@ -126,7 +126,7 @@ impl SceneObject {
         if used != body.len() {
             return Err(format!("{} bytes are left over at its end", body.len() - used));
         }
-        let Coded { header, pages, terrain, lamps, lamp_blobs, packs } = coded;
+        let Coded { header, pages, terrain, punctual_lights, punctual_light_blobs, packs } = coded;
         header.check().map_err(|why| why.to_string())?;
         for page in &pages {
             page.check().map_err(|why| why.to_string())?;
@@ -134,13 +134,13 @@ impl SceneObject {
         let shared =
             |blobs: [Vec<Vec<u8>>; 2]| blobs.map(|blobs| blobs.into_iter().map(Bytes::from).collect());
         let [terrain_pages, points] = shared(terrain);
-        let [directory, lamp_pages] = shared(lamp_blobs);
+        let [directory, punctual_light_pages] = shared(punctual_light_blobs);
         let composed = Composed {
             header,
             pages,
             asset_order: (0..packs.len()).collect(),
             terrain: TerrainBlobs::of_parts(terrain_pages, points),
-            lamps: LampBlobs::of_parts(lamps, directory, lamp_pages),
+            punctual_lights: PunctualLightBlobs::of_parts(punctual_lights, directory, punctual_light_pages),
         };
         let object = Self { composed, packs };
         object.check_counts()?;
@@ -188,12 +188,12 @@ mod tests {
     use crate::compose::compose;
     use crate::scene::{Scene, parse};
 
-    /// A scene of two assets, three instances and a lamp.
+    /// A scene of two assets, three instances and a punctual light.
     fn object() -> SceneObject {
         let text = "[[asset]]\nname = 'a'\nfile = 'a.obj'\n[[asset]]\nname = 'b'\nfile = 'b.obj'\n\
                     [[instance]]\nasset = 'a'\n[[instance]]\nasset = 'b'\ntranslation = [0, 0, 9]\n\
                     [[instance]]\nasset = 'b'\ntranslation = [1e6, 0, 0.1]\n\
-                    [[lamp]]\nposition = [0, 2, 0]\nintensity = 40\n";
+                    [[punctual_light]]\nposition = [0, 2, 0]\nintensity = 40\n";
         let scene: Scene = parse(std::path::Path::new("scene.toml"), text).unwrap();
         let entry = |name: &str, n: u8| AssetEntry {
             name: name.into(),
@@ -221,7 +221,10 @@ mod tests {
         let read = SceneObject::decode(&bytes).unwrap();
         assert_eq!(read.composed.header, object.composed.header);
         assert_eq!(read.composed.pages, object.composed.pages);
-        assert_eq!(read.composed.lamps.lamps(), object.composed.lamps.lamps());
+        assert_eq!(
+            read.composed.punctual_lights.punctual_lights(),
+            object.composed.punctual_lights.punctual_lights()
+        );
         assert_eq!(read.packs, object.packs);
         assert_eq!(read.encode().unwrap(), bytes);
     }
@@ -256,7 +259,7 @@ mod tests {
                 assert_eq!(read.composed.pages, object.composed.pages, "bit {bit}");
             }
         }
-        // Two names of a letter, of which a bit makes no UTF-8, and what is said of lamps.
+        // Two names of a letter, of which a bit makes no UTF-8, and what is said of punctual lights.
         assert!(taken < 400, "{taken} of {} bits", 8 * (bytes.len() - HEAD_BYTES));
     }
 

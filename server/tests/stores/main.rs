@@ -53,7 +53,7 @@ fn write_scene_of(folder: &Path, name: &str, height: f64, n: u32) -> Scene {
     let text = format!(
         "name = '{name}'\n[[asset]]\nname = 'one'\nfile = 'one.obj'\n[[asset]]\nname = 'sheet'\nfile = 'sheet.obj'\n\
          [[instance]]\nasset = 'one'\n[[instance]]\nasset = 'sheet'\ntranslation = [0, 0, -2]\n\
-         [[lamp]]\nposition = [0, 2, 0]\nintensity = 40\n"
+         [[punctual_light]]\nposition = [0, 2, 0]\nintensity = 40\n"
     );
     let file = folder.join(format!("{name}.toml"));
     std::fs::write(&file, text).unwrap();
@@ -139,7 +139,7 @@ fn a_bucket_serves_what_files_serve_to_the_byte() {
     let two = Two::new();
     assert_eq!(two.objects.header(), two.files.header());
     assert_eq!(two.objects.page(0), two.files.page(0));
-    assert_eq!(two.objects.lamps(), two.files.lamps());
+    assert_eq!(two.objects.punctual_lights(), two.files.punctual_lights());
     let ids = all_blobs(&two.files);
     assert!(ids.len() > 30, "{}", ids.len());
     let before = two.s3.reads();

@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::Context as _;
 use lodestream_geometry::mesh::SourceMesh;
 use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
-use lodestream_import::recipe::{NormalTolerance, PositionBits};
+use lodestream_import::preparation_settings::{NormalTolerance, PositionBits};
 use serde::Serialize;
 
 /// Wedges of a model that carry a normal of their own, at a tolerance.

@@ -34,7 +34,7 @@ pub struct Use {
 
 /// What selections wanted of one chunk.
 #[derive(Clone, Copy, Debug)]
-struct Wish {
+struct ChunkDemand {
     /// How many of its bytes, at most.
     end: u32,
     /// How many it has.
@@ -45,7 +45,7 @@ struct Wish {
 #[derive(Debug, Default)]
 pub(super) struct Ledger {
     selections: u64,
-    wishes: BTreeMap<BlobId, Wish>,
+    wishes: BTreeMap<BlobId, ChunkDemand>,
     undone: BTreeSet<BlobId>,
     hits: u64,
     misses: u64,
@@ -68,7 +68,7 @@ impl Ledger {
             }
             let length = wanted.bytes.unwrap_or(u32::MAX);
             let end = wanted.end.unwrap_or(length);
-            let wish = self.wishes.entry(wanted.id).or_insert(Wish { end, length });
+            let wish = self.wishes.entry(wanted.id).or_insert(ChunkDemand { end, length });
             wish.end = wish.end.max(end);
             if self.undone.remove(&wanted.id) {
                 let here = wanted.state == State::Cached;

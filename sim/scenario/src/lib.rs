@@ -29,13 +29,13 @@ pub mod run;
 pub mod scene;
 pub mod served;
 pub mod stopwatch;
-pub mod strangers;
 pub mod technique;
 #[cfg(test)]
 mod tests;
 pub mod timeline;
 pub mod truth;
 pub(crate) mod unjudged;
+pub mod untrusted_peers;
 mod viewer;
 
 pub use parallel::{Equipment, run, run_with};

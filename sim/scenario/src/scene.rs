@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use lodestream_import::recipe::{CodecChoice, Precision, Recipe};
+use lodestream_import::preparation_settings::{CodecChoice, Precision, PreparationSettings};
 use lodestream_protocol::source::{Immediate, SceneSource};
 use lodestream_server::daemon::memory_scene::MemoryScene;
 use lodestream_server::demo_scene;
@@ -54,10 +54,10 @@ fn prepared(
     cache: &Path,
     quiet: bool,
 ) -> anyhow::Result<(Scene, Vec<PackFile>)> {
-    let recipe = Recipe { codec, ..Recipe::default() };
+    let preparation_settings = PreparationSettings { codec, ..PreparationSettings::default() };
     let options = match choice {
         SceneChoice::Empty => return Ok((Scene::of_models(&[])?, Vec::new())),
-        SceneChoice::File(file) => return prepare(scene::read(file)?, recipe, cache, quiet),
+        SceneChoice::File(file) => return prepare(scene::read(file)?, preparation_settings, cache, quiet),
         SceneChoice::Model { file, folder, position_bits } => {
             let folder = folder.as_ref().with_context(|| {
                 format!(
@@ -65,12 +65,12 @@ fn prepared(
                 )
             })?;
             let precision = position_bits.map(Precision::Bits);
-            let recipe = Recipe { precision, ..recipe };
-            return prepare(Scene::of_models(&[folder.join(file)])?, recipe, cache, quiet);
+            let preparation_settings = PreparationSettings { precision, ..preparation_settings };
+            return prepare(Scene::of_models(&[folder.join(file)])?, preparation_settings, cache, quiet);
         }
         SceneChoice::Field(field) => {
             let folder = tempfile::tempdir().context("no folder for the scene")?;
-            return prepare(field.generate(folder.path())?, recipe, cache, quiet);
+            return prepare(field.generate(folder.path())?, preparation_settings, cache, quiet);
         }
         SceneChoice::Demo => demo_scene::Options::full(DEMO_SEED),
         SceneChoice::DemoSmall => demo_scene::Options::small(DEMO_SEED),
@@ -80,16 +80,16 @@ fn prepared(
         eprintln!("generating the demo scene");
     }
     let made = demo_scene::generate(folder.path(), &options)?;
-    prepare(scene::read(&made.scene)?, recipe, cache, quiet)
+    prepare(scene::read(&made.scene)?, preparation_settings, cache, quiet)
 }
 
 fn prepare(
     scene: Scene,
-    recipe: Recipe,
+    preparation_settings: PreparationSettings,
     cache: &Path,
     quiet: bool,
 ) -> anyhow::Result<(Scene, Vec<PackFile>)> {
-    let options = Options { recipe, quiet, ..Options::default() };
+    let options = Options { preparation_settings, quiet, ..Options::default() };
     let mut packs = Vec::with_capacity(scene.assets.len());
     for asset in &scene.assets {
         packs.push(prepare_cached(asset, cache, &options)?.pack);

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use bytes::Bytes;
 use lodestream_protocol::BlobId;
-use lodestream_protocol::lamps::Lamps;
+use lodestream_protocol::punctual_lights::PunctualLights;
 use lodestream_protocol::scene::{SceneHeader, ScenePage};
 use lodestream_protocol::source::{Reading, SceneSource, SourceError};
 
@@ -20,8 +20,8 @@ impl SceneSource for Unjudged {
         self.0.page(page)
     }
 
-    fn lamps(&self) -> Option<&Lamps> {
-        self.0.lamps()
+    fn punctual_lights(&self) -> Option<&PunctualLights> {
+        self.0.punctual_lights()
     }
 
     fn blob_len(&self, id: &BlobId) -> Option<u32> {

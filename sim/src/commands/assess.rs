@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::Args;
 use lodestream_assess::assess::{self, Options};
 use lodestream_geometry::Metric;
-use lodestream_import::recipe::{
+use lodestream_import::preparation_settings::{
     BlockFaces, CoarseGrid, CodecChoice, LevelShare, PositionBits, RegionFaces, Round, TopRegions,
 };
 
@@ -46,7 +46,7 @@ pub(crate) struct Assess {
     /// Leaves out texture coordinates, normals and colours.
     #[arg(long)]
     positions_only: bool,
-    /// Random closed sets whose stated error is compared with the measured one.
+    /// Random ancestor-closed cuts whose stated error is compared with the measured one.
     #[arg(long, default_value_t = 20)]
     random_sets: usize,
     /// Points on each surface.

@@ -2,7 +2,7 @@
 
 use clap::Args;
 use lodestream_render::{MAP_SIDES, MAX_FILTER, MAX_RELIEF_STEPS, MAX_SAMPLES, ReliefMethod};
-use lodestream_report::pictures::draw_trade::{Knob, draw_trade};
+use lodestream_report::pictures::draw_trade::{Setting, draw_trade};
 use lodestream_report::pictures::frame_time::MAX_FRAMES;
 
 use crate::arguments::{DrawnCase, target_px};
@@ -16,7 +16,7 @@ pub(crate) struct DrawTrade {
     #[command(flatten)]
     case: DrawnCase,
     #[command(flatten)]
-    knob: KnobArguments,
+    setting: SettingArguments,
     /// Frames with each value that are timed, after two that are not.
     #[arg(long, default_value_t = 15, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_FRAMES)))]
     frames: u32,
@@ -25,7 +25,7 @@ pub(crate) struct DrawTrade {
 /// One of them; the last value is the best, with which others are compared.
 #[derive(Debug, Args)]
 #[group(required = true, multiple = false)]
-struct KnobArguments {
+struct SettingArguments {
     /// Linear steps of relief mapping at grazing angles, divided by commas; 0 draws none.
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_RELIEF_STEPS)))]
     relief_steps: Option<Vec<u32>>,
@@ -50,33 +50,33 @@ struct KnobArguments {
     ground_px: Option<Vec<f32>>,
 }
 
-impl KnobArguments {
-    fn knob(&self) -> anyhow::Result<Knob> {
-        let (knob, count) = match self {
-            Self { relief_steps: Some(steps), .. } => (Knob::ReliefSteps(steps.clone()), steps.len()),
-            Self { relief_methods: Some(ways), .. } => (Knob::ReliefMethods(ways.clone()), ways.len()),
+impl SettingArguments {
+    fn setting(&self) -> anyhow::Result<Setting> {
+        let (setting, count) = match self {
+            Self { relief_steps: Some(steps), .. } => (Setting::ReliefSteps(steps.clone()), steps.len()),
+            Self { relief_methods: Some(ways), .. } => (Setting::ReliefMethods(ways.clone()), ways.len()),
             Self { occlusion_samples: Some(samples), .. } => {
-                (Knob::OcclusionSamples(samples.clone()), samples.len())
+                (Setting::OcclusionSamples(samples.clone()), samples.len())
             }
-            Self { shadow_sides: Some(sides), .. } => (Knob::ShadowSides(sides.clone()), sides.len()),
+            Self { shadow_sides: Some(sides), .. } => (Setting::ShadowSides(sides.clone()), sides.len()),
             Self { shadow_filters: Some(filters), .. } => {
-                (Knob::ShadowFilters(filters.clone()), filters.len())
+                (Setting::ShadowFilters(filters.clone()), filters.len())
             }
-            Self { smooth_edges: Some(smooth), .. } => (Knob::SmoothEdges(smooth.clone()), smooth.len()),
-            Self { ground_px: Some(px), .. } => (Knob::GroundPx(px.clone()), px.len()),
+            Self { smooth_edges: Some(smooth), .. } => (Setting::SmoothEdges(smooth.clone()), smooth.len()),
+            Self { ground_px: Some(px), .. } => (Setting::GroundPx(px.clone()), px.len()),
             _ => anyhow::bail!(
                 "name --relief-steps, --relief-methods, --occlusion-samples, --shadow-sides, --shadow-filters, --smooth-edges or --ground-px"
             ),
         };
         anyhow::ensure!(count <= MAX_VALUES, "{count} values are given; {MAX_VALUES} are the most");
-        Ok(knob)
+        Ok(setting)
     }
 }
 
 impl DrawTrade {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
-        let knob = self.knob.knob()?;
-        self.case.run(|plan, scene, gpu| draw_trade(plan, scene, gpu, &knob, self.frames))
+        let setting = self.setting.setting()?;
+        self.case.run(|plan, scene, gpu| draw_trade(plan, scene, gpu, &setting, self.frames))
     }
 }
 
@@ -92,21 +92,21 @@ mod tests {
         command: DrawTrade,
     }
 
-    fn knob(arguments: &[&str]) -> Result<Knob, String> {
+    fn setting(arguments: &[&str]) -> Result<Setting, String> {
         let words = ["draw-trade", "plan.toml"].iter().chain(arguments);
         let line = Line::try_parse_from(words).map_err(|why| why.to_string())?;
-        line.command.knob.knob().map_err(|why| why.to_string())
+        line.command.setting.setting().map_err(|why| why.to_string())
     }
 
     #[test]
-    fn one_knob_is_turned() {
-        assert_eq!(knob(&["--relief-steps", "0,48,192"]), Ok(Knob::ReliefSteps(vec![0, 48, 192])));
-        assert_eq!(knob(&["--occlusion-samples", "0,64"]), Ok(Knob::OcclusionSamples(vec![0, 64])));
-        assert_eq!(knob(&["--ground-px", "8,0.5"]), Ok(Knob::GroundPx(vec![8.0, 0.5])));
+    fn one_setting_is_turned() {
+        assert_eq!(setting(&["--relief-steps", "0,48,192"]), Ok(Setting::ReliefSteps(vec![0, 48, 192])));
+        assert_eq!(setting(&["--occlusion-samples", "0,64"]), Ok(Setting::OcclusionSamples(vec![0, 64])));
+        assert_eq!(setting(&["--ground-px", "8,0.5"]), Ok(Setting::GroundPx(vec![8.0, 0.5])));
     }
 
     #[test]
-    fn other_numbers_of_knobs_and_values_out_of_range_are_refused() {
+    fn other_numbers_of_settings_and_values_out_of_range_are_refused() {
         let cases: [&[&str]; 8] = [
             &[],
             &["--relief-steps", "1", "--ground-px", "1"],
@@ -118,7 +118,7 @@ mod tests {
             &["--ground-px", "1,1,1,1,1,1,1,1,1,1,1,1,1,1,1,1,1"],
         ];
         for case in cases {
-            assert!(knob(case).is_err(), "{case:?}");
+            assert!(setting(case).is_err(), "{case:?}");
         }
     }
 }

@@ -21,11 +21,11 @@ mod run;
 mod seed_table;
 mod shown;
 mod staging;
-mod strangers;
 mod tangent_frames;
 mod terrain_table;
 mod train;
 mod truth;
+mod untrusted_peers;
 
 use std::process::ExitCode;
 
@@ -59,7 +59,7 @@ pub(crate) enum Command {
     Load(load::Load),
     /// Lets hostile peers do a dozen things to a server, one after the other: what it holds of them, its memory and processor
     /// time, and how long somebody else waits. In real time on loopback; needs Linux.
-    Strangers(strangers::Strangers),
+    UntrustedPeers(untrusted_peers::UntrustedPeers),
     /// Damages packs, a client's sessions and a server's first flights in thousands of ways and says what comes of it:
     /// taken, refused for what kind of reason, panics, time, memory. Daemon and sockets on loopback; needs Linux.
     Mutate(mutate::Mutate),
@@ -133,7 +133,7 @@ impl Command {
             Self::Gallery(command) => command.run(),
             Self::Run(command) => command.run(),
             Self::Shown(command) => command.run(),
-            Self::Strangers(command) => command.run(),
+            Self::UntrustedPeers(command) => command.run(),
             Self::Staging(command) => command.run(),
             Self::Truth(command) => command.run(),
             // What it finds is its exit code.

@@ -5,14 +5,14 @@ use std::path::PathBuf;
 use anyhow::Context as _;
 use clap::Args;
 use lodestream_assess::train;
-use lodestream_import::recipe::PositionBits;
+use lodestream_import::preparation_settings::PositionBits;
 
 #[derive(Debug, Args)]
 pub(crate) struct Train {
     /// The models.
     #[arg(required = true)]
     models: Vec<PathBuf>,
-    /// The table: `geometry/src/codec/priors.bin`.
+    /// The table: `crates/geometry/src/codec/priors.bin`.
     #[arg(short, long)]
     output: PathBuf,
     /// Bits per axis of positions, 4 to 24.

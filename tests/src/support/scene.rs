@@ -5,8 +5,8 @@ use std::sync::{Arc, OnceLock};
 
 use bytes::Bytes;
 use lodestream_client::core::{Change, IndexRun, MeshChange, NewAsset, TextureChange, TexturePixels, Vertex};
-use lodestream_geometry::closed_set::{Budget, lowest_error};
-use lodestream_protocol::lamps::{Lamp, Lamps, decode_page};
+use lodestream_geometry::ancestor_closed_cut::{Budget, lowest_error};
+use lodestream_protocol::punctual_lights::{PunctualLight, PunctualLights, decode_page};
 use lodestream_protocol::scene::{AssetEntry, SceneHeader, ScenePage};
 use lodestream_protocol::source::{SceneSource, SourceError};
 use lodestream_protocol::{BlobId, BlobPart};
@@ -82,16 +82,16 @@ impl TestScene {
         self.assets.iter().map(|a| a.head_bytes() + chunks(a) + textures(a)).sum()
     }
 
-    /// All lamps, in the order of their pages.
-    pub(crate) fn lamps(&self) -> Vec<Lamp> {
-        let count = self.store.lamps().map_or(0, |lamps| lamps.count);
-        self.lamp_pages(count).flatten().collect()
+    /// All punctual lights, in the order of their pages.
+    pub(crate) fn punctual_lights(&self) -> Vec<PunctualLight> {
+        let count = self.store.punctual_lights().map_or(0, |punctual_lights| punctual_lights.count);
+        self.punctual_light_pages(count).flatten().collect()
     }
 
-    fn lamp_pages(&self, count: u32) -> impl Iterator<Item = Vec<Lamp>> {
-        (0..Lamps::pages_of(count)).map(move |page| {
-            let bytes = self.store.read(&BlobId::lamp_page(page)).unwrap();
-            decode_page(&bytes, Lamps::on_page(count, page)).unwrap()
+    fn punctual_light_pages(&self, count: u32) -> impl Iterator<Item = Vec<PunctualLight>> {
+        (0..PunctualLights::pages_of(count)).map(move |page| {
+            let bytes = self.store.read(&BlobId::punctual_light_page(page)).unwrap();
+            decode_page(&bytes, PunctualLights::on_page(count, page)).unwrap()
         })
     }
 
@@ -114,10 +114,13 @@ impl TestScene {
         for page in 0..header.page_count {
             changes.push(Change::Instances(self.store.page(page).unwrap().instances.clone()));
         }
-        if let Some(&Lamps { count, .. }) = self.store.lamps() {
-            changes.push(Change::Lamps { count });
-            let pages = (0..).zip(self.lamp_pages(count));
-            changes.extend(pages.map(|(page, lamps)| Change::LampPage { page, lamps: lamps.into() }));
+        if let Some(&PunctualLights { count, .. }) = self.store.punctual_lights() {
+            changes.push(Change::PunctualLights { count });
+            let pages = (0..).zip(self.punctual_light_pages(count));
+            changes.extend(pages.map(|(page, punctual_lights)| Change::PunctualLightPage {
+                page,
+                punctual_lights: punctual_lights.into(),
+            }));
         }
         for (number, asset) in (0..).zip(&self.assets) {
             self.refined_asset(number, asset, error, &mut changes);
@@ -178,8 +181,8 @@ impl SceneSource for Lacking {
         self.scene.page(page)
     }
 
-    fn lamps(&self) -> Option<&Lamps> {
-        self.scene.lamps()
+    fn punctual_lights(&self) -> Option<&PunctualLights> {
+        self.scene.punctual_lights()
     }
 
     fn blob_len(&self, id: &BlobId) -> Option<u32> {

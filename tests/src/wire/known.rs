@@ -8,12 +8,13 @@ use lodestream_geometry::base::Base;
 use lodestream_protocol::asset::{
     Alpha, AssetDescription, Material, TextureFormat, TextureInfo, TextureKind, Wrap,
 };
-use lodestream_protocol::blob::{LampBlob, TerrainBlob};
+use lodestream_protocol::blob::{PunctualLightBlob, TerrainBlob};
 use lodestream_protocol::frame::{BlobPiece, Frame, FrameReader, ServerFrame};
-use lodestream_protocol::lamps::{
-    First, Lamp, Lamps, ListedLamps, decode_directory as decode_lamps, decode_page,
-};
 use lodestream_protocol::message::{ClientMessage, Hello, Refused, ServerMessage, Want, Welcome};
+use lodestream_protocol::punctual_lights::{
+    First, PunctualLight, PunctualLightPageEntry, PunctualLights, decode_directory as decode_punctual_lights,
+    decode_page,
+};
 use lodestream_protocol::scene::{AssetEntry, InstanceEntry, SceneHeader, ScenePage};
 use lodestream_protocol::stream::{BLOB_STREAM, BlobStreamReader};
 use lodestream_protocol::terrain::{TerrainEntry, decode_directory};
@@ -116,19 +117,24 @@ impl Known {
             let listed = decode_directory(bytes, count.unwrap()).unwrap();
             value["contents"] = listed.iter().map(|p| json!([p.x, p.y, p.bytes, p.error])).collect();
         }
-        if let BlobId::Lamps(blob) = id {
+        if let BlobId::PunctualLights(blob) = id {
             let count = self.messages.iter().find_map(|message| match message {
-                ServerMessage::Lamps(lamps) => Some(lamps.count),
+                ServerMessage::PunctualLights(punctual_lights) => Some(punctual_lights.count),
                 _ => None,
             });
             value["contents"] = match *blob {
-                LampBlob::DirectoryPage(page) => {
-                    let listed = decode_lamps(bytes, Lamps::on_directory_page(count.unwrap(), page)).unwrap();
+                PunctualLightBlob::DirectoryPage(page) => {
+                    let listed = decode_punctual_lights(
+                        bytes,
+                        PunctualLights::on_directory_page(count.unwrap(), page),
+                    )
+                    .unwrap();
                     listed.iter().map(self::listed).collect()
                 }
-                LampBlob::Page(page) => {
-                    let lamps = decode_page(bytes, Lamps::on_page(count.unwrap(), page)).unwrap();
-                    lamps.iter().map(lamp).collect()
+                PunctualLightBlob::Page(page) => {
+                    let punctual_lights =
+                        decode_page(bytes, PunctualLights::on_page(count.unwrap(), page)).unwrap();
+                    punctual_lights.iter().map(punctual_light).collect()
                 }
             };
         }
@@ -171,7 +177,9 @@ fn server_message(message: &ServerMessage) -> Value {
     match message {
         ServerMessage::Welcome(welcome) => json!(["Welcome", self::welcome(welcome)]),
         ServerMessage::ScenePage(page) => json!(["ScenePage", self::page(page)]),
-        ServerMessage::Lamps(lamps) => json!(["Lamps", self::lamps(lamps)]),
+        ServerMessage::PunctualLights(punctual_lights) => {
+            json!(["PunctualLights", self::punctual_lights(punctual_lights)])
+        }
         ServerMessage::Refused(refused) => json!(["Refused", self::refused(refused)]),
         ServerMessage::RefusedMany(many) => {
             json!(["RefusedMany", many.iter().map(self::refused).collect::<Vec<_>>()])
@@ -189,29 +197,29 @@ fn refused(refused: &Refused) -> Value {
     json!({"id": blob_id(refused.id), "reason": format!("{:?}", refused.reason)})
 }
 
-fn lamps(said: &Lamps) -> Value {
+fn punctual_lights(said: &PunctualLights) -> Value {
     let first = match said.first().unwrap() {
-        First::Lamps(all) => all.iter().map(lamp).collect(),
+        First::PunctualLights(all) => all.iter().map(punctual_light).collect(),
         First::Directory(listed) => listed.iter().map(self::listed).collect(),
         First::Nothing => Value::Null,
     };
     json!({"count": said.count, "first": first})
 }
 
-fn listed(entry: &ListedLamps) -> Value {
-    let ListedLamps { center, radius, intensity, bytes } = entry;
+fn listed(entry: &PunctualLightPageEntry) -> Value {
+    let PunctualLightPageEntry { center, radius, intensity, bytes } = entry;
     json!({"center": center, "radius": radius, "intensity": intensity, "bytes": bytes})
 }
 
-fn lamp(lamp: &Lamp) -> Value {
-    let brightest = lamp.brightest();
+fn punctual_light(punctual_light: &PunctualLight) -> Value {
+    let brightest = punctual_light.brightest();
     let mut value = json!({
-        "position": lamp.position,
-        "colour": lamp.intensity.map(|i| (i / brightest * 255.0).round() as u8),
+        "position": punctual_light.position,
+        "colour": punctual_light.intensity.map(|i| (i / brightest * 255.0).round() as u8),
         "brightest": brightest,
-        "range": lamp.range,
+        "range": punctual_light.range,
     });
-    if let Some(spot) = lamp.spot {
+    if let Some(spot) = punctual_light.spot {
         value["direction"] = json!(spot.direction);
         let angle = |x: f32| (f64::from(x) / std::f64::consts::FRAC_PI_2 * 65_535.0).round() as u16;
         value["angles"] = json!([angle(spot.inner), angle(spot.outer)]);
@@ -250,8 +258,12 @@ fn blob_id(id: BlobId) -> Value {
     match id {
         BlobId::Terrain(TerrainBlob::DirectoryPage(page)) => json!({"asset": "terrain", "page": page}),
         BlobId::Terrain(TerrainBlob::Points(patch)) => json!({"asset": "terrain", "chunk": patch}),
-        BlobId::Lamps(LampBlob::DirectoryPage(page)) => json!({"asset": "lamps", "page": page}),
-        BlobId::Lamps(LampBlob::Page(page)) => json!({"asset": "lamps", "chunk": page}),
+        BlobId::PunctualLights(PunctualLightBlob::DirectoryPage(page)) => {
+            json!({"asset": "punctual_lights", "page": page})
+        }
+        BlobId::PunctualLights(PunctualLightBlob::Page(page)) => {
+            json!({"asset": "punctual_lights", "chunk": page})
+        }
         BlobId::Asset { asset, part } => match part {
             BlobPart::Base => json!({"asset": asset, "base": true}),
             BlobPart::IndexPage(page) => json!({"asset": asset, "page": page}),

@@ -13,7 +13,6 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use lodestream_geometry::base::FORMAT_VERSION;
-use lodestream_protocol::lamps::{LAMPS_PER_PAGE, LISTED_PER_PAGE, MAX_LAMPS, MAX_PAGE_BYTES};
 use lodestream_protocol::limits::{
     MAX_ASSETS, MAX_BLOB_BYTES, MAX_CHUNKS, MAX_DECODED_BYTES, MAX_DESCRIPTION_BYTES, MAX_ENTRIES_PER_PAGE,
     MAX_FRAME_BYTES, MAX_HAVE, MAX_IDS_PER_MESSAGE, MAX_INSTANCES, MAX_MESSAGE_BYTES, MAX_NAME_BYTES,
@@ -21,6 +20,9 @@ use lodestream_protocol::limits::{
 };
 use lodestream_protocol::message::{
     ClientMessage, CloseCode, Hello, RefusedReason, ServerMessage, Token, VERSIONS,
+};
+use lodestream_protocol::punctual_lights::{
+    LISTED_PER_PAGE, MAX_PAGE_BYTES, MAX_PUNCTUAL_LIGHTS, PUNCTUAL_LIGHTS_PER_PAGE,
 };
 use lodestream_protocol::source::SceneSource as _;
 use lodestream_protocol::stream::ALPN;
@@ -103,7 +105,12 @@ fn a_reader_written_from_the_page_understands_all_that_is_said() {
             4,
             "{transport:?}: two pages, twice each"
         );
-        assert_eq!(seen(&|m| matches!(m, ServerMessage::Lamps(lamps) if lamps.count == 1100)), 1);
+        assert_eq!(
+            seen(
+                &|m| matches!(m, ServerMessage::PunctualLights(punctual_lights) if punctual_lights.count == 1100)
+            ),
+            1
+        );
         assert_eq!(seen(&|m| *m == ServerMessage::Pong(0xdead_beef)), 1);
         assert!(seen(&|m| *m == ServerMessage::BasesSent) > 0 && seen(&|m| *m == ServerMessage::Done) > 0);
         for reason in [RefusedReason::NotFound, RefusedReason::OutOfRange] {
@@ -120,11 +127,11 @@ fn a_reader_written_from_the_page_understands_all_that_is_said() {
             ("the rest of a chunk", blobs.iter().any(|blob| blob["offset"].as_u64() > Some(0))),
             ("a texture", blobs.iter().any(|blob| blob["id"]["texture"].is_u64())),
             (
-                "a page of lamps with a spot",
+                "a page of punctual lights with a spot",
                 blobs.iter().any(|blob| blob["contents"][0]["angles"].is_array()),
             ),
             (
-                "a directory of lamps",
+                "a directory of punctual lights",
                 blobs.iter().any(|blob| blob["contents"].as_array().is_some_and(|pages| pages.len() == 18)),
             ),
             ("a described texture", json.to_string().contains("\"relief_depth\"")),
@@ -140,13 +147,15 @@ fn a_reader_written_from_the_page_understands_all_that_is_said() {
 }
 
 #[test]
-fn a_reader_written_from_the_page_understands_lamps_that_are_said_at_once() {
+fn a_reader_written_from_the_page_understands_punctual_lights_that_are_said_at_once() {
     for count in [1, 16, 17, 400] {
         let scene = scenes::lit(count);
         let said = [vec![ClientMessage::Hello(hello())]];
         let recording = record(scene.source(), Transport::Quic, &said);
         let known = Known::of(&recording);
-        assert!(matches!(&known.messages[1], ServerMessage::Lamps(lamps) if lamps.count == count));
+        assert!(
+            matches!(&known.messages[1], ServerMessage::PunctualLights(punctual_lights) if punctual_lights.count == count)
+        );
         assert_understood(&recording, &known, &said);
     }
 }
@@ -228,8 +237,8 @@ fn the_page_states_the_limits_and_close_codes_of_the_program() {
             &[MAX_SEGMENTS as u64, u64::from(MAX_EROSION_PASSES)],
         ),
         (
-            "lamps of a scene; of a page; pages on a page of their directory; bytes of a page",
-            &[MAX_LAMPS, LAMPS_PER_PAGE, LISTED_PER_PAGE, MAX_PAGE_BYTES].map(u64::from),
+            "punctual lights of a scene; of a page; pages on a page of their directory; bytes of a page",
+            &[MAX_PUNCTUAL_LIGHTS, PUNCTUAL_LIGHTS_PER_PAGE, LISTED_PER_PAGE, MAX_PAGE_BYTES].map(u64::from),
         ),
     ] {
         let row = rows.iter().find(|row| row[1] == what).unwrap_or_else(|| panic!("no row {what:?}"));

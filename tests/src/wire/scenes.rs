@@ -39,12 +39,12 @@ pub(super) fn tetrahedron() -> TestScene {
     open(ONE, |_| {})
 }
 
-/// The same under so many lamps.
-pub(super) fn lit(lamps: u32) -> TestScene {
+/// The same under so many punctual lights.
+pub(super) fn lit(punctual_lights: u32) -> TestScene {
     let mut text = ONE.to_owned();
-    for n in 0..lamps {
+    for n in 0..punctual_lights {
         let spot = if n % 3 == 0 { "direction = [1.0, -1.0, 0.5]\n" } else { "" };
-        write!(text, "[[lamp]]\nposition = [{n}.5, 2.0, -{n}]\nintensity = 25.0\n{spot}").unwrap();
+        write!(text, "[[punctual_light]]\nposition = [{n}.5, 2.0, -{n}]\nintensity = 25.0\n{spot}").unwrap();
     }
     open(&text, |_| {})
 }
@@ -80,7 +80,7 @@ color = [0.25, 0.5, 0.75]
 name = "ball"
 file = "ball.obj"
 relief_depth = 0.03
-codec = "built"
+codec = "axis-aligned"
 [[asset]]
 name = "wall"
 file = "wall.obj"
@@ -148,7 +148,7 @@ depth = 2
         write!(text, "[[instance]]\nasset = \"tetrahedron\"\ntranslation = [{n}.5, 0.0, -4.0]\n{turned}")
             .unwrap();
     }
-    // More than their message holds, of every kind and alike in all that lamps may share.
+    // More than their message holds, of every kind and alike in all that punctual lights may share.
     for n in 0..1100 {
         let color = if n % 7 < 3 { "color = [1.0, 0.5, 0.0]\n" } else { "" };
         let range = if n % 5 < 2 { "range = 7.5\n" } else { "" };
@@ -158,8 +158,11 @@ depth = 2
             _ => "",
         };
         let (x, z) = (3 * (n % 33) - 50, 2 * (n / 33) - 30);
-        write!(text, "[[lamp]]\nposition = [{x}.25, 4.0, {z}]\nintensity = 40.0\n{color}{range}{spot}")
-            .unwrap();
+        write!(
+            text,
+            "[[punctual_light]]\nposition = [{x}.25, 4.0, {z}]\nintensity = 40.0\n{color}{range}{spot}"
+        )
+        .unwrap();
     }
     let mut points = Vec::new();
     for y in -9..=9_i32 {
@@ -189,9 +192,9 @@ pub(super) fn conversation(scene: &TestScene) -> Vec<Vec<ClientMessage>> {
     let points = [
         BlobId::terrain_page(0),
         BlobId::terrain_points(1),
-        BlobId::lamp_directory(0),
-        BlobId::lamp_page(0),
-        BlobId::lamp_page(17),
+        BlobId::punctual_light_directory(0),
+        BlobId::punctual_light_page(0),
+        BlobId::punctual_light_page(17),
     ];
     let again = [BlobId::base(wall), BlobId::index_page(ball, 0), BlobId::chunk(ball, 0)];
     let part = |offset, end| Want { offset, end, ..Want::whole(BlobId::chunk(ball, 0), 0x4180_0000) };

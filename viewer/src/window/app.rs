@@ -18,7 +18,7 @@ use crate::run::tell_figures;
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Event {
     /// The streaming thread has something, or a tile of the terrain was made.
-    News,
+    SessionStatus,
     /// A signal of this number asks for the end.
     End(u8),
 }
@@ -45,9 +45,9 @@ impl App {
         }
         if let Some(mut running) = self.running {
             running.shown.note_times(running.painter.renderer.timings());
-            tell_figures(&self.args, &running.news.status().stats, &running.shown)?;
+            tell_figures(&self.args, &running.status.status().stats, &running.shown)?;
             if let Some(folder) = &self.args.frames {
-                running.film.write(&running.painter.gpu, folder, running.state != State::Refining)?;
+                running.capture.write(&running.painter.gpu, folder, running.state != State::Refining)?;
             }
         }
         Ok(self.outcome)
@@ -57,7 +57,7 @@ impl App {
         let proxy = self.proxy.clone();
         let notify = move || {
             // Fails only once the window is gone.
-            let _ = proxy.send_event(Event::News);
+            let _ = proxy.send_event(Event::SessionStatus);
         };
         Running::start(&self.args, notify, self.display.clone(), events)
     }
@@ -99,7 +99,7 @@ impl ApplicationHandler<Event> for App {
             running.dirty = true;
             running.painter.window.request_redraw();
         }
-        if let Some(why) = running.news.fatal(running.scene.header().is_some()) {
+        if let Some(why) = running.status.fatal(running.scene.header().is_some()) {
             self.fail(events, anyhow::anyhow!(why));
         }
     }
@@ -127,7 +127,7 @@ impl ApplicationHandler<Event> for App {
             }
             WindowEvent::Focused(false) => {
                 let now = running.now();
-                running.keys.release(now, running.rig.as_mut());
+                running.keys.release(now, running.controller.as_mut());
                 running.button = None;
             }
             WindowEvent::MouseInput { state, button, .. } => {
@@ -139,8 +139,8 @@ impl ApplicationHandler<Event> for App {
                     MouseScrollDelta::LineDelta(_, y) => f64::from(y),
                     MouseScrollDelta::PixelDelta(by) => by.y / 40.0,
                 };
-                if let Some(rig) = &mut running.rig {
-                    rig.wheel(lines);
+                if let Some(controller) = &mut running.controller {
+                    controller.wheel(lines);
                     redraw = true;
                     let now = running.now();
                     running.quality.moved(now);

@@ -26,7 +26,7 @@ pub(super) type Push = [f64; 3];
 
 /// The camera.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Rig {
+pub(super) struct CameraController {
     pub(super) mode: Mode,
     start: scene::Camera,
     eye: DVec3,
@@ -37,7 +37,7 @@ pub(super) struct Rig {
     speed: f64,
 }
 
-impl Rig {
+impl CameraController {
     pub(super) fn new(start: scene::Camera) -> Self {
         let (eye, target) = (DVec3::from(start.eye), DVec3::from(start.target));
         let up = glam::Vec3::from(start.up).as_dvec3().normalize_or(DVec3::Y);
@@ -146,47 +146,52 @@ impl Rig {
 mod tests {
     use super::*;
 
-    fn rig() -> Rig {
-        Rig::new(scene::Camera { eye: [0.0, 0.0, 10.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov_y: 1.0 })
+    fn controller() -> CameraController {
+        CameraController::new(scene::Camera {
+            eye: [0.0, 0.0, 10.0],
+            target: [0.0; 3],
+            up: [0.0, 1.0, 0.0],
+            fov_y: 1.0,
+        })
     }
 
     #[test]
     fn orbiting_keeps_the_distance_and_the_target() {
-        let mut rig = rig();
+        let mut controller = controller();
         for (dx, dy) in [(30.0, 12.0), (-500.0, 900.0), (4.0, -3000.0)] {
-            rig.turn(dx, dy);
-            assert!((rig.distance() - 10.0).abs() < 1e-9);
-            assert_eq!(rig.target, DVec3::ZERO);
-            let angle = rig.forward().angle_between(rig.up);
+            controller.turn(dx, dy);
+            assert!((controller.distance() - 10.0).abs() < 1e-9);
+            assert_eq!(controller.target, DVec3::ZERO);
+            let angle = controller.forward().angle_between(controller.up);
             assert!((POLE * 0.9..=std::f64::consts::PI - POLE * 0.9).contains(&angle), "{angle}");
-            assert!(rig.view([64, 36], 1.0).check().is_ok());
+            assert!(controller.view([64, 36], 1.0).check().is_ok());
         }
         // Dragging to the right turns the scene to the right: the eye goes left.
-        let mut rig = self::rig();
-        rig.turn(50.0, 0.0);
-        assert!(rig.eye.x < 0.0);
+        let mut controller = self::controller();
+        controller.turn(50.0, 0.0);
+        assert!(controller.eye.x < 0.0);
     }
 
     #[test]
     fn flying_turns_about_the_eye_and_moves_where_it_looks() {
-        let mut rig = rig();
-        rig.toggle();
-        rig.turn(50.0, 0.0);
-        assert_eq!(rig.eye, DVec3::new(0.0, 0.0, 10.0));
-        assert!(rig.forward().x > 0.0, "dragging to the right looks to the right");
-        let before = rig.eye;
-        rig.push([0.0, 0.0, 1.0], false, 2.0);
-        assert!(((rig.eye - before).length() - 10.0).abs() < 1e-9, "half the first distance a second");
-        rig.reset();
-        assert_eq!((rig.eye, rig.mode), (DVec3::new(0.0, 0.0, 10.0), Mode::Fly));
+        let mut controller = controller();
+        controller.toggle();
+        controller.turn(50.0, 0.0);
+        assert_eq!(controller.eye, DVec3::new(0.0, 0.0, 10.0));
+        assert!(controller.forward().x > 0.0, "dragging to the right looks to the right");
+        let before = controller.eye;
+        controller.push([0.0, 0.0, 1.0], false, 2.0);
+        assert!(((controller.eye - before).length() - 10.0).abs() < 1e-9, "half the first distance a second");
+        controller.reset();
+        assert_eq!((controller.eye, controller.mode), (DVec3::new(0.0, 0.0, 10.0), Mode::Fly));
     }
 
     #[test]
     fn the_wheel_never_passes_the_target() {
-        let mut rig = rig();
+        let mut controller = controller();
         for _ in 0..1000 {
-            rig.wheel(5.0);
+            controller.wheel(5.0);
         }
-        assert!(rig.distance() > 0.0 && rig.forward().z < -0.99);
+        assert!(controller.distance() > 0.0 && controller.forward().z < -0.99);
     }
 }

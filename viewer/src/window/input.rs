@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use winit::keyboard::KeyCode;
 
-use super::camera::Rig;
+use super::camera::CameraController;
 use super::keys::Keys;
 use super::quality::Quality;
 
@@ -18,15 +18,15 @@ pub(super) fn key(
     code: KeyCode,
     pressed: bool,
     keys: &mut Keys,
-    rig: Option<&mut Rig>,
+    controller: Option<&mut CameraController>,
     quality: &mut Quality,
 ) {
-    let Some(rig) = rig else { return keys.set(now, code, pressed, None) };
-    keys.set(now, code, pressed, Some(rig));
+    let Some(controller) = controller else { return keys.set(now, code, pressed, None) };
+    keys.set(now, code, pressed, Some(controller));
     match code {
-        KeyCode::KeyF if pressed => rig.toggle(),
+        KeyCode::KeyF if pressed => controller.toggle(),
         KeyCode::KeyR if pressed => {
-            rig.reset();
+            controller.reset();
             quality.moved(now);
         }
         _ => {}
@@ -34,8 +34,13 @@ pub(super) fn key(
 }
 
 /// Before a frame that begins at `now`: the camera is where the keys have pushed it.
-pub(super) fn move_camera(now: Duration, keys: &mut Keys, rig: Option<&mut Rig>, quality: &mut Quality) {
-    keys.advance(now, rig);
+pub(super) fn move_camera(
+    now: Duration,
+    keys: &mut Keys,
+    controller: Option<&mut CameraController>,
+    quality: &mut Quality,
+) {
+    keys.advance(now, controller);
     if keys.is_pushing() {
         quality.moved(now);
     }
@@ -58,7 +63,7 @@ mod tests {
     struct Window {
         now: Duration,
         keys: Keys,
-        rig: Rig,
+        controller: CameraController,
         quality: Quality,
         /// What the server heard last.
         heard: Option<Pose>,
@@ -76,41 +81,51 @@ mod tests {
         fn move_camera(&mut self) {
             // To receive takes a moment.
             self.now += Duration::from_millis(1);
-            move_camera(self.now, &mut self.keys, Some(&mut self.rig), &mut self.quality);
+            move_camera(self.now, &mut self.keys, Some(&mut self.controller), &mut self.quality);
         }
 
         fn send_view(&mut self) {
-            self.heard = Some(self.rig.pose());
+            self.heard = Some(self.controller.pose());
         }
 
         fn paint(&mut self) -> anyhow::Result<()> {
-            assert_eq!(self.heard, Some(self.rig.pose()), "the server hears of it before it is painted");
+            assert_eq!(
+                self.heard,
+                Some(self.controller.pose()),
+                "the server hears of it before it is painted"
+            );
             let (begun, took) = (self.now, FULL_S * self.quality.cost());
             self.now += Duration::from_secs_f64(took);
-            self.shown.push((begun, self.now, self.rig.pose()));
+            self.shown.push((begun, self.now, self.controller.pose()));
             self.quality.drawn(begun, took);
             Ok(())
         }
     }
 
-    fn start() -> Rig {
-        Rig::new(Camera { eye: [0.0, 0.0, 10.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov_y: 1.0 })
+    fn start() -> CameraController {
+        CameraController::new(Camera {
+            eye: [0.0, 0.0, 10.0],
+            target: [0.0; 3],
+            up: [0.0, 1.0, 0.0],
+            fov_y: 1.0,
+        })
     }
 
     /// Draws frames one after another, as while more of the scene arrives; keys go down when their time has come, but
     /// between frames. Gives (end of the frame that was under way, first frame that shows `answer`) after the last key.
     fn answered(
-        rig: Rig,
+        controller: CameraController,
         presses: &[(Duration, KeyCode)],
         answer: impl Fn(&Pose) -> bool,
     ) -> (Duration, Duration) {
         let (keys, quality) = (Keys::default(), Quality::new(true));
-        let mut window = Window { now: Duration::ZERO, keys, rig, quality, heard: None, shown: Vec::new() };
+        let mut window =
+            Window { now: Duration::ZERO, keys, controller, quality, heard: None, shown: Vec::new() };
         let (mut presses, mut free) = (presses.iter().peekable(), Duration::ZERO);
         while window.now < LONG {
             while let Some((_, code)) = presses.next_if(|(at, _)| *at <= window.now) {
-                let Window { now, keys, rig, quality, .. } = &mut window;
-                key(*now, *code, true, keys, Some(rig), quality);
+                let Window { now, keys, controller, quality, .. } = &mut window;
+                key(*now, *code, true, keys, Some(controller), quality);
                 free = *now;
             }
             steps::run(&mut window).unwrap();

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use winit::keyboard::KeyCode;
 
-use super::camera::{Push, Rig};
+use super::camera::{CameraController, Push};
 
 /// The keys that are held.
 #[derive(Clone, Debug, Default)]
@@ -33,19 +33,25 @@ impl Keys {
     }
 
     /// Moves the camera up to `now`, for all the time since it was moved last.
-    pub(super) fn advance(&mut self, now: Duration, rig: Option<&mut Rig>) {
+    pub(super) fn advance(&mut self, now: Duration, controller: Option<&mut CameraController>) {
         let seconds = now.saturating_sub(self.until).as_secs_f64();
         self.until = now.max(self.until);
-        if let Some(rig) = rig
+        if let Some(controller) = controller
             && self.is_pushing()
         {
-            rig.push(self.push(), self.held.contains(&KeyCode::ShiftLeft), seconds);
+            controller.push(self.push(), self.held.contains(&KeyCode::ShiftLeft), seconds);
         }
     }
 
     /// A key went down or up, at `now`: what was held until then has moved the camera until then.
-    pub(super) fn set(&mut self, now: Duration, code: KeyCode, pressed: bool, rig: Option<&mut Rig>) {
-        self.advance(now, rig);
+    pub(super) fn set(
+        &mut self,
+        now: Duration,
+        code: KeyCode,
+        pressed: bool,
+        controller: Option<&mut CameraController>,
+    ) {
+        self.advance(now, controller);
         if pressed {
             self.held.insert(code);
         } else {
@@ -54,8 +60,8 @@ impl Keys {
     }
 
     /// All keys are let go of: the window lost them.
-    pub(super) fn release(&mut self, now: Duration, rig: Option<&mut Rig>) {
-        self.advance(now, rig);
+    pub(super) fn release(&mut self, now: Duration, controller: Option<&mut CameraController>) {
+        self.advance(now, controller);
         self.held.clear();
     }
 }
@@ -68,22 +74,22 @@ mod tests {
     /// Where a key that is held from 1 s to 9 s takes the camera, with frames every `frame_ms`.
     fn flown(frame_ms: u64) -> glam::DVec3 {
         let camera = Camera { eye: [0.0, 0.0, 10.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov_y: 1.0 };
-        let (mut rig, mut keys) = (Rig::new(camera), Keys::default());
+        let (mut controller, mut keys) = (CameraController::new(camera), Keys::default());
         let (down, up) = (Duration::from_secs(1), Duration::from_secs(9));
         let (mut pressed, mut released) = (false, false);
         for frame in 0..=12_000 / frame_ms {
             let now = Duration::from_millis(frame * frame_ms);
             if !pressed && now >= down {
-                keys.set(down, KeyCode::KeyW, true, Some(&mut rig));
+                keys.set(down, KeyCode::KeyW, true, Some(&mut controller));
                 pressed = true;
             }
             if !released && now >= up {
-                keys.set(up, KeyCode::KeyW, false, Some(&mut rig));
+                keys.set(up, KeyCode::KeyW, false, Some(&mut controller));
                 released = true;
             }
-            keys.advance(now, Some(&mut rig));
+            keys.advance(now, Some(&mut controller));
         }
-        rig.pose().eye
+        controller.pose().eye
     }
 
     /// A frame counted for a quarter of a second at most: where each took two, eight seconds of flight were one.

@@ -2,14 +2,14 @@
 
 mod app;
 mod camera;
-mod film;
+mod frame_capture;
 mod input;
 mod keys;
-mod news;
 mod overlay;
 mod painter;
 mod quality;
 mod running;
+mod session_status;
 mod state;
 mod steps;
 

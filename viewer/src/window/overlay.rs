@@ -7,9 +7,9 @@ use std::time::Duration;
 
 use lodestream_client::core::Stats;
 use lodestream_render::{
-    AntiAliasing, Ink, MAX_ANISOTROPY, MAX_CASCADES, MAX_FILTER, MAX_INK_BLUR, MAX_INK_LEVELS, MAX_LIGHTS,
-    MAX_PN_LEVEL, MAX_REFLECTION_STEPS, MAX_RELIEF_STEPS, MAX_SAMPLES, OcclusionMethod, OcclusionNormals,
-    OcclusionRadius, ReflectionMethod, Reflections, ReliefMethod, Shade, Timings, ToneMapping,
+    AntiAliasing, DebugView, Ink, MAX_ANISOTROPY, MAX_CASCADES, MAX_FILTER, MAX_INK_BLUR, MAX_INK_LEVELS,
+    MAX_LIGHTS, MAX_PN_LEVEL, MAX_REFLECTION_STEPS, MAX_RELIEF_STEPS, MAX_SAMPLES, OcclusionMethod,
+    OcclusionNormals, OcclusionRadius, ReflectionMethod, Reflections, ReliefMethod, Timings, ToneMapping,
 };
 
 pub(super) use choices::Choices;
@@ -18,7 +18,7 @@ use rows::rows;
 
 /// Texels along a side of maps of shadows that are offered.
 const SIDES: [u32; 5] = [512, 1024, 2048, 4096, 8192];
-/// Sides of tiles of lamps, in pixels, that are offered.
+/// Sides of tiles of punctual lights, in pixels, that are offered.
 const TILES: [u32; 4] = [8, 16, 32, 64];
 
 /// Height of the window's title and borders, in points: what does not fit under it is scrolled.
@@ -74,7 +74,7 @@ fn contents(ui: &mut egui::Ui, stats: &Stats, facts: &Facts<'_>, choices: &mut C
         ui.checkbox(&mut choices.wireframe, "wireframe");
     });
     egui::ComboBox::from_label("view").selected_text(choices.shade.name()).show_ui(ui, |ui| {
-        for shade in Shade::ALL {
+        for shade in DebugView::ALL {
             ui.selectable_value(&mut choices.shade, shade, shade.name());
         }
     });
@@ -86,7 +86,7 @@ fn contents(ui: &mut egui::Ui, stats: &Stats, facts: &Facts<'_>, choices: &mut C
         ui.add_enabled(choices.relief, egui::Checkbox::new(&mut choices.relief_in_depth, "in depth"));
         ui.checkbox(&mut choices.curved, "curved triangles");
         ui.checkbox(&mut choices.inked, "ink");
-        ui.checkbox(&mut choices.lamps, "lamps");
+        ui.checkbox(&mut choices.punctual_lights, "punctual lights");
         ui.checkbox(&mut choices.emission, "emission");
         ui.checkbox(&mut choices.transparency, "transparency");
         ui.checkbox(&mut choices.water, "water");
@@ -164,7 +164,7 @@ fn parameters(ui: &mut egui::Ui, choices: &mut Choices) {
         });
         ui.end_row();
         slider(ui, "filter", egui::Slider::new(&mut maps.filter, 1..=MAX_FILTER));
-        ui.label("lamps: tiles, px");
+        ui.label("punctual lights: tiles, px");
         egui::ComboBox::from_id_salt("tiles").selected_text(culling.tile_px.to_string()).show_ui(ui, |ui| {
             for side in TILES {
                 ui.selectable_value(&mut culling.tile_px, side, side.to_string());

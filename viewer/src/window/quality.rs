@@ -197,9 +197,9 @@ mod tests {
         ("temporal", |step| step.anti_aliasing < AntiAliasing::Temporal),
         ("edges", |step| step.anti_aliasing == AntiAliasing::None),
         ("samples", |step| step.samples < 16),
-        ("lamps", |step| step.lamps < MAX_LIGHTS as u32),
+        ("punctual lights", |step| step.punctual_lights < MAX_LIGHTS as u32),
         ("occlusion", |step| step.samples == 0),
-        ("fewest lamps", |step| step.lamps < 64),
+        ("fewest punctual lights", |step| step.punctual_lights < 64),
         ("relief", |step| !step.of(&Settings::default()).relief),
     ];
 
@@ -290,7 +290,7 @@ mod tests {
         assert_eq!(
             quality.describe(),
             "step 9 of 9: ground 16× as coarse, shadows up to 12 frames late, 25 % of the pixels' sides, 2 shadow \
-             maps, edges not smoothed, meshes 4× as coarse, no occlusion, the 16 brightest lamps, maps of 1024 texels \
+             maps, edges not smoothed, meshes 4× as coarse, no occlusion, the 16 brightest punctual_lights, maps of 1024 texels \
              a side, no relief"
         );
         quality.step = 7;

@@ -14,14 +14,14 @@ use winit::event_loop::{ActiveEventLoop, OwnedDisplayHandle};
 use winit::keyboard::KeyCode;
 use winit::window::Window;
 
-use super::camera::{Mode, Rig};
-use super::film::Film;
+use super::camera::{CameraController, Mode};
+use super::frame_capture::FrameCapture;
 use super::input;
 use super::keys::Keys;
-use super::news::News;
 use super::overlay::{self, Choices, Facts};
 use super::painter::{self, Painted, Painter};
 use super::quality::{self, Quality, Step};
+use super::session_status::SessionStatus;
 use super::state::{Drawn, State};
 use super::steps::{self, Steps};
 use crate::args::Args;
@@ -40,8 +40,8 @@ pub(super) struct Running {
     pub(super) painter: Painter,
     streaming: Streaming,
     pub(super) scene: SceneView,
-    pub(super) rig: Option<Rig>,
-    pub(super) news: News,
+    pub(super) controller: Option<CameraController>,
+    pub(super) status: SessionStatus,
     adapter: String,
     settings: Settings,
     choices: Choices,
@@ -65,7 +65,7 @@ pub(super) struct Running {
     /// Something else than time asks for a frame.
     pub(super) dirty: bool,
     pub(super) shown: Shown,
-    pub(super) film: Film,
+    pub(super) capture: FrameCapture,
     /// When the window said last what it waits for, before there was a scene in it.
     waiting: Option<Instant>,
     pub(super) state: State,
@@ -120,8 +120,8 @@ impl Running {
             adapter: painter.gpu.describe(),
             streaming,
             scene,
-            rig: args.camera.map(|camera| Rig::new(camera.0)),
-            news: News::default(),
+            controller: args.camera.map(|camera| CameraController::new(camera.0)),
+            status: SessionStatus::default(),
             choices: Choices {
                 hidden: args.no_overlay,
                 ..Choices::new(&settings, args.pixel_error.0, [args.ground_heights, args.ground_seconds])
@@ -142,7 +142,7 @@ impl Running {
             rise: 0.0,
             dirty: false,
             shown: Shown::default(),
-            film: Film::default(),
+            capture: FrameCapture::default(),
             painter,
             waiting: Some(now),
             state: State::Refining,
@@ -159,28 +159,28 @@ impl Running {
         // The status first: what it says is settled lies in the steps taken after it.
         let status = self.streaming.status();
         if let Some(message) = &status.message
-            && Some(message) != self.news.status().message.as_ref()
+            && Some(message) != self.status.status().message.as_ref()
         {
             tracing::info!("{message}");
         }
-        let mut news = false;
+        let mut changed = false;
         while self.scene.waiting() < MAX_WAITING_STEPS
             && let Some(step) = self.streaming.take()
         {
             self.scene.push(step);
-            news = true;
+            changed = true;
         }
-        self.news.take(status) || news
+        self.status.take(status) || changed
     }
 
     /// Tells the streaming thread where the camera is and whether there are shadows, unless the selection is frozen.
     pub(super) fn steer(&self) {
-        if let Some(rig) = &self.rig
+        if let Some(controller) = &self.controller
             && !self.choices.frozen
         {
             // Only while it moves: the first picture waits for nothing coarser.
             let meshes = if self.quality.is_moving(self.now()) { self.step().meshes } else { 1.0 };
-            let mut view = rig.view(self.painter.size(), self.choices.target_px * meshes);
+            let mut view = controller.view(self.painter.size(), self.choices.target_px * meshes);
             // The server knows what stands on the ground where the scene has it.
             view.eye[1] -= self.rise;
             let shadows = Some(self.choices.shadows);
@@ -195,7 +195,7 @@ impl Running {
         let (start, bytes) = self.window_start;
         let elapsed = (now - start).as_secs_f64();
         if elapsed >= 0.5 {
-            let received = self.news.status().stats.transport_bytes;
+            let received = self.status.status().stats.transport_bytes;
             let bits = received.saturating_sub(bytes) as f64 * 8.0;
             self.bits_per_s = bits / elapsed;
             self.window_start = (now, received);
@@ -218,9 +218,9 @@ impl Running {
     }
 
     fn camera(&self) -> Pose {
-        self.rig.map_or_else(
+        self.controller.map_or_else(
             || Pose::look_at(glam::DVec3::Z, glam::DVec3::ZERO, glam::DVec3::Y, 1.0),
-            |rig| rig.pose(),
+            |controller| controller.pose(),
         )
     }
 
@@ -236,8 +236,8 @@ impl Running {
         let before = self.scene.ground_rise(eye);
         self.ground_moves = self.scene.move_ground(now_s);
         self.rise = self.scene.ground_rise(eye);
-        if let Some(rig) = &mut self.rig {
-            rig.lift(self.rise - before);
+        if let Some(controller) = &mut self.controller {
+            controller.lift(self.rise - before);
         }
         Ok(())
     }
@@ -269,10 +269,10 @@ impl Running {
                 tracing::debug!(?now, frame_ms = self.frame_ms, "first frame presented");
             }
             self.painter.compile_rest();
-            let received = Received::from(&self.news.status().stats);
+            let received = Received::from(&self.status.status().stats);
             self.shown.note(now, whole, &counters, received);
             if let Some(copy) = painted.copy {
-                self.film.add(now, whole, received, copy);
+                self.capture.add(now, whole, received, copy);
             }
             self.counters = counters;
             // What the screen is waited for is in it.
@@ -287,7 +287,7 @@ impl Running {
             waiting_steps: self.scene.waiting(),
             missing_tiles: self.scene.missing_tiles(),
         };
-        let only_tiles = drawn.lacks_tiles_at_most() && self.news.status().settled;
+        let only_tiles = drawn.lacks_tiles_at_most() && self.status.status().settled;
         self.only_tiles_missing = shows && only_tiles && drawn.missing_tiles > 0;
         self.look_at_state(&drawn);
         // While the camera may move on, the picture is not made better yet.
@@ -316,8 +316,8 @@ impl Running {
 
     /// Says how far the picture is.
     fn look_at_state(&mut self, drawn: &Drawn) {
-        let stats = &self.news.status().stats;
-        self.state = State::of(self.news.status(), drawn, self.shown.presented().is_some());
+        let stats = &self.status.status().stats;
+        self.state = State::of(self.status.status(), drawn, self.shown.presented().is_some());
         match self.state {
             State::Settled => self.shown.note_settled(self.streaming.clock().now().into()),
             State::Incomplete if !self.told_incomplete => {
@@ -332,7 +332,7 @@ impl Running {
     fn paint(&mut self, args: &Args, now_s: f32) -> anyhow::Result<Painted> {
         let address = args.address.to_string();
         // What does not come is not waited for: the others are shown.
-        let all_there_is = self.scene.is_whole() || self.news.status().stats.lacking_blobs > 0;
+        let all_there_is = self.scene.is_whole() || self.status.status().stats.lacking_blobs > 0;
         let shows = self.shown.may_show(all_there_is, self.now());
         if !shows {
             // What arrives meanwhile changes nothing on the screen, and a frame would keep the first one waiting.
@@ -343,7 +343,7 @@ impl Running {
         } else {
             self.prepare_ground()?;
         }
-        let message = self.news.message().or_else(|| (!shows).then(|| self.loading().into()));
+        let message = self.status.message().or_else(|| (!shows).then(|| self.loading().into()));
         let facts = Facts {
             adapter: &self.adapter,
             address: &address,
@@ -354,11 +354,11 @@ impl Running {
             presented: self.shown.presented(),
             state: self.state,
             quality: if self.choices.adapt { self.quality.describe() } else { "full".into() },
-            mode: match self.rig.map(|rig| rig.mode) {
+            mode: match self.controller.map(|controller| controller.mode) {
                 Some(Mode::Fly) => "fly",
                 _ => "orbit",
             },
-            camera: self.rig.map(|rig| rig.describe()).unwrap_or_default(),
+            camera: self.controller.map(|controller| controller.describe()).unwrap_or_default(),
             draw: self.counters.clone(),
             gpu_bytes: self.scene.geometry_bytes(),
             waiting_steps: self.scene.waiting(),
@@ -371,11 +371,11 @@ impl Running {
         let mut settings = step.of(&self.settings);
         // While there is more to come, the next frame is soon enough.
         let morphing = now_s - self.scene.changed_s() <= self.settings.morph_s;
-        let settled = self.news.status().settled && self.scene.waiting() == 0 && !morphing;
+        let settled = self.status.status().settled && self.scene.waiting() == 0 && !morphing;
         let coming = if settled { 0 } else { self.quality.late_shadows() };
-        let patience = step.late_shadows.max(coming);
-        settings.shadows = settings.shadows.map(|shadows| Shadows { patience, ..shadows });
-        let (stats, scene) = (&self.news.status().stats, &self.scene);
+        let max_staleness = step.late_shadows.max(coming);
+        settings.shadows = settings.shadows.map(|shadows| Shadows { max_staleness, ..shadows });
+        let (stats, scene) = (&self.status.status().stats, &self.scene);
         let painted = self.painter.paint(
             |ui| overlay::show(ui, stats, &facts, &mut choices),
             shows.then_some(|draw: &mut painter::DrawScene<'_>| {
@@ -392,7 +392,7 @@ impl Running {
 
     /// What is said while the first frame is not complete.
     fn loading(&self) -> String {
-        let stats = &self.news.status().stats;
+        let stats = &self.status.status().stats;
         let (here, all) = (stats.counters.drawable_instances, stats.counters.visible_instances);
         if all == 0 {
             "waiting for the scene".into()
@@ -402,8 +402,8 @@ impl Running {
     }
 
     pub(super) fn key(&mut self, code: KeyCode, pressed: bool) {
-        input::key(self.now(), code, pressed, &mut self.keys, self.rig.as_mut(), &mut self.quality);
-        if code == KeyCode::KeyH && pressed && self.rig.is_some() {
+        input::key(self.now(), code, pressed, &mut self.keys, self.controller.as_mut(), &mut self.quality);
+        if code == KeyCode::KeyH && pressed && self.controller.is_some() {
             self.choices.hidden ^= true;
         }
     }
@@ -412,9 +412,11 @@ impl Running {
         let (dx, dy) = (to.x - self.pointer.x, to.y - self.pointer.y);
         self.pointer = to;
         let height = f64::from(self.painter.size()[1]);
-        match (&mut self.rig, self.button) {
-            (Some(rig), Some(MouseButton::Left)) => rig.turn(dx, dy),
-            (Some(rig), Some(MouseButton::Right | MouseButton::Middle)) => rig.pan(dx, dy, height),
+        match (&mut self.controller, self.button) {
+            (Some(controller), Some(MouseButton::Left)) => controller.turn(dx, dy),
+            (Some(controller), Some(MouseButton::Right | MouseButton::Middle)) => {
+                controller.pan(dx, dy, height)
+            }
             _ => return false,
         }
         self.quality.moved(self.now());
@@ -444,8 +446,8 @@ impl Steps for FrameSteps<'_> {
         if running.scene.is_whole() && !was_whole {
             tracing::debug!(now = ?running.now(), "first frame uploaded");
         }
-        if running.rig.is_none() {
-            running.rig = running.scene.header().map(|header| Rig::new(header.camera));
+        if running.controller.is_none() {
+            running.controller = running.scene.header().map(|header| CameraController::new(header.camera));
         }
         Ok(())
     }
@@ -453,7 +455,7 @@ impl Steps for FrameSteps<'_> {
     fn move_camera(&mut self) {
         let running = &mut *self.running;
         let now = running.now();
-        input::move_camera(now, &mut running.keys, running.rig.as_mut(), &mut running.quality);
+        input::move_camera(now, &mut running.keys, running.controller.as_mut(), &mut running.quality);
         running.measure(self.began);
     }
 

@@ -5,15 +5,15 @@ use std::sync::Arc;
 use bytes::Bytes;
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, decode_stated_page};
 use lodestream_protocol::asset::TextureInfo;
-use lodestream_protocol::blob::{BlobId, BlobPart, LampBlob, TerrainBlob};
+use lodestream_protocol::blob::{BlobId, BlobPart, PunctualLightBlob, TerrainBlob};
 use lodestream_protocol::select::{State, Wanted};
 use lodestream_protocol::time::Time;
 
 use super::ClientCore;
 use crate::core::asset::RefinedAsset;
 use crate::core::changes::{Change, TextureChange};
-use crate::core::lamp_pages::LampBlobError;
-use crate::core::terrain_points::TerrainBlobError;
+use crate::core::height_overrides::TerrainBlobError;
+use crate::core::punctual_light_pages::PunctualLightBlobError;
 use crate::core::texture_file::TexturePixels;
 
 /// Screen error above which a chunk brings what was missing rather than refines: it appears at once, without a morph, in
@@ -38,7 +38,7 @@ impl ClientCore {
         match arrived.id {
             BlobId::Asset { asset, part } => self.take_asset(now, asset, part, arrived),
             BlobId::Terrain(blob) => self.take_terrain(now, blob, &arrived),
-            BlobId::Lamps(blob) => self.take_lamps(now, blob, &arrived),
+            BlobId::PunctualLights(blob) => self.take_punctual_lights(now, blob, &arrived),
         }
     }
 
@@ -88,19 +88,23 @@ impl ClientCore {
         }
     }
 
-    /// A blob of lamps has arrived. It is small, and used at once.
-    fn take_lamps(&mut self, now: Time, blob: LampBlob, arrived: &Arrived) {
+    /// A blob of punctual lights has arrived. It is small, and used at once.
+    fn take_punctual_lights(&mut self, now: Time, blob: PunctualLightBlob, arrived: &Arrived) {
         let &Arrived { id, offset, total, ref bytes } = arrived;
         let whole = offset == 0 && bytes.len() == total as usize;
-        let Some(lamps) = self.scene.lamps.as_mut().filter(|lamps| lamps.state(blob) != State::Applied)
+        let Some(punctual_lights) = self
+            .scene
+            .punctual_lights
+            .as_mut()
+            .filter(|punctual_lights| punctual_lights.state(blob) != State::Applied)
         else {
             return;
         };
-        match if whole { lamps.take(blob, bytes) } else { Err(LampBlobError::Partial) } {
+        match if whole { punctual_lights.take(blob, bytes) } else { Err(PunctualLightBlobError::Partial) } {
             Ok(came) => {
                 self.failures.forget(id);
-                if let Some((page, lamps)) = came.filter(|_| self.config.track_changes) {
-                    self.scene.push_change(Change::LampPage { page, lamps });
+                if let Some((page, punctual_lights)) = came.filter(|_| self.config.track_changes) {
+                    self.scene.push_change(Change::PunctualLightPage { page, punctual_lights });
                 }
             }
             Err(why) => self.failed(now, id, &why),
@@ -214,7 +218,7 @@ impl ClientCore {
     /// Puts a chunk or texture level to use whose bytes are here, if all it needs is in place. Gives the
     /// length of what was decoded, or `None` if it has to wait.
     pub(super) fn apply_cached(&mut self, now: Time, wanted: &Wanted) -> Option<u64> {
-        let Wanted { id, stop, error_px, .. } = *wanted;
+        let Wanted { id, truncation, error_px, .. } = *wanted;
         if !self.is_ready(id) {
             return None;
         }
@@ -225,7 +229,7 @@ impl ClientCore {
         let length = bytes.len() as u64;
         let applied = match id {
             BlobId::Asset { asset, part: BlobPart::Chunk(chunk) } => {
-                self.apply_chunk(asset, chunk, stop, &bytes, error_px)
+                self.apply_chunk(asset, chunk, truncation, &bytes, error_px)
             }
             BlobId::Asset { part: BlobPart::Texture { level, .. }, .. } => {
                 self.apply_texture(id, level, &bytes)
@@ -233,7 +237,7 @@ impl ClientCore {
             // Used as they arrive.
             BlobId::Asset { part: BlobPart::Base | BlobPart::IndexPage(_), .. }
             | BlobId::Terrain(_)
-            | BlobId::Lamps(_) => Ok(()),
+            | BlobId::PunctualLights(_) => Ok(()),
         };
         self.note_applied(now, wanted, applied);
         Some(length)
@@ -241,20 +245,20 @@ impl ClientCore {
 
     /// Notes what became of a blob that was to be used.
     pub(super) fn note_applied(&mut self, now: Time, wanted: &Wanted, applied: Result<(), String>) {
-        let Wanted { id, stop, .. } = *wanted;
+        let Wanted { id, truncation, .. } = *wanted;
         match applied {
             Ok(()) => {
                 self.failures.forget(id);
-                self.set_applied(id, stop);
+                self.set_applied(id, truncation);
                 if let Some((asset, BlobPart::Chunk(chunk))) = self.scene.asset(id)
                     && let Some(info) = asset.chunk(chunk)
                 {
-                    self.counts.decoded_faces += u64::from(info.extent(stop).faces);
+                    self.counts.decoded_faces += u64::from(info.extent(truncation).faces);
                 }
             }
             Err(why) => {
-                // What was there of it up to a stop was undone.
-                self.set_stop(id, None);
+                // What was there of it up to a truncation was undone.
+                self.set_truncation(id, None);
                 self.failed(now, id, &why);
             }
         }
@@ -278,7 +282,7 @@ impl ClientCore {
         &mut self,
         asset: u32,
         chunk: u32,
-        stop: Option<u8>,
+        truncation: Option<u8>,
         bytes: &[u8],
         error_px: u16,
     ) -> Result<(), String> {
@@ -286,15 +290,15 @@ impl ClientCore {
         let info = self.scene.states.get(asset as usize).and_then(|state| state.chunk(chunk));
         let refined = self.scene.refined.get_mut(asset as usize).and_then(Option::as_mut);
         let (Some(info), Some(refined)) = (info, refined) else { return Err("no such chunk".into()) };
-        Self::check_length(info, stop, bytes)?;
-        refined.apply(chunk, info, stop, bytes).map_err(|why| why.to_string())?;
+        Self::check_length(info, truncation, bytes)?;
+        refined.apply(chunk, info, truncation, bytes).map_err(|why| why.to_string())?;
         Self::appear(refined, chunk, error_px);
         Ok(())
     }
 
-    /// Whether there are as many bytes of a chunk as a stop takes, and not more than there are in all.
-    pub(super) fn check_length(info: &ChunkInfo, stop: Option<u8>, bytes: &[u8]) -> Result<(), String> {
-        let needed = info.extent(stop).payload_bytes as usize;
+    /// Whether there are as many bytes of a chunk as a truncation takes, and not more than there are in all.
+    pub(super) fn check_length(info: &ChunkInfo, truncation: Option<u8>, bytes: &[u8]) -> Result<(), String> {
+        let needed = info.extent(truncation).payload_bytes as usize;
         if bytes.len() < needed || bytes.len() > info.payload_bytes as usize {
             return Err(format!("{} bytes, but the index says {needed}", bytes.len()));
         }

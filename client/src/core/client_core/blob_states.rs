@@ -11,8 +11,10 @@ impl ClientCore {
     pub(in crate::core) fn set_state(&mut self, id: BlobId, state: State) {
         if let (BlobId::Terrain(blob), Some(terrain)) = (id, &mut self.scene.terrain) {
             terrain.set_state(blob, state);
-        } else if let (BlobId::Lamps(blob), Some(lamps)) = (id, &mut self.scene.lamps) {
-            lamps.set_state(blob, state);
+        } else if let (BlobId::PunctualLights(blob), Some(punctual_lights)) =
+            (id, &mut self.scene.punctual_lights)
+        {
+            punctual_lights.set_state(blob, state);
         } else {
             self.scene.set_state(id, state);
         }
@@ -24,23 +26,23 @@ impl ClientCore {
         }
     }
 
-    /// Notes up to which stop a chunk is in use.
-    pub(in crate::core) fn set_stop(&mut self, id: BlobId, stop: Option<u8>) {
+    /// Notes up to which truncation a chunk is in use.
+    pub(in crate::core) fn set_truncation(&mut self, id: BlobId, truncation: Option<u8>) {
         if let Some((state, BlobPart::Chunk(chunk))) = self.scene.asset_mut(id) {
-            state.set_stop(chunk, stop);
+            state.set_truncation(chunk, truncation);
         }
     }
 
-    /// A blob is in use: whole, or a chunk up to a stop, whose rest is a matter of its own.
-    pub(in crate::core) fn set_applied(&mut self, id: BlobId, stop: Option<u8>) {
-        self.set_stop(id, stop);
+    /// A blob is in use: whole, or a chunk up to a truncation, whose rest is a matter of its own.
+    pub(in crate::core) fn set_applied(&mut self, id: BlobId, truncation: Option<u8>) {
+        self.set_truncation(id, truncation);
         if let Some(received) = self.received.get_mut(&id)
             && let Some((asset, BlobPart::Chunk(chunk))) = self.scene.asset(id)
             && let Some(info) = asset.chunk(chunk)
         {
-            received.used_bytes = received.used_bytes.max(info.extent(stop).payload_bytes.into());
+            received.used_bytes = received.used_bytes.max(info.extent(truncation).payload_bytes.into());
         }
-        if stop.is_none() {
+        if truncation.is_none() {
             self.set_state(id, State::Applied);
         }
     }
@@ -58,9 +60,9 @@ impl ClientCore {
     }
 
     pub(in crate::core) fn state(&self, id: BlobId) -> State {
-        match (id, &self.scene.terrain, &self.scene.lamps) {
+        match (id, &self.scene.terrain, &self.scene.punctual_lights) {
             (BlobId::Terrain(blob), Some(terrain), _) => terrain.state(blob),
-            (BlobId::Lamps(blob), _, Some(lamps)) => lamps.state(blob),
+            (BlobId::PunctualLights(blob), _, Some(punctual_lights)) => punctual_lights.state(blob),
             _ => self.scene.state(id),
         }
     }

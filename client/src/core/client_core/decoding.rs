@@ -60,7 +60,7 @@ impl ClientCore {
                 let waits = |ready: &Ready| {
                     ready.asset == asset && (ready.chunk == chunk || parents.contains(&ready.chunk))
                 };
-                // What is there up to a stop is undone first: that is done by itself.
+                // What is there up to a truncation is undone first: that is done by itself.
                 let raised = self.mesh(asset).is_some_and(|mesh| mesh.is_applied(chunk));
                 if raised || batch.iter().any(waits) {
                     break;
@@ -77,12 +77,12 @@ impl ClientCore {
     }
 
     fn decode(&self, ready: &Ready) -> Result<ChunkDelta, String> {
-        let &Ready { wanted: Wanted { stop, .. }, asset, chunk, ref bytes } = ready;
+        let &Ready { wanted: Wanted { truncation, .. }, asset, chunk, ref bytes } = ready;
         let info = self.scene.states.get(asset as usize).and_then(|state| state.chunk(chunk));
         let refined = self.scene.refined.get(asset as usize).and_then(Option::as_ref);
         let (Some(info), Some(refined)) = (info, refined) else { return Err("no such chunk".into()) };
-        Self::check_length(info, stop, bytes)?;
-        refined.decode_chunk(chunk, info, stop, bytes).map_err(|why| why.to_string())
+        Self::check_length(info, truncation, bytes)?;
+        refined.decode_chunk(chunk, info, truncation, bytes).map_err(|why| why.to_string())
     }
 
     fn apply_decoded(&mut self, ready: &Ready, delta: &ChunkDelta) -> Result<(), String> {

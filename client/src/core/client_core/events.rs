@@ -2,8 +2,8 @@
 
 use lodestream_protocol::blob::BlobId;
 use lodestream_protocol::client::{ClientEvent, ClientSession};
-use lodestream_protocol::lamps::Lamps;
 use lodestream_protocol::message::{RefusedReason, Welcome};
+use lodestream_protocol::punctual_lights::PunctualLights;
 use lodestream_protocol::select::State;
 use lodestream_protocol::time::Time;
 
@@ -13,7 +13,7 @@ use crate::core::cache::BlobCache;
 use crate::core::changes::Change;
 use crate::core::config::StartView;
 use crate::core::failures::Failures;
-use crate::core::lamp_pages::LampPages;
+use crate::core::punctual_light_pages::PunctualLightPages;
 use crate::core::scene::Scene;
 
 /// Blobs kept that came before the scene page that tells what they belong to.
@@ -36,7 +36,9 @@ impl ClientCore {
                     }
                     Err(why) => self.end_session(now, &why),
                 },
-                ClientEvent::Lamps(lamps) => self.told_of_lamps(now, &lamps),
+                ClientEvent::PunctualLights(punctual_lights) => {
+                    self.told_of_punctual_lights(now, &punctual_lights)
+                }
                 ClientEvent::Blob { id, offset, total, bytes } => {
                     self.in_flight.remove(&id);
                     if self.config.track_received {
@@ -84,18 +86,18 @@ impl ClientCore {
         self.welcome = Some(welcome);
     }
 
-    /// The scene has lamps. Of a scene that is here already nothing new is said.
-    fn told_of_lamps(&mut self, now: Time, lamps: &Lamps) {
-        if self.scene.lamps.is_some() {
+    /// The scene has punctual lights. Of a scene that is here already nothing new is said.
+    fn told_of_punctual_lights(&mut self, now: Time, punctual_lights: &PunctualLights) {
+        if self.scene.punctual_lights.is_some() {
             return;
         }
-        match LampPages::new(lamps) {
+        match PunctualLightPages::new(punctual_lights) {
             Ok((pages, came)) => {
-                self.scene.push_change(Change::Lamps { count: pages.count() });
-                if let Some(lamps) = came {
-                    self.scene.push_change(Change::LampPage { page: 0, lamps });
+                self.scene.push_change(Change::PunctualLights { count: pages.count() });
+                if let Some(punctual_lights) = came {
+                    self.scene.push_change(Change::PunctualLightPage { page: 0, punctual_lights });
                 }
-                self.scene.lamps = Some(pages);
+                self.scene.punctual_lights = Some(pages);
                 if !self.config.track_changes {
                     self.scene.drop_changes();
                 }

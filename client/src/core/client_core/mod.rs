@@ -13,9 +13,9 @@ use bytes::Bytes;
 use lodestream_protocol::blob::BlobId;
 use lodestream_protocol::client::{ClientSession, Resume};
 use lodestream_protocol::frame::{BlobPiece, FrameError, ServerFrame};
-use lodestream_protocol::lamps::Lamp;
 use lodestream_protocol::limits::MAX_HAVE;
 use lodestream_protocol::message::{ClientMessage, Close, CloseCode, Token, Welcome};
+use lodestream_protocol::punctual_lights::PunctualLight;
 use lodestream_protocol::scene::SceneHeader;
 use lodestream_protocol::select::{Counters, Selection, Selector, State, Wanted};
 use lodestream_protocol::time::Time;
@@ -25,9 +25,9 @@ use super::cache::BlobCache;
 use super::changes::Change;
 use super::config::{Config, StartView};
 use super::failures::Failures;
-use super::lamp_pages::LampPages;
 use super::milestones::Milestones;
 use super::motion::Motion;
+use super::punctual_light_pages::PunctualLightPages;
 use super::scene::Scene;
 use super::stats::{Connection, MAX_LACKING, Received, Stats};
 use arrivals::Arrived;
@@ -69,8 +69,8 @@ pub struct ClientCore {
     stale: bool,
     /// Whether the view lacks no listed points of the terrain.
     terrain_settled: bool,
-    /// Whether the view lacks no lamps.
-    lamps_settled: bool,
+    /// Whether the view lacks no punctual lights.
+    punctual_lights_settled: bool,
     selected: Option<Time>,
     bases_sent: bool,
     started: Option<Time>,
@@ -121,7 +121,7 @@ impl ClientCore {
             failed: Vec::new(),
             stale: false,
             terrain_settled: true,
-            lamps_settled: true,
+            punctual_lights_settled: true,
             selected: None,
             bases_sent: false,
             started: None,
@@ -329,15 +329,15 @@ impl ClientCore {
         self.scene.refined.get(asset as usize)?.as_ref().map(super::asset::RefinedAsset::mesh)
     }
 
-    /// The lamps of the scene that are here, in an order that all clients share. More come as views want them.
-    pub fn lamps(&self) -> impl Iterator<Item = &Lamp> {
-        self.scene.lamps.iter().flat_map(LampPages::here)
+    /// The punctual lights of the scene that are here, in an order that all clients share. More come as views want them.
+    pub fn punctual_lights(&self) -> impl Iterator<Item = &PunctualLight> {
+        self.scene.punctual_lights.iter().flat_map(PunctualLightPages::here)
     }
 
-    /// How many lamps the scene has in all.
+    /// How many punctual lights the scene has in all.
     #[must_use]
-    pub fn lamp_count(&self) -> u32 {
-        self.scene.lamps.as_ref().map_or(0, LampPages::count)
+    pub fn punctual_light_count(&self) -> u32 {
+        self.scene.punctual_lights.as_ref().map_or(0, PunctualLightPages::count)
     }
 
     /// Transport payload received over all connections so far, handshakes included.
@@ -367,7 +367,7 @@ impl ClientCore {
             && !self.stale
             && self.counters().settled
             && self.terrain_settled
-            && self.lamps_settled
+            && self.punctual_lights_settled
             && self.arrived.is_empty()
             && !self.failed.iter().any(|id| self.failures.is_hopeful(*id))
     }

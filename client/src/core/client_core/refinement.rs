@@ -68,8 +68,10 @@ impl ClientCore {
         let terrain = self.scene.terrain.as_ref();
         self.terrain_settled =
             terrain.is_none_or(|terrain| terrain.want(&view, &mut self.wanted, &mut self.failed));
-        self.lamps_settled = match (&self.scene.lamps, &self.scene.header) {
-            (Some(lamps), Some(header)) => lamps.want(&view, header, &mut self.wanted, &mut self.failed),
+        self.punctual_lights_settled = match (&self.scene.punctual_lights, &self.scene.header) {
+            (Some(punctual_lights), Some(header)) => {
+                punctual_lights.want(&view, header, &mut self.wanted, &mut self.failed)
+            }
             _ => true,
         };
         let all_known = self.scene.is_complete() || self.bases_sent;
@@ -110,8 +112,10 @@ impl ClientCore {
         let wanted = &mut self.wanted[index];
         if let (BlobId::Terrain(blob), Some(terrain)) = (wanted.id, &self.scene.terrain) {
             wanted.state = terrain.state(blob);
-        } else if let (BlobId::Lamps(blob), Some(lamps)) = (wanted.id, &self.scene.lamps) {
-            wanted.state = lamps.state(blob);
+        } else if let (BlobId::PunctualLights(blob), Some(punctual_lights)) =
+            (wanted.id, &self.scene.punctual_lights)
+        {
+            wanted.state = punctual_lights.state(blob);
         } else if let Some(BlobPart::Texture { .. }) = wanted.id.part() {
             wanted.state = self.scene.state(wanted.id);
         } else if let Some((asset, _)) = self.scene.asset(wanted.id) {
@@ -127,9 +131,9 @@ impl ClientCore {
             Ok(()) => {
                 self.counts.undone += 1;
                 self.stale = true;
-                // The rest of a chunk that was there up to a stop may be under way.
+                // The rest of a chunk that was there up to a truncation may be under way.
                 let in_flight = self.state(id) == State::InFlight;
-                self.set_stop(id, None);
+                self.set_truncation(id, None);
                 if self.cache.contains(id) {
                     self.set_state(id, if in_flight { State::InFlight } else { State::Cached });
                 } else {

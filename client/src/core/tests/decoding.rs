@@ -11,7 +11,7 @@ use lodestream_protocol::select::Share;
 
 use super::{finest, view};
 use crate::core::Decoders;
-use crate::core::testing::{Hills, Loopback, prepared};
+use crate::core::testing::{Loopback, TestScene, prepared};
 
 /// Runs tasks last first, on a thread each; leaves out every fifth. Notes the most tasks that it was given.
 #[derive(Default)]
@@ -33,7 +33,7 @@ type Outcome = (Vec<BlobId>, u64, Snapshot, Vec<[u32; 3]>, Vec<RenderVertex>);
 
 /// Refines all there is, of which a chunk is damaged, looks away and back.
 fn outcome(decoders: Decoders, budget: u64) -> Outcome {
-    let mut hills = Hills::new(1);
+    let mut hills = TestScene::new(1);
     let last = u32::try_from(prepared().1.chunks.len() - 1).unwrap();
     hills.damage(BlobId::chunk(0, last));
     let mut link = Loopback::new(hills, |config| {
@@ -45,7 +45,7 @@ fn outcome(decoders: Decoders, budget: u64) -> Outcome {
     link.connect();
     link.run(3000);
     let here = link.core.stats().applied_chunks;
-    let away = Camera { eye: [0.0, 2.0, 300.0], ..Hills::new(1).camera() };
+    let away = Camera { eye: [0.0, 2.0, 300.0], ..TestScene::new(1).camera() };
     link.core.set_view(link.now, view(away, 1.0));
     link.run(400);
     assert!(link.core.stats().applied_chunks < here, "nothing was undone");

@@ -5,13 +5,13 @@ use lodestream_protocol::blob::BlobId;
 use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::scene::Camera;
 use lodestream_protocol::select::State;
-use lodestream_protocol::terrain::ListedPatch;
+use lodestream_protocol::terrain::OverridePatch;
 
-use super::{Change, Hills, Loopback, finest, prepared, view};
+use super::{Change, Loopback, TestScene, finest, prepared, view};
 
 #[test]
 fn damaged_blobs_are_asked_for_a_few_times_and_cost_nothing_else() {
-    let mut scene = Hills::new(1);
+    let mut scene = TestScene::new(1);
     let bad = BlobId::chunk(0, 1);
     scene.damage(bad);
     let mut link = Loopback::new(scene, |_| {});
@@ -30,7 +30,7 @@ fn damaged_blobs_are_asked_for_a_few_times_and_cost_nothing_else() {
     assert!(link.core.mesh(0).unwrap().is_applied(0));
 
     // It matters where it is looked at, and nowhere else.
-    let camera = Hills::new(1).camera();
+    let camera = TestScene::new(1).camera();
     let away = Camera { target: [0.0, 1e6, 0.0], up: [1.0, 0.0, 0.0], ..camera };
     link.core.set_view(link.now, view(away, 1e-4));
     link.run(2000);
@@ -45,7 +45,7 @@ fn damaged_blobs_are_asked_for_a_few_times_and_cost_nothing_else() {
 /// A server that pushed no bytes of it has sent all there is, and says nothing more.
 #[test]
 fn an_empty_chunk_ahead_of_its_index_was_waited_for_for_ever() {
-    let mut scene = Hills::new(1);
+    let mut scene = TestScene::new(1);
     let bad = BlobId::chunk(0, 0);
     scene.damaged.insert(bad, Bytes::new());
     let mut link = Loopback::new(scene, |_| {});
@@ -60,7 +60,7 @@ fn an_empty_chunk_ahead_of_its_index_was_waited_for_for_ever() {
 fn an_asset_whose_base_mesh_never_comes_keeps_nothing_under_way() {
     for damaged in [false, true] {
         let bad = BlobId::base(1);
-        let mut scene = Hills::new(2);
+        let mut scene = TestScene::new(2);
         if damaged {
             scene.damage(bad);
         } else {
@@ -81,7 +81,7 @@ fn an_asset_whose_base_mesh_never_comes_keeps_nothing_under_way() {
 /// A disk that is mended late, after any number of refusals: the client still asks, and gets what was damaged.
 #[test]
 fn what_was_refused_for_ten_minutes_comes_once_it_can_be_read() {
-    let scene = Hills::new(1);
+    let scene = TestScene::new(1);
     scene.unreadable.lock().unwrap().insert(BlobId::chunk(0, 0));
     let mut link = Loopback::new(scene, |_| {});
     link.core.set_view(link.now, finest());
@@ -98,7 +98,7 @@ fn what_was_refused_for_ten_minutes_comes_once_it_can_be_read() {
 
 #[test]
 fn a_blob_that_heals_is_used() {
-    let mut scene = Hills::new(1);
+    let mut scene = TestScene::new(1);
     let bad = BlobId::chunk(0, 1);
     scene.damage(bad);
     let mut link = Loopback::new(scene, |_| {});
@@ -109,7 +109,7 @@ fn a_blob_that_heals_is_used() {
     }
     // The server is started anew with a sound pack.
     link.cut();
-    link.source = std::sync::Arc::new(Hills::new(1));
+    link.source = std::sync::Arc::new(TestScene::new(1));
     link.connect();
     link.settle();
     assert_eq!(link.core.stats().applied_chunks, prepared().1.chunks.len() as u64);
@@ -119,11 +119,11 @@ fn a_blob_that_heals_is_used() {
 /// scene's, which was there already, and the server would not send it again.
 #[test]
 fn after_a_restart_with_another_scene_a_base_ahead_of_welcome_is_not_taken_for_the_old_scenes() {
-    let mut link = Loopback::new(Hills::new(1), |_| {});
+    let mut link = Loopback::new(TestScene::new(1), |_| {});
     link.connect();
     link.settle();
     link.cut();
-    link.source = std::sync::Arc::new(Hills::compressed().with_fingerprint(9));
+    link.source = std::sync::Arc::new(TestScene::compressed().with_fingerprint(9));
     link.connect_overtaken();
     // The old scene's picture is settled until the server has said which one it serves now.
     while !link.core.is_open() {
@@ -137,7 +137,7 @@ fn after_a_restart_with_another_scene_a_base_ahead_of_welcome_is_not_taken_for_t
 
 #[test]
 fn a_lost_connection_keeps_the_picture_and_fetches_only_what_is_missing() {
-    let mut link = Loopback::new(Hills::new(2), |_| {});
+    let mut link = Loopback::new(TestScene::new(2), |_| {});
     link.connect();
     while link.core.stats().applied_chunks < 3 {
         link.run(1);
@@ -162,7 +162,7 @@ fn a_lost_connection_keeps_the_picture_and_fetches_only_what_is_missing() {
 
 #[test]
 fn a_chunk_that_the_server_lacks_is_given_up_and_the_rest_comes() {
-    let mut hills = Hills::new(1);
+    let mut hills = TestScene::new(1);
     hills.missing.insert(BlobId::chunk(0, 0));
     let mut link = Loopback::new(hills, |_| {});
     link.core.set_view(link.now, finest());
@@ -182,9 +182,9 @@ fn a_chunk_that_the_server_lacks_is_given_up_and_the_rest_comes() {
 
 #[test]
 fn a_terrain_that_lists_a_patch_beyond_its_world_ends_the_session_and_not_the_viewer() {
-    let patch = |x: i32, y: i32| ListedPatch { x, y, bytes: 100, error: 900 };
-    let run = |listed: &[ListedPatch]| {
-        let mut link = Loopback::new(Hills::new(1).on_terrain(4, listed), |_| {});
+    let patch = |x: i32, y: i32| OverridePatch { x, y, bytes: 100, error: 900 };
+    let run = |listed: &[OverridePatch]| {
+        let mut link = Loopback::new(TestScene::new(1).on_terrain(4, listed), |_| {});
         link.connect();
         link.run(200);
         (link.core.closed().cloned(), link.core.take_changes(link.now, usize::MAX))

@@ -6,7 +6,7 @@ use lodestream_protocol::blob::{BlobId, BlobPart};
 
 use super::{finest, view};
 use crate::core::Change;
-use crate::core::testing::{Hills, Loopback};
+use crate::core::testing::{Loopback, TestScene};
 
 /// The levels that each asset was painted with.
 fn painted(link: &mut Loopback) -> BTreeMap<u32, BTreeSet<u8>> {
@@ -30,7 +30,7 @@ fn all_levels(asset: u32) -> (u32, BTreeSet<u8>) {
 
 #[test]
 fn what_assets_have_in_common_is_sent_once_and_painted_on_all() {
-    for (hills, copies) in [(Hills::new(2), 2), (Hills::new(2).sharing_textures(), 1)] {
+    for (hills, copies) in [(TestScene::new(2), 2), (TestScene::new(2).sharing_textures(), 1)] {
         let mut link = Loopback::new(hills, |_| {});
         let near = view(link.source.camera(), 1e-4);
         link.core.set_view(link.now, near);
@@ -45,7 +45,7 @@ fn what_assets_have_in_common_is_sent_once_and_painted_on_all() {
 
 #[test]
 fn what_is_pushed_is_pushed_once() {
-    let mut link = Loopback::new(Hills::new(2).sharing_textures(), |_| {});
+    let mut link = Loopback::new(TestScene::new(2).sharing_textures(), |_| {});
     link.push_bytes = 1 << 20;
     link.connect();
     link.settle();
@@ -57,7 +57,7 @@ fn what_is_pushed_is_pushed_once() {
 #[test]
 fn an_asset_that_comes_later_is_painted_with_what_is_here_or_it_comes_again() {
     for cache_bytes in [64 << 20, 0] {
-        let mut link = Loopback::new(Hills::new(2).sharing_textures(), |config| {
+        let mut link = Loopback::new(TestScene::new(2).sharing_textures(), |config| {
             config.cache_bytes = cache_bytes;
         });
         link.core.set_view(link.now, finest());
@@ -76,7 +76,7 @@ fn an_asset_that_comes_later_is_painted_with_what_is_here_or_it_comes_again() {
 
 #[test]
 fn a_damaged_level_lacks_on_all_and_is_asked_for_again() {
-    let mut hills = Hills::new(2).sharing_textures();
+    let mut hills = TestScene::new(2).sharing_textures();
     hills.damage(BlobId::texture(0, 0, 1));
     let mut link = Loopback::new(hills, |_| {});
     link.core.set_view(link.now, finest());
@@ -91,7 +91,7 @@ fn a_damaged_level_lacks_on_all_and_is_asked_for_again() {
 
 #[test]
 fn after_a_cut_nothing_is_painted_or_sent_twice() {
-    let mut link = Loopback::new(Hills::new(2).sharing_textures(), |_| {});
+    let mut link = Loopback::new(TestScene::new(2).sharing_textures(), |_| {});
     link.core.set_view(link.now, finest());
     link.connect();
     link.run(60);

@@ -6,7 +6,7 @@ use lodestream_geometry::screen::visible_error;
 use super::{BIN_SHIFT, BINS, Selector, enough, threshold_within};
 use crate::blob::BlobPart;
 use crate::select::difference::{Picture, seen_error};
-use crate::select::instance_tree::{Instances, Sought};
+use crate::select::instance_tree::{Instances, TreeQuery};
 use crate::select::priority::hidden;
 use crate::select::project::Projection;
 use crate::select::selection::State;
@@ -38,13 +38,13 @@ impl Selector {
             let instance = instances.all().get(*number as usize)?;
             Some((instance, assets.get(instance.asset as usize)?))
         };
-        instances.find(&Sought::in_view(&projection), &mut self.nearby);
+        instances.find(&TreeQuery::in_view(&projection), &mut self.nearby);
         let bottoms = self.nearby.numbers().iter().filter_map(placed).filter_map(|(instance, asset)| {
             let (center, radius) = projection.sphere(asset.entry(), instance);
             projection.sees(center, radius).then_some(to_sun.dot(center) - radius)
         });
         let lowest = bottoms.fold(f32::INFINITY, f32::min);
-        instances.find(&Sought::casting(&projection, to_sun, lowest), &mut self.nearby);
+        instances.find(&TreeQuery::casting(&projection, to_sun, lowest), &mut self.nearby);
         for (instance, asset) in self.nearby.numbers().iter().filter_map(placed) {
             let (center, radius) = projection.sphere(asset.entry(), instance);
             let fall = to_sun.dot(center) + radius - lowest;
@@ -92,7 +92,8 @@ impl Selector {
     pub(super) fn admit_shadows(&mut self, threshold: f32, assets: &[AssetState]) {
         self.histogram.clear();
         self.histogram.resize(BINS, (0, 0));
-        let (stops, share) = (self.settings.stops, self.settings.attribute_share.get());
+        let (truncation_points, share) =
+            (self.settings.truncation_points, self.settings.attribute_share.get());
         let (mut view_faces, mut view_bytes) = (0_u64, 0_u64);
         for (seen, asset) in self.seen.iter().zip(assets) {
             if !seen.visible && !seen.casts {
@@ -110,9 +111,10 @@ impl Selector {
                 }
                 let (faces, bytes) = (u64::from(info.faces), u64::from(info.payload_bytes));
                 if is_viewed {
-                    let stop = if stops { enough(info, &seeks[index], threshold, share) } else { None };
+                    let truncation =
+                        if truncation_points { enough(info, &seeks[index], threshold, share) } else { None };
                     view_faces += faces;
-                    view_bytes += u64::from(info.extent(stop).payload_bytes);
+                    view_bytes += u64::from(info.extent(truncation).payload_bytes);
                 } else if shadow_px > threshold {
                     let bin = &mut self.histogram[(shadow_px.to_bits() >> BIN_SHIFT) as usize % BINS];
                     bin.0 += faces;

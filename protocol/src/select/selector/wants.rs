@@ -38,7 +38,7 @@ impl Selector {
             }
         };
         if seen.visible {
-            want(BlobPart::Base, base_priority(seen.coverage_px, seen.centrality));
+            want(BlobPart::Base, base_priority(seen.coverage_px, seen.foveation));
         } else if seen.casts || (seen.placed && self.settings.prefetch_bases) {
             want(BlobPart::Base, prefetch_priority(seen.coverage_px));
         }
@@ -87,8 +87,8 @@ impl Selector {
                     let weight = self.settings.texture_weight.get();
                     let difference_px2 = picture.texture_px2(texel_px, seen.visible_px, weight);
                     let (asset, bytes, state) = (number, about.bytes, *state);
-                    let Seen { centrality, .. } = seen;
-                    let level = SoughtLevel { id, asset, bytes, state, difference_px2, centrality };
+                    let Seen { foveation, .. } = seen;
+                    let level = SoughtLevel { id, asset, bytes, state, difference_px2, foveation };
                     self.textures.seek(level);
                     if state == State::Failed {
                         break;

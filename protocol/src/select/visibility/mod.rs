@@ -18,7 +18,7 @@ use std::sync::Arc;
 use glam::{DVec3, Mat3, Vec3};
 use lodestream_geometry::index::Sphere;
 
-use super::instance_tree::{Found, Instances, Sought};
+use super::instance_tree::{IndexSet, Instances, TreeQuery};
 use super::occluder::Occluder;
 use super::project::Projection;
 use super::state::{AssetState, Chunk};
@@ -67,7 +67,7 @@ pub(crate) struct Visibility {
     known: HashMap<u32, Vec<Option<f32>>>,
     drawn: Option<Drawn>,
     /// Instances that may be in view.
-    nearby: Found,
+    nearby: IndexSet,
 }
 
 /// What a buffer shows.
@@ -149,7 +149,7 @@ impl Visibility {
         let px = self.buffer.scale() / projection.scale_px() as f32;
         let mut order = Vec::new();
         let mut faces = 0;
-        instances.find(&Sought::in_view_from(&projection, LEAST_RADIUS / px), &mut self.nearby);
+        instances.find(&TreeQuery::in_view_from(&projection, LEAST_RADIUS / px), &mut self.nearby);
         for &number in self.nearby.numbers() {
             let instance = &instances.all()[number as usize];
             let Some(asset) = assets.get(instance.asset as usize) else { continue };

@@ -1,8 +1,8 @@
 //! How much is sent in how long.
 
 use super::*;
-use crate::ceiling::{Ceiling, Limits, Weight};
 use crate::message::{ClientMessage, Want};
+use crate::shared_rate_limit::{Limits, SharedRateLimit, Weight};
 
 #[test]
 fn every_window_of_a_saturated_session_is_within_two_percent_of_the_rate() {
@@ -40,14 +40,15 @@ fn every_window_of_a_saturated_session_is_within_two_percent_of_the_rate() {
 #[test]
 fn ceilings_are_shared_fairly_whatever_the_transport() {
     let scene = MemoryScene::new(1, 1, 6);
-    let ceiling = Ceiling::new(Limits { total_bits_per_s: Some(4 * MBIT), group_bits_per_s: None });
+    let shared_rate_limit =
+        SharedRateLimit::new(Limits { total_bits_per_s: Some(4 * MBIT), group_bits_per_s: None });
     let mut sessions: Vec<_> = (0..4)
         .map(|n| {
             let rate = Some(16 * MBIT);
             let config = if n % 2 == 0 { ServerConfig::quic(rate) } else { ServerConfig::websocket(rate) };
             let mut server = session(&scene, config);
-            // Their clocks began a second after the ceiling's.
-            server.set_ceiling(ceiling.join(Some(n), Weight::ONE, Time::from_ms(1000)));
+            // Their clocks began a second after the shared rate limit's.
+            server.set_shared_rate_limit(shared_rate_limit.join(Some(n), Weight::ONE, Time::from_ms(1000)));
             server.handle_message(Time::ZERO, ClientMessage::Hello(hello(&scene.header)));
             let wants = (0..1000).map(|c| Want::whole(BlobId::chunk(0, c), 3)).collect();
             server.handle_message(Time::ZERO, ClientMessage::Want(wants));

@@ -1,4 +1,4 @@
-//! What sessions send that share a ceiling, in virtual time: each piece as its pace admits it, by drivers whose timers tick
+//! What sessions send that share a shared rate limit, in virtual time: each piece as its pace admits it, by drivers whose timers tick
 //! in whole milliseconds, late, and whose clocks began at different moments.
 
 use std::cmp::Reverse;
@@ -8,8 +8,8 @@ use std::time::Duration;
 
 use super::super::pace::Pace;
 use super::MBIT;
-use crate::ceiling::{Ceiling, Limits, Weight};
 use crate::limiter::LimiterConfig;
+use crate::shared_rate_limit::{Limits, SharedRateLimit, Weight};
 use crate::time::Time;
 
 /// What takes a session's bytes: so many wait in a socket, which takes more when it is half empty.
@@ -73,7 +73,13 @@ struct Sender {
 }
 
 impl Sender {
-    fn of(ceiling: &Arc<Ceiling>, n: u64, own: Option<u64>, group: Option<u128>, weight: u64) -> Self {
+    fn of(
+        shared_rate_limit: &Arc<SharedRateLimit>,
+        n: u64,
+        own: Option<u64>,
+        group: Option<u128>,
+        weight: u64,
+    ) -> Self {
         // Every third is over WebSocket.
         let (limiter, piece) = match n % 3 {
             2 => (LimiterConfig::websocket(own), 2800),
@@ -81,12 +87,12 @@ impl Sender {
         };
         let began = Time::from_ms(n * 7 % 100);
         let mut pace = Pace::new(limiter);
-        pace.join(ceiling.join(group, Weight::new(weight).unwrap(), began));
+        pace.join(shared_rate_limit.join(group, Weight::new(weight).unwrap(), began));
         Self { pace, piece, began, shift: None, link: None, wakes: Time::ZERO, sent: Vec::new() }
     }
 
-    fn plain(ceiling: &Arc<Ceiling>, n: u64) -> Self {
-        Self::of(ceiling, n, None, Some(n.into()), 1)
+    fn plain(shared_rate_limit: &Arc<SharedRateLimit>, n: u64) -> Self {
+        Self::of(shared_rate_limit, n, None, Some(n.into()), 1)
     }
 
     fn in_shifts(mut self, period_ms: u64, on_ms: u64, phase_ms: u64) -> Self {
@@ -159,8 +165,8 @@ fn jain(parts: &[f64]) -> f64 {
     sum * sum / (parts.len() as f64 * squares)
 }
 
-fn total(rate: u64) -> Arc<Ceiling> {
-    Ceiling::new(Limits { total_bits_per_s: Some(rate), group_bits_per_s: None })
+fn total(rate: u64) -> Arc<SharedRateLimit> {
+    SharedRateLimit::new(Limits { total_bits_per_s: Some(rate), group_bits_per_s: None })
 }
 
 #[test]
@@ -168,8 +174,8 @@ fn any_three_seconds_are_shared_fairly_by_any_number_of_sessions() {
     for (count, rate) in
         [(2, 20 * MBIT), (3, 2 * MBIT), (10, 20 * MBIT), (60, 20 * MBIT), (200, 20 * MBIT), (200, 200 * MBIT)]
     {
-        let ceiling = total(rate);
-        let mut senders: Vec<_> = (0..count).map(|n| Sender::plain(&ceiling, n)).collect();
+        let shared_rate_limit = total(rate);
+        let mut senders: Vec<_> = (0..count).map(|n| Sender::plain(&shared_rate_limit, n)).collect();
         run(&mut senders, 1000, 8000);
         let what = format!("{count} at {rate}");
         keeps_to(&senders, rate, 1000..8000, &what);
@@ -182,10 +188,12 @@ fn any_three_seconds_are_shared_fairly_by_any_number_of_sessions() {
 
 #[test]
 fn parts_are_as_weights() {
-    let ceiling = total(16 * MBIT);
+    let shared_rate_limit = total(16 * MBIT);
     let weights = [1, 2, 5, 5, 2, 1];
-    let mut senders: Vec<_> =
-        (0..).zip(weights).map(|(n, weight)| Sender::of(&ceiling, n, None, Some(n.into()), weight)).collect();
+    let mut senders: Vec<_> = (0..)
+        .zip(weights)
+        .map(|(n, weight)| Sender::of(&shared_rate_limit, n, None, Some(n.into()), weight))
+        .collect();
     run(&mut senders, 1000, 8000);
     keeps_to(&senders, 16 * MBIT, 1000..8000, "weights");
     // The first was alone for a moment, and had the burst of all.
@@ -204,11 +212,11 @@ fn parts_are_as_weights() {
 
 #[test]
 fn the_sum_stays_at_the_ceiling_while_sessions_come_and_go() {
-    let ceiling = total(20 * MBIT);
+    let shared_rate_limit = total(20 * MBIT);
     // Half of them are there for 500 ms of each second and a half.
     let mut senders: Vec<_> = (0..60)
         .map(|n| {
-            let sender = Sender::plain(&ceiling, n);
+            let sender = Sender::plain(&shared_rate_limit, n);
             if n % 2 == 0 { sender } else { sender.in_shifts(1500, 500, 50 * n) }
         })
         .collect();
@@ -219,21 +227,22 @@ fn the_sum_stays_at_the_ceiling_while_sessions_come_and_go() {
 }
 
 #[test]
-fn sessions_that_pause_for_milliseconds_came_to_more_than_the_ceiling() {
+fn sessions_that_pause_for_milliseconds_came_to_more_than_the_shared_rate_limit() {
     let rate = 20 * MBIT;
-    let ceiling = total(rate);
+    let shared_rate_limit = total(rate);
     // Each saves a burst in each pause.
-    let mut senders: Vec<_> = (0..40).map(|n| Sender::plain(&ceiling, n).in_shifts(60, 30, 11 * n)).collect();
+    let mut senders: Vec<_> =
+        (0..40).map(|n| Sender::plain(&shared_rate_limit, n).in_shifts(60, 30, 11 * n)).collect();
     run(&mut senders, 1000, 8000);
     keeps_to(&senders, rate, 1000..8000, "pauses");
 }
 
 #[test]
 fn one_address_keeps_to_its_ceiling_beside_others() {
-    let ceiling =
-        Ceiling::new(Limits { total_bits_per_s: Some(20 * MBIT), group_bits_per_s: Some(4 * MBIT) });
-    let of_one = (0..20).map(|n| Sender::of(&ceiling, n, None, Some(1), 1));
-    let mut senders: Vec<_> = of_one.chain((20..25).map(|n| Sender::plain(&ceiling, n))).collect();
+    let shared_rate_limit =
+        SharedRateLimit::new(Limits { total_bits_per_s: Some(20 * MBIT), group_bits_per_s: Some(4 * MBIT) });
+    let of_one = (0..20).map(|n| Sender::of(&shared_rate_limit, n, None, Some(1), 1));
+    let mut senders: Vec<_> = of_one.chain((20..25).map(|n| Sender::plain(&shared_rate_limit, n))).collect();
     run(&mut senders, 1000, 9000);
     keeps_to(&senders, 20 * MBIT, 1000..9000, "all");
     keeps_to(&senders[..20], 4 * MBIT, 1000..9000, "one address");
@@ -245,10 +254,11 @@ fn one_address_keeps_to_its_ceiling_beside_others() {
             assert!((0.98..=1.02).contains(&ratio), "{ratio}");
         }
     }
-    // Without a ceiling of all, an address has its own.
-    let ceiling = Ceiling::new(Limits { total_bits_per_s: None, group_bits_per_s: Some(4 * MBIT) });
+    // Without a shared rate limit of all, an address has its own.
+    let shared_rate_limit =
+        SharedRateLimit::new(Limits { total_bits_per_s: None, group_bits_per_s: Some(4 * MBIT) });
     let mut senders: Vec<_> =
-        (0..6).map(|n| Sender::of(&ceiling, n, None, Some((n / 3).into()), 1)).collect();
+        (0..6).map(|n| Sender::of(&shared_rate_limit, n, None, Some((n / 3).into()), 1)).collect();
     run(&mut senders, 1000, 5000);
     keeps_to(&senders[..3], 4 * MBIT, 1000..5000, "the first address");
     keeps_to(&senders[3..], 4 * MBIT, 1000..5000, "the second address");
@@ -257,9 +267,9 @@ fn one_address_keeps_to_its_ceiling_beside_others() {
 #[test]
 fn what_one_leaves_goes_to_the_others() {
     // Its own rate is low.
-    let ceiling = total(12 * MBIT);
-    let mut senders: Vec<_> = (0..4).map(|n| Sender::plain(&ceiling, n)).collect();
-    senders[0] = Sender::of(&ceiling, 0, Some(MBIT), Some(0), 1);
+    let shared_rate_limit = total(12 * MBIT);
+    let mut senders: Vec<_> = (0..4).map(|n| Sender::plain(&shared_rate_limit, n)).collect();
+    senders[0] = Sender::of(&shared_rate_limit, 0, Some(MBIT), Some(0), 1);
     run(&mut senders, 1000, 6000);
     keeps_to(&senders, 12 * MBIT, 1000..6000, "own rate");
     let others = senders[1].bits(2000, 5000) / (3.0 * 11.0 / 3.0 * MBIT as f64);
@@ -269,9 +279,9 @@ fn what_one_leaves_goes_to_the_others() {
 #[test]
 fn what_a_slow_link_cannot_take_goes_to_the_others() {
     for buffer_bytes in [4_000, 64_000, 400_000] {
-        let ceiling = total(12 * MBIT);
-        let mut senders: Vec<_> = (0..4).map(|n| Sender::plain(&ceiling, n)).collect();
-        senders[3] = Sender::plain(&ceiling, 3).behind(Link::new(MBIT, buffer_bytes));
+        let shared_rate_limit = total(12 * MBIT);
+        let mut senders: Vec<_> = (0..4).map(|n| Sender::plain(&shared_rate_limit, n)).collect();
+        senders[3] = Sender::plain(&shared_rate_limit, 3).behind(Link::new(MBIT, buffer_bytes));
         run(&mut senders, 1000, 12_000);
         keeps_to(&senders, 12 * MBIT, 3000..12_000, &format!("buffer of {buffer_bytes}"));
         // All that its link takes, but for what is in the socket.
@@ -291,22 +301,23 @@ fn what_a_slow_link_cannot_take_goes_to_the_others() {
 
 #[test]
 fn links_that_are_all_slow_are_not_held_up() {
-    let ceiling = total(12 * MBIT);
+    let shared_rate_limit = total(12 * MBIT);
     let mut senders: Vec<_> =
-        (0..10).map(|n| Sender::plain(&ceiling, n).behind(Link::new(MBIT, 16_000))).collect();
+        (0..10).map(|n| Sender::plain(&shared_rate_limit, n).behind(Link::new(MBIT, 16_000))).collect();
     run(&mut senders, 1000, 8000);
     for sender in &senders {
         let ratio = sender.bits(3000, 8000) / (5 * MBIT) as f64;
         assert!((0.97..=1.03).contains(&ratio), "{ratio}");
     }
-    assert!(ceiling.given_bits_per_s(Time::from_ms(8000)) < 11 * MBIT);
+    assert!(shared_rate_limit.given_bits_per_s(Time::from_ms(8000)) < 11 * MBIT);
 }
 
 #[test]
 fn a_session_whose_address_changes_is_bounded_with_those_of_its_new_one() {
-    let ceiling = Ceiling::new(Limits { total_bits_per_s: None, group_bits_per_s: Some(6 * MBIT) });
+    let shared_rate_limit =
+        SharedRateLimit::new(Limits { total_bits_per_s: None, group_bits_per_s: Some(6 * MBIT) });
     let mut senders: Vec<_> =
-        (0..3).map(|n| Sender::of(&ceiling, n, None, Some((n / 2).into()), 1)).collect();
+        (0..3).map(|n| Sender::of(&shared_rate_limit, n, None, Some((n / 2).into()), 1)).collect();
     run(&mut senders, 1000, 5000);
     let parts = |senders: &[Sender], from| -> Vec<u64> {
         senders.iter().map(|s| (s.bits(from, from + 3000) / 3e6).round() as u64).collect()
@@ -316,7 +327,7 @@ fn a_session_whose_address_changes_is_bounded_with_those_of_its_new_one() {
     senders[0].pace.set_group(own, Some(1));
     run(&mut senders, 5000, 9000);
     assert_eq!(parts(&senders, 6000), [3, 6, 3]);
-    // In none it has no ceiling of a group, and none of all here.
+    // In none it has no shared rate limit of a group, and none of all here.
     senders.iter_mut().for_each(|sender| sender.pace.set_group(Time::from_ms(9000), None));
     let [sender, ..] = &mut senders[..] else { unreachable!() };
     for _ in 0..10_000 {
@@ -328,8 +339,8 @@ fn a_session_whose_address_changes_is_bounded_with_those_of_its_new_one() {
 #[test]
 fn a_session_slept_on_at_an_old_rate_that_was_a_twentieth_of_its_new_one() {
     let rate = 80_000;
-    let ceiling = total(rate);
-    let mut senders: Vec<_> = (0..19).map(|n| Sender::plain(&ceiling, n)).collect();
+    let shared_rate_limit = total(rate);
+    let mut senders: Vec<_> = (0..19).map(|n| Sender::plain(&shared_rate_limit, n)).collect();
     for (sender, n) in senders.iter_mut().zip(1..) {
         sender.wakes = Time::from_ms(1000 + 130 * n);
     }
@@ -341,7 +352,7 @@ fn a_session_slept_on_at_an_old_rate_that_was_a_twentieth_of_its_new_one() {
     assert!(until > Time::from_ms(11_500), "it would have gone on soon: {:?}", last.sent);
     drop(senders);
     run(std::slice::from_mut(&mut last), 11_500, 16_000);
-    // What is left of the piece's debt takes 130 ms at most, it looks again within 25, and the ceiling's own bucket may be
+    // What is left of the piece's debt takes 130 ms at most, it looks again within 25, and the shared rate limit's own bucket may be
     // overdrawn by a piece of another. At the old rate it would have slept for a second and a half.
     let first = last.sent[before].0;
     assert!(first <= Time::from_ms(11_700), "{first:?}");
@@ -353,11 +364,13 @@ fn a_session_slept_on_at_an_old_rate_that_was_a_twentieth_of_its_new_one() {
 fn extremes_of_ceilings_and_rates_overflow_nothing() {
     for total_bits_per_s in [None, Some(0), Some(1), Some(u64::MAX)] {
         for group_bits_per_s in [None, Some(0), Some(1), Some(u64::MAX)] {
-            let ceiling = Ceiling::new(Limits { total_bits_per_s, group_bits_per_s });
+            let shared_rate_limit = SharedRateLimit::new(Limits { total_bits_per_s, group_bits_per_s });
             let own = [None, Some(0), Some(1), Some(u64::MAX)];
             let mut senders: Vec<_> = (0..)
                 .zip(own)
-                .map(|(n, own)| Sender::of(&ceiling, n, own, Some((n / 2).into()), [1, 100][n as usize % 2]))
+                .map(|(n, own)| {
+                    Sender::of(&shared_rate_limit, n, own, Some((n / 2).into()), [1, 100][n as usize % 2])
+                })
                 .collect();
             for moment in [1000, 1001, 2000, 1 << 40, u64::MAX / 2_000_000, u64::MAX] {
                 for sender in &mut senders {
@@ -371,7 +384,7 @@ fn extremes_of_ceilings_and_rates_overflow_nothing() {
                     sender.pace.set_weight(now, Weight::new(50).unwrap());
                     let _ = sender.pace.ready_at();
                 }
-                let _ = ceiling.given_bits_per_s(Time::from_ms(moment));
+                let _ = shared_rate_limit.given_bits_per_s(Time::from_ms(moment));
             }
         }
     }

@@ -106,10 +106,10 @@ fn refinement_begins_without_a_round_trip_of_silence() {
 #[test]
 fn stops_save_bytes_and_nearer_views_fetch_the_rest_only() {
     let scene = MemoryScene::new(2, 2, 5);
-    let run = |stops: bool| {
+    let run = |truncation_points: bool| {
         let config = ServerConfig { push_after_hello_bytes: 0, ..ServerConfig::websocket(Some(4 * MBIT)) };
         let mut pair = Pair::new(&scene, config, Resume::default());
-        pair.selector.settings_mut().stops = stops;
+        pair.selector.settings_mut().truncation_points = truncation_points;
         let mut received = Vec::new();
         for eye in [[0.0, 12.0, 30.0], [0.0, 9.0, 22.0], [0.0, 6.0, 12.0], [0.0, 3.0, 6.0]] {
             pair.view = View { eye, ..pair.view };

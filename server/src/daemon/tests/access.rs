@@ -13,7 +13,7 @@ use super::scenes::{at, get, hello_for, two};
 use super::tokens::{in_s, token, with_header};
 use super::*;
 use crate::daemon::access::Access;
-use crate::daemon::admission::Admission;
+use crate::daemon::admission_settings::AdmissionSettings;
 use crate::daemon::grant::{Grant, TokenError};
 use crate::daemon::hook::{Answer, Ask, Hook, HookError, Pending, Question};
 use crate::daemon::hook_url::Authorization;
@@ -41,11 +41,11 @@ impl Script {
         self.asked.lock().unwrap().clone()
     }
 
-    fn access(&self) -> Admission {
+    fn access(&self) -> AdmissionSettings {
         let hook = Hook::new("a script".into(), self.clone()).keeping_for(Duration::from_secs(3600));
-        Admission {
+        AdmissionSettings {
             access: Some(Arc::new(Access::Hook { hook, authorization: None })),
-            ..Admission::default()
+            ..AdmissionSettings::default()
         }
     }
 

@@ -19,11 +19,11 @@ async fn get(state: &Arc<ServerState>, path: &str) -> String {
 }
 
 #[tokio::test(start_paused = true)]
-async fn health_answers_and_metrics_are_not_for_strangers() {
+async fn health_answers_and_metrics_are_not_for_untrusted_peers() {
     let state = state_of(MemoryScene::new(1, 100, 100), Some(2_000_000));
     let health = get(&state, "/health").await;
     assert!(health.starts_with("HTTP/1.1 200") && health.ends_with("ok\n"), "{health}");
-    assert!(get(&state, "/metrics").await.starts_with("HTTP/1.1 404"), "not for strangers");
+    assert!(get(&state, "/metrics").await.starts_with("HTTP/1.1 404"), "not for untrusted peers");
     state.drain();
     let health = get(&state, "/health").await;
     assert!(health.starts_with("HTTP/1.1 200"), "whoever drains is well: {health}");

@@ -5,7 +5,7 @@ use tokio::net::UdpSocket;
 use tokio::time::timeout;
 
 use super::*;
-use crate::daemon::arrivals::NewSessions;
+use crate::daemon::session_rate::SessionRateLimit;
 
 fn full_at(max_sessions: u64, max_sessions_per_address: Option<u64>) -> Arc<ServerState> {
     let settings = SessionSettings { max_sessions, max_sessions_per_address, ..SessionSettings::default() };
@@ -94,7 +94,7 @@ async fn a_flood_of_silent_connections_turned_out_who_was_about_to_speak() {
     let settings = SessionSettings {
         max_sessions: 8,
         max_sessions_per_address: Some(8),
-        new_sessions_per_address: Some(NewSessions::Unlimited),
+        new_sessions_per_address: Some(SessionRateLimit::Unlimited),
         ..SessionSettings::default()
     };
     let state = ServerState::new(Arc::new(MemoryScene::new(1, 100, 100)), settings);

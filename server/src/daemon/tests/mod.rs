@@ -3,7 +3,6 @@
 mod access;
 mod addresses;
 mod admin;
-mod arrivals;
 mod bad_peers;
 mod http;
 mod leases;
@@ -11,6 +10,7 @@ mod metrics;
 mod quic;
 mod rates;
 mod scenes;
+mod session_rate;
 mod shutdown;
 mod slow_store;
 mod soak;

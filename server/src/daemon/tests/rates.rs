@@ -9,7 +9,7 @@ use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 use tokio_tungstenite::tungstenite::http::HeaderValue;
 
 use super::*;
-use crate::daemon::admission::Admission;
+use crate::daemon::admission_settings::AdmissionSettings;
 use crate::daemon::metrics::Transport;
 use crate::daemon::proxy::Network;
 use crate::daemon::tests::tokens::{asking_with, in_s, signed_claims, with_header};
@@ -116,9 +116,9 @@ async fn what_is_given_is_told_while_there_is_something_to_send() {
 
 #[tokio::test(start_paused = true)]
 async fn clients_behind_a_trusted_proxy_share_the_rate_of_their_own_address() {
-    let admission = Admission {
+    let admission = AdmissionSettings {
         proxies: ["10.0.0.9".parse::<Network>().unwrap()].into_iter().collect(),
-        ..Admission::default()
+        ..AdmissionSettings::default()
     };
     let state = ServerState::admitting(Arc::new(scene()), sharing(Some(MBIT), None), admission);
     let mut clients = Vec::new();
@@ -178,7 +178,7 @@ async fn settings_that_change_hold_for_new_sessions_and_what_is_shared_for_all()
     let old = greeted(Client::from(from(1), &state)).await;
     let settings =
         SessionSettings { rate_bits_per_s: Some(MBIT), max_sessions: 2, ..sharing(None, Some(4 * MBIT)) };
-    state.change(settings, Admission::default());
+    state.change(settings, AdmissionSettings::default());
     let new = greeted(Client::from(from(2), &state)).await;
     assert!(Client::from(from(3), &state).await.is_err(), "two are there");
     // The new one has its own rate, the old one what is left of the new total.

@@ -8,7 +8,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use super::quic::{Arrival, QuicClient, certificate, trusting};
 use super::tokens::{in_s, signed_claims, with_keys};
 use super::*;
-use crate::daemon::admission::Admission;
+use crate::daemon::admission_settings::AdmissionSettings;
 use crate::daemon::scenes::Scenes;
 
 fn scene(name: &str, assets: u32) -> Arc<dyn SceneSource> {
@@ -20,7 +20,7 @@ pub(super) fn two() -> Scenes {
     Scenes::new(vec![scene("one", 1), scene("two", 2)]).unwrap()
 }
 
-fn state(admission: Admission) -> Arc<ServerState> {
+fn state(admission: AdmissionSettings) -> Arc<ServerState> {
     ServerState::admitting(two(), SessionSettings::default(), admission)
 }
 
@@ -63,7 +63,7 @@ impl Client<DuplexStream> {
 
 #[tokio::test(start_paused = true)]
 async fn the_path_names_the_scene_and_the_server_speaks_first() {
-    let state = state(Admission::default());
+    let state = state(AdmissionSettings::default());
     for (path, assets) in [("/one", 1), ("/two", 2), ("/t%77o", 2)] {
         let mut client = at(&state, path).await.unwrap();
         assert_eq!(client.welcome().await.scene.asset_count, assets, "{path}");
@@ -81,7 +81,7 @@ async fn the_path_names_the_scene_and_the_server_speaks_first() {
 
 #[tokio::test(start_paused = true)]
 async fn without_a_path_hello_says_which() {
-    let state = state(Admission::default());
+    let state = state(AdmissionSettings::default());
     let mut client = at(&state, "/").await.unwrap();
     client.send(&ClientMessage::Ping(1)).await;
     client.send(&hello_for("two")).await;
@@ -152,7 +152,7 @@ async fn over_quic_the_scene_is_sent_before_hello() {
 
 #[tokio::test(start_paused = true)]
 async fn a_session_finishes_on_the_version_that_it_began_with() {
-    let state = state(Admission::default());
+    let state = state(AdmissionSettings::default());
     let mut old = at(&state, "/two").await.unwrap();
     assert_eq!(old.welcome().await.scene.asset_count, 2);
     old.send(&hello()).await;
@@ -181,7 +181,7 @@ async fn a_session_finishes_on_the_version_that_it_began_with() {
 
 #[tokio::test(start_paused = true)]
 async fn who_may_see_one_scene_learns_nothing_of_another() {
-    let admission = Admission { access: with_keys(), ..Admission::default() };
+    let admission = AdmissionSettings { access: with_keys(), ..AdmissionSettings::default() };
     let state = state(admission);
     let of = |scene: &str| signed_claims(&format!(r#"{{"exp":{},"scene":"{scene}"}}"#, in_s(60)));
     // Whether there is such a scene makes no difference.
@@ -212,7 +212,7 @@ async fn who_may_see_one_scene_learns_nothing_of_another() {
 
 #[tokio::test(start_paused = true)]
 async fn scenes_are_listed() {
-    let list = get(&state(Admission::default()), "/scenes", None).await;
+    let list = get(&state(AdmissionSettings::default()), "/scenes", None).await;
     let (head, body) = list.split_once("\r\n\r\n").unwrap();
     assert!(head.starts_with("HTTP/1.1 200") && head.contains("application/json"), "{head}");
     let list: serde_json::Value = serde_json::from_str(body).unwrap();

@@ -11,7 +11,7 @@ use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 use tokio_tungstenite::tungstenite::http::HeaderValue;
 
 use super::*;
-use crate::daemon::admission::Admission;
+use crate::daemon::admission_settings::AdmissionSettings;
 use crate::daemon::certificate::Certificate;
 use crate::daemon::http::accept_https;
 use crate::daemon::proxy::Network;
@@ -107,7 +107,7 @@ fn behind(proxies: &[&str], of_address: u64) -> Arc<ServerState> {
     let settings =
         SessionSettings { max_sessions_per_address: Some(of_address), ..SessionSettings::default() };
     let proxies = proxies.iter().map(|network| network.parse::<Network>().unwrap()).collect();
-    let admission = Admission { proxies, ..Admission::default() };
+    let admission = AdmissionSettings { proxies, ..AdmissionSettings::default() };
     ServerState::admitting(Arc::new(MemoryScene::new(1, 100, 100)), settings, admission)
 }
 
@@ -142,7 +142,7 @@ async fn all_clients_of_a_proxy_shared_the_places_of_one_address() {
         "what a client adds is not believed"
     );
     drop((first, second));
-    // Of a stranger nothing is believed.
+    // Of an untrusted peer nothing is believed.
     let state = behind(&["10.0.0.0/8"], 1);
     let _first = through(&state, "203.0.113.1").await.unwrap();
     assert!(through(&state, "203.0.113.2").await.is_none());

@@ -9,7 +9,7 @@ use tokio_tungstenite::tungstenite::http::HeaderValue;
 
 use super::*;
 use crate::daemon::access::Access;
-use crate::daemon::admission::Admission;
+use crate::daemon::admission_settings::AdmissionSettings;
 use crate::daemon::grant::TokenError;
 use crate::daemon::tokens::Tokens;
 
@@ -68,7 +68,7 @@ pub(super) fn with_keys() -> Option<Arc<Access>> {
 
 /// A server that asks for tokens.
 pub(super) fn asking_with(scene: MemoryScene, settings: SessionSettings) -> Arc<ServerState> {
-    let admission = Admission { access: with_keys(), ..Admission::default() };
+    let admission = AdmissionSettings { access: with_keys(), ..AdmissionSettings::default() };
     ServerState::admitting(Arc::new(scene), settings, admission)
 }
 
@@ -262,9 +262,9 @@ async fn nothing_is_sent_to_who_shows_no_token() {
 async fn those_without_a_token_kept_no_place_from_those_with_one() {
     let state = asking();
     // As many as there are leases, and more.
-    let mut strangers = Vec::new();
+    let mut untrusted_peers = Vec::new();
     for _ in 0..8 {
-        strangers.push(Client::in_memory(&state).await);
+        untrusted_peers.push(Client::in_memory(&state).await);
     }
     let mut first = with_header(&state, &good_for(60)).await.unwrap();
     first.is_welcome().await;

@@ -4,7 +4,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::time::Instant;
 
 use super::*;
-use crate::daemon::admission::Admission;
+use crate::daemon::admission_settings::AdmissionSettings;
 
 #[tokio::test(start_paused = true)]
 async fn the_push_comes_before_hello() {
@@ -79,7 +79,7 @@ async fn a_page_of_another_origin_could_read_the_models_of_a_local_server() {
     assert_eq!(state.metrics().active_sessions(), 0, "refused pages take no lease");
     let allowed = ["https://viewer.example".parse().unwrap()].into_iter().collect();
     let scene = Arc::new(MemoryScene::new(1, 100, 100));
-    let admission = Admission { origins: allowed, ..Admission::default() };
+    let admission = AdmissionSettings { origins: allowed, ..AdmissionSettings::default() };
     let state = ServerState::admitting(scene, SessionSettings::default(), admission);
     assert!(answer_to(&state, "https://viewer.example").await.starts_with("HTTP/1.1 101"));
     assert!(answer_to(&state, "https://evil.example").await.starts_with("HTTP/1.1 403"));
@@ -121,7 +121,7 @@ async fn every_three_second_window_is_within_two_percent_of_the_rate() {
         let state = state_of(MemoryScene::new(4, 1500, 2_000_000), Some(rate));
         let (near, far) = duplex(256 * 1024);
         tokio::spawn(accept_http(far, state.clone(), peer()));
-        // Arrivals are noted on the raw stream, below the WebSocket.
+        // SessionRateLimiter are noted on the raw stream, below the WebSocket.
         let (near, relay) = {
             let (a, b) = duplex(256 * 1024);
             let (mut server_read, mut server_write) = tokio::io::split(near);

@@ -1,6 +1,6 @@
 //! What random access costs: the ancestors that a spot or a view drags in.
 
-use lodestream_geometry::index::{ChunkInfo, Sphere, Stop};
+use lodestream_geometry::index::{ChunkInfo, Sphere, TruncationPoint};
 use lodestream_geometry::random::Random;
 use lodestream_geometry::screen::{scale_px, screen_error_px, visible_error};
 use lodestream_protocol::View;
@@ -34,7 +34,7 @@ pub struct ViewShare {
     pub splits: f64,
     /// Share of all payload bytes.
     pub bytes: f64,
-    /// The same if chunks could not be had up to a stop.
+    /// The same if chunks could not be had up to a truncation.
     pub whole_bytes: f64,
 }
 
@@ -89,13 +89,13 @@ pub(super) fn view_share(model: &Model, seed: u64) -> ViewShare {
         }
         let (mut splits, mut bytes, mut whole_bytes) = (0.0, 0.0, 0.0);
         for (id, info) in infos.iter().enumerate().filter(|(id, _)| set[*id]) {
-            // A chunk that none builds on is needed up to the first stop that will do.
+            // A chunk that none builds on is needed up to the first truncation that will do.
             // Attributes are stated for the whole chunk only.
             let attributes = visible_error(&ChunkInfo { error: 0.0, ..info.clone() }, 1.0);
-            let enough = |s: &Stop| error_px(&info.sphere, s.error.max(attributes)) <= TARGET_PX;
-            let stop = info.stops.iter().find(|s| !inner[id] && enough(s));
-            splits += f64::from(stop.map_or(info.vertices, |s| s.vertices));
-            bytes += f64::from(stop.map_or(info.payload_bytes, |s| s.payload_bytes));
+            let enough = |s: &TruncationPoint| error_px(&info.sphere, s.error.max(attributes)) <= TARGET_PX;
+            let truncation = info.truncation_points.iter().find(|s| !inner[id] && enough(s));
+            splits += f64::from(truncation.map_or(info.vertices, |s| s.vertices));
+            bytes += f64::from(truncation.map_or(info.payload_bytes, |s| s.payload_bytes));
             whole_bytes += f64::from(info.payload_bytes);
         }
         let total =

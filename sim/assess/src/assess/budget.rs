@@ -1,6 +1,6 @@
 //! Bytes until a quality: how much of an asset must have come for a given RMS distance.
 
-use lodestream_geometry::closed_set::{self, Budget};
+use lodestream_geometry::ancestor_closed_cut::{self, Budget};
 use serde::Serialize;
 
 use super::model::Model;
@@ -12,7 +12,7 @@ const TARGETS: [f64; 3] = [100e-5, 40e-5, 20e-5];
 /// Budgets are searched to this share.
 const PRECISION: f64 = 0.005;
 
-/// The smallest budget found whose lowest-error closed set is within an RMS distance.
+/// The smallest budget found whose lowest-error ancestor-closed cut is within an RMS distance.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct BytesToRms {
     /// RMS distance asked for, two-sided, over the diagonal.
@@ -36,8 +36,12 @@ pub(super) fn bytes_to_rms(model: &Model, head: u64, options: &Options) -> anyho
         let mut best = None;
         while high - low > PRECISION * high || best.is_none() {
             let budget = if best.is_none() { high } else { 0.5 * (low + high) };
-            let set =
-                closed_set::lowest_error(&prepared.base, &prepared.infos, head, Budget::Bytes(budget as u64));
+            let set = ancestor_closed_cut::lowest_error(
+                &prepared.base,
+                &prepared.infos,
+                head,
+                Budget::Bytes(budget as u64),
+            );
             let (faces, comparison) = distance(model, &set.members, options)?;
             let rms = comparison.rms;
             if rms <= target {

@@ -1,9 +1,9 @@
 //! How honest and how tight the stated geometric errors are, by at least ten points on each face.
 //!
-//! *Honest.* For a closed set, the error stated for the mesh is the largest of its missing chunks', and
+//! *Honest.* For a ancestor-closed cut, the error stated for the mesh is the largest of its missing chunks', and
 //! no point may be farther than that. Views rely on more: that near a point the error is at most that
 //! of the missing chunks whose bounding sphere holds the point. Both are measured. A chunk that is applied
-//! up to a stop is missing at the stop's error.
+//! up to a truncation is missing at the truncation's error.
 //!
 //! *Tight.* For a chunk, the mesh with everything coarser and nothing else is laid beside the input: the
 //! points of the coarse faces that the chunk changes, the input points that are nearest to such a face
@@ -16,7 +16,7 @@
 use std::collections::HashMap;
 
 use glam::DVec3;
-use lodestream_geometry::closed_set::{self, Member};
+use lodestream_geometry::ancestor_closed_cut::{self, Member};
 use lodestream_geometry::index::{ChunkInfo, Sphere};
 use lodestream_geometry::random::Random;
 use lodestream_geometry::refine::{ActiveMesh, Id};
@@ -59,7 +59,7 @@ impl Ratios {
     }
 }
 
-/// Stated over measured error of random closed sets.
+/// Stated over measured error of random ancestor-closed cuts.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct RandomSets {
     /// Of whole meshes: the largest error of missing chunks over the largest distance.
@@ -69,23 +69,26 @@ pub struct RandomSets {
     pub least_at_a_point: f64,
 }
 
-/// Compares stated and measured errors of random closed sets.
+/// Compares stated and measured errors of random ancestor-closed cuts.
 pub(super) fn random_sets(model: &Model, options: &Options) -> anyhow::Result<RandomSets> {
     let mut random = Random::new(options.seed);
-    let mut sets = (0..options.random_sets).map(|_| closed_set::random(&model.prepared.infos, &mut random));
+    let mut sets =
+        (0..options.random_sets).map(|_| ancestor_closed_cut::random(&model.prepared.infos, &mut random));
     compare(model, &mut sets)
 }
 
-/// Compares stated and measured errors of the levels, each up to each of its stops.
-pub(super) fn at_stops(model: &Model) -> anyhow::Result<RandomSets> {
+/// Compares stated and measured errors of the levels, each up to each of its truncation_points.
+pub(super) fn at_truncation_points(model: &Model) -> anyhow::Result<RandomSets> {
     let infos = &model.prepared.infos;
     let mut sets = Vec::new();
     for level in 1..=model.prepared.base.level_count {
-        let stops = infos.iter().filter(|i| i.level == level).map(|i| i.stops.len()).max().unwrap_or(0);
-        sets.extend((0..stops).map(|stop| {
+        let truncation_points =
+            infos.iter().filter(|i| i.level == level).map(|i| i.truncation_points.len()).max().unwrap_or(0);
+        sets.extend((0..truncation_points).map(|truncation| {
             let member = |(chunk, info): (u32, &ChunkInfo)| {
-                let partial = info.level == level && stop < info.stops.len();
-                (info.level <= level).then_some(Member { chunk, stop: partial.then_some(stop as u8) })
+                let partial = info.level == level && truncation < info.truncation_points.len();
+                (info.level <= level)
+                    .then_some(Member { chunk, truncation: partial.then_some(truncation as u8) })
             };
             (0..).zip(infos).filter_map(member).collect::<Vec<Member>>()
         }));
@@ -212,7 +215,7 @@ fn missing_alone(model: &Model, input: &Target<'_>, chunk: u32) -> anyhow::Resul
         lacks[id as usize] = id == chunk || info.parents.iter().any(|&p| lacks[p as usize]);
     }
     let there = (0..).zip(&lacks).filter(|(_, lacks)| !**lacks);
-    let there: Vec<Member> = there.map(|(chunk, _)| Member { chunk, stop: None }).collect();
+    let there: Vec<Member> = there.map(|(chunk, _)| Member { chunk, truncation: None }).collect();
     let coarse = model.surface(&there)?;
     let coarse = Target::new(&coarse);
     let mut worst = 0.0_f64;

@@ -20,7 +20,7 @@ use lodestream_compress::{decode_base, decode_chunk, encode_base, prepare};
 use lodestream_geometry::Settings;
 use lodestream_geometry::mesh::{Corner, NONE};
 use lodestream_geometry::pool::{Serial, Silent};
-use lodestream_geometry::prepare::{built_share, suit};
+use lodestream_geometry::prepare::{axis_aligned_share, suit};
 use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
 use lodestream_geometry::refine::ActiveMesh;
 use serde::Serialize;
@@ -41,8 +41,8 @@ pub struct Assessment {
     pub faces: usize,
     /// How base mesh and chunks are coded.
     pub codec: String,
-    /// [`built_share`]: what a codec is chosen by.
-    pub built_share: f64,
+    /// [`axis_aligned_share`]: what a codec is chosen by.
+    pub axis_aligned_share: f64,
     /// Chunks.
     pub chunks: usize,
     /// Levels above the base.
@@ -69,14 +69,14 @@ pub struct Assessment {
     pub level_ends: Vec<LevelEnd>,
     /// RMS distance / diagonal at 10 % of the faces, interpolated between level ends in RMS × faces.
     pub rms_at_tenth: Option<f64>,
-    /// The lowest-error closed set within 10 % of the faces, usually between two levels.
+    /// The lowest-error ancestor-closed cut within 10 % of the faces, usually between two levels.
     pub tenth: LevelEnd,
     /// Bytes received until the mesh is so near to the input.
     pub bytes_to_rms: Vec<BytesToRms>,
-    /// Stated against measured error of random closed sets, their leaves up to random stops.
+    /// Stated against measured error of random ancestor-closed cuts, their leaves up to random truncation_points.
     pub random: RandomSets,
-    /// The same of each level up to each of its stops, everything coarser being there.
-    pub at_stops: RandomSets,
+    /// The same of each level up to each of its truncation_points, everything coarser being there.
+    pub at_truncation_points: RandomSets,
     /// Stated against locally measured error of each chunk.
     pub per_chunk: Ratios,
     /// What refining one spot costs.
@@ -144,7 +144,7 @@ pub fn assess(path: &Path, options: &Options) -> anyhow::Result<Assessment> {
         vertices: model.mesh.positions.len(),
         faces: model.mesh.faces.len(),
         codec: base.codec.to_string(),
-        built_share: built_share(&model.mesh),
+        axis_aligned_share: axis_aligned_share(&model.mesh),
         chunks: model.prepared.chunks.len(),
         levels: base.level_count,
         base_faces: base.faces.len(),
@@ -162,7 +162,7 @@ pub fn assess(path: &Path, options: &Options) -> anyhow::Result<Assessment> {
         tenth: quality::within_faces(&model, model.mesh.faces.len() as u64 / 10, options)?,
         bytes_to_rms: budget::bytes_to_rms(&model, (base_bytes.len() + index_bytes) as u64, options)?,
         random: honesty::random_sets(&model, options)?,
-        at_stops: honesty::at_stops(&model)?,
+        at_truncation_points: honesty::at_truncation_points(&model)?,
         per_chunk: honesty::per_chunk(&model)?,
         spot: access::spot(&model, options.seed),
         view: access::view_share(&model, options.seed),
@@ -180,7 +180,7 @@ impl std::fmt::Display for Assessment {
         writeln!(
             f,
             "{} vertices, {} faces, built share {:.3}; codec {}, {} chunks in {} levels",
-            self.vertices, self.faces, self.built_share, self.codec, self.chunks, self.levels
+            self.vertices, self.faces, self.axis_aligned_share, self.codec, self.chunks, self.levels
         )?;
         writeln!(
             f,
@@ -214,7 +214,7 @@ impl std::fmt::Display for Assessment {
         }
         writeln!(
             f,
-            "closed set of lowest error within 10 % of the faces: {} faces, RMS {:.1}e-5, max {:.1}e-5",
+            "ancestor-closed cut of lowest error within 10 % of the faces: {} faces, RMS {:.1}e-5, max {:.1}e-5",
             self.tenth.faces,
             self.tenth.rms * 1e5,
             self.tenth.max * 1e5
@@ -231,7 +231,7 @@ impl std::fmt::Display for Assessment {
         }
         writeln!(
             f,
-            "stated / measured error of {} random closed sets: least {:.3}, median {:.3}, greatest {:.3}; least \
+            "stated / measured error of {} random ancestor-closed cuts: least {:.3}, median {:.3}, greatest {:.3}; least \
              at a point {:.3}",
             self.random.whole.count,
             self.random.whole.least,
@@ -241,13 +241,13 @@ impl std::fmt::Display for Assessment {
         )?;
         writeln!(
             f,
-            "stated / measured error of {} levels up to a stop: least {:.3}, median {:.3}, greatest {:.3}; least \
+            "stated / measured error of {} levels up to a truncation: least {:.3}, median {:.3}, greatest {:.3}; least \
              at a point {:.3}",
-            self.at_stops.whole.count,
-            self.at_stops.whole.least,
-            self.at_stops.whole.median,
-            self.at_stops.whole.greatest,
-            self.at_stops.least_at_a_point
+            self.at_truncation_points.whole.count,
+            self.at_truncation_points.whole.least,
+            self.at_truncation_points.whole.median,
+            self.at_truncation_points.whole.greatest,
+            self.at_truncation_points.least_at_a_point
         )?;
         writeln!(
             f,

@@ -1,7 +1,7 @@
 //! The model that is assessed, prepared and decoded.
 
 use lodestream_compress::decode_prefix;
-use lodestream_geometry::closed_set::Member;
+use lodestream_geometry::ancestor_closed_cut::Member;
 use lodestream_geometry::mesh::QuantisedMesh;
 use lodestream_geometry::prepare::Prepared;
 use lodestream_geometry::refine::{ActiveMesh, ChunkDelta};
@@ -17,26 +17,26 @@ pub(super) struct Model {
 }
 
 impl Model {
-    /// The surface with a closed set of chunks applied.
+    /// The surface with a ancestor-closed cut of chunks applied.
     pub(super) fn surface(&self, set: &[Member]) -> anyhow::Result<Surface> {
         let mut active = ActiveMesh::new(&self.prepared.base);
-        for &Member { chunk, stop } in set {
+        for &Member { chunk, truncation } in set {
             let id = chunk as usize;
-            if stop.is_none() {
+            if truncation.is_none() {
                 active.apply(&self.deltas[id])?;
             } else {
                 let (info, payload) = (&self.prepared.infos[id], &self.prepared.chunks[id]);
-                active.apply(&decode_prefix(&active, chunk, info, stop, payload)?)?;
+                active.apply(&decode_prefix(&active, chunk, info, truncation, payload)?)?;
             }
         }
         Ok(surface(&active.to_mesh()))
     }
 
-    /// Error that the index states for each chunk where a closed set lacks it, or the rest of it.
+    /// Error that the index states for each chunk where a ancestor-closed cut lacks it, or the rest of it.
     pub(super) fn left(&self, set: &[Member]) -> Vec<f64> {
         let mut left: Vec<f64> = self.prepared.infos.iter().map(|i| f64::from(i.error)).collect();
-        for &Member { chunk, stop } in set {
-            left[chunk as usize] = f64::from(self.prepared.infos[chunk as usize].extent(stop).error);
+        for &Member { chunk, truncation } in set {
+            left[chunk as usize] = f64::from(self.prepared.infos[chunk as usize].extent(truncation).error);
         }
         left
     }

@@ -1,7 +1,7 @@
 //! What to assess, and how.
 
 use lodestream_geometry::Metric;
-use lodestream_import::recipe::{
+use lodestream_import::preparation_settings::{
     BlockFaces, CoarseGrid, CodecChoice, LevelShare, PositionBits, RegionFaces, Round, TopRegions,
 };
 
@@ -28,7 +28,7 @@ pub struct Options {
     pub codec: CodecChoice,
     /// Leaves out texture coordinates, normals and colours.
     pub positions_only: bool,
-    /// Random closed sets whose stated error is compared with the measured distance.
+    /// Random ancestor-closed cuts whose stated error is compared with the measured distance.
     pub random_sets: usize,
     /// Points on each surface for every distance.
     pub samples: usize,

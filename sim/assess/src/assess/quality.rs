@@ -1,8 +1,8 @@
-//! Distances of closed sets to the input.
+//! Distances of ancestor-closed cuts to the input.
 
 use std::num::NonZeroUsize;
 
-use lodestream_geometry::closed_set::{self, Budget, Member};
+use lodestream_geometry::ancestor_closed_cut::{self, Budget, Member};
 use serde::Serialize;
 
 use super::model::Model;
@@ -32,7 +32,7 @@ pub(super) fn level_ends(model: &Model, options: &Options) -> anyhow::Result<Vec
     let infos = &model.prepared.infos;
     for level in 0..model.prepared.base.level_count {
         let chunks = (0..infos.len() as u32).filter(|&id| infos[id as usize].level <= level);
-        let set: Vec<Member> = chunks.map(|chunk| Member { chunk, stop: None }).collect();
+        let set: Vec<Member> = chunks.map(|chunk| Member { chunk, truncation: None }).collect();
         let (faces, found) = distance(model, &set, options)?;
         let stated = model.left(&set).into_iter().fold(0.0, f64::max) / model.diagonal();
         let payload_bytes = payload(model, &set);
@@ -41,10 +41,10 @@ pub(super) fn level_ends(model: &Model, options: &Options) -> anyhow::Result<Vec
     Ok(ends)
 }
 
-/// Measures the closed set of lowest error within a number of faces.
+/// Measures the ancestor-closed cut of lowest error within a number of faces.
 pub(super) fn within_faces(model: &Model, faces: u64, options: &Options) -> anyhow::Result<LevelEnd> {
     let prepared = &model.prepared;
-    let set = closed_set::lowest_error(&prepared.base, &prepared.infos, 0, Budget::Faces(faces));
+    let set = ancestor_closed_cut::lowest_error(&prepared.base, &prepared.infos, 0, Budget::Faces(faces));
     let (faces, found) = distance(model, &set.members, options)?;
     let level = set.members.iter().map(|m| prepared.infos[m.chunk as usize].level).max().unwrap_or(0);
     let stated = set.error / model.diagonal();
@@ -52,9 +52,9 @@ pub(super) fn within_faces(model: &Model, faces: u64, options: &Options) -> anyh
     Ok(LevelEnd { level, faces, payload_bytes, rms: found.rms, max: found.max, stated })
 }
 
-/// Bytes of a set's chunks, up to their stops.
+/// Bytes of a set's chunks, up to their truncation_points.
 fn payload(model: &Model, set: &[Member]) -> u64 {
-    let bytes = |m: &Member| model.prepared.infos[m.chunk as usize].extent(m.stop).payload_bytes;
+    let bytes = |m: &Member| model.prepared.infos[m.chunk as usize].extent(m.truncation).payload_bytes;
     set.iter().map(|m| u64::from(bytes(m))).sum()
 }
 

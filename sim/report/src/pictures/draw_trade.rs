@@ -21,7 +21,7 @@ use crate::image_error::image_error;
 
 /// What is turned, and its values, the best one last.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Knob {
+pub enum Setting {
     /// Linear steps of relief mapping at grazing angles; 0 draws none.
     ReliefSteps(Vec<u32>),
     /// Ways of relief mapping: 0 draws none, then [`ReliefMethod::ALL`] by number.
@@ -69,7 +69,7 @@ pub struct DrawTime {
     pub error: ImageError,
 }
 
-impl Knob {
+impl Setting {
     fn values(&self) -> Vec<f32> {
         match self {
             Self::ReliefSteps(counts)
@@ -142,30 +142,30 @@ struct Drawn {
 /// Settles the plan's case and times so many frames with each value, at least one.
 ///
 /// # Errors
-/// A knob without values, a plan of more than one case, or of another technique; runs that do not settle; whatever ends
+/// A setting without values, a plan of more than one case, or of another technique; runs that do not settle; whatever ends
 /// a run early, and what the graphics device refuses.
 pub fn draw_trade(
     plan: &Plan,
     scene: &Arc<dyn SceneSource>,
     gpu: Gpu,
-    knob: &Knob,
+    setting: &Setting,
     frames: u32,
 ) -> anyhow::Result<Vec<DrawTime>> {
-    let values = knob.values();
+    let values = setting.values();
     let best = values.len().checked_sub(1).context("there is no value to draw with")?;
     let adapter = gpu.describe();
     let studio = Studio::new(gpu);
-    let mut settled = settle(plan, scene, &studio, vec![plan.client; knob.scenes()])?;
+    let mut settled = settle(plan, scene, &studio, vec![plan.client; setting.scenes()])?;
     let scenes = settled.len();
     let seconds = by_turns(values.len(), frames, |number| {
         let one = &mut settled[number % scenes];
-        let (view, settings) = knob.frame(number, one.view);
+        let (view, settings) = setting.frame(number, one.view);
         one.painter.frame(&view, settings).map(|_| ())
     })?;
     // Once more, since scenes are shared: to be read back.
     let draw = |number: usize| {
         let one = &mut settled[number % scenes];
-        let (view, settings) = knob.frame(number, one.view);
+        let (view, settings) = setting.frame(number, one.view);
         let counters = one.painter.frame(&view, settings)?;
         anyhow::Ok(Drawn { counters, ground_px: one.painter.ground_px(), picture: one.painter.picture()? })
     };
@@ -225,17 +225,17 @@ mod tests {
     use crate::tests::small_scene;
     use lodestream_scenario::plan;
 
-    fn of_knob(knob: &Knob) -> anyhow::Result<Vec<DrawTime>> {
+    fn of_setting(setting: &Setting) -> anyhow::Result<Vec<DrawTime>> {
         let text = "scene = \"demo-small\"\nviewport_px = [320, 180]\n[[sweep]]\ntransport = \"quic\"\n\
                     rate_bits_per_s = 16_000_000\nrtt_ms = 50\n";
         let plan = plan::parse(text, Path::new("test.toml")).unwrap();
         let gpu = open_device().expect("a graphics adapter (or LODESTREAM_SKIP_GPU=1)");
-        draw_trade(&plan, &small_scene(), gpu, knob, 2)
+        draw_trade(&plan, &small_scene(), gpu, setting, 2)
     }
 
     /// The value that is shipped must be what [`Settings::default`] draws.
     #[test]
-    fn a_value_turns_its_knob_and_nothing_else() {
+    fn a_value_turns_its_setting_and_nothing_else() {
         let usual = Settings::default();
         let view = View {
             eye: [0.0; 3],
@@ -244,22 +244,22 @@ mod tests {
             viewport_px: [320, 180],
             target_px: 1.0,
         };
-        let steps = Knob::ReliefSteps(vec![0, usual.relief_steps]);
+        let steps = Setting::ReliefSteps(vec![0, usual.relief_steps]);
         assert_eq!(steps.frame(1, view), (view, usual));
         assert!(!steps.frame(0, view).1.relief);
-        let samples = Knob::OcclusionSamples(vec![0, AmbientOcclusion::default().samples]);
+        let samples = Setting::OcclusionSamples(vec![0, AmbientOcclusion::default().samples]);
         assert_eq!(samples.frame(1, view), (view, usual));
         assert_eq!(samples.frame(0, view).1, Settings { occlusion: None, ..usual });
-        let sides = Knob::ShadowSides(vec![0, Shadows::default().map_side]);
+        let sides = Setting::ShadowSides(vec![0, Shadows::default().map_side]);
         assert_eq!(sides.frame(1, view), (view, usual));
         assert_eq!(sides.frame(0, view).1, Settings { shadows: None, ..usual });
-        let filters = Knob::ShadowFilters(vec![0, Shadows::default().filter]);
+        let filters = Setting::ShadowFilters(vec![0, Shadows::default().filter]);
         assert_eq!(filters.frame(1, view), (view, usual));
         assert_eq!(filters.frame(0, view).1, Settings { shadows: None, ..usual });
-        let edges = Knob::SmoothEdges(vec![0, 1]);
+        let edges = Setting::SmoothEdges(vec![0, 1]);
         assert_eq!(edges.frame(1, view), (view, usual));
         assert_eq!(edges.frame(0, view).1, Settings { anti_aliasing: AntiAliasing::None, ..usual });
-        let ground = Knob::GroundPx(vec![4.0, 1.0]);
+        let ground = Setting::GroundPx(vec![4.0, 1.0]);
         assert_eq!(ground.frame(0, view), (View { target_px: 4.0, ..view }, usual));
         assert_eq!((ground.values(), ground.scenes(), steps.scenes()), (vec![4.0, 1.0], 2, 1));
     }
@@ -305,15 +305,15 @@ mod tests {
         if !may_draw() {
             return;
         }
-        assert!(of_knob(&Knob::GroundPx(Vec::new())).is_err());
-        for knob in [
-            Knob::ReliefSteps(vec![0, 24, 192]),
-            Knob::OcclusionSamples(vec![0, 16, 64]),
-            Knob::ShadowSides(vec![0, 256, 2048]),
-            Knob::ShadowFilters(vec![0, 1, 3]),
-            Knob::GroundPx(vec![32.0, 4.0, 1.0]),
+        assert!(of_setting(&Setting::GroundPx(Vec::new())).is_err());
+        for setting in [
+            Setting::ReliefSteps(vec![0, 24, 192]),
+            Setting::OcclusionSamples(vec![0, 16, 64]),
+            Setting::ShadowSides(vec![0, 256, 2048]),
+            Setting::ShadowFilters(vec![0, 1, 3]),
+            Setting::GroundPx(vec![32.0, 4.0, 1.0]),
         ] {
-            let times = of_knob(&knob).unwrap();
+            let times = of_setting(&setting).unwrap();
             let [worst, better, best] = &times[..] else { panic!("{times:?}") };
             assert_eq!(
                 (best.error, best.over_best),
@@ -321,7 +321,7 @@ mod tests {
             );
             assert!(worst.error.flip > better.error.flip && better.error.flip > 0.0, "{times:?}");
             assert!(worst.error.psnr_db < better.error.psnr_db, "{times:?}");
-            let turned = matches!(knob, Knob::GroundPx(_));
+            let turned = matches!(setting, Setting::GroundPx(_));
             assert_eq!(worst.ground_triangles < best.ground_triangles, turned, "{times:?}");
         }
     }

@@ -12,8 +12,8 @@ use lodestream_protocol::scene::Camera;
 use lodestream_protocol::source::SceneSource;
 use lodestream_protocol::view::View;
 use lodestream_render::{
-    AmbientOcclusion, AntiAliasing, Bloom, Gpu, Ink, OcclusionMethod, OcclusionNormals, PnTriangles,
-    ReflectionMethod, Reflections, ReliefMethod, STILL_FRAMES, Settings, Shade, ToneMapping,
+    AmbientOcclusion, AntiAliasing, Bloom, DebugView, Gpu, Ink, OcclusionMethod, OcclusionNormals,
+    PnTriangles, ReflectionMethod, Reflections, ReliefMethod, STILL_FRAMES, Settings, ToneMapping,
 };
 use lodestream_scenario::plan::Plan;
 use lodestream_scenario::stopwatch::{paired_ratio, rounded};
@@ -109,7 +109,11 @@ fn entries() -> Vec<Entry> {
             "Jimenez, Wu, Pesce, Jarabo 2016",
         ),
         without("shadows", Settings { shadows: None, ..usual }, "Williams 1978; Dimitrov 2007 (cascades)"),
-        without("lamps", Settings { lights: None, ..usual }, "Olsson, Billeter, Assarsson 2012 (clusters)"),
+        without(
+            "punctual-lights",
+            Settings { lights: None, ..usual },
+            "Olsson, Billeter, Assarsson 2012 (clusters)",
+        ),
         without("haze", Settings { haze: false, ..usual }, "Koschmieder 1924"),
         without("smoothed edges", Settings { anti_aliasing: AntiAliasing::None, ..usual }, ""),
         without("water", Settings { water: false, ..usual }, "Schlick 1994 (reflectance)"),
@@ -178,7 +182,7 @@ fn entries() -> Vec<Entry> {
     all.push(one(Part::Otherwise, "relief: in depth", deep, "Policarpo, Oliveira, Comba 2005"));
     let neutral = Settings { tone_mapping: ToneMapping::Neutral, ..usual };
     all.push(one(Part::Otherwise, "tone mapping: neutral", neutral, "Khronos 2024"));
-    for shade in Shade::ALL.into_iter().filter(|&shade| shade != usual.shade) {
+    for shade in DebugView::ALL.into_iter().filter(|&shade| shade != usual.shade) {
         all.push(one(Part::View, shade.name(), Settings { shade, ..usual }, ""));
     }
     all.push(one(Part::View, "wireframe", Settings { wireframe: true, ..usual }, ""));
@@ -370,7 +374,7 @@ mod tests {
         let files: BTreeSet<String> = entries.iter().chain(&elsewhere()).map(slug).collect();
         assert_eq!(files.len(), entries.len() + elsewhere().len());
         let views = entries.iter().filter(|entry| entry.part == Part::View).count();
-        assert_eq!(views, Shade::ALL.len(), "all but the usual one, and the wireframe");
+        assert_eq!(views, DebugView::ALL.len(), "all but the usual one, and the wireframe");
         for method in OcclusionMethod::ALL {
             let has =
                 |e: &Entry| e.settings.occlusion.is_some_and(|o| o.method == method && o.still.is_none());

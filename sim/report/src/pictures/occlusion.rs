@@ -14,8 +14,8 @@ use lodestream_protocol::source::SceneSource;
 use lodestream_protocol::view::View;
 use lodestream_render::rays::Seen;
 use lodestream_render::{
-    AmbientOcclusion, AntiAliasing, Gpu, OcclusionMethod, OcclusionNormals, OcclusionRadius, PassId,
-    STILL_FRAMES, Settings, Shade,
+    AmbientOcclusion, AntiAliasing, DebugView, Gpu, OcclusionMethod, OcclusionNormals, OcclusionRadius,
+    PassId, STILL_FRAMES, Settings,
 };
 use lodestream_scenario::plan::Plan;
 use lodestream_scenario::stopwatch::{median, rounded};
@@ -118,7 +118,7 @@ pub fn occlusion_errors(
 
 /// How a view is drawn.
 #[derive(Clone, Copy, Debug)]
-struct Way {
+struct OcclusionVariant {
     method: OcclusionMethod,
     normals: OcclusionNormals,
     samples: u32,
@@ -128,7 +128,7 @@ struct Way {
     still: bool,
 }
 
-impl Way {
+impl OcclusionVariant {
     /// All that are asked for: those that stand alone first.
     fn all(question: &Question) -> Vec<Self> {
         let counts = |half, still| question.samples.iter().map(move |samples| (*samples, half, still));
@@ -150,7 +150,7 @@ impl Way {
         let still = still.then_some(method);
         let occlusion = AmbientOcclusion { method, radius, strength: 1.0, samples, normals, half, still };
         Settings {
-            shade: Shade::Occlusion,
+            shade: DebugView::Occlusion,
             occlusion: Some(occlusion),
             shadows: None,
             anti_aliasing: AntiAliasing::None,
@@ -181,7 +181,7 @@ fn of_view(
     question: &Question,
     keep: &mut impl FnMut(&str, &RgbaImage) -> anyhow::Result<()>,
 ) -> anyhow::Result<Vec<OcclusionError>> {
-    let all = Way::all(question);
+    let all = OcclusionVariant::all(question);
     let first = all.first().context("there is no method, or no number of samples")?;
     painter.frame(view, first.settings(question.radius))?;
     let (near, depth) = (Settings::default().near, painter.depth()?);

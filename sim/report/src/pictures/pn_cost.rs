@@ -1,5 +1,5 @@
 //! What curved triangles cost against the same triangles made on the host: a mesh near the eye, flat, curved, and cut by
-//! the twin as finely.
+//! the CPU reference as finely.
 
 use std::fmt;
 use std::sync::Arc;

@@ -2,7 +2,7 @@
 //!
 //! A viewer settles at each view. Each pixel counts as though the triangle that it shows were a mirror: a ray along the
 //! mirrored direction against the triangles that are drawn says what is seen there, and whether the picture shows that
-//! place too. Searches are those of the shader's twin, on the depths that the device drew.
+//! place too. Searches are those of the shader's CPU reference, on the depths that the device drew.
 
 use std::fmt;
 use std::sync::Arc;
@@ -12,10 +12,10 @@ use glam::DVec3;
 use lodestream_protocol::scene::Camera;
 use lodestream_protocol::source::SceneSource;
 use lodestream_protocol::view::View;
+use lodestream_render::cpu_reference::depth::{project, view_ray};
+use lodestream_render::cpu_reference::reflections::{End, Mirror, Pyramid, Tracing};
+use lodestream_render::cpu_reference::surface::DepthPicture;
 use lodestream_render::rays::Rays;
-use lodestream_render::twin::depth::{project, view_ray};
-use lodestream_render::twin::reflections::{End, Mirror, Pyramid, Tracing};
-use lodestream_render::twin::surface::DepthPicture;
 use lodestream_render::{
     AntiAliasing, Gpu, PassId, REFLECTION_LEVELS, ReflectionMethod, Reflections, Settings,
 };

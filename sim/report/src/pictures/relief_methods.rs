@@ -1,15 +1,15 @@
 //! Ways of relief mapping held against the exact hit of a ray with the surface that the texels describe, by angle.
 //!
-//! Everything is computed in f64 on the CPU by the shader's twins, so figures repeat to the digit. What a way costs is
+//! Everything is computed in f64 on the CPU by the shader's CPU references, so figures repeat to the digit. What a way costs is
 //! counted in lookups, since a fragment spends its time there.
 
 use std::f64::consts::TAU;
 use std::fmt;
 
-use lodestream_render::twin::relief::ReliefMap;
-use lodestream_render::twin::relief::height_maps;
-use lodestream_render::twin::relief::methods::{Method, Prepared};
-use lodestream_render::twin::relief::ray::Ray;
+use lodestream_render::cpu_reference::relief::ReliefMap;
+use lodestream_render::cpu_reference::relief::height_maps;
+use lodestream_render::cpu_reference::relief::methods::{Method, Prepared};
+use lodestream_render::cpu_reference::relief::ray::Ray;
 use serde::Serialize;
 
 /// Texels along a side of the maps.

@@ -8,7 +8,7 @@ use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
 use std::fmt;
 
 use glam::{DVec2, DVec3};
-use lodestream_render::twin::tangents::{Corner, Mesh, Way};
+use lodestream_render::cpu_reference::tangents::{Corner, Mesh, TangentMethod};
 use serde::Serialize;
 
 /// Squares round the axis and along the other coordinate.
@@ -121,7 +121,7 @@ fn of_shape(shape: Shape) -> Vec<FrameError> {
     let corner = |[s, t]: [f64; 2]| shape.corner([s % 1.0, t]);
     let mesh = Mesh::new(shares.iter().map(|face| face.map(corner)).collect());
     let seam = |[s, t]: [f64; 2]| [0.0, 0.5, 1.0].contains(&s) || [0.0, 1.0].contains(&t);
-    let error = |way: Way| {
+    let error = |way: TangentMethod| {
         let (mut squares, mut most, mut inside, mut count) = ([0.0; 2], [0.0_f64; 2], 0.0_f64, 0);
         for (number, face) in shares.iter().enumerate() {
             for weights in PLACES {
@@ -161,7 +161,7 @@ fn of_shape(shape: Shape) -> Vec<FrameError> {
             normal_most_inside: rounded(inside),
         }
     };
-    Way::ALL.map(error).into()
+    TangentMethod::ALL.map(error).into()
 }
 
 impl fmt::Display for FrameError {
@@ -187,8 +187,8 @@ mod tests {
     #[test]
     fn sums_over_a_mirrored_seam_are_worst_and_derivatives_need_no_vertices() {
         let all = compare();
-        assert_eq!((all.len(), &compare()), (2 * Way::ALL.len(), &all), "figures repeat");
-        for of_shape in all.chunks(Way::ALL.len()) {
+        assert_eq!((all.len(), &compare()), (2 * TangentMethod::ALL.len(), &all), "figures repeat");
+        for of_shape in all.chunks(TangentMethod::ALL.len()) {
             let [face, averaged, orthogonal, split, derivatives] = of_shape else { panic!("five ways") };
             assert!(
                 averaged.normal_most > 30.0 && orthogonal.normal_most > 30.0,

@@ -257,7 +257,7 @@ fn read_rows(committed: &Path) -> anyhow::Result<Rows> {
     Rows::from_csv(&text).with_context(|| format!("{}: is no table", committed.display()))
 }
 
-/// What commands printed that write no files: several sections show the same defaults beside their knob.
+/// What commands printed that write no files: several sections show the same defaults beside their setting.
 type Printed = BTreeMap<Vec<String>, String>;
 
 /// What came of a section's commands.

@@ -67,7 +67,7 @@ fn one(section: &Section, rows: &Rows, outcome: &Outcome) -> anyhow::Result<Mark
         h2 id=(section.name) { (section.title) } "\n"
         @if let Some(trade) = &section.trade {
             dl {
-                dt { "Knob" } dd { (marked(&trade.knob)) }
+                dt { "Setting" } dd { (marked(&trade.setting)) }
                 dt { "Default" } dd { (marked(&trade.default)) }
                 dt { "Why" } dd { (marked(&trade.reason)) }
             }

@@ -11,7 +11,7 @@ use super::table;
 use crate::plots::chart::{Axis, Chart, Line, MAX_LINES, Mark, Panel, Scale};
 use crate::units;
 
-/// Most different figures along x at which ticks stand, instead of at round values: the settings of a knob are few.
+/// Most different figures along x at which ticks stand, instead of at round values: the settings of a setting are few.
 const MAX_MARKED: usize = 7;
 /// Fewest round values along x; where there are less, ticks stand at figures, however many.
 const MIN_ROUND: usize = 3;
@@ -153,7 +153,7 @@ mod tests {
 
     #[test]
     fn rows_of_a_name_are_a_line_and_words_a_level() {
-        let text = "line = \"{who}\"\nx = { label = \"knob\", figures = [\"label\"], log = true }\n\
+        let text = "line = \"{who}\"\nx = { label = \"setting\", figures = [\"label\"], log = true }\n\
                     y = { label = \"s\", figures = [\"ms/1000\"] }";
         let chart = drawn(text).unwrap();
         assert_eq!(chart.legend, ["a", "b", "a, measured"]);
@@ -165,7 +165,7 @@ mod tests {
         assert_eq!(panel.x.marked, [1.0, 10.0]);
         let rows = Rows::from_csv(ROWS).unwrap();
         let svg = &svgs(&section(text), &rows).unwrap()[0];
-        assert!(svg.contains(">\na, measured\n<") && svg.contains("knob"), "{svg}");
+        assert!(svg.contains(">\na, measured\n<") && svg.contains("setting"), "{svg}");
     }
 
     #[test]
@@ -193,11 +193,11 @@ mod tests {
     #[test]
     fn settings_too_near_each_other_share_a_tick() {
         let settings = [0.8, 0.9, 0.95, 0.97, 0.98, 0.99, 1.0, 1.02, 1.05];
-        let knob = PlotAxis { label: String::new(), figures: Vec::new(), log: true };
-        let kept = apart(settings.to_vec(), &axis(&knob, settings.into_iter()));
+        let setting = PlotAxis { label: String::new(), figures: Vec::new(), log: true };
+        let kept = apart(settings.to_vec(), &axis(&setting, settings.into_iter()));
         assert!(kept.len() <= MAX_MARKED && kept.len() > MIN_ROUND && kept[..2] == [0.8, 0.9], "{kept:?}");
         let few = [1.0, 10.0, 100.0];
-        assert_eq!(apart(few.to_vec(), &axis(&knob, few.into_iter())), few);
+        assert_eq!(apart(few.to_vec(), &axis(&setting, few.into_iter())), few);
     }
 
     #[test]

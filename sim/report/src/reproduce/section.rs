@@ -8,8 +8,8 @@
 //! columns = ["payload_bytes", "view.bytes", "prepare_faces_per_s"]   # the figures that are kept
 //! ratios = { prepare_faces_per_s = 1.5 }    # compared as ratios, within this factor; the others exactly
 //!
-//! [section.trade]                 # of sections that show what a knob costs
-//! knob = "--position-bits"
+//! [section.trade]                 # of sections that show what a setting costs
+//! setting = "--position-bits"
 //! default = "12"
 //! reason = "half a pixel at 1280×720"
 //!
@@ -66,7 +66,7 @@ pub struct Section {
     /// this factor.
     #[serde(default)]
     pub ratios: BTreeMap<String, f64>,
-    /// What a knob costs, where the section shows that.
+    /// What a setting costs, where the section shows that.
     pub trade: Option<Trade>,
     /// What is run.
     #[serde(rename = "command")]
@@ -82,12 +82,12 @@ pub struct Section {
     pub plots: Vec<Plot>,
 }
 
-/// A knob: speed for accuracy.
+/// A setting: speed for accuracy.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Trade {
     /// The flag or setting.
-    pub knob: String,
+    pub setting: String,
     /// Its default.
     pub default: String,
     /// Why.
@@ -164,7 +164,7 @@ pub struct Plot {
     /// Rows with the same text here are a line, which has it as its name; figures in braces, as in cells.
     #[serde(default)]
     pub line: String,
-    /// The figure on which others depend, as a knob's setting.
+    /// The figure on which others depend, as a setting's setting.
     pub x: PlotAxis,
     /// The figure that depends on it.
     pub y: PlotAxis,

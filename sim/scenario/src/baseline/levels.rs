@@ -1,11 +1,11 @@
 //! Discrete levels of detail of a prepared asset, with the errors that its index states for them.
 //!
-//! A level is the closed set of lowest stated error within a number of faces, which is as good a mesh of that
+//! A level is the ancestor-closed cut of lowest stated error within a number of faces, which is as good a mesh of that
 //! size as the project has (BENCHMARKS.md compares it with others' simplifiers).
 
 use anyhow::Context as _;
 use lodestream_compress::{decode_base, plain_chunk};
-use lodestream_geometry::closed_set::{Budget, Member, lowest_error};
+use lodestream_geometry::ancestor_closed_cut::{Budget, Member, lowest_error};
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, decode_page, page_count};
 use lodestream_geometry::mesh::QuantisedMesh;
 use lodestream_geometry::screen::{visible_error, visible_error_at};
@@ -55,12 +55,13 @@ pub(super) fn level(asset: &LoadedAsset, most_faces: u64) -> anyhow::Result<Leve
     Ok(Level { mesh, error: error_of(asset, &set.members) })
 }
 
-/// The largest visible error of what a closed set lacks.
+/// The largest visible error of what a ancestor-closed cut lacks.
 fn error_of(asset: &LoadedAsset, set: &[Member]) -> f32 {
     let mut left: Vec<f32> = asset.infos.iter().map(|info| visible_error(info, 1.0)).collect();
-    for &Member { chunk, stop } in set {
+    for &Member { chunk, truncation } in set {
         let info = &asset.infos[chunk as usize];
-        left[chunk as usize] = stop.map_or(0.0, |_| visible_error_at(info, &info.extent(stop), 1.0));
+        left[chunk as usize] =
+            truncation.map_or(0.0, |_| visible_error_at(info, &info.extent(truncation), 1.0));
     }
     left.into_iter().fold(0.0, f32::max)
 }

@@ -17,7 +17,7 @@ const NORMAL_DECIMALS: usize = 4;
 /// Decimals that keep a multiple of `step` within half a step.
 fn decimals(step: f64) -> usize {
     if step > 0.0 && step.is_finite() {
-        // The logarithm is far from f64's ends, and so is its ceiling.
+        // The logarithm is far from f64's ends, and so is its shared rate limit.
         (-step.log10()).ceil().clamp(0.0, 17.0) as usize
     } else {
         0

@@ -12,7 +12,7 @@
 //! bodies come in the order of the requests, none shares the link with a later one. Textures are fetched as
 //! ours are: the same files, by the same rule.
 //!
-//! What has no children counts as exact, whatever error a peer states for it. Levels are closed sets of our packs, with
+//! What has no children counts as exact, whatever error a peer states for it. Levels are ancestor-closed cuts of our packs, with
 //! the errors that our index states. OBJ has no more decimals than the grid is worth, and normals only at creases. At
 //! most six requests are under way, one for the older system's JSON levels.
 //!

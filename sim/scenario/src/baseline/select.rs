@@ -95,7 +95,7 @@ struct Seen {
     visible: bool,
     placed: bool,
     coverage_px: f32,
-    centrality: f32,
+    foveation: f32,
     px_per_unit: f32,
     /// By piece: screen error while it is missing, and how central it is.
     missing: Vec<(f32, f32)>,
@@ -123,7 +123,7 @@ pub(super) fn select(content: &Content, held: &Held, view: &View) -> Selection {
             continue;
         }
         seen.visible = true;
-        seen.centrality = seen.centrality.max(bounds.centrality);
+        seen.foveation = seen.foveation.max(bounds.foveation);
         // As the project's selection has it.
         {
             let px_per_unit = projection.px_per_unit(asset, instance, bounds.depth) as f32;
@@ -141,12 +141,12 @@ pub(super) fn select(content: &Content, held: &Held, view: &View) -> Selection {
                 continue;
             }
             for &parent in &piece.parents {
-                let Some((error_px, centrality)) = px[parent as usize] else { continue };
+                let Some((error_px, foveation)) = px[parent as usize] else { continue };
                 if usable[number][parent as usize] && !usable[number][child] {
                     selection.error_px = selection.error_px.max(error_px);
                 }
                 let missing = &mut seen.missing[child];
-                *missing = (missing.0.max(error_px as f32), missing.1.max(centrality));
+                *missing = (missing.0.max(error_px as f32), missing.1.max(foveation));
             }
         }
     }
@@ -172,17 +172,17 @@ fn want_pieces(
     let mut priorities: Vec<Priority> = vec![0; offer.pieces.len()];
     // Children before parents: what a child is worth is passed on.
     for (number, piece) in offer.pieces.iter().enumerate().rev() {
-        let (error_px, centrality) = seen.missing[number];
+        let (error_px, foveation) = seen.missing[number];
         let own = if offer.is_root(piece) {
             if seen.visible {
-                base_priority(seen.coverage_px, seen.centrality)
+                base_priority(seen.coverage_px, seen.foveation)
             } else if seen.placed {
                 prefetch_priority(seen.coverage_px)
             } else {
                 0
             }
         } else if error_px > target_px {
-            octave_priority(error_px, u32::try_from(piece.bytes).unwrap_or(u32::MAX), centrality)
+            octave_priority(error_px, u32::try_from(piece.bytes).unwrap_or(u32::MAX), foveation)
         } else {
             0
         };
@@ -191,7 +191,7 @@ fn want_pieces(
             let parent = parent as usize;
             priorities[parent] = priorities[parent].max(priorities[number]);
             let worth = &mut seen.missing[parent];
-            *worth = (worth.0.max(error_px), worth.1.max(centrality));
+            *worth = (worth.0.max(error_px), worth.1.max(foveation));
         }
     }
     let states = &held.pieces[asset as usize];
@@ -230,7 +230,7 @@ fn want_textures(
             }
             if state != State::Here {
                 pending += 1;
-                let priority = octave_priority(texel_px.min(256.0) * TEXTURE_WEIGHT, bytes, seen.centrality);
+                let priority = octave_priority(texel_px.min(256.0) * TEXTURE_WEIGHT, bytes, seen.foveation);
                 let item = Item::Texture(BlobId::texture(asset, number, level));
                 selection.wanted.push(Wanted { item, priority, bytes: u64::from(bytes), state });
             }

@@ -11,7 +11,7 @@ use std::hint::black_box;
 use anyhow::Context as _;
 use lodestream_geometry::random::Random;
 use lodestream_terrain::{
-    Mode, PARAMETERS_BYTES, Parameters, PatchPoint, PatchPoints, Scratch, Shape, Stamp, Terrain,
+    HeightOverride, HeightOverrides, Mode, PARAMETERS_BYTES, Parameters, Scratch, Shape, Stamp, Terrain,
     encode_points, encode_stamps,
 };
 use serde::Serialize;
@@ -167,7 +167,7 @@ fn times_of(level: u8, generations: u32, older_mean_ms: f64) -> anyhow::Result<[
 ///
 /// # Errors
 /// Levels of other sizes.
-pub fn valley(level: u8) -> anyhow::Result<PatchPoints> {
+pub fn valley(level: u8) -> anyhow::Result<HeightOverrides> {
     anyhow::ensure!(
         (7..=10).contains(&level),
         "there is no valley of 4,129 points at level {level}: 7 to 10"
@@ -187,10 +187,10 @@ pub fn valley(level: u8) -> anyhow::Result<PatchPoints> {
             let across = (f64::from(x) - centre) / (f64::from(width) / 2.0 + 1.0);
             let depth = f64::from(DEPTH) * (0.5 + 0.5 * (across * std::f64::consts::PI).cos());
             let height = -(depth / f64::from(STEP)).round() as i32 * STEP;
-            points.push(PatchPoint { x, y, mode: Mode::Additive, height });
+            points.push(HeightOverride { x, y, mode: Mode::Additive, height });
         }
     }
-    Ok(PatchPoints::new(level, points)?)
+    Ok(HeightOverrides::new(level, points)?)
 }
 
 fn bytes() -> anyhow::Result<Vec<Size>> {

@@ -22,7 +22,7 @@ use std::path::Path;
 pub use flights::Flights;
 pub use packs::Packs;
 pub use subject::{Settings, Subject};
-pub use tally::{Found, Verdict};
+pub use tally::{MutationOutcome, Verdict};
 
 use crate::plan::Transport;
 use crate::process::Process;
@@ -37,7 +37,7 @@ pub fn measure(
     settings: Settings,
     cache: &Path,
     named: Option<&Path>,
-) -> anyhow::Result<Found> {
+) -> anyhow::Result<MutationOutcome> {
     match subject {
         Subject::Packs | Subject::HashedPacks => {
             let packs = Packs::prepare(cache, subject == Subject::HashedPacks)?;
@@ -58,7 +58,7 @@ fn here(
     subject: Subject,
     settings: Settings,
     judge: impl Fn(u32) -> anyhow::Result<Verdict> + Sync,
-) -> anyhow::Result<Found> {
+) -> anyhow::Result<MutationOutcome> {
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let lane = &|cases: Settings, lane: usize| {
         let mut tally = Tally::default();

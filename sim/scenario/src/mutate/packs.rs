@@ -50,7 +50,7 @@ impl Packs {
     pub fn prepare(cache: &Path, hashed: bool) -> anyhow::Result<Self> {
         let mut packs = Vec::new();
         let field = Field { assets: 2, faces: 2500, instances: 2 };
-        for codec in [Codec::Range, Codec::Built, Codec::Plain] {
+        for codec in [Codec::Range, Codec::AxisAligned, Codec::Zstd] {
             for choice in [SceneChoice::DemoSmall, SceneChoice::Field(field)] {
                 let (scene, files) = scene::packs(&choice, Some(codec.into()), cache)?;
                 for (asset, file) in scene.assets.iter().zip(files) {
@@ -98,7 +98,7 @@ fn alone(asset: &Asset, scene: &Scene) -> Scene {
         assets: vec![asset.clone()],
         instances: Some(vec![Instance::unplaced(0)]),
         models: Vec::new(),
-        lamps: Vec::new(),
+        punctual_lights: Vec::new(),
         terrain: None,
         camera: None,
         ..scene.clone()

@@ -22,7 +22,7 @@ use tokio::time::{Instant, sleep, timeout};
 
 use super::damage;
 use super::subject::{SCENE, Settings, Subject};
-use super::tally::{Found, Tally, Verdict};
+use super::tally::{MutationOutcome, Tally, Verdict};
 use super::wire::{Answer, over_quic, over_websocket};
 use crate::bare_client::chunks;
 use crate::plan::{self, Transport};
@@ -43,7 +43,7 @@ pub(super) fn measure(
     settings: Settings,
     cache: &Path,
     named: Option<&Path>,
-) -> anyhow::Result<Found> {
+) -> anyhow::Result<MutationOutcome> {
     let subject = match transport {
         Transport::Ws => Subject::WebSocketSessions,
         Transport::Quic => Subject::QuicSessions,
@@ -128,7 +128,11 @@ impl Sessions {
         blobs.extend((0..header.asset_count).map(BlobId::base));
         blobs.extend((0..header.asset_count).map(|asset| BlobId::index_page(asset, 0)));
         blobs.extend((0..header.asset_count).map(|asset| BlobId::texture(asset, 0, 0)));
-        blobs.extend([BlobId::terrain_page(0), BlobId::lamp_directory(0), BlobId::lamp_page(0)]);
+        blobs.extend([
+            BlobId::terrain_page(0),
+            BlobId::punctual_light_directory(0),
+            BlobId::punctual_light_page(0),
+        ]);
         blobs.retain(|id| source.blob_len(id).is_some());
         let view = header.camera.view([1280, 720], 1.0);
         Self { blobs, fingerprint: header.fingerprint, view }

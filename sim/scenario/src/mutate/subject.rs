@@ -3,7 +3,7 @@
 use rand::SeedableRng as _;
 use rand_pcg::Pcg64Mcg;
 
-/// The scene whose packs, sessions and first flight are damaged: textures, lamps and terrain in little.
+/// The scene whose packs, sessions and first flight are damaged: textures, punctual lights and terrain in little.
 pub(super) const SCENE: &str = "demo-small";
 /// Cases that are run before memory is looked at, for each of those that count.
 const WARM_UP: u32 = 10;

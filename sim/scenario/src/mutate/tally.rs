@@ -27,7 +27,7 @@ impl Verdict {
 
 /// What came of all cases of a subject. Bytes of memory are resident ones, of the process that read the damaged bytes.
 #[derive(Clone, Debug, Serialize)]
-pub struct Found {
+pub struct MutationOutcome {
     /// What was damaged.
     pub subject: &'static str,
     /// How many were tried.
@@ -114,7 +114,12 @@ impl Tally {
         self.verdicts.get(verdict).copied().unwrap_or(0)
     }
 
-    pub(super) fn found(&self, subject: Subject, [before_bytes, after_bytes]: [u64; 2], cpu_s: f64) -> Found {
+    pub(super) fn found(
+        &self,
+        subject: Subject,
+        [before_bytes, after_bytes]: [u64; 2],
+        cpu_s: f64,
+    ) -> MutationOutcome {
         let mut reasons: Vec<(u32, &str)> = Vec::new();
         for (verdict, count) in &self.verdicts {
             if let Verdict::Refused(why) = verdict {
@@ -123,7 +128,7 @@ impl Tally {
         }
         reasons.sort_by_key(|(count, why)| (std::cmp::Reverse(*count), *why));
         let told: Vec<String> = reasons.iter().map(|(count, why)| format!("{why} {count}")).collect();
-        Found {
+        MutationOutcome {
             subject: subject.name(),
             tried: self.tried,
             taken: self.of(&Verdict::Taken),
@@ -140,7 +145,7 @@ impl Tally {
     }
 }
 
-impl std::fmt::Display for Found {
+impl std::fmt::Display for MutationOutcome {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let [before, after] = [self.before_bytes, self.after_bytes].map(|bytes| bytes as f64 / 1e6);
         write!(

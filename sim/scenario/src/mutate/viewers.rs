@@ -21,7 +21,7 @@ use tokio_tungstenite::tungstenite::http::header::SEC_WEBSOCKET_PROTOCOL;
 use super::exchange::core;
 use super::flights::{Flights, of_blobs};
 use super::subject::{Settings, Subject};
-use super::tally::{Found, Tally, Verdict};
+use super::tally::{MutationOutcome, Tally, Verdict};
 use crate::process::Process;
 
 /// How long a client may take, in real time.
@@ -30,7 +30,7 @@ const PATIENCE: Duration = Duration::from_secs(60);
 /// Clients at the same time: each has a server of its own.
 const AT_ONCE: usize = 2;
 
-pub(super) fn measure(settings: Settings, flights: &Flights) -> anyhow::Result<Found> {
+pub(super) fn measure(settings: Settings, flights: &Flights) -> anyhow::Result<MutationOutcome> {
     let runtime = Builder::new_multi_thread().worker_threads(AT_ONCE).enable_all().build()?;
     let process = Process::own();
     runtime.block_on(async {

@@ -15,7 +15,7 @@ pub struct ClientSettings {
     /// Whether base meshes of instances out of view are fetched too, last.
     pub prefetch_bases: bool,
     /// Whether chunks are fetched only up to the first stop that suffices.
-    pub stops: bool,
+    pub truncation_points: bool,
     /// Whether what the scene's own surfaces hide comes last, for the server's pushes too.
     pub hidden_last: bool,
     /// Whether what casts shadows into view from out of it is refined too.
@@ -32,7 +32,7 @@ impl ClientSettings {
             target_px,
             request_depth_bytes: None,
             prefetch_bases: true,
-            stops: true,
+            truncation_points: true,
             hidden_last: true,
             shadows: false,
             splits_per_s: None,
@@ -42,7 +42,7 @@ impl ClientSettings {
     /// Changes a configuration accordingly.
     pub(crate) fn apply(&self, config: &mut Config) {
         config.select.prefetch_bases = self.prefetch_bases;
-        config.select.stops = self.stops;
+        config.select.truncation_points = self.truncation_points;
         config.select.hidden_last = self.hidden_last;
         config.select.shadows = self.shadows;
         if let Some(depth) = self.request_depth_bytes {
@@ -58,7 +58,7 @@ pub(super) struct ClientFile {
     target_px: Option<f64>,
     request_depth_bytes: Option<u64>,
     prefetch_bases: Option<bool>,
-    stops: Option<bool>,
+    truncation_points: Option<bool>,
     hidden_last: Option<bool>,
     shadows: Option<bool>,
     splits_per_s: Option<f64>,
@@ -89,7 +89,7 @@ impl ClientFile {
         Ok(ClientSettings {
             request_depth_bytes: self.request_depth_bytes,
             prefetch_bases: self.prefetch_bases.unwrap_or(shipped.prefetch_bases),
-            stops: self.stops.unwrap_or(shipped.stops),
+            truncation_points: self.truncation_points.unwrap_or(shipped.truncation_points),
             hidden_last: self.hidden_last.unwrap_or(shipped.hidden_last),
             shadows: self.shadows.unwrap_or(shipped.shadows),
             splits_per_s: self.splits_per_s,

@@ -5,7 +5,7 @@
 //!                             # itself: "model:stanford-bunny.obj", from the folder of models (--models), or a
 //!                             # field of boulders: "field:assets=10,faces=10000,instances=1000"
 //! position_bits = 12          # of models by themselves; without it the default
-//! codec = "auto"              # or "range", "built", "zstd": how scenes that are prepared here are coded
+//! codec = "auto"              # or "range", "axis-aligned", "zstd": how scenes that are prepared here are coded
 //! viewport_px = [1280, 720]
 //! ttq_px = [1, 4, 16]         # screen errors whose time is reported, of those that the client notes
 //! time_limit_s = 600          # virtual time after which a run is given up
@@ -15,7 +15,7 @@
 //! target_px = 1               # screen error that is refined to; without it the smallest of ttq_px
 //! request_depth_bytes = 65536 # kept in flight, instead of what rate and round trip need
 //! prefetch_bases = true       # base meshes of what is out of view, last
-//! stops = true                # chunks only up to the stop that suffices
+//! truncation_points = true                # chunks only up to the stop that suffices
 //! shadows = false             # what casts shadows into view from out of it is refined too, as the viewer does
 //! splits_per_s = 500_000      # how fast it decodes and applies; without it that takes no virtual time
 //! hidden_last = true          # what the scene's own surfaces hide comes last; if not, the server does not ask either
@@ -82,7 +82,7 @@ use std::path::Path;
 
 use lodestream_client::core::QUALITIES_PX;
 use lodestream_geometry::UnknownName;
-use lodestream_import::recipe::{CodecChoice, PositionBits};
+use lodestream_import::preparation_settings::{CodecChoice, PositionBits};
 use serde::Deserialize;
 
 use crate::draco::Encoder;

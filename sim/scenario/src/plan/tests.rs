@@ -405,16 +405,16 @@ fn the_client_and_the_codec_are_as_shipped_unless_the_plan_says_otherwise() {
         target_px: 4.0,
         request_depth_bytes: Some(9000),
         prefetch_bases: false,
-        stops: false,
+        truncation_points: false,
         hidden_last: true,
         shadows: true,
         splits_per_s: Some(3e5),
     };
-    assert_eq!((own.client, own.codec), (expected, Some(Codec::Plain.into())));
+    assert_eq!((own.client, own.codec), (expected, Some(Codec::Zstd.into())));
     for (text, field, message) in [
         (client.replace("= 4", "= 0"), "client.target_px", "0 is not a screen error"),
         (client.replace("9000", "0"), "client.request_depth_bytes", "0 is not a number"),
-        (client.replace("stops", "stop"), "line 6", "unknown field"),
+        (client.replace("truncation_points", "stop"), "line 6", "unknown field"),
     ] {
         let error = parse_at(&GOOD.replace("[[sweep]]", &format!("{text}[[sweep]]"))).unwrap_err();
         assert!(error.field == field && error.message.contains(message), "{error}");
@@ -436,7 +436,7 @@ fn keys_may_be_changed_from_outside() {
     assert_eq!(with(&[]).unwrap(), parse_at(GOOD).unwrap());
     let changed =
         with(&["client.target_px=4", "sweep.seeds = 3", "codec=\"zstd\"", "sweep.loss=[0]"]).unwrap();
-    assert_eq!((changed.client.target_px, changed.codec), (4.0, Some(Codec::Plain.into())));
+    assert_eq!((changed.client.target_px, changed.codec), (4.0, Some(Codec::Zstd.into())));
     assert!(changed.cases.iter().all(|case| case.seeds.len() == 3));
     assert_eq!(changed.cases.len() * 2, parse_at(GOOD).unwrap().cases.len());
     for (change, message) in [

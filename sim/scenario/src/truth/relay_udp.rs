@@ -20,13 +20,13 @@ const MAX_DATAGRAM_BYTES: usize = 65_507;
 const SOCKET_BUFFER_BYTES: usize = 4 << 20;
 
 /// A direction: its link, and what is on its way by time of arrival and order of sending.
-struct Way {
+struct RelayDirection {
     link: Link,
     arriving: BTreeMap<(u64, u64), Vec<u8>>,
     sent: u64,
 }
 
-impl Way {
+impl RelayDirection {
     fn new(settings: LinkSettings, seed: u64) -> Self {
         Self { link: Link::new(settings, seed), arriving: BTreeMap::new(), sent: 0 }
     }
@@ -53,8 +53,8 @@ impl Way {
 pub struct UdpRelay {
     client_side: UdpSocket,
     server_side: UdpSocket,
-    down: Way,
-    up: Way,
+    down: RelayDirection,
+    up: RelayDirection,
 }
 
 /// A socket on loopback with large buffers.
@@ -79,7 +79,12 @@ impl UdpRelay {
     ) -> io::Result<Self> {
         let (client_side, server_side) = (socket()?, socket()?);
         server_side.connect(server).await?;
-        Ok(Self { client_side, server_side, down: Way::new(down, down_seed), up: Way::new(up, up_seed) })
+        Ok(Self {
+            client_side,
+            server_side,
+            down: RelayDirection::new(down, down_seed),
+            up: RelayDirection::new(up, up_seed),
+        })
     }
 
     /// Where clients send to.

@@ -1,8 +1,8 @@
 //! What can be changed in the overlay: from the settings, and back into them.
 
 use lodestream_render::{
-    AmbientOcclusion, AntiAliasing, Bloom, Ink, LightCulling, PnTriangles, Reflections, ReliefMethod,
-    Settings, Shade, Shadows, ToneMapping,
+    AmbientOcclusion, AntiAliasing, Bloom, DebugView, Ink, LightCulling, PnTriangles, Reflections,
+    ReliefMethod, Settings, Shadows, ToneMapping,
 };
 
 /// What the user may change.
@@ -19,7 +19,7 @@ pub(in crate::window) struct Choices {
     /// Passes are timed: their table is open.
     pub(in crate::window) timed: bool,
     pub(in crate::window) wireframe: bool,
-    pub(in crate::window) shade: Shade,
+    pub(in crate::window) shade: DebugView,
     pub(in crate::window) occlusion: bool,
     /// How, where there is occlusion.
     pub(in crate::window) ambient: AmbientOcclusion,
@@ -28,8 +28,8 @@ pub(in crate::window) struct Choices {
     pub(in crate::window) maps: Shadows,
     pub(in crate::window) anti_aliasing: AntiAliasing,
     pub(in crate::window) relief: bool,
-    pub(in crate::window) lamps: bool,
-    /// How, where there are lamps.
+    pub(in crate::window) punctual_lights: bool,
+    /// How, where there are punctual lights.
     pub(in crate::window) culling: LightCulling,
     pub(in crate::window) haze: bool,
     pub(in crate::window) emission: bool,
@@ -72,7 +72,7 @@ impl Choices {
             maps: settings.shadows.unwrap_or_default(),
             anti_aliasing: settings.anti_aliasing,
             relief: settings.relief,
-            lamps: settings.lights.is_some(),
+            punctual_lights: settings.lights.is_some(),
             culling: settings.lights.unwrap_or_default(),
             haze: settings.haze,
             emission: settings.emission,
@@ -102,7 +102,7 @@ impl Choices {
         settings.shadows = self.shadows.then_some(self.maps);
         settings.anti_aliasing = self.anti_aliasing;
         settings.relief = self.relief;
-        settings.lights = self.lamps.then_some(self.culling);
+        settings.lights = self.punctual_lights.then_some(self.culling);
         settings.haze = self.haze;
         settings.emission = self.emission;
         settings.transparency = self.transparency;
@@ -129,7 +129,7 @@ mod tests {
     #[test]
     fn what_is_chosen_comes_from_the_settings_and_goes_back_there() {
         let mut settings = Settings {
-            shade: Shade::Depth,
+            shade: DebugView::Depth,
             occlusion: Some(AmbientOcclusion { samples: 5, ..AmbientOcclusion::default() }),
             shadows: None,
             anti_aliasing: AntiAliasing::None,
@@ -157,7 +157,7 @@ mod tests {
         choices.apply(&mut back);
         assert_eq!(back, settings);
         (choices.shadows, choices.maps.cascades, choices.ambient.samples) = (true, 2, 9);
-        choices.lamps = false;
+        choices.punctual_lights = false;
         choices.apply(&mut settings);
         assert_eq!(settings.lights, None);
         assert_eq!(settings.shadows, Some(Shadows { cascades: 2, ..Shadows::default() }));

@@ -22,8 +22,8 @@ pub(in crate::window) struct Step {
     pub(in crate::window) meshes: f32,
     /// Most samples of ambient occlusion per pixel; 0 is none.
     pub(in crate::window) samples: u32,
-    /// Most lamps: those that are brightest on the screen.
-    pub(in crate::window) lamps: u32,
+    /// Most punctual lights: those that are brightest on the screen.
+    pub(in crate::window) punctual_lights: u32,
     /// Most texels along a side of each map of shadows.
     pub(super) map_side: u32,
     /// Whether height maps are honoured.
@@ -42,7 +42,7 @@ pub(in crate::window) const FULL: Step = Step {
     anti_aliasing: AntiAliasing::Temporal,
     meshes: 1.0,
     samples: u32::MAX,
-    lamps: u32::MAX,
+    punctual_lights: u32::MAX,
     map_side: u32::MAX,
     relief: true,
     cost: 1.0,
@@ -55,25 +55,25 @@ const TWO_MAPS: Step = Step { cascades: 2, map_steps: 4, cost: 0.23, ..HALF };
 const ONE_FRAME: Step = Step { anti_aliasing: AntiAliasing::Spatial, cost: 0.19, ..TWO_MAPS };
 const STAIRS: Step = Step { anti_aliasing: AntiAliasing::None, meshes: 2.0, cost: 0.16, ..ONE_FRAME };
 const FEW_SAMPLES: Step = Step { samples: 4, render_scale: 0.35, cost: 0.13, ..STAIRS };
-const FEW_LAMPS: Step = Step { lamps: 64, cost: 0.107, ..FEW_SAMPLES };
+const FEW_PUNCTUAL_LIGHTS: Step = Step { punctual_lights: 64, cost: 0.107, ..FEW_SAMPLES };
 const FASTEST: Step = Step {
     render_scale: 0.25,
     ground: 16.0,
     meshes: 4.0,
     samples: 0,
-    lamps: 16,
+    punctual_lights: 16,
     map_side: 1024,
     relief: false,
     cost: 0.087,
-    ..FEW_LAMPS
+    ..FEW_PUNCTUAL_LIGHTS
 };
 
 /// From the best on; each gives up what those before it do. Quality begins to be given up in this order: the ground's
 /// error and how soon shadows follow what casts them, which are seen least; pixels; cascades of shadows; edges smoothed
 /// over time, then at all, with the meshes' error, whose chunks have to be undone and applied again; samples of occlusion;
-/// lamps; at last all of occlusion, relief, which is finer than the pixels then, and texels of shadows.
+/// punctual lights; at last all of occlusion, relief, which is finer than the pixels then, and texels of shadows.
 pub(super) const STEPS: [Step; 10] =
-    [FULL, UNSEEN, SMALLER, HALF, TWO_MAPS, ONE_FRAME, STAIRS, FEW_SAMPLES, FEW_LAMPS, FASTEST];
+    [FULL, UNSEEN, SMALLER, HALF, TWO_MAPS, ONE_FRAME, STAIRS, FEW_SAMPLES, FEW_PUNCTUAL_LIGHTS, FASTEST];
 
 impl Step {
     /// What is left of a user's settings, but for how late shadows may be.
@@ -95,7 +95,7 @@ impl Step {
             }),
             lights: settings
                 .lights
-                .map(|lights| LightCulling { most: lights.most.min(self.lamps), ..lights }),
+                .map(|lights| LightCulling { most: lights.most.min(self.punctual_lights), ..lights }),
             ..*settings
         }
     }
@@ -121,7 +121,8 @@ impl Step {
                 u32::MAX => None,
                 some => Some(format!("{some} samples of occlusion")),
             },
-            (self.lamps < u32::MAX).then(|| format!("the {} brightest lamps", self.lamps)),
+            (self.punctual_lights < u32::MAX)
+                .then(|| format!("the {} brightest punctual lights", self.punctual_lights)),
             (self.map_side < u32::MAX).then(|| format!("maps of {} texels a side", self.map_side)),
             (!self.relief).then(|| "no relief".to_owned()),
         ];
@@ -158,7 +159,7 @@ mod tests {
 
     /// The order that was asked for.
     #[test]
-    fn scale_cascades_anti_aliasing_samples_and_lamps_begin_to_be_given_up_in_this_order() {
+    fn scale_cascades_anti_aliasing_samples_and_punctual_lights_begin_to_be_given_up_in_this_order() {
         let first = |given_up: fn(&Step) -> bool| STEPS.iter().position(given_up).unwrap();
         let order = [
             first(|step| step.render_scale < 1.0),
@@ -166,7 +167,7 @@ mod tests {
             first(|step| step.anti_aliasing == AntiAliasing::Spatial),
             first(|step| step.anti_aliasing == AntiAliasing::None),
             first(|step| step.samples < 16),
-            first(|step| step.lamps < MAX_LIGHTS as u32),
+            first(|step| step.punctual_lights < MAX_LIGHTS as u32),
             first(|step| step.samples == 0),
         ];
         assert!(order.is_sorted_by(|a, b| a < b), "{order:?}");
@@ -179,7 +180,7 @@ mod tests {
             assert!(before.meshes <= after.meshes && before.late_shadows <= after.late_shadows);
             assert!(before.cascades >= after.cascades && before.map_steps >= after.map_steps);
             assert!(before.map_side >= after.map_side && before.anti_aliasing >= after.anti_aliasing);
-            assert!(before.samples >= after.samples && before.lamps >= after.lamps);
+            assert!(before.samples >= after.samples && before.punctual_lights >= after.punctual_lights);
             assert!(before.relief >= after.relief && before.cost > after.cost);
             assert_ne!(before.given_up(), after.given_up());
         }

@@ -27,7 +27,7 @@ use super::settled::{by_turns, settle_at};
 use crate::image_error::flip_of;
 use truth::{Traced, environment};
 use wall::Wall;
-pub use wall::Way;
+pub use wall::WallMethod;
 
 /// Angles between the view and the wall's normal, degrees.
 pub const ANGLES: [f64; 4] = [0.0, 45.0, 75.0, 85.0];
@@ -133,7 +133,7 @@ pub fn relief_worth(
     let mut worth = Worth { adapter, sent: Vec::new(), shown: Vec::new() };
     for wall in Wall::all(question.texels) {
         let folder = tempfile::tempdir().context("no folder for the wall")?;
-        let open = |way: Way, distance_m: f64| {
+        let open = |way: WallMethod, distance_m: f64| {
             let file = wall.write(way, folder.path(), &camera(distance_m, 0.0))?;
             let text = format!(
                 "scene = {:?}\nviewport_px = {:?}\nttq_px = [1]\n[[sweep]]\ntransport = \"quic\"\nrate_bits_per_s = 2_000_000\n\
@@ -148,16 +148,18 @@ pub fn relief_worth(
         };
         let traced = Traced::new(&wall);
         for &distance_m in question.distances_m {
-            let ways =
-                Way::ALL.iter().map(|way| open(*way, distance_m)).collect::<anyhow::Result<Vec<_>>>()?;
+            let ways = WallMethod::ALL
+                .iter()
+                .map(|way| open(*way, distance_m))
+                .collect::<anyhow::Result<Vec<_>>>()?;
             // What is drawn in several ways is sent in one.
             for (way, plan, scene) in
-                ways.iter().filter(|(way, ..)| *way == Way::Relief || !way.has_heights())
+                ways.iter().filter(|(way, ..)| *way == WallMethod::Relief || !way.has_heights())
             {
                 worth.sent.push(sent(&wall, *way, plan, scene, distance_m)?);
             }
             let Some(studio) = &studio else { continue };
-            let mut shown: Vec<ShownFrom> = Way::ALL
+            let mut shown: Vec<ShownFrom> = WallMethod::ALL
                 .map(|way| ShownFrom { map: wall.name, way: way.name(), distance_m, angles: Vec::new() })
                 .into();
             for &degrees in question.angles {
@@ -199,11 +201,11 @@ pub fn relief_worth(
 }
 
 /// How a way is drawn: by the sun with its shadows, under a sky that nothing hides.
-fn settings(way: Way) -> Settings {
-    let relief_shadows = way == Way::ReliefShadows;
+fn settings(way: WallMethod) -> Settings {
+    let relief_shadows = way == WallMethod::ReliefShadows;
     let relief_method = match way {
-        Way::Cones => ReliefMethod::RelaxedCones,
-        Way::Quadtree => ReliefMethod::Quadtree,
+        WallMethod::Cones => ReliefMethod::RelaxedCones,
+        WallMethod::Quadtree => ReliefMethod::Quadtree,
         _ => ReliefMethod::default(),
     };
     Settings {
@@ -229,7 +231,7 @@ fn camera(distance_m: f64, degrees: f64) -> Camera {
 
 fn sent(
     wall: &Wall,
-    way: Way,
+    way: WallMethod,
     plan: &Plan,
     scene: &Arc<dyn SceneSource>,
     distance_m: f64,

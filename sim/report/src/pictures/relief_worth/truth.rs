@@ -7,9 +7,9 @@ use glam::DVec3;
 use image::{Rgba, RgbaImage};
 use lodestream_geometry::mesh::distance::TriangleBvh;
 use lodestream_protocol::view::View;
-use lodestream_render::twin::brdf::{DIELECTRIC, Reflector, from_sky};
-use lodestream_render::twin::tone;
-use lodestream_render::{Environment, PlainSky, Sky};
+use lodestream_render::cpu_reference::brdf::{DIELECTRIC, Reflector, from_sky};
+use lodestream_render::cpu_reference::tone;
+use lodestream_render::{Environment, GradientSky, Sky};
 
 use super::wall::{REPEATS, ROUGHNESS, SIDE_M, Wall, faces};
 
@@ -32,7 +32,7 @@ pub(super) fn environment() -> Environment {
     let sky = glam::Vec3::splat(SKY);
     Environment {
         to_sun: DVec3::from(TO_SUN),
-        sky: Sky::Plain(PlainSky { sun: SUN.into(), zenith: sky, horizon: sky, ground: sky }),
+        sky: Sky::Plain(GradientSky { sun: SUN.into(), zenith: sky, horizon: sky, ground: sky }),
         haze: None,
         ..Environment::default()
     }

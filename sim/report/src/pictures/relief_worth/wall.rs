@@ -10,8 +10,8 @@ use anyhow::Context as _;
 use glam::{DVec2, DVec3};
 use image::{ImageBuffer, Luma, Rgb};
 use lodestream_protocol::scene::Camera;
-use lodestream_render::twin::relief::{ReliefMap, height_maps};
-use lodestream_render::twin::tone;
+use lodestream_render::cpu_reference::relief::{ReliefMap, height_maps};
+use lodestream_render::cpu_reference::tone;
 
 /// Length of the wall's sides, in metres.
 pub(super) const SIDE_M: f64 = 2.0;
@@ -24,7 +24,7 @@ pub(super) const ROUGHNESS: f64 = 0.9;
 
 /// How a wall is sent and drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Way {
+pub enum WallMethod {
     /// A plane with the colours.
     Plane,
     /// A plane with the colours and the height map, and relief mapping.
@@ -41,7 +41,7 @@ pub enum Way {
     TiledMesh,
 }
 
-impl Way {
+impl WallMethod {
     /// All there are.
     pub const ALL: [Self; 7] = [
         Self::Plane,
@@ -169,7 +169,7 @@ impl Wall {
     }
 
     /// Writes models and scene of a way into a folder, with a camera, and gives the scene's file.
-    pub(super) fn write(&self, way: Way, folder: &Path, camera: &Camera) -> anyhow::Result<PathBuf> {
+    pub(super) fn write(&self, way: WallMethod, folder: &Path, camera: &Camera) -> anyhow::Result<PathBuf> {
         let fail = || format!("{}: cannot be written", folder.display());
         let size = self.texels() as u32;
         let colour = |x: u32, y: u32| Rgb(self.colours[(y * size + x) as usize]);
@@ -182,12 +182,12 @@ impl Wall {
         let material = format!("newmtl wall\nKd 1 1 1\nPr {ROUGHNESS}\nmap_Kd colour.png\n{disp}");
         std::fs::write(folder.join(format!("{name}.mtl")), material).with_context(fail)?;
         let mesh = match way {
-            Way::Mesh => obj(name, &self.lines(REPEATS, 1), REPEATS, |x, y| {
+            WallMethod::Mesh => obj(name, &self.lines(REPEATS, 1), REPEATS, |x, y| {
                 let place = self.place([x, y]);
                 (place.at, place.normal)
             }),
             // Its middle lies half a texture off the wall's, which has two along a side.
-            Way::TiledMesh => obj(name, &self.lines(1, 1), 1, |x, y| {
+            WallMethod::TiledMesh => obj(name, &self.lines(1, 1), 1, |x, y| {
                 let place = self.place([x - 0.5, y - 0.5]);
                 (place.at + DVec3::new(0.5, 0.5, 0.0), place.normal)
             }),
@@ -197,7 +197,7 @@ impl Wall {
         let depth = if way.has_heights() { format!("relief_depth = {DEPTH}\n") } else { String::new() };
         let mut scene = format!("[[asset]]\nname = \"wall\"\nfile = \"{name}.obj\"\n{depth}");
         let places: &[[f64; 2]] = match way {
-            Way::TiledMesh => &[[-0.5, -0.5], [0.5, -0.5], [-0.5, 0.5], [0.5, 0.5]],
+            WallMethod::TiledMesh => &[[-0.5, -0.5], [0.5, -0.5], [-0.5, 0.5], [0.5, 0.5]],
             _ => &[[0.0; 2]],
         };
         for [x, y] in places {
@@ -268,7 +268,7 @@ mod tests {
             assert!((here.at.z - there.at.z).abs() < 1e-12 && here.normal.distance(there.normal) < 1e-9);
         }
         let folder = tempfile::tempdir().unwrap();
-        for way in Way::ALL {
+        for way in WallMethod::ALL {
             let camera = Camera { eye: [0.0, 0.0, 2.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov_y: 0.9 };
             let file = wall.write(way, folder.path(), &camera).unwrap();
             assert!(file.exists() && file.with_extension("obj").exists(), "{}", way.name());

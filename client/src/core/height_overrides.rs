@@ -1,0 +1,230 @@
+//! Listed points of a terrain's patches: what of them is here, and what a view wants.
+
+use std::collections::VecDeque;
+
+use glam::Vec3;
+use lodestream_geometry::DecodeError;
+use lodestream_protocol::blob::{BlobId, TerrainBlob};
+use lodestream_protocol::select::{Projection, State, Wanted, priority, shape_priority};
+use lodestream_protocol::terrain::{
+    DirectoryError, OverridePatch, PATCHES_PER_PAGE, TerrainEntry, decode_directory,
+};
+use lodestream_protocol::view::View;
+use lodestream_terrain::{HeightOverrides, decode_points};
+
+use super::changes::Change;
+
+/// Memory of points that are held, in bytes of their blobs times 16, the most that a byte decodes to. More is not
+/// asked for.
+const MAX_HELD_BYTES: u64 = 256 << 20;
+/// Most patches of a directory: a million of them is 16 MB.
+const MAX_PATCHES: u32 = 1 << 20;
+
+/// A blob of the terrain that cannot be used.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub(super) enum TerrainBlobError {
+    /// Only a part of it came.
+    #[error("only a part of it came")]
+    Partial,
+    /// Not a page of the directory.
+    #[error(transparent)]
+    Directory(#[from] DirectoryError),
+    /// Not points.
+    #[error(transparent)]
+    Points(#[from] DecodeError),
+    /// Of something that does not exist.
+    #[error("there is no such {0}")]
+    Unknown(&'static str),
+    /// What no world can have: asking again does not help.
+    #[error(
+        "the terrain lists points in patch ({x}, {y}), but its patches are {lowest} to {highest} each way: the server's \
+         scene is damaged"
+    )]
+    BeyondWorld {
+        /// Column of the patch.
+        x: i32,
+        /// Row of the patch.
+        y: i32,
+        /// Lowest column and row.
+        lowest: i64,
+        /// Highest column and row.
+        highest: i64,
+    },
+}
+
+/// A patch of the directory.
+#[derive(Clone, Copy, Debug)]
+struct Patch {
+    listed: OverridePatch,
+    state: State,
+}
+
+/// See the module.
+#[derive(Debug)]
+pub(super) struct TerrainPoints {
+    entry: TerrainEntry,
+    pages: Vec<State>,
+    /// By place in the directory; empty where the page is missing.
+    patches: Vec<Vec<Patch>>,
+    held_bytes: u64,
+    /// For a renderer.
+    changes: VecDeque<Change>,
+}
+
+impl TerrainPoints {
+    pub(super) fn new(entry: TerrainEntry) -> Self {
+        let pages = entry.patches.min(MAX_PATCHES).div_ceil(PATCHES_PER_PAGE) as usize;
+        Self {
+            entry,
+            pages: vec![State::Absent; pages],
+            patches: vec![Vec::new(); pages],
+            held_bytes: 0,
+            changes: VecDeque::new(),
+        }
+    }
+
+    fn patch_mut(&mut self, number: u32) -> Option<&mut Patch> {
+        let (page, at) = (number / PATCHES_PER_PAGE, number % PATCHES_PER_PAGE);
+        self.patches.get_mut(page as usize)?.get_mut(at as usize)
+    }
+
+    pub(super) fn state(&self, blob: TerrainBlob) -> State {
+        match blob {
+            TerrainBlob::DirectoryPage(page) => {
+                self.pages.get(page as usize).copied().unwrap_or(State::Absent)
+            }
+            TerrainBlob::Points(patch) => {
+                let (page, at) = (patch / PATCHES_PER_PAGE, patch % PATCHES_PER_PAGE);
+                let patch = self.patches.get(page as usize).and_then(|page| page.get(at as usize));
+                patch.map_or(State::Absent, |patch| patch.state)
+            }
+        }
+    }
+
+    pub(super) fn set_state(&mut self, blob: TerrainBlob, state: State) {
+        match blob {
+            TerrainBlob::DirectoryPage(page) => {
+                if let Some(held) = self.pages.get_mut(page as usize) {
+                    *held = state;
+                }
+            }
+            TerrainBlob::Points(patch) => {
+                if let Some(patch) = self.patch_mut(patch) {
+                    patch.state = state;
+                }
+            }
+        }
+    }
+
+    /// Adds what `view` wants to `wanted`, whose order is by priority: pages of the directory after the base meshes,
+    /// points by the screen error that they remove; and to `failed` what of it will not come. Says whether nothing of it
+    /// may still come.
+    pub(super) fn want(&self, view: &View, wanted: &mut Vec<Wanted>, failed: &mut Vec<BlobId>) -> bool {
+        let before = wanted.len();
+        let mut settled = true;
+        for (page, &state) in (0..).zip(&self.pages) {
+            if matches!(state, State::Absent | State::InFlight) {
+                let urgent = priority::DIRECTORY;
+                wanted.push(Wanted::whole(BlobId::terrain_page(page), urgent, None, state));
+                settled = false;
+            } else if state == State::Failed {
+                failed.push(BlobId::terrain_page(page));
+            }
+        }
+        let projection = Projection::new(view);
+        let frustum = view.frustum();
+        let (unit, height_unit) = (f64::from(self.entry.unit), f64::from(self.entry.height_unit));
+        let patch = f64::from(1_u32 << self.entry.parameters.finest_level) * unit;
+        // With erosion, points change the ground beyond their patch too.
+        let erosion = &self.entry.parameters.erosion;
+        let reach = erosion.reach(self.entry.parameters.finest_level) as f64 * unit;
+        let reach = if erosion.is_on() { reach } else { 0.0 };
+        let side = patch + 2.0 * reach;
+        let worst = self.entry.parameters.worst_height() as f64 * height_unit;
+        let all =
+            (0..).zip(&self.patches).flat_map(|(page, patches)| (page * PATCHES_PER_PAGE..).zip(patches));
+        for (number, Patch { listed, state }) in all {
+            if !matches!(state, State::Absent | State::InFlight | State::Failed) {
+                continue;
+            }
+            let error = f64::from(listed.error) * height_unit;
+            let from = [listed.x, listed.y].map(|at| f64::from(at) * patch - reach);
+            let center = [from[0] + 0.5 * side, 0.0, from[1] + 0.5 * side];
+            let relative = Vec3::from([0, 1, 2].map(|i| (center[i] - view.eye[i]) as f32));
+            let radius = (0.5 * side * std::f64::consts::SQRT_2 + worst + error) as f32;
+            if !frustum.sees(relative, radius) {
+                continue;
+            }
+            // The nearest point of the patch in the plane; its height does not matter for an estimate.
+            let outside = |from: f64, eye: f64| (from - eye).max(eye - from - side).max(0.0);
+            let across = outside(from[0], view.eye[0]).hypot(outside(from[1], view.eye[2]));
+            let px = projection.error_px(error, across.max(0.02 * patch)) as f32;
+            if px <= view.target_px || self.held_bytes + 16 * u64::from(listed.bytes) > MAX_HELD_BYTES {
+                continue;
+            }
+            let radius_px = projection.error_px(0.5 * side, across.max(0.5 * side)) as f32;
+            let priority = shape_priority(view, px, radius_px, listed.bytes);
+            let id = BlobId::terrain_points(number);
+            if *state == State::Failed {
+                failed.push(id);
+                continue;
+            }
+            wanted.push(Wanted::whole(id, priority, Some(listed.bytes), *state));
+            settled = false;
+        }
+        if wanted.len() > before {
+            // Stable: what the selection ordered stays in its order.
+            wanted.sort_by_key(|wanted| std::cmp::Reverse(wanted.priority));
+        }
+        settled
+    }
+
+    /// Uses a blob that came whole.
+    pub(super) fn take(&mut self, blob: TerrainBlob, bytes: &[u8]) -> Result<(), TerrainBlobError> {
+        match blob {
+            TerrainBlob::DirectoryPage(page) => {
+                let first = page.saturating_mul(PATCHES_PER_PAGE);
+                let count = self.entry.patches.min(MAX_PATCHES).saturating_sub(first).min(PATCHES_PER_PAGE);
+                let listed = decode_directory(bytes, count)?;
+                self.check_patches(&listed)?;
+                let held = self.patches.get_mut(page as usize);
+                let held = held.ok_or(TerrainBlobError::Unknown("page of the directory"))?;
+                *held = listed.into_iter().map(|listed| Patch { listed, state: State::Absent }).collect();
+            }
+            TerrainBlob::Points(number) => {
+                let finest = self.entry.parameters.finest_level;
+                let points: HeightOverrides = decode_points(finest, bytes)?;
+                let patch = self.patch_mut(number).ok_or(TerrainBlobError::Unknown("patch"))?;
+                let (x, y) = (i64::from(patch.listed.x), i64::from(patch.listed.y));
+                self.held_bytes += 16 * bytes.len() as u64;
+                self.changes.push_back(Change::TerrainPoints { x, y, points });
+            }
+        }
+        self.set_state(blob, State::Applied);
+        Ok(())
+    }
+
+    /// Whether all patches are in the world: points of others cannot be put anywhere.
+    fn check_patches(&self, listed: &[OverridePatch]) -> Result<(), TerrainBlobError> {
+        let edge = 1_i64 << self.entry.parameters.extent_log2;
+        let inside = |at: i32| (-edge..edge).contains(&i64::from(at));
+        match listed.iter().find(|patch| !inside(patch.x) || !inside(patch.y)) {
+            Some(&OverridePatch { x, y, .. }) => {
+                Err(TerrainBlobError::BeyondWorld { x, y, lowest: -edge, highest: edge - 1 })
+            }
+            None => Ok(()),
+        }
+    }
+
+    pub(super) fn has_changes(&self) -> bool {
+        !self.changes.is_empty()
+    }
+
+    pub(super) fn take_change(&mut self) -> Option<Change> {
+        self.changes.pop_front()
+    }
+
+    pub(super) fn drop_changes(&mut self) {
+        self.changes.clear();
+    }
+}

@@ -1,0 +1,215 @@
+//! Punctual lights of the scene: which pages of them are here, and which a view wants.
+
+use std::sync::Arc;
+
+use glam::{DVec3, Vec3};
+use lodestream_protocol::blob::{BlobId, PunctualLightBlob};
+use lodestream_protocol::punctual_lights::{
+    First, LISTED_PER_PAGE, PunctualLight, PunctualLightPageEntry, PunctualLights, PunctualLightsError,
+    decode_directory, decode_page,
+};
+use lodestream_protocol::scene::SceneHeader;
+use lodestream_protocol::select::{Projection, State, Wanted, punctual_light_priority};
+use lodestream_protocol::view::View;
+
+/// Pages of the directory count as if they lit the whole picture, and bring what follows them.
+const BEHIND_DIRECTORY_BYTES: u32 = 12_000;
+
+/// Punctual lights of the scene that came together.
+pub(super) type Page = Arc<[PunctualLight]>;
+
+/// A blob of punctual lights that cannot be used.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub(super) enum PunctualLightBlobError {
+    /// Only a part of it came.
+    #[error("only a part of it came")]
+    Partial,
+    /// Not what the scene says.
+    #[error(transparent)]
+    PunctualLights(#[from] PunctualLightsError),
+    /// Of something that does not exist.
+    #[error("there is no such page")]
+    Unknown,
+}
+
+/// A page of punctual lights.
+#[derive(Clone, Debug, Default)]
+struct Slot {
+    /// What it lights, once the directory says so.
+    listed: Option<PunctualLightPageEntry>,
+    state: State,
+    punctual_lights: Option<Page>,
+}
+
+/// See the module.
+#[derive(Debug)]
+pub(super) struct PunctualLightPages {
+    count: u32,
+    directory: Vec<State>,
+    /// As many as there are punctual lights for: the count has been checked against what can be.
+    pages: Vec<Slot>,
+}
+
+impl PunctualLightPages {
+    /// What a scene says of its punctual lights; with them those that came at once.
+    ///
+    /// # Errors
+    /// Punctual lights that cannot be.
+    pub(super) fn new(punctual_lights: &PunctualLights) -> Result<(Self, Option<Page>), PunctualLightsError> {
+        let count = punctual_lights.count;
+        let first = punctual_lights.first()?;
+        let mut this = Self {
+            count,
+            directory: vec![State::Absent; PunctualLights::directory_pages_of(count) as usize],
+            pages: vec![Slot::default(); PunctualLights::pages_of(count) as usize],
+        };
+        let came = match first {
+            First::PunctualLights(punctual_lights) => {
+                this.directory.fill(State::Applied);
+                let page: Page = punctual_lights.into();
+                if let Some(slot) = this.pages.first_mut() {
+                    *slot = Slot {
+                        listed: None,
+                        state: State::Applied,
+                        punctual_lights: Some(Arc::clone(&page)),
+                    };
+                }
+                Some(page)
+            }
+            First::Directory(listed) => {
+                this.list(0, listed);
+                None
+            }
+            First::Nothing => None,
+        };
+        Ok((this, came))
+    }
+
+    /// Punctual lights in all, here or not.
+    pub(super) const fn count(&self) -> u32 {
+        self.count
+    }
+
+    /// The punctual lights that are here, by page.
+    pub(super) fn here(&self) -> impl Iterator<Item = &PunctualLight> {
+        self.pages.iter().filter_map(|slot| slot.punctual_lights.as_deref()).flatten()
+    }
+
+    pub(super) fn state(&self, blob: PunctualLightBlob) -> State {
+        match blob {
+            PunctualLightBlob::DirectoryPage(page) => {
+                self.directory.get(page as usize).copied().unwrap_or_default()
+            }
+            PunctualLightBlob::Page(page) => {
+                self.pages.get(page as usize).map_or(State::Absent, |slot| slot.state)
+            }
+        }
+    }
+
+    pub(super) fn set_state(&mut self, blob: PunctualLightBlob, state: State) {
+        let held = match blob {
+            PunctualLightBlob::DirectoryPage(page) => self.directory.get_mut(page as usize),
+            PunctualLightBlob::Page(page) => self.pages.get_mut(page as usize).map(|slot| &mut slot.state),
+        };
+        if let Some(held) = held {
+            *held = state;
+        }
+    }
+
+    /// Adds what `view` wants to `wanted`, whose order is by priority: pages of the directory, and pages whose light is
+    /// seen, by how much of the picture it is; and to `failed` what of it will not come. Says whether nothing of it may
+    /// still come.
+    pub(super) fn want(
+        &self,
+        view: &View,
+        header: &SceneHeader,
+        wanted: &mut Vec<Wanted>,
+        failed: &mut Vec<BlobId>,
+    ) -> bool {
+        let before = wanted.len();
+        let mut want = |id, priority, bytes, state| match state {
+            State::Failed => failed.push(id),
+            State::Absent | State::InFlight => wanted.push(Wanted::whole(id, priority, bytes, state)),
+            State::Cached | State::Applied => {}
+        };
+        let whole = punctual_light_priority(view, 1.0, f32::MAX, BEHIND_DIRECTORY_BYTES);
+        for (page, &state) in (0..).zip(&self.directory) {
+            want(BlobId::punctual_light_directory(page), whole, None, state);
+        }
+        let (projection, frustum) = (Projection::new(view), view.frustum());
+        let other = brightness(header);
+        for (number, slot) in (0..).zip(&self.pages) {
+            let Some(listed) = slot.listed.filter(|_| slot.state != State::Applied) else { continue };
+            let center = (Vec3::from(listed.center).as_dvec3() - DVec3::from(view.eye)).as_vec3();
+            if !frustum.sees(center, listed.radius) {
+                continue;
+            }
+            // Within the sphere all of the picture is lit.
+            let (distance, radius) = (f64::from(center.length()), f64::from(listed.radius));
+            let radius_px =
+                if distance <= radius { f32::MAX } else { projection.error_px(radius, distance) as f32 };
+            if radius_px <= view.target_px {
+                continue;
+            }
+            let priority = punctual_light_priority(view, share(&listed, other), radius_px, listed.bytes);
+            want(BlobId::punctual_light_page(number), priority, Some(listed.bytes), slot.state);
+        }
+        let wants = wanted.len() > before;
+        if wants {
+            // Stable: what was ordered stays in its order.
+            wanted.sort_by_key(|wanted| std::cmp::Reverse(wanted.priority));
+        }
+        !wants
+    }
+
+    /// Uses a blob that came whole; gives the punctual lights that are new by it.
+    pub(super) fn take(
+        &mut self,
+        blob: PunctualLightBlob,
+        bytes: &[u8],
+    ) -> Result<Option<(u32, Page)>, PunctualLightBlobError> {
+        let came = match blob {
+            PunctualLightBlob::DirectoryPage(page) => {
+                let count = PunctualLights::on_directory_page(self.count, page);
+                if count == 0 {
+                    return Err(PunctualLightBlobError::Unknown);
+                }
+                self.list(page, decode_directory(bytes, count)?);
+                None
+            }
+            PunctualLightBlob::Page(number) => {
+                let count = PunctualLights::on_page(self.count, number);
+                let slot = self.pages.get_mut(number as usize).ok_or(PunctualLightBlobError::Unknown)?;
+                let page: Page = decode_page(bytes, count)?.into();
+                slot.punctual_lights = Some(Arc::clone(&page));
+                Some((number, page))
+            }
+        };
+        self.set_state(blob, State::Applied);
+        Ok(came)
+    }
+
+    /// Notes what the pages of one of the directory light.
+    fn list(&mut self, page: u32, listed: Vec<PunctualLightPageEntry>) {
+        let first = page as usize * LISTED_PER_PAGE as usize;
+        for (slot, listed) in self.pages.iter_mut().skip(first).zip(listed) {
+            slot.listed = Some(listed);
+        }
+        self.set_state(PunctualLightBlob::DirectoryPage(page), State::Applied);
+    }
+}
+
+/// Light of sun and sky on a surface that faces it, over π.
+fn brightness(header: &SceneHeader) -> f32 {
+    let largest = |color: [f32; 3]| color.into_iter().fold(0.0, f32::max);
+    largest(header.light.color) + largest(header.light.ambient)
+}
+
+/// Share of a page's punctual lights in all light where they shine, taken a quarter of their reach away.
+fn share(listed: &PunctualLightPageEntry, other: f32) -> f32 {
+    let distance = (0.25 * listed.radius).max(f32::MIN_POSITIVE);
+    let punctual_lights = listed.intensity / (std::f32::consts::PI * distance * distance);
+    let share = punctual_lights / (punctual_lights + other);
+    // Of what is infinitely bright, all.
+    if share.is_finite() { share } else { 1.0 }
+}

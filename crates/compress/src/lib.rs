@@ -1,0 +1,292 @@
+//! zstd for what the plain codec writes ([`Codec::Zstd`]), kept out of `geometry`, which links no C.
+//!
+//! With that codec the base blob and every chunk are stored and sent as a zstd frame (RFC 8878) each. With
+//! the range coder they are stored as they are, but for a base blob that is smaller as a frame (tiles and
+//! boxes repeat themselves, which only zstd sees): whoever reads calls [`decode_base`] and
+//! [`decode_chunk`] for either. Index pages are range-coded under both codecs: sessions look into them, and
+//! they are small.
+
+#![cfg_attr(
+    not(test),
+    warn(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        clippy::cast_precision_loss,
+        clippy::cast_sign_loss
+    )
+)]
+
+#[cfg(feature = "files")]
+pub mod whole_file;
+
+use std::borrow::Cow;
+
+use lodestream_geometry::base::Base;
+use lodestream_geometry::index::ChunkInfo;
+use lodestream_geometry::mesh::QuantisedMesh;
+use lodestream_geometry::pool::{Monitor, Pool};
+use lodestream_geometry::prepare::{self, Hooks, Prepared};
+use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, ChunkError};
+use lodestream_geometry::{Codec, DecodeError, MeshError, Settings};
+use zstd::zstd_safe;
+
+/// Compression level: the slowest without long tables, since a blob is compressed once. Levels above
+/// gain nothing on blobs of a few kilobytes.
+const LEVEL: i32 = 19;
+/// First bytes of a frame, and of a frame to be skipped (its last four bits are free). No base blob of
+/// the range coder begins so: its first byte is the format's version.
+const FRAME_MAGIC: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
+const SKIPPED_MAGIC: [u8; 4] = [0x50, 0x2a, 0x4d, 0x18];
+/// What any frame may hold, and more for each of its bytes: a reader reserves no more.
+const FREE_BYTES: usize = 1 << 16;
+const MOST_PER_BYTE: usize = 64;
+/// Most bytes that a frame may hold.
+const MOST: usize = 1 << 26;
+
+/// Bytes that a frame of `stored` bytes may hold.
+fn limit(stored: usize) -> usize {
+    stored.saturating_mul(MOST_PER_BYTE).saturating_add(FREE_BYTES).min(MOST)
+}
+
+/// Compresses a blob. What compresses better than [`decompress`] believes is followed by as much padding
+/// as it takes.
+///
+/// # Errors
+/// On more than 64 MiB.
+pub fn compress(plain: &[u8]) -> Result<Vec<u8>, DecodeError> {
+    let fail = |why: String| DecodeError::new("compressed blob", why);
+    if plain.len() > MOST {
+        return Err(fail(format!("{} bytes; at most {MOST} can be said", plain.len())));
+    }
+    let mut out = zstd::bulk::compress(plain, LEVEL).map_err(|e| fail(e.to_string()))?;
+    let least = plain.len().saturating_sub(FREE_BYTES).div_ceil(MOST_PER_BYTE);
+    if let Some(missing) = least.checked_sub(out.len()).filter(|&m| m > 0) {
+        let padding = missing.saturating_sub(8);
+        out.extend(SKIPPED_MAGIC);
+        let length = u32::try_from(padding).map_err(|_| fail(format!("{padding} bytes of padding")))?;
+        out.extend(length.to_le_bytes());
+        out.resize(out.len() + padding, 0);
+    }
+    Ok(out)
+}
+
+/// Decompresses a blob.
+///
+/// # Errors
+/// On what is not a frame with its size said, holds more than its length can justify (64 bytes each
+/// beside 64 KiB), is damaged, or is followed by something else. Nothing is reserved before the size is
+/// checked.
+pub fn decompress(stored: &[u8]) -> Result<Vec<u8>, DecodeError> {
+    let fail = |why: String| DecodeError::new("compressed blob", why);
+    if !is_frame(stored) {
+        return Err(fail("it is not a zstd frame".into()));
+    }
+    let size = zstd_safe::get_frame_content_size(stored).ok().flatten();
+    let size = size.ok_or_else(|| fail("it does not say its size".into()))?;
+    let limit = limit(stored.len());
+    let size = usize::try_from(size).ok().filter(|&size| size <= limit);
+    let size = size.ok_or_else(|| {
+        fail(format!("it claims more than the {limit} bytes that {} can justify", stored.len()))
+    })?;
+    let plain = zstd::bulk::decompress(stored, size).map_err(|e| fail(e.to_string()))?;
+    if plain.len() == size { Ok(plain) } else { Err(fail(format!("{} bytes of {size}", plain.len()))) }
+}
+
+/// Whether a blob begins as a frame does.
+fn is_frame(stored: &[u8]) -> bool {
+    stored.starts_with(&FRAME_MAGIC)
+}
+
+/// The bytes that `geometry` reads, of a chunk as it is stored.
+///
+/// # Errors
+/// As [`decompress`].
+pub fn plain_chunk(codec: Codec, stored: &[u8]) -> Result<Cow<'_, [u8]>, DecodeError> {
+    match codec {
+        Codec::Range | Codec::AxisAligned => Ok(Cow::Borrowed(stored)),
+        Codec::Zstd => decompress(stored).map(Cow::Owned),
+    }
+}
+
+/// The base blob as it is stored: whichever is smaller for an asset of the range coder.
+///
+/// # Errors
+/// As [`Base::encode`] and [`compress`].
+pub fn encode_base(base: &Base) -> Result<Vec<u8>, DecodeError> {
+    match base.codec {
+        Codec::Range | Codec::AxisAligned => {
+            let blobs = base.encode_both()?;
+            let frame = compress(&blobs.plain)?;
+            Ok(if frame.len() < blobs.range.len() { frame } else { blobs.range })
+        }
+        Codec::Zstd => compress(&base.encode()?),
+    }
+}
+
+/// Reads a base blob as it is stored.
+///
+/// # Errors
+/// As [`Base::decode`] and [`decompress`]; also if the asset's codec is the plain one and the blob is not
+/// compressed.
+pub fn decode_base(stored: &[u8]) -> Result<Base, DecodeError> {
+    if is_frame(stored) {
+        return Base::decode_as(&decompress(stored)?, Codec::Zstd);
+    }
+    let base = Base::decode(stored)?;
+    if base.codec == Codec::Zstd {
+        return Err(DecodeError::new("base mesh", "it is of the plain codec, but not compressed"));
+    }
+    Ok(base)
+}
+
+/// Decodes a chunk as it is stored, up to a stopping point: [`ActiveMesh::decode_prefix`].
+///
+/// # Errors
+/// As there, and as [`decompress`].
+pub fn decode_prefix(
+    mesh: &ActiveMesh,
+    chunk: u32,
+    info: &ChunkInfo,
+    stop: Option<u8>,
+    stored: &[u8],
+) -> Result<ChunkDelta, ChunkError> {
+    let payload = plain_chunk(mesh.codec(), stored)
+        .map_err(|e| DecodeError::new(format!("chunk {chunk}"), e.to_string()))?;
+    mesh.decode_prefix(chunk, info, stop, &payload)
+}
+
+/// Decodes a whole chunk as it is stored: [`ActiveMesh::decode`].
+///
+/// # Errors
+/// As there, and as [`decompress`].
+pub fn decode_chunk(
+    mesh: &ActiveMesh,
+    chunk: u32,
+    info: &ChunkInfo,
+    stored: &[u8],
+) -> Result<ChunkDelta, ChunkError> {
+    decode_prefix(mesh, chunk, info, None, stored)
+}
+
+/// Prepares a mesh: [`prepare::prepare`], with chunks and their lengths as they are stored.
+///
+/// # Errors
+/// As there.
+pub fn prepare(
+    mesh: &QuantisedMesh,
+    settings: &Settings,
+    pool: &dyn Pool,
+    monitor: &dyn Monitor,
+) -> Result<Prepared, MeshError> {
+    prepare_by(mesh, settings, Hooks::new(pool, monitor))
+}
+
+/// The same, with all that a preparation calls on.
+///
+/// # Errors
+/// As there.
+pub fn prepare_by(
+    mesh: &QuantisedMesh,
+    settings: &Settings,
+    hooks: Hooks<'_>,
+) -> Result<Prepared, MeshError> {
+    match settings.codec {
+        Codec::Range | Codec::AxisAligned => prepare::prepare(mesh, settings, &hooks),
+        Codec::Zstd => prepare::prepare(mesh, settings, &hooks.stored_by(&|plain| compress(&plain))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use lodestream_geometry::mesh::{Corner, NONE, SourceMesh};
+    use lodestream_geometry::pool::{Serial, Silent};
+    use lodestream_geometry::quantise::{QuantiseSettings, quantise};
+
+    use super::*;
+
+    /// Bytes that hardly compress (xorshift).
+    fn noise(count: usize) -> Vec<u8> {
+        let mut x = 1_u32;
+        let mut next = || {
+            x ^= x << 13;
+            x ^= x >> 17;
+            x ^= x << 5;
+            x as u8
+        };
+        (0..count).map(|_| next()).collect()
+    }
+
+    #[test]
+    fn blobs_come_back_whatever_is_in_them() {
+        for plain in [Vec::new(), vec![7], noise(5000), vec![0; 3000], vec![0; 9_000_000], noise(200_000)] {
+            let stored = compress(&plain).unwrap();
+            assert!(plain.len() <= limit(stored.len()));
+            assert_eq!(decompress(&stored).unwrap(), plain);
+        }
+        // Nine million zeros are a frame of some hundred bytes, and padding.
+        assert!(compress(&vec![0; 9_000_000]).unwrap().len() > 100_000);
+        assert!(compress(&vec![0; MOST + 1]).is_err());
+    }
+
+    /// Triangles that share nothing.
+    fn tiles(positions: Vec<[f64; 3]>) -> QuantisedMesh {
+        let count = (positions.len() / 3) as u32;
+        let corner = |position| Corner { position, uv: NONE, normal: NONE, color: NONE };
+        let source = SourceMesh {
+            positions,
+            faces: (0..count).map(|i| [3 * i, 3 * i + 1, 3 * i + 2].map(corner)).collect(),
+            materials: vec![0; count as usize],
+            ..SourceMesh::default()
+        };
+        quantise(&source, &QuantiseSettings::default()).unwrap()
+    }
+
+    #[test]
+    fn a_base_mesh_is_stored_as_what_is_smaller_and_read_as_either() {
+        let corners = [[0.0, 0.0, 0.0], [9.0, 0.0, 2.0], [2.0, 9.0, 5.0]];
+        let tile = |i: u32| {
+            let at = [f64::from(i % 16) * 16.0, f64::from(i / 16) * 16.0, 0.0];
+            corners.map(|c: [f64; 3]| [0, 1, 2].map(|k| at[k] + c[k]))
+        };
+        let alike = (0..200).flat_map(tile).collect();
+        let unlike = noise(1800).chunks_exact(3).map(|c| [0, 1, 2].map(|k| f64::from(c[k]))).collect();
+        let settings = Settings { base_error: 0.0, ..Settings::default() };
+        for (mesh, framed) in [(tiles(alike), true), (tiles(unlike), false)] {
+            let base = prepare(&mesh, &settings, &Serial, &Silent).unwrap().base;
+            assert_eq!((base.codec, base.faces.len()), (Codec::Range, 200));
+            let stored = encode_base(&base).unwrap();
+            assert_eq!(is_frame(&stored), framed, "{} bytes", stored.len());
+            assert!(decode_base(&stored).unwrap() == base);
+        }
+    }
+
+    #[test]
+    fn bombs_are_refused_before_anything_is_reserved() {
+        for size in [1 << 20, 9_000_000, 100 << 20] {
+            let bomb = zstd::bulk::compress(&vec![0; size], LEVEL).unwrap();
+            let why = decompress(&bomb).unwrap_err().to_string();
+            assert!(why.contains("can justify"), "{why}");
+        }
+        // A frame header alone that claims 2^60 bytes: single segment, eight bytes of size.
+        let mut forged = FRAME_MAGIC.to_vec();
+        forged.push(0xe0);
+        forged.extend((1_u64 << 60).to_le_bytes());
+        assert!(decompress(&forged).unwrap_err().to_string().contains("can justify"));
+    }
+
+    #[test]
+    fn frames_that_are_cut_damaged_or_lie_are_refused() {
+        let good = compress(&noise(300)).unwrap();
+        for length in 0..good.len() {
+            assert!(decompress(&good[..length]).is_err(), "{length}");
+        }
+        assert!(decompress(&[&good[..], &good[..]].concat()).is_err(), "two frames");
+        assert!(decompress(&[&good[..], b"more"].concat()).is_err());
+        let mut other = good;
+        other[0] ^= 1;
+        assert!(decompress(&other).unwrap_err().to_string().contains("not a zstd frame"));
+        // A stream that does not say its size.
+        let unsized_frame = zstd::stream::encode_all(&noise(300)[..], LEVEL).unwrap();
+        assert!(decompress(&unsized_frame).unwrap_err().to_string().contains("size"));
+    }
+}

@@ -1,0 +1,81 @@
+//! The base blob: what a client needs to draw an asset at all, and to ask for more.
+
+use crate::asset::index::Sphere;
+use crate::entropy::Codec;
+use crate::mesh::{Face, Grid, Kinds, UvGrid, Wedge};
+
+/// Version of the base blob, of index pages and of chunk payloads.
+pub const FORMAT_VERSION: u8 = 4;
+/// Most faces of a base mesh: bounds a decoder's memory.
+pub const MAX_BASE_FACES: usize = 1 << 20;
+/// Most chunks of one asset.
+pub const MAX_CHUNKS: u32 = 1 << 22;
+/// Most bytes of a description.
+pub const MAX_DESCRIPTION_BYTES: usize = 512 * 1024;
+
+/// Sizes of the fully refined asset.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Totals {
+    /// Vertices.
+    pub vertices: u64,
+    /// Wedges.
+    pub wedges: u64,
+    /// Faces.
+    pub faces: u64,
+}
+
+/// The base mesh of an asset and what describes the asset as a whole.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Base {
+    /// Grid of the positions.
+    pub grid: Grid,
+    /// Grid of the texture coordinates.
+    pub uv_grid: UvGrid,
+    /// Bounding sphere of the input, relative to [`Grid::origin`].
+    pub sphere: Sphere,
+    /// Length of the bounding box's diagonal, in the asset's units.
+    pub diagonal: f32,
+    /// Geometric error of the base mesh, in the asset's units.
+    pub geometric_error: f32,
+    /// Chunks of the asset.
+    pub chunk_count: u32,
+    /// Levels above the base.
+    pub level_count: u8,
+    /// How many of the lowest bits of positions the grids leave out: the base mesh's, then each level's; falling
+    /// to 0. What has more bits is there for vertices that no later chunk could move.
+    pub shifts: Vec<u8>,
+    /// Materials that faces may name.
+    pub material_count: u16,
+    /// How the chunks are coded, and the base mesh unless [`Base::encode_as`] says otherwise.
+    pub codec: Codec,
+    /// Whether wedges have colours.
+    pub colors: bool,
+    /// Whether wedges may have explicit normals.
+    pub normals: bool,
+    /// Sizes of the fully refined asset.
+    pub totals: Totals,
+    /// Opaque here: materials and textures, as the protocol writes them.
+    pub description: Vec<u8>,
+    /// Positions of the base mesh.
+    pub positions: Vec<[i32; 3]>,
+    /// Its wedges.
+    pub wedges: Vec<Wedge>,
+    /// Its faces.
+    pub faces: Vec<Face>,
+}
+
+/// A base blob with its mesh coded by each codec; what carries one must say by which ([`Base::decode_as`]).
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct BaseBlobs {
+    /// By [`Codec::Range`].
+    pub range: Vec<u8>,
+    /// By [`Codec::Zstd`].
+    pub plain: Vec<u8>,
+}
+
+impl Base {
+    /// What its wedges carry.
+    pub(crate) fn kinds(&self) -> Kinds {
+        Kinds { uv_bits: self.uv_grid.bits, colors: self.colors, normals: self.normals }
+    }
+}

@@ -1,0 +1,212 @@
+//! The base blob: head, description and base mesh as bytes.
+
+use crate::asset::base::{Base, BaseBlobs, FORMAT_VERSION, MAX_CHUNKS, MAX_DESCRIPTION_BYTES, Totals};
+use crate::asset::index::Sphere;
+use crate::codec::base;
+use crate::codec::base::mesh::{BaseFormat, BaseMesh, BothCodecs};
+use crate::entropy::Codec;
+use crate::entropy::bytes::{Reader, put_varint};
+use crate::error::DecodeError;
+use crate::mesh::{Grid, Kinds, UvGrid};
+use crate::numbers::id32;
+use crate::quantise::{MAX_POSITION_BITS, MAX_UV_BITS};
+
+/// How chunks are coded, beside the bits of positions.
+const BUILT: u8 = 0xc0;
+const PLAIN: u8 = 0x80;
+/// What was built, before its textures were projected.
+const BUILT_BEFORE: u8 = 0x40;
+const CODED: u8 = 0xc0;
+
+impl Base {
+    /// The blob's bytes. Vertices, wedges and faces must be in the order of
+    /// their codec's traversal, as [`crate::prepare::prepare`] and [`Base::decode`] leave them.
+    ///
+    /// # Errors
+    /// On more than [`crate::base::MAX_BASE_FACES`] faces and on faces with a repeated vertex.
+    pub fn encode(&self) -> Result<Vec<u8>, DecodeError> {
+        self.encode_as(self.codec)
+    }
+
+    /// The same with the mesh coded by `mesh`, whatever codes the chunks; the blob does not say which, so
+    /// what carries it must ([`Base::decode_as`]).
+    ///
+    /// # Errors
+    /// As [`Base::encode`].
+    pub fn encode_as(&self, mesh: Codec) -> Result<Vec<u8>, DecodeError> {
+        let (head, base, format) = self.parts();
+        Ok([head, base::encode(&base, mesh, format)?].concat())
+    }
+
+    /// The same with each codec, for less work than one after the other.
+    ///
+    /// # Errors
+    /// As [`Base::encode`].
+    pub fn encode_both(&self) -> Result<BaseBlobs, DecodeError> {
+        let (head, base, format) = self.parts();
+        let BothCodecs { range, plain } = base::encode_both(&base, format)?;
+        Ok(BaseBlobs { range: [&head[..], &range].concat(), plain: [head, plain].concat() })
+    }
+
+    /// Bytes of the head and the description; the mesh as it is coded, and its format.
+    fn parts(&self) -> (Vec<u8>, BaseMesh, BaseFormat) {
+        let kinds = self.uv_grid.bits | u8::from(self.colors) << 6 | u8::from(self.normals) << 7;
+        let coded = match self.codec {
+            Codec::Range => 0,
+            Codec::AxisAligned => BUILT,
+            Codec::Zstd => PLAIN,
+        };
+        let mut out = vec![FORMAT_VERSION, self.grid.bits | coded, kinds, self.level_count];
+        let shift = common_shift(&self.positions, self.shifts[0]);
+        put_shifts(&mut out, shift, &self.shifts);
+        for x in self.grid.origin.iter().chain([&self.grid.step]) {
+            out.extend(x.to_le_bytes());
+        }
+        if self.uv_grid.bits > 0 {
+            for x in self.uv_grid.origin.iter().chain(&self.uv_grid.step) {
+                out.extend(x.to_le_bytes());
+            }
+        }
+        for x in self.sphere.center.iter().chain([&self.sphere.radius, &self.diagonal, &self.geometric_error])
+        {
+            out.extend(x.to_le_bytes());
+        }
+        put_varint(&mut out, u64::from(self.chunk_count));
+        put_varint(&mut out, u64::from(self.material_count));
+        for total in [self.totals.vertices, self.totals.wedges, self.totals.faces] {
+            put_varint(&mut out, total);
+        }
+        put_varint(&mut out, self.description.len() as u64);
+        out.extend(&self.description);
+        let base = BaseMesh {
+            positions: self.positions.iter().map(|p| p.map(|x| x >> shift)).collect(),
+            wedges: self.wedges.clone(),
+            faces: self.faces.clone(),
+        };
+        let format =
+            BaseFormat::new(self.grid.bits - shift, self.kinds(), self.material_count, &self.uv_grid);
+        (out, base, format)
+    }
+
+    /// Reads a blob.
+    ///
+    /// # Errors
+    /// Refuses other versions, truncated data, and values out of range.
+    pub fn decode(bytes: &[u8]) -> Result<Self, DecodeError> {
+        Self::read(bytes, None)
+    }
+
+    /// Reads a blob of [`Base::encode_as`].
+    ///
+    /// # Errors
+    /// As [`Base::decode`].
+    pub fn decode_as(bytes: &[u8], mesh: Codec) -> Result<Self, DecodeError> {
+        Self::read(bytes, Some(mesh))
+    }
+
+    fn read(bytes: &[u8], mesh: Option<Codec>) -> Result<Self, DecodeError> {
+        let mut r = Reader::new(bytes, "base mesh");
+        let version = r.u8()?;
+        if version != FORMAT_VERSION {
+            return Err(r.error(format!("format version {version}; this program reads {FORMAT_VERSION}")));
+        }
+        let (bits, kinds, level_count) = (r.u8()?, r.u8()?, r.u8()?);
+        let codec = match bits & CODED {
+            0 => Codec::Range,
+            BUILT => Codec::AxisAligned,
+            PLAIN => Codec::Zstd,
+            BUILT_BEFORE => {
+                return Err(r.error("what is built was coded otherwise then: prepare its model again"));
+            }
+            _ => return Err(r.error("its chunks are coded in no way that there is")),
+        };
+        let bits = bits & !CODED;
+        let (uv_bits, colors, normals) = (kinds & 0x3f, kinds & 0x40 != 0, kinds & 0x80 != 0);
+        if !(1..=MAX_POSITION_BITS).contains(&bits) || uv_bits > MAX_UV_BITS {
+            return Err(r.error(format!("{bits} position bits and {uv_bits} uv bits are out of range")));
+        }
+        let (shift, shifts) = read_shifts(&mut r, level_count, bits)?;
+        let grid = Grid { origin: [r.f64()?, r.f64()?, r.f64()?], step: r.f64()?, bits };
+        let mut uv_grid = UvGrid { origin: [0.0; 2], step: [0.0; 2], bits: uv_bits };
+        if uv_bits > 0 {
+            uv_grid.origin = [r.f64()?, r.f64()?];
+            uv_grid.step = [r.f64()?, r.f64()?];
+        }
+        // What is drawn is 32-bit and relative to the grid's origin.
+        let fits = |size: f64| size <= f64::from(f32::MAX);
+        let cells = |bits: u8| f64::from(1_u32 << bits);
+        if !fits(grid.step.abs() * cells(bits))
+            || (0..2).any(|k| !fits(uv_grid.origin[k].abs() + uv_grid.step[k].abs() * cells(uv_bits)))
+        {
+            return Err(r.error("its grids reach beyond 32-bit numbers"));
+        }
+        let sphere = Sphere { center: [r.f32()?, r.f32()?, r.f32()?], radius: r.f32()? };
+        let (diagonal, geometric_error) = (r.f32()?, r.f32()?);
+        if grid.step < 0.0 || sphere.radius < 0.0 || geometric_error < 0.0 {
+            return Err(r.error("a length is negative"));
+        }
+        let chunk_count = r.varint32(MAX_CHUNKS)?;
+        let material_count = r.varint32(u16::MAX.into())?;
+        let material_count = u16::try_from(material_count).map_err(|_| r.error("too many materials"))?;
+        let limit = u64::from(u32::MAX);
+        let totals = Totals { vertices: r.varint(limit)?, wedges: r.varint(limit)?, faces: r.varint(limit)? };
+        let length = r.varint32(id32(MAX_DESCRIPTION_BYTES))? as usize;
+        let description = r.take(length)?.to_vec();
+        let rest = r.remaining();
+        let kinds = Kinds { uv_bits, colors, normals };
+        let format = BaseFormat::new(bits - shift, kinds, material_count, &uv_grid);
+        let mesh = base::decode(r.take(rest)?, mesh.unwrap_or(codec), format)?;
+        Ok(Self {
+            grid,
+            uv_grid,
+            sphere,
+            diagonal,
+            geometric_error,
+            chunk_count,
+            level_count,
+            material_count,
+            codec,
+            colors,
+            normals,
+            totals,
+            description,
+            positions: mesh.positions.iter().map(|p| p.map(|x| x << shift)).collect(),
+            shifts,
+            wedges: mesh.wedges,
+            faces: mesh.faces,
+        })
+    }
+}
+
+/// How many of the lowest bits are zero in all coordinates, at most `most`.
+fn common_shift(positions: &[[i32; 3]], most: u8) -> u8 {
+    let low = positions.iter().flatten().fold(0, |all, x| all | x).trailing_zeros();
+    u8::try_from(low).map_or(most, |low| low.min(most))
+}
+
+/// The bits that grids leave out: of the base mesh's positions as they are coded, of the coarsest grid, and
+/// how many fewer each level's is, half a byte each.
+fn put_shifts(out: &mut Vec<u8>, own: u8, shifts: &[u8]) {
+    out.push(own | shifts[0] << 4);
+    let falls: Vec<u8> = shifts.windows(2).map(|pair| pair[0] - pair[1]).collect();
+    out.extend(falls.chunks(2).map(|f| f[0] | f.get(1).map_or(0, |fall| fall << 4)));
+}
+
+fn read_shifts(r: &mut Reader<'_>, levels: u8, bits: u8) -> Result<(u8, Vec<u8>), DecodeError> {
+    let first = r.u8()?;
+    let (own, mut last) = (first & 15, first >> 4);
+    if own > last || last >= bits {
+        return Err(r.error(format!("grids that leave out {own} and {last} of {bits} bits are out of range")));
+    }
+    let mut shifts = vec![last];
+    let mut byte = 0;
+    for level in 0..levels {
+        byte = if level % 2 == 0 { r.u8()? } else { byte >> 4 };
+        last = last.checked_sub(byte & 15).ok_or_else(|| r.error("a grid is finer than the finest"))?;
+        shifts.push(last);
+    }
+    if last != 0 && levels > 0 {
+        return Err(r.error("its finest grid leaves out bits"));
+    }
+    Ok((own, shifts))
+}

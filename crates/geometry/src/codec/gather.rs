@@ -1,0 +1,178 @@
+//! A region's beginning: what a chunk finds of the mesh.
+
+use crate::codec::local::{Gathered, Local, LocalFace, MAX_LOCAL_FACES, NONE};
+use crate::error::DecodeError;
+use crate::mesh::corner;
+use crate::mesh::vec3::{length, triangle_normal};
+use crate::numbers::id32;
+use crate::refine::Id;
+
+/// A face at the vertex whose star is being gathered.
+#[derive(Clone, Copy)]
+pub(crate) struct IncidentFace {
+    id: Id,
+    face: u32,
+    /// The slots of its vertices, and their local numbers as far as they had any when it was found.
+    vertices: [u32; 3],
+    corners: [u32; 3],
+}
+
+/// What gathering works in.
+#[derive(Default)]
+pub(crate) struct Gathering {
+    /// Interior vertices: local number and slot.
+    queue: Vec<(u32, u32)>,
+    found: Vec<IncidentFace>,
+}
+
+impl Gathering {
+    /// Memory held, in bytes.
+    pub(crate) fn bytes(&self) -> usize {
+        self.queue.capacity() * size_of::<(u32, u32)>() + self.found.capacity() * size_of::<IncidentFace>()
+    }
+}
+
+impl Local<'_> {
+    /// Gathers the interior vertices that can be reached from the one at `seed`, and their stars.
+    /// `interior(slot, outlook)` codes whether a vertex that was met is interior.
+    pub(crate) fn explore(
+        &mut self,
+        seed: u32,
+        interior: &mut dyn FnMut(u32, usize) -> bool,
+    ) -> Result<(), DecodeError> {
+        self.refuse_known(seed)?;
+        let Gathering { mut queue, mut found } = std::mem::take(&mut self.gathering);
+        queue.clear();
+        queue.push((self.old_vertex(seed, true), seed));
+        let mut at = 0;
+        while let Some(&(v, slot)) = queue.get(at) {
+            at += 1;
+            found.clear();
+            for corner in self.mesh.stars.corners(slot) {
+                self.find(v, corner, &mut found);
+            }
+            // The youngest face of a star comes first, so that it is almost in order the other way round.
+            found.reverse();
+            // By id, as one number; a face has one.
+            found.sort_unstable_by_key(|f| u64::from(f.id.owner) << 32 | u64::from(f.id.index));
+            found.dedup_by_key(|f| f.face);
+            if self.faces.len() + found.len() > MAX_LOCAL_FACES {
+                return Err(DecodeError::new(
+                    "chunk",
+                    format!("its region has over {MAX_LOCAL_FACES} faces"),
+                ));
+            }
+            for face in &found {
+                self.gather(face, &mut queue, interior);
+            }
+        }
+        self.gathering = Gathering { queue, found };
+        Ok(())
+    }
+
+    /// Makes a vertex of the outline known, without its star.
+    pub(crate) fn name_outline(&mut self, slot: u32) -> Result<(), DecodeError> {
+        self.refuse_known(slot)?;
+        if self.vertices.len() > 3 * MAX_LOCAL_FACES {
+            return Err(DecodeError::new("chunk", "too many seeds"));
+        }
+        self.old_vertex(slot, false);
+        Ok(())
+    }
+
+    fn refuse_known(&self, seed: u32) -> Result<(), DecodeError> {
+        match self.vertex_at.get(seed) {
+            Some(_) => Err(DecodeError::new("chunk", "a seed vertex is given twice")),
+            None => Ok(()),
+        }
+    }
+
+    /// Notes the face of a corner at interior vertex `v`, unless it came with another one's star: stars are gathered in
+    /// the order of the vertices' numbers.
+    #[inline]
+    fn find(&mut self, v: u32, corner: u32, found: &mut Vec<IncidentFace>) {
+        let (face, k) = (corner::face_of(corner), corner::side_of(corner));
+        let vertices = self.mesh.faces[face as usize].map(|wedge| self.mesh.wedges[wedge as usize].vertex);
+        let [b, c] = [corner::next(k), corner::previous(k)];
+        let mut corners = [v; 3];
+        corners[b] = self.vertex_at.get(vertices[b]).unwrap_or(NONE);
+        corners[c] = self.vertex_at.get(vertices[c]).unwrap_or(NONE);
+        let came = |c: u32| (c < v) & self.vertices.get(c as usize).is_some_and(|vertex| vertex.interior);
+        let came = came(corners[b]) | came(corners[c]);
+        let id = self.owners.id_of_face(self.mesh.face_owner[face as usize], face);
+        // Without a branch: whether it came cannot be foreseen.
+        found.push(IncidentFace { id, face, vertices, corners });
+        found.truncate(found.len() - usize::from(came));
+    }
+
+    fn gather(
+        &mut self,
+        found: &IncidentFace,
+        queue: &mut Vec<(u32, u32)>,
+        interior: &mut dyn FnMut(u32, usize) -> bool,
+    ) {
+        let IncidentFace { id, face, vertices, mut corners } = *found;
+        let slots = self.mesh.faces[face as usize];
+        for k in 0..3 {
+            // Another face may have made it known meanwhile.
+            if corners[k] == NONE {
+                corners[k] = self.vertex_at.get(vertices[k]).unwrap_or(NONE);
+            }
+        }
+        let mut wedges = [0; 3];
+        for k in 0..3 {
+            if corners[k] == NONE {
+                let inside = interior(vertices[k], self.outlook(&corners, k));
+                let new = self.old_vertex(vertices[k], inside);
+                if inside {
+                    queue.push((new, vertices[k]));
+                }
+                // A face that names a vertex twice is the same there.
+                for at in 0..3 {
+                    if vertices[at] == vertices[k] {
+                        corners[at] = new;
+                    }
+                }
+            }
+            wedges[k] = self.old_wedge(slots[k], corners[k]);
+        }
+        let [a, b, c] = corners.map(|v| self.position(v));
+        let area = length(triangle_normal(a, b, c));
+        self.gathered.push(Gathered { id, wedges });
+        self.push_face(LocalFace { corners, wedges }, area, self.mesh.materials[face as usize]);
+    }
+
+    /// What the other corners of a face say about whether a corner is interior, 0 to 8: each is
+    /// unknown, outside or inside.
+    fn outlook(&self, corners: &[u32; 3], k: usize) -> usize {
+        let mut context = 0;
+        for other in [corner::next(k), corner::previous(k)] {
+            let known = self.vertices.get(corners[other] as usize);
+            context = context * 3 + known.map_or(0, |v| 1 + usize::from(v.interior));
+        }
+        context
+    }
+
+    fn old_vertex(&mut self, slot: u32, interior: bool) -> u32 {
+        let (mesh, at) = (self.mesh, slot as usize);
+        self.vertex_at.insert(slot, id32(self.vertices.len()));
+        let id = self.owners.id_of_vertex(mesh.vertex_owner[at], slot);
+        self.push_vertex(id, mesh.positions[at].map(f64::from), interior, mesh.vertex_shift[at])
+    }
+
+    fn old_wedge(&mut self, slot: u32, vertex: u32) -> u32 {
+        // Most vertices have one wedge: only further ones are looked up.
+        let first = self.wedge_ends[vertex as usize][0];
+        if first != NONE {
+            if self.wedges[first as usize].slot == slot {
+                return first;
+            }
+            if let Some(known) = self.wedge_at.get(slot) {
+                return known;
+            }
+            self.wedge_at.insert(slot, id32(self.wedges.len()));
+        }
+        let id = self.owners.id_of_wedge(self.mesh.wedge_owner[slot as usize], slot);
+        self.push_wedge(id, slot, vertex, self.mesh.wedges[slot as usize].attributes)
+    }
+}

@@ -1,0 +1,270 @@
+//! What an encoder wants to say: a region's collapses reversed, as a forest.
+//!
+//! A chunk is applied whole (or up to a stopping point), so the order of the splits between two
+//! stopping points is free as long as a vertex is there before it splits. The coder therefore walks
+//! the forest "who was split from whom" breadth first, and the stars on the way are those of the mesh
+//! in which exactly the splits so far are undone, whether or not simplification passed through it:
+//! a corner is where the youngest vertex on its path is that is there, and a face is there once its
+//! three corners are apart.
+
+use std::collections::VecDeque;
+
+use crate::codec::local::Local;
+use crate::codec::numbering::{BuilderMap, Numbering};
+use crate::codec::source::Source;
+use crate::collapse::NO_VERTEX;
+use crate::collapse::Placed;
+use crate::collapse::Records;
+use crate::collapse::RemovedFace;
+use crate::mesh::corner;
+use crate::numbers::id32;
+
+/// A vertex that is not there yet.
+struct PendingVertex {
+    /// The vertex that it is part of.
+    parent: u32,
+    /// Its wedges, and the parent's that stand for them.
+    wedges: Vec<(u32, u32)>,
+}
+
+/// A face that a split brings.
+#[derive(Clone, Copy)]
+pub(crate) struct SplitFace {
+    /// Builder's face.
+    pub(crate) face: u32,
+    /// Local number of the corner that is neither the split vertex nor the new one.
+    pub(crate) x: u32,
+    /// The face runs (split vertex, x, new vertex), else (new, x, split).
+    pub(crate) left: bool,
+}
+
+/// A wedge that the encoder wants at a corner.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum WantedWedge {
+    /// One that is there, by local number.
+    Known(u32),
+    /// One that is not there yet, by the builder's number.
+    New(u32),
+}
+
+/// The walk over one region's splits.
+pub(crate) struct Guide<'a> {
+    pub(crate) source: &'a Source<'a>,
+    records: &'a Records,
+    /// Ends of the segments in collapses, from the coarsest segment's start down to 0.
+    ends: Vec<usize>,
+    pub(crate) names: Numbering,
+    /// Wedges of the faces that this chunk touches, as they are at the end of the current segment.
+    state: BuilderMap<[u32; 3]>,
+    unmade: BuilderMap<PendingVertex>,
+    children: BuilderMap<VecDeque<u32>>,
+    /// Faces that are not there, by a vertex that holds two of their corners.
+    pending: BuilderMap<Vec<u32>>,
+    current: (u32, u32),
+    /// Some wedge of each vertex that takes part.
+    any_wedge: BuilderMap<u32>,
+}
+
+impl<'a> Guide<'a> {
+    pub(crate) fn new(source: &'a Source<'a>) -> Self {
+        let records = source.records;
+        let mut ends = vec![records.collapses.len()];
+        ends.extend(records.truncation_points[records.coded_truncation_points()].iter().map(|&s| s as usize));
+        ends.push(0);
+        Self {
+            source,
+            records,
+            ends,
+            names: Numbering::default(),
+            state: BuilderMap::default(),
+            unmade: BuilderMap::default(),
+            children: BuilderMap::default(),
+            pending: BuilderMap::default(),
+            current: (NO_VERTEX, NO_VERTEX),
+            any_wedge: BuilderMap::default(),
+        }
+    }
+
+    /// Vertices without faces that the chunk starts from, in decoding order.
+    pub(crate) fn births(&self) -> Vec<u32> {
+        self.records.collapses.iter().rev().filter(|c| c.target == NO_VERTEX).map(|c| c.removed).collect()
+    }
+
+    /// Splits of each segment, coarse to fine.
+    pub(crate) fn segments(&self) -> Vec<u32> {
+        self.ends
+            .windows(2)
+            .map(|e| {
+                id32(self.records.collapses[e[1]..e[0]].iter().filter(|c| c.target != NO_VERTEX).count())
+            })
+            .collect()
+    }
+
+    /// Where a vertex, given by local number, goes before the first split.
+    pub(crate) fn moving(&self, vertex: u32) -> Option<Placed> {
+        let (moves, name) = (self.source.moves, self.names.vertices[vertex as usize]);
+        moves.binary_search_by_key(&name, |m| m.vertex).ok().map(|at| moves[at])
+    }
+
+    /// Vertices that must be known before the first split, ascending.
+    pub(crate) fn needed(&self) -> Vec<u32> {
+        let mut needed = Vec::new();
+        let mut made: Vec<u32> = Vec::new();
+        for index in 0..self.records.collapses.len() {
+            let (collapse, _, removed) = self.records.parts(index);
+            made.push(collapse.removed);
+            if collapse.target != NO_VERTEX {
+                needed.push(collapse.target);
+                needed.extend(removed.iter().flat_map(RemovedFace::third));
+            }
+        }
+        needed.extend(self.source.moves.iter().map(|m| m.vertex));
+        made.sort_unstable();
+        needed.sort_unstable();
+        needed.dedup();
+        needed.retain(|v| made.binary_search(v).is_err());
+        needed
+    }
+
+    fn vertex_of(&self, wedge: u32) -> u32 {
+        self.source.wedges.get(wedge).vertex
+    }
+
+    /// Builds the forest of a segment. The region must have been gathered.
+    pub(crate) fn begin_segment(&mut self, segment: usize, local: &Local<'_>) {
+        if segment == 0 {
+            for (face, &name) in local.faces.iter().zip(&self.names.faces) {
+                self.state.insert(name, face.wedges.map(|w| self.names.wedges[w as usize]));
+            }
+        }
+        let mut born = Vec::new();
+        for index in (self.ends[segment + 1]..self.ends[segment]).rev() {
+            let (collapse, moved, removed) = self.records.parts(index);
+            let (u, t) = (collapse.removed, collapse.target);
+            if t == NO_VERTEX {
+                continue;
+            }
+            let mut wedges: Vec<(u32, u32)> = Vec::new();
+            let mut stands = |from: u32, to: u32| {
+                if !wedges.iter().any(|w| w.0 == from) {
+                    wedges.push((from, to));
+                }
+            };
+            for m in moved {
+                stands(m.from, m.to);
+                if let Some(corners) = self.state.get_mut(&m.face)
+                    && let Some(corner) = corners.iter_mut().find(|w| **w == m.to)
+                {
+                    *corner = m.from;
+                }
+            }
+            for (r, &vanished) in removed.iter().zip(self.records.vanished(index)) {
+                let at = |vertex: u32| vanished.into_iter().find(|&w| self.vertex_of(w) == vertex);
+                if let (Some(from), Some(to)) = (at(u), at(t)) {
+                    stands(from, to);
+                }
+                for w in vanished {
+                    self.any_wedge.entry(self.vertex_of(w)).or_insert(w);
+                }
+                self.state.insert(r.face, vanished);
+                born.push(r.face);
+            }
+            self.children.entry(t).or_default().push_back(u);
+            self.unmade.insert(u, PendingVertex { parent: t, wedges });
+        }
+        for face in born {
+            self.wait(face);
+        }
+    }
+
+    /// The vertex that a vertex is part of now.
+    fn stands_for(&self, mut vertex: u32) -> u32 {
+        while let Some(unmade) = self.unmade.get(&vertex) {
+            vertex = unmade.parent;
+        }
+        vertex
+    }
+
+    /// Files a face that is not there under the vertex that holds two of its corners; answers its
+    /// corners if they are apart.
+    fn wait(&mut self, face: u32) -> Option<[u32; 3]> {
+        let corners = self.state[&face].map(|w| self.stands_for(self.vertex_of(w)));
+        let [a, b, c] = corners;
+        let pair = if a == b || a == c { a } else { b };
+        if a != b && b != c && a != c {
+            return Some(corners);
+        }
+        self.pending.entry(pair).or_default().push(face);
+        None
+    }
+
+    /// Whether a vertex, given by local number, splits (again) in this segment.
+    pub(crate) fn splits(&self, vertex: u32) -> bool {
+        self.children.get(&self.names.vertices[vertex as usize]).is_some_and(|c| !c.is_empty())
+    }
+
+    /// Starts the next split of a vertex; answers the faces that it brings.
+    pub(crate) fn begin_split(&mut self, vertex: u32) -> Vec<SplitFace> {
+        let t = self.names.vertices[vertex as usize];
+        let Some(u) = self.children.get_mut(&t).and_then(VecDeque::pop_front) else { return Vec::new() };
+        self.current = (t, u);
+        let mut born = Vec::new();
+        self.unmade.remove(&u);
+        for face in self.pending.remove(&t).unwrap_or_default() {
+            if let Some(corners) = self.wait(face)
+                && let Some(at) = corners.iter().position(|&v| v == u)
+            {
+                let third = corners.into_iter().find(|&v| v != u && v != t).unwrap_or(u);
+                born.push(SplitFace {
+                    face,
+                    x: self.names.local_vertex.get(&third).copied().unwrap_or(vertex),
+                    left: corners[corner::next(at)] == t,
+                });
+            }
+        }
+        born
+    }
+
+    /// Whether a face of the split vertex, by local number, goes to the new one.
+    pub(crate) fn moves(&self, face: u32) -> bool {
+        let corners = self.state.get(&self.names.faces[face as usize]);
+        corners.is_some_and(|w| w.iter().any(|&w| self.stands_for(self.vertex_of(w)) == self.current.1))
+    }
+
+    pub(crate) fn new_vertex(&self) -> u32 {
+        self.current.1
+    }
+
+    /// The wedge that a face of the builder's should have at a vertex (local number).
+    pub(crate) fn wedge(&self, face: u32, vertex: u32, guess: Option<u32>, own: Option<u32>) -> WantedWedge {
+        let vertex = self.names.vertices[vertex as usize];
+        let found = self.state.get(&face).and_then(|wedges| {
+            let &w = wedges.iter().find(|&&w| self.stands_for(self.vertex_of(w)) == vertex)?;
+            self.stands_for_wedge(w, vertex)
+        });
+        if let Some(wedge) = found {
+            return self
+                .names
+                .local_wedge
+                .get(&wedge)
+                .map_or(WantedWedge::New(wedge), |&w| WantedWedge::Known(w));
+        }
+        // No collapse said which wedge stands for one whose face was not there then: any will do, since
+        // the corner moves on.
+        match guess.or(own) {
+            Some(known) => WantedWedge::Known(known),
+            None => self.any_wedge.get(&vertex).map_or(WantedWedge::Known(0), |&w| WantedWedge::New(w)),
+        }
+    }
+
+    fn stands_for_wedge(&self, mut wedge: u32, vertex: u32) -> Option<u32> {
+        loop {
+            let at = self.vertex_of(wedge);
+            if at == vertex {
+                return Some(wedge);
+            }
+            let unmade = self.unmade.get(&at)?;
+            wedge = unmade.wedges.iter().find(|w| w.0 == wedge)?.1;
+        }
+    }
+}

@@ -1,0 +1,320 @@
+//! Wedges and materials of a split: which wedges the moved corners and the new faces use, and the
+//! attributes of wedges that are new.
+
+use crate::codec::attributes::{Expected, code_attributes};
+use crate::codec::chunk_coder::ChunkCoder;
+use crate::codec::local::Local;
+use crate::codec::model::{
+    BUILT_LIKELY_WEDGE, BUILT_NEW_WEDGE, MATERIAL, NEW_MOVED_WEDGE, NEW_WEDGE, SAME_MATERIAL,
+    SAME_MOVED_WEDGE, SAME_WEDGE,
+};
+use crate::codec::plan::WantedWedge;
+use crate::codec::residual::quarter_octaves;
+use crate::codec::scratch::{Added, Fitting, Split};
+use crate::codec::sheet::{AT_MOVED, AT_NEW, AT_TARGET, AT_THIRD, Facing, NO_BEND, Sheet, normal_of_face};
+use crate::entropy::range_coder::Coder;
+use crate::entropy::symbols::{index, integer};
+use crate::error::DecodeError;
+use crate::mesh::vec3::{Vec3, add, cross, dot, scale, sub};
+use crate::numbers::floored;
+
+/// A corner of a new face.
+struct Corner<'a> {
+    /// [`AT_TARGET`], [`AT_THIRD`] or [`AT_NEW`].
+    kind: usize,
+    vertex: u32,
+    /// The wedge that a neighbour has there.
+    guess: Option<u32>,
+    /// A wedge near by.
+    near: Option<u32>,
+    /// Builder's face, when encoding.
+    face: Option<u32>,
+    /// Of what is built.
+    facing: Option<Facing<'a>>,
+}
+
+impl<C: Coder> ChunkCoder<'_, '_, C> {
+    /// Codes the wedges of the corners that moved and of the new faces, and the latter's materials.
+    pub(crate) fn wedges(&mut self, split: &Split) -> Result<(), DecodeError> {
+        self.moved(split)?;
+        self.see_textures(split.moving.iter().map(|&i| split.fan.star_faces[i].face));
+        for face in &split.added {
+            self.face(split, face)?;
+            self.see_textures([face.local]);
+        }
+        Ok(())
+    }
+
+    /// Wedges of the new vertex for the faces that moved to it.
+    fn moved(&mut self, split: &Split) -> Result<(), DecodeError> {
+        let mut pairs = std::mem::take(&mut self.scratch.fitting.pairs);
+        pairs.clear();
+        for &i in &split.moving {
+            let star_face = split.fan.star_faces[i];
+            let from = split.targets[i];
+            let same = pairs.iter().find(|p| p.0 == from).map(|p| p.1);
+            let first = self.local.first_wedge(split.u);
+            let guide = self.guide.as_ref();
+            let want = guide.map(|g| g.wedge(g.names.faces[star_face.face as usize], split.u, same, first));
+            let wedge = match same {
+                Some(same) if self.coder.bit(SAME_MOVED_WEDGE, want == Some(WantedWedge::Known(same))) => {
+                    same
+                }
+                _ => {
+                    let new = matches!(want, Some(WantedWedge::New(_)));
+                    if first.is_none() || self.coder.bit(NEW_MOVED_WEDGE, new) {
+                        let expected = self.expected(split, from);
+                        let sheet = self.built().then(|| {
+                            let normal = normal_of_moved(&self.local, split, Some(from));
+                            Sheet::new(normal, self.local.material(star_face.face))
+                        });
+                        let facing = sheet.as_ref().map(|sheet| sheet.corner(AT_MOVED, Some(from), NO_BEND));
+                        self.new_wedge(split.u, expected, facing, want)?
+                    } else {
+                        self.chosen(split.u, want)?
+                    }
+                }
+            };
+            if same.is_none() {
+                pairs.push((from, wedge));
+            }
+            self.local.set_wedge(star_face.face, star_face.k, wedge);
+        }
+        self.scratch.fitting.pairs = pairs;
+        Ok(())
+    }
+
+    /// One of a vertex's wedges.
+    fn chosen(&mut self, vertex: u32, want: Option<WantedWedge>) -> Result<u32, DecodeError> {
+        let wedges = || self.local.wedges_of(vertex);
+        let place = wedges().position(|w| want == Some(WantedWedge::Known(w))).unwrap_or(0);
+        let place = index(self.coder, wedges().count(), place, "chunk: wedge")?;
+        wedges().nth(place).ok_or_else(|| DecodeError::new("chunk", "a vertex without wedges"))
+    }
+
+    /// What the faces that moved with one wedge of t say about the wedge of u: texture coordinates by
+    /// an affine fit over the ring, weighted by nearness, at the place of u.
+    fn expected(&mut self, split: &Split, from: u32) -> Expected {
+        let (kinds, local) = (self.mesh.kinds, &self.local);
+        let near = Some(local.wedges[from as usize].attributes);
+        let mut expected = Expected { near, ..Expected::default() };
+        if kinds.uv_bits > 0 || kinds.normals {
+            expected.normal = normal_of_moved(local, split, None);
+        }
+        if kinds.uv_bits > 0 {
+            let Fitting { points, seen, .. } = &mut self.scratch.fitting;
+            gather_points(local, split, from, points, seen);
+            let (uv, spread) = fit(points, expected.normal);
+            expected.uv = [0, 1].map(|k| floored((uv[k] + 0.5).clamp(-1.0e9, 1.0e9)));
+            expected.uv_size = Some([quarter_octaves(spread * UV_SIZE); 2]);
+        }
+        expected
+    }
+
+    fn new_wedge(
+        &mut self,
+        vertex: u32,
+        mut expected: Expected,
+        facing: Option<Facing<'_>>,
+        want: Option<WantedWedge>,
+    ) -> Result<u32, DecodeError> {
+        let builder = match want {
+            Some(WantedWedge::New(builder)) => Some(builder),
+            _ => None,
+        };
+        let want = builder.and_then(|b| Some(self.guide.as_ref()?.source.wedges.get(b).attributes));
+        expected.first = self.local.first_wedge(vertex).is_none();
+        let looked = facing.map(|facing| self.look(vertex, &facing, &mut expected, want));
+        let attributes = code_attributes(self.coder, self.mesh.kinds, &mut self.recent_uv, &expected, want)?;
+        if let Some(looked) = looked {
+            self.uv_maps.follow(&looked, attributes.uv);
+        }
+        let wedge = self.local.add_wedge(vertex, attributes);
+        if let (Some(guide), Some(builder)) = (self.guide.as_mut(), builder) {
+            guide.names.wedge(builder);
+        }
+        Ok(wedge)
+    }
+
+    /// Wedges and material of one new face.
+    fn face(&mut self, split: &Split, added: &Added) -> Result<(), DecodeError> {
+        let cut = added.cut.map(|c| &split.cuts[c]);
+        // The neighbours' wedges at t, x and u.
+        let (mut at_t, mut at_x, mut at_u, mut beside) = (None, None, None, None);
+        let mut staying = None;
+        if let Some(cut) = cut {
+            staying = cut.stays.map(|i| split.fan.star_faces[i].face);
+            let moving = &split.fan.star_faces[cut.moves];
+            let [centre, a, b] = self.local.spoke_wedges(moving);
+            at_u = Some(centre);
+            at_x = Some(if cut.left { a } else { b });
+            at_t = Some(split.targets[cut.stays.unwrap_or(cut.moves)]);
+            beside = Some(moving.face);
+        } else if let Some(star_face) = split.fan.star_faces.first() {
+            at_t = Some(split.targets[0]);
+            beside = Some(star_face.face);
+        }
+        let near = beside.map_or(0, |f| self.local.material(f));
+        let sheet = self.built().then(|| Sheet::new(normal_of_face(&self.local, added.local), near));
+        let sheet = sheet.as_ref();
+        let bend = |face: Option<u32>| match (sheet, face) {
+            (Some(sheet), Some(face)) => sheet.bend(normal_of_face(&self.local, face)),
+            _ => NO_BEND,
+        };
+        // Guesses at t are those of the face that stays, if one does; others those of the face that moves.
+        let (at_stay, at_move) = (bend(staying.or(beside)), bend(beside));
+        let corner = |kind, vertex, guess, from, bend| {
+            let facing = sheet.map(|sheet| sheet.corner(kind, from, bend));
+            Corner { kind, vertex, guess, near: at_t, face: added.face, facing }
+        };
+        let t_wedge = self.corner(&corner(AT_TARGET, split.t, at_t, None, at_stay))?;
+        let x_wedge = self.corner(&corner(AT_THIRD, added.x, at_x, Some(t_wedge), at_move))?;
+        let u_guess = at_u.or(self.local.first_wedge(split.u));
+        let u_wedge = self.corner(&corner(AT_NEW, split.u, u_guess, Some(t_wedge), at_move))?;
+
+        let want = match (added.face, self.guide.as_ref()) {
+            (Some(face), Some(g)) => g.source.faces[face as usize].material,
+            _ => near,
+        };
+        let mut material = near;
+        let materials = self.materials();
+        if materials > 1 && !self.coder.bit(SAME_MATERIAL, want == near) {
+            let got = integer(self.coder, MATERIAL, u32::from(want));
+            material = u16::try_from(got).unwrap_or(u16::MAX);
+            if material >= materials {
+                return Err(DecodeError::new("chunk", format!("material {material} of {materials}")));
+            }
+        }
+        let wedges = if added.left { [t_wedge, x_wedge, u_wedge] } else { [u_wedge, x_wedge, t_wedge] };
+        self.local.set_face(added.local, wedges, material);
+        Ok(())
+    }
+
+    /// The wedge at a corner of a new face: mostly the one that a neighbour has there.
+    #[inline(always)]
+    fn corner(&mut self, corner: &Corner<'_>) -> Result<u32, DecodeError> {
+        let Corner { kind, vertex, guess, face, ref facing, .. } = *corner;
+        let first = || self.local.first_wedge(vertex);
+        let want = self.guide.as_ref().and_then(|g| Some(g.wedge(face?, vertex, guess, first())));
+        if let Some(guess) = guess {
+            let same = facing.as_ref().map_or(SAME_WEDGE + kind, |facing| self.same_wedge(facing, guess));
+            if self.coder.bit(same, want == Some(WantedWedge::Known(guess))) {
+                return Ok(guess);
+            }
+        }
+        self.other_at_corner(corner, want)
+    }
+
+    #[inline(never)]
+    fn other_at_corner(
+        &mut self,
+        corner: &Corner<'_>,
+        want: Option<WantedWedge>,
+    ) -> Result<u32, DecodeError> {
+        let Corner { kind, vertex, guess, near, facing, .. } = *corner;
+        let first = self.local.first_wedge(vertex);
+        let mut new = NEW_WEDGE + kind;
+        if let Some(facing) = &facing {
+            let likely = self.likely_wedge(vertex, facing, guess);
+            if let Some(likely) = likely
+                && self.coder.bit(BUILT_LIKELY_WEDGE + kind, want == Some(WantedWedge::Known(likely)))
+            {
+                return Ok(likely);
+            }
+            new = BUILT_NEW_WEDGE + kind * 2 + usize::from(likely.is_some());
+        }
+        if first.is_none() || self.coder.bit(new, matches!(want, Some(WantedWedge::New(_)))) {
+            let near = guess.or(first).or(near);
+            let near = near.map(|w| self.local.wedges[w as usize].attributes);
+            let uv = near.map_or([0; 2], |w| w.uv);
+            return self.new_wedge(vertex, Expected { uv, near, ..Expected::default() }, facing, want);
+        }
+        self.chosen(vertex, want)
+    }
+}
+
+/// Sum of the normals of the faces that moved, weighted by area: of all, or of those with one wedge of t.
+fn normal_of_moved(local: &Local<'_>, split: &Split, of: Option<u32>) -> Vec3 {
+    let center = local.position(split.u);
+    let mut normal = [0.0; 3];
+    for &i in split.moving.iter().filter(|&&i| of.is_none_or(|of| split.targets[i] == of)) {
+        let star_face = &split.fan.star_faces[i];
+        let [a, b] = [star_face.a, star_face.b].map(|v| sub(local.position(v), center));
+        normal = add(normal, cross(a, b));
+    }
+    normal
+}
+
+/// The wedges of the faces that moved with one wedge of t, about the place of u.
+fn gather_points(
+    local: &Local<'_>,
+    split: &Split,
+    from: u32,
+    points: &mut Vec<(Vec3, Vec3, f64)>,
+    seen: &mut Vec<u32>,
+) {
+    let center = local.position(split.u);
+    seen.clear();
+    points.clear();
+    let mut see = |wedge: u32| {
+        if seen.contains(&wedge) {
+            return;
+        }
+        seen.push(wedge);
+        let w = &local.wedges[wedge as usize];
+        let at = sub(local.position(w.vertex), center);
+        let [u, v] = w.attributes.uv.map(f64::from);
+        points.push((at, [u, v, 0.0], 1.0 / (dot(at, at) + 1.0)));
+    };
+    see(from);
+    for &i in &split.moving {
+        if split.targets[i] == from {
+            let [_, a, b] = local.spoke_wedges(&split.fan.star_faces[i]);
+            see(a);
+            see(b);
+        }
+    }
+}
+
+/// Expected error of a fitted texture coordinate over the spread of those that it was fitted to.
+const UV_SIZE: f64 = 0.1;
+
+/// The value at the origin of an affine function fitted to (place, value, weight) in the plane with the
+/// given normal, and the root mean square of the values about their mean. With too few points: the mean.
+fn fit(points: &[(Vec3, Vec3, f64)], normal: Vec3) -> (Vec3, f64) {
+    let total: f64 = points.iter().map(|p| p.2).sum();
+    let (mut place, mut value) = ([0.0; 3], [0.0; 3]);
+    for p in points {
+        place = add(place, scale(p.0, p.2 / total));
+        value = add(value, scale(p.1, p.2 / total));
+    }
+    let size = dot(normal, normal).sqrt();
+    // Any two directions in the plane will do.
+    let n = if size > 0.0 { scale(normal, 1.0 / size) } else { [0.0, 0.0, 1.0] };
+    let least = (0..3).min_by(|&a, &b| n[a].abs().total_cmp(&n[b].abs())).unwrap_or(0);
+    let mut axis = [0.0; 3];
+    axis[least] = 1.0;
+    let e1 = cross(n, axis);
+    let e2 = cross(n, e1);
+    let (mut xx, mut xy, mut yy, mut square) = (0.0, 0.0, 0.0, 0.0);
+    let (mut xv, mut yv) = ([0.0; 3], [0.0; 3]);
+    for p in points {
+        let (d, v) = (sub(p.0, place), sub(p.1, value));
+        let (x, y) = (dot(d, e1), dot(d, e2));
+        xx += p.2 * x * x;
+        xy += p.2 * x * y;
+        yy += p.2 * y * y;
+        square += p.2 * dot(v, v);
+        xv = add(xv, scale(v, p.2 * x));
+        yv = add(yv, scale(v, p.2 * y));
+    }
+    let spread = (square / total).sqrt();
+    let determinant = xx * yy - xy * xy;
+    if points.len() < 3 || determinant <= 1e-3 * xx * yy {
+        return (value, spread);
+    }
+    let (x, y) = (-dot(place, e1), -dot(place, e2));
+    let gx = scale(sub(scale(xv, yy), scale(yv, xy)), 1.0 / determinant);
+    let gy = scale(sub(scale(yv, xx), scale(xv, xy)), 1.0 / determinant);
+    (add(value, add(scale(gx, x), scale(gy, y))), spread)
+}

@@ -1,0 +1,56 @@
+//! Progressive meshes: quantise, simplify, chunk, code, refine, measure.
+//!
+//! The crate is pure: it opens no file and no socket, reads no clock, spawns no thread unless handed
+//! a [`pool::Pool`], and links no C.
+
+// Ground.
+pub mod checkpoint;
+pub mod entropy;
+pub mod error;
+pub mod mesh;
+mod name;
+pub mod numbers;
+pub mod pool;
+pub mod random;
+
+// From a mesh to a pack.
+pub mod quantise;
+
+mod collapse;
+mod simplify;
+
+mod codec;
+
+pub mod prepare;
+
+mod asset;
+
+// From a pack back to a mesh.
+pub mod refine;
+
+pub mod check;
+
+#[cfg(test)]
+extern crate self as lodestream_geometry;
+#[cfg(test)]
+#[path = "../tests/suite/common/mod.rs"]
+mod common;
+
+pub use asset::{base, pack, screen};
+pub use check::ancestor_closed_cut;
+pub use entropy::{Codec, steps};
+pub use error::{DecodeError, MeshError, SkippedTask};
+pub use mesh::{distance, normals, octahedral};
+pub use name::UnknownName;
+pub use prepare::training;
+pub use simplify::settings::{Metric, Settings, SettingsError};
+
+/// The chunk index: what a client must know of a chunk before it asks for it.
+pub mod index {
+    pub use crate::asset::index::{
+        CHUNKS_PER_PAGE, ChunkInfo, IndexPage, MAX_PARENTS, MAX_STOPS, Sphere, TruncationPoint, page_count,
+    };
+    pub use crate::codec::index_page::{
+        decode_page, decode_stated_page, encode_page, encode_pages, expected_rest_error,
+    };
+}

@@ -1,0 +1,182 @@
+//! Meshes before preparation: as imported ([`SourceMesh`]) and as quantised ([`QuantisedMesh`]).
+//!
+//! Topology lives on vertices; attributes live on *wedges* (Hoppe, "Progressive Meshes", 1996, §2):
+//! a wedge is one tuple of ([`Attributes`]) at one vertex, and the corners of faces refer to
+//! wedges. Two faces that meet at a uv seam therefore still share their vertices, so no
+//! simplification can tear the surface open along a seam.
+
+pub mod components;
+pub(crate) mod corner;
+pub mod distance;
+pub(crate) mod four;
+pub(crate) mod id_set;
+pub mod normals;
+pub mod octahedral;
+pub(crate) mod orientation_class;
+pub(crate) mod principal_axes;
+mod ray;
+pub(crate) mod rows;
+pub(crate) mod slot_map;
+pub(crate) mod stars;
+pub(crate) mod vec3;
+pub(crate) mod wedges;
+pub(crate) mod wide_bvh;
+
+/// Marks a [`Corner`] attribute that the source does not give.
+pub const NONE: u32 = u32::MAX;
+
+/// One corner of an imported face: indices into the arrays of its [`SourceMesh`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Corner {
+    /// Index into [`SourceMesh::positions`].
+    pub position: u32,
+    /// Index into [`SourceMesh::uvs`], or [`NONE`].
+    pub uv: u32,
+    /// Index into [`SourceMesh::normals`], or [`NONE`].
+    pub normal: u32,
+    /// Index into [`SourceMesh::colors`], or [`NONE`].
+    pub color: u32,
+}
+
+impl Corner {
+    /// A corner without attributes.
+    #[must_use]
+    pub const fn at(position: u32) -> Self {
+        Self { position, uv: NONE, normal: NONE, color: NONE }
+    }
+}
+
+/// A triangle mesh as an importer delivers it, in the source's own indexing.
+///
+/// Nothing needs to be welded or cleaned beforehand: equal positions are welded, unused vertices
+/// and faces with a repeated vertex are dropped by [`crate::quantise::quantise`].
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SourceMesh {
+    /// Positions in the asset's units.
+    pub positions: Vec<[f64; 3]>,
+    /// Texture coordinates, `v` up as in OBJ; may be empty.
+    pub uvs: Vec<[f32; 2]>,
+    /// Unit normals; may be empty. They decide the normal groups (creases), and are kept only where
+    /// they differ from what the faces say ([`crate::quantise::QuantiseSettings::normal_tolerance`]).
+    pub normals: Vec<[f32; 3]>,
+    /// Colours as [`Attributes::color`] has them; may be empty.
+    pub colors: Vec<[u8; 4]>,
+    /// Triangles, counter-clockwise seen from outside.
+    pub faces: Vec<[Corner; 3]>,
+    /// Index of each face's material; as long as `faces`.
+    pub materials: Vec<u16>,
+}
+
+/// Which attributes an asset has.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Kinds {
+    /// Bits per axis of texture coordinates, 0 for none.
+    pub(crate) uv_bits: u8,
+    pub(crate) colors: bool,
+    pub(crate) normals: bool,
+}
+
+/// Bits per axis of an [`Attributes::normal`].
+pub const NORMAL_BITS: u8 = 10;
+/// The colour of a vertex that has none: white, opaque, so that multiplying by it changes nothing.
+pub const NO_COLOR: [u8; 4] = [255; 4];
+
+/// What the corners of a wedge share besides their vertex.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Attributes {
+    /// Texture coordinates on the uv grid.
+    pub uv: [i32; 2],
+    /// Normal group, numbered within the vertex: the corners of one group share one normal.
+    pub group: u32,
+    /// Red, green and blue as sRGB has them (IEC 61966-2-1: steps of 1/255 that look alike in dark and
+    /// bright, where linear ones would show bands in the dark), opacity linear; [`NO_COLOR`] where the
+    /// source has none. Multiplies the material's colour.
+    pub color: [u8; 4],
+    /// The normal as a point of the octahedral map ([`crate::mesh::octahedral`]), [`NORMAL_BITS`] per axis,
+    /// where it differs from what the faces say; `None` where it is derived from them.
+    pub normal: Option<[u16; 2]>,
+}
+
+impl Default for Attributes {
+    fn default() -> Self {
+        Self { uv: [0; 2], group: 0, color: NO_COLOR, normal: None }
+    }
+}
+
+/// One attribute tuple at a vertex.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Wedge {
+    /// The vertex that the wedge belongs to.
+    pub vertex: u32,
+    /// Its attributes.
+    pub attributes: Attributes,
+}
+
+/// A triangle: three wedges, counter-clockwise, and a material.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Face {
+    /// Indices of wedges.
+    pub wedges: [u32; 3],
+    /// Index of the material.
+    pub material: u16,
+}
+
+/// A uniform grid of positions: `position = origin + step × integer`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Grid {
+    /// Position of the integer point (0, 0, 0), in the asset's units.
+    pub origin: [f64; 3],
+    /// Edge length of a cell, in the asset's units; the same on all axes.
+    pub step: f64,
+    /// Bits per axis: coordinates lie in `0..2^bits`.
+    pub bits: u8,
+}
+
+impl Grid {
+    /// The position of an integer point, in the asset's units.
+    #[must_use]
+    pub fn position(&self, q: [i32; 3]) -> [f64; 3] {
+        [
+            self.origin[0] + self.step * f64::from(q[0]),
+            self.origin[1] + self.step * f64::from(q[1]),
+            self.origin[2] + self.step * f64::from(q[2]),
+        ]
+    }
+}
+
+/// A grid of texture coordinates: `uv = origin + step × integer`, per axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct UvGrid {
+    /// Texture coordinate of the integer point (0, 0).
+    pub origin: [f64; 2],
+    /// Size of a cell, per axis.
+    pub step: [f64; 2],
+    /// Bits per axis; 0 where the mesh has no texture coordinates.
+    pub bits: u8,
+}
+
+impl UvGrid {
+    /// The texture coordinate of an integer point.
+    #[must_use]
+    pub fn uv(&self, q: [i32; 2]) -> [f64; 2] {
+        [self.origin[0] + self.step[0] * f64::from(q[0]), self.origin[1] + self.step[1] * f64::from(q[1])]
+    }
+}
+
+/// A mesh on its grids: what preparation reads, and what a fully refined asset equals exactly.
+///
+/// Every vertex, wedge and position is used by at least one face; faces have three distinct
+/// vertices.
+#[derive(Clone, Debug, PartialEq)]
+pub struct QuantisedMesh {
+    /// Grid of the positions.
+    pub grid: Grid,
+    /// Grid of the texture coordinates.
+    pub uv_grid: UvGrid,
+    /// One integer position per vertex.
+    pub positions: Vec<[i32; 3]>,
+    /// Wedges; each names its vertex.
+    pub wedges: Vec<Wedge>,
+    /// Triangles.
+    pub faces: Vec<Face>,
+}

@@ -1,0 +1,324 @@
+//! Preparation: from a quantised mesh to a base mesh, an index and chunk payloads.
+
+mod codec_selection;
+mod encode;
+pub mod training;
+
+pub use codec_selection::{axis_aligned_share, select_codec, suit};
+
+use crate::asset::base::{Base, MAX_BASE_FACES, Totals};
+use crate::asset::index::{ChunkInfo, Sphere};
+use crate::checkpoint::{CheckpointStore, InMemoryCheckpoint};
+use crate::codec::base;
+use crate::codec::base::mesh::{BaseFormat, BaseMesh};
+use crate::codec::chunk::Reached;
+use crate::codec::index_page::encode_pages;
+use crate::codec::source::Source;
+use crate::entropy::Codec;
+use crate::error::{DecodeError, MeshError};
+use crate::mesh::Kinds;
+use crate::mesh::vec3::Vec3;
+use crate::mesh::{Face, NO_COLOR, QuantisedMesh, Wedge};
+use crate::pool::{Monitor, Pool, Stage, Watched};
+use crate::prepare::encode::{Finished, Plan, encode_all};
+use crate::refine::ActiveMesh;
+use crate::simplify::blocks::{in_blocks, simplify_blocks};
+use crate::simplify::hierarchy::RegionChunk;
+use crate::simplify::levels::{Levels, Simplified};
+use crate::simplify::settings::Settings;
+use crate::simplify::simplify_from;
+
+#[cfg(test)]
+mod reference_test;
+
+/// A prepared asset.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Prepared {
+    /// The base mesh and what describes the asset.
+    pub base: Base,
+    /// The index, as clients see it, coarse to fine.
+    pub infos: Vec<ChunkInfo>,
+    /// Index pages.
+    pub pages: Vec<Vec<u8>>,
+    /// Payloads, by chunk.
+    pub chunks: Vec<Vec<u8>>,
+}
+
+/// What a preparation calls on: threads, who is told of progress, and what becomes of payloads.
+#[derive(Clone, Copy)]
+pub struct Hooks<'a> {
+    pool: &'a dyn Pool,
+    monitor: &'a dyn Monitor,
+    store: Store<'a>,
+    observe: Observer<'a>,
+    checkpoint: Option<&'a dyn CheckpointStore>,
+}
+
+impl std::fmt::Debug for Hooks<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Hooks").finish_non_exhaustive()
+    }
+}
+
+impl<'a> Hooks<'a> {
+    /// Works on the threads of `pool`, tells `monitor`, and leaves payloads as they are.
+    #[must_use]
+    pub fn new(pool: &'a dyn Pool, monitor: &'a dyn Monitor) -> Self {
+        Self { pool, monitor, store: &Ok, observe: &|_, _, _| {}, checkpoint: None }
+    }
+
+    /// Payloads, and the lengths that the index says, are what `store` makes of them.
+    #[must_use]
+    pub fn stored_by(self, store: Store<'a>) -> Self {
+        Self { store, ..self }
+    }
+
+    /// Levels that are finished are put away into `checkpoint`, not kept in memory: 37 to 65 bytes a face. What is prepared does
+    /// not depend on it.
+    #[must_use]
+    pub fn checkpointing_to(self, checkpoint: &'a dyn CheckpointStore) -> Self {
+        Self { checkpoint: Some(checkpoint), ..self }
+    }
+
+    /// Shows each chunk to `observe` before it is encoded.
+    pub(crate) fn observed_by(self, observe: Observer<'a>) -> Self {
+        Self { observe, ..self }
+    }
+}
+
+/// Turns a payload into what is stored and sent of it.
+pub type Store<'a> = &'a (dyn Fn(Vec<u8>) -> Result<Vec<u8>, DecodeError> + Sync);
+/// Sees each chunk just before it is encoded.
+pub(crate) type Observer<'a> = &'a (dyn Fn(&ActiveMesh, u32, &Source<'_>) + Sync);
+
+/// Prepares a mesh for streaming.
+///
+/// The result depends on the mesh, the settings and what payloads are stored as alone, not on the pool. Cost: 21 to
+/// 33 µs a face on one core (BENCHMARKS.md).
+///
+/// # Errors
+/// [`MeshError::BadSetting`] for a setting out of its range, [`MeshError::NoFaces`] for an empty mesh,
+/// [`MeshError::Cancelled`] if the monitor says so, [`MeshError::Internal`] where storing a payload fails.
+pub fn prepare(mesh: &QuantisedMesh, settings: &Settings, hooks: &Hooks<'_>) -> Result<Prepared, MeshError> {
+    settings.check()?;
+    if mesh.faces.is_empty() {
+        return Err(MeshError::NoFaces { dropped: 0 });
+    }
+    let in_memory = InMemoryCheckpoint::default();
+    let mut pool = Watched::new(hooks.pool, hooks.monitor, mesh.faces.len());
+    let mut levels = Levels::new(hooks.checkpoint.unwrap_or(&in_memory));
+    let merged = if in_blocks(mesh, settings) {
+        Some(simplify_blocks(mesh, settings, &mut pool, &mut levels)?)
+    } else {
+        None
+    };
+    let mut simplified = simplify_from(mesh, merged.as_ref(), settings, &mut pool, levels)?;
+    pool.begin(Stage::Encode)?;
+    let limit = usize::from(u16::MAX);
+    let materials = mesh
+        .faces
+        .iter()
+        .map(|f| f.material)
+        .max()
+        .unwrap_or(0)
+        .checked_add(1)
+        .ok_or(MeshError::TooLarge { kind: "materials", count: limit + 1, limit })?;
+    let (mut base, first) = build_base(mesh, &simplified, materials, settings.codec)?;
+    simplified.forget_faces();
+    let mut chunks: Vec<Chunk> = Vec::with_capacity(simplified.levels.chunk_count());
+    let plan = Plan { mesh, simplified: &simplified, base: &base };
+    encode_all(&plan, first, &pool, hooks, &mut |finished| chunks.push(Chunk::of(finished)))?;
+
+    for id in (0..chunks.len()).rev() {
+        let Chunk { error, attribute_error, .. } = chunks[id];
+        for at in 0..chunks[id].parents.len() {
+            let parent = chunks[id].parents[at] as usize;
+            let parent = &mut chunks[parent];
+            parent.error = parent.error.max(error);
+            parent.attribute_error = parent.attribute_error.max(attribute_error);
+        }
+    }
+    // A chunk is no better at a truncation than its children are while they are missing. It can be worse than
+    // while it is missing itself: what is far on the way need not be in the end.
+    let mut finer = vec![0.0_f64; chunks.len()];
+    for chunk in &chunks {
+        for &parent in &chunk.parents {
+            finer[parent as usize] = finer[parent as usize].max(chunk.error);
+        }
+    }
+    let root = chunks.iter().map(|chunk| chunk.error).fold(simplified.stray_error, f64::max);
+    base.geometric_error = round_up(root * mesh.grid.step);
+    let levels = simplified.levels.count();
+    drop(simplified);
+    let (mut infos, mut payloads) = (Vec::with_capacity(chunks.len()), Vec::with_capacity(chunks.len()));
+    for (chunk, finer) in chunks.into_iter().zip(finer) {
+        infos.push(chunk.info(mesh, levels, finer));
+        payloads.push(chunk.bytes);
+    }
+    let (pages, infos) = encode_pages(&infos).map_err(|e| MeshError::Internal { why: e.to_string() })?;
+    base.geometric_error = infos.iter().map(|i| i.error).fold(base.geometric_error, f32::max);
+    Ok(Prepared { base, infos, pages, chunks: payloads })
+}
+
+/// The builder's ids of everything in an [`ActiveMesh`] that only grows, by slot.
+struct BySlot {
+    vertices: Vec<u32>,
+    wedges: Vec<u32>,
+    faces: Vec<u32>,
+}
+
+fn build_base(
+    mesh: &QuantisedMesh,
+    simplified: &Simplified<'_>,
+    materials: u16,
+    codec: Codec,
+) -> Result<(Base, BySlot), MeshError> {
+    let faces = simplified.faces();
+    let all_wedges = &simplified.wedges;
+    let mut wedges: Vec<u32> = faces.iter().flat_map(|&(_, wedges)| wedges).collect();
+    wedges.sort_unstable();
+    wedges.dedup();
+    let mut vertices: Vec<u32> = wedges.iter().map(|&w| all_wedges.get(w).vertex).collect();
+    vertices.sort_unstable();
+    vertices.dedup();
+    let place = |list: &[u32], x: u32| list.binary_search(&x).map_or(0, |i| i as u32);
+    let coarsest = BaseMesh {
+        positions: vertices.iter().map(|&v| simplified.placed(v).cell).collect(),
+        wedges: wedges
+            .iter()
+            .map(|&w| {
+                let wedge = all_wedges.get(w);
+                Wedge { vertex: place(&vertices, wedge.vertex), ..wedge }
+            })
+            .collect(),
+        faces: faces
+            .iter()
+            .map(|&(f, corners)| Face {
+                wedges: corners.map(|w| place(&wedges, w)),
+                material: mesh.faces[f as usize].material,
+            })
+            .collect(),
+    };
+    if faces.len() > MAX_BASE_FACES {
+        return Err(MeshError::TooLarge { kind: "base faces", count: faces.len(), limit: MAX_BASE_FACES });
+    }
+    let kinds = Kinds {
+        uv_bits: mesh.uv_grid.bits,
+        colors: mesh.wedges.iter().any(|w| w.attributes.color != NO_COLOR),
+        normals: mesh.wedges.iter().any(|w| w.attributes.normal.is_some()),
+    };
+    let ordered = base::ordered(&coarsest, BaseFormat::new(mesh.grid.bits, kinds, materials, &mesh.uv_grid))
+        .map_err(|e| MeshError::Internal { why: e.to_string() })?;
+    let mut min = [i32::MAX; 3];
+    let mut max = [i32::MIN; 3];
+    for p in &mesh.positions {
+        for axis in 0..3 {
+            min[axis] = min[axis].min(p[axis]);
+            max[axis] = max[axis].max(p[axis]);
+        }
+    }
+    let half = [0, 1, 2].map(|k| f64::from(max[k] - min[k]) * 0.5 * mesh.grid.step);
+    let center = [0, 1, 2].map(|k| f64::from(max[k] + min[k]) * 0.5 * mesh.grid.step);
+    let radius = (half[0] * half[0] + half[1] * half[1] + half[2] * half[2]).sqrt();
+    let base = Base {
+        grid: mesh.grid,
+        uv_grid: mesh.uv_grid,
+        sphere: Sphere { center: center.map(|x| x as f32), radius: round_up(radius) },
+        diagonal: (2.0 * radius) as f32,
+        geometric_error: 0.0,
+        chunk_count: simplified.levels.chunk_count() as u32,
+        level_count: simplified.levels.count().min(255) as u8,
+        material_count: materials,
+        codec,
+        colors: kinds.colors,
+        normals: kinds.normals,
+        totals: Totals {
+            vertices: mesh.positions.len() as u64,
+            wedges: mesh.wedges.len() as u64,
+            faces: mesh.faces.len() as u64,
+        },
+        description: Vec::new(),
+        positions: ordered.mesh.positions,
+        shifts: simplified.shifts.iter().rev().copied().collect(),
+        wedges: ordered.mesh.wedges,
+        faces: ordered.mesh.faces,
+    };
+    let pick = |list: &[u32], order: &[u32]| order.iter().map(|&i| list[i as usize]).collect();
+    let by_slot = BySlot {
+        vertices: pick(&vertices, &ordered.vertices),
+        wedges: pick(&wedges, &ordered.wedges),
+        faces: ordered.faces.iter().map(|&i| faces[i as usize].0).collect(),
+    };
+    Ok((base, by_slot))
+}
+
+/// What is kept of an encoded chunk: not what it adds, which is as large as the mesh.
+struct Chunk {
+    bytes: Vec<u8>,
+    /// The level, counted from the finest.
+    level: usize,
+    parents: Vec<u32>,
+    /// In grid cells; see [`RegionChunk`].
+    error: f64,
+    attribute_error: f64,
+    center: Vec3,
+    radius: f64,
+    /// Each with its error.
+    truncation_points: Vec<(Reached, f64)>,
+    vertices: u32,
+    wedges: u32,
+    faces: u32,
+}
+
+impl Chunk {
+    fn of(Finished { level, region, parents, encoded: e }: Finished) -> Self {
+        let [vertices, wedges, faces] = [&e.vertices, &e.wedges, &e.faces].map(|list| list.len() as u32);
+        let RegionChunk { records, error, attribute_error, truncation_errors, center, radius, .. } = region;
+        let truncation_errors = truncation_errors[records.coded_truncation_points()].iter().copied();
+        let truncation_points = e.truncation_points.into_iter().zip(truncation_errors).collect();
+        Self {
+            bytes: e.bytes,
+            level,
+            parents,
+            error,
+            attribute_error,
+            center,
+            radius,
+            truncation_points,
+            vertices,
+            wedges,
+            faces,
+        }
+    }
+
+    /// Its entry in the index; `finer` is the largest error of its children.
+    fn info(&self, mesh: &QuantisedMesh, levels: usize, finer: f64) -> ChunkInfo {
+        let step = mesh.grid.step;
+        let truncation =
+            |&(truncation, error): &(Reached, f64)| truncation.truncation(round_up(error.max(finer) * step));
+        ChunkInfo {
+            level: (levels - self.level).min(255) as u8,
+            sphere: self.sphere(mesh),
+            error: round_up(self.error * step),
+            attribute_error: round_up(self.attribute_error * step),
+            truncation_points: self.truncation_points.iter().map(truncation).collect(),
+            parents: self.parents.clone(),
+            payload_bytes: self.bytes.len() as u32,
+            vertices: self.vertices,
+            wedges: self.wedges,
+            faces: self.faces,
+        }
+    }
+
+    /// Its sphere in the asset's units, relative to the grid's origin.
+    fn sphere(&self, mesh: &QuantisedMesh) -> Sphere {
+        let middle = f64::from(1_u32 << mesh.grid.bits) * 0.5;
+        let center = self.center.map(|x| (x + middle) * mesh.grid.step);
+        Sphere { center: center.map(|x| x as f32), radius: round_up(self.radius * mesh.grid.step) }
+    }
+}
+
+/// A float not below `x`, with a little to spare for the rounding of what it is added to.
+fn round_up(x: f64) -> f32 {
+    (x * (1.0 + 1e-6)) as f32
+}

@@ -1,0 +1,357 @@
+//! Applying chunks, undoing them, and taking them on from truncation to truncation.
+//!
+//! The mesh keeps what undoing a chunk puts back ([`Undo`]): of older vertices where they were, of older corners the
+//! wedge they were at. What the chunk brought only goes. Both are kept by slot, since what a chunk refers to cannot go
+//! before the chunk does.
+
+use crate::asset::index::ChunkInfo;
+use crate::mesh::Wedge;
+use crate::mesh::corner::{corner, face_of, side_of};
+use crate::numbers::id32;
+use crate::refine::active::ActiveMesh;
+use crate::refine::applied::{AppliedOwner, Undo, VertexState};
+use crate::refine::delta::{ChunkDelta, Id};
+use crate::refine::error::{ChunkError, RefineError};
+use crate::refine::owners::Owners;
+use crate::refine::render::Touched;
+
+/// What taking a chunk out undoes, so that it can be put back where it was.
+struct Forward {
+    /// In the order of [`Undo::vertices`].
+    vertices: Vec<VertexState>,
+    /// In the order of [`Undo::corners`].
+    wedges: Vec<u32>,
+}
+
+/// What checking a delta has found out.
+struct Checked {
+    /// The owners of the parents and of everything older that the delta refers to, ascending; without the base mesh,
+    /// which is always there.
+    needs: Vec<u32>,
+    /// The corners that move (`face × 3 + k`), and the wedges that they are at.
+    corners: Vec<(u32, u32)>,
+}
+
+impl ActiveMesh {
+    /// Applies a decoded chunk, or its beginning up to a truncation, once its parents are applied whole. The delta is not
+    /// needed afterwards: [`Self::undo`] and [`Self::raise`] take the chunk's id.
+    ///
+    /// # Errors
+    /// See [`RefineError`]; the mesh is then unchanged.
+    pub fn apply(&mut self, delta: &ChunkDelta) -> Result<Touched, RefineError> {
+        let checked = self.may_apply(delta)?;
+        Ok(self.insert(delta, checked))
+    }
+
+    /// Whether [`Self::apply`] would succeed, and if not, why.
+    pub(crate) fn would_apply(&mut self, delta: &ChunkDelta) -> Result<(), RefineError> {
+        self.may_apply(delta).map(drop)
+    }
+
+    /// Undoes an applied chunk none of whose children is applied.
+    ///
+    /// # Errors
+    /// See [`RefineError`]; the mesh is then unchanged.
+    pub fn undo(&mut self, chunk: u32) -> Result<Touched, RefineError> {
+        let (_, applied) = self.take_applied(chunk, false)?;
+        let draws = self.take_out(&applied);
+        self.release(applied);
+        Ok(self.finish_touched(draws))
+    }
+
+    /// Takes a chunk that is applied up to a truncation on to another, or to the whole (`None`): undoes it, decodes it from
+    /// `payload` as [`Self::decode_prefix`] does, and applies that. What changed in between counts as one change.
+    ///
+    /// # Errors
+    /// If the chunk is not applied, or is whole, or cannot be decoded or applied so; the mesh is then unchanged. That
+    /// its beginning could be used does not show that it was sound: who mistrusts both undoes the chunk.
+    pub fn raise(
+        &mut self,
+        chunk: u32,
+        info: &ChunkInfo,
+        truncation: Option<u8>,
+        payload: &[u8],
+    ) -> Result<Touched, ChunkError> {
+        let (owner, applied) = self.take_applied(chunk, true)?;
+        let forward = self.forward(&applied.undo);
+        let draws = self.take_out(&applied);
+        let decoded = self.decode_prefix(chunk, info, truncation, payload);
+        match decoded.and_then(|delta| Ok(self.may_apply(&delta).map(|checked| (delta, checked))?)) {
+            Ok((delta, checked)) => {
+                self.release(applied);
+                let mut touched = self.finish_touched(draws);
+                touched.merge(self.insert(&delta, checked));
+                Ok(touched)
+            }
+            Err(why) => {
+                self.put_back(owner, applied, forward);
+                Err(why)
+            }
+        }
+    }
+
+    /// Applies what [`Self::may_apply`] has let pass.
+    fn insert(&mut self, delta: &ChunkDelta, checked: Checked) -> Touched {
+        let owner = delta.chunk + 1;
+        let Checked { mut needs, corners } = checked;
+        let vertices = if self.only_grows { Box::default() } else { self.before(delta) };
+        // Not the parents alone: an index that names too few must not make references dangle. What moves a vertex on
+        // can be undone only first.
+        needs.extend(vertices.iter().map(|(_, was)| was.mover).filter(|&mover| mover != 0));
+        needs.sort_unstable();
+        needs.dedup();
+        for &need in &needs {
+            if let Some(applied) = self.applied.get_mut(need) {
+                applied.children += 1;
+            }
+        }
+        let materials: Vec<u16> = delta.faces.iter().map(|f| f.material).collect();
+        self.reserve(owner, delta.vertices.len(), delta.wedges.len(), &materials);
+        let faces = self.place_elements(owner, delta);
+        for m in &delta.moves {
+            // After the new vertices, which come from where it was.
+            let state = VertexState { position: m.to, morph_from: m.from, shift: m.shifts[1], mover: owner };
+            self.move_vertex(self.vertex_slot(m.vertex), state);
+        }
+        let own =
+            self.applied.get(owner).map_or((0, 0), |applied| (applied.faces.start, applied.wedges.start));
+        for (slot, wedges) in (own.0..).zip(faces) {
+            self.put_face(slot, wedges);
+            self.marks.faces.set(slot);
+        }
+        for (repoint, &(corner, _)) in delta.repoints.iter().zip(&corners) {
+            self.move_corner(corner, own.1 + repoint.to.index);
+            self.marks.faces.set(face_of(corner));
+        }
+        let corners = if self.only_grows { Box::default() } else { corners.into_boxed_slice() };
+        let undo = Undo { vertices, corners };
+        if let Some(applied) = self.applied.get_mut(owner) {
+            applied.needs = needs;
+            self.undo_bytes += undo.bytes();
+            applied.undo = undo;
+            applied.truncation = delta.truncation;
+        }
+        self.applied_chunks += 1;
+        self.finish_touched(Vec::with_capacity(2 * delta.faces.len()))
+    }
+
+    /// Writes the vertices and wedges that a chunk brings; answers the wedges of its faces. All by slot.
+    fn place_elements(&mut self, owner: u32, delta: &ChunkDelta) -> Vec<[u32; 3]> {
+        let mut owners = Owners::new(&self.applied);
+        let start = |first: Option<u32>| first.unwrap_or(0);
+        let first = start(owners.vertex(Id { owner, index: 0 }));
+        for (slot, vertex) in (first..).zip(&delta.vertices) {
+            self.positions[slot as usize] = vertex.position;
+            self.vertex_shift[slot as usize] = vertex.shift;
+            // A parent inside this chunk has a smaller index, so its ancestor is already known.
+            self.morph_from[slot as usize] = match vertex.parent {
+                Some(parent) if parent.owner == owner => self.morph_from[(first + parent.index) as usize],
+                Some(parent) => self.positions[start(owners.vertex(parent)) as usize],
+                None => vertex.position,
+            };
+        }
+        let first = start(owners.wedge(Id { owner, index: 0 }));
+        for (slot, wedge) in (first..).zip(&delta.wedges) {
+            self.wedges[slot as usize] =
+                Wedge { vertex: start(owners.vertex(wedge.vertex)), attributes: wedge.attributes };
+        }
+        delta.faces.iter().map(|face| face.wedges.map(|wedge| start(owners.wedge(wedge)))).collect()
+    }
+
+    /// The older vertices that the delta moves, as undoing it puts them back.
+    fn before(&self, delta: &ChunkDelta) -> Box<[(u32, VertexState)]> {
+        let states = delta.moves.iter().map(|m| {
+            let slot = self.vertex_slot(m.vertex);
+            let position = self.positions[slot as usize];
+            // Nothing morphs back: what was undone is where it is at once.
+            (slot, VertexState { morph_from: position, ..self.vertex_state(slot) })
+        });
+        states.collect()
+    }
+
+    /// How the vertices and corners that undoing puts back are now.
+    fn forward(&self, undo: &Undo) -> Forward {
+        Forward {
+            vertices: undo.vertices.iter().map(|&(slot, _)| self.vertex_state(slot)).collect(),
+            wedges: undo.corners.iter().map(|&(corner, _)| self.corner_wedge(corner)).collect(),
+        }
+    }
+
+    /// Takes what a chunk brought and changed out of the mesh; its slots stay reserved, and what it needs stays needed.
+    /// Marks what that touches, and answers the index entries of the faces that went.
+    fn take_out(&mut self, applied: &AppliedOwner) -> Vec<(u16, u32)> {
+        let mut draws = Vec::with_capacity(2 * applied.faces.len());
+        for slot in applied.faces.clone() {
+            for k in 0..3 {
+                let vertex = self.wedges[self.faces[slot as usize][k] as usize].vertex;
+                self.stars.remove(vertex, corner(slot, k));
+                self.marks.vertices.set(vertex);
+            }
+            let (material, draw) = (self.materials[slot as usize], self.draw_slots[slot as usize]);
+            self.indices[usize::from(material)][draw as usize] = [0; 3];
+            draws.push((material, draw));
+        }
+        for &(corner, wedge) in &applied.undo.corners {
+            self.move_corner(corner, wedge);
+            self.marks.faces.set(face_of(corner));
+        }
+        for &(slot, state) in &applied.undo.vertices {
+            self.move_vertex(slot, state);
+        }
+        draws
+    }
+
+    /// Puts back what [`Self::take_out`] took, where it was.
+    fn put_back(&mut self, owner: u32, applied: AppliedOwner, forward: Forward) {
+        for (&(slot, _), state) in applied.undo.vertices.iter().zip(forward.vertices) {
+            self.move_vertex(slot, state);
+        }
+        for (&(corner, _), wedge) in applied.undo.corners.iter().zip(forward.wedges) {
+            self.move_corner(corner, wedge);
+        }
+        for slot in applied.faces.clone() {
+            self.put_face(slot, self.faces[slot as usize]);
+        }
+        self.applied.insert(owner, applied);
+        // Who looks again finds what he has: nothing is touched.
+        self.finish_touched(Vec::new());
+    }
+
+    /// Gives back what a chunk that was taken out held.
+    fn release(&mut self, applied: AppliedOwner) {
+        for &need in &applied.needs {
+            if let Some(applied) = self.applied.get_mut(need) {
+                applied.children -= 1;
+            }
+        }
+        self.undo_bytes -= applied.undo.bytes();
+        self.live_faces -= applied.faces.len();
+        self.live_vertices -= applied.vertices.len();
+        self.applied_chunks -= 1;
+        self.vertex_slots.give_back(applied.vertices);
+        self.wedge_slots.give_back(applied.wedges);
+        self.face_slots.give_back(applied.faces);
+        for (material, range) in applied.draws {
+            self.index_slots[usize::from(material)].give_back(range);
+        }
+    }
+
+    /// The number and the record of a chunk that may be undone (`raised`: and that is not whole), which is then no longer
+    /// applied.
+    fn take_applied(&mut self, chunk: u32, raised: bool) -> Result<(u32, AppliedOwner), RefineError> {
+        let not_applied = RefineError::NotApplied(chunk);
+        let owner = chunk.checked_add(1).ok_or(not_applied.clone())?;
+        match self.applied.get(owner) {
+            None => return Err(not_applied),
+            Some(_) if self.only_grows => return Err(RefineError::OnlyGrows(chunk)),
+            Some(applied) if raised && applied.truncation.is_none() => {
+                return Err(RefineError::AlreadyApplied(chunk));
+            }
+            Some(&AppliedOwner { children: children @ 1.., .. }) => {
+                return Err(RefineError::HasChildren { chunk, children });
+            }
+            Some(_) => {}
+        }
+        self.applied.remove(owner).map(|applied| (owner, applied)).ok_or(not_applied)
+    }
+
+    fn may_apply(&mut self, delta: &ChunkDelta) -> Result<Checked, RefineError> {
+        let chunk = delta.chunk;
+        let count = id32(self.applied.len()) - 1;
+        if chunk >= count {
+            return Err(RefineError::NoSuchChunk { chunk, count });
+        }
+        if self.is_applied(chunk) {
+            return Err(RefineError::AlreadyApplied(chunk));
+        }
+        for &parent in &delta.parents {
+            if parent == chunk || !self.is_applied(parent) {
+                return Err(RefineError::MissingParent { chunk, parent });
+            }
+        }
+        let checked = self.fitting(delta).ok_or(RefineError::Mismatch(chunk))?;
+        // Not the parents alone, for the reason given in `insert`.
+        if let Some(need) = checked.needs.iter().find(|&need| self.applied_truncation(need - 1).is_some()) {
+            return Err(RefineError::PartialParent { chunk, parent: need - 1 });
+        }
+        if self.moves_corners_once(&checked.corners) {
+            Ok(checked)
+        } else {
+            Err(RefineError::Mismatch(chunk))
+        }
+    }
+
+    /// Whether no corner is moved twice; the corners must be there. Marks them for the moment, which
+    /// costs less than sorting them.
+    fn moves_corners_once(&mut self, corners: &[(u32, u32)]) -> bool {
+        const MARK: u32 = u32::MAX;
+        let mut marked = 0;
+        for &(corner, _) in corners {
+            let at = &mut self.faces[face_of(corner) as usize][side_of(corner)];
+            if *at == MARK {
+                break;
+            }
+            *at = MARK;
+            marked += 1;
+        }
+        for &(corner, wedge) in &corners[..marked] {
+            self.faces[face_of(corner) as usize][side_of(corner)] = wedge;
+        }
+        marked == corners.len()
+    }
+
+    /// What the delta refers to, if all of that is there or is its own.
+    fn fitting(&self, delta: &ChunkDelta) -> Option<Checked> {
+        let own = delta.chunk + 1;
+        // What is its own and not there has no record either.
+        let mut owners = Owners::new(&self.applied);
+        let (vertices, wedges) = (delta.vertices.len(), delta.wedges.len());
+        let is_own = |id: Id, count: usize| id.owner == own && (id.index as usize) < count;
+        for (i, vertex) in delta.vertices.iter().enumerate() {
+            if let Some(parent) = vertex.parent
+                && !is_own(parent, i)
+            {
+                owners.vertex(parent)?;
+            }
+        }
+        for wedge in delta.wedges.iter().filter(|wedge| !is_own(wedge.vertex, vertices)) {
+            owners.vertex(wedge.vertex)?;
+        }
+        for face in &delta.faces {
+            for wedge in face.wedges.into_iter().filter(|&wedge| !is_own(wedge, wedges)) {
+                owners.wedge(wedge)?;
+            }
+            if usize::from(face.material) >= self.indices.len() {
+                return None;
+            }
+        }
+        if !delta.moves.is_sorted_by(|a, b| a.vertex < b.vertex) {
+            return None;
+        }
+        for m in &delta.moves {
+            let slot = owners.vertex(m.vertex)?;
+            if self.positions[slot as usize] != m.from {
+                return None;
+            }
+        }
+        let mut corners = Vec::with_capacity(delta.repoints.len());
+        for r in &delta.repoints {
+            // Corners move to wedges that the chunk brings, from wedges that were there: then whatever
+            // moves them on needs this chunk, and undoing it leaves none at a wedge that is gone.
+            let (face, from) = (owners.face(r.face)?, owners.wedge(r.from)?);
+            if r.corner >= 3 || !is_own(r.to, wedges) {
+                return None;
+            }
+            let corner = corner(face, r.corner.into());
+            if self.corner_wedge(corner) != from {
+                return None;
+            }
+            corners.push((corner, from));
+        }
+        let mut needs: Vec<u32> = delta.parents.iter().map(|p| p + 1).chain(owners.named).collect();
+        needs.retain(|&need| need != 0);
+        needs.sort_unstable();
+        needs.dedup();
+        Some(Checked { needs, corners })
+    }
+}

@@ -1,0 +1,175 @@
+//! Going on where a preparation that was ended has finished a level.
+//!
+//! The blocks of a level tell what its collapses did; what they do not tell closes it ([`End`]). A level is done again by
+//! performing its collapses, without searching for them or measuring, which is nearly all of the work.
+
+use crate::checkpoint::CheckpointError;
+use crate::collapse::{Placed, Records};
+use crate::entropy::bytes::Reader;
+use crate::error::{DecodeError, MeshError};
+use crate::mesh::Wedge;
+use crate::mesh::vec3::{length, sub};
+use crate::simplify::commit::Committed;
+use crate::simplify::deviation::Deviation;
+use crate::simplify::hierarchy::{Bounds, RegionChunk};
+use crate::simplify::live::Live;
+use crate::simplify::packed::{halves, list, put, put_wedges, real, wedges};
+
+/// Pieces are read by the layout that wrote them.
+const LAYOUT: u32 = 1;
+
+/// How a level ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Outcome {
+    /// How many chunks it has.
+    pub(crate) chunks: usize,
+    /// Bits that its end's grid leaves out.
+    pub(crate) shift: u8,
+    /// It removed little; nothing comes after it.
+    pub(crate) little: bool,
+    pub(crate) last: bool,
+    /// Its collapses.
+    pub(crate) removed: usize,
+    /// Of all levels so far.
+    pub(crate) stray_error: f64,
+}
+
+/// What closes a level: what is known when it is finished and its chunks do not tell.
+#[derive(Debug, PartialEq)]
+pub(crate) struct End {
+    pub(crate) outcome: Outcome,
+    /// Wedges that its collapses added, in their order.
+    added: Vec<Wedge>,
+    /// Where its chunks have put vertices, in the order of their moves.
+    placed: Vec<Placed>,
+    /// By sample, the face that it is near, and how far.
+    attached: Vec<u32>,
+    distance: Vec<f32>,
+}
+
+impl End {
+    /// Of a level that `live` is the end of, with what its chunks move, and how many wedges there were before.
+    pub(crate) fn new<'a>(
+        outcome: Outcome,
+        moves: impl Iterator<Item = &'a Placed>,
+        wedges: usize,
+        live: &Live<'_>,
+        deviation: &Deviation,
+    ) -> Self {
+        let (attached, distance) = deviation.places();
+        Self {
+            outcome,
+            added: live.wedges.added_from(wedges).to_vec(),
+            placed: moves.map(|m| live.placed(m.vertex)).collect(),
+            attached: attached.to_vec(),
+            distance: distance.to_vec(),
+        }
+    }
+
+    pub(crate) fn pack(&self) -> Vec<u8> {
+        let mut out = Vec::with_capacity(8 * self.attached.len() + 24 * self.placed.len() + 64);
+        let Outcome { chunks, shift, little, last, removed, stray_error } = self.outcome;
+        let [low, high] = halves(stray_error);
+        let head =
+            [LAYOUT, chunks as u32, shift.into(), little.into(), last.into(), removed as u32, low, high];
+        put(&mut out, &head, |&x| [x]);
+        put_wedges(&mut out, &self.added);
+        put(&mut out, &self.placed, |p| {
+            let [x, y, z] = p.cell.map(i32::cast_unsigned);
+            [p.vertex, x, y, z, p.shift.into()]
+        });
+        put(&mut out, &self.attached, |&face| [face]);
+        put(&mut out, &self.distance, |x| [x.to_bits()]);
+        out
+    }
+
+    /// Reads what [`Self::pack`] has made; `None` where another program did.
+    ///
+    /// # Errors
+    /// Where it is damaged.
+    pub(crate) fn unpack(bytes: &[u8]) -> Result<Option<Self>, DecodeError> {
+        let mut r = Reader::new(bytes, "the end of a level");
+        let head = list(&mut r, |[x]| x)?;
+        let &[LAYOUT, chunks, shift, little, last, removed, low, high] = head.as_slice() else {
+            return Ok(None);
+        };
+        let added = wedges(&mut r)?;
+        let placed = list(&mut r, |[vertex, x, y, z, shift]| Placed {
+            vertex,
+            cell: [x, y, z].map(u32::cast_signed),
+            shift: shift as u8,
+        })?;
+        let attached = list(&mut r, |[face]| face)?;
+        let distance = list(&mut r, |[bits]| f32::from_bits(bits))?;
+        let outcome = Outcome {
+            chunks: chunks as usize,
+            shift: shift as u8,
+            little: little != 0,
+            last: last != 0,
+            removed: removed as usize,
+            stray_error: real([low, high]),
+        };
+        Ok(Some(Self { outcome, added, placed, attached, distance }))
+    }
+
+    /// Takes over the wedges: what is performed again names them.
+    pub(crate) fn add_wedges(&mut self, live: &mut Live<'_>) -> Result<(), MeshError> {
+        if self.added.iter().any(|wedge| wedge.vertex as usize >= live.positions.len()) {
+            return Err(not_of_this_mesh());
+        }
+        self.added.drain(..).for_each(|wedge| live.keep_again(wedge));
+        Ok(())
+    }
+
+    /// Takes over the rest, once the level's collapses are performed; `before` is where its moves came from.
+    pub(crate) fn close(
+        self,
+        before: &[Placed],
+        live: &mut Live<'_>,
+        deviation: &mut Deviation,
+    ) -> Result<(), MeshError> {
+        let same = |(a, b): (&Placed, &Placed)| a.vertex == b.vertex;
+        let samples = deviation.sample_count();
+        if before.len() != self.placed.len()
+            || !before.iter().zip(&self.placed).all(same)
+            || self.attached.len() != samples
+            || self.distance.len() != samples
+            || self.attached.iter().any(|&face| face as usize >= live.alive.len())
+        {
+            return Err(not_of_this_mesh());
+        }
+        for (was, is) in before.iter().zip(&self.placed) {
+            let v = is.vertex as usize;
+            live.positions[v] = live.position(is.cell);
+            live.shifts[v] = is.shift;
+            live.reach[v] += length(sub(live.positions[v], live.position(was.cell)));
+        }
+        live.settle();
+        deviation.take_places(self.attached, self.distance);
+        Ok(())
+    }
+}
+
+/// Performs a block's collapses again. The final numbers of wedges are known.
+pub(crate) fn perform(chunks: Vec<RegionChunk>, live: &mut Live<'_>) -> Result<Vec<Placed>, MeshError> {
+    let bounds =
+        Bounds { vertices: live.positions.len(), faces: live.alive.len(), wedges: live.wedges.len() };
+    let mut moves = Vec::new();
+    for chunk in chunks {
+        let fits = chunk.fits(bounds);
+        let RegionChunk { records, moves: moved, .. } = chunk;
+        let mut records = Records { first_kept: u32::MAX, kept: Vec::new(), ..records };
+        records.collapses.iter_mut().for_each(|c| c.kept_end = 0);
+        if !fits {
+            return Err(not_of_this_mesh());
+        }
+        let count = records.collapses.len();
+        records.commit(live, &mut Committed::default(), count, &mut |_| {});
+        moves.extend(moved);
+    }
+    Ok(moves)
+}
+
+pub(super) fn not_of_this_mesh() -> MeshError {
+    CheckpointError::new("a level that was put away is not of this mesh; remove it").into()
+}

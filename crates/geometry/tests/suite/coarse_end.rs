@@ -1,0 +1,158 @@
+//! The base mesh of meshes that resist: many components, holes, seams everywhere, hubs.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use lodestream_geometry::check::check;
+use lodestream_geometry::mesh::{Face, QuantisedMesh, Wedge};
+use lodestream_geometry::pool::{Serial, Silent};
+use lodestream_geometry::prepare::{Hooks, Prepared, prepare};
+use lodestream_geometry::{Metric, Settings};
+
+use crate::common::{prepared, quantised, regions, shapes};
+
+/// Prepares with the default settings, checks random ancestor-closed cuts, and holds the base to 5 %.
+fn whole(name: &str, mesh: &QuantisedMesh, sets: usize) -> Prepared {
+    let asset = prepared(mesh, &Settings::default());
+    let report = check(&asset.base, &asset.infos, &asset.chunks, sets, 7, &Serial).unwrap();
+    assert_eq!((report.cracks, report.order_dependent, report.undo_errors), (0, 0, 0), "{name}");
+    let error = f64::from(asset.base.geometric_error / asset.base.diagonal);
+    assert!(error <= 0.05, "{name}: {error} of the diagonal, {} faces", asset.base.faces.len());
+    asset
+}
+
+/// Edges with one face, by vertices.
+fn boundary(wedges: &[Wedge], faces: &[Face]) -> usize {
+    let mut edges: BTreeMap<(u32, u32), usize> = BTreeMap::new();
+    for face in faces {
+        let corners = face.wedges.map(|w| wedges[w as usize].vertex);
+        for k in 0..3 {
+            let (a, b) = (corners[k], corners[(k + 1) % 3]);
+            *edges.entry((a.min(b), a.max(b))).or_default() += 1;
+        }
+    }
+    edges.values().filter(|&&faces| faces == 1).count()
+}
+
+#[test]
+fn thirteen_hundred_components_have_a_small_base() {
+    let mesh = quantised(&shapes::crowd(1299));
+    assert!(mesh.faces.len() > 48_000 && mesh.faces.len() < 52_000, "{}", mesh.faces.len());
+    let asset = whole("crowd", &mesh, 4);
+    assert!(asset.base.faces.len() <= 2000, "{} faces", asset.base.faces.len());
+    let bytes = asset.base.encode().unwrap().len();
+    assert!(bytes <= 12_000, "{bytes} bytes");
+}
+
+#[test]
+fn large_thin_parts_are_no_shards() {
+    let [width, height, thickness] = [1.5, 0.9, 0.03];
+    let (columns, rows, layers, z) = (3, 4, 3, 2.0);
+    let mut scene = shapes::crowd(200);
+    // One behind the other: what is left of one is near enough to all of them.
+    for wall in 0..columns * rows * layers {
+        let (layer, wall) = (wall / (columns * rows), wall % (columns * rows));
+        let at = [
+            f64::from(wall % columns) * 1.7 - 2.5,
+            f64::from(wall / columns) - 2.0,
+            z + 0.06 * f64::from(layer),
+        ];
+        scene = shapes::join(scene, &shapes::slab([width, height, thickness]), at);
+    }
+    let base = whole("walls", &quantised(&scene), 4).base;
+    // What of the base mesh a look along z meets, where the walls are; a coarse grid of positions may move them.
+    let mut area = 0.0;
+    for face in &base.faces {
+        let [a, b, c] =
+            face.wedges.map(|w| base.grid.position(base.positions[base.wedges[w as usize].vertex as usize]));
+        if [a, b, c].iter().all(|p| (p[2] - z).abs() < 0.05 * f64::from(base.diagonal)) {
+            area += 0.5 * ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])).abs();
+        }
+    }
+    let share = area / (2.0 * f64::from(columns * rows * layers) * width * height);
+    assert!((0.9..1.2).contains(&share), "{share} of the walls is left, {} faces", base.faces.len());
+    assert!(base.faces.len() <= 800, "{} faces", base.faces.len());
+}
+
+#[test]
+fn holes_close() {
+    let mesh = quantised(&shapes::perforated(60, 80));
+    let before = boundary(&mesh.wedges, &mesh.faces);
+    assert!(before > 500, "{before} boundary edges");
+    let asset = whole("holes", &mesh, 10);
+    let after = boundary(&asset.base.wedges, &asset.base.faces);
+    assert!(after * 7 < before, "{after} of {before} boundary edges are left");
+    assert!(asset.base.faces.len() < 300, "{} faces", asset.base.faces.len());
+}
+
+#[test]
+fn a_frigate_with_seams_everywhere_never_opens() {
+    let mesh = quantised(&shapes::frigate(40));
+    let mut wedges: BTreeMap<u32, BTreeSet<[i32; 2]>> = BTreeMap::new();
+    for wedge in &mesh.wedges {
+        wedges.entry(wedge.vertex).or_default().insert(wedge.attributes.uv);
+    }
+    let on_seams = wedges.values().filter(|uvs| uvs.len() > 1).count();
+    assert!(on_seams * 10 > mesh.positions.len() * 9, "{on_seams} of {}", mesh.positions.len());
+    assert_eq!(boundary(&mesh.wedges, &mesh.faces), 0);
+    let asset = whole("frigate", &mesh, 60);
+    assert_eq!(boundary(&asset.base.wedges, &asset.base.faces), 0);
+    assert!(asset.base.faces.len() * 10 < mesh.faces.len(), "{} faces", asset.base.faces.len());
+}
+
+#[test]
+fn other_metrics_and_rounds_keep_the_promises() {
+    let meshes = [shapes::torus(40, 70), shapes::perforated(24, 30), shapes::frigate(6), shapes::crowd(40)];
+    let (mut bytes, mut along_seams) = (BTreeSet::new(), BTreeSet::new());
+    for source in &meshes {
+        let mesh = quantised(source);
+        for metric in Metric::ALL {
+            for round_share in [None, Some(0.05), Some(0.2)] {
+                let settings = Settings { metric, round_share, ..regions(200) };
+                let asset = prepared(&mesh, &settings);
+                let report = check(&asset.base, &asset.infos, &asset.chunks, 6, 9, &Serial).unwrap();
+                let found = (report.cracks, report.order_dependent, report.undo_errors);
+                assert_eq!(found, (0, 0, 0), "{metric:?}, {round_share:?}");
+                let of = if metric == Metric::ClusteringSeams { &mut along_seams } else { &mut bytes };
+                of.insert(asset.chunks);
+            }
+        }
+    }
+    assert_eq!(bytes.len(), meshes.len() * 9, "a setting does nothing");
+    // Not all have seams.
+    assert!(along_seams.difference(&bytes).count() >= 3, "seams are not looked at");
+}
+
+#[test]
+fn the_top_is_one_chunk_of_as_many_faces_as_asked_for() {
+    for source in [shapes::torus(40, 70), shapes::perforated(24, 30), shapes::crowd(40)] {
+        let mesh = quantised(&source);
+        let mut levels = Vec::new();
+        for top_regions in [0.25, 1.0, 1.5, 4.0, 16.0] {
+            let asset = prepared(&mesh, &Settings { top_regions, ..regions(200) });
+            let report = check(&asset.base, &asset.infos, &asset.chunks, 6, 9, &Serial).unwrap();
+            let found = (report.cracks, report.order_dependent, report.undo_errors);
+            assert_eq!(found, (0, 0, 0), "{top_regions}");
+            let error = f64::from(asset.base.geometric_error / asset.base.diagonal);
+            assert!(error <= 0.05, "{top_regions}: {error} of the diagonal");
+            let coarsest: Vec<_> = asset.infos.iter().filter(|i| i.parents.is_empty()).collect();
+            assert_eq!(coarsest.len(), 1, "{top_regions}");
+            let faces = asset.base.faces.len() + coarsest[0].faces as usize;
+            let merged = (top_regions * 200.0) as usize;
+            assert!(faces <= merged.max(400), "{top_regions}: {faces} faces after the first chunk");
+            levels.push(asset.base.level_count);
+        }
+        assert!(levels.is_sorted_by(|a, b| a >= b) && levels[0] > levels[4], "{levels:?}");
+    }
+}
+
+#[test]
+fn settings_out_of_range_are_refused_by_name() {
+    let mesh = quantised(&shapes::torus(20, 30));
+    let refused = |settings: Settings| {
+        prepare(&mesh, &settings, &Hooks::new(&Serial, &Silent)).unwrap_err().to_string()
+    };
+    let top = |top_regions| refused(Settings { top_regions, ..regions(50) });
+    assert_eq!(top(-1.0), "top regions -1 is out of range: 0.25 to 16");
+    assert_eq!(top(f64::NAN), "top regions NaN is out of range: 0.25 to 16");
+    assert_eq!(refused(regions(49)), "region faces 49 is out of range: 50 to 20000");
+}

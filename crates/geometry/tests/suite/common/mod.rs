@@ -1,0 +1,149 @@
+//! Meshes made from formulas, and how tests prepare them. Everything follows from constants.
+#![allow(dead_code, reason = "each of those who share it needs another part")]
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, OnceLock};
+
+use lodestream_geometry::Settings;
+use lodestream_geometry::mesh::{Attributes, Corner, QuantisedMesh, SourceMesh};
+use lodestream_geometry::pool::{Pool, Serial, Silent};
+use lodestream_geometry::prepare::{Hooks, Prepared, prepare};
+use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
+use lodestream_geometry::random::Random;
+
+pub(crate) mod shapes;
+
+/// Every generator by name, with meshes of a few thousand faces.
+pub(crate) fn all() -> Vec<(&'static str, SourceMesh)> {
+    vec![
+        ("noisy sphere", shapes::sphere(40, 60, 0.05)),
+        ("torus", shapes::torus(40, 70)),
+        ("height field with holes", shapes::height_field(50)),
+        ("boxes with seams everywhere", shapes::frigate(12)),
+        ("flat-shaded sphere", shapes::flat_shaded(shapes::sphere(20, 40, 0.0))),
+        ("several materials", shapes::materials(shapes::torus(30, 40), 5)),
+        ("many components", shapes::components(300)),
+        ("triangle soup", shapes::soup(700)),
+        ("non-manifold fans", shapes::fans(60)),
+        ("duplicate faces", shapes::duplicates(shapes::sphere(16, 24, 0.02))),
+        ("two coincident sheets", shapes::sheets(20)),
+        ("bow ties", shapes::bow_ties(120)),
+        ("needles", shapes::needles(800)),
+        ("medley", shapes::medley(6)),
+        ("painted torus", shapes::painted(shapes::torus(30, 50))),
+        ("dressed stones", shapes::stones(40)),
+    ]
+}
+
+/// The generators whose meshes are closed and manifold.
+pub(crate) fn closed() -> Vec<(&'static str, SourceMesh)> {
+    vec![
+        ("noisy sphere", shapes::sphere(40, 60, 0.05)),
+        ("torus", shapes::torus(40, 70)),
+        ("many components", shapes::components(300)),
+        ("flat-shaded sphere", shapes::flat_shaded(shapes::sphere(20, 40, 0.0))),
+    ]
+}
+
+pub(crate) fn quantised(source: &SourceMesh) -> QuantisedMesh {
+    with_bits(source, 14)
+}
+
+pub(crate) fn with_bits(source: &SourceMesh, bits: u8) -> QuantisedMesh {
+    quantise(source, &QuantiseSettings { precision: Precision::Bits(bits), ..QuantiseSettings::default() })
+        .unwrap()
+}
+
+/// Settings with regions of so many faces, and chunks as small as such regions need.
+pub(crate) fn regions(faces: usize) -> Settings {
+    Settings { region_faces: faces, min_splits: (faces / 50).max(1), ..Settings::default() }
+}
+
+/// Regions of so many faces, and truncation_points even in small chunks.
+pub(crate) fn stopping(faces: usize) -> Settings {
+    Settings { min_part_splits: 4, ..regions(faces) }
+}
+
+/// The finest levels in blocks of so many faces.
+pub(crate) fn in_blocks(faces: usize, settings: Settings) -> Settings {
+    Settings { block_faces: faces, ..settings }
+}
+
+/// Prepares a mesh, once for all tests that ask for the same of the same: what is prepared depends on nothing else, as
+/// `determinism` and `golden` show.
+pub(crate) fn prepared(mesh: &QuantisedMesh, settings: &Settings) -> Prepared {
+    static KEPT: Mutex<BTreeMap<[u8; 32], Arc<OnceLock<Prepared>>>> = Mutex::new(BTreeMap::new());
+    let work = || prepare(mesh, settings, &Hooks::new(&Serial, &Silent)).unwrap();
+    if mesh.faces.len() > MOST_KEPT_FACES {
+        return work();
+    }
+    let key = blake3::hash(format!("{mesh:?} {settings:?}").as_bytes());
+    let kept = Arc::clone(KEPT.lock().unwrap().entry(key.into()).or_default());
+    kept.get_or_init(work).clone()
+}
+
+/// Larger meshes are for one test each.
+const MOST_KEPT_FACES: usize = 20_000;
+
+/// A face as geometry and attributes: per corner position and attributes, rotated so that the least
+/// comes first; and the material.
+pub(crate) type PlainFace = ([([i32; 3], Attributes); 3], u16);
+
+/// The faces of a mesh, sorted, whatever its numbering.
+pub(crate) fn plain_faces(mesh: &QuantisedMesh) -> Vec<PlainFace> {
+    let mut faces: Vec<PlainFace> = mesh
+        .faces
+        .iter()
+        .map(|face| {
+            let corners = face.wedges.map(|w| {
+                let wedge = mesh.wedges[w as usize];
+                (mesh.positions[wedge.vertex as usize], wedge.attributes)
+            });
+            let turns = [0, 1, 2].map(|k| [0, 1, 2].map(|i| corners[(i + k) % 3]));
+            (*turns.iter().min().unwrap(), face.material)
+        })
+        .collect();
+    faces.sort_unstable();
+    faces
+}
+
+/// A pool of so many threads that hands out tasks in a random order.
+pub(crate) struct Shuffled {
+    pub(crate) threads: usize,
+    pub(crate) seed: u64,
+}
+
+impl Pool for Shuffled {
+    fn run(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
+        let order = permutation(count, &mut Random::new(self.seed));
+        let next = AtomicUsize::new(0);
+        std::thread::scope(|scope| {
+            for _ in 0..self.threads {
+                scope.spawn(|| {
+                    while let Some(&i) = order.get(next.fetch_add(1, Ordering::Relaxed)) {
+                        task(i);
+                    }
+                });
+            }
+        });
+    }
+}
+
+pub(crate) fn permutation(count: usize, random: &mut Random) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..count).collect();
+    for i in (1..count).rev() {
+        order.swap(i, random.below(i + 1));
+    }
+    order
+}
+
+/// A mesh without attributes.
+pub(crate) fn bare(positions: Vec<[f64; 3]>, faces: &[[u32; 3]]) -> SourceMesh {
+    SourceMesh {
+        positions,
+        faces: faces.iter().map(|f| f.map(Corner::at)).collect(),
+        materials: vec![0; faces.len()],
+        ..SourceMesh::default()
+    }
+}

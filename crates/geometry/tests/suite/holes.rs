@@ -1,0 +1,118 @@
+//! No hole that the input does not have, at any set of chunks closed under parents, leaves up to any of
+//! their truncation_points, for any input.
+//!
+//! [`lodestream_geometry::check`] compares *directed* edges; this test is independent of it. It counts
+//! faces at undirected edges: where an edge has an odd number, a surface ends. Sending each vertex of
+//! the input to its ancestor in the mesh at hand sends the edges where the input ends to edges of that
+//! mesh; taken modulo two, those and no others may be where the mesh ends. An input without such edges
+//! (closed, however tangled) has none at any time.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use lodestream_geometry::ancestor_closed_cut;
+use lodestream_geometry::mesh::SourceMesh;
+use lodestream_geometry::random::Random;
+use lodestream_geometry::refine::{ActiveMesh, ChunkDelta, Id, Snapshot};
+
+use crate::common::{all, prepared, quantised, shapes, stopping, with_bits};
+use crate::promises::{apply, deltas};
+
+/// Undirected edges with an odd number of faces, the smaller id first.
+fn ends(state: &Snapshot) -> BTreeSet<(Id, Id)> {
+    let vertex: BTreeMap<Id, Id> = state.wedges.iter().map(|&(wedge, vertex, _)| (wedge, vertex)).collect();
+    let mut odd = BTreeSet::new();
+    for (_, wedges, _) in &state.faces {
+        let v = wedges.map(|w| vertex[&w]);
+        for (a, b) in [(v[0], v[1]), (v[1], v[2]), (v[2], v[0])] {
+            flip(&mut odd, a, b);
+        }
+    }
+    odd
+}
+
+fn flip(odd: &mut BTreeSet<(Id, Id)>, a: Id, b: Id) {
+    let edge = (a.min(b), a.max(b));
+    if a != b && !odd.remove(&edge) {
+        odd.insert(edge);
+    }
+}
+
+/// Where a vertex of the input is in a mesh without some of the chunks.
+fn ancestor(state: &Snapshot, deltas: &[ChunkDelta], mut vertex: Id) -> Id {
+    while state.vertices.binary_search_by_key(&vertex, |v| v.0).is_err() {
+        let parent = deltas[vertex.owner as usize - 1].vertices[vertex.index as usize].parent;
+        let Some(parent) = parent else { break };
+        vertex = parent;
+    }
+    vertex
+}
+
+/// Tries so many random ancestor-closed cuts. Answers how many edges of the input end a surface.
+fn no_new_holes(name: &str, source: &SourceMesh, bits: u8, region_faces: usize, sets: usize) -> usize {
+    let asset = prepared(&with_bits(source, bits), &stopping(region_faces));
+    let (full, deltas) = deltas(&asset);
+    let input = ends(&full.snapshot());
+    let mut random = Random::new(region_faces as u64);
+    for set in 0..sets {
+        let set = if set == 0 { Vec::new() } else { ancestor_closed_cut::random(&asset.infos, &mut random) };
+        let mut mesh = ActiveMesh::new(&asset.base);
+        for member in ancestor_closed_cut::random_order(&asset.infos, &set, &mut random) {
+            apply(&mut mesh, &asset, member);
+        }
+        let state = mesh.snapshot();
+        let mut expected = BTreeSet::new();
+        for &(a, b) in &input {
+            flip(&mut expected, ancestor(&state, &deltas, a), ancestor(&state, &deltas, b));
+        }
+        assert!(ends(&state) == expected, "{name}, regions of {region_faces}, {} chunks applied", set.len());
+    }
+    input.len()
+}
+
+#[test]
+fn surfaces_end_only_where_the_input_does() {
+    let mut with_ends = 0;
+    for (name, source) in all() {
+        with_ends += usize::from(no_new_holes(name, &source, 14, 100, 6) > 0);
+    }
+    assert!(with_ends >= 5, "only {with_ends} of the inputs have boundaries");
+}
+
+#[test]
+fn closed_tangles_never_open() {
+    // Every generator's faces given twice close any surface: then no edge may ever have an odd count.
+    for (name, mut source) in all() {
+        source.faces.extend(source.faces.clone());
+        source.materials.extend(source.materials.clone());
+        assert_eq!(no_new_holes(name, &source, 12, 200, 3), 0, "{name}");
+    }
+}
+
+/// The low-poly model of the first prototype tore at its uv seams.
+#[test]
+fn a_low_poly_model_with_seams_at_nearly_every_vertex_never_tears() {
+    let source = shapes::frigate(9);
+    let mesh = quantised(&source);
+    let mut wedges = vec![0; mesh.positions.len()];
+    for wedge in &mesh.wedges {
+        wedges[wedge.vertex as usize] += 1;
+    }
+    let on_seams = wedges.iter().filter(|&&w| w > 1).count();
+    assert!(on_seams * 10 >= wedges.len() * 9, "{on_seams} of {} vertices", wedges.len());
+    for region_faces in [50, 100, 400] {
+        assert_eq!(no_new_holes("boxes", &source, 14, region_faces, 25), 0);
+    }
+}
+
+#[test]
+fn two_thousand_components_with_everything_on_them_get_no_holes() {
+    let mut source = shapes::medley(4);
+    let mut random = Random::new(5);
+    for _ in 0..8 {
+        let by = [0, 1, 2].map(|_| 6.0 * random.unit());
+        source = shapes::join(source, &shapes::dust(250), by);
+    }
+    for region_faces in [100, 1000] {
+        assert!(no_new_holes("components", &source, 10, region_faces, 6) > 0);
+    }
+}

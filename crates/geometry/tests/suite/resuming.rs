@@ -1,0 +1,176 @@
+//! Storage for finished levels: what is prepared does not depend on it, nor on how often a preparation was ended and
+//! went on from what it had kept.
+
+use std::collections::BTreeMap;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use lodestream_geometry::checkpoint::{CheckpointError, CheckpointStore, Piece};
+use lodestream_geometry::mesh::QuantisedMesh;
+use lodestream_geometry::pool::{Monitor, Progress, Serial, Silent};
+use lodestream_geometry::prepare::{Hooks, Prepared, prepare};
+use lodestream_geometry::{Codec, MeshError, Settings};
+
+use crate::common::{all, in_blocks, prepared, quantised, regions, shapes};
+
+/// Storage that lasts, until it breaks: after so many pieces, and for good.
+struct Lasting {
+    pieces: Mutex<BTreeMap<Piece, Vec<u8>>>,
+    left: AtomicUsize,
+}
+
+impl Lasting {
+    fn new(left: usize) -> Self {
+        Self { pieces: Mutex::default(), left: left.into() }
+    }
+
+    fn mended(self, left: usize) -> Self {
+        Self { left: left.into(), ..self }
+    }
+
+    /// Levels that are closed.
+    fn levels(&self) -> usize {
+        self.pieces.lock().unwrap().keys().filter(|piece| piece.block == Piece::END).count()
+    }
+}
+
+impl CheckpointStore for Lasting {
+    fn lasts(&self) -> bool {
+        true
+    }
+
+    fn put(&self, piece: Piece, bytes: Vec<u8>) -> Result<(), CheckpointError> {
+        let take = |left: usize| left.checked_sub(1);
+        if self.left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, take).is_err() {
+            return Err(CheckpointError::new("the disk is full"));
+        }
+        self.pieces.lock().unwrap().insert(piece, bytes);
+        Ok(())
+    }
+
+    fn get(&self, piece: Piece) -> Result<Option<Vec<u8>>, CheckpointError> {
+        Ok(self.pieces.lock().unwrap().get(&piece).cloned())
+    }
+}
+
+/// Counts reports of simplification, and cancels at one.
+struct Counting {
+    reports: AtomicUsize,
+    last: usize,
+}
+
+impl Counting {
+    fn until(last: usize) -> Self {
+        Self { reports: AtomicUsize::new(0), last }
+    }
+}
+
+impl Monitor for Counting {
+    fn report(&self, _: Progress) -> bool {
+        self.reports.fetch_add(1, Ordering::Relaxed) < self.last
+    }
+}
+
+fn with(mesh: &QuantisedMesh, settings: &Settings, checkpoint: &Lasting) -> Result<Prepared, MeshError> {
+    prepare(mesh, settings, &Hooks::new(&Serial, &Silent).checkpointing_to(checkpoint))
+}
+
+#[test]
+fn a_preparation_goes_on_from_wherever_its_storage_broke() {
+    let meshes = [
+        ("medley", shapes::medley(3)),
+        ("painted", shapes::painted(shapes::materials(shapes::sphere(40, 60, 0.02), 3))),
+        ("flat shaded", shapes::flat_shaded(shapes::height_field(50))),
+    ];
+    let mut ends = 0;
+    for (name, source) in meshes {
+        let mesh = quantised(&source);
+        for (settings, step) in [
+            (regions(50), 2),
+            (Settings { codec: Codec::Zstd, ..regions(200) }, 3),
+            (in_blocks(700, regions(100)), 5),
+        ] {
+            let expected = prepare(&mesh, &settings, &Hooks::new(&Serial, &Silent)).unwrap();
+            for pieces in (0..).step_by(step) {
+                let broken = Lasting::new(pieces);
+                let Err(why) = with(&mesh, &settings, &broken) else { break };
+                assert!(why.to_string().contains("the disk is full"), "{name}: {why}");
+                let again = with(&mesh, &settings, &broken.mended(usize::MAX)).unwrap();
+                assert!(again == expected, "{name}: another asset after {pieces} pieces");
+                ends += 1;
+            }
+        }
+    }
+    assert!(ends > 15, "storage broke only {ends} times");
+}
+
+#[test]
+fn levels_that_are_closed_are_not_done_again() {
+    let mesh = quantised(&shapes::torus(60, 80));
+    let (settings, store) = (regions(200), Lasting::new(usize::MAX));
+    let whole = Counting::until(usize::MAX);
+    let expected = prepare(&mesh, &settings, &Hooks::new(&Serial, &whole).checkpointing_to(&store)).unwrap();
+    let levels = store.levels();
+    assert!(levels > 3, "{levels} levels");
+    let reports = whole.reports.into_inner();
+    // Cancelled again and again, each time a little further on.
+    let mut store = Lasting::new(usize::MAX);
+    let (mut runs, mut done) = (0, 0);
+    loop {
+        let monitor = Counting::until(reports / 4);
+        let result = prepare(&mesh, &settings, &Hooks::new(&Serial, &monitor).checkpointing_to(&store));
+        runs += 1;
+        match result {
+            Ok(again) => {
+                assert!(again == expected);
+                break;
+            }
+            Err(why) => assert_eq!(why, MeshError::Cancelled),
+        }
+        if store.levels() == done {
+            // The finest level takes more than a quarter.
+            let monitor = Counting::until(reports / 4 * 3);
+            let _ = prepare(&mesh, &settings, &Hooks::new(&Serial, &monitor).checkpointing_to(&store));
+        }
+        done = store.levels();
+        store = store.mended(usize::MAX);
+        assert!(runs < 20, "{done} of {levels} levels after {runs} runs");
+    }
+    // With all levels closed nothing is left but to encode.
+    let last = Counting::until(usize::MAX);
+    let again = prepare(&mesh, &settings, &Hooks::new(&Serial, &last).checkpointing_to(&store)).unwrap();
+    assert!(again == expected);
+    let left = last.reports.into_inner();
+    assert!(left < reports / 2, "{left} reports of {reports}");
+}
+
+/// A crash of the machine may leave what was written last and not what was written before.
+#[test]
+fn a_level_that_lacks_a_block_is_done_again() {
+    let mesh = quantised(&shapes::torus(60, 80));
+    let settings = regions(200);
+    let store = Lasting::new(usize::MAX);
+    let expected = with(&mesh, &settings, &store).unwrap();
+    for level in 0..store.levels() as u32 {
+        store.pieces.lock().unwrap().remove(&Piece { level, block: 0 });
+        assert!(with(&mesh, &settings, &store).unwrap() == expected, "without level {level}");
+    }
+}
+
+#[test]
+fn what_another_mesh_has_put_away_is_an_error_or_of_no_use() {
+    for (name, source) in all() {
+        let mesh = quantised(&source);
+        let store = Lasting::new(usize::MAX);
+        with(&quantised(&shapes::torus(60, 80)), &regions(200), &store).unwrap();
+        if let Ok(asset) = with(&mesh, &regions(200), &store) {
+            assert!(asset == prepared(&mesh, &regions(200)), "{name}");
+        }
+    }
+    // A block of a larger mesh names what a smaller one does not have.
+    let (large, small) = (shapes::torus(60, 80), shapes::torus(30, 40));
+    let (settings, store) = (in_blocks(700, regions(100)), Lasting::new(usize::MAX));
+    with(&quantised(&large), &settings, &store).unwrap();
+    let why = with(&quantised(&small), &settings, &store).unwrap_err();
+    assert!(why.to_string().contains("is not of this mesh"), "{why}");
+}

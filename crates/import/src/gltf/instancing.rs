@@ -1,0 +1,74 @@
+//! Nodes that show their mesh many times (EXT_mesh_gpu_instancing): where, in accessors.
+
+use std::collections::BTreeMap;
+
+use glam::{DMat4, DQuat, DVec3};
+use gltf::json;
+use gltf::json::accessor::Type;
+use serde::Deserialize;
+
+use super::accessor::Buffers;
+use super::container::Document;
+use crate::error::ImportError;
+
+const EXTENSION: &str = "EXT_mesh_gpu_instancing";
+
+/// Most places of one node: as many instances as a scene may have.
+const MAX_PLACES: usize = lodestream_protocol::limits::MAX_INSTANCES as usize;
+
+#[derive(Deserialize)]
+struct InstancingJson {
+    #[serde(default)]
+    attributes: BTreeMap<String, usize>,
+}
+
+/// Where a node has its mesh, in the node's own axes; `None` for one that shows it once.
+///
+/// # Errors
+/// Accessors that do not hold what they should, or are not of one length.
+pub(super) fn of_node(
+    document: &Document,
+    buffers: &mut Buffers<'_>,
+    node: &json::Node,
+    index: usize,
+) -> Result<Option<Vec<DMat4>>, ImportError> {
+    let said = node.extensions.as_ref().and_then(|all| all.others.get(EXTENSION));
+    let Some(said) = said else { return Ok(None) };
+    let place = format!("nodes[{index}].extensions.{EXTENSION}");
+    let error = |what: String| document.error(format!("{place}: {what}"));
+    let said = InstancingJson::deserialize(said).map_err(|e| error(format!("is not understood: {e}")))?;
+    let mut open = |name: &str, shape: Type| {
+        let accessor = said.attributes.get(name);
+        accessor.map(|&accessor| buffers.open(accessor, &format!("{place}.{name}"), &[shape])).transpose()
+    };
+    let translations = open("TRANSLATION", Type::Vec3)?;
+    let rotations = open("ROTATION", Type::Vec4)?;
+    let scales = open("SCALE", Type::Vec3)?;
+    let mut counts =
+        [&translations, &rotations, &scales].into_iter().flatten().map(|elements| elements.len());
+    let Some(count) = counts.next() else {
+        return Err(error("has no TRANSLATION, ROTATION or SCALE; export the file again".into()));
+    };
+    if counts.any(|other| other != count) {
+        return Err(error("has attributes of different lengths; export the file again".into()));
+    }
+    // A place may bring a whole mesh: it costs a byte at least, as a node costs some.
+    let stored: u64 = said.attributes.values().map(|&accessor| buffers.stored_bytes(accessor)).sum();
+    if count as u64 > stored {
+        return Err(error(format!("has {count} places in {stored} bytes, too many; export it uncompressed")));
+    }
+    if count > MAX_PLACES {
+        return Err(error(format!(
+            "has {count} places; at most {MAX_PLACES} are supported, so split the model"
+        )));
+    }
+    let matrix = |at: usize| {
+        let rotation = rotations.as_ref().map_or(DQuat::IDENTITY, |all| DQuat::from_array(all.get(at)));
+        // As of nodes: rounded ones are made unit, and one of length zero says nothing.
+        let rotation = if rotation.length_squared() > 0.0 { rotation.normalize() } else { DQuat::IDENTITY };
+        let translation = translations.as_ref().map_or(DVec3::ZERO, |all| DVec3::from_array(all.get(at)));
+        let scale = scales.as_ref().map_or(DVec3::ONE, |all| DVec3::from_array(all.get(at)));
+        DMat4::from_scale_rotation_translation(scale, rotation, translation)
+    };
+    Ok(Some((0..count).map(matrix).collect()))
+}

@@ -1,0 +1,171 @@
+//! glTF 2.0 and GLB to [`SourceMesh`](lodestream_geometry::mesh::SourceMesh) and materials.
+//!
+//! Meshes of triangles (lists, strips, fans; indexed or not; every component type, sparse accessors too; compressed or
+//! not) with positions, normals, one set of texture coordinates and vertex colours; nodes flattened to
+//! transformations in f64; metallic-roughness materials with all their maps; lights that stand in the scene. What a
+//! file has beyond that is named in a warning, and refused where the file requires it and the picture would be another without it.
+//!
+//! The crate `gltf` parses the JSON. Its types are used without its validation, which panics on some
+//! indices out of range (gltf-json 1.4, `primitive_validate_hook`): every index is looked up here with a
+//! check, where it is used.
+
+mod accessor;
+mod compressed;
+mod container;
+mod draco;
+mod ignored;
+mod instancing;
+mod lights;
+mod maps;
+mod material;
+mod mesh;
+mod nodes;
+#[cfg(test)]
+mod tests;
+
+use std::path::{Path, PathBuf};
+
+use bytes::Bytes;
+use glam::{DMat3, DMat4, DQuat};
+
+use crate::error::ImportError;
+use crate::file::{MAX_FILE_BYTES, read_file};
+use crate::model::{Imported, Part};
+use container::{Document, Location};
+use lodestream_protocol::punctual_lights::PunctualLight;
+use mesh::Builder;
+
+/// Columns of two axes count as equally long, or as at right angles, within this share: what nodes that
+/// were composed in f32 come to.
+const SIMILARITY: f64 = 1e-5;
+
+/// One mesh of a file, placed by a similarity; what is not one is part of the mesh.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlacedMesh {
+    /// The mesh, as [`crate::import_part`] takes it.
+    pub part: Part,
+    /// World position of the mesh's (0, 0, 0).
+    pub translation: [f64; 3],
+    /// Unit quaternion x, y, z, w.
+    pub rotation: [f64; 4],
+    /// World units per mesh unit, above zero.
+    pub scale: f64,
+}
+
+/// The meshes and lights of a file.
+#[derive(Clone, Debug)]
+pub struct Contents {
+    /// Name of each mesh, by index; unique.
+    pub names: Vec<String>,
+    /// Where the file's scene has them.
+    pub placed: Vec<PlacedMesh>,
+    /// The lights that stand in the file's scene.
+    pub punctual_lights: Vec<PunctualLight>,
+}
+
+fn open(path: &Path) -> Result<Document, ImportError> {
+    let bytes = read_file(path, MAX_FILE_BYTES)?;
+    if bytes.is_empty() {
+        return Err(ImportError::Empty { path: path.to_owned() });
+    }
+    Document::parse(path, Bytes::from(bytes))
+}
+
+/// Imports a file, or one mesh of it.
+pub(super) fn import(path: &Path, part: &Part) -> Result<Imported, ImportError> {
+    let document = open(path)?;
+    let mut builder = Builder::new(&document);
+    match *part {
+        Part::Whole => {
+            for placed in nodes::placed(&document)?.meshes {
+                builder.add(placed.mesh, &placed.to_scene)?;
+            }
+        }
+        Part::Mesh { mesh, linear } => {
+            builder.add(mesh, &DMat4::from_mat3(DMat3::from_cols_array_2d(&linear)))?;
+        }
+    }
+    builder.finish()
+}
+
+/// What meshes and lights a file has, and where.
+///
+/// # Errors
+/// As [`crate::import`], short of what the meshes hold.
+pub fn contents(path: &Path) -> Result<Contents, ImportError> {
+    let document = open(path)?;
+    let placed = nodes::placed(&document)?;
+    // A scale of zero leaves nothing to draw.
+    let visible = placed.meshes.into_iter().filter(|p| p.to_scene.determinant() != 0.0);
+    let meshes = visible.map(|p| similar(p.mesh, &p.to_scene)).collect();
+    let punctual_lights = lights::punctual_lights(&document, &placed.lights)?;
+    Ok(Contents { names: names(&document), placed: meshes, punctual_lights })
+}
+
+/// The mesh of that name, about its own origin.
+///
+/// # Errors
+/// A file that is no glTF file, or has no such mesh: the message then names those that it has.
+pub fn part_named(path: &Path, name: &str) -> Result<Part, ImportError> {
+    if !crate::file::is_gltf(path) {
+        return Err(ImportError::gltf(path, "only glTF files have meshes with names; leave the mesh out"));
+    }
+    let document = open(path)?;
+    let names = names(&document);
+    let Some(mesh) = names.iter().position(|n| n == name) else {
+        let some: Vec<&str> = names.iter().take(8).map(String::as_str).collect();
+        let some = some.join(", ");
+        return Err(document.error(format!("has no mesh named {name:?}; it has {}: {some}", names.len())));
+    };
+    Ok(Part::Mesh { mesh, linear: DMat3::IDENTITY.to_cols_array_2d() })
+}
+
+/// Names of the meshes: the file's own, numbered where two are alike or none is given.
+fn names(document: &Document) -> Vec<String> {
+    let mut names: Vec<String> = Vec::new();
+    for (index, mesh) in document.root.meshes.iter().enumerate() {
+        let own = mesh.name.clone().filter(|name| !name.is_empty());
+        let name = own.unwrap_or_else(|| format!("mesh-{index}"));
+        let taken = document.root.meshes[..index].iter().filter(|m| m.name.as_deref() == Some(&name)).count();
+        names.push(if taken == 0 { name } else { format!("{name}-{}", taken + 1) });
+    }
+    names
+}
+
+/// Splits a transformation into what an instance can do (turn, scale evenly, move) and, where that is not
+/// all, a linear map for the mesh itself: uneven scales, shears and mirrors.
+fn similar(mesh: usize, to_scene: &DMat4) -> PlacedMesh {
+    let linear = DMat3::from_mat4(*to_scene);
+    let translation = to_scene.w_axis.truncate().to_array();
+    let scale = linear.determinant().cbrt();
+    let axes = [linear.x_axis, linear.y_axis, linear.z_axis];
+    let even = axes.iter().all(|axis| (axis.length() - scale).abs() <= SIMILARITY * scale);
+    let square = [(0, 1), (1, 2), (2, 0)]
+        .iter()
+        .all(|&(i, j)| axes[i].dot(axes[j]).abs() <= SIMILARITY * scale * scale);
+    if scale > 0.0 && even && square {
+        let rotation = DQuat::from_mat3(&DMat3::from_cols_array(&(linear * scale.recip()).to_cols_array()));
+        let part = Part::Mesh { mesh, linear: DMat3::IDENTITY.to_cols_array_2d() };
+        let rotation = rotation.normalize().to_array();
+        PlacedMesh { part, translation, rotation, scale }
+    } else {
+        let part = Part::Mesh { mesh, linear: linear.to_cols_array_2d() };
+        PlacedMesh { part, translation, rotation: DQuat::IDENTITY.to_array(), scale: 1.0 }
+    }
+}
+
+/// The files that are read beside a glTF file of the given content: buffers and images.
+pub(super) fn dependencies(path: &Path, bytes: &[u8]) -> Vec<PathBuf> {
+    let Ok(document) = Document::parse(path, Bytes::copy_from_slice(bytes)) else { return Vec::new() };
+    let buffers = document.root.buffers.iter().filter_map(|buffer| buffer.uri.as_deref());
+    let images = document.root.images.iter().filter_map(|image| image.uri.as_deref());
+    let mut files = Vec::new();
+    for uri in buffers.chain(images).filter(|uri| !uri.starts_with("data:")) {
+        if let Ok(Location::File(file)) = document.locate(uri)
+            && !files.contains(&file)
+        {
+            files.push(file);
+        }
+    }
+    files
+}

@@ -1,0 +1,98 @@
+//! What stands behind a `map_` keyword: options, and the name of a file that may be read.
+
+use std::path::{Component as Part, Path, PathBuf};
+
+use lodestream_protocol::asset::Wrap;
+
+use crate::model::Component;
+
+/// A texture as a line names it.
+pub(super) struct TextureOptions {
+    pub(super) file: String,
+    /// `-bm`.
+    pub(super) bump: f32,
+    /// `-clamp on`; along both axes, since the option does not tell them apart.
+    pub(super) wrap: [Wrap; 2],
+    /// `-imfchan`.
+    pub(super) component: Option<Component>,
+}
+
+impl TextureOptions {
+    /// Splits `-option value … file name with blanks`.
+    pub(super) fn parse(text: &str) -> Self {
+        let mut this = Self { file: String::new(), bump: 1.0, wrap: [Wrap::Repeat; 2], component: None };
+        let mut rest = text.trim();
+        while rest.starts_with('-') {
+            let (option, tail) = split_word(rest);
+            // How many values an option takes, and whether they all must be there.
+            let (count, optional) = match option {
+                "-blendu" | "-blendv" | "-cc" | "-clamp" | "-bm" | "-boost" | "-imfchan" | "-texres"
+                | "-type" => (1, false),
+                "-mm" => (2, false),
+                "-o" | "-s" | "-t" => (3, true),
+                _ => break,
+            };
+            rest = tail;
+            for _ in 0..count {
+                let (value, tail) = split_word(rest);
+                if tail.is_empty() || (optional && value.parse::<f64>().is_err()) {
+                    break;
+                }
+                this.set(option, value);
+                rest = tail;
+            }
+        }
+        this.file = rest.to_owned();
+        this
+    }
+
+    fn set(&mut self, option: &str, value: &str) {
+        match (option, value) {
+            ("-bm", _) => {
+                self.bump = value.parse::<f32>().ok().filter(|b| b.is_finite()).unwrap_or(1.0);
+            }
+            ("-clamp", "on") => self.wrap = [Wrap::Clamp; 2],
+            ("-imfchan", "r") => self.component = Some(Component::Red),
+            ("-imfchan", "g") => self.component = Some(Component::Green),
+            ("-imfchan", "b") => self.component = Some(Component::Blue),
+            ("-imfchan", "m") => self.component = Some(Component::Alpha),
+            ("-imfchan", "l") => self.component = Some(Component::Luminance),
+            _ => {}
+        }
+    }
+}
+
+fn split_word(text: &str) -> (&str, &str) {
+    let (word, tail) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
+    (word, tail.trim_start())
+}
+
+/// The file that is named in `folder`, within `root`, the model's folder; backslashes count as separators where the name
+/// as written does not exist (files written on Windows).
+///
+/// # Errors
+/// In one line: names that lead out of the model's folder. Whoever prepares an untrusted peer's model would publish files of
+/// his own otherwise.
+pub(in crate::obj) fn locate(root: &Path, folder: &Path, name: &str) -> Result<PathBuf, String> {
+    let name = name.trim().trim_matches('"');
+    let inside = |name: &str| {
+        let below = folder.strip_prefix(root).unwrap_or(Path::new(""));
+        let depth = below.components().chain(Path::new(name).components()).try_fold(
+            0_usize,
+            |depth, part| match part {
+                Part::Normal(_) => Some(depth + 1),
+                Part::CurDir => Some(depth),
+                Part::ParentDir => depth.checked_sub(1),
+                Part::RootDir | Part::Prefix(_) => None,
+            },
+        );
+        depth.map(|_| folder.join(name)).ok_or_else(|| {
+            format!("{name:?} is not in the model's folder or below it and is left out; put the file there")
+        })
+    };
+    let path = inside(name)?;
+    if !path.exists() && name.contains('\\') {
+        return inside(&name.replace('\\', "/"));
+    }
+    Ok(path)
+}

@@ -1,0 +1,30 @@
+//! How a model is prepared, as people say it: each setting one type with one range, whether a command line, a scene
+//! file, a simulator's plan or the text in a pack sets it.
+//!
+//! | setting | type | possible | where it matters |
+//! |---|---|---|---|
+//! | position bits, or tolerance | [`PositionBits`], [`Tolerance`] | 4 to 24, or a positive length | grid of positions |
+//! | uv bits | [`UvBits`] | 1 to 16 | grid of texture coordinates |
+//! | normal tolerance | [`NormalTolerance`] | 0 to 180 degrees | which normals are sent |
+//! | relief depth | [`ReliefDepth`] | 0 to 1 of texture coordinates | materials |
+//! | metric | [`Metric`](lodestream_geometry::Metric) | `qem`, `melax`, `clustering`, `clustering-seams` | order of collapses |
+//! | round size | [`Round`] | `heap`, or a share of 0.01 to 0.5 | order of collapses |
+//! | codec | [`CodecChoice`] | `auto`, `range`, `axis-aligned`, `zstd` | base mesh and chunks |
+//! | region faces | [`RegionFaces`] | 50 to 20,000 | size of chunks |
+//! | level share | [`LevelShare`] | 0.1 to 0.9 | number of levels |
+//! | top regions | [`TopRegions`] | 0.25 to 16 | the first step |
+//! | coarse grid | [`CoarseGrid`] | 0 to 4 | grids of coarse levels |
+//! | block faces | [`BlockFaces`] | 100 to 100,000,000 | meshes that are simplified block after block |
+//!
+//! Each is read from text by `FromStr` and from a number by `TryFrom`, with the same refusal.
+
+mod choices;
+mod codec_choice;
+mod setting;
+
+pub use choices::{Precision, PreparationSettings, ReadError};
+pub use codec_choice::CodecChoice;
+pub use setting::{
+    BlockFaces, CoarseGrid, LevelShare, NormalTolerance, PositionBits, RegionFaces, ReliefDepth, Round,
+    RoundShare, Tolerance, TopRegions, UvBits,
+};

@@ -1,0 +1,95 @@
+//! What settings are made of: a number type with one range, and the refusal of what is outside of it.
+
+use lodestream_geometry::UnknownName;
+
+/// A value that a setting cannot have.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{possible}; {given} is not")]
+pub struct Impossible {
+    possible: String,
+    given: String,
+}
+
+impl Impossible {
+    /// What is possible, as the first half of a sentence, and what was given instead.
+    pub(crate) fn new(possible: impl Into<String>, given: impl Into<String>) -> Self {
+        Self { possible: possible.into(), given: given.into() }
+    }
+}
+
+impl From<UnknownName> for Impossible {
+    fn from(unknown: UnknownName) -> Self {
+        Self::new(format!("{} is possible", unknown.possible), format!("{:?}", unknown.given))
+    }
+}
+
+/// A number type with one range: both ends included, or from the first to just below the second.
+macro_rules! setting {
+    ($(#[$about:meta])* $name:ident($number:ty), $range:expr, $unit:literal) => {
+        $crate::setting::setting! { @number $(#[$about])* $name($number), $unit }
+
+        impl $name {
+            /// What is possible, both ends included.
+            pub const RANGE: std::ops::RangeInclusive<$number> = $range;
+
+            fn possible() -> String {
+                format!("{} to {}", Self::RANGE.start(), Self::RANGE.end())
+            }
+        }
+    };
+    ($(#[$about:meta])* $name:ident($number:ty), below $range:expr, $unit:literal) => {
+        $crate::setting::setting! { @number $(#[$about])* $name($number), $unit }
+
+        impl $name {
+            /// What is possible: the beginning and all below the end.
+            pub const RANGE: std::ops::Range<$number> = $range;
+
+            fn possible() -> String {
+                format!("{} to below {}", Self::RANGE.start, Self::RANGE.end)
+            }
+        }
+    };
+    (@number $(#[$about:meta])* $name:ident($number:ty), $unit:literal) => {
+        $(#[$about])*
+        #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
+        pub struct $name($number);
+
+        impl $name {
+            /// The number.
+            #[must_use]
+            pub const fn get(self) -> $number {
+                self.0
+            }
+
+            fn refusal(given: impl Into<String>) -> $crate::setting::Impossible {
+                let possible = format!("{} {} are possible", Self::possible(), $unit);
+                $crate::setting::Impossible::new(possible, given)
+            }
+        }
+
+        impl TryFrom<$number> for $name {
+            type Error = $crate::setting::Impossible;
+
+            fn try_from(number: $number) -> Result<Self, $crate::setting::Impossible> {
+                // What is no number at all is in no range.
+                if Self::RANGE.contains(&number) { Ok(Self(number)) } else { Err(Self::refusal(number.to_string())) }
+            }
+        }
+
+        impl std::str::FromStr for $name {
+            type Err = $crate::setting::Impossible;
+
+            fn from_str(text: &str) -> Result<Self, $crate::setting::Impossible> {
+                text.parse().map_err(|_| Self::refusal(format!("{text:?}"))).and_then(|n: $number| Self::try_from(n))
+            }
+        }
+
+        impl std::fmt::Display for $name {
+            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                self.0.fmt(f)
+            }
+        }
+    };
+}
+
+pub(crate) use setting;

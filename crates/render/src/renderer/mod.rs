@@ -1,0 +1,471 @@
+//! The renderer: what it keeps between frames, and how it plans one. What passes record is in `passes`.
+
+mod passes;
+
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use crate::accumulation::Accumulation;
+use crate::asset::AssetGpu;
+use crate::bloom::{Bloom, BloomPass};
+use crate::buffer::GrowingBuffer;
+use crate::compiler::Compiler;
+use crate::composite::Composites;
+use crate::counters::Counters;
+use crate::cpu_reference::water::Water;
+use crate::debug::{self, DebugPipelines};
+use crate::draw::{Curved, DrawList, Meshes};
+use crate::environment::Environment;
+use crate::fullscreen::depth_attachment;
+use crate::gpu::{Gpu, RenderError};
+use crate::graph::{self, Needs, PassId, Resource};
+use crate::ink::{InkPass, Seen};
+use crate::instance::InstanceRaw;
+use crate::layers::Layers;
+use crate::lights::{PunctualLightList, PunctualLightPass};
+use crate::material::Material;
+use crate::material_kit::{Features, MaterialKit};
+use crate::occlusion::{OcclusionMethod, OcclusionNormals};
+use crate::pipelines::Pipelines;
+use crate::pn_triangles::{Curving, PatchLists};
+use crate::reflections::{ReflectionMethod, Tracer};
+use crate::scene::{AntiAliasing, DebugView, Frame, MAX_ANISOTROPY, MIN_RENDER_SCALE, Settings};
+use crate::shadows::{self, Casters, ShadowMaps, Sun};
+use crate::sky::SkyGpu;
+use crate::target::{Load, Target};
+use crate::targets::Targets;
+use crate::temporal::{Temporal, TemporalStep};
+use crate::terrain::{TerrainGpu, TerrainLook, TileList, TileRaw};
+use crate::texture::{Texture, TextureShape};
+use crate::timing::{PassEncoder, Timer, Timings};
+use crate::uniforms::FrameUniform;
+use crate::water::WaterPass;
+
+/// Draws frames into targets of one format.
+#[derive(Debug)]
+pub struct Renderer {
+    kit: MaterialKit,
+    pipelines: Arc<Pipelines>,
+    composites: Composites,
+    debug: DebugPipelines,
+    targets: Targets,
+    frame_buffer: wgpu::Buffer,
+    frame_group: wgpu::BindGroup,
+    instances: GrowingBuffer<InstanceRaw>,
+    patches: PatchLists,
+    tiles: GrowingBuffer<TileRaw>,
+    shadow_maps: ShadowMaps,
+    sky: SkyGpu,
+    punctual_lights: PunctualLightPass,
+    water: WaterPass,
+    tracer: Tracer,
+    bloom: BloomPass,
+    ink: InkPass,
+    layers: Layers,
+    temporal: Temporal,
+    accumulation: Accumulation,
+    target_format: wgpu::TextureFormat,
+    warned_wireframe: bool,
+    warned_patches: bool,
+    warned_ink: bool,
+    /// Where somebody asked what passes take.
+    timer: Option<Timer>,
+}
+
+impl Renderer {
+    /// A renderer for targets of `target_format`. With an sRGB format the target encodes what it
+    /// is given; with any other the shader applies the sRGB curve, so both show the same picture.
+    /// Pipelines of [`Settings::default`] are compiled; others, and a terrain's, with the first frame that needs them.
+    ///
+    /// # Errors
+    /// [`RenderError::Device`] if the device refuses a shader or pipeline.
+    pub fn new(gpu: &Gpu, target_format: wgpu::TextureFormat) -> Result<Self, RenderError> {
+        let this = Self::without_pipelines(gpu, target_format)?;
+        this.compiler(gpu, &Settings::default(), false).compile();
+        gpu.check()?;
+        Ok(this)
+    }
+
+    /// The same, but nothing is compiled yet: [`Renderer::compiler`] does it on as many threads as there are, else each
+    /// frame what it lacks.
+    ///
+    /// # Errors
+    /// [`RenderError::Device`] if the device refuses a buffer or texture.
+    pub fn without_pipelines(gpu: &Gpu, target_format: wgpu::TextureFormat) -> Result<Self, RenderError> {
+        let kit = MaterialKit::new(gpu);
+        let pipelines = Arc::new(Pipelines::new(gpu, &kit, target_format));
+        let frame_buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("frame"),
+            size: size_of::<FrameUniform>() as u64,
+            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        let frame_group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("frame"),
+            layout: &pipelines.frame_layout,
+            entries: &[wgpu::BindGroupEntry { binding: 0, resource: frame_buffer.as_entire_binding() }],
+        });
+        let shadow_maps = ShadowMaps::new(gpu, &pipelines.frame_layout);
+        let read = gpu.curve_usage();
+        let temporal = Temporal::new(Arc::clone(&pipelines.resolve), read);
+        gpu.check()?;
+        Ok(Self {
+            kit,
+            pipelines,
+            composites: Composites::default(),
+            debug: DebugPipelines::default(),
+            targets: Targets::default(),
+            frame_buffer,
+            frame_group,
+            instances: GrowingBuffer::new("instance buffer", wgpu::BufferUsages::VERTEX | read),
+            patches: PatchLists::default(),
+            tiles: GrowingBuffer::new("terrain tiles", wgpu::BufferUsages::VERTEX),
+            shadow_maps,
+            sky: SkyGpu::new(gpu),
+            punctual_lights: PunctualLightPass::new(gpu),
+            water: WaterPass::new(gpu),
+            tracer: Tracer::new(gpu),
+            bloom: BloomPass::default(),
+            ink: InkPass::default(),
+            layers: Layers::default(),
+            temporal,
+            accumulation: Accumulation::default(),
+            target_format,
+            warned_wireframe: false,
+            warned_patches: false,
+            warned_ink: false,
+            timer: None,
+        })
+    }
+
+    /// The format of the targets that this renderer draws into.
+    #[must_use]
+    pub fn target_format(&self) -> wgpu::TextureFormat {
+        self.target_format
+    }
+
+    /// What compiles the pipelines that frames of these settings are drawn with, on `ground` perhaps.
+    #[must_use]
+    pub fn compiler(&self, gpu: &Gpu, settings: &Settings, ground: bool) -> Compiler {
+        Compiler::new(gpu, &self.pipelines, settings, ground)
+    }
+
+    /// Times passes from the next frame on, or no longer. Timestamps are two queries a pass, read back without waiting.
+    pub fn time_passes(&mut self, gpu: &Gpu, on: bool) {
+        match (&self.timer, on) {
+            (None, true) => self.timer = Some(Timer::new(gpu)),
+            (_, false) => self.timer = None,
+            (Some(_), true) => {}
+        }
+    }
+
+    /// What passes took in the last frames, of which the newest are not yet back from the device; empty unless
+    /// [`Renderer::time_passes`] asked for it.
+    pub fn timings(&mut self) -> Timings {
+        self.timer.as_mut().map(Timer::timings).unwrap_or_default()
+    }
+
+    /// Makes an empty asset. Positions of its vertices will be relative to `origin` (asset units);
+    /// materials refer to `textures` by index.
+    #[must_use]
+    pub fn create_asset(
+        &self,
+        gpu: &Gpu,
+        origin: DVec3,
+        materials: &[Material],
+        textures: &[TextureShape],
+    ) -> AssetGpu {
+        let textures = textures.iter().map(|shape| Texture::new(gpu, *shape)).collect();
+        self.create_asset_with(gpu, origin, materials, textures)
+    }
+
+    /// The same with textures that other assets may have too.
+    #[must_use]
+    pub fn create_asset_with(
+        &self,
+        gpu: &Gpu,
+        origin: DVec3,
+        materials: &[Material],
+        textures: Vec<Texture>,
+    ) -> AssetGpu {
+        materials.iter().for_each(|material| self.pipelines.meshes.ensure(gpu, Features::of(material)));
+        AssetGpu::new(gpu, self.kit.clone(), origin, materials, textures)
+    }
+
+    /// Makes a terrain without tiles.
+    ///
+    /// # Errors
+    /// [`RenderError::TooLarge`] where the device cannot hold the atlas of tiles, [`RenderError::Device`] if it
+    /// refuses it.
+    pub fn create_terrain(&self, gpu: &Gpu, look: TerrainLook) -> Result<TerrainGpu, RenderError> {
+        TerrainGpu::new(gpu, self.pipelines.terrain(gpu), look)
+    }
+
+    /// Records a frame into `target`. Uploads happen at once, drawing when the
+    /// caller submits `encoder` to the device's queue; one frame must be submitted before the next
+    /// is recorded.
+    ///
+    /// # Errors
+    /// [`RenderError::TooLarge`] for a size that the device cannot draw (or 0), [`RenderError::Target`] for views
+    /// that cannot be drawn into, and [`RenderError::Device`] with the first error that wgpu reported since the
+    /// last frame.
+    pub fn record(
+        &mut self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        target: &Target<'_>,
+        frame: &Frame<'_>,
+    ) -> Result<Counters, RenderError> {
+        target.check(self.target_format)?;
+        let mut passes = PassEncoder::new(encoder, self.timer.as_mut().map(Timer::begin));
+        let (size, mut counters) = (drawn_size(target, frame.settings.render_scale), Counters::default());
+        let mut list = DrawList::new(frame, size, &mut counters);
+        let haze = frame.environment.haze.filter(|_| frame.settings.haze);
+        let sky = self.sky.light(gpu, &Environment { haze, ..frame.environment }, frame.sky);
+        let shadows = frame.settings.shadows.filter(|_| sky.sun.max_element() > 0.0);
+        let shadows = shadows.map(|shadows| shadows.clamped(gpu.device.limits().max_texture_dimension_2d));
+        let cascades = shadows.map(|shadows| shadows::of_frame(frame, &list, shadows));
+        let cascades = cascades.unwrap_or_default();
+        let mut casters: Vec<Casters<'_>> = Vec::new();
+        if let Some(shadows) = shadows {
+            casters = (1..=cascades.len())
+                .filter_map(|count| Casters::new(&cascades[..count], shadows.map_side))
+                .collect();
+            casters.iter_mut().for_each(|casters| casters.add_meshes(&mut list, frame));
+        }
+        let ground = match frame.terrain {
+            Some(terrain) => {
+                Some(TileList::new(gpu, terrain, frame.camera.eye, &mut casters, &mut self.tiles)?)
+            }
+            None => None,
+        };
+        let ground = ground.filter(|ground| !ground.is_empty());
+        let wireframe = frame.settings.wireframe && self.pipelines.meshes.wire(gpu).is_some();
+        if frame.settings.wireframe && !wireframe && !self.warned_wireframe {
+            tracing::warn!("{} cannot draw wireframes; they are left out", gpu.describe());
+            self.warned_wireframe = true;
+        }
+        let ink = frame.settings.draws_ink(gpu);
+        if frame.settings.ink.is_some() && ink.is_none() && !self.warned_ink {
+            tracing::warn!("{} cannot draw in ink; it is left out", gpu.describe());
+            self.warned_ink = true;
+        }
+        let curved = frame.settings.curves(gpu);
+        if frame.settings.pn_triangles.is_some() && !gpu.can_curve() && !self.warned_patches {
+            tracing::warn!("{} cannot draw curved patches; triangles stay flat", gpu.describe());
+            self.warned_patches = true;
+        }
+        // From below its level water is not seen.
+        let water = frame.water.filter(|_| frame.settings.water);
+        let water = water.and_then(|water| water.seen_from(frame.camera.eye));
+        let has_surfaces = !list.batches.is_empty() || ground.is_some() || water.is_some();
+        let ambient = frame.settings.occlusion.filter(|o| o.strength > 0.0 && has_surfaces);
+        let accumulated = self.accumulation.begin(frame, ambient, size);
+        let occlusion = ambient.is_some();
+        let lit = !frame.lights.is_empty() && PunctualLightPass::is_possible(gpu);
+        let through = frame.settings.transparency && list.any(|features| features.blend);
+        let culling = frame.settings.lights.filter(|_| lit);
+        let punctual_lights = culling.map(|culling| PunctualLightList::new(frame, culling, size, through));
+        let punctual_lights = punctual_lights.filter(|list| !list.punctual_lights.is_empty());
+        let smoothed = match frame.settings.anti_aliasing {
+            _ if target.depth.is_some() || target.load == Load::Keep => AntiAliasing::None,
+            anti_aliasing => anti_aliasing,
+        };
+        let seen = frame.settings.shade == DebugView::Motion;
+        let temporal = smoothed == AntiAliasing::Temporal && frame.settings.shade.is_lit();
+        let (step, moving) = if has_surfaces && (temporal || seen) {
+            let over = |water: &Water| [water.height, water.extinction.y].map(|x| x as f32);
+            let water = water.as_ref().map_or([0.0; 2], over);
+            self.temporal.begin(gpu, (frame, &list), size, (temporal, water))?
+        } else {
+            self.temporal.forget();
+            (TemporalStep::NONE, Vec::new())
+        };
+        let reflections = frame.settings.reflections;
+        let there = [occlusion, !casters.is_empty(), punctual_lights.is_some(), !moving.is_empty()];
+        let shown = debug::shown(frame.settings.shade, there);
+        let plan = graph::plan(
+            &graph::candidates(Needs {
+                geometry: has_surfaces,
+                curved: curved.is_some(),
+                occlusion,
+                drawn_normals: accumulated.normals == OcclusionNormals::Drawn,
+                half_occlusion: accumulated.half,
+                still: (accumulated.number > 0).then_some(accumulated.done),
+                shadows: !casters.is_empty(),
+                punctual_lights: punctual_lights.is_some(),
+                emission: frame.settings.emission && list.any(|features| features.emits && !features.blend),
+                reflections: reflections.map(|reflections| reflections.method == ReflectionMethod::HiZ),
+                bloom: frame.settings.bloom.and_then(Bloom::share).is_some(),
+                water: water.is_some(),
+                transparency: through,
+                shown: shown.map(|(_, reads)| reads),
+                ink: ink.is_some(),
+                wireframe,
+                motion: !moving.is_empty(),
+                temporal,
+                antialias: smoothed == AntiAliasing::Spatial,
+                enlarged: size != target.size,
+                depth: target.depth.is_some(),
+                keep: target.load == Load::Keep,
+            }),
+            &[Resource::Target],
+        );
+        self.targets.ensure(gpu, size, &graph::resources(&plan))?;
+        self.instances.write(gpu, 0, &list.instances)?;
+        self.patches.clear();
+        if let (Some(settings), Some(instances)) = (curved, self.instances.buffer()) {
+            let before = self.temporal.before().filter(|_| !moving.is_empty());
+            let casters = casters.iter().flat_map(|casters| &casters.batches);
+            let seen = list.batches.iter().flat_map(|batch| batch.listed(true));
+            let parts = seen.chain(casters.flat_map(|batch| batch.listed(false)));
+            let curving = Curving { settings, instances, before };
+            if let (Some(makers), Some(lists)) =
+                (self.pipelines.list_makers(gpu), self.pipelines.curved(gpu).lists())
+            {
+                self.patches.plan(gpu, (makers, lists), curving, parts)?;
+            }
+        }
+        if let Some(punctual_lights) = &punctual_lights {
+            self.punctual_lights.prepare(gpu, punctual_lights)?;
+        }
+        if let Some(reflections) = reflections {
+            self.tracer.prepare(gpu, reflections, size);
+        }
+        if occlusion && accumulated.method == OcclusionMethod::HbaoPlus {
+            self.layers.prepare(gpu, size);
+        }
+        if frame.settings.bloom.is_some() {
+            self.bloom.prepare(gpu, size);
+        }
+        match ink.filter(|_| plan.iter().any(|pass| pass.id == PassId::Ink)) {
+            Some(ink) => {
+                let seen = Seen { frame, batches: &list.batches, instances: self.instances.buffer() };
+                self.ink.prepare(gpu, self.pipelines.ink(gpu), &ink, &seen)?;
+            }
+            None => self.ink.clear(),
+        }
+        if let Some(water) = &water {
+            self.water.prepare(gpu, water);
+        }
+        let lookups = if gpu.has_anisotropic_filter() { 1 } else { frame.settings.anisotropy };
+        let lookups = lookups.clamp(1, MAX_ANISOTROPY) as f32;
+        let uniform = FrameUniform::new(frame, &sky, size, target.size, &step, lookups, accumulated);
+        gpu.queue.write_buffer(&self.frame_buffer, 0, bytemuck::bytes_of(&uniform));
+        let runs = |id| plan.iter().any(|pass| pass.id == id);
+        if let Some((shown, _)) = shown.filter(|_| runs(PassId::Debug)) {
+            self.debug.ensure(gpu, self.target_format, shown, target);
+        } else if runs(PassId::Composite) {
+            self.composites.ensure(gpu, self.target_format, target);
+        } else if target.load == Load::Clear {
+            clear_depth(passes.encoder, target);
+        }
+        if casters.is_empty() && (runs(PassId::Transparency) || runs(PassId::Water)) {
+            self.shadow_maps.none(gpu);
+        }
+        passes.planned();
+        if let Some(shadows) = shadows
+            && runs(PassId::ShadowMaps)
+        {
+            let ground_px = frame.terrain.map(|terrain| terrain.error_px);
+            let sunken = frame.settings.relief && frame.settings.relief_in_depth;
+            let eye = frame.camera.eye;
+            let sun = Sun { shadows, cascades: &casters, frame: &uniform, eye, ground_px, sunken };
+            let meshes = meshes(gpu, frame, &self.pipelines, (&self.instances, &self.patches));
+            self.shadow_maps.record(
+                gpu,
+                &mut passes,
+                &sun,
+                (meshes, &self.frame_group),
+                |pass, cascade| match (&ground, self.tiles.buffer()) {
+                    (Some(ground), Some(tiles)) => {
+                        ground.cast(pass, self.pipelines.terrain(gpu).caster(gpu), tiles, cascade)
+                    }
+                    _ => 0,
+                },
+                &mut counters,
+            );
+            passes.recorded(PassId::ShadowMaps);
+        }
+        for pass in &plan {
+            let drawn = (&list, ground.as_ref(), moving.as_slice());
+            self.run(gpu, &mut passes, *pass, target, (frame, accumulated), drawn, &mut counters);
+            passes.recorded(pass.id);
+            counters.passes.push(pass.id);
+        }
+        counters.still_frames = if temporal && has_surfaces { self.temporal.still_frames() } else { 0 };
+        counters.occlusion_frames_left = accumulated.left;
+        passes.end(self.timer.as_mut());
+        gpu.check()?;
+        Ok(counters)
+    }
+
+    /// The maps of shadows.
+    #[cfg(test)]
+    pub(crate) fn shadow_maps(&self) -> &ShadowMaps {
+        &self.shadow_maps
+    }
+
+    /// How often the maps of a sky were computed while a frame waited for them.
+    #[cfg(test)]
+    pub(crate) fn skies_computed(&self) -> u32 {
+        self.sky.computed
+    }
+
+    /// How often edges of a mesh were looked for since ink was off.
+    #[cfg(test)]
+    pub(crate) fn edges_found(&self) -> u32 {
+        self.ink.found
+    }
+
+    /// What the last frame did over time.
+    #[cfg(test)]
+    pub(crate) fn temporal_step(&self) -> TemporalStep {
+        self.temporal.step()
+    }
+
+    /// The intermediate texture of a resource, if the last frame's plan had it.
+    pub(crate) fn intermediate(&self, resource: Resource) -> Option<&wgpu::Texture> {
+        if resource == Resource::History { self.temporal.history() } else { self.targets.texture(resource) }
+    }
+}
+
+/// What a frame's meshes are drawn with, where it has some.
+fn meshes<'a>(
+    gpu: &Gpu,
+    frame: &Frame<'_>,
+    pipelines: &'a Pipelines,
+    (instances, lists): (&'a GrowingBuffer<InstanceRaw>, &'a PatchLists),
+) -> Option<Meshes<'a>> {
+    let makers = frame.settings.curves(gpu).and_then(|_| pipelines.list_makers(gpu));
+    let curved = makers.map(|makers| Curved { pipelines: pipelines.curved(gpu), makers, lists });
+    Some(Meshes { plain: &pipelines.meshes, instances: instances.buffer()?, curved })
+}
+
+/// The size in which a target's picture is drawn.
+fn drawn_size(target: &Target<'_>, scale: f32) -> (u32, u32) {
+    let enlarged = scale < 1.0;
+    if target.depth.is_some() || target.load == Load::Keep || !enlarged {
+        return target.size;
+    }
+    // At least a pixel, at most the target's.
+    let side =
+        |side: u32| ((side as f32 * scale.max(MIN_RENDER_SCALE)).round() as u32).clamp(1.min(side), side);
+    (side(target.size.0), side(target.size.1))
+}
+
+/// A target's depth where no surface is drawn.
+fn clear_depth(encoder: &mut wgpu::CommandEncoder, target: &Target<'_>) {
+    if target.depth.is_some() {
+        // The pass ends as it begins: clearing is all it does.
+        drop(encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("clear depth"),
+            color_attachments: &[],
+            depth_stencil_attachment: depth_attachment(target),
+            timestamp_writes: None,
+            occlusion_query_set: None,
+            multiview_mask: None,
+        }));
+    }
+}

@@ -1,0 +1,73 @@
+// How a surface reflects light: metallic–roughness as glTF 2.0 states it (appendix B), a Lambertian base below a layer
+// of microfacets. CPU reference: cpu_reference/brdf.rs.
+
+// Reflectance of dielectrics looking straight at them.
+const DIELECTRIC: f32 = 0.04;
+
+struct Reflector {
+    albedo: vec3<f32>,
+    metal: f32,
+    roughness: f32, // perceptual: the square root of the microfacets'
+    normal: vec3<f32>,
+    to_eye: vec3<f32>,
+    open: f32, // share of the sky that occlusion leaves
+}
+
+// Normalised distribution of microfacets over their visibility: GGX (Walter et al., "Microfacet models for refraction
+// through rough surfaces", 2007) with Smith's shadowing and masking that know of each other (Heitz, "Understanding the
+// masking-shadowing function", 2014); times 4 cos cos, which the visibility divides by.
+fn microfacets(roughness: f32, normal_half: f32, normal_light: f32, normal_eye: f32) -> f32 {
+    let alpha = roughness * roughness;
+    let squared = alpha * alpha;
+    // 1 + (a² - 1) cos², without the difference of two numbers near 1.
+    let sine = 1.0 - normal_half * normal_half;
+    let lobe = max(sine + squared * normal_half * normal_half, 1e-12);
+    let distribution = squared / (PI * lobe * lobe);
+    let masked = normal_light * sqrt(normal_eye * normal_eye * (1.0 - squared) + squared);
+    let shadowed = normal_eye * sqrt(normal_light * normal_light * (1.0 - squared) + squared);
+    return distribution * 0.5 / max(masked + shadowed, 1e-6);
+}
+
+// Reflectance at a cosine of one that is `f0` straight on (Schlick, "An inexpensive BRDF model", 1994).
+fn fresnel(f0: vec3<f32>, cosine: f32) -> vec3<f32> {
+    return f0 + (1.0 - f0) * pow(clamp(1.0 - cosine, 0.0, 1.0), 5.0);
+}
+
+// Radiance towards the eye from light out of one direction, `light` as irradiance over π on what faces it.
+fn from_light(r: Reflector, to_light: vec3<f32>, light: vec3<f32>) -> vec3<f32> {
+    let normal_light = dot(r.normal, to_light);
+    if (normal_light <= 0.0) {
+        return vec3(0.0);
+    }
+    let half_way = normalize(r.to_eye + to_light);
+    let normal_eye = max(dot(r.normal, r.to_eye), 1e-3);
+    let normal_half = clamp(dot(r.normal, half_way), 0.0, 1.0);
+    let f0 = mix(vec3(DIELECTRIC), r.albedo, r.metal);
+    let reflectance = fresnel(f0, dot(r.to_eye, half_way));
+    let base = (1.0 - reflectance) * r.albedo * (1.0 - r.metal);
+    let layer = reflectance * PI * microfacets(r.roughness, normal_half, normal_light, normal_eye);
+    return light * normal_light * (base + layer);
+}
+
+// Share of what is mirrored that occlusion leaves: what is smooth looks at less of the sky (Lagarde, "Moving Frostbite
+// to physically based rendering", 2014, 4.10.2).
+fn mirror_open(open: f32, normal_eye: f32, roughness: f32) -> f32 {
+    return clamp(pow(normal_eye + open, exp2(-16.0 * roughness - 1.0)) - 1.0 + open, 0.0, 1.0);
+}
+
+// Radiance towards the eye from the sky: what its mean makes of the base, and what it mirrors, split into a sum (Karis,
+// "Real shading in Unreal Engine 4", 2013).
+fn from_sky(r: Reflector) -> vec3<f32> {
+    let normal_eye = clamp(dot(r.normal, r.to_eye), 1e-3, 1.0);
+    let f0 = mix(vec3(DIELECTRIC), r.albedo, r.metal);
+    let share = environment_brdf(normal_eye, r.roughness);
+    let mirrored = f0 * share.x + share.y;
+    let base = (1.0 - mirrored) * r.albedo * (1.0 - r.metal);
+    let seen = reflected(reflect(-r.to_eye, r.normal), r.roughness);
+    return base * ambient(r.normal) * r.open + mirrored * seen * mirror_open(r.open, normal_eye, r.roughness);
+}
+
+// Both, of a sun of which a share arrives.
+fn lit(r: Reflector, sun: vec3<f32>) -> vec3<f32> {
+    return min(from_light(r, frame.to_sun.xyz, sun) + from_sky(r), vec3(MAX_RADIANCE));
+}

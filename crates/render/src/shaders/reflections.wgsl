@@ -1,0 +1,48 @@
+// What smooth surfaces mirror of the lit picture, in place of the sky that lighting.wgsl has mirrored there. CPU reference:
+// cpu_reference/reflections.rs.
+
+override OCCLUSION: bool = false;
+
+@group(0) @binding(2) var surface_normals: texture_2d<f32>;
+@group(0) @binding(3) var albedo_map: texture_2d<f32>;
+@group(0) @binding(4) var occlusion_map: texture_2d<f32>;
+@group(0) @binding(5) var lit_map: texture_2d<f32>;
+@group(0) @binding(6) var pyramid: texture_2d<f32>;
+@group(0) @binding(7) var<uniform> tracing: Tracing;
+
+@fragment
+fn fs_reflections(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
+    let pixel = vec2<i32>(at.xy);
+    let depth = depth_at(pixel);
+    let stored = textureLoad(surface_normals, pixel, 0);
+    let roughness = stored.z;
+    if (depth >= FAR || is_unlit(stored) || roughness >= MIRRORS.y) {
+        return vec4(0.0);
+    }
+    let albedo = textureLoad(albedo_map, pixel, 0);
+    let place = view_ray(pixel) * depth;
+    let to_eye = -normalize(place);
+    let normal = from_octahedral(stored.xy);
+    let view_normal = (frame.view_from_world * vec4(normal, 0.0)).xyz;
+    let direction = reflect(-to_eye, view_normal);
+    let met = trace(place, normal_at(pixel, place), direction);
+    if (met.share <= 0.0) {
+        return vec4(0.0);
+    }
+    // As from_sky() of brdf.wgsl weighs what it mirrors.
+    let cosine = clamp(dot(view_normal, to_eye), 1e-3, 1.0);
+    let split = environment_brdf(cosine, roughness);
+    let mirrored = mix(vec3(DIELECTRIC), albedo.rgb, albedo.a) * split.x + split.y;
+    var open = stored.w;
+    if (OCCLUSION) {
+        open *= textureLoad(occlusion_map, pixel, 0).x;
+    }
+    let world = (transpose(frame.view_from_world) * vec4(direction, 0.0)).xyz;
+    let difference = textureLoad(lit_map, met.pixel, 0).rgb - reflected(world, roughness);
+    var clear = 1.0;
+    if (frame.sky_side.w > 0.0) {
+        clear = exp(-min(frame.sky_side.w * length(place), 80.0));
+    }
+    let share = met.share * mirrors(roughness) * mirror_open(open, cosine, roughness) * clear;
+    return vec4(mirrored * difference * share, 0.0);
+}

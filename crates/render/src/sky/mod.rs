@@ -1,0 +1,23 @@
+//! The sky: an atmosphere, the light that it comes to, and the maps in which shaders look it up.
+
+mod atmosphere;
+mod gpu;
+mod map;
+mod maps;
+mod table;
+#[cfg(feature = "client")]
+mod task;
+
+pub(crate) use gpu::{SkyGpu, SkyLight};
+pub use maps::SkyMaps;
+#[cfg(feature = "client")]
+pub(crate) use task::SkyTask;
+
+/// Computes what of the sky is the same in every program.
+pub(crate) fn compute_tables() {
+    maps::default_atmosphere();
+    gpu::split_sum_once();
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,180 @@
+//! Each switch of the settings leaves out of a picture what it is named after, and nothing else: with it off a frame is
+//! the same to the bit as one that lacks the thing.
+
+use glam::{DVec3, Vec3};
+use image::RgbaImage;
+
+use super::shapes::{asset, at, quad, sphere};
+use super::{headless, keep};
+use crate::{
+    Alpha, AntiAliasing, AssetGpu, DebugView, Drawable, Environment, Frame, Haze, Headless, Instance, Light,
+    LightCulling, Material, PassId, Pose, Settings, Water,
+};
+
+const SIZE: (u32, u32) = (96, 64);
+/// One near and one far.
+const PUNCTUAL_LIGHTS: [Light; 2] = [
+    Light { position: DVec3::new(1.4, 0.3, 0.6), intensity: Vec3::splat(1.5), range: 1.5, spot: None },
+    Light { position: DVec3::new(-0.6, 0.6, -3.0), intensity: Vec3::splat(1.5), range: 1.5, spot: None },
+];
+
+/// A sloping shore with a glowing ball and a glowing pane of glass.
+struct Scene {
+    floor: AssetGpu,
+    /// With what they give off, and without.
+    balls: [AssetGpu; 2],
+    panes: [AssetGpu; 2],
+    here: [Instance; 1],
+    there: [Instance; 1],
+}
+
+impl Scene {
+    fn new(h: &Headless) -> Self {
+        let floor = quad([-6.0, -0.6, 3.0], [12.0, 0.5, 0.0], [0.0, 0.2, -9.0], 1.0);
+        let pane = quad([-1.8, -0.6, 1.0], [1.1, 0.0, 0.0], [0.0, 1.4, 0.0], 1.0);
+        let glow = [[0.4, 0.1, 0.0], [0.0; 3]];
+        let glass = Material { opacity: 0.4, alpha: Alpha::Blend, ..Material::default() };
+        let ball = Material { base_colour: [0.1; 3], ..Material::default() };
+        Self {
+            floor: asset(h, &floor, Material { base_colour: [0.4; 3], ..Material::default() }),
+            balls: glow.map(|emission| asset(h, &sphere(24), Material { emission, ..ball })),
+            panes: glow.map(|emission| asset(h, &pane, Material { emission, ..glass })),
+            here: [Instance::default()],
+            there: [at(0.2, 0.3, 0.0, 0.8)],
+        }
+    }
+
+    /// What stands there: whether it glows, and whether there is glass.
+    fn drawables(&self, glows: bool, glass: bool) -> Vec<Drawable<'_>> {
+        let number = usize::from(!glows);
+        let mut all = vec![
+            Drawable { asset: &self.floor, instances: &self.here },
+            Drawable { asset: &self.balls[number], instances: &self.there },
+        ];
+        if glass {
+            all.push(Drawable { asset: &self.panes[number], instances: &self.here });
+        }
+        all
+    }
+}
+
+/// All there is, with other passes left out: they have tests of their own.
+fn frame<'a>(drawables: &'a [Drawable<'a>]) -> Frame<'a> {
+    let camera = Pose::look_at(DVec3::new(0.3, 0.9, 3.4), DVec3::new(0.0, 0.1, 0.0), DVec3::Y, 0.8);
+    Frame {
+        lights: &PUNCTUAL_LIGHTS,
+        water: Some(Water { level: -0.45, clarity: 2.0, ripples: 0.2 }),
+        environment: Environment { haze: Some(Haze { visibility: 40.0 }), ..Environment::default() },
+        settings: Settings {
+            occlusion: None,
+            shadows: None,
+            anti_aliasing: AntiAliasing::None,
+            ..Settings::default()
+        },
+        ..Frame::new(camera, drawables)
+    }
+}
+
+/// Draws a frame: its picture, and its passes.
+fn draw(h: &mut Headless, frame: &Frame<'_>) -> (RgbaImage, Vec<PassId>) {
+    let passes = h.frame(frame).unwrap().passes;
+    (h.picture().unwrap(), passes)
+}
+
+/// A switch: how it is set to off, the frame that lacks what it is named after, its pass if it has one, and the shares of
+/// pixels that change with it, at least and at most.
+type Switch<'a> = (&'a str, fn(&mut Settings), Frame<'a>, Option<PassId>, [f64; 2]);
+
+#[test]
+fn each_switch_leaves_out_what_it_is_named_after_and_nothing_else() {
+    let Some(mut h) = headless(SIZE.0, SIZE.1) else { return };
+    let scene = Scene::new(&h);
+    let (all, dull, open) =
+        (scene.drawables(true, true), scene.drawables(false, true), scene.drawables(true, false));
+    let whole = frame(&all);
+    let (on, with) = draw(&mut h, &whole);
+    keep(&h, "switches");
+    let clear = Environment { haze: None, ..whole.environment };
+    let switches: [Switch<'_>; 5] = [
+        (
+            "punctual-lights",
+            |settings| settings.lights = None,
+            Frame { lights: &[], ..whole },
+            Some(PassId::PunctualLights),
+            [0.02, 0.6],
+        ),
+        ("haze", |settings| settings.haze = false, Frame { environment: clear, ..whole }, None, [0.3, 1.0]),
+        ("emission", |settings| settings.emission = false, frame(&dull), Some(PassId::Emission), [0.05, 0.5]),
+        (
+            "transparency",
+            |settings| settings.transparency = false,
+            frame(&open),
+            Some(PassId::Transparency),
+            [0.05, 0.4],
+        ),
+        (
+            "water",
+            |settings| settings.water = false,
+            Frame { water: None, ..whole },
+            Some(PassId::Water),
+            [0.05, 0.6],
+        ),
+    ];
+    for (name, switch, without, pass, [least, most]) in switches {
+        let mut off = whole;
+        switch(&mut off.settings);
+        let (picture, passes) = draw(&mut h, &off);
+        keep(&h, &format!("switches-{name}"));
+        let (lacking, _) = draw(&mut h, &without);
+        assert!(picture == lacking, "{name}: not as where there is none");
+        if let Some(pass) = pass {
+            assert!(with.contains(&pass) && !passes.contains(&pass), "{name}: {with:?} {passes:?}");
+        }
+        let changed = picture.pixels().zip(on.pixels()).filter(|(a, b)| a != b).count();
+        let share = changed as f64 / f64::from(SIZE.0 * SIZE.1);
+        println!("{name}: {share}");
+        assert!((least..=most).contains(&share), "{name} changes {share} of the picture");
+        assert!(draw(&mut h, &whole).0 == on, "{name}: it leaves something behind");
+    }
+}
+
+#[test]
+fn dithering_is_at_most_a_step_of_the_display() {
+    let Some(mut h) = headless(SIZE.0, SIZE.1) else { return };
+    let scene = Scene::new(&h);
+    let all = scene.drawables(true, true);
+    let mut whole = frame(&all);
+    let (on, _) = draw(&mut h, &whole);
+    whole.settings.dither = false;
+    let (off, _) = draw(&mut h, &whole);
+    let steps: Vec<u8> = on.as_raw().iter().zip(off.as_raw()).map(|(a, b)| a.abs_diff(*b)).collect();
+    let changed = steps.iter().filter(|step| **step > 0).count();
+    assert!(
+        steps.iter().all(|step| *step <= 1) && changed * 10 > steps.len(),
+        "{changed} of {}",
+        steps.len()
+    );
+}
+
+/// Of punctual lights' parameters those that only tell them apart change no picture, but how many are looked at.
+#[test]
+fn tiles_and_clusters_change_what_punctual_lights_cost_and_their_number_what_they_light() {
+    let Some(mut h) = headless(SIZE.0, SIZE.1) else { return };
+    let scene = Scene::new(&h);
+    let all = scene.drawables(true, true);
+    let mut with = |tile_px, clusters, most, shade| {
+        let mut frame = frame(&all);
+        frame.settings.shade = shade;
+        frame.settings.lights = Some(LightCulling { tile_px, clusters, most });
+        draw(&mut h, &frame).0
+    };
+    let usual = with(16, true, 9, DebugView::Material);
+    for (tile_px, clusters) in [(8, true), (32, true), (64, true), (64, false)] {
+        assert!(with(tile_px, clusters, 9, DebugView::Material) == usual, "{tile_px} {clusters}");
+    }
+    let looked = [(8, true), (64, true), (64, false)]
+        .map(|(tile_px, clusters)| with(tile_px, clusters, 9, DebugView::PunctualLights));
+    assert!(looked[0] != looked[1], "smaller tiles have fewer");
+    assert!(looked[1] != looked[2], "and ranges of depth");
+    assert!(with(16, true, 0, DebugView::Material) != usual);
+}

@@ -1,5 +1,0 @@
-// In place of lights.wgsl, where a frame has no lamps.
-
-fn from_lamps(r: Reflector, position: vec3<f32>, pixel: vec2<u32>, depth: f32) -> vec3<f32> {
-    return vec3(0.0);
-}

@@ -1,0 +1,42 @@
+//! `lodestream-sim untrusted_peers`: its arguments, and a line for each case.
+
+use clap::Args;
+use lodestream_scenario::plan;
+use lodestream_scenario::scene;
+use lodestream_scenario::untrusted_peers::{Attack, measure};
+
+use crate::arguments::CacheFolder;
+
+#[derive(Debug, Args)]
+pub(crate) struct UntrustedPeers {
+    /// The scene, as plans name it: "demo", "field:assets=100,faces=10000,instances=1000" …
+    scene: String,
+    /// Only what has this in its name.
+    #[arg(long, default_value = "")]
+    only: String,
+    #[command(flatten)]
+    cache: CacheFolder,
+    /// Prints JSON instead of text.
+    #[arg(long)]
+    json: bool,
+}
+
+impl UntrustedPeers {
+    pub(crate) fn run(&self) -> anyhow::Result<()> {
+        let choice = plan::scene_choice(&self.scene)?;
+        let source = scene::open(&choice, None, &self.cache.path()?, true)?;
+        let mut all = Vec::new();
+        for case in Attack::ALL.into_iter().filter(|(attack, _)| attack.name().contains(&self.only)) {
+            let found = measure(&self.scene, &source, self.cache.named(), case)?;
+            if !self.json {
+                println!("{found}");
+            }
+            all.push(found);
+        }
+        anyhow::ensure!(!all.is_empty(), "nothing that untrusted peers do has {:?} in its name", self.only);
+        if self.json {
+            println!("{}", serde_json::to_string(&all)?);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,91 @@
+//! What the window knows of the session: its newest status, and what of it a user reads.
+
+use std::borrow::Cow;
+
+use lodestream_client::net::End;
+use lodestream_client::streaming::Status;
+
+/// The newest status.
+#[derive(Debug, Default)]
+pub(super) struct SessionStatus {
+    status: Status,
+}
+
+impl SessionStatus {
+    /// Takes a newer status; says whether the picture looks different for it.
+    pub(super) fn take(&mut self, status: Status) -> bool {
+        let before = (self.message().map(Cow::into_owned), self.status.settled);
+        self.status = status;
+        (self.message().as_deref(), self.status.settled) != (before.0.as_deref(), before.1)
+    }
+
+    pub(super) fn status(&self) -> &Status {
+        &self.status
+    }
+
+    /// What is written over the picture. Made of the status whenever it is asked for: a message put aside would be
+    /// replaced by the next status before anybody saw it.
+    pub(super) fn message(&self) -> Option<Cow<'_, str>> {
+        match &self.status.end {
+            Some(End::Closed(close)) => {
+                Some(Cow::Owned(format!("the server ended the session: {}", close.reason)))
+            }
+            Some(End::Unreachable { .. } | End::Left) | None => {
+                self.status.message.as_deref().map(Cow::Borrowed)
+            }
+        }
+    }
+
+    /// Why the program has to end. What is here stays on the screen, so a session that ends is no reason where there
+    /// is a scene.
+    pub(super) fn fatal(&self, has_scene: bool) -> Option<String> {
+        match &self.status.end {
+            Some(end @ End::Unreachable { .. }) => Some(end.to_string()),
+            Some(end @ End::Closed(_)) if !has_scene => Some(end.to_string()),
+            Some(End::Closed(_) | End::Left) | None => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lodestream_protocol::message::{Close, CloseCode};
+
+    fn closed() -> Status {
+        let close = Close::new(CloseCode::Protocol, "the scene is gone");
+        Status { end: Some(End::Closed(close)), ..Status::default() }
+    }
+
+    /// The status came with an event, the frame that it led to took it again, and the message was lost between.
+    #[test]
+    fn the_message_of_the_sessions_end_is_still_there_when_the_frame_is_drawn() {
+        let mut status = SessionStatus::default();
+        assert!(status.take(closed()), "the end is worth a frame");
+        // The frame looks for status before it is drawn.
+        assert!(!status.take(closed()));
+        let message = status.message().expect("a message");
+        assert!(message.contains("ended the session: the scene is gone"), "{message}");
+    }
+
+    #[test]
+    fn what_the_streaming_thread_says_is_the_message() {
+        let mut status = SessionStatus::default();
+        assert!(status.take(Status { message: Some("nobody answers".into()), ..Status::default() }));
+        assert_eq!(status.message().as_deref(), Some("nobody answers"));
+        assert!(status.take(Status::default()) && status.message().is_none());
+    }
+
+    #[test]
+    fn only_an_end_that_leaves_nothing_to_see_ends_the_program() {
+        let mut status = SessionStatus::default();
+        assert_eq!(status.fatal(false), None);
+        status.take(closed());
+        assert_eq!((status.fatal(true), status.fatal(false).as_deref()), (None, Some("the scene is gone")));
+        let end = Some(End::Unreachable { attempts: 3, why: "nobody answers".into() });
+        status.take(Status { end, ..Status::default() });
+        assert!(
+            status.fatal(true).unwrap().starts_with("nobody answers (3 attempts); is the server running")
+        );
+    }
+}
