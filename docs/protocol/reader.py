@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""Reads a recorded session of Lodestream: what docs/protocol.md says, and nothing else.
+"""Reads a recorded Lodestream session. Written from docs/protocol.md alone.
 
-    python3 docs/protocol/reader.py RECORDING.json            prints what was said, as JSON
+    python3 docs/protocol/reader.py RECORDING.json            prints messages and blobs as JSON
     python3 docs/protocol/reader.py RECORDING.json --dump     prints the bytes with their meaning
 
-A recording is JSON. Over QUIC: {"transport": "quic", "streams": [{"from": "server", "number": 3, "bytes": HEX}]}, a
-stream each; over WebSocket: {"transport": "websocket", "from_client": HEX, "from_server": HEX}, all that went over
-the TCP connection. Python's standard library is all that is needed. What is not as the page says ends the program.
+A recording is JSON. Over QUIC: {"transport": "quic", "streams": [{"from": "server", "number": 3, "bytes": HEX}]}, one
+entry per stream; over WebSocket: {"transport": "websocket", "from_client": HEX, "from_server": HEX}, all bytes of the
+TCP connection. Only Python's standard library is needed. Anything that contradicts the page ends the program.
 """
 
 import base64
@@ -30,7 +30,7 @@ ZSTD = bytes.fromhex("28b52ffd")
 
 
 class Broken(Exception):
-    """What was read is not what the page says."""
+    """What was read contradicts the page."""
 
 
 def ensure(holds, why):
@@ -39,7 +39,7 @@ def ensure(holds, why):
 
 
 class Bytes:
-    """A cursor over bytes that notes where each field lies."""
+    """A cursor over bytes that records where each field is."""
 
     def __init__(self, data, at=0, end=None, notes=None):
         self.data, self.at = data, at
@@ -56,7 +56,7 @@ class Bytes:
         return self.end - self.at
 
     def part(self, count):
-        """A cursor over the next `count` bytes, which this one passes over."""
+        """A cursor over the next `count` bytes, which this one skips."""
         part = Bytes(self.data, self.at, self.at + count, self.notes)
         self.take(count)
         return part
@@ -65,7 +65,7 @@ class Bytes:
         ensure(self.left() == 0, f"{self.left()} bytes are left over behind {what}")
 
     def note(self, name, read, show=None):
-        """Reads with `read` and notes the bytes under a name."""
+        """Reads with `read` and records the bytes under a name."""
         start = self.at
         value = read()
         self.notes.append((start, self.at, f"{name}: {show(value) if show else value}" if name else show(value)))
@@ -127,7 +127,7 @@ def unzigzag(code):
 
 
 def unfolded(u, v):
-    """A unit vector from its place on an octahedron."""
+    """A unit vector from its octahedral coordinates."""
     x, y = u / 32767.5 - 1, v / 32767.5 - 1
     z = 1 - abs(x) - abs(y)
     if z < 0:
@@ -147,7 +147,7 @@ def rounded(value):
 
 
 class Reader:
-    """Fields of messages, each noted; `b` is the cursor."""
+    """Reads fields of messages and records each; `b` is the cursor."""
 
     def __init__(self, cursor):
         self.b = cursor
@@ -487,7 +487,7 @@ class Reader:
         self.b.finish("the directory")
         return patches
 
-    # PunctualLights.
+    # Punctual lights.
     def punctual_lights(self):
         count = self.f("count", self.b.u32)
         ensure(1 <= count <= 1 << 18, f"{count} punctual_lights")
@@ -557,7 +557,7 @@ def show_id(found):
 
 
 def read_body(name, r):
-    """The body of a message that is no piece."""
+    """The body of a message other than Piece."""
     b = r.b
     read = {
         "Hello": r.hello,
@@ -582,14 +582,14 @@ def read_body(name, r):
 
 
 def read_length(b):
-    """QUIC's integer of variable length."""
+    """A variable-length integer of QUIC."""
     first = b.u8()
     rest = b.take((1 << (first >> 6)) - 1)
     return int.from_bytes(bytes([first & 63]) + rest, "big")
 
 
 def read_frame(b, tags):
-    """A frame: (name, value), or None for one to be skipped."""
+    """A frame as (name, value), or None for one to skip."""
     tag = b.note("tag", b.u8, lambda tag: tags.get(tag, "unknown"))
     length = b.note("length", lambda: read_length(b))
     ensure(length <= MAX_BODY, f"a message of {length} bytes")
@@ -616,7 +616,7 @@ def read_frame(b, tags):
 
 
 class Session:
-    """What both sides said, and the blobs that came."""
+    """The messages of both sides, and the blobs."""
 
     def __init__(self):
         self.said = {"client": [], "server": []}
@@ -650,7 +650,7 @@ class Session:
             self.run(self.runs.pop(key), None)
 
     def stream(self, b):
-        """A blob's stream, behind its first byte."""
+        """A blob's stream, after its first byte."""
         length = b.note("head", b.u8, lambda n: f"{n} bytes")
         ensure(length <= 26, f"a head of {length} bytes")
         head = b.part(length)
@@ -685,7 +685,7 @@ class Session:
 
 
 def read_quic(recording):
-    """Gives the session, and for each stream its title, bytes and notes."""
+    """Returns the session, and for each stream its title, bytes and notes."""
     session, parts = Session(), []
     for stream in recording["streams"]:
         b = Bytes(bytes.fromhex(stream["bytes"]))
@@ -701,7 +701,7 @@ def read_quic(recording):
 
 
 def read_websocket(recording):
-    """The same over WebSocket; the notes are of the frames within its messages."""
+    """The same over WebSocket, with notes for the frames in its messages."""
     session, parts = Session(), []
     heads = {}
     for side in ("client", "server"):
@@ -754,7 +754,7 @@ def websocket_messages(data, masked):
 
 
 def dump(parts):
-    """Bytes with their meaning, sixteen at most in a line."""
+    """Bytes with their meaning, at most sixteen per line."""
     lines = []
     for title, data, notes in parts:
         lines.append(title)
