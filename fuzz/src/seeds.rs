@@ -9,21 +9,21 @@ use lodestream_geometry::index::Sphere;
 use lodestream_geometry::mesh::SourceMesh;
 use lodestream_geometry::pack::{BlobKind, write};
 use lodestream_geometry::prepare::Prepared;
-use lodestream_protocol::asset::{
-    Alpha, AssetDescription, Material, TextureFormat, TextureInfo, TextureKind, TextureLevel, Wrap,
-};
-use lodestream_protocol::blob::BlobId;
 use lodestream_protocol::frame::{BlobPiece, encode_client, encode_piece, encode_server};
 use lodestream_protocol::message::{
     ClientMessage, Close, CloseCode, Hello, ServerMessage, Token, Want, Welcome,
 };
-use lodestream_protocol::punctual_lights::{
+use lodestream_protocol::stream::blob_head;
+use lodestream_scene::asset::{
+    Alpha, AssetDescription, Material, TextureFormat, TextureInfo, TextureKind, TextureLevel, Wrap,
+};
+use lodestream_scene::blob::BlobId;
+use lodestream_scene::description::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
+use lodestream_scene::punctual_lights::{
     PunctualLight, PunctualLightPageEntry, PunctualLights, Spot, encode_directory, encode_page,
 };
-use lodestream_protocol::scene::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
-use lodestream_protocol::shared::SharedTexture;
-use lodestream_protocol::stream::blob_head;
-use lodestream_protocol::view::View;
+use lodestream_scene::shared::SharedTexture;
+use lodestream_scene::view::View;
 use lodestream_server::compose::compose;
 use lodestream_server::scene;
 use lodestream_server::store::{PackName, SceneObject};

@@ -17,9 +17,9 @@ use std::time::Duration;
 
 use futures_util::{SinkExt as _, StreamExt as _};
 use lodestream_fuzz::meter::held_bytes;
-use lodestream_protocol::BlobId;
 use lodestream_protocol::frame::encode_client;
 use lodestream_protocol::message::{ClientMessage, Hello, Want};
+use lodestream_scene::BlobId;
 use lodestream_server::daemon::http::accept_http;
 use lodestream_server::daemon::memory_scene::MemoryScene;
 use lodestream_server::daemon::{ServerState, SessionSettings};

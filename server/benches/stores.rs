@@ -17,7 +17,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use lodestream_protocol::source::SceneSource as _;
-use lodestream_protocol::{BlobId, BlobPart};
+use lodestream_scene::{BlobId, BlobPart};
 use lodestream_server::catalogue::publish::publish;
 use lodestream_server::demo_scene;
 use lodestream_server::prepare::Options;

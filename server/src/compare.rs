@@ -16,7 +16,7 @@ use lodestream_geometry::quantise::quantise;
 use lodestream_geometry::refine::ActiveMesh;
 use lodestream_import::Part;
 use lodestream_import::preparation_settings::{PreparationSettings, ReadError};
-use lodestream_protocol::asset::AssetDescription;
+use lodestream_scene::asset::AssetDescription;
 
 use crate::prepare::PrepareError;
 use crate::prepare::describe::describe;

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use lodestream_geometry::mesh::NO_COLOR;
 use lodestream_geometry::mesh::components::components;
-use lodestream_protocol::asset::{Alpha, AssetDescription, Material, TextureKind};
+use lodestream_scene::asset::{Alpha, AssetDescription, Material, TextureKind};
 use serde::Serialize;
 
 use crate::store::{PackFile, StoreError};

@@ -6,8 +6,8 @@ use std::io::{Seek as _, SeekFrom, Write as _};
 use std::path::Path;
 use std::time::Duration;
 
-use lodestream_protocol::BlobId;
 use lodestream_protocol::source::{SceneSource as _, SourceError};
+use lodestream_scene::BlobId;
 use lodestream_server::daemon::SessionSettings;
 use lodestream_server::scene::of_files;
 

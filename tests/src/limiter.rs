@@ -4,8 +4,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use lodestream_netsim::clock::virtual_runtime;
-use lodestream_protocol::BlobId;
 use lodestream_protocol::message::ClientMessage;
+use lodestream_scene::BlobId;
 use lodestream_server::daemon::memory_scene::{MemoryScene, TEXTURE_LEVELS};
 use lodestream_server::daemon::{ServerState, SessionSettings};
 

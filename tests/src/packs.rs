@@ -6,7 +6,7 @@ use std::path::Path;
 use lodestream_assess::measure::{Settings, compare, read_obj};
 use lodestream_geometry::ancestor_closed_cut::{Budget, lowest_error};
 use lodestream_geometry::check::check;
-use lodestream_protocol::BlobPart;
+use lodestream_scene::BlobPart;
 use lodestream_server::export_obj::write_obj;
 use lodestream_server::prepare::{Options, Threads, prepare_cached, prepare_to};
 use lodestream_server::scene::{Asset, of_files};

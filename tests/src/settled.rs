@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use lodestream_protocol::BlobId;
+use lodestream_scene::BlobId;
 use lodestream_server::daemon::SessionSettings;
 
 use crate::support::daemon::{Server, Transport};

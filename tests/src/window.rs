@@ -6,9 +6,9 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use lodestream_client::core::Change;
-use lodestream_protocol::BlobId;
 use lodestream_report::image_error::image_error;
 use lodestream_report::pictures::shown::judge;
+use lodestream_scene::BlobId;
 use lodestream_server::daemon::SessionSettings;
 use lodestream_server::scene::of_files;
 use serde_json::Value;

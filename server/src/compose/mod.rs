@@ -9,11 +9,11 @@ use std::collections::BTreeMap;
 
 use bytes::Bytes;
 use glam::{DQuat, DVec3, Quat, Vec3};
-use lodestream_protocol::limits::{MAX_ENTRIES_PER_PAGE, MAX_INSTANCES};
-use lodestream_protocol::punctual_lights::PunctualLight;
-use lodestream_protocol::scene::{
+use lodestream_scene::description::{
     AssetEntry, Camera, Fingerprint, InstanceEntry, Light, SceneError, SceneHeader, ScenePage,
 };
+use lodestream_scene::limits::{MAX_ENTRIES_PER_PAGE, MAX_INSTANCES};
+use lodestream_scene::punctual_lights::PunctualLight;
 
 use crate::scene::{DEFAULT_FOV_Y_DEGREES, Instance, Model, Scene, SceneTerrain};
 pub use punctual_light_blobs::{PunctualLightBlobs, PunctualLightBlobsError};
@@ -285,7 +285,7 @@ mod tests {
     use std::path::PathBuf;
 
     use lodestream_geometry::index::Sphere;
-    use lodestream_protocol::punctual_lights::First;
+    use lodestream_scene::punctual_lights::First;
 
     use super::*;
 

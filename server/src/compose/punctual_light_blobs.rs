@@ -1,8 +1,8 @@
 //! The punctual lights of a scene as they are sent: neighbours together in pages, and a directory of what each page lights.
 
 use bytes::Bytes;
-use lodestream_protocol::PunctualLightBlob;
-use lodestream_protocol::punctual_lights::{
+use lodestream_scene::PunctualLightBlob;
+use lodestream_scene::punctual_lights::{
     FEW_PAGES, FEW_PUNCTUAL_LIGHTS, LISTED_PER_PAGE, MAX_PUNCTUAL_LIGHTS, PUNCTUAL_LIGHTS_PER_PAGE,
     PunctualLight, PunctualLightPageEntry, PunctualLights, PunctualLightsError, decode_page,
     encode_directory, encode_page,
@@ -144,7 +144,7 @@ fn spread(x: u64) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use lodestream_protocol::punctual_lights::{First, decode_directory};
+    use lodestream_scene::punctual_lights::{First, decode_directory};
 
     use super::*;
 

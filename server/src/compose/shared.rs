@@ -2,8 +2,8 @@
 
 use std::collections::HashMap;
 
-use lodestream_protocol::scene::{Fingerprint, ScenePage};
-use lodestream_protocol::shared::{MAX_SHARED_TEXTURES, SharedTexture};
+use lodestream_scene::description::{Fingerprint, ScenePage};
+use lodestream_scene::shared::{MAX_SHARED_TEXTURES, SharedTexture};
 
 /// Says in the pages' entries which textures are those of assets before. `textures` has the contents of the textures of
 /// each of the scene's assets, `asset_order` which of these an asset number stands for.
@@ -30,7 +30,7 @@ pub(super) fn share_textures(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lodestream_protocol::scene::AssetEntry;
+    use lodestream_scene::description::AssetEntry;
 
     #[test]
     fn a_texture_is_said_to_be_the_first_that_is_the_same() {

@@ -1,8 +1,8 @@
 //! The blobs of a terrain: listed points of its patches, and the directory of these.
 
 use bytes::Bytes;
-use lodestream_protocol::TerrainBlob;
-use lodestream_protocol::terrain::{OverridePatch, PATCHES_PER_PAGE, encode_directory};
+use lodestream_scene::TerrainBlob;
+use lodestream_scene::terrain::{OverridePatch, PATCHES_PER_PAGE, encode_directory};
 use lodestream_terrain::{Scratch, Terrain, TerrainError, encode_points};
 
 /// See the module. Made once when a scene is opened: features are small.

@@ -3,8 +3,8 @@
 use std::collections::BTreeSet;
 use std::sync::{Mutex, PoisonError};
 
-use lodestream_protocol::BlobId;
 use lodestream_protocol::source::SourceError;
+use lodestream_scene::BlobId;
 
 /// Blobs that are remembered as told; of more, none is told.
 const MAX_TOLD: usize = 1024;

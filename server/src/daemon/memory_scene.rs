@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use bytes::Bytes;
 use lodestream_geometry::index::Sphere;
-use lodestream_protocol::scene::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
 use lodestream_protocol::source::{SceneSource, SourceError};
-use lodestream_protocol::{BlobId, BlobPart};
+use lodestream_scene::description::{AssetEntry, Camera, InstanceEntry, Light, SceneHeader, ScenePage};
+use lodestream_scene::{BlobId, BlobPart};
 
 /// Levels of the one texture that each asset has.
 pub const TEXTURE_LEVELS: u8 = 8;

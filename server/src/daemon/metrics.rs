@@ -5,7 +5,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use lodestream_protocol::message::CloseCode;
 use lodestream_protocol::source::CacheUse;
-use lodestream_protocol::{BlobId, BlobPart, PunctualLightBlob, TerrainBlob};
+use lodestream_scene::{BlobId, BlobPart, PunctualLightBlob, TerrainBlob};
 use prometheus::{
     Histogram, HistogramOpts, IntCounter, IntCounterVec, IntGauge, IntGaugeVec, Opts, Registry, TextEncoder,
 };

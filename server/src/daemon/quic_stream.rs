@@ -7,11 +7,11 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use bytes::{Buf, Bytes};
-use lodestream_protocol::BlobId;
 use lodestream_protocol::frame::{FrameError, FrameReader};
 use lodestream_protocol::message::{Close, CloseCode};
 use lodestream_protocol::server::Transmit;
 use lodestream_protocol::stream::{CONTROL_STREAM, blob_head, quic_priority};
+use lodestream_scene::BlobId;
 use quinn::{Connection, ConnectionError, ReadError, RecvStream, SendStream, VarInt, WriteError};
 use tokio::time::{Instant, timeout};
 

@@ -6,8 +6,8 @@ use std::sync::Arc;
 
 use bytes::Bytes;
 use futures_util::FutureExt as _;
-use lodestream_protocol::BlobId;
 use lodestream_protocol::source::{SceneSource, SourceError};
+use lodestream_scene::BlobId;
 use tokio::task::JoinSet;
 
 /// See the module. Dropped, it forgets what is under way: threads that read end by themselves.

@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use lodestream_import::preparation_settings::ReliefDepth;
 use lodestream_import::srgb::srgb_to_linear;
 use lodestream_import::texture::{Opacity, TextureError, TextureKind, TextureSource, Transparency};
-use lodestream_protocol::asset::{
+use lodestream_scene::asset::{
     Alpha, AssetDescription, DescriptionError, MAX_NORMAL_SCALE, MAX_TEXTURES, Material,
 };
-use lodestream_protocol::limits::{MAX_BLOB_BYTES, MAX_NAME_BYTES};
+use lodestream_scene::limits::{MAX_BLOB_BYTES, MAX_NAME_BYTES};
 
 use super::textures::{Made, Textures};
 

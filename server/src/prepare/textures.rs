@@ -5,8 +5,8 @@ use std::path::Path;
 
 use lodestream_import::ImageSource;
 use lodestream_import::texture::{self, Texture, TextureError, TextureSource, Transparency};
-use lodestream_protocol::asset::{MAX_TEXTURES, TextureFormat, TextureInfo, TextureLevel};
-use lodestream_protocol::limits::MAX_BLOB_BYTES;
+use lodestream_scene::asset::{MAX_TEXTURES, TextureFormat, TextureInfo, TextureLevel};
+use lodestream_scene::limits::MAX_BLOB_BYTES;
 
 use super::describe::DescribeError;
 

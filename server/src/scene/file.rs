@@ -7,8 +7,8 @@ use std::str::FromStr;
 use lodestream_geometry::UnknownName;
 use lodestream_import::preparation_settings::{Precision, PreparationSettings, Round};
 use lodestream_import::{Impossible, Part, gltf};
-use lodestream_protocol::limits::MAX_NAME_BYTES;
-use lodestream_protocol::scene::Camera;
+use lodestream_scene::description::Camera;
+use lodestream_scene::limits::MAX_NAME_BYTES;
 use serde::Deserialize;
 use toml::Spanned;
 

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use glam::{DQuat, DVec3};
 use lodestream_import::preparation_settings::PreparationSettings;
 use lodestream_import::{ImportError, Part, gltf, is_gltf};
-use lodestream_protocol::punctual_lights::PunctualLight;
-use lodestream_protocol::scene::{Camera, DEFAULT_AMBIENT, DEFAULT_BACKGROUND};
+use lodestream_scene::description::{Camera, DEFAULT_AMBIENT, DEFAULT_BACKGROUND};
+use lodestream_scene::punctual_lights::PunctualLight;
 
 use super::names::UniqueNames;
 use super::terrain::SceneTerrain;

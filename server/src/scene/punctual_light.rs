@@ -1,6 +1,6 @@
 //! `[[punctual_light]]` of a scene file: lights that stand in the scene, as KHR_lights_punctual has them.
 
-use lodestream_protocol::punctual_lights::{INTENSITIES, MAX_COORDINATE, PunctualLight, RANGES, Spot};
+use lodestream_scene::punctual_lights::{INTENSITIES, MAX_COORDINATE, PunctualLight, RANGES, Spot};
 use serde::Deserialize;
 
 use super::model::unit;

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use lodestream_import::Impossible;
 use lodestream_import::terrain::{ErosionPasses, FinestLevel, Roughness, SpikeLimit, Talus, TalusSlope};
-use lodestream_protocol::terrain::{TerrainEntry, Water};
+use lodestream_scene::terrain::{TerrainEntry, Water};
 use lodestream_terrain::{Distribution, Erosion, FeatureSet, Mode, Parameters, Scratch, Shape, Terrain};
 use serde::Deserialize;
 

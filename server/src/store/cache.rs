@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use bytes::Bytes;
 use futures_util::FutureExt as _;
-use lodestream_protocol::scene::Fingerprint;
+use lodestream_scene::description::Fingerprint;
 use moka::future::Cache;
 
 use super::error::StoreError;

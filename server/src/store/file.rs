@@ -12,8 +12,8 @@ use lodestream_geometry::base::Base;
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, decode_page, page_count};
 use lodestream_geometry::pack::{BlobKind, Entry, HEAD_BYTES, Head};
 use lodestream_geometry::screen::visible_error;
-use lodestream_protocol::BlobPart;
-use lodestream_protocol::scene::{AssetEntry, Fingerprint};
+use lodestream_scene::BlobPart;
+use lodestream_scene::description::{AssetEntry, Fingerprint};
 
 use super::error::StoreError;
 use super::handles::{Handles, PooledFile};

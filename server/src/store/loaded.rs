@@ -7,8 +7,8 @@ use lodestream_geometry::base::Base;
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, decode_page, page_count};
 use lodestream_geometry::pack::{BlobKind, find};
 use lodestream_geometry::refine::ActiveMesh;
-use lodestream_protocol::BlobPart;
-use lodestream_protocol::asset::AssetDescription;
+use lodestream_scene::BlobPart;
+use lodestream_scene::asset::AssetDescription;
 
 use super::error::StoreError;
 use super::file::PackFile;

@@ -6,8 +6,8 @@ use std::time::Duration;
 use bytes::Bytes;
 use lodestream_geometry::DecodeError;
 use lodestream_geometry::pack::{HEAD_BYTES, Head};
-use lodestream_protocol::BlobPart;
-use lodestream_protocol::scene::Fingerprint;
+use lodestream_scene::BlobPart;
+use lodestream_scene::description::Fingerprint;
 use tokio::time::sleep;
 
 use super::cache::{BlobCache, CacheKey};

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use bytes::Bytes;
-use lodestream_protocol::BlobPart;
+use lodestream_scene::BlobPart;
 use tokio::task::spawn_blocking;
 
 use super::cache::{BlobCache, CacheKey};

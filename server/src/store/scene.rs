@@ -7,11 +7,11 @@ use bytes::Bytes;
 use futures_util::{StreamExt as _, TryStreamExt as _};
 use lodestream_compress::decode_base;
 use lodestream_geometry::refine::ActiveMesh;
-use lodestream_protocol::punctual_lights::PunctualLights;
-use lodestream_protocol::scene::{SceneHeader, ScenePage};
-use lodestream_protocol::select::Occluder;
 use lodestream_protocol::source::{BlobFuture, CacheUse, Reading, SceneSource, SourceError};
-use lodestream_protocol::{BlobId, BlobPart};
+use lodestream_scene::description::{SceneHeader, ScenePage};
+use lodestream_scene::punctual_lights::PunctualLights;
+use lodestream_scene::{BlobId, BlobPart};
+use lodestream_select::Occluder;
 use tokio::runtime::Handle;
 
 use super::cache::BlobCache;

@@ -10,8 +10,8 @@ use bincode::config::{Configuration, Limit, LittleEndian, Varint};
 use bincode::error::DecodeError;
 use bincode::{Decode, Encode};
 use bytes::Bytes;
-use lodestream_protocol::punctual_lights::PunctualLights;
-use lodestream_protocol::scene::{Fingerprint, SceneHeader, ScenePage};
+use lodestream_scene::description::{Fingerprint, SceneHeader, ScenePage};
+use lodestream_scene::punctual_lights::PunctualLights;
 
 use crate::compose::{Composed, PunctualLightBlobs, TerrainBlobs};
 
@@ -182,7 +182,7 @@ impl SceneObject {
 #[cfg(test)]
 mod tests {
     use lodestream_geometry::index::Sphere;
-    use lodestream_protocol::scene::AssetEntry;
+    use lodestream_scene::description::AssetEntry;
 
     use super::*;
     use crate::compose::compose;

@@ -4,8 +4,8 @@ use std::ops::Range;
 
 use lodestream_geometry::DecodeError;
 use lodestream_geometry::pack::{BlobKind, Entry, HEAD_BYTES, Head, find};
-use lodestream_protocol::BlobPart;
-use lodestream_protocol::scene::Fingerprint;
+use lodestream_scene::BlobPart;
+use lodestream_scene::description::Fingerprint;
 
 /// See the module.
 #[derive(Debug)]

@@ -6,9 +6,9 @@ use image::{Rgb, RgbImage};
 use lodestream_geometry::index::decode_page;
 use lodestream_geometry::pack::BlobKind;
 use lodestream_geometry::refine::ActiveMesh;
-use lodestream_protocol::asset::AssetDescription;
 use lodestream_protocol::source::{CacheUse, Reading, SceneSource, SourceError};
-use lodestream_protocol::{BlobId, BlobPart};
+use lodestream_scene::asset::AssetDescription;
+use lodestream_scene::{BlobId, BlobPart};
 use tempfile::TempDir;
 
 use super::handles::Handles;

@@ -14,7 +14,7 @@ use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, LazyLock};
 
 use lodestream_protocol::source::{SceneSource, SourceError};
-use lodestream_protocol::{BlobId, BlobPart};
+use lodestream_scene::{BlobId, BlobPart};
 use lodestream_server::catalogue::Catalogue;
 use lodestream_server::catalogue::publish::{Published, publish};
 use lodestream_server::daemon::scene_watch::SceneProvider as _;

@@ -7,7 +7,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use anyhow::Context as _;
-use lodestream_protocol::scene::Camera;
+use lodestream_scene::description::Camera;
 use lodestream_server::scene::{Instance, Scene};
 
 /// Most faces of an asset, assets, and instances.

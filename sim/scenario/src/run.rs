@@ -17,7 +17,7 @@ use lodestream_netsim::clock::virtual_runtime;
 use lodestream_netsim::link::LinkSettings;
 use lodestream_protocol::message::{Close, CloseCode};
 use lodestream_protocol::source::SceneSource;
-use lodestream_protocol::view::View;
+use lodestream_scene::view::View;
 use lodestream_server::daemon::certificate::Certificate;
 use lodestream_server::daemon::http::accept_http;
 use lodestream_server::daemon::quic::serve_quic;

@@ -23,7 +23,7 @@ use lodestream_netsim::udp::UdpNetwork;
 use lodestream_protocol::message::{Close, CloseCode};
 use lodestream_protocol::source::SceneSource as _;
 use lodestream_protocol::time::Time;
-use lodestream_protocol::{BlobId, BlobPart};
+use lodestream_scene::{BlobId, BlobPart};
 use lodestream_server::daemon::certificate::Certificate;
 use lodestream_server::daemon::quic::{serve_quic, server_config};
 use lodestream_server::daemon::{ServerState, SessionSettings};

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 
 use lodestream_protocol::message::{ClientMessage, Hello, Want};
 use lodestream_protocol::source::SceneSource;
-use lodestream_protocol::{BlobId, View};
+use lodestream_scene::{BlobId, View};
 use lodestream_server::scene::of_files;
 
 use crate::support::scene::{TestScene, prepare_all};

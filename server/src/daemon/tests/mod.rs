@@ -24,9 +24,9 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use futures_util::{SinkExt, StreamExt};
-use lodestream_protocol::BlobId;
 use lodestream_protocol::frame::{BlobPiece, Frame, ServerFrame, encode_client};
 use lodestream_protocol::message::{ClientMessage, Hello, ServerMessage, Want};
+use lodestream_scene::BlobId;
 use tokio::io::{AsyncRead, AsyncWrite, DuplexStream, duplex};
 use tokio_tungstenite::WebSocketStream;
 use tokio_tungstenite::tungstenite::Message;

@@ -1,9 +1,9 @@
 use std::collections::BTreeMap;
 
-use lodestream_protocol::BlobPart;
 use lodestream_protocol::frame::FrameReader;
 use lodestream_protocol::message::{Close, CloseCode};
 use lodestream_protocol::stream::{ALPN, BLOB_STREAM, BlobStreamReader, CONTROL_STREAM};
+use lodestream_scene::BlobPart;
 use quinn::crypto::rustls::QuicClientConfig;
 use quinn::{Connection, ConnectionError, RecvStream, SendStream};
 use rustls::pki_types::CertificateDer;

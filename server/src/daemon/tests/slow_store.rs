@@ -6,8 +6,8 @@
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Mutex, PoisonError};
 
-use lodestream_protocol::scene::{SceneHeader, ScenePage};
 use lodestream_protocol::source::{Reading, SceneSource, SourceError};
+use lodestream_scene::description::{SceneHeader, ScenePage};
 
 use tokio::time::timeout;
 

@@ -1,5 +1,5 @@
-use lodestream_protocol::BlobPart;
 use lodestream_protocol::message::CloseCode;
+use lodestream_scene::BlobPart;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::time::Instant;
 

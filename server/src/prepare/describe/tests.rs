@@ -2,7 +2,7 @@
 
 use image::{GrayImage, Luma, Rgb, RgbImage};
 use lodestream_import::{Channel, Component, ImageSource, SurfaceMap};
-use lodestream_protocol::asset::Wrap;
+use lodestream_scene::asset::Wrap;
 use tempfile::TempDir;
 
 use super::*;

@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use bytes::Bytes;
-use lodestream_protocol::scene::{SceneHeader, ScenePage};
 use lodestream_protocol::source::{SceneSource, SourceError};
-use lodestream_protocol::{BlobId, BlobPart};
+use lodestream_scene::description::{SceneHeader, ScenePage};
+use lodestream_scene::{BlobId, BlobPart};
 use lodestream_server::daemon::memory_scene::MemoryScene;
 
 /// Length of the blob that the cold start asks for.

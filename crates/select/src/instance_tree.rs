@@ -9,7 +9,7 @@ use std::cmp::Reverse;
 use glam::{DVec3, Vec3};
 
 use super::project::Projection;
-use crate::scene::{AssetEntry, InstanceEntry};
+use lodestream_scene::description::{AssetEntry, InstanceEntry};
 
 /// Instances of a leaf, at most.
 const LEAF: usize = 16;
@@ -213,7 +213,7 @@ impl InstanceTree {
     }
 
     /// Whether an asset has an instance that it knows.
-    pub(crate) fn places(&self, asset: u32) -> bool {
+    pub fn places(&self, asset: u32) -> bool {
         !self.leaves(asset).is_empty()
     }
 
@@ -227,7 +227,7 @@ impl InstanceTree {
     }
 
     /// Numbers of the instances that may be in view, ascending: all that are, and some others.
-    pub(crate) fn in_view(&self, projection: &Projection) -> Vec<u32> {
+    pub fn in_view(&self, projection: &Projection) -> Vec<u32> {
         let mut found = IndexSet::default();
         self.find(&TreeQuery::in_view(projection), &mut found);
         found.numbers
@@ -262,7 +262,7 @@ impl InstanceTree {
 
     /// The instance of an asset that is largest on the screen, by distance, wherever it is, and its radius there in pixels;
     /// of several the first.
-    pub(crate) fn largest(
+    pub fn largest(
         &self,
         asset: u32,
         projection: &Projection,
@@ -417,7 +417,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::view::View;
+    use lodestream_scene::view::View;
 
     fn asset(radius: f32) -> AssetEntry {
         let mut asset = AssetEntry { origin: [3.0, -1.0, 0.5], ..AssetEntry::default() };

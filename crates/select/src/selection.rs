@@ -1,7 +1,7 @@
 //! What a selection finds.
 
 use super::priority::Priority;
-use crate::blob::BlobId;
+use lodestream_scene::blob::BlobId;
 
 /// Where a blob is, as far as the caller is concerned.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]

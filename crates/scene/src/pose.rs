@@ -7,7 +7,7 @@ use glam::{DMat3, DQuat, DVec3};
 /// View space is right-handed with x to the right, y up and the view along −z. [`Camera`] is its wire form with a point
 /// that it looks at, [`View`] the one with a picture to draw; both give one.
 ///
-/// [`Camera`]: crate::scene::Camera
+/// [`Camera`]: crate::description::Camera
 /// [`View`]: crate::view::View
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
@@ -47,7 +47,7 @@ impl Pose {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::Camera;
+    use crate::description::Camera;
 
     #[test]
     fn look_at_puts_the_target_on_the_axis() {

@@ -8,7 +8,7 @@
 //! long (docs/design/viewing.md, "What comes first"; docs/decisions.md has what was tried).
 
 use super::priority::{Priority, hidden, refine_priority};
-use crate::view::View;
+use lodestream_scene::view::View;
 
 /// Difference of a shape over `e · r`.
 const SHAPE: f32 = 3.0;
@@ -25,7 +25,7 @@ const BEHIND_PAGE_BYTES: f32 = 4500.0;
 
 /// What there is to be seen of a view, which bounds all differences.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Picture {
+pub struct Picture {
     /// Half the diagonal, in pixels.
     radius_px: f32,
     /// In square pixels.
@@ -34,31 +34,32 @@ pub(crate) struct Picture {
 
 impl Picture {
     #[expect(clippy::cast_precision_loss, reason = "sides are small")]
-    pub(crate) fn new(view: &View) -> Self {
+    /// The bounds of a view.
+    pub fn new(view: &View) -> Self {
         let [width, height] = view.viewport_px.map(|side| side as f32);
         Self { radius_px: 0.5 * (width * width + height * height).sqrt(), area_px2: width * height }
     }
 
     /// Of a surface that lies up to `error_px` off within `radius_px`.
-    pub(crate) fn shape_px2(&self, error_px: f32, radius_px: f32) -> f32 {
+    pub fn shape_px2(&self, error_px: f32, radius_px: f32) -> f32 {
         let radius = radius_px.max(error_px).min(self.radius_px);
         (SHAPE * error_px * radius).min(radius * radius)
     }
 
     /// Of a texture whose texels are `texel_px` large on a surface of radius `coverage_px`; `weight` is the share of its
     /// area that counts as different while it is a blur.
-    pub(crate) fn texture_px2(&self, texel_px: f32, coverage_px: f32, weight: f32) -> f32 {
+    pub fn texture_px2(&self, texel_px: f32, coverage_px: f32, weight: f32) -> f32 {
         weight * self.surface_px2(coverage_px) * (texel_px / BLUR_PX).min(1.0)
     }
 
     /// Area of a surface of radius `coverage_px`, as textures count it.
-    pub(crate) fn surface_px2(&self, coverage_px: f32) -> f32 {
+    pub fn surface_px2(&self, coverage_px: f32) -> f32 {
         (coverage_px * coverage_px).min(0.25 * self.area_px2)
     }
 
     /// Priority of an index page whose chunks have an error of at most `error_px`, of an asset of radius `coverage_px`.
     /// `seen`: of which something is.
-    pub(crate) fn page_priority(&self, error_px: f32, coverage_px: f32, seen: bool) -> Priority {
+    pub fn page_priority(&self, error_px: f32, coverage_px: f32, seen: bool) -> Priority {
         let difference_px2 = self.shape_px2(error_px, coverage_px);
         refine_priority(if seen { difference_px2 } else { hidden(difference_px2) }, BEHIND_PAGE_BYTES, 1.0)
     }
@@ -81,20 +82,22 @@ pub fn punctual_light_priority(view: &View, share: f32, radius_px: f32, bytes: u
 }
 
 /// The part of a chunk's visible error that makes a difference, given both its errors.
-pub(crate) fn seen_error(error: f32, attribute_error: f32, attribute_share: f32) -> f32 {
+pub fn seen_error(error: f32, attribute_error: f32, attribute_share: f32) -> f32 {
     error.max(ATTRIBUTE * attribute_share * attribute_error)
 }
 
 /// A difference and the bytes that it takes: a chunk, with what hangs on it where that is worth more.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct SubtreeBenefit {
-    pub(crate) difference_px2: f32,
-    pub(crate) bytes: f32,
+pub struct SubtreeBenefit {
+    /// The visible difference, in square pixels.
+    pub difference_px2: f32,
+    /// Bytes that it takes.
+    pub bytes: f32,
 }
 
 impl SubtreeBenefit {
     /// This and what `behind` has: together, or this alone where that makes more of a difference per byte.
-    pub(crate) fn with(self, behind: Self) -> Self {
+    pub fn with(self, behind: Self) -> Self {
         let both = Self {
             difference_px2: self.difference_px2 + behind.difference_px2,
             bytes: self.bytes + behind.bytes,
@@ -104,13 +107,14 @@ impl SubtreeBenefit {
 
     /// Adds a child's package, of which this is one of so many `parents`.
     #[expect(clippy::cast_precision_loss, reason = "a chunk has few parents")]
-    pub(crate) fn add(&mut self, child: Self, parents: usize) {
+    pub fn add(&mut self, child: Self, parents: usize) {
         let share = 1.0 / parents.max(1) as f32;
         self.difference_px2 += share * child.difference_px2;
         self.bytes += share * child.bytes;
     }
 
-    pub(crate) fn priority(&self, foveation: f32) -> Priority {
+    /// The priority of a request for it.
+    pub fn priority(&self, foveation: f32) -> Priority {
         refine_priority(self.difference_px2, self.bytes, foveation)
     }
 }

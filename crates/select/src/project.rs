@@ -4,8 +4,8 @@ use glam::{DVec3, Vec3};
 use lodestream_geometry::index::Sphere;
 use lodestream_geometry::screen::screen_error_px;
 
-use crate::scene::{AssetEntry, InstanceEntry};
-use crate::view::{Frustum, View};
+use lodestream_scene::description::{AssetEntry, InstanceEntry};
+use lodestream_scene::view::{Frustum, View};
 
 /// A view, with what all instances share computed once.
 #[derive(Clone, Copy, Debug)]
@@ -60,7 +60,7 @@ impl Projection {
     }
 
     /// Radius of an instance on the screen, in pixels, as [`Bounds::coverage_px`].
-    pub(crate) fn coverage_px(&self, asset: &AssetEntry, instance: &InstanceEntry) -> f32 {
+    pub fn coverage_px(&self, asset: &AssetEntry, instance: &InstanceEntry) -> f32 {
         let (center, radius) = self.sphere(asset, instance);
         self.radius_px(center, radius)
     }

@@ -5,13 +5,15 @@ use std::collections::HashSet;
 use proptest::prelude::*;
 
 use super::*;
-use crate::asset::{AssetDescription, Material, TextureFormat, TextureInfo, TextureKind, TextureLevel};
-use crate::blob::{BlobId, BlobPart};
-use crate::scene::{AssetEntry, InstanceEntry};
-use crate::shared::SharedTexture;
 use crate::testing::{plane, plane_entry};
-use crate::view::View;
 use lodestream_geometry::index::{CHUNKS_PER_PAGE, ChunkInfo, Sphere, decode_stated_page, encode_pages};
+use lodestream_scene::asset::{
+    AssetDescription, Material, TextureFormat, TextureInfo, TextureKind, TextureLevel,
+};
+use lodestream_scene::blob::{BlobId, BlobPart};
+use lodestream_scene::description::{AssetEntry, InstanceEntry};
+use lodestream_scene::shared::SharedTexture;
+use lodestream_scene::view::View;
 
 mod hidden_textures;
 mod many_instances;

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::*;
-use crate::select::priority::is_hidden;
+use crate::priority::is_hidden;
 
 /// A square of half a side `half` about the origin in the xz plane, which hides what is below it.
 fn flat(half: f32) -> Arc<Occluder> {

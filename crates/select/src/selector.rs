@@ -18,9 +18,9 @@ use super::settings::SelectSettings;
 use super::state::{AssetState, Chunk};
 use super::textures::Textures;
 use super::visibility::{Placed, Visibility};
-use crate::blob::{BlobId, BlobPart};
-use crate::scene::InstanceEntry;
-use crate::view::View;
+use lodestream_scene::blob::{BlobId, BlobPart};
+use lodestream_scene::description::InstanceEntry;
+use lodestream_scene::view::View;
 
 /// Below this share of the budgets, the threshold falls back to the target at once.
 const RELAXED_SHARE: u64 = 10;
@@ -193,7 +193,7 @@ impl Selector {
     }
 
     /// What a view sees of the scene's surfaces.
-    pub(crate) fn visibility(
+    pub fn visibility(
         &mut self,
         view: &View,
         instances: &[InstanceEntry],

@@ -11,9 +11,9 @@ use geometry::refine::ActiveMesh;
 use lodestream_geometry as geometry;
 
 use super::*;
-use crate::blob::{BlobId, BlobPart};
-use crate::select::priority::is_hidden;
-use crate::select::{Selector, State, Wanted};
+use crate::priority::is_hidden;
+use crate::{Selector, State, Wanted};
+use lodestream_scene::blob::{BlobId, BlobPart};
 
 const RINGS: u32 = 72;
 const COLUMNS: u32 = 120;

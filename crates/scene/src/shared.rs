@@ -10,7 +10,7 @@ use bincode::error::{DecodeError, EncodeError};
 use bincode::{Decode, Encode};
 
 use crate::blob::{BlobId, BlobPart};
-use crate::scene::AssetEntry;
+use crate::description::AssetEntry;
 
 /// Most textures of one asset that are said to be another's. Further ones are sent for each.
 pub const MAX_SHARED_TEXTURES: usize = 32;

@@ -4,14 +4,14 @@ use glam::Vec3;
 use lodestream_geometry::screen::visible_error;
 
 use super::{BIN_SHIFT, BINS, Selector, enough, threshold_within};
-use crate::blob::BlobPart;
-use crate::select::difference::{Picture, seen_error};
-use crate::select::instance_tree::{Instances, TreeQuery};
-use crate::select::priority::hidden;
-use crate::select::project::Projection;
-use crate::select::selection::State;
-use crate::select::state::{AssetState, Chunk};
-use crate::view::View;
+use crate::difference::{Picture, seen_error};
+use crate::instance_tree::{Instances, TreeQuery};
+use crate::priority::hidden;
+use crate::project::Projection;
+use crate::selection::State;
+use crate::state::{AssetState, Chunk};
+use lodestream_scene::blob::BlobPart;
+use lodestream_scene::view::View;
 
 /// How many pixels of a shadow count as one of a surface: its edge is no sharper than the map's texels and their filter.
 const SOFTNESS: f64 = 4.0;

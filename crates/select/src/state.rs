@@ -7,9 +7,9 @@ use lodestream_geometry::index::{
 };
 use lodestream_geometry::numbers::id32;
 
-use crate::asset::{AssetDescription, TextureLevel};
-use crate::blob::{BlobId, BlobPart};
-use crate::scene::AssetEntry;
+use lodestream_scene::asset::{AssetDescription, TextureLevel};
+use lodestream_scene::blob::{BlobId, BlobPart};
+use lodestream_scene::description::AssetEntry;
 
 use super::occluder::Occluder;
 use super::selection::{State, Wanted};

@@ -5,9 +5,9 @@ use super::priority::{hidden, refine_priority};
 use super::selection::{Selection, State, Wanted};
 use super::state::AssetState;
 use super::visibility::Visibility;
-use crate::blob::BlobId;
-use crate::scene::InstanceEntry;
-use crate::view::View;
+use lodestream_scene::blob::BlobId;
+use lodestream_scene::description::InstanceEntry;
+use lodestream_scene::view::View;
 
 /// A level of a texture that one asset seeks.
 #[derive(Clone, Copy, Debug)]
@@ -25,20 +25,20 @@ pub(super) struct SoughtLevel {
 
 /// How large an asset's largest instance is on the screen, and how much is seen of the one of which most is.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct ShownArea {
+pub struct ShownArea {
     whole_px2: f32,
     seen_px2: f32,
 }
 
 impl ShownArea {
     /// An instance of so large a surface, and which share of it is seen.
-    pub(crate) fn add(&mut self, surface_px2: f32, shown: f32) {
+    pub fn add(&mut self, surface_px2: f32, shown: f32) {
         self.whole_px2 = self.whole_px2.max(surface_px2);
         self.seen_px2 = self.seen_px2.max(surface_px2 * shown);
     }
 
     /// The difference that a texture makes, given the one that it would make if nothing were hidden.
-    pub(crate) fn weigh(&self, difference_px2: f32) -> f32 {
+    pub fn weigh(&self, difference_px2: f32) -> f32 {
         if self.seen_px2 > 0.0 {
             difference_px2 * (self.seen_px2 / self.whole_px2)
         } else {

@@ -15,7 +15,17 @@
 //! the same magnification, is not above it; once a child is, or the truncation does no longer, the rest. Budgets
 //! count it whole.
 
-pub(crate) mod difference;
+#![cfg_attr(
+    not(test),
+    warn(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        clippy::cast_precision_loss,
+        clippy::cast_sign_loss
+    )
+)]
+
+pub mod difference;
 mod instance_tree;
 mod occluder;
 pub mod priority;
@@ -24,10 +34,12 @@ mod selection;
 mod selector;
 mod settings;
 mod state;
+#[cfg(any(test, feature = "testing"))]
+pub mod testing;
 #[cfg(test)]
 mod tests;
-pub(crate) mod textures;
-pub(crate) mod visibility;
+pub mod textures;
+pub mod visibility;
 
 pub use difference::{punctual_light_priority, shape_priority};
 pub use instance_tree::{InstanceTree, Instances};

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use glam::{Vec2, Vec3, Vec4};
 
-use crate::view::View;
+use lodestream_scene::view::View;
 
 /// Depth below which a corner counts as behind the eye, relative to nothing: surfaces so near hide nothing.
 const NEAR: f32 = 1e-6;

@@ -22,8 +22,8 @@ use super::instance_tree::{IndexSet, Instances, TreeQuery};
 use super::occluder::Occluder;
 use super::project::Projection;
 use super::state::{AssetState, Chunk};
-use crate::scene::{AssetEntry, InstanceEntry};
-use crate::view::View;
+use lodestream_scene::description::{AssetEntry, InstanceEntry};
+use lodestream_scene::view::View;
 
 use depth::{DepthBuffer, Frame};
 
@@ -54,7 +54,7 @@ const MAX_CLAIMS: usize = 1 << 20;
 
 /// What a view sees.
 #[derive(Debug, Default)]
-pub(crate) struct Visibility {
+pub struct Visibility {
     buffer: DepthBuffer,
     /// How near the point at a pixel is to the region that it is nearest to, and in which turn that was found: one level of
     /// one instance. What is of another turn does not count, so nothing needs to be cleared.
@@ -92,14 +92,15 @@ struct Claimed {
 
 /// One instance in the axes of the view: x to the right, y downwards, z along the view, in world units.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Placed {
+pub struct Placed {
     to_view: Mat3,
     offset: Vec3,
     scale: f32,
 }
 
 impl Placed {
-    pub(crate) fn new(view: &View, asset: &AssetEntry, instance: &InstanceEntry) -> Self {
+    /// An instance placed in a view.
+    pub fn new(view: &View, asset: &AssetEntry, instance: &InstanceEntry) -> Self {
         let turned = view.orientation().conjugate();
         let down_and_forward = Mat3::from_diagonal(Vec3::new(1.0, -1.0, -1.0));
         let from_world = down_and_forward * Mat3::from_quat(turned);
@@ -136,7 +137,7 @@ impl Drawn {
 impl Visibility {
     /// Draws what hides, unless the buffer shows it already. `way`: how far the eye may get, in world units, until what is
     /// seen now matters; edges give way by what that uncovers.
-    pub(crate) fn draw(&mut self, view: &View, way: f32, instances: Instances<'_>, assets: &[AssetState]) {
+    pub fn draw(&mut self, view: &View, way: f32, instances: Instances<'_>, assets: &[AssetState]) {
         let count = instances.all().len();
         if self.drawn.as_ref().is_some_and(|drawn| drawn.shows(view, way, count, assets)) {
             return;
@@ -196,7 +197,7 @@ impl Visibility {
     ///
     /// The regions of a level share the surface out among them: a point belongs to those in whose sphere it lies nearest to
     /// the centre, measured by radii, and to the others that are nearly as near.
-    pub(crate) fn shares(
+    pub fn shares(
         &mut self,
         number: u32,
         placed: &Placed,
@@ -237,13 +238,7 @@ impl Visibility {
 
     /// How much of an instance is seen, 0 to 1, as of a region that is all of its bounding sphere; 1 where that is not
     /// judged. Small too where it fills little of the sphere's disc.
-    pub(crate) fn shown(
-        &self,
-        number: u32,
-        view: &View,
-        asset: &AssetEntry,
-        instance: &InstanceEntry,
-    ) -> f32 {
+    pub fn shown(&self, number: u32, view: &View, asset: &AssetEntry, instance: &InstanceEntry) -> f32 {
         let Some(frame) = self.drawn.as_ref().and_then(|drawn| drawn.frame(number)) else { return 1.0 };
         let placed = Placed::new(view, asset, instance);
         let (center, radius) = (placed.place(asset.sphere.center), asset.sphere.radius * placed.scale);

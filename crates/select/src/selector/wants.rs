@@ -1,12 +1,12 @@
 //! What is wanted of an asset beside its chunks: its base mesh, its index and its textures.
 
 use super::{Seen, Selector};
-use crate::blob::{BlobId, BlobPart};
-use crate::select::difference::Picture;
-use crate::select::priority::{Priority, base_priority, prefetch_priority};
-use crate::select::selection::{Selection, State, Wanted};
-use crate::select::state::AssetState;
-use crate::select::textures::SoughtLevel;
+use crate::difference::Picture;
+use crate::priority::{Priority, base_priority, prefetch_priority};
+use crate::selection::{Selection, State, Wanted};
+use crate::state::AssetState;
+use crate::textures::SoughtLevel;
+use lodestream_scene::blob::{BlobId, BlobPart};
 
 impl Selector {
     /// Base meshes of what is placed, and index pages of what is in view while something behind them may be wanted. How
