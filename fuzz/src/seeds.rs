@@ -3,6 +3,8 @@
 use std::path::Path;
 
 use data_encoding::BASE64;
+use lodestream_bake::compose::compose;
+use lodestream_bake::scene;
 use lodestream_compress::{compress, encode_base};
 use lodestream_geometry::Codec;
 use lodestream_geometry::index::Sphere;
@@ -24,9 +26,7 @@ use lodestream_scene::punctual_lights::{
 };
 use lodestream_scene::shared::SharedTexture;
 use lodestream_scene::view::View;
-use lodestream_server::compose::compose;
-use lodestream_server::scene;
-use lodestream_server::store::{PackName, SceneObject};
+use lodestream_store::{PackName, SceneObject};
 use lodestream_terrain::{
     Distribution, Erosion, HeightOverride, HeightOverrides, Mode, Parameters, Shape, Stamp, encode_points,
     encode_stamps,
@@ -481,11 +481,11 @@ fn published() -> Vec<(String, Vec<u8>)> {
             ..AssetEntry::default()
         };
         let entries: Vec<_> = (1..).zip(&scene.assets).map(entry).collect();
-        let composed = compose(&scene, &entries, &[Vec::new(), Vec::new()]).expect("it can be described");
-        let assets = composed.pages.iter().flat_map(|page| &page.assets);
+        let description = compose(&scene, &entries, &[Vec::new(), Vec::new()]).expect("it can be described");
+        let assets = description.pages.iter().flat_map(|page| &page.assets);
         let pack = |asset: &AssetEntry| PackName { name: asset.name.clone(), fingerprint: asset.fingerprint };
         let packs = assets.map(pack).collect();
-        SceneObject { composed, packs }.encode().expect("a scene is encoded")
+        SceneObject { description, packs }.encode().expect("a scene is encoded")
     };
     vec![
         seed("one", object(format!("{assets}{}", places(1)))),
